@@ -33,6 +33,7 @@ COMMANDS = {
     "robot_model": "applr_ros1.robots.rviz_model",
     "train": "training.train",
     "tune_robot": "training.tune_robot",
+    "why": "training.why",
 }
 
 

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import json
 import os
+from collections import defaultdict
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, Callable, Dict, Iterator, List, NamedTuple, Sequence, Tuple
+from typing import Any, Callable, DefaultDict, Dict, Iterator, List, Mapping, NamedTuple, Sequence, Tuple
 
 import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
@@ -26,6 +28,7 @@ from training.common.command_line import AnyRobot
 from training.common.options import Options, option
 
 METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 bag
+Unpacker = Callable[[Any], Sequence[Any]]  # returns the fields of a message
 RUNNING = 1, 6  # status codes of a running goal in actionlib: active, preempting
 
 
@@ -154,24 +157,19 @@ def read(path: os.PathLike[str] | str, topics: TopicNames = TopicNames(), ranges
         ranges: Whether to keep the ranges of scans.
     """
     base = topics.move_base
-    unpackers: Dict[str, Callable[[Any], Sequence[Any]]] = {
+    unpackers: Dict[str, Unpacker] = {
         topics.scan: lambda m: _scan(m, ranges),
-        topics.odometry: _odometry,
-        topics.command: _command,
+        topics.odometry: odometry_of,
+        topics.command: command_of,
         base + "/status": lambda m: ([s.goal_id.id for s in m.status_list if s.status in RUNNING],),
         base + "/result": lambda m: (m.status.goal_id.id, int(m.status.status)),
-        base + "/current_goal": lambda m: (_frame(m), *_pose(m.pose)),
+        base + "/current_goal": lambda m: (_frame(m), *pose_of(m.pose)),
         topics.demonstration: lambda m: (json.loads(m.data),),
         topics.collision: lambda m: (m.data,),
         topics.decision: _decision,
         topics.course_end: _decision,
     }
-    rows: Dict[str, List[Any]] = {topic: [] for topic in unpackers}
-    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        needed = [one for one in reader.connections if one.topic in unpackers]
-        for connection, at, raw in reader.messages(needed) if needed else ():
-            message = reader.deserialize(raw, connection.msgtype)
-            rows[connection.topic].append((at, *unpackers[connection.topic](message)))
+    rows = messages(path, unpackers)
     scans, odometry, commands = (rows[topic] for topic in (topics.scan, topics.odometry, topics.command))
     nearest, geometry, kept = _numbers(scans, 2, 1)[:, 0], _numbers(scans, 3, 4), [row[7] for row in scans]
     frame = odometry[0][2] if odometry else "odom"
@@ -189,6 +187,17 @@ def read(path: os.PathLike[str] | str, topics: TopicNames = TopicNames(), ranges
         [at for at, touches in rows[topics.collision] if touches],
         rows[topics.demonstration][-1][1] if rows[topics.demonstration] else {},
     )
+
+
+def messages(path: os.PathLike[str] | str, unpackers: Mapping[str, Unpacker]) -> DefaultDict[str, List[Any]]:
+    """Return the messages of a bag by topic as rows (time of recording [ns], *fields); names may contain `*`."""
+    rows: DefaultDict[str, List[Any]] = defaultdict(list)
+    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        every = ((one, name) for one in reader.connections for name in unpackers if fnmatchcase(one.topic, name))
+        wanted = {connection: unpackers[name] for connection, name in every}
+        for connection, at, raw in reader.messages(list(wanted)) if wanted else ():
+            rows[connection.topic].append((at, *wanted[connection](reader.deserialize(raw, connection.msgtype))))
+    return rows
 
 
 @contextmanager
@@ -226,16 +235,18 @@ def _scan(m: Any, keep: bool) -> Sequence[Any]:
     ranges = np.where(m.ranges == 0.0, np.nan, m.ranges)
     nearest = np.fmin.reduce(ranges) if len(ranges) else np.inf
     geometry = m.angle_min, m.angle_increment, m.range_min, m.range_max
-    return _nanoseconds(m.header.stamp), nearest, *geometry, np.array(m.ranges if keep else (), np.float32)
+    return nanoseconds_of(m.header.stamp), nearest, *geometry, np.array(m.ranges if keep else (), np.float32)
 
 
-def _odometry(m: Any) -> Sequence[Any]:
+def odometry_of(m: Any) -> Sequence[Any]:
+    """Return stamp [ns], frame, pose (x, y, yaw) and twist (v, w) of a nav_msgs/Odometry."""
     twist = m.twist.twist
-    return _nanoseconds(m.header.stamp), _frame(m), *_pose(m.pose.pose), twist.linear.x, twist.angular.z
+    return nanoseconds_of(m.header.stamp), _frame(m), *pose_of(m.pose.pose), twist.linear.x, twist.angular.z
 
 
-def _command(m: Any) -> Sequence[Any]:
-    m = getattr(m, "twist", m)  # The message may be a TwistStamped.
+def command_of(m: Any) -> Sequence[Any]:
+    """Return (v, w) of a geometry_msgs/Twist or TwistStamped."""
+    m = getattr(m, "twist", m)
     return m.linear.x, m.angular.z
 
 
@@ -246,10 +257,11 @@ def _decision(m: Any) -> Sequence[Any]:
     movers = np.column_stack([np.float64(getattr(m.movers, name)) for name in ("x", "y", "vx", "vy")])
     pose, goal = (m.x, m.y, m.yaw), (m.goal_x, m.goal_y, m.goal_yaw)
     seen = Seen(scan, m.elapsed, pose, (m.v, m.w), goal, np.column_stack([m.plan_x, m.plan_y]), movers)
-    return m.goal, _nanoseconds(m.header.stamp), _nanoseconds(m.scan), before, after, seen
+    return m.goal, nanoseconds_of(m.header.stamp), nanoseconds_of(m.scan), before, after, seen
 
 
-def _pose(m: Any) -> Tuple[float, float, float]:
+def pose_of(m: Any) -> Tuple[float, float, float]:
+    """Return (x, y, yaw) of a geometry_msgs/Pose."""
     return m.position.x, m.position.y, yaw_of(m.orientation)
 
 
@@ -257,7 +269,8 @@ def _frame(m: Any) -> str:
     return str(m.header.frame_id.lstrip("/"))
 
 
-def _nanoseconds(time: Any) -> int:
+def nanoseconds_of(time: Any) -> int:
+    """Return a time of a message [ns]."""
     return int(time.sec) * SECOND + int(time.nanosec)
 
 

@@ -239,6 +239,20 @@ class Costmap:
         if changed is not None:
             self._changed(changed)
 
+    def snapshot(self) -> Tuple[np.ndarray, ...]:
+        """Return copies of the origin, the master and the cells of the obstacle layers, for `restore`."""
+        return (self.origin.copy(), self.cells.copy(), *(layer.cells.copy() for layer in self.obstacle_layers))
+
+    def restore(self, snapshot: Sequence[np.ndarray], pose: Optional[Pose] = None) -> None:
+        """Restore a snapshot; the next update is a full pass. With the robot's pose, inflate it anew at once."""
+        self.origin[:], self.cells[:] = snapshot[:2]
+        for layer, cells in zip(self.obstacle_layers, snapshot[2:]):
+            layer.origin[:], layer.cells[:] = snapshot[0], cells
+        for inflation in self.inflation_layers:
+            inflation.set_inscribed_radius(self.inscribed_radius)
+        if pose is not None:
+            self._refresh(pose, (0, 0) + self.size)
+
     def clear(self) -> None:
         """Reset master and layers, as clear_costmaps does. The next update marks the latest scan again."""
         self.cells[:] = self.default

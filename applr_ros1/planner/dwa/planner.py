@@ -10,7 +10,7 @@ import numpy as np
 
 from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.distance_grid import complete
-from applr_ros1.planner.dwa.critics import CRITICS, Samples, clear, score_all_samples, total_cost, weights
+from applr_ros1.planner.dwa.critics import CRITICS, Samples, clear, remember, score_all_samples, total_cost, weights
 from applr_ros1.planner.dwa.records import PARAMETERS, STATE, Scene, allocate_grids, allocate_scratch, grid_of
 from applr_ros1.planner.dwa.samples import commanded, roll_out, step_count
 from applr_ros1.planner.dwa.search import find_best, prepare
@@ -71,6 +71,19 @@ class DWAPlanner(SamplingPlanner):
         self._aligned_plan = NO_PLAN
         if self._grids is not None:
             self._grids.facts[:] = 0
+
+    def remember(self, pose: Sequence[float], v: float, w: float) -> None:
+        """Update the flags as if the last search had chosen the command (v, w) at a pose (x, y, yaw)."""
+        remember(self._params[0], self._state[0], np.array(pose, float), (v, 0.0, w))
+
+    def sample_costs(
+        self, costmap: Any, command: Sequence[float]
+    ) -> Tuple[np.ndarray, np.ndarray, Dict[str, np.ndarray]]:
+        """Return v, w (m, 2), total costs (m,) and their weighted parts by critic of all samples of the last search."""
+        every = self.score_all_samples()
+        parts = {name: every.critics[:, i] * scale for i, (name, scale) in enumerate(zip(CRITICS, self.scales))}
+        velocities = np.where(every.counts[:, None] > 0, every.stored, every.velocities)
+        return velocities[:, [0, 2]], every.costs, parts
 
     def clear_flags(self) -> None:
         """Clear the barred directions, as every new plan does."""

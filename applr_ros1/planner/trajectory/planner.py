@@ -15,10 +15,11 @@ from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.distance_grid import complete
 from applr_ros1.planner.sampling_planner import Choice, SamplingPlanner, cost_cloud, floats, trajectory_cloud
 from applr_ros1.planner.trajectory.records import PARAMETERS, STATE, Scene, allocate_grids, allocate_scratch
-from applr_ros1.planner.trajectory.sampling import find_best_path
+from applr_ros1.planner.trajectory.sampling import find_best_path, remember
 from applr_ros1.planner.trajectory.scoring import roll_out, score, score_all_samples
 
 NO_PLAN = np.zeros((0, 2))
+WEIGHTS = "path_distance_bias", "goal_distance_bias", "occdist_scale"  # weights of the parts of a cost
 
 
 class TrajectoryPlanner(SamplingPlanner):
@@ -58,6 +59,28 @@ class TrajectoryPlanner(SamplingPlanner):
     def end_escape(self) -> None:
         """Sample forward velocities again, although the robot has not backed out far enough."""
         self._state[0]["escaping"] = 0
+
+    def remember(self, pose: Sequence[float], v: float, w: float) -> None:
+        """Update the flags as if the last cycle had chosen the command (v, w) at a pose; it backs out if v < 0."""
+        remember(self._params[0], self._state[0], np.array(pose, float), -1.0 if v < 0 else 0.0, v, w, v >= 0)
+
+    def sample_costs(
+        self, costmap: Costmap, command: Sequence[float]
+    ) -> Tuple[np.ndarray, np.ndarray, Dict[str, np.ndarray]]:
+        """Return v, w (m, 2), costs (m,) and their parts by weight of the last cycle's forward samples and a command.
+
+        The cost of an illegal sample is negative, its parts are 0. `costmap` must be the one of that cycle.
+        """
+        scene, scratch = self._scene_of(costmap), self._scratch
+        samples = [(v, w) for v in scratch.vs.tolist() for w in (0.0, *scratch.ws.tolist())]
+        samples.append((float(command[0]), float(command[1])))
+
+        def costs(*ignored: str) -> np.ndarray:
+            params = self._params.copy()
+            params[list(ignored)] = 0.0
+            return np.array([score(params, scene, self._grids, scratch.start, (v, 0.0, w))[0] for v, w in samples])
+
+        return np.array(samples), costs(), {name: np.maximum(costs(*(set(WEIGHTS) - {name})), 0.0) for name in WEIGHTS}
 
     def reset(self) -> None:
         """Clear flags, reference positions and plan, as in a new object (for training episodes)."""

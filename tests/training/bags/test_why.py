@@ -1,0 +1,438 @@
+"""Tests of the replay of recorded drives: reproduction, events, explanations, alternatives, comparison, mistakes."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from applr_ros1 import robots
+from applr_ros1.common.angles import inverse, transform_point
+from sim_bridge.kinematic_simulator import KinematicSimulator
+from tests.support import recorded_drive
+from tests.support.recorded_drive import changed, drive, write
+from training import why
+from training.bags import alternatives, diagnosis, events
+from training.bags.bag import BagError, TopicNames
+from training.bags.explanation import explain
+from training.bags.recording import Recording, read
+from training.bags.replay import Replay
+
+PLANNER = "TrajectoryPlannerROS"
+FAULT = {PLANNER: {"vx_samples": 1}}  # only the slowest speed is sampled
+JACKAL, WAFFLE = robots.JACKAL, robots.load("turtlebot3_waffle_pi")
+
+
+@pytest.fixture(scope="module")
+def spoilt():
+    """Return a Jackal with a fault, and a recording of its drive."""
+    robot = changed(JACKAL, FAULT)
+    return robot, drive(robot, "generated:40", limit=12)[0]
+
+
+@pytest.fixture(scope="module")
+def sound():
+    """Return a replay of a drive without a fault."""
+    made = Replay(JACKAL)
+    made.run(drive(JACKAL, "generated:40", limit=8)[0])
+    return made
+
+
+@pytest.fixture(scope="module")
+def bag(sound, tmp_path_factory):
+    return write(sound.recording, JACKAL, tmp_path_factory.mktemp("why") / "drive.bag")
+
+
+@pytest.fixture(scope="module")
+def replay(spoilt):
+    made = Replay(spoilt[0])
+    made.run(spoilt[1])
+    return made
+
+
+def shortened(recording, seconds):
+    kept = {
+        name: [row for row in rows if row[0] <= seconds] for name, rows in vars(recording).items() if name != "path"
+    }
+    return Recording(recording.path, **kept)
+
+
+def test_every_command_is_reproduced_with_the_parameters_that_drove_and_few_with_others(replay, spoilt):
+    assert len(replay.cycles) > 200
+    assert replay.share == 1.0
+    other = Replay(JACKAL)
+    other.run(shortened(spoilt[1], 2.0))
+    assert other.share < 0.5
+
+
+def test_a_dwa_drive_is_reproduced_and_a_new_plan_clears_its_flags():
+    replay = Replay(WAFFLE)
+    replay.run(drive(WAFFLE, "generated:3", limit=8)[0])
+    assert replay.share == 1.0
+    flags = [1] * 12 + [0.0] * (len(replay.cycles[0].memory) - 12)
+    cycle = replace(replay.cycles[20], memory=flags)
+    replay.begin(cycle)
+    assert replay.local.planner.state[:12] == flags[:12]
+    replay.begin(replace(cycle, is_new=True))
+    assert replay.local.planner.state[:12] == [0] * 12
+
+
+def test_the_replay_goes_on_after_messages_that_come_late(spoilt):
+    """Every fifth scan is missing, and the odometry is recorded one message late."""
+    robot, recording = spoilt
+    odometry = recording.odometry
+    late = [now._replace(pose=was.pose, twist=was.twist) for now, was in zip(odometry[1:], odometry)]
+    made = Replay(robot)
+    made.run(replace(shortened(recording, 5.0), odometry=late[:100], scans=recording.scans[:100:5]))
+    assert 0.2 < made.share < 1.0
+    assert all(cycle.error < np.inf for cycle in made.cycles)
+
+
+def test_a_bag_gives_the_recording_that_was_written(bag, sound):
+    recording, made = sound.recording, read(bag, JACKAL, TopicNames.of(JACKAL))
+    begin = recording.odometry[0].at
+    assert np.allclose(made.commands, np.array(recording.commands) - (begin, 0.0, 0.0), atol=1e-6)
+    assert np.allclose([one.pose for one in made.odometry], [one.pose for one in recording.odometry])
+    assert np.allclose([one.twist for one in made.odometry], [one.twist for one in recording.odometry])
+    assert np.allclose([scan.sensor_pose for _, scan in made.scans], [scan.sensor_pose for _, scan in recording.scans])
+    assert made.scans[5][1].ranges.tolist() == recording.scans[5][1].ranges.tolist()
+    assert np.allclose(made.followed[5][1], recording.followed[5][1])
+
+
+def test_parameters_in_force_come_from_the_updates_in_the_bag(spoilt, tmp_path):
+    robot, recording = spoilt
+    given = replace(shortened(recording, 1.0), updates=[(0.5, PLANNER, {"sim_time": 1.25, "unknown": 3.0})])
+    made = Replay(robot)
+    made.run(read(write(given, robot, tmp_path / "updated.bag"), robot, TopicNames.of(robot)))
+    assert {cycle.settings[PLANNER]["sim_time"] for cycle in made.cycles if cycle.at < 0.5} == {2.0}
+    assert {cycle.settings[PLANNER]["sim_time"] for cycle in made.cycles if cycle.at > 0.5} == {1.25}
+    assert "unknown" not in made.settings[PLANNER]
+
+
+def test_parameters_of_servers_without_updates_come_from_decisions(spoilt, tmp_path):
+    """The C++ planner keeps the footprint that it had at start-up; the costmap takes the new padding."""
+    robot, recording = spoilt
+    given = replace(shortened(recording, 1.0), updates=[(0.5, PLANNER, {"sim_time": 1.25})])
+    path = write(given, robot, tmp_path / "decided.bag", decided={"sim_time": 9.0, "footprint_padding": 0.14})
+    read_back = read(path, robot, TopicNames.of(robot))
+    updates = [(server, values) for _, server, values in read_back.updates]
+    costmaps = [(f"{name}_costmap", {"footprint_padding": 0.14}) for name in ("local", "global")]
+    assert updates == [*costmaps, (PLANNER, {"sim_time": 1.25})]
+    made = Replay(robot)
+    outline = made.costmap.footprint.max()
+    made.run(read_back)
+    assert made.costmap.footprint.max() == pytest.approx(outline + 0.04)
+    assert {cycle.settings["local_costmap"]["footprint_padding"] for cycle in made.cycles} == {0.14}
+
+
+def test_a_scan_is_placed_between_two_headings_across_the_back(spoilt, tmp_path):
+    robot, recording = spoilt
+    odometry = [now._replace(pose=(0.0, 0.0, yaw)) for now, yaw in zip(recording.odometry[::2], (3.1, -3.1))]
+    given = replace(shortened(recording, 0.5), odometry=odometry)
+    path = write(given, robot, tmp_path / "turning.bag")
+    laser = read(path, robot, TopicNames.of(robot)).scans[1][1].sensor_pose
+    assert abs(laser[2]) == pytest.approx(3.1, abs=0.05)
+    assert laser[0] == pytest.approx(-robot.laser.pose[0], abs=0.01)
+
+
+def test_commands_before_a_collision_monitor_are_taken(spoilt, tmp_path):
+    robot, recording = spoilt
+    given = shortened(recording, 1.0)
+    made = read(write(given, robot, tmp_path / "limited.bag", limited=True), robot, TopicNames.of(robot))
+    assert [row[1:] for row in made.commands] == [row[1:] for row in given.commands]
+
+
+def test_scans_of_another_laser_are_refused(bag):
+    other = replace(JACKAL, laser=JACKAL.laser.model_copy(update={"frame": "other_laser"}))
+    with pytest.raises(BagError, match=f"scans in {JACKAL.laser.frame}, jackal has other_laser: give the robot"):
+        read(bag, other, TopicNames.of(JACKAL))
+
+
+def test_a_late_velocity_is_found(spoilt):
+    robot, recording = spoilt
+    shifted = [replace_at(now, was) for now, was in zip(recording.odometry[1:], recording.odometry)]
+    made = Replay(robot)
+    made.run(replace(shortened(recording, 3.0), odometry=[recording.odometry[0], *shifted]))
+    assert made.share > 0.9
+
+
+def replace_at(now, was):
+    """Return an odometry message with the content of the one before."""
+    return now._replace(pose=was.pose, twist=was.twist)
+
+
+def test_an_empty_plan_stands_for_the_one_before(spoilt):
+    robot, recording = spoilt
+    followed = list(shortened(recording, 2.0).followed)
+    followed[10] = followed[10][0], np.zeros((0, 3))
+    made = Replay(robot)
+    made.run(replace(shortened(recording, 2.0), followed=followed))
+    assert made.cycles[10].plan is followed[9][1]
+
+
+def test_the_flags_after_a_command_that_is_not_reproduced_are_those_of_this_command(spoilt):
+    robot, recording = spoilt
+    commands = list(shortened(recording, 2.0).commands)
+    commands[20] = commands[20][0], -0.1, 0.0  # The planner backs out.
+    made = Replay(robot)
+    made.run(replace(shortened(recording, 2.0), commands=commands))
+    assert not made.cycles[20].reproduced
+    planner = made.local.planner
+    planner.state = made.cycles[20].memory
+    planner.remember(made.cycles[20].pose, -0.1, 0.0)
+    assert made.cycles[21].memory == planner.state != made.cycles[20].memory
+
+
+# -- events ------------------------------------------------------------------------------------------------------------
+def with_commands(replay, commands, far=True):
+    """Return a replay at 20 Hz with these commands (v, w)."""
+    made = Replay(JACKAL)
+    cycle = replay.cycles[0]
+    at_goal = np.array([cycle.pose])
+    made.cycles = [
+        replace(cycle, at=0.05 * i, command=(v, w), settings=made.settings, plan=cycle.plan if far else at_goal)
+        for i, (v, w) in enumerate(commands)
+    ]
+    return made
+
+
+STEPS = {
+    "found no valid trajectory": [(0.0, 0.0)] * 15,
+    "was commanded to turn on the spot": [(0.0, 0.4)] * 45,
+    "drove backwards": [(-0.1, 0.1)] * 45,
+    "stood or crept": [(0.1, 0.1)] * 25,
+    "was slow": [(0.2, 0.1)] * 110,
+    "swung from side to side": ([(0.5, 0.8)] * 5 + [(0.5, -0.8)] * 5) * 8,
+}
+
+
+@pytest.mark.parametrize("kind", STEPS)
+def test_each_kind_of_event_is_found_with_its_begin_and_end(replay, kind):
+    drives = [(0.5, 0.0)] * 60
+    (found,) = events.find(with_commands(replay, drives + STEPS[kind] + drives))
+    assert found.kind == kind
+    assert found.cycles[0].at == pytest.approx(3.0, abs=1.0 if kind.startswith("swung") else 1e-9)
+    assert len(found.cycles) == pytest.approx(len(STEPS[kind]), abs=40 if kind.startswith("swung") else 0)
+
+
+def test_short_stops_and_the_stop_at_the_goal_are_no_events(replay):
+    drives = [(0.5, 0.0)] * 60
+    assert events.find(with_commands(replay, drives + [(0.1, 0.1)] * 15 + drives)) == []
+    assert events.find(with_commands(replay, drives + [(0.0, 0.0)] * 60, far=False)) == []
+
+
+def test_short_gaps_are_part_of_an_event_and_recoveries_are_events(replay):
+    made = with_commands(replay, [(0.5, 0.0)] * 60 + ([(0.1, 0.0)] * 15 + [(0.5, 0.0)] * 5) * 2 + [(0.5, 0.0)] * 60)
+    assert [len(found.cycles) for found in events.find(made)] == [35]
+    made.recording = Recording(recoveries=[(6.0,)])
+    assert [found.kind for found in events.find(made)] == ["stood or crept", "began a recovery behaviour"]
+
+
+# -- explanations and alternatives -------------------------------------------------------------------------------------
+def driven_with_post(monkeypatch, ahead, left, since=0.0):
+    """Return a replay of a drive in which the laser sees a post at a place relative to the robot from a time on."""
+    laser = JACKAL.laser
+    metres, angle = np.hypot(ahead - laser.pose[0], left), np.arctan2(left, ahead - laser.pose[0])
+    beam = round((angle - laser.first_angle) / laser.increment)
+
+    class Simulator(KinematicSimulator):
+        def scan(self):
+            ranges = np.array(super().scan())
+            if self.state.time >= since:
+                ranges[beam - 15 : beam + 15] = metres
+            return ranges
+
+    monkeypatch.setattr(recorded_drive, "KinematicSimulator", Simulator)
+    made = Replay(JACKAL)
+    made.run(drive(JACKAL, "generated:40", limit=6)[0])
+    assert made.share == 1.0
+    return made
+
+
+def test_the_obstacle_in_the_way_is_named(monkeypatch):
+    made = driven_with_post(monkeypatch, 0.5, 0.0, since=3.0)
+    why = explain(made, made.cycles[66])
+    number, of = (int(word) for word in why["lines"][-1].split(" faster samples")[0].split(" of "))
+    assert of > 20
+    assert number > 0.9 * of
+    assert transform_point(inverse(made.cycles[66].pose), *why["obstacle"]) == pytest.approx((0.5, 0.0), abs=0.15)
+    assert "from the latest scan" in why["lines"][-1]
+    made.recording.scans[made.cycles[66].scan] = made.recording.scans[40]  # before the post
+    assert "from earlier scans" in explain(made, made.cycles[66])["lines"][-1]
+
+
+def test_a_part_of_the_robot_in_the_scans_is_in_the_answer(monkeypatch):
+    monkeypatch.setattr(diagnosis, "other_values", lambda replay: {})
+    answer, *_ = diagnosis.diagnose(driven_with_post(monkeypatch, 0.5, 0.0)).lines()
+    assert re.match(r"The laser sees a part of the robot, 0.5 m ahead and -?0.0 m left of its centre.", answer)
+
+
+def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
+    robot = changed(JACKAL, {PLANNER: {"occdist_scale": 0.8}})
+    replay = Replay(robot)
+    replay.run(drive(robot, "generated:7", limit=8)[0])
+    why = explain(replay, replay.cycles[-20])
+    command = replay.command(replay.cycles[-20])
+    velocities, costs, parts = replay.local.planner.sample_costs(replay.costmap, command)
+    legal = costs >= 0
+    assert np.allclose(sum(parts.values())[legal], costs[legal])
+    assert all((part[~legal] == 0.0).all() for part in parts.values())
+    assert velocities[-1].tolist() == list(command)
+    assert costs[-1] == pytest.approx(costs[legal].min())
+    assert why["table"][0] == ["v", "w", "cost", "path_distance_bias", "goal_distance_bias", "occdist_scale"]
+    assert why["table"][1][2] == pytest.approx(costs[-1], abs=0.01)
+    assert why["points"]
+    fast = legal & (velocities[:, 0] >= 0.25)
+    best = np.flatnonzero(fast)[costs[fast].argmin()]
+    command = "({:.2f} m/s, {:.2f} rad/s)".format(*command)
+    assert f"costs {costs[best]:.1f}, the command {command} {costs[-1]:.1f}: occdist_scale (0.8)" in why["lines"][0]
+    assert f"counts {parts['occdist_scale'][best]:.1f} against {parts['occdist_scale'][-1]:.1f}" in why["lines"][0]
+
+
+def test_a_cheaper_sample_that_the_escaping_planner_did_not_try_is_said(sound):
+    cycle = sound.cycles[40]
+    state = dict(zip(sound.local.planner.STATE.names, cycle.memory))
+    x, y, yaw = cycle.pose
+    state.update(escaping=1, escape_x=x, escape_y=y, escape_theta=yaw)
+    escaping = replace(cycle, memory=list(state.values()))
+    assert "was not sampled, because the robot was escaping" in explain(sound, escaping)["lines"][0]
+    assert explain(sound, cycle)["lines"][0].startswith("The planner drives on (")
+
+
+def test_samples_that_dwa_refuses_are_explained():
+    """The speed of a waffle_pi that backs out slowly is below min_vel_trans, and it turns slower than min_vel_theta."""
+    replay = Replay(WAFFLE)
+    replay.run(drive(WAFFLE, "generated:3", limit=3)[0])
+    cycle = replace(replay.cycles[10], twist=(-0.2, 0.0))
+    assert "0.00 rad/s) is below min_vel_trans (0.13) and min_vel_theta (0.9)" in explain(replay, cycle)["lines"][-1]
+    cycle = replace(replay.cycles[-1], memory=[1.0] * len(replay.cycles[-1].memory))
+    assert "is refused by the critic oscillation" in explain(replay, cycle)["lines"][-1]
+
+
+def test_the_spoilt_parameter_is_the_first_remedy_and_a_sound_drive_has_none(replay, sound, monkeypatch):
+    monkeypatch.setattr(diagnosis, "CYCLES", 4)
+    found = diagnosis.diagnose(replay)
+    assert found.remedies[0].parameter.name == "vx_samples"
+    assert found.lines()[0].startswith("Try vx_samples 1 -> ")
+    assert all(one.gain > 0.0 for one in found.tried)
+    values = json.loads(json.dumps(found.values()))
+    assert values["remedies"][0].startswith("vx_samples")
+    assert diagnosis.diagnose(sound).remedies == []
+
+
+def test_only_a_change_that_saves_much_of_the_drive_and_ends_the_creeping_is_a_remedy(replay):
+    parameter = replay.move_base.servers[PLANNER].parameters[0]
+
+    def remedies(before, after, slow):
+        speeds = np.array([before, 1.0]), np.array([after, 1.0])
+        tried = [alternatives.Alternative(PLANNER, parameter, 2.0, 1.0, *speeds)]
+        return len(diagnosis.Diagnosis(replay, [], replay.cycles[slow:], tried).remedies)
+
+    cycles = len(replay.cycles)
+    assert remedies(0.1, 0.4, cycles) == 1
+    assert remedies(0.1, 0.4, cycles // 10) == 0
+    assert remedies(0.4, 0.45, cycles) == 0
+    assert remedies(0.01, 0.05, cycles) == 0
+
+
+def test_driving_on_follows_the_commands(replay):
+    cycle = replay.cycles[100]
+    ((speed, distance),) = alternatives.drive_on(replay, [cycle], PLANNER, {})
+    assert speed == pytest.approx(0.1, abs=0.03)  # the only speed
+    assert 0.2 < distance < 3.0
+    ((faster, _),) = alternatives.drive_on(replay, [cycle], PLANNER, {"vx_samples": 20})
+    assert faster > 0.2
+    alternatives.drive_on(replay, [cycle], PLANNER, {"max_vel_theta": 1.0})
+    assert replay.move_base.configuration(PLANNER)["min_vel_theta"] == -1.0  # Symmetric limits stay so.
+
+
+def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(replay):
+    by_name = {one.name: one for one in replay.move_base.servers[PLANNER].parameters}
+
+    def one(name, now, then, gain):
+        return alternatives.Alternative(PLANNER, by_name[name], now, then, np.zeros(2), np.array([gain, 0.0]))
+
+    nearer, farther = one("sim_time", 2.0, 1.7, 0.92), one("occdist_scale", 0.1, 0.01, 0.95)
+    tried = [one("sim_time", 2.0, 8.0, 1.0), nearer, farther, one("vx_samples", 1, 20, 0.5)]
+    assert [each.then for each in alternatives.ranked(tried)] == [0.01, 1.7, 8.0, 20]
+
+
+# -- the command -------------------------------------------------------------------------------------------------------
+def ran(capsys, *arguments):
+    status = why.main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(diagnosis, "CYCLES", 2)
+    monkeypatch.setattr(alternatives, "FACTORS", ())
+    return tmp_path
+
+
+def test_the_command_answers_in_its_first_line_and_writes_a_page(bag, folder, capsys):
+    status, out, err = ran(capsys, bag, "--robot", "jackal", "--at", 3, "--out", folder / "why.html")
+    assert status == 0, err
+    page = (folder / "why.html").read_text()
+    data = json.loads(page.partition('type="application/json">')[2].partition("</script>")[0])
+    assert data["events"][0]["cycles"][0]["points"]
+    assert data["lines"] == out.splitlines()[:2]
+
+
+def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder, capsys):
+    given = replace(shortened(sound.recording, 2.0), updates=[(0.0, PLANNER, {"sim_time": 1.5})])
+    other = write(given, JACKAL, folder / "other.bag")
+    status, out, err = ran(capsys, bag, other, "--json", "--at", 2)
+    assert status == 0, err
+    lines = json.loads(out)["compared"]
+    assert "; routes diverge at 2.7 s; differing parameters: sim_time 2 -> 1.5" in lines[0]
+    assert "no parameter_updates" not in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("without", "planner", "words"),
+    [
+        (("scan",), "", "no messages on /front/scan"),
+        (("odometry",), "", "no messages on /odometry/filtered"),
+        (("command",), "", "no messages on /cmd_vel"),
+        (("plan",), "", "no messages on /move_base/TrajectoryPlannerROS/global_plan"),
+        ((), "TebLocalPlannerROS", "TebLocalPlannerROS drove, jackal has TrajectoryPlannerROS"),
+        ((), "DWAPlannerROS", "DWAPlannerROS drove"),
+    ],
+)
+def test_what_a_bag_lacks_is_named_in_one_line(spoilt, folder, capsys, without, planner, words):
+    robot, recording = spoilt
+    path = write(shortened(recording, 0.5), robot, folder / "drive.bag", without, planner)
+    status, out, err = ran(capsys, path)
+    assert (status, out) == (1, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["none.bag"], "none.bag: there is no such file"),
+        (["BAG", "--at", "500"], "--at 500: no command near, give "),
+        (["BAG", "--robot", "nobody"], "nobody"),
+    ],
+)
+def test_mistakes_on_the_command_line_are_one_line(bag, folder, capsys, arguments, words):
+    status, out, err = ran(capsys, *(str(bag) if one == "BAG" else one for one in arguments))
+    assert (status, out) == (1, "")
+    assert words in err.splitlines()[-1]
+
+
+def test_half_a_drive_is_replayed_as_far_as_it_goes(spoilt, folder):
+    robot, recording = spoilt
+    given = replace(recording, commands=recording.commands[100:150])
+    made = Replay(robot)
+    made.run(given)
+    assert len(made.cycles) == 50
+    assert made.share > 0.5
+    without = Replay(robot)  # A command without a plan of its time is no cycle of the local planner.
+    without.run(replace(given, followed=recording.followed[:110] + recording.followed[120:]))
+    assert len(without.cycles) == 40
+    assert without.cycles[15].reproduced

@@ -1,0 +1,64 @@
+"""Explains why a robot stopped: replays a recorded drive through move_base's local planner, cycle by cycle.
+
+Run it as `./applr why BAG` or `python -m training.why BAG`. It reports how many of the recorded commands the replay
+reproduces, where the robot stood, turned on the spot, swung or was slow, what refused or outbid the faster samples, and
+with which change of one parameter the planner would have driven on. With two bags, it reports which parameters differ
+and which of them explains the difference.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import List, Optional
+
+from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.extras import extra
+from applr_ros1.common.files import read_bytes, write_bytes
+from training.common.command_line import parsed
+from training.common.options import argument, option
+
+with extra(__name__):
+    from training.bags.bag import BagOptions, bags_in
+    from training.bags.diagnosis import compared, diagnose
+    from training.bags.recording import read
+    from training.bags.replay import Replay
+
+TEMPLATE = Path(__file__).parent / "bags" / "why.html"
+
+
+class WhyOptions(BagOptions):
+    """Options of a replay."""
+
+    # fmt: off
+    bag: List[str] = argument("Bag of a drive, of ROS 1 or ROS 2. Further bags are compared with the first.")
+    at: Optional[float] = option(None, "Time in the bag to explain, whatever happened then [s].", ge=0)
+    out: str = option("", "HTML page to write, with map, path, events and the trajectories of their cycles.")
+    json_: bool = option(False, "Print a JSON object instead of text.")
+    # fmt: on
+
+
+def run(options: WhyOptions) -> None:
+    """Replay the bags and print the diagnosis."""
+    replays = []
+    for path in bags_in(options.bag):
+        replays.append(Replay(options.robot))
+        replays[-1].run(read(path, options.robot, options.topics()))
+        if not replays[-1].cycles:
+            raise ApplrError(f"{path}: no command has a plan, a scan and odometry: record the drive from its beginning")
+    diagnosis = diagnose(replays[0], options.at)
+    lines = [line for other in replays[1:] for line in compared(replays[0], other)]
+    values = json.dumps({**diagnosis.values(), "compared": lines})
+    print(values if options.json_ else "\n".join(diagnosis.lines() + lines))
+    if options.out:
+        write_bytes(options.out, read_bytes(TEMPLATE).replace(b"@DATA@", values.replace("</", "<\\/").encode()))
+
+
+def main(arguments: Optional[List[str]] = None) -> int:
+    """Run the command; return its exit status."""
+    return run_main(lambda: run(parsed(WhyOptions, "./applr why", __doc__, arguments)), "./applr why")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
