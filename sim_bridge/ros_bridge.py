@@ -31,7 +31,7 @@ import worlds
 from applr_ros1.common.arguments import frame_prefix, number_within, pose
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node, until_shutdown
-from applr_ros1.robots import load
+from applr_ros1.robots import geometry, load
 
 from . import make
 from .ros_topics import BridgeTopics
@@ -55,7 +55,7 @@ class Bridge:
         self.base_time = BASE_TIME_S
         with_map = bool(rospy.get_param("~map", False))
         robot = load(str(rospy.get_param("~robot", "jackal")), with_map=with_map)
-        self.scale = robot.world_scale
+        self.scale, self.radius = robot.world_scale, geometry.radius(robot)
         world = self._load(str(rospy.get_param("~world", "generated:0")))
         self.simulator = make(name, robot)
         start = str(rospy.get_param("~start", ""))
@@ -99,7 +99,7 @@ class Bridge:
 
     def _load(self, spec: str) -> worlds.World:
         """Load a world at the robot's scale."""
-        return worlds.scaled(worlds.load(spec), self.scale)
+        return worlds.scaled(worlds.load(spec, self.radius), self.scale)
 
     def stamp(self) -> rospy.Time:
         """Return the ROS time of the simulator's current state."""

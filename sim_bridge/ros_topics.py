@@ -29,7 +29,7 @@ from .simulator import RobotState, Simulator
 
 WORLD = "world"
 OBSTACLE_HEIGHT_M = 0.5  # height of the markers of obstacles [m]
-MAP_RESOLUTION_M = 0.05  # resolution of the published map [m]
+MAP_RESOLUTION_M = 0.05  # resolution of the published map of a world without a map [m]
 COLOURS = {"cylinders": (0.45, 0.47, 0.5, 1.0), "boxes": (0.62, 0.5, 0.35, 1.0), "movers": (0.8, 0.4, 0.2, 1.0)}
 _COVARIANCE = [0.0] * 36
 for _i, _value in enumerate((1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 3e-4)):
@@ -110,13 +110,13 @@ def quaternion(yaw: float) -> Quaternion:
 
 
 def _map(frame: str, world: World, stamp: rospy.Time) -> OccupancyGrid:
-    cells, origin = occupancy(world, MAP_RESOLUTION_M)
+    cells, resolution, (x, y, yaw) = occupancy(world, MAP_RESOLUTION_M)
     message = OccupancyGrid()
     message.header.frame_id, message.header.stamp = frame, stamp
-    message.info.map_load_time, message.info.resolution = stamp, MAP_RESOLUTION_M
+    message.info.map_load_time, message.info.resolution = stamp, resolution
     message.info.height, message.info.width = cells.shape
-    message.info.origin.position.x, message.info.origin.position.y = origin
-    message.info.origin.orientation.w = 1.0
+    message.info.origin.position.x, message.info.origin.position.y = x, y
+    message.info.origin.orientation = quaternion(yaw)
     message.data = cells.ravel().tolist()
     return message
 

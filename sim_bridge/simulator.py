@@ -133,6 +133,7 @@ class Simulator(ABC):
         base = self.robot.base
         v = min(max(v, -base.max_speed), base.max_speed)
         w = min(max(w, -base.max_yaw_rate), base.max_yaw_rate)
+        v, w = (0.0 if abs(speed) < least else speed for speed, least in zip((v, w), base.dead_band))
         self._command.pending.append((self.state.time + self.drawn.latency + self.robot.simulation.command_delay, v, w))
 
     def advance(self, duration: float) -> RobotState:

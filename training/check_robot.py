@@ -22,9 +22,12 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES, Robot
 from applr_ros1.robots import check as rules
 from applr_ros1.robots.folder import RobotError, read
+from applr_ros1.robots.geometry import radius
 from training.common.command_line import parsed
-from training.common.options import Options, argument
+from training.common.options import Options, argument, option
 from training.tuning import open_floor
+from worlds import specs
+from worlds.map_courses import passage
 
 
 def summary(described: Robot) -> List[str]:
@@ -50,8 +53,21 @@ def summary(described: Robot) -> List[str]:
     ]
 
 
-def check(name_or_folder: str) -> int:
-    """Print errors and remarks; without errors, also summary and test drives. Return 1 if the robot does not drive."""
+def doors(described: Robot, path: str) -> str:
+    """Return a line on the narrowest passage of all courses through the building of a map."""
+    numbers = range(len(specs(path, radius(described))))
+    narrowest = min(passage(path, radius(described), number) for number in numbers)
+    width = np.ptp(MoveBase(described.parameters()).local_costmap.footprint, axis=0)[1]
+    line = f"narrowest passage on {len(numbers)} courses of {path}: {narrowest:.2f} m; the padded footprint of "
+    passes = f"passes with {(narrowest - width) / 2:.2f} m on each side"
+    return f"{line}{width:.2f} m {passes if narrowest > width else 'does not pass: reduce footprint_padding'}"
+
+
+def check(name_or_folder: str, path: str = "") -> int:
+    """Print errors and remarks; without errors, also summary and test drives. Return 1 if the robot does not drive.
+
+    With the path of a map, a line about its doors is added.
+    """
     remarks: List[str] = []
     try:
         described = read(name_or_folder)
@@ -62,6 +78,8 @@ def check(name_or_folder: str) -> int:
         errors = list(refused.lines)
     for line in dict.fromkeys(errors):
         print(f"error: {line}", file=sys.stderr)
+    if path and not errors:
+        remarks.append(doors(described, path))
     for line in [*([] if errors else summary(described)), *dict.fromkeys(remarks)]:
         print(line, flush=True)
     if errors:
@@ -75,12 +93,13 @@ class CheckOptions(Options):
     """Robot to check."""
 
     robot: str = argument(f"Folder with robot.yaml, or one of the included robots: {', '.join(NAMES)}.")
+    map: str = option("", "Map of a building, MAP.yaml: report the narrowest passage on its courses.")
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command. Return 0 if the robot drives on open floor, else 1; errors are printed to stderr."""
     name = "check_robot.py"
-    return run_main(lambda: check(parsed(CheckOptions, name, __doc__, arguments).robot), name)
+    return run_main(lambda: check(*vars(parsed(CheckOptions, name, __doc__, arguments)).values()), name)
 
 
 if __name__ == "__main__":

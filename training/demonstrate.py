@@ -12,6 +12,7 @@ import sim_bridge
 import worlds
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
+from applr_ros1.robots.geometry import radius
 from training.common.command_line import AnyRobot, Seed, SimulatorName, parsed
 from training.common.options import Options, argument, option
 from training.env.episode import CONTROL_PERIOD
@@ -41,7 +42,7 @@ def demonstrate(options: DemonstrateOptions) -> None:
         ApplrError: The course takes longer than LIMIT, the robot flips, or the bag cannot be written.
     """
     robot, simulator = options.robot, sim_bridge.make(options.simulator, robot=options.robot)
-    world = worlds.scaled(worlds.load(options.world), robot.world_scale)
+    world = worlds.scaled(worlds.load(options.world, radius(robot)), robot.world_scale)
     state, scan_due = simulator.reset(world, options.seed), 0.0
     driver, source = Demonstrator(world, robot), {"simulator": options.simulator, "robot": robot.name}
     with BagWriter(options.bag, TopicNames.of(robot), robot) as writer:

@@ -14,9 +14,10 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from pathlib import Path
-from typing import Literal, Optional, Sequence
+from typing import Literal, Optional, Sequence, Tuple
 
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import read_bytes, sha256, write_bytes
@@ -48,7 +49,8 @@ class TuneOptions(Options):
     anyway: bool = option(False,
         "Continue even if the robot does not drive on open floor with its default parameters.")
     worlds: str = option(WORLDS,
-        f"Courses to search in: {SPECIFICATIONS}; several are separated by commas. The verdicts use {UNSEEN}.")
+        f"Courses to search in: {SPECIFICATIONS}; several are separated by commas. The verdicts use {UNSEEN}, but with "
+        "MAP.yaml the search uses one half of the building and the verdicts the other half.")
     minutes: float = option(15.0,
         "Approximate duration [min]; the two verdicts, of 30 courses each, are always driven to the end.",
         gt=0, le=10_000)
@@ -68,6 +70,13 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     return run_main(lambda: run(parsed(TuneOptions, name, __doc__, arguments)), name)
 
 
+def split(worlds: str) -> Tuple[str, str]:
+    """Return the worlds of the search and of the verdicts. Each whole map is split into two halves."""
+    maps = [part.strip() for part in worlds.split(",") if part.strip().endswith((".yaml", ".yml"))]
+    searched = re.sub(r"(\.ya?ml) *(?=,|$)", r"\1:choose", worlds)
+    return searched, ",".join(f"{path}:report" for path in maps) or UNSEEN
+
+
 def run(options: TuneOptions) -> int:
     """Search for a parameter set, judge it, write files and report; return the exit status."""
     from training.evaluation import report
@@ -80,7 +89,8 @@ def run(options: TuneOptions) -> int:
     show("\n".join(floor))
     if not (can or options.anyway):
         return 1
-    worlds, starts = world_list(options.worlds, CHALLENGE, robot), warm_starts(robot)
+    searched, unseen = split(options.worlds)
+    worlds, starts = world_list(searched, CHALLENGE, robot), warm_starts(robot)
     settings = drives_of(robot, worlds)
     asked = {
         "drives": settings.model_dump(mode="json", exclude={"robot", "simulator"}),
@@ -94,14 +104,14 @@ def run(options: TuneOptions) -> int:
         if not values:
             show("better: no, no changed parameter saves anything")
             return 1
-        drives = make_folder(out / f"{options.for_}_{sha256(repr((values, asked, UNSEEN)).encode())[:8]}")
+        drives = make_folder(out / f"{options.for_}_{sha256(repr((values, asked, unseen)).encode())[:8]}")
         write_set(robot, values, drives / "static.json", drives / "tuned.yaml")
         changed = changes(robot, values, saved)
         write_bytes(drives / "changes.csv", changed.to_csv(index=False).encode())
         show("what each parameter saves per course:\n" + changed.drop(columns="meaning").to_string(index=False))
         written = []
         for file, monitor in JUDGED:
-            method, lines = verdict(driven_unseen(options, UNSEEN, drives, monitor))
+            method, lines = verdict(driven_unseen(options, unseen, drives, monitor))
             lines.insert(0, f"{file}, {monitor} the collision monitor:")
             shown = report.write(drives / monitor, above=lines)
             if method == SET:

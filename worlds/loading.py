@@ -10,20 +10,24 @@ import functools
 import os
 import re
 from collections.abc import Sequence
-from typing import Any, Callable, Dict, List, NamedTuple, Tuple
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 
-from . import barn, dynabarn, physical_course, sdf_reader
+from . import barn, dynabarn, map_courses, physical_course, sdf_reader
 from .world import Course, Mover, World
 
 SPECIFICATIONS = (
     f"generated:N (0-{barn.COUNT - 1}), generated:train, generated:test, generated:validation, generated:learn, "
     "fresh:N, fresh:N-M (0 on), final:N, final:N-M (0-99), dynamic:N, dynamic:N-M, dynamic:validation, dynamic:test, "
-    "physical_course, a .world file, or a folder of them"
+    "physical_course, a .world file, a folder of them, or MAP.yaml, MAP.yaml:N, MAP.yaml:N-M, MAP.yaml:choose and "
+    "MAP.yaml:report for courses through the building of a map, and for those in each half of it"
 )
+HALVES = {"choose": False, "report": True}  # whether a choice of a map's courses is its upper half
+MAP = re.compile(r"^(.+\.ya?ml)(?::(.*))?$")  # path of a map, and a choice of its courses
+RADIUS_M = 0.31  # default radius of the robot's circle, the Jackal's [m]
 MADE = ("fresh:", "final:", "dynamic:")  # prefixes of worlds that are generated on demand
 
 
@@ -53,15 +57,30 @@ _RECIPES = {
 }
 
 
-def load(spec: str) -> World:
-    """Return the one world that `spec` names. Raise ApplrError if there is none or if it cannot be read."""
+def _recipe(text: str, radius: float) -> Tuple[str, str, Optional[_Recipe]]:
+    """Return the name of a recipe or the path of a map, the choice of its worlds, and the recipe if there is one."""
+    building = MAP.match(text)
+    if not building:
+        name, _, part = text.partition(":")
+        return name, part, _RECIPES.get(name)
+    path, part = building.group(1), building.group(2) or ""
+    count = len(map_courses.building(path, radius).starts)
+    splits = {part: map_courses.half(path, radius, HALVES[part])} if part in HALVES else {"": range(count)}
+    return path, part, _Recipe(functools.partial(map_courses.course, path, radius), splits, count)
+
+
+def load(spec: str, radius: float = RADIUS_M) -> World:
+    """Return the one world that `spec` names. Raise ApplrError if there is none or if it cannot be read.
+
+    `radius` [m] is that of the circle around the robot, on which the courses of a map depend.
+    """
     text = str(spec)
-    recipe, _, _ = text.partition(":")
-    if recipe in _RECIPES:
-        names = specs(text)
+    _, _, recipe = _recipe(text, radius)
+    if recipe:
+        names = specs(text, radius)
         if len(names) > 1:
-            raise ApplrError(f"{text} names {len(names)} worlds, but one is needed; give one of them")
-        return _RECIPES[recipe].make(int(names[0].partition(":")[2]))
+            raise ApplrError(f"{text} names {len(names)} worlds, but one is needed; give one of them: {names[0]}")
+        return recipe.make(int(names[0].rpartition(":")[2]))
     if text == physical_course.NAME:
         return physical_course.world()
     if text.endswith(".world"):
@@ -81,10 +100,10 @@ class Worlds(Sequence[World]):
         ApplrError: A specification or a file cannot be read.
     """
 
-    def __init__(self, spec: str) -> None:
-        self.specs = [one for part in spec.split(",") for one in specs(part.strip())]
-        self._loaded = {one: load(one) for one in self.specs if not one.startswith(MADE)}
-        self._made = functools.lru_cache(maxsize=256)(load)
+    def __init__(self, spec: str, radius: float = RADIUS_M) -> None:
+        self.specs = [one for part in spec.split(",") for one in specs(part.strip(), radius)]
+        self._loaded = {one: load(one) for one in self.specs if not (one.startswith(MADE) or MAP.match(one))}
+        self._made = functools.lru_cache(maxsize=256)(functools.partial(load, radius=radius))
 
     def __len__(self) -> int:
         return len(self.specs)
@@ -97,21 +116,21 @@ class Worlds(Sequence[World]):
         return self._loaded[name] if name in self._loaded else self._made(name)
 
 
-def specs(spec: str) -> List[str]:
+def specs(spec: str, radius: float = RADIUS_M) -> List[str]:
     """Return the specifications of the single worlds that `spec` names, in the order of their numbers.
 
     Raises:
         ApplrError: There are no such numbers, or a folder contains no .world files.
     """
     text = str(spec)
-    name, _, part = text.partition(":")
-    if name in _RECIPES:
-        recipe = _RECIPES[name]
+    name, part, recipe = _recipe(text, radius)
+    if recipe:
         match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", part, re.ASCII)
         first, last = (int(match.group(1)), int(match.group(2) or match.group(1))) if match else (0, -1)
-        if part not in recipe.splits and not first <= last < recipe.end:
-            raise ApplrError(f"no worlds {text!r}; give {SPECIFICATIONS}")
-        return [f"{name}:{number}" for number in recipe.splits.get(part, range(first, last + 1))]
+        numbers = recipe.splits.get(part, range(first, last + 1) if last < recipe.end else ())
+        if not numbers:
+            raise ApplrError(f"no worlds {text!r} of {name}:0 to {name}:{recipe.end - 1}; give {SPECIFICATIONS}")
+        return [f"{name}:{number}" for number in numbers]
     if not os.path.isdir(text):
         return [text]
     files = [os.path.join(text, file) for file in sorted(os.listdir(text), key=_by_number) if file.endswith(".world")]

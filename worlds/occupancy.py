@@ -12,23 +12,21 @@ import numpy as np
 
 from applr_ros1.common.angles import outside_box
 
-from .world import World
+from .world import Grid, World
 
 OCCUPIED = 100
 MARGIN_M = 2.0  # width of the free margin around obstacles and course [m]
 
 
-def occupancy(world: World, resolution: float) -> Tuple[np.ndarray, Tuple[float, float]]:
-    """Return the occupancy grid of a world's static obstacles. Moving obstacles are not mapped.
+def occupancy(world: World, resolution: float) -> Grid:
+    """Return the map of a world. By default, a cell is 100 if a static obstacle reaches into its inner circle, else 0.
 
     Args:
         world: World to map.
-        resolution: Edge of a cell [m].
-
-    Returns:
-        (cells, origin): (ny, nx) int8, 100 if an obstacle reaches into a cell's incircle and 0 otherwise, row 0 at
-        the lowest y; and the lower corner (x, y) [m] in the world frame.
+        resolution: Edge of a cell [m], unless the world has a map of its own.
     """
+    if world.map is not None:
+        return world.map
     boxes, c, s = world.boxes, np.abs(np.cos(world.boxes[:, 2])), np.abs(np.sin(world.boxes[:, 2]))
     half = 0.5 * np.stack([c * boxes[:, 3] + s * boxes[:, 4], s * boxes[:, 3] + c * boxes[:, 4]], axis=1)
     reach = np.concatenate([np.repeat(world.cylinders[:, 2:], 2, axis=1), half])
@@ -46,7 +44,7 @@ def occupancy(world: World, resolution: float) -> Tuple[np.ndarray, Tuple[float,
     for x, y, yaw, size_x, size_y in boxes.tolist():
         block, dx, dy = _window(cells, low, resolution, x, y, 0.5 * math.hypot(size_x, size_y) + inner)
         block[np.hypot(*outside_box(dx, dy, yaw, size_x, size_y)) <= inner] = OCCUPIED
-    return cells, (float(low[0]), float(low[1]))
+    return Grid(cells, resolution, (float(low[0]), float(low[1]), 0.0))
 
 
 def _window(

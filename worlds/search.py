@@ -1,4 +1,4 @@
-"""A* search on a grid for reference paths, ported from BARN's world generator."""
+"""Searches on a grid for reference paths: A* ported from BARN's world generator, and shortest paths through maps."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from applr_ros1.common.arrays import Array, Ints
+from applr_ros1.common.kernels import kernel
 
 Cell = Tuple[int, int]
 Cells = NDArray[np.bool_]  # mask (rows, columns) of a grid's cells
@@ -83,3 +84,29 @@ def barn_path(free: Cells, start: Cell, goal: Cell) -> Optional[Ints]:
             spent[r, c], parent[r, c] = cost, (cell, turn)
             heapq.heappush(queue, (rank[r, c], number[r, c], (r, c)))
     return None
+
+
+@kernel
+def shortest_paths(free: np.ndarray, row: int, column: int, limit: float) -> Tuple[np.ndarray, np.ndarray]:
+    """Search the shortest paths from a cell to all others, by moves between cells as in barn_path.
+
+    Returns:
+        (length, move): the lengths (rows, columns) [cells], inf beyond `limit`, and the index of each path's last move.
+    """
+    rows, columns = free.shape
+    length, move = np.full((rows, columns), np.inf), np.zeros((rows, columns), np.int8)
+    length[row, column] = 0.0
+    queue = [(0.0, row, column)]
+    while queue:
+        spent, r0, c0 = heapq.heappop(queue)
+        if spent > length[r0, c0]:
+            continue
+        for k in range(8):
+            r, c = r0 + MOVES[k][0], c0 + MOVES[k][1]
+            if not (0 <= r < rows and 0 <= c < columns and free[r, c] and (free[r, c0] or free[r0, c])):
+                continue
+            cost = spent + LENGTHS[k]
+            if cost <= limit and cost < length[r, c]:
+                length[r, c], move[r, c] = cost, k
+                heapq.heappush(queue, (cost, r, c))
+    return length, move

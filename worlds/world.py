@@ -11,7 +11,7 @@ import math
 from bisect import bisect_left
 from dataclasses import dataclass
 from functools import cached_property
-from typing import List, Optional, Tuple
+from typing import List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -165,6 +165,14 @@ class Course:
         return past or math.hypot(self.goal[0] - x, self.goal[1] - y) <= self.goal_tolerance
 
 
+class Grid(NamedTuple):
+    """Occupancy grid with the fields of a nav_msgs/OccupancyGrid: cells (ny, nx) int8, [m], and [m, m, rad]."""
+
+    cells: np.ndarray
+    resolution: float
+    origin: Pose
+
+
 @dataclass(frozen=True, eq=False)
 class World:
     """Obstacles and a course.
@@ -175,6 +183,7 @@ class World:
         boxes: (m, 5) float64 x, y, yaw, size_x, size_y [m, rad]; sizes are full side lengths.
         course: Course through the world.
         movers: Moving cylinders.
+        map: Map of the building that the course leads through; None if the world has no map of its own.
     """
 
     name: str
@@ -182,6 +191,7 @@ class World:
     boxes: Array
     course: Course
     movers: Tuple[Mover, ...] = ()
+    map: Optional[Grid] = None
 
 
 def clearance(world: World, points: Array, time: float = 0.0) -> Array:

@@ -29,6 +29,10 @@ from applr_ros1.robots.robot import Robot, SpaceParameter
 WIDTH = 0.53  # width of the Jackal's padded footprint, for which the training worlds were made [m]
 EIGHT = np.arange(8) * pi / 4  # directions of sides and corners in which outlines are compared [rad]
 LIMITED = ((of_kind("speed"), "max_speed"), (of_kind("turn"), "max_yaw_rate"))  # parameters, limit in `base`
+SLOWEST = {  # smallest command, and limit of the first command from rest if any, for speed and turn rate
+    "TrajectoryPlannerROS": (("min_vel_x", ""), ("min_in_place_vel_theta", "acc_lim_theta")),
+    "DWAPlannerROS": (("min_vel_trans", "acc_lim_x"), ("min_vel_theta", "acc_lim_theta")),
+}
 UNITS = 10.0  # ratio of two lengths above which one of them is not in metres
 OUTSIDE = 0.01  # largest distance of body and wheels beyond the padded footprint [m]
 
@@ -242,6 +246,19 @@ def _planner_remarks(setup: _Setup) -> Iterator[str]:
     for low, high in (("min_vel_x", "max_vel_x"), ("min_vel_theta", "max_vel_theta")):
         if own[low] > own[high]:
             yield f"{planner}/{low} is {own[low]:g}, larger than {high} ({own[high]:g}): lower {low}"
+    yield from _dead_band_remarks(setup)
+
+
+def _dead_band_remarks(setup: _Setup) -> Iterator[str]:
+    """Yield parameters of the local planner with which it sends commands that the base ignores."""
+    planner, own, rate = setup.planner, setup.full[setup.planner], setup.full["controller_frequency"]
+    for (slowest, limit), least in zip(SLOWEST[planner], setup.robot.base.dead_band):
+        ignores = f"the base ignores less than base.dead_band in robot.yaml ({least:g})"
+        if own[slowest] < least:
+            yield f"{planner}/{slowest} is {own[slowest]:g}, but {ignores}: raise it to {least:g}"
+        if limit and own[limit] < least * rate:
+            first = f"the first command from rest is at most {own[limit] / rate:.3g}"
+            yield f"{planner}/{limit} is {own[limit]:g}: {first}, but {ignores}; raise it to {least * rate:g}"
 
 
 def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[str]:

@@ -51,6 +51,11 @@ def bounding_box(robot: Robot) -> Tuple[float, float, float, float]:
     )
 
 
+def radius(robot: Robot) -> float:
+    """Return the radius of the circle around the base frame that contains all parts [m]."""
+    return float(np.hypot(*corners(robot).T).max())
+
+
 def supports(base: Base) -> np.ndarray:
     """Return the contact points (n, 2) [m] with the ground: the driven wheels, then the casters."""
     return np.array(wheel_places(base) + [tuple(place) for place in base.casters])

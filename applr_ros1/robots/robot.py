@@ -26,6 +26,7 @@ Frame = Annotated[str, Field(pattern=r"^/?[A-Za-z0-9_][A-Za-z0-9_.:-]*(/[A-Za-z0
 Length = Annotated[StrictFloat, Field(ge=0.01, le=10.0)]
 Place = Annotated[StrictFloat, Field(ge=-10.0, le=10.0)]
 Inertia = Annotated[StrictFloat, Field(ge=1e-9, le=1e5)]
+Speed = Annotated[StrictFloat, Field(ge=0.0, le=2.0)]
 Length3 = Tuple[Length, Length, Length]
 Place2 = Tuple[Place, Place]
 Place3 = Tuple[Place, Place, Place]
@@ -86,6 +87,11 @@ class Base(Section):
     caster_friction: float = real("", 0.0, 3.0, "Coulomb coefficient of a caster on the ground", 0.1)
     command_timeout: float = real(
         "s", 0.0, 60.0, "time without a command after which the base stops; 0 if it never stops", 0.0
+    )
+    dead_band: Tuple[Speed, Speed] = value(
+        "m/s, rad/s",
+        "[v, w]: a smaller commanded speed or turn rate counts as 0",
+        (0.0, 0.0),
     )
 
     @property

@@ -15,10 +15,14 @@ import numpy as np
 
 import sim_bridge
 import worlds
+from applr_ros1 import robots
+from applr_ros1.monitor.monitor import CollisionMonitor
+from applr_ros1.movers.prediction import Prediction
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.navfn.navfn import Navfn
 from applr_ros1.planner.warm_up import warm_up
+from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.planner import replay_dwa, replay_golden
 from tests.support import ROOT
@@ -85,8 +89,34 @@ def _choice(planner, state, *scene):
 
 def control_cycle():
     """Measure the mean time of MoveBase.step (scan, both costmaps, plan, control) with the Jackal's parameters."""
-    mean, count = _time_in_drives(MoveBase, "step", lambda _, cycle: cycle.controlled)
-    return 1e3 * mean, "ms (mean over %d cycles)" % count
+    return _share(*_time_in_drives(MoveBase, "step", lambda _, cycle: cycle.controlled))
+
+
+def monitor():
+    """Measure the collision monitor in one control cycle: taking a scan, and filtering a command."""
+    taken, _ = _time_in_drives(CollisionMonitor, "add_scan", lambda *_: True, monitor=True)
+    filtered, count = _time_in_drives(CollisionMonitor, "filter", lambda *_: True, monitor=True)
+    return _share(taken + filtered, count)
+
+
+def tracker():
+    """Measure the tracker of moving obstacles on one scan, and the prediction of their points."""
+    return _share(*_time_in_drives(Prediction, "add_scan", lambda *_: True, applr={"movers": True}))
+
+
+def decision():
+    """Measure one decision of the Jackal's policy, once a second: encoding of the observation, and networks."""
+    policy, driven = methods.make("applr", robots.JACKAL), _episode("kinematic", MoveBase(JACKAL), monitor=True)
+    driven.layout = policy.layout
+    driven.reset(worlds.load("generated:140"), seed=0)
+    context = driven.context()
+    took = 1e3 / _rate(lambda: policy.theta(context))
+    return took, "ms (%.2f %% of a core at 1 Hz)" % (0.1 * took)
+
+
+def _share(mean, count):
+    """Return a mean time [s] in ms, and its unit with the share of a core at 20 Hz."""
+    return 1e3 * mean, "ms (mean over %d cycles; %.1f %% of a core at 20 Hz)" % (count, 100.0 * 20.0 * mean)
 
 
 def inflation():
@@ -101,7 +131,7 @@ def navfn():
     return 1e6 * mean, "us (mean over %d plans)" % count
 
 
-def _time_in_drives(kind, name, counts, **parameters):
+def _time_in_drives(kind, name, counts, monitor=False, **parameters):
     """Return the mean time [s] of the calls that `counts` accepts, and the number of these calls.
 
     The time is the least of 3 drives, the number that of the last drive.
@@ -109,9 +139,9 @@ def _time_in_drives(kind, name, counts, **parameters):
     warm_up()
     method, took, means = getattr(kind, name), [], []
 
-    def timed(made, *arguments):
+    def timed(made, *arguments, **more):
         began = time.process_time()
-        result = method(made, *arguments)
+        result = method(made, *arguments, **more)
         if counts(made, result):
             took.append(time.process_time() - began)
         return result
@@ -119,7 +149,7 @@ def _time_in_drives(kind, name, counts, **parameters):
     with patch.object(kind, name, timed):
         for _ in range(3):
             took.clear()
-            _drive(_episode("kinematic", MoveBase({**JACKAL, **parameters})), lambda _: SPACE.theta0)
+            _drive(_episode("kinematic", MoveBase({**JACKAL, **parameters}), monitor), lambda _: SPACE.theta0)
             means.append(np.mean(took))
     return min(means), len(took)
 
@@ -143,8 +173,8 @@ def _speed(simulator):
     return best, "simulated s per processor s"
 
 
-def _episode(simulator, move_base):
-    return Episode(sim_bridge.make(simulator), move_base, period=2.0)
+def _episode(simulator, move_base, monitor=False):
+    return Episode(sim_bridge.make(simulator), move_base, period=2.0, monitor=monitor)
 
 
 def _drive(driven, theta, seconds=SECONDS):
@@ -239,6 +269,7 @@ def reconfigure_all():
 
 
 FIGURES = (planner_cycle_default, planner_cycle_max, dwa_planner_cycle, inflation, navfn, control_cycle)
+FIGURES += (monitor, tracker, decision)
 FIGURES += (sim_speed_kinematic, sim_speed_pybullet, td3_updates, sb3_td3_updates, actor_inference, reconfigure_all)
 
 if __name__ == "__main__":

@@ -377,7 +377,7 @@ def test_the_map_of_a_world_matches_the_laser():
     from worlds.occupancy import occupancy
 
     world = worlds.load("physical_course")
-    cells, origin = occupancy(world, 0.05)
+    cells, _, origin = occupancy(world, 0.05)
     near = cells.copy()
     for dy, dx in itertools.product((-1, 0, 1), repeat=2):
         near |= np.roll(cells, (dy, dx), axis=(0, 1))

@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -126,6 +127,35 @@ def test_an_error_is_one_line_with_the_remedy(tmp_path, robot, file, old, new, l
 def test_a_remark_stops_nothing(tmp_path, robot, file, old, new, line):
     described = folders.read(changed(tmp_path / "mine", robot, file, old, new))
     assert [one for one in remarks(described) if re.search(line, one)], remarks(described)
+
+
+@pytest.mark.parametrize(
+    ("robot", "dead_band", "lines"),
+    [
+        ("jackal", (0.08, 0.25), []),
+        ("jackal", (0.11, 0.1), ["min_vel_x is 0.1, but the base ignores .* robot.yaml .0.11.: raise it to 0.11$"]),
+        (
+            "jackal",
+            (0.0, 0.4),
+            ["ROS/min_in_place_vel_theta is 0.314, but .* raise it to 0.4$"],
+        ),
+        (
+            "turtlebot3_waffle_pi",
+            (0.26, 0.34),
+            [
+                "min_vel_trans is 0.13, .* raise it to 0.26$",
+                "ROS/acc_lim_x is 2.5: the first command from rest is at most 0.25, .* raise it to 2.6$",
+                "ROS/acc_lim_theta is 3.2: .* at most 0.32, .* raise it to 3.4$",
+            ],
+        ),
+    ],
+)
+def test_a_dead_band_names_the_parameters_that_are_too_small(robot, dead_band, lines):
+    described = load(robot)
+    base = described.base.model_copy(update={"dead_band": dead_band})
+    given = remarks(replace(described, base=base))
+    assert len(given) == len(lines), given
+    assert all(re.search(pattern, line) for pattern, line in zip(lines, given)), given
 
 
 @pytest.mark.parametrize("name", NAMES)

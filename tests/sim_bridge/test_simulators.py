@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from math import cos, hypot, isfinite, pi, sin
 
 import numpy as np
@@ -401,3 +402,22 @@ def test_kinematic_needs_no_pybullet():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS)
     assert done.returncode == 0
     assert (done.stdout, done.stderr) == ("pybullet\n", "")
+
+
+# -- dead band ---------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", NAMES)
+def test_a_base_with_a_dead_band_takes_smaller_speeds_and_turn_rates_as_0(name):
+    base = JACKAL.base.model_copy(update={"dead_band": (0.1, 0.5)})
+    simulator = sim_bridge.make(name, replace(JACKAL, base=base))
+    for command, moves, turns in (
+        ((0.09, 0.49), False, False),
+        ((-0.09, -0.49), False, False),
+        ((0.11, 0.4), True, False),
+        ((-0.2, 0.0), True, False),
+        ((0.05, 0.8), False, True),
+        ((0.2, -0.8), True, True),
+    ):
+        simulator.reset(small_world(), 0)
+        x, y, yaw = drive(simulator, *command, 1.0).pose
+        assert (hypot(x, y) > 0.05, abs(yaw) > 0.1) == (moves, turns), command
+    simulator.close()

@@ -17,6 +17,7 @@ import sim_bridge
 import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.robots.geometry import radius
 from training.common.options import checked
 from training.env import privileged
 from training.env.episode import Episode
@@ -57,8 +58,8 @@ class ApplrEnv(gymnasium.Env):
         self.settings = checked(TrialSettings, settings, "environment")
         if self.settings.period is None:
             raise ApplrError("period is missing: give the decision period in seconds")
-        self.worlds = worlds_package.Worlds(worlds) if isinstance(worlds, str) else list(worlds)
         robot = self.settings.robot
+        self.worlds = worlds_package.Worlds(worlds, radius(robot)) if isinstance(worlds, str) else list(worlds)
         self.episode = Episode(
             sim_bridge.make(self.settings.simulator, robot=robot, **self.settings.randomisation),
             MoveBase(self.settings.planner_parameters(robot), planner=self.settings.planner),

@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots.geometry import radius
 from training.common.command_line import RayAddress, Seed, SimulatorName, Workers
 from training.common.options import option
 from training.common.provenance import provenance
@@ -103,6 +104,7 @@ def settings(
         "robot": {
             "name": robot.name,
             "body": list(robot.body.size[:2]),  # length and width [m]
+            "radius": radius(robot),
             "world_scale": robot.world_scale,
             "space": space_of(robot).to_dict(),
             "sha256": content(robot),

@@ -25,6 +25,7 @@ from applr_ros1.policy.actor import Policy
 from applr_ros1.policy.decision import PERIOD, Method
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
+from applr_ros1.robots.geometry import radius
 from training.env.episode import Episode
 from training.env.outcome import Trace
 from training.env.settings import CHALLENGE, TrialSettings, under
@@ -52,7 +53,7 @@ def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Re
 
 def at_scale(protocol: str, spec: str, robot: Robot) -> World:
     """Return a world with the protocol's course, scaled to the robot. Raises ApplrError if it cannot be loaded."""
-    return worlds_package.scaled(under(protocol, worlds_package.load(spec)), robot.world_scale)
+    return worlds_package.scaled(under(protocol, worlds_package.load(spec, radius(robot))), robot.world_scale)
 
 
 def content(robot: Robot) -> str:
@@ -163,7 +164,7 @@ def world_list(text: str, protocol: str, robot: Robot) -> List[Tuple[str, str, W
     """Return [(name, specification, World), ...] of a comma-separated list, scaled to a robot. Raises ApplrError."""
     listed: List[Tuple[str, str, World]] = []
     for part in text.split(","):
-        for spec in worlds_package.specs(part.strip()):
+        for spec in worlds_package.specs(part.strip(), radius(robot)):
             world = at_scale(protocol, spec, robot)
             if any(world.name == name for name, _, _ in listed):
                 raise ApplrError(f"two worlds have the name {world.name!r}: evaluate one at a time, or rename a file")

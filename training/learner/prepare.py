@@ -10,6 +10,7 @@ from typing import Callable, List, Optional, Tuple
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.robots.geometry import radius
 from training.env.env import ApplrEnv
 from training.env.reward import Reward
 from training.evaluation.runner import run, world_list
@@ -33,7 +34,7 @@ class Preparation:
 
 def prepare(config: TrainConfig) -> Preparation:
     """Check worlds and environment before a run starts, and return its preparation. Raises ApplrError."""
-    worlds, judged, options = Worlds(config.worlds), config.judged, config.environment()
+    worlds, judged, options = Worlds(config.worlds, radius(config.robot)), config.judged, config.environment()
     held_out: List[Tuple[str, str]] = []
     if config.eval_worlds != "none":
         held_out = [world[:2] for world in world_list(config.eval_worlds, judged["protocol"], config.robot)]

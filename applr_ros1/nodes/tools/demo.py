@@ -34,7 +34,7 @@ from applr_ros1.msg import Parameters
 from applr_ros1.nodes.conversions import GOAL_STATES, pose_stamped
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import Space, space_of
-from applr_ros1.robots import Robot, load
+from applr_ros1.robots import Robot, geometry, load
 from sim_bridge.ros_bridge import BASE_TIME_S
 
 from .launcher import Stack, given_arguments, launch_arguments, private_stack, report
@@ -91,7 +91,7 @@ def prepare(words: Sequence[str]) -> Tuple[Dict[str, Any], Dict[str, str], Robot
             raise ApplrError(f"page is {values['page']}: give a .html file in a folder that can be written")
     robot = load(values["robot"])
     values["method"] = methods.make(values["method"], robot).name
-    world = worlds.scaled(worlds.load(values["world"]), robot.world_scale)
+    world = worlds.scaled(worlds.load(values["world"], geometry.radius(robot)), robot.world_scale)
     values["sent"] = course_goal(world.course)
     if values["goal"] != "auto":  # The goal is given in odom, whose origin is the start.
         values["sent"] = x, y, yaw = pose("goal", values["goal"])

@@ -1,4 +1,4 @@
-"""Measurement of how a base brakes and turns, for the line `monitor:` of robot.yaml.
+"""Measurement of how a base brakes, turns and ignores small commands, for `monitor:` and `dead_band` in robot.yaml.
 
 Started as `rosrun applr_ros1 measure_braking.py`. The program drives the robot; see --help.
 """
@@ -29,6 +29,7 @@ BACK_MPS = 0.5  # largest speed on the way back [m/s]
 LEAST_WAY_M, ROOM_M = 2.0, 0.5  # smallest free distance ahead, and the part of it that is kept in reserve [m]
 STANDING = 0.3  # time over which the speed before braking is averaged, and time without motion at rest [s]
 STILL = 0.02, 0.05  # speed [m/s] and turn rate [rad/s] below which the base counts as at rest
+STEPS, MOST_STEPS = (0.01, 0.03), 30  # steps of the dead band's measurement [m/s, rad/s], and their largest number
 FELL = 0.9  # share of the speed below which the base counts as braking
 
 
@@ -157,6 +158,19 @@ class Base:
         return stop
 
 
+def dead_band(base: Base, turning: bool) -> float:
+    """Return the smallest command [m/s, or rad/s if turning] that moves the base; 0 if the first step already does."""
+    step = STEPS[turning]
+    for command in (step * number for number in range(1, MOST_STEPS + 1)):
+        before = base.samples[-1]
+        base.drive(0.0 if turning else command, command * turning, lambda: False, DRIVING_S)
+        now = base.samples[-1]
+        way = normalize_angle(now.yaw - before.yaw) if turning else math.hypot(now.x - before.x, now.y - before.y)
+        if way > 0.5 * command * DRIVING_S:
+            break
+    return command if command > step else 0.0
+
+
 def fastest(free: float) -> float:
     """Return the largest speed [m/s] of a run within `free` metres if the base brakes at 1 m/s^2."""
     return math.sqrt(DRIVING_S**2 + 2.0 * (free - ROOM_M)) - DRIVING_S
@@ -166,8 +180,9 @@ def main() -> None:
     """Run the command. Raises ApplrError unless --yes confirms that the robot may drive."""
     parser = argparse.ArgumentParser(
         prog="measure_braking.py",
-        description="Drive the robot forwards at several speeds, brake, drive back, turn in place and stop; then print "
-        "the line `monitor:` of robot.yaml. Commands bypass the collision monitor.",
+        description="Command rising speeds until the robot moves, drive forwards at several speeds, brake, drive back, "
+        "turn in place and stop; then print `dead_band` and the line `monitor:` of robot.yaml. Commands bypass the "
+        "collision monitor.",
     )
     add = parser.add_argument
     add(
@@ -192,6 +207,9 @@ def main() -> None:
     init_node("measure_braking", anonymous=True)
     base = Base(robot.topics.cmd_vel, options.odometry or robot.topics.odometry, options.free)
     top = min(robot.base.max_speed, fastest(options.free))
+    ignored = [dead_band(base, turning) for turning in (False, True)]
+    base.drive(0.0, 0.0, base.stands, 6.0)
+    print("base: {{dead_band: [{:g}, {:g}]}}".format(*ignored), flush=True)
     straight, turns = [], []
     for speed in [share * top for share in SHARES for _ in range(options.repeats)]:
         straight.append(base.run(speed, 0.0))

@@ -18,7 +18,7 @@ from dynamic_reconfigure import find_reconfigure_services
 
 import worlds
 from applr_ros1.nodes.viewer import admission
-from applr_ros1.robots import load
+from applr_ros1.robots import geometry, load
 
 from .launcher import given_arguments, launch_arguments, private_stack, report
 
@@ -38,8 +38,8 @@ def main() -> None:
     given = {"viewer": "true", "goal": "none"}
     defaults = launch_arguments()
     given.update(given_arguments(options.words, defaults))
-    load(given.get("robot", defaults["robot"]))  # An invalid robot or world is an error before anything starts.
-    worlds.load(given.get("world", defaults["world"]))
+    robot = load(given.get("robot", defaults["robot"]))  # An invalid robot or world is an error before anything starts.
+    worlds.load(given.get("world", defaults["world"]), geometry.radius(robot))
     token = os.environ[admission.TOKEN] = admission.token()
     # Any local user or website can write to the parameter server: accept only an address on 127.0.0.1 with our token.
     known = re.compile(rf"http://127\.0\.0\.1:\d+/{re.escape(token)}/")

@@ -18,7 +18,7 @@ from applr_ros1.common.angles import Pose
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node
 from applr_ros1.nodes.conversions import GOAL_STATES, pose_stamped
-from applr_ros1.robots import load
+from applr_ros1.robots import geometry, load
 
 
 def course_goal(course: worlds.Course) -> Pose:
@@ -37,7 +37,8 @@ def main() -> None:
     robot = load(str(rospy.get_param("~robot", "jackal")))
     frame = arguments.frame_prefix(str(rospy.get_param("~tf_prefix", ""))) + robot.frames.odom
     if given == "auto":
-        course = worlds.scaled(worlds.load(rospy.get_param("~world", "generated:0")), robot.world_scale).course
+        world = worlds.load(str(rospy.get_param("~world", "generated:0")), geometry.radius(robot))
+        course = worlds.scaled(world, robot.world_scale).course
         pose = course_goal(course)
     else:
         pose = arguments.pose("goal", given)

@@ -1,0 +1,269 @@
+"""Maps of buildings as worlds: map_server's format, obstacles, courses, halves, passages, mistakes."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+
+import worlds
+from applr_ros1 import robots
+from applr_ros1.robots.geometry import radius
+from tests.support import plans
+from tests.support.refusals import refused
+from training import check_robot
+from training.tune_robot import UNSEEN, split
+from worlds import draw, map_courses, map_reader, search
+from worlds.occupancy import occupancy
+from worlds.world import clearance
+
+WAFFLE, JACKAL = (radius(robots.load(name)) for name in ("turtlebot3_waffle_pi", "jackal"))
+ROOMS = {  # regions of a plan: smallest x, y, largest x, y [m] from its lower left corner
+    "office": [(6.0 * room, y, 6.0 * room + 6.0, y + 5.8) for room in range(6) for y in (0.0, 8.2)]
+    + [(12.0 * part, 6.0, 12.0 * part + 12.0, 8.0) for part in range(3)],
+    "warehouse": [(3.6 + 2.6 * aisle, y, 5.2 + 2.6 * aisle, y + 8.0) for aisle in range(9) for y in (2.5, 13.5)],
+    "house": [(4.0 * room, y, 4.0 * room + 4.0, y + 4.2) for room in range(3) for y in (0.0, 5.8)],
+}
+
+
+@pytest.fixture(scope="module", params=list(plans.PLANS))
+def plan(request, tmp_path_factory):
+    """Provide the name of a plan and the path of its map."""
+    return request.param, plans.write(tmp_path_factory.mktemp("maps"), request.param)
+
+
+@pytest.fixture(scope="module")
+def office(tmp_path_factory):
+    return plans.write(tmp_path_factory.mktemp("office"), "office")
+
+
+def cells(folder, pixels, **changes):
+    """Return the cells of a map with some pixels, as lists with the lowest y first."""
+    return map_reader.read_map(
+        plans.write(folder, "small", np.array(pixels, np.uint8), "png", **changes)
+    ).cells.tolist()
+
+
+# -- map_server's format
+def test_the_radius_is_that_of_the_farthest_corner():
+    assert (pytest.approx(np.hypot(0.229, 0.208), abs=1e-3), pytest.approx(0.249, abs=1e-3)) == (JACKAL, WAFFLE)
+
+
+def test_modes_give_the_values_that_map_server_publishes(tmp_path):
+    grey = [[0, 89, 90, 128, 204, 205, 206, 254]]  # The thresholds are between 89 and 90, and between 205 and 206.
+    assert cells(tmp_path, grey) == [[100, 100, -1, -1, -1, -1, 0, 0]]
+    assert cells(tmp_path, grey, negate=1) == [[0, -1, -1, -1, 100, 100, 100, 100]]
+    assert cells(tmp_path, grey, mode="scale") == [[100, 100, 98, 66, 1, 1, 0, 0]]
+    assert cells(tmp_path, [[204, 203, 205]], free_thresh=0.2, occupied_thresh=0.2) == [[-1, 100, 0]]  # .2 exactly
+    assert cells(tmp_path, [[0, 37, 100, 127, 128, 255]], mode="raw") == [[0, 37, 100, 127, -128, -1]]
+    raw = np.array([0, 99, 100, 127, -128, -1], np.int8)
+    assert map_reader.is_occupied(raw).tolist() == [False, False, True, True, True, False]
+
+
+def test_mode_trinary_averages_the_opacity_and_scale_takes_transparent_pixels_as_unknown(tmp_path):
+    pixels = [[[100, 100, 100, 0], [100, 100, 100, 255], [0, 0, 0, 0], [0, 0, 0, 255]]]
+    assert cells(tmp_path, pixels) == [[100, -1, 100, 100]]
+    assert cells(tmp_path, pixels, mode="scale") == [[-1, 89, 100, 100]]
+    assert cells(tmp_path, [[[0, 0, 255]], [[255, 255, 255]]]) == [[0], [100]]
+
+
+def test_one_bit_and_palette_images_are_maps_too(tmp_path):
+    for mode in ("1", "P"):
+        path = plans.write(tmp_path, "office")
+        Image.fromarray(plans.office()).point(lambda v: 255 * (v > 0)).convert(mode).save(tmp_path / "office.png")
+        text = (tmp_path / "office.yaml").read_text().replace("office.pgm", "office.png")
+        (tmp_path / "office.yaml").write_text(text)
+        assert (map_reader.is_occupied(map_reader.read_map(path).cells)[::-1] == (plans.office() == plans.WALL)).all()
+
+
+def test_rows_go_up_and_the_origin_turns_the_map(tmp_path):
+    path = plans.write(tmp_path, "small", np.array([[254, 254, 254], [254, 0, 0]], np.uint8), origin=[1.0, 2.0, 0.5])
+    grid = map_reader.read_map(path)
+    assert grid.cells.tolist() == [[0, 100, 100], [0, 0, 0]]
+    (box,) = map_reader.boxes(grid)
+    c, s = np.cos(0.5), np.sin(0.5)
+    assert box == pytest.approx([1.0 + 0.1 * c - 0.025 * s, 2.0 + 0.1 * s + 0.025 * c, 0.5, 0.1, 0.05])
+
+
+# -- obstacles
+def test_boxes_cover_the_occupied_cells_and_nothing_else():
+    marked = np.random.default_rng(0).random((40, 50)) < 0.3
+    grid = worlds.world.Grid(np.where(marked, 100, -1).astype(np.int8), 1.0, (0.0, 0.0, 0.0))
+    covered = np.zeros(marked.shape, int)
+    for x, y, _, across, along in map_reader.boxes(grid):
+        covered[round(y - along / 2) : round(y + along / 2), round(x - across / 2) : round(x + across / 2)] += 1
+    assert (covered == marked).all()
+
+
+def test_walls_are_few_boxes_and_a_course_keeps_those_within_12_m(plan):
+    _, path = plan
+    everything = map_courses.building(path, JACKAL).boxes
+    assert len(everything) < 60
+    world = worlds.load(f"{path}:3", JACKAL)
+    away = np.array(
+        [
+            clearance(worlds.world.World("", np.zeros((0, 3)), box[None], world.course), world.course.path).min()
+            for box in everything
+        ]
+    )
+    kept = np.array([(box == world.boxes).all(axis=1).any() for box in everything])
+    assert (away[kept] <= 12.0).all()
+    assert (away[~kept] > 11.5).all()  # The distance is taken from every tenth point of the path.
+
+
+# -- courses
+def test_courses_keep_their_distances(plan):
+    name, path = plan
+    made = list(worlds.Worlds(path, JACKAL))
+    assert [world.name for world in made] == [f"{name}.yaml:{number}" for number in range(len(made))]
+    starts = np.array([world.course.start[:2] for world in made])
+    apart = np.hypot(*(starts[:, None] - starts).T) + 1e9 * np.eye(len(made))
+    assert apart.min() >= 1.0
+    floor = occupancy(made[0], 0.05)
+    for world in made:
+        points = world.course.path
+        length = np.hypot(*np.diff(points, axis=0).T).sum()
+        assert 5.0 <= length <= 15.0
+        assert np.hypot(*np.diff(points, axis=0).T).max() < 0.08
+        assert clearance(world, points).min() >= JACKAL + 0.05 - 0.0104  # half a cell's diagonal less half its side
+        column, row = ((points - floor.origin[:2]) / 0.05).astype(int).T
+        assert (floor.cells[row, column] == 0).all()
+        assert (points[0], points[-1]) == (pytest.approx(world.course.start[:2]), pytest.approx(world.course.goal[:2]))
+        for yaw, (x, y) in (
+            (world.course.start[2], points[10] - points[0]),
+            (world.course.goal[2], points[-1] - points[-11]),
+        ):
+            assert yaw == pytest.approx(np.arctan2(y, x))
+    lengths = [world.course.route_m for world in made]
+    assert np.ptp(lengths) > 8.0
+
+
+def test_there_are_courses_in_all_rooms(plan):
+    name, path = plan
+    points = np.vstack([world.course.path for world in worlds.Worlds(path, JACKAL)]) + (5.0, 3.0) - 10 * 0.05
+    for low_x, low_y, high_x, high_y in ROOMS[name]:
+        assert (((points > (low_x, low_y)) & (points < (high_x, high_y))).all(axis=1)).any(), (low_x, low_y)
+
+
+def test_courses_are_the_same_every_time_and_depend_on_the_robot(office):
+    first = worlds.load(f"{office}:7", JACKAL)
+    map_courses.building.cache_clear()
+    map_courses.path_cells.cache_clear()
+    assert np.array_equal(worlds.load(f"{office}:7", JACKAL).course.path, first.course.path)
+    wide = [world.course.path for world in worlds.Worlds(office, 0.6)]  # Doors of .9 m are too narrow.
+    rooms = [{int(y > 5.5) + int(y > 7.5) for _, y in path + (0.0, 3.0 - 10 * 0.05)} for path in wide]
+    assert all(len(crossed) == 1 for crossed in rooms)
+
+
+def test_no_course_runs_where_the_map_is_unknown(tmp_path):
+    pixels = plans.office()
+    pixels[: len(pixels) // 2] = plans.UNKNOWN
+    path = plans.write(tmp_path, "office", pixels)
+    assert min(w.course.path[:, 1].max() for w in worlds.Worlds(path, JACKAL)) < 7.5 - 3.0 - JACKAL
+    assert max(w.course.path[:, 1].max() for w in worlds.Worlds(path, JACKAL)) < 7.5 - 3.0 - JACKAL
+
+
+def test_paths_are_shortest():
+    free = np.random.default_rng(1).random((30, 30)) < 0.7
+    free[0, 0] = True
+    length, move = search.shortest_paths(free, 0, 0, 40.0)
+    edges = [
+        (30 * r + c, 30 * (r + dr) + c + dc, np.hypot(dr, dc))
+        for r, c in np.argwhere(free)
+        for dr, dc in search.MOVES
+        if 0 <= r + dr < 30 and 0 <= c + dc < 30 and free[r + dr, c + dc] and (free[r, c + dc] or free[r + dr, c])
+    ]
+    row, column, cost = zip(*edges)
+    exact = dijkstra(coo_matrix((cost, (row, column)), shape=(900, 900)).tocsr(), indices=0).reshape(30, 30)
+    assert np.array_equal(length, np.where(exact <= 40.0, length, np.inf))
+    assert np.allclose(length[exact <= 40.0], exact[exact <= 40.0])
+    last = np.argwhere((length > 0) & np.isfinite(length))
+    before = last - np.array(search.MOVES)[move[tuple(last.T)]]
+    step = length[tuple(last.T)] - length[tuple(before.T)]
+    assert np.allclose(step, np.array(search.LENGTHS)[move[tuple(last.T)]])
+
+
+def test_everything_else_about_a_map(office, tmp_path, monkeypatch):
+    world = worlds.load(f"{office}:3", JACKAL)
+    assert worlds.scaled(world, 0.5) is world
+    assert occupancy(world, 0.2) is world.map
+    assert worlds.specs(f"{office}:2-4") == [f"{office}:{number}" for number in (2, 3, 4)]
+    monkeypatch.setattr("sys.argv", ["draw", f"{office}:3", str(tmp_path / "office.png")])
+    assert draw.main() == 0
+    assert (tmp_path / "office.png").stat().st_size > 10_000
+
+
+# -- search and verdict
+def test_halves_share_no_place(plan):
+    _, path = plan
+    choose, report = (worlds.Worlds(f"{path}:{half}", JACKAL) for half in ("choose", "report"))
+    axis = int(np.argmax(np.ptp(np.vstack([w.course.path for w in worlds.Worlds(path, JACKAL)]), axis=0)))
+    lower, upper = (np.concatenate([w.course.path[:, axis] for w in half]) for half in (choose, report))
+    assert lower.max() < upper.min()
+    assert min(len(choose), len(report)) >= 5
+
+
+def test_tune_judges_on_the_other_half():
+    assert split("office.yaml") == ("office.yaml:choose", "office.yaml:report")
+    assert split("a.yml, generated:learn") == ("a.yml:choose, generated:learn", "a.yml:report")
+    assert split("office.yaml:0-9,generated:learn") == ("office.yaml:0-9,generated:learn", UNSEEN)
+
+
+# -- doors
+@pytest.mark.parametrize("door", [0.8, 1.1])
+def test_the_narrowest_passage_is_the_door(tmp_path, door):
+    pixels, fill = plans.blank(16.0, 8.0)
+    fill(8.0, 0.0, 0.1, 8.0)
+    fill(8.0, 3.0, 0.1, door, plans.FREE)
+    path = plans.write(tmp_path, "door", pixels)
+    through = [
+        number
+        for number, world in enumerate(worlds.Worlds(path, JACKAL))
+        if np.ptp(np.sign(world.course.path[25:-25, 0] + 4.5 - 8.05)) > 1
+    ]
+    assert len(through) > 3
+    assert [map_courses.passage(path, JACKAL, number) for number in through] == pytest.approx([door] * len(through))
+
+
+def test_check_robot_reports_the_narrowest_passage(office, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(check_robot.open_floor, "try_out", lambda robot: (True, []))
+    assert check_robot.main(["jackal", "--map", office]) == 0
+    assert "passage on 100 courses of" in capsys.readouterr().out
+    robot = robots.load("jackal")
+    line = f"courses of {office}: 0.90 m; the padded footprint of "
+    assert f"{line}0.53 m passes with 0.18 m on each side" in check_robot.doors(robot, office)
+    wide = robot.with_parameters({"local_costmap": {"footprint_padding": 0.35}}, "wide")
+    assert f"{line}1.03 m does not pass: reduce footprint_padding" in check_robot.doors(wide, office)
+
+
+# -- mistakes
+def test_mistakes_are_one_line(office, tmp_path):
+    def refusal(spec, *words):
+        return refused(lambda: worlds.load(spec), *words)
+
+    refusal(str(tmp_path / "none.yaml"), "none.yaml", "give an existing file")
+    for part in ("100", "1-100", "-1", "x", "choose:3"):
+        refused(
+            lambda part=part: worlds.specs(f"{office}:{part}"), "no worlds", "office.yaml:0 to .*office.yaml:99; give"
+        )
+    refusal(office, "names 100 worlds, but one is needed; give one of them: .*office.yaml:0")
+    refusal(plans.write(tmp_path, "office", resolution=None), "office.yaml has no resolution: give a map as map_saver")
+    refusal(plans.write(tmp_path, "office", mode="ternary"), "mode ternary, .* give trinary or scale or raw")
+    refusal(plans.write(tmp_path, "office", resolution=0.0), "resolution 0: ")
+    refusal(
+        plans.write(tmp_path, "office", negate=1), r"no path of 5 m .* radius of 0.31 m: check resolution, .* negate"
+    )
+    refusal(plans.write(tmp_path, "shut", np.zeros((50, 50), np.uint8)), "no path of 5 m")
+    (tmp_path / "text.yaml").write_text("office")
+    refusal(str(tmp_path / "text.yaml"), "has no image")
+    with pytest.raises(OSError, match="gone.pgm"):
+        worlds.load(plans.write(tmp_path, "office", image="gone.pgm"))
+
+
+def test_nothing_in_a_map_is_executed(tmp_path):
+    path = tmp_path / "office.yaml"
+    path.write_text("image: !!python/object/apply:os.mkdir [%s]\n" % json.dumps(str(tmp_path / "made")))
+    refused(lambda: worlds.load(str(path)), "not readable as YAML")
+    assert not (tmp_path / "made").exists()
