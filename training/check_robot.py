@@ -26,8 +26,7 @@ from applr_ros1.robots.geometry import radius
 from training.common.command_line import parsed
 from training.common.options import Options, argument, option
 from training.tuning import open_floor
-from worlds import specs
-from worlds.map_courses import passage
+from worlds.map_courses import Building
 
 
 def summary(described: Robot) -> List[str]:
@@ -55,19 +54,16 @@ def summary(described: Robot) -> List[str]:
 
 def doors(described: Robot, path: str) -> str:
     """Return a line on the narrowest passage of all courses through the building of a map."""
-    numbers = range(len(specs(path, radius(described))))
-    narrowest = min(passage(path, radius(described), number) for number in numbers)
+    courses = Building(path, radius(described))
+    narrowest = min(map(courses.passage, range(len(courses.starts))))
     width = np.ptp(MoveBase(described.parameters()).local_costmap.footprint, axis=0)[1]
-    line = f"narrowest passage on {len(numbers)} courses of {path}: {narrowest:.2f} m; the padded footprint of "
-    passes = f"passes with {(narrowest - width) / 2:.2f} m on each side"
-    return f"{line}{width:.2f} m {passes if narrowest > width else 'does not pass: reduce footprint_padding'}"
+    fits = f"passes with {(narrowest - width) / 2:.2f} m on each side"
+    fits = fits if narrowest > width else "does not pass: reduce footprint_padding"
+    return f"narrowest passage of {path}: {narrowest:.2f} m; the padded footprint of {width:.2f} m {fits}"
 
 
 def check(name_or_folder: str, path: str = "") -> int:
-    """Print errors and remarks; without errors, also summary and test drives. Return 1 if the robot does not drive.
-
-    With the path of a map, a line about its doors is added.
-    """
+    """Print errors and remarks; without errors, also summary, doors and test drives. Return 1 if the robot fails."""
     remarks: List[str] = []
     try:
         described = read(name_or_folder)

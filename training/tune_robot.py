@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import sys
 from pathlib import Path
 from typing import Literal, Optional, Sequence, Tuple
@@ -72,9 +71,9 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
 def split(worlds: str) -> Tuple[str, str]:
     """Return the worlds of the search and of the verdicts. Each whole map is split into two halves."""
-    maps = [part.strip() for part in worlds.split(",") if part.strip().endswith((".yaml", ".yml"))]
-    searched = re.sub(r"(\.ya?ml) *(?=,|$)", r"\1:choose", worlds)
-    return searched, ",".join(f"{path}:report" for path in maps) or UNSEEN
+    parts = [part.strip() for part in worlds.split(",")]
+    searched = [f"{part}:choose" if part.endswith(".yaml") else part for part in parts]
+    return ",".join(searched), ",".join(f"{part}:report" for part in parts if part.endswith(".yaml")) or UNSEEN
 
 
 def run(options: TuneOptions) -> int:

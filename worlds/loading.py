@@ -10,7 +10,7 @@ import functools
 import os
 import re
 from collections.abc import Sequence
-from typing import Any, Callable, Dict, List, NamedTuple, Optional, Tuple
+from typing import Any, Callable, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -22,20 +22,18 @@ from .world import Course, Mover, World
 SPECIFICATIONS = (
     f"generated:N (0-{barn.COUNT - 1}), generated:train, generated:test, generated:validation, generated:learn, "
     "fresh:N, fresh:N-M (0 on), final:N, final:N-M (0-99), dynamic:N, dynamic:N-M, dynamic:validation, dynamic:test, "
-    "physical_course, a .world file, a folder of them, or MAP.yaml, MAP.yaml:N, MAP.yaml:N-M, MAP.yaml:choose and "
-    "MAP.yaml:report for courses through the building of a map, and for those in each half of it"
+    "physical_course, a .world file, a folder of them, or courses through a building: MAP.yaml, MAP.yaml:N, "
+    "MAP.yaml:N-M, and those in either half of it, MAP.yaml:choose and MAP.yaml:report"
 )
-HALVES = {"choose": False, "report": True}  # whether a choice of a map's courses is its upper half
-MAP = re.compile(r"^(.+\.ya?ml)(?::(.*))?$")  # path of a map, and a choice of its courses
 RADIUS_M = 0.31  # default radius of the robot's circle, the Jackal's [m]
 MADE = ("fresh:", "final:", "dynamic:")  # prefixes of worlds that are generated on demand
 
 
 class _Recipe(NamedTuple):
-    """Recipe of numbered worlds: generator, numbers of each split by name, and end (exclusive) of the numbers."""
+    """Recipe of numbered worlds: generator, numbers of a split by its name, and end (exclusive) of the numbers."""
 
     make: Callable[[int], World]
-    splits: Dict[str, Any]
+    split: Callable[[str], Optional[Sequence[int]]]
     end: int
 
 
@@ -50,23 +48,22 @@ def _final(number: int) -> World:
 
 
 _RECIPES = {
-    "generated": _Recipe(barn.world, barn.SPLITS, barn.COUNT),
-    "fresh": _Recipe(_fresh, {}, 10**9),
-    "final": _Recipe(_final, {}, 100),
-    "dynamic": _Recipe(dynabarn.generate, dynabarn.SPLITS, 10**9),
+    "generated": _Recipe(barn.world, barn.SPLITS.get, barn.COUNT),
+    "fresh": _Recipe(_fresh, lambda _: None, 10**9),
+    "final": _Recipe(_final, lambda _: None, 100),
+    "dynamic": _Recipe(dynabarn.generate, dynabarn.SPLITS.get, 10**9),
 }
 
 
-def _recipe(text: str, radius: float) -> Tuple[str, str, Optional[_Recipe]]:
-    """Return the name of a recipe or the path of a map, the choice of its worlds, and the recipe if there is one."""
-    building = MAP.match(text)
-    if not building:
-        name, _, part = text.partition(":")
-        return name, part, _RECIPES.get(name)
-    path, part = building.group(1), building.group(2) or ""
-    count = len(map_courses.building(path, radius).starts)
-    splits = {part: map_courses.half(path, radius, HALVES[part])} if part in HALVES else {"": range(count)}
-    return path, part, _Recipe(functools.partial(map_courses.course, path, radius), splits, count)
+_building = functools.lru_cache(maxsize=4)(map_courses.Building)
+
+
+def _recipe(name: str, radius: float) -> Optional[_Recipe]:
+    """Return the recipe of a name or of the path of a map; None if there is none."""
+    if not name.endswith(".yaml"):
+        return _RECIPES.get(name)
+    building = _building(name, radius)
+    return _Recipe(building.course, building.numbers, len(building.starts))
 
 
 def load(spec: str, radius: float = RADIUS_M) -> World:
@@ -75,12 +72,12 @@ def load(spec: str, radius: float = RADIUS_M) -> World:
     `radius` [m] is that of the circle around the robot, on which the courses of a map depend.
     """
     text = str(spec)
-    _, _, recipe = _recipe(text, radius)
+    recipe = _recipe(text.partition(":")[0], radius)
     if recipe:
         names = specs(text, radius)
         if len(names) > 1:
             raise ApplrError(f"{text} names {len(names)} worlds, but one is needed; give one of them: {names[0]}")
-        return recipe.make(int(names[0].rpartition(":")[2]))
+        return recipe.make(int(names[0].partition(":")[2]))
     if text == physical_course.NAME:
         return physical_course.world()
     if text.endswith(".world"):
@@ -102,8 +99,8 @@ class Worlds(Sequence[World]):
 
     def __init__(self, spec: str, radius: float = RADIUS_M) -> None:
         self.specs = [one for part in spec.split(",") for one in specs(part.strip(), radius)]
-        self._loaded = {one: load(one) for one in self.specs if not (one.startswith(MADE) or MAP.match(one))}
-        self._made = functools.lru_cache(maxsize=256)(functools.partial(load, radius=radius))
+        self._loaded = {one: load(one, radius) for one in self.specs if not one.startswith(MADE)}
+        self._made = functools.lru_cache(maxsize=256)(load)
 
     def __len__(self) -> int:
         return len(self.specs)
@@ -123,11 +120,12 @@ def specs(spec: str, radius: float = RADIUS_M) -> List[str]:
         ApplrError: There are no such numbers, or a folder contains no .world files.
     """
     text = str(spec)
-    name, part, recipe = _recipe(text, radius)
+    name, _, part = text.partition(":")
+    recipe = _recipe(name, radius)
     if recipe:
         match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", part, re.ASCII)
         first, last = (int(match.group(1)), int(match.group(2) or match.group(1))) if match else (0, -1)
-        numbers = recipe.splits.get(part, range(first, last + 1) if last < recipe.end else ())
+        numbers = recipe.split(part) or (range(first, last + 1) if last < recipe.end else ())
         if not numbers:
             raise ApplrError(f"no worlds {text!r} of {name}:0 to {name}:{recipe.end - 1}; give {SPECIFICATIONS}")
         return [f"{name}:{number}" for number in numbers]

@@ -12,45 +12,38 @@ from applr_ros1.common.files import read_yaml
 
 from .world import Grid
 
-KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")  # keys that map_server requires
-MODES = TRINARY, SCALE, RAW = "trinary", "scale", "raw"
+KEYS = {"image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh"}  # keys that map_server requires
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # values of cells
 
 
 def read_map(path: str) -> Grid:
-    """Return the map in a YAML file as map_server publishes it.
-
-    Raises:
-        ApplrError: A key is missing or has an invalid value.
-        OSError: The image is missing or cannot be read.
-    """
+    """Return the map in a YAML file as map_server publishes it. Raise ApplrError if the file describes no map."""
     from PIL import Image  # The import is slow, and most commands need no map.
 
     given = read_yaml(path)
-    missing = [key for key in KEYS if not isinstance(given, dict) or key not in given]
-    if missing:
-        raise ApplrError(f"{path} has no {missing[0]}: give a map as map_saver writes it")
-    mode, resolution = given.get("mode", TRINARY), float(given["resolution"])
-    if mode not in MODES or not resolution > 0.0:
-        raise ApplrError(f"{path} has mode {mode}, resolution {resolution:g}: give {' or '.join(MODES)}, and metres")
+    if not isinstance(given, dict) or not given.keys() >= KEYS:
+        raise ApplrError(f"{path} is no map: give a file with {', '.join(sorted(KEYS))}, as map_saver writes it")
+    mode = given.get("mode", "trinary")
+    if mode not in ("trinary", "scale", "raw"):
+        raise ApplrError(f"{path} has mode {mode}: give trinary, scale or raw")
     with Image.open(os.path.join(os.path.dirname(path), str(given["image"]))) as picture:
         has_opacity = "A" in picture.getbands() or "transparency" in picture.info
         pixels = np.asarray(picture.convert("RGBA" if has_opacity else "RGB"))[::-1]
-    colour = pixels[:, :, : 4 if mode == TRINARY else 3].mean(axis=2)  # map_server averages the opacity, too.
+    colour = pixels[:, :, : 4 if mode == "trinary" else 3].mean(axis=2)  # map_server averages the opacity, too.
     if given["negate"]:
         colour = 255.0 - colour
-    if mode == RAW:
+    if mode == "raw":
         cells = colour.astype(np.uint8).view(np.int8)
     else:
         dark, cells = (255.0 - colour) / 255.0, np.full(colour.shape, UNKNOWN, np.int8)
         free, occupied = float(given["free_thresh"]), float(given["occupied_thresh"])
-        if mode == SCALE:
+        if mode == "scale":
             between = (pixels[:, :, 3] > 0 if has_opacity else True) & (dark >= free) & (dark <= occupied)
             cells[between] = 1 + 98 * ((dark[between] - free) / (occupied - free))
         cells[dark < free] = FREE
         cells[dark > occupied] = OCCUPIED
     x, y, yaw = map(float, given["origin"])
-    return Grid(cells, resolution, (x, y, yaw))
+    return Grid(cells, float(given["resolution"]), (x, y, yaw))
 
 
 def is_occupied(cells: np.ndarray) -> np.ndarray:

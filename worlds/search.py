@@ -1,17 +1,16 @@
-"""Searches on a grid for reference paths: A* ported from BARN's world generator, and shortest paths through maps."""
+"""Searches on a grid for reference paths: A* ported from BARN's world generator, and the graph of a map."""
 
 from __future__ import annotations
 
 import heapq
 import math
-from typing import Dict, List, Optional, Tuple
+from typing import Any, Dict, List, Optional, Tuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from applr_ros1.common.arrays import Array, Ints
-from applr_ros1.common.kernels import kernel
 
 Cell = Tuple[int, int]
 Cells = NDArray[np.bool_]  # mask (rows, columns) of a grid's cells
@@ -86,27 +85,15 @@ def barn_path(free: Cells, start: Cell, goal: Cell) -> Optional[Ints]:
     return None
 
 
-@kernel
-def shortest_paths(free: np.ndarray, row: int, column: int, limit: float) -> Tuple[np.ndarray, np.ndarray]:
-    """Search the shortest paths from a cell to all others, by moves between cells as in barn_path.
+def grid_graph(free: Cells) -> Any:
+    """Return the graph of barn_path's moves between free cells with their lengths [cells], for scipy.sparse.csgraph.
 
-    Returns:
-        (length, move): the lengths (rows, columns) [cells], inf beyond `limit`, and the index of each path's last move.
+    The cells are numbered row by row. The outermost cells must not be free.
     """
-    rows, columns = free.shape
-    length, move = np.full((rows, columns), np.inf), np.zeros((rows, columns), np.int8)
-    length[row, column] = 0.0
-    queue = [(0.0, row, column)]
-    while queue:
-        spent, r0, c0 = heapq.heappop(queue)
-        if spent > length[r0, c0]:
-            continue
-        for k in range(8):
-            r, c = r0 + MOVES[k][0], c0 + MOVES[k][1]
-            if not (0 <= r < rows and 0 <= c < columns and free[r, c] and (free[r, c0] or free[r0, c])):
-                continue
-            cost = spent + LENGTHS[k]
-            if cost <= limit and cost < length[r, c]:
-                length[r, c], move[r, c] = cost, k
-                heapq.heappush(queue, (cost, r, c))
-    return length, move
+    flat, cells, edges = free.ravel(), np.flatnonzero(free).astype(np.int32), []
+    for (row, column), length in zip(MOVES, LENGTHS):
+        beside, ahead = cells + row * free.shape[1], cells + column
+        passes = flat[beside + column] & (flat[beside] | flat[ahead])
+        edges.append((np.full(passes.sum(), length), cells[passes], (beside + column)[passes]))
+    lengths, *ends = (np.concatenate(parts) for parts in zip(*edges))
+    return scipy.sparse.csr_matrix((lengths, ends), shape=(free.size, free.size))

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import rospy
 
-from applr_ros1.nodes.tools.measure_braking import Stop, deceleration, reaction
+from applr_ros1.common.angles import normalize_angle
+from applr_ros1.nodes.tools.measure_braking import Reading, Stop, dead_band, deceleration, reaction
 from tests.support.ros_harness import Kept, session, wait_for
 from worlds import Course, World
 from worlds.sdf_writer import write
@@ -37,6 +38,27 @@ def test_a_late_stop_is_not_mistaken_for_weak_brakes():
 def test_of_equivalent_reaction_times_the_least_from_the_median_up_is_chosen():
     turns = [stop(1.0, began, 3.0) for began in (0.0, 0.05, 0.1, 0.3)]
     assert reaction([stop(1.8, 0.1, 2.0)], turns) == 0.1
+
+
+class Ignoring:
+    """Stand-in for Base, of a robot that drives at any command except those below its dead band."""
+
+    def __init__(self, band):
+        self.band, self.samples = band, [Reading(0.0, 1.0, 2.0, 3.0, 0.0, 0.0)]
+
+    def drive(self, v, w, until, seconds):
+        now = self.samples[-1]
+        v, w = (speed if abs(speed) >= least else 0.0 for speed, least in zip((v, w), self.band))
+        turned = normalize_angle(now.yaw + w * seconds)
+        self.samples.append(Reading(now.time + seconds, now.x, now.y - v * seconds, turned, v, w))
+
+
+@pytest.mark.parametrize("band", [(0.0, 0.0), (0.075, 0.25), (0.155, 0.0), (0.0, 0.7)])
+def test_the_dead_band_is_the_smallest_command_that_moves_the_base(band):
+    v, w = (dead_band(Ignoring(band), turning) for turning in (False, True))
+    assert (v, w) == (pytest.approx(band[0], abs=0.01), pytest.approx(band[1], abs=0.03))
+    assert v >= band[0]
+    assert w >= band[1]
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +96,7 @@ def test_the_printed_braking_limits_hold_for_every_run(robot):
     assert 0.10 < reaction < 0.35 + waited
     assert 0.3 <= brake < 7.0  # It is rounded down, and depends on the angles at which the wheels lock.
     assert turn_brake > 2.0
+    assert "\nbase: {dead_band: [0, 0]}\n" in text
     runs = re.findall(r"([0-9.]+) driven, .* within ([0-9.]+) m$", text, re.M)
     assert len(runs) == 3
     for speed, way in ((float(a), float(b)) for a, b in runs):

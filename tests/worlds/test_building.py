@@ -5,8 +5,6 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import dijkstra
 
 import worlds
 from applr_ros1 import robots
@@ -15,7 +13,7 @@ from tests.support import plans
 from tests.support.refusals import refused
 from training import check_robot
 from training.tune_robot import UNSEEN, split
-from worlds import draw, map_courses, map_reader, search
+from worlds import draw, loading, map_courses, map_reader, search
 from worlds.occupancy import occupancy
 from worlds.world import clearance
 
@@ -99,7 +97,7 @@ def test_boxes_cover_the_occupied_cells_and_nothing_else():
 
 def test_walls_are_few_boxes_and_a_course_keeps_those_within_12_m(plan):
     _, path = plan
-    everything = map_courses.building(path, JACKAL).boxes
+    everything = map_reader.boxes(map_reader.read_map(path))
     assert len(everything) < 60
     world = worlds.load(f"{path}:3", JACKAL)
     away = np.array(
@@ -149,8 +147,7 @@ def test_there_are_courses_in_all_rooms(plan):
 
 def test_courses_are_the_same_every_time_and_depend_on_the_robot(office):
     first = worlds.load(f"{office}:7", JACKAL)
-    map_courses.building.cache_clear()
-    map_courses.path_cells.cache_clear()
+    loading._building.cache_clear()
     assert np.array_equal(worlds.load(f"{office}:7", JACKAL).course.path, first.course.path)
     wide = [world.course.path for world in worlds.Worlds(office, 0.6)]  # Doors of .9 m are too narrow.
     rooms = [{int(y > 5.5) + int(y > 7.5) for _, y in path + (0.0, 3.0 - 10 * 0.05)} for path in wide]
@@ -165,24 +162,20 @@ def test_no_course_runs_where_the_map_is_unknown(tmp_path):
     assert max(w.course.path[:, 1].max() for w in worlds.Worlds(path, JACKAL)) < 7.5 - 3.0 - JACKAL
 
 
-def test_paths_are_shortest():
-    free = np.random.default_rng(1).random((30, 30)) < 0.7
-    free[0, 0] = True
-    length, move = search.shortest_paths(free, 0, 0, 40.0)
-    edges = [
-        (30 * r + c, 30 * (r + dr) + c + dc, np.hypot(dr, dc))
-        for r, c in np.argwhere(free)
-        for dr, dc in search.MOVES
-        if 0 <= r + dr < 30 and 0 <= c + dc < 30 and free[r + dr, c + dc] and (free[r, c + dc] or free[r + dr, c])
-    ]
-    row, column, cost = zip(*edges)
-    exact = dijkstra(coo_matrix((cost, (row, column)), shape=(900, 900)).tocsr(), indices=0).reshape(30, 30)
-    assert np.array_equal(length, np.where(exact <= 40.0, length, np.inf))
-    assert np.allclose(length[exact <= 40.0], exact[exact <= 40.0])
-    last = np.argwhere((length > 0) & np.isfinite(length))
-    before = last - np.array(search.MOVES)[move[tuple(last.T)]]
-    step = length[tuple(last.T)] - length[tuple(before.T)]
-    assert np.allclose(step, np.array(search.LENGTHS)[move[tuple(last.T)]])
+def test_paths_are_shortest(tmp_path):
+    free = np.pad(np.random.default_rng(1).random((30, 30)) < 0.7, 1)
+    graph = search.grid_graph(free).toarray()
+    for r, c in np.argwhere(free):
+        for dr in (-1, 0, 1):
+            for dc in (-1, 0, 1):
+                passes = free[r + dr, c + dc] and (free[r, c + dc] or free[r + dr, c])
+                length = np.hypot(dr, dc) if passes else 0.0
+                assert graph[32 * r + c, 32 * (r + dr) + c + dc] == pytest.approx(length)
+    assert np.count_nonzero(graph) == np.count_nonzero(graph[free.ravel()][:, free.ravel()])
+    pixels, _ = plans.blank(20.0, 6.0)
+    for world in worlds.Worlds(plans.write(tmp_path, "hall", pixels), JACKAL):
+        small, large = sorted(np.abs(world.course.path[-1] - world.course.path[0]))
+        assert world.course.route_m == pytest.approx(large + (np.sqrt(2.0) - 1.0) * small)
 
 
 def test_everything_else_about_a_map(office, tmp_path, monkeypatch):
@@ -207,7 +200,7 @@ def test_halves_share_no_place(plan):
 
 def test_tune_judges_on_the_other_half():
     assert split("office.yaml") == ("office.yaml:choose", "office.yaml:report")
-    assert split("a.yml, generated:learn") == ("a.yml:choose, generated:learn", "a.yml:report")
+    assert split("a.yaml, generated:learn") == ("a.yaml:choose,generated:learn", "a.yaml:report")
     assert split("office.yaml:0-9,generated:learn") == ("office.yaml:0-9,generated:learn", UNSEEN)
 
 
@@ -224,15 +217,16 @@ def test_the_narrowest_passage_is_the_door(tmp_path, door):
         if np.ptp(np.sign(world.course.path[25:-25, 0] + 4.5 - 8.05)) > 1
     ]
     assert len(through) > 3
-    assert [map_courses.passage(path, JACKAL, number) for number in through] == pytest.approx([door] * len(through))
+    passage = map_courses.Building(path, JACKAL).passage
+    assert [passage(number) for number in through] == pytest.approx([door] * len(through))
 
 
-def test_check_robot_reports_the_narrowest_passage(office, capsys, tmp_path, monkeypatch):
+def test_check_robot_reports_the_narrowest_passage(office, capsys, monkeypatch):
     monkeypatch.setattr(check_robot.open_floor, "try_out", lambda robot: (True, []))
     assert check_robot.main(["jackal", "--map", office]) == 0
-    assert "passage on 100 courses of" in capsys.readouterr().out
+    assert f"\nnarrowest passage of {office}: 0.90 m; " in capsys.readouterr().out
     robot = robots.load("jackal")
-    line = f"courses of {office}: 0.90 m; the padded footprint of "
+    line = f"narrowest passage of {office}: 0.90 m; the padded footprint of "
     assert f"{line}0.53 m passes with 0.18 m on each side" in check_robot.doors(robot, office)
     wide = robot.with_parameters({"local_costmap": {"footprint_padding": 0.35}}, "wide")
     assert f"{line}1.03 m does not pass: reduce footprint_padding" in check_robot.doors(wide, office)
@@ -249,15 +243,14 @@ def test_mistakes_are_one_line(office, tmp_path):
             lambda part=part: worlds.specs(f"{office}:{part}"), "no worlds", "office.yaml:0 to .*office.yaml:99; give"
         )
     refusal(office, "names 100 worlds, but one is needed; give one of them: .*office.yaml:0")
-    refusal(plans.write(tmp_path, "office", resolution=None), "office.yaml has no resolution: give a map as map_saver")
-    refusal(plans.write(tmp_path, "office", mode="ternary"), "mode ternary, .* give trinary or scale or raw")
-    refusal(plans.write(tmp_path, "office", resolution=0.0), "resolution 0: ")
+    refusal(plans.write(tmp_path, "office", resolution=None), "office.yaml is no map: give a file with .*resolution")
+    refusal(plans.write(tmp_path, "office", mode="ternary"), "mode ternary: give trinary, scale or raw")
     refusal(
         plans.write(tmp_path, "office", negate=1), r"no path of 5 m .* radius of 0.31 m: check resolution, .* negate"
     )
     refusal(plans.write(tmp_path, "shut", np.zeros((50, 50), np.uint8)), "no path of 5 m")
     (tmp_path / "text.yaml").write_text("office")
-    refusal(str(tmp_path / "text.yaml"), "has no image")
+    refusal(str(tmp_path / "text.yaml"), "text.yaml is no map")
     with pytest.raises(OSError, match="gone.pgm"):
         worlds.load(plans.write(tmp_path, "office", image="gone.pgm"))
 

@@ -46,9 +46,7 @@ class Results:
             raise ApplrError(f"{self.folder} holds no trials: give a folder that evaluate.py wrote")
         self.settings = dict(read_json(self.folder / SETTINGS))
         self._specs = dict(zip(self.settings["worlds"], self.settings["world_specs"]))
-        self.robot: Dict[str, Any] = self.settings[
-            "robot"
-        ]  # name, body, radius, world_scale and space (evaluation.settings)
+        self.robot: Dict[str, Any] = self.settings["robot"]  # name, body, world_scale and space (evaluation.settings)
         self.space = Space.from_metadata(self.robot["space"], self.robot["name"])
         moving = self.settings["worlds_with_movers"]
         set_of_world = {name: "Other" if name in moving else set_of(name) for name in trials.world.unique()}
@@ -98,7 +96,8 @@ class Results:
 
     def load(self, name: str) -> World:
         """Return a world of the evaluation, at the scale of its robot."""
-        world = under(self.settings["protocol"], worlds_package.load(self._specs[name], self.robot["radius"]))
+        radius = self.robot.get("radius", 0.0)  # Older evaluations have neither a radius nor maps.
+        world = under(self.settings["protocol"], worlds_package.load(self._specs[name], radius))
         return worlds_package.scaled(world, self.robot["world_scale"])
 
 

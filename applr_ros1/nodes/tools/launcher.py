@@ -28,7 +28,6 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.policy import methods
 from applr_ros1.robots import NAMES
-from worlds.loading import MAP
 
 UP_WITHIN_S = 900.0  # longest wall time for a part to start, including the compilation of kernels on a busy machine [s]
 COMPILES = "waiting for {} (the first start compiles code, which takes about a minute)"
@@ -62,9 +61,9 @@ def given_arguments(words: Sequence[str], known: Collection[str]) -> Dict[str, s
     if "method" in given:
         given["method"] = methods.absolute(given["method"])
     for name in {"robot", "world", "record"} & set(given):
-        path = MAP.sub(r"\1", given[name])
-        if given[name] not in (*NAMES, "none") and (name == "record" or os.path.exists(path)):
-            given[name] = os.path.abspath(given[name])
+        value = given[name]
+        if value not in (*NAMES, "none") and (name == "record" or ".yaml" in value or os.path.exists(value)):
+            given[name] = os.path.abspath(value)
     return given
 
 

@@ -13,10 +13,13 @@ import pytest
 import rosparam
 import yaml
 
+import worlds
 from applr_ros1 import robots
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import folder as robot_folder
+from applr_ros1.robots.geometry import radius
+from tests.support import plans
 from training import tune_robot
 from training.evaluation import evaluation
 from training.evaluation.loaded import move_base_parameters
@@ -100,6 +103,24 @@ def tune(folder, runner, *more):
     words = [str(folder), "--out", str(Path(folder).parent / "out"), "--minutes", "12", *more]
     best_set.run = evaluation.run = globals()[runner]
     return tune_robot.main([*words, *FEW])
+
+
+def test_the_verdicts_lie_in_the_half_of_a_building_that_the_search_did_not_use(jackal, tmp_path):
+    office = plans.write(tmp_path, "office")
+    words = [str(jackal), "--out", str(tmp_path / "out"), "--minutes", "12", "--workers", "0", "--worlds", office]
+    assert tune_robot.main(words) == 0
+    (drives,) = (tmp_path / "out").glob("fast_*")
+    judged = {
+        spec
+        for monitor in ("with", "without")
+        for spec in json.loads((drives / monitor / "evaluation.json").read_text())["world_specs"]
+    }
+    searched = {trial.world_spec for trial in DRIVEN if trial.theta}
+    lowest, highest = (
+        [limit(worlds.load(spec, radius(robots.JACKAL)).course.path[:, 0]) for spec in specs]
+        for specs, limit in ((judged, np.min), (searched, np.max))
+    )
+    assert max(highest) < min(lowest)
 
 
 def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, capsys):
