@@ -407,6 +407,7 @@ def test_kinematic_needs_no_pybullet():
 # -- dead band ---------------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", NAMES)
 def test_a_base_with_a_dead_band_takes_smaller_speeds_and_turn_rates_as_0(name):
+    assert JACKAL.base.dead_band == (0.0, 0.0)
     base = JACKAL.base.model_copy(update={"dead_band": (0.1, 0.5)})
     simulator = sim_bridge.make(name, replace(JACKAL, base=base))
     for command, moves, turns in (

@@ -34,7 +34,8 @@ METHODS = ("dwa", "mine", "quiet")
 def folder(tmp_path):
     """Return the folder of an evaluation of three methods in a built-in world. The last method has no traces."""
     plan = plan_trials([("generated:7", "generated:7")], [(m, m) for m in METHODS], 2, seed=0, traces=2)
-    settings = dict(SETTINGS, worlds=["generated:7"], world_specs=["generated:7"])
+    older = {name: value for name, value in SETTINGS["robot"].items() if name != "radius"}
+    settings = dict(SETTINGS, worlds=["generated:7"], world_specs=["generated:7"], robot=older)
     store = Trials(tmp_path, settings)
     for task in plan:
         good = task.method == "dwa"
