@@ -69,7 +69,7 @@ def _recipe(name: str, radius: float) -> Optional[_Recipe]:
 def load(spec: str, radius: float = RADIUS_M) -> World:
     """Return the one world that `spec` names. Raise ApplrError if there is none or if it cannot be read.
 
-    `radius` [m] is that of the circle around the robot, on which the courses of a map depend.
+    The courses of a map depend on the `radius` [m] of the circle around the robot.
     """
     text = str(spec)
     recipe = _recipe(text.partition(":")[0], radius)

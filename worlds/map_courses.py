@@ -42,7 +42,7 @@ class Building:
         known = np.pad(self._grid.cells == map_reader.FREE, 1)  # Cells outside the map are unknown.
         distance = scipy.ndimage.distance_transform_edt(known)[1:-1, 1:-1] - 0.5  # to the nearest edge [cells]
         regions, _ = scipy.ndimage.label(self._grid.resolution * distance >= radius + CLEARANCE_M)
-        # The largest connected floor that the robot's centre may cross
+        # The robot's centre stays on the largest connected floor.
         self._free = regions == 1 + np.bincount(regions.ravel(), minlength=2)[1:].argmax()
         self._graph = search.grid_graph(self._free)
         floor = np.argwhere(self._free)

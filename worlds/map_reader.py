@@ -47,7 +47,7 @@ def read_map(path: str) -> Grid:
 
 
 def is_occupied(cells: np.ndarray) -> np.ndarray:
-    """Return whether a costmap with its default parameters marks cells int8 as lethal. Like C++, it wraps negatives."""
+    """Return whether a costmap with default parameters marks cells int8 as lethal. Negative values wrap, as in C++."""
     marked: np.ndarray = (cells != UNKNOWN) & (cells.view(np.uint8) >= OCCUPIED)
     return marked
 

@@ -166,7 +166,7 @@ class Course:
 
 
 class Grid(NamedTuple):
-    """Occupancy grid with the fields of a nav_msgs/OccupancyGrid: cells (ny, nx) int8, [m], and [m, m, rad]."""
+    """Occupancy grid as in nav_msgs: cells (ny, nx) int8, resolution [m], and origin (x, y, yaw) [m, m, rad]."""
 
     cells: np.ndarray
     resolution: float

@@ -178,7 +178,7 @@ def test_paths_are_shortest(tmp_path):
         assert world.course.route_m == pytest.approx(large + (np.sqrt(2.0) - 1.0) * small)
 
 
-def test_everything_else_about_a_map(office, tmp_path, monkeypatch):
+def test_maps_are_not_scaled_and_are_served_listed_and_drawn(office, tmp_path, monkeypatch):
     world = worlds.load(f"{office}:3", JACKAL)
     assert worlds.scaled(world, 0.5) is world
     assert occupancy(world, 0.2) is world.map
