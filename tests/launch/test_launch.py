@@ -132,7 +132,7 @@ def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
     """A course's goal 20 m away, outside the map, is moved onto the map. A goal given by the user is sent unchanged."""
     course = worlds.Course((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi), None, 1.0, np.empty((0, 2)))
     world = worlds.World("far", np.empty((0, 3)), np.empty((0, 5)), course)
-    monkeypatch.setattr(demo_tool.worlds, "load", lambda _: world)
+    monkeypatch.setattr(demo_tool.worlds, "load", lambda _, radius: world)
     values, _, _, _ = demo_tool.prepare([f"goal:={goal}"])
     assert values["sent"] == pytest.approx(sent)
 

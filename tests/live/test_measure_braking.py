@@ -96,7 +96,7 @@ def test_the_printed_braking_limits_hold_for_every_run(robot):
     assert 0.10 < reaction < 0.35 + waited
     assert 0.3 <= brake < 7.0  # It is rounded down, and depends on the angles at which the wheels lock.
     assert turn_brake > 2.0
-    assert "\nbase: {dead_band: [0, 0]}\n" in text
+    assert "  dead_band: [0, 0]  # in the section base\n" in text
     runs = re.findall(r"([0-9.]+) driven, .* within ([0-9.]+) m$", text, re.M)
     assert len(runs) == 3
     for speed, way in ((float(a), float(b)) for a, b in runs):

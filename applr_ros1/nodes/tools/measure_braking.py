@@ -209,7 +209,7 @@ def main() -> None:
     top = min(robot.base.max_speed, fastest(options.free))
     ignored = [dead_band(base, turning) for turning in (False, True)]
     base.drive(0.0, 0.0, base.stands, 6.0)
-    print("base: {{dead_band: [{:g}, {:g}]}}".format(*ignored), flush=True)
+    print("  dead_band: [{:g}, {:g}]  # in the section base".format(*ignored), flush=True)
     straight, turns = [], []
     for speed in [share * top for share in SHARES for _ in range(options.repeats)]:
         straight.append(base.run(speed, 0.0))
