@@ -406,9 +406,9 @@ class Robot:
 
     def with_parameters(self, tree: Dict[str, Any], name: str) -> Robot:
         """Return the robot under another name, with move_base parameters that override those of its files."""
-        return replace(
-            self, name=name, move_base=self.move_base._replace(without_map=merged(self.move_base.without_map, tree))
-        )
+        without_map, with_map = self.move_base
+        with_map = None if with_map is None else merged(with_map, tree)
+        return replace(self, name=name, move_base=MoveBaseSetup(merged(without_map, tree), with_map))
 
     def all_parameters(self) -> Dict[str, Any]:
         """Return a copy of the parameters without a map, with all defaults filled in (check.complete)."""

@@ -1,6 +1,7 @@
 """Maps of buildings as worlds: map_server's format, obstacles, courses, halves, passages, mistakes."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,10 +9,14 @@ from PIL import Image
 
 import worlds
 from applr_ros1 import robots
+from applr_ros1.common.angles import compose, inverse
+from applr_ros1.common.trees import merged
 from applr_ros1.robots.geometry import radius
 from tests.support import plans
 from tests.support.refusals import refused
 from training import check_robot
+from training.env.settings import TrialSettings
+from training.evaluation.runner import TrialRunner, at_scale
 from training.tune_robot import UNSEEN, split
 from worlds import draw, loading, map_courses, map_reader, search
 from worlds.occupancy import occupancy
@@ -202,6 +207,48 @@ def test_tune_judges_on_the_other_half():
     assert split("office.yaml") == ("office.yaml:choose", "office.yaml:report")
     assert split("a.yaml, generated:learn") == ("a.yaml:choose,generated:learn", "a.yaml:report")
     assert split("office.yaml:0-9,generated:learn") == ("office.yaml:0-9,generated:learn", UNSEEN)
+
+
+# -- drives
+@pytest.mark.parametrize("yaw", [0.0, 0.5])
+def test_the_simulated_robot_knows_the_map_and_its_place(tmp_path, yaw):
+    path = plans.write(tmp_path, "office", origin=[-5.0, -3.0, yaw])
+    runner = TrialRunner(TrialSettings(robot="turtlebot3_waffle_pi", loaded=True))
+    world = at_scale("paper", f"{path}:0", runner.robot)
+    world = replace(world, course=replace(world.course, goal_tolerance=0.0))  # The planner's tolerance ends the course.
+    episode = runner.episode
+    outcome = episode.reset(world, 0)
+    free = map_reader.read_map(path).cells == map_reader.FREE
+    column, row = (episode.context().plan[:, :2] / 0.05).astype(int).T
+    assert free[row, column].all()  # The first plan avoids walls that no scan has shown.
+    assert episode.context().plan[0, :2] == pytest.approx(episode.place[:2], abs=0.1)
+    while not outcome.over:
+        outcome = episode.decide(outcome.theta)
+        assert episode.context().pose == compose(inverse(world.map.origin), episode.simulator.state.pose)
+        assert np.hypot(*(episode.move_base.global_plan[0, :2] - episode.place[:2])) < 1.0
+    assert (outcome.reason, outcome.collided, outcome.time_s < 60.0) == ("finished", False, True)
+    left = np.hypot(*np.subtract(episode.goal, episode.place)[:2])
+    assert left == pytest.approx(runner.robot.goal_tolerance, abs=0.02)  # The robot has still to stop.
+    episode.reset(worlds.load("generated:3"), 0)
+    assert episode.place == episode.simulator.state.odom_pose
+    assert runner._starting_with(runner.space.theta0 * 0.9)._planners[1].map_topics == {"map": False}
+
+
+def test_a_robot_without_simulated_sensors_for_its_map_explores():
+    camera = {"data_type": "PointCloud2", "topic": "camera", "marking": True, "clearing": True}
+    obstacles = {"observation_sources": "scan camera", "camera": camera}
+    waffle, settings = robots.load("turtlebot3_waffle_pi"), TrialSettings(period=2.0)
+    more = merged(waffle.move_base.with_map, {"local_costmap": {"obstacle_layer": obstacles, **obstacles}})
+    other = replace(waffle, move_base=waffle.move_base._replace(with_map=more))
+    for robot, knows in ((waffle, True), (other, False), (robots.load("jackal"), False)):
+        without_map, with_map = settings.planners(robot)
+        assert not without_map.map_topics
+        assert (with_map is not without_map) == knows
+
+
+def test_a_parameter_set_changes_both_setups():
+    waffle = robots.load("turtlebot3_waffle_pi").with_parameters({"DWAPlannerROS": {"sim_time": 2.7}}, "other")
+    assert [waffle.parameters(with_map)["DWAPlannerROS"]["sim_time"] for with_map in (False, True)] == [2.7, 2.7]
 
 
 # -- doors

@@ -16,7 +16,6 @@ import numpy as np
 import sim_bridge
 import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.robots.geometry import radius
 from training.common.options import checked
 from training.env import privileged
@@ -62,7 +61,7 @@ class ApplrEnv(gymnasium.Env):
         self.worlds = worlds_package.Worlds(worlds, radius(robot)) if isinstance(worlds, str) else list(worlds)
         self.episode = Episode(
             sim_bridge.make(self.settings.simulator, robot=robot, **self.settings.randomisation),
-            MoveBase(self.settings.planner_parameters(robot), planner=self.settings.planner),
+            self.settings.planners(robot),
             robot,
             period=self.settings.period,
             time_limit=self.settings.time_limit,

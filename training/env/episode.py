@@ -10,17 +10,18 @@ import math
 import zlib
 from dataclasses import replace
 from functools import partial
-from typing import Any, Dict, Optional, Sequence, Tuple
+from typing import Any, Dict, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, transform_point
+from applr_ros1.common.angles import Pose, compose, inverse, transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.monitor import CollisionMonitor
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stalled_planner import FRESH_S, StalledPlanner
 from applr_ros1.movers.prediction import Prediction
+from applr_ros1.planner.costmap.static_layer import StaticMap
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.observation_router import Sensed
 from applr_ros1.planner.parameters.layers import PREDICTED
@@ -57,8 +58,9 @@ class Episode:
 
     Args:
         simulator: Simulator of the robot.
-        move_base: Planner. If its fidelity is random, each reset draws the fidelity. With its parameter applr/movers,
-            the costmaps receive predicted obstacle points.
+        move_base: Planner, or planners for worlds without and with a map. A planner with a static layer gets the map
+            and the robot's true pose; others explore. If its fidelity is random, each reset draws the fidelity. With
+            its parameter applr/movers, the costmaps receive predicted obstacle points.
         robot: Description of the robot. Its laser scans at its own rate, at most once per control cycle.
         period: Decision period [s]; 2 in the paper.
         time_limit: Time after which a trial counts as failed [s].
@@ -71,7 +73,7 @@ class Episode:
     def __init__(
         self,
         simulator: Simulator,
-        move_base: MoveBase,
+        move_base: Union[MoveBase, Tuple[MoveBase, MoveBase]],
         robot: Robot = JACKAL,
         *,
         period: float,
@@ -81,9 +83,11 @@ class Episode:
         end_on_stall: bool = False,
         escapes: bool = True,
     ):
-        self.simulator, self.move_base = simulator, move_base
+        self._planners = move_base if isinstance(move_base, tuple) else (move_base, move_base)
+        self.simulator, self.move_base = simulator, self._planners[0]
+        self._to_map: Optional[Pose] = None  # pose of the world's frame in the map's, if the planner has the map
         self.monitor = CollisionMonitor(MonitorSettings.of(robot)) if monitor else None
-        self.prediction = Prediction(robot) if move_base.parameters["applr"]["movers"] else None
+        self.prediction = Prediction(robot) if self.move_base.parameters["applr"]["movers"] else None
         self.robot, self.space = robot, space_of(robot)
         self.nearest = partial(nearest, lowest=robot.laser.range_min)
         self.layout = layout_of(robot)  # beams of the policy's scans; may be replaced between two trials
@@ -111,6 +115,12 @@ class Episode:
         """Number of decisions after which a trial times out."""
         return max(1, round(self.time_limit / self.period))
 
+    @property
+    def place(self) -> Pose:
+        """Pose of the robot in the frame of plan and goal: the true pose on a map, or the odometry's without a map."""
+        state = self.simulator.state
+        return state.odom_pose if self._to_map is None else compose(self._to_map, state.pose)
+
     # -- the trial ---------------------------------------------------------------------------------
     def reset(self, world: World, seed: int, theta: Optional[np.ndarray] = None) -> Outcome:
         """Reset robot, maps and planner, set theta_0 (or `theta`), observe once and send the goal.
@@ -118,7 +128,10 @@ class Episode:
         The order is that of the authors' reset: robot and odometry to the start, costmaps cleared, theta_0, goal. A
         cycle without a goal fills the map for the first observation and plan. Time counts from the sending of the goal.
         """
-        self.world = world
+        self.world, self.move_base, self._to_map = world, self._planners[world.map is not None], None
+        if world.map is not None and self.move_base.map_topics:
+            self._to_map = inverse(world.map.origin)
+            self.move_base.set_map(StaticMap(*world.map[:2], (0.0, 0.0), self.robot.frames.map))
         state = self.simulator.reset(world, seed)
         # Because the seed includes the name, a random planner fidelity differs from world to world.
         self.move_base.reset(state.time, seed=[seed, zlib.crc32(world.name.encode())])
@@ -138,13 +151,14 @@ class Episode:
         self._stalled = StalledPlanner(self._tolerance) if lacks else None
         self._planned = -math.inf  # time of the latest plan [s]
         self._cycle()
-        self.goal = self.simulator.to_odom(world.course.sent_goal)
+        sent = world.course.sent_goal
+        self.goal = self.simulator.to_odom(sent) if self._to_map is None else compose(self._to_map, sent)
         state = self.simulator.state
         self.began = state.time
         self.stall.reset()
         self.stall.update(0.0, *state.pose[:2])
         self.move_base.set_goal(self.goal, state.time)
-        self._plan = self.move_base.make_plan(state.odom_pose, self.goal, 0.0)  # plan of the next decision
+        self._plan = self.move_base.make_plan(self.place, self.goal, 0.0)  # plan of the next decision
         self._scanned = self.simulator.scan()
         near = self.nearest(self._scanned)
         self.outcome = Outcome(theta, last_scan_min=near, decision_min=near, min_clearance_m=near)
@@ -200,7 +214,7 @@ class Episode:
         if self.prediction is not None:
             tracked = self.prediction.movers
             movers = np.column_stack([tracked.x, tracked.y, tracked.vx, tracked.vy])
-        motion = state.odom_pose, state.odom_twist, self.goal, self._plan, movers
+        motion = self.place, state.odom_twist, self.goal, self._plan, movers
         return Seen(scan, self.outcome.time_s, *motion)
 
     # -- parameters --------------------------------------------------------------------------------
@@ -217,7 +231,8 @@ class Episode:
         sensed: Optional[Sensed] = scan
         if self.prediction is not None and scan is not None:
             sensed = {next(iter(self.move_base.sources)): scan, PREDICTED: self.prediction.add_scan(scan)}
-        cycle = self.move_base.step(state.time, state.odom_pose, state.odom_twist, sensed)
+        origin = None if self._to_map is None else compose(self.place, inverse(state.odom_pose))
+        cycle = self.move_base.step(state.time, state.odom_pose, state.odom_twist, sensed, origin)
         command = cycle.command
         if self.monitor is not None:
             if scan is not None:
@@ -274,10 +289,10 @@ class Episode:
     def _judge(self, now: Outcome, cycle: Cycle, state: RobotState) -> None:
         """Set success, failure and reason in the outcome if the course has ended (Course.arrived).
 
-        The planner has reached the goal if it reports success, or if the odometry is within the tolerance although the
-        robot has still to stop and turn. If the goal is occupied (default_tolerance), only the report counts.
+        The planner has reached the goal if it reports success, or if `place` is within the tolerance although the robot
+        has still to stop and turn. If the goal is occupied (default_tolerance), only the report counts.
         """
-        left = math.hypot(self.goal[0] - state.odom_pose[0], self.goal[1] - state.odom_pose[1])
+        left = math.hypot(self.goal[0] - self.place[0], self.goal[1] - self.place[1])
         reached = left <= self._tolerance or (cycle.result is not None and cycle.result[0] == "succeeded")
         if self.world.course.arrived(state.pose[0], state.pose[1], self._tolerance if reached else None):
             now.success, now.reason = True, "finished"

@@ -43,7 +43,7 @@ def privileged(episode: Episode, scale: float) -> np.ndarray:
     course, drawn = world.course, episode.simulator.drawn
     plan = episode.move_base.global_plan
     plan = np.asarray(plan, dtype=np.float64)[:, :2] if plan is not None and len(plan) else np.zeros((0, 2))
-    believed = inverse(state.odom_pose)
+    believed = inverse(episode.place)
     plan = np.column_stack(transform_point(state.pose, *transform_point(believed, plan[:, 0], plan[:, 1])))
     along_plan = _along(np.vstack([state.pose[:2], plan]), width)
     clear_plan = clearance(world, along_plan, state.time)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Dict, Literal, Optional
+from typing import Any, Dict, Literal, Optional, Tuple
 
 from pydantic import ConfigDict
 
+from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.dimensionless import ENCODINGS
 from applr_ros1.policy.encoding import Encoding
 from applr_ros1.robots import Robot
@@ -80,8 +81,14 @@ class TrialSettings(DriveSettings):
         """Return a new encoding for the robot."""
         return ENCODINGS[self.observation](self.robot, self.period, self.base)
 
-    def planner_parameters(self, robot: Robot) -> Dict[str, Any]:
-        """Return the planner's parameter tree from a robot's files, with distance biases per costmap cell."""
-        parameters = counting_cells(robot.parameters())
-        parameters["applr"] = {**parameters.get("applr", {}), "movers": self.movers}
-        return parameters
+    def planners(self, robot: Robot) -> Tuple[MoveBase, MoveBase]:
+        """Return a robot's planners for worlds without and with a map, with distance biases per costmap cell.
+
+        They are the same if robot.yaml has no setup with a map, or one with sensors that are not simulated.
+        """
+        made = []
+        for with_map in [False] if robot.move_base.with_map is None else [False, True]:
+            parameters = counting_cells(robot.parameters(with_map))
+            parameters["applr"] = {**parameters.get("applr", {}), "movers": self.movers}
+            made.append(MoveBase(parameters, planner=self.planner))
+        return made[0], made[-1] if made[-1].sources == made[0].sources else made[0]

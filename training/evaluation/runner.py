@@ -19,7 +19,6 @@ import worlds as worlds_package
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import sha256
-from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy
 from applr_ros1.policy.decision import PERIOD, Method
@@ -135,7 +134,7 @@ class TrialRunner:
     def _episode(self, starts: Robot) -> Episode:
         return Episode(
             self.simulator,
-            MoveBase(self.settings.planner_parameters(starts), planner=self.settings.planner),
+            self.settings.planners(starts),
             self.robot,
             period=PERIOD,
             end_on_collision=self.settings.protocol == CHALLENGE,

@@ -51,7 +51,7 @@ class FakeMoveBase:
     def report_held(self, held):
         self.held.append(held)
 
-    def step(self, now, pose, twist, scan):
+    def step(self, now, pose, twist, scan, local_origin):
         self.steps.append((now, pose, twist))
         self.scans.append(scan)
         over = self.end is not None and len(self.steps) > self.end

@@ -31,6 +31,7 @@ def scene(side=1.0, movers=True):
         world=World("w", post, np.zeros((0, 5)), course, (walker,) if movers else ()),
         move_base=SimpleNamespace(global_plan=plan, variant="cpp-like"),
         robot=JACKAL,
+        place=believed,
         stall=SimpleNamespace(share=0.5),
     )
 

@@ -26,7 +26,7 @@ def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robot
         return bases[-1]
 
     monkeypatch.setattr(MoveBase, "reconfigure", lambda *how: called.append(how[1]) or reconfigure(*how))
-    monkeypatch.setattr("training.evaluation.runner.MoveBase", made)
+    monkeypatch.setattr("training.env.settings.MoveBase", made)
     drives = TrialRunner(TrialSettings(planner="cpp-like", loaded=loaded, time_limit=2.0))
     theta = SPACE.from_dict(SET)
     drives.run(Trial("generated:7", "m", 0, 1, "generated:7", "", theta=tuple(theta.tolist())))
