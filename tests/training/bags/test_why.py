@@ -15,7 +15,7 @@ from tests.support.recorded_drive import changed, drive, write
 from training import why
 from training.bags import alternatives, diagnosis, events
 from training.bags.bag import BagError, TopicNames
-from training.bags.explanation import explain
+from training.bags.explanation import explain, part_of_robot
 from training.bags.recording import Recording, read
 from training.bags.replay import Replay
 
@@ -220,6 +220,8 @@ def test_short_stops_and_the_stop_at_the_goal_are_no_events(replay):
     drives = [(0.5, 0.0)] * 60
     assert events.find(with_commands(replay, drives + [(0.1, 0.1)] * 15 + drives)) == []
     assert events.find(with_commands(replay, drives + [(0.0, 0.0)] * 60, far=False)) == []
+    (turn,) = events.find(with_commands(replay, drives + [(0.0, 0.4)] * 30 + drives))
+    assert turn.kind == "stood or crept"
 
 
 def test_short_gaps_are_part_of_an_event_and_recoveries_are_events(replay):
@@ -251,13 +253,13 @@ def driven_with_post(monkeypatch, ahead, left, since=0.0):
 
 
 def test_the_obstacle_in_the_way_is_named(monkeypatch):
-    made = driven_with_post(monkeypatch, 0.5, 0.0, since=3.0)
+    made = driven_with_post(monkeypatch, 0.5, 0.15, since=3.0)
     why = explain(made, made.cycles[66])
     number, of = (int(word) for word in why["lines"][-1].split(" faster samples")[0].split(" of "))
     assert of > 20
     assert number > 0.9 * of
-    assert transform_point(inverse(made.cycles[66].pose), *why["obstacle"]) == pytest.approx((0.5, 0.0), abs=0.15)
-    assert "from the latest scan" in why["lines"][-1]
+    assert transform_point(inverse(made.cycles[66].pose), *why["obstacle"]) == pytest.approx((0.5, 0.15), abs=0.1)
+    assert "m to the left, from the latest scan" in why["lines"][-1]
     made.recording.scans[made.cycles[66].scan] = made.recording.scans[40]  # before the post
     assert "from earlier scans" in explain(made, made.cycles[66])["lines"][-1]
 
@@ -268,10 +270,17 @@ def test_a_part_of_the_robot_in_the_scans_is_in_the_answer(monkeypatch):
     assert re.match(r"The laser sees a part of the robot, 0.5 m ahead and -?0.0 m left of its centre.", answer)
 
 
+def test_a_wall_beside_a_robot_that_does_not_turn_is_no_part_of_it(replay):
+    made = Replay(JACKAL)
+    made.recording, made.cycles = replay.recording, [replay.cycles[0]] * 30
+    assert part_of_robot(made) is None
+
+
 def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
     robot = changed(JACKAL, {PLANNER: {"occdist_scale": 0.8}})
     replay = Replay(robot)
     replay.run(drive(robot, "generated:7", limit=8)[0])
+    assert part_of_robot(replay) is None
     why = explain(replay, replay.cycles[-20])
     command = replay.command(replay.cycles[-20])
     velocities, costs, parts = replay.local.planner.sample_costs(replay.costmap, command)
