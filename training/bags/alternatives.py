@@ -53,7 +53,7 @@ class Alternative:
 
     @property
     def departure(self) -> Tuple[bool, float, float]:
-        """Whether the change leads away from the default, nearness of the value in force to it, size of the change."""
+        """Direction (True: away from the default), nearness of the value in force to it, and size of the change."""
         default = self.parameter.default
         away = abs(self.then - default) > abs(self.now - default)
         return away, -_distance(self.now, default), _distance(self.now, self.then)

@@ -193,10 +193,12 @@ def messages(path: os.PathLike[str] | str, unpackers: Mapping[str, Unpacker]) ->
     """Return the messages of a bag by topic as rows (time of recording [ns], *fields); names may contain `*`."""
     rows: DefaultDict[str, List[Any]] = defaultdict(list)
     with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        every = ((one, name) for one in reader.connections for name in unpackers if fnmatchcase(one.topic, name))
-        wanted = {connection: unpackers[name] for connection, name in every}
-        for connection, at, raw in reader.messages(list(wanted)) if wanted else ():
-            rows[connection.topic].append((at, *wanted[connection](reader.deserialize(raw, connection.msgtype))))
+        every = ((one.topic, name) for one in reader.connections for name in unpackers if fnmatchcase(one.topic, name))
+        wanted = {topic: unpackers[name] for topic, name in every}
+        needed = [one for one in reader.connections if one.topic in wanted]
+        for connection, at, raw in reader.messages(needed) if needed else ():
+            message = reader.deserialize(raw, connection.msgtype)
+            rows[connection.topic].append((at, *wanted[connection.topic](message)))
     return rows
 
 
