@@ -345,6 +345,25 @@ def test_only_a_change_that_saves_much_of_the_drive_and_ends_the_creeping_is_a_r
     assert remedies(0.01, 0.05, cycles) == 0
 
 
+def test_a_doubtful_replay_says_so_first_and_its_reproduced_cycles_are_preferred(replay):
+    good, bad = replay.cycles[0], replace(replay.cycles[1], error=1.0)
+    made = Replay(JACKAL)
+    made.recording, made.cycles = replay.recording, [good] * 7 + [bad] * 3
+    assert diagnosis.Diagnosis(made, [], made.cycles, []).lines()[0].startswith("Few commands are reproduced")
+    made.cycles += [good] * 20
+    assert diagnosis.Diagnosis(made, [], made.cycles, []).lines()[0].startswith("The robot did not stop")
+    assert all(cycle is good for cycle in diagnosis.some(made.cycles, 30))
+    assert diagnosis.some([bad], 3) == [bad]
+
+
+def test_alternatives_begin_on_the_way_into_an_event(sound, monkeypatch):
+    begun = []
+    monkeypatch.setattr(diagnosis, "best_values", lambda replay, values, cycles, others: begun.extend(cycles) or [])
+    diagnosis.diagnose(sound, at=5.0)
+    assert min(cycle.at for cycle in begun) == pytest.approx(2.5, abs=0.1)
+    assert max(cycle.at for cycle in begun) == pytest.approx(5.5, abs=0.1)
+
+
 def test_driving_on_follows_the_commands(replay):
     cycle = replay.cycles[100]
     ((speed, distance),) = alternatives.drive_on(replay, [cycle], PLANNER, {})
@@ -363,8 +382,34 @@ def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(rep
         return alternatives.Alternative(PLANNER, by_name[name], now, then, np.zeros(2), np.array([gain, 0.0]))
 
     nearer, farther = one("sim_time", 2.0, 1.7, 0.92), one("occdist_scale", 0.1, 0.01, 0.95)
-    tried = [one("sim_time", 2.0, 8.0, 1.0), nearer, farther, one("vx_samples", 1, 20, 0.5)]
-    assert [each.then for each in alternatives.ranked(tried)] == [0.01, 1.7, 8.0, 20]
+    smaller = one("occdist_scale", 0.1, 0.05, 0.93)
+    tried = [one("sim_time", 2.0, 8.0, 1.0), nearer, farther, smaller, one("vx_samples", 1, 20, 0.5)]
+    assert [each.then for each in alternatives.ranked(tried)] == [0.05, 0.01, 1.7, 8.0, 20]
+
+
+def test_changes_that_pass_obstacles_too_closely_are_left_out(replay, monkeypatch):
+    results = {None: (0.1, 0.5), 1.0: (0.5, 0.05), 4.0: (0.3, 0.5)}  # speed and distance by sim_time
+
+    def drive_on(replay, cycles, server, changes):
+        return np.array([results[changes.get("sim_time")]] * len(cycles))
+
+    monkeypatch.setattr(alternatives, "drive_on", drive_on)
+    parameter = {one.name: one for one in replay.move_base.servers[PLANNER].parameters}["sim_time"]
+    (found,) = alternatives.best_values(
+        replay, {(PLANNER, parameter): [1.0, 4.0]}, replay.cycles[:4], replay.cycles[4:6]
+    )
+    assert (found.now, found.then) == (2.0, 4.0)
+    assert found.gain == pytest.approx(0.2)
+    assert found.elsewhere == pytest.approx(0.2)
+
+
+def test_another_inflation_applies_to_the_recorded_map(replay):
+    layer, cycle = "local_costmap/inflater_layer", replay.cycles[100]
+    sizes = []
+    for radius in (0.1, 1.0):
+        alternatives.drive_on(replay, [cycle], layer, {"inflation_radius": radius})
+        sizes.append(np.count_nonzero(replay.costmap.cells))
+    assert sizes[1] > 1.2 * sizes[0]
 
 
 # -- the command -------------------------------------------------------------------------------------------------------
