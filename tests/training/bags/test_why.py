@@ -182,6 +182,27 @@ def test_the_flags_after_a_command_that_is_not_reproduced_are_those_of_this_comm
     planner.state = made.cycles[20].memory
     planner.remember(made.cycles[20].pose, -0.1, 0.0)
     assert made.cycles[21].memory == planner.state != made.cycles[20].memory
+    names = planner.STATE.names
+    assert dict(zip(names, planner.state))["escaping"] == 1
+    planner.state = made.cycles[20].memory
+    planner.remember(made.cycles[20].pose, 0.1, 0.0)
+    assert dict(zip(names, planner.state))["escaping"] == 0
+
+
+def test_a_map_is_restored_with_its_layers_and_inflated_anew(spoilt):
+    robot, recording = spoilt
+    made = Replay(robot)
+    made.run(recording)
+    costmap, old, (_, pose, _) = made.costmap, made.cycles[10], recording.odometry[12]
+    assert tuple(costmap.origin) != tuple(old.map[0])
+    updated = []
+    for place in (None, pose):
+        costmap.update(recording.odometry[-1].pose)
+        costmap.restore(old.map, place)
+        assert all(tuple(layer.origin) == tuple(costmap.origin) for layer in costmap.obstacle_layers)
+        costmap.update(pose, made.cloud(12))
+        updated.append(costmap.cells.copy())
+    assert np.array_equal(*updated)
 
 
 # -- events ------------------------------------------------------------------------------------------------------------
