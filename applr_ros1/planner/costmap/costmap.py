@@ -244,12 +244,10 @@ class Costmap:
         return (self.origin.copy(), self.cells.copy(), *(layer.cells.copy() for layer in self.obstacle_layers))
 
     def restore(self, snapshot: Sequence[np.ndarray], pose: Optional[Pose] = None) -> None:
-        """Restore a snapshot; the next update is a full pass. With the robot's pose, inflate it anew at once."""
+        """Restore a snapshot. With the robot's pose, inflate it anew, with the parameters in force."""
         self.origin[:], self.cells[:] = snapshot[:2]
         for layer, cells in zip(self.obstacle_layers, snapshot[2:]):
             layer.origin[:], layer.cells[:] = snapshot[0], cells
-        for inflation in self.inflation_layers:
-            inflation.set_inscribed_radius(self.inscribed_radius)
         if pose is not None:
             self._refresh(pose, (0, 0) + self.size)
 
