@@ -111,8 +111,10 @@ def compared(first: Replay, second: Replay) -> List[str]:
     """Return lines about a second drive: where it differs, and what its parameters would have done in the first."""
     track = np.array([cycle.pose[:2] for cycle in second.cycles])
     apart = [cycle for cycle in first.cycles if np.hypot(*(track - cycle.pose[:2]).T).min() > APART_M]
-    values = {(server, one): [second.settings[server][one.name]] for server, one in other_values(first)}
-    differing = {key: value for key, value in values.items() if value != [first.settings[key[0]][key[1].name]]}
+    servers = [server for server in first.settings if not server.startswith("global_costmap")]
+    every = [(server, one) for server in servers for one in first.move_base.servers[server].parameters]
+    pairs = [(first.settings[server][one.name], second.settings[server][one.name]) for server, one in every]
+    differing = {key: [then] for key, (now, then) in zip(every, pairs) if now != then and not isinstance(now, str)}
     slow = [cycle for event in events.find(first) for cycle in event.cycles]
     tried = best_values(first, differing, some(slow or first.cycles, CYCLES), [])
     routes = "routes diverge at {:.1f} s".format(apart[0].at) if apart else "same route"

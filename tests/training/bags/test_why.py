@@ -457,12 +457,12 @@ def test_the_command_answers_in_its_first_line_and_writes_a_page(bag, folder, ca
 
 
 def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder, capsys):
-    given = replace(shortened(sound.recording, 2.0), updates=[(0.0, PLANNER, {"sim_time": 1.5})])
+    given = replace(shortened(sound.recording, 2.0), updates=[(0.0, PLANNER, {"sim_time": 1.5, "max_vel_x": 0.4})])
     other = write(given, JACKAL, folder / "other.bag")
     status, out, err = ran(capsys, bag, other, "--json", "--at", 2)
     assert status == 0, err
     lines = json.loads(out)["compared"]
-    assert "; routes diverge at 2.7 s; differing parameters: sim_time 2 -> 1.5" in lines[0]
+    assert "; routes diverge at 2.7 s; differing parameters: max_vel_x 0.5 -> 0.4, sim_time 2 -> 1.5" in lines[0]
     assert "no parameter_updates" not in lines[0]
 
 
