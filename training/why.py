@@ -48,9 +48,11 @@ def run(options: WhyOptions) -> None:
         if not replays[-1].cycles:
             raise ApplrError(f"{path}: no command has a plan, a scan and odometry: record the drive from its beginning")
     diagnosis = diagnose(replays[0], options.at)
-    lines = [line for other in replays[1:] for line in compared(replays[0], other)]
-    values = json.dumps({**diagnosis.values(), "compared": lines})
-    print(values if options.json_ else "\n".join(diagnosis.lines() + lines))
+    lines, others = diagnosis.lines(), [line for other in replays[1:] for line in compared(replays[0], other)]
+    values = ""
+    if options.json_ or options.out:
+        values = json.dumps({"lines": lines[:2], **diagnosis.values(), "compared": others})
+    print(values if options.json_ else "\n".join(lines + others))
     if options.out:
         write_bytes(options.out, read_bytes(TEMPLATE).replace(b"@DATA@", values.replace("</", "<\\/").encode()))
 

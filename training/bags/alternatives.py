@@ -95,10 +95,11 @@ def drive_on(replay: Replay, cycles: Sequence[Cycle], server: str, changes: Dict
     """
     results = []
     for cycle in cycles:
-        values = cycle.settings[server]
-        if "max_vel_theta" in changes and values["min_vel_theta"] == -values["max_vel_theta"]:
-            changes = {**changes, "min_vel_theta": -changes["max_vel_theta"]}  # Symmetric limits stay so.
-        replay.put_in_force({**cycle.settings, server: {**values, **changes}})
+        now = cycle.settings[server]
+        values = {**now, **changes}
+        if "max_vel_theta" in changes and now["min_vel_theta"] == -now["max_vel_theta"]:
+            values["min_vel_theta"] = -values["max_vel_theta"]  # Symmetric limits stay so.
+        replay.put_in_force({**cycle.settings, server: values})
         replay.costmap.restore(cycle.map, cycle.pose)
         replay.begin(cycle)
         poses, twist = [cycle.pose], cycle.twist

@@ -66,11 +66,10 @@ class Diagnosis:
         return lines + ["Changes of one parameter:", *tried] * bool(tried)
 
     def values(self) -> Dict[str, Any]:
-        """Return the diagnosis as JSON values, for the page and for programs."""
+        """Return the diagnosis without its lines as JSON values, for the page and for programs."""
         scans = np.linspace(0, len(self.replay.recording.scans) - 1, SCANS).astype(int)
         points = np.concatenate([self.replay.cloud(index).points[:, :2] for index in scans])
         return {
-            "lines": self.lines()[:2],
             "reproduced": self.replay.share,
             "remedies": [one.change for one in self.remedies],
             "alternatives": [str(one) for one in self.tried],

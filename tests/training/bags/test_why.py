@@ -394,6 +394,9 @@ def test_driving_on_follows_the_commands(replay):
     assert faster > 0.2
     alternatives.drive_on(replay, [cycle], PLANNER, {"max_vel_theta": 1.0})
     assert replay.move_base.configuration(PLANNER)["min_vel_theta"] == -1.0  # Symmetric limits stay so.
+    skewed = replace(cycle, settings={**cycle.settings, PLANNER: {**cycle.settings[PLANNER], "min_vel_theta": -0.5}})
+    alternatives.drive_on(replay, [cycle, skewed], PLANNER, {"max_vel_theta": 1.0})
+    assert replay.move_base.configuration(PLANNER)["min_vel_theta"] == -0.5  # Others stay as they are.
 
 
 def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(replay):
