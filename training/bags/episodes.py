@@ -21,8 +21,8 @@ from applr_ros1.policy.encoding import PAPER, Encoding
 from applr_ros1.robots import JACKAL, Robot
 from training.bags import SECOND
 from training.bags.bag import Bag, BagError, Decision
-from training.env.episode import CONTROL_PERIOD, TIME_LIMIT, nearest, progress
-from training.env.outcome import Outcome
+from training.env.episode import CONTROL_PERIOD, TIME_LIMIT
+from training.env.outcome import Outcome, nearest, progress
 from training.env.reward import Reward, failed
 from training.replay.trajectory import Trajectory, TransitionLayout
 

@@ -8,33 +8,38 @@ from __future__ import annotations
 
 import math
 import zlib
-from dataclasses import replace
-from functools import partial
-from typing import Any, Dict, Optional, Sequence, Tuple, Union
+from typing import Any, Dict, Optional, Tuple, Union
 
 import numpy as np
 
 from applr_ros1.common.angles import Pose, compose, inverse, transform_point
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import LaserScan
-from applr_ros1.monitor.monitor import CollisionMonitor
-from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.monitor.stalled_planner import FRESH_S, StalledPlanner
-from applr_ros1.movers.prediction import Prediction
+from applr_ros1.drives.drive import (
+    ABORTED,
+    FLIPPED,
+    REACHED,
+    STALLED,
+    TIMED_OUT,
+    TOUCHED,
+    Decision,
+    Drive,
+    Goal,
+    SentGoal,
+)
+from applr_ros1.drives.recorder import Recorder
 from applr_ros1.planner.costmap.static_layer import StaticMap
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.observation_router import Sensed
-from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.planner.state_machine import Cycle
-from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.actor import Stall
 from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import send, space_of
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.robots.robot import Laser
+from applr_ros1.stack.stack import Stack, Step
 from sim_bridge.simulator import RobotState, Simulator
-from training.env.outcome import CLEAR, Outcome, Trace
+from training.env.outcome import Leg, Outcome, nearest, outcome_of
 from worlds import World
 
 CONTROL_PERIOD = 0.05  # duration of a control cycle [s], 20 Hz as on the Jackal; slower parts of MoveBase skip cycles
@@ -51,7 +56,7 @@ def counting_cells(parameters: Dict[str, Any]) -> Dict[str, Any]:
 
 
 class Episode:
-    """Drives courses, one after the other, with one planner in one simulator.
+    """Drives courses, one after the other, with one stack in one simulator.
 
     The goal is sent once, as in the runners of the authors and of BARN. If the planner aborts the goal, the robot would
     stand until the time limit. The trial therefore ends at once, as a failure that took the whole time limit.
@@ -68,6 +73,7 @@ class Episode:
         monitor: Whether the robot's collision monitor stands between the planner and the base.
         end_on_stall: Whether a stall (policy/actor.py) ends the trial as a failure.
         escapes: Whether the monitor makes the escape motions that a planner of fidelity cpp-like lacks.
+        record: Whether `drive` has all columns. Without it, a drive has what outcomes and pictures need.
     """
 
     def __init__(
@@ -82,22 +88,34 @@ class Episode:
         monitor: bool = False,
         end_on_stall: bool = False,
         escapes: bool = True,
+        record: bool = False,
     ):
-        self._planners = move_base if isinstance(move_base, tuple) else (move_base, move_base)
-        self.simulator, self.move_base = simulator, self._planners[0]
-        self._to_map: Optional[Pose] = None  # pose of the world's frame in the map's, if the planner has the map
-        self.monitor = CollisionMonitor(MonitorSettings.of(robot)) if monitor else None
-        self.prediction = Prediction(robot) if self.move_base.parameters["applr"]["movers"] else None
-        self.robot, self.space = robot, space_of(robot)
-        self.nearest = partial(nearest, lowest=robot.laser.range_min)
-        self.layout = layout_of(robot)  # beams of the policy's scans; may be replaced between two trials
-        self._scan_period = robot.laser.period_in(CONTROL_PERIOD)  # scan interval [s]; 0: one scan per cycle
-        self.end_on_collision, self.escapes = end_on_collision, escapes
-        self.end_on_stall, self.stall = end_on_stall, Stall(robot.world_scale)
+        planners = move_base if isinstance(move_base, tuple) else (move_base,)
+        # The last stack is for worlds with a map.
+        self._stacks = [
+            Stack(robot, planner, monitor=monitor, escapes=escapes) for planner in planners
+        ]
+        self.stack = self._stacks[0]
+        self.simulator = simulator
+        self._to_map: Optional[Pose] = (
+            None  # pose of the world's frame in the map's, if the planner has the map
+        )
+        self.robot = robot
+        self.space = space_of(robot)
+        self.layout = layout_of(
+            robot
+        )  # beams of the policy's scans; may be replaced between two trials
+        self._scan_period = robot.laser.period_in(
+            CONTROL_PERIOD
+        )  # scan interval [s]; 0: one scan per cycle
+        self.end_on_collision = end_on_collision
+        self.end_on_stall = end_on_stall
+        self.stall = Stall(robot.world_scale)
         self.set_period(period)
         self.time_limit = time_limit
         self.outcome: Optional[Outcome] = None
-        self.trace = Trace()
+        self._record = record
+        self._recorder = Recorder()
 
     def set_period(self, period: float) -> None:
         """Change the decision period [s], a whole number of control cycles, from the next decision on.
@@ -107,13 +125,26 @@ class Episode:
         """
         cycles = round(period / CONTROL_PERIOD)
         if not 1 <= cycles <= 200 or abs(cycles * CONTROL_PERIOD - period) > 1e-9:
-            raise ApplrError(f"decision period is {period:g} s: give a multiple of {CONTROL_PERIOD} s, at most 10 s")
-        self.period, self.cycles = float(period), cycles
+            raise ApplrError(
+                f"decision period is {period:g} s: give a multiple of {CONTROL_PERIOD} s, at most 10 s"
+            )
+        self.period = float(period)
+        self.cycles = cycles
 
     @property
     def limit(self) -> int:
         """Number of decisions after which a trial times out."""
         return max(1, round(self.time_limit / self.period))
+
+    @property
+    def move_base(self) -> MoveBase:
+        """Planner of the present world."""
+        return self.stack.move_base
+
+    @property
+    def drive(self) -> Drive:
+        """Drive since the goal was sent, with times from then on."""
+        return self._recorder.drive
 
     @property
     def place(self) -> Pose:
@@ -128,77 +159,93 @@ class Episode:
         The order is that of the authors' reset: robot and odometry to the start, costmaps cleared, theta_0, goal. A
         cycle without a goal fills the map for the first observation and plan. Time counts from the sending of the goal.
         """
-        self.world, self.move_base, self._to_map = world, self._planners[world.map is not None], None
+        self.world = world
+        self.stack = self._stacks[-1 if world.map is not None else 0]
+        self._to_map = None
         if world.map is not None and self.move_base.map_topics:
             self._to_map = inverse(world.map.origin)
             self.move_base.set_map(StaticMap(*world.map[:2], (0.0, 0.0), self.robot.frames.map))
         state = self.simulator.reset(world, seed)
         # Because the seed includes the name, a random planner fidelity differs from world to world.
-        self.move_base.reset(state.time, seed=[seed, zlib.crc32(world.name.encode())])
-        if self.monitor is not None:
-            self.monitor.reset()
-        if self.prediction is not None:
-            self.prediction.reset()
-        self.trace = Trace()
-        self._acceleration: Optional[float] = None
-        self._jerks = self._turns = self._clearances = 0.0
-        self._cycles = 0
+        self.stack.reset(state.time, seed=[seed, zlib.crc32(world.name.encode())])
         self._scan_due = state.time
         self._ranges = np.empty(0, np.float32)  # latest scan of the control cycles
+        self._recorder = Recorder(world, self._record)
+        self.began = state.time + CONTROL_PERIOD  # time at which the goal is sent [s]
         theta = self.apply(self.space.theta0 if theta is None else theta)
         self._tolerance = self.move_base.goal_tolerance
-        lacks = self.escapes and self.move_base.variant == CPP_LIKE
-        self._stalled = StalledPlanner(self._tolerance) if lacks else None
-        self._planned = -math.inf  # time of the latest plan [s]
         self._cycle()
-        sent = world.course.sent_goal
-        self.goal = self.simulator.to_odom(sent) if self._to_map is None else compose(self._to_map, sent)
+        return self._send_goal(theta)
+
+    def _send_goal(self, theta: np.ndarray) -> Outcome:
+        """Send the goal of the course, and return the outcome before the first decision."""
+        sent = self.world.course.sent_goal
+        self.goal = (
+            self.simulator.to_odom(sent) if self._to_map is None else compose(self._to_map, sent)
+        )
         state = self.simulator.state
         self.began = state.time
         self.stall.reset()
         self.stall.update(0.0, *state.pose[:2])
-        self.move_base.set_goal(self.goal, state.time)
-        self._plan = self.move_base.make_plan(self.place, self.goal, 0.0)  # plan of the next decision
+        self.stack.set_goal(self.goal, state.time)
+        self._recorder.moved(0.0, state.pose, state.twist)
+        frame = self.robot.frames.odom if self._to_map is None else self.robot.frames.map
+        self._recorder.sent.append(SentGoal(0.0, self.goal, frame))
+        self._recorder.goals.append(Goal(f"goal in {self.world.name}", 0.0, math.inf))
+        self._plan = self.move_base.make_plan(
+            self.place, self.goal, 0.0
+        )  # plan of the next decision
         self._scanned = self.simulator.scan()
-        near = self.nearest(self._scanned)
+        near = self._observe()
         self.outcome = Outcome(theta, last_scan_min=near, decision_min=near, min_clearance_m=near)
         return self.outcome
 
     def decide(self, theta: np.ndarray) -> Outcome:
         """Drive one decision period, or less if the course ends, with parameters theta (n,); return the outcome."""
-        was = self.outcome
-        if was is None or was.over:
+        if self.outcome is None or self.outcome.over:
             raise RuntimeError("the trial is over: call reset() before decide()")
+        begin = self.seconds
+        came_from = tuple(self.simulator.state.pose)
+        seen = self.seen()
+        before = self.outcome.theta
         theta = self.apply(theta)
-        self.trace.theta.append(theta)
-        self.trace.decided.append(self.simulator.state.time - self.began)
-        since, came_from = self.simulator.state.time, tuple(self.simulator.state.pose)
-        now = replace(was, theta=theta, decisions=was.decisions + 1, contact=False, decision_min=math.inf)
+        values = self.space.as_dict
+        self._recorder.decisions.append(
+            Decision(self._goal.id, begin, begin, values(before), values(theta), seen)
+        )
         for _ in range(self.cycles):
-            self._drive_one(now)
-            if now.over:
+            self._drive_one()
+            if self._goal.status:
                 break
         state = self.simulator.state
-        now.seconds = state.time - since
-        now.time_s = state.time - self.began
-        if self.stall.update(now.time_s, *state.pose[:2]) and self.end_on_stall and not now.over:
-            now.reason = "stalled"
-        if not now.over and now.decisions >= self.limit:
-            now.timeout, now.reason = True, "time limit"
-        if now.aborted:
-            now.timeout = True
-        if now.timeout:
-            now.time_s = self.time_limit
+        number = len(self._recorder.decisions)
+        if (
+            self.stall.update(self.seconds, *state.pose[:2])
+            and self.end_on_stall
+            and not self._goal.status
+        ):
+            self._end(STALLED, "stalled")
+        if not self._goal.status and number >= self.limit:
+            self._end(TIMED_OUT, "time limit")
         self._scanned = self._ranges if self._scan_period else self.simulator.scan()
         self._plan = self.move_base.global_plan
-        now.last_scan_min = self.nearest(self._scanned)
-        now.decision_min = min(now.decision_min, now.last_scan_min)
-        now.min_clearance_m = min(was.min_clearance_m, now.decision_min)
-        now.progress, now.progress_y = progress(self.world.course.goal, came_from, state.pose)
-        now.mean_jerk, now.mean_turn = self._jerks / self._cycles, self._turns / self._cycles
-        now.mean_clearance_m = self._clearances / self._cycles
-        self.outcome = now
-        return now
+        self._observe()
+        leg = Leg(begin, self.seconds, self.world.course.goal, came_from, state.pose)
+        self.outcome = outcome_of(
+            self.drive,
+            self._goal,
+            leg,
+            theta,
+            number,
+            body_width=self.robot.body.size[1],
+            time_limit=self.time_limit,
+        )
+        if self.outcome.over:
+            last = Decision(
+                self._goal.id, self.seconds, self.seconds, values(theta), {}, self.seen()
+            )
+            self._recorder.ends.append(last)
+        return self.outcome
 
     def context(self) -> Context:
         """Return the context in which a method makes the next decision."""
@@ -207,118 +254,124 @@ class Episode:
 
     def seen(self) -> Seen:
         """Return the inputs of the next decision."""
-        state, laser = self.simulator.state, self.robot.laser
         assert self.outcome is not None, "reset() comes first"
+        laser = self.robot.laser
         scan = self._scanned, laser.first_angle + laser.pose[2], laser.increment
-        movers = np.zeros((0, 4))
-        if self.prediction is not None:
-            tracked = self.prediction.movers
-            movers = np.column_stack([tracked.x, tracked.y, tracked.vx, tracked.vy])
-        motion = self.place, state.odom_twist, self.goal, self._plan, movers
-        return Seen(scan, self.outcome.time_s, *motion)
+        twist = self.simulator.state.odom_twist
+        return Seen(
+            scan, self.outcome.time_s, self.place, twist, self.goal, self._plan, self.stack.movers
+        )
+
+    @property
+    def seconds(self) -> float:
+        """Time since the goal was sent [s]."""
+        return self.simulator.state.time - self.began
 
     # -- parameters --------------------------------------------------------------------------------
     def apply(self, theta: np.ndarray) -> np.ndarray:
         """Set parameters theta (n,) through the same reconfigure servers as over ROS; return the resulting values."""
         has = send(self.space.requests(theta), self.move_base)
-        return np.array([has[server][name] for server, name in self.space.places()], dtype=np.float64)
+        if self._record:
+            for server, values in has.items():
+                self._recorder.changed(self.seconds, server, values)
+        return np.array(
+            [has[server][name] for server, name in self.space.places()], dtype=np.float64
+        )
 
     # -- one control cycle of 50 ms ----------------------------------------------------------------
     def _cycle(self) -> Tuple[Cycle, RobotState]:
         """Scan, plan, command and drive; return the planner's cycle and the new state."""
-        simulator, state = self.simulator, self.simulator.state
+        state = self.simulator.state
         scan = self._scan(state) if state.time + 1e-6 >= self._scan_due else None
-        sensed: Optional[Sensed] = scan
-        if self.prediction is not None and scan is not None:
-            sensed = {next(iter(self.move_base.sources)): scan, PREDICTED: self.prediction.add_scan(scan)}
         origin = None if self._to_map is None else compose(self.place, inverse(state.odom_pose))
-        cycle = self.move_base.step(state.time, state.odom_pose, state.odom_twist, sensed, origin)
-        command = cycle.command
-        if self.monitor is not None:
-            if scan is not None:
-                self.monitor.add_scan(scan)
-            self._planned = state.time if cycle.new_plan else self._planned
-            if command is not None:
-                motion = self._escape(state, command)
-                given = state.time, state.odom_pose, state.odom_twist, motion or command
-                verdict = self.verdict = self.monitor.filter(*given, creeps=motion is None)
-                command = verdict.command
-                (self._stalled or self.move_base).report_held(verdict.blocked)
-        if command is not None:
-            simulator.command(*command)
-        return cycle, simulator.advance(CONTROL_PERIOD)
+        step = self.stack.step(state.time, state.odom_pose, state.odom_twist, scan, origin)
+        if self._record:
+            self._record_step(state, scan, step)
+        if step.command is not None:
+            self.simulator.command(*step.command)
+        return step.cycle, self.simulator.advance(CONTROL_PERIOD)
 
-    def _escape(self, state: RobotState, command: Tuple[float, float]) -> Optional[Tuple[float, float]]:
-        """Return the escape motion that replaces the command of a cpp-like planner, or None to keep the command."""
-        if self._stalled is None:
-            return None
-        (x, y, _), (end_x, end_y, _) = self.move_base.global_plan[[0, -1]]
-        left = math.hypot(end_x - x, end_y - y) if state.time - self._planned <= FRESH_S else None
-        return self._stalled.instead(state.time, command, self.move_base.goal, left)
+    def _record_step(self, state: RobotState, scan: Optional[LaserScan], step: Step) -> None:
+        """Record what a training episode does not need."""
+        recorder = self._recorder
+        time = self.seconds
+        recorder.localised(time, state.odom_pose, state.odom_twist)
+        if scan is not None:
+            recorder.scanned(time, scan)
+        if step.cycle.recovery is not None:
+            recorder.recovered(time)
+        if step.cycle.command is not None and step.cycle.controlled:
+            followed = np.array(self.move_base.local_planner.cropped_plan)
+            recorder.planned(time, step.cycle.command, followed)
+        if step.verdict is not None:
+            recorder.judged(time, step.verdict)
+        if step.command is not None:
+            recorder.commanded(time, step.command)
 
     def _scan(self, state: RobotState) -> LaserScan:
         """Take a new scan of the simulated laser."""
         self._scan_due += self._scan_period
         self._ranges = self.simulator.scan()
-        laser, pose = self.robot.laser, laser_pose(state.odom_pose, self.robot.laser)
-        angles = laser.first_angle, laser.increment
-        return LaserScan(state.time, *angles, laser.range_min, laser.range_max, self._ranges, pose, laser.height)
+        laser = self.robot.laser
+        return LaserScan(
+            state.time,
+            laser.first_angle,
+            laser.increment,
+            laser.range_min,
+            laser.range_max,
+            self._ranges,
+            laser_pose(state.odom_pose, laser),
+            laser.height,
+        )
 
-    def _drive_one(self, now: Outcome) -> None:
-        before = self.simulator.state
-        x, y, _ = before.pose
-        v, w = before.twist
+    def _observe(self) -> float:
+        """Record the scan of the next decision, and return its smallest range [m]."""
+        near = nearest(self._scanned, self.robot.laser.range_min)
+        self._recorder.observed(self.seconds, near)
+        return near
+
+    def _drive_one(self) -> None:
+        """Drive one control cycle, and end the goal if the course has ended."""
+        begin = self.seconds
         cycle, state = self._cycle()
-        near = self.nearest(self._ranges)
-        now.decision_min = min(now.decision_min, near)
-        self._clearances += min(near, CLEAR * self.robot.body.size[1])
-        now.path_length_m += math.hypot(state.pose[0] - x, state.pose[1] - y)
-        now.contact |= bool(state.contact)
-        now.collided |= now.contact
-        acceleration = (state.twist[0] - v) / CONTROL_PERIOD
-        if self._acceleration is not None:
-            self._jerks += abs(acceleration - self._acceleration) / CONTROL_PERIOD
-        self._acceleration = acceleration
-        self._turns += abs(state.twist[1] - w) / CONTROL_PERIOD
-        self._cycles += 1
-        self.trace.time.append(state.time - self.began)
-        self.trace.pose.append(tuple(state.pose))
-        self.trace.twist.append(tuple(state.twist))
-        self._judge(now, cycle, state)
+        self._recorder.measured(begin, nearest(self._ranges, self.robot.laser.range_min))
+        self._recorder.moved(self.seconds, state.pose, state.twist)
+        if state.contact:
+            self._recorder.touched(self.seconds)
+        self._judge(cycle, state)
 
-    def _judge(self, now: Outcome, cycle: Cycle, state: RobotState) -> None:
-        """Set success, failure and reason in the outcome if the course has ended (Course.arrived).
+    def _judge(self, cycle: Cycle, state: RobotState) -> None:
+        """End the goal if the course has ended (Course.arrived).
 
         The planner has reached the goal if it reports success, or if `place` is within the tolerance although the robot
         has still to stop and turn. If the goal is occupied (default_tolerance), only the report counts.
         """
-        left = math.hypot(self.goal[0] - self.place[0], self.goal[1] - self.place[1])
-        reached = left <= self._tolerance or (cycle.result is not None and cycle.result[0] == "succeeded")
-        if self.world.course.arrived(state.pose[0], state.pose[1], self._tolerance if reached else None):
-            now.success, now.reason = True, "finished"
+        place = self.place
+        distance = math.hypot(self.goal[0] - place[0], self.goal[1] - place[1])
+        is_called = cycle.result is not None and cycle.result[0] == "succeeded"
+        tolerance = self._tolerance if is_called or distance <= self._tolerance else None
+        if self.world.course.arrived(state.pose[0], state.pose[1], tolerance):
+            self._end(REACHED, "finished")
         elif state.flipped:
-            now.flipped, now.reason = True, "flipped"
+            self._end(FLIPPED, "flipped")
         elif self.end_on_collision and state.contact:
-            now.reason = "contact"
+            self._end(TOUCHED, "contact")
         elif cycle.result is not None:
             status, text = cycle.result
-            now.aborted, now.reason = True, "planner %s: %s" % (status, text)
+            self._end(ABORTED, "planner %s: %s" % (status, text))
 
+    @property
+    def _goal(self) -> Goal:
+        """Goal of the course."""
+        return self._recorder.goals[-1]
 
-def progress(goal: Sequence[float], p: Sequence[float], q: Sequence[float]) -> Tuple[float, float]:
-    """Return the paper's R_p from p to q, (q - p) . (goal - p) / |goal - p|, and its simplification q_y - p_y [m]."""
-    gx, gy = goal[0] - p[0], goal[1] - p[1]
-    distance = math.hypot(gx, gy)
-    along = ((q[0] - p[0]) * gx + (q[1] - p[1]) * gy) / distance if distance > 0.0 else 0.0
-    return along, q[1] - p[1]
+    def _end(self, status: str, reason: str) -> None:
+        """End the goal."""
+        self._recorder.goals[-1] = self._goal._replace(
+            end=self.seconds, status=status, reason=reason
+        )
 
 
 def laser_pose(pose: Pose, laser: Laser) -> Pose:
     """Return the pose of the laser of a robot at pose (x, y, yaw)."""
     return (*transform_point(pose, *laser.pose[:2]), pose[2] + laser.pose[2])
-
-
-def nearest(ranges: np.ndarray, lowest: float) -> float:
-    """Return d(o), the smallest range [m]: at least `lowest` (-inf is too near to measure), or inf without a return."""
-    low = float(np.fmin.reduce(ranges))
-    return math.inf if math.isnan(low) else max(lowest, low)

@@ -1,15 +1,17 @@
-"""Outcome of a trial: its state after a decision, and the driven path.
+"""Outcome of a trial: what a drive has come to after a decision. Rewards, evaluations and datasets read it.
 
-episode.py writes both. Rewards, evaluations, datasets and pictures read them.
+outcome_of() makes it from a Drive, whether the drive was simulated or recorded in a bag.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import List, Tuple
+from dataclasses import dataclass
+from typing import NamedTuple, Sequence, Tuple
 
 import numpy as np
+
+from applr_ros1.drives.drive import ABORTED, FLIPPED, REACHED, TIMED_OUT, Drive, Goal
 
 CLEAR = 3.0  # cap on the distance to the nearest obstacle in mean_clearance_m [widths of the body]
 
@@ -70,12 +72,125 @@ class Outcome:
         return self.success or self.flipped or self.aborted or self.timeout or bool(self.reason)
 
 
-@dataclass
-class Trace:
-    """Driven path for pictures, one row per control cycle."""
+class Leg(NamedTuple):
+    """Part of a drive between two decisions.
 
-    time: List[float] = field(default_factory=list)
-    pose: List[Tuple[float, ...]] = field(default_factory=list)  # true pose in the world frame
-    twist: List[Tuple[float, ...]] = field(default_factory=list)
-    theta: List[np.ndarray] = field(default_factory=list)  # parameters of each decision
-    decided: List[float] = field(default_factory=list)  # time of each decision [s]
+    Attributes:
+        begin: Time of the first decision [s].
+        end: Time of the next decision, or of the end of the course [s].
+        goal: Goal (x, y) [m] of the course.
+        start_place: Position (x, y) [m] of the robot at the beginning, in the frame of the goal.
+        end_place: Position at the end.
+    """
+
+    begin: float
+    end: float
+    goal: Sequence[float]
+    start_place: Sequence[float]
+    end_place: Sequence[float]
+
+
+def outcome_of(
+    drive: Drive,
+    goal: Goal,
+    leg: Leg,
+    theta: np.ndarray,
+    decisions: int,
+    *,
+    body_width: float,
+    time_limit: float = math.inf,
+) -> Outcome:
+    """Return the outcome of a trial at the end of a leg.
+
+    Args:
+        drive: Drive until the end of the leg.
+        goal: Goal of the trial, with its end if the trial is over.
+        leg: Latest part of the drive.
+        theta: (n,) parameters that were set at the beginning of the leg.
+        decisions: Number of decisions so far.
+        body_width: Width of the robot [m].
+        time_limit: Time that a failed trial counts [s].
+    """
+    outcome = Outcome(theta, decisions=decisions, reason=goal.reason)
+    _measure_leg(outcome, drive, leg)
+    _measure_clearance(outcome, drive, goal, leg, body_width)
+    _measure_motion(outcome, drive, goal, leg)
+    outcome.collided = bool((drive.contacts > goal.begin).any())
+    outcome.success = goal.status == REACHED
+    outcome.flipped = goal.status == FLIPPED
+    outcome.aborted = goal.status == ABORTED
+    outcome.timeout = goal.status in (TIMED_OUT, ABORTED)
+    outcome.time_s = time_limit if outcome.timeout else leg.end - goal.begin
+    return outcome
+
+
+def _measure_leg(outcome: Outcome, drive: Drive, leg: Leg) -> None:
+    """Set the fields that describe the last decision."""
+    outcome.seconds = leg.end - leg.begin
+    outcome.progress, outcome.progress_y = progress(leg.goal, leg.start_place, leg.end_place)
+    outcome.contact = bool(((drive.contacts > leg.begin) & (drive.contacts <= leg.end)).any())
+
+
+def _measure_clearance(
+    outcome: Outcome, drive: Drive, goal: Goal, leg: Leg, body_width: float
+) -> None:
+    """Set the smallest ranges of the leg and of the trial, and their mean."""
+    if drive.clearances is None:
+        return
+    in_leg = drive.clearances.between(leg.begin, leg.end)
+    in_trial = drive.clearances.between(goal.begin, leg.end)
+    # The scan that the next decision sees may have been taken for it alone, with other noise.
+    seen = drive.observed if drive.observed is not None else in_trial
+    seen_in_leg = seen.between(leg.begin, leg.end)
+    seen_in_trial = seen.between(goal.begin, leg.end)
+    if len(seen_in_leg):
+        outcome.last_scan_min = float(seen_in_leg.nearest[-1])
+    outcome.decision_min = float(in_leg.nearest.min(initial=outcome.last_scan_min))
+    outcome.min_clearance_m = float(
+        min(in_trial.nearest.min(initial=math.inf), seen_in_trial.nearest.min(initial=math.inf))
+    )
+    if len(in_trial):
+        outcome.mean_clearance_m = float(np.minimum(in_trial.nearest, CLEAR * body_width).mean())
+
+
+def _measure_motion(outcome: Outcome, drive: Drive, goal: Goal, leg: Leg) -> None:
+    """Set length and smoothness of the driven path, from the true motion in one row per control cycle."""
+    if drive.truth is None:
+        return
+    motion = drive.truth.between(goal.begin, leg.end)
+    intervals = np.diff(motion.time)
+    if not len(intervals):
+        return
+    steps = np.diff(motion.pose[:, :2], axis=0)
+    outcome.path_length_m = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+    accelerations = np.diff(motion.twist, axis=0) / intervals[:, None]
+    jerks = np.diff(accelerations[:, 0]) / intervals[1:]
+    outcome.mean_jerk = float(np.abs(jerks).sum() / len(intervals))
+    outcome.mean_turn = float(np.abs(accelerations[:, 1]).mean())
+
+
+def progress(
+    goal: Sequence[float], start: Sequence[float], end: Sequence[float]
+) -> Tuple[float, float]:
+    """Return the paper's R_p from p to q, (q - p) . (goal - p) / |goal - p|, and its simplification q_y - p_y [m].
+
+    Args:
+        goal: Goal (x, y) [m].
+        start: Position p (x, y) [m].
+        end: Position q (x, y) [m].
+    """
+    driven_x = end[0] - start[0]
+    driven_y = end[1] - start[1]
+    goal_x = goal[0] - start[0]
+    goal_y = goal[1] - start[1]
+    distance = math.hypot(goal_x, goal_y)
+    along = 0.0
+    if distance > 0.0:
+        along = (driven_x * goal_x + driven_y * goal_y) / distance
+    return along, driven_y
+
+
+def nearest(ranges: np.ndarray, lowest: float) -> float:
+    """Return d(o), the smallest range [m]: at least `lowest` (-inf is too near to measure), or inf without a return."""
+    smallest = float(np.fmin.reduce(ranges))
+    return math.inf if math.isnan(smallest) else max(lowest, smallest)

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import io
 import json
 from functools import cached_property, lru_cache
-from typing import Any, Dict, List, Sequence, Tuple
+from typing import List, Sequence, Tuple
 
 import numpy as np
 
@@ -19,6 +18,7 @@ import worlds as worlds_package
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import sha256
+from applr_ros1.drives.drive import Drive
 from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy
 from applr_ros1.policy.decision import PERIOD, Method
@@ -26,10 +26,9 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from applr_ros1.robots.geometry import radius
 from training.env.episode import Episode
-from training.env.outcome import Trace
 from training.env.settings import CHALLENGE, TrialSettings, under
 from training.evaluation.loaded import loadable_space, move_base_parameters
-from training.evaluation.trial import POLICY, TRACED, Result, Trial
+from training.evaluation.trial import POLICY, Result, Trial
 from training.workers.collect import policy_layers
 from worlds import World
 
@@ -47,7 +46,7 @@ def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Re
     """
     runner = _runner(settings.model_dump_json())
     result = runner.run(trial, weights)
-    return result, pack_trace(runner.trace) if trial.trace else b""
+    return result, runner.drive.pack() if trial.trace else b""
 
 
 def at_scale(protocol: str, spec: str, robot: Robot) -> World:
@@ -82,7 +81,7 @@ class TrialRunner:
     """Runner with one simulator and one planner, which drives one trial after the other.
 
     Attributes:
-        trace: Trace of the last trial.
+        drive: Drive of the last trial.
     """
 
     def __init__(self, settings: TrialSettings):
@@ -90,7 +89,7 @@ class TrialRunner:
         self.space, self.encoding = space_of(self.robot), settings.encoding()
         self.loadable = loadable_space(self.robot)
         self.simulator = sim_bridge.make(settings.simulator, robot=self.robot, **settings.randomisation)
-        self.trace = Trace()
+        self.drive = Drive()
         self._world = lru_cache(maxsize=400)(lambda spec: at_scale(settings.protocol, spec, self.robot))
         self._made = lru_cache(maxsize=None)(lambda spec: methods.make(spec, self.robot))
 
@@ -115,7 +114,7 @@ class TrialRunner:
             outcome = episode.decide(method.theta(context))
             changes.append(float(np.abs(self.space.to_action(outcome.theta) - self.space.to_action(before)).mean()))
             total += self.settings.reward(outcome, episode.limit, episode.period, self.encoding)[0]
-        self.trace = episode.trace
+        self.drive = episode.drive
         more = {"route_m": world.course.route_m, "switching": np.mean(changes), "total_reward": total}
         values = {**vars(outcome), **more}
         return Result(**{name: type(default)(values[name]) for name, default in vars(Result()).items()})
@@ -149,14 +148,6 @@ class TrialRunner:
         if task.method_spec == POLICY:
             return Policy(self.encoding, policy_layers(weights))
         return self._made(task.method_spec)
-
-
-def pack_trace(trace: Trace) -> bytes:
-    """Return a trace as npz: time, pose, twist (a row per 50 ms), theta and decided [s] (a row per decision)."""
-    buffer = io.BytesIO()
-    arrays: Dict[str, Any] = {name: np.array(getattr(trace, name), np.float32) for name in TRACED}
-    np.savez_compressed(buffer, **arrays)
-    return buffer.getvalue()
 
 
 def world_list(text: str, protocol: str, robot: Robot) -> List[Tuple[str, str, World]]:

@@ -19,8 +19,9 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, read_json, write_bytes, write_json
+from applr_ros1.drives.drive import PATH_COLUMNS
 from training.common.folders import Lock, make_folder
-from training.evaluation.trial import TRACED, Result, Trial
+from training.evaluation.trial import Result, Trial
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -120,7 +121,7 @@ def read_trace(folder: os.PathLike[str] | str, world: str, method: str, trial: i
     path = Path(folder) / TRACES / trace_name(world, method, trial)
     try:
         with np.load(path) as arrays:
-            return {name: arrays[name] for name in TRACED}
+            return {name: arrays[name] for name in PATH_COLUMNS}
     except FileNotFoundError:
         return None
 

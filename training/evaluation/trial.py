@@ -10,7 +10,6 @@ import numpy as np
 
 BASELINE = "dwa"  # method that drives with the default parameters of the robot
 POLICY = "policy"  # method_spec of the policy being learnt
-TRACED = ("time", "pose", "twist", "theta", "decided")  # stored fields of a Trace (training/env/outcome.py)
 
 
 @dataclass(frozen=True)

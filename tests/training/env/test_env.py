@@ -14,8 +14,8 @@ from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import SPACE
-from training.env.episode import Episode, nearest
-from training.env.outcome import Outcome
+from training.env.episode import Episode
+from training.env.outcome import Outcome, nearest
 from training.env.reward import Reward, failed
 from worlds import Course, Mover, World
 
@@ -95,8 +95,8 @@ def test_a_course_takes_the_time_it_takes_to_a_control_cycle():
     assert (last.seconds, last.path_length_m) == (pytest.approx(last.time_s - 4.0), pytest.approx(4.0, abs=0.1))
     assert sum(o.progress for o in outcomes) == pytest.approx(4.0, abs=0.1)
     assert sum(o.progress_y for o in outcomes) == pytest.approx(4.0, abs=0.1)
-    assert len(episode.trace.pose) == round(last.time_s / 0.05)
-    assert len(episode.trace.theta) == 3
+    assert len(episode.drive.truth) == round(last.time_s / 0.05) + 1
+    assert len(episode.drive.decisions) == 3
     with pytest.raises(RuntimeError, match="reset"):
         episode.decide(SPACE.theta0)
 
@@ -239,13 +239,13 @@ def test_the_monitor_gets_the_scans_and_the_planner_is_informed_of_blocked_comma
 def test_the_monitor_moves_the_robot_if_a_cpp_like_planner_finds_no_command(variant, escapes, moves):
     """The planner `ours` makes its escape motions itself."""
     episode = trial(v=0.0, monitor=True, limit=2, variant=variant, escapes=escapes)
-    given, judge = [], episode.monitor.filter
-    episode.monitor.filter = lambda *a, creeps: (given.append((a[3], creeps)), judge(*a, creeps=creeps))[1]
+    given, judge = [], episode.stack.monitor.filter
+    episode.stack.monitor.filter = lambda *a, creeps: (given.append((a[3], creeps)), judge(*a, creeps=creeps))[1]
     drive(episode)
     assert all(creeps == (command == (0.0, 0.0)) for command, creeps in given), "only the planner's commands may creep"
-    driven = {twist for twist in episode.trace.twist if twist != (0.0, 0.0)}
-    assert bool(driven) == moves
-    assert {episode.trace.twist[i] for i in range(39)} == {(0.0, 0.0)}, "the monitor waits two seconds for the planner"
+    twists = episode.drive.truth.twist
+    assert twists.any() == moves
+    assert not twists[:40].any(), "the monitor waits two seconds for the planner"
 
 
 def test_nearest_is_bounded_and_finite_for_any_scan():

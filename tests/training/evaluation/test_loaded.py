@@ -32,9 +32,9 @@ def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robot
     drives.run(Trial("generated:7", "m", 0, 1, "generated:7", "", theta=tuple(theta.tolist())))
     (base,) = bases
     wanted = {**SPACE.as_dict(theta), "footprint_padding": in_maps}
-    assert SPACE.as_dict(drives.trace.theta[-1]) == wanted
+    assert drives.drive.decisions[-1].after == wanted
     assert bool(called) != loaded
-    assert drives.episode.escapes != loaded
+    assert drives.episode.stack.escapes != loaded
     sides = np.abs(base.local_planner.planner._footprint).max(axis=0)
     assert sides.tolist() == pytest.approx([0.21 + 0.1, 0.165 + 0.1])
     assert np.ptp(base.local_costmap.footprint, axis=0)[0] == pytest.approx(0.42 + 2 * in_maps)

@@ -5,28 +5,22 @@ import re
 import shutil
 import subprocess
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS
+from tests.support.drives import driven
 from tests.support.toy_runner import SETTINGS
-from training.evaluation import drives_page, runner
+from training.evaluation import drives_page
 from training.evaluation.report import write
 from training.evaluation.table import Trials
 from training.evaluation.trial import Result, plan_trials
 
 TIME = 0.05 * np.arange(1, 123)
 POSE = np.column_stack([-2.25 + np.sin(TIME), 4.0 + TIME, 3.0 + 0.1 * TIME])  # [m, m, rad]
-TRACE = SimpleNamespace(
-    time=TIME,
-    pose=POSE,
-    twist=np.column_stack([0.3 + 0.01 * TIME, 0.0 * TIME]),
-    theta=[SPACE.theta0, SPACE.high],
-    decided=[0.0, 1.0],
-)
+TRACE = driven(TIME, POSE, np.column_stack([0.3 + 0.01 * TIME, 0.0 * TIME]), [SPACE.theta0, SPACE.high], [0.0, 1.0])
 METHODS = ("dwa", "mine", "quiet")
 
 
@@ -40,7 +34,7 @@ def folder(tmp_path):
     for task in plan:
         good = task.method == "dwa"
         result = Result(good, not good, False, 6.1, 3, 6.0, "finished" if good else "</script>", 7.0)
-        store.add(task, result, runner.pack_trace(TRACE) if task.method != "quiet" else b"")
+        store.add(task, result, TRACE.pack() if task.method != "quiet" else b"")
     return tmp_path
 
 
@@ -60,7 +54,7 @@ def test_the_page_has_the_driven_paths(folder):
     drive = world["drives"][0]
     poses, rows = np.cumsum(drive["p"], axis=0) / 100.0, [*range(0, 121, 4), 121]
     np.testing.assert_allclose(poses, POSE[rows], atol=0.0051)
-    np.testing.assert_allclose(drive["v"], 100 * TRACE.twist[rows, 0], atol=0.6)
+    np.testing.assert_allclose(drive["v"], 100 * TRACE.truth.twist[rows, 0], atol=0.6)
     assert drive["at"] == [0, 100]
     assert drive["a"][1] == [50] * len(SPACE)
     left, bottom, right, top = np.array(world["view"]) / 100.0

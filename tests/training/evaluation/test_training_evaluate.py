@@ -13,7 +13,6 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -23,6 +22,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS, ROOT, toy_runner
+from tests.support.drives import driven
 from training import evaluate
 from training.common.command_line import parsed
 from training.env.episode import TIME_LIMIT
@@ -272,12 +272,11 @@ def test_trial_depends_on_its_task_only():
 
 
 def test_traces_are_stored_beside_the_table(tmp_path):
-    trace = SimpleNamespace(time=[0.0, 0.05], pose=[(0, 0, 0), (1, 0, 0)], twist=[(0, 0)] * 2, theta=[np.zeros(11)])
-    trace.decided = [0.0]
+    drive = driven([0.0, 0.05], [(0, 0, 0), (1, 0, 0)], theta=[np.zeros(11)], decided=[0.0])
     plan = plan_trials([("generated:0", "generated:0")], [("dwa", "dwa")], 1, seed=0)
     with Trials(tmp_path, {"worlds": ["generated:0"]}) as table:
         with pytest.raises(ApplrError, match="another"):
             Trials(tmp_path, {"worlds": ["generated:0"]})
-        table.add(plan[0], Result(time_s=1.0), runner.pack_trace(trace))
+        table.add(plan[0], Result(time_s=1.0), drive.pack())
     assert read_trace(tmp_path, "generated:0", "dwa", 0)["pose"].shape == (2, 3)
     assert read_trace(tmp_path, "generated:0", "dwa", 1) is None

@@ -11,8 +11,9 @@ from scipy import stats
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.parameter_space import THETA_0
+from tests.support.drives import driven
 from tests.support.toy_runner import SETTINGS
-from training.evaluation import runner, tables
+from training.evaluation import tables
 from training.evaluation.compare import LEVEL, compare, over_worlds, rate, wilson
 from training.evaluation.report import summary, write
 from training.evaluation.stored import Results
@@ -24,12 +25,8 @@ from worlds.world import clearance
 METHODS = ("dwa", "applr", "other")
 
 
-class Trace:
-    time = np.arange(200) * 0.05
-    pose = np.column_stack([np.full(200, -2.0), np.linspace(4.1, 10.0, 200), np.full(200, 1.57)])
-    twist = np.zeros((200, 2))
-    theta = np.tile(THETA_0, (5, 1))
-    decided = np.arange(5) * 2.0
+POSE = np.column_stack([np.full(200, -2.0), np.linspace(4.1, 10.0, 200), np.full(200, 1.57)])
+TRACE = driven(np.arange(200) * 0.05, POSE, theta=np.tile(THETA_0, (5, 1)), decided=np.arange(5) * 2.0)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +48,7 @@ def folder(tmp_path_factory):
         reason, decisions = "finished" if good else "time limit", math.ceil(seconds / 2)
         result = Result(good, False, not good, seconds, decisions, 6.5, reason, 7.0, 0.3, 5.0, 1.0, 0.1)
         traced = task.trace and task.world in ("generated:20",)
-        store.add(task, result, runner.pack_trace(Trace) if traced else b"")
+        store.add(task, result, TRACE.pack() if traced else b"")
     session = {"date": "2026-01-02", "commit": "abc", "cpu": "a processor", "cores": 4, "command": "evaluate.py"}
     store.note(wall_s=75.0, provenance=[dict(session, versions={"numpy": "2"})], workers=2)
     return out
@@ -202,7 +199,7 @@ def test_report_of_one_method_and_one_world(tmp_path):
     plan = plan_trials([("house", "generated:7")], [("mine", "dwa")], 1, seed=0)
     store = Trials(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["generated:7"]))
     result = Result(False, True, True, 100.0, 50, 3.0, "time limit", *[math.nan] * 5)
-    store.add(plan[0], result, runner.pack_trace(Trace))
+    store.add(plan[0], result, TRACE.pack())
     text = Path(write(tmp_path)).read_text(encoding="utf-8")
     assert "paper [" not in text
     assert "paper&#x27;s numbers" not in text

@@ -107,5 +107,5 @@ def test_the_planner_reaches_training_and_evaluation():
     assert env.episode.end_on_collision
     assert not held_out.end_on_collision
     for episode in (env.episode, held_out):
-        assert episode.monitor
-        assert episode.prediction
+        assert episode.stack.monitor
+        assert episode.stack.prediction

@@ -1,0 +1,270 @@
+"""Drive: one drive of a robot in columns, whether it was simulated or recorded in a bag.
+
+Episodes, the demo and the reader of bags write drives. Datasets, demonstrations, the replay, pages and reports read
+them. All times are in seconds since the drive's beginning.
+"""
+
+import io
+from dataclasses import dataclass, field, fields
+from typing import Any, Dict, List, NamedTuple, Optional, Tuple, TypeVar
+
+import numpy as np
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.policy.decision import Seen
+from worlds import World
+
+SelfRows = TypeVar("SelfRows", bound="Rows")
+# How a goal ended: by the planner's word, by a rule of the trial, or by a person's.
+REACHED, ABORTED = "reached", "aborted"
+FLIPPED, TOUCHED, STALLED, TIMED_OUT = "flipped", "touched", "stalled", "timed out"
+CANCELLED = "cancelled"  # by a person, or replaced by another goal
+PATH_COLUMNS = ("time", "pose", "twist", "theta", "decided")  # columns of a packed path
+
+
+class DriveError(ApplrError):
+    """Error of a drive that lacks a column."""
+
+
+@dataclass
+class Rows:
+    """Rows of a drive in order of time. Each field has one entry per row.
+
+    Attributes:
+        time: (n,) times at which the rows came [s].
+    """
+
+    time: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def latest(self, time: float) -> int:
+        """Return the index of the latest row until `time` [s], or -1."""
+        return int(np.searchsorted(self.time, time, side="right")) - 1
+
+    def between(self: SelfRows, begin: float, end: float) -> SelfRows:
+        """Return the rows with begin <= time <= end [s]."""
+        first = int(np.searchsorted(self.time, begin, side="left"))
+        last = int(np.searchsorted(self.time, end, side="right"))
+        return self.part(slice(first, last))
+
+    def part(self: SelfRows, rows: slice) -> SelfRows:
+        """Return a slice of the rows."""
+        columns = {}
+        for column in fields(self):
+            columns[column.name] = getattr(self, column.name)[rows]
+        return type(self)(**columns)
+
+
+@dataclass
+class Motion(Rows):
+    """Poses and velocities of the robot.
+
+    Attributes:
+        stamp: (n,) times for which the rows hold [s].
+        pose: (n, 3) x, y [m], yaw [rad].
+        twist: (n, 2) v [m/s], w [rad/s].
+    """
+
+    stamp: np.ndarray
+    pose: np.ndarray
+    twist: np.ndarray
+
+
+@dataclass
+class Commands(Rows):
+    """Velocity commands.
+
+    Attributes:
+        twist: (n, 2) v [m/s], w [rad/s].
+    """
+
+    twist: np.ndarray
+
+
+@dataclass
+class Scans(Rows):
+    """Laser scans.
+
+    Attributes:
+        stamp: (n,) times of the scans [s].
+        fan: (n, 4) angle of the first range, angle between ranges [rad], minimum and maximum range [m].
+        ranges: Unprocessed ranges (m,) float32 [m] of each scan.
+    """
+
+    stamp: np.ndarray
+    fan: np.ndarray
+    ranges: List[np.ndarray]
+
+
+@dataclass
+class Clearances(Rows):
+    """Distances to the nearest obstacle.
+
+    Attributes:
+        nearest: (n,) smallest range of the laser [m]; inf without a return.
+    """
+
+    nearest: np.ndarray
+
+
+@dataclass
+class Plans(Rows):
+    """Plans that the local planner followed.
+
+    Attributes:
+        path: Poses (k, 3) x, y [m], yaw [rad] of each plan; (0, 3) for an empty plan.
+    """
+
+    path: List[np.ndarray]
+
+
+@dataclass
+class Verdicts(Rows):
+    """Verdicts of the collision monitor.
+
+    Attributes:
+        action: PASS, SLOW or STOP of each (monitor/monitor.py).
+        reason: One line that explains each limit; "" if the command passed.
+        blocked: Whether the command was limited to almost zero.
+    """
+
+    action: List[str]
+    reason: List[str]
+    blocked: List[bool]
+
+
+@dataclass
+class Changes(Rows):
+    """Changes of parameters, and those in force at the beginning, in a row at time 0.
+
+    Attributes:
+        server: Names of the reconfigure servers.
+        values: {name: value} of each change.
+    """
+
+    server: List[str]
+    values: List[Dict[str, Any]]
+
+
+class Decision(NamedTuple):
+    """Decision of a method (msg/Decision.msg), or its observation at the end of a course.
+
+    Attributes:
+        goal: Identifier of the goal.
+        time: Time of the decision [s].
+        scan_time: Time of the scan on which the decision is based [s].
+        before: Parameters {name: value} in force before the decision.
+        after: Parameters after the decision; empty at the end of a course.
+        seen: Inputs of the decision.
+    """
+
+    goal: str
+    time: float
+    scan_time: float
+    before: Dict[str, float]
+    after: Dict[str, float]
+    seen: Seen
+
+
+class Goal(NamedTuple):
+    """Goal of a drive.
+
+    Attributes:
+        id: Identifier.
+        begin: Time of its sending [s].
+        end: Time of its end, or of the drive's [s].
+        status: REACHED, ABORTED, FLIPPED, TOUCHED, STALLED, TIMED_OUT or CANCELLED; "" if it is still pursued.
+        reason: Why it ended, in words.
+    """
+
+    id: str
+    begin: float
+    end: float
+    status: str = ""
+    reason: str = ""
+
+    @property
+    def has_ended(self) -> bool:
+        """True if the planner reached the goal or gave up."""
+        return self.status in (REACHED, ABORTED)
+
+
+class SentGoal(NamedTuple):
+    """Goal as it was sent: time [s], pose (x, y, yaw) [m, m, rad], and its frame."""
+
+    time: float
+    pose: Tuple[float, float, float]
+    frame: str
+
+
+@dataclass
+class Drive:
+    """One drive. A column that was not recorded is None, and lists of events are empty.
+
+    Attributes:
+        name: Name of the drive for people: its file, or its world.
+        frame: Frame of odometry and plans.
+        truth: True motion in the frame of the world.
+        odometry: Motion by odometry.
+        scans: Laser scans.
+        clearances: Distances to the nearest obstacle.
+        observed: Distances to the nearest obstacle in the scans that the method saw, if it had scans of its own.
+        plans: Plans that were followed.
+        planned: Commands of the planner, before a collision monitor.
+        commands: Commands at the base.
+        verdicts: Verdicts of the collision monitor.
+        changes: Parameters in force.
+        decisions: Decisions of the method.
+        ends: Observations of the method at the ends of courses.
+        sent: Goals as they were sent.
+        goals: Goals that were pursued.
+        contacts: (k,) times at which the robot touched something [s].
+        recoveries: (k,) times at which recovery behaviours began [s].
+        world: World in which the robot drove, if it is known.
+        source: Who drove, and where, as told by the recorder.
+    """
+
+    name: str = ""
+    frame: str = "odom"
+    truth: Optional[Motion] = None
+    odometry: Optional[Motion] = None
+    scans: Optional[Scans] = None
+    clearances: Optional[Clearances] = None
+    observed: Optional[Clearances] = None
+    plans: Optional[Plans] = None
+    planned: Optional[Commands] = None
+    commands: Optional[Commands] = None
+    verdicts: Optional[Verdicts] = None
+    changes: Optional[Changes] = None
+    decisions: List[Decision] = field(default_factory=list)
+    ends: List[Decision] = field(default_factory=list)
+    sent: List[SentGoal] = field(default_factory=list)
+    goals: List[Goal] = field(default_factory=list)
+    contacts: np.ndarray = field(default_factory=lambda: np.empty(0))
+    recoveries: np.ndarray = field(default_factory=lambda: np.empty(0))
+    world: Optional[World] = None
+    source: Dict[str, Any] = field(default_factory=dict)
+
+    def pack(self) -> bytes:
+        """Return the driven path as npz: time, pose, twist in a row per control cycle, theta and decided per decision.
+
+        Poses are true. A path is kept of many trials, for pictures: everything else is left out.
+        """
+        assert self.truth is not None
+        thetas = [list(decision.after.values()) for decision in self.decisions]
+        decided = [decision.time for decision in self.decisions]
+        columns = (self.truth.time, self.truth.pose, self.truth.twist, thetas, decided)
+        arrays: Dict[str, Any] = {}
+        for name, column in zip(PATH_COLUMNS, columns):
+            arrays[name] = np.asarray(column, np.float32)
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, **arrays)
+        return buffer.getvalue()
+
+    def require(self, *columns: str) -> None:
+        """Raise DriveError if one of the named columns is missing or empty."""
+        for name in columns:
+            if not getattr(self, name):
+                raise DriveError(f"{self.name}: no {name} was recorded")

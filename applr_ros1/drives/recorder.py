@@ -1,0 +1,189 @@
+"""Recorder: collects the rows of a drive while it happens, and returns them as a Drive."""
+
+from typing import Any, Dict, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from applr_ros1.common.angles import Pose
+from applr_ros1.common.scan import LaserScan
+from applr_ros1.drives.drive import (
+    Changes,
+    Clearances,
+    Commands,
+    Decision,
+    Drive,
+    Goal,
+    Motion,
+    Plans,
+    Scans,
+    SentGoal,
+    Verdicts,
+)
+from applr_ros1.monitor.monitor import Verdict
+from applr_ros1.monitor.motion import Twist
+from worlds import World
+
+
+class Table:
+    """Growing table of numbers, whose rows can be read as an array at any time.
+
+    Args:
+        width: Number of columns.
+    """
+
+    def __init__(self, width: int):
+        self._rows = np.empty((256, width))
+        self._count = 0
+
+    def append(self, *numbers: float) -> None:
+        """Add a row."""
+        if self._count == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+        self._rows[self._count] = numbers
+        self._count += 1
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Rows so far (n, width), as a view."""
+        return self._rows[: self._count]
+
+
+class Recorder:
+    """Collects the rows of one drive, with times in seconds since the drive's beginning.
+
+    True motion, clearances, contacts, goals and decisions are always kept: an Outcome is made of them.
+
+    Args:
+        world: World of the drive.
+        everything: Whether to keep scans, odometry, plans, commands, verdicts and changes of parameters, too.
+    """
+
+    def __init__(self, world: Optional[World] = None, everything: bool = False):
+        self.everything = everything
+        self._world = world
+        self._truth = Table(6)  # time, x, y, yaw, v, w
+        self._clearances = Table(2)  # time, smallest range
+        self._observed = Table(2)  # time, smallest range
+        self._contacts: List[float] = []
+        self._odometry = Table(6)  # time, x, y, yaw, v, w
+        self._scans: List[Tuple[float, LaserScan]] = []
+        self._plans: List[Tuple[float, np.ndarray]] = []
+        self._planned = Table(3)  # time, v, w
+        self._commands = Table(3)  # time, v, w
+        self._verdicts: List[Tuple[float, Verdict]] = []
+        self._changes: List[Tuple[float, str, Dict[str, Any]]] = []
+        self._recoveries: List[float] = []
+        self.decisions: List[Decision] = []
+        self.ends: List[Decision] = []
+        self.sent: List[SentGoal] = []
+        self.goals: List[Goal] = []
+
+    # -- rows that are always kept -------------------------------------------------------------------
+    def moved(self, time: float, pose: Pose, twist: Twist) -> None:
+        """Add the robot's true motion."""
+        self._truth.append(time, *pose, *twist)
+
+    def measured(self, time: float, nearest: float) -> None:
+        """Add the smallest range of a scan [m]."""
+        self._clearances.append(time, nearest)
+
+    def observed(self, time: float, nearest: float) -> None:
+        """Add the smallest range [m] of a scan that the method sees."""
+        self._observed.append(time, nearest)
+
+    def touched(self, time: float) -> None:
+        """Add a contact."""
+        self._contacts.append(time)
+
+    # -- rows that are kept on request ---------------------------------------------------------------
+    def localised(self, time: float, pose: Pose, twist: Twist) -> None:
+        """Add the robot's motion by odometry."""
+        self._odometry.append(time, *pose, *twist)
+
+    def scanned(self, time: float, scan: LaserScan) -> None:
+        """Add a laser scan."""
+        self._scans.append((time, scan))
+
+    def planned(self, time: float, command: Twist, path: np.ndarray) -> None:
+        """Add a command of the local planner, and the plan (k, 3) that it followed."""
+        self._planned.append(time, *command)
+        self._plans.append((time, path))
+
+    def commanded(self, time: float, command: Twist) -> None:
+        """Add a command to the base."""
+        self._commands.append(time, *command)
+
+    def judged(self, time: float, verdict: Verdict) -> None:
+        """Add a verdict of the collision monitor."""
+        self._verdicts.append((time, verdict))
+
+    def changed(self, time: float, server: str, values: Dict[str, Any]) -> None:
+        """Add parameters {name: value} of a server that are now in force."""
+        self._changes.append((time, server, dict(values)))
+
+    def recovered(self, time: float) -> None:
+        """Add the beginning of a recovery behaviour."""
+        self._recoveries.append(time)
+
+    # -- the drive -----------------------------------------------------------------------------------
+    @property
+    def drive(self) -> Drive:
+        """Drive so far. Its columns are views where they can be."""
+        drive = Drive(
+            name=self._world.name if self._world is not None else "",
+            truth=_motion(self._truth.rows),
+            clearances=_clearances(self._clearances.rows),
+            observed=_clearances(self._observed.rows),
+            decisions=self.decisions,
+            ends=self.ends,
+            sent=self.sent,
+            goals=self.goals,
+            contacts=np.array(self._contacts),
+            world=self._world,
+        )
+        if self.everything:
+            self._add_details(drive)
+        return drive
+
+    def _add_details(self, drive: Drive) -> None:
+        drive.odometry = _motion(self._odometry.rows)
+        drive.planned = Commands(self._planned.rows[:, 0], self._planned.rows[:, 1:])
+        drive.commands = Commands(self._commands.rows[:, 0], self._commands.rows[:, 1:])
+        drive.plans = Plans(_times(self._plans), [path for _, path in self._plans])
+        drive.scans = _scans(self._scans)
+        verdicts = [verdict for _, verdict in self._verdicts]
+        drive.verdicts = Verdicts(
+            _times(self._verdicts),
+            [verdict.action for verdict in verdicts],
+            [verdict.reason for verdict in verdicts],
+            [verdict.blocked for verdict in verdicts],
+        )
+        servers = [server for _, server, _ in self._changes]
+        values = [values for _, _, values in self._changes]
+        drive.changes = Changes(_times(self._changes), servers, values)
+        drive.recoveries = np.array(self._recoveries)
+
+
+def _times(rows: Sequence[Any]) -> np.ndarray:
+    """Return the first column of rows (n,) [s]."""
+    return np.array([row[0] for row in rows], np.float64)
+
+
+def _motion(rows: np.ndarray) -> Motion:
+    """Return rows of time, x, y, yaw, v, w as a Motion."""
+    return Motion(rows[:, 0], rows[:, 0], rows[:, 1:4], rows[:, 4:6])
+
+
+def _clearances(rows: np.ndarray) -> Clearances:
+    """Return rows of time and smallest range as columns."""
+    return Clearances(rows[:, 0], rows[:, 1])
+
+
+def _scans(rows: Sequence[Tuple[float, LaserScan]]) -> Scans:
+    """Return laser scans as columns."""
+    times = _times(rows)
+    fans = []
+    for _, scan in rows:
+        fans.append((scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max))
+    ranges = [scan.ranges for _, scan in rows]
+    return Scans(times, times, np.array(fans).reshape(-1, 4), ranges)

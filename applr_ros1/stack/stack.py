@@ -1,0 +1,144 @@
+"""Stack: everything between the sensors and the base of one robot, in one process and without ROS.
+
+One step is one control cycle: moving obstacles are predicted from the scan, the planner plans and commands, an escape
+motion may replace the command, and the collision monitor limits it. On the robot each part is a node of its own.
+"""
+
+import math
+from typing import NamedTuple, Optional, Sequence, Union
+
+import numpy as np
+
+from applr_ros1.common.angles import Pose
+from applr_ros1.common.scan import LaserScan
+from applr_ros1.monitor.monitor import CollisionMonitor, Verdict
+from applr_ros1.monitor.motion import Twist
+from applr_ros1.monitor.settings import MonitorSettings
+from applr_ros1.monitor.stalled_planner import StalledPlanner
+from applr_ros1.movers.prediction import Prediction
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.observation_router import Sensed
+from applr_ros1.planner.parameters.layers import PREDICTED
+from applr_ros1.planner.state_machine import Cycle
+from applr_ros1.planner.variant import CPP_LIKE
+from applr_ros1.robots import Robot
+from applr_ros1.stack.supervisor import Progress, Supervisor
+
+
+class Step(NamedTuple):
+    """What one control cycle did.
+
+    Attributes:
+        cycle: Cycle of the planner.
+        verdict: Verdict of the monitor; None without a monitor or without a command.
+        command: (v [m/s], w [rad/s]) for the base; None if it keeps the last one.
+    """
+
+    cycle: Cycle
+    verdict: Optional[Verdict]
+    command: Optional[Twist]
+
+
+class Stack:
+    """Planner, collision monitor, moving obstacles and escape motions of one robot.
+
+    Args:
+        robot: Description of the robot.
+        move_base: Planner. With its parameter applr/movers, the costmaps receive predicted obstacle points.
+        monitor: Whether the robot's collision monitor stands between the planner and the base.
+        escapes: Whether the monitor makes the escape motions that a planner of fidelity cpp-like lacks.
+    """
+
+    def __init__(self, robot: Robot, move_base: MoveBase, *, monitor: bool, escapes: bool = True):
+        self.move_base = move_base
+        self.monitor = CollisionMonitor(MonitorSettings.of(robot)) if monitor else None
+        has_movers = move_base.parameters["applr"]["movers"]
+        self.prediction = Prediction(robot) if has_movers else None
+        self.escapes = escapes
+        self._supervisor = Supervisor()
+        self._plan_time = -math.inf
+
+    def reset(self, now: float, seed: Union[int, Sequence[int]]) -> None:
+        """Forget goal, maps and obstacles, and restore the start-up parameters at time `now` [s]."""
+        self.move_base.reset(now, seed=seed)
+        if self.monitor is not None:
+            self.monitor.reset()
+        if self.prediction is not None:
+            self.prediction.reset()
+        self._supervisor = Supervisor()
+        self._plan_time = -math.inf
+
+    def set_goal(self, goal: Pose, now: float) -> None:
+        """Send a goal (x, y, yaw) in the frame of the global costmap at time `now` [s]."""
+        self.move_base.set_goal(goal, now)
+        if self.escapes and self.move_base.variant == CPP_LIKE:
+            self._supervisor = Supervisor(StalledPlanner(self.move_base.goal_tolerance))
+
+    @property
+    def movers(self) -> np.ndarray:
+        """Tracked moving obstacles (n, 4): x, y [m], vx, vy [m/s] in the odometry frame."""
+        if self.prediction is None:
+            return np.zeros((0, 4))
+        tracked = self.prediction.movers
+        return np.column_stack([tracked.x, tracked.y, tracked.vx, tracked.vy])
+
+    def step(
+        self,
+        now: float,
+        pose: Pose,
+        twist: Twist,
+        scan: Optional[LaserScan] = None,
+        local_origin: Optional[Pose] = None,
+    ) -> Step:
+        """Run one control cycle.
+
+        Args:
+            now: Time [s].
+            pose: Pose (x, y, yaw) of the robot in the odometry frame.
+            twist: Measured velocity (v [m/s], w [rad/s]).
+            scan: Scan since the last step, if there is one.
+            local_origin: Pose of the odometry frame in the frame of the global costmap; None if they are the same.
+        """
+        cycle = self.move_base.step(now, pose, twist, self._sensed(scan), local_origin)
+        if cycle.new_plan:
+            self._plan_time = now
+        monitor = self.monitor
+        if monitor is None:
+            return Step(cycle, None, cycle.command)
+        if scan is not None:
+            monitor.add_scan(scan)
+        if cycle.command is None:
+            return Step(cycle, None, None)
+        verdict = self._supervise(monitor, now, pose, twist, cycle.command)
+        return Step(cycle, verdict, verdict.command)
+
+    def _sensed(self, scan: Optional[LaserScan]) -> Optional[Sensed]:
+        """Return what the costmaps get: the scan, and points where moving obstacles are predicted."""
+        if scan is None or self.prediction is None:
+            return scan
+        scan_topic = next(iter(self.move_base.sources))
+        return {scan_topic: scan, PREDICTED: self.prediction.add_scan(scan)}
+
+    def _supervise(
+        self, monitor: CollisionMonitor, now: float, pose: Pose, twist: Twist, command: Twist
+    ) -> Verdict:
+        """Return the verdict on the planner's command, or on an escape motion in its place."""
+
+        def judge(wanted: Twist, may_creep: bool) -> Verdict:
+            return monitor.filter(now, pose, twist, wanted, creeps=may_creep)
+
+        verdict, _ = self._supervisor.supervise(now, command, self._progress(), judge)
+        if self._supervisor.escapes is None:
+            self.move_base.report_held(
+                verdict.blocked
+            )  # This planner makes its own escape motions.
+        return verdict
+
+    def _progress(self) -> Progress:
+        """Return the planner's goal and plan."""
+        plan = self.move_base.global_plan
+        distance = None
+        if len(plan):
+            begin, end = plan[[0, -1], :2]
+            distance = math.hypot(end[0] - begin[0], end[1] - begin[1])
+        return Progress(self.move_base.goal, self._plan_time, distance)
