@@ -19,6 +19,7 @@ from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_json
+from applr_ros1.drives.drive import Drive
 from applr_ros1.policy import actor
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
@@ -28,9 +29,10 @@ from training.common.options import argument, option
 from training.common.provenance import without_folders
 
 with extra(__name__):
-    from training.bags.bag import BagOptions, bags_in
+    from training.bags.read import bags_in
+    from training.bags.topics import BagOptions
     from training.baselines.appld import classifier, segmentation
-    from training.baselines.appld.demonstration import read_demonstration
+    from training.baselines.appld.demonstration import policy_scans, read_demonstration
     from training.baselines.appld.fit import Stretch, fit, stretches
 
 
@@ -56,6 +58,12 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     return run_main(lambda: run(without_remappings(arguments)), "appld.py")
 
 
+def _seconds(demonstration: Drive) -> float:
+    """Return the duration of a demonstration, rounded [s]."""
+    assert demonstration.commands is not None
+    return round(float(demonstration.commands.time[-1]), 2)
+
+
 def run(arguments: List[str]) -> None:
     """Learn from the bags named in the arguments, and write the file and its log (OUT_log.json)."""
     options = parsed(AppldOptions, "appld.py", __doc__, arguments)
@@ -63,13 +71,15 @@ def run(arguments: List[str]) -> None:
         raise ApplrError(f"--out {options.out}: give a name that ends in .safetensors")
     began, topics, robot = time.monotonic(), options.topics(), options.robot
     demonstrations = [read_demonstration(bag, topics, robot) for bag in bags_in(options.bags)]
-    split = segmentation.find(demonstrations, options.contexts, options.penalty)
+    split = segmentation.find(demonstrations, robot, options.contexts, options.penalty)
     by_context: List[List[Stretch]] = [[] for _ in split.names]
     for index, d in enumerate(demonstrations):
         spans = [s for s in split.segments if s.demonstration == index]
-        for s, stretch in zip(spans, stretches(d, spans)):
+        assert d.commands is not None
+        times = d.commands.time
+        for s, stretch in zip(spans, stretches(d, robot, spans)):
             by_context[s.context].append(stretch)
-            print(f"{d.name} {d.time[s.first]:5.1f} to {d.time[s.last - 1]:5.1f} s: context {split.names[s.context]}")
+            print(f"{d.name} {times[s.first]:5.1f} to {times[s.last - 1]:5.1f} s: context {split.names[s.context]}")
 
     space, layout = space_of(robot), layout_of(robot)
     sets: Dict[str, np.ndarray] = {}
@@ -87,13 +97,14 @@ def run(arguments: List[str]) -> None:
         del row["theta"]
         contexts.append(row)
 
-    scans = np.concatenate([demonstrations[s.demonstration].seen[s.first : s.last] for s in split.segments])
+    seen = [policy_scans(demonstration, robot) for demonstration in demonstrations]
+    scans = np.concatenate([seen[s.demonstration][s.first : s.last] for s in split.segments])
     labels = np.concatenate([np.full(s.last - s.first, s.context) for s in split.segments])
     weights, quality = classifier.train(classifier.inputs(scans, layout), labels, len(sets), options.seed, layout)
     print(f"classifier: accuracy {quality['accuracy']}, on held-out instants {quality['held_out']}")
     about = {
         "command": "python -m training.appld " + " ".join(map(without_folders, arguments)),
-        "demonstrations": [dict(d.source, bag=d.name, seconds=round(float(d.time[-1]), 2)) for d in demonstrations],
+        "demonstrations": [dict(d.source, bag=d.name, seconds=_seconds(d)) for d in demonstrations],
         "classifier": quality,
     }
     make_folder(Path(options.out).parent)

@@ -24,8 +24,9 @@ from training.replay import dataset
 from training.replay.trajectory import Trajectory, TransitionLayout
 
 with extra(__name__):
-    from training.bags.bag import BagError, BagOptions, TopicNames, bags_in, read, refused
-    from training.bags.episodes import decision_period, transitions
+    from training.bags.episodes import CHANNELS, decision_period, transitions
+    from training.bags.read import BagError, bags_in, read, refused
+    from training.bags.topics import BagOptions, TopicNames
 
 
 class DatasetOptions(BagOptions):
@@ -78,8 +79,8 @@ def run(options: DatasetOptions) -> None:
         skipped: Counter[str] = Counter()
         try:
             with refused(bag):
-                recorded = read(bag, topics, ranges=False)
-                episodes, skipped = transitions(recorded, robot, learnt.observation, reward, options.finish)
+                recorded = read(bag, robot, topics, CHANNELS)
+                episodes, skipped = transitions(recorded, robot, learnt.observation, reward, options.finish, topics)
                 periods.update([decision_period(recorded)] if episodes else [])
         except BagError as error:
             skipped[str(error).partition(": ")[2]] += 1

@@ -12,17 +12,22 @@ import sim_bridge
 import worlds
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
+from applr_ros1.drives.drive import Drive, SentGoal
+from applr_ros1.drives.recorder import Recorder
+from applr_ros1.robots import Robot
 from applr_ros1.robots.geometry import radius
+from sim_bridge.simulator import Simulator
 from training.common.command_line import AnyRobot, Seed, SimulatorName, parsed
 from training.common.options import Options, argument, option
-from training.env.episode import CONTROL_PERIOD
+from training.env.episode import CONTROL_PERIOD, scan_of
+from worlds import World
 
 with extra(__name__):
-    from training.bags.bag import TopicNames
-    from training.bags.writer import BagWriter
+    from training.bags.topics import TopicNames
+    from training.bags.write import BagWriter
     from training.baselines.appld.scripted_driver import NAME, Demonstrator
 
-LIMIT = 200.0  # simulated time after which the demonstrator gives up [s]
+LIMIT_S = 200.0  # simulated time after which the demonstrator gives up [s]
 
 
 class DemonstrateOptions(Options):
@@ -39,28 +44,50 @@ def demonstrate(options: DemonstrateOptions) -> None:
     """Drive one course and write the bag, with scans at the laser's rate. An unfinished drive leaves no bag.
 
     Raises:
-        ApplrError: The course takes longer than LIMIT, the robot flips, or the bag cannot be written.
+        ApplrError: The course takes longer than LIMIT_S, the robot flips, or the bag exists or cannot be written.
     """
-    robot, simulator = options.robot, sim_bridge.make(options.simulator, robot=options.robot)
+    robot = options.robot
     world = worlds.scaled(worlds.load(options.world, radius(robot)), robot.world_scale)
-    state, scan_due = simulator.reset(world, options.seed), 0.0
-    driver, source = Demonstrator(world, robot), {"simulator": options.simulator, "robot": robot.name}
-    with BagWriter(options.bag, TopicNames.of(robot), robot) as writer:
-        writer.demonstrator(1.0, **source, demonstrator=NAME, world=world.name, seed=options.seed)
-        writer.goal(1.0, simulator.to_odom(world.course.goal))
-        while not world.course.arrived(*state.pose[:2]):
-            if state.time > LIMIT or state.flipped:
-                raise ApplrError(f"{world.name}: flipped or too slow after {state.time:.0f} s: give another --world")
-            now = 1.0 + state.time
-            writer.odometry(now, state.odom_pose, state.odom_twist)
-            if state.time + 1e-6 >= scan_due:
-                ranges, scan_due = simulator.scan(), scan_due + robot.laser.period_in(CONTROL_PERIOD)
-                writer.scan(now, ranges)
-            v, w = driver.command(state.pose, ranges)
-            writer.command(now, v, w)
-            simulator.command(v, w)
-            state = simulator.advance(CONTROL_PERIOD)
-    print(f"{options.bag}: {world.name} demonstrated by a script in {state.time:.1f} s")
+    simulator = sim_bridge.make(options.simulator, robot=robot)
+    with BagWriter(options.bag, robot, TopicNames.of(robot)) as writer:
+        drive = demonstrated(world, robot, simulator, options.seed)
+        drive.source = {
+            "simulator": options.simulator,
+            "robot": robot.name,
+            "demonstrator": NAME,
+            "world": world.name,
+            "seed": options.seed,
+        }
+        writer.write(drive)
+    seconds = simulator.state.time
+    print(f"{options.bag}: {world.name} demonstrated by a script in {seconds:.1f} s")
+
+
+def demonstrated(world: World, robot: Robot, simulator: Simulator, seed: int) -> Drive:
+    """Drive the course of a world with the scripted demonstrator, and return the drive.
+
+    Raises:
+        ApplrError: The course takes longer than LIMIT_S, or the robot flips.
+    """
+    recorder = Recorder(world, everything=True)
+    driver = Demonstrator(world, robot)
+    state = simulator.reset(world, seed)
+    recorder.sent.append(SentGoal(0.0, simulator.to_odom(world.course.goal), robot.frames.odom))
+    scan_due = 0.0
+    while not world.course.arrived(*state.pose[:2]):
+        if state.time > LIMIT_S or state.flipped:
+            trouble = f"flipped or too slow after {state.time:.0f} s"
+            raise ApplrError(f"{world.name}: {trouble}: give another --world")
+        recorder.localised(state.time, state.odom_pose, state.odom_twist)
+        if state.time + 1e-6 >= scan_due:
+            scan_due += robot.laser.period_in(CONTROL_PERIOD)
+            scan = scan_of(simulator, robot)
+            recorder.scanned(state.time, scan)
+        command = driver.command(state.pose, scan.ranges)
+        recorder.commanded(state.time, command)
+        simulator.command(*command)
+        state = simulator.advance(CONTROL_PERIOD)
+    return recorder.drive
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:

@@ -157,7 +157,7 @@ class Decision(NamedTuple):
         scan_time: Time of the scan on which the decision is based [s].
         before: Parameters {name: value} in force before the decision.
         after: Parameters after the decision; empty at the end of a course.
-        seen: Inputs of the decision.
+        seen: Inputs of the decision; None if they were not recorded.
     """
 
     goal: str
@@ -165,7 +165,7 @@ class Decision(NamedTuple):
     scan_time: float
     before: Dict[str, float]
     after: Dict[str, float]
-    seen: Seen
+    seen: Optional[Seen]
 
 
 class Goal(NamedTuple):
@@ -206,6 +206,8 @@ class Drive:
     Attributes:
         name: Name of the drive for people: its file, or its world.
         frame: Frame of odometry and plans.
+        laser_frame: Frame of the scans; "" if unknown.
+        planners: Names of the local planners whose plans were recorded.
         truth: True motion in the frame of the world.
         odometry: Motion by odometry.
         scans: Laser scans.
@@ -228,6 +230,8 @@ class Drive:
 
     name: str = ""
     frame: str = "odom"
+    laser_frame: str = ""
+    planners: List[str] = field(default_factory=list)
     truth: Optional[Motion] = None
     odometry: Optional[Motion] = None
     scans: Optional[Scans] = None

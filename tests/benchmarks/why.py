@@ -11,10 +11,9 @@ from pathlib import Path
 from time import process_time
 
 from applr_ros1.robots import JACKAL, load
-from tests.support.recorded_drive import changed, drive
-from training.bags.bag import TopicNames
+from tests.support.drives import changed, simulated
+from training import why
 from training.bags.diagnosis import diagnose
-from training.bags.recording import read
 from training.bags.replay import Replay
 
 SLOWER, LIMIT_S = 1.5, 60.0
@@ -64,14 +63,14 @@ def planted(name, world):
     robot, usual, found = ROBOTS[name], LIMIT_S, []
     for fault in [{}, *FAULTS[robot.local_planner]]:
         driven = spoilt(robot, fault) if fault else robot
-        recording, outcome = drive(driven, f"generated:{world}", limit=max(40.0, min(90.0, 3.0 * usual)))
+        recorded, outcome = simulated(driven, f"generated:{world}", limit=max(40.0, min(90.0, 3.0 * usual)))
         if not (fault or outcome.success):
             return []
         if fault and outcome.success and outcome.time_s < SLOWER * usual:
             continue
         usual = usual if fault else outcome.time_s
         replay = Replay(driven)
-        replay.run(recording)
+        replay.run(recorded)
         diagnosis = diagnose(replay)
         names = [one.parameter.name for one in diagnosis.tried]
         ranks = [
@@ -87,7 +86,7 @@ def planted(name, world):
 def reproduced(path):
     """Print the share of a bag's commands that the replay reproduces."""
     began, replay = process_time(), Replay(JACKAL)
-    replay.run(read(Path(path), JACKAL, TopicNames.of(JACKAL)))
+    replay.run(why.drive_of(Path(path), why.WhyOptions(bag=[path], robot=JACKAL)))
     near = sum(cycle.error < 0.1 for cycle in replay.cycles) / len(replay.cycles)
     print(f"{path}: {len(replay.cycles)} cycles, {replay.share:.1%} to 1e-6, {near:.1%} within 0.1, "
           f"{process_time() - began:.1f} s of one core")  # fmt: skip

@@ -12,8 +12,8 @@ from applr_ros1.msg import Decision
 
 from tests.support.jackal import JACKAL
 from tests.support.ros_harness import session, wait_for
-from training.bags.bag import read
 from training.bags.episodes import transitions
+from training.bags.read import read
 
 pytestmark = pytest.mark.ros
 WORLD = "generated:0"

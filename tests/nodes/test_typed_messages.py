@@ -18,7 +18,7 @@ from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.dimensionless import ENCODINGS, FAR_POINT, DimensionlessEncoding
 from applr_ros1.policy.observation import FARTHEST_M, LAYOUT, layout_of
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
-from training.bags.bag import read
+from training.bags.read import read
 
 
 @pytest.fixture
@@ -78,8 +78,8 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
     assert decisions == [
         {
             "goal": "goal 7",
-            "stamp": (100 + number) * 10**9 + 5,
-            "scan": (100 + number) * 10**9 + 1,
+            "time": pytest.approx(number + 4e-9, abs=1e-10),  # since the first message, of 100 s and 1 ns
+            "scan_time": pytest.approx(number, abs=1e-10),
             "before": SPACE.as_dict(THETA_0),
             "after": chosen,
         }

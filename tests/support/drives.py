@@ -1,16 +1,119 @@
-"""Drives made of numbers, for tests of what reads drives."""
+"""Drives for tests: made of numbers, simulated with a C++-like planner, and written message by message."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, Dict, Tuple
 
 import numpy as np
 
-from applr_ros1.drives.drive import Decision, Drive, Motion
+import worlds
+from applr_ros1.drives.drive import Commands, Decision, Drive, Motion, Rows
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.variant import CPP_LIKE
+from applr_ros1.policy.decision import Seen
+from applr_ros1.robots import Robot
+from sim_bridge.kinematic_simulator import KinematicSimulator
+from training.bags.topics import PREEMPTED
+from training.bags.write import BagWriter
+from training.env.episode import Episode, counting_cells
+from training.env.outcome import Outcome
+
+NOTHING_SEEN = Seen(
+    (np.zeros(3, np.float32), 0.0, 1.0),
+    0.0,
+    (0.0, 0.0, 0.0),
+    (0.0, 0.0),
+    (0.0, 0.0, 0.0),
+    np.zeros((0, 2)),
+    np.zeros((0, 4)),
+)
 
 
 def driven(time, pose, twist=None, theta=(), decided=()):
     """Return a drive along true poses (n, 3), with parameter sets theta (k, p) from the times decided (k,) on."""
-    time, pose = np.asarray(time, float), np.asarray(pose, float)
+    time = np.asarray(time, float)
     twist = np.zeros((len(time), 2)) if twist is None else np.asarray(twist, float)
-    decisions = [
-        Decision("goal", at, at, {}, dict(enumerate(values)), None)
-        for at, values in zip(decided, theta)
-    ]
-    return Drive(truth=Motion(time, time, pose, twist), decisions=decisions)
+    decisions = [Decision("goal", at, at, {}, dict(enumerate(values)), None) for at, values in zip(decided, theta)]
+    return Drive(truth=Motion(time, time, np.asarray(pose, float), twist), decisions=decisions)
+
+
+def changed(robot: Robot, change: Dict[str, Dict[str, Any]]) -> Robot:
+    """Return the robot with {server: {name: value}} changed in its files."""
+    tree: Dict[str, Any] = {}
+    for server, values in change.items():
+        node = tree
+        for part in server.split("/"):
+            node = node.setdefault(part, {})
+        node.update(values)
+    return robot.with_parameters(tree, robot.name)
+
+
+def simulated(
+    robot: Robot, world: Any, limit: float = 60.0, seed: int = 0, simulator: Any = KinematicSimulator
+) -> Tuple[Drive, Outcome]:
+    """Drive a robot through a world, or the world of a name in its scale, with the parameters of its files."""
+    move_base = MoveBase(counting_cells(robot.parameters()), planner=CPP_LIKE, seed=seed)
+    fixed = replace(robot, space=())  # The parameters of the files stay, even out of the ranges of robot.yaml.
+    episode = Episode(
+        simulator(robot), move_base, fixed, period=1.0, time_limit=limit, escapes=False, record=True
+    )
+    world = worlds.scaled(worlds.load(world), robot.world_scale) if isinstance(world, str) else world
+    outcome = episode.reset(world, seed)
+    while not outcome.over:
+        outcome = episode.decide(np.zeros(0))
+    return replace(episode.drive, decisions=[], ends=[], changes=None), outcome
+
+
+def until(drive: Drive, seconds: float) -> Drive:
+    """Return the beginning of a drive."""
+    columns = {}
+    for name, rows in vars(drive).items():
+        if isinstance(rows, Rows):
+            columns[name] = rows.between(-np.inf, seconds)
+    return replace(drive, **columns)
+
+
+def before_a_monitor(drive: Drive) -> Drive:
+    """Return a drive whose collision monitor lets no command pass."""
+    assert drive.planned is not None
+    return replace(drive, commands=Commands(drive.planned.time, np.zeros_like(drive.planned.twist)))
+
+
+def decided(values: Dict[str, float], time: float = 0.0) -> Decision:
+    """Return a decision for some parameters {name: value}."""
+    return Decision("", time, time, {}, values, NOTHING_SEEN)
+
+
+class Messages(BagWriter):
+    """BagWriter with a method for each message of a stack, for drives that no stack would record."""
+
+    def goal(self, time, pose, frame=""):
+        self.put("sent", time, pose, frame or self.robot.frames.odom)
+
+    def scan(self, time, ranges):
+        laser = self.robot.laser
+        fan = laser.first_angle, laser.increment, laser.range_min, laser.range_max
+        self.put("scans", time, laser.frame, fan, ranges)
+
+    def odometry(self, time, pose, twist):
+        self.put("odometry", time, self.robot.frames.odom, self.robot.frames.base, pose, twist)
+
+    def status(self, time, goal, running=True, ended=0):
+        """Write a goal that is active, or has ended with the status code `ended`; without both, no goal."""
+        if running:
+            self.put("status", time, goal)
+        else:
+            self.put("status", time, goal, ended or PREEMPTED)
+
+    def result(self, time, goal, code):
+        self.put("results", time, goal, code)
+
+    def contact(self, time):
+        self.put("contacts", time, True)
+
+    def decision(self, time, number, goal, seen, before, after=None):
+        """Write a decision; without `after`, the end of a course."""
+        made = Decision(goal, time, time, before, after or {}, seen)
+        channel = "ends" if after is None else "decisions"
+        self.put(channel, time, self.robot.frames.odom, number, made, self.robot.world_scale)

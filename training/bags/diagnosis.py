@@ -67,7 +67,8 @@ class Diagnosis:
 
     def values(self) -> Dict[str, Any]:
         """Return the diagnosis without its lines as JSON values, for the page and for programs."""
-        scans = np.linspace(0, len(self.replay.recording.scans) - 1, SCANS).astype(int)
+        assert self.replay.drive.scans is not None
+        scans = np.linspace(0, len(self.replay.drive.scans) - 1, SCANS).astype(int)
         points = np.concatenate([self.replay.cloud(index).points[:, :2] for index in scans])
         return {
             "reproduced": self.replay.share,

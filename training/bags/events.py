@@ -66,7 +66,7 @@ def find(replay: Replay) -> List[Event]:
             if at[b - 1] - at[a] >= least and taken[a:b].mean() < 0.5:
                 taken[a:b] = True
                 events.append(Event(kind, cycles[a:b]))
-    for (time,) in replay.recording.recoveries:
+    for time in replay.drive.recoveries:
         after = [cycle for cycle in cycles if 0.0 <= cycle.at - time < 1.0]
         events += [Event("began a recovery behaviour", after)] if after else []
     return sorted(events, key=lambda event: event.cycles[0].at)

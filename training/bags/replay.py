@@ -6,21 +6,20 @@ choice gives the recorded command. The replay continues from the map and the mem
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
-from operator import itemgetter
-from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 from tqdm import tqdm
 
-from applr_ros1.common.angles import Pose
-from applr_ros1.common.scan import PointCloud, observe
+from applr_ros1.common.angles import Pose, compose
+from applr_ros1.common.scan import LaserScan, PointCloud, observe
+from applr_ros1.drives.drive import Drive, Motion, Scans
 from applr_ros1.planner.local_planner import Command
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.robots import Robot
-from training.bags.recording import Recording
 from training.env.episode import counting_cells
 
 EQUAL = 1e-6  # largest difference between equal commands [m/s + rad/s]
@@ -60,7 +59,8 @@ class Replay:
     """Planner of a robot that replays a drive; `run` fills `cycles`."""
 
     def __init__(self, robot: Robot):
-        self.recording = Recording()
+        self.robot = robot
+        self.drive = Drive()
         self.cycles: List[Cycle] = []
         self.move_base = MoveBase(counting_cells(robot.parameters()))
         self.local: Any = self.move_base.local_planner
@@ -79,25 +79,52 @@ class Replay:
 
     def __str__(self) -> str:
         count = f"{sum(cycle.reproduced for cycle in self.cycles):,} of {len(self.cycles):,} commands reproduced"
-        note = "" if self.recording.updates else "; no parameter_updates: the folder's values are assumed"
-        return f"{self.recording.path.name}: {self.cycles[-1].at:.1f} s, {count} ({self.share:.1%}){note}"
+        note = "" if self.drive.changes else "; no parameter_updates: the folder's values are assumed"
+        return f"{self.drive.name}: {self.cycles[-1].at:.1f} s, {count} ({self.share:.1%}){note}"
 
-    def run(self, recording: Recording) -> None:
-        """Replay all cycles of a recording."""
-        self.recording, updates = recording, list(recording.updates)
-        for at, v, w in tqdm(recording.commands, str(recording.path), leave=False, disable=None):
+    def run(self, drive: Drive) -> None:
+        """Replay all cycles of a drive.
+
+        Raises:
+            DriveError: The drive lacks commands, odometry, scans or plans.
+        """
+        self.drive = drive
+        drive.require("planned", "odometry", "scans", "plans")
+        assert drive.planned is not None
+        updates = list(changes_of(drive, self.robot))
+        rows = list(zip(drive.planned.time.tolist(), drive.planned.twist.tolist()))
+        for at, command in tqdm(rows, drive.name, leave=False, disable=None):
             while updates and updates[0][0] <= at:
                 _, server, given = updates.pop(0)
                 values = {name: given.get(name, value) for name, value in self.settings.get(server, {}).items()}
                 self.settings = {**self.settings, server: values} if values else self.settings
             self.put_in_force(self.settings)
-            odometry, scan = (_latest(rows, at) for rows in (recording.odometry, recording.scans))
+            odometry = self.odometry.latest(at)
+            scan = self._scans.latest(at)
             plan = self._plan(at)
             if odometry >= 0 and scan >= 0 and plan is not None:
-                (_, pose, twist), memory = recording.odometry[odometry], self.local.planner.state
+                pose, twist = self._message(odometry)
+                memory = self.local.planner.state
                 known = self.costmap.snapshot()
-                cycle = Cycle(at, (v, w), pose, twist, plan, known, memory, False, self.settings, scan)
+                cycle = Cycle(at, tuple(command), pose, twist, plan, known, memory, False, self.settings, scan)
                 self.cycles.append(self._replayed(cycle, odometry))
+
+    @property
+    def odometry(self) -> Motion:
+        """Odometry of the drive."""
+        assert self.drive.odometry is not None
+        return self.drive.odometry
+
+    @property
+    def _scans(self) -> Scans:
+        assert self.drive.scans is not None
+        return self.drive.scans
+
+    def _message(self, index: int) -> Tuple[Pose, Command]:
+        """Return pose and twist of an odometry message."""
+        x, y, yaw = self.odometry.pose[index].tolist()
+        v, w = self.odometry.twist[index].tolist()
+        return (x, y, yaw), (v, w)
 
     def put_in_force(self, settings: Settings) -> None:
         """Set the parameters of the local planner and of the costmaps' layers."""
@@ -112,19 +139,41 @@ class Replay:
 
         DWAPlannerROS publishes an empty plan if it finds no command. Its plan is then the one before.
         """
-        rows = self.recording.followed
-        last = _latest(rows, at + SAME_CYCLE_S)
-        if last < 0 or rows[last][0] < at - SAME_CYCLE_S:
+        assert self.drive.plans is not None
+        plans = self.drive.plans
+        last = plans.latest(at + SAME_CYCLE_S)
+        if last < 0 or plans.time[last] < at - SAME_CYCLE_S:
             return None
-        return next((plan for _, plan in rows[last::-1] if len(plan)), None)
+        for path in plans.path[last::-1]:
+            if len(path):
+                return path
+        return None
 
     def _update(self, scan: int, odometry: int) -> None:
         """Update the local costmap with a scan at the pose of an odometry message."""
-        self.costmap.update(self.recording.odometry[odometry].pose, self.cloud(scan))
+        pose, _ = self._message(odometry)
+        self.costmap.update(pose, self.cloud(scan))
 
     def cloud(self, index: int) -> PointCloud:
         """Return the points of a scan in the odometry frame, as the local costmap takes them."""
-        return observe(self.recording.scans[index][1], self.costmap.obstacles.buffers[0].source.inf_is_valid)
+        return observe(self.scan(index), self.costmap.obstacles.buffers[0].source.inf_is_valid)
+
+    def scan(self, index: int) -> LaserScan:
+        """Return a scan at the laser's place in the odometry frame, by odometry at the time of its stamp."""
+        laser = self.robot.laser
+        stamp = self._scans.stamp[index]
+        x = float(np.interp(stamp, self.odometry.stamp, self.odometry.pose[:, 0]))
+        y = float(np.interp(stamp, self.odometry.stamp, self.odometry.pose[:, 1]))
+        yaw = float(np.interp(stamp, self.odometry.stamp, self._yaws))
+        first_angle, increment, range_min, range_max = self._scans.fan[index].tolist()
+        place = compose((x, y, yaw), laser.pose)
+        ranges = self._scans.ranges[index]
+        return LaserScan(0.0, first_angle, increment, range_min, range_max, ranges, place, laser.height)
+
+    @cached_property
+    def _yaws(self) -> np.ndarray:
+        """Yaw angles of the odometry without jumps by a full turn [rad]."""
+        return np.unwrap(self.odometry.pose[:, 2])
 
     def command(self, cycle: Cycle) -> Command:
         """Return the planner's command in a cycle, on the present map and with the parameters in force."""
@@ -159,7 +208,7 @@ class Replay:
 
     def _choices(self, asked: Cycle, odometry: int) -> Iterator[Cycle]:
         """Yield the choices of a cycle's messages and map, the likely ones first, with the map shown."""
-        messages = self.recording.odometry
+        count = len(self.odometry)
         self.begin(replace(asked, is_new=True))
         plans = (False,) if self.local.planner.state == asked.memory else (False, True)
         for behind, late in UPDATES:
@@ -170,11 +219,28 @@ class Replay:
                 shown = self.costmap.snapshot()
                 for lag, shift, is_new in product(LAGS, POSE_LAGS, plans):
                     row = odometry - lag
-                    if 0 <= row < len(messages) and 0 <= row + shift < len(messages):
-                        pose, twist = messages[row + shift].pose, messages[row].twist
+                    if 0 <= row < count and 0 <= row + shift < count:
+                        pose, _ = self._message(row + shift)
+                        _, twist = self._message(row)
                         yield replace(asked, pose=pose, twist=twist, map=shown, is_new=is_new)
 
 
-def _latest(rows: Sequence[Any], at: float) -> int:
-    """Return the index of the latest of rows with times until a time, -1 if there is none."""
-    return bisect_right(rows, at, key=itemgetter(0)) - 1
+def changes_of(drive: Drive, robot: Robot) -> List[Tuple[float, str, Dict[str, Any]]]:
+    """Return the changes (time [s], server, {name: value}) of a drive in order of time.
+
+    Of servers without recorded updates, the values come from the decisions.
+    """
+    changes: List[Tuple[float, str, Dict[str, Any]]] = []
+    if drive.changes is not None:
+        changes += zip(drive.changes.time.tolist(), drive.changes.server, drive.changes.values)
+    servers = {server for _, server, _ in changes}
+    for decision in drive.decisions:
+        for parameter in robot.space:
+            if parameter.name not in decision.after:
+                continue
+            value = decision.after[parameter.name]
+            for setting in parameter.sets:
+                if setting.server not in servers:
+                    changes.append((decision.time, setting.server, {setting.name: value}))
+    changes.sort(key=lambda change: change[0])
+    return changes

@@ -73,6 +73,8 @@ class Episode:
         monitor: Whether the robot's collision monitor stands between the planner and the base.
         end_on_stall: Whether a stall (policy/actor.py) ends the trial as a failure.
         escapes: Whether the monitor makes the escape motions that a planner of fidelity cpp-like lacks.
+        ends_at_tolerance: Whether a course ends as soon as the robot is within the planner's goal tolerance, or only
+            when the planner reports its goal as reached, after it has also turned to the goal's heading.
         record: Whether `drive` has all columns. Without it, a drive has what outcomes and pictures need.
     """
 
@@ -88,6 +90,7 @@ class Episode:
         monitor: bool = False,
         end_on_stall: bool = False,
         escapes: bool = True,
+        ends_at_tolerance: bool = True,
         record: bool = False,
     ):
         planners = move_base if isinstance(move_base, tuple) else (move_base,)
@@ -110,11 +113,13 @@ class Episode:
         )  # scan interval [s]; 0: one scan per cycle
         self.end_on_collision = end_on_collision
         self.end_on_stall = end_on_stall
+        self.ends_at_tolerance = ends_at_tolerance
         self.stall = Stall(robot.world_scale)
         self.set_period(period)
         self.time_limit = time_limit
         self.outcome: Optional[Outcome] = None
         self._record = record
+        self._courses = 0  # number of courses so far
         self._recorder = Recorder()
 
     def set_period(self, period: float) -> None:
@@ -184,6 +189,7 @@ class Episode:
             self.simulator.to_odom(sent) if self._to_map is None else compose(self._to_map, sent)
         )
         state = self.simulator.state
+        self._courses += 1
         self.began = state.time
         self.stall.reset()
         self.stall.update(0.0, *state.pose[:2])
@@ -191,7 +197,7 @@ class Episode:
         self._recorder.moved(0.0, state.pose, state.twist)
         frame = self.robot.frames.odom if self._to_map is None else self.robot.frames.map
         self._recorder.sent.append(SentGoal(0.0, self.goal, frame))
-        self._recorder.goals.append(Goal(f"goal in {self.world.name}", 0.0, math.inf))
+        self._recorder.goals.append(Goal(f"course {self._courses} in {self.world.name}", 0.0, math.inf))
         self._plan = self.move_base.make_plan(
             self.place, self.goal, 0.0
         )  # plan of the next decision
@@ -282,7 +288,7 @@ class Episode:
     def _cycle(self) -> Tuple[Cycle, RobotState]:
         """Scan, plan, command and drive; return the planner's cycle and the new state."""
         state = self.simulator.state
-        scan = self._scan(state) if state.time + 1e-6 >= self._scan_due else None
+        scan = self._scan() if state.time + 1e-6 >= self._scan_due else None
         origin = None if self._to_map is None else compose(self.place, inverse(state.odom_pose))
         step = self.stack.step(state.time, state.odom_pose, state.odom_twist, scan, origin)
         if self._record:
@@ -308,21 +314,12 @@ class Episode:
         if step.command is not None:
             recorder.commanded(time, step.command)
 
-    def _scan(self, state: RobotState) -> LaserScan:
+    def _scan(self) -> LaserScan:
         """Take a new scan of the simulated laser."""
         self._scan_due += self._scan_period
-        self._ranges = self.simulator.scan()
-        laser = self.robot.laser
-        return LaserScan(
-            state.time,
-            laser.first_angle,
-            laser.increment,
-            laser.range_min,
-            laser.range_max,
-            self._ranges,
-            laser_pose(state.odom_pose, laser),
-            laser.height,
-        )
+        scan = scan_of(self.simulator, self.robot)
+        self._ranges = scan.ranges
+        return scan
 
     def _observe(self) -> float:
         """Record the scan of the next decision, and return its smallest range [m]."""
@@ -343,13 +340,15 @@ class Episode:
     def _judge(self, cycle: Cycle, state: RobotState) -> None:
         """End the goal if the course has ended (Course.arrived).
 
-        The planner has reached the goal if it reports success, or if `place` is within the tolerance although the robot
-        has still to stop and turn. If the goal is occupied (default_tolerance), only the report counts.
+        The planner has reached the goal if it reports success, or with `ends_at_tolerance` if `place` is within the
+        tolerance although the robot has still to stop and turn. If the goal is occupied (default_tolerance), only the
+        report counts.
         """
         place = self.place
         distance = math.hypot(self.goal[0] - place[0], self.goal[1] - place[1])
-        is_called = cycle.result is not None and cycle.result[0] == "succeeded"
-        tolerance = self._tolerance if is_called or distance <= self._tolerance else None
+        is_reached = self.ends_at_tolerance and distance <= self._tolerance
+        is_reported = cycle.result is not None and cycle.result[0] == "succeeded"
+        tolerance = self._tolerance if is_reached or is_reported else None
         if self.world.course.arrived(state.pose[0], state.pose[1], tolerance):
             self._end(REACHED, "finished")
         elif state.flipped:
@@ -370,6 +369,22 @@ class Episode:
         self._recorder.goals[-1] = self._goal._replace(
             end=self.seconds, status=status, reason=reason
         )
+
+
+def scan_of(simulator: Simulator, robot: Robot) -> LaserScan:
+    """Take a scan of the robot's laser in a simulator, in the odometry frame."""
+    laser = robot.laser
+    state = simulator.state
+    return LaserScan(
+        state.time,
+        laser.first_angle,
+        laser.increment,
+        laser.range_min,
+        laser.range_max,
+        simulator.scan(),
+        laser_pose(state.odom_pose, laser),
+        laser.height,
+    )
 
 
 def laser_pose(pose: Pose, laser: Laser) -> Pose:

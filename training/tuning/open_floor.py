@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import Any, Dict, Iterator, List, Optional, Tuple
+from typing import Any, Dict, Iterator, List, Tuple
 
 import numpy as np
 
@@ -65,10 +65,11 @@ class Floor(Episode):
 
     def __init__(self, robot: Robot):
         planner = MoveBase(counting_cells(robot.parameters()))
-        super().__init__(sim_bridge.make("kinematic", robot=robot), planner, robot, period=1.0, monitor=True)
+        simulator = sim_bridge.make("kinematic", robot=robot)
+        super().__init__(simulator, planner, robot, period=1.0, monitor=True, ends_at_tolerance=False, record=True)
         self.time_limit = LIMIT_S
 
-    def drive(self, world: World) -> str:
+    def attempt(self, world: World) -> str:
         """Drive one course to its end. Return the reason of a failure, or "" if the robot arrived."""
         self._counts: Counter[str] = Counter()  # number of cycles, and of cycles with each event
         self._critics: Counter[str] = Counter()  # number of rejected velocities by critic
@@ -77,14 +78,10 @@ class Floor(Episode):
         outcome = self.reset(world, SEED)
         while not outcome.over:
             outcome = self.decide(outcome.theta)
-        self.seconds = self.simulator.state.time - self.began
+        self.driven_s = self.simulator.state.time - self.began
         if outcome.success and not outcome.collided:
             return ""
         return "it touches something, and " * outcome.collided + self._why(outcome)
-
-    def _called_within(self, cycle: Any, state: Any) -> Optional[float]:
-        """Return the goal tolerance [m] once the planner has also turned to the goal's heading, else None."""
-        return self._tolerance if cycle.result is not None and cycle.result[0] == "succeeded" else None
 
     def _cycle(self) -> Tuple[Any, Any]:
         cycle, state = super()._cycle()
@@ -93,8 +90,11 @@ class Floor(Episode):
         self._critics.update(refusals)
         self._counts.update(cycles=1, turns=cycle.controlled, refused=bool(refusals), plans=cycle.new_plan)
         if self._counts["turns"]:  # the monitor's last command holds until the next command
-            self._blocked[self.verdict.reason] += self.verdict.blocked
-            self._commanded += abs(self.verdict.command[0]) * CONTROL_PERIOD
+            verdicts, commands = self.drive.verdicts, self.drive.commands
+            assert verdicts is not None
+            assert commands is not None
+            self._blocked[verdicts.reason[-1]] += verdicts.blocked[-1]
+            self._commanded += abs(commands.twist[-1, 0]) * CONTROL_PERIOD
         return cycle, state
 
     def _why(self, outcome: Outcome) -> str:
@@ -122,15 +122,15 @@ def try_out(robot: Robot) -> Tuple[bool, List[str]]:
     floor, lines = Floor(robot), []
     failed: Dict[str, str] = {}
     for world in courses(robot):
-        why = floor.drive(world)
-        lines.append(f"{world.name}: {why or f'{floor.seconds:.0f} s'}")
+        why = floor.attempt(world)
+        lines.append(f"{world.name}: {why or f'{floor.driven_s:.0f} s'}")
         failed.update({world.name: why} if why else {})
     if not failed:
         return True, lines
 
     def arrives(changed: Robot) -> bool:
         first = sorted(courses(changed), key=lambda world: world.name not in failed)
-        return not any(map(Floor(changed).drive, first))
+        return not any(map(Floor(changed).attempt, first))
 
     remedy = next((words for words, changed in changes(robot) if arrives(changed)), "")
     remedy = f"all four courses succeed if you {remedy}" if remedy else NO_REMEDY

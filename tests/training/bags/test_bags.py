@@ -6,7 +6,6 @@ import sys
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
@@ -14,19 +13,26 @@ import pytest
 from rosbags.highlevel import AnyReaderError
 from rosbags.rosbag1 import Writer
 
+import worlds
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.drive import Drive as Recorded
+from applr_ros1.drives.drive import Goal, Motion
 from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
-from tests.support.recording import ABORTED, PREEMPTED, SUCCEEDED, RecordingEpisode, StackWriter
+from sim_bridge.kinematic_simulator import KinematicSimulator
+from tests.support.drives import Messages, decided
 from training import appld, bags_to_dataset, demonstrate, tune_robot
 from training.bags import SECOND
-from training.bags.bag import bags_in, read
-from training.bags.episodes import Skipped, _check_motion, decision_period, goals, transitions
+from training.bags.episodes import Skipped, _check_motion, decision_period, transitions
+from training.bags.read import bags_in, read
+from training.bags.topics import ACTIVE, GAVE_UP, PREEMPTED, PREEMPTING, REJECTED, SUCCEEDED
+from training.bags.write import write
 from training.baselines.appld.scripted_driver import Demonstrator
 from training.env.env import ApplrEnv
+from training.env.episode import Episode
 from training.env.reward import Reward
 from training.learner.config import RECIPES
 from training.learner.config import parse as config_of
@@ -114,12 +120,12 @@ class Drive:
 
 
 def record(path, kind=Drive, **options):
-    with StackWriter(path) as writer:
+    with Messages(path) as writer:
         return kind(writer, **options)
 
 
 def rebuild(path, robot=robots.JACKAL, **options):
-    return transitions(read(path, ranges=False), robot, **options)
+    return transitions(read(path, robot), robot, **options)
 
 
 def assert_equal(trajectory, drive, count=None, ends=True):
@@ -161,8 +167,8 @@ def test_a_decision_was_made_at_its_recorded_pose(tmp_path):
 
 def test_the_period_is_the_median_interval_in_whole_cycles():
     stamps = (0.0, 1.7, 3.71, 5.7, 7.71, 7.9)
-    decisions = [SimpleNamespace(goal="g", stamp=int(stamp * SECOND)) for stamp in stamps]
-    assert decision_period(SimpleNamespace(decisions=decisions, end=9 * SECOND)) == 2.0
+    decisions = [decided({}, time)._replace(goal="g") for time in stamps]
+    assert decision_period(Recorded(decisions=decisions)) == 2.0
 
 
 def test_a_bag_with_fewer_scans_than_the_node_got_has_the_nodes_observations(tmp_path):
@@ -175,7 +181,7 @@ def test_a_bag_with_fewer_scans_than_the_node_got_has_the_nodes_observations(tmp
 @pytest.mark.parametrize("seconds", [0.8, 5.0])
 def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
     """Rewards scale with the period, as in training. A course of two decisions uses the period of the other course."""
-    with StackWriter(tmp_path / "a.bag") as writer:
+    with Messages(tmp_path / "a.bag") as writer:
         drives = [
             Drive(writer, begin=begin, seconds=(count - 0.5) * seconds, goal="g%d" % count, every=int(50 * seconds))
             for begin, count in ((10.0, 4), (60.0, 2))
@@ -198,8 +204,8 @@ class PublishesEnd(Drive):
 @pytest.mark.parametrize(
     ("kind", "status", "seconds", "finish", "count", "terminated", "skipped"),
     [
-        (Drive, ABORTED, 9.0, None, 5, True, {}),
-        (Drive, 5, 9.0, None, 5, True, {}),  # The goal was rejected.
+        (Drive, GAVE_UP, 9.0, None, 5, True, {}),
+        (Drive, REJECTED, 9.0, None, 5, True, {}),
         (Drive, PREEMPTED, 9.0, None, 4, False, {}),
         (Drive, PREEMPTED, 9.98, None, 4, False, {}),
         (Drive, None, 9.0, None, 4, False, {}),
@@ -222,17 +228,26 @@ def test_each_end_of_a_course_gives_its_transitions(
     assert (trajectory.reward[-1] > 0.0) == (status == SUCCEEDED or finish is not None)  # no time cost at the goal
 
 
-def test_a_course_ends_with_its_result_or_with_its_status_whichever_is_earlier():
-    status = [(0, "g"), (10, "")]
-    pursued = [goals(SimpleNamespace(status=status, results={"g": (at, SUCCEEDED)})) for at in (8, 12)]
-    assert [goal.end for (goal,) in pursued] == [8, 10]
+def test_a_course_ends_with_its_result_or_with_its_status_whichever_is_earlier(tmp_path):
+    ends = []
+    for result in (8.0, 12.0):
+        path = tmp_path / f"{result}.bag"
+        with Messages(path) as writer:
+            writer.status(1.0, "g")
+            writer.status(11.0, "g", running=False)
+            writer.result(result, "g", SUCCEEDED)
+        (goal,) = read(path).goals
+        assert goal.status == "reached"
+        ends.append(goal.end)
+    assert ends == [7.0, 10.0]
 
 
 def test_a_goal_that_is_being_cancelled_is_still_pursued(tmp_path):
-    with StackWriter(tmp_path / "a.bag") as writer:
-        for at, code in ((10.0, 1), (11.0, 6), (12.0, PREEMPTED)):  # active, preempting
+    with Messages(tmp_path / "a.bag") as writer:
+        for at, code in ((10.0, ACTIVE), (11.0, PREEMPTING), (12.0, PREEMPTED)):
             writer.status(at, "g", running=False, ended=code)
-    assert [goal for _, goal in read(tmp_path / "a.bag").status] == ["g", "g", ""]
+    (goal,) = read(tmp_path / "a.bag").goals
+    assert (goal.begin, goal.end) == (0.0, 2.0)
 
 
 def test_a_node_that_is_switched_off_and_on_leaves_a_gap(tmp_path):
@@ -297,7 +312,7 @@ def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, cap
     record(tmp_path / "whole.bag")
     (tmp_path / "cut_short.bag").write_bytes((tmp_path / "whole.bag").read_bytes()[:5000])
     (tmp_path / "text.bag").write_text("no bag at all\n" * 100)
-    with StackWriter(tmp_path / "nothing.bag"):
+    with Messages(tmp_path / "nothing.bag"):
         pass
     reasons = {"cut_short.bag": "index looks damaged", "text.bag": "magic is invalid", "nothing.bag": "no decisions"}
     for missing, reason in (
@@ -323,7 +338,7 @@ def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, cap
 
 
 def test_only_the_courses_around_a_clock_jump_are_lost(tmp_path):
-    with StackWriter(tmp_path / "a.bag") as writer:
+    with Messages(tmp_path / "a.bag") as writer:
         first = Drive(writer, begin=10.0, goal="before", seed=1)
         Drive(writer, begin=40.0, goal="torn", seed=2, seconds=9.0)
         Drive(writer, begin=43.0, goal="again", seed=3, seconds=9.0)  # The clock jumped back to 43 s.
@@ -372,12 +387,11 @@ def test_gaps_jumps_and_changes_cut_an_episode(tmp_path, changes, lengths, reaso
     ("seconds", "moved", "jumps"), [(0.1, 0.79, False), (0.1, 0.81, True), (2.0, 10.2, False), (2.0, 10.4, True)]
 )
 def test_odometry_jumps_if_it_moves_more_than_thirty_centimetres_beyond_five_metres_a_second(seconds, moved, jumps):
-    stamps = np.array([0, int(seconds * SECOND)])
-    odometry = SimpleNamespace(stamp=stamps, pose=np.array([[1.0, 2.0, 0.0], [1.0, 2.0 - moved, 0.0]]))
-    bag = SimpleNamespace(odometry=odometry, scans=SimpleNamespace(at=stamps, stamp=stamps))
-    goal = SimpleNamespace(start=0, end=stamps[-1])
+    stamps = np.array([0.0, seconds])
+    pose = np.array([[1.0, 2.0, 0.0], [1.0, 2.0 - moved, 0.0]])
+    recorded = Recorded(odometry=Motion(stamps, stamps, pose, np.zeros((2, 2))))
     with pytest.raises(Skipped, match="the odometry jumped") if jumps else nullcontext():
-        _check_motion(bag, goal)
+        _check_motion(recorded, Goal("g", 0.0, seconds))
 
 
 def test_a_contact_is_charged_in_its_decision(tmp_path):
@@ -437,44 +451,44 @@ def test_the_clearance_term_uses_the_smallest_range(tmp_path, scan, lowest, near
     np.testing.assert_allclose(trajectory.reward, -0.05 / nearest, rtol=1e-5)
 
 
-class Truthful(RecordingEpisode):
-    """Episode without odometry drift, whose course has its goal where the goal is sent.
+class ExactOdometry(KinematicSimulator):
+    """Simulator without odometry drift."""
 
-    The environment rewards true progress to the course's goal; from a bag, only odometry and the sent goal are known.
-    """
-
-    def reset(self, world, *args, **more):
-        near = replace(world.course, goal=world.course.sent_goal)
-        return super().reset(replace(world, course=near), *args, **more)
-
-    def _cycle(self):
-        cycle, state = super()._cycle()
-        self.simulator.set_odometry(self.simulator.to_odom(state.pose))
-        return cycle, self.simulator.state
+    def advance(self, seconds):
+        state = super().advance(seconds)
+        self.set_odometry(self.to_odom(state.pose))
+        return self.state
 
 
 def driven(path, observation, world, time_limit, **settings):
-    """Drive two courses in a world, record them in a bag, and return the environment's transitions."""
-    settings.update(observation=observation, period=1.0, movers=True, randomisation={"scan_noise": 0.0})
-    env = ApplrEnv(world, **settings)
-    with StackWriter(path) as writer:
-        same = env.episode.simulator, env.episode.move_base
-        env.episode = Truthful(*same, writer, period=1.0, time_limit=time_limit)
-        env.episode.layout = env.encoding.layout
-        rng, trajectories, moving = np.random.default_rng(3), [], 0
-        for course in range(2):
-            seen, over = [env.reset(seed=course)[0]], False
-            actions, rewards = [], []
-            while not over:
-                wanted = env.encoding.action(env.space.theta0) + rng.uniform(-0.4, 0.8, env.encoding.actions)
-                observed, reward, terminated, truncated, _ = env.step(wanted)
-                seen, rewards, over = [*seen, observed], [*rewards, reward], terminated or truncated
-                actions.append(env.encoding.action(env.episode.outcome.theta))
-                moving += len(env.episode.seen().movers)
-            layout = TransitionLayout.of(env.encoding)
-            assert layout == env.layout
-            trajectories.append(Trajectory.of(layout, seen, actions, rewards, terminated))
+    """Drive two courses in a world, record them in a bag, and return the environment's transitions.
+
+    The environment rewards true progress to the course's goal; from a bag, only odometry and the sent goal are known.
+    So the odometry is exact here, and the course has its goal where the goal is sent.
+    """
+    settings.update(observation=observation, period=1.0, movers=True)
+    loaded = worlds.load(world)
+    near = replace(loaded.course, goal=loaded.course.sent_goal)
+    env = ApplrEnv([replace(loaded, course=near)], **settings)
+    simulator = ExactOdometry(scan_noise=0.0)
+    env.episode = Episode(simulator, env.episode.move_base, period=1.0, time_limit=time_limit, record=True)
+    env.episode.layout = env.encoding.layout
+    layout = TransitionLayout.of(env.encoding)
+    assert layout == env.layout
+    rng, trajectories, drives, moving = np.random.default_rng(3), [], [], 0
+    for course in range(2):
+        seen, over = [env.reset(seed=course)[0]], False
+        actions, rewards = [], []
+        while not over:
+            wanted = env.encoding.action(env.space.theta0) + rng.uniform(-0.4, 0.8, env.encoding.actions)
+            observed, reward, terminated, truncated, _ = env.step(wanted)
+            seen, rewards, over = [*seen, observed], [*rewards, reward], terminated or truncated
+            actions.append(env.encoding.action(env.episode.outcome.theta))
+            moving += len(env.episode.seen().movers)
+        trajectories.append(Trajectory.of(layout, seen, actions, rewards, terminated))
+        drives.append(env.episode.drive)
     assert moving or "dynamic" not in world
+    write(path, *drives)
     return trajectories
 
 

@@ -9,15 +9,15 @@ import pytest
 
 from applr_ros1 import robots
 from applr_ros1.common.angles import inverse, transform_point
+from applr_ros1.drives.drive import Changes, Drive, Plans
 from sim_bridge.kinematic_simulator import KinematicSimulator
-from tests.support import recorded_drive
-from tests.support.recorded_drive import changed, drive, write
+from tests.support.drives import before_a_monitor, changed, decided, simulated, until
 from training import why
 from training.bags import alternatives, diagnosis, events
-from training.bags.bag import BagError, TopicNames
 from training.bags.explanation import explain, part_of_robot
-from training.bags.recording import Recording, read
-from training.bags.replay import Replay
+from training.bags.read import BagError
+from training.bags.replay import Replay, changes_of
+from training.bags.write import write
 
 PLANNER = "TrajectoryPlannerROS"
 FAULT = {PLANNER: {"vx_samples": 1}}  # only the slowest speed is sampled
@@ -28,20 +28,20 @@ JACKAL, WAFFLE = robots.JACKAL, robots.load("turtlebot3_waffle_pi")
 def spoilt():
     """Return a Jackal with a fault, and a recording of its drive."""
     robot = changed(JACKAL, FAULT)
-    return robot, drive(robot, "generated:40", limit=12)[0]
+    return robot, simulated(robot, "generated:40", limit=12)[0]
 
 
 @pytest.fixture(scope="module")
 def sound():
     """Return a replay of a drive without a fault."""
     made = Replay(JACKAL)
-    made.run(drive(JACKAL, "generated:40", limit=8)[0])
+    made.run(simulated(JACKAL, "generated:40", limit=8)[0])
     return made
 
 
 @pytest.fixture(scope="module")
 def bag(sound, tmp_path_factory):
-    return write(sound.recording, JACKAL, tmp_path_factory.mktemp("why") / "drive.bag")
+    return write(tmp_path_factory.mktemp("why") / "drive.bag", sound.drive)
 
 
 @pytest.fixture(scope="module")
@@ -51,24 +51,35 @@ def replay(spoilt):
     return made
 
 
-def shortened(recording, seconds):
-    kept = {
-        name: [row for row in rows if row[0] <= seconds] for name, rows in vars(recording).items() if name != "path"
-    }
-    return Recording(recording.path, **kept)
+def read_back(path, robot=JACKAL):
+    """Return the drive that `./applr why` reads from a bag."""
+    return why.drive_of(path, why.WhyOptions(bag=[str(path)], robot=robot))
+
+
+def updates(*rows):
+    """Return changes of parameters (time, server, values)."""
+    times, servers, values = zip(*rows)
+    return Changes(np.array(times), list(servers), list(values))
+
+
+def delayed(motion):
+    """Return odometry whose messages have the content of the one before."""
+    pose = np.concatenate([motion.pose[:1], motion.pose[:-1]])
+    twist = np.concatenate([motion.twist[:1], motion.twist[:-1]])
+    return replace(motion, pose=pose, twist=twist)
 
 
 def test_every_command_is_reproduced_with_the_parameters_that_drove_and_few_with_others(replay, spoilt):
     assert len(replay.cycles) > 200
     assert replay.share == 1.0
     other = Replay(JACKAL)
-    other.run(shortened(spoilt[1], 2.0))
+    other.run(until(spoilt[1], 2.0))
     assert other.share < 0.5
 
 
 def test_a_dwa_drive_is_reproduced_and_a_new_plan_clears_its_flags():
     replay = Replay(WAFFLE)
-    replay.run(drive(WAFFLE, "generated:3", limit=8)[0])
+    replay.run(simulated(WAFFLE, "generated:3", limit=8)[0])
     assert replay.share == 1.0
     flags = [1] * 12 + [0.0] * (len(replay.cycles[0].memory) - 12)
     cycle = replace(replay.cycles[20], memory=flags)
@@ -78,33 +89,34 @@ def test_a_dwa_drive_is_reproduced_and_a_new_plan_clears_its_flags():
     assert replay.local.planner.state[:12] == [0] * 12
 
 
-def test_the_replay_goes_on_after_messages_that_come_late(spoilt):
-    """Every fifth scan is missing, and the odometry is recorded one message late."""
-    robot, recording = spoilt
-    odometry = recording.odometry
-    late = [now._replace(pose=was.pose, twist=was.twist) for now, was in zip(odometry[1:], odometry)]
+def test_the_replay_goes_on_after_messages_that_are_missing(spoilt):
+    """Four of five scans and odometry messages are missing."""
+    robot, driven = spoilt
     made = Replay(robot)
-    made.run(replace(shortened(recording, 5.0), odometry=late[:100], scans=recording.scans[:100:5]))
+    sparse = slice(0, 100, 5)
+    made.run(replace(until(driven, 5.0), odometry=driven.odometry.part(sparse), scans=driven.scans.part(sparse)))
     assert 0.2 < made.share < 1.0
     assert all(cycle.error < np.inf for cycle in made.cycles)
 
 
-def test_a_bag_gives_the_recording_that_was_written(bag, sound):
-    recording, made = sound.recording, read(bag, JACKAL, TopicNames.of(JACKAL))
-    begin = recording.odometry[0].at
-    assert np.allclose(made.commands, np.array(recording.commands) - (begin, 0.0, 0.0), atol=1e-6)
-    assert np.allclose([one.pose for one in made.odometry], [one.pose for one in recording.odometry])
-    assert np.allclose([one.twist for one in made.odometry], [one.twist for one in recording.odometry])
-    assert np.allclose([scan.sensor_pose for _, scan in made.scans], [scan.sensor_pose for _, scan in recording.scans])
-    assert made.scans[5][1].ranges.tolist() == recording.scans[5][1].ranges.tolist()
-    assert np.allclose(made.followed[5][1], recording.followed[5][1])
+def test_a_bag_gives_the_drive_that_was_written(bag, sound):
+    driven, made = sound.drive, read_back(bag)
+    begin = driven.odometry.time[0]
+    for column in ("odometry", "planned", "scans", "plans"):
+        assert np.allclose(getattr(made, column).time, getattr(driven, column).time - begin, atol=1e-6)
+    assert np.allclose(made.planned.twist, driven.planned.twist)
+    assert np.allclose(made.odometry.pose, driven.odometry.pose)
+    assert np.allclose(made.odometry.twist, driven.odometry.twist)
+    assert np.allclose(made.scans.fan, driven.scans.fan)
+    assert np.array_equal(made.scans.ranges[5], driven.scans.ranges[5])
+    assert np.allclose(made.plans.path[5], driven.plans.path[5])
 
 
 def test_parameters_in_force_come_from_the_updates_in_the_bag(spoilt, tmp_path):
-    robot, recording = spoilt
-    given = replace(shortened(recording, 1.0), updates=[(0.5, PLANNER, {"sim_time": 1.25, "unknown": 3.0})])
+    robot, driven = spoilt
+    given = replace(until(driven, 1.0), changes=updates((0.5, PLANNER, {"sim_time": 1.25, "unknown": 3.0})))
     made = Replay(robot)
-    made.run(read(write(given, robot, tmp_path / "updated.bag"), robot, TopicNames.of(robot)))
+    made.run(read_back(write(tmp_path / "updated.bag", given), robot))
     assert {cycle.settings[PLANNER]["sim_time"] for cycle in made.cycles if cycle.at < 0.5} == {2.0}
     assert {cycle.settings[PLANNER]["sim_time"] for cycle in made.cycles if cycle.at > 0.5} == {1.25}
     assert "unknown" not in made.settings[PLANNER]
@@ -112,71 +124,72 @@ def test_parameters_in_force_come_from_the_updates_in_the_bag(spoilt, tmp_path):
 
 def test_parameters_of_servers_without_updates_come_from_decisions(spoilt, tmp_path):
     """The C++ planner keeps the footprint that it had at start-up; the costmap takes the new padding."""
-    robot, recording = spoilt
-    given = replace(shortened(recording, 1.0), updates=[(0.5, PLANNER, {"sim_time": 1.25})])
-    path = write(given, robot, tmp_path / "decided.bag", decided={"sim_time": 9.0, "footprint_padding": 0.14})
-    read_back = read(path, robot, TopicNames.of(robot))
-    updates = [(server, values) for _, server, values in read_back.updates]
+    robot, driven = spoilt
+    decision = decided({"sim_time": 9.0, "footprint_padding": 0.14})
+    given = replace(until(driven, 1.0), changes=updates((0.5, PLANNER, {"sim_time": 1.25})), decisions=[decision])
+    recorded = read_back(write(tmp_path / "decided.bag", given), robot)
+    changes = [(server, values) for _, server, values in changes_of(recorded, robot)]
     costmaps = [(f"{name}_costmap", {"footprint_padding": 0.14}) for name in ("local", "global")]
-    assert updates == [*costmaps, (PLANNER, {"sim_time": 1.25})]
+    assert changes == [*costmaps, (PLANNER, {"sim_time": 1.25})]
     made = Replay(robot)
     outline = made.costmap.footprint.max()
-    made.run(read_back)
+    made.run(recorded)
     assert made.costmap.footprint.max() == pytest.approx(outline + 0.04)
     assert {cycle.settings["local_costmap"]["footprint_padding"] for cycle in made.cycles} == {0.14}
 
 
-def test_a_scan_is_placed_between_two_headings_across_the_back(spoilt, tmp_path):
-    robot, recording = spoilt
-    odometry = [now._replace(pose=(0.0, 0.0, yaw)) for now, yaw in zip(recording.odometry[::2], (3.1, -3.1))]
-    given = replace(shortened(recording, 0.5), odometry=odometry)
-    path = write(given, robot, tmp_path / "turning.bag")
-    laser = read(path, robot, TopicNames.of(robot)).scans[1][1].sensor_pose
+def test_a_scan_is_placed_between_two_headings_across_the_back(spoilt):
+    robot, driven = spoilt
+    motion = driven.odometry.part(slice(0, 4, 2))
+    turned = replace(motion, pose=np.array([(0.0, 0.0, 3.1), (0.0, 0.0, -3.1)]))
+    made = Replay(robot)
+    made.drive = replace(driven, odometry=turned)
+    laser = made.scan(1).sensor_pose
     assert abs(laser[2]) == pytest.approx(3.1, abs=0.05)
     assert laser[0] == pytest.approx(-robot.laser.pose[0], abs=0.01)
 
 
 def test_commands_before_a_collision_monitor_are_taken(spoilt, tmp_path):
-    robot, recording = spoilt
-    given = shortened(recording, 1.0)
-    made = read(write(given, robot, tmp_path / "limited.bag", limited=True), robot, TopicNames.of(robot))
-    assert [row[1:] for row in made.commands] == [row[1:] for row in given.commands]
+    robot, driven = spoilt
+    given = until(driven, 1.0)
+    made = read_back(write(tmp_path / "limited.bag", before_a_monitor(given)), robot)
+    assert np.array_equal(made.planned.twist, given.planned.twist)
+    assert not made.commands.twist.any()
+    unlimited = replace(given, planned=None)
+    made = read_back(write(tmp_path / "alone.bag", unlimited), robot)
+    assert np.array_equal(made.planned.twist, given.commands.twist)
 
 
 def test_scans_of_another_laser_are_refused(bag):
     other = replace(JACKAL, laser=JACKAL.laser.model_copy(update={"frame": "other_laser"}))
     with pytest.raises(BagError, match=f"scans in {JACKAL.laser.frame}, jackal has other_laser: give the robot"):
-        read(bag, other, TopicNames.of(JACKAL))
+        read_back(bag, other)
 
 
 def test_a_late_velocity_is_found(spoilt):
-    robot, recording = spoilt
-    shifted = [replace_at(now, was) for now, was in zip(recording.odometry[1:], recording.odometry)]
+    robot, driven = spoilt
     made = Replay(robot)
-    made.run(replace(shortened(recording, 3.0), odometry=[recording.odometry[0], *shifted]))
+    made.run(replace(until(driven, 3.0), odometry=delayed(driven.odometry)))
     assert made.share > 0.9
 
 
-def replace_at(now, was):
-    """Return an odometry message with the content of the one before."""
-    return now._replace(pose=was.pose, twist=was.twist)
-
-
 def test_an_empty_plan_stands_for_the_one_before(spoilt):
-    robot, recording = spoilt
-    followed = list(shortened(recording, 2.0).followed)
-    followed[10] = followed[10][0], np.zeros((0, 3))
+    robot, driven = spoilt
+    driven = until(driven, 2.0)
+    paths = list(driven.plans.path)
+    paths[10] = np.zeros((0, 3))
     made = Replay(robot)
-    made.run(replace(shortened(recording, 2.0), followed=followed))
-    assert made.cycles[10].plan is followed[9][1]
+    made.run(replace(driven, plans=replace(driven.plans, path=paths)))
+    assert made.cycles[10].plan is paths[9]
 
 
 def test_the_flags_after_a_command_that_is_not_reproduced_are_those_of_this_command(spoilt):
-    robot, recording = spoilt
-    commands = list(shortened(recording, 2.0).commands)
-    commands[20] = commands[20][0], -0.1, 0.0  # The planner backs out.
+    robot, driven = spoilt
+    driven = until(driven, 2.0)
+    twist = driven.planned.twist.copy()
+    twist[20] = -0.1, 0.0  # The planner backs out.
     made = Replay(robot)
-    made.run(replace(shortened(recording, 2.0), commands=commands))
+    made.run(replace(driven, planned=replace(driven.planned, twist=twist)))
     assert not made.cycles[20].reproduced
     planner = made.local.planner
     planner.state = made.cycles[20].memory
@@ -190,14 +203,14 @@ def test_the_flags_after_a_command_that_is_not_reproduced_are_those_of_this_comm
 
 
 def test_a_map_is_restored_with_its_layers_and_inflated_anew(spoilt):
-    robot, recording = spoilt
+    robot, driven = spoilt
     made = Replay(robot)
-    made.run(recording)
-    costmap, old, (_, pose, _) = made.costmap, made.cycles[10], recording.odometry[12]
+    made.run(driven)
+    costmap, old, pose = made.costmap, made.cycles[10], driven.odometry.pose[12].tolist()
     assert tuple(costmap.origin) != tuple(old.map[0])
     updated = []
     for place in (None, pose):
-        costmap.update(recording.odometry[-1].pose)
+        costmap.update(driven.odometry.pose[-1].tolist())
         costmap.restore(old.map, place)
         assert all(tuple(layer.origin) == tuple(costmap.origin) for layer in costmap.obstacle_layers)
         costmap.update(pose, made.cloud(12))
@@ -248,12 +261,12 @@ def test_short_stops_and_the_stop_at_the_goal_are_no_events(replay):
 def test_short_gaps_are_part_of_an_event_and_recoveries_are_events(replay):
     made = with_commands(replay, [(0.5, 0.0)] * 60 + ([(0.1, 0.0)] * 15 + [(0.5, 0.0)] * 5) * 2 + [(0.5, 0.0)] * 60)
     assert [len(found.cycles) for found in events.find(made)] == [35]
-    made.recording = Recording(recoveries=[(6.0,)])
+    made.drive = Drive(recoveries=np.array([6.0]))
     assert [found.kind for found in events.find(made)] == ["stood or crept", "began a recovery behaviour"]
 
 
 # -- explanations and alternatives -------------------------------------------------------------------------------------
-def driven_with_post(monkeypatch, ahead, left, since=0.0):
+def driven_with_post(ahead, left, since=0.0):
     """Return a replay of a drive in which the laser sees a post at a place relative to the robot from a time on."""
     laser = JACKAL.laser
     metres, angle = np.hypot(ahead - laser.pose[0], left), np.arctan2(left, ahead - laser.pose[0])
@@ -266,41 +279,41 @@ def driven_with_post(monkeypatch, ahead, left, since=0.0):
                 ranges[beam - 15 : beam + 15] = metres
             return ranges
 
-    monkeypatch.setattr(recorded_drive, "KinematicSimulator", Simulator)
     made = Replay(JACKAL)
-    made.run(drive(JACKAL, "generated:40", limit=6)[0])
+    made.run(simulated(JACKAL, "generated:40", limit=6, simulator=Simulator)[0])
     assert made.share == 1.0
     return made
 
 
-def test_the_obstacle_in_the_way_is_named(monkeypatch):
-    made = driven_with_post(monkeypatch, 0.5, 0.15, since=3.0)
+def test_the_obstacle_in_the_way_is_named():
+    made = driven_with_post(0.5, 0.15, since=3.0)
     why = explain(made, made.cycles[66])
     number, of = (int(word) for word in why["lines"][-1].split(" faster samples")[0].split(" of "))
     assert of > 20
     assert number > 0.9 * of
     assert transform_point(inverse(made.cycles[66].pose), *why["obstacle"]) == pytest.approx((0.5, 0.15), abs=0.1)
     assert "m to the left, from the latest scan" in why["lines"][-1]
-    made.recording.scans[made.cycles[66].scan] = made.recording.scans[40]  # before the post
+    ranges = made.drive.scans.ranges
+    ranges[made.cycles[66].scan] = ranges[40]  # before the post
     assert "from earlier scans" in explain(made, made.cycles[66])["lines"][-1]
 
 
 def test_a_part_of_the_robot_in_the_scans_is_in_the_answer(monkeypatch):
     monkeypatch.setattr(diagnosis, "other_values", lambda replay: {})
-    answer, *_ = diagnosis.diagnose(driven_with_post(monkeypatch, 0.5, 0.0)).lines()
+    answer, *_ = diagnosis.diagnose(driven_with_post(0.5, 0.0)).lines()
     assert re.match(r"The laser sees a part of the robot, 0.5 m ahead and -?0.0 m left of its centre.", answer)
 
 
 def test_a_wall_beside_a_robot_that_does_not_turn_is_no_part_of_it(replay):
     made = Replay(JACKAL)
-    made.recording, made.cycles = replay.recording, [replay.cycles[0]] * 30
+    made.drive, made.cycles = replay.drive, [replay.cycles[0]] * 30
     assert part_of_robot(made) is None
 
 
 def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
     robot = changed(JACKAL, {PLANNER: {"occdist_scale": 0.8}})
     replay = Replay(robot)
-    replay.run(drive(robot, "generated:7", limit=8)[0])
+    replay.run(simulated(robot, "generated:7", limit=8)[0])
     assert part_of_robot(replay) is None
     why = explain(replay, replay.cycles[-20])
     command = replay.command(replay.cycles[-20])
@@ -333,7 +346,7 @@ def test_a_cheaper_sample_that_the_escaping_planner_did_not_try_is_said(sound):
 def test_samples_that_dwa_refuses_are_explained():
     """The speed of a waffle_pi that backs out slowly is below min_vel_trans, and it turns slower than min_vel_theta."""
     replay = Replay(WAFFLE)
-    replay.run(drive(WAFFLE, "generated:3", limit=3)[0])
+    replay.run(simulated(WAFFLE, "generated:3", limit=3)[0])
     cycle = replace(replay.cycles[10], twist=(-0.2, 0.0))
     assert "0.00 rad/s) is below min_vel_trans (0.13) and min_vel_theta (0.9)" in explain(replay, cycle)["lines"][-1]
     cycle = replace(replay.cycles[-1], memory=[1.0] * len(replay.cycles[-1].memory))
@@ -369,7 +382,7 @@ def test_only_a_change_that_saves_much_of_the_drive_and_ends_the_creeping_is_a_r
 def test_a_doubtful_replay_says_so_first_and_its_reproduced_cycles_are_preferred(replay):
     good, bad = replay.cycles[0], replace(replay.cycles[1], error=1.0)
     made = Replay(JACKAL)
-    made.recording, made.cycles = replay.recording, [good] * 7 + [bad] * 3
+    made.drive, made.cycles = replay.drive, [good] * 7 + [bad] * 3
     assert diagnosis.Diagnosis(made, [], made.cycles, []).lines()[0].startswith("Few commands are reproduced")
     made.cycles += [good] * 20
     assert diagnosis.Diagnosis(made, [], made.cycles, []).lines()[0].startswith("The robot did not stop")
@@ -460,8 +473,8 @@ def test_the_command_answers_in_its_first_line_and_writes_a_page(bag, folder, ca
 
 
 def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder, capsys):
-    given = replace(shortened(sound.recording, 2.0), updates=[(0.0, PLANNER, {"sim_time": 1.5, "max_vel_x": 0.4})])
-    other = write(given, JACKAL, folder / "other.bag")
+    given = replace(until(sound.drive, 2.0), changes=updates((0.0, PLANNER, {"sim_time": 1.5, "max_vel_x": 0.4})))
+    other = write(folder / "other.bag", given)
     status, out, err = ran(capsys, bag, other, "--json", "--at", 2)
     assert status == 0, err
     lines = json.loads(out)["compared"]
@@ -470,19 +483,19 @@ def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder,
 
 
 @pytest.mark.parametrize(
-    ("without", "planner", "words"),
+    ("recorded", "words"),
     [
-        (("scan",), "", "no messages on /front/scan"),
-        (("odometry",), "", "no messages on /odometry/filtered"),
-        (("command",), "", "no messages on /cmd_vel"),
-        (("plan",), "", "no messages on /move_base/TrajectoryPlannerROS/global_plan"),
-        ((), "TebLocalPlannerROS", "TebLocalPlannerROS drove, jackal has TrajectoryPlannerROS"),
-        ((), "DWAPlannerROS", "DWAPlannerROS drove"),
+        ({"scans": None}, "no messages on /front/scan"),
+        ({"odometry": None}, "no messages on /odometry/filtered"),
+        ({"planned": None, "commands": None}, "no messages on /cmd_vel"),
+        ({"plans": None}, "no messages on /move_base/TrajectoryPlannerROS/global_plan"),
+        ({"planners": ["TebLocalPlannerROS"]}, "TebLocalPlannerROS drove, jackal has TrajectoryPlannerROS"),
+        ({"planners": ["DWAPlannerROS"]}, "DWAPlannerROS drove"),
     ],
 )
-def test_what_a_bag_lacks_is_named_in_one_line(spoilt, folder, capsys, without, planner, words):
-    robot, recording = spoilt
-    path = write(shortened(recording, 0.5), robot, folder / "drive.bag", without, planner)
+def test_what_a_bag_lacks_is_named_in_one_line(spoilt, folder, capsys, recorded, words):
+    robot, driven = spoilt
+    path = write(folder / "drive.bag", replace(until(driven, 0.5), **recorded))
     status, out, err = ran(capsys, path)
     assert (status, out) == (1, "")
     assert words in err
@@ -504,13 +517,14 @@ def test_mistakes_on_the_command_line_are_one_line(bag, folder, capsys, argument
 
 
 def test_half_a_drive_is_replayed_as_far_as_it_goes(spoilt, folder):
-    robot, recording = spoilt
-    given = replace(recording, commands=recording.commands[100:150])
+    robot, driven = spoilt
+    given = replace(driven, planned=driven.planned.part(slice(100, 150)))
     made = Replay(robot)
     made.run(given)
     assert len(made.cycles) == 50
     assert made.share > 0.5
     without = Replay(robot)  # A command without a plan of its time is no cycle of the local planner.
-    without.run(replace(given, followed=recording.followed[:110] + recording.followed[120:]))
+    kept = np.r_[0:110, 120 : len(driven.plans)]
+    without.run(replace(given, plans=Plans(driven.plans.time[kept], [driven.plans.path[i] for i in kept])))
     assert len(without.cycles) == 40
     assert without.cycles[15].reproduced

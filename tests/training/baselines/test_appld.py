@@ -10,12 +10,13 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 import worlds
+from applr_ros1.drives.drive import Commands, Drive, Scans
 from applr_ros1.policy import actor, methods
 from applr_ros1.policy.parameter_space import SPACE, send
 from applr_ros1.robots import JACKAL, load
 from tests.support.refusals import refused
 from training import appld
-from training.bags.bag import TopicNames
+from training.bags.topics import TopicNames
 from training.baselines.appld import classifier as appld_classifier
 from training.baselines.appld import demonstration
 from training.baselines.appld import fit as appld_fit
@@ -39,10 +40,10 @@ def test_another_robot_is_demonstrated_at_its_size_and_speed(tmp_path):
     assert demonstrate(words) == 0
     d = demonstration.read_demonstration(path, TopicNames.of(robot), robot)
     assert d.source["robot"] == robot.name
-    assert 0.2 < d.command[:, 0].max() <= robot.base.max_speed
-    assert d.ranges.shape[1] == robot.laser.beams
+    assert 0.2 < d.commands.twist[:, 0].max() <= robot.base.max_speed
+    assert len(d.scans.ranges[0]) == robot.laser.beams
     course = worlds.scaled(worlds.load("generated:3"), robot.world_scale).course
-    assert d.goal[:2] == pytest.approx(np.subtract(course.goal[:2], course.start[:2]))
+    assert d.sent[-1].pose[:2] == pytest.approx(np.subtract(course.goal[:2], course.start[:2]))
     with AnyReader([path]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
     scans = counts["/" + robot.topics.scan] / counts["/" + robot.topics.odometry]
@@ -53,14 +54,14 @@ def test_bag_is_read_as_it_was_driven(bag):
     d = demonstration.read_demonstration(bag)
     assert d.source["demonstrator"].startswith("scripted")
     assert d.source["world"] == "generated:3"
-    assert len(d.time) == len(d.command) == len(d.ranges)
-    assert d.ranges.shape[1] == 720
-    assert np.allclose(np.diff(d.time), 0.05)
-    assert d.driving.all()
+    assert len(d.odometry) == len(d.commands) == len(d.scans)
+    assert len(d.scans.ranges[0]) == 720
+    assert np.allclose(np.diff(d.scans.time), 0.05)
+    assert demonstration.is_driving(d).all()
     # The base follows a command in the cycles after it.
-    assert np.abs(d.twist[5:, 0] - d.command[3:-2, 0]).mean() < 0.05
+    assert np.abs(d.odometry.twist[5:, 0] - d.commands.twist[3:-2, 0]).mean() < 0.05
     world = worlds.load("generated:3")
-    assert d.goal[:2] == pytest.approx(
+    assert d.sent[-1].pose[:2] == pytest.approx(
         (world.course.goal[0] - world.course.start[0], world.course.goal[1] - world.course.start[1])
     )
 
@@ -81,36 +82,27 @@ def test_changepoints_are_found_within_three_instants(speeds, of_two):
     rng = np.random.default_rng(0)
     ranges = 3.0 * speed[:, None] - 0.4 + rng.normal(0, 0.01, (n, 720))
     command = np.column_stack([speed, rng.normal(0, 0.02, n)])
-    d = demonstration.Demonstration(
-        "made",
-        np.arange(n) * 0.05,
-        (-2.35619, 2 * 2.35619 / 719, 0.1, 30.0),
-        ranges.astype(np.float32),
-        ranges.astype(np.float32),
-        np.zeros((n, 3)),
-        command,
-        command,
-        (0.0, 0.0, 0.0),
-        {},
-    )
-    three = contexts.find([d])
+    time, laser = np.arange(n) * 0.05, JACKAL.laser
+    fan = np.tile((laser.first_angle, laser.increment, laser.range_min, laser.range_max), (n, 1))
+    d = Drive(scans=Scans(time, time, fan, list(ranges.astype(np.float32))), commands=Commands(time, command))
+    three = contexts.find([d], JACKAL)
     assert [
         (abs(s.first - a) <= 3, abs(s.last - b) <= 3) for s, a, b in zip(three.segments, (0, 150, 260), (150, 260, 400))
     ] == [(True, True)] * 3
-    assert [s.context for s in contexts.find([d], most=2).segments] == of_two
-    assert len(contexts.find([d], most=0).names) == 3
+    assert [s.context for s in contexts.find([d], JACKAL, most=2).segments] == of_two
+    assert len(contexts.find([d], JACKAL, most=0).names) == 3
 
 
 def test_search_finds_the_speed_of_a_demonstration(bag):
     """Commands that the planner gave with other parameters are matched, exactly if these parameters are used."""
     d = demonstration.read_demonstration(bag)
-    spans = [contexts.Segment(0, 30, 60, 0), contexts.Segment(0, 60, len(d.time), 0)]
-    stretch, longest = appld_fit.stretches(d, spans)
+    spans = [contexts.Segment(0, 30, 60, 0), contexts.Segment(0, 60, len(d.commands), 0)]
+    stretch, longest = appld_fit.stretches(d, JACKAL, spans)
     assert longest.last - longest.first == 100  # five seconds
     theta = SPACE.from_dict({"max_vel_x": 1.0, "gdist_scale": 1.4})
     replayed = copy.deepcopy(stretch.planner)
     send(SPACE.requests(theta), replayed)
-    d.command[30:60] = [appld_fit.step(replayed, d, i) for i in range(30, 60)]
+    d.commands.twist[30:60] = [appld_fit.step(replayed, d, JACKAL, i) for i in range(30, 60)]
     assert appld_fit.loss([stretch], theta)[0] == 0.0
     fitted = appld_fit.fit([stretch], 30, seed=0)
     assert fitted.loss < 0.5 * fitted.loss_theta0
@@ -146,7 +138,8 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, monkeypatch):
     assert str(tmp_path) not in (tmp_path / "mine_log.json").read_text()
     method = methods.make(str(out))
     d = demonstration.read_demonstration(bag)
-    obs = np.concatenate([appld_classifier.inputs(d.seen[:1])[0], np.zeros(9, np.float32)])
+    scans = appld_classifier.inputs(demonstration.policy_scans(d, JACKAL)[:1])
+    obs = np.concatenate([scans[0], np.zeros(9, np.float32)])
     theta = method.sets[method.context(obs)]
     assert any(np.allclose(theta, list(c["parameters"].values())) for c in log["contexts"])
     assert method.describe()["file"] == "mine.safetensors"

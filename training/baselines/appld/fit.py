@@ -13,10 +13,12 @@ from typing import List, Sequence, Tuple
 import numpy as np
 
 from applr_ros1.common.scan import LaserScan
+from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import send, space_of
-from training.baselines.appld.demonstration import Demonstration
+from applr_ros1.robots import Robot
+from training.baselines.appld.demonstration import is_driving
 from training.baselines.appld.segmentation import Segment
 from training.env.episode import CONTROL_PERIOD, counting_cells, laser_pose
 
@@ -30,7 +32,8 @@ SETTLE = 5  # number of ignored instants after a change of parameters
 class Stretch:
     """Part of a demonstration to be replayed, and a copy of the planner at its start."""
 
-    demonstration: Demonstration
+    demonstration: Drive
+    robot: Robot
     first: int
     last: int
     planner: MoveBase
@@ -59,14 +62,22 @@ class Fit:
     instants: int
 
 
-def step(planner: MoveBase, d: Demonstration, i: int) -> Tuple[float, float]:
+def step(planner: MoveBase, demonstration: Drive, robot: Robot, i: int) -> Tuple[float, float]:
     """Return the planner's command (v [m/s], w [rad/s]) at instant i, or (0, 0) if the planner has none.
 
     The planner gets the pose, twist and scan of the demonstration, and the time of clock().
     """
-    now, pose = clock(i), tuple(d.pose[i].tolist())
-    scan = LaserScan(now, *d.scan, d.ranges[i], laser_pose(pose, d.robot.laser), d.robot.laser.height)
-    cycle = planner.step(now, pose, tuple(d.twist[i].tolist()), scan)
+    assert demonstration.odometry is not None
+    assert demonstration.scans is not None
+    time = clock(i)
+    pose = tuple(demonstration.odometry.pose[i].tolist())
+    twist = tuple(demonstration.odometry.twist[i].tolist())
+    first_angle, increment, range_min, range_max = demonstration.scans.fan[0].tolist()
+    ranges = demonstration.scans.ranges[i]
+    place = laser_pose(pose, robot.laser)
+    height = robot.laser.height
+    scan = LaserScan(time, first_angle, increment, range_min, range_max, ranges, place, height)
+    cycle = planner.step(time, pose, twist, scan)
     return cycle.command or (0.0, 0.0)
 
 
@@ -75,31 +86,39 @@ def clock(i: int) -> float:
     return 1.0 + i * CONTROL_PERIOD
 
 
-def stretches(d: Demonstration, spans: Sequence[Segment]) -> List[Stretch]:
+def stretches(demonstration: Drive, robot: Robot, spans: Sequence[Segment]) -> List[Stretch]:
     """Return a Stretch for each segment, from a replay of the whole demonstration with theta_0."""
-    planner, parts, space = MoveBase(counting_cells(d.robot.parameters())), [], space_of(d.robot)
+    assert demonstration.commands is not None
+    goal = demonstration.sent[-1].pose
+    planner = MoveBase(counting_cells(robot.parameters()))
+    space = space_of(robot)
     send(space.requests(space.theta0), planner)
-    step(planner, d, 0)
-    planner.set_goal(d.goal, clock(0))
-    first = {s.first: s for s in spans}
-    for i in range(len(d.time)):
-        if i in first:
-            last = min(first[i].last, i + LONGEST)
-            parts.append(Stretch(d, i, last, copy.deepcopy(planner)))
-        step(planner, d, i)
+    step(planner, demonstration, robot, 0)
+    planner.set_goal(goal, clock(0))
+    parts = []
+    span_of_first = {span.first: span for span in spans}
+    for i in range(len(demonstration.commands)):
+        if i in span_of_first:
+            last = min(span_of_first[i].last, i + LONGEST)
+            parts.append(Stretch(demonstration, robot, i, last, copy.deepcopy(planner)))
+        step(planner, demonstration, robot, i)
         if planner.goal is None:  # The planner gave up or arrived, but the demonstration continues.
-            planner.set_goal(d.goal, clock(i))
+            planner.set_goal(goal, clock(i))
     return parts
 
 
 def replay(stretch: Stretch, theta: np.ndarray) -> np.ndarray:
     """Return the errors (k, 2) of the planner's commands (v, w) at the k instants that are not ignored."""
-    planner, d = copy.deepcopy(stretch.planner), stretch.demonstration
-    send(space_of(d.robot).requests(theta), planner)
-    given = np.array([step(planner, d, i) for i in range(stretch.first, stretch.last)])
-    counts = d.driving[stretch.first : stretch.last].copy()
+    demonstration = stretch.demonstration
+    assert demonstration.commands is not None
+    planner = copy.deepcopy(stretch.planner)
+    send(space_of(stretch.robot).requests(theta), planner)
+    rows = range(stretch.first, stretch.last)
+    planned = np.array([step(planner, demonstration, stretch.robot, i) for i in rows])
+    errors = planned - demonstration.commands.twist[rows]
+    counts = is_driving(demonstration)[rows]
     counts[: min(SETTLE, len(counts) // 2)] = False
-    return np.asarray((given - d.command[stretch.first : stretch.last])[counts])
+    return np.asarray(errors[counts])
 
 
 def loss(stretches_: Sequence[Stretch], theta: np.ndarray) -> Tuple[float, List[float]]:
@@ -115,7 +134,7 @@ def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
     """Fit the parameters that the paper's encoding chooses with CMA-ES from theta_0, in about `evaluations` replays."""
     import cma  # slow, because it imports scipy.stats and matplotlib
 
-    encoding = PaperEncoding(stretches_[0].demonstration.robot)
+    encoding = PaperEncoding(stretches_[0].robot)
     theta0 = encoding.space.theta0
     home = encoding.action(theta0)
     base, base_error = loss(stretches_, theta0)

@@ -12,8 +12,10 @@ from typing import List, NamedTuple
 import numpy as np
 import scipy
 
+from applr_ros1.drives.drive import Drive
 from applr_ros1.policy.observation import layout_of
-from training.baselines.appld.demonstration import Demonstration
+from applr_ros1.robots import Robot
+from training.baselines.appld.demonstration import policy_scans
 from training.env.episode import CONTROL_PERIOD
 
 FEATURES = ("speed", "turning", "ahead", "near side", "far side")
@@ -45,23 +47,26 @@ class Contexts:
     means: np.ndarray
 
 
-def features(demonstration: Demonstration) -> np.ndarray:
+def features(demonstration: Drive, robot: Robot) -> np.ndarray:
     """Return FEATURES (n, 5): |v|, |w|, free distance ahead, smaller and larger free distance beside the robot."""
     import pandas  # slow to import; --help does not need it
 
-    layout = layout_of(demonstration.robot)
+    assert demonstration.commands is not None
+    layout = layout_of(robot)
     cap = layout.range_cap  # range beyond which space counts as open [m]
-    ranges = np.nan_to_num(np.asarray(demonstration.seen, np.float64), nan=cap, posinf=cap, neginf=0.0)
+    ranges = np.nan_to_num(np.asarray(policy_scans(demonstration, robot), np.float64), nan=cap, posinf=cap, neginf=0.0)
     ranges = np.minimum(ranges, cap)
     ahead, right, left = (
         ranges[:, layout.sector(bearing, math.radians(width))].min(axis=1)
         for bearing, width in ((0.0, 45.0), (-1.311, 75.0), (1.311, 75.0))
     )
-    raw = np.column_stack([np.abs(demonstration.command), ahead, np.sort(np.column_stack([right, left]), axis=1)])
+    speeds = np.abs(demonstration.commands.twist)
+    sides = np.sort(np.column_stack([right, left]), axis=1)
+    raw = np.column_stack([speeds, ahead, sides])
     return np.asarray(pandas.DataFrame(raw).rolling(SMOOTHED, center=True, min_periods=1).mean())
 
 
-def find(demonstrations: List[Demonstration], most: int = 4, penalty: float = 3.0) -> Contexts:
+def find(demonstrations: List[Drive], robot: Robot, most: int = 4, penalty: float = 3.0) -> Contexts:
     """Return the contexts of one or more demonstrations.
 
     Changepoints minimise the squared error about each segment's mean features plus a penalty per changepoint. This is
@@ -71,7 +76,7 @@ def find(demonstrations: List[Demonstration], most: int = 4, penalty: float = 3.
     """
     import pandas
 
-    seen = [features(d) for d in demonstrations]
+    seen = [features(demonstration, robot) for demonstration in demonstrations]
     every = np.concatenate(seen)
     mean, spread = every.mean(axis=0), np.maximum(every.std(axis=0), 1e-3)
     scaled = [(f - mean) / spread for f in seen]

@@ -1,0 +1,246 @@
+"""Reader of ROS 1 and ROS 2 bags: the drive of a robot with move_base, in columns.
+
+rosbags reads the messages. Nothing in a bag is executed: rosbags takes only names, types and numbers from message
+definitions.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from contextlib import contextmanager
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any, Collection, DefaultDict, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel.anyreader import ReaderErrors
+from rosbags.typesys import Stores, get_typestore
+
+from applr_ros1.common.errors import ApplrError, reason
+from applr_ros1.drives.drive import (
+    Changes,
+    Clearances,
+    Commands,
+    Decision,
+    Drive,
+    Goal,
+    Motion,
+    Plans,
+    Scans,
+    SentGoal,
+)
+from applr_ros1.robots import JACKAL, Robot
+from training.bags import SECOND
+from training.bags.topics import CHANNELS, TopicNames, topic_of
+from training.env.outcome import nearest
+
+METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 bag
+
+
+class BagError(ApplrError):
+    """Error of a bag that cannot be used at all. The message has the bag and the reason, in one line."""
+
+
+class Row(NamedTuple):
+    """Message of a bag.
+
+    Attributes:
+        time: Time of recording, since the first message [s].
+        topic: Name of its topic.
+        fields: What the channel's `unpack` took out of it.
+    """
+
+    time: float
+    topic: str
+    fields: Tuple[Any, ...]
+
+
+def read(
+    path: os.PathLike[str] | str,
+    robot: Robot = JACKAL,
+    topics: TopicNames = TopicNames(),
+    channels: Collection[str] = tuple(CHANNELS),
+) -> Drive:
+    """Read the drive in a bag.
+
+    Args:
+        path: A .bag file, a ROS 2 folder with metadata.yaml, or a single .mcap or .db3 file.
+        robot: Robot that drove.
+        topics: Names of the recorded topics.
+        channels: Channels to read (topics.CHANNELS). Times count from the first message on one of their topics.
+    """
+    rows, begin = _rows(Path(path), topics, channels)
+
+    def seconds(nanoseconds: int) -> float:
+        return (nanoseconds - begin) / SECOND
+
+    drive = Drive(
+        name=Path(path).name,
+        odometry=_motion(rows["odometry"], seconds),
+        scans=_scans(rows["scans"], seconds),
+        plans=_plans(rows["plans"], robot),
+        planned=_commands(rows["planned"]),
+        commands=_commands(rows["commands"]),
+        changes=_changes(rows["changes"], topics),
+        decisions=_decisions(rows["decisions"], seconds),
+        ends=_decisions(rows["ends"], seconds),
+        sent=[SentGoal(row.time, *row.fields) for row in rows["sent"]],
+        goals=_goals(rows["status"], rows["results"]),
+        contacts=np.array([row.time for row in rows["contacts"] if row.fields[0]]),
+        recoveries=np.array([row.time for row in rows["recoveries"]]),
+    )
+    if rows["odometry"]:
+        drive.frame = rows["odometry"][0].fields[1]
+    if rows["scans"]:
+        drive.laser_frame = rows["scans"][0].fields[1]
+        drive.clearances = _clearances(drive.scans, robot)
+    drive.planners = sorted({row.topic.split("/")[-2] for row in rows["plans"]})
+    if rows["source"]:
+        (drive.source,) = rows["source"][-1].fields
+    return drive
+
+
+def _rows(
+    path: Path, topics: TopicNames, channels: Collection[str]
+) -> Tuple[DefaultDict[str, List[Row]], int]:
+    """Return the messages by channel in order of recording, and the time of the first one [ns]."""
+    patterns = {topic_of(channel, topics): channel for channel in channels}
+    found: List[Tuple[int, str, str, Any]] = []
+    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        channel_of_topic = {}
+        for connection in reader.connections:
+            for pattern, channel in patterns.items():
+                if fnmatchcase(connection.topic, pattern):
+                    channel_of_topic[connection.topic] = channel
+        wanted = [connection for connection in reader.connections if connection.topic in channel_of_topic]
+        # Without connections, rosbags would return every message.
+        for connection, at, raw in reader.messages(wanted) if wanted else ():
+            channel = channel_of_topic[connection.topic]
+            message = reader.deserialize(raw, connection.msgtype)
+            found.append((at, channel, connection.topic, CHANNELS[channel].unpack(message)))
+    begin = min((at for at, *_ in found), default=0)
+    rows: DefaultDict[str, List[Row]] = defaultdict(list)
+    for at, channel, topic, fields in found:
+        rows[channel].append(Row((at - begin) / SECOND, topic, fields))
+    return rows, begin
+
+
+# -- columns -----------------------------------------------------------------------------------------------------------
+def _times(rows: Sequence[Row]) -> np.ndarray:
+    return np.array([row.time for row in rows], np.float64)
+
+
+def _motion(rows: Sequence[Row], seconds: Any) -> Optional[Motion]:
+    if not rows:
+        return None
+    stamps, _, poses, twists = zip(*(row.fields for row in rows))
+    stamp = np.array([seconds(stamp) for stamp in stamps])
+    return Motion(_times(rows), stamp, np.array(poses, np.float64), np.array(twists, np.float64))
+
+
+def _scans(rows: Sequence[Row], seconds: Any) -> Optional[Scans]:
+    if not rows:
+        return None
+    stamps, _, fans, ranges = zip(*(row.fields for row in rows))
+    stamp = np.array([seconds(stamp) for stamp in stamps])
+    return Scans(_times(rows), stamp, np.array(fans, np.float64), list(ranges))
+
+
+def _clearances(scans: Any, robot: Robot) -> Clearances:
+    """Return the smallest range of each scan, in order of the stamps. Some lasers report 0 for beams without a return.
+
+    An empty scan has no return.
+    """
+    order = np.argsort(scans.stamp, kind="stable")
+    smallest = []
+    for index in order:
+        ranges = scans.ranges[index]
+        measured = np.where(ranges == 0.0, np.nan, ranges)
+        smallest.append(nearest(measured, robot.laser.range_min) if len(measured) else np.inf)
+    return Clearances(scans.stamp[order], np.array(smallest))
+
+
+def _commands(rows: Sequence[Row]) -> Optional[Commands]:
+    if not rows:
+        return None
+    return Commands(_times(rows), np.array([row.fields[0] for row in rows], np.float64))
+
+
+def _plans(rows: Sequence[Row], robot: Robot) -> Optional[Plans]:
+    """Return the plans that the robot's local planner followed."""
+    followed = [row for row in rows if row.topic.split("/")[-2] == robot.local_planner]
+    if not followed:
+        return None
+    return Plans(_times(followed), [row.fields[0] for row in followed])
+
+
+def _changes(rows: Sequence[Row], topics: TopicNames) -> Optional[Changes]:
+    if not rows:
+        return None
+    before, after = topic_of("changes", topics).split("*")
+    servers = [row.topic[len(before) : -len(after)] for row in rows]
+    return Changes(_times(rows), servers, [row.fields[0] for row in rows])
+
+
+def _decisions(rows: Sequence[Row], seconds: Any) -> List[Decision]:
+    decisions = []
+    for row in rows:
+        goal, stamp, scan_stamp, before, after, seen = row.fields
+        decisions.append(Decision(goal, seconds(stamp), seconds(scan_stamp), before, after, seen))
+    return decisions
+
+
+def _goals(status_rows: Sequence[Row], result_rows: Sequence[Row]) -> List[Goal]:
+    """Return the goals that move_base pursued, by the status of its action, with their results."""
+    pursued: List[Goal] = []
+    previous = ""
+    for row in status_rows:
+        (running,) = row.fields
+        if previous:  # The goal was pursued until now.
+            pursued[-1] = pursued[-1]._replace(end=row.time)
+        if running and running != previous:
+            pursued.append(Goal(running, row.time, row.time))
+        previous = running
+    results: Dict[str, Tuple[float, str]] = {}
+    for row in result_rows:
+        identity, status = row.fields
+        results[identity] = row.time, status
+    goals = []
+    for goal in pursued:
+        result_time, status = results.get(goal.id, (goal.end, ""))
+        goals.append(goal._replace(end=min(goal.end, result_time), status=status))
+    return goals
+
+
+# -- files -------------------------------------------------------------------------------------------------------------
+@contextmanager
+def refused(path: os.PathLike[str] | str) -> Iterator[None]:
+    """Convert errors of rosbags, and ApplrErrors, to a BagError that names the bag."""
+    try:
+        yield
+    except (ApplrError, AnyReaderError, *ReaderErrors) as error:
+        remedy = ": if its recording was cut short, run rosbag reindex" if "index" in str(error) else ""
+        raise BagError(f"{path}: {reason(error)}{remedy}") from None
+
+
+def bags_in(paths: Sequence[os.PathLike[str] | str]) -> List[Path]:
+    """Return the bags among files and folders, sorted: .bag files, ROS 2 folders, and single .mcap or .db3 files.
+
+    Raises:
+        BagError: A path does not exist, or there is no bag.
+    """
+    kinds = "give .bag, .mcap or .db3 files or ROS 2 bag folders"
+    bags: List[Path] = []
+    for path in map(Path, paths):
+        if not path.exists():
+            raise BagError(f"{path}: there is no such file or folder: {kinds}")
+        if path.is_file() or (path / METADATA).exists():
+            bags.append(path)
+        else:
+            inside = sorted(path.rglob("*"))
+            bags += [one for one in inside if one.suffix == ".bag" or (one / METADATA).exists()]
+    if not bags:
+        raise BagError(f"{', '.join(map(str, paths))}: no bags there: {kinds}")
+    return bags

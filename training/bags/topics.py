@@ -1,0 +1,385 @@
+"""Topics of a recorded drive: one table of names, message types and conversions, for the reader and the writer."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Callable, Dict, NamedTuple, Tuple
+
+import numpy as np
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+import applr_ros1
+from applr_ros1.common.angles import Pose, quaternion_of, yaw_of
+from applr_ros1.drives.drive import ABORTED, CANCELLED, REACHED, Decision
+from applr_ros1.monitor.motion import Twist
+from applr_ros1.policy.decision import Seen
+from applr_ros1.policy.observation import FARTHEST_M, beginning
+from training.bags import SECOND
+from training.common.command_line import AnyRobot
+from training.common.options import Options, option
+
+MESSAGES = Path(applr_ros1.__file__).parents[1] / "msg"  # definitions of this package's messages
+# Definitions that rosbags lacks.
+DEFINITIONS = {
+    "move_base_msgs/msg/MoveBaseResult": "",
+    "move_base_msgs/msg/MoveBaseActionResult": (
+        "std_msgs/Header header\nactionlib_msgs/GoalStatus status\nmove_base_msgs/MoveBaseResult result\n"
+    ),
+    "move_base_msgs/msg/RecoveryStatus": (
+        "geometry_msgs/PoseStamped pose_stamped\nuint16 current_recovery_number\n"
+        "uint16 total_number_of_recoveries\nstring recovery_behavior_name\n"
+    ),
+}
+# Status codes of actionlib: of a running goal (active, preempting), and of the ends of goals.
+ACTIVE, PREEMPTED, SUCCEEDED, GAVE_UP, REJECTED, PREEMPTING = 1, 2, 3, 4, 5, 6
+RUNNING = (ACTIVE, PREEMPTING)
+END_OF_CODE = {SUCCEEDED: REACHED, GAVE_UP: ABORTED, REJECTED: ABORTED}
+CODE_OF_END = {REACHED: SUCCEEDED, ABORTED: GAVE_UP}
+# Fields of Parameters.msg beside names, values and multipliers: values for plots.
+PLOTTED = 8
+
+
+@dataclass(frozen=True)
+class TopicNames:
+    """Names of the topics of a recorded drive."""
+
+    scan: str = "/front/scan"
+    odometry: str = "/odometry/filtered"
+    move_base: str = "/move_base"
+    collision: str = "/sim_bridge/collision"
+    applr: str = "/applr"
+    command: str = "/cmd_vel"
+    demonstration: str = "/demonstration"
+
+    @classmethod
+    def of(cls, robot: Any) -> TopicNames:
+        """Return the topics of a robot (robots.Robot) that has no namespace."""
+        topics = robot.topics
+        return cls(
+            scan="/" + topics.scan.lstrip("/"),
+            odometry="/" + topics.odometry.lstrip("/"),
+            command="/" + topics.cmd_vel.lstrip("/"),
+        )
+
+
+class BagOptions(Options):
+    """Robot that recorded the bags, and topics of its recordings."""
+
+    robot: AnyRobot
+    scan: str = option("", "Topic of the laser scans in the bags. Default: the robot's.")
+    odometry: str = option("", "Topic of the odometry in the bags. Default: the robot's.")
+    command: str = option("", "Topic of the velocity commands in the bags. Default: the robot's.")
+
+    def topics(self) -> TopicNames:
+        """Return the robot's topics, replaced by those that are given as options."""
+        given = {name: value for name, value in self if value and hasattr(TopicNames, name)}
+        return replace(TopicNames.of(self.robot), **given)
+
+
+class Maker:
+    """Makes ROS 1 messages of the types that a drive has."""
+
+    def __init__(self) -> None:
+        self.store = get_typestore(Stores.ROS1_NOETIC)
+        for kind, definition in DEFINITIONS.items():
+            self.store.register(get_types_from_msg(definition, kind))
+
+    def make(self, kind: str, *fields: Any) -> Any:
+        """Return a message of a type with its fields in order."""
+        if kind.startswith("applr_ros1/") and kind not in self.store.types:
+            self._register_own()
+        return self.store.types[kind](*fields)
+
+    def _register_own(self) -> None:
+        for name in ("Parameters", "Movers", "Decision"):
+            definition = (MESSAGES / f"{name}.msg").read_text(encoding="utf-8")
+            self.store.register(get_types_from_msg(definition, f"applr_ros1/msg/{name}"))
+
+    def time(self, seconds: float) -> Any:
+        """Return a builtin time."""
+        return self.make("builtin_interfaces/msg/Time", *divmod(nanoseconds(seconds), SECOND))
+
+    def header(self, seconds: float, frame: str) -> Any:
+        """Return a std_msgs/Header."""
+        return self.make("std_msgs/msg/Header", 0, self.time(seconds), frame)
+
+    def twist(self, command: Twist) -> Any:
+        """Return a geometry_msgs/Twist of (v [m/s], w [rad/s])."""
+        v, w = map(float, command)
+        linear = self.make("geometry_msgs/msg/Vector3", v, 0.0, 0.0)
+        angular = self.make("geometry_msgs/msg/Vector3", 0.0, 0.0, w)
+        return self.make("geometry_msgs/msg/Twist", linear, angular)
+
+    def pose(self, pose: Pose) -> Any:
+        """Return a geometry_msgs/Pose of (x, y, yaw) [m, m, rad]."""
+        x, y, yaw = map(float, pose)
+        position = self.make("geometry_msgs/msg/Point", x, y, 0.0)
+        turn = self.make("geometry_msgs/msg/Quaternion", *quaternion_of(yaw))
+        return self.make("geometry_msgs/msg/Pose", position, turn)
+
+    def stamped_pose(self, seconds: float, frame: str, pose: Pose) -> Any:
+        """Return a geometry_msgs/PoseStamped."""
+        return self.make("geometry_msgs/msg/PoseStamped", self.header(seconds, frame), self.pose(pose))
+
+    def goal_status(self, goal: str, code: int) -> Any:
+        """Return an actionlib_msgs/GoalStatus."""
+        identity = self.make("actionlib_msgs/msg/GoalID", self.time(0.0), goal)
+        return self.make("actionlib_msgs/msg/GoalStatus", identity, code, "")
+
+
+class Channel(NamedTuple):
+    """One topic of a drive.
+
+    Attributes:
+        topic: Name with fields of TopicNames in braces; `*` stands for a planner or a server.
+        type: Type of the messages that are written.
+        unpack: Function that returns the fields of a row from a message.
+        pack: Function (maker, time [s], *fields) that returns a message.
+    """
+
+    topic: str
+    type: str
+    unpack: Callable[[Any], Tuple[Any, ...]]
+    pack: Callable[..., Any]
+
+
+def nanoseconds(seconds: float) -> int:
+    """Return a time [s] in whole nanoseconds."""
+    return int(round(seconds * SECOND))
+
+
+def nanoseconds_of(time: Any) -> int:
+    """Return a time of a message [ns]."""
+    return int(time.sec) * SECOND + int(time.nanosec)
+
+
+def frame_of(message: Any) -> str:
+    """Return the frame of a message."""
+    return str(message.header.frame_id.lstrip("/"))
+
+
+def pose_of(message: Any) -> Pose:
+    """Return (x, y, yaw) of a geometry_msgs/Pose."""
+    return message.position.x, message.position.y, yaw_of(message.orientation)
+
+
+# -- sensors and commands ----------------------------------------------------------------------------------------------
+def _unpack_scan(m: Any) -> Tuple[Any, ...]:
+    """Return stamp [ns], frame, fan and ranges of a sensor_msgs/LaserScan."""
+    fan = m.angle_min, m.angle_increment, m.range_min, m.range_max
+    return nanoseconds_of(m.header.stamp), frame_of(m), fan, np.array(m.ranges, np.float32)
+
+
+def _pack_scan(maker: Maker, time: float, frame: str, fan: Any, ranges: Any) -> Any:
+    angle_min, increment, range_min, range_max = map(float, fan)
+    angle_max = angle_min + increment * (len(ranges) - 1)
+    intensities = np.empty(0, np.float32)
+    return maker.make(
+        "sensor_msgs/msg/LaserScan",
+        maker.header(time, frame),
+        angle_min,
+        angle_max,
+        increment,
+        0.0,
+        0.0,
+        range_min,
+        range_max,
+        np.ascontiguousarray(ranges, np.float32),
+        intensities,
+    )
+
+
+def _unpack_odometry(m: Any) -> Tuple[Any, ...]:
+    """Return stamp [ns], frame, pose (x, y, yaw) and twist (v, w) of a nav_msgs/Odometry."""
+    twist = m.twist.twist
+    pose = pose_of(m.pose.pose)
+    return nanoseconds_of(m.header.stamp), frame_of(m), pose, (twist.linear.x, twist.angular.z)
+
+
+def _pack_odometry(maker: Maker, time: float, frame: str, base_frame: str, pose: Pose, twist: Twist) -> Any:
+    unknown = np.zeros(36)
+    return maker.make(
+        "nav_msgs/msg/Odometry",
+        maker.header(time, frame),
+        base_frame,
+        maker.make("geometry_msgs/msg/PoseWithCovariance", maker.pose(pose), unknown),
+        maker.make("geometry_msgs/msg/TwistWithCovariance", maker.twist(twist), unknown),
+    )
+
+
+def _unpack_command(m: Any) -> Tuple[Any, ...]:
+    """Return (v, w) of a geometry_msgs/Twist or TwistStamped."""
+    m = getattr(m, "twist", m)
+    return ((m.linear.x, m.angular.z),)
+
+
+def _pack_command(maker: Maker, time: float, command: Twist) -> Any:
+    return maker.twist(command)
+
+
+# -- planner -----------------------------------------------------------------------------------------------------------
+def _unpack_plan(m: Any) -> Tuple[Any, ...]:
+    """Return the poses (n, 3) of a nav_msgs/Path."""
+    return (np.array([pose_of(stamped.pose) for stamped in m.poses]).reshape(-1, 3),)
+
+
+def _pack_plan(maker: Maker, time: float, frame: str, path: Any) -> Any:
+    poses = [maker.stamped_pose(time, frame, pose) for pose in path]
+    return maker.make("nav_msgs/msg/Path", maker.header(time, frame), poses)
+
+
+def _unpack_change(m: Any) -> Tuple[Any, ...]:
+    """Return {name: value} of a dynamic_reconfigure/Config."""
+    return ({field.name: field.value for field in (*m.bools, *m.ints, *m.strs, *m.doubles)},)
+
+
+def _pack_change(maker: Maker, time: float, values: Dict[str, Any]) -> Any:
+    """Return a dynamic_reconfigure/Config, with numbers as doubles."""
+    kind = "dynamic_reconfigure/msg/"
+    flags = []
+    texts = []
+    numbers = []
+    for name, value in values.items():
+        if isinstance(value, bool):
+            flags.append(maker.make(kind + "BoolParameter", name, value))
+        elif isinstance(value, str):
+            texts.append(maker.make(kind + "StrParameter", name, value))
+        else:
+            numbers.append(maker.make(kind + "DoubleParameter", name, float(value)))
+    return maker.make(kind + "Config", flags, [], texts, numbers, [])
+
+
+def _unpack_nothing(m: Any) -> Tuple[Any, ...]:
+    return ()
+
+
+def _pack_recovery(maker: Maker, time: float, frame: str) -> Any:
+    pose = maker.stamped_pose(time, frame, (0.0, 0.0, 0.0))
+    return maker.make("move_base_msgs/msg/RecoveryStatus", pose, 0, 0, "")
+
+
+def _unpack_status(m: Any) -> Tuple[Any, ...]:
+    """Return the id of the running goal of an actionlib_msgs/GoalStatusArray, or "" if no goal is running."""
+    running = [status.goal_id.id for status in m.status_list if status.status in RUNNING]
+    return (running[-1] if running else "",)
+
+
+def _pack_status(maker: Maker, time: float, goal: str, code: int = ACTIVE) -> Any:
+    listed = [maker.goal_status(goal, code)] if goal else []
+    return maker.make("actionlib_msgs/msg/GoalStatusArray", maker.header(time, ""), listed)
+
+
+def _unpack_result(m: Any) -> Tuple[Any, ...]:
+    """Return goal and how it ended of a MoveBaseActionResult."""
+    return m.status.goal_id.id, END_OF_CODE.get(int(m.status.status), CANCELLED)
+
+
+def _pack_result(maker: Maker, time: float, goal: str, code: int) -> Any:
+    nothing = maker.make("move_base_msgs/msg/MoveBaseResult", 0)  # rosbags gives an empty type one field.
+    status = maker.goal_status(goal, code)
+    return maker.make("move_base_msgs/msg/MoveBaseActionResult", maker.header(time, ""), status, nothing)
+
+
+def _unpack_goal(m: Any) -> Tuple[Any, ...]:
+    """Return pose and frame of a geometry_msgs/PoseStamped."""
+    return pose_of(m.pose), frame_of(m)
+
+
+def _pack_goal(maker: Maker, time: float, pose: Pose, frame: str) -> Any:
+    return maker.stamped_pose(time, frame, pose)
+
+
+# -- decisions and contacts --------------------------------------------------------------------------------------------
+def _unpack_decision(m: Any) -> Tuple[Any, ...]:
+    """Return goal, stamps [ns] of decision and scan, parameters before and after, and the inputs of a decision."""
+    before = dict(zip(m.before.names, m.before.values.tolist()))
+    after = dict(zip(m.after.names, m.after.values.tolist()))
+    if not hasattr(m, "ranges"):  # Decisions of older versions had a finished observation instead of its inputs.
+        return m.goal, nanoseconds_of(m.header.stamp), nanoseconds_of(m.scan), before, after, None
+    scan = m.ranges.astype(np.float32), m.angle_min, m.angle_increment
+    movers = np.column_stack([np.float64(getattr(m.movers, name)) for name in ("x", "y", "vx", "vy")])
+    pose = m.x, m.y, m.yaw
+    goal = m.goal_x, m.goal_y, m.goal_yaw
+    plan = np.column_stack([m.plan_x, m.plan_y])
+    seen = Seen(scan, m.elapsed, pose, (m.v, m.w), goal, plan, movers)
+    return m.goal, nanoseconds_of(m.header.stamp), nanoseconds_of(m.scan), before, after, seen
+
+
+def _pack_decision(maker: Maker, time: float, frame: str, number: int, decision: Decision, scale: float) -> Any:
+    """Return msg/Decision.msg. `scale` is the robot's size relative to the Jackal's: how far a policy looks."""
+    header = maker.header(time, frame)
+    seen = decision.seen
+    assert seen is not None
+    plan_x, plan_y = beginning(seen.plan, seen.pose, FARTHEST_M * scale).T.copy()
+    movers = maker.make("applr_ros1/msg/Movers", header, *seen.movers.T.copy(), np.zeros(len(seen.movers)))
+    ranges, first_angle, increment = seen.scan
+    return maker.make(
+        "applr_ros1/msg/Decision",
+        header,
+        number,
+        decision.goal,
+        float(seen.time),
+        *[maker.time(time)] * 3,  # stamps of scan, odometry and plan
+        *map(float, (*seen.pose, *seen.twist, *seen.goal)),
+        float(first_angle),
+        float(increment),
+        np.asarray(ranges, np.float32),
+        plan_x,
+        plan_y,
+        movers,
+        _pack_parameters(maker, header, decision.before),
+        _pack_parameters(maker, header, decision.after),
+        "",
+    )
+
+
+def _pack_parameters(maker: Maker, header: Any, values: Dict[str, float]) -> Any:
+    multipliers = np.ones(len(values))
+    numbers = np.array(list(values.values()), np.float64)
+    plotted = [np.nan] * PLOTTED
+    return maker.make("applr_ros1/msg/Parameters", header, list(values), numbers, multipliers, *plotted)
+
+
+def _unpack_contact(m: Any) -> Tuple[Any, ...]:
+    return (bool(m.data),)
+
+
+def _pack_contact(maker: Maker, time: float, touches: bool) -> Any:
+    return maker.make("std_msgs/msg/Bool", touches)
+
+
+def _unpack_source(m: Any) -> Tuple[Any, ...]:
+    return (json.loads(m.data),)
+
+
+def _pack_source(maker: Maker, time: float, source: Dict[str, Any]) -> Any:
+    return maker.make("std_msgs/msg/String", json.dumps(source))
+
+
+CHANNELS: Dict[str, Channel] = {
+    "scans": Channel("{scan}", "sensor_msgs/msg/LaserScan", _unpack_scan, _pack_scan),
+    "odometry": Channel("{odometry}", "nav_msgs/msg/Odometry", _unpack_odometry, _pack_odometry),
+    "commands": Channel("{command}", "geometry_msgs/msg/Twist", _unpack_command, _pack_command),
+    "planned": Channel("{move_base}/cmd_vel", "geometry_msgs/msg/Twist", _unpack_command, _pack_command),
+    "plans": Channel("{move_base}/*/global_plan", "nav_msgs/msg/Path", _unpack_plan, _pack_plan),
+    "changes": Channel(
+        "{move_base}/*/parameter_updates", "dynamic_reconfigure/msg/Config", _unpack_change, _pack_change
+    ),
+    "recoveries": Channel(
+        "{move_base}/recovery_status", "move_base_msgs/msg/RecoveryStatus", _unpack_nothing, _pack_recovery
+    ),
+    "status": Channel("{move_base}/status", "actionlib_msgs/msg/GoalStatusArray", _unpack_status, _pack_status),
+    "results": Channel("{move_base}/result", "move_base_msgs/msg/MoveBaseActionResult", _unpack_result, _pack_result),
+    "sent": Channel("{move_base}/current_goal", "geometry_msgs/msg/PoseStamped", _unpack_goal, _pack_goal),
+    "decisions": Channel("{applr}/decision", "applr_ros1/msg/Decision", _unpack_decision, _pack_decision),
+    "ends": Channel("{applr}/course_end", "applr_ros1/msg/Decision", _unpack_decision, _pack_decision),
+    "contacts": Channel("{collision}", "std_msgs/msg/Bool", _unpack_contact, _pack_contact),
+    "source": Channel("{demonstration}", "std_msgs/msg/String", _unpack_source, _pack_source),
+}
+
+
+def topic_of(channel: str, names: TopicNames, part: str = "*") -> str:
+    """Return the topic of a channel. `part` replaces `*`: the name of a planner or of a server."""
+    return CHANNELS[channel].topic.format(**vars(names)).replace("*", part)
