@@ -2,43 +2,16 @@
 
 The generated `applr_ros1.cfg` package lives in the catkin workspace. `__path__` is extended so that it is found even
 if the repository's root comes first on `sys.path`.
-
-pip installs `training`, `worlds` and `sim_bridge` as subpackages of this package. In a clone they lie beside it, and
-`applr_ros1.training`, `applr_ros1.worlds` and `applr_ros1.sim_bridge` are aliases of the same modules.
 """
 
-import importlib.abc
-import importlib.util
+import importlib
 import os
 import pkgutil
 import re
-import sys
 import typing
 
 __version__: str  # from __getattr__
 __path__ = pkgutil.extend_path(__path__, __name__)
-
-
-class _Beside(importlib.abc.Loader):
-    """Import hook that finds and loads `applr_ros1.training.env` as `training.env`."""
-
-    NAMES = tuple(f"{__name__}.{beside}" for beside in ("training", "worlds", "sim_bridge"))
-
-    def find_spec(self, name: str, path: typing.Any = None, target: typing.Any = None) -> typing.Any:
-        spec: typing.Any = importlib.util.find_spec(name.partition(".")[2]) if name.startswith(self.NAMES) else None
-        package = spec and spec.submodule_search_locations is not None
-        return spec and importlib.util.spec_from_loader(name, self, origin=spec.origin, is_package=package)
-
-    def exec_module(self, module: typing.Any) -> None:
-        sys.modules[module.__name__] = importlib.import_module(module.__name__.partition(".")[2])
-
-    def get_code(self, name: str) -> typing.Any:  # `python -m` calls this method.
-        spec: typing.Any = importlib.util.find_spec(name.partition(".")[2])
-        return spec.loader.get_code(spec.name)
-
-
-if not any(os.path.isdir(os.path.join(folder, "training")) for folder in __path__):
-    sys.meta_path.insert(0, _Beside())
 
 
 if not typing.TYPE_CHECKING:  # A module with __getattr__ would hide unknown attributes from mypy.

@@ -2,7 +2,6 @@
 
 Only the modules ros_*.py depend on ROS.
 """
-# Import rule: of this repository, modules here import only robots, worlds and common; only ros_*.py import ROS.
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ def report(who):
     seen.update(heavy)
     print(*[f"{who} imports {name}" for name in sorted(heavy)], sep=chr(10), end="")
 
-import training.evaluation.runner, training.workers.collect
+import training.evaluate.runner, training.workers.collect
 report("a worker")
 for name, module in {**COMMANDS, **NODES}.items():
     sys.argv = [name, "--help"]

@@ -1,2 +1,1 @@
-"""Training and evaluation: the commands, and their parts in subpackages."""
-# Import rule: modules here may import every package except nodes, and no ROS.
+"""What runs on a desk: a room per command, each started as `python -m training.ROOM`, above what they share."""

@@ -4,4 +4,3 @@ CollisionMonitor takes every scan and every command. It passes the fastest comma
 before it touches anything. The ROS node, the training environment and the evaluation use the same class, which does
 not depend on ROS.
 """
-# Import rule: of this repository, modules here import only planner/costmap, robots and common; no ROS.

@@ -2,7 +2,7 @@
 
 A file is in safetensors format. It holds a multilayer perceptron, and metadata as JSON in its header. An ensemble of
 networks of the same size is stacked along the first axis of each tensor, and its output is the mean of their outputs.
-`load` is the only reader. The trainer writes with `save`, training/appld.py with `save_contexts`. Nothing is unpickled.
+`load` is the only reader. The trainer writes with `save`, training/appld with `save_contexts`. Nothing is unpickled.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Lengths are in padded widths (width of the padded footprint), speeds in shares of the base's maximum speed, and the
 planner's distance biases in cost per padded width. The same training options therefore suit any robot, and
-training/tuning can transfer a parameter set from one robot to another. The paper's encoding is in encoding.py.
+training/tune can transfer a parameter set from one robot to another. The paper's encoding is in encoding.py.
 
 A policy chooses only the parameters of OUTPUTS that the robot's parameter space has, within their ranges. The other
 parameters have the values stored with the policy (`base`), or their default values.

@@ -4,7 +4,6 @@
 the launch file use the result. urdf_import/ makes a folder from a URDF and the files of a navigation package.
 docs/tutorials/your_robot.md explains how to describe another robot.
 """
-# Import rule: of this repository, modules here import only planner and common; no ROS.
 
 from __future__ import annotations
 

@@ -20,20 +20,20 @@ NODES = {  # modules of the ROS nodes, which accept only NAME:=VALUE
     "viewer": "applr_ros1.nodes.viewer.node",
 }
 COMMANDS = {
-    "appld": "training.appld",
-    "bags_to_dataset": "training.bags_to_dataset",
+    "appld": "training.appld.__main__",
+    "bags_to_dataset": "training.train.bags_to_dataset",
     "barn": "applr_ros1.nodes.tools.barn",
-    "check_robot": "training.check_robot",
+    "check_robot": "training.robot.check",
     "demo": "applr_ros1.nodes.tools.demo",
-    "demonstrate": "training.demonstrate",
-    "evaluate": "training.evaluate",
+    "demonstrate": "training.appld.demonstrate",
+    "evaluate": "training.evaluate.__main__",
     "measure_braking": "applr_ros1.nodes.tools.measure_braking",
-    "new_robot": "training.new_robot",
+    "new_robot": "training.robot.__main__",
     "play": "applr_ros1.nodes.tools.play",
     "robot_model": "applr_ros1.robots.rviz_model",
-    "train": "training.train",
-    "tune_robot": "training.tune_robot",
-    "why": "training.why",
+    "train": "training.train.__main__",
+    "tune_robot": "training.tune.__main__",
+    "why": "training.why.__main__",
 }
 
 

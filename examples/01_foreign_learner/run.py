@@ -7,7 +7,7 @@ needs about 100,000 steps; this example only shows the procedure.
 
 import argparse
 
-import applr_ros1.training.env
+import training.env
 import gymnasium
 import numpy as np
 from stable_baselines3 import TD3
@@ -34,7 +34,7 @@ def main() -> None:
     parser.add_argument("--out", default="actor.safetensors", help="file to write (default %(default)s)")
     options = parser.parse_args()
 
-    env = gymnasium.make(applr_ros1.training.env.ID, worlds=options.world, simulator="kinematic")
+    env = gymnasium.make(training.env.ID, worlds=options.world, simulator="kinematic")
     noise = NormalActionNoise(np.zeros(env.action_space.shape), np.full(env.action_space.shape, 0.3))
     model = TD3("MlpPolicy", env, action_noise=noise, learning_starts=50, policy_kwargs={"net_arch": [64, 64]}, seed=0)
     model.learn(options.steps, progress_bar=False)

@@ -192,11 +192,11 @@ def _drive(driven, theta, seconds=SECONDS):
 
 def td3_updates():
     """Measure gradient steps, half of them with a policy update, including the sampling of batches (4-step returns)."""
-    from training.learner.config import LearnerOptions
-    from training.learner.learner import draw_batch
-    from training.replay.buffer import Replay
-    from training.replay.trajectory import TransitionLayout
-    from training.td3.td3 import TD3
+    from training.env.trajectory import TransitionLayout
+    from training.train.learner.config import LearnerOptions
+    from training.train.learner.learner import draw_batch
+    from training.train.replay.buffer import Replay
+    from training.train.td3.td3 import TD3
 
     layout, options = TransitionLayout(), LearnerOptions(net_arch=list(HIDDEN), batch_size=BATCH)
     replay, rng = Replay(layout, 7200), np.random.default_rng(0)

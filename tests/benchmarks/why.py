@@ -12,9 +12,9 @@ from time import process_time
 
 from applr_ros1.robots import JACKAL, load
 from tests.support.drives import changed, simulated
-from training import why
-from training.bags.diagnosis import diagnose
-from training.bags.replay import Replay
+from training.why import __main__ as why
+from training.why.diagnosis import diagnose
+from training.why.replay import Replay
 
 SLOWER, LIMIT_S = 1.5, 60.0
 WORLDS = {"3, 11, 40, 7": (3, 11, 40, 7), "5, 17, 23, 28": (5, 17, 23, 28)}  # the rules were chosen on the first ones

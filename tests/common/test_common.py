@@ -179,7 +179,8 @@ class NotInstalled(PathFinder):
         return None if name.partition(".")[0] in EXTRAS else PathFinder.find_spec(name, *more)
 sys.meta_path[sys.meta_path.index(PathFinder)] = NotInstalled
 applr_ros1.load_policy("jackal")
-from training import check_robot, evaluate
+from training.robot import check as check_robot
+from training.evaluate import __main__ as evaluate
 words = "--worlds generated:7 --methods applr --trials 1 --simulator kinematic --workers 0 --out results"
 assert evaluate.main(words.split()) == 0
 for command in sys.argv[1:]:

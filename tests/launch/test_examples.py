@@ -10,7 +10,7 @@ import torch
 
 from applr_ros1.policy.actor import load
 from tests.support import ROOT
-from training import evaluate
+from training.evaluate import __main__ as evaluate
 
 EXAMPLES = sorted(path.name for path in (ROOT / "examples").iterdir() if path.is_dir())
 LIBRARIES = (stable_baselines3, torch)  # packages that the examples need besides this package

@@ -12,8 +12,8 @@ from applr_ros1.msg import Decision
 
 from tests.support.jackal import JACKAL
 from tests.support.ros_harness import session, wait_for
-from training.bags.episodes import transitions
 from training.bags.read import read
+from training.train.transitions import transitions
 
 pytestmark = pytest.mark.ros
 WORLD = "generated:0"

@@ -25,8 +25,8 @@ from tests.support.refusals import refused
 from tests.support.seeds import examples
 from tests.support.weights import make_weights
 from training.env.settings import TrialSettings
-from training.evaluation import runner
-from training.evaluation.trial import plan_trials
+from training.evaluate import runner
+from training.evaluate.trial import plan_trials
 from worlds import barn
 
 PLANNER, COSTMAPS = "TrajectoryPlannerROS", ("local_costmap", "global_costmap")

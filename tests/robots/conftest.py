@@ -1,8 +1,8 @@
-"""Fixture for checks without driving; tests/training/tuning/test_open_floor.py tests the drive on open floor."""
+"""Fixture for checks without driving; tests/training/robot/test_open_floor.py tests the drive on open floor."""
 
 import pytest
 
-from training import check_robot
+from training.robot import check as check_robot
 
 
 @pytest.fixture(autouse=True)

@@ -12,10 +12,11 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
-from training import evaluate, train
 from training.env.episode import Episode
-from training.evaluation.table import read_trials
-from training.tuning import found_set
+from training.evaluate import __main__ as evaluate
+from training.evaluate.table import read_trials
+from training.train import __main__ as train
+from training.tune import found_set
 
 CRATE = """\
 base:

@@ -13,7 +13,8 @@ import yaml
 from applr_ros1 import robots
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.robots.rviz_model import urdf as urdf_of
-from training import check_robot, new_robot
+from training.robot import __main__ as new_robot
+from training.robot import check as check_robot
 
 trimesh = pytest.importorskip("trimesh")
 pytest.importorskip("xacrodoc")

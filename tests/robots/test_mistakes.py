@@ -11,7 +11,9 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots import NAMES, load
 from applr_ros1.robots import folder as folders
 from applr_ros1.robots.check import check, remarks
-from training import check_robot, evaluate, train
+from training.evaluate import __main__ as evaluate
+from training.robot import check as check_robot
+from training.train import __main__ as train
 
 ROBOT, COSTMAPS, PLANNER = "robot.yaml", "costmap_common_params.yaml", "base_local_planner_params.yaml"
 MOVE_BASE, BURGER, LOCAL = "move_base_params.yaml", "dwa_local_planner_params_burger.yaml", "local_costmap_params.yaml"

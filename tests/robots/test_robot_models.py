@@ -11,9 +11,9 @@ from applr_ros1.planner.parameters.layers import arranged
 from applr_ros1.policy import methods
 from applr_ros1.robots.robot import number_at
 from training.env.settings import TrialSettings
-from training.evaluation import runner
-from training.evaluation.loaded import loadable_space, move_base_parameters
-from training.evaluation.trial import plan_trials
+from training.evaluate import runner
+from training.evaluate.loaded import loadable_space, move_base_parameters
+from training.evaluate.trial import plan_trials
 
 
 @pytest.mark.parametrize("name", robots.NAMES)

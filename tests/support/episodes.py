@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from training.replay.trajectory import Trajectory
+from training.env.trajectory import Trajectory
 
 
 def episode(layout, number, t=3, terminated=False, **info):

@@ -6,7 +6,7 @@ import time
 import gymnasium
 import numpy as np
 
-from training.replay.trajectory import TransitionLayout
+from training.env.trajectory import TransitionLayout
 
 
 class Line(gymnasium.Env):

@@ -9,14 +9,14 @@ import zlib
 
 import numpy as np
 
-from training.evaluation.evaluation import EvaluationOptions, settings
-from training.evaluation.trial import Result
+from training.evaluate.evaluation import EvaluationOptions, settings
+from training.evaluate.trial import Result
 
 SETTINGS = settings(EvaluationOptions(), [], [])  # settings of an evaluation without worlds and methods
 
 
 def drive(settings, task):
-    """Return a drawn result, with the interface of training.evaluation.runner.run."""
+    """Return a drawn result, with the interface of training.evaluate.runner.run."""
     if os.environ.get("TOY_BROKEN"):
         raise ValueError("the toy is broken; mend it")
     rng = np.random.default_rng([task.seed, zlib.crc32(task.method.encode())])

@@ -12,11 +12,11 @@ from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
 from applr_ros1.policy.actor import forward
 from tests.support.toy_env import Line
-from training.evaluation.trial import POLICY, Result
-from training.learner.config import parse
-from training.learner.learner import Learner
-from training.learner.prepare import Preparation
-from training.learner.run import TrainingRun
+from training.evaluate.trial import POLICY, Result
+from training.train.learner.config import parse
+from training.train.learner.learner import Learner
+from training.train.learner.prepare import Preparation
+from training.train.learner.run import TrainingRun
 from training.workers.collect import collect, environment, policy_layers
 
 TOY = [

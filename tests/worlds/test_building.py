@@ -14,10 +14,10 @@ from applr_ros1.common.trees import merged
 from applr_ros1.robots.geometry import radius
 from tests.support import plans
 from tests.support.refusals import refused
-from training import check_robot
 from training.env.settings import TrialSettings
-from training.evaluation.runner import TrialRunner, at_scale
-from training.tune_robot import UNSEEN, split
+from training.evaluate.runner import TrialRunner, at_scale
+from training.robot import check as check_robot
+from training.tune.options import UNSEEN, split
 from worlds import draw, loading, map_courses, map_reader, search
 from worlds.occupancy import occupancy
 from worlds.world import clearance

@@ -1,4 +1,3 @@
-"""Rosbag files: readers of recorded drives, conversion to episodes, and a writer for simulated drives."""
-# Import rule: of this repository, modules here import only env, replay and common.
+"""Rosbag files: one table of topics, a reader that returns a Drive, and a writer."""
 
 SECOND = 1_000_000_000  # one second [ns]

@@ -2,7 +2,6 @@
 
 Importing this package registers the environment with Gymnasium under the name ID.
 """
-# Import rule: of this repository, modules here import only common, sim_bridge, worlds and applr_ros1 without nodes.
 
 from gymnasium.envs.registration import register
 

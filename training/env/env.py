@@ -23,7 +23,7 @@ from training.env.episode import Episode
 from training.env.outcome import Outcome
 from training.env.reward import failed
 from training.env.settings import CHALLENGE, DRAWN, PAPER, TrialSettings, under
-from training.replay.trajectory import TransitionLayout
+from training.env.trajectory import TransitionLayout
 from worlds import World
 
 Info = Dict[str, Any]

@@ -12,7 +12,7 @@ import numpy as np
 
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.actor import Layers, forward, layers_of
-from training.replay.trajectory import Trajectory
+from training.env.trajectory import Trajectory
 
 TRAINING, WORLDS = 0, 2  # first number in the seed of an episode, and in that of the choice of its world
 INFO = ("success", "collided", "time_s")  # keys of the environment's info that a trajectory keeps

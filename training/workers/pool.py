@@ -12,28 +12,20 @@ import os
 import subprocess
 import sys
 import threading
-import traceback
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from functools import lru_cache, partial
+from functools import partial
 from itertools import islice
 from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from typing import Any, Callable, Dict, Iterable, Iterator, Set, Tuple, TypeVar
 
 from applr_ros1.common.errors import ApplrError
+from training.workers.calls import CallFailed, WorkerDied, attempt, environment
+from training.workers.ray import RayWorker, connect
 
 DEATHS_PER_CALL = 3  # number of worker deaths after which a call fails
 CALL_SECONDS = 900.0  # time without an answer after which a worker counts as hung [s]
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 T = TypeVar("T")
-
-
-class CallFailed(Exception):
-    """Failure of a call by an error or by repeated deaths of its worker. The pool remains usable."""
-
-
-class WorkerDied(Exception):
-    """Worker that died, or did not answer in time; the message gives the cause."""
 
 
 class Pool(ThreadPoolExecutor):
@@ -64,10 +56,9 @@ class Pool(ThreadPoolExecutor):
         self._start: Callable[[], Any] = ChildProcess
         self._disconnect: Callable[[], None] = lambda: None
         if ray_address:
-            from training.workers.ray import RayWorker, connect
-
             ray = connect(ray_address, workers)
-            self._start, self._disconnect = partial(RayWorker, ray), ray.shutdown
+            self._start = partial(RayWorker, ray)
+            self._disconnect = ray.shutdown
         self.workers: Set[Any] = {self._start() for _ in range(workers)}
         self._free: SimpleQueue[Any] = SimpleQueue()
         for worker in self.workers:
@@ -164,28 +155,6 @@ class ChildProcess:
         """Kill the process; may be called from any thread."""
         self.process.kill()
         self.process.wait()
-
-
-def environment() -> Dict[str, str]:
-    """Return the environment variables of a worker: one thread, and this process's module search path."""
-    return {**dict.fromkeys(THREADS, "1"), "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
-
-
-def attempt(function: Callable[..., Any], args: Tuple[Any, ...]) -> Any:
-    """Return function(*args), or its error as a CallFailed. The traceback of an internal error is printed once."""
-    try:
-        return function(*args)
-    except Exception as error:
-        line = (str(error).splitlines() or [""])[0]
-        if isinstance(error, (ValueError, OSError)):
-            return CallFailed(line)
-        _print_once(traceback.format_exc())
-        return CallFailed(f"{type(error).__name__}: {line}")
-
-
-@lru_cache(maxsize=None)
-def _print_once(text: str) -> None:
-    print(text, file=sys.stderr)
 
 
 def serve(descriptor: int) -> None:

@@ -9,7 +9,7 @@ import sys
 from typing import Any, Callable, Dict, Tuple
 
 from applr_ros1.common.errors import ApplrError, reason
-from training.workers.pool import WorkerDied, attempt, environment
+from training.workers.calls import WorkerDied, attempt, environment
 
 
 def connect(address: str, workers: int) -> Any:

@@ -2,4 +2,3 @@
 
 The node uses only public topics and services of the other nodes.
 """
-# Import rule: of this repository, modules here import only policy, robots and the shared modules of nodes.

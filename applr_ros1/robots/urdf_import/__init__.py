@@ -1,2 +1,1 @@
 """Import of a robot's folder from a URDF or xacro file and the parameter files of move_base."""
-# Import rule: of this repository, modules here import only robots, planner and common.

@@ -1,6 +1,6 @@
 """Description of a robot's wheels, outline and laser from its URDF: `describe`.
 
-Ambiguous values are left out. training/new_robot.py writes the description and lists all values to fill in.
+Ambiguous values are left out. training/robot.py writes the description and lists all values to fill in.
 """
 
 from __future__ import annotations

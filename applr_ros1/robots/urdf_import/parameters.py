@@ -1,6 +1,6 @@
 """Reader of the parameter files of a navigation package: parameters of move_base, and limits of the base's controller.
 
-training/new_robot.py calls `read_parameter_files`, and parameter_files.py reads each file.
+training/robot.py calls `read_parameter_files`, and parameter_files.py reads each file.
 """
 
 from __future__ import annotations

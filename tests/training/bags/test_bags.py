@@ -24,21 +24,24 @@ from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import Messages, decided
-from training import appld, bags_to_dataset, demonstrate, tune_robot
+from training.appld import __main__ as appld
+from training.appld import demonstrate
+from training.appld.scripted_driver import Demonstrator
 from training.bags import SECOND
-from training.bags.episodes import Skipped, _check_motion, decision_period, transitions
 from training.bags.read import bags_in, read
 from training.bags.topics import ACTIVE, GAVE_UP, PREEMPTED, PREEMPTING, REJECTED, SUCCEEDED
 from training.bags.write import write
-from training.baselines.appld.scripted_driver import Demonstrator
 from training.env.env import ApplrEnv
 from training.env.episode import Episode
 from training.env.reward import Reward
-from training.learner.config import RECIPES
-from training.learner.config import parse as config_of
-from training.learner.prepare import dataset_of
-from training.replay.dataset import Dataset
-from training.replay.trajectory import Trajectory, TransitionLayout
+from training.env.trajectory import Trajectory, TransitionLayout
+from training.train import bags_to_dataset
+from training.train.learner.config import RECIPES
+from training.train.learner.config import parse as config_of
+from training.train.learner.prepare import dataset_of
+from training.train.replay.dataset import Dataset
+from training.train.transitions import Skipped, _check_motion, decision_period, transitions
+from training.tune import __main__ as tune_robot
 
 
 class Drive:

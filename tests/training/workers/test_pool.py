@@ -17,12 +17,13 @@ from tests.support import ROOT
 from tests.support.processes import is_alive
 from tests.support.toy_env import Dying, Line, Slow, drive
 from tests.support.toy_training import main, toy_run
-from training.learner.config import parse
-from training.learner.learner import Learner
-from training.replay.trajectory import TransitionLayout
-from training.td3.td3 import TD3, TD3Options
+from training.env.trajectory import TransitionLayout
+from training.train.learner.config import parse
+from training.train.learner.learner import Learner
+from training.train.td3.td3 import TD3, TD3Options
+from training.workers.calls import CallFailed
 from training.workers.collect import Collect, collect
-from training.workers.pool import CallFailed, Pool
+from training.workers.pool import Pool
 from training.workers.ray import connect
 
 LAYOUT = TransitionLayout(0, 1, 1)

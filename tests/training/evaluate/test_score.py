@@ -1,0 +1,126 @@
+"""Tests of the score of trials, and of the periodic evaluation, which drives the same trials as evaluate.py."""
+
+import math
+import shutil
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+import safetensors.numpy
+
+from applr_ros1.policy.actor import forward, save
+from applr_ros1.policy.dimensionless import SIZE, DimensionlessEncoding
+from applr_ros1.robots import JACKAL, load
+from applr_ros1.robots.learned import OUTPUTS
+from training.env.env import ApplrEnv
+from training.env.settings import TrialSettings
+from training.evaluate import runner, score
+from training.evaluate.periodic import CHOOSING, THETA0, PeriodicEvaluation
+from training.evaluate.trial import POLICY, Result, plan_trials
+from training.train.td3.td3 import TD3, TD3Options
+from training.workers.collect import policy_layers
+from training.workers.pool import Pool
+
+
+def test_the_score_counts_a_failure_as_the_time_limit():
+    """Periodic evaluations, searches and the comparison of simulators use this score."""
+    won, lost = Result(True, True, False, 20.0), Result(False, False, False, 7.0)
+    assert score.seconds(won) == 25.0
+    assert score.seconds(replace(lost, collided=True)) == 105.0
+    means = score.summary([won, lost])
+    assert (means["score"], means["time_s"], means["success"], means["collided"]) == (62.5, 20.0, 0.5, 0.5)
+    assert score.summary([lost])["time_s"] is None
+
+
+def test_barn_metric_by_hand():
+    success, collided = np.array([True, True, True, False]), np.array([False, False, True, False])
+    seconds = np.array([6.0, 30.0, 20.0, 100.0])
+    assert score.barn_metric(success, collided, seconds, np.full(4, 7.0)) == pytest.approx([0.5, 3.5 / 28.0, 0.0, 0.0])
+
+
+def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
+    """Runner and plan are the same. The seeds differ, so that no trial is used for both selection and evaluation."""
+    worlds = [("generated:8", "generated:8")]
+    (trial,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
+    assert trial.seed not in {t.seed for seed in range(200) for t in plan_trials(worlds, [("dwa", "dwa")], 20, seed)}
+    result = runner.TrialRunner(TrialSettings()).run(trial)
+    faster = runner.TrialRunner(TrialSettings(period=1.0)).run(trial)  # the decision period of a training
+    assert faster.decisions == math.ceil(faster.time_s)
+
+    def run(task, weights):
+        assert task == trial
+        return result, b""
+
+    line = PeriodicEvaluation(tmp_path, worlds, 100, 3).drive(THETA0, Pool(0), run, b"", step=0, version=0)
+    assert line["score"] == pytest.approx(result.time_s, abs=1e-4)
+    assert line["score"] < 100.0
+
+
+def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
+    """The periodic evaluation gives the same result as evaluate.py with the file, to the last digit, on any robot."""
+    weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
+    save(tmp_path / "a.safetensors", weights, encoding=DimensionlessEncoding(JACKAL, 0.5))
+    spec = str(tmp_path / "a.safetensors")
+    options = {"observation": "dimensionless", "reward": {"exact_time": True}, "time_limit": 5.0}
+    for robot, world in (("jackal", "generated:8"), ("husky", "generated:9")):
+        settings = TrialSettings(robot=robot, period=0.5, **options)
+        (task,) = plan_trials([(world, world)], [("policy", POLICY)], 1, 0)
+        measured, trace = runner.run(settings, task, (tmp_path / "a.safetensors").read_bytes())
+        driver = runner.TrialRunner(settings)
+        assert driver.run(replace(task, method_spec=spec)) == measured
+        assert measured.decisions == 10
+    with pytest.raises(ValueError, match="decision period"):
+        runner.TrialRunner(TrialSettings(**options))
+
+
+def test_the_environments_rewards_add_up_to_the_evaluations_total(monkeypatch):
+    """With the same decisions on the same course, the environment's rewards add up to the trial's total."""
+    options = {"observation": "dimensionless", "reward": {"exact_time": True}, "period": 1.0}
+    weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
+    learnt = safetensors.numpy.save(weights)
+    (task,) = plan_trials([("generated:8", "generated:8")], [("policy", POLICY)], 1, 0, traces=0)
+    driver = runner.TrialRunner(TrialSettings(robot="husky", time_limit=6.0, **options))
+    total = driver.run(task, learnt).total_reward
+    env = ApplrEnv(worlds="generated:8", robot="husky", time_limit=6.0, **options)
+    begin = env.episode.reset
+    monkeypatch.setattr(env.episode, "reset", lambda world, drawn: begin(world, task.seed))
+    observation, _ = env.reset()
+    rewards = []
+    for _ in range(6):
+        observation, reward, *_ = env.step(np.tanh(forward(policy_layers(learnt), observation)))
+        rewards.append(reward)
+    env.close()
+    assert sum(rewards) == pytest.approx(total, abs=1e-9)
+
+
+def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
+    """An edit of robot.yaml or of a parameter file makes another robot, a copy of the folder does not."""
+    hashes = []
+    for name, file, was, then in (
+        ("same", "robot.yaml", "", ""),
+        ("laser", "robot.yaml", "noise: 0.001", "noise: 0.002"),
+        ("planner", "base_local_planner_params.yaml", "max_vel_x: 0.5", "max_vel_x: 0.6"),
+    ):
+        folder = tmp_path / name / "jackal"
+        shutil.copytree(JACKAL.folder, folder)
+        text = (folder / file).read_text()
+        assert was in text
+        (folder / file).write_text(text.replace(was, then) if was else text)
+        hashes.append(runner.content(load(str(folder))))
+    assert hashes[0] == runner.content(JACKAL)
+    assert len(set(hashes)) == 3
+
+
+def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
+    periodic = PeriodicEvaluation(tmp_path, [("w", "w")], 100, 0)
+    due = (0, False, THETA0), (0, True, None), (130, False, 1), (170, False, None), (170, True, 1)
+    for step, last, number in due:
+        assert periodic.due(step, last) == number
+        if number is not None:
+            result = Result(True, time_s=1.0 + step), b""
+            run = partial(lambda result, trial, weights: result, result)
+            assert periodic.drive(number, Pool(0), run, b"%d" % step, step=step, version=0)["score"] == 1.0 + step
+    assert periodic.due(170, True) is None
+    other = PeriodicEvaluation(tmp_path / "other", [("w", "w")], 100, 0)
+    assert [other.due(step, default=False) for step in (0, 99, 100)] == [None, None, 1]

@@ -1,0 +1,282 @@
+"""Tests of evaluate.py: plan, seeds, trials.csv after a kill, incomplete rows, dying workers, and one-line errors.
+
+A toy runner replaces the drives. The last tests use the real runner.
+"""
+
+import csv
+import json
+import math
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.policy import methods
+from applr_ros1.policy.parameter_space import SPACE
+from tests.support import HANGS, ROOT, toy_runner
+from tests.support.drives import driven
+from training.common.command_line import parsed
+from training.env.episode import TIME_LIMIT
+from training.env.settings import TrialSettings
+from training.evaluate import __main__ as evaluate
+from training.evaluate import runner
+from training.evaluate.evaluation import EvaluationOptions
+from training.evaluate.table import Trials, read_trace, read_trials
+from training.evaluate.trial import Result, Trial, plan_trials, seed_of
+
+HEADER = "world,method,trial,seed,success,collided,timeout,time_s,decisions,path_length_m,"
+
+
+def command(out, *more, worlds="generated:0,generated:7,generated:64", chosen="dwa,random"):
+    given = "--worlds", worlds, "--methods", chosen, "--trials", "4", "--out", out, "--no-report", *more
+    return list(map(str, given))
+
+
+TOY = """
+import sys
+from tests.support.toy_runner import drive
+from training.evaluate import __main__ as evaluate
+from training.evaluate import evaluation
+evaluation.run = drive
+sys.exit(evaluate.main())
+"""
+
+
+@pytest.fixture
+def run(monkeypatch):
+    """Return run(arguments), which runs evaluate.py in this process with instant trials and returns its exit status."""
+    monkeypatch.setenv("TOY_SECONDS", "0")
+    monkeypatch.setattr("training.evaluate.evaluation.run", toy_runner.drive)
+
+    def run(arguments):
+        monkeypatch.setattr(sys, "argv", ["evaluate.py", *arguments])
+        return evaluate.main([*arguments, "--workers", "0"])
+
+    return run
+
+
+@pytest.fixture
+def refused(run, capsys):
+    """Return refused(arguments, *words), which checks that evaluate.py ends with a one-line error with the words."""
+
+    def refused(arguments, *words):
+        capsys.readouterr()
+        assert run(arguments) == 1
+        text = capsys.readouterr().err
+        lines = [line for line in text.splitlines() if line.startswith("evaluate.py: ")]
+        assert len(lines) == 1, text
+        assert "Traceback" not in text, text
+        for word in words:
+            assert word in lines[0], lines[0]
+
+    return refused
+
+
+# -- plan ------------------------------------------------------------------------------------------------------------
+def test_every_method_gets_the_same_seeds_in_any_evaluation():
+    both = plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 3, seed=5)
+    alone = plan_trials([("b", "b")], [("y", "y")], 3, seed=5)
+    seeds = {(t.world, t.trial, t.method): t.seed for t in both}
+    assert all(seeds[w, n, "x"] == seeds[w, n, "y"] for w in "ab" for n in range(3))
+    assert [t.seed for t in alone] == [seeds["b", n, "y"] for n in range(3)]
+    assert len({t.seed for t in both}) == 6
+    assert seeds["a", 0, "x"] != seed_of(6, "a", 0)
+    assert both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]  # appended rows
+
+
+# -- the folder ------------------------------------------------------------------------------------------------------
+def test_csv_begins_with_the_pinned_columns(tmp_path, run):
+    assert run(command(tmp_path)) == 0
+    lines = (tmp_path / "trials.csv").read_text().splitlines()
+    assert lines[0].startswith(HEADER)
+    assert len(lines) == 1 + 3 * 2 * 4
+    rows = list(csv.DictReader(lines))
+    first = [("0", "generated:0", "dwa"), ("0", "generated:0", "random"), ("0", "generated:7", "dwa")]
+    assert [(r["trial"], r["world"], r["method"]) for r in rows[:3]] == first
+    assert {r["success"] for r in rows} <= {"True", "False"}
+    settings = json.loads((tmp_path / "evaluation.json").read_text())
+    assert settings["methods"]["dwa"]["parameters"]["max_vel_x"] == 0.5
+    assert isinstance(settings["wall_s"], float)
+    (session,) = settings["provenance"]
+    assert session["trials"] == 24
+    assert session["seed"] == 0
+    assert session["versions"]["numpy"] == np.__version__
+    assert re.match(r"\d{4}-\d\d-\d\dT", session["date"])
+    assert re.match(r"[0-9a-f]{40}|unknown", session["commit"])
+    assert "--methods dwa,random" in session["command"]
+    assert session["cpu"]
+
+
+@pytest.mark.fault("19")
+def test_killed_and_started_again_gives_the_same_rows(tmp_path, run):
+    """A run with workers is stopped by Ctrl-C, continued, killed, and finished without workers."""
+    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    assert run(command(whole)) == 0
+    for signal_ in (signal.SIGINT, signal.SIGKILL):
+        process = subprocess.Popen(
+            [sys.executable, "-c", TOY, *command(killed)],
+            cwd=ROOT,
+            env=dict(os.environ, PYTHONPATH=str(ROOT), TOY_SECONDS="0.4"),
+            stderr=subprocess.DEVNULL,
+        )
+        deadline = time.monotonic() + HANGS
+        before = _rows(killed)
+        while _rows(killed) < before + 3 and process.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.05)
+        process.send_signal(signal_)
+        assert process.wait(HANGS) == (130 if signal_ == signal.SIGINT else -signal.SIGKILL)
+    assert 0 < _rows(killed) < 24
+    assert run(command(killed)) == 0
+    assert (killed / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
+
+
+def _rows(folder):
+    """Return the number of stored trials."""
+    return len(read_trials(folder / "trials.csv"))
+
+
+def test_tables_have_the_order_of_the_plan_for_any_order_of_trials(tmp_path):
+    plan = plan_trials([("w", "w"), ("v", "v")], [("m", "m")], 3, seed=0)
+    for begin in (0, 3):  # a second session continues
+        with Trials(tmp_path, {}) as table:
+            assert sum(table.find(task) is not None for task in plan) == begin
+            for task in plan[::-1][begin : begin + 3]:
+                table.add(task, Result(time_s=math.pi, path_length_m=1.0))
+            table.order(plan)
+            assert table.added == 3
+    rows = read_trials(tmp_path / "trials.csv").to_dict("records")
+    assert [(row["world"], row["trial"]) for row in rows] == [(task.world, task.trial) for task in plan]
+    assert (rows[0]["time_s"], rows[0]["path_length_m"], rows[0]["success"]) == (3.1416, 1.0, False)
+
+
+def test_a_trial_with_an_incomplete_row_is_driven_again_and_others_are_unchanged(tmp_path):
+    plan = plan_trials([("w", "w")], [("m", "m")], 2, seed=0)
+    given = Result(True, time_s=math.pi, reason='planner aborted: "no way", NA', min_clearance_m=math.inf)
+    with Trials(tmp_path, {}) as table:
+        assert [table.add(task, given) for task in plan] == 2 * [replace(given, time_s=3.1416)]
+        table.note(looks=[0.1])
+    path = tmp_path / "trials.csv"
+    path.write_bytes(path.read_bytes()[:-3])
+    with Trials(tmp_path, {}) as table:
+        assert table.notes == {"looks": [0.1]}
+        assert [table.find(task) for task in plan] == [replace(given, time_s=3.1416), None]
+        assert table.add(plan[1], given) == table.find(plan[1])
+    with Trials(tmp_path, {}) as table:
+        assert table.find(plan[1]) == replace(given, time_s=3.1416)
+
+
+def test_more_trials_only_append(tmp_path, run, refused):
+    assert run(command(tmp_path, "--trials", 2)) == 0
+    few = (tmp_path / "trials.csv").read_bytes()
+    assert run(command(tmp_path)) == 0
+    assert (tmp_path / "trials.csv").read_bytes().startswith(few)
+    refused(command(tmp_path, "--seed", 3), "another seed", "--out")
+    refused(command(tmp_path, "--monitor"), "another monitor", "--out")
+    refused(command(tmp_path, "--movers"), "another movers", "--out")
+    refused(command(tmp_path, "--loaded"), "another planner")
+
+
+def test_another_evaluations_folder_is_refused(tmp_path):
+    plan = plan_trials([("w", "w")], [("m", "m")], 3, seed=0)
+    with Trials(tmp_path, {"seed": 0}) as table:
+        for task in plan:
+            table.add(task, Result(time_s=1.0))
+
+    with pytest.raises(ApplrError, match="another seed"):
+        Trials(tmp_path, {"seed": 1})
+    plain = pd.read_csv(tmp_path / "trials.csv", keep_default_na=False)
+    pd.testing.assert_frame_equal(plain, read_trials(tmp_path / "trials.csv"), check_dtype=False)
+
+
+def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path, refused, monkeypatch):
+    (tmp_path / "bad.json").write_text("{}")
+    bad = command(tmp_path, chosen=f"dwa,{tmp_path}/bad.json")
+    refused(bad, "trial 0 of bad in generated:", " failed: the toy will not")
+    monkeypatch.setenv("TOY_BROKEN", "1")
+    refused(command(tmp_path / "b"), " failed: the toy is broken; mend it")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--trials", "0"], ["--trials is '0'", "equal to 1"]),
+        (["--simulator", "gazebo"], ["pybullet"]),
+        (["--worlds", "generated:1,generated:1"], ["two worlds"]),
+        (["--methods", "dwa,dwa"], ["two methods"]),
+        (["--methods", "no_such_module:Mine"], ["no_such_module"]),
+        (["--methods", "a b.json"], ["letters"]),
+        (["--out", "/proc/nowhere"], ["/proc/nowhere"]),
+        (["--wrong"], ["--wrong", "--help"]),
+    ],
+)
+def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
+    assert evaluate.main(["--out", str(tmp_path / "o"), "--worlds", "generated:0", "--methods", "dwa"] + arguments) == 1
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    assert line.startswith("evaluate.py: ")
+    for word in words:
+        assert word in line, line
+    assert not (tmp_path / "o" / "trials.csv").exists()
+
+
+def test_ros_arguments_are_ignored():
+    words = ["--trials", "3", "__name:=evaluate", "__log:=/x.log"]
+    assert parsed(EvaluationOptions, "evaluate.py", "", words).trials == 3
+
+
+# -- methods ---------------------------------------------------------------------------------------------------------
+CONTEXT = methods.Context(ranges=np.full(720, 2.0, np.float32), phi=0.0, theta=SPACE.theta0, time=0.0)
+
+
+def test_a_method_from_a_users_class(tmp_path, monkeypatch):
+    (tmp_path / "my_module.py").write_text(
+        "from applr_ros1.policy.methods import Method\n"
+        "from applr_ros1.policy.parameter_space import SPACE\n"
+        "class Cautious(Method):\n"
+        "    def reset(self, seed): self.seed = seed\n"
+        "    def theta(self, context):\n        return SPACE.from_dict({'max_vel_x': 0.7})\n"
+        "class Nothing: pass\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    method = methods.make("my_module:Cautious")
+    method.reset(3)
+    assert method.theta(CONTEXT)[SPACE.names.index("max_vel_x")] == 0.7
+    assert method.seed == 3
+    with pytest.raises(ApplrError, match="not a subclass"):
+        methods.make("my_module:Nothing")
+    assert methods.parse("dwa,my_module:Cautious") == [("dwa", "dwa"), ("Cautious", "my_module:Cautious")]
+
+
+# -- the real stack --------------------------------------------------------------------------------------------------
+def test_trial_depends_on_its_task_only():
+    """A trial driven first, or after another world and method, has the same result to the last digit."""
+    (tmp_set, other) = ("static", "generated:64")
+    task = Trial("generated:19", "m", 0, 11, "generated:19", tmp_set)
+    fresh = runner.TrialRunner(TrialSettings()).run(task)
+    used = runner.TrialRunner(TrialSettings())
+    before = replace(task, world=other, world_spec=other, method_spec="random", seed=3)
+    used.episode.time_limit = 6.0
+    used.run(before)
+    used.episode.time_limit = TIME_LIMIT
+    assert used.run(task) == fresh
+    theta = tuple(methods.make(tmp_set).theta(CONTEXT))
+    assert used.run(replace(task, theta=theta)) == fresh  # a parameter set, as from a search
+
+
+def test_traces_are_stored_beside_the_table(tmp_path):
+    drive = driven([0.0, 0.05], [(0, 0, 0), (1, 0, 0)], theta=[np.zeros(11)], decided=[0.0])
+    plan = plan_trials([("generated:0", "generated:0")], [("dwa", "dwa")], 1, seed=0)
+    with Trials(tmp_path, {"worlds": ["generated:0"]}) as table:
+        with pytest.raises(ApplrError, match="another"):
+            Trials(tmp_path, {"worlds": ["generated:0"]})
+        table.add(plan[0], Result(time_s=1.0), drive.pack())
+    assert read_trace(tmp_path, "generated:0", "dwa", 0)["pose"].shape == (2, 3)
+    assert read_trace(tmp_path, "generated:0", "dwa", 1) is None

@@ -1,0 +1,26 @@
+"""Test of a run that starts from the file of a dimensionless policy."""
+
+import numpy as np
+
+from applr_ros1.policy.actor import load
+from tests.support.toy_training import one_line
+from training.train.__main__ import main
+from training.train.learner.learner import policy_network
+
+ENCODING = ["--observation", "dimensionless", "--net-arch", "16", "16", "--decision-period", "1"]
+SHORT = ["--total-timesteps", "12", "--batch-size", "8", "--utd-ratio", "1", "--worlds", "generated:7,dynamic:100"]
+
+
+def test_a_policy_is_frozen_during_the_warm_up_of_new_critics(tmp_path, capsys):
+    run, other_run = tmp_path / "jackal", tmp_path / "husky"
+    learning = [*ENCODING, *SHORT, "--symmetric", "--mirror", "--learning-starts", "4"]
+    assert main([*learning, "--eval-worlds", "none", "--out", str(run)]) == 0
+    policy = str(run / "actor.safetensors")
+    assert load(policy).period == 1.0
+    warm_up = [*learning, "--robot", "husky", "--init-from", policy]
+    assert main([*warm_up, "--eval-worlds", "generated:1", "--eval-freq", "12", "--out", str(other_run)]) == 0
+    before, after = policy_network(policy), policy_network(str(other_run / "actor.safetensors"))
+    assert all(np.array_equal(before[name], after[name]) for name in before)  # Only the critics have changed.
+    other = [*ENCODING, "--init-from", policy, "--net-arch", "8", "--out", tmp_path / "c"]
+    one_line(capsys, other, "the same --net-arch", main)
+    one_line(capsys, [*other[2:], "--out", tmp_path / "d"], "the same --net-arch and --observation", main)

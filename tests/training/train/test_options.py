@@ -1,0 +1,82 @@
+"""Tests of the options of a training run: refusals before its folder is made, recipes, options of a resumed run."""
+
+import json
+
+import pytest
+
+from applr_ros1.common.errors import ApplrError
+from tests.support.toy_training import one_line, toy
+from training.train import __main__ as train
+from training.train.learner.config import TrainConfig, parse
+from training.train.td3.td3 import ACTOR_LR, TAU
+
+
+@pytest.mark.fault("23a")
+@pytest.mark.parametrize(
+    ("arguments", "pattern"),
+    [
+        (["--learning-rate", "1"], "unrecognized arguments: --learning-rate 1; --help"),
+        (["--net-arch", "512", "0"], "--net-arch is '0': Input should be greater than or equal to 1"),
+        (["--worlds", "generated:900"], "generated:900"),
+        (["--latency", "0.2", "0.1"], r"latency = \[0.2, 0.1\]: give a number >= 0 or a range"),
+        (["--planner", "theirs"], "argument --planner: invalid choice: 'theirs'"),
+        (["--dataset", "/nowhere"], "/nowhere/data/metadata.json: cannot be read"),
+        (["--resume", "--out", "/nowhere/at/all"], "holds no run"),
+        (["--recipe", "offline"], "learns offline: give a --dataset"),
+        (["--recipe", "nothing"], "--recipe nothing is unknown: give jackal, offline, paper"),
+    ],
+)
+def test_bad_options_are_one_line_and_leave_no_folder(arguments, pattern, tmp_path, capsys):
+    one_line(capsys, toy(tmp_path / "run", *arguments), pattern, train.main)
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_file_of_options_has_the_names_of_the_command_line(tmp_path):
+    own = tmp_path / "own.yaml"
+    own.write_text("batch_size: 64\ndecision_period: 1.0\nslip: [0.7, 1.4]\n")
+    chosen = parse(["--recipe", str(own), "--decision-period", "0.5"])
+    assert (chosen.batch_size, chosen.decision_period, chosen.slip) == (64, 0.5, [0.7, 1.4])
+    for text, pattern in (
+        ("batchsize: 64\n", "own.yaml: unknown option 'batchsize'"),
+        ("gamma: fast\n", "own.yaml: gamma is 'fast': Input should be a valid number"),
+        ("- 3\n", "own.yaml: Input should be a valid dictionary"),
+        ("a: [\n", "not readable as YAML"),
+    ):
+        own.write_text(text)
+        with pytest.raises(ApplrError, match=pattern):
+            parse(["--recipe", str(own)])
+
+
+@pytest.mark.parametrize("name", ["paper", "jackal", "offline"])
+def test_each_recipe_consists_of_valid_options(name):
+    dataset = ["--dataset", "drives"] if name == "offline" else []
+    assert parse(["--recipe", name, *dataset, "--seed", "7"]).seed == 7
+
+
+def test_defaults_and_noise_are_the_documented_ones():
+    paper = TrainConfig()
+    assert (paper.gamma, paper.n_step, paper.critic_lr, ACTOR_LR, TAU) == (0.95, 4, 1e-3, 3e-4, 0.005)
+    assert paper.noise(0) == 0.5
+    assert paper.noise(1_000_000) == pytest.approx(0.375)
+    assert paper.noise(3_840_000) == pytest.approx(0.02)
+    assert paper.noise(5_000_000) == 0.02
+    assert TrainConfig(total_timesteps=50_000).noise(38_400) == pytest.approx(0.02)
+    rising = TrainConfig(exploration_noise_initial=0.0, exploration_noise_final=0.1, exploration_noise_steps=100)
+    assert [round(rising.noise(n), 9) for n in (0, 50, 400)] == [0.0, 0.05, 0.1]
+
+
+def test_a_run_starts_at_a_parameter_set(tmp_path):
+    given = tmp_path / "set.json"
+    given.write_text('{"max_vel_x": 1.0, "min_in_place_vel_theta": 0.7}')
+    for name in (str(given), "dwa"):
+        action, base = parse(["--init-from", name]).start
+        assert (len(action), base) == (8, {})
+    action, base = parse(["--init-from", str(given), "--observation", "dimensionless"]).start
+    assert len(action) == 12
+    fixed = {"footprint_padding": 0.1, "escape_reset_dist": 0.1, "escape_reset_theta": 0.1}
+    assert base == {"min_in_place_vel_theta": 0.7, **fixed}
+
+
+def test_a_resumed_run_has_its_stored_options(tmp_path):
+    (tmp_path / "config.json").write_text(json.dumps({"out": str(tmp_path)}))
+    assert parse(["--resume", "--recipe", "paper", "--out", str(tmp_path)]).n_step == 4

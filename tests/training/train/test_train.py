@@ -1,0 +1,302 @@
+"""Tests of train.py: learning, files of a run, resuming after a stop and after SIGKILL."""
+
+import dataclasses
+import functools
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import torch
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from applr_ros1.common.tensors import unpack
+from tests.support import HANGS, ROOT
+from tests.support.episodes import episode
+from tests.support.toy_env import Broken, Line
+from tests.support.toy_training import NO_EVALUATION, main, network, networks_of, one_line, toy, toy_run
+from training.env.trajectory import TransitionLayout
+from training.evaluate.periodic import PeriodicEvaluation
+from training.evaluate.table import read_trials
+from training.evaluate.trial import Result
+from training.train.learner.config import parse
+from training.train.learner.learner import Learner, LearnerOptions
+from training.train.learner.run import TrainingRun
+from training.workers.pool import Pool
+
+
+def rounds_of(run):
+    return [json.loads(line) for line in (run / "evaluations.jsonl").read_text().splitlines()]
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """Uninterrupted run of 800 transitions."""
+    out = tmp_path_factory.mktemp("whole") / "run"
+    assert main(toy(out, "--total-timesteps", "800")) == 0
+    return out
+
+
+def test_a_run_learns_and_writes_all_its_files(whole):
+    rounds = rounds_of(whole)
+    assert [r["round"] for r in rounds] == [-1, 1, 2, 3, 4]
+    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # The first policy stands still.
+    files = {"config.json", "checkpoint.json", "actor.safetensors", "best.safetensors"}
+    assert {p.name for p in whole.iterdir()} >= files
+    best = (whole / "best.safetensors").read_bytes()
+    assert unpack(best, "best")[1]["period_s"] == "0.5"  # Nodes and evaluations use the same period.
+    policy = network(best)
+    assert policy(np.array([0.9]))[0] < -0.2 < 0.2 < policy(np.array([-0.9]))[0]
+
+
+def test_resume_continues(tmp_path):
+    out = tmp_path / "run"
+    assert main(toy(out, "--total-timesteps", "300")) == 0
+    assert main(["--resume", "--out", str(out), "--total-timesteps", "600"]) == 0
+    assert (Learner.saved(out)["transitions"], Learner.saved(out)["updates"]) == (600, 300)
+    assert [r["round"] for r in rounds_of(out)] == [-1, 1, 2, 3]
+    assert len(json.loads((out / "config.json").read_text())["provenance"]) == 2
+
+
+def test_an_overwritten_ring_is_restored_from_its_checkpoints(tmp_path):
+    """A changed --utd-ratio applies from the resume on."""
+    layout = TransitionLayout(4, 2, 2)
+    options = LearnerOptions(net_arch=[8], batch_size=8, utd_ratio=1.0, learning_starts=5)
+    learner = Learner(layout, options, tmp_path, 50)
+    for number in range(12):
+        learner.take(episode(layout, number, 10))
+        while learner.updates_due:
+            learner.update()
+        learner.save()
+    again = Learner(layout, options.model_copy(update={"utd_ratio": 2.0}), tmp_path, 50)
+    actions = [sorted(row.tobytes() for row in made.replay.action[made.replay.end != 3]) for made in (learner, again)]
+    assert actions[0] == actions[1]
+    assert len(list(tmp_path.glob("replay-*"))) == 5
+    assert (again.transitions, again.td3.updates, again.updates_due) == (120, 115, 0)
+    again.take(episode(layout, 12, 10))
+    assert again.updates_due == 20
+
+
+@pytest.mark.parametrize(("seeds", "at_the_end"), [("1", [(-1, 250), (1, 250)]), ("2", [(1, 250)])])
+def test_the_last_policy_within_the_minutes_is_compared_with_the_default(seeds, at_the_end, tmp_path, monkeypatch):
+    monkeypatch.setattr(TrainingRun, "elapsed", property(lambda run: 60.0 * (run.steps >= 250)))
+    assert main(toy(tmp_path / "run", "--minutes", "1", "--seeds", seeds)) == 0
+    assert [(r["round"], r["step"]) for r in rounds_of(tmp_path / "run")] == [(1, 200), *at_the_end]
+
+
+OFTEN_SAVED = """
+import sys
+from training.train.learner import run
+from tests.support.toy_training import main
+run.CHECKPOINT_SECONDS = 0.1
+sys.exit(main())
+"""
+
+
+def start(arguments):
+    """Start a run that saves often, in a child process."""
+    command = [sys.executable, "-c", OFTEN_SAVED, *arguments]
+    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+
+
+def wait_for_a_checkpoint(out, process):
+    deadline = time.monotonic() + HANGS
+    while not (Learner.saved(out) or {}).get("transitions"):
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+@pytest.mark.fault("19")
+def test_a_killed_run_continues_from_its_last_checkpoint(tmp_path):
+    out = tmp_path / "run"
+    with start(toy(out, "--total-timesteps", "100000")) as process:
+        wait_for_a_checkpoint(out, process)
+        process.send_signal(signal.SIGKILL)
+    before = Learner.saved(out)["transitions"]
+    assert main(["--resume", "--out", str(out), "--total-timesteps", str(before + 100)]) == 0
+    assert Learner.saved(out)["transitions"] == before + 100
+
+
+def left_at_each_write(command, folder, copies, monkeypatch):
+    """Execute a command, copy its folder to copies/0, copies/1, ... before each write, and return the files' names.
+
+    A copy is made when the new content exists but does not have its final name yet.
+    """
+    names = []
+
+    def copying(name):
+        real = getattr(os, name)
+
+        def write(*args, **more):
+            folder.exists() and shutil.copytree(folder, copies / str(len(names)))
+            names.append(name)
+            return real(*args, **more)
+
+        return write
+
+    with monkeypatch.context() as patch:
+        for name in ("fsync", "replace"):
+            patch.setattr(os, name, copying(name))
+        command()
+    return names
+
+
+@pytest.mark.fault("19")
+def test_a_run_killed_at_any_write_continues(tmp_path, monkeypatch):
+    monkeypatch.setattr("training.train.learner.run.provenance", lambda seed: {})
+    monkeypatch.setattr("training.train.learner.run.CHECKPOINT_SECONDS", 0.0)
+    whole, options = tmp_path / "whole", ["--total-timesteps=20", "--eval-freq=20", "--net-arch=8"]
+    for number, name in enumerate(left_at_each_write(lambda: main(toy(whole, *options)), whole, tmp_path, monkeypatch)):
+        out = tmp_path / str(number)
+        again = ["--resume", "--out", str(out)] if (out / "config.json").exists() else toy(out, *options)
+        assert main(again) == 0
+        assert Learner.saved(out)["transitions"] == 20, f"killed at write {number}, {name}"
+
+
+@pytest.mark.fault("23")
+def test_ctrl_c_saves_and_stops(tmp_path):
+    out = tmp_path / "run"
+    process = start([*toy(out, "--total-timesteps", "1000000"), "__name:=train"])
+    wait_for_a_checkpoint(out, process)
+    process.send_signal(signal.SIGINT)
+    text, _ = process.communicate(timeout=HANGS)
+    assert process.returncode == 130
+    assert "Stopped by SIGINT and saved" in text
+    assert Learner.saved(out)["transitions"] > 0
+
+
+def test_a_run_starts_with_the_networks_of_another_run(whole, tmp_path, capsys):
+    source, out = tmp_path / "source", tmp_path / "run"
+    shutil.copytree(whole, source)
+    first = toy(out, "--init-from", source, "--total-timesteps", "50", "--learning-starts", "40", "--gamma", "0.9")
+    assert main([*first, "--utd-ratio", "0"]) == 0
+    assert networks_of(out) == networks_of(whole)
+    assert (Learner.saved(out)["updates"], Learner.saved(out)["transitions"]) == (0, 50)
+    policy = network((out / "actor.safetensors").read_bytes())
+    assert policy(np.array([0.9]))[0] < -0.2 < 0.2 < policy(np.array([-0.9]))[0]  # The policy is that of the other run.
+    shutil.rmtree(source)  # The run needs its source only until its first checkpoint.
+    assert main(["--resume", "--out", str(out), "--total-timesteps", "100", "--utd-ratio", "1"]) == 0
+    assert Learner.saved(out)["updates"] == 50
+    assert networks_of(out) != networks_of(whole)
+    one_line(capsys, toy(tmp_path / "b", "--init-from", whole, "--net-arch", "8"), "give the same --net-arch")
+    one_line(capsys, toy(tmp_path / "c", "--init-from", whole, "--layer-norm"), "its critics have layer_norm False")
+    for name in (tmp_path, "random"):
+        one_line(capsys, toy(tmp_path / "d", "--init-from", name), "--init-from is .*: give static, dwa, a JSON")
+
+
+def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):
+    before = networks_of(whole)
+    one_line(capsys, toy(whole), "already holds a run: continue it with --resume")
+    for option in (["--net-arch", "64"], ["--simulator", "pybullet"]):
+        one_line(capsys, ["--resume", "--out", whole, *option], f"{option[0]}: .* cannot be changed")
+    run = toy_run(parse(toy(tmp_path / "busy", "--total-timesteps", "10")))
+    one_line(capsys, ["--resume", "--out", tmp_path / "busy"], "another train.py works")
+    run.lock.close()
+    assert networks_of(whole) == before
+
+
+class Bomb:
+    def __reduce__(self):
+        return os.mkdir, ("executed",)
+
+
+def test_a_pickle_in_a_checkpoint_is_not_executed(whole, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(whole, tmp_path / "copy")
+    torch.save(Bomb(), tmp_path / "copy" / Learner.saved(whole)["learner"])
+    one_line(capsys, ["--resume", "--out", "copy"], "UnpicklingError: Weights only load failed")
+    assert not (tmp_path / "executed").exists()
+
+
+@pytest.mark.fault("21")
+def test_a_full_disk_leaves_the_last_checkpoint(whole, tmp_path, monkeypatch, capsys):
+    copy = tmp_path / "copy"
+    shutil.copytree(whole, copy)
+    before, real = Learner.saved(copy), os.fsync
+
+    def full(descriptor):
+        if "learner" in os.readlink("/proc/self/fd/%d" % descriptor):
+            raise OSError(28, "No space left on device")
+        return real(descriptor)
+
+    monkeypatch.setattr(os, "fsync", full)
+    one_line(capsys, ["--resume", "--out", copy, "--total-timesteps", "900"], "No space left")
+    monkeypatch.undo()
+    assert Learner.saved(copy) == before
+    assert not list(copy.glob("*.partial"))
+    assert main(["--resume", "--out", str(copy), "--total-timesteps", "900"]) == 0
+
+
+def test_a_run_whose_episodes_all_fail_ends_in_one_line(tmp_path, capsys):
+    broken = functools.partial(main, env=Broken)
+    words = "20 episodes in a row failed: RuntimeError: the wheels came off"
+    one_line(capsys, toy(tmp_path / "a", *NO_EVALUATION), words, broken)
+
+
+def test_rounds_are_continued_and_the_lowest_score_is_the_best(tmp_path):
+    def made():
+        return PeriodicEvaluation(tmp_path, [("w0", "w0"), ("w1", "w1")], 100, 0)
+
+    def drive(rounds, step, seconds):
+        def run(trial, weights):
+            touched = trial.world == "w1"
+            return Result(seconds < 100, touched, False, seconds, decisions=5, total_reward=-seconds), b""
+
+        for number in iter(lambda: rounds.due(step), None):
+            yield rounds.drive(number, Pool(0), run, bytes([step % 251]), step=step, version=step)
+
+    first = made()
+    assert [s["round"] for s in drive(first, 0, 20.0)] == [-1]
+    (summary,) = drive(first, 130, 10.0)
+    assert (summary["round"], summary["score"], summary["best"]) == (1, 12.5, True)
+    assert [s["best"] for s in drive(first, 210, 11.0)] == [False]
+    again = made()
+    assert again.best["step"] == 130
+    assert again.default["time_s"] == 20.0
+    assert again.due(299) is None
+    again.every = 150  # A --resume has changed the interval since the earlier rounds.
+    assert [again.due(step) for step in (299, 300)] == [None, 2]
+    (summary,) = drive(made(), 310, 100.0)
+    assert (summary["round"], summary["best"], summary["time_s"], summary["score"]) == (3, False, None, 102.5)
+
+
+def test_ctrl_c_ends_an_evaluation_whose_trials_are_kept(tmp_path):
+    run = toy_run(parse(toy(tmp_path / "run", "--actors", "0")))
+    drive = run.preparation.drive
+
+    def stop(trial, weights):
+        run.stopping = "SIGINT"
+        return drive(trial, weights)
+
+    run.preparation = dataclasses.replace(run.preparation, drive=stop)
+    assert run.run() == 130
+    assert run.evaluation.history == []
+    assert len(read_trials(tmp_path / "run/evaluation/trials.csv")) == 1
+
+
+class TwoTerms(Line):
+    """Line whose reward consists of two terms."""
+
+    def step(self, action):
+        observation, reward, terminated, truncated, info = super().step(action)
+        terms = {"near": 0.25 * reward, "far": 0.75 * reward}
+        return observation, reward, terminated, truncated, dict(info, reward=terms)
+
+
+def test_tensorboard_shows_terms_of_the_reward(tmp_path):
+    out = tmp_path / "run"
+    assert main(toy(out, *NO_EVALUATION, "--total-timesteps", "100"), TwoTerms) == 0
+    assert main(["--resume", "--out", str(out), "--total-timesteps", "140"], TwoTerms) == 0
+    sessions = [EventAccumulator(str(file)).Reload() for file in (out / "tensorboard").iterdir()]
+    tags = "reward/near", "reward/far", "episode/return"
+    near, far, total = ([event for session in sessions for event in session.Scalars(tag)] for tag in tags)
+    assert len(near) == len(total) == 14
+    for a, b, c in zip(near, far, total):
+        assert a.value == pytest.approx(0.25 * c.value, abs=1e-4)
+        assert a.value + b.value == pytest.approx(c.value, abs=1e-4)

@@ -1,0 +1,339 @@
+"""Tests of ./applr tune: its objectives, starting sets and files, and the command with toy drives."""
+
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+import rosparam
+import yaml
+
+import worlds
+from applr_ros1 import robots
+from applr_ros1.policy import methods
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import folder as robot_folder
+from applr_ros1.robots.geometry import radius
+from tests.support import plans
+from training.evaluate import evaluation
+from training.evaluate.loaded import move_base_parameters
+from training.evaluate.score import AIMS, Baseline
+from training.evaluate.table import Trials
+from training.evaluate.trial import Result
+from training.tune import __main__ as tune_robot
+from training.tune import best_set, found_set
+from training.tune import clock as clocks
+
+PAY = {"max_vel_x": 1.4, "sim_time": 1.1}  # best values of the only parameters with an effect
+WIDTH = robots.JACKAL.body.size[1]
+FEW = ["--workers", "0", "--worlds", "generated:1-12"]
+DRIVEN = []  # driven trials; each takes a second
+LOADED = []  # per trial: whether the planner starts with the parameter set
+PLANNERS = []  # per trial: planner fidelity
+MONITORED = []  # per trial: whether the collision monitor is on
+
+
+def toy(settings, task, gain=12.0):
+    """Return a result, like runner.run: the nearer the parameter set is to PAY, the faster."""
+    DRIVEN.append(task)
+    LOADED.append(settings.loaded)
+    PLANNERS.append(settings.planner)
+    MONITORED.append(settings.monitor)
+    robot = settings.robot
+    space = space_of(robot)
+    theta = space.theta0 if task.method == "dwa" else task.theta or methods.make(task.method_spec, robot).theta(None)
+    here = dict(zip(space.names, space.to_action(theta)))
+    best = dict(zip(space.names, space.to_action(space.from_dict(PAY))))
+    away = float(sum(abs(here[name] - best[name]) for name in PAY))
+    seconds = 12.0 + task.seed % 3 + gain * (1.0 + (task.seed % 7) / 40.0) * away
+    return Result(success=True, time_s=seconds, reason="finished", decisions=5, route_m=10.0), b""
+
+
+def none_better(settings, task):
+    return toy(settings, task, 0.0)
+
+
+def only_in_search(settings, task):
+    """Return results that are better in the search but not on the courses of the verdict."""
+    return toy(settings, task, 12.0 if task.theta else 0.0)
+
+
+def better_without_monitor(settings, task):
+    return toy(settings, task, 0.0 if settings.monitor else 12.0)
+
+
+def better_with_monitor(settings, task):
+    """Return results that are better in the search and in the verdict with the monitor, but not without it."""
+    return toy(settings, task, 12.0 if settings.monitor or task.theta else 0.0)
+
+
+def none_arrives(settings, task):
+    result, trace = toy(settings, task)
+    return replace(result, success=False, timeout=True), trace
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """Use few courses, and a clock on which each drive takes one second and everything else no time."""
+    DRIVEN.clear()
+    LOADED.clear()
+    PLANNERS.clear()
+    MONITORED.clear()
+    for module in (best_set, evaluation):
+        monkeypatch.setattr(module, "run", toy)
+    monkeypatch.setattr(tune_robot, "UNSEEN", "generated:20-31")
+    monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: float(len(DRIVEN))))
+    monkeypatch.setattr(tune_robot.open_floor, "try_out", lambda robot: (True, []))
+
+
+@pytest.fixture
+def jackal(tmp_path, few):
+    """Return a robot folder with the Jackal's description only."""
+    left_out = shutil.ignore_patterns("static.json", "*.safetensors")
+    return shutil.copytree(robots.JACKAL.folder, tmp_path / "jackal", ignore=left_out)
+
+
+def tune(folder, runner, *more):
+    robot_folder._read.cache_clear()  # A command would start in a new process.
+    words = [str(folder), "--out", str(Path(folder).parent / "out"), "--minutes", "12", *more]
+    best_set.run = evaluation.run = globals()[runner]
+    return tune_robot.main([*words, *FEW])
+
+
+def test_the_verdicts_lie_in_the_half_of_a_building_that_the_search_did_not_use(jackal, tmp_path):
+    office = plans.write(tmp_path, "office")
+    words = [str(jackal), "--out", str(tmp_path / "out"), "--minutes", "12", "--workers", "0", "--worlds", office]
+    assert tune_robot.main(words) == 0
+    (drives,) = (tmp_path / "out").glob("fast_*")
+    judged = {
+        spec
+        for monitor in ("with", "without")
+        for spec in json.loads((drives / monitor / "evaluation.json").read_text())["world_specs"]
+    }
+    searched = {trial.world_spec for trial in DRIVEN if trial.theta}
+    lowest, highest = (
+        [limit(worlds.load(spec, radius(robots.JACKAL)).course.path[:, 0]) for spec in specs]
+        for specs, limit in ((judged, np.min), (searched, np.max))
+    )
+    assert max(highest) < min(lowest)
+
+
+def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, capsys):
+    assert tune(jackal, "toy") == 0
+    printed = capsys.readouterr().out
+    left = re.findall(r"^reverting .*: (\d+) parameters are left$", printed, re.MULTILINE)  # progress lines
+    assert left == [str(number) for number in range(len(left), 0, -1)] != []
+    for file, monitor in (("tuned.yaml", "without"), ("static.json", "with")):
+        _, table = printed.split(f"\n{file}, {monitor} the collision monitor:\n")
+        _, baseline, tuned, line, written = table.splitlines()[:5]
+        assert (baseline.split()[:4], tuned.split()[:4]) == (["dwa", "12", "12", "0"], ["static", "12", "12", "0"])
+        assert line.startswith("static better: yes, ")
+        assert written == f"written: {jackal}/{file}"
+    robot = robots.load(str(jackal))
+    space = space_of(robot)
+    set_ = json.loads((jackal / "static.json").read_text())["parameters"]
+    assert set(PAY) <= set(set_)
+    assert len(set_) <= 5, "parameters without effect are pruned"
+    assert set_["max_vel_x"] == pytest.approx(1.4, abs=0.3)
+    assert methods.make("static", robot).theta(None).tolist() == space.from_dict(set_).tolist()
+    (drives,) = (tmp_path / "out").glob("fast_*")
+    page = (drives / "without/report/index.html").read_text()
+    parts = ("tuned.yaml, without the collision monitor:", "static better: yes, ", "Table")
+    assert [page.index(words) for words in parts] == sorted(page.index(words) for words in parts)
+    changed = pd.read_csv(drives / "changes.csv", index_col="parameter")
+    assert changed["default"]["max_vel_x"] == "0.5 m/s"
+    assert changed["meaning"]["sim_time"] == "Duration for which each sampled velocity is simulated."
+    assert (changed["saving [s]"] >= 0.0).all()
+    assert (changed["95 % low"] <= changed["saving [s]"]).all()
+    searched = {task.world for task in DRIVEN if task.theta}
+    judged = {task.world for task in DRIVEN if not task.theta}
+    assert len(searched) > 8
+    assert not searched & judged
+    assert all(LOADED), "tuned.yaml is loaded, too"
+    assert set(PLANNERS) == {"cpp-like"}
+    assert "cpp-like, started with the sets" in page
+    assert "the collision monitor" not in page.partition("How it was measured")[2]
+    padding = space.names.index("footprint_padding")
+    assert {task.theta[padding] for task in DRIVEN if task.theta} == {0.1}, "it would act differently by reconfigure"
+
+
+def test_a_clock_yields_blocks_until_their_share_has_passed_and_continues_after_a_stop(tmp_path, monkeypatch):
+    now = [7.0]
+    monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: now[0]))
+
+    def begun(clock):
+        blocks = []
+        for block in clock.until(0.5, range(10)):
+            blocks.append(block)
+            now[0] += 20.0
+        return blocks
+
+    table = Trials(tmp_path, {})
+    clock = clocks.Clock(table, "readings", 100.0)
+    assert begun(clock) == [0, 1, 2]
+    assert begun(clock) == [0]
+    now[0] = 1000.0
+    again = clocks.Clock(table, "readings", 100.0)
+    assert list(again.until(0.5, range(10))) == [0, 1, 2]
+    assert list(again.until(0.5, range(10))) == [0]
+    now[0] += 3.0
+    assert again.spent() == pytest.approx(0.83)
+
+
+@pytest.mark.parametrize("runner", ["none_better", "only_in_search"])
+def test_if_nothing_is_better_the_robots_folder_is_unchanged(runner, jackal, capsys):
+    before = sorted(jackal.iterdir())
+    assert tune(jackal, runner) == 1
+    printed = capsys.readouterr().out
+    assert "better: no, " in printed
+    assert "better: yes" not in printed
+    assert "\nnothing written: the set is in " in printed or "no changed parameter saves anything" in printed
+    assert sorted(jackal.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("runner", "files"), [("better_without_monitor", {"tuned.yaml"}), ("better_with_monitor", {"static.json"})]
+)
+def test_tuned_yaml_is_searched_and_judged_without_the_monitor_and_static_json_judged_with_it(runner, files, jackal):
+    before = {path.name for path in jackal.iterdir()}
+    assert tune(jackal, runner) == 0
+    assert {path.name for path in jackal.iterdir()} - before == files
+    drives = list(zip(DRIVEN, MONITORED))
+    assert not any(monitor for task, monitor in drives if task.theta), "the search"
+    assert [monitor for task, monitor in drives if not task.theta] == [False] * 24 + [True] * 24
+
+
+def test_if_no_set_arrives_the_error_names_a_demo_that_shows_why(jackal, capsys):
+    assert tune(jackal, "none_arrives") == 1
+    demo = f"./applr demo robot:={jackal} method:=dwa world:=generated:"
+    printed = capsys.readouterr()
+    assert f"no set arrives on any course, so there is nothing to compare: {demo}" in printed.err
+    assert "better:" not in printed.out
+
+
+def test_a_robot_that_fails_on_open_floor_is_tuned_only_with_anyway(jackal, capsys, monkeypatch):
+    monkeypatch.setattr(tune_robot.open_floor, "try_out", lambda robot: (False, ["The set-up is wrong."]))
+    assert tune(jackal, "toy") == 1
+    assert capsys.readouterr().out == "The set-up is wrong.\n"
+    assert not DRIVEN
+    assert tune(jackal, "toy", "--anyway") == 0
+
+
+@pytest.mark.fault("19")
+def test_a_stopped_run_continues_and_drives_nothing_twice(jackal, monkeypatch):
+    note = Trials.note
+
+    def stop(table, **values):
+        note(table, **values)
+        if len(values.get("readings_fast", ())) == 6:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Trials, "note", stop)
+    assert tune(jackal, "toy") == 130
+    monkeypatch.setattr(Trials, "note", note)
+    before = len(DRIVEN)
+    assert before
+    assert tune(jackal, "toy") == 0
+    assert len(set(zip(DRIVEN, MONITORED))) == len(DRIVEN) > before
+    assert json.loads((jackal / "static.json").read_text())["parameters"]["max_vel_x"] == pytest.approx(1.4, abs=0.3)
+
+
+def test_a_finished_run_searches_on_from_its_result(jackal, capsys):
+    for _ in range(2):
+        assert tune(jackal, "toy", "--minutes", "4") == 0
+        begun = re.search(r"best of (\d+) starting sets: ", capsys.readouterr().out)
+    assert int(begun[1]) == len(best_set.warm_starts(robots.load(str(jackal))))
+
+
+def test_an_included_robots_folder_is_not_written_to(tmp_path, few):
+    assert tune("jackal", "toy", "--out", str(tmp_path), "--minutes", "5") == 0
+    assert (tmp_path / "tuned.yaml").exists()
+    assert not (Path(robots.JACKAL.folder) / "tuned.yaml").exists()
+
+
+def result(**values):
+    return Result(**{"success": True, "time_s": 12.0, "route_m": 10.0, "mean_clearance_m": 3.0 * WIDTH, **values})
+
+
+def test_each_objective_charges_the_quantity_in_its_name():
+    robot = robots.JACKAL  # its largest speed is 2 m/s, so the optimal time is 5 s
+
+    def cost(aim, **values):
+        return AIMS[aim].cost(result(**values), robot, Baseline(4.0, 8.0, 1.0))
+
+    assert cost("fast") == 12.0
+    assert cost("fast", success=False, time_s=60.0) == 100.0
+    assert cost("fast", collided=True) == cost("fast", success=False), "a contact costs as much as a failure"
+    assert cost("fast", time_s=40.0, mean_clearance_m=0.1, mean_jerk=9.0, mean_turn=2.0) == 40.0
+    assert cost("careful") == pytest.approx(cost("smooth")) == pytest.approx(12.0)
+    assert cost("careful", mean_clearance_m=2.9 * WIDTH) == pytest.approx(12.0 + 5.0 * 0.1 * 60.0)
+    assert cost("careful", mean_jerk=6.0, mean_turn=2.0) == pytest.approx(12.0)
+    assert cost("smooth", mean_jerk=6.0) == pytest.approx(12.0 + 5.0 * 15.0 * 0.75)
+    assert cost("smooth", mean_turn=2.0) == pytest.approx(12.0 + 5.0 * 10.0 * 2.0)
+    assert cost("smooth", mean_clearance_m=0.3) == pytest.approx(12.0)
+
+
+def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_speed():
+    robot = robots.load("turtlebot3_waffle_pi")
+    space = space_of(robot)
+    starts = best_set.warm_starts(robot)
+    assert starts[0].tolist() == space.theta0.tolist()
+    assert len(starts) == 1 + 2 * 3, "the defaults, three sets of robots, and a set half-way to each"
+    assert np.abs(starts - methods.make("static", robot).theta(None)).max(axis=1).min() < 1e-6
+    jackals = methods.make("static").theta(None)
+    speed, share = space.names.index("max_vel_x"), jackals[0] / robots.JACKAL.base.max_speed
+    fast = [theta for theta in starts if theta[speed] == pytest.approx(share * robot.base.max_speed, abs=1e-6)]
+    assert len(fast) == 1
+    assert fast[0][space.names.index("sim_time")] == pytest.approx(1.113)
+    assert all((space.low <= theta).all() and (theta <= space.high).all() for theta in starts)
+
+
+@pytest.mark.parametrize(
+    ("name", "searched"),
+    [
+        ("jackal", ["min_in_place_vel_theta", "escape_reset_dist", "escape_reset_theta", "footprint_padding"]),
+        ("husky", ["footprint_padding", "planner_frequency"]),  # its move_base plans only once
+        ("turtlebot3_burger", ["footprint_padding"]),
+    ],
+)
+def test_the_default_space_has_more_parameters_for_searches(name, searched, tmp_path):
+    folder = shutil.copytree(robots.load(name).folder, tmp_path / name)
+    described = yaml.safe_load((folder / "robot.yaml").read_text())
+    described.pop("parameter_space", None)
+    (folder / "robot.yaml").write_text(yaml.safe_dump(described, sort_keys=False))
+    space = space_of(robots.load(str(folder)))
+    assert list(space.fixed) == searched
+    assert {"max_vel_x", "sim_time", "inflation_radius"} <= set(space.chosen.names)
+    assert len(best_set.warm_starts(robots.load(str(folder)))) >= 5
+
+
+@pytest.mark.parametrize("name", robots.NAMES)
+def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
+    """Loaded after the robot's files, tuned.yaml gives the parameter set: on the parameter server and in robot.yaml."""
+    folder = shutil.copytree(robots.load(name).folder, tmp_path / name)
+    robot = robots.load(str(folder))
+    space = space_of(robot)
+    theta = space.clip(0.7 * space.low + 0.3 * space.high)
+    values = {name: value for name, value in space.as_dict(theta).items() if name not in ("sim_time", "vx_samples")}
+    found_set.write_set(robot, values, folder / "static.json", folder / "tuned.yaml")
+    wanted = space.from_dict(values)
+    assert methods.make("static", robot).theta(None).tolist() == wanted.tolist()
+    if name == "jackal":  # the padding would change the outline of the planner, too
+        wanted = space.from_dict({**values, "footprint_padding": 0.1})
+    ((loaded, namespace),) = rosparam.load_file(str(folder / "tuned.yaml"), default_namespace="move_base")
+    assert namespace.strip("/") == "move_base"
+    assert loaded == move_base_parameters(robot, values)
+    assert loaded.get("TrajectoryPlannerROS", {}).get("meter_scoring") is (False if name == "jackal" else None)
+    assert "sim_time" not in (folder / "tuned.yaml").read_text()
+    unit = "costmap cell" if name == "jackal" else "metre"
+    assert f"# The distance biases below are per {unit}, as in C++" in (folder / "tuned.yaml").read_text()
+    described = yaml.safe_load((folder / "robot.yaml").read_text())
+    described["move_base"]["without_map"].setdefault("files", []).append({"file": "tuned.yaml"})
+    other = shutil.copytree(folder, tmp_path / "other" / name)
+    (other / "robot.yaml").write_text(yaml.safe_dump(described, sort_keys=False))
+    assert space_of(robots.folder.read(str(other))).theta0.tolist() == wanted.tolist()

@@ -1,0 +1,530 @@
+"""Tests of the replay of recorded drives: reproduction, events, explanations, alternatives, comparison, mistakes."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from applr_ros1 import robots
+from applr_ros1.common.angles import inverse, transform_point
+from applr_ros1.drives.drive import Changes, Drive, Plans
+from sim_bridge.kinematic_simulator import KinematicSimulator
+from tests.support.drives import before_a_monitor, changed, decided, simulated, until
+from training.bags import alternatives, diagnosis, events
+from training.bags.read import BagError
+from training.bags.write import write
+from training.why import __main__ as why
+from training.why.explanation import explain, part_of_robot
+from training.why.replay import Replay, changes_of
+
+PLANNER = "TrajectoryPlannerROS"
+FAULT = {PLANNER: {"vx_samples": 1}}  # only the slowest speed is sampled
+JACKAL, WAFFLE = robots.JACKAL, robots.load("turtlebot3_waffle_pi")
+
+
+@pytest.fixture(scope="module")
+def spoilt():
+    """Return a Jackal with a fault, and a recording of its drive."""
+    robot = changed(JACKAL, FAULT)
+    return robot, simulated(robot, "generated:40", limit=12)[0]
+
+
+@pytest.fixture(scope="module")
+def sound():
+    """Return a replay of a drive without a fault."""
+    made = Replay(JACKAL)
+    made.run(simulated(JACKAL, "generated:40", limit=8)[0])
+    return made
+
+
+@pytest.fixture(scope="module")
+def bag(sound, tmp_path_factory):
+    return write(tmp_path_factory.mktemp("why") / "drive.bag", sound.drive)
+
+
+@pytest.fixture(scope="module")
+def replay(spoilt):
+    made = Replay(spoilt[0])
+    made.run(spoilt[1])
+    return made
+
+
+def read_back(path, robot=JACKAL):
+    """Return the drive that `./applr why` reads from a bag."""
+    return why.drive_of(path, why.WhyOptions(bag=[str(path)], robot=robot))
+
+
+def updates(*rows):
+    """Return changes of parameters (time, server, values)."""
+    times, servers, values = zip(*rows)
+    return Changes(np.array(times), list(servers), list(values))
+
+
+def delayed(motion):
+    """Return odometry whose messages have the content of the one before."""
+    pose = np.concatenate([motion.pose[:1], motion.pose[:-1]])
+    twist = np.concatenate([motion.twist[:1], motion.twist[:-1]])
+    return replace(motion, pose=pose, twist=twist)
+
+
+def test_every_command_is_reproduced_with_the_parameters_that_drove_and_few_with_others(replay, spoilt):
+    assert len(replay.cycles) > 200
+    assert replay.share == 1.0
+    other = Replay(JACKAL)
+    other.run(until(spoilt[1], 2.0))
+    assert other.share < 0.5
+
+
+def test_a_dwa_drive_is_reproduced_and_a_new_plan_clears_its_flags():
+    replay = Replay(WAFFLE)
+    replay.run(simulated(WAFFLE, "generated:3", limit=8)[0])
+    assert replay.share == 1.0
+    flags = [1] * 12 + [0.0] * (len(replay.cycles[0].memory) - 12)
+    cycle = replace(replay.cycles[20], memory=flags)
+    replay.begin(cycle)
+    assert replay.local.planner.state[:12] == flags[:12]
+    replay.begin(replace(cycle, is_new=True))
+    assert replay.local.planner.state[:12] == [0] * 12
+
+
+def test_the_replay_goes_on_after_messages_that_are_missing(spoilt):
+    """Four of five scans and odometry messages are missing."""
+    robot, driven = spoilt
+    made = Replay(robot)
+    sparse = slice(0, 100, 5)
+    made.run(replace(until(driven, 5.0), odometry=driven.odometry.part(sparse), scans=driven.scans.part(sparse)))
+    assert 0.2 < made.share < 1.0
+    assert all(cycle.error < np.inf for cycle in made.cycles)
+
+
+def test_a_bag_gives_the_drive_that_was_written(bag, sound):
+    driven, made = sound.drive, read_back(bag)
+    begin = driven.odometry.time[0]
+    for column in ("odometry", "planned", "scans", "plans"):
+        assert np.allclose(getattr(made, column).time, getattr(driven, column).time - begin, atol=1e-6)
+    assert np.allclose(made.planned.twist, driven.planned.twist)
+    assert np.allclose(made.odometry.pose, driven.odometry.pose)
+    assert np.allclose(made.odometry.twist, driven.odometry.twist)
+    assert np.allclose(made.scans.fan, driven.scans.fan)
+    assert np.array_equal(made.scans.ranges[5], driven.scans.ranges[5])
+    assert np.allclose(made.plans.path[5], driven.plans.path[5])
+
+
+def test_parameters_in_force_come_from_the_updates_in_the_bag(spoilt, tmp_path):
+    robot, driven = spoilt
+    given = replace(until(driven, 1.0), changes=updates((0.5, PLANNER, {"sim_time": 1.25, "unknown": 3.0})))
+    made = Replay(robot)
+    made.run(read_back(write(tmp_path / "updated.bag", given), robot))
+    assert {cycle.settings[PLANNER]["sim_time"] for cycle in made.cycles if cycle.at < 0.5} == {2.0}
+    assert {cycle.settings[PLANNER]["sim_time"] for cycle in made.cycles if cycle.at > 0.5} == {1.25}
+    assert "unknown" not in made.settings[PLANNER]
+
+
+def test_parameters_of_servers_without_updates_come_from_decisions(spoilt, tmp_path):
+    """The C++ planner keeps the footprint that it had at start-up; the costmap takes the new padding."""
+    robot, driven = spoilt
+    decision = decided({"sim_time": 9.0, "footprint_padding": 0.14})
+    given = replace(until(driven, 1.0), changes=updates((0.5, PLANNER, {"sim_time": 1.25})), decisions=[decision])
+    recorded = read_back(write(tmp_path / "decided.bag", given), robot)
+    changes = [(server, values) for _, server, values in changes_of(recorded, robot)]
+    costmaps = [(f"{name}_costmap", {"footprint_padding": 0.14}) for name in ("local", "global")]
+    assert changes == [*costmaps, (PLANNER, {"sim_time": 1.25})]
+    made = Replay(robot)
+    outline = made.costmap.footprint.max()
+    made.run(recorded)
+    assert made.costmap.footprint.max() == pytest.approx(outline + 0.04)
+    assert {cycle.settings["local_costmap"]["footprint_padding"] for cycle in made.cycles} == {0.14}
+
+
+def test_a_scan_is_placed_between_two_headings_across_the_back(spoilt):
+    robot, driven = spoilt
+    motion = driven.odometry.part(slice(0, 4, 2))
+    turned = replace(motion, pose=np.array([(0.0, 0.0, 3.1), (0.0, 0.0, -3.1)]))
+    made = Replay(robot)
+    made.drive = replace(driven, odometry=turned)
+    laser = made.scan(1).sensor_pose
+    assert abs(laser[2]) == pytest.approx(3.1, abs=0.05)
+    assert laser[0] == pytest.approx(-robot.laser.pose[0], abs=0.01)
+
+
+def test_commands_before_a_collision_monitor_are_taken(spoilt, tmp_path):
+    robot, driven = spoilt
+    given = until(driven, 1.0)
+    made = read_back(write(tmp_path / "limited.bag", before_a_monitor(given)), robot)
+    assert np.array_equal(made.planned.twist, given.planned.twist)
+    assert not made.commands.twist.any()
+    unlimited = replace(given, planned=None)
+    made = read_back(write(tmp_path / "alone.bag", unlimited), robot)
+    assert np.array_equal(made.planned.twist, given.commands.twist)
+
+
+def test_scans_of_another_laser_are_refused(bag):
+    other = replace(JACKAL, laser=JACKAL.laser.model_copy(update={"frame": "other_laser"}))
+    with pytest.raises(BagError, match=f"scans in {JACKAL.laser.frame}, jackal has other_laser: give the robot"):
+        read_back(bag, other)
+
+
+def test_a_late_velocity_is_found(spoilt):
+    robot, driven = spoilt
+    made = Replay(robot)
+    made.run(replace(until(driven, 3.0), odometry=delayed(driven.odometry)))
+    assert made.share > 0.9
+
+
+def test_an_empty_plan_stands_for_the_one_before(spoilt):
+    robot, driven = spoilt
+    driven = until(driven, 2.0)
+    paths = list(driven.plans.path)
+    paths[10] = np.zeros((0, 3))
+    made = Replay(robot)
+    made.run(replace(driven, plans=replace(driven.plans, path=paths)))
+    assert made.cycles[10].plan is paths[9]
+
+
+def test_the_flags_after_a_command_that_is_not_reproduced_are_those_of_this_command(spoilt):
+    robot, driven = spoilt
+    driven = until(driven, 2.0)
+    twist = driven.planned.twist.copy()
+    twist[20] = -0.1, 0.0  # The planner backs out.
+    made = Replay(robot)
+    made.run(replace(driven, planned=replace(driven.planned, twist=twist)))
+    assert not made.cycles[20].reproduced
+    planner = made.local.planner
+    planner.state = made.cycles[20].memory
+    planner.remember(made.cycles[20].pose, -0.1, 0.0)
+    assert made.cycles[21].memory == planner.state != made.cycles[20].memory
+    names = planner.STATE.names
+    assert dict(zip(names, planner.state))["escaping"] == 1
+    planner.state = made.cycles[20].memory
+    planner.remember(made.cycles[20].pose, 0.1, 0.0)
+    assert dict(zip(names, planner.state))["escaping"] == 0
+
+
+def test_a_map_is_restored_with_its_layers_and_inflated_anew(spoilt):
+    robot, driven = spoilt
+    made = Replay(robot)
+    made.run(driven)
+    costmap, old, pose = made.costmap, made.cycles[10], driven.odometry.pose[12].tolist()
+    assert tuple(costmap.origin) != tuple(old.map[0])
+    updated = []
+    for place in (None, pose):
+        costmap.update(driven.odometry.pose[-1].tolist())
+        costmap.restore(old.map, place)
+        assert all(tuple(layer.origin) == tuple(costmap.origin) for layer in costmap.obstacle_layers)
+        costmap.update(pose, made.cloud(12))
+        updated.append(costmap.cells.copy())
+    assert np.array_equal(*updated)
+
+
+# -- events ------------------------------------------------------------------------------------------------------------
+def with_commands(replay, commands, far=True):
+    """Return a replay at 20 Hz with these commands (v, w)."""
+    made = Replay(JACKAL)
+    cycle = replay.cycles[0]
+    at_goal = np.array([cycle.pose])
+    made.cycles = [
+        replace(cycle, at=0.05 * i, command=(v, w), settings=made.settings, plan=cycle.plan if far else at_goal)
+        for i, (v, w) in enumerate(commands)
+    ]
+    return made
+
+
+STEPS = {
+    "found no valid trajectory": [(0.0, 0.0)] * 15,
+    "was commanded to turn on the spot": [(0.0, 0.4)] * 45,
+    "drove backwards": [(-0.1, 0.1)] * 45,
+    "stood or crept": [(0.1, 0.1)] * 25,
+    "was slow": [(0.2, 0.1)] * 110,
+    "swung from side to side": ([(0.5, 0.8)] * 5 + [(0.5, -0.8)] * 5) * 8,
+}
+
+
+@pytest.mark.parametrize("kind", STEPS)
+def test_each_kind_of_event_is_found_with_its_begin_and_end(replay, kind):
+    drives = [(0.5, 0.0)] * 60
+    (found,) = events.find(with_commands(replay, drives + STEPS[kind] + drives))
+    assert found.kind == kind
+    assert found.cycles[0].at == pytest.approx(3.0, abs=1.0 if kind.startswith("swung") else 1e-9)
+    assert len(found.cycles) == pytest.approx(len(STEPS[kind]), abs=40 if kind.startswith("swung") else 0)
+
+
+def test_short_stops_and_the_stop_at_the_goal_are_no_events(replay):
+    drives = [(0.5, 0.0)] * 60
+    assert events.find(with_commands(replay, drives + [(0.1, 0.1)] * 15 + drives)) == []
+    assert events.find(with_commands(replay, drives + [(0.0, 0.0)] * 60, far=False)) == []
+    (turn,) = events.find(with_commands(replay, drives + [(0.0, 0.4)] * 30 + drives))
+    assert turn.kind == "stood or crept"
+
+
+def test_short_gaps_are_part_of_an_event_and_recoveries_are_events(replay):
+    made = with_commands(replay, [(0.5, 0.0)] * 60 + ([(0.1, 0.0)] * 15 + [(0.5, 0.0)] * 5) * 2 + [(0.5, 0.0)] * 60)
+    assert [len(found.cycles) for found in events.find(made)] == [35]
+    made.drive = Drive(recoveries=np.array([6.0]))
+    assert [found.kind for found in events.find(made)] == ["stood or crept", "began a recovery behaviour"]
+
+
+# -- explanations and alternatives -------------------------------------------------------------------------------------
+def driven_with_post(ahead, left, since=0.0):
+    """Return a replay of a drive in which the laser sees a post at a place relative to the robot from a time on."""
+    laser = JACKAL.laser
+    metres, angle = np.hypot(ahead - laser.pose[0], left), np.arctan2(left, ahead - laser.pose[0])
+    beam = round((angle - laser.first_angle) / laser.increment)
+
+    class Simulator(KinematicSimulator):
+        def scan(self):
+            ranges = np.array(super().scan())
+            if self.state.time >= since:
+                ranges[beam - 15 : beam + 15] = metres
+            return ranges
+
+    made = Replay(JACKAL)
+    made.run(simulated(JACKAL, "generated:40", limit=6, simulator=Simulator)[0])
+    assert made.share == 1.0
+    return made
+
+
+def test_the_obstacle_in_the_way_is_named():
+    made = driven_with_post(0.5, 0.15, since=3.0)
+    why = explain(made, made.cycles[66])
+    number, of = (int(word) for word in why["lines"][-1].split(" faster samples")[0].split(" of "))
+    assert of > 20
+    assert number > 0.9 * of
+    assert transform_point(inverse(made.cycles[66].pose), *why["obstacle"]) == pytest.approx((0.5, 0.15), abs=0.1)
+    assert "m to the left, from the latest scan" in why["lines"][-1]
+    ranges = made.drive.scans.ranges
+    ranges[made.cycles[66].scan] = ranges[40]  # before the post
+    assert "from earlier scans" in explain(made, made.cycles[66])["lines"][-1]
+
+
+def test_a_part_of_the_robot_in_the_scans_is_in_the_answer(monkeypatch):
+    monkeypatch.setattr(diagnosis, "other_values", lambda replay: {})
+    answer, *_ = diagnosis.diagnose(driven_with_post(0.5, 0.0)).lines()
+    assert re.match(r"The laser sees a part of the robot, 0.5 m ahead and -?0.0 m left of its centre.", answer)
+
+
+def test_a_wall_beside_a_robot_that_does_not_turn_is_no_part_of_it(replay):
+    made = Replay(JACKAL)
+    made.drive, made.cycles = replay.drive, [replay.cycles[0]] * 30
+    assert part_of_robot(made) is None
+
+
+def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
+    robot = changed(JACKAL, {PLANNER: {"occdist_scale": 0.8}})
+    replay = Replay(robot)
+    replay.run(simulated(robot, "generated:7", limit=8)[0])
+    assert part_of_robot(replay) is None
+    why = explain(replay, replay.cycles[-20])
+    command = replay.command(replay.cycles[-20])
+    velocities, costs, parts = replay.local.planner.sample_costs(replay.costmap, command)
+    legal = costs >= 0
+    assert np.allclose(sum(parts.values())[legal], costs[legal])
+    assert all((part[~legal] == 0.0).all() for part in parts.values())
+    assert velocities[-1].tolist() == list(command)
+    assert costs[-1] == pytest.approx(costs[legal].min())
+    assert why["table"][0] == ["v", "w", "cost", "path_distance_bias", "goal_distance_bias", "occdist_scale"]
+    assert why["table"][1][2] == pytest.approx(costs[-1], abs=0.01)
+    assert why["points"]
+    fast = legal & (velocities[:, 0] >= 0.25)
+    best = np.flatnonzero(fast)[costs[fast].argmin()]
+    command = "({:.2f} m/s, {:.2f} rad/s)".format(*command)
+    assert f"costs {costs[best]:.1f}, the command {command} {costs[-1]:.1f}: occdist_scale (0.8)" in why["lines"][0]
+    assert f"counts {parts['occdist_scale'][best]:.1f} against {parts['occdist_scale'][-1]:.1f}" in why["lines"][0]
+
+
+def test_a_cheaper_sample_that_the_escaping_planner_did_not_try_is_said(sound):
+    cycle = sound.cycles[40]
+    state = dict(zip(sound.local.planner.STATE.names, cycle.memory))
+    x, y, yaw = cycle.pose
+    state.update(escaping=1, escape_x=x, escape_y=y, escape_theta=yaw)
+    escaping = replace(cycle, memory=list(state.values()))
+    assert "was not sampled, because the robot was escaping" in explain(sound, escaping)["lines"][0]
+    assert explain(sound, cycle)["lines"][0].startswith("The planner drives on (")
+
+
+def test_samples_that_dwa_refuses_are_explained():
+    """The speed of a waffle_pi that backs out slowly is below min_vel_trans, and it turns slower than min_vel_theta."""
+    replay = Replay(WAFFLE)
+    replay.run(simulated(WAFFLE, "generated:3", limit=3)[0])
+    cycle = replace(replay.cycles[10], twist=(-0.2, 0.0))
+    assert "0.00 rad/s) is below min_vel_trans (0.13) and min_vel_theta (0.9)" in explain(replay, cycle)["lines"][-1]
+    cycle = replace(replay.cycles[-1], memory=[1.0] * len(replay.cycles[-1].memory))
+    assert "is refused by the critic oscillation" in explain(replay, cycle)["lines"][-1]
+
+
+def test_the_spoilt_parameter_is_the_first_remedy_and_a_sound_drive_has_none(replay, sound, monkeypatch):
+    monkeypatch.setattr(diagnosis, "CYCLES", 4)
+    found = diagnosis.diagnose(replay)
+    assert found.remedies[0].parameter.name == "vx_samples"
+    assert found.lines()[0].startswith("Try vx_samples 1 -> ")
+    assert all(one.gain > 0.0 for one in found.tried)
+    values = json.loads(json.dumps(found.values()))
+    assert values["remedies"][0].startswith("vx_samples")
+    assert diagnosis.diagnose(sound).remedies == []
+
+
+def test_only_a_change_that_saves_much_of_the_drive_and_ends_the_creeping_is_a_remedy(replay):
+    parameter = replay.move_base.servers[PLANNER].parameters[0]
+
+    def remedies(before, after, slow):
+        speeds = np.array([before, 1.0]), np.array([after, 1.0])
+        tried = [alternatives.Alternative(PLANNER, parameter, 2.0, 1.0, *speeds)]
+        return len(diagnosis.Diagnosis(replay, [], replay.cycles[slow:], tried).remedies)
+
+    cycles = len(replay.cycles)
+    assert remedies(0.1, 0.4, cycles) == 1
+    assert remedies(0.1, 0.4, cycles // 10) == 0
+    assert remedies(0.4, 0.45, cycles) == 0
+    assert remedies(0.01, 0.05, cycles) == 0
+
+
+def test_a_doubtful_replay_says_so_first_and_its_reproduced_cycles_are_preferred(replay):
+    good, bad = replay.cycles[0], replace(replay.cycles[1], error=1.0)
+    made = Replay(JACKAL)
+    made.drive, made.cycles = replay.drive, [good] * 7 + [bad] * 3
+    assert diagnosis.Diagnosis(made, [], made.cycles, []).lines()[0].startswith("Few commands are reproduced")
+    made.cycles += [good] * 20
+    assert diagnosis.Diagnosis(made, [], made.cycles, []).lines()[0].startswith("The robot did not stop")
+    assert all(cycle is good for cycle in diagnosis.some(made.cycles, 30))
+    assert diagnosis.some([bad], 3) == [bad]
+
+
+def test_alternatives_begin_on_the_way_into_an_event(sound, monkeypatch):
+    begun = []
+    monkeypatch.setattr(diagnosis, "best_values", lambda replay, values, cycles, others: begun.extend(cycles) or [])
+    diagnosis.diagnose(sound, at=5.0)
+    assert min(cycle.at for cycle in begun) == pytest.approx(2.5, abs=0.1)
+    assert max(cycle.at for cycle in begun) == pytest.approx(5.5, abs=0.1)
+
+
+def test_driving_on_follows_the_commands(replay):
+    cycle = replay.cycles[100]
+    ((speed, distance),) = alternatives.drive_on(replay, [cycle], PLANNER, {})
+    assert speed == pytest.approx(0.1, abs=0.03)  # the only speed
+    assert 0.2 < distance < 3.0
+    ((faster, _),) = alternatives.drive_on(replay, [cycle], PLANNER, {"vx_samples": 20})
+    assert faster > 0.2
+    alternatives.drive_on(replay, [cycle], PLANNER, {"max_vel_theta": 1.0})
+    assert replay.move_base.configuration(PLANNER)["min_vel_theta"] == -1.0  # Symmetric limits stay so.
+    skewed = replace(cycle, settings={**cycle.settings, PLANNER: {**cycle.settings[PLANNER], "min_vel_theta": -0.5}})
+    alternatives.drive_on(replay, [cycle, skewed], PLANNER, {"max_vel_theta": 1.0})
+    assert replay.move_base.configuration(PLANNER)["min_vel_theta"] == -0.5  # Others stay as they are.
+
+
+def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(replay):
+    by_name = {one.name: one for one in replay.move_base.servers[PLANNER].parameters}
+
+    def one(name, now, then, gain):
+        return alternatives.Alternative(PLANNER, by_name[name], now, then, np.zeros(2), np.array([gain, 0.0]))
+
+    nearer, farther = one("sim_time", 2.0, 1.7, 0.92), one("occdist_scale", 0.1, 0.01, 0.95)
+    smaller = one("occdist_scale", 0.1, 0.05, 0.93)
+    tried = [one("sim_time", 2.0, 8.0, 1.0), nearer, farther, smaller, one("vx_samples", 1, 20, 0.5)]
+    assert [each.then for each in alternatives.ranked(tried)] == [0.05, 0.01, 1.7, 8.0, 20]
+
+
+def test_changes_that_pass_obstacles_too_closely_are_left_out(replay, monkeypatch):
+    results = {None: (0.1, 0.5), 1.0: (0.5, 0.05), 4.0: (0.3, 0.5)}  # speed and distance by sim_time
+
+    def drive_on(replay, cycles, server, changes):
+        return np.array([results[changes.get("sim_time")]] * len(cycles))
+
+    monkeypatch.setattr(alternatives, "drive_on", drive_on)
+    parameter = {one.name: one for one in replay.move_base.servers[PLANNER].parameters}["sim_time"]
+    (found,) = alternatives.best_values(
+        replay, {(PLANNER, parameter): [1.0, 4.0]}, replay.cycles[:4], replay.cycles[4:6]
+    )
+    assert (found.now, found.then) == (2.0, 4.0)
+    assert found.gain == pytest.approx(0.2)
+    assert found.elsewhere == pytest.approx(0.2)
+
+
+def test_another_inflation_applies_to_the_recorded_map(replay):
+    layer, cycle = "local_costmap/inflater_layer", replay.cycles[100]
+    sizes = []
+    for radius in (0.1, 1.0):
+        alternatives.drive_on(replay, [cycle], layer, {"inflation_radius": radius})
+        sizes.append(np.count_nonzero(replay.costmap.cells))
+    assert sizes[1] > 1.2 * sizes[0]
+
+
+# -- the command -------------------------------------------------------------------------------------------------------
+def ran(capsys, *arguments):
+    status = why.main([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    return status, out, err
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(diagnosis, "CYCLES", 2)
+    monkeypatch.setattr(alternatives, "FACTORS", ())
+    return tmp_path
+
+
+def test_the_command_answers_in_its_first_line_and_writes_a_page(bag, folder, capsys):
+    status, out, err = ran(capsys, bag, "--robot", "jackal", "--at", 3, "--out", folder / "why.html")
+    assert status == 0, err
+    page = (folder / "why.html").read_text()
+    data = json.loads(page.partition('type="application/json">')[2].partition("</script>")[0])
+    assert data["events"][0]["cycles"][0]["points"]
+    assert data["lines"] == out.splitlines()[:2]
+
+
+def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder, capsys):
+    given = replace(until(sound.drive, 2.0), changes=updates((0.0, PLANNER, {"sim_time": 1.5, "max_vel_x": 0.4})))
+    other = write(folder / "other.bag", given)
+    status, out, err = ran(capsys, bag, other, "--json", "--at", 2)
+    assert status == 0, err
+    lines = json.loads(out)["compared"]
+    assert "; routes diverge at 2.7 s; differing parameters: max_vel_x 0.5 -> 0.4, sim_time 2 -> 1.5" in lines[0]
+    assert "no parameter_updates" not in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("recorded", "words"),
+    [
+        ({"scans": None}, "no messages on /front/scan"),
+        ({"odometry": None}, "no messages on /odometry/filtered"),
+        ({"planned": None, "commands": None}, "no messages on /cmd_vel"),
+        ({"plans": None}, "no messages on /move_base/TrajectoryPlannerROS/global_plan"),
+        ({"planners": ["TebLocalPlannerROS"]}, "TebLocalPlannerROS drove, jackal has TrajectoryPlannerROS"),
+        ({"planners": ["DWAPlannerROS"]}, "DWAPlannerROS drove"),
+    ],
+)
+def test_what_a_bag_lacks_is_named_in_one_line(spoilt, folder, capsys, recorded, words):
+    robot, driven = spoilt
+    path = write(folder / "drive.bag", replace(until(driven, 0.5), **recorded))
+    status, out, err = ran(capsys, path)
+    assert (status, out) == (1, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["none.bag"], "none.bag: there is no such file"),
+        (["BAG", "--at", "500"], "--at 500: no command near, give "),
+        (["BAG", "--robot", "nobody"], "nobody"),
+    ],
+)
+def test_mistakes_on_the_command_line_are_one_line(bag, folder, capsys, arguments, words):
+    status, out, err = ran(capsys, *(str(bag) if one == "BAG" else one for one in arguments))
+    assert (status, out) == (1, "")
+    assert words in err.splitlines()[-1]
+
+
+def test_half_a_drive_is_replayed_as_far_as_it_goes(spoilt, folder):
+    robot, driven = spoilt
+    given = replace(driven, planned=driven.planned.part(slice(100, 150)))
+    made = Replay(robot)
+    made.run(given)
+    assert len(made.cycles) == 50
+    assert made.share > 0.5
+    without = Replay(robot)  # A command without a plan of its time is no cycle of the local planner.
+    kept = np.r_[0:110, 120 : len(driven.plans)]
+    without.run(replace(given, plans=Plans(driven.plans.time[kept], [driven.plans.path[i] for i in kept])))
+    assert len(without.cycles) == 40
+    assert without.cycles[15].reproduced

@@ -1,0 +1,92 @@
+"""APPLD's context classifier: a small network from the scan of an observation to the context.
+
+The command trains the network with torch. ContextPolicy (applr_ros1/policy/actor.py) runs it with numpy.
+"""
+
+from __future__ import annotations
+
+from typing import Dict, Optional, Tuple
+
+import numpy as np
+
+from applr_ros1.policy.actor import forward, layers_of
+from applr_ros1.policy.layout import Layout
+from applr_ros1.policy.observation import LAYOUT
+
+HIDDEN = 64  # number of hidden units
+STEPS = 500  # number of gradient steps
+SHIFT = 0.157  # largest random rotation of a scan [rad]: 9 degrees
+NOISE = 0.02  # standard deviation of the noise on ranges [m]
+BLOCK = 40  # number of consecutive instants held out together, because consecutive scans are nearly equal
+
+
+def inputs(ranges: np.ndarray, layout: Layout = LAYOUT) -> np.ndarray:
+    """Return ranges (n, beams) [m] scaled to [-1, 1] as float32, as in policy/observation.py."""
+    cap = layout.range_cap
+    known = np.nan_to_num(np.asarray(ranges, np.float32), nan=cap, posinf=cap, neginf=0.0)
+    return np.clip(known, 0.0, cap) * (2.0 / cap) - 1.0
+
+
+def train(
+    scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int = 0, layout: Layout = LAYOUT
+) -> Tuple[Dict[str, np.ndarray], Dict[str, Optional[float]]]:
+    """Return weights for policy/actor.py, and the accuracy. Training scans are augmented (mirrored, rotated, noisy).
+
+    Args:
+        scans: (n, beams) scans as returned by inputs().
+        labels: (n,) context of each scan.
+        contexts: Number of contexts.
+        seed: Seed of weights, batches and augmentation.
+        layout: Beams of the scans.
+
+    Returns:
+        The weights, and a dict. accuracy: share of correct labels, training data included. held_out: accuracy on every
+        fifth BLOCK of a network trained on the others, None if there are too few. instants: number of instants.
+    """
+    blocks = np.arange(len(labels)) // BLOCK % 5 == 4
+    held_out = None
+    if blocks.any() and not blocks.all() and contexts > 1:
+        probe = _fit(scans[~blocks], labels[~blocks], contexts, seed, layout)
+        held_out = _accuracy(probe, scans[blocks], labels[blocks])
+    weights = _fit(scans, labels, contexts, seed, layout)
+    return weights, {"accuracy": _accuracy(weights, scans, labels), "held_out": held_out, "instants": len(labels)}
+
+
+def _fit(scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int, layout: Layout) -> Dict[str, np.ndarray]:
+    import torch  # takes seconds; --help does not import it
+
+    from training.train.td3.td3 import MLP
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # Several threads are slower for such a small network.
+    torch.manual_seed(seed)
+    rng = np.random.default_rng(seed)
+    net = MLP(layout.beams, [HIDDEN], contexts)
+    counts = np.bincount(labels, minlength=contexts)
+    weight = torch.tensor(len(labels) / np.maximum(1, counts) / contexts, dtype=torch.float32)
+    criterion = torch.nn.CrossEntropyLoss(weight=weight, label_smoothing=0.05)
+    optimiser = torch.optim.AdamW(net.parameters(), lr=1e-3, weight_decay=1e-2)
+    for _ in range(STEPS):
+        rows = rng.integers(0, len(labels), 128)
+        loss = criterion(net(torch.from_numpy(_varied(scans[rows], rng, layout))), torch.from_numpy(labels[rows]))
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+    torch.set_num_threads(threads)
+    return {name: tensor.numpy().copy() for name, tensor in net.state_dict().items()}
+
+
+def _varied(scans: np.ndarray, rng: np.random.Generator, layout: Layout) -> np.ndarray:
+    """Return scans (n, beams), half of them mirrored, each rotated by up to SHIFT, with noise."""
+    count, shift = layout.beams, round(SHIFT / layout.step)
+    beams = np.arange(count)[None, :] + rng.integers(-shift, shift + 1, (len(scans), 1))
+    beams = np.clip(beams, 0, count - 1)
+    beams = np.where(rng.random((len(scans), 1)) < 0.5, count - 1 - beams, beams)
+    varied: np.ndarray = np.take_along_axis(scans, beams, axis=1)
+    noise = rng.standard_normal(scans.shape, dtype=np.float32) * np.float32(NOISE * 2.0 / layout.range_cap)
+    varied = np.clip(varied + noise, -1.0, 1.0)
+    return varied.astype(np.float32)
+
+
+def _accuracy(weights: Dict[str, np.ndarray], scans: np.ndarray, labels: np.ndarray) -> float:
+    return round(float((np.argmax(forward(layers_of(weights), scans), axis=1) == labels).mean()), 4)

@@ -1,0 +1,37 @@
+"""Evaluates methods: drives each in every world, and writes tables, figures and statistics of the trials.
+
+Run it as `rosrun applr_ros1 evaluate.py` or `python -m training.evaluate`. The same command continues a stopped
+evaluation, whose results do not depend on the interruption. docs/howto/evaluation.md describes the results,
+docs/reference/methods.md lists the methods and explains how to write one.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import Optional, Sequence
+
+from applr_ros1.common.errors import run_main
+from training.common.command_line import continuable, parsed
+from training.evaluate.evaluation import EvaluationOptions, evaluate
+from training.evaluate.table import TRIALS
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Run the command. Return 0 when all trials are done and reported, 1 after a one-line error, 130 after Ctrl-C."""
+    name = "evaluate.py"
+    return run_main(lambda: run(parsed(EvaluationOptions, name, __doc__, arguments)), name)
+
+
+def run(options: EvaluationOptions) -> None:
+    """Evaluate and write the report. If stopped, report how to continue."""
+    with continuable():
+        print(f"{len(evaluate(options))} trials in {os.path.join(options.out, TRIALS)}")
+        if options.report:
+            from training.evaluate.report import write
+
+            print(f"report: {write(options.out)}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

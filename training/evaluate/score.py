@@ -1,0 +1,112 @@
+"""Costs of trials [s]: the score by which methods are compared, and the cost functions of tune's objectives."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Callable, Dict, Iterable, NamedTuple, Sequence
+
+import numpy as np
+
+from applr_ros1.robots import Robot
+from training.env.episode import TIME_LIMIT
+from training.env.outcome import CLEAR
+from training.evaluate.trial import Result
+
+Cost = Callable[[Result], float]  # returns the cost of a trial [s]; less is better
+
+FAILURE_SECONDS = TIME_LIMIT  # time that a failed trial counts as [s]
+CONTACT_SECONDS = 5.0  # penalty that a contact adds to the score of a trial [s]
+
+
+def seconds(result: Result) -> float:
+    """Return a trial's score [s]: its time, or FAILURE_SECONDS if it failed; plus CONTACT_SECONDS after a contact."""
+    return (result.time_s if result.success else FAILURE_SECONDS) + CONTACT_SECONDS * result.collided
+
+
+class Aim(NamedTuple):
+    """Objective of tune: weights of the terms of a trial's cost. The unit of the cost is the optimal time.
+
+    The optimal time is the length of the reference path divided by the base's largest speed. The baseline is the mean
+    over drives with the robot's default parameters.
+
+    Attributes:
+        failure: Cost of a trial that failed or touched something, instead of its time.
+        slower: Cost of each optimal time by which the trial is slower than the baseline.
+        near: Cost of each body width by which the mean clearance falls short of CLEAR widths.
+        jerk: Cost of the mean jerk, relative to the baseline.
+        turn: Cost of the mean yaw acceleration, relative to the baseline.
+    """
+
+    failure: float
+    slower: float = 0.0
+    near: float = 0.0
+    jerk: float = 0.0
+    turn: float = 0.0
+
+    def cost(self, result: Result, robot: Robot, baseline: Baseline) -> float:
+        """Return the cost of a trial [s]."""
+        optimal = result.route_m / robot.base.max_speed
+        clean = result.success and not result.collided
+        price = result.time_s / optimal if clean else self.failure
+        price += self.slower * max(0.0, price - baseline.pace) * clean
+        price += self.near * (CLEAR - result.mean_clearance_m / robot.body.size[1])
+        price += self.jerk * result.mean_jerk / baseline.jerk + self.turn * result.mean_turn / baseline.turn
+        return price * optimal
+
+
+class Baseline(NamedTuple):
+    """Means over the successful drives with the default parameters of a robot."""
+
+    pace: float = math.inf  # time, in optimal times
+    jerk: float = 1.0  # jerk [m/s^3]
+    turn: float = 1.0  # yaw acceleration [rad/s^2]
+
+    @classmethod
+    def of(cls, results: Iterable[Result], robot: Robot) -> Baseline:
+        """Return the means over the trials that succeed, or the default values if none does."""
+        good = [result for result in results if result.success]
+        if not good:
+            return cls()
+        times = [result.time_s * robot.base.max_speed / result.route_m for result in good]
+        jerk, turn = (_mean([getattr(result, name) for result in good]) for name in ("mean_jerk", "mean_turn"))
+        return cls(_mean(times), jerk or 1.0, turn or 1.0)
+
+
+AIMS = {
+    "fast": Aim(failure=20.0),  # at half this value, a parameter set won that arrived in only 86 % of BARN's worlds
+    "careful": Aim(failure=100.0, slower=10.0, near=60.0),
+    "smooth": Aim(failure=60.0, slower=10.0, jerk=15.0, turn=10.0),
+}
+
+
+def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any) -> Any:
+    """Return BARN's metric of trials, numbers or arrays (n,): success x OT / clip(time, 2 OT, 8 OT).
+
+    The metric is 0 if the trial failed or touched anything. OT is the optimal time: the length of the reference path,
+    route_m [m], at 2 m/s.
+    """
+    optimal = np.maximum(route_m, 1e-9) / 2.0
+    return success * np.logical_not(collided) * optimal / np.clip(time_s, 2.0 * optimal, 8.0 * optimal)
+
+
+def summary(results: Sequence[Result]) -> Dict[str, Any]:
+    """Return means over one or more trials, as JSON values.
+
+    Keys: "trials" (number of trials), "return", "length", "success", "collided", "metric" (barn_metric), "time_s" (mean
+    time of the successful trials, or None), "score".
+    """
+    times = [r.time_s for r in results if r.success]
+    return {
+        "trials": len(results),
+        "return": _mean([r.total_reward for r in results]),
+        "length": _mean([r.decisions for r in results]),
+        "success": _mean([r.success for r in results]),
+        "collided": _mean([r.collided for r in results]),
+        "metric": _mean([barn_metric(r.success, r.collided, r.time_s, r.route_m) for r in results]),
+        "time_s": _mean(times) if times else None,
+        "score": _mean([seconds(r) for r in results]),
+    }
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean([float(value) for value in values]))

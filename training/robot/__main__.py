@@ -1,0 +1,93 @@
+"""Writes the folder of a robot from its URDF or xacro file and the parameter files of its navigation package.
+
+Run it as `./applr robot` or `python -m training.robot`. The folder gets copies of the parameter files, and a
+robot.yaml with the values that the files state explicitly: wheels, outline, laser, frames, topics. For every other
+value, robot.yaml has a line to fill in, and the command lists these values at its end.
+
+A file whose name ends in .xacro is expanded as roslaunch would, with its arguments as NAME:=VALUE. Give the parameter
+files in the order of your launch file, each with the namespace of its <rosparam ns="...">, or give the output of
+roslaunch --dump-params. Add the file of a diff_drive_controller if there is one: it gives the driven wheels and the
+limits of the base. docs/tutorials/your_robot.md continues from here.
+"""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from math import ceil
+from pathlib import Path
+from typing import Dict, List, Optional, Sequence
+
+from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.files import write_bytes
+from applr_ros1.robots.check import WIDTH
+from applr_ros1.robots.robot import FILE
+from applr_ros1.robots.urdf_import.description import describe
+from applr_ros1.robots.urdf_import.parameters import read_parameter_files
+from applr_ros1.robots.urdf_import.urdf import UrdfFile
+from applr_ros1.robots.urdf_import.write import add_parameters, copies_of, limits, move_base_section, robot_yaml
+from training.common.command_line import parsed
+from training.common.options import Options, argument, option
+
+COURSE = 42.0  # width of a costmap that contains every course at world_scale 1 (the Jackal) [m]
+
+
+class NewRobotOptions(Options):
+    """Options of ./applr robot: input files and output folder."""
+
+    urdf: Path = argument("URDF or xacro file of the whole robot, with its wheels and its laser.")
+    parameters: List[Path] = option(
+        ...,
+        "Parameter files (YAML) of move_base in the order of its launch file, and of the base's controller, each as "
+        "FILE or FILE:NAMESPACE.",
+    )
+    laser: str = option("", "Link of the laser. Default: sensor_frame of the costmaps' scan, or the only ray sensor.")
+    out: Path = option(Path("my_robot"), "Folder to write.")
+
+
+def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
+    """Write the folder of the robot, and return lines that report about it.
+
+    Args:
+        options: Files to read, and the folder to write.
+        arguments: Arguments of the xacro file by name.
+
+    Raises:
+        ApplrError: The folder has a robot.yaml, or a file cannot be used.
+    """
+    file = options.out / FILE
+    if file.exists():
+        raise ApplrError(f"{file} already exists: remove it, or give another folder with --out")
+    parameters = read_parameter_files([str(path) for path in options.parameters])
+    scan = next(iter(parameters.scans()), {})
+    urdf = UrdfFile(str(options.urdf), arguments, parameters.frames()["base"])
+    frame = scan.get("sensor_frame", "").lstrip("/")
+    described = describe(urdf, parameters.driven, parameters.footprint(), options.laser, frame)
+    add_parameters(described, parameters)
+    scale = round(parameters.padded_width() / WIDTH, 3)
+    move_base, notes = move_base_section(parameters, described.values, ceil(COURSE * scale))
+    hints = {**described.hints, **limits(parameters.planner)}
+    text, missing = robot_yaml(options.urdf.name, described.values, scale, move_base, hints)
+    for path, name in copies_of(parameters).items():
+        (options.out / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, options.out / name)
+    write_bytes(file, text.encode())  # last: a command that fails before can be repeated
+    lines = [f"wrote {file} from {options.urdf} and {len(options.parameters)} parameter files"]
+    lines += ["remark: " + line for line in described.notes + parameters.notes + notes]
+    if missing:
+        lines.append(f'the files lack {len(missing)} values: enter each in its line of {file}, and remove the "# ":')
+    lines += ["  " + line for line in missing]
+    lines += ["then:", f"  ./applr exec python -m training.robot.check {options.out}"]
+    return lines + [f"  ./applr demo robot:=$(realpath {options.out}) method:=dwa", f"  ./applr tune {options.out}"]
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Run the command. Return 0, or 1 after a one-line error if the folder cannot be written."""
+    given = sys.argv[1:] if arguments is None else arguments
+    words = dict(word.split(":=", 1) for word in given if ":=" in word)
+    name = "./applr robot"
+    return run_main(lambda: print("\n".join(write(parsed(NewRobotOptions, name, __doc__, arguments), words))), name)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,105 @@
+"""Converts recorded drives of the applr node into a dataset for offline training.
+
+Run it as `rosrun applr_ros1 bags_to_dataset.py` or `python -m training.train.bags_to_dataset`. ROS 1 bags and
+bags converted by `rosbags-convert`, from real robots and from simulation, can be mixed.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any, Dict, List, Optional, Sequence
+
+from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.extras import extra
+from applr_ros1.policy.decision import PERIOD
+from applr_ros1.policy.dimensionless import ENCODINGS
+from training.common.command_line import parsed
+from training.common.folders import make_folder
+from training.common.options import argument, option
+from training.env.reward import Reward
+from training.env.trajectory import Trajectory, TransitionLayout
+from training.train.learner.config import RECIPES, TrainConfig, recipe
+from training.train.replay import dataset
+
+with extra(__name__):
+    from training.bags.read import BagError, bags_in, read, refused
+    from training.bags.topics import BagOptions, TopicNames
+    from training.train.transitions import CHANNELS, decision_period, transitions
+
+
+class DatasetOptions(BagOptions):
+    """Bags to convert, and options of the conversion."""
+
+    # fmt: off
+    bags: List[str] = argument("Bags (.bag, .mcap), folders of a ROS 2 bag, or folders that hold bags.")
+    out: str = option(..., "Folder for the dataset; it must not hold a dataset yet.")
+    finish: Optional[float] = option(None,
+        "Progress [m] towards the goal at which a course counts as finished, for example 5.925 on the paper's "
+        "course. By default, the result of move_base decides.", ge=-1e6, le=1e6)
+    recipe: str = option("",
+        f"Recipe that gives the robot, the observation and the reward, as in train.py: "
+        f"{', '.join(RECIPES)}, or a YAML file of options. Default: the paper's.")
+    move_base: str = option(TopicNames.move_base,
+        "Namespace of move_base in the bags, whose goals are read.")
+    applr: str = option(TopicNames.applr,
+        "Namespace of the applr node in the bags, whose decisions are read.")
+    # fmt: on
+
+
+def main(arguments: Optional[Sequence[str]] = None) -> int:
+    """Run the command. Return 0, or 1 after a one-line error if no dataset was written."""
+    name = "bags_to_dataset.py"
+    return run_main(lambda: run(parsed(DatasetOptions, name, __doc__, arguments)), name)
+
+
+def run(options: DatasetOptions) -> None:
+    """Write the dataset from the bags.
+
+    Unreadable bags and incomplete episodes are skipped, reported and counted by reason.
+
+    Raises:
+        BagError: No transition is usable.
+        ApplrError: The folder cannot be written.
+    """
+    learnt = TrainConfig(**recipe(options.recipe))
+    if "robot" not in options.model_fields_set:
+        options = options.model_copy(update={"robot": learnt.robot})
+    robot, reward, topics = options.robot, Reward.of(learnt), options.topics()
+    bags, folder = bags_in(options.bags), Path(options.out)
+    layout = TransitionLayout.of(ENCODINGS[learnt.observation](robot, PERIOD))
+    if (folder / dataset.DATA).exists():
+        raise ApplrError(f"{options.out} already holds a dataset: give another folder")
+    listed: List[Dict[str, Any]] = []
+    made: List[Trajectory] = []
+    periods, all_skipped = set(), Counter[str]()
+    for bag in bags:
+        episodes: List[Trajectory] = []
+        skipped: Counter[str] = Counter()
+        try:
+            with refused(bag):
+                recorded = read(bag, robot, topics, CHANNELS)
+                episodes, skipped = transitions(recorded, robot, learnt.observation, reward, options.finish, topics)
+                periods.update([decision_period(recorded)] if episodes else [])
+        except BagError as error:
+            skipped[str(error).partition(": ")[2]] += 1
+        made, all_skipped = made + episodes, all_skipped + skipped
+        count = sum(map(len, episodes))
+        listed.append({"name": bag.name, "episodes": len(episodes), "transitions": count, "skipped": skipped})
+        reasons = "".join(f"; skipped {times}: {why}" for why, times in sorted(skipped.items()))
+        print(f"{bag}: {count} transitions in {len(episodes)} episodes{reasons}")
+    if not made:
+        raise BagError("no transition is usable: see the reasons above")
+    about: Dict[str, Any] = {"bags": listed, "robot": robot.name, "observation": learnt.observation}
+    about.update(reward.model_dump(), critics_know_more=False, skipped=all_skipped)
+    if len(periods) == 1:
+        about["decision_period"] = round(periods.pop(), 3)
+    else:
+        print(f"the bags differ in decision period [s]: {', '.join(f'{period:g}' for period in sorted(periods))}")
+    dataset.write(make_folder(folder), layout, made, about)
+    print(f"{options.out}: {sum(map(len, made))} transitions")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

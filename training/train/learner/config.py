@@ -1,0 +1,281 @@
+"""Options of train.py: groups of options, the command line, recipes, and the stored options of a run.
+
+Defaults are the paper's. If the paper gives no value, they are those of its authors' code. train/td3/td3.py and
+docs/explanation/learning_problem.md list deviations.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Dict, List, Literal, Optional, Tuple
+
+from pydantic import ConfigDict
+
+from applr_ros1.common.arrays import Array
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import read_json, read_yaml
+from applr_ros1.planner.variant import OURS
+from applr_ros1.policy import methods
+from applr_ros1.policy.decision import PERIOD
+from applr_ros1.policy.dimensionless import ENCODINGS
+from applr_ros1.policy.encoding import PAPER as PAPER_ENCODING
+from training.common import command_line
+from training.common.command_line import RayAddress, Seed
+from training.common.options import Options, checked, dashed, option
+from training.env.reward import Reward, RewardOptions
+from training.env.settings import CHALLENGE, DRAWN, DriveSettings
+from training.train.td3.options import TD3Options
+from worlds.loading import SPECIFICATIONS
+
+RECIPES = {path.stem: path for path in sorted((Path(__file__).resolve().parents[1] / "recipes").glob("*.yaml"))}
+PROVENANCE = "provenance"  # key in config.json for the provenance of each session (training/common/provenance.py)
+PAPER_STEPS = 5_000_000  # number of transitions in the paper
+EVALUATION = "eval_worlds", "simulator", "protocol", "planner", "monitor", "movers"  # conditions of the evaluations
+# options that --resume cannot change
+FIXED = "robot", "observation", "critics_know_more", "seed", "init_from", "net_arch", "layer_norm", *EVALUATION
+ABOUT = """Trains a policy that sets the planner's parameters, with TD3: online with actors that drive in
+simulation, or offline from a --dataset. Ctrl-C saves the run and stops; --resume continues it.
+
+Defaults are the paper's. If the paper gives no value, they are those of its authors' code.
+docs/explanation/learning_problem.md describes the learning problem and each deviation."""
+SPANS = ("scan_noise", "latency", "slip", "friction", "ground", "odometry")  # fields of Randomisation
+
+
+def span(default: float, help: str, more: str = "") -> Any:
+    """Declare an option of SPANS: one number, or two numbers between which each reset draws a value."""
+    text = f"{help} Two numbers: a value between them is drawn at each reset{more}."
+    return option([default], text, min_length=1, max_length=2)
+
+
+class RunOptions(Options):
+    """Folder and length of a run."""
+
+    model_config = ConfigDict(title="The run")
+
+    # fmt: off
+    recipe: str = option("",
+        f"Use the options of a recipe: one of {', '.join(RECIPES)}, or a YAML file of options. Explicit options "
+        "override those of the recipe.")
+    out: str = option("runs/applr",
+        "Folder for the configuration, the checkpoints, all trajectories, the policies, and the learning curves.")
+    resume: bool = option(False,
+        "Continue the run in the folder --out with its stored options. Explicit options replace the stored ones, but "
+        "networks, seed, robot, --init-from and the conditions of the evaluations cannot change.")
+    total_timesteps: int = option(PAPER_STEPS,
+        "Total number of transitions to collect, one per decision. The paper used 5 million.", ge=0, le=10**9)
+    minutes: float = option(0.0,
+        "Wall time [min], without interruptions, after which the run ends even before --total-timesteps. 0 sets no "
+        "limit.", ge=0, le=1e6)
+    seeds: int = option(1,
+        "Number of trainings, one after the other, with the seeds from --seed on. The trainings share --minutes. Their "
+        "best policies drive fresh courses. The best one is kept and compared with the robot's default parameters.",
+        ge=1, le=100)
+    # fmt: on
+
+
+class ActorOptions(Options):
+    """Collection of experience."""
+
+    model_config = ConfigDict(title="Actors")
+
+    # fmt: off
+    actors: int = option(0,
+        "Number of actors that drive episodes in parallel, as child processes. 0 drives one episode after the other in "
+        "the learner's process; the same seed then gives the same numbers in every run.", ge=0, le=10_000)
+    ray_address: RayAddress
+    exploration_noise_initial: float = option(0.5,
+        "Standard deviation of the exploration noise at the beginning, for actions from -1 to 1.", ge=0, le=2)
+    exploration_noise_final: float = option(0.02,
+        "Standard deviation of the exploration noise from --exploration-noise-steps transitions on.", ge=0, le=2)
+    exploration_noise_steps: int = option(0,
+        "Number of transitions over which the exploration noise changes from its initial to its final value. 0 uses "
+        "the paper's 3.84 million, or proportionally fewer if --total-timesteps is below 5 million.", ge=0, le=10**9)
+    # fmt: on
+
+
+class TaskOptions(DriveSettings):
+    """Worlds, observations, and random differences between episodes."""
+
+    model_config = ConfigDict(title="Worlds and episodes")
+
+    # fmt: off
+    worlds: str = option("generated:learn",
+        f"Worlds to train in: {SPECIFICATIONS}; several are separated by commas. generated:learn are the training "
+        "worlds without those of generated:validation.")
+    decision_period: float = option(PERIOD,
+        "Simulated time [s] between two choices of the parameters. The paper used 2.", ge=0.05, le=10)
+    observation: Literal["paper", "dimensionless"] = option("paper",
+        "Encoding of observations and actions: paper, the capped scan, the direction of the local goal and the robot's "
+        "parameter space; or dimensionless, relative to its size and speed (applr_ros1/policy/dimensionless.py).")
+    end_on_collision: bool = option(False,
+        "End a training episode at the first collision, as a failure. Evaluations are not affected.")
+    end_on_stall: bool = option(False,
+        "End a training episode, as a failure, if the robot has moved less than .85 m in 8 s, at the Jackal's scale. "
+        "Evaluations are not affected.")
+    critics_know_more: bool = option(False,
+        "Show the critics what the policy cannot know: the true course ahead, moving obstacles, planner, ground, "
+        "friction and delays (training/env/privileged.py).")
+    start_xy: float = option(0.0,
+        "Largest random displacement [m] of the start position along x and along y.", ge=0, le=10)
+    start_yaw: float = option(0.0, "Largest random rotation [rad] of the start heading.", ge=0, le=math.pi)
+    scan_noise: List[float] = span(1.0, "Factor on the standard deviation of the laser's noise.")
+    latency: List[float] = span(0.0, "Delay [s] of the velocity commands.")
+    slip: List[float] = span(1.0, "Factor on the slip and drift of the base.")
+    friction: List[float] = span(1.0, "Factor on the wheels' friction.")
+    ground: List[float] = span(1.0,
+        "Blend of ground friction: 0 is ground plain, 1 or more is the ground in the robot's description.",
+        ". With 0 2, half of the episodes have the robot's ground, and the others a blend")
+    odometry: List[float] = span(1.0, "Factor on the odometry's errors.")
+    # fmt: on
+
+
+class LearnerOptions(TD3Options):
+    """Use of the experience, number of gradient steps, and options of TD3."""
+
+    model_config = ConfigDict(title="Learner")
+
+    # fmt: off
+    seed: Seed = option(0,
+        "Seed of every random draw: network initialisation, exploration noise, batches, worlds and simulators.")
+    utd_ratio: float = option(0.1, "Number of gradient steps per collected transition.", ge=0, le=100)
+    mirror: bool = option(False,
+        "Mirror half of each batch left to right (scan and local goal). This doubles the experience, because robot, "
+        "planner and parameters are symmetric.")
+    learning_starts: int = option(0,
+        "Number of transitions with uniformly random actions before the first gradient step. The paper has none. With "
+        "--init-from, these transitions are driven by the policy with exploration noise.", ge=0, le=10**9)
+    # fmt: on
+
+
+class OfflineOptions(Options):
+    """Learning from a dataset, and start of a run."""
+
+    model_config = ConfigDict(title="Offline learning, and start of a run")
+
+    # fmt: off
+    dataset: str = option("",
+        "Folder of a dataset (bags_to_dataset.py) from which to learn offline. Without a dataset, the run is online.")
+    gradient_steps: int = option(100_000, "Number of gradient steps in offline learning.", ge=0, le=10**9)
+    init_from: str = option("",
+        "Start of the learning. Folder of another run: its policy, critics and optimisers, without its experience "
+        "(period, reward and worlds may differ). static (tuned parameter set of the robot), dwa (its default "
+        "parameters) or a JSON file of parameters: the first output of the policy, and the values of the parameters "
+        "that a dimensionless policy does not choose. File of a policy: this policy, frozen for a critic "
+        "warm-up of 2,000 gradient steps. Default: a first output near the middle of the ranges.")
+    # fmt: on
+
+
+class PeriodicOptions(Options):
+    """Interval and worlds of the policy's evaluation."""
+
+    model_config = ConfigDict(title="Periodic evaluation")
+
+    # fmt: off
+    eval_worlds: str = option("generated:validation",
+        "Held-out worlds in which the policy is evaluated during the run, to choose the best policy. The default is a "
+        "part of the training worlds that --worlds leaves out, so that no test world affects the choice. Each world is "
+        "driven once in an evaluation. none disables the evaluation.")
+    eval_freq: int = option(50_000,
+        "Number of transitions (offline: gradient steps) between two evaluations.", ge=1, le=10**9)
+    # fmt: on
+
+
+class TrainConfig(
+    RunOptions, ActorOptions, TaskOptions, RewardOptions, LearnerOptions, OfflineOptions, PeriodicOptions
+):
+    """Checked options of a run, and values derived from them."""
+
+    model_config = ConfigDict(title=None)
+
+    @cached_property
+    def start(self) -> Tuple[Optional[Array], Dict[str, float]]:
+        """Action (m,) that the untrained policy returns, and {name: value} of the parameters that no action sets.
+
+        They are None and {} unless --init-from is a parameter set.
+        """
+        is_method = self.init_from in methods.METHODS or self.init_from.endswith(".json")
+        method = methods.make(self.init_from, self.robot) if is_method else None
+        if not isinstance(method, methods.FixedParameters):
+            return None, {}
+        encoding = ENCODINGS[self.observation](self.robot, self.decision_period)
+        values, paper = encoding.space.as_dict(method.values), self.observation == PAPER_ENCODING
+        base = {} if paper else {name: value for name, value in values.items() if name not in encoding.chosen}
+        return encoding.action(method.values), base
+
+    def environment(self) -> Dict[str, Any]:
+        """Return the arguments of the training's environment (ApplrEnv) as JSON values."""
+        own = {"worlds", "observation", "end_on_collision", "end_on_stall", "critics_know_more"}
+        spans = {name: getattr(self, name) for name in SPANS}
+        drawn = {name: span if len(span) == 2 else span[0] for name, span in spans.items()}
+        return {
+            **self.model_dump(include={*DriveSettings.model_fields, *own}),
+            "randomisation": {"start_xy": self.start_xy, "start_yaw": self.start_yaw, **drawn},
+            "reward": Reward.of(self).model_dump(),
+            "period": self.decision_period,
+            "base": self.start[1],
+        }
+
+    @property
+    def judged(self) -> Dict[str, Any]:
+        """Settings (DriveSettings) of the run's evaluations, without random choices."""
+        drives = {name: getattr(self, name) for name in DriveSettings.model_fields}
+        return {
+            **drives,
+            "planner": OURS if self.planner == DRAWN else self.planner,
+            "protocol": CHALLENGE if self.protocol == DRAWN else self.protocol,
+        }
+
+    def noise(self, transitions: int) -> float:
+        """Return the standard deviation of the exploration noise after a number of transitions."""
+        papers = (0.5 - 0.02) / 0.125 * 1e6 * min(1.0, self.total_timesteps / PAPER_STEPS)
+        share = min(1.0, transitions / (self.exploration_noise_steps or max(1, int(papers))))
+        return (1.0 - share) * self.exploration_noise_initial + share * self.exploration_noise_final
+
+
+def recipe(name: str) -> Dict[str, Any]:
+    """Return the checked options of a recipe.
+
+    Args:
+        name: One of RECIPES, the path of a YAML file of options, or "" for none.
+
+    Raises:
+        ApplrError: The name or an option is unknown, or a value is invalid.
+    """
+    if not name:
+        return {}
+    if not name.endswith(".yaml") and name not in RECIPES:
+        raise ApplrError(f"--recipe {name} is unknown: give {', '.join(RECIPES)} or a .yaml file")
+    path = RECIPES.get(name, Path(name))
+    values: Dict[str, Any] = read_yaml(path)
+    checked(TrainConfig, values, str(path))
+    return values
+
+
+def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
+    """Return the configuration of a command line. With --resume, it overrides the stored options of the run.
+
+    Args:
+        arguments: Arguments without the program's name, None for sys.argv. ROS remappings (NAME:=VALUE) are ignored.
+
+    Raises:
+        ApplrError: An option is invalid.
+    """
+    given = command_line.given(TrainConfig, "train.py", ABOUT, arguments)
+    if not given.get("resume"):
+        config = checked(TrainConfig, {**recipe(given.get("recipe", "")), **given})
+        if "gradient_steps" in config.model_fields_set and not config.dataset:  # An online run would take days.
+            raise ApplrError("--gradient-steps, also in a recipe, learns offline: give a --dataset")
+        return config
+    out = given.get("out", RunOptions().out)
+    path = Path(out) / "config.json"
+    if not path.exists():
+        raise ApplrError(f"--resume: {out} holds no run (no config.json): check --out, or leave --resume out")
+    stored = {name: value for name, value in read_json(path).items() if name in TrainConfig.model_fields}
+    original = checked(TrainConfig, stored, str(path))
+    config = checked(TrainConfig, {**stored, **given, "out": out})
+    for name in FIXED:
+        if getattr(config, name) != getattr(original, name):
+            raise ApplrError(f"{dashed(name)}: the run in {out} has another value, which cannot be changed: omit it")
+    return config

@@ -1,0 +1,209 @@
+"""Learner: adds trajectories to the replay buffer and makes the gradient steps that are due for them.
+
+train.py runs one learner. A killed run continues from its last checkpoint.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections import deque
+from pathlib import Path
+from typing import Any, Deque, Dict, List, Optional
+
+import numpy as np
+import safetensors.numpy
+import torch
+
+from applr_ros1.common.arrays import Array
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import read_bytes, read_json, write_bytes, write_json
+from applr_ros1.common.tensors import unpack
+from applr_ros1.policy.actor import load
+from training.common.folders import make_folder
+from training.env.trajectory import Trajectory, TransitionLayout
+from training.train.learner.config import LearnerOptions
+from training.train.replay.buffer import Replay
+from training.train.replay.dataset import Dataset
+from training.train.td3.td3 import TD3, Batch, Weights
+
+
+class Learner:
+    """Networks, replay buffer and their checkpoints. A learner continues from the last checkpoint in its folder.
+
+    Args:
+        layout: Layout of observations and actions.
+        options: Options of learning.
+        folder: Folder of the run with checkpoint.json, learner-*.pt and replay-*.safetensors.
+        rows: Capacity of the replay buffer.
+        init_from: Run folder or policy file whose networks are taken over, unless `folder` has a checkpoint or there is
+            an `action`.
+        action: Action (m,) in [-1, 1] that the untrained policy returns for every observation, or None.
+        dataset: Experience of an offline run. It makes no gradient steps due.
+
+    Attributes:
+        extra: Values that save() stored in the checkpoint.
+
+    Raises:
+        ApplrError: The networks in `folder` or `init_from` do not fit `layout` and `options`, or `init_from` has none.
+    """
+
+    def __init__(
+        self,
+        layout: TransitionLayout,
+        options: LearnerOptions,
+        folder: os.PathLike[str] | str,
+        rows: int,
+        init_from: str = "",
+        action: Optional[Array] = None,
+        dataset: Optional[Dataset] = None,
+    ):
+        self.layout, self.options, self.folder = layout, options, make_folder(folder)
+        device = "cuda" if torch.cuda.is_available() else "cpu"
+        self.td3 = TD3(layout.size, layout.action, options, options.seed, device, layout.policy_mirror, layout.hidden)
+        self.replay = Replay(layout, rows)
+        for trajectory in dataset.trajectories() if dataset is not None else ():
+            self.replay.add(trajectory)
+        self.rng = np.random.default_rng([options.seed, 1])
+        self.infos: Deque[Dict[str, Any]] = deque(maxlen=100)  # info of the latest trajectories
+        self.checkpoints = 0
+        self.extra: Dict[str, Any] = {}
+        self._kept: List[List[Any]] = []  # files of the replay buffer and their numbers of rows
+        self._due = 0.0  # number of gradient steps still due for the transitions
+        if checkpoint := self.saved(folder):
+            self._restore(checkpoint)
+        elif action is not None:
+            self.td3.begin_at(action)
+        elif init_from.endswith(".safetensors"):
+            self.td3.begin_with(policy_network(init_from), init_from)
+        elif init_from:
+            self._begin_with(Path(init_from))
+        self._saved = self.replay.written  # value of replay.written up to which rows are saved in files
+
+    # -- taking ------------------------------------------------------------------------------------
+    def take(self, trajectory: Trajectory) -> None:
+        """Add an actor's trajectory. Its transitions after options.learning_starts make gradient steps due."""
+        before = max(self.transitions, self.options.learning_starts)
+        self.replay.add(trajectory)
+        self._due += self.options.utd_ratio * max(0, self.transitions - before)
+        self.infos.append(trajectory.info)
+
+    # -- learning ----------------------------------------------------------------------------------
+    @property
+    def transitions(self) -> int:
+        """Number of transitions so far."""
+        return self.replay.transitions
+
+    @property
+    def updates_due(self) -> int:
+        """Number of gradient steps that are due for the transitions so far."""
+        return int(self._due + 1e-6)
+
+    def update(self) -> None:
+        """Make one gradient step on a batch from the replay buffer."""
+        self._due -= 1.0
+        self.td3.update(draw_batch(self.replay, self.rng, self.options, self.td3.device))
+
+    # -- checkpoints -------------------------------------------------------------------------------
+    def save(self, extra: Optional[Dict[str, Any]] = None) -> None:
+        """Save a checkpoint atomically: checkpoint.json, renamed into place last, names all other files.
+
+        New rows of the replay buffer go to a new file. A file is deleted once the ring has overwritten its rows.
+        """
+        number, written = self.checkpoints + 1, self.replay.written
+        state = io.BytesIO()
+        torch.save(self.td3.state(), state)
+        name, rows = f"learner-{number:06d}.pt", f"replay-{number:06d}.safetensors"
+        write_bytes(self.folder / name, state.getvalue())
+        if written > self._saved:
+            write_bytes(self.folder / rows, safetensors.numpy.save(self.replay.rows(self._saved)))
+            self._kept.append([rows, written - self._saved])
+            self._saved = written
+        while sum(count for _, count in self._kept[1:]) >= self.replay.capacity:
+            self._kept.pop(0)
+        write_json(
+            self.folder / "checkpoint.json",
+            {
+                "number": number,
+                "learner": name,
+                "replay": self._kept,
+                "layer_norm": self.options.layer_norm,
+                "rng": self.rng.bit_generator.state,
+                "transitions": self.transitions,
+                "updates": self.td3.updates,
+                "extra": extra or {},
+            },
+        )
+        self.checkpoints = number
+        needed = {name, *(file for file, _ in self._kept)}
+        for old in (*self.folder.glob("learner-*.pt"), *self.folder.glob("replay-*.safetensors")):
+            if old.name not in needed:
+                old.unlink(missing_ok=True)
+
+    @staticmethod
+    def saved(folder: os.PathLike[str] | str) -> Optional[Dict[str, Any]]:
+        """Return the content of checkpoint.json in a run folder, or None without this file."""
+        path = Path(folder) / "checkpoint.json"
+        return read_json(path) if path.exists() else None
+
+    def _restore(self, checkpoint: Dict[str, Any]) -> None:
+        self._take_networks(self.folder, checkpoint)
+        for name, _ in checkpoint["replay"]:
+            path = self.folder / name
+            self.replay.restore(unpack(read_bytes(path), str(path))[0])
+        self.replay.transitions = checkpoint["transitions"]
+        self.rng.bit_generator.state = checkpoint["rng"]
+        self._kept, self.checkpoints, self.extra = checkpoint["replay"], checkpoint["number"], checkpoint["extra"]
+
+    def _begin_with(self, folder: Path) -> None:
+        """Take over networks and optimisers of another run, and reset the number of updates."""
+        checkpoint = self.saved(folder)
+        if checkpoint is None:
+            raise ApplrError(
+                f"--init-from is {str(folder)!r}: give static, dwa, a JSON file with a parameter set, the file of a "
+                "policy, or the folder of a training run that has saved a checkpoint"
+            )
+        # With another layer_norm, the same weights give other values.
+        if checkpoint["layer_norm"] != self.options.layer_norm:
+            raise ApplrError(f"{folder}: its critics have layer_norm {checkpoint['layer_norm']}: choose the same value")
+        self._take_networks(folder, checkpoint)
+        self.td3.updates = self.td3.policy_starts = 0
+
+    def _take_networks(self, folder: Path, checkpoint: Dict[str, Any]) -> None:
+        """Load networks and optimisers of a checkpoint in `folder`."""
+        data = io.BytesIO(read_bytes(folder / checkpoint["learner"]))
+        self.td3.load(torch.load(data, self.td3.device, weights_only=True), str(folder))
+
+
+def policy_network(path: str) -> Weights:
+    """Return the first network of a policy file; the second may be its mirror image. Raise ApplrError if invalid."""
+    layers = load(path).layers
+    single = [tuple(tensor[0] if weight.ndim == 3 else tensor for tensor in (weight, bias)) for weight, bias in layers]
+    return {f"{i}.{kind}": t for i, pair in enumerate(single) for kind, t in zip(("weight", "bias"), pair)}
+
+
+def draw_batch(replay: Replay, rng: np.random.Generator, options: LearnerOptions, device: torch.device) -> Batch:
+    """Return a uniformly drawn batch for TD3.update. With options.mirror, half of it is mirrored.
+
+    All randomness of a gradient step comes from `rng`: first the rows, then the smoothing noise.
+    """
+    size = options.batch_size
+    rows = replay.draw(rng, size)
+    reward, discount, after = replay.n_step_return(rows, options.n_step, options.gamma)
+    noise = rng.standard_normal((size, replay.layout.action), dtype=np.float32)
+
+    def tensor(array: np.ndarray) -> torch.Tensor:
+        return torch.from_numpy(array).to(device).to(torch.float32)  # Bytes become floats on the device.
+
+    def observation(places: np.ndarray) -> torch.Tensor:
+        scan, rest = replay.observations(places, size // 2 if options.mirror else 0)
+        return torch.cat((tensor(scan).mul_(replay.layout.step).sub_(1.0), tensor(rest)), 1)
+
+    return Batch(
+        observation(rows),
+        tensor(replay.action[rows]),
+        tensor(reward),
+        tensor(discount),
+        observation(after),
+        tensor(noise),
+    )

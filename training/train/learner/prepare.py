@@ -1,0 +1,70 @@
+"""Preparation of a run: tasks of its workers, worlds, and layout of observations."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import partial
+from typing import Callable, List, Optional, Tuple
+
+import numpy as np
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.robots.geometry import radius
+from training.env.env import ApplrEnv
+from training.env.reward import Reward
+from training.env.trajectory import Trajectory, TransitionLayout
+from training.evaluate.runner import run, world_list
+from training.evaluate.trial import Result, Trial
+from training.train.learner.config import TrainConfig
+from training.train.replay.dataset import Dataset
+from training.workers.collect import Collect, collect
+from worlds.loading import Worlds
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """Tasks, worlds and layout of a run, made by prepare()."""
+
+    collect: Callable[[Collect, bytes], Trajectory]  # drives a training episode with policy weights in a worker
+    drive: Callable[[Trial, bytes], Tuple[Result, bytes]]  # drives a trial with policy weights
+    held_out: List[Tuple[str, str]]  # (name, specification) of the worlds for evaluation
+    layout: TransitionLayout
+
+
+def prepare(config: TrainConfig) -> Preparation:
+    """Check worlds and environment before a run starts, and return its preparation. Raises ApplrError."""
+    worlds, judged, options = Worlds(config.worlds, radius(config.robot)), config.judged, config.environment()
+    held_out: List[Tuple[str, str]] = []
+    if config.eval_worlds != "none":
+        held_out = [world[:2] for world in world_list(config.eval_worlds, judged["protocol"], config.robot)]
+    env = ApplrEnv(**dict(options, worlds=worlds[:1]))
+    if config.actors > 1:  # Compile the planner's kernels once, so that the actors find them on disk.
+        env.reset(seed=0)
+        env.step(-np.ones(env.layout.action, np.float32))
+    env.close()
+    return Preparation(
+        partial(collect, ApplrEnv, json.dumps(options)),
+        partial(run, env.settings.model_copy(update={**judged, "randomisation": {}})),
+        held_out,
+        env.layout,
+    )
+
+
+def dataset_of(config: TrainConfig) -> Optional[Dataset]:
+    """Return the checked dataset of --dataset, or None if the option is not given.
+
+    Raises:
+        ApplrError: The dataset's period, robot, observation or reward differ from those of the options.
+    """
+    if not config.dataset:
+        return None
+    dataset = Dataset(config.dataset)
+    driven_with = {name: getattr(config, name) for name in ("decision_period", "observation", "critics_know_more")}
+    for name, value in {**driven_with, "robot": config.robot.name, **Reward.of(config).model_dump()}.items():
+        if (theirs := dataset.about.get(name, value)) != value:
+            raise ApplrError(
+                f"{name} is {value}, but the dataset {config.dataset} was driven with {theirs}: give the same, or make "
+                "a new dataset"
+            )
+    return dataset

@@ -1,0 +1,1 @@
+"""Experience: trajectories, the replay buffer, and datasets on disk."""

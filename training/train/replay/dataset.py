@@ -1,0 +1,81 @@
+"""Datasets for offline training in Minari's format: `bags_to_dataset` writes them, `train.py --dataset` reads them.
+
+Other libraries can read the datasets with minari.load_dataset or minari.MinariDataset(FOLDER/data). This module reads
+them with h5py, because Minari instantiates the environment named by a dataset, and a foreign dataset can name anything.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any, Dict, Iterator, Sequence
+
+import numpy as np
+
+from applr_ros1.common.files import read_json
+from training.env.trajectory import Trajectory, TransitionLayout
+
+DATA, METADATA, EPISODES = "data", "metadata.json", "main_data.hdf5"  # names of files and folders in Minari's format
+
+
+def write(folder: Path, layout: TransitionLayout, trajectories: Sequence[Trajectory], about: Dict[str, Any]) -> None:
+    """Write a dataset atomically.
+
+    Args:
+        folder: Parent of the new folder "data".
+        layout: Layout of observations and actions.
+        trajectories: Episodes of the dataset.
+        about: Further metadata as JSON values: the settings with which the episodes were driven.
+    """
+    import minari
+    from gymnasium.spaces import Box
+    from minari.data_collector import EpisodeBuffer
+    from minari.dataset.minari_storage import MinariStorage
+
+    folder = folder.absolute()  # Minari joins a relative path with itself.
+    partial = folder / f"{DATA}.partial"
+    shutil.rmtree(partial, ignore_errors=True)
+    storage = MinariStorage.new(partial, Box(-np.inf, np.inf, (layout.size,)), Box(-1.0, 1.0, (layout.action,)))
+    for trajectory in trajectories:
+        last = np.arange(len(trajectory)) == len(trajectory) - 1
+        episode = EpisodeBuffer(
+            observations=layout.restore(trajectory.scan, trajectory.rest),
+            actions=trajectory.action,
+            rewards=trajectory.reward,
+            terminations=last & trajectory.terminated,
+            truncations=last & (not trajectory.terminated),
+        )
+        storage.update_episodes([episode])
+    names = {"dataset_id": folder.name, "minari_version": minari.__version__}
+    storage.update_metadata({**names, "layout": vars(layout), **about})
+    partial.rename(folder / DATA)
+
+
+class Dataset:
+    """Dataset in a folder.
+
+    Attributes:
+        about: Metadata of the dataset.
+        layout: Layout of observations and actions.
+        transitions: Number of transitions.
+        rows: Number of observations, one more than transitions for each episode.
+    """
+
+    def __init__(self, folder: os.PathLike[str] | str):
+        self._folder = Path(folder) / DATA
+        self.about = read_json(self._folder / METADATA)
+        self.layout = TransitionLayout(**self.about["layout"])
+        self.transitions = self.about["total_steps"]
+        self.rows = self.transitions + self.about["total_episodes"]
+
+    def trajectories(self) -> Iterator[Trajectory]:
+        """Yield the episodes."""
+        import h5py
+
+        with h5py.File(self._folder / EPISODES) as file:
+            for number in range(self.about["total_episodes"]):
+                episode = {name: values[()] for name, values in file[f"episode_{number}"].items()}
+                observations, actions, rewards = (episode[name] for name in ("observations", "actions", "rewards"))
+                ends = bool(episode["terminations"][-1])
+                yield Trajectory.of(self.layout, observations, actions, rewards, ends)

@@ -1,0 +1,255 @@
+"""TD3 (Fujimoto et al. 2018), the paper's algorithm: a policy and two separate critics, each of 3 x 512 units.
+
+training/train/learner passes batches from the replay buffer. This module knows nothing of robots, files or processes.
+Defaults are the paper's. If the paper gives no value, they are those of its authors' code. Deviations:
+  batch_size 256 (authors: 128): equally fast on our machines, with less gradient noise.
+  n_step 4 (not in the paper; the authors' code began with 1 and ended at 4): the replay buffer sums the returns.
+Unlike in the authors' code, values are bootstrapped at time limits, and target noise is in action units
+(docs/explanation/learning_problem.md#where-this-differs-from-the-paper).
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any, Dict, Optional, Sequence
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike
+from torch import nn
+from torch.nn import functional
+
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.policy.encoding import Mirror, with_mirror_images
+from training.train.td3.options import TD3Options
+
+ACTOR_LR = 3e-4  # learning rate of the policy
+POLICY_DELAY = 2  # critic updates per policy update
+TAU = 0.005  # share of the online networks that is mixed into the target networks at each policy update
+TARGET_NOISE, NOISE_CLIP = 0.2, 0.5  # standard deviation and clipping bound of the noise on target actions
+INNER = 0.95  # bound on the action that begin_at() makes a policy return, so that tanh still has a gradient
+SMALL_START = 0.01  # factor of begin_at() on the initial weights of the policy's last layer
+CRITIC_WARM_UP = 2000  # updates during which a policy of begin_with() is frozen: untrained critics would spoil it
+Weights = Dict[str, np.ndarray]  # "0.weight" (out, in), "0.bias" (out,), "1.weight", ...: float32
+
+
+class MLP(nn.ModuleList):
+    """Linear layers with ReLU between them; state_dict() names them "0.weight" (out, in), "0.bias" (out,), "1.weight".
+
+    Args:
+        inputs: Width of the input.
+        hidden: Widths of the hidden layers.
+        outputs: Width of the output.
+        layer_norm: Whether to normalise each hidden layer before its ReLU, without gain and shift. In critics, this
+            bounds the extrapolation to actions that were never tried, so that learning remains stable with several
+            gradient steps per transition (Ball et al. 2023; Nauman et al. 2024).
+    """
+
+    def __init__(self, inputs: int, hidden: Sequence[int], outputs: int, layer_norm: bool = False):
+        sizes = [inputs, *hidden, outputs]
+        super().__init__(nn.Linear(width, out) for width, out in zip(sizes[:-1], sizes[1:]))
+        self.layer_norm = layer_norm
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Map x (B, inputs) to (B, outputs)."""
+        *hidden, last = self
+        for layer in hidden:
+            x = layer(x)
+            x = functional.relu(functional.layer_norm(x, x.shape[1:]) if self.layer_norm else x)
+        y: torch.Tensor = last(x)
+        return y
+
+
+@dataclass
+class Batch:
+    """Transitions of one update, as tensors on the learner's device.
+
+    Attributes:
+        observation: (B, n).
+        action: (B, m) in [-1, 1].
+        reward: (B,) sum of k discounted rewards.
+        discount: (B,) gamma^k, or 0 if a terminal state was reached.
+        next_observation: (B, n) k steps later.
+        noise: (B, m) standard normal noise for target policy smoothing.
+    """
+
+    observation: torch.Tensor
+    action: torch.Tensor
+    reward: torch.Tensor
+    discount: torch.Tensor
+    next_observation: torch.Tensor
+    noise: torch.Tensor
+
+
+class TD3:
+    """Networks, target networks and optimisers of TD3.
+
+    Args:
+        observations: Size of an observation.
+        actions: Size of an action.
+        options: Hyperparameters.
+        seed: Seed of the initial weights.
+        device: Torch device, such as "cuda:0".
+        mirror: Left-right reflection of the policy's observation; None if unknown.
+        hidden: Number of entries at the end of an observation that only the critics receive.
+
+    Raises:
+        ApplrError: The number of smoothness weights is neither 1 nor the size of an action.
+    """
+
+    def __init__(
+        self,
+        observations: int,
+        actions: int,
+        options: TD3Options = TD3Options(),  # noqa: B008
+        seed: int = 0,
+        device: str = "cpu",
+        mirror: Optional[Mirror] = None,
+        hidden: int = 0,
+    ):
+        self.options, self.actions, self.mirror, self.device = options, actions, mirror, torch.device(device)
+        if len(options.smoothness) not in (1, actions):
+            raise ApplrError(f"--smoothness has {len(options.smoothness)} numbers: give 1 or {actions}")
+        self.smoothness = torch.tensor(options.smoothness, device=self.device)
+        self.seen = observations - hidden
+        layers = options.net_arch
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.actor = MLP(self.seen, layers, actions).to(self.device)
+            critics = (MLP(observations + actions, layers, 1, options.layer_norm) for _ in range(2))
+            self.critics = nn.ModuleList(critics).to(self.device)
+        self.actor_target = copy.deepcopy(self.actor).requires_grad_(False)
+        self.critic_targets = copy.deepcopy(self.critics).requires_grad_(False)
+        self.networks = nn.ModuleDict({"actor": self.actor, "critics": self.critics})
+        self.networks.update({"actor_target": self.actor_target, "critic_targets": self.critic_targets})
+        self.policy = self.actor  # network that the actor processes get: self.actor, or its running average if enabled
+        if options.policy_ema_decay:
+            self.networks["actor_average"] = self.policy = copy.deepcopy(self.actor).requires_grad_(False)
+        self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), ACTOR_LR, fused=True)
+        self.critic_optimizer = torch.optim.Adam(self.critics.parameters(), options.critic_lr, fused=True)
+        self.optimizers = {"actor_optimizer": self.actor_optimizer, "critic_optimizer": self.critic_optimizer}
+        self.updates = self.policy_starts = 0
+        self.losses: Dict[str, torch.Tensor] = {}
+
+    @torch.no_grad()
+    def begin_at(self, action: ArrayLike) -> None:
+        """Make a fresh policy return nearly `action` (m,) in [-1, 1] for every observation."""
+        nearly = torch.as_tensor(action, dtype=torch.float32, device=self.device).clamp(-INNER, INNER)
+        for weight, bias in {tuple(actor[-1].parameters()) for actor in (self.actor, self.actor_target, self.policy)}:
+            weight.mul_(SMALL_START)
+            bias.copy_(torch.atanh(nearly))
+
+    def begin_with(self, weights: Weights, what: str) -> None:
+        """Take over a policy's weights (see actor_weights) and freeze the policy for the critic warm-up.
+
+        Args:
+            weights: Weights of the policy.
+            what: Source of the weights, for the error message.
+
+        Raises:
+            ApplrError: The layers differ.
+        """
+        for network in {self.actor, self.actor_target, self.policy}:
+            _fill(network, {name: torch.from_numpy(tensor) for name, tensor in weights.items()}, what)
+        self.policy_starts = CRITIC_WARM_UP
+
+    # -- learning ----------------------------------------------------------------------------------
+    def update(self, batch: Batch) -> None:
+        """Update the critics. Every POLICY_DELAY-th call also updates the policy and the target networks."""
+        self.updates += 1
+        self._update_critics(batch)
+        if self.updates % POLICY_DELAY == 0:
+            if self.updates > self.policy_starts:
+                self._update_actor(batch)
+            self._update_targets()
+
+    def _update_critics(self, batch: Batch) -> None:
+        with torch.no_grad():
+            # Target policy smoothing: clipped noise in action units, and an action clipped to its range.
+            noise = (batch.noise * TARGET_NOISE).clamp_(-NOISE_CLIP, NOISE_CLIP)
+            action = torch.tanh(self.actor_target(batch.next_observation[:, : self.seen])).add_(noise).clamp_(-1.0, 1.0)
+            # y = r + gamma^k min Q'(s', a') (clipped double Q), bootstrapping through time limits.
+            there = torch.cat((batch.next_observation, action), 1)
+            value = torch.minimum(*(critic(there) for critic in self.critic_targets))
+            y = batch.reward[:, None] + batch.discount[:, None] * value
+        here = torch.cat((batch.observation, batch.action), 1)
+        first, second = (functional.mse_loss(critic(here), y) for critic in self.critics)
+        loss = first + second
+        self.critic_optimizer.zero_grad()
+        torch.autograd.backward(loss)
+        self.critic_optimizer.step()
+        self.losses["critic_loss"], self.losses["target_q"] = loss.detach(), y.mean()
+
+    def _update_actor(self, batch: Batch) -> None:
+        o = self.options
+        z = self.actor(batch.observation[:, : self.seen])
+        action = torch.tanh(z)
+        # Deterministic policy gradient (the paper's eq. 2): climb the first critic's Q.
+        q = self.critics[0](torch.cat((batch.observation, action), 1))
+        loss = -q.mean()
+        if o.bc_alpha > 0.0:
+            scale = o.bc_alpha / q.abs().mean().detach().clamp_(min=1e-6)
+            loss = scale * loss + functional.mse_loss(action, batch.action)
+        if any(o.smoothness):
+            change = action - torch.tanh(self.actor(batch.next_observation[:, : self.seen]))
+            loss = loss + (self.smoothness * change.square()).mean()
+        if o.preactivation_l2 > 0.0:
+            loss = loss + o.preactivation_l2 * z.square().mean()
+        self.actor_optimizer.zero_grad()
+        loss.backward(inputs=list(self.actor.parameters()))  # skips the critic's gradients
+        self.actor_optimizer.step()
+        self.losses["actor_q"] = q.detach().mean()
+
+    @torch.no_grad()
+    def _update_targets(self) -> None:
+        _mix(self.actor_target, self.actor, TAU)
+        _mix(self.critic_targets, self.critics, TAU)
+        if self.policy is not self.actor:
+            _mix(self.policy, self.actor, 1.0 - self.options.policy_ema_decay)
+
+    def report(self) -> Dict[str, float]:
+        """Return the losses of the latest update as numbers. Waits for the device."""
+        return {name: float(value) for name, value in self.losses.items()}
+
+    # -- acting ------------------------------------------------------------------------------------
+    def actor_weights(self) -> Weights:
+        """Return a copy of the policy's weights, named as in policy/actor.py: "0.weight" (512, 729), "0.bias", ...
+
+        With options.symmetric, the policy and its mirror image (with_mirror_images) are stacked along each first axis.
+        """
+        weights = {name: tensor.cpu().numpy().copy() for name, tensor in self.policy.state_dict().items()}
+        return with_mirror_images(weights, self.mirror) if self.options.symmetric and self.mirror else weights
+
+    # -- checkpoints -------------------------------------------------------------------------------
+    def state(self) -> Dict[str, Any]:
+        """Return the state for a checkpoint; load() is the inverse."""
+        optimizers = {name: optimizer.state_dict()["state"] for name, optimizer in self.optimizers.items()}
+        counts = {"updates": self.updates, "policy_starts": self.policy_starts}
+        return {"networks": self.networks.state_dict(), "optimizers": optimizers, **counts}
+
+    def load(self, state: Dict[str, Any], what: str = "checkpoint") -> None:
+        """Restore a checkpoint's state, but keep this run's learning rates. Errors name its source `what`.
+
+        Raises:
+            ApplrError: The layers differ.
+        """
+        theirs = state["networks"]
+        average = {name.replace("actor.", "actor_average.", 1): t for name, t in theirs.items() if name[:6] == "actor."}
+        theirs = {**average, **theirs}  # If `state` has no running average, it starts from the policy.
+        _fill(self.networks, {k: theirs[k] for k in self.networks.state_dict() if k in theirs}, what)
+        for name, optimizer in self.optimizers.items():
+            optimizer.load_state_dict({**optimizer.state_dict(), "state": state["optimizers"][name]})
+        self.updates, self.policy_starts = state["updates"], state["policy_starts"]
+
+
+def _fill(network: nn.Module, tensors: Dict[str, torch.Tensor], what: str) -> None:
+    try:
+        network.load_state_dict(tensors)
+    except RuntimeError:
+        raise ApplrError(f"{what}: its networks differ: give the same --net-arch and --observation") from None
+
+
+def _mix(target: nn.Module, source: nn.Module, share: float) -> None:
+    """Move each parameter of `target` towards that of `source` by a share of their difference."""
+    torch._foreach_lerp_(list(target.parameters()), list(source.parameters()), share)

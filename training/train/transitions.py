@@ -1,0 +1,298 @@
+"""Conversion of the decisions of a drive to transitions (s, theta, r, s', terminated, truncated), goal by goal.
+
+bags_to_dataset.py calls transitions(). A recorded decision contains the method's parameters and the raw inputs. Any
+encoding makes the same observation from these inputs as in the node and in the learning environment. The outcome
+follows from the action's status, the odometry and the scans.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Dict, Iterator, List, Optional, Sequence, Tuple
+
+import numpy as np
+
+from applr_ros1.common.angles import compose, inverse, transform_point
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.drive import REACHED, Decision, Drive, Goal, Motion
+from applr_ros1.policy.decision import PERIOD, Context, Seen
+from applr_ros1.policy.dimensionless import ENCODINGS
+from applr_ros1.policy.encoding import PAPER, Encoding
+from applr_ros1.robots import JACKAL, Robot
+from training.bags.read import BagError
+from training.bags.topics import TopicNames, topic_of
+from training.env.episode import CONTROL_PERIOD, TIME_LIMIT
+from training.env.outcome import Leg, Outcome, outcome_of
+from training.env.reward import Reward, failed
+from training.env.trajectory import Trajectory, TransitionLayout
+
+CHANNELS = ("scans", "odometry", "status", "results", "decisions", "ends", "contacts")  # that transitions need
+MAX_AGE_S = 1.0  # age above which a scan or pose is not used for a decision [s]
+JUMP_M = 0.3  # movement between two poses that counts as a jump, in addition to FASTEST times the interval [m]
+FASTEST_M_S = 5.0  # speed beyond which no robot drives [m/s]
+CLOCK_S = 1.0  # difference between recorder's and messages' times above which their clocks differ [s]
+
+
+class Skipped(ApplrError):
+    """Error of an unusable episode. The message is the reason without numbers, so that reasons can be counted."""
+
+
+@dataclass
+class State:
+    """State of the learning problem: a decision, or the end of a course.
+
+    Attributes:
+        decision: The decision; at the end of a course, the observation there instead.
+        place: (x, y) [m] of the robot in the decision's frame.
+        is_end: Whether the course ended or was interrupted here.
+        theta: (k,) current parameters after the decision.
+        observation: Observation on which the decision is based.
+        outcome: Outcome of the previous decision.
+    """
+
+    decision: Decision
+    place: Tuple[float, ...]
+    is_end: bool
+    theta: np.ndarray
+    observation: np.ndarray
+    outcome: Outcome
+
+    @property
+    def time(self) -> float:
+        """Time of the decision [s]."""
+        return self.decision.time
+
+
+def transitions(
+    drive: Drive,
+    robot: Robot = JACKAL,
+    observation: str = PAPER,
+    reward: Reward = Reward(),
+    finish: Optional[float] = None,
+    topics: TopicNames = TopicNames(),
+) -> Tuple[List[Trajectory], Counter[str]]:
+    """Return a Trajectory for each usable part of the drive to each goal, and the numbers of unusable parts by reason.
+
+    Args:
+        drive: Recorded drive with CHANNELS.
+        robot: Robot that drove.
+        observation: Name of the encoding of the transitions.
+        reward: Reward of a transition.
+        finish: Distance towards the goal [m] after which a course counts as finished although move_base drives on (the
+            paper's goal lies beyond the finish line). None: only the result of move_base counts.
+        topics: Names of the recorded topics, for messages.
+
+    Raises:
+        BagError: The drive lacks required data.
+    """
+    encoding = ENCODINGS[observation](robot, decision_period(drive))
+    _check(drive, encoding, topics)
+    trajectories: List[Trajectory] = []
+    skipped: Counter[str] = Counter()
+    for goal in drive.goals:
+        try:
+            _check_motion(drive, goal)
+            states = _states(drive, encoding, goal, finish)
+        except Skipped as reason:
+            skipped[str(reason)] += 1
+            continue
+        for run in _usable(drive, encoding, states, skipped):
+            trajectories.append(_trajectory(encoding, run, reward))
+    return trajectories, skipped
+
+
+def _check(drive: Drive, encoding: Encoding, topics: TopicNames) -> None:
+    """Raise BagError if a drive lacks data for transitions of this encoding."""
+    if not drive.decisions:
+        topic = topic_of("decisions", topics)
+        raise BagError(f"no decisions on {topic}: record a drive of the applr node with record:=FILE")
+    for column, channel in (("scans", "scans"), ("odometry", "odometry"), ("goals", "status")):
+        if not getattr(drive, column):
+            raise BagError(f"no {column} on {topic_of(channel, topics)}")
+    if any(decision.seen is None for decision in (*drive.decisions, *drive.ends)):
+        raise BagError("its decisions were recorded by an older version, without their inputs")
+    assert drive.scans is not None
+    if abs(np.median(drive.scans.time - drive.scans.stamp)) > CLOCK_S:
+        raise BagError("recorded with another clock than that of its messages: set use_sim_time in the recorder")
+    recorded = list(drive.decisions[0].before)
+    if set(recorded) != set(encoding.space.names):
+        raise BagError(f"its decisions set {', '.join(recorded)}: give the --robot with these parameters")
+
+
+# -- courses -----------------------------------------------------------------------------------------------------------
+def decision_period(drive: Drive) -> float:
+    """Return the decision period [s]: the median interval between a goal's decisions, in whole control cycles.
+
+    Return the paper's period if no goal has two decisions.
+    """
+    times: Dict[str, List[float]] = {}
+    for decision in drive.decisions:
+        times.setdefault(decision.goal, []).append(decision.time)
+    intervals = np.concatenate([np.zeros(0), *(np.diff(of_goal) for of_goal in times.values())])
+    if not len(intervals):
+        return PERIOD
+    cycles = max(1, round(float(np.median(intervals)) / CONTROL_PERIOD))
+    return round(cycles * CONTROL_PERIOD, 9)
+
+
+def _check_motion(drive: Drive, goal: Goal) -> None:
+    """Raise Skipped if the odometry jumped while the goal was pursued, as after a jump of the clock."""
+    motion = _odometry(drive)
+    during = (motion.stamp >= goal.begin) & (motion.stamp <= goal.end)
+    if during.sum() < 2:
+        raise Skipped("no odometry while the goal was pursued")
+    steps = np.hypot(*np.diff(motion.pose[during, :2], axis=0).T)
+    if (steps > JUMP_M + FASTEST_M_S * np.diff(motion.stamp[during])).any():
+        raise Skipped("the odometry jumped")
+
+
+def _odometry(drive: Drive) -> Motion:
+    assert drive.odometry is not None  # See _check.
+    return drive.odometry
+
+
+# -- states ------------------------------------------------------------------------------------------------------------
+def _seen(decision: Decision) -> Seen:
+    assert decision.seen is not None  # See _check.
+    return decision.seen
+
+
+def _states(drive: Drive, encoding: Encoding, goal: Goal, finish: Optional[float]) -> List[State]:
+    """Return the states at a goal's decisions, and at the points at which its course ended or was interrupted."""
+    made = [d for d in drive.decisions if d.goal == goal.id and d.time <= goal.end]
+    if not made:
+        raise Skipped("no decision was recorded for the goal")
+    ends = [d for d in drive.ends if d.goal == goal.id and d.time <= goal.end + MAX_AGE_S]
+    if finish is not None:
+        goal = _finished(drive, goal, made, finish)
+        made = [d for d in made if d.time <= goal.end]
+        ends = [d for d in ends if d.time <= goal.end]
+    moments = _moments(drive, goal, made, ends)
+    if len(moments) < 2:
+        raise Skipped("shorter than one decision")
+    states: List[State] = []
+    encoding.reset()
+    for number, (decision, place, is_end) in enumerate(moments):
+        before = _theta(encoding, decision.before)
+        after = _theta(encoding, decision.after or decision.before)
+        context = Context.of(before, _seen(decision), encoding.space, encoding.layout)
+        outcome = Outcome(before, decisions=number)
+        states.append(State(decision, place, is_end, after, encoding.observe(context), outcome))
+        if number:
+            is_last = number == len(moments) - 1 and is_end and goal.has_ended
+            reached = goal if is_last else goal._replace(status="")
+            states[-1].outcome = _outcome(drive, encoding.robot, reached, *states[-2:])
+        if is_end:
+            encoding.reset()
+    return states
+
+
+Moment = Tuple[Decision, Tuple[float, ...], bool]  # decision or end, place (x, y) [m], whether it is an end
+
+
+def _moments(drive: Drive, goal: Goal, made: Sequence[Decision], ends: Sequence[Decision]) -> List[Moment]:
+    """Return decisions and ends in order of time.
+
+    The node publishes its observation a moment after an end. If this message is missing, a goal that was reached or
+    aborted ends with the observation of the last decision, because the value of a terminal state is not used.
+    """
+    moments: List[Moment] = [(d, _seen(d).pose[:2], False) for d in made]
+    for end in ends:
+        moments.append((end._replace(time=min(end.time, goal.end)), _seen(end).pose[:2], True))
+    moments.sort(key=lambda moment: moment[0].time)
+    last, _, is_recorded = moments[-1]
+    is_recorded = is_recorded and last.time > goal.end - MAX_AGE_S
+    if goal.has_ended and made[-1].time < goal.end and not is_recorded:
+        end = made[-1]._replace(time=goal.end, before=made[-1].after or made[-1].before)
+        _, places = _driven(drive, made[-1], goal.end)
+        moments.append((end, tuple(places[-1]), True))
+    return moments
+
+
+def _finished(drive: Drive, goal: Goal, made: List[Decision], finish: float) -> Goal:
+    """Return the goal, which ends as reached once the robot has driven `finish` [m] towards it."""
+    begin = np.array(_seen(made[0]).pose[:2])
+    ends = [*(decision.time for decision in made[1:]), goal.end]
+    for decision, until in zip(made, ends):
+        times, places = _driven(drive, decision, until)
+        towards = np.array(_seen(decision).goal[:2]) - begin
+        past = (places - begin) @ towards >= finish * np.hypot(*towards)
+        if past.any():
+            return goal._replace(end=float(times[np.argmax(past)]), status=REACHED)
+    return goal
+
+
+def _driven(drive: Drive, decision: Decision, until: float) -> Tuple[np.ndarray, np.ndarray]:
+    """Return times (n,) [s] and positions (n, 2) [m] of the robot after a decision, in the decision's frame.
+
+    The positions begin with the pose in the decision, which is for the time of its scan, and continue by odometry.
+    """
+    motion = _odometry(drive)
+    first = int(np.argmin(np.abs(motion.stamp - decision.scan_time)))
+    later = np.flatnonzero((motion.stamp > motion.stamp[first]) & (motion.stamp <= until))
+    rows = np.append(first, later)
+    change = compose(_seen(decision).pose, inverse(tuple(motion.pose[first].tolist())))
+    return motion.stamp[rows], np.column_stack(transform_point(change, *motion.pose[rows, :2].T))
+
+
+def _theta(encoding: Encoding, values: Dict[str, float]) -> np.ndarray:
+    """Return theta (k,) from a decision's parameters {name: value}."""
+    return np.array([values[name] for name in encoding.space.names])
+
+
+def _outcome(drive: Drive, robot: Robot, goal: Goal, before: State, after: State) -> Outcome:
+    """Return the outcome of the decision in the state `before`, which led to `after`."""
+    leg = Leg(before.time, after.time, _seen(before.decision).goal, before.place, after.place)
+    theta = after.outcome.theta
+    return outcome_of(drive, goal, leg, theta, after.outcome.decisions, body_width=robot.body.size[1])
+
+
+def _unusable(drive: Drive, encoding: Encoding, before: State, after: State) -> str:
+    """Return why a transition cannot be used, or "" if it can."""
+    seconds = after.time - before.time
+    early = seconds < 0.5 * encoding.period and not after.outcome.over
+    if early and after.is_end:
+        return "a course was interrupted soon after a decision"
+    if early or seconds > 1.5 * encoding.period:
+        return "a decision's period differs from the others"
+    assert drive.scans is not None
+    stamps = drive.scans.stamp
+    stamps = stamps[(stamps >= before.time - MAX_AGE_S) & (stamps <= after.time)]
+    if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE_S:
+        return "scans are missing"
+    if not np.array_equal(before.theta, after.outcome.theta):
+        return "parameters were changed between decisions"
+    return ""
+
+
+# -- episodes ----------------------------------------------------------------------------------------------------------
+def _usable(drive: Drive, encoding: Encoding, states: List[State], skipped: Counter[str]) -> Iterator[List[State]]:
+    """Yield runs of states with usable transitions between them. Count the other transitions in `skipped`."""
+    run = states[:1]
+    for before, after in zip(states, states[1:]):
+        reason = "" if before.is_end else _unusable(drive, encoding, before, after)
+        if reason:
+            skipped[reason] += 1
+        if reason or before.is_end:
+            if len(run) > 1:
+                yield run
+            run = []
+        run.append(after)
+    if len(run) > 1:
+        yield run
+
+
+def _trajectory(encoding: Encoding, run: List[State], reward: Reward) -> Trajectory:
+    """Return the transitions between the states of a run."""
+    actions = []
+    rewards = []
+    outcome = run[0].outcome
+    for before, after in zip(run, run[1:]):
+        actions.append(encoding.action(before.theta))
+        outcome = after.outcome
+        limit = max(round(TIME_LIMIT / encoding.period), outcome.decisions)
+        rewards.append(reward(outcome, limit, encoding.period, encoding)[0])
+    observations = [state.observation for state in run]
+    terminated = outcome.success or failed(outcome)
+    return Trajectory.of(TransitionLayout.of(encoding), observations, actions, rewards, terminated)

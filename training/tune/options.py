@@ -1,0 +1,41 @@
+"""Options of ./applr tune, and the worlds in which it searches and judges."""
+
+from __future__ import annotations
+
+from typing import Literal, Tuple
+
+from training.common.command_line import AnyRobot, Seed, Workers
+from training.common.options import Options, argument, option
+from worlds.loading import SPECIFICATIONS
+
+WORLDS, UNSEEN = "generated:learn", "fresh:40000-40029"  # default worlds of a search, and worlds of every verdict
+
+
+class TuneOptions(Options):
+    """Options of a search."""
+
+    # fmt: off
+    robot: AnyRobot = argument("Folder with robot.yaml, or the name of an included robot.")
+    anyway: bool = option(False,
+        "Continue even if the robot does not drive on open floor with its default parameters.")
+    worlds: str = option(WORLDS,
+        f"Courses to search in: {SPECIFICATIONS}; several are separated by commas. The verdicts use {UNSEEN}, but with "
+        "MAP.yaml the search uses one half of the building and the verdicts the other half.")
+    minutes: float = option(15.0,
+        "Approximate duration [min]; the two verdicts, of 30 courses each, are always driven to the end.",
+        gt=0, le=10_000)
+    for_: Literal["fast", "careful", "smooth"] = option("fast",
+        "Objective besides arriving without a contact: fast, a short time; careful, distance from obstacles; smooth, "
+        "little jerk and turning. The last two count a longer time as a loss, too.")
+    workers: Workers
+    out: str = option("",
+        "Folder for all trials and the report, and for the result if the robot is included. Default: tune/ROBOT.")
+    seed: Seed
+    # fmt: on
+
+
+def split(worlds: str) -> Tuple[str, str]:
+    """Return the worlds of the search and of the verdicts. Each whole map is split into two halves."""
+    parts = [part.strip() for part in worlds.split(",")]
+    searched = [f"{part}:choose" if part.endswith(".yaml") else part for part in parts]
+    return ",".join(searched), ",".join(f"{part}:report" for part in parts if part.endswith(".yaml")) or UNSEEN

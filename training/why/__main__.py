@@ -1,0 +1,98 @@
+"""Explains why a robot stopped: replays a recorded drive through move_base's local planner, cycle by cycle.
+
+Run it as `./applr why BAG` or `python -m training.why BAG`. It reports how many of the recorded commands the replay
+reproduces, where the robot stood, turned on the spot, swung or was slow, what refused or outbid the faster samples, and
+with which change of one parameter the planner would have driven on. With two bags, it reports which parameters differ
+and which of them explains the difference.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import List, Optional
+
+from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.extras import extra
+from applr_ros1.common.files import read_bytes, write_bytes
+from applr_ros1.drives.drive import Drive
+from training.common.command_line import parsed
+from training.common.options import argument, option
+
+with extra(__name__):
+    from training.bags.read import bags_in, read, refused
+    from training.bags.topics import BagOptions, topic_of
+    from training.why.diagnosis import compared, diagnose
+    from training.why.replay import Replay
+
+CHANNELS = ("scans", "odometry", "commands", "planned", "plans", "changes", "recoveries", "decisions")
+TEMPLATE = Path(__file__).parent / "bags" / "why.html"
+
+
+class WhyOptions(BagOptions):
+    """Options of a replay."""
+
+    # fmt: off
+    bag: List[str] = argument("Bag of a drive, of ROS 1 or ROS 2. Further bags are compared with the first.")
+    at: Optional[float] = option(None, "Time in the bag to explain, whatever happened then [s].", ge=0)
+    out: str = option("", "HTML page to write, with map, path, events and the trajectories of their cycles.")
+    json_: bool = option(False, "Print a JSON object instead of text.")
+    # fmt: on
+
+
+def drive_of(path: Path, options: WhyOptions) -> Drive:
+    """Read the drive in a bag.
+
+    Raises:
+        BagError: The bag cannot be read, lacks odometry, scans, commands or plans, or another robot or planner drove.
+    """
+    robot = options.robot
+    topics = options.topics()
+    with refused(path):
+        drive = read(path, robot, topics, CHANNELS)
+        if drive.planners and robot.local_planner not in drive.planners:
+            drove = drive.planners[0]
+            raise ApplrError(f"{drove} drove, {robot.name} has {robot.local_planner}: give the robot as --robot")
+        if drive.planned is None:  # Without a monitor, the planner's commands reach the base.
+            drive.planned = drive.commands
+        for column, channel in (
+            ("odometry", "odometry"),
+            ("scans", "scans"),
+            ("planned", "commands"),
+            ("plans", "plans"),
+        ):
+            if not getattr(drive, column):
+                topic = topic_of(channel, topics, robot.local_planner)
+                raise ApplrError(f"no messages on {topic}: record it, or give the robot as --robot")
+        if drive.laser_frame != robot.laser.frame:
+            laser = f"scans in {drive.laser_frame}, {robot.name} has {robot.laser.frame}"
+            raise ApplrError(f"{laser}: give the robot as --robot")
+    return drive
+
+
+def run(options: WhyOptions) -> None:
+    """Replay the bags and print the diagnosis."""
+    replays = []
+    for path in bags_in(options.bag):
+        replays.append(Replay(options.robot))
+        replays[-1].run(drive_of(path, options))
+        if not replays[-1].cycles:
+            raise ApplrError(f"{path}: no command has a plan, a scan and odometry: record the drive from its beginning")
+    diagnosis = diagnose(replays[0], options.at)
+    lines, others = diagnosis.lines(), [line for other in replays[1:] for line in compared(replays[0], other)]
+    values = ""
+    if options.json_ or options.out:
+        values = json.dumps({"lines": lines[:2], **diagnosis.values(), "compared": others})
+    print(values if options.json_ else "\n".join(lines + others))
+    if options.out:
+        write_bytes(options.out, read_bytes(TEMPLATE).replace(b"@DATA@", values.replace("</", "<\\/").encode()))
+
+
+def main(arguments: Optional[List[str]] = None) -> int:
+    """Run the command; return its exit status."""
+    return run_main(lambda: run(parsed(WhyOptions, "./applr why", __doc__, arguments)), "./applr why")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
