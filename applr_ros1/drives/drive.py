@@ -71,6 +71,12 @@ class Motion(Rows):
     pose: np.ndarray
     twist: np.ndarray
 
+    @property
+    def length(self) -> float:
+        """Length of the path [m]."""
+        steps = np.diff(self.pose[:, :2], axis=0)
+        return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+
 
 @dataclass
 class Commands(Rows):
@@ -266,6 +272,17 @@ class Drive:
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **arrays)
         return buffer.getvalue()
+
+    @classmethod
+    def unpack(cls, packed: bytes) -> "Drive":
+        """Return the drive of which `pack` returned the path. The parameters of decisions have numbers as names."""
+        with np.load(io.BytesIO(packed)) as arrays:
+            time, pose, twist, thetas, decided = (arrays[name] for name in PATH_COLUMNS)
+        decisions = []
+        for at, theta in zip(decided.tolist(), thetas):
+            values = {str(index): value for index, value in enumerate(theta.tolist())}
+            decisions.append(Decision("", at, at, {}, values, None))
+        return cls(truth=Motion(time, time, pose, twist), decisions=decisions)
 
     def require(self, *columns: str) -> None:
         """Raise DriveError if one of the named columns is missing or empty."""

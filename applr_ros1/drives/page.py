@@ -9,11 +9,13 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Mapping, Sequence
+from typing import Any, Dict, Mapping, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
 from applr_ros1.common.files import read_bytes
+from applr_ros1.drives.drive import REACHED, Drive
+from applr_ros1.policy.parameter_space import Space
 from worlds.world import World
 
 TEMPLATE = Path(__file__).with_name("page.html")
@@ -22,33 +24,18 @@ MARGIN_M = 1.2  # margin of the view before and behind the driven path [m]
 ASIDE_M = 3.5  # distance beside the driven path up to which obstacles are shown [m]; BARN's fields are 4.5 m wide
 
 
-@dataclass
-class Drive:
-    """One drive, in the world's frame.
+class Shown(NamedTuple):
+    """Drive on a page.
 
     Attributes:
         method: Index of the drive's method in the page's list.
         trial: Number of the trial; drives with the same number are shown side by side.
-        seconds: Duration [s].
-        success: Whether the robot reached the goal.
-        collided: Whether the robot touched an obstacle.
-        reason: Reason for the end of the drive.
-        poses: (n, 3) poses [m, m, rad], one per POSE_PERIOD_S.
-        speeds: (n,) forward speed at each pose [m/s].
-        decided: (d,) times of the decisions [s].
-        actions: (d, k) parameters after each decision, scaled from their ranges to [-1, 1].
+        drive: The drive, with true motion, decisions, contacts and one goal.
     """
 
     method: int
     trial: int
-    seconds: float
-    success: bool
-    collided: bool
-    reason: str
-    poses: np.ndarray
-    speeds: np.ndarray
-    decided: Sequence[float]
-    actions: np.ndarray
+    drive: Drive
 
 
 @dataclass
@@ -57,14 +44,14 @@ class Scene:
 
     name: str
     world: World
-    drives: Sequence[Drive]
+    drives: Sequence[Shown]
     begins: float = 0.0
 
 
 def page(
     title: str,
     methods: Mapping[str, str],
-    parameters: Sequence[str],
+    space: Space,
     body: Sequence[float],
     scenes: Sequence[Scene],
     marked: bool = False,
@@ -74,8 +61,8 @@ def page(
 
     Args:
         title: Title of the page.
-        methods: {name: colour} in the order of Drive.method.
-        parameters: Names of the parameters in Drive.actions.
+        methods: {name: colour} in the order of Shown.method.
+        space: Space of the parameters.
         body: Length and width of the robot [m].
         scenes: One or more worlds with their drives.
         marked: Whether the planner used predicted obstacle points.
@@ -84,18 +71,20 @@ def page(
     values = {
         "title": title,
         "methods": [{"name": name, "color": color} for name, color in methods.items()],
-        "parameters": list(parameters),
+        "parameters": list(space.names),
         "period": POSE_PERIOD_S,
         "body": list(body),
         "marked": marked,
-        "worlds": [_scene(scene) for scene in scenes],
+        "worlds": [_scene(scene, space) for scene in scenes],
     }
     data = json.dumps(values, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("</", "<\\/")
     return read_bytes(TEMPLATE).replace(b"@BACK@", back.encode()).replace(b"@DATA@", data.encode())
 
 
-def _scene(scene: Scene) -> Dict[str, Any]:
-    world, course, drives = scene.world, scene.world.course, [_drive(drive) for drive in scene.drives]
+def _scene(scene: Scene, space: Space) -> Dict[str, Any]:
+    world = scene.world
+    course = world.course
+    drives = [_drive(shown, space) for shown in scene.drives]
     points = [np.cumsum(drive["p"], axis=0)[:, :2] / 100.0 for drive in drives]
     driven = np.concatenate([*points, np.array([course.start[:2]])])
     low, high = driven.min(axis=0), driven.max(axis=0)
@@ -119,20 +108,39 @@ def _scene(scene: Scene) -> Dict[str, Any]:
     }
 
 
-def _drive(drive: Drive) -> Dict[str, Any]:
+def _drive(shown: Shown, space: Space) -> Dict[str, Any]:
+    drive = shown.drive
+    goal = drive.goals[-1]
+    poses, speeds = _sampled(drive)
     values: Dict[str, Any] = {
-        "m": drive.method,
-        "k": drive.trial,
-        "t": round(drive.seconds, 1),
-        "ok": drive.success,
-        "hit": drive.collided,
-        "why": drive.reason,
-        "p": np.diff(np.rint(drive.poses * 100.0).astype(int), axis=0, prepend=0).tolist(),
-        "v": _whole(drive.speeds, 100),
+        "m": shown.method,
+        "k": shown.trial,
+        "t": round(goal.end - goal.begin, 1),
+        "ok": goal.status == REACHED,
+        "hit": bool(len(drive.contacts)),
+        "why": goal.reason,
+        "p": np.diff(np.rint(poses * 100.0).astype(int), axis=0, prepend=0).tolist(),
+        "v": _whole(speeds, 100),
     }
-    if len(drive.actions):
-        values.update(at=_whole(drive.decided, 100), a=_whole(drive.actions, 50))
+    if drive.decisions:
+        actions = [space.to_action(list(decision.after.values())) for decision in drive.decisions]
+        values.update(at=_whole([decision.time for decision in drive.decisions], 100), a=_whole(actions, 50))
     return values
+
+
+def _sampled(drive: Drive) -> Tuple[np.ndarray, np.ndarray]:
+    """Return poses (n, 3) and forward speeds (n,) of a drive, one per POSE_PERIOD_S and the last one."""
+    drive.require("truth")
+    assert drive.truth is not None
+    motion = drive.truth
+    begin = motion.time[0]
+    end = motion.time[-1]
+    times = np.unique(np.append(np.arange(begin, end, POSE_PERIOD_S), end))
+    x = np.interp(times, motion.time, motion.pose[:, 0])
+    y = np.interp(times, motion.time, motion.pose[:, 1])
+    yaw = np.interp(times, motion.time, np.unwrap(motion.pose[:, 2]))
+    speeds = np.interp(times, motion.time, motion.twist[:, 0])
+    return np.column_stack([x, y, yaw]), speeds
 
 
 def _near(obstacles: np.ndarray, radius: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:

@@ -7,12 +7,12 @@ needs about 100,000 steps; this example only shows the procedure.
 
 import argparse
 
-import training.env
 import gymnasium
 import numpy as np
 from stable_baselines3 import TD3
 from stable_baselines3.common.noise import NormalActionNoise
 
+import training.env
 from applr_ros1.policy import actor
 
 

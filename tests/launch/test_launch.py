@@ -152,20 +152,23 @@ def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, tim
     values, _, robot, world = demo_tool.prepare(["world:=generated:0", f"goal:={goal}"])
     observer = object.__new__(demo_tool.Observer)
     observer.world, observer._tolerance, observer._frame = world, robot.goal_tolerance, "odom"
-    observer.track, observer.contacts, yaw = [(1.0, *world.course.start, speed, 0.0)], [], world.course.start[2]
+    observer._names, observer._theta, observer._recorder = (), (), None
+    observer.moved(demo_tool.Motion(1.0, world.course.start, (speed, 0.0)))
 
     def check():
-        """Advance the track by 0.1 s."""
-        now, x, y, *_ = observer.track[-1]
-        at = x + 0.1 * speed * math.cos(yaw), y + 0.1 * speed * math.sin(yaw)
-        observer.track.append((now + 0.1, *at, yaw, speed, 0.0))
+        """Move on by 0.1 s."""
+        now, (x, y, yaw), twist = observer._latest
+        pose = x + 0.1 * speed * math.cos(yaw), y + 0.1 * speed * math.sin(yaw), yaw
+        observer.moved(demo_tool.Motion(now + 0.1, pose, twist))
 
     def state():
         ended = GoalStatus.ABORTED if goal == "auto" else GoalStatus.SUCCEEDED
-        return ended if observer.track[-1][0] - 1.0 >= gives_up_at - 1e-6 else GoalStatus.ACTIVE
+        return ended if observer._latest.time - 1.0 >= gives_up_at - 1e-6 else GoalStatus.ACTIVE
 
     observer._client = client = Mock(get_state=state, get_goal_status_text=lambda: "no way")
-    assert observer.drive(values["sent"], 2.0, check) == (pytest.approx(time, abs=0.11), reason)
+    drive = observer.drive(values["sent"], 2.0, check)
+    assert (drive.goals[-1].end, drive.goals[-1].reason) == (pytest.approx(time, abs=0.11), reason)
+    assert drive.truth.length == pytest.approx(speed * drive.goals[-1].end)
     assert client.send_goal.call_args.args[0].target_pose.header.frame_id == "odom"
     client.cancel_goal.assert_called_once_with()
 

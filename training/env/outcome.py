@@ -161,8 +161,7 @@ def _measure_motion(outcome: Outcome, drive: Drive, goal: Goal, leg: Leg) -> Non
     intervals = np.diff(motion.time)
     if not len(intervals):
         return
-    steps = np.diff(motion.pose[:, :2], axis=0)
-    outcome.path_length_m = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+    outcome.path_length_m = motion.length
     accelerations = np.diff(motion.twist, axis=0) / intervals[:, None]
     jerks = np.diff(accelerations[:, 0]) / intervals[1:]
     outcome.mean_jerk = float(np.abs(jerks).sum() / len(intervals))

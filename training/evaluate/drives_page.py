@@ -11,7 +11,8 @@ from typing import List
 import numpy as np
 
 from applr_ros1.common.files import write_bytes
-from applr_ros1.drives.page import Drive, Scene, page
+from applr_ros1.drives.drive import ABORTED, REACHED, Goal
+from applr_ros1.drives.page import Scene, Shown, page
 from training.common.folders import make_folder
 from training.evaluate.figures import colors
 from training.evaluate.stored import Results
@@ -19,7 +20,6 @@ from training.evaluate.table import read_trace
 
 FILE = "drives.html"
 BACK = '<a href="index.html">report</a>'
-EVERY = 4  # number of control cycles between two poses on the page
 MOST_TRIALS = 10  # largest number of drives per method and world on the page
 
 
@@ -33,22 +33,21 @@ def write(results: Results, out: Path, title: str) -> bool:
     if scenes:
         shade, marked = colors(results), bool(results.settings.get("movers"))
         methods = {method: shade[method] for method in results.methods}
-        made = page(title, methods, results.space.names, results.robot["body"], scenes, marked, BACK)
+        made = page(title, methods, results.space, results.robot["body"], scenes, marked, BACK)
         write_bytes(make_folder(out) / FILE, made)
     return bool(scenes)
 
 
-def _drives(results: Results, world: str, method: str, place: int) -> List[Drive]:
-    """Return the drives of a method in a world for which traces were kept."""
-    drives = []
+def _drives(results: Results, world: str, method: str, place: int) -> List[Shown]:
+    """Return the drives of a method in a world for which paths were kept."""
+    shown = []
     for row in results.of(method, [world]).head(MOST_TRIALS).itertuples():
-        trace = read_trace(results.folder, world, method, row.trial)
-        if trace is None or not len(trace["pose"]):
+        drive = read_trace(results.folder, world, method, row.trial)
+        if drive is None:
             continue
-        last = len(trace["pose"]) - 1
-        rows = np.unique(np.append(np.arange(0, last, EVERY), last))
-        poses, speeds = trace["pose"][rows], trace["twist"][rows, 0]
-        how = row.time_s, row.success, row.collided, row.reason
-        actions = np.array([results.space.to_action(theta) for theta in trace["theta"]])
-        drives.append(Drive(place, row.trial, *how, poses, speeds, trace["decided"], actions))
-    return drives
+        status = REACHED if row.success else ABORTED
+        drive.goals = [Goal(world, 0.0, row.time_s, status, row.reason)]
+        if row.collided:
+            drive.contacts = np.array([row.time_s])  # When the robot touched something is not in the table.
+        shown.append(Shown(place, row.trial, drive))
+    return shown

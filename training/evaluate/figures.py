@@ -8,6 +8,7 @@ from typing import Any, Dict, Iterator, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.drives.drive import Drive
 from training.evaluate.stored import Results
 from training.evaluate.table import read_trace
 from worlds import World
@@ -40,7 +41,11 @@ def write(results: Results, folder: Path) -> Iterator[Tuple[str, str]]:
         order = f"ordered by {results.baseline}'s time, with linear fits"
         yield "times.png", f"Traversal time against world index, {order} (the paper's figure of its environments)"
     pairs = product(results.worlds, results.methods)
-    traces = {pair: trace for pair in pairs if (trace := read_trace(results.folder, *pair, 0)) is not None}
+    traces = {}
+    for pair in pairs:
+        drive = read_trace(results.folder, *pair, 0)
+        if drive is not None:
+            traces[pair] = drive
     traced = [w for w in results.worlds if all((w, m) in traces for m in results.methods)]
     ordered = results.by_difficulty([w for w in traced if w != "physical_course"])
     changing = [m for m in results.methods if "parameters" not in results.settings["methods"].get(m, {})]
@@ -80,9 +85,14 @@ def times(results: Results, sets: Sequence[str]) -> Any:
     return figure
 
 
-def profile(results: Results, world: World, method: str, trace: Dict[str, np.ndarray]) -> Any:
+def profile(results: Results, world: World, method: str, drive: Drive) -> Any:
     """Draw a method's parameters along one course, regions coloured (paper, Fig. 5)."""
-    space, path = results.space, trace["pose"][:, :2].astype(np.float64)
+    assert drive.truth is not None
+    space = results.space
+    time = drive.truth.time
+    path = drive.truth.pose[:, :2].astype(np.float64)
+    thetas = np.array([list(decision.after.values()) for decision in drive.decisions])
+    decided = [decision.time for decision in drive.decisions]
     regions = np.digitize(clearance(world, path), LIMITS)  # indices (n,) into REGIONS
     rows = max(2, (len(space) + 1) // 2)
     figure = _figure(12.6, 2.1 * rows)
@@ -96,15 +106,15 @@ def profile(results: Results, world: World, method: str, trace: Dict[str, np.nda
     low, high = path.min(axis=0) - AROUND_M, path.max(axis=0) + AROUND_M
     map_.set(title=f"{world.name}, {method}", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
     map_.legend(handles=lines, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), frameon=False)
-    begins = np.append(trace["decided"], max(trace["time"][-1], trace["decided"][-1]))
+    begins = np.append(decided, max(time[-1], decided[-1]))
     edges = np.flatnonzero(np.diff(regions)) + 1
     for i, name in enumerate(space.names):
         ax = figure.add_subplot(grid[i // 2, 1 + i % 2])
-        ax.stairs(trace["theta"][:, i], begins, color="black", baseline=None, lw=1.4)
+        ax.stairs(thetas[:, i], begins, color="black", baseline=None, lw=1.4)
         ax.axhline(space.theta0[i], color="grey", ls=":", lw=1)
         for first, end in zip(np.append(0, edges), np.append(edges, len(regions))):
             color = REGIONS[regions[first]][1]
-            ax.axvspan(trace["time"][first], trace["time"][end - 1], color=color, alpha=0.18, lw=0)
+            ax.axvspan(time[first], time[end - 1], color=color, alpha=0.18, lw=0)
         span = 0.05 * (space.high[i] - space.low[i])
         ax.set(ylim=(space.low[i] - span, space.high[i] + span), xlim=(0, begins[-1]))
         ax.set_title(name, fontsize=9)

@@ -15,11 +15,9 @@ from dataclasses import astuple, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Dict, Iterable, Optional, Sequence
 
-import numpy as np
-
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, read_json, write_bytes, write_json
-from applr_ros1.drives.drive import PATH_COLUMNS
+from applr_ros1.drives.drive import Drive
 from training.common.folders import Lock, make_folder
 from training.evaluate.trial import Result, Trial
 
@@ -113,17 +111,10 @@ def trace_name(world: str, method: str, trial: int) -> str:
     return "__".join(re.sub(r"[^\w.+-]", "-", str(part)) for part in (world, method, trial)) + ".npz"
 
 
-def read_trace(folder: os.PathLike[str] | str, world: str, method: str, trial: int) -> Optional[Dict[str, Any]]:
-    """Return the trace of a trial as {"time", "pose", "twist", "theta", "decided"}, or None if it was not kept.
-
-    "decided" has the times [s] at which the rows of "theta" were chosen.
-    """
+def read_trace(folder: os.PathLike[str] | str, world: str, method: str, trial: int) -> Optional[Drive]:
+    """Return the driven path of a trial as a Drive, or None if it was not kept."""
     path = Path(folder) / TRACES / trace_name(world, method, trial)
-    try:
-        with np.load(path) as arrays:
-            return {name: arrays[name] for name in PATH_COLUMNS}
-    except FileNotFoundError:
-        return None
+    return Drive.unpack(read_bytes(path)) if path.exists() else None
 
 
 def _key(trial: Trial) -> Any:

@@ -13,7 +13,7 @@ import math
 import os
 import sys
 import time
-from typing import Any, Callable, Dict, Iterator, List, Sequence, Set, Tuple
+from typing import Any, Callable, Dict, Iterator, NamedTuple, Optional, Sequence, Set, Tuple
 
 import actionlib
 import numpy as np
@@ -29,11 +29,13 @@ from applr_ros1.common.arguments import boolean, frame_prefix, number_within, po
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.progress import announced
-from applr_ros1.drives.page import POSE_PERIOD_S, Drive, Scene, page
+from applr_ros1.drives.drive import ABORTED, REACHED, TIMED_OUT, Decision, Drive, Goal
+from applr_ros1.drives.page import Scene, Shown, page
+from applr_ros1.drives.recorder import Recorder
 from applr_ros1.msg import Parameters
 from applr_ros1.nodes.conversions import GOAL_STATES, pose_stamped
 from applr_ros1.policy import methods
-from applr_ros1.policy.parameter_space import Space, space_of
+from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot, geometry, load
 from sim_bridge.ros_bridge import BASE_TIME_S
 
@@ -42,7 +44,6 @@ from .send_goal import course_goal
 
 STATUS = "/move_base/status"
 PROGRESS_PERIOD_S = 2.0  # interval between progress lines, in simulated time [s]
-REACHED, TIMED_OUT = "goal reached", "timed out"  # outcomes of a drive
 EXTRA = {"page": "applr_demo.html", "limit": "300"}  # defaults of the arguments that the launch file does not have
 COLOR = "#2ca02c"  # colour of the drive on its page
 USAGE = f"""usage: demo.py [ARG:=VALUE ...]
@@ -54,6 +55,14 @@ if the goal was reached.
   limit:={EXTRA["limit"]}             Simulated time [s] after which the drive counts as timed out, 1 to 3600.
 
 The other arguments are those of the launch file: roslaunch --ros-args applr_ros1 jackal_applr.launch"""
+
+
+class Motion(NamedTuple):
+    """True motion of the robot: ROS time [s], pose (x, y, yaw) [m, m, rad], twist (v [m/s], w [rad/s])."""
+
+    time: float
+    pose: Pose
+    twist: Tuple[float, float]
 
 
 def main() -> int:
@@ -109,34 +118,50 @@ def _drive(stack: Stack, values: Dict[str, Any], robot: Robot, world: worlds.Wor
     for part, up in observer.parts():
         stack.wait(part, up)
         report(f"{part:12} up after {time.monotonic() - began:.1f} s")
-    seconds, text = observer.drive(values["sent"], values["limit"], stack.check)
-    length = float(np.hypot(*np.diff(np.array(observer.track)[:, 1:3], axis=0).T).sum())
-    report(f"{text} after {seconds:.1f} s and {length:.2f} m{', with contact' if observer.contacts else ''}")
-    result.update(success=text == REACHED, collided=bool(observer.contacts), time_s=round(seconds, 2), reason=text)
-    result.update(timeout=text == TIMED_OUT, path_length_m=round(length, 3), page=None)
+    drive = observer.drive(values["sent"], values["limit"], stack.check)
+    assert drive.truth is not None
+    goal = drive.goals[-1]
+    has_touched = bool(len(drive.contacts))
+    contact = ", with contact" if has_touched else ""
+    report(f"{goal.reason} after {goal.end:.1f} s and {drive.truth.length:.2f} m{contact}")
+    result.update(
+        success=goal.status == REACHED,
+        collided=has_touched,
+        time_s=round(goal.end, 2),
+        reason=goal.reason,
+        timeout=goal.status == TIMED_OUT,
+        path_length_m=round(drive.truth.length, 3),
+        page=None,
+    )
     if values["page"] != "none":
         title = "{world}, {robot}, method {method}".format(**result)
-        space = space_of(robot)
-        scene = observer.scene(seconds, result, space)
-        write_bytes(values["page"], page(title, {result["method"]: COLOR}, space.names, robot.body.size[:2], [scene]))
+        scene = Scene(world.name, world, [Shown(0, 0, drive)], observer.began - BASE_TIME_S)
+        written = page(title, {result["method"]: COLOR}, space_of(robot), robot.body.size[:2], [scene])
+        write_bytes(values["page"], written)
         result["page"] = values["page"]
         report(result["page"])
 
 
 class Observer:
-    """Client of the running stack: sends the goal and records the drive. Call `parts`, then `drive`, then `scene`."""
+    """Client of the running stack: sends the goal and records the drive. Call `parts`, then `drive`.
+
+    Attributes:
+        began: ROS time of sending the goal [s].
+    """
 
     def __init__(self, robot: Robot, world: worlds.World, values: Dict[str, Any]):
-        self.world, self._tolerance = world, robot.goal_tolerance
+        self.world = world
+        self._tolerance = robot.goal_tolerance
         self._frame = frame_prefix(values["tf_prefix"]) + robot.frames.odom  # frame of the goal
-        scan = robot.topics.scan if values["scan_topic"] == "auto" else values["scan_topic"]
-        self.track: List[Any] = []  # true motion: (stamp [s], x, y, yaw, v, w)
-        self.contacts: List[float] = []  # times of contacts [s]
-        self.parameters: List[Any] = []  # parameter sets when they changed: (stamp [s], theta)
+        self._names = space_of(robot).names
+        self._latest: Optional[Motion] = None  # latest true motion
+        self._theta: Sequence[float] = ()  # latest parameters
+        self._recorder: Optional[Recorder] = None  # from the sending of the goal on
         self._up: Set[str] = set()  # topics on which a message has arrived
-        self._began: Any = None  # time of sending the goal [s]
+        self.began = 0.0
         self._client: Any = None
         rospy.init_node("demo", anonymous=True, disable_signals=True)
+        scan = robot.topics.scan if values["scan_topic"] == "auto" else values["scan_topic"]
         self._scan = "/" + scan.lstrip("/")
         for topic, kind in ((self._scan, rospy.AnyMsg), (STATUS, GoalStatusArray)):
             rospy.Subscriber(topic, kind, lambda _, topic=topic: self._up.add(topic), queue_size=1, buff_size=2**24)
@@ -146,54 +171,66 @@ class Observer:
 
     def parts(self) -> Iterator[Tuple[str, Callable[[], Any]]]:
         """Yield (name, function that returns whether the part is up) in the order of the start."""
-        yield "simulator", lambda: self._scan in self._up and self.track
+        yield "simulator", lambda: self._scan in self._up and self._latest is not None
         yield "move_base", self._move_base_up
-        yield "applr", lambda: self.parameters
+        yield "applr", lambda: self._theta
 
-    def drive(self, pose: Pose, limit: float, check: Callable[[], None]) -> Tuple[float, str]:
-        """Send the goal `pose` (x, y, yaw) in odom and return (simulated time [s], outcome) at the end of the drive.
+    def drive(self, pose: Pose, limit: float, check: Callable[[], None]) -> Drive:
+        """Send the goal `pose` (x, y, yaw) in odom, and return the drive with its goal's end.
 
         The drive times out after `limit` [s]. check() is called repeatedly, and its exceptions end the drive.
         """
-        self._began = self.track[-1][0]
-        self.track, self.contacts = self.track[-1:], []
+        recorder = self._begin()
         self._client.send_goal(MoveBaseGoal(pose_stamped(pose, self._frame, rospy.Time(0))))
         course = self.world.course
         line = f"to the finish line at y = {course.finish_y:g} m" if course.finish_y is not None else "ahead"
         report(f"goal sent   {course.length_m:.2f} m {line}")
-        printed, ended = self._began, ""
-        while not ended:
+        printed, status = 0.0, ""
+        while not status:
             time.sleep(0.01)
             check()
-            now, x, y, _, speed, _ = self.track[-1]
-            seconds = now - self._began
-            is_called = self._client.get_state() == GoalStatus.SUCCEEDED
-            if course.arrived(x, y, self._tolerance if is_called else None):
-                ended = REACHED
-            elif seconds >= limit:
-                ended = TIMED_OUT
-            elif self._client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE):
-                text = self._client.get_goal_status_text() or GOAL_STATES[self._client.get_state()]
-                ended = f"move_base gave up: {text}"
-            if now - printed >= PROGRESS_PERIOD_S:
+            assert self._latest is not None
+            seconds = self._latest.time - self.began
+            status, reason = self._end(seconds, limit)
+            if seconds - printed >= PROGRESS_PERIOD_S:
                 printed += PROGRESS_PERIOD_S
-                to_go = math.dist(course.goal[:2], (x, y)) if course.finish_y is None else max(0.0, course.finish_y - y)
-                touched = "   contact" if self.contacts and now - self.contacts[-1] < PROGRESS_PERIOD_S else ""
-                report(f"{seconds:6.1f} s    {to_go:5.2f} m to go   {speed:4.2f} m/s{touched}")
+                self._report_progress(seconds, recorder.drive)
+        recorder.goals.append(Goal("demo", 0.0, seconds, status, reason))
         self._client.cancel_goal()
-        return seconds, ended
+        return recorder.drive
 
-    def scene(self, seconds: float, result: Dict[str, Any], space: Space) -> Scene:
-        """Return the recorded drive, which took `seconds` [s], as the scene of its page."""
-        track = np.array(self.track, dtype=np.float64)
-        times = np.unique(np.append(np.arange(0.0, seconds, POSE_PERIOD_S), seconds))
-        columns = (*track[:, 1:3].T, np.unwrap(track[:, 3]), track[:, 4])
-        *poses, speeds = (np.interp(times, track[:, 0] - self._began, column) for column in columns)
-        changes = [(max(0.0, t - self._began), space.to_action(theta)) for t, theta in self.parameters]
-        how = (result["time_s"], result["success"], result["collided"], result["reason"])
-        decided, actions = [time for time, _ in changes], np.array([action for _, action in changes])
-        drive = Drive(0, 0, *how, np.column_stack(poses), speeds, decided, actions)
-        return Scene(self.world.name, self.world, [drive], self._began - BASE_TIME_S)
+    def _begin(self) -> Recorder:
+        """Start recording with the latest motion and parameters."""
+        assert self._latest is not None
+        self.began = self._latest.time
+        self._recorder = Recorder(self.world)
+        self._recorder.moved(0.0, self._latest.pose, self._latest.twist)
+        self._record_parameters(0.0)
+        return self._recorder
+
+    def _end(self, seconds: float, limit: float) -> Tuple[str, str]:
+        """Return how the drive has ended, and why in words; ("", "") while it goes on."""
+        assert self._latest is not None
+        x, y, _ = self._latest.pose
+        state = self._client.get_state()
+        tolerance = self._tolerance if state == GoalStatus.SUCCEEDED else None
+        if self.world.course.arrived(x, y, tolerance):
+            return REACHED, "goal reached"
+        if seconds >= limit:
+            return TIMED_OUT, "timed out"
+        if state not in (GoalStatus.PENDING, GoalStatus.ACTIVE):
+            text = self._client.get_goal_status_text() or GOAL_STATES[state]
+            return ABORTED, f"move_base gave up: {text}"
+        return "", ""
+
+    def _report_progress(self, seconds: float, drive: Drive) -> None:
+        assert self._latest is not None
+        x, y, _ = self._latest.pose
+        course = self.world.course
+        to_go = math.dist(course.goal[:2], (x, y)) if course.finish_y is None else max(0.0, course.finish_y - y)
+        has_touched = (drive.contacts > seconds - PROGRESS_PERIOD_S).any()
+        touched = "   contact" if has_touched else ""
+        report(f"{seconds:6.1f} s    {to_go:5.2f} m to go   {self._latest.twist[0]:4.2f} m/s{touched}")
 
     def _move_base_up(self) -> bool:
         if self._client is None:
@@ -202,15 +239,29 @@ class Observer:
         ends = (action.pub_goal, action.pub_cancel, action.result_sub)
         return STATUS in self._up and all(end.get_num_connections() > 0 for end in ends)
 
+    def moved(self, motion: Motion) -> None:
+        """Take the robot's true motion."""
+        self._latest = motion
+        if self._recorder is not None:
+            self._recorder.moved(motion.time - self.began, motion.pose, motion.twist)
+
     def _on_pose(self, message: Odometry) -> None:
-        pose, twist = message.pose.pose, message.twist.twist
-        at = (pose.position.x, pose.position.y, yaw_of(pose.orientation))
-        self.track.append((message.header.stamp.to_sec(), *at, twist.linear.x, twist.angular.z))
+        position = message.pose.pose.position
+        pose = (position.x, position.y, yaw_of(message.pose.pose.orientation))
+        twist = (message.twist.twist.linear.x, message.twist.twist.angular.z)
+        self.moved(Motion(message.header.stamp.to_sec(), pose, twist))
 
     def _on_contact(self, message: Bool) -> None:
-        if message.data and self.track:
-            self.contacts.append(self.track[-1][0])
+        if message.data and self._recorder is not None and self._latest is not None:
+            self._recorder.touched(self._latest.time - self.began)
 
     def _on_parameters(self, message: Parameters) -> None:
-        if message.names and (not self.parameters or self.parameters[-1][1] != message.values):
-            self.parameters.append((message.header.stamp.to_sec(), message.values))
+        if message.names and self._theta != message.values:
+            self._theta = message.values
+            self._record_parameters(message.header.stamp.to_sec() - self.began)
+
+    def _record_parameters(self, seconds: float) -> None:
+        """Record the latest parameters as a decision, if the drive has begun."""
+        if self._recorder is not None:
+            values = dict(zip(self._names, self._theta))
+            self._recorder.decisions.append(Decision("demo", seconds, seconds, {}, values, None))

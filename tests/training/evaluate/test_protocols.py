@@ -51,10 +51,10 @@ def test_dynabarn_is_driven(tmp_path):
     assert rows[0]["success"], rows
     assert 18.0 < rows[0]["path_length_m"] < 26.0
     assert rows[0]["time_s"] > 18.0
-    trace = read_trace(tmp_path / "out", "world_3", "fast", 0)
-    assert np.allclose(np.abs(trace["pose"][0]), [11.0, 0.0, np.pi], atol=0.1)
+    motion = read_trace(tmp_path / "out", "world_3", "fast", 0).truth
+    assert np.allclose(np.abs(motion.pose[0]), [11.0, 0.0, np.pi], atol=0.1)
     mover = worlds.load(path).movers[0]
-    gap = [np.hypot(*(pose[:2] - mover.position(t))) - mover.radius for t, pose in zip(trace["time"], trace["pose"])]
+    gap = [np.hypot(*(pose[:2] - mover.position(t))) - mover.radius for t, pose in zip(motion.time, motion.pose)]
     assert 0.1 < min(gap) < 3.0
     drive(tmp_path / "out", *given)
     with open(tmp_path / "out" / "report" / "rates.csv") as file:
@@ -81,9 +81,9 @@ def test_the_challenges_rules_apply_and_the_report_has_its_metric(tmp_path):
     assert free["success"]
     assert not free["collided"]
     assert 18.0 < free["time_s"] < 100.0
-    trace = read_trace(tmp_path / "out", "generated:2", "dwa", 0)
-    assert np.allclose(trace["pose"][0], [-2.25, 3.0, np.pi / 2], atol=0.1)
-    assert abs(np.hypot(*(trace["pose"][-1][:2] - (-2.25, 13.0))) - 1.0) < 0.1
+    driven = read_trace(tmp_path / "out", "generated:2", "dwa", 0).truth
+    assert np.allclose(driven.pose[0], [-2.25, 3.0, np.pi / 2], atol=0.1)
+    assert abs(np.hypot(*(driven.pose[-1][:2] - (-2.25, 13.0))) - 1.0) < 0.1
     assert hit["collided"]
     assert not hit["success"]
     assert not hit["timeout"]

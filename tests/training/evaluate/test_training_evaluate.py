@@ -278,5 +278,5 @@ def test_traces_are_stored_beside_the_table(tmp_path):
         with pytest.raises(ApplrError, match="another"):
             Trials(tmp_path, {"worlds": ["generated:0"]})
         table.add(plan[0], Result(time_s=1.0), drive.pack())
-    assert read_trace(tmp_path, "generated:0", "dwa", 0)["pose"].shape == (2, 3)
+    assert read_trace(tmp_path, "generated:0", "dwa", 0).truth.pose.shape == (2, 3)
     assert read_trace(tmp_path, "generated:0", "dwa", 1) is None
