@@ -1,4 +1,7 @@
-"""Costs of trials [s]: the score by which methods are compared, and the cost functions of tune's objectives."""
+"""Costs of trials [s]: the score by which methods are compared, and the cost functions of tune's objectives.
+
+Reports, the selection of the best policy and the verdict on it compare methods by the same score, `seconds`.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +17,20 @@ from training.evaluate.trial import Result
 
 Cost = Callable[[Result], float]  # returns the cost of a trial [s]; less is better
 
-FAILURE_SECONDS = TIME_LIMIT  # time that a failed trial counts as [s]
-CONTACT_SECONDS = 5.0  # penalty that a contact adds to the score of a trial [s]
+FAILURE_SECONDS = TIME_LIMIT  # time that a failed trial counts as, however early it failed [s]
 
 
-def seconds(result: Result) -> float:
-    """Return a trial's score [s]: its time, or FAILURE_SECONDS if it failed; plus CONTACT_SECONDS after a contact."""
-    return (result.time_s if result.success else FAILURE_SECONDS) + CONTACT_SECONDS * result.collided
+def seconds(trials: Any) -> Any:
+    """Return the score [s]: the time of a trial that succeeded, FAILURE_SECONDS for a trial that failed.
+
+    Args:
+        trials: A Result, or a table with a row for each trial and the columns `success` and `time_s`.
+
+    Returns:
+        A number for a Result, an array (n,) for a table with n rows.
+    """
+    scores = np.where(trials.success, trials.time_s, FAILURE_SECONDS)
+    return scores[()]  # A number instead of an array without dimensions.
 
 
 class Aim(NamedTuple):

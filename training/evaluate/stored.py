@@ -16,7 +16,7 @@ from applr_ros1.common.files import read_json
 from applr_ros1.policy.parameter_space import Space
 from training.env.settings import under
 from training.evaluate.compare import Comparison, compare
-from training.evaluate.score import FAILURE_SECONDS
+from training.evaluate.score import seconds
 from training.evaluate.table import SETTINGS, TRIALS, read_trials
 from training.evaluate.trial import BASELINE
 from worlds import World, barn
@@ -32,8 +32,8 @@ class Results:
         folder: Folder of an evaluation.
 
     Attributes:
-        trials: A row per trial with the columns of trials.csv, "set" (group of the world), and "counted": time of the
-            trial, or the time limit if the trial failed for any reason [s].
+        trials: A row per trial with the columns of trials.csv, "set" (group of the world), and "score" [s] (seconds()
+            in score.py).
 
     Raises:
         ApplrError: There are no trials, or the folder cannot be read.
@@ -50,9 +50,7 @@ class Results:
         self.space = Space.from_metadata(self.robot["space"], self.robot["name"])
         moving = self.settings["worlds_with_movers"]
         set_of_world = {name: "Other" if name in moving else set_of(name) for name in trials.world.unique()}
-        self.trials = trials.assign(
-            set=trials.world.map(set_of_world), counted=trials.time_s.where(trials.success, FAILURE_SECONDS)
-        )
+        self.trials = trials.assign(set=trials.world.map(set_of_world), score=seconds(trials))
         self.methods: List[str] = trials.method.unique().tolist()
         self.worlds: List[str] = trials.world.unique().tolist()
         self.baseline = BASELINE if BASELINE in self.methods else self.methods[0]
@@ -75,8 +73,8 @@ class Results:
 
     @property
     def scores(self) -> pd.DataFrame:
-        """Means of "counted": a row for each world, a column for each method."""
-        return self.trials.groupby(["world", "method"], sort=False).counted.mean().unstack()
+        """Mean scores [s]: a row for each world, a column for each method."""
+        return self.trials.groupby(["world", "method"], sort=False).score.mean().unstack()
 
     def compare(self, method: str, other: str, worlds: Sequence[str]) -> Comparison:
         """Compare two methods over those of `worlds` in which both have trials."""
@@ -85,7 +83,7 @@ class Results:
         return compare(ours[both], theirs[both])
 
     def by_difficulty(self, worlds: Sequence[str]) -> List[str]:
-        """Return the worlds sorted by the baseline's mean time over all trials, fastest first."""
+        """Return the worlds sorted by the baseline's score, fastest first."""
         scores = self.scores[self.baseline].reindex(worlds).dropna()
         return sorted(scores.index, key=lambda world: (scores[world], world))
 

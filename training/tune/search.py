@@ -37,7 +37,7 @@ class Raced(NamedTuple):
     def __str__(self) -> str:
         means = summary(self.results)
         how = f"{100 * means['success']:.0f} % arrive, {100 * means['collided']:.0f} % touch something"
-        return f"score {self.costs.mean():.2f} in {means['trials']} drives ({how}, metric {means['metric']:.3f})"
+        return f"cost {self.costs.mean():.2f} s in {means['trials']} drives ({how}, metric {means['metric']:.3f})"
 
 
 def plan_sets(

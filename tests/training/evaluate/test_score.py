@@ -13,46 +13,85 @@ from applr_ros1.policy.actor import forward, save
 from applr_ros1.policy.dimensionless import SIZE, DimensionlessEncoding
 from applr_ros1.robots import JACKAL, load
 from applr_ros1.robots.learned import OUTPUTS
+from tests.support.toy_runner import SETTINGS
 from training.env.env import ApplrEnv
 from training.env.settings import TrialSettings
 from training.evaluate import runner, score
 from training.evaluate.periodic import CHOOSING, THETA0, PeriodicEvaluation
+from training.evaluate.stored import Results
+from training.evaluate.table import Trials
 from training.evaluate.trial import POLICY, Result, plan_trials
+from training.evaluate.verdict import paired_trials
 from training.train.td3.td3 import TD3, TD3Options
 from training.workers.collect import policy_layers
 from training.workers.pool import Pool
 
+ARRIVED_WITH_A_CONTACT = Result(success=True, collided=True, time_s=20.0)
+FAILED_EARLY = Result(success=False, time_s=7.0)
+FAILED_WITH_A_CONTACT = Result(success=False, collided=True, time_s=3.0)
 
-def test_the_score_counts_a_failure_as_the_time_limit():
-    """Periodic evaluations, searches and the comparison of simulators use this score."""
-    won, lost = Result(True, True, False, 20.0), Result(False, False, False, 7.0)
-    assert score.seconds(won) == 25.0
-    assert score.seconds(replace(lost, collided=True)) == 105.0
-    means = score.summary([won, lost])
-    assert (means["score"], means["time_s"], means["success"], means["collided"]) == (62.5, 20.0, 0.5, 0.5)
-    assert score.summary([lost])["time_s"] is None
+
+@pytest.mark.parametrize(
+    ("result", "seconds"),
+    [(ARRIVED_WITH_A_CONTACT, 20.0), (FAILED_EARLY, 100.0), (FAILED_WITH_A_CONTACT, 100.0)],
+)
+def test_the_score_is_the_time_and_100_s_after_any_failure(result, seconds):
+    assert score.seconds(result) == seconds
+
+
+def test_the_summary_of_trials_has_their_mean_score_and_the_mean_time_of_successes():
+    means = score.summary([ARRIVED_WITH_A_CONTACT, FAILED_EARLY])
+    assert means["score"] == 60.0
+    assert means["time_s"] == 20.0
+    assert means["success"] == means["collided"] == 0.5
+    assert score.summary([FAILED_EARLY])["time_s"] is None
+
+
+def test_reports_verdicts_and_periodic_evaluations_have_the_same_score(tmp_path):
+    """The selection of a policy and the report on it would otherwise disagree about which policy is better."""
+    results = [ARRIVED_WITH_A_CONTACT, FAILED_EARLY, FAILED_WITH_A_CONTACT]
+    plan = plan_trials([("generated:1", "generated:1")], [("dwa", "dwa")], len(results), seed=0)
+    driven = dict(zip(plan, results))
+    expected = 220.0 / 3.0
+
+    settings = {**SETTINGS, "worlds": ["generated:1"], "world_specs": ["generated:1"]}
+    table = Trials(tmp_path, settings)
+    for trial, result in driven.items():
+        table.add(trial, result)
+    assert Results(tmp_path).scores.loc["generated:1", "dwa"] == pytest.approx(expected)
+
+    assert paired_trials(driven, ["dwa"]).score.mean() == pytest.approx(expected)
+    assert score.summary(results)["score"] == pytest.approx(expected)
 
 
 def test_barn_metric_by_hand():
     success, collided = np.array([True, True, True, False]), np.array([False, False, True, False])
     seconds = np.array([6.0, 30.0, 20.0, 100.0])
-    assert score.barn_metric(success, collided, seconds, np.full(4, 7.0)) == pytest.approx([0.5, 3.5 / 28.0, 0.0, 0.0])
+    assert score.barn_metric(success, collided, seconds, np.full(4, 7.0)) == pytest.approx(
+        [0.5, 3.5 / 28.0, 0.0, 0.0]
+    )
 
 
 def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
     """Runner and plan are the same. The seeds differ, so that no trial is used for both selection and evaluation."""
     worlds = [("generated:8", "generated:8")]
     (trial,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
-    assert trial.seed not in {t.seed for seed in range(200) for t in plan_trials(worlds, [("dwa", "dwa")], 20, seed)}
+    assert trial.seed not in {
+        t.seed for seed in range(200) for t in plan_trials(worlds, [("dwa", "dwa")], 20, seed)
+    }
     result = runner.TrialRunner(TrialSettings()).run(trial)
-    faster = runner.TrialRunner(TrialSettings(period=1.0)).run(trial)  # the decision period of a training
+    faster = runner.TrialRunner(TrialSettings(period=1.0)).run(
+        trial
+    )  # the decision period of a training
     assert faster.decisions == math.ceil(faster.time_s)
 
     def run(task, weights):
         assert task == trial
         return result, b""
 
-    line = PeriodicEvaluation(tmp_path, worlds, 100, 3).drive(THETA0, Pool(0), run, b"", step=0, version=0)
+    line = PeriodicEvaluation(tmp_path, worlds, 100, 3).drive(
+        THETA0, Pool(0), run, b"", step=0, version=0
+    )
     assert line["score"] == pytest.approx(result.time_s, abs=1e-4)
     assert line["score"] < 100.0
 
@@ -120,7 +159,10 @@ def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
         if number is not None:
             result = Result(True, time_s=1.0 + step), b""
             run = partial(lambda result, trial, weights: result, result)
-            assert periodic.drive(number, Pool(0), run, b"%d" % step, step=step, version=0)["score"] == 1.0 + step
+            assert (
+                periodic.drive(number, Pool(0), run, b"%d" % step, step=step, version=0)["score"]
+                == 1.0 + step
+            )
     assert periodic.due(170, True) is None
     other = PeriodicEvaluation(tmp_path / "other", [("w", "w")], 100, 0)
     assert [other.due(step, default=False) for step in (0, 99, 100)] == [None, None, 1]

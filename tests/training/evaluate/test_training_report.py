@@ -162,7 +162,7 @@ def test_means_are_compared_over_the_same_worlds(folder):
     joined = Results(folder)
     easy = joined.of_set("Test")[:4]
     joined.trials = joined.trials[(joined.trials.method != METHODS[2]) | joined.trials.world.isin(easy)]
-    base, other = (joined.of(method, easy).counted.mean() for method in ("dwa", METHODS[2]))
+    base, other = (joined.of(method, easy).score.mean() for method in ("dwa", METHODS[2]))
     rows = tables.table_1(joined).rows.set_index(["worlds", "method"])
     assert float(rows["faster than dwa [s]"]["Test", METHODS[2]]) == pytest.approx(base - other, abs=0.006)
 
