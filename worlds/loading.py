@@ -30,11 +30,29 @@ MADE = ("fresh:", "final:", "dynamic:")  # prefixes of worlds that are generated
 
 
 class _Recipe(NamedTuple):
-    """Recipe of numbered worlds: generator, numbers of a split by its name, and end (exclusive) of the numbers."""
+    """Recipe of numbered worlds.
+
+    Attributes:
+        make: Generator of a world with a number.
+        split: Function that returns the numbers of a split by its name.
+        end: End (exclusive) of the numbers that have no split of their own.
+        has: Function that returns whether there is a world with a number; None if `end` decides.
+    """
 
     make: Callable[[int], World]
     split: Callable[[str], Optional[Sequence[int]]]
     end: int
+    has: Optional[Callable[[int], bool]] = None
+
+    def numbers(self, part: str) -> Optional[Sequence[int]]:
+        """Return the numbers of a split, of a number such as "7" or of a range such as "0-9"."""
+        match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", part, re.ASCII)
+        if match is None:
+            return self.split(part)
+        first = int(match.group(1))
+        last = int(match.group(2) or first)
+        exists = last < self.end if self.has is None else self.has(last)
+        return range(first, last + 1) if exists else None
 
 
 def _fresh(number: int) -> World:
@@ -55,15 +73,18 @@ _RECIPES = {
 }
 
 
-_building = functools.lru_cache(maxsize=4)(map_courses.Building)
+@functools.lru_cache(maxsize=4)
+def building(path: str, radius: float) -> map_courses.Building:
+    """Return the building of a map for a robot within a circle of `radius` [m]."""
+    return map_courses.Building(path, radius)
 
 
 def _recipe(name: str, radius: float) -> Optional[_Recipe]:
     """Return the recipe of a name or of the path of a map; None if there is none."""
     if not name.endswith(".yaml"):
         return _RECIPES.get(name)
-    building = _building(name, radius)
-    return _Recipe(building.course, building.numbers, len(building.starts))
+    courses = building(name, radius)
+    return _Recipe(courses.course, courses.numbers, courses.count, courses.has)
 
 
 def load(spec: str, radius: float = RADIUS_M) -> World:
@@ -123,9 +144,12 @@ def specs(spec: str, radius: float = RADIUS_M) -> List[str]:
     name, _, part = text.partition(":")
     recipe = _recipe(name, radius)
     if recipe:
-        match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", part, re.ASCII)
-        first, last = (int(match.group(1)), int(match.group(2) or match.group(1))) if match else (0, -1)
-        numbers = recipe.split(part) or (range(first, last + 1) if last < recipe.end else ())
+        numbers = recipe.numbers(part)
+        if numbers is not None and not numbers and part in map_courses.HALVES:
+            raise ApplrError(
+                f"{name}: none of its {recipe.end} courses stays in one half of the floor; "
+                f"give {name}:0-{recipe.end - 1}, or a map with more floor"
+            )
         if not numbers:
             raise ApplrError(f"no worlds {text!r} of {name}:0 to {name}:{recipe.end - 1}; give {SPECIFICATIONS}")
         return [f"{name}:{number}" for number in numbers]

@@ -1,105 +1,287 @@
 """Courses through the building of a map: the worlds `office.yaml`, of which `office.yaml:7` is one.
 
-Starts are drawn over the whole floor that the robot reaches, and each goal over all cells at 5 to 15 m of path. The
-courses depend on the map and on the radius of the circle around the robot only.
+Starts are drawn over the whole floor that the robot reaches, and each goal over all cells at 5 to
+15 m of path. A small floor has shorter courses as well. For a search and the verdict on it, courses
+stay in either half of the floor. The courses depend on the map and on the radius of the circle
+around the robot only.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 import os
-from typing import Dict, Optional, Sequence
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 import scipy
 
 from applr_ros1.common.angles import outside_box, transform_point
-from applr_ros1.common.arrays import Ints
+from applr_ros1.common.arrays import Array, Ints
 from applr_ros1.common.errors import ApplrError
 
 from . import barn, map_reader, search
-from .world import Course, World
+from .search import Cells
+from .world import Course, Grid, World
+
+
+class Size(NamedTuple):
+    """Range of the lengths of the paths [m], and smallest distance to the start of a course [m]."""
+
+    shortest_m: float
+    longest_m: float
+    apart_m: float
+
 
 CLEARANCE_M = 0.05  # distance of the robot's circle from obstacles and unknown cells on a path [m]
-SHORTEST_M, LONGEST_M = 5.0, 15.0  # range of the lengths of the paths [m]
-APART_M = 1.0  # smallest distance between two starts [m]
+# Sizes of courses in the order in which they are drawn. The second and third are for a floor with
+# few courses of the first, such as a room of 4 x 4 m, which has none.
+SIZES = (Size(5.0, 15.0, 1.0), Size(2.5, 7.5, 0.5), Size(2.0, 4.0, 0.25))
 VISIBLE_M = 12.0  # distance from the path up to which obstacles are kept [m]
 AHEAD_M = 0.5  # part of the path along which start and goal are directed [m]
-MOST, TRIES = 100, 20_000  # largest number of courses, and number of cells drawn as their starts
+MOST = 100  # largest number of courses anywhere on the floor
+ENOUGH = 20  # number of courses, on the floor and in each half, up to which shorter ones are drawn
+TRIES = 20_000  # number of cells drawn as starts
 SEED = 20261127
-ENDS_M = 1.25  # part of the path at each end that is no passage, because a goal may be in a corner [m]
+ENDS_M = 1.25  # part of the path at each end that is no passage, as a goal may be in a corner [m]
 WIDEST_M = 3.0  # largest width of a passage [m]
-RAYS = np.arange(32) * math.pi / 16  # directions in which the width of a passage is measured [rad]
+RAYS = np.arange(32) * math.pi / 16  # directions in which a passage's width is measured [rad]
+HALVES = ("choose", "report")  # names of the courses in the lower and in the upper half of a floor
+
+
+class Floor:
+    """Connected floor of a building, on which the robot's centre can move.
+
+    Args:
+        cells: Cells of the floor, none of them on the edge of the map.
+        resolution: Edge of a cell [m].
+    """
+
+    def __init__(self, cells: Cells, resolution: float) -> None:
+        self.cells = cells
+        self._resolution = resolution
+
+    @functools.cached_property
+    def _graph(self) -> Any:
+        return search.grid_graph(self.cells)
+
+    def draw(self, sizes: Sequence[Size], others: Sequence[Draw], most: int) -> List[Draw]:
+        """Draw courses of the first size, then of the next, until there are `most`.
+
+        Args:
+            sizes: Sizes of the courses.
+            others: Courses that exist already, from whose starts others keep their distance.
+            most: Largest number of courses, with those that exist already.
+        """
+        draws: List[Draw] = []
+        starts = np.array([other.start for other in others], np.int64).reshape(-1, 2)
+        floor = np.argwhere(self.cells)
+        if not len(floor):
+            return draws
+        rng = np.random.default_rng(SEED)
+        drawn = rng.choice(floor, min(TRIES, len(floor)), replace=False)
+
+        # A path is at least as long as the floor's extent from its start along an axis, so the
+        # floor has a goal for every start with such an extent.
+        extents = np.maximum(drawn - floor.min(axis=0), floor.max(axis=0) - drawn)
+        reach = self._resolution * extents.max(axis=1)
+        for size in sizes:
+            for cell in drawn[reach >= size.shortest_m]:
+                if len(starts) >= most:
+                    return draws
+                away = self._resolution * np.hypot(*(starts - cell).T)
+                if (away >= size.apart_m).all():
+                    starts = np.vstack([starts, cell])
+                    draws.append(Draw(self, cell, size))
+        return draws
+
+    def path(self, draw: Draw, number: int) -> Ints:
+        """Draw the goal of course `number`, and return the cells (k, 2) of the way to it."""
+        shortest = draw.size.shortest_m / self._resolution
+        longest = draw.size.longest_m / self._resolution
+        start = np.ravel_multi_index(tuple(draw.start), self.cells.shape)
+        lengths, predecessors = scipy.sparse.csgraph.dijkstra(
+            self._graph, directed=True, indices=start, return_predecessors=True, limit=longest
+        )
+        goals = np.flatnonzero((lengths >= shortest) & (lengths <= longest))
+        # A course has random numbers of its own, so that it does not depend on other courses.
+        cells = [np.random.default_rng([SEED, number]).choice(goals)]
+        while cells[-1] != start:
+            cells.append(predecessors[cells[-1]])
+        return np.column_stack(np.unravel_index(cells[::-1], self.cells.shape))
+
+
+class Draw(NamedTuple):
+    """Course as drawn: the floor that it may cross, its start cell (2,) and its size."""
+
+    floor: Floor
+    start: Ints
+    size: Size
 
 
 class Building:
-    """Building of a map, with courses for a robot within a circle of `radius` [m]. Raises ApplrError if it has none."""
+    """Building of a map, with courses for a robot within a circle.
+
+    The first courses lie anywhere on the floor. If few of them stay in one half of it, more courses
+    with higher numbers are drawn within this half.
+
+    Args:
+        path: File of the map.
+        radius: Radius of the circle around the robot [m].
+
+    Attributes:
+        count: Number of the courses that lie anywhere on the floor.
+
+    Raises:
+        ApplrError: The map cannot be read, or the robot has no course in a closed room.
+    """
 
     def __init__(self, path: str, radius: float) -> None:
-        self._name, self._grid = os.path.basename(path), map_reader.read_map(path)
+        self._name = os.path.basename(path)
+        self._grid = map_reader.read_map(path)
+        if not map_reader.is_occupied(self._grid.cells).any():
+            raise ApplrError(f"{path} has no occupied cell: check its thresholds and negate")
         self._boxes = map_reader.boxes(self._grid)
+        cells, is_open = closed_floor(self._grid, radius)
+        self._floor = Floor(cells, self._grid.resolution)
+
+        self._draws = self._floor.draw(SIZES[:1], [], MOST)
+        # The closed room of a building with an open door may be a closet: short courses in it
+        # would hide that the building itself counts as outside.
+        shortest_m = SIZES[0].shortest_m
+        if not is_open:
+            self._draws += self._floor.draw(SIZES[1:], self._draws, ENOUGH)
+            shortest_m = SIZES[-1].shortest_m
+        self.count = len(self._draws)
         self._paths: Dict[int, Ints] = {}
-        known = np.pad(self._grid.cells == map_reader.FREE, 1)  # Cells outside the map are unknown.
-        distance = scipy.ndimage.distance_transform_edt(known)[1:-1, 1:-1] - 0.5  # to the nearest edge [cells]
-        regions, _ = scipy.ndimage.label(self._grid.resolution * distance >= radius + CLEARANCE_M)
-        # The robot's centre stays on the largest connected floor.
-        self._free = regions == 1 + np.bincount(regions.ravel(), minlength=2)[1:].argmax()
-        self._graph = search.grid_graph(self._free)
-        floor = np.argwhere(self._free)
-        drawn = np.random.default_rng(SEED).choice(floor, min(TRIES, len(floor)), replace=False)
-        low, high = floor.min(axis=0, initial=self._free.size), floor.max(axis=0, initial=0)
-        reach = self._grid.resolution * np.maximum(drawn - low, high - drawn).max(axis=1)
-        self.starts = np.empty((0, 2), np.int64)  # cells at which the courses start
-        for place in drawn[reach >= SHORTEST_M]:  # The floor has a goal for these starts.
-            away = self._grid.resolution * np.hypot(*(self.starts - place).T)
-            if len(self.starts) < MOST and (away >= APART_M).all():
-                self.starts = np.vstack([self.starts, place])
-        if not len(self.starts):
-            where = f"{path} has no path of {SHORTEST_M:g} m for a robot with a radius of {radius:.2f} m"
-            raise ApplrError(f"{where}: check resolution, thresholds and negate")
+        if not self.count:
+            remedy = "check resolution, thresholds and negate"
+            if is_open:
+                remedy = (
+                    "free space at the edge of the image is outside; if it is unknown space, "
+                    "give free_thresh 0.196, otherwise close the outer doors in the image"
+                )
+            raise ApplrError(
+                f"{path} has no closed room with a path of {shortest_m:g} m for a robot "
+                f"with a radius of {radius:.2f} m: {remedy}"
+            )
 
     def path(self, number: int) -> Ints:
         """Return the cells (k, 2) of the shortest path from the start of a course to its goal."""
         if number not in self._paths:
-            shortest, longest = SHORTEST_M / self._grid.resolution, LONGEST_M / self._grid.resolution
-            start = np.ravel_multi_index(tuple(self.starts[number]), self._free.shape)
-            length, before = scipy.sparse.csgraph.dijkstra(self._graph, True, start, True, limit=longest)
-            goals = np.flatnonzero((length >= shortest) & (length <= longest))
-            cells = [np.random.default_rng([SEED, number]).choice(goals)]
-            while cells[-1] != start:
-                cells.append(before[cells[-1]])
-            self._paths[number] = np.column_stack(np.unravel_index(cells[::-1], self._free.shape))
+            draw = self._draws[number]
+            self._paths[number] = draw.floor.path(draw, number)
         return self._paths[number]
 
+    def has(self, number: int) -> bool:
+        """Return whether there is a course with a number."""
+        return number < self.count or any(number in self.halves[half] for half in HALVES)
+
     def numbers(self, part: str) -> Optional[Sequence[int]]:
-        """Return the courses in one half of the floor alone ("choose", "report"), all for "", else None."""
-        every = range(len(self.starts))
-        if part not in ("choose", "report"):
-            return None if part else every
-        floor = np.argwhere(self._free)
-        axis = int(np.argmax(np.ptp(floor, axis=0)))  # The line between the halves crosses the longer side.
-        side, line = 1 if part == "report" else -1, np.median(floor[:, axis])
-        return [number for number in every if (side * (self.path(number)[:, axis] - line) > 0).all()]
+        """Return the numbers of the courses in one of HALVES, or anywhere on the floor for "".
+
+        Return None for any other part.
+        """
+        if part in HALVES:
+            return self.halves[part]
+        return None if part else range(self.count)
+
+    @functools.cached_property
+    def halves(self) -> Dict[str, List[int]]:
+        """Numbers of the courses that stay in one half of the floor, by the name of the half."""
+        floor = np.argwhere(self._floor.cells)
+        axis = int(np.argmax(np.ptp(floor, axis=0)))
+        line = np.median(floor[:, axis])  # crosses the longer side of the floor
+        # The cells of an axis, as a column or a row that numpy extends over the other axis.
+        places = np.expand_dims(np.arange(self._floor.cells.shape[axis]), 1 - axis)
+        halves: Dict[str, List[int]] = {}
+        for half, is_inside in zip(HALVES, (places < line, places > line)):
+            cells = self._floor.cells & is_inside
+            inside = [n for n in range(self.count) if cells[tuple(self.path(n).T)].all()]
+            if len(inside) < ENOUGH:
+                part = Floor(largest(cells), self._grid.resolution)
+                more = part.draw(SIZES, [self._draws[n] for n in inside], ENOUGH)
+                inside += range(len(self._draws), len(self._draws) + len(more))
+                self._draws += more
+            halves[half] = inside
+        return halves
 
     def course(self, number: int) -> World:
         """Return a course with the obstacles near its path."""
-        x, y = self._grid.resolution * (self.path(number).T[::-1] + 0.5)
+        cells = self.path(number)
+        x, y = self._grid.resolution * (cells.T[::-1] + 0.5)
         points = np.column_stack(transform_point(self._grid.origin, x, y))
         step = max(1, round(AHEAD_M / self._grid.resolution))
-        ends = (points[0], points[step] - points[0]), (points[-1], points[-1] - points[-1 - step])
-        start, goal = ((*place.tolist(), math.atan2(*ahead[::-1])) for place, ahead in ends)
-        dx, dy = (points[::step, None] - self._boxes[:, :2]).transpose(2, 0, 1)
-        away = np.hypot(*outside_box(dx, dy, self._grid.origin[2], *self._boxes[:, 3:].T)).min(axis=0)
-        made = Course(start, goal, None, barn.GOAL_TOLERANCE_M, points, planner_ends=True)
-        near = self._boxes[away <= VISIBLE_M]
-        return World(f"{self._name}:{number}", np.zeros((0, 3)), near, made, map=self._grid)
+        course = Course(
+            start=(*points[0].tolist(), direction(points[0], points[step])),
+            goal=(*points[-1].tolist(), direction(points[-1 - step], points[-1])),
+            finish_y=None,
+            goal_tolerance=barn.GOAL_TOLERANCE_M,
+            path=points,
+            planner_ends=True,
+        )
+
+        # Points of the path at intervals of AHEAD_M are close enough to find the visible boxes.
+        dx, dy = (points[::step, np.newaxis] - self._boxes[:, :2]).transpose(2, 0, 1)
+        size_x, size_y = self._boxes[:, 3:].T
+        distances = np.hypot(*outside_box(dx, dy, self._grid.origin[2], size_x, size_y))
+        visible = self._boxes[distances.min(axis=0) <= VISIBLE_M]
+        name = f"{self._name}:{number}"
+        return World(name, np.zeros((0, 3)), visible, course, map=self._grid)
 
     def passage(self, number: int) -> float:
-        """Return the width [m] of a course's narrowest passage: the shortest line of free cells across the path."""
-        ends, steps = round(ENDS_M / self._grid.resolution), np.arange(1, WIDEST_M / self._grid.resolution)[:, None]
-        rows, columns = self.path(number)[ends:-ends].T[:, :, None, None]
-        rays = rows + steps * np.sin(RAYS), columns + steps * np.cos(RAYS)  # (cells of the path, steps, directions)
-        hits = scipy.ndimage.map_coordinates(map_reader.is_occupied(self._grid.cells), rays, order=0)
+        """Return the width [m] of a course's narrowest passage, at most WIDEST_M.
+
+        The width is the length of the shortest line of free cells across the path.
+        """
+        resolution = self._grid.resolution
+        ends = round(ENDS_M / resolution)
+        rows, columns = self.path(number)[ends:-ends].T[:, :, np.newaxis, np.newaxis]
+
+        # From every cell of the path, rays are followed cell by cell: (cells, steps, directions).
+        steps = np.arange(1, WIDEST_M / resolution)[:, np.newaxis]
+        rays = rows + steps * np.sin(RAYS), columns + steps * np.cos(RAYS)
+        occupied = map_reader.is_occupied(self._grid.cells)
+        hits = scipy.ndimage.map_coordinates(occupied, rays, order=0)
         free = np.where(hits.any(axis=1), hits.argmax(axis=1), len(steps))
-        lines = free.reshape(len(free), 2, -1).sum(axis=1) + 1  # Opposite rays and the cell itself make a line.
-        return min(WIDEST_M, self._grid.resolution * float(lines.min()))
+
+        # Opposite rays and the cell itself make a line. A short course may have no cell but its
+        # ends, and then no passage.
+        lines = free.reshape(len(free), 2, len(RAYS) // 2).sum(axis=1) + 1
+        narrowest = lines.min(initial=2 * len(steps) + 1)
+        return min(WIDEST_M, resolution * float(narrowest))
+
+
+def closed_floor(grid: Grid, radius: float) -> Tuple[Cells, bool]:
+    """Return the cells of the robot's centre in the largest closed room, and whether one is open.
+
+    Free space that reaches the edge of the image is outside, as the unknown cells are in a map of
+    ROS 2's map_saver: its free_thresh of 0.25 makes their grey value of 205 free.
+
+    Args:
+        grid: Map with at least one cell that is not free.
+        radius: Radius of the circle around the robot [m].
+    """
+    free = grid.cells == map_reader.FREE
+    # distance to the nearest edge of an obstacle or an unknown cell [cells]
+    distance = scipy.ndimage.distance_transform_edt(free) - 0.5
+    reachable = grid.resolution * distance >= radius + CLEARANCE_M
+    regions, _ = scipy.ndimage.label(reachable)
+    border = np.concatenate([regions[0], regions[-1], regions[:, 0], regions[:, -1]])
+    outside = np.unique(border[border > 0])
+    return largest(reachable & ~np.isin(regions, outside)), len(outside) > 0
+
+
+def largest(cells: Cells) -> Cells:
+    """Return the largest connected region of some cells."""
+    regions, _ = scipy.ndimage.label(cells)
+    sizes = np.bincount(regions.ravel(), minlength=2)
+    sizes[0] = 0  # label of all other cells
+    region: Cells = regions == max(1, sizes.argmax())
+    return region
+
+
+def direction(first: Array, second: Array) -> float:
+    """Return the direction [rad] from one point (2,) [m] to another."""
+    dx, dy = second - first
+    return math.atan2(dy, dx)

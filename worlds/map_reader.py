@@ -3,66 +3,156 @@
 from __future__ import annotations
 
 import os
+from typing import Any, Tuple
 
 import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from typing_extensions import Literal
 
 from applr_ros1.common.angles import transform_point
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_yaml
 
 from .world import Grid
 
-KEYS = {"image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh"}  # keys that map_server requires
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # values of cells
+WHITE = 255.0  # brightest value of a pixel
+TWO_BYTES = 0xFFFF  # brightest value of a pixel in an image of 16 bits
+
+
+class MapFile(BaseModel):
+    """Fields of a map.yaml. The description of a field says what to give in an error message."""
+
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+    image: str = Field(min_length=1, description="the path of an image")
+    resolution: float = Field(gt=0.0, le=1.0, description="the edge of a cell, up to 1 m")
+    origin: Tuple[float, float, float] = Field(description="x, y and yaw [m, m, rad]")
+    negate: bool = Field(description="0 or 1")
+    occupied_thresh: float = Field(description="a number from 0 to 1")
+    free_thresh: float = Field(description="a number from 0 to 1")
+    mode: Literal["trinary", "scale", "raw"] = Field("trinary", description="trinary, scale or raw")
 
 
 def read_map(path: str) -> Grid:
-    """Return the map in a YAML file as map_server publishes it. Raise ApplrError if the file describes no map."""
+    """Return the map in a YAML file as map_server publishes it.
+
+    Raises:
+        ApplrError: The file describes no map, or map_server would misread its image.
+    """
+    fields = read_fields(path)
+    # os.path.join keeps an absolute path of the image, as map_server does.
+    pixels = read_pixels(os.path.join(os.path.dirname(path), fields.image))
+    # The first row of an image is its top, that of a map its bottom.
+    return Grid(cells_of(pixels[::-1], fields), fields.resolution, fields.origin)
+
+
+def read_fields(path: str) -> MapFile:
+    """Return the fields of a map.yaml. Raise ApplrError with the first field that is invalid."""
+    content: Any = read_yaml(path)
+    try:
+        return MapFile.model_validate(content)
+    except ValidationError as refusal:
+        problem = refusal.errors()[0]
+    fields = MapFile.model_fields.items()
+    required = [name for name, field in fields if field.is_required()]
+    if not isinstance(content, dict) or not content.keys() >= set(required):
+        names = ", ".join(required)
+        raise ApplrError(f"{path} is no map: give a file with {names}, as map_saver writes it")
+    name = str(problem["loc"][0])
+    wanted = MapFile.model_fields[name].description
+    raise ApplrError(f"{path}: {name} is {content[name]!r:.60}: give {wanted}")
+
+
+def read_pixels(path: str) -> NDArray[np.uint8]:
+    """Return the pixels (rows, columns, channels) of an image as SDL_image gives them to map_server.
+
+    The channels are the colours, followed by the opacity if the image has one.
+
+    Raises:
+        ApplrError: The image stores no brightness of up to 16 bits.
+    """
     from PIL import Image  # The import is slow, and most commands need no map.
 
-    given = read_yaml(path)
-    if not isinstance(given, dict) or not given.keys() >= KEYS:
-        raise ApplrError(f"{path} is no map: give a file with {', '.join(sorted(KEYS))}, as map_saver writes it")
-    mode = given.get("mode", "trinary")
-    if mode not in ("trinary", "scale", "raw"):
-        raise ApplrError(f"{path} has mode {mode}: give trinary, scale or raw")
-    with Image.open(os.path.join(os.path.dirname(path), str(given["image"]))) as picture:
+    with Image.open(path) as picture:
+        # SDL_image expands single bits to black and white for PNG only.
+        is_indexed = picture.mode == "1" and picture.format != "PNG"
+        if is_indexed or picture.mode in ("P", "PA"):
+            raise ApplrError(
+                f"{path} has indexed colours, and map_server takes the indexes as grey values: "
+                "save it as a grey image"
+            )
+        if picture.mode.startswith(("I", "F")):
+            grey = np.asarray(picture)
+            if picture.mode == "F" or grey.max() > TWO_BYTES:
+                raise ApplrError(f"{path} has more than 16 bits per pixel: save it with 8 bits")
+            # SDL_image keeps the upper 8 bits (png_set_strip_16). Pillow would clip at 255.
+            return (grey >> 8).astype(np.uint8)[:, :, np.newaxis]
         has_opacity = "A" in picture.getbands() or "transparency" in picture.info
-        pixels = np.asarray(picture.convert("RGBA" if has_opacity else "RGB"))[::-1]
-    colour = pixels[:, :, : 4 if mode == "trinary" else 3].mean(axis=2)  # map_server averages the opacity, too.
-    if given["negate"]:
-        colour = 255.0 - colour
-    if mode == "raw":
-        cells = colour.astype(np.uint8).view(np.int8)
-    else:
-        dark, cells = (255.0 - colour) / 255.0, np.full(colour.shape, UNKNOWN, np.int8)
-        free, occupied = float(given["free_thresh"]), float(given["occupied_thresh"])
-        if mode == "scale":
-            between = (pixels[:, :, 3] > 0 if has_opacity else True) & (dark >= free) & (dark <= occupied)
-            cells[between] = 1 + 98 * ((dark[between] - free) / (occupied - free))
-        cells[dark < free] = FREE
-        cells[dark > occupied] = OCCUPIED
-    x, y, yaw = map(float, given["origin"])
-    return Grid(cells, float(given["resolution"]), (x, y, yaw))
+        return np.asarray(picture.convert("RGBA" if has_opacity else "RGB"))
 
 
-def is_occupied(cells: np.ndarray) -> np.ndarray:
-    """Return whether a costmap with default parameters marks cells int8 as lethal. Negative values wrap, as in C++."""
-    marked: np.ndarray = (cells != UNKNOWN) & (cells.view(np.uint8) >= OCCUPIED)
+def cells_of(pixels: NDArray[np.uint8], fields: MapFile) -> NDArray[np.int8]:
+    """Return the cells (rows, columns) of pixels (rows, columns, channels).
+
+    The steps are those of loadMapFromFile in map_server/image_loader.cpp.
+    """
+    has_opacity = pixels.shape[2] == 4
+    colours = pixels
+    if has_opacity and fields.mode != "trinary":
+        colours = pixels[:, :, :3]  # Mode trinary averages the opacity as a fourth colour.
+    brightness: Array = colours.mean(axis=2)
+    if fields.negate:
+        brightness = WHITE - brightness
+    if fields.mode == "raw":
+        return brightness.astype(np.uint8).view(np.int8)
+
+    darkness = (WHITE - brightness) / WHITE
+    free, occupied = fields.free_thresh, fields.occupied_thresh
+    cells = np.full(darkness.shape, UNKNOWN, np.int8)
+    if fields.mode == "scale":
+        between = (darkness >= free) & (darkness <= occupied)
+        if has_opacity:
+            between &= pixels[:, :, 3] > 0
+        cells[between] = 1 + 98 * ((darkness[between] - free) / (occupied - free))
+    cells[darkness < free] = FREE
+    cells[darkness > occupied] = OCCUPIED
+    return cells
+
+
+def is_occupied(cells: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Return whether a costmap with default parameters marks cells as lethal.
+
+    Negative values of mode raw wrap to values above 127, as in C++.
+    """
+    marked: NDArray[np.bool_] = (cells != UNKNOWN) & (cells.view(np.uint8) >= OCCUPIED)
     return marked
 
 
-def boxes(grid: Grid) -> np.ndarray:
-    """Return boxes (n, 5) x, y, yaw, size_x, size_y [m, rad] that cover the occupied cells, in the frame of the map.
+def boxes(grid: Grid) -> Array:
+    """Return boxes (n, 5) x, y, yaw, size_x, size_y [m, rad] that cover the occupied cells.
 
-    Each run of cells in a row becomes a rectangle, which extends over all neighbouring rows with the same run.
+    Each run of cells in a row becomes a rectangle, which extends over all neighbouring rows with
+    the same run. The boxes are in the frame of the map.
     """
-    steps = np.diff(np.pad(is_occupied(grid.cells), ((0, 0), (1, 1))).astype(np.int8), axis=1)
-    (row, first), (_, last) = np.nonzero(steps == 1), np.nonzero(steps == -1)
+    # A run begins where the occupancy along a row steps up, and ends where it steps down.
+    padded = np.pad(is_occupied(grid.cells), ((0, 0), (1, 1)))
+    steps = np.diff(padded.astype(np.int8), axis=1)
+    row, first = np.nonzero(steps == 1)
+    _, last = np.nonzero(steps == -1)
+
+    # Sorting by columns, then by row, places equal runs of neighbouring rows side by side.
     runs = np.column_stack([first, last, row])[np.lexsort((row, last, first))]
-    begins = np.flatnonzero((np.diff(runs, axis=0, prepend=-2) != (0, 0, 1)).any(axis=1))
-    first, last, low = runs[begins].T
-    high = runs[np.append(begins[1:], len(runs)) - 1, 2] + 1
-    x, y = transform_point(grid.origin, *(0.5 * grid.resolution * np.array([first + last, low + high])))
-    sizes = grid.resolution * np.array([last - first, high - low])
-    return np.column_stack([x, y, np.full(len(x), grid.origin[2]), *sizes])
+    continues = (np.diff(runs, axis=0, prepend=-2) == (0, 0, 1)).all(axis=1)
+    begins = np.flatnonzero(~continues)
+    ends = np.append(begins[1:], len(runs)) - 1
+    first, last, lowest = runs[begins].T
+    highest = runs[ends, 2] + 1
+
+    half_cell = 0.5 * grid.resolution
+    x, y = transform_point(grid.origin, half_cell * (first + last), half_cell * (lowest + highest))
+    size_x = grid.resolution * (last - first)
+    size_y = grid.resolution * (highest - lowest)
+    return np.column_stack([x, y, np.full(len(x), grid.origin[2]), size_x, size_y])

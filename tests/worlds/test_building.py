@@ -15,9 +15,9 @@ from applr_ros1.robots.geometry import radius
 from tests.support import plans
 from tests.support.refusals import refused
 from training.env.settings import TrialSettings
+from training.evaluate.compare import FEWEST_WORLDS
 from training.evaluate.runner import TrialRunner, at_scale
-from training.robot import check as check_robot
-from training.tune.options import UNSEEN, split
+from training.tune import UNSEEN, split
 from worlds import draw, loading, map_courses, map_reader, search
 from worlds.occupancy import occupancy
 from worlds.world import clearance
@@ -72,13 +72,60 @@ def test_mode_trinary_averages_the_opacity_and_scale_takes_transparent_pixels_as
     assert cells(tmp_path, [[[0, 0, 255]], [[255, 255, 255]]]) == [[0], [100]]
 
 
-def test_one_bit_and_palette_images_are_maps_too(tmp_path):
-    for mode in ("1", "P"):
-        path = plans.write(tmp_path, "office")
-        Image.fromarray(plans.office()).point(lambda v: 255 * (v > 0)).convert(mode).save(tmp_path / "office.png")
-        text = (tmp_path / "office.yaml").read_text().replace("office.pgm", "office.png")
-        (tmp_path / "office.yaml").write_text(text)
-        assert (map_reader.is_occupied(map_reader.read_map(path).cells)[::-1] == (plans.office() == plans.WALL)).all()
+def test_an_image_of_16_bits_is_read_by_its_upper_8(tmp_path):
+    grey = np.array([[0, 40, 89, 90, 205, 206, 254, 255]], np.uint8)
+    expected = cells(tmp_path, grey)
+    deep = grey.astype(np.uint16) * 256 + 7
+    for suffix in ("png", "pgm"):
+        path = plans.write(tmp_path, "deep", deep, suffix)
+        assert Image.open(tmp_path / f"deep.{suffix}").mode.startswith("I")
+        assert map_reader.read_map(path).cells.tolist() == expected
+
+
+def test_an_image_of_one_bit_is_black_and_white(tmp_path):
+    path = plans.write(tmp_path, "office", suffix="png")
+    bits = Image.fromarray(plans.office()).point(lambda v: 255 * (v > 0)).convert("1")
+    bits.save(tmp_path / "office.png")
+    occupied = map_reader.is_occupied(map_reader.read_map(path).cells)
+    assert (occupied[::-1] == (plans.office() == plans.WALL)).all()
+
+
+@pytest.mark.parametrize(("mode", "suffix"), [("P", "png"), ("P", "bmp"), ("1", "pbm"), ("1", "bmp")])
+def test_an_image_whose_indexes_map_server_would_take_as_grey_is_refused(tmp_path, mode, suffix):
+    path = plans.write(tmp_path, "office", suffix=suffix)
+    colours = Image.fromarray(plans.office()).convert("RGB").quantize(3)
+    picture = colours if mode == "P" else colours.convert("1")
+    picture.save(tmp_path / f"office.{suffix}")
+    words = f"office.{suffix} has indexed colours", "map_server takes the indexes as grey", "save it as a grey"
+    refused(lambda: map_reader.read_map(path), *words)
+
+
+def test_an_image_of_more_than_16_bits_is_refused(tmp_path):
+    for name, pixels in (("long", np.full((4, 4), 70_000, np.int32)), ("real", np.ones((4, 4), np.float32))):
+        path = plans.write(tmp_path, name, pixels, "tiff")
+        line = f"{name}.tiff has more than 16 bits per pixel: save it with 8"
+        refused(lambda path=path: map_reader.read_map(path), line)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "line"),
+    [
+        ("origin", "[-12.0, -10.0, -nan]", r"origin is \[-12.0, -10.0, '-nan'\]: give x, y and yaw \[m, m, rad\]"),
+        ("origin", "[-12.0, -10.0]", r"origin is \[-12.0, -10.0\]: give x, y and yaw"),
+        ("origin", "[.inf, 0, 0]", r"origin is \[inf, 0, 0\]: give x, y and yaw"),
+        ("origin", "0", "origin is 0: give x, y and yaw"),
+        ("resolution", "0.0", "resolution is 0.0: give the edge of a cell, up to 1 m"),
+        ("resolution", "5", "resolution is 5: give the edge of a cell"),
+        ("occupied_thresh", "dark", "occupied_thresh is 'dark': give a number from 0 to 1"),
+        ("free_thresh", ".nan", "free_thresh is nan: give a number from 0 to 1"),
+        ("negate", "white", "negate is 'white': give 0 or 1"),
+        ("image", "''", "image is '': give the path of an image"),
+        ("mode", "ternary", "mode is 'ternary': give trinary, scale or raw"),
+    ],
+)
+def test_each_field_of_a_map_is_checked(tmp_path, field, value, line):
+    path = plans.write(tmp_path, "office", **{field: value})
+    refused(lambda: map_reader.read_map(path), f"office.yaml: {line}")
 
 
 def test_rows_go_up_and_the_origin_turns_the_map(tmp_path):
@@ -152,7 +199,7 @@ def test_there_are_courses_in_all_rooms(plan):
 
 def test_courses_are_the_same_every_time_and_depend_on_the_robot(office):
     first = worlds.load(f"{office}:7", JACKAL)
-    loading._building.cache_clear()
+    loading.building.cache_clear()
     assert np.array_equal(worlds.load(f"{office}:7", JACKAL).course.path, first.course.path)
     wide = [world.course.path for world in worlds.Worlds(office, 0.6)]  # Doors of .9 m are too narrow.
     rooms = [{int(y > 5.5) + int(y > 7.5) for _, y in path + (0.0, 3.0 - 10 * 0.05)} for path in wide]
@@ -165,6 +212,49 @@ def test_no_course_runs_where_the_map_is_unknown(tmp_path):
     path = plans.write(tmp_path, "office", pixels)
     assert min(w.course.path[:, 1].max() for w in worlds.Worlds(path, JACKAL)) < 7.5 - 3.0 - JACKAL
     assert max(w.course.path[:, 1].max() for w in worlds.Worlds(path, JACKAL)) < 7.5 - 3.0 - JACKAL
+
+
+def ros2_house(folder, outer_door=False):
+    """Write the house within 22 x 20 m, as ROS 2's map_saver does: its free_thresh makes unknown cells free."""
+    pixels = np.pad(plans.house(), 100, constant_values=plans.UNKNOWN)
+    if outer_door:
+        pixels[105:116, 154:178] = plans.FREE
+    return plans.write(folder, "house", pixels, free_thresh=0.25)
+
+
+def test_courses_lie_inside_where_unknown_cells_are_free(tmp_path):
+    path = ros2_house(tmp_path)
+    assert (map_reader.read_map(path).cells[0] == map_reader.FREE).all()
+    (tmp_path / "known").mkdir()
+    known = plans.write(tmp_path / "known", "house")
+    made = zip(worlds.Worlds(path, JACKAL), worlds.Worlds(known, JACKAL))
+    shift = 100 * plans.RESOLUTION
+    for inside, expected in made:
+        np.testing.assert_allclose(inside.course.path - shift, expected.course.path, atol=1e-9)
+    assert check_robot.doors(robots.load("jackal"), path).startswith(f"narrowest passage of {path}: 0.80 m; ")
+
+
+def test_a_building_that_is_open_to_the_edge_of_the_image_has_no_courses(tmp_path):
+    path = ros2_house(tmp_path, outer_door=True)
+    words = "no closed room with a path of 5 m", "if it is unknown space, give free_thresh 0.196, otherwise close"
+    refused(lambda: worlds.load(f"{path}:0", JACKAL), *words)
+
+
+@pytest.mark.parametrize("size", [(4.4, 4.4), (5.4, 4.4), (10.4, 2.4), (12.4, 6.4)])
+def test_a_small_room_has_shorter_courses_and_enough_in_each_half(tmp_path, size):
+    path = plans.write(tmp_path, "room", plans.blank(*size)[0])
+    building = map_courses.Building(path, JACKAL)
+    halves = [building.numbers(half) for half in map_courses.HALVES]
+    assert min(map(len, halves)) >= FEWEST_WORLDS
+    assert not set(halves[0]) & set(halves[1])
+    made = [building.course(number) for number in range(building.count)]
+    lengths = [world.course.route_m for world in made + [building.course(n) for half in halves for n in half]]
+    assert 2.0 <= min(lengths) < 5.0
+    assert all(clearance(world, world.course.path).min() >= JACKAL for world in made)
+    extra = max(max(half) for half in halves)
+    again = worlds.load(f"{path}:{extra}", JACKAL)  # A worker loads a course by its number alone.
+    assert np.array_equal(again.course.path, building.course(extra).course.path)
+    refused(lambda: worlds.load(f"{path}:{extra + len(halves[1]) + 1}", JACKAL), "no worlds")
 
 
 def test_paths_are_shortest(tmp_path):
@@ -291,11 +381,13 @@ def test_mistakes_are_one_line(office, tmp_path):
         )
     refusal(office, "names 100 worlds, but one is needed; give one of them: .*office.yaml:0")
     refusal(plans.write(tmp_path, "office", resolution=None), "office.yaml is no map: give a file with .*resolution")
-    refusal(plans.write(tmp_path, "office", mode="ternary"), "mode ternary: give trinary, scale or raw")
+    none = "no closed room with a path of 2 m .* radius of 0.31 m: check resolution, thresholds and negate"
+    refusal(plans.write(tmp_path, "office", negate=1), none)
+    refusal(plans.write(tmp_path, "shut", np.zeros((50, 50), np.uint8)), none)
     refusal(
-        plans.write(tmp_path, "office", negate=1), r"no path of 5 m .* radius of 0.31 m: check resolution, .* negate"
+        plans.write(tmp_path, "white", np.full((200, 200), 254, np.uint8)),
+        "white.yaml has no occupied cell: check its thresholds and negate",
     )
-    refusal(plans.write(tmp_path, "shut", np.zeros((50, 50), np.uint8)), "no path of 5 m")
     (tmp_path / "text.yaml").write_text("office")
     refusal(str(tmp_path / "text.yaml"), "text.yaml is no map")
     with pytest.raises(OSError, match="gone.pgm"):

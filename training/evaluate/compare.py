@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 LEVEL = 0.05  # significance level of the tests
 RESAMPLES = 2000  # number of bootstrap resamples
+# Smallest number of worlds in which the test can be significant: of their 2^n sign flips, at least two (the observed
+# signs and their opposites) are as extreme as the observed difference.
+FEWEST_WORLDS = 1 + math.ceil(-math.log2(LEVEL))
 EXCHANGES = 19999  # largest number of sign flips in a test: all of them if there are fewer, otherwise random ones
 
 

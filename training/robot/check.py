@@ -55,7 +55,7 @@ def summary(described: Robot) -> List[str]:
 def doors(described: Robot, path: str) -> str:
     """Return a line on the narrowest passage of all courses through the building of a map."""
     courses = Building(path, radius(described))
-    narrowest = min(map(courses.passage, range(len(courses.starts))))
+    narrowest = min(map(courses.passage, range(courses.count)))
     width = np.ptp(MoveBase(described.parameters()).local_costmap.footprint, axis=0)[1]
     fits = f"passes with {(narrowest - width) / 2:.2f} m on each side"
     fits = fits if narrowest > width else "does not pass: reduce footprint_padding"
