@@ -11,7 +11,6 @@ import numpy as np
 
 from applr_ros1.common.errors import run_main
 
-from .loading import SPECIFICATIONS, load
 from .world import World
 
 OBSTACLE, PATH, START, GOAL, MOVER = "#4a4a4a", "#4477aa", "#228833", "#cc3311", "#aa3377"
@@ -53,15 +52,18 @@ def draw(axes: Any, world: World, path: bool = True) -> None:
 
 def main() -> int:
     """Write a picture of a world. Return exit status 1 if reading or writing fails."""
+    from . import command_line  # It imports all that describes robots, which `draw` does not need.
+
     parser = argparse.ArgumentParser(prog="python -m worlds.draw", description="Draw a picture of a world.")
-    parser.add_argument("world", help=f"World to draw: {SPECIFICATIONS}.")
+    command_line.add_arguments(parser)
     parser.add_argument("picture", help="File for the picture, such as out.png.")
     arguments = parser.parse_args()
 
     def picture() -> None:
         from matplotlib.figure import Figure
 
-        world, figure = load(arguments.world), Figure(figsize=(6, 9))
+        world = command_line.world_of(arguments.world, arguments.robot)
+        figure = Figure(figsize=(6, 9))
         axes = figure.add_subplot()
         draw(axes, world)
         axes.set_title(world.name)

@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import Iterable, List, Optional
+from typing import Iterable, List
 
 import numpy as np
 
 from applr_ros1.common import files
 from applr_ros1.common.errors import ApplrError, run_main
 
-from .loading import SPECIFICATIONS, load
 from .sdf_reader import read_world
 from .world import Mover, World
 
@@ -87,26 +86,41 @@ def _row(values: Iterable[float]) -> str:
 
 def main() -> int:
     """Write a world. Return exit status 1 if reading or writing fails."""
+    from . import command_line  # It imports all that describes robots, which `write` does not need.
+
     parser = argparse.ArgumentParser(
         prog="python -m worlds.sdf_writer",
         description="Write a world as a Gazebo world file, which reads back as the same world.",
     )
-    add = parser.add_argument
-    add("world", help=f"World to write: {SPECIFICATIONS}.")
-    add("file", help="File to write, such as out.world.")
-    add("--course", nargs="+", type=float, metavar="X Y", help="Course of a .world file, from start to goal [m].")
+    command_line.add_arguments(parser)
+    parser.add_argument("file", help="File to write, such as out.world.")
+    parser.add_argument(
+        "--course",
+        nargs="+",
+        type=float,
+        metavar="X Y",
+        help="Course of a .world file, from start to goal [m].",
+    )
     arguments = parser.parse_args()
-    return run_main(lambda: write(_world(arguments.world, arguments.course), arguments.file), "sdf_writer")
+
+    def write_world() -> None:
+        if arguments.course is None:
+            world = command_line.world_of(arguments.world, arguments.robot)
+        else:
+            world = with_course(arguments.world, arguments.course)
+        write(world, arguments.file)
+
+    return run_main(write_world, "sdf_writer")
 
 
-def _world(name: str, course: Optional[List[float]]) -> World:
-    if course is None:
-        return load(name)
-    if len(course) % 2 or not name.endswith(".world"):
+def with_course(path: str, numbers: List[float]) -> World:
+    """Return the world of a .world file with a course along points [x, y, x, y, ...] [m]."""
+    if len(numbers) % 2 or not path.endswith(".world"):
         raise ApplrError(
-            f"{name}: --course does not fit; give X Y X Y ... for a .world file, two numbers for each point"
+            f"{path}: --course does not fit; give X Y X Y ... for a .world file, "
+            "two numbers for each point"
         )
-    return read_world(name, np.array(course).reshape(-1, 2))
+    return read_world(path, np.array(numbers).reshape(-1, 2))
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from PIL import Image
 
 import worlds
@@ -14,11 +15,12 @@ from applr_ros1.common.trees import merged
 from applr_ros1.robots.geometry import radius
 from tests.support import plans
 from tests.support.refusals import refused
+from training import check_robot, tune_robot
 from training.env.settings import TrialSettings
-from training.evaluate.compare import FEWEST_WORLDS
+from training.evaluate.compare import FEWEST_WORLDS, LEVEL, exchanged
 from training.evaluate.runner import TrialRunner, at_scale
-from training.tune import UNSEEN, split
-from worlds import draw, loading, map_courses, map_reader, search
+from training.tune import UNSEEN, check_maps, split
+from worlds import draw, loading, map_courses, map_reader, sdf_writer, search
 from worlds.occupancy import occupancy
 from worlds.world import clearance
 
@@ -283,6 +285,22 @@ def test_maps_are_not_scaled_and_are_served_listed_and_drawn(office, tmp_path, m
     assert (tmp_path / "office.png").stat().st_size > 10_000
 
 
+@pytest.mark.parametrize(("robot", "name"), [("turtlebot3_burger", "office.yaml:7"), ("husky", "generated:7")])
+def test_a_course_is_drawn_and_written_as_the_robot_drives_it(office, tmp_path, monkeypatch, robot, name):
+    spec = name.replace("office.yaml", office)
+    driven = at_scale("paper", spec, robots.load(robot))
+    drawn = []
+    monkeypatch.setattr(draw, "draw", lambda axes, world: drawn.append(world))
+    monkeypatch.setattr(Axes, "legend", lambda *args, **options: None)  # Nothing is drawn that needs a legend.
+    monkeypatch.setattr("sys.argv", ["draw", spec, str(tmp_path / "course.png"), "--robot", robot])
+    assert draw.main() == 0
+    monkeypatch.setattr("sys.argv", ["sdf_writer", spec, str(tmp_path / "course.world"), "--robot", robot])
+    assert sdf_writer.main() == 0
+    for world in (*drawn, worlds.load(str(tmp_path / "course.world"))):
+        assert np.array_equal(world.course.path, driven.course.path)
+    assert not np.array_equal(worlds.load(spec, JACKAL).course.path, driven.course.path)
+
+
 # -- search and verdict
 def test_halves_share_no_place(plan):
     _, path = plan
@@ -297,6 +315,33 @@ def test_tune_judges_on_the_other_half():
     assert split("office.yaml") == ("office.yaml:choose", "office.yaml:report")
     assert split("a.yaml, generated:learn") == ("a.yaml:choose,generated:learn", "a.yaml:report")
     assert split("office.yaml:0-9,generated:learn") == ("office.yaml:0-9,generated:learn", UNSEEN)
+
+
+def test_tune_refuses_a_map_with_too_few_courses_before_it_drives(tmp_path, capsys, monkeypatch):
+    def refuse(robot):
+        raise AssertionError("the robot drives before the arguments are checked")
+
+    monkeypatch.setattr(tune_robot.open_floor, "try_out", refuse)
+    path = plans.write(tmp_path, "small", plans.blank(3.4, 2.4)[0])
+    for worlds_given, line in (
+        (path, "small.yaml has 0 courses in the half of the floor for the search and 0 in the half for the verdict"),
+        (str(tmp_path / "gone.yaml"), "gone.yaml: cannot be read"),
+        ("generated:400", "no worlds 'generated:400'"),
+    ):
+        assert tune_robot.main(["jackal", "--worlds", worlds_given, "--out", str(tmp_path / "out")]) == 1
+        error = capsys.readouterr().err
+        assert line in error
+        assert error.count("\n") == 1
+        assert ":choose" not in error.partition("; give")[0]
+    line = refused(lambda: check_maps(path, robots.load("jackal")), "a radius of 0.31 m; each needs 6, because")
+    assert "choose" not in line
+    refused(lambda: worlds.specs(f"{path}:report", JACKAL), "small.yaml: none of its 15 courses stays in one half")
+
+
+def test_six_courses_are_the_fewest_that_can_be_significant():
+    better = np.full(FEWEST_WORLDS, -1.0)
+    assert FEWEST_WORLDS == 6
+    assert exchanged(better) < LEVEL <= exchanged(better[1:])
 
 
 # -- drives
