@@ -15,11 +15,12 @@ from applr_ros1.common.trees import merged
 from applr_ros1.robots.geometry import radius
 from tests.support import plans
 from tests.support.refusals import refused
-from training import check_robot, tune_robot
 from training.env.settings import TrialSettings
 from training.evaluate.compare import FEWEST_WORLDS, LEVEL, exchanged
 from training.evaluate.runner import TrialRunner, at_scale
-from training.tune import UNSEEN, check_maps, split
+from training.robot import check as check_robot
+from training.tune import __main__ as tune_robot
+from training.tune.options import UNSEEN, check_maps, split
 from worlds import draw, loading, map_courses, map_reader, sdf_writer, search
 from worlds.occupancy import occupancy
 from worlds.world import clearance

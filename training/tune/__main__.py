@@ -18,25 +18,22 @@ import sys
 from pathlib import Path
 from typing import Optional, Sequence
 
-from applr_ros1.common.errors import ApplrError, run_main
+from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import read_bytes, sha256, write_bytes
 from applr_ros1.common.progress import announced
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import NAMES, Robot
-from applr_ros1.robots.geometry import radius
-from training.common.command_line import AnyRobot, Seed, Workers, continuable, parsed, robot_name
+from applr_ros1.robots import NAMES
+from training.common.command_line import continuable, parsed, robot_name
 from training.common.folders import make_folder
 from training.env.settings import CHALLENGE
-from training.evaluate.compare import FEWEST_WORLDS
 from training.evaluate.runner import content, content_of_worlds, world_list
 from training.evaluate.table import Trials
 from training.evaluate.verdict import SET, verdict
-from training.tune import open_floor
+from training.robot import open_floor
 from training.tune.best_set import LINES_S, best_set, drives_of, show, warm_starts
 from training.tune.clock import Clock
 from training.tune.found_set import changes, driven_unseen, write_set
-from worlds.loading import SPECIFICATIONS, building
-from worlds.map_courses import HALVES
+from training.tune.options import TuneOptions, check_maps, split
 
 JUDGED = ("tuned.yaml", "without"), ("static.json", "with")  # files, each judged with or without the collision monitor
 
@@ -45,29 +42,6 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command. Return 0 if a better parameter set was written, 1 if not or after an error, 130 after Ctrl-C."""
     name = "./applr tune"
     return run_main(lambda: run(parsed(TuneOptions, name, __doc__, arguments)), name)
-
-
-def split(worlds: str) -> Tuple[str, str]:
-    """Return the worlds of the search and of the verdicts. Each whole map is split into two halves."""
-    parts = [part.strip() for part in worlds.split(",")]
-    searched = [f"{part}:choose" if part.endswith(".yaml") else part for part in parts]
-    return ",".join(searched), ",".join(f"{part}:report" for part in parts if part.endswith(".yaml")) or UNSEEN
-
-
-def check_maps(worlds: str, robot: Robot) -> None:
-    """Raise ApplrError if a half of a map has too few courses for the permutation test of a verdict."""
-    for part in worlds.split(","):
-        path = part.strip()
-        if not path.endswith(".yaml"):
-            continue
-        courses = building(path, radius(robot))
-        searched, judged = (len(courses.halves[half]) for half in HALVES)
-        if min(searched, judged) < FEWEST_WORLDS:
-            raise ApplrError(
-                f"{path} has {searched} courses in the half of the floor for the search and {judged} in the half for "
-                f"the verdict, for a robot with a radius of {radius(robot):.2f} m; each needs {FEWEST_WORLDS}, because "
-                f"no comparison of fewer courses is significant: give a map with more floor, or {WORLDS}"
-            )
 
 
 def run(options: TuneOptions) -> int:

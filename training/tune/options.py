@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from typing import Literal, Tuple
 
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.robots import Robot
+from applr_ros1.robots.geometry import radius
 from training.common.command_line import AnyRobot, Seed, Workers
 from training.common.options import Options, argument, option
-from worlds.loading import SPECIFICATIONS
+from training.evaluate.compare import FEWEST_WORLDS
+from worlds.loading import SPECIFICATIONS, building
+from worlds.map_courses import HALVES
 
 WORLDS, UNSEEN = "generated:learn", "fresh:40000-40029"  # default worlds of a search, and worlds of every verdict
 
@@ -39,3 +44,19 @@ def split(worlds: str) -> Tuple[str, str]:
     parts = [part.strip() for part in worlds.split(",")]
     searched = [f"{part}:choose" if part.endswith(".yaml") else part for part in parts]
     return ",".join(searched), ",".join(f"{part}:report" for part in parts if part.endswith(".yaml")) or UNSEEN
+
+
+def check_maps(worlds: str, robot: Robot) -> None:
+    """Raise ApplrError if a half of a map has too few courses for the permutation test of a verdict."""
+    for part in worlds.split(","):
+        path = part.strip()
+        if not path.endswith(".yaml"):
+            continue
+        courses = building(path, radius(robot))
+        searched, judged = (len(courses.halves[half]) for half in HALVES)
+        if min(searched, judged) < FEWEST_WORLDS:
+            raise ApplrError(
+                f"{path} has {searched} courses in the half of the floor for the search and {judged} in the half for "
+                f"the verdict, for a robot with a radius of {radius(robot):.2f} m; each needs {FEWEST_WORLDS}, because "
+                f"no comparison of fewer courses is significant: give a map with more floor, or {WORLDS}"
+            )

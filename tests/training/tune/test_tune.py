@@ -86,7 +86,7 @@ def few(monkeypatch):
     MONITORED.clear()
     for module in (best_set, evaluation):
         monkeypatch.setattr(module, "run", toy)
-    monkeypatch.setattr(tune_robot, "UNSEEN", "generated:20-31")
+    monkeypatch.setattr("training.tune.options.UNSEEN", "generated:20-31")
     monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: float(len(DRIVEN))))
     monkeypatch.setattr(tune_robot.open_floor, "try_out", lambda robot: (True, []))
 
