@@ -127,7 +127,8 @@ class Stack:
         def judge(wanted: Twist, may_creep: bool) -> Verdict:
             return monitor.filter(now, pose, twist, wanted, creeps=may_creep)
 
-        verdict, _ = self._supervisor.supervise(now, command, self._progress(), judge)
+        motion = self._supervisor.escape(now, command, self._progress())
+        verdict = self._supervisor.judged(command, motion, judge)
         if self._supervisor.escapes is None:
             self.move_base.report_held(
                 verdict.blocked

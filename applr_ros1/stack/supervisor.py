@@ -28,18 +28,6 @@ class Progress(NamedTuple):
     distance: Optional[float] = None
 
 
-class Supervised(NamedTuple):
-    """Result of one command.
-
-    Attributes:
-        verdict: Verdict of the monitor, with the command for the base.
-        is_escape: Whether an escape motion took the place of the planner's command.
-    """
-
-    verdict: Verdict
-    is_escape: bool
-
-
 class Supervisor:
     """Escape motions and a collision monitor, in the order in which they change a command.
 
@@ -50,18 +38,6 @@ class Supervisor:
     def __init__(self, escapes: Optional[StalledPlanner] = None):
         self.escapes = escapes
 
-    def supervise(self, now: float, command: Twist, progress: Progress, judge: Judge) -> Supervised:
-        """Return what the base gets at time `now` [s] for a command (v [m/s], w [rad/s]) of the planner."""
-        motion = self.escape(now, command, progress)
-        if motion is None:
-            verdict = judge(command, True)
-        else:
-            # An escape motion is small already: slowed to a creep, it would free nothing.
-            verdict = judge(motion, False)
-        if self.escapes is not None:
-            self.escapes.report_held(verdict.blocked)
-        return Supervised(verdict, motion is not None)
-
     def escape(self, now: float, command: Twist, progress: Progress) -> Optional[Twist]:
         """Return the escape motion (v, w) that replaces a command, or None to keep the command."""
         if self.escapes is None:
@@ -70,3 +46,13 @@ class Supervisor:
         is_fresh = now - progress.plan_time <= FRESH_S
         distance = progress.distance if is_fresh else None
         return self.escapes.instead(now, command, progress.goal, distance)
+
+    def judged(self, command: Twist, motion: Optional[Twist], judge: Judge) -> Verdict:
+        """Return the verdict on a planner's command, or on the escape motion that replaces it.
+
+        An escape motion is small already: slowed to a creep, it would free nothing.
+        """
+        verdict = judge(command, True) if motion is None else judge(motion, False)
+        if self.escapes is not None:
+            self.escapes.report_held(verdict.blocked)
+        return verdict

@@ -28,13 +28,15 @@ from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict, warm_up
 from applr_ros1.monitor.motion import Twist as Velocity
 from applr_ros1.monitor.settings import MonitorSettings
+from applr_ros1.monitor.stalled_planner import StalledPlanner
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.robot_parameters import NAMING, named_robot
 from applr_ros1.nodes.sensors import Clock, Sensors
 from applr_ros1.robots import Robot
+from applr_ros1.stack.supervisor import Supervisor
 
 from .guard import Heartbeat, publish_zeros
-from .stalled_move_base import StalledMoveBase
+from .move_base_progress import MoveBaseProgress
 
 LOOK_S = 0.01  # interval between polls for a new scan, in wall time [s]
 REPORT_S = 1.0  # interval between diagnostics, in wall time [s]
@@ -68,7 +70,8 @@ class CollisionMonitorNode:
         self._heard = self._zero_due = 0.0  # time.monotonic() of the latest command, and when the next zero is due
         self._zeros = 0  # number of zeros sent since the base came to rest without a command
         near = robot.all_parameters()[robot.local_planner]["xy_goal_tolerance"]
-        self._stalls = StalledMoveBase(near) if escape else None
+        self._supervisor = Supervisor(StalledPlanner(near) if escape else None)
+        self._planner = MoveBaseProgress() if escape else None
         topics = robot.topics
         self._scan, self._more_scans = topics.scan, more_scans
         self._frames: Dict[str, str] = {}  # frame of the first laser by topic
@@ -106,8 +109,8 @@ class CollisionMonitorNode:
             self.sensors.forget()
             self.monitor.reset()
             self._commanded = rospy.Time(0)
-            if self._stalls is not None:
-                self._stalls.forget()
+            if self._planner is not None:
+                self._planner.forget()
         for topic, scan in self.sensors.observations().items():
             first = scan.frame == self._frames.setdefault(topic, scan.frame)  # Lasers may share a topic.
             name = "" if topic == self._scan else topic
@@ -126,9 +129,7 @@ class CollisionMonitorNode:
         if time.monotonic() < self._zero_due:
             return
         self._zero_due = time.monotonic() + ZEROS_S
-        motion = self._escape((0.0, 0.0))
-        if motion is not None:
-            self._drive(motion, False)
+        if self._drive((0.0, 0.0), only_escapes=True):
             return
         if self._zeros < LAST_ZEROS:
             stands = all(abs(speed) < most for speed, most in zip(self.sensors.twist, (STANDS_M_S, STANDS_RAD_S)))
@@ -153,31 +154,45 @@ class CollisionMonitorNode:
             try:
                 self._take_scans()
                 self._commanded, self._heard, self._zeros = self._clock.now, time.monotonic(), 0
-                command = message.linear.x, message.angular.z
-                motion = self._escape(command)
-                self._drive(motion or command, motion is None)
+                self._drive((message.linear.x, message.angular.z))
             except Exception as problem:
                 self._fail(problem)
 
-    def _escape(self, command: Velocity) -> Optional[Velocity]:
-        """Return the escape motion (v, w) that replaces a command, or None to keep the command."""
-        if self._stalls is None or self._stalled:
-            return None
-        return self._stalls.instead(self._clock.now, command)
+    def _drive(self, command: Velocity, only_escapes: bool = False) -> bool:
+        """Filter and publish the planner's command, or an escape motion in its place.
 
-    def _drive(self, command: Velocity, planned: bool) -> None:
-        """Filter and publish the planner's command, or an escape motion if not `planned`."""
+        Args:
+            command: (v [m/s], w [rad/s]) of the planner; zeros if it is silent.
+            only_escapes: Whether to publish nothing unless an escape motion is due.
+
+        Returns:
+            Whether something was published.
+        """
+        motion = self._escape(command)
+        if only_escapes and motion is None:
+            return False
         self._zeros = 0
-        verdict = self._judge(command, planned)
-        if not planned:
+        verdict = self._supervisor.judged(command, motion, self._judge)
+        if motion is not None:
             reason = "move_base makes no progress" + f"; {verdict.reason}" * bool(verdict.reason)
             verdict = replace(verdict, action=ESCAPE, reason=reason)
-        if self._stalls is not None:
-            self._stalls.report_held(verdict.blocked)
         self._out.publish(conversions.twist(*verdict.command))
         self._counts[verdict.action] += 1
         self._held.publish(verdict.blocked)  # Always published: move_base resets its copy with each new goal.
         self._report_verdict(verdict)
+        return True
+
+    def _escape(self, command: Velocity) -> Optional[Velocity]:
+        """Return the escape motion (v, w) that replaces a command, or None. The first motion is logged."""
+        escapes = self._supervisor.escapes
+        if escapes is None or self._planner is None or self._stalled:
+            return None
+        had_stalled = escapes.has_stalled
+        progress = self._planner.progress(self._clock.now)
+        motion = self._supervisor.escape(self._clock.now.to_sec(), command, progress)
+        if escapes.has_stalled and not had_stalled:
+            rospy.logwarn("collision monitor: move_base makes no progress; trying small escape motions")
+        return motion
 
     def _fail(self, problem: Exception) -> None:
         """Stop the base and reset the monitor after an exception, because its state is unreliable."""

@@ -1,0 +1,51 @@
+"""Adapter between the topics of move_base and a Supervisor, for the collision monitor's node.
+
+The status of move_base gives the active goal, and its global plan the distance to the goal.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Optional, Tuple
+
+import rospy
+from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from nav_msgs.msg import Path
+
+from applr_ros1.stack.supervisor import Progress
+
+STATUS_AGE_S = 1.0  # largest usable age of a status [s]; move_base repeats it five times per second
+NEVER = rospy.Time(0)
+
+
+class MoveBaseProgress:
+    """Goal and plan of move_base, from its topics. Callbacks only store the latest message."""
+
+    def __init__(self) -> None:
+        self.forget()
+        rospy.Subscriber("move_base/status", GoalStatusArray, self._take_status, queue_size=1)
+        rospy.Subscriber("move_base/NavfnROS/plan", Path, self._take_plan, queue_size=1, buff_size=2**24)
+
+    def forget(self) -> None:
+        """Drop all messages after the clock jumped back."""
+        self._goal: Tuple[rospy.Time, Optional[str]] = NEVER, None
+        self._plan: Tuple[rospy.Time, Optional[float]] = NEVER, None
+
+    def progress(self, now: rospy.Time) -> Progress:
+        """Return goal and plan at a time. A goal counts only while move_base repeats its status."""
+        status_time, goal = self._goal
+        plan_time, distance = self._plan
+        is_stale = (now - status_time).to_sec() > STATUS_AGE_S
+        return Progress(None if is_stale else goal, plan_time.to_sec(), distance)
+
+    def _take_status(self, message: GoalStatusArray) -> None:
+        active = [each.goal_id.id for each in message.status_list if each.status == GoalStatus.ACTIVE]
+        self._goal = rospy.get_rostime(), active[-1] if active else None  # A goal being cancelled is not ACTIVE.
+
+    def _take_plan(self, message: Path) -> None:
+        distance = None
+        if message.poses:
+            begin = message.poses[0].pose.position
+            end = message.poses[-1].pose.position
+            distance = math.hypot(end.x - begin.x, end.y - begin.y)
+        self._plan = rospy.get_rostime(), distance
