@@ -7,7 +7,7 @@ subspace of the paper's eight parameters.
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, Dict, List, Mapping, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Tuple
 
 import numpy as np
 
@@ -16,10 +16,22 @@ from applr_ros1.common import files
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.trees import branch
+from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.robots import Robot
 from applr_ros1.robots.check import space_errors
-from applr_ros1.robots.robot import Setting
+from applr_ros1.robots.robot import Target
+
+
+class ParameterSet(NamedTuple):
+    """Parameter set from a file.
+
+    Attributes:
+        theta: Parameters (n,).
+        per_cell: Whether the distance biases are per costmap cell instead of per metre.
+    """
+
+    theta: np.ndarray
+    per_cell: bool
 
 
 @dataclass(frozen=True)
@@ -32,7 +44,8 @@ class Space:
         high: (n,) largest values.
         integer: (n,) bool, True for sample counts.
         theta0: (n,) default parameters of the robot, with which its move_base starts.
-        targets: {parameter: settings of move_base that it sets}. A parameter is read back from its first setting.
+        targets: {parameter: addresses of the values of move_base that it sets}. A parameter is read back from its first
+            address.
         robot: Name of the robot.
         fixed: Names of the parameters that policies in the paper's encoding do not choose.
     """
@@ -42,7 +55,7 @@ class Space:
     high: np.ndarray
     integer: np.ndarray
     theta0: np.ndarray
-    targets: Dict[str, Tuple[Setting, ...]] = field(default_factory=dict)
+    targets: Dict[str, Tuple[Target, ...]] = field(default_factory=dict)
     robot: str = "jackal"
     fixed: Tuple[str, ...] = ()
 
@@ -52,10 +65,17 @@ class Space:
     @cached_property
     def chosen(self) -> "Space":
         """Subspace of the parameters that policies in the paper's encoding choose: eight for the Jackal."""
-        at, names = self._chosen_at, tuple(name for name in self.names if name not in self.fixed)
-        targets = {name: self.targets.get(name, ()) for name in names}
-        rows = (self.low[at], self.high[at], self.integer[at], self.theta0[at])
-        return Space(names, *rows, targets, self.robot)
+        chosen = self._chosen_at
+        names = tuple(self.names[i] for i in chosen)
+        return Space(
+            names=names,
+            low=self.low[chosen],
+            high=self.high[chosen],
+            integer=self.integer[chosen],
+            theta0=self.theta0[chosen],
+            targets={name: self.targets.get(name, ()) for name in names},
+            robot=self.robot,
+        )
 
     @cached_property
     def _chosen_at(self) -> List[int]:
@@ -74,8 +94,8 @@ class Space:
 
     def below(self, name: str, highest: float) -> "Space":
         """Return the space with one parameter limited to `highest`. Unknown names change nothing."""
-        mine = np.array(self.names) == name
-        return replace(self, high=np.where(mine, np.minimum(self.high, highest), self.high))
+        is_limited = np.array(self.names) == name
+        return replace(self, high=np.where(is_limited, np.minimum(self.high, highest), self.high))
 
     def clip(self, theta: Any) -> Array:
         """Return the nearest parameters (n,) float64 inside the ranges, with counts rounded.
@@ -101,9 +121,10 @@ class Space:
 
     def as_dict(self, theta: Any) -> Dict[str, float]:
         """Return the parameters (n,) as {name: value}, with counts as int."""
-        return {
-            name: int(value) if whole else float(value) for name, value, whole in zip(self.names, theta, self.integer)
-        }
+        values: Dict[str, float] = {}
+        for name, value, is_count in zip(self.names, theta, self.integer):
+            values[name] = int(value) if is_count else float(value)
+        return values
 
     def from_dict(self, values: Mapping[str, Any]) -> Array:
         """Return the parameters (n,) for {name: value} after a range check. Missing names are taken from theta_0."""
@@ -115,81 +136,82 @@ class Space:
             theta[i] = number_within(f"parameter {name}", value, self.low[i], self.high[i])
         return self.clip(theta)
 
+    @cached_property
+    def addresses(self) -> List[Tuple[int, Target]]:
+        """All values that the space sets, as (index of the parameter in theta, address of the value)."""
+        addresses = []
+        for i, name in enumerate(self.names):
+            addresses += [(i, target) for target in self.targets[name]]
+        return addresses
+
     @property
     def servers(self) -> Tuple[str, ...]:
         """Unique names of the move_base servers that hold the parameters, in the order of the parameters."""
-        return tuple(dict.fromkeys(t.server for name in self.names for t in self.targets[name]))
+        return tuple(dict.fromkeys(target.server for _, target in self.addresses))
 
-    def targets_of(self, server: str) -> List[Tuple[int, Setting]]:
-        """Return [(index into theta, Setting), ...] for the values of a server."""
-        return [(i, t) for i, name in enumerate(self.names) for t in self.targets[name] if t.server == server]
+    def settings(self, theta: Any) -> Settings:
+        """Return the values that parameters (n,) set after clipping: one request for each server of move_base."""
+        return self.settings_of(self.as_dict(self.clip(theta)))
 
-    def requests(self, theta: Any) -> Dict[str, Dict[str, Any]]:
-        """Return one request for each move_base server, {server: {name: value}}, for parameters (n,), clipped."""
-        values = list(self.as_dict(self.clip(theta)).values())
-        return {
-            server: {t.name: -values[i] if t.negated else values[i] for i, t in self.targets_of(server)}
-            for server in self.servers
-        }
+    def settings_of(self, values: Mapping[str, Any]) -> Settings:
+        """Return the values that some parameters {name: value} set, not clipped."""
+        settings: Dict[str, Dict[str, Any]] = {}
+        for i, target in self.addresses:
+            name = self.names[i]
+            if name in values:
+                settings.setdefault(target.server, {})[target.name] = target.signed(values[name])
+        return Settings(settings)
 
-    def places(self) -> List[Tuple[str, str]]:
-        """Return [(server, name), ...] of the settings from which each parameter of theta is read back."""
-        return [(self.targets[name][0].server, self.targets[name][0].name) for name in self.names]
+    def read_back(self, settings: Mapping[str, Mapping[str, Any]]) -> Array:
+        """Return the parameters (n,) float64 that are in force in the settings of the servers."""
+        first = [self.targets[name][0] for name in self.names]
+        return np.array(
+            [settings[target.server][target.name] for target in first], dtype=np.float64
+        )
 
-    def read(self, path: Any) -> Tuple[np.ndarray, bool]:
+    def read(self, path: Any) -> ParameterSet:
         """Read a JSON file with a parameter set: {name: value}, or {"parameters": {name: value}, ...}.
 
-        Returns:
-            The parameters (n,), with theta_0 for missing names; and whether the distance biases are per costmap cell,
-            which a file states by `"meter_scoring": false`.
+        Missing names have their values in theta_0. A file with `"meter_scoring": false` states that its distance biases
+        are per costmap cell.
         """
         content = files.read_json(path)
-        values = content.get("parameters", content)
         try:
-            return self.from_dict(values), content.get("meter_scoring") is False
-        except ApplrError as e:
-            raise ApplrError(f"{path}: {e}") from None
+            theta = self.from_dict(content.get("parameters", content))
+        except ApplrError as error:
+            raise ApplrError(f"{path}: {error}") from None
+        return ParameterSet(theta, per_cell=content.get("meter_scoring") is False)
 
     def to_dict(self) -> Dict[str, Any]:
         """Return the space as JSON values for a policy's file and an evaluation's settings."""
-        columns = {name: getattr(self, name).tolist() for name in ("low", "high", "integer", "theta0")}
+        columns = {
+            name: getattr(self, name).tolist() for name in ("low", "high", "integer", "theta0")
+        }
         return {"names": list(self.names), **columns}
 
     @classmethod
     def from_metadata(cls, values: Mapping[str, Any], robot: str) -> "Space":
         """Make a space from the values of to_dict. It has no targets and cannot make requests."""
-        low, high, theta0 = (np.array(values[name], dtype=np.float64) for name in ("low", "high", "theta0"))
-        integer, names = np.array(values["integer"], dtype=bool), tuple(map(str, values["names"]))
-        return cls(names, low, high, integer, theta0, robot=str(robot))
+        return cls(
+            names=tuple(map(str, values["names"])),
+            low=np.array(values["low"], dtype=np.float64),
+            high=np.array(values["high"], dtype=np.float64),
+            integer=np.array(values["integer"], dtype=bool),
+            theta0=np.array(values["theta0"], dtype=np.float64),
+            robot=str(robot),
+        )
 
     def _checked(self, numbers: Any, kind: str) -> Array:
         """Return numbers (..., n) as float64. Raise ApplrError if n is wrong or a number is not finite."""
         vector: Array = np.asarray(numbers, dtype=np.float64)
         if vector.shape[-1:] != (len(self.names),):
-            raise ApplrError(f"{kind} vector has shape {vector.shape}: {len(self.names)} values are needed")
+            raise ApplrError(
+                f"{kind} vector has shape {vector.shape}: {len(self.names)} values are needed"
+            )
         if not np.all(np.isfinite(vector)):
             bad = np.argwhere(~np.isfinite(vector))[0]
             raise ApplrError(f"{kind} {self.names[bad[-1]]} is {vector[tuple(bad)]}, not finite")
         return vector
-
-
-def are_in_force(values: Mapping[str, Any], configuration: Mapping[str, Any]) -> bool:
-    """Return whether a server's configuration {name: value} already has these values, so that no call is needed.
-
-    Needless calls are harmful: C++ clears a costmap at every call of its server (Costmap2DROS::reconfigureCB).
-    """
-    return all(configuration.get(name) == value for name, value in values.items())
-
-
-def send(requests: Mapping[str, Mapping[str, Any]], move_base: Any) -> Dict[str, Any]:
-    """Send requests {server: {name: value}} to a MoveBase, and return the current configuration of each server.
-
-    Like the applr node over ROS, it does not call servers that already have the values.
-    """
-    return {
-        server: has if are_in_force(values, has) else move_base.reconfigure(server, values)
-        for server, values, has in ((name, asked, move_base.configuration(name)) for name, asked in requests.items())
-    }
 
 
 @lru_cache(maxsize=32)
@@ -197,16 +219,22 @@ def space_of(robot: Robot) -> Space:
     """Return the parameter space of a robot. Raises ApplrError if its move_base does not accept the space."""
     tree = robot.all_parameters()
     for line in space_errors(robot, tree):
-        raise ApplrError(f"robot {robot.name}: {line}")
-    theta0 = [branch(tree, p.sets[0].server)[p.sets[0].name] for p in robot.space]
-    low, high = ([getattr(parameter, bound) for parameter in robot.space] for bound in ("low", "high"))
-    arrays = [np.array(column, dtype=np.float64) for column in (low, high, theta0)]
-    integer = np.array([parameter.integer for parameter in robot.space])
-    for array in (*arrays, integer):
+        raise ApplrError(f"robot {robot.name}: {line}")  # Only the first error is reported.
+    theta0 = [parameter.sets[0].value_in(tree) for parameter in robot.space]
+    space = Space(
+        names=tuple(parameter.name for parameter in robot.space),
+        low=np.array([parameter.low for parameter in robot.space], dtype=np.float64),
+        high=np.array([parameter.high for parameter in robot.space], dtype=np.float64),
+        integer=np.array([parameter.integer for parameter in robot.space]),
+        theta0=np.array(theta0, dtype=np.float64),
+        targets={parameter.name: parameter.sets for parameter in robot.space},
+        robot=robot.name,
+        fixed=tuple(parameter.name for parameter in robot.space if not parameter.paper),
+    )
+    # All users of the robot share this space.
+    for array in (space.low, space.high, space.integer, space.theta0):
         array.setflags(write=False)
-    targets = {parameter.name: parameter.sets for parameter in robot.space}
-    fixed = tuple(parameter.name for parameter in robot.space if not parameter.paper)
-    return Space(tuple(targets), arrays[0], arrays[1], integer, arrays[2], targets, robot.name, fixed)
+    return space
 
 
 SPACE = space_of(robots.JACKAL)

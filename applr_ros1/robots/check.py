@@ -19,12 +19,12 @@ from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import did_you_mean
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters import check as parameters
-from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace, of_kind, servers
+from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, Server, namespace, of_kind, servers
 from applr_ros1.planner.parameters.layers import COSTMAPS, STATIC_LAYER, layers
 from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.robots import geometry
 from applr_ros1.robots.parameter_files import observation_sources, too_deep
-from applr_ros1.robots.robot import Robot, SpaceParameter
+from applr_ros1.robots.robot import Robot, SpaceParameter, Target
 
 WIDTH = 0.53  # width of the Jackal's padded footprint, for which the training worlds were made [m]
 EIGHT = np.arange(8) * pi / 4  # directions of sides and corners in which outlines are compared [rad]
@@ -190,42 +190,42 @@ def _blind(path: str, source: Dict[str, Any], robot: Robot) -> str:
 def _space_limits(setup: _Setup) -> Iterator[str]:
     """Yield an error for each range of the parameter space that exceeds a limit of the base's controller."""
     for parameter in setup.robot.space:
-        for names, limit in LIMITED:
-            if any(one.server == setup.planner and one.name in names for one in parameter.sets):
-                first = parameter.sets[0]  # The range may include an initial value beyond the limit.
-                start = branch(setup.full, first.server).get(first.name, 0.0)
-                most = max(getattr(setup.robot.base, limit), abs(start))
-                if max(abs(parameter.low), abs(parameter.high)) > most:
+        for names, field in LIMITED:
+            if any(target.server == setup.planner and target.name in names for target in parameter.sets):
+                start = parameter.sets[0].value_in(setup.full) or 0.0
+                limit = max(getattr(setup.robot.base, field), abs(start))  # The range includes the initial value.
+                if max(abs(parameter.low), abs(parameter.high)) > limit:
                     place = f"parameter_space.{parameter.name}.range is [{parameter.low:g}, {parameter.high:g}]"
-                    yield f"{place}, but base.{limit} of this base is {most:g}: stay within {most:g}"
+                    yield f"{place}, but base.{field} of this base is {limit:g}: stay within {limit:g}"
 
 
 def space_errors(robot: Robot, full: Dict[str, Any]) -> Iterator[str]:
     """Yield the first error of each parameter of a robot's space, compared with the servers of a complete tree."""
     known = servers(full)
     for parameter in robot.space:
-        problem = next(filter(None, (_refusal(parameter, one, known) for one in parameter.sets)), "")
+        refusals = [_refusal(parameter, target, known) for target in parameter.sets]
+        problem = next(filter(None, refusals), "")
         if not problem:
-            start = branch(full, parameter.sets[0].server)[parameter.sets[0].name]
+            start = parameter.sets[0].value_in(full)
             if not parameter.low <= start <= parameter.high:
                 problem = f"move_base starts with {start:g}; include it in the range"
         if problem:
             yield f"parameter_space.{parameter.name}: {problem}"
 
 
-def _refusal(parameter: SpaceParameter, one: Any, known: Dict[str, Any]) -> str:
-    """Return why a parameter cannot set a value of a server; "" if there is no problem."""
-    where = f"server {one.server} of move_base" if one.server else "move_base's own server"
-    if one.server not in known:
+def _refusal(parameter: SpaceParameter, target: Target, known: Dict[str, Server]) -> str:
+    """Return why a parameter cannot set the value at an address; "" if there is no problem."""
+    where = f"server {target.server} of move_base" if target.server else "move_base's own server"
+    if target.server not in known:
         names = list(filter(None, known))
-        return f"there is no {where}; {did_you_mean(one.server, names) or 'give ' + ', '.join(names)}"
-    declared = next((p for p in known[one.server].parameters if one.name in p.names), None)
+        return f"there is no {where}; {did_you_mean(target.server, names) or 'give ' + ', '.join(names)}"
+    declared = known[target.server].declared(target.name)
     if declared is None or declared.type not in ("double", "int"):
-        return f"{where} has no number {one.name}; docs/reference/parameters.md lists its parameters"
+        return f"{where} has no number {target.name}; docs/reference/parameters.md lists its parameters"
     if (declared.type == "int") != parameter.integer:
-        kind = f"integer is {str(parameter.integer).lower()}, but {one.name} of {where} is of type {declared.type}"
+        kind = f"integer is {str(parameter.integer).lower()}, but {target.name} of {where} is of type {declared.type}"
         return f"{kind}: give integer: {str(declared.type == 'int').lower()}"
-    low, high = (-parameter.high, -parameter.low) if one.negated else (parameter.low, parameter.high)
+    low, high = sorted(map(target.signed, parameter.range))
     if not declared.min <= low <= high <= declared.max:
         return f"{where} takes {declared.min:g} to {declared.max:g}; stay within it"
     return ""

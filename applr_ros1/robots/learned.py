@@ -14,7 +14,7 @@ from applr_ros1.planner.parameters.costmap_parameters import INFLATION
 from applr_ros1.planner.parameters.declarations import SERVERS, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, INFLATION_LAYER, arranged, layers
 from applr_ros1.planner.parameters.parameter import Parameter, ParameterError
-from applr_ros1.robots.robot import Base, Body, Setting, SpaceParameter, number_at
+from applr_ros1.robots.robot import Base, Body, SpaceParameter, Target, number_at
 
 TRAJECTORY, DWA, MOVE_BASE = "TrajectoryPlannerROS", "DWAPlannerROS", ""
 BOTH_COSTMAPS, LAYERS = "costmaps", "inflation layers"
@@ -123,16 +123,16 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
 def _space_parameter(row: Learned, servers: List[str], units: Dict[str, float], tree: Dict[str, Any]) -> SpaceParameter:
     """Return a learnable parameter of these servers, whose range includes the initial value in `tree`."""
     p = row.declared
-    settings = [Setting.model_construct(server=server, name=row.name, aliases=p.aliases) for server in servers]
+    targets = [Target.model_construct(server=server, name=row.name, aliases=p.aliases) for server in servers]
     if row.also:
         negated = row.also.startswith("-")
-        settings.append(Setting.model_construct(server=servers[0], name=row.also.lstrip("-"), negated=negated))
+        targets.append(Target.model_construct(server=servers[0], name=row.also.lstrip("-"), negated=negated))
     low, high = (units.get(p.kind, 1.0) * end for end in (row.low, row.high))
-    start = number_at(tree, servers[0], settings[0].names)
+    start = number_at(tree, servers[0], targets[0].names)
     start = row.start if start is None else start
     if start is not None:
         start = min(max(start, p.min), p.max)  # move_base clamps its initial value, too.
         low, high = min(low, start), max(high, start)
     return SpaceParameter.model_construct(
-        name=row.name, range=(low, high), integer=p.kind == "count", sets=tuple(settings), paper=row.policy > 0
+        name=row.name, range=(low, high), integer=p.kind == "count", sets=tuple(targets), paper=row.policy > 0
     )

@@ -17,6 +17,7 @@ from typing_extensions import Annotated, Literal
 from applr_ros1.common.errors import ApplrError, did_you_mean
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.check import complete
+from applr_ros1.planner.parameters.declarations import Server, servers
 from applr_ros1.robots.parameter_files import nested, of_move_base
 
 FILE = "robot.yaml"
@@ -233,8 +234,8 @@ ParameterName = Annotated[str, Field(pattern="^[A-Za-z][A-Za-z0-9_]*$")]
 ValueName = Annotated[str, Field(pattern=f"^{PATH}$")]
 
 
-class Setting(Section):
-    """One dynamic_reconfigure value of move_base that follows a parameter of the space.
+class Target(Section):
+    """Address of one dynamic_reconfigure value of move_base that follows a parameter of the space.
 
     Attributes:
         server: Server below move_base, such as DWAPlannerROS; "" is move_base itself.
@@ -253,10 +254,13 @@ class Setting(Section):
         """Accepted names, the latest first."""
         return (self.name, *self.aliases)
 
-    @property
-    def sign(self) -> float:
-        """-1 if the value is negated, otherwise 1."""
-        return -1.0 if self.negated else 1.0
+    def signed(self, number: Any) -> Any:
+        """Convert a parameter's number, or an array, to the value at this address, or back."""
+        return -number if self.negated else number
+
+    def value_in(self, tree: Dict[str, Any]) -> Any:
+        """Return the value at this address in a complete parameter tree (check.complete), or None."""
+        return branch(tree, self.server).get(self.name)
 
 
 class SpaceParameter(Section):
@@ -264,13 +268,13 @@ class SpaceParameter(Section):
 
     Attributes:
         name: Key of the parameter in the file.
-        sets: Server values that follow the parameter. The parameter is read back from the first one.
+        sets: Values of servers that follow the parameter. The parameter is read back from the first one.
         paper: Whether policies in the paper's encoding observe and set the parameter.
     """
 
     name: ParameterName
     range: Tuple[Bound, Bound]
-    sets: Tuple[Setting, ...] = Field(min_length=1)
+    sets: Tuple[Target, ...] = Field(min_length=1)
     integer: StrictBool = False
     paper: StrictBool = True
 
@@ -353,7 +357,7 @@ class RobotFile(Section):
     @model_validator(mode="before")
     @classmethod
     def _named(cls, content: Any) -> Any:
-        """Remove empty sections, and name each parameter of the space and its settings after its key."""
+        """Remove empty sections, and name each parameter of the space and its targets after its key."""
         content = {name: value for name, value in content.items() if value is not None}
         for name, given in content.get("parameter_space", {}).items():
             given["name"] = name
@@ -409,6 +413,11 @@ class Robot:
         without_map, with_map = self.move_base
         with_map = None if with_map is None else merged(with_map, tree)
         return replace(self, name=name, move_base=MoveBaseSetup(merged(without_map, tree), with_map))
+
+    @property
+    def servers(self) -> Dict[str, Server]:
+        """Declarations of all parameters that reconfigure changes, by server of move_base."""
+        return servers(self.all_parameters())
 
     def all_parameters(self) -> Dict[str, Any]:
         """Return a copy of the parameters without a map, with all defaults filled in (check.complete)."""

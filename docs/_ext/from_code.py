@@ -160,10 +160,10 @@ def jackal_space() -> str:
     from applr_ros1.policy.parameter_space import SPACE
     from applr_ros1.robots import JACKAL
 
-    declared = {name: p for parameters in SERVERS.values() for p in parameters for name in (p.name, *p.aliases)}
     rows = []
     for parameter, start in zip(JACKAL.space, SPACE.theta0):
-        meaning = next(declared[name] for name in parameter.sets[0].names if name in declared)
+        target = parameter.sets[0]
+        meaning = JACKAL.servers[target.server].declared(target.name)
         bounds = "%g to %g" % (parameter.low, parameter.high)
         rows.append(["`%s`" % parameter.name, "%g" % start, bounds, meaning.unit or "", meaning.doc])
     return table(["parameter", "default", "range", "unit", "meaning"], rows)

@@ -150,8 +150,7 @@ def test_other_names_of_the_cpp_move_base(robot, stack):
     _, _, client = stack(fake=("--spelling", "kinetic", "--layer", "inflation_layer"))
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), "decisions")
-    names = {i: name for i, _, name in client._servers[PLANNER.split("/")[-1]].settings}
-    assert names[5] == "pdist_scale"
+    assert client._servers["TrajectoryPlannerROS"].names["path_distance_bias"] == "pdist_scale"
     assert client.servers["local_costmap/inflater_layer"].endswith("inflation_layer")
 
 
@@ -416,8 +415,9 @@ def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robo
     assert service("set_method", SetMethod, "dwa").success
     node.until("does not answer")
     assert node.end() == 0, node.text
-    others = [server for server in client._servers.values() if server.name != LAYERS[0]]
-    wait_for(lambda: all(server.has(server.request(THETA_0)) for server in others), "theta_0 of the others")
+    default = SPACE.settings(THETA_0)
+    others = [(name, server) for name, server in client._servers.items() if server.name != LAYERS[0]]
+    wait_for(lambda: all(each.has(each.request(default[name])) for name, each in others), "theta_0 of the others")
     rospy.delete_param("/fake/hang")
 
 

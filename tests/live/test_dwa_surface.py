@@ -62,7 +62,7 @@ def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_cl
 
     def has(theta):
         """Return whether the parameter set theta was in force at any time."""
-        wanted = space.requests(theta)["DWAPlannerROS"].items()
+        wanted = space.settings(theta)["DWAPlannerROS"].items()
         return any(wanted <= values.items() for values in in_force)
 
     applr = master.node("applr", "_robot:=husky", "_method:=static", "_period:=0.4")

@@ -105,4 +105,4 @@ def test_a_lost_heartbeat_is_reported_once():
     jackal = MoveBase(JACKAL)
     capped = heartbeat_watchdog.start_up_requests(jackal, SPACE, max_speed=0.3)
     assert capped["TrajectoryPlannerROS"]["max_vel_x"] == 0.3
-    assert heartbeat_watchdog.start_up_requests(jackal, SPACE) == SPACE.requests(SPACE.theta0)
+    assert heartbeat_watchdog.start_up_requests(jackal, SPACE) == SPACE.settings(SPACE.theta0)

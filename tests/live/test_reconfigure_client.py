@@ -118,14 +118,18 @@ def test_a_restarted_server_is_called_with_any_last_values(client, calls):
 
 
 def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_with(client, monkeypatch):
-    i = SPACE.names.index("max_vel_x")
-    monkeypatch.setattr(client, "multipliers", np.where(np.arange(len(SPACE)) == i, 2.0, 1.0))
+    i = SPACE.names.index("pdist_scale")
+    monkeypatch.setattr(client, "per_cell", True)
+    monkeypatch.setattr(client, "factor", 0.05)
     assert applied(client, THETA_0)
-    assert client.values()[i] == 2.0 * THETA_0[i]
+    assert client.values()[i] == 2.5 * THETA_0[i]
     assert np.array_equal(client.theta(), THETA_0)
-    client._servers["TrajectoryPlannerROS"]._client.update_configuration({"max_vel_x": 0.8})
-    wait_for(lambda: client.values()[i] == 0.8, "the value set by another client")
-    assert client.theta()[i] == 0.4
+    client._servers["TrajectoryPlannerROS"]._client.update_configuration({"path_distance_bias": 2.0})
+    wait_for(lambda: client.values()[i] == 2.0, "the value set by another client")
+    assert client.theta()[i] == 0.8
+    monkeypatch.setattr(client, "per_cell", False)
+    assert applied(client, THETA_0)
+    assert np.array_equal(client.values(), THETA_0), "a set per metre is sent unchanged"
 
 
 def test_a_restarted_server_gets_the_last_request():
@@ -211,8 +215,9 @@ def test_fault_5_one_refusal_is_read_back_and_the_next_attempt_sets_the_missing_
     error = client.apply(SPACE.high, LONGEST)
     assert server in error
     assert "\n" not in error
-    for each in client._servers.values():
-        assert each.has(each.request(THETA_0 if each.name == server else SPACE.high)), each.name
+    for name, each in client._servers.items():
+        theta = THETA_0 if each.name == server else SPACE.high
+        assert each.has(each.request(SPACE.settings(theta)[name])), name
     rospy.delete_param("/fake/" + fault)
     assert applied(client, SPACE.high)
 

@@ -7,11 +7,15 @@ import numpy as np
 
 import worlds
 from applr_ros1 import robots
-from applr_ros1.nodes.applr.meter_scoring import factor_of, multipliers_of
+from applr_ros1.nodes.applr.distance_weights import multipliers_of
+from applr_ros1.nodes.applr.meter_scoring import factor_of
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.settings import send
 from applr_ros1.policy import methods
-from applr_ros1.policy.parameter_space import SPACE, send
+from applr_ros1.policy.parameter_space import SPACE
 from tests.support.toy_robot import ToyRobot, quick, ring, run
+
+LARGEST = np.full(len(SPACE), 5.0)  # upper bounds of TrajectoryPlannerROS for its biases
 
 
 def tree(weights):
@@ -26,8 +30,7 @@ def cloud(weights, seed):
     made = MoveBase(tree(weights))
     robot = ToyRobot(circles=ring(0.0, 0.0, draw.uniform(1.0, 2.0), posts=int(draw.integers(0, 7))))
     theta = SPACE.to_theta(draw.uniform(-1.0, 1.0, len(SPACE)))
-    for server, values in SPACE.requests(theta).items():
-        made.reconfigure(server, values)
+    send(SPACE.settings(theta), made)
     made.set_goal((*draw.uniform(-4.0, 4.0, 2), 0.0), 0.0)
     run(made, robot, 0.15)
     return made, made.local_planner.cost_cloud(made.local_costmap), theta
@@ -57,7 +60,7 @@ def test_a_compensated_drive_equals_a_drive_without_need_of_compensation():
         """Episode that sends parameters converted for a planner with weights per metre, as the applr node does."""
 
         def apply(self, theta):
-            send(unbounded.requests(theta * multipliers_of(SPACE, 0.05)), self.move_base)
+            send(unbounded.settings(theta * multipliers_of(SPACE, 0.05, LARGEST)), self.move_base)
             return theta
 
     draw, rows = np.random.default_rng(2), []
@@ -77,13 +80,13 @@ def test_a_compensated_drive_equals_a_drive_without_need_of_compensation():
 
 def test_every_parameter_set_of_the_space_is_within_the_planners_bounds():
     for factor in (0.05, 0.02):
-        factors = multipliers_of(SPACE, factor)
+        factors = multipliers_of(SPACE, factor, LARGEST)
         for theta in (SPACE.low, SPACE.high, SPACE.theta0):
             sent = theta * factors
             assert sent[4:7].min() > 0.0
             assert sent[4:7].max() <= 5.0
             assert np.array_equal(np.delete(sent, (4, 5, 6)), np.delete(theta, (4, 5, 6)))
-    assert (multipliers_of(SPACE, 1.0) == 1.0).all()
+    assert (multipliers_of(SPACE, 1.0, LARGEST) == 1.0).all()
 
 
 def test_learned_parameter_sets_count_per_cell_and_a_users_set_is_sent_unchanged(tmp_path):

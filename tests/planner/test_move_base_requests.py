@@ -8,7 +8,8 @@ import pytest
 from applr_ros1.planner.costmap.static_layer import StaticMap
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.parameter import ParameterError
-from applr_ros1.policy.parameter_space import SPACE, send
+from applr_ros1.planner.parameters.settings import send
+from applr_ros1.policy.parameter_space import SPACE
 from tests.support.refusals import refused
 from tests.support.toy_robot import SLALOM, ToyRobot, quick, run, start
 
@@ -125,9 +126,9 @@ def test_send_calls_no_server_whose_values_are_in_force():
     theta[SPACE.names.index("inflation_radius")] = 0.5
     for padding, kept in ((0.1, True), (0.14, False), (0.14, True)):
         theta[SPACE.names.index("footprint_padding")] = padding
-        has = send(SPACE.requests(theta), made)
+        in_force = send(SPACE.settings(theta), made)
         assert (made.local_costmap.cells.any(), made.global_costmap.cells.any()) == (kept, kept)
-        assert [has[server][name] for server, name in SPACE.places()] == theta.tolist()
+        assert SPACE.read_back(in_force).tolist() == theta.tolist()
         run(made, robot, 0.1)
 
 

@@ -17,7 +17,7 @@ from applr_ros1.policy.dimensionless import SIZE, DimensionlessEncoding
 from applr_ros1.policy.encoding import with_mirror_images
 from applr_ros1.robots import JACKAL, NAMES, load
 from applr_ros1.robots.learned import OUTPUTS, default_space
-from applr_ros1.robots.robot import Setting, SpaceParameter
+from applr_ros1.robots.robot import SpaceParameter, Target
 from tests.policy import golden_encoding
 from tests.support.refusals import refused
 
@@ -159,8 +159,8 @@ def test_parameters_that_an_action_does_not_choose_have_the_policys_base(tmp_pat
 
 def test_a_parameter_with_a_range_out_of_reach_is_not_chosen():
     """min_vel_x is a backward speed for DWAPlannerROS, but the smallest forward speed for TrajectoryPlannerROS."""
-    settings = (Setting(server="TrajectoryPlannerROS", name="min_vel_x"),)
-    ahead = SpaceParameter(name="min_vel_x", range=(0.02, 0.4), sets=settings)
+    targets = (Target(server="TrajectoryPlannerROS", name="min_vel_x"),)
+    ahead = SpaceParameter(name="min_vel_x", range=(0.02, 0.4), sets=targets)
     encoding = DimensionlessEncoding(replace(JACKAL, space=(*JACKAL.space, ahead)), 1.0)
     assert set(encoding.chosen) == {*JACKAL_CHOSEN, "sim_time"}
     assert encoding.theta(np.full(len(OUTPUTS), -1.0))[-1] == 0.1

@@ -96,13 +96,10 @@ def test_errors_are_one_line(call, line):
 
 
 def test_ranges_lie_within_the_servers_bounds():
-    from applr_ros1.planner.parameters.declarations import SERVERS
-
-    for name, low, high in zip(SPACE.names, SPACE.low, SPACE.high):
-        for target in SPACE.targets[name]:
-            (p,) = [p for p in SERVERS[target.server] if p.name == target.names[0]]
-            assert p.min <= min(low * target.sign, high * target.sign)
-            assert max(low * target.sign, high * target.sign) <= p.max
+    for i, target in SPACE.addresses:
+        declared = robots.JACKAL.servers[target.server].declared(target.name)
+        low, high = sorted(map(target.signed, (SPACE.low[i], SPACE.high[i])))
+        assert declared.min <= low < high <= declared.max
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 6, 18, 19, 20, 37, 200])
@@ -229,13 +226,13 @@ def test_a_policy_for_another_space_is_rejected(tmp_path):
 
 def test_one_request_for_each_server():
     theta = SPACE.from_dict({"max_vel_theta": 2.0, "pdist_scale": 0.5, "vx_samples": 9, "inflation_radius": 0.4})
-    requests = SPACE.requests(theta)
+    requests = SPACE.settings(theta)
     assert list(requests) == [PLANNER, *INFLATION, *COSTMAPS]
     assert requests[PLANNER]["min_vel_theta"] == -requests[PLANNER]["max_vel_theta"] == -2.0
     assert requests[PLANNER]["path_distance_bias"] == 0.5
     assert isinstance(requests[PLANNER]["vx_samples"], int)
     assert requests[INFLATION[0]] == requests[INFLATION[1]] == {"inflation_radius": 0.4}
-    assert [requests[server][name] for server, name in SPACE.places()] == theta.tolist()
+    assert SPACE.read_back(requests).tolist() == theta.tolist()
 
 
 def test_named_methods_and_files_give_their_parameters(tmp_path):

@@ -9,6 +9,7 @@ from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.settings import send
 from applr_ros1.policy.actor import load as load_policy
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
@@ -106,10 +107,10 @@ def test_space_and_layout_follow_the_description(crate):
     }
     assert (layout.beams, layout.angle_min, layout.range_cap) == (241, -2.0, pytest.approx(1.7))
     planner, theta = MoveBase(robot.parameters()), space.high
-    has = {server: planner.reconfigure(server, values) for server, values in space.requests(theta).items()}
-    assert [has[server][name] for server, name in space.places()] == theta.tolist()
-    assert has["DWAPlannerROS"]["max_vel_trans"] == 0.8
-    assert has[""]["planner_patience"] == 20.0
+    in_force = send(space.settings(theta), planner)
+    assert space.read_back(in_force).tolist() == theta.tolist()
+    assert in_force["DWAPlannerROS"]["max_vel_trans"] == 0.8
+    assert in_force[""]["planner_patience"] == 20.0
 
 
 def test_obstacles_count_at_the_lasers_height_in_simulation_too(crate):

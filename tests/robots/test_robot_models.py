@@ -48,5 +48,5 @@ def test_a_set_loaded_after_the_robots_own_files_is_in_force(name):
     space = loadable_space(robot)
     theta = space.clip(space.fill(space.pick(0.5 * (space.low + space.high))))
     tree = arranged(merged(robot.parameters(), move_base_parameters(robot, space.as_dict(theta))))
-    targets = [(value, target) for value, name in zip(theta, space.names) for target in space.targets[name]]
-    assert [number_at(tree, t.server, t.names) * t.sign for _, t in targets] == [value for value, _ in targets]
+    for i, target in space.addresses:
+        assert number_at(tree, target.server, target.names) == target.signed(theta[i])

@@ -15,8 +15,9 @@ import numpy as np
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.settings import send
 from applr_ros1.policy.encoding import PaperEncoding
-from applr_ros1.policy.parameter_space import send, space_of
+from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from training.appld.demonstration import is_driving
 from training.appld.segmentation import Segment
@@ -92,7 +93,7 @@ def stretches(demonstration: Drive, robot: Robot, spans: Sequence[Segment]) -> L
     goal = demonstration.sent[-1].pose
     planner = MoveBase(counting_cells(robot.parameters()))
     space = space_of(robot)
-    send(space.requests(space.theta0), planner)
+    send(space.settings(space.theta0), planner)
     step(planner, demonstration, robot, 0)
     planner.set_goal(goal, clock(0))
     parts = []
@@ -112,7 +113,7 @@ def replay(stretch: Stretch, theta: np.ndarray) -> np.ndarray:
     demonstration = stretch.demonstration
     assert demonstration.commands is not None
     planner = copy.deepcopy(stretch.planner)
-    send(space_of(stretch.robot).requests(theta), planner)
+    send(space_of(stretch.robot).settings(theta), planner)
     rows = range(stretch.first, stretch.last)
     planned = np.array([step(planner, demonstration, stretch.robot, i) for i in rows])
     errors = planned - demonstration.commands.twist[rows]

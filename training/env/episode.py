@@ -30,11 +30,12 @@ from applr_ros1.drives.drive import (
 from applr_ros1.drives.recorder import Recorder
 from applr_ros1.planner.costmap.static_layer import StaticMap
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.settings import send
 from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.policy.actor import Stall
 from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.observation import layout_of
-from applr_ros1.policy.parameter_space import send, space_of
+from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.robots.robot import Laser
 from applr_ros1.stack.stack import Stack, Step
@@ -276,13 +277,11 @@ class Episode:
     # -- parameters --------------------------------------------------------------------------------
     def apply(self, theta: np.ndarray) -> np.ndarray:
         """Set parameters theta (n,) through the same reconfigure servers as over ROS; return the resulting values."""
-        has = send(self.space.requests(theta), self.move_base)
+        in_force = send(self.space.settings(theta), self.move_base)
         if self._record:
-            for server, values in has.items():
+            for server, values in in_force.items():
                 self._recorder.changed(self.seconds, server, values)
-        return np.array(
-            [has[server][name] for server, name in self.space.places()], dtype=np.float64
-        )
+        return self.space.read_back(in_force)
 
     # -- one control cycle of 50 ms ----------------------------------------------------------------
     def _cycle(self) -> Tuple[Cycle, RobotState]:

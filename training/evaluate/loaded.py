@@ -28,15 +28,15 @@ def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, A
         values: Parameter set {name: value}, which may leave out parameters.
     """
     made: Dict[str, Any] = {}
-    space, tree, known = space_of(robot), robot.parameters(), loadable_space(robot).chosen.names
-    for server, request in space.requests(space.from_dict(dict(values))).items():
-        costmap = server.rpartition("/")[0]
-        place = costmap if costmap and "plugins" not in branch(tree, costmap) else server
-        for i, target in space.targets_of(server):
-            if space.names[i] not in values or space.names[i] not in known:
-                continue
-            names = [name for name in target.names if name in branch(tree, place)] or target.names[:1]
-            branch(made, place, create=True).update(dict.fromkeys(names, request[target.names[0]]))
+    tree, space = robot.parameters(), loadable_space(robot)
+    numbers = space.as_dict(space.from_dict(dict(values)))
+    for i, target in space.chosen.addresses:
+        name = space.chosen.names[i]
+        if name in values:
+            costmap = target.server.rpartition("/")[0]
+            place = costmap if costmap and "plugins" not in branch(tree, costmap) else target.server
+            names = [each for each in target.names if each in branch(tree, place)] or [target.name]
+            branch(made, place, create=True).update(dict.fromkeys(names, target.signed(numbers[name])))
     if TRAJECTORY in tree.get("base_local_planner", TRAJECTORY):  # searches drive with biases per costmap cell
         branch(made, TRAJECTORY, create=True)["meter_scoring"] = False
     return made

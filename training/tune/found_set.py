@@ -10,7 +10,6 @@ import numpy as np
 import yaml
 
 from applr_ros1.common.files import write_bytes, write_json
-from applr_ros1.planner.parameters.declarations import servers
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
@@ -74,11 +73,12 @@ def changes(robot: Robot, values: Mapping[str, float], saved: Mapping[str, Seque
     """
     import pandas as pd
 
-    space, known, rows = space_of(robot), servers(robot.all_parameters()), []
+    space, servers, rows = space_of(robot), robot.servers, []
     defaults = space.as_dict(space.theta0)
     for name, value in values.items():
         target = space.targets[name][0]
-        declared = next(p for p in known[target.server].parameters if p.name in target.names)
+        declared = servers[target.server].declared(target.name)
+        assert declared is not None, "space_of refuses targets that no server declares"
         both = (f"{each:.4g} {declared.unit}".rstrip() for each in (defaults[name], value))
         rows.append((name, *both, *np.round(saved[name], 1), declared.doc))
     columns = ["parameter", "default", "tuned", "saving [s]", "95 % low", "95 % high", "median [s]", "meaning"]

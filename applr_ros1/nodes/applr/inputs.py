@@ -60,9 +60,13 @@ class RobotInputs:
         plan = move_base + "/NavfnROS/plan"
         self._plan_topic, self._lock = rospy.resolve_name(plan), threading.Lock()
         self.clear()
-        rospy.Subscriber(plan, Path, self._on_plan, queue_size=1, buff_size=2**24)  # A small buffer delays plans.
+        rospy.Subscriber(
+            plan, Path, self._on_plan, queue_size=1, buff_size=2**24
+        )  # A small buffer delays plans.
         rospy.Subscriber(move_base + "/status", GoalStatusArray, self._on_status, queue_size=1)
-        rospy.Subscriber(move_base + "/current_goal", PoseStamped, self._on_current_goal, queue_size=1)
+        rospy.Subscriber(
+            move_base + "/current_goal", PoseStamped, self._on_current_goal, queue_size=1
+        )
         rospy.Subscriber("applr/tracked", Movers, self._on_movers, queue_size=1)
 
     def clear(self) -> None:
@@ -97,7 +101,12 @@ class RobotInputs:
         beams = self._beams(now)
         stamps = self._sensors.stamps()
         early = 0.0 if plan is None or since is None else (since - planned).to_sec()
-        if plan is None or early > 0.5 or early > -0.5 and _nearer(plan.poses[-1].pose, former, goal):
+        if (
+            plan is None
+            or early > 0.5
+            or early > -0.5
+            and _nearer(plan.poses[-1].pose, former, goal)
+        ):
             raise ObservationError(f"no global plan for this goal on {self._plan_topic} yet")
         points = np.array([(p.pose.position.x, p.pose.position.y) for p in plan.poses])
         frame = plan.header.frame_id or plan.poses[0].header.frame_id
@@ -105,14 +114,18 @@ class RobotInputs:
         moving, movers_stamp = self._moving(movers, frame, now)
         pose, time = self._pose(frame, stamps["scan"], now), (now - began).to_sec()
         seen = Seen(beams, time, pose, self._sensors.twist, goal, points, moving)
-        return Snapshot(seen, frame, stamps["scan"], stamps["twist"], plan.header.stamp, movers_stamp)
+        return Snapshot(
+            seen, frame, stamps["scan"], stamps["twist"], plan.header.stamp, movers_stamp
+        )
 
     def _beams(self, now: rospy.Time) -> Tuple[np.ndarray, float, float]:
         """Return (ranges, first angle, angle increment [rad]) of the latest scan, in the robot's frame."""
         self._scan = scan = self._sensors.observations().get(self._scan_topic, self._scan)
         if scan is None or (now - self._sensors.stamps()["scan"]).to_sec() > MAX_AGE_S:
             latest = self._sensors.describe_latest(self._scan_topic)
-            raise ObservationError(f"no usable scan on {rospy.resolve_name(self._scan_topic)}: {latest}")
+            raise ObservationError(
+                f"no usable scan on {rospy.resolve_name(self._scan_topic)}: {latest}"
+            )
         trouble = self._sensors.odometry_trouble(now, MAX_AGE_S)
         if trouble:
             raise ObservationError(trouble)
@@ -121,7 +134,9 @@ class RobotInputs:
             upright = conversions.cos_tilt(scan.rotation)
             ranges, first = conversions.from_above(scan, ranges, upright < 0.0)
         if abs(upright) < LEAST_LEVEL_COS:
-            raise ObservationError(f"the laser in {scan.frame} is tilted: the policy needs a level laser")
+            raise ObservationError(
+                f"the laser in {scan.frame} is tilted: the policy needs a level laser"
+            )
         return ranges, scan.sensor_pose[2] + first, scan.angle_increment
 
     def _pose(self, frame: str, stamp: rospy.Time, now: rospy.Time) -> Pose:
@@ -132,11 +147,15 @@ class RobotInputs:
             transform = self._transforms.latest(frame, self._base, now, MAX_AGE_S)
         return conversions.pose_of(transform.transform)
 
-    def _moving(self, msg: Optional[Movers], frame: str, now: rospy.Time) -> Tuple[np.ndarray, rospy.Time]:
+    def _moving(
+        self, msg: Optional[Movers], frame: str, now: rospy.Time
+    ) -> Tuple[np.ndarray, rospy.Time]:
         """Return moving obstacles (k, 4) x, y, vx, vy in `frame`, and their stamp; none if the message is stale."""
         if msg is None or abs((now - msg.header.stamp).to_sec()) > MAX_AGE_S:
             return np.zeros((0, 4)), rospy.Time()
-        x, y, vx, vy = np.array(list(zip(msg.x, msg.y, msg.vx, msg.vy)), dtype=float).reshape(-1, 4).T
+        x, y, vx, vy = (
+            np.array(list(zip(msg.x, msg.y, msg.vx, msg.vy)), dtype=float).reshape(-1, 4).T
+        )
         if frame.lstrip("/") != msg.header.frame_id.lstrip("/"):
             place = self._transforms.latest(frame, msg.header.frame_id, now, MAX_AGE_S)
             place = conversions.pose_of(place.transform)
@@ -149,7 +168,9 @@ class RobotInputs:
             self._movers = msg
 
     def _on_plan(self, msg: Path) -> None:
-        if msg.poses:  # move_base publishes an empty plan if planning fails, but keeps the old plan.
+        if (
+            msg.poses
+        ):  # move_base publishes an empty plan if planning fails, but keeps the old plan.
             with self._lock:
                 self._plan, self._planned = msg, rospy.Time.now()
 
@@ -170,5 +191,8 @@ def _nearer(pose: Any, former: Any, goal: Any) -> bool:
     """Return whether a geometry_msgs/Pose is nearer to the former goal than to the current goal, if both exist."""
     if former is None or goal is None:
         return False
-    away = [math.hypot(pose.position.x - g.position.x, pose.position.y - g.position.y) for g in (former, goal)]
+    away = [
+        math.hypot(pose.position.x - g.position.x, pose.position.y - g.position.y)
+        for g in (former, goal)
+    ]
     return away[0] < away[1]

@@ -56,7 +56,9 @@ def make_method(spec: str, robot: Robot, given: str) -> Tuple[Any, str]:
 def enable(node: ApplrNode, request: Any) -> SetBoolResponse:
     """Handle the service ~enable."""
     node.switch(request.data)
-    return SetBoolResponse(True, f"on, method {node.method.name}" if request.data else "off: theta_0")
+    return SetBoolResponse(
+        True, f"on, method {node.method.name}" if request.data else "off: theta_0"
+    )
 
 
 def set_parameters(node: ApplrNode, message: Parameters) -> None:
@@ -89,17 +91,25 @@ def main() -> int:
     init_node("applr")
     given = rospy.get_param("~", {})
     most = {"period": 60.0, "seed": 2**31 - 1, "max_speed": math.inf}
-    period, seed, max_speed = (number_within(name, given.get(name, 0), 0, high) for name, high in most.items())
+    period, seed, max_speed = (
+        number_within(name, given.get(name, 0), 0, high) for name, high in most.items()
+    )
     namespace = rospy.resolve_name(str(given.get("move_base", "move_base")))
     robot, prefix = named_robot(given)
     space = space_of(robot)
-    slowest = dict(zip(space.names, space.low.tolist())).get("max_vel_x", 0.0)  # 0 without max_vel_x
+    slowest = dict(zip(space.names, space.low.tolist())).get(
+        "max_vel_x", 0.0
+    )  # 0 without max_vel_x
     if 0 < max_speed < slowest:
-        raise ApplrError(f"max_speed is {max_speed:g}: give at least {slowest:g} m/s, or 0 for no limit")
+        raise ApplrError(
+            f"max_speed is {max_speed:g}: give at least {slowest:g} m/s, or 0 for no limit"
+        )
     spec = str(given.get("method", "auto"))
     meter_scoring = str(given.get("meter_scoring", "auto")).lower()  # ROS parses true as a bool.
     if meter_scoring not in CHOICES:
-        raise ApplrError(f"meter_scoring is {meter_scoring}: give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}")
+        raise ApplrError(
+            f"meter_scoring is {meter_scoring}: give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}"
+        )
     code = started_with(spec)
     method, trouble = make_method(spec, robot, code)
     node = ApplrNode(
@@ -113,7 +123,9 @@ def main() -> int:
         meter_scoring,
         robot,
     )
-    rospy.Subscriber("~set_parameters", Parameters, lambda message: set_parameters(node, message), queue_size=10)
+    rospy.Subscriber(
+        "~set_parameters", Parameters, lambda message: set_parameters(node, message), queue_size=10
+    )
     rospy.Service("~enable", SetBool, lambda request: enable(node, request))
     rospy.Service("~set_method", SetMethod, lambda request: set_method(node, code, request))
     if trouble:

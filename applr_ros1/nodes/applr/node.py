@@ -31,8 +31,18 @@ TICK_S = 0.05  # interval between two readings of the clock, in ROS time [s]
 REPORT_S = 1.0  # interval between diagnostics, in ROS time [s]
 LATE_SHARE = 0.1  # delay above which a decision counts as late, as a share of the period
 GONE = "move_base has stopped publishing its status: check that it is running"
-COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "restarts")  # counters in /diagnostics
-LOST_PERIODS = 3  # number of periods without a usable decision after which the policy counts as lost
+COUNTS = (
+    "decisions",
+    "late",
+    "refused",
+    "unusable",
+    "applied",
+    "failed",
+    "restarts",
+)  # counters in /diagnostics
+LOST_PERIODS = (
+    3  # number of periods without a usable decision after which the policy counts as lost
+)
 
 
 class ApplrNode:
@@ -62,12 +72,18 @@ class ApplrNode:
         meter_scoring: str = AUTO,
         robot: Robot = JACKAL,
     ):
-        self.robot, self.space = robot, space_of(robot)
-        self.method, self.inputs, self.topics, self.seed = method, inputs, topics, seed
-        self._given_period = period
-        self.enabled = True
-        self._by_hand: Optional[np.ndarray] = None  # parameters (n,) set by hand while the method is off
+        self.robot = robot
+        self.space = space_of(robot)
+        self.method = method
+        self.inputs = inputs
+        self.topics = topics
+        self.seed = seed
+        self._node_period = period
         self._max_speed = max_speed
+        self.enabled = True
+        self._by_hand: Optional[np.ndarray] = (
+            None  # parameters (n,) set by hand while the method is off
+        )
         self.counts: Dict[str, int] = Counter()
         self.trouble = ""  # latest problem in one line, or ""
         self.degraded = ""  # reason why the requested method is not in use, or ""
@@ -79,45 +95,52 @@ class ApplrNode:
         self._base_set = False  # whether the parameters for the time between goals have been sent
         self._deciding = threading.Lock()  # guards method, enabled and the state of the course
         space = self.space.below("max_vel_x", max_speed)
-        self.client = ReconfigureClient(namespace, space, self._on_restart, self._on_report, self._note_trouble)
+        self.client = ReconfigureClient(
+            namespace, space, self._on_restart, self._on_report, self._note_trouble
+        )
+        self.client.per_cell = method.per_cell
         self.meter_scoring = MeterScoring(self.client, meter_scoring)
 
     @property
     def period(self) -> float:
         """ROS time between decisions [s]: the period set for the node if any, else the method's."""
-        return self.method.period if self._given_period is None else self._given_period
+        return self.method.period if self._node_period is None else self._node_period
 
     def _begin_course(self, now: rospy.Time) -> None:
         self.method.period = self.period  # The observation may depend on the period.
         try:
             self.method.reset(self.seed + self.counts["courses"])
-        except Exception as e:  # A method may be user code, as in _choose.
-            self._note_trouble(one_line(e))
+        except Exception as problem:  # A method may be user code, as in _choose.
+            self._note_trouble(one_line(problem))
         self.counts["courses"] += 1
-        self._due, self._failures, self._began = now, 0, now
+        self._due = self._began = now
+        self._failures = 0
 
     def spin(self) -> None:
         """Run until shutdown. If the clock jumps back, start anew."""
         self.client.start()
         rospy.on_shutdown(self.shutdown)
-        beat = report = rospy.Time(0)
+        beat_due = report_due = rospy.Time(0)
         clock = Clock()
         while not rospy.is_shutdown():
             try:
                 if clock.went_back():
                     self._clock_jumped()
-                    beat = report = rospy.Time(0)
+                    beat_due = report_due = rospy.Time(0)
                 now = clock.now
-                if now >= beat:
+                if now >= beat_due:
                     self.topics.heartbeat(now)
-                    beat = now + rospy.Duration(min(self.period, PERIOD))  # move_base expects a beat every 2 s.
-                if now >= report:
+                    beat_due = now + rospy.Duration(
+                        min(self.period, PERIOD)
+                    )  # move_base expects a beat every 2 s.
+                if now >= report_due:
                     self._report(now)
-                    report = now + rospy.Duration(REPORT_S)
+                    report_due = now + rospy.Duration(REPORT_S)
                 with self._deciding:
                     self._tick(now)
-                left = TICK_S if self._due is None else (self._due - now).to_sec()
-                rospy.sleep(left if 0.001 < left < TICK_S else TICK_S)
+                # The last tick before a decision is shorter, so that the decision is on time.
+                pause = TICK_S if self._due is None else (self._due - now).to_sec()
+                rospy.sleep(pause if 0.001 < pause < TICK_S else TICK_S)
             except rospy.exceptions.ROSTimeMovedBackwardsException:
                 continue
             except rospy.exceptions.ROSInterruptException:
@@ -136,7 +159,9 @@ class ApplrNode:
         with self._deciding:
             if enabled != self.enabled:
                 rospy.loginfo("applr: switched %s", "on" if enabled else "off: theta_0")
-            self.enabled, self._base_set, self._by_hand = bool(enabled), False, None
+            self.enabled = bool(enabled)
+            self._base_set = False
+            self._by_hand = None
 
     def set_by_hand(self, values: Dict[str, float]) -> None:
         """Switch the method off and set {name: value}, clipped to the ranges. Other parameters stay as they are.
@@ -150,9 +175,11 @@ class ApplrNode:
                 raise ApplrError("the planner's parameters are not known yet")
             unknown = sorted(set(values) - set(self.space.names))
             if unknown:
-                raise ApplrError(f"unknown parameter {unknown[0]!r}: use {', '.join(self.space.names)}")
-            wanted = [values.get(name, value) for name, value in zip(self.space.names, theta)]
-            self._by_hand = self.client.request(np.array(wanted))
+                raise ApplrError(
+                    f"unknown parameter {unknown[0]!r}: use {', '.join(self.space.names)}"
+                )
+            changed = {**self.space.as_dict(theta), **values}
+            self._by_hand = self.client.request(np.array(list(changed.values())))
             if self.enabled:
                 rospy.loginfo("applr: switched off: parameters are set by hand")
             self.enabled = False
@@ -160,9 +187,9 @@ class ApplrNode:
     def change_method(self, method: Method) -> None:
         """Replace the method. In the middle of a course, the new method decides at once."""
         with self._deciding:
-            self.method, self.degraded = method, ""
-            if self.client.connected:
-                self.meter_scoring.update(rospy.Time.now(), self._goal is not None, method.per_cell)
+            self.method = method
+            self.degraded = ""
+            self.client.per_cell = method.per_cell
             if self._goal is None or method.static:
                 self._base_set = False
             else:
@@ -181,8 +208,9 @@ class ApplrNode:
                 self._base()
             else:
                 self._begin_course(now)
-            self._goal, self._last = goal, None
-        if self.client.connected and self.meter_scoring.update(now, goal is not None, self.method.per_cell):
+            self._goal = goal
+            self._last = None
+        if self.client.connected and self.meter_scoring.update(now, goal is not None):
             self.client.reapply()  # The parameters in force were sent with other multipliers.
             self._publish_parameters()
         if goal is not None and now >= self._due:
@@ -194,10 +222,12 @@ class ApplrNode:
             return  # Every course starts with theta_0, which is not in force yet.
         try:
             snapshot, context = self._observe(now)
-        except ObservationError as e:
-            if (now - self._due).to_sec() >= self.period:  # The observation has failed for a whole period.
+        except ObservationError as problem:
+            if (
+                now - self._due
+            ).to_sec() >= self.period:  # The observation has failed for a whole period.
                 self._due = now
-                self._fail("unusable", str(e))
+                self._fail("unusable", str(problem))
             return
         if self._last is None:
             self._due = now  # The first decision waits for the first plan. It sets the time of the later ones.
@@ -225,7 +255,9 @@ class ApplrNode:
         """Publish the observation at the end of a course, for training from recorded drives."""
         if self._last is not None:
             with suppress(ObservationError):
-                self.topics.course_end(self.counts["decisions"], now, self._goal, *self._observe(now))
+                self.topics.course_end(
+                    self.counts["decisions"], now, self._goal, *self._observe(now)
+                )
 
     def _choose(self, context: Optional[Context]) -> Tuple[Optional[np.ndarray], str]:
         """Request the method's choice. Return (theta, "") as requested, or (None, reason) if the method failed.
@@ -235,10 +267,13 @@ class ApplrNode:
         """
         try:
             theta = self.method.theta(context)
-            sent = context is None or not self.method.static
-            return self.client.request(theta) if sent else self.client.space.clip(theta), ""
-        except Exception as e:  # A method may be user code. Whatever it raises, the node goes on.
-            return None, one_line(e)
+            if self.method.static and context is not None:
+                return self.client.space.clip(theta), ""
+            return self.client.request(theta), ""
+        except (
+            Exception
+        ) as problem:  # A method may be user code. Whatever it raises, the node goes on.
+            return None, one_line(problem)
 
     def _fail(self, kind: str, line: str) -> None:
         """Count a period without a decision. After LOST_PERIODS of them, request theta_0."""
@@ -264,13 +299,18 @@ class ApplrNode:
     def shutdown(self) -> None:
         """Restore theta_0 if this node has set other parameters."""
         self.client.stop()
-        client, theta = self.client, self.client.space.clip(self.space.theta0)
-        sent: Any = client.sent
-        only = np.array_equal(sent, theta) and (client.multipliers == 1.0).all()
-        if sent is None or (only and not client.busy):
+        client = self.client
+        theta = client.space.clip(self.space.theta0)
+        sent = client.sent
+        if sent is None:
+            return
+        is_default = np.array_equal(sent, theta) and (client.multipliers == 1.0).all()
+        if is_default and not client.busy:
             return
         self.meter_scoring.forget()  # theta_0 is restored without multipliers, as at the planner's start.
-        if client.apply(theta, RESTORE_S):  # A server may still have been busy with an earlier call.
+        if client.apply(
+            theta, RESTORE_S
+        ):  # A server may still have been busy with an earlier call.
             client.apply(theta, RESTORE_S)
 
     def _on_restart(self, server: Server) -> None:
@@ -287,9 +327,9 @@ class ApplrNode:
 
     def _note_trouble(self, line: str) -> None:
         """Store the present problem, or "" for none, and log it if it is new."""
-        fresh, self.trouble = line != self.trouble, line
-        if line and fresh:
+        if line and line != self.trouble:
             rospy.logwarn(f"applr: {line}")
+        self.trouble = line
 
     def _report(self, now: rospy.Time) -> None:
         theta = self._publish_parameters()
@@ -299,25 +339,22 @@ class ApplrNode:
         elif self.trouble == GONE:
             self._note_trouble("")
         trouble = self.trouble or self.degraded
-        lost = bool(self.degraded) or self._failures >= LOST_PERIODS or bool(theta is None and trouble)
+        is_lost = (
+            bool(self.degraded) or self._failures >= LOST_PERIODS or bool(theta is None and trouble)
+        )
         if theta is None:
             trouble = trouble or "waiting for the parameter servers of move_base"
-        self.topics.diagnostics(
-            now,
-            trouble,
-            lost,
-            self._doing(),
-            dict(
-                {name: self.counts[name] for name in COUNTS},
-                method=self.method.name if self.enabled else "off",
-                stalls=self.method.stalls,
-                max_speed=f"{self._max_speed:g}",
-                meter_scoring=self.meter_scoring.line(now) or "not known before the first goal",
-                goal=self._goal or "none",
-                decision_age_s=f"{age:.2f}",
-                servers=", ".join(sorted(self.client.servers.values())) or "none",
-            ),
+        values = dict(
+            {name: self.counts[name] for name in COUNTS},
+            method=self.method.name if self.enabled else "off",
+            stalls=self.method.stalls,
+            max_speed=f"{self._max_speed:g}",
+            meter_scoring=self.meter_scoring.line(now) or "not known before the first goal",
+            goal=self._goal or "none",
+            decision_age_s=f"{age:.2f}",
+            servers=", ".join(sorted(self.client.servers.values())) or "none",
         )
+        self.topics.diagnostics(now, trouble, is_lost, self._doing(), values)
 
     def _publish_parameters(self) -> Optional[np.ndarray]:
         """Publish the parameters in force and the multipliers. Return theta (n,), or None if it is unknown."""

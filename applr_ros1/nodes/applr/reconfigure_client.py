@@ -10,16 +10,19 @@ import os
 import threading
 import time
 from concurrent.futures import Future, wait
-from typing import Any, Callable, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterable, List, Mapping, Optional, Tuple
 
 import numpy as np
 import rospy
 from dynamic_reconfigure import find_reconfigure_services
 from dynamic_reconfigure.client import Client
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, reason
-from applr_ros1.policy.parameter_space import SPACE, Space, are_in_force
-from applr_ros1.robots.robot import Setting
+from applr_ros1.nodes.applr.distance_weights import multipliers_of
+from applr_ros1.planner.parameters.settings import are_in_force
+from applr_ros1.policy.parameter_space import SPACE, Space
+from applr_ros1.robots.robot import Target
 
 DEADLINE_S = 1.0  # wall time for one call of all servers [s]
 RESTORE_S = 3.0  # wall time for the last call at shutdown [s]; a C++ server drops calls of nodes that have ended
@@ -37,11 +40,11 @@ class Server:
 
     Args:
         name: Full name of the server.
-        targets: (index in theta, Setting) of the values that the server must have.
+        targets: Addresses of the values that the server must have.
         on_restart: Called with this object when the server comes back after a restart.
 
     Attributes:
-        settings: (index in theta, sign, name on the server) of each target.
+        names: {name of a target: name on this server, which may be an older one}.
         call: The latest call. Its result is the reason in one line why the values are not in force, or "".
 
     Raises:
@@ -49,9 +52,13 @@ class Server:
         ApplrError: The server lacks a value.
     """
 
-    def __init__(self, name: str, targets: Sequence[Tuple[int, Setting]], on_restart: Callable[[Server], None]):
-        self.name, self._on_restart, self._described = name, on_restart, False
-        self._restarted = False  # whether the process is new, so that `values` may be from its predecessor
+    def __init__(self, name: str, targets: Iterable[Target], on_restart: Callable[[Server], None]):
+        self.name = name
+        self._on_restart = on_restart
+        self._is_described = False
+        self._is_restarted = (
+            False  # whether the process is new, so that `values` may be from its predecessor
+        )
         self.call: Future[str] = Future()
         self.call.set_result("")
         self._client = Client(name, DEADLINE_S, None, self._on_description)
@@ -60,22 +67,23 @@ class Server:
             for get in (self._client.get_parameter_descriptions, self._client.get_configuration):
                 if get(DEADLINE_S) is None:
                     raise rospy.ROSException("does not publish its parameters: is it stopped?")
-            self.settings = [(i, target.sign, self._name_of(target)) for i, target in targets]
+            self.names = {target.name: self._declared_name(target) for target in targets}
         except Exception:
             self.close()
             raise
 
-    def _name_of(self, target: Setting) -> str:
+    def _declared_name(self, target: Target) -> str:
+        """Return the name of a value on this server. Raise ApplrError if the server does not have it."""
         for name in target.names:
             if name in self.declared:
                 return name
-        raise ApplrError(f"has no parameter {target.names[0]}")
+        raise ApplrError(f"has no parameter {target.name}")
 
     def _on_description(self, description: List[Dict[str, Any]]) -> None:
-        if self._described:  # Each process sends its description once, so this is a new process.
-            self._restarted = True
+        if self._is_described:  # Each process sends its description once, so this is a new process.
+            self._is_restarted = True
             self._on_restart(self)
-        self._described = True
+        self._is_described = True
 
     @property
     def declared(self) -> Dict[str, Dict[str, Any]]:
@@ -88,31 +96,50 @@ class Server:
         config: Dict[str, Any] = self._client.config
         return config
 
-    def has(self, values: Mapping[str, Any]) -> bool:
-        """Return whether the values {name: value} are in force. False until a restarted server has been set."""
-        return not self._restarted and are_in_force(values, self.values)
+    def value_of(self, target: Target) -> Any:
+        """Return the server's latest value at an address, or None."""
+        return self.values.get(self.names[target.name])
 
-    def request(self, values: np.ndarray) -> Dict[str, float]:
-        """Return this server's part of values (n,) as {name: value}. The library converts the types."""
-        return {name: float(sign * values[i]) for i, sign, name in self.settings}
+    def bounds_of(self, target: Target) -> Tuple[float, float]:
+        """Return the smallest and the largest number of a parameter with which the server accepts its value."""
+        declared = self.declared[self.names[target.name]]
+        low, high = sorted(target.signed(declared[end]) for end in ("min", "max"))
+        return low, high
 
-    def set(self, values: Mapping[str, Any]) -> None:
-        """Begin a call that sets {name: value}. The former call must have ended."""
+    def has(self, request: Mapping[str, Any]) -> bool:
+        """Return whether a request's values are in force. False until a restarted server has been set."""
+        return not self._is_restarted and are_in_force(request, self.values)
+
+    def request(self, values: Mapping[str, Any]) -> Dict[str, float]:
+        """Return {name of a target: value} with this server's names. The library converts the types."""
+        return {self.names[name]: float(value) for name, value in values.items()}
+
+    def set(self, request: Mapping[str, Any]) -> None:
+        """Begin a call that sets a request's values. The former call must have ended."""
         self.call = Future()
-        threading.Thread(target=self._set, args=(dict(values), self.call), daemon=True).start()
+        threading.Thread(target=self._set, args=(dict(request), self.call), daemon=True).start()
 
-    def _set(self, values: Dict[str, Any], call: Future[str]) -> None:
+    def _set(self, request: Dict[str, Any], call: Future[str]) -> None:
         """Wait for parameter_updates as well: a server's answer may differ from what it then applies."""
+        error = ""
         try:
-            self._client.update_configuration(dict(values))
-            self._restarted = False
-            until = time.monotonic() + ANNOUNCED_S
-            while not self.has(values) and time.monotonic() < until:
+            self._client.update_configuration(dict(request))
+            self._is_restarted = False
+            deadline = time.monotonic() + ANNOUNCED_S
+            while not self.has(request) and time.monotonic() < deadline:
                 time.sleep(0.002)
-            other = next((name for name in values if not self.has({name: values[name]})), "")
-            error = other and f"{self.name}: {other} is {self.values.get(other)} instead of {values[other]}"
-        except Exception as problem:  # The library raises an error of its own in place of the server's.
-            answer = problem.__context__ if isinstance(problem.__context__, rospy.ServiceException) else problem
+            for name, value in request.items():
+                if not self.has({name: value}):
+                    error = f"{self.name}: {name} is {self.values.get(name)} instead of {value}"
+                    break
+        except (
+            Exception
+        ) as problem:  # The library raises an error of its own in place of the server's.
+            answer = (
+                problem.__context__
+                if isinstance(problem.__context__, rospy.ServiceException)
+                else problem
+            )
             error = f"{self.name}: {reason(answer)}"
         call.set_result(error)
 
@@ -134,7 +161,9 @@ class ReconfigureClient:
             found.
 
     Attributes:
-        multipliers: Factors (n,) applied to parameters on their way to the planner, set by MeterScoring.
+        per_cell: Whether the distance biases of the requested parameter sets are per costmap cell (Method.per_cell).
+        factor: Factor that the planner applies to its distance biases: 1.0 (they are per cell), or the resolution of
+            its local costmap [m] (per metre). None until MeterScoring knows it.
     """
 
     def __init__(
@@ -145,17 +174,24 @@ class ReconfigureClient:
         on_report: Callable[[str], None] = lambda error: None,
         on_trouble: Callable[[str], None] = lambda line: None,
     ):
-        self.namespace, self.space = namespace.rstrip("/"), space
-        self._on_restart, self._on_report, self._on_trouble = on_restart, on_report, on_trouble
+        self.namespace = namespace.rstrip("/")
+        self.space = space
+        self.per_cell = False
+        self.factor: Optional[float] = None
+        self._on_restart = on_restart
+        self._on_report = on_report
+        self._on_trouble = on_trouble
+        self._servers: Dict[str, Server] = {}  # servers by their names in the space
         self._requested: Optional[np.ndarray] = None  # theta (n,) of the last request
         self._in_force: Optional[np.ndarray] = None  # the object `_requested` once it is in force
-        self._stopped = False
-        self._asking, self._wake = threading.Lock(), threading.Event()
+        self._sent: Optional[Tuple[np.ndarray, np.ndarray]] = (
+            None  # (theta, values) of the last apply
+        )
+        self._applying = threading.Lock()  # allows one apply at a time
+        self._requesting = threading.Lock()  # guards _requested
+        self._wake = threading.Event()
+        self._is_stopped = False
         self._thread = threading.Thread(target=self._run, name="reconfigure_client", daemon=True)
-        self._servers: Dict[str, Server] = {}  # servers by their names in the space
-        self.multipliers = np.ones(len(space))
-        self._sent: Optional[Tuple[np.ndarray, np.ndarray]] = None  # (theta, values) of the last apply
-        self._lock = threading.Lock()  # allows one apply at a time
 
     @property
     def connected(self) -> bool:
@@ -178,19 +214,26 @@ class ReconfigureClient:
             running = find_reconfigure_services()
         except Exception as problem:  # rosservice has exceptions of its own.
             return f"no ROS master: {reason(problem)}"
-        for wanted in [wanted for wanted in self.space.servers if wanted not in self._servers]:
-            error = f"no parameter server for {wanted or 'move_base'} below {self.namespace}: is move_base up?"
-            for name in self._candidates(wanted, running):
-                try:
-                    self._servers[wanted] = Server(name, self.space.targets_of(wanted), self._on_restart)
-                    break
-                except rospy.ROSException as problem:
-                    error = f"{name}: {reason(problem)}"
-                except ApplrError as problem:
-                    error = f"{name} {problem}, which the {wanted or 'move_base'} of a {self.space.robot} needs"
-            else:
-                return error
+        for wanted in self.space.servers:
+            if wanted not in self._servers:
+                trouble = self._connect_server(wanted, running)
+                if trouble:
+                    return trouble
         return ""
+
+    def _connect_server(self, wanted: str, running: List[str]) -> str:
+        """Find the space's server `wanted` among the running ones. Return "", or one line if none is suitable."""
+        trouble = f"no parameter server for {wanted or 'move_base'} below {self.namespace}: is move_base up?"
+        targets = [target for _, target in self.space.addresses if target.server == wanted]
+        for name in self._candidates(wanted, running):
+            try:
+                self._servers[wanted] = Server(name, targets, self._on_restart)
+                return ""
+            except rospy.ROSException as problem:
+                trouble = f"{name}: {reason(problem)}"
+            except ApplrError as problem:
+                trouble = f"{name} {problem}, which the {wanted or 'move_base'} of a {self.space.robot} needs"
+        return trouble
 
     def _candidates(self, wanted: str, running: List[str]) -> List[str]:
         """Return the names of running servers that may be the space's server `wanted`, likeliest first.
@@ -199,50 +242,59 @@ class ReconfigureClient:
         candidate, and those with the longest common prefix come first.
         """
         place, _, last = f"{self.namespace}/{wanted}".rstrip("/").rpartition("/")
-        there = [name for name in running if name.rpartition("/")[0] == place]
+        candidates = [name for name in running if name.rpartition("/")[0] == place]
         if not wanted:
-            return [name for name in there if name == self.namespace]
+            return [name for name in candidates if name == self.namespace]
         if "/" not in wanted and not wanted.endswith("_costmap"):
-            there = [name for name in there if not name.endswith("_costmap")]
+            candidates = [name for name in candidates if not name.endswith("_costmap")]
 
-        def alike(name: str) -> int:
+        def likeness(name: str) -> int:
             return len(os.path.commonprefix([name.rpartition("/")[2].lower(), last.lower()]))
 
-        return sorted(there, key=lambda name: (-alike(name), name))
+        return sorted(candidates, key=lambda name: (-likeness(name), name))
 
-    def values(self) -> Optional[np.ndarray]:
+    def values(self) -> Optional[Array]:
         """Return the planner's latest values (n,) float64. If several servers have a value, the first counts.
 
         None before `connect` has succeeded, and while a server's value is not a number.
         """
         if not self.connected:
             return None
-        values = np.empty(len(self.space))
-        for i, (server, _) in enumerate(self.space.places()):
-            has = self._servers[server]
-            name = next(name for j, sign, name in has.settings if j == i and sign > 0)
-            if not isinstance(has.values.get(name), (bool, int, float)):
+        values = []
+        for name in self.space.names:
+            target = self.space.targets[name][0]
+            value = self._servers[target.server].value_of(target)
+            if not isinstance(value, (bool, int, float)):
                 return None
-            values[i] = has.values[name]
-        return values
+            values.append(value)
+        return np.array(values, dtype=np.float64)
 
-    def theta(self) -> Optional[np.ndarray]:
+    @property
+    def multipliers(self) -> Array:
+        """Factors (n,) on the parameters' way to the planner: not 1 if sets are per cell, but the planner per metre."""
+        if self.factor is None or not self.per_cell:
+            return np.ones(len(self.space))
+        return multipliers_of(self.space, self.factor, self.bounds()[1])
+
+    def theta(self) -> Optional[Array]:
         """Return the parameter set (n,) in force, without multipliers. None if `values` is None."""
-        values, sent = self.values(), self._sent
+        values = self.values()
+        sent = self._sent
         if values is None:
             return None
         if sent is not None and np.array_equal(values, sent[1]):
             return sent[0].copy()
-        return values / self.multipliers
+        theta: Array = values / self.multipliers
+        return theta
 
-    def bounds(self) -> Tuple[np.ndarray, np.ndarray]:
+    def bounds(self) -> Tuple[Array, Array]:
         """Return the smallest and the largest values (n,) that all servers accept."""
-        low, high = np.full((2, len(self.space)), [[-np.inf], [np.inf]])
-        for server in self._servers.values():
-            declared = server.declared
-            for i, sign, name in server.settings:
-                least, most = sorted(sign * declared[name][end] for end in ("min", "max"))
-                low[i], high[i] = max(low[i], least), min(high[i], most)
+        low = np.full(len(self.space), -np.inf)
+        high = np.full(len(self.space), np.inf)
+        for i, target in self.space.addresses:
+            least, most = self._servers[target.server].bounds_of(target)
+            low[i] = max(low[i], least)
+            high[i] = min(high[i], most)
         return low, high
 
     def apply(self, theta: np.ndarray, seconds: float = DEADLINE_S) -> str:
@@ -263,21 +315,29 @@ class ReconfigureClient:
             ApplrError: A value is not finite. Nothing was sent.
         """
         theta = self.space.clip(theta)
-        with self._lock:
+        with self._applying:
             if not self.connected:
                 return f"no parameter servers below {self.namespace} yet"
-            self._sent = theta, theta * self.multipliers
-            values, servers = np.clip(self._sent[1], *self.bounds()), list(self._servers.values())
-            for server in servers:
-                if server.call.done() and not server.has(server.request(values)):
-                    server.set(server.request(values))
-            wait([server.call for server in servers], seconds)
+            values = theta * self.multipliers
+            self._sent = theta, values
+            settings = self.space.settings_of(self.space.as_dict(np.clip(values, *self.bounds())))
+            requests = {
+                wanted: self._servers[wanted].request(settings[wanted]) for wanted in settings
+            }
+            for wanted, request in requests.items():
+                server = self._servers[wanted]
+                if server.call.done() and not server.has(request):
+                    server.set(request)
+            wait([self._servers[wanted].call for wanted in requests], seconds)
             errors = []
-            for server in servers:
+            for wanted, request in requests.items():
+                server = self._servers[wanted]
                 if not server.call.done():
                     errors.append(f"{server.name} does not answer")
-                elif not server.has(server.request(values)):
-                    errors.append(server.call.result() or f"{server.name} was busy with an earlier call")
+                elif not server.has(request):
+                    errors.append(
+                        server.call.result() or f"{server.name} was busy with an earlier call"
+                    )
             return "; ".join(errors)
 
     def start(self) -> None:
@@ -290,14 +350,16 @@ class ReconfigureClient:
         Raises ApplrError without changing anything if a value is not finite.
         """
         theta = self.space.clip(theta)
-        with self._asking:
+        with self._requesting:
             self._requested = theta
         self._wake.set()
         return theta
 
     def reapply(self) -> None:
         """Apply the present request again, for example after a server came back with its start-up values."""
-        with self._asking:  # A new object counts as a new request, even if an attempt is under way.
+        with (
+            self._requesting
+        ):  # A new object counts as a new request, even if an attempt is under way.
             self._requested = None if self._requested is None else self._requested.copy()
         self._wake.set()
 
@@ -308,7 +370,7 @@ class ReconfigureClient:
 
     def stop(self) -> None:
         """End the thread and drop the open request."""
-        self._stopped = True
+        self._is_stopped = True
         self._wake.set()
         if self._thread.is_alive():
             self._thread.join(DEADLINE_S + 0.1)  # No attempt takes longer.
@@ -321,20 +383,23 @@ class ReconfigureClient:
 
     def _run(self) -> None:
         searches = 0
-        while not self._stopped:
-            pause, theta = SEARCH_S, self._requested
+        while not self._is_stopped:
+            pause = SEARCH_S
+            theta = self._requested
             try:
                 if not self.connected:
-                    trouble, searches = self.connect(), searches + 1
+                    trouble = self.connect()
+                    searches += 1
                     if not trouble or searches >= MOST_SEARCHES:
                         self._on_trouble(trouble)
                     pause = SEARCH_S if trouble else 0.0
                 elif theta is not None and self.busy:
-                    error, pause = self.apply(theta), RETRY_S
+                    pause = RETRY_S
+                    error = self.apply(theta)
                     if not error:
                         self._in_force = theta
                     self._on_report(error)
-            except Exception as e:  # The thread must survive any error.
-                self._on_trouble(f"parameters not applied ({type(e).__name__}: {e})")
+            except Exception as problem:  # The thread must survive any error.
+                self._on_trouble(f"parameters not applied ({type(problem).__name__}: {problem})")
             self._wake.wait(pause)
             self._wake.clear()

@@ -36,35 +36,68 @@ class ApplrTopics:
         """Publish a heartbeat, due every 2 s. Without it, this package's move_base restores its start-up values."""
         self._heartbeat.publish(Time(now))
 
-    def decision(self, number: int, now: Any, goal: str, snapshot: Any, context: Any, theta: Any, refused: str) -> None:
+    def decision(
+        self,
+        number: int,
+        now: Any,
+        goal: str,
+        snapshot: Any,
+        context: Any,
+        theta: Any,
+        refused: str,
+    ) -> None:
         """Publish one decision: its Context, the stamps of its inputs, and theta (n,) or the reason for its refusal."""
         self._decision.publish(self._message(number, now, goal, snapshot, context, theta, refused))
         target = local_goal(context.plan, context.pose, context.layout.lookahead)
-        pose = *transform_point(context.pose, *target), context.pose[2] + atan2(target[1], target[0])
-        self._local_goal.publish(conversions.pose_stamped(pose, snapshot.frame, snapshot.odom_stamp))
+        pose = (
+            *transform_point(context.pose, *target),
+            context.pose[2] + atan2(target[1], target[0]),
+        )
+        self._local_goal.publish(
+            conversions.pose_stamped(pose, snapshot.frame, snapshot.odom_stamp)
+        )
 
     def course_end(self, number: int, now: Any, goal: str, snapshot: Any, context: Any) -> None:
         """Publish the observation at the end of a course."""
         self._course_end.publish(self._message(number, now, goal, snapshot, context, None, ""))
 
-    def _message(self, number: int, now: Any, goal: str, snapshot: Any, context: Any, theta: Any, refused: str) -> Any:
+    def _message(
+        self,
+        number: int,
+        now: Any,
+        goal: str,
+        snapshot: Any,
+        context: Any,
+        theta: Any,
+        refused: str,
+    ) -> Any:
         message = Decision(number=number, goal=goal, elapsed=context.time, refused=refused)
         message.header.stamp, message.header.frame_id = now, snapshot.frame
-        message.scan, message.odometry, message.plan = snapshot.scan_stamp, snapshot.odom_stamp, snapshot.plan_stamp
+        message.scan, message.odometry, message.plan = (
+            snapshot.scan_stamp,
+            snapshot.odom_stamp,
+            snapshot.plan_stamp,
+        )
         message.x, message.y, message.yaw = context.pose
         message.v, message.w = context.twist
         message.goal_x, message.goal_y, message.goal_yaw = context.goal
         message.ranges, message.angle_min, message.angle_increment = snapshot.seen.scan
         message.plan_x, message.plan_y = beginning(context.plan, context.pose, self._farthest).T
-        message.movers = Movers(Header(0, snapshot.movers_stamp, snapshot.frame), *context.movers.T, [])
-        message.before, message.after = (parameters_message(t, now, self._space) for t in (context.theta, theta))
+        message.movers = Movers(
+            Header(0, snapshot.movers_stamp, snapshot.frame), *context.movers.T, []
+        )
+        message.before, message.after = (
+            parameters_message(t, now, self._space) for t in (context.theta, theta)
+        )
         return message
 
     def parameters(self, theta: np.ndarray, now: rospy.Time, multipliers: np.ndarray) -> None:
         """Publish theta (n,), the current parameters at ROS time `now`, and their multipliers for the planner (n,)."""
         self._parameters.publish(parameters_message(theta, now, self._space, multipliers))
 
-    def diagnostics(self, now: rospy.Time, trouble: str, lost: bool, doing: str, values: Mapping[str, Any]) -> None:
+    def diagnostics(
+        self, now: rospy.Time, trouble: str, lost: bool, doing: str, values: Mapping[str, Any]
+    ) -> None:
         """Publish the node's state.
 
         Args:
@@ -74,11 +107,21 @@ class ApplrTopics:
             doing: Activity of the node, such as "idle: no goal"; shown if there is no problem.
             values: {key: value} to show.
         """
-        level = DiagnosticStatus.ERROR if lost else DiagnosticStatus.WARN if trouble else DiagnosticStatus.OK
-        self._diagnostics.publish(conversions.diagnostics(self._name, level, trouble or doing, values, now))
+        level = (
+            DiagnosticStatus.ERROR
+            if lost
+            else DiagnosticStatus.WARN
+            if trouble
+            else DiagnosticStatus.OK
+        )
+        self._diagnostics.publish(
+            conversions.diagnostics(self._name, level, trouble or doing, values, now)
+        )
 
 
-def parameters_message(theta: Any, stamp: Any, space: Space = SPACE, multipliers: Any = None) -> Parameters:
+def parameters_message(
+    theta: Any, stamp: Any, space: Space = SPACE, multipliers: Any = None
+) -> Parameters:
     """Return an applr_ros1/Parameters of theta (n,). It has no names and values if theta is None."""
     message = Parameters()
     message.header.stamp = stamp
@@ -87,9 +130,13 @@ def parameters_message(theta: Any, stamp: Any, space: Space = SPACE, multipliers
         setattr(message, name, nan)
     if theta is not None:
         message.names, message.values = list(space.names), [float(value) for value in theta]
-        message.multipliers = [1.0] * len(space) if multipliers is None else [float(factor) for factor in multipliers]
+        message.multipliers = (
+            [1.0] * len(space) if multipliers is None else [float(factor) for factor in multipliers]
+        )
         for name, value in zip(message.names, message.values):
-            alias = next((alias for alias in (name, *space.targets[name][0].names) if alias in fields), "")
+            alias = next(
+                (alias for alias in (name, *space.targets[name][0].names) if alias in fields), ""
+            )
             if alias:
                 setattr(message, alias, value)
     return message

@@ -12,6 +12,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import Space
 
 LOST_PERIODS = 2.5  # number of periods without a heartbeat after which the applr node counts as dead
+SPEED_LIMITS = {"max_vel_x", "max_vel_trans"}  # parameters that ~max_speed of the applr node limits
 
 
 class HeartbeatWatchdog:
@@ -47,10 +48,10 @@ def start_up_requests(move_base: MoveBase, space: Space, max_speed: float = 0.0)
     max_speed: Upper limit of the maximum forward speed in the requests [m/s]; 0 for no limit.
     """
     requests = {}
-    for server in set(space.servers) & set(move_base.servers):
-        start = move_base.start_up_configuration(server)
-        values = {name: start[name] for name in space.requests(space.theta0)[server]}
-        for name in set(values) & {"max_vel_x", "max_vel_trans"} if max_speed > 0.0 else ():
-            values[name] = min(values[name], max_speed)
-        requests[server] = values
+    for server, values in space.settings(space.theta0).items():
+        if server in move_base.servers:
+            start = move_base.start_up_configuration(server)
+            requests[server] = {name: start[name] for name in values}
+            for name in SPEED_LIMITS & set(values) if max_speed > 0.0 else ():
+                requests[server][name] = min(start[name], max_speed)
     return requests

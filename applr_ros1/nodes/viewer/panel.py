@@ -18,7 +18,6 @@ from std_srvs.srv import SetBool
 
 from applr_ros1.msg import Parameters
 from applr_ros1.nodes.conversions import GOAL_STATES
-from applr_ros1.planner.parameters.declarations import SERVERS
 from applr_ros1.policy.methods import POLICY, SET, shipped
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
@@ -71,8 +70,7 @@ class Panel:
         name, step = space.names[i], 1 if space.integer[i] else 0.01
         low, high, default = (type(step)(values[i]) for values in (space.low, space.high, space.theta0))
         target = space.targets[name][0]
-        rows = SERVERS.get(target.server, SERVERS["local_costmap/inflater_layer"])
-        declared = next((p for p in rows if p.name in target.names), None)
+        declared = self._robot.servers[target.server].declared(target.name)
         title = f"{name} [{declared.unit}]" if declared and declared.unit else name
         look = {"marks": ((default, "default"),), "hint": declared.doc if declared else ""}
         slider = gui.add_slider(title, low, high, step, initial_value=min(max(default, low), high), **look)

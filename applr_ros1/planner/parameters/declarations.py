@@ -8,7 +8,7 @@ because the .cfg files import it at build time, without numpy.
 
 from __future__ import annotations
 
-from typing import Any, Callable, Dict, Iterator, NamedTuple, Tuple
+from typing import Any, Callable, Dict, Iterator, NamedTuple, Optional, Tuple
 
 from applr_ros1.planner.parameters import costmap_parameters, dwa_planner_parameters, trajectory_planner_parameters
 from applr_ros1.planner.parameters.costmap_parameters import (
@@ -95,6 +95,10 @@ class Server(NamedTuple):
 
     config: str
     parameters: Tuple[Parameter, ...]
+
+    def declared(self, name: str) -> Optional[Parameter]:
+        """Return the declaration of a parameter by its name or an older one; None if the server has no such name."""
+        return next((parameter for parameter in self.parameters if name in parameter.names), None)
 
 
 def servers(tree: Dict[str, Any]) -> Dict[str, Server]:

@@ -12,7 +12,8 @@ from rosbags.highlevel import AnyReader
 import worlds
 from applr_ros1.drives.drive import Commands, Drive, Scans
 from applr_ros1.policy import actor, methods
-from applr_ros1.policy.parameter_space import SPACE, send
+from applr_ros1.planner.parameters.settings import send
+from applr_ros1.policy.parameter_space import SPACE
 from applr_ros1.robots import JACKAL, load
 from tests.support.refusals import refused
 from training.appld import __main__ as appld
@@ -101,7 +102,7 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
     assert longest.last - longest.first == 100  # five seconds
     theta = SPACE.from_dict({"max_vel_x": 1.0, "gdist_scale": 1.4})
     replayed = copy.deepcopy(stretch.planner)
-    send(SPACE.requests(theta), replayed)
+    send(SPACE.settings(theta), replayed)
     d.commands.twist[30:60] = [appld_fit.step(replayed, d, JACKAL, i) for i in range(30, 60)]
     assert appld_fit.loss([stretch], theta)[0] == 0.0
     fitted = appld_fit.fit([stretch], 30, seed=0)

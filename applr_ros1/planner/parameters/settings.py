@@ -1,0 +1,133 @@
+"""Values of move_base's parameters by server and name, and changes of single values.
+
+Parameter spaces, recorded drives, searches and checks all write and compare parameter values with `Settings`.
+"""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, NamedTuple
+
+from applr_ros1.common.trees import branch
+from applr_ros1.planner.parameters.declarations import servers
+from applr_ros1.planner.parameters.parameter import RESTORE
+
+if TYPE_CHECKING:
+    from applr_ros1.planner.move_base import MoveBase
+
+
+class Change(NamedTuple):
+    """Another value of one parameter.
+
+    Attributes:
+        server: dynamic_reconfigure server below move_base; "" is move_base itself.
+        name: Name of the parameter on the server.
+        before: Value before the change, in the parameter's declared unit.
+        after: Value after the change.
+    """
+
+    server: str
+    name: str
+    before: Any
+    after: Any
+
+    def __str__(self) -> str:
+        """Return the change in words, such as "inflation_radius 1 -> 0.5"."""
+        return f"{self.name} {in_words(self.before)} -> {in_words(self.after)}"
+
+    @property
+    def path(self) -> str:
+        """Name of the parameter below move_base, such as "DWAPlannerROS/sim_time"."""
+        return f"{self.server}/{self.name}".lstrip("/")
+
+    @property
+    def advice(self) -> str:
+        """The change as an instruction, such as "set DWAPlannerROS/sim_time to 2.5 instead of 1.7"."""
+        return f"set {self.path} to {in_words(self.after)} instead of {in_words(self.before)}"
+
+
+def in_words(value: Any) -> str:
+    """Return a value for people; numbers have four significant digits."""
+    return f"{value:.4g}" if isinstance(value, (int, float)) else str(value)
+
+
+class Settings(Mapping[str, Mapping[str, Any]]):
+    """Immutable values of parameters: {server: {name: value}}. The values of one server are one request.
+
+    Args:
+        values: {server: {name: value}}, which are copied.
+    """
+
+    def __init__(self, values: Mapping[str, Mapping[str, Any]]):
+        self._values = {
+            server: MappingProxyType(dict(of_server)) for server, of_server in values.items()
+        }
+
+    def __getitem__(self, server: str) -> Mapping[str, Any]:
+        return self._values[server]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    def __repr__(self) -> str:
+        return f"Settings({self.to_tree()})"
+
+    @classmethod
+    def from_tree(cls, tree: Dict[str, Any]) -> Settings:
+        """Return the values of all servers in a complete parameter tree (check.complete), under their latest names."""
+        values: Dict[str, Dict[str, Any]] = {}
+        for server, declared in servers(tree).items():
+            section = branch(tree, server)
+            names = [
+                parameter.name for parameter in declared.parameters if parameter is not RESTORE
+            ]
+            values[server] = {name: section[name] for name in names}
+        return cls(values)
+
+    def to_tree(self) -> Dict[str, Any]:
+        """Return the values as nested parameters, with one level per part of a server's name."""
+        tree: Dict[str, Any] = {}
+        for server, values in self.items():
+            branch(tree, server, create=True).update(values)
+        return tree
+
+    def with_(self, *changes: Change) -> Settings:
+        """Return the settings after some changes, whatever the values before."""
+        values = {server: dict(of_server) for server, of_server in self.items()}
+        for change in changes:
+            values.setdefault(change.server, {})[change.name] = change.after
+        return Settings(values)
+
+    def differences(self, other: Mapping[str, Mapping[str, Any]]) -> List[Change]:
+        """Return the changes from these settings to others. Values that the others lack do not differ."""
+        changes = []
+        for server, values in self.items():
+            after = other.get(server, {})
+            for name, value in values.items():
+                if after.get(name, value) != value:
+                    changes.append(Change(server, name, value, after[name]))
+        return changes
+
+
+def are_in_force(values: Mapping[str, Any], configuration: Mapping[str, Any]) -> bool:
+    """Return whether a server's configuration {name: value} already has these values, so that no call is needed.
+
+    Needless calls are harmful: C++ clears a costmap at every call of its server (Costmap2DROS::reconfigureCB).
+    """
+    return all(configuration.get(name) == value for name, value in values.items())
+
+
+def send(settings: Settings, move_base: MoveBase) -> Settings:
+    """Put settings in force in a MoveBase, and return the current configurations of their servers.
+
+    Like the applr node over ROS, it does not call servers that already have the values.
+    """
+    configurations = {}
+    for server, values in settings.items():
+        configurations[server] = move_base.configuration(server)
+        if not are_in_force(values, configurations[server]):
+            configurations[server] = move_base.reconfigure(server, dict(values))
+    return Settings(configurations)

@@ -1,0 +1,80 @@
+"""Tests of parameter values by server and name, and of changes between them."""
+
+import pytest
+
+from applr_ros1 import robots
+from applr_ros1.common.trees import merged
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.check import complete
+from applr_ros1.planner.parameters.settings import Change, Settings, send
+
+PLANNER, LAYER = "TrajectoryPlannerROS", "local_costmap/inflater_layer"
+SLOWER = Change(PLANNER, "max_vel_x", 0.5, 0.25)
+NARROWER = Change(LAYER, "inflation_radius", 1.0, 0.5)
+
+
+@pytest.fixture
+def settings():
+    return Settings({PLANNER: {"max_vel_x": 0.5, "dwa": False}, LAYER: {"inflation_radius": 1.0}})
+
+
+def test_differences_are_the_changes_that_lead_to_other_settings(settings):
+    changed = settings.with_(NARROWER, SLOWER)
+    assert settings.differences(changed) == [SLOWER, NARROWER]
+    assert settings.with_(*settings.differences(changed)) == changed
+    assert settings.differences(settings) == []
+    assert settings.differences(
+        {PLANNER: {"max_vel_x": 0.25, "unknown": 1}, "other": {"x": 1}}
+    ) == [SLOWER]
+
+
+def test_settings_never_change(settings):
+    values = {LAYER: {"inflation_radius": 1.0}}
+    copied = Settings(values)
+    values[LAYER]["inflation_radius"] = 2.0
+    assert copied[LAYER]["inflation_radius"] == 1.0
+    changed = settings.with_(SLOWER)
+    assert (settings[PLANNER]["max_vel_x"], changed[PLANNER]["max_vel_x"]) == (0.5, 0.25)
+    with pytest.raises(TypeError):
+        settings[PLANNER]["max_vel_x"] = 0.1
+
+
+def test_a_change_in_words():
+    assert str(NARROWER) == "inflation_radius 1 -> 0.5"
+    assert SLOWER.advice == "set TrajectoryPlannerROS/max_vel_x to 0.25 instead of 0.5"
+    assert (
+        Change("", "planner_frequency", 0.0, 1.0).advice
+        == "set planner_frequency to 1 instead of 0"
+    )
+    assert str(Change("", "base_local_planner", "a/B", "c/D")) == "base_local_planner a/B -> c/D"
+
+
+@pytest.mark.parametrize("name", robots.NAMES)
+def test_a_tree_gives_the_values_with_which_move_base_starts_and_back(name):
+    tree = robots.load(name).parameters()
+    settings = Settings.from_tree(complete(tree))
+    move_base = MoveBase(tree)
+    assert set(settings) == set(move_base.servers)
+    for server, values in settings.items():
+        configuration = move_base.configuration(server)
+        assert values == {name: configuration[name] for name in values}, server
+        assert set(configuration) - set(values) <= {
+            "restore_defaults",
+            *(alias for p in move_base.servers[server].parameters for alias in p.aliases),
+        }
+    assert Settings.from_tree(complete(merged(tree, settings.to_tree()))) == settings
+
+
+def test_settings_are_put_in_force_with_one_request_for_each_server_that_differs(monkeypatch):
+    move_base, called = MoveBase(robots.JACKAL.parameters()), []
+    reconfigure = move_base.reconfigure
+    monkeypatch.setattr(
+        move_base, "reconfigure", lambda *request: called.append(request) or reconfigure(*request)
+    )
+    start = Settings.from_tree(move_base.parameters)
+    changed = start.with_(SLOWER, NARROWER)
+    in_force = send(changed, move_base)
+    assert sorted(server for server, _ in called) == sorted([PLANNER, LAYER])
+    assert changed.differences(in_force) == []
+    send(start, move_base)
+    assert start.differences({server: move_base.configuration(server) for server in start}) == []
