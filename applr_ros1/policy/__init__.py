@@ -1,1 +1,1 @@
-"""Parameter policy: parameter space, observations, actor, and other methods that choose parameters."""
+"""Parameter policy: space, observations, actor, and other methods that choose parameters."""

@@ -1,8 +1,9 @@
-"""Policies that are loaded from files: Policy, a network with an encoding, and APPLD's ContextPolicy.
+"""Policies from files: Policy, a network with an encoding, and APPLD's ContextPolicy.
 
-A file is in safetensors format. It holds a multilayer perceptron, and metadata as JSON in its header. An ensemble of
-networks of the same size is stacked along the first axis of each tensor, and its output is the mean of their outputs.
-`load` is the only reader. The trainer writes with `save`, training/appld with `save_contexts`. Nothing is unpickled.
+A file is in safetensors format. It holds a multilayer perceptron, and metadata as JSON in its
+header. An ensemble of networks of the same size is stacked along the first axis of each tensor, and
+its output is the mean of their outputs. `load` is the only reader. The trainer writes with `save`,
+training/appld with `save_contexts`. Nothing is unpickled.
 """
 
 from __future__ import annotations
@@ -22,24 +23,42 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.decision import Context, Method
 from applr_ros1.policy.dimensionless import DIMENSIONLESS, ENCODINGS
-from applr_ros1.policy.encoding import PAPER, Encoding, PaperEncoding, check_robot, with_mirror_images
+from applr_ros1.policy.encoding import (
+    PAPER,
+    Encoding,
+    Mirror,
+    PaperEncoding,
+    check_robot,
+    with_mirror_images,
+)
 from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import JACKAL, Robot
 
-FORMAT, CONTEXTS_FORMAT = "applr-actor-2", "applr-appld-1"  # format names in the files of both policies
+FORMAT, CONTEXTS_FORMAT = (
+    "applr-actor-2",
+    "applr-appld-1",
+)  # format names in the files of both policies
 # Stall of a robot of the Jackal's size: it is less than 0.85 m from its position 8 s ago.
-STALL_DISTANCE_M, STALL_TIME_S = 0.85, 8.0
-# Distance [m] and rotation [rad] for which TrajectoryPlannerROS backs out of a dead end in half of a stall's decisions.
+STALL_DISTANCE_M = 0.85
+STALL_TIME_S = 8.0
+TIME_TOLERANCE_S = 1e-6  # tolerance of times that are sums of periods [s]
+# Distance [m] and rotation [rad] for which TrajectoryPlannerROS backs out of a dead end in half of
+# a stall's decisions.
 BACKING_OUT = {"escape_reset_dist": 0.5, "escape_reset_theta": 3.14}
-PLAIN = "format", "sha256"  # metadata entries in plain text instead of JSON; only older files have sha256
+PLAIN_ENTRIES = (
+    "format",
+    "sha256",
+)  # metadata in plain text instead of JSON; only older files have sha256
 Weights = Mapping[str, Array32]
 Layers = List[Tuple[Array32, Array32]]
 
 
 class _FromFile(Method):
-    """Method that is loaded from a file. Distance biases in the file are per costmap cell (Method.per_cell).
+    """Method that is loaded from a file.
+
+    Distance biases in the file are per costmap cell (Method.per_cell).
 
     Attributes:
         path: Path of the file; "" if there is none.
@@ -52,50 +71,61 @@ class _FromFile(Method):
 
     def describe(self) -> Dict[str, Any]:
         """Return the policy's class, file name and checksum."""
-        kind = {"class": type(self).__name__}
-        if not self.path:
-            return kind
-        return dict(kind, file=os.path.basename(self.path), sha256=files.sha256(files.read_bytes(self.path)))
+        description = {"class": type(self).__name__}
+        if self.path:
+            description["file"] = os.path.basename(self.path)
+            description["sha256"] = files.sha256(files.read_bytes(self.path))
+        return description
 
 
 class Stall:
-    """Detector of a robot without progress, such as one whose planner keeps turning and backing in a dead end.
+    """Detector of a robot without progress.
 
-    In training a stall ends the episode as a failure if `end_on_stall` is set (training/env/episode.py).
+    An example is a robot whose planner keeps turning and backing in a dead end.
+
+    In training a stall ends the episode as a failure if `end_on_stall` is set
+    (training/env/episode.py).
 
     Args:
         scale: Size of the robot relative to the Jackal (Robot.world_scale); scales the distance.
 
     Attributes:
-        share: Displacement during the last STALL_TIME_S, divided by the required displacement; at most 1, and 1 during
-            the first STALL_TIME_S.
+        share: Displacement during the last STALL_TIME_S, divided by the required displacement; at
+            most 1, and 1 during the first STALL_TIME_S.
     """
 
     def __init__(self, scale: float):
-        self.least = STALL_DISTANCE_M * scale
+        self._required = (
+            STALL_DISTANCE_M * scale
+        )  # displacement of a robot that has not stalled [m]
         self.reset()
 
     def reset(self) -> None:
         """Forget all positions at the start of a course."""
         self.share = 1.0
-        self._past: Deque[Tuple[float, float, float]] = deque()  # time [s], x [m] and y [m] of the latest decisions
+        self._past: Deque[Tuple[float, float, float]] = (
+            deque()
+        )  # time [s], x [m] and y [m] of the latest decisions
 
     def update(self, time: float, x: float, y: float) -> bool:
-        """Add the robot's position (x, y) [m] at `time` [s], and return whether the robot has stalled."""
+        """Add the position (x, y) [m] at `time` [s], and return whether the robot has stalled."""
         self._past.append((time, x, y))
-        while len(self._past) > 1 and self._past[1][0] <= time - STALL_TIME_S + 1e-6:
+        begin = time - STALL_TIME_S + TIME_TOLERANCE_S
+        # The first entry becomes the latest position that is old enough.
+        while len(self._past) > 1 and self._past[1][0] <= begin:
             self._past.popleft()
-        then, *place = self._past[0]
-        if then <= time - STALL_TIME_S + 1e-6:
-            self.share = min(1.0, math.dist(place, (x, y)) / self.least)
+        oldest_time, *oldest = self._past[0]
+        if oldest_time <= begin:
+            self.share = min(1.0, math.dist(oldest, (x, y)) / self._required)
         return self.share < 1.0
 
 
 class Policy(_FromFile):
     """Deterministic policy network for one robot: ReLU layers, and tanh at the output.
 
-    Once the robot has stalled, the network's decisions have failed. With an encoding that has `redraws_stalled`, each
-    decision then draws random parameters, seeded by the course, half of the time with BACKING_OUT.
+    Once the robot has stalled, the network's decisions have failed. With an encoding that has
+    `redraws_stalled`, each decision then draws random parameters, seeded by the course, half of the
+    time with BACKING_OUT.
 
     Args:
         encoding: Encoding of observations and actions.
@@ -103,34 +133,53 @@ class Policy(_FromFile):
         metadata: Metadata of the policy's file, {str: JSON value}.
     """
 
-    def __init__(self, encoding: Encoding, layers: Layers, metadata: Optional[Dict[str, Any]] = None):
-        self.encoding, self.layers, self.metadata = encoding, layers, metadata or {}
-        self.period, self.space, self.layout = float(encoding.period), encoding.space, encoding.layout
+    def __init__(
+        self, encoding: Encoding, layers: Layers, metadata: Optional[Dict[str, Any]] = None
+    ):
+        self.encoding = encoding
+        self.layers = layers
+        self.metadata = metadata or {}
+        self.period = float(encoding.period)
+        self.space = encoding.space
+        self.layout = encoding.layout
         self._stall = Stall(encoding.robot.world_scale)
         self.reset(0)
 
     @classmethod
     def of(
-        cls, weights: Weights, encoding: Optional[Encoding] = None, metadata: Optional[Dict[str, Any]] = None
+        cls,
+        weights: Weights,
+        encoding: Optional[Encoding] = None,
+        metadata: Optional[Dict[str, Any]] = None,
     ) -> Policy:
-        """Make a policy from the tensors of its network. Raises ApplrError if they do not fit the encoding.
+        """Make a policy from the tensors of its network.
+
+        Raises ApplrError if they do not fit the encoding.
 
         Args:
-            weights: {"0.weight": (512, 729), "0.bias": (512,), "1.weight": ..., last (8, 512)} float32.
-            encoding: Encoding of observations and actions; None for the paper's encoding for the Jackal.
+            weights: {"0.weight": (512, 729), "0.bias": (512,), "1.weight": ..., last (8, 512)}
+                float32.
+            encoding: Encoding of observations and actions; None for the paper's encoding for the
+                Jackal.
             metadata: Metadata of the policy's file, {str: JSON value}.
         """
-        encoding, metadata = encoding or PaperEncoding(JACKAL), metadata or {}
+        encoding = encoding or PaperEncoding(JACKAL)
         layers = _fitting(weights, encoding.size, encoding.actions)
-        if metadata.get("with_mirror_images"):  # The file does not store the mirror images.
+        if metadata and metadata.get(
+            "with_mirror_images"
+        ):  # The file does not store the mirror images.
             layers = layers_of(with_mirror_images(weights, encoding.mirror))
         return cls(encoding, layers, metadata)
 
     @property
     def environment(self) -> Dict[str, Any]:
-        """Arguments of gymnasium.make("applr_ros1/Navigation-v0", ...) for the policy's observations and actions."""
-        encoding, robot = self.encoding, self.encoding.robot.folder
-        return {"robot": robot, "observation": encoding.name, "period": self.period, "base": encoding.base}
+        """Arguments of the Gymnasium environment Navigation-v0 for this policy's encoding."""
+        return {
+            "robot": self.encoding.robot.folder,
+            "observation": self.encoding.name,
+            "period": self.period,
+            "base": self.encoding.base,
+        }
 
     def reset(self, seed: int) -> None:
         """Forget the previous decisions at the start of a course, and seed the random draws."""
@@ -140,21 +189,34 @@ class Policy(_FromFile):
         self._draws = np.random.default_rng([seed, 0x57A1])
 
     def action(self, observation: Any) -> Array32:
-        """Return the action (m,) or (k, m) float32 in [-1, 1] for observations (n,) or (k, n). NaN is propagated."""
+        """Return the action (m,) or (k, m) float32 in [-1, 1] for observations (n,) or (k, n).
+
+        NaN is propagated.
+        """
         action: Array32 = np.tanh(forward(self.layers, observation))
         return action
 
     def theta(self, context: Optional[Context]) -> Array:
-        """Return the parameters (n,) of a decision, within the robot's ranges. Raises ApplrError on NaN or inf."""
+        """Return the parameters (n,) of a decision, within the robot's ranges.
+
+        Raises ApplrError on NaN or inf.
+        """
         if context is None:
             raise ApplrError("a policy needs an observation to decide on")
         action = self.action(self.encoding.observe(context))
         if self.encoding.redraws_stalled and self._stall.update(context.time, *context.pose[:2]):
             self.stalls += 1
-            theta = self.encoding.theta(self._draws.uniform(-1.0, 1.0, len(action)))
-            backs = BACKING_OUT if self._draws.random() < 0.5 else {}
-            return self.space.clip([backs.get(name, value) for name, value in zip(self.space.names, theta)])
+            return self._drawn(len(action))
         return self.encoding.theta(action)
+
+    def _drawn(self, actions: int) -> Array:
+        """Return random parameters (n,) from `actions` entries; half of them back out."""
+        theta = self.encoding.theta(self._draws.uniform(-1.0, 1.0, actions))
+        if self._draws.random() < 0.5:
+            for name, value in BACKING_OUT.items():
+                if name in self.space.names:
+                    theta[self.space.names.index(name)] = value
+        return self.space.clip(theta)
 
     def predict(
         self,
@@ -163,42 +225,52 @@ class Policy(_FromFile):
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> Tuple[Array32, Any]:
-        """Return actions (m,) or (k, m) for observations (n,) or (k, n), with the interface of stable-baselines3.
+        """Return actions (m,) or (k, m) for observations (n,) or (k, n), as stable-baselines3 does.
 
-        The policy is deterministic and has no memory: `state` is returned unchanged, other arguments are ignored.
+        The policy is deterministic and has no memory: `state` is returned unchanged, other
+            arguments are ignored.
         """
         return self.action(observation), state
 
 
 class ContextPolicy(_FromFile):
-    """APPLD's policy: one parameter set per context, and a classifier that predicts the context from the scan.
+    """APPLD's policy: a parameter set per context, and a classifier of scans by context.
 
     Args:
-        contexts: {name: theta (m,)}, values of space.chosen, the parameters that the paper's encoding sets; clipped.
-        weights: {"0.weight": (h, 720), "0.bias": (h,), ..., last (c, h)} float32 for c contexts. The ReLU layers take
-            the scan of the paper's observation. The index of the largest output is the context.
+        contexts: {name: theta (m,)}, values of space.chosen, the parameters that the paper's
+            encoding sets; clipped.
+        weights: {"0.weight": (h, 720), "0.bias": (h,), ..., last (c, h)} float32 for c contexts.
+            The ReLU layers take the scan of the paper's observation. The index of the largest
+            output is the context.
         space: Parameter space of the robot.
         layout: Layout of the scan, which determines the number of inputs.
     """
 
     def __init__(self, contexts: Weights, weights: Weights, space: Space, layout: Layout):
-        self.names, self.space, self.layout = list(contexts), space, layout
+        self.names = list(contexts)
+        self.space = space
+        self.layout = layout
         self.sets = np.array([space.fill(space.chosen.clip(theta)) for theta in contexts.values()])
         self.layers = _fitting(weights, layout.beams, len(self.names))
 
     @classmethod
     def of(cls, weights: Weights, metadata: Dict[str, Any], robot: Robot) -> ContextPolicy:
-        """Make the policy from a file's tensors and metadata. Raises ApplrError if they are for another robot."""
+        """Make the policy from a file's tensors and metadata.
+
+        Raises ApplrError if they are for another robot.
+        """
         space = space_of(robot)
         check_robot(metadata, robot)
         if metadata["names"] != list(space.chosen.names):
-            raise ApplrError(f"its parameters are {metadata['names']}: {', '.join(space.chosen.names)} are needed")
-        contexts = {str(c["name"]): c["theta"] for c in metadata["contexts"]}
+            names = ", ".join(space.chosen.names)
+            raise ApplrError(f"its parameters are {metadata['names']}: {names} are needed")
+        contexts = {str(entry["name"]): entry["theta"] for entry in metadata["contexts"]}
         return cls(contexts, weights, space, Layout.from_dict(metadata["layout"]))
 
     def context(self, observation: Any) -> int:
-        """Return the index of the predicted context for an observation (729,) or its first 720 entries."""
-        return int(np.argmax(forward(self.layers, np.asarray(observation, dtype=np.float32)[: self.layout.beams])))
+        """Return the index of the context for an observation (729,) or its first 720 entries."""
+        scan = np.asarray(observation, dtype=np.float32)[: self.layout.beams]
+        return int(np.argmax(forward(self.layers, scan)))
 
     def theta(self, context: Optional[Context]) -> Array:
         """Return the parameter set of the context that is predicted from the scan."""
@@ -207,32 +279,38 @@ class ContextPolicy(_FromFile):
         return np.array(self.sets[self.context(context.observation)])
 
 
-def load(path: Union[str, "os.PathLike[str]"], robot: Robot = JACKAL) -> Union[Policy, ContextPolicy]:
+def load(
+    path: Union[str, "os.PathLike[str]"], robot: Robot = JACKAL
+) -> Union[Policy, ContextPolicy]:
     """Read a policy from its file, for a robot. The layout of the scan comes from the file.
 
     Args:
         path: Path of the file.
-        robot: Robot to drive. A policy with contexts or in the paper's encoding must have been made for this robot.
+        robot: Robot to drive. A policy with contexts or in the paper's encoding must have been made
+            for this robot.
 
     Raises:
         ApplrError: The file is missing, or made for another robot or parameter space.
     """
     path = os.fspath(path)
     weights, header = unpack(files.read_bytes(path), path)
-    written = header.get("format")
-    if written not in (FORMAT, CONTEXTS_FORMAT):
-        raise ApplrError(f"{path}: unknown policy format {written!r}: give a file written by train.py or appld.py")
-    metadata = {key: json.loads(text) for key, text in header.items() if key not in PLAIN}
+    file_format = header.get("format")
+    if file_format not in (FORMAT, CONTEXTS_FORMAT):
+        problem = f"unknown policy format {file_format!r}"
+        raise ApplrError(f"{path}: {problem}: give a file written by train.py or appld.py")
+    metadata = {key: json.loads(text) for key, text in header.items() if key not in PLAIN_ENTRIES}
     policy: Union[Policy, ContextPolicy]
     try:
-        if written == CONTEXTS_FORMAT:
+        if file_format == CONTEXTS_FORMAT:
             policy = ContextPolicy.of(weights, metadata, robot)
         else:
+            # Files in the paper's encoding have no entry for the version of their observation.
             encoding = ENCODINGS[DIMENSIONLESS if "observation" in metadata else PAPER]
             policy = Policy.of(weights, encoding.of(metadata, robot), metadata)
     except ValueError as error:
         raise ApplrError(f"{path}: {error}") from None
-    policy.metadata, policy.path = metadata, path
+    policy.metadata = metadata
+    policy.path = path
     return policy
 
 
@@ -246,14 +324,22 @@ def save(
 
     Args:
         path: Path of the file.
-        weights: Tensors as for Policy.of. If every second network of an ensemble is the mirror image of the previous
-            one, the mirror images are not stored.
-        metadata: {str: JSON value}: "period_s" for the paper's encoding, "training", "result", or others.
-        encoding: Encoding of observations and actions; None for the paper's encoding for the Jackal.
+        weights: Tensors as for Policy.of. If every second network of an ensemble is the mirror
+            image of the previous one, the mirror images are not stored.
+        metadata: {str: JSON value}: "period_s" for the paper's encoding, "training", "result", or
+            others.
+        encoding: Encoding of observations and actions; None for the paper's encoding for the
+            Jackal.
     """
-    encoding, weights = encoding or PaperEncoding(JACKAL), _float32(weights)
-    Policy.of(weights, encoding)
-    _write(path, weights, FORMAT, {**(metadata or {}), **encoding.to_metadata()}, encoding.mirror)
+    encoding = encoding or PaperEncoding(JACKAL)
+    weights = _float32(weights)
+    Policy.of(weights, encoding)  # Raises ApplrError if the weights do not fit the encoding.
+    metadata = {**(metadata or {}), **encoding.to_metadata()}
+    halves = _without_mirror_images(weights, encoding.mirror)
+    if halves is not None:
+        weights = halves
+        metadata["with_mirror_images"] = True
+    _write(path, weights, FORMAT, metadata)
 
 
 def save_contexts(
@@ -264,31 +350,54 @@ def save_contexts(
     space: Space = SPACE,
     layout: Layout = LAYOUT,
 ) -> None:
-    """Write a ContextPolicy to a file. The arguments and errors are those of ContextPolicy and `save`."""
+    """Write a ContextPolicy to a file.
+
+    The arguments and errors are those of ContextPolicy and `save`.
+    """
     weights = _float32(weights)
-    ContextPolicy(contexts, weights, space, layout)
-    entries = [{"name": name, "theta": [float(v) for v in theta]} for name, theta in contexts.items()]
-    described = {"robot": space.robot, "names": space.chosen.names, "layout": layout.to_dict(), "contexts": entries}
-    _write(path, weights, CONTEXTS_FORMAT, {**(metadata or {}), **described})
+    ContextPolicy(
+        contexts, weights, space, layout
+    )  # Raises ApplrError if the weights do not fit the contexts.
+    metadata = {
+        **(metadata or {}),
+        "robot": space.robot,
+        "names": space.chosen.names,
+        "layout": layout.to_dict(),
+        "contexts": [
+            {"name": name, "theta": list(map(float, theta))} for name, theta in contexts.items()
+        ],
+    }
+    _write(path, weights, CONTEXTS_FORMAT, metadata)
 
 
-def _write(path: Any, weights: Dict[str, Any], written: str, metadata: Dict[str, Any], mirror: Any = None) -> None:
+def _without_mirror_images(weights: Weights, mirror: Mirror) -> Optional[Dict[str, Array32]]:
+    """Return every second network if the others are their mirror images, else None."""
+    if weights["0.weight"].ndim != 3:
+        return None
+    halves = {name: np.ascontiguousarray(tensor[::2]) for name, tensor in weights.items()}
+    ensemble = with_mirror_images(halves, mirror)
+    is_mirrored = all(np.array_equal(ensemble[name], tensor) for name, tensor in weights.items())
+    return halves if is_mirrored else None
+
+
+def _write(
+    path: Any, weights: Dict[str, Array32], file_format: str, metadata: Mapping[str, Any]
+) -> None:
     header = {key: json.dumps(value) for key, value in metadata.items()}
-    if mirror is not None and weights["0.weight"].ndim == 3:
-        halves = {name: np.ascontiguousarray(value[::2]) for name, value in weights.items()}
-        images = with_mirror_images(halves, mirror)
-        if all(np.array_equal(images[name], value) for name, value in weights.items()):
-            weights, header["with_mirror_images"] = halves, "true"
-    header["format"] = written
+    header["format"] = file_format
     files.write_bytes(path, safetensors.numpy.save(weights, metadata=header))
 
 
 def _float32(weights: Weights) -> Dict[str, Array32]:
-    return {name: np.ascontiguousarray(value, dtype=np.float32) for name, value in weights.items()}
+    return {
+        name: np.ascontiguousarray(tensor, dtype=np.float32) for name, tensor in weights.items()
+    }
 
 
 def layers_of(weights: Weights) -> Layers:
-    """Return the layers of a network, or of an ensemble of k networks with an additional first axis of size k.
+    """Return the layers of a network.
+
+    Those of an ensemble of k networks have an additional first axis of size k.
 
     Args:
         weights: {"0.weight": (h, inputs), "0.bias": (h,), "1.weight": ..., the last (outputs, h)}.
@@ -297,21 +406,35 @@ def layers_of(weights: Weights) -> Layers:
 
 
 def _fitting(weights: Weights, inputs: int, outputs: int) -> Layers:
-    """Return the layers of a network. Raises ApplrError if its number of inputs or outputs is wrong."""
+    """Return the layers of a network.
+
+    Raises ApplrError if its number of inputs or outputs is wrong.
+    """
     layers = layers_of(weights)
-    sizes = layers[0][0].shape[-1], layers[-1][0].shape[-2]
+    first_weight, last_weight = layers[0][0], layers[-1][0]
+    sizes = (first_weight.shape[-1], last_weight.shape[-2])
     if sizes != (inputs, outputs):
-        raise ApplrError(f"its network has {sizes} inputs and outputs: {(inputs, outputs)} are needed")
+        raise ApplrError(
+            f"its network has {sizes} inputs and outputs: {(inputs, outputs)} are needed"
+        )
     return layers
 
 
 def forward(layers: Layers, x: Any) -> Array32:
-    """Return the network's output before a final activation for x (n, inputs) or (inputs,). NaN is propagated."""
+    """Return the network's output before a final activation for x (n, inputs) or (inputs,).
+
+    NaN is propagated.
+    """
     x = np.asarray(x, dtype=np.float32)
-    several, shape = layers[0][0].ndim == 3, x.shape[:-1]
-    units: Array32 = np.atleast_2d(x) if several else x  # The shape is (k, n, units) after an ensemble's first layer.
+    is_ensemble = layers[0][0].ndim == 3
+    units: Array32 = np.atleast_2d(x) if is_ensemble else x
     for number, (weight, bias) in enumerate(layers):
         if number:
             units = np.maximum(units, np.float32(0.0))
-        units = units @ weight.swapaxes(-1, -2) + (bias[:, None, :] if several else bias)
-    return units.mean(axis=0).reshape(*shape, -1) if several else units
+        # In an ensemble, weight is (k, out, in) and bias (k, out), so that units become (k, n,
+        # out).
+        units = units @ weight.swapaxes(-1, -2) + (bias[:, None, :] if is_ensemble else bias)
+    if not is_ensemble:
+        return units
+    outputs: Array32 = units.mean(axis=0)
+    return outputs.reshape(*x.shape[:-1], -1)

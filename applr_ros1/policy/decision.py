@@ -1,4 +1,4 @@
-"""Decisions on planner parameters: their inputs, their period, and the interface of the methods that make them."""
+"""Decisions on planner parameters: their inputs, their period, and the interface of methods."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ PERIOD = 2.0  # decision period of the paper, and default of policy files [s]
 
 
 class Seen(NamedTuple):
-    """Raw inputs of a decision, except the parameters, independent of any layout; recorded in msg/Decision.msg.
+    """Raw inputs of a decision, except the parameters, as msg/Decision.msg records them.
 
-    scan has the measured ranges (n,) float32 [m], the direction of the first beam in the robot's frame [rad], and the
-    angle between two beams [rad]. The other fields are as in a Context.
+    scan has the measured ranges (n,) float32 [m], the direction of the first beam in the robot's
+    frame [rad], and the angle between two beams [rad]. The other fields are as in a Context.
     """
 
     scan: Tuple[np.ndarray, float, float]
@@ -37,14 +37,17 @@ class Context:
     """Inputs of a method's decision: surroundings and state of the robot.
 
     Attributes:
-        ranges: (720,) float32 scan [m]; +inf for no return. Scans of other lasers are resampled (Layout in layout.py).
+        ranges: (720,) float32 scan [m]; +inf for no return. Scans of other lasers are resampled
+            (Layout in layout.py).
         phi: Angle to the local goal [rad].
         theta: (n,) float64, current parameters of the planner.
         time: Time since the goal was sent [s].
-        pose: (x, y, yaw) [m, m, rad] of the robot by its odometry. Goal and plan are in the same frame.
+        pose: (x, y, yaw) [m, m, rad] of the robot by its odometry. Goal and plan are in the same
+            frame.
         twist: (v, w) [m/s, rad/s] of the robot by its odometry.
         goal: (x, y, yaw) [m, m, rad] of the goal.
-        plan: (n, >= 2) x, y [m] of the latest global plan, from robot to goal; (0, 2) before the first one.
+        plan: (n, >= 2) x, y [m] of the latest global plan, from robot to goal; (0, 2) before the
+            first one.
         movers: (k, 4) x, y [m], vx, vy [m/s] of the tracked moving obstacles, in the same frame.
         space: Parameter space of theta.
         layout: Layout of ranges.
@@ -64,30 +67,47 @@ class Context:
 
     @classmethod
     def of(cls, theta: np.ndarray, seen: Seen, space: Space, layout: Layout) -> Context:
-        """Make the context from raw inputs, for a layout. Without a plan, the goal is used as the local goal.
+        """Make the context from raw inputs, for a layout.
+
+        Without a plan, the goal is used as the local goal.
 
         The applr node, the learning environment and the bag reader all use this constructor.
 
         Raises:
-            ObservationError: The scan does not fit the layout or has no valid beam, or plan or pose is not finite.
+            ObservationError: The scan does not fit the layout or has no valid beam, or plan or pose
+                is not finite.
         """
-        scan, time, pose, twist, goal, plan, movers = seen
-        ranges = layout.resample(*scan)
+        ranges = layout.resample(*seen.scan)
+        # A blind scan is refused here, before a method or a file gets the context.
         without_gaps(ranges, layout)
-        phi = goal_angle(local_goal(plan if len(plan) else [goal[:2]], pose, layout.lookahead))
-        return cls(ranges, phi, theta, time, pose, twist, goal, plan, movers, space, layout)
+        path = seen.plan if len(seen.plan) else [seen.goal[:2]]
+        phi = goal_angle(local_goal(path, seen.pose, layout.lookahead))
+        return cls(
+            ranges=ranges,
+            phi=phi,
+            theta=theta,
+            time=seen.time,
+            pose=seen.pose,
+            twist=seen.twist,
+            goal=seen.goal,
+            plan=seen.plan,
+            movers=seen.movers,
+            space=space,
+            layout=layout,
+        )
 
     @cached_property
     def observation(self) -> np.ndarray:
-        """Observation (729,) float32 in [-1, 1]: scan capped at 2 m, angle to the local goal, current parameters.
+        """Observation (729,) float32 in [-1, 1]: capped scan, goal angle, current parameters.
 
-        Sizes and cap differ for robots other than the Jackal. Raises ObservationError as observation.observe does.
+        Sizes and cap differ for robots other than the Jackal. Raises ObservationError as
+        observation.observe does.
         """
         return observe(self.ranges, self.phi, self.theta, self.space, self.layout)
 
 
 def period_of(metadata: Mapping[str, Any]) -> float:
-    """Return the decision period [s] in a policy file's metadata (`period_s`), or the paper's if there is none."""
+    """Return the decision period [s] in a policy file's metadata, or the paper's."""
     return float(metadata.get("period_s", PERIOD))
 
 
@@ -96,14 +116,16 @@ class Method:
 
     Attributes:
         name: Specification from which the method was made (methods.make).
-        static: Whether theta does not depend on the context. The node asks a static method once, with None, so that
-            later changes by a user persist.
+        static: Whether theta does not depend on the context. The node asks a static method once,
+            with None, so that later changes by a user persist.
         period: Decision period [s].
-        space: Space of the parameters that theta() returns. `make` sets the robot's space if the class has none.
-        layout: Layout of Context.ranges and Context.observation. `make` sets the robot's layout if the class has none.
-        per_cell: Whether path and goal distance biases are per costmap cell instead of per metre, as in all parameter
-            sets learned here. The applr node rescales them for a planner that needs biases per metre
-            (nodes/applr/meter_scoring.py).
+        space: Space of the parameters that theta() returns. `make` sets the robot's space if the
+            class has none.
+        layout: Layout of Context.ranges and Context.observation. `make` sets the robot's layout if
+            the class has none.
+        per_cell: Whether path and goal distance biases are per costmap cell instead of per metre,
+            as in all parameter sets learned here. The applr node rescales them for a planner that
+            needs biases per metre (nodes/applr/meter_scoring.py).
         stalls: Number of decisions changed because the robot had stalled.
     """
 
@@ -119,9 +141,15 @@ class Method:
         """Prepare for a new course, and seed all random draws."""
 
     def theta(self, context: Optional[Context]) -> np.ndarray:
-        """Return the parameters (n,) to use until the next decision. Raise ApplrError if the method cannot decide."""
+        """Return the parameters (n,) to use until the next decision.
+
+        Raise ApplrError if the method cannot decide.
+        """
         raise NotImplementedError
 
     def describe(self) -> Dict[str, Any]:
-        """Return a description to record with results. Methods with equal descriptions behave the same."""
+        """Return a description to record with results.
+
+        Methods with equal descriptions behave the same.
+        """
         return {"class": type(self).__name__}

@@ -1,7 +1,7 @@
-"""Encodings of a policy's observations and actions: the base class `Encoding`, and the paper's encoding.
+"""Encodings of a policy's observations and actions: base class, and the paper's encoding.
 
-The dimensionless encoding is in dimensionless.py. The learning environment, the policy files (actor.py) and the bag
-reader only depend on the base class.
+The dimensionless encoding is in dimensionless.py. The learning environment, the policy files
+(actor.py) and the bag reader only depend on the base class.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ class Mirror(NamedTuple):
     sign: np.ndarray
 
     @classmethod
-    def of(cls, beams: int, rest: int, scans: int = 1, mirror_sign: Tuple[int, ...] = (0,)) -> Mirror:
+    def of(
+        cls, beams: int, rest: int, scans: int = 1, mirror_sign: Tuple[int, ...] = (0,)
+    ) -> Mirror:
         """Make the reflection of an observation that consists of scans, followed by other entries.
 
         Args:
@@ -39,22 +41,32 @@ class Mirror(NamedTuple):
             scans: Number of scans.
             mirror_sign: Indices, counted after the scans, of the entries that change sign.
         """
-        order, sign = np.arange(beams + rest), np.ones(beams + rest, np.float32)
+        order = np.arange(beams + rest)
         order[:beams] = order[:beams].reshape(scans, -1)[:, ::-1].ravel()
-        sign[[beams + i for i in mirror_sign]] = -1.0
+        sign = np.ones(beams + rest, np.float32)
+        sign[beams + np.asarray(mirror_sign, dtype=np.int64)] = -1.0
         return cls(order, sign)
 
 
 def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dict[str, np.ndarray]:
-    """Return an ensemble with each network and its mirror image: the same network on the mirrored observation.
+    """Return an ensemble with each network and its mirror image.
+
+    The mirror image is the same network on the mirrored observation.
 
     Args:
         weights: One network, or an ensemble.
         mirror: Reflection of the networks' input.
     """
-    several = {name: t if weights["0.weight"].ndim == 3 else t[None] for name, t in weights.items()}
-    images = dict(several, **{"0.weight": (several["0.weight"] * mirror.sign)[..., mirror.order]})
-    return {name: np.stack([t, images[name]], axis=1).reshape(-1, *t.shape[1:]) for name, t in several.items()}
+    is_ensemble = weights["0.weight"].ndim == 3
+    ensemble = {}
+    for name, tensor in weights.items():
+        networks = tensor if is_ensemble else tensor[None]
+        images = networks
+        if name == "0.weight":  # Only the first layer takes the observation.
+            images = (networks * mirror.sign)[..., mirror.order]
+        pairs = np.stack([networks, images], axis=1)
+        ensemble[name] = pairs.reshape(-1, *networks.shape[1:])
+    return ensemble
 
 
 class Encoding:
@@ -63,8 +75,8 @@ class Encoding:
     Args:
         robot: Description of the robot.
         period: Decision period [s]; None for the paper's.
-        base: {name: value} of parameters that an action does not choose, clipped to their ranges. Parameters that are
-            missing here have their default values.
+        base: {name: value} of parameters that an action does not choose, clipped to their ranges.
+            Parameters that are missing here have their default values.
 
     Attributes:
         name: Name of the encoding in options and files.
@@ -76,10 +88,12 @@ class Encoding:
         actions: Number of entries of an action, all in [-1, 1].
         scan: Number of entries of all scans, which come first in an observation.
         scans: Number of scans in an observation.
-        mirror_sign: Indices, counted after the scans, of the entries that change sign in the mirror image.
-        scale: Width of the robot relative to the Jackal's, by which lengths in the reward are divided.
-        pace: Time for a course of the robot's scale at maximum speed, relative to the Jackal's, by which times in the
-            reward are divided.
+        mirror_sign: Indices, counted after the scans, of the entries that change sign in the mirror
+            image.
+        scale: Width of the robot relative to the Jackal's, by which lengths in the reward are
+            divided.
+        pace: Time for a course of the robot's scale at maximum speed, relative to the Jackal's, by
+            which times in the reward are divided.
     """
 
     name: ClassVar[str]
@@ -93,8 +107,12 @@ class Encoding:
     mirror_sign: Tuple[int, ...] = (0,)
     scale = pace = 1.0
 
-    def __init__(self, robot: Robot, period: Optional[float], base: Optional[Mapping[str, float]] = None):
-        self.robot, self.space, self.base = robot, space_of(robot), dict(base or {})
+    def __init__(
+        self, robot: Robot, period: Optional[float], base: Optional[Mapping[str, float]] = None
+    ):
+        self.robot = robot
+        self.space = space_of(robot)
+        self.base = dict(base or {})
         self.period = PERIOD if period is None else period
 
     @property
@@ -103,35 +121,46 @@ class Encoding:
         return Mirror.of(self.scan, self.size - self.scan, self.scans, self.mirror_sign)
 
     def to_metadata(self) -> Dict[str, Any]:
-        """Return the metadata of the encoding for a policy's file, as JSON values. The inverse is `of`."""
+        """Return the metadata of the encoding for a policy's file, as JSON values.
+
+        The inverse is `of`.
+        """
         raise NotImplementedError
 
     @classmethod
     def of(cls, metadata: Mapping[str, Any], robot: Robot) -> Encoding:
-        """Make the encoding from a policy's metadata, for a robot. Raises ApplrError if they are for another robot."""
+        """Make the encoding from a policy's metadata, for a robot.
+
+        Raises ApplrError if they are for another robot.
+        """
         raise NotImplementedError
 
     def reset(self) -> None:
         """Forget the previous decision at the start of a course."""
 
     def observe(self, context: Context) -> np.ndarray:
-        """Return the observation (size,) float32 of a decision. Raises ObservationError as observation.observe does."""
+        """Return the observation (size,) float32 of a decision.
+
+        Raises ObservationError as observation.observe does.
+        """
         raise NotImplementedError
 
     def theta(self, action: Any) -> np.ndarray:
-        """Return the parameters (n,) of the robot's space for an action (actions,), within the robot's ranges.
+        """Return the parameters (n,) for an action (actions,), within the robot's ranges.
 
         Raises ApplrError for NaN, infinity and another length.
         """
         raise NotImplementedError
 
     def action(self, theta: Any) -> np.ndarray:
-        """Return the action (actions,) in [-1, 1] that encodes parameters (n,) of the robot's space."""
+        """Return the action (actions,) in [-1, 1] that encodes parameters (n,)."""
         raise NotImplementedError
 
 
 class PaperEncoding(Encoding):
-    """The paper's encoding: an observation is scan, local goal angle and parameters; an action is scaled parameters.
+    """The paper's encoding.
+
+    An observation is scan, local goal angle and parameters. An action is scaled parameters.
 
     Args:
         robot, period, base: As for an Encoding; period and base do not change this encoding.
@@ -148,8 +177,10 @@ class PaperEncoding(Encoding):
         layout: Optional[Layout] = None,
     ):
         super().__init__(robot, period)
-        self.layout, self.chosen = layout or layout_of(robot), self.space.chosen.names
-        self.scan, self.actions = self.layout.beams, len(self.chosen)
+        self.layout = layout or layout_of(robot)
+        self.chosen = self.space.chosen.names
+        self.scan = self.layout.beams
+        self.actions = len(self.chosen)
         self.size = self.scan + 1 + self.actions
 
     def to_metadata(self) -> Dict[str, Any]:
@@ -159,13 +190,19 @@ class PaperEncoding(Encoding):
 
     @classmethod
     def of(cls, metadata: Mapping[str, Any], robot: Robot) -> PaperEncoding:
-        """Make the encoding from a policy's metadata, for the same robot. Only the default parameters may differ."""
+        """Make the encoding from a policy's metadata, for the same robot.
+
+        Only the default parameters may differ.
+        """
         space = space_of(robot).chosen
         check_robot(metadata, robot)
         for key, value in space.to_dict().items():
-            has = metadata["space"].get(key)
-            if key != "theta0" and has != value:
-                raise ApplrError(f"made for another parameter space: {key} is {has}, here {value}; train one for this")
+            stored = metadata["space"].get(key)
+            if key != "theta0" and stored != value:
+                difference = f"{key} is {stored}, here {value}"
+                raise ApplrError(
+                    f"made for another parameter space: {difference}; train one for this"
+                )
         return cls(robot, period_of(metadata), layout=Layout.from_dict(metadata["layout"]))
 
     def observe(self, context: Context) -> np.ndarray:
@@ -173,11 +210,14 @@ class PaperEncoding(Encoding):
         return context.observation
 
     def theta(self, action: Any) -> np.ndarray:
-        """Return the parameters (n,): those of space.chosen from the action, counts rounded, the others by default."""
+        """Return the parameters (n,): space.chosen from the action, the others by default."""
         return self.space.fill(self.space.chosen.to_theta(action))
 
     def action(self, theta: Any) -> np.ndarray:
-        """Return the action for parameters (n,). Values beyond the ranges, which a user may set, are clipped."""
+        """Return the action for parameters (n,).
+
+        Values beyond the ranges, which a user may set, are clipped.
+        """
         return self.space.chosen.to_action(self.space.pick(theta))
 
 

@@ -1,8 +1,8 @@
-"""Layout of a policy's scan and local goal: number and directions of beams, range cap, and lookahead distance.
+"""Layout of a policy's scan and local goal: beams, range cap, and lookahead distance.
 
-The layout belongs to the policy's file, not to the laser. Any planar scan that covers the layout is resampled to it, so
-that a policy also works with other scanners than in its training. The applr node, the training environment and the bag
-reader use it.
+The layout belongs to the policy's file, not to the laser. Any planar scan that covers the layout is
+resampled to it, so that a policy also works with other scanners than in its training. The applr
+node, the training environment and the bag reader use it.
 """
 
 from __future__ import annotations
@@ -10,20 +10,30 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Dict, Mapping, Tuple
+from typing import Any, Dict, Mapping, NamedTuple, Optional
 
 import numpy as np
 
-from applr_ros1.common.arrays import Array32, Ints
+from applr_ros1.common.arrays import Array, Array32, Ints
 from applr_ros1.common.errors import ApplrError
 
-ANGLE_TOLERANCE_RAD = 0.02  # angle by which a scan may be narrower than the layout, on each side [rad]
-COARSEST_RAD = math.radians(3.0)  # largest angle between two beams [rad]; a post of 0.15 m spans 4 degrees at 2 m
+ANGLE_TOLERANCE_RAD = (
+    0.02  # angle by which a scan may be narrower than the layout, on each side [rad]
+)
+COARSEST_RAD = math.radians(
+    3.0
+)  # largest angle between two beams [rad]; a post of 0.15 m spans 4 degrees at 2 m
 TURN_RAD = 2.0 * math.pi  # full turn [rad]
-IN_FILES = {  # names of a layout's fields in files
-    **{"beams": "beams", "range_cap_m": "range_cap", "lookahead_m": "lookahead"},
-    **{"angle_min_rad": "angle_min", "angle_max_rad": "angle_max"},
+FIELDS_IN_FILES = {  # names of a layout's fields by their keys in files
+    "beams": "beams",
+    "range_cap_m": "range_cap",
+    "lookahead_m": "lookahead",
+    "angle_min_rad": "angle_min",
+    "angle_max_rad": "angle_max",
 }
+TURNS = TURN_RAD * np.arange(
+    -2, 3
+)  # turns over which a scan is repeated, because a layout may lie in another one
 
 
 class ObservationError(ApplrError):
@@ -36,10 +46,12 @@ class Layout:
 
     Attributes:
         beams: Number of evenly spaced sectors of the scan.
-        angle_min: Direction of the first sector's centre [rad], 0 straight ahead, positive to the left.
+        angle_min: Direction of the first sector's centre [rad], 0 straight ahead, positive to the
+            left.
         angle_max: Direction of the last sector's centre [rad]; larger than angle_min.
         range_cap: Range beyond which space counts as free [m].
-        lookahead: Distance of the local goal [m]: the first point of the global plan farther away than this.
+        lookahead: Distance of the local goal [m]: the first point of the global plan farther away
+            than this.
     """
 
     beams: int = 720
@@ -53,74 +65,124 @@ class Layout:
         """Angle between two beams [rad]."""
         return (self.angle_max - self.angle_min) / (self.beams - 1)
 
+    @property
+    def angles(self) -> Array:
+        """Directions (beams,) of the centres of the sectors [rad]."""
+        angles: Array = self.angle_min + self.step * np.arange(self.beams, dtype=np.float64)
+        return angles
+
     def to_dict(self) -> Dict[str, Any]:
         """Return the layout as JSON values for a policy's file."""
-        return {key: getattr(self, name) for key, name in IN_FILES.items()}
+        return {key: getattr(self, name) for key, name in FIELDS_IN_FILES.items()}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> "Layout":
         """Make the layout from the values of to_dict."""
-        return cls(**{name: values[key] for key, name in IN_FILES.items()})
+        return cls(**{name: values[key] for key, name in FIELDS_IN_FILES.items()})
 
     def sector(self, bearing: float, width: float) -> Ints:
         """Return the indices of the beams within width / 2 of a bearing [rad]."""
-        angles = self.angle_min + self.step * np.arange(self.beams)
-        return np.flatnonzero(np.abs((angles - bearing + math.pi) % TURN_RAD - math.pi) <= 0.5 * width)
+        offsets = (self.angles - bearing + math.pi) % TURN_RAD - math.pi
+        return np.flatnonzero(np.abs(offsets) <= 0.5 * width)
 
     def resample(self, ranges: Any, angle_min: float, angle_increment: float) -> Array32:
-        """Return a scan resampled to this layout, (beams,) float32 [m]. A scan with the same geometry is unchanged.
+        """Return a scan resampled to this layout, (beams,) float32 [m].
 
-        Each beam of the layout is a sector of `step` radians. It takes the smallest range in the sector, so that no
-        obstacle is lost. A sector between two beams of a coarser scan takes the range of the beam nearer in angle. By
-        REP 117 -inf (too near) is smaller than every range and +inf (no return) is larger. NaN (no measurement) remains
-        only if a sector has no other value. Ranges of 0, which older drivers use for no measurement, count as NaN.
+        A scan with the same geometry is unchanged.
+
+        Each beam of the layout is a sector of `step` radians. It takes the smallest range in the
+        sector, so that no obstacle is lost. A sector between two beams of a coarser scan takes the
+        range of the beam nearer in angle. By REP 117 -inf (too near) is smaller than every range
+        and +inf (no return) is larger. NaN (no measurement) remains only if a sector has no other
+        value. Ranges of 0, which older drivers use for no measurement, count as NaN.
 
         Args:
             ranges: (n,) [m].
             angle_min: Direction of the first range [rad], 0 straight ahead, positive to the left.
-            angle_increment: Angle from one range to the next [rad]; negative if the scanner turns clockwise.
+            angle_increment: Angle from one range to the next [rad]; negative if the scanner turns
+                clockwise.
 
         Raises:
-            ObservationError: The scan does not cover the layout, is coarser than COARSEST_RAD, or has no geometry.
+            ObservationError: The scan does not cover the layout, is coarser than COARSEST_RAD, or
+                has no geometry.
         """
         measured: Array32 = np.asarray(ranges, dtype=np.float32)
-        zero = measured == 0.0
-        if zero.any():  # Zeros must be replaced before the minimum is taken.
-            measured = np.where(zero, np.float32(np.nan), measured)
-        source, starts = _sectors(self, len(measured), float(angle_min), float(angle_increment))
-        return np.fmin.reduceat(measured[source], starts) if len(source) else measured
+        is_zero = measured == 0.0
+        if is_zero.any():  # Zeros must be replaced before the minimum is taken.
+            measured = np.where(is_zero, np.float32(np.nan), measured)
+        sectors = _sectors(self, len(measured), float(angle_min), float(angle_increment))
+        if sectors is None:
+            return measured
+        return np.fmin.reduceat(measured[sectors.source], sectors.starts)
+
+
+class Sectors(NamedTuple):
+    """Ranges of a scan in each sector of a layout: sector i has source[starts[i] : starts[i + 1]].
+
+    Attributes:
+        source: (k,) indices of the scan's ranges, by sector.
+        starts: (beams,) index in `source` of the first range of each sector.
+    """
+
+    source: Ints
+    starts: Ints
 
 
 @lru_cache(maxsize=32)
-def _sectors(layout: Layout, count: int, first: float, step: float) -> Tuple[Ints, Ints]:
-    """Return the indices of the scan's ranges in each of the layout's sectors.
+def _sectors(layout: Layout, count: int, first: float, step: float) -> Optional[Sectors]:
+    """Return the ranges of a scan in each sector of a layout, or None for the same geometry.
 
-    Returns:
-        (source, starts): beam i takes source[starts[i] : starts[i + 1]]. Both are empty if the geometry is the same.
+    Args:
+        layout: The layout.
+        count: Number of the scan's ranges.
+        first: Direction of the first range [rad].
+        step: Angle from one range to the next [rad].
     """
+    _check_geometry(count, first, step)
+    last = first + step * (count - 1)
+    half_sector = 0.5 * layout.step
+    is_aligned = (
+        abs(first - layout.angle_min) < half_sector and abs(last - layout.angle_max) < half_sector
+    )
+    if count == layout.beams and is_aligned:
+        return None
+
+    # The beams in order of their directions, repeated over all TURNS
+    angles = (first + step * np.arange(count) + TURNS[:, None]).ravel()
+    order = np.argsort(angles, kind="stable")
+    angles = angles[order]
+    source = np.tile(np.arange(count), len(TURNS))[order]
+
+    # A sector is covered if a beam lies within half a beam of its centre, up to the tolerance.
+    centres = layout.angles
+    right = np.clip(np.searchsorted(angles, centres), 1, len(angles) - 1)
+    is_left_nearer = centres - angles[right - 1] <= angles[right] - centres
+    nearest = right - is_left_nearer
+    is_covered = np.abs(angles[nearest] - centres) <= 0.5 * abs(step) + ANGLE_TOLERANCE_RAD
+    if not is_covered.all():
+        covers = (
+            f"scan of {count} beams covers {min(first, last):.3f} to {max(first, last):.3f} rad"
+        )
+        raise ObservationError(
+            f"{covers}: the policy needs {layout.angle_min:.3f} to {layout.angle_max:.3f}"
+        )
+
+    # Sectors between two beams of a coarser scan are empty, and take the nearest beam.
+    begins = np.searchsorted(angles, centres - half_sector)
+    ends = np.searchsorted(angles, centres + half_sector)
+    is_empty = begins == ends
+    begins = np.where(is_empty, nearest, begins)
+    ends = np.where(is_empty, nearest + 1, ends)
+    starts = np.concatenate([[0], np.cumsum(ends - begins)[:-1]])
+    ranges = [source[begin:end] for begin, end in zip(begins, ends)]
+    return Sectors(np.concatenate(ranges), starts)
+
+
+def _check_geometry(count: int, first: float, step: float) -> None:
+    """Raise ObservationError if a scan has no geometry, or too few beams for its angle."""
     if count < 2 or not (math.isfinite(first) and math.isfinite(step)) or step == 0.0:
         scan = f"scan has {count} beams from {first:g} rad every {step:g} rad"
         raise ObservationError(f"{scan}, no geometry: check the laser's driver")
     if abs(step) > COARSEST_RAD:
         remedy = f"the limit is {COARSEST_RAD:.3f}: use a finer scanner or setting"
         raise ObservationError(f"scan has a beam every {abs(step):.3f} rad, {remedy}")
-    last, half = first + step * (count - 1), 0.5 * layout.step
-    if count == layout.beams and abs(first - layout.angle_min) < half and abs(last - layout.angle_max) < half:
-        return np.empty(0, np.int64), np.empty(0, np.int64)
-    # The layout may lie in another turn than the scan: the ranges are repeated over five turns, sorted by direction.
-    turns = TURN_RAD * np.arange(-2, 3)
-    angles = (first + step * np.arange(count) + turns[:, None]).ravel()
-    order = np.argsort(angles, kind="stable")
-    angles, source = angles[order], np.tile(np.arange(count), len(turns))[order]
-    middles = layout.angle_min + layout.step * np.arange(layout.beams)
-    right = np.clip(np.searchsorted(angles, middles), 1, len(angles) - 1)
-    nearest = right - (middles - angles[right - 1] <= angles[right] - middles)
-    covered = np.abs(angles[nearest] - middles) <= 0.5 * abs(step) + ANGLE_TOLERANCE_RAD
-    if not covered.all():
-        covers = f"scan of {count} beams covers {min(first, last):.3f} to {max(first, last):.3f} rad"
-        raise ObservationError(f"{covers}: the policy needs {layout.angle_min:.3f} to {layout.angle_max:.3f}")
-    begins, ends = (np.searchsorted(angles, middles + offset) for offset in (-half, half))
-    empty = begins == ends
-    begins, ends = np.where(empty, nearest, begins), np.where(empty, nearest + 1, ends)
-    starts = np.concatenate([[0], np.cumsum(ends - begins)[:-1]])
-    return np.concatenate([source[begin:end] for begin, end in zip(begins, ends)]), starts

@@ -1,8 +1,8 @@
-"""Parameter space of APPLR: the planner parameters theta that a policy sets, their ranges and theta_0.
+"""Parameter space of APPLR: planner parameters theta that a policy sets, ranges and theta_0.
 
-`space_of` makes it from a robot's description. Names, ranges and servers are in its robot.yaml, theta_0 in its
-parameter files, types and bounds in the planner's declarations. SPACE is the Jackal's space, and `SPACE.chosen` its
-subspace of the paper's eight parameters.
+`space_of` makes it from a robot's description. Names, ranges and servers are in its robot.yaml,
+theta_0 in its parameter files, types and bounds in the planner's declarations. SPACE is the
+Jackal's space, and `SPACE.chosen` its subspace of the paper's eight parameters.
 """
 
 from dataclasses import dataclass, field, replace
@@ -44,8 +44,8 @@ class Space:
         high: (n,) largest values.
         integer: (n,) bool, True for sample counts.
         theta0: (n,) default parameters of the robot, with which its move_base starts.
-        targets: {parameter: addresses of the values of move_base that it sets}. A parameter is read back from its first
-            address.
+        targets: {parameter: addresses of the values of move_base that it sets}. A parameter is read
+            back from its first address.
         robot: Name of the robot.
         fixed: Names of the parameters that policies in the paper's encoding do not choose.
     """
@@ -64,7 +64,7 @@ class Space:
 
     @cached_property
     def chosen(self) -> "Space":
-        """Subspace of the parameters that policies in the paper's encoding choose: eight for the Jackal."""
+        """Subspace that policies in the paper's encoding choose: eight for the Jackal."""
         chosen = self._chosen_at
         names = tuple(self.names[i] for i in chosen)
         return Space(
@@ -87,13 +87,16 @@ class Space:
         return chosen
 
     def fill(self, values: Any) -> Array:
-        """Return parameters (n,): those of the subspace `chosen` from `values` (k,), the others from theta_0."""
+        """Return parameters (n,): the subspace `chosen` from `values` (k,), others from theta_0."""
         theta = self.theta0.copy()
         theta[self._chosen_at] = values
         return theta
 
     def below(self, name: str, highest: float) -> "Space":
-        """Return the space with one parameter limited to `highest`. Unknown names change nothing."""
+        """Return the space with one parameter limited to `highest`.
+
+        Unknown names change nothing.
+        """
         is_limited = np.array(self.names) == name
         return replace(self, high=np.where(is_limited, np.minimum(self.high, highest), self.high))
 
@@ -106,7 +109,9 @@ class Space:
         return np.where(self.integer, np.rint(inside), inside)
 
     def to_theta(self, action: Any) -> Array:
-        """Return the parameters (n,) float64 for an action (n,) in [-1, 1], scaled to the ranges, with counts rounded.
+        """Return the parameters (n,) float64 for an action (n,) in [-1, 1].
+
+        They are scaled to the ranges, with counts rounded.
 
         Raises ApplrError if the length is wrong or a value is not finite.
         """
@@ -114,7 +119,10 @@ class Space:
         return self.clip(self.low + 0.5 * (action + 1.0) * (self.high - self.low))
 
     def to_action(self, theta: Any) -> Array:
-        """Return the action (n,) float64 in [-1, 1] for parameters. Values beyond the ranges are clipped."""
+        """Return the action (n,) float64 in [-1, 1] for parameters.
+
+        Values beyond the ranges are clipped.
+        """
         shares = (self._checked(theta, "parameter") - self.low) / (self.high - self.low)
         action: Array = np.clip(2.0 * shares - 1.0, -1.0, 1.0)
         return action
@@ -127,7 +135,10 @@ class Space:
         return values
 
     def from_dict(self, values: Mapping[str, Any]) -> Array:
-        """Return the parameters (n,) for {name: value} after a range check. Missing names are taken from theta_0."""
+        """Return the parameters (n,) for {name: value} after a range check.
+
+        Missing names are taken from theta_0.
+        """
         theta = self.theta0.copy()
         for name, value in values.items():
             if name not in self.names:
@@ -138,7 +149,7 @@ class Space:
 
     @cached_property
     def addresses(self) -> List[Tuple[int, Target]]:
-        """All values that the space sets, as (index of the parameter in theta, address of the value)."""
+        """All values that the space sets: (index of the parameter in theta, address)."""
         addresses = []
         for i, name in enumerate(self.names):
             addresses += [(i, target) for target in self.targets[name]]
@@ -146,11 +157,11 @@ class Space:
 
     @property
     def servers(self) -> Tuple[str, ...]:
-        """Unique names of the move_base servers that hold the parameters, in the order of the parameters."""
+        """Unique names of the servers that hold the parameters, in their order."""
         return tuple(dict.fromkeys(target.server for _, target in self.addresses))
 
     def settings(self, theta: Any) -> Settings:
-        """Return the values that parameters (n,) set after clipping: one request for each server of move_base."""
+        """Return the values that parameters (n,) set after clipping: a request per server."""
         return self.settings_of(self.as_dict(self.clip(theta)))
 
     def settings_of(self, values: Mapping[str, Any]) -> Settings:
@@ -170,10 +181,12 @@ class Space:
         )
 
     def read(self, path: Any) -> ParameterSet:
-        """Read a JSON file with a parameter set: {name: value}, or {"parameters": {name: value}, ...}.
+        """Read a JSON file with a parameter set.
 
-        Missing names have their values in theta_0. A file with `"meter_scoring": false` states that its distance biases
-        are per costmap cell.
+        It holds {name: value}, or {"parameters": {name: value}, ...}.
+
+        Missing names have their values in theta_0. A file with `"meter_scoring": false` states that
+        its distance biases are per costmap cell.
         """
         content = files.read_json(path)
         try:
@@ -202,7 +215,10 @@ class Space:
         )
 
     def _checked(self, numbers: Any, kind: str) -> Array:
-        """Return numbers (..., n) as float64. Raise ApplrError if n is wrong or a number is not finite."""
+        """Return numbers (..., n) as float64.
+
+        Raise ApplrError if n is wrong or a number is not finite.
+        """
         vector: Array = np.asarray(numbers, dtype=np.float64)
         if vector.shape[-1:] != (len(self.names),):
             raise ApplrError(
@@ -216,7 +232,10 @@ class Space:
 
 @lru_cache(maxsize=32)
 def space_of(robot: Robot) -> Space:
-    """Return the parameter space of a robot. Raises ApplrError if its move_base does not accept the space."""
+    """Return the parameter space of a robot.
+
+    Raises ApplrError if its move_base does not accept the space.
+    """
     tree = robot.all_parameters()
     for line in space_errors(robot, tree):
         raise ApplrError(f"robot {robot.name}: {line}")  # Only the first error is reported.

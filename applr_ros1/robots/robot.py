@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import os
 from dataclasses import dataclass, field, replace
+from math import pi
 from typing import Any, Dict, NamedTuple, Optional, Tuple
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, model_validator
@@ -142,6 +143,16 @@ class Laser(Section):
     def increment(self) -> float:
         """Angle from one beam to the next [rad]."""
         return (self.last_angle - self.first_angle) / (self.beams - 1)
+
+    @property
+    def view(self) -> Tuple[float, float]:
+        """Directions of the first and the last beam in the base frame [rad]."""
+        return self.first_angle + self.pose[2], self.last_angle + self.pose[2]
+
+    @property
+    def covers_full_turn(self) -> bool:
+        """True if the gap between the last and the first beam is at most half a beam wider than the others."""
+        return self.view[1] - self.view[0] + 1.5 * self.increment >= 2.0 * pi
 
     def period_in(self, cycle: float) -> float:
         """Return the time between two scans [s], or 0 if every control cycle of `cycle` [s] has a scan."""

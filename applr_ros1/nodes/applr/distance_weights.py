@@ -1,7 +1,7 @@
-"""Conversion of parameter sets whose distance biases are per costmap cell for a planner that counts per metre.
+"""Conversion of parameter sets with distance biases per cell for a planner that counts per metre.
 
-The reconfigure client converts every parameter set on its way to the planner. meter_scoring.py finds out the planner's
-unit.
+The reconfigure client converts every parameter set on its way to the planner. meter_scoring.py
+finds out the planner's unit.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ WEIGHTS = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
 
 
 def weights_at(space: Space) -> Optional[List[int]]:
-    """Return the indices in theta of the three WEIGHTS, or None unless the space contains all three."""
+    """Return the indices in theta of the three WEIGHTS, or None if the space lacks one."""
     indices = {}
     for i, target in space.addresses:
         if target.server == PLANNER:
@@ -30,14 +30,15 @@ def weights_at(space: Space) -> Optional[List[int]]:
 
 
 def multipliers_of(space: Space, factor: float, largest: np.ndarray) -> Array:
-    """Return the multipliers (n,) that convert a parameter set with biases per cell for a planner with this factor.
+    """Return the multipliers (n,) that convert a parameter set with biases per cell.
 
-    The choice among trajectories depends only on the ratios of the three weights. If a bias would exceed its bound, all
-    three weights are therefore divided by the same power of two.
+    The choice among trajectories depends only on the ratios of the three weights. If a bias would
+    exceed its bound, all three weights are therefore divided by the same power of two.
 
     Args:
         space: The parameters. The multipliers are ones unless it contains all three weights.
-        factor: Factor that the planner applies to its two biases, 1.0 or the resolution of the local costmap [m].
+        factor: Factor that the planner applies to its two biases, 1.0 or the resolution of the
+            local costmap [m].
         largest: (n,) largest values that the planner accepts.
     """
     multipliers = np.ones(len(space))

@@ -1,6 +1,7 @@
 """The applr node's inputs: scan, pose, twist, global plan, goal and moving obstacles.
 
-As in move_base, the pose comes from tf and only the twist from odometry. Callbacks only store the latest message.
+As in move_base, the pose comes from tf and only the twist from odometry. Callbacks only store the
+latest message.
 """
 
 from __future__ import annotations
@@ -32,8 +33,8 @@ _RUNNING = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 class Snapshot(NamedTuple):
     """Inputs of one decision in the plan's `frame`, and the stamps of their messages.
 
-    The goal is move_base's current goal, or the end of the plan if the node started after that goal was published.
-    There are no moving obstacles if the last message about them is stale.
+    The goal is move_base's current goal, or the end of the plan if the node started after that goal
+    was published. There are no moving obstacles if the last message about them is stale.
     """
 
     seen: Seen
@@ -79,13 +80,13 @@ class RobotInputs:
             self._current_goal = self._former_goal = None  # poses that move_base has published
 
     def goal(self, now: rospy.Time) -> Any:
-        """Return the id of the goal that move_base pursues, or None if there is none or move_base is gone."""
+        """Return the id of move_base's goal, or None if there is none or move_base is gone."""
         with self._lock:
             gone = self._goal is not None and abs((now - self._goal_heard).to_sec()) > STATUS_AGE_S
             return None if gone else self._goal
 
     def has_lost_move_base(self, now: rospy.Time) -> bool:
-        """Return whether move_base has published its status before, but not within the last STATUS_AGE_S seconds."""
+        """Return whether move_base has published its status, but not for STATUS_AGE_S seconds."""
         with self._lock:
             return self._goal_heard is not None and (now - self._goal_heard).to_sec() > STATUS_AGE_S
 
@@ -119,7 +120,7 @@ class RobotInputs:
         )
 
     def _beams(self, now: rospy.Time) -> Tuple[np.ndarray, float, float]:
-        """Return (ranges, first angle, angle increment [rad]) of the latest scan, in the robot's frame."""
+        """Return (ranges [m], first angle, increment [rad]) of the latest scan for the robot."""
         self._scan = scan = self._sensors.observations().get(self._scan_topic, self._scan)
         if scan is None or (now - self._sensors.stamps()["scan"]).to_sec() > MAX_AGE_S:
             latest = self._sensors.describe_latest(self._scan_topic)
@@ -140,7 +141,7 @@ class RobotInputs:
         return ranges, scan.sensor_pose[2] + first, scan.angle_increment
 
     def _pose(self, frame: str, stamp: rospy.Time, now: rospy.Time) -> Pose:
-        """Return the robot's pose (x, y, yaw) in `frame` at `stamp`, or its latest pose if tf has none at that time."""
+        """Return the robot's pose (x, y, yaw) in `frame` at `stamp`, or else its latest pose."""
         try:
             transform = self._transforms.at(frame, self._base, stamp)
         except ObservationError:
@@ -150,7 +151,10 @@ class RobotInputs:
     def _moving(
         self, msg: Optional[Movers], frame: str, now: rospy.Time
     ) -> Tuple[np.ndarray, rospy.Time]:
-        """Return moving obstacles (k, 4) x, y, vx, vy in `frame`, and their stamp; none if the message is stale."""
+        """Return moving obstacles (k, 4) x, y, vx, vy in `frame`, and their stamp.
+
+        There are none if the message is stale.
+        """
         if msg is None or abs((now - msg.header.stamp).to_sec()) > MAX_AGE_S:
             return np.zeros((0, 4)), rospy.Time()
         x, y, vx, vy = (
@@ -188,7 +192,10 @@ class RobotInputs:
 
 
 def _nearer(pose: Any, former: Any, goal: Any) -> bool:
-    """Return whether a geometry_msgs/Pose is nearer to the former goal than to the current goal, if both exist."""
+    """Return whether a geometry_msgs/Pose is nearer to the former goal than to the current one.
+
+    False unless both goals exist.
+    """
     if former is None or goal is None:
         return False
     away = [

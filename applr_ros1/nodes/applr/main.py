@@ -1,10 +1,11 @@
-"""Main program of the applr node: reads the private parameters, connects method, inputs and topics, and runs the node.
+"""Main program of the applr node: connects method, inputs and topics, and runs the node.
 
-Started as `rosrun applr_ros1 applr.py`; node.py has the node itself. Parameters: ~method (default: auto), ~robot
-(name or folder of a description; default: jackal), ~seed, ~period (decision period [s]; 0 means the method's own),
-~max_speed ([m/s]; 0 means no limit), ~meter_scoring (auto, true or false: see meter_scoring.py), ~tf_prefix, and
-~move_base (name of the move_base node). Topic: ~set_parameters (applr_ros1/Parameters). Services: ~enable
-(std_srvs/SetBool) and ~set_method (applr_ros1/SetMethod). See docs/reference/topics.md.
+Started as `rosrun applr_ros1 applr.py`; node.py has the node itself. Parameters: ~method (default:
+auto), ~robot (name or folder of a description; default: jackal), ~seed, ~period (decision period
+[s]; 0 means the method's own), ~max_speed ([m/s]; 0 means no limit), ~meter_scoring (auto, true or
+false: see meter_scoring.py), ~tf_prefix, and ~move_base (name of the move_base node). Topic:
+~set_parameters (applr_ros1/Parameters). Services: ~enable (std_srvs/SetBool) and ~set_method
+(applr_ros1/SetMethod). See docs/reference/topics.md.
 """
 
 from __future__ import annotations
@@ -34,16 +35,16 @@ from applr_ros1.srv import SetMethod, SetMethodResponse
 
 
 def started_with(spec: str) -> str:
-    """Return `spec` if it was given on the command line or in APPLR_METHOD, which roslaunch sets, otherwise "".
+    """Return `spec` if it was given on the command line or by roslaunch (APPLR_METHOD), else "".
 
-    Any local user, and a website in a browser, can write to the parameter server. No code is imported for a method that
-    is given only there.
+    Any local user, and a website in a browser, can write to the parameter server. No code is
+    imported for a method that is given only there.
     """
     return spec if "_method:=" + spec in sys.argv or os.environ.get("APPLR_METHOD") == spec else ""
 
 
 def make_method(spec: str, robot: Robot, given: str) -> Tuple[Any, str]:
-    """Return (method, ""), or (default parameters, one-line reason) if the method cannot be created.
+    """Return (method, ""), or (default parameters, reason) if the method cannot be created.
 
     given: Result of started_with().
     """
@@ -72,8 +73,8 @@ def set_parameters(node: ApplrNode, message: Parameters) -> None:
 def set_method(node: ApplrNode, given: str, request: Any) -> SetMethodResponse:
     """Handle the service ~set_method. given: Result of started_with().
 
-    Anybody who reaches the ROS master can call this service. The service therefore imports no code, except for the
-    user-defined method with which the node was started.
+    Anybody who reaches the ROS master can call this service. The service therefore imports no code,
+    except for the user-defined method with which the node was started.
     """
     spec = request.method or node.method.name
     try:

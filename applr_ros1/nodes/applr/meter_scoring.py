@@ -1,8 +1,9 @@
 """Detection of whether a planner's distance biases count per metre or per cell.
 
-In C++, TrajectoryPlannerROS reads `meter_scoring` from uninitialised memory. From one start to the next, the same robot
-may multiply path_distance_bias and goal_distance_bias by the costmap's resolution (per metre) or not (per cell), and
-drive differently. Every policy and parameter set learned here is for a planner that counts per cell.
+In C++, TrajectoryPlannerROS reads `meter_scoring` from uninitialised memory. From one start to the
+next, the same robot may multiply path_distance_bias and goal_distance_bias by the costmap's
+resolution (per metre) or not (per cell), and drive differently. Every policy and parameter set
+learned here is for a planner that counts per cell.
 """
 
 from __future__ import annotations
@@ -23,20 +24,21 @@ AUTO, TRUE, FALSE = CHOICES = ("auto", "true", "false")  # values of the paramet
 PATIENCE_S = (
     1.0  # longest time for which a course's first decision waits for a cloud, in ROS time [s]
 )
+UNCHANGED = "parameter sets are sent unchanged"
 
 
 def factor_of(rows: np.ndarray, weights: np.ndarray, resolution: float) -> Optional[float]:
-    """Return the factor that the planner applies to its two biases: 1.0 (per cell), or the resolution [m] (per metre).
+    """Return the factor that the planner applies to its biases: 1.0, or the resolution [m].
 
     Args:
-        rows: (n, 7) x, y, z [m], path, goal, obstacle and total cost of cells (cost_cloud). Rows of zeros, with which
-            C++ pads its clouds, are ignored.
+        rows: (n, 7) x, y, z [m], path, goal, obstacle and total cost of cells (cost_cloud). Rows of
+            zeros, with which C++ pads its clouds, are ignored.
         weights: (3,) current values of WEIGHTS.
         resolution: Cell size of the local costmap [m].
 
     Returns:
-        The factor, or None unless exactly one factor explains the total cost of every cell. This happens if the biases
-        have just changed, or if there are too few cells.
+        The factor, or None unless exactly one factor explains the total cost of every cell. This
+        happens if the biases have just changed, or if there are too few cells.
     """
     rows = np.asarray(rows, dtype=np.float64)
     rows = rows[np.isfinite(rows).all(axis=1) & (rows[:, 6] > 0.0)]
@@ -55,14 +57,14 @@ def factor_of(rows: np.ndarray, weights: np.ndarray, resolution: float) -> Optio
 
 
 class MeterScoring:
-    """Detects the unit of the planner's distance biases, and reports the planner's factor to the client.
+    """Detects the unit of the planner's distance biases, and reports it to the client.
 
     All methods except the cloud's callback are called by the applr node's thread.
 
     Args:
         client: Client for the planner's parameters.
-        choice: AUTO detects the unit from the cost_cloud of the first goal. TRUE and FALSE state whether the planner
-            multiplies the biases by the local costmap's resolution.
+        choice: AUTO detects the unit from the cost_cloud of the first goal. TRUE and FALSE state
+            whether the planner multiplies the biases by the local costmap's resolution.
     """
 
     def __init__(self, client: ReconfigureClient, choice: str = AUTO):
@@ -84,7 +86,7 @@ class MeterScoring:
         self._line = ""
 
     def update(self, now: rospy.Time, driving: bool) -> bool:
-        """Subscribe to clouds while the factor is unknown, log the result, and report the factor to the client.
+        """Subscribe to clouds while the factor is unknown, and report it to the client.
 
         Args:
             now: ROS time.
@@ -120,7 +122,7 @@ class MeterScoring:
         return listens and (now - since).to_sec() < PATIENCE_S
 
     def line(self, now: rospy.Time) -> str:
-        """Return a line about the detected unit and the multipliers, or "" before the first goal."""
+        """Return a line about unit and multipliers, or "" before the first goal."""
         unit = self._unit(now)
         rescaled = []
         for name, factor in zip(self._client.space.names, self._client.multipliers):
@@ -128,12 +130,13 @@ class MeterScoring:
                 rescaled.append(f"{name} x {factor:.6g}")
         if not rescaled:
             return unit
-        return f"{unit}; the parameter set is for weights per cell and is sent as {', '.join(rescaled)}"
+        effect = "the parameter set is for weights per cell and is sent as "
+        return f"{unit}; {effect}{', '.join(rescaled)}"
 
     def _unit(self, now: rospy.Time) -> str:
         """Return a line about the detected unit, or "" before it is detected."""
         if self._at is None:
-            return f"parameter sets are sent unchanged: only the distance weights of {PLANNER} are rescaled"
+            return f"{UNCHANGED}: only the distance weights of {PLANNER} are rescaled"
         if self._factor is not None:
             source = (
                 "measured from cost_cloud"
@@ -144,7 +147,8 @@ class MeterScoring:
             return f"the planner's distance weights count per {unit} ({source})"
         if self._since is None or self.waits(now):
             return ""
-        return f"parameter sets are sent unchanged: no cost_cloud on {self._topic()} shows the unit of distance weights"
+        cloud = f"no cost_cloud on {self._topic()}"
+        return f"{UNCHANGED}: {cloud} shows the unit of distance weights"
 
     def _topic(self) -> str:
         return self._client.servers[PLANNER] + "/cost_cloud"

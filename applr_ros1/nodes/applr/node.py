@@ -1,8 +1,8 @@
-"""The applr node: observation → method → parameters, every one or two seconds of ROS time (Algorithm 1 of the paper).
+"""The applr node: observation → method → parameters, every period (Algorithm 1 of the paper).
 
-Started by main.py, beside any move_base with TrajectoryPlannerROS or DWAPlannerROS. The node decides while a goal is
-active. Between goals the planner has its default parameters theta_0, so that every course starts with theta_0.
-docs/reference/topics.md lists the node's topics.
+Started by main.py, beside any move_base with TrajectoryPlannerROS or DWAPlannerROS. The node
+decides while a goal is active. Between goals the planner has its default parameters theta_0, so
+that every course starts with theta_0. docs/reference/topics.md lists the node's topics.
 """
 
 from __future__ import annotations
@@ -55,8 +55,10 @@ class ApplrNode:
         period: ROS time between decisions [s], None for the method's period.
         namespace: Namespace of move_base.
         max_speed: Upper limit of max_vel_x [m/s] for every method.
-        seed: Seed of the method's random numbers in the first course; further courses use seed + 1, seed + 2 ...
-        meter_scoring: Whether the planner's distance biases count per metre (meter_scoring.CHOICES).
+        seed: Seed of the method's random numbers in the first course; further courses use seed + 1,
+            seed + 2 ...
+        meter_scoring: Whether the planner's distance biases count per metre
+            (meter_scoring.CHOICES).
         robot: Description of the robot.
     """
 
@@ -155,7 +157,10 @@ class ApplrNode:
             self._base()
 
     def switch(self, enabled: bool) -> None:
-        """Switch the method on or off. When it is off, the planner has theta_0 and no decisions are made."""
+        """Switch the method on or off.
+
+        When it is off, the planner has theta_0 and no decisions are made.
+        """
         with self._deciding:
             if enabled != self.enabled:
                 rospy.loginfo("applr: switched %s", "on" if enabled else "off: theta_0")
@@ -164,10 +169,12 @@ class ApplrNode:
             self._by_hand = None
 
     def set_by_hand(self, values: Dict[str, float]) -> None:
-        """Switch the method off and set {name: value}, clipped to the ranges. Other parameters stay as they are.
+        """Switch the method off and set {name: value}, clipped to the ranges.
 
-        Raises ApplrError without changing anything if a name is unknown, if a value is not finite, or if the planner's
-        present parameters are not known yet.
+        Other parameters stay as they are.
+
+        Raises ApplrError without changing anything if a name is unknown, if a value is not finite,
+        or if the planner's present parameters are not known yet.
         """
         with self._deciding:
             theta = self.client.theta() if self._by_hand is None else self._by_hand
@@ -230,7 +237,8 @@ class ApplrNode:
                 self._fail("unusable", str(problem))
             return
         if self._last is None:
-            self._due = now  # The first decision waits for the first plan. It sets the time of the later ones.
+            # The first decision waits for the first plan. It sets the time of the later ones.
+            self._due = now
         late = (now - self._due).to_sec()
         self.counts["late"] += late > LATE_SHARE * self.period
         self.counts["decisions"] += 1
@@ -244,7 +252,10 @@ class ApplrNode:
         self._failures = 0
 
     def _observe(self, now: rospy.Time) -> Tuple[Snapshot, Context]:
-        """Return (Snapshot, Context) of a decision. Raises ObservationError if an input is missing or invalid."""
+        """Return (Snapshot, Context) of a decision.
+
+        Raises ObservationError if an input is missing or invalid.
+        """
         theta = self.client.theta()
         if theta is None:
             raise ObservationError("the planner's parameters are not known yet")
@@ -260,10 +271,12 @@ class ApplrNode:
                 )
 
     def _choose(self, context: Optional[Context]) -> Tuple[Optional[np.ndarray], str]:
-        """Request the method's choice. Return (theta, "") as requested, or (None, reason) if the method failed.
+        """Request the method's choice.
 
-        During a course, the choice of a static method is not requested, because other parameters may have been set by
-        hand since.
+        Return (theta, "") as requested, or (None, reason) if the method failed.
+
+        During a course, the choice of a static method is not requested, because other parameters
+        may have been set by hand since.
         """
         try:
             theta = self.method.theta(context)
@@ -285,7 +298,7 @@ class ApplrNode:
             self.client.request(self.space.theta0)
 
     def _base(self) -> None:
-        """Request the parameters for the time between goals: theta_0, a static method's set, or those set by hand."""
+        """Request, between goals, those set by hand, a static method's, or theta_0."""
         if self._by_hand is not None:
             self.client.request(self._by_hand)
             return
@@ -307,7 +320,8 @@ class ApplrNode:
         is_default = np.array_equal(sent, theta) and (client.multipliers == 1.0).all()
         if is_default and not client.busy:
             return
-        self.meter_scoring.forget()  # theta_0 is restored without multipliers, as at the planner's start.
+        # Theta_0 is restored without multipliers, as at the planner's start.
+        self.meter_scoring.forget()
         if client.apply(
             theta, RESTORE_S
         ):  # A server may still have been busy with an earlier call.
@@ -357,7 +371,10 @@ class ApplrNode:
         self.topics.diagnostics(now, trouble, is_lost, self._doing(), values)
 
     def _publish_parameters(self) -> Optional[np.ndarray]:
-        """Publish the parameters in force and the multipliers. Return theta (n,), or None if it is unknown."""
+        """Publish the parameters in force and the multipliers.
+
+        Return theta (n,), or None if it is unknown.
+        """
         theta = self.client.theta()
         if theta is not None:
             self.topics.parameters(theta, rospy.Time.now(), self.client.multipliers)

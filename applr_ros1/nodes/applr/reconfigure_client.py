@@ -1,7 +1,7 @@
 """Client for the dynamic_reconfigure servers of one move_base, this package's or the C++ one.
 
-The applr node calls `request`, which never blocks, and reads the parameters in force with `theta()`. Names, bounds and
-layers are those that the servers declare.
+The applr node calls `request`, which never blocks, and reads the parameters in force with
+`theta()`. Names, bounds and layers are those that the servers declare.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from applr_ros1.policy.parameter_space import SPACE, Space
 from applr_ros1.robots.robot import Target
 
 DEADLINE_S = 1.0  # wall time for one call of all servers [s]
-RESTORE_S = 3.0  # wall time for the last call at shutdown [s]; a C++ server drops calls of nodes that have ended
+# Wall time for the last call at shutdown [s]; a C++ server drops calls of nodes that have ended
+RESTORE_S = 3.0
 ANNOUNCED_S = 0.4  # longest time between a server's answer and its message on parameter_updates [s]
 RETRY_S = 0.25  # pause between two attempts [s]
 SEARCH_S = 1.0  # pause between two searches for the servers [s]
@@ -33,10 +34,11 @@ MOST_SEARCHES = 15  # number of failed searches before they are reported
 
 
 class Server:
-    """Client for one dynamic_reconfigure server: its latest values, its bounds, and calls to change them.
+    """Client for one dynamic_reconfigure server: latest values, bounds, and calls.
 
-    A stopped process accepts calls without ever answering, and the library has no time-out. Each call therefore has a
-    thread, and the next call begins only after the thread has ended, so that a late call never overwrites a newer one.
+    A stopped process accepts calls without ever answering, and the library has no time-out. Each
+    call therefore has a thread, and the next call begins only after the thread has ended, so that a
+    late call never overwrites a newer one.
 
     Args:
         name: Full name of the server.
@@ -45,7 +47,8 @@ class Server:
 
     Attributes:
         names: {name of a target: name on this server, which may be an older one}.
-        call: The latest call. Its result is the reason in one line why the values are not in force, or "".
+        call: The latest call. Its result is the reason in one line why the values are not in force,
+            or "".
 
     Raises:
         rospy.ROSException: The server does not answer.
@@ -73,7 +76,10 @@ class Server:
             raise
 
     def _declared_name(self, target: Target) -> str:
-        """Return the name of a value on this server. Raise ApplrError if the server does not have it."""
+        """Return the name of a value on this server.
+
+        Raise ApplrError if the server does not have it.
+        """
         for name in target.names:
             if name in self.declared:
                 return name
@@ -101,17 +107,23 @@ class Server:
         return self.values.get(self.names[target.name])
 
     def bounds_of(self, target: Target) -> Tuple[float, float]:
-        """Return the smallest and the largest number of a parameter with which the server accepts its value."""
+        """Return the smallest and the largest number of a parameter that the server accepts."""
         declared = self.declared[self.names[target.name]]
         low, high = sorted(target.signed(declared[end]) for end in ("min", "max"))
         return low, high
 
     def has(self, request: Mapping[str, Any]) -> bool:
-        """Return whether a request's values are in force. False until a restarted server has been set."""
+        """Return whether a request's values are in force.
+
+        False until a restarted server has been set.
+        """
         return not self._is_restarted and are_in_force(request, self.values)
 
     def request(self, values: Mapping[str, Any]) -> Dict[str, float]:
-        """Return {name of a target: value} with this server's names. The library converts the types."""
+        """Return {name of a target: value} with this server's names.
+
+        The library converts the types.
+        """
         return {self.names[name]: float(value) for name, value in values.items()}
 
     def set(self, request: Mapping[str, Any]) -> None:
@@ -120,7 +132,10 @@ class Server:
         threading.Thread(target=self._set, args=(dict(request), self.call), daemon=True).start()
 
     def _set(self, request: Dict[str, Any], call: Future[str]) -> None:
-        """Wait for parameter_updates as well: a server's answer may differ from what it then applies."""
+        """Call the server, and wait for its parameter_updates.
+
+        A server's answer may differ from what it then applies.
+        """
         error = ""
         try:
             self._client.update_configuration(dict(request))
@@ -147,23 +162,24 @@ class Server:
 class ReconfigureClient:
     """Client for the parameters of one move_base.
 
-    `apply` sets parameters and waits for the result. `request` leaves this to the client's thread, which retries until
-    the parameters are in force. Both clip to the ranges of the space, round integers, and refuse values that are not
-    finite.
+    `apply` sets parameters and waits for the result. `request` leaves this to the client's thread,
+    which retries until the parameters are in force. Both clip to the ranges of the space, round
+    integers, and refuse values that are not finite.
 
     Args:
         namespace: Namespace of move_base.
         space: The parameters, and the servers that have them.
         on_restart: Called with a Server that came back after a restart, from a callback's thread.
-        on_report: Called with the result of every attempt at a request, as `apply` returns it, from the client's
-            thread.
-        on_trouble: Called from the client's thread with one line while servers are missing, and with "" once all are
-            found.
+        on_report: Called with the result of every attempt at a request, as `apply` returns it, from
+            the client's thread.
+        on_trouble: Called from the client's thread with one line while servers are missing, and
+            with "" once all are found.
 
     Attributes:
-        per_cell: Whether the distance biases of the requested parameter sets are per costmap cell (Method.per_cell).
-        factor: Factor that the planner applies to its distance biases: 1.0 (they are per cell), or the resolution of
-            its local costmap [m] (per metre). None until MeterScoring knows it.
+        per_cell: Whether the distance biases of the requested parameter sets are per costmap cell
+            (Method.per_cell).
+        factor: Factor that the planner applies to its distance biases: 1.0 (they are per cell), or
+            the resolution of its local costmap [m] (per metre). None until MeterScoring knows it.
     """
 
     def __init__(
@@ -200,7 +216,10 @@ class ReconfigureClient:
 
     @property
     def sent(self) -> Optional[np.ndarray]:
-        """Theta (n,) of the last apply, which some servers may have refused. None before the first apply."""
+        """Theta (n,) of the last apply, which some servers may have refused.
+
+        None before the first apply.
+        """
         return None if self._sent is None else self._sent[0]
 
     @property
@@ -209,7 +228,10 @@ class ReconfigureClient:
         return {wanted: server.name for wanted, server in self._servers.items()}
 
     def connect(self) -> str:
-        """Find the servers. Return "" if all are known, otherwise one line about the missing one."""
+        """Find the servers.
+
+        Return "" if all are known, otherwise one line about the missing one.
+        """
         try:
             running = find_reconfigure_services()
         except Exception as problem:  # rosservice has exceptions of its own.
@@ -222,8 +244,12 @@ class ReconfigureClient:
         return ""
 
     def _connect_server(self, wanted: str, running: List[str]) -> str:
-        """Find the space's server `wanted` among the running ones. Return "", or one line if none is suitable."""
-        trouble = f"no parameter server for {wanted or 'move_base'} below {self.namespace}: is move_base up?"
+        """Find the space's server `wanted` among the running ones.
+
+        Return "", or one line if none is suitable.
+        """
+        label = wanted or "move_base"
+        trouble = f"no parameter server for {label} below {self.namespace}: is move_base up?"
         targets = [target for _, target in self.space.addresses if target.server == wanted]
         for name in self._candidates(wanted, running):
             try:
@@ -232,14 +258,14 @@ class ReconfigureClient:
             except rospy.ROSException as problem:
                 trouble = f"{name}: {reason(problem)}"
             except ApplrError as problem:
-                trouble = f"{name} {problem}, which the {wanted or 'move_base'} of a {self.space.robot} needs"
+                trouble = f"{name} {problem}, which the {label} of a {self.space.robot} needs"
         return trouble
 
     def _candidates(self, wanted: str, running: List[str]) -> List[str]:
-        """Return the names of running servers that may be the space's server `wanted`, likeliest first.
+        """Return the running servers that may be the space's `wanted`, likeliest first.
 
-        The names of layers depend on move_base's parameter files. Every server in the same namespace is therefore a
-        candidate, and those with the longest common prefix come first.
+        The names of layers depend on move_base's parameter files. Every server in the same
+        namespace is therefore a candidate, and those with the longest common prefix come first.
         """
         place, _, last = f"{self.namespace}/{wanted}".rstrip("/").rpartition("/")
         candidates = [name for name in running if name.rpartition("/")[0] == place]
@@ -254,7 +280,9 @@ class ReconfigureClient:
         return sorted(candidates, key=lambda name: (-likeness(name), name))
 
     def values(self) -> Optional[Array]:
-        """Return the planner's latest values (n,) float64. If several servers have a value, the first counts.
+        """Return the planner's latest values (n,) float64.
+
+        If several servers have a value, the first counts.
 
         None before `connect` has succeeded, and while a server's value is not a number.
         """
@@ -271,7 +299,10 @@ class ReconfigureClient:
 
     @property
     def multipliers(self) -> Array:
-        """Factors (n,) on the parameters' way to the planner: not 1 if sets are per cell, but the planner per metre."""
+        """Factors (n,) of parameters on their way to the planner.
+
+        They are not 1 if the sets are per cell, but the planner counts per metre.
+        """
         if self.factor is None or not self.per_cell:
             return np.ones(len(self.space))
         return multipliers_of(self.space, self.factor, self.bounds()[1])
@@ -300,16 +331,17 @@ class ReconfigureClient:
     def apply(self, theta: np.ndarray, seconds: float = DEADLINE_S) -> str:
         """Set theta (n,) times `multipliers`, within the servers' bounds, and read the values back.
 
-        The servers are called in parallel. A server whose values are in force already is not called, because every call
-        of a costmap's server in C++ clears the costmap.
+        The servers are called in parallel. A server whose values are in force already is not
+        called, because every call of a costmap's server in C++ clears the costmap.
 
         Args:
             theta: Parameters (n,).
             seconds: Wall time for all answers [s].
 
         Returns:
-            "" if every value is in force, otherwise one line about the servers that refused, are gone or did not
-            answer. The other servers have their new values, and the next attempt sets the missing ones.
+            "" if every value is in force, otherwise one line about the servers that refused, are
+            gone or did not answer. The other servers have their new values, and the next attempt
+            sets the missing ones.
 
         Raises:
             ApplrError: A value is not finite. Nothing was sent.
@@ -356,7 +388,7 @@ class ReconfigureClient:
         return theta
 
     def reapply(self) -> None:
-        """Apply the present request again, for example after a server came back with its start-up values."""
+        """Apply the present request again, for example after the restart of a server."""
         with (
             self._requesting
         ):  # A new object counts as a new request, even if an attempt is under way.

@@ -1,4 +1,7 @@
-"""Publishers of the applr node: heartbeat, decisions, parameters and diagnostics. Used by node.py."""
+"""Publishers of the applr node: heartbeat, decisions, parameters and diagnostics.
+
+Used by node.py.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ from applr_ros1.robots import JACKAL, Robot
 
 
 class ApplrTopics:
-    """Publishers for the topics in <namespace>/applr, and for /diagnostics, which is shared by all robots."""
+    """Publishers for the topics in <namespace>/applr, and for the shared /diagnostics."""
 
     def __init__(self, robot: Robot = JACKAL):
         self._space, self._farthest = space_of(robot), FARTHEST_M * robot.world_scale
@@ -33,7 +36,10 @@ class ApplrTopics:
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
 
     def heartbeat(self, now: rospy.Time) -> None:
-        """Publish a heartbeat, due every 2 s. Without it, this package's move_base restores its start-up values."""
+        """Publish a heartbeat, due every 2 s.
+
+        Without it, this package's move_base restores its start-up values.
+        """
         self._heartbeat.publish(Time(now))
 
     def decision(
@@ -46,7 +52,7 @@ class ApplrTopics:
         theta: Any,
         refused: str,
     ) -> None:
-        """Publish one decision: its Context, the stamps of its inputs, and theta (n,) or the reason for its refusal."""
+        """Publish a decision: Context, stamps of its inputs, theta (n,) or why it was refused."""
         self._decision.publish(self._message(number, now, goal, snapshot, context, theta, refused))
         target = local_goal(context.plan, context.pose, context.layout.lookahead)
         pose = (
@@ -92,7 +98,7 @@ class ApplrTopics:
         return message
 
     def parameters(self, theta: np.ndarray, now: rospy.Time, multipliers: np.ndarray) -> None:
-        """Publish theta (n,), the current parameters at ROS time `now`, and their multipliers for the planner (n,)."""
+        """Publish the current parameters (n,) at ROS time `now`, and their multipliers (n,)."""
         self._parameters.publish(parameters_message(theta, now, self._space, multipliers))
 
     def diagnostics(
@@ -122,7 +128,10 @@ class ApplrTopics:
 def parameters_message(
     theta: Any, stamp: Any, space: Space = SPACE, multipliers: Any = None
 ) -> Parameters:
-    """Return an applr_ros1/Parameters of theta (n,). It has no names and values if theta is None."""
+    """Return an applr_ros1/Parameters of theta (n,).
+
+    It has no names and values if theta is None.
+    """
     message = Parameters()
     message.header.stamp = stamp
     fields = set(message.__slots__) - {"header", "names", "values", "multipliers"}

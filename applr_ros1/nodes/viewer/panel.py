@@ -18,7 +18,7 @@ from std_srvs.srv import SetBool
 
 from applr_ros1.msg import Parameters
 from applr_ros1.nodes.conversions import GOAL_STATES
-from applr_ros1.policy.methods import POLICY, SET, shipped
+from applr_ros1.policy.methods import CONTEXTS, POLICY, SET, shipped
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from applr_ros1.srv import SetMethod
@@ -29,7 +29,7 @@ STATUS, ACTION = "move_base/status", "collision_monitor/action"
 PARAMETERS, DIAGNOSTICS = "applr/parameters", "/diagnostics"
 HAND = "hand"
 METHODS = {"dwa": "default parameters", "static": "tuned set", "appld": "APPLD", "applr": "policy", HAND: HAND}
-FILES = {"applr": POLICY, "static": SET, "appld": "appld.safetensors"}  # files of methods, which a robot may lack
+FILES = {"applr": POLICY, "static": SET, "appld": CONTEXTS}  # files of methods, which a robot may lack
 UNDER_WAY = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 SILENT_S = 3.0  # time without a message after which a topic counts as silent, and the clock as stopped [s]
 STANDING_M_S = 0.02  # speed below which the robot counts as at rest [m/s]

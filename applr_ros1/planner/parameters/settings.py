@@ -1,6 +1,7 @@
 """Values of move_base's parameters by server and name, and changes of single values.
 
-Parameter spaces, recorded drives, searches and checks all write and compare parameter values with `Settings`.
+Parameter spaces, recorded drives, searches and checks all write and compare parameter values with
+`Settings`.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class Change(NamedTuple):
 
     @property
     def advice(self) -> str:
-        """The change as an instruction, such as "set DWAPlannerROS/sim_time to 2.5 instead of 1.7"."""
+        """The change as an instruction, such as "set planner_frequency to 1 instead of 0"."""
         return f"set {self.path} to {in_words(self.after)} instead of {in_words(self.before)}"
 
 
@@ -52,7 +53,9 @@ def in_words(value: Any) -> str:
 
 
 class Settings(Mapping[str, Mapping[str, Any]]):
-    """Immutable values of parameters: {server: {name: value}}. The values of one server are one request.
+    """Immutable values of parameters: {server: {name: value}}.
+
+    The values of one server are one request.
 
     Args:
         values: {server: {name: value}}, which are copied.
@@ -77,7 +80,10 @@ class Settings(Mapping[str, Mapping[str, Any]]):
 
     @classmethod
     def from_tree(cls, tree: Dict[str, Any]) -> Settings:
-        """Return the values of all servers in a complete parameter tree (check.complete), under their latest names."""
+        """Return the values of all servers in a complete parameter tree (check.complete).
+
+        They are under their latest names.
+        """
         values: Dict[str, Dict[str, Any]] = {}
         for server, declared in servers(tree).items():
             section = branch(tree, server)
@@ -102,7 +108,10 @@ class Settings(Mapping[str, Mapping[str, Any]]):
         return Settings(values)
 
     def differences(self, other: Mapping[str, Mapping[str, Any]]) -> List[Change]:
-        """Return the changes from these settings to others. Values that the others lack do not differ."""
+        """Return the changes from these settings to others.
+
+        Values that the others lack do not differ.
+        """
         changes = []
         for server, values in self.items():
             after = other.get(server, {})
@@ -113,9 +122,10 @@ class Settings(Mapping[str, Mapping[str, Any]]):
 
 
 def are_in_force(values: Mapping[str, Any], configuration: Mapping[str, Any]) -> bool:
-    """Return whether a server's configuration {name: value} already has these values, so that no call is needed.
+    """Return whether a server's configuration {name: value} already has these values.
 
-    Needless calls are harmful: C++ clears a costmap at every call of its server (Costmap2DROS::reconfigureCB).
+    Needless calls are harmful: C++ clears a costmap at every call of its server
+    (Costmap2DROS::reconfigureCB).
     """
     return all(configuration.get(name) == value for name, value in values.items())
 
