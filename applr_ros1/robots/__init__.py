@@ -1,8 +1,8 @@
 """Descriptions of robots: one folder per robot with robot.yaml and the parameter files of its move_base.
 
-`load` reads an included robot by name, or a user's folder. The simulators, the policy's parameter space, training and
-the launch file use the result. urdf_import/ makes a folder from a URDF and the files of a navigation package.
-docs/tutorials/your_robot.md explains how to describe another robot.
+`load` reads an included robot by name, or a user's folder. The simulators, the policy's parameter
+space, training and the launch file use the result. urdf_import/ makes a folder from a URDF and the
+files of a navigation package. docs/tutorials/your_robot.md explains how to describe another robot.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """Check of a robot: fields of robot.yaml, parameters of its move_base, and their consistency.
 
-`check` returns errors, with which the robot cannot be driven. `remarks` returns values that degrade driving or have no
-effect. Each line gives problem, value and remedy. Names with dots are fields of robot.yaml, and names with slashes are
-parameters of move_base. check_robot.py prints all lines, while `load` of folder.py only raises the errors. Values on
-ROS's parameter server, outside a robot's folder, are only checked by planner.parameters.check.
+`check` returns errors, with which the robot cannot be driven. `remarks` returns values that degrade
+driving or have no effect. Each line gives problem, value and remedy. Names with dots are fields of
+robot.yaml, and names with slashes are parameters of move_base. check_robot.py prints all lines,
+while `load` of folder.py only raises the errors. Values on ROS's parameter server, outside a
+robot's folder, are only checked by planner.parameters.check.
 """
 
 from __future__ import annotations
@@ -19,7 +20,13 @@ from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import did_you_mean
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters import check as parameters
-from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, Server, namespace, of_kind, servers
+from applr_ros1.planner.parameters.declarations import (
+    LOCAL_PLANNERS,
+    Server,
+    namespace,
+    of_kind,
+    servers,
+)
 from applr_ros1.planner.parameters.layers import COSTMAPS, STATIC_LAYER, layers
 from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.robots import geometry
@@ -27,14 +34,37 @@ from applr_ros1.robots.parameter_files import observation_sources, too_deep
 from applr_ros1.robots.robot import Robot, SpaceParameter, Target
 
 WIDTH = 0.53  # width of the Jackal's padded footprint, for which the training worlds were made [m]
-EIGHT = np.arange(8) * pi / 4  # directions of sides and corners in which outlines are compared [rad]
-LIMITED = ((of_kind("speed"), "max_speed"), (of_kind("turn"), "max_yaw_rate"))  # parameters, limit in `base`
-SLOWEST = {  # smallest command, and limit of the first command from rest if any, for speed and turn rate
-    "TrajectoryPlannerROS": (("min_vel_x", ""), ("min_in_place_vel_theta", "acc_lim_theta")),
-    "DWAPlannerROS": (("min_vel_trans", "acc_lim_x"), ("min_vel_theta", "acc_lim_theta")),
-}
+# Directions of sides and corners (2, 8) in which outlines are compared
+EIGHT = np.arange(8) * pi / 4
+DIRECTIONS = np.array([np.cos(EIGHT), np.sin(EIGHT)])
+# Names of the planners' parameters that a field of `base` limits
+LIMITED = {"max_speed": of_kind("speed"), "max_yaw_rate": of_kind("turn")}
 UNITS = 10.0  # ratio of two lengths above which one of them is not in metres
 OUTSIDE = 0.01  # largest distance of body and wheels beyond the padded footprint [m]
+BALANCE_TOLERANCE = 1e-4  # share of the weight by which a support may pull, because of rounding
+
+
+class _Slowest(NamedTuple):
+    """Parameters of a local planner that determine its smallest command.
+
+    command: Smallest command; first_limit: limit of the acceleration, with which the first command
+    from rest is limited, or "".
+    """
+
+    command: str
+    first_limit: str
+
+
+SLOWEST = {  # for speed and turn rate, by local planner
+    "TrajectoryPlannerROS": (
+        _Slowest("min_vel_x", ""),
+        _Slowest("min_in_place_vel_theta", "acc_lim_theta"),
+    ),
+    "DWAPlannerROS": (
+        _Slowest("min_vel_trans", "acc_lim_x"),
+        _Slowest("min_vel_theta", "acc_lim_theta"),
+    ),
+}
 
 
 class _Setup(NamedTuple):
@@ -63,7 +93,8 @@ def check(robot: Robot, with_map: bool = False) -> List[str]:
     if errors:
         return errors
     setup = _Setup(robot, with_map, tree, parameters.complete(tree))
-    errors = [line for costmap in COSTMAPS for line in _costmap(setup, costmap)]
+    for costmap in COSTMAPS:
+        errors += _costmap(setup, costmap)
     return [*errors, *_space_limits(setup), *space_errors(robot, setup.full)]
 
 
@@ -75,7 +106,8 @@ def remarks(robot: Robot, with_map: bool = False) -> List[str]:
         lines += parameters.remarks(tree)
         setup = _Setup(robot, with_map, tree, parameters.complete(tree))
         lines += _planner_remarks(setup)
-        lines += [line for costmap in COSTMAPS for line in _costmap_remarks(setup, costmap)]
+        for costmap in COSTMAPS:
+            lines += _costmap_remarks(setup, costmap)
     return lines
 
 
@@ -83,13 +115,18 @@ def refused(error: ValidationError) -> List[str]:
     """Return pydantic's errors about a robot.yaml, one line per value."""
     lines = []
     for problem in error.errors():
-        place = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in problem["loc"])[1:]
+        field = ""
+        for part in problem["loc"]:
+            field += f"[{part}]" if isinstance(part, int) else f".{part}"
+        field = field[1:]
         if problem["type"] == "value_error":  # robot.py raised this error.
-            lines.append(f"{place}: {problem['ctx']['error']}" if place else str(problem["ctx"]["error"]))
+            reason = str(problem["ctx"]["error"])
+            lines.append(f"{field}: {reason}" if field else reason)
         elif problem["type"] == "missing":
-            lines.append(f"{place} is missing: give it")
+            lines.append(f"{field} is missing: give it")
         else:
-            lines.append(f"{place} is {problem['input']!r:.60}: {problem['msg'].replace('Input should be', 'give')}")
+            remedy = problem["msg"].replace("Input should be", "give")
+            lines.append(f"{field} is {problem['input']!r:.60}: {remedy}")
     return lines
 
 
@@ -98,38 +135,58 @@ def refused(error: ValidationError) -> List[str]:
 
 def fields(robot: Robot) -> Iterator[str]:
     """Yield contradictions between fields of robot.yaml."""
-    base, body, laser, simulation = robot.base, robot.body, robot.laser, robot.simulation
-    skids, ground = base.drive == "skid_steer", base.axle_height - base.wheel_radius
-    if skids and not base.wheelbase:
-        yield "base.wheelbase is 0: a skid_steer base has two axles, give the distance between them"
-    elif skids and base.casters:
-        yield "base.casters are given: a skid_steer base has no casters, remove them"
-    elif not skids and not base.casters:
-        yield "base.casters are missing: a two_wheel base has at least one, give their contact points with the ground"
-    else:
-        mass, _, loads = geometry.balance(robot)
-        if loads.min() < -1e-4 * mass * geometry.GRAVITY:  # A centre of mass exactly above the axle is allowed.
-            place = _list(body.centre_of_mass)
-            yield f"body.com is {place}: it lies outside the wheels and casters; correct body.com or base.casters"
-    if simulation.ground == "gazebo" and not (skids and simulation.track_multiplier):
-        yield "simulation.ground is gazebo, which needs a skid_steer base with simulation.track_multiplier: give plain"
+    yield from _support_errors(robot)
+    base, laser = robot.base, robot.laser
+    simulation = robot.simulation
+    has_multiplier = base.drive == "skid_steer" and simulation.track_multiplier
+    if simulation.ground == "gazebo" and not has_multiplier:
+        needed = "a skid_steer base with simulation.track_multiplier"
+        yield f"simulation.ground is gazebo, which needs {needed}: give plain"
     for low, high in (("first_angle", "last_angle"), ("range_min", "range_max")):
-        least, most = getattr(laser, low), getattr(laser, high)
-        if most <= least:
-            yield f"laser.{high} is {most:g}: give more than {low} ({least:g})"
-    for name, limit in (("deceleration", "max_acceleration"), ("yaw_deceleration", "max_yaw_acceleration")):
-        given, most = getattr(robot.monitor, name), getattr(base, limit)
-        if given > most:
-            yield f"monitor.{name} is {given:g}, larger than base.{limit} ({most:g}): lower monitor.{name}"
-    if body.bottom < ground:
+        smallest, largest = getattr(laser, low), getattr(laser, high)
+        if largest <= smallest:
+            yield f"laser.{high} is {largest:g}: give more than {low} ({smallest:g})"
+    for name, field in (
+        ("deceleration", "max_acceleration"),
+        ("yaw_deceleration", "max_yaw_acceleration"),
+    ):
+        value, limit = getattr(robot.monitor, name), getattr(base, field)
+        if value > limit:
+            larger = f"larger than base.{field} ({limit:g})"
+            yield f"monitor.{name} is {value:g}, {larger}: lower monitor.{name}"
+    ground = base.axle_height - base.wheel_radius
+    if robot.body.bottom < ground:
         yield (
             f"base.axle_height is {base.axle_height:g}: the ground is then at {ground:.3g} m, above body.bottom "
-            f"({body.bottom:g}); give the height of the axles above the base frame"
+            f"({robot.body.bottom:g}); give the height of the axles above the base frame"
         )
-    back, front, right, left = geometry.bounding_box(robot)
+    box = geometry.bounding_box(robot)
     x, y, _ = laser.pose
-    if max(back - x, x - front, right - y, y - left) > max(front - back, left - right):
-        yield f"laser.pose is {_list(laser.pose)}: body and wheels end at x {front:.3g} m, y {left:.3g} m; give metres"
+    beyond = max(box.back - x, x - box.front, box.right - y, y - box.left)
+    # A laser farther from the robot than its size is given in another unit.
+    if beyond > max(box.front - box.back, box.left - box.right):
+        ends = f"body and wheels end at x {box.front:.3g} m, y {box.left:.3g} m"
+        yield f"laser.pose is {_list(laser.pose)}: {ends}; give metres"
+
+
+def _support_errors(robot: Robot) -> Iterator[str]:
+    """Yield an error if the robot does not stand on its wheels and casters."""
+    base, body = robot.base, robot.body
+    is_skid_steer = base.drive == "skid_steer"
+    if is_skid_steer and not base.wheelbase:
+        advice = "a skid_steer base has two axles, give the distance between them"
+        yield f"base.wheelbase is 0: {advice}"
+    elif is_skid_steer and base.casters:
+        yield "base.casters are given: a skid_steer base has no casters, remove them"
+    elif not is_skid_steer and not base.casters:
+        advice = "a two_wheel base has at least one, give their contact points with the ground"
+        yield f"base.casters are missing: {advice}"
+    else:
+        balance = geometry.balance(robot)
+        # A centre of mass exactly above the axle is allowed.
+        if balance.loads.min() < -BALANCE_TOLERANCE * balance.mass * geometry.GRAVITY:
+            problem = "it lies outside the wheels and casters; correct body.com or base.casters"
+            yield f"body.com is {_list(body.centre_of_mass)}: {problem}"
 
 
 def _planner_section(tree: Dict[str, Any]) -> Iterator[str]:
@@ -138,65 +195,92 @@ def _planner_section(tree: Dict[str, Any]) -> Iterator[str]:
     used = namespace(str(tree.get("base_local_planner", LOCAL_PLANNERS[0])))
     present = [name for name in plugins if name in tree]
     if used in plugins and present and used not in present:
-        alone = f"but the files only hold parameters of {present[0]}"
-        yield f"base_local_planner is {plugins[used]}, {alone}: give {plugins[present[0]]}, or the section {used}"
+        problem = f"but the files only hold parameters of {present[0]}"
+        remedy = f"give {plugins[present[0]]}, or the section {used}"
+        yield f"base_local_planner is {plugins[used]}, {problem}: {remedy}"
 
 
 def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
     """Yield errors in footprint, frames, size and observation sources of a costmap."""
-    robot, own, local = setup.robot, setup.full[costmap], costmap == "local_costmap"
-    back, front, right, left = geometry.bounding_box(robot)
-    outline, width = _outline(own), left - right
-    length, across = np.ptp(outline, axis=0)
-    if not (_no_footprint(setup, costmap) or width / UNITS <= across <= width * UNITS):
-        names = f"{costmap}/footprint, robot_radius, footprint_padding"
-        size = f"{length:.3g} x {across:.3g} m; body and wheels are {front - back:.3g} x {width:.3g} m"
-        yield f"{names}: the padded footprint is {size}; give all lengths in metres"
-    frames = {"robot_base_frame": "base"} if not local else {}
-    if not setup.with_map:
-        frames["global_frame"] = "odom"
-    elif not local:
-        frames["global_frame"] = "map"
-    for name, field in frames.items():
-        wanted = getattr(robot.frames, field)
-        if _differ(own[name], wanted):
-            yield f"{costmap}/{name} is {own[name]}, but frames.{field} in robot.yaml is {wanted}: give {wanted}"
-    for name, size in (("origin_x", own["width"]), ("origin_y", own["height"])):
-        if not (setup.with_map or own["rolling_window"] or -size < own[name] < 0.0):
-            start = f"the costmap, {size:g} m long, does not contain the robot's start at 0"
-            yield f"{costmap}/{name} is {own[name]:g}: {start}, give {-size / 2:g}, or rolling_window: true"
-    for layer in layers(costmap, own):
+    values = setup.full[costmap]
+    yield from _outline_errors(setup, costmap)
+    yield from _frame_errors(setup, costmap)
+    if not setup.with_map and not values["rolling_window"]:
+        # Without a map, the robot starts at (0, 0).
+        for name, size in (("origin_x", values["width"]), ("origin_y", values["height"])):
+            if not -size < values[name] < 0.0:
+                start = f"the costmap, {size:g} m long, does not contain the robot's start at 0"
+                remedy = f"give {-size / 2:g}, or rolling_window: true"
+                yield f"{costmap}/{name} is {values[name]:g}: {start}, {remedy}"
+    for layer in layers(costmap, values):
         if layer.kind == STATIC_LAYER and not setup.with_map:
             yield f"{costmap}/plugins has {layer.name}, but there is no map: remove this layer"
-    blind = [_blind(f"{path}/{name}", source, robot) for path, name, source in observation_sources(setup.full, costmap)]
-    if blind and all(blind):
-        yield blind[0]
-    if local and not blind:
+    problems = []
+    for path, name, source in observation_sources(setup.full, costmap):
+        problems.append(_blind(f"{path}/{name}", source, setup.robot))
+    if problems and all(problems):
+        yield problems[0]
+    if costmap == "local_costmap" and not problems:
         yield "local_costmap has no observation source: the robot would not see obstacles, add one"
+
+
+def _outline_errors(setup: _Setup, costmap: str) -> Iterator[str]:
+    """Yield an error if the padded footprint of a costmap is given in another unit than metres."""
+    if _has_no_footprint(setup, costmap):
+        return
+    box = geometry.bounding_box(setup.robot)
+    length, width = np.ptp(_outline(setup.full[costmap]), axis=0)
+    box_length, box_width = box.front - box.back, box.left - box.right
+    if not box_width / UNITS <= width <= box_width * UNITS:
+        names = f"{costmap}/footprint, robot_radius, footprint_padding"
+        sizes = f"{length:.3g} x {width:.3g} m; body and wheels are {box_length:.3g} x {box_width:.3g} m"
+        yield f"{names}: the padded footprint is {sizes}; give all lengths in metres"
+
+
+def _frame_errors(setup: _Setup, costmap: str) -> Iterator[str]:
+    """Yield an error for each frame of a costmap that differs from the frames of robot.yaml."""
+    # The global costmap's frame of the robot is also that of move_base.
+    fields = {"robot_base_frame": "base"} if costmap == "global_costmap" else {}
+    if not setup.with_map:
+        fields["global_frame"] = "odom"
+    elif costmap == "global_costmap":
+        fields["global_frame"] = "map"
+    for name, field in fields.items():
+        frame = setup.full[costmap][name]
+        expected = getattr(setup.robot.frames, field)
+        if _differ(frame, expected):
+            problem = f"but frames.{field} in robot.yaml is {expected}"
+            yield f"{costmap}/{name} is {frame}, {problem}: give {expected}"
 
 
 def _blind(path: str, source: Dict[str, Any], robot: Robot) -> str:
     """Return why an observation source does not mark the points of the robot's laser; "" if it marks them."""
-    lowest, highest, height = source["min_obstacle_height"], source["max_obstacle_height"], robot.laser.height
-    if _differ(source["topic"], robot.topics.scan):
-        scan = robot.topics.scan
-        return f"{path}/topic is {source['topic']}, but topics.scan in robot.yaml is {scan}: give {scan}"
+    topic, scan = source["topic"], robot.topics.scan
+    if _differ(topic, scan):
+        return f"{path}/topic is {topic}, but topics.scan in robot.yaml is {scan}: give {scan}"
+    lowest, highest = source["min_obstacle_height"], source["max_obstacle_height"]
+    height = robot.laser.height
     if not lowest <= height <= highest:
         bounds = f"{path}/min_obstacle_height, max_obstacle_height are {lowest:g}, {highest:g}"
-        return f"{bounds}: all points are dropped, as laser.height in robot.yaml is {height:g}; include {height:g}"
+        problem = f"all points are dropped, as laser.height in robot.yaml is {height:g}"
+        return f"{bounds}: {problem}; include {height:g}"
     return ""
 
 
 def _space_limits(setup: _Setup) -> Iterator[str]:
     """Yield an error for each range of the parameter space that exceeds a limit of the base's controller."""
     for parameter in setup.robot.space:
-        for names, field in LIMITED:
-            if any(target.server == setup.planner and target.name in names for target in parameter.sets):
-                start = parameter.sets[0].value_in(setup.full) or 0.0
-                limit = max(getattr(setup.robot.base, field), abs(start))  # The range includes the initial value.
-                if max(abs(parameter.low), abs(parameter.high)) > limit:
-                    place = f"parameter_space.{parameter.name}.range is [{parameter.low:g}, {parameter.high:g}]"
-                    yield f"{place}, but base.{field} of this base is {limit:g}: stay within {limit:g}"
+        names = [target.name for target in parameter.sets if target.server == setup.planner]
+        for field, limited_names in LIMITED.items():
+            if not set(names) & set(limited_names):
+                continue
+            start = parameter.sets[0].value_in(setup.full) or 0.0
+            # The range includes an initial value beyond the limit.
+            limit = max(getattr(setup.robot.base, field), abs(start))
+            if max(abs(parameter.low), abs(parameter.high)) > limit:
+                label = f"parameter_space.{parameter.name}.range"
+                problem = f"but base.{field} of this base is {limit:g}"
+                yield f"{label} is {_list(parameter.range)}, {problem}: stay within {limit:g}"
 
 
 def space_errors(robot: Robot, full: Dict[str, Any]) -> Iterator[str]:
@@ -215,19 +299,23 @@ def space_errors(robot: Robot, full: Dict[str, Any]) -> Iterator[str]:
 
 def _refusal(parameter: SpaceParameter, target: Target, known: Dict[str, Server]) -> str:
     """Return why a parameter cannot set the value at an address; "" if there is no problem."""
-    where = f"server {target.server} of move_base" if target.server else "move_base's own server"
+    server = f"server {target.server} of move_base" if target.server else "move_base's own server"
     if target.server not in known:
         names = list(filter(None, known))
-        return f"there is no {where}; {did_you_mean(target.server, names) or 'give ' + ', '.join(names)}"
+        advice = did_you_mean(target.server, names) or "give " + ", ".join(names)
+        return f"there is no {server}; {advice}"
     declared = known[target.server].declared(target.name)
     if declared is None or declared.type not in ("double", "int"):
-        return f"{where} has no number {target.name}; docs/reference/parameters.md lists its parameters"
-    if (declared.type == "int") != parameter.integer:
-        kind = f"integer is {str(parameter.integer).lower()}, but {target.name} of {where} is of type {declared.type}"
-        return f"{kind}: give integer: {str(declared.type == 'int').lower()}"
+        advice = "docs/reference/parameters.md lists its parameters"
+        return f"{server} has no number {target.name}; {advice}"
+    is_count = declared.type == "int"
+    if is_count != parameter.integer:
+        integer = f"integer is {str(parameter.integer).lower()}"
+        problem = f"but {target.name} of {server} is of type {declared.type}"
+        return f"{integer}, {problem}: give integer: {str(is_count).lower()}"
     low, high = sorted(map(target.signed, parameter.range))
     if not declared.min <= low <= high <= declared.max:
-        return f"{where} takes {declared.min:g} to {declared.max:g}; stay within it"
+        return f"{server} takes {declared.min:g} to {declared.max:g}; stay within it"
     return ""
 
 
@@ -236,69 +324,95 @@ def _refusal(parameter: SpaceParameter, target: Target, known: Dict[str, Server]
 
 def _planner_remarks(setup: _Setup) -> Iterator[str]:
     """Yield speeds that the base cannot reach, and inconsistent values of the local planner."""
-    robot, planner, own = setup.robot, setup.planner, setup.full[setup.planner]
-    given = branch(setup.tree, planner)
-    for names, limit in LIMITED:
+    planner = setup.planner
+    file_values = branch(setup.tree, planner)
+    for field, names in LIMITED.items():
+        limit = getattr(setup.robot.base, field)
         for name in names:
-            most, value = getattr(robot.base, limit), given.get(name)
-            if isinstance(value, (int, float)) and abs(value) > most:
-                yield f"{planner}/{name} is {value:g}: the base will not exceed base.{limit} in robot.yaml ({most:g})"
+            value = file_values.get(name)
+            if isinstance(value, (int, float)) and abs(value) > limit:
+                problem = f"the base will not exceed base.{field} in robot.yaml ({limit:g})"
+                yield f"{planner}/{name} is {value:g}: {problem}"
+    values = setup.full[planner]
     for low, high in (("min_vel_x", "max_vel_x"), ("min_vel_theta", "max_vel_theta")):
-        if own[low] > own[high]:
-            yield f"{planner}/{low} is {own[low]:g}, larger than {high} ({own[high]:g}): lower {low}"
+        if values[low] > values[high]:
+            larger = f"larger than {high} ({values[high]:g})"
+            yield f"{planner}/{low} is {values[low]:g}, {larger}: lower {low}"
     yield from _dead_band_remarks(setup)
 
 
 def _dead_band_remarks(setup: _Setup) -> Iterator[str]:
     """Yield parameters of the local planner with which it sends commands that the base ignores."""
-    planner, own, rate = setup.planner, setup.full[setup.planner], setup.full["controller_frequency"]
-    for (slowest, limit), least in zip(SLOWEST[planner], setup.robot.base.dead_band):
-        ignores = f"the base ignores less than base.dead_band in robot.yaml ({least:g})"
-        if own[slowest] < least:
-            yield f"{planner}/{slowest} is {own[slowest]:g}, but {ignores}: raise it to {least:g}"
-        if limit and own[limit] < least * rate:
-            first = f"the first command from rest is at most {own[limit] / rate:.3g}"
-            yield f"{planner}/{limit} is {own[limit]:g}: {first}, but {ignores}; raise it to {least * rate:g}"
+    planner = setup.planner
+    values, rate = setup.full[planner], setup.full["controller_frequency"]
+    for slowest, dead_band in zip(SLOWEST[planner], setup.robot.base.dead_band):
+        ignored = f"the base ignores less than base.dead_band in robot.yaml ({dead_band:g})"
+        command = values[slowest.command]
+        if command < dead_band:
+            label = f"{planner}/{slowest.command}"
+            yield f"{label} is {command:g}, but {ignored}: raise it to {dead_band:g}"
+        if slowest.first_limit:
+            limit = values[slowest.first_limit]
+            if limit < dead_band * rate:
+                label = f"{planner}/{slowest.first_limit}"
+                first = f"the first command from rest is at most {limit / rate:.3g}"
+                yield f"{label} is {limit:g}: {first}, but {ignored}; raise it to {dead_band * rate:g}"
 
 
 def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[str]:
     """Yield inconsistent values in footprint and observation sources of a costmap."""
-    robot, own = setup.robot, setup.full[costmap]
-    back, front, right, left = geometry.bounding_box(robot)
-    if _no_footprint(setup, costmap):
-        box = ", ".join(f"[{x:.3g}, {y:.3g}]" for x, y in ((back, right), (back, left), (front, left), (front, right)))
-        circle = f"a circle of {own['robot_radius']:g} m is used"
-        yield f"{costmap}/footprint is missing: {circle}, but body and wheels fill [{box}]; give this outline"
+    robot, values = setup.robot, setup.full[costmap]
+    if _has_no_footprint(setup, costmap):
+        box = geometry.bounding_box(robot)
+        outline = [
+            (box.back, box.right),
+            (box.back, box.left),
+            (box.front, box.left),
+            (box.front, box.right),
+        ]
+        corners = ", ".join(f"[{x:.3g}, {y:.3g}]" for x, y in outline)
+        circle = f"a circle of {values['robot_radius']:g} m is used"
+        advice = f"body and wheels fill [{corners}]; give this outline"
+        yield f"{costmap}/footprint is missing: {circle}, but {advice}"
     elif costmap == "local_costmap":
-        directions, outline = np.array([np.cos(EIGHT), np.sin(EIGHT)]), _outline(own)
-        beyond = ((geometry.corners(robot) @ directions).max(axis=0) - (outline @ directions).max(axis=0)).max()
+        # Distances of both outlines in eight directions
+        reach = (geometry.corners(robot) @ DIRECTIONS).max(axis=0)
+        footprint_reach = (_outline(values) @ DIRECTIONS).max(axis=0)
+        beyond = (reach - footprint_reach).max()
         if beyond > OUTSIDE:
-            box = "the box around body and wheels, at which the monitor stops"
-            yield f"local_costmap/footprint is too small: {box}, reaches {beyond:.2f} m beyond it with padding"
+            box_reach = "the box around body and wheels, at which the monitor stops, reaches"
+            problem = f"{box_reach} {beyond:.2f} m beyond it with padding"
+            yield f"local_costmap/footprint is too small: {problem}"
+    laser_frame = robot.laser.frame
     for path, name, source in observation_sources(setup.full, costmap):
-        frame, wanted = source["sensor_frame"], robot.laser.frame
-        if frame and not _differ(source["topic"], robot.topics.scan) and _differ(frame, wanted):
-            place = f"{path}/{name}/sensor_frame is {frame}"
-            yield f"{place}, but laser.frame in robot.yaml is {wanted}: give {wanted} or omit it"
+        frame = source["sensor_frame"]
+        is_scan = not _differ(source["topic"], robot.topics.scan)
+        if frame and is_scan and _differ(frame, laser_frame):
+            problem = f"but laser.frame in robot.yaml is {laser_frame}"
+            remedy = f"give {laser_frame} or omit it"
+            yield f"{path}/{name}/sensor_frame is {frame}, {problem}: {remedy}"
 
 
 # --- helpers ----------------------------------------------------------------------------------------------------------
 
 
-def _outline(own: Dict[str, Any]) -> Array:
-    """Return the padded footprint (n, 2) of a costmap [m]."""
+def _outline(values: Dict[str, Any]) -> Array:
+    """Return the padded footprint (n, 2) of a costmap with these values [m]."""
     from applr_ros1.planner.costmap import footprint  # The import is slow, because it needs numba.
 
-    return footprint.padded(own)
+    return footprint.padded(values)
 
 
-def _no_footprint(setup: _Setup, costmap: str) -> bool:
-    return not {"footprint", "robot_radius"} & {*branch(setup.tree, costmap), *setup.tree}
+def _has_no_footprint(setup: _Setup, costmap: str) -> bool:
+    names = {*branch(setup.tree, costmap), *setup.tree}
+    return "footprint" not in names and "robot_radius" not in names
 
 
-def _differ(given: str, wanted: str) -> bool:
-    return given.strip("/") != wanted.strip("/")
+def _differ(name: str, expected: str) -> bool:
+    """Return whether two names of topics or frames differ, except for slashes at their ends."""
+    return name.strip("/") != expected.strip("/")
 
 
 def _list(numbers: Tuple[float, ...]) -> str:
-    return f"[{', '.join(f'{number:g}' for number in numbers)}]"
+    words = ", ".join(f"{number:g}" for number in numbers)
+    return f"[{words}]"

@@ -1,9 +1,11 @@
-"""Reader of a robot's folder: `load` reads and checks it. Folders of the included robots lie beside this file."""
+"""Reader of a robot's folder: `load` reads and checks it.
+
+Folders of the included robots lie beside this file.
+"""
 
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from functools import lru_cache
 from typing import Iterable, Tuple
 
@@ -16,7 +18,9 @@ from applr_ros1.robots.parameter_files import read_yaml
 from applr_ros1.robots.robot import FILE, Robot, RobotFile
 
 _HERE = os.path.dirname(os.path.abspath(__file__))
-NAMES = tuple(sorted(name for name in os.listdir(_HERE) if os.path.isfile(os.path.join(_HERE, name, FILE))))
+NAMES = tuple(
+    sorted(name for name in os.listdir(_HERE) if os.path.isfile(os.path.join(_HERE, name, FILE)))
+)
 
 
 class RobotError(ApplrError):
@@ -24,9 +28,9 @@ class RobotError(ApplrError):
 
     def __init__(self, folder: str, lines: Iterable[str]) -> None:
         self.lines: Tuple[str, ...] = tuple(lines)
-        more = len(self.lines) - 1
-        listed = f" ({more} more: check_robot.py lists them)" if more else ""
-        super().__init__(f"{folder}: {self.lines[0]}{listed}")
+        first, *others = self.lines
+        rest = f" ({len(others)} more: check_robot.py lists them)" if others else ""
+        super().__init__(f"{folder}: {first}{rest}")
 
 
 def load(name_or_folder: str, with_map: bool = False) -> Robot:
@@ -50,25 +54,33 @@ def load(name_or_folder: str, with_map: bool = False) -> Robot:
 
 
 def read(name_or_folder: str) -> Robot:
-    """Return a robot as described by its files. Raise the errors of `load`, but do not check consistency."""
+    """Return a robot as described by its files.
+
+    Raise the errors of `load`, but do not check consistency.
+    """
     name = str(name_or_folder)
     if name in NAMES:
         return _read(os.path.join(_HERE, name))
     folder = os.path.abspath(name) if name else ""
     if not os.path.isdir(folder):
-        raise ApplrError(f"robot {name or repr(name)}: give {', '.join(NAMES)}, or a folder with {FILE}")
+        raise ApplrError(
+            f"robot {name or repr(name)}: give {', '.join(NAMES)}, or a folder with {FILE}"
+        )
     return _read(folder)
 
 
 @lru_cache(maxsize=32)
 def _read(folder: str) -> Robot:
     try:
-        given = dict(RobotFile.model_validate(read_yaml(os.path.join(folder, FILE))))
+        fields = dict(RobotFile.model_validate(read_yaml(os.path.join(folder, FILE))))
     except ValidationError as error:
         raise RobotError(folder, check.refused(error)) from None
-    space, move_base = given.pop("parameter_space"), given.pop("move_base").loaded(folder)
-    name = os.path.basename(folder)
-    robot = Robot(**given, name=name, folder=folder, space=tuple((space or {}).values()), move_base=move_base)
+    move_base = fields.pop("move_base").loaded(folder)
+    space = fields.pop("parameter_space")
     if space is None:
-        robot = replace(robot, space=default_space(robot.base, robot.body, robot.parameters()))
-    return robot
+        space = default_space(fields["base"], fields["body"], move_base.without_map)
+    else:
+        space = tuple(space.values())
+    return Robot(
+        **fields, name=os.path.basename(folder), folder=folder, space=space, move_base=move_base
+    )

@@ -1,7 +1,8 @@
 """Table of the parameters that searches and policies set, and the default parameter space of a robot.
 
-folder.py calls `default_space` if robot.yaml has no parameter_space. policy/dimensionless.py takes the outputs of a
-policy from OUTPUTS. The kind of each parameter is part of its declaration in planner/parameters.
+folder.py calls `default_space` if robot.yaml has no parameter_space. policy/dimensionless.py takes
+the outputs of a policy from OUTPUTS. The kind of each parameter is part of its declaration in
+planner/parameters.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from applr_ros1.planner.parameters.layers import COSTMAPS, INFLATION_LAYER, arra
 from applr_ros1.planner.parameters.parameter import Parameter, ParameterError
 from applr_ros1.robots.robot import Base, Body, SpaceParameter, Target, number_at
 
-TRAJECTORY, DWA, MOVE_BASE = "TrajectoryPlannerROS", "DWAPlannerROS", ""
-BOTH_COSTMAPS, LAYERS = "costmaps", "inflation layers"
+TRAJECTORY, DWA, MOVE_BASE = "TrajectoryPlannerROS", "DWAPlannerROS", ""  # servers
+BOTH_COSTMAPS, LAYERS = "costmaps", "inflation layers"  # kinds of servers
 DECLARED = {**SERVERS, LAYERS: INFLATION, BOTH_COSTMAPS: SERVERS[COSTMAPS[0]]}
 
 
@@ -26,13 +27,17 @@ class Learned(NamedTuple):
 
     Attributes:
         place: Owner of the parameter: local planner, inflation layers, costmaps or move_base.
-        low, high: Range in a robot's space, relative to the limit of the base for a speed or yaw rate, and to the width
-            of the robot for a length.
-        policy: Number of the policy output in the dimensionless encoding; 0 if only searches set the parameter.
+        low, high: Range in a robot's space, relative to the limit of the base for a speed or yaw
+            rate, and to the width of the robot for a length.
+        policy: Number of the policy output in the dimensionless encoding; 0 if only searches set
+            the parameter.
         log: Whether the policy output is logarithmic.
-        output: Range of the policy output in units of the encoding, if it differs from low and high.
-        also: Second parameter of the same owner, which gets the same value; a leading "-" negates it.
-        start: Initial value in move_base if the files omit the parameter. It may lie outside the range.
+        output: Range of the policy output in units of the encoding, if it differs from low and
+            high.
+        also: Second parameter of the same owner, which gets the same value; a leading "-" negates
+            it.
+        start: Initial value in move_base if the files omit the parameter. It may lie outside the
+            range.
     """
 
     place: str
@@ -48,7 +53,7 @@ class Learned(NamedTuple):
     @property
     def declared(self) -> Parameter:
         """Declaration of the parameter in the planner's tables."""
-        return next(p for p in DECLARED[self.place] if self.name in p.names)
+        return next(parameter for parameter in DECLARED[self.place] if self.name in parameter.names)
 
 
 LEARNED = (  # rows in the order of the parameters in a space
@@ -78,17 +83,16 @@ LEARNED = (  # rows in the order of the parameters in a space
     Learned(BOTH_COSTMAPS, "footprint_padding", 0.0, 0.45, start=0.01),
     Learned(MOVE_BASE, "planner_frequency", 0.0, 5.0, start=0.0),
 )
-_rows = sorted((row for row in LEARNED if row.policy), key=lambda row: row.policy)
-# Rows of LEARNED for the policy outputs of the dimensionless encoding, in order. The key of an output is the name of
-# the first parameter that it sets. NAMES maps the name of each parameter that an output sets to the output's key.
-OUTPUTS = {row.name: row for row in _rows if row is next(first for first in _rows if first.policy == row.policy)}
-NAMES = {
-    known: name
-    for name in OUTPUTS
-    for row in _rows
-    if row.policy == OUTPUTS[name].policy
-    for known in row.declared.names
-}
+# Rows of LEARNED for the policy outputs of the dimensionless encoding, in order. The key of an
+# output is the name of the first parameter that it sets. NAMES maps the name of each parameter that
+# an output sets to the output's key.
+OUTPUTS: Dict[str, Learned] = {}
+NAMES: Dict[str, str] = {}
+_keys: Dict[int, str] = {}  # keys of the outputs by their numbers
+for _row in sorted((row for row in LEARNED if row.policy), key=lambda row: row.policy):
+    _key = _keys.setdefault(_row.policy, _row.name)
+    OUTPUTS.setdefault(_key, _row)
+    NAMES.update(dict.fromkeys(_row.declared.names, _key))
 
 
 def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpaceParameter, ...]:
@@ -101,38 +105,70 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
         body: Body of the robot, whose width scales the lengths.
         tree: move_base parameters of the robot.
     """
-    inflation: List[str] = []
+    inflation_layers: List[str] = []
     with suppress(ParameterError):  # The check reports this error.
         tree = arranged(tree)
-        found_layers = [layer for name in COSTMAPS[::-1] for layer in layers(name, branch(tree, name))]
-        inflation = [layer.path for layer in found_layers if layer.kind == INFLATION_LAYER]
+        # A parameter is read back from its first server: the local costmap's.
+        for costmap in COSTMAPS[::-1]:
+            for layer in layers(costmap, branch(tree, costmap)):
+                if layer.kind == INFLATION_LAYER:
+                    inflation_layers.append(layer.path)
     planner = namespace(str(tree.get("base_local_planner", TRAJECTORY)))
-    places = {LAYERS: inflation, BOTH_COSTMAPS: list(COSTMAPS[::-1]), MOVE_BASE: [MOVE_BASE]}
-    places[DWA if planner == DWA else TRAJECTORY] = [planner]
+    servers = {
+        LAYERS: inflation_layers,
+        BOTH_COSTMAPS: list(COSTMAPS[::-1]),
+        MOVE_BASE: [MOVE_BASE],
+        DWA if planner == DWA else TRAJECTORY: [planner],
+    }
+    paddings = {number_at(tree, costmap, ("footprint_padding",)) for costmap in COSTMAPS}
     left_out = {
         # A policy must not reverse a robot whose default parameters never reverse it.
         "min_vel_x": (number_at(tree, planner, ("min_vel_x",)) or 0.0) >= 0.0,
-        "footprint_padding": len({number_at(tree, costmap, ("footprint_padding",)) for costmap in COSTMAPS}) > 1,
+        # One parameter cannot keep two different paddings.
+        "footprint_padding": len(paddings) > 1,
+        # The robot's owner has chosen a frequency.
         "planner_frequency": bool(number_at(tree, MOVE_BASE, ("planner_frequency",))),
     }
-    units = {"speed": base.max_speed, "turn": base.max_yaw_rate, "length": max(body.size[1], base.track)}
-    rows = (row for row in LEARNED if not left_out.get(row.name) and places.get(row.place))
-    return tuple(_space_parameter(row, places[row.place], units, tree) for row in rows)
+    units = {
+        "speed": base.max_speed,
+        "turn": base.max_yaw_rate,
+        "length": max(body.size[1], base.track),
+    }
+    parameters = []
+    for row in LEARNED:
+        if servers.get(row.place) and not left_out.get(row.name):
+            parameters.append(_space_parameter(row, servers[row.place], units, tree))
+    return tuple(parameters)
 
 
-def _space_parameter(row: Learned, servers: List[str], units: Dict[str, float], tree: Dict[str, Any]) -> SpaceParameter:
+def _space_parameter(
+    row: Learned, servers: List[str], units: Dict[str, float], tree: Dict[str, Any]
+) -> SpaceParameter:
     """Return a learnable parameter of these servers, whose range includes the initial value in `tree`."""
-    p = row.declared
-    targets = [Target.model_construct(server=server, name=row.name, aliases=p.aliases) for server in servers]
+    declared = row.declared
+    targets = []
+    for server in servers:
+        targets.append(
+            Target.model_construct(server=server, name=row.name, aliases=declared.aliases)
+        )
     if row.also:
+        name = row.also.lstrip("-")
         negated = row.also.startswith("-")
-        targets.append(Target.model_construct(server=servers[0], name=row.also.lstrip("-"), negated=negated))
-    low, high = (units.get(p.kind, 1.0) * end for end in (row.low, row.high))
+        targets.append(Target.model_construct(server=servers[0], name=name, negated=negated))
+    unit = units.get(declared.kind, 1.0)
+    low, high = unit * row.low, unit * row.high
     start = number_at(tree, servers[0], targets[0].names)
-    start = row.start if start is None else start
+    if start is None:
+        start = row.start
     if start is not None:
-        start = min(max(start, p.min), p.max)  # move_base clamps its initial value, too.
+        start = min(
+            max(start, declared.min), declared.max
+        )  # move_base clamps its initial value, too.
         low, high = min(low, start), max(high, start)
     return SpaceParameter.model_construct(
-        name=row.name, range=(low, high), integer=p.kind == "count", sets=tuple(targets), paper=row.policy > 0
+        name=row.name,
+        range=(low, high),
+        integer=declared.kind == "count",
+        sets=tuple(targets),
+        paper=row.policy > 0,
     )

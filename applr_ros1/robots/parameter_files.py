@@ -1,6 +1,7 @@
 """Reader of YAML files with parameters of move_base. It accepts the syntax of rosparam.
 
-folder.py reads the files of a robot's folder, and urdf_import/parameters.py those of a navigation package.
+folder.py reads the files of a robot's folder, and urdf_import/parameters.py those of a navigation
+package.
 """
 
 from __future__ import annotations
@@ -17,9 +18,15 @@ from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, OBSTACLE_LAYER, layers, sources
 
-PLACES = (*COSTMAPS, *map(namespace, LOCAL_PLANNERS))  # sections below move_base that have files of their own
-_ANGLE = re.compile(r"(?:deg|rad)?\(?([-+]?[\d.]*(?:e[-+]?\d+)?)\s*\*?\s*(pi)?\s*(?:/\s*([\d.]+))?\)?")
-_SAVED = "tag:yaml.org,2002:python/object/new:dynamic_reconfigure.encoding.Config"  # tag in files of rqt_reconfigure
+PLACES = (
+    *COSTMAPS,
+    *map(namespace, LOCAL_PLANNERS),
+)  # sections below move_base that have files of their own
+_ANGLE = re.compile(
+    r"(?:deg|rad)?\(?(?P<number>[-+]?[\d.]*(?:e[-+]?\d+)?)\s*\*?\s*(?P<pi>pi)?\s*(?:/\s*(?P<divisor>[\d.]+))?\)?"
+)
+# Tag in files of rqt_reconfigure
+_SAVED = "tag:yaml.org,2002:python/object/new:dynamic_reconfigure.encoding.Config"
 
 
 class Loader(yaml.SafeLoader):
@@ -36,11 +43,14 @@ def _angle(unit: float) -> Callable[[Any, Any], float]:
     """Return a YAML constructor that converts angles in a unit (1.0: rad) to rad."""
 
     def read(loader: Any, node: Any) -> float:
-        parts = _ANGLE.fullmatch(loader.construct_scalar(node).strip())
-        if not parts or not (parts[1] or parts[2]):
+        match = _ANGLE.fullmatch(loader.construct_scalar(node).strip())
+        if not match or not (match["number"] or match["pi"]):
             raise ValueError(f"{node.value[:40]} is no angle: give a number or a fraction of pi")
-        number = float(f"{parts[1]}1" if parts[1] in ("", "-", "+") else parts[1])
-        return number * (math.pi if parts[2] else 1.0) / float(parts[3] or 1.0) * unit
+        number = match["number"]
+        if number in ("", "-", "+"):  # "pi" and "-pi" have no digits.
+            number += "1"
+        factor = math.pi if match["pi"] else 1.0
+        return float(number) * factor / float(match["divisor"] or 1.0) * unit
 
     return read
 
@@ -52,7 +62,10 @@ for _name, _unit in (("degrees", math.pi / 180.0), ("radians", 1.0)):
 
 
 def read_yaml(path: Any) -> Dict[str, Any]:
-    """Read the mapping in a YAML file, {} if the file is empty. Raise ApplrError if it holds anything else."""
+    """Read the mapping in a YAML file, {} if the file is empty.
+
+    Raise ApplrError if it holds anything else.
+    """
     text = read_bytes(path).decode("utf-8-sig", "replace")  # Comments may have another encoding.
     content = yaml_value(text, path, Loader)
     if not isinstance(content or {}, dict):
@@ -73,34 +86,42 @@ def of_move_base(tree: Dict[str, Any]) -> Dict[str, Any]:
     return levels[0] if levels else tree
 
 
-def observation_sources(full: Dict[str, Any], costmap: str) -> Iterator[Tuple[str, str, Dict[str, Any]]]:
+def observation_sources(
+    full: Dict[str, Any], costmap: str
+) -> Iterator[Tuple[str, str, Dict[str, Any]]]:
     """Yield (path of the layer, name, values) of the observation sources of a costmap in a complete tree."""
     for layer in layers(costmap, full[costmap]):
-        own = branch(full, layer.path) if layer.kind == OBSTACLE_LAYER else {}
-        yield from ((layer.path, name, own[name]) for name in sources(own))
+        if layer.kind == OBSTACLE_LAYER:
+            section = branch(full, layer.path)
+            for name in sources(section):
+                yield layer.path, name, section[name]
 
 
 def too_deep(tree: Dict[str, Any]) -> Iterator[str]:
     """Yield an error for each section that move_base does not read, because it lies inside another section."""
     for outer in tree:
-        for name in (name for name in PLACES if branch(tree, f"{outer}/{name}")):
-            remedy = f"remove the level {outer} from the parameter file, or from its namespace"
-            yield f"{outer}/{name} is one level too deep for move_base: {remedy}"
+        for name in PLACES:
+            if branch(tree, f"{outer}/{name}"):
+                remedy = f"remove the level {outer} from the parameter file, or from its namespace"
+                yield f"{outer}/{name} is one level too deep for move_base: {remedy}"
 
 
 def _move_bases(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
     """Yield the levels named move_base in nested parameters."""
     for name, value in tree.items():
-        if isinstance(value, dict):
-            yield from [value] if name == "move_base" else _move_bases(value)
+        if isinstance(value, dict) and name == "move_base":
+            yield value
+        elif isinstance(value, dict):
+            yield from _move_bases(value)
 
 
 def _levels(content: Dict[str, Any]) -> Dict[str, Any]:
     """Return a nested mapping with one level per part of each name."""
     tree: Dict[str, Any] = {}
     for name, value in content.items():
-        *above, last = [part for part in str(name).split("/") if part] or [""]
-        value = _levels(value) if isinstance(value, dict) else value
-        here = branch(tree, "/".join(above), create=True)
-        here.update(merged({last: here.get(last)}, {last: value}))
+        path, _, last = str(name).strip("/").rpartition("/")
+        if isinstance(value, dict):
+            value = _levels(value)
+        section = branch(tree, path, create=True)
+        section.update(merged({last: section.get(last)}, {last: value}))
     return tree

@@ -1,7 +1,8 @@
 """Schema of robot.yaml (type, limits, unit, default and meaning of each field), and the class Robot.
 
-folder.py validates with the schema, new_robot.py asks for fields without a known value, and the reference page of the
-site lists all fields. Positions are in the robot's base frame, x ahead. Fields without a default are required.
+folder.py validates with the schema, new_robot.py asks for fields without a known value, and the
+reference page of the site lists all fields. Positions are in the robot's base frame, x ahead.
+Fields without a default are required.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ from applr_ros1.robots.parameter_files import nested, of_move_base
 FILE = "robot.yaml"
 PATH = "[A-Za-z][A-Za-z0-9_]*(/[A-Za-z0-9_]+)*"
 Name = Annotated[str, Field(pattern=f"^/?{PATH}$")]  # name of a topic
-Frame = Annotated[str, Field(pattern=r"^/?[A-Za-z0-9_][A-Za-z0-9_.:-]*(/[A-Za-z0-9_.:-]+)*$")]  # frame in tf2
+Frame = Annotated[
+    str, Field(pattern=r"^/?[A-Za-z0-9_][A-Za-z0-9_.:-]*(/[A-Za-z0-9_.:-]+)*$")
+]  # frame in tf2
 Length = Annotated[StrictFloat, Field(ge=0.01, le=10.0)]
 Place = Annotated[StrictFloat, Field(ge=-10.0, le=10.0)]
 Inertia = Annotated[StrictFloat, Field(ge=1e-9, le=1e5)]
@@ -46,14 +49,18 @@ class Section(BaseModel):
     def _is_known(cls, content: Any) -> Any:
         for name in content if isinstance(content, dict) else ():
             if name not in cls.model_fields:
-                advice = did_you_mean(name, cls.model_fields) or "give one of " + ", ".join(cls.model_fields)
+                advice = did_you_mean(name, cls.model_fields) or "give one of " + ", ".join(
+                    cls.model_fields
+                )
                 raise ValueError(f"{name} is unknown: {advice}")
         return content
 
 
 def real(unit: str, low: float, high: float, about: str, default: Any = ...) -> Any:
     """Return a field for a finite number from low to high in a unit ("" for none)."""
-    return Field(default, ge=low, le=high, strict=True, description=about, json_schema_extra={"unit": unit})
+    return Field(
+        default, ge=low, le=high, strict=True, description=about, json_schema_extra={"unit": unit}
+    )
 
 
 def value(unit: str, about: str, default: Any = ..., **bounds: Any) -> Any:
@@ -71,24 +78,40 @@ class Base(Section):
     )
     max_speed: float = real("m/s", 0.01, 20.0, "largest speed that the base's controller allows")
     max_yaw_rate: float = real("rad/s", 0.01, 20.0, "largest yaw rate that the controller allows")
-    max_acceleration: float = real("m/s^2", 0.01, 100.0, "largest acceleration that the controller allows")
-    max_yaw_acceleration: float = real("rad/s^2", 0.01, 200.0, "largest yaw acceleration that the controller allows")
+    max_acceleration: float = real(
+        "m/s^2", 0.01, 100.0, "largest acceleration that the controller allows"
+    )
+    max_yaw_acceleration: float = real(
+        "rad/s^2", 0.01, 200.0, "largest yaw acceleration that the controller allows"
+    )
     wheel_radius: float = real("m", 0.005, 2.0, "radius of a driven wheel")
     wheel_width: float = real("m", 0.001, 2.0, "width of a driven wheel")
     track: float = real("m", 0.01, 10.0, "distance between the centres of left and right wheels")
     axle_height: float = real("m", -2.0, 2.0, "height of the axles above the base frame")
-    wheelbase: float = real("m", 0.0, 10.0, "distance between front and rear axle, 0 for two_wheel", 0.0)
+    wheelbase: float = real(
+        "m", 0.0, 10.0, "distance between front and rear axle, 0 for two_wheel", 0.0
+    )
     wheel_mass: float = real("kg", 0.001, 500.0, "mass of one driven wheel", 0.5)
     wheel_inertia: Optional[Inertia3] = value(
-        "kg m^2", "moments of inertia of a wheel about x, y (the axle), z; by default of a solid cylinder", None
+        "kg m^2",
+        "moments of inertia of a wheel about x, y (the axle), z; by default of a solid cylinder",
+        None,
     )
-    wheel_friction: float = real("", 0.01, 3.0, "Coulomb coefficient of a driven wheel on the ground", 0.5)
+    wheel_friction: float = real(
+        "", 0.01, 3.0, "Coulomb coefficient of a driven wheel on the ground", 0.5
+    )
     casters: Tuple[Place2, ...] = value(
         "m", "contact points [[x, y], ...] of casters with the ground", (), max_length=8
     )
-    caster_friction: float = real("", 0.0, 3.0, "Coulomb coefficient of a caster on the ground", 0.1)
+    caster_friction: float = real(
+        "", 0.0, 3.0, "Coulomb coefficient of a caster on the ground", 0.1
+    )
     command_timeout: float = real(
-        "s", 0.0, 60.0, "time without a command after which the base stops; 0 if it never stops", 0.0
+        "s",
+        0.0,
+        60.0,
+        "time without a command after which the base stops; 0 if it never stops",
+        0.0,
     )
     dead_band: Tuple[Speed, Speed] = value(
         "m/s, rad/s",
@@ -105,14 +128,24 @@ class Base(Section):
 class Body(Section):
     """Box around everything except the wheels, for contacts with obstacles."""
 
-    size: Length3 = value("m", "[length, width, height] of the box around everything except the wheels")
+    size: Length3 = value(
+        "m", "[length, width, height] of the box around everything except the wheels"
+    )
     mass: float = real("kg", 0.01, 5000.0, "mass of everything except the driven wheels")
     centre: Place2 = value("m", "centre of the box along x and y", (0.0, 0.0))
-    bottom: float = real("m", -2.0, 2.0, "height of the underside of the box above the base frame", 0.0)
-    round: bool = value("", "whether the body is an upright cylinder, round or oval, that fills the box", False)
-    com: Optional[Place3] = value("m", "centre of mass of the body, by default the centre of the box", None)
+    bottom: float = real(
+        "m", -2.0, 2.0, "height of the underside of the box above the base frame", 0.0
+    )
+    round: bool = value(
+        "", "whether the body is an upright cylinder, round or oval, that fills the box", False
+    )
+    com: Optional[Place3] = value(
+        "m", "centre of mass of the body, by default the centre of the box", None
+    )
     inertia: Optional[Inertia3] = value(
-        "kg m^2", "moments of inertia about x, y, z through the centre of mass; by default of a solid box", None
+        "kg m^2",
+        "moments of inertia about x, y, z through the centre of mass; by default of a solid box",
+        None,
     )
     friction: float = real("", 0.01, 3.0, "Coulomb coefficient against obstacles", 0.5)
 
@@ -136,7 +169,11 @@ class Laser(Section):
     rate: float = real("Hz", 0.5, 200.0, "scans per second")
     noise: float = real("m", 0.0, 1.0, "standard deviation of a range", 0.0)
     no_return: Optional[float] = real(
-        "m", 0.0, 1000.0, "range that the driver publishes without a return, such as 0.0, if this is not +inf", None
+        "m",
+        0.0,
+        1000.0,
+        "range that the driver publishes without a return, such as 0.0, if this is not +inf",
+        None,
     )
 
     @property
@@ -183,13 +220,23 @@ class OdometryErrors(Section):
     """Errors of the odometry, which takes the distance from the wheels and the heading from the IMU."""
 
     rate: float = real("Hz", 1.0, 240.0, "rate of the messages", 50.0)
-    scale_error: float = real("", 0.0, 0.5, "standard deviation of the scale of distances, drawn at each start", 0.005)
-    heading_drift: float = real("rad", 0.0, 1.0, "standard deviation of the heading's slow error", 0.002)
+    scale_error: float = real(
+        "", 0.0, 0.5, "standard deviation of the scale of distances, drawn at each start", 0.005
+    )
+    heading_drift: float = real(
+        "rad", 0.0, 1.0, "standard deviation of the heading's slow error", 0.002
+    )
     heading_time: float = real("s", 0.1, 1e4, "correlation time of the heading's slow error", 60.0)
-    heading_noise: float = real("rad", 0.0, 1.0, "standard deviation of the white noise of the heading", 0.003)
-    speed_noise: float = real("m/s", 0.0, 1.0, "standard deviation of the speed in the messages", 0.005)
+    heading_noise: float = real(
+        "rad", 0.0, 1.0, "standard deviation of the white noise of the heading", 0.003
+    )
+    speed_noise: float = real(
+        "m/s", 0.0, 1.0, "standard deviation of the speed in the messages", 0.005
+    )
     gyro_noise: float = real("rad/s", 0.0, 1.0, "standard deviation of the IMU's yaw rate", 0.005)
-    accelerometer_noise: float = real("m/s^2", 0.0, 5.0, "standard deviation of the IMU's acceleration", 0.005)
+    accelerometer_noise: float = real(
+        "m/s^2", 0.0, 5.0, "standard deviation of the IMU's acceleration", 0.005
+    )
     lag: float = real("s", 0.0, 1.0, "time constant of the filter that fuses wheels and IMU", 0.0)
 
 
@@ -197,47 +244,87 @@ class Monitoring(Section):
     """Settings of the collision monitor; see MonitorSettings."""
 
     margin: float = real("m", 0.0, 1.0, "distance kept from every obstacle point", 0.03)
-    reaction_time: float = real("s", 0.01, 2.0, "delay from a command until the base follows the next command", 0.15)
-    creep_speed: float = real("m/s", 0.0, 1.0, "largest speed of any point of the robot in unobserved space", 0.1)
-    deceleration: float = real("m/s^2", 0.01, 100.0, "deceleration of the braking base, at most max_acceleration", 4.0)
-    yaw_deceleration: float = real(
-        "rad/s^2", 0.01, 200.0, "yaw deceleration of the braking base, at most max_yaw_acceleration", 12.0
+    reaction_time: float = real(
+        "s", 0.01, 2.0, "delay from a command until the base follows the next command", 0.15
     )
-    turn_gain: float = real("", 0.5, 3.0, "largest ratio of the yaw rate to the commanded yaw rate", 1.0)
-    turn_ahead: float = real("m", -2.0, 2.0, "distance of the centre of rotation ahead of base_link", 0.0)
+    creep_speed: float = real(
+        "m/s", 0.0, 1.0, "largest speed of any point of the robot in unobserved space", 0.1
+    )
+    deceleration: float = real(
+        "m/s^2", 0.01, 100.0, "deceleration of the braking base, at most max_acceleration", 4.0
+    )
+    yaw_deceleration: float = real(
+        "rad/s^2",
+        0.01,
+        200.0,
+        "yaw deceleration of the braking base, at most max_yaw_acceleration",
+        12.0,
+    )
+    turn_gain: float = real(
+        "", 0.5, 3.0, "largest ratio of the yaw rate to the commanded yaw rate", 1.0
+    )
+    turn_ahead: float = real(
+        "m", -2.0, 2.0, "distance of the centre of rotation ahead of base_link", 0.0
+    )
 
 
 class Simulation(Section):
     """Parameters of both simulators, assumed or fitted instead of measured on the robot.
 
-    With ground `plain`, friction opposes the slip of a tyre. Ground `gazebo` reproduces the friction of the Jackal in
-    Gazebo: in a turn, a wheel runs track_multiplier times as fast as without slip, and stands on both edges of its rim.
+    With ground `plain`, friction opposes the slip of a tyre. Ground `gazebo` reproduces the
+    friction of the Jackal in Gazebo: in a turn, a wheel runs track_multiplier times as fast as
+    without slip, and stands on both edges of its rim.
     """
 
     grip_limit: float = real(
-        "m/s^2", 0.05, 50.0, "friction limit: largest lateral acceleration v w of a curve on plain ground"
+        "m/s^2",
+        0.05,
+        50.0,
+        "friction limit: largest lateral acceleration v w of a curve on plain ground",
     )
     ground: Ground = value("", "friction model of the ground", "plain")
     track_multiplier: Optional[float] = real(
         "", 0.5, 5.0, "track multiplier of the wheels' controller, for ground gazebo", None
     )
     edge_shift: float = real(
-        "s^2/m", 0.0, 2.0, "share of a wheel's load that moves to the outer edge per lateral acceleration", 0.0
+        "s^2/m",
+        0.0,
+        2.0,
+        "share of a wheel's load that moves to the outer edge per lateral acceleration",
+        0.0,
     )
     command_delay: float = real("s", 0.0, 1.0, "delay from a command to the wheels", 0.0)
-    tyre_creep: float = real("m/s", 1e-4, 0.5, "slip speed at which a tyre has .7 of its full friction", 0.02)
-    grip_noise: float = real("", 0.0, 1.0, "relative standard deviation of a wheel's friction, for uneven ground", 0.10)
+    tyre_creep: float = real(
+        "m/s", 1e-4, 0.5, "slip speed at which a tyre has .7 of its full friction", 0.02
+    )
+    grip_noise: float = real(
+        "", 0.0, 1.0, "relative standard deviation of a wheel's friction, for uneven ground", 0.10
+    )
     grip_time: float = real("s", 0.01, 60.0, "correlation time of grip_noise", 0.5)
-    wheel_noise: float = real("", 0.0, 0.5, "relative standard deviation of each side's speed", 0.005)
+    wheel_noise: float = real(
+        "", 0.0, 0.5, "relative standard deviation of each side's speed", 0.005
+    )
     wheel_time: float = real("s", 0.01, 60.0, "correlation time of wheel_noise", 0.5)
-    wheel_shake: float = real("m/s", 0.0, 0.5, "standard deviation of each side's speed while the robot moves", 0.01)
+    wheel_shake: float = real(
+        "m/s", 0.0, 0.5, "standard deviation of each side's speed while the robot moves", 0.01
+    )
     ground_stiffness: float = real("N/m", 100.0, 1e7, "stiffness of one tyre", 3.0e4)
     ground_damping: float = real("N s/m", 1.0, 1e5, "damping of one tyre", 400.0)
-    motor_torque: float = real("N m", 0.01, 1000.0, "largest torque of one wheel against obstacles", 10.0)
-    full_lift: float = real("m", 1e-4, 0.5, "height above the ground at which a wheel has no more friction", 0.005)
-    wheel_rub: float = real("", 0.0, 1.0, "kinematic simulator: friction of a wheel along an obstacle", 0.66)
-    body_rub: float = real("", 0.0, 1.0, "kinematic simulator: friction of the body along an obstacle", 0.94)
-    undo: float = real("", 0.02, 1.0, "kinematic simulator: share of an overlap that is resolved in a step", 0.51)
+    motor_torque: float = real(
+        "N m", 0.01, 1000.0, "largest torque of one wheel against obstacles", 10.0
+    )
+    full_lift: float = real(
+        "m", 1e-4, 0.5, "height above the ground at which a wheel has no more friction", 0.005
+    )
+    wheel_rub: float = real(
+        "", 0.0, 1.0, "kinematic simulator: friction of a wheel along an obstacle", 0.66
+    )
+    body_rub: float = real(
+        "", 0.0, 1.0, "kinematic simulator: friction of the body along an obstacle", 0.94
+    )
+    undo: float = real(
+        "", 0.02, 1.0, "kinematic simulator: share of an overlap that is resolved in a step", 0.51
+    )
 
 
 Bound = Annotated[StrictFloat, Field(ge=-1e6, le=1e6)]
@@ -279,7 +366,8 @@ class SpaceParameter(Section):
 
     Attributes:
         name: Key of the parameter in the file.
-        sets: Values of servers that follow the parameter. The parameter is read back from the first one.
+        sets: Values of servers that follow the parameter. The parameter is read back from the first
+            one.
         paper: Whether policies in the paper's encoding observe and set the parameter.
     """
 
@@ -303,11 +391,15 @@ class SpaceParameter(Section):
     def _agrees(self) -> SpaceParameter:
         low, high = self.range
         if not low < high:
-            raise ValueError(f"range is [{low:g}, {high:g}]: give a smaller number and a larger one")
+            raise ValueError(
+                f"range is [{low:g}, {high:g}]: give a smaller number and a larger one"
+            )
         if self.integer and not (low.is_integer() and high.is_integer()):
             raise ValueError(f"range is [{low:g}, {high:g}]: give whole numbers for an integer")
         if self.sets[0].negated:
-            raise ValueError("sets[0] is negated: first give a value with the sign of the parameter")
+            raise ValueError(
+                "sets[0] is negated: first give a value with the sign of the parameter"
+            )
         return self
 
 
@@ -318,14 +410,22 @@ class ParameterFile(Section):
     namespace: Annotated[str, Field(pattern=f"^(/?{PATH})?$")] = ""
 
     def loaded(self, folder: str) -> Dict[str, Any]:
-        """Return the nested parameters of the file in a folder. Raise ApplrError if it cannot be read."""
+        """Return the nested parameters of the file in a folder.
+
+        Raise ApplrError if it cannot be read.
+        """
         tree: Dict[str, Any] = {}
-        branch(tree, self.namespace, create=True).update(of_move_base(nested(os.path.join(folder, self.file))))
+        branch(tree, self.namespace, create=True).update(
+            of_move_base(nested(os.path.join(folder, self.file)))
+        )
         return tree
 
 
 class FileGroup(Section):
-    """Files in the order of loading, and parameters loaded after them. Later values override earlier ones."""
+    """Files in the order of loading, and parameters loaded after them.
+
+    Later values override earlier ones.
+    """
 
     files: Tuple[ParameterFile, ...] = ()
     parameters: Dict[str, Any] = {}
@@ -405,7 +505,9 @@ class Robot:
     @property
     def local_planner(self) -> str:
         """Local planner named by the files, without its package."""
-        return str(self.move_base.without_map.get("base_local_planner", "TrajectoryPlannerROS")).rpartition("/")[2]
+        return str(
+            self.move_base.without_map.get("base_local_planner", "TrajectoryPlannerROS")
+        ).rpartition("/")[2]
 
     @property
     def goal_tolerance(self) -> float:
@@ -413,17 +515,24 @@ class Robot:
         return float(branch(self.all_parameters(), self.local_planner)["xy_goal_tolerance"])
 
     def parameters(self, with_map: bool = False) -> Dict[str, Any]:
-        """Return a copy of the move_base parameters. Raise ApplrError if there is no setup with a map."""
+        """Return a copy of the move_base parameters.
+
+        Raise ApplrError if there is no setup with a map.
+        """
         tree = self.move_base.with_map if with_map else self.move_base.without_map
         if tree is None:
-            raise ApplrError(f"robot {self.name}: robot.yaml has no move_base.with_map: give its files for a map")
+            raise ApplrError(
+                f"robot {self.name}: robot.yaml has no move_base.with_map: give its files for a map"
+            )
         return copy.deepcopy(tree)
 
     def with_parameters(self, tree: Dict[str, Any], name: str) -> Robot:
         """Return the robot under another name, with move_base parameters that override those of its files."""
         without_map, with_map = self.move_base
         with_map = None if with_map is None else merged(with_map, tree)
-        return replace(self, name=name, move_base=MoveBaseSetup(merged(without_map, tree), with_map))
+        return replace(
+            self, name=name, move_base=MoveBaseSetup(merged(without_map, tree), with_map)
+        )
 
     @property
     def servers(self) -> Dict[str, Server]:
@@ -438,5 +547,9 @@ class Robot:
 def number_at(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[float]:
     """Return a server's number under the first of `names` in a parameter tree (layers.arranged), or None."""
     values = [branch(tree, server).get(name) for name in names]
-    numbers = [number for number in values if isinstance(number, (int, float)) and not isinstance(number, bool)]
+    numbers = [
+        number
+        for number in values
+        if isinstance(number, (int, float)) and not isinstance(number, bool)
+    ]
     return float(numbers[0]) if numbers else None

@@ -1,7 +1,8 @@
 """Model of a simulated robot for RViz, made from its description: box, wheels, casters and laser.
 
-`rosrun applr_ros1 robot_model.py` prints the model for the parameter robot_description. All shapes belong to one link,
-so that no joint states are needed. A real robot already has a robot_description.
+`rosrun applr_ros1 robot_model.py` prints the model for the parameter robot_description. All shapes
+belong to one link, so that no joint states are needed. A real robot already has a
+robot_description.
 """
 
 from __future__ import annotations
@@ -21,25 +22,31 @@ def urdf(robot: Robot) -> str:
     """Return the URDF text of a robot."""
     base, body, laser = robot.base, robot.body, robot.laser
     length, width, height = body.size
+    ground = base.axle_height - base.wheel_radius
+
     shape = _cylinder((length + width) / 4, height) if body.round else _box(body.size)
     shapes = [_visual((*body.centre, body.bottom + height / 2), shape, "body")]
+    wheel = _cylinder(base.wheel_radius, base.wheel_width)
     for x, y in geometry.wheel_places(base):
-        wheel = _cylinder(base.wheel_radius, base.wheel_width)
         shapes.append(_visual((x, y, base.axle_height), wheel, "black", "1.5708 0 0"))
-    radius = max((base.wheel_radius - base.axle_height + body.bottom) / 2, 0.1 * base.wheel_radius)
+    # Casters fill the space between ground and body.
+    radius = max((body.bottom - ground) / 2, 0.1 * base.wheel_radius)
     for x, y in base.casters:
-        sphere = f'<sphere radius="{radius:g}"/>'
-        shapes.append(_visual((x, y, radius - base.wheel_radius + base.axle_height), sphere, "black"))
-    size = 0.2 * min(body.size[0], body.size[1])
+        shapes.append(_visual((x, y, ground + radius), f'<sphere radius="{radius:g}"/>', "black"))
+    laser_size = 0.2 * min(length, width)
+    laser_shape = _visual((0.0, 0.0, 0.0), _cylinder(laser_size / 2, laser_size), "black")
+
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(robot.name)}>"]
-    lines += ['  <material name="%s"><color rgba="%s"/></material>' % colour for colour in _COLOURS]
+    for name, rgba in _COLOURS:
+        lines.append(f'  <material name="{name}"><color rgba="{rgba}"/></material>')
     lines += _link(robot.frames.base, shapes)
-    lines += _link(laser.frame, [_visual((0.0, 0.0, 0.0), _cylinder(size / 2, size), "black")])
+    lines += _link(laser.frame, [laser_shape])
+    x, y, yaw = laser.pose
     lines += [
         '  <joint name="laser_mount" type="fixed">',
         f"    <parent link={quoteattr(robot.frames.base)}/>",
         f"    <child link={quoteattr(laser.frame)}/>",
-        f'    <origin xyz="{laser.pose[0]:g} {laser.pose[1]:g} {laser.height:g}" rpy="0 0 {laser.pose[2]:g}"/>',
+        f'    <origin xyz="{x:g} {y:g} {laser.height:g}" rpy="0 0 {yaw:g}"/>',
         "  </joint>",
         "</robot>",
     ]
@@ -47,16 +54,18 @@ def urdf(robot: Robot) -> str:
 
 
 def _link(name: str, visuals: List[str]) -> List[str]:
-    return [f"  <link name={quoteattr(name)}>"] + visuals + ["  </link>"]
+    return [f"  <link name={quoteattr(name)}>", *visuals, "  </link>"]
 
 
 def _visual(place: Tuple[float, float, float], shape: str, colour: str, turn: str = "0 0 0") -> str:
-    origin = '<origin xyz="%g %g %g" rpy="%s"/>' % (*place, turn)
+    x, y, z = place
+    origin = f'<origin xyz="{x:g} {y:g} {z:g}" rpy="{turn}"/>'
     return f'    <visual>{origin}<geometry>{shape}</geometry><material name="{colour}"/></visual>'
 
 
 def _box(size: Sequence[float]) -> str:
-    return '<box size="%g %g %g"/>' % tuple(size)
+    length, width, height = size
+    return f'<box size="{length:g} {width:g} {height:g}"/>'
 
 
 def _cylinder(radius: float, length: float) -> str:

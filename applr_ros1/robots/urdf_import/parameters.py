@@ -17,13 +17,23 @@ from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, SERVERS, STATIC, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, FOUND_ABOVE, STATIC_LAYER, layers
-from applr_ros1.robots.parameter_files import PLACES, nested, observation_sources, of_move_base, too_deep
+from applr_ros1.robots.parameter_files import (
+    PLACES,
+    nested,
+    observation_sources,
+    of_move_base,
+    too_deep,
+)
 from applr_ros1.robots.robot import number_at
 
 _PLACES = ("", *PLACES)  # namespaces of parameter files below move_base
-_LISTS = {"": set(FOUND_ABOVE), **{costmap: {"observation_sources", "plugins"} for costmap in COSTMAPS}}
+_LISTS = {
+    "": set(FOUND_ABOVE),
+    **{costmap: {"observation_sources", "plugins"} for costmap in COSTMAPS},
+}
 _NAMES: Dict[str, Set[str]] = {
-    place: {name for p in SERVERS.get(place, ()) + STATIC.get(place, ()) for name in p.names} | _LISTS.get(place, set())
+    place: {name for p in SERVERS.get(place, ()) + STATIC.get(place, ()) for name in p.names}
+    | _LISTS.get(place, set())
     for place in _PLACES
 }
 CONTROLLER_TIMEOUT_S = 0.5  # default cmd_vel_timeout of a diff_drive_controller [s]
@@ -54,7 +64,11 @@ class Parameters:
     def frames(self) -> Dict[str, str]:
         """Return the section frames of robot.yaml with the frames of the costmaps."""
         world, local = (self.full[costmap] for costmap in COSTMAPS)
-        frames = {"base": local["robot_base_frame"], "odom": local["global_frame"], "map": world["global_frame"]}
+        frames = {
+            "base": local["robot_base_frame"],
+            "odom": local["global_frame"],
+            "map": world["global_frame"],
+        }
         frames = {name: frame.lstrip("/") for name, frame in frames.items()}
         static = any(layer.kind == STATIC_LAYER for layer in layers("global_costmap", world))
         if frames["odom"] == frames["map"]:
@@ -70,7 +84,9 @@ class Parameters:
         """Return the unpadded footprint (n, 2) [m] in the files, empty if there is none."""
         values = self.full["local_costmap"]
         outline = footprint.parse(values["footprint"])
-        given = any("robot_radius" in tree for tree in (self.tree, branch(self.tree, "local_costmap")))
+        given = any(
+            "robot_radius" in tree for tree in (self.tree, branch(self.tree, "local_costmap"))
+        )
         return footprint.circle(values["robot_radius"]) if given and not len(outline) else outline
 
     def padded_width(self) -> float:
@@ -90,7 +106,8 @@ class Parameters:
         """Return the changes for a simulated robot, whose only sensor data is the laser scan on `topic`.
 
         Returns:
-            Nested observation_sources of the layers that use other topics as well, and these topics.
+            Nested observation_sources of the layers that use other topics as well, and these
+            topics.
         """
         changes: Dict[str, Any] = {}
         topics = [(path, name, source["topic"].strip("/")) for path, name, source in self.sources()]
@@ -98,7 +115,11 @@ class Parameters:
         for layer in sorted({path for path, _ in others}):
             costmap = layer.partition("/")[0]
             place = layer if "plugins" in branch(self.tree, costmap) else costmap
-            kept = [name for path, name, other in topics if path == layer and (path, other) not in others]
+            kept = [
+                name
+                for path, name, other in topics
+                if path == layer and (path, other) not in others
+            ]
             branch(changes, place, create=True)["observation_sources"] = " ".join(kept)
         return changes, {other for _, other in others}
 
@@ -124,10 +145,18 @@ class Parameters:
                 local = branch(self.tree, "local_costmap").get("plugins", [])
                 seeing = [path for path, _, _ in self.sources()]
                 if not any(path.startswith(f"{costmap}/") for path in seeing):
-                    plugins = [entry for entry in local if f"local_costmap/{entry['name']}" in seeing] + plugins
+                    plugins = [
+                        entry for entry in local if f"local_costmap/{entry['name']}" in seeing
+                    ] + plugins
                 change["plugins"] = plugins
             if change and costmap == "global_costmap":
-                change.update(rolling_window=False, width=size, height=size, origin_x=-size / 2, origin_y=-size / 2)
+                change.update(
+                    rolling_window=False,
+                    width=size,
+                    height=size,
+                    origin_x=-size / 2,
+                    origin_y=-size / 2,
+                )
             if change:
                 changes[costmap] = change
         if changes and branch(self.tree, "NavfnROS").get("allow_unknown") is False:
@@ -139,12 +168,13 @@ def read_parameter_files(given: Sequence[str]) -> Parameters:
     """Read the parameter files of a navigation package.
 
     Args:
-        given: FILE or FILE:NAMESPACE in the order of the launch file, with the NAMESPACE of <rosparam ns="..."> inside
-            the node move_base. The output of roslaunch --dump-params is one FILE.
+        given: FILE or FILE:NAMESPACE in the order of the launch file, with the NAMESPACE of
+            <rosparam ns="..."> inside the node move_base. The output of roslaunch --dump-params is
+            one FILE.
 
     Raises:
-        ApplrError: A file cannot be read or lacks its namespace, no file is for move_base, or the planner refuses the
-            values.
+        ApplrError: A file cannot be read or lacks its namespace, no file is for move_base, or the
+            planner refuses the values.
     """
     parameters = Parameters()
     controllers: List[Dict[str, Any]] = []
@@ -163,9 +193,13 @@ def read_parameter_files(given: Sequence[str]) -> Parameters:
     for line in too_deep(parameters.tree):
         raise ApplrError(line)
     if not branch(parameters.tree, "local_costmap"):
-        raise ApplrError("the parameter files have no local_costmap: give all files that the launch file loads")
+        raise ApplrError(
+            "the parameter files have no local_costmap: give all files that the launch file loads"
+        )
     if len(controllers) > 1:
-        parameters.notes.append("the files have several base controllers, so none is used: fill in the base's limits")
+        parameters.notes.append(
+            "the files have several base controllers, so none is used: fill in the base's limits"
+        )
     elif controllers:
         parameters.limits, parameters.driven = _limits(controllers[0]), _driven(controllers[0])
     present = [plugin for plugin in LOCAL_PLANNERS if namespace(plugin) in parameters.tree]

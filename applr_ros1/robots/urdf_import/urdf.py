@@ -26,10 +26,15 @@ def _find_packages(path: str) -> None:
     """Make the ROS packages around a file known to xacrodoc, in addition to those in ROS_PACKAGE_PATH."""
     import xacrodoc
 
-    own = next((folder for folder in Path(path).resolve().parents if (folder / "package.xml").is_file()), None)
+    own = next(
+        (folder for folder in Path(path).resolve().parents if (folder / "package.xml").is_file()),
+        None,
+    )
     for root in (own.parent.parent, own.parent) if own else ():
         manifests = [*root.glob("*/package.xml"), *root.glob("*/*/package.xml")]
-        names = {str(ElementTree.parse(file).findtext("name")).strip(): file.parent for file in manifests}
+        names = {
+            str(ElementTree.parse(file).findtext("name")).strip(): file.parent for file in manifests
+        }
         xacrodoc.packages.update_package_cache(names)
 
 
@@ -48,11 +53,16 @@ def _expanded(path: str, arguments: Mapping[str, str]) -> str:
 
 @contextmanager
 def _named(path: str) -> Iterator[None]:
-    """Add the path to any error of a parser. The parsers raise various exceptions for invalid files."""
+    """Add the path to any error of a parser.
+
+    The parsers raise various exceptions for invalid files.
+    """
     try:
         yield
     except Exception as error:
-        raise ApplrError(f"{path} is no valid URDF: {error!r}; run check_urdf to find the error") from error
+        raise ApplrError(
+            f"{path} is no valid URDF: {error!r}; run check_urdf to find the error"
+        ) from error
 
 
 class UrdfFile:
@@ -64,7 +74,8 @@ class UrdfFile:
         base: Link of the base frame.
         links: yourdfpy's links by name.
         joints: yourdfpy's joints by name.
-        moving: For each link, the movable joints between it and the base frame, nearest to the link first.
+        moving: For each link, the movable joints between it and the base frame, nearest to the link
+            first.
         lost: Missing collision meshes.
     """
 
@@ -77,7 +88,8 @@ class UrdfFile:
             base_frame: Base frame of the robot.
 
         Raises:
-            ApplrError: The file is no valid URDF, has no links, xacro fails, or there is no link base_frame.
+            ApplrError: The file is no valid URDF, has no links, xacro fails, or there is no link
+                base_frame.
         """
         import yourdfpy
 
@@ -88,13 +100,21 @@ class UrdfFile:
         text = _expanded(path, arguments) if path.endswith(".xacro") else plain_xml(content)
         with _named(path):
             self.xml = ElementTree.fromstring(text)
-        if not path.endswith(".xacro") and any("xacro}" in e.tag or "${" in str(e.attrib) for e in self.xml.iter()):
+        if not path.endswith(".xacro") and any(
+            "xacro}" in e.tag or "${" in str(e.attrib) for e in self.xml.iter()
+        ):
             raise ApplrError(f"{path} has xacro tags: rename it so that its name ends in .xacro")
         if self.xml.find("link") is None:
-            raise ApplrError(f"{path} has no links: give a URDF, or if it only defines macros, the file that uses them")
-        logging.getLogger("yourdfpy").setLevel(logging.ERROR)  # yourdfpy warns about joints that mimic others.
+            raise ApplrError(
+                f"{path} has no links: give a URDF, or if it only defines macros, the file that uses them"
+            )
+        logging.getLogger("yourdfpy").setLevel(
+            logging.ERROR
+        )  # yourdfpy warns about joints that mimic others.
         with _named(path):
-            self._urdf = yourdfpy.URDF.load(io.BytesIO(ElementTree.tostring(self.xml)), load_meshes=False)
+            self._urdf = yourdfpy.URDF.load(
+                io.BytesIO(ElementTree.tostring(self.xml)), load_meshes=False
+            )
         self.links, self.joints = self._urdf.link_map, self._urdf.joint_map
         self.base = base_frame
         if base_frame not in self.links:
@@ -105,7 +125,11 @@ class UrdfFile:
             )
         own = {joint.name for joint in self._above(base_frame)}
         self.moving = {
-            name: [joint for joint in self._above(name) if joint.type != "fixed" and joint.name not in own]
+            name: [
+                joint
+                for joint in self._above(name)
+                if joint.type != "fixed" and joint.name not in own
+            ]
             for name in self.links
         }
 
@@ -140,7 +164,10 @@ class UrdfFile:
         return shapes
 
     def _corners(self, shape: Any) -> Any:
-        """Return the vertices (n, 3) [m] of a shape in its frame. A missing mesh has none and is added to `lost`."""
+        """Return the vertices (n, 3) [m] of a shape in its frame.
+
+        A missing mesh has none and is added to `lost`.
+        """
         import trimesh
 
         if shape.box is not None:

@@ -16,7 +16,15 @@ from applr_ros1.robots.urdf_import.parameters import Parameters
 BRAKES = {"max_acceleration": "deceleration", "max_yaw_acceleration": "yaw_deceleration"}
 GRIP = 2.0  # default friction limit, the lateral acceleration at which tyres slide [m/s^2]
 
-_SECTIONS = ("base", "body", "laser", "topics", "frames", "monitor", "simulation")  # sections in the order of the file
+_SECTIONS = (
+    "base",
+    "body",
+    "laser",
+    "topics",
+    "frames",
+    "monitor",
+    "simulation",
+)  # sections in the order of the file
 _ALSO_ASKED = {  # fields to fill in although they have a default
     "base": ("wheel_mass", "casters"),
     "body": ("bottom",),
@@ -73,15 +81,27 @@ def robot_yaml(
             proposed, unit = "" if value is None else flow(value), field.json_schema_extra["unit"]
             about = f"[{unit}] {field.description}" if unit else field.description
             where = f"proposal: {origin}" if origin else _WHERE.get(name, _WHERE.get(section, ""))
-            lines.append(f"  # {name}: {proposed}".ljust(34) + f"  # {about}" + (f"; {where}" if where else ""))
-            missing.append(f"{section}.{name} {about}" + (f"; {origin}: {proposed}" if origin else ""))
-    files = yaml.dump({"move_base": move_base}, None, _Dumper, sort_keys=False, default_flow_style=None, width=110)
+            lines.append(
+                f"  # {name}: {proposed}".ljust(34)
+                + f"  # {about}"
+                + (f"; {where}" if where else "")
+            )
+            missing.append(
+                f"{section}.{name} {about}" + (f"; {origin}: {proposed}" if origin else "")
+            )
+    files = yaml.dump(
+        {"move_base": move_base}, None, _Dumper, sort_keys=False, default_flow_style=None, width=110
+    )
     return "\n".join([*lines, f"world_scale: {flow(world_scale)}", files]), missing
 
 
 def flow(value: Any) -> str:
     """Return a value as YAML on one line."""
-    return yaml.dump(value, None, _Dumper, default_flow_style=True, width=1000).split("\n...")[0].strip()
+    return (
+        yaml.dump(value, None, _Dumper, default_flow_style=True, width=1000)
+        .split("\n...")[0]
+        .strip()
+    )
 
 
 class _Dumper(yaml.SafeDumper):
@@ -91,7 +111,9 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-_Dumper.add_representer(float, lambda dump, x: dump.represent_float(float(f"{x:.5g}") if abs(x) > 1e-8 else 0.0))
+_Dumper.add_representer(
+    float, lambda dump, x: dump.represent_float(float(f"{x:.5g}") if abs(x) > 1e-8 else 0.0)
+)
 
 
 def add_parameters(description: Description, parameters: Parameters) -> None:
@@ -104,12 +126,16 @@ def add_parameters(description: Description, parameters: Parameters) -> None:
     values["topics"].update((name, topic) for name, topic in names.items() if topic)
     base, usual = values["base"], Monitoring()
     values["monitor"] = {
-        name: min(getattr(usual, name), base[limit]) for limit, name in BRAKES.items() if limit in base
+        name: min(getattr(usual, name), base[limit])
+        for limit, name in BRAKES.items()
+        if limit in base
     }
     values["simulation"] = {"grip_limit": GRIP}
 
 
-def move_base_section(parameters: Parameters, values: Dict[str, Any], size: int) -> Tuple[Dict[str, Any], List[str]]:
+def move_base_section(
+    parameters: Parameters, values: Dict[str, Any], size: int
+) -> Tuple[Dict[str, Any], List[str]]:
     """Return the section move_base of robot.yaml, and notes about driving without a map.
 
     Args:
@@ -119,7 +145,10 @@ def move_base_section(parameters: Parameters, values: Dict[str, Any], size: int)
     """
     copies, notes = copies_of(parameters), []
     section: Dict[str, Any] = {
-        "files": [{"file": copies[path], **({"namespace": name} if name else {})} for path, name in parameters.files]
+        "files": [
+            {"file": copies[path], **({"namespace": name} if name else {})}
+            for path, name in parameters.files
+        ]
     }
     if parameters.added:
         section["parameters"] = parameters.added
@@ -154,9 +183,16 @@ def limits(planner: Dict[str, Any]) -> Dict[Tuple[str, str], Tuple[Any, str]]:
         ("max_acceleration", ("acc_lim_x",)),
         ("max_yaw_acceleration", ("acc_lim_theta",)),
     ):
-        known = [(x, f"the planner's {name}") for name in names if (x := number_at(planner, "", (name,))) is not None]
+        known = [
+            (x, f"the planner's {name}")
+            for name in names
+            if (x := number_at(planner, "", (name,))) is not None
+        ]
         hints.update({("base", field): max(known)} if known else {})
         if known and field in BRAKES:
-            usual = getattr(Monitoring(), BRAKES[field]), "the default, which is below the planner's limit"
+            usual = (
+                getattr(Monitoring(), BRAKES[field]),
+                "the default, which is below the planner's limit",
+            )
             hints["monitor", BRAKES[field]] = min(max(known), usual)
     return hints
