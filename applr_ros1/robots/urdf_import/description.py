@@ -9,18 +9,21 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from math import atan2, inf, isfinite
-from typing import Any, Dict, Iterable, List, Tuple
+from typing import Any, Dict, Iterable, List, NamedTuple, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, did_you_mean
 from applr_ros1.robots.urdf_import.urdf import UrdfFile
 
 _SIDEWAYS = re.compile(
     r"mecanum|omni|planar_move|force_based_move", re.IGNORECASE
 )  # names of wheels and plugins of omnidirectional bases
+_DRIVEN_TAG = re.compile("(left|right).*joint", re.IGNORECASE)  # tags of such a plugin
 _DRIVE_PLUGIN = re.compile(r"diff_drive|skid_steer_drive")  # files of Gazebo's drive plugins
 _RAYS = ("ray", "gpu_ray", "lidar", "gpu_lidar")  # types of laser scanners in Gazebo
+LEAST_LEVEL_COS = 0.95  # cosine of the tilt up to which a laser counts as level
 SAME_M = 0.01  # tolerance of positions and sizes that should agree [m]
 CLEARANCE_M = 0.005  # smallest ground clearance of a body; lower shapes are supports [m]
 _TAGS = {  # tags of a ray sensor by field of robot.yaml
@@ -73,53 +76,49 @@ def describe(
 
 
 def _wheels(urdf: UrdfFile, driven: List[str], notes: List[str]) -> List[Any]:
-    """Return the joints of the driven wheels, left side first, or none if they cannot be identified."""
-    plugins = [
-        plugin
-        for plugin in urdf.xml.iter("plugin")
-        if _DRIVE_PLUGIN.search(str(plugin.get("filename")))
-    ]
-    texts = [
-        tag.text or ""
-        for plugin in plugins
-        for tag in plugin.iter()
-        if re.match("(left|right).*joint", tag.tag, re.I)
-    ]
-    named = driven or [name for text in texts for name in re.split(r"[\s,]+", text.strip()) if name]
-    by = (
-        "the controller's file"
-        if driven
-        else "the drive plugin"
-        if named
-        else "pairs of continuous joints"
-    )
-    absent = sorted(set(named) - set(urdf.joints))
-    turning = [
-        joint
-        for joint in urdf.joints.values()
-        if joint.type == "continuous" and _is_across(urdf, joint)
-    ]
-    alone = [
-        joint
-        for joint in turning
-        if all(above.type != "continuous" for above in urdf.moving[joint.child][1:])
-    ]
-    joints = (
-        [urdf.joints[name] for name in dict.fromkeys(named) if name in urdf.joints]
-        if named
-        else alone
-    )
-    names = ", ".join(joint.name for joint in joints)
-    problem = (
-        f"{by} names {', '.join(absent)}, which {urdf.path} does not have"
-        if absent
-        else _oddity(urdf, joints)
-    )
+    """Return the joints of the driven wheels, left side first, or none if they are unknown."""
+    names = driven or _names_in_drive_plugins(urdf)
+    if driven:
+        origin = "the controller's file"
+    elif names:
+        origin = "the drive plugin"
+    else:
+        origin = "pairs of continuous joints"
+    absent = sorted(set(names) - set(urdf.joints))
+    if names:
+        joints = [urdf.joints[name] for name in dict.fromkeys(names) if name in urdf.joints]
+    else:
+        joints = [joint for joint in urdf.joints.values() if _turns_alone(urdf, joint)]
+    if absent:
+        problem = f"{origin} names {', '.join(absent)}, which {urdf.path} does not have"
+    else:
+        problem = _why_no_wheels(urdf, joints)
     if problem:
         notes.append(f"driven wheels not identified: {problem}; fill them in")
         return []
-    notes.append(f"the driven wheels are {names}, according to {by}")
+    listed = ", ".join(joint.name for joint in joints)
+    notes.append(f"the driven wheels are {listed}, according to {origin}")
     return sorted(joints, key=lambda joint: -urdf.pose(joint.child)[1, 3])
+
+
+def _names_in_drive_plugins(urdf: UrdfFile) -> List[str]:
+    """Return the names of the driven joints in the tags of Gazebo's drive plugins."""
+    names: List[str] = []
+    for plugin in urdf.xml.iter("plugin"):
+        if not _DRIVE_PLUGIN.search(str(plugin.get("filename"))):
+            continue
+        for tag in plugin.iter():
+            if _DRIVEN_TAG.match(tag.tag):
+                names += re.split(r"[\s,]+", (tag.text or "").strip())
+    return list(filter(None, names))
+
+
+def _turns_alone(urdf: UrdfFile, joint: Any) -> bool:
+    """Return whether a joint turns about a lateral axis, and no joint above it is continuous, as on a caster."""
+    if joint.type != "continuous" or not _is_across(urdf, joint):
+        return False
+    above = urdf.moving[joint.child][1:]
+    return all(other.type != "continuous" for other in above)
 
 
 def _is_across(urdf: UrdfFile, joint: Any) -> bool:
@@ -127,77 +126,104 @@ def _is_across(urdf: UrdfFile, joint: Any) -> bool:
     return bool(abs(urdf.axis(joint)[1]) > 0.95)
 
 
-def _oddity(urdf: UrdfFile, joints: List[Any]) -> str:
-    """Return why joints are not two wheels on one axle or four wheels on two axles; "" if they are."""
-    names = ", ".join(joint.name for joint in joints) or "none"
-    parts = [name for joint in joints for name in (joint.name, joint.child)]
-    plugins = [
-        str(plugin.get("filename")) for plugin in urdf.xml.iter("plugin") if len(joints) != 2
-    ]
-    sideways = list(filter(_SIDEWAYS.search, parts + plugins))
+def _why_no_wheels(urdf: UrdfFile, joints: List[Any]) -> str:
+    """Return why joints are not two wheels on one axle or four on two axles; "" if they are."""
+    sideways = _sideways_name(urdf, joints)
     if sideways:
-        return f"{sideways[0]} belongs to a base that also drives sideways, which is not supported"
+        return f"{sideways} belongs to a base that also drives sideways, which is not supported"
     for joint in joints:
-        steers = [above for above in urdf.moving[joint.child][1:] if abs(urdf.axis(above)[2]) > 0.7]
-        if joint.type != "continuous" or not _is_across(urdf, joint) or steers:
+        above = urdf.moving[joint.child][1:]
+        is_steered = any(abs(urdf.axis(other)[2]) > 0.7 for other in above)
+        if joint.type != "continuous" or not _is_across(urdf, joint) or is_steered:
             return f"{joint.name} is steered, or not continuous about a lateral axis"
+    # The wheels of both sides, from rear to front, mirror each other.
     places = np.array([urdf.pose(joint.child)[:3, 3] for joint in joints]).reshape(-1, 3)
-    left, right = (
-        places[side][np.argsort(places[side][:, 0])]
-        for side in (places[:, 1] > 0, places[:, 1] < 0)
-    )
-    mirrored = right * [1.0, -1.0, 1.0]
-    paired = (
-        len(left) == len(right)
-        and len(joints) in (2, 4)
-        and np.allclose(left, mirrored, atol=SAME_M)
-    )
-    one_axle = len(left) == 2 and np.ptp(left[:, 0]) < SAME_M
-    return (
-        ""
-        if paired and not one_axle
-        else f"the candidate joints ({names}) do not form one or two pairs"
-    )
+    places = places[np.argsort(places[:, 0])]
+    left, right = places[places[:, 1] > 0], places[places[:, 1] < 0]
+    is_paired = len(left) == len(right) and len(joints) in (2, 4)
+    is_paired = is_paired and np.allclose(left, right * [1.0, -1.0, 1.0], atol=SAME_M)
+    is_one_axle = len(left) == 2 and np.ptp(left[:, 0]) < SAME_M
+    if not is_paired or is_one_axle:
+        names = ", ".join(joint.name for joint in joints) or "none"
+        return f"the candidate joints ({names}) do not form one or two pairs"
+    return ""
+
+
+def _sideways_name(urdf: UrdfFile, joints: List[Any]) -> str:
+    """Return a name that belongs to an omnidirectional base, or ""."""
+    names = []
+    for joint in joints:
+        names += [joint.name, joint.child]
+    if len(joints) != 2:  # Two wheels cannot drive sideways, whatever plugins the file has.
+        names += [str(plugin.get("filename")) for plugin in urdf.xml.iter("plugin")]
+    return next(filter(_SIDEWAYS.search, names), "")
 
 
 def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
     """Fill the section base: kind of the drive, and dimensions of the driven wheels."""
     if not joints:
         return
-    radii, widths, middles = zip(*(_wheel(urdf, joint) for joint in joints))
-    places, base = np.array(middles), description.values["base"]
-    half = len(joints) // 2
+    wheels = [_wheel(urdf, joint) for joint in joints]
+    places = np.array([wheel.centre for wheel in wheels])
+    base = description.values["base"]
+    half = len(joints) // 2  # The left side comes first.
     base["drive"] = "two_wheel" if half == 1 else "skid_steer"
     base["track"] = float(places[:half, 1].mean() - places[half:, 1].mean())
     base["axle_height"] = float(places[:, 2].mean())
     if half == 2:
         base["wheelbase"] = float(np.ptp(places[:, 0]))
-    for name, sizes in (("wheel_radius", radii), ("wheel_width", widths)):
-        if all(sizes) and np.ptp(sizes) < SAME_M:
-            base[name] = float(np.mean(sizes))
-    ahead = float(places[:, 0].mean())
-    if abs(ahead) > SAME_M:
+    sizes = {
+        "wheel_radius": [wheel.radius for wheel in wheels],
+        "wheel_width": [wheel.width for wheel in wheels],
+    }
+    for name, values in sizes.items():
+        if all(values) and np.ptp(values) < SAME_M:
+            base[name] = float(np.mean(values))
+    x = float(places[:, 0].mean())
+    if abs(x) > SAME_M:
         description.notes.append(
-            f"the centre of the wheels is at x = {ahead:.3f} m in {urdf.base}, but the simulators place it at "
-            "the origin: give base.casters and body.com relative to the centre of the wheels"
+            f"the centre of the wheels is at x = {x:.3f} m in {urdf.base}, but the simulators place "
+            "it at the origin: give base.casters and body.com relative to the centre of the wheels"
         )
 
 
-def _wheel(urdf: UrdfFile, joint: Any) -> Tuple[float, float, np.ndarray]:
-    """Return radius, width and centre (3,) of a wheel [m]; 0 for a size that the collision shapes do not define."""
+class _Wheel(NamedTuple):
+    """Radius and width of a wheel, 0 if they are unknown, and its centre (3,) in the base frame [m]."""
+
+    radius: float
+    width: float
+    centre: np.ndarray
+
+
+def _wheel(urdf: UrdfFile, joint: Any) -> _Wheel:
+    """Return the wheel that turns with a joint, as its collision shapes define it."""
     parts = urdf.parts(joint)
-    shapes = [corners for name in parts for corners in urdf.shapes(name)]
-    low, high = (
-        end(np.concatenate(shapes), axis=0) if shapes else np.zeros(3) for end in (np.min, np.max)
-    )
+    shapes = _shapes(urdf, parts)
+    count = sum(len(urdf.links[name].collisions) for name in parts)
+    low, high = _extent(shapes)
     length, width, height = high - low
-    if (
-        len(shapes) < sum(len(urdf.links[name].collisions) for name in parts)
-        or abs(length - height) >= 0.1 * height
-    ):
-        return 0.0, 0.0, urdf.pose(joint.child)[:3, 3]
-    # A wheel modelled as a sphere has no known width.
-    return float(height / 2), float(width) if width < 0.9 * height else 0.0, (low + high) / 2
+    is_round = abs(length - height) < 0.1 * height
+    if len(shapes) < count or not is_round:
+        return _Wheel(0.0, 0.0, urdf.pose(joint.child)[:3, 3])
+    if width >= 0.9 * height:  # A wheel modelled as a sphere has no known width.
+        width = 0.0
+    return _Wheel(float(height / 2), float(width), (low + high) / 2)
+
+
+def _shapes(urdf: UrdfFile, links: Iterable[str]) -> List[Array]:
+    """Return the vertices (n, 3) [m] of each collision shape of some links in the base frame."""
+    shapes = []
+    for name in links:
+        shapes += urdf.shapes(name)
+    return shapes
+
+
+def _extent(shapes: List[Array]) -> Tuple[Array, Array]:
+    """Return the smallest and the largest coordinates (3,) of shapes [m]; zeros without shapes."""
+    if not shapes:
+        return np.zeros(3), np.zeros(3)
+    vertices = np.concatenate(shapes)
+    return vertices.min(axis=0), vertices.max(axis=0)
 
 
 def _body(
@@ -208,90 +234,106 @@ def _body(
     If they are unusable, propose the footprint's size. Shapes below the axles, such as casters, are
     ignored.
     """
-    base, body, notes = description.values["base"], description.values["body"], description.notes
-    axle, driven = base.get("axle_height", inf), {joint.name for joint in joints}
-    fixed = [name for name, moved in urdf.moving.items() if not moved]
-    shapes = [shape for name in fixed for shape in urdf.shapes(name) if shape[:, 2].max() > axle]
-    low, high = (
-        end(np.concatenate(shapes), axis=0) if shapes else np.zeros(3) for end in (np.min, np.max)
-    )
-    problem = "" if shapes else "no fixed collision shapes above the axles are known"
+    base, body = description.values["base"], description.values["body"]
+    axle_height = base.get("axle_height", inf)
+    fixed = [name for name, movable in urdf.moving.items() if not movable]
+    shapes = [shape for shape in _shapes(urdf, fixed) if shape[:, 2].max() > axle_height]
+    low, high = _extent(shapes)
+    ground = axle_height - base.get("wheel_radius", inf)
     if urdf.lost:
-        problem = f"{', '.join(sorted(urdf.lost))} is missing (put its package beside the package of the URDF)"
-    elif shapes and low[2] < axle - base.get("wheel_radius", inf) + CLEARANCE_M:
+        meshes = ", ".join(sorted(urdf.lost))
+        problem = f"{meshes} is missing (put its package beside the package of the URDF)"
+    elif not shapes:
+        problem = "no fixed collision shapes above the axles are known"
+    elif low[2] < ground + CLEARANCE_M:
         problem = "the fixed collision shapes reach down to the ground, as casters do"
-    elif shapes and high[1] - low[1] < base["track"] / 2:
+    elif high[1] - low[1] < base["track"] / 2:
         problem = "the fixed collision shapes are narrower than half the track"
-    if not problem:
-        body.update(
-            size=(high - low).tolist(), centre=((low + high) / 2)[:2].tolist(), bottom=float(low[2])
-        )
     else:
-        notes.append(f"outline not identified: {problem}; fill it in")
-    if problem and len(footprint):
-        length, width = np.ptp(footprint, axis=0).tolist()
+        body["size"] = (high - low).tolist()
+        body["centre"] = ((low + high) / 2)[:2].tolist()
+        body["bottom"] = float(low[2])
+        _note_excluded_links(urdf, joints, description.notes)
+        return
+    description.notes.append(f"outline not identified: {problem}; fill it in")
+    if len(footprint):
         body["centre"] = ((footprint.min(axis=0) + footprint.max(axis=0)) / 2).tolist()
         origin = "length and width of the footprint in the parameter files"
-        description.hints["body", "size"] = [length, width], origin
-    moving = [
-        name
-        for name, moved in urdf.moving.items()
-        if moved and not driven & {joint.name for joint in moved}
-    ]
-    left_out = [name for name in moving if urdf.links[name].collisions]
-    if left_out and not problem:
-        notes.append(f"the outline excludes moving links: {', '.join(left_out)}")
+        description.hints["body", "size"] = np.ptp(footprint, axis=0).tolist(), origin
+
+
+def _note_excluded_links(urdf: UrdfFile, joints: List[Any], notes: List[str]) -> None:
+    """Add a note about moving links with collision shapes that are no parts of wheels."""
+    driven = {joint.name for joint in joints}
+    excluded = []
+    for name, movable in urdf.moving.items():
+        is_wheel = any(joint.name in driven for joint in movable)
+        if movable and not is_wheel and urdf.links[name].collisions:
+            excluded.append(name)
+    if excluded:
+        notes.append(f"the outline excludes moving links: {', '.join(excluded)}")
 
 
 def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Description) -> None:
-    """Fill the section laser with its pose, and with the settings of Gazebo's ray sensor on its link.
+    """Fill the section laser with its pose, and with the settings of Gazebo's ray sensor.
 
     By default, the laser is the link `sensor_frame` of the costmap's source, or the link of the
     only ray sensor.
     """
-    sensors: Dict[str, List[Any]] = {}
-    for holder in urdf.xml.findall("gazebo"):
-        for sensor in (
-            sensor for sensor in holder.findall("sensor") if sensor.get("type") in _RAYS
-        ):
-            sensors.setdefault(str(holder.get("reference")), []).append(sensor)
-    link = laser or sensor_frame or (next(iter(sensors)) if len(sensors) == 1 else "")
     if laser and laser not in urdf.links:
         advice = did_you_mean(laser, urdf.links) or "give one of its links"
         raise ApplrError(f"{urdf.path} has no link {laser}: {advice}")
+    sensors = _ray_sensors(urdf)
+    link = laser or sensor_frame
+    if not link and len(sensors) == 1:
+        (link,) = sensors
+    values = description.values["laser"]
     if link not in urdf.links:
+        problem = "no file names it"
+        if link:
+            problem = f"{urdf.path} has no link {link}, the sensor_frame of the costmaps"
+            values["frame"] = link
         others = f"; these links have ray sensors: {', '.join(sensors)}" if sensors else ""
-        no = (
-            f"{urdf.path} has no link {link}, the sensor_frame of the costmaps"
-            if link
-            else "no file names it"
-        )
-        description.notes.append(f"laser not identified: {no}; give it with --laser LINK{others}")
-        description.values["laser"].update({"frame": link} if link else {})
+        note = f"laser not identified: {problem}; give it with --laser LINK{others}"
+        description.notes.append(note)
         return
-    pose, values = urdf.pose(link), description.values["laser"]
-    if abs(pose[2, 2]) < 0.95:
-        raise ApplrError(
-            f"{urdf.path}: {link} is tilted, but scans must be level; give another link with --laser"
-        )
-    values.update(
-        frame=link,
-        pose=[*pose[:2, 3].tolist(), atan2(pose[1, 0], pose[0, 0])],
-        height=float(pose[2, 3]),
-    )
-    if len(sensors.get(link, [])) != 1:
-        return
-    (sensor,) = sensors[link]
-    fields = {name: _number(sensor, place) for name, place in _TAGS.items()}
-    resolution = _number(sensor, ".//horizontal/resolution")  # ranges per ray
-    fields["beams"] *= resolution if isfinite(resolution) else 1.0
-    if pose[2, 2] < 0.0:  # The laser is mounted upside down.
-        fields["first_angle"], fields["last_angle"] = -fields["last_angle"], -fields["first_angle"]
-    values.update(
-        (name, int(x) if name == "beams" else x) for name, x in fields.items() if isfinite(x)
-    )
+    pose = urdf.pose(link)
+    if abs(pose[2, 2]) < LEAST_LEVEL_COS:
+        problem = f"{link} is tilted, but scans must be level"
+        raise ApplrError(f"{urdf.path}: {problem}; give another link with --laser")
+    values["frame"] = link
+    values["pose"] = [*pose[:2, 3].tolist(), atan2(pose[1, 0], pose[0, 0])]
+    values["height"] = float(pose[2, 3])
+    if len(sensors.get(link, [])) == 1:
+        values.update(_sensor_values(sensors[link][0], is_upside_down=pose[2, 2] < 0.0))
 
 
-def _number(sensor: Any, place: str) -> float:
+def _ray_sensors(urdf: UrdfFile) -> Dict[str, List[Any]]:
+    """Return the tags of Gazebo's ray sensors by their links."""
+    sensors: Dict[str, List[Any]] = {}
+    for holder in urdf.xml.findall("gazebo"):
+        for sensor in holder.findall("sensor"):
+            if sensor.get("type") in _RAYS:
+                sensors.setdefault(str(holder.get("reference")), []).append(sensor)
+    return sensors
+
+
+def _sensor_values(sensor: Any, is_upside_down: bool) -> Dict[str, Any]:
+    """Return the values of a ray sensor by field of robot.yaml, without missing ones."""
+    numbers = {field: _number(sensor, tag) for field, tag in _TAGS.items()}
+    ranges_per_ray = _number(sensor, ".//horizontal/resolution")
+    if isfinite(ranges_per_ray):
+        numbers["beams"] *= ranges_per_ray
+    if is_upside_down:
+        first, last = numbers["first_angle"], numbers["last_angle"]
+        numbers.update(first_angle=-last, last_angle=-first)
+    values: Dict[str, Any] = {}
+    for field, number in numbers.items():
+        if isfinite(number):
+            values[field] = int(number) if field == "beams" else number
+    return values
+
+
+def _number(sensor: Any, tag: str) -> float:
     """Return the number in a tag of a sensor, or nan if the tag is missing."""
-    return float(sensor.findtext(place) or "nan")
+    return float(sensor.findtext(tag) or "nan")
