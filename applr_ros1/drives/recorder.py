@@ -1,6 +1,6 @@
 """Recorder: collects the rows of a drive while it happens, and returns them as a Drive."""
 
-from typing import Any, Dict, List, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -117,7 +117,7 @@ class Recorder:
         """Add a verdict of the collision monitor."""
         self._verdicts.append((time, verdict))
 
-    def changed(self, time: float, server: str, values: Dict[str, Any]) -> None:
+    def changed(self, time: float, server: str, values: Mapping[str, Any]) -> None:
         """Add parameters {name: value} of a server that are now in force."""
         self._changes.append((time, server, dict(values)))
 
