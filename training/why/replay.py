@@ -19,6 +19,7 @@ from applr_ros1.common.scan import LaserScan, PointCloud, observe
 from applr_ros1.drives.drive import Drive, Motion, Scans
 from applr_ros1.planner.local_planner import Command
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from training.env.episode import counting_cells
 
@@ -235,12 +236,8 @@ def changes_of(drive: Drive, robot: Robot) -> List[Tuple[float, str, Dict[str, A
         changes += zip(drive.changes.time.tolist(), drive.changes.server, drive.changes.values)
     servers = {server for _, server, _ in changes}
     for decision in drive.decisions:
-        for parameter in robot.space:
-            if parameter.name not in decision.after:
-                continue
-            value = decision.after[parameter.name]
-            for setting in parameter.sets:
-                if setting.server not in servers:
-                    changes.append((decision.time, setting.server, {setting.name: value}))
+        for server, values in space_of(robot).settings_of(decision.after).items():
+            if server not in servers:
+                changes.append((decision.time, server, dict(values)))
     changes.sort(key=lambda change: change[0])
     return changes

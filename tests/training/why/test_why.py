@@ -12,10 +12,10 @@ from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.drives.drive import Changes, Drive, Plans
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import before_a_monitor, changed, decided, simulated, until
-from training.bags import alternatives, diagnosis, events
 from training.bags.read import BagError
 from training.bags.write import write
 from training.why import __main__ as why
+from training.why import alternatives, diagnosis, events
 from training.why.explanation import explain, part_of_robot
 from training.why.replay import Replay, changes_of
 
@@ -120,6 +120,17 @@ def test_parameters_in_force_come_from_the_updates_in_the_bag(spoilt, tmp_path):
     assert {cycle.settings[PLANNER]["sim_time"] for cycle in made.cycles if cycle.at < 0.5} == {2.0}
     assert {cycle.settings[PLANNER]["sim_time"] for cycle in made.cycles if cycle.at > 0.5} == {1.25}
     assert "unknown" not in made.settings[PLANNER]
+
+
+def test_a_drive_without_updates_is_reproduced_with_the_parameters_of_its_decisions(tmp_path):
+    """One parameter of a policy limits turns to both sides: min_vel_theta has the opposite sign."""
+    robot = changed(JACKAL, {PLANNER: {"max_vel_theta": 0.8, "min_vel_theta": -0.8}})
+    driven = simulated(robot, "generated:40", limit=8)[0]
+    given = replace(driven, decisions=[decided({"max_vel_theta": 0.8})])
+    made = Replay(JACKAL)
+    made.run(read_back(write(tmp_path / "decided.bag", given)))
+    assert {cycle.settings[PLANNER]["min_vel_theta"] for cycle in made.cycles} == {-0.8}
+    assert made.share > 0.98
 
 
 def test_parameters_of_servers_without_updates_come_from_decisions(spoilt, tmp_path):
