@@ -328,9 +328,9 @@ def _sensor_values(sensor: Any, is_upside_down: bool) -> Dict[str, Any]:
         first, last = numbers["first_angle"], numbers["last_angle"]
         numbers.update(first_angle=-last, last_angle=-first)
     values: Dict[str, Any] = {}
-    for field, number in numbers.items():
+    for name, number in numbers.items():
         if isfinite(number):
-            values[field] = int(number) if field == "beams" else number
+            values[name] = int(number) if name == "beams" else number
     return values
 
 

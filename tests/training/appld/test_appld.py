@@ -11,8 +11,8 @@ from rosbags.highlevel import AnyReader
 
 import worlds
 from applr_ros1.drives.drive import Commands, Drive, Scans
-from applr_ros1.policy import actor, methods
 from applr_ros1.planner.parameters.settings import send
+from applr_ros1.policy import actor, methods
 from applr_ros1.policy.parameter_space import SPACE
 from applr_ros1.robots import JACKAL, load
 from tests.support.refusals import refused
