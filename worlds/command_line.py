@@ -1,4 +1,4 @@
-"""Arguments of the commands worlds.draw and worlds.sdf_writer: a world, and the robot that drives it.
+"""Arguments of the commands worlds.draw and worlds.sdf_writer: a world, and its robot.
 
 Only this module of the package imports applr_ros1.robots, because the courses of a map and the
 scale of a built-in world depend on the robot.

@@ -21,7 +21,10 @@ from .sdf import NAMESPACE, numbers
 from .world import Course, Mover
 
 PATH_FOLDER = "path_files"
-COURSE_REMEDY = "give one: python -m worlds.sdf_writer {} OUT.world --course X Y X Y ..., from start to goal in metres"
+COURSE_REMEDY = (
+    "give one: python -m worlds.sdf_writer {} OUT.world --course X Y X Y ..., "
+    "from start to goal in metres"
+)
 
 
 def from_element(element: Element, path: str) -> Course:
@@ -31,41 +34,83 @@ def from_element(element: Element, path: str) -> Course:
         text = element.findtext(f"{{{NAMESPACE}}}{tag}")
         return tuple(numbers(text, count, f"{tag} of the course in {path}"))
 
+    def has(tag: str) -> bool:
+        return element.find(f"{{{NAMESPACE}}}{tag}") is not None
+
+    # A path has at least two points. An odd word is left over, which `numbers` reports.
     words = (element.findtext(f"{{{NAMESPACE}}}path") or "").split()
-    points = get("path", max(4, len(words) // 2 * 2))
-    finish = None if element.find(f"{{{NAMESPACE}}}finish_y") is None else get("finish_y", 1)[0]
-    ends = get("start", 3), get("goal", 3)
-    own = element.find(f"{{{NAMESPACE}}}planner_ends") is not None
-    return Course(*ends, finish, get("goal_tolerance", 1)[0], np.array(points).reshape(-1, 2), own)
+    coordinates = get("path", max(4, len(words) // 2 * 2))
+    finish_y = None
+    if has("finish_y"):
+        (finish_y,) = get("finish_y", 1)
+    (goal_tolerance,) = get("goal_tolerance", 1)
+    return Course(
+        start=get("start", 3),
+        goal=get("goal", 3),
+        finish_y=finish_y,
+        goal_tolerance=goal_tolerance,
+        path=np.array(coordinates).reshape(-1, 2),
+        planner_ends=has("planner_ends"),
+    )
 
 
 def beside(path: str, cylinders: Array, movers: Sequence[Mover]) -> Course:
     """Return the course of the world file `path`: the course of its path file, or DynaBARN's."""
     folder, name = os.path.split(os.path.abspath(path))
     number = re.search(r"(\d+)\.world$", name)
-    file = os.path.join(folder, PATH_FOLDER, f"path_{number.group(1)}.npy") if number else ""
-    if len(cylinders) and os.path.exists(file):  # DynaBARN reuses BARN's numbers, but all its cylinders move.
-        return _on_barns_grid(file, cylinders)
+    # DynaBARN reuses BARN's numbers, but all its cylinders move.
+    if number and len(cylinders):
+        file = os.path.join(folder, PATH_FOLDER, f"path_{number.group(1)}.npy")
+        if os.path.exists(file):
+            return _on_barns_grid(file, cylinders)
     if movers:
         return dynabarn.arena_course()
     raise ApplrError(f"{path} has no course; {COURSE_REMEDY.format(path)}")
 
 
 def _on_barns_grid(file: str, cylinders: Array) -> Course:
-    """Return the paper's course along the cells (k, 2) of a path_N.npy. Its first cell may occur twice."""
+    """Return the paper's course along the cells (k, 2) of a path_N.npy.
+
+    The first cell may occur twice in the file.
+    """
+    # A pickle in the file of a stranger would execute code.
     cells = np.load(file, allow_pickle=False).astype(np.int64)
-    cells = cells[1:] if len(cells) > 2 and np.array_equal(cells[0], cells[1]) else cells
-    shut = ~search.free_space(barn.fill_of(cylinders), 1)[cells[:, 0], cells[:, 1]]
-    if shut.any():
-        where = f"runs into an obstacle at cell {tuple(cells[shut][0].tolist())}: there is no passage"
-        raise ApplrError(f"{file} {where}; copy the path file of this world there, or remove the obstacle")
+    if len(cells) > 2 and np.array_equal(cells[0], cells[1]):
+        cells = cells[1:]
+    row, column = cells.T
+    # BARN's paths keep two cells of clearance: one with less than one cell is of another world.
+    free = search.free_space(barn.fill_of(cylinders), 1)
+    blocked = cells[~free[row, column]]
+    if len(blocked):
+        raise ApplrError(
+            f"{file} runs into an obstacle at cell {tuple(blocked[0].tolist())}: there is no "
+            "passage; copy the path file of this world there, or remove the obstacle"
+        )
     return barn.paper_course(barn.to_xy(cells))
 
 
 def along(path: str, points: Array) -> Course:
-    """Return a course along points (n, 2) [m] for a world file. Start and goal have the direction of the first leg."""
-    if len(points) < 2 or math.dist(points[0], points[-1]) <= barn.GOAL_TOLERANCE_M:
-        raise ApplrError(f"the course for {path} has no length; give X Y of at least two points in metres")
-    yaw = math.atan2(*(points[1] - points[0])[::-1])
-    start, goal = ((*place, yaw) for place in points[[0, -1]].tolist())
-    return Course(start, goal, None, barn.GOAL_TOLERANCE_M, points, planner_ends=True)
+    """Return a course along points (n, 2) [m] for a world file.
+
+    Start and goal have the direction of the first leg.
+    """
+    distance = 0.0
+    if len(points):
+        distance = math.dist(points[0], points[-1])
+    # A robot at the start of such a course would be at its goal.
+    if distance <= barn.GOAL_TOLERANCE_M:
+        raise ApplrError(
+            f"the course for {path} has no length; give X Y of at least two points in metres"
+        )
+    dx, dy = points[1] - points[0]
+    yaw = math.atan2(dy, dx)
+    start_x, start_y = points[0].tolist()
+    goal_x, goal_y = points[-1].tolist()
+    return Course(
+        start=(start_x, start_y, yaw),
+        goal=(goal_x, goal_y, yaw),
+        finish_y=None,
+        goal_tolerance=barn.GOAL_TOLERANCE_M,
+        path=points,
+        planner_ends=True,
+    )

@@ -1,4 +1,7 @@
-"""Plots of worlds: `python -m worlds.draw generated:7 out.png`. Reports and the demo use `draw` for their maps."""
+"""Plots of worlds: `python -m worlds.draw generated:7 out.png`.
+
+Reports and the demo use `draw` for their maps.
+"""
 
 from __future__ import annotations
 
@@ -13,39 +16,55 @@ from applr_ros1.common.errors import run_main
 
 from .world import World
 
-OBSTACLE, PATH, START, GOAL, MOVER = "#4a4a4a", "#4477aa", "#228833", "#cc3311", "#aa3377"
+OBSTACLE_COLOUR = "#4a4a4a"
+PATH_COLOUR = "#4477aa"
+START_COLOUR = "#228833"
+GOAL_COLOUR = "#cc3311"
+MOVER_COLOUR = "#aa3377"
+HEADING_M = 0.5  # length of the arrow at the start [m]
 
 
 def draw(axes: Any, world: World, path: bool = True) -> None:
-    """Draw obstacles, reference path, start and goal into matplotlib Axes in metres, with equal scales.
+    """Draw obstacles, reference path, start and goal into matplotlib Axes in metres.
 
     Args:
         axes: Axes to draw into.
         world: World to draw; moving obstacles appear at their start, with their paths.
         path: Whether to draw the reference path.
     """
+    # matplotlib takes .7 s to import, and most commands that import this module draw nothing.
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle, Rectangle
 
     patches: List[Any] = [Circle((x, y), radius) for x, y, radius in world.cylinders]
-    for x, y, yaw, along, across in world.boxes:
-        corner = x - 0.5 * along, y - 0.5 * across
-        patches.append(Rectangle(corner, along, across, angle=math.degrees(yaw), rotation_point="center"))
-    axes.add_collection(PatchCollection(patches, facecolor=OBSTACLE, edgecolor="none"))
+    for x, y, yaw, size_x, size_y in world.boxes:
+        corner = x - 0.5 * size_x, y - 0.5 * size_y
+        degrees = math.degrees(yaw)
+        box = Rectangle(corner, size_x, size_y, angle=degrees, rotation_point="center")
+        patches.append(box)
+    axes.add_collection(PatchCollection(patches, facecolor=OBSTACLE_COLOUR, edgecolor="none"))
+
     for mover in world.movers:
+        # At the end of its animation a moving obstacle would be at its start again.
         times = np.linspace(0.0, mover.length * 0.999, 200)
-        axes.plot(*zip(*[mover.position(t) for t in times]), color=MOVER, lw=0.8, alpha=0.6)
-        axes.add_patch(Circle(mover.position(0.0), mover.radius, facecolor=MOVER, alpha=0.6))
+        track = np.array([mover.position(t) for t in times])
+        x_track, y_track = track.T
+        axes.plot(x_track, y_track, color=MOVER_COLOUR, lw=0.8, alpha=0.6)
+        disc = Circle(mover.position(0.0), mover.radius, facecolor=MOVER_COLOUR, alpha=0.6)
+        axes.add_patch(disc)
+
     course = world.course
     if path:
-        axes.plot(course.path[:, 0], course.path[:, 1], color=PATH, lw=1.2, ls="--", label="reference path")
+        x_path, y_path = course.path.T
+        axes.plot(x_path, y_path, color=PATH_COLOUR, lw=1.2, ls="--", label="reference path")
     x, y, yaw = course.start
-    axes.plot([x], [y], "o", color=START, ms=6, label="start")
-    ahead = x + 0.5 * math.cos(yaw), y + 0.5 * math.sin(yaw)
-    axes.annotate("", ahead, (x, y), arrowprops=dict(arrowstyle="->", color=START))
-    axes.plot(course.goal[0], course.goal[1], "*", color=GOAL, ms=11, label="goal")
+    axes.plot([x], [y], "o", color=START_COLOUR, ms=6, label="start")
+    tip = x + HEADING_M * math.cos(yaw), y + HEADING_M * math.sin(yaw)
+    axes.annotate("", tip, (x, y), arrowprops=dict(arrowstyle="->", color=START_COLOUR))
+    goal_x, goal_y, _ = course.goal
+    axes.plot(goal_x, goal_y, "*", color=GOAL_COLOUR, ms=11, label="goal")
     if course.finish_y is not None:
-        axes.axhline(course.finish_y, color=GOAL, lw=0.8, ls=":", label="finish line")
+        axes.axhline(course.finish_y, color=GOAL_COLOUR, lw=0.8, ls=":", label="finish line")
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     axes.autoscale_view()
 
@@ -54,7 +73,9 @@ def main() -> int:
     """Write a picture of a world. Return exit status 1 if reading or writing fails."""
     from . import command_line  # It imports all that describes robots, which `draw` does not need.
 
-    parser = argparse.ArgumentParser(prog="python -m worlds.draw", description="Draw a picture of a world.")
+    parser = argparse.ArgumentParser(
+        prog="python -m worlds.draw", description="Draw a picture of a world."
+    )
     command_line.add_arguments(parser)
     parser.add_argument("picture", help="File for the picture, such as out.png.")
     arguments = parser.parse_args()

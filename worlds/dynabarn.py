@@ -1,9 +1,10 @@
 """Moving cylinders of DynaBARN worlds.
 
-DynaBARN compiles the paths of its cylinders into Gazebo plugins, and a world file only names the plugins. `sdf_reader`
-takes the key frames from the table movers.csv beside the world, with one row per key frame and the columns plugin,
-length, repeat, time, x, y. docs/reference/worlds.md describes how to make the table. `generate` returns further worlds:
-a room of 20 x 20 m with moving cylinders, alternately of DynaBARN's slow, medium and fast kinds.
+DynaBARN compiles the paths of its cylinders into Gazebo plugins, and a world file only names the
+plugins. `sdf_reader` takes the key frames from the table movers.csv beside the world, with one row
+per key frame and the columns plugin, length, repeat, time, x, y. docs/reference/worlds.md describes
+how to make the table. `generate` returns further worlds: a room of 20 x 20 m with moving cylinders,
+alternately of DynaBARN's slow, medium and fast kinds.
 """
 
 from __future__ import annotations
@@ -17,12 +18,15 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 
 from .sdf import NAMESPACE, numbers
 from .world import Course, KeyFrame, Mover, World
 
-START, GOAL = (11.0, 0.0, math.pi), (-9.0, 0.0, math.pi)  # poses of the BARN Challenge, 20 m along -x
+# start and goal of the BARN Challenge, 20 m along -x
+START = (11.0, 0.0, math.pi)
+GOAL = (-9.0, 0.0, math.pi)
 GOAL_TOLERANCE_M = 1.0  # goal tolerance of the BARN Challenge [m]
 
 NAME = "movers.csv"
@@ -33,18 +37,28 @@ Animation = Callable[[float], Mover]  # returns the moving cylinder for a radius
 @functools.lru_cache(maxsize=4)
 def read_table(path: str) -> Dict[str, Animation]:
     """Return the animations of a table by plugin."""
-    heads: Dict[str, Tuple[float, bool]] = {}
+    lengths: Dict[str, float] = {}
+    repeats: Dict[str, bool] = {}
     frames: Dict[str, List[KeyFrame]] = {}
+    # Spreadsheets write a byte order mark, which utf-8-sig skips.
     with open(path, newline="", encoding="utf-8-sig") as file:
         for row in csv.DictReader(file):
-            heads[row["plugin"]] = float(row["length"]), row["repeat"] == "1"
-            frame = float(row["time"]), float(row["x"]), float(row["y"])
-            frames.setdefault(row["plugin"], []).append(frame)
-    return {plugin: _animation(*heads[plugin], rows) for plugin, rows in frames.items()}
+            plugin = row["plugin"]
+            lengths[plugin] = float(row["length"])
+            repeats[plugin] = row["repeat"] == "1"
+            time = float(row["time"])
+            x = float(row["x"])
+            y = float(row["y"])
+            frames.setdefault(plugin, []).append((time, x, y))
+
+    animations: Dict[str, Animation] = {}
+    for plugin, waypoints in frames.items():
+        animations[plugin] = _animation(waypoints, lengths[plugin], repeats[plugin])
+    return animations
 
 
-def _animation(length: float, repeat: bool, frames: List[KeyFrame]) -> Animation:
-    return functools.partial(Mover, waypoints=tuple(frames), length=length, repeat=repeat)
+def _animation(waypoints: List[KeyFrame], length: float, repeat: bool) -> Animation:
+    return functools.partial(Mover, waypoints=tuple(waypoints), length=length, repeat=repeat)
 
 
 def animation_of(model: Element, path: str) -> Optional[Animation]:
@@ -53,37 +67,55 @@ def animation_of(model: Element, path: str) -> Optional[Animation]:
     Raises:
         ApplrError: The table beside the file has no rows of the plugin.
     """
+    title = f"model {model.get('name')!r} in {path}"
     stored = model.find(f"{{{NAMESPACE}}}waypoints")
     if stored is not None:
+        # Words that do not fill a key frame are left over, which `numbers` reports.
         count = len((stored.text or "").split()) // 3 * 3
-        flat = numbers(stored.text, count, f"waypoints of model {model.get('name')!r} in {path}")
-        frames = [(flat[i], flat[i + 1], flat[i + 2]) for i in range(0, count, 3)]
-        return _animation(float(stored.get("length", 0.0)), stored.get("repeat") != "0", frames)
+        values = numbers(stored.text, count, f"waypoints of {title}")
+        times = values[::3]
+        frames = list(zip(times, values[1::3], values[2::3]))
+        length = float(stored.get("length", 0.0))
+        return _animation(frames, length, stored.get("repeat") != "0")
+
     plugin = model.find("plugin")
-    name = os.path.splitext(os.path.basename("" if plugin is None else plugin.get("filename") or ""))[0]
-    if plugin is None or name.startswith("libgazebo_ros_"):  # These plugins move a model only on command.
+    if plugin is None:
         return None
+    file = plugin.get("filename") or ""
+    name, _ = os.path.splitext(os.path.basename(file))
+    if name.startswith("libgazebo_ros_"):
+        return None  # These plugins move a model only on command.
     table = os.path.join(os.path.dirname(os.path.abspath(path)), NAME)
-    animations = read_table(table) if os.path.lexists(table) else {}
+    animations: Dict[str, Animation] = {}
+    if os.path.lexists(table):
+        animations = read_table(table)
     if name not in animations:
-        which = f"model {model.get('name')!r} in {path} has the Gazebo plugin {plugin.get('filename')!r}"
-        remedy = "if the plugin moves nothing, remove it from a copy of the world; otherwise make that table once"
-        where = f"{which}, which has no rows in {NAME} beside the world"
-        raise ApplrError(f"{where}: {remedy}, as docs/reference/worlds.md describes")
+        raise ApplrError(
+            f"{title} has the Gazebo plugin {file!r}, which has no rows in {NAME} beside the "
+            "world: if the plugin moves nothing, remove it from a copy of the world; otherwise "
+            "make that table once, as docs/reference/worlds.md describes"
+        )
     return animations[name]
 
 
 def arena_course(planner_ends: bool = False) -> Course:
     """Return DynaBARN's course: 20 m straight through the arena, with a goal tolerance of 1 m."""
-    path = np.column_stack([np.linspace(START[0], GOAL[0], 41), np.zeros(41)])
+    x = np.linspace(START[0], GOAL[0], 41)
+    path = np.column_stack([x, np.zeros(len(x))])
     return Course(START, GOAL, None, GOAL_TOLERANCE_M, path, planner_ends)
 
 
-SPLITS = {"test": range(50), "validation": range(50, 100)}  # numbers by split; 100 and up are free for training
-SPEEDS_M_S = ((0.3, 0.95), (0.8, 1.5), (1.4, 1.95))  # speed range of each kind [m/s]
-MOVER_COUNTS = ((6, 12), (8, 18), (10, 24))  # range of the number of moving obstacles in each kind of world
+# numbers by split; 100 and up are free for training
+SPLITS = {"test": range(50), "validation": range(50, 100)}
+# by kind of world (slow, medium, fast): range of the speed [m/s], and of the number of obstacles
+SPEEDS_M_S = ((0.3, 0.95), (0.8, 1.5), (1.4, 1.95))
+MOVER_COUNTS = ((6, 12), (8, 18), (10, 24))
 RADII_M = (0.25, 0.5)  # radius range, from a person to DynaBARN's cylinders [m]
-HALF_SIDE_M, WALL_WIDTH_M = 10.0, 0.5  # half the side length of the room, and thickness of its walls [m]
+HALF_SIDE_M = 10.0  # half the side length of the room [m]
+WALL_WIDTH_M = 0.5  # thickness of the room's walls [m]
+DETOUR_M = 2.0  # standard deviation of the waypoints from the straight line [m]
+SHORTEST_LEG_M = 0.05  # smallest length of a leg for its duration, which must not be 0 [m]
+# boxes x, y, yaw, size_x, size_y [m, rad]; the side of the start is open
 WALLS = np.array(
     [
         [-HALF_SIDE_M, 0, 0, WALL_WIDTH_M, 2 * HALF_SIDE_M],
@@ -98,25 +130,45 @@ def generate(number: int) -> World:
     """Return world `number` >= 0."""
     rng = np.random.default_rng([SEED, number])
     kind = number % len(SPEEDS_M_S)
-    count = int(rng.integers(MOVER_COUNTS[kind][0], MOVER_COUNTS[kind][1] + 1))
+    fewest, most = MOVER_COUNTS[kind]
+    count = int(rng.integers(fewest, most + 1))
     movers = tuple(_mover(rng, SPEEDS_M_S[kind]) for _ in range(count))
-    return World(f"dynamic:{number}", np.empty((0, 3)), WALLS, arena_course(planner_ends=True), movers)
+    course = arena_course(planner_ends=True)
+    return World(f"dynamic:{number}", np.empty((0, 3)), WALLS, course, movers)
 
 
 def _mover(rng: np.random.Generator, speeds: Tuple[float, float]) -> Mover:
     """Draw a cylinder that crosses the room from wall to wall, with a new speed on each leg."""
-    first, last = (_at_a_wall(rng, wall) for wall in rng.choice(4, 2, replace=False))
-    between = np.sort(rng.uniform(0.1, 0.9, int(rng.integers(1, 6))))
-    way = [first] + [first + u * (last - first) + rng.normal(0.0, 2.0, 2) for u in between] + [last]
-    points = np.clip(way, -HALF_SIDE_M, HALF_SIDE_M)
-    frames: List[KeyFrame] = [(0.0, float(points[0][0]), float(points[0][1]))]
-    for before, after in zip(points[:-1], points[1:]):
-        took = max(math.hypot(*(after - before)), 0.05) / rng.uniform(*speeds)
-        frames.append((frames[-1][0] + took, float(after[0]), float(after[1])))
+    walls = rng.choice(4, 2, replace=False)
+    first, last = (_at_a_wall(rng, wall) for wall in walls)
+
+    # The order of the draws is part of the recipe: another order would make other worlds.
+    count = int(rng.integers(1, 6))
+    shares = np.sort(rng.uniform(0.1, 0.9, count))
+    points = [first]
+    for share in shares:
+        detour = rng.normal(0.0, DETOUR_M, 2)
+        points.append(first + share * (last - first) + detour)
+    points.append(last)
+    corners = np.clip(points, -HALF_SIDE_M, HALF_SIDE_M)
+
+    time = 0.0
+    x, y = corners[0].tolist()
+    frames: List[KeyFrame] = [(time, x, y)]
+    for leg in np.diff(corners, axis=0):
+        time += max(math.hypot(*leg), SHORTEST_LEG_M) / rng.uniform(*speeds)
+        x, y = corners[len(frames)].tolist()
+        frames.append((time, x, y))
     return Mover(float(rng.uniform(*RADII_M)), tuple(frames))
 
 
-def _at_a_wall(rng: np.random.Generator, wall: int) -> np.ndarray:
-    """Draw a point (2,) [m] on one of the four walls."""
-    along, side = rng.uniform(-0.9 * HALF_SIDE_M, 0.9 * HALF_SIDE_M), HALF_SIDE_M if wall % 2 else -HALF_SIDE_M
-    return np.array([side, along] if wall < 2 else [along, side])
+def _at_a_wall(rng: np.random.Generator, wall: int) -> Array:
+    """Draw a point (2,) [m] on one of the four sides of the room.
+
+    Sides 0 and 1 are those with the lowest and the highest x, sides 2 and 3 those of y.
+    """
+    along = rng.uniform(-0.9 * HALF_SIDE_M, 0.9 * HALF_SIDE_M)
+    across = HALF_SIDE_M if wall % 2 else -HALF_SIDE_M
+    if wall < 2:
+        return np.array([across, along])
+    return np.array([along, across])

@@ -10,7 +10,8 @@ import functools
 import os
 import re
 from collections.abc import Sequence
-from typing import Any, Callable, List, NamedTuple, Optional, Tuple
+from types import MappingProxyType
+from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -20,12 +21,14 @@ from . import barn, dynabarn, map_courses, physical_course, sdf_reader
 from .world import Course, Mover, World
 
 SPECIFICATIONS = (
-    f"generated:N (0-{barn.COUNT - 1}), generated:train, generated:test, generated:validation, generated:learn, "
-    "fresh:N, fresh:N-M (0 on), final:N, final:N-M (0-99), dynamic:N, dynamic:N-M, dynamic:validation, dynamic:test, "
-    "physical_course, a .world file, a folder of them, or courses through a building: MAP.yaml, MAP.yaml:N, "
-    "MAP.yaml:N-M, and those in either half of it, MAP.yaml:choose and MAP.yaml:report"
+    f"generated:N (0-{barn.COUNT - 1}), generated:train, generated:test, generated:validation, "
+    "generated:learn, fresh:N, fresh:N-M (0 on), final:N, final:N-M (0-99), dynamic:N, "
+    "dynamic:N-M, dynamic:validation, dynamic:test, physical_course, a .world file, a folder of "
+    "them, or courses through a building: MAP.yaml, MAP.yaml:N, MAP.yaml:N-M, and those in either "
+    "half of it, MAP.yaml:choose and MAP.yaml:report"
 )
 RADIUS_M = 0.31  # default radius of the robot's circle, the Jackal's [m]
+FINAL_SEED = 20261125  # seed of the worlds final:N
 MADE = ("fresh:", "final:", "dynamic:")  # prefixes of worlds that are generated on demand
 
 
@@ -35,24 +38,39 @@ class _Recipe(NamedTuple):
     Attributes:
         make: Generator of a world with a number.
         split: Function that returns the numbers of a split by its name.
-        end: End (exclusive) of the numbers that have no split of their own.
-        has: Function that returns whether there is a world with a number; None if `end` decides.
+        end: End (exclusive) of the numbers, without the courses that a map has for its halves only.
+        has: Function that returns whether there is a world with a number.
     """
 
     make: Callable[[int], World]
     split: Callable[[str], Optional[Sequence[int]]]
     end: int
-    has: Optional[Callable[[int], bool]] = None
+    has: Callable[[int], bool]
+
+    @classmethod
+    def up_to(
+        cls,
+        make: Callable[[int], World],
+        end: int,
+        splits: Mapping[str, Sequence[int]] = MappingProxyType({}),
+    ) -> _Recipe:
+        """Return the recipe of the numbers from 0 to end - 1."""
+        return cls(make, splits.get, end, end.__gt__)
 
     def numbers(self, part: str) -> Optional[Sequence[int]]:
-        """Return the numbers of a split, of a number such as "7" or of a range such as "0-9"."""
+        """Return the numbers of a split, of a number such as "7" or of a range such as "0-9".
+
+        Return None if there is no such split or number.
+        """
         match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", part, re.ASCII)
         if match is None:
             return self.split(part)
         first = int(match.group(1))
         last = int(match.group(2) or first)
-        exists = last < self.end if self.has is None else self.has(last)
-        return range(first, last + 1) if exists else None
+        # A range is refused as a whole: half of it would be evaluated as if it were complete.
+        if not self.has(last):
+            return None
+        return range(first, last + 1)
 
 
 def _fresh(number: int) -> World:
@@ -61,15 +79,17 @@ def _fresh(number: int) -> World:
 
 
 def _final(number: int) -> World:
-    """Generate a world reserved for published results, never for training or selection, of all kinds in turn."""
-    return dataclasses.replace(barn.generate(3 * number, seed=20261125), name=f"final:{number}")
+    """Generate a world reserved for published results, never for training or selection."""
+    # Every third number of the recipe: 100 numbers have worlds of all kinds.
+    world = barn.generate(3 * number, seed=FINAL_SEED)
+    return dataclasses.replace(world, name=f"final:{number}")
 
 
 _RECIPES = {
-    "generated": _Recipe(barn.world, barn.SPLITS.get, barn.COUNT),
-    "fresh": _Recipe(_fresh, lambda _: None, 10**9),
-    "final": _Recipe(_final, lambda _: None, 100),
-    "dynamic": _Recipe(dynabarn.generate, dynabarn.SPLITS.get, 10**9),
+    "generated": _Recipe.up_to(barn.world, barn.COUNT, barn.SPLITS),
+    "fresh": _Recipe.up_to(_fresh, 10**9),
+    "final": _Recipe.up_to(_final, 100),
+    "dynamic": _Recipe.up_to(dynabarn.generate, 10**9, dynabarn.SPLITS),
 }
 
 
@@ -81,6 +101,7 @@ def building(path: str, radius: float) -> map_courses.Building:
 
 def _recipe(name: str, radius: float) -> Optional[_Recipe]:
     """Return the recipe of a name or of the path of a map; None if there is none."""
+    # The robot decides on the courses of a map, so that a map is a recipe for each radius.
     if not name.endswith(".yaml"):
         return _RECIPES.get(name)
     courses = building(name, radius)
@@ -88,39 +109,52 @@ def _recipe(name: str, radius: float) -> Optional[_Recipe]:
 
 
 def load(spec: str, radius: float = RADIUS_M) -> World:
-    """Return the one world that `spec` names. Raise ApplrError if there is none or if it cannot be read.
+    """Return the one world that `spec` names.
 
     The courses of a map depend on the `radius` [m] of the circle around the robot.
+
+    Raises:
+        ApplrError: There is no such world, or it cannot be read.
     """
     text = str(spec)
-    recipe = _recipe(text.partition(":")[0], radius)
+    name, _, _ = text.partition(":")
+    recipe = _recipe(name, radius)
     if recipe:
         names = specs(text, radius)
         if len(names) > 1:
-            raise ApplrError(f"{text} names {len(names)} worlds, but one is needed; give one of them: {names[0]}")
-        return recipe.make(int(names[0].partition(":")[2]))
+            raise ApplrError(
+                f"{text} names {len(names)} worlds, but one is needed; give one of them: {names[0]}"
+            )
+        _, _, number = names[0].partition(":")
+        return recipe.make(int(number))
     if text == physical_course.NAME:
         return physical_course.world()
     if text.endswith(".world"):
         return sdf_reader.read_world(text)
     if os.path.isdir(text):
-        raise ApplrError(f"{text} is a folder, but one world is needed; give one of its .world files")
+        raise ApplrError(
+            f"{text} is a folder, but one world is needed; give one of its .world files"
+        )
     raise ApplrError(f"unknown world {text!r}; give {SPECIFICATIONS}")
 
 
 class Worlds(Sequence[World]):
     """Sequence of the worlds named by a specification, or by several separated by commas.
 
-    Files and built-in worlds are loaded immediately, so that errors are reported at the beginning. Other worlds are
-    generated on access, because each takes up to a tenth of a second. The latest 256 of them are cached.
+    Files and built-in worlds are loaded immediately, so that errors are reported at the beginning.
+    Other worlds are generated on access, because each takes up to a tenth of a second. The latest
+    256 of them are cached.
 
     Raises:
         ApplrError: A specification or a file cannot be read.
     """
 
     def __init__(self, spec: str, radius: float = RADIUS_M) -> None:
-        self.specs = [one for part in spec.split(",") for one in specs(part.strip(), radius)]
-        self._loaded = {one: load(one, radius) for one in self.specs if not one.startswith(MADE)}
+        self.specs: List[str] = []
+        for part in spec.split(","):
+            self.specs += specs(part.strip(), radius)
+        stored = [name for name in self.specs if not name.startswith(MADE)]
+        self._loaded = {name: load(name, radius) for name in stored}
         self._made = functools.lru_cache(maxsize=256)(load)
 
     def __len__(self) -> int:
@@ -131,11 +165,13 @@ class Worlds(Sequence[World]):
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         name = self.specs[index]
-        return self._loaded[name] if name in self._loaded else self._made(name)
+        if name in self._loaded:
+            return self._loaded[name]
+        return self._made(name)
 
 
 def specs(spec: str, radius: float = RADIUS_M) -> List[str]:
-    """Return the specifications of the single worlds that `spec` names, in the order of their numbers.
+    """Return the specifications of the single worlds that `spec` names, ordered by number.
 
     Raises:
         ApplrError: There are no such numbers, or a folder contains no .world files.
@@ -145,17 +181,19 @@ def specs(spec: str, radius: float = RADIUS_M) -> List[str]:
     recipe = _recipe(name, radius)
     if recipe:
         numbers = recipe.numbers(part)
-        if numbers is not None and not numbers and part in map_courses.HALVES:
+        if numbers == [] and part in map_courses.HALVES:
             raise ApplrError(
                 f"{name}: none of its {recipe.end} courses stays in one half of the floor; "
                 f"give {name}:0-{recipe.end - 1}, or a map with more floor"
             )
         if not numbers:
-            raise ApplrError(f"no worlds {text!r} of {name}:0 to {name}:{recipe.end - 1}; give {SPECIFICATIONS}")
+            last = f"{name}:{recipe.end - 1}"
+            raise ApplrError(f"no worlds {text!r} of {name}:0 to {last}; give {SPECIFICATIONS}")
         return [f"{name}:{number}" for number in numbers]
     if not os.path.isdir(text):
         return [text]
-    files = [os.path.join(text, file) for file in sorted(os.listdir(text), key=_by_number) if file.endswith(".world")]
+    names = sorted(os.listdir(text), key=_by_number)
+    files = [os.path.join(text, file) for file in names if file.endswith(".world")]
     if not files:
         raise ApplrError(f"{text} contains no .world files; give a folder with .world files")
     return files
@@ -163,27 +201,55 @@ def specs(spec: str, radius: float = RADIUS_M) -> List[str]:
 
 def _by_number(name: str) -> List[Tuple[int, int, str]]:
     """Return a sorting key, by which numbers in names are compared as numbers."""
-    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]
+    key = []
+    for part in re.split(r"(\d+)", name):
+        # The first element keeps numbers from being compared with texts.
+        if part.isdigit():
+            key.append((0, int(part), ""))
+        else:
+            key.append((1, 0, part))
+    return key
 
 
 def scaled(world: World, factor: float) -> World:
-    """Return a world of a recipe (generated:N, fresh:N, dynamic:N, physical_course) with lengths scaled by `factor`.
+    """Return a world of a recipe with lengths scaled by `factor`.
 
-    The recipes have the Jackal's scale. Angles and times are unchanged. A room with moving obstacles is never enlarged,
-    because its goal would lie outside the planners' maps. A world from a file is a real place and stays unchanged.
+    The recipes (generated:N, fresh:N, dynamic:N, physical_course) have the Jackal's scale. Angles
+    and times are unchanged. A room with moving obstacles is never enlarged, because its goal would
+    lie outside the planners' maps. A world from a file is a real place and stays unchanged.
     """
     if world.movers:
         factor = min(factor, 1.0)
     recipe, colon, _ = world.name.partition(":")
-    if factor == 1.0 or not (colon and recipe in _RECIPES or world.name == physical_course.NAME):
+    # The colon distinguishes generated:7 from a file with the name generated.world.
+    is_from_recipe = colon and recipe in _RECIPES or world.name == physical_course.NAME
+    if factor == 1.0 or not is_from_recipe:
         return world
-    course = world.course
-    start, goal = ((x * factor, y * factor, yaw) for x, y, yaw in (course.start, course.goal))
-    finish = None if course.finish_y is None else course.finish_y * factor
-    way = Course(start, goal, finish, course.goal_tolerance * factor, course.path * factor, course.planner_ends)
-    movers = tuple(
-        Mover(m.radius * factor, tuple((t, x * factor, y * factor) for t, x, y in m.waypoints), m.length, m.repeat)
-        for m in world.movers
+    return dataclasses.replace(
+        world,
+        cylinders=world.cylinders * factor,
+        boxes=world.boxes * np.array([factor, factor, 1.0, factor, factor]),
+        course=_scaled_course(world.course, factor),
+        movers=tuple(_scaled_mover(mover, factor) for mover in world.movers),
     )
-    boxes = world.boxes * np.array([factor, factor, 1.0, factor, factor])
-    return World(world.name, world.cylinders * factor, boxes, way, movers)
+
+
+def _scaled_course(course: Course, factor: float) -> Course:
+    finish_y = course.finish_y
+    if finish_y is not None:
+        finish_y *= factor
+    start_x, start_y, start_yaw = course.start
+    goal_x, goal_y, goal_yaw = course.goal
+    return dataclasses.replace(
+        course,
+        start=(start_x * factor, start_y * factor, start_yaw),
+        goal=(goal_x * factor, goal_y * factor, goal_yaw),
+        finish_y=finish_y,
+        goal_tolerance=course.goal_tolerance * factor,
+        path=course.path * factor,
+    )
+
+
+def _scaled_mover(mover: Mover, factor: float) -> Mover:
+    waypoints = tuple((t, x * factor, y * factor) for t, x, y in mover.waypoints)
+    return dataclasses.replace(mover, radius=mover.radius * factor, waypoints=waypoints)

@@ -36,7 +36,11 @@ class Size(NamedTuple):
 CLEARANCE_M = 0.05  # distance of the robot's circle from obstacles and unknown cells on a path [m]
 # Sizes of courses in the order in which they are drawn. The second and third are for a floor with
 # few courses of the first, such as a room of 4 x 4 m, which has none.
-SIZES = (Size(5.0, 15.0, 1.0), Size(2.5, 7.5, 0.5), Size(2.0, 4.0, 0.25))
+SIZES = (
+    Size(shortest_m=5.0, longest_m=15.0, apart_m=1.0),
+    Size(shortest_m=2.5, longest_m=7.5, apart_m=0.5),
+    Size(shortest_m=2.0, longest_m=4.0, apart_m=0.25),
+)
 VISIBLE_M = 12.0  # distance from the path up to which obstacles are kept [m]
 AHEAD_M = 0.5  # part of the path along which start and goal are directed [m]
 MOST = 100  # largest number of courses anywhere on the floor
@@ -74,7 +78,9 @@ class Floor:
             most: Largest number of courses, with those that exist already.
         """
         draws: List[Draw] = []
-        starts = np.array([other.start for other in others], np.int64).reshape(-1, 2)
+        starts = np.empty((0, 2), np.int64)
+        if others:
+            starts = np.array([other.start for other in others])
         floor = np.argwhere(self.cells)
         if not len(floor):
             return draws
@@ -83,8 +89,9 @@ class Floor:
 
         # A path is at least as long as the floor's extent from its start along an axis, so the
         # floor has a goal for every start with such an extent.
-        extents = np.maximum(drawn - floor.min(axis=0), floor.max(axis=0) - drawn)
-        reach = self._resolution * extents.max(axis=1)
+        below = drawn - floor.min(axis=0)
+        above = floor.max(axis=0) - drawn
+        reach = self._resolution * np.maximum(below, above).max(axis=1)
         for size in sizes:
             for cell in drawn[reach >= size.shortest_m]:
                 if len(starts) >= most:
@@ -175,7 +182,9 @@ class Building:
 
     def has(self, number: int) -> bool:
         """Return whether there is a course with a number."""
-        return number < self.count or any(number in self.halves[half] for half in HALVES)
+        if number < self.count:
+            return True
+        return any(number in numbers for numbers in self.halves.values())
 
     def numbers(self, part: str) -> Optional[Sequence[int]]:
         """Return the numbers of the courses in one of HALVES, or anywhere on the floor for "".
@@ -193,11 +202,12 @@ class Building:
         axis = int(np.argmax(np.ptp(floor, axis=0)))
         line = np.median(floor[:, axis])  # crosses the longer side of the floor
         # The cells of an axis, as a column or a row that numpy extends over the other axis.
-        places = np.expand_dims(np.arange(self._floor.cells.shape[axis]), 1 - axis)
+        places = np.arange(self._floor.cells.shape[axis])
+        places = np.expand_dims(places, 1 - axis)
         halves: Dict[str, List[int]] = {}
         for half, is_inside in zip(HALVES, (places < line, places > line)):
             cells = self._floor.cells & is_inside
-            inside = [n for n in range(self.count) if cells[tuple(self.path(n).T)].all()]
+            inside = [n for n in range(self.count) if is_within(cells, self.path(n))]
             if len(inside) < ENOUGH:
                 part = Floor(largest(cells), self._grid.resolution)
                 more = part.draw(SIZES, [self._draws[n] for n in inside], ENOUGH)
@@ -212,9 +222,11 @@ class Building:
         x, y = self._grid.resolution * (cells.T[::-1] + 0.5)
         points = np.column_stack(transform_point(self._grid.origin, x, y))
         step = max(1, round(AHEAD_M / self._grid.resolution))
+        start_x, start_y = points[0].tolist()
+        goal_x, goal_y = points[-1].tolist()
         course = Course(
-            start=(*points[0].tolist(), direction(points[0], points[step])),
-            goal=(*points[-1].tolist(), direction(points[-1 - step], points[-1])),
+            start=(start_x, start_y, direction(points[0], points[step])),
+            goal=(goal_x, goal_y, direction(points[-1 - step], points[-1])),
             finish_y=None,
             goal_tolerance=barn.GOAL_TOLERANCE_M,
             path=points,
@@ -222,10 +234,13 @@ class Building:
         )
 
         # Points of the path at intervals of AHEAD_M are close enough to find the visible boxes.
-        dx, dy = (points[::step, np.newaxis] - self._boxes[:, :2]).transpose(2, 0, 1)
-        size_x, size_y = self._boxes[:, 3:].T
-        distances = np.hypot(*outside_box(dx, dy, self._grid.origin[2], size_x, size_y))
-        visible = self._boxes[distances.min(axis=0) <= VISIBLE_M]
+        box_x, box_y, _, size_x, size_y = self._boxes.T
+        dx = points[::step, :1] - box_x
+        dy = points[::step, 1:] - box_y
+        yaw = self._grid.origin[2]  # All boxes have the direction of the map.
+        along, across = outside_box(dx, dy, yaw, size_x, size_y)
+        distances = np.hypot(along, across).min(axis=0)
+        visible = self._boxes[distances <= VISIBLE_M]
         name = f"{self._name}:{number}"
         return World(name, np.zeros((0, 3)), visible, course, map=self._grid)
 
@@ -236,18 +251,22 @@ class Building:
         """
         resolution = self._grid.resolution
         ends = round(ENDS_M / resolution)
-        rows, columns = self.path(number)[ends:-ends].T[:, :, np.newaxis, np.newaxis]
+        middle = self.path(number)[ends:-ends]
+        rows, columns = middle.T[:, :, np.newaxis, np.newaxis]
 
         # From every cell of the path, rays are followed cell by cell: (cells, steps, directions).
         steps = np.arange(1, WIDEST_M / resolution)[:, np.newaxis]
-        rays = rows + steps * np.sin(RAYS), columns + steps * np.cos(RAYS)
+        ray_rows = rows + steps * np.sin(RAYS)
+        ray_columns = columns + steps * np.cos(RAYS)
         occupied = map_reader.is_occupied(self._grid.cells)
-        hits = scipy.ndimage.map_coordinates(occupied, rays, order=0)
-        free = np.where(hits.any(axis=1), hits.argmax(axis=1), len(steps))
+        hits = scipy.ndimage.map_coordinates(occupied, (ray_rows, ray_columns), order=0)
+        first_hits = hits.argmax(axis=1)
+        free = np.where(hits.any(axis=1), first_hits, len(steps))
 
         # Opposite rays and the cell itself make a line. A short course may have no cell but its
         # ends, and then no passage.
-        lines = free.reshape(len(free), 2, len(RAYS) // 2).sum(axis=1) + 1
+        opposite = free.reshape(len(free), 2, len(RAYS) // 2)
+        lines = opposite.sum(axis=1) + 1
         narrowest = lines.min(initial=2 * len(steps) + 1)
         return min(WIDEST_M, resolution * float(narrowest))
 
@@ -267,9 +286,11 @@ def closed_floor(grid: Grid, radius: float) -> Tuple[Cells, bool]:
     distance = scipy.ndimage.distance_transform_edt(free) - 0.5
     reachable = grid.resolution * distance >= radius + CLEARANCE_M
     regions, _ = scipy.ndimage.label(reachable)
-    border = np.concatenate([regions[0], regions[-1], regions[:, 0], regions[:, -1]])
-    outside = np.unique(border[border > 0])
-    return largest(reachable & ~np.isin(regions, outside)), len(outside) > 0
+    is_border = np.ones(free.shape, bool)
+    is_border[1:-1, 1:-1] = False
+    outside = np.unique(regions[is_border & reachable])
+    closed = reachable & ~np.isin(regions, outside)
+    return largest(closed), len(outside) > 0
 
 
 def largest(cells: Cells) -> Cells:
@@ -279,6 +300,12 @@ def largest(cells: Cells) -> Cells:
     sizes[0] = 0  # label of all other cells
     region: Cells = regions == max(1, sizes.argmax())
     return region
+
+
+def is_within(cells: Cells, path: Ints) -> bool:
+    """Return whether a path (k, 2) stays on some cells."""
+    row, column = path.T
+    return bool(cells[row, column].all())
 
 
 def direction(first: Array, second: Array) -> float:

@@ -17,7 +17,10 @@ from applr_ros1.common.files import read_yaml
 
 from .world import Grid
 
-FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # values of cells
+# values of cells
+FREE = 0
+OCCUPIED = 100
+UNKNOWN = -1
 WHITE = 255.0  # brightest value of a pixel
 TWO_BYTES = 0xFFFF  # brightest value of a pixel in an image of 16 bits
 
@@ -67,9 +70,10 @@ def read_fields(path: str) -> MapFile:
 
 
 def read_pixels(path: str) -> NDArray[np.uint8]:
-    """Return the pixels (rows, columns, channels) of an image as SDL_image gives them to map_server.
+    """Return the pixels (rows, columns, channels) of an image.
 
-    The channels are the colours, followed by the opacity if the image has one.
+    They are those that SDL_image gives to map_server. The channels are the colours, followed by the
+    opacity if the image has one.
 
     Raises:
         ApplrError: The image stores no brightness of up to 16 bits.
@@ -110,13 +114,15 @@ def cells_of(pixels: NDArray[np.uint8], fields: MapFile) -> NDArray[np.int8]:
         return brightness.astype(np.uint8).view(np.int8)
 
     darkness = (WHITE - brightness) / WHITE
-    free, occupied = fields.free_thresh, fields.occupied_thresh
+    free = fields.free_thresh
+    occupied = fields.occupied_thresh
     cells = np.full(darkness.shape, UNKNOWN, np.int8)
     if fields.mode == "scale":
         between = (darkness >= free) & (darkness <= occupied)
         if has_opacity:
             between &= pixels[:, :, 3] > 0
-        cells[between] = 1 + 98 * ((darkness[between] - free) / (occupied - free))
+        share = (darkness[between] - free) / (occupied - free)
+        cells[between] = 1 + 98 * share
     cells[darkness < free] = FREE
     cells[darkness > occupied] = OCCUPIED
     return cells
@@ -127,7 +133,8 @@ def is_occupied(cells: NDArray[np.int8]) -> NDArray[np.bool_]:
 
     Negative values of mode raw wrap to values above 127, as in C++.
     """
-    marked: NDArray[np.bool_] = (cells != UNKNOWN) & (cells.view(np.uint8) >= OCCUPIED)
+    is_high = cells.view(np.uint8) >= OCCUPIED
+    marked: NDArray[np.bool_] = is_high & (cells != UNKNOWN)
     return marked
 
 
@@ -144,15 +151,20 @@ def boxes(grid: Grid) -> Array:
     _, last = np.nonzero(steps == -1)
 
     # Sorting by columns, then by row, places equal runs of neighbouring rows side by side.
-    runs = np.column_stack([first, last, row])[np.lexsort((row, last, first))]
-    continues = (np.diff(runs, axis=0, prepend=-2) == (0, 0, 1)).all(axis=1)
+    order = np.lexsort((row, last, first))
+    runs = np.column_stack([first, last, row])[order]
+    changes = np.diff(runs, axis=0, prepend=-2)
+    continues = (changes == (0, 0, 1)).all(axis=1)
     begins = np.flatnonzero(~continues)
     ends = np.append(begins[1:], len(runs)) - 1
     first, last, lowest = runs[begins].T
     highest = runs[ends, 2] + 1
 
     half_cell = 0.5 * grid.resolution
-    x, y = transform_point(grid.origin, half_cell * (first + last), half_cell * (lowest + highest))
+    centre_x = half_cell * (first + last)
+    centre_y = half_cell * (lowest + highest)
+    x, y = transform_point(grid.origin, centre_x, centre_y)
+    yaw = np.full(len(x), grid.origin[2])
     size_x = grid.resolution * (last - first)
     size_y = grid.resolution * (highest - lowest)
-    return np.column_stack([x, y, np.full(len(x), grid.origin[2]), size_x, size_y])
+    return np.column_stack([x, y, yaw, size_x, size_y])

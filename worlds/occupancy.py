@@ -6,20 +6,39 @@ The simulated robot on ROS publishes the grid.
 from __future__ import annotations
 
 import math
-from typing import Tuple
+from typing import NamedTuple, Tuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from applr_ros1.common.angles import outside_box
+from applr_ros1.common.arrays import Array
 
-from .world import Grid, World
+from .world import Grid, Point, World
 
 OCCUPIED = 100
 MARGIN_M = 2.0  # width of the free margin around obstacles and course [m]
 
 
+class Window(NamedTuple):
+    """Rectangle of a grid's cells around a point.
+
+    Attributes:
+        cells: View (ny, nx) of the cells.
+        dx: x of their centres relative to the point (1, nx) [m].
+        dy: y of their centres relative to the point (ny, 1) [m].
+    """
+
+    cells: NDArray[np.int8]
+    dx: Array
+    dy: Array
+
+
 def occupancy(world: World, resolution: float) -> Grid:
-    """Return the map of a world. By default, a cell is 100 if a static obstacle reaches into its inner circle, else 0.
+    """Return the map of a world.
+
+    In a world without a map of its own, a cell is 100 if a static obstacle reaches into its inner
+    circle, else 0.
 
     Args:
         world: World to map.
@@ -27,33 +46,68 @@ def occupancy(world: World, resolution: float) -> Grid:
     """
     if world.map is not None:
         return world.map
-    boxes, c, s = world.boxes, np.abs(np.cos(world.boxes[:, 2])), np.abs(np.sin(world.boxes[:, 2]))
-    half = 0.5 * np.stack([c * boxes[:, 3] + s * boxes[:, 4], s * boxes[:, 3] + c * boxes[:, 4]], axis=1)
-    reach = np.concatenate([np.repeat(world.cylinders[:, 2:], 2, axis=1), half])
-    centres = np.concatenate([world.cylinders[:, :2], boxes[:, :2]])
-    course = np.array([world.course.start[:2], world.course.goal[:2]])
-    low = np.vstack([centres - reach, course]).min(axis=0) - MARGIN_M
-    high = np.vstack([centres + reach, course]).max(axis=0) + MARGIN_M
-    low = np.floor(low / resolution) * resolution
-    nx, ny = (int(math.ceil(side / resolution)) for side in high - low)
+    low, high = extent(world)
+    # Corners on multiples of the resolution give neighbouring worlds the same grid.
+    low = np.floor((low - MARGIN_M) / resolution) * resolution
+    sides = (high + MARGIN_M - low) / resolution
+    nx, ny = np.ceil(sides).astype(int).tolist()
     cells = np.zeros((ny, nx), np.int8)
-    inner = 0.5 * resolution
+
+    origin = low.tolist()
+    inner = 0.5 * resolution  # radius of the circle in a cell [m]
     for x, y, radius in world.cylinders.tolist():
-        block, dx, dy = _window(cells, low, resolution, x, y, radius + inner)
-        block[np.hypot(dx, dy) <= radius + inner] = OCCUPIED
-    for x, y, yaw, size_x, size_y in boxes.tolist():
-        block, dx, dy = _window(cells, low, resolution, x, y, 0.5 * math.hypot(size_x, size_y) + inner)
-        block[np.hypot(*outside_box(dx, dy, yaw, size_x, size_y)) <= inner] = OCCUPIED
-    return Grid(cells, resolution, (float(low[0]), float(low[1]), 0.0))
+        window = window_of(cells, origin, resolution, (x, y), radius + inner)
+        distance = np.hypot(window.dx, window.dy)
+        window.cells[distance <= radius + inner] = OCCUPIED
+    for x, y, yaw, size_x, size_y in world.boxes.tolist():
+        reach = 0.5 * math.hypot(size_x, size_y) + inner
+        window = window_of(cells, origin, resolution, (x, y), reach)
+        along, across = outside_box(window.dx, window.dy, yaw, size_x, size_y)
+        window.cells[np.hypot(along, across) <= inner] = OCCUPIED
+    return Grid(cells, resolution, (origin[0], origin[1], 0.0))
 
 
-def _window(
-    cells: np.ndarray, low: np.ndarray, resolution: float, x: float, y: float, reach: float
-) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the cells within `reach` of (x, y) along both axes, and dx (1, n), dy (m, 1) of their centres."""
-    ny, nx = cells.shape
-    first = [max(0, int((v - reach - o) / resolution)) for v, o in zip((x, y), low)]
-    last = [min(n, int((v + reach - o) / resolution) + 1) for v, o, n in zip((x, y), low, (nx, ny))]
-    columns = low[0] + (np.arange(first[0], last[0]) + 0.5) * resolution
-    rows = low[1] + (np.arange(first[1], last[1]) + 0.5) * resolution
-    return cells[first[1] : last[1], first[0] : last[0]], columns[None, :] - x, rows[:, None] - y
+def extent(world: World) -> Tuple[Array, Array]:
+    """Return the corners with the lowest and highest x, y (2,) [m] around obstacles and course."""
+    x, y, yaw, size_x, size_y = world.boxes.T
+    cosine = np.abs(np.cos(yaw))
+    sine = np.abs(np.sin(yaw))
+    half_x = 0.5 * (cosine * size_x + sine * size_y)
+    half_y = 0.5 * (sine * size_x + cosine * size_y)
+    box_centres = np.column_stack([x, y])
+    box_reach = np.column_stack([half_x, half_y])
+    cylinder_centres = world.cylinders[:, :2]
+    cylinder_reach = world.cylinders[:, 2:]
+    ends = np.array([world.course.start[:2], world.course.goal[:2]])
+
+    lowest = np.vstack([cylinder_centres - cylinder_reach, box_centres - box_reach, ends])
+    highest = np.vstack([cylinder_centres + cylinder_reach, box_centres + box_reach, ends])
+    return lowest.min(axis=0), highest.max(axis=0)
+
+
+def window_of(
+    cells: NDArray[np.int8], origin: Point, resolution: float, place: Point, reach: float
+) -> Window:
+    """Return the cells within `reach` [m] of a place (x, y) [m] along both axes.
+
+    Args:
+        cells: Cells (ny, nx) of the grid.
+        origin: Corner of the grid with the lowest x and y [m].
+        resolution: Edge of a cell [m].
+        place: Point around which the window lies [m].
+        reach: Half the side of the window [m].
+    """
+    slices, offsets = [], []
+    for low, centre, count in zip(origin, place, cells.shape[::-1]):
+        first = max(0, int((centre - reach - low) / resolution))
+        end = min(count, int((centre + reach - low) / resolution) + 1)
+        slices.append(slice(first, end))
+        centres = low + (np.arange(first, end) + 0.5) * resolution
+        offsets.append(centres - centre)
+    columns, rows = slices
+    dx, dy = offsets
+    return Window(
+        cells=cells[rows, columns],
+        dx=dx[np.newaxis, :],
+        dy=dy[:, np.newaxis],
+    )

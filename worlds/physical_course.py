@@ -1,7 +1,7 @@
 """Cardboard course of the paper, reconstructed from its text: `load("physical_course")`.
 
-Boxes in a walled lane leave open space and tight passages, unlike any BARN world. The route is about 22 m long, and
-default DWA takes about as long as in the paper (72.8 s).
+Boxes in a walled lane leave open space and tight passages, unlike any BARN world. The route is
+about 22 m long, and default DWA takes about as long as in the paper (72.8 s).
 """
 
 from __future__ import annotations
@@ -11,25 +11,55 @@ from typing import List, Tuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Array
+
 from .world import Course, World
 
 NAME = "physical_course"
 
-LANE_WIDTH_M, LANE_LENGTH_M = 4.0, 20.0  # size of the lane, x from 0 to 4 and y from 0 to 20 [m]
+LANE_WIDTH_M = 4.0  # width of the lane, x from 0 to 4 [m]
+LANE_LENGTH_M = 20.0  # length of the lane, y from 0 to 20 [m]
+WALL_WIDTH_M = 0.3  # thickness of the walls of the lane [m]
 START = (2.0, 0.8, math.pi / 2)
 GOAL = (2.0, 19.4, math.pi / 2)
-FINISH_Y_M = 18.8  # finish line, before the goal because odometry drifts by decimetres over 20 m [m]
+# finish line, before the goal because odometry drifts by decimetres over 20 m [m]
+FINISH_Y_M = 18.8
 GOAL_TOLERANCE_M = 0.4
 CELL_M = 0.10  # cell size of the grid of the reference path [m]
 # Corners of the reference path [cells]: the cheapest path with 0.3 m of clearance
-# fmt: off
 PATH_CORNERS = (
-    (20, 8), (20, 14), (22, 16), (22, 22), (28, 28), (28, 37), (22, 43), (22, 44), (12, 54), (12, 70),
-    (20, 78), (20, 87), (19, 88), (19, 93), (20, 94), (20, 116), (19, 117), (19, 121), (30, 132), (30, 141),
-    (14, 157), (14, 160), (13, 161), (13, 177), (17, 181), (17, 190), (20, 193),
+    (20, 8),
+    (20, 14),
+    (22, 16),
+    (22, 22),
+    (28, 28),
+    (28, 37),
+    (22, 43),
+    (22, 44),
+    (12, 54),
+    (12, 70),
+    (20, 78),
+    (20, 87),
+    (19, 88),
+    (19, 93),
+    (20, 94),
+    (20, 116),
+    (19, 117),
+    (19, 121),
+    (30, 132),
+    (30, 141),
+    (14, 157),
+    (14, 160),
+    (13, 161),
+    (13, 177),
+    (17, 181),
+    (17, 190),
+    (20, 193),
 )
-# fmt: on
 
+BOX_LENGTH_M = 0.6  # approximate length of a box along its row [m]
+BOX_WIDTH_M = 0.4  # width of a box across its row [m]
+LARGEST_TILT = 0.06  # amplitude of the small rotations of the boxes in a row [rad]
 # Rows of cardboard boxes across the lane: y, from x, to x [m]. The comments give the gaps.
 ROWS = (
     (3.2, 0.0, 2.3),  # 1.7 m on the right
@@ -57,31 +87,49 @@ LOOSE = (
 
 def world() -> World:
     """Return the world, which is always the same."""
-    boxes = np.array(_walls() + [box for row in ROWS for box in _row(*row)] + list(LOOSE))
+    boxes = _walls()
+    for y, low, high in ROWS:
+        boxes += _row(y, low, high)
+    boxes += LOOSE
     course = Course(START, GOAL, FINISH_Y_M, GOAL_TOLERANCE_M, _path())
-    return World(name=NAME, cylinders=np.zeros((0, 3)), boxes=boxes, course=course)
+    return World(NAME, np.zeros((0, 3)), np.array(boxes), course)
 
 
 def _walls() -> List[Tuple[float, ...]]:
-    t = 0.3
+    """Return the four walls as boxes; the lane lies between their inner faces."""
+    half_wall = 0.5 * WALL_WIDTH_M
+    across = LANE_WIDTH_M + 2 * WALL_WIDTH_M
     return [
-        (-0.5 * t, 0.5 * LANE_LENGTH_M, 0.0, t, LANE_LENGTH_M),
-        (LANE_WIDTH_M + 0.5 * t, 0.5 * LANE_LENGTH_M, 0.0, t, LANE_LENGTH_M),
-        (0.5 * LANE_WIDTH_M, -0.5 * t, 0.0, LANE_WIDTH_M + 2 * t, t),
-        (0.5 * LANE_WIDTH_M, LANE_LENGTH_M + 0.5 * t, 0.0, LANE_WIDTH_M + 2 * t, t),
+        (-half_wall, 0.5 * LANE_LENGTH_M, 0.0, WALL_WIDTH_M, LANE_LENGTH_M),
+        (LANE_WIDTH_M + half_wall, 0.5 * LANE_LENGTH_M, 0.0, WALL_WIDTH_M, LANE_LENGTH_M),
+        (0.5 * LANE_WIDTH_M, -half_wall, 0.0, across, WALL_WIDTH_M),
+        (0.5 * LANE_WIDTH_M, LANE_LENGTH_M + half_wall, 0.0, across, WALL_WIDTH_M),
     ]
 
 
 def _row(y: float, low: float, high: float) -> List[Tuple[float, ...]]:
-    """Return boxes of about .6 x .4 m side by side, each slightly rotated."""
-    count = max(1, int(round((high - low) / 0.6)))
-    side = (high - low) / count
-    askew = [0.06 * math.sin(7.0 * n + 3.0 * y + low) for n in range(count)]
-    return [(low + (n + 0.5) * side, y + 0.5 * a, a, side, 0.4) for n, a in enumerate(askew)]
+    """Return boxes of about .6 x .4 m side by side, each slightly rotated.
+
+    The rotations come from a sine, so that the row looks irregular but is always the same.
+    """
+    count = max(1, int(round((high - low) / BOX_LENGTH_M)))
+    length = (high - low) / count
+    boxes: List[Tuple[float, ...]] = []
+    for n in range(count):
+        yaw = LARGEST_TILT * math.sin(7.0 * n + 3.0 * y + low)
+        x = low + (n + 0.5) * length
+        boxes.append((x, y + 0.5 * yaw, yaw, length, BOX_WIDTH_M))
+    return boxes
 
 
-def _path() -> np.ndarray:
+def _path() -> Array:
     """Return the reference path (k, 2) [m]: the centres of the cells from corner to corner."""
     corners = np.array(PATH_CORNERS)
-    legs = [a + np.sign(b - a) * np.arange(np.abs(b - a).max())[:, None] for a, b in zip(corners[:-1], corners[1:])]
-    return CELL_M * (np.concatenate([*legs, corners[-1:]]) + 0.5)
+    cells = []
+    for corner, leg in zip(corners, np.diff(corners, axis=0)):
+        # A leg is straight or diagonal. Its last cell is the first of the next leg.
+        steps = np.arange(np.abs(leg).max())[:, np.newaxis]
+        cells.append(corner + np.sign(leg) * steps)
+    cells.append(corners[-1:])
+    centres: Array = CELL_M * (np.concatenate(cells) + 0.5)
+    return centres

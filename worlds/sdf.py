@@ -1,7 +1,7 @@
 """SDF parsing for `sdf_reader`: XML without entities, numbers in texts, poses and shapes.
 
-Transforms are composed in three dimensions. Each collision is then reduced to its outline on the ground, a circle or a
-rectangle.
+Transforms are composed in three dimensions. Each collision is then reduced to its outline on the
+ground, a circle or a rectangle.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from typing import Callable, Dict, List, Optional, Sequence, Tuple
+from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple
 from xml.etree.ElementTree import Element, ParseError
 
 import numpy as np
@@ -30,23 +30,29 @@ Shape = Tuple[float, ...]  # circle (x, y, radius) or rectangle (x, y, yaw, size
 def parse(path: str) -> Element:
     """Return the root element of an SDF file. Raise ApplrError if the file is malformed."""
     # DynaBARN's worlds contain <pose frame=>, which Gazebo's parser accepts.
-    data = re.sub(r"<(\w+) frame=>", r"<\1>", files.plain_xml(files.read_bytes(path)))
+    text = re.sub(r"<(\w+) frame=>", r"<\1>", files.plain_xml(files.read_bytes(path)))
     try:
-        root: Element = fromstring(data, forbid_dtd=True)
+        root: Element = fromstring(text, forbid_dtd=True)
     except (DefusedXmlException, ParseError) as error:
-        raise ApplrError(f"{path} is not read ({error}): give a Gazebo world file without DOCTYPE") from None
+        raise ApplrError(
+            f"{path} is not read ({error}): give a Gazebo world file without DOCTYPE"
+        ) from None
     return root
 
 
 def numbers(text: Optional[str], count: int, what: str) -> List[float]:
-    """Return `count` finite numbers from an element's text. `what` names the element in the message."""
+    """Return `count` finite numbers from an element's text.
+
+    `what` names the element in the message.
+    """
     words = (text or "").split()
     try:
         values = [float(word) for word in words]
     except ValueError:
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
-        raise ApplrError(f"{what} is {' '.join(words)[:60]!r}: give {count} finite numbers")
+        shown = " ".join(words)[:60]
+        raise ApplrError(f"{what} is {shown!r}: give {count} finite numbers")
     return values
 
 
@@ -56,55 +62,89 @@ def in_the_way(low: float, high: float) -> bool:
 
 
 def cylinder(pose: Array, radius: float, length: float) -> Optional[Shape]:
-    """Return the circle of an upright cylinder, or the rectangle around a lying or leaning cylinder."""
-    axis = pose[:3, 2]
-    flat = math.hypot(axis[0], axis[1])
-    reach = 0.5 * length * abs(axis[2]) + radius * flat
-    if not in_the_way(pose[2, 3] - reach, pose[2, 3] + reach):
+    """Return the circle of an upright cylinder, or the rectangle around a lying or leaning one.
+
+    Return None if the cylinder is not in the way.
+    """
+    x, y, z = pose[:3, 3].tolist()
+    axis_x, axis_y, axis_z = pose[:3, 2].tolist()
+    upright = abs(axis_z)  # cosine of the angle between axis and vertical
+    flat = math.hypot(axis_x, axis_y)  # sine of this angle
+    reach = 0.5 * length * upright + radius * flat
+    if not in_the_way(z - reach, z + reach):
         return None
-    x, y = float(pose[0, 3]), float(pose[1, 3])
-    if abs(axis[2]) >= UPRIGHT_COSINE:
+    if upright >= UPRIGHT_COSINE:
         return x, y, radius
-    along = length * flat + 2.0 * radius * abs(axis[2])
-    return x, y, math.atan2(axis[1], axis[0]), float(along), 2.0 * radius
+    # The side of a leaning cylinder and its two end discs, seen from above.
+    size_along = length * flat + 2.0 * radius * upright
+    return x, y, math.atan2(axis_y, axis_x), size_along, 2.0 * radius
 
 
 def sphere(pose: Array, radius: float) -> Optional[Shape]:
     """Return the sphere's widest circle, or None if the sphere is not in the way."""
     x, y, z = pose[:3, 3].tolist()
-    return (x, y, radius) if in_the_way(z - radius, z + radius) else None
+    if not in_the_way(z - radius, z + radius):
+        return None
+    return x, y, radius
 
 
-def box(pose: Array, *size: float) -> Optional[Shape]:
-    """Return the rectangle covered by a box, or None if it is not in the way. Exact for a box on one of its faces."""
+def box(pose: Array, *sizes: float) -> Optional[Shape]:
+    """Return the rectangle covered by a box, or None if the box is not in the way.
+
+    The rectangle is exact for a box on one of its faces.
+    """
+    # Offsets of the eight corners from the centre, in sizes of the box.
     signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
-    corners = (signs * np.asarray(size)) @ pose[:3, :3].T
-    if not in_the_way(pose[2, 3] + corners[:, 2].min(), pose[2, 3] + corners[:, 2].max()):
+    rotation = pose[:3, :3]
+    corners = (signs * np.asarray(sizes)) @ rotation.T
+    corner_x, corner_y, corner_z = corners.T
+    x, y, z = pose[:3, 3].tolist()
+    if not in_the_way(z + corner_z.min(), z + corner_z.max()):
         return None
     # The most horizontal axis gives the direction of the rectangle, and the first axis wins a tie.
-    axes = np.hypot(pose[0, :3], pose[1, :3])
-    main = int(np.argmax(axes > axes.max() - 1e-9))
-    yaw = math.atan2(pose[1, main], pose[0, main])
-    c, s = math.cos(yaw), math.sin(yaw)
-    along, across = corners[:, 0] * c + corners[:, 1] * s, corners[:, 1] * c - corners[:, 0] * s
-    return float(pose[0, 3]), float(pose[1, 3]), yaw, float(np.ptp(along)), float(np.ptp(across))
+    axis_x, axis_y = pose[:2, :3]
+    flat = np.hypot(axis_x, axis_y)
+    main = int(np.argmax(flat > flat.max() - 1e-9))
+    yaw = math.atan2(axis_y[main], axis_x[main])
+    cosine = math.cos(yaw)
+    sine = math.sin(yaw)
+    along = corner_x * cosine + corner_y * sine
+    across = corner_y * cosine - corner_x * sine
+    size_along = float(np.ptp(along))
+    size_across = float(np.ptp(across))
+    return x, y, yaw, size_along, size_across
 
 
-# By shape: tags of its sizes, numbers per tag, and the function that returns its outline at a pose (4, 4)
-SHAPES: Dict[str, Tuple[Sequence[str], int, Callable[..., Optional[Shape]]]] = {
-    "cylinder": (("radius", "length"), 1, cylinder),
-    "sphere": (("radius",), 1, sphere),
-    "box": (("size",), 3, box),
+class ShapeReader(NamedTuple):
+    """How a shape is read: tags of its sizes, and the function of its outline at a pose (4, 4)."""
+
+    tags: Sequence[str]
+    numbers_per_tag: int
+    outline: Callable[..., Optional[Shape]]
+
+
+SHAPES = {
+    "cylinder": ShapeReader(("radius", "length"), 1, cylinder),
+    "sphere": ShapeReader(("radius",), 1, sphere),
+    "box": ShapeReader(("size",), 3, box),
 }
 
 
 def pose_of(element: Element, what: str) -> Array:
-    """Return an element's pose (4, 4) in its parent frame. `what` names the element in the message."""
-    pose, matrix, words = element.find("pose"), np.eye(4), (element.findtext("pose") or "").split()
-    if pose is not None and words:
-        values = numbers(" ".join((words + ["0"] * 5)[:6]), 6, "pose, " + what)  # sdformat pads with zeros, too.
-        matrix[:3, 3] = values[:3]
-        degrees = pose.get("degrees") in ("true", "1")
-        turn = scipy.spatial.transform.Rotation.from_euler("xyz", values[3:], degrees)  # about fixed axes: R = Rz Ry Rx
-        matrix[:3, :3] = turn.as_matrix()
+    """Return an element's pose (4, 4) in its parent frame.
+
+    `what` names the element in the message.
+    """
+    matrix = np.eye(4)
+    pose = element.find("pose")
+    words = (element.findtext("pose") or "").split()
+    if pose is None or not words:
+        return matrix
+    padded = " ".join((words + ["0"] * 5)[:6])  # sdformat pads with zeros, too.
+    values = numbers(padded, 6, "pose, " + what)
+    matrix[:3, 3] = values[:3]
+    # Lower case means rotations about fixed axes, as in SDF: R = Rz Ry Rx.
+    degrees = pose.get("degrees") in ("true", "1")
+    rotation = scipy.spatial.transform.Rotation.from_euler("xyz", values[3:], degrees)
+    matrix[:3, :3] = rotation.as_matrix()
     return matrix

@@ -1,8 +1,9 @@
 """Reader of Gazebo SDF worlds, including those of BARN and DynaBARN, into a World.
 
-`worlds.loading` calls `read_world`. Poses of models, links and collisions are composed, each relative to its parent. A
-saved <state> overrides the poses of its models. Elements that are not supported (meshes, includes, other frames) are
-reported in one warning, and the other elements form the world.
+`worlds.loading` calls `read_world`. Poses of models, links and collisions are composed, each
+relative to its parent. A saved <state> overrides the poses of its models. Elements that are not
+supported (meshes, includes, other frames) are reported in one warning, and the other elements form
+the world.
 """
 
 from __future__ import annotations
@@ -34,110 +35,175 @@ def read_world(path: str, points: Optional[Array] = None) -> World:
 
     Args:
         path: World file.
-        points: Course (n, 2) [m]. By default, the course is the one that `sdf_writer` stored in the file, or that of
-            path_files/path_N.npy beside the file.
+        points: Course (n, 2) [m]. By default, the course is the one that `sdf_writer` stored in the
+            file, or that of path_files/path_N.npy beside the file.
 
     Raises:
         ApplrError: The file cannot be read or has no course.
     """
-    name = os.path.splitext(os.path.basename(path))[0]
+    name, _ = os.path.splitext(os.path.basename(path))
     root = parse(path)
-    world = root if root.tag == "world" else root.find("world")
-    if world is None:
+    element: Optional[Element] = root
+    if root.tag != "world":
+        element = root.find("world")
+    if element is None:
         raise ApplrError(f"{path} contains no <world>; give a Gazebo world file")
-    cylinders, boxes, low, movers = _Reader(path, world).read()
-    stored = world.find(f"{{{NAMESPACE}}}course")
+    reader = _Reader(path)
+    reader.read(element)
+
+    cylinders = as_array(reader.cylinders, 3)
+    movers = tuple(reader.movers)
+    stored = element.find(f"{{{NAMESPACE}}}course")
     if points is not None:
         way = course.along(path, points)
+    elif stored is not None:
+        way = course.from_element(stored, path)
     else:
-        way = course.beside(path, cylinders, movers) if stored is None else course.from_element(stored, path)
+        way = course.beside(path, cylinders, movers)
+
     # Low boxes are obstacles, except for the floor slabs on which the robot stands at the start.
-    stands_on = [np.hypot(*outside_box(*(way.start[:2] - box[:2]), *box[2:])) == 0.0 for box in low]
-    return World(name, cylinders, np.concatenate([boxes, low[~np.array(stands_on, bool)]]), way, movers)
+    x, y, _ = way.start
+    boxes = list(reader.boxes)
+    for slab in reader.low_boxes:
+        slab_x, slab_y, yaw, size_x, size_y = slab
+        if outside_box(x - slab_x, y - slab_y, yaw, size_x, size_y) != (0.0, 0.0):
+            boxes.append(slab)
+    return World(name, cylinders, as_array(boxes, 5), way, movers)
+
+
+def as_array(shapes: List[Shape], columns: int) -> Array:
+    """Return shapes as an array (n, columns), which may have no rows."""
+    return np.array(shapes, dtype=np.float64).reshape(-1, columns)
 
 
 class _Reader:
-    """One pass over a <world>. `path` appears in messages and locates DynaBARN's key frames."""
+    """One pass over a <world>.
 
-    def __init__(self, path: str, world: Element) -> None:
-        self.path, self.world = path, world
+    Args:
+        path: File of the world, which appears in messages and locates DynaBARN's key frames.
+
+    Attributes:
+        cylinders: Circles x, y, radius [m].
+        boxes: Rectangles x, y, yaw, size_x, size_y [m, rad].
+        low_boxes: Boxes whose top is within FLOOR_HEIGHT_M, so that they may be floor slabs.
+        movers: Moving obstacles.
+        unread: Elements that are not supported.
+    """
+
+    def __init__(self, path: str) -> None:
+        self.path = path
         self.cylinders: List[Shape] = []
         self.boxes: List[Shape] = []
-        self.low: List[Shape] = []  # boxes whose top is within FLOOR_HEIGHT_M, so that they may be floor slabs
+        self.low_boxes: List[Shape] = []
         self.movers: List[Mover] = []
         self.unread: List[str] = []
 
-    def read(self) -> Tuple[Array, Array, Array, Tuple[Mover, ...]]:
-        """Return cylinders (n, 3), boxes (m, 5), low boxes (k, 5) and moving obstacles, as in worlds.World."""
+    def read(self, world: Element) -> None:
+        """Read the obstacles of a <world>, and log unsupported elements in one warning."""
+        # They may be obstacles, but their shapes are not those of a <model> of the world.
         for tag in ("actor", "population", "road", "state/insertions/model"):
-            self.unread += [f"<{tag}>" for _ in self.world.findall(tag)]
-        for include in self.world.iter("include"):
+            self.unread += [f"<{tag}>"] * len(world.findall(tag))
+        for include in world.iter("include"):
             uri = (include.findtext("uri") or "").strip().rstrip("/")
             if uri not in IGNORED_INCLUDES:
                 self.unread.append(f"the include {uri!r}")
-        saved = {model.get("name"): model for model in self.world.findall("state/model")}
-        for model in self.world.findall("model"):
-            self._model(model, np.eye(4), saved.get(model.get("name")), ("", "world"))
+        saved = {model.get("name"): model for model in world.findall("state/model")}
+        for model in world.findall("model"):
+            state = saved.get(model.get("name"))
+            self._model(model, np.eye(4), state, ("", "world"))
         if self.unread:
-            more = f" and {len(self.unread) - MAX_NAMED} more" if len(self.unread) > MAX_NAMED else ""
-            what = ", ".join(self.unread[:MAX_NAMED])
-            logging.getLogger(__name__).warning("%s: not supported: %s%s; ignored", self.path, what, more)
-        cylinders, boxes, low = (
-            np.array(shapes, dtype=np.float64).reshape(-1, n)
-            for shapes, n in ((self.cylinders, 3), (self.boxes, 5), (self.low, 5))
-        )
-        return cylinders, boxes, low, tuple(self.movers)
+            names = ", ".join(self.unread[:MAX_NAMED])
+            if len(self.unread) > MAX_NAMED:
+                names += f" and {len(self.unread) - MAX_NAMED} more"
+            log = logging.getLogger(__name__)
+            log.warning("%s: not supported: %s; ignored", self.path, names)
 
-    def _known(self, element: Element, frames: Tuple[str, ...], what: str) -> bool:
-        """Return True if an element's pose is relative to its parent. Otherwise note the element as unsupported."""
+    def _is_relative_to(self, element: Element, frames: Tuple[str, ...], what: str) -> bool:
+        """Return True if an element's pose is relative to one of the names of its parent.
+
+        Otherwise note the element as unsupported.
+        """
         pose = element.find("pose")
-        frame = "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
-        frame = element.get("placement_frame") or frame
-        if frame not in frames:
-            self.unread.append(f"{what} (its pose is relative to {frame!r})")
-        return frame in frames
+        frame = element.get("placement_frame") or ""
+        if not frame and pose is not None:
+            frame = pose.get("relative_to") or pose.get("frame") or ""
+        if frame in frames:
+            return True
+        # Resolving other frames would need the whole frame graph of SDF.
+        self.unread.append(f"{what} (its pose is relative to {frame!r})")
+        return False
 
-    def _model(self, model: Element, parent: Array, saved: Optional[Element], frames: Tuple[str, ...]) -> None:
-        """Read a model and the models in it. saved: The model's element in a <state>, or None.
+    def _model(
+        self, model: Element, parent: Array, saved: Optional[Element], frames: Tuple[str, ...]
+    ) -> None:
+        """Read a model and the models in it.
 
-        parent, frames: Pose (4, 4) of the parent in the world, and names by which a <pose> may refer to the parent.
+        Args:
+            model: Element of the model.
+            parent: Pose (4, 4) of the parent in the world.
+            saved: Element of the model in a <state>, or None.
+            frames: Names by which a <pose> may refer to the parent.
         """
         name = f"model {model.get('name')!r}"
-        what = f"{name} in {self.path}"
-        if not self._known(model, frames, name):
+        title = f"{name} in {self.path}"
+        if not self._is_relative_to(model, frames, name):
             return
-        pose = parent @ pose_of(model, what)
-        if saved is not None and saved.find("pose") is not None:  # Poses in a <state> are in the world frame.
-            pose = pose_of(saved, f"state of {what}")
-        if saved is not None and numbers(saved.findtext("scale", "1 1 1"), 3, f"scale, state of {what}") != [1.0] * 3:
-            self.unread.append(f"the scale of {name}")
+        pose = parent @ pose_of(model, title)
+        if saved is not None:
+            if saved.find("pose") is not None:
+                pose = pose_of(saved, f"state of {title}")  # It is in the world frame.
+            scale = numbers(saved.findtext("scale", "1 1 1"), 3, f"scale, state of {title}")
+            if scale != [1.0, 1.0, 1.0]:
+                self.unread.append(f"the scale of {name}")
+
         animation = dynabarn.animation_of(model, self.path)
         for link in model.findall("link"):
-            if self._known(link, ("", "__model__"), f"link {link.get('name')!r} of {name}"):
-                self._link(link, pose @ pose_of(link, f"link {link.get('name')!r} of {what}"), what, animation)
+            link_name = f"link {link.get('name')!r}"
+            if self._is_relative_to(link, ("", "__model__"), f"{link_name} of {name}"):
+                link_pose = pose @ pose_of(link, f"{link_name} of {title}")
+                self._link(link, link_pose, name, animation)
+        # The saved state of a model inside another model is not read.
         for inner in model.findall("model"):
             self._model(inner, pose, None, ("", "__model__"))
 
     def _link(self, link: Element, pose: Array, model: str, animation: Optional[Animation]) -> None:
+        """Read the collisions of a link at a pose (4, 4). `model` names its model in messages."""
         for collision in link.findall("collision"):
             name = f"collision {collision.get('name')!r}"
-            if not self._known(collision, ("", link.get("name", "")), name):
+            if not self._is_relative_to(collision, ("", link.get("name", "")), name):
                 continue
-            there = pose @ pose_of(collision, f"{name} of {model}")
+            title = f"{name} of {model}"
+            collision_pose = pose @ pose_of(collision, f"{title} in {self.path}")
             for element in collision.iterfind("geometry/*"):
                 if element.tag in SHAPES:
-                    self._shape(element, there, f"{name} of {model}", animation)
+                    self._shape(element, collision_pose, f"{title} in {self.path}", animation)
                 elif element.tag not in NOTHING_THERE:
-                    self.unread.append(f"{name} of {model.partition(' in ' + self.path)[0]} (a {element.tag})")
+                    self.unread.append(f"{title} (a {element.tag})")
 
-    def _shape(self, element: Element, pose: Array, what: str, animation: Optional[Animation]) -> None:
-        tags, count, cut = SHAPES[element.tag]
-        sizes = [size for tag in tags for size in numbers(element.findtext(tag), count, f"{tag}, {what}")]
-        shape = cut(pose, *sizes)
-        if shape is not None and len(shape) > 3:
-            half = 0.5 * np.abs(pose[2, :3]) @ sizes if element.tag == "box" else np.inf
-            (self.low if pose[2, 3] + half <= FLOOR_HEIGHT_M else self.boxes).append(shape)
-        elif shape is not None and animation is not None:
+    def _shape(
+        self, element: Element, pose: Array, title: str, animation: Optional[Animation]
+    ) -> None:
+        """Add the outline of a shape at a pose (4, 4) to the obstacles of its kind."""
+        reader = SHAPES[element.tag]
+        sizes: List[float] = []
+        for tag in reader.tags:
+            text = element.findtext(tag)
+            sizes += numbers(text, reader.numbers_per_tag, f"{tag}, {title}")
+        shape = reader.outline(pose, *sizes)
+        if shape is None:
+            return
+        # Only round obstacles move, as in DynaBARN. A box with an animation stays where it starts.
+        if len(shape) == 3 and animation is not None:
             self.movers.append(animation(shape[2]))
-        elif shape is not None:
+        elif len(shape) == 3:
             self.cylinders.append(shape)
+        elif element.tag == "box" and top_of_box(pose, sizes) <= FLOOR_HEIGHT_M:
+            self.low_boxes.append(shape)
+        else:
+            self.boxes.append(shape)
+
+
+def top_of_box(pose: Array, sizes: List[float]) -> float:
+    """Return the height [m] of the highest corner of a box with three sizes [m] at a pose."""
+    *upward, z = pose[2]  # share of each axis of the box that points up, and height of the centre
+    return float(z + 0.5 * np.abs(upward) @ sizes)

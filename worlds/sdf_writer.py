@@ -1,6 +1,7 @@
 """Writer of a World as a Gazebo .world file: `python -m worlds.sdf_writer generated:7 out.world`.
 
-Reading the file back gives the same world including its course. Gazebo ignores the elements of namespace applr.
+Reading the file back gives the same world including its course. Gazebo ignores the elements of
+namespace applr.
 """
 
 from __future__ import annotations
@@ -52,36 +53,56 @@ def write(world: World, path: str) -> None:
 def text(world: World) -> str:
     """Return the text of the .world file. Numbers are written without loss of precision."""
     models: List[str] = []
-
-    def add(name: str, x: float, y: float, shape: str, yaw: float = 0.0, extra: str = "") -> None:
-        models.append(_MODEL.format(name=name, x=x, y=y, z=0.5 * HEIGHT_M, yaw=yaw, shape=shape, extra=extra))
-
-    def cylinder(radius: float) -> str:
-        return f"<cylinder><radius>{radius!r}</radius><length>{HEIGHT_M!r}</length></cylinder>"
-
     for n, (x, y, radius) in enumerate(world.cylinders.tolist()):
-        add(f"cylinder_{n}", x, y, cylinder(radius))
+        models.append(_model(f"cylinder_{n}", x, y, _cylinder(radius)))
     for n, (x, y, yaw, size_x, size_y) in enumerate(world.boxes.tolist()):
-        add(f"box_{n}", x, y, f"<box><size>{size_x!r} {size_y!r} {HEIGHT_M!r}</size></box>", yaw)
+        box = f"<box><size>{size_x!r} {size_y!r} {HEIGHT_M!r}</size></box>"
+        models.append(_model(f"box_{n}", x, y, box, yaw))
     for n, mover in enumerate(world.movers):
-        add(f"mover_{n}", *mover.waypoints[0][1:], cylinder(mover.radius), extra=_waypoints(mover))
+        _, x, y = mover.waypoints[0]
+        shape = _cylinder(mover.radius)
+        models.append(_model(f"mover_{n}", x, y, shape, extra=_waypoints(mover)))
+
     course = world.course
-    finish = "" if course.finish_y is None else f"      <applr:finish_y>{float(course.finish_y)!r}</applr:finish_y>\n"
-    ends = "      <applr:planner_ends/>\n" if course.planner_ends else ""
-    start, goal, path = map(_row, (course.start, course.goal, course.path.ravel().tolist()))
-    ways = dict(start=start, goal=goal, path=path, finish=finish, ends=ends, tolerance=float(course.goal_tolerance))
-    return _WORLD.format(models="".join(models), **ways)
+    finish, ends = "", ""
+    if course.finish_y is not None:
+        finish = f"      <applr:finish_y>{float(course.finish_y)!r}</applr:finish_y>\n"
+    if course.planner_ends:
+        ends = "      <applr:planner_ends/>\n"
+    return _WORLD.format(
+        models="".join(models),
+        start=_row(course.start),
+        goal=_row(course.goal),
+        finish=finish,
+        ends=ends,
+        tolerance=float(course.goal_tolerance),
+        path=_row(course.path.ravel().tolist()),
+    )
+
+
+def _model(name: str, x: float, y: float, shape: str, yaw: float = 0.0, extra: str = "") -> str:
+    # A model stands on the ground, and its pose is the pose of its centre.
+    z = 0.5 * HEIGHT_M
+    return _MODEL.format(name=name, x=x, y=y, z=z, yaw=yaw, shape=shape, extra=extra)
+
+
+def _cylinder(radius: float) -> str:
+    return f"<cylinder><radius>{radius!r}</radius><length>{HEIGHT_M!r}</length></cylinder>"
 
 
 def _waypoints(mover: Mover) -> str:
-    length = f' length="{mover.length!r}"' if mover.length != mover.waypoints[-1][0] else ""
-    repeat = "" if mover.repeat else ' repeat="0"'
-    frames = _row(v for point in mover.waypoints for v in point)
-    return f"\n      <applr:waypoints{length}{repeat}>{frames}</applr:waypoints>"
+    # Defaults are not written.
+    attributes = ""
+    if mover.length != mover.waypoints[-1][0]:
+        attributes += f' length="{mover.length!r}"'
+    if not mover.repeat:
+        attributes += ' repeat="0"'
+    frames = " ".join(_row(frame) for frame in mover.waypoints)
+    return f"\n      <applr:waypoints{attributes}>{frames}</applr:waypoints>"
 
 
 def _row(values: Iterable[float]) -> str:
-    return " ".join(repr(float(v)) for v in values)
+    return " ".join(repr(float(value)) for value in values)
 
 
 def main() -> int:
@@ -103,6 +124,7 @@ def main() -> int:
     )
     arguments = parser.parse_args()
 
+    # Reading takes place within run_main, which reports an error in one line.
     def write_world() -> None:
         if arguments.course is None:
             world = command_line.world_of(arguments.world, arguments.robot)

@@ -1,4 +1,4 @@
-"""Searches on a grid for reference paths: A* ported from BARN's world generator, and the graph of a map."""
+"""Searches on a grid for reference paths: A* of BARN's world generator, and the graph of a map."""
 
 from __future__ import annotations
 
@@ -15,85 +15,129 @@ from applr_ros1.common.arrays import Array, Ints
 Cell = Tuple[int, int]
 Cells = NDArray[np.bool_]  # mask (rows, columns) of a grid's cells
 
-MOVES = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))  # moves in steps of 45 degrees
-LENGTHS = tuple(math.hypot(*m) for m in MOVES)
-SHY_CELLS, SHY_COST = 2.0, 5.0  # range [cells] and weight of the penalty SHY_COST / distance to a blocked cell
+# moves (rows, columns) to a neighbouring cell, in steps of 45 degrees, and their lengths [cells]
+MOVES = (
+    (0, 1),
+    (1, 1),
+    (1, 0),
+    (1, -1),
+    (0, -1),
+    (-1, -1),
+    (-1, 0),
+    (-1, 1),
+)
+LENGTHS = tuple(math.hypot(row, column) for row, column in MOVES)
+ANY_MOVE = -1  # heading at the start of a path
+SHY_CELLS = 2.0  # largest distance to a blocked cell with a penalty [cells]
+SHY_COST = 5.0  # penalty of a cell beside a blocked one; it decreases with 1 / distance
 
 
 def free_space(filled: Cells, clearance: int) -> Cells:
-    """Return the cells with no filled cell within +-`clearance` cells. Cells outside the grid count as empty."""
-    near: Cells = scipy.ndimage.maximum_filter(filled, size=2 * clearance + 1, mode="constant", cval=False)
+    """Return the cells with no filled cell within +-`clearance` cells along both axes.
+
+    Cells outside the grid count as empty.
+    """
+    width = 2 * clearance + 1
+    near: Cells = scipy.ndimage.maximum_filter(filled, size=width, mode="constant", cval=False)
     return ~near
 
 
 def obstacle_penalty(free: Cells) -> Array:
-    """Return the penalty of each cell: 5 / (distance to the nearest blocked cell) up to 2 cells away, otherwise 0."""
+    """Return the penalty of each cell.
+
+    It is 5 / (distance to the nearest blocked cell) up to 2 cells away, otherwise 0.
+    """
     if free.all():
-        return np.zeros(free.shape)
+        return np.zeros(free.shape)  # The distance to a blocked cell is undefined.
     distance = scipy.ndimage.distance_transform_edt(free)
-    return np.where(free & (distance <= SHY_CELLS), SHY_COST / np.maximum(distance, 1.0), 0.0)
+    is_near = free & (distance <= SHY_CELLS)
+    return np.where(is_near, SHY_COST / np.maximum(distance, 1.0), 0.0)
 
 
 def _turns(heading: int) -> Tuple[int, ...]:
-    """Return the moves within 45 degrees of the move `heading`, or all if it is -1. Their order decides ties."""
-    if heading < 0:
-        return tuple(range(8))
-    return (heading - 1) % 8, heading, (heading + 1) % 8
+    """Return the moves within 45 degrees of a heading. Their order decides ties."""
+    if heading == ANY_MOVE:
+        return tuple(range(len(MOVES)))
+    right = (heading - 1) % len(MOVES)
+    left = (heading + 1) % len(MOVES)
+    return right, heading, left
 
 
 def barn_path(free: Cells, start: Cell, goal: Cell) -> Optional[Ints]:
-    """Return the path (k, 2) int64 of BARN's generator from start to goal, or None if the search fails.
+    """Return the path (k, 2) int64 of BARN's generator from start to goal, or None.
 
-    The search is A* with three deviations that shape BARN's paths. A cell's penalty affects the order of expansion, but
-    not the cost of later cells. Only a cell that is reached again at a lower cost gets a heuristic. Turns are limited
-    to 45 degrees, but a cell is closed for all headings, so the search may miss an existing path.
+    The search is A* with three deviations that shape BARN's paths. A cell's penalty affects the
+    order of expansion, but not the cost of later cells. Only a cell that is reached again at a
+    lower cost gets a heuristic. Turns are limited to 45 degrees, but a cell is closed for all
+    headings, so the search may miss an existing path and return None.
     """
     penalty = obstacle_penalty(free)
     rows, columns = free.shape
-    spent: Dict[Cell, float] = {start: 0.0}
-    parent: Dict[Cell, Tuple[Cell, int]] = {start: (start, -1)}
+    cost_to: Dict[Cell, float] = {start: 0.0}
+    parent: Dict[Cell, Cell] = {}
+    heading: Dict[Cell, int] = {start: ANY_MOVE}  # move by which the path enters a cell
     rank: Dict[Cell, float] = {start: 0.0}
-    number: Dict[Cell, int] = {start: 0}  # order of discovery, which decides ties
+    discovery: Dict[Cell, int] = {start: 0}  # order of discovery, which decides ties
     queue: List[Tuple[float, int, Cell]] = [(0.0, 0, start)]
     closed = set()
     while queue:
         value, _, cell = heapq.heappop(queue)
         if cell in closed or value != rank[cell]:
-            continue
+            continue  # The entry is outdated: the cell has been reached at a lower cost since.
         closed.add(cell)
+        # The goal ends the search when it is expanded, not when it is discovered, because a path
+        # at a lower cost may still be found in between.
         if cell == goal:
             path = [cell]
             while path[-1] != start:
-                path.append(parent[path[-1]][0])
+                path.append(parent[path[-1]])
             return np.array(path[::-1], dtype=np.int64)
-        for turn in _turns(parent[cell][1]):
-            r, c = cell[0] + MOVES[turn][0], cell[1] + MOVES[turn][1]
-            if not (0 <= r < rows and 0 <= c < columns and free[r, c]) or (r, c) in closed:
+        for move in _turns(heading[cell]):
+            row_step, column_step = MOVES[move]
+            row = cell[0] + row_step
+            column = cell[1] + column_step
+            reached = row, column
+            is_inside = 0 <= row < rows and 0 <= column < columns
+            if not is_inside or not free[reached] or reached in closed:
                 continue
-            if not (free[r, cell[1]] or free[cell[0], c]):
+            beside = free[row, cell[1]], free[cell[0], column]
+            if not any(beside):
                 continue  # A diagonal move must not pass between two blocked corners.
-            cost = spent[cell] + LENGTHS[turn]
-            if (r, c) not in spent:
-                number[r, c] = len(number)
-                rank[r, c] = cost + penalty[r, c]
-            elif cost < spent[r, c]:
-                rank[r, c] = cost + math.hypot(r - goal[0], c - goal[1]) + penalty[r, c]
+            cost = cost_to[cell] + LENGTHS[move]
+            # A cell that is discovered has no heuristic yet (second deviation from A*).
+            if reached not in cost_to:
+                discovery[reached] = len(discovery)
+                rank[reached] = cost + penalty[reached]
+            elif cost < cost_to[reached]:
+                heuristic = math.hypot(row - goal[0], column - goal[1])
+                rank[reached] = cost + heuristic + penalty[reached]
             else:
                 continue
-            spent[r, c], parent[r, c] = cost, (cell, turn)
-            heapq.heappush(queue, (rank[r, c], number[r, c], (r, c)))
+            cost_to[reached] = cost
+            parent[reached] = cell
+            heading[reached] = move
+            heapq.heappush(queue, (rank[reached], discovery[reached], reached))
     return None
 
 
 def grid_graph(free: Cells) -> Any:
-    """Return the graph of barn_path's moves between free cells with their lengths [cells], for scipy.sparse.csgraph.
+    """Return the graph of barn_path's moves between free cells, for scipy.sparse.csgraph.
 
-    The cells are numbered row by row. The outermost cells must not be free.
+    The weights are the lengths of the moves [cells], and the cells are numbered row by row. The
+    outermost cells must not be free, because a move from one of them would enter another row.
     """
-    flat, cells, edges = free.ravel(), np.flatnonzero(free).astype(np.int32), []
+    is_free = free.ravel()
+    cells = np.flatnonzero(free).astype(np.int32)
+    lengths, origins, targets = [], [], []
     for (row, column), length in zip(MOVES, LENGTHS):
-        beside, ahead = cells + row * free.shape[1], cells + column
-        passes = flat[beside + column] & (flat[beside] | flat[ahead])
-        edges.append((np.full(passes.sum(), length), cells[passes], (beside + column)[passes]))
-    lengths, *ends = (np.concatenate(parts) for parts in zip(*edges))
-    return scipy.sparse.csr_matrix((lengths, ends), shape=(free.size, free.size))
+        # A diagonal move passes one of the two cells beside it, as in barn_path.
+        in_row = cells + column
+        in_column = cells + row * free.shape[1]
+        target = in_column + column
+        passes = is_free[target] & (is_free[in_column] | is_free[in_row])
+        lengths.append(np.full(passes.sum(), length))
+        origins.append(cells[passes])
+        targets.append(target[passes])
+    ends = np.concatenate(origins), np.concatenate(targets)
+    shape = free.size, free.size
+    return scipy.sparse.csr_matrix((np.concatenate(lengths), ends), shape=shape)
