@@ -1,14 +1,16 @@
 """Planar simulator without a physics engine, KinematicSimulator, for training at high throughput.
 
-Interface, laser, odometry, wheels and tyres are the same as in PybulletSimulator. Contacts are solved in the plane.
-Three numbers of the robot's description (wheel_rub, body_rub, undo) are fitted to PybulletSimulator. They account for
-three-dimensional effects, such as a wheel that climbs an obstacle.
+Interface, laser, odometry, wheels and tyres are the same as in PybulletSimulator. Contacts are
+solved in the plane. Three numbers of the robot's description (wheel_rub, body_rub, undo) are fitted
+to PybulletSimulator. They account for three-dimensional effects, such as a wheel that climbs an
+obstacle.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import atan2, ceil, cos, hypot, inf, sin
-from typing import Any, Optional, Tuple
+from typing import Any, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -17,22 +19,62 @@ from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
 from applr_ros1.robots import Robot
 
-from . import mechanics as m
 from . import wheels
-from .mechanics import STEP
-from .simulator import RobotState, Simulator
+from .mechanics import STEP, mechanics
+from .records import Records, record, record_type
+from .simulator import SOON_S, RobotState, Simulator
+from .wheels import Pair, Triple, Vehicle
 
-Contact = Tuple[float, float, float, float, float]  # depth [m], point (2) [m], direction (2)
-Constants = Tuple[Array, Array, Array, Array]  # scalars, supports and parts of Mechanics, and wheels.rim_table()
-Obstacles = Tuple[Array, Array]  # circles (n, 5) x, y, radius [m], velocity [m/s], and boxes (m, 5) as in World
-# Indices of the state: pose of the centre of mass, velocity ahead and to the left, yaw rate; outputs of drive(): mean
-# speed of the rims [m/s], and 1 if there was a contact
-X, Y, YAW, U, S, W, ROLLED, CONTACT, SIZE = range(9)
 _MARGIN_M = 0.02  # distance below which contacts are tracked [m]
 _UNDONE_M_S = 1.0  # largest speed at which an overlap is resolved [m/s]
 _SWEEPS = 8  # number of solver iterations over all contacts
 _MOST_CONTACTS = 24  # largest number of simultaneous contacts
-JUMP_M_S = 10.0  # apparent speed above which a moving obstacle has jumped back to the start of its animation [m/s]
+_PUSHED_M_S = 0.5  # largest speed above the robot's own at which a moving obstacle pushes it [m/s]
+# Apparent speed above which a moving obstacle has jumped back to the start of its animation [m/s]
+JUMP_M_S = 10.0
+
+
+@dataclass
+class Body:
+    """State of the robot's body."""
+
+    x: float = 0.0  # pose of the centre of mass in the world [m, m, rad]
+    y: float = 0.0
+    yaw: float = 0.0
+    forward: float = 0.0  # velocity of the centre of mass in the body frame [m/s]
+    leftward: float = 0.0
+    turn: float = 0.0  # yaw rate [rad/s]
+    rolled: float = 0.0  # mean speed of the rims in the last drive() [m/s]
+    touched: float = 0.0  # 1 if there was a contact in the last drive()
+
+
+@dataclass
+class Contact:
+    """Contact of a part of the outline with an obstacle, in the body frame."""
+
+    depth: float  # overlap, negative for a gap [m]
+    x: float  # contact point [m]
+    y: float
+    normal_x: float  # direction in which the obstacle pushes the robot
+    normal_y: float
+    part: float  # index of the part: 0 is the body, or the first part of a round body
+    forward: float  # velocity of the obstacle [m/s]
+    leftward: float
+    push: float  # sum of the normal impulses in the current step [N s]
+    rub: float  # sum of the friction impulses in the current step [N s]
+
+
+CONTACT = record_type(Contact)
+
+
+class Touch(NamedTuple):
+    """Geometry of a contact, see Contact."""
+
+    depth: float
+    x: float
+    y: float
+    normal_x: float
+    normal_y: float
 
 
 class KinematicSimulator(Simulator):
@@ -40,238 +82,404 @@ class KinematicSimulator(Simulator):
 
     def __init__(self, robot: Optional[Robot] = None, **randomisation: Any) -> None:
         super().__init__(robot, **randomisation)
-        mechanics = self._mechanics = m.mechanics(self.robot)
-        self._constants = mechanics.scalars, mechanics.supports, mechanics.parts, wheels.rim_table(self.robot)
-        self._noises = wheels.noises(mechanics.supports)
+        self._mechanics = mechanics(self.robot)
+        self._table = wheels.rim_table(self.robot)
 
     def _place(self, pose: Pose, new_world: bool) -> None:
         if new_world:
-            self._circles = np.zeros((len(self.world.cylinders), 5))  # x, y, radius, velocity
+            self._circles = np.zeros((len(self.world.cylinders), 5))
             self._circles[:, :3] = self.world.cylinders
             self._boxes = np.ascontiguousarray(self.world.boxes, dtype=np.float64).reshape(-1, 5)
         self._move_to(pose)
 
     def _move_to(self, pose: Pose) -> None:
-        self._rolling = wheels.new_drive(self._mechanics.supports, self._angle_seed)
-        self._body = np.zeros(SIZE)
-        self._body[:3] = *transform_point(pose, *self._mechanics.com), pose[2]
+        constants = self._mechanics.constants
+        self._vehicle = wheels.new_vehicle(constants, self._surface, self._angle_seed)
+        self._supports = self._mechanics.supports.copy()
+        x, y = transform_point(pose, *self._mechanics.com)
+        self._body = record(Body(x, y, pose[2]))
 
     def _drive(self, steps: int) -> None:
-        circles = self._circles
-        if self.world.movers:
-            now, then = self.mover_circles(), self.mover_circles(self._steps * STEP + steps * STEP)
-            velocity = (then - now)[:, :2] / (steps * STEP)
-            velocity[np.hypot(*velocity.T) > JUMP_M_S] = 0.0
-            circles = np.concatenate([circles, np.hstack([now, velocity])])
-        ground, shape = self._ground(), (steps, self._noises)
-        # Gazebo's wheels have no noise.
-        noise = self._noise.standard_normal(shape) if ground < 1.0 else np.zeros(shape)
-        surface = self.drawn.slip, self.robot.base.wheel_friction * self.drawn.friction, ground
-        drive(self._body, self._rolling, self._schedule(steps), (circles, self._boxes), self._constants, noise, surface)
-        self._steps += steps
-        x, y, yaw, u, s, w, rolled, contact = self._body.tolist()
-        com_x, com_y = self._mechanics.com
-        u += w * com_y  # from the centre of mass to base_link
-        odometry, span = self._odometry, steps * STEP
-        odometry.update(span, rolled, yaw, w, (u - self.state.twist[0]) / span)
-        pose = (*transform_point((x, y, yaw), -com_x, -com_y), yaw)
-        self.state = RobotState(
-            self._steps * STEP, pose, (u, w), odometry.pose, odometry.twist, contact > 0.0, False, odometry.imu
+        duration = steps * STEP
+        shape = (steps, wheels.noises(self._supports))
+        noise = np.zeros(shape)  # Gazebo's wheels have no noise.
+        if self._surface.ground < 1.0:
+            noise = self._noise.standard_normal(shape)
+        drive(
+            self._body,
+            self._vehicle,
+            self._supports,
+            self._schedule(steps),
+            self._circles_during(duration),
+            self._boxes,
+            self._mechanics.parts,
+            self._table,
+            noise,
         )
+        self._steps += steps
+
+        body = Body(*self._body[0].item())
+        com_x, com_y = self._mechanics.com
+        speed = body.forward + body.turn * com_y  # from the centre of mass to base_link
+        acceleration = (speed - self.state.twist[0]) / duration
+        odometry = self._odometry
+        odometry.update(duration, body.rolled, body.yaw, body.turn, acceleration)
+        x, y = transform_point((body.x, body.y, body.yaw), -com_x, -com_y)
+        self.state = RobotState(
+            time=self._steps * STEP,
+            pose=(x, y, body.yaw),
+            twist=(speed, body.turn),
+            odom_pose=odometry.pose,
+            odom_twist=odometry.twist,
+            contact=body.touched > 0.0,
+            imu=odometry.imu,
+        )
+
+    def _circles_during(self, duration: float) -> Array:
+        """Return the obstacles that are circles during the next `duration` [s].
+
+        The columns (n, 5) are x, y, radius [m] and velocity x, y [m/s].
+        """
+        if not self.world.movers:
+            return self._circles
+        start = self._steps * STEP
+        circles = self.mover_circles(start)
+        velocity = (self.mover_circles(start + duration) - circles)[:, :2] / duration
+        velocity[np.hypot(*velocity.T) > JUMP_M_S] = 0.0
+        return np.concatenate([self._circles, np.hstack([circles, velocity])])
 
     def _schedule(self, steps: int) -> Array:
         """Return the velocity targets (k, 3): first step, v [m/s] and w [rad/s] of each."""
-        start, command = self._steps, self._command
-        rows = [(0, *self._target(start * STEP))]
-        step, last = 0, (start + steps - 1) * STEP
+        start = self._steps
+        command = self._command
+        targets = [(0, *self._target(start * STEP))]
+        step = 0
+        last_time = (start + steps - 1) * STEP
         while True:  # There is one iteration per command or time-out.
-            change = command.pending[0][0] if command.pending else inf
-            if (start + step) * STEP < command.until - 1e-9:
-                change = min(change, command.until)
-            if change - 1e-9 > last:
-                return np.array(rows)
-            step = max(step + 1, ceil((change - 1e-9) / STEP) - start)
-            rows.append((step, *self._target((start + step) * STEP)))
+            change_time = inf
+            if command.pending:
+                change_time = command.pending[0].time
+            if (start + step) * STEP < command.until - SOON_S:
+                change_time = min(change_time, command.until)
+            if change_time - SOON_S > last_time:
+                return np.array(targets)
+            step = max(step + 1, ceil((change_time - SOON_S) / STEP) - start)
+            targets.append((step, *self._target((start + step) * STEP)))
 
 
 @kernel
-def _circle_contact(px: float, py: float, r: float, part: Array) -> Contact:
-    """Return the contact of a circle at (px, py) in the body frame with one part of the outline.
-
-    Returns:
-        Depth [m] (negative for a gap), contact point [m], and direction in which the contact pushes the robot.
-    """
-    x, y, a, b = part[0], part[1], part[2], part[3]
-    px, py = px - x, py - y
-    qx, qy = min(max(px, -a), a), min(max(py, -b), b)
-    gap = hypot(px - qx, py - qy)
+def _circle_contact(x: float, y: float, radius: float, part: Array) -> Touch:
+    """Return the contact of a circle at (x, y) in the body frame [m] with one part (4,)."""
+    part_x, part_y, half_length, half_width = part[0], part[1], part[2], part[3]
+    x -= part_x
+    y -= part_y
+    nearest_x = min(max(x, -half_length), half_length)
+    nearest_y = min(max(y, -half_width), half_width)
+    gap = hypot(x - nearest_x, y - nearest_y)
     if gap > 0.0:
-        return r - gap, x + qx, y + qy, (qx - px) / gap, (qy - py) / gap
-    if a - abs(px) < b - abs(py):  # The centre is under the robot, so the nearest side pushes.
-        sign = 1.0 if px > 0.0 else -1.0
-        return r + a - abs(px), x + sign * a, y + py, -sign, 0.0
-    sign = 1.0 if py > 0.0 else -1.0
-    return r + b - abs(py), x + px, y + sign * b, 0.0, -sign
+        return Touch(
+            radius - gap,
+            part_x + nearest_x,
+            part_y + nearest_y,
+            (nearest_x - x) / gap,
+            (nearest_y - y) / gap,
+        )
+    # The centre is under the robot, so the nearest side pushes.
+    if half_length - abs(x) < half_width - abs(y):
+        sign = 1.0 if x > 0.0 else -1.0
+        depth = radius + half_length - abs(x)
+        return Touch(depth, part_x + sign * half_length, part_y + y, -sign, 0.0)
+    sign = 1.0 if y > 0.0 else -1.0
+    depth = radius + half_width - abs(y)
+    return Touch(depth, part_x + x, part_y + sign * half_width, 0.0, -sign)
 
 
 @kernel
-def _box_contact(px: float, py: float, ax: float, ay: float, hx: float, hy: float, part: Array) -> Contact:
-    """Return the contact of a box at (px, py) with axis (ax, ay) and half sizes hx, hy with one part of the outline.
+def _box_contact(
+    x: float, y: float, axis: Tuple[float, float], half_x: float, half_y: float, part: Array
+) -> Touch:
+    """Return the contact of a box with one part (4,): the smallest overlap along four axes.
 
-    Returns the same values as _circle_contact, from the smallest overlap along four axes.
+    The box at (x, y) in the body frame has the half sizes half_x along `axis`, a unit vector, and
+    half_y across [m].
     """
-    x, y, a, b = part[0], part[1], part[2], part[3]
-    px, py = px - x, py - y
-    depth, nx, ny, own = np.inf, 0.0, 0.0, True
-    for k, (ex, ey) in enumerate(((1.0, 0.0), (0.0, 1.0), (ax, ay), (-ay, ax))):
-        apart = px * ex + py * ey
-        if apart < 0.0:
-            ex, ey, apart = -ex, -ey, -apart
-        reach = a * abs(ex) + b * abs(ey) + hx * abs(ax * ex + ay * ey) + hy * abs(ax * ey - ay * ex)
-        if reach - apart < depth - 1e-9:
-            depth, nx, ny, own = reach - apart, -ex, -ey, k < 2
-    if own:  # A corner of the box touches a side of the part.
-        i = 1.0 if nx * ax + ny * ay > 0.0 else -1.0
-        j = 1.0 if ny * ax - nx * ay > 0.0 else -1.0
-        qx, qy = px + i * hx * ax - j * hy * ay, py + i * hx * ay + j * hy * ax
-        return depth, x + min(max(qx, -a), a), y + min(max(qy, -b), b), nx, ny
-    return depth, x + (-a if nx > 0.0 else a), y + (-b if ny > 0.0 else b), nx, ny
+    part_x, part_y, half_length, half_width = part[0], part[1], part[2], part[3]
+    axis_x, axis_y = axis
+    x -= part_x
+    y -= part_y
+    depth = np.inf
+    normal_x = 0.0
+    normal_y = 0.0
+    own_side = True  # whether the smallest overlap is along an axis of the part, not of the box
+    directions = ((1.0, 0.0), (0.0, 1.0), (axis_x, axis_y), (-axis_y, axis_x))
+    for k, (direction_x, direction_y) in enumerate(directions):
+        distance = x * direction_x + y * direction_y
+        if distance < 0.0:  # The direction points from the part to the box.
+            direction_x = -direction_x
+            direction_y = -direction_y
+            distance = -distance
+        along = abs(axis_x * direction_x + axis_y * direction_y)
+        across = abs(axis_x * direction_y - axis_y * direction_x)
+        part_reach = half_length * abs(direction_x) + half_width * abs(direction_y)
+        reach = part_reach + half_x * along + half_y * across
+        if reach - distance < depth - 1e-9:
+            depth = reach - distance
+            normal_x = -direction_x
+            normal_y = -direction_y
+            own_side = k < 2
+    if own_side:
+        # A corner of the box touches a side of the part: the corner farthest along the normal.
+        sign_x = 1.0 if normal_x * axis_x + normal_y * axis_y > 0.0 else -1.0
+        sign_y = 1.0 if normal_y * axis_x - normal_x * axis_y > 0.0 else -1.0
+        corner_x = x + sign_x * half_x * axis_x - sign_y * half_y * axis_y
+        corner_y = y + sign_x * half_x * axis_y + sign_y * half_y * axis_x
+        touch_x = min(max(corner_x, -half_length), half_length)
+        touch_y = min(max(corner_y, -half_width), half_width)
+    else:
+        # A corner of the part touches a side of the box: the corner farthest against the normal.
+        touch_x = -half_length if normal_x > 0.0 else half_length
+        touch_y = -half_width if normal_y > 0.0 else half_width
+    return Touch(depth, part_x + touch_x, part_y + touch_y, normal_x, normal_y)
 
 
 @kernel
-def _contacts(
-    x: float, y: float, c: float, s: float, parts: Array, reach: float, circles: Array, boxes: Array, contacts: Array
-) -> int:
-    """Write the contacts of the outline at (x, y) with heading (c, s) into `contacts`, and return their number.
+def _add_contact(contacts: Records, n: int, touch: Touch, part: int, velocity: Pair) -> int:
+    """Write the contact of one part as number n, and return the number of contacts.
 
-    `reach` [m] is the radius of a circle around all `parts` (k, 4) of Mechanics. The columns of `contacts` (n, 8) are
-    depth, point, direction, part (0: body, from 1: wheels) and velocity of the obstacle, all in the body frame.
+    A contact with a gap above _MARGIN_M is omitted. `velocity` is that of the obstacle in the body
+    frame [m/s].
+    """
+    if touch.depth <= -_MARGIN_M or n >= _MOST_CONTACTS:
+        return n
+    contact = contacts[n]
+    contact.depth = touch.depth
+    contact.x = touch.x
+    contact.y = touch.y
+    contact.normal_x = touch.normal_x
+    contact.normal_y = touch.normal_y
+    contact.part = part
+    contact.forward = velocity[0]
+    contact.leftward = velocity[1]
+    contact.push = 0.0
+    contact.rub = 0.0
+    return n + 1
+
+
+@kernel
+def _find_contacts(
+    x: float,
+    y: float,
+    cos_yaw: float,
+    sin_yaw: float,
+    parts: Array,
+    reach: float,
+    circles: Array,
+    boxes: Array,
+    contacts: Records,
+) -> int:
+    """Write the contacts of a robot at (x, y) [m] among obstacles, and return their number.
+
+    `reach` [m] is the radius of a circle around all `parts` (k, 4) of Mechanics. `contacts` has
+    room for _MOST_CONTACTS.
     """
     n = 0
     reach = reach + _MARGIN_M
     for i in range(circles.shape[0]):
-        dx, dy = circles[i, 0] - x, circles[i, 1] - y
-        far = circles[i, 2] + reach
-        if dx * dx + dy * dy >= far * far:
+        dx = circles[i, 0] - x
+        dy = circles[i, 1] - y
+        radius = circles[i, 2]
+        distance = radius + reach
+        if dx * dx + dy * dy >= distance * distance:
             continue
-        px, py = c * dx + s * dy, c * dy - s * dx
+        body_x = cos_yaw * dx + sin_yaw * dy
+        body_y = cos_yaw * dy - sin_yaw * dx
+        forward = cos_yaw * circles[i, 3] + sin_yaw * circles[i, 4]
+        leftward = cos_yaw * circles[i, 4] - sin_yaw * circles[i, 3]
         for k in range(parts.shape[0]):
-            depth, qx, qy, nx, ny = _circle_contact(px, py, circles[i, 2], parts[k])
-            if depth > -_MARGIN_M and n < _MOST_CONTACTS:
-                its_u, its_s = c * circles[i, 3] + s * circles[i, 4], c * circles[i, 4] - s * circles[i, 3]
-                contacts[n] = depth, qx, qy, nx, ny, float(k), its_u, its_s
-                n += 1
+            touch = _circle_contact(body_x, body_y, radius, parts[k])
+            n = _add_contact(contacts, n, touch, k, (forward, leftward))
     for i in range(boxes.shape[0]):
-        dx, dy = boxes[i, 0] - x, boxes[i, 1] - y
-        hx, hy = 0.5 * boxes[i, 3], 0.5 * boxes[i, 4]
-        px, py = c * dx + s * dy, c * dy - s * dx
-        cb, sb = cos(boxes[i, 2]), sin(boxes[i, 2])
-        along = abs(cb * dx + sb * dy) - hx
-        aside = abs(cb * dy - sb * dx) - hy
-        if along > reach or aside > reach:
+        dx = boxes[i, 0] - x
+        dy = boxes[i, 1] - y
+        half_x = 0.5 * boxes[i, 3]
+        half_y = 0.5 * boxes[i, 4]
+        cos_box = cos(boxes[i, 2])
+        sin_box = sin(boxes[i, 2])
+        along = abs(cos_box * dx + sin_box * dy) - half_x
+        across = abs(cos_box * dy - sin_box * dx) - half_y
+        if along > reach or across > reach:
             continue
+        body_x = cos_yaw * dx + sin_yaw * dy
+        body_y = cos_yaw * dy - sin_yaw * dx
+        axis = cos_yaw * cos_box + sin_yaw * sin_box, cos_yaw * sin_box - sin_yaw * cos_box
         for k in range(parts.shape[0]):
-            depth, qx, qy, nx, ny = _box_contact(px, py, c * cb + s * sb, c * sb - s * cb, hx, hy, parts[k])
-            if depth > -_MARGIN_M and n < _MOST_CONTACTS:
-                contacts[n] = depth, qx, qy, nx, ny, float(k), 0.0, 0.0
-                n += 1
+            touch = _box_contact(body_x, body_y, axis, half_x, half_y, parts[k])
+            n = _add_contact(contacts, n, touch, k, (0.0, 0.0))
     return n
 
 
 @kernel
-def _press(
-    u: float, s: float, w: float, contacts: Array, n: int, rims: Array, scalars: Array
-) -> Tuple[float, float, float, bool]:
-    """Return the velocity (u, s, w) after the impulses of n contacts, and whether any contact pressed.
+def _press(velocity: Triple, contacts: Records, vehicle: Vehicle) -> Triple:
+    """Return the velocity (forward, leftward, turn) after the impulses of `contacts` (n,).
 
-    Normal impulses limit the approach to the gap and resolve a share UNDO of an overlap. Coulomb friction acts with
-    coefficient WHEEL_RUB at wheels and BODY_RUB at the body. The front or back of a wheel also rubs up or down the
-    obstacle, which leaves less friction against lateral motion.
+    Stores the impulses in the contacts.
+    Normal impulses limit the approach to the gap and resolve a share `undo` of an overlap. Coulomb
+    friction acts with coefficient `wheel_rub` at wheels and `body_rub` at the body. The front or
+    back of a wheel also rubs up or down the obstacle, which leaves less friction against lateral
+    motion.
     """
-    mass, inertia = scalars[m.MASS], scalars[m.YAW_INERTIA]
-    push, hold = np.zeros(n), np.zeros(n)
+    constants = vehicle.constants
+    drivetrain = vehicle.drivetrain
+    forward, leftward, turn = velocity
+    mass = constants.mass
+    inertia = constants.yaw_inertia
     for _ in range(_SWEEPS):
-        for i in range(n):
-            depth, x, y, nx, ny, part, its_u, its_s = contacts[i]
-            arm = x * ny - y * nx
-            soft = 1.0 / mass + arm * arm / inertia
-            speed = (u - w * y - its_u) * nx + (s + w * x - its_s) * ny
-            want = depth / STEP if depth < 0.0 else min(scalars[m.UNDO] * depth / STEP, _UNDONE_M_S)
-            total = max(0.0, push[i] + (want - speed) / soft)
-            d, push[i] = total - push[i], total
-            u += d * nx / mass
-            s += d * ny / mass
-            w += d * arm / inertia
-            if total > 0.0:
-                tx, ty = -ny, nx
-                arm = x * ty - y * tx
-                soft = 1.0 / mass + arm * arm / inertia
-                speed = (u - w * y - its_u) * tx + (s + w * x - its_s) * ty
-                limit = scalars[m.BODY_RUB] * total
-                if part > 0.0:
-                    up = rims[int(part - 1) % 2] * abs(nx)
-                    limit = scalars[m.WHEEL_RUB] * total * abs(speed) / (hypot(speed, up) + 1e-6)
-                rub = min(max(hold[i] - speed / soft, -limit), limit)
-                d, hold[i] = rub - hold[i], rub
-                u += d * tx / mass
-                s += d * ty / mass
-                w += d * arm / inertia
-    pressed = False
-    for i in range(n):
-        pressed |= push[i] > 0.0
-    return u, s, w, pressed
+        for i in range(contacts.shape[0]):
+            contact = contacts[i]
+            x = contact.x
+            y = contact.y
+
+            # Normal impulse: the approach ends at the obstacle, and an overlap is resolved step by
+            # step.
+            normal_x = contact.normal_x
+            normal_y = contact.normal_y
+            lever = x * normal_y - y * normal_x
+            softness = 1.0 / mass + lever * lever / inertia  # change of the speed per impulse
+            slip_x = forward - turn * y - contact.forward
+            slip_y = leftward + turn * x - contact.leftward
+            speed = slip_x * normal_x + slip_y * normal_y
+            if contact.depth < 0.0:
+                wanted = contact.depth / STEP
+            else:
+                wanted = min(constants.undo * contact.depth / STEP, _UNDONE_M_S)
+            push = max(0.0, contact.push + (wanted - speed) / softness)
+            impulse = push - contact.push
+            contact.push = push
+            forward += impulse * normal_x / mass
+            leftward += impulse * normal_y / mass
+            turn += impulse * lever / inertia
+            if push <= 0.0:
+                continue
+
+            # Friction impulse along the obstacle, at most the coefficient times the normal impulse
+            tangent_x = -normal_y
+            tangent_y = normal_x
+            lever = x * tangent_y - y * tangent_x
+            softness = 1.0 / mass + lever * lever / inertia
+            slip_x = forward - turn * y - contact.forward
+            slip_y = leftward + turn * x - contact.leftward
+            speed = slip_x * tangent_x + slip_y * tangent_y
+            limit = constants.body_rub * push
+            if contact.part > 0.0:
+                rim = drivetrain.left_rim
+                if int(contact.part) % 2 == 0:  # The wheels follow the body, left before right.
+                    rim = drivetrain.right_rim
+                upwards = rim * abs(normal_x)
+                limit = constants.wheel_rub * push * abs(speed) / (hypot(speed, upwards) + 1e-6)
+            rub = min(max(contact.rub - speed / softness, -limit), limit)
+            impulse = rub - contact.rub
+            contact.rub = rub
+            forward += impulse * tangent_x / mass
+            leftward += impulse * tangent_y / mass
+            turn += impulse * lever / inertia
+    return forward, leftward, turn
 
 
 @kernel
-def _near(obstacles: Array, radii: Array, x: float, y: float, span: float) -> Array:
-    """Return a copy of the obstacles (n, 5) whose circles of radii (n,) [m] reach within span [m] of (x, y)."""
-    dx, dy, far = obstacles[:, 0] - x, obstacles[:, 1] - y, radii + span
-    return obstacles[dx * dx + dy * dy < far * far]
+def _near(obstacles: Array, radii: Array, x: float, y: float, distance: float) -> Array:
+    """Return a copy of the obstacles (n, 5) within `distance` [m] of (x, y).
+
+    `radii` (n,) are those of circles around the obstacles [m].
+    """
+    dx = obstacles[:, 0] - x
+    dy = obstacles[:, 1] - y
+    limit = radii + distance
+    return obstacles[dx * dx + dy * dy < limit * limit]
 
 
 @kernel
 def drive(
-    state: Array, rolling: Array, targets: Array, obstacles: Obstacles, robot: Constants, noise: Array, surface: Pose
+    bodies: Records,
+    vehicles: Records,
+    supports: Records,
+    targets: Array,
+    circles: Array,
+    boxes: Array,
+    parts: Array,
+    table: Array,
+    noise: Array,
 ) -> None:
-    """Advance state (SIZE,) and rolling (wheels.new_drive()) by one step of STEP for each row of `noise`.
+    """Advance a robot by one step of STEP for each row of `noise`.
 
-    `targets` (k, 3) are velocity targets: first step, v [m/s] and w [rad/s] of each. The random numbers `noise` (steps,
-    wheels.noises()) are standard normal. `surface` is slip, friction and ground, which wheels.py explains.
+    Args:
+        bodies: Record (1,) of Body, which is updated.
+        vehicles: Record (1,) of wheels.Vehicle, which is updated.
+        supports: Records (n,) of Support, which are updated.
+        targets: Velocity targets (k, 3): first step, v [m/s] and w [rad/s] of each.
+        circles: Obstacles (n, 5): x, y, radius [m], velocity x, y [m/s].
+        boxes: Obstacles (m, 5): x, y, yaw, size_x, size_y [m, rad].
+        parts: Rectangles (k, 4) of Mechanics.
+        table: wheels.rim_table().
+        noise: Standard normal random numbers (steps, wheels.noises()).
     """
-    (scalars, supports, parts, table), (circles, boxes), (slip, friction, ground), steps = (
-        robot,
-        obstacles,
-        surface,
-        len(noise),
-    )
-    reach = scalars[m.REACH]
-    span = reach + _MARGIN_M + steps * STEP * (scalars[m.MAX_SPEED] + 0.5)
-    circles = _near(circles, circles[:, 2], state[X], state[Y], span)
-    boxes = _near(boxes, 0.5 * np.hypot(boxes[:, 3], boxes[:, 4]), state[X], state[Y], span)
-    contacts, lift, rims = np.empty((_MOST_CONTACTS, 8)), np.ones(supports.shape[0]), np.empty(2)
-    x, y, yaw, u, s, w = state[X], state[Y], state[YAW], state[U], state[S], state[W]
-    contact, rolled, k_target = False, 0.0, 0
+    body: Body = bodies[0]
+    vehicle: Vehicle = vehicles[0]
+    constants = vehicle.constants
+    drivetrain = vehicle.drivetrain
+    steps = len(noise)
+
+    # Only obstacles that the robot can reach in this drive are tested in each step.
+    distance = constants.reach + _MARGIN_M + steps * STEP * (constants.max_speed + _PUSHED_M_S)
+    circles = _near(circles, circles[:, 2], body.x, body.y, distance)
+    boxes = _near(boxes, 0.5 * np.hypot(boxes[:, 3], boxes[:, 4]), body.x, body.y, distance)
+    contacts = np.empty(_MOST_CONTACTS, CONTACT)
+
+    x = body.x
+    y = body.y
+    yaw = body.yaw
+    forward = body.forward
+    leftward = body.leftward
+    turn = body.turn
+    touched = False
+    rolled = 0.0
+    target = 0
     for step in range(steps):
-        while k_target + 1 < targets.shape[0] and targets[k_target + 1, 0] <= step:
-            k_target += 1
-        _, v, yaw_rate = targets[k_target]
-        wheels.turn_wheels(rolling, v, yaw_rate, table, scalars, noise[step], slip, ground)
-        rims[0], rims[1] = rolling[wheels.LEFT], rolling[wheels.RIGHT]
-        rolled += 0.5 * (rims[0] + rims[1])
-        du, ds, dw = wheels.tyres(rolling, (u, s, w), scalars, supports, friction, lift, ground)
-        u, s, w = u + du, s + ds, w + dw
-        c, sn = cos(yaw), sin(yaw)
-        n = _contacts(x, y, c, sn, parts, reach, circles, boxes, contacts)
+        while target + 1 < targets.shape[0] and targets[target + 1, 0] <= step:
+            target += 1
+        command = targets[target, 1], targets[target, 2]
+        wheels.turn_wheels(vehicle, supports, command, table, noise[step])
+        rolled += 0.5 * (drivetrain.left_rim + drivetrain.right_rim)
+        change = wheels.tyres(vehicle, supports, (forward, leftward, turn))
+        forward += change[0]
+        leftward += change[1]
+        turn += change[2]
+
+        cos_yaw = cos(yaw)
+        sin_yaw = sin(yaw)
+        n = _find_contacts(x, y, cos_yaw, sin_yaw, parts, constants.reach, circles, boxes, contacts)
         if n > 0:
-            u, s, w, pressed = _press(u, s, w, contacts, n, rims, scalars)
-            contact |= pressed
+            velocity = (forward, leftward, turn)
+            forward, leftward, turn = _press(velocity, contacts[:n], vehicle)
+            for i in range(n):
+                touched |= contacts[i].push > 0.0
         for i in range(circles.shape[0]):
             circles[i, 0] += STEP * circles[i, 3]
             circles[i, 1] += STEP * circles[i, 4]
-        x += STEP * (c * u - sn * s)
-        y += STEP * (sn * u + c * s)
-        yaw += STEP * w
-        c, sn = cos(STEP * w), sin(STEP * w)
-        u, s = c * u + sn * s, c * s - sn * u
-    state[X], state[Y], state[YAW], state[U], state[S], state[W] = x, y, atan2(sin(yaw), cos(yaw)), u, s, w
-    state[ROLLED], state[CONTACT] = rolled / steps, 1.0 if contact else 0.0
+
+        x += STEP * (cos_yaw * forward - sin_yaw * leftward)
+        y += STEP * (sin_yaw * forward + cos_yaw * leftward)
+        yaw += STEP * turn
+        # The velocity stays the same in the world, and the axes of the body turn.
+        cos_turn = cos(STEP * turn)
+        sin_turn = sin(STEP * turn)
+        ahead = cos_turn * forward + sin_turn * leftward
+        leftward = cos_turn * leftward - sin_turn * forward
+        forward = ahead
+    body.x = x
+    body.y = y
+    body.yaw = atan2(sin(yaw), cos(yaw))
+    body.forward = forward
+    body.leftward = leftward
+    body.turn = turn
+    body.rolled = rolled / steps
+    body.touched = 1.0 if touched else 0.0

@@ -1,7 +1,7 @@
 """Simulated odometry of both simulators: distance from the wheels, heading from the IMU.
 
-The robot_localization node of the Jackal fuses wheels and IMU in this way. The estimate does not account for lateral
-slip, or for wheels that spin at an obstacle.
+The robot_localization node of the Jackal fuses wheels and IMU in this way. The estimate does not
+account for lateral slip, or for wheels that spin at an obstacle.
 """
 
 from __future__ import annotations
@@ -18,47 +18,76 @@ from applr_ros1.robots.robot import OdometryErrors
 class Odometry:
     """Dead reckoning in frame odom, with random errors."""
 
-    def __init__(self, errors: OdometryErrors, yaw: float, rng: np.random.Generator, scale: float = 1.0) -> None:
+    def __init__(
+        self, errors: OdometryErrors, yaw: float, rng: np.random.Generator, scale: float = 1.0
+    ) -> None:
         """Start at (0, 0, yaw). `scale` multiplies all errors."""
-        self.errors, self.rng, self.scale = errors, rng, scale
+        self.errors = errors
+        self.rng = rng
+        self.scale = scale
         self.pose = (0.0, 0.0, yaw)
         self.twist = (0.0, 0.0)
         self.imu = (0.0, 0.0)
         self._gain = 1.0 + scale * errors.scale_error * float(rng.standard_normal())
         self._heading = yaw  # heading without the noise of a single reading [rad]
         self._error = 0.0  # slow error of the heading [rad]
-        self._behind, self._rate = 0.0, 0.0  # lag of the filter behind the wheels [m], filtered yaw rate [rad/s]
+        self._behind = 0.0  # lag of the filter behind the wheels [m]
+        self._rate = 0.0  # filtered yaw rate [rad/s]
         self._turned = 0.0  # rotation of frame odom relative to the world [rad]
 
     def set(self, pose: Tuple[float, float, float], true_yaw: float) -> None:
-        """Set the pose (x, y, yaw) in frame odom, for a robot whose true yaw is `true_yaw` [rad]."""
+        """Set the pose (x, y, yaw) in frame odom of a robot whose true yaw is `true_yaw` [rad]."""
         self.pose = (float(pose[0]), float(pose[1]), float(pose[2]))
         self._heading = self.pose[2]
-        self._behind = self._rate = 0.0
+        self._behind = 0.0
+        self._rate = 0.0
         self._turned = self.pose[2] - true_yaw
 
-    def update(self, duration: float, wheel_speed: float, yaw: float, yaw_rate: float, acceleration: float) -> None:
-        """Integrate `duration` [s] at the mean wheel speed `wheel_speed` [m/s].
+    def update(
+        self, duration: float, wheel_speed: float, yaw: float, yaw_rate: float, acceleration: float
+    ) -> None:
+        """Integrate one step of dead reckoning.
 
-        The arguments yaw, yaw_rate and acceleration are the true values at the end [rad, rad/s, m/s^2].
+        Args:
+            duration: Duration of the step [s].
+            wheel_speed: Mean speed of the wheels [m/s].
+            yaw: True yaw at the end of the step [rad].
+            yaw_rate: True yaw rate at the end [rad/s].
+            acceleration: True forward acceleration [m/s^2].
         """
-        errors, normal = self.errors, self.rng.standard_normal
+        errors = self.errors
+        scale = self.scale
+        normal = self.rng.standard_normal
+        # Slow error of the heading, of first order: its standard deviation stays heading_drift.
         keep = exp(-duration / errors.heading_time)
-        self._error = keep * self._error + self.scale * errors.heading_drift * sqrt(1.0 - keep * keep) * normal()
-        x, y, old = self.pose[0], self.pose[1], self._heading
-        yaw += self._error + self._turned
-        turn = normalize_angle_modulo(yaw - old)
+        drift = scale * errors.heading_drift * sqrt(1.0 - keep * keep) * normal()
+        self._error = keep * self._error + drift
+        turn = normalize_angle_modulo(yaw + (self._error + self._turned) - self._heading)
+
+        # Distance and yaw rate lag by the first-order filter that fuses wheels and IMU. The heading
+        # comes from the IMU and does not lag.
         wheel_speed *= self._gain
-        ahead, seen_rate = wheel_speed * duration, yaw_rate
-        if errors.lag > 0.0:  # The filter is of first order. The heading comes from the IMU and does not lag.
-            keep, behind = exp(-duration / errors.lag), self._behind
-            self._behind = keep * behind + (1.0 - keep) * errors.lag * wheel_speed
-            ahead, wheel_speed = ahead + behind - self._behind, self._behind / errors.lag
-            seen_rate = self._rate = keep * self._rate + (1.0 - keep) * yaw_rate
-        middle = old + 0.5 * turn
-        self._heading = normalize_angle_modulo(old + turn)
-        seen = self._heading + self.scale * errors.heading_noise * normal()
-        self.pose = (x + ahead * cos(middle), y + ahead * sin(middle), normalize_angle_modulo(seen))
-        noise = self.scale * errors.gyro_noise * normal()
-        self.twist = (wheel_speed + self.scale * errors.speed_noise * normal(), seen_rate + noise)
-        self.imu = (acceleration + self.scale * errors.accelerometer_noise * normal(), yaw_rate + noise)
+        distance = wheel_speed * duration
+        seen_speed = wheel_speed
+        seen_rate = yaw_rate
+        if errors.lag > 0.0:
+            keep = exp(-duration / errors.lag)
+            behind = keep * self._behind + (1.0 - keep) * errors.lag * wheel_speed
+            distance = distance + self._behind - behind
+            self._behind = behind
+            seen_speed = behind / errors.lag
+            self._rate = keep * self._rate + (1.0 - keep) * yaw_rate
+            seen_rate = self._rate
+
+        # The robot drives along an arc, whose chord has the mean of both headings.
+        middle = self._heading + 0.5 * turn
+        self._heading = normalize_angle_modulo(self._heading + turn)
+        seen_yaw = normalize_angle_modulo(self._heading + scale * errors.heading_noise * normal())
+        x = self.pose[0] + distance * cos(middle)
+        y = self.pose[1] + distance * sin(middle)
+        self.pose = (x, y, seen_yaw)
+        gyro_noise = scale * errors.gyro_noise * normal()
+        speed_noise = scale * errors.speed_noise * normal()
+        self.twist = (seen_speed + speed_noise, seen_rate + gyro_noise)
+        accelerometer_noise = scale * errors.accelerometer_noise * normal()
+        self.imu = (acceleration + accelerometer_noise, yaw_rate + gyro_noise)

@@ -1,13 +1,14 @@
 """Simulator with Bullet's physics at 240 Hz, PybulletSimulator, a replacement for Gazebo.
 
-Bullet computes the support of the wheels and the contacts with obstacles, and wheels.py the friction of the tyres on
-the ground. Any number of simulators may run in one process, without a window. Results are reproducible for a seed.
+Bullet computes the support of the wheels and the contacts with obstacles, and wheels.py the
+friction of the tyres on the ground. Any number of simulators may run in one process, without a
+window. Results are reproducible for a seed.
 """
 
 from __future__ import annotations
 
 from math import atan2, dist
-from typing import Any, List, Optional, Sequence, Tuple
+from typing import Any, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,17 +20,26 @@ from applr_ros1.robots import Robot
 from worlds import Mover
 
 from . import bullet_scene as scene
-from . import mechanics as m
 from . import wheels
-from .mechanics import STEP
+from .mechanics import STEP, mechanics
+from .records import Records
 from .simulator import RobotState, Simulator
+from .wheels import Pair, Triple, Vehicle
 
-Pair = Tuple[float, float]
-Surface = Tuple[float, float, float, Array]  # slip, friction, ground and lift, as for wheels.tyres()
-# position (3) [m], quaternion (4), velocity (2) [m/s] and yaw rate [rad/s] of the body's centre of mass
-Motion = Tuple[float, float, float, float, float, float, float, float, float, float]
+Quaternion = Tuple[float, float, float, float]  # x, y, z, w
+Placement = Tuple[Triple, Quaternion]  # position [m] and attitude of the body's centre of mass
+Motion = Tuple[Triple, Triple]  # velocity [m/s] and angular velocity [rad/s] in the world frame
 _CLOSING_M_S = 20.0  # largest closing speed of a moving obstacle and the robot [m/s]
-_MARGIN_M = 0.1  # distance above which two bodies have no contact, Bullet's margin and penetration included [m]
+# Distance above which two bodies have no contact, Bullet's margin and penetration included [m]
+_MARGIN_M = 0.1
+_NORMAL_FORCE = 9  # index of the normal force in a contact point of Bullet
+
+
+class NearbyMover(NamedTuple):
+    """Moving obstacle that may touch the robot in the current drive."""
+
+    body: int  # Bullet's id
+    mover: Mover
 
 
 class PybulletSimulator(Simulator):
@@ -37,159 +47,265 @@ class PybulletSimulator(Simulator):
 
     def __init__(self, robot: Optional[Robot] = None, **randomisation: Any) -> None:
         super().__init__(robot, **randomisation)
-        self._p = scene.connect()
-        self._mechanics = m.mechanics(self.robot)
+        self._client = scene.connect()
+        self._mechanics = mechanics(self.robot)
         self._table = wheels.rim_table(self.robot)
-        self._lift = np.ones(len(self._mechanics.supports))
-        self._span = float(self._mechanics.scalars[m.REACH]) + _MARGIN_M
-        self._spin_step = 0.01 * self.robot.base.max_speed  # smallest change of rim speeds passed to Bullet [m/s]
+        self._reach = self._mechanics.constants.reach + _MARGIN_M
+        # Smallest change of the rim speeds that is passed to Bullet [m/s]: the call is slow.
+        self._spin_step = 0.01 * self.robot.base.max_speed
 
     def close(self) -> None:
         """Disconnect from Bullet, as garbage collection would. Further calls have no effect."""
-        self._p = None
+        self._client = None
 
     def _place(self, pose: Pose, new_world: bool) -> None:
-        # The scene is rebuilt every time, because Bullet keeps contacts and solver state over a change of position.
-        scene.clear(self._p, STEP)
-        self._obstacles, self._circles = scene.build_obstacles(self._p, self.world)
+        # The scene is rebuilt every time, because Bullet keeps contacts and solver state over a
+        # change of position.
+        scene.clear(self._client, STEP)
+        self._obstacles, self._circles = scene.build_obstacles(self._client, self.world)
         self._near = np.zeros(len(self._obstacles), np.bool_)
-        self._movers = [scene.add_mover(self._p, mover) for mover in self.world.movers]
-        self._body = scene.build_robot(self._p, self.robot, pose)
+        self._movers = [scene.add_mover(self._client, mover) for mover in self.world.movers]
+        self._body = scene.build_robot(self._client, self.robot, pose)
         self._stop_wheels()
 
     def _move_to(self, pose: Pose) -> None:
-        scene.put_robot(self._p, self._body, self.robot, pose)
+        scene.put_robot(self._client, self._body, self.robot, pose)
         self._stop_wheels()
 
     def _stop_wheels(self) -> None:
-        self._drive_state = wheels.new_drive(self._mechanics.supports, self._angle_seed)
-        self._spin(0.0, 0.0)
+        constants = self._mechanics.constants
+        self._vehicle = wheels.new_vehicle(constants, self._surface, self._angle_seed)
+        self._supports = self._mechanics.supports.copy()
+        self._spin((0.0, 0.0))
 
     def _drive(self, steps: int) -> None:
-        p, body, drive = self._p, self._body, self._drive_state
+        client = self._client
+        body = self._body
         # The client makes a new function object at every access, so each is looked up only once.
-        pose_of, velocity_of, step = p.getBasePositionAndOrientation, p.getBaseVelocity, p.stepSimulation
-        force_on, torque_on, world_frame = p.applyExternalForce, p.applyExternalTorque, p.WORLD_FRAME
-        scalars, supports = self._mechanics.scalars, self._mechanics.supports
-        noise = self._noise.standard_normal((steps, wheels.noises(supports)))
-        friction = self.robot.base.wheel_friction * self.drawn.friction
-        surface = self.drawn.slip, friction, self._ground(), self._lift
-        (position, attitude), (velocity, rate) = pose_of(body), velocity_of(body)
-        start_u = self.state.twist[0]
-        contact, rolled, movers = False, 0.0, self._place_movers(steps, position)
+        placement_of = client.getBasePositionAndOrientation
+        motion_of = client.getBaseVelocity
+        apply_force = client.applyExternalForce
+        apply_torque = client.applyExternalTorque
+        step = client.stepSimulation
+        world_frame = client.WORLD_FRAME
+        noise = self._noise.standard_normal((steps, wheels.noises(self._supports)))
+
+        placement = placement_of(body)
+        motion = motion_of(body)
+        movers = self._place_movers(steps, placement[0])
+        touched = False
+        rolled = 0.0
         for k in range(steps):
-            command, motion = self._target(self._steps * STEP), (*position, *attitude, *velocity[:2], rate[2])
-            pulled = _pull(drive, command, self._table, scalars, supports, noise[k], surface, motion)
-            force, torque, point, (left, right) = pulled
-            if abs(left - self._rims[0]) + abs(right - self._rims[1]) > self._spin_step:
-                self._spin(left, right)
-            rolled += 0.5 * (left + right)
-            force_on(body, -1, (*force, 0.0), (*point, 0.0), world_frame)
-            torque_on(body, -1, (0.0, 0.0, torque), world_frame)
+            force, torque, point, rims = _pull(
+                self._vehicle,
+                self._supports,
+                self._target(self._steps * STEP),
+                self._table,
+                noise[k],
+                placement,
+                motion,
+            )
+            change = abs(rims[0] - self._rims[0]) + abs(rims[1] - self._rims[1])
+            if change > self._spin_step:
+                self._spin(rims)
+            rolled += 0.5 * (rims[0] + rims[1])
+            apply_force(body, -1, force, point, world_frame)
+            apply_torque(body, -1, torque, world_frame)
             self._steps += 1
             for cylinder, mover in movers:
-                scene.put_mover(p, cylinder, *mover.position(self._steps * STEP))
+                scene.put_mover(client, cylinder, *mover.position(self._steps * STEP))
             step()
-            (position, attitude), (velocity, rate) = pose_of(body), velocity_of(body)
-            contact = contact or self._touching(position, movers)
-        x, y, yaw, u, upright = _planar(scalars, (*position, *attitude, *velocity[:2], rate[2]))
-        span = steps * STEP
-        self._odometry.update(span, rolled / steps, yaw, rate[2], (u - start_u) / span)
+            placement = placement_of(body)
+            motion = motion_of(body)
+            touched = touched or self._touching(placement[0], movers)
+
+        pose, speed, upright = _planar(self._vehicle, placement, motion)
+        duration = steps * STEP
+        yaw_rate = motion[1][2]
+        acceleration = (speed - self.state.twist[0]) / duration
         odometry = self._odometry
-        seen, flipped = (odometry.pose, odometry.twist), upright < 0.5
-        self.state = RobotState(self._steps * STEP, (x, y, yaw), (u, rate[2]), *seen, contact, flipped, odometry.imu)
+        odometry.update(duration, rolled / steps, pose[2], yaw_rate, acceleration)
+        self.state = RobotState(
+            time=self._steps * STEP,
+            pose=pose,
+            twist=(speed, yaw_rate),
+            odom_pose=odometry.pose,
+            odom_twist=odometry.twist,
+            contact=touched,
+            flipped=upright < 0.5,
+            imu=odometry.imu,
+        )
 
-    def _place_movers(self, steps: int, position: Sequence[float]) -> List[Tuple[int, Mover]]:
-        """Move all moving obstacles to their positions after `steps`, and return (body, Mover) of those close by."""
-        now, then = self.mover_circles(self._steps * STEP), self.mover_circles((self._steps + steps) * STEP)
-        reach, near = self._span + _CLOSING_M_S * steps * STEP, []
-        for body, mover, here, there in zip(self._movers, self.world.movers, now.tolist(), then.tolist()):
-            scene.put_mover(self._p, body, *there[:2])
-            if min(dist(place[:2], position[:2]) for place in (here, there)) < reach + mover.radius:
-                near.append((body, mover))
-        return near
+    def _place_movers(self, steps: int, position: Sequence[float]) -> List[NearbyMover]:
+        """Move the moving obstacles to their places after `steps`; return those near `position`."""
+        starts = self.mover_circles(self._steps * STEP).tolist()
+        ends = self.mover_circles((self._steps + steps) * STEP).tolist()
+        reach = self._reach + _CLOSING_M_S * steps * STEP
+        nearby = []
+        for body, mover, start, end in zip(self._movers, self.world.movers, starts, ends):
+            scene.put_mover(self._client, body, end[0], end[1])
+            distance = min(dist(start[:2], position[:2]), dist(end[:2], position[:2]))
+            if distance < reach + mover.radius:
+                nearby.append(NearbyMover(body, mover))
+        return nearby
 
-    def _touching(self, position: Sequence[float], movers: List[Tuple[int, Mover]]) -> bool:
-        """Return whether an obstacle presses on the robot. `movers` is the list of _place_movers()."""
-        if _find_near(self._circles, position[0], position[1], self._span, self._near):  # Queries to Bullet are slow.
+    def _touching(self, position: Sequence[float], movers: List[NearbyMover]) -> bool:
+        """Return whether an obstacle, or a mover of _place_movers(), presses on the robot."""
+        # Queries to Bullet are slow, so a kernel selects the bodies first.
+        if _find_near(self._circles, position[0], position[1], self._reach, self._near):
             for obstacle, near in zip(self._obstacles, self._near):
                 if near and self._pressing(obstacle):
                     return True
-        return any(self._pressing(body) for body, _ in movers)
+        return any(self._pressing(nearby.body) for nearby in movers)
 
     def _pressing(self, body: int) -> bool:
-        points = self._p.getContactPoints(self._body, body)
-        return any(point[9] > 0.0 for point in points)  # Item 9 is the normal force.
+        points = self._client.getContactPoints(self._body, body)
+        return any(point[_NORMAL_FORCE] > 0.0 for point in points)
 
-    def _spin(self, left: float, right: float) -> None:
-        """Turn Bullet's wheels at these rim speeds [m/s], because a turning wheel rubs on an obstacle."""
-        self._rims, base, p = (left, right), self.robot.base, self._p
+    def _spin(self, rims: Pair) -> None:
+        """Turn Bullet's wheels at the rim speeds (left, right) [m/s]: they rub on obstacles."""
+        self._rims = rims
+        base = self.robot.base
+        left, right = rims
         speeds = (left / base.wheel_radius, right / base.wheel_radius) * (base.wheels // 2)
         forces = (self.robot.simulation.motor_torque,) * base.wheels
-        wheels_of = self._body, range(base.wheels), p.VELOCITY_CONTROL
-        p.setJointMotorControlArray(*wheels_of, targetVelocities=speeds, forces=forces)
+        self._client.setJointMotorControlArray(
+            self._body,
+            range(base.wheels),
+            self._client.VELOCITY_CONTROL,
+            targetVelocities=speeds,
+            forces=forces,
+        )
 
 
 @kernel
-def _find_near(circles: Array, x: float, y: float, span: float, near: NDArray[np.bool_]) -> bool:
-    """Mark in `near` (bodies,) the bodies with a circle (n, 4) within span [m] of (x, y). Return whether one is."""
+def _find_near(
+    circles: Array, x: float, y: float, distance: float, near: NDArray[np.bool_]
+) -> bool:
+    """Mark in `near` (bodies,) the bodies with a circle within `distance` [m] of (x, y).
+
+    The columns of `circles` (n, 4) are x, y, radius [m] and the index of the body. Returns whether
+    any body is marked.
+    """
     near[:] = False
     any_near = False
     for k in range(circles.shape[0]):
-        dx, dy, far = circles[k, 0] - x, circles[k, 1] - y, circles[k, 2] + span
-        if dx * dx + dy * dy < far * far:
+        dx = circles[k, 0] - x
+        dy = circles[k, 1] - y
+        limit = circles[k, 2] + distance
+        if dx * dx + dy * dy < limit * limit:
             near[int(circles[k, 3])] = True
             any_near = True
     return any_near
 
 
+class Axes(NamedTuple):
+    """Attitude of the body."""
+
+    cos_yaw: float
+    sin_yaw: float
+    up_x: float  # height of the forward, leftward and upward unit vectors of the body
+    up_y: float
+    up_z: float
+
+
 @kernel
-def _axes(qx: float, qy: float, qz: float, qw: float) -> Tuple[float, float, float, float, float]:
-    """Return cosine and sine of the heading, and the third row of the rotation matrix (the heights of the axes)."""
-    ahead_x, ahead_y = 1.0 - 2.0 * (qy * qy + qz * qz), 2.0 * (qx * qy + qw * qz)
-    length = max(np.hypot(ahead_x, ahead_y), 1e-9)
-    up = 2.0 * (qx * qz - qw * qy), 2.0 * (qy * qz + qw * qx), 1.0 - 2.0 * (qx * qx + qy * qy)
-    return ahead_x / length, ahead_y / length, up[0], up[1], up[2]
+def _axes(attitude: Quaternion) -> Axes:
+    """Return heading and tilt of a unit quaternion: first column and third row of its matrix."""
+    qx, qy, qz, qw = attitude
+    ahead_x = 1.0 - 2.0 * (qy * qy + qz * qz)
+    ahead_y = 2.0 * (qx * qy + qw * qz)
+    length = max(np.hypot(ahead_x, ahead_y), 1e-9)  # 0 if the robot stands on end
+    up_x = 2.0 * (qx * qz - qw * qy)
+    up_y = 2.0 * (qy * qz + qw * qx)
+    up_z = 1.0 - 2.0 * (qx * qx + qy * qy)
+    return Axes(ahead_x / length, ahead_y / length, up_x, up_y, up_z)
 
 
 @kernel
 def _pull(
-    drive: Array,
+    vehicles: Records,
+    supports: Records,
     command: Pair,
     table: Array,
-    scalars: Array,
-    supports: Array,
     noise: Array,
-    surface: Surface,
+    placement: Placement,
     motion: Motion,
-) -> Tuple[Pair, float, Pair, Pair]:
+) -> Tuple[Triple, Triple, Triple, Pair]:
     """Simulate wheels and tyres for one step.
 
+    Args:
+        vehicles: Record (1,) of Vehicle, which is updated.
+        supports: Records (n,) of Support, which are updated.
+        command: Velocity command (v, w) [m/s, rad/s].
+        table: wheels.rim_table().
+        noise: Standard normal random numbers (wheels.noises(),).
+        placement: Position and attitude of the body's centre of mass.
+        motion: Velocity and angular velocity of the body's centre of mass.
+
     Returns:
-        Horizontal force [N] and torque [N m] on the body in the world frame, their point of application on the ground
-        below the centre of mass [m], and the rim speeds of the left and right wheels [m/s].
+        Force [N] and torque [N m] on the body in the world frame, the force's point of application
+        on the ground below the centre of mass [m], and the rim speeds of the left and right wheels
+        [m/s].
     """
-    (slip, friction, ground, lift), (px, py, pz, qx, qy, qz, qw, vx, vy, rate) = surface, motion
-    c, s, up_x, up_y, up_z = _axes(qx, qy, qz, qw)
+    vehicle: Vehicle = vehicles[0]
+    constants = vehicle.constants
+    drivetrain = vehicle.drivetrain
+    position, attitude = placement
+    velocity, turning = motion
+    yaw_rate = turning[2]
+    axes = _axes(attitude)
+    cos_yaw = axes.cos_yaw
+    sin_yaw = axes.sin_yaw
     for i in range(supports.shape[0]):
-        x, y = supports[i, m.BASE_X], supports[i, m.BASE_Y]
-        height = pz + up_x * x + up_y * y + up_z * scalars[m.AXLE_Z] - scalars[m.WHEEL_RADIUS]
-        lift[i] = min(max(1.0 - height / scalars[m.FULL_LIFT], 0.0), 1.0) if up_z > 0.5 else 0.0
-    wheels.turn_wheels(drive, command[0], command[1], table, scalars, noise, slip, ground)
-    # vector from the centre of mass of the body to that of the robot
-    dx, dy = scalars[m.COM_X] - scalars[m.OFF_X], scalars[m.COM_Y] - scalars[m.OFF_Y]
-    ahead, aside = c * vx + s * vy - rate * dy, c * vy - s * vx + rate * dx
-    du, ds, dw = wheels.tyres(drive, (ahead, aside, rate), scalars, supports, friction, lift, ground)
-    fx, fy, torque = scalars[m.MASS] / STEP * du, scalars[m.MASS] / STEP * ds, scalars[m.YAW_INERTIA] / STEP * dw
-    point = px + c * dx - s * dy, py + s * dx + c * dy
-    return (c * fx - s * fy, s * fx + c * fy), torque, point, (drive[wheels.LEFT], drive[wheels.RIGHT])
+        support = supports[i]
+        axle = position[2] + axes.up_x * support.body_x + axes.up_y * support.body_y
+        height = axle + axes.up_z * constants.axle_z - constants.wheel_radius
+        if axes.up_z > 0.5:
+            support.lift = min(max(1.0 - height / constants.full_lift, 0.0), 1.0)
+        else:
+            support.lift = 0.0
+    wheels.turn_wheels(vehicle, supports, command, table, noise)
+
+    # Velocity and force are those of the robot's centre of mass, Bullet's those of the body's.
+    dx = constants.com_x - constants.body_x
+    dy = constants.com_y - constants.body_y
+    forward = cos_yaw * velocity[0] + sin_yaw * velocity[1] - yaw_rate * dy
+    leftward = cos_yaw * velocity[1] - sin_yaw * velocity[0] + yaw_rate * dx
+    change = wheels.tyres(vehicle, supports, (forward, leftward, yaw_rate))
+    force_forward = constants.mass / STEP * change[0]
+    force_leftward = constants.mass / STEP * change[1]
+    torque = constants.yaw_inertia / STEP * change[2]
+    force = (
+        cos_yaw * force_forward - sin_yaw * force_leftward,
+        sin_yaw * force_forward + cos_yaw * force_leftward,
+        0.0,
+    )
+    point = (
+        position[0] + cos_yaw * dx - sin_yaw * dy,
+        position[1] + sin_yaw * dx + cos_yaw * dy,
+        0.0,
+    )
+    return force, (0.0, 0.0, torque), point, (drivetrain.left_rim, drivetrain.right_rim)
 
 
 @kernel
-def _planar(scalars: Array, motion: Motion) -> Tuple[float, float, float, float, float]:
-    """Return x, y, yaw and forward speed of base_link, and the vertical component of its z axis (1: level)."""
-    px, py, _, qx, qy, qz, qw, vx, vy, rate = motion
-    c, s, _, _, up_z = _axes(qx, qy, qz, qw)
-    off_x, off_y = scalars[m.OFF_X], scalars[m.OFF_Y]
-    x, y = px - c * off_x + s * off_y, py - s * off_x - c * off_y
-    return x, y, atan2(s, c), c * vx + s * vy + rate * off_y, up_z
+def _planar(vehicles: Records, placement: Placement, motion: Motion) -> Tuple[Pose, float, float]:
+    """Return pose and forward speed [m/s] of base_link, and the height of its z axis (1: level).
+
+    `vehicles` is the record (1,) of a Vehicle, `placement` and `motion` are those of the body's
+    centre of mass.
+    """
+    vehicle: Vehicle = vehicles[0]
+    constants = vehicle.constants
+    position, attitude = placement
+    velocity, turning = motion
+    axes = _axes(attitude)
+    cos_yaw = axes.cos_yaw
+    sin_yaw = axes.sin_yaw
+    body_x = constants.body_x
+    body_y = constants.body_y
+    x = position[0] - cos_yaw * body_x + sin_yaw * body_y
+    y = position[1] - sin_yaw * body_x - cos_yaw * body_y
+    speed = cos_yaw * velocity[0] + sin_yaw * velocity[1] + turning[2] * body_y
+    return (x, y, atan2(sin_yaw, cos_yaw)), speed, axes.up_z

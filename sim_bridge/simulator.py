@@ -1,7 +1,7 @@
 """Common interface of the simulated robots, PybulletSimulator and KinematicSimulator.
 
-The ROS bridge, the training environment and the evaluation drive through this interface. Time is simulated, so no
-function here reads a clock.
+The ROS bridge, the training environment and the evaluation drive through this interface. Time is
+simulated, so no function here reads a clock.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from math import inf, isfinite
-from typing import Any, List, Optional, Sequence, Tuple, Union
+from typing import Any, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
@@ -22,13 +22,19 @@ from worlds import World
 from .lidar import Lidar
 from .mechanics import STEP
 from .odometry import Odometry
+from .wheels import Surface
 
-Span = Union[float, Tuple[float, float]]  # constant, or range (low, high) from which a value is drawn at every reset
+# Constant, or range (low, high) from which a value is drawn at every reset
+Span = Union[float, Tuple[float, float]]
+SOON_S = 1e-9  # rounding error of a sum of times: a command so soon is in force [s]
 
 
 @dataclass
 class RobotState:
-    """State of the robot at one instant. Poses are (x, y, yaw) [m, m, rad], twists (v, w) [m/s, rad/s]."""
+    """State of the robot at one instant.
+
+    Poses are (x, y, yaw) [m, m, rad], twists (v, w) [m/s, rad/s].
+    """
 
     time: float = 0.0
     pose: Pose = (0.0, 0.0, 0.0)  # true pose in the world frame
@@ -42,7 +48,10 @@ class RobotState:
 
 @dataclass(frozen=True)
 class Randomisation:
-    """Deviations from the nominal robot: numbers, or ranges (low, high) from which numbers are drawn at reset."""
+    """Deviations from the nominal robot.
+
+    From a range (low, high), a number is drawn at every reset.
+    """
 
     start_xy: float = 0.0  # maximum shift of the start along x and y [m]
     start_yaw: float = 0.0  # maximum rotation of the start [rad]
@@ -50,39 +59,52 @@ class Randomisation:
     latency: Span = 0.0  # delay from command() to the wheels [s]
     friction: Span = 1.0  # scale factor for wheel friction
     slip: Span = 1.0  # scale factor for random slip and drift
-    ground: Span = 1.0  # blend from ground plain (0) to the robot's simulation.ground (1), see wheels.py
+    ground: Span = 1.0  # blend from plain ground (0) to simulation.ground (1), see wheels.py
     odometry: Span = 1.0  # scale factor for odometry errors
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            low, high = value if isinstance(value, (tuple, list)) else (value, value)
+        for name, span in vars(self).items():
+            low, high = span if isinstance(span, (tuple, list)) else (span, span)
             if not 0 <= low <= high:
-                raise ApplrError(f"randomisation {name} = {value!r}: give a number >= 0 or a range (low, high)")
+                remedy = "give a number >= 0 or a range (low, high)"
+                raise ApplrError(f"randomisation {name} = {span!r}: {remedy}")
 
     def draw(self, rng: np.random.Generator) -> Randomisation:
         """Return a copy in which each range is replaced by a number drawn uniformly from it."""
+        drawn = {}
+        for name, span in vars(self).items():  # A seed's draws depend on the order of the fields.
+            if name.startswith("start_"):
+                continue
+            if isinstance(span, (tuple, list)):
+                drawn[name] = float(rng.uniform(*span))
+            else:
+                drawn[name] = float(span)
+        return replace(self, **drawn)
 
-        def pick(span: Span) -> float:
-            return float(rng.uniform(*span)) if isinstance(span, (tuple, list)) else float(span)
 
-        names = [name for name in vars(self) if not name.startswith("start_")]  # A seed's draws depend on the order.
-        return replace(self, **{name: pick(getattr(self, name)) for name in names})
+class _Pending(NamedTuple):
+    """Command that the latency delays."""
+
+    time: float  # simulated time at which the command comes into force [s]
+    v: float  # [m/s]
+    w: float  # [rad/s]
 
 
 @dataclass
 class _Command:
-    v: float = 0.0
-    w: float = 0.0
+    """Command in force, and those that follow it."""
+
+    v: float = 0.0  # [m/s]
+    w: float = 0.0  # [rad/s]
     until: float = -1.0  # simulated time at which the base stops on its own [s]
-    # commands (start time [s], v, w) delayed by the latency
-    pending: List[Tuple[float, float, float]] = field(default_factory=list)
+    pending: List[_Pending] = field(default_factory=list)  # in the order of their times
 
 
 class Simulator(ABC):
     """One robot in one world.
 
-    The origin of frame `odom` is the start position, and its axes are parallel to those of the world, as for Gazebo's
-    Jackal. A rotated start therefore does not move a goal in frame `odom`.
+    The origin of frame `odom` is the start position, and its axes are parallel to those of the
+    world, as for Gazebo's Jackal. A rotated start therefore does not move a goal in frame `odom`.
 
     Args:
         robot: Description of the robot; the Jackal by default.
@@ -102,39 +124,58 @@ class Simulator(ABC):
 
     # -- public ------------------------------------------------------------------------------------
     def reset(self, world: World, seed: int, start: Optional[Sequence[float]] = None) -> RobotState:
-        """Place the robot at rest at `start` in the world frame, by default the start of the course, and set time to 0.
+        """Place the robot at rest at `start`, by default that of the course, and set time to 0.
 
-        The same world, seed and commands give bit-identical states and scans.
+        `start` is a pose (x, y, yaw) in the world frame.         The same world, seed and commands
+        give bit-identical states and scans.
         """
+        # Start pose and randomised values
         x, y, yaw = map(float, world.course.start if start is None else start)
         self._rng = np.random.default_rng(seed)
         self.drawn = self.randomisation.draw(self._rng)
         dx, dy, turn = self._rng.uniform(-1, 1, 3).tolist()
-        most, yaw = self.drawn.start_xy, normalize_angle_modulo(yaw + turn * self.drawn.start_yaw)
-        pose = x + dx * most, y + dy * most, yaw
+        x += dx * self.drawn.start_xy
+        y += dy * self.drawn.start_xy
+        yaw = normalize_angle_modulo(yaw + turn * self.drawn.start_yaw)
+        pose = (x, y, yaw)
+
+        # The drives in one world share its lidar, which prepares the sides of all boxes.
         new_world = self._lidar is None or world is not self.world
         if new_world:
             self._lidar = Lidar(self.robot.laser, world.cylinders, world.boxes)
         self.world = world
-        self.odom_origin = pose[:2]
+        self.odom_origin = (x, y)
+
+        # Each source of errors has its own random numbers, so that one does not shift those of
+        # another.
+        errors_seed = int(self._rng.integers(2**31))
+        odometry_rng = np.random.default_rng(errors_seed)
+        self._odometry = Odometry(self.robot.odometry, yaw, odometry_rng, self.drawn.odometry)
+        self._noise = np.random.default_rng([errors_seed, 1])
+        self._angle_seed = [errors_seed, 2]
+
+        self._surface = self._drawn_surface()
         self._command = _Command()
-        seed = int(self._rng.integers(2**31))
-        self._odometry = Odometry(self.robot.odometry, pose[2], np.random.default_rng(seed), self.drawn.odometry)
-        self._noise, self._angle_seed = np.random.default_rng([seed, 1]), [seed, 2]
-        self._steps, self._elapsed = 0, 0.0
+        self._steps = 0
+        self._elapsed = 0.0
         self.state = RobotState(pose=pose, odom_pose=self._odometry.pose)
         self._place(pose, new_world)
         return self.state
 
     def command(self, v: float, w: float) -> None:
-        """Set the velocity command [m/s, rad/s]. The base stops when its command timeout has passed."""
+        """Set the velocity command [m/s, rad/s]. The base stops after its command timeout."""
         if not (isfinite(v) and isfinite(w)):
             raise ApplrError(f"command ({v!r}, {w!r}) is not finite: give finite velocities")
         base = self.robot.base
         v = min(max(v, -base.max_speed), base.max_speed)
         w = min(max(w, -base.max_yaw_rate), base.max_yaw_rate)
-        v, w = (0.0 if abs(speed) < least else speed for speed, least in zip((v, w), base.dead_band))
-        self._command.pending.append((self.state.time + self.drawn.latency + self.robot.simulation.command_delay, v, w))
+        smallest_v, smallest_w = base.dead_band
+        if abs(v) < smallest_v:
+            v = 0.0
+        if abs(w) < smallest_w:
+            w = 0.0
+        time = self.state.time + self.drawn.latency + self.robot.simulation.command_delay
+        self._command.pending.append(_Pending(time, v, w))
 
     def advance(self, duration: float) -> RobotState:
         """Simulate `duration` [s]. The total time is rounded to whole physics steps."""
@@ -145,13 +186,15 @@ class Simulator(ABC):
         return self.state
 
     def scan(self) -> Array32:
-        """Return the laser ranges (beams,) float32 [m] at the current time, with new noise at each call.
+        """Return the laser ranges (beams,) float32 [m] now, with new noise at each call.
 
         As in REP 117 and Gazebo, +inf means no return, and -inf an obstacle nearer than range_min.
         """
-        pose, laser = self.state.pose, self.robot.laser
-        place = transform_point(pose, laser.pose[0], laser.pose[1])
-        ranges: Array32 = self._lidar.scan(*place, pose[2] + laser.pose[2], self.mover_circles())
+        pose = self.state.pose
+        laser = self.robot.laser
+        x, y = transform_point(pose, laser.pose[0], laser.pose[1])
+        yaw = pose[2] + laser.pose[2]
+        ranges: Array32 = self._lidar.scan(x, y, yaw, self.mover_circles())
         noise = self._rng.standard_normal(laser.beams, dtype=np.float32)
         noise *= np.float32(laser.noise * self.drawn.scan_noise)
         return np.add(ranges, noise, out=ranges)
@@ -166,28 +209,41 @@ class Simulator(ABC):
         self.state = replace(self.state, odom_pose=self._odometry.pose)
 
     def teleport(self, pose: Sequence[float]) -> RobotState:
-        """Place the robot at rest at `pose` (x, y, yaw) in the world frame, while time and commands go on.
+        """Place the robot at rest at `pose` (x, y, yaw) in the world frame, while time goes on.
 
-        As in Gazebo, the position of the odometry is unchanged, because it comes from the wheels. Its heading follows,
-        because it comes from the IMU.
+        As in Gazebo, the position of the odometry is unchanged, because it comes from the wheels.
+        Its heading follows, because it comes from the IMU.
         """
-        x, y, yaw = float(pose[0]), float(pose[1]), normalize_angle(float(pose[2]))
+        x = float(pose[0])
+        y = float(pose[1])
+        yaw = normalize_angle(float(pose[2]))
         self._move_to((x, y, yaw))
-        self.state = replace(self.state, pose=(x, y, yaw), twist=(0.0, 0.0), contact=False, flipped=False)
+        self.state = replace(
+            self.state, pose=(x, y, yaw), twist=(0.0, 0.0), contact=False, flipped=False
+        )
         odom_x, odom_y, _ = self.state.odom_pose
         self.set_odometry((odom_x, odom_y, yaw))
         self.odom_origin = (x - odom_x, y - odom_y)
         return self.state
 
     def mover_circles(self, time: Optional[float] = None) -> Array:
-        """Return the moving cylinders (k, 3) x, y, radius [m] of the world, now or at a simulated time [s]."""
-        time = self.state.time if time is None else time
+        """Return the moving cylinders (k, 3) x, y, radius [m], now or at a simulated time [s]."""
+        if time is None:
+            time = self.state.time
         circles = [(*mover.position(time), mover.radius) for mover in self.world.movers]
         return np.array(circles, dtype=np.float64).reshape(-1, 3)
 
     def close(self) -> None:
         """Release all resources. Only `close` itself may be called afterwards."""
         self._lidar = None
+
+    def _drawn_surface(self) -> Surface:
+        """Return the ground of this reset."""
+        ground = 0.0
+        if self.robot.simulation.ground == "gazebo":
+            ground = min(self.drawn.ground, 1.0)
+        friction = self.robot.base.wheel_friction * self.drawn.friction
+        return Surface(self.drawn.slip, friction, ground)
 
     # -- implemented by derived classes ------------------------------------------------------------
     @abstractmethod
@@ -200,19 +256,19 @@ class Simulator(ABC):
 
     @abstractmethod
     def _drive(self, steps: int) -> None:
-        """Simulate `steps` steps of STEP [s] towards `_target(time)`, and update self._steps and self.state."""
-
-    def _ground(self) -> float:
-        """Return the argument `ground` of wheels.tyres() for this reset."""
-        return min(self.drawn.ground, 1.0) if self.robot.simulation.ground == "gazebo" else 0.0
+        """Simulate `steps` steps towards `_target(time)`; update self._steps and self.state."""
 
     def _target(self, time: float) -> Tuple[float, float]:
         """Return the command (v, w) that the base follows at `time`, after latency and time-out."""
         command = self._command
-        while command.pending and command.pending[0][0] <= time + 1e-9:
-            since, command.v, command.w = command.pending.pop(0)
-            command.until = since + (self.robot.base.command_timeout or inf)
-        return (command.v, command.w) if time < command.until - 1e-9 else (0.0, 0.0)
+        while command.pending and command.pending[0].time <= time + SOON_S:
+            pending = command.pending.pop(0)
+            command.v = pending.v
+            command.w = pending.w
+            command.until = pending.time + (self.robot.base.command_timeout or inf)
+        if time < command.until - SOON_S:
+            return command.v, command.w
+        return 0.0, 0.0
 
 
 def warm_up(simulator: Simulator, world: World) -> None:

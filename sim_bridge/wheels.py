@@ -1,19 +1,27 @@
-"""Driven wheels of both simulators: velocity controller, wheel speeds, friction of tyres and casters on the ground.
+"""Driven wheels of both simulators: velocity controller, wheel speeds, friction on the ground.
 
-Bullet's own friction between wheels and ground is not used. It acts along the world's axes, so a turn in place runs at
-.9 to 1.3 of the commanded rate depending on the heading (.2 to 1.0 with Bullet's friction cone). There are two friction
-models instead, named grounds. On ground `plain`, Coulomb's force on each tyre opposes the slip in any direction. Ground
-`gazebo` reproduces the friction of the Jackal in Gazebo (`_pyramid`), which varies with the wheels' angles.
+Bullet's own friction between wheels and ground is not used. It acts along the world's axes, so a
+turn in place runs at .9 to 1.3 of the commanded rate depending on the heading (.2 to 1.0 with
+Bullet's friction cone). There are two friction models instead, named grounds. On ground `plain`,
+Coulomb's force on each tyre opposes the slip in any direction. Ground `gazebo` reproduces the
+friction of the Jackal in Gazebo (`_pyramid`), which varies with the wheels' angles.
 
-On plain ground, the wheels of a skid-steered robot that turns in place must run faster than w * track / 2 by the factor
-1 + (wheel base / track)^2. It is 1.49 for the Jackal (Clearpath's separation multiplier is 1.5) and smaller in a fast
-curve. `rim_table` has the factor of every (v, w). The Jackal's centre of mass lies ahead of the wheels' centre, so the
-front wheels slip less, and the robot turns about a point ahead of base_link: base_link drifts in a turn in place. Two
-driven wheels need no factor, and casters slide with their own friction.
+On plain ground, the wheels of a skid-steered robot that turns in place must run faster than w *
+track / 2 by the factor 1 + (wheel base / track)^2. It is 1.49 for the Jackal (Clearpath's
+separation multiplier is 1.5) and smaller in a fast curve. `rim_table` has the factor of every (v,
+w). The Jackal's centre of mass lies ahead of the wheels' centre, so the front wheels slip less, and
+the robot turns about a point ahead of base_link: base_link drifts in a turn in place. Two driven
+wheels need no factor, and casters slide with their own friction.
+
+Kernels share these arguments:
+    vehicle: Record of Vehicle.
+    supports: Records (n,) of mechanics.Support.
+    table: rim_table().
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from math import cos, exp, pi, sin, sqrt
 from typing import Sequence, Tuple
@@ -24,212 +32,363 @@ from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
 from applr_ros1.robots import Robot
 
-from . import mechanics as m
-from .mechanics import STEP
+from .mechanics import LEFT_SIDE, RIGHT_SIDE, STEP, TABLE_INTERVALS, Constants, mechanics
+from .records import Records, record
 
+Pair = Tuple[float, float]
 Triple = Tuple[float, float, float]
-# Indices of the drivetrain's state `drive`: ramped command [m/s, rad/s], rim speeds [m/s], filtered acceleration of the
-# body by the tyres [m/s^2], angles of the left and right wheels [rad], noise of each side, noise of each support.
-# Other arguments of the kernels: table: rim_table(). scalars, supports: arrays of Mechanics. slip: factor on all random
-# errors. friction: coefficient of the wheels. ground: 0 for plain ground, 1 for Gazebo's; values in between blend both.
-RAMP_V, RAMP_W, LEFT, RIGHT, PULL_X, PULL_Y, ANGLE, WHEEL_NOISE, GRIP_NOISE = 0, 1, 2, 3, 4, 5, 6, 8, 10
-_KEEP_PULL = exp(-STEP / 0.02)  # decay per step of the filtered acceleration, whose time constant is 20 ms
+SIDES = 2  # number of the wheels' speed noises, left and right
+_KEEP_PULL = exp(-STEP / 0.02)  # decay of the filtered acceleration in a step; time constant 20 ms
 _JAM_SHARE = 0.1  # smallest ratio of a wheel's load to its contact force on Gazebo's ground
 _STICK_M_S = 0.01  # slip speed below which Gazebo's friction is less than its full force [m/s]
+_SETTLING_STEPS = 1200  # steps of a drive of _settle, 5 s
+_SETTLING_GAIN = 0.02  # correction of the rim speeds per step and error of the body's speed
 
 
-def new_drive(supports: Array, seed: Sequence[int]) -> Array:
-    """Return the drivetrain's state at rest. The angles of the wheels are drawn from the seed."""
-    drive = np.zeros(GRIP_NOISE + len(supports))
-    drive[ANGLE : ANGLE + 2] = np.random.default_rng(seed).uniform(0.0, 2.0 * pi, 2)
-    return drive
+@dataclass
+class Drivetrain:
+    """State of the velocity controller and the wheels."""
+
+    ramp_v: float = 0.0  # command within the acceleration limits [m/s]
+    ramp_w: float = 0.0  # [rad/s]
+    left_rim: float = 0.0  # rim speed of the left wheels [m/s]
+    right_rim: float = 0.0
+    pull_x: float = 0.0  # filtered acceleration of the body by the tyres, forward [m/s^2]
+    pull_y: float = 0.0  # leftward [m/s^2]
+    left_angle: float = 0.0  # angle of the left wheels [rad]
+    right_angle: float = 0.0
+    left_noise: float = 0.0  # noise of the left wheels' speed, of standard deviation Surface.slip
+    right_noise: float = 0.0
 
 
-def noises(supports: Array) -> int:
-    """Return the number of normal random numbers per step, one for each side and one for each support."""
-    return 2 + len(supports)
+@dataclass
+class Surface:
+    """Ground of one drive."""
+
+    slip: float  # factor on all random errors
+    friction: float  # friction coefficient of the driven wheels
+    ground: float  # 0: plain ground, 1: Gazebo's; values in between blend both
+
+
+@dataclass
+class Vehicle:
+    """One robot on its ground."""
+
+    constants: Constants
+    surface: Surface
+    drivetrain: Drivetrain
+
+
+def new_vehicle(constants: Constants, surface: Surface, seed: Sequence[int]) -> Records:
+    """Return the record (1,) of a vehicle at rest, with wheel angles drawn from the seed."""
+    left, right = np.random.default_rng(seed).uniform(0.0, 2.0 * pi, SIDES)
+    return record(Vehicle(constants, surface, Drivetrain(left_angle=left, right_angle=right)))
+
+
+def noises(supports: Records) -> int:
+    """Return the number of random numbers per step, one for each side and for each support."""
+    return SIDES + len(supports)
 
 
 @kernel(error_model="numpy", forceinline=True)
 def turn_wheels(
-    drive: Array, v: float, w: float, table: Array, scalars: Array, noise: Array, slip: float, ground: float
+    vehicle: Vehicle, supports: Records, command: Pair, table: Array, noise: Array
 ) -> None:
-    """Run one step of the velocity controller towards (v, w) [m/s, rad/s] within its acceleration limits.
+    """Run one step of the velocity controller, which ramps towards `command` (v, w) [m/s, rad/s].
 
-    Sets the rim speeds drive[LEFT], drive[RIGHT] [m/s]. The random numbers `noise` (noises(),) are standard normal.
-    Gazebo's controller has a constant multiplier of the track instead of the table, and Gazebo's wheels have no noise.
+    Sets the rim speeds of the drivetrain. The random numbers `noise` (noises(),) are standard
+    normal. Gazebo's controller has a constant multiplier of the track instead of the table, and
+    Gazebo's wheels have no noise.
     """
-    rate = scalars[m.ACCELERATION] * STEP
-    drive[RAMP_V] = min(max(v, drive[RAMP_V] - rate), drive[RAMP_V] + rate)
-    rate = scalars[m.YAW_ACCELERATION] * STEP
-    drive[RAMP_W] = min(max(w, drive[RAMP_W] - rate), drive[RAMP_W] + rate)
-    keep = scalars[m.KEEP_WHEEL]
-    shake = scalars[m.DRAW_WHEEL] * slip
-    for i in range(2):
-        drive[WHEEL_NOISE + i] = keep * drive[WHEEL_NOISE + i] + shake * noise[i]
-    keep = scalars[m.KEEP_GRIP]
-    shake = scalars[m.DRAW_GRIP] * slip
-    for i in range(noise.shape[0] - 2):
-        drive[GRIP_NOISE + i] = keep * drive[GRIP_NOISE + i] + shake * noise[2 + i]
-    ahead, side = _rims(drive[RAMP_V], drive[RAMP_W], table, scalars)
-    moving = scalars[m.WHEEL_SHAKE] if drive[RAMP_V] != 0.0 or drive[RAMP_W] != 0.0 else 0.0
-    uneven = scalars[m.WHEEL_NOISE]
+    constants = vehicle.constants
+    surface = vehicle.surface
+    drivetrain = vehicle.drivetrain
+    v, w = command
+    v_step = constants.acceleration * STEP
+    drivetrain.ramp_v = min(max(v, drivetrain.ramp_v - v_step), drivetrain.ramp_v + v_step)
+    w_step = constants.yaw_acceleration * STEP
+    drivetrain.ramp_w = min(max(w, drivetrain.ramp_w - w_step), drivetrain.ramp_w + w_step)
+
+    # Noise of first order, whose standard deviation does not depend on the length of a step
+    keep = constants.keep_wheel
+    draw = constants.draw_wheel * surface.slip
+    drivetrain.left_noise = keep * drivetrain.left_noise + draw * noise[0]
+    drivetrain.right_noise = keep * drivetrain.right_noise + draw * noise[1]
+    keep = constants.keep_grip
+    draw = constants.draw_grip * surface.slip
+    for i in range(supports.shape[0]):
+        supports[i].grip_noise = keep * supports[i].grip_noise + draw * noise[SIDES + i]
+
+    mean, half_difference = _rims(drivetrain.ramp_v, drivetrain.ramp_w, table, constants)
+    shake = 0.0  # Wheels at rest do not shake.
+    if drivetrain.ramp_v != 0.0 or drivetrain.ramp_w != 0.0:
+        shake = constants.wheel_shake
+    relative_noise = constants.wheel_noise
+    ground = surface.ground
     if ground > 0.0:
-        ahead += ground * (drive[RAMP_V] - ahead)
-        side += ground * (0.5 * scalars[m.TRACK] * scalars[m.TRACK_MULTIPLIER] * drive[RAMP_W] - side)
-        moving *= 1.0 - ground
-        uneven *= 1.0 - ground
-    drive[LEFT] = ahead - side + (moving + uneven * abs(ahead - side)) * drive[WHEEL_NOISE]
-    drive[RIGHT] = ahead + side + (moving + uneven * abs(ahead + side)) * drive[WHEEL_NOISE + 1]
-    for i in range(2):
-        drive[ANGLE + i] += STEP / scalars[m.WHEEL_RADIUS] * drive[LEFT + i]
+        half_track = 0.5 * constants.track * constants.track_multiplier
+        mean += ground * (drivetrain.ramp_v - mean)
+        half_difference += ground * (half_track * drivetrain.ramp_w - half_difference)
+        shake *= 1.0 - ground
+        relative_noise *= 1.0 - ground
+    left = mean - half_difference
+    right = mean + half_difference
+    drivetrain.left_rim = left + (shake + relative_noise * abs(left)) * drivetrain.left_noise
+    drivetrain.right_rim = right + (shake + relative_noise * abs(right)) * drivetrain.right_noise
+    drivetrain.left_angle += STEP / constants.wheel_radius * drivetrain.left_rim
+    drivetrain.right_angle += STEP / constants.wheel_radius * drivetrain.right_rim
 
 
 @kernel
-def _rims(v: float, w: float, table: Array, scalars: Array) -> Tuple[float, float]:
-    """Return the mean and half the difference of the rim speeds for (v, w), bilinearly interpolated in the table."""
-    sign = 1.0 if v > 0.0 else -1.0
-    a = min(abs(v) * scalars[m.PER_V], table.shape[0] - 1.001)
-    b = min(abs(w) * scalars[m.PER_W], table.shape[1] - 1.001)
-    i, j = int(a), int(b)
-    a, b = a - i, b - j
-    p, q, r, t = (1.0 - a) * (1.0 - b), (1.0 - a) * b, a * (1.0 - b), a * b
-    more = p * table[i, j, 0] + q * table[i, j + 1, 0] + r * table[i + 1, j, 0] + t * table[i + 1, j + 1, 0]
-    spread = p * table[i, j, 1] + q * table[i, j + 1, 1] + r * table[i + 1, j, 1] + t * table[i + 1, j + 1, 1]
-    return v + sign * more, 0.5 * scalars[m.TRACK] * w * spread
+def _rims(v: float, w: float, table: Array, constants: Constants) -> Pair:
+    """Return the mean and half the difference of the rim speeds [m/s] for (v, w).
+
+    The addition to the speed and the multiplier of the track are a bilinear interpolation between
+    four entries of the table. A command beyond the table takes its last entries.
+    """
+    row = min(abs(v) * constants.intervals_per_speed, table.shape[0] - 1.001)
+    column = min(abs(w) * constants.intervals_per_turn, table.shape[1] - 1.001)
+    i = int(row)
+    j = int(column)
+    row -= i
+    column -= j
+    weight_00 = (1.0 - row) * (1.0 - column)
+    weight_01 = (1.0 - row) * column
+    weight_10 = row * (1.0 - column)
+    weight_11 = row * column
+    addition = (
+        weight_00 * table[i, j, 0]
+        + weight_01 * table[i, j + 1, 0]
+        + weight_10 * table[i + 1, j, 0]
+        + weight_11 * table[i + 1, j + 1, 0]
+    )
+    multiplier = (
+        weight_00 * table[i, j, 1]
+        + weight_01 * table[i, j + 1, 1]
+        + weight_10 * table[i + 1, j, 1]
+        + weight_11 * table[i + 1, j + 1, 1]
+    )
+    if v <= 0.0:  # The table holds forward speeds.
+        addition = -addition
+    return v + addition, 0.5 * constants.track * w * multiplier
 
 
 @kernel(error_model="numpy", forceinline=True)
-def tyres(
-    drive: Array, twist: Triple, scalars: Array, supports: Array, friction: float, lift: Array, ground: float
-) -> Triple:
-    """Return the change (du, ds, dw) of the body's velocity by tyres and casters in one step.
+def tyres(vehicle: Vehicle, supports: Records, velocity: Triple) -> Triple:
+    """Return the change of the body's velocity by tyres and casters in one step.
 
-    Coulomb friction is smoothed below the tyres' creep speed, and solved implicitly for the velocity at the end of the
-    step in two passes. The solution is stable and keeps a robot at rest. Acceleration transfers load between supports.
+    Coulomb friction is smoothed below the tyres' creep speed, and solved implicitly for the
+    velocity at the end of the step in two passes. The solution is stable and keeps a robot at rest.
+    Acceleration transfers load between supports.
 
-    `twist` is the forward and leftward velocity of the centre of mass [m/s], and the yaw rate [rad/s]. `lift` (n,) is
-    the share of its load that each support carries: 1 with full contact, 0 off the ground.
+    `velocity` is the forward and leftward velocity of the centre of mass [m/s], and the yaw rate
+    [rad/s].
     """
     if supports.shape[0] == 4:  # A constant count lets the compiler unroll the loop.
-        return _tyres(4, drive, twist, scalars, supports, friction, lift, ground)
-    return _tyres(supports.shape[0], drive, twist, scalars, supports, friction, lift, ground)
+        return _tyres(4, vehicle, supports, velocity)
+    return _tyres(supports.shape[0], vehicle, supports, velocity)
 
 
 @kernel(inline="always", error_model="numpy")
-def _tyres(
-    n: int, drive: Array, twist: Triple, scalars: Array, supports: Array, friction: float, lift: Array, ground: float
-) -> Triple:
-    u, s, w = twist
-    mass, inertia, creep = scalars[m.MASS], scalars[m.YAW_INERTIA], scalars[m.TYRE_CREEP]
-    tip_x = drive[PULL_X] * mass * scalars[m.COM_HEIGHT] / scalars[m.LEVER_X]
-    tip_y = drive[PULL_Y] * mass * scalars[m.COM_HEIGHT] / scalars[m.LEVER_Y]
-    left, right = drive[ANGLE], drive[ANGLE + 1]
-    turned = ((cos(left), sin(left)), (cos(right), sin(right)))
-    du, ds, dw = 0.0, 0.0, 0.0
-    for _ in range(2):
-        # Solve (M + sum k J'J) d = -sum k J' slip for d = (du, ds, dw), with k = step * force / slip of each support.
-        a00, a11, a22, a02, a12 = mass, mass, inertia, 0.0, 0.0
-        b0, b1, b2 = 0.0, 0.0, 0.0
+def _tyres(n: int, vehicle: Vehicle, supports: Records, velocity: Triple) -> Triple:
+    """Return the result of tyres() for `n` supports.
+
+    The unknown is the change d of the velocity. With k = step * force / slip of each support, and J
+    the derivative of its slip by the velocity, the change of momentum is M d = -sum k J' (slip + J
+    d). The kernel sums M + k J'J in `matrix_*` and -k J' slip in `impulse_*`, whose letters v, s, w
+    stand for forward, leftward and turn.
+    """
+    constants = vehicle.constants
+    drivetrain = vehicle.drivetrain
+    friction = vehicle.surface.friction
+    ground = vehicle.surface.ground
+    forward, leftward, turn = velocity
+    mass = constants.mass
+    creep = constants.tyre_creep
+    # Acceleration at the height of the centre of mass tips the robot: moments over the levers of
+    # the supports.
+    tip_x = drivetrain.pull_x * mass * constants.com_height / constants.lever_x
+    tip_y = drivetrain.pull_y * mass * constants.com_height / constants.lever_y
+    left_cos = cos(drivetrain.left_angle)
+    left_sin = sin(drivetrain.left_angle)
+    right_cos = cos(drivetrain.right_angle)
+    right_sin = sin(drivetrain.right_angle)
+    forward_change = 0.0
+    leftward_change = 0.0
+    turn_change = 0.0
+    for _ in range(2):  # The second pass takes the forces at the slip that the first one has found.
+        matrix_vv = mass
+        matrix_ss = mass
+        matrix_ww = constants.yaw_inertia
+        matrix_vw = 0.0
+        matrix_sw = 0.0
+        impulse_v = 0.0
+        impulse_s = 0.0
+        impulse_w = 0.0
         for i in range(n):
-            side = supports[i, m.SIDE]
-            rim = drive[LEFT] if side == m.LEFT_SIDE else (drive[RIGHT] if side == m.RIGHT_SIDE else 0.0)
-            x, y = supports[i, m.X], supports[i, m.Y]
-            slip_x, slip_y = u - w * y - rim, s + w * x
-            end_x, end_y = slip_x + du - dw * y, slip_y + ds + dw * x
-            load = supports[i, m.LOAD] + supports[i, m.SHIFT_X] * tip_x + supports[i, m.SHIFT_Y] * tip_y
+            support = supports[i]
+            x = support.x
+            y = support.y
+            rim = 0.0  # rim speed of a caster
+            wheel_cos = right_cos
+            wheel_sin = right_sin
+            if support.side == LEFT_SIDE:
+                rim = drivetrain.left_rim
+                wheel_cos = left_cos
+                wheel_sin = left_sin
+            elif support.side == RIGHT_SIDE:
+                rim = drivetrain.right_rim
+            load = support.load + support.shift_x * tip_x + support.shift_y * tip_y
+
+            # Gazebo's ground: the wheel stands on both edges of its rim.
             if ground > 0.0:
-                c, sn = turned[int(side)]
-                press = ground * friction * max(load, 0.0) * lift[i]
+                pressure = ground * friction * max(load, 0.0) * support.lift
                 for edge in (-0.5, 0.5):
-                    at_y = y + edge * scalars[m.WHEEL_WIDTH]
-                    share = min(max(0.5 - 2.0 * edge * scalars[m.EDGE_SHIFT] * drive[PULL_Y], 0.0), 1.0)
-                    slip_x, slip_y = u - w * at_y - rim, s + w * x
-                    end_x, end_y = slip_x + du - dw * at_y, slip_y + ds + dw * x
-                    kx, ky = _pyramid(end_x, end_y, c, sn, friction)
-                    kx *= STEP * press * share
-                    ky *= STEP * press * share
-                    a00 += kx
-                    a11 += ky
-                    a22 += kx * at_y * at_y + ky * x * x
-                    a02 -= kx * at_y
-                    a12 += ky * x
-                    b0 -= kx * slip_x
-                    b1 -= ky * slip_y
-                    b2 -= ky * x * slip_y - kx * at_y * slip_x
+                    edge_y = y + edge * constants.wheel_width
+                    outer = 0.5 - 2.0 * edge * constants.edge_shift * drivetrain.pull_y
+                    share = min(max(outer, 0.0), 1.0)
+                    slip_x = forward - turn * edge_y - rim
+                    slip_y = leftward + turn * x
+                    end_slip_x = slip_x + forward_change - turn_change * edge_y
+                    end_slip_y = slip_y + leftward_change + turn_change * x
+                    kx, ky = _pyramid(end_slip_x, end_slip_y, wheel_cos, wheel_sin, friction)
+                    kx *= STEP * pressure * share
+                    ky *= STEP * pressure * share
+                    matrix_vv += kx
+                    matrix_ss += ky
+                    matrix_ww += kx * edge_y * edge_y + ky * x * x
+                    matrix_vw -= kx * edge_y
+                    matrix_sw += ky * x
+                    impulse_v -= kx * slip_x
+                    impulse_s -= ky * slip_y
+                    impulse_w -= ky * x * slip_y - kx * edge_y * slip_x
                 if ground >= 1.0:
                     continue
-            grip = friction * max(0.0, 1.0 + drive[GRIP_NOISE + i]) * max(load, 0.0) * lift[i] * supports[i, m.SHARE]
+
+            # Plain ground: the force opposes the slip at the end of the step.
+            slip_x = forward - turn * y - rim
+            slip_y = leftward + turn * x
+            end_slip_x = slip_x + forward_change - turn_change * y
+            end_slip_y = slip_y + leftward_change + turn_change * x
+            noisy_friction = friction * max(0.0, 1.0 + support.grip_noise)
+            grip = noisy_friction * max(load, 0.0) * support.lift * support.friction_share
             if ground > 0.0:
                 grip *= 1.0 - ground
-                slip_x, slip_y = u - w * y - rim, s + w * x
-                end_x, end_y = slip_x + du - dw * y, slip_y + ds + dw * x
-            k = STEP * grip / sqrt(end_x * end_x + end_y * end_y + creep * creep)
-            a00 += k
-            a11 += k
-            a22 += k * (x * x + y * y)
-            a02 -= k * y
-            a12 += k * x
-            b0 -= k * slip_x
-            b1 -= k * slip_y
-            b2 -= k * (x * slip_y - y * slip_x)
-        dw = (b2 - a02 * b0 / a00 - a12 * b1 / a11) / (a22 - a02 * a02 / a00 - a12 * a12 / a11)
-        du = (b0 - a02 * dw) / a00
-        ds = (b1 - a12 * dw) / a11
-    drive[PULL_X] = _KEEP_PULL * drive[PULL_X] + (1.0 - _KEEP_PULL) * du / STEP
-    drive[PULL_Y] = _KEEP_PULL * drive[PULL_Y] + (1.0 - _KEEP_PULL) * ds / STEP
-    return du, ds, dw
+            k = (
+                STEP
+                * grip
+                / sqrt(end_slip_x * end_slip_x + end_slip_y * end_slip_y + creep * creep)
+            )
+            matrix_vv += k
+            matrix_ss += k
+            matrix_ww += k * (x * x + y * y)
+            matrix_vw -= k * y
+            matrix_sw += k * x
+            impulse_v -= k * slip_x
+            impulse_s -= k * slip_y
+            impulse_w -= k * (x * slip_y - y * slip_x)
+
+        # Forward and leftward velocity are coupled only through the yaw rate, which is solved
+        # first.
+        remaining = (
+            impulse_w - matrix_vw * impulse_v / matrix_vv - matrix_sw * impulse_s / matrix_ss
+        )
+        inertia = matrix_ww - matrix_vw * matrix_vw / matrix_vv - matrix_sw * matrix_sw / matrix_ss
+        turn_change = remaining / inertia
+        forward_change = (impulse_v - matrix_vw * turn_change) / matrix_vv
+        leftward_change = (impulse_s - matrix_sw * turn_change) / matrix_ss
+    drivetrain.pull_x = _KEEP_PULL * drivetrain.pull_x + (1.0 - _KEEP_PULL) * forward_change / STEP
+    drivetrain.pull_y = _KEEP_PULL * drivetrain.pull_y + (1.0 - _KEEP_PULL) * leftward_change / STEP
+    return forward_change, leftward_change, turn_change
 
 
 @kernel(error_model="numpy")
-def _pyramid(slip_x: float, slip_y: float, c: float, sn: float, friction: float) -> Tuple[float, float]:
-    """Return a wheel edge's friction forces (forward, sideways) / (slip speed * friction * load) in Gazebo [s/m].
+def _pyramid(
+    slip_x: float, slip_y: float, wheel_cos: float, wheel_sin: float, friction: float
+) -> Pair:
+    """Return the friction forces (forward, sideways) of a wheel's edge in Gazebo.
 
-    The Jackal's URDF gives `fdir1 = 1 0 0`, which turns with the wheel (angle with cosine c and sine sn). ODE uses this
-    vector as the first direction of its friction pyramid without projecting it onto the ground. The horizontal part of
-    both directions has the length |c|. The vertical part of the first force presses the wheel down or lifts it. With a
-    friction coefficient of 1 or more, the contact force would grow without limit, so _JAM_SHARE limits it.
+    They are relative to slip speed * friction * load [s/m].
+
+    The Jackal's URDF gives `fdir1 = 1 0 0`, which turns with the wheel, whose angle has the cosine
+    `wheel_cos` and the sine `wheel_sin`. ODE uses this vector as the first direction of its
+    friction pyramid without projecting it onto the ground. The horizontal part of both directions
+    has the length |wheel_cos|. The vertical part of the first force presses the wheel down or lifts
+    it. With a friction coefficient of 1 or more, the contact force would grow without limit, so
+    _JAM_SHARE limits it.
     """
-    ahead = slip_x * c
-    over_x, over_y = max(abs(ahead), _STICK_M_S), max(abs(slip_y * c), _STICK_M_S)
-    press = 1.0 / max(1.0 + friction * ahead / over_x * sn, _JAM_SHARE)
-    return press * c * c / over_x, press * c * c / over_y
+    along = slip_x * wheel_cos
+    speed_x = max(abs(along), _STICK_M_S)
+    speed_y = max(abs(slip_y * wheel_cos), _STICK_M_S)
+    pressure = 1.0 / max(1.0 + friction * along / speed_x * wheel_sin, _JAM_SHARE)
+    horizontal = pressure * wheel_cos * wheel_cos
+    return horizontal / speed_x, horizontal / speed_y
 
 
 @lru_cache(maxsize=64)
 def rim_table(robot: Robot) -> Array:
-    """Return the table (17, 17, 2) of rim speeds that realise a command on nominal, even, plain ground.
+    """Return the table (17, 17, 2) of rim speeds that realise a command on even, plain ground.
 
-    Entry (i, j) holds the addition to the speed and the multiplier of the track for i/16 of the maximum speed and j/16
-    of the maximum yaw rate. Curves beyond the tyres' friction limit (v w above grip_limit) take the multiplier of the
-    tightest feasible curve at that speed. The table is computed by simulated driving in about 50 ms.
+    Entry (i, j) holds the addition to the speed and the multiplier of the track for i/16 of the
+    maximum speed and j/16 of the maximum yaw rate. Curves beyond the tyres' friction limit (v w
+    above grip_limit) take the multiplier of the tightest feasible curve at that speed. The table is
+    computed by simulated driving in about 50 ms.
     """
-    base, mechanics = robot.base, m.mechanics(robot)
-    v_step, w_step = base.max_speed / m.TABLE, base.max_yaw_rate / m.TABLE
-    table = np.zeros((m.TABLE + 1, m.TABLE + 1, 2))
-    for i in range(m.TABLE + 1):
-        for j in range(m.TABLE + 1):
-            v, w = i * v_step, max(j, 1e-3) * w_step
+    base = robot.base
+    robot_mechanics = mechanics(robot)
+    v_step = base.max_speed / TABLE_INTERVALS
+    w_step = base.max_yaw_rate / TABLE_INTERVALS
+    even = Surface(slip=0.0, friction=base.wheel_friction, ground=0.0)
+    entries = TABLE_INTERVALS + 1
+    table = np.zeros((entries, entries, 2))
+    for i in range(entries):
+        for j in range(entries):
+            v = i * v_step
+            w = (
+                max(j, 1e-3) * w_step
+            )  # The multiplier of a straight drive is that of a small yaw rate.
             if v * w > robot.simulation.grip_limit:
                 table[i, j] = table[i, j - 1]
-            else:
-                table[i, j] = _settle(v, w, mechanics.scalars, mechanics.supports, base.wheel_friction)
+                continue
+            vehicle = record(Vehicle(robot_mechanics.constants, even, Drivetrain()))
+            table[i, j] = _settle(v, w, vehicle, robot_mechanics.supports)
     return table
 
 
 @kernel
-def _settle(v: float, w: float, scalars: Array, supports: Array, friction: float) -> Tuple[float, float]:
-    """Simulate (v, w), adjust the rim speeds until the body follows, and return (addition to v, track multiplier)."""
-    drive, lift = np.zeros(GRIP_NOISE + supports.shape[0]), np.ones(supports.shape[0])
-    half = 0.5 * scalars[m.TRACK]
-    ahead, side = v, 1.3 * half * w
-    u, s, turn = v + w * scalars[m.COM_Y], w * scalars[m.COM_X], w
-    for _ in range(1200):
-        drive[LEFT], drive[RIGHT] = ahead - side, ahead + side
-        du, ds, dw = tyres(drive, (u, s, turn), scalars, supports, friction, lift, 0.0)
-        u, s, turn = u + du, s + ds, turn + dw
-        c, sn = cos(turn * STEP), sin(turn * STEP)
-        u, s = c * u + sn * s, c * s - sn * u
-        ahead += 0.02 * (v - u - turn * scalars[m.COM_Y])
-        side += 0.02 * half * (w - turn)
-    return (ahead - v if v > 0.0 else 0.0), side / (half * w)
+def _settle(v: float, w: float, vehicles: Records, supports: Records) -> Pair:
+    """Return the addition to v and the multiplier of the track with which the body drives (v, w).
+
+    The rim speeds are adjusted in a simulated drive until the body follows the command.
+    `vehicles` is the record (1,) of a Vehicle.
+    """
+    vehicle: Vehicle = vehicles[0]
+    constants = vehicle.constants
+    drivetrain = vehicle.drivetrain
+    half_track = 0.5 * constants.track
+    mean = v
+    half_difference = (
+        1.3 * half_track * w
+    )  # multiplier between those of two and of four driven wheels
+    forward = v + w * constants.com_y
+    leftward = w * constants.com_x
+    turn = w
+    for _ in range(_SETTLING_STEPS):
+        drivetrain.left_rim = mean - half_difference
+        drivetrain.right_rim = mean + half_difference
+        change = tyres(vehicle, supports, (forward, leftward, turn))
+        forward += change[0]
+        leftward += change[1]
+        turn += change[2]
+        # The axes of the body turn under its velocity.
+        cos_turn = cos(turn * STEP)
+        sin_turn = sin(turn * STEP)
+        ahead = cos_turn * forward + sin_turn * leftward
+        leftward = cos_turn * leftward - sin_turn * forward
+        forward = ahead
+        mean += _SETTLING_GAIN * (v - forward - turn * constants.com_y)
+        half_difference += _SETTLING_GAIN * half_track * (w - turn)
+    addition = 0.0
+    if v > 0.0:
+        addition = mean - v
+    return addition, half_difference / (half_track * w)
