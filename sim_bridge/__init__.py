@@ -1,4 +1,4 @@
-"""Simulated robot: one interface (simulator.py), a pybullet and a kinematic implementation, and their laser.
+"""Simulated robot: one interface (simulator.py), two implementations, and their laser.
 
 Only the modules ros_*.py depend on ROS.
 """

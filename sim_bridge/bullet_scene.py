@@ -1,9 +1,9 @@
 """Bullet scene of PybulletSimulator: import of pybullet, ground, obstacles and robot.
 
-This module works around five traits of pybullet. The import and every connection print a line. Meshes are never freed,
-so one mesh per world would leak memory. Single bodies are several times slower than compounds. A compound keeps
-only its first 16 shapes. A body without a visual shape gets a mesh for each round part, which takes thirty times as
-long as the body.
+This module works around five traits of pybullet. The import and every connection print a line.
+Meshes are never freed, so one mesh per world would leak memory. Single bodies are several times
+slower than compounds. A compound keeps only its first 16 shapes. A body without a visual shape gets
+a mesh for each round part, which takes thirty times as long as the body.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import ctypes
 import math
 import os
 import sys
-from typing import Any, List, Sequence, Tuple
+from typing import Any, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
@@ -24,167 +24,241 @@ from worlds import Mover, World
 from .mechanics import GRAVITY, mechanics
 
 CASTER_MASS_KG = 0.001  # mass of a caster, subtracted from the body [kg]
+CASTER_INERTIA = (1e-8, 1e-8, 1e-8)  # moments of inertia of a caster [kg m^2]
 OBSTACLE_TOP_M = 1.0  # height of all obstacles, above every laser [m]
 _COMPOUND_SHAPES = 16  # largest number of shapes that createCollisionShapeArray keeps in one body
+_STDOUT, _STDERR = 1, 2  # file descriptors
+_UPRIGHT = (0, 0, 0, 1)  # quaternion of no rotation
+_BASE = -1  # Bullet's index of a body's base, which is not a link
+_NO_LOOK = -1  # no visual shape
+
+
+class Obstacle(NamedTuple):
+    """Upright cylinder or box."""
+
+    x: float  # [m]
+    y: float
+    yaw: float  # [rad]
+    radius: float  # radius of a cylinder, 0 of a box [m]
+    half_sizes: Tuple[float, float, float]  # half length, width and height of a box [m]
 
 
 def connect() -> Any:
-    """Return a new client of Bullet, without a window and without the lines that pybullet prints."""
+    """Return a new client of Bullet, without a window and without the lines that it prints."""
     sys.stdout.flush()
     sys.stderr.flush()
+    # Bullet's C code writes to the file descriptors, which Python's redirection does not reach.
     null = os.open(os.devnull, os.O_WRONLY)
-    kept = [(fd, os.dup(fd)) for fd in (1, 2)]
+    copies = {descriptor: os.dup(descriptor) for descriptor in (_STDOUT, _STDERR)}
     try:
-        for fd, _ in kept:
-            os.dup2(null, fd)
+        for descriptor in copies:
+            os.dup2(null, descriptor)
         from pybullet_utils.bullet_client import BulletClient
 
         return BulletClient(sys.modules["pybullet"].DIRECT)
     finally:
         ctypes.CDLL(None).fflush(None)  # The lines may still be in C's buffer of stdout.
-        for fd, copy in kept:
-            os.dup2(copy, fd)
+        for descriptor, copy in copies.items():
+            os.dup2(copy, descriptor)
             os.close(copy)
         os.close(null)
 
 
-def clear(p: Any, step: float) -> None:
-    """Remove everything from the scene of the client `p` except the ground. `step` is the physics step [s]."""
-    p.resetSimulation()
-    p.setGravity(0, 0, -GRAVITY)
-    p.setPhysicsEngineParameter(
-        fixedTimeStep=step, numSolverIterations=30, deterministicOverlappingPairs=1, enableFileCaching=0
+def clear(client: Any, step: float) -> None:
+    """Remove everything from a client's scene except the ground. `step` is the physics step [s]."""
+    client.resetSimulation()
+    client.setGravity(0, 0, -GRAVITY)
+    # Pairs in a fixed order, because the solver's result depends on the order.
+    client.setPhysicsEngineParameter(
+        fixedTimeStep=step,
+        numSolverIterations=30,
+        deterministicOverlappingPairs=1,
+        enableFileCaching=0,
     )
-    ground = p.createMultiBody(0, p.createCollisionShape(p.GEOM_PLANE))
-    p.changeDynamics(ground, -1, lateralFriction=0.0)  # wheels.py computes the friction.
+    ground = client.createMultiBody(0, client.createCollisionShape(client.GEOM_PLANE))
+    client.changeDynamics(ground, _BASE, lateralFriction=0.0)  # wheels.py computes the friction.
 
 
-def build_obstacles(p: Any, world: World) -> Tuple[List[int], Array]:
+def build_obstacles(client: Any, world: World) -> Tuple[List[int], Array]:
     """Create the static obstacles of a world.
 
     Returns:
-        (ids, circles): ids of the bodies, each of which holds several obstacles, and a circle (n, 4) around each
-        obstacle: x, y, radius [m], and index of the obstacle's body in `ids`.
+        (ids, circles): ids of the bodies, each of which holds several obstacles, and a circle
+        (n, 4) around each obstacle: x, y, radius [m], and index of the obstacle's body in `ids`.
     """
-    parts = _parts(world)
-    numbered = [(k, obstacle) for k, part in enumerate(parts) for obstacle in part]
-    circles = [(x, y, radius or math.hypot(*half[:2]), k) for k, (x, y, _, radius, half) in numbered]
-    look = p.createVisualShape(p.GEOM_BOX, halfExtents=(0.1, 0.1, 0.1))
-    return [_compound(p, part, look) for part in parts], np.array(circles, dtype=float).reshape(-1, 4)
+    # All bodies share one visual shape, because Bullet makes a mesh for each body without one.
+    look = client.createVisualShape(client.GEOM_BOX, halfExtents=(0.1, 0.1, 0.1))
+    bodies = []
+    circles = []
+    for k, group in enumerate(_groups(world)):
+        bodies.append(_compound(client, group, look))
+        for obstacle in group:
+            radius = obstacle.radius or math.hypot(*obstacle.half_sizes[:2])
+            circles.append((obstacle.x, obstacle.y, radius, k))
+    return bodies, np.array(circles, dtype=float).reshape(-1, 4)
 
 
-def add_mover(p: Any, mover: Mover) -> int:
+def add_mover(client: Any, mover: Mover) -> int:
     """Create a moving cylinder, whose position the simulator sets at every step."""
-    shape = p.createCollisionShape(p.GEOM_CYLINDER, radius=mover.radius, height=OBSTACLE_TOP_M)
-    body: int = p.createMultiBody(0, shape, basePosition=(*mover.position(0.0), OBSTACLE_TOP_M / 2))
-    p.changeDynamics(body, -1, lateralFriction=1.0)
+    shape = client.createCollisionShape(
+        client.GEOM_CYLINDER, radius=mover.radius, height=OBSTACLE_TOP_M
+    )
+    place = (*mover.position(0.0), OBSTACLE_TOP_M / 2)
+    body: int = client.createMultiBody(0, shape, basePosition=place)
+    client.changeDynamics(body, _BASE, lateralFriction=1.0)
     return body
 
 
-def put_mover(p: Any, body: int, x: float, y: float) -> None:
+def put_mover(client: Any, body: int, x: float, y: float) -> None:
     """Move a moving cylinder to (x, y) [m]."""
-    p.resetBasePositionAndOrientation(body, (x, y, OBSTACLE_TOP_M / 2), (0, 0, 0, 1))
+    client.resetBasePositionAndOrientation(body, (x, y, OBSTACLE_TOP_M / 2), _UPRIGHT)
 
 
-def build_robot(p: Any, robot: Robot, pose: Pose) -> int:
-    """Create the robot at pose (x, y, yaw), with the driven wheels as joints in the order of geometry.wheel_places.
+def build_robot(client: Any, robot: Robot, pose: Pose) -> int:
+    """Create the robot at pose (x, y, yaw), and return its id.
 
-    The origin of the body's frame is its centre of mass. Casters are fixed spheres that slide on the ground.
+    The driven wheels are joints in the order of geometry.wheel_places, and casters are fixed
+    spheres that slide on the ground. The origin of the body's frame is its centre of mass.
     """
-    base, body = robot.base, robot.body
-    mechanics_of = mechanics(robot)
-    com_x, com_y, com_z = mechanics_of.body_com
+    base = robot.base
+    body = robot.body
+    robot_mechanics = mechanics(robot)
+    com_x, com_y, com_z = robot_mechanics.body_com
     length, width, height = body.size
-    box = p.createCollisionShape(
-        p.GEOM_CYLINDER if body.round else p.GEOM_BOX,
+    body_shape = client.createCollisionShape(
+        client.GEOM_CYLINDER if body.round else client.GEOM_BOX,
         halfExtents=[length / 2, width / 2, height / 2],
         radius=(length + width) / 4,
         height=height,
-        collisionFramePosition=[body.centre[0] - com_x, body.centre[1] - com_y, body.bottom + height / 2 - com_z],
+        collisionFramePosition=[
+            body.centre[0] - com_x,
+            body.centre[1] - com_y,
+            body.bottom + height / 2 - com_z,
+        ],
     )
-    wheel = p.createCollisionShape(
-        p.GEOM_CYLINDER,
+
+    # The wheels, then the casters: a shape and a place relative to the centre of mass for each link
+    wheel_shape = client.createCollisionShape(
+        client.GEOM_CYLINDER,
         radius=base.wheel_radius,
         height=base.wheel_width,
-        collisionFrameOrientation=p.getQuaternionFromEuler([math.pi / 2, 0, 0]),
+        collisionFrameOrientation=client.getQuaternionFromEuler([math.pi / 2, 0, 0]),
     )
-    n, k = base.wheels, len(base.casters)
-    places = [(x - com_x, y - com_y, base.axle_height - com_z) for x, y in geometry.wheel_places(base)]
-    shapes = [wheel] * n
-    if k:
-        radius = max((mechanics_of.base_height + body.bottom) / 2, 0.1 * base.wheel_radius)
-        shapes += [p.createCollisionShape(p.GEOM_SPHERE, radius=radius)] * k
-        places += [(x - com_x, y - com_y, radius - mechanics_of.base_height - com_z) for x, y in base.casters]
-    made: int = p.createMultiBody(
-        body.mass - k * CASTER_MASS_KG,
-        box,
-        -1,
-        *_standing(robot, pose),
-        linkMasses=[base.wheel_mass] * n + [CASTER_MASS_KG] * k,
+    shapes = []
+    places = []
+    for x, y in geometry.wheel_places(base):
+        shapes.append(wheel_shape)
+        places.append((x - com_x, y - com_y, base.axle_height - com_z))
+    if base.casters:
+        # A caster reaches from the ground halfway to the body, or is small under a low body.
+        clearance = robot_mechanics.base_height + body.bottom
+        radius = max(clearance / 2, 0.1 * base.wheel_radius)
+        caster_shape = client.createCollisionShape(client.GEOM_SPHERE, radius=radius)
+        for x, y in base.casters:
+            shapes.append(caster_shape)
+            places.append((x - com_x, y - com_y, radius - robot_mechanics.base_height - com_z))
+
+    wheels = base.wheels
+    casters = len(base.casters)
+    links = wheels + casters
+    position, attitude = _standing(robot, pose)
+    made: int = client.createMultiBody(
+        body.mass - casters * CASTER_MASS_KG,
+        body_shape,
+        _NO_LOOK,
+        position,
+        attitude,
+        linkMasses=[base.wheel_mass] * wheels + [CASTER_MASS_KG] * casters,
         linkCollisionShapeIndices=shapes,
-        linkVisualShapeIndices=[-1] * (n + k),
+        linkVisualShapeIndices=[_NO_LOOK] * links,
         linkPositions=places,
-        linkOrientations=[[0, 0, 0, 1]] * (n + k),
-        linkInertialFramePositions=[[0, 0, 0]] * (n + k),
-        linkInertialFrameOrientations=[[0, 0, 0, 1]] * (n + k),
-        linkParentIndices=[0] * (n + k),
-        linkJointTypes=[p.JOINT_REVOLUTE] * n + [p.JOINT_FIXED] * k,
-        linkJointAxis=[[0, 1, 0]] * (n + k),
+        linkOrientations=[_UPRIGHT] * links,
+        linkInertialFramePositions=[(0, 0, 0)] * links,
+        linkInertialFrameOrientations=[_UPRIGHT] * links,
+        linkParentIndices=[0] * links,
+        linkJointTypes=[client.JOINT_REVOLUTE] * wheels + [client.JOINT_FIXED] * casters,
+        linkJointAxis=[(0, 1, 0)] * links,
     )
 
-    def dynamics(link: int, inertia: Sequence[float], friction: float, **more: Any) -> None:
-        kept = {"linearDamping": 0, "angularDamping": 0, **more}
-        p.changeDynamics(made, link, localInertiaDiagonal=inertia, lateralFriction=friction, **kept)
+    def set_dynamics(link: int, inertia: Sequence[float], friction: float, **options: Any) -> None:
+        client.changeDynamics(
+            made,
+            link,
+            localInertiaDiagonal=inertia,
+            lateralFriction=friction,
+            linearDamping=0,
+            angularDamping=0,
+            **options,
+        )
 
-    dynamics(-1, mechanics_of.body_inertia, body.friction)
-    ground = robot.simulation
-    soft: Any = dict(contactStiffness=ground.ground_stiffness, contactDamping=ground.ground_damping, jointDamping=0)
-    kinds = [(mechanics_of.wheel_inertia, base.wheel_friction)] * n + [((1e-8, 1e-8, 1e-8), base.caster_friction)] * k
-    for link, kind in enumerate(kinds):
-        dynamics(link, *kind, **soft)
+    # Bullet's damping is switched off: it would brake a rolling robot like thick air.
+    set_dynamics(_BASE, robot_mechanics.body_inertia, body.friction)
+    simulation = robot.simulation
+    tyre = {
+        "contactStiffness": simulation.ground_stiffness,
+        "contactDamping": simulation.ground_damping,
+        "jointDamping": 0,
+    }
+    for link in range(wheels):
+        set_dynamics(link, robot_mechanics.wheel_inertia, base.wheel_friction, **tyre)
+    for link in range(wheels, links):
+        set_dynamics(link, CASTER_INERTIA, base.caster_friction, **tyre)
     return made
 
 
-def put_robot(p: Any, body: int, robot: Robot, pose: Pose) -> None:
+def put_robot(client: Any, body: int, robot: Robot, pose: Pose) -> None:
     """Place the robot of build_robot() at rest at pose (x, y, yaw)."""
-    p.resetBasePositionAndOrientation(body, *_standing(robot, pose))
-    p.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
+    position, attitude = _standing(robot, pose)
+    client.resetBasePositionAndOrientation(body, position, attitude)
+    client.resetBaseVelocity(body, (0, 0, 0), (0, 0, 0))
     for wheel in range(robot.base.wheels):
-        p.resetJointState(body, wheel, 0.0, 0.0)
+        client.resetJointState(body, wheel, 0.0, 0.0)
 
 
-def _standing(robot: Robot, pose: Pose) -> Tuple[Tuple[float, float, float], Tuple[float, ...]]:
-    """Return position and attitude of the body's centre of mass for a robot at rest at pose (x, y, yaw)."""
-    mechanics_of = mechanics(robot)
-    com_x, com_y, com_z = mechanics_of.body_com
-    sink = mechanics_of.mass * GRAVITY / len(mechanics_of.supports) / robot.simulation.ground_stiffness
-    place = (*transform_point(pose, com_x, com_y), mechanics_of.base_height + com_z - sink)
-    return place, quaternion_of(pose[2])
+def _standing(
+    robot: Robot, pose: Pose
+) -> Tuple[Tuple[float, float, float], Tuple[float, float, float, float]]:
+    """Return position [m] and attitude of the body's centre of mass for a robot at rest at `pose`.
 
-
-def _parts(world: World) -> List[List[Any]]:
-    """Return the static obstacles as (x, y, yaw, radius, half sizes), grouped by position into one list per body.
-
-    A cylinder has no half sizes, and a box has no radius.
+    The tyres are compressed as far as the weight needs, so that the robot does not drop at a start.
     """
-    cylinders = np.asarray(world.cylinders, dtype=float).reshape(-1, 3).tolist()
-    boxes = np.asarray(world.boxes, dtype=float).reshape(-1, 5).tolist()
-    obstacles = [(x, y, 0.0, radius, (0.0, 0.0, 0.0)) for x, y, radius in cylinders]
-    obstacles += [(x, y, yaw, 0.0, (dx / 2, dy / 2, OBSTACLE_TOP_M / 2)) for x, y, yaw, dx, dy in boxes]
-    obstacles.sort(key=lambda obstacle: (round(obstacle[1]), obstacle[0]))
-    return [obstacles[i : i + _COMPOUND_SHAPES] for i in range(0, len(obstacles), _COMPOUND_SHAPES)]
+    robot_mechanics = mechanics(robot)
+    com_x, com_y, com_z = robot_mechanics.body_com
+    load = robot_mechanics.mass * GRAVITY / len(robot_mechanics.supports)
+    compression = load / robot.simulation.ground_stiffness
+    x, y = transform_point(pose, com_x, com_y)
+    return (x, y, robot_mechanics.base_height + com_z - compression), quaternion_of(pose[2])
 
 
-def _compound(p: Any, obstacles: List[Any], look: int) -> int:
-    """Create one static body of upright cylinders and boxes with the visual shape `look`, and return its id."""
-    shape = p.createCollisionShapeArray(
-        shapeTypes=[p.GEOM_CYLINDER if radius else p.GEOM_BOX for _, _, _, radius, _ in obstacles],
-        radii=[radius for _, _, _, radius, _ in obstacles],
+def _groups(world: World) -> List[List[Obstacle]]:
+    """Return the static obstacles in groups of neighbours, one group per body of Bullet."""
+    obstacles = []
+    for x, y, radius in np.asarray(world.cylinders, dtype=float).reshape(-1, 3).tolist():
+        obstacles.append(Obstacle(x, y, 0.0, radius, (0.0, 0.0, 0.0)))
+    for x, y, yaw, size_x, size_y in np.asarray(world.boxes, dtype=float).reshape(-1, 5).tolist():
+        half_sizes = (size_x / 2, size_y / 2, OBSTACLE_TOP_M / 2)
+        obstacles.append(Obstacle(x, y, yaw, 0.0, half_sizes))
+    # Rows of 1 m, so that Bullet can exclude most bodies by their bounding boxes.
+    obstacles.sort(key=lambda obstacle: (round(obstacle.y), obstacle.x))
+    starts = range(0, len(obstacles), _COMPOUND_SHAPES)
+    return [obstacles[start : start + _COMPOUND_SHAPES] for start in starts]
+
+
+def _compound(client: Any, obstacles: List[Obstacle], look: int) -> int:
+    """Create one static body of obstacles with the visual shape `look`, and return its id."""
+    kinds = []
+    places = []
+    for obstacle in obstacles:
+        kinds.append(client.GEOM_CYLINDER if obstacle.radius else client.GEOM_BOX)
+        places.append((obstacle.x, obstacle.y, OBSTACLE_TOP_M / 2))
+    shape = client.createCollisionShapeArray(
+        shapeTypes=kinds,
+        radii=[obstacle.radius for obstacle in obstacles],
         lengths=[OBSTACLE_TOP_M] * len(obstacles),
-        halfExtents=[half for *_, half in obstacles],
-        collisionFramePositions=[(x, y, OBSTACLE_TOP_M / 2) for x, y, *_ in obstacles],
-        collisionFrameOrientations=[quaternion_of(yaw) for _, _, yaw, *_ in obstacles],
+        halfExtents=[obstacle.half_sizes for obstacle in obstacles],
+        collisionFramePositions=places,
+        collisionFrameOrientations=[quaternion_of(obstacle.yaw) for obstacle in obstacles],
     )
-    body: int = p.createMultiBody(0, shape, look)
-    p.changeDynamics(body, -1, lateralFriction=1.0)
+    body: int = client.createMultiBody(0, shape, look)
+    client.changeDynamics(body, _BASE, lateralFriction=1.0)
     return body

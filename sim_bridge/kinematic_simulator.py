@@ -43,7 +43,7 @@ class Body:
     yaw: float = 0.0
     forward: float = 0.0  # velocity of the centre of mass in the body frame [m/s]
     leftward: float = 0.0
-    turn: float = 0.0  # yaw rate [rad/s]
+    yaw_rate: float = 0.0  # [rad/s]
     rolled: float = 0.0  # mean speed of the rims in the last drive() [m/s]
     touched: float = 0.0  # 1 if there was a contact in the last drive()
 
@@ -86,6 +86,7 @@ class KinematicSimulator(Simulator):
         self._table = wheels.rim_table(self.robot)
 
     def _place(self, pose: Pose, new_world: bool) -> None:
+        # The arrays of a world are made once, and all drives in it share them.
         if new_world:
             self._circles = np.zeros((len(self.world.cylinders), 5))
             self._circles[:, :3] = self.world.cylinders
@@ -120,15 +121,17 @@ class KinematicSimulator(Simulator):
 
         body = Body(*self._body[0].item())
         com_x, com_y = self._mechanics.com
-        speed = body.forward + body.turn * com_y  # from the centre of mass to base_link
+        # base_link moves with the centre of mass, and around it in a turn.
+        speed = body.forward + body.yaw_rate * com_y
         acceleration = (speed - self.state.twist[0]) / duration
         odometry = self._odometry
-        odometry.update(duration, body.rolled, body.yaw, body.turn, acceleration)
+        odometry.update(duration, body.rolled, body.yaw, body.yaw_rate, acceleration)
+        # From the centre of mass back to base_link
         x, y = transform_point((body.x, body.y, body.yaw), -com_x, -com_y)
         self.state = RobotState(
             time=self._steps * STEP,
             pose=(x, y, body.yaw),
-            twist=(speed, body.turn),
+            twist=(speed, body.yaw_rate),
             odom_pose=odometry.pose,
             odom_twist=odometry.twist,
             contact=body.touched > 0.0,
@@ -145,6 +148,7 @@ class KinematicSimulator(Simulator):
         start = self._steps * STEP
         circles = self.mover_circles(start)
         velocity = (self.mover_circles(start + duration) - circles)[:, :2] / duration
+        # An obstacle that starts its animation again pushes nothing on the way.
         velocity[np.hypot(*velocity.T) > JUMP_M_S] = 0.0
         return np.concatenate([self._circles, np.hstack([circles, velocity])])
 
@@ -163,6 +167,7 @@ class KinematicSimulator(Simulator):
                 change_time = min(change_time, command.until)
             if change_time - SOON_S > last_time:
                 return np.array(targets)
+            # The first step that begins after the change. Rounding must not repeat the last one.
             step = max(step + 1, ceil((change_time - SOON_S) / STEP) - start)
             targets.append((step, *self._target((start + step) * STEP)))
 
@@ -186,12 +191,12 @@ def _circle_contact(x: float, y: float, radius: float, part: Array) -> Touch:
         )
     # The centre is under the robot, so the nearest side pushes.
     if half_length - abs(x) < half_width - abs(y):
-        sign = 1.0 if x > 0.0 else -1.0
+        direction = 1.0 if x > 0.0 else -1.0
         depth = radius + half_length - abs(x)
-        return Touch(depth, part_x + sign * half_length, part_y + y, -sign, 0.0)
-    sign = 1.0 if y > 0.0 else -1.0
+        return Touch(depth, part_x + direction * half_length, part_y + y, -direction, 0.0)
+    direction = 1.0 if y > 0.0 else -1.0
     depth = radius + half_width - abs(y)
-    return Touch(depth, part_x + x, part_y + sign * half_width, 0.0, -sign)
+    return Touch(depth, part_x + x, part_y + direction * half_width, 0.0, -direction)
 
 
 @kernel
@@ -222,6 +227,7 @@ def _box_contact(
         across = abs(axis_x * direction_y - axis_y * direction_x)
         part_reach = half_length * abs(direction_x) + half_width * abs(direction_y)
         reach = part_reach + half_x * along + half_y * across
+        # Of equal overlaps the first counts, so that rounding does not choose the direction.
         if reach - distance < depth - 1e-9:
             depth = reach - distance
             normal_x = -direction_x
@@ -243,15 +249,15 @@ def _box_contact(
 
 
 @kernel
-def _add_contact(contacts: Records, n: int, touch: Touch, part: int, velocity: Pair) -> int:
-    """Write the contact of one part as number n, and return the number of contacts.
+def _add_contact(contacts: Records, count: int, touch: Touch, part: int, velocity: Pair) -> int:
+    """Write the contact of one part as number `count`, and return the number of contacts.
 
     A contact with a gap above _MARGIN_M is omitted. `velocity` is that of the obstacle in the body
     frame [m/s].
     """
-    if touch.depth <= -_MARGIN_M or n >= _MOST_CONTACTS:
-        return n
-    contact = contacts[n]
+    if touch.depth <= -_MARGIN_M or count >= _MOST_CONTACTS:
+        return count
+    contact = contacts[count]
     contact.depth = touch.depth
     contact.x = touch.x
     contact.y = touch.y
@@ -262,7 +268,7 @@ def _add_contact(contacts: Records, n: int, touch: Touch, part: int, velocity: P
     contact.leftward = velocity[1]
     contact.push = 0.0
     contact.rub = 0.0
-    return n + 1
+    return count + 1
 
 
 @kernel
@@ -282,45 +288,47 @@ def _find_contacts(
     `reach` [m] is the radius of a circle around all `parts` (k, 4) of Mechanics. `contacts` has
     room for _MOST_CONTACTS.
     """
-    n = 0
+    count = 0
     reach = reach + _MARGIN_M
     for i in range(circles.shape[0]):
-        dx = circles[i, 0] - x
-        dy = circles[i, 1] - y
+        offset_x = circles[i, 0] - x
+        offset_y = circles[i, 1] - y
         radius = circles[i, 2]
         distance = radius + reach
-        if dx * dx + dy * dy >= distance * distance:
+        if offset_x * offset_x + offset_y * offset_y >= distance * distance:
             continue
-        body_x = cos_yaw * dx + sin_yaw * dy
-        body_y = cos_yaw * dy - sin_yaw * dx
+        # Place and velocity in the body frame
+        body_x = cos_yaw * offset_x + sin_yaw * offset_y
+        body_y = cos_yaw * offset_y - sin_yaw * offset_x
         forward = cos_yaw * circles[i, 3] + sin_yaw * circles[i, 4]
         leftward = cos_yaw * circles[i, 4] - sin_yaw * circles[i, 3]
         for k in range(parts.shape[0]):
             touch = _circle_contact(body_x, body_y, radius, parts[k])
-            n = _add_contact(contacts, n, touch, k, (forward, leftward))
+            count = _add_contact(contacts, count, touch, k, (forward, leftward))
     for i in range(boxes.shape[0]):
-        dx = boxes[i, 0] - x
-        dy = boxes[i, 1] - y
+        offset_x = boxes[i, 0] - x
+        offset_y = boxes[i, 1] - y
         half_x = 0.5 * boxes[i, 3]
         half_y = 0.5 * boxes[i, 4]
         cos_box = cos(boxes[i, 2])
         sin_box = sin(boxes[i, 2])
-        along = abs(cos_box * dx + sin_box * dy) - half_x
-        across = abs(cos_box * dy - sin_box * dx) - half_y
+        # Distance beyond the sides of the box, along its axes
+        along = abs(cos_box * offset_x + sin_box * offset_y) - half_x
+        across = abs(cos_box * offset_y - sin_box * offset_x) - half_y
         if along > reach or across > reach:
             continue
-        body_x = cos_yaw * dx + sin_yaw * dy
-        body_y = cos_yaw * dy - sin_yaw * dx
+        body_x = cos_yaw * offset_x + sin_yaw * offset_y
+        body_y = cos_yaw * offset_y - sin_yaw * offset_x
         axis = cos_yaw * cos_box + sin_yaw * sin_box, cos_yaw * sin_box - sin_yaw * cos_box
         for k in range(parts.shape[0]):
             touch = _box_contact(body_x, body_y, axis, half_x, half_y, parts[k])
-            n = _add_contact(contacts, n, touch, k, (0.0, 0.0))
-    return n
+            count = _add_contact(contacts, count, touch, k, (0.0, 0.0))
+    return count
 
 
 @kernel
 def _press(velocity: Triple, contacts: Records, vehicle: Vehicle) -> Triple:
-    """Return the velocity (forward, leftward, turn) after the impulses of `contacts` (n,).
+    """Return the velocity (forward, leftward, yaw_rate) after the impulses of `contacts` (n,).
 
     Stores the impulses in the contacts.
     Normal impulses limit the approach to the gap and resolve a share `undo` of an overlap. Coulomb
@@ -330,9 +338,11 @@ def _press(velocity: Triple, contacts: Records, vehicle: Vehicle) -> Triple:
     """
     constants = vehicle.constants
     drivetrain = vehicle.drivetrain
-    forward, leftward, turn = velocity
+    forward, leftward, yaw_rate = velocity
     mass = constants.mass
     inertia = constants.yaw_inertia
+    # Sequential impulses: each contact corrects the velocity that the contacts before it have left.
+    # The sums of the impulses stay non-negative and within friction, single impulses need not.
     for _ in range(_SWEEPS):
         for i in range(contacts.shape[0]):
             contact = contacts[i]
@@ -345,8 +355,8 @@ def _press(velocity: Triple, contacts: Records, vehicle: Vehicle) -> Triple:
             normal_y = contact.normal_y
             lever = x * normal_y - y * normal_x
             softness = 1.0 / mass + lever * lever / inertia  # change of the speed per impulse
-            slip_x = forward - turn * y - contact.forward
-            slip_y = leftward + turn * x - contact.leftward
+            slip_x = forward - yaw_rate * y - contact.forward
+            slip_y = leftward + yaw_rate * x - contact.leftward
             speed = slip_x * normal_x + slip_y * normal_y
             if contact.depth < 0.0:
                 wanted = contact.depth / STEP
@@ -357,7 +367,7 @@ def _press(velocity: Triple, contacts: Records, vehicle: Vehicle) -> Triple:
             contact.push = push
             forward += impulse * normal_x / mass
             leftward += impulse * normal_y / mass
-            turn += impulse * lever / inertia
+            yaw_rate += impulse * lever / inertia
             if push <= 0.0:
                 continue
 
@@ -366,14 +376,15 @@ def _press(velocity: Triple, contacts: Records, vehicle: Vehicle) -> Triple:
             tangent_y = normal_x
             lever = x * tangent_y - y * tangent_x
             softness = 1.0 / mass + lever * lever / inertia
-            slip_x = forward - turn * y - contact.forward
-            slip_y = leftward + turn * x - contact.leftward
+            slip_x = forward - yaw_rate * y - contact.forward
+            slip_y = leftward + yaw_rate * x - contact.leftward
             speed = slip_x * tangent_x + slip_y * tangent_y
             limit = constants.body_rub * push
             if contact.part > 0.0:
                 rim = drivetrain.left_rim
                 if int(contact.part) % 2 == 0:  # The wheels follow the body, left before right.
                     rim = drivetrain.right_rim
+                # The friction points against the sum of the lateral slip and the rim's rise.
                 upwards = rim * abs(normal_x)
                 limit = constants.wheel_rub * push * abs(speed) / (hypot(speed, upwards) + 1e-6)
             rub = min(max(contact.rub - speed / softness, -limit), limit)
@@ -381,8 +392,8 @@ def _press(velocity: Triple, contacts: Records, vehicle: Vehicle) -> Triple:
             contact.rub = rub
             forward += impulse * tangent_x / mass
             leftward += impulse * tangent_y / mass
-            turn += impulse * lever / inertia
-    return forward, leftward, turn
+            yaw_rate += impulse * lever / inertia
+    return forward, leftward, yaw_rate
 
 
 @kernel
@@ -391,10 +402,10 @@ def _near(obstacles: Array, radii: Array, x: float, y: float, distance: float) -
 
     `radii` (n,) are those of circles around the obstacles [m].
     """
-    dx = obstacles[:, 0] - x
-    dy = obstacles[:, 1] - y
+    offset_x = obstacles[:, 0] - x
+    offset_y = obstacles[:, 1] - y
     limit = radii + distance
-    return obstacles[dx * dx + dy * dy < limit * limit]
+    return obstacles[offset_x * offset_x + offset_y * offset_y < limit * limit]
 
 
 @kernel
@@ -434,12 +445,13 @@ def drive(
     boxes = _near(boxes, 0.5 * np.hypot(boxes[:, 3], boxes[:, 4]), body.x, body.y, distance)
     contacts = np.empty(_MOST_CONTACTS, CONTACT)
 
+    # Local variables, because the compiler keeps them in registers
     x = body.x
     y = body.y
     yaw = body.yaw
     forward = body.forward
     leftward = body.leftward
-    turn = body.turn
+    yaw_rate = body.yaw_rate
     touched = False
     rolled = 0.0
     target = 0
@@ -449,18 +461,20 @@ def drive(
         command = targets[target, 1], targets[target, 2]
         wheels.turn_wheels(vehicle, supports, command, table, noise[step])
         rolled += 0.5 * (drivetrain.left_rim + drivetrain.right_rim)
-        change = wheels.tyres(vehicle, supports, (forward, leftward, turn))
+        change = wheels.tyres(vehicle, supports, (forward, leftward, yaw_rate))
         forward += change[0]
         leftward += change[1]
-        turn += change[2]
+        yaw_rate += change[2]
 
         cos_yaw = cos(yaw)
         sin_yaw = sin(yaw)
-        n = _find_contacts(x, y, cos_yaw, sin_yaw, parts, constants.reach, circles, boxes, contacts)
-        if n > 0:
-            velocity = (forward, leftward, turn)
-            forward, leftward, turn = _press(velocity, contacts[:n], vehicle)
-            for i in range(n):
+        count = _find_contacts(
+            x, y, cos_yaw, sin_yaw, parts, constants.reach, circles, boxes, contacts
+        )
+        if count > 0:
+            velocity = (forward, leftward, yaw_rate)
+            forward, leftward, yaw_rate = _press(velocity, contacts[:count], vehicle)
+            for i in range(count):
                 touched |= contacts[i].push > 0.0
         for i in range(circles.shape[0]):
             circles[i, 0] += STEP * circles[i, 3]
@@ -468,10 +482,10 @@ def drive(
 
         x += STEP * (cos_yaw * forward - sin_yaw * leftward)
         y += STEP * (sin_yaw * forward + cos_yaw * leftward)
-        yaw += STEP * turn
+        yaw += STEP * yaw_rate
         # The velocity stays the same in the world, and the axes of the body turn.
-        cos_turn = cos(STEP * turn)
-        sin_turn = sin(STEP * turn)
+        cos_turn = cos(STEP * yaw_rate)
+        sin_turn = sin(STEP * yaw_rate)
         ahead = cos_turn * forward + sin_turn * leftward
         leftward = cos_turn * leftward - sin_turn * forward
         forward = ahead
@@ -480,6 +494,6 @@ def drive(
     body.yaw = atan2(sin(yaw), cos(yaw))
     body.forward = forward
     body.leftward = leftward
-    body.turn = turn
+    body.yaw_rate = yaw_rate
     body.rolled = rolled / steps
     body.touched = 1.0 if touched else 0.0

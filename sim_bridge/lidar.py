@@ -133,11 +133,11 @@ def _bearing(y: float, x: float) -> float:
     larger = max(abs_x, abs_y)
     if larger == 0.0:
         return 0.0
-    t = min(abs_x, abs_y) / larger
-    t2 = t * t
-    # Polynomial for atan(t) on [0, 1], in Horner's form
-    outer = t2 * (0.1801410 + t2 * (-0.0851330 + t2 * 0.0208351))
-    angle = t * (0.9998660 + t2 * (-0.3302995 + outer))
+    ratio = min(abs_x, abs_y) / larger
+    ratio2 = ratio * ratio
+    # Polynomial for atan(ratio) on [0, 1], in Horner's form
+    outer = ratio2 * (0.1801410 + ratio2 * (-0.0851330 + ratio2 * 0.0208351))
+    angle = ratio * (0.9998660 + ratio2 * (-0.3302995 + outer))
     if abs_y > abs_x:
         angle = 1.5707963267948966 - angle
     if x < 0.0:
@@ -166,6 +166,7 @@ def _cut_circle(
     if square <= radius * radius:
         return True
     distance = sqrt(square)
+    # A circle beyond the range, or behind what all its beams have already hit, changes nothing.
     gap = distance - radius
     if gap > fan.range_max:
         return False
@@ -186,14 +187,16 @@ def _cut_circle(
         last = highest + turn * beams_per_turn + 1
         if last < 0 or first >= beams:
             continue
-        for i in range(max(first - 1, 0), min(last + 1, beams - 1) + 1):
-            if gap < nearest[i]:
-                along = x * rays.cosines[i] + y * rays.sines[i]  # to the foot of the perpendicular
+        for beam in range(max(first - 1, 0), min(last + 1, beams - 1) + 1):
+            if gap < nearest[beam]:
+                along = (
+                    x * rays.cosines[beam] + y * rays.sines[beam]
+                )  # to the foot of the perpendicular
                 inside = along * along - excess  # squared half chord, negative for a miss
                 if inside >= 0.0 and along > 0.0:
                     reach = along - sqrt(inside)
-                    if reach < nearest[i]:
-                        nearest[i] = reach
+                    if reach < nearest[beam]:
+                        nearest[beam] = reach
     return False
 
 
@@ -218,17 +221,18 @@ def _cut_edge(x0: float, y0: float, x1: float, y1: float, rays: Rays, nearest: A
     for turn in range(-1, 2):
         first = lowest + turn * beams_per_turn
         last = highest + turn * beams_per_turn
-        for i in range(max(first - 1, 0), min(last + 2, beams - 1) + 1):
-            cosine = rays.cosines[i]
-            sine = rays.sines[i]
+        for beam in range(max(first - 1, 0), min(last + 2, beams - 1) + 1):
+            cosine = rays.cosines[beam]
+            sine = rays.sines[beam]
+            # Intersection of two lines by Cramer's rule; 0 for a beam parallel to the side
             across = cosine * edge_y - sine * edge_x
             if across != 0.0:
                 reach = cross / across
                 share = (
                     x0 * sine - y0 * cosine
                 ) / across  # place of the hit: 0 first end, 1 second
-                if 0.0 < reach < nearest[i] and -1e-12 <= share <= 1.0 + 1e-12:
-                    nearest[i] = reach
+                if 0.0 < reach < nearest[beam] and -1e-12 <= share <= 1.0 + 1e-12:
+                    nearest[beam] = reach
 
 
 @kernel
@@ -274,28 +278,29 @@ def _scan(
     covered = False
 
     # From near to far, because a circle behind nearer ones is skipped without a square root.
-    for k in range(circles.shape[0]):
-        dx = circles[k, 0] - x
-        dy = circles[k, 1] - y
-        squares[k] = dx * dx + dy * dy
+    for index in range(circles.shape[0]):
+        offset_x = circles[index, 0] - x
+        offset_y = circles[index, 1] - y
+        squares[index] = offset_x * offset_x + offset_y * offset_y
     _sort(order, squares)
-    for k in order:
-        dx = circles[k, 0] - x
-        dy = circles[k, 1] - y
-        laser_x = cos_yaw * dx + sin_yaw * dy
-        laser_y = cos_yaw * dy - sin_yaw * dx
-        covered |= _cut_circle(laser_x, laser_y, circles[k, 2], squares[k], rays, nearest)
-    for k in range(movers.shape[0]):
-        dx = movers[k, 0] - x
-        dy = movers[k, 1] - y
-        laser_x = cos_yaw * dx + sin_yaw * dy
-        laser_y = cos_yaw * dy - sin_yaw * dx
-        square = dx * dx + dy * dy
-        covered |= _cut_circle(laser_x, laser_y, movers[k, 2], square, rays, nearest)
+    for index in order:
+        offset_x = circles[index, 0] - x
+        offset_y = circles[index, 1] - y
+        laser_x = cos_yaw * offset_x + sin_yaw * offset_y
+        laser_y = cos_yaw * offset_y - sin_yaw * offset_x
+        covered |= _cut_circle(laser_x, laser_y, circles[index, 2], squares[index], rays, nearest)
+    for index in range(movers.shape[0]):
+        offset_x = movers[index, 0] - x
+        offset_y = movers[index, 1] - y
+        laser_x = cos_yaw * offset_x + sin_yaw * offset_y
+        laser_y = cos_yaw * offset_y - sin_yaw * offset_x
+        square = offset_x * offset_x + offset_y * offset_y
+        covered |= _cut_circle(laser_x, laser_y, movers[index, 2], square, rays, nearest)
 
-    for k in range(0, edges.shape[0], 4):
+    # Boxes, four sides each
+    for index in range(0, edges.shape[0], 4):
         inside = True
-        for i in range(k, k + 4):
+        for i in range(index, index + 4):
             x0 = edges[i, 0] - x
             y0 = edges[i, 1] - y
             x1 = edges[i, 2] - x
@@ -313,10 +318,11 @@ def _scan(
             )
         covered |= inside
 
-    for i in range(ranges.shape[0]):
-        if covered or nearest[i] <= fan.range_min:
-            ranges[i] = -np.inf
-        elif nearest[i] >= fan.range_max:
-            ranges[i] = np.inf
+    # Codes of REP 117
+    for beam in range(ranges.shape[0]):
+        if covered or nearest[beam] <= fan.range_min:
+            ranges[beam] = -np.inf
+        elif nearest[beam] >= fan.range_max:
+            ranges[beam] = np.inf
         else:
-            ranges[i] = nearest[i]
+            ranges[beam] = nearest[beam]

@@ -95,17 +95,18 @@ class PybulletSimulator(Simulator):
         movers = self._place_movers(steps, placement[0])
         touched = False
         rolled = 0.0
-        for k in range(steps):
+        for step_noise in noise:
             force, torque, point, rims = _pull(
                 self._vehicle,
                 self._supports,
                 self._target(self._steps * STEP),
                 self._table,
-                noise[k],
+                step_noise,
                 placement,
                 motion,
             )
             change = abs(rims[0] - self._rims[0]) + abs(rims[1] - self._rims[1])
+            # Bullet's wheels only rub on obstacles: they need not follow every small change.
             if change > self._spin_step:
                 self._spin(rims)
             rolled += 0.5 * (rims[0] + rims[1])
@@ -119,6 +120,7 @@ class PybulletSimulator(Simulator):
             motion = motion_of(body)
             touched = touched or self._touching(placement[0], movers)
 
+        # State of base_link at the end of the last step
         pose, speed, upright = _planar(self._vehicle, placement, motion)
         duration = steps * STEP
         yaw_rate = motion[1][2]
@@ -144,6 +146,7 @@ class PybulletSimulator(Simulator):
         nearby = []
         for body, mover, start, end in zip(self._movers, self.world.movers, starts, ends):
             scene.put_mover(self._client, body, end[0], end[1])
+            # An obstacle passes on a path of unknown form between both positions.
             distance = min(dist(start[:2], position[:2]), dist(end[:2], position[:2]))
             if distance < reach + mover.radius:
                 nearby.append(NearbyMover(body, mover))
@@ -167,6 +170,7 @@ class PybulletSimulator(Simulator):
         self._rims = rims
         base = self.robot.base
         left, right = rims
+        # Left and right alternate in geometry.wheel_places, once for each axle.
         speeds = (left / base.wheel_radius, right / base.wheel_radius) * (base.wheels // 2)
         forces = (self.robot.simulation.motor_torque,) * base.wheels
         self._client.setJointMotorControlArray(
@@ -189,12 +193,12 @@ def _find_near(
     """
     near[:] = False
     any_near = False
-    for k in range(circles.shape[0]):
-        dx = circles[k, 0] - x
-        dy = circles[k, 1] - y
-        limit = circles[k, 2] + distance
-        if dx * dx + dy * dy < limit * limit:
-            near[int(circles[k, 3])] = True
+    for index in range(circles.shape[0]):
+        offset_x = circles[index, 0] - x
+        offset_y = circles[index, 1] - y
+        limit = circles[index, 2] + distance
+        if offset_x * offset_x + offset_y * offset_y < limit * limit:
+            near[int(circles[index, 3])] = True
             any_near = True
     return any_near
 
@@ -258,6 +262,7 @@ def _pull(
     cos_yaw = axes.cos_yaw
     sin_yaw = axes.sin_yaw
     for i in range(supports.shape[0]):
+        # A wheel off the ground transmits no force, nor does any wheel of a robot on its side.
         support = supports[i]
         axle = position[2] + axes.up_x * support.body_x + axes.up_y * support.body_y
         height = axle + axes.up_z * constants.axle_z - constants.wheel_radius
@@ -268,10 +273,10 @@ def _pull(
     wheels.turn_wheels(vehicle, supports, command, table, noise)
 
     # Velocity and force are those of the robot's centre of mass, Bullet's those of the body's.
-    dx = constants.com_x - constants.body_x
-    dy = constants.com_y - constants.body_y
-    forward = cos_yaw * velocity[0] + sin_yaw * velocity[1] - yaw_rate * dy
-    leftward = cos_yaw * velocity[1] - sin_yaw * velocity[0] + yaw_rate * dx
+    offset_x = constants.com_x - constants.body_x
+    offset_y = constants.com_y - constants.body_y
+    forward = cos_yaw * velocity[0] + sin_yaw * velocity[1] - yaw_rate * offset_y
+    leftward = cos_yaw * velocity[1] - sin_yaw * velocity[0] + yaw_rate * offset_x
     change = wheels.tyres(vehicle, supports, (forward, leftward, yaw_rate))
     force_forward = constants.mass / STEP * change[0]
     force_leftward = constants.mass / STEP * change[1]
@@ -282,8 +287,8 @@ def _pull(
         0.0,
     )
     point = (
-        position[0] + cos_yaw * dx - sin_yaw * dy,
-        position[1] + sin_yaw * dx + cos_yaw * dy,
+        position[0] + cos_yaw * offset_x - sin_yaw * offset_y,
+        position[1] + sin_yaw * offset_x + cos_yaw * offset_y,
         0.0,
     )
     return force, (0.0, 0.0, torque), point, (drivetrain.left_rim, drivetrain.right_rim)

@@ -1,18 +1,21 @@
 """Node /sim_bridge: a simulated robot with the ROS interface of the real robot.
 
-Start it with `rosrun applr_ros1 sim_bridge.py`. Names come from the robot's description; these are the Jackal's.
+Start it with `rosrun applr_ros1 sim_bridge.py`. Names come from the robot's description; these are
+the Jackal's.
 
-Published topics: /clock (100 Hz); front/scan at the laser's rate; odometry/filtered, /tf, /tf_static, imu/data,
-collision, ~collision, ~ground_truth (frame world) at the odometry's rate; ~obstacles (latched), ~movers.
+Published topics: /clock (100 Hz); front/scan at the laser's rate; odometry/filtered, /tf,
+/tf_static, imu/data, collision, ~collision, ~ground_truth (frame world) at the odometry's rate;
+~obstacles (latched), ~movers.
 Subscribed topics: cmd_vel and ROBOT_velocity_controller/cmd_vel (the latest command counts).
-Services: ~reset (moves robot and odometry back to the start and clears the costmaps), ~load_world (loads the world
-named by the parameter ~world).
-Parameters: ~robot (name or folder of a description), ~world, ~simulator, ~seed, ~real_time_factor, ~start ("x y yaw" in
-the world frame instead of the start of the course), ~paused (start with the time stopped), ~gazebo (offer the services
-of ros_gazebo.py), ~tf_prefix (prefix of all frames of the robot), ~map (publish a latched map of the world on map, and
-its frame).
+Services: ~reset (moves robot and odometry back to the start and clears the costmaps), ~load_world
+(loads the world named by the parameter ~world).
+Parameters: ~robot (name or folder of a description), ~world, ~simulator, ~seed, ~real_time_factor,
+~start ("x y yaw" in the world frame instead of the start of the course), ~paused (start with the
+time stopped), ~gazebo (offer the services of ros_gazebo.py), ~tf_prefix (prefix of all frames of
+the robot), ~map (publish a latched map of the world on map, and its frame).
 
-One thread runs the simulation, and callbacks only store messages. ROS time never goes back, not even at a reset.
+One thread runs the simulation, and callbacks only store messages. ROS time never goes back, not
+even at a reset.
 """
 
 from __future__ import annotations
@@ -38,63 +41,83 @@ from .ros_topics import BridgeTopics
 from .simulator import warm_up
 
 TICK_S = 0.01  # simulated time between two clock messages [s]
-BASE_TIME_S = 1.0  # ROS time at the start of the first world, not 0 because ROS reads 0 as "no time" [s]
-CONTROL_FREQUENCY_HZ = 20.0  # default frequency of commands in the lock-step of real_time_factor 0 [Hz]
+BASE_TIME_S = (
+    1.0  # ROS time at the start of the first world, not 0 because ROS reads 0 as "no time" [s]
+)
+CONTROL_FREQUENCY_HZ = (
+    20.0  # default frequency of commands in the lock-step of real_time_factor 0 [Hz]
+)
 PATIENCE_S = 0.25  # longest wall time for which the lock-step waits for a command [s]
-IDLE_FACTOR = 1.0  # real-time factor instead of 0 while no commands arrive, so that planning gets its usual time
+MOVERS_HZ = 10.0  # rate of ~movers [Hz]
+LARGEST_DELAY_S = 0.2  # largest delay of simulated time that is caught up by running faster [s]
+# Real-time factor instead of 0 while no commands arrive, so that planning gets its usual time
+IDLE_FACTOR = 1.0
 
 
 class Bridge:
     """State of the node: simulator, latest velocity command and ROS time."""
 
     def __init__(self) -> None:
-        factor, seed = rospy.get_param("~real_time_factor", 1.0), rospy.get_param("~seed", 0)
-        self.factor = number_within("real_time_factor", factor, 0, 1e6)  # 0 means as fast as possible
-        self.seed = int(number_within("seed", seed, 0, 2**31 - 1))
+        # Parameters, robot and world. A mistake in them ends the node before it publishes anything.
+        factor = rospy.get_param("~real_time_factor", 1.0)
+        self.factor = number_within("real_time_factor", factor, 0, 1e6)  # 0: as fast as possible
+        self.seed = int(number_within("seed", rospy.get_param("~seed", 0), 0, 2**31 - 1))
         name = rospy.get_param("~simulator", "pybullet")
         self.base_time = BASE_TIME_S
         with_map = bool(rospy.get_param("~map", False))
         robot = load(str(rospy.get_param("~robot", "jackal")), with_map=with_map)
-        self.scale, self.radius = robot.world_scale, geometry.radius(robot)
+        self.scale = robot.world_scale
+        self.radius = geometry.radius(robot)
         world = self._load(str(rospy.get_param("~world", "generated:0")))
         self.simulator = make(name, robot)
         start = str(rospy.get_param("~start", ""))
         self.start = pose("start", start) if start else None
-        compiling = "compiling the simulator's kernels (half a minute, the first time on this machine)"
+        compiling = "compiling the simulator's kernels (half a minute, the first time on a machine)"
         with announced(compiling, rospy.loginfo):
             warm_up(self.simulator, world)
+
+        # State that the simulation thread and the callbacks share
         self.lock = threading.Lock()  # protects the simulator
         self.arrived = threading.Condition()  # protects the next four attributes
-        self.newest: Optional[Tuple[float, float]] = None  # latest command (v, w) not yet passed to the simulator
+        # Latest command (v, w) that the simulator has not yet received [m/s, rad/s]
+        self.newest: Optional[Tuple[float, float]] = None
         self.driven = False  # whether velocity commands arrive
-        self.period, self.due = 0.0, 0.0  # period of commands, simulated time at which the next command is due [s]
-        self.touched = False
+        self.period = 0.0  # period of the commands [s]
+        self.due = 0.0  # simulated time at which the next command is due [s]
+        self.touched = False  # whether there was contact since the last message on ~collision
         self.running = threading.Event()  # set while simulated time advances
         if not rospy.get_param("~paused", False):
             self.running.set()
+
+        # Publishers first, so that every state is published with its world.
         prefix = frame_prefix(str(rospy.get_param("~tf_prefix", "")))
         self.topics = BridgeTopics(robot, prefix, with_map)
         self.simulator.reset(world, self.seed, self.start)
         self.topics.publish_world(self.simulator, self.stamp())
         if rospy.get_param("~gazebo", False):
-            from .ros_gazebo import GazeboInterface  # needs gazebo_msgs, which a robot does not have
+            from .ros_gazebo import (
+                GazeboInterface,
+            )  # needs gazebo_msgs, which a robot does not have
 
             GazeboInterface(self)
         self._connect()
         if not rospy.get_param("/use_sim_time", False):
             rospy.logwarn(
-                "sim_bridge: /use_sim_time is not true: nodes on wall time reject scans and transforms as too old; "
-                "run `rosparam set /use_sim_time true`, then start them"
+                "sim_bridge: /use_sim_time is not true: nodes on wall time reject scans and "
+                "transforms as too old; run `rosparam set /use_sim_time true`, then start them"
             )
-        counts = f"{len(world.cylinders)} cylinders, {len(world.boxes)} boxes, {len(world.movers)} moving"
-        run = f"simulator {name}, seed {self.seed}, real time factor {self.factor:g}"
-        rospy.loginfo(f"sim_bridge: ready: world {world.name} ({counts}), {run}")
+        fixed = f"{len(world.cylinders)} cylinders, {len(world.boxes)} boxes"
+        described = f"world {world.name} ({fixed}, {len(world.movers)} moving), simulator {name}"
+        rate = f"seed {self.seed}, real time factor {self.factor:g}"
+        rospy.loginfo(f"sim_bridge: ready: {described}, {rate}")
 
     def _connect(self) -> None:
         robot = self.simulator.robot
         for topic in (robot.topics.cmd_vel, robot.name + "_velocity_controller/cmd_vel"):
-            rospy.Subscriber(topic, Twist, self.on_command, queue_size=1, buff_size=2**16, tcp_nodelay=True)
-        rospy.Service("~reset", Empty, lambda _: self._restart() or EmptyResponse())  # type: ignore[func-returns-value]
+            rospy.Subscriber(
+                topic, Twist, self.on_command, queue_size=1, buff_size=2**16, tcp_nodelay=True
+            )
+        rospy.Service("~reset", Empty, self.on_reset)
         rospy.Service("~load_world", Trigger, self.on_load_world)
 
     def _load(self, spec: str) -> worlds.World:
@@ -109,8 +132,12 @@ class Bridge:
     @until_shutdown()
     def spin(self) -> None:
         """Simulate and publish until the node is shut down."""
-        pace, ticks, robot = RealTimeRate(), 0, self.simulator.robot
-        every, every_scan = (max(1, round(1.0 / TICK_S / rate)) for rate in (robot.odometry.rate, robot.laser.rate))
+        robot = self.simulator.robot
+        ticks_per_state = _ticks_of(robot.odometry.rate)
+        ticks_per_scan = _ticks_of(robot.laser.rate)
+        ticks_per_movers = _ticks_of(MOVERS_HZ)
+        pace = RealTimeRate()
+        ticks = 0
         while not rospy.is_shutdown():
             if not self.running.is_set():
                 self.running.wait(0.02)
@@ -122,13 +149,14 @@ class Bridge:
                 state = self.simulator.advance(TICK_S)
                 self.touched |= state.contact
                 stamp = self.stamp()
-                if ticks % every == 0:
+                if ticks % ticks_per_state == 0:
                     self.topics.publish_state(state, stamp, self.touched)
                     self.touched = False
-                if ticks % every_scan == 0:
+                if ticks % ticks_per_scan == 0:
                     self.topics.publish_scan(self.simulator.scan(), stamp)
-                if ticks % 10 == 0:
+                if ticks % ticks_per_movers == 0:
                     self.topics.publish_movers(self.simulator, stamp)
+                # The clock comes last: a node that it wakes up finds the messages of this time.
                 self.topics.clock.publish(stamp)
             if self.factor == 0.0:
                 self._lock_step()
@@ -140,18 +168,25 @@ class Bridge:
                 pace.wait(TICK_S, self.factor)
 
     def _take_command(self) -> None:
+        """Pass the latest command to the simulator, and compute when the next one is due."""
         with self.arrived:
-            command, self.newest = self.newest, None
-        if command is not None:
-            self.simulator.command(*command)
-            now = self.simulator.state.time
-            self.due = self.period + (self.due if now <= self.due <= now + 0.5 * self.period else now)
+            command = self.newest
+            self.newest = None
+        if command is None:
+            return
+        self.simulator.command(*command)
+        time = self.simulator.state.time
+        # A command may come a tick early. The planner's cycle stays the same, so its due time
+        # counts.
+        is_early = time <= self.due <= time + 0.5 * self.period
+        cycle = self.due if is_early else time
+        self.due = self.period + cycle
 
     def _lock_step(self) -> None:
         """Wait for the planner's next command once the command is due, but at most for PATIENCE_S.
 
-        The simulation then runs as fast as possible without running ahead of the planner. After a time-out,
-        _lock_step does not wait again until the next command has arrived.
+        The simulation then runs as fast as possible without running ahead of the planner. After a
+        time-out, _lock_step does not wait again until the next command has arrived.
         """
         if self.driven and self.simulator.state.time > self.due - 1e-6:
             with self.arrived:
@@ -159,18 +194,27 @@ class Bridge:
 
     # -- callbacks ---------------------------------------------------------------------------------
     def on_command(self, message: Any) -> None:
-        """Store a velocity command for the simulation thread. Reject a command that is not finite."""
-        v, w = message.linear.x, message.angular.z
+        """Store a velocity command for the simulation thread, unless it is not finite."""
+        v = message.linear.x
+        w = message.angular.z
         if not (isfinite(v) and isfinite(w)):
-            rospy.logwarn_throttle(5.0, f"sim_bridge: velocity command ({v:g}, {w:g}) rejected: send finite numbers")
+            problem = f"velocity command ({v:g}, {w:g}) rejected: send finite numbers"
+            rospy.logwarn_throttle(5.0, f"sim_bridge: {problem}")
             return
         if not self.driven:  # The new source of commands may have another frequency.
-            self.period = 1.0 / float(rospy.get_param("move_base/controller_frequency", CONTROL_FREQUENCY_HZ))
+            frequency = rospy.get_param("move_base/controller_frequency", CONTROL_FREQUENCY_HZ)
+            self.period = 1.0 / float(frequency)
         with self.arrived:
-            self.newest, self.driven = (v, w), True
+            self.newest = (v, w)
+            self.driven = True
             self.arrived.notify()
 
-    # -- Gazebo services ------------------------------------------------------------------------------
+    def on_reset(self, _: Any) -> EmptyResponse:
+        """Handle the service ~reset: restart in the same world with the next seed."""
+        self._restart()
+        return EmptyResponse()
+
+    # -- Gazebo services ---------------------------------------------------------------------------
     def pause(self) -> None:
         """Stop simulated time, and return after the current step."""
         self.running.clear()
@@ -193,7 +237,9 @@ class Bridge:
         try:
             world = self._load(str(rospy.get_param("~world", "")))
         except (ValueError, OSError) as error:
-            rospy.logerr("sim_bridge: no new world, keeping %s: %s", self.simulator.world.name, error)
+            rospy.logerr(
+                "sim_bridge: no new world, keeping %s: %s", self.simulator.world.name, error
+            )
             return TriggerResponse(False, str(error))
         self._restart(world)
         rospy.loginfo("sim_bridge: world %s", world.name)
@@ -203,12 +249,15 @@ class Bridge:
         """Restart in `world`, by default in the current world with the next seed."""
         with self.lock:
             if world is None:
-                world, self.seed = self.simulator.world, self.seed + 1
+                world = self.simulator.world
+                self.seed += 1
             else:
                 self.start = None  # The course of the new world has its own start.
             self.base_time += self.simulator.state.time + TICK_S
             with self.arrived:
-                self.newest, self.driven, self.due = None, False, 0.0
+                self.newest = None
+                self.driven = False
+                self.due = 0.0
             state = self.simulator.reset(world, self.seed, self.start)
             self.touched = False
             self.topics.publish_world(self.simulator, self.stamp())
@@ -217,6 +266,11 @@ class Bridge:
             self.topics.clock.publish(self.stamp())
         time.sleep(0.05)  # Scans from the old position must arrive before the maps are cleared.
         _clear_costmaps()
+
+
+def _ticks_of(rate: float) -> int:
+    """Return the number of ticks between two messages at a rate [Hz]."""
+    return max(1, round(1.0 / TICK_S / rate))
 
 
 class RealTimeRate:
@@ -230,16 +284,25 @@ class RealTimeRate:
         self.next = time.monotonic()
 
     def wait(self, simulated: float, factor: float, report: bool = True) -> None:
-        """Sleep until wall time has caught up. Drop a delay of more than .2 s, and report it."""
-        now = time.monotonic()
+        """Sleep until wall time has caught up, or drop a delay above LARGEST_DELAY_S and report it.
+
+        Args:
+            simulated: Simulated time since the last call [s].
+            factor: Real-time factor.
+            report: Whether to report a delay.
+        """
+        wall_time = time.monotonic()
         self.next += simulated / factor
-        if self.next > now:
-            time.sleep(self.next - now)
-        elif now - self.next > 0.2:
-            self.next = now
+        if self.next > wall_time:
+            time.sleep(self.next - wall_time)
+        elif wall_time - self.next > LARGEST_DELAY_S:
+            self.next = wall_time
             if report:
-                slow = f"the simulation is slower than real_time_factor {factor:g}: lower it, or end other programs"
-                rospy.logwarn_throttle(60.0, "sim_bridge: " + slow)
+                rospy.logwarn_throttle(
+                    60.0,
+                    f"sim_bridge: the simulation is slower than real_time_factor {factor:g}: "
+                    "lower it, or end other programs",
+                )
 
 
 def _clear_costmaps() -> None:
@@ -260,10 +323,12 @@ def main() -> int:
     bridge = Bridge()
     gc.collect()
     gc.freeze()  # A garbage collection of all loaded objects would delay the clock by 100 ms.
-    # rospy shuts down in the signal handler of the main thread. If the simulation ran there, the handler would wait for
-    # the lock of the publish() call that it interrupted.
+    # rospy shuts down in the signal handler of the main thread. If the simulation ran there, the
+    # handler would wait for the lock of the publish() call that it interrupted.
     spinning = threading.Thread(target=bridge.spin, daemon=True)
     spinning.start()
     while spinning.is_alive():
-        spinning.join(0.5)  # Python handles a signal delivered to another thread only between two calls.
+        spinning.join(
+            0.5
+        )  # Python handles a signal delivered to another thread only between two calls.
     return 0 if rospy.core.is_shutdown_requested() else 1

@@ -1,4 +1,4 @@
-"""Publishers of the simulated robot, which convert a RobotState and a scan to the messages of the real robot.
+"""Publishers of the simulated robot: messages of the real robot from a RobotState and a scan.
 
 ros_bridge.py publishes through this module. Poses are planar, at the height of the base frame.
 """
@@ -27,14 +27,17 @@ from worlds.occupancy import occupancy
 from .mechanics import GRAVITY
 from .simulator import RobotState, Simulator
 
-WORLD = "world"
+WORLD = "world"  # name of the frame of the world
+NO_SHIFT = (0.0, 0.0, 0.0)  # pose of a frame that equals its parent
 OBSTACLE_HEIGHT_M = 0.5  # height of the markers of obstacles [m]
 MAP_RESOLUTION_M = 0.05  # resolution of the published map of a world without a map [m]
-COLOURS = {"cylinders": (0.45, 0.47, 0.5, 1.0), "boxes": (0.62, 0.5, 0.35, 1.0), "movers": (0.8, 0.4, 0.2, 1.0)}
-_COVARIANCE = [0.0] * 36
-for _i, _value in enumerate((1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 3e-4)):
-    _COVARIANCE[7 * _i] = _value
-_ATTITUDE_COVARIANCE = [1e-4, 0.0, 0.0, 0.0, 1e-4, 0.0, 0.0, 0.0, 1e-4]
+GREY = ColorRGBA(0.45, 0.47, 0.5, 1.0)  # colour of cylinders
+BROWN = ColorRGBA(0.62, 0.5, 0.35, 1.0)  # colour of boxes
+ORANGE = ColorRGBA(0.8, 0.4, 0.2, 1.0)  # colour of moving cylinders
+# Covariances (6, 6) of pose and twist: x, y, z [m^2], then rotations about x, y, z [rad^2], or
+# rates
+_COVARIANCE = np.diag((1e-3, 1e-3, 1e-6, 1e-6, 1e-6, 3e-4)).ravel().tolist()
+_ATTITUDE_COVARIANCE = np.diag((1e-4, 1e-4, 1e-4)).ravel().tolist()  # (3, 3) [rad^2]
 
 
 class BridgeTopics:
@@ -43,14 +46,18 @@ class BridgeTopics:
     Args:
         robot: Description of the robot with the names of topics and frames.
         prefix: Prefix of the names of the robot's frames, for several robots on one master.
-        with_map: Whether to publish a map of the world and its frame, as a map server and a localisation do.
+        with_map: Whether to publish a map of the world and its frame, as a map server and a
+            localisation do.
     """
 
     def __init__(self, robot: Robot, prefix: str = "", with_map: bool = False) -> None:
-        self.robot, self.prefix = robot, prefix
-        self.odom_frame, self.base_frame = prefix + robot.frames.odom, prefix + robot.frames.base
+        self.robot = robot
+        self.prefix = prefix
+        self.odom_frame = prefix + robot.frames.odom
+        self.base_frame = prefix + robot.frames.base
         self.laser_frame = prefix + robot.laser.frame
         names = robot.topics
+        # tcp_nodelay: Nagle's algorithm would delay small messages by up to 40 ms.
         self.clock = rospy.Publisher("/clock", Clock, queue_size=10, tcp_nodelay=True)
         self.tf = rospy.Publisher("/tf", TFMessage, queue_size=50, tcp_nodelay=True)
         self.tf_static = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
@@ -58,50 +65,71 @@ class BridgeTopics:
         self.scan = rospy.Publisher(names.scan, LaserScan, queue_size=10, tcp_nodelay=True)
         self.imu = rospy.Publisher(names.imu, Imu, queue_size=10)
         self.truth = rospy.Publisher("~ground_truth", Odometry, queue_size=10)
-        self.collisions = [rospy.Publisher(topic, Bool, queue_size=10) for topic in ("~collision", "collision")]
+        # The second name is that of the BARN Challenge's collision topic, see ros_gazebo.py.
+        self.collisions = [
+            rospy.Publisher("~collision", Bool, queue_size=10),
+            rospy.Publisher("collision", Bool, queue_size=10),
+        ]
         self.obstacles = rospy.Publisher("~obstacles", MarkerArray, queue_size=1, latch=True)
         self.movers = rospy.Publisher("~movers", MarkerArray, queue_size=1)
-        self.map = rospy.Publisher("map", OccupancyGrid, queue_size=1, latch=True) if with_map else None
+        self.map = None
+        if with_map:
+            self.map = rospy.Publisher("map", OccupancyGrid, queue_size=1, latch=True)
 
     def publish_scan(self, ranges: Array32, stamp: rospy.Time) -> None:
         """Publish a scan, ranges (beams,) float32 [m]."""
         self.scan.publish(_scan(self.laser_frame, self.robot.laser, ranges, stamp))
 
     def publish_state(self, state: RobotState, stamp: rospy.Time, touched: bool) -> None:
-        """Publish all messages of a state except the scan. touched: Whether there was contact since the last call."""
-        self.tf.publish([_transform(self.odom_frame, self.base_frame, state.odom_pose, stamp)])
-        self.odometry.publish(_odometry(self.odom_frame, self.base_frame, state.odom_pose, state.odom_twist, stamp))
-        self.truth.publish(_odometry(WORLD, self.base_frame, state.pose, state.twist, stamp))
+        """Publish all messages of a state except the scan.
+
+        Args:
+            state: State of the robot.
+            stamp: ROS time of the state.
+            touched: Whether there was contact since the last call.
+        """
+        odom = self.odom_frame
+        base = self.base_frame
+        self.tf.publish([_transform(odom, base, state.odom_pose, stamp)])
+        self.odometry.publish(_odometry(odom, base, state.odom_pose, state.odom_twist, stamp))
+        self.truth.publish(_odometry(WORLD, base, state.pose, state.twist, stamp))
         for publisher in self.collisions:
             publisher.publish(touched)
         if self.imu.get_num_connections():
             self.imu.publish(_imu(self.prefix + "imu_link", self.robot.odometry, state, stamp))
 
     def publish_world(self, simulator: Simulator, stamp: rospy.Time) -> None:
-        """Publish static frames, static obstacles and the map, after every reset and change of world."""
+        """Publish static frames, obstacles and the map, after every reset and change of world."""
         self.publish_frames(simulator, stamp)
-        world, clear = simulator.world, Marker(action=Marker.DELETEALL)  # also deletes the markers of publish_movers
+        world = simulator.world
+        clear = Marker(action=Marker.DELETEALL)  # also deletes the markers of publish_movers
         clear.header.frame_id = WORLD
-        cylinders = _markers("cylinders", world.cylinders.tolist(), stamp)
-        self.obstacles.publish([clear, *cylinders, *_markers("boxes", world.boxes.tolist(), stamp)])
+        cylinders = _cylinders("cylinders", GREY, world.cylinders.tolist(), stamp)
+        boxes = _boxes(world.boxes.tolist(), stamp)
+        self.obstacles.publish([clear, *cylinders, *boxes])
         if self.map is not None:
             self.map.publish(_map(self.robot.frames.map, world, stamp))
 
     def publish_frames(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """Publish the static frames: the parts of the robot, and the pose of odom in the world."""
-        x, y = simulator.odom_origin
-        base, prefix = self.base_frame, self.prefix
-        # The map frame equals the world frame, and all robots share it.
-        maps = [] if self.map is None else [_transform(WORLD, self.robot.frames.map, (0.0, 0.0, 0.0), stamp)]
-        laser = _transform(base, self.laser_frame, self.robot.laser.pose, stamp, self.robot.laser.height)
-        links = [_transform(base, prefix + name, (0.0, 0.0, 0.0), stamp) for name in ("chassis_link", "imu_link")]
-        self.tf_static.publish([laser, *links, _transform(WORLD, self.odom_frame, (x, y, 0.0), stamp), *maps])
+        base = self.base_frame
+        laser = self.robot.laser
+        transforms = [_transform(base, self.laser_frame, laser.pose, stamp, laser.height)]
+        for link in ("chassis_link", "imu_link"):
+            transforms.append(_transform(base, self.prefix + link, NO_SHIFT, stamp))
+        origin = (*simulator.odom_origin, 0.0)
+        transforms.append(_transform(WORLD, self.odom_frame, origin, stamp))
+        if self.map is not None:
+            # The map frame equals the world frame, and all robots share it.
+            transforms.append(_transform(WORLD, self.robot.frames.map, NO_SHIFT, stamp))
+        self.tf_static.publish(transforms)
 
     def publish_movers(self, simulator: Simulator, stamp: rospy.Time) -> None:
         """Publish the moving cylinders at the current time, if there are subscribers."""
         circles = simulator.mover_circles().tolist()
+        # Messages that nobody reads would only slow down the simulation.
         if circles and self.movers.get_num_connections():
-            self.movers.publish(_markers("movers", circles, stamp))
+            self.movers.publish(_cylinders("movers", ORANGE, circles, stamp))
 
 
 def quaternion(yaw: float) -> Quaternion:
@@ -110,37 +138,60 @@ def quaternion(yaw: float) -> Quaternion:
 
 
 def _map(frame: str, world: World, stamp: rospy.Time) -> OccupancyGrid:
+    """Return the map of a world, whose own resolution counts if it has a map."""
     cells, resolution, (x, y, yaw) = occupancy(world, MAP_RESOLUTION_M)
     message = OccupancyGrid()
-    message.header.frame_id, message.header.stamp = frame, stamp
-    message.info.map_load_time, message.info.resolution = stamp, resolution
-    message.info.height, message.info.width = cells.shape
-    message.info.origin.position.x, message.info.origin.position.y = x, y
-    message.info.origin.orientation = quaternion(yaw)
+    message.header.frame_id = frame
+    message.header.stamp = stamp
+    info = message.info
+    info.map_load_time = stamp
+    info.resolution = resolution
+    info.height, info.width = cells.shape
+    info.origin.position.x = x
+    info.origin.position.y = y
+    info.origin.orientation = quaternion(yaw)
     message.data = cells.ravel().tolist()
     return message
 
 
-def _transform(parent: str, child: str, pose: Pose, stamp: rospy.Time, z: float = 0.0) -> TransformStamped:
+def _transform(
+    parent: str, child: str, pose: Pose, stamp: rospy.Time, height: float = 0.0
+) -> TransformStamped:
+    """Return the transform of frame `child` at `pose` and `height` [m] in frame `parent`."""
+    x, y, yaw = pose
     message = TransformStamped(child_frame_id=child)
-    message.header.frame_id, message.header.stamp = parent, stamp
+    message.header.frame_id = parent
+    message.header.stamp = stamp
     translation = message.transform.translation
-    translation.x, translation.y, translation.z = pose[0], pose[1], z
-    message.transform.rotation = quaternion(pose[2])
+    translation.x = x
+    translation.y = y
+    translation.z = height
+    message.transform.rotation = quaternion(yaw)
     return message
 
 
-def _odometry(frame: str, child: str, pose: Pose, twist: Tuple[float, float], stamp: rospy.Time) -> Odometry:
+def _odometry(
+    frame: str, child: str, pose: Pose, twist: Tuple[float, float], stamp: rospy.Time
+) -> Odometry:
+    """Return pose [m, m, rad] and twist (v, w) [m/s, rad/s] of frame `child` in `frame`."""
+    x, y, yaw = pose
+    v, w = twist
     message = Odometry(child_frame_id=child)
-    message.header.frame_id, message.header.stamp = frame, stamp
-    message.pose.pose.position.x, message.pose.pose.position.y = pose[0], pose[1]
-    message.pose.pose.orientation = quaternion(pose[2])
-    message.twist.twist.linear.x, message.twist.twist.angular.z = twist
-    message.pose.covariance = message.twist.covariance = _COVARIANCE
+    message.header.frame_id = frame
+    message.header.stamp = stamp
+    message.pose.pose.position.x = x
+    message.pose.pose.position.y = y
+    message.pose.pose.orientation = quaternion(yaw)
+    message.twist.twist.linear.x = v
+    message.twist.twist.angular.z = w
+    message.pose.covariance = _COVARIANCE
+    message.twist.covariance = _COVARIANCE
     return message
 
 
 def _scan(frame: str, laser: Laser, ranges: Array32, stamp: rospy.Time) -> LaserScan:
+    """Return the scan of ranges (beams,) [m], without a return as the laser's driver reports it."""
+    # Some drivers publish a number for a beam without a return, not the +inf of REP 117.
     if laser.no_return is not None:
         ranges = np.where(np.isposinf(ranges), np.float32(laser.no_return), ranges)
     message = LaserScan(
@@ -152,15 +203,20 @@ def _scan(frame: str, laser: Laser, ranges: Array32, stamp: rospy.Time) -> Laser
         scan_time=1.0 / laser.rate,
         ranges=ranges.tolist(),
     )
-    message.header.frame_id, message.header.stamp = frame, stamp
+    message.header.frame_id = frame
+    message.header.stamp = stamp
     return message
 
 
 def _imu(frame: str, errors: OdometryErrors, state: RobotState, stamp: rospy.Time) -> Imu:
+    """Return the measurement of the IMU, whose orientation is that of the odometry."""
+    acceleration, yaw_rate = state.imu
     message = Imu()
-    message.header.frame_id, message.header.stamp = frame, stamp
+    message.header.frame_id = frame
+    message.header.stamp = stamp
     message.orientation = quaternion(state.odom_pose[2])
-    message.linear_acceleration.x, message.angular_velocity.z = state.imu
+    message.linear_acceleration.x = acceleration
+    message.angular_velocity.z = yaw_rate
     message.linear_acceleration.z = GRAVITY
     message.orientation_covariance = _ATTITUDE_COVARIANCE
     message.angular_velocity_covariance[8] = errors.gyro_noise**2
@@ -168,15 +224,41 @@ def _imu(frame: str, errors: OdometryErrors, state: RobotState, stamp: rospy.Tim
     return message
 
 
-def _markers(name: str, shapes: Sequence[Sequence[float]], stamp: rospy.Time) -> List[Marker]:
-    """Return the markers of cylinders x, y, radius, or of boxes x, y, yaw, size_x, size_y [m, rad]."""
+def _cylinders(
+    name: str, colour: ColorRGBA, circles: Sequence[Sequence[float]], stamp: rospy.Time
+) -> List[Marker]:
+    """Return the markers of cylinders x, y, radius [m]."""
     markers = []
-    for number, (x, y, *rest) in enumerate(shapes):
-        yaw, size_x, size_y = rest if name == "boxes" else (0.0, 2 * rest[0], 2 * rest[0])
-        marker = Marker(ns=name, id=number, type=Marker.CUBE if name == "boxes" else Marker.CYLINDER)
-        marker.header.frame_id, marker.header.stamp, marker.color = WORLD, stamp, ColorRGBA(*COLOURS[name])
-        marker.pose.position.x, marker.pose.position.y, marker.pose.position.z = x, y, OBSTACLE_HEIGHT_M / 2
-        marker.pose.orientation = quaternion(yaw)
-        marker.scale.x, marker.scale.y, marker.scale.z = size_x, size_y, OBSTACLE_HEIGHT_M
+    for number, (x, y, radius) in enumerate(circles):
+        marker = _marker(name, number, (x, y, 0.0), colour, stamp)
+        marker.type = Marker.CYLINDER
+        marker.scale.x = 2 * radius
+        marker.scale.y = 2 * radius
         markers.append(marker)
     return markers
+
+
+def _boxes(boxes: Sequence[Sequence[float]], stamp: rospy.Time) -> List[Marker]:
+    """Return the markers of boxes x, y, yaw, size_x, size_y [m, rad]."""
+    markers = []
+    for number, (x, y, yaw, size_x, size_y) in enumerate(boxes):
+        marker = _marker("boxes", number, (x, y, yaw), BROWN, stamp)
+        marker.type = Marker.CUBE
+        marker.scale.x = size_x
+        marker.scale.y = size_y
+        markers.append(marker)
+    return markers
+
+
+def _marker(name: str, number: int, pose: Pose, colour: ColorRGBA, stamp: rospy.Time) -> Marker:
+    """Return the marker of an obstacle on the ground, without type and horizontal size."""
+    x, y, yaw = pose
+    marker = Marker(ns=name, id=number, color=colour)
+    marker.header.frame_id = WORLD
+    marker.header.stamp = stamp
+    marker.pose.position.x = x
+    marker.pose.position.y = y
+    marker.pose.position.z = OBSTACLE_HEIGHT_M / 2
+    marker.pose.orientation = quaternion(yaw)
+    marker.scale.z = OBSTACLE_HEIGHT_M
+    return marker

@@ -167,6 +167,7 @@ class Simulator(ABC):
         if not (isfinite(v) and isfinite(w)):
             raise ApplrError(f"command ({v!r}, {w!r}) is not finite: give finite velocities")
         base = self.robot.base
+        # Limits first, then the dead band of the motors
         v = min(max(v, -base.max_speed), base.max_speed)
         w = min(max(w, -base.max_yaw_rate), base.max_yaw_rate)
         smallest_v, smallest_w = base.dead_band
@@ -175,10 +176,12 @@ class Simulator(ABC):
         if abs(w) < smallest_w:
             w = 0.0
         time = self.state.time + self.drawn.latency + self.robot.simulation.command_delay
+        # Latency and delay put the command off, but keep the order of commands.
         self._command.pending.append(_Pending(time, v, w))
 
     def advance(self, duration: float) -> RobotState:
         """Simulate `duration` [s]. The total time is rounded to whole physics steps."""
+        # Steps are counted from the total time, so that rounding errors do not add up.
         self._elapsed += duration
         steps = int(round(self._elapsed / STEP)) - self._steps
         if steps > 0:
@@ -196,6 +199,7 @@ class Simulator(ABC):
         yaw = pose[2] + laser.pose[2]
         ranges: Array32 = self._lidar.scan(x, y, yaw, self.mover_circles())
         noise = self._rng.standard_normal(laser.beams, dtype=np.float32)
+        # In place, because a scan is drawn in every control cycle of a training.
         noise *= np.float32(laser.noise * self.drawn.scan_noise)
         return np.add(ranges, noise, out=ranges)
 
@@ -266,6 +270,7 @@ class Simulator(ABC):
             command.v = pending.v
             command.w = pending.w
             command.until = pending.time + (self.robot.base.command_timeout or inf)
+        # After the command timeout the base stops on its own.
         if time < command.until - SOON_S:
             return command.v, command.w
         return 0.0, 0.0

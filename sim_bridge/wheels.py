@@ -1,7 +1,7 @@
 """Driven wheels of both simulators: velocity controller, wheel speeds, friction on the ground.
 
 Bullet's own friction between wheels and ground is not used. It acts along the world's axes, so a
-turn in place runs at .9 to 1.3 of the commanded rate depending on the heading (.2 to 1.0 with
+yaw_rate in place runs at .9 to 1.3 of the commanded rate depending on the heading (.2 to 1.0 with
 Bullet's friction cone). There are two friction models instead, named grounds. On ground `plain`,
 Coulomb's force on each tyre opposes the slip in any direction. Ground `gazebo` reproduces the
 friction of the Jackal in Gazebo (`_pyramid`), which varies with the wheels' angles.
@@ -10,8 +10,8 @@ On plain ground, the wheels of a skid-steered robot that turns in place must run
 track / 2 by the factor 1 + (wheel base / track)^2. It is 1.49 for the Jackal (Clearpath's
 separation multiplier is 1.5) and smaller in a fast curve. `rim_table` has the factor of every (v,
 w). The Jackal's centre of mass lies ahead of the wheels' centre, so the front wheels slip less, and
-the robot turns about a point ahead of base_link: base_link drifts in a turn in place. Two driven
-wheels need no factor, and casters slide with their own friction.
+the robot turns about a point ahead of base_link: base_link drifts in a yaw_rate in place. Two
+driven wheels need no factor, and casters slide with their own friction.
 
 Kernels share these arguments:
     vehicle: Record of Vehicle.
@@ -104,6 +104,8 @@ def turn_wheels(
     surface = vehicle.surface
     drivetrain = vehicle.drivetrain
     v, w = command
+    # The ramp of the controller, also for a stop: a robot does not brake harder than it
+    # accelerates.
     v_step = constants.acceleration * STEP
     drivetrain.ramp_v = min(max(v, drivetrain.ramp_v - v_step), drivetrain.ramp_v + v_step)
     w_step = constants.yaw_acceleration * STEP
@@ -119,20 +121,23 @@ def turn_wheels(
     for i in range(supports.shape[0]):
         supports[i].grip_noise = keep * supports[i].grip_noise + draw * noise[SIDES + i]
 
-    mean, half_difference = _rims(drivetrain.ramp_v, drivetrain.ramp_w, table, constants)
+    mean_speed, half_difference = _rims(drivetrain.ramp_v, drivetrain.ramp_w, table, constants)
     shake = 0.0  # Wheels at rest do not shake.
     if drivetrain.ramp_v != 0.0 or drivetrain.ramp_w != 0.0:
         shake = constants.wheel_shake
     relative_noise = constants.wheel_noise
     ground = surface.ground
     if ground > 0.0:
+        # Gazebo's diff_drive_controller knows nothing of slip: it multiplies the track by a
+        # constant.
         half_track = 0.5 * constants.track * constants.track_multiplier
-        mean += ground * (drivetrain.ramp_v - mean)
+        mean_speed += ground * (drivetrain.ramp_v - mean_speed)
         half_difference += ground * (half_track * drivetrain.ramp_w - half_difference)
         shake *= 1.0 - ground
         relative_noise *= 1.0 - ground
-    left = mean - half_difference
-    right = mean + half_difference
+    # Noise grows with a side's own speed, so that a turn in place is as uneven as a drive.
+    left = mean_speed - half_difference
+    right = mean_speed + half_difference
     drivetrain.left_rim = left + (shake + relative_noise * abs(left)) * drivetrain.left_noise
     drivetrain.right_rim = right + (shake + relative_noise * abs(right)) * drivetrain.right_noise
     drivetrain.left_angle += STEP / constants.wheel_radius * drivetrain.left_rim
@@ -141,7 +146,7 @@ def turn_wheels(
 
 @kernel
 def _rims(v: float, w: float, table: Array, constants: Constants) -> Pair:
-    """Return the mean and half the difference of the rim speeds [m/s] for (v, w).
+    """Return the mean_speed and half the difference of the rim speeds [m/s] for (v, w).
 
     The addition to the speed and the multiplier of the track are a bilinear interpolation between
     four entries of the table. A command beyond the table takes its last entries.
@@ -150,6 +155,7 @@ def _rims(v: float, w: float, table: Array, constants: Constants) -> Pair:
     column = min(abs(w) * constants.intervals_per_turn, table.shape[1] - 1.001)
     i = int(row)
     j = int(column)
+    # Bilinear interpolation: each weight is the area of the rectangle opposite its entry.
     row -= i
     column -= j
     weight_00 = (1.0 - row) * (1.0 - column)
@@ -193,16 +199,16 @@ def tyres(vehicle: Vehicle, supports: Records, velocity: Triple) -> Triple:
 def _tyres(n: int, vehicle: Vehicle, supports: Records, velocity: Triple) -> Triple:
     """Return the result of tyres() for `n` supports.
 
-    The unknown is the change d of the velocity. With k = step * force / slip of each support, and J
-    the derivative of its slip by the velocity, the change of momentum is M d = -sum k J' (slip + J
-    d). The kernel sums M + k J'J in `matrix_*` and -k J' slip in `impulse_*`, whose letters v, s, w
-    stand for forward, leftward and turn.
+    The unknown is the change d of the velocity. With drag = step * force / slip [kg] of each
+    support, and J the derivative of its slip by the velocity, the change of momentum is M d = -sum
+    drag J' (slip + J d). The kernel sums M + drag J'J in `matrix_*` and -drag J' slip in
+    `impulse_*`, whose letters v, s, w stand for forward, leftward and yaw rate.
     """
     constants = vehicle.constants
     drivetrain = vehicle.drivetrain
     friction = vehicle.surface.friction
     ground = vehicle.surface.ground
-    forward, leftward, turn = velocity
+    forward, leftward, yaw_rate = velocity
     mass = constants.mass
     creep = constants.tyre_creep
     # Acceleration at the height of the centre of mass tips the robot: moments over the levers of
@@ -215,7 +221,7 @@ def _tyres(n: int, vehicle: Vehicle, supports: Records, velocity: Triple) -> Tri
     right_sin = sin(drivetrain.right_angle)
     forward_change = 0.0
     leftward_change = 0.0
-    turn_change = 0.0
+    yaw_rate_change = 0.0
     for _ in range(2):  # The second pass takes the forces at the slip that the first one has found.
         matrix_vv = mass
         matrix_ss = mass
@@ -245,48 +251,50 @@ def _tyres(n: int, vehicle: Vehicle, supports: Records, velocity: Triple) -> Tri
                 pressure = ground * friction * max(load, 0.0) * support.lift
                 for edge in (-0.5, 0.5):
                     edge_y = y + edge * constants.wheel_width
+                    # Lateral acceleration shifts the load to the outer edge.
                     outer = 0.5 - 2.0 * edge * constants.edge_shift * drivetrain.pull_y
                     share = min(max(outer, 0.0), 1.0)
-                    slip_x = forward - turn * edge_y - rim
-                    slip_y = leftward + turn * x
-                    end_slip_x = slip_x + forward_change - turn_change * edge_y
-                    end_slip_y = slip_y + leftward_change + turn_change * x
-                    kx, ky = _pyramid(end_slip_x, end_slip_y, wheel_cos, wheel_sin, friction)
-                    kx *= STEP * pressure * share
-                    ky *= STEP * pressure * share
-                    matrix_vv += kx
-                    matrix_ss += ky
-                    matrix_ww += kx * edge_y * edge_y + ky * x * x
-                    matrix_vw -= kx * edge_y
-                    matrix_sw += ky * x
-                    impulse_v -= kx * slip_x
-                    impulse_s -= ky * slip_y
-                    impulse_w -= ky * x * slip_y - kx * edge_y * slip_x
+                    slip_x = forward - yaw_rate * edge_y - rim
+                    slip_y = leftward + yaw_rate * x
+                    end_slip_x = slip_x + forward_change - yaw_rate_change * edge_y
+                    end_slip_y = slip_y + leftward_change + yaw_rate_change * x
+                    drag_x, drag_y = _pyramid(
+                        end_slip_x, end_slip_y, wheel_cos, wheel_sin, friction
+                    )
+                    drag_x *= STEP * pressure * share
+                    drag_y *= STEP * pressure * share
+                    matrix_vv += drag_x
+                    matrix_ss += drag_y
+                    matrix_ww += drag_x * edge_y * edge_y + drag_y * x * x
+                    matrix_vw -= drag_x * edge_y
+                    matrix_sw += drag_y * x
+                    impulse_v -= drag_x * slip_x
+                    impulse_s -= drag_y * slip_y
+                    impulse_w -= drag_y * x * slip_y - drag_x * edge_y * slip_x
                 if ground >= 1.0:
                     continue
 
             # Plain ground: the force opposes the slip at the end of the step.
-            slip_x = forward - turn * y - rim
-            slip_y = leftward + turn * x
-            end_slip_x = slip_x + forward_change - turn_change * y
-            end_slip_y = slip_y + leftward_change + turn_change * x
+            slip_x = forward - yaw_rate * y - rim
+            slip_y = leftward + yaw_rate * x
+            end_slip_x = slip_x + forward_change - yaw_rate_change * y
+            end_slip_y = slip_y + leftward_change + yaw_rate_change * x
             noisy_friction = friction * max(0.0, 1.0 + support.grip_noise)
             grip = noisy_friction * max(load, 0.0) * support.lift * support.friction_share
             if ground > 0.0:
                 grip *= 1.0 - ground
-            k = (
-                STEP
-                * grip
-                / sqrt(end_slip_x * end_slip_x + end_slip_y * end_slip_y + creep * creep)
-            )
-            matrix_vv += k
-            matrix_ss += k
-            matrix_ww += k * (x * x + y * y)
-            matrix_vw -= k * y
-            matrix_sw += k * x
-            impulse_v -= k * slip_x
-            impulse_s -= k * slip_y
-            impulse_w -= k * (x * slip_y - y * slip_x)
+            # The creep speed keeps the drag finite at rest: below it, the force falls with the
+            # slip.
+            slip2 = end_slip_x * end_slip_x + end_slip_y * end_slip_y + creep * creep
+            drag = STEP * grip / sqrt(slip2)
+            matrix_vv += drag
+            matrix_ss += drag
+            matrix_ww += drag * (x * x + y * y)
+            matrix_vw -= drag * y
+            matrix_sw += drag * x
+            impulse_v -= drag * slip_x
+            impulse_s -= drag * slip_y
+            impulse_w -= drag * (x * slip_y - y * slip_x)
 
         # Forward and leftward velocity are coupled only through the yaw rate, which is solved
         # first.
@@ -294,12 +302,14 @@ def _tyres(n: int, vehicle: Vehicle, supports: Records, velocity: Triple) -> Tri
             impulse_w - matrix_vw * impulse_v / matrix_vv - matrix_sw * impulse_s / matrix_ss
         )
         inertia = matrix_ww - matrix_vw * matrix_vw / matrix_vv - matrix_sw * matrix_sw / matrix_ss
-        turn_change = remaining / inertia
-        forward_change = (impulse_v - matrix_vw * turn_change) / matrix_vv
-        leftward_change = (impulse_s - matrix_sw * turn_change) / matrix_ss
+        yaw_rate_change = remaining / inertia
+        forward_change = (impulse_v - matrix_vw * yaw_rate_change) / matrix_vv
+        leftward_change = (impulse_s - matrix_sw * yaw_rate_change) / matrix_ss
+    # The filtered acceleration tips the robot in the next step. Without the filter, load and
+    # friction would excite each other.
     drivetrain.pull_x = _KEEP_PULL * drivetrain.pull_x + (1.0 - _KEEP_PULL) * forward_change / STEP
     drivetrain.pull_y = _KEEP_PULL * drivetrain.pull_y + (1.0 - _KEEP_PULL) * leftward_change / STEP
-    return forward_change, leftward_change, turn_change
+    return forward_change, leftward_change, yaw_rate_change
 
 
 @kernel(error_model="numpy")
@@ -317,6 +327,7 @@ def _pyramid(
     it. With a friction coefficient of 1 or more, the contact force would grow without limit, so
     _JAM_SHARE limits it.
     """
+    # Below _STICK_M_S, the force is proportional to the slip: a wheel at rest does not jitter.
     along = slip_x * wheel_cos
     speed_x = max(abs(along), _STICK_M_S)
     speed_y = max(abs(slip_y * wheel_cos), _STICK_M_S)
@@ -347,6 +358,7 @@ def rim_table(robot: Robot) -> Array:
             w = (
                 max(j, 1e-3) * w_step
             )  # The multiplier of a straight drive is that of a small yaw rate.
+            # Beyond the friction limit, no rim speed would make the body follow.
             if v * w > robot.simulation.grip_limit:
                 table[i, j] = table[i, j - 1]
                 continue
@@ -366,29 +378,29 @@ def _settle(v: float, w: float, vehicles: Records, supports: Records) -> Pair:
     constants = vehicle.constants
     drivetrain = vehicle.drivetrain
     half_track = 0.5 * constants.track
-    mean = v
+    mean_speed = v
     half_difference = (
         1.3 * half_track * w
     )  # multiplier between those of two and of four driven wheels
     forward = v + w * constants.com_y
     leftward = w * constants.com_x
-    turn = w
+    yaw_rate = w
     for _ in range(_SETTLING_STEPS):
-        drivetrain.left_rim = mean - half_difference
-        drivetrain.right_rim = mean + half_difference
-        change = tyres(vehicle, supports, (forward, leftward, turn))
+        drivetrain.left_rim = mean_speed - half_difference
+        drivetrain.right_rim = mean_speed + half_difference
+        change = tyres(vehicle, supports, (forward, leftward, yaw_rate))
         forward += change[0]
         leftward += change[1]
-        turn += change[2]
-        # The axes of the body turn under its velocity.
-        cos_turn = cos(turn * STEP)
-        sin_turn = sin(turn * STEP)
+        yaw_rate += change[2]
+        # The axes of the body yaw_rate under its velocity.
+        cos_turn = cos(yaw_rate * STEP)
+        sin_turn = sin(yaw_rate * STEP)
         ahead = cos_turn * forward + sin_turn * leftward
         leftward = cos_turn * leftward - sin_turn * forward
         forward = ahead
-        mean += _SETTLING_GAIN * (v - forward - turn * constants.com_y)
-        half_difference += _SETTLING_GAIN * half_track * (w - turn)
+        mean_speed += _SETTLING_GAIN * (v - forward - yaw_rate * constants.com_y)
+        half_difference += _SETTLING_GAIN * half_track * (w - yaw_rate)
     addition = 0.0
     if v > 0.0:
-        addition = mean - v
+        addition = mean_speed - v
     return addition, half_difference / (half_track * w)

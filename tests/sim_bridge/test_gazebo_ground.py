@@ -69,15 +69,15 @@ def set_motion(made, twist, ramp, angles):
         ramp: Command within the acceleration limits (v, w) [m/s, rad/s].
         angles: Angles of the left and right wheels [rad].
     """
-    forward, leftward, turn = twist
+    forward, leftward, yaw_rate = twist
     com_x, com_y = made._mechanics.com
     body, drivetrain = made._body, made._vehicle["drivetrain"]
-    body["forward"] = forward - turn * com_y
-    body["leftward"] = leftward + turn * com_x
-    body["turn"] = turn
+    body["forward"] = forward - yaw_rate * com_y
+    body["leftward"] = leftward + yaw_rate * com_x
+    body["yaw_rate"] = yaw_rate
     drivetrain["ramp_v"], drivetrain["ramp_w"] = ramp
     drivetrain["left_angle"], drivetrain["right_angle"] = angles
-    made.state = replace(made.state, twist=(forward, turn))
+    made.state = replace(made.state, twist=(forward, yaw_rate))
 
 
 def test_the_robot_yaws_while_its_wheels_stop():
