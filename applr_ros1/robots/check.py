@@ -1,17 +1,17 @@
 """Check of a robot: fields of robot.yaml, parameters of its move_base, and their consistency.
 
 `check` returns errors, with which the robot cannot be driven. `remarks` returns values that degrade
-driving or have no effect. Each line gives problem, value and remedy. Names with dots are fields of
-robot.yaml, and names with slashes are parameters of move_base. check_robot.py prints all lines,
-while `load` of folder.py only raises the errors. Values on ROS's parameter server, outside a
-robot's folder, are only checked by planner.parameters.check.
+driving or have no effect, with parameters that correct them. Each line gives problem, value and
+remedy. Names with dots are fields of robot.yaml, and names with slashes are parameters of
+move_base. check_robot.py prints all lines, while `load` of folder.py only raises the errors. Values
+on ROS's parameter server, outside a robot's folder, are only checked by planner.parameters.check.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
-from math import pi
-from typing import Any, Dict, Iterator, List, NamedTuple, Tuple
+from math import copysign, pi
+from typing import Any, Dict, Iterator, List, NamedTuple, Sequence
 
 import numpy as np
 from pydantic import ValidationError
@@ -81,6 +81,19 @@ class _Setup(NamedTuple):
         return self.robot.local_planner
 
 
+class Remark(NamedTuple):
+    """A value that degrades driving or has no effect.
+
+    Attributes:
+        line: Problem, value and remedy.
+        correction: Parameters of move_base that follow the remedy, nested; empty if it names no
+            value.
+    """
+
+    line: str
+    correction: Dict[str, Any] = {}
+
+
 def check(robot: Robot, with_map: bool = False) -> List[str]:
     """Return the errors of a robot, one line per value.
 
@@ -98,17 +111,17 @@ def check(robot: Robot, with_map: bool = False) -> List[str]:
     return [*errors, *_space_limits(setup), *space_errors(robot, setup.full)]
 
 
-def remarks(robot: Robot, with_map: bool = False) -> List[str]:
-    """Return values of a robot that degrade driving or have no effect, one line per value."""
+def remarks(robot: Robot, with_map: bool = False) -> List[Remark]:
+    """Return the values of a robot that degrade driving or have no effect."""
     tree = robot.parameters(with_map)
-    lines = []
+    made = []
     with suppress(ParameterError):  # check() returns this error.
-        lines += parameters.remarks(tree)
+        made += [Remark(line) for line in parameters.remarks(tree)]
         setup = _Setup(robot, with_map, tree, parameters.complete(tree))
-        lines += _planner_remarks(setup)
+        made += _planner_remarks(setup)
         for costmap in COSTMAPS:
-            lines += _costmap_remarks(setup, costmap)
-    return lines
+            made += _costmap_remarks(setup, costmap)
+    return made
 
 
 def refused(error: ValidationError) -> List[str]:
@@ -130,7 +143,8 @@ def refused(error: ValidationError) -> List[str]:
     return lines
 
 
-# --- errors -----------------------------------------------------------------------------------------------------------
+# --- errors ---------------------------------------------------------------------------------------
+# --------------------
 
 
 def fields(robot: Robot) -> Iterator[str]:
@@ -319,10 +333,11 @@ def _refusal(parameter: SpaceParameter, target: Target, known: Dict[str, Server]
     return ""
 
 
-# --- remarks ----------------------------------------------------------------------------------------------------------
+# --- remarks --------------------------------------------------------------------------------------
+# --------------------
 
 
-def _planner_remarks(setup: _Setup) -> Iterator[str]:
+def _planner_remarks(setup: _Setup) -> Iterator[Remark]:
     """Yield speeds that the base cannot reach, and inconsistent values of the local planner."""
     planner = setup.planner
     file_values = branch(setup.tree, planner)
@@ -332,16 +347,18 @@ def _planner_remarks(setup: _Setup) -> Iterator[str]:
             value = file_values.get(name)
             if isinstance(value, (int, float)) and abs(value) > limit:
                 problem = f"the base will not exceed base.{field} in robot.yaml ({limit:g})"
-                yield f"{planner}/{name} is {value:g}: {problem}"
+                correction = {planner: {name: copysign(limit, value)}}
+                yield Remark(f"{planner}/{name} is {value:g}: {problem}", correction)
     values = setup.full[planner]
     for low, high in (("min_vel_x", "max_vel_x"), ("min_vel_theta", "max_vel_theta")):
         if values[low] > values[high]:
             larger = f"larger than {high} ({values[high]:g})"
-            yield f"{planner}/{low} is {values[low]:g}, {larger}: lower {low}"
+            line = f"{planner}/{low} is {values[low]:g}, {larger}: lower {low}"
+            yield Remark(line, {planner: {low: values[high]}})
     yield from _dead_band_remarks(setup)
 
 
-def _dead_band_remarks(setup: _Setup) -> Iterator[str]:
+def _dead_band_remarks(setup: _Setup) -> Iterator[Remark]:
     """Yield parameters of the local planner with which it sends commands that the base ignores."""
     planner = setup.planner
     values, rate = setup.full[planner], setup.full["controller_frequency"]
@@ -350,30 +367,28 @@ def _dead_band_remarks(setup: _Setup) -> Iterator[str]:
         command = values[slowest.command]
         if command < dead_band:
             label = f"{planner}/{slowest.command}"
-            yield f"{label} is {command:g}, but {ignored}: raise it to {dead_band:g}"
+            line = f"{label} is {command:g}, but {ignored}: raise it to {dead_band:g}"
+            yield Remark(line, {planner: {slowest.command: dead_band}})
         if slowest.first_limit:
             limit = values[slowest.first_limit]
             if limit < dead_band * rate:
                 label = f"{planner}/{slowest.first_limit}"
                 first = f"the first command from rest is at most {limit / rate:.3g}"
-                yield f"{label} is {limit:g}: {first}, but {ignored}; raise it to {dead_band * rate:g}"
+                enough = dead_band * rate
+                line = f"{label} is {limit:g}: {first}, but {ignored}; raise it to {enough:g}"
+                yield Remark(line, {planner: {slowest.first_limit: enough}})
 
 
-def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[str]:
+def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[Remark]:
     """Yield inconsistent values in footprint and observation sources of a costmap."""
     robot, values = setup.robot, setup.full[costmap]
+    outline = _box_outline(robot)
     if _has_no_footprint(setup, costmap):
-        box = geometry.bounding_box(robot)
-        outline = [
-            (box.back, box.right),
-            (box.back, box.left),
-            (box.front, box.left),
-            (box.front, box.right),
-        ]
-        corners = ", ".join(f"[{x:.3g}, {y:.3g}]" for x, y in outline)
+        corners = ", ".join(map(_list, outline))
         circle = f"a circle of {values['robot_radius']:g} m is used"
         advice = f"body and wheels fill [{corners}]; give this outline"
-        yield f"{costmap}/footprint is missing: {circle}, but {advice}"
+        line = f"{costmap}/footprint is missing: {circle}, but {advice}"
+        yield Remark(line, {costmap: {"footprint": outline}})
     elif costmap == "local_costmap":
         # Distances of both outlines in eight directions
         reach = (geometry.corners(robot) @ DIRECTIONS).max(axis=0)
@@ -382,7 +397,11 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[str]:
         if beyond > OUTSIDE:
             box_reach = "the box around body and wheels, at which the monitor stops, reaches"
             problem = f"{box_reach} {beyond:.2f} m beyond it with padding"
-            yield f"local_costmap/footprint is too small: {problem}"
+            advice = f"[{', '.join(map(_list, outline))}] contains them"
+            # The global costmap needs the same footprint, or its plans lead through too narrow
+            # gaps.
+            correction = {each: {"footprint": outline} for each in COSTMAPS}
+            yield Remark(f"local_costmap/footprint is too small: {problem}; {advice}", correction)
     laser_frame = robot.laser.frame
     for path, name, source in observation_sources(setup.full, costmap):
         frame = source["sensor_frame"]
@@ -390,10 +409,11 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[str]:
         if frame and is_scan and _differ(frame, laser_frame):
             problem = f"but laser.frame in robot.yaml is {laser_frame}"
             remedy = f"give {laser_frame} or omit it"
-            yield f"{path}/{name}/sensor_frame is {frame}, {problem}: {remedy}"
+            yield Remark(f"{path}/{name}/sensor_frame is {frame}, {problem}: {remedy}")
 
 
-# --- helpers ----------------------------------------------------------------------------------------------------------
+# --- helpers --------------------------------------------------------------------------------------
+# --------------------
 
 
 def _outline(values: Dict[str, Any]) -> Array:
@@ -401,6 +421,20 @@ def _outline(values: Dict[str, Any]) -> Array:
     from applr_ros1.planner.costmap import footprint  # The import is slow, because it needs numba.
 
     return footprint.padded(values)
+
+
+def _box_outline(robot: Robot) -> List[List[float]]:
+    """Return the corners [x, y] of the box around body and wheels, three digits each [m]."""
+    box = geometry.bounding_box(robot)
+    outline = []
+    for x, y in (
+        (box.back, box.right),
+        (box.back, box.left),
+        (box.front, box.left),
+        (box.front, box.right),
+    ):
+        outline.append([float(f"{x:.3g}"), float(f"{y:.3g}")])
+    return outline
 
 
 def _has_no_footprint(setup: _Setup, costmap: str) -> bool:
@@ -413,6 +447,6 @@ def _differ(name: str, expected: str) -> bool:
     return name.strip("/") != expected.strip("/")
 
 
-def _list(numbers: Tuple[float, ...]) -> str:
+def _list(numbers: Sequence[float]) -> str:
     words = ", ".join(f"{number:g}" for number in numbers)
     return f"[{words}]"

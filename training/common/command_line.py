@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import Annotated, Any, Dict, Iterator, Literal, NoReturn, Optional, Sequence, Type
 
 from pydantic import BeforeValidator, Field, InstanceOf, PlainSerializer
+from typing_extensions import override
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
@@ -41,6 +42,7 @@ Seed = Annotated[int, Field(0, ge=0, le=2**31 - 1, description=
 class Parser(argparse.ArgumentParser):
     """An ArgumentParser that raises ApplrError instead of ending the program."""
 
+    @override
     def error(self, message: str) -> NoReturn:
         """Raise ApplrError with argparse's message."""
         raise ApplrError(f"{message}; --help lists all options")

@@ -12,6 +12,7 @@ from typing import Any, Dict, Optional, Sequence, Tuple, Union
 
 import gymnasium
 import numpy as np
+from typing_extensions import override
 
 import sim_bridge
 import worlds as worlds_package
@@ -80,6 +81,7 @@ class ApplrEnv(gymnasium.Env):
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (encoding.actions,), np.float32)
 
+    @override
     def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None) -> Tuple[np.ndarray, Info]:
         """Begin a course in the world of index options["world"], or in a random world without this option."""
         super().reset(seed=seed)
@@ -94,6 +96,7 @@ class ApplrEnv(gymnasium.Env):
         self.encoding.reset()
         return self._observation(), self._info(outcome)
 
+    @override
     def step(self, action: np.ndarray) -> Tuple[np.ndarray, float, bool, bool, Dict[str, Any]]:
         """Drive one decision period. Arrival or failure terminates the episode, the time limit truncates it."""
         if self.episode.outcome is None:
@@ -112,6 +115,7 @@ class ApplrEnv(gymnasium.Env):
             return seen
         return np.append(seen, privileged.privileged(self.episode, self.encoding.scale))
 
+    @override
     def close(self) -> None:
         """Close the simulator."""
         self.episode.simulator.close()

@@ -1,6 +1,7 @@
-"""Costs of trials [s]: the score by which methods are compared, and the cost functions of tune's objectives.
+"""Costs of trials [s]: the score that compares methods, and the objectives of tune.
 
-Reports, the selection of the best policy and the verdict on it compare methods by the same score, `seconds`.
+Reports, the selection of the best policy and the verdict on it compare methods by the same score,
+`seconds`.
 """
 
 from __future__ import annotations
@@ -18,13 +19,15 @@ from training.evaluate.trial import Result
 Cost = Callable[[Result], float]  # returns the cost of a trial [s]; less is better
 
 FAILURE_SECONDS = TIME_LIMIT  # time that a failed trial counts as, however early it failed [s]
+SECONDS_RULE = f"a failure costs {FAILURE_SECONDS:g} s"
 
 
 def seconds(trials: Any) -> Any:
-    """Return the score [s]: the time of a trial that succeeded, FAILURE_SECONDS for a trial that failed.
+    """Return the score [s]: the time of a trial that succeeded, else FAILURE_SECONDS.
 
     Args:
-        trials: A Result, or a table with a row for each trial and the columns `success` and `time_s`.
+        trials: A Result, or a table with a row for each trial and the columns `success` and
+            `time_s`.
 
     Returns:
         A number for a Result, an array (n,) for a table with n rows.
@@ -34,10 +37,11 @@ def seconds(trials: Any) -> Any:
 
 
 class Aim(NamedTuple):
-    """Objective of tune: weights of the terms of a trial's cost. The unit of the cost is the optimal time.
+    """Objective of tune: weights of the terms of a trial's cost.
 
-    The optimal time is the length of the reference path divided by the base's largest speed. The baseline is the mean
-    over drives with the robot's default parameters.
+    The unit of the cost is the optimal time. The optimal time is the length of the reference path
+    divided by the base's largest speed. The baseline is the mean over drives with the robot's
+    default parameters.
 
     Attributes:
         failure: Cost of a trial that failed or touched something, instead of its time.
@@ -55,13 +59,27 @@ class Aim(NamedTuple):
 
     def cost(self, result: Result, robot: Robot, baseline: Baseline) -> float:
         """Return the cost of a trial [s]."""
-        optimal = result.route_m / robot.base.max_speed
-        clean = result.success and not result.collided
-        price = result.time_s / optimal if clean else self.failure
-        price += self.slower * max(0.0, price - baseline.pace) * clean
-        price += self.near * (CLEAR - result.mean_clearance_m / robot.body.size[1])
-        price += self.jerk * result.mean_jerk / baseline.jerk + self.turn * result.mean_turn / baseline.turn
-        return price * optimal
+        optimal_s = result.route_m / robot.base.max_speed
+        is_clean = result.success and not result.collided
+        cost = result.time_s / optimal_s if is_clean else self.failure
+        if is_clean:
+            cost += self.slower * max(0.0, cost - baseline.pace)
+        clearance_widths = result.mean_clearance_m / robot.body.size[1]
+        cost += self.near * (CLEAR - clearance_widths)
+        jerk_cost = self.jerk * result.mean_jerk / baseline.jerk
+        turn_cost = self.turn * result.mean_turn / baseline.turn
+        cost += jerk_cost + turn_cost
+        return cost * optimal_s
+
+    @property
+    def rule(self) -> str:
+        """What the cost counts, in words."""
+        parts = [f"a failure or contact costs {self.failure:g} times the course's shortest time"]
+        if self.near:
+            parts.append("nearness to obstacles counts as well")
+        if self.jerk or self.turn:
+            parts.append("jerk and turning count as well")
+        return ", ".join(parts)
 
 
 class Baseline(NamedTuple):
@@ -74,48 +92,65 @@ class Baseline(NamedTuple):
     @classmethod
     def of(cls, results: Iterable[Result], robot: Robot) -> Baseline:
         """Return the means over the trials that succeed, or the default values if none does."""
-        good = [result for result in results if result.success]
-        if not good:
+        arrived = [result for result in results if result.success]
+        if not arrived:
             return cls()
-        times = [result.time_s * robot.base.max_speed / result.route_m for result in good]
-        jerk, turn = (_mean([getattr(result, name) for result in good]) for name in ("mean_jerk", "mean_turn"))
-        return cls(_mean(times), jerk or 1.0, turn or 1.0)
+        max_speed = robot.base.max_speed
+        paces = [result.time_s * max_speed / result.route_m for result in arrived]
+        # cost() divides by jerk and turn.
+        jerk = _mean_of(arrived, "mean_jerk") or 1.0
+        turn = _mean_of(arrived, "mean_turn") or 1.0
+        return cls(_mean(paces), jerk, turn)
 
 
 AIMS = {
-    "fast": Aim(failure=20.0),  # at half this value, a parameter set won that arrived in only 86 % of BARN's worlds
+    # At half this value, a parameter set won that arrived in only 86 % of BARN's worlds.
+    "fast": Aim(failure=20.0),
     "careful": Aim(failure=100.0, slower=10.0, near=60.0),
     "smooth": Aim(failure=60.0, slower=10.0, jerk=15.0, turn=10.0),
 }
 
 
 def barn_metric(success: Any, collided: Any, time_s: Any, route_m: Any) -> Any:
-    """Return BARN's metric of trials, numbers or arrays (n,): success x OT / clip(time, 2 OT, 8 OT).
+    """Return BARN's metric of trials (n,) or of one: success x OT / clip(time, 2 OT, 8 OT).
 
-    The metric is 0 if the trial failed or touched anything. OT is the optimal time: the length of the reference path,
-    route_m [m], at 2 m/s.
+    The metric is 0 if the trial failed or touched anything. OT is the optimal time: the length of
+    the reference path, route_m [m], at 2 m/s.
     """
     optimal = np.maximum(route_m, 1e-9) / 2.0
-    return success * np.logical_not(collided) * optimal / np.clip(time_s, 2.0 * optimal, 8.0 * optimal)
+    return (
+        success * np.logical_not(collided) * optimal / np.clip(time_s, 2.0 * optimal, 8.0 * optimal)
+    )
 
 
 def summary(results: Sequence[Result]) -> Dict[str, Any]:
     """Return means over one or more trials, as JSON values.
 
-    Keys: "trials" (number of trials), "return", "length", "success", "collided", "metric" (barn_metric), "time_s" (mean
-    time of the successful trials, or None), "score".
+    Keys: "trials" (number of trials), "return", "length", "success", "collided", "metric"
+    (barn_metric), "time_s" (mean time of the successful trials, or None), "score".
     """
-    times = [r.time_s for r in results if r.success]
+    times = []
+    metrics = []
+    for result in results:
+        if result.success:
+            times.append(result.time_s)
+        metric = barn_metric(result.success, result.collided, result.time_s, result.route_m)
+        metrics.append(metric)
     return {
         "trials": len(results),
-        "return": _mean([r.total_reward for r in results]),
-        "length": _mean([r.decisions for r in results]),
-        "success": _mean([r.success for r in results]),
-        "collided": _mean([r.collided for r in results]),
-        "metric": _mean([barn_metric(r.success, r.collided, r.time_s, r.route_m) for r in results]),
+        "return": _mean_of(results, "total_reward"),
+        "length": _mean_of(results, "decisions"),
+        "success": _mean_of(results, "success"),
+        "collided": _mean_of(results, "collided"),
+        "metric": _mean(metrics),
         "time_s": _mean(times) if times else None,
-        "score": _mean([seconds(r) for r in results]),
+        "score": _mean(list(map(seconds, results))),
     }
+
+
+def _mean_of(results: Sequence[Result], name: str) -> float:
+    """Return the mean of one field of the results."""
+    return _mean([getattr(result, name) for result in results])
 
 
 def _mean(values: Sequence[float]) -> float:

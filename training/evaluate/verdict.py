@@ -1,18 +1,25 @@
-"""Verdict on a policy or a tuned parameter set from paired trials: a table, and a line for each comparison."""
+"""Verdict on a policy or a tuned parameter set from paired trials: a table, and lines.
+
+A comparison names the arrivals first, then the times of the drives in which both methods arrive,
+then the test. A mean over all drives would be made of the time limits of those that fail.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, List, Mapping, Sequence, Tuple
+import math
+from typing import TYPE_CHECKING, List, Mapping, NamedTuple, Sequence
 
-from training.evaluate.compare import LEVEL, compare
-from training.evaluate.score import Cost, seconds
+from training.evaluate.compare import LEVEL, Comparison, compare
+from training.evaluate.score import SECONDS_RULE, Cost, seconds
 from training.evaluate.trial import BASELINE, Result, Trial
 
 if TYPE_CHECKING:
     import pandas as pd
 
 POLICY, SET = "applr", "static"
-MEANS = {  # columns of the table with means over the successful trials, and their titles
+DRIVE = ["world", "trial"]  # columns that name a drive, which each method makes once
+# columns of the table with means over the drives in which all methods arrive, and their titles
+MEANS = {
     "time_s": "time [s]",
     "mean_clearance_m": "clearance [m]",
     "mean_jerk": "jerk [m/s^3]",
@@ -20,15 +27,34 @@ MEANS = {  # columns of the table with means over the successful trials, and the
 }
 
 
-def paired_trials(results: Mapping[Trial, Result], methods: Sequence[str], cost: Cost = seconds) -> pd.DataFrame:
+class Verdict(NamedTuple):
+    """Verdict on the methods of some paired trials.
+
+    Attributes:
+        method: Method to drive with.
+        lines: Table of the methods, a line for each comparison, what they mean, and the failures of
+            each rival.
+    """
+
+    method: str
+    lines: List[str]
+
+
+def paired_trials(
+    results: Mapping[Trial, Result], methods: Sequence[str], cost: Cost = seconds
+) -> pd.DataFrame:
     """Return the trials of the courses that all methods have driven with the same seed.
 
     Each row has the fields of a Trial and of its Result, and the cost of the trial as "score" [s].
     """
     import pandas as pd
 
-    trials = pd.DataFrame([{**vars(trial), **vars(result), "score": cost(result)} for trial, result in results.items()])
-    return trials[trials.groupby(["world", "trial"]).method.transform("nunique") == len(methods)]
+    rows = []
+    for trial, result in results.items():
+        rows.append({**vars(trial), **vars(result), "score": cost(result)})
+    trials = pd.DataFrame(rows)
+    driven_by = trials.groupby(DRIVE).method.transform("nunique")
+    return trials[driven_by == len(methods)]
 
 
 def mean_scores(trials: pd.DataFrame) -> pd.DataFrame:
@@ -36,31 +62,107 @@ def mean_scores(trials: pd.DataFrame) -> pd.DataFrame:
     return trials.groupby(["world", "method"], sort=False).score.mean().unstack()
 
 
-def verdict(trials: pd.DataFrame) -> Tuple[str, List[str]]:
+def verdict(trials: pd.DataFrame, rule: str = SECONDS_RULE) -> Verdict:
     """Compare methods with the robot's default parameters.
+
+    The verdict is BASELINE unless another method is significantly better on average and not worse
+    in its worst tenth of the worlds.
 
     Args:
         trials: Trials of at least one course, from paired_trials().
-
-    Returns:
-        The method to drive with, which is BASELINE unless another method is significantly better on average and not
-        worse in its worst tenth of the worlds; and the lines of the verdict: a table, and a line for each other method.
+        rule: What the scores of the trials count, in words.
     """
-    import pandas as pd
-
     scores = mean_scores(trials)
+    # A set that is better on average may still stand for minutes in a few worlds.
     worst = scores.apply(lambda column: column.nlargest(max(1, len(column) // 10)).mean())
-    by_method = trials.groupby("method", sort=False)
-    counts = {"courses": by_method.size(), "arrived": by_method.success.sum(), "contacts": by_method.collided.sum()}
-    means = trials[trials.success].groupby("method")[list(MEANS)].mean().rename(columns=MEANS)
-    table = pd.DataFrame(counts).join(means).join(worst.rename("worst tenth [s]"))
-    lines, better = [str(table.round(2).rename_axis(None).to_string())], []
+    table = _table(trials).join(worst.rename("worst tenth, cost [s]"))
+    lines = [str(table.round(2).rename_axis(None).to_string())]
     rivals = scores.columns.drop(BASELINE)
+    # Bonferroni's correction: each rival is another chance to be better by luck.
+    level = LEVEL / len(rivals)
+    better = []
     for method in rivals:
         comparison = compare(scores[method], scores[BASELINE])
-        lines.append(f"{method} {comparison.line(LEVEL / len(rivals))}")
-        if worst[method] > worst[BASELINE]:
-            lines[-1] += ", but its worst tenth is worse"
-        elif comparison.better(LEVEL / len(rivals)):
+        creeps = bool(worst[method] > worst[BASELINE])
+        if comparison.better(level) and not creeps:
             better.append(method)
-    return min(better, key=lambda method: scores[method].mean(), default=BASELINE), lines
+        lines.append(compared(trials, method, BASELINE, comparison, level, creeps))
+    lines.append(
+        "time to yaw acceleration: means over the drives in which all methods arrive; "
+        f"p: paired sign-flip permutation test of the cost; {rule}"
+    )
+    lines += [failures(trials, method) for method in rivals]
+    best = min(better, key=lambda method: scores[method].mean(), default=BASELINE)
+    return Verdict(best, lines)
+
+
+def _table(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return a row per method: courses, arrivals, contacts, and the means of MEANS."""
+    by_method = trials.groupby("method", sort=False)
+    counts = by_method.size().to_frame("courses")
+    counts["arrived"] = by_method.success.sum()
+    counts["contacts"] = by_method.collided.sum()
+    # A method that arrives on harder courses, too, would look slower in a mean over its own
+    # arrivals.
+    all_arrive = trials.groupby(DRIVE).success.transform("all")
+    means = trials[all_arrive].groupby("method")[list(MEANS)].mean()
+    return counts.join(means.rename(columns=MEANS))
+
+
+def compared(
+    trials: pd.DataFrame,
+    method: str,
+    other: str,
+    comparison: Comparison,
+    level: float = LEVEL,
+    creeps: bool = False,
+) -> str:
+    """Return a line on whether a method is better than another.
+
+    It has the arrivals, the times of the drives in which both arrive, and the test.
+
+    Args:
+        trials: Trials of at least both methods.
+        method: Method to judge.
+        other: Method that it is compared with.
+        comparison: Test of their costs.
+        level: Significance level, below which the test decides.
+        creeps: Whether the method is worse in its worst tenth of the worlds, and therefore not
+            better.
+    """
+    is_better = comparison.better(level) and not creeps
+    # An unfinished evaluation may hold drives of one method only.
+    of_pair = trials[trials.method.isin([method, other])].set_index(DRIVE)
+    success = of_pair.pivot(columns="method", values="success").dropna().astype(bool)
+    parts = [
+        f"{method} better: {'yes' if is_better else 'no'}, "
+        f"{success[method].sum()} of {len(success)} arrive ({other}: {success[other].sum()})"
+    ]
+
+    both_arrive = success.index[success.all(axis=1)]
+    if len(both_arrive):
+        times = of_pair.pivot(columns="method", values="time_s").loc[both_arrive].mean()
+        change = f"{times[method]:.1f} s instead of {times[other]:.1f} s"
+        parts.append(f"{change} where both arrive ({len(both_arrive)} drives)")
+
+    if math.isnan(comparison.p):
+        parts.append("too few courses to tell")
+    elif comparison.p < level:
+        parts.append(f"p = {comparison.p:.2g}")
+    else:
+        parts.append(f"p = {comparison.p:.2g}: too few courses to tell")
+    if creeps:
+        parts.append("its worst tenth is worse")
+    return "; ".join(parts)
+
+
+def failures(trials: pd.DataFrame, method: str) -> str:
+    """Return a line: on which courses a method fails, by reason."""
+    driven = trials[trials.method == method]
+    failed = driven[~driven.success]
+    if failed.empty:
+        return f"{method} fails on none of {len(driven)} courses"
+    parts = []
+    for reason, of_reason in failed.groupby("reason", sort=False):
+        parts.append(f"{reason} ({', '.join(of_reason.world.unique())})")
+    return f"{method} fails on {len(failed)} of {len(driven)} courses: {'; '.join(parts)}"

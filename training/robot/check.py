@@ -1,10 +1,10 @@
-"""Checks the description of a robot, summarises the resulting configuration, and drives the robot on open floor.
+"""Checks the description of a robot, summarises it, and drives the robot on open floor.
 
-Run it as `rosrun applr_ros1 check_robot.py` or `python -m training.robot.check`. Lines that begin with "error" report
-values with which the robot cannot drive, lines that begin with "remark" report values that impair driving or have no
-effect. Each line has the name of a field, its value and the remedy. If the robot does not drive on open floor with its
-default parameters, the last lines give the reason and the remedy. docs/tutorials/your_robot.md explains how to write a
-description.
+Run it as `rosrun applr_ros1 check_robot.py` or `python -m training.robot.check`. Lines that begin
+with "error" report values with which the robot cannot drive, lines that begin with "remark" report
+values that impair driving or have no effect. Each line has the name of a field, its value and the
+remedy. If the robot does not drive on open floor with its default parameters, the last lines give
+the reason and the remedy. docs/tutorials/your_robot.md explains how to write a description.
 """
 
 from __future__ import annotations
@@ -35,21 +35,24 @@ def summary(described: Robot) -> List[str]:
     planner = MoveBase(described.parameters())
     length, width = np.ptp(planner.local_costmap.footprint, axis=0)
     space, layout = space_of(described), layout_of(described)
-    without = "without a map only" if described.move_base.with_map is None else "with and without a map"
+    command_rate = planner.configuration("")["controller_frequency"]
+    setups = "with and without a map"
+    if described.move_base.with_map is None:
+        setups = "without a map only"
     lines = [
         f"{described.name}: {base.drive}, {base.max_speed:g} m/s, {base.max_yaw_rate:g} rad/s",
-        f"footprint with padding: {length:.2f} x {width:.2f} m; worlds at {described.world_scale:g} of the Jackal's",
-        f"laser: {laser.beams} beams, {degrees(laser.first_angle):.0f} to {degrees(laser.last_angle):.0f} degrees, "
-        f"{laser.range_min:g} to {laser.range_max:g} m, {laser.rate:g} Hz; a policy sees {layout.beams} beams up to "
-        f"{layout.range_cap:.1f} m",
-        f"move_base: {described.local_planner}, {planner.configuration('')['controller_frequency']:g} commands per "
-        f"second, {without}",
+        f"footprint with padding: {length:.2f} x {width:.2f} m; worlds at "
+        f"{described.world_scale:g} of the Jackal's",
+        f"laser: {laser.beams} beams, {degrees(laser.first_angle):.0f} to "
+        f"{degrees(laser.last_angle):.0f} degrees, {laser.range_min:g} to {laser.range_max:g} m, "
+        f"{laser.rate:g} Hz; a policy sees {layout.beams} beams up to {layout.range_cap:.1f} m",
+        f"move_base: {described.local_planner}, {command_rate:g} commands per second, {setups}",
         "parameter space, default and range:",
     ]
-    return lines + [
-        f"  {parameter.name:24} {start:<6g} {parameter.low:g} to {parameter.high:g}"
-        for parameter, start in zip(described.space, space.theta0)
-    ]
+    for parameter, default in zip(described.space, space.theta0):
+        limits = f"{parameter.low:g} to {parameter.high:g}"
+        lines.append(f"  {parameter.name:24} {default:<6g} {limits}")
+    return lines
 
 
 def doors(described: Robot, path: str) -> str:
@@ -57,45 +60,63 @@ def doors(described: Robot, path: str) -> str:
     courses = Building(path, radius(described))
     narrowest = min(map(courses.passage, range(courses.count)))
     width = np.ptp(MoveBase(described.parameters()).local_costmap.footprint, axis=0)[1]
-    fits = f"passes with {(narrowest - width) / 2:.2f} m on each side"
-    fits = fits if narrowest > width else "does not pass: reduce footprint_padding"
-    return f"narrowest passage of {path}: {narrowest:.2f} m; the padded footprint of {width:.2f} m {fits}"
+    if narrowest > width:
+        fits = f"passes with {(narrowest - width) / 2:.2f} m on each side"
+    else:
+        fits = "does not pass: reduce footprint_padding"
+    footprint = f"the padded footprint of {width:.2f} m"
+    return f"narrowest passage of {path}: {narrowest:.2f} m; {footprint} {fits}"
 
 
 def check(name_or_folder: str, path: str = "") -> int:
-    """Print errors and remarks; without errors, also summary, doors and test drives. Return 1 if the robot fails."""
+    """Print errors, remarks, summary, doors and test drives. Return 1 if the robot fails."""
+    errors: List[str] = []
     remarks: List[str] = []
+    # Reading already refuses what no robot can be built from.
     try:
         described = read(name_or_folder)
-        setups = [False] if described.move_base.with_map is None else [False, True]
-        errors = [line for with_map in setups for line in rules.check(described, with_map)]
-        remarks = [f"remark: {line}" for with_map in setups for line in rules.remarks(described, with_map)]
     except RobotError as refused:
-        errors = list(refused.lines)
+        errors += refused.lines
+    else:
+        setups = [False] if described.move_base.with_map is None else [False, True]
+        for with_map in setups:
+            errors += rules.check(described, with_map)
+            remarks += [f"remark: {remark.line}" for remark in rules.remarks(described, with_map)]
+
+    # Most lines of a setup with a map are those without one.
     for line in dict.fromkeys(errors):
         print(f"error: {line}", file=sys.stderr)
-    if path and not errors:
-        remarks.append(doors(described, path))
-    for line in [*([] if errors else summary(described)), *dict.fromkeys(remarks)]:
+    lines: List[str] = []
+    if not errors:
+        lines += summary(described)
+        if path:
+            remarks.append(doors(described, path))
+    for line in [*lines, *dict.fromkeys(remarks)]:
         print(line, flush=True)
     if errors:
         return 1
-    drives, lines = open_floor.try_out(described)
-    print("\n".join(lines))
+    drives, drive_lines = open_floor.try_out(described)
+    print("\n".join(drive_lines))
     return 0 if drives else 1
 
 
 class CheckOptions(Options):
     """Robot to check."""
 
-    robot: str = argument(f"Folder with robot.yaml, or one of the included robots: {', '.join(NAMES)}.")
-    map: str = option("", "Map of a building, MAP.yaml: report the narrowest passage on its courses.")
+    robot: str = argument(
+        f"Folder with robot.yaml, or one of the included robots: {', '.join(NAMES)}."
+    )
+    map: str = option(
+        "", "Map of a building, MAP.yaml: report the narrowest passage on its courses."
+    )
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
-    """Run the command. Return 0 if the robot drives on open floor, else 1; errors are printed to stderr."""
+    """Run the command. Return 0 if the robot drives on open floor, else 1."""
     name = "check_robot.py"
-    return run_main(lambda: check(*vars(parsed(CheckOptions, name, __doc__, arguments)).values()), name)
+    return run_main(
+        lambda: check(*vars(parsed(CheckOptions, name, __doc__, arguments)).values()), name
+    )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
-"""Search for the best parameter set of a robot in a given time: CMA-ES in two simulators, a last race, and pruning.
+"""Search for the best parameter set of a robot in a given time.
 
-tune_robot.py runs the search. Its algorithms are in search.py.
+The stages are CMA-ES in two simulators, a last race, and pruning.
+
+The command (__main__.py) runs the search. Its algorithms are in search.py.
 """
 
 from __future__ import annotations
@@ -26,36 +28,104 @@ from training.evaluate.loaded import loadable_space
 from training.evaluate.runner import run
 from training.evaluate.score import AIMS, Baseline
 from training.evaluate.table import Trials
-from training.evaluate.trial import Result
+from training.evaluate.trial import Result, Trial
 from training.tune.clock import Clock
 from training.tune.options import TuneOptions
-from training.tune.search import Block, Evaluate, blocks_of, plan_sets, prune_parameters, race, search
+from training.tune.search import (
+    Block,
+    Effect,
+    Evaluate,
+    blocks_of,
+    plan_sets,
+    prune_parameters,
+    race,
+    search,
+)
 from training.workers.pool import Pool
 from worlds import World
 
-# ends of the stages as shares of the time: search in the kinematic simulator, search in pybullet, race of the best
-# parameter sets, pruning; the verdicts take the rest
-COARSE_SHARE, SEARCH_SHARE, RACE_SHARE, PRUNE_SHARE = 0.25, 0.62, 0.74, 0.86
-SEARCH: Dict[str, Any] = {"sigma": 0.3, "population": 12, "worlds_per_set": 20}  # arguments of search()
-COARSE, FINE = "kinematic", "pybullet"  # simulators of the first part of the search, and of everything after it
-LIMIT_OPTIMAL_TIMES = 10.0  # time limit of a drive of the search, in optimal times of the longest course
-FINALISTS = 5  # number of generations whose means enter the last race; their winners are often only lucky
+# Ends of the stages as shares of the time. The verdicts take the rest. The kinematic simulator
+# takes less time for a drive, so that the search begins in it.
+COARSE_SHARE = 0.25  # search in the kinematic simulator
+SEARCH_SHARE = 0.62  # search in pybullet
+RACE_SHARE = 0.74  # race of the best parameter sets
+PRUNE_SHARE = 0.86  # pruning
+SEARCH: Dict[str, Any] = {  # arguments of search()
+    "sigma": 0.3,
+    "population": 12,
+    "worlds_per_set": 20,
+}
+# simulators of the first part of the search, and of everything after it
+COARSE, FINE = "kinematic", "pybullet"
+# time limit of a drive of the search, in optimal times of the longest course
+LIMIT_OPTIMAL_TIMES = 10.0
+# number of generations whose means enter the last race; their winners are often only lucky
+FINALISTS = 5
 PRUNE_BLOCKS = 6  # largest number of blocks of trials that decide on reverting a parameter
 LINES_S = 10.0, 15.0  # time until the first progress line, and interval between further lines [s]
+DIGITS = 4  # significant digits of the values of a set
 DRAWN: Dict[str, Any] = {  # randomisation of the drives, except of the ground
-    **{"start_xy": 0.05, "start_yaw": 0.1, "scan_noise": [1, 5], "latency": [0, 0.05]},
-    **{"friction": [0.8, 1.2], "slip": [0.7, 1.4], "odometry": [0.5, 2]},
+    "start_xy": 0.05,
+    "start_yaw": 0.1,
+    "scan_noise": [1, 5],
+    "latency": [0, 0.05],
+    "friction": [0.8, 1.2],
+    "slip": [0.7, 1.4],
+    "odometry": [0.5, 2],
 }
 show = partial(print, flush=True)
 
 
 def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSettings:
     """Return the trial settings of a search in these worlds; best_set() adds the simulator."""
-    farthest = max(world.course.route_m for *_, world in worlds)
-    rules: Dict[str, Any] = {"protocol": CHALLENGE, "planner": CPP_LIKE, "loaded": True, "randomisation": DRAWN}
+    longest_m = max(world.course.route_m for _, _, world in worlds)
+    optimal_s = longest_m / robot.base.max_speed
+    rules: Dict[str, Any] = {"protocol": CHALLENGE, "planner": CPP_LIKE}
     return TrialSettings(
-        robot=robot, **rules, time_limit=min(TIME_LIMIT, LIMIT_OPTIMAL_TIMES * farthest / robot.base.max_speed)
+        **rules,
+        robot=robot,
+        loaded=True,
+        randomisation=DRAWN,
+        time_limit=min(TIME_LIMIT, LIMIT_OPTIMAL_TIMES * optimal_s),
     )
+
+
+class Driver:
+    """Drives parameter sets in the worlds of a search, each trial once.
+
+    Args:
+        settings: Trial settings from drives_of().
+        worlds: [(name, specification), ...].
+        pool: Workers that drive.
+        table: Table that keeps the trials.
+    """
+
+    def __init__(
+        self,
+        settings: TrialSettings,
+        worlds: Sequence[Tuple[str, str]],
+        pool: Pool,
+        table: Trials,
+    ):
+        self._settings, self._worlds = settings, worlds
+        self._pool, self._table = pool, table
+        self._space = loadable_space(settings.robot)
+
+    def evaluate(
+        self, simulator: str, sets: np.ndarray, block: Block, seed: int
+    ) -> List[List[Result]]:
+        """Return the results of each of `sets` (k, n) in the worlds of a block."""
+        settings = self._settings.model_copy(update={"simulator": simulator})
+        whole_sets = np.array([self._space.fill(theta) for theta in sets])
+        plan = plan_sets(self._space, self._worlds, whole_sets, block, seed, simulator)
+        # All sets drive one world before the next.
+        trials: List[Trial] = []
+        for of_world in zip(*plan):
+            trials += of_world
+        message = f"driving {len(sets)} sets on {len(block)} courses, {simulator}"
+        with announced(message, show, *LINES_S):
+            results = drive(self._pool, partial(run, settings), self._table, trials)
+        return [[results[trial] for trial in of_set] for of_set in plan]
 
 
 def best_set(
@@ -65,8 +135,8 @@ def best_set(
     first: np.ndarray,
     table: Trials,
     clock: Clock,
-) -> Tuple[np.ndarray, Dict[str, Tuple[float, ...]]]:
-    """Return the best parameter set (n,) in these worlds, and the savings of each changed parameter (prune_parameters).
+) -> Tuple[np.ndarray, Dict[str, Effect]]:
+    """Return the best parameter set (n,) in these worlds, and the effect of each changed parameter.
 
     Args:
         options: Options of the command.
@@ -80,74 +150,107 @@ def best_set(
         ApplrError: No set arrives on any course.
     """
     robot, seed = settings.robot, options.seed
-    whole, names, aim = loadable_space(robot), [world[:2] for world in worlds], AIMS[options.for_]
+    whole = loadable_space(robot)
     space = whole.chosen
-    means: List[Array] = []
-    driven: List[str] = []  # simulator of each generation
+    names = [world[:2] for world in worlds]
+    blocks = blocks_of(len(worlds), seed)
+    simulators: List[str] = []  # simulator of each generation
+    means: List[Array] = []  # mean of the distribution after each generation
 
     def report(line: str) -> None:
         show(f"{options.minutes * clock.spent():4.1f} min: {line}")
 
-    def drives(simulator: str, sets: np.ndarray, block: Block, seed: int) -> List[List[Result]]:
-        """Return the results of each set in the worlds of a block. All sets drive one world before the next."""
-        runner = partial(run, settings.model_copy(update={"simulator": simulator}))
-        plan = plan_sets(whole, names, np.array([whole.fill(theta) for theta in sets]), block, seed, simulator)
-        trials = [trial for of_world in zip(*plan) for trial in of_world]
-        with announced(f"driving {len(sets)} sets on {len(block)} courses, {simulator}", show, *LINES_S):
-            results = drive(pool, runner, table, trials)
-        return [[results[trial] for trial in of_set] for of_set in plan]
-
-    def rounds() -> Iterator[Evaluate]:
-        """Yield the function that drives each generation, until the time of the search has passed."""
-        while (spent := clock.spent()) < SEARCH_SHARE or not driven:
-            driven.append(COARSE if spent < COARSE_SHARE else FINE)
-            yield partial(drives, driven[-1])
-
     with Pool(options.workers) as pool:
-        coarse, fine = partial(drives, COARSE), partial(drives, FINE)
-        every = blocks_of(len(worlds), seed)
-        (results,) = coarse(space.theta0[None], sum(every[:2], []), seed)
-        cost = partial(aim.cost, robot=robot, baseline=Baseline.of(results, robot))
-        begun = race(partial(coarse, seed=seed), whole.pick(first), every[:2], cost)
-        report(f"best of {len(begun)} starting sets: {begun[0]}")
-        starts = [one.theta for one in begun]
+        driver = Driver(settings, names, pool, table)
+        coarse, fine = partial(driver.evaluate, COARSE), partial(driver.evaluate, FINE)
+
+        def rounds() -> Iterator[Evaluate]:
+            """Yield the function that drives each generation until the end of the search."""
+            while (spent := clock.spent()) < SEARCH_SHARE or not simulators:
+                simulators.append(COARSE if spent < COARSE_SHARE else FINE)
+                yield partial(driver.evaluate, simulators[-1])
+
+        # Costs of pace, jerk and turning are relative to the drives with the default parameters.
+        (results,) = coarse(space.theta0[None], sum(blocks[:2], []), seed)
+        baseline = Baseline.of(results, robot)
+        cost = partial(AIMS[options.for_].cost, robot=robot, baseline=baseline)
+
+        # The starting sets race. The search begins around the best one.
+        started = race(partial(coarse, seed=seed), whole.pick(first), blocks[:2], cost)
+        report(f"best of {len(started)} starting sets: {started[0]}")
+        starts = [raced.theta for raced in started]
         for winner, mean in search(space, len(names), rounds(), starts, cost, seed=seed, **SEARCH):
             means.append(mean)
-            report(f"generation {len(means)}, {driven[-1]}: {winner}")
-        finalists = map(tuple, [space.theta0, *map(space.clip, starts), *means[-FINALISTS:]])
-        sets = np.array(list(dict.fromkeys(finalists)))
-        best = race(partial(fine, seed=seed), sets, clock.until(RACE_SHARE, every), cost)[0]
+            report(f"generation {len(means)}, {simulators[-1]}: {winner}")
+
+        # Defaults, starting sets and the means of the last generations race in the fine simulator.
+        finalists = [space.theta0, *map(space.clip, starts), *means[-FINALISTS:]]
+        distinct = np.array(list(dict.fromkeys(map(tuple, finalists))))
+        race_blocks = clock.until(RACE_SHARE, blocks)
+        best = race(partial(fine, seed=seed), distinct, race_blocks, cost)[0]
         report(f"best of the last race: {best}")
         if not any(result.success for result in best.results):
             demo = f"./applr demo robot:={robot.folder} method:=dwa world:={names[0][1]}"
-            raise ApplrError(f"no set arrives on any course, so there is nothing to compare: {demo} shows why")
-        theta = space.clip([float(f"{value:.4g}") for value in best.theta])
-        turns = np.linspace(clock.spent(), PRUNE_SHARE, 1 + np.count_nonzero(theta != space.theta0))[1:].tolist()
-        some = blocks_of(len(worlds), seed + 1)[:PRUNE_BLOCKS]
+            raise ApplrError(
+                f"no set arrives on any course, so there is nothing to compare: {demo} shows why"
+            )
+        # The files get these short values, so that they are also driven from here on.
+        theta = space.clip([float(f"{value:.{DIGITS}g}") for value in best.theta])
+
+        # Each changed parameter gets an equal part of the time until the end of the pruning.
+        changed = np.count_nonzero(theta != space.theta0)
+        ends = np.linspace(clock.spent(), PRUNE_SHARE, 1 + changed)[1:].tolist()
+        prune_blocks = blocks_of(len(worlds), seed + 1)[:PRUNE_BLOCKS]
 
         def next_turn() -> Iterator[Block]:
-            show(f"reverting to the default, one by one: {len(turns)} parameters are left")
-            return clock.until(turns.pop(0), some)
+            show(f"reverting to the default, one by one: {len(ends)} parameters are left")
+            return clock.until(ends.pop(0), prune_blocks)
 
-        theta, saved = prune_parameters(space, partial(fine, seed=seed + 1), theta, next_turn, cost)
-        return whole.fill(theta), saved
+        theta, effects = prune_parameters(
+            space, partial(fine, seed=seed + 1), theta, next_turn, cost
+        )
+        return whole.fill(theta), effects
 
 
 def warm_starts(robot: Robot) -> np.ndarray:
-    """Return initial parameter sets (k, n): the defaults, the robot's static.json, and those of included robots.
+    """Return initial parameter sets (k, n).
 
-    Each parameter set is also tried half-way to the robot's defaults. Parameter sets of other robots are scaled to the
-    robot's size and speed. Parameters outside the dimensionless encoding keep their position within the range.
+    They are the defaults, the robot's static.json, and the sets of included robots.
+
+    Each parameter set is also tried half-way to the robot's defaults.
     """
-    space, starts = space_of(robot), [space_of(robot).theta0]
-    for other in (robot, *(load(name) for name in NAMES if name != robot.name)):
-        with suppress(ApplrError):  # no set, a set of other parameters, or a laser that does not face ahead
-            theirs, _ = space_of(other).read(methods.shipped(methods.SET, other))
-            action = space_of(other).to_action(theirs)
-            if other is not robot:
-                there = dict(zip(space_of(other).names, action))
-                encoding, their_encoding = DimensionlessEncoding(robot, 1.0), DimensionlessEncoding(other, 1.0)
-                here = zip(space.names, space.to_action(encoding.theta(their_encoding.action(theirs))))
-                action = np.array([at if name in encoding.chosen else there.get(name, at) for name, at in here])
-            starts += [space.to_theta(action), space.to_theta(0.5 * (action + space.to_action(space.theta0)))]
+    space = space_of(robot)
+    defaults = space.to_action(space.theta0)
+    starts = [space.theta0]
+    others = [load(name) for name in NAMES if name != robot.name]
+    # The robot's own set lets a finished search go on from its result.
+    for other in (robot, *others):
+        # Some have no set, a set of other parameters, or a laser that does not face ahead.
+        with suppress(ApplrError):
+            theta, _ = space_of(other).read(methods.shipped(methods.SET, other))
+            action = transferred(theta, other, robot)
+            starts.append(space.to_theta(action))
+            starts.append(space.to_theta(0.5 * (action + defaults)))
     return np.array(starts)
+
+
+def transferred(theta: np.ndarray, from_robot: Robot, to_robot: Robot) -> np.ndarray:
+    """Return the action (m,) of one robot that corresponds to the parameter set (n,) of another.
+
+    A parameter of the dimensionless encoding is scaled by size and speed, any other keeps its place
+    in its range. A parameter that the first robot lacks takes the encoding's value.
+    """
+    from_space, to_space = space_of(from_robot), space_of(to_robot)
+    from_action = from_space.to_action(theta)
+    if from_robot is to_robot:
+        return from_action
+    from_encoding = DimensionlessEncoding(from_robot, 1.0)
+    to_encoding = DimensionlessEncoding(to_robot, 1.0)
+    scaled = to_space.to_action(to_encoding.theta(from_encoding.action(theta)))
+    # Places within the ranges, from -1 to 1.
+    unscaled = dict(zip(from_space.names, from_action))
+    action = np.array(scaled)
+    for i, name in enumerate(to_space.names):
+        if name not in to_encoding.chosen and name in unscaled:
+            action[i] = unscaled[name]
+    return action

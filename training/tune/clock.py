@@ -13,8 +13,8 @@ T = TypeVar("T")
 class Clock:
     """Wall time of a search over all its sessions.
 
-    The table of trials stores each reading. A continued search therefore repeats its decisions, finds its trials in the
-    table, and goes on from where it was stopped.
+    The table of trials stores each reading. A continued search therefore repeats its decisions,
+    finds its trials in the table, and goes on from where it was stopped.
 
     Args:
         table: Table that stores the readings.
@@ -23,9 +23,12 @@ class Clock:
     """
 
     def __init__(self, table: Trials, name: str, seconds: float):
-        self._table, self._name, self._seconds = table, name, seconds
-        self._asked = 0
+        self._table = table
+        self._name = name
+        self._seconds = seconds
+        self._asked = 0  # number of readings that this session has asked for
         self._readings: List[float] = list(table.notes.get(name, []))
+        # The time between two sessions does not count.
         self._began = time.monotonic() - max(self._readings, default=0.0)
 
     def spent(self) -> float:

@@ -1,85 +1,146 @@
-"""Tuned parameter set: its files, the time that each parameter saves, and trials in worlds not used in the search."""
+"""Tuned parameter set: its files, the effect of each parameter, and its verdicts."""
 
 from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Dict, Mapping, Sequence, Tuple
 
 import numpy as np
 import yaml
 
 from applr_ros1.common.files import write_bytes, write_json
+from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from applr_ros1.robots.learned import TRAJECTORY
+from training.common.command_line import robot_name
 from training.env.settings import CHALLENGE
 from training.evaluate.evaluation import EvaluationOptions, evaluate
 from training.evaluate.loaded import move_base_parameters
 from training.evaluate.score import AIMS, Baseline
 from training.evaluate.trial import BASELINE
-from training.evaluate.verdict import SET, paired_trials
+from training.evaluate.verdict import SET, Verdict, paired_trials, verdict
 from training.tune.options import TuneOptions
+from training.tune.search import Effect
+from worlds import World
+from worlds.world import clearance
 
 if TYPE_CHECKING:
     import pandas as pd
+
+Worlds = Sequence[Tuple[str, str, World]]  # [(name, specification, world), ...], from world_list()
 
 HEAD = """# Parameters of move_base for {robot}, to be loaded after the robot's own files:
 #   <rosparam file="{file}" command="load" ns="move_base"/>
 # The distance biases below are per {unit}.
 """
 UNITS = {
-    TRAJECTORY: "costmap cell, as in C++\n# with `meter_scoring: false` (docs/howto/cpp_move_base.md)",
+    TRAJECTORY: "costmap cell, as in C++\n"
+    "# with `meter_scoring: false` (docs/howto/cpp_move_base.md)",
     "DWAPlannerROS": "metre, as in C++",
 }
 
 
 def write_set(robot: Robot, values: Mapping[str, Any], as_json: Path, as_yaml: Path) -> None:
-    """Write a parameter set {name: value} as JSON for this package, and as YAML for any move_base."""
+    """Write a parameter set {name: value} as JSON for this package and as YAML for move_base."""
     head = HEAD.format(robot=robot.name, file=as_yaml.name, unit=UNITS[robot.local_planner])
     write_bytes(as_yaml, (head + yaml.safe_dump(move_base_parameters(robot, values))).encode())
     write_json(as_json, {"meter_scoring": False, "parameters": dict(values)})
 
 
-def driven_unseen(options: TuneOptions, worlds: str, drives: Path, monitor: str) -> pd.DataFrame:
-    """Evaluate the robot's default parameters and the tuned parameter set in `worlds`, and return the paired trials.
+def judged(options: TuneOptions, worlds: str, drives: Path, monitor: str) -> Verdict:
+    """Drive the default parameters and the tuned parameter set in `worlds`, and compare them.
 
     Args:
         options: Options of the command.
         worlds: Worlds that the search did not use.
         drives: Folder with static.json, the tuned parameter set.
-        monitor: "with" or "without" the collision monitor; also the name of the trials' folder in `drives`.
+        monitor: "with" or "without" the collision monitor; also the name of the trials' folder in
+            `drives`.
+    """
+    robot, aim = options.robot, AIMS[options.for_]
+    rules: Dict[str, Any] = {"protocol": CHALLENGE, "planner": CPP_LIKE}
+    evaluation = EvaluationOptions(
+        **rules,
+        robot=robot,
+        workers=options.workers,
+        seed=options.seed,
+        monitor=monitor == "with",
+        loaded=True,
+        trials=1,
+        worlds=worlds,
+        methods=f"{BASELINE},{drives / 'static.json'}",
+        out=str(drives / monitor),
+    )
+    results = evaluate(evaluation)
+    # The costs of both methods are relative to the drives with the default parameters.
+    by_default = [result for trial, result in results.items() if trial.method == BASELINE]
+    cost = partial(aim.cost, robot=robot, baseline=Baseline.of(by_default, robot))
+    return verdict(paired_trials(results, (BASELINE, SET), cost), aim.rule)
+
+
+def scope(options: TuneOptions, searched: Worlds, unseen: Worlds) -> str:
+    """Return a line: in which worlds the set was searched and is judged, and how narrow they are.
+
+    Args:
+        options: Options of the command.
+        searched: Worlds of the search, from world_list().
+        unseen: Worlds of the verdicts.
     """
     robot = options.robot
-    how: Dict[str, Any] = {name: getattr(options, name) for name in ("robot", "workers", "seed")}
-    how.update(protocol=CHALLENGE, planner=CPP_LIKE, monitor=monitor == "with", loaded=True, trials=1)
-    names = f"{BASELINE},{drives / 'static.json'}"
-    results = evaluate(EvaluationOptions(**how, worlds=worlds, methods=names, out=str(drives / monitor)))
-    baseline = Baseline.of([result for trial, result in results.items() if trial.method == BASELINE], robot)
-    return paired_trials(results, (BASELINE, SET), partial(AIMS[options.for_].cost, robot=robot, baseline=baseline))
+    width = np.ptp(MoveBase(robot.parameters()).local_costmap.footprint, axis=0)[1]
+    line = (
+        f"searched on {len(searched)} courses of {options.worlds}, {_narrowest(searched)}; judged "
+        f"on {len(unseen)} others, {_narrowest(unseen)}; "
+        f"the padded footprint is {width:.2f} m wide"
+    )
+    if ".yaml" in options.worlds:
+        return line
+    return (
+        f"{line}\nfor a building and its doors: ./applr tune {robot_name(robot)} --worlds MAP.yaml"
+    )
 
 
-def changes(robot: Robot, values: Mapping[str, float], saved: Mapping[str, Sequence[float]]) -> pd.DataFrame:
-    """Return a table of the changed parameters: both values, saving per course [s], and meaning.
+def _narrowest(worlds: Worlds) -> str:
+    """Return in words how wide [m] the narrowest places of the reference paths are."""
+    widths = [2.0 * clearance(world, world.course.path).min() for _, _, world in worlds]
+    return f"{min(widths):.2f} to {max(widths):.2f} m wide at the narrowest place"
 
-    The saving of a parameter is the time lost per course if only this parameter is reverted to its default. A few
-    failures change the mean saving and its 95 % confidence interval strongly, but not the median.
+
+def changes(
+    robot: Robot, values: Mapping[str, float], effects: Mapping[str, Effect]
+) -> pd.DataFrame:
+    """Return a table of the changed parameters: both values, effect on the cost, and meaning.
 
     Args:
         robot: Robot that was tuned.
         values: Tuned parameter set {name: value}.
-        saved: {name: (mean, low, high, median)} of the savings (prune_parameters).
+        effects: Effects of the parameters (prune_parameters). One is called a saving only if its
+            interval lies above 0.
     """
     import pandas as pd
 
-    space, servers, rows = space_of(robot), robot.servers, []
+    space = space_of(robot)
     defaults = space.as_dict(space.theta0)
+    rows = []
     for name, value in values.items():
+        # The first target declares unit and meaning; the others follow it.
         target = space.targets[name][0]
-        declared = servers[target.server].declared(target.name)
+        declared = robot.servers[target.server].declared(target.name)
         assert declared is not None, "space_of refuses targets that no server declares"
-        both = (f"{each:.4g} {declared.unit}".rstrip() for each in (defaults[name], value))
-        rows.append((name, *both, *np.round(saved[name], 1), declared.doc))
-    columns = ["parameter", "default", "tuned", "saving [s]", "95 % low", "95 % high", "median [s]", "meaning"]
-    return pd.DataFrame(rows, columns=columns)
+        effect = effects[name]
+        row = {
+            "parameter": name,
+            "default": f"{defaults[name]:.4g} {declared.unit}".rstrip(),
+            "tuned": f"{value:.4g} {declared.unit}".rstrip(),
+            "without it [s]": round(effect.mean, 1),
+            "95 % low": round(effect.low, 1),
+            "95 % high": round(effect.high, 1),
+            "median [s]": round(effect.median, 1),
+            "effect": "saves" if effect.is_saving else "unclear",
+            "meaning": declared.doc,
+        }
+        rows.append(row)
+    return pd.DataFrame(rows)

@@ -13,7 +13,10 @@ from training.evaluate.compare import FEWEST_WORLDS
 from worlds.loading import SPECIFICATIONS, building
 from worlds.map_courses import HALVES
 
-WORLDS, UNSEEN = "generated:learn", "fresh:40000-40029"  # default worlds of a search, and worlds of every verdict
+WORLDS, UNSEEN = (
+    "generated:learn",
+    "fresh:40000-40029",
+)  # default worlds of a search, and worlds of every verdict
 
 
 class TuneOptions(Options):
@@ -24,39 +27,51 @@ class TuneOptions(Options):
     anyway: bool = option(False,
         "Continue even if the robot does not drive on open floor with its default parameters.")
     worlds: str = option(WORLDS,
-        f"Courses to search in: {SPECIFICATIONS}; several are separated by commas. The verdicts use {UNSEEN}, but with "
-        "MAP.yaml the search uses one half of the building and the verdicts the other half.")
+        f"Courses to search in: {SPECIFICATIONS}; several are separated by commas. The verdicts "
+        f"use {UNSEEN}, but with MAP.yaml the search uses one half of the building and the "
+        "verdicts the other half.")
     minutes: float = option(15.0,
-        "Approximate duration [min]; the two verdicts, of 30 courses each, are always driven to the end.",
+        "Approximate duration [min]; the two verdicts, of 30 courses each, are always driven to "
+        "the end.",
         gt=0, le=10_000)
     for_: Literal["fast", "careful", "smooth"] = option("fast",
-        "Objective besides arriving without a contact: fast, a short time; careful, distance from obstacles; smooth, "
-        "little jerk and turning. The last two count a longer time as a loss, too.")
+        "Objective besides arriving without a contact: fast, a short time; careful, distance from "
+        "obstacles; smooth, little jerk and turning. The last two count a longer time as a loss, "
+        "too.")
     workers: Workers
     out: str = option("",
-        "Folder for all trials and the report, and for the result if the robot is included. Default: tune/ROBOT.")
+        "Folder for all trials and the report, and for the result if the robot is included. "
+        "Default: tune/ROBOT.")
     seed: Seed
     # fmt: on
 
 
 def split(worlds: str) -> Tuple[str, str]:
-    """Return the worlds of the search and of the verdicts. Each whole map is split into two halves."""
-    parts = [part.strip() for part in worlds.split(",")]
-    searched = [f"{part}:choose" if part.endswith(".yaml") else part for part in parts]
-    return ",".join(searched), ",".join(f"{part}:report" for part in parts if part.endswith(".yaml")) or UNSEEN
+    """Return the worlds of the search and of the verdicts: of a whole map, one half each."""
+    searched = []
+    judged = []
+    for part in worlds.split(","):
+        name = part.strip()
+        if name.endswith(".yaml"):
+            searched.append(f"{name}:choose")
+            judged.append(f"{name}:report")
+        else:
+            searched.append(name)
+    return ",".join(searched), ",".join(judged) or UNSEEN
 
 
 def check_maps(worlds: str, robot: Robot) -> None:
-    """Raise ApplrError if a half of a map has too few courses for the permutation test of a verdict."""
+    """Raise ApplrError if a half of a map has too few courses for the test of a verdict."""
     for part in worlds.split(","):
         path = part.strip()
         if not path.endswith(".yaml"):
             continue
         courses = building(path, radius(robot))
-        searched, judged = (len(courses.halves[half]) for half in HALVES)
+        searched, judged = [len(courses.halves[half]) for half in HALVES]
         if min(searched, judged) < FEWEST_WORLDS:
             raise ApplrError(
-                f"{path} has {searched} courses in the half of the floor for the search and {judged} in the half for "
-                f"the verdict, for a robot with a radius of {radius(robot):.2f} m; each needs {FEWEST_WORLDS}, because "
-                f"no comparison of fewer courses is significant: give a map with more floor, or {WORLDS}"
+                f"{path} has {searched} courses in the half of the floor for the search and "
+                f"{judged} in the half for the verdict, for a robot with a radius of "
+                f"{radius(robot):.2f} m; each needs {FEWEST_WORLDS}, because no comparison of fewer "
+                f"courses is significant: give a map with more floor, or {WORLDS}"
             )

@@ -1,14 +1,17 @@
-"""Search for a parameter set: races of parameter sets on common trials, CMA-ES on the ranks, and pruning.
+"""Search for a parameter set: races on common trials, CMA-ES on the ranks, and pruning.
 
-In each generation, new sets race through the same newly drawn worlds with the same seeds, and CMA-ES gets their ranks.
+In each generation, new sets race through the same newly drawn worlds with the same seeds, and
+CMA-ES gets their ranks.
 """
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any, Callable, Dict, Iterable, Iterator, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
+from typing_extensions import override
 
 from applr_ros1.common.files import sha256
 from applr_ros1.policy.parameter_space import Space
@@ -21,37 +24,83 @@ BLOCK = 8  # number of trials per set between two tests of a race
 LEAST = 0.05  # smallest saving per course for which a parameter stays changed [s]
 
 Block = List[int]  # indices of the worlds that each set drives once
-# Function that evaluates sets (k, n) in the worlds of a block and returns each set's results; may take a keyword seed
+# Function that evaluates sets (k, n) in the worlds of a block and returns each set's results; may
+# take a keyword seed
 Evaluate = Callable[..., Sequence[Sequence[Any]]]
 Cost = Callable[[Any], float]
 
 
+class Effect(NamedTuple):
+    """Rise of the cost per course if one parameter of a set is reverted to its default [s].
+
+    Attributes:
+        mean: Mean rise.
+        low: Lower end of its 95 % confidence interval.
+        high: Upper end of the interval.
+        median: Median rise. A few failures change the mean and its interval strongly, but not the
+            median.
+    """
+
+    mean: float
+    low: float
+    high: float
+    median: float
+
+    @property
+    def is_saving(self) -> bool:
+        """Whether the changed value saves something: the interval lies above 0."""
+        return self.low > 0.0
+
+
 class Raced(NamedTuple):
-    """Parameter set theta (n,) after a race: its index among the starting sets, results and costs of its trials."""
+    """Parameter set after a race.
+
+    Attributes:
+        place: Index among the starting sets.
+        theta: Parameters (n,).
+        results: Results of its trials.
+        costs: Costs (k,) of its trials [s].
+    """
 
     place: int
     theta: np.ndarray
     results: Sequence[Any]
     costs: np.ndarray
 
+    @override
     def __str__(self) -> str:
         means = summary(self.results)
-        how = f"{100 * means['success']:.0f} % arrive, {100 * means['collided']:.0f} % touch something"
-        return f"cost {self.costs.mean():.2f} s in {means['trials']} drives ({how}, metric {means['metric']:.3f})"
+        arrivals = f"{100 * means['success']:.0f} % arrive"
+        contacts = f"{100 * means['collided']:.0f} % touch something"
+        return (
+            f"cost {self.costs.mean():.2f} s in {means['trials']} drives "
+            f"({arrivals}, {contacts}, metric {means['metric']:.3f})"
+        )
 
 
 def plan_sets(
-    space: Space, worlds: Sequence[Tuple[str, str]], sets: np.ndarray, block: Block, seed: int, simulator: str
+    space: Space,
+    worlds: Sequence[Tuple[str, str]],
+    sets: np.ndarray,
+    block: Block,
+    seed: int,
+    simulator: str,
 ) -> List[List[Trial]]:
-    """Return the trials of each of `sets` (k, n) in the worlds of a block. In a world, all sets have the same seed.
+    """Return the trials of each of `sets` (k, n) in the worlds of a block.
 
-    Trials are named after set and simulator. Their seeds differ from those of evaluate.py.
+    In a world, all sets have the same seed. Trials are named after set and simulator. Their seeds
+    differ from those of evaluate.py.
     """
-    courses = [(*worlds[i], seed_of(CHOOSING + seed, worlds[i][0], 0)) for i in block]
     plan = []
-    for theta in (tuple(map(float, space.clip(values))) for values in sets):
+    for values in sets:
+        theta = tuple(map(float, space.clip(values)))
         method = f"{simulator}-{sha256(repr(theta))[:16]}"
-        plan.append([Trial(name, method, 0, drawn, spec, "", theta=theta) for name, spec, drawn in courses])
+        trials = []
+        for i in block:
+            name, specification = worlds[i]
+            drawn_seed = seed_of(CHOOSING + seed, name, 0)
+            trials.append(Trial(name, method, 0, drawn_seed, specification, "", theta=theta))
+        plan.append(trials)
     return plan
 
 
@@ -72,101 +121,141 @@ def search(
     Args:
         space: Parameter space of the sets.
         worlds: Number of worlds.
-        rounds: A function per generation that evaluates its sets. The search ends after the last function.
-        starts: Sets (n,), at least one. All enter the first generation, whose distribution is around the first set.
+        rounds: A function per generation that evaluates its sets. The search ends after the last
+            function.
+        starts: Sets (n,), at least one. All enter the first generation, whose distribution is
+            around the first set.
         cost: Function that returns the cost of a result.
         seed: Seed of candidates, worlds and trials.
         sigma: Standard deviation of the first generation, with parameters scaled to [-1, 1].
         population: Number of sets in a generation.
-        worlds_per_set: Number of worlds of a generation's race. All sets drive a quarter of the worlds, the better half
-            of the sets another quarter, and the better half of these the rest.
+        worlds_per_set: Number of worlds of a generation's race. All sets drive a quarter of the
+            worlds, the better half of the sets another quarter, and the better half of these the
+            rest.
     """
     import cma  # slow, because it imports scipy.stats and matplotlib
 
-    middle = np.clip(space.to_action(starts[0]), -0.9, 0.9)  # CMA-ES must not begin on the bounds.
+    # CMA-ES must not begin on the bounds.
+    middle = np.clip(space.to_action(starts[0]), -0.9, 0.9)
     options = {"bounds": [-1, 1], "popsize": population, "seed": seed + 1, "verbose": -9}
-    rng, strategy = np.random.default_rng(seed), cma.CMAEvolutionStrategy(middle, sigma, options)
+    strategy = cma.CMAEvolutionStrategy(middle, sigma, options)
+    rng = np.random.default_rng(seed)
     for generation, run in enumerate(rounds):
         drawn = rng.permutation(worlds)[:worlds_per_set].tolist()
         candidates = strategy.ask()
         sets = np.array([space.to_theta(action) for action in candidates])
         if generation == 0:
             for i, theta in enumerate(starts[: len(candidates)]):
-                candidates[i], sets[i] = space.to_action(theta), space.clip(theta)
-        quarter, half = -(-len(drawn) // 4), -(-len(drawn) // 2)
-        blocks = [part for part in (drawn[:quarter], drawn[quarter:half], drawn[half:]) if part]
-        ranking = race(partial(run, seed=seed + 1000 + generation), sets, blocks, cost, halve=True)
-        strategy.tell(candidates, np.argsort([one.place for one in ranking]).astype(float).tolist())
-        yield ranking[0], space.to_theta(np.clip(strategy.result.xfavorite, -1.0, 1.0))
+                candidates[i] = space.to_action(theta)
+                sets[i] = space.clip(theta)
+
+        quarter, half = math.ceil(len(drawn) / 4), math.ceil(len(drawn) / 2)
+        parts = drawn[:quarter], drawn[quarter:half], drawn[half:]
+        blocks = [part for part in parts if part]
+        drive = partial(run, seed=seed + 1000 + generation)
+        ranking = race(drive, sets, blocks, cost, halve=True)
+
+        # Only ranks matter to CMA-ES: a set that dropped out early has driven fewer courses.
+        ranks = np.argsort([raced.place for raced in ranking])
+        strategy.tell(candidates, ranks.astype(float).tolist())
+        mean = np.clip(strategy.result.xfavorite, -1.0, 1.0)
+        yield ranking[0], space.to_theta(mean)
 
 
 def prune_parameters(
-    space: Space, run: Evaluate, theta: np.ndarray, blocks: Callable[[], Iterable[Block]], cost: Cost
-) -> Tuple[np.ndarray, Dict[str, Tuple[float, ...]]]:
-    """Revert parameters of a set (n,) to the robot's defaults if nothing is lost, beginning with the least changed.
+    space: Space,
+    run: Evaluate,
+    theta: np.ndarray,
+    blocks: Callable[[], Iterable[Block]],
+    cost: Cost,
+) -> Tuple[np.ndarray, Dict[str, Effect]]:
+    """Revert parameters of a set (n,) to the robot's defaults if nothing is lost.
 
-    Nothing is lost if neither the mean nor the median of the paired costs rises by LEAST. The median is tested as well,
-    because a few failures dominate the mean.
+    The least changed parameter comes first. Nothing is lost if neither the mean nor the median of
+    the paired costs rises by LEAST. The median is tested as well, because a few failures dominate
+    the mean.
 
     Args:
         space: Parameter space of the set.
         run: Function that drives both sets of a comparison in the same worlds.
         theta: Set to prune.
-        blocks: Function that returns the blocks of a comparison, which ends when one set is clearly worse.
+        blocks: Function that returns the blocks of a comparison, which ends when one set is clearly
+            worse.
         cost: Function that returns the cost of a result.
 
     Returns:
-        The pruned set, and, for each parameter that stays changed, by how much the cost rises without the change [s]:
-        mean, ends of its 95 % interval, and median.
+        The pruned set, and the effect of each parameter that stays changed.
     """
     theta = space.clip(theta)
-    saved: Dict[str, Tuple[float, ...]] = {}
-    changes = np.abs(space.to_action(theta) - space.to_action(space.theta0))
-    for i in np.argsort(changes, kind="stable").tolist():
+    effects: Dict[str, Effect] = {}
+    distances = np.abs(space.to_action(theta) - space.to_action(space.theta0))
+    for i in np.argsort(distances, kind="stable").tolist():
         if theta[i] == space.theta0[i]:
             continue
-        without = np.where(np.arange(len(theta)) == i, space.theta0, theta)
-        less, more = sorted(race(run, np.array([without, theta]), blocks(), cost), key=lambda one: one.place)
-        lost = less.costs - more.costs
-        mean, median = over_worlds(lost), float(np.median(lost))
+        reverted = theta.copy()
+        reverted[i] = space.theta0[i]
+        ranking = race(run, np.array([reverted, theta]), blocks(), cost)
+        without, changed = sorted(ranking, key=lambda raced: raced.place)
+        rises = without.costs - changed.costs
+        mean, median = over_worlds(rises), float(np.median(rises))
         if max(mean.value, median) < LEAST:
-            theta = without
+            theta = reverted
         else:
-            saved[space.names[i]] = (*mean, median)
-    return theta, saved
+            effects[space.names[i]] = Effect(*mean, median)
+    return theta, effects
 
 
-def race(run: Evaluate, sets: np.ndarray, blocks: Iterable[Block], cost: Cost, halve: bool = False) -> List[Raced]:
+def race(
+    run: Evaluate, sets: np.ndarray, blocks: Iterable[Block], cost: Cost, halve: bool = False
+) -> List[Raced]:
     """Race sets (k, n) through the same trials, block after block.
 
-    After each block, sets that are clearly worse than the leader by a paired test drop out, similar to F-race.
+    After each block, sets that are clearly worse than the leader by a paired test drop out, similar
+    to F-race.
 
     Args:
         run: Function that drives the sets still in the race in the trials of a block.
         sets: Parameter sets, at least one.
         blocks: Blocks of trials in order. A block is requested once the block before it is driven.
         cost: Function that returns the cost of a result; less is better.
-        halve: Whether at most half of the sets, rounded up, stay after each block (successive halving).
+        halve: Whether at most half of the sets, rounded up, stay after each block (successive
+            halving).
 
     Returns:
-        The sets, best first: first those that stayed longest; sets that dropped out together are sorted by cost.
+        The sets, best first: first those that stayed longest; sets that dropped out together are
+            sorted by cost.
     """
     racing = [Raced(place, theta, [], np.zeros(0)) for place, theta in enumerate(sets)]
     dropped: List[Raced] = []
     for block in blocks:
-        leader = racing[0]
-        if leader.results:
-            staying = [one for one in racing if one is leader or not clearly_worse(one.costs, leader.costs)]
-            staying = staying[: -(-len(racing) // 2)] if halve else staying
-            dropped = [one for one in racing if all(one is not other for other in staying)] + dropped
+        if racing[0].results:
+            staying = _staying(racing, halve)
+            places = {raced.place for raced in staying}
+            dropped = [raced for raced in racing if raced.place not in places] + dropped
             racing = staying
             if len(racing) == 1:
                 break
-        driven = run(np.array([one.theta for one in racing]), block)
-        results = [[*one.results, *more] for one, more in zip(racing, driven)]
-        racing = [Raced(*one[:2], all_, np.array([cost(r) for r in all_])) for one, all_ in zip(racing, results)]
-        racing.sort(key=lambda one: float(one.costs.mean()))
+
+        driven = run(np.array([raced.theta for raced in racing]), block)
+        for position, results in enumerate(driven):
+            raced = racing[position]
+            every_result = [*raced.results, *results]
+            costs = np.array([cost(result) for result in every_result])
+            racing[position] = raced._replace(results=every_result, costs=costs)
+        racing.sort(key=lambda raced: float(raced.costs.mean()))
     return racing + dropped
+
+
+def _staying(racing: Sequence[Raced], halve: bool) -> List[Raced]:
+    """Return the sets that stay in a race, best first. The leader always stays."""
+    leader = racing[0]
+    staying = [leader]
+    for raced in racing[1:]:
+        if not clearly_worse(raced.costs, leader.costs):
+            staying.append(raced)
+    if halve:
+        staying = staying[: math.ceil(len(racing) / 2)]
+    return staying
 
 
 def blocks_of(worlds: int, seed: int) -> List[Block]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Dict, List, Sequence, Tuple
 
 import numpy as np
+from typing_extensions import override
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.parameters.parameter import Parameter
@@ -63,6 +64,7 @@ class Alternative:
         """Name of the parameter with both values."""
         return f"{self.parameter.name} {self.now:.4g} -> {self.then:.4g}"
 
+    @override
     def __str__(self) -> str:
         (slow, near), (fast, nearer) = self.before, self.after
         rest = f"{near:.2f} -> {nearer:.2f} m from obstacles, {self.elsewhere:+.2f} m/s elsewhere"

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Dict, List, Sequence
 
 import numpy as np
+from typing_extensions import override
 
 from training.why.replay import Cycle, Replay
 
@@ -35,6 +36,7 @@ class Event:
         lines: List[str] = self.explained[len(self.explained) // 2]["lines"]
         return lines
 
+    @override
     def __str__(self) -> str:
         x, y = self.place
         return f"{self.cycles[0].at:.1f} to {self.cycles[-1].at:.1f} s: {self.kind} at ({x:.2f}, {y:.2f})"

@@ -13,6 +13,7 @@ from typing import Any, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 from tqdm import tqdm
+from typing_extensions import override
 
 from applr_ros1.common.angles import Pose, compose
 from applr_ros1.common.scan import LaserScan, PointCloud, observe
@@ -78,6 +79,7 @@ class Replay:
         """Share of the cycles that are reproduced."""
         return float(np.mean([cycle.reproduced for cycle in self.cycles]))
 
+    @override
     def __str__(self) -> str:
         count = f"{sum(cycle.reproduced for cycle in self.cycles):,} of {len(self.cycles):,} commands reproduced"
         note = "" if self.drive.changes else "; no parameter_updates: the folder's values are assumed"

@@ -19,6 +19,8 @@ from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from typing import Any, Callable, Dict, Iterable, Iterator, Set, Tuple, TypeVar
 
+from typing_extensions import override
+
 from applr_ros1.common.errors import ApplrError
 from training.workers.calls import CallFailed, WorkerDied, attempt, environment
 from training.workers.ray import RayWorker, connect
@@ -64,6 +66,7 @@ class Pool(ThreadPoolExecutor):
         for worker in self.workers:
             self._free.put(worker)
 
+    @override
     def submit(self, function: Callable[..., Any], /, *args: Any) -> Future[Any]:  # type: ignore[override]  # no kwargs
         """Return a future of function(*args). Its exception is CallFailed."""
         if not self.in_process:
@@ -88,6 +91,7 @@ class Pool(ThreadPoolExecutor):
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 yield running.pop(future), future
 
+    @override
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
         """End the workers. Waiting and running calls are lost."""
         with self._lock:

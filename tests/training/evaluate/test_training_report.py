@@ -115,17 +115,25 @@ def test_the_paired_test_is_of_the_mean_by_hand():
     assert np.isnan([alone.p, alone.gain.low, alone.difference.high]).all()
 
 
-@pytest.mark.parametrize(
-    ("scores", "line"),
-    [
-        ((30.0, 31.0, 32.0), "better: no, 11.0 s more per course (10.0 to 12.0, p = 0.25): too few courses to tell"),
-        ((10.0, 10.0, 10.0), "better: no, 10.0 s less per course (10.0 to 10.0, p = 0.25): too few courses to tell"),
-        ((30.0,) * 6, "better: no, 10.0 s more per course (10.0 to 10.0, p = 0.031)"),
-        ((10.0,) * 6, "better: yes, 10.0 s less per course (10.0 to 10.0, p = 0.031)"),
-    ],
-)
-def test_a_comparison_is_a_line(scores, line):
-    assert compare(scores, [20.0] * len(scores)).line(LEVEL) == line
+def test_better_is_a_smaller_mean_with_a_significant_difference():
+    def is_better(scores):
+        return compare(scores, [20.0] * len(scores)).better(LEVEL)
+
+    assert is_better([10.0] * 6)
+    assert not is_better([30.0] * 6)
+    assert not is_better([10.0] * 3), "p = .25"
+
+
+def test_a_line_of_the_report_names_arrivals_times_and_the_test(results):
+    line, _ = summary(results)
+    test = results.of_set("Test")
+    trials = results.trials[results.trials.world.isin(test)].set_index(["world", "trial"])
+    success = {name: trials.success[trials.method == name] for name in METHODS[:2]}
+    both = success["dwa"] & success["applr"]
+    times = [trials.time_s[trials.method == name][both].mean() for name in ("applr", "dwa")]
+    arrive = f"{success['applr'].sum()} of {len(both)} arrive (dwa: {success['dwa'].sum()})"
+    change = f"{times[0]:.1f} s instead of {times[1]:.1f} s where both arrive ({both.sum()} drives)"
+    assert line.startswith(f"applr better: yes, {arrive}; {change}; p = ")
 
 
 # -- tables ------------------------------------------------------------------------------------------------------------

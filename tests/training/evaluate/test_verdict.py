@@ -33,43 +33,110 @@ def around(*middles, count=12):
     return [tuple(map(float, np.array(middles) + draw)) for draw in draws - draws.mean(axis=0)]
 
 
+ALL_ARRIVE = "12 of 12 arrive (dwa: 12)"
+IN_BOTH = "where both arrive (12 drives)"
+
+
 @pytest.mark.parametrize(
-    ("courses", "methods", "method", "last"),
+    ("courses", "methods", "method", "lines"),
     [
-        (around(30, 20), BOTH, "applr", "applr better: yes, 10.0 s less per course"),
-        (around(20, 30), BOTH, "dwa", "applr better: no, 10.0 s more per course"),
-        (around(20, 20), BOTH, "dwa", "applr better: no, "),
-        (around(30, 25, 15), THREE, "static", "static better: yes, 15.0 s less per course"),
-        (around(30, 15, 25), THREE, "applr", "static better: yes, 5.0 s less per course"),
-        # a difference with p = .07
-        ([(20.0 + d, 20.0) for d in (3.0, -1.0, 2.0, 1.0, 4.0, -1.0, 1.0, 1.5)], BOTH, "dwa", "applr better: no, "),
+        (
+            around(30, 20),
+            BOTH,
+            "applr",
+            [f"applr better: yes, {ALL_ARRIVE}; 20.0 s instead of 30.0 s {IN_BOTH}"],
+        ),
+        (
+            around(20, 30),
+            BOTH,
+            "dwa",
+            [f"applr better: no, {ALL_ARRIVE}; 30.0 s instead of 20.0 s {IN_BOTH}"],
+        ),
+        (around(20, 20), BOTH, "dwa", ["applr better: no, "]),
+        (around(30, 25, 15), THREE, "static", ["applr better: yes, ", "static better: yes, "]),
+        (around(30, 15, 25), THREE, "applr", ["applr better: yes, ", "static better: yes, "]),
+        # a difference with p = .1
+        (
+            [(20.0 + d, 20.0) for d in (3.0, -1.0, 2.0, 1.0, 4.0, -1.0, 1.0, 1.5)],
+            BOTH,
+            "dwa",
+            ["applr better: no, "],
+        ),
     ],
 )
-def test_the_verdict_is_a_method_a_table_and_a_line_for_each_comparison(courses, methods, method, last):
-    best, lines = judging.verdict(pairs_of(*courses, methods=methods))
-    assert best == method
-    assert len(lines) == len(methods)
-    assert lines[-1].startswith(last)
-    rows = [row.split() for row in lines[0].splitlines()[1:]]
-    assert [row[:4] for row in rows] == [[name, *[str(len(courses))] * 2, "0"] for name in methods]
+def test_a_verdict_has_a_method_a_table_and_a_line_per_comparison(courses, methods, method, lines):
+    judged = judging.verdict(pairs_of(*courses, methods=methods))
+    assert judged.method == method
+    table, *compared = judged.lines[: len(methods)]
+    assert len(compared) == len(lines)
+    for line, start in zip(compared, lines):
+        assert line.startswith(start)
+    rows = [row.split() for row in table.splitlines()[1:]]
+    count = str(len(courses))
+    assert [row[:4] for row in rows] == [[name, count, count, "0"] for name in methods]
+
+
+def test_a_difference_that_is_not_significant_says_that_the_courses_are_too_few():
+    pairs = [(20.0 + d, 20.0) for d in (3.0, -1.0, 2.0, 1.0, 4.0, -1.0, 1.0, 1.5)]
+    _, line, *_ = judging.verdict(pairs_of(*pairs)).lines
+    assert line.endswith("; p = 0.1: too few courses to tell")
+    _, line, *_ = judging.verdict(pairs_of((30.0, 20.0))).lines
+    assert line.endswith("; too few courses to tell")
+
+
+def test_arrivals_come_first_and_times_are_of_the_drives_in_which_both_arrive():
+    """It arrives on harder courses, which take longer: a mean over all drives is slower."""
+    easy = [(30.0 + i, 20.0 + i) for i in range(6)]
+    hard = [("time limit", 60.0 + i) for i in range(10)]
+    judged = judging.verdict(pairs_of(*easy, *hard))
+    table, line, *_ = judged.lines
+    assert judged.method == "applr"
+    arrivals, times_of_both, test = line.split("; ")
+    assert arrivals == "applr better: yes, 16 of 16 arrive (dwa: 6)"
+    assert times_of_both == "22.5 s instead of 32.5 s where both arrive (6 drives)"
+    assert test.startswith("p = ")
+    times = [row.split()[4] for row in table.splitlines()[1:]]
+    assert times == ["32.5", "22.5"]
+
+
+def test_without_a_course_on_which_both_arrive_no_times_are_compared():
+    courses = [("time limit", 20.0 + i) for i in range(6)]
+    courses += [(20.0 + i, "contact") for i in range(2)]
+    _, line, *_ = judging.verdict(pairs_of(*courses)).lines
+    assert line.startswith("applr better: no, 6 of 8 arrive (dwa: 2); p = ")
+
+
+def test_the_courses_that_still_fail_are_named_by_reason():
+    courses = [(30.0, 20.0), (30.0, "contact"), ("time limit", "time limit"), (30.0, "contact")]
+    *_, last = judging.verdict(pairs_of(*courses)).lines
+    assert last == "applr fails on 3 of 4 courses: contact (world1, world3); time limit (world2)"
+    *_, last = judging.verdict(pairs_of((30.0, 20.0), ("contact", 20.0))).lines
+    assert last == "applr fails on none of 2 courses"
+
+
+def test_the_lines_say_what_the_test_counts():
+    _, _, rule, _ = judging.verdict(pairs_of(*around(30, 20)), "a failure costs a year").lines
+    assert "p: paired sign-flip permutation test of the cost; a failure costs a year" in rule
 
 
 def test_a_policy_that_is_better_on_average_and_creeps_in_the_worst_tenth_is_not_better():
     courses = [*around(30, 20, count=19), (30.0, 45.0)]
-    method, (table, line) = judging.verdict(pairs_of(*courses))
-    assert method == "dwa"
-    assert line.startswith("applr better: yes, ")
-    assert line.endswith(", but its worst tenth is worse")
+    judged = judging.verdict(pairs_of(*courses))
+    table, line, *_ = judged.lines
+    assert judged.method == "dwa"
+    assert line.startswith("applr better: no, ")
+    assert line.endswith("; its worst tenth is worse")
     worst = [float(row.split()[-1]) for row in table.splitlines()[1:]]
     assert worst[1] > worst[0]
 
 
 def test_a_policy_that_is_faster_but_fails_more_often_is_not_better():
     courses = [*around(30, 25, count=9), *[(30.0 + i, "time limit") for i in range(7)]]
-    method, (table, line) = judging.verdict(pairs_of(*courses))
-    assert method == "dwa"
+    judged = judging.verdict(pairs_of(*courses))
+    table, line, *_ = judged.lines
+    assert judged.method == "dwa"
     assert [row.split()[1:3] for row in table.splitlines()[1:]] == [["16", "16"], ["16", "9"]]
-    assert line.startswith("applr better: no, ")
+    assert line.startswith("applr better: no, 9 of 16 arrive (dwa: 16); ")
 
 
 def test_half_driven_courses_are_left_out_and_further_trials_of_a_world_are_averaged():

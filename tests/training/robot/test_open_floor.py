@@ -1,19 +1,20 @@
-"""Tests of open_floor.py: its courses, the reasons of failures, and the check that drives all courses."""
+"""Tests of open_floor.py: its courses, the reasons of failures, and the remedies."""
 
 import shutil
 
 import numpy as np
 import pytest
 
-import sim_bridge
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots import load
+from applr_ros1.robots import JACKAL, load
+from applr_ros1.robots.check import Remark
 from applr_ros1.robots.folder import _read, read
+from applr_ros1.robots.geometry import bounding_box
 from training.robot import check as check_robot
 from training.robot import open_floor
 from training.robot.open_floor import Floor, changes, courses
 
-BURGER = load("turtlebot3_burger")
+BURGER, HUSKY = load("turtlebot3_burger"), load("husky")
 PLANNER = "dwa_local_planner_params_burger.yaml"
 
 
@@ -32,13 +33,21 @@ def test_goals_lie_within_a_global_costmap_that_rolls(tmp_path):
         new = f"rolling_window: true, width: 40, height: {size}"
         (folder / "robot.yaml").write_text(text.replace(old, new))
         _read.cache_clear()
-        assert max(world.course.goal[1] for world in courses(read(str(folder)))) == pytest.approx(farthest)
+        assert max(world.course.goal[1] for world in courses(read(str(folder)))) == pytest.approx(
+            farthest
+        )
 
 
 @pytest.mark.parametrize(
     ("file", "old", "new", "course", "why"),
     [
-        (PLANNER, "acc_lim_x: 2.5", "acc_lim_x: 0.1", 0, "% of its cycles, mostly by velocity limits"),
+        (
+            PLANNER,
+            "acc_lim_x: 2.5",
+            "acc_lim_x: 0.1",
+            0,
+            "% of its cycles, mostly by velocity limits",
+        ),
         ("robot.yaml", "margin: 0.02", "margin: 0.4", 3, "the collision monitor intervenes"),
         (PLANNER, "occdist_scale: 0.02", "occdist_scale: 5.0", 3, "it turns or stands"),
     ],
@@ -47,44 +56,153 @@ def test_the_reason_of_a_failed_drive_is_reported(file, old, new, course, why, t
     folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
     text = (folder / file).read_text()
     assert old in text
-    (folder / file).write_text(text.replace(old, new).replace("acc_lim_theta: 3.2", "acc_lim_theta: 0.5"))
+    text = text.replace(old, new).replace("acc_lim_theta: 3.2", "acc_lim_theta: 0.5")
+    (folder / file).write_text(text)
     robot = read(str(folder))
-    assert why in Floor(robot).drive(courses(robot)[course])
+    assert why in Floor(robot).drive(courses(robot)[course]).failure
 
 
 def test_slipping_wheels_are_reported():
-    floor = Floor(BURGER)
-    floor.simulator = sim_bridge.make("kinematic", robot=BURGER, friction=0.001)
-    assert floor.drive(courses(BURGER)[0]).startswith("it moves ")
+    drive = Floor(BURGER, friction=0.001).drive(courses(BURGER)[0])
+    assert drive.failure.startswith("it moves ")
 
 
+# -- each course notices a fault
+CANNOT_TURN = {
+    "recovery_behavior_enabled": False,  # A recovery would turn the robot.
+    "DWAPlannerROS": {"acc_lim_theta": 0.0, "min_vel_theta": 0.0},
+}
+
+
+def drives(robot, worlds):
+    """Return for each course whether the robot drives it."""
+    floor = Floor(robot)
+    return [not floor.drive(world).failure for world in worlds]
+
+
+def test_a_robot_without_faults_drives_all_courses():
+    assert drives(BURGER, courses(BURGER)) == [True] * 4
+    assert drives(JACKAL, courses(JACKAL)) == [True] * 4
+
+
+def test_the_turn_on_the_spot_takes_the_time_of_a_turn():
+    """Position and goal are the same, so that only the heading is still to be reached."""
+    turn = courses(BURGER)[1]
+    drive = Floor(BURGER).drive(turn)
+    assert drive.failure == ""
+    assert drive.seconds > np.pi / BURGER.base.max_yaw_rate
+
+
+def test_a_planner_that_cannot_turn_fails_the_turn_and_the_box():
+    robot = BURGER.with_parameters(CANNOT_TURN, "burger that cannot turn")
+    _, turn, box, _ = courses(robot)
+    assert drives(robot, [turn, box]) == [False, False]
+
+
+def test_a_goal_that_is_never_called_reached_fails_the_drive_straight_on():
+    changed = {"DWAPlannerROS": {"yaw_goal_tolerance": 0.0}}
+    robot = BURGER.with_parameters(changed, "burger that never arrives")
+    straight, *_ = courses(robot)
+    assert Floor(robot).drive(straight).failure == open_floor.STANDS
+
+
+def scaled_footprint(robot, factor):
+    """Return the robot with the box around its parts as footprint, scaled and without padding."""
+    back, front, right, left = (factor * np.array(bounding_box(robot))).tolist()
+    outline = {"footprint": [[back, right], [back, left], [front, left], [front, right]]}
+    outline["footprint_padding"] = 0.0
+    changed = {"local_costmap": outline, "global_costmap": outline}
+    return robot.with_parameters(changed, f"{robot.name} with {factor} times its footprint")
+
+
+def test_a_footprint_twice_as_large_does_not_pass_the_door():
+    *_, door = courses(JACKAL)
+    assert drives(scaled_footprint(JACKAL, 2.0), [door]) == [False]
+
+
+def test_a_door_that_is_too_narrow_is_not_passed(monkeypatch):
+    monkeypatch.setattr(open_floor, "DOOR_MARGIN_M", -0.05)
+    *_, door = courses(BURGER)
+    assert drives(BURGER, [door]) == [False]
+
+
+# -- remedies
 def test_a_change_counts_in_all_places_and_keeps_to_the_range():
     space, defaults = space_of(BURGER), space_of(BURGER).theta0
     changed = dict(changes(BURGER))
     for words, robot in changed.items():
-        theta, name = space_of(robot).theta0, words.split()[1].rpartition("/")[2]
-        assert [space.names[i] for i in np.flatnonzero(theta != defaults)] == [name] * (name in space.names)
+        theta = space_of(robot).theta0
+        name = words.split()[1].rpartition("/")[2]
+        changed_names = [space.names[i] for i in np.flatnonzero(theta != defaults)]
+        assert changed_names == [name] * (name in space.names)
         assert (space.low <= theta).all()
         assert (theta <= space.high).all()
-    speed = changed["set DWAPlannerROS/max_vel_x to 0.11 instead of 0.22"].parameters()["DWAPlannerROS"]
+    speed = changed["set DWAPlannerROS/max_vel_x to 0.11 instead of 0.22"].parameters()[
+        "DWAPlannerROS"
+    ]
     assert (speed["max_vel_x"], speed["max_vel_trans"]) == (0.11, 0.11)
 
 
 def test_a_planner_that_only_stands_before_the_door_gets_a_remark_with_the_remedy(capsys):
-    """With its default parameters, the Husky does not pass a door that is .3 m wider than its footprint."""
+    """By default, the Husky does not pass a door that is .3 m wider than its footprint."""
     assert check_robot.main(["husky"]) == 0
     *_, door, remark = capsys.readouterr().out.splitlines()
     assert door.startswith("drive through a door of 0.98 m: it turns or stands")
-    arrive = "all four courses succeed if you set DWAPlannerROS/occdist_scale to 0.005 instead of 0.01"
-    assert remark == f"remark: like the C++ planner, it does not drive through a door of 0.98 m: {arrive}"
+    arrive = (
+        "all four courses succeed if you set DWAPlannerROS/occdist_scale to 0.005 instead of 0.01"
+    )
+    assert (
+        remark
+        == f"remark: like the C++ planner, it does not drive through a door of 0.98 m: {arrive}"
+    )
 
 
-def test_a_monitor_that_stops_it_before_the_door_is_a_wrong_set_up(tmp_path, monkeypatch):
+def test_a_monitor_that_stops_it_before_the_door_is_an_error(tmp_path, monkeypatch):
     folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
     text = (folder / "robot.yaml").read_text()
     (folder / "robot.yaml").write_text(text.replace("margin: 0.02", "margin: 0.2"))
     robot = read(str(folder))
     monkeypatch.setattr(open_floor, "changes", lambda robot: ())
     drives, (*_, door, error) = open_floor.try_out(robot)
-    assert (drives, "door of 0.53 m: the collision monitor intervenes" in door) == (False, True), door
+    assert (drives, "door of 0.53 m: the collision monitor intervenes" in door) == (False, True), (
+        door
+    )
+    assert error.startswith("error: it does not drive through a door of 0.53 m: ")
     assert "no change of a single planner parameter helps" in error
+
+
+def test_a_footprint_that_is_too_small_is_the_cause_and_no_parameter_is_proposed(monkeypatch):
+    """The monitor stops the body, which the planner takes for smaller than it is."""
+    monkeypatch.setattr(open_floor, "changes", lambda robot: pytest.fail("the cause is known"))
+    drives, (*_, error) = open_floor.try_out(scaled_footprint(JACKAL, 0.2))
+    assert not drives
+    start = "error: it does not drive around a box: local_costmap/footprint is too small: "
+    assert error.startswith(start)
+    assert error.endswith("; once this is corrected, all four courses succeed")
+    assert "wrong" not in error
+
+
+def test_a_parameter_is_proposed_in_addition_to_a_known_fault_that_explains_only_a_part():
+    """By default, the Husky does not pass the door with the right footprint, either."""
+    drives, (*_, remark) = open_floor.try_out(scaled_footprint(HUSKY, 0.6))
+    assert drives
+    assert remark.startswith(
+        "remark: it does not drive through a door of 0.71 m: local_costmap/footprint is too small"
+    )
+    arrive = (
+        "all four courses succeed if you set DWAPlannerROS/occdist_scale to 0.005 instead of 0.01"
+    )
+    assert remark.endswith(f"; once this is corrected, {arrive}")
+
+
+def test_a_correction_outside_the_parameter_space_is_no_attempt(monkeypatch):
+    """The correction sets a speed above the range that parameter_space gives it."""
+    outside = Remark("a fault", {"DWAPlannerROS": {"max_vel_x": 9.0}})
+    monkeypatch.setattr(open_floor.check, "remarks", lambda robot: [outside])
+    monkeypatch.setattr(open_floor, "changes", lambda robot: ())
+    drives, (*_, error) = open_floor.try_out(
+        BURGER.with_parameters(CANNOT_TURN, "burger with a fault")
+    )
+    assert not drives
+    assert error.endswith(open_floor.NO_REMEDY)
+    assert "a fault" not in error

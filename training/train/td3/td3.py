@@ -19,6 +19,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import nn
 from torch.nn import functional
+from typing_extensions import override
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.encoding import Mirror, with_mirror_images
@@ -51,6 +52,7 @@ class MLP(nn.ModuleList):
         super().__init__(nn.Linear(width, out) for width, out in zip(sizes[:-1], sizes[1:]))
         self.layer_norm = layer_norm
 
+    @override
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Map x (B, inputs) to (B, outputs)."""
         *hidden, last = self
