@@ -13,7 +13,7 @@ import pytest
 from applr_ros1.common import kernels
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.nodes.tools import compile_kernels
-from tests.support import HANGS
+from tests.support import HANGS, ROOT
 
 OUTER = """
 from applr_ros1.common.kernels import kernel
@@ -35,6 +35,39 @@ RUN = """
 from applr_ros1.planner.outer import outer
 print(outer(5), outer(5.5), sum(outer.stats.cache_misses.values()))
 """
+DRIVE = """
+import sys
+from numba.core.dispatcher import Dispatcher
+from applr_ros1.nodes.tools.compile_kernels import DRIVES, PARTS
+from training.env.settings import TrialSettings
+from training.evaluate.runner import TrialRunner
+from training.evaluate.trial import plan_trials
+
+for _, compile_part in (*PARTS, *DRIVES):
+    compile_part()
+
+def kernels():
+    modules = [module for name, module in sys.modules.items() if name.startswith(OURS)]
+    values = [value for module in modules for value in vars(module).values()]
+    return {str(value): value for value in values if isinstance(value, Dispatcher)}
+
+OURS = "applr_ros1", "sim_bridge", "worlds"
+before = {name: len(kernel.signatures) for name, kernel in kernels().items()}
+rules = {"robot": sys.argv[1], "monitor": True, "movers": True, "time_limit": 15.0}
+(trial,) = plan_trials([("dynamic:0", "dynamic:0")], [("random", "random")], 1, seed=0)
+result = TrialRunner(TrialSettings(simulator="pybullet", **rules)).run(trial)
+assert result.path_length_m > 1.0, result
+print([name for name, kernel in kernels().items() if len(kernel.signatures) != before.get(name)])
+"""
+
+
+@pytest.mark.parametrize("robot", ["jackal", "turtlebot3_waffle_pi"])  # one for each local planner
+def test_after_the_setup_a_drive_compiles_nothing(robot):
+    """The first drive on a machine would otherwise stand still for each kernel that it needs, .4 s and more."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", DRIVE, robot]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=HANGS)
+    assert done.stdout.strip() == "[]", done.stdout + done.stderr
 
 
 @pytest.fixture
@@ -42,18 +75,26 @@ def start(tmp_path):
     """Return start(folder), which writes the package in `folder` if it is missing and starts a process with it."""
 
     def start(folder, **options):
-        planner, common = (tmp_path / folder / "applr_ros1" / name for name in ("planner", "common"))
+        planner, common = (
+            tmp_path / folder / "applr_ros1" / name for name in ("planner", "common")
+        )
         if not planner.exists():
             planner.mkdir(parents=True)
             common.mkdir()
             shutil.copy(kernels.__file__, common)
             (planner / "outer.py").write_text(OUTER)
             (planner / "inner.py").write_text(INNER)
-        folders = {"PYTHONPATH": tmp_path / folder, "XDG_CACHE_HOME": tmp_path / "cache", "TMPDIR": tmp_path}
+        folders = {
+            "PYTHONPATH": tmp_path / folder,
+            "XDG_CACHE_HOME": tmp_path / "cache",
+            "TMPDIR": tmp_path,
+        }
         environment = dict(os.environ, **{name: str(path) for name, path in folders.items()})
         environment.pop("NUMBA_CACHE_DIR", None)
         command = [sys.executable, "-B", "-c", RUN]
-        return subprocess.Popen(command, env=environment, cwd=tmp_path, stdout=subprocess.PIPE, text=True, **options)
+        return subprocess.Popen(
+            command, env=environment, cwd=tmp_path, stdout=subprocess.PIPE, text=True, **options
+        )
 
     return start
 
@@ -71,7 +112,10 @@ def test_a_copy_starts_warm_and_a_change_in_another_file_is_noticed(start, tmp_p
     inner = tmp_path / "new" / "applr_ros1" / "planner" / "inner.py"
     inner.write_text(INNER.replace("OFFSET = 1", "OFFSET = 2"))
     assert result(start("new")) == [7, 7.5, 2]
-    assert [result(start(name)) for name in ("new", "old")] == [[7, 7.5, 0], [6, 6.5, 0]]  # both are in the cache
+    assert [result(start(name)) for name in ("new", "old")] == [
+        [7, 7.5, 0],
+        [6, 6.5, 0],
+    ]  # both are in the cache
 
 
 def test_processes_fill_one_folder_together_and_one_open_to_others_is_not_used(start, tmp_path):

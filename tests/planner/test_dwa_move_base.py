@@ -1,15 +1,11 @@
 """Tests of MoveBase with DWAPlannerROS: goals, parameters, and a drive through a generated course."""
 
 import math
-import os
-import subprocess
-import sys
 
 import pytest
 
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.parameter import ParameterError
-from tests.support import ROOT
 from tests.support.jackal import tree
 from tests.support.toy_robot import ToyRobot, run, start
 
@@ -54,29 +50,3 @@ def test_the_latch_is_read_from_the_namespace_of_move_base():
         robot.twist = (0.0, 0.0)
         run(made, robot, 0.1)
         assert (robot.twist[0] == 0.0) is own
-
-
-def test_after_the_warm_up_driving_compiles_nothing():
-    """Without the warm-up, the robot would stand still for seconds in its first cycles."""
-    script = """
-import sys
-from numba.core.dispatcher import Dispatcher
-from applr_ros1.planner.warm_up import warm_up
-from tests.support.jackal import tree
-from tests.support.toy_robot import ToyRobot, run, start
-warm_up(tree()["base_local_planner"])
-def overloads():
-    modules = [module for name, module in sys.modules.items() if name.startswith("applr_ros1.planner")]
-    kernels = {id(k): k for module in modules for k in vars(module).values() if isinstance(k, Dispatcher)}
-    return {str(k): len(k.signatures) for k in kernels.values()}
-before = overloads()
-driven = tree()
-driven["DWAPlannerROS"]["prune_plan"] = True
-made, robot = start((1.0, 0.0, 2.0), ToyRobot(circles=[(0.6, 0.7, 0.1)]), driven)
-assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
-print({name: n for name, n in overloads().items() if n != before[name]})
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", script], env=dict(os.environ, PYTHONPATH=str(ROOT)), capture_output=True, text=True
-    )
-    assert done.stdout.strip() == "{}", done.stdout + done.stderr

@@ -1,4 +1,4 @@
-"""Compilation of all kernels of the robot's side, so that nodes start quickly afterwards.
+"""Compilation of all kernels of the robot's side, so that nodes start quickly and never compile while they drive.
 
 `./applr` runs this program if kernels may be missing, and so does `catkin_make install`. The program prints the
 folder of the cache, which common/kernels.py describes.
@@ -13,27 +13,48 @@ import sys
 from concurrent.futures import ProcessPoolExecutor
 from typing import Callable, Tuple
 
+import numpy as np
+
 import sim_bridge
 import worlds
+from applr_ros1.common.angles import compose
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.kernels import cache_folder
 from applr_ros1.common.progress import announced
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.monitor import warm_up as warm_up_monitor
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.movers.tracker import warm_up as warm_up_tracker
+from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS
 from applr_ros1.planner.warm_up import warm_up as warm_up_planner
-from applr_ros1.robots import JACKAL
+from applr_ros1.policy.parameter_space import send, space_of
+from applr_ros1.robots import JACKAL, Robot, load
+from applr_ros1.stack.stack import Stack
+from sim_bridge.simulator import Simulator
 from sim_bridge.simulator import warm_up as warm_up_simulator
 
-PARTS: Tuple[Tuple[str, Callable[[], None]], ...] = (  # (name, function that compiles), longest first
+# (name, function that compiles), longest first
+PARTS: Tuple[Tuple[str, Callable[[], None]], ...] = (
     (f"move_base with {LOCAL_PLANNERS[0]}", lambda: warm_up_planner(LOCAL_PLANNERS[0])),
     ("the simulators", lambda: _simulators()),
     (f"move_base with {LOCAL_PLANNERS[1]}", lambda: warm_up_planner(LOCAL_PLANNERS[1])),
     ("the tracker of moving obstacles", warm_up_tracker),
     ("the collision monitor", lambda: warm_up_monitor(MonitorSettings.of(JACKAL))),
 )
-QUIET_S = 5.0  # wall time before the first progress line, longer than loading compiled kernels takes [s]
+# A warm-up of a part cannot know everything that a drive needs: a base that brakes in front of an obstacle, an obstacle
+# that leaves the costmap, the costs after a change of parameters. These drives compile the rest.
+DRIVES: Tuple[Tuple[str, Callable[[], None]], ...] = (
+    ("a drive with TrajectoryPlannerROS", lambda: drive(JACKAL)),
+    ("a drive with DWAPlannerROS", lambda: drive(load("turtlebot3_waffle_pi"))),
+)
+WORLD = "dynamic:0"  # a room with moving obstacles
+DRIVE_S = 30.0  # simulated time of a drive [s]
+CYCLE_S = 0.05  # duration of a control cycle [s]
+DECISION_S = 1.0  # time between two changes of the parameters [s]
+QUIET_S = (
+    5.0  # wall time before the first progress line, longer than loading compiled kernels takes [s]
+)
 
 
 def main() -> int:
@@ -42,16 +63,24 @@ def main() -> int:
 
 
 def _compile() -> None:
-    """Compile the parts in as many processes as there are processors."""
-    fork, processes = multiprocessing.get_context("fork"), len(os.sched_getaffinity(0))
-    pool = ProcessPoolExecutor(processes, fork, signal.signal, (signal.SIGINT, signal.SIG_DFL))  # No tracebacks.
+    """Compile the parts, then the rest, in as many processes as there are processors."""
+    fork = multiprocessing.get_context("fork")
+    processes = len(os.sched_getaffinity(0))
+    without_tracebacks = signal.signal, (signal.SIGINT, signal.SIG_DFL)
+    pool = ProcessPoolExecutor(processes, fork, *without_tracebacks)
     with announced("compiling kernels", _report, first=QUIET_S), pool:
+        # The drives begin when all parts are in the cache: they would otherwise compile the same kernels again.
         list(pool.map(_compile_part, range(len(PARTS))))
+        list(pool.map(_compile_drive, range(len(DRIVES))))
     print(cache_folder())
 
 
 def _compile_part(number: int) -> None:
     PARTS[number][1]()
+
+
+def _compile_drive(number: int) -> None:
+    DRIVES[number][1]()
 
 
 def _report(text: str) -> None:
@@ -64,6 +93,56 @@ def _simulators() -> None:
         simulator = sim_bridge.make(name)
         warm_up_simulator(simulator, world)
         simulator.close()
+
+
+def drive(robot: Robot) -> None:
+    """Drive the whole stack of a robot among moving obstacles, with random parameters as under a policy."""
+    world = worlds.scaled(worlds.load(WORLD), robot.world_scale)
+    simulator = sim_bridge.make("kinematic", robot)
+    parameters = robot.parameters()
+    parameters["applr"] = {**parameters.get("applr", {}), "movers": True}
+    stack = Stack(robot, MoveBase(parameters), monitor=True)
+    space = space_of(robot)
+    random = np.random.default_rng(0)
+
+    state = simulator.reset(world, 0)
+    stack.reset(state.time, 0)
+    goal = simulator.to_odom(world.course.sent_goal)
+    next_decision = scan_due = state.time
+    end = state.time + DRIVE_S
+    while state.time < end:
+        if stack.move_base.goal is None:
+            stack.set_goal(goal, state.time)
+        if state.time >= next_decision:
+            next_decision += DECISION_S
+            theta = space.to_theta(random.uniform(-1.0, 1.0, len(space)))
+            send(space.requests(theta), stack.move_base)
+        scan = None
+        if state.time + 1e-6 >= scan_due:
+            scan_due += robot.laser.period_in(CYCLE_S)
+            scan = _scan(simulator, robot)
+        step = stack.step(state.time, state.odom_pose, state.odom_twist, scan)
+        if step.command is not None:
+            simulator.command(*step.command)
+        state = simulator.advance(CYCLE_S)
+    simulator.close()
+
+
+def _scan(simulator: Simulator, robot: Robot) -> LaserScan:
+    """Return a scan of the robot's laser in the odometry frame."""
+    laser = robot.laser
+    state = simulator.state
+    pose = compose(state.odom_pose, laser.pose)
+    limits = laser.range_min, laser.range_max
+    return LaserScan(
+        state.time,
+        laser.first_angle,
+        laser.increment,
+        *limits,
+        simulator.scan(),
+        pose,
+        laser.height,
+    )
 
 
 if __name__ == "__main__":

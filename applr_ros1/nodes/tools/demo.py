@@ -43,6 +43,8 @@ from .launcher import Stack, given_arguments, launch_arguments, private_stack, r
 from .send_goal import course_goal
 
 STATUS = "/move_base/status"
+VERDICTS = "/collision_monitor/action"  # latched; the first verdict comes when the monitor is ready
+MOVERS = "/applr/tracked"
 PROGRESS_PERIOD_S = 2.0  # interval between progress lines, in simulated time [s]
 EXTRA = {"page": "applr_demo.html", "limit": "300"}  # defaults of the arguments that the launch file does not have
 COLOR = "#2ca02c"  # colour of the drive on its page
@@ -163,7 +165,14 @@ class Observer:
         rospy.init_node("demo", anonymous=True, disable_signals=True)
         scan = robot.topics.scan if values["scan_topic"] == "auto" else values["scan_topic"]
         self._scan = "/" + scan.lstrip("/")
-        for topic, kind in ((self._scan, rospy.AnyMsg), (STATUS, GoalStatusArray)):
+        self._has_monitor = boolean("monitor", values["monitor"])
+        self._has_movers = boolean("movers", values["movers"])
+        for topic, kind in (
+            (self._scan, rospy.AnyMsg),
+            (STATUS, GoalStatusArray),
+            (VERDICTS, rospy.AnyMsg),
+            (MOVERS, rospy.AnyMsg),
+        ):
             rospy.Subscriber(topic, kind, lambda _, topic=topic: self._up.add(topic), queue_size=1, buff_size=2**24)
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
@@ -174,6 +183,11 @@ class Observer:
         yield "simulator", lambda: self._scan in self._up and self._latest is not None
         yield "move_base", self._move_base_up
         yield "applr", lambda: self._theta
+        # Without them the robot would wait in its first seconds, or not see what moves.
+        if self._has_monitor:
+            yield "monitor", lambda: VERDICTS in self._up
+        if self._has_movers:
+            yield "movers", lambda: MOVERS in self._up
 
     def drive(self, pose: Pose, limit: float, check: Callable[[], None]) -> Drive:
         """Send the goal `pose` (x, y, yaw) in odom, and return the drive with its goal's end.
