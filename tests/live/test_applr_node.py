@@ -242,16 +242,23 @@ def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), "decisions")
     reports(robot, "deciding")
-    assert service("enable", SetBool, False).message == "off: theta_0"
+    assert robot.values["driving"] == "the parameters of method random"
+    defaults = "the robot's default parameters"
+    assert service("enable", SetBool, False).message == f"off: {defaults} drive now"
     wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0")
-    reports(robot, "switched off: theta_0")
+    reports(robot, f"switched off: {defaults} drive now")
+    assert robot.values["driving"] == defaults
     count = len(robot.decisions)
     two_periods(robot)
     assert len(robot.decisions) == count
     assert np.array_equal(client.theta(), THETA_0)
-    assert service("enable", SetBool, True).success
+    answer = service("enable", SetBool, True)
+    assert answer.message == f"on, method random: {defaults} drive now"
     wait_for(lambda: len(robot.decisions) >= count + 3 and as_set(robot, client), "decisions again")
     assert not np.array_equal(client.theta(), THETA_0)
+    assert "the goal has ended" not in node.text, "move_base still pursues it"
+    robot.goal = None
+    node.until("the goal has ended")
     assert node.end() == 0
     wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0")
     assert "Traceback" not in node.text
@@ -278,7 +285,7 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stac
     by_hand(sim_time=1.25)
     at = SPACE.names.index("sim_time")
     wait_for(lambda: client.theta()[at] == 1.25, "the value by hand")
-    reports(robot, "switched off: set by hand")
+    reports(robot, "switched off: the parameters set by hand drive now")
     two_periods(robot)  # An earlier request may still be under way.
     kept, count = client.theta(), len(robot.decisions)
     by_hand(max_vel_x=9.0, vx_samples=6.4)

@@ -57,9 +57,8 @@ def make_method(spec: str, robot: Robot, given: str) -> Tuple[Any, str]:
 def enable(node: ApplrNode, request: Any) -> SetBoolResponse:
     """Handle the service ~enable."""
     node.switch(request.data)
-    return SetBoolResponse(
-        True, f"on, method {node.method.name}" if request.data else "off: theta_0"
-    )
+    state = f"on, method {node.method.name}" if request.data else "off"
+    return SetBoolResponse(True, f"{state}: {node.in_force} drive now")
 
 
 def set_parameters(node: ApplrNode, message: Parameters) -> None:

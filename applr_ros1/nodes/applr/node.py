@@ -43,6 +43,7 @@ COUNTS = (
 LOST_PERIODS = (
     3  # number of periods without a usable decision after which the policy counts as lost
 )
+DEFAULTS, BY_HAND = "the robot's default parameters", "the parameters set by hand"
 
 
 class ApplrNode:
@@ -163,10 +164,20 @@ class ApplrNode:
         """
         with self._deciding:
             if enabled != self.enabled:
-                rospy.loginfo("applr: switched %s", "on" if enabled else "off: theta_0")
+                rospy.loginfo("applr: switched %s", "on" if enabled else f"off: back to {DEFAULTS}")
             self.enabled = bool(enabled)
             self._base_set = False
             self._by_hand = None
+
+    @property
+    def in_force(self) -> str:
+        """Whose parameters the planner drives with now, or will as soon as its servers answer."""
+        if self._by_hand is not None:
+            return BY_HAND
+        decides = self._last is not None and self._failures < LOST_PERIODS
+        if self.enabled and (self.method.static or decides):
+            return f"the parameters of method {self.method.name}"
+        return DEFAULTS
 
     def set_by_hand(self, values: Dict[str, float]) -> None:
         """Switch the method off and set {name: value}, clipped to the ranges.
@@ -211,7 +222,9 @@ class ApplrNode:
         if goal != self._goal:
             if goal is None:
                 self._note_end(now)
-                rospy.loginfo("applr: the goal has ended")
+                # The course also ends if the method is switched off or move_base is silent, but its goal does not.
+                if self.enabled and not self.inputs.has_lost_move_base(now):
+                    rospy.loginfo("applr: the goal has ended")
                 self._base()
             else:
                 self._begin_course(now)
@@ -361,6 +374,7 @@ class ApplrNode:
         values = dict(
             {name: self.counts[name] for name in COUNTS},
             method=self.method.name if self.enabled else "off",
+            driving=self.in_force,
             stalls=self.method.stalls,
             max_speed=f"{self._max_speed:g}",
             meter_scoring=self.meter_scoring.line(now) or "not known before the first goal",
@@ -382,5 +396,5 @@ class ApplrNode:
 
     def _doing(self) -> str:
         if not self.enabled:
-            return "switched off: " + ("theta_0" if self._by_hand is None else "set by hand")
+            return f"switched off: {self.in_force} drive now"
         return "idle: no goal" if self._goal is None else "deciding"
