@@ -1,6 +1,7 @@
 """Angles [rad], planar poses (x, y, yaw) [m, m, rad], and boxes in the plane.
 
-Compiled kernels have formulas of their own: for example, planner/trajectory/sampling.py matches C++ bit for bit.
+Compiled kernels have formulas of their own: for example, planner/trajectory/sampling.py matches C++
+bit for bit.
 """
 
 from __future__ import annotations
@@ -19,13 +20,21 @@ def normalize_angle(angle: float) -> float:
 
 
 def normalize_angle_modulo(angle: Any) -> Any:
-    """Wrap an angle, or an array of angles, to [-pi, pi). The simulators depend on how this formula rounds."""
+    """Wrap an angle, or an array of angles, to [-pi, pi).
+
+    The simulators depend on how this formula rounds.
+    """
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
 def yaw_of(q: Any) -> float:
-    """Return the yaw in [-pi, pi] of a quaternion x, y, z, w of any length except 0, like tf2's getYaw."""
-    return math.atan2(2.0 * (q.x * q.y + q.w * q.z), q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z)
+    """Return the yaw in [-pi, pi] of a quaternion with x, y, z, w of any length except 0.
+
+    The formula is that of tf2's getYaw (tf2/impl/utils.h).
+    """
+    sine = 2.0 * (q.x * q.y + q.w * q.z)
+    cosine = q.w * q.w + q.x * q.x - q.y * q.y - q.z * q.z
+    return math.atan2(sine, cosine)
 
 
 def quaternion_of(yaw: float) -> Tuple[float, float, float, float]:
@@ -34,9 +43,13 @@ def quaternion_of(yaw: float) -> Tuple[float, float, float, float]:
 
 
 def transform_point(pose: Pose, x: Any, y: Any) -> Tuple[Any, Any]:
-    """Transform the point (x, y) [m], or arrays of points, from the frame at `pose` to the parent frame of `pose`."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    return pose[0] + c * x - s * y, pose[1] + s * x + c * y
+    """Transform the point (x, y) [m] from the frame at `pose` to the parent frame of `pose`.
+
+    x and y may be arrays of equal shapes.
+    """
+    cosine = math.cos(pose[2])
+    sine = math.sin(pose[2])
+    return pose[0] + cosine * x - sine * y, pose[1] + sine * x + cosine * y
 
 
 def compose(a: Pose, b: Pose) -> Pose:
@@ -47,23 +60,31 @@ def compose(a: Pose, b: Pose) -> Pose:
 def inverse(pose: Pose) -> Pose:
     """Return the inverse of a pose: the pose of the parent frame in the frame at `pose`."""
     x, y, yaw = pose
-    c, s = math.cos(yaw), math.sin(yaw)
-    return -x * c - y * s, x * s - y * c, -yaw
+    cosine = math.cos(yaw)
+    sine = math.sin(yaw)
+    return -x * cosine - y * sine, x * sine - y * cosine, -yaw
 
 
 def outside_box(dx: Any, dy: Any, yaw: float, size_x: float, size_y: float) -> Tuple[Any, Any]:
-    """Return the offsets [m] of points from the nearest point of a box, along the box's axes; zero inside the box.
+    """Return the offsets [m] of points from the nearest point of a box, along the box's axes.
+
+    Both offsets of a point inside the box are zero.
 
     Args:
-        dx: x of the points relative to the box's centre, in the world frame [m]; broadcasts with dy.
+        dx: x of the points relative to the box's centre, in the world frame [m]; broadcasts with
+            dy.
         dy: y of the points relative to the box's centre [m].
         yaw: Direction of the box's first axis [rad].
         size_x: Length of the box along its first axis [m].
         size_y: Length of the box along its second axis [m].
     """
-    c, s = math.cos(yaw), math.sin(yaw)
-    along, across = c * dx + s * dy, c * dy - s * dx
-    return (
-        np.copysign(np.maximum(np.abs(along) - 0.5 * size_x, 0.0), along),
-        np.copysign(np.maximum(np.abs(across) - 0.5 * size_y, 0.0), across),
-    )
+    cosine = math.cos(yaw)
+    sine = math.sin(yaw)
+    along = cosine * dx + sine * dy
+    across = cosine * dy - sine * dx
+    return _beyond(along, 0.5 * size_x), _beyond(across, 0.5 * size_y)
+
+
+def _beyond(coordinate: Any, half_size: float) -> Any:
+    """Return by how much coordinates [m] exceed +-half_size [m], with their sign."""
+    return np.copysign(np.maximum(np.abs(coordinate) - half_size, 0.0), coordinate)

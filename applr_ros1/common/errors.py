@@ -1,4 +1,4 @@
-"""Base class of the project's exceptions, and wrappers that turn exceptions into one line and an exit status."""
+"""Base class of the project's exceptions, and wrappers that turn exceptions into one line."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from typing import Any, Callable, Iterable, Optional
 
 from applr_ros1.common.extras import absent
 
+LEAST_LIKENESS = 0.75  # smallest similarity of a name that is suggested (difflib's ratio, 0 to 1)
+
 
 class ApplrError(ValueError):
     """An error that the user can correct. Its text is one line: problem, value, remedy."""
@@ -19,33 +21,42 @@ class ApplrError(ValueError):
 
 def did_you_mean(name: Any, known: Iterable[str]) -> str:
     """Return "did you mean NAME?" with the known name closest to `name`, or "" if none is close."""
-    close = difflib.get_close_matches(str(name), list(known), 1, 0.75)
+    close = difflib.get_close_matches(str(name), list(known), 1, LEAST_LIKENESS)
     return f"did you mean {close[0]}?" if close else ""
 
 
 def reason(error: BaseException) -> str:
     """Return the description of an error in one line, without error number and path."""
-    return getattr(error, "strerror", None) or (str(error).splitlines() or [type(error).__name__])[0]
+    description = getattr(error, "strerror", None)  # Errors of the operating system have it.
+    if description:
+        return str(description)
+    lines = str(error).splitlines()
+    return lines[0] if lines else type(error).__name__
 
 
 def one_line(error: BaseException) -> str:
-    """Return an error as one line: the text of an ApplrError, or type, text, file and line of any other error.
+    """Return an error as one line.
 
-    For example, "KeyError: 'v' (my_method.py, line 9)".
+    An ApplrError is its text. Any other error has its type, text, file and line, for example
+    "KeyError: 'v' (my_method.py, line 9)".
     """
     if isinstance(error, ApplrError):
         return str(error)
-    text, frames = f"{type(error).__name__}: {error}".splitlines()[0], traceback.extract_tb(error.__traceback__)
-    if not frames or isinstance(error, SyntaxError):  # The text of a SyntaxError already has file and line.
+    text = f"{type(error).__name__}: {error}".splitlines()[0]
+    frames = traceback.extract_tb(error.__traceback__)
+    # The text of a SyntaxError already has file and line.
+    if not frames or isinstance(error, SyntaxError):
         return text
-    return f"{text} ({os.path.basename(frames[-1].filename)}, line {frames[-1].lineno})"
+    raised_in = frames[-1]
+    return f"{text} ({os.path.basename(raised_in.filename)}, line {raised_in.lineno})"
 
 
 def run_main(main: Callable[[], Optional[int]], program: str) -> int:
     """Run a command and return its exit status.
 
-    Every error becomes one line "PROGRAM: ..." on stderr and exit status 1. Ctrl-C gives exit status 130 and the text
-    of the KeyboardInterrupt if it has one. The environment variable APPLR_DEBUG adds the traceback.
+    Every error becomes one line "PROGRAM: ..." on stderr and exit status 1. Ctrl-C gives exit
+    status 130 and the text of the KeyboardInterrupt if it has one. The environment variable
+    APPLR_DEBUG adds the traceback.
 
     Args:
         main: The command; returns an exit status, or None for 0.
@@ -53,23 +64,36 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
     """
     try:
         return main() or 0
-    except KeyboardInterrupt as stopped:
-        status, text = 128 + signal.SIGINT, str(stopped) or "stopped"
+    except KeyboardInterrupt as interrupt:
+        status = 128 + signal.SIGINT
+        line = str(interrupt) or "stopped"
     except Exception as error:
-        status, text = 1, absent(error.name) if isinstance(error, ModuleNotFoundError) else ""
-        text = text or (str(error) if isinstance(error, OSError) else one_line(error))
+        status = 1
+        line = _line_of(error)
         if os.environ.get("APPLR_DEBUG"):
             traceback.print_exc()
-    print(f"{program}: {text}", file=sys.stderr)
+    print(f"{program}: {line}", file=sys.stderr)
     return status
+
+
+def _line_of(error: Exception) -> str:
+    """Return the line with which a command ends because of an error."""
+    if isinstance(error, ModuleNotFoundError):
+        how_to_install = absent(error.name)
+        if how_to_install:
+            return how_to_install
+    if isinstance(error, OSError):
+        return str(error)  # It names the file, which says more than the line that opened it.
+    return one_line(error)
 
 
 def run_script(module: str, node: bool = False) -> None:
     """Import the module of a command, run its main() and exit the process, for scripts/__main__.py.
 
-    Ctrl-C during the import, which takes seconds, exits silently. A missing Python package is reported in one line. The
-    script's folder is removed from sys.path, because sim_bridge.py in this folder would hide the package sim_bridge.
-    --help prints the USAGE of the module, or the docstring of a node without USAGE.
+    Ctrl-C during the import, which takes seconds, exits silently. A missing Python package is
+    reported in one line. The script's folder is removed from sys.path, because sim_bridge.py in
+    this folder would hide the package sim_bridge. --help prints the USAGE of the module, or the
+    docstring of a node without USAGE.
 
     Args:
         module: Full name of the module, such as "training.evaluate".
@@ -82,17 +106,22 @@ def run_script(module: str, node: bool = False) -> None:
 
 
 def _main_of(module: str, node: bool) -> Optional[int]:
-    usual = signal.getsignal(signal.SIGINT)
-    if usual is signal.default_int_handler:  # A destructor of an imported library could swallow the KeyboardInterrupt.
+    """Import a module and run its main(), or print its usage."""
+    usual_handler = signal.getsignal(signal.SIGINT)
+    # A destructor of an imported library could swallow the KeyboardInterrupt.
+    if usual_handler is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     loaded: Any = importlib.import_module(module)
-    signal.signal(signal.SIGINT, usual)
+    signal.signal(signal.SIGINT, usual_handler)
+
     usage = getattr(loaded, "USAGE", loaded.__doc__ if node else None)
     if usage and {"-h", "--help"} & set(sys.argv[1:]):
         print(usage)
         return 0
+
     words = [word for word in sys.argv[1:] if ":=" not in word]
     if node and words:
-        raise ApplrError(f"unexpected arguments {' '.join(words)}: give parameters as _NAME:=VALUE; --help lists them")
+        how = "give parameters as _NAME:=VALUE; --help lists them"
+        raise ApplrError(f"unexpected arguments {' '.join(words)}: {how}")
     status: Optional[int] = loaded.main()
     return status

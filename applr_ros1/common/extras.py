@@ -1,4 +1,4 @@
-"""Messages about Python packages that are missing, including the optional ones (extras of `pip install`)."""
+"""Messages about missing Python packages, including optional ones (extras of `pip install`)."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from importlib.util import find_spec
 from typing import Iterator, Optional
 
 OURS = ("applr_ros1", "sim_bridge", "training", "worlds")
-EXTRAS = {  # package: extra of `pip install` that installs it, as in pyproject.toml
+TRAINING = ("torch", "tensorboard", "cma", "ruptures", "rosbags", "lz4", "minari", "h5py")
+# package: extra of `pip install` that installs it, as in pyproject.toml
+EXTRAS = {
     "matplotlib": "report",
-    **dict.fromkeys(("torch", "tensorboard", "cma", "ruptures", "rosbags", "lz4", "minari", "h5py"), "train"),
+    **dict.fromkeys(TRAINING, "train"),
     **dict.fromkeys(("yourdfpy", "xacrodoc"), "urdf"),
     "pybullet": "pybullet",
     "ray": "cluster",
@@ -18,7 +20,10 @@ EXTRAS = {  # package: extra of `pip install` that installs it, as in pyproject.
 
 
 def absent(package: Optional[str]) -> str:
-    """Return a message if a package is not installed, or "" if it is or if it belongs to this repository."""
+    """Return a message if a package is not installed, otherwise "".
+
+    Packages of this repository count as installed.
+    """
     name = (package or "").partition(".")[0]
     if not name or name in OURS or find_spec(name):
         return ""
@@ -33,8 +38,8 @@ def extra(importer: str) -> Iterator[None]:
     """Guard the imports of a command that needs an extra.
 
     Args:
-        importer: The module's __name__. If it is "__main__", a missing package ends the command with one line and exit
-            status 1, otherwise the ModuleNotFoundError is raised.
+        importer: The module's __name__. If it is "__main__", a missing package ends the command
+            with one line and exit status 1, otherwise the ModuleNotFoundError is raised.
     """
     try:
         yield

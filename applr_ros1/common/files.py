@@ -13,6 +13,15 @@ import yaml
 
 from applr_ros1.common.errors import ApplrError, reason
 
+LONGEST_PROBLEM = 200  # number of characters of a parser's message that are shown
+
+# what TinyXML accepts although it is not XML
+NAMESPACE = re.compile(r"""\sxmlns\s*=\s*("[^"<>]*"|'[^'<>]*')""")  # a default namespace
+BARE_AMPERSAND = re.compile(r"&(?!#?\w+;)")  # & that begins no entity
+BOUND_PREFIX = re.compile(r"\bxmlns:([\w.-]+)")  # declaration of a prefix
+PREFIXED_TAG = re.compile(r"(</?)([\w.-]+):(?=\w)")  # beginning of a tag with a prefix
+DECLARATION = re.compile(r"<\?xml\b[^<>]*>")
+
 
 def write_bytes(path: Any, data: bytes) -> None:
     """Write a file atomically: a crash leaves the old file or the new one, never a partial one."""
@@ -22,18 +31,21 @@ def write_bytes(path: Any, data: bytes) -> None:
     try:
         with open(partial, "wb") as file:
             file.write(data)
+            # Without fsync, a power failure after the renaming could leave an empty file.
             file.flush()
             os.fsync(file.fileno())
         os.replace(partial, path)
     except OSError as problem:
         if os.path.exists(partial):
             os.unlink(partial)
-        raise ApplrError(f"{path}: cannot be written ({reason(problem)}); the file there is untouched") from None
+        what = f"cannot be written ({reason(problem)}); the file there is untouched"
+        raise ApplrError(f"{path}: {what}") from None
 
 
 def write_json(path: Any, value: Any) -> None:
     """Write a value as indented JSON, atomically."""
-    write_bytes(path, (json.dumps(value, indent=1) + "\n").encode())
+    text = json.dumps(value, indent=1) + "\n"
+    write_bytes(path, text.encode())
 
 
 def read_bytes(path: Any) -> bytes:
@@ -41,7 +53,8 @@ def read_bytes(path: Any) -> bytes:
     try:
         return Path(path).read_bytes()
     except OSError as problem:
-        raise ApplrError(f"{path}: cannot be read ({reason(problem)}); give an existing file") from None
+        what = f"cannot be read ({reason(problem)}); give an existing file"
+        raise ApplrError(f"{path}: {what}") from None
 
 
 def read_json(path: Any) -> Any:
@@ -49,36 +62,59 @@ def read_json(path: Any) -> Any:
     try:
         return json.loads(read_bytes(path))
     except (json.JSONDecodeError, UnicodeDecodeError) as problem:
-        raise ApplrError(f"{path}: not JSON ({reason(problem)}); the file is damaged or of another kind") from None
+        what = f"not JSON ({reason(problem)}); the file is damaged or of another kind"
+        raise ApplrError(f"{path}: {what}") from None
 
 
 def read_yaml(path: Any) -> Any:
-    """Return the plain value in a YAML file. A tag that would create a Python object is an error."""
+    """Return the plain value in a YAML file. A tag that creates a Python object is an error."""
     return yaml_value(read_bytes(path), path)
 
 
 def yaml_value(text: Any, name: Any, loader: Any = yaml.SafeLoader) -> Any:
-    """Return the value of a YAML text. Raises ApplrError if it is invalid; the line begins with `name`."""
+    """Return the value of a YAML text.
+
+    Raises ApplrError if it is invalid; the line begins with `name`.
+    """
     try:
         return yaml.load(text, loader)
     except (yaml.YAMLError, ValueError) as error:  # An impossible date or angle is a ValueError.
-        raise ApplrError(f"{name}: not readable as YAML: {' '.join(str(error).split())[:200]}") from None
+        problem = " ".join(str(error).split())[:LONGEST_PROBLEM]
+        raise ApplrError(f"{name}: not readable as YAML: {problem}") from None
 
 
 def plain_xml(data: bytes) -> str:
     """Return XML that TinyXML accepts as standard XML.
 
-    TinyXML allows any text before the declaration and in comments, a bare &, and undeclared name spaces.
+    TinyXML allows any text before the declaration and in comments, a bare &, and undeclared name
+    spaces.
     """
-    first, *others = data.decode("utf-8-sig", "replace").split("<!--")
-    parts = (part.partition("-->") for part in others)
-    text = first + "".join("\n" * comment.count("\n") + rest for comment, _, rest in parts)
-    text = re.sub(r"&(?!#?\w+;)", "&amp;", re.sub(r"""\sxmlns\s*=\s*("[^"<>]*"|'[^'<>]*')""", "", text))
-    bound = set(re.findall(r"\bxmlns:([\w.-]+)", text))
-    text = re.sub(r"(</?)([\w.-]+):(?=\w)", lambda tag: tag[0] if tag[2] in bound else f"{tag[1]}{tag[2]}_", text)
-    return re.sub(r"<\?xml\b[^<>]*>", "", text, count=1).lstrip()
+    text = _without_comments(data.decode("utf-8-sig", "replace"))
+    text = BARE_AMPERSAND.sub("&amp;", NAMESPACE.sub("", text))
+
+    # <gazebo:plugin> becomes <gazebo_plugin> if no xmlns:gazebo declares the prefix.
+    bound = set(BOUND_PREFIX.findall(text))
+
+    def without_undeclared_prefix(tag: re.Match[str]) -> str:
+        return tag[0] if tag[2] in bound else f"{tag[1]}{tag[2]}_"
+
+    text = PREFIXED_TAG.sub(without_undeclared_prefix, text)
+    return DECLARATION.sub("", text, count=1).lstrip()
+
+
+def _without_comments(text: str) -> str:
+    """Return XML without comments, with their line breaks, so that errors name the right line."""
+    plain, *others = text.split("<!--")
+    for part in others:
+        comment, _, rest = part.partition("-->")
+        plain += "\n" * comment.count("\n") + rest
+    return plain
 
 
 def sha256(*values: Any) -> str:
-    """Return the hexadecimal SHA-256 of the values in order: bytes as they are, other values as text."""
-    return hashlib.sha256(b"\0".join(v if isinstance(v, bytes) else str(v).encode() for v in values)).hexdigest()
+    """Return the hexadecimal SHA-256 of the values in order.
+
+    Bytes are hashed as they are, other values as text.
+    """
+    parts = [value if isinstance(value, bytes) else str(value).encode() for value in values]
+    return hashlib.sha256(b"\0".join(parts)).hexdigest()

@@ -13,33 +13,43 @@ NEXT_LINE_S = 10.0  # interval between progress lines [s]
 
 @contextlib.contextmanager
 def announced(
-    work: str, report: Callable[[str], object], first: float = FIRST_LINE_S, every: float = NEXT_LINE_S
+    work: str,
+    report: Callable[[str], object],
+    first: float = FIRST_LINE_S,
+    every: float = NEXT_LINE_S,
 ) -> Iterator[None]:
     """Report the work of a block if it takes longer than `first`, and its duration at the end.
 
     Args:
-        work: Description with the expected duration, such as "compiling kernels (about a minute the first time)".
+        work: Description with the expected duration, such as "compiling kernels (about a minute the
+            first time)".
         report: Called with each line, from another thread.
         first: Time before the first line [s].
         every: Interval between further lines [s].
     """
-    short, began, done, reported = work.split(" (")[0], time.monotonic(), threading.Event(), False
+    short = work.split(" (")[0]
+    began = time.monotonic()
+    done = threading.Event()
+    is_announced = False
 
     def repeat() -> None:
-        nonlocal reported
-        while not done.wait(every if reported else first):
-            report(f"still {short}: {round(time.monotonic() - began)} s" if reported else work)
-            reported = True
+        nonlocal is_announced
+        if done.wait(first):
+            return
+        report(work)
+        is_announced = True
+        while not done.wait(every):
+            report(f"still {short}: {round(time.monotonic() - began)} s")
 
     reporter = threading.Thread(target=repeat, name="progress", daemon=True)
     reporter.start()
     try:
         yield
     except BaseException:
-        reported = False
+        is_announced = False  # "done" would be wrong about work that failed.
         raise
     finally:
         done.set()
         reporter.join()
-        if reported:
+        if is_announced:
             report(f"done {short}: took {time.monotonic() - began:.0f} s")

@@ -1,8 +1,9 @@
-"""Start and shutdown of a ROS node: one line if there is no master, no deadlock and no traceback at shutdown.
+"""Start and shutdown of a ROS node: a line without a master, no deadlock, and no traceback.
 
-rospy shuts down inside its signal handler. This deadlocks if the main thread is publishing or logging and holds a lock
-that the shutdown needs, so init_node() shuts down in a thread. A shutdown also closes topics before
-rospy.is_shutdown() returns True: publish() then raises ROSException or, in the middle of a call, another exception.
+rospy shuts down inside its signal handler. This deadlocks if the main thread is publishing or
+logging and holds a lock that the shutdown needs, so init_node() shuts down in a thread. A shutdown
+also closes topics before rospy.is_shutdown() returns True: publish() then raises ROSException or,
+in the middle of a call, another exception.
 """
 
 from __future__ import annotations
@@ -19,8 +20,10 @@ import rospy
 
 from applr_ros1.common.errors import ApplrError
 
-PATIENCE_S = 3.0  # time-out for the master's answer at the start [s]; rospy itself would wait forever
-STANDS_S = 0.5  # longest time that a signal handler waits for the shutdown before the main thread goes on [s]
+# time-out for the master's answer at the start [s]; rospy itself would wait forever
+PATIENCE_S = 3.0
+# longest time that a signal handler waits for the shutdown before the main thread goes on [s]
+STANDS_S = 0.5
 
 
 def init_node(name: str, **options: Any) -> None:
@@ -30,30 +33,44 @@ def init_node(name: str, **options: Any) -> None:
         ApplrError: The master of ROS_MASTER_URI (or of the argument __master:=) does not answer.
         KeyboardInterrupt: The node was interrupted during the call.
     """
-    before = socket.getdefaulttimeout()
-    socket.setdefaulttimeout(PATIENCE_S)
-    answers = rosgraph.is_master_online()
-    socket.setdefaulttimeout(before)
-    if not answers:
-        where = rosgraph.get_master_uri()
-        raise ApplrError(f"no ROS master at {where}: start one with roscore or roslaunch, or set ROS_MASTER_URI")
+    if not _master_answers():
+        problem = f"no ROS master at {rosgraph.get_master_uri()}"
+        raise ApplrError(f"{problem}: start one with roscore or roslaunch, or set ROS_MASTER_URI")
     try:
         rospy.init_node(name, **options)
     except rospy.exceptions.ROSInitException:
         if not rospy.core.is_shutdown_requested():
             raise
+        # rospy was shut down by a signal that came during the call.
         raise KeyboardInterrupt from None
 
-    def end(number: int, _: Any) -> None:
+    def shut_down(number: int, _: Any) -> None:
         ending = threading.Thread(target=rospy.signal_shutdown, args=[f"signal {number}"])
         ending.start()
         ending.join(STANDS_S)
 
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, end)
-    logging.getLogger("rosout").addFilter(
-        lambda record: not (rospy.core.is_shutdown_requested() and "Traceback" in record.getMessage())
-    )
+        signal.signal(number, shut_down)
+    _silence_tracebacks_of_the_shutdown()
+
+
+def _master_answers() -> bool:
+    """Return whether the ROS master answers within PATIENCE_S."""
+    usual = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(PATIENCE_S)
+    answers: bool = rosgraph.is_master_online()
+    socket.setdefaulttimeout(usual)
+    return answers
+
+
+def _silence_tracebacks_of_the_shutdown() -> None:
+    """Drop tracebacks of callbacks and threads that use topics while rospy shuts down."""
+
+    def is_wanted(record: logging.LogRecord) -> bool:
+        return not (rospy.core.is_shutdown_requested() and "Traceback" in record.getMessage())
+
+    logging.getLogger("rosout").addFilter(is_wanted)
+
     print_exception = threading.excepthook
 
     def print_while_running(error: Any) -> None:

@@ -1,7 +1,8 @@
-"""Sensor readings, their projection into a costmap's frame, and the observation sources of an obstacle layer.
+"""Sensor readings, their projection into a costmap's frame, and sources of an obstacle layer.
 
-MoveBase and the obstacle layers use this module. Costmaps in the same frame share one projection, which rounds like
-laser_geometry and tf2. Observation sources follow costmap_2d/observation_buffer.cpp.
+MoveBase and the obstacle layers use this module. Costmaps in the same frame share one projection,
+which rounds like laser_geometry and tf2. Observation sources follow
+costmap_2d/observation_buffer.cpp.
 """
 
 from __future__ import annotations
@@ -32,8 +33,10 @@ class LaserScan:
         ranges: (n,) float32 [m]; +inf means no return.
         sensor_pose: (x, y, yaw) of the laser in the costmap's frame at `stamp` [m, m, rad].
         sensor_height: z of the laser [m].
-        rotation: Orientation (x, y, z, w) of a tilted or inverted laser, used instead of the yaw in sensor_pose.
-        origin: Start of the rays [m] if it differs from the laser's position (the parameter sensor_frame).
+        rotation: Orientation (x, y, z, w) of a tilted or inverted laser, used instead of the yaw in
+            sensor_pose.
+        origin: Start of the rays [m] if it differs from the laser's position (the parameter
+            sensor_frame).
         sweep: Time from the first beam to the last [s], 0 if all are measured at once.
         frame: Frame of the laser, by which several lasers on one topic are told apart.
     """
@@ -74,9 +77,10 @@ class SensorCloud:
 
 @dataclass
 class PointCloud:
-    """Points (n, 3) float32 [m] in the costmap's frame, measured by the sensor `frame` at `stamp` [s].
+    """Points (n, 3) float32 [m] in the costmap's frame.
 
-    The rays start at `origin` (x, y, z) [m].
+    They were measured by the sensor `frame` at `stamp` [s]. The rays start at `origin` (x, y, z)
+    [m].
     """
 
     origin: Point
@@ -90,18 +94,24 @@ Observation = Union[LaserScan, SensorCloud]
 
 def observe(observation: Observation, inf_is_valid: bool = False) -> PointCloud:
     """Return the PointCloud of an observation. inf_is_valid applies to laser scans only."""
-    cloud = place_cloud(observation) if isinstance(observation, SensorCloud) else project(observation, inf_is_valid)
+    if isinstance(observation, SensorCloud):
+        cloud = place_cloud(observation)
+    else:
+        cloud = project(observation, inf_is_valid)
     cloud.frame = observation.frame
     return cloud
 
 
 def moved(observation: Observation, frame: Pose) -> Observation:
-    """Transform an observation from the frame at the pose `frame` (x, y, yaw) to the parent frame of that pose."""
-    start = observation.origin
-    origin = None if start is None else (*transform_point(frame, start[0], start[1]), start[2])
+    """Transform an observation from the frame at the pose `frame` to that pose's parent frame."""
+    origin = observation.origin
+    if origin is not None:
+        origin = (*transform_point(frame, origin[0], origin[1]), origin[2])
     if isinstance(observation, LaserScan):
         pose = compose(frame, observation.sensor_pose)
-        rotation = None if observation.rotation is None else _turned(observation.rotation, frame[2])
+        rotation = observation.rotation
+        if rotation is not None:
+            rotation = _turned(rotation, frame[2])
         return replace(observation, sensor_pose=pose, rotation=rotation, origin=origin)
     x, y, z = observation.position
     return replace(
@@ -113,52 +123,76 @@ def moved(observation: Observation, frame: Pose) -> Observation:
 
 
 def _turned(q: Quaternion, yaw: float) -> Quaternion:
-    """Return the rotation q followed by a rotation about z."""
-    s, c = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+    """Return the unit quaternion q (x, y, z, w) followed by a rotation about z by yaw [rad]."""
+    sine = math.sin(0.5 * yaw)
+    cosine = math.cos(0.5 * yaw)
     x, y, z, w = q
-    return c * x - s * y, c * y + s * x, c * z + s * w, c * w - s * z
+    return (
+        cosine * x - sine * y,
+        cosine * y + sine * x,
+        cosine * z + sine * w,
+        cosine * w - sine * z,
+    )
 
 
 @lru_cache(maxsize=8)
 def beam_directions(angle_min: float, angle_increment: float, count: int) -> Array:
-    """Return cosine and sine (count, 2) of every beam. Tables of recent scan geometries are cached."""
-    first, step = float(np.float32(angle_min)), float(np.float32(angle_increment))
+    """Return cosine and sine (count, 2) of every beam. Tables of recent geometries are cached."""
+    # The messages of ROS have float32 angles, from which laser_geometry computes in double.
+    first = float(np.float32(angle_min))
+    step = float(np.float32(angle_increment))
     angles = [first + i * step for i in range(count)]
-    return np.array([[math.cos(a), math.sin(a)] for a in angles], dtype=np.float64).reshape(count, 2)
+    # numpy's vectorised cosine may differ from the C library's in the last bit.
+    table = [[math.cos(angle), math.sin(angle)] for angle in angles]
+    return np.array(table, dtype=np.float64).reshape(count, 2)
 
 
 def project(scan: LaserScan, inf_is_valid: bool = False) -> PointCloud:
     """Return the PointCloud of a LaserScan (docs/explanation/planner.md, section 3.1).
 
-    Beams with range_min <= range < range_max are kept. With `inf_is_valid`, +inf becomes a hit just short of range_max
-    and therefore clears. NaN and -inf are always dropped.
+    Beams with range_min <= range < range_max are kept. With `inf_is_valid`, +inf becomes a hit just
+    short of range_max and therefore clears. NaN and -inf are always dropped.
     """
     ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
     table = beam_directions(float(scan.angle_min), float(scan.angle_increment), len(ranges))
     points = np.empty((len(ranges), 3), np.float32)
-    level = scan.rotation is None
-    x, y, yaw = scan.sensor_pose if level else (0.0, 0.0, 0.0)
-    x, y, z = float(x), float(y), float(scan.sensor_height) if level else 0.0
+    x, y, yaw = map(float, scan.sensor_pose)
+    position = x, y, float(scan.sensor_height)
     bounds = np.float32(scan.range_min), np.float32(scan.range_max)
-    count = _project(ranges, table, bounds, bool(inf_is_valid), (x, y, z), float(yaw), points)
+    inf_is_valid = bool(inf_is_valid)
+
+    # The points of a tilted laser are computed in its own frame, and then placed like a cloud.
     if scan.rotation is not None:
-        position = float(scan.sensor_pose[0]), float(scan.sensor_pose[1]), float(scan.sensor_height)
-        return place_cloud(SensorCloud(scan.stamp, points[:count], position, scan.rotation, scan.origin))
-    return PointCloud((x, y, z) if scan.origin is None else scan.origin, points[:count], scan.stamp)
+        count = _project(ranges, table, bounds, inf_is_valid, (0.0, 0.0, 0.0), 0.0, points)
+        in_laser = points[:count]
+        return place_cloud(SensorCloud(scan.stamp, in_laser, position, scan.rotation, scan.origin))
+
+    count = _project(ranges, table, bounds, inf_is_valid, position, yaw, points)
+    return PointCloud(scan.origin or position, points[:count], scan.stamp)
 
 
 def place_cloud(cloud: SensorCloud) -> PointCloud:
-    """Return the finite points of a SensorCloud in the costmap's frame, in float32 like doTransform of tf2."""
+    """Return the finite points of a SensorCloud in the costmap's frame.
+
+    They are computed in float32 like doTransform of tf2_sensor_msgs.
+    """
     points = np.array(cloud.points, dtype=np.float32).reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
-    _place(points, *(np.float32(v) for v in cloud.rotation + cloud.position))
-    start = cloud.position if cloud.origin is None else cloud.origin
-    return PointCloud((float(start[0]), float(start[1]), float(start[2])), points, cloud.stamp)
+    placement = np.array(cloud.rotation + cloud.position, dtype=np.float32)
+    _place(points, *placement)
+    x, y, z = cloud.origin or cloud.position
+    return PointCloud((float(x), float(y), float(z)), points, cloud.stamp)
 
 
 @kernel
-def _place(points: Array32, qx: float, qy: float, qz: float, qw: float, tx: float, ty: float, tz: float) -> None:
-    """Rotate and translate the points (n, 3) float32 in place. Every step is rounded to float32."""
+def _place(
+    points: Array32, qx: float, qy: float, qz: float, qw: float, tx: float, ty: float, tz: float
+) -> None:
+    """Rotate by (qx, qy, qz, qw) and translate by (tx, ty, tz) the points (n, 3) float32 in place.
+
+    Every step is rounded to float32, in the order of Eigen's toRotationMatrix.
+    """
+    # Python's numbers are double, which would make double of every product.
     one = np.float32(1.0)
     two = np.float32(2.0)
     dx = two * qx
@@ -184,11 +218,33 @@ def _place(points: Array32, qx: float, qy: float, qz: float, qw: float, tx: floa
 
 @kernel
 def _project(
-    ranges: Array32, table: Array, bounds: Bounds, inf_is_valid: bool, origin: Point, yaw: float, points: Array32
+    ranges: Array32,
+    table: Array,
+    bounds: Bounds,
+    inf_is_valid: bool,
+    origin: Point,
+    yaw: float,
+    points: Array32,
 ) -> int:
-    (range_min, range_max), (x, y, z) = bounds, origin
+    """Write the points of a scan in the costmap's frame to `points` (n, 3) float32.
+
+    Args:
+        ranges: Ranges (n,) [m].
+        table: Cosine and sine (n, 2) of the beams.
+        bounds: Smallest and largest range [m].
+        inf_is_valid: Whether +inf becomes a hit just short of the largest range.
+        origin: Position (x, y, z) of the laser [m].
+        yaw: Yaw of the laser [rad].
+        points: Receives the points.
+
+    Returns:
+        The number of points, as some beams give none.
+    """
+    range_min, range_max = bounds
+    x, y, z = origin
     one = np.float32(1.0)
     two = np.float32(2.0)
+    # Rotation matrix of the quaternion (0, 0, qz, qw), computed in float32 like doTransform of tf2.
     qz = np.float32(math.sin(0.5 * yaw))
     qw = np.float32(math.cos(0.5 * yaw))
     twz = (two * qz) * qw
@@ -199,6 +255,8 @@ def _project(
     tx = np.float32(x)
     ty = np.float32(y)
     tz = np.float32(z)
+    # observation_buffer replaces +inf by a range that still counts as valid, see costmap_2d's
+    # laserScanValidInfCallback (epsilon).
     almost_max = range_max - np.float32(0.0001)
     count = 0
     for i in range(ranges.shape[0]):
@@ -206,6 +264,7 @@ def _project(
         if inf_is_valid and r == np.inf:
             r = almost_max
         if r >= range_min and r < range_max:
+            # laser_geometry multiplies in double and stores float32.
             px = np.float32(np.float64(r) * table[i, 0])
             py = np.float32(np.float64(r) * table[i, 1])
             points[count, 0] = (m00 * px + m01 * py) + tx
@@ -217,7 +276,10 @@ def _project(
 
 @dataclass
 class Source:
-    """Settings of one observation source, named like the ROS parameters; the defaults suit a planar laser."""
+    """Settings of one observation source, named like the ROS parameters.
+
+    The defaults suit a planar laser.
+    """
 
     topic: str = "scan"
     data_type: str = "LaserScan"  # message type: LaserScan, PointCloud2 or PointCloud
@@ -230,12 +292,15 @@ class Source:
     obstacle_range: float = 2.5  # range below which points mark [m]
     raytrace_range: float = 3.0  # range up to which rays clear [m]
     observation_persistence: float = 0.0  # time for which clouds are kept [s]; 0: the latest only
-    expected_update_rate: float = 0.0  # longest time between messages if the source is current [s]; 0: any
+    # longest time between messages if the source is current [s]; 0: any
+    expected_update_rate: float = 0.0
 
-    def __post_init__(self) -> None:  # The kernels are compiled for these types only.
+    def __post_init__(self) -> None:
+        # A parameter file may give an int for a float; the kernels are compiled for these types
+        # only.
         for field in fields(self):
-            kind: Any = type(field.default)
-            setattr(self, field.name, kind(getattr(self, field.name)))
+            declared_type: Any = type(field.default)
+            setattr(self, field.name, declared_type(getattr(self, field.name)))
 
 
 class ObservationBuffer:
@@ -255,23 +320,27 @@ class ObservationBuffer:
     def take(self, cloud: PointCloud, now: float) -> None:
         """Add a cloud at time `now` [s], and drop clouds older than observation_persistence.
 
-        With a persistence of 0, the latest cloud of each sensor is kept: several may publish before a costmap update.
+        With a persistence of 0, the latest cloud of each sensor is kept: several may publish before
+        a costmap update.
         """
         self.taken = now
-        kept = self.source.observation_persistence
-        if kept <= 0.0:
-            others = [old for old in self.clouds if old.frame != cloud.frame and now - old.stamp < SHARED_S]
-            self.clouds = [cloud, *others]
+        persistence = self.source.observation_persistence
+        if persistence <= 0.0:
+            others = [old for old in self.clouds if old.frame != cloud.frame]
+            self.clouds = [cloud, *(old for old in others if now - old.stamp < SHARED_S)]
             return
         self.clouds.insert(0, cloud)
+        # As in purgeStaleObservations of C++, all clouds behind the first old one go, whatever
+        # their age.
         for i, old in enumerate(self.clouds):
-            if now - old.stamp > kept:
+            if now - old.stamp > persistence:
                 del self.clouds[i:]
                 break
 
     def forget(self) -> None:
         """Drop all clouds, and reset to the state before the first message."""
-        self.clouds, self.taken = [], None
+        self.clouds = []
+        self.taken = None
 
     def is_current(self, now: float) -> bool:
         """Return whether the latest message is no older than expected_update_rate allows."""

@@ -6,23 +6,32 @@ from typing import Any, Dict
 
 
 def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Dict[str, Any]:
-    """Return the dict at a path such as "a/b", or {} if there is none; with `create`, add it to the tree."""
-    here: Dict[str, Any] = tree
-    for part in filter(None, path.split("/")):
-        below = here.setdefault(part, {}) if create else here.get(part)
-        if not isinstance(below, dict):
+    """Return the dict at a path such as "a/b".
+
+    If there is none, the result is {}, which is part of the tree only with `create`.
+    """
+    section: Dict[str, Any] = tree
+    for name in filter(None, path.split("/")):
+        if create:
+            section.setdefault(name, {})
+        subsection = section.get(name)
+        if not isinstance(subsection, dict):
             return {}
-        here = below
-    return here
+        section = subsection
+    return section
 
 
 def merged(below: Dict[str, Any], above: Dict[str, Any]) -> Dict[str, Any]:
-    """Return a new tree: `below` with the values of `above` on top. None does not replace a section of `below`."""
-    made = dict(below)
+    """Return a new tree: `below` with the values of `above` on top.
+
+    None does not replace a section of `below`: it is what an empty section of a YAML file gives.
+    """
+    tree = dict(below)
     for name, value in above.items():
-        here = made.get(name)
+        replaced: Any = tree.get(name)
+        is_section = isinstance(replaced, dict)
         if isinstance(value, dict):
-            made[str(name)] = merged(here if isinstance(here, dict) else {}, value)
-        elif value is not None or not isinstance(here, dict):
-            made[str(name)] = value
-    return made
+            tree[str(name)] = merged(replaced if is_section else {}, value)
+        elif value is not None or not is_section:
+            tree[str(name)] = value
+    return tree

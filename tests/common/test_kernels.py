@@ -17,11 +17,13 @@ from tests.support import HANGS, ROOT
 
 OUTER = """
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.inner import offset
+from applr_ros1.planner import (  # The names of a long import stand on lines of their own.
+    inner,
+)
 
 @kernel
 def outer(x):
-    return offset(x)
+    return inner.offset(x)
 """
 INNER = """
 from applr_ros1.common.kernels import kernel
@@ -63,7 +65,7 @@ print([name for name, kernel in kernels().items() if len(kernel.signatures) != b
 
 @pytest.mark.parametrize("robot", ["jackal", "turtlebot3_waffle_pi"])  # one for each local planner
 def test_after_the_setup_a_drive_compiles_nothing(robot):
-    """The first drive on a machine would otherwise stand still for each kernel that it needs, .4 s and more."""
+    """The first drive would otherwise stand still for each kernel that it needs, .4 s and more."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", DRIVE, robot]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=HANGS)
@@ -72,7 +74,10 @@ def test_after_the_setup_a_drive_compiles_nothing(robot):
 
 @pytest.fixture
 def start(tmp_path):
-    """Return start(folder), which writes the package in `folder` if it is missing and starts a process with it."""
+    """Return start(folder), which starts a process with the package in `folder`.
+
+    The package is written if it is missing.
+    """
 
     def start(folder, **options):
         planner, common = (
@@ -100,7 +105,7 @@ def start(tmp_path):
 
 
 def result(process):
-    """Return the results of `outer` for 5 and for 5.5, and how many of the two calls had to compile."""
+    """Return the results of `outer` for 5 and 5.5, and how many of the two calls had to compile."""
     out = process.communicate(timeout=HANGS)[0]
     assert process.returncode == 0
     return [float(word) for word in out.split()]
