@@ -121,7 +121,7 @@ def _share(mean, count):
 
 def inflation():
     """Measure one update of the local costmap's inflation layer while driving: 200 x 200 cells, radius 0.3 m."""
-    mean, count = _time_in_drives(InflationLayer, "update", lambda layer, _: layer._nx == 200)
+    mean, count = _time_in_drives(InflationLayer, "update", lambda layer, _: layer._columns == 200)
     return 1e6 * mean, "us (mean over %d updates)" % count
 
 

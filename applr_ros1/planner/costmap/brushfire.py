@@ -1,44 +1,71 @@
-"""Incremental brushfire of the inflation layer: keeps the costs that obstacles spread, and repairs them after changes.
+"""Incremental brushfire of the inflation layer: the spread of obstacles, repaired after changes.
 
-Called by inflation_layer.InflationLayer. In every update, C++ spreads the costs of all obstacles anew, along
-4-neighbours from a queue ordered by distance, first in first out for equal distances. The source of a cell, the
-obstacle from which it is reached, depends only on the sources of neighbours nearer to an obstacle. If few obstacles
-change, only the cells that depend on them are evaluated again. The result equals that of C++, cell for cell
+Called by inflation_layer.InflationLayer. In every update, C++ spreads the costs of all obstacles
+anew, along 4-neighbours from a queue ordered by distance, first in first out for equal distances
+(costmap_2d/inflation_layer.cpp). The source of a cell, the obstacle from which it is reached,
+depends only on the sources of neighbours nearer to an obstacle. If few obstacles change, only the
+cells that depend on them are evaluated again. The result equals that of C++, cell for cell
 (tests/planner/costmap/test_inflation.py). The reach is the inflation radius in cells.
 
-Arrays are padded by one cell on all sides and addressed flat, p = (y + 1) (nx + 2) + x + 1:
-  level (uint8)  rank of the distance to the source, counted from SEED; WALL on the padding, NONE beyond every reach
-  link (uint16)  code (dy + reach) (2 reach + 1) + dx + reach of the offset from the source + last direction << 12
-  cost (uint8)   cost of the level, 0 for NONE
-Directions 0 .. 3 are x - 1, y - 1, x + 1, y + 1, the order in which C++ enqueues neighbours.
+Directions 0 .. 3 are x - 1, y - 1, x + 1, y + 1, the order in which C++ enqueues neighbours. The
+offset code of a cell is (dy + reach) (2 reach + 1) + dx + reach, with (dx, dy) its offset from its
+source [cells].
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Tuple
+from typing import NamedTuple, Tuple
 
 import numpy as np
 
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.costmap.grid import Window
+from applr_ros1.planner.costmap.grid import LETHAL, Window
 
-WALL = 0  # level of the padding
-SEED = 1  # level of a lethal cell, the source of a spread
-NONE = 255  # level of a cell that no obstacle reaches
-MAX_REACH = 25  # largest reach whose levels fit into uint8 [cells]; for more, InflationLayer recomputes all costs
+# Levels: of the padding, of a lethal cell (the source of a spread), and of a cell that no obstacle
+# reaches. In this order, one comparison with another level skips walls and accepts empty cells.
+WALL = 0
+SEED = 1
+NONE = 255
+
+MAX_REACH = 25  # largest reach [cells] whose levels fit into uint8; InflationLayer handles others
 CODE = 4095  # mask of the offset code in a link
+DIRECTION_BIT = 12  # lowest bit of the direction in a link
+DIRECTIONS = ((-1, 0), (0, -1), (1, 0), (0, 1))  # (dx, dy) [cells]
+
+# Rows of a queue (4, m) int32. One array has all four, because numba's counting of references to
+# arrays takes long.
+ENTRY = 0  # by number of the entry: 4 cell + direction of the step that leads to the cell
+NEXT = 1  # by number of the entry: number of the next entry of the same level, -1 for the last one
+FIRST = 2  # by level: number of the first entry, -1 if there is none
+LAST = 3  # by level: number of the last entry
+
 Steps = Tuple[int, int, int, int]  # flat offsets of the four directions
-Spread = Tuple[Data, Data, Data, Data, Data, int]  # level, link, cost, step_level, cost by level, reach [cells]
+
+
+class Spread(NamedTuple):
+    """Spread of all obstacles, with its tables.
+
+    Cells are padded by one on all sides and addressed flat, (y + 1) (columns + 2) + x + 1.
+    """
+
+    level: Data  # uint8 rank of the distance to the source, from SEED on; WALL on the padding; NONE
+    link: Data  # uint16 offset code + direction of the last step << DIRECTION_BIT
+    cost: Data  # uint8 cost of the level, 0 for NONE
+    width: int  # columns + 2
+    reach: int  # [cells]
+    step_level: Data  # see tables()
+    level_cost: Data  # uint8 cost by level
 
 
 @lru_cache(maxsize=64)
 def tables(reach: int) -> Tuple[np.ndarray, Tuple[float, ...]]:
     """Return (step_level, distances) for a reach [cells].
 
-    step_level (codes * 4,) uint8: entry 4 c + k is the level of the cell one step in direction k from offset code c, or
-    0 if that cell is beyond `reach` or no further from the source. distances: distance [cells] by level, SEED first.
+    step_level (codes * 4,) uint8: entry 4 c + k is the level of the cell one step in direction k
+    from offset code c, or 0 if that cell is beyond `reach` or no further from the source.
+    distances: distance [cells] by level, SEED first.
     """
     side = 2 * reach + 1
     axis = np.arange(-reach - 1, reach + 2, dtype=np.float64)
@@ -47,39 +74,53 @@ def tables(reach: int) -> Tuple[np.ndarray, Tuple[float, ...]]:
     level = np.where(distance <= reach, np.searchsorted(distances, distance) + SEED, 0)
     step_level = np.zeros((side, side, 4), np.uint8)
     inner = slice(1, side + 1)
-    for k, (dx, dy) in enumerate(((-1, 0), (0, -1), (1, 0), (0, 1))):
+    # One more cell on each side lets a step from the edge of the table end in the arrays.
+    for direction, (dx, dy) in enumerate(DIRECTIONS):
         ahead = slice(1 + dy, side + 1 + dy), slice(1 + dx, side + 1 + dx)
-        step_level[:, :, k] = np.where(distance[ahead] > distance[inner, inner], level[ahead], 0)
+        is_further = distance[ahead] > distance[inner, inner]
+        step_level[:, :, direction] = np.where(is_further, level[ahead], 0)
     return step_level.reshape(-1), tuple(distances.tolist())
 
 
 @kernel
 def seed_changes(base: Data, level: Data, rect: Window, around: Window, changed: Data) -> int:
-    """Write the flat indices of cells that become or cease to be seeds into `changed`; return their number.
+    """Write the flat indices of cells that become or cease to be seeds into `changed`.
 
-    The seeds are now the lethal cells (254) of `base` (ny, nx) within `rect`. Changes are listed row by row. `around`
-    must contain `rect` and all earlier seeds. Return -1 if `changed` is too short.
+    The seeds are now the lethal cells (254) of `base` (rows, columns) within `rect`. Changes are
+    listed row by row. `level` is the padded (rows + 2, columns + 2) array. `around` must contain
+    `rect` and all earlier seeds.
+
+    Returns:
+        The number of changes, or -1 if `changed` is too short.
     """
-    (x0, y0, xn, yn), (ax0, ay0, axn, ayn) = rect, around
+    rect_left, rect_bottom, rect_right, rect_top = rect
+    left, bottom, right, top = around
     count = 0
-    for y in range(ay0, ayn):
-        inside = y0 <= y < yn
-        left = x0 if inside else axn
-        right = xn if inside else axn
+    for row in range(bottom, top):
+        # Columns in which this row may have seeds: none above and below `rect`.
+        begin = right
+        end = right
+        if rect_bottom <= row < rect_top:
+            begin = rect_left
+            end = rect_right
+
+        # Most rows are unchanged. This test has no branches and compiles to vector instructions.
         differs = np.uint8(0)
-        levels = level[y + 1, left + 1 : right + 1]
-        values = base[y, left:right]
-        for i in range(values.shape[0]):
-            differs |= np.uint8((values[i] == 254) != (levels[i] == SEED))
-        differs |= _any_seed(level[y + 1, ax0 + 1 : left + 1]) | _any_seed(level[y + 1, right + 1 : axn + 1])
+        levels = level[row + 1, begin + 1 : end + 1]
+        values = base[row, begin:end]
+        for index in range(values.shape[0]):
+            differs |= np.uint8((values[index] == LETHAL) != (levels[index] == SEED))
+        differs |= _any_seed(level[row + 1, left + 1 : begin + 1])
+        differs |= _any_seed(level[row + 1, end + 1 : right + 1])
         if differs == 0:
             continue
-        for x in range(ax0, axn):
-            seed = left <= x < right and base[y, x] == 254
-            if seed != (level[y + 1, x + 1] == SEED):
+
+        for column in range(left, right):
+            is_seed = begin <= column < end and base[row, column] == LETHAL
+            if is_seed != (level[row + 1, column + 1] == SEED):
                 if count == changed.shape[0]:
                     return -1
-                changed[count] = (y + 1) * level.shape[1] + x + 1
+                changed[count] = (row + 1) * level.shape[1] + column + 1
                 count += 1
     return count
 
@@ -87,197 +128,231 @@ def seed_changes(base: Data, level: Data, rect: Window, around: Window, changed:
 @kernel
 def _any_seed(levels: Data) -> np.uint8:
     any_seed = np.uint8(0)
-    for i in range(levels.shape[0]):
-        any_seed |= np.uint8(levels[i] == SEED)
+    for index in range(levels.shape[0]):
+        any_seed |= np.uint8(levels[index] == SEED)
     return any_seed
 
 
 @kernel
-def _enqueue(queue: Data, used: int, entry: int, level: int) -> int:
-    """Append an entry (4 cell + direction) to the queue of a level; return the new number of entries.
-
-    The rows of queue (4, m) int32 are: entry; index of the next entry of the same level; by level, index of the first
-    and of the last entry. One array has all four, because numba's counting of references to arrays takes long.
-    """
-    queue[0, used] = entry
-    queue[1, used] = -1
-    if queue[2, level] < 0:
-        queue[2, level] = used
+def _enqueue(queue: Data, queued: int, entry: int, level: int) -> int:
+    """Append an entry (4 cell + direction) to the queue of a level; return the new entry count."""
+    queue[ENTRY, queued] = entry
+    queue[NEXT, queued] = -1
+    if queue[FIRST, level] < 0:
+        queue[FIRST, level] = queued
     else:
-        queue[1, queue[3, level]] = used
-    queue[3, level] = used
-    return used + 1
+        queue[NEXT, queue[LAST, level]] = queued
+    queue[LAST, level] = queued
+    return queued + 1
+
+
+@kernel(inline="always")
+def _enqueue_around(
+    queue: Data, queued: int, level: Data, step_level: Data, steps: Steps, cell: int, code: int
+) -> int:
+    """Enqueue the neighbours that a cell with this offset code may reach; return the entry count.
+
+    These are the neighbours further from the source that are not nearer to another source.
+    """
+    for direction in range(4):
+        next_level = step_level[4 * code + direction]
+        neighbour = cell + steps[direction]
+        if next_level != 0 and level[neighbour] >= next_level:
+            queued = _enqueue(queue, queued, 4 * neighbour + direction, next_level)
+    return queued
 
 
 @kernel
 def rebuild(seeds: Data, count: int, spread: Spread, queue: Data) -> bool:
-    """Spread costs from the first `count` cells of `seeds` into empty arrays; return False if `queue` is too short."""
-    level2, link, cost, step_level, level_cost, reach = spread
-    width = level2.shape[1]
-    level = level2.reshape(-1)
+    """Spread costs from the first `count` cells of `seeds` into empty arrays.
+
+    Return False if `queue` is too short. The arrays then have to be emptied again.
+    """
+    # A namedtuple's fields are read once, because each access would count references.
+    level, link, cost, width, reach, step_level, level_cost = spread
     side = 2 * reach + 1
     steps = (-1, -width, 1, width)
-    deltas = (-1, -side, 1, side)
-    queue[2, :256] = -1
-    used = 0
-    room = queue.shape[1] - 4
+    code_steps = (-1, -side, 1, side)
     centre = reach * side + reach
-    for i in range(count):
-        c = seeds[i]
-        level[c] = SEED
-        link[c] = centre
-        cost[c] = level_cost[SEED]
-    for i in range(count):
-        if used > room:
+    queue[FIRST, :256] = -1
+    queued = 0
+    room = queue.shape[1] - 4  # A cell has at most four entries to append.
+
+    # All seeds are set before the first neighbour is enqueued, so that no seed enters the queue.
+    for index in range(count):
+        cell = seeds[index]
+        level[cell] = SEED
+        link[cell] = centre
+        cost[cell] = level_cost[SEED]
+    for index in range(count):
+        if queued > room:
             return False
-        for k in range(4):
-            c = seeds[i] + steps[k]
-            b = step_level[4 * centre + k]
-            if b != 0 and level[c] == NONE:
-                used = _enqueue(queue, used, 4 * c + k, b)
-    for b in range(2, NONE):
-        e = queue[2, b]
-        while e >= 0:
-            c = queue[0, e] >> 2
-            k = queue[0, e] & 3
-            e = queue[1, e]
-            if level[c] != NONE:
+        queued = _enqueue_around(queue, queued, level, step_level, steps, seeds[index], centre)
+
+    # The first entry that leads to a cell decides its source, later ones are skipped.
+    for next_level in range(SEED + 1, NONE):
+        number = queue[FIRST, next_level]
+        while number >= 0:
+            cell = queue[ENTRY, number] >> 2
+            direction = queue[ENTRY, number] & 3
+            number = queue[NEXT, number]
+            if level[cell] != NONE:
                 continue
-            if used > room:
+            if queued > room:
                 return False
-            code = (link[c - steps[k]] & CODE) + deltas[k]
-            level[c] = b
-            link[c] = code | (k << 12)
-            cost[c] = level_cost[b]
-            for j in range(4):
-                t = step_level[4 * code + j]
-                q = c + steps[j]
-                if t != 0 and level[q] == NONE:
-                    used = _enqueue(queue, used, 4 * q + j, t)
+            code = (link[cell - steps[direction]] & CODE) + code_steps[direction]
+            level[cell] = next_level
+            link[cell] = code | (direction << DIRECTION_BIT)
+            cost[cell] = level_cost[next_level]
+            queued = _enqueue_around(queue, queued, level, step_level, steps, cell, code)
     return True
 
 
 @kernel
-def _earlier(level: Data, link: Data, steps: Steps, n1: int, k1: int, n2: int, k2: int) -> bool:
-    """Return whether C++ enqueued step k1 from cell n1 before step k2 from n2. Both lead to the same level."""
+def _is_earlier(
+    level: Data,
+    link: Data,
+    steps: Steps,
+    cell: int,
+    direction: int,
+    other: int,
+    other_direction: int,
+) -> bool:
+    """Return whether C++ enqueued a step from `cell` before one from `other`, to the same level.
+
+    The order of two steps is that of the steps which led to their cells, and finally of the seeds.
+    """
     while True:
-        if n1 == n2:
-            return k1 < k2
-        if level[n1] != level[n2]:
-            return bool(level[n1] < level[n2])
-        if level[n1] == SEED:
-            return n1 < n2
-        k1 = link[n1] >> 12
-        k2 = link[n2] >> 12
-        n1 -= steps[k1]
-        n2 -= steps[k2]
+        if cell == other:
+            return direction < other_direction
+        if level[cell] != level[other]:
+            return bool(level[cell] < level[other])
+        if level[cell] == SEED:
+            return cell < other
+        direction = link[cell] >> DIRECTION_BIT
+        other_direction = link[other] >> DIRECTION_BIT
+        cell -= steps[direction]
+        other -= steps[other_direction]
 
 
 @kernel
-def _remove_subtree(level: Data, link: Data, cost: Data, steps: Steps, root: int, lost: Data, count: int) -> int:
-    """Reset `root` and all cells reached through `root` to NONE, and append them to `lost`; return its new length."""
+def _remove_subtree(
+    level: Data, link: Data, cost: Data, steps: Steps, root: int, lost: Data, count: int
+) -> int:
+    """Reset `root` and all cells reached through `root` to NONE, and append them to `lost`.
+
+    Return the new length of `lost`.
+    """
+    # `lost` is also the list of cells whose neighbours are still to visit.
     lost[count] = root
     level[root] = NONE
     cost[root] = 0
-    i = count
+    visited = count
     count += 1
-    while i < count:
-        c = lost[i]
-        i += 1
-        for k in range(4):
-            q = c + steps[k]
-            if SEED < level[q] < NONE and link[q] >> 12 == k:
-                level[q] = NONE
-                cost[q] = 0
-                lost[count] = q
+    while visited < count:
+        cell = lost[visited]
+        visited += 1
+        for direction in range(4):
+            neighbour = cell + steps[direction]
+            if SEED < level[neighbour] < NONE and link[neighbour] >> DIRECTION_BIT == direction:
+                level[neighbour] = NONE
+                cost[neighbour] = 0
+                lost[count] = neighbour
                 count += 1
     return count
 
 
 @kernel
 def repair(changed: Data, count: int, spread: Spread, queue: Data, lost: Data) -> bool:
-    """Add the first `count` cells of `changed` as seeds, or remove those that are seeds. Repair all dependent cells.
+    """Add the first `count` cells of `changed` as seeds, or remove those that are seeds.
 
-    Return False if `queue` or `lost` (m,) int64 is too short. The arrays then have to be rebuilt.
+    All cells that depend on them are evaluated again. Return False if `queue` or `lost` (m,) int64
+    is too short. The arrays then have to be rebuilt.
     """
-    level2, link, cost, step_level, level_cost, reach = spread
-    width = level2.shape[1]
-    level = level2.reshape(-1)
+    level, link, cost, width, reach, step_level, level_cost = spread
     side = 2 * reach + 1
     steps = (-1, -width, 1, width)
-    deltas = (-1, -side, 1, side)
-    queue[2, :256] = -1
-    used = 0
-    room = queue.shape[1] - 8
-    lost_room = lost.shape[0] - 4 * side * side
+    code_steps = (-1, -side, 1, side)
     centre = reach * side + reach
-    n_lost = 0
-    for i in range(count):
-        c = changed[i]
-        begins = level[c] != SEED
-        if level[c] != NONE:
-            if n_lost > lost_room:
+    queue[FIRST, :256] = -1
+    queued = 0
+    # Each step below appends at most as many entries as these margins leave. A subtree lies within
+    # the reach of its seed.
+    room = queue.shape[1] - 8
+    lost_count = 0
+    lost_room = lost.shape[0] - 4 * side * side
+
+    # A cell that becomes or ceases to be a seed loses its source, and so do all cells behind it.
+    for index in range(count):
+        cell = changed[index]
+        begins = level[cell] != SEED
+        if level[cell] != NONE:
+            if lost_count > lost_room:
                 return False
-            n_lost = _remove_subtree(level, link, cost, steps, c, lost, n_lost)
+            lost_count = _remove_subtree(level, link, cost, steps, cell, lost, lost_count)
         if begins:
-            level[c] = SEED
-            link[c] = centre
-            cost[c] = level_cost[SEED]
-            if used > room:
+            if queued > room:
                 return False
-            for k in range(4):
-                b = step_level[4 * centre + k]
-                q = c + steps[k]
-                if b != 0 and level[q] >= b:
-                    used = _enqueue(queue, used, 4 * q + k, b)
+            level[cell] = SEED
+            link[cell] = centre
+            cost[cell] = level_cost[SEED]
+            queued = _enqueue_around(queue, queued, level, step_level, steps, cell, centre)
+
     done = 0
-    b = 2
+    next_level = SEED + 1
     while True:
-        while done < n_lost:  # Each neighbour that still has a level may reach the lost cell again.
-            c = lost[done]
+        # Each neighbour that still has a source may reach the lost cell again.
+        while done < lost_count:
+            cell = lost[done]
             done += 1
-            if level[c] != NONE:
+            if level[cell] != NONE:
                 continue
-            if used > room:
+            if queued > room:
                 return False
-            for k in range(4):
-                n = c - steps[k]
-                if level[n] != WALL and level[n] != NONE:
-                    t = step_level[4 * (link[n] & CODE) + k]
-                    if t != 0:
-                        if t < b:
-                            b = t
-                        used = _enqueue(queue, used, 4 * c + k, t)
-        while b < NONE and queue[2, b] < 0:
-            b += 1
-        if b == NONE:
-            return True
-        e = queue[2, b]
-        queue[2, b] = queue[1, e]
-        c = queue[0, e] >> 2
-        k = queue[0, e] & 3
-        n = c - steps[k]
-        if level[c] < b or level[n] == WALL or level[n] == NONE:
-            continue
-        code = link[n] & CODE
-        if step_level[4 * code + k] != b:  # The entry is outdated: n has been evaluated again.
-            continue
-        if level[c] != NONE:
-            if level[c] == b:
-                other = link[c] >> 12
-                if other == k or not _earlier(level, link, steps, n, k, c - steps[other], other):
+            for direction in range(4):
+                previous = cell - steps[direction]
+                if level[previous] == WALL or level[previous] == NONE:
                     continue
-            if n_lost > lost_room:
+                reached = step_level[4 * (link[previous] & CODE) + direction]
+                if reached != 0:
+                    next_level = min(next_level, reached)
+                    queued = _enqueue(queue, queued, 4 * cell + direction, reached)
+
+        # Take the first entry of the lowest level.
+        while next_level < NONE and queue[FIRST, next_level] < 0:
+            next_level += 1
+        if next_level == NONE:
+            return True
+        number = queue[FIRST, next_level]
+        queue[FIRST, next_level] = queue[NEXT, number]
+        cell = queue[ENTRY, number] >> 2
+        direction = queue[ENTRY, number] & 3
+
+        # Skip the entry if the cell has a nearer source, or if the entry is outdated because the
+        # cell from which it leads has lost its source or has been evaluated again.
+        previous = cell - steps[direction]
+        if level[cell] < next_level or level[previous] == WALL or level[previous] == NONE:
+            continue
+        code = link[previous] & CODE
+        if step_level[4 * code + direction] != next_level:
+            continue
+
+        # A later source of the same distance and all more distant ones give way.
+        if level[cell] != NONE:
+            if level[cell] == next_level:
+                other_direction = link[cell] >> DIRECTION_BIT
+                other = cell - steps[other_direction]
+                if other_direction == direction or not _is_earlier(
+                    level, link, steps, previous, direction, other, other_direction
+                ):
+                    continue
+            if lost_count > lost_room:
                 return False
-            n_lost = _remove_subtree(level, link, cost, steps, c, lost, n_lost)
-        if used > room:
+            lost_count = _remove_subtree(level, link, cost, steps, cell, lost, lost_count)
+        if queued > room:
             return False
-        code += deltas[k]
-        level[c] = b
-        link[c] = code | (k << 12)
-        cost[c] = level_cost[b]
-        for j in range(4):
-            t = step_level[4 * code + j]
-            q = c + steps[j]
-            if t != 0 and level[q] >= t:
-                used = _enqueue(queue, used, 4 * q + j, t)
+        code += code_steps[direction]
+        level[cell] = next_level
+        link[cell] = code | (direction << DIRECTION_BIT)
+        cost[cell] = level_cost[next_level]
+        queued = _enqueue_around(queue, queued, level, step_level, steps, cell, code)

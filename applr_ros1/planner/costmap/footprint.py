@@ -1,6 +1,7 @@
-"""Footprint of the robot: parsing, padding, placing at a pose, radii, cost on a map and covered cells.
+"""Footprint of the robot: parsing, padding, placing at a pose, radii, cost on a map, covered cells.
 
-Called by the costmap (radii, clearing under the robot), the trajectory planner (legality) and the recoveries.
+Called by the costmap (radii, clearing under the robot), the trajectory planner (legality) and the
+recoveries.
 """
 
 from __future__ import annotations
@@ -15,133 +16,186 @@ from applr_ros1.common.angles import Pose
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.costmap.grid import INSCRIBED, LETHAL, UNKNOWN, walk_line, world_to_map
+from applr_ros1.planner.costmap.grid import (
+    INSCRIBED,
+    LETHAL,
+    UNKNOWN,
+    line_between,
+    walk_line,
+    world_to_map,
+)
 
-OFF_MAP = -3.0  # cost of an outline that leaves the map
-ON_UNKNOWN = -2.0  # cost of an outline on an unknown cell
-ON_LETHAL = -1.0  # cost of an outline on a lethal cell
+# Codes of an illegal outline: off the map, on an unknown cell, and on a lethal cell.
+OFF_MAP = -3.0
+ON_UNKNOWN = -2.0
+ON_LETHAL = -1.0
 HUGE = float(np.finfo(np.float64).max)
+CIRCLE_VERTICES = 16  # number of vertices that stand for a circle of robot_radius
 
 
 def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray:
-    """Return the vertices (n, 2) float64 [m] of the parameter `footprint`, a string "[[x, y], ...]" or a sequence.
+    """Return the vertices (n, 2) float64 [m] of the parameter `footprint`.
 
-    Values are rounded as in the C++ node, which prints six digits and reads float32. An empty list gives (0, 2). Commas
-    may be missing in a string (array_parser.cpp).
+    The parameter is a string "[[x, y], ...]" or a sequence. Values are rounded as in the C++ node,
+    which prints six digits and reads float32. An empty list gives (0, 2). Commas may be missing in
+    a string (array_parser.cpp).
 
     Raises:
         ApplrError: The text is neither empty nor a list of at least three finite points.
     """
-    wrong = ApplrError(f"footprint is {text!r:.60}: give at least three points in metres, [[x, y], [x, y], ...]")
+    problem = ApplrError(
+        f"footprint is {text!r:.60}: give at least three points in metres, [[x, y], [x, y], ...]"
+    )
+    # A string is split by its form alone. Nothing in a parameter file is evaluated.
     value = text
     if isinstance(text, str):
-        inside = re.fullmatch(r"\s*(?:\[((?:[\s,]*\[[^][]*\])*)[\s,]*\]\s*)?", text)
-        if inside is None:
-            raise wrong
-        value = [re.findall(r"[^\s,'\"]+", point) for point in re.findall(r"\[([^]]*)\]", inside[1] or "")]
+        listed = re.fullmatch(r"\s*(?:\[((?:[\s,]*\[[^][]*\])*)[\s,]*\]\s*)?", text)
+        if listed is None:
+            raise problem
+        points_text = re.findall(r"\[([^]]*)\]", listed[1] or "")
+        value = [re.findall(r"[^\s,'\"]+", point) for point in points_text]
+
+    # C++ prints the parameter with "%g" and reads it into float32.
     try:
-        points = np.array([[float("%g" % float(v)) for v in point] for point in value], dtype=np.float32)
+        rounded = [[float("%g" % float(number)) for number in point] for point in value]
+        points = np.array(rounded, dtype=np.float32)
     except (TypeError, ValueError, OverflowError):
-        raise wrong from None
+        raise problem from None
+
     if points.size == 0:
         return np.zeros((0, 2))
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3 or not np.isfinite(points).all():
-        raise wrong
+        raise problem
     return points.astype(np.float64)
 
 
 def circle(radius: float) -> np.ndarray:
-    """Return sixteen vertices (16, 2) [m] on a circle, as costmap_2d derives them from `robot_radius`."""
-    angles = [i * 2 * math.pi / 16 for i in range(16)]
-    return np.array([[math.cos(a) * radius, math.sin(a) * radius] for a in angles])
+    """Return the vertices (16, 2) [m] of a circle, as costmap_2d derives them from robot_radius."""
+    angles = [i * 2 * math.pi / CIRCLE_VERTICES for i in range(CIRCLE_VERTICES)]
+    return np.array([[math.cos(angle) * radius, math.sin(angle) * radius] for angle in angles])
 
 
 def pad(vertices: np.ndarray, padding: float) -> np.ndarray:
-    """Move vertices (n, 2) away from the axes by `padding` [m]; a coordinate of 0 is kept. footprint.cpp:138."""
+    """Move vertices (n, 2) away from the axes by `padding` [m]; keep zeros. footprint.cpp:138."""
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 2)
     return vertices + np.sign(vertices) * padding
 
 
 def padded(values: Mapping[str, Any]) -> np.ndarray:
-    """Return the padded outline (n, 2) [m] from the parameters of a costmap; a circle if they give no footprint."""
+    """Return the padded outline (n, 2) [m] from the parameters of a costmap.
+
+    It is a circle if they give no footprint.
+    """
     outline = parse(values["footprint"])
-    return pad(outline if len(outline) else circle(values["robot_radius"]), values["footprint_padding"])
+    if len(outline) == 0:
+        outline = circle(values["robot_radius"])
+    return pad(outline, values["footprint_padding"])
 
 
 def transform(vertices: np.ndarray, x: float, y: float, yaw: float) -> np.ndarray:
     """Return the vertices (n, 2) [m] placed at the pose x, y [m], yaw [rad]. footprint.cpp:106."""
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 2)
-    out = np.empty_like(vertices)
-    c, s = math.cos(yaw), math.sin(yaw)
-    out[:, 0] = x + (vertices[:, 0] * c - vertices[:, 1] * s)
-    out[:, 1] = y + (vertices[:, 0] * s + vertices[:, 1] * c)
-    return out
+    placed = np.empty_like(vertices)
+    cos_yaw = math.cos(yaw)
+    sin_yaw = math.sin(yaw)
+    placed[:, 0] = x + (vertices[:, 0] * cos_yaw - vertices[:, 1] * sin_yaw)
+    placed[:, 1] = y + (vertices[:, 0] * sin_yaw + vertices[:, 1] * cos_yaw)
+    return placed
+
+
+@kernel
+def vertex_at(
+    vertices: Data, i: int, x: float, y: float, cos_yaw: float, sin_yaw: float
+) -> Tuple[float, float]:
+    """Return vertex i of `vertices` (n, 2) [m], placed at x, y [m] and a heading: `transform`."""
+    vertex_x = vertices[i, 0]
+    vertex_y = vertices[i, 1]
+    placed_x = x + (vertex_x * cos_yaw - vertex_y * sin_yaw)
+    placed_y = y + (vertex_x * sin_yaw + vertex_y * cos_yaw)
+    return placed_x, placed_y
 
 
 def _distance_to_edge(x0: float, y0: float, x1: float, y1: float) -> float:
-    a, b = 0.0 - x0, 0.0 - y0
-    c, d = x1 - x0, y1 - y0
-    dot, length = a * c + b * d, c * c + d * d
-    t = dot / length if length != 0 else math.nan
-    if t < 0:
-        px, py = x0, y0
-    elif t > 1:
-        px, py = x1, y1
-    else:
-        px, py = x0 + t * c, y0 + t * d
-    return float(np.hypot(0.0 - px, 0.0 - py))
+    """Return the distance [m] of (0, 0) from an edge; NaN if its length is zero, as in C++."""
+    edge_x = x1 - x0
+    edge_y = y1 - y0
+    squared_length = edge_x * edge_x + edge_y * edge_y
+    if squared_length == 0:
+        return math.nan
+    # Position of the foot of the perpendicular along the edge: 0 at its start, 1 at its end.
+    position = ((0.0 - x0) * edge_x + (0.0 - y0) * edge_y) / squared_length
+    if position < 0:
+        return float(np.hypot(x0, y0))
+    if position > 1:
+        return float(np.hypot(x1, y1))
+    return float(np.hypot(x0 + position * edge_x, y0 + position * edge_y))
 
 
 def radii(vertices: np.ndarray) -> Tuple[float, float]:
-    """Return the (inscribed, circumscribed) radius [m] of the vertices (n, 2) about (0, 0). footprint.cpp:41.
+    """Return the (inscribed, circumscribed) radius [m] of the vertices (n, 2) about (0, 0).
 
-    With two vertices or fewer the result is (largest double, 0), as in C++.
+    With two vertices or fewer the result is (largest double, 0), as in C++. footprint.cpp:41.
     """
-    vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 2)
-    inscribed, circumscribed = HUGE, 0.0
-    if len(vertices) <= 2:
+    corners = np.asarray(vertices, dtype=np.float64).reshape(-1, 2).tolist()
+    inscribed = HUGE
+    circumscribed = 0.0
+    if len(corners) <= 2:
         return inscribed, circumscribed
-    for i in range(len(vertices)):
-        x0, y0 = (float(v) for v in vertices[i])
-        x1, y1 = (float(v) for v in vertices[(i + 1) % len(vertices)])
-        for distance in (float(np.hypot(x0, y0)), _distance_to_edge(x0, y0, x1, y1)):
-            inscribed, circumscribed = min(inscribed, distance), max(circumscribed, distance)
+    for i, (start_x, start_y) in enumerate(corners):
+        end_x, end_y = corners[(i + 1) % len(corners)]
+        to_vertex = float(np.hypot(start_x, start_y))
+        to_edge = _distance_to_edge(start_x, start_y, end_x, end_y)
+        for distance in (to_vertex, to_edge):
+            # In this order of the arguments, min and max ignore the NaN of an edge of length zero.
+            inscribed = min(inscribed, distance)
+            circumscribed = max(circumscribed, distance)
     return inscribed, circumscribed
 
 
 @kernel(error_model="numpy")
-def footprint_cost(cells: Data, ox: float, oy: float, resolution: float, vertices: Data, pose: Pose) -> float:
-    """Return the largest cost on `cells` (ny, nx) under the outline of `vertices` (n, 2) [m] at a pose (x, y, yaw).
+def footprint_cost(
+    cells: Data, origin_x: float, origin_y: float, resolution: float, vertices: Data, pose: Pose
+) -> float:
+    """Return the largest cost on `cells` (rows, columns) under the outline of a footprint.
 
-    If edges are illegal, return the code of the first one: OFF_MAP, ON_UNKNOWN or ON_LETHAL. costmap_model.cpp:47.
+    The vertices (n, 2) [m] are placed at a pose (x, y, yaw) [m, rad]. If edges are illegal, return
+    the code of the first one: OFF_MAP, ON_UNKNOWN or ON_LETHAL. costmap_model.cpp:47.
     """
     x, y, yaw = pose
-    ny, nx = cells.shape
-    cx, cy = world_to_map(x, y, ox, oy, resolution, nx, ny)
-    if cx < 0:
+    rows, columns = cells.shape
+    centre_x, centre_y = world_to_map(x, y, origin_x, origin_y, resolution, columns, rows)
+    if centre_x < 0:
         return OFF_MAP
-    n = vertices.shape[0]
-    if n < 3:
-        cost = int(cells[cy, cx])
+
+    # Without an area, the robot is its centre.
+    count = vertices.shape[0]
+    if count < 3:
+        cost = int(cells[centre_y, centre_x])
         if cost == UNKNOWN:
             return ON_UNKNOWN
-        return ON_LETHAL if cost >= INSCRIBED else float(cost)
-    c = math.cos(yaw)
-    s = math.sin(yaw)
-    x0 = y0 = worst = 0
-    for i in range(n + 1):
-        fx = vertices[i % n, 0]
-        fy = vertices[i % n, 1]
-        x1, y1 = world_to_map(x + (fx * c - fy * s), y + (fx * s + fy * c), ox, oy, resolution, nx, ny)
-        if x1 < 0:
+        if cost >= INSCRIBED:
+            return ON_LETHAL
+        return float(cost)
+
+    # Edges are walked in the order of C++, because the first illegal one decides the code.
+    cos_yaw = math.cos(yaw)
+    sin_yaw = math.sin(yaw)
+    start_x = start_y = largest = 0
+    for corner in range(count + 1):
+        vertex_x, vertex_y = vertex_at(vertices, corner % count, x, y, cos_yaw, sin_yaw)
+        end_x, end_y = world_to_map(
+            vertex_x, vertex_y, origin_x, origin_y, resolution, columns, rows
+        )
+        if end_x < 0:
             return OFF_MAP
-        if i > 0:
-            cost = line_cost(cells, x0, y0, x1, y1)
+        if corner > 0:
+            cost = line_cost(cells, start_x, start_y, end_x, end_y)
             if cost < 0:
                 return float(cost)
-            worst = max(worst, cost)
-        x0, y0 = x1, y1
-    return float(worst)
+            largest = max(largest, cost)
+        start_x = end_x
+        start_y = end_y
+    return float(largest)
 
 
 @kernel
@@ -150,85 +204,121 @@ def line_cost(cells: Data, x0: int, y0: int, x1: int, y1: int) -> int:
 
     If the line has illegal cells, return -1 if the first is lethal and -2 if it is unknown.
     """
-    adx = abs(x1 - x0)
-    ady = abs(y1 - y0)
-    sx = 1 if x1 >= x0 else -1
-    sy = 1 if y1 >= y0 else -1
-    x_major = adx >= ady
-    major = adx if x_major else ady
-    minor = ady if x_major else adx
-    counter = major // 2
-    x = x0
-    y = y0
-    worst = 0
-    for _ in range(major + 1):
-        cost = int(cells[y, x])
-        if cost >= LETHAL:
-            return -2 if cost == UNKNOWN else -1
-        worst = max(worst, cost)
-        counter += minor
-        both = counter >= major
-        counter -= major if both else 0
-        x += sx if both or x_major else 0
-        y += sy if both or not x_major else 0
-    return worst
+    line = line_between(x0, y0, x1, y1)
+    counter = line.major // 2
+    cell_x = x0
+    cell_y = y0
+    largest = 0
+    for _ in range(line.major + 1):
+        cost = int(cells[cell_y, cell_x])
+        if cost == UNKNOWN:
+            return -2
+        if cost == LETHAL:
+            return -1
+        largest = max(largest, cost)
+        counter += line.minor
+        if counter >= line.major:
+            counter -= line.major
+            cell_x += line.diagonal_x
+            cell_y += line.diagonal_y
+        else:
+            cell_x += line.along_x
+            cell_y += line.along_y
+    return largest
 
 
 @kernel(error_model="numpy")
 def fill_footprint(
-    grid: Data, value: int, ox: float, oy: float, resolution: float, vertices: Data, pose: Pose, whole: bool
+    grid: Data,
+    value: int,
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    vertices: Data,
+    pose: Pose,
+    whole: bool,
 ) -> bool:
-    """Write `value` into every cell of `grid` (ny, nx) that the placed footprint covers; return success.
+    """Write `value` into every cell of `grid` (rows, columns) that the placed footprint covers.
 
-    If `whole` is true, nothing is written when a vertex is off the map or there are fewer than three vertices, as in
-    Costmap2D::setConvexPolygonCost. If `whole` is false, the edges before the first vertex off the map are drawn, and a
-    footprint of at most one point covers the cell of the robot's centre, as in FootprintHelper::getFootprintCells.
+    If `whole` is true, nothing is written when a vertex is off the map or there are fewer than
+    three vertices, as in Costmap2D::setConvexPolygonCost. If `whole` is false, the edges before the
+    first vertex off the map are drawn, and a footprint of at most one point covers the cell of the
+    robot's centre, as in FootprintHelper::getFootprintCells (footprint_helper.cpp:123, 180).
+
+    Returns:
+        Whether the footprint lies on the map and was filled.
     """
     x, y, yaw = pose
-    ny, nx = grid.shape
-    n = vertices.shape[0]
-    if n < 3 and whole:
+    rows, columns = grid.shape
+    count = vertices.shape[0]
+    if count < 3 and whole:
         return False
-    if n <= 1:
-        cx, cy = world_to_map(x, y, ox, oy, resolution, nx, ny)
-        if cx >= 0:
-            grid[cy, cx] = value
-        return cx >= 0
-    c = math.cos(yaw)
-    s = math.sin(yaw)
-    px = np.empty(n, np.int64)
-    py = np.empty(n, np.int64)
-    xs = np.empty(nx + ny, np.int64)
-    ys = np.empty(nx + ny, np.int64)
-    count = n  # number of vertices before the first one off the map
-    for i in range(n):
-        fx = vertices[i, 0]
-        fy = vertices[i, 1]
-        px[i], py[i] = world_to_map(x + (fx * c - fy * s), y + (fx * s + fy * c), ox, oy, resolution, nx, ny)
-        if px[i] < 0:
-            count = i
+    if count <= 1:
+        centre_x, centre_y = world_to_map(x, y, origin_x, origin_y, resolution, columns, rows)
+        if centre_x >= 0:
+            grid[centre_y, centre_x] = value
+        return centre_x >= 0
+
+    # Cells of the vertices up to the first one off the map.
+    cos_yaw = math.cos(yaw)
+    sin_yaw = math.sin(yaw)
+    corners_x = np.empty(count, np.int64)
+    corners_y = np.empty(count, np.int64)
+    on_map = 0
+    while on_map < count:
+        vertex_x, vertex_y = vertex_at(vertices, on_map, x, y, cos_yaw, sin_yaw)
+        cell_x, cell_y = world_to_map(
+            vertex_x, vertex_y, origin_x, origin_y, resolution, columns, rows
+        )
+        if cell_x < 0:
             break
-    if count < n:
-        if whole:
-            return False
-        for i in range(count - 1):
-            for k in range(walk_line(px[i], py[i], px[i + 1], py[i + 1], xs, ys)):
-                grid[ys[k], xs[k]] = value
-        return False
-    left = nx
-    right = -1
-    for i in range(n):
-        left = min(left, px[i])
-        right = max(right, px[i])
-    low = np.full(right - left + 1, ny, np.int64)
-    high = np.full(right - left + 1, -1, np.int64)
-    for i in range(n):
-        j = i + 1 if i + 1 < n else 0
-        for k in range(walk_line(px[i], py[i], px[j], py[j], xs, ys)):
-            column = xs[k] - left
-            low[column] = min(low[column], ys[k])
-            high[column] = max(high[column], ys[k])
-    for column in range(right - left + 1):
-        for row in range(low[column], high[column] + 1):
+        corners_x[on_map] = cell_x
+        corners_y[on_map] = cell_y
+        on_map += 1
+
+    if on_map == count:
+        _fill_polygon(grid, value, corners_x, corners_y)
+    elif not whole:
+        _draw_edges(grid, value, corners_x[:on_map], corners_y[:on_map])
+    is_on_map: bool = on_map == count
+    return is_on_map
+
+
+@kernel
+def _draw_edges(grid: Data, value: int, corners_x: Data, corners_y: Data) -> None:
+    """Write `value` into the lines of cells that join the corners (n,), without the closing one."""
+    line_x = np.empty(grid.shape[0] + grid.shape[1], np.int64)
+    line_y = np.empty_like(line_x)
+    for corner in range(corners_x.shape[0] - 1):
+        end_x = corners_x[corner + 1]
+        end_y = corners_y[corner + 1]
+        for visited in range(
+            walk_line(corners_x[corner], corners_y[corner], end_x, end_y, line_x, line_y)
+        ):
+            grid[line_y[visited], line_x[visited]] = value
+
+
+@kernel
+def _fill_polygon(grid: Data, value: int, corners_x: Data, corners_y: Data) -> None:
+    """Write `value` into all cells between the lowest and highest outline cell of each column."""
+    # Range of rows by column.
+    count = corners_x.shape[0]
+    left = corners_x.min()
+    width = corners_x.max() - left + 1
+    lowest = np.full(width, grid.shape[0], np.int64)
+    highest = np.full(width, -1, np.int64)
+    line_x = np.empty(grid.shape[0] + grid.shape[1], np.int64)
+    line_y = np.empty_like(line_x)
+    for corner in range(count):
+        end_x = corners_x[(corner + 1) % count]
+        end_y = corners_y[(corner + 1) % count]
+        for visited in range(
+            walk_line(corners_x[corner], corners_y[corner], end_x, end_y, line_x, line_y)
+        ):
+            column = line_x[visited] - left
+            lowest[column] = min(lowest[column], line_y[visited])
+            highest[column] = max(highest[column], line_y[visited])
+    # For a closed outline, this is the filling of C++, which sorts the outline cells by column.
+    for column in range(width):
+        for row in range(lowest[column], highest[column] + 1):
             grid[row, left + column] = value
-    return True

@@ -6,101 +6,140 @@ Called by the local planners. Costs are equal to those of costmap/footprint.foot
 from __future__ import annotations
 
 import math
-from typing import Any, Tuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.costmap.footprint import line_cost
+from applr_ros1.planner.costmap.footprint import line_cost, vertex_at
 from applr_ros1.planner.costmap.grid import INSCRIBED, LETHAL, walk_line, world_to_map
 
-UNSURE = 300  # cost of an outline with a vertex so close to a cell border that rounding decides its cell
-Outline = Tuple[Data, Data, float, float, float, Data, Data]  # see outline_of
-LONGEST_TABLE = 64  # longest footprint edge in the table [cells]; longer edges are walked cell by cell
+UNSURE = 300  # cost of an outline with a vertex whose cell is decided by rounding
+LONGEST_TABLE = 64  # longest edge in the table [cells]; longer edges are walked cell by cell
 
 
-def line_offsets(footprint: np.ndarray, resolution: float, nx: int) -> np.ndarray:
-    """Return all lines of cells that an edge of the footprint (n, 2) [m] can cover on a map nx cells wide.
+class Outline(NamedTuple):
+    """Footprint and map in the form in which outline_cost reads them."""
 
-    The table is (2 r + 1, 2 r + 1, r + 1) int32, with r the longest edge + 2 [cells], at most LONGEST_TABLE. Row
-    [dy + r, dx + r] describes the line to the cell (dx, dy) away: flat offsets of its cells from its first cell.
+    cells: Data  # (rows, columns) uint8
+    flat: Data  # the same cells (rows columns,)
+    origin_x: float  # [m]
+    origin_y: float
+    resolution: float  # [m]
+    footprint: Data  # (n, 2) [m]
+    lines: Data  # table of line_offsets
+
+
+def line_offsets(footprint: np.ndarray, resolution: float, columns: int) -> np.ndarray:
+    """Return all lines of cells that an edge of the footprint (n, 2) [m] can cover on a map.
+
+    The map is `columns` cells wide. The table is (2 r + 1, 2 r + 1, r + 1) int32, with r the
+    longest edge + 2 [cells], at most LONGEST_TABLE. Row [dy + r, dx + r] describes the line to the
+    cell (dx, dy) away: flat offsets of its cells from its first cell.
     """
-    edges = footprint - np.roll(footprint, -1, axis=0)
-    longest = float(np.max(np.hypot(edges[:, 0], edges[:, 1]))) if len(footprint) else 0.0
-    r = int(min(longest / resolution + 2, LONGEST_TABLE))
-    table = np.zeros((2 * r + 1, 2 * r + 1, r + 1), np.int32)
-    _fill_offsets(table, r, nx)
+    longest = 0.0
+    if len(footprint):
+        edges = footprint - np.roll(footprint, -1, axis=0)
+        longest = float(np.max(np.hypot(edges[:, 0], edges[:, 1])))
+    # Rounding both ends to cells may lengthen an edge by up to two cells.
+    reach = int(min(longest / resolution + 2, LONGEST_TABLE))
+    table = np.zeros((2 * reach + 1, 2 * reach + 1, reach + 1), np.int32)
+    _fill_offsets(table, reach, columns)
     return table
 
 
 @kernel
-def _fill_offsets(table: Data, r: int, nx: int) -> None:
-    xs = np.zeros(r + 1, np.int64)
-    ys = np.zeros(r + 1, np.int64)
-    for dy in range(-r, r + 1):
-        for dx in range(-r, r + 1):
-            for i in range(walk_line(0, 0, dx, dy, xs, ys)):
-                table[dy + r, dx + r, i] = ys[i] * nx + xs[i]
+def _fill_offsets(table: Data, reach: int, columns: int) -> None:
+    line_x = np.zeros(reach + 1, np.int64)
+    line_y = np.zeros(reach + 1, np.int64)
+    for offset_y in range(-reach, reach + 1):
+        for offset_x in range(-reach, reach + 1):
+            for visited in range(walk_line(0, 0, offset_x, offset_y, line_x, line_y)):
+                table[offset_y + reach, offset_x + reach, visited] = (
+                    line_y[visited] * columns + line_x[visited]
+                )
 
 
 @kernel
-def on_border(f: float, margin: float) -> bool:
-    """Return True if the cell coordinate f lies within `margin` cells of a border between two cells."""
-    return abs(f - math.floor(f + 0.5)) < margin
+def on_border(coordinate: float, margin: float) -> bool:
+    """Return whether a coordinate [cells] lies within `margin` [cells] of a border of two cells."""
+    return abs(coordinate - math.floor(coordinate + 0.5)) < margin
 
 
 @kernel
 def outline_of(scene: Any, footprint: Data) -> Outline:
-    """Bundle a footprint (n, 2) [m] and the scene's map for outline_cost, which saves time for each pose."""
+    """Bundle a footprint (n, 2) [m] and the scene's map, which saves time for each pose."""
     cells = scene.cells
     flat = cells.reshape(cells.shape[0] * cells.shape[1])
-    return cells, flat, scene.ox, scene.oy, scene.resolution, footprint, scene.lines
+    return Outline(cells, flat, scene.ox, scene.oy, scene.resolution, footprint, scene.lines)
 
 
 @kernel
-def outline_cost(outline: Outline, x: float, y: float, c: float, s: float, cx: int, cy: int, margin: float) -> int:
-    """Return the largest cost under the footprint's outline at x, y and heading (cosine c, sine s); -1 if illegal.
+def outline_cost(
+    outline: Outline,
+    x: float,
+    y: float,
+    cos_yaw: float,
+    sin_yaw: float,
+    centre_x: int,
+    centre_y: int,
+    margin: float,
+) -> int:
+    """Return the largest cost under the footprint's outline at x, y [m] and a heading.
 
-    Returns UNSURE if a vertex is within `margin` cells of a cell border. Costs of legal poses equal those of
-    footprint.footprint_cost. With fewer than three vertices, only the centre's cell (cx, cy) is tested.
+    Returns -1 if the pose is illegal, and UNSURE if a vertex is within `margin` cells of a cell
+    border. Costs of legal poses equal those of footprint.footprint_cost. With fewer than three
+    vertices, only the centre's cell (centre_x, centre_y) is tested.
     """
-    cells, flat, ox, oy, resolution, footprint, lines = outline
-    ny, nx = cells.shape
-    n = footprint.shape[0]
-    if n < 3:
-        return int(cells[cy, cx]) if cells[cy, cx] < INSCRIBED else -1
-    r = lines.shape[2] - 1
-    worst = np.uint8(0)
-    first_x = first_y = x0 = y0 = 0
-    for i in range(n + 1):
-        x1, y1 = first_x, first_y
-        if i < n:
-            wx = x + (footprint[i, 0] * c - footprint[i, 1] * s)
-            wy = y + (footprint[i, 0] * s + footprint[i, 1] * c)
+    cells, flat, origin_x, origin_y, resolution, footprint, lines = outline
+    rows, columns = cells.shape
+    count = footprint.shape[0]
+    if count < 3:
+        cost = int(cells[centre_y, centre_x])
+        return cost if cost < INSCRIBED else -1
+
+    # Stop at the first illegal edge: most illegal poses need only a part of the outline.
+    reach = lines.shape[2] - 1
+    largest = np.uint8(0)
+    first_x = first_y = start_x = start_y = 0
+    for corner in range(count + 1):
+        # The last edge returns to the first vertex, whose cell is known.
+        end_x = first_x
+        end_y = first_y
+        if corner < count:
+            vertex_x, vertex_y = vertex_at(footprint, corner, x, y, cos_yaw, sin_yaw)
+            # Closed forms of a trajectory differ from C++'s sums in their last bits.
             if margin > 0.0 and (
-                on_border((wx - ox) / resolution, margin) or on_border((wy - oy) / resolution, margin)
+                on_border((vertex_x - origin_x) / resolution, margin)
+                or on_border((vertex_y - origin_y) / resolution, margin)
             ):
                 return UNSURE
-            x1, y1 = world_to_map(wx, wy, ox, oy, resolution, nx, ny)
-            if x1 < 0:
+            end_x, end_y = world_to_map(
+                vertex_x, vertex_y, origin_x, origin_y, resolution, columns, rows
+            )
+            if end_x < 0:
                 return -1
-        if i == 0:
-            first_x, first_y = x1, y1
+        if corner == 0:
+            first_x = end_x
+            first_y = end_y
         else:
-            dx = x1 - x0
-            dy = y1 - y0
-            major = max(abs(dx), abs(dy))
-            if major <= r:
-                k = y0 * nx + x0
-                row = np.uintp(dy + r)
-                column = np.uintp(dx + r)
-                for j in range(major + 1):
-                    worst = max(worst, flat[np.uintp(k + lines[row, column, np.uintp(j)])])
+            offset_x = end_x - start_x
+            offset_y = end_y - start_y
+            steps = max(abs(offset_x), abs(offset_y))
+            if steps <= reach:
+                start_cell = start_y * columns + start_x
+                # Unsigned indices spare numba the wrap-around of negative ones.
+                row = np.uintp(offset_y + reach)
+                column = np.uintp(offset_x + reach)
+                for visited in range(steps + 1):
+                    cell = np.uintp(start_cell + lines[row, column, np.uintp(visited)])
+                    largest = max(largest, flat[cell])
             else:
-                cost = line_cost(cells, x0, y0, x1, y1)
-                worst = max(worst, np.uint8(cost if cost >= 0 else LETHAL))
-            if worst >= LETHAL:
+                cost = line_cost(cells, start_x, start_y, end_x, end_y)
+                largest = max(largest, np.uint8(cost if cost >= 0 else LETHAL))
+            if largest >= LETHAL:
                 return -1
-        x0, y0 = x1, y1
-    return int(worst)
+        start_x = end_x
+        start_y = end_y
+    return int(largest)

@@ -1,7 +1,8 @@
 """Inflation layer of a costmap: spreads decaying costs around lethal cells.
 
-Called by costmap.Costmap. Follows costmap_2d/inflation_layer.cpp, where costs spread along 4-neighbours in order of
-distance (brushfire.py). A distance transform would give slightly different costs. A full pass updates the whole map.
+Called by costmap.Costmap. Follows costmap_2d/inflation_layer.cpp, where costs spread along
+4-neighbours in order of distance (brushfire.py). A distance transform would give slightly different
+costs. A full pass updates the whole map.
 """
 
 from __future__ import annotations
@@ -16,11 +17,20 @@ import numpy as np
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap import brushfire
-from applr_ros1.planner.costmap.grid import INSCRIBED, LETHAL, UNKNOWN, Bounds, Window, cell_distance, union
+from applr_ros1.planner.costmap.grid import (
+    INSCRIBED,
+    LETHAL,
+    UNKNOWN,
+    Bounds,
+    Window,
+    cell_distance,
+    union,
+)
 
 LARGEST_F32 = float(np.finfo(np.float32).max)
-EVERYWHERE = (-LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32)  # bounds of a full pass [m]
-FEW = 4096  # largest number of changed obstacle cells for which costs are repaired instead of recomputed
+# Bounds of a full pass [m].
+EVERYWHERE = (-LARGEST_F32, -LARGEST_F32, LARGEST_F32, LARGEST_F32)
+FEW = 4096  # largest number of changed obstacle cells that are repaired instead of recomputed
 
 
 @dataclass
@@ -34,7 +44,14 @@ class InflationParameters:
 
 
 def cost_at(distance: float, resolution: float, inscribed_radius: float, weight: float) -> int:
-    """Return the cost (0 .. 254) at a distance [cells]; `weight` is cost_scaling_factor. inflation_layer.h:109."""
+    """Return the cost (0 .. 254) at a distance [cells]. inflation_layer.h:109.
+
+    Args:
+        distance: distance from the obstacle [cells].
+        resolution: edge length of a cell [m].
+        inscribed_radius: inscribed radius of the footprint [m].
+        weight: cost_scaling_factor [1/m].
+    """
     if distance == 0:
         return LETHAL
     if distance * resolution <= inscribed_radius:
@@ -43,63 +60,88 @@ def cost_at(distance: float, resolution: float, inscribed_radius: float, weight:
 
 
 @lru_cache(maxsize=8)
-def _level_costs(distances: Tuple[float, ...], resolution: float, inscribed_radius: float, weight: float) -> np.ndarray:
-    """Return the costs (uint8) by brushfire level, from the distances [cells] of the levels from SEED on."""
-    costs = [cost_at(d, resolution, inscribed_radius, weight) for d in distances]
+def _level_costs(
+    distances: Tuple[float, ...], resolution: float, inscribed_radius: float, weight: float
+) -> np.ndarray:
+    """Return the costs (uint8) by brushfire level, from the distances [cells] by level."""
+    costs = [cost_at(cells, resolution, inscribed_radius, weight) for cells in distances]
     return np.array([0] * brushfire.SEED + costs, dtype=np.uint8)
 
 
 class InflationLayer:
-    """Layer that inflates obstacles. Keeps cost tables and the spread: the costs around the last update's obstacles."""
+    """Layer that inflates obstacles.
+
+    Keeps cost tables and the spread, the costs around the obstacles of the last update.
+    """
 
     def __init__(
-        self, nx: int, ny: int, resolution: float, parameters: InflationParameters, name: str = "inflater_layer"
+        self,
+        columns: int,
+        rows: int,
+        resolution: float,
+        parameters: InflationParameters,
+        name: str = "inflater_layer",
     ):
         self.name = name
         self.parameters = parameters
         self.inscribed_radius = 0.0
         self.full_pass_due = False
-        self._last = EVERYWHERE
-        self._allocate(nx, ny, resolution)
+        # The first pass covers everything, because it is united with these bounds.
+        self._last_bounds = EVERYWHERE
+        self._allocate(columns, rows, resolution)
 
-    def match_size(self, nx: int, ny: int, resolution: float, origin: Any) -> None:
+    def match_size(self, columns: int, rows: int, resolution: float, origin: Any) -> None:
         """Adapt to the size of the costmap."""
-        self._allocate(nx, ny, resolution)
+        self._allocate(columns, rows, resolution)
 
-    def _allocate(self, nx: int, ny: int, resolution: float) -> None:
+    def _allocate(self, columns: int, rows: int, resolution: float) -> None:
         self.resolution = float(resolution)
-        self._nx, self._ny = nx, ny
-        self._level = np.full((ny + 2, nx + 2), brushfire.NONE, np.uint8)
-        self._level[0, :] = self._level[-1, :] = self._level[:, 0] = self._level[:, -1] = brushfire.WALL
-        self._link = np.zeros((ny + 2) * (nx + 2), np.uint16)
-        self._cost = np.zeros((ny + 2, nx + 2), np.uint8)
-        self._columns = np.zeros(nx, np.uint8)
+        self._columns = columns
+        self._rows = rows
+
+        # The spread with its padding, whose walls end every step off the map (brushfire.Spread).
+        self._level = np.full((rows + 2, columns + 2), brushfire.NONE, np.uint8)
+        self._level[0, :] = self._level[-1, :] = brushfire.WALL
+        self._level[:, 0] = self._level[:, -1] = brushfire.WALL
+        self._link = np.zeros((rows + 2) * (columns + 2), np.uint16)
+        self._cost = np.zeros((rows + 2, columns + 2), np.uint8)
+        # Window of the obstacles in the spread, None if the spread is empty.
+        self._spread_window: Optional[Window] = None
+
+        # Scratch memory.
+        self._touched = np.zeros(columns, np.uint8)
         self._changed = np.empty(FEW, np.int64)
         self._queue = np.empty((4, 1 << 16), np.int32)
         self._lost = np.empty(1 << 15, np.int64)
+        # Scratch memory for a reach beyond MAX_REACH, allocated by the first such update.
         self._seen: Any = None
-        self._entries: Any = None  # queue, used if the reach exceeds MAX_REACH
-        self._spread: Any = None  # rectangle of the obstacles in the spread; None if the spread is empty
+        self._entries: Any = None
         self._make_tables()
 
     def _make_tables(self) -> None:
-        p = self.parameters
+        parameters = self.parameters
+        # The old spread has other levels and costs.
         self._forget()
-        self.reach = cell_distance(p.inflation_radius, self.resolution)
-        self._incremental = self.reach <= brushfire.MAX_REACH
-        if self._incremental:
+        self.reach = cell_distance(parameters.inflation_radius, self.resolution)
+        self._is_incremental = self.reach <= brushfire.MAX_REACH
+        if self._is_incremental:
             self._step_level, distances = brushfire.tables(self.reach)
         else:
             axis = np.arange(self.reach + 2, dtype=np.float64)
             distance = np.hypot(axis[:, None], axis[None, :])
+            # Equal distances share a queue, which is first in, first out.
             distances = tuple(np.unique(distance[distance <= self.reach]).tolist())
-            self._bin = np.where(distance <= self.reach, np.searchsorted(distances, distance), -1).astype(np.int32)
-        self._level_cost = _level_costs(distances, self.resolution, self.inscribed_radius, p.cost_scaling_factor)
+            ranks = np.searchsorted(distances, distance)
+            self._rank = np.where(distance <= self.reach, ranks, -1).astype(np.int32)
+        self._level_cost = _level_costs(
+            distances, self.resolution, self.inscribed_radius, parameters.cost_scaling_factor
+        )
 
     def configure(self, parameters: InflationParameters) -> None:
         """Apply new parameters; if they differ, schedule a full pass, as in C++."""
         if parameters != self.parameters:
-            self.parameters, self.full_pass_due = parameters, True
+            self.parameters = parameters
+            self.full_pass_due = True
             self._make_tables()
 
     def set_inscribed_radius(self, radius: float) -> None:
@@ -109,228 +151,307 @@ class InflationLayer:
         self.full_pass_due = True
 
     def update_bounds(self, bounds: Bounds, pose: Any = None, footprint: Any = None) -> Bounds:
-        """Return the bounds (min x, min y, max x, max y) [m] of this and the last update, plus inflation_radius."""
-        last, self._last = self._last, bounds
+        """Return the bounds [m] of this and the last update, plus inflation_radius."""
+        min_x, min_y, max_x, max_y = union(self._last_bounds, bounds)
+        self._last_bounds = bounds
         if self.full_pass_due:
             self.full_pass_due = False
             return EVERYWHERE
-        x0, y0, xn, yn = union(last, bounds)
         radius = self.parameters.inflation_radius
-        return x0 - radius, y0 - radius, xn + radius, yn + radius
+        return min_x - radius, min_y - radius, max_x + radius, max_y + radius
 
     def reset(self) -> None:
         """Cancel a scheduled full pass after the maps have been cleared."""
         self.full_pass_due = False
 
-    def roll(self, cx: int, cy: int) -> None:
-        """Shift the spread after the map has moved by (cx, cy) cells; remove the spread if it meets the border."""
-        if self._spread is None:
+    def roll(self, shift_x: int, shift_y: int) -> None:
+        """Shift the spread after the map has moved by (shift_x, shift_y) cells.
+
+        The spread is removed if it meets the border before or after the shift.
+        """
+        if self._spread_window is None:
             return
-        r = self.reach
-        x0, y0, xn, yn = self._spread
+        left, bottom, right, top = self._spread_window
         if (
-            min(x0 - r, x0 - r - cx) <= 0
-            or min(y0 - r, y0 - r - cy) <= 0
-            or max(xn + r, xn + r - cx) >= self._nx
-            or max(yn + r, yn + r - cy) >= self._ny
+            min(left, left - shift_x) <= self.reach
+            or min(bottom, bottom - shift_y) <= self.reach
+            or max(right, right - shift_x) >= self._columns - self.reach
+            or max(top, top - shift_y) >= self._rows - self.reach
         ):
             self._forget()
             return
-        width = self._nx + 2
-        first = min(y0, y0 - cy) - r + 1
-        last = max(yn, yn - cy) + r + 1
-        k = cy * width + cx
-        for grid, empty in ((self._level, brushfire.NONE), (self._cost, 0), (self._link.reshape(-1, width), 0)):
+
+        # Shift only the padded rows that the spread covers before or after the shift.
+        width = self._columns + 2
+        first = min(bottom, bottom - shift_y) - self.reach + 1
+        last = max(top, top - shift_y) + self.reach + 1
+        flat_shift = shift_y * width + shift_x
+        link = self._link.reshape(-1, width)
+        for grid, empty in ((self._level, brushfire.NONE), (self._cost, 0), (link, 0)):
             rows = grid[first:last].reshape(-1)
-            if k > 0:
-                rows[:-k] = rows[k:]
-                rows[-k:] = empty
+            if flat_shift > 0:
+                rows[:-flat_shift] = rows[flat_shift:]
+                rows[-flat_shift:] = empty
             else:
-                rows[-k:] = rows[:k].copy()
-                rows[:-k] = empty
-        walls = self._level[first:last]
-        n = abs(cx)
-        walls[:, 1 : n + 1] = brushfire.NONE
-        walls[:, width - 1 - n :] = brushfire.NONE
-        walls[:, 0] = walls[:, -1] = brushfire.WALL
-        self._spread = (x0 - cx, y0 - cy, xn - cx, yn - cy)
+                rows[-flat_shift:] = rows[:flat_shift].copy()
+                rows[:-flat_shift] = empty
+
+        # The padding moved along, into cells on both sides.
+        levels = self._level[first:last]
+        moved = abs(shift_x)
+        levels[:, 1 : moved + 1] = brushfire.NONE
+        levels[:, width - 1 - moved :] = brushfire.NONE
+        levels[:, 0] = levels[:, -1] = brushfire.WALL
+        self._spread_window = (left - shift_x, bottom - shift_y, right - shift_x, top - shift_y)
 
     def _forget(self) -> None:
         """Remove the spread of all obstacles."""
-        if self._spread is not None:
-            _wipe(self._level, self._cost, *self._around(self._spread, self._spread_reach))
-            self._spread = None
+        if self._spread_window is not None:
+            _wipe(self._level, self._cost, self._around(self._spread_window, self._spread_reach))
+            self._spread_window = None
 
-    def _around(self, rect: Window, cells: int) -> Window:
-        x0, y0, xn, yn = rect
-        return max(0, x0 - cells), max(0, y0 - cells), min(self._nx, xn + cells), min(self._ny, yn + cells)
+    def _around(self, window: Window, margin: int) -> Window:
+        """Return a window with `margin` [cells] more on each side, as far as the map reaches."""
+        left, bottom, right, top = window
+        return (
+            max(0, left - margin),
+            max(0, bottom - margin),
+            min(self._columns, right + margin),
+            min(self._rows, top + margin),
+        )
 
     def update(self, master: np.ndarray, base: np.ndarray, window: Window) -> Optional[Window]:
-        """Inflate the window (x0, y0, xn, yn) of `base` into `master`, both (ny, nx) uint8.
+        """Inflate a window of `base` into `master`, both (rows, columns) uint8.
 
-        `base` holds the cells before inflation: inside the window those of the layers below, outside those of the
-        master. Returns the rectangle around all changes in the master, or None if nothing changed.
+        `base` holds the cells before inflation: inside the window those of the layers below,
+        outside those of the master.
+
+        Returns:
+            The window around all changes in the master, or None if nothing changed.
         """
+        # As in C++, a reach of 0 writes nothing, not even the inscribed cost.
         if not self.parameters.enabled or self.reach == 0:
             self._forget()
-            return _apply(master, base, self._cost, self._columns, False, window)
-        if not self._incremental:
+            return _apply(master, base, self._cost, self._touched, False, window)
+        if not self._is_incremental:
             return self._update_anew(master, base, window)
+
+        # Obstacles within the reach of the window spread into it, and out of it on the other side.
         seeds_in = self._around(window, self.reach)
         self._spread_obstacles(base, seeds_in)
-        around = self._around(seeds_in, self.reach)
-        return _apply(master, base, self._cost, self._columns, self.parameters.inflate_unknown, around)
+        written = self._around(seeds_in, self.reach)
+        inflate_unknown = self.parameters.inflate_unknown
+        return _apply(master, base, self._cost, self._touched, inflate_unknown, written)
 
-    def _spread_obstacles(self, base: np.ndarray, rect: Window) -> None:
-        """Spread the obstacles of `base` within the rectangle, by repairing the last spread if possible."""
-        before, self._spread = self._spread, rect
+    def _spread_obstacles(self, base: np.ndarray, window: Window) -> None:
+        """Spread the obstacles of `base` within the window, if possible by repairing the spread."""
+        last_window = self._spread_window
+        self._spread_window = window
         self._spread_reach = self.reach
-        spread = self._level, self._link, self._cost.reshape(-1), self._step_level, self._level_cost, self.reach
-        if before is not None:
-            both = union(before, rect)
-            count = brushfire.seed_changes(base, self._level, rect, both, self._changed)
-            if count >= 0 and brushfire.repair(self._changed, count, spread, self._queue, self._lost):
-                return
-            _wipe(self._level, self._cost, *self._around(both, self.reach))
+        spread = brushfire.Spread(
+            self._level.reshape(-1),
+            self._link,
+            self._cost.reshape(-1),
+            self._columns + 2,
+            self.reach,
+            self._step_level,
+            self._level_cost,
+        )
         seeds = self._changed
-        while True:
-            count = brushfire.seed_changes(base, self._level, rect, rect, seeds)
-            if count >= 0 and brushfire.rebuild(seeds, count, spread, self._queue):
+        if last_window is not None:
+            both = union(last_window, window)
+            count = brushfire.seed_changes(base, self._level, window, both, seeds)
+            if count >= 0 and brushfire.repair(seeds, count, spread, self._queue, self._lost):
                 return
+            _wipe(self._level, self._cost, self._around(both, self.reach))
+
+        # Scratch memory grows until it suffices.
+        while True:
+            count = brushfire.seed_changes(base, self._level, window, window, seeds)
             if count < 0:
                 seeds = np.empty(2 * len(seeds), np.int64)
+            elif brushfire.rebuild(seeds, count, spread, self._queue):
+                return
             else:
                 self._queue = np.empty((4, 2 * self._queue.shape[1]), np.int32)
-                _wipe(self._level, self._cost, *self._around(rect, self.reach))
+                _wipe(self._level, self._cost, self._around(window, self.reach))
 
-    def _update_anew(self, master: np.ndarray, base: np.ndarray, window: Window) -> Optional[Window]:
-        """Update with a reach beyond MAX_REACH by spreading everything anew, as C++ always does."""
-        rect = self._around(window, 2 * self.reach)
-        x0, y0, xn, yn = rect
-        before = master[y0:yn, x0:xn].copy()
-        master[y0:yn, x0:xn] = base[y0:yn, x0:xn]
+    def _update_anew(
+        self, master: np.ndarray, base: np.ndarray, window: Window
+    ) -> Optional[Window]:
+        """Update with a reach beyond MAX_REACH: spread everything anew, as C++ always does."""
+        written = self._around(window, 2 * self.reach)
+        left, bottom, right, top = written
+        cells = master[bottom:top, left:right]
+        old_cells = cells.copy()
+        cells[:] = base[bottom:top, left:right]
         if self._entries is None:
             self._seen = np.zeros(master.shape, np.uint8)
             self._entries = np.empty((5 * master.size, 4), np.int32)
-        tables = self._bin, self._level_cost
-        seeds_in = self._around(window, self.reach)
-        _inflate(master, self._seen, self._entries, *tables, self.parameters.inflate_unknown, seeds_in)
-        return None if np.array_equal(before, master[y0:yn, x0:xn]) else rect
+        _inflate(
+            master,
+            self._seen,
+            self._entries,
+            self._rank,
+            self._level_cost,
+            self.parameters.inflate_unknown,
+            self._around(window, self.reach),
+        )
+        return None if np.array_equal(old_cells, cells) else written
 
 
 @kernel
-def _wipe(level: Data, cost: Data, x0: int, y0: int, xn: int, yn: int) -> None:
-    """Remove the spread from the cells [x0, xn) x [y0, yn)."""
-    for y in range(y0 + 1, yn + 1):
-        level[y, x0 + 1 : xn + 1] = brushfire.NONE
-        cost[y, x0 + 1 : xn + 1] = 0
+def _wipe(level: Data, cost: Data, window: Window) -> None:
+    """Remove the spread from the cells of a window."""
+    left, bottom, right, top = window
+    for row in range(bottom + 1, top + 1):
+        level[row, left + 1 : right + 1] = brushfire.NONE
+        cost[row, left + 1 : right + 1] = 0
 
 
 @kernel
 def _apply(
-    master: Data, base: Data, cost: Data, columns: Data, inflate_unknown: bool, window: Window
+    master: Data, base: Data, cost: Data, touched: Data, inflate_unknown: bool, window: Window
 ) -> Optional[Window]:
-    """Write the inflated cells of the window into the master; return the rectangle of changes or None.
+    """Write the inflated cells of the window into the master; return the window of changes or None.
 
-    columns (nx,) is scratch memory. Rows are sliced so that the inner loop compiles to vector instructions.
+    touched (columns,) uint8 is scratch memory. Rows are sliced and the inner loop has no branches,
+    so that it compiles to vector instructions.
     """
-    x0, y0, xn, yn = window
-    lowest = np.uint8(0 if inflate_unknown else 252)  # An unknown cell takes only costs above this.
+    left, bottom, right, top = window
     unknown = np.uint8(UNKNOWN)
-    touched = columns[x0:xn]
-    touched[:] = 0
-    first = -1
-    last = -1
-    for y in range(y0, yn):
-        olds = base[y, x0:xn]
-        news = cost[y + 1, x0 + 1 : xn + 1]
-        row = master[y, x0:xn]
+    # An unknown cell takes only costs above this one.
+    threshold = np.uint8(0 if inflate_unknown else 252)
+    changed = touched[left:right]
+    changed[:] = 0
+    first_row = -1
+    last_row = -1
+    for row in range(bottom, top):
+        base_row = base[row, left:right]
+        cost_row = cost[row + 1, left + 1 : right + 1]
+        master_row = master[row, left:right]
         differs = np.uint8(0)
-        for i in range(row.shape[0]):
-            old = olds[i]
-            new = news[i]
-            spread = new if new > lowest else unknown
-            grown = spread if old == unknown else max(old, new)
-            difference = np.uint8(grown ^ row[i])
+        for index in range(master_row.shape[0]):
+            # Inflation raises known cells only, and unknown cells if it is meant to.
+            old = base_row[index]
+            spread = cost_row[index]
+            over_unknown = spread if spread > threshold else unknown
+            inflated = over_unknown if old == unknown else max(old, spread)
+            difference = np.uint8(inflated ^ master_row[index])
             differs |= difference
-            touched[i] |= difference
-            row[i] = grown
+            changed[index] |= difference
+            master_row[index] = inflated
         if differs != 0:
-            if first < 0:
-                first = y
-            last = y
-    if first < 0:
+            if first_row < 0:
+                first_row = row
+            last_row = row
+    if first_row < 0:
         return None
-    left = 0
-    while touched[left] == 0:
-        left += 1
-    right = touched.shape[0]
-    while touched[right - 1] == 0:
-        right -= 1
-    return x0 + left, first, x0 + right, last + 1
+
+    # A row differs, so both searches end.
+    first_column = 0
+    while changed[first_column] == 0:
+        first_column += 1
+    end_column = changed.shape[0]
+    while changed[end_column - 1] == 0:
+        end_column -= 1
+    return left + first_column, first_row, left + end_column, last_row + 1
 
 
 @kernel
 def _inflate(
-    master: Data, seen: Data, entries: Data, bin_of: Data, level_cost: Data, inflate_unknown: bool, window: Window
+    master: Data,
+    seen: Data,
+    entries: Data,
+    rank: Data,
+    level_cost: Data,
+    inflate_unknown: bool,
+    window: Window,
 ) -> None:
-    """Spread costs as C++ does, with one queue per distance.
+    """Spread costs as C++ does, with one queue per distance (inflation_layer.cpp, updateCosts).
 
-    Rows of entries (m, 4): x, y, source (as x + nx y), next entry of the same level.
+    Rows of entries (m, 4): x, y, source (as x + columns y), next entry of the same distance.
+    rank[dy, dx] is the rank of the distance of an offset [cells], -1 beyond the reach.
     """
-    (ny, nx), (x0, y0, xn, yn) = master.shape, window
-    bins = level_cost.shape[0] - 1
-    head = np.full(bins, -1, np.int64)
-    tail = np.full(bins, -1, np.int64)
-    used = 0
-    for y in range(y0, yn):
-        for x in range(x0, xn):
-            if master[y, x] == LETHAL:
-                entries[used, 0] = x
-                entries[used, 1] = y
-                entries[used, 2] = y * nx + x
-                entries[used, 3] = -1
-                if head[0] < 0:
-                    head[0] = used
-                else:
-                    entries[tail[0], 3] = used
-                tail[0] = used
-                used += 1
-    for b in range(bins):
-        e = head[b]
-        while e >= 0:
-            x = entries[e, 0]
-            y = entries[e, 1]
-            source = entries[e, 2]
-            if seen[y, x] == 0:
-                seen[y, x] = 1
-                sx = source % nx
-                sy = source // nx
-                new = level_cost[b + 1]
-                old = master[y, x]
+    rows, columns = master.shape
+    left, bottom, right, top = window
+    ranks = level_cost.shape[0] - 1
+    first_entry = np.full(ranks, -1, np.int64)
+    last_entry = np.full(ranks, -1, np.int64)
+    # The seeds, row by row as in C++.
+    queued = 0
+    for row in range(bottom, top):
+        for column in range(left, right):
+            if master[row, column] == LETHAL:
+                queued = _append(
+                    entries, queued, column, row, row * columns + column, 0, first_entry, last_entry
+                )
+
+    for distance in range(ranks):
+        number = first_entry[distance]
+        while number >= 0:
+            column = entries[number, 0]
+            row = entries[number, 1]
+            source = entries[number, 2]
+            # The first entry of a cell decides its source.
+            if seen[row, column] == 0:
+                seen[row, column] = 1
+                new = level_cost[distance + 1]
+                old = master[row, column]
                 if old == UNKNOWN:
-                    if new >= 253 or (inflate_unknown and new > 0):
-                        master[y, x] = new
+                    if new >= INSCRIBED or (inflate_unknown and new > 0):
+                        master[row, column] = new
                 elif new > old:
-                    master[y, x] = new
-                for k in range(4):
-                    px = x - (k == 0) + (k == 2)
-                    py = y - (k == 1) + (k == 3)
-                    if px < 0 or py < 0 or px >= nx or py >= ny or seen[py, px] != 0:
+                    master[row, column] = new
+
+                for direction in range(4):
+                    next_column = column - (direction == 0) + (direction == 2)
+                    next_row = row - (direction == 1) + (direction == 3)
+                    if (
+                        not (0 <= next_column < columns and 0 <= next_row < rows)
+                        or seen[next_row, next_column] != 0
+                    ):
                         continue
-                    nb = bin_of[abs(py - sy), abs(px - sx)]
-                    if nb <= b:
-                        continue
-                    entries[used, 0] = px
-                    entries[used, 1] = py
-                    entries[used, 2] = source
-                    entries[used, 3] = -1
-                    if head[nb] < 0:
-                        head[nb] = used
-                    else:
-                        entries[tail[nb], 3] = used
-                    tail[nb] = used
-                    used += 1
-            e = entries[e, 3]
-    for i in range(used):
-        seen[entries[i, 1], entries[i, 0]] = 0
+                    further = rank[
+                        abs(next_row - source // columns), abs(next_column - source % columns)
+                    ]
+                    if further > distance:
+                        queued = _append(
+                            entries,
+                            queued,
+                            next_column,
+                            next_row,
+                            source,
+                            further,
+                            first_entry,
+                            last_entry,
+                        )
+            # Read only now, because the loop above may have appended to the same distance.
+            number = entries[number, 3]
+
+    for number in range(queued):
+        seen[entries[number, 1], entries[number, 0]] = 0
+
+
+@kernel
+def _append(
+    entries: Data,
+    queued: int,
+    column: int,
+    row: int,
+    source: int,
+    rank: int,
+    first_entry: Data,
+    last_entry: Data,
+) -> int:
+    """Append an entry to the queue of a rank; return the new number of entries."""
+    entries[queued, 0] = column
+    entries[queued, 1] = row
+    entries[queued, 2] = source
+    entries[queued, 3] = -1
+    if first_entry[rank] < 0:
+        first_entry[rank] = queued
+    else:
+        entries[last_entry[rank], 3] = queued
+    last_entry[rank] = queued
+    return queued + 1

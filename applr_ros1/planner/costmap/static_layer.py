@@ -1,7 +1,7 @@
-"""Static layer of a costmap: writes a received map (of map_server or SLAM) under or over other layers.
+"""Static layer of a costmap: writes a received map (of map_server or SLAM) among other layers.
 
-Called by costmap.Costmap. Follows costmap_2d/static_layer.cpp. A costmap that does not roll takes size and origin of
-the map; a rolling costmap shows the part of the map that it covers.
+Called by costmap.Costmap. Follows costmap_2d/static_layer.cpp. A costmap that does not roll takes
+size and origin of the map; a rolling costmap shows the part of the map that it covers.
 """
 
 from __future__ import annotations
@@ -16,7 +16,18 @@ from applr_ros1.common.angles import Pose
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.costmap.grid import FREE, LETHAL, UNKNOWN, Bounds, Window, merge, union
+from applr_ros1.planner.costmap.grid import (
+    FREE,
+    LETHAL,
+    UNKNOWN,
+    Bounds,
+    Window,
+    merge,
+    union,
+    world_to_map,
+)
+
+Place = Tuple[float, float, float]  # origin x, y and resolution of a grid [m]
 
 
 @dataclass(frozen=True)
@@ -24,7 +35,7 @@ class StaticMap:
     """Occupancy grid as in nav_msgs/OccupancyGrid.
 
     Attributes:
-        cells: (ny, nx) int8, 0 free .. 100 occupied, -1 unknown; row 0 has the lowest y.
+        cells: (rows, columns) int8, 0 free .. 100 occupied, -1 unknown; row 0 has the lowest y.
         resolution: edge length of a cell [m].
         origin: lower corner (x, y) [m] in `frame`.
         frame: frame of the map.
@@ -36,16 +47,24 @@ class StaticMap:
     frame: str = ""
 
     def checked(self) -> StaticMap:
-        """Return a copy with contiguous int8 cells; raise ApplrError if no costmap can use the map."""
+        """Return a copy with contiguous int8 cells.
+
+        Raises:
+            ApplrError: No costmap can use the map.
+        """
         cells = np.array(self.cells, dtype=np.int8, order="C")
         if cells.ndim != 2 or cells.size == 0:
-            raise ApplrError("map has %s cells: give it rows and columns" % "x".join(map(str, cells.shape)))
-        if not (math.isfinite(self.resolution) and self.resolution > 0 and all(map(math.isfinite, self.origin))):
+            shape = "x".join(map(str, cells.shape))
+            raise ApplrError("map has %s cells: give it rows and columns" % shape)
+        numbers = (self.resolution, *self.origin)
+        if not all(map(math.isfinite, numbers)) or self.resolution <= 0:
             raise ApplrError(
-                "map has resolution %r m and origin %r: give finite numbers and a resolution above 0"
+                "map has resolution %r m and origin %r: "
+                "give finite numbers and a resolution above 0"
                 % (self.resolution, tuple(self.origin))
             )
-        return StaticMap(cells, float(self.resolution), (float(self.origin[0]), float(self.origin[1])), self.frame)
+        origin = (float(self.origin[0]), float(self.origin[1]))
+        return StaticMap(cells, float(self.resolution), origin, self.frame)
 
 
 @dataclass
@@ -56,24 +75,30 @@ class StaticParameters:
     map_topic: str = "map"
     first_map_only: bool = False
     subscribe_to_updates: bool = False
-    track_unknown_space: bool = True  # whether unknown cells of the map stay unknown instead of free
+    track_unknown_space: bool = True  # whether unknown cells of the map stay unknown, not free
     use_maximum: bool = False  # whether only known cells with a higher cost are written
     lethal_cost_threshold: int = 100  # lowest occupancy of a lethal cell
     unknown_cost_value: int = -1  # occupancy of an unknown cell
-    trinary_costmap: bool = True  # whether other cells are free; otherwise their cost is proportional to occupancy
+    trinary_costmap: bool = True  # whether other cells are free instead of proportional in cost
 
 
-def interpretation(p: StaticParameters) -> np.ndarray:
-    """Return the cost (256,) uint8 of each occupancy, read as an unsigned byte. static_layer.cpp, interpretValue."""
-    threshold = max(min(p.lethal_cost_threshold, 100), 0)
+def interpretation(parameters: StaticParameters) -> np.ndarray:
+    """Return the cost (256,) uint8 of each occupancy, read as an unsigned byte.
+
+    static_layer.cpp, interpretValue.
+    """
+    # Occupancies are int8. As unsigned bytes they index a table, and -1 is 255.
+    threshold = max(min(parameters.lethal_cost_threshold, 100), 0)
     costs = np.empty(256, np.uint8)
-    for value in range(256):
-        if value == p.unknown_cost_value & 255:
-            costs[value] = UNKNOWN if p.track_unknown_space else FREE
-        elif value >= threshold:
-            costs[value] = LETHAL
+    for occupancy in range(256):
+        if occupancy == parameters.unknown_cost_value & 255:
+            costs[occupancy] = UNKNOWN if parameters.track_unknown_space else FREE
+        elif occupancy >= threshold:
+            costs[occupancy] = LETHAL
+        elif parameters.trinary_costmap:
+            costs[occupancy] = FREE
         else:
-            costs[value] = FREE if p.trinary_costmap else int(value / threshold * LETHAL)
+            costs[occupancy] = int(occupancy / threshold * LETHAL)
     return costs
 
 
@@ -86,10 +111,10 @@ class StaticLayer:
         name: name of the layer in the parameter files.
 
     Attributes:
-        cells: (ny, nx) uint8 costs; None before the first map.
+        cells: (rows, columns) uint8 costs; None before the first map.
         map_frame: frame of the map.
-        placement: pose (x, y, yaw) of the costmap's frame in the map's frame; None if the frames are the same. Only
-            rolling costmaps use it, as in C++.
+        placement: pose (x, y, yaw) of the costmap's frame in the map's frame; None if the frames
+            are the same. Only rolling costmaps use it, as in C++.
     """
 
     def __init__(self, rolling: bool, parameters: StaticParameters, name: str = "static_layer"):
@@ -100,109 +125,155 @@ class StaticLayer:
         self.map_frame = ""
         self.placement: Optional[Pose] = None
         self._costs = interpretation(parameters)
-        self._due: Optional[Window] = None  # rectangle of cells that are not written yet
+        self._unwritten: Optional[Window] = None  # cells of the map that are not written yet
 
     @property
     def is_waiting(self) -> bool:
         """True until the first map arrives."""
         return self.cells is None
 
-    def match_size(self, nx: int, ny: int, resolution: float, origin: np.ndarray) -> None:
-        """Take the costmap's size and origin (2,) [m]. The array of the origin is shared and moves with the costmap."""
-        self._master_size, self._master_origin, self._master_resolution = (nx, ny), origin, float(resolution)
+    def match_size(self, columns: int, rows: int, resolution: float, origin: np.ndarray) -> None:
+        """Take the costmap's size and origin (2,) [m].
+
+        The array of the origin is shared and moves with the costmap.
+        """
+        self._master_size = (columns, rows)
+        self._master_origin = origin
+        self._master_resolution = float(resolution)
 
     def configure(self, parameters: StaticParameters) -> None:
         """Take new parameters; write the whole map again if `enabled` has changed."""
-        if parameters.enabled != self.parameters.enabled and self.cells is not None:
-            self._due = self._all()
+        if parameters.enabled != self.parameters.enabled:
+            self.reset()
         self.parameters = parameters
 
     def accepts(self) -> bool:
-        """Return whether a new map would be used. With first_map_only, only the first map is used."""
+        """Return whether a new map would be used: with first_map_only, only the first map is."""
         return self.cells is None or not self.parameters.first_map_only
 
-    def take(self, given: StaticMap) -> None:
+    def take(self, static_map: StaticMap) -> None:
         """Use a checked map from the next update on."""
-        self.resolution, self.origin, self.map_frame = given.resolution, given.origin, given.frame
-        self.cells = self._costs[given.cells.view(np.uint8)]
-        self._due = self._all()
+        self.resolution = static_map.resolution
+        self.origin = static_map.origin
+        self.map_frame = static_map.frame
+        self.cells = self._costs[static_map.cells.view(np.uint8)]
+        self.reset()
 
     def take_update(self, x: int, y: int, cells: np.ndarray) -> None:
-        """Write occupancies (h, w) int8 into the map, first cell at (x, y). Raise ApplrError if they leave the map."""
-        h, w = cells.shape
-        ny, nx = (0, 0) if self.cells is None else self.cells.shape
-        if self.cells is None or min(x, y) < 0 or x + w > nx or y + h > ny:
-            raise ApplrError("map update of %d x %d cells at (%d, %d) is not on the map" % (w, h, x, y))
-        self.cells[y : y + h, x : x + w] = self._costs[np.ascontiguousarray(cells, dtype=np.int8).view(np.uint8)]
-        part = (x, y, x + w, y + h)
-        self._due = part if self._due is None else union(self._due, part)
+        """Write occupancies (h, w) int8 into the map, first cell at (x, y).
+
+        Raises:
+            ApplrError: They leave the map, or there is none.
+        """
+        height, width = cells.shape
+        right = x + width
+        top = y + height
+        rows, columns = (0, 0) if self.cells is None else self.cells.shape
+        if self.cells is None or min(x, y) < 0 or right > columns or top > rows:
+            raise ApplrError(
+                "map update of %d x %d cells at (%d, %d) is not on the map" % (width, height, x, y)
+            )
+        occupancies = np.ascontiguousarray(cells, dtype=np.int8).view(np.uint8)
+        self.cells[y:top, x:right] = self._costs[occupancies]
+        updated = (x, y, right, top)
+        if self._unwritten is not None:
+            updated = union(self._unwritten, updated)
+        self._unwritten = updated
 
     def reset(self) -> None:
-        """Write the whole map again after the costmap has been cleared."""
+        """Write the whole map again, if there is one, after the costmap has been cleared."""
         if self.cells is not None:
-            self._due = self._all()
-
-    def _all(self) -> Window:
-        assert self.cells is not None
-        return 0, 0, self.cells.shape[1], self.cells.shape[0]
+            rows, columns = self.cells.shape
+            self._unwritten = (0, 0, columns, rows)
 
     def update_bounds(self, bounds: Bounds, pose: Pose, footprint: np.ndarray) -> Bounds:
-        """Return the bounds (min x, min y, max x, max y) [m], widened by the cells to write.
+        """Return the bounds [m], widened by the cells to write.
 
-        A rolling costmap is written as a whole. C++ instead widens the bounds to the corners of the map, which may miss
-        the costmap if map and costmap have different frames.
+        A rolling costmap is written as a whole. C++ instead widens the bounds to the corners of the
+        map, which may miss the costmap if map and costmap have different frames.
         """
         if self.cells is None:
             return bounds
-        due, self._due = self._due, None
-        (ox, oy), res = self.origin, self.resolution
+        window = self._unwritten
+        self._unwritten = None
+        origin_x, origin_y = self.origin
+        resolution = self.resolution
         if self.rolling:
-            due = (0, 0, *self._master_size)
-            (ox, oy), res = self._master_origin.tolist(), self._master_resolution
-        if due is None:
+            window = (0, 0, *self._master_size)
+            origin_x, origin_y = self._master_origin.tolist()
+            resolution = self._master_resolution
+        if window is None:
             return bounds
-        x0, y0, xn, yn = ((cell + 0.5) * res for cell in due)
-        return union(bounds, (ox + x0, oy + y0, ox + xn, oy + yn))
+        # As in C++, from the centre of the first cell to that of the one after the last.
+        left, bottom, right, top = window
+        written = (
+            origin_x + (left + 0.5) * resolution,
+            origin_y + (bottom + 0.5) * resolution,
+            origin_x + (right + 0.5) * resolution,
+            origin_y + (top + 0.5) * resolution,
+        )
+        return union(bounds, written)
 
     def write(self, base: np.ndarray, window: Window, pose: Pose, footprint: np.ndarray) -> None:
-        """Write the map into the window (x0, y0, xn, yn) of `base` (ny, nx)."""
+        """Write the map into the window of `base` (rows, columns)."""
         if self.cells is None:
             return
-        if self.rolling or self.cells.shape != base.shape:  # Another layer's map may have set the costmap's size.
-            place = *self.origin, self.resolution
-            master_place = *self._master_origin.tolist(), self._master_resolution
+        use_maximum = self.parameters.use_maximum
+        # A rolling costmap shows a part of the map, cell by cell.
+        # Another layer's map may have set the costmap's size.
+        if self.rolling or self.cells.shape != base.shape:
+            place = (*self.origin, self.resolution)
+            master_place = (*self._master_origin.tolist(), self._master_resolution)
             placement = self.placement or (0.0, 0.0, 0.0)
-            _write_part(self.cells, place, base, master_place, placement, self.parameters.use_maximum, window)
-        elif self.parameters.use_maximum:
+            _write_part(self.cells, place, base, master_place, placement, use_maximum, window)
+        elif use_maximum:
             merge(self.cells, base, True, *window)
         else:
-            x0, y0, xn, yn = window
-            base[y0:yn, x0:xn] = self.cells[y0:yn, x0:xn]
+            left, bottom, right, top = window
+            base[bottom:top, left:right] = self.cells[bottom:top, left:right]
 
 
 @kernel
 def _write_part(
-    cells: Data, place: Pose, base: Data, base_place: Pose, placement: Pose, use_maximum: bool, window: Window
+    cells: Data,
+    place: Place,
+    base: Data,
+    base_place: Place,
+    placement: Pose,
+    use_maximum: bool,
+    window: Window,
 ) -> None:
     """Write the map's cost into every cell of the window whose centre lies on the map.
 
-    place, base_place: origin (x, y) and resolution [m] of the map and of `base`. placement: see StaticLayer.
+    Args:
+        cells: costs (rows, columns) of the map.
+        place: origin and resolution of the map.
+        base: grid to write, (rows, columns) of the costmap.
+        base_place: origin and resolution of `base`.
+        placement: pose of the costmap's frame in the map's frame.
+        use_maximum: whether only higher costs are written.
+        window: cells of `base` to write.
     """
-    (ox, oy, res), (bx, by, base_res), (tx, ty, yaw), (x0, y0, xn, yn) = place, base_place, placement, window
-    c = math.cos(yaw)
-    s = math.sin(yaw)
-    ny, nx = cells.shape
-    for j in range(y0, yn):
-        for i in range(x0, xn):
-            wx = bx + (i + 0.5) * base_res
-            wy = by + (j + 0.5) * base_res
-            px = (c * wx - s * wy) + tx
-            py = (s * wx + c * wy) + ty
-            if px < ox or py < oy:
+    origin_x, origin_y, resolution = place
+    base_x, base_y, base_resolution = base_place
+    shift_x, shift_y, yaw = placement
+    left, bottom, right, top = window
+    cos_yaw = math.cos(yaw)
+    sin_yaw = math.sin(yaw)
+    rows, columns = cells.shape
+    for row in range(bottom, top):
+        for column in range(left, right):
+            # Centre of the cell in the costmap's frame, then in the map's frame.
+            world_x = base_x + (column + 0.5) * base_resolution
+            world_y = base_y + (row + 0.5) * base_resolution
+            map_x = (cos_yaw * world_x - sin_yaw * world_y) + shift_x
+            map_y = (sin_yaw * world_x + cos_yaw * world_y) + shift_y
+            cell_x, cell_y = world_to_map(
+                map_x, map_y, origin_x, origin_y, resolution, columns, rows
+            )
+            if cell_x < 0:
                 continue
-            fx = (px - ox) / res
-            fy = (py - oy) / res
-            if fx >= nx or fy >= ny:
-                continue
-            value = cells[int(fy), int(fx)]
-            base[j, i] = max(value, base[j, i]) if use_maximum else value
+            value = cells[cell_y, cell_x]
+            if use_maximum:
+                value = max(value, base[row, column])
+            base[row, column] = value
