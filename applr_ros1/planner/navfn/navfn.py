@@ -1,7 +1,7 @@
-"""Global planner navfn: grows a potential from the robot's cell and traces a path down its gradient.
+"""Global planner navfn: grows a potential from the robot's cell and traces a path down it.
 
-Called by MoveBase. Follows navfn/navfn_ros.cpp (docs/explanation/planner.md, section 5). Potentials, cost array and
-plans equal those of C++ byte for byte.
+Called by MoveBase. Follows navfn/navfn_ros.cpp (docs/explanation/planner.md, section 5).
+Potentials, cost array and plans equal those of C++ byte for byte.
 """
 
 from __future__ import annotations
@@ -13,19 +13,32 @@ import numpy as np
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.costmap import Costmap
-from applr_ros1.planner.costmap.grid import Window, world_to_map
+from applr_ros1.planner.costmap.grid import INSCRIBED, UNKNOWN, Window, world_to_map
 from applr_ros1.planner.navfn import window
-from applr_ros1.planner.navfn.flood import LINE, LIST_SIZE, OBSTACLE, PUSH_WEIGHTS, flood, make_field, reset, scratch
+from applr_ros1.planner.navfn.flood import (
+    FAR,
+    LINE,
+    LIST_SIZE,
+    OBSTACLE,
+    PUSH_WEIGHTS,
+    flood,
+    make_field,
+    reset,
+    scratch,
+)
 from applr_ros1.planner.navfn.path import trace
 
 FREE_COST = 50  # cost of a cell that is 0 in the costmap
+UNKNOWN_COST = 253  # cost of an unknown cell, if plans may lead through it
+_NO_PLAN = np.zeros((0, 3))
 
 
 class Navfn:
     """Global planner for one Costmap at a time.
 
-    Keeps navfn's cost array up to date with the costmap. The last plan is reused until a cell that the last flood read
-    has changed. A flood covers only the part of the map on which the plan depends (window.py).
+    Keeps navfn's cost array up to date with the costmap. The last plan is reused until a cell that
+    the last flood read has changed. A flood covers only the part of the map on which the plan
+    depends (window.py).
     """
 
     def __init__(self, list_size: int = LIST_SIZE):
@@ -35,21 +48,27 @@ class Navfn:
 
     def _attach(self, costmap: Costmap, allow_unknown: bool) -> None:
         """Start anew with a costmap. The next plan converts all of its cells."""
-        nx, ny = costmap.size
-        self._costmap, self._cells = costmap, costmap.cells
+        columns, rows = costmap.size
+        self._costmap = costmap
+        self._cells = costmap.cells
         self._allow_unknown = allow_unknown
-        self._costs = np.full(nx * ny, OBSTACLE, np.uint8)
-        self._costs.reshape(ny, nx)[1:-1, 1:-1] = 0  # No navfn cost is 0, so the first conversion changes every cell.
-        self._field = make_field(nx * ny)
+        self._version: Optional[int] = None  # version of the costmap at the last conversion
+        # Bounding box of all cells that were ever not free, inclusive.
+        self._extent = np.array([columns, rows, -1, -1])
+
+        # No navfn cost is 0, so the first conversion changes every cell inside the map's border.
+        self._costs = np.full(columns * rows, OBSTACLE, np.uint8)
+        self._costs.reshape(rows, columns)[1:-1, 1:-1] = 0
+
+        self._field = make_field(columns * rows)
         self._lines = np.zeros(len(self._potential) // LINE, np.uint8)
         self._scratch = scratch(self._list_size)
-        self._path = np.empty((4 * nx, 2), np.float32)
-        self._version: Optional[int] = None  # version of the costmap at the last conversion
-        self._extent = np.array([nx, ny, -1, -1])  # bounding box of all cells that were ever not free
         self._fence: Any = None  # fence of the last flood; None if it covered the whole map
         self._flooded = (-1, -1)  # cells of robot and goal of the last flood
-        self._asked: Any = None  # arguments of the last plan
-        self._plan: np.ndarray = np.zeros((0, 3))
+
+        self._path = np.empty((4 * columns, 2), np.float32)
+        self._question: Any = None  # arguments of the last plan, None if the flood has changed
+        self._plan = _NO_PLAN
 
     @property
     def _potential(self) -> np.ndarray:
@@ -57,17 +76,20 @@ class Navfn:
 
     @property
     def potential(self) -> np.ndarray:
-        """Potential (ny, nx) float32 of the last plan, flooded over the whole map; 1e10 in unreached cells."""
-        nx, ny = self._costmap.size
+        """Potential (rows, columns) float32 of the last plan, 1e10 in unreached cells.
+
+        It is flooded over the whole map.
+        """
+        columns, rows = self._costmap.size
         if self._fence is not None:
             self._flood_within()
-        return self._potential[: nx * ny].reshape(ny, nx)
+        return self._potential[: columns * rows].reshape(rows, columns)
 
     @property
     def costs(self) -> np.ndarray:
-        """Cost array (ny, nx) uint8 of the last plan."""
-        nx, ny = self._costmap.size
-        return self._costs.reshape(ny, nx).copy()
+        """Cost array (rows, columns) uint8 of the last plan."""
+        columns, rows = self._costmap.size
+        return self._costs.reshape(rows, columns).copy()
 
     def plan(
         self,
@@ -77,10 +99,10 @@ class Navfn:
         tolerance: float = 0.0,
         allow_unknown: bool = True,
     ) -> np.ndarray:
-        """Return a plan (n, 3) of x, y [m], yaw [rad] from `start` to `goal`, or (0, 3) if there is none.
+        """Return a plan (n, 3) of x, y [m], yaw [rad] from start to goal, (0, 3) if there is none.
 
-        Yaw is 0 except in the last pose, which has the goal's yaw. The robot's cell is freed in the costmap itself,
-        as in C++.
+        Yaw is 0 except in the last pose, which has the goal's yaw. The robot's cell is freed in the
+        costmap itself, as in C++.
 
         Args:
             costmap: map to plan on.
@@ -89,146 +111,230 @@ class Navfn:
             tolerance: distance [m] from the goal within which the plan may end.
             allow_unknown: whether the plan may lead through unknown cells.
         """
-        nx, ny = costmap.size
-        sx, sy = costmap.world_to_map(start[0], start[1])
-        if sx < 0:
-            return np.zeros((0, 3))
-        gx, gy = costmap.world_to_map(goal[0], goal[1])
-        if gx < 0:
+        columns, _ = costmap.size
+        start_x, start_y = costmap.world_to_map(start[0], start[1])
+        if start_x < 0:
+            return _NO_PLAN.copy()
+        goal_x, goal_y = costmap.world_to_map(goal[0], goal[1])
+        if goal_x < 0:
             if tolerance <= 0:
-                return np.zeros((0, 3))
-            gx, gy = 0, 0
-        costmap.set_free(sx, sy, sx + 1, sy + 1)
-        self._flood(costmap, bool(allow_unknown), sy * nx + sx, gy * nx + gx, tolerance)
-        ox, oy = costmap.origin.tolist()
-        question = (ox, oy, float(goal[0]), float(goal[1]), float(goal[2]), float(tolerance))
-        if question != self._asked:
-            self._asked = question
-            self._plan = self._trace(costmap, ox, oy, goal, tolerance)
+                return _NO_PLAN.copy()
+            # As in C++, the cell stands for a goal off the map. It is on the border, which no flood
+            # reaches, so everything is flooded.
+            goal_x = 0
+            goal_y = 0
+
+        costmap.set_free(start_x, start_y, start_x + 1, start_y + 1)
+        robot_cell = start_y * columns + start_x
+        goal_cell = goal_y * columns + goal_x
+        self._flood(costmap, bool(allow_unknown), robot_cell, goal_cell, tolerance)
+
+        x, y, yaw = goal
+        question = (*costmap.origin.tolist(), float(x), float(y), float(yaw), float(tolerance))
+        if question != self._question:
+            self._question = question
+            self._plan = self._trace(costmap, goal, tolerance)
         return self._plan.copy()
 
-    def _flood(self, costmap: Costmap, allow_unknown: bool, robot: int, goal: int, tolerance: float) -> None:
+    def _flood(
+        self, costmap: Costmap, allow_unknown: bool, robot: int, goal: int, tolerance: float
+    ) -> None:
         """Bring the cost array up to date and flood again if the potential may have changed."""
-        if costmap is not self._costmap or costmap.cells is not self._cells or allow_unknown != self._allow_unknown:
+        if (
+            costmap is not self._costmap
+            or costmap.cells is not self._cells
+            or allow_unknown != self._allow_unknown
+        ):
             self._attach(costmap, allow_unknown)
-        nx, ny = costmap.size
-        changed = (0, 0, nx, ny) if self._version is None else costmap.changed_since(self._version)
+
+        columns, rows = costmap.size
+        changed: Optional[Window] = (0, 0, columns, rows)
+        if self._version is not None:
+            changed = costmap.changed_since(self._version)
         self._version = costmap.version
-        stale = changed and _convert(costmap.cells, self._costs, self._field, allow_unknown, self._extent, changed)
-        # No fence for a tolerance, which reads potentials around the goal, and for short lists, which lose pushes.
-        whole = tolerance > 0 or self._list_size < LIST_SIZE
-        if not stale and self._flooded == (robot, goal) and not (whole and self._fence):
+        is_stale = False
+        if changed is not None:
+            is_stale = _convert(
+                costmap.cells, self._costs, self._field, allow_unknown, self._extent, changed
+            )
+
+        # No fence for a tolerance, which reads potentials around the goal, and for short lists,
+        # which lose pushes.
+        is_whole = tolerance > 0 or self._list_size < LIST_SIZE
+        is_same = self._flooded == (robot, goal) and not (is_whole and self._fence is not None)
+        if is_same and not is_stale:
             return
         self._flooded = (robot, goal)
-        self._asked = None
-        self._flood_within(None if whole else window.around(self._extent, robot, goal, nx, ny))
+        self._question = None
+        fence = None
+        if not is_whole:
+            fence = window.around(self._extent, robot, goal, columns, rows)
+        self._flood_within(fence)
 
     def _flood_within(self, fence: Optional[Window] = None) -> None:
-        """Flood between the cells of `_flooded` inside a fence, or over the whole map if there is none."""
-        nx, ny = self._costmap.size
+        """Flood between the cells of `_flooded` inside a fence, or the whole map without one."""
+        columns, rows = self._costmap.size
         self._fence = fence
         reset(self._field, self._lines)
         if fence is not None:
-            window.set_fence(self._field, self._costs, nx, fence, True)
-        flood(self._field, self._lines, *self._scratch, nx, ny, *self._flooded)
+            window.set_fence(self._field, self._costs, columns, fence, True)
+        flood(self._field, self._lines, *self._scratch, columns, rows, *self._flooded)
         if fence is not None:
-            window.set_fence(self._field, self._costs, nx, fence, False)
+            window.set_fence(self._field, self._costs, columns, fence, False)
 
-    def _trace(self, costmap: Costmap, ox: float, oy: float, goal: Sequence[float], tolerance: float) -> np.ndarray:
-        nx, ny = costmap.size
+    def _trace(self, costmap: Costmap, goal: Sequence[float], tolerance: float) -> np.ndarray:
+        """Return the plan (n, 3) down the potential of the last flood, (0, 3) if there is none."""
+        columns, rows = costmap.size
+        origin_x, origin_y = costmap.origin.tolist()
+        resolution = costmap.resolution
+        target, target_x, target_y = _target(
+            self._potential,
+            origin_x,
+            origin_y,
+            resolution,
+            columns,
+            rows,
+            float(goal[0]),
+            float(goal[1]),
+            float(tolerance),
+        )
+        if target < 0:
+            return _NO_PLAN
         robot = self._flooded[0]
-        res = costmap.resolution
-        target, tx, ty = _target(self._potential, ox, oy, res, nx, ny, float(goal[0]), float(goal[1]), float(tolerance))
-        n = trace(self._potential, nx, ny, target, robot, self._path) if target >= 0 else 0
+        count = trace(self._potential, columns, rows, target, robot, self._path)
+
+        # Beside the fence, the potential may differ from that of the whole map.
         fence = self._fence
-        if fence and target >= 0 and not (n and window.keeps_inside(self._path, n, nx, ny, fence)):
-            self._flood_within()
-            return self._trace(costmap, ox, oy, goal, tolerance)
-        if n == 0:
-            return np.zeros((0, 3))
-        plan = np.zeros((n + 1, 3))
-        _to_world(self._path, n, ox, oy, res, plan)
-        plan[n] = tx, ty, goal[2]
+        if fence is not None:
+            is_inside = window.keeps_inside(self._path, count, columns, rows, fence)
+            if count == 0 or not is_inside:
+                self._flood_within()
+                return self._trace(costmap, goal, tolerance)
+
+        if count == 0:
+            return _NO_PLAN
+        plan = np.zeros((count + 1, 3))
+        _to_world(self._path, count, origin_x, origin_y, resolution, plan)
+        plan[count] = target_x, target_y, goal[2]
         return plan
 
 
 @kernel
-def _to_world(path: Data, n: int, ox: float, oy: float, res: float, plan: Data) -> None:
-    """Convert n points [cells] of `path`, goal first, to points [m] of `plan`, robot first, as in C++."""
-    for i in range(n):
-        plan[i, 0] = ox + np.float64(path[n - 1 - i, 0]) * res
-        plan[i, 1] = oy + np.float64(path[n - 1 - i, 1]) * res
+def _to_world(
+    path: Data, count: int, origin_x: float, origin_y: float, resolution: float, plan: Data
+) -> None:
+    """Convert points [cells] of `path`, goal first, to points [m] of `plan`, robot first.
+
+    As in C++, there is no half cell: the plan lies half a cell towards the map's lower corner.
+    """
+    for index in range(count):
+        point = count - 1 - index
+        plan[index, 0] = origin_x + np.float64(path[point, 0]) * resolution
+        plan[index, 1] = origin_y + np.float64(path[point, 1]) * resolution
 
 
 @kernel
-def _convert(cells: Data, costs: Data, field: Data, allow_unknown: bool, extent: Data, window: Window) -> bool:
-    """Update navfn's costs and weights of the cells in the window; the map's border stays an obstacle.
+def _convert(
+    cells: Data, costs: Data, field: Data, allow_unknown: bool, extent: Data, area: Window
+) -> bool:
+    """Update navfn's costs and weights in a window; the map's border stays an obstacle.
 
-    The cost is int(50 + 0.8 v) for v < 253, in integers (navfn.cpp:228). Widens the extent (4,) of window.around().
-    Returns whether the last flood may have read a changed cell, because the cell or a neighbour has a potential.
+    The cost is int(50 + 0.8 v) for v < 253, in integers (navfn.cpp:228). Widens the extent (4,) of
+    window.around(). Returns whether the last flood may have read a changed cell, because the cell
+    or a neighbour has a potential.
     """
-    (ny, nx), (x0, y0, xn, yn) = cells.shape, window
-    far = np.float32(1e10)
-    unknown = np.uint16(253 if allow_unknown else OBSTACLE)
-    obstacle = np.uint16(OBSTACLE)
-    stale = False
-    left = max(1, x0)
-    right = max(left, min(nx - 1, xn))
-    for y in range(max(1, y0), min(ny - 1, yn)):
-        values = cells[y, left:right]
-        olds = costs[y * nx + left : y * nx + right]
+    rows, columns = cells.shape
+    first_column, first_row, end_column, end_row = area
+    unknown_cost = np.uint16(OBSTACLE)
+    if allow_unknown:
+        unknown_cost = np.uint16(UNKNOWN_COST)
+    is_stale = False
+    left = max(1, first_column)
+    right = max(left, min(columns - 1, end_column))
+    for row in range(max(1, first_row), min(rows - 1, end_row)):
+        values = cells[row, left:right]
+        old_costs = costs[row * columns + left : row * columns + right]
+
+        # Most rows are unchanged. The test has no branches and compiles to vector instructions:
+        # (205 v) >> 8 equals (4 v) // 5 for v < 253.
         differs = np.uint16(0)
-        for i in range(values.shape[0]):  # (205 v) >> 8 equals (4 v) // 5 here and compiles to vector instructions.
-            v = np.uint16(values[i])
-            cost = np.uint16(np.uint16(50) + np.uint16(np.uint16(v * np.uint16(205)) >> np.uint16(8)))
-            new = cost if v < np.uint16(253) else (unknown if v == np.uint16(255) else obstacle)
-            differs |= np.uint16(new ^ np.uint16(olds[i]))
+        for index in range(values.shape[0]):
+            value = np.uint16(values[index])
+            scaled = np.uint16(np.uint16(value * np.uint16(205)) >> np.uint16(8))
+            cost = np.uint16(np.uint16(FREE_COST) + scaled)
+            beyond = unknown_cost if value == np.uint16(UNKNOWN) else np.uint16(OBSTACLE)
+            new_cost = cost if value < np.uint16(INSCRIBED) else beyond
+            differs |= np.uint16(new_cost ^ np.uint16(old_costs[index]))
         if differs == 0:
             continue
-        for i in range(values.shape[0]):
-            value = int(values[i])
-            new_cost = 50 + (4 * value) // 5 if value < 253 else (int(unknown) if value == 255 else OBSTACLE)
-            if new_cost != olds[i]:
-                olds[i] = new_cost
-                k = y * nx + left + i
-                field[2 * k + 1] = PUSH_WEIGHTS[new_cost]
-                if new_cost != FREE_COST:
-                    extent[0] = min(extent[0], left + i)
-                    extent[1] = min(extent[1], y)
-                    extent[2] = max(extent[2], left + i)
-                    extent[3] = max(extent[3], y)
-                for near in (k, k - 1, k + 1, k - nx, k + nx):
-                    stale = stale or field[2 * near] < far
-    return stale
+
+        for index in range(values.shape[0]):
+            navfn_cost = OBSTACLE
+            if values[index] < INSCRIBED:
+                navfn_cost = FREE_COST + (4 * int(values[index])) // 5
+            elif values[index] == UNKNOWN:
+                navfn_cost = int(unknown_cost)
+            if navfn_cost == old_costs[index]:
+                continue
+            old_costs[index] = navfn_cost
+            column = left + index
+            cell = row * columns + column
+            field[2 * cell + 1] = PUSH_WEIGHTS[navfn_cost]
+            if navfn_cost != FREE_COST:
+                extent[0] = min(extent[0], column)
+                extent[1] = min(extent[1], row)
+                extent[2] = max(extent[2], column)
+                extent[3] = max(extent[3], row)
+            for neighbour in (cell, cell - 1, cell + 1, cell - columns, cell + columns):
+                is_stale = is_stale or field[2 * neighbour] < FAR
+    return is_stale
 
 
 @kernel
 def _target(
-    potential: Data, ox: float, oy: float, res: float, nx: int, ny: int, gx: float, gy: float, tolerance: float
+    potential: Data,
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    columns: int,
+    rows: int,
+    goal_x: float,
+    goal_y: float,
+    tolerance: float,
 ) -> Tuple[int, float, float]:
-    """Return (cell, x, y) of the reached point nearest to the goal, at most `tolerance` [m] away along each axis.
+    """Return the reached point nearest to the goal, at most `tolerance` [m] away along each axis.
 
-    The cell is -1 if no point is reached. navfn_ros.cpp:262.
+    Returns:
+        (cell, x, y) [m]. The cell is -1 if no point is reached. navfn_ros.cpp:262.
     """
-    cell = -1
-    best = np.inf
-    bx = gx
-    by = gy
-    beside = gx + tolerance < ox or gx - tolerance > ox + nx * res
-    if beside or gy + tolerance < oy or gy - tolerance > oy + ny * res:
-        return cell, bx, by  # off the map. At huge coordinates, x += res leaves x as it is, and the loop never ends.
-    y = gy - tolerance
-    while y <= gy + tolerance:
-        x = gx - tolerance
-        while x <= gx + tolerance:
-            mx, my = world_to_map(x, y, ox, oy, res, nx, ny)
-            if mx >= 0 and potential[my * nx + mx] < np.float32(1e10):
-                d = (x - gx) * (x - gx) + (y - gy) * (y - gy)
-                if d < best:
-                    best = d
-                    bx = x
-                    by = y
-                    cell = my * nx + mx
-            x += res
-        y += res
-    return cell, bx, by
+    nearest_cell = -1
+    nearest_x = goal_x
+    nearest_y = goal_y
+    least_distance = np.inf
+
+    # Off the map there is nothing to find. At huge coordinates, x += resolution leaves x as it is,
+    # and the loop would never end.
+    max_x = origin_x + columns * resolution
+    max_y = origin_y + rows * resolution
+    if goal_x + tolerance < origin_x or goal_x - tolerance > max_x:
+        return nearest_cell, nearest_x, nearest_y
+    if goal_y + tolerance < origin_y or goal_y - tolerance > max_y:
+        return nearest_cell, nearest_x, nearest_y
+
+    # The sums accumulate rounding errors as those of C++ do.
+    y = goal_y - tolerance
+    while y <= goal_y + tolerance:
+        x = goal_x - tolerance
+        while x <= goal_x + tolerance:
+            cell_x, cell_y = world_to_map(x, y, origin_x, origin_y, resolution, columns, rows)
+            cell = cell_y * columns + cell_x
+            if cell_x >= 0 and potential[cell] < FAR:
+                distance = (x - goal_x) * (x - goal_x) + (y - goal_y) * (y - goal_y)
+                if distance < least_distance:
+                    least_distance = distance
+                    nearest_x = x
+                    nearest_y = y
+                    nearest_cell = cell
+            x += resolution
+        y += resolution
+    return nearest_cell, nearest_x, nearest_y
