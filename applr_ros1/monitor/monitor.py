@@ -1,16 +1,18 @@
-"""Collision monitor: scanner check, scan matching, obstacle memory, observed space and stopping distance combined.
+"""Collision monitor: combination of all rules of this package in one class.
 
-Scans update the state of CollisionMonitor, and this state decides about commands. Training uses the class directly.
+Scans update the state of CollisionMonitor, and this state decides about commands. Training uses the
+class directly.
 """
 
 import math
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Any, Deque, Iterable, List, Optional, Sequence, Tuple
+from typing import Deque, Dict, Iterable, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
 from applr_ros1.common.angles import Pose
+from applr_ros1.common.arrays import Array
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor import stopping
 from applr_ros1.monitor.known_space import ObstacleMemory, SeenSpace
@@ -18,19 +20,31 @@ from applr_ros1.monitor.motion import SPAN_S, PoseMotion, Twist
 from applr_ros1.monitor.scan_matching import ScanMatcher
 from applr_ros1.monitor.scanner import FARTHEST_M, FROZEN_M, FROZEN_RAD, ScannerCheck
 from applr_ros1.monitor.settings import MonitorSettings
+from applr_ros1.monitor.stopping import Body, Braking, Delay, Motion, SafeScale, Seen
 from applr_ros1.robots import JACKAL
 
-Slips = List[Tuple[float, float, float]]  # possible velocities of the base: v [m/s], w [rad/s], lateral slip [m/s]
-PASS, SLOW, STOP = "pass", "slow", "stop"
-IMPOSSIBLE_FACTOR = 2.0  # multiple of the fastest command above which a measured speed is rejected
-STOP_WITHIN_M = 2.0  # longest stopping distance that is allowed; faster commands are limited [m]
-BLOCKED_M_S, BLOCKED_RAD_S = 0.05, 0.15  # velocities below which a limited command counts as blocked [m/s, rad/s]
+PASS = "pass"
+SLOW = "slow"
+STOP = "stop"
+# Multiple of the fastest command above which a measured speed is rejected.
+IMPOSSIBLE_FACTOR = 2.0
+# Longest stopping distance that is allowed [m]. Faster commands are limited.
+STOP_WITHIN_M = 2.0
+# Velocities below which a limited command counts as blocked, and a measured one as rest.
+BLOCKED_M_S = 0.05
+BLOCKED_RAD_S = 0.15
 TINY_SPEED = 1e-6  # speed below which a command counts as zero [m/s, rad/s]
-BEATS = 10  # number of latest command intervals that are kept
-LATE_S = 0.05  # tolerated delay of a command, and largest delay of a stop on its way to the wheels [s]
-BRAKING_S = 0.1  # longest time between two commands to a braking base, whether or not the planner sends one [s]
-GRIPPING_S = 0.1  # time within which a braking base must be able to reach its turn rate [s]
-AHEAD_OF_CLOCK_S = 0.1  # largest lead of a stamp over the clock; a larger one means that the clock was set back [s]
+INTERVALS_KEPT = 10  # number of latest command intervals that are kept
+# Tolerated delay of a command, and largest delay of a stop on its way to the wheels [s].
+LATE_S = 0.05
+# Longest time between two commands to a braking base, whether or not the planner sends one [s].
+BRAKING_S = 0.1
+# Time within which a braking base must be able to reach its turn rate [s].
+GRIPPING_S = 0.1
+# Largest lead of a stamp over the clock [s]. A larger one means that the clock was set back.
+AHEAD_OF_CLOCK_S = 0.1
+LONGEST_CHORD = 2.0  # largest displacement in a turn about a point, in multiples of the radius
+REACH_SLACK_M = 0.05  # excess of the distance within which points are checked, against rounding [m]
 
 
 @dataclass(frozen=True)
@@ -56,8 +70,24 @@ class Verdict:
         return self.action != PASS and abs(v) < BLOCKED_M_S and abs(w) < BLOCKED_RAD_S
 
 
+class Ages(NamedTuple):
+    """Ages of the latest scan, pose and twist [s]."""
+
+    scan: float
+    pose: float
+    twist: float
+
+
+class Output(NamedTuple):
+    """Command that was given to the base: time [s], v [m/s] and w [rad/s]."""
+
+    time: float
+    v: float
+    w: float
+
+
 class _Laser:
-    """State of one laser: obstacle memory, fault check, and stamp [s] and fault of its latest scan."""
+    """State of one laser: obstacle memory, fault check, stamp and fault of its latest scan."""
 
     def __init__(self, settings: MonitorSettings):
         self.memory = ObstacleMemory(settings.memory_radius, settings.memory_seconds)
@@ -72,33 +102,47 @@ class _Laser:
 
 
 class CollisionMonitor:
-    """Filter that passes the fastest command after which the base can still stop before it touches anything.
+    """Filter that passes the fastest command after which the base can still stop.
 
-    add_scan() takes the scans, filter() the commands. Time is an argument [s], so the class needs no clock. Every
-    command becomes a stop if a scan is missing, stale or faulty (ScannerCheck). The robot may creep into unobserved
-    space, but never into a remembered obstacle. Each laser has its own obstacle memory, because lasers at different
-    heights may see over or under an obstacle. Space counts as observed if any laser has observed it.
+    add_scan() takes the scans, filter() the commands. Time is an argument [s], so the class needs
+    no clock. Every command becomes a stop if a scan is missing, stale or faulty (ScannerCheck). The
+    robot may creep into unobserved space, but never into a remembered obstacle. Each laser has its
+    own obstacle memory, because lasers at different heights may see over or under an obstacle.
+    Space counts as observed if any laser has observed it.
 
-    The commanded speed never falls faster than `deceleration`, stops included, because this is the friction limit of
-    the wheels. Locked wheels slide farther, and odometry does not measure the slide. A stop follows the arc of the
-    previous command, because only this arc was checked.
+    The commanded speed never falls faster than `deceleration`, stops included, because this is the
+    friction limit of the wheels. Locked wheels slide farther, and odometry does not measure the
+    slide. A stop follows the arc of the previous command, because only this arc was checked.
 
     Args:
         settings: settings of the base; None for the Jackal's.
         more_scans: names of further lasers. Only the first laser corrects the pose (ScanMatcher).
 
     Attributes:
-        fastest: v [m/s] that stops within STOP_WITHIN_M, and w [rad/s] that stops in a full turn, on fresh inputs.
-        ages: ages of the latest scan, pose and twist at the last command [s].
-        silence: time after a command at which the base must be braked() unless another command arrives [s].
+        fastest: v [m/s] that stops within STOP_WITHIN_M, and w [rad/s] that stops in a full turn,
+            on fresh inputs.
+        ages: Ages of the inputs at the last command.
+        silence: time after a command at which the base must be braked() unless another command
+            arrives [s].
     """
 
     def __init__(self, settings: Optional[MonitorSettings] = None, more_scans: Iterable[str] = ()):
         self.settings = settings or MonitorSettings.of(JACKAL)
-        self._planes, self._edge = stopping.half_planes(self.settings.body), stopping.edge_points(self.settings.body)
-        self._radius = float(np.hypot(*np.asarray(self.settings.body, dtype=np.float64).T).max())
+        outline = self.settings.body
+        planes = stopping.half_planes(outline)
+        self._body = Body(planes, stopping.edge_points(outline), self.settings.margin)
+        self._braking = Braking(
+            self.settings.deceleration,
+            self.settings.yaw_deceleration,
+            self.settings.turn_gain,
+            self.settings.turn_ahead,
+        )
+        # Distance of the farthest corner from the origin [m].
+        self._radius = float(np.hypot(*np.asarray(outline, dtype=np.float64).T).max())
         self.fastest = self._fastest(self.settings.reaction_time)
-        self._lasers = {name: _Laser(self.settings) for name in ("", *more_scans)}
+        self._lasers: Dict[str, _Laser] = {}
+        for name in ("", *more_scans):
+            self._lasers[name] = _Laser(self.settings)
         self.memory = self._lasers[""].memory
         self.seen = SeenSpace(self.settings.memory_radius)
         self.matcher = ScanMatcher()
@@ -106,9 +150,10 @@ class CollisionMonitor:
         self.reset()
 
     def _fastest(self, reaction: float) -> Twist:
-        s = self.settings
-        ways = (s.deceleration, min(STOP_WITHIN_M, s.memory_radius)), (s.yaw_deceleration, 2.0 * math.pi)
-        v, w = (a * (math.sqrt(reaction**2 + 2.0 * way / a) - reaction) for a, way in ways)
+        """Return the fastest v, w [m/s, rad/s] that may be commanded with a reaction time [s]."""
+        stop_within = min(STOP_WITHIN_M, self.settings.memory_radius)
+        v = _stoppable_speed(self.settings.deceleration, stop_within, reaction)
+        w = _stoppable_speed(self.settings.yaw_deceleration, 2.0 * math.pi, reaction)
         return v, w
 
     def reset(self) -> None:
@@ -118,51 +163,76 @@ class CollisionMonitor:
         self.seen.clear()
         self.matcher.clear()
         self.motion.clear()
-        self.ages = (0.0, 0.0, 0.0)
-        self._pose: Tuple[float, Optional[Pose]] = 0.0, None  # stamp [s] of the last change of the pose, and the pose
-        self._brakes = False  # whether the friction limit changed v of the last output
-        self._asked: Optional[float] = None  # time of the last command [s]
-        self._beats: Deque[float] = deque(maxlen=BEATS)  # intervals between the last commands [s]
-        self._given = -math.inf, 0.0, 0.0  # time [s], v and w of the last output
+        self.ages = Ages(0.0, 0.0, 0.0)
+        self._pose: Optional[Pose] = None  # latest pose of the odometry
+        self._pose_stamp = 0.0  # stamp of the last change of the pose [s]
+        self._is_braking = False  # whether the friction limit changed v of the last output
+        self._last_command: Optional[float] = None  # time of the last command [s]
+        # Intervals between the last commands [s].
+        self._intervals: Deque[float] = deque(maxlen=INTERVALS_KEPT)
+        self._output = Output(-math.inf, 0.0, 0.0)
 
     @property
     def silence(self) -> float:  # noqa: D102
         reaction = self.settings.reaction_time
-        return min(reaction, BRAKING_S if self._brakes else max(self._beats, default=reaction) + LATE_S)
+        if self._is_braking:
+            return min(reaction, BRAKING_S)
+        return min(reaction, max(self._intervals, default=reaction) + LATE_S)
 
     def add_scan(self, scan: LaserScan, name: str = "") -> str:
-        """Check a scan in the odometry frame, add it to the memory, and return its fault, or "" if it has none.
+        """Check a scan in the odometry frame, add it to the memory, and return its fault.
 
-        `name` is the name of the scan's laser, "" for the first. An unknown name registers a further laser.
+        The fault is "" if there is none. `name` is the name of the scan's laser, "" for the first.
+        An unknown name registers a further laser.
         """
-        laser = self._lasers.get(name) or self._lasers.setdefault(name, _Laser(self.settings))
+        if name not in self._lasers:
+            self._lasers[name] = _Laser(self.settings)
+        laser = self._lasers[name]
         if laser.stamp is not None and scan.stamp < laser.stamp:
             return ""  # The scan is out of order: a newer one was added before.
         laser.fault = laser.check.fault(scan)
-        if laser.fault or laser.check.repeats:  # Repeated ranges are old data: the stamp stays unchanged.
+        # Repeated ranges are old data: the stamp stays unchanged.
+        if laser.fault or laser.check.repeats:
             return laser.fault
         laser.stamp = scan.stamp
         scan = laser.check.believed(scan)
+
+        # The first laser corrects the pose, before any point of the scan is stored.
         if not name:
             self.matcher.add_scan(scan)
             if self.matcher.lost:
-                for each in self._lasers.values():
-                    each.memory.clear()
-                self.seen.clear()
-                self.motion.clear()
-                laser.fault = "the scan shows another place than the previous scan: check that one robot publishes it"
+                self._forget_place()
+                laser.fault = (
+                    "the scan shows another place than the previous scan: "
+                    "check that one robot publishes it"
+                )
         scan = replace(scan, sensor_pose=self.matcher.corrected(scan.sensor_pose))
-        self.seen.forget(laser.memory.update(scan))  # Forgotten points become unknown cells.
+        # Forgotten points become unknown cells, unless the scan shows them: hence before the
+        # update.
+        self.seen.forget(laser.memory.update(scan))
         self.seen.update(scan)
         return laser.fault
 
+    def _forget_place(self) -> None:
+        """Discard obstacles, observed space and motion, because the robot is elsewhere."""
+        for laser in self._lasers.values():
+            laser.memory.clear()
+        self.seen.clear()
+        self.motion.clear()
+
     def filter(
-        self, now: float, pose: Pose, twist: Twist, command: Twist, ages: Twist = (0.0, 0.0), creeps: bool = True
+        self,
+        time: float,
+        pose: Pose,
+        twist: Twist,
+        command: Twist,
+        ages: Tuple[float, float] = (0.0, 0.0),
+        creeps: bool = True,
     ) -> Verdict:
         """Return the part of a command that is safe for the base.
 
         Args:
-            now: time on the scans' clock [s].
+            time: current time on the scans' clock [s].
             pose: latest (x, y, yaw) of the robot in the odometry frame [m, rad].
             twist: latest measured (v, w) [m/s, rad/s].
             command: requested (v, w) [m/s, rad/s].
@@ -170,162 +240,296 @@ class CollisionMonitor:
             creeps: whether the robot may creep into unobserved space.
 
         Returns:
-            The Verdict. A command that is not finite becomes a stop. A command that needs more than STOP_WITHIN_M to
-            stop is limited.
+            The Verdict. A command that is not finite becomes a stop. A command that needs more than
+            STOP_WITHIN_M to stop is limited.
         """
-        if self._asked is not None:
-            self._beats.append(now - self._asked)
-        self._asked = now
-        x, y, yaw, v0, w0, v, w = map(float, (*pose, *twist, *command))
-        pose, twist = (x, y, yaw), (v0, w0)
-        command = 0.0 if abs(v) < TINY_SPEED else v, 0.0 if abs(w) < TINY_SPEED else w
-        stamps = [laser.stamp for laser in self._lasers.values() if laser.stamp is not None]
-        self.ages = (now - min(stamps) if len(stamps) == len(self._lasers) else 0.0, *ages)
-        problem = self._problem(pose, twist, command) or self._frozen(now - ages[0], pose, twist)
+        if self._last_command is not None:
+            self._intervals.append(time - self._last_command)
+        self._last_command = time
+        # A kernel is compiled for each combination of argument types, so all numbers become floats.
+        x, y, yaw = map(float, pose)
+        v, w = map(float, twist)
+        pose = x, y, yaw
+        twist = v, w
+        command = _without_tiny_speeds(command)
+        pose_age, twist_age = ages
+        self.ages = Ages(self._scan_age(time), pose_age, twist_age)
+
+        # Whatever the verdict, the base is braked within its friction limit.
+        problem = self._problem(pose, twist, command)
+        problem = problem or self._frozen(time - pose_age, pose, twist)
         if problem:
-            return Verdict(self.braked(now, twist[0]), STOP, 0.0, problem)
+            return Verdict(self.braked(time, v), STOP, 0.0, problem)
         pose = self.matcher.corrected(pose)
-        self.motion.take(now - ages[0], pose)
+        self.motion.take(time - pose_age, pose)
         moved = self.motion.velocity
-        if self._is_impossible(moved):
-            problem = f"the poses imply {moved[0]:g} m/s and {moved[1]:g} rad/s, which is too fast: check the odometry"
-            return Verdict(self.braked(now, twist[0]), STOP, 0.0, problem)
-        verdict = self._judge(pose, self._twists(twist), command, creeps)
-        # Wheels that slip under-report the speed, so the larger of both speeds counts.
-        measured = max(twist[0], moved[0], key=lambda v: v * self._given[1])
-        return replace(verdict, command=self.braked(now, measured, verdict.command, twist[1]))
+        if self._is_impossible(moved.v, moved.w):
+            speeds = f"{moved.v:g} m/s and {moved.w:g} rad/s"
+            problem = f"the poses imply {speeds}, which is too fast: check the odometry"
+            return Verdict(self.braked(time, v), STOP, 0.0, problem)
 
-    def _twists(self, twist: Twist) -> Slips:
-        """Return the possible velocities (v, w, slip): from the odometry, and from the poses if these contradict it.
+        verdict = self._judge(pose, self._motions(twist), command, creeps)
+        # Wheels that slip under-report the speed, so the larger of both speeds along the last
+        # output counts.
+        measured_v = v
+        if moved.v * self._output.v > v * self._output.v:
+            measured_v = moved.v
+        return replace(verdict, command=self.braked(time, measured_v, verdict.command, w))
 
-        slip is the lateral slip [m/s], positive to the left: the sideways velocity that a turn about the point at
-        turn_ahead does not explain. Both terms of the slip come from the poses, so that they have the same age.
+    def _scan_age(self, time: float) -> float:
+        """Return the age of the oldest laser's latest scan [s].
+
+        It is 0 if a laser has no scan yet, which is a fault of its own.
         """
-        v, w, aside = self.motion.velocity
-        slip = aside + self.settings.turn_ahead * w
-        return [(*twist, slip)] + [(v, w, slip)] * self.motion.contradicts(twist)
+        oldest = math.inf
+        for laser in self._lasers.values():
+            if laser.stamp is None:
+                return 0.0
+            oldest = min(oldest, laser.stamp)
+        return time - oldest
 
-    def braked(self, now: float, measured: float, command: Twist = (0.0, 0.0), turning: Any = None) -> Twist:
-        """Return the command (v, w) within the friction limit of the base, and record it as the last output.
+    def _motions(self, twist: Twist) -> List[Motion]:
+        """Return the motion from the odometry, and that from the poses if they contradict it.
 
-        If v must fall more slowly than requested, w keeps the base on the arc of the command that safe_scale has
-        checked. w is then at most the larger of the commanded and the previous turn rate, and changes gradually,
-        because tyres that turn the body have less friction left for braking.
+        The lateral slip is the leftward speed that a turn about the point at turn_ahead does not
+        explain. Both terms of the slip come from the poses, so that they have the same age.
+        """
+        moved = self.motion.velocity
+        slip = moved.leftward + self.settings.turn_ahead * moved.w
+        v, w = twist
+        motions = [Motion(v, w, slip, self._output.w)]
+        if self.motion.contradicts(twist):
+            motions.append(Motion(moved.v, moved.w, slip, self._output.w))
+        return motions
+
+    def braked(
+        self,
+        time: float,
+        measured_v: float,
+        command: Twist = (0.0, 0.0),
+        measured_w: Optional[float] = None,
+    ) -> Twist:
+        """Return the command (v, w) within the base's friction limit, and record it as output.
+
+        If v must fall more slowly than requested, w keeps the base on the arc of the command that
+        safe_scale has checked. w is then at most the larger of the commanded and the previous turn
+        rate, and changes gradually, because tyres that turn the body have less friction left for
+        braking.
 
         Args:
-            now: time [s].
-            measured: measured forward speed [m/s].
+            time: current time [s].
+            measured_v: measured forward speed [m/s].
             command: requested (v, w) [m/s, rad/s].
-            turning: measured turn rate [rad/s], None if it is unknown.
+            measured_w: measured turn rate [rad/s], None if it is unknown.
         """
-        (then, was, turned), (v, w) = self._given, command
-        if was * measured > 0.0 and now >= then:  # Otherwise the base stands still or already moves the other way.
-            left = min(abs(was), abs(measured)) - self.settings.deceleration * (now - then)
-            if left > 0.0 and v * math.copysign(1.0, was) < left:
+        v, w = command
+        previous = self._output
+        # Otherwise the base stands still or already moves the other way.
+        if previous.v * measured_v > 0.0 and time >= previous.time:
+            speed = min(abs(previous.v), abs(measured_v))
+            slowest = speed - self.settings.deceleration * (time - previous.time)
+            if slowest > 0.0 and v * math.copysign(1.0, previous.v) < slowest:
                 if v == 0.0 and w == 0.0:
-                    w = turned * left / abs(was)
-                elif v * was > 0.0:
-                    w = stopping.on_arc(left, v, w, turned)
-                v, w = math.copysign(left, was), w if turning is None else self._clamp_turn(w, turning)
-        self._brakes = v != command[0]
-        self._given = now, v, w
+                    w = previous.w * slowest / abs(previous.v)
+                elif v * previous.v > 0.0:
+                    w = stopping.on_arc(slowest, v, w, previous.w)
+                v = math.copysign(slowest, previous.v)
+                if measured_w is not None:
+                    w = self._clamp_turn(w, measured_w)
+        self._is_braking = v != command[0]
+        self._output = Output(time, v, w)
         return v, w
 
-    def _clamp_turn(self, w: float, turning: float) -> float:
-        """Clamp w to the turn rates that are reachable within GRIPPING_S, without changing its sign."""
-        turning, change = turning / self.settings.turn_gain, GRIPPING_S * self.settings.yaw_deceleration
-        soon = min(max(w, turning - change), turning + change)
-        return soon if soon * w > 0.0 else 0.0
+    def _clamp_turn(self, w: float, measured_w: float) -> float:
+        """Clamp w to the turn rates that are reachable within GRIPPING_S. Keep its sign."""
+        current = measured_w / self.settings.turn_gain
+        largest_change = GRIPPING_S * self.settings.yaw_deceleration
+        reachable = min(max(w, current - largest_change), current + largest_change)
+        return reachable if reachable * w > 0.0 else 0.0
 
-    def _judge(self, pose: Pose, twists: Slips, command: Twist, creeps: bool) -> Verdict:
-        """Return the Verdict on a command, which must be safe from each of the velocities (v, w, slip)."""
+    def _judge(self, pose: Pose, motions: List[Motion], command: Twist, creeps: bool) -> Verdict:
+        """Return the Verdict on a command, which must be safe for each of the possible motions."""
+        self.seen.stand(self._body.planes, self._radius, pose)
         v, w = command
-        self.seen.stand(self._planes, self._radius, pose)
         if v == 0.0 and w == 0.0:
             return Verdict((v, w))
-        twists = twists + [(0.0, w0, slip) for v0, w0, slip in twists if v0 * v < 0.0]  # The base may reverse at once.
-        settings = self.settings
-        since = max(0.0, self.ages[1])
-        lasts = min(settings.reaction_time, max(self._beats, default=0.0) + LATE_S)  # time for which a command applies
-        reaction = max(settings.reaction_time, lasts + LATE_S) + max(map(abs, self.ages))
-        most = min(1.0, *(limit / max(abs(value), limit) for limit, value in zip(self._fastest(reaction), (v, w))))
-        v, w = most * v, most * w
-        speed = max(abs(v), *(math.hypot(twist[0], twist[2]) for twist in twists))
-        turn = max(settings.turn_gain * abs(w), *(abs(twist[1]) for twist in twists))
-        braking = max(stopping.braking_time(speed, settings.deceleration), turn / settings.yaw_deceleration)
-        longest = since + reaction + braking
-        # The origin orbits the centre of rotation.
-        aside = abs(settings.turn_ahead) * min(turn * longest + stopping.SWING_RAD, 2.0)
-        reach = self._radius + settings.margin + speed * longest + aside + 0.05
-        points = np.concatenate([laser.memory.around(pose, reach) for laser in self._lasers.values()])
-        seen = self.seen.cells, *self.seen.corner.tolist(), self._edge, pose
-        scale, free = self._scale(points, twists, (v, w), (since, reaction), seen)
-        creep = min(1.0, settings.creep_speed / max(abs(v), self._radius * abs(w)))
-        if creeps and scale < creep:  # The robot may creep into unobserved space if no known obstacle is in the way.
-            known, free = self._scale(points, twists, (v, w), (since, reaction), stopping.EVERYTHING)
-            if known > scale:
-                scale = min(known, creep)
+        # The base may reverse at once: it then starts from rest.
+        for motion in list(motions):
+            if motion.v * v < 0.0:
+                motions.append(motion._replace(v=0.0))
+
+        delay = self._delay()
+        stoppable = self._stoppable_scale(command, delay.reaction)
+        command = stoppable * v, stoppable * w
+        points = self._points_in_reach(pose, motions, command, delay)
+        corner_i, corner_j = self.seen.corner.tolist()
+        seen = Seen(self.seen.cells, corner_i, corner_j, *pose)
+        scene = points, self._body, np.array(motions), command, delay, self._braking
+        safe = stopping.safe_scale(*scene, seen)
+
+        # The robot may creep into unobserved space if no known obstacle is in the way.
+        creep_scale = self._creep_scale(command)
+        if creeps and safe.scale < creep_scale:
+            known = stopping.safe_scale(*scene, stopping.EVERYTHING)
+            if known.scale > safe.scale:
+                scale = min(known.scale, creep_scale)
                 reason = "creeping: space within the stopping distance has not been observed"
-                return Verdict((scale * v, scale * w), SLOW, most * scale, reason)
-        if scale >= 1.0 and most >= 1.0:
-            return Verdict((v, w))
-        if scale >= 1.0:
-            reason = f"limited to the speed that can be stopped within {min(STOP_WITHIN_M, settings.memory_radius):g} m"
-            return Verdict((v, w), SLOW, most, reason)
-        if scale <= 0.0:
-            near = "an obstacle is within the stopping distance", "braking: an obstacle is too near to stop"
-            return Verdict((0.0, 0.0), STOP, 0.0, near[0] if free else near[1])
+                return Verdict(_scaled(command, scale), SLOW, stoppable * scale, reason)
+            safe = known
+        return self._verdict(command, stoppable, safe)
+
+    def _verdict(self, command: Twist, stoppable: float, safe: SafeScale) -> Verdict:
+        """Return the Verdict on a command with the largest scale that is safe.
+
+        `stoppable` is the factor by which the command was limited before.
+        """
+        if safe.scale >= 1.0 and stoppable >= 1.0:
+            return Verdict(command)
+        if safe.scale >= 1.0:
+            distance = min(STOP_WITHIN_M, self.settings.memory_radius)
+            reason = f"limited to the speed that can be stopped within {distance:g} m"
+            return Verdict(command, SLOW, stoppable, reason)
+        if safe.scale <= 0.0:
+            reason = "braking: an obstacle is too near to stop"
+            if safe.can_stop:
+                reason = "an obstacle is within the stopping distance"
+            return Verdict((0.0, 0.0), STOP, 0.0, reason)
         reason = "limited: an obstacle or unobserved space is within the stopping distance"
-        return Verdict((scale * v, scale * w), SLOW, most * scale, reason)
+        return Verdict(_scaled(command, safe.scale), SLOW, stoppable * safe.scale, reason)
 
-    def _scale(self, points: Any, twists: Slips, command: Twist, times: Twist, seen: Any) -> Tuple[float, bool]:
-        """Return the smallest safe_scale over all velocities, for points (k, 2) [m] in the robot's frame."""
-        s, scales = self.settings, []
-        for v, w, slip in twists:
-            brake, turns = (s.deceleration, s.yaw_deceleration), (self._given[2], s.turn_gain, s.turn_ahead, slip)
-            given = points, self._planes, s.margin, (v, w), command, times, brake, seen, turns
-            scales.append(stopping.safe_scale(*given))
-        least: Tuple[float, bool] = min(scales)
-        return least
+    def _delay(self) -> Delay:
+        """Return the times before the base brakes.
 
-    def _is_impossible(self, twist: Sequence[float]) -> bool:
-        return any(abs(value) > IMPOSSIBLE_FACTOR * limit for value, limit in zip(twist, self.fastest))
+        They are longer if inputs are old or commands are rare.
+        """
+        reaction_time = self.settings.reaction_time
+        # A command applies until the next one, or until the base is braked after `silence`.
+        applies = min(reaction_time, max(self._intervals, default=0.0) + LATE_S)
+        oldest = max(map(abs, self.ages))
+        return Delay(max(0.0, self.ages.pose), max(reaction_time, applies + LATE_S) + oldest)
+
+    def _stoppable_scale(self, command: Twist, reaction: float) -> float:
+        """Return the factor, at most 1, that limits a command to the fastest one allowed."""
+        v, w = command
+        fastest_v, fastest_w = self._fastest(reaction)
+        scale_v = fastest_v / max(abs(v), fastest_v)
+        scale_w = fastest_w / max(abs(w), fastest_w)
+        return min(1.0, scale_v, scale_w)
+
+    def _creep_scale(self, command: Twist) -> float:
+        """Return the factor, at most 1, at which no point of the body exceeds creep_speed."""
+        v, w = command
+        return min(1.0, self.settings.creep_speed / max(abs(v), self._radius * abs(w)))
+
+    def _points_in_reach(
+        self, pose: Pose, motions: List[Motion], command: Twist, delay: Delay
+    ) -> Array:
+        """Return the obstacle points (n, 2) [m] that the body can reach until it stops.
+
+        The points are in the robot's frame.
+        """
+        settings = self.settings
+        v, w = command
+        speed = abs(v)
+        turn_rate = settings.turn_gain * abs(w)
+        for motion in motions:
+            speed = max(speed, math.hypot(motion.v, motion.slip))
+            turn_rate = max(turn_rate, abs(motion.w))
+        braking_time = stopping.braking_time(speed, settings.deceleration)
+        braking_time = max(braking_time, turn_rate / settings.yaw_deceleration)
+        longest = delay.pose_age + delay.reaction + braking_time
+
+        # The origin orbits the centre of rotation.
+        chord = min(turn_rate * longest + stopping.SWING_RAD, LONGEST_CHORD)
+        orbit = abs(settings.turn_ahead) * chord
+        reach = self._radius + settings.margin + speed * longest + orbit + REACH_SLACK_M
+        return np.concatenate([laser.memory.around(pose, reach) for laser in self._lasers.values()])
+
+    def _is_impossible(self, v: float, w: float) -> bool:
+        fastest_v, fastest_w = self.fastest
+        return abs(v) > IMPOSSIBLE_FACTOR * fastest_v or abs(w) > IMPOSSIBLE_FACTOR * fastest_w
 
     def _frozen(self, stamp: float, pose: Pose, twist: Twist) -> str:
-        """Return a fault if the pose does not change, even with new stamps, although the velocity is not zero."""
+        """Return a fault if the pose stays the same although the velocity is not zero.
+
+        New stamps do not make an old pose fresh.
+        """
+        v, w = twist
         # The measured velocity of a base at rest is seldom exactly 0.
-        stands = abs(twist[0]) < BLOCKED_M_S and abs(twist[1]) < BLOCKED_RAD_S
-        if pose != self._pose[1] or stamp < self._pose[0] or stands:
-            self._pose = stamp, pose
-        since = stamp - self._pose[0]
-        moved = abs(twist[0]) * since >= FROZEN_M or abs(twist[1]) * since >= FROZEN_RAD
-        sentence = f"the pose is frozen: it stays the same at a velocity of {twist[0]:g} m/s and {twist[1]:g} rad/s"
-        return sentence if moved and since >= SPAN_S else ""
+        is_at_rest = abs(v) < BLOCKED_M_S and abs(w) < BLOCKED_RAD_S
+        if pose != self._pose or stamp < self._pose_stamp or is_at_rest:
+            self._pose = pose
+            self._pose_stamp = stamp
+        duration = stamp - self._pose_stamp
+        should_have_moved = abs(v) * duration >= FROZEN_M or abs(w) * duration >= FROZEN_RAD
+        if not should_have_moved or duration < SPAN_S:
+            return ""
+        return f"the pose is frozen: it stays the same at a velocity of {v:g} m/s and {w:g} rad/s"
 
     def _problem(self, pose: Pose, twist: Twist, command: Twist) -> str:
+        """Return the first problem of the inputs as one line, or "" if there is none."""
         if not all(map(math.isfinite, (*pose, *twist, *command))):
             return "the command, the pose or the velocity is not finite"
         if max(map(abs, pose)) > FARTHEST_M:
-            return f"the pose is ({pose[0]:g} m, {pose[1]:g} m, {pose[2]:g} rad), too far away: check the odometry"
-        if self._is_impossible(twist):
-            return f"the odometry reports {twist[0]:g} m/s and {twist[1]:g} rad/s, which is too fast: check its source"
+            x, y, yaw = pose
+            return f"the pose is ({x:g} m, {y:g} m, {yaw:g} rad), too far away: check the odometry"
+        v, w = twist
+        if self._is_impossible(v, w):
+            speeds = f"{v:g} m/s and {w:g} rad/s"
+            return f"the odometry reports {speeds}, which is too fast: check its source"
         for name, laser in self._lasers.items():
             if laser.fault:
                 return f"{name}: {laser.fault}" if name else laser.fault
-        oldest = min(self._lasers, key=lambda name: self._lasers[name].stamp or 0.0)
-        for source, age in zip((f"scan on {oldest}" if oldest else "scan", "pose", "odometry"), self.ages):
-            if age > self.settings.scan_timeout:
-                return f"the latest {source} is {age:.2f} s old; the limit is {self.settings.scan_timeout:g} s"
+        return self._age_problem()
+
+    def _age_problem(self) -> str:
+        """Return which input is too old, or ahead of the clock, as one line, or "" if none is."""
+        oldest_laser = min(self._lasers, key=lambda name: self._lasers[name].stamp or 0.0)
+        scan = f"scan on {oldest_laser}" if oldest_laser else "scan"
+        timeout = self.settings.scan_timeout
+        for source, age in zip((scan, "pose", "odometry"), self.ages):
+            if age > timeout:
+                return f"the latest {source} is {age:.2f} s old; the limit is {timeout:g} s"
             if not age >= -AHEAD_OF_CLOCK_S:
-                return f"the latest {source} is stamped {-age:.2f} s ahead of the clock: synchronise the clocks"
+                lead = f"{-age:.2f} s ahead of the clock"
+                return f"the latest {source} is stamped {lead}: synchronise the clocks"
         return ""
 
 
+def _stoppable_speed(deceleration: float, distance: float, reaction: float) -> float:
+    """Return the speed that stops within a distance.
+
+    It solves v reaction + v^2 / (2 deceleration) = distance.
+    """
+    return deceleration * (math.sqrt(reaction**2 + 2.0 * distance / deceleration) - reaction)
+
+
+def _without_tiny_speeds(command: Twist) -> Twist:
+    """Return a command as floats, with 0 in place of tiny speeds.
+
+    A division by such a speed could overflow.
+    """
+    v, w = map(float, command)
+    if abs(v) < TINY_SPEED:
+        v = 0.0
+    if abs(w) < TINY_SPEED:
+        w = 0.0
+    return v, w
+
+
+def _scaled(command: Twist, scale: float) -> Twist:
+    v, w = command
+    return scale * v, scale * w
+
+
 def warm_up(settings: MonitorSettings) -> None:
-    """Compile or load all kernels by running a temporary monitor on two scans, one with a wide empty sector."""
+    """Compile or load all kernels by running a temporary monitor on two scans.
+
+    One scan has a wide empty sector.
+    """
     monitor = CollisionMonitor(settings)
-    ranges = np.full(8, 0.6)
-    for stamp in (0.0, 0.1):
+    full = np.full(8, 0.6)
+    half_empty = np.where(np.arange(8) < 4, full, np.inf)
+    for stamp, ranges in ((0.0, full), (0.1, half_empty)):
         monitor.add_scan(LaserScan(stamp, -1.0, 0.3, 0.1, 10.0, ranges, (0.1, 0.0, 0.0)))
-        ranges = np.where(np.arange(8) < 4, ranges, np.inf)
         monitor.filter(stamp, (0.0, 0.0, 0.0), (0.5, 0.0), (1.0, 0.1))

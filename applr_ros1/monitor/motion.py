@@ -1,28 +1,38 @@
 """Velocity of the base derived from its poses, to cross-check the velocity in the odometry message.
 
-CollisionMonitor holds one PoseMotion. The poses are corrected by ScanMatcher. They therefore show lateral slip, and
-the true motion if the sign or size of the odometry's velocity is wrong.
+CollisionMonitor holds one PoseMotion. The poses are corrected by ScanMatcher. They therefore show
+lateral slip, and the true motion if the sign or size of the odometry's velocity is wrong.
 """
 
 import math
 from collections import deque
-from typing import Deque, Tuple
+from typing import Deque, NamedTuple, Tuple
 
 from applr_ros1.common.angles import Pose, compose, inverse
 
 Twist = Tuple[float, float]  # v [m/s], w [rad/s]
 SPAN_S = 0.25  # time baseline of a velocity estimate [s]
 SHORTEST_S = 0.08  # minimum time baseline of a velocity estimate [s]
-# Tolerance for an accelerating base: a constant part [m/s, rad/s] plus a fraction of the velocity from the poses.
-DIFFERENCE_M_S, DIFFERENCE_RAD_S = 0.15, 0.4
+# Tolerance for an accelerating base: a constant part plus a fraction of the velocity from the
+# poses.
+DIFFERENCE_M_S = 0.15
+DIFFERENCE_RAD_S = 0.4
 DIFFERENCE_SHARE = 0.2
+
+
+class Velocity(NamedTuple):
+    """Velocity of a base in its own frame: v and leftward in m/s, turn rate w in rad/s."""
+
+    v: float = 0.0
+    w: float = 0.0
+    leftward: float = 0.0
 
 
 class PoseMotion:
     """Velocity of the base, estimated from the poses of the last SPAN_S seconds.
 
     Attributes:
-        velocity: (forward v [m/s], w [rad/s], leftward s [m/s]) in the base's frame; zeros until enough poses arrived.
+        velocity: the Velocity; zeros until enough poses arrived.
     """
 
     def __init__(self) -> None:
@@ -31,32 +41,46 @@ class PoseMotion:
     def clear(self) -> None:
         """Forget all poses."""
         self._poses: Deque[Tuple[float, Pose]] = deque()
-        self.velocity = (0.0, 0.0, 0.0)
+        self.velocity = Velocity()
 
     def take(self, stamp: float, pose: Pose) -> None:
         """Add the pose (x, y, yaw) [m, rad] of the base at `stamp` [s], and update the velocity."""
-        poses = self._poses
-        if poses and not 0.0 <= stamp - poses[-1][0] <= SPAN_S:  # The clock was set, or poses were missing.
+        # The clock was set, or poses were missing.
+        if self._poses and not 0.0 <= stamp - self._poses[-1][0] <= SPAN_S:
             self.clear()
-            poses = self._poses
-        if poses and stamp == poses[-1][0]:
+        if self._poses and stamp == self._poses[-1][0]:
             return
-        poses.append((stamp, pose))
-        while stamp - poses[1 if len(poses) > 1 else 0][0] >= SPAN_S:
-            poses.popleft()
-        since, before = poses[0]
-        if stamp - since < SHORTEST_S:
+        self._poses.append((stamp, pose))
+
+        # Keep the latest pose that is at least SPAN_S old, as the start of the baseline.
+        while len(self._poses) > 1 and stamp - self._poses[1][0] >= SPAN_S:
+            self._poses.popleft()
+        first_stamp, first_pose = self._poses[0]
+        baseline = stamp - first_stamp
+        if baseline < SHORTEST_S:
             return
-        x, y, yaw = compose(inverse(before), pose)
-        yaw = math.remainder(yaw, 2.0 * math.pi)
-        c, s = math.cos(0.5 * yaw), math.sin(0.5 * yaw)  # heading halfway between both poses
-        time = stamp - since
-        self.velocity = (c * x + s * y) / time, yaw / time, (c * y - s * x) / time
+
+        x, y, yaw = compose(inverse(first_pose), pose)
+        turned = math.remainder(yaw, 2.0 * math.pi)
+        # On an arc, the base moves along the heading halfway between both poses.
+        cos_half = math.cos(0.5 * turned)
+        sin_half = math.sin(0.5 * turned)
+        forward = cos_half * x + sin_half * y
+        leftward = cos_half * y - sin_half * x
+        self.velocity = Velocity(forward / baseline, turned / baseline, leftward / baseline)
 
     def contradicts(self, twist: Twist) -> bool:
-        """Return whether the base moves opposite to the measured (v, w) [m/s, rad/s], or much faster."""
-        return any(
-            abs(moved) > limit
-            and (moved * measured < 0.0 or abs(moved) > abs(measured) + limit + DIFFERENCE_SHARE * abs(moved))
-            for moved, measured, limit in zip(self.velocity, twist, (DIFFERENCE_M_S, DIFFERENCE_RAD_S))
+        """Return whether the base moves opposite to the measured (v, w), or much faster."""
+        v, w = twist
+        return _differs(self.velocity.v, v, DIFFERENCE_M_S) or _differs(
+            self.velocity.w, w, DIFFERENCE_RAD_S
         )
+
+
+def _differs(moved: float, measured: float, tolerance: float) -> bool:
+    """Return whether a speed has another sign than the measured one, or is much larger."""
+    if abs(moved) <= tolerance:
+        return False
+    if moved * measured < 0.0:
+        return True
+    return abs(moved) > abs(measured) + tolerance + DIFFERENCE_SHARE * abs(moved)

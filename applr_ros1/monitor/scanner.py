@@ -1,8 +1,11 @@
-"""Fault detection for a scanner: geometry, blindness, frozen ranges and failed sectors. Used by CollisionMonitor."""
+"""Fault detection for a scanner: geometry, blindness, frozen ranges, failed sectors.
+
+CollisionMonitor holds one ScannerCheck per laser.
+"""
 
 import math
 from dataclasses import replace
-from typing import Any, Optional, Tuple
+from typing import NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -11,29 +14,51 @@ from applr_ros1.common.arrays import Array32
 from applr_ros1.common.kernels import kernel
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.known_space import CAPACITY_POINTS
-from applr_ros1.monitor.scan_matching import beam_at
+from applr_ros1.monitor.rays import Rays, beam_at, covers_full_turn, end_point, rays_of
 
 FINEST_RAD = 1e-5  # smallest angle between two beams [rad]
 FARTHEST_M = 1e6  # largest coordinate and angle of a sensor's or robot's pose [m, rad]
-BLIND_SHARE = 0.95  # share of invalid ranges (NaN, -inf, below range_min) above which the scanner counts as blind
-ENOUGH_HITS = 5  # a scan without hits is a fault if at least this number of earlier hits are in range
-VISIBLE_SHARE = 0.9  # share of range_max within which an obstacle of an earlier scan must still return a beam
+FEWEST_BEAMS = 3  # smallest number of beams of a scan
+# Tolerance of the angle that a planar scan covers, beyond a full turn, because drivers round it
+# [rad].
+OVERLAP_RAD = 0.02
+# Share of invalid ranges (NaN, -inf, below range_min) above which the scanner counts as blind.
+BLIND_SHARE = 0.95
+# A scan without hits is a fault if at least this number of earlier hits are in range.
+ENOUGH_HITS = 5
+# Share of range_max within which an obstacle of an earlier scan must still return a beam.
+VISIBLE_SHARE = 0.9
 FROZEN_SCANS = 5  # number of identical scans in a row that count as frozen if the robot moves
-FROZEN_M, FROZEN_RAD = 0.03, 0.03  # minimum motion of the robot for identical scans to count as frozen [m, rad]
-# A wide sector that loses all returns at once is a sensor fault: real obstacles do not vanish that fast.
-SECTOR_RAD = math.pi / 4  # smallest width of a sector without returns that can count as failed [rad]
-STOOD_SHARE = 0.3  # minimum share of beams in a failed sector that pointed at obstacles of the previous scan
-REPEATED_M_RAD = 0.005  # motion of the robot above which a scan with identical ranges counts as old data [m, rad]
+# Minimum motion of the robot for identical scans to count as frozen.
+FROZEN_M = 0.03
+FROZEN_RAD = 0.03
+# A wide sector that loses all returns at once is a sensor fault: real obstacles do not vanish that
+# fast. Smallest width of a sector without returns that can count as failed [rad].
+SECTOR_RAD = math.pi / 4
+# Minimum share of beams in a failed sector that pointed at obstacles of the previous scan.
+STOOD_SHARE = 0.3
+# Motion of the robot above which a scan with identical ranges counts as old data [m, rad].
+REPEATED_M_RAD = 0.005
 
-# Ranges (n,) of a scan, (range_min, range_max) [m], (first angle, angle increment) [rad] and pose of the laser.
-Image = Tuple[Array32, Tuple[float, float], Tuple[float, float], Pose]
+
+class RangeCounts(NamedTuple):
+    """Numbers of beams of a scan.
+
+    invalid: beams that measure nothing. hits: beams with a return. widest_gap: longest run of beams
+    without return.
+    """
+
+    invalid: int
+    hits: int
+    widest_gap: int
 
 
 class ScannerCheck:
     """Fault detector that compares each scan with the previous scans of its laser.
 
     Attributes:
-        repeats: whether the latest scan has the same ranges as the previous one although the robot moved.
+        repeats: whether the latest scan has the same ranges as the previous one although the robot
+            moved.
     """
 
     def __init__(self) -> None:
@@ -41,9 +66,9 @@ class ScannerCheck:
 
     def clear(self) -> None:
         """Forget all scans, for instance after the odometry was reset."""
-        self._last: Any = None  # Image of the last scan with hits
+        self._last: Optional[Rays] = None  # last scan with hits
         self._doubted = np.zeros(0, bool)  # mask of the beams of failed sectors
-        self._doubts = False  # whether there is a failed sector
+        self._has_doubts = False  # whether there is a failed sector
         self._forget_image()
 
     def fault(self, scan: LaserScan) -> str:
@@ -51,138 +76,209 @@ class ScannerCheck:
         problem = geometry_fault(scan)
         if problem:
             return problem
-        ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
-        limits = np.float32(scan.range_min), np.float32(scan.range_max)
-        beams = float(scan.angle_min), float(scan.angle_increment)
-        full_turn = (len(ranges) + 0.5) * abs(beams[1]) >= 2.0 * math.pi
-        blind, hits, widest = _count_ranges(ranges, *limits, full_turn)
-        if blind >= BLIND_SHARE * len(ranges):
-            share = f"{blind} of {len(ranges)} beams"
-            return f"the scanner is blind: {share} are NaN or nearer than range_min {scan.range_min:g} m"
-        if len(self._doubted) != len(ranges) or not hits:
-            self._doubted, self._doubts = np.zeros(len(ranges), bool), False
-        if not hits:
+        rays = rays_of(scan)
+        beam_count = len(rays.ranges)
+        counts = _count_ranges(rays.ranges, rays.range_min, rays.range_max, rays.increment)
+        if counts.invalid >= BLIND_SHARE * beam_count:
+            share = f"{counts.invalid} of {beam_count} beams"
+            limit = f"range_min {scan.range_min:g} m"
+            return f"the scanner is blind: {share} are NaN or nearer than {limit}"
+
+        if len(self._doubted) != beam_count or not counts.hits:
+            self._doubted = np.zeros(beam_count, bool)
+            self._has_doubts = False
+        if not counts.hits:
             self._forget_image()
-            count = self._expected(scan, beams)[1]
-            sentence = f"the scanner returns no hit, but {count} obstacle points of the previous scan are in range"
-            return sentence if count >= ENOUGH_HITS else ""
-        wide = widest * abs(beams[1]) >= SECTOR_RAD
-        if wide or self._doubts:
-            expected = self._expected(scan, beams)[0] if wide else self._doubted
-            self._doubts = _doubt(ranges, limits[1], abs(beams[1]), full_turn, expected, self._doubted)
-        problem = self._frozen(ranges, scan.sensor_pose)
-        if hits >= ENOUGH_HITS:
-            self._last = self._image, limits, beams, tuple(map(float, scan.sensor_pose))
+            _, expected_hits = self._expected(rays)
+            if expected_hits < ENOUGH_HITS:
+                return ""
+            points = f"{expected_hits} obstacle points of the previous scan"
+            return f"the scanner returns no hit, but {points} are in range"
+
+        has_wide_gap = counts.widest_gap * abs(rays.increment) >= SECTOR_RAD
+        if has_wide_gap or self._has_doubts:
+            expected = self._doubted
+            if has_wide_gap:
+                expected, _ = self._expected(rays)
+            self._has_doubts = _doubt(
+                rays.ranges, rays.range_max, rays.increment, expected, self._doubted
+            )
+
+        problem = self._frozen(rays.ranges, scan.sensor_pose)
+        if counts.hits >= ENOUGH_HITS:
+            # The copy of the ranges in _image stays as it is, even if the caller reuses the scan's
+            # array.
+            self._last = rays._replace(ranges=self._image)
         return problem
 
     def believed(self, scan: LaserScan) -> LaserScan:
-        """Return the latest scan with NaN in place of the ranges of failed sectors, until these return hits again."""
-        return replace(scan, ranges=np.where(self._doubted, np.float32(np.nan), scan.ranges)) if self._doubts else scan
+        """Return the latest scan with NaN for failed sectors, until these return hits again."""
+        if not self._has_doubts:
+            return scan
+        return replace(scan, ranges=np.where(self._doubted, np.float32(np.nan), scan.ranges))
 
     def _forget_image(self) -> None:
-        self._image: Optional[np.ndarray] = None
-        self._equal, self._since = 0, (0.0, 0.0, 0.0)
+        # Ranges of the last scan that differed from the scan before it.
+        self._image = np.empty(0, np.float32)
+        self._equal_scans = 0  # number of scans with these ranges, without the first
+        self._image_pose = (0.0, 0.0, 0.0)  # pose of the laser in the first of them
         self.repeats = False
 
-    def _expected(self, scan: LaserScan, beams: Tuple[float, float]) -> Tuple[np.ndarray, int]:
-        """Return the mask (n,) of the beams that point to hits of the last scan, and the number of these hits."""
-        marks = np.zeros(len(scan.ranges), np.bool_)
-        pose, reach = tuple(map(float, scan.sensor_pose)), VISIBLE_SHARE * scan.range_max
-        return marks, 0 if self._last is None else _mark_expected(self._last, beams, pose, reach, marks)
+    def _expected(self, rays: Rays) -> Tuple[np.ndarray, int]:
+        """Return which beams (n,) point to hits of the last scan, and the number of the hits."""
+        mask = np.zeros(len(rays.ranges), np.bool_)
+        if self._last is None:
+            return mask, 0
+        return mask, _mark_expected(self._last, rays, mask)
 
     def _frozen(self, ranges: Array32, pose: Pose) -> str:
-        if self._image is None or not np.array_equal(ranges, self._image, equal_nan=True):
-            self._image, self._equal, self._since = ranges.copy(), 0, pose
+        """Return a fault if the ranges stay identical while the robot moves.
+
+        Updates `repeats`.
+        """
+        if not np.array_equal(ranges, self._image, equal_nan=True):
+            self._image = ranges.copy()
+            self._equal_scans = 0
+            self._image_pose = pose
             self.repeats = False
             return ""
-        self._equal += 1
-        moved = math.hypot(pose[0] - self._since[0], pose[1] - self._since[1])
-        turned = abs(math.remainder(pose[2] - self._since[2], 2.0 * math.pi))
+        self._equal_scans += 1
+        first_x, first_y, first_yaw = self._image_pose
+        x, y, yaw = pose
+        moved = math.hypot(x - first_x, y - first_y)
+        turned = abs(math.remainder(yaw - first_yaw, 2.0 * math.pi))
         self.repeats = moved > REPEATED_M_RAD or turned > REPEATED_M_RAD
-        if self._equal < FROZEN_SCANS or (moved < FROZEN_M and turned < FROZEN_RAD):
+        if self._equal_scans < FROZEN_SCANS or (moved < FROZEN_M and turned < FROZEN_RAD):
             return ""
+        scans = f"{self._equal_scans + 1} scans with identical ranges"
         motion = f"{moved:.2f} m and {turned:.2f} rad"
-        return f"the scanner is frozen: {self._equal + 1} scans with identical ranges while the robot moved {motion}"
+        return f"the scanner is frozen: {scans} while the robot moved {motion}"
 
 
 def geometry_fault(scan: LaserScan) -> str:
     """Return the fault of a scan's geometry as one line, or "" if it is valid."""
     count = np.size(scan.ranges)
+    increment = abs(scan.angle_increment)
     # range_max may be infinite.
     numbers = scan.angle_min, scan.angle_increment, scan.range_min, *scan.sensor_pose, scan.stamp
     if not all(map(math.isfinite, numbers)):
         return "the scan's geometry, pose or stamp is not finite"
     if max(map(abs, (scan.angle_min, *scan.sensor_pose))) > FARTHEST_M:
-        return f"the scan's first angle or pose exceeds {FARTHEST_M:g} rad or m: check the driver and the odometry"
-    if not 3 <= count <= CAPACITY_POINTS:  # Surplus points would be neither remembered nor marked as unknown.
-        return f"the scan has {count} beams: use a scanner with 3 to {CAPACITY_POINTS}"
-    if abs(scan.angle_increment) < FINEST_RAD or abs(scan.angle_increment) * (count - 1) > 2.0 * math.pi + 0.02:
-        return f"the scan has {count} beams {scan.angle_increment:g} rad apart: this is not a planar scan"
+        limit = f"{FARTHEST_M:g} rad or m"
+        return f"the scan's first angle or pose exceeds {limit}: check the driver and the odometry"
+    # Surplus points would be neither remembered nor marked as unknown.
+    if not FEWEST_BEAMS <= count <= CAPACITY_POINTS:
+        return f"the scan has {count} beams: use a scanner with {FEWEST_BEAMS} to {CAPACITY_POINTS}"
+    if increment < FINEST_RAD or increment * (count - 1) > 2.0 * math.pi + OVERLAP_RAD:
+        apart = f"{scan.angle_increment:g} rad apart"
+        return f"the scan has {count} beams {apart}: this is not a planar scan"
     if not 0.0 <= scan.range_min < scan.range_max:
-        return f"the scan has range_min {scan.range_min:g} m and range_max {scan.range_max:g} m: give 0 <= min < max"
+        limits = f"range_min {scan.range_min:g} m and range_max {scan.range_max:g} m"
+        return f"the scan has {limits}: give 0 <= min < max"
     return ""
 
 
 @kernel
-def _count_ranges(ranges: Array32, range_min: float, range_max: float, full_turn: bool) -> Tuple[int, int, int]:
-    """Return the numbers of invalid ranges and of hits, and the length of the longest run of beams without return."""
-    n = ranges.shape[0]
-    blind = hits = run = widest = 0
-    for i in range(n):
-        r = ranges[i]
-        blind += math.isnan(r) or r < range_min  # +inf is a valid measurement of free space (REP 117).
-        hits += range_min <= r < range_max
-        run = run + 1 if r >= range_max else 0
-        widest = max(widest, run)
-    for i in range(n if full_turn and run < n else 0):  # A run may continue across the ends of a full turn.
-        if not ranges[i] >= range_max:
-            break
-        run += 1
-        widest = max(widest, run)
-    return blind, hits, widest
+def _count_ranges(
+    ranges: Array32, range_min: float, range_max: float, increment: float
+) -> RangeCounts:
+    beam_count = ranges.shape[0]
+    invalid = 0
+    hits = 0
+    gap = 0
+    widest_gap = 0
+    for beam in range(beam_count):
+        distance = ranges[beam]
+        # +inf is a valid measurement of free space (REP 117).
+        invalid += math.isnan(distance) or distance < range_min
+        hits += range_min <= distance < range_max
+        gap = gap + 1 if distance >= range_max else 0
+        widest_gap = max(widest_gap, gap)
+
+    # A gap may continue across the ends of a full turn.
+    if covers_full_turn(beam_count, increment) and gap < beam_count:
+        for beam in range(beam_count):
+            if not ranges[beam] >= range_max:
+                break
+            gap += 1
+            widest_gap = max(widest_gap, gap)
+    return RangeCounts(invalid, hits, widest_gap)
 
 
 @kernel
-def _mark_expected(old: Image, beams: Tuple[float, float], pose: Pose, reach: float, marks: np.ndarray) -> int:
-    """Mark the beams of a new scan that point to hits of an old scan within `reach`, and return the number of them."""
-    ranges, limits, old_beams, old_pose = old
-    n = marks.shape[0]
+def _mark_expected(old: Rays, new: Rays, mask: np.ndarray) -> int:
+    """Mark the beams of a new scan that point to hits of an old scan within its range.
+
+    Args:
+        old: earlier scan.
+        new: scan of the same laser, whose ranges do not matter.
+        mask: (n,) bool, a row per beam of the new scan; set to True for the marked beams.
+
+    Returns:
+        Number of the hits.
+    """
+    reach = VISIBLE_SHARE * new.range_max
+    last_beam = mask.shape[0] - 1
     count = 0
-    for i in range(ranges.shape[0]):
-        if not limits[0] <= ranges[i] < limits[1]:
+    for old_beam in range(old.ranges.shape[0]):
+        if not old.range_min <= old.ranges[old_beam] < old.range_max:
             continue
-        angle = old_pose[2] + old_beams[0] + i * old_beams[1]
-        dx = old_pose[0] + ranges[i] * math.cos(angle) - pose[0]
-        dy = old_pose[1] + ranges[i] * math.sin(angle) - pose[1]
-        place = beam_at(beams[0], beams[1], math.atan2(dy, dx) - pose[2])
-        if place <= n - 1 and math.hypot(dx, dy) < reach:
-            marks[int(np.rint(place))] = True
+        x, y = end_point(old, old_beam)
+        offset_x = x - new.x
+        offset_y = y - new.y
+        beam = beam_at(new.angle_min, new.increment, math.atan2(offset_y, offset_x) - new.yaw)
+        if beam <= last_beam and math.hypot(offset_x, offset_y) < reach:
+            mask[int(np.rint(beam))] = True
             count += 1
     return count
 
 
 @kernel
 def _doubt(
-    ranges: Array32, range_max: float, increment: float, full_turn: bool, expected: np.ndarray, doubted: np.ndarray
+    ranges: Array32,
+    range_max: float,
+    increment: float,
+    expected: np.ndarray,
+    doubted: np.ndarray,
 ) -> bool:
-    """Mark the beams of each wide sector without returns if a return was expected for STOOD_SHARE of them.
+    """Mark the beams of each wide sector that has failed.
 
-    The marks are in `doubted` (n,), and are cleared for beams that return again. Returns whether any beam is marked.
+    A sector without returns has failed if STOOD_SHARE of its beams were expected to return.
+
+    Args:
+        ranges: (n,) ranges of the scan [m].
+        range_max: range from which on a beam has no return [m].
+        increment: angle from beam to beam [rad].
+        expected: (n,) bool, whether a beam pointed to a hit of the previous scan.
+        doubted: (n,) bool, updated: set for the beams of failed sectors, cleared for beams that
+            return again.
+
+    Returns:
+        Whether any beam is marked.
     """
-    n = ranges.shape[0]
-    first = 0
-    while full_turn and first < n - 1 and ranges[first] >= range_max:  # A sector may continue across the ends.
-        first += 1
-    begin = stood = 0
-    for j in range(n + 1):
-        i = (first + j) % n
-        if j < n and ranges[i] >= range_max:
-            stood += expected[i]
+    beam_count = ranges.shape[0]
+    # In a full turn a sector may continue across the ends: start at a beam with a return.
+    start_beam = 0
+    if covers_full_turn(beam_count, increment):
+        while start_beam < beam_count - 1 and ranges[start_beam] >= range_max:
+            start_beam += 1
+
+    # Steps count the beams from there. A sector ends at a beam with a return, or after the last
+    # step.
+    sector_start = 0
+    expected_beams = 0
+    for step in range(beam_count + 1):
+        beam = (start_beam + step) % beam_count
+        if step < beam_count and ranges[beam] >= range_max:
+            expected_beams += expected[beam]
             continue
-        if (j - begin) * increment >= SECTOR_RAD and stood >= STOOD_SHARE * (j - begin):
-            for k in range(begin, j):
-                doubted[(first + k) % n] = True
-        if j < n:
-            doubted[i] = False
-        begin, stood = j + 1, 0
+        sector_beams = step - sector_start
+        is_wide = sector_beams * abs(increment) >= SECTOR_RAD
+        if is_wide and expected_beams >= STOOD_SHARE * sector_beams:
+            for sector_step in range(sector_start, step):
+                doubted[(start_beam + sector_step) % beam_count] = True
+        if step < beam_count:
+            doubted[beam] = False
+        sector_start = step + 1
+        expected_beams = 0
     return bool(doubted.any())

@@ -1,7 +1,8 @@
 """Settings of the collision monitor for a base, with range checks."""
 
+import math
 from dataclasses import dataclass
-from typing import Tuple
+from typing import Any, Iterable, Tuple
 
 import numpy as np
 
@@ -16,10 +17,11 @@ class MonitorSettings:
     """Settings of the monitor for a base.
 
     Attributes:
-        body: convex outline of all parts that can touch an obstacle, (x, y) [m] in the robot's frame.
+        body: convex outline of all parts that can touch an obstacle, (x, y) [m] in the robot's
+            frame.
         margin: distance to keep from every obstacle point [m].
-        reaction_time: time from a command until the base follows the next one, control period plus latency [s]. The
-            monitor adds the measured ages of scan, pose and twist.
+        reaction_time: time from a command until the base follows the next one, control period plus
+            latency [s]. The monitor adds the measured ages of scan, pose and twist.
         deceleration: guaranteed braking deceleration [m/s^2].
         yaw_deceleration: guaranteed deceleration of the turn rate [rad/s^2].
         turn_gain: largest ratio of actual to commanded turn rate.
@@ -27,8 +29,9 @@ class MonitorSettings:
         creep_speed: fastest speed of any point of the body in unobserved space [m/s].
         scan_timeout: age of the latest scan, pose or twist at which the base must stop [s].
         memory_radius: distance within which obstacles are remembered [m].
-        memory_seconds: time for which an obstacle out of the scanner's sight is remembered [s]. It must exceed the time
-            that a blocked robot waits. Lower it only if obstacles often move away behind the robot.
+        memory_seconds: time for which an obstacle out of the scanner's sight is remembered [s]. It
+            must exceed the time that a blocked robot waits. Lower it only if obstacles often move
+            away behind the robot.
     """
 
     body: Tuple[Tuple[float, float], ...]
@@ -45,14 +48,31 @@ class MonitorSettings:
 
     @classmethod
     def of(cls, robot: Robot) -> "MonitorSettings":
-        """Return the settings of a robot: its outline, rounded up to millimetres, and its section `monitor`."""
+        """Return a robot's settings: its outline, in whole millimetres, and section `monitor`."""
         outline = corners(robot)
-        body = np.copysign(np.ceil(1e3 * np.abs(outline) - 1e-6) / 1e3, outline)
+        # Coordinates that rounding errors put just above a whole millimetre are not rounded up to
+        # the next one.
+        millimetres = np.ceil(1e3 * np.abs(outline) - 1e-6)
+        body = np.copysign(millimetres / 1e3, outline)
         return cls(body=tuple((x, y) for x, y in body.tolist()), **robot.monitor.model_dump())
 
     def __post_init__(self) -> None:
-        bounds = dict(scan_timeout=(0.01, 10.0), memory_radius=(0.1, 100.0), memory_seconds=(0.0, 1e6))
+        bounds = {
+            "scan_timeout": (0.01, 10.0),
+            "memory_radius": (0.1, 100.0),
+            "memory_seconds": (0.0, 1e6),
+        }
         for name, field in Monitoring.model_fields.items():
-            bounds[name] = tuple(getattr(m, key) for key in ("ge", "le") for m in field.metadata if hasattr(m, key))
+            bounds[name] = _bounds_of(field.metadata)
         for name, (low, high) in bounds.items():
             number_within(f"collision monitor: {name}", getattr(self, name), low, high)
+
+
+def _bounds_of(constraints: Iterable[Any]) -> Tuple[float, float]:
+    """Return the lowest and highest valid value from the constraints of a robot.yaml field."""
+    low = -math.inf
+    high = math.inf
+    for constraint in constraints:
+        low = getattr(constraint, "ge", low)
+        high = getattr(constraint, "le", high)
+    return low, high

@@ -1,8 +1,8 @@
 """Escape motions that the monitor drives for a planner that has none, such as the C++ move_base.
 
-A planner has stalled if its goal is active and not reached, it has a plan, and it commands zero or only velocities that
-the monitor blocks. The node (nodes/monitor/node.py) and the trials (training/env/episode.py) pass each command to a
-StalledPlanner.
+A planner has stalled if its goal is active and not reached, it has a plan, and it commands zero or
+only velocities that the monitor blocks. The node (nodes/monitor/node.py) and the trials
+(training/env/episode.py) pass each command to a StalledPlanner.
 """
 
 import math
@@ -11,14 +11,16 @@ from typing import Hashable, Optional
 from applr_ros1.monitor.motion import Twist
 from applr_ros1.planner.escape import BLOCKED, Escape
 
-FRESH_S = BLOCKED  # maximum age of a plan [s]; a planner without a valid command plans again in each cycle
+# Maximum age of a plan [s]. A planner without a valid command plans again in each cycle.
+FRESH_S = BLOCKED
 
 
 class StalledPlanner:
     """Stall detector for one planner, with the Escape motions to free the robot.
 
     Args:
-        tolerance: distance from the goal within which the planner may stop because it counts the goal as reached [m].
+        tolerance: distance from the goal within which the planner may stop because it counts the
+            goal as reached [m].
     """
 
     def __init__(self, tolerance: float):
@@ -26,8 +28,10 @@ class StalledPlanner:
         self._begin(None)
 
     def _begin(self, goal: Optional[Hashable]) -> None:
-        self._goal, self._escape, self._stood = goal, Escape(), False
-        self._escape.report(False)
+        self._goal = goal
+        self._escape = Escape()
+        self._escape.report(False)  # Without a report, an Escape makes no motion.
+        self._has_stood = False  # whether the last command was zero
 
     def report_held(self, held: bool) -> None:
         """Record whether the monitor blocked the last command (Verdict.blocked)."""
@@ -35,29 +39,35 @@ class StalledPlanner:
 
     @property
     def has_stalled(self) -> bool:
-        """True from the first escape motion until the planner's own commands have passed for some time."""
+        """True from the first escape motion until the planner's commands have passed for a time."""
         return self._escape.is_held
 
-    def instead(self, now: float, command: Twist, goal: Optional[Hashable], left: Optional[float]) -> Optional[Twist]:
-        """Return the escape motion (v [m/s], w [rad/s]) to drive instead of a command, or None to keep the command.
+    def instead(
+        self, time: float, command: Twist, goal: Optional[Hashable], distance: Optional[float]
+    ) -> Optional[Twist]:
+        """Return the escape motion (v [m/s], w [rad/s]) to drive, or None to keep the command.
 
         Args:
-            now: time [s].
+            time: current time [s].
             command: (v, w) of the planner; zeros if it is silent.
             goal: identifier of the active goal; None if there is none or it is cancelled.
-            left: straight-line distance to the end of a plan not older than FRESH_S [m]; None without such a plan.
+            distance: straight-line distance to the end of a plan not older than FRESH_S [m]; None
+            without such a plan.
         """
         if goal != self._goal:
             self._begin(goal)
         if goal is None or not all(map(math.isfinite, command)):
             self._escape.restart()
             return None
-        stands = command == (0.0, 0.0)
-        if stands and (left is None or left <= self._tolerance):  # The planner plans, recovers, or has arrived.
+        is_standing = command == (0.0, 0.0)
+        # The planner plans, recovers, or has arrived.
+        if is_standing and (distance is None or distance <= self._tolerance):
             self._escape.restart()
             return None
-        if self._stood and not stands:
+
+        # The planner's own command passes as soon as there is one again.
+        if self._has_stood and not is_standing:
             self._escape.give_way()
-        self._stood = stands
-        motion = self._escape.instead(now, stands)
+        self._has_stood = is_standing
+        motion = self._escape.instead(time, is_standing)
         return None if self._escape.is_exhausted else motion

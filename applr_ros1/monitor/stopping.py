@@ -1,14 +1,15 @@
 """Largest safe scale of a command: the swept-body geometry of the collision monitor, in numba.
 
-The model of the base has three phases. First the base keeps its measured velocity for as long as its pose is old. Then
-it follows the command for the reaction time. Its turn rate may be as commanded, higher, as measured, or zero. Last, it
-brakes along the same arc, more gently below .3 m/s. A stop brakes at once along the current arc. The body is a convex
-outline widened by a margin, and must not touch any obstacle point. The outline itself must not enter unobserved cells.
-At the end the base may turn by its yaw swing, because nearly stopped wheels have unequal friction.
+The model of the base has three phases. First the base keeps its measured velocity for as long as
+its pose is old. Then it follows the command for the reaction time. Its turn rate may be as
+commanded, higher, as measured, or zero. Last, it brakes along the same arc, more gently below .3
+m/s. A stop brakes at once along the current arc. The body is a convex outline widened by a margin,
+and must not touch any obstacle point. The outline itself must not enter unobserved cells. At the
+end the base may turn by its yaw swing, because nearly stopped wheels have unequal friction.
 """
 
 import math
-from typing import Any, Tuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -16,244 +17,467 @@ import scipy
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.kernels import kernel
-from applr_ros1.monitor.known_space import CELL_M
+from applr_ros1.monitor.known_space import CELL_M, cell_of
 from applr_ros1.monitor.motion import Twist
 
-Seen = Tuple[np.ndarray, int, int, np.ndarray, Pose]
-Turns = Tuple[float, float, float, float]
-Motion = Tuple[np.ndarray, float, Twist, Twist, Twist, Twist, Seen, Turns]  # arguments of safe_scale after the points
-Placed = Tuple[float, float, float, float]  # x, y of the body [m], cosine and sine of its yaw
-
 CHECK_STEP_S = 0.02  # interval between two checked poses [s]
-# The friction limit falls at low speed, and the braking that was measured from full speed does not include this. Below
-# LAST_SPEED_M_S [m/s] the Jackal on Gazebo's ground decelerates by .3 to .6 m/s^2, depending on the wheels' angles.
+# The friction limit falls at low speed, and the braking that was measured from full speed does not
+# include this. Below LAST_SPEED_M_S [m/s] the Jackal on Gazebo's ground decelerates by .3 to .6
+# m/s^2, depending on the wheels' angles.
 LAST_SPEED_M_S = 0.3
 LAST_DECELERATION_M_S2 = 0.6
-# Yaw swing of a base that brakes below LAST_SPEED_M_S [rad]: not exceeded in 98 of 100 simulated stops.
+# Yaw swing of a base that brakes below LAST_SPEED_M_S [rad]: not exceeded in 98 of 100 simulated
+# stops.
 SWING_RAD = 0.15
-AS_MEASURED = -1.0  # value of `share` for a base that continues to turn at its measured rate
-DEEPER_M = 1e-3  # largest allowed increase of the depth of a point that starts inside the margin [m]
+AS_MEASURED = -1.0  # value of `turn_share` for a base that continues to turn at its measured rate
+# Largest allowed increase of the depth of a point that starts inside the margin [m].
+DEEPER_M = 1e-3
 HALVINGS = 5  # number of bisections in the search for the largest safe scale
-# Distance past the stopping point that must be observed [m]. Partly observed cells count as observed, hence 1.5 cells.
+# Distance past the stopping point that must be observed [m]. Partly observed cells count as
+# observed, hence 1.5 cells.
 BEYOND_M = 1.5 * CELL_M
-# Value of `seen` if all space is known.
-EVERYTHING: Seen = np.ones((1, 1), np.uint8), 0, 0, np.empty((0, 2)), (0.0, 0.0, 0.0)
+
+
+class Body(NamedTuple):
+    """Body of the robot.
+
+    planes: (k, 3) half_planes() of its outline. edge: (n, 2) edge_points() of its outline [m].
+    margin: distance by which the outline is widened where it must not touch obstacle points [m].
+    """
+
+    planes: Array
+    edge: Array
+    margin: float
+
+
+class Braking(NamedTuple):
+    """How the base brakes and turns.
+
+    deceleration: down to LAST_SPEED_M_S [m/s^2]. yaw_deceleration: of the turn rate [rad/s^2].
+    turn_gain: largest ratio of actual to commanded turn rate. turn_ahead: distance from the origin
+    forward to the centre of rotation [m].
+    """
+
+    deceleration: float
+    yaw_deceleration: float
+    turn_gain: float = 1.0
+    turn_ahead: float = 0.0
+
+
+class Motion(NamedTuple):
+    """State of the base when a command arrives.
+
+    v, w: velocity [m/s, rad/s]. slip: lateral slip to the left [m/s]. commanded_w: turn rate of the
+    previous command [rad/s].
+    """
+
+    v: float
+    w: float
+    slip: float = 0.0
+    commanded_w: float = 0.0
+
+
+class Delay(NamedTuple):
+    """Times before the base brakes.
+
+    pose_age: age of the robot's pose, during which it has kept its velocity [s]. reaction: time for
+    which it follows the command [s].
+    """
+
+    pose_age: float
+    reaction: float
+
+
+class Seen(NamedTuple):
+    """Observed space around the robot.
+
+    cells: as in SeenSpace; without cells, all space counts as observed. corner_i, corner_j: corner
+    of SeenSpace. x, y, yaw: pose of the robot in the frame of the cells [m, m, rad].
+    """
+
+    cells: np.ndarray
+    corner_i: int
+    corner_j: int
+    x: float
+    y: float
+    yaw: float
+
+
+EVERYTHING = Seen(np.empty((0, 0), np.uint8), 0, 0, 0.0, 0.0, 0.0)  # value if all space is known
+
+
+class SafeScale(NamedTuple):
+    """Largest safe factor of a command.
+
+    scale: the factor, 0 to 1. can_stop: False if even braking at once leads to contact.
+    """
+
+    scale: float
+    can_stop: bool
+
+
+class Placement(NamedTuple):
+    """Pose of the body: x, y [m], cosine and sine of its yaw."""
+
+    x: float
+    y: float
+    cos_yaw: float
+    sin_yaw: float
+
+
+class Obstacles(NamedTuple):
+    """Obstacle points in the robot's frame.
+
+    All are arrays (n,) of contiguous memory, for vector instructions. x, y: positions [m].
+    margin_limit, outline_limit: largest allowed depth in the widened body and in the outline [m].
+    forward, leftward, depth: scratch memory of _is_deeper.
+    """
+
+    x: Array
+    y: Array
+    margin_limit: Array
+    outline_limit: Array
+    forward: Array
+    leftward: Array
+    depth: Array
+
+
+class Check(NamedTuple):
+    """All that decides whether a command is safe, except its scale and the turn rate."""
+
+    obstacles: Obstacles
+    body: Body
+    motion: Motion
+    command: Twist
+    delay: Delay
+    braking: Braking
+    seen: Seen
 
 
 def half_planes(outline: Any) -> np.ndarray:
-    """Return the hull of an outline (n, 2) [m] as half planes (k, 3): a x + b y <= c inside, (a, b) of length one."""
+    """Return the hull of an outline (n, 2) [m] as half planes (k, 3).
+
+    A point is inside if a x + b y <= c for all rows (a, b, c), where (a, b) has length one.
+    """
     equations = scipy.spatial.ConvexHull(outline).equations
     return np.ascontiguousarray(np.column_stack((equations[:, :2], -equations[:, 2])))
 
 
 def edge_points(outline: Any) -> np.ndarray:
-    """Return points (n, 2) [m] along the convex hull of an outline, spaced closer than the cells of SeenSpace."""
+    """Return points (n, 2) [m] along the convex hull of an outline.
+
+    They are spaced closer than the cells of SeenSpace.
+    """
     corners = np.asarray(outline, dtype=np.float64)[scipy.spatial.ConvexHull(outline).vertices]
-    edges = zip(corners, np.roll(corners, -1, axis=0))
-    return np.concatenate([np.linspace(a, b, 2 + int(np.hypot(*(b - a)) / CELL_M))[1:] for a, b in edges])
+    edges = []
+    for start, end in zip(corners, np.roll(corners, -1, axis=0)):
+        count = 2 + int(np.hypot(*(end - start)) / CELL_M)
+        edges.append(np.linspace(start, end, count)[1:])
+    return np.concatenate(edges)
 
 
 @kernel
 def penetration(planes: Array, margin: float, x: float, y: float) -> float:
     """Return the depth of a point inside the widened body [m]; negative outside."""
     depth = np.inf
-    for k in range(planes.shape[0]):
-        depth = min(depth, planes[k, 2] + margin - planes[k, 0] * x - planes[k, 1] * y)
+    for plane in range(planes.shape[0]):
+        depth = min(depth, planes[plane, 2] + margin - planes[plane, 0] * x - planes[plane, 1] * y)
     return depth
 
 
 @kernel
 def safe_scale(
     points: Array,
-    planes: Array,
-    margin: float,
-    twist: Twist,
+    body: Body,
+    motions: Array,
     command: Twist,
-    times: Tuple[float, float],
-    brake: Tuple[float, float],
+    delay: Delay,
+    braking: Braking,
     seen: Seen,
-    turns: Turns = (0.0, 1.0, 0.0, 0.0),
-) -> Tuple[float, bool]:
+) -> SafeScale:
     """Return the largest scale of a command after which the base can still stop without contact.
 
     Args:
         points: (n, 2) obstacle points in the robot's frame [m].
-        planes: (k, 3) half planes of the body (half_planes).
-        margin: distance by which the body is widened [m].
-        twist: measured (v, w) [m/s, rad/s].
+        body: body of the robot.
+        motions: (m, 4) possible Motions of the base. The scale is safe for all of them.
         command: requested (v, w) [m/s, rad/s].
-        times: (age of the robot's pose [s], time for which the base follows the command before it brakes [s]).
-        brake: (deceleration down to LAST_SPEED_M_S [m/s^2], angular deceleration [rad/s^2]).
-        seen: (cells, corner[0] and corner[1] of SeenSpace, edge_points of the body, (x, y, yaw) of the robot in the
-            frame of the cells), or EVERYTHING.
-        turns: (previous commanded turn rate [rad/s], for on_arc; largest ratio of actual to commanded turn rate;
-            distance from the origin forward to the centre of rotation [m]; lateral slip to the left [m/s]).
-
-    Returns:
-        (scale in [0, 1], free): scale * command is safe; free is False if even braking at once leads to contact.
+        delay: times before the base brakes.
+        braking: how it brakes and turns.
+        seen: observed space, or EVERYTHING.
     """
-    motion = planes, margin, twist, command, times, brake, seen, turns
-    # Rows: x and y of the points, their allowed depths in the widened body and in the outline, workspace of _is_deeper.
-    rows = np.empty((7, points.shape[0]))
-    for i in range(points.shape[0]):
-        rows[0, i], rows[1, i] = points[i]
-        depth = penetration(planes, 0.0, points[i, 0], points[i, 1])
-        rows[2, i], rows[3, i] = max(0.0, depth + margin) + DEEPER_M, max(0.0, depth) + DEEPER_M
-    if _is_free_every_way(rows, motion, 1.0):
-        return 1.0, True
-    if not _is_free(rows, motion, 0.0, AS_MEASURED):
-        return 0.0, False
-    low, high = 0.0, 1.0
+    obstacles = _obstacles(points, body)
+    smallest = SafeScale(1.0, True)
+    for number in range(motions.shape[0]):
+        motion = Motion(
+            motions[number, 0], motions[number, 1], motions[number, 2], motions[number, 3]
+        )
+        check = Check(obstacles, body, motion, command, delay, braking, seen)
+        safe = _safe_scale(check)
+        # If a base that brakes at once stops for one motion and not for another, the worse one
+        # counts.
+        if safe.scale < smallest.scale or (safe.scale == smallest.scale and not safe.can_stop):
+            smallest = safe
+    return smallest
+
+
+@kernel
+def _safe_scale(check: Check) -> SafeScale:
+    """Return the largest safe scale for one motion."""
+    if _is_free_every_way(check, 1.0):
+        return SafeScale(1.0, True)
+    if not _is_free(check, 0.0, AS_MEASURED):
+        return SafeScale(0.0, False)
+    low = 0.0
+    high = 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
-        if _is_free_every_way(rows, motion, middle):
+        if _is_free_every_way(check, middle):
             low = middle
         else:
             high = middle
-    return low, True
+    return SafeScale(low, True)
+
+
+@kernel
+def _obstacles(points: Array, body: Body) -> Obstacles:
+    """Return the Obstacles of points (n, 2) [m].
+
+    A point that is inside the body may not get deeper.
+    """
+    rows = np.empty((7, points.shape[0]))
+    obstacles = Obstacles(rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6])
+    for point in range(points.shape[0]):
+        x = points[point, 0]
+        y = points[point, 1]
+        depth = penetration(body.planes, 0.0, x, y)
+        obstacles.x[point] = x
+        obstacles.y[point] = y
+        obstacles.margin_limit[point] = max(0.0, depth + body.margin) + DEEPER_M
+        obstacles.outline_limit[point] = max(0.0, depth) + DEEPER_M
+    return obstacles
 
 
 def braking_time(speed: float, deceleration: float) -> float:
-    """Return the time [s] to brake from a speed >= 0 [m/s] at a deceleration [m/s^2], gently below LAST_SPEED_M_S."""
-    last = min(speed, LAST_SPEED_M_S)
-    return (speed - last) / deceleration + last / min(deceleration, LAST_DECELERATION_M_S2)
+    """Return the time [s] to brake from a speed >= 0 [m/s].
 
-
-@kernel
-def on_arc(v: float, command_v: float, command_w: float, turned: float) -> float:
-    """Return the turn rate [rad/s] that keeps a base at speed v [m/s] on the arc of its command; command_v is not 0.
-
-    The magnitude is at most the larger of command_w and the previous turn rate `turned`.
+    The deceleration [m/s^2] is gentler below LAST_SPEED_M_S.
     """
-    w = min(abs(command_w * v / command_v), max(abs(command_w), abs(turned)))
-    return math.copysign(w, command_w)
+    last_speed = min(speed, LAST_SPEED_M_S)
+    last_deceleration = min(deceleration, LAST_DECELERATION_M_S2)
+    return (speed - last_speed) / deceleration + last_speed / last_deceleration
 
 
 @kernel
-def _is_free_every_way(rows: Array, motion: Motion, scale: float) -> bool:
+def on_arc(v: float, command_v: float, command_w: float, previous_w: float) -> float:
+    """Return the turn rate [rad/s] at which a base at speed v [m/s] stays on its arc.
+
+    command_v is not 0. The magnitude is at most the larger of command_w and the previous turn rate
+    previous_w.
+    """
+    largest_rate = max(abs(command_w), abs(previous_w))
+    return math.copysign(min(abs(command_w * v / command_v), largest_rate), command_w)
+
+
+@kernel
+def _is_free_every_way(check: Check, scale: float) -> bool:
     """Return whether a command is collision-free for every possible response of the turn rate.
 
-    The base may turn as commanded at once, faster, still as measured, or not at all, and thus leave the arc.
+    The base may turn as commanded at once, faster, still as measured, or not at all, and thus leave
+    the arc.
     """
-    _, _, _, command, _, _, _, turns = motion
-    for k, share in enumerate((1.0, turns[1], AS_MEASURED, 0.0)):
-        repeats = (k == 1 and share == 1.0) or (k == 3 and command[1] == 0.0)
-        if not (repeats or _is_free(rows, motion, scale, share)):
-            return False
-    return True
+    turn_gain = check.braking.turn_gain
+    if not _is_free(check, scale, 1.0):
+        return False
+    if turn_gain != 1.0 and not _is_free(check, scale, turn_gain):
+        return False
+    if not _is_free(check, scale, AS_MEASURED):
+        return False
+    # Without a commanded turn, the base already goes straight on in the first case.
+    _, command_w = check.command
+    return command_w == 0.0 or _is_free(check, scale, 0.0)
 
 
 @kernel
-def _is_free(rows: Array, motion: Motion, scale: float, share: float) -> bool:
-    """Return whether the body touches nothing while the base continues, follows scale * command, and then brakes.
+def _is_free(check: Check, scale: float, turn_share: float) -> bool:
+    """Return whether the body touches nothing until the base stands.
 
-    share is the ratio of actual to commanded turn rate during the reaction time, or AS_MEASURED. A scale of 0 brakes at
-    once. The lateral velocity is that of a turn about the centre of rotation plus the measured lateral slip. If the
-    base turns faster than commanded its tyres must be gripping, so no slip is added.
+    The base keeps its velocity, follows scale * command, and then brakes. turn_share is the ratio
+    of actual to commanded turn rate during the reaction time, or AS_MEASURED. A scale of 0 brakes
+    at once. The lateral velocity is that of a turn about the centre of rotation plus the measured
+    lateral slip. If the base turns faster than commanded its tyres must be gripping, so no slip is
+    added.
     """
-    planes, margin, (v, w), command, times, brake, seen, (turned, _, ahead, slide) = motion
-    if share > 1.0:
-        slide = 0.0
-    want_v, want_w = scale * command[0], scale * command[1]
-    x = y = yaw = fastest = 0.0
-    since, left = times[0], times[1] if scale > 0.0 else 0.0
+    body = check.body
+    braking = check.braking
+    command_v, command_w = check.command
+    target_v = scale * command_v
+    target_w = scale * command_w
+    v = check.motion.v
+    w = check.motion.w
+    slip = 0.0 if turn_share > 1.0 else check.motion.slip
+    # Remaining times of the first and the second phase [s], and largest speed of the third [m/s].
+    keeping_left = check.delay.pose_age
+    following_left = check.delay.reaction if scale > 0.0 else 0.0
+    fastest_braking = 0.0
+    x = 0.0
+    y = 0.0
+    yaw = 0.0
     while True:
         step = CHECK_STEP_S
-        if since > 0.0:
-            step = min(since, CHECK_STEP_S)
-            since -= CHECK_STEP_S
-        elif left > 0.0:
-            # Worst case: the base gains speed at once, and loses speed only as fast as it can brake.
-            change = brake[0] * CHECK_STEP_S
-            v = want_v if abs(want_v) >= abs(v) and want_v * v >= 0.0 else min(max(want_v, v - change), v + change)
-            if share != AS_MEASURED:
-                falls = want_v * v > 0.0 and abs(v) > abs(want_v)
-                w = share * (on_arc(v, want_v, want_w, turned) if falls else want_w)
-            left -= CHECK_STEP_S
+        if keeping_left > 0.0:
+            step = min(keeping_left, CHECK_STEP_S)
+            keeping_left -= CHECK_STEP_S
+        elif following_left > 0.0:
+            v = _followed_speed(v, target_v, braking.deceleration * CHECK_STEP_S)
+            if turn_share != AS_MEASURED:
+                # A base that is still too fast turns as much as keeps it on the arc of the command.
+                is_too_fast = target_v * v > 0.0 and abs(v) > abs(target_v)
+                w = target_w
+                if is_too_fast:
+                    w = on_arc(v, target_v, target_w, check.motion.commanded_w)
+                w = turn_share * w
+            following_left -= CHECK_STEP_S
         else:
             # The deceleration is limited so that no step ends far below LAST_SPEED_M_S.
-            gently = max(LAST_DECELERATION_M_S2, (abs(v) - LAST_SPEED_M_S) / CHECK_STEP_S)
-            deceleration = min(brake[0], gently)
-            steps = max(abs(v) / deceleration, abs(w) / brake[1]) / CHECK_STEP_S
-            if steps <= 1.0:
-                swing = SWING_RAD * min(fastest / LAST_SPEED_M_S, 1.0)
-                beyond = _is_seen_beyond(seen, (x, y, yaw), want_v, want_w)
-                return bool(beyond and _may_swing(rows, planes, ahead, (x, y, yaw), swing))
-            fastest = max(fastest, abs(v))
-            v -= v / steps
-            w -= w / steps
-            slide -= slide / steps
-        aside = slide - ahead * w
-        c, s = math.cos(yaw + 0.5 * w * step), math.sin(yaw + 0.5 * w * step)
-        x += (v * c - aside * s) * step
-        y += (v * s + aside * c) * step
+            down_to_last_speed = (abs(v) - LAST_SPEED_M_S) / CHECK_STEP_S
+            largest_deceleration = max(LAST_DECELERATION_M_S2, down_to_last_speed)
+            deceleration = min(braking.deceleration, largest_deceleration)
+            stop_time = max(abs(v) / deceleration, abs(w) / braking.yaw_deceleration)
+            steps_left = stop_time / CHECK_STEP_S
+            if steps_left <= 1.0:
+                break
+            # All velocities reach zero together, so that the base stays on its arc.
+            fastest_braking = max(fastest_braking, abs(v))
+            v -= v / steps_left
+            w -= w / steps_left
+            slip -= slip / steps_left
+
+        # The step goes along the heading halfway.
+        leftward = slip - braking.turn_ahead * w
+        cos_half = math.cos(yaw + 0.5 * w * step)
+        sin_half = math.sin(yaw + 0.5 * w * step)
+        x += (v * cos_half - leftward * sin_half) * step
+        y += (v * sin_half + leftward * cos_half) * step
         yaw += w * step
-        c, s = math.cos(yaw), math.sin(yaw)
-        if _is_deeper(rows, rows[2], planes, margin, (x, y, c, s)) or not _is_seen(seen, (x, y, c, s)):
+        place = Placement(x, y, math.cos(yaw), math.sin(yaw))
+        limits = check.obstacles.margin_limit
+        if _is_deeper(check.obstacles, limits, body.planes, body.margin, place):
+            return False
+        if not _is_seen(check.seen, body.edge, place):
             return False
 
+    swing = SWING_RAD * min(fastest_braking / LAST_SPEED_M_S, 1.0)
+    if not _is_seen_beyond(check.seen, body.edge, (x, y, yaw), target_v, target_w):
+        return False
+    return _may_swing(check.obstacles, body.planes, braking.turn_ahead, (x, y, yaw), swing)
+
 
 @kernel
-def _is_deeper(rows: Array, limits: Array, planes: Array, margin: float, at: Placed) -> bool:
-    """Return whether any point's penetration() is above its limit with the body at `at`.
+def _followed_speed(v: float, target_v: float, largest_change: float) -> float:
+    """Return the speed [m/s] after a step in which a base at speed v follows a command.
 
-    The loops run over all points, plane by plane, without an early exit, so that they compile to vector instructions.
+    Worst case: the base gains speed at once, and loses speed only as fast as it can brake.
     """
-    x, y, c, s = at
-    xs, ys, ahead, aside, depth = rows[0], rows[1], rows[4], rows[5], rows[6]
-    for i in range(xs.shape[0]):
-        dx, dy = xs[i] - x, ys[i] - y
-        ahead[i], aside[i], depth[i] = c * dx + s * dy, c * dy - s * dx, np.inf
-    for k in range(planes.shape[0]):
-        a, b, most = planes[k, 0], planes[k, 1], planes[k, 2] + margin
-        for i in range(xs.shape[0]):
-            depth[i] = min(depth[i], most - a * ahead[i] - b * aside[i])
-    deeper = False
-    for i in range(xs.shape[0]):
-        deeper |= depth[i] > limits[i]
-    return deeper
+    if abs(target_v) >= abs(v) and target_v * v >= 0.0:
+        return target_v
+    return min(max(target_v, v - largest_change), v + largest_change)
 
 
 @kernel
-def _may_swing(rows: Array, planes: Array, ahead: float, pose: Pose, swing: float) -> bool:
-    """Return whether the outline at a pose may turn by `swing` [rad] to both sides about its centre of rotation."""
+def _is_deeper(
+    obstacles: Obstacles, limits: Array, planes: Array, margin: float, place: Placement
+) -> bool:
+    """Return whether any point's penetration() is above its limit (n,) with the body at `place`.
+
+    The loops run over all points, plane by plane, without an early exit, so that they compile to
+    vector instructions.
+    """
+    forward = obstacles.forward
+    leftward = obstacles.leftward
+    depth = obstacles.depth
+    count = limits.shape[0]
+    for point in range(count):
+        offset_x = obstacles.x[point] - place.x
+        offset_y = obstacles.y[point] - place.y
+        forward[point] = place.cos_yaw * offset_x + place.sin_yaw * offset_y
+        leftward[point] = place.cos_yaw * offset_y - place.sin_yaw * offset_x
+        depth[point] = np.inf
+    for plane in range(planes.shape[0]):
+        a = planes[plane, 0]
+        b = planes[plane, 1]
+        extent = planes[plane, 2] + margin
+        for point in range(count):
+            depth[point] = min(depth[point], extent - a * forward[point] - b * leftward[point])
+    is_deeper = False
+    for point in range(count):
+        is_deeper |= depth[point] > limits[point]
+    return is_deeper
+
+
+@kernel
+def _may_swing(
+    obstacles: Obstacles, planes: Array, turn_ahead: float, pose: Pose, swing: float
+) -> bool:
+    """Return whether the outline at a pose may turn by `swing` [rad] to both sides.
+
+    It turns about the centre of rotation.
+    """
     if swing == 0.0:
         return True
     x, y, yaw = pose
-    px, py = x + ahead * math.cos(yaw), y + ahead * math.sin(yaw)
-    for turn in (yaw - swing, yaw + swing):
-        c, s = math.cos(turn), math.sin(turn)
-        if _is_deeper(rows, rows[3], planes, 0.0, (px - ahead * c, py - ahead * s, c, s)):
+    centre_x = x + turn_ahead * math.cos(yaw)
+    centre_y = y + turn_ahead * math.sin(yaw)
+    for swung_yaw in (yaw - swing, yaw + swing):
+        cos_yaw = math.cos(swung_yaw)
+        sin_yaw = math.sin(swung_yaw)
+        swung_x = centre_x - turn_ahead * cos_yaw
+        swung_y = centre_y - turn_ahead * sin_yaw
+        place = Placement(swung_x, swung_y, cos_yaw, sin_yaw)
+        if _is_deeper(obstacles, obstacles.outline_limit, planes, 0.0, place):
             return False
     return True
 
 
 @kernel
-def _is_seen(seen: Seen, at: Placed) -> bool:
-    """Return whether the body's whole edge lies in observed cells with the body at `at`."""
-    x, y, c, s = at
-    cells, corner_i, corner_j, edge, pose = seen
-    n = cells.shape[0]
-    pc, ps = math.cos(pose[2]), math.sin(pose[2])
-    first_i, first_j = corner_i % n, corner_j % n
-    for k in range(edge.shape[0]):
-        ex, ey = x + c * edge[k, 0] - s * edge[k, 1], y + s * edge[k, 0] + c * edge[k, 1]
-        i = int(math.floor((pose[0] + pc * ex - ps * ey) / CELL_M)) - corner_i
-        j = int(math.floor((pose[1] + ps * ex + pc * ey) / CELL_M)) - corner_j
-        if not (0 <= i < n and 0 <= j < n):
+def _is_seen(seen: Seen, edge: Array, place: Placement) -> bool:
+    """Return whether the body's whole edge lies in observed cells with the body at `place`."""
+    side_cells = seen.cells.shape[0]
+    if side_cells == 0:
+        return True
+    cos_robot = math.cos(seen.yaw)
+    sin_robot = math.sin(seen.yaw)
+    first_i = seen.corner_i % side_cells
+    first_j = seen.corner_j % side_cells
+    for number in range(edge.shape[0]):
+        # From the body's frame to that of the robot, and on to that of the cells.
+        robot_x = place.x + place.cos_yaw * edge[number, 0] - place.sin_yaw * edge[number, 1]
+        robot_y = place.y + place.sin_yaw * edge[number, 0] + place.cos_yaw * edge[number, 1]
+        i = cell_of(seen.x + cos_robot * robot_x - sin_robot * robot_y) - seen.corner_i
+        j = cell_of(seen.y + sin_robot * robot_x + cos_robot * robot_y) - seen.corner_j
+        if not (0 <= i < side_cells and 0 <= j < side_cells):
             return False
-        i, j = i + first_i, j + first_j  # Both are below 2 n, so a comparison replaces the slow modulo.
-        if not cells[i - n if i >= n else i, j - n if j >= n else j]:
+        # Both are below 2 side_cells, so a comparison replaces the slow modulo.
+        row = i + first_i
+        column = j + first_j
+        if row >= side_cells:
+            row -= side_cells
+        if column >= side_cells:
+            column -= side_cells
+        if not seen.cells[row, column]:
             return False
     return True
 
 
 @kernel
-def _is_seen_beyond(seen: Seen, pose: Pose, v: float, w: float) -> bool:
-    """Return whether the space BEYOND_M past the stopping point is observed. True if the command is a stop."""
-    fastest = 0.0
-    for k in range(seen[3].shape[0]):
-        fastest = max(fastest, math.hypot(v - w * seen[3][k, 1], w * seen[3][k, 0]))
+def _is_seen_beyond(seen: Seen, edge: Array, pose: Pose, v: float, w: float) -> bool:
+    """Return whether the space BEYOND_M past the stopping point is observed.
+
+    True if the command is a stop.
+    """
+    fastest = 0.0  # speed of the body's fastest point [m/s]
+    for number in range(edge.shape[0]):
+        fastest = max(fastest, math.hypot(v - w * edge[number, 1], w * edge[number, 0]))
     if fastest == 0.0:
         return True
     x, y, yaw = pose
@@ -261,4 +485,4 @@ def _is_seen_beyond(seen: Seen, pose: Pose, v: float, w: float) -> bool:
     x += v * time * math.cos(yaw + 0.5 * w * time)
     y += v * time * math.sin(yaw + 0.5 * w * time)
     yaw += w * time
-    return bool(_is_seen(seen, (x, y, math.cos(yaw), math.sin(yaw))))
+    return _is_seen(seen, edge, Placement(x, y, math.cos(yaw), math.sin(yaw)))

@@ -1,7 +1,6 @@
-"""Tests of the collision monitor's scan matching, which recovers the true motion if the wheels slip."""
+"""Tests of scan matching, which recovers the true motion if the wheels slip."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,21 +8,27 @@ import pytest
 from applr_ros1.common.angles import compose, inverse
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.monitor import PASS, CollisionMonitor
-from applr_ros1.monitor.scan_matching import ScanMatcher, _beam_near, beam_at, lines
-from applr_ros1.monitor.settings import MonitorSettings
+from applr_ros1.monitor.rays import beam_at
+from applr_ros1.monitor.scan_matching import ScanMatcher, _beam_near, lines
 from applr_ros1.robots import JACKAL
 from sim_bridge.lidar import Lidar
+from tests.monitor.scenes import BRAKES_WELL
 from tests.support.seeds import seeds
 
-NOTHING = np.zeros((0, 3)), np.zeros((0, 5))
+NO_DISCS = np.zeros((0, 3))
+NO_WALLS = np.zeros((0, 5))
+ORIGIN = (0.0, 0.0, 0.0)
+STEP_S = 0.05  # time between two scans [s]
 
 
-def scan(true, odometry, stamp, rng, discs=NOTHING[0], walls=NOTHING[1]):
-    """Return the scan of discs and walls (x, y, yaw, length, thickness) from the pose `true`. The scan's
-    sensor_pose is `odometry`. The laser is in the robot's centre.
+def scan(true, odometry, stamp, rng, discs=NO_DISCS, walls=NO_WALLS):
+    """Return the scan of discs and walls (x, y, yaw, length, thickness) from the pose `true`.
+
+    The scan's sensor_pose is `odometry`. The laser is in the robot's centre.
     """
     laser = JACKAL.laser
-    ranges = Lidar(laser, discs, walls).scan(*true) + rng.normal(0.0, 0.003, laser.beams).astype(np.float32)
+    ranges = Lidar(laser, discs, walls).scan(*true)
+    ranges += rng.normal(0.0, 0.003, laser.beams).astype(np.float32)
     return LaserScan(stamp, laser.first_angle, laser.increment, 0.1, 30.0, ranges, odometry)
 
 
@@ -33,24 +38,31 @@ def pillars(rng, count=60):
     return np.column_stack((places, np.full(len(places), 0.075)))
 
 
+def error_of(matcher, true, odometry):
+    """Return the distance [m] and the angle [rad] between the true and the corrected pose."""
+    x, y, yaw = compose(inverse(true), matcher.corrected(odometry))
+    return math.hypot(x, y), abs(yaw)
+
+
 @seeds(5)
 def test_slip_and_heading_errors_are_corrected(seed):
     """Every tenth step the wheels slip by up to 8 cm, and headings have an error of .003 rad."""
     rng = np.random.default_rng(seed)
-    discs, matcher = pillars(rng), ScanMatcher()
-    true, slipped = (0.0, 0.0, 0.0), 0.0
-    believed = true
+    discs = pillars(rng)
+    matcher = ScanMatcher()
+    true = ORIGIN
+    believed = ORIGIN
     for step in range(80):
-        move = (0.03 * math.cos(0.05 * step), 0.0, 0.04 * math.sin(0.11 * step))
+        forward = 0.03 * math.cos(0.05 * step)
+        turn = 0.04 * math.sin(0.11 * step)
         slip = float(rng.uniform(-0.08, 0.08)) if step % 10 == 5 else 0.0
-        slipped += slip
-        true = compose(true, (move[0] + slip, move[1], move[2]))
-        believed = compose(believed, move)
+        true = compose(true, (forward + slip, 0.0, turn))
+        believed = compose(believed, (forward, 0.0, turn))
         reported = (*believed[:2], believed[2] + float(rng.normal(0.0, 0.003)))
-        matcher.add_scan(scan(true, reported, 0.05 * step, rng, discs))
-        x, y, yaw = compose(inverse(true), matcher.corrected(reported))
-        assert math.hypot(x, y) < 0.015
-        assert abs(yaw) < 0.01
+        matcher.add_scan(scan(true, reported, STEP_S * step, rng, discs))
+        distance, angle = error_of(matcher, true, reported)
+        assert distance < 0.015
+        assert angle < 0.01
     assert math.hypot(believed[0] - true[0], believed[1] - true[1]) > 0.015
 
 
@@ -58,69 +70,84 @@ def test_slip_and_heading_errors_are_corrected(seed):
 def test_a_sliding_base_is_tracked_while_its_wheels_turn_backwards(seed):
     """The base brakes from 2 m/s at 4.8 m/s^2 between rows of posts that repeat every 15 cm."""
     rng = np.random.default_rng(seed)
-    rows = [(0.15 * i, side, 0.075) for side in (-0.9, 0.9) for i in range(-10, 50) if rng.random() < 0.8]
-    discs, matcher = np.array([*rows, (3.2, 0.3, 0.075), (4.0, -0.4, 0.075)]), ScanMatcher()
-    true = believed = (0.0, 0.0, 0.0)
-    ahead, errors = 0.1, []
+    discs = [(3.2, 0.3, 0.075), (4.0, -0.4, 0.075)]
+    for side in (-0.9, 0.9):
+        for number in range(-10, 50):
+            if rng.random() < 0.8:
+                discs.append((0.15 * number, side, 0.075))
+    matcher = ScanMatcher()
+    true = ORIGIN
+    believed = ORIGIN
+    step_m = 0.1  # distance that the base moves from scan to scan [m]
+    errors = []
     for step in range(22):
-        sliding = step >= 12
-        ahead = max(0.0, ahead - 0.012) if sliding else ahead
-        true = compose(true, (ahead, 0.0, 0.0))
-        believed = compose(believed, (-0.025 if sliding else ahead, 0.0, 0.0))
-        matcher.add_scan(scan(true, believed, 0.05 * step, rng, discs))
-        x, y, _ = compose(inverse(true), matcher.corrected(believed))
-        errors.append(math.hypot(x, y))
+        wheels_m = step_m
+        if step >= 12:
+            step_m = max(0.0, step_m - 0.012)
+            wheels_m = -0.025
+        true = compose(true, (step_m, 0.0, 0.0))
+        believed = compose(believed, (wheels_m, 0.0, 0.0))
+        matcher.add_scan(scan(true, believed, STEP_S * step, rng, np.array(discs)))
+        errors.append(error_of(matcher, true, believed)[0])
     assert max(errors) < 0.02
     assert believed[0] < true[0] - 0.5
 
 
 def test_along_a_bare_corridor_the_odometry_decides():
-    rng, matcher = np.random.default_rng(0), ScanMatcher()
+    rng = np.random.default_rng(0)
+    matcher = ScanMatcher()
     walls = np.array([[0.0, side, 0.0, 80.0, 0.01] for side in (-1.0, 1.0)])
     for step in range(40):
         true = (0.05 * step, 0.02 * math.sin(step), 0.0)
-        matcher.add_scan(scan(true, (true[0], 0.0, 0.0), 0.05 * step, rng, walls=walls))
-        x, y, _ = matcher.corrected((true[0], 0.0, 0.0))
+        odometry = (0.05 * step, 0.0, 0.0)
+        matcher.add_scan(scan(true, odometry, STEP_S * step, rng, walls=walls))
+        x, y, _ = matcher.corrected(odometry)
         assert abs(y - true[1]) < 0.01
         assert abs(x - true[0]) < 0.05
 
 
 def test_a_passing_person_does_not_shift_the_pose():
-    rng, matcher = np.random.default_rng(1), ScanMatcher()
-    discs, pose = pillars(rng, 20), (0.0, 0.0, 0.0)
+    rng = np.random.default_rng(1)
+    matcher = ScanMatcher()
+    discs = pillars(rng, 20)
     for step in range(60):
         person = np.array([[1.0, -1.5 + 0.05 * step, 0.25]])
-        matcher.add_scan(scan(pose, pose, 0.05 * step, rng, np.vstack((discs, person))))
-        assert np.hypot(*matcher.corrected(pose)[:2]) < 0.01
+        matcher.add_scan(scan(ORIGIN, ORIGIN, STEP_S * step, rng, np.vstack((discs, person))))
+        assert error_of(matcher, ORIGIN, ORIGIN)[0] < 0.01
 
 
 def test_a_completely_changed_scene_does_not_change_the_pose():
-    """If the scene changes completely, the pose is taken from the odometry, and the next scan fits again."""
-    rng, matcher = np.random.default_rng(2), ScanMatcher()
-    pose, first = (0.0, 0.0, 0.0), pillars(rng)
-    second = np.array([[0.0, -0.7, -0.1, 4.0, 0.01], [1.35, 0.5, 1.63, 5.0, 0.01]])
-    assert not matcher.add_scan(scan(pose, pose, 0.0, rng, first))
-    assert matcher.add_scan(scan(pose, pose, 0.1, rng, first))
-    assert not matcher.add_scan(scan(pose, pose, 0.2, rng, walls=second))
-    assert np.allclose(matcher.corrected(pose), pose, atol=0.002)
-    assert matcher.add_scan(scan(pose, pose, 0.3, rng, walls=second))
+    """The pose is then taken from the odometry, and the next scan fits again."""
+    rng = np.random.default_rng(2)
+    matcher = ScanMatcher()
+    discs = pillars(rng)
+    walls = np.array([[0.0, -0.7, -0.1, 4.0, 0.01], [1.35, 0.5, 1.63, 5.0, 0.01]])
+    assert not matcher.add_scan(scan(ORIGIN, ORIGIN, 0.0, rng, discs))
+    assert matcher.add_scan(scan(ORIGIN, ORIGIN, 0.1, rng, discs))
+    assert not matcher.add_scan(scan(ORIGIN, ORIGIN, 0.2, rng, walls=walls))
+    assert np.allclose(matcher.corrected(ORIGIN), ORIGIN, atol=0.002)
+    assert matcher.add_scan(scan(ORIGIN, ORIGIN, 0.3, rng, walls=walls))
+
+
+def verdict_after_slide(slide):
+    """Return the Verdict on backing up, after a slide backwards that the odometry misses [m]."""
+    rng = np.random.default_rng(3)
+    row = [(-0.72, y, 0.05) for y in np.arange(-0.3, 0.31, 0.05)]
+    discs = np.array([*row, (1.0, 0.7, 0.2), (0.9, -0.8, 0.2)])
+    monitor = CollisionMonitor(BRAKES_WELL)
+    behind = (0.0, 0.0, math.pi)
+    backed_up = (-0.20, 0.0, 0.0)
+    monitor.add_scan(scan(behind, behind, 0.0, rng, discs))
+    monitor.add_scan(scan(ORIGIN, ORIGIN, 0.1, rng, discs))
+    monitor.add_scan(scan(backed_up, backed_up, 0.2, rng, discs))
+    monitor.add_scan(scan((-0.20 - slide, 0.0, 0.0), backed_up, 0.3, rng, discs))
+    return monitor.filter(0.3, backed_up, (0.0, 0.0), (-0.5, 0.0))
 
 
 def test_backing_up_uses_the_corrected_pose():
-    """The obstacles behind leave room to back up, until the wheels lock and the base slides back by 9 cm."""
-    rng = np.random.default_rng(3)
-    discs = np.array([(-0.72, y, 0.05) for y in np.arange(-0.3, 0.31, 0.05)] + [(1.0, 0.7, 0.2), (0.9, -0.8, 0.2)])
-    verdicts = []
-    brakes_well = replace(MonitorSettings.of(JACKAL), deceleration=4.0, yaw_deceleration=12.0)
-    for slide in (0.0, 0.09):
-        monitor, pose = CollisionMonitor(brakes_well), (0.0, 0.0, 0.0)
-        monitor.add_scan(scan((0, 0, math.pi), (0, 0, math.pi), 0.0, rng, discs))
-        monitor.add_scan(scan(pose, pose, 0.1, rng, discs))
-        monitor.add_scan(scan((-0.20, 0, 0), (-0.20, 0, 0), 0.2, rng, discs))
-        monitor.add_scan(scan((-0.20 - slide, 0, 0), (-0.20, 0, 0), 0.3, rng, discs))
-        verdicts.append(monitor.filter(0.3, (-0.20, 0, 0), (0, 0), (-0.5, 0.0)))
-    assert verdicts[0].action == PASS
-    assert -0.4 < verdicts[1].command[0] < 0.0
+    """The obstacles behind leave room to back up, until the wheels lock and the base slides."""
+    assert verdict_after_slide(0.0).action == PASS
+    assert -0.4 < verdict_after_slide(0.09).command[0] < 0.0
 
 
 @pytest.mark.parametrize(
@@ -128,10 +155,15 @@ def test_backing_up_uses_the_corrected_pose():
 )
 def test_the_beam_search_does_not_depend_on_its_start(first, increment, count):
     random = np.random.default_rng(count)
-    beams, surface = (first, increment), lines(np.full(count, 2.0, np.float32), (first, increment))
+    surface = lines(np.full(count, 2.0, np.float32), first, increment)
     for _ in range(300):
-        bearing, r = random.uniform(-np.pi, np.pi), random.uniform(0.2, 8.0)
-        expected = beam_at(*beams, bearing)
-        last = (random.integers(-1, count + 1), int(expected) + random.integers(-9, 10))[random.integers(2)]
-        beam = _beam_near(surface, beams, r * np.cos(bearing), r * np.sin(bearing), float(last))
-        assert beam == pytest.approx(expected, abs=1e-9)
+        bearing = random.uniform(-np.pi, np.pi)
+        distance = random.uniform(0.2, 8.0)
+        expected = beam_at(first, increment, bearing)
+        anywhere = random.integers(-1, count + 1)
+        nearby = int(expected) + random.integers(-9, 10)
+        x = distance * np.cos(bearing)
+        y = distance * np.sin(bearing)
+        for start in (anywhere, nearby):
+            beam = _beam_near(surface, first, increment, x, y, float(start))
+            assert beam == pytest.approx(expected, abs=1e-9)

@@ -7,24 +7,28 @@ import pytest
 from applr_ros1.monitor.monitor import PASS, CollisionMonitor
 from applr_ros1.monitor.stalled_planner import StalledPlanner
 from applr_ros1.planner.escape import MOTIONS, TRIES
-from tests.monitor.test_collision_monitor import scan_of, wall
+from tests.monitor.scenes import AT_REST, HERE, scan_of, wall
 
-STOP, GO = (0.0, 0.0), (0.5, 0.1)
-HERE = (0.0, 0.0, 0.0)
-TOLERANCE = 0.3
+STOP = (0.0, 0.0)
+GO = (0.5, 0.1)
+TOLERANCE = 0.3  # distance from the goal at which the planner stops [m]
 
 
 class Drive:
-    """Drive with twenty commands per second. `held` returns whether the monitor blocks the command."""
+    """Drive with twenty commands per second. `is_held` returns whether the monitor blocks one."""
 
-    def __init__(self, held=lambda driven: False):
-        self.planner, self.time, self._held = StalledPlanner(TOLERANCE), 0.0, held
+    def __init__(self, is_held=lambda driven: False):
+        self.planner = StalledPlanner(TOLERANCE)
+        self.time = 0.0
+        self.is_held = is_held
 
-    def __call__(self, seconds, command=STOP, goal="a", left=5.0):
+    def __call__(self, seconds, command=STOP, goal="a", distance=5.0):
+        """Return the escape motions, or None, during `seconds` of a planner's command."""
         motions = []
         for _ in range(round(seconds / 0.05)):
-            motions.append(self.planner.instead(self.time, command, goal, left))
-            self.planner.report_held(self._held(motions[-1] or command))
+            motion = self.planner.instead(self.time, command, goal, distance)
+            self.planner.report_held(self.is_held(motion or command))
+            motions.append(motion)
             self.time += 0.05
         return motions
 
@@ -47,14 +51,15 @@ def test_a_planner_stalled_for_two_seconds_gets_escape_motions_until_it_drives()
     "state",
     [
         {"goal": None},  # no goal, a cancelled goal, or no move_base
-        {"left": None},  # planning or recovering
-        {"left": TOLERANCE},  # arrived
+        {"distance": None},  # planning or recovering
+        {"distance": TOLERANCE},  # arrived
         {"command": (math.nan, 0.0)},
     ],
     ids=["no goal", "no plan", "arrived", "absurd"],
 )
 def test_a_planner_without_need_to_drive_is_not_overridden(state):
-    assert set(Drive(held=lambda driven: driven != STOP)(9.0, **state)) == {None}
+    blocked = Drive(is_held=lambda driven: driven != STOP)
+    assert set(blocked(9.0, **state)) == {None}
     drive = Drive()
     assert drive(2.2)[-1] is not None
     assert set(drive(9.0, **state)) == {None}
@@ -64,7 +69,8 @@ def test_a_planner_without_need_to_drive_is_not_overridden(state):
 
 def test_a_planner_silent_from_the_start_gets_escape_motions():
     planner = StalledPlanner(TOLERANCE)
-    assert [planner.instead(t, STOP, "a", 5.0) for t in (0.0, 2.1)] == [None, MOTIONS[0]]
+    assert planner.instead(0.0, STOP, "a", 5.0) is None
+    assert planner.instead(2.1, STOP, "a", 5.0) == MOTIONS[0]
 
 
 def test_another_goal_restarts_the_detector():
@@ -75,22 +81,26 @@ def test_another_goal_restarts_the_detector():
 
 
 def test_a_blocked_planner_gets_escape_motions_after_half_a_second():
-    drive = Drive(held=lambda driven: driven != MOTIONS[2])
+    drive = Drive(is_held=lambda driven: driven != MOTIONS[2])
     motions = drive(3.0, GO)
     assert set(motions[:10]) == {None}
-    assert [motion for i, motion in enumerate(motions) if i and motion != motions[i - 1]][:3] == list(MOTIONS[:3])
+    changes = []
+    for previous, motion in zip(motions, motions[1:]):
+        if motion != previous:
+            changes.append(motion)
+    assert changes[:3] == list(MOTIONS[:3])
     assert 10 <= motions.count(MOTIONS[2]) <= 11, "for half a second"
-    after = len(motions) - motions[::-1].index(MOTIONS[2])
-    assert set(motions[after : after + 9]) == {None}, "then the planner's commands pass again"
+    end = len(motions) - motions[::-1].index(MOTIONS[2])
+    assert set(motions[end : end + 9]) == {None}, "then the planner's commands pass again"
 
 
 def test_escape_motions_end_after_a_number_of_tries_until_the_planner_drives():
-    drive = Drive(held=lambda driven: driven != STOP)
+    drive = Drive(is_held=lambda driven: driven != STOP)
     drive(TRIES * 0.2 + 1.0, GO)
     assert set(drive(60.0, GO)) == {None}
-    drive._held = lambda driven: False
+    drive.is_held = lambda driven: False
     drive(2.0, GO)
-    drive._held = lambda driven: driven != STOP
+    drive.is_held = lambda driven: driven != STOP
     assert drive(1.0, GO)[-1] is not None
 
 
@@ -98,10 +108,10 @@ def test_escape_motions_never_creep_into_unobserved_space():
     """The laser covers the front only: space behind is unknown, and space ahead is free."""
     monitor = CollisionMonitor()
     monitor.add_scan(scan_of(wall(3.0), HERE))
-    back = monitor.filter(0.0, HERE, (0.0, 0.0), (-0.1, 0.0))
-    assert back.command == (-0.1, 0.0)
-    assert not back.blocked
-    own = monitor.filter(0.0, HERE, (0.0, 0.0), (-0.1, 0.0), creeps=False)
-    assert abs(own.command[0]) < 0.02
-    assert own.blocked
-    assert monitor.filter(0.0, HERE, (0.0, 0.0), (0.1, 0.0), creeps=False).action == PASS
+    planned = monitor.filter(0.0, HERE, AT_REST, (-0.1, 0.0))
+    assert planned.command == (-0.1, 0.0)
+    assert not planned.blocked
+    escape = monitor.filter(0.0, HERE, AT_REST, (-0.1, 0.0), creeps=False)
+    assert abs(escape.command[0]) < 0.02
+    assert escape.blocked
+    assert monitor.filter(0.0, HERE, AT_REST, (0.1, 0.0), creeps=False).action == PASS

@@ -1,4 +1,7 @@
-"""Tests of a second laser: it adds obstacles, clears none of the first laser, and stops the base if it is silent."""
+"""Tests of a second laser.
+
+It adds obstacles, clears none of the first laser, and stops the base if it is silent.
+"""
 
 import math
 
@@ -6,15 +9,25 @@ import numpy as np
 import pytest
 
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
-from tests.monitor.test_collision_monitor import BEAMS, CLOSE_BEHIND, posts, scan_of, wall
+from tests.monitor.scenes import (
+    AT_REST,
+    BEAMS,
+    BEHIND,
+    CLOSE_BEHIND,
+    HERE,
+    posts,
+    scan_of,
+    wall,
+)
 
-HERE = (0.0, 0.0, 0.0)
 BACK = (-0.5, 0.0)
+AHEAD = (0.5, 0.0)
+WALL_BEHIND = [(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)]
 
 
 def behind(points, stamp=0.0, **changes):
     """Return the scan of a laser that faces backwards."""
-    return scan_of(points, (0.0, 0.0, math.pi), stamp, **changes)
+    return scan_of(points, BEHIND, stamp, **changes)
 
 
 def seen_both(ahead, back):
@@ -25,36 +38,44 @@ def seen_both(ahead, back):
 
 
 def test_the_robot_backs_up_as_far_as_the_second_laser_observes():
-    one = CollisionMonitor()
-    one.add_scan(scan_of(wall(3.0), HERE))
-    assert "creeping" in one.filter(0.0, HERE, (0.0, 0.0), BACK).reason
+    alone = CollisionMonitor()
+    alone.add_scan(scan_of(wall(3.0), HERE))
+    assert "creeping" in alone.filter(0.0, HERE, AT_REST, BACK).reason
     free = seen_both(wall(3.0), [(-3.0, 0.0), (-3.0, 0.1)])
-    assert free.filter(0.0, HERE, (0.0, 0.0), BACK).action == PASS
-    near = seen_both(wall(3.0), [(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)])
-    verdict = near.filter(0.0, HERE, (0.0, 0.0), BACK)
+    assert free.filter(0.0, HERE, AT_REST, BACK).action == PASS
+    near = seen_both(wall(3.0), WALL_BEHIND)
+    verdict = near.filter(0.0, HERE, AT_REST, BACK)
     assert "obstacle" in verdict.reason
     assert verdict.action in (SLOW, STOP)
 
 
-@pytest.mark.parametrize("name", ["", "rear"])
-def test_each_silent_or_blind_laser_stops_the_robot(name):
+def laser_scan(name, stamp, **changes):
+    """Return a scan of the laser `name` in a corridor between two walls."""
+    if name == "rear":
+        return behind(wall(-3.0), stamp, **changes)
+    return scan_of(wall(3.0), HERE, stamp, **changes)
+
+
+@pytest.mark.parametrize(
+    ("name", "other", "old", "blind"),
+    [
+        ("", "rear", "latest scan is 0.60 s old", "the scanner is blind"),
+        ("rear", "", "latest scan on rear is 0.60 s old", "rear: the scanner is blind"),
+    ],
+)
+def test_each_silent_or_blind_laser_stops_the_robot(name, other, old, blind):
     monitor = CollisionMonitor(more_scans=["rear"])
-    other = "rear" if not name else ""
-
-    def scan(of, stamp, **changes):
-        return behind(wall(-3.0), stamp, **changes) if of else scan_of(wall(3.0), HERE, stamp, **changes)
-
-    monitor.add_scan(scan(other, 0.0), other)
-    assert "no scan has arrived yet" in monitor.filter(0.0, HERE, (0.0, 0.0), (0.5, 0.0)).reason
-    monitor.add_scan(scan(name, 0.0), name)
-    assert monitor.filter(0.0, HERE, (0.0, 0.0), (0.5, 0.0)).action == PASS
-    monitor.add_scan(scan(other, 0.6), other)
-    named = "scan on rear" if name else "scan"
-    assert f"latest {named} is 0.60 s old" in monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0)).reason
-    monitor.add_scan(scan(name, 0.6, ranges=np.full(BEAMS, np.nan, np.float32)), name)
-    verdict = monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0))
+    monitor.add_scan(laser_scan(other, 0.0), other)
+    assert "no scan has arrived yet" in monitor.filter(0.0, HERE, AT_REST, AHEAD).reason
+    monitor.add_scan(laser_scan(name, 0.0), name)
+    assert monitor.filter(0.0, HERE, AT_REST, AHEAD).action == PASS
+    monitor.add_scan(laser_scan(other, 0.6), other)
+    assert old in monitor.filter(0.6, HERE, AT_REST, AHEAD).reason
+    invalid = np.full(BEAMS, np.nan, np.float32)
+    monitor.add_scan(laser_scan(name, 0.6, ranges=invalid), name)
+    verdict = monitor.filter(0.6, HERE, AT_REST, AHEAD)
     assert verdict.action == STOP
-    assert verdict.reason.startswith("rear: the scanner is blind" if name else "the scanner is blind")
+    assert verdict.reason.startswith(blind)
 
 
 def test_a_laser_does_not_clear_the_memory_of_another():
@@ -64,21 +85,23 @@ def test_a_laser_does_not_clear_the_memory_of_another():
     for stamp in (0.0, 0.1):
         monitor.add_scan(scan_of(wall(4.0, 3.0), HERE, stamp), "high")
     monitor.add_scan(scan_of(wall(1.0), HERE, 0.1))
-    assert monitor.filter(0.1, HERE, (0.0, 0.0), (2.0, 0.0)).action != PASS
+    assert monitor.filter(0.1, HERE, AT_REST, (2.0, 0.0)).action != PASS
 
 
 def test_another_place_clears_the_memories_of_all_lasers():
     monitor = seen_both(posts(0), CLOSE_BEHIND)
     assert "another place" in monitor.add_scan(scan_of(posts(1), HERE, 0.05))
     monitor.add_scan(scan_of(posts(1), HERE, 0.1))
-    assert monitor.filter(0.1, HERE, (0.0, 0.0), BACK).command == pytest.approx((-0.1, 0.0))  # unknown space
+    creeping = monitor.filter(0.1, HERE, AT_REST, BACK)
+    assert creeping.command == pytest.approx((-0.1, 0.0)), "the space behind is unknown"
 
 
 def test_only_the_first_laser_corrects_the_pose():
     """The pose of the second laser has an error of 3 cm. The first laser faces the same way."""
     monitor = CollisionMonitor(more_scans=["rear"])
     monitor.add_scan(scan_of(wall(2.0), HERE))
-    assert monitor.add_scan(scan_of(wall(2.0), HERE, 0.05, sensor_pose=(0.15, 0.0, 0.0)), "rear") == ""
+    shifted = scan_of(wall(2.0), HERE, 0.05, sensor_pose=(0.15, 0.0, 0.0))
+    assert monitor.add_scan(shifted, "rear") == ""
     assert monitor.matcher.correction == (0.0, 0.0, 0.0)
 
 
@@ -86,15 +109,18 @@ def test_a_laser_may_be_added_later():
     """The second laser shares the topic of the first one, but has its own frame."""
     monitor = CollisionMonitor()
     monitor.add_scan(scan_of(wall(3.0), HERE))
-    monitor.add_scan(behind([(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)]), "scan of rear")
-    assert "obstacle" in monitor.filter(0.0, HERE, (0.0, 0.0), BACK).reason
+    monitor.add_scan(behind(WALL_BEHIND), "scan of rear")
+    assert "obstacle" in monitor.filter(0.0, HERE, AT_REST, BACK).reason
     monitor.add_scan(scan_of(wall(3.0), HERE, 0.6))
-    assert "scan on scan of rear is 0.60 s old" in monitor.filter(0.6, HERE, (0.0, 0.0), (0.5, 0.0)).reason
+    verdict = monitor.filter(0.6, HERE, AT_REST, AHEAD)
+    assert "scan on scan of rear is 0.60 s old" in verdict.reason
 
 
 def test_an_infinite_range_max_is_valid():
     monitor = CollisionMonitor()
     assert monitor.add_scan(scan_of(wall(1.0), HERE, range_max=math.inf)) == ""
-    assert monitor.filter(0.0, HERE, (0.0, 0.0), (2.0, 0.0)).action == SLOW
-    assert "not finite" in monitor.add_scan(scan_of(wall(1.0), HERE, 0.1, range_min=math.nan))
-    assert "the scan has range_min" in monitor.add_scan(scan_of(wall(1.0), HERE, 0.2, range_max=math.nan))
+    assert monitor.filter(0.0, HERE, AT_REST, (2.0, 0.0)).action == SLOW
+    no_minimum = scan_of(wall(1.0), HERE, 0.1, range_min=math.nan)
+    assert "not finite" in monitor.add_scan(no_minimum)
+    no_maximum = scan_of(wall(1.0), HERE, 0.2, range_max=math.nan)
+    assert "the scan has range_min" in monitor.add_scan(no_maximum)

@@ -1,4 +1,4 @@
-"""Tests of the collision monitor's stopping distances and angles, compared with closed-form physics."""
+"""Tests of stopping distances and angles, compared with closed-form physics."""
 
 import math
 from dataclasses import replace
@@ -7,75 +7,94 @@ import numpy as np
 import pytest
 
 from applr_ros1.monitor.known_space import CELL_M
-from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
-from applr_ros1.monitor.scan_matching import beam_at
-from applr_ros1.monitor.settings import MonitorSettings
+from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor, Output
+from applr_ros1.monitor.motion import Velocity
+from applr_ros1.monitor.rays import beam_at
 from applr_ros1.monitor.stopping import (
-    EVERYTHING,
+    Braking,
+    Motion,
+    Placement,
+    Seen,
     _is_deeper,
     _is_seen,
+    _obstacles,
     braking_time,
-    edge_points,
-    half_planes,
     penetration,
-    safe_scale,
 )
-from applr_ros1.robots import JACKAL
-from tests.monitor.test_collision_monitor import scan_of, seen_all_around, wall
+from tests.monitor import scenes
+from tests.monitor.scenes import (
+    AT_REST,
+    BODY,
+    FRONT,
+    HERE,
+    SIDE,
+    safe_scale_of,
+    scan_of,
+    seen_all_around,
+    wall,
+)
 
-SETTINGS = replace(MonitorSettings.of(JACKAL), turn_gain=1.0, turn_ahead=0.0)
-FRONT, SIDE, MARGIN = 0.229, 0.208, 0.03
-HERE = (0.0, 0.0, 0.0)
-TOLERANCE = 0.045  # tolerance of a stopping distance [m], from the step between two checked poses at 2 m/s
+SETTINGS = replace(scenes.SETTINGS, turn_gain=1.0, turn_ahead=0.0)
+MARGIN = BODY.margin
+TOLERANCE = 0.045  # tolerance of a stopping distance [m], from the step between poses at 2 m/s
 
 
-def braking_way(speed, deceleration):
-    """Return the braking distance [m] of a base whose deceleration is at most .6 m/s^2 below .3 m/s."""
+def braking_distance(speed, deceleration):
+    """Return the braking distance [m] of a base that brakes gently below .3 m/s."""
     last = min(speed, 0.3)
     return (speed**2 - last**2) / (2 * deceleration) + last**2 / (2 * 0.6)
 
 
-def least(low, high, passes):
+def smallest_passing(low, high, passes):
     """Return the smallest number for which the monotone predicate `passes` is true."""
     for _ in range(10):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if passes(middle) else (middle, high)
+        if passes(middle):
+            high = middle
+        else:
+            low = middle
     return high
 
 
 @pytest.mark.parametrize(
-    ("measured", "commanded", "old", "way"),
-    [  # braking with 4 m/s^2 after 0.15 s
-        (2.0, 2.0, 0.0, 2.0 * 0.15 + braking_way(2.0, 4.0)),
-        (0.0, 2.0, 0.0, 2.0 * 0.15 + braking_way(2.0, 4.0)),  # The base gains speed at once.
-        (2.0, 0.5, 0.0, braking_way(2.0, 4.0)),  # The base loses speed as in braking.
-        (1.0, 1.0, 0.3, 1.0 * 0.45 + braking_way(1.0, 4.0)),
-        (1.0, 2.0, 0.3, 1.0 * 0.3 + 2.0 * 0.15 + braking_way(2.0, 4.0)),
+    ("measured", "commanded", "age", "expected"),
+    [
+        # The base brakes with 4 m/s^2 after 0.15 s.
+        (2.0, 2.0, 0.0, 2.0 * 0.15 + braking_distance(2.0, 4.0)),
+        # It gains speed at once.
+        (0.0, 2.0, 0.0, 2.0 * 0.15 + braking_distance(2.0, 4.0)),
+        # It loses speed as in braking.
+        (2.0, 0.5, 0.0, braking_distance(2.0, 4.0)),
+        # It keeps its speed for as long as its pose is old.
+        (1.0, 1.0, 0.3, 1.0 * 0.45 + braking_distance(1.0, 4.0)),
+        (1.0, 2.0, 0.3, 1.0 * 0.3 + 2.0 * 0.15 + braking_distance(2.0, 4.0)),
     ],
 )
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_the_stopping_distance(measured, commanded, old, way, side):
-    planes = half_planes(SETTINGS.body)
+def test_the_stopping_distance(measured, commanded, age, expected, side):
+    def passes(distance):
+        x = side * (FRONT + MARGIN + distance)
+        points = [(x, y) for y in (-0.2, 0.0, 0.2)]
+        motion = Motion(side * measured, 0.0)
+        return safe_scale_of(points, motion, (side * commanded, 0.0), pose_age=age) == 1.0
+
+    assert smallest_passing(0.0, 3.0, passes) == pytest.approx(expected, abs=TOLERANCE)
+
+
+@pytest.mark.parametrize(("deceleration", "braking"), [(1.9, 0.3**2 / 1.2), (0.5, 0.3**2 / 1.0)])
+def test_the_last_part_of_braking_is_gentle(deceleration, braking):
+    """Nearly stopped wheels may have less friction than fast ones.
+
+    Without this, the Jackal hit walls at .26 m/s.
+    """
 
     def passes(distance):
-        points = np.array([[side * (FRONT + MARGIN + distance), y] for y in (-0.2, 0.0, 0.2)])
-        twist, command = (side * measured, 0.0), (side * commanded, 0.0)
-        rest = ((old, 0.15), (4.0, 12.0), EVERYTHING)
-        return safe_scale(points, planes, MARGIN, twist, command, *rest)[0] == 1.0
+        points = [(FRONT + MARGIN + distance, 0.0)]
+        brakes = Braking(deceleration, 3.3)
+        return safe_scale_of(points, Motion(0.3, 0.0), (0.3, 0.0), brakes, reaction=0.1) == 1.0
 
-    assert least(0.0, 3.0, passes) == pytest.approx(way, abs=TOLERANCE)
-
-
-@pytest.mark.parametrize(("deceleration", "way"), [(1.9, 0.3**2 / 1.2), (0.5, 0.3**2 / 1.0)])
-def test_the_last_part_of_braking_is_gentle(deceleration, way):
-    """Nearly stopped wheels may have less friction than fast ones: without this, the Jackal hit walls at .26 m/s."""
-    planes = half_planes(SETTINGS.body)
-
-    def passes(distance):
-        points, twist = np.array([[FRONT + MARGIN + distance, 0.0]]), (0.3, 0.0)
-        return safe_scale(points, planes, MARGIN, twist, twist, (0.0, 0.1), (deceleration, 3.3), EVERYTHING)[0] == 1.0
-
-    assert least(0.0, 1.0, passes) == pytest.approx(0.3 * 0.1 + way, abs=0.01)
+    expected = 0.3 * 0.1 + braking
+    assert smallest_passing(0.0, 1.0, passes) == pytest.approx(expected, abs=0.01)
 
 
 def test_braking_ends_gently_for_any_deceleration():
@@ -86,119 +105,142 @@ def test_braking_ends_gently_for_any_deceleration():
 
 @pytest.mark.parametrize("gain", [1.0, 1.6])
 def test_the_stopping_angle(gain):
-    """A corner turns at 2 rad/s towards a post .28 m from the robot's centre, and stops after .15 s with 4 rad/s^2."""
-    planes, radius, turning = half_planes(SETTINGS.body), 0.28, (0.0, 2.0 / gain)
-    first = math.asin((SIDE + MARGIN) / radius)  # direction in which the widened outline is `radius` away [rad]
+    """A corner turns at 2 rad/s towards a post .28 m from the centre, and stops with 4 rad/s^2."""
+    radius = 0.28
+    command_w = 2.0 / gain
+    # Direction in which the widened outline is `radius` away [rad].
+    direction = math.asin((SIDE + MARGIN) / radius)
 
     def passes(turn):
-        points = np.array([[radius * math.cos(first + turn), radius * math.sin(first + turn)]])
-        rest = ((0.0, 0.15), (1.9, 4.0), EVERYTHING, (0.0, gain, 0.0, 0.0))
-        return safe_scale(points, planes, MARGIN, turning, turning, *rest)[0] == 1.0
+        angle = direction + turn
+        points = [(radius * math.cos(angle), radius * math.sin(angle))]
+        braking = Braking(1.9, 4.0, turn_gain=gain)
+        return safe_scale_of(points, Motion(0.0, command_w), (0.0, command_w), braking) == 1.0
 
-    assert least(0.0, 1.0, passes) == pytest.approx(2.0 * 0.15 + 2.0**2 / 8, abs=TOLERANCE)
+    expected = 2.0 * 0.15 + 2.0**2 / 8
+    assert smallest_passing(0.0, 1.0, passes) == pytest.approx(expected, abs=TOLERANCE)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_lateral_slip_ends_with_the_forward_motion(side):
-    """At 1 m/s forward and .6 m/s of slip, both are constant for .15 s and then fall to 0 together."""
-    planes = half_planes(SETTINGS.body)
+    """At 1 m/s and .6 m/s of slip, both are constant for .15 s and then fall to 0 together."""
 
     def passes(distance):
-        post = np.array([[0.3, side * (SIDE + MARGIN + distance)]])
-        rest = ((0.0, 0.15), (1.9, 3.3), EVERYTHING, (0.0, 1.0, 0.0, side * 0.6))
-        return safe_scale(post, planes, MARGIN, (1.0, 0.0), (1.0, 0.0), *rest)[0] == 1.0
+        points = [(0.3, side * (SIDE + MARGIN + distance))]
+        motion = Motion(1.0, 0.0, slip=side * 0.6)
+        return safe_scale_of(points, motion, (1.0, 0.0), Braking(1.9, 3.3)) == 1.0
 
-    assert least(0.0, 1.0, passes) == pytest.approx(0.6 * (0.15 + braking_way(1.0, 1.9)), abs=0.02)
+    expected = 0.6 * (0.15 + braking_distance(1.0, 1.9))
+    assert smallest_passing(0.0, 1.0, passes) == pytest.approx(expected, abs=0.02)
 
 
 def test_lateral_slip_may_end_in_a_turn_faster_than_commanded():
     """The base slides to the left, away from a post, and turns to the right."""
-    post, planes = np.array([[0.5, -0.3]]), half_planes(SETTINGS.body)
-    rest = (post, planes, MARGIN, (1.0, 0.0), (1.0, -0.5), (0.0, 0.15), (1.9, 3.3), EVERYTHING)
-    assert safe_scale(*rest, (0.0, 1.0, 0.0, 0.6))[0] == 1.0
-    assert safe_scale(*rest, (0.0, 2.0, 0.0, 0.6))[0] < 1.0
+    post = [(0.5, -0.3)]
+    motion = Motion(1.0, 0.0, slip=0.6)
+    command = (1.0, -0.5)
+    assert safe_scale_of(post, motion, command, Braking(1.9, 3.3)) == 1.0
+    assert safe_scale_of(post, motion, command, Braking(1.9, 3.3, turn_gain=2.0)) < 1.0
 
 
 def moving(velocity, **changes):
-    """Return a monitor in an empty room whose poses imply the velocity (v, w, s)."""
+    """Return a monitor in an empty room whose poses imply a Velocity."""
     monitor = seen_all_around(wall(9.0), replace(SETTINGS, **changes))
-    monitor.motion.take, monitor.motion.velocity = lambda *_: None, velocity
+    monitor.motion.take = lambda stamp, pose: None
+    monitor.motion.velocity = velocity
     return monitor
 
 
 def test_lateral_slip_excludes_the_turn_of_the_poses():
-    """The turn is about a point .13 m ahead. The turn rate in the odometry's twist, which is newer, is not used."""
-    monitor = moving((1.0, 1.0, 0.2), turn_ahead=0.13)
-    assert monitor._twists((1.0, 1.3)) == [(1.0, 1.3, pytest.approx(0.33))]
+    """The turn is about a point .13 m ahead. The twist's turn rate, which is newer, is not used."""
+    monitor = moving(Velocity(1.0, 1.0, 0.2), turn_ahead=0.13)
+    (motion,) = monitor._motions((1.0, 1.3))
+    assert motion == (1.0, 1.3, pytest.approx(0.33), 0.0)
 
 
-def test_slipping_wheels_are_braked_from_the_speed_of_the_poses():
-    """1 m/s was commanded a tenth of a second ago, and the wheels nearly stand or turn backwards."""
-    for reported in (0.2, -0.1):
-        monitor = moving((-1.0, 0.0, 0.0))
-        monitor._given = -0.1, -1.0, 0.0
-        verdict = monitor.filter(0.0, HERE, (-reported, 0.0), (0.0, 0.0))
-        assert verdict.command[0] == pytest.approx(-1.0 + 1.9 * 0.1)
+@pytest.mark.parametrize("reported", [0.2, -0.1])
+def test_slipping_wheels_are_braked_from_the_speed_of_the_poses(reported):
+    """1 m/s was commanded a tenth of a second ago; the wheels nearly stand or turn backwards."""
+    monitor = moving(Velocity(-1.0, 0.0, 0.0))
+    monitor._output = Output(-0.1, -1.0, 0.0)
+    verdict = monitor.filter(0.0, HERE, (-reported, 0.0), (0.0, 0.0))
+    assert verdict.command[0] == pytest.approx(-1.0 + 1.9 * 0.1)
 
 
 def test_the_velocity_of_the_poses_refers_to_their_stamps():
     """The robot drives at 1 m/s, and its last pose is .05 s old."""
     monitor = seen_all_around(wall(9.0), SETTINGS)
-    for now, age in ((0.0, 0.0), (0.1, 0.0), (0.25, 0.05)):
-        monitor.filter(now, (now - age, 0.0, 0.0), (1.0, 0.0), (1.0, 0.0), (age, 0.0))
-    assert monitor.motion.velocity[0] == pytest.approx(1.0)
+    for time, age in ((0.0, 0.0), (0.1, 0.0), (0.25, 0.05)):
+        pose = (time - age, 0.0, 0.0)
+        monitor.filter(time, pose, (1.0, 0.0), (1.0, 0.0), (age, 0.0))
+    assert monitor.motion.velocity.v == pytest.approx(1.0)
 
 
 def test_the_previous_turn_rate_limits_the_arc_of_a_slower_command():
-    """Between posts, a base drives straight on at 1 m/s, was commanded to turn at 2 rad/s, and must now slow down."""
+    """Between posts, a base goes straight on at 1 m/s, but was commanded to turn at 2 rad/s.
+
+    It must now slow down. What its previous command was matters for some posts and not for others.
+    """
     monitor = CollisionMonitor(SETTINGS)
-    monitor._given, brake, limited = (0.0, 1.0, 2.0), (SETTINGS.deceleration, SETTINGS.yaw_deceleration), set()
-    for x, y in [(x, y) for x in np.arange(0.2, 0.7, 0.05) for y in np.arange(0.2, 0.7, 0.05)]:
-        given = (1.0, 0.0), (0.5, 1.0), (0.0, 0.15)
-        scale = monitor._scale(np.array([[x, y]]), [(1.0, 0.0, 0.0)], *given[1:], EVERYTHING)
-        arguments = np.array([[x, y]]), monitor._planes, MARGIN, *given, brake, EVERYTHING
-        assert scale == safe_scale(*arguments, (2.0, 1.0, 0.0, 0.0))
-        limited.add(scale == safe_scale(*arguments, (1.0, 1.0, 0.0, 0.0)))
-    assert limited == {True, False}
+    monitor._output = Output(0.0, 1.0, 2.0)
+    (motion,) = monitor._motions((1.0, 0.0))
+    assert motion.commanded_w == 2.0
+    turned_less = motion._replace(commanded_w=1.0)
+    braking = Braking(1.9, 3.3)
+    is_same = set()
+    for x in np.arange(0.2, 0.7, 0.05):
+        for y in np.arange(0.2, 0.7, 0.05):
+            scale = safe_scale_of([(x, y)], motion, (0.5, 1.0), braking)
+            is_same.add(scale == safe_scale_of([(x, y)], turned_less, (0.5, 1.0), braking))
+    assert is_same == {True, False}
 
 
 def test_poses_faster_than_any_command_stop_the_robot_at_once():
-    """The odometry was set to a place 1 km away. Checking a command at the resulting speed would take minutes."""
+    """The odometry was set to a place 1 km away.
+
+    Checking a command at the resulting speed would take minutes.
+    """
     monitor = seen_all_around(wall(9.0), SETTINGS)
-    for stamp, x in ((-0.1, 0.0), (0.0, 1000.0)):
-        verdict = monitor.filter(stamp, (x, 0.0, 0.0), (0.0, 0.0), (1.0, 0.0))
+    monitor.filter(-0.1, HERE, AT_REST, (1.0, 0.0))
+    verdict = monitor.filter(0.0, (1000.0, 0.0, 0.0), AT_REST, (1.0, 0.0))
     assert verdict.action == STOP
-    assert verdict.reason == "the poses imply 10000 m/s and 0 rad/s, which is too fast: check the odometry"
+    problem = "the poses imply 10000 m/s and 0 rad/s, which is too fast: check the odometry"
+    assert verdict.reason == problem
 
 
 @pytest.mark.parametrize(
-    ("scan", "ages", "way"),
-    [  # at 1 m/s: ages add to the reaction time, and the age of the pose also adds the distance driven since
+    ("scan_age", "ages", "expected"),
+    [
+        # At 1 m/s: ages add to the reaction time. That of the pose also adds the distance since.
         (0.0, (0.0, 0.0), 0.15),
         (0.3, (0.0, 0.0), 0.45),
         (0.0, (0.0, 0.3), 0.45),
         (0.0, (0.3, 0.0), 0.75),
     ],
 )
-def test_the_stopping_distance_depends_on_the_ages_of_the_inputs(scan, ages, way):
+def test_the_stopping_distance_depends_on_the_ages_of_the_inputs(scan_age, ages, expected):
     def passes(distance):
         monitor = seen_all_around(wall(FRONT + MARGIN + distance + 0.05), SETTINGS)
-        return monitor.filter(scan, HERE, (1.0, 0.0), (1.0, 0.0), ages).action == PASS
+        return monitor.filter(scan_age, HERE, (1.0, 0.0), (1.0, 0.0), ages).action == PASS
 
-    assert least(0.0, 2.0, passes) == pytest.approx(way + braking_way(1.0, 1.9), abs=TOLERANCE)
+    stopping = expected + braking_distance(1.0, 1.9)
+    assert smallest_passing(0.0, 2.0, passes) == pytest.approx(stopping, abs=TOLERANCE)
 
 
 def test_a_fast_base_stops_for_an_obstacle_that_only_its_current_speed_reaches():
-    """At 2 m/s, with .3 m/s commanded, a wall is .75 m ahead, beyond the stopping distance of the command."""
+    """At 2 m/s, with .3 m/s commanded, a wall is .75 m ahead, beyond the command's way to stop."""
     monitor = seen_all_around(wall(1.0), SETTINGS)
     verdict = monitor.filter(0.0, HERE, (2.0, 0.0), (0.3, 0.0))
-    assert (verdict.action, verdict.reason) == (STOP, "braking: an obstacle is too near to stop")
+    assert verdict.action == STOP
+    assert verdict.reason == "braking: an obstacle is too near to stop"
 
 
 @pytest.mark.parametrize(
     ("changes", "command", "age", "post"),
-    [  # The robot turns up to three times as fast as commanded, for 2.6 s. The pose is 1.5 s old.
+    [
+        # The robot turns up to three times as fast as commanded, for 2.6 s.
         ({"turn_gain": 3.0, "yaw_deceleration": 0.3}, (1.0, 0.26), 0.0, (1.28, 0.82)),
+        # The pose is 1.5 s old.
         ({"scan_timeout": 2.0}, (0.3, 0.0), 1.5, (1.2, 0.0)),
     ],
     ids=["turn", "age"],
@@ -214,41 +256,67 @@ def test_turning_into_unobserved_space_is_limited_to_creep_speed():
     """The fastest corner of the body moves at creep_speed."""
     monitor = CollisionMonitor(SETTINGS)
     monitor.add_scan(scan_of(wall(2.0), HERE))
-    verdict = monitor.filter(0.0, HERE, (0.0, 0.0), (0.0, 1.5))
+    verdict = monitor.filter(0.0, HERE, AT_REST, (0.0, 1.5))
     assert verdict.action == SLOW
     assert "creeping" in verdict.reason
     assert verdict.command == pytest.approx((0.0, SETTINGS.creep_speed / math.hypot(FRONT, SIDE)))
 
 
-def test_vectorised_kernels_equal_the_scalar_computation():
-    """Points in the body, cells under its edge, and the beam towards a bearing are equal to the last bit."""
-    random, planes, edge = np.random.default_rng(3), half_planes(SETTINGS.body), edge_points(SETTINGS.body)
-    n, outcomes = 60, set()
+def test_points_in_the_body_are_those_of_the_scalar_computation():
+    """The kernel, which handles all points plane by plane, is equal to the last bit."""
+    random = np.random.default_rng(3)
+    outcomes = set()
     for _ in range(300):
-        (x, y, yaw), rows = random.uniform(-0.3, 0.3, 3), random.uniform(-0.6, 0.6, (7, 20))
-        c, s, rows[2] = math.cos(yaw), math.sin(yaw), random.uniform(0.0, 0.3, 20)
-        depths = [
-            penetration(planes, MARGIN, c * (px - x) + s * (py - y), c * (py - y) - s * (px - x))
-            for px, py in rows[:2].T
-        ]
-        deeper = any(depth > most for depth, most in zip(depths, rows[2]))
-        assert _is_deeper(rows, rows[2], planes, MARGIN, (x, y, c, s)) == deeper
+        x, y, yaw = random.uniform(-0.3, 0.3, 3)
+        points = random.uniform(-0.6, 0.6, (20, 2))
+        limits = random.uniform(0.0, 0.3, 20)
+        place = Placement(x, y, math.cos(yaw), math.sin(yaw))
+        expected = False
+        for (point_x, point_y), limit in zip(points, limits):
+            forward = place.cos_yaw * (point_x - x) + place.sin_yaw * (point_y - y)
+            leftward = place.cos_yaw * (point_y - y) - place.sin_yaw * (point_x - x)
+            expected |= penetration(BODY.planes, MARGIN, forward, leftward) > limit
+        obstacles = _obstacles(points, BODY)
+        assert _is_deeper(obstacles, limits, BODY.planes, MARGIN, place) == expected
+        outcomes.add(bool(expected))
+    assert outcomes == {True, False}
 
+
+def test_the_body_is_seen_if_all_cells_under_its_edge_are():
+    """The kernel, which avoids modulo, is compared with the definition of the cells."""
+    random = np.random.default_rng(3)
+    n = 60
+    outcomes = set()
+    for _ in range(300):
+        x, y, yaw = random.uniform(-0.3, 0.3, 3)
+        place = Placement(x, y, math.cos(yaw), math.sin(yaw))
         cells = (random.random((n, n)) > 0.002).astype(np.uint8)
-        corner, pose = random.integers(-200, 200, 2), (0.0, 0.0, random.uniform(-3.0, 3.0))
-        pose = (*(CELL_M * (corner + random.uniform(8.0, n - 8.0, 2))), pose[2])
-        pc, ps, seen = math.cos(pose[2]), math.sin(pose[2]), True
-        for ahead, aside in edge:
-            ex, ey = x + c * ahead - s * aside, y + s * ahead + c * aside
-            place = (pose[0] + pc * ex - ps * ey) / CELL_M, (pose[1] + ps * ex + pc * ey) / CELL_M
-            i, j = map(math.floor, place)
-            window = 0 <= i - corner[0] < n and 0 <= j - corner[1] < n
-            seen = seen and window and bool(cells[i % n, j % n])
-        assert _is_seen((cells, *map(int, corner), edge, pose), (x, y, c, s)) == seen
-        outcomes |= {("deeper", deeper), ("seen", seen)}
+        corner = random.integers(-200, 200, 2)
+        robot_x, robot_y = CELL_M * (corner + random.uniform(8.0, n - 8.0, 2))
+        robot_yaw = random.uniform(-3.0, 3.0)
+        cos_robot = math.cos(robot_yaw)
+        sin_robot = math.sin(robot_yaw)
+        expected = True
+        for edge_x, edge_y in BODY.edge:
+            ahead = x + place.cos_yaw * edge_x - place.sin_yaw * edge_y
+            aside = y + place.sin_yaw * edge_x + place.cos_yaw * edge_y
+            i = math.floor((robot_x + cos_robot * ahead - sin_robot * aside) / CELL_M)
+            j = math.floor((robot_y + sin_robot * ahead + cos_robot * aside) / CELL_M)
+            is_in_window = 0 <= i - corner[0] < n and 0 <= j - corner[1] < n
+            expected = expected and is_in_window and bool(cells[i % n, j % n])
+        seen = Seen(cells, int(corner[0]), int(corner[1]), robot_x, robot_y, robot_yaw)
+        assert _is_seen(seen, BODY.edge, place) == expected
+        outcomes.add(expected)
+    assert outcomes == {True, False}
 
-        first, step, bearing = random.uniform(-3.2, 3.2), random.choice([-1.0, 1.0]) * 0.01, random.uniform(-20.0, 20.0)
-        plain = bearing - first
-        plain = plain % (2.0 * math.pi) if step > 0.0 else -((-plain) % (2.0 * math.pi))
-        assert beam_at(first, step, bearing) == plain / step
-    assert len(outcomes) == 4
+
+def test_the_beam_towards_a_bearing_is_that_of_the_modulo():
+    random = np.random.default_rng(3)
+    for _ in range(300):
+        first = random.uniform(-3.2, 3.2)
+        step = random.choice([-1.0, 1.0]) * 0.01
+        bearing = random.uniform(-20.0, 20.0)
+        turn = (bearing - first) % (2.0 * math.pi)
+        if step < 0.0:
+            turn = -((first - bearing) % (2.0 * math.pi))
+        assert beam_at(first, step, bearing) == turn / step

@@ -1,0 +1,94 @@
+"""Scenes for tests of the collision monitor: scans of discs, and monitors that saw them."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from applr_ros1.common.scan import LaserScan
+from applr_ros1.monitor.monitor import CollisionMonitor
+from applr_ros1.monitor.settings import MonitorSettings
+from applr_ros1.monitor.stopping import (
+    EVERYTHING,
+    Body,
+    Braking,
+    Delay,
+    edge_points,
+    half_planes,
+    safe_scale,
+)
+from applr_ros1.robots import JACKAL
+from sim_bridge.lidar import Lidar
+
+SETTINGS = MonitorSettings.of(JACKAL)
+BRAKES_WELL = replace(SETTINGS, deceleration=4.0, yaw_deceleration=12.0)
+HERE = (0.0, 0.0, 0.0)
+BEHIND = (0.0, 0.0, math.pi)
+AT_REST = (0.0, 0.0)
+
+BEAMS = 720
+ANGLE = 2.35619  # bearing of the last beam [rad]
+LASER = 0.12  # distance of the laser ahead of the robot's centre [m]
+# Full turn of a TurtleBot3's laser, whose ends meet straight ahead.
+TURN = {"angle_min": 0.0, "angle_increment": 2 * math.pi / 359}
+
+# Body of the Jackal, and distances of its front and its side from the centre [m].
+BODY = Body(half_planes(SETTINGS.body), edge_points(SETTINGS.body), margin=0.03)
+FRONT = 0.229
+SIDE = 0.208
+
+STRONG_BRAKES = Braking(4.0, 12.0)
+
+CLOSE_BEHIND = [(-0.32, y) for y in np.arange(-0.2, 0.21, 0.05)]
+
+
+def scan_of(points, pose, stamp=0.0, **changes):
+    """Return the scan of a Jackal among discs of 5 cm radius.
+
+    The discs are at points (n, 2) in the odometry frame, in which the robot is at `pose`.
+    """
+    x, y, yaw = pose
+    sensor_pose = x + LASER * math.cos(yaw), y + LASER * math.sin(yaw), yaw
+    discs = [(*point, 0.05) for point in points]
+    ranges = Lidar(JACKAL.laser, discs, np.zeros((0, 5))).scan(*sensor_pose)
+    increment = 2 * ANGLE / (BEAMS - 1)
+    scan = LaserScan(stamp, -ANGLE, increment, 0.1, 30.0, ranges, sensor_pose)
+    return replace(scan, **changes)
+
+
+def wall(x, half_width=1.0):
+    """Return discs across the way of the robot, whose front is 5 cm nearer than x [m]."""
+    return [(x, y) for y in np.arange(-half_width, half_width, 0.04)]
+
+
+def posts(seed):
+    """Return random positions (n, 2) [m] of posts, none of them at the robot."""
+    places = np.random.default_rng(seed).uniform(-4.0, 4.0, (40, 2))
+    return places[np.hypot(*places.T) > 0.8]
+
+
+def seen_all_around(points, settings=None):
+    """Return a monitor at (0, 0, 0) and time 0 that has looked behind and then ahead.
+
+    Discs are at points (n, 2) [m].
+    """
+    monitor = CollisionMonitor(settings)
+    monitor.add_scan(scan_of(points, BEHIND, -0.1))
+    monitor.add_scan(scan_of(points, HERE, 0.0))
+    return monitor
+
+
+def safe_scale_of(
+    points,
+    motion,
+    command,
+    braking=STRONG_BRAKES,
+    pose_age=0.0,
+    reaction=0.15,
+    body=BODY,
+    seen=EVERYTHING,
+):
+    """Return the safe scale of a command of the Jackal for points (n, 2) [m] and one Motion."""
+    delay = Delay(pose_age, reaction)
+    safe = safe_scale(np.array(points), body, np.array([motion]), command, delay, braking, seen)
+    return safe.scale
