@@ -1,4 +1,4 @@
-"""Descriptions of robots: one folder per robot with robot.yaml and the parameter files of its move_base.
+"""Descriptions of robots: a folder each, with robot.yaml and the files of its move_base.
 
 `load` reads an included robot by name, or a user's folder. The simulators, the policy's parameter
 space, training and the launch file use the result. urdf_import/ makes a folder from a URDF and the

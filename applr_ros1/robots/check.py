@@ -68,7 +68,7 @@ SLOWEST = {  # for speed and turn rate, by local planner
 
 
 class _Setup(NamedTuple):
-    """Parameters of a robot with or without a map: `tree` from its files, `full` with all defaults."""
+    """Parameters of a robot: `tree` from its files, `full` with all defaults."""
 
     robot: Robot
     with_map: bool
@@ -144,7 +144,6 @@ def refused(error: ValidationError) -> List[str]:
 
 
 # --- errors ---------------------------------------------------------------------------------------
-# --------------------
 
 
 def fields(robot: Robot) -> Iterator[str]:
@@ -171,8 +170,8 @@ def fields(robot: Robot) -> Iterator[str]:
     ground = base.axle_height - base.wheel_radius
     if robot.body.bottom < ground:
         yield (
-            f"base.axle_height is {base.axle_height:g}: the ground is then at {ground:.3g} m, above body.bottom "
-            f"({robot.body.bottom:g}); give the height of the axles above the base frame"
+            f"base.axle_height is {base.axle_height:g}: the ground is then at {ground:.3g} m, above "
+            f"body.bottom ({robot.body.bottom:g}); give the height of the axles above the base frame"
         )
     box = geometry.bounding_box(robot)
     x, y, _ = laser.pose
@@ -247,8 +246,9 @@ def _outline_errors(setup: _Setup, costmap: str) -> Iterator[str]:
     box_length, box_width = box.front - box.back, box.left - box.right
     if not box_width / UNITS <= width <= box_width * UNITS:
         names = f"{costmap}/footprint, robot_radius, footprint_padding"
-        sizes = f"{length:.3g} x {width:.3g} m; body and wheels are {box_length:.3g} x {box_width:.3g} m"
-        yield f"{names}: the padded footprint is {sizes}; give all lengths in metres"
+        size = f"the padded footprint is {length:.3g} x {width:.3g} m"
+        box_size = f"body and wheels are {box_length:.3g} x {box_width:.3g} m"
+        yield f"{names}: {size}; {box_size}; give all lengths in metres"
 
 
 def _frame_errors(setup: _Setup, costmap: str) -> Iterator[str]:
@@ -268,7 +268,7 @@ def _frame_errors(setup: _Setup, costmap: str) -> Iterator[str]:
 
 
 def _blind(path: str, source: Dict[str, Any], robot: Robot) -> str:
-    """Return why an observation source does not mark the points of the robot's laser; "" if it marks them."""
+    """Return why an observation source does not mark the laser's points; "" if it does."""
     topic, scan = source["topic"], robot.topics.scan
     if _differ(topic, scan):
         return f"{path}/topic is {topic}, but topics.scan in robot.yaml is {scan}: give {scan}"
@@ -282,7 +282,7 @@ def _blind(path: str, source: Dict[str, Any], robot: Robot) -> str:
 
 
 def _space_limits(setup: _Setup) -> Iterator[str]:
-    """Yield an error for each range of the parameter space that exceeds a limit of the base's controller."""
+    """Yield an error for each range of the space that exceeds a limit of the base."""
     for parameter in setup.robot.space:
         names = [target.name for target in parameter.sets if target.server == setup.planner]
         for field, limited_names in LIMITED.items():
@@ -298,7 +298,7 @@ def _space_limits(setup: _Setup) -> Iterator[str]:
 
 
 def space_errors(robot: Robot, full: Dict[str, Any]) -> Iterator[str]:
-    """Yield the first error of each parameter of a robot's space, compared with the servers of a complete tree."""
+    """Yield the first error of each parameter of a robot's space, compared with a complete tree."""
     known = servers(full)
     for parameter in robot.space:
         refusals = [_refusal(parameter, target, known) for target in parameter.sets]
@@ -334,7 +334,6 @@ def _refusal(parameter: SpaceParameter, target: Target, known: Dict[str, Server]
 
 
 # --- remarks --------------------------------------------------------------------------------------
-# --------------------
 
 
 def _planner_remarks(setup: _Setup) -> Iterator[Remark]:
@@ -413,7 +412,6 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[Remark]:
 
 
 # --- helpers --------------------------------------------------------------------------------------
-# --------------------
 
 
 def _outline(values: Dict[str, Any]) -> Array:

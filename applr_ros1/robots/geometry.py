@@ -21,7 +21,7 @@ ROUND_SHARES = [(cos(turn) / cos(pi / 16), sin(turn) / cos(pi / 16)) for turn in
 
 
 class Rectangle(NamedTuple):
-    """Part of a robot, parallel to the axes of its base frame: centre, half length and half width [m]."""
+    """Part of a robot along the axes of its base frame: centre, half length, half width [m]."""
 
     x: float
     y: float
@@ -30,7 +30,7 @@ class Rectangle(NamedTuple):
 
 
 class Box(NamedTuple):
-    """Bounding box of all parts: smallest and largest x, smallest and largest y in the base frame [m]."""
+    """Bounding box of all parts: smallest and largest x, smallest and largest y [m]."""
 
     back: float
     front: float
@@ -53,7 +53,7 @@ class Balance(NamedTuple):
 
 
 def wheel_places(base: Base) -> List[Tuple[float, float]]:
-    """Return the positions (x, y) [m] of the driven wheels, front before rear and left before right."""
+    """Return the places (x, y) [m] of the driven wheels, front before rear, left before right."""
     axles = (base.wheelbase / 2, -base.wheelbase / 2) if base.wheels == 4 else (0.0,)
     places = []
     for x in axles:
@@ -74,7 +74,10 @@ def parts(robot: Robot) -> List[Rectangle]:
 
 
 def corners(robot: Robot) -> np.ndarray:
-    """Return the corners (n, 2) [m] of all parts of a round body, or of the bounding box of any other robot."""
+    """Return the corners (n, 2) [m] of a robot's outline.
+
+    They are those of all parts of a round body, or of the bounding box of any other robot.
+    """
     if not robot.body.round:
         box = bounding_box(robot)
         return np.array(

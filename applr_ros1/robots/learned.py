@@ -1,4 +1,4 @@
-"""Table of the parameters that searches and policies set, and the default parameter space of a robot.
+"""Table of the parameters that searches and policies set, and a robot's default space.
 
 folder.py calls `default_space` if robot.yaml has no parameter_space. policy/dimensionless.py takes
 the outputs of a policy from OUTPUTS. The kind of each parameter is part of its declaration in
@@ -96,7 +96,9 @@ for _row in sorted((row for row in LEARNED if row.policy), key=lambda row: row.p
 
 
 def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpaceParameter, ...]:
-    """Return eleven to fifteen parameters of planners and costmaps, whose ranges include the initial values.
+    """Return eleven to fifteen parameters of planners and costmaps.
+
+    Their ranges include the initial values.
 
     The parameters are not validated, because check.py checks the tree later.
 
@@ -144,7 +146,10 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
 def _space_parameter(
     row: Learned, servers: List[str], units: Dict[str, float], tree: Dict[str, Any]
 ) -> SpaceParameter:
-    """Return a learnable parameter of these servers, whose range includes the initial value in `tree`."""
+    """Return a learnable parameter of some servers.
+
+    Its range includes the initial value in `tree`.
+    """
     declared = row.declared
     targets = []
     for server in servers:

@@ -30,7 +30,10 @@ _SAVED = "tag:yaml.org,2002:python/object/new:dynamic_reconfigure.encoding.Confi
 
 
 class Loader(yaml.SafeLoader):
-    """YAML loader with rosparam's angles (!degrees 90, !radians pi/2, deg(90), rad(pi/2)) and rqt_reconfigure's tag."""
+    """YAML loader with rosparam's angles and rqt_reconfigure's tag.
+
+    Angles are !degrees 90, !radians pi/2, deg(90) and rad(pi/2).
+    """
 
 
 def _saved(loader: Any, node: Any) -> Dict[str, Any]:
@@ -79,7 +82,7 @@ def nested(path: str) -> Dict[str, Any]:
 
 
 def of_move_base(tree: Dict[str, Any]) -> Dict[str, Any]:
-    """Return the level named move_base in nested parameters, or all parameters if there is no such level."""
+    """Return the level named move_base in nested parameters, or all if there is none."""
     levels = list(_move_bases(tree))
     if len(levels) > 1:
         raise ApplrError("the parameters contain more than one move_base: give those of one robot")
@@ -89,7 +92,7 @@ def of_move_base(tree: Dict[str, Any]) -> Dict[str, Any]:
 def observation_sources(
     full: Dict[str, Any], costmap: str
 ) -> Iterator[Tuple[str, str, Dict[str, Any]]]:
-    """Yield (path of the layer, name, values) of the observation sources of a costmap in a complete tree."""
+    """Yield (path of the layer, name, values) of a costmap's observation sources."""
     for layer in layers(costmap, full[costmap]):
         if layer.kind == OBSTACLE_LAYER:
             section = branch(full, layer.path)
@@ -98,7 +101,7 @@ def observation_sources(
 
 
 def too_deep(tree: Dict[str, Any]) -> Iterator[str]:
-    """Yield an error for each section that move_base does not read, because it lies inside another section."""
+    """Yield an error for each section that move_base does not read, inside another one."""
     for outer in tree:
         for name in PLACES:
             if branch(tree, f"{outer}/{name}"):

@@ -1,4 +1,4 @@
-"""Schema of robot.yaml (type, limits, unit, default and meaning of each field), and the class Robot.
+"""Schema of robot.yaml: type, limits, unit, default and meaning of each field; class Robot.
 
 folder.py validates with the schema, new_robot.py asks for fields without a known value, and the
 reference page of the site lists all fields. Positions are in the robot's base frame, x ahead.
@@ -19,7 +19,7 @@ from typing_extensions import Annotated, Literal
 from applr_ros1.common.errors import ApplrError, did_you_mean
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.check import complete
-from applr_ros1.planner.parameters.declarations import Server, servers
+from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, Server, namespace, servers
 from applr_ros1.robots.parameter_files import nested, of_move_base
 
 FILE = "robot.yaml"
@@ -188,11 +188,14 @@ class Laser(Section):
 
     @property
     def covers_full_turn(self) -> bool:
-        """True if the gap between the last and the first beam is at most half a beam wider than the others."""
+        """True if the last beam is next to the first one, up to half a beam."""
         return self.view[1] - self.view[0] + 1.5 * self.increment >= 2.0 * pi
 
     def period_in(self, cycle: float) -> float:
-        """Return the time between two scans [s], or 0 if every control cycle of `cycle` [s] has a scan."""
+        """Return the time between two scans [s]; 0 if every control cycle has one.
+
+        cycle: Period of the control cycles [s].
+        """
         return 1.0 / self.rate if self.rate * cycle < 1.0 else 0.0
 
 
@@ -217,7 +220,7 @@ class Frames(Section):
 
 
 class OdometryErrors(Section):
-    """Errors of the odometry, which takes the distance from the wheels and the heading from the IMU."""
+    """Errors of the odometry: distance from the wheels, heading from the IMU."""
 
     rate: float = real("Hz", 1.0, 240.0, "rate of the messages", 50.0)
     scale_error: float = real(
@@ -357,7 +360,7 @@ class Target(Section):
         return -number if self.negated else number
 
     def value_in(self, tree: Dict[str, Any]) -> Any:
-        """Return the value at this address in a complete parameter tree (check.complete), or None."""
+        """Return the value at this address in a complete tree (check.complete), or None."""
         return branch(tree, self.server).get(self.name)
 
 
@@ -468,12 +471,12 @@ class RobotFile(Section):
     @model_validator(mode="before")
     @classmethod
     def _named(cls, content: Any) -> Any:
-        """Remove empty sections, and name each parameter of the space and its targets after its key."""
+        """Remove empty sections, and name parameters of the space and targets by their keys."""
         content = {name: value for name, value in content.items() if value is not None}
-        for name, given in content.get("parameter_space", {}).items():
-            given["name"] = name
-            for one in given.get("sets", ()):
-                one.setdefault("name", name)
+        for name, parameter in content.get("parameter_space", {}).items():
+            parameter["name"] = name
+            for target in parameter.get("sets", ()):
+                target.setdefault("name", name)
         return content
 
 
@@ -505,9 +508,9 @@ class Robot:
     @property
     def local_planner(self) -> str:
         """Local planner named by the files, without its package."""
-        return str(
-            self.move_base.without_map.get("base_local_planner", "TrajectoryPlannerROS")
-        ).rpartition("/")[2]
+        return namespace(
+            str(self.move_base.without_map.get("base_local_planner", LOCAL_PLANNERS[0]))
+        )
 
     @property
     def goal_tolerance(self) -> float:
@@ -521,18 +524,17 @@ class Robot:
         """
         tree = self.move_base.with_map if with_map else self.move_base.without_map
         if tree is None:
-            raise ApplrError(
-                f"robot {self.name}: robot.yaml has no move_base.with_map: give its files for a map"
-            )
+            problem = "robot.yaml has no move_base.with_map"
+            raise ApplrError(f"robot {self.name}: {problem}: give its files for a map")
         return copy.deepcopy(tree)
 
     def with_parameters(self, tree: Dict[str, Any], name: str) -> Robot:
-        """Return the robot under another name, with move_base parameters that override those of its files."""
+        """Return the robot under another name, with parameters that override its files."""
         without_map, with_map = self.move_base
-        with_map = None if with_map is None else merged(with_map, tree)
-        return replace(
-            self, name=name, move_base=MoveBaseSetup(merged(without_map, tree), with_map)
-        )
+        if with_map is not None:
+            with_map = merged(with_map, tree)
+        move_base = MoveBaseSetup(merged(without_map, tree), with_map)
+        return replace(self, name=name, move_base=move_base)
 
     @property
     def servers(self) -> Dict[str, Server]:
@@ -540,16 +542,15 @@ class Robot:
         return servers(self.all_parameters())
 
     def all_parameters(self) -> Dict[str, Any]:
-        """Return a copy of the parameters without a map, with all defaults filled in (check.complete)."""
+        """Return a copy of the parameters without a map, with all defaults filled in."""
         return complete(self.parameters())
 
 
 def number_at(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[float]:
-    """Return a server's number under the first of `names` in a parameter tree (layers.arranged), or None."""
-    values = [branch(tree, server).get(name) for name in names]
-    numbers = [
-        number
-        for number in values
-        if isinstance(number, (int, float)) and not isinstance(number, bool)
-    ]
-    return float(numbers[0]) if numbers else None
+    """Return a server's number under the first of `names` in a parameter tree, or None."""
+    section = branch(tree, server)
+    for name in names:
+        value = section.get(name)
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            return float(value)
+    return None

@@ -114,7 +114,7 @@ def _names_in_drive_plugins(urdf: UrdfFile) -> List[str]:
 
 
 def _turns_alone(urdf: UrdfFile, joint: Any) -> bool:
-    """Return whether a joint turns about a lateral axis, and no joint above it is continuous, as on a caster."""
+    """Return whether a joint turns about a lateral axis, below no other continuous joint."""
     if joint.type != "continuous" or not _is_across(urdf, joint):
         return False
     above = urdf.moving[joint.child][1:]
@@ -182,13 +182,13 @@ def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
     x = float(places[:, 0].mean())
     if abs(x) > SAME_M:
         description.notes.append(
-            f"the centre of the wheels is at x = {x:.3f} m in {urdf.base}, but the simulators place "
-            "it at the origin: give base.casters and body.com relative to the centre of the wheels"
+            f"the centre of the wheels is at x = {x:.3f} m in {urdf.base}, but the simulators "
+            "place it at the origin: give base.casters and body.com relative to the centre of the wheels"
         )
 
 
 class _Wheel(NamedTuple):
-    """Radius and width of a wheel, 0 if they are unknown, and its centre (3,) in the base frame [m]."""
+    """Radius and width of a wheel, 0 if unknown, and its centre (3,) in the base frame [m]."""
 
     radius: float
     width: float
@@ -320,7 +320,7 @@ def _ray_sensors(urdf: UrdfFile) -> Dict[str, List[Any]]:
 
 def _sensor_values(sensor: Any, is_upside_down: bool) -> Dict[str, Any]:
     """Return the values of a ray sensor by field of robot.yaml, without missing ones."""
-    numbers = {field: _number(sensor, tag) for field, tag in _TAGS.items()}
+    numbers = {name: _number(sensor, tag) for name, tag in _TAGS.items()}
     ranges_per_ray = _number(sensor, ".//horizontal/resolution")
     if isfinite(ranges_per_ray):
         numbers["beams"] *= ranges_per_ray

@@ -1,4 +1,6 @@
-"""Reader of the parameter files of a navigation package: parameters of move_base, and limits of the base's controller.
+"""Reader of the parameter files of a navigation package.
+
+They hold parameters of move_base, and limits of the base's controller.
 
 training/robot.py calls `read_parameter_files`, and parameter_files.py reads each file.
 """
@@ -26,16 +28,21 @@ from applr_ros1.robots.parameter_files import (
 )
 from applr_ros1.robots.robot import number_at
 
-_PLACES = ("", *PLACES)  # namespaces of parameter files below move_base
-_LISTS = {
-    "": set(FOUND_ABOVE),
-    **{costmap: {"observation_sources", "plugins"} for costmap in COSTMAPS},
-}
-_NAMES: Dict[str, Set[str]] = {
-    place: {name for p in SERVERS.get(place, ()) + STATIC.get(place, ()) for name in p.names}
-    | _LISTS.get(place, set())
-    for place in _PLACES
-}
+NAMESPACES = ("", *PLACES)  # namespaces of parameter files below move_base
+
+
+def _names_below(namespace: str) -> Set[str]:
+    """Return the names of all parameters and lists that a namespace below move_base has."""
+    names: Set[str] = set()
+    for parameter in SERVERS.get(namespace, ()) + STATIC.get(namespace, ()):
+        names.update(parameter.names)
+    if namespace in COSTMAPS:
+        names.update(("observation_sources", "plugins"))
+    return names
+
+
+_NAMES = {place: _names_below(place) for place in NAMESPACES}
+_NAMES[""].update(FOUND_ABOVE)
 CONTROLLER_TIMEOUT_S = 0.5  # default cmd_vel_timeout of a diff_drive_controller [s]
 
 
@@ -65,14 +72,15 @@ class Parameters:
         """Return the section frames of robot.yaml with the frames of the costmaps."""
         world, local = (self.full[costmap] for costmap in COSTMAPS)
         frames = {
-            "base": local["robot_base_frame"],
-            "odom": local["global_frame"],
-            "map": world["global_frame"],
+            "base": local["robot_base_frame"].lstrip("/"),
+            "odom": local["global_frame"].lstrip("/"),
+            "map": world["global_frame"].lstrip("/"),
         }
-        frames = {name: frame.lstrip("/") for name, frame in frames.items()}
-        static = any(layer.kind == STATIC_LAYER for layer in layers("global_costmap", world))
         if frames["odom"] == frames["map"]:
-            frames.pop("odom" if static or frames["map"] == "map" else "map")
+            # Both costmaps have one frame: the map's if there is one, else the odometry's.
+            kinds = [layer.kind for layer in layers("global_costmap", world)]
+            has_map = STATIC_LAYER in kinds or frames["map"] == "map"
+            frames.pop("odom" if has_map else "map")
         return frames
 
     @property
@@ -84,10 +92,13 @@ class Parameters:
         """Return the unpadded footprint (n, 2) [m] in the files, empty if there is none."""
         values = self.full["local_costmap"]
         outline = footprint.parse(values["footprint"])
-        given = any(
-            "robot_radius" in tree for tree in (self.tree, branch(self.tree, "local_costmap"))
+        # robot_radius has a default, which says nothing about the robot.
+        has_radius = "robot_radius" in self.tree or "robot_radius" in branch(
+            self.tree, "local_costmap"
         )
-        return footprint.circle(values["robot_radius"]) if given and not len(outline) else outline
+        if has_radius and not len(outline):
+            return footprint.circle(values["robot_radius"])
+        return outline
 
     def padded_width(self) -> float:
         """Return the width [m] of the padded footprint."""
@@ -103,28 +114,35 @@ class Parameters:
         return [source for _, _, source in self.sources() if source["data_type"] == "LaserScan"]
 
     def one_scan(self, topic: str) -> Tuple[Dict[str, Any], Set[str]]:
-        """Return the changes for a simulated robot, whose only sensor data is the laser scan on `topic`.
+        """Return the changes for a simulated robot with the laser scan on `topic` alone.
 
         Returns:
             Nested observation_sources of the layers that use other topics as well, and these
             topics.
         """
+        scan_topic = topic.strip("/")
+        kept: Dict[str, List[str]] = {}  # names of the sources on the scan's topic by layer
+        others: Dict[str, List[str]] = {}  # topics of the other sources by layer
+        for layer, name, source in self.sources():
+            source_topic = source["topic"].strip("/")
+            kept.setdefault(layer, [])
+            if source_topic == scan_topic:
+                kept[layer].append(name)
+            else:
+                others.setdefault(layer, []).append(source_topic)
         changes: Dict[str, Any] = {}
-        topics = [(path, name, source["topic"].strip("/")) for path, name, source in self.sources()]
-        others = {(path, other) for path, _, other in topics if other != topic.strip("/")}
-        for layer in sorted({path for path, _ in others}):
+        for layer in sorted(others):
             costmap = layer.partition("/")[0]
+            # Without the list `plugins`, C++ reads the sources of all layers at the costmap.
             place = layer if "plugins" in branch(self.tree, costmap) else costmap
-            kept = [
-                name
-                for path, name, other in topics
-                if path == layer and (path, other) not in others
-            ]
-            branch(changes, place, create=True)["observation_sources"] = " ".join(kept)
-        return changes, {other for _, other in others}
+            section = branch(changes, place, create=True)
+            section["observation_sources"] = " ".join(kept[layer])
+        return changes, set().union(*others.values())
 
     def without_map(self, odom: str, size: int) -> Dict[str, Any]:
-        """Return the changes for a course without a map, on which the laser fills an empty costmap in the frame `odom`.
+        """Return the changes for a course without a map.
+
+        There, the laser fills an empty costmap in the frame `odom`.
 
         Args:
             odom: Name of the odometry frame.
@@ -132,36 +150,37 @@ class Parameters:
         """
         changes: Dict[str, Any] = {}
         for costmap in COSTMAPS:
-            tree = branch(self.tree, costmap)
-            change: Dict[str, Any] = {}
-            if tree.get("global_frame", "map") != odom:
-                change["global_frame"] = odom
-            if tree.get("static_map") and "plugins" not in tree:
-                change["static_map"] = False
-            static = [layer.name for layer in layers(costmap, tree) if layer.kind == STATIC_LAYER]
-            if static:
-                plugins = [entry for entry in tree["plugins"] if entry["name"] not in static]
-                # A global costmap with only the map gets the obstacle layers of the local costmap.
-                local = branch(self.tree, "local_costmap").get("plugins", [])
-                seeing = [path for path, _, _ in self.sources()]
-                if not any(path.startswith(f"{costmap}/") for path in seeing):
-                    plugins = [
-                        entry for entry in local if f"local_costmap/{entry['name']}" in seeing
-                    ] + plugins
-                change["plugins"] = plugins
+            change = self._costmap_without_map(costmap, odom)
             if change and costmap == "global_costmap":
-                change.update(
-                    rolling_window=False,
-                    width=size,
-                    height=size,
-                    origin_x=-size / 2,
-                    origin_y=-size / 2,
-                )
+                change.update(rolling_window=False, width=size, height=size)
+                change.update(origin_x=-size / 2, origin_y=-size / 2)
             if change:
                 changes[costmap] = change
         if changes and branch(self.tree, "NavfnROS").get("allow_unknown") is False:
             changes["NavfnROS"] = {"allow_unknown": True}  # All space is unknown at first.
         return changes
+
+    def _costmap_without_map(self, costmap: str, odom: str) -> Dict[str, Any]:
+        """Return the changes of a costmap: the odometry's frame, and no layers with a map."""
+        tree = branch(self.tree, costmap)
+        change: Dict[str, Any] = {}
+        if tree.get("global_frame", "map") != odom:
+            change["global_frame"] = odom
+        if tree.get("static_map") and "plugins" not in tree:
+            change["static_map"] = False
+        static = [layer.name for layer in layers(costmap, tree) if layer.kind == STATIC_LAYER]
+        if static:
+            plugins = [entry for entry in tree["plugins"] if entry["name"] not in static]
+            # A global costmap with only the map gets the obstacle layers of the local costmap.
+            observing = [layer for layer, _, _ in self.sources()]
+            if not any(layer.startswith(f"{costmap}/") for layer in observing):
+                local = []
+                for entry in branch(self.tree, "local_costmap").get("plugins", []):
+                    if f"local_costmap/{entry['name']}" in observing:
+                        local.append(entry)
+                plugins = local + plugins
+            change["plugins"] = plugins
+        return change
 
 
 def read_parameter_files(given: Sequence[str]) -> Parameters:
@@ -178,30 +197,33 @@ def read_parameter_files(given: Sequence[str]) -> Parameters:
     """
     parameters = Parameters()
     controllers: List[Dict[str, Any]] = []
-    for path, _, place in (text.partition(":") for text in given):
+    for text in given:
+        path, _, place = text.partition(":")
         place = re.sub("^/?(move_base(/|$))?", "", place.rstrip("/"))
-        whole = nested(path)
-        values, own = of_move_base(whole), list(_controllers(whole))
-        controllers += own
-        if own and not place and not set(values) & {*_NAMES[""], *_PLACES}:
-            continue
+        content = nested(path)
+        in_file = list(_controllers(content))
+        controllers += in_file
+        values = of_move_base(content)
+        if in_file and not place and not set(values) & {*_NAMES[""], *NAMESPACES}:
+            continue  # The file has a controller alone.
         _check_namespace(path, place, values)
         parameters.files.append((path, place))
         tree: Dict[str, Any] = {}
         branch(tree, place, create=True).update(values)
         parameters.tree = merged(parameters.tree, tree)
     for line in too_deep(parameters.tree):
-        raise ApplrError(line)
+        raise ApplrError(line)  # Only the first error is reported.
     if not branch(parameters.tree, "local_costmap"):
-        raise ApplrError(
-            "the parameter files have no local_costmap: give all files that the launch file loads"
-        )
+        remedy = "give all files that the launch file loads"
+        raise ApplrError(f"the parameter files have no local_costmap: {remedy}")
     if len(controllers) > 1:
+        remedy = "fill in the base's limits"
         parameters.notes.append(
-            "the files have several base controllers, so none is used: fill in the base's limits"
+            f"the files have several base controllers, so none is used: {remedy}"
         )
     elif controllers:
-        parameters.limits, parameters.driven = _limits(controllers[0]), _driven(controllers[0])
+        parameters.limits = _limits(controllers[0])
+        parameters.driven = _driven(controllers[0])
     present = [plugin for plugin in LOCAL_PLANNERS if namespace(plugin) in parameters.tree]
     # The files do not name the planner: a launch file, which is not read, does.
     if "base_local_planner" not in parameters.tree and present == [LOCAL_PLANNERS[1]]:
@@ -213,19 +235,23 @@ def read_parameter_files(given: Sequence[str]) -> Parameters:
 
 def _check_namespace(path: str, place: str, values: Dict[str, Any]) -> None:
     """Raise ApplrError if a file of a costmap or local planner is given without its namespace."""
-    for name in values if not place else ():
-        places = [place for place in _PLACES if name in _NAMES[place]]
+    if place:
+        return
+    for name in values:
+        places = [place for place in NAMESPACES if name in _NAMES[place]]
         if places and "" not in places:
             choices = " and ".join(f"{path}:{place}" for place in places)
             raise ApplrError(
-                f"{path}: {name} is no parameter of move_base itself: give the namespace of the file in your launch "
-                f"file ({choices}), or omit a file of another node"
+                f"{path}: {name} is no parameter of move_base itself: give the namespace of the "
+                f"file in your launch file ({choices}), or omit a file of another node"
             )
 
 
 def _controllers(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
-    """Yield the sections of nested parameters that belong to a diff_drive_controller or have its limits."""
-    for value in filter(lambda value: isinstance(value, dict), tree.values()):
+    """Yield the sections that belong to a diff_drive_controller or have its limits."""
+    for value in tree.values():
+        if not isinstance(value, dict):
+            continue
         if "left_wheel" in value or branch(value, "linear/x") or branch(value, "angular/z"):
             yield value
         else:
@@ -234,21 +260,29 @@ def _controllers(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
 
 def _driven(controller: Dict[str, Any]) -> List[str]:
     """Return the joints driven by a controller."""
-    given = (controller.get(name, []) for name in ("left_wheel", "right_wheel"))
-    return [str(name) for side in given for name in (side if isinstance(side, list) else [side])]
+    joints: List[str] = []
+    for side in ("left_wheel", "right_wheel"):
+        names = controller.get(side, [])
+        joints += map(str, names if isinstance(names, list) else [names])
+    return joints
 
 
 def _limits(controller: Dict[str, Any]) -> Dict[str, float]:
     """Return the limits of a controller, by field of robot.yaml's section base."""
     limits: Dict[str, float] = {}
-    for axis, speed, change in (
-        ("linear/x", "max_speed", "max_acceleration"),
-        ("angular/z", "max_yaw_rate", "max_yaw_acceleration"),
+    for axis, kind, field_name in (
+        ("linear/x", "velocity", "max_speed"),
+        ("linear/x", "acceleration", "max_acceleration"),
+        ("angular/z", "velocity", "max_yaw_rate"),
+        ("angular/z", "acceleration", "max_yaw_acceleration"),
     ):
-        for kind, ours in (("velocity", speed), ("acceleration", change)):
-            limit = number_at(controller, axis, (f"max_{kind}",))
-            if branch(controller, axis).get(f"has_{kind}_limits") is True and limit is not None:
-                limits[ours] = limit
-    known = "diff_drive_controller" in str(controller.get("type"))
-    timeout = controller.get("cmd_vel_timeout", CONTROLLER_TIMEOUT_S if known else None)
-    return {**limits, "command_timeout": timeout} if timeout is not None else limits
+        limit = number_at(controller, axis, (f"max_{kind}",))
+        if branch(controller, axis).get(f"has_{kind}_limits") is True and limit is not None:
+            limits[field_name] = limit
+    # Another controller may wait without a limit.
+    is_diff_drive = "diff_drive_controller" in str(controller.get("type"))
+    default = CONTROLLER_TIMEOUT_S if is_diff_drive else None
+    timeout = controller.get("cmd_vel_timeout", default)
+    if timeout is not None:
+        limits["command_timeout"] = timeout
+    return limits

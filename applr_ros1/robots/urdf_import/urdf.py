@@ -10,7 +10,7 @@ import logging
 import os
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Iterator, List, Mapping, Set
+from typing import Any, Dict, Iterator, List, Mapping, Set
 
 import numpy as np
 from defusedxml import ElementTree
@@ -23,19 +23,20 @@ BASES = ("base_link", "base_footprint")  # usual names of a base frame
 
 
 def _find_packages(path: str) -> None:
-    """Make the ROS packages around a file known to xacrodoc, in addition to those in ROS_PACKAGE_PATH."""
+    """Make the ROS packages around a file known to xacrodoc, beside ROS_PACKAGE_PATH."""
     import xacrodoc
 
-    own = next(
-        (folder for folder in Path(path).resolve().parents if (folder / "package.xml").is_file()),
-        None,
-    )
-    for root in (own.parent.parent, own.parent) if own else ():
-        manifests = [*root.glob("*/package.xml"), *root.glob("*/*/package.xml")]
-        names = {
-            str(ElementTree.parse(file).findtext("name")).strip(): file.parent for file in manifests
-        }
-        xacrodoc.packages.update_package_cache(names)
+    folders = Path(path).resolve().parents
+    package = next((folder for folder in folders if (folder / "package.xml").is_file()), None)
+    if package is None:
+        return
+    # Packages beside this one, or beside its repository
+    for root in (package.parent.parent, package.parent):
+        packages = {}
+        for manifest in (*root.glob("*/package.xml"), *root.glob("*/*/package.xml")):
+            name = str(ElementTree.parse(manifest).findtext("name")).strip()
+            packages[name] = manifest.parent
+        xacrodoc.packages.update_package_cache(packages)
 
 
 def _expanded(path: str, arguments: Mapping[str, str]) -> str:
@@ -45,9 +46,11 @@ def _expanded(path: str, arguments: Mapping[str, str]) -> str:
     try:
         return str(xacro.process_file(path, mappings=dict(arguments)).toxml())
     except Exception as error:  # An expression may raise any exception.
+        problem = " ".join(str(error).split())
         raise ApplrError(
-            f"{path}: xacro fails: {' '.join(str(error).split())}; give arguments as NAME:=VALUE and put packages "
-            "beside this file's package, or give the expanded URDF: rosparam get -p /robot_description > robot.urdf"
+            f"{path}: xacro fails: {problem}; give arguments as NAME:=VALUE and put packages "
+            "beside this file's package, or give the expanded URDF: "
+            "rosparam get -p /robot_description > robot.urdf"
         ) from error
 
 
@@ -100,38 +103,37 @@ class UrdfFile:
         text = _expanded(path, arguments) if path.endswith(".xacro") else plain_xml(content)
         with _named(path):
             self.xml = ElementTree.fromstring(text)
-        if not path.endswith(".xacro") and any(
-            "xacro}" in e.tag or "${" in str(e.attrib) for e in self.xml.iter()
-        ):
-            raise ApplrError(f"{path} has xacro tags: rename it so that its name ends in .xacro")
+        if not path.endswith(".xacro"):
+            for element in self.xml.iter():
+                if "xacro}" in element.tag or "${" in str(element.attrib):
+                    remedy = "rename it so that its name ends in .xacro"
+                    raise ApplrError(f"{path} has xacro tags: {remedy}")
         if self.xml.find("link") is None:
-            raise ApplrError(
-                f"{path} has no links: give a URDF, or if it only defines macros, the file that uses them"
-            )
-        logging.getLogger("yourdfpy").setLevel(
-            logging.ERROR
-        )  # yourdfpy warns about joints that mimic others.
+            remedy = "give a URDF, or if it only defines macros, the file that uses them"
+            raise ApplrError(f"{path} has no links: {remedy}")
+        # yourdfpy warns about joints that mimic others.
+        logging.getLogger("yourdfpy").setLevel(logging.ERROR)
         with _named(path):
-            self._urdf = yourdfpy.URDF.load(
-                io.BytesIO(ElementTree.tostring(self.xml)), load_meshes=False
-            )
-        self.links, self.joints = self._urdf.link_map, self._urdf.joint_map
+            file = io.BytesIO(ElementTree.tostring(self.xml))
+            self._urdf = yourdfpy.URDF.load(file, load_meshes=False)
+        self.links = self._urdf.link_map
+        self.joints = self._urdf.joint_map
         self.base = base_frame
         if base_frame not in self.links:
             usual = next((name for name in BASES if name in self.links), self._urdf.base_link)
             raise ApplrError(
-                f"{path} has no link {base_frame}, the robot_base_frame of the parameter files: add it to the URDF "
-                f"with a fixed joint, or set robot_base_frame: {usual} in a copy of the parameter file"
+                f"{path} has no link {base_frame}, the robot_base_frame of the parameter files: "
+                f"add it to the URDF with a fixed joint, or set robot_base_frame: {usual} in a copy "
+                "of the parameter file"
             )
-        own = {joint.name for joint in self._above(base_frame)}
-        self.moving = {
-            name: [
-                joint
-                for joint in self._above(name)
-                if joint.type != "fixed" and joint.name not in own
-            ]
-            for name in self.links
-        }
+        # Joints above the base frame move the robot as a whole.
+        above_base = {joint.name for joint in self._above(base_frame)}
+        self.moving: Dict[str, List[Any]] = {}
+        for name in self.links:
+            self.moving[name] = []
+            for joint in self._above(name):
+                if joint.type != "fixed" and joint.name not in above_base:
+                    self.moving[name].append(joint)
 
     def _above(self, link: str) -> Iterator[Any]:
         """Yield the joints from a link to the root."""
@@ -154,16 +156,20 @@ class UrdfFile:
         return [name for name, joints in self.moving.items() if joints[:1] == [joint]]
 
     def shapes(self, link: str) -> List[Array]:
-        """Return the vertices (n, 3) [m] of each collision shape of a link in the base frame, except missing meshes."""
+        """Return the vertices (n, 3) [m] of each collision shape of a link in the base frame.
+
+        Missing meshes are left out.
+        """
         shapes = []
         for collision in self.links[link].collisions:
-            corners = self._corners(collision.geometry)
-            pose = self.pose(link) @ (np.eye(4) if collision.origin is None else collision.origin)
-            if len(corners):
-                shapes.append(corners @ pose[:3, :3].T + pose[:3, 3])
+            vertices = self._vertices(collision.geometry)
+            origin = np.eye(4) if collision.origin is None else collision.origin
+            pose = self.pose(link) @ origin
+            if len(vertices):
+                shapes.append(vertices @ pose[:3, :3].T + pose[:3, 3])
         return shapes
 
-    def _corners(self, shape: Any) -> Any:
+    def _vertices(self, shape: Any) -> Any:
         """Return the vertices (n, 3) [m] of a shape in its frame.
 
         A missing mesh has none and is added to `lost`.
@@ -183,7 +189,8 @@ class UrdfFile:
         mesh: Any = trimesh.load(file, force="mesh", skip_materials=True)
         # RViz and Gazebo read Collada files in the file's own unit.
         unit = trimesh.units.unit_conversion(mesh.units, "meters") if mesh.units else 1.0
-        return mesh.vertices * unit * (1.0 if shape.mesh.scale is None else shape.mesh.scale)
+        scale = 1.0 if shape.mesh.scale is None else shape.mesh.scale
+        return mesh.vertices * unit * scale
 
     def _mesh_file(self, name: str) -> str:
         """Return the path of a mesh, or "" if its package is missing."""

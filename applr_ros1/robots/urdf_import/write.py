@@ -1,4 +1,7 @@
-"""Writer of a new robot.yaml, with the values of other files and a line to fill in for each unknown value."""
+"""Writer of a new robot.yaml.
+
+It has the values of other files, and a line to fill in for each unknown value.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from applr_ros1.robots.urdf_import.parameters import Parameters
 
 # Limits in the section base, and the corresponding decelerations in the section monitor
 BRAKES = {"max_acceleration": "deceleration", "max_yaw_acceleration": "yaw_deceleration"}
+COMMENT_COLUMN = 34  # column at which comments of values to fill in begin
 GRIP = 2.0  # default friction limit, the lateral acceleration at which tyres slide [m/s^2]
 
 _SECTIONS = (
@@ -65,43 +69,55 @@ def robot_yaml(
     lines = [f"# Made from {source}. {units}; positions in {values['frames']['base']}, x ahead."]
     missing = []
     for section in _SECTIONS:
-        known, also = values.get(section, {}), _ALSO_ASKED.get(section, ())
-        model: Any = RobotFile.model_fields[section].annotation
-        asked: Dict[str, Any] = {
-            name: declared
-            for name, declared in model.model_fields.items()
-            if name not in known and (declared.is_required() or name in also)
-        }
+        known = values.get(section, {})
+        asked = _asked(section, known)
         if values["base"].get("drive") == "skid_steer":
             asked.pop("casters", None)
-        lines += [f"{section}:"] * bool(known or asked)
+        if known or asked:
+            lines.append(f"{section}:")
         lines += [f"  {name}: {flow(value)}" for name, value in known.items()]
         for name, field in asked.items():
-            value, origin = hints.get((section, name), (None, ""))
-            proposed, unit = "" if value is None else flow(value), field.json_schema_extra["unit"]
+            unit = field.json_schema_extra["unit"]
             about = f"[{unit}] {field.description}" if unit else field.description
-            where = f"proposal: {origin}" if origin else _WHERE.get(name, _WHERE.get(section, ""))
-            lines.append(
-                f"  # {name}: {proposed}".ljust(34)
-                + f"  # {about}"
-                + (f"; {where}" if where else "")
-            )
-            missing.append(
-                f"{section}.{name} {about}" + (f"; {origin}: {proposed}" if origin else "")
-            )
-    files = yaml.dump(
-        {"move_base": move_base}, None, _Dumper, sort_keys=False, default_flow_style=None, width=110
+            line = f"  # {name}: "
+            note = f"{section}.{name} {about}"
+            if (section, name) in hints:
+                value, origin = hints[section, name]
+                line += flow(value)
+                note += f"; {origin}: {flow(value)}"
+                source_of_value = f"proposal: {origin}"
+            else:
+                source_of_value = _WHERE.get(name, _WHERE.get(section, ""))
+            line = f"{line.ljust(COMMENT_COLUMN)}  # {about}"
+            lines.append(f"{line}; {source_of_value}" if source_of_value else line)
+            missing.append(note)
+    move_base_lines = yaml.dump(
+        {"move_base": move_base},
+        None,
+        _Dumper,
+        sort_keys=False,
+        default_flow_style=None,
+        width=110,
     )
-    return "\n".join([*lines, f"world_scale: {flow(world_scale)}", files]), missing
+    lines += [f"world_scale: {flow(world_scale)}", move_base_lines]
+    return "\n".join(lines), missing
+
+
+def _asked(section: str, known: Mapping[str, Any]) -> Dict[str, Any]:
+    """Return the fields to fill in of a section of robot.yaml, with their declarations by name."""
+    model: Any = RobotFile.model_fields[section].annotation
+    also_asked = _ALSO_ASKED.get(section, ())
+    asked = {}
+    for name, field in model.model_fields.items():
+        if name not in known and (field.is_required() or name in also_asked):
+            asked[name] = field
+    return asked
 
 
 def flow(value: Any) -> str:
     """Return a value as YAML on one line."""
-    return (
-        yaml.dump(value, None, _Dumper, default_flow_style=True, width=1000)
-        .split("\n...")[0]
-        .strip()
-    )
+    text: str = yaml.dump(value, None, _Dumper, default_flow_style=True, width=1000)
+    return text.partition("\n...")[0].strip()  # YAML ends a document that is a scalar with "...".
 
 
 class _Dumper(yaml.SafeDumper):
@@ -111,25 +127,30 @@ class _Dumper(yaml.SafeDumper):
         return True
 
 
-_Dumper.add_representer(
-    float, lambda dump, x: dump.represent_float(float(f"{x:.5g}") if abs(x) > 1e-8 else 0.0)
-)
+def _rounded(dumper: Any, number: float) -> Any:
+    return dumper.represent_float(float(f"{number:.5g}") if abs(number) > 1e-8 else 0.0)
+
+
+_Dumper.add_representer(float, _rounded)
 
 
 def add_parameters(description: Description, parameters: Parameters) -> None:
-    """Add limits, frames, topics and the monitor's decelerations from the parameter files to a description."""
+    """Add limits, frames, topics and decelerations from the parameter files."""
     values = description.values
     values["base"].update(parameters.limits)
     values["frames"] = parameters.frames()
-    topics = (source["topic"].rstrip("/") for source in parameters.scans())
-    names = {"scan": next(topics, ""), "odometry": parameters.planner.get("odom_topic", "")}
-    values["topics"].update((name, topic) for name, topic in names.items() if topic)
+    scans = parameters.scans()
+    if scans and scans[0]["topic"].rstrip("/"):
+        values["topics"]["scan"] = scans[0]["topic"].rstrip("/")
+    odometry_topic = parameters.planner.get("odom_topic")
+    if odometry_topic:
+        values["topics"]["odometry"] = odometry_topic
+    # The monitor counts on no more than usual, even if the base's controller allows more.
     base, usual = values["base"], Monitoring()
-    values["monitor"] = {
-        name: min(getattr(usual, name), base[limit])
-        for limit, name in BRAKES.items()
-        if limit in base
-    }
+    values["monitor"] = {}
+    for limit, name in BRAKES.items():
+        if limit in base:
+            values["monitor"][name] = min(getattr(usual, name), base[limit])
     values["simulation"] = {"grip_limit": GRIP}
 
 
@@ -143,13 +164,15 @@ def move_base_section(
         values: Known values of the robot, by section and field.
         size: Width of a global costmap [m] that covers the robot's courses.
     """
-    copies, notes = copies_of(parameters), []
-    section: Dict[str, Any] = {
-        "files": [
-            {"file": copies[path], **({"namespace": name} if name else {})}
-            for path, name in parameters.files
-        ]
-    }
+    copies = copies_of(parameters)
+    notes = []
+    files = []
+    for path, name in parameters.files:
+        file = {"file": copies[path]}
+        if name:
+            file["namespace"] = name
+        files.append(file)
+    section: Dict[str, Any] = {"files": files}
     if parameters.added:
         section["parameters"] = parameters.added
     changes = parameters.without_map(values["frames"].get("odom", "odom"), size)
@@ -160,22 +183,28 @@ def move_base_section(
         section["without_map"] = {"parameters": merged(changes, scan_alone)}
         dropped = f", without {', '.join(sorted(others))}" if others else ""
         notes.append(
-            "move_base.without_map, which applies on courses without a map, has a fixed global costmap and only the "
-            f"laser scan{dropped}: correct it before your robot drives without a map"
+            "move_base.without_map, which applies on courses without a map, has a fixed global "
+            f"costmap and only the laser scan{dropped}: correct it before your robot drives without a map"
         )
     return section, notes
 
 
 def copies_of(parameters: Parameters) -> Dict[str, str]:
-    """Return the path in the robot's folder of each parameter file, with a subfolder if two files share a name."""
+    """Return the path in the robot's folder of each parameter file.
+
+    Files that share a name are in subfolders.
+    """
     paths = list(dict.fromkeys(path for path, _ in parameters.files))
     names = [Path(path).name for path in paths]
-    folders = [Path(path).resolve().parent.name for path in paths]
-    return {p: n if names.count(n) == 1 else f"{f}/{n}" for p, n, f in zip(paths, names, folders)}
+    copies = {}
+    for path, name in zip(paths, names):
+        folder = Path(path).resolve().parent.name
+        copies[path] = name if names.count(name) == 1 else f"{folder}/{name}"
+    return copies
 
 
 def limits(planner: Dict[str, Any]) -> Dict[Tuple[str, str], Tuple[Any, str]]:
-    """Return the local planner's limits as proposals for the base's limits, which cannot be lower."""
+    """Return the local planner's limits as proposals for the base's, which are not lower."""
     hints: Dict[Tuple[str, str], Tuple[Any, str]] = {}
     for field, names in (
         ("max_speed", ("max_vel_x", "max_vel_trans", "max_trans_vel")),
@@ -183,16 +212,17 @@ def limits(planner: Dict[str, Any]) -> Dict[Tuple[str, str], Tuple[Any, str]]:
         ("max_acceleration", ("acc_lim_x",)),
         ("max_yaw_acceleration", ("acc_lim_theta",)),
     ):
-        known = [
-            (x, f"the planner's {name}")
-            for name in names
-            if (x := number_at(planner, "", (name,))) is not None
-        ]
-        hints.update({("base", field): max(known)} if known else {})
-        if known and field in BRAKES:
-            usual = (
-                getattr(Monitoring(), BRAKES[field]),
-                "the default, which is below the planner's limit",
-            )
-            hints["monitor", BRAKES[field]] = min(max(known), usual)
+        proposals = []
+        for name in names:
+            limit = number_at(planner, "", (name,))
+            if limit is not None:
+                proposals.append((limit, f"the planner's {name}"))
+        if not proposals:
+            continue
+        largest = max(proposals)
+        hints["base", field] = largest
+        if field in BRAKES:
+            default = getattr(Monitoring(), BRAKES[field])
+            usual = (default, "the default, which is below the planner's limit")
+            hints["monitor", BRAKES[field]] = min(largest, usual)
     return hints
