@@ -27,7 +27,7 @@ with extra(__name__):
     from training.why.replay import Replay
 
 CHANNELS = ("scans", "odometry", "commands", "planned", "plans", "changes", "recoveries", "decisions")
-TEMPLATE = Path(__file__).parent / "bags" / "why.html"
+TEMPLATE = Path(__file__).parent / "why.html"
 
 
 class WhyOptions(BagOptions):

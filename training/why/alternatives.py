@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Dict, List, Sequence, Tuple
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from typing_extensions import override
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.planner.parameters.parameter import Parameter
+from applr_ros1.planner.parameters.settings import Change, Settings
 from training.why.explanation import arc, lethal_points
 from training.why.replay import Cycle, Replay
 
@@ -32,43 +32,53 @@ LEFT_OUT = (
 )  # fmt: skip
 
 
-Values = Dict[Tuple[str, Parameter], List[Any]]  # other values by server and parameter
+class Result(NamedTuple):
+    """Mean result of driving on.
+
+    Attributes:
+        speed: Speed along the plan [m/s].
+        clearance: Smallest distance of the robot's centre from an obstacle [m].
+    """
+
+    speed: float
+    clearance: float
 
 
 @dataclass
 class Alternative:
-    """Another value of one parameter, with mean results of `drive_on` from some cycles."""
+    """Another value of one parameter, with results of `drive_on` from some cycles.
 
-    server: str
-    parameter: Parameter
-    now: Any  # value in force
-    then: Any  # the other value
-    before: np.ndarray  # speed [m/s] and distance from obstacles [m] with the value in force
-    after: np.ndarray  # the same with the other value
-    elsewhere: float = 0.0  # change of the speed from cycles outside the events [m/s]
+    Attributes:
+        change: The change from the value in force.
+        default: Default of the parameter in the C++ planner.
+        before: Result with the value in force.
+        after: Result with the other value.
+        elsewhere: Change of the speed from cycles outside the events [m/s].
+    """
+
+    change: Change
+    default: Any
+    before: Result
+    after: Result
+    elsewhere: float = 0.0
 
     @property
     def gain(self) -> float:
         """Gain of speed along the plan [m/s]."""
-        return float(self.after[0] - self.before[0])
+        return self.after.speed - self.before.speed
 
     @property
     def departure(self) -> Tuple[bool, float, float]:
         """Direction (True: away from the default), nearness of the value in force to it, and size of the change."""
-        default = self.parameter.default
-        away = abs(self.then - default) > abs(self.now - default)
-        return away, -_distance(self.now, default), _distance(self.now, self.then)
-
-    @property
-    def change(self) -> str:
-        """Name of the parameter with both values."""
-        return f"{self.parameter.name} {self.now:.4g} -> {self.then:.4g}"
+        before, after = self.change.before, self.change.after
+        is_away = abs(after - self.default) > abs(before - self.default)
+        return is_away, -_distance(before, self.default), _distance(before, after)
 
     @override
     def __str__(self) -> str:
-        (slow, near), (fast, nearer) = self.before, self.after
-        rest = f"{near:.2f} -> {nearer:.2f} m from obstacles, {self.elsewhere:+.2f} m/s elsewhere"
-        return f"{self.change}: {slow:.2f} -> {fast:.2f} m/s along the plan, {rest}"
+        speeds = f"{self.before.speed:.2f} -> {self.after.speed:.2f} m/s along the plan"
+        clearances = f"{self.before.clearance:.2f} -> {self.after.clearance:.2f} m from obstacles"
+        return f"{self.change}: {speeds}, {clearances}, {self.elsewhere:+.2f} m/s elsewhere"
 
 
 def _distance(a: float, b: float) -> float:
@@ -76,71 +86,90 @@ def _distance(a: float, b: float) -> float:
     return abs(math.log(a / b)) if a * b > 0 else abs(a - b)
 
 
-def other_values(replay: Replay) -> Values:
-    """Return the values to try of the local planner's parameters and those of the local inflation layers."""
-    found: Values = {}
-    for server in (replay.server, *(f"local_costmap/{layer.name}" for layer in replay.costmap.inflation_layers)):
-        for one in replay.move_base.servers[server].parameters:
-            now = replay.settings[server][one.name]
-            if one.name not in LEFT_OUT and not isinstance(now, str):
-                factors = () if isinstance(now, bool) else FACTORS
-                values = {one.clamp(one.convert(now * factor)) for factor in factors} | {one.default}
-                found[server, one] = sorted(values - {now})
-    return found
+def changes_to_try(replay: Replay) -> List[Change]:
+    """Return changes of the local planner's parameters and of those of the local inflation layers."""
+    layers = [f"local_costmap/{layer.name}" for layer in replay.costmap.inflation_layers]
+    changes = []
+    for server in (replay.server, *layers):
+        for parameter in replay.move_base.servers[server].parameters:
+            value = replay.settings[server].get(parameter.name, "")
+            if parameter.name in LEFT_OUT or isinstance(value, str):
+                continue
+            others = {parameter.default}
+            if not isinstance(value, bool):
+                others |= {parameter.clamp(parameter.convert(value * factor)) for factor in FACTORS}
+            changes += [Change(server, parameter.name, value, other) for other in sorted(others - {value})]
+    return changes
 
 
-def drive_on(replay: Replay, cycles: Sequence[Cycle], server: str, changes: Dict[str, Any]) -> np.ndarray:
-    """Drive on from cycles with other values of a server.
+def drive_on(replay: Replay, cycles: Sequence[Cycle], change: Optional[Change] = None) -> np.ndarray:
+    """Drive on from cycles, with another value of a parameter or with those in force.
 
     Returns:
         (n, 2) mean speeds along the plan [m/s], and smallest distances of the robot's centre from an obstacle [m].
     """
     results = []
     for cycle in cycles:
-        now = cycle.settings[server]
-        values = {**now, **changes}
-        if "max_vel_theta" in changes and now["min_vel_theta"] == -now["max_vel_theta"]:
-            values["min_vel_theta"] = -values["max_vel_theta"]  # Symmetric limits stay so.
-        replay.put_in_force({**cycle.settings, server: values})
+        replay.put_in_force(_changed(cycle.settings, change))
         replay.costmap.restore(cycle.map, cycle.pose)
         replay.begin(cycle)
         poses, twist = [cycle.pose], cycle.twist
         while len(poses) <= AHEAD:
-            v, w = twist = replay.local.compute_velocity(poses[-1], twist, replay.costmap)[1]
+            twist = replay.local.compute_velocity(poses[-1], twist, replay.costmap)[1]
+            v, w = twist
             poses.append(arc(poses[-1], v, w, replay.period))
         track, plan = np.array(poses)[:, :2], cycle.plan[:, :2]
-        way = np.concatenate([[0.0], np.hypot(*np.diff(plan, axis=0).T).cumsum()])
+        steps = np.hypot(*np.diff(plan, axis=0).T)
+        way = np.concatenate([[0.0], steps.cumsum()])  # way along the plan to each of its poses [m]
         first, last = (way[np.hypot(*(plan - end).T).argmin()] for end in track[[0, -1]])
         distances = np.hypot(*(track[::4, None] - lethal_points(replay)).T)
         results.append(((last - first) / (AHEAD * replay.period), distances.min(initial=np.inf)))
     return np.array(results).reshape(-1, 2)
 
 
-def best_values(replay: Replay, values: Values, cycles: Sequence[Cycle], others: Sequence[Cycle]) -> List[Alternative]:
-    """Return, of each parameter, the best value with which the planner would have driven on faster from some cycles.
+def _changed(settings: Settings, change: Optional[Change]) -> Settings:
+    """Return settings after a change. Symmetric limits of the turn rate stay so."""
+    if change is None:
+        return settings
+    changes = [change]
+    if change.name == "max_vel_theta":
+        low, high = settings[change.server]["min_vel_theta"], settings[change.server]["max_vel_theta"]
+        if low == -high:
+            changes.append(Change(change.server, "min_vel_theta", low, -change.after))
+    return settings.with_(*changes)
+
+
+def best_changes(
+    replay: Replay, changes: Sequence[Change], cycles: Sequence[Cycle], others: Sequence[Cycle]
+) -> List[Alternative]:
+    """Return, of each parameter, the best change with which the planner would have driven on faster from some cycles.
 
     Changes that bring the robot nearer to obstacles than its inscribed circle are left out. `others` are cycles outside
     the events.
     """
-    before, usual = (drive_on(replay, given, replay.server, {}) for given in (cycles, others))
+    if not len(cycles):
+        return []
+    before, usual = drive_on(replay, cycles), drive_on(replay, others)
     nearest = min(before[:, 1].min(initial=np.inf), replay.costmap.inscribed_radius - replay.costmap.resolution)
-    found = []
-    for (server, parameter), tried in values.items() if len(cycles) else ():
-        gains, now = [], cycles[0].settings[server][parameter.name]
-        for then in tried:
-            with suppress(ApplrError):  # The value may contradict that of another parameter.
-                after = drive_on(replay, cycles[::FEW], server, {parameter.name: then})
-                if (after - before[::FEW])[:, 0].mean() > LITTLE:
-                    after = drive_on(replay, cycles, server, {parameter.name: then})
-                    one = Alternative(server, parameter, now, then, before.mean(axis=0), after.mean(axis=0))
-                    gains += [one] if one.gain > LITTLE and after[:, 1].min() >= nearest else []
-        found += ranked(gains)[:1]
-    found = ranked(found)
-    for one in found[:ELSEWHERE] if len(others) else ():
-        one.elsewhere = float(
-            (drive_on(replay, others, one.server, {one.parameter.name: one.then}) - usual)[:, 0].mean()
-        )
-    return found
+    gains: Dict[Tuple[str, str], List[Alternative]] = {}
+    for tried in changes:
+        in_force = cycles[0].settings[tried.server][tried.name]
+        change = tried._replace(before=in_force)
+        with suppress(ApplrError):  # The value may contradict that of another parameter.
+            after = drive_on(replay, cycles[::FEW], change)
+            if (after - before[::FEW])[:, 0].mean() <= LITTLE:
+                continue
+            after = drive_on(replay, cycles, change)
+            declared = replay.move_base.servers[change.server].declared(change.name)
+            assert declared is not None
+            results = Result(*before.mean(axis=0).tolist()), Result(*after.mean(axis=0).tolist())
+            alternative = Alternative(change, declared.default, *results)
+            if alternative.gain > LITTLE and after[:, 1].min() >= nearest:
+                gains.setdefault((change.server, change.name), []).append(alternative)
+    best = ranked([ranked(of_parameter)[0] for of_parameter in gains.values()])
+    for alternative in best[:ELSEWHERE] if len(others) else ():
+        alternative.elsewhere = float((drive_on(replay, others, alternative.change) - usual)[:, 0].mean())
+    return best
 
 
 def ranked(alternatives: Sequence[Alternative]) -> List[Alternative]:
@@ -151,7 +180,8 @@ def ranked(alternatives: Sequence[Alternative]) -> List[Alternative]:
     """
     left, order = list(alternatives), []
     while left:
-        most = max(one.gain for one in left)
-        order.append(min((one for one in left if one.gain >= WITHIN * most), key=lambda one: one.departure))
+        largest = max(alternative.gain for alternative in left)
+        nearly_equal = [alternative for alternative in left if alternative.gain >= WITHIN * largest]
+        order.append(min(nearly_equal, key=lambda alternative: alternative.departure))
         left.remove(order[-1])
     return order

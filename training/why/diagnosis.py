@@ -9,7 +9,7 @@ import numpy as np
 
 from applr_ros1.common.errors import ApplrError
 from training.why import events
-from training.why.alternatives import Alternative, best_values, other_values
+from training.why.alternatives import Alternative, best_changes, changes_to_try
 from training.why.events import Event
 from training.why.explanation import explain, part_of_robot
 from training.why.replay import Cycle, Replay
@@ -38,8 +38,8 @@ class Diagnosis:
     def remedies(self) -> List[Alternative]:
         """Alternatives that would have saved enough of the drive's time, and with which the robot does not creep."""
         slow, top = 1.0 - len(self.others) / len(self.replay.cycles), self.top_speed()
-        fast = [one for one in self.tried if one.after[0] >= events.STANDS * top]
-        return [one for one in fast if slow * (1.0 - max(one.before[0], 0.0) / one.after[0]) >= REMEDY]
+        fast = [one for one in self.tried if one.after.speed >= events.STANDS * top]
+        return [one for one in fast if slow * (1.0 - max(one.before.speed, 0.0) / one.after.speed) >= REMEDY]
 
     def top_speed(self) -> float:
         """Return the mean max_vel_x in force [m/s]."""
@@ -72,9 +72,9 @@ class Diagnosis:
         points = np.concatenate([self.replay.cloud(index).points[:, :2] for index in scans])
         return {
             "reproduced": self.replay.share,
-            "remedies": [one.change for one in self.remedies],
+            "remedies": [str(one.change) for one in self.remedies],
             "alternatives": [str(one) for one in self.tried],
-            "values": [(one.server, one.parameter.name, one.now, one.then, one.gain) for one in self.tried],
+            "values": [(*one.change, one.gain) for one in self.tried],
             "events": [dict(title=str(one), place=one.place, cycles=one.explained) for one in self.events],
             "map": (np.unique(np.rint(points / CELL_M), axis=0) * CELL_M).round(2).tolist(),
             "path": [[*np.round(cycle.pose[:2], 2).tolist(), cycle.command[0]] for cycle in self.replay.cycles],
@@ -104,20 +104,20 @@ def diagnose(replay: Replay, at: Optional[float] = None) -> Diagnosis:
         middle = np.median([cycle.command[0] for cycle in event.cycles])
         slowest = [cycle for cycle in event.cycles if cycle.command[0] <= middle]
         event.explained = [explain(replay, cycle) for cycle in some(slowest, EXPLAINED)]
-    return Diagnosis(replay, found, others, best_values(replay, other_values(replay), cycles, some(others, CYCLES)))
+    tried = best_changes(replay, changes_to_try(replay), cycles, some(others, CYCLES))
+    return Diagnosis(replay, found, others, tried)
 
 
 def compared(first: Replay, second: Replay) -> List[str]:
     """Return lines about a second drive: where it differs, and what its parameters would have done in the first."""
     track = np.array([cycle.pose[:2] for cycle in second.cycles])
     apart = [cycle for cycle in first.cycles if np.hypot(*(track - cycle.pose[:2]).T).min() > APART_M]
-    servers = [server for server in first.settings if not server.startswith("global_costmap")]
-    every = [(server, one) for server in servers for one in first.move_base.servers[server].parameters]
-    pairs = [(first.settings[server][one.name], second.settings[server][one.name]) for server, one in every]
-    differing = {key: [then] for key, (now, then) in zip(every, pairs) if now != then and not isinstance(now, str)}
+    changes = []
+    for change in first.settings.differences(second.settings):
+        if not change.server.startswith("global_costmap") and not isinstance(change.before, str):
+            changes.append(change)
     slow = [cycle for event in events.find(first) for cycle in event.cycles]
-    tried = best_values(first, differing, some(slow or first.cycles, CYCLES), [])
+    tried = best_changes(first, changes, some(slow or first.cycles, CYCLES), [])
     routes = "routes diverge at {:.1f} s".format(apart[0].at) if apart else "same route"
-    names = [f"{one.name} {first.settings[server][one.name]:g} -> {v:g}" for (server, one), (v,) in differing.items()]
-    lines = [f"{second}; {routes}; differing parameters: {', '.join(names) or 'none'}"]
+    lines = [f"{second}; {routes}; differing parameters: {', '.join(map(str, changes)) or 'none'}"]
     return lines + ["Changes of the first drive to a value of this one:", *(f"   {one}" for one in tried)] * bool(tried)

@@ -20,6 +20,7 @@ from applr_ros1.common.scan import LaserScan, PointCloud, observe
 from applr_ros1.drives.drive import Drive, Motion, Scans
 from applr_ros1.planner.local_planner import Command
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.settings import Settings, send
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from training.env.episode import counting_cells
@@ -32,7 +33,6 @@ POSE_LAGS = 0, 1, -1, 2, -2  # ages of a pose relative to the velocity
 UPDATES: Tuple[Tuple[Optional[int], int], ...] = (0, 1), (0, 0), (1, 1), (1, 0), (1, 2), (2, 1), (2, 2), (None, 0)
 
 Map = Tuple[np.ndarray, ...]  # snapshot of the local costmap
-Settings = Dict[str, Dict[str, Any]]  # parameters in force by server
 
 
 @dataclass
@@ -68,11 +68,8 @@ class Replay:
         self.local: Any = self.move_base.local_planner
         self.costmap, self.server = self.move_base.local_costmap, self.move_base.local_planner_name
         self.period = 1.0 / max(self.move_base.configuration("")["controller_frequency"], 1.0)  # control period [s]
-        self.settings: Settings = {
-            name: {one.name: self.move_base.configuration(name)[one.name] for one in server.parameters}
-            for name, server in self.move_base.servers.items()
-            if name
-        }
+        start = Settings.from_tree(self.move_base.parameters)
+        self.settings = Settings({server: start[server] for server in start if server})
 
     @property
     def share(self) -> float:
@@ -99,8 +96,7 @@ class Replay:
         for at, command in tqdm(rows, drive.name, leave=False, disable=None):
             while updates and updates[0][0] <= at:
                 _, server, given = updates.pop(0)
-                values = {name: given.get(name, value) for name, value in self.settings.get(server, {}).items()}
-                self.settings = {**self.settings, server: values} if values else self.settings
+                self.settings = self.settings.with_(*self.settings.differences({server: given}))
             self.put_in_force(self.settings)
             odometry = self.odometry.latest(at)
             scan = self._scans.latest(at)
@@ -131,11 +127,7 @@ class Replay:
 
     def put_in_force(self, settings: Settings) -> None:
         """Set the parameters of the local planner and of the costmaps' layers."""
-        for server, values in settings.items():
-            now = self.move_base.configuration(server)
-            changed = {n: v for n, v in values.items() if now.get(n) != v and n != "restore_defaults"}
-            if changed:
-                self.move_base.reconfigure(server, changed)
+        send(settings, self.move_base)
 
     def _plan(self, at: float) -> Optional[np.ndarray]:
         """Return the plan of the cycle at a time, or None if there was no plan.

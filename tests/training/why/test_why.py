@@ -10,12 +10,14 @@ import pytest
 from applr_ros1 import robots
 from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.drives.drive import Changes, Drive, Plans
+from applr_ros1.planner.parameters.settings import Change
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import before_a_monitor, changed, decided, simulated, until
 from training.bags.read import BagError
 from training.bags.write import write
 from training.why import __main__ as why
 from training.why import alternatives, diagnosis, events
+from training.why.alternatives import Alternative, Result
 from training.why.explanation import explain, part_of_robot
 from training.why.replay import Replay, changes_of
 
@@ -310,7 +312,7 @@ def test_the_obstacle_in_the_way_is_named():
 
 
 def test_a_part_of_the_robot_in_the_scans_is_in_the_answer(monkeypatch):
-    monkeypatch.setattr(diagnosis, "other_values", lambda replay: {})
+    monkeypatch.setattr(diagnosis, "changes_to_try", lambda replay: [])
     answer, *_ = diagnosis.diagnose(driven_with_post(0.5, 0.0)).lines()
     assert re.match(r"The laser sees a part of the robot, 0.5 m ahead and -?0.0 m left of its centre.", answer)
 
@@ -367,7 +369,7 @@ def test_samples_that_dwa_refuses_are_explained():
 def test_the_spoilt_parameter_is_the_first_remedy_and_a_sound_drive_has_none(replay, sound, monkeypatch):
     monkeypatch.setattr(diagnosis, "CYCLES", 4)
     found = diagnosis.diagnose(replay)
-    assert found.remedies[0].parameter.name == "vx_samples"
+    assert found.remedies[0].change.name == "vx_samples"
     assert found.lines()[0].startswith("Try vx_samples 1 -> ")
     assert all(one.gain > 0.0 for one in found.tried)
     values = json.loads(json.dumps(found.values()))
@@ -376,11 +378,10 @@ def test_the_spoilt_parameter_is_the_first_remedy_and_a_sound_drive_has_none(rep
 
 
 def test_only_a_change_that_saves_much_of_the_drive_and_ends_the_creeping_is_a_remedy(replay):
-    parameter = replay.move_base.servers[PLANNER].parameters[0]
+    change = Change(PLANNER, "sim_time", 2.0, 1.0)
 
     def remedies(before, after, slow):
-        speeds = np.array([before, 1.0]), np.array([after, 1.0])
-        tried = [alternatives.Alternative(PLANNER, parameter, 2.0, 1.0, *speeds)]
+        tried = [Alternative(change, 1.7, Result(before, 1.0), Result(after, 1.0))]
         return len(diagnosis.Diagnosis(replay, [], replay.cycles[slow:], tried).remedies)
 
     cycles = len(replay.cycles)
@@ -403,7 +404,7 @@ def test_a_doubtful_replay_says_so_first_and_its_reproduced_cycles_are_preferred
 
 def test_alternatives_begin_on_the_way_into_an_event(sound, monkeypatch):
     begun = []
-    monkeypatch.setattr(diagnosis, "best_values", lambda replay, values, cycles, others: begun.extend(cycles) or [])
+    monkeypatch.setattr(diagnosis, "best_changes", lambda replay, changes, cycles, others: begun.extend(cycles) or [])
     diagnosis.diagnose(sound, at=5.0)
     assert min(cycle.at for cycle in begun) == pytest.approx(2.5, abs=0.1)
     assert max(cycle.at for cycle in begun) == pytest.approx(5.5, abs=0.1)
@@ -411,42 +412,42 @@ def test_alternatives_begin_on_the_way_into_an_event(sound, monkeypatch):
 
 def test_driving_on_follows_the_commands(replay):
     cycle = replay.cycles[100]
-    ((speed, distance),) = alternatives.drive_on(replay, [cycle], PLANNER, {})
+    ((speed, distance),) = alternatives.drive_on(replay, [cycle])
     assert speed == pytest.approx(0.1, abs=0.03)  # the only speed
     assert 0.2 < distance < 3.0
-    ((faster, _),) = alternatives.drive_on(replay, [cycle], PLANNER, {"vx_samples": 20})
+    ((faster, _),) = alternatives.drive_on(replay, [cycle], Change(PLANNER, "vx_samples", 1, 20))
     assert faster > 0.2
-    alternatives.drive_on(replay, [cycle], PLANNER, {"max_vel_theta": 1.0})
+    turn = Change(PLANNER, "max_vel_theta", 1.57, 1.0)
+    alternatives.drive_on(replay, [cycle], turn)
     assert replay.move_base.configuration(PLANNER)["min_vel_theta"] == -1.0  # Symmetric limits stay so.
-    skewed = replace(cycle, settings={**cycle.settings, PLANNER: {**cycle.settings[PLANNER], "min_vel_theta": -0.5}})
-    alternatives.drive_on(replay, [cycle, skewed], PLANNER, {"max_vel_theta": 1.0})
+    skewed = replace(cycle, settings=cycle.settings.with_(Change(PLANNER, "min_vel_theta", -1.57, -0.5)))
+    alternatives.drive_on(replay, [cycle, skewed], turn)
     assert replay.move_base.configuration(PLANNER)["min_vel_theta"] == -0.5  # Others stay as they are.
 
 
 def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(replay):
-    by_name = {one.name: one for one in replay.move_base.servers[PLANNER].parameters}
+    server = replay.move_base.servers[PLANNER]
 
-    def one(name, now, then, gain):
-        return alternatives.Alternative(PLANNER, by_name[name], now, then, np.zeros(2), np.array([gain, 0.0]))
+    def one(name, before, after, gain):
+        change = Change(PLANNER, name, before, after)
+        return Alternative(change, server.declared(name).default, Result(0.0, 0.0), Result(gain, 0.0))
 
     nearer, farther = one("sim_time", 2.0, 1.7, 0.92), one("occdist_scale", 0.1, 0.01, 0.95)
     smaller = one("occdist_scale", 0.1, 0.05, 0.93)
     tried = [one("sim_time", 2.0, 8.0, 1.0), nearer, farther, smaller, one("vx_samples", 1, 20, 0.5)]
-    assert [each.then for each in alternatives.ranked(tried)] == [0.05, 0.01, 1.7, 8.0, 20]
+    assert [each.change.after for each in alternatives.ranked(tried)] == [0.05, 0.01, 1.7, 8.0, 20]
 
 
 def test_changes_that_pass_obstacles_too_closely_are_left_out(replay, monkeypatch):
     results = {None: (0.1, 0.5), 1.0: (0.5, 0.05), 4.0: (0.3, 0.5)}  # speed and distance by sim_time
 
-    def drive_on(replay, cycles, server, changes):
-        return np.array([results[changes.get("sim_time")]] * len(cycles))
+    def drive_on(replay, cycles, change=None):
+        return np.array([results[change and change.after]] * len(cycles))
 
     monkeypatch.setattr(alternatives, "drive_on", drive_on)
-    parameter = {one.name: one for one in replay.move_base.servers[PLANNER].parameters}["sim_time"]
-    (found,) = alternatives.best_values(
-        replay, {(PLANNER, parameter): [1.0, 4.0]}, replay.cycles[:4], replay.cycles[4:6]
-    )
-    assert (found.now, found.then) == (2.0, 4.0)
+    changes = [Change(PLANNER, "sim_time", 2.0, after) for after in (1.0, 4.0)]
+    (found,) = alternatives.best_changes(replay, changes, replay.cycles[:4], replay.cycles[4:6])
+    assert found.change == Change(PLANNER, "sim_time", 2.0, 4.0)
     assert found.gain == pytest.approx(0.2)
     assert found.elsewhere == pytest.approx(0.2)
 
@@ -455,7 +456,7 @@ def test_another_inflation_applies_to_the_recorded_map(replay):
     layer, cycle = "local_costmap/inflater_layer", replay.cycles[100]
     sizes = []
     for radius in (0.1, 1.0):
-        alternatives.drive_on(replay, [cycle], layer, {"inflation_radius": radius})
+        alternatives.drive_on(replay, [cycle], Change(layer, "inflation_radius", 0.3, radius))
         sizes.append(np.count_nonzero(replay.costmap.cells))
     assert sizes[1] > 1.2 * sizes[0]
 
