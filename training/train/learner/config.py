@@ -56,21 +56,25 @@ class RunOptions(Options):
 
     # fmt: off
     recipe: str = option("",
-        f"Use the options of a recipe: one of {', '.join(RECIPES)}, or a YAML file of options. Explicit options "
-        "override those of the recipe.")
+        f"Use the options of a recipe: one of {', '.join(RECIPES)}, or a YAML file of options. "
+        "Explicit options override those of the recipe.")
     out: str = option("runs/applr",
-        "Folder for the configuration, the checkpoints, all trajectories, the policies, and the learning curves.")
+        "Folder for the configuration, the checkpoints, all trajectories, the policies, and the "
+        "learning curves.")
     resume: bool = option(False,
-        "Continue the run in the folder --out with its stored options. Explicit options replace the stored ones, but "
-        "networks, seed, robot, --init-from and the conditions of the evaluations cannot change.")
+        "Continue the run in the folder --out with its stored options. Explicit options replace "
+        "the stored ones, but networks, seed, robot, --init-from and the conditions of the "
+        "evaluations cannot change.")
     total_timesteps: int = option(PAPER_STEPS,
-        "Total number of transitions to collect, one per decision. The paper used 5 million.", ge=0, le=10**9)
+        "Total number of transitions to collect, one per decision. The paper used 5 million.",
+        ge=0, le=10**9)
     minutes: float = option(0.0,
-        "Wall time [min], without interruptions, after which the run ends even before --total-timesteps. 0 sets no "
-        "limit.", ge=0, le=1e6)
+        "Wall time [min], without interruptions, after which the run ends even before "
+        "--total-timesteps. 0 sets no limit.", ge=0, le=1e6)
     seeds: int = option(1,
-        "Number of trainings, one after the other, with the seeds from --seed on. The trainings share --minutes. Their "
-        "best policies drive fresh courses. The best one is kept and compared with the robot's default parameters.",
+        "Number of trainings, one after the other, with the seeds from --seed on. The trainings "
+        "share --minutes. Their best policies drive fresh courses. The best one is kept and "
+        "compared with the robot's default parameters.",
         ge=1, le=100)
     # fmt: on
 
@@ -82,16 +86,20 @@ class ActorOptions(Options):
 
     # fmt: off
     actors: int = option(0,
-        "Number of actors that drive episodes in parallel, as child processes. 0 drives one episode after the other in "
-        "the learner's process; the same seed then gives the same numbers in every run.", ge=0, le=10_000)
+        "Number of actors that drive episodes in parallel, as child processes. 0 drives one "
+        "episode after the other in the learner's process; the same seed then gives the same "
+        "numbers in every run.", ge=0, le=10_000)
     ray_address: RayAddress
     exploration_noise_initial: float = option(0.5,
-        "Standard deviation of the exploration noise at the beginning, for actions from -1 to 1.", ge=0, le=2)
+        "Standard deviation of the exploration noise at the beginning, for actions from -1 to 1.",
+        ge=0, le=2)
     exploration_noise_final: float = option(0.02,
-        "Standard deviation of the exploration noise from --exploration-noise-steps transitions on.", ge=0, le=2)
+        "Standard deviation of the exploration noise from --exploration-noise-steps transitions "
+        "on.", ge=0, le=2)
     exploration_noise_steps: int = option(0,
-        "Number of transitions over which the exploration noise changes from its initial to its final value. 0 uses "
-        "the paper's 3.84 million, or proportionally fewer if --total-timesteps is below 5 million.", ge=0, le=10**9)
+        "Number of transitions over which the exploration noise changes from its initial to its "
+        "final value. 0 uses the paper's 3.84 million, or proportionally fewer if "
+        "--total-timesteps is below 5 million.", ge=0, le=10**9)
     # fmt: on
 
 
@@ -102,30 +110,35 @@ class TaskOptions(DriveSettings):
 
     # fmt: off
     worlds: str = option("generated:learn",
-        f"Worlds to train in: {SPECIFICATIONS}; several are separated by commas. generated:learn are the training "
-        "worlds without those of generated:validation.")
+        f"Worlds to train in: {SPECIFICATIONS}; several are separated by commas. generated:learn "
+        "are the training worlds without those of generated:validation.")
     decision_period: float = option(PERIOD,
-        "Simulated time [s] between two choices of the parameters. The paper used 2.", ge=0.05, le=10)
+        "Simulated time [s] between two choices of the parameters. The paper used 2.",
+        ge=0.05, le=10)
     observation: Literal["paper", "dimensionless"] = option("paper",
-        "Encoding of observations and actions: paper, the capped scan, the direction of the local goal and the robot's "
-        "parameter space; or dimensionless, relative to its size and speed (applr_ros1/policy/dimensionless.py).")
+        "Encoding of observations and actions: paper, the capped scan, the direction of the "
+        "local goal and the robot's parameter space; or dimensionless, relative to its size and "
+        "speed (applr_ros1/policy/dimensionless.py).")
     end_on_collision: bool = option(False,
-        "End a training episode at the first collision, as a failure. Evaluations are not affected.")
+        "End a training episode at the first collision, as a failure. Evaluations are not "
+        "affected.")
     end_on_stall: bool = option(False,
-        "End a training episode, as a failure, if the robot has moved less than .85 m in 8 s, at the Jackal's scale. "
-        "Evaluations are not affected.")
+        "End a training episode, as a failure, if the robot has moved less than .85 m in 8 s, at "
+        "the Jackal's scale. Evaluations are not affected.")
     critics_know_more: bool = option(False,
-        "Show the critics what the policy cannot know: the true course ahead, moving obstacles, planner, ground, "
-        "friction and delays (training/env/privileged.py).")
+        "Show the critics what the policy cannot know: the true course ahead, moving obstacles, "
+        "planner, ground, friction and delays (training/env/privileged.py).")
     start_xy: float = option(0.0,
         "Largest random displacement [m] of the start position along x and along y.", ge=0, le=10)
-    start_yaw: float = option(0.0, "Largest random rotation [rad] of the start heading.", ge=0, le=math.pi)
+    start_yaw: float = option(0.0,
+        "Largest random rotation [rad] of the start heading.", ge=0, le=math.pi)
     scan_noise: List[float] = span(1.0, "Factor on the standard deviation of the laser's noise.")
     latency: List[float] = span(0.0, "Delay [s] of the velocity commands.")
     slip: List[float] = span(1.0, "Factor on the slip and drift of the base.")
     friction: List[float] = span(1.0, "Factor on the wheels' friction.")
     ground: List[float] = span(1.0,
-        "Blend of ground friction: 0 is ground plain, 1 or more is the ground in the robot's description.",
+        "Blend of ground friction: 0 is ground plain, 1 or more is the ground in the robot's "
+        "description.",
         ". With 0 2, half of the episodes have the robot's ground, and the others a blend")
     odometry: List[float] = span(1.0, "Factor on the odometry's errors.")
     # fmt: on
@@ -138,14 +151,17 @@ class LearnerOptions(TD3Options):
 
     # fmt: off
     seed: Seed = option(0,
-        "Seed of every random draw: network initialisation, exploration noise, batches, worlds and simulators.")
-    utd_ratio: float = option(0.1, "Number of gradient steps per collected transition.", ge=0, le=100)
+        "Seed of every random draw: network initialisation, exploration noise, batches, worlds "
+        "and simulators.")
+    utd_ratio: float = option(0.1,
+        "Number of gradient steps per collected transition.", ge=0, le=100)
     mirror: bool = option(False,
-        "Mirror half of each batch left to right (scan and local goal). This doubles the experience, because robot, "
-        "planner and parameters are symmetric.")
+        "Mirror half of each batch left to right (scan and local goal). This doubles the "
+        "experience, because robot, planner and parameters are symmetric.")
     learning_starts: int = option(0,
-        "Number of transitions with uniformly random actions before the first gradient step. The paper has none. With "
-        "--init-from, these transitions are driven by the policy with exploration noise.", ge=0, le=10**9)
+        "Number of transitions with uniformly random actions before the first gradient step. The "
+        "paper has none. With --init-from, these transitions are driven by the policy with "
+        "exploration noise.", ge=0, le=10**9)
     # fmt: on
 
 
@@ -156,14 +172,17 @@ class OfflineOptions(Options):
 
     # fmt: off
     dataset: str = option("",
-        "Folder of a dataset (bags_to_dataset.py) from which to learn offline. Without a dataset, the run is online.")
-    gradient_steps: int = option(100_000, "Number of gradient steps in offline learning.", ge=0, le=10**9)
+        "Folder of a dataset (bags_to_dataset.py) from which to learn offline. Without a "
+        "dataset, the run is online.")
+    gradient_steps: int = option(100_000,
+        "Number of gradient steps in offline learning.", ge=0, le=10**9)
     init_from: str = option("",
-        "Start of the learning. Folder of another run: its policy, critics and optimisers, without its experience "
-        "(period, reward and worlds may differ). static (tuned parameter set of the robot), dwa (its default "
-        "parameters) or a JSON file of parameters: the first output of the policy, and the values of the parameters "
-        "that a dimensionless policy does not choose. File of a policy: this policy, frozen for a critic "
-        "warm-up of 2,000 gradient steps. Default: a first output near the middle of the ranges.")
+        "Start of the learning. Folder of another run: its policy, critics and optimisers, "
+        "without its experience (period, reward and worlds may differ). static (tuned parameter "
+        "set of the robot), dwa (its default parameters) or a JSON file of parameters: the first "
+        "output of the policy, and the values of the parameters that a dimensionless policy does "
+        "not choose. File of a policy: this policy, frozen for a critic warm-up of 2,000 "
+        "gradient steps. Default: a first output near the middle of the ranges.")
     # fmt: on
 
 
@@ -174,9 +193,10 @@ class PeriodicOptions(Options):
 
     # fmt: off
     eval_worlds: str = option("generated:validation",
-        "Held-out worlds in which the policy is evaluated during the run, to choose the best policy. The default is a "
-        "part of the training worlds that --worlds leaves out, so that no test world affects the choice. Each world is "
-        "driven once in an evaluation. none disables the evaluation.")
+        "Held-out worlds in which the policy is evaluated during the run, to choose the best "
+        "policy. The default is a part of the training worlds that --worlds leaves out, so that "
+        "no test world affects the choice. Each world is driven once in an evaluation. none "
+        "disables the evaluation.")
     eval_freq: int = option(50_000,
         "Number of transitions (offline: gradient steps) between two evaluations.", ge=1, le=10**9)
     # fmt: on

@@ -1,11 +1,13 @@
-"""TD3 (Fujimoto et al. 2018), the paper's algorithm: a policy and two separate critics, each of 3 x 512 units.
+"""TD3 (Fujimoto et al. 2018), the paper's algorithm: a policy and two critics of 3 x 512 units.
 
-training/train/learner passes batches from the replay buffer. This module knows nothing of robots, files or processes.
-Defaults are the paper's. If the paper gives no value, they are those of its authors' code. Deviations:
-  batch_size 256 (authors: 128): equally fast on our machines, with less gradient noise.
-  n_step 4 (not in the paper; the authors' code began with 1 and ended at 4): the replay buffer sums the returns.
-Unlike in the authors' code, values are bootstrapped at time limits, and target noise is in action units
-(docs/explanation/learning_problem.md#where-this-differs-from-the-paper).
+training/train/learner passes batches from the replay buffer. This module knows nothing of robots,
+files or processes. Defaults are the paper's. If the paper gives no value, they are those of its
+authors' code. Deviations:
+  batch_size 256 (authors: 128): equally fast on our machines, with less gradient noise. n_step 4
+  (not in the paper; the authors' code began with 1 and ended at 4): the replay buffer sums the
+  returns.
+Unlike in the authors' code, values are bootstrapped at time limits, and target noise is in action
+units (docs/explanation/learning_problem.md#where-this-differs-from-the-paper).
 """
 
 from __future__ import annotations
@@ -27,40 +29,50 @@ from training.train.td3.options import TD3Options
 
 ACTOR_LR = 3e-4  # learning rate of the policy
 POLICY_DELAY = 2  # critic updates per policy update
-TAU = 0.005  # share of the online networks that is mixed into the target networks at each policy update
-TARGET_NOISE, NOISE_CLIP = 0.2, 0.5  # standard deviation and clipping bound of the noise on target actions
-INNER = 0.95  # bound on the action that begin_at() makes a policy return, so that tanh still has a gradient
+# Share of the online networks that is mixed into the target networks at each policy update
+TAU = 0.005
+TARGET_NOISE = 0.2  # standard deviation of the noise on target actions
+NOISE_CLIP = 0.5  # bound at which the noise on target actions is clipped
+# Bound on the action that begin_at() makes a policy return, so that tanh still has a gradient
+INNER = 0.95
 SMALL_START = 0.01  # factor of begin_at() on the initial weights of the policy's last layer
-CRITIC_WARM_UP = 2000  # updates during which a policy of begin_with() is frozen: untrained critics would spoil it
+# Updates during which a policy of begin_with() is frozen: untrained critics would spoil it
+CRITIC_WARM_UP = 2000
 Weights = Dict[str, np.ndarray]  # "0.weight" (out, in), "0.bias" (out,), "1.weight", ...: float32
 
 
 class MLP(nn.ModuleList):
-    """Linear layers with ReLU between them; state_dict() names them "0.weight" (out, in), "0.bias" (out,), "1.weight".
+    """Linear layers with ReLU between them.
+
+    state_dict() names them "0.weight" (out, in), "0.bias" (out,), "1.weight".
 
     Args:
         inputs: Width of the input.
         hidden: Widths of the hidden layers.
         outputs: Width of the output.
-        layer_norm: Whether to normalise each hidden layer before its ReLU, without gain and shift. In critics, this
-            bounds the extrapolation to actions that were never tried, so that learning remains stable with several
-            gradient steps per transition (Ball et al. 2023; Nauman et al. 2024).
+        layer_norm: Whether to normalise each hidden layer before its ReLU, without gain and shift.
+            In critics, this bounds the extrapolation to actions that were never tried, so that
+            learning remains stable with several gradient steps per transition (Ball et al. 2023;
+            Nauman et al. 2024).
     """
 
     def __init__(self, inputs: int, hidden: Sequence[int], outputs: int, layer_norm: bool = False):
-        sizes = [inputs, *hidden, outputs]
-        super().__init__(nn.Linear(width, out) for width, out in zip(sizes[:-1], sizes[1:]))
+        widths = [inputs, *hidden, outputs]
+        layers = [nn.Linear(width, following) for width, following in zip(widths, widths[1:])]
+        super().__init__(layers)
         self.layer_norm = layer_norm
 
     @override
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Map x (B, inputs) to (B, outputs)."""
-        *hidden, last = self
-        for layer in hidden:
+        *hidden_layers, last_layer = self
+        for layer in hidden_layers:
             x = layer(x)
-            x = functional.relu(functional.layer_norm(x, x.shape[1:]) if self.layer_norm else x)
-        y: torch.Tensor = last(x)
-        return y
+            if self.layer_norm:
+                x = functional.layer_norm(x, x.shape[1:])
+            x = functional.relu(x)
+        output: torch.Tensor = last_layer(x)
+        return output
 
 
 @dataclass
@@ -110,55 +122,84 @@ class TD3:
         mirror: Optional[Mirror] = None,
         hidden: int = 0,
     ):
-        self.options, self.actions, self.mirror, self.device = options, actions, mirror, torch.device(device)
+        self.options = options
+        self.actions = actions
+        self.mirror = mirror
+        self.device = torch.device(device)
         if len(options.smoothness) not in (1, actions):
-            raise ApplrError(f"--smoothness has {len(options.smoothness)} numbers: give 1 or {actions}")
+            raise ApplrError(
+                f"--smoothness has {len(options.smoothness)} numbers: give 1 or {actions}"
+            )
         self.smoothness = torch.tensor(options.smoothness, device=self.device)
-        self.seen = observations - hidden
-        layers = options.net_arch
+        self.seen = observations - hidden  # number of entries that the policy receives
+
+        # The seed gives the weights, whatever other code has drawn from torch's generator, and this
+        # generator stays as it was.
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.actor = MLP(self.seen, layers, actions).to(self.device)
-            critics = (MLP(observations + actions, layers, 1, options.layer_norm) for _ in range(2))
-            self.critics = nn.ModuleList(critics).to(self.device)
+            widths = options.net_arch
+            self.actor = MLP(self.seen, widths, actions).to(self.device)
+            first = MLP(observations + actions, widths, 1, options.layer_norm)
+            second = MLP(observations + actions, widths, 1, options.layer_norm)
+            self.critics = nn.ModuleList([first, second]).to(self.device)
         self.actor_target = copy.deepcopy(self.actor).requires_grad_(False)
         self.critic_targets = copy.deepcopy(self.critics).requires_grad_(False)
-        self.networks = nn.ModuleDict({"actor": self.actor, "critics": self.critics})
-        self.networks.update({"actor_target": self.actor_target, "critic_targets": self.critic_targets})
-        self.policy = self.actor  # network that the actor processes get: self.actor, or its running average if enabled
+        # The names are those of the checkpoint's tensors.
+        self.networks = nn.ModuleDict(
+            {
+                "actor": self.actor,
+                "critics": self.critics,
+                "actor_target": self.actor_target,
+                "critic_targets": self.critic_targets,
+            }
+        )
+        # Network that the actor processes get: self.actor, or its running average if enabled
+        self.policy = self.actor
         if options.policy_ema_decay:
-            self.networks["actor_average"] = self.policy = copy.deepcopy(self.actor).requires_grad_(False)
+            self.policy = copy.deepcopy(self.actor).requires_grad_(False)
+            self.networks["actor_average"] = self.policy
+
         self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), ACTOR_LR, fused=True)
-        self.critic_optimizer = torch.optim.Adam(self.critics.parameters(), options.critic_lr, fused=True)
-        self.optimizers = {"actor_optimizer": self.actor_optimizer, "critic_optimizer": self.critic_optimizer}
-        self.updates = self.policy_starts = 0
+        self.critic_optimizer = torch.optim.Adam(
+            self.critics.parameters(), options.critic_lr, fused=True
+        )
+        self.optimizers = {
+            "actor_optimizer": self.actor_optimizer,
+            "critic_optimizer": self.critic_optimizer,
+        }
+        self.updates = 0  # number of updates so far
+        self.policy_starts = 0  # number of updates before the first one of the policy
         self.losses: Dict[str, torch.Tensor] = {}
 
     @torch.no_grad()
     def begin_at(self, action: ArrayLike) -> None:
         """Make a fresh policy return nearly `action` (m,) in [-1, 1] for every observation."""
-        nearly = torch.as_tensor(action, dtype=torch.float32, device=self.device).clamp(-INNER, INNER)
-        for weight, bias in {tuple(actor[-1].parameters()) for actor in (self.actor, self.actor_target, self.policy)}:
-            weight.mul_(SMALL_START)
-            bias.copy_(torch.atanh(nearly))
+        start = torch.as_tensor(action, dtype=torch.float32, device=self.device)
+        bias = torch.atanh(start.clamp(-INNER, INNER))
+        # A set, because without a running average the policy is the actor.
+        for network in {self.actor, self.actor_target, self.policy}:
+            last_layer: Any = network[-1]
+            last_layer.weight.mul_(SMALL_START)
+            last_layer.bias.copy_(bias)
 
     def begin_with(self, weights: Weights, what: str) -> None:
-        """Take over a policy's weights (see actor_weights) and freeze the policy for the critic warm-up.
+        """Take over a policy's weights, and freeze the policy for the critic warm-up.
 
         Args:
-            weights: Weights of the policy.
+            weights: Weights of the policy, named as by actor_weights().
             what: Source of the weights, for the error message.
 
         Raises:
             ApplrError: The layers differ.
         """
+        tensors = {name: torch.from_numpy(array) for name, array in weights.items()}
         for network in {self.actor, self.actor_target, self.policy}:
-            _fill(network, {name: torch.from_numpy(tensor) for name, tensor in weights.items()}, what)
+            _fill(network, tensors, what)
         self.policy_starts = CRITIC_WARM_UP
 
     # -- learning ----------------------------------------------------------------------------------
     def update(self, batch: Batch) -> None:
-        """Update the critics. Every POLICY_DELAY-th call also updates the policy and the target networks."""
+        """Update the critics, and in every POLICY_DELAY-th call the policy and the targets."""
         self.updates += 1
         self._update_critics(batch)
         if self.updates % POLICY_DELAY == 0:
@@ -168,36 +209,43 @@ class TD3:
 
     def _update_critics(self, batch: Batch) -> None:
         with torch.no_grad():
-            # Target policy smoothing: clipped noise in action units, and an action clipped to its range.
+            # Target policy smoothing: clipped noise in action units, and an action clipped to its
+            # range.
             noise = (batch.noise * TARGET_NOISE).clamp_(-NOISE_CLIP, NOISE_CLIP)
-            action = torch.tanh(self.actor_target(batch.next_observation[:, : self.seen])).add_(noise).clamp_(-1.0, 1.0)
+            next_action = torch.tanh(self.actor_target(batch.next_observation[:, : self.seen]))
+            next_action.add_(noise).clamp_(-1.0, 1.0)
             # y = r + gamma^k min Q'(s', a') (clipped double Q), bootstrapping through time limits.
-            there = torch.cat((batch.next_observation, action), 1)
-            value = torch.minimum(*(critic(there) for critic in self.critic_targets))
+            following = torch.cat((batch.next_observation, next_action), 1)
+            first_target, second_target = self.critic_targets
+            value = torch.minimum(first_target(following), second_target(following))
             y = batch.reward[:, None] + batch.discount[:, None] * value
-        here = torch.cat((batch.observation, batch.action), 1)
-        first, second = (functional.mse_loss(critic(here), y) for critic in self.critics)
-        loss = first + second
+        driven = torch.cat((batch.observation, batch.action), 1)
+        first, second = self.critics
+        loss = functional.mse_loss(first(driven), y) + functional.mse_loss(second(driven), y)
         self.critic_optimizer.zero_grad()
         torch.autograd.backward(loss)
         self.critic_optimizer.step()
-        self.losses["critic_loss"], self.losses["target_q"] = loss.detach(), y.mean()
+        self.losses["critic_loss"] = loss.detach()
+        self.losses["target_q"] = y.mean()
 
     def _update_actor(self, batch: Batch) -> None:
-        o = self.options
-        z = self.actor(batch.observation[:, : self.seen])
-        action = torch.tanh(z)
+        options = self.options
+        preactivation = self.actor(batch.observation[:, : self.seen])
+        action = torch.tanh(preactivation)
         # Deterministic policy gradient (the paper's eq. 2): climb the first critic's Q.
         q = self.critics[0](torch.cat((batch.observation, action), 1))
         loss = -q.mean()
-        if o.bc_alpha > 0.0:
-            scale = o.bc_alpha / q.abs().mean().detach().clamp_(min=1e-6)
+        if options.bc_alpha > 0.0:
+            # TD3+BC (its eq. 5): alpha over the mean |Q| makes both terms independent of the
+            # reward's scale.
+            scale = options.bc_alpha / q.abs().mean().detach().clamp_(min=1e-6)
             loss = scale * loss + functional.mse_loss(action, batch.action)
-        if any(o.smoothness):
-            change = action - torch.tanh(self.actor(batch.next_observation[:, : self.seen]))
+        if any(options.smoothness):
+            next_action = torch.tanh(self.actor(batch.next_observation[:, : self.seen]))
+            change = action - next_action
             loss = loss + (self.smoothness * change.square()).mean()
-        if o.preactivation_l2 > 0.0:
-            loss = loss + o.preactivation_l2 * z.square().mean()
+        if options.preactivation_l2 > 0.0:
+            loss = loss + options.preactivation_l2 * preactivation.square().mean()
         self.actor_optimizer.zero_grad()
         loss.backward(inputs=list(self.actor.parameters()))  # skips the critic's gradients
         self.actor_optimizer.step()
@@ -216,40 +264,63 @@ class TD3:
 
     # -- acting ------------------------------------------------------------------------------------
     def actor_weights(self) -> Weights:
-        """Return a copy of the policy's weights, named as in policy/actor.py: "0.weight" (512, 729), "0.bias", ...
+        """Return a copy of the policy's weights, named as in policy/actor.py.
 
-        With options.symmetric, the policy and its mirror image (with_mirror_images) are stacked along each first axis.
+        The names are "0.weight" (512, 729), "0.bias", ... With options.symmetric, the policy and
+        its mirror image (with_mirror_images) are stacked along each first axis.
         """
-        weights = {name: tensor.cpu().numpy().copy() for name, tensor in self.policy.state_dict().items()}
-        return with_mirror_images(weights, self.mirror) if self.options.symmetric and self.mirror else weights
+        weights = {}
+        for name, tensor in self.policy.state_dict().items():
+            weights[name] = tensor.cpu().numpy().copy()
+        if self.options.symmetric and self.mirror:
+            return with_mirror_images(weights, self.mirror)
+        return weights
 
     # -- checkpoints -------------------------------------------------------------------------------
     def state(self) -> Dict[str, Any]:
         """Return the state for a checkpoint; load() is the inverse."""
-        optimizers = {name: optimizer.state_dict()["state"] for name, optimizer in self.optimizers.items()}
-        counts = {"updates": self.updates, "policy_starts": self.policy_starts}
-        return {"networks": self.networks.state_dict(), "optimizers": optimizers, **counts}
+        # Without param_groups, because load() keeps the learning rates of its own run.
+        optimizers = {}
+        for name, optimizer in self.optimizers.items():
+            optimizers[name] = optimizer.state_dict()["state"]
+        return {
+            "networks": self.networks.state_dict(),
+            "optimizers": optimizers,
+            "updates": self.updates,
+            "policy_starts": self.policy_starts,
+        }
 
     def load(self, state: Dict[str, Any], what: str = "checkpoint") -> None:
-        """Restore a checkpoint's state, but keep this run's learning rates. Errors name its source `what`.
+        """Restore the state of a checkpoint from `what`, but keep this run's learning rates.
 
         Raises:
             ApplrError: The layers differ.
         """
-        theirs = state["networks"]
-        average = {name.replace("actor.", "actor_average.", 1): t for name, t in theirs.items() if name[:6] == "actor."}
-        theirs = {**average, **theirs}  # If `state` has no running average, it starts from the policy.
-        _fill(self.networks, {k: theirs[k] for k in self.networks.state_dict() if k in theirs}, what)
+        # If `state` has no running average, the average starts from the policy. If this run has
+        # none, that of `state` is left out.
+        saved = state["networks"]
+        tensors = {}
+        for name in self.networks.state_dict():
+            policy_name = name.replace("actor_average.", "actor.")
+            if name in saved:
+                tensors[name] = saved[name]
+            elif policy_name in saved:
+                tensors[name] = saved[policy_name]
+        _fill(self.networks, tensors, what)
         for name, optimizer in self.optimizers.items():
-            optimizer.load_state_dict({**optimizer.state_dict(), "state": state["optimizers"][name]})
-        self.updates, self.policy_starts = state["updates"], state["policy_starts"]
+            restored = {**optimizer.state_dict(), "state": state["optimizers"][name]}
+            optimizer.load_state_dict(restored)
+        self.updates = state["updates"]
+        self.policy_starts = state["policy_starts"]
 
 
 def _fill(network: nn.Module, tensors: Dict[str, torch.Tensor], what: str) -> None:
+    """Load tensors into a network. Errors name their source `what`."""
     try:
         network.load_state_dict(tensors)
     except RuntimeError:
-        raise ApplrError(f"{what}: its networks differ: give the same --net-arch and --observation") from None
+        remedy = "give the same --net-arch and --observation"
+        raise ApplrError(f"{what}: its networks differ: {remedy}") from None
 
 
 def _mix(target: nn.Module, source: nn.Module, share: float) -> None:
