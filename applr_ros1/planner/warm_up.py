@@ -1,7 +1,8 @@
 """Compilation, or loading from disk, of every numba kernel of the planner before it drives.
 
-The move_base node calls it before it reports that it is ready, and benchmarks call it before they measure. The first
-start on a machine takes about a minute, later ones a few seconds. common/kernels.py documents the cache's location.
+The move_base node calls it before it reports that it is ready, and benchmarks call it before they
+measure. The first start on a machine takes about a minute, later ones a few seconds.
+common/kernels.py documents the cache's location.
 """
 
 from __future__ import annotations
@@ -22,23 +23,31 @@ FOOTPRINT = "[[0.2, 0.2], [-0.2, 0.2], [-0.2, -0.2], [0.2, -0.2]]"
 def warm_up(base_local_planner: str = LOCAL_PLANNERS[0]) -> None:
     """Exercise all functions of a throw-away MoveBase with this local planner.
 
-    It drives with a laser and predicted obstacle points. Its parameters change on the way, as under a policy.
+    It drives with a laser and predicted obstacle points. Its parameters change on the way, as under
+    a policy.
     """
     dwa = {"min_vel_y": 0.0, "max_vel_y": 0.0, "prune_plan": True}
-    costmap = {"observation_sources": "scan", "scan": {"data_type": "LaserScan"}, "footprint": FOOTPRINT}
+    costmap = {
+        "observation_sources": "scan",
+        "scan": {"data_type": "LaserScan"},
+        "footprint": FOOTPRINT,
+    }
     move_base = MoveBase(
         {
             "base_local_planner": base_local_planner,
             "applr": {"movers": True},
             "DWAPlannerROS": dwa,
             "local_costmap": dict(costmap, rolling_window=True, static_map=False),
-            "global_costmap": dict(costmap, width=40, height=40, origin_x=-20.0, origin_y=-20.0, static_map=False),
+            "global_costmap": dict(
+                costmap, width=40, height=40, origin_x=-20.0, origin_y=-20.0, static_map=False
+            ),
         }
     )
     ranges = np.full(101, np.inf, np.float32)  # Any scan compiles the same kernels.
     ranges[40:60:2] = 1.5
     points = np.ones((3, 3), np.float32)
-    goals = ((3.0, 0.2, 0.0), (0.0, 0.0, 2.0), (30.0, 0.0, 0.0))  # ahead, here but turned, off the map
+    # ahead, here but turned, off the map
+    goals = ((3.0, 0.2, 0.0), (0.0, 0.0, 2.0), (30.0, 0.0, 0.0))
     now = 0.0
     for goal in goals:
         move_base.set_goal(goal, now)
@@ -64,7 +73,7 @@ def warm_up(base_local_planner: str = LOCAL_PLANNERS[0]) -> None:
 
 
 def _change_inflation(move_base: MoveBase) -> None:
-    """Change the inflation radii, so that the costs around the obstacles of the last cycle are removed."""
+    """Change the inflation radii, so that the costs of the last cycle are removed."""
     for server in move_base.servers:
         values = move_base.configuration(server)
         if "inflation_radius" in values:

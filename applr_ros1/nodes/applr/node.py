@@ -222,7 +222,8 @@ class ApplrNode:
         if goal != self._goal:
             if goal is None:
                 self._note_end(now)
-                # The course also ends if the method is switched off or move_base is silent, but its goal does not.
+                # The course also ends if the method is switched off or move_base is silent,
+                # but then its goal goes on.
                 if self.enabled and not self.inputs.has_lost_move_base(now):
                     rospy.loginfo("applr: the goal has ended")
                 self._base()

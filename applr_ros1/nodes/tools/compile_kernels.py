@@ -1,7 +1,7 @@
-"""Compilation of all kernels of the robot's side, so that nodes start quickly and never compile while they drive.
+"""Compilation of all kernels of the robot's side, so that nodes never compile while they drive.
 
-`./applr` runs this program if kernels may be missing, and so does `catkin_make install`. The program prints the
-folder of the cache, which common/kernels.py describes.
+`./applr` runs this program if kernels may be missing, and so does `catkin_make install`. The
+program prints the folder of the cache, which common/kernels.py describes.
 """
 
 from __future__ import annotations
@@ -43,8 +43,9 @@ PARTS: Tuple[Tuple[str, Callable[[], None]], ...] = (
     ("the tracker of moving obstacles", warm_up_tracker),
     ("the collision monitor", lambda: warm_up_monitor(MonitorSettings.of(JACKAL))),
 )
-# A warm-up of a part cannot know everything that a drive needs: a base that brakes in front of an obstacle, an obstacle
-# that leaves the costmap, the costs after a change of parameters. These drives compile the rest.
+# A warm-up of a part cannot know everything that a drive needs: a base that brakes in front of an
+# obstacle, an obstacle that leaves the costmap, the costs after a change of parameters. These
+# drives compile the rest.
 DRIVES: Tuple[Tuple[str, Callable[[], None]], ...] = (
     ("a drive with TrajectoryPlannerROS", lambda: drive(JACKAL)),
     ("a drive with DWAPlannerROS", lambda: drive(load("turtlebot3_waffle_pi"))),
@@ -70,7 +71,8 @@ def _compile() -> None:
     without_tracebacks = signal.signal, (signal.SIGINT, signal.SIG_DFL)
     pool = ProcessPoolExecutor(processes, fork, *without_tracebacks)
     with announced("compiling kernels", _report, first=QUIET_S), pool:
-        # The drives begin when all parts are in the cache: they would otherwise compile the same kernels again.
+        # The drives begin when all parts are in the cache: they would otherwise compile the same
+        # kernels again.
         list(pool.map(_compile_part, range(len(PARTS))))
         list(pool.map(_compile_drive, range(len(DRIVES))))
     print(cache_folder())
@@ -97,7 +99,7 @@ def _simulators() -> None:
 
 
 def drive(robot: Robot) -> None:
-    """Drive the whole stack of a robot among moving obstacles, with random parameters as under a policy."""
+    """Drive the whole stack of a robot among moving obstacles, with random parameters."""
     world = worlds.scaled(worlds.load(WORLD), robot.world_scale)
     simulator = sim_bridge.make("kinematic", robot)
     parameters = robot.parameters()
