@@ -367,7 +367,9 @@ def test_the_simulated_robot_knows_the_map_and_its_place(tmp_path, yaw):
     assert left == pytest.approx(runner.robot.goal_tolerance, abs=0.02)  # The robot has still to stop.
     episode.reset(worlds.load("generated:3"), 0)
     assert episode.place == episode.simulator.state.odom_pose
-    assert runner._starting_with(runner.space.theta0 * 0.9)._planners[1].map_topics == {"map": False}
+    changed = runner._starting_with(runner.space.theta0 * 0.9)
+    changed.reset(world, 5)
+    assert changed.move_base.map_topics == {"map": False}
 
 
 def test_a_robot_without_simulated_sensors_for_its_map_explores():
