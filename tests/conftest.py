@@ -29,11 +29,18 @@ import pytest
 
 from tests.support import seeds
 
-for number in (signal.SIGTERM, signal.SIGHUP):  # A cancelled job or closed terminal must act like Ctrl-C,
-    if signal.getsignal(number) == signal.SIG_DFL:  # so that processes started by tests end as well.
+for number in (
+    signal.SIGTERM,
+    signal.SIGHUP,
+):  # A cancelled job or closed terminal must act like Ctrl-C,
+    if (
+        signal.getsignal(number) == signal.SIG_DFL
+    ):  # so that processes started by tests end as well.
         signal.signal(number, signal.default_int_handler)
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # A shell ignores SIGINT in background jobs.
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # Children would inherit the ignored SIGINT.
+    signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # Children would inherit the ignored SIGINT.
 # On a busy machine, threads of torch or BLAS wait for each other, and take 20 times as long as a single thread.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.pop("ROS_NAMESPACE", None)  # Tests name topics from the root.
@@ -50,9 +57,15 @@ def group_of(path):
 
 
 def pytest_addoption(parser):
-    parser.addoption("--all", action="store_true", help="Also run tests marked slow, and all cases of comparisons.")
     parser.addoption(
-        "--faults-table", metavar="CSV", help="Table (docs/results/faults.csv) for measurements of faults."
+        "--all",
+        action="store_true",
+        help="Also run tests marked slow, and all cases of comparisons.",
+    )
+    parser.addoption(
+        "--faults-table",
+        metavar="CSV",
+        help="Table (docs/results/faults.csv) for measurements of faults.",
     )
 
 
@@ -64,14 +77,25 @@ def pytest_configure(config):
 def pytest_make_collect_report(collector):
     """Skip a file that imports a package that is not installed."""
     report = yield
-    missing = re.search(r"ModuleNotFoundError: (?:No module named '|import of )(\w+)", str(report.longrepr))
-    if report.failed and missing and (missing.group(1) not in OWN or sys.modules.get(missing.group(1), 0) is None):
-        report.outcome, report.longrepr = "skipped", (str(collector.path), 1, "Skipped: no %s here" % missing.group(1))
+    missing = re.search(
+        r"ModuleNotFoundError: (?:No module named '|import of )(\w+)", str(report.longrepr)
+    )
+    if (
+        report.failed
+        and missing
+        and (missing.group(1) not in OWN or sys.modules.get(missing.group(1), 0) is None)
+    ):
+        report.outcome, report.longrepr = (
+            "skipped",
+            (str(collector.path), 1, "Skipped: no %s here" % missing.group(1)),
+        )
     return report
 
 
 def pytest_itemcollected(item):
-    item.user_properties += [("fault", number) for mark in item.iter_markers("fault") for number in mark.args]
+    item.user_properties += [
+        ("fault", number) for mark in item.iter_markers("fault") for number in mark.args
+    ]
     if item.get_closest_marker("long"):
         item.add_marker(pytest.mark.timeout(0))
     if item.get_closest_marker("ros"):
@@ -97,7 +121,9 @@ def pytest_runtest_logstart():
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item):
     report = yield
-    report.processor_s = spent()  # pytest-xdist transfers this attribute to the process that prints.
+    report.processor_s = (
+        spent()
+    )  # pytest-xdist transfers this attribute to the process that prints.
     item.has_failed = report.failed or getattr(item, "has_failed", False)
     return report
 
@@ -112,7 +138,9 @@ def pytest_runtest_teardown(item, nextitem):
         if harness:
             harness.forget_ended()
             if failed and item.get_closest_marker("ros"):
-                with contextlib.suppress(Exception, pytest.fail.Exception):  # The failure is already reported.
+                with contextlib.suppress(
+                    Exception, pytest.fail.Exception
+                ):  # The failure is already reported.
                     item.session._setupstate.teardown_exact(None)
             if failed or nextitem is None or group_of(nextitem.path) != group_of(item.path):
                 harness.close_session()
@@ -141,7 +169,9 @@ def write_figures(path, reports):
         table = list(csv.DictReader(file))
     for entry in [entry for entry in table if entry["number"] in rows]:
         measurements = rows[entry["number"]].items()
-        texts = [("%s: %.3g %s" % (what, value, unit)).rstrip() for (what, unit), value in measurements]
+        texts = [
+            ("%s: %.3g %s" % (what, value, unit)).rstrip() for (what, unit), value in measurements
+        ]
         entry["measured"] = "; ".join(texts) or "passes"
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(table[0]), lineterminator="\n")
@@ -156,9 +186,13 @@ def pytest_terminal_summary(terminalreporter):
             tests[report.nodeid][0] += report.processor_s
             tests[report.nodeid][1] += report.duration
             rooms[report.nodeid.partition("::")[0]] += report.processor_s
-    most = sorted([cost + [name] for name, cost in tests.items() if cost[0] >= 1.0], reverse=True)[:20]
+    most = sorted([cost + [name] for name, cost in tests.items() if cost[0] >= 1.0], reverse=True)[
+        :20
+    ]
     if most:
-        terminalreporter.section("processor time: %.0f s, tests %.0f s" % (sum(os.times()[:4]), sum(rooms.values())))
+        terminalreporter.section(
+            "processor time: %.0f s, tests %.0f s" % (sum(os.times()[:4]), sum(rooms.values()))
+        )
         terminalreporter.line(", ".join("%s %.0f s" % room for room in rooms.most_common(5)))
         for processor, wall, name in most:
             terminalreporter.line("%6.1f s in %5.1f s  %s" % (processor, wall, name))

@@ -9,9 +9,24 @@ from tests.support import HANGS, ROOT
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(sys.version_info < (3, 11), reason="requirements/docs.txt is for Python 3.11 and later")
+@pytest.mark.skipif(
+    sys.version_info < (3, 11), reason="requirements/docs.txt is for Python 3.11 and later"
+)
 def test_the_site_builds(tmp_path):
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-d", tmp_path / "trees", "docs", tmp_path]
-    built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=HANGS)
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-q",
+        "-W",
+        "--keep-going",
+        "-d",
+        tmp_path / "trees",
+        "docs",
+        tmp_path,
+    ]
+    built = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=HANGS
+    )
     assert built.returncode == 0, built.stderr
     assert (tmp_path / "index.html").is_file()

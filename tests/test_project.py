@@ -19,7 +19,15 @@ LINTERS = {
     "mypy": ("mypy",),
     "import contracts": ("lint-imports", "--no-cache"),
 }
-ROS = {"rospy", "rosgraph", "roslib", "rosbag", "actionlib", "dynamic_reconfigure", "tf2_ros"}  # and *_msgs, *_srvs
+ROS = {
+    "rospy",
+    "rosgraph",
+    "roslib",
+    "rosbag",
+    "actionlib",
+    "dynamic_reconfigure",
+    "tf2_ros",
+}  # and *_msgs, *_srvs
 HEAVY = "torch tensorboard pandas matplotlib PIL scipy.stats scipy.signal cma ruptures ray pybullet trimesh viser"
 STARTS = """
 import contextlib, io, sys
@@ -48,22 +56,32 @@ NOT_OURS = {"tests", ".applr", ".git", ".pytest_cache"}
 
 
 def files(pattern):
-    return [path for path in sorted(ROOT.rglob(pattern)) if path.relative_to(ROOT).parts[0] not in NOT_OURS]
+    return [
+        path
+        for path in sorted(ROOT.rglob(pattern))
+        if path.relative_to(ROOT).parts[0] not in NOT_OURS
+    ]
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "mypy")) for name in LINTERS])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "mypy")) for name in LINTERS]
+)
 def test_linters(name):
     program, *options = LINTERS[name]
     program = Path(sys.executable).with_name(program)
     if not program.exists():
         pytest.skip("%s is not installed for this Python" % program.name)
-    done = subprocess.run([program, *options], cwd=ROOT, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [program, *options], cwd=ROOT, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_help_invalid_options_and_workers_import_no_heavy_library():
     code = f"HEAVY = set({HEAVY.split()})\n{STARTS}"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=HANGS)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=HANGS
+    )
     assert (done.returncode, done.stdout) == (0, ""), done.stdout + done.stderr
 
 
@@ -71,7 +89,11 @@ def test_package_xml_declares_the_ros_packages_that_are_imported():
     package = xml.parse(ROOT / "package.xml").getroot()
     declared = {node.text for node in package if node.tag.endswith("depend")}
     used = set()
-    for path in [path for folder in ("applr_ros1", "sim_bridge", "worlds") for path in (ROOT / folder).rglob("*.py")]:
+    for path in [
+        path
+        for folder in ("applr_ros1", "sim_bridge", "worlds")
+        for path in (ROOT / folder).rglob("*.py")
+    ]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 used |= {alias.name.partition(".")[0] for alias in node.names}
@@ -85,7 +107,10 @@ def test_package_xml_declares_the_ros_packages_that_are_imported():
 def test_every_launch_argument_is_documented():
     for path in files("*.launch"):
         for argument in xml.parse(path).getroot().findall("arg"):
-            assert argument.get("value") is not None or argument.get("doc"), "%s: %s" % (path, argument.get("name"))
+            assert argument.get("value") is not None or argument.get("doc"), "%s: %s" % (
+                path,
+                argument.get("name"),
+            )
 
 
 def headings(page):
@@ -96,10 +121,20 @@ def headings(page):
 
 def test_cited_pages_and_sections_exist():
     section = r"\d+(?:\.\d+)*"
-    citation = re.compile(r"\b(docs/[\w./]+\.md)(?:#([\w-]+)|,? sections? (%s)(?: to (%s))?)?" % (section, section))
+    citation = re.compile(
+        r"\b(docs/[\w./]+\.md)(?:#([\w-]+)|,? sections? (%s)(?: to (%s))?)?" % (section, section)
+    )
     cited = 0
-    for path in [path for kind in ("*.py", "*.cfg", "*.md", "*.launch", "*.yaml", "applr") for path in files(kind)]:
-        text = re.sub(r"\s*\n\s*(?:# )?", " ", path.read_text(encoding="utf-8")) if path.is_file() else ""
+    for path in [
+        path
+        for kind in ("*.py", "*.cfg", "*.md", "*.launch", "*.yaml", "applr")
+        for path in files(kind)
+    ]:
+        text = (
+            re.sub(r"\s*\n\s*(?:# )?", " ", path.read_text(encoding="utf-8"))
+            if path.is_file()
+            else ""
+        )
         for page, anchor, *sections in citation.findall(text):
             assert (ROOT / page).is_file(), "%s cites %s" % (path, page)
             titles, anchors = headings(ROOT / page)
@@ -112,17 +147,27 @@ def test_cited_pages_and_sections_exist():
 
 
 def test_links_between_pages_have_targets():
-    for path in [path for path in files("*.md") if path.relative_to(ROOT).parts[0] != "docs"]:  # see test_docs.py
-        for target, anchor in re.findall(r"\]\(([^)#:\s]*)(?:#([^)\s]+))?\)", path.read_text(encoding="utf-8")):
+    for path in [
+        path for path in files("*.md") if path.relative_to(ROOT).parts[0] != "docs"
+    ]:  # see test_docs.py
+        for target, anchor in re.findall(
+            r"\]\(([^)#:\s]*)(?:#([^)\s]+))?\)", path.read_text(encoding="utf-8")
+        ):
             page = path.parent / target if target else path
             assert page.exists(), "%s links to %s" % (path, target)
-            assert not anchor or anchor in headings(page)[1], "%s links to %s#%s" % (path, target, anchor)
+            assert not anchor or anchor in headings(page)[1], "%s links to %s#%s" % (
+                path,
+                target,
+                anchor,
+            )
 
 
 def test_every_fault_of_the_table_has_a_test():
     with open(ROOT / "docs/results/faults.csv", encoding="utf-8", newline="") as file:
         numbers = {row["number"] for row in csv.DictReader(file)}
-    tests = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py"))
+    tests = "".join(
+        path.read_text(encoding="utf-8") for path in (ROOT / "tests").rglob("test_*.py")
+    )
     marked = " ".join(re.findall(r"pytest\.mark\.fault\((.+?)\)", tests))
     assert numbers == set(re.findall(r'"(\w+)"', marked))
 

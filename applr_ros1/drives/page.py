@@ -77,7 +77,9 @@ def page(
         "marked": marked,
         "worlds": [_scene(scene, space) for scene in scenes],
     }
-    data = json.dumps(values, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("</", "<\\/")
+    data = json.dumps(values, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace(
+        "</", "<\\/"
+    )
     return read_bytes(TEMPLATE).replace(b"@BACK@", back.encode()).replace(b"@DATA@", data.encode())
 
 
@@ -97,10 +99,15 @@ def _scene(scene: Scene, space: Space) -> Dict[str, Any]:
     margin = ASIDE_M if along_x else MARGIN_M
     return {
         "name": scene.name,
-        "view": _whole([sides.min() - 0.3, low[1] - margin, sides.max() + 0.3, high[1] + margin], 100),
+        "view": _whole(
+            [sides.min() - 0.3, low[1] - margin, sides.max() + 0.3, high[1] + margin], 100
+        ),
         "circles": _whole(circles, 1000),  # The unit is mm; all other lengths are in cm.
         "boxes": _whole(boxes, 100),
-        "movers": [[round(100 * m.radius), _whole([m.position(t) for t in times], 100)] for m in world.movers],
+        "movers": [
+            [round(100 * m.radius), _whole([m.position(t) for t in times], 100)]
+            for m in world.movers
+        ],
         "start": _whole(course.start, 100),
         "goal": _whole([*course.goal[:2], course.goal_tolerance], 100),
         "finish": None if course.finish_y is None else round(100 * course.finish_y),
@@ -124,7 +131,9 @@ def _drive(shown: Shown, space: Space) -> Dict[str, Any]:
     }
     if drive.decisions:
         actions = [space.to_action(list(decision.after.values())) for decision in drive.decisions]
-        values.update(at=_whole([decision.time for decision in drive.decisions], 100), a=_whole(actions, 50))
+        values.update(
+            at=_whole([decision.time for decision in drive.decisions], 100), a=_whole(actions, 50)
+        )
     return values
 
 
@@ -143,10 +152,14 @@ def _sampled(drive: Drive) -> Tuple[np.ndarray, np.ndarray]:
     return np.column_stack([x, y, yaw]), speeds
 
 
-def _near(obstacles: np.ndarray, radius: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _near(
+    obstacles: np.ndarray, radius: np.ndarray, low: np.ndarray, high: np.ndarray
+) -> np.ndarray:
     """Return the obstacles (n, ...) whose circles of `radius` (n,) [m] come within ASIDE_M of the box (low, high)."""
     reach = ASIDE_M + radius[:, None]
-    return obstacles[np.all((obstacles[:, :2] > low - reach) & (obstacles[:, :2] < high + reach), axis=1)]
+    return obstacles[
+        np.all((obstacles[:, :2] > low - reach) & (obstacles[:, :2] < high + reach), axis=1)
+    ]
 
 
 def _whole(values: Any, scale: float) -> Any:

@@ -28,8 +28,8 @@ STRIDE_BEAMS = 3  # spacing of the beams that are matched to an earlier scan [be
 # number of beams.
 BASE_M = 0.02
 BASE_BEAMS = 20
-# Points of neighbouring beams lie on one surface if their ranges differ by less than this multiple
-# of their spacing.
+# Points of neighbouring beams lie on one surface if their ranges differ by less than this
+# multiple of their spacing.
 STEEPEST = 4.0
 # Distance and angle to the nearest reference scan above which a scan is kept.
 APART_M = 0.15

@@ -26,7 +26,9 @@ COLUMNS = POINTS + 6
 
 # Minimum angle of incidence at which a surface stays one cluster [rad] (Borges and Aldon, J. Int. Rob. Sys. 2004).
 GRAZING_RAD = 0.2
-APART_M = 0.08  # gap between neighbouring points that never splits a cluster, to allow for noise [m]
+APART_M = (
+    0.08  # gap between neighbouring points that never splits a cluster, to allow for noise [m]
+)
 GAP_BEAMS = 3  # maximum number of beams from one point of a cluster to the next
 FEWEST_POINTS = 3  # minimum number of points per cluster
 

@@ -14,7 +14,10 @@ from applr_ros1.common.kernels import kernel
 SCANS = 7  # number of scans that FreeSpace keeps
 APART_S = 0.14  # smallest interval between two kept scans [s]
 DEEP_M = 0.12  # distance that a beam must continue beyond a point to see through it [m]
-BESIDE_M, TURNED_RAD = 0.06, 0.02  # tolerance around a point: all beams within it must see through [m, rad]
+BESIDE_M, TURNED_RAD = (
+    0.06,
+    0.02,
+)  # tolerance around a point: all beams within it must see through [m, rad]
 # Columns of a fan, which is the geometry of one scan: stamp [s], pose of the laser (x, y, yaw), first angle, increment
 # [rad], range_min [m], number of beams, turn rate of the robot [rad/s], robot's turn from first to last beam [rad].
 STAMP, X, Y, YAW, FIRST, STEP, LEAST, BEAMS, RATE, SWEPT = range(10)
@@ -61,7 +64,9 @@ def full_turn(n: int, step: float) -> bool:
 
 def depths(ranges: Array32, range_min: float, range_max: float) -> Array32:
     """Return the free depth of each beam of a scan (n,) float32 [m], 0 if it is unknown: below range_min, or NaN."""
-    return np.where(ranges >= np.float64(range_min), np.minimum(ranges, range_max), 0.0).astype(np.float32)
+    return np.where(ranges >= np.float64(range_min), np.minimum(ranges, range_max), 0.0).astype(
+        np.float32
+    )
 
 
 @kernel

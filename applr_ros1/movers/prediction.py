@@ -37,7 +37,9 @@ class Prediction:
         self._tracker = MoverTracker.of(robot)
         self._laser = inverse(robot.laser.pose)  # the robot's pose in the laser's frame
         (length, width, _), (ahead, aside) = robot.body.size, robot.body.centre
-        self.room = math.hypot(length / 2 + abs(ahead), width / 2 + abs(aside)) + ROOM_M * robot.world_scale
+        self.room = (
+            math.hypot(length / 2 + abs(ahead), width / 2 + abs(aside)) + ROOM_M * robot.world_scale
+        )
         self.reset()
 
     def reset(self) -> None:
@@ -66,11 +68,16 @@ class Prediction:
             points.append(project(replace(scan, ranges=beams, range_max=2.0 * FAR_M)).points)
         x, y, _ = scan.sensor_pose
         origin = (x, y, scan.sensor_height) if scan.origin is None else scan.origin
-        return SensorCloud(scan.stamp, np.concatenate(points), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), origin)
+        return SensorCloud(
+            scan.stamp, np.concatenate(points), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), origin
+        )
 
     def _seen(self, scan: LaserScan, robot: Pose, time: float) -> np.ndarray:
         """Return the ranges (beams,) float32 [m] to the discs in `time` [s]; +inf if not nearer than the scan's."""
-        movers, beams = self.movers, beam_directions(scan.angle_min, scan.angle_increment, len(scan.ranges))
+        movers, beams = (
+            self.movers,
+            beam_directions(scan.angle_min, scan.angle_increment, len(scan.ranges)),
+        )
         x, y = movers.x + time * movers.vx, movers.y + time * movers.vy
         clear = np.hypot(x - robot[0], y - robot[1]) > movers.radius + self.room
         places = np.stack(transform_point(inverse(scan.sensor_pose), x[clear], y[clear]))

@@ -47,7 +47,11 @@ class MoverTracker:
     """
 
     def __init__(self, max_speed: float, max_yaw_rate: float, period: float):
-        self.max_speed, self.max_yaw_rate, self.period = float(max_speed), float(max_yaw_rate), float(period)
+        self.max_speed, self.max_yaw_rate, self.period = (
+            float(max_speed),
+            float(max_yaw_rate),
+            float(period),
+        )
         self._tracks = np.zeros((tracks.MAX_TRACKS, tracks.COLUMNS))
         self._history = np.empty((SCANS, tracks.MAX_TRACKS, 6))
         self._clusters = np.empty((clusters.MAX_CLUSTERS, clusters.COLUMNS))
@@ -66,9 +70,18 @@ class MoverTracker:
         self._history[:] = math.nan
         self._free.clear()
         self._last: Optional[Tuple[float, Pose]] = None  # stamp and pose of the last scan
-        self._correction: Pose = (0.0, 0.0, 0.0)  # pose correction of the odometry, from static tracks
-        self._turning = self._speed = 0.0  # filtered turn rate and speed, from odometry [rad/s, m/s]
-        self._rates = 0.0, 0.0  # magnitudes of the turn rate over the last two scan intervals [rad/s]
+        self._correction: Pose = (
+            0.0,
+            0.0,
+            0.0,
+        )  # pose correction of the odometry, from static tracks
+        self._turning = self._speed = (
+            0.0  # filtered turn rate and speed, from odometry [rad/s, m/s]
+        )
+        self._rates = (
+            0.0,
+            0.0,
+        )  # magnitudes of the turn rate over the last two scan intervals [rad/s]
 
     def update(self, scan: LaserScan) -> Movers:
         """Update the tracks with a scan whose sensor_pose is the laser's pose in the odometry's frame at its stamp.
@@ -79,7 +92,11 @@ class MoverTracker:
         Returns:
             The moving obstacles at the latest scan's stamp, empty if there are none.
         """
-        x, y, yaw = pose = float(scan.sensor_pose[0]), float(scan.sensor_pose[1]), float(scan.sensor_pose[2])
+        x, y, yaw = pose = (
+            float(scan.sensor_pose[0]),
+            float(scan.sensor_pose[1]),
+            float(scan.sensor_pose[2]),
+        )
         dt = moved = turned = 0.0
         if self._last is not None:
             dt = scan.stamp - self._last[0]
@@ -88,7 +105,11 @@ class MoverTracker:
             (was_x, was_y, was_yaw) = self._last[1]
             moved, turned = math.hypot(x - was_x, y - was_y), normalize_angle(yaw - was_yaw)
             far = moved > FASTER_FACTOR * self.max_speed * dt + SHIFT_M
-            if abs(dt) > PAUSE_S or far or abs(turned) > FASTER_FACTOR * self.max_yaw_rate * dt + TURN_RAD:
+            if (
+                abs(dt) > PAUSE_S
+                or far
+                or abs(turned) > FASTER_FACTOR * self.max_yaw_rate * dt + TURN_RAD
+            ):
                 self.reset()
                 dt = 0.0
         if scan.rotation is not None:
@@ -110,9 +131,17 @@ class MoverTracker:
         depth = depths(ranges, *limits[2:])
         swept = max(scan.sweep, self.period) * max(self._rates) if scan.sweep > 0.0 else 0.0
         fan = np.array((scan.stamp, *sensor, *limits[:3], n, self._turning, swept))
-        count = clusters.find_clusters((ranges, beam_directions(first, step, n), limits, sensor), self._clusters)
+        count = clusters.find_clusters(
+            (ranges, beam_directions(first, step, n), limits, sensor), self._clusters
+        )
         found = self._clusters[:count]
-        given = self._tracks, self._history, found, (depth, fan, sensor), (self._free.ranges, self._free.fans)
+        given = (
+            self._tracks,
+            self._history,
+            found,
+            (depth, fan, sensor),
+            (self._free.ranges, self._free.fans),
+        )
         cluster_of, taken, sensor = tracks.follow(*given, dt, self._speed)
         self._correction = compose(sensor, inverse(pose))
         self._number = tracks.begin(self._tracks, found, taken, scan.stamp, self._number)

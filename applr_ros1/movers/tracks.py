@@ -24,22 +24,49 @@ MAX_TRACKS = 192  # largest number of tracks
 # EVIDENT: stamps of the first cluster, the last cluster, the last evidence of motion [s]. EVIDENCE, TIMES: duration
 # [s] and number of scans of the evidence. GONE: number of scans that saw through the track. MOVES: 1 for a moving
 # obstacle. HITS: number of clusters. MX, MY: moving average of the centre [m].
-ID, TX, TY, VX, VY, PP, PV, VV, TR, BORN, SEEN, EVIDENT, EVIDENCE, TIMES, GONE, MOVES, HITS, MX, MY = range(19)
+(
+    ID,
+    TX,
+    TY,
+    VX,
+    VY,
+    PP,
+    PV,
+    VV,
+    TR,
+    BORN,
+    SEEN,
+    EVIDENT,
+    EVIDENCE,
+    TIMES,
+    GONE,
+    MOVES,
+    HITS,
+    MX,
+    MY,
+) = range(19)
 COLUMNS = 19
 
 ACCELERATION = 0.2  # spectral density of the acceleration [m^2/s^3]
 BEARING_RAD = 0.005  # standard deviation of a bearing in the odometry's frame [rad]
 LATENCY_S = 0.04  # largest offset between the stamps of scan and pose [s]; shifts bearings when the turn rate changes
-BENT_RAD = 0.15  # turn of the robot during a scan above which the scan gives no evidence of motion [rad]
+BENT_RAD = (
+    0.15  # turn of the robot during a scan above which the scan gives no evidence of motion [rad]
+)
 FIRST_SPEED_M_S = 1.5  # standard deviation of the velocity of a new track [m/s]
 GATE = 9.0  # association gate: largest squared normalised distance of a cluster from a track
 SUDDEN_M_S = 1.0  # change of velocity from scan to scan that the gate allows [m/s]
 FARTHEST_M = 1.0  # largest distance of a cluster from its track along x and y [m]
-RESIZED_M = 0.15  # difference of the radii of cluster and track that counts as one standard deviation [m]
+RESIZED_M = (
+    0.15  # difference of the radii of cluster and track that counts as one standard deviation [m]
+)
 # Speed above which a track may be a moving obstacle, and below which it no longer is one [m/s].
 SLOWEST_M_S, STANDING_M_S = 0.25, 0.12
 CLEAR_DEVIATIONS = 2.0  # number of standard deviations by which a velocity must differ from zero
-ENOUGH_S, ENOUGH_SCANS = 0.12, 2  # evidence that makes a track a moving obstacle: duration [s], number of scans
+ENOUGH_S, ENOUGH_SCANS = (
+    0.12,
+    2,
+)  # evidence that makes a track a moving obstacle: duration [s], number of scans
 MOST_EVIDENCE_S = 0.5  # largest accumulated evidence [s]
 SAME_SIZE_M = 0.03  # largest difference between a track's and its cluster's radii, to correct the laser's pose [m]
 SETTLED_HITS = 3  # smallest number of scans in which a static track had a cluster, before it corrects the laser's pose
@@ -48,7 +75,9 @@ SLIDES_M_S = 0.2  # largest lateral slip of a base that turns or brakes [m/s]
 SILENT_S = 1.0  # time without evidence after which a track is no longer a moving obstacle [s]
 HIDDEN_S = 0.8  # time for which an occluded moving obstacle is extrapolated [s]
 LOST_S = 0.25  # time without a cluster after which a static track ends [s]
-Scans = Tuple[Array32, Array]  # earlier scans in FreeSpace: free depths (SCANS, n) [m], geometry (SCANS, 10)
+Scans = Tuple[
+    Array32, Array
+]  # earlier scans in FreeSpace: free depths (SCANS, n) [m], geometry (SCANS, 10)
 
 
 @kernel
@@ -81,7 +110,10 @@ def associate(tracks: Array, clusters: Array, sensor: Pose, dt: float) -> Tuple[
         if row[ID] == 0.0:
             continue
         for c in range(clusters.shape[0]):
-            if abs(clusters[c, 0] - row[TX]) > FARTHEST_M or abs(clusters[c, 1] - row[TY]) > FARTHEST_M:
+            if (
+                abs(clusters[c, 0] - row[TX]) > FARTHEST_M
+                or abs(clusters[c, 1] - row[TY]) > FARTHEST_M
+            ):
                 continue
             x, y, sigma = centre(clusters[c], row[TR], sensor)
             dx, dy = x - row[TX], y - row[TY]
@@ -217,14 +249,24 @@ def follow(
 
 
 @kernel
-def _correct_pose(tracks: Array, clusters: Array, cluster_of: Ints, fan: Array, sensor: Pose) -> Pose:
+def _correct_pose(
+    tracks: Array, clusters: Array, cluster_of: Ints, fan: Array, sensor: Pose
+) -> Pose:
     places, voters, votes = np.empty((MAX_TRACKS, 3)), np.empty(MAX_TRACKS, np.int64), 0
     for t in range(tracks.shape[0]):
         row, c = tracks[t], cluster_of[t]
-        if c < 0 or row[MOVES] > 0.0 or math.hypot(row[VX], row[VY]) > SLOWEST_M_S or row[HITS] < SETTLED_HITS:
+        if (
+            c < 0
+            or row[MOVES] > 0.0
+            or math.hypot(row[VX], row[VY]) > SLOWEST_M_S
+            or row[HITS] < SETTLED_HITS
+        ):
             continue
         cluster = clusters[c]
-        if cluster[HIDDEN_FROM] + cluster[HIDDEN_TO] == 0.0 and abs(cluster[RADIUS] - row[TR]) < SAME_SIZE_M:
+        if (
+            cluster[HIDDEN_FROM] + cluster[HIDDEN_TO] == 0.0
+            and abs(cluster[RADIUS] - row[TR]) < SAME_SIZE_M
+        ):
             places[votes, 0], places[votes, 1], places[votes, 2] = row[MX], row[MY], row[PP]
             voters[votes] = c
             votes += 1
@@ -256,7 +298,10 @@ def begin(tracks: Array, clusters: Array, taken: np.ndarray, now: float, number:
         x, y, radius = clusters[c, 0], clusters[c, 1], clusters[c, RADIUS]
         known = False
         for k in range(tracks.shape[0]):
-            if tracks[k, MOVES] > 0.0 and math.hypot(tracks[k, TX] - x, tracks[k, TY] - y) < tracks[k, TR] + radius:
+            if (
+                tracks[k, MOVES] > 0.0
+                and math.hypot(tracks[k, TX] - x, tracks[k, TY] - y) < tracks[k, TR] + radius
+            ):
                 known = True
         while t < tracks.shape[0] and tracks[t, ID] > 0.0:
             t += 1

@@ -25,12 +25,24 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import LaserScan, Point, SensorCloud
 from applr_ros1.planner.costmap.static_layer import StaticMap
 
-GOAL_STATES = {value: name.lower() for name, value in vars(GoalStatus).items() if name.isupper()}  # {3: "succeeded"}
+GOAL_STATES = {
+    value: name.lower() for name, value in vars(GoalStatus).items() if name.isupper()
+}  # {3: "succeeded"}
 LEVEL_COS = 1.0 - 2e-6  # smallest cosine of the tilt of a level sensor
 
 # occupancy by costmap value c: 0 stays 0, 253 -> 99, 254 -> 100, 255 -> -1, other values 1 + 97 (c - 1) / 251
-OCCUPANCY = np.array([0] + [1 + (97 * (c - 1)) // 251 for c in range(1, 253)] + [99, 100, -1], np.int8)
-COST_FIELDS = ("x", "y", "z", "path_cost", "goal_cost", "occ_cost", "total_cost")  # fields of cost_cloud (cells)
+OCCUPANCY = np.array(
+    [0] + [1 + (97 * (c - 1)) // 251 for c in range(1, 253)] + [99, 100, -1], np.int8
+)
+COST_FIELDS = (
+    "x",
+    "y",
+    "z",
+    "path_cost",
+    "goal_cost",
+    "occ_cost",
+    "total_cost",
+)  # fields of cost_cloud (cells)
 TRAJECTORY_FIELDS = ("x", "y", "z", "theta", "cost")  # fields of trajectory_cloud (points)
 
 
@@ -66,10 +78,17 @@ def twist(v: float, w: float) -> Twist:
     return Twist(Vector3(v, 0.0, 0.0), Vector3(0.0, 0.0, w))
 
 
-def diagnostics(name: str, level: int, text: str, values: Mapping[str, Any], stamp: Any) -> DiagnosticArray:
+def diagnostics(
+    name: str, level: int, text: str, values: Mapping[str, Any], stamp: Any
+) -> DiagnosticArray:
     """Return a diagnostic_msgs/DiagnosticArray with one status and its {key: value} pairs."""
-    shown = [KeyValue(k, f"{value:.3f}" if isinstance(value, float) else str(value)) for k, value in values.items()]
-    return DiagnosticArray(Header(0, stamp, ""), [DiagnosticStatus(level, name, text, "none", shown)])
+    shown = [
+        KeyValue(k, f"{value:.3f}" if isinstance(value, float) else str(value))
+        for k, value in values.items()
+    ]
+    return DiagnosticArray(
+        Header(0, stamp, ""), [DiagnosticStatus(level, name, text, "none", shown)]
+    )
 
 
 # -- from messages -----------------------------------------------------------------------------------------------
@@ -82,14 +101,22 @@ def check_scan(message: Any, no_return: Optional[float] = None) -> np.ndarray:
     if not len(message.ranges):
         raise MessageError("has 0 beams")
     geometry = (message.angle_min, message.angle_increment, message.range_min, message.range_max)
-    if not all(map(math.isfinite, geometry[:3])) or math.isnan(geometry[3]) or message.angle_increment == 0.0:
+    if (
+        not all(map(math.isfinite, geometry[:3]))
+        or math.isnan(geometry[3])
+        or message.angle_increment == 0.0
+    ):
         raise MessageError(
             f"has angle_min, angle_increment, range_min, range_max = {geometry}: give finite numbers and an increment"
         )  # laser_geometry accepts an infinite range_max.
     ranges = np.array(message.ranges, dtype=np.float32)
     if np.isnan(ranges).all():
         raise MessageError("is all NaN: check the scanner")
-    return ranges if no_return is None else np.where(ranges == np.float32(no_return), np.float32(np.inf), ranges)
+    return (
+        ranges
+        if no_return is None
+        else np.where(ranges == np.float32(no_return), np.float32(np.inf), ranges)
+    )
 
 
 def points_of(message: Any) -> np.ndarray:
@@ -101,14 +128,23 @@ def points_of(message: Any) -> np.ndarray:
         return np.array([(p.x, p.y, p.z) for p in message.points], np.float32).reshape(-1, 3)
     if message.width * message.height == 0:
         return np.zeros((0, 3), np.float32)
-    offsets = {field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT32}
+    offsets = {
+        field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT32
+    }
     if not all(axis in offsets for axis in "xyz"):
         given = ", ".join(f"{field.name} (datatype {field.datatype})" for field in message.fields)
-        raise MessageError(f"has {'the fields ' + given if given else 'no fields'}: give x, y and z as FLOAT32")
+        raise MessageError(
+            f"has {'the fields ' + given if given else 'no fields'}: give x, y and z as FLOAT32"
+        )
     width, order = message.point_step, ">" if message.is_bigendian else "<"
     row = message.row_step if message.height > 1 else message.width * width
     kind = np.dtype(
-        {"names": list("xyz"), "formats": [order + "f4"] * 3, "offsets": [offsets[a] for a in "xyz"], "itemsize": width}
+        {
+            "names": list("xyz"),
+            "formats": [order + "f4"] * 3,
+            "offsets": [offsets[a] for a in "xyz"],
+            "itemsize": width,
+        }
     )
     table = np.ndarray((message.height, message.width), kind, message.data, 0, (row, width))
     return np.stack([table[axis].ravel() for axis in "xyz"], axis=1).astype(np.float32)
@@ -129,7 +165,9 @@ def cos_tilt(quaternion: Tuple[float, float, float, float]) -> float:
     return 1.0 - 2.0 * (quaternion[0] ** 2 + quaternion[1] ** 2)
 
 
-def laser_scan(message: Any, ranges: np.ndarray, transform: Any, origin: Optional[Point] = None) -> LaserScan:
+def laser_scan(
+    message: Any, ranges: np.ndarray, transform: Any, origin: Optional[Point] = None
+) -> LaserScan:
     """Convert a message whose ranges have been checked to the planner's scan.
 
     transform: geometry_msgs/Transform of the laser in the costmap's frame. origin: start of the rays if not the laser.
@@ -141,7 +179,9 @@ def laser_scan(message: Any, ranges: np.ndarray, transform: Any, origin: Optiona
     rotation = None if abs(upright) > LEVEL_COS else quaternion
     limits = message.angle_increment, message.range_min, message.range_max
     sweep = abs(message.time_increment) * (len(ranges) - 1)
-    return LaserScan(stamp, first, *limits, ranges, pose, z, rotation, origin, sweep, message.header.frame_id)
+    return LaserScan(
+        stamp, first, *limits, ranges, pose, z, rotation, origin, sweep, message.header.frame_id
+    )
 
 
 def from_above(message: Any, ranges: np.ndarray, hangs: bool) -> Tuple[np.ndarray, float]:
@@ -153,8 +193,14 @@ def from_above(message: Any, ranges: np.ndarray, hangs: bool) -> Tuple[np.ndarra
 
 def sensor_cloud(message: Any, transform: Any, origin: Optional[Point] = None) -> SensorCloud:
     """Convert a sensor_msgs/PointCloud2 or PointCloud to the planner's cloud. Arguments are as for laser_scan."""
-    stamp, points, rotation = message.header.stamp.to_sec(), points_of(message), _rotation(transform)
-    return SensorCloud(stamp, points, point_of(transform), rotation, origin, message.header.frame_id)
+    stamp, points, rotation = (
+        message.header.stamp.to_sec(),
+        points_of(message),
+        _rotation(transform),
+    )
+    return SensorCloud(
+        stamp, points, point_of(transform), rotation, origin, message.header.frame_id
+    )
 
 
 def static_map(message: Any) -> StaticMap:
@@ -164,7 +210,9 @@ def static_map(message: Any) -> StaticMap:
         raise MessageError(f"has {n} cells for {info.width} x {info.height}")
     turn = info.origin.orientation  # Some publishers leave the orientation all zero.
     if is_upright(turn) and abs(yaw_of(turn)) > 1e-3:
-        raise MessageError(f"has an origin with a yaw of {yaw_of(turn):.3g} rad: give an origin without yaw")
+        raise MessageError(
+            f"has an origin with a yaw of {yaw_of(turn):.3g} rad: give an origin without yaw"
+        )
     cells = np.array(message.data, dtype=np.int8).reshape(info.height, info.width)
     place = float(info.origin.position.x), float(info.origin.position.y)
     return StaticMap(cells, float(info.resolution), place, message.header.frame_id.lstrip("/"))
@@ -194,12 +242,16 @@ def grid(costmap: Any, frame: str, stamp: Any) -> PackedMessage:
     message.info.map_load_time = stamp
     message.info.resolution = costmap.resolution
     message.info.width, message.info.height = costmap.size
-    message.info.origin.position.x, message.info.origin.position.y = (float(v) for v in costmap.origin)
+    message.info.origin.position.x, message.info.origin.position.y = (
+        float(v) for v in costmap.origin
+    )
     message.info.origin.orientation.w = 1.0
     return PackedMessage(message, costmap.cells.size, OCCUPANCY[costmap.cells].tobytes())
 
 
-def grid_update(cells: np.ndarray, corner: Tuple[int, int], frame: str, stamp: Any) -> PackedMessage:
+def grid_update(
+    cells: np.ndarray, corner: Tuple[int, int], frame: str, stamp: Any
+) -> PackedMessage:
     """Return the window of cells (h, w) of a costmap at `corner` (x, y) as a map_msgs/OccupancyGridUpdate."""
     message = OccupancyGridUpdate(header=Header(0, stamp, frame))
     (message.x, message.y), (message.height, message.width) = corner, cells.shape
@@ -228,7 +280,9 @@ def polygon(vertices: np.ndarray, frame: str, stamp: Any) -> PolygonStamped:
 def cloud(rows: np.ndarray, names: Sequence[str], frame: str, stamp: Any) -> PointCloud2:
     """Return rows (n, len(names)) as a sensor_msgs/PointCloud2 of FLOAT32 fields."""
     message = PointCloud2(header=Header(0, stamp, frame), height=1, width=len(rows), is_dense=True)
-    message.fields = [PointField(name, 4 * i, PointField.FLOAT32, 1) for i, name in enumerate(names)]
+    message.fields = [
+        PointField(name, 4 * i, PointField.FLOAT32, 1) for i, name in enumerate(names)
+    ]
     message.point_step = 4 * len(names)
     message.row_step = message.point_step * len(rows)
     message.data = np.ascontiguousarray(rows, dtype="<f4").tobytes()

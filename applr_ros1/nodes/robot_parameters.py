@@ -9,7 +9,12 @@ from applr_ros1.common.trees import merged
 from applr_ros1.robots import JACKAL, Robot, load
 
 NAMING = ("robot", "map", "tf_prefix")
-FRAMES = ("robot_base_frame", "sensor_frame", "global_frame", "global_frame_id")  # parameters whose value is a frame
+FRAMES = (
+    "robot_base_frame",
+    "sensor_frame",
+    "global_frame",
+    "global_frame_id",
+)  # parameters whose value is a frame
 
 
 def named_robot(parameters: Dict[str, Any]) -> Tuple[Robot, str]:
@@ -23,7 +28,9 @@ def named_robot(parameters: Dict[str, Any]) -> Tuple[Robot, str]:
         RobotError: The description has errors. The message has one line per error.
         ApplrError: There is no such robot, or it has no files for driving on a map.
     """
-    robot = load(str(parameters.get("robot", JACKAL.name)), with_map=bool(parameters.get("map", False)))
+    robot = load(
+        str(parameters.get("robot", JACKAL.name)), with_map=bool(parameters.get("map", False))
+    )
     return robot, frame_prefix(str(parameters.get("tf_prefix", "")))
 
 

@@ -31,7 +31,9 @@ from .transforms import MAX_AGE_S, MAX_AHEAD_S, Transforms
 SCANS_KEPT = 20  # number of messages of a topic that wait for their transform
 MESSAGES = {"LaserScan": ScanMessage, "PointCloud2": CloudMessage, "PointCloud": OldCloudMessage}
 RECENT_S = 2.0  # largest age or lead of a message that keeps waiting for its transform [s]
-ADJUSTMENT_S = 1.0  # largest step back of a wall clock that does not count as a jump, such as NTP's [s]
+ADJUSTMENT_S = (
+    1.0  # largest step back of a wall clock that does not count as a jump, such as NTP's [s]
+)
 
 
 class Clock:
@@ -84,15 +86,24 @@ class Sensors:
         self._no_return = no_return
         self.twist: Tuple[float, float] = (0.0, 0.0)
         self._heard = rospy.Time(0)  # arrival time of the latest odometry
-        self._stamps = {"pose": rospy.Time(0), "twist": rospy.Time(0)}  # stamps of the latest pose and twist
+        self._stamps = {
+            "pose": rospy.Time(0),
+            "twist": rospy.Time(0),
+        }  # stamps of the latest pose and twist
         self.pose_trouble = ""
-        self._topics = {topic: _Topic(topic, kind, origins.get(topic, "")) for topic, kind in topics.items()}
+        self._topics = {
+            topic: _Topic(topic, kind, origins.get(topic, "")) for topic, kind in topics.items()
+        }
         self._odometry = odometry
-        rospy.Subscriber(odometry, Odometry, self._take_odometry, queue_size=1, buff_size=2**20, tcp_nodelay=True)
+        rospy.Subscriber(
+            odometry, Odometry, self._take_odometry, queue_size=1, buff_size=2**20, tcp_nodelay=True
+        )
         self.transforms.listen()
 
     @classmethod
-    def of_lasers(cls, robot: Robot, prefix: str, frame: str, more_scans: Sequence[str] = ()) -> Sensors:
+    def of_lasers(
+        cls, robot: Robot, prefix: str, frame: str, more_scans: Sequence[str] = ()
+    ) -> Sensors:
         """Return the sensors of a robot, with its poses and scans in `frame`.
 
         Args:
@@ -108,7 +119,11 @@ class Sensors:
     def _take_odometry(self, message: Odometry) -> None:
         twist = message.twist.twist.linear.x, message.twist.twist.angular.z
         if all(map(math.isfinite, twist)):
-            self.twist, self._heard, self._stamps["twist"] = twist, rospy.get_rostime(), message.header.stamp
+            self.twist, self._heard, self._stamps["twist"] = (
+                twist,
+                rospy.get_rostime(),
+                message.header.stamp,
+            )
         else:
             rospy.logerr_throttle(1.0, f"odometry message ignored: its twist {twist} is not finite")
 
@@ -127,7 +142,9 @@ class Sensors:
         if known is None or known.stamp.is_zero():
             return "no message has arrived"
         age = (rospy.get_rostime() - known.stamp).to_sec()
-        return f"the latest message has stamp {known.stamp.to_sec():.3f}, {age:.2f} s ago; {known.trouble}".rstrip("; ")
+        return f"the latest message has stamp {known.stamp.to_sec():.3f}, {age:.2f} s ago; {known.trouble}".rstrip(
+            "; "
+        )
 
     def clear_errors(self) -> None:
         """Clear the source errors."""
@@ -136,12 +153,21 @@ class Sensors:
 
     def stamps(self) -> Dict[str, rospy.Time]:
         """Return the stamps {"scan", "pose", "twist"} of the latest data that were used; 0 for none."""
-        scans = [stamp for topic in self._topics.values() if topic.is_scan for stamp in topic.used.values()]
+        scans = [
+            stamp
+            for topic in self._topics.values()
+            if topic.is_scan
+            for stamp in topic.used.values()
+        ]
         return dict(self._stamps, scan=max(scans, default=rospy.Time(0)))
 
     def ages(self, now: rospy.Time) -> Dict[str, float]:
         """Return the ages [s] of the nonzero `stamps` as {"scan_age_s", "pose_age_s", "twist_age_s"}."""
-        return {name + "_age_s": (now - stamp).to_sec() for name, stamp in self.stamps().items() if not stamp.is_zero()}
+        return {
+            name + "_age_s": (now - stamp).to_sec()
+            for name, stamp in self.stamps().items()
+            if not stamp.is_zero()
+        }
 
     def odometry_trouble(self, now: rospy.Time, patience: float) -> str:
         """Return a message if no odometry has arrived for `patience` [s] or at all, otherwise ""."""
@@ -160,7 +186,9 @@ class Sensors:
 
         Localisation stamps this pose ahead of the clock (amcl by 0.1 to 2 s) so that it is valid until the next one.
         """
-        return self._latest_pose(self.globe, self.local, now, tolerance, max(tolerance, MAX_AHEAD_S))
+        return self._latest_pose(
+            self.globe, self.local, now, tolerance, max(tolerance, MAX_AHEAD_S)
+        )
 
     def _latest_pose(
         self, target: str, source: str, now: rospy.Time, oldest: float, most_ahead: float
@@ -178,7 +206,9 @@ class Sensors:
     def observations(self) -> Dict[str, Any]:
         """Return the new observations (common.scan) whose transforms are known, as {topic: observation}."""
         latest = {name: topic.latest(self._use) for name, topic in self._topics.items()}
-        return {name: observation for name, observation in latest.items() if observation is not None}
+        return {
+            name: observation for name, observation in latest.items() if observation is not None
+        }
 
     def _use(self, topic: _Topic, message: Any) -> Any:
         """Return the observation of a message, or None until its transform is known. Raises MessageError."""
@@ -194,7 +224,9 @@ class Sensors:
         origin = None
         if topic.origin not in ("", frame.lstrip("/")):
             with contextlib.suppress(ObservationError):
-                origin = conversions.point_of(self.transforms.at(self.local, topic.origin, stamp).transform)
+                origin = conversions.point_of(
+                    self.transforms.at(self.local, topic.origin, stamp).transform
+                )
         if not topic.is_scan:
             return conversions.sensor_cloud(message, transform, origin)
         ranges = conversions.check_scan(message, self._no_return)
@@ -225,15 +257,22 @@ class _Topic:
         self.origin = origin.lstrip("/")
         self.trouble = ""
         self.used: Dict[str, rospy.Time] = {}  # stamp of the last used message, by frame
-        self.name, self.stamp = rospy.resolve_name(topic), rospy.Time(0)  # full name, stamp of the last message
+        self.name, self.stamp = (
+            rospy.resolve_name(topic),
+            rospy.Time(0),
+        )  # full name, stamp of the last message
         self._lock = threading.Lock()  # guards _waiting
         self._waiting: Deque[Any] = deque(maxlen=SCANS_KEPT)
-        rospy.Subscriber(topic, MESSAGES[data_type], self._take, queue_size=1, buff_size=2**24, tcp_nodelay=True)
+        rospy.Subscriber(
+            topic, MESSAGES[data_type], self._take, queue_size=1, buff_size=2**24, tcp_nodelay=True
+        )
 
     def _take(self, message: Any) -> None:
         if message.header.stamp.is_zero():  # C++ uses such a message with the latest transform.
             message.header.stamp = rospy.get_rostime()
-            rospy.logwarn_once(f"{self.name}: messages have no stamps: their arrival times are used")
+            rospy.logwarn_once(
+                f"{self.name}: messages have no stamps: their arrival times are used"
+            )
         with self._lock:
             self._waiting.append(message)
             self.stamp = message.header.stamp
@@ -268,7 +307,13 @@ class _Topic:
                 self.used[message.header.frame_id] = message.header.stamp
                 break
         with self._lock:
-            kept = [m for m in self._waiting if m.header.stamp > self.used_of(m) and id(m) not in refused]
+            kept = [
+                m
+                for m in self._waiting
+                if m.header.stamp > self.used_of(m) and id(m) not in refused
+            ]
             self._waiting.clear()
-            self._waiting.extend(m for m in kept if abs((rospy.get_rostime() - m.header.stamp).to_sec()) < RECENT_S)
+            self._waiting.extend(
+                m for m in kept if abs((rospy.get_rostime() - m.header.stamp).to_sec()) < RECENT_S
+            )
         return used

@@ -12,7 +12,9 @@ from applr_ros1.common.errors import reason
 from applr_ros1.policy.layout import ObservationError
 
 MAX_AGE_S = 1.0  # largest usable age of a message, and largest lead of its stamp over the clock [s]
-MAX_AHEAD_S = 3.0  # largest lead of a transform's stamp over the clock [s]; amcl adds its transform_tolerance
+MAX_AHEAD_S = (
+    3.0  # largest lead of a transform's stamp over the clock [s]; amcl adds its transform_tolerance
+)
 
 
 class Transforms:
@@ -37,10 +39,17 @@ class Transforms:
             return self.buffer.lookup_transform(target.lstrip("/"), source.lstrip("/"), stamp)
         except tf2_ros.TransformException as error:
             when = "" if stamp.is_zero() else f" at {stamp.to_sec():.3f}"
-            raise ObservationError(f"transform {target} <- {source}{when}: {reason(error)}") from None
+            raise ObservationError(
+                f"transform {target} <- {source}{when}: {reason(error)}"
+            ) from None
 
     def latest(
-        self, target: str, source: str, now: rospy.Time, oldest: float = math.inf, most_ahead: float = MAX_AHEAD_S
+        self,
+        target: str,
+        source: str,
+        now: rospy.Time,
+        oldest: float = math.inf,
+        most_ahead: float = MAX_AHEAD_S,
     ) -> Any:
         """Return the geometry_msgs/TransformStamped of `source` in `target` at `now`, else the latest one.
 
@@ -53,7 +62,11 @@ class Transforms:
         if -age > max(MAX_AGE_S, most_ahead):
             self.buffer.clear()  # Otherwise tf would reject all transforms older than this one.
         if not -most_ahead <= age <= oldest:
-            most = f"old; at most {oldest:g} s" if age > 0.0 else f"ahead of the clock; at most {most_ahead:g} s"
+            most = (
+                f"old; at most {oldest:g} s"
+                if age > 0.0
+                else f"ahead of the clock; at most {most_ahead:g} s"
+            )
             problem = f"transform {target} <- {source} is {abs(age):.2f} s {most} is allowed"
             raise ObservationError(f"{problem}: check localisation and transform_tolerance")
         return transform

@@ -189,7 +189,10 @@ def _final_value(distance: Data, k: int, stride: int, n: int) -> int:
     """Return the C++ value of cell k after the cell and its four neighbours are settled."""
     value = int(distance[k])
     if value == n and not (
-        distance[k - 1] < n or distance[k + 1] < n or distance[k - stride] < n or distance[k + stride] < n
+        distance[k - 1] < n
+        or distance[k + 1] < n
+        or distance[k - stride] < n
+        or distance[k + stride] < n
     ):
         return n + 1
     return value

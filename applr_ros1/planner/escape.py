@@ -29,7 +29,9 @@ class Escape:
     def __init__(self) -> None:
         self._held: Optional[bool] = None  # latest report of the monitor, None if there is none
         self._next = 0  # index of the next motion
-        self.is_held = False  # True from the first escape motion until the robot counts as free (PASSED)
+        self.is_held = (
+            False  # True from the first escape motion until the robot counts as free (PASSED)
+        )
         self.restart()
 
     def restart(self) -> None:

@@ -17,7 +17,13 @@ from applr_ros1.planner.dwa.local_planner import DWALocalPlanner
 from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import namespace
-from applr_ros1.planner.parameters.layers import INFLATION_LAYER, STATIC_LAYER, Layer, layers, sources
+from applr_ros1.planner.parameters.layers import (
+    INFLATION_LAYER,
+    STATIC_LAYER,
+    Layer,
+    layers,
+    sources,
+)
 from applr_ros1.planner.trajectory.local_planner import TrajectoryLocalPlanner
 
 LOCAL_PLANNERS: Dict[str, Callable[[Dict[str, Any], np.ndarray], LocalPlanner]] = {
@@ -37,10 +43,16 @@ def make_local_planner(full: Dict[str, Any], config: Configuration) -> LocalPlan
     """
     plugin = full["base_local_planner"]
     place = namespace(plugin)
-    latches = full["latch_xy_goal_tolerance"] if place == "DWAPlannerROS" else full[place]["latch_xy_goal_tolerance"]
+    latches = (
+        full["latch_xy_goal_tolerance"]
+        if place == "DWAPlannerROS"
+        else full[place]["latch_xy_goal_tolerance"]
+    )
     begun = config.start_up(place)
     outline = footprint.padded(config.start_up("local_costmap"))
-    planner = LOCAL_PLANNERS[plugin](dict(full[place], **begun, latch_xy_goal_tolerance=latches), outline)
+    planner = LOCAL_PLANNERS[plugin](
+        dict(full[place], **begun, latch_xy_goal_tolerance=latches), outline
+    )
     if config[place] != begun:
         planner.reconfigure(config[place])
     return planner
@@ -63,7 +75,10 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
         rolling=static["rolling_window"],
         footprint=footprint.padded(now),
         track_unknown=static.get("track_unknown_space", False),
-        layers=[_describe(layer, static[layer.name], config[layer.path]) for layer in layers(name, static)],
+        layers=[
+            _describe(layer, static[layer.name], config[layer.path])
+            for layer in layers(name, static)
+        ],
     )
 
 

@@ -39,7 +39,11 @@ class LocalPlanner(abc.ABC):
 
     @abc.abstractmethod
     def compute_velocity(
-        self, pose: Sequence[float], twist: Sequence[float], costmap: Any, local_origin: Optional[Pose] = None
+        self,
+        pose: Sequence[float],
+        twist: Sequence[float],
+        costmap: Any,
+        local_origin: Optional[Pose] = None,
     ) -> Tuple[bool, Command]:
         """Return (ok, (v, w)) for this cycle.
 

@@ -14,7 +14,9 @@ from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import INSCRIBED, UNKNOWN
 
-MOST_STEPS = 100000  # maximum number of search steps along one axis, reached only by goals far off the map
+MOST_STEPS = (
+    100000  # maximum number of search steps along one axis, reached only by goals far off the map
+)
 
 
 def free_square(costmap: Any, pose: Sequence[float], half_side: float) -> None:
@@ -26,7 +28,11 @@ def free_square(costmap: Any, pose: Sequence[float], half_side: float) -> None:
 
 
 def reachable_near(
-    costmap: Any, start: Sequence[float], goal: Sequence[float], tolerance: float, allow_unknown: bool
+    costmap: Any,
+    start: Sequence[float],
+    goal: Sequence[float],
+    tolerance: float,
+    allow_unknown: bool,
 ) -> np.ndarray:
     """Return the points (n, 2) [m] near the goal that navfn can reach, in the order in which C++ tries them.
 
@@ -39,11 +45,18 @@ def reachable_near(
     step = np.float32(costmap.resolution * 3.0)
     if tolerance < step:
         step = np.float32(tolerance)
-    most = min(tolerance, math.hypot(*costmap.size) * costmap.resolution + math.dist(goal[:2], costmap.origin))
+    most = min(
+        tolerance,
+        math.hypot(*costmap.size) * costmap.resolution + math.dist(goal[:2], costmap.origin),
+    )
     steps = np.cumsum(np.full(int(min(most / step + 2, MOST_STEPS)), step), dtype=np.float32)
     offsets = np.concatenate([np.zeros(1), steps[steps <= most].astype(np.float64)])
-    x, x_index, x_sign = _on_map(goal[0], offsets, costmap.origin[0], costmap.size[0] * costmap.resolution)
-    y, y_index, y_sign = _on_map(goal[1], offsets, costmap.origin[1], costmap.size[1] * costmap.resolution)
+    x, x_index, x_sign = _on_map(
+        goal[0], offsets, costmap.origin[0], costmap.size[0] * costmap.resolution
+    )
+    y, y_index, y_sign = _on_map(
+        goal[1], offsets, costmap.origin[1], costmap.size[1] * costmap.resolution
+    )
     mx, my = _cells(x, costmap, 0), _cells(y, costmap, 1)
     rows, columns = np.nonzero(_reachable(costmap.cells, sx, sy, allow_unknown)[np.ix_(my, mx)])
     squares = np.maximum(y_index[rows], x_index[columns])
@@ -52,18 +65,24 @@ def reachable_near(
     return np.stack([x[columns[order]], y[rows[order]]], axis=1)
 
 
-def _on_map(centre: float, offsets: np.ndarray, origin: float, length: float) -> Tuple[np.ndarray, ...]:
+def _on_map(
+    centre: float, offsets: np.ndarray, origin: float, length: float
+) -> Tuple[np.ndarray, ...]:
     """Return those coordinates centre -+ offsets [m] that are on the map, with indices and signs of their offsets."""
     index = np.arange(len(offsets))
     value = np.concatenate([centre - offsets[1:], centre + offsets])
-    index, sign = np.concatenate([index[1:], index]), np.concatenate([-np.ones(len(index) - 1), np.ones(len(index))])
+    index, sign = (
+        np.concatenate([index[1:], index]),
+        np.concatenate([-np.ones(len(index) - 1), np.ones(len(index))]),
+    )
     on = (value >= origin) & (value < origin + length)
     return value[on], index[on], sign[on]
 
 
 def _cells(values: np.ndarray, costmap: Any, axis: int) -> np.ndarray:
     cells: np.ndarray = np.minimum(
-        ((values - costmap.origin[axis]) / costmap.resolution).astype(np.int64), costmap.size[axis] - 1
+        ((values - costmap.origin[axis]) / costmap.resolution).astype(np.int64),
+        costmap.size[axis] - 1,
     )
     return cells
 

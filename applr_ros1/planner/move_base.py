@@ -26,7 +26,15 @@ from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import Server, namespace, servers
 from applr_ros1.planner.parameters.layers import COSTMAPS
-from applr_ros1.planner.state_machine import NO_PLAN, Components, Cycle, CycleInput, StateMachine, Timer, Twist
+from applr_ros1.planner.state_machine import (
+    NO_PLAN,
+    Components,
+    Cycle,
+    CycleInput,
+    StateMachine,
+    Timer,
+    Twist,
+)
 from applr_ros1.planner.variant import CPP_LIKE, OURS, draw, generator
 
 INVALID_GOAL = "Aborting on goal because it was sent with an invalid quaternion"
@@ -48,14 +56,18 @@ class MoveBase:
         ParameterError, ApplrError: the parameters cannot be used. The message has one line.
     """
 
-    def __init__(self, params: Dict[str, Any], planner: str = OURS, seed: Union[int, Sequence[int]] = 0):
+    def __init__(
+        self, params: Dict[str, Any], planner: str = OURS, seed: Union[int, Sequence[int]] = 0
+    ):
         self.parameters = complete(params)
         self.local_planner_name = namespace(self.parameters["base_local_planner"])
         self._config = Configuration(self.parameters)
         self._planner = planner
         self._seed = seed
         self._maps: Dict[str, StaticMap] = {}
-        self._outlines: Dict[str, np.ndarray] = {}  # by costmap: unpadded footprint (n, 2) [m] from its topic
+        self._outlines: Dict[
+            str, np.ndarray
+        ] = {}  # by costmap: unpadded footprint (n, 2) [m] from its topic
         self._build()
 
     # -- components ------------------------------------------------------------------------------------------
@@ -77,11 +89,17 @@ class MoveBase:
             self.plan,
             self.parameters["applr"]["recovery_rounds"],
         )
-        self._machine = StateMachine(self._components, generator(self._seed, 3) if like_cpp else None)
+        self._machine = StateMachine(
+            self._components, generator(self._seed, 3) if like_cpp else None
+        )
         self._timers = {name: Timer() for name in COSTMAPS}
         self._take_frequencies()
-        self._router = ObservationRouter(self.local_costmap, self.global_costmap, self.parameters["scan_timeout"])
-        self.local_origin: Optional[Pose] = None  # pose of the local costmap's frame in the global one (last step)
+        self._router = ObservationRouter(
+            self.local_costmap, self.global_costmap, self.parameters["scan_timeout"]
+        )
+        self.local_origin: Optional[Pose] = (
+            None  # pose of the local costmap's frame in the global one (last step)
+        )
         for topic, given in self._maps.items():
             self._show_map(topic, given)
         for name in self._outlines:
@@ -89,7 +107,9 @@ class MoveBase:
 
     def _take_frequencies(self) -> None:
         settings = self._config[""]
-        self._machine.set_frequencies(settings["planner_frequency"], settings["controller_frequency"])
+        self._machine.set_frequencies(
+            settings["planner_frequency"], settings["controller_frequency"]
+        )
         for name in COSTMAPS:
             self._timers[name].set_frequency(self._config[name]["update_frequency"])
 
@@ -139,7 +159,9 @@ class MoveBase:
         """Record whether a collision monitor blocked nearly all of the last command (Verdict.blocked)."""
         self._machine.report_held(held)
 
-    def reset(self, now: float, restore: bool = True, seed: Union[int, Sequence[int], None] = None) -> None:
+    def reset(
+        self, now: float, restore: bool = True, seed: Union[int, Sequence[int], None] = None
+    ) -> None:
         """Reset to the state of a new object: empty maps, no goal, no memory.
 
         Args:
@@ -250,13 +272,18 @@ class MoveBase:
         cycle.silent = self._router.silent(now)
         global_pose = None if pose is None else self.in_global_frame(pose)
         settings, stale = self._config[""], cycle.silent is not None
-        self._machine.step(CycleInput(now, pose, global_pose, local_origin, twist, settings, stale), cycle)
+        self._machine.step(
+            CycleInput(now, pose, global_pose, local_origin, twist, settings, stale), cycle
+        )
         return cycle
 
     def _update_maps(self, now: float, pose: Optional[Pose], cycle: Cycle) -> None:
         if pose is None or self.goal is None and self._config[""]["shutdown_costmaps"]:
             return
-        local, world = self._timers["local_costmap"].due(now), self._timers["global_costmap"].due(now)
+        local, world = (
+            self._timers["local_costmap"].due(now),
+            self._timers["global_costmap"].due(now),
+        )
         if self.local_origin is not None:
             self._place_maps()
         if local:
@@ -269,7 +296,10 @@ class MoveBase:
         """Set the placement of each static layer whose map is in the frame of the other costmap."""
         world, local = self._global_frames
         local_origin = self.local_origin or (0.0, 0.0, 0.0)
-        placements = (self.global_costmap, local, inverse(local_origin)), (self.local_costmap, world, local_origin)
+        placements = (
+            (self.global_costmap, local, inverse(local_origin)),
+            (self.local_costmap, world, local_origin),
+        )
         for costmap, other, placement in placements:
             for layer in costmap.static_layers:
                 layer.placement = placement if layer.map_frame == other else None
@@ -313,7 +343,9 @@ class MoveBase:
         """Return a navfn plan (n, 3) from start to goal (x, y, yaw) in the global frame, or (0, 3) if there is none."""
         settings = self.parameters["NavfnROS"]
         tolerance = settings["default_tolerance"] if tolerance is None else tolerance
-        return self.navfn.plan(self.global_costmap, start[:2], goal, tolerance, settings["allow_unknown"])
+        return self.navfn.plan(
+            self.global_costmap, start[:2], goal, tolerance, settings["allow_unknown"]
+        )
 
     def make_plan(self, start: Pose, goal: Pose, tolerance: float = 0.0) -> np.ndarray:
         """Return a plan (n, 3) to the goal, or to the first reachable point on growing squares around the goal.
@@ -325,15 +357,21 @@ class MoveBase:
             return NO_PLAN
         settings = self._config[""]
         if settings["make_plan_clear_costmap"] and self.goal is None:
-            here = start if self.local_origin is None else compose(inverse(self.local_origin), start)
+            here = (
+                start if self.local_origin is None else compose(inverse(self.local_origin), start)
+            )
             for costmap, pose in ((self.global_costmap, start), (self.local_costmap, here)):
                 free_square(costmap, pose, self.parameters["clearing_radius"])
         plan = self.plan(start, goal)
         if not len(plan) and tolerance > 0.0:
-            plan = self._plan_near(start, goal, tolerance, settings["make_plan_add_unreachable_goal"])
+            plan = self._plan_near(
+                start, goal, tolerance, settings["make_plan_add_unreachable_goal"]
+            )
         return plan
 
-    def _plan_near(self, start: Pose, goal: Pose, tolerance: float, append_goal: bool) -> np.ndarray:
+    def _plan_near(
+        self, start: Pose, goal: Pose, tolerance: float, append_goal: bool
+    ) -> np.ndarray:
         unknown = self.parameters["NavfnROS"]["allow_unknown"]
         for x, y in reachable_near(self.global_costmap, start, goal, tolerance, unknown):
             plan = self.plan(start, (x, y, goal[2]))
@@ -399,7 +437,9 @@ class MoveBase:
         now = self._config[name]
         self._timers[name] = Timer()  # C++ restarts the thread that updates the map.
         self._timers[name].set_frequency(now["update_frequency"])
-        self.costmaps[name].resize(now["width"], now["height"], now["resolution"], (now["origin_x"], now["origin_y"]))
+        self.costmaps[name].resize(
+            now["width"], now["height"], now["resolution"], (now["origin_x"], now["origin_y"])
+        )
         if changed & {"footprint", "robot_radius"}:
             self._outlines.pop(name, None)
         if changed & {"footprint", "robot_radius", "footprint_padding"}:

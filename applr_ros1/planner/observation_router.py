@@ -6,7 +6,14 @@ import math
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple, Union
 
 from applr_ros1.common.angles import Pose
-from applr_ros1.common.scan import LaserScan, Observation, ObservationBuffer, PointCloud, moved, observe
+from applr_ros1.common.scan import (
+    LaserScan,
+    Observation,
+    ObservationBuffer,
+    PointCloud,
+    moved,
+    observe,
+)
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.parameters.layers import PREDICTED
 
@@ -51,7 +58,9 @@ class ObservationRouter:
                     if buffer.source.sensor_frame:
                         self.ray_origins.setdefault(topic, buffer.source.sensor_frame)
 
-    def take(self, sensed: Sensed, now: float, local_origin: Optional[Pose], placed: bool = True) -> None:
+    def take(
+        self, sensed: Sensed, now: float, local_origin: Optional[Pose], placed: bool = True
+    ) -> None:
         """Pass observations to the sources on their topics. Observations older than the latest one are dropped.
 
         Args:
@@ -69,15 +78,24 @@ class ObservationRouter:
                 continue
             self._stamps[topic] = observation.stamp
             self._hand_on(topic, observation, now, local_origin, placed)
-        if 0.0 < self._timeout < now - self._stamps.get(PREDICTED, now):  # Outdated predictions are forgotten.
+        if (
+            0.0 < self._timeout < now - self._stamps.get(PREDICTED, now)
+        ):  # Outdated predictions are forgotten.
             del self._stamps[PREDICTED]
             for listener in self._listeners[PREDICTED]:
                 listener.buffer.forget()
 
     def _hand_on(
-        self, topic: str, observation: Observation, now: float, local_origin: Optional[Pose], placed: bool
+        self,
+        topic: str,
+        observation: Observation,
+        now: float,
+        local_origin: Optional[Pose],
+        placed: bool,
     ) -> None:
-        clouds: Dict[Any, PointCloud] = {}  # projections, shared by sources with the same frame and treatment of +inf
+        clouds: Dict[
+            Any, PointCloud
+        ] = {}  # projections, shared by sources with the same frame and treatment of +inf
         for buffer, is_global in self._listeners.get(topic, ()):
             if is_global and not placed:
                 continue
@@ -85,7 +103,9 @@ class ObservationRouter:
             frame = local_origin if is_global else None
             key = frame is not None, valid
             if key not in clouds:
-                clouds[key] = observe(observation if frame is None else moved(observation, frame), valid)
+                clouds[key] = observe(
+                    observation if frame is None else moved(observation, frame), valid
+                )
             buffer.take(clouds[key], now)
 
     def silent(self, now: float) -> Optional[Tuple[str, float]]:
@@ -96,7 +116,9 @@ class ObservationRouter:
                 source = buffer.source
                 if layer.parameters.enabled and not buffer.is_current(now):
                     return source.topic, source.expected_update_rate
-                must_speak = (source.data_type == "LaserScan" or source.clearing) and source.topic != PREDICTED
+                must_speak = (
+                    source.data_type == "LaserScan" or source.clearing
+                ) and source.topic != PREDICTED
                 if self._timeout > 0.0 and must_speak:
                     stamp = self._stamps.get(source.topic)
                     if stamp is None or now - stamp > self._timeout:

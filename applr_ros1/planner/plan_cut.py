@@ -24,7 +24,12 @@ def half_size(costmap: Any) -> float:
 
 
 def cut_plan(
-    plan: np.ndarray, x: float, y: float, limit: float, prune: bool, local_origin: Optional[Pose] = None
+    plan: np.ndarray,
+    x: float,
+    y: float,
+    limit: float,
+    prune: bool,
+    local_origin: Optional[Pose] = None,
 ) -> Tuple[np.ndarray, int]:
     """Return the part (k, 3) of the plan that the robot follows, in the costmap's frame, and how many points to prune.
 

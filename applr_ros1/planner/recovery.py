@@ -59,7 +59,13 @@ class RotateRecovery:
     these yaws, so the accumulated rotation counts, too. With like_cpp, an incomplete rotation goes on forever.
     """
 
-    def __init__(self, name: str, planner: Dict[str, Any], sim_granularity: float = 0.017, like_cpp: bool = False):
+    def __init__(
+        self,
+        name: str,
+        planner: Dict[str, Any],
+        sim_granularity: float = 0.017,
+        like_cpp: bool = False,
+    ):
         self.name = name
         self.acc = planner["acc_lim_theta"]
         self.fastest, self.slowest = planner["max_vel_theta"], planner["min_in_place_vel_theta"]
@@ -127,7 +133,9 @@ def build(parameters: Dict[str, Any], like_cpp: bool = False) -> List[Behaviour]
             made[name] = (
                 ClearCostmapRecovery(name, own["reset_distance"], like_cpp)
                 if clears
-                else RotateRecovery(name, parameters["TrajectoryPlannerROS"], own["sim_granularity"], like_cpp)
+                else RotateRecovery(
+                    name, parameters["TrajectoryPlannerROS"], own["sim_granularity"], like_cpp
+                )
             )
         behaviours.append(made[name])
     return behaviours

@@ -8,7 +8,18 @@ and samples with equal bounds by their number.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, List, Mapping, Optional, Sequence, Tuple
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    Callable,
+    Dict,
+    Iterable,
+    List,
+    Mapping,
+    Optional,
+    Sequence,
+    Tuple,
+)
 
 import numpy as np
 
@@ -16,9 +27,13 @@ from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import INSCRIBED
 
-Triple = Tuple[float, float, float]  # pose (x, y, yaw) [m, rad] or velocity (vx, vy, w) [m/s, rad/s]
+Triple = Tuple[
+    float, float, float
+]  # pose (x, y, yaw) [m, rad] or velocity (vx, vy, w) [m/s, rad/s]
 RollOut = Callable[[np.ndarray], None]  # writes the poses of a trajectory to an array (count, 3)
-LARGEST_TURN = 0.5  # largest turn per step in closed forms [rad]; the chord formula fails near a full turn
+LARGEST_TURN = (
+    0.5  # largest turn per step in closed forms [rad]; the chord formula fails near a full turn
+)
 
 
 class Record:
@@ -88,7 +103,9 @@ def _before(keys: Data, a: int, b: int) -> bool:
 
 def record(reals: str, integers: str, after: str = "") -> np.dtype:
     """Return the dtype of a record of float64, int64 and again float64 fields. Names are separated by blanks."""
-    fields = [(name, np.float64) for name in reals.split()] + [(name, np.int64) for name in integers.split()]
+    fields = [(name, np.float64) for name in reals.split()] + [
+        (name, np.int64) for name in integers.split()
+    ]
     return np.dtype(fields + [(name, np.float64) for name in after.split()])
 
 
@@ -111,7 +128,15 @@ class Choice:
 
     __slots__ = ("cost", "vx", "vy", "w", "drive", "count", "sample", "_roll_out", "_points")
 
-    def __init__(self, cost: float, velocity: Triple, drive: Triple, count: int, roll_out: RollOut, sample: int = -1):
+    def __init__(
+        self,
+        cost: float,
+        velocity: Triple,
+        drive: Triple,
+        count: int,
+        roll_out: RollOut,
+        sample: int = -1,
+    ):
         self.cost, self.drive, self.count, self.sample = cost, drive, count, sample
         self.vx, self.vy, self.w = velocity
         self._roll_out = roll_out
@@ -138,7 +163,9 @@ class SamplingPlanner:
     PARAMETERS: np.dtype
     STATE: np.dtype
     SAMPLES: Tuple[str, ...]
-    DERIVED: Tuple[str, ...] = ("sim_period",)  # computed fields of PARAMETERS, not parameters of the server
+    DERIVED: Tuple[str, ...] = (
+        "sim_period",
+    )  # computed fields of PARAMETERS, not parameters of the server
 
     def __init__(self, params: Mapping[str, Any]):
         self._resolution: Any = None
@@ -153,7 +180,9 @@ class SamplingPlanner:
     def reconfigure(self, params: Mapping[str, Any]) -> None:
         """Apply checked values {name: value} of some or all parameters of the server, between two cycles."""
         names = [name for name in self.PARAMETERS.names or () if name not in self.DERIVED]
-        self._values = dict(self._values, **{name: params[name] for name in names if name in params})
+        self._values = dict(
+            self._values, **{name: params[name] for name in names if name in params}
+        )
         self._values.update({name: max(int(self._values[name]), 1) for name in self.SAMPLES})
         self._scratch = self._allocate_scratch(*(self._values[name] for name in self.SAMPLES))
         self._take_parameters()
@@ -201,7 +230,11 @@ class SamplingPlanner:
 
 
 def cost_cloud(
-    costmap: Any, path: np.ndarray, goal: np.ndarray, inside: np.ndarray, weights: Tuple[float, float, float]
+    costmap: Any,
+    path: np.ndarray,
+    goal: np.ndarray,
+    inside: np.ndarray,
+    weights: Tuple[float, float, float],
 ) -> np.ndarray:
     """Return (k, 7) float32 x, y, z, path, goal, obstacle and total cost of the cells free for the robot's centre.
 
@@ -223,7 +256,11 @@ def cost_cloud(
     cloud[:, 3] = path.T[column, row]
     cloud[:, 4] = goal.T[column, row]
     cloud[:, 5] = cells[column, row]
-    cloud[:, 6] = weights[0] * path.T[column, row] + weights[1] * goal.T[column, row] + weights[2] * cells[column, row]
+    cloud[:, 6] = (
+        weights[0] * path.T[column, row]
+        + weights[1] * goal.T[column, row]
+        + weights[2] * cells[column, row]
+    )
     return cloud
 
 

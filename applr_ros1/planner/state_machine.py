@@ -66,7 +66,11 @@ NO_PLAN = np.zeros((0, 3))
 REACHED = "Goal reached."
 NO_CONTROL, NO_PATH, OSCILLATING = (
     cause + " Even after executing recovery behaviors."
-    for cause in ("Failed to find a valid control.", "Failed to find a valid plan.", "Robot is oscillating.")
+    for cause in (
+        "Failed to find a valid control.",
+        "Failed to find a valid plan.",
+        "Robot is oscillating.",
+    )
 )
 NEARER = 0.5  # smallest decrease of the distance to the goal that counts as progress [m]
 # Share of control cycles that no plan precedes, for "cpp-like". C++ plans and controls in two threads of 20 Hz each.
@@ -81,7 +85,9 @@ class Cycle:
     command: Optional[Twist] = None
     state: str = IDLE
     result: Optional[Tuple[str, str]] = None  # ("succeeded" | "aborted" | "preempted", text)
-    recovery: Optional[Tuple[int, int, str]] = None  # (index, total, name) of the recovery that begins
+    recovery: Optional[Tuple[int, int, str]] = (
+        None  # (index, total, name) of the recovery that begins
+    )
     planned: bool = False  # whether the global planner ran
     new_plan: bool = False  # whether the global planner found a plan (StateMachine.global_plan)
     controlled: bool = False  # whether the local planner ran
@@ -153,7 +159,10 @@ class StateMachine:
         self._retries = 0
         self._oscillation_pose = (0.0, 0.0)
         self._last_plan = self._last_control = self._last_oscillation = 0.0
-        self._rounds, self._nearest = 0, math.inf  # starts of the first recovery since the least goal distance [m]
+        self._rounds, self._nearest = (
+            0,
+            math.inf,
+        )  # starts of the first recovery since the least goal distance [m]
         self._escape = Escape()
 
     def set_frequencies(self, planner: float, controller: float) -> None:
@@ -234,12 +243,18 @@ class StateMachine:
         now, settings = given.time, given.settings
         self._woken, cycle.planned = False, True
         global_pose = given.global_pose
-        plan = NO_PLAN if global_pose is None or self.goal is None else self._components.plan(global_pose, self.goal)
+        plan = (
+            NO_PLAN
+            if global_pose is None or self.goal is None
+            else self._components.plan(global_pose, self.goal)
+        )
         if len(plan):
             self.global_plan, self._new_plan, cycle.new_plan = plan, True, True
             self._last_plan, self._retries = now, 0
             skipped = self._like_cpp and self.state == CLEARING and self._behaviour is None
-            if self.state == PLANNING or skipped:  # C++ leaves "clearing" here, too, and so skips a due recovery.
+            if (
+                self.state == PLANNING or skipped
+            ):  # C++ leaves "clearing" here, too, and so skips a due recovery.
                 self.state = CONTROLLING
             if settings["planner_frequency"] <= 0.0:
                 self._run_planner = False
@@ -304,7 +319,9 @@ class StateMachine:
             if self._trigger == CONTROLLING and not self._escape.is_held:
                 self._index = 0
             # The flag is read in the same cycle. C++ reads it in the next one, after a new plan may have cleared it.
-            if local_planner.goal_reached and not (self._like_cpp and local_planner.remembers_reached):
+            if local_planner.goal_reached and not (
+                self._like_cpp and local_planner.remembers_reached
+            ):
                 self._end(cycle, "succeeded", REACHED)
             return
         cycle.command = STOP
@@ -329,7 +346,9 @@ class StateMachine:
             return
         behaviour = self._behaviour
         if behaviour is None:
-            left = given.settings["recovery_behavior_enabled"] and self._index < len(components.recoveries)
+            left = given.settings["recovery_behavior_enabled"] and self._index < len(
+                components.recoveries
+            )
             if not left or self._rounds_are_over(given.global_pose):
                 texts = {CONTROLLING: NO_CONTROL, PLANNING: NO_PATH}
                 self._end(cycle, "aborted", texts.get(self._trigger, OSCILLATING))
@@ -337,7 +356,9 @@ class StateMachine:
             self._behaviour = behaviour = components.recoveries[self._index]
             cycle.recovery = self._index, len(components.recoveries), behaviour.name
             behaviour.start(now, pose)
-        command = behaviour.step(now, pose, components.local_costmap, components.global_costmap, given.global_pose)
+        command = behaviour.step(
+            now, pose, components.local_costmap, components.global_costmap, given.global_pose
+        )
         if command is not None:
             cycle.command = command
             return

@@ -37,7 +37,11 @@ TITLES = {  # titles of parameters that exist in several places; the others stan
 
 def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """Return a Markdown table."""
-    lines = [head, ["---"] * len(head), *([str(cell).replace("|", "\\|") for cell in row] for row in rows)]
+    lines = [
+        head,
+        ["---"] * len(head),
+        *([str(cell).replace("|", "\\|") for cell in row] for row in rows),
+    ]
     return "\n".join("| %s |" % " | ".join(line) for line in lines)
 
 
@@ -65,16 +69,31 @@ def commands(*modules: str) -> str:
 
 def comparison(prefix: str) -> str:
     """Return a table of docs/results/PREFIX_time.csv, _rates.csv and _faster.csv with a row for each method."""
-    rates, faster = ({row["method"]: row for row in rows_of(prefix + end)} for end in ("_rates", "_faster"))
+    rates, faster = (
+        {row["method"]: row for row in rows_of(prefix + end)} for end in ("_rates", "_faster")
+    )
     rows = []
     for row in rows_of(prefix + "_time"):
         rate, won = rates[row["method"]], faster.get(row["method"])
         time = "%s s (%s)" % (row["time [s]"], row["95 % interval"])
         share = "%+.1f %%" % -float(row["faster [%]"]) if won else ""
-        counts = " / ".join(won[key].split(" ")[0] for key in ("method better", "dwa better")) if won else ""
-        success, contact = (rate[key].split(" ")[0] + " %" for key in ("success [%]", "collided [%]"))
+        counts = (
+            " / ".join(won[key].split(" ")[0] for key in ("method better", "dwa better"))
+            if won
+            else ""
+        )
+        success, contact = (
+            rate[key].split(" ")[0] + " %" for key in ("success [%]", "collided [%]")
+        )
         rows.append(["`%s`" % row["method"], time, share, success, contact, counts])
-    head = ["method", "time (95 % interval)", "than `dwa`", "success", "with a contact", "worlds faster / slower"]
+    head = [
+        "method",
+        "time (95 % interval)",
+        "than `dwa`",
+        "success",
+        "with a contact",
+        "worlds faster / slower",
+    ]
     return table(head, rows)
 
 
@@ -83,7 +102,9 @@ def faults() -> str:
     rows, parts = rows_of("faults"), []
     for group in dict.fromkeys(row["group"] for row in rows):
         cells = [list(row.values())[1:] for row in rows if row["group"] == group]
-        parts.append("## %s\n\n%s" % (group, table(["", "fault", "what happens", "measured"], cells)))
+        parts.append(
+            "## %s\n\n%s" % (group, table(["", "fault", "what happens", "measured"], cells))
+        )
     return "\n\n".join(parts)
 
 
@@ -92,8 +113,15 @@ def launch_arguments() -> str:
     parts = []
     for file in sorted((ROOT / "applr_ros1" / "launch").glob("*.launch")):
         arguments = [arg for arg in xml.parse(file).getroot().findall("arg") if arg.get("doc")]
-        rows = [["`%s`" % arg.get("name"), "`%s`" % arg.get("default", " "), arg.get("doc")] for arg in arguments]
-        parts += ["## %s\n\n%s" % (file.name, table(["argument", "default", "meaning"], rows))] if rows else []
+        rows = [
+            ["`%s`" % arg.get("name"), "`%s`" % arg.get("default", " "), arg.get("doc")]
+            for arg in arguments
+        ]
+        parts += (
+            ["## %s\n\n%s" % (file.name, table(["argument", "default", "meaning"], rows))]
+            if rows
+            else []
+        )
     return "\n\n".join(parts)
 
 
@@ -109,11 +137,16 @@ def parameters() -> str:
     parts = []
     for title, declared in (
         ("Live, through dynamic_reconfigure", dict(SERVERS, **{MAP: TYPES[MAP].live})),
-        ("Read once, when the node starts", dict(STATIC, **{MAP: TYPES[MAP].static, NAMED: BEHAVIOUR})),
+        (
+            "Read once, when the node starts",
+            dict(STATIC, **{MAP: TYPES[MAP].static, NAMED: BEHAVIOUR}),
+        ),
     ):
         parts += ["## " + title]
         for path in declared:
-            if not path.startswith("global_costmap"):  # global_costmap has the parameters of local_costmap
+            if not path.startswith(
+                "global_costmap"
+            ):  # global_costmap has the parameters of local_costmap
                 entries = [_parameter(p) for p in declared[path] if p.name != "restore_defaults"]
                 parts += ["### " + TITLES.get(path, "`/move_base/%s`" % path), "\n".join(entries)]
     return "\n\n".join(parts)
@@ -122,13 +155,24 @@ def parameters() -> str:
 def _parameter(p: Any) -> str:
     """Return a declared parameter as an item of a list."""
     older = "".join(", older name `%s`" % name for name in p.aliases)
-    ends = ["any" if abs(end) >= 2**31 - 1 else "%g" % end for end in (p.min, p.max) if p.type in ("int", "double")]
-    kind = ", ".join([p.type, " to ".join(ends)] if ends else [p.type]) + (" " + p.unit if p.unit else "")
+    ends = [
+        "any" if abs(end) >= 2**31 - 1 else "%g" % end
+        for end in (p.min, p.max)
+        if p.type in ("int", "double")
+    ]
+    kind = ", ".join([p.type, " to ".join(ends)] if ends else [p.type]) + (
+        " " + p.unit if p.unit else ""
+    )
     default = "%g" % p.default if isinstance(p.default, (int, float)) else p.default or "empty"
     if isinstance(p.default, bool):
         default = str(p.default).lower()
     elif isinstance(p.default, list):
-        default = ", ".join(entry["name"] if isinstance(entry, dict) else str(entry) for entry in p.default) or "empty"
+        default = (
+            ", ".join(
+                entry["name"] if isinstance(entry, dict) else str(entry) for entry in p.default
+            )
+            or "empty"
+        )
     return "- **`%s`**%s (%s; default `%s`). %s" % (p.name, older, kind, default, p.about)
 
 
@@ -149,10 +193,18 @@ def _section(name: str, kind: Any) -> str:
         item = taken.get("prefixItems", [taken])[0]
         value = " or ".join(item["enum"]) if "enum" in item else item["type"]
         value += ", %g to %g" % (item["minimum"], item["maximum"]) if "minimum" in item else ""
-        value = "%d of: %s" % (len(taken["prefixItems"]), value) if "prefixItems" in taken else value
-        meaning = declared.get("description", "") + (" [%s]" % declared["unit"] if declared.get("unit") else "")
+        value = (
+            "%d of: %s" % (len(taken["prefixItems"]), value) if "prefixItems" in taken else value
+        )
+        meaning = declared.get("description", "") + (
+            " [%s]" % declared["unit"] if declared.get("unit") else ""
+        )
         rows.append(["`%s`" % field, meaning, value, declared.get("default", "required")])
-    return "## %s\n\n%s\n\n%s" % (name, inspect.getdoc(kind), table(["field", "meaning", "value", "default"], rows))
+    return "## %s\n\n%s\n\n%s" % (
+        name,
+        inspect.getdoc(kind),
+        table(["field", "meaning", "value", "default"], rows),
+    )
 
 
 def jackal_space() -> str:
@@ -165,7 +217,9 @@ def jackal_space() -> str:
         target = parameter.sets[0]
         meaning = JACKAL.servers[target.server].declared(target.name)
         bounds = "%g to %g" % (parameter.low, parameter.high)
-        rows.append(["`%s`" % parameter.name, "%g" % start, bounds, meaning.unit or "", meaning.doc])
+        rows.append(
+            ["`%s`" % parameter.name, "%g" % start, bounds, meaning.unit or "", meaning.doc]
+        )
     return table(["parameter", "default", "range", "unit", "meaning"], rows)
 
 

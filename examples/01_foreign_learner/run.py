@@ -29,16 +29,35 @@ def weights_of(model: TD3) -> dict:
 def main() -> None:
     """Train, write the actor, and drive one course with it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--steps", type=int, default=500, help="decisions to learn from (default %(default)s)")
-    parser.add_argument("--world", default="generated:0", help="course to drive (default %(default)s)")
-    parser.add_argument("--out", default="actor.safetensors", help="file to write (default %(default)s)")
+    parser.add_argument(
+        "--steps", type=int, default=500, help="decisions to learn from (default %(default)s)"
+    )
+    parser.add_argument(
+        "--world", default="generated:0", help="course to drive (default %(default)s)"
+    )
+    parser.add_argument(
+        "--out", default="actor.safetensors", help="file to write (default %(default)s)"
+    )
     options = parser.parse_args()
 
     env = gymnasium.make(training.env.ID, worlds=options.world, simulator="kinematic")
-    noise = NormalActionNoise(np.zeros(env.action_space.shape), np.full(env.action_space.shape, 0.3))
-    model = TD3("MlpPolicy", env, action_noise=noise, learning_starts=50, policy_kwargs={"net_arch": [64, 64]}, seed=0)
+    noise = NormalActionNoise(
+        np.zeros(env.action_space.shape), np.full(env.action_space.shape, 0.3)
+    )
+    model = TD3(
+        "MlpPolicy",
+        env,
+        action_noise=noise,
+        learning_starts=50,
+        policy_kwargs={"net_arch": [64, 64]},
+        seed=0,
+    )
     model.learn(options.steps, progress_bar=False)
-    actor.save(options.out, weights_of(model), {"training": {"learner": "stable-baselines3", "steps": options.steps}})
+    actor.save(
+        options.out,
+        weights_of(model),
+        {"training": {"learner": "stable-baselines3", "steps": options.steps}},
+    )
 
     policy = actor.load(options.out)
     observation, info = env.reset(seed=1)
@@ -46,7 +65,10 @@ def main() -> None:
     while not over:
         observation, _, terminated, truncated, info = env.step(policy.action(observation))
         over = terminated or truncated
-    print("%s: %s after %.1f s" % (options.out, "goal reached" if info["success"] else "not reached", info["time_s"]))
+    print(
+        "%s: %s after %.1f s"
+        % (options.out, "goal reached" if info["success"] else "not reached", info["time_s"])
+    )
     env.close()
 
 

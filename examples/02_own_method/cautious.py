@@ -13,4 +13,6 @@ class Cautious(Method):
     def theta(self, context: Context) -> np.ndarray:
         """Return the parameters (8,) until the next decision. Parameters left out keep their default."""
         slow = context.ranges.min() < 0.5
-        return SPACE.from_dict({"max_vel_x": 0.4 if slow else 1.2, "inflation_radius": 0.3 if slow else 0.2})
+        return SPACE.from_dict(
+            {"max_vel_x": 0.4 if slow else 1.2, "inflation_radius": 0.3 if slow else 0.2}
+        )

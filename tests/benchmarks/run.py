@@ -43,7 +43,9 @@ def planner_cycle_default():
 
 def planner_cycle_max():
     """Measure one choice among 12 x 40 samples at up to 2 m/s, driving at 1.6 m/s."""
-    fast = dict(max_vel_x=2.0, max_vel_theta=3.14, min_vel_theta=-3.14, vx_samples=12, vtheta_samples=40)
+    fast = dict(
+        max_vel_x=2.0, max_vel_theta=3.14, min_vel_theta=-3.14, vx_samples=12, vtheta_samples=40
+    )
     return _trajectory_planner(fast, (1.6, 0.0, 0.3))
 
 
@@ -54,7 +56,15 @@ def _trajectory_planner(changes, velocity=None):
         planner = replay_golden.make_planner(scenario, costmap)
         planner.reconfigure(changes)
         planner.set_plan(scenario.array("plan"))
-        times.append(_choice(planner, [0] * 10, costmap, scenario.inputs["pose"], velocity or scenario.inputs["vel"]))
+        times.append(
+            _choice(
+                planner,
+                [0] * 10,
+                costmap,
+                scenario.inputs["pose"],
+                velocity or scenario.inputs["vel"],
+            )
+        )
     return median(times), "us (median of %d scenarios)" % len(times)
 
 
@@ -62,7 +72,9 @@ def dwa_planner_cycle():
     """Measure one choice with the TurtleBot3 burger's parameters: 861 samples of 1.5 s on a map of 3 x 3 m."""
     times = []
     for scenario in _of_samples("golden_dwa", vx_samples=20, vy_samples=1, vth_samples=40):
-        if scenario.robot == "burger" and scenario.expected["best"]["index"] >= 0:  # A legal command exists.
+        if (
+            scenario.robot == "burger" and scenario.expected["best"]["index"] >= 0
+        ):  # A legal command exists.
             costmap, planner = replay_dwa.make_costmap(scenario), replay_dwa.make_planner(scenario)
             scene = costmap, scenario.array("plan"), scenario.inputs["pose"], scenario.inputs["vel"]
             times.append(_choice(planner, replay_dwa.flags_in(scenario), *scene))
@@ -71,8 +83,12 @@ def dwa_planner_cycle():
 
 def _of_samples(name, **samples):
     """Return the scenarios of a golden set with these numbers of samples."""
-    scenarios = [scenario for scenario in replay_golden.load(ROOT / "tests" / name) if scenario.kind == "dwa"]
-    return [scenario for scenario in scenarios if samples.items() <= scenario.inputs["params"].items()]
+    scenarios = [
+        scenario for scenario in replay_golden.load(ROOT / "tests" / name) if scenario.kind == "dwa"
+    ]
+    return [
+        scenario for scenario in scenarios if samples.items() <= scenario.inputs["params"].items()
+    ]
 
 
 def _choice(planner, state, *scene):
@@ -106,7 +122,10 @@ def tracker():
 
 def decision():
     """Measure one decision of the Jackal's policy, once a second: encoding of the observation, and networks."""
-    policy, driven = methods.make("applr", robots.JACKAL), _episode("kinematic", MoveBase(JACKAL), monitor=True)
+    policy, driven = (
+        methods.make("applr", robots.JACKAL),
+        _episode("kinematic", MoveBase(JACKAL), monitor=True),
+    )
     driven.layout = policy.layout
     driven.reset(worlds.load("generated:140"), seed=0)
     context = driven.context()
@@ -116,7 +135,10 @@ def decision():
 
 def _share(mean, count):
     """Return a mean time [s] in ms, and its unit with the share of a core at 20 Hz."""
-    return 1e3 * mean, "ms (mean over %d cycles; %.1f %% of a core at 20 Hz)" % (count, 100.0 * 20.0 * mean)
+    return 1e3 * mean, "ms (mean over %d cycles; %.1f %% of a core at 20 Hz)" % (
+        count,
+        100.0 * 20.0 * mean,
+    )
 
 
 def inflation():
@@ -149,7 +171,10 @@ def _time_in_drives(kind, name, counts, monitor=False, **parameters):
     with patch.object(kind, name, timed):
         for _ in range(3):
             took.clear()
-            _drive(_episode("kinematic", MoveBase({**JACKAL, **parameters}), monitor), lambda _: SPACE.theta0)
+            _drive(
+                _episode("kinematic", MoveBase({**JACKAL, **parameters}), monitor),
+                lambda _: SPACE.theta0,
+            )
             means.append(np.mean(took))
     return min(means), len(took)
 
@@ -168,7 +193,9 @@ def _speed(simulator):
     driven, best = _episode(simulator, MoveBase(dict(JACKAL, planner_frequency=20.0))), 0.0
     for seconds in (2, SECONDS, SECONDS, SECONDS):
         began = time.process_time()
-        simulated = _drive(driven, lambda rng: SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE))), seconds)
+        simulated = _drive(
+            driven, lambda rng: SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE))), seconds
+        )
         best = max(best, simulated / (time.process_time() - began))
     return best, "simulated s per processor s"
 
@@ -217,7 +244,11 @@ def sb3_td3_updates():
         action_space = gymnasium.spaces.Box(-1, 1, (ACTIONS,), np.float32)
 
     model = stable_baselines3.TD3(
-        "MlpPolicy", Spaces(), batch_size=BATCH, buffer_size=10, policy_kwargs={"net_arch": list(HIDDEN)}
+        "MlpPolicy",
+        Spaces(),
+        batch_size=BATCH,
+        buffer_size=10,
+        policy_kwargs={"net_arch": list(HIDDEN)},
     )
     model.set_logger(stable_baselines3.common.logger.Logger(None, []))
     x = [torch.rand(BATCH, n) * 2 - 1 for n in (OBSERVATIONS, ACTIONS, 1, OBSERVATIONS, 1, 1)]
@@ -256,7 +287,9 @@ def reconfigure_all():
     from tests.support.ros_harness import session, wait_for
 
     node, client, took = session().node("move_base", "cmd_vel:=/cmd_vel"), ReconfigureClient(), []
-    wait_for(lambda: client.connected or not node.alive() or not client.connect(), "parameter servers")
+    wait_for(
+        lambda: client.connected or not node.alive() or not client.connect(), "parameter servers"
+    )
     rng = np.random.default_rng(0)
     for _ in range(200):
         began = time.monotonic()
@@ -268,9 +301,23 @@ def reconfigure_all():
     return np.percentile(took, 95), "ms (p95)"
 
 
-FIGURES = (planner_cycle_default, planner_cycle_max, dwa_planner_cycle, inflation, navfn, control_cycle)
+FIGURES = (
+    planner_cycle_default,
+    planner_cycle_max,
+    dwa_planner_cycle,
+    inflation,
+    navfn,
+    control_cycle,
+)
 FIGURES += (monitor, tracker, decision)
-FIGURES += (sim_speed_kinematic, sim_speed_pybullet, td3_updates, sb3_td3_updates, actor_inference, reconfigure_all)
+FIGURES += (
+    sim_speed_kinematic,
+    sim_speed_pybullet,
+    td3_updates,
+    sb3_td3_updates,
+    actor_inference,
+    reconfigure_all,
+)
 
 if __name__ == "__main__":
     for figure in FIGURES:

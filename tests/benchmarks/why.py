@@ -17,7 +17,10 @@ from training.why.diagnosis import diagnose
 from training.why.replay import Replay
 
 SLOWER, LIMIT_S = 1.5, 60.0
-WORLDS = {"3, 11, 40, 7": (3, 11, 40, 7), "5, 17, 23, 28": (5, 17, 23, 28)}  # the rules were chosen on the first ones
+WORLDS = {
+    "3, 11, 40, 7": (3, 11, 40, 7),
+    "5, 17, 23, 28": (5, 17, 23, 28),
+}  # the rules were chosen on the first ones
 TRAJECTORY, DWA = "TrajectoryPlannerROS", "DWAPlannerROS"
 LAYERS = {TRAJECTORY: "/inflater_layer", DWA: ""}  # where the files have the inflation
 EQUAL = {  # equals on the page of the C++ planner
@@ -31,7 +34,9 @@ TUNED = dict(
 )  # fmt: skip
 ROBOTS = {
     "Jackal, defaults": JACKAL,
-    "Jackal, tuned set": changed(JACKAL, {TRAJECTORY: TUNED, "local_costmap": {"footprint_padding": 0.14}}),
+    "Jackal, tuned set": changed(
+        JACKAL, {TRAJECTORY: TUNED, "local_costmap": {"footprint_padding": 0.14}}
+    ),
     "waffle_pi": load("turtlebot3_waffle_pi"),
 }
 FAULTS = {
@@ -55,7 +60,10 @@ def spoilt(robot, fault):
     """Return the robot with a fault {parameter: value} in its files."""
     if not {"inflation_radius", "cost_scaling_factor"} & {*fault}:
         return changed(robot, {robot.local_planner: fault})
-    return changed(robot, {f"{name}_costmap{LAYERS[robot.local_planner]}": fault for name in ("local", "global")})
+    return changed(
+        robot,
+        {f"{name}_costmap{LAYERS[robot.local_planner]}": fault for name in ("local", "global")},
+    )
 
 
 def planted(name, world):
@@ -63,7 +71,9 @@ def planted(name, world):
     robot, usual, found = ROBOTS[name], LIMIT_S, []
     for fault in [{}, *FAULTS[robot.local_planner]]:
         driven = spoilt(robot, fault) if fault else robot
-        recorded, outcome = simulated(driven, f"generated:{world}", limit=max(40.0, min(90.0, 3.0 * usual)))
+        recorded, outcome = simulated(
+            driven, f"generated:{world}", limit=max(40.0, min(90.0, 3.0 * usual))
+        )
         if not (fault or outcome.success):
             return []
         if fault and outcome.success and outcome.time_s < SLOWER * usual:
@@ -75,11 +85,14 @@ def planted(name, world):
         names = [one.parameter.name for one in diagnosis.tried]
         ranks = [
             names.index(one) + 1
-            for one in {*fault, *(other for one in fault for other in EQUAL.get(one, ()))} & {*names}
+            for one in {*fault, *(other for one in fault for other in EQUAL.get(one, ()))}
+            & {*names}
         ]
         found.append((fault, min(ranks, default=99), len(diagnosis.remedies)))
         end = f"{outcome.reason} {outcome.time_s:.1f} s, rank {found[-1][1]} of {names[:3]}"
-        print(f"{name}, world {world}, {fault or 'sound'}: {end}, {found[-1][2]} remedies", flush=True)
+        print(
+            f"{name}, world {world}, {fault or 'sound'}: {end}, {found[-1][2]} remedies", flush=True
+        )
     return found
 
 
@@ -96,10 +109,14 @@ def all_planted():
     """Print the ranks of all planted faults, and the rows of docs/results/planted.csv."""
     with ProcessPoolExecutor(2) as pool:
         jobs = {
-            (n, group): [pool.submit(planted, n, w) for w in worlds] for group, worlds in WORLDS.items() for n in ROBOTS
+            (n, group): [pool.submit(planted, n, w) for w in worlds]
+            for group, worlds in WORLDS.items()
+            for n in ROBOTS
         }
         done = {key: [row for job in made for row in job.result()] for key, made in jobs.items()}
-    print("robot,worlds,drives,parameters,first,among the first three,sound drives,of these with a remedy")
+    print(
+        "robot,worlds,drives,parameters,first,among the first three,sound drives,of these with a remedy"
+    )
     for (name, worlds), rows in done.items():
         ranks = [(next(iter(fault)), rank) for fault, rank, _ in rows if fault]
         sound = [remedies for fault, _, remedies in rows if not fault]
@@ -109,7 +126,9 @@ def all_planted():
             sum(r == 1 for _, r in ranks),
             sum(r <= 3 for _, r in ranks),
         )
-        print(f'"{name}","{worlds}",{",".join(map(str, counts))},{len(sound)},{sum(n > 0 for n in sound)}')
+        print(
+            f'"{name}","{worlds}",{",".join(map(str, counts))},{len(sound)},{sum(n > 0 for n in sound)}'
+        )
 
 
 if __name__ == "__main__":

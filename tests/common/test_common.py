@@ -30,7 +30,11 @@ from tests.support.refusals import refused
         (None, 0, ""),
         (3, 3, ""),
         (ApplrError("speed is 9: give 0 to 2"), 1, "p: speed is 9: give 0 to 2\n"),
-        (KeyboardInterrupt("stopped; go on with --resume"), 130, "p: stopped; go on with --resume\n"),
+        (
+            KeyboardInterrupt("stopped; go on with --resume"),
+            130,
+            "p: stopped; go on with --resume\n",
+        ),
         (KeyboardInterrupt(), 130, "p: stopped\n"),
         (FileNotFoundError(2, "No such file", "none"), 1, "p: [Errno 2] No such file: 'none'\n"),
     ],
@@ -65,7 +69,9 @@ def test_files_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
 def test_only_regular_files_are_written_and_mistakes_are_one_line(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for name in ("pipe", ".", "/dev/zero"):
-        refused(lambda name=name: files.write_bytes(tmp_path / name, b""), "a folder, pipe or device")
+        refused(
+            lambda name=name: files.write_bytes(tmp_path / name, b""), "a folder, pipe or device"
+        )
     assert (tmp_path / "pipe").is_fifo()
     (tmp_path / "text").write_text("{")
     refused(lambda: files.read_json(tmp_path / "text"), "not JSON")
@@ -102,14 +108,18 @@ def test_quaternions_and_poses_agree_with_complex_numbers(yaw):
     assert complex(x, y) == pytest.approx(moved)
     assert abs(turned) <= math.pi
     assert math.sin(turned) == pytest.approx(math.sin(yaw + 3.0))
-    np.testing.assert_allclose(angles.normalize_angle_modulo(np.array([yaw + 4 * math.pi])), [yaw], atol=1e-12)
+    np.testing.assert_allclose(
+        angles.normalize_angle_modulo(np.array([yaw + 4 * math.pi])), [yaw], atol=1e-12
+    )
     assert angles.normalize_angle(yaw - 2 * math.pi) == pytest.approx(yaw)
 
 
 def test_distances_outside_a_box_equal_those_of_its_raster():
     dx, dy = np.random.default_rng(0).uniform(-3, 3, (2, 200))
     yaw, size, edge = 0.7, (2.0, 1.0), np.linspace(-0.5, 0.5, 101)
-    inside = np.stack(np.meshgrid(edge * size[0], edge * size[1]), -1).reshape(-1, 2)  # a raster of the box
+    inside = np.stack(np.meshgrid(edge * size[0], edge * size[1]), -1).reshape(
+        -1, 2
+    )  # a raster of the box
     turned = inside @ np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
     nearest = np.hypot(dx[:, None] - turned[:, 0], dy[:, None] - turned[:, 1]).min(1)
     distances = np.hypot(*angles.outside_box(dx, dy, yaw, *size))
@@ -162,7 +172,9 @@ def test_publishing_to_a_closed_topic_at_shutdown_is_not_an_error(monkeypatch, r
 
 def test_extras_are_those_of_pyproject():
     tomllib = pytest.importorskip("tomllib")
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
     brought = {(package, name) for name, packages in extras.items() for package in packages}
     assert brought | {("lz4", "train")} == set(EXTRAS.items()) | {("matplotlib", "train")}
 
@@ -195,13 +207,18 @@ for command in sys.argv[1:]:
 
 def test_without_extras_policies_and_evaluation_work_and_other_commands_end_in_one_line(tmp_path):
     pytest.importorskip("training.evaluate")
-    commands = ("appld", "bags_to_dataset", "demonstrate", "train")
+    commands = ("appld", "train.bags_to_dataset", "appld.demonstrate", "train")
     program = [sys.executable, "-c", WITHOUT_EXTRAS, *commands]
     environment = dict(os.environ, PYTHONPATH=str(ROOT))
-    done = subprocess.run(program, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=HANGS)
+    done = subprocess.run(
+        program, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=HANGS
+    )
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
-    assert "the report has no figures: Python's matplotlib is not installed" in lines[-len(commands) - 2]
+    assert (
+        "the report has no figures: Python's matplotlib is not installed"
+        in lines[-len(commands) - 2]
+    )
     assert (tmp_path / "results/report/table_1.csv").exists()
     for line in lines[-len(commands) :]:
         assert re.match("ended with: (train.py: )?Python's ", line), line

@@ -18,7 +18,9 @@ def running(tmp_path_factory):
     yield stack
     stack.relay.close()
     rospy.set_param("/use_sim_time", False)
-    for child in stack.nodes.values():  # Interrupt all nodes before waiting for any, as roslaunch does.
+    for (
+        child
+    ) in stack.nodes.values():  # Interrupt all nodes before waiting for any, as roslaunch does.
         child.thaw()
         os.kill(child.pid, signal.SIGINT)
     for name, child in stack.nodes.items():

@@ -51,14 +51,18 @@ class Relay:
         self.aside = (0.0, 0.0)
         self.commands, self.planned, self.truth = [], [], deque(maxlen=500)
         fast = {"queue_size": 20, "tcp_nodelay": True}
-        self._publishers = {name: rospy.Publisher(to, kind, **fast) for name, (kind, _, to) in STREAMS.items()}
+        self._publishers = {
+            name: rospy.Publisher(to, kind, **fast) for name, (kind, _, to) in STREAMS.items()
+        }
         self._subscribers = [
             rospy.Subscriber(source, kind, self._pass, name, buff_size=2**22, **fast)
             for name, (kind, source, _) in STREAMS.items()
         ] + [
             rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_truth, **fast),
             rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, **fast),
-            rospy.Subscriber("/move_base/cmd_vel", Twist, lambda command: _keep(command, self.planned), **fast),
+            rospy.Subscriber(
+                "/move_base/cmd_vel", Twist, lambda command: _keep(command, self.planned), **fast
+            ),
         ]
 
     def close(self):
@@ -89,7 +93,9 @@ class Relay:
     def _on_truth(self, message):
         pose = message.pose.pose
         self.aside = (pose.position.y, yaw_of(pose.orientation))
-        self.truth.append((message.header.stamp.to_sec(), pose.position.x, message.twist.twist.linear.x))
+        self.truth.append(
+            (message.header.stamp.to_sec(), pose.position.x, message.twist.twist.linear.x)
+        )
         self.now, self.x, self.speed = self.truth[-1]
 
     def _on_contact(self, message):

@@ -26,11 +26,20 @@ CREEP = 0.2  # speed below which the Jackal may slide on for a second, as in Gaz
 PERIOD = 0.5  # decision period of the applr node [s]
 NODES = {
     "sim_bridge": (
-        *("/clock:=/sim/clock", "/tf:=/sim/tf", "front/scan:=/sim/scan", "odometry/filtered:=/sim/odometry"),
+        *(
+            "/clock:=/sim/clock",
+            "/tf:=/sim/tf",
+            "front/scan:=/sim/scan",
+            "odometry/filtered:=/sim/odometry",
+        ),
         *("cmd_vel:=/sim/cmd_vel", "_simulator:=kinematic"),
     ),
     "move_base": ("odom:=odometry/filtered", "cmd_vel:=move_base/cmd_vel"),
-    "collision_monitor": ("scan:=front/scan", "odom:=odometry/filtered", "cmd_vel_in:=move_base/cmd_vel"),
+    "collision_monitor": (
+        "scan:=front/scan",
+        "odom:=odometry/filtered",
+        "cmd_vel_in:=move_base/cmd_vel",
+    ),
     "applr": ("_method:=applr", "_period:=%g" % PERIOD),
 }
 READY = {"collision_monitor": "/collision_monitor/action"}  # topics of nodes that print no "ready"
@@ -40,7 +49,9 @@ def alley(path):
     """Write a .world file with a straight way between two rows of posts and a wall at its end. Return its path."""
     rows = [(at, side * 2.2, 0.1) for at in np.arange(-1.0, LENGTH, 0.5) for side in (-1.0, 1.0)]
     wall = [(LENGTH, y, 0.1) for y in np.arange(-2.2, 2.25, 0.2)]
-    course = Course((0.0, 0.0, 0.0), (GOAL, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [GOAL, 0.0]]))
+    course = Course(
+        (0.0, 0.0, 0.0), (GOAL, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [GOAL, 0.0]])
+    )
     write(World("alley", np.array(rows + wall), np.empty((0, 5)), course), path)
     return path
 
@@ -78,7 +89,10 @@ class Stack:
 
         def up():
             if name in READY:
-                return any(topic == READY[name] for topic, _ in rosgraph.Master("/up").getPublishedTopics(""))
+                return any(
+                    topic == READY[name]
+                    for topic, _ in rosgraph.Master("/up").getPublishedTopics("")
+                )
             return "ready" in child.text
 
         child.until(up)
@@ -95,7 +109,10 @@ class Stack:
 
     @property
     def goal_is_over(self):
-        return not self.client.gh or self.client.get_state() not in (GoalStatus.PENDING, GoalStatus.ACTIVE)
+        return not self.client.gh or self.client.get_state() not in (
+            GoalStatus.PENDING,
+            GoalStatus.ACTIVE,
+        )
 
     def cancel_goal(self):
         """Cancel the latest goal. cancel_all_goals uses another connection, and might cancel the next goal as well."""
@@ -129,7 +146,8 @@ class Stack:
         self.until(lambda: abs(self.relay.speed) < 0.01 and self.relay.now > broken, "standstill")
         now = self.relay.now  # Later states are from before a reset of the simulator.
         slow, stood = (
-            next(t for t, _, v in list(self.relay.truth) if broken < t <= now and abs(v) < most) - broken
+            next(t for t, _, v in list(self.relay.truth) if broken < t <= now and abs(v) < most)
+            - broken
             for most in (CREEP, 0.01)
         )
         took, waited = max(0.0 if locks else slow, self.relay.driven - broken), kept.waiting()
@@ -147,12 +165,15 @@ class Stack:
         except AssertionError as late:
             relay, client = self.relay, self.client
             ended = (
-                "goal: state %d %s" % (client.get_state(), client.get_goal_status_text()) if client.gh else "no goal"
+                "goal: state %d %s" % (client.get_state(), client.get_goal_status_text())
+                if client.gh
+                else "no goal"
             )
             lines = [
                 "%s; x %.2f, aside %s, %.2f m/s; planned %s"
                 % (late, relay.x, relay.aside, relay.speed, relay.planned[-3:]),
-                "%.2f, in simulated time %.2f; sent on %s" % (time.time(), relay.now, relay.commands[-3:]),
+                "%.2f, in simulated time %.2f; sent on %s"
+                % (time.time(), relay.now, relay.commands[-3:]),
                 "%s; %s" % (self.actions[-3:], ended),
                 *self.output("move_base").splitlines()[-10:],
             ]

@@ -19,7 +19,9 @@ from worlds import Course, World
 LASER = JACKAL.laser
 WALL, SPEED, PERIOD = 6.0, 2.0, 0.05
 COURSE = Course((0.0, 0.0, 0.0), (5.0, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [5.0, 0.0]]))
-BLOCKED = World("blocked", np.array([(WALL, y, 0.1) for y in np.arange(-3, 3, 0.15)]), np.empty((0, 5)), COURSE)
+BLOCKED = World(
+    "blocked", np.array([(WALL, y, 0.1) for y in np.arange(-3, 3, 0.15)]), np.empty((0, 5)), COURSE
+)
 
 
 def ranges_of(value):
@@ -44,7 +46,10 @@ BLIND = {
 
 
 # These faults are detected by obstacles of an earlier scan, so the first scan must be valid.
-NEEDS_A_SCAN_BEFORE = ("all +inf though obstacles are in range", "all range_max though obstacles are in range")
+NEEDS_A_SCAN_BEFORE = (
+    "all +inf though obstacles are in range",
+    "all range_max though obstacles are in range",
+)
 BLIND_FROM = (0.0, 1.0, 2.5, 4.0, 5.0)  # distances driven until the fault begins [m]
 
 
@@ -71,10 +76,14 @@ def drive(fault, blind_from, monitor, late=0.0, late_twist=0.0):
         command = (SPEED, 0.0)
         if monitor is not None:
             known.append((scan, state.odom_pose, state.odom_twist))
-            then, twist_then = (known[max(0, len(known) - 1 - round(age / PERIOD))] for age in (late, late_twist))
+            then, twist_then = (
+                known[max(0, len(known) - 1 - round(age / PERIOD))] for age in (late, late_twist)
+            )
             if then[0] is not None:
                 monitor.add_scan(then[0])
-            command = monitor.filter(state.time, then[1], twist_then[2], command, (late, late_twist)).command
+            command = monitor.filter(
+                state.time, then[1], twist_then[2], command, (late, late_twist)
+            ).command
         simulator.command(*command)
         state = simulator.advance(PERIOD)
         if state.contact:

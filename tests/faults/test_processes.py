@@ -87,14 +87,22 @@ def test_theta_0_returns_if_the_applr_node_is_killed(stack, client, measured):
 
 
 @pytest.mark.fault("14a")
-@pytest.mark.parametrize("killed", [True, False], ids=["the collision monitor is killed", "commands get lost"])
+@pytest.mark.parametrize(
+    "killed", [True, False], ids=["the collision monitor is killed", "commands get lost"]
+)
 def test_the_base_stops_if_commands_no_longer_reach_it(stack, measured, killed):
     """The base stops, and drives again once the monitor is restarted or commands arrive again."""
     stack.under_way()
-    cut = stack.nodes["collision_monitor"].kill if killed else lambda: stack.relay.faults.update(command=lambda _: None)
+    cut = (
+        stack.nodes["collision_monitor"].kill
+        if killed
+        else lambda: stack.relay.faults.update(command=lambda _: None)
+    )
     measured("stands after", stack.stands_after(cut, 0.5, locks=True), "s")
     if killed:
-        assert stack.relay.commands[-1][1:] == (0.0, 0.0), "a base without a time-out must stand, too"
+        assert stack.relay.commands[-1][1:] == (0.0, 0.0), (
+            "a base without a time-out must stand, too"
+        )
         stack.start("collision_monitor")
     stack.relay.clear_faults()
     stack.drives_again()

@@ -46,7 +46,11 @@ def mad(stack):
     stack.cancel_goal()
     if stack.relay.x > 9.0:
         stack.back_to_the_start()
-    publisher, command, over = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1), [0.0], threading.Event()
+    publisher, command, over = (
+        rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1),
+        [0.0],
+        threading.Event(),
+    )
     wait_for(publisher.get_num_connections, "connection")
 
     def publish():
@@ -91,10 +95,14 @@ def test_a_faulty_planner_is_stopped_before_the_wall(stack, mad, measured):
     stack.until(lambda: stack.relay.speed > 1.8, "speed")
     mad(1e9)
     wall = 19.0 - 0.1 - 0.229
-    stack.until(lambda: stack.relay.x > wall - 0.3 and stack.relay.speed < 0.01, "standstill at the wall")
+    stack.until(
+        lambda: stack.relay.x > wall - 0.3 and stack.relay.speed < 0.01, "standstill at the wall"
+    )
     measured("stands before the wall by", wall - stack.relay.x, "m")
     late = np.diff([at for at, *_ in stack.relay.commands[-75:]]).max()
-    if late > load("jackal").monitor.reaction_time:  # The promise holds for commands within the reaction time.
+    if (
+        late > load("jackal").monitor.reaction_time
+    ):  # The promise holds for commands within the reaction time.
         stack.relay.touched = False
         pytest.skip(f"the machine is too busy: a command reached the base after {late:.2f} s")
     assert stack.relay.x < wall

@@ -39,24 +39,42 @@ def silent(message):
 @pytest.mark.parametrize(
     ("stream", "fault", "words"),
     [  # tests/nodes/test_conversions.py has further unusable scans.
-        pytest.param("scan", silent, "no usable scan on /front/scan", marks=pytest.mark.fault("10")),
-        pytest.param("scan", beams(lambda r: [math.nan] * 720), "is all NaN", marks=pytest.mark.fault("11")),
+        pytest.param(
+            "scan", silent, "no usable scan on /front/scan", marks=pytest.mark.fault("10")
+        ),
+        pytest.param(
+            "scan", beams(lambda r: [math.nan] * 720), "is all NaN", marks=pytest.mark.fault("11")
+        ),
         pytest.param("scan", stamped(-5.0), "no usable scan", marks=pytest.mark.fault("12")),
         pytest.param("scan", stamped(5.0), "no usable scan", marks=pytest.mark.fault("12")),
         pytest.param("scan", renamed, "front_lazer", marks=pytest.mark.fault("12")),
         pytest.param("tf", silent, "transform odom <- base_link is", marks=pytest.mark.fault("12")),
         pytest.param("clock", silent, "/clock has not moved", marks=pytest.mark.fault("13")),
     ],
-    ids=["no scan", "all NaN", "old scans", "scans ahead", "unknown frame", "no transform", "stopped clock"],
+    ids=[
+        "no scan",
+        "all NaN",
+        "old scans",
+        "scans ahead",
+        "unknown frame",
+        "no transform",
+        "stopped clock",
+    ],
 )
 def test_the_robot_stops_reports_the_reason_and_goes_on(stack, measured, stream, fault, words):
     stack.under_way()
     printed, acted = len(stack.output("move_base")), len(stack.actions)
-    took = stack.stands_after(lambda: stack.relay.faults.__setitem__(stream, fault), locks=stream == "clock")
+    took = stack.stands_after(
+        lambda: stack.relay.faults.__setitem__(stream, fault), locks=stream == "clock"
+    )
     measured("stands after", took, "s")
     wait_for(lambda: words in stack.output("move_base")[printed:], words)
-    wait_for(lambda: stack.relay.planned[-1][1:] == (0.0, 0.0), "zero velocity from move_base itself")
-    assert stream != "tf" or any("transform odom <- base_link" in action for action in stack.actions[acted:])
+    wait_for(
+        lambda: stack.relay.planned[-1][1:] == (0.0, 0.0), "zero velocity from move_base itself"
+    )
+    assert stream != "tf" or any(
+        "transform odom <- base_link" in action for action in stack.actions[acted:]
+    )
     stack.relay.clear_faults()
     stack.drives_again()
 
@@ -64,7 +82,9 @@ def test_the_robot_stops_reports_the_reason_and_goes_on(stack, measured, stream,
 @pytest.mark.fault("11")
 def test_single_invalid_beams_do_not_stop_the_robot(stack):
     stack.under_way()
-    stack.relay.faults["scan"] = beams(lambda r: [math.nan, math.inf, -math.inf, 0.0, 1e30, -1.0] * 5 + r[30:])
+    stack.relay.faults["scan"] = beams(
+        lambda r: [math.nan, math.inf, -math.inf, 0.0, 1e30, -1.0] * 5 + r[30:]
+    )
     count, since = len(stack.decisions), stack.relay.now
     wait_for(lambda: stack.relay.now > since + 1.2 and len(stack.decisions) > count, "decisions")
     stack.drives_again()
@@ -95,7 +115,9 @@ def test_a_transform_stamped_far_ahead_stops_the_robot_only_briefly(stack, measu
 def test_the_robot_stops_without_odometry(stack, measured):
     """Transforms are still published, but the velocity is no longer measured."""
     stack.under_way()
-    took = stack.stands_after(lambda: stack.relay.faults.__setitem__("odometry", lambda odometry: None))
+    took = stack.stands_after(
+        lambda: stack.relay.faults.__setitem__("odometry", lambda odometry: None)
+    )
     assert any("no usable odometry on /odometry/filtered" in action for action in stack.actions)
     measured("stands after", took, "s")
     stack.relay.clear_faults()

@@ -17,7 +17,9 @@ LIBRARIES = (stable_baselines3, torch)  # packages that the examples need beside
 
 
 def test_the_page_lists_all_examples():
-    listed = re.findall(r"^\| `(\w+)` \|", (ROOT / "examples" / "README.md").read_text(), re.MULTILINE)
+    listed = re.findall(
+        r"^\| `(\w+)` \|", (ROOT / "examples" / "README.md").read_text(), re.MULTILINE
+    )
     assert listed == EXAMPLES
 
 
@@ -33,7 +35,12 @@ def test_foreign_learner(tmp_path, monkeypatch, capsys):
 
 def test_own_method(tmp_path):
     methods = f"dwa,{ROOT}/examples/02_own_method/cautious.py:Cautious"
-    assert evaluate.main(["--worlds=generated:7", "--trials=1", "--methods", methods, "--out", str(tmp_path)]) == 0
+    assert (
+        evaluate.main(
+            ["--worlds=generated:7", "--trials=1", "--methods", methods, "--out", str(tmp_path)]
+        )
+        == 0
+    )
     dwa, cautious = csv.DictReader((tmp_path / "trials.csv").read_text().splitlines())
     assert (dwa["success"], cautious["success"]) == ("True", "True")
     assert float(cautious["time_s"]) < float(dwa["time_s"])

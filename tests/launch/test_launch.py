@@ -33,7 +33,9 @@ pytestmark = pytest.mark.ros
 
 def inside(*command):
     """Run a command in the workspace's environment and return its finished process."""
-    return subprocess.run([APPLR, "exec", *command], capture_output=True, text=True, timeout=HANGS, check=False)
+    return subprocess.run(
+        [APPLR, "exec", *command], capture_output=True, text=True, timeout=HANGS, check=False
+    )
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "jackal"])
@@ -68,8 +70,13 @@ def test_rviz_shows_topics_that_robots_and_local_planners_publish():
     displays = tree["Visualization Manager"]["Displays"]
     topics = [display["Topic"] for display in displays if "Topic" in display]
     added = {"move_base/TrajectoryPlannerROS/trajectory_cloud"}  # the C++ planner has no such topic
-    assert {topic for topic in topics if "/" + topic not in published} == added | {"applr/local_goal"}
-    assert [sum(planner in topic for topic in topics) for planner in ("Trajectory", "DWA")] == [4, 4]
+    assert {topic for topic in topics if "/" + topic not in published} == added | {
+        "applr/local_goal"
+    }
+    assert [sum(planner in topic for topic in topics) for planner in ("Trajectory", "DWA")] == [
+        4,
+        4,
+    ]
     keys = [display[key] for display in displays for key in display if key.endswith("Topic")]
     assert not any(topic.startswith("/") for topic in keys)  # relative names follow the namespace
 
@@ -94,16 +101,32 @@ def test_install_space(tmp_path):
     done = inside("bash", "-c", build)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     tail = done.stdout.splitlines()[-9:]
-    assert tail.pop(0) == "#!" + os.path.join(ROOT, ".applr", "venv", "bin", "python"), tail  # independent of PATH
+    assert tail.pop(0) == "#!" + os.path.join(ROOT, ".applr", "venv", "bin", "python"), (
+        tail
+    )  # independent of PATH
     assert tail[0].startswith(str(tmp_path / "install")), tail
-    assert {"/sim_bridge", "/move_base", "/collision_monitor", "/movers", "/applr", "/send_goal"} <= set(tail)
+    assert {
+        "/sim_bridge",
+        "/move_base",
+        "/collision_monitor",
+        "/movers",
+        "/applr",
+        "/send_goal",
+    } <= set(tail)
     assert tail[-1].startswith(str(tmp_path / "install"))
 
 
 def demo(tmp_path, *arguments):
     page = "page:=%s" % (tmp_path / "drive.html")
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
-    return subprocess.Popen([APPLR, "demo", *arguments, page], env=dict(os.environ, TMPDIR=str(tmp_path)), **pipes)
+    pipes = {
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.PIPE,
+        "text": True,
+        "start_new_session": True,
+    }
+    return subprocess.Popen(
+        [APPLR, "demo", *arguments, page], env=dict(os.environ, TMPDIR=str(tmp_path)), **pipes
+    )
 
 
 def test_demo_reaches_the_goal(tmp_path):
@@ -118,7 +141,9 @@ def test_demo_reaches_the_goal(tmp_path):
         assert re.search(words, out), out
     assert "m to the finish line at y = 10 m" in out
     page = (tmp_path / "drive.html").read_text(encoding="utf-8")
-    drawn = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page).group(1))
+    drawn = json.loads(
+        re.search(r'<script type="application/json" id="data">(.*?)</script>', page).group(1)
+    )
     ((drive,),) = (world["drives"] for world in drawn["worlds"])
     assert len(drive["p"]) == pytest.approx(result["time_s"] / 0.2, abs=2)
     assert np.cumsum(drive["p"], axis=0)[-1][1] >= 1000  # the finish line [cm]
@@ -127,7 +152,9 @@ def test_demo_reaches_the_goal(tmp_path):
     assert result["page"] == str(tmp_path / "drive.html")
 
 
-@pytest.mark.parametrize(("goal", "sent"), [("auto", (-19.7, 0.0, math.pi)), ("25 0 0", (25.0, 0.0, 0.0))])
+@pytest.mark.parametrize(
+    ("goal", "sent"), [("auto", (-19.7, 0.0, math.pi)), ("25 0 0", (25.0, 0.0, 0.0))]
+)
 def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
     """A course's goal 20 m away, outside the map, is moved onto the map. A goal given by the user is sent unchanged."""
     course = worlds.Course((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi), None, 1.0, np.empty((0, 2)))
@@ -143,7 +170,13 @@ def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
         (0.5, 99.0, "auto", "timed out", 2.0),
         (0.5, 1.0, "auto", "move_base gave up: no way", 1.0),
         (8.0, 99.0, "auto", "goal reached", 0.9),
-        (0.5, 1.0, "0.6 0.5 0", "goal reached", 1.0),  # the planner reports success 0.6 m from the goal
+        (
+            0.5,
+            1.0,
+            "0.6 0.5 0",
+            "goal reached",
+            1.0,
+        ),  # the planner reports success 0.6 m from the goal
         (0.5, 1.0, "1.2 0.5 0", "move_base gave up: no way", 1.0),  # .86 m from the goal
     ],
 )

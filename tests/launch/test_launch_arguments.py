@@ -38,7 +38,11 @@ def each_command_once():
         """Return the value of a parameter. `given` is (verbose, name, type, value, textfile, binfile, command)."""
         if given[-1] is None:
             return whole(self, *given)
-        return kept[given[-1]] if given[-1] in kept else kept.setdefault(given[-1], whole(self, *given))
+        return (
+            kept[given[-1]]
+            if given[-1] in kept
+            else kept.setdefault(given[-1], whole(self, *given))
+        )
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(roslaunch.loader.Loader, "param_value", param_value)
@@ -48,7 +52,9 @@ def each_command_once():
 def loaded(file, *words):
     """Load a launch file with roslaunch, without starting it."""
     config = roslaunch.config.ROSLaunchConfig()
-    roslaunch.xmlloader.XmlLoader().load(os.path.join(LAUNCH, file), config, argv=list(words), verbose=False)
+    roslaunch.xmlloader.XmlLoader().load(
+        os.path.join(LAUNCH, file), config, argv=list(words), verbose=False
+    )
     return SimpleNamespace(
         config=config,
         cleared=[entry.rstrip("/") + "/" for entry in config.clear_params],
@@ -62,20 +68,31 @@ def test_parameter_files_are_the_jackals():
     given = loaded("jackal_applr.launch").parameters
     given = {name[11:]: value for name, value in given.items() if name.startswith("/move_base/")}
     common = {"robot": "jackal", "map": False, "tf_prefix": "none"}
-    more = {"TrajectoryPlannerROS/meter_scoring": False, "applr/max_speed": 0.0, "applr/movers": True}
+    more = {
+        "TrajectoryPlannerROS/meter_scoring": False,
+        "applr/max_speed": 0.0,
+        "applr/movers": True,
+    }
     assert given == {**common, **more}
-    tree, robot = with_robot(dict(common, TrajectoryPlannerROS={"meter_scoring": False}, applr={"max_speed": 0.0}))
+    tree, robot = with_robot(
+        dict(common, TrajectoryPlannerROS={"meter_scoring": False}, applr={"max_speed": 0.0})
+    )
     assert robot.name == "jackal"
     assert check(tree) == []
     del tree["applr"]  # the C++ move_base has no such parameters
-    assert complete(tree) == complete(dict(robot.parameters(), TrajectoryPlannerROS=tree["TrajectoryPlannerROS"]))
+    assert complete(tree) == complete(
+        dict(robot.parameters(), TrajectoryPlannerROS=tree["TrajectoryPlannerROS"])
+    )
 
 
 @pytest.mark.parametrize(
     ("words", "nodes"),
     [
         (("sim:=false", "monitor:=false", "movers:=false"), {"move_base", "applr"}),
-        (("sim:=false", "move_base:=cpp", "goal:=4 0 0"), {"collision_monitor", "movers", "applr", "send_goal"}),
+        (
+            ("sim:=false", "move_base:=cpp", "goal:=4 0 0"),
+            {"collision_monitor", "movers", "applr", "send_goal"},
+        ),
         (
             ("record:=/tmp/a.bag", "rviz:=true", "goal:=none"),
             {"sim_bridge", "move_base", "collision_monitor", "movers", "applr", "record", "rviz"},
@@ -87,14 +104,22 @@ def test_arguments_select_the_nodes_that_start(words, nodes):
 
 
 def test_names_clock_and_cap_reach_the_nodes():
-    words = "sim:=false", "use_sim_time:=true", "scan_topic:=/lidar/scan", "tf_prefix:=robot1", "max_speed:=0.3"
+    words = (
+        "sim:=false",
+        "use_sim_time:=true",
+        "scan_topic:=/lidar/scan",
+        "tf_prefix:=robot1",
+        "max_speed:=0.3",
+    )
     launched = loaded("jackal_applr.launch", *words)
     values = launched.parameters
     assert values["/use_sim_time"] is True
     assert values["/applr/max_speed"] == values["/move_base/applr/max_speed"] == 0.3
     assert values["/collision_monitor/tf_prefix"] == values["/move_base/tf_prefix"] == "robot1"
     assert all(["front/scan", "/lidar/scan"] in node.remap_args for node in launched.config.nodes)
-    assert "/use_sim_time" not in loaded("jackal_applr.launch", "sim:=false").parameters  # Gazebo sets it
+    assert (
+        "/use_sim_time" not in loaded("jackal_applr.launch", "sim:=false").parameters
+    )  # Gazebo sets it
     assert loaded("jackal_applr.launch").parameters["/use_sim_time"] is True
 
 
@@ -102,10 +127,20 @@ def test_names_clock_and_cap_reach_the_nodes():
 def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
     robot, bag = str(tmp_path / "my robot"), str(tmp_path / "a drive.bag")
     shutil.copytree(JACKAL, robot)
-    launched = loaded("jackal_applr.launch", "robot:=" + robot, "record:=" + bag, "rviz:=true", "world:=/a b.world")
+    launched = loaded(
+        "jackal_applr.launch",
+        "robot:=" + robot,
+        "record:=" + bag,
+        "rviz:=true",
+        "world:=/a b.world",
+    )
     for node in ("sim_bridge", "move_base", "collision_monitor", "movers", "applr", "send_goal"):
         assert launched.parameters["/%s/robot" % node] == robot
-    assert launched.parameters["/sim_bridge/world"] == launched.parameters["/send_goal/world"] == "/a b.world"
+    assert (
+        launched.parameters["/sim_bridge/world"]
+        == launched.parameters["/send_goal/world"]
+        == "/a b.world"
+    )
     assert launched.words["record"][2:4] == ["-O", bag]
     assert launched.words["rviz"][1].endswith("/applr_ros1/applr_ros1/rviz/applr.rviz")
     launched = loaded("replay.launch", "bag:=" + bag, "robot:=" + robot)
@@ -114,7 +149,10 @@ def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
 
 def test_method_and_meter_scoring_reach_their_nodes():
     launched = loaded("jackal_applr.launch", "method:=/a.safetensors", "seed:=3").parameters
-    assert (launched["/applr/method"], launched["/applr/meter_scoring"]) == ("/a.safetensors", "auto")
+    assert (launched["/applr/method"], launched["/applr/meter_scoring"]) == (
+        "/a.safetensors",
+        "auto",
+    )
     assert launched["/move_base/TrajectoryPlannerROS/meter_scoring"] is False
     assert launched["/applr/seed"] == launched["/sim_bridge/seed"] == 3
     launched = loaded("jackal_applr.launch", "method:=/own.py:Own", "meter_scoring:=true")
@@ -147,7 +185,9 @@ def test_launch_files_clear_the_parameters_of_an_earlier_launch():
         launched = loaded(name, *words)
         ours = [entry for entry in launched.parameters if re.match(r"/(?!roslaunch)\w+/", entry)]
         assert ours
-        assert [entry for entry in ours if not entry.startswith(tuple(launched.cleared))] == [], name
+        assert [entry for entry in ours if not entry.startswith(tuple(launched.cleared))] == [], (
+            name
+        )
         if name.startswith("barn"):  # Parameters outside of nodes are set after the clearing.
             assert launched.parameters["/move_base/global_costmap/width"] == 60
 
@@ -156,17 +196,27 @@ def test_launch_files_clear_the_parameters_of_an_earlier_launch():
 @pytest.mark.parametrize(
     ("command", "words", "line"),
     [
-        (demo, ["wrold:=generated:7"], "wrold:=generated:7 is not an argument: give ARG:=VALUE with one of robot, m"),
+        (
+            demo,
+            ["wrold:=generated:7"],
+            "wrold:=generated:7 is not an argument: give ARG:=VALUE with one of robot, m",
+        ),
         (demo, ["world:=generated:300"], "generated:300"),
         (demo, ["method:=faster"], "method 'faster' is unknown"),
         (demo, ["goal:=1 2"], "goal is 1 2: give three numbers 'x y yaw'"),
         (demo, ["goal:=none"], "the demo needs sim:=true"),
         (demo, ["limit:=long"], "limit is 'long': give a number from 1 to 3600"),
-        (demo, ["page:=/no/such/folder/a.html"], "give a .html file in a folder that can be written"),
+        (
+            demo,
+            ["page:=/no/such/folder/a.html"],
+            "give a .html file in a folder that can be written",
+        ),
         (play, ["robot:=foo"], "robot foo: give"),
     ],
 )
-def test_a_wrong_argument_is_one_line_before_anything_starts(command, words, line, capsys, monkeypatch):
+def test_a_wrong_argument_is_one_line_before_anything_starts(
+    command, words, line, capsys, monkeypatch
+):
     monkeypatch.setattr(command, "private_stack", lambda *_: pytest.fail("it starts"))
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr("sys.argv", ["command", *words])
@@ -179,7 +229,11 @@ def test_the_demo_passes_files_on_with_absolute_paths(tmp_path, monkeypatch):
     shutil.copy(os.path.join(ROOT, "applr_ros1", "robots", "jackal", "static.json"), "set.json")
     words = ["method:=set.json", "record:=a.bag", "goal:=1 0 0", "limit:=9"]
     _, passed, _, _ = demo.prepare(words)
-    assert passed == {"method": f"{tmp_path}/set.json", "record": f"{tmp_path}/a.bag", "goal": "none"}
+    assert passed == {
+        "method": f"{tmp_path}/set.json",
+        "record": f"{tmp_path}/a.bag",
+        "goal": "none",
+    }
 
 
 def test_files_of_a_method_get_absolute_paths(tmp_path, monkeypatch):
@@ -194,7 +248,11 @@ def test_files_of_a_method_get_absolute_paths(tmp_path, monkeypatch):
         ("json:Own", "json:Own"),
         ("package.own:Own", "package.own:Own"),
     ):
-        assert methods.absolute(spec) == methods.absolute(methods.absolute(spec)) == becomes.format(tmp_path)
+        assert (
+            methods.absolute(spec)
+            == methods.absolute(methods.absolute(spec))
+            == becomes.format(tmp_path)
+        )
 
 
 def test_the_demos_master_listens_on_loopback_only(monkeypatch):
@@ -239,8 +297,14 @@ def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
 
 
 def test_the_demo_ends_when_a_node_has_died(monkeypatch):
-    lines = ["[rviz-7] process has finished cleanly\n", "\x1b[31m[applr-5] process has died [pid 1, exit code 1, cmd\n"]
-    for printed, line in ((lines, "applr has died"), (["REQUIRED process [move_base-3] has died!\n"], "move_base has")):
+    lines = [
+        "[rviz-7] process has finished cleanly\n",
+        "\x1b[31m[applr-5] process has died [pid 1, exit code 1, cmd\n",
+    ]
+    for printed, line in (
+        (lines, "applr has died"),
+        (["REQUIRED process [move_base-3] has died!\n"], "move_base has"),
+    ):
         process = SimpleNamespace(stderr=printed, poll=lambda: None)
         monkeypatch.setattr(launcher.subprocess, "Popen", lambda *_, process=process, **__: process)
         stack = launcher.Stack({}, 11311, "/tmp")
@@ -249,15 +313,32 @@ def test_the_demo_ends_when_a_node_has_died(monkeypatch):
 
 def test_poses_and_switches_are_read_as_launch_files_write_them():
     assert arguments.pose("goal", "-3.0,1.2, 1.57") == (-3.0, 1.2, 1.57)
-    assert [arguments.boolean("map", text) for text in ("true", "False", "1", "0")] == [True, False, True, False]
-    for read, text in ((arguments.pose, "1 nan 0"), (arguments.pose, ""), (arguments.boolean, "perhaps")):
+    assert [arguments.boolean("map", text) for text in ("true", "False", "1", "0")] == [
+        True,
+        False,
+        True,
+        False,
+    ]
+    for read, text in (
+        (arguments.pose, "1 nan 0"),
+        (arguments.pose, ""),
+        (arguments.boolean, "perhaps"),
+    ):
         with pytest.raises(ApplrError, match=r"^a is (1 nan 0|empty|perhaps): give"):
             read("a", text)
-    assert [arguments.frame_prefix(text) for text in ("", "none", "robot1", "/robot1/")] == ["", "", *["robot1/"] * 2]
+    assert [arguments.frame_prefix(text) for text in ("", "none", "robot1", "/robot1/")] == [
+        "",
+        "",
+        *["robot1/"] * 2,
+    ]
 
 
 def test_no_goal_is_sent_if_the_goal_is_none(monkeypatch):
-    monkeypatch.setattr(send_goal.actionlib, "SimpleActionClient", lambda *_: pytest.fail("a goal is sent"))
+    monkeypatch.setattr(
+        send_goal.actionlib, "SimpleActionClient", lambda *_: pytest.fail("a goal is sent")
+    )
     monkeypatch.setattr(send_goal, "init_node", lambda name: None)
-    monkeypatch.setattr(send_goal.rospy, "get_param", lambda name, default: "none" if name == "~goal" else default)
+    monkeypatch.setattr(
+        send_goal.rospy, "get_param", lambda name, default: "none" if name == "~goal" else default
+    )
     send_goal.main()

@@ -26,7 +26,9 @@ class Clone:
             shutil.copy2(ROOT / name, folder / name)
         package = ("applr_ros1/cfg", "applr_ros1/planner", "applr_ros1/scripts")
         for name in ("requirements", "msg", "srv", "compat", *package):
-            shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(
+                ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__")
+            )
 
     def start(self, *words, stand_ins=(), before=(), stderr=subprocess.PIPE, **environment):
         for name, body in dict(stand_ins).items():
@@ -35,7 +37,10 @@ class Clone:
         environment = dict(os.environ, PATH="%s:/usr/bin:/bin" % self.programs, **environment)
         pipes = {"stdout": subprocess.PIPE, "stderr": stderr, "text": True}
         return subprocess.Popen(
-            [*before, self.folder / "applr", *words], env=environment, start_new_session=True, **pipes
+            [*before, self.folder / "applr", *words],
+            env=environment,
+            start_new_session=True,
+            **pipes,
         )
 
     def __call__(self, *words, **options):
@@ -51,8 +56,12 @@ class Clone:
 
     def quick(self, *words, **environment):
         """Run ./applr with a set-up that takes no time."""
-        stand_ins = {} if environment.get("before") else QUICK  # `before` makes the clone read-only.
-        return self(*words, stand_ins=stand_ins, APPLR_PYTHON=str(self.programs / "python"), **environment)
+        stand_ins = (
+            {} if environment.get("before") else QUICK
+        )  # `before` makes the clone read-only.
+        return self(
+            *words, stand_ins=stand_ins, APPLR_PYTHON=str(self.programs / "python"), **environment
+        )
 
 
 @pytest.fixture
@@ -92,7 +101,9 @@ def test_a_path_in_which_catkin_cannot_build_is_refused_at_once(clone, tmp_path,
     (tmp_path / name).mkdir()
     shutil.move(tmp_path / "applr", tmp_path / name / "applr")
     os.symlink(tmp_path / name / "applr", tmp_path / "applr")
-    assert "this clone lies in %s: catkin" % (tmp_path / name) in clone.refusal("setup", stand_ins=QUICK)
+    assert "this clone lies in %s: catkin" % (tmp_path / name) in clone.refusal(
+        "setup", stand_ins=QUICK
+    )
     assert os.listdir(tmp_path / name) == ["applr"]
 
 
@@ -138,27 +149,38 @@ def test_a_read_only_clone_with_a_complete_set_up_is_used(clone, tmp_path):
 
 def test_a_stopped_set_up_continues_the_next_time(clone, tmp_path):
     # Short sleeps: an interrupt just before a sleep reaches only the shell, which ends after the sleep.
-    waiting = {"PIP_STAND_IN": "while sleep .1; do :; done", "APPLR_PYTHON": str(clone.programs / "python")}
+    waiting = {
+        "PIP_STAND_IN": "while sleep .1; do :; done",
+        "APPLR_PYTHON": str(clone.programs / "python"),
+    }
     stopped = clone.start("exec", "true", stand_ins=QUICK, **waiting)
     log = tmp_path / ".applr" / "setup.log"
     wait_for(lambda: log.exists() and "pip sees" in log.read_text(), "pip")
     os.killpg(stopped.pid, signal.SIGINT)  # as Ctrl-C in a terminal
     _, err = stopped.communicate(timeout=HANGS)
-    assert (stopped.returncode, err.splitlines()[1:]) == (130, ["applr: stopped; the same command continues from here"])
+    assert (stopped.returncode, err.splitlines()[1:]) == (
+        130,
+        ["applr: stopped; the same command continues from here"],
+    )
     assert clone.quick("exec", "true") == (0, [VENV, WORKSPACE])
 
 
 def test_exec_starts_programs_and_has_no_options(clone):
     assert clone.quick("exec", "--", "echo", "-c")[0] == 0
     assert clone.stdout == "-c\n"
-    for word in ("-c", "usage"):  # not an option of the shell's exec, and not a function of the script
+    for word in (
+        "-c",
+        "usage",
+    ):  # not an option of the shell's exec, and not a function of the script
         line = "applr: exec %s: there is no such program, or it is not executable" % word
         assert clone.quick("exec", word) == (127, [line])
 
 
 def test_without_root_the_missing_packages_are_named(clone, tmp_path):
     stand_ins = dict(NOTHING, id="echo 1000", sudo="exit 1")
-    assert re.search("apt-get install.* (python3|ros-noetic)-rospy", clone.refusal("setup", stand_ins=stand_ins))
+    assert re.search(
+        "apt-get install.* (python3|ros-noetic)-rospy", clone.refusal("setup", stand_ins=stand_ins)
+    )
     script = tmp_path / "applr"  # Now python3 itself is missing, too.
     script.write_text(script.read_text().replace("/usr/bin/python3", str(tmp_path / "python3")))
     line = clone.refusal("setup", stand_ins=stand_ins)
@@ -189,15 +211,25 @@ def test_missing_or_changed_kernels_are_compiled_before_a_drive(clone, tmp_path)
 
     assert [compiles("exec", "true"), compiles("setup"), compiles("setup")] == [False, True, False]
     shutil.rmtree(machine_code)
-    assert [compiles(word) for word in ("demo", "demo", "play", "tune")] == [True, False, False, False]
+    assert [compiles(word) for word in ("demo", "demo", "play", "tune")] == [
+        True,
+        False,
+        False,
+        False,
+    ]
     (tmp_path / "sim_bridge" / "wheels.py").write_text("A = 2")
     assert [compiles("tune"), compiles("tune")] == [True, False]
     assert compiles("setup", XDG_CACHE_HOME=str(tmp_path))  # another folder
 
 
 def test_an_old_and_a_missing_python_are_refused(clone):
-    for python, words in ((str(clone.programs / "old-python"), "3.7: 3.8 or later"), ("/no/such", "no /no/such")):
-        assert words in clone.refusal("setup", stand_ins={"old-python": "echo 3.7"}, APPLR_PYTHON=python)
+    for python, words in (
+        (str(clone.programs / "old-python"), "3.7: 3.8 or later"),
+        ("/no/such", "no /no/such"),
+    ):
+        assert words in clone.refusal(
+            "setup", stand_ins={"old-python": "echo 3.7"}, APPLR_PYTHON=python
+        )
 
 
 @pytest.mark.parametrize("root", [True, False])
@@ -217,7 +249,9 @@ def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, root):
     assert ("as root" in done) is not root
     installed = [line for line in done if line.startswith("install")]
     assert installed[0].split()[-1] == "python3"
-    assert "python3-rospy" in installed[1] or "ros-noetic-rospy" in installed[1]  # the next packages
+    assert (
+        "python3-rospy" in installed[1] or "ros-noetic-rospy" in installed[1]
+    )  # the next packages
     assert code == 1
     assert lines[-1].startswith("applr: apt-get could not install")
 

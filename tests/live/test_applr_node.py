@@ -60,7 +60,10 @@ def stack(robot, tmp_path):
     def start(method="applr", policy="", fake=(), weights=None, ready=True, **parameters):
         move_base = start_fake(*fake) if fake is not None else None
         if method == "applr":
-            save(tmp_path / "actor.safetensors", make_weights(hidden=(16,)) if weights is None else weights)
+            save(
+                tmp_path / "actor.safetensors",
+                make_weights(hidden=(16,)) if weights is None else weights,
+            )
             method = str(policy or tmp_path / "actor.safetensors")
         parameters = dict({"method": method, "period": PERIOD}, **parameters)
         node = ros.node("applr", *[f"_{k}:={v}" for k, v in parameters.items()], constants=HURRIED)
@@ -80,7 +83,9 @@ def stack(robot, tmp_path):
         client.close()
     for child in reversed(started):
         child.kill()
-    rosnode.cleanup_master_blacklist(rosgraph.Master("/test"), ["/move_base"])  # Killed nodes are still registered.
+    rosnode.cleanup_master_blacklist(
+        rosgraph.Master("/test"), ["/move_base"]
+    )  # Killed nodes are still registered.
     for name in ("/fake", "/use_sim_time"):
         if rospy.has_param(name):
             rospy.delete_param(name)
@@ -115,7 +120,9 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     robot.goal = "one"
     node.until(lambda: len(robot.decisions) >= 5 and as_set(robot, client))
     assert robot.decisions[0]["theta_prev"] == SPACE.as_dict(THETA_0)
-    wait_for(lambda: begins_with_the_last_set(robot), "a decision that begins with the set in force")
+    wait_for(
+        lambda: begins_with_the_last_set(robot), "a decision that begins with the set in force"
+    )
     periods = np.diff([float(decision["stamp"]) for decision in robot.decisions[:5]]) / 1e9 / PERIOD
     assert periods.sum() > 3.0
     assert periods.min() < 1.25  # Other decisions may be late on a busy machine.
@@ -125,7 +132,8 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     assert planner["min_vel_theta"] == -planner["max_vel_theta"]
     inflaters = [server for role, server in client._servers.items() if "inflater" in role]
     wait_for(
-        lambda: {s.values["inflation_radius"] for s in inflaters} == {client.theta()[7]} != {0.3}, "both costmaps'"
+        lambda: {s.values["inflation_radius"] for s in inflaters} == {client.theta()[7]} != {0.3},
+        "both costmaps'",
     )
     wait_for(lambda: len(robot.beats) >= 4, "heartbeats")
     wait_for(lambda: robot.count("applied") >= 5 and robot.values["goal"] == "one", "diagnostics")
@@ -168,7 +176,10 @@ def test_fault_1_outputs_that_are_not_finite_are_refused_and_counted(robot, stac
     node, _, client = stack(weights=weights, period=0.6)
     reports(robot, "idle: no goal")
     wait_for(lambda: robot.count("applied"), "theta_0, set once the servers are connected")
-    wait_for(lambda: not client.apply(SPACE.from_dict({"max_vel_x": 0.7})), "a value set by another client")
+    wait_for(
+        lambda: not client.apply(SPACE.from_dict({"max_vel_x": 0.7})),
+        "a value set by another client",
+    )
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2, "decisions")
     assert robot.decisions[1]["theta_prev"]["max_vel_x"] == 0.7
@@ -193,7 +204,10 @@ def test_fault_9_an_unusable_policy_leaves_theta_0(robot, stack, tmp_path):
     assert len(errors) == 1
     assert str(path) in errors[0]
     assert "default parameters" in errors[0]
-    wait_for(lambda: robot.values.get("level") == 2 and str(path) in robot.values["message"], "diagnostics")
+    wait_for(
+        lambda: robot.values.get("level") == 2 and str(path) in robot.values["message"],
+        "diagnostics",
+    )
 
 
 @pytest.mark.fault("11")
@@ -201,7 +215,10 @@ def test_fault_11_invalid_scans(robot, stack):
     node, _, client = stack()
     good = robot.ranges
     robot.goal = "one"
-    for odd in (np.full(720, np.inf, np.float32), np.where(np.arange(720) % 2, good, np.nan).astype(np.float32)):
+    for odd in (
+        np.full(720, np.inf, np.float32),
+        np.where(np.arange(720) % 2, good, np.nan).astype(np.float32),
+    ):
         robot.ranges, count = odd, len(robot.decisions)
         wait_for(lambda count=count: len(robot.decisions) >= count + 2, "decisions")
         assert np.all(np.isfinite(observed(robot.messages[-1])))
@@ -222,7 +239,10 @@ def test_fault_11_invalid_scans(robot, stack):
 def test_dwa_sets_no_parameters_while_driving(robot, stack):
     _, _, client = stack("dwa")
     wait_for(lambda: robot.count("applied"), "theta_0, set once the servers are connected")
-    wait_for(lambda: not client.apply(SPACE.from_dict({"max_vel_x": 0.9})), "a value set by another client")
+    wait_for(
+        lambda: not client.apply(SPACE.from_dict({"max_vel_x": 0.9})),
+        "a value set by another client",
+    )
     robot.goal = "one"
     wait_for(lambda: "no cost_cloud" in robot.values["meter_scoring"], "the search to end")
     count = len(robot.decisions)
@@ -289,7 +309,9 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stac
     two_periods(robot)  # An earlier request may still be under way.
     kept, count = client.theta(), len(robot.decisions)
     by_hand(max_vel_x=9.0, vx_samples=6.4)
-    wait_for(lambda: client.theta()[[0, 2]].tolist() == [1.6, 6.0], "the capped and the rounded value")
+    wait_for(
+        lambda: client.theta()[[0, 2]].tolist() == [1.6, 6.0], "the capped and the rounded value"
+    )
     two_periods(robot)
     assert np.array_equal(np.delete(client.theta(), [0, 2]), np.delete(kept, [0, 2]))
     assert len(robot.decisions) == count
@@ -316,7 +338,9 @@ def test_method_and_file_change_while_driving(robot, stack, tmp_path):
         assert not answer.success
         assert words in answer.message
         assert "\n" not in answer.message
-    assert not (tmp_path / "it_ran").exists()  # Anybody can call the service, so it must not import code.
+    assert not (
+        tmp_path / "it_ran"
+    ).exists()  # Anybody can call the service, so it must not import code.
     two_periods(robot)
     assert client.theta()[0] == 1.5
     count = len(robot.decisions)
@@ -330,7 +354,9 @@ def test_max_speed_caps_the_parameter_set(robot, stack, tmp_path):
     node, _, client = stack(str(tmp_path / "set.json"), max_speed=0.3)
     wait_for(lambda: client.theta()[:2].tolist() == [0.3, 3.0], "the capped set")
     assert node.end() == 0
-    wait_for(lambda: client.theta()[:2].tolist() == [0.3, THETA_0[1]], "theta_0 with a capped speed")
+    wait_for(
+        lambda: client.theta()[:2].tolist() == [0.3, THETA_0[1]], "theta_0 with a capped speed"
+    )
 
 
 @pytest.mark.fault("14c")
@@ -355,7 +381,9 @@ def test_rare_decisions_come_with_heartbeats_that_move_base_waits_for(robot, sta
 
 def test_a_late_move_base_leaves_no_warning(robot, stack):
     node, _, _ = stack("dwa", fake=None, ready=False)
-    wait_for(lambda: robot.values.get("level") == 2 and "parameter" in robot.values["message"], "trouble")
+    wait_for(
+        lambda: robot.values.get("level") == 2 and "parameter" in robot.values["message"], "trouble"
+    )
     stack.fake()
     reports(robot, "idle: no goal")
     assert robot.values["level"] == 0
@@ -367,26 +395,37 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
     node, _, client = stack(period=0.3)
     robot.goal = "one"
     wait_for(lambda: as_set(robot, client), "decisions")
-    wait_for(lambda: "no cost_cloud on" in robot.values["meter_scoring"], "the report of an unknown unit")
+    wait_for(
+        lambda: "no cost_cloud on" in robot.values["meter_scoring"], "the report of an unknown unit"
+    )
     rows = np.random.default_rng(0).integers(0, 99, (400, 7)).astype(np.float64)
     rows[:, 0] = 0.05 * rows[:, 0]
 
     def detected():
         """Publish a cost cloud with the current parameters, and return whether the node has detected the unit."""
         rows[:, 6] = rows[:, 3:6] @ (client.values()[[5, 6, 4]] * [0.05, 0.05, 1.0])
-        publisher.publish(conversions.cloud(rows, conversions.COST_FIELDS, "odom", rospy.Time.now()))
+        publisher.publish(
+            conversions.cloud(rows, conversions.COST_FIELDS, "odom", rospy.Time.now())
+        )
         time.sleep(0.1)
         return "pdist_scale x 2.5" in robot.values["meter_scoring"]
 
     wait_for(detected, "the factors in diagnostics")
-    factors = [{"pdist_scale": 2.5, "gdist_scale": 2.5, "occdist_scale": 0.125}.get(n, 1.0) for n in SPACE.names]
+    factors = [
+        {"pdist_scale": 2.5, "gdist_scale": 2.5, "occdist_scale": 0.125}.get(n, 1.0)
+        for n in SPACE.names
+    ]
 
     def rescaled():
-        return np.allclose(client.values(), np.array(factors) * list(robot.decisions[-1]["theta"].values()))
+        return np.allclose(
+            client.values(), np.array(factors) * list(robot.decisions[-1]["theta"].values())
+        )
 
     count = len(robot.decisions)
     wait_for(lambda: len(robot.decisions) > count + 1 and rescaled(), "rescaled sets")
-    wait_for(lambda: begins_with_the_last_set(robot), "a decision that begins with the set in force")
+    wait_for(
+        lambda: begins_with_the_last_set(robot), "a decision that begins with the set in force"
+    )
     wait_for(lambda: not publisher.get_num_connections(), "the end of the subscription")
     assert node.text.count("count per metre") == 1
     robot.goal = None
@@ -396,7 +435,9 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
 
 
 # -- other robots and user-defined methods ----------------------------------------------------------------------------
-def test_another_robots_restarted_servers_get_the_set_again_and_the_defaults_at_the_end(robot, stack):
+def test_another_robots_restarted_servers_get_the_set_again_and_the_defaults_at_the_end(
+    robot, stack
+):
     husky = load("husky")
     space = space_of(husky)
     node, fake, _ = stack("static", fake=("--robot", "husky"), ready=False, robot="husky")
@@ -423,8 +464,13 @@ def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robo
     node.until("does not answer")
     assert node.end() == 0, node.text
     default = SPACE.settings(THETA_0)
-    others = [(name, server) for name, server in client._servers.items() if server.name != LAYERS[0]]
-    wait_for(lambda: all(each.has(each.request(default[name])) for name, each in others), "theta_0 of the others")
+    others = [
+        (name, server) for name, server in client._servers.items() if server.name != LAYERS[0]
+    ]
+    wait_for(
+        lambda: all(each.has(each.request(default[name])) for name, each in others),
+        "theta_0 of the others",
+    )
     rospy.delete_param("/fake/hang")
 
 
@@ -439,7 +485,9 @@ def test_a_user_defined_method_gets_the_same_context_as_in_evaluation(robot, sta
     node, _, _ = stack("%s:Printer" % (tmp_path / "printer.py"))
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2, "decisions")
-    end = robot.path[-1]  # The node started after the goal was published, and uses the plan's end instead.
+    end = robot.path[
+        -1
+    ]  # The node started after the goal was published, and uses the plan's end instead.
     tracked = rospy.Publisher("/applr/tracked", Movers, queue_size=1)
 
     def observed_with(*movers):

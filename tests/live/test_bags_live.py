@@ -26,7 +26,11 @@ def test_a_recorded_drive_gives_transitions(tmp_path):
     rospy.set_param("/move_base", JACKAL)
     robot = "_world:=" + WORLD, "_simulator:=kinematic"
     command = "roslaunch", "--args", "record", "applr_ros1", "jackal_applr.launch", f"record:={bag}"
-    nodes = [ros.spawn(*shlex.split(subprocess.run(command, capture_output=True, text=True, check=True).stdout))]
+    nodes = [
+        ros.spawn(
+            *shlex.split(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+        )
+    ]
     nodes.append(ros.node("move_base", "odom:=odometry/filtered"))
     nodes.append(ros.node("sim_bridge", *robot))
     nodes.append(ros.node("applr", "_method:=random", "_seed:=3"))

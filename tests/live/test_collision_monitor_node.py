@@ -36,7 +36,9 @@ def stack():
     child = start()
     commands = rospy.Publisher("/cmd_vel_in", Twist, queue_size=1)
     actions = []
-    subscriber = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
+    subscriber = rospy.Subscriber(
+        "/collision_monitor/action", String, lambda m: actions.append(m.data)
+    )
     child.until(lambda: commands.get_num_connections())
     yield jackal, commands, actions
     monitors[-1].end()
@@ -55,22 +57,34 @@ def send(stack, v):
 def drive(stack, v):
     """Drive from a start far before the wall until the base has exactly the speed v [m/s]."""
     jackal, _, _ = stack
-    wait_for(lambda: send(stack, v) == v == jackal.robot.twist[0] or jackal.put((0.0, 0.0, 0.0)), "the speed")
+    wait_for(
+        lambda: send(stack, v) == v == jackal.robot.twist[0] or jackal.put((0.0, 0.0, 0.0)),
+        "the speed",
+    )
 
 
 def test_drives_to_the_wall_and_stops_before_it(stack):
     jackal, _, actions = stack
-    wait_for(lambda: jackal.commands, "a stop before the first command, in case an earlier monitor died")
+    wait_for(
+        lambda: jackal.commands, "a stop before the first command, in case an earlier monitor died"
+    )
     assert {command[1:] for command in jackal.commands} == {(0.0, 0.0)}
     _, subscribed, _ = rosgraph.Master("/test").getSystemState()
     assert "/move_base/status" not in dict(subscribed), "no escape motions unless ~escape is set"
     drive(stack, 1.0)
     wall = 1.5 - 0.075 - 0.229
     wait_for(lambda: send(stack, 1.0) == 0.0 and jackal.robot.pose[0] > wall - 0.15, "the wall")
-    wait_for(lambda: send(stack, 1.0) == 0.0 and actions[-1].startswith("stop: an obstacle"), "the reason of the stop")
+    wait_for(
+        lambda: send(stack, 1.0) == 0.0 and actions[-1].startswith("stop: an obstacle"),
+        "the reason of the stop",
+    )
     blocked = []
-    subscriber = rospy.Subscriber("/collision_monitor/held_back", Bool, lambda m: blocked.append(m.data))
-    wait_for(lambda: send(stack, 1.0) == 0.0 and blocked.count(True) > 3, "a message with each command")
+    subscriber = rospy.Subscriber(
+        "/collision_monitor/held_back", Bool, lambda m: blocked.append(m.data)
+    )
+    wait_for(
+        lambda: send(stack, 1.0) == 0.0 and blocked.count(True) > 3, "a message with each command"
+    )
     subscriber.unregister()
     assert jackal.robot.pose[0] < wall
 
@@ -85,7 +99,9 @@ def test_a_silent_planner_stops_the_base_until_it_commands_again(stack, measured
     last = max(at for at, v, _ in jackal.commands if v == 0.5)
     took = min(at for at, v, _ in jackal.commands if v == 0.0 and at > last) - last
     measured("zero after", took, "s")
-    assert took < 0.15 + 0.05 + 0.5 / 1.9 + kept.waiting(), "silence is noticed, and the base braked from .5 m/s"
+    assert took < 0.15 + 0.05 + 0.5 / 1.9 + kept.waiting(), (
+        "silence is noticed, and the base braked from .5 m/s"
+    )
     wait_for(lambda: actions[-1].startswith("stop: no command for 0.1"), "why")
     count = len(jackal.commands)
     wait_for(lambda: len(jackal.commands) > count + 3, "more zeros")
@@ -118,8 +134,12 @@ def test_a_killed_or_frozen_monitor_stops_the_base_and_exits_for_a_restart(stack
 def test_a_guard_begins_with_a_zero_before_any_node_lives():
     """An earlier guard may have died together with its node, and the base may have no command time-out."""
     ros, commands = session(), []
-    subscriber = rospy.Subscriber("/orphan/cmd_vel", Twist, lambda m: commands.append((m.linear.x, m.angular.z)))
-    child = ros.node("collision_monitor", "cmd_vel:=orphan/cmd_vel", "__name:=orphan", "_robot:=/nowhere")
+    subscriber = rospy.Subscriber(
+        "/orphan/cmd_vel", Twist, lambda m: commands.append((m.linear.x, m.angular.z))
+    )
+    child = ros.node(
+        "collision_monitor", "cmd_vel:=orphan/cmd_vel", "__name:=orphan", "_robot:=/nowhere"
+    )
     wait_for(lambda: not child.alive(), "the end, because the robot does not exist")
     assert commands == [(0.0, 0.0)]
     assert child.process.poll() == 1, child.text
@@ -142,7 +162,9 @@ def test_diagnostics_have_the_ages_of_the_inputs(stack):
         send(stack, 0.0)  # The monitor looks up the pose only for a command.
         for report in reports:
             values = {pair.key: pair.value for pair in report.status[0].values}
-            scan, pose, twist = (float(values[f"{name}_age_s"]) for name in ("scan", "pose", "twist"))
+            scan, pose, twist = (
+                float(values[f"{name}_age_s"]) for name in ("scan", "pose", "twist")
+            )
             if scan > 1.0 and max(pose, twist) < 0.5:
                 return scan
         return None
@@ -161,9 +183,13 @@ def test_a_silent_second_laser_stops_the_base_until_its_scans_arrive(stack):
     """The second laser repeats the fake Jackal's scans on another topic."""
     stack[0].put((0.0, 0.0, 0.0))  # If it jumped later, an equal scan would count as frozen.
     names = "__name:=monitor_of_two", "cmd_vel_in:=two_in", "cmd_vel:=two_out"
-    child = session().node("applr_ros1.nodes.monitor.node", *INPUTS, "_more_scans:=[rear/scan]", *names)
+    child = session().node(
+        "applr_ros1.nodes.monitor.node", *INPUTS, "_more_scans:=[rear/scan]", *names
+    )
     commands, actions = rospy.Publisher("/two_in", Twist, queue_size=1), []
-    subscriber = rospy.Subscriber("/monitor_of_two/action", String, lambda m: actions.append(m.data))
+    subscriber = rospy.Subscriber(
+        "/monitor_of_two/action", String, lambda m: actions.append(m.data)
+    )
     child.until(lambda: commands.get_num_connections())
 
     def acts(words):

@@ -45,10 +45,14 @@ def node():
 def test_topics_and_services_are_those_of_the_cpp_node(node):
     published, subscribed = rostopic.get_topic_list()
     ours = {name: kind for name, kind, nodes in published if "/move_base" in nodes}
-    assert {name: kind for name, kind in ours.items() if name.startswith(SERVER)} == SURFACE["publishes"]
+    assert {name: kind for name, kind in ours.items() if name.startswith(SERVER)} == SURFACE[
+        "publishes"
+    ]
     assert any(name == "/wheels/odom" and "/move_base" in nodes for name, _, nodes in subscribed)
     assert not any(name.startswith(OTHER) for name in ours)
-    assert not any(name.startswith(OTHER) for name in rosservice.get_service_list(node="/move_base"))
+    assert not any(
+        name.startswith(OTHER) for name in rosservice.get_service_list(node="/move_base")
+    )
     for name, kind in SURFACE["services"].items():
         assert rosservice.get_service_type(name) == kind
 
@@ -58,7 +62,9 @@ def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_cl
     master, space = ros_harness.session(), space_of(load("husky"))
     decisions, in_force = [], []
     rospy.Subscriber("/applr/decision", Decision, lambda m: decisions.append(decided(m)["theta"]))
-    rospy.Subscriber(SERVER + "/parameter_updates", Config, lambda m: in_force.append(decode_config(m)))
+    rospy.Subscriber(
+        SERVER + "/parameter_updates", Config, lambda m: in_force.append(decode_config(m))
+    )
 
     def has(theta):
         """Return whether the parameter set theta was in force at any time."""
@@ -71,7 +77,12 @@ def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_cl
         lambda: connected(master, "/move_base/NavfnROS/plan", "/applr"),
         "the connection, because the plan is published once",
     )
-    kinds = dict(global_plan=PathMessage, local_plan=PathMessage, cost_cloud=PointCloud2, trajectory_cloud=PointCloud2)
+    kinds = dict(
+        global_plan=PathMessage,
+        local_plan=PathMessage,
+        cost_cloud=PointCloud2,
+        trajectory_cloud=PointCloud2,
+    )
     seen = {topic: collect(SERVER + "/" + topic, kind)[1] for topic, kind in kinds.items()}
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     assert client.wait_for_server(rospy.Duration(ros_harness.LONGEST))
@@ -82,7 +93,9 @@ def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_cl
         assert has(space.from_dict(theta)), applr.text
     assert applr.end() == 0
     warned = [line for line in applr.text.splitlines() if "WARN" in line]
-    assert all("does not answer" in line for line in warned), applr.text  # Servers may be slow on a busy machine.
+    assert all("does not answer" in line for line in warned), (
+        applr.text
+    )  # Servers may be slow on a busy machine.
     wait_for(lambda: all(seen.values()), "plans and clouds")
     cloud = seen["trajectory_cloud"][0]
     assert [f.name for f in cloud.fields] == ["x", "y", "z", "theta", "cost"]

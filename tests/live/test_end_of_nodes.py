@@ -40,7 +40,9 @@ def test_a_node_that_is_interrupted_while_messages_come_prints_no_traceback(time
     ros = session()
     rospy.set_param("/use_sim_time", True)
     rospy.set_param("/move_base", JACKAL)
-    publishers = {topic: rospy.Publisher(topic, kind, queue_size=10) for topic, kind in SENT.items()}
+    publishers = {
+        topic: rospy.Publisher(topic, kind, queue_size=10) for topic, kind in SENT.items()
+    }
     up, over = threading.Event(), threading.Event()
 
     def send():

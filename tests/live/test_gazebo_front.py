@@ -69,9 +69,15 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
         time.sleep(0.05)
         return simulation.state().twist.linear.y
 
-    wait_for(lambda: speed(0.5) == pytest.approx(0.5, abs=0.1), "the speed along +y, the robot's heading in the world")
+    wait_for(
+        lambda: speed(0.5) == pytest.approx(0.5, abs=0.1),
+        "the speed along +y, the robot's heading in the world",
+    )
     wait_for(lambda: abs(speed(0.0)) < 0.02, "standstill")
-    before, clock = odometry().pose.pose.position, rospy.wait_for_message("/clock", Clock, LONGEST).clock
+    before, clock = (
+        odometry().pose.pose.position,
+        rospy.wait_for_message("/clock", Clock, LONGEST).clock,
+    )
     assert simulation.reset().success
     assert simulation.place() == pytest.approx(START[:2], abs=0.01)
     assert abs(simulation.state().twist.linear.y) < 0.02
@@ -83,10 +89,15 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
 
 def test_the_collision_monitor_does_not_block_a_teleported_robot(gazebo):
     """Odometry does not jump with the robot, but remembered obstacles must not block the robot at its new position."""
-    monitor = session().node("applr_ros1.nodes.monitor.node", "scan:=front/scan", "odom:=odometry/filtered")
+    monitor = session().node(
+        "applr_ros1.nodes.monitor.node", "scan:=front/scan", "odom:=odometry/filtered"
+    )
     publisher = rospy.Publisher("/cmd_vel_in", Twist, queue_size=1)
     monitor.until(lambda: publisher.get_num_connections())
-    set_state, simulation = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState), GazeboSimulation(START)
+    set_state, simulation = (
+        rospy.ServiceProxy("/gazebo/set_model_state", SetModelState),
+        GazeboSimulation(START),
+    )
 
     def send(v, w):
         publisher.publish(twist(v, w))
@@ -94,12 +105,19 @@ def test_the_collision_monitor_does_not_block_a_teleported_robot(gazebo):
         return simulation.state()
 
     actions = []
-    subscriber = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
+    subscriber = rospy.Subscriber(
+        "/collision_monitor/action", String, lambda m: actions.append(m.data)
+    )
     assert set_state(model_state(-3.7, 3.0, 0.0, math.pi)).success  # The robot faces the side wall.
     wait_for(lambda: abs(yaw_of(send(0.0, 1.0).pose.orientation)) < 0.1, "a turn by 180 degrees")
-    wait_for(lambda: send(-0.5, 0.0) and actions and "stop: an obstacle" in actions[-1], "the wall behind the robot")
+    wait_for(
+        lambda: send(-0.5, 0.0) and actions and "stop: an obstacle" in actions[-1],
+        "the wall behind the robot",
+    )
     assert simulation.reset().success
-    wait_for(lambda: send(-0.5, 0.0).twist.linear.y < -0.05, "creeping back where no scan has looked")
+    wait_for(
+        lambda: send(-0.5, 0.0).twist.linear.y < -0.05, "creeping back where no scan has looked"
+    )
     subscriber.unregister()
     publisher.unregister()
     monitor.end()
@@ -124,7 +142,9 @@ def test_time_pauses_and_resumes(gazebo):
 @pytest.fixture(scope="module")
 def move_base(gazebo):
     """Provide move_base under its name in launch files, move_base/move_base."""
-    child = session().spawn("roslaunch", str(ROOT / "compat" / "jackal_helper" / "launch" / "move_base_DWA.launch"))
+    child = session().spawn(
+        "roslaunch", str(ROOT / "compat" / "jackal_helper" / "launch" / "move_base_DWA.launch")
+    )
     child.until("ready")
     yield child
     child.end()

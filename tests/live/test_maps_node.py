@@ -68,7 +68,10 @@ def served(given):
 def test_a_goal_in_the_map_is_reached_while_localisation_drifts():
     master, tree = ros_harness.session(), copy.deepcopy(JACKAL)
     world = tree["global_costmap"]
-    world.update(global_frame="map", plugins=[{"name": "static", "type": "costmap_2d::StaticLayer"}, *world["plugins"]])
+    world.update(
+        global_frame="map",
+        plugins=[{"name": "static", "type": "costmap_2d::StaticLayer"}, *world["plugins"]],
+    )
     jackal = FakeJackal([(1.2, 1.6, 0.15)])  # a post that is not in the map
     localisation = Localisation(jackal)
     node = start(master, tree)
@@ -96,7 +99,9 @@ def test_a_goal_in_the_map_is_reached_while_localisation_drifts():
     assert [message.header.frame_id for message in shown] == ["map", "map", "odom"]
     localisation.drifts = False
 
-    client.send_goal(goal(0.0, -1.0, frame="door"))  # a metre beyond the door, along the frame's y axis
+    client.send_goal(
+        goal(0.0, -1.0, frame="door")
+    )  # a metre beyond the door, along the frame's y axis
     assert finish(client) == (SUCCEEDED, "Goal reached.")
     x, y, _ = compose(localisation.pose, jackal.robot.pose)
     assert math.hypot(x - 3.1, y - 1.5) < 0.35

@@ -29,7 +29,10 @@ def stop(speed, began, brakes):
 
 
 def test_a_late_stop_is_not_mistaken_for_weak_brakes():
-    straight, turns = [stop(0.4, 0.4, 0.8), stop(0.9, 0.1, 1.5), stop(1.8, 0.1, 2.0)], [stop(1.0, 0.1, 3.0)] * 4
+    straight, turns = (
+        [stop(0.4, 0.4, 0.8), stop(0.9, 0.1, 1.5), stop(1.8, 0.1, 2.0)],
+        [stop(1.0, 0.1, 3.0)] * 4,
+    )
     assert deceleration(straight, 0.1) < 0.4
     late = reaction(straight, turns)
     assert (late, deceleration(straight, late)) == pytest.approx((0.4, 0.8))
@@ -65,7 +68,9 @@ def test_the_dead_band_is_the_smallest_command_that_moves_the_base(band):
 def robot(tmp_path_factory):
     """Provide the simulated Jackal in an open world, with the kinematic simulator."""
     path = tmp_path_factory.mktemp("open") / "open.world"
-    course = Course((0.0, 0.0, 0.0), (10.0, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [10.0, 0.0]]))
+    course = Course(
+        (0.0, 0.0, 0.0), (10.0, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [10.0, 0.0]])
+    )
     write(World("open", np.array([(15.0, 0.0, 0.1)]), np.empty((0, 5)), course), str(path))
     ros = session()
     rospy.set_param("/use_sim_time", True)
@@ -87,14 +92,18 @@ def test_the_command_does_not_drive_without_confirmation_that_the_way_is_free(ro
 
 @pytest.mark.slow
 def test_the_printed_braking_limits_hold_for_every_run(robot):
-    status, text, waited = measure("--free", "4", "--yes", "--repeats", "1", "--odometry", "sim_bridge/ground_truth")
+    status, text, waited = measure(
+        "--free", "4", "--yes", "--repeats", "1", "--odometry", "sim_bridge/ground_truth"
+    )
     assert status == 0, text
     *_, line = text.splitlines()
     reaction, brake, turn_brake = map(
         float, re.search("reaction_time: (.*), dec.*: (.*), yaw_dec.*: (.*)}", line).groups()
     )
     assert 0.10 < reaction < 0.35 + waited
-    assert 0.3 <= brake < 7.0  # It is rounded down, and depends on the angles at which the wheels lock.
+    assert (
+        0.3 <= brake < 7.0
+    )  # It is rounded down, and depends on the angles at which the wheels lock.
     assert turn_brake > 2.0
     assert "  dead_band: [0, 0]  # in the section base\n" in text
     runs = re.findall(r"([0-9.]+) driven, .* within ([0-9.]+) m$", text, re.M)

@@ -46,7 +46,9 @@ def test_goal_is_reached_through_the_action(idle):
     assert current[0].pose.position.x == 2.0
     assert current[0].header.frame_id == "odom"
     assert len(feedback) > 20
-    wait_for(lambda: abs(feedback[-1].feedback.base_position.pose.position.x - x) < 0.1, "the latest")
+    wait_for(
+        lambda: abs(feedback[-1].feedback.base_position.pose.position.x - x) < 0.1, "the latest"
+    )
     assert plan[0].poses[-1].pose.position.x == 2.0
     assert len(plan[0].poses) > 30
     assert plan[0].poses[-1].pose.orientation.z == pytest.approx(math.sin(0.3))
@@ -90,7 +92,9 @@ def test_make_plan_and_its_refusal_while_driving(idle):
     assert plan.poses[-1].pose.position.x == 2.0
     assert len(plan.poses) > 30
     nobody = goal(0.0, frame="").target_pose
-    assert len(make(nobody, there, 0.0).plan.poses) > 30  # An empty frame means that the plan starts at the robot.
+    assert (
+        len(make(nobody, there, 0.0).plan.poses) > 30
+    )  # An empty frame means that the plan starts at the robot.
     assert make(here, goal(1.5, 0.7).target_pose, 0.0).plan.poses == []
     assert len(make(here, goal(1.5, 0.7).target_pose, 1.0).plan.poses) > 10
     assert make(here, goal(math.nan).target_pose, 1.0).plan.poses == []
@@ -120,10 +124,14 @@ def test_costmaps_footprints_and_cloud(idle):
     def whole():
         cells = np.array(world[0].data, np.int8).reshape(800, 800)
         for of in updates:
-            cells[of.y : of.y + of.height, of.x : of.x + of.width] = np.reshape(of.data, (of.height, of.width))
+            cells[of.y : of.y + of.height, of.x : of.x + of.width] = np.reshape(
+                of.data, (of.height, of.width)
+            )
         return cells
 
-    wait_for(lambda: world and local and len(updates) > 2 and outline and whole().max() == 100, "maps")
+    wait_for(
+        lambda: world and local and len(updates) > 2 and outline and whole().max() == 100, "maps"
+    )
     assert world[0].info.origin.position.x == -20.0
     assert world[0].info.resolution == pytest.approx(0.05)
     assert whole().min() == 0
@@ -132,10 +140,18 @@ def test_costmaps_footprints_and_cloud(idle):
     assert len(local[0].data) == 40000
     assert len(updates[0].data) == updates[0].width * updates[0].height
     assert len(outline[0].polygon.points) == 4
-    wait_for(lambda: max(p.x for p in outline[-1].polygon.points) == pytest.approx(0.31), "the outline at the start")
+    wait_for(
+        lambda: max(p.x for p in outline[-1].polygon.points) == pytest.approx(0.31),
+        "the outline at the start",
+    )
     idle.client.send_goal(goal(1.0))
     wait_for(lambda: cloud, "cost cloud")
-    assert [f.name for f in cloud[0].fields][3:] == ["path_cost", "goal_cost", "occ_cost", "total_cost"]
+    assert [f.name for f in cloud[0].fields][3:] == [
+        "path_cost",
+        "goal_cost",
+        "occ_cost",
+        "total_cost",
+    ]
     assert len(cloud[0].data) == cloud[0].width * cloud[0].point_step
     finish(idle.client)
     # As in C++, the node also subscribes to the topic of the footprint.
@@ -145,7 +161,10 @@ def test_costmaps_footprints_and_cloud(idle):
         corners = ((-0.21, -side), (-0.21, side), (0.21, side), (0.21, -side))
         publisher.publish(Polygon([Point32(x, y, 0.0) for x, y in corners]))
         width = pytest.approx(2.0 * (side + 0.1), abs=0.1)  # including the padding
-        wait_for(lambda width=width: np.ptp([p.y for p in outline[-1].polygon.points]) == width, "the outline")
+        wait_for(
+            lambda width=width: np.ptp([p.y for p in outline[-1].polygon.points]) == width,
+            "the outline",
+        )
     publisher.unregister()
     for s in subscribers:
         s.unregister()

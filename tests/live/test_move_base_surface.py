@@ -31,15 +31,26 @@ OWN_TOPICS = (  # topics that the C++ node does not have
 
 
 # -- surface -------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("what", "call"), [("publishes", "getPublications"), ("subscribes", "getSubscriptions")])
+@pytest.mark.parametrize(
+    ("what", "call"), [("publishes", "getPublications"), ("subscribes", "getSubscriptions")]
+)
 def test_topics_are_those_of_the_cpp_node(stack, master, what, call):
-    ours = [(topic, kind) for topic, kind in getattr(node_api(master), call)("/test")[2] if topic not in OWN_TOPICS]
+    ours = [
+        (topic, kind)
+        for topic, kind in getattr(node_api(master), call)("/test")[2]
+        if topic not in OWN_TOPICS
+    ]
     assert sorted(ours) == sorted(SURFACE[what].items())
 
 
 def test_services_are_those_of_the_cpp_node(stack):
-    ours = {name: rosservice.get_service_type(name) for name in rosservice.get_service_list(node="/move_base")}
-    assert {name: kind for name, kind in ours.items() if "logger" not in name} == SURFACE["services"]
+    ours = {
+        name: rosservice.get_service_type(name)
+        for name in rosservice.get_service_list(node="/move_base")
+    }
+    assert {name: kind for name, kind in ours.items() if "logger" not in name} == SURFACE[
+        "services"
+    ]
 
 
 def test_a_server_describes_the_cpp_parameters(stack):
@@ -52,7 +63,12 @@ def test_a_server_describes_the_cpp_parameters(stack):
     for p in SURFACE["dynamic_reconfigure"][server]:
         mine = got.pop(p["name"])
         low, high = (float(v) if v in ("inf", "-inf") else v for v in (p["min"], p["max"]))
-        assert (mine["type"], mine["min"], mine["max"], mine["default"]) == (p["type"], low, high, p["default"])
+        assert (mine["type"], mine["min"], mine["max"], mine["default"]) == (
+            p["type"],
+            low,
+            high,
+            p["default"],
+        )
         assert values[p["name"]] == p["jackal"]
     assert set(got) <= {"pdist_scale", "gdist_scale"}
 
@@ -68,10 +84,19 @@ def test_parameters_are_on_the_server(stack):
     ("server", "name", "value", "beyond", "bound", "other"),
     [
         ("/move_base", "planner_patience", 7.5, 1e9, 100.0, {"shutdown_costmaps": True}),
-        ("/move_base/local_costmap/obstacles_layer", "max_obstacle_height", 1.0, -1.0, 0.0, {"combination_method": 0}),
+        (
+            "/move_base/local_costmap/obstacles_layer",
+            "max_obstacle_height",
+            1.0,
+            -1.0,
+            0.0,
+            {"combination_method": 0},
+        ),
     ],
 )
-def test_a_server_is_read_set_clamped_and_refuses_nan(idle, server, name, value, beyond, bound, other):
+def test_a_server_is_read_set_clamped_and_refuses_nan(
+    idle, server, name, value, beyond, bound, other
+):
     client = Client(server, timeout=LONGEST)
     before = client.get_configuration(timeout=LONGEST)
     try:

@@ -36,7 +36,12 @@ LAUNCH = """<launch>
 def names_of(node):
     """Return the topics and services of a node, as the master lists them."""
     publishers, subscribers, services = rosgraph.Master("/pytest").getSystemState()
-    return {name for group in (publishers, subscribers, services) for name, nodes in group if node in nodes}
+    return {
+        name
+        for group in (publishers, subscribers, services)
+        for name, nodes in group
+        if node in nodes
+    }
 
 
 class Watched:
@@ -50,7 +55,9 @@ class Watched:
         rospy.Subscriber("/robot1/applr/decision", rospy.AnyMsg, self.decided.append)
 
     def keep_frames(self, message):
-        self.frames.update(name for t in message.transforms for name in (t.header.frame_id, t.child_frame_id))
+        self.frames.update(
+            name for t in message.transforms for name in (t.header.frame_id, t.child_frame_id)
+        )
 
     def keep_place(self, message):
         self.places.append((message.pose.pose.position.x, message.pose.pose.position.y))
@@ -80,8 +87,14 @@ def test_a_stack_in_a_namespace(tmp_path):
     wait_for(bag.exists, "the bag")
     with rosbag.Bag(str(bag)) as recorded:
         topics = recorded.get_type_and_topic_info().topics
-        stamps = [stamp.to_sec() for _, _, stamp in recorded.read_messages("/robot1/applr/decision")]
-    assert {"/robot1/front/scan", "/robot1/move_base/TrajectoryPlannerROS/local_plan", "/tf"} <= set(topics)
+        stamps = [
+            stamp.to_sec() for _, _, stamp in recorded.read_messages("/robot1/applr/decision")
+        ]
+    assert {
+        "/robot1/front/scan",
+        "/robot1/move_base/TrajectoryPlannerROS/local_plan",
+        "/tf",
+    } <= set(topics)
     assert len(stamps) >= 1
     replayed(master, bag, start=0.5)
 
@@ -94,10 +107,17 @@ def replayed(master, bag, start):
         ("/robot1/sim_bridge/obstacles", MarkerArray),
         ("/robot1/applr/parameters", Parameters),
     ):
-        rospy.Subscriber(topic, kind, lambda message, topic=topic: shown.__setitem__(topic, message))
+        rospy.Subscriber(
+            topic, kind, lambda message, topic=topic: shown.__setitem__(topic, message)
+        )
     rospy.Subscriber("/clock", Clock, lambda message: clock.append(message.clock.to_sec()))
     player = master.spawn(
-        "roslaunch", "applr_ros1", "replay.launch", "rviz:=false", "bag:=%s" % bag, "options:=--clock -s %g" % start
+        "roslaunch",
+        "applr_ros1",
+        "replay.launch",
+        "rviz:=false",
+        "bag:=%s" % bag,
+        "options:=--clock -s %g" % start,
     )
     try:
         player.until(lambda: len(shown) == 3 and len(clock) > 50)

@@ -68,7 +68,10 @@ def test_values_are_read_back(client):
     assert client.apply(SPACE.high, LONGEST) == ""
     assert np.array_equal(client.theta(), SPACE.high)
     assert set(client.servers.values()) == {PLANNER, *LAYERS, *COSTMAPS}
-    wait_for(lambda: client._servers["TrajectoryPlannerROS"].values["min_vel_theta"] == -3.14, "the other direction")
+    wait_for(
+        lambda: client._servers["TrajectoryPlannerROS"].values["min_vel_theta"] == -3.14,
+        "the other direction",
+    )
 
 
 @pytest.fixture
@@ -77,7 +80,9 @@ def calls(client):
     seen = Counter()
 
     def listen(name):
-        return rospy.Subscriber(name + "/parameter_updates", Config, lambda message: seen.update([name]))
+        return rospy.Subscriber(
+            name + "/parameter_updates", Config, lambda message: seen.update([name])
+        )
 
     topics = [listen(name) for name in client.servers.values()]
 
@@ -117,14 +122,18 @@ def test_a_restarted_server_is_called_with_any_last_values(client, calls):
         assert calls() == expected
 
 
-def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_with(client, monkeypatch):
+def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_with(
+    client, monkeypatch
+):
     i = SPACE.names.index("pdist_scale")
     monkeypatch.setattr(client, "per_cell", True)
     monkeypatch.setattr(client, "factor", 0.05)
     assert applied(client, THETA_0)
     assert client.values()[i] == 2.5 * THETA_0[i]
     assert np.array_equal(client.theta(), THETA_0)
-    client._servers["TrajectoryPlannerROS"]._client.update_configuration({"path_distance_bias": 2.0})
+    client._servers["TrajectoryPlannerROS"]._client.update_configuration(
+        {"path_distance_bias": 2.0}
+    )
     wait_for(lambda: client.values()[i] == 2.0, "the value set by another client")
     assert client.theta()[i] == 0.8
     monkeypatch.setattr(client, "per_cell", False)
@@ -182,11 +191,16 @@ def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake)
 def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
     assert applied(client, np.full(len(SPACE), 1e9))
     assert np.array_equal(client.theta(), SPACE.high)
-    assert applied(client, np.array([-1e9, 0.5, 6.9, 20.4, 0.1, 0.75, 1.0, 0.3, 2.0, 0.3, 0.1, 0.1, 0.1]))
+    assert applied(
+        client, np.array([-1e9, 0.5, 6.9, 20.4, 0.1, 0.75, 1.0, 0.3, 2.0, 0.3, 0.1, 0.1, 0.1])
+    )
     assert client.theta()[:4].tolist() == [0.2, 0.5, 7, 20]
     wide = ReconfigureClient(space=replace(SPACE, low=-1e3 * SPACE.high, high=1e3 * SPACE.high))
     wait_for(lambda: not wide.connect(), "servers")
-    for theta, end in ((wide.space.low, "min"), (wide.space.high, "max")):  # The servers' bounds apply, too.
+    for theta, end in (
+        (wide.space.low, "min"),
+        (wide.space.high, "max"),
+    ):  # The servers' bounds apply, too.
         assert applied(wide, theta)
         planner = wide._servers["TrajectoryPlannerROS"]
         for name in ("max_vel_x", "vx_samples", "occdist_scale"):
@@ -209,8 +223,12 @@ def test_fault_3_an_abandoned_call_never_overwrites_a_newer_one(client, fake):
 
 
 @pytest.mark.fault("5")
-@pytest.mark.parametrize(("fault", "server"), [("refuse", PLANNER), ("hold", LAYERS[1]), ("lie", PLANNER)])
-def test_fault_5_one_refusal_is_read_back_and_the_next_attempt_sets_the_missing_values(client, server, fault):
+@pytest.mark.parametrize(
+    ("fault", "server"), [("refuse", PLANNER), ("hold", LAYERS[1]), ("lie", PLANNER)]
+)
+def test_fault_5_one_refusal_is_read_back_and_the_next_attempt_sets_the_missing_values(
+    client, server, fault
+):
     rospy.set_param("/fake/" + fault, [server])
     error = client.apply(SPACE.high, LONGEST)
     assert server in error
@@ -225,7 +243,9 @@ def test_fault_5_one_refusal_is_read_back_and_the_next_attempt_sets_the_missing_
 def test_no_text_of_a_server_is_executed(tmp_path):
     """The client of dynamic_reconfigure would evaluate the edit_method of a parameter that is set to a text."""
     mark = tmp_path / "ran"
-    evil = session().node("tests.support.fake_move_base", "__name:=evil", "--text", f"open({str(mark)!r}, 'w')")
+    evil = session().node(
+        "tests.support.fake_move_base", "__name:=evil", "--text", f"open({str(mark)!r}, 'w')"
+    )
     evil.until("all up")
     client = ReconfigureClient("/evil")
     wait_for(lambda: not client.connect(), "the servers")

@@ -37,7 +37,9 @@ TOPICS = {
 
 def start(name, parameters):
     """Start the bridge in a child process, and return its Child."""
-    return session().node("sim_bridge", "__name:=" + name, *("_%s:=%s" % item for item in parameters.items()))
+    return session().node(
+        "sim_bridge", "__name:=" + name, *("_%s:=%s" % item for item in parameters.items())
+    )
 
 
 class Robot:
@@ -129,7 +131,9 @@ def test_topics_have_their_rates_and_frames(robot):
         between = np.diff([message.header.stamp.to_sec() for message in received[topic]])
         assert between.min() > 0.01
         assert np.median(between) == pytest.approx(0.02, abs=0.002), topic
-    assert np.median(np.diff([c.clock.to_sec() for c in received["/clock"]])) == pytest.approx(0.01, abs=0.003)
+    assert np.median(np.diff([c.clock.to_sec() for c in received["/clock"]])) == pytest.approx(
+        0.01, abs=0.003
+    )
     simulated, real = robot.now - simulated, time.monotonic() - began
     assert real - 0.3 - kept.waiting() < simulated < 1.3 * real + 0.3
     scan, odometry = received["/front/scan"][-1], received["/odometry/filtered"][-1]
@@ -167,7 +171,9 @@ def test_obstacles_are_shown(robot):
 @pytest.mark.fault("14")
 @pytest.mark.parametrize("topic", ["/cmd_vel", "/jackal_velocity_controller/cmd_vel"])
 def test_drives_on_either_topic_and_stops_when_commands_do(robot, topic):
-    publisher = robot.command if topic == "/cmd_vel" else rospy.Publisher(topic, Twist, queue_size=1)
+    publisher = (
+        robot.command if topic == "/cmd_vel" else rospy.Publisher(topic, Twist, queue_size=1)
+    )
     wait_for(publisher.get_num_connections, "connection")
     robot.command, kept = publisher, robot.command
     robot.drive(0.5, 0.0, lambda: robot.speed == pytest.approx(0.5, abs=0.05))
@@ -185,7 +191,9 @@ def test_commands_that_are_not_finite_are_refused(robot):
 
 def test_reset_returns_robot_and_odometry_to_the_start_and_clears_the_costmaps(robot):
     cleared = []
-    service = rospy.Service("/move_base/clear_costmaps", Empty, lambda _: cleared.append(1) or EmptyResponse())
+    service = rospy.Service(
+        "/move_base/clear_costmaps", Empty, lambda _: cleared.append(1) or EmptyResponse()
+    )
     robot.drive(0.5, 0.3, lambda: hypot(*robot.place) > 0.2)
     robot.forget()
     reset = rospy.ServiceProxy("/sim_bridge/reset", Empty)
@@ -204,7 +212,9 @@ def test_contact_is_reported(robot):
     robot.wait(lambda: len(robot.received["/collision"]) > 10)
     assert not any(message.data for message in robot.received["/collision"])
     turned = robot.now + 1.0
-    robot.drive(0.0, 1.57, lambda: robot.now > turned)  # The robot turns to the side wall and drives into it.
+    robot.drive(
+        0.0, 1.57, lambda: robot.now > turned
+    )  # The robot turns to the side wall and drives into it.
     robot.drive(1.0, 0.0, lambda: any(message.data for message in robot.received["/collision"]))
 
 
@@ -214,7 +224,10 @@ def test_changes_the_world_without_a_restart(robot):
     answer = load()
     assert answer.success
     assert answer.message == "world physical_course"
-    kinds = {m.type for m in rospy.wait_for_message("/sim_bridge/obstacles", MarkerArray, LONGEST).markers[1:]}
+    kinds = {
+        m.type
+        for m in rospy.wait_for_message("/sim_bridge/obstacles", MarkerArray, LONGEST).markers[1:]
+    }
     assert Marker.CUBE in kinds
     start = worlds.load("physical_course").course.start
     robot.wait(lambda: robot.true_place == pytest.approx(start[:2], abs=1e-3))
@@ -238,9 +251,12 @@ def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, he
     from sim_bridge import ros_bridge
 
     monkeypatch.setattr(rospy, "get_param", lambda *_: hertz)
-    bridge = SimpleNamespace(driven=False, newest=None, period=0.0, due=0.0, arrived=MagicMock(), commands=[], waits=[])
+    bridge = SimpleNamespace(
+        driven=False, newest=None, period=0.0, due=0.0, arrived=MagicMock(), commands=[], waits=[]
+    )
     bridge.simulator = SimpleNamespace(
-        state=SimpleNamespace(time=0.0), command=lambda *_: bridge.commands.append(bridge.simulator.state.time)
+        state=SimpleNamespace(time=0.0),
+        command=lambda *_: bridge.commands.append(bridge.simulator.state.time),
     )
     period, cycles = 1.0 / hertz, itertools.count(1)
 
@@ -250,7 +266,9 @@ def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, he
         return bridge.waits[-1][1]
 
     def plan():
-        early = 0.01 if len(bridge.commands) % 2 else 0.0  # A scan may arrive a tick before the cycle is due.
+        early = (
+            0.01 if len(bridge.commands) % 2 else 0.0
+        )  # A scan may arrive a tick before the cycle is due.
         if bridge.simulator.state.time >= due[0] - early - 1e-6:
             due[0] = period * next(cycles)
             ros_bridge.Bridge.on_command(bridge, Twist())

@@ -47,7 +47,9 @@ class MoveBase:
             goals.append(GoalStatus(GoalID(id=self.goal), self.status, ""))
             self._statuses.publish(GoalStatusArray(status_list=goals))
         ends = [(1.0, 2.0), (0.0, 9.0), (1.0, 2.0 + self.left)] if self.left else []
-        self._plans.publish(Path(poses=[pose_stamped((x, y, 0.0), "odom", rospy.Time(0)) for x, y in ends]))
+        self._plans.publish(
+            Path(poses=[pose_stamped((x, y, 0.0), "odom", rospy.Time(0)) for x, y in ends])
+        )
         if self.command is not None:
             self._commands.publish(twist(*self.command))
 
@@ -63,8 +65,12 @@ def monitor(escape):
     child = session().node("applr_ros1.nodes.monitor.node", *INPUTS, *names)
     actions, statuses = [], []
     action = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
-    diagnostics = rospy.Subscriber("/diagnostics", DiagnosticArray, lambda m: statuses.append(m.status[0]))
-    return SimpleNamespace(node=child, actions=actions, statuses=statuses, subscribers=(action, diagnostics))
+    diagnostics = rospy.Subscriber(
+        "/diagnostics", DiagnosticArray, lambda m: statuses.append(m.status[0])
+    )
+    return SimpleNamespace(
+        node=child, actions=actions, statuses=statuses, subscribers=(action, diagnostics)
+    )
 
 
 def end(*things):
@@ -82,7 +88,10 @@ def test_a_robot_too_close_to_a_post_for_its_planner_escapes(escape):
     jackal, watched = FakeJackal([POST]), monitor(escape)
     teleop = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1)
     watched.node.until(lambda: teleop.get_num_connections())
-    wait_for(lambda: teleop.publish(twist(0.3, 0.0)) or time.sleep(0.05) or jackal.robot.pose[0] > 0.65, "the post")
+    wait_for(
+        lambda: teleop.publish(twist(0.3, 0.0)) or time.sleep(0.05) or jackal.robot.pose[0] > 0.65,
+        "the post",
+    )
     wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "a stop")
     teleop.unregister()
     parameters = tree(recovery_behavior_enabled=False, controller_patience=60.0)
@@ -147,7 +156,9 @@ def test_the_monitor_makes_escape_motions_for_a_stuck_planner_until_it_commands(
     wait_for(lambda: any("makes no progress" in s.message for s in watched.statuses), "diagnostics")
     status = next(s for s in watched.statuses if "makes no progress" in s.message)
     assert status.level == DiagnosticStatus.WARN
-    assert any(action.startswith("escape: move_base makes no progress") for action in watched.actions)
+    assert any(
+        action.startswith("escape: move_base makes no progress") for action in watched.actions
+    )
     planner.command, kept = (0.3, 0.0), Kept()
     now = time.time()
     wait_for(lambda: jackal.commands[-1][1] == 0.3, "the planner's command")
@@ -173,6 +184,8 @@ def test_an_escape_motion_ends_with_its_cause(stack, change):
         time.sleep(0.3)
         planner.goal = str(time.time()) if "goal" in change else planner.goal
     last = max((at for at, *_ in moved(jackal, changed)), default=changed)
-    assert last - changed < 1.5 + kept.waiting(), "a status is usable for 1 s; a new motion would begin after 2.5 s"
+    assert last - changed < 1.5 + kept.waiting(), (
+        "a status is usable for 1 s; a new motion would begin after 2.5 s"
+    )
     assert jackal.commands[-1][1:] == (0.0, 0.0)
     assert not any("failed" in action for action in watched.actions), watched.node.text

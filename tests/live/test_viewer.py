@@ -53,13 +53,17 @@ def patience(monkeypatch):
         ("/TOKEN", "evil.example:PORT", "http://evil.example:PORT", "not a name of this computer"),
     ],
 )
-def test_page_and_websocket_require_the_token_and_refuse_other_websites(viewer, path, host, origin, reason):
+def test_page_and_websocket_require_the_token_and_refuse_other_websites(
+    viewer, path, host, origin, reason
+):
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
 
     where = viewer.address.split("/")
     port = int(where[2].rpartition(":")[2])
-    path, host, origin = (t and t.replace("TOKEN", where[3]).replace("PORT", str(port)) for t in (path, host, origin))
+    path, host, origin = (
+        t and t.replace("TOKEN", where[3]).replace("PORT", str(port)) for t in (path, host, origin)
+    )
     page = http.client.HTTPConnection("127.0.0.1", port, timeout=LONGEST)
     page.request("GET", path, headers={"Host": host, **({"Origin": origin} if origin else {})})
     answer = page.getresponse()
@@ -68,7 +72,12 @@ def test_page_and_websocket_require_the_token_and_refuse_other_websites(viewer, 
     page.close()
     with pytest.raises(InvalidStatus, match="403") if reason else contextlib.nullcontext():
         raw = socket.create_connection(("127.0.0.1", port))
-        connect("ws://" + host + path, sock=raw, origin=origin, subprotocols=["viser-v" + viser.__version__]).close()
+        connect(
+            "ws://" + host + path,
+            sock=raw,
+            origin=origin,
+            subprotocols=["viser-v" + viser.__version__],
+        ).close()
 
 
 @pytest.mark.parametrize("header", ["Origin", "Host"])
@@ -126,16 +135,30 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
     applr = ros.node("applr", "_method:=dwa")
     try:
         wait_for(lambda: "default parameters" in state(viewer), "the method")
-        slider, at = viewer.panel.sliders["inflation_radius"], viewer.panel.space.names.index("inflation_radius")
-        wait_for(lambda: state(viewer) and viewer.panel.theta() is not None and slider.value == 0.3, "the parameters")
+        slider, at = (
+            viewer.panel.sliders["inflation_radius"],
+            viewer.panel.space.names.index("inflation_radius"),
+        )
+        wait_for(
+            lambda: state(viewer) and viewer.panel.theta() is not None and slider.value == 0.3,
+            "the parameters",
+        )
         by_hand(slider, 0.45)
         radius = "/move_base/%s_costmap/inflater_layer/inflation_radius"
-        wait_for(lambda: {rospy.get_param(radius % c) for c in ("local", "global")} == {0.45}, "both costmaps'")
-        wait_for(lambda: state(viewer) and viewer.panel.theta()[at] == 0.45, "the value as the applr node read it")
+        wait_for(
+            lambda: {rospy.get_param(radius % c) for c in ("local", "global")} == {0.45},
+            "both costmaps'",
+        )
+        wait_for(
+            lambda: state(viewer) and viewer.panel.theta()[at] == 0.45,
+            "the value as the applr node read it",
+        )
         wait_for(lambda: "parameters by hand" in state(viewer), "the parameters by hand")
         by_hand(viewer.panel._dropdown, "tuned set")
         best = viewer.panel.space.theta0
-        wait_for(lambda: state(viewer) and not np.array_equal(viewer.panel.theta(), best), "its values")
+        wait_for(
+            lambda: state(viewer) and not np.array_equal(viewer.panel.theta(), best), "its values"
+        )
         wait_for(lambda: "tuned set" in state(viewer), "the method")
         wait_for(lambda: state(viewer) and slider.value != 0.45, "the slider follows")
     finally:
@@ -152,7 +175,9 @@ def test_robot_and_scan_are_drawn_while_a_page_is_open(ros):
         node.until("the page is at")
         alone = odometry.get_num_connections()
         wait_for(lambda: state(made) and made.scene.pose, "the robot")
-        wait_for(lambda: odometry.get_num_connections() == alone + 1, "the page's subscription alone")
+        wait_for(
+            lambda: odometry.get_num_connections() == alone + 1, "the page's subscription alone"
+        )
         wait_for(lambda: state(made) and made.scene._scan.visible, "the scan")
         x, y, _ = made.scene._scan.points.T
         assert np.hypot(x - 1.5, y - 0.8).min() < 0.2

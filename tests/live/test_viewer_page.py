@@ -12,7 +12,10 @@ from tests.support.ros_harness import free_port, session, wait_for
 
 playwright = pytest.importorskip("playwright.sync_api")
 PROGRAM = shutil.which("chromium-headless-shell")
-pytestmark = [pytest.mark.ros, pytest.mark.skipif(PROGRAM is None, reason="no headless Chromium here")]
+pytestmark = [
+    pytest.mark.ros,
+    pytest.mark.skipif(PROGRAM is None, reason="no headless Chromium here"),
+]
 
 NODES = {
     "sim_bridge": ("_simulator:=kinematic", "_gazebo:=true"),
@@ -48,11 +51,16 @@ def page():
         address = rospy.get_param("/viewer/address")
         with playwright.sync_playwright() as started:
             browser = started.chromium.launch(executable_path=PROGRAM, args=OPTIONS)
-            made = browser.new_page(viewport={"width": 1000, "height": 640}, device_scale_factor=0.5)
+            made = browser.new_page(
+                viewport={"width": 1000, "height": 640}, device_scale_factor=0.5
+            )
             made.set_default_timeout(60000.0)
             made.add_init_script(TEN_FRAMES_A_SECOND)
             made.on("pageerror", lambda error: complaints.append(str(error)))
-            made.on("console", lambda message: message.type == "error" and complaints.append(message.text))
+            made.on(
+                "console",
+                lambda message: message.type == "error" and complaints.append(message.text),
+            )
             made.goto(address + ("&" if "?" in address else "?") + FEW_PIXELS)
             reads(made, "waiting for a goal")
             reads(made, "parameters by policy")

@@ -48,7 +48,9 @@ def test_predicted_points_lie_on_the_visible_sides_of_the_future_discs(stubbed):
     tracker.rows = [(1.8, -0.4, -0.2, 1.2, 0.3)]
     cloud = prediction.add_scan(replace(robot.scan(), sensor_height=0.4))
     points, times = prediction.points.astype(float), STEP_S * np.arange(1, 1 + HORIZON_S // STEP_S)
-    off = np.array([np.hypot(points[:, 0] - 1.8 + 0.2 * t, points[:, 1] + 0.4 - 1.2 * t) - 0.3 for t in times])
+    off = np.array(
+        [np.hypot(points[:, 0] - 1.8 + 0.2 * t, points[:, 1] + 0.4 - 1.2 * t) - 0.3 for t in times]
+    )
     assert np.abs(off).min(axis=0).max() < 1e-4, "each on the edge of a disc"
     assert (np.abs(off) < 1e-4).sum(axis=1).min() > 10, "each disc is seen"
     assert times[-1] == pytest.approx(0.9)
@@ -59,8 +61,12 @@ def test_predicted_points_lie_on_the_visible_sides_of_the_future_discs(stubbed):
     bearings = np.arctan2(towards[:, 1], towards[:, 0]) - robot.pose[2]
     beams = robot.scan().angle_min + robot.scan().angle_increment * np.arange(720)
     for bearing, distance in zip(bearings, far):
-        assert distance < robot.ranges()[np.abs(beams - bearing).argmin()], "in front of the current range"
-    tracker.rows.append((*(2.0 * place - tracker.rows[0][:2]), 0.2, -1.2, 0.3))  # always behind the robot
+        assert distance < robot.ranges()[np.abs(beams - bearing).argmin()], (
+            "in front of the current range"
+        )
+    tracker.rows.append(
+        (*(2.0 * place - tracker.rows[0][:2]), 0.2, -1.2, 0.3)
+    )  # always behind the robot
     prediction.add_scan(robot.scan())
     assert np.array_equal(prediction.points[:, :2], points[:, :2].astype(np.float32))
 
@@ -69,17 +75,27 @@ def test_nothing_is_predicted_out_of_the_lasers_sight(stubbed):
     prediction, tracker = stubbed
     tracker.rows = [(2.0, 0.0, 0.0, 0.4, 0.3)]
     scan = ToyRobot(circles=WALL).scan()
-    for ranges, marked in ((np.nan, False), (-np.inf, False), (1.2, False), (1.9, True), (np.inf, True)):
+    for ranges, marked in (
+        (np.nan, False),
+        (-np.inf, False),
+        (1.2, False),
+        (1.9, True),
+        (np.inf, True),
+    ):
         prediction.add_scan(replace(scan, ranges=np.full(720, ranges, np.float32)))
         assert (len(prediction.points) > 50) == marked, ranges
 
 
-@pytest.mark.parametrize(("name", "room"), [("jackal", 0.45), ("husky", 0.81), ("turtlebot3_burger", 0.21)])
+@pytest.mark.parametrize(
+    ("name", "room"), [("jackal", 0.45), ("husky", 0.81), ("turtlebot3_burger", 0.21)]
+)
 def test_no_disc_is_predicted_on_the_robot(name, room, monkeypatch):
     tracker, robot = Perfect(), robots.load(name)
     monkeypatch.setattr(MoverTracker, "of", lambda robot: tracker)
     prediction = Prediction(robot)
-    assert prediction.room == pytest.approx(room, abs=0.005)  # measured (docs/explanation/movers.md)
+    assert prediction.room == pytest.approx(
+        room, abs=0.005
+    )  # measured (docs/explanation/movers.md)
     scan = replace(ToyRobot(circles=WALL).scan(), sensor_pose=robot.laser.pose)
     tracker.rows = [(1.6, 0.0, -2.0, 0.0, 0.2)]  # path through the robot
     prediction.add_scan(scan)
@@ -97,14 +113,23 @@ def test_predicted_points_are_cleared_with_the_next_scan(stubbed, walls):
         robot.circles = np.array([*walls, (1.6, y, 0.25)] if there else walls).reshape(-1, 3)
         tracker.rows = [(1.6, y, 0.0, 1.6, 0.25)] if there else []
         scan = robot.scan()
-        for made, sensed in ((with_marks, {"front/scan": scan, PREDICTED: prediction.add_scan(scan)}), (without, scan)):
+        for made, sensed in (
+            (with_marks, {"front/scan": scan, PREDICTED: prediction.add_scan(scan)}),
+            (without, scan),
+        ):
             made.step(robot.time, robot.pose, robot.twist, sensed)
         robot.time += 0.05
-        lethal.append([(made.local_costmap.cells == LETHAL).sum() for made in (with_marks, without)])
+        lethal.append(
+            [(made.local_costmap.cells == LETHAL).sum() for made in (with_marks, without)]
+        )
         if k == 25:
             x, y = with_marks.local_costmap.world_to_map(1.6 - 0.25, 0.9)  # position .9 s ahead
             ahead = slice(y - 2, y + 3), slice(x - 1, x + 2)
-            assert with_marks.local_costmap.cells[ahead].max() == LETHAL > without.local_costmap.cells[ahead].max()
+            assert (
+                with_marks.local_costmap.cells[ahead].max()
+                == LETHAL
+                > without.local_costmap.cells[ahead].max()
+            )
     # Without returns from walls, the planner without predictions does not clear the cells that the obstacle has left.
     assert lethal[25][0] > lethal[25][1] + 20 or not walls
     for name in ("local_costmap", "global_costmap"):
@@ -112,7 +137,9 @@ def test_predicted_points_are_cleared_with_the_next_scan(stubbed, walls):
         assert np.array_equal(here, there) if walls else not here.any(), name
     for seconds, clears in ((2.4, not walls), (2.6, False)):  # last detected 0.5 s ago
         points = prediction.add_scan(replace(robot.scan(), stamp=robot.time + seconds)).points
-        assert np.allclose(np.hypot(*points[:, :2].T), 100.0, atol=1.0), "beyond every obstacle_range"
+        assert np.allclose(np.hypot(*points[:, :2].T), 100.0, atol=1.0), (
+            "beyond every obstacle_range"
+        )
         assert (len(points) > 0) == clears
 
 
@@ -126,11 +153,16 @@ def test_predicted_points_are_cleared_if_their_source_dies(stubbed):
     lethal = []
     for k in range(40):
         scan = robot.scan()
-        with_points = {"front/scan": scan, **({PREDICTED: prediction.add_scan(scan)} if k < 5 else {})}
+        with_points = {
+            "front/scan": scan,
+            **({PREDICTED: prediction.add_scan(scan)} if k < 5 else {}),
+        }
         for made, sensed in ((with_marks, with_points), (without, scan)):
             made.step(robot.time, robot.pose, robot.twist, sensed)
         robot.time += 0.05
-        lethal.append([(made.local_costmap.cells == LETHAL).sum() for made in (with_marks, without)])
+        lethal.append(
+            [(made.local_costmap.cells == LETHAL).sum() for made in (with_marks, without)]
+        )
     assert lethal[4][0] > lethal[4][1] + 20
     assert lethal[20][0] > lethal[20][1] + 20, "the points stay until the source counts as silent"
     assert lethal[-1][0] == lethal[-1][1]
@@ -140,11 +172,16 @@ def test_without_moving_obstacles_planners_are_bit_identical(stubbed):
     prediction, _ = stubbed
     drives = []
     for movers in (False, True):
-        made, robot = MoveBase(quick(applr={"movers": movers})), ToyRobot(circles=[(1.5, 0.5, 0.15)])
+        made, robot = (
+            MoveBase(quick(applr={"movers": movers})),
+            ToyRobot(circles=[(1.5, 0.5, 0.15)]),
+        )
         step = made.step
 
         def step_with_points(now, pose, twist, scan, step=step):
-            return step(now, pose, twist, {"front/scan": scan, PREDICTED: prediction.add_scan(scan)})
+            return step(
+                now, pose, twist, {"front/scan": scan, PREDICTED: prediction.add_scan(scan)}
+            )
 
         made.step = step_with_points if movers else step
         run(made, robot, 0.1)
@@ -174,12 +211,18 @@ def test_each_layer_with_a_laser_gets_the_source_and_no_robot_file_changes(name)
 def test_the_parameters_for_a_cpp_costmap_mean_the_same_here():
     tree = copy.deepcopy(robots.load("jackal").parameters())
     for costmap in ("local_costmap", "global_costmap"):
-        predicted = dict(data_type="PointCloud2", topic="/applr/predicted", sensor_frame="front_laser")
+        predicted = dict(
+            data_type="PointCloud2", topic="/applr/predicted", sensor_frame="front_laser"
+        )
         predicted.update(marking=True, clearing=True)
-        tree[costmap]["obstacles_layer"].update(observation_sources="scan predicted", predicted=predicted)
+        tree[costmap]["obstacles_layer"].update(
+            observation_sources="scan predicted", predicted=predicted
+        )
     assert check(tree) == []
     for movers in (False, True):
         sources = MoveBase(dict(tree, applr={"movers": movers})).sources
         assert [topic.lstrip("/") for topic in sources] == ["front/scan", PREDICTED]
     twice = complete(complete(dict(robots.load("jackal").parameters(), applr={"movers": True})))
-    assert twice["local_costmap"]["obstacles_layer"]["observation_sources"] == "scan applr_predicted"
+    assert (
+        twice["local_costmap"]["obstacles_layer"]["observation_sources"] == "scan applr_predicted"
+    )

@@ -18,7 +18,10 @@ from applr_ros1.movers.tracker import MoverTracker
 
 VIEW = 5.0  # distance from the laser up to which obstacles hit by three beams should be tracked [m]
 NEAR = 0.4  # maximum distance of a track from the edge of its true disc [m]
-SPEEDS = 0.3, 5.0  # speeds between which obstacles should be tracked; faster ones jumped back to their start [m/s]
+SPEEDS = (
+    0.3,
+    5.0,
+)  # speeds between which obstacles should be tracked; faster ones jumped back to their start [m/s]
 
 
 class Comparison:
@@ -28,12 +31,21 @@ class Comparison:
         self.tracker, self.last = MoverTracker.of(robots.load(robot)), math.nan
         self.position, self.velocity = [], []
         self.seconds = self.in_view = self.known = 0.0
-        self.tracked = self.wrong = 0  # numbers of tracked obstacles in all scans, and of false detections
+        self.tracked = self.wrong = (
+            0  # numbers of tracked obstacles in all scans, and of false detections
+        )
         with np.load(Path(__file__).parent / f"{name}.npz") as scene:
-            for stamp, pose, steps, truth in zip(*(scene[key] for key in ("times", "poses", "steps", "truth"))):
+            for stamp, pose, steps, truth in zip(
+                *(scene[key] for key in ("times", "poses", "steps", "truth"))
+            ):
                 ranges = np.cumsum(steps).astype(np.float32)
                 ranges = np.where(ranges < 0, np.float32(np.inf), np.float32(0.005) * ranges)
-                self.add(LaserScan(float(stamp), *scene["limits"].tolist(), ranges, tuple(pose.tolist())), truth)
+                self.add(
+                    LaserScan(
+                        float(stamp), *scene["limits"].tolist(), ranges, tuple(pose.tolist())
+                    ),
+                    truth,
+                )
 
     def add(self, scan, truth):
         movers = self.tracker.update(scan)
@@ -74,7 +86,8 @@ def test_wheel_slip_causes_no_false_detections():
 
 
 @pytest.mark.parametrize(
-    ("robot", "scene"), [("jackal", "jackal_among_movers"), ("turtlebot3_burger", "burger_among_movers")]
+    ("robot", "scene"),
+    [("jackal", "jackal_among_movers"), ("turtlebot3_burger", "burger_among_movers")],
 )
 def test_moving_obstacles_of_a_room_are_tracked(robot, scene):
     """Medium and fast obstacles of DynaBARN cross, and occlude each other."""

@@ -14,10 +14,21 @@ from applr_ros1.robots import JACKAL
 from sim_bridge.lidar import Lidar
 
 BURGER = robots.load("turtlebot3_burger").laser
-NARROW = JACKAL.laser.model_copy(update=dict(beams=121, first_angle=-0.6, last_angle=0.6, rate=15.0))
-ROOM = np.array([[0.0, 6.0, 0.0, 12.0, 0.2], [0.0, -6.0, 0.0, 12.0, 0.2], [6.0, 0.0, 0.0, 0.2, 12.0]])
+NARROW = JACKAL.laser.model_copy(
+    update=dict(beams=121, first_angle=-0.6, last_angle=0.6, rate=15.0)
+)
+ROOM = np.array(
+    [[0.0, 6.0, 0.0, 12.0, 0.2], [0.0, -6.0, 0.0, 12.0, 0.2], [6.0, 0.0, 0.0, 0.2, 12.0]]
+)
 PILLARS = np.array(
-    [[2.0, 1.0, 0.1], [3.0, -1.5, 0.15], [1.5, -2.5, 0.1], [-1.5, 2, 0.2], [-2.0, -1.0, 0.1], [4, 2, 0.1]]
+    [
+        [2.0, 1.0, 0.1],
+        [3.0, -1.5, 0.15],
+        [1.5, -2.5, 0.1],
+        [-1.5, 2, 0.2],
+        [-2.0, -1.0, 0.1],
+        [4, 2, 0.1],
+    ]
 )
 STANDS = np.empty((0, 3))
 
@@ -38,7 +49,14 @@ class Scene:
         limits = laser.first_angle, laser.increment, laser.range_min, laser.range_max
         return LaserScan(time, *limits, ranges, pose if believed is None else believed)
 
-    def watch(self, seconds, pose=lambda t: (0, 0, 0), movers=lambda t: (), believed=None, seen=lambda scan: scan):
+    def watch(
+        self,
+        seconds,
+        pose=lambda t: (0, 0, 0),
+        movers=lambda t: (),
+        believed=None,
+        seen=lambda scan: scan,
+    ):
         """Return [(time, Movers)] for all scans within `seconds`."""
         result = []
         for t in np.arange(0.0, seconds, 1.0 / min(self.laser.rate, 20.0)).tolist():
@@ -54,7 +72,9 @@ def counts(result):
 def reverse(scan):
     """Return a scan with its beams in reverse order."""
     last = scan.angle_min + scan.angle_increment * (len(scan.ranges) - 1)
-    return replace(scan, angle_min=last, angle_increment=-scan.angle_increment, ranges=scan.ranges[::-1])
+    return replace(
+        scan, angle_min=last, angle_increment=-scan.angle_increment, ranges=scan.ranges[::-1]
+    )
 
 
 def vary(scan):
@@ -87,7 +107,10 @@ def test_a_moving_obstacle_is_detected_soon_with_its_velocity(laser, seen, veloc
 
 @pytest.mark.parametrize(("x", "known"), [(7.0, True), (8.5, False)])
 def test_obstacles_beyond_eight_metres_are_not_tracked(x, known):
-    assert any(counts(Scene(boxes=np.empty((0, 5))).watch(1.5, movers=lambda t: [(x, t - 1.0, 0.3)]))) == known
+    assert (
+        any(counts(Scene(boxes=np.empty((0, 5))).watch(1.5, movers=lambda t: [(x, t - 1.0, 0.3)])))
+        == known
+    )
 
 
 @pytest.mark.parametrize("rate", [1.5, -3.0])
@@ -96,14 +119,21 @@ def test_turning_causes_no_false_detections(rate):
     turn = lambda t: rate * max(0.0, min(t, 2.0) - 0.5)  # noqa: E731
     for laser in (JACKAL.laser, BURGER):
         scene = Scene(laser, PILLARS)
-        result = scene.watch(3.0, lambda t: (0, 0, turn(t)), believed=lambda t: (0, 0, turn(t - 0.03)))
+        result = scene.watch(
+            3.0, lambda t: (0, 0, turn(t)), believed=lambda t: (0, 0, turn(t - 0.03))
+        )
         assert sum(counts(result)) == 0
 
 
 @pytest.mark.parametrize("rate", [0.6, 1.5])
 def test_a_slowly_spinning_laser_causes_no_false_detections(rate):
     """The beams of the TurtleBot3 burger are measured one after the other in 0.2 s, but its driver reports 10 ms."""
-    scene, parts = Scene(BURGER, np.vstack([PILLARS, [[0.5, -2.0, 0.2], [-0.8, 1.2, 0.1], [-2.5, 1.0, 0.15]]])), 20
+    scene, parts = (
+        Scene(
+            BURGER, np.vstack([PILLARS, [[0.5, -2.0, 0.2], [-0.8, 1.2, 0.1], [-2.5, 1.0, 0.15]]])
+        ),
+        20,
+    )
     turn = lambda t: rate * max(0.0, min(t, 5.0) - 0.5)  # noqa: E731
     for t in np.arange(0.0, 6.0, 0.2).tolist():
         whole = replace(scene.scan(t, (0.0, 0.0, turn(t))), sweep=0.01)
@@ -118,14 +148,23 @@ def test_an_obstacle_without_evidence_for_a_second_is_no_longer_moving():
     """From 2 s on the robot turns so fast that the scans of a spinning laser are distorted."""
     turns = lambda t: (0.0, 0.0, 1.5 * max(0.0, t - 2.0))  # noqa: E731
     spins = lambda scan: replace(scan, sweep=0.01)  # noqa: E731
-    numbers = counts(Scene(BURGER).watch(4.0, turns, lambda t: [(2.4, 0.8 * t - 1.6, 0.3)], seen=spins))
+    numbers = counts(
+        Scene(BURGER).watch(4.0, turns, lambda t: [(2.4, 0.8 * t - 1.6, 0.3)], seen=spins)
+    )
     assert numbers[10:15] == [1] * 5
     assert sum(numbers[16:]) == 0
 
 
 def test_a_wall_seen_from_a_new_angle_is_static():
     """As the robot drives, the wall's visible part moves along behind a box, and other obstacles come into view."""
-    boxes = np.array([[2.0, 1.0, 0.0, 1.0, 0.4], [3, 2.5, 0.3, 0.5, 0.4], [4, 2.2, 0, 0.4, 0.3], [5, 3, 1, 1, 0.1]])
+    boxes = np.array(
+        [
+            [2.0, 1.0, 0.0, 1.0, 0.4],
+            [3, 2.5, 0.3, 0.5, 0.4],
+            [4, 2.2, 0, 0.4, 0.3],
+            [5, 3, 1, 1, 0.1],
+        ]
+    )
     posts = np.array([[2.4, 1.8, 0.1], [3.5, 1.7, 0.15], [1.6, 2.2, 0.2]])
     for laser in (JACKAL.laser, BURGER):
         scene = Scene(laser, posts, boxes)
@@ -145,9 +184,15 @@ def test_slipping_wheels_cause_no_false_detections():
     assert (last.vx[0], last.vy[0]) == pytest.approx((0.0, 1.0), abs=0.15)
     assert (last.x[0], last.y[0]) == pytest.approx((2.8 + slips(t)[0], -0.8 + t), abs=0.1)
     turns = lambda t: (0.0, 0.0, 0.2 * max(0.0, t - 0.5))  # noqa: E731
-    t, last = Scene(cylinders=PILLARS).watch(2.4, believed=turns, movers=lambda t: [(2.8, -0.8 + t, 0.3)])[-1]
-    assert (last.vx[0], last.vy[0]) == pytest.approx(compose(turns(t), (0.0, 1.0, 0.0))[:2], abs=0.15)
-    assert (last.x[0], last.y[0]) == pytest.approx(compose(turns(t), (2.8, -0.8 + t, 0.0))[:2], abs=0.1)
+    t, last = Scene(cylinders=PILLARS).watch(
+        2.4, believed=turns, movers=lambda t: [(2.8, -0.8 + t, 0.3)]
+    )[-1]
+    assert (last.vx[0], last.vy[0]) == pytest.approx(
+        compose(turns(t), (0.0, 1.0, 0.0))[:2], abs=0.15
+    )
+    assert (last.x[0], last.y[0]) == pytest.approx(
+        compose(turns(t), (2.8, -0.8 + t, 0.0))[:2], abs=0.1
+    )
 
 
 @pytest.mark.parametrize("code", [np.inf, np.nan, -np.inf, 0.0])
@@ -164,7 +209,10 @@ def test_failing_beams_cause_no_false_detections(code):
 
     for laser in (JACKAL.laser, BURGER):
         scene = Scene(laser, np.vstack([PILLARS, thin]))
-        assert sum(counts(scene.watch(4.0, lambda t: (0.2 * t, 0.0, 0.5 * math.sin(t)), seen=fail))) == 0
+        assert (
+            sum(counts(scene.watch(4.0, lambda t: (0.2 * t, 0.0, 0.5 * math.sin(t)), seen=fail)))
+            == 0
+        )
 
 
 def test_an_occluded_obstacle_is_extrapolated_and_then_forgotten():
@@ -205,10 +253,17 @@ def test_older_scans_are_ignored_and_jumps_restart_the_tracker():
         assert again.x.tolist() == known.x.tolist()
     tilted = replace(scene.scan(t + 0.05, movers=()), rotation=(0.0, 0.2, 0.0, 0.98))
     assert scene.tracker.update(tilted).x.tolist() == known.x.tolist()
-    for stamp, pose in ((t + 5.0, (0, 0, 0)), (t - 5.0, (0, 0, 0)), (t + 0.05, (3, 0, 0)), (t + 0.05, (0, 0, 2))):
+    for stamp, pose in (
+        (t + 5.0, (0, 0, 0)),
+        (t - 5.0, (0, 0, 0)),
+        (t + 0.05, (3, 0, 0)),
+        (t + 0.05, (0, 0, 2)),
+    ):
         scene = Scene()
         scene.watch(1.0, movers=moving)
-        assert len(scene.tracker.update(scene.scan(stamp, movers=moving(t), believed=pose)).id) == 0, (stamp, pose)
+        assert (
+            len(scene.tracker.update(scene.scan(stamp, movers=moving(t), believed=pose)).id) == 0
+        ), (stamp, pose)
     scene = Scene()
     scene.watch(1.0, movers=moving)
     scene.tracker.reset()
@@ -222,5 +277,7 @@ def test_positions_are_in_the_odometry_frame():
     mover = lambda t: (2.5, -1.0 + t, 0.3)  # noqa: E731
     pose = lambda t: (0.5 * t, 0.0, 0.3 * t)  # noqa: E731
     t, last = scene.watch(1.5, pose, lambda t: [mover(t)], lambda t: compose(frame, pose(t)))[-1]
-    assert (last.x[0], last.y[0]) == pytest.approx(compose(frame, (*mover(t)[:2], 0.0))[:2], abs=0.1)
+    assert (last.x[0], last.y[0]) == pytest.approx(
+        compose(frame, (*mover(t)[:2], 0.0))[:2], abs=0.1
+    )
     assert (last.vx[0], last.vy[0]) == pytest.approx((-math.sin(2.0), math.cos(2.0)), abs=0.2)

@@ -79,9 +79,15 @@ class Beside:
 
     def snapshot(self, scanned=None, odometer=True):
         scan = LaserScan(
-            angle_min=-2.5, angle_increment=0.01, range_min=0.1, range_max=30.0, ranges=[1.0] * 500 + [2.0]
+            angle_min=-2.5,
+            angle_increment=0.01,
+            range_min=0.1,
+            range_max=30.0,
+            ranges=[1.0] * 500 + [2.0],
         )
-        self.callbacks["front/scan"](stamped(scan, self.time if scanned is None else scanned, "front_laser"))
+        self.callbacks["front/scan"](
+            stamped(scan, self.time if scanned is None else scanned, "front_laser")
+        )
         odometry = stamped(Odometry(child_frame_id="wheels"), self.time, "odom")
         odometry.pose.pose.position.x, odometry.twist.twist.linear.x = 9.0, 0.5
         if odometer:
@@ -98,7 +104,9 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     beside.goal("one", 5.0)
     beside.plan(5.0)
     assert beside.snapshot().seen.plan[-1, 0] == 5.0
-    assert beside.snapshot(rospy.Time(0)).scan_stamp == beside.time  # A scan without a stamp counts as taken now.
+    assert (
+        beside.snapshot(rospy.Time(0)).scan_stamp == beside.time
+    )  # A scan without a stamp counts as taken now.
     beside.plan(4.8)
     beside.inputs._on_plan(Path())  # Planning has failed, so the plan stays.
     beside.now += 0.6
@@ -118,16 +126,24 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     refused(lambda: beside.snapshot(), "no global plan for this goal", kind=ObservationError)
     beside.goal("four", 6.0)
     beside.now += 0.6
-    beside.plan(1.0)  # It is newer than the goal, so it is used, although it ends nearer to the previous goal.
+    beside.plan(
+        1.0
+    )  # It is newer than the goal, so it is used, although it ends nearer to the previous goal.
     assert beside.snapshot().seen.plan[-1, 0] == 1.0
 
 
 def test_a_goal_ends_when_move_base_has_been_silent_for_two_seconds(beside):
     beside.goal("one", 5.0)
     beside.now += 1.9
-    assert (beside.inputs.goal(beside.time), beside.inputs.has_lost_move_base(beside.time)) == ("one", False)
+    assert (beside.inputs.goal(beside.time), beside.inputs.has_lost_move_base(beside.time)) == (
+        "one",
+        False,
+    )
     beside.now += 0.2
-    assert (beside.inputs.goal(beside.time), beside.inputs.has_lost_move_base(beside.time)) == (None, True)
+    assert (beside.inputs.goal(beside.time), beside.inputs.has_lost_move_base(beside.time)) == (
+        None,
+        True,
+    )
 
 
 def test_the_pose_is_from_tf_at_the_scans_stamp_and_the_twist_from_the_odometry(beside):
@@ -162,7 +178,10 @@ def test_a_silent_odometry_prevents_decisions(beside):
 
 def test_a_static_transform_has_no_age(beside):
     beside.place("map", "base_link", (0.0, 0.0, 0.0), rospy.Time(0))
-    assert beside.inputs._transforms.latest("map", "base_link", beside.time, 1.0).transform.rotation.w == 1.0
+    assert (
+        beside.inputs._transforms.latest("map", "base_link", beside.time, 1.0).transform.rotation.w
+        == 1.0
+    )
 
 
 def test_moving_obstacles_are_in_the_plans_frame_and_dropped_when_stale(beside):

@@ -33,12 +33,20 @@ def checkout(tmp_path):
     shutil.copy(ROOT / "tests" / "support" / "barn_runner.py", root / "run.py")
     shutil.copy(ROOT / "tests" / "support" / "gazebo_client.py", root)
     shutil.copy(ROOT / "compat" / "jackal_helper" / "package.xml", helper)
-    shutil.copy(ROOT / "compat" / "jackal_helper" / "launch" / "move_base_DWA.launch", helper / "launch")
-    (helper / "launch" / "gazebo_launch.launch").write_text("<launch><!-- starts Gazebo --></launch>")
+    shutil.copy(
+        ROOT / "compat" / "jackal_helper" / "launch" / "move_base_DWA.launch", helper / "launch"
+    )
+    (helper / "launch" / "gazebo_launch.launch").write_text(
+        "<launch><!-- starts Gazebo --></launch>"
+    )
     (static / "world_2.world").write_text(as_barn(load("generated:2")))
     np.save(static / "path_files" / "path_2.npy", fields()[2][1])
     (dynamic / "world_0.world").write_text(sdf(moving("easylibobs_1"), ""))
-    rows = dynabarn.COLUMNS, ("easylibobs_1", "10", "1", "0", "-5", "7"), ("easylibobs_1", "10", "1", "10", "5", "7")
+    rows = (
+        dynabarn.COLUMNS,
+        ("easylibobs_1", "10", "1", "0", "-5", "7"),
+        ("easylibobs_1", "10", "1", "10", "5", "7"),
+    )
     (dynamic / dynabarn.NAME).write_text("\n".join(map(",".join, rows)))
     return root
 
@@ -46,7 +54,11 @@ def checkout(tmp_path):
 def command(*arguments, **environment):
     return subprocess.run(
         [sys.executable, "-m", "applr_ros1.scripts", "barn", *map(str, arguments)],
-        env=dict(os.environ, PYTHONPATH=os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]), **environment),
+        env=dict(
+            os.environ,
+            PYTHONPATH=os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]),
+            **environment,
+        ),
         capture_output=True,
         text=True,
         timeout=HANGS,
@@ -55,20 +67,29 @@ def command(*arguments, **environment):
 
 def left_over(word):
     """Return the command lines of running processes that contain a word."""
-    lines = [" ".join(process.info["cmdline"] or ()) for process in psutil.process_iter(["cmdline"])]
+    lines = [
+        " ".join(process.info["cmdline"] or ()) for process in psutil.process_iter(["cmdline"])
+    ]
     return [line for line in lines if word in line]
 
 
 @pytest.mark.parametrize("world", [2, pytest.param(300, marks=pytest.mark.slow)])
 def test_runs_the_runner_in_a_world(checkout, tmp_path, world):
     out = tmp_path / "results"
-    options = ["--out", out, "--controller", ROOT / "applr_ros1" / "launch" / "barn_controller.launch"]
+    options = [
+        "--out",
+        out,
+        "--controller",
+        ROOT / "applr_ros1" / "launch" / "barn_controller.launch",
+    ]
     options += ["--worlds", str(world)]
     done = command(checkout, *options, APPLR_SIMULATOR="kinematic", APPLR_REAL_TIME_FACTOR="2")
     assert done.returncode == 0, done.stdout + done.stderr
     lines = (out / "out.txt").read_text().splitlines()
     assert [int(line.split()[0]) for line in lines] == [world]
-    assert all(line.split()[1] == "1" and 0.1 < float(line.split()[5]) <= 0.5 for line in lines), lines
+    assert all(line.split()[1] == "1" and 0.1 < float(line.split()[5]) <= 0.5 for line in lines), (
+        lines
+    )
     assert not left_over(str(checkout))
     refused(lambda: barn_main(checkout, *options), r"out\.txt exists already: give another --out")
 

@@ -29,7 +29,9 @@ def written(message):
 def costmap(ny=6, nx=9):
     cells = np.random.default_rng(0).integers(0, 256, (ny, nx)).astype(np.uint8)
     cells[0, :4] = 0, 253, 254, 255
-    return SimpleNamespace(cells=cells, size=(nx, ny), resolution=0.05, origin=np.array([-1.5, 2.0]))
+    return SimpleNamespace(
+        cells=cells, size=(nx, ny), resolution=0.05, origin=np.array([-1.5, 2.0])
+    )
 
 
 def test_grid_equals_the_generated_message():
@@ -94,7 +96,9 @@ def test_scans_that_cannot_be_used(change, words):
 
 def test_scans_of_a_laser_upside_down_or_tilted_have_the_true_points():
     """Three beams of a laser at (1, 2, 0.5) with a roll of pi and a yaw of 0.3, or with a pitch of 0.2."""
-    message = LaserScan(angle_min=-0.4, angle_increment=0.5, range_min=0.1, range_max=10.0, ranges=[1.0, 2.0, 3.0])
+    message = LaserScan(
+        angle_min=-0.4, angle_increment=0.5, range_min=0.1, range_max=10.0, ranges=[1.0, 2.0, 3.0]
+    )
     angles, ranges = -0.4 + 0.5 * np.arange(3), np.array([1.0, 2.0, 3.0], np.float32)
     place = Transform(Vector3(1.0, 2.0, 0.5), Quaternion(math.cos(0.15), math.sin(0.15), 0.0, 0.0))
     hanging = conversions.laser_scan(message, ranges, place)
@@ -103,29 +107,45 @@ def test_scans_of_a_laser_upside_down_or_tilted_have_the_true_points():
     message.time_increment = -0.01
     assert conversions.laser_scan(message, ranges, place).sweep == pytest.approx(0.02)
     points = sorted(project(hanging).points.tolist())
-    expected = [(1.0 + r * math.cos(0.3 - a), 2.0 + r * math.sin(0.3 - a), 0.5) for r, a in zip(ranges, angles)]
+    expected = [
+        (1.0 + r * math.cos(0.3 - a), 2.0 + r * math.sin(0.3 - a), 0.5)
+        for r, a in zip(ranges, angles)
+    ]
     np.testing.assert_allclose(points, sorted(expected), atol=1e-5)
     place.rotation = Quaternion(0.0, math.sin(0.1), 0.0, math.cos(0.1))
     points = project(conversions.laser_scan(message, ranges, place)).points
-    np.testing.assert_allclose(points[:, 2], 0.5 - ranges * np.cos(angles) * math.sin(0.2), atol=1e-5)
+    np.testing.assert_allclose(
+        points[:, 2], 0.5 - ranges * np.cos(angles) * math.sin(0.2), atol=1e-5
+    )
     np.testing.assert_allclose(points[:, 1], 2.0 + ranges * np.sin(angles), atol=1e-5)
 
 
 def test_points_of_clouds():
     """Fields may be in any order, rows padded, and bytes in either order. PointCloud is accepted, too."""
-    kind = np.dtype({"names": list("izxy"), "formats": [">f4"] * 4, "offsets": [0, 4, 12, 20], "itemsize": 24})
+    kind = np.dtype(
+        {"names": list("izxy"), "formats": [">f4"] * 4, "offsets": [0, 4, 12, 20], "itemsize": 24}
+    )
     table = np.zeros((2, 3), kind)
     table["x"], table["y"], table["z"] = np.arange(6).reshape(2, 3), 10.0, -1.5
     rows = b"".join(row.tobytes() + b"pad" for row in table)
-    message = PointCloud2(height=2, width=3, point_step=24, row_step=75, is_bigendian=True, data=rows)
-    message.fields = [PointField(name, offset, PointField.FLOAT32, 1) for name, offset in zip("zxy", (4, 12, 20))]
+    message = PointCloud2(
+        height=2, width=3, point_step=24, row_step=75, is_bigendian=True, data=rows
+    )
+    message.fields = [
+        PointField(name, offset, PointField.FLOAT32, 1) for name, offset in zip("zxy", (4, 12, 20))
+    ]
     points = conversions.points_of(message)
     np.testing.assert_array_equal(points, [(k, 10.0, -1.5) for k in range(6)])
-    np.testing.assert_array_equal(conversions.points_of(PointCloud(points=[Point32(1.0, 2.0, 3.0)])), [(1.0, 2.0, 3.0)])
+    np.testing.assert_array_equal(
+        conversions.points_of(PointCloud(points=[Point32(1.0, 2.0, 3.0)])), [(1.0, 2.0, 3.0)]
+    )
     message.fields = message.fields[:2]
     with pytest.raises(MessageError, match="give x, y and z as FLOAT32"):
         conversions.points_of(message)
-    assert conversions.points_of(PointCloud2()).shape == (0, 3)  # A cloud without points needs no fields.
+    assert conversions.points_of(PointCloud2()).shape == (
+        0,
+        3,
+    )  # A cloud without points needs no fields.
 
 
 def test_maps_are_converted_and_rotated_or_incomplete_ones_refused():
@@ -133,11 +153,21 @@ def test_maps_are_converted_and_rotated_or_incomplete_ones_refused():
     message.header.frame_id = "/map"
     message.info.width, message.info.height, message.info.resolution = 3, 2, 0.05
     made = conversions.static_map(message)
-    assert (made.cells.tolist(), made.frame, made.origin) == ([[0, 100, -1], [50, 0, 0]], "map", (0.0, 0.0))
+    assert (made.cells.tolist(), made.frame, made.origin) == (
+        [[0, 100, -1], [50, 0, 0]],
+        "map",
+        (0.0, 0.0),
+    )
     message.info.origin.orientation.z = 1.0
-    refused(lambda: conversions.static_map(message), "a yaw of 3.14 rad: give an origin without yaw", kind=MessageError)
+    refused(
+        lambda: conversions.static_map(message),
+        "a yaw of 3.14 rad: give an origin without yaw",
+        kind=MessageError,
+    )
     with pytest.raises(MessageError, match="has 6 cells for 4 x 2"):
-        conversions.static_map(OccupancyGrid(data=message.data, info=MapMetaData(width=4, height=2)))
+        conversions.static_map(
+            OccupancyGrid(data=message.data, info=MapMetaData(width=4, height=2))
+        )
 
 
 def turned(roll, yaw):
@@ -154,7 +184,9 @@ def test_a_drivers_range_for_no_return_becomes_infinity():
 
 def test_range_max_may_be_infinite_but_not_nan():
     """pointcloud_to_laserscan publishes an infinite range_max, and laser_geometry accepts it."""
-    scan = LaserScan(angle_increment=0.5, range_min=0.1, range_max=math.inf, ranges=[2.0, math.inf, 3.0])
+    scan = LaserScan(
+        angle_increment=0.5, range_min=0.1, range_max=math.inf, ranges=[2.0, math.inf, 3.0]
+    )
     for valid in (False, True):
         planners = conversions.laser_scan(scan, conversions.check_scan(scan), turned(0.0, 0.0))
         points = project(planners, valid).points

@@ -43,7 +43,9 @@ def test_feedback_has_the_pose_if_it_is_known(pose):
     node.watchdog.is_lost.return_value = False
     node.frame = "odom"
     MoveBaseNode._cycle(node, NOW)
-    sent = [call.args[0].base_position.pose.position for call in node.goals.publish_feedback.mock_calls]
+    sent = [
+        call.args[0].base_position.pose.position for call in node.goals.publish_feedback.mock_calls
+    ]
     assert [(place.x, place.y) for place in sent] == ([] if pose is None else [(1.0, 2.0)])
 
 
@@ -70,7 +72,12 @@ def test_diagnostics_report_which_critics_refused_the_samples():
 def test_cycles_that_were_missed_are_counted():
     loop = ControlLoop(*[MagicMock()] * 5)
     due = rospy.Time.from_sec(100.0)
-    for late, missed, next_due in ((0.0, 0, 0.05), (0.04, 0, 0.05), (0.06, 1, 0.11), (0.46, 9, 0.51)):
+    for late, missed, next_due in (
+        (0.0, 0, 0.05),
+        (0.04, 0, 0.05),
+        (0.06, 1, 0.11),
+        (0.46, 9, 0.51),
+    ):
         loop.missed = 0
         later = loop._next_due(due, due + rospy.Duration.from_sec(late), 0.05)
         assert (loop.missed, (later - due).to_sec()) == (missed, pytest.approx(next_due))

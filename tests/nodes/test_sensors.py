@@ -17,7 +17,9 @@ def robot(monkeypatch):
     """Provide Sensors; time(t) to set the clock [s]; scan(t), tf(t) and odometry(t) to send messages with stamp t."""
     callbacks, clock = {}, [rospy.Time(100)]
 
-    monkeypatch.setattr(rospy, "Subscriber", lambda topic, kind, callback, **_: callbacks.update({topic: callback}))
+    monkeypatch.setattr(
+        rospy, "Subscriber", lambda topic, kind, callback, **_: callbacks.update({topic: callback})
+    )
     monkeypatch.setattr(rospy, "get_rostime", lambda: clock[0])
     monkeypatch.setattr(rospy, "logerr_throttle", lambda *_: None)
     monkeypatch.setattr(transforms.tf2_ros, "TransformListener", lambda *_, **__: "listens")
@@ -28,7 +30,9 @@ def robot(monkeypatch):
         return clock[0]
 
     def scan(t, frame="base", ranges=(1.0, 2.0, 3.0)):
-        message = LaserScan(angle_min=-1.0, angle_increment=1.0, range_min=0.1, range_max=9.0, ranges=list(ranges))
+        message = LaserScan(
+            angle_min=-1.0, angle_increment=1.0, range_min=0.1, range_max=9.0, ranges=list(ranges)
+        )
         message.header.stamp, message.header.frame_id = rospy.Time.from_sec(t), frame
         callbacks["scan"](message)
 
@@ -86,7 +90,9 @@ def test_scans_without_stamps_get_their_arrival_times(robot):
         robot.time(now)
         robot.tf(now)
         robot.scan(0.0)
-        assert [scan.stamp for scan in robot.sensors.observations().values()] == [pytest.approx(now)]
+        assert [scan.stamp for scan in robot.sensors.observations().values()] == [
+            pytest.approx(now)
+        ]
 
 
 def test_a_line_about_a_scan_has_stamp_age_and_reason(robot):
@@ -136,7 +142,9 @@ def test_ages_are_those_of_the_messages_in_use(robot):
     now = robot.time(100.5)
     robot.sensors.pose(now, 0.3)
     robot.sensors.observations()
-    assert robot.sensors.ages(now) == pytest.approx({"scan_age_s": 0.08, "pose_age_s": 0.02, "twist_age_s": 0.05})
+    assert robot.sensors.ages(now) == pytest.approx(
+        {"scan_age_s": 0.08, "pose_age_s": 0.02, "twist_age_s": 0.05}
+    )
 
 
 @pytest.mark.parametrize("later", [0.0, 0.02])
@@ -162,7 +170,9 @@ def test_lasers_that_share_a_topic_are_distinguished_by_their_frames(robot, late
 def test_a_silent_laser_does_not_affect_the_other_on_its_topic(robot):
     robot.time(100.0)
     robot.tf(100.0)
-    robot.sensors.transforms.buffer.set_transform(transform("base", "rear", (0.0, 0.0, 0.0), rospy.Time(100)), "test")
+    robot.sensors.transforms.buffer.set_transform(
+        transform("base", "rear", (0.0, 0.0, 0.0), rospy.Time(100)), "test"
+    )
     robot.scan(100.0, "rear")
     assert robot.sensors.observations()
     for k in range(1, 40):

@@ -52,27 +52,50 @@ def test_a_node_without_a_master_ends_in_one_line(name):
 @pytest.mark.parametrize("name", ["move_base", "send_goal"])
 def test_invalid_arguments_start_nothing(name):
     """Otherwise `send_goal.py 1 0 0` and `send_goal.py --help` would send the robot to the default goal."""
-    wrong, helped = (start("-m", "applr_ros1.scripts", name, *words) for words in (("1", "0", "0", "_a:=b"), ("-h",)))
-    assert ended(wrong, 1).startswith(name + ": unexpected arguments 1 0 0: give parameters as _NAME:=VALUE")
+    wrong, helped = (
+        start("-m", "applr_ros1.scripts", name, *words)
+        for words in (("1", "0", "0", "_a:=b"), ("-h",))
+    )
+    assert ended(wrong, 1).startswith(
+        name + ": unexpected arguments 1 0 0: give parameters as _NAME:=VALUE"
+    )
     assert "~robot" in ended(helped, 0)
 
 
 def test_a_missing_python_package_is_one_line_with_the_remedy():
-    begin = "import sys; sys.modules['numba'] = None; from applr_ros1.common.errors import run_script;"
-    text = ended(start("-c", begin + "sys.argv[1:] = ['--help']; run_script('applr_ros1.nodes.move_base.node')"), 1)
+    begin = (
+        "import sys; sys.modules['numba'] = None; from applr_ros1.common.errors import run_script;"
+    )
+    text = ended(
+        start(
+            "-c", begin + "sys.argv[1:] = ['--help']; run_script('applr_ros1.nodes.move_base.node')"
+        ),
+        1,
+    )
     assert "numba" in text
     assert "./applr packages" in text
 
 
-APPLR, MONITOR, BRIDGE = "applr_ros1.nodes.applr.main", "applr_ros1.nodes.monitor.node", "sim_bridge.ros_bridge"
+APPLR, MONITOR, BRIDGE = (
+    "applr_ros1.nodes.applr.main",
+    "applr_ros1.nodes.monitor.node",
+    "sim_bridge.ros_bridge",
+)
 
 
 @pytest.mark.parametrize(
     ("module", "given", "line"),
     [
-        *[(module, "a robot with errors", "controller_frequency") for module in (APPLR, MONITOR, BRIDGE)],
+        *[
+            (module, "a robot with errors", "controller_frequency")
+            for module in (APPLR, MONITOR, BRIDGE)
+        ],
         (MONITOR, {"more_scans": "rear"}, "give a list of topics"),
-        (MONITOR, {"more_scans": ["front/scan"]}, "more_scans has front/scan, the first laser's topic"),
+        (
+            MONITOR,
+            {"more_scans": ["front/scan"]},
+            "more_scans has front/scan, the first laser's topic",
+        ),
         (MONITOR, {"margins": 1}, "unknown parameter margins"),
         (MONITOR, {"deceleration": 0}, "deceleration is 0"),
         (APPLR, {"max_speed": 0.05}, "max_speed is 0.05: give at least 0.2 m/s"),
@@ -89,7 +112,9 @@ def test_invalid_parameters_are_one_line(module, given, line, tmp_path, monkeypa
     node = importlib.import_module(module)
     monkeypatch.setattr(node, "init_node", lambda name: None)
     parameters = {"": given, **given}  # "~" stands for all parameters of the node.
-    monkeypatch.setattr("rospy.get_param", lambda name, *default: parameters.get(name[1:], *default))
+    monkeypatch.setattr(
+        "rospy.get_param", lambda name, *default: parameters.get(name[1:], *default)
+    )
     monkeypatch.setattr("rospy.get_name", lambda: "/node")
     monkeypatch.setattr("rospy.resolve_name", lambda name: "/" + name)
     for name in ("Publisher", "Subscriber"):

@@ -27,7 +27,9 @@ def published(monkeypatch):
     messages = []
 
     def publisher(topic, kind, **_):
-        return SimpleNamespace(publish=lambda message: messages.append((topic, as_message(kind, message))))
+        return SimpleNamespace(
+            publish=lambda message: messages.append((topic, as_message(kind, message)))
+        )
 
     def as_message(kind, message):
         return message if isinstance(message, kind) else kind(message)
@@ -41,7 +43,10 @@ def snapshot(number):
     """Return a Snapshot of random numbers, with a plan longer than any encoding needs."""
     rng = np.random.default_rng(number)
     stamps = (rospy.Time(100 + number, nanoseconds) for nanoseconds in (1, 2, 3, 4))
-    scan = rng.uniform(0.2, 9.0, 720).astype(np.float32), *rng.uniform([-2.4, 0.0065], [-2.35, 0.0066])
+    scan = (
+        rng.uniform(0.2, 9.0, 720).astype(np.float32),
+        *rng.uniform([-2.4, 0.0065], [-2.35, 0.0066]),
+    )
     pose, twist, goal, moving = (tuple(rng.uniform(-2.0, 2.0, n)) for n in (3, 2, 3, (number, 4)))
     along = 0.03 * np.arange(400)
     plan = np.column_stack([pose[0] + along, pose[1] + np.sin(along)])
@@ -59,7 +64,10 @@ def decide(topics, number, theta, refused=""):
 def written(path, messages):
     with rosbag.Bag(str(path), "w") as bag:
         for second in (100, 101, 102, 103):
-            for topic, message in (("/front/scan", LaserScan(ranges=[1.0])), ("/odometry/filtered", Odometry())):
+            for topic, message in (
+                ("/front/scan", LaserScan(ranges=[1.0])),
+                ("/odometry/filtered", Odometry()),
+            ):
                 message.header.stamp, message.header.frame_id = rospy.Time(second, 1), "odom"
                 bag.write(topic, message, rospy.Time(second, 1))
         for i, (topic, message) in enumerate(messages):
@@ -78,7 +86,9 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
     assert decisions == [
         {
             "goal": "goal 7",
-            "time": pytest.approx(number + 4e-9, abs=1e-10),  # since the first message, of 100 s and 1 ns
+            "time": pytest.approx(
+                number + 4e-9, abs=1e-10
+            ),  # since the first message, of 100 s and 1 ns
             "scan_time": pytest.approx(number, abs=1e-10),
             "before": SPACE.as_dict(THETA_0),
             "after": chosen,
@@ -88,13 +98,21 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
     for number, seen in enumerate(observed, 1):
         sent = snapshot(number).seen
         assert seen.scan[1:] == sent.scan[1:]
-        assert (seen.time, seen.pose, seen.twist, seen.goal) == (sent.time, sent.pose, sent.twist, sent.goal)
+        assert (seen.time, seen.pose, seen.twist, seen.goal) == (
+            sent.time,
+            sent.pose,
+            sent.twist,
+            sent.goal,
+        )
         np.testing.assert_array_equal(seen.scan[0], sent.scan[0])
         np.testing.assert_array_equal(seen.movers, sent.movers)
         assert len(seen.plan) < 200 < len(sent.plan)
         for kind in ENCODINGS.values():
             encoding = kind(robots.JACKAL, 1.0)
-            encoded = [encoding.observe(Context.of(THETA_0, each, SPACE, encoding.layout)) for each in (seen, sent)]
+            encoded = [
+                encoding.observe(Context.of(THETA_0, each, SPACE, encoding.layout))
+                for each in (seen, sent)
+            ]
             np.testing.assert_array_equal(*encoded)
 
 
@@ -120,7 +138,11 @@ def test_fields_of_the_parameters_are_named_for_plotting():
     message = applr_topics.parameters_message(np.arange(8.0), rospy.Time(3))
     assert message.names == list(SPACE.names)
     assert message.values == list(range(8))
-    assert (message.max_vel_x, message.path_distance_bias, message.goal_distance_bias) == (0.0, 5.0, 6.0)
+    assert (message.max_vel_x, message.path_distance_bias, message.goal_distance_bias) == (
+        0.0,
+        5.0,
+        6.0,
+    )
     assert message.inflation_radius == 7.0
     assert message.header.stamp == rospy.Time(3)
     empty = applr_topics.parameters_message(None, rospy.Time(3))

@@ -9,7 +9,15 @@ from types import SimpleNamespace
 import numpy as np
 
 from applr_ros1.planner.dwa.critics import ALL
-from applr_ros1.planner.dwa.local_planner import DRIVING, NO_PLAN, STOPPING, TURNED, TURNING, DWALocalPlanner, LocalPlan
+from applr_ros1.planner.dwa.local_planner import (
+    DRIVING,
+    NO_PLAN,
+    STOPPING,
+    TURNED,
+    TURNING,
+    DWALocalPlanner,
+    LocalPlan,
+)
 from applr_ros1.planner.dwa.planner import DWAPlanner
 from applr_ros1.planner.parameters.dwa_planner_parameters import DWA_PLANNER
 
@@ -19,7 +27,9 @@ PHASES = (NO_PLAN, DRIVING, STOPPING, TURNING, TURNED)
 THROUGH = 255  # value in `cut` if the search scored a sample with all critics
 ANOTHER_FRAME = 1e-9  # tolerance of poses transformed from another frame [m, rad]
 
-DEFAULTS = {p.name: p.default for p in DWA_PLANNER}  # defaults for the parameters that C++ does not have
+DEFAULTS = {
+    p.name: p.default for p in DWA_PLANNER
+}  # defaults for the parameters that C++ does not have
 
 
 def make_costmap(scenario):
@@ -36,7 +46,9 @@ def make_planner(scenario):
     ros = scenario.inputs["ros"]
     frequency = ros["controller_frequency"]
     period = 1.0 / frequency if frequency > 0 else 0.05
-    return DWAPlanner({**DEFAULTS, **scenario.inputs["params"]}, period, ros["sum_scores"], ros["cheat_factor"])
+    return DWAPlanner(
+        {**DEFAULTS, **scenario.inputs["params"]}, period, ros["sum_scores"], ros["cheat_factor"]
+    )
 
 
 def flags_in(scenario):
@@ -72,7 +84,11 @@ def dwa(scenario):
     if "stored" in scenario:
         yield "stored", every.stored, scenario.array("stored")
     counts = [len(every.counts), (every.counts > 0).sum(), (every.costs >= 0).sum()]
-    yield "count, accepted, legal", counts, [expected[name] for name in ("count", "accepted", "legal")]
+    yield (
+        "count, accepted, legal",
+        counts,
+        [expected[name] for name in ("count", "accepted", "legal")],
+    )
 
 
 def rollout(scenario):
@@ -81,7 +97,9 @@ def rollout(scenario):
     costmap, planner = make_costmap(scenario), make_planner(scenario)
     plan = scenario.array("plan")
     rows, states = scenario.array("rollout"), scenario.array("rollout_state")
-    wanted = np.hstack([rows[:, 3:], scenario.array("rollout_best"), states, scenario.array("rollout_used")])
+    wanted = np.hstack(
+        [rows[:, 3:], scenario.array("rollout_best"), states, scenario.array("rollout_used")]
+    )
     ours = []
     for i, row in enumerate(rows):
         planner.state = states[i - 1] if i else flags_in(scenario)
@@ -102,7 +120,9 @@ def drive(scenario):
     planner.set_plan(scenario.array("global_plan"))
     yield "goal_yaw_used", planner.stored_plan.goal()[2], scenario.expected["goal_yaw_used"]
     planner.planner.state = flags_in(scenario)
-    planner.stop_rotate.latched, planner.stop_rotate.rotating = map(bool, given.get("lsr_in", [0, 0]))
+    planner.stop_rotate.latched, planner.stop_rotate.rotating = map(
+        bool, given.get("lsr_in", [0, 0])
+    )
     wanted = scenario.array("steps_out")
     every = given.get("replan_every", 0)
     ours, states = [], []
@@ -116,7 +136,15 @@ def drive(scenario):
         count = wanted[i, 11] if phase == 1 and not step.ok else step.count  # C++: previous winner
         checked = phase in (2, 3)
         ours.append(
-            [reached, phase > 0, len(step.cut), len(planner.stored_plan.poses), phase > 1, phase, step.ok]
+            [
+                reached,
+                phase > 0,
+                len(step.cut),
+                len(planner.stored_plan.poses),
+                phase > 1,
+                phase,
+                step.ok,
+            ]
             + [*step.command, step.cost, count, *np.float32(step.checked), checked and step.ok]
             + [planner.stop_rotate.latched, planner.stop_rotate.rotating]
         )

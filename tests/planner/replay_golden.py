@@ -65,7 +65,10 @@ def make_costmap(scenario):
         footprint=pad(given["footprint"], given["footprint_padding"]),
         track_unknown=bool(given["track_unknown"]),
         inflation=InflationParameters(
-            given["inflation_radius"], given["cost_scaling_factor"], True, bool(given["inflate_unknown"])
+            given["inflation_radius"],
+            given["cost_scaling_factor"],
+            True,
+            bool(given["inflate_unknown"]),
         ),
     )
     paint(costmap, scenario.array("cells"))
@@ -104,15 +107,22 @@ def navfn(scenario):
         patch = scenario.array("potential_patch")
         yield "potential_stride4", potential[::4, ::4], scenario.array("potential_stride4")
         yield "potential_patch", potential[y : y + patch.shape[0], x : x + patch.shape[1]], patch
-    for name, array in (("potential_sha256", potential.astype("<f4")), ("costarr_sha256", planner.costs)):
+    for name, array in (
+        ("potential_sha256", potential.astype("<f4")),
+        ("costarr_sha256", planner.costs),
+    ):
         if name in expected:
-            same = hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest() == expected[name]
+            same = (
+                hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest() == expected[name]
+            )
             yield name, int(same), 1
 
 
 def make_planner(scenario, costmap):
     given = scenario.inputs
-    return TrajectoryPlanner(costmap.footprint, given["params"], given["sim_period"], bool(given["meter_scoring"]))
+    return TrajectoryPlanner(
+        costmap.footprint, given["params"], given["sim_period"], bool(given["meter_scoring"])
+    )
 
 
 def dwa(scenario):
@@ -158,7 +168,11 @@ def compare_grids(scenario, planner):
     for name, ours in zip(("path_dist", "goal_dist", "within_robot"), planner.grids()):
         yield name, ours, scenario.array(name)
         if name == "goal_dist" and "local_goal" in scenario.expected:
-            yield "local_goal", local_goal(scenario.inputs, ours), scenario.expected["local_goal"] or []
+            yield (
+                "local_goal",
+                local_goal(scenario.inputs, ours),
+                scenario.expected["local_goal"] or [],
+            )
 
 
 def local_goal(given, goal_dist):
@@ -177,7 +191,9 @@ def rollout(scenario):
     yield from compare_costmap(scenario, costmap)
     planner = make_planner(scenario, costmap)
     planner.set_plan(scenario.array("plan"))
-    rows, states, used = (scenario.array(name) for name in ("rollout", "rollout_state", "rollout_used"))
+    rows, states, used = (
+        scenario.array(name) for name in ("rollout", "rollout_state", "rollout_used")
+    )
     wanted = np.hstack([rows[:, 3:6], scenario.array("rollout_best"), states, used])
     ours = []
     for i, row in enumerate(rows):
@@ -185,13 +201,27 @@ def rollout(scenario):
         planner.state = states[i - 1] if i else [0] * 10
         result = planner.find_best_path(costmap, row[:3], velocity)
         ours.append(
-            [*result.drive[::2], result.cost, result.vx, result.w, result.count, *planner.state, *planner.start]
+            [
+                *result.drive[::2],
+                result.cost,
+                result.vx,
+                result.w,
+                result.count,
+                *planner.state,
+                *planner.start,
+            ]
         )
     yield "commands, costs, winners, states, poses used", np.array(ours).reshape(-1, 22), wanted
 
 
 FORMATS = {
-    FORMAT: {"dwa": dwa, "dwa_edge": dwa, "inflation": inflation, "navfn": navfn, "rollout": rollout},
+    FORMAT: {
+        "dwa": dwa,
+        "dwa_edge": dwa,
+        "inflation": inflation,
+        "navfn": navfn,
+        "rollout": rollout,
+    },
     replay_dwa.FORMAT: replay_dwa.KINDS,
 }
 

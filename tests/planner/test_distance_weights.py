@@ -20,7 +20,9 @@ LARGEST = np.full(len(SPACE), 5.0)  # upper bounds of TrajectoryPlannerROS for i
 
 def tree(weights):
     made = quick()
-    made["TrajectoryPlannerROS"] = dict(made["TrajectoryPlannerROS"], meter_scoring=weights == "per_metre")
+    made["TrajectoryPlannerROS"] = dict(
+        made["TrajectoryPlannerROS"], meter_scoring=weights == "per_metre"
+    )
     return made
 
 
@@ -45,9 +47,13 @@ def test_the_unit_of_the_weights_is_detected_in_20_of_20_starts():
         assert factor_of(cells, weights, 0.05) == {"per_cell": 1.0, "per_metre": 0.05}[unit]
         for k in range(2):  # The cloud is older than a change of the weights.
             assert factor_of(cells, weights * np.where(np.arange(3) == k, 1.1, 1.0), 0.05) is None
-    assert factor_of(np.vstack([rows[:5], cells[-500:]]), weights, 0.05) is None  # five cells are too few
+    assert (
+        factor_of(np.vstack([rows[:5], cells[-500:]]), weights, 0.05) is None
+    )  # five cells are too few
     rows[:, 6] = weights[2] * rows[:, 5]
-    assert factor_of(rows, weights, 0.05) is None, "a cloud with obstacle costs only does not reveal the unit"
+    assert factor_of(rows, weights, 0.05) is None, (
+        "a cloud with obstacle costs only does not reveal the unit"
+    )
 
 
 def test_a_compensated_drive_equals_a_drive_without_need_of_compensation():

@@ -25,7 +25,12 @@ def test_reconfigure_reaches_the_planner_and_no_other_server():
     made, robot = start((4.0, 0.0, 0.0), tree=tree())
     assert made.local_planner_name == DWA
     assert "TrajectoryPlannerROS" not in made.servers
-    assert made.reconfigure(DWA, {"max_vel_x": 0.2, "max_vel_trans": 0.2, "acc_lim_x": 99.0})["acc_lim_x"] == 20.0
+    assert (
+        made.reconfigure(DWA, {"max_vel_x": 0.2, "max_vel_trans": 0.2, "acc_lim_x": 99.0})[
+            "acc_lim_x"
+        ]
+        == 20.0
+    )
     run(made, robot, 1.0)
     assert 0.15 < robot.twist[0] <= 0.2 + 1e-6
     with pytest.raises(ParameterError, match="at most 1000000 together"):

@@ -27,8 +27,16 @@ def local_planner(plan=None, **changes):
 @pytest.mark.parametrize(
     ("plan", "cut", "dropped"),
     [
-        (straight(9.0, step=0.5), np.arange(0, 5.6, 0.5), 0),  # The cut ends with the first point beyond the map.
-        ([[0.0, 0, 0], [3.0, 4.0, 0], [9.0, 0, 0], [1.0, 0, 0]], [0.0, 3.0, 9.0], 0),  # A point on the limit is inside.
+        (
+            straight(9.0, step=0.5),
+            np.arange(0, 5.6, 0.5),
+            0,
+        ),  # The cut ends with the first point beyond the map.
+        (
+            [[0.0, 0, 0], [3.0, 4.0, 0], [9.0, 0, 0], [1.0, 0, 0]],
+            [0.0, 3.0, 9.0],
+            0,
+        ),  # A point on the limit is inside.
         # The cut skips 9 and 8, and prunes 3: the stored plan loses one point (docs/explanation/planner.md, 7.2).
         ([[9.0, 0, 0], [8.0, 0, 0], [3.0, 0, 0], [0.5, 0, 0]], [0.5], 1),
     ],
@@ -65,7 +73,10 @@ def test_control_fails_when_all_points_are_pruned_until_the_next_plan():
 
 def test_stops_before_it_turns():
     made = local_planner(straight(1.0, 1.5), acc_lim_x=2.0, acc_lim_theta=2.0)
-    assert made.compute_velocity((0.9, 0, 0), (0.5, 0.3), open_map()) == (True, (0.4, pytest.approx(0.2)))
+    assert made.compute_velocity((0.9, 0, 0), (0.5, 0.3), open_map()) == (
+        True,
+        (0.4, pytest.approx(0.2)),
+    )
     assert made.compute_velocity((0.9, 0, 0), (-0.05, 0.0), open_map()) == (True, (-0.0, 0.0))
     ok, (v, w) = made.compute_velocity((0.9, 0, 0), (0.0, 0.0), open_map())
     assert ok
@@ -86,7 +97,9 @@ def test_turns_no_faster_than_it_can_stop_and_never_too_slowly():
     assert made.compute_velocity((0.9, 0, 0), (0.0, 0.0), open_map())[1] == (0.0, 0.314)
     made = local_planner(straight(1.0, -0.3), acc_lim_theta=0.5)
     made.compute_velocity((0.9, 0, 0), (0.0, 0.0), open_map())  # The robot has stopped and turns.
-    assert made.compute_velocity((0.9, 0, 0), (0.0, -2.0), open_map())[1][1] == pytest.approx(-math.sqrt(2 * 0.5 * 0.3))
+    assert made.compute_velocity((0.9, 0, 0), (0.0, -2.0), open_map())[1][1] == pytest.approx(
+        -math.sqrt(2 * 0.5 * 0.3)
+    )
 
 
 def test_an_illegal_turn_is_refused():

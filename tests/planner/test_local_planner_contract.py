@@ -18,7 +18,14 @@ from tests.support.map_scenes import JACKAL as FOOT
 from tests.support.map_scenes import paint, straight
 
 STANDING = (0.0, 0.0)
-DWA = dict(min_vel_y=0.0, max_vel_y=0.0, max_vel_x=0.5, max_vel_trans=0.5, acc_lim_x=10.0, acc_lim_theta=10.0)
+DWA = dict(
+    min_vel_y=0.0,
+    max_vel_y=0.0,
+    max_vel_x=0.5,
+    max_vel_trans=0.5,
+    acc_lim_x=10.0,
+    acc_lim_theta=10.0,
+)
 
 
 def make(plugin, **changes):
@@ -68,7 +75,9 @@ def test_drives_along_the_plan_and_shows_the_chosen_trajectory(planner):
     assert costs.dtype == planner.trajectory_cloud(here).dtype == np.float32
     points = planner.trajectory_cloud(here)
     assert points.shape[1] == 5
-    assert points[:, 4].min() >= 0.0  # The cloud has only legal trajectories, and the chosen one has the least cost.
+    assert (
+        points[:, 4].min() >= 0.0
+    )  # The cloud has only legal trajectories, and the chosen one has the least cost.
     best = points[points[:, 4] == points[:, 4].min()]
     assert np.hypot(*(best[:, :2] - planner.local_plan[-1, :2]).T).min() < 1e-5
     assert np.array_equal(here.cells, cells)
@@ -117,7 +126,9 @@ def test_no_command_far_from_the_plan_or_without_one(planner):
 
 
 def test_no_forward_command_into_an_obstacle(planner):
-    ok, (v, _) = planner.compute_velocity((0, 0, 0), STANDING, costmap(*[(0.36, y / 20) for y in range(-20, 21)]))
+    ok, (v, _) = planner.compute_velocity(
+        (0, 0, 0), STANDING, costmap(*[(0.36, y / 20) for y in range(-20, 21)])
+    )
     assert not (ok and v > 0)
 
 

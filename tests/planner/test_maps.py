@@ -41,7 +41,9 @@ N = 40
 def costmap(*layers, rolling=False, track_unknown=False):
     """Return a costmap of 40 x 40 cells of 0.1 m, centred at the origin."""
     side = (N + 0.5) * 0.1
-    return Costmap(side, side, 0.1, (-2.0, -2.0), rolling, map_scenes.JACKAL, track_unknown, layers=layers)
+    return Costmap(
+        side, side, 0.1, (-2.0, -2.0), rolling, map_scenes.JACKAL, track_unknown, layers=layers
+    )
 
 
 def grid(rng, share=0.03):
@@ -61,7 +63,10 @@ def grid(rng, share=0.03):
         ({"lethal_cost_threshold": -3}, (254, 254, 254, 254, 254, 254, 254, 254, 255)),
         ({"unknown_cost_value": 50}, (0, 0, 255, 0, 0, 0, 254, 254, 254)),
         ({"trinary_costmap": False}, (0, 2, 127, 162, 165, 251, 254, 254, 255)),
-        ({"trinary_costmap": False, "lethal_cost_threshold": 65}, (0, 3, 195, 250, 254, 254, 254, 254, 255)),
+        (
+            {"trinary_costmap": False, "lethal_cost_threshold": 65},
+            (0, 3, 195, 250, 254, 254, 254, 254, 255),
+        ),
     ],
 )
 def test_costs_of_occupancies(parameters, costs):
@@ -78,12 +83,19 @@ def test_a_fixed_costmap_takes_size_and_origin_of_the_map_and_a_rolling_costmap_
         assert made.size == (N, N)
         made.set_map("map", given)
         made.update(HERE)
-    assert (fixed.size, fixed.resolution, fixed.origin.tolist()) == ((70, 30), given.resolution, [-1.0, 3.0])
+    assert (fixed.size, fixed.resolution, fixed.origin.tolist()) == (
+        (70, 30),
+        given.resolution,
+        [-1.0, 3.0],
+    )
     assert (fixed.cells == 254).all()
     assert (rolling.size, rolling.resolution) == ((N, N), 0.1)
     fixed.resize(5.0, 5.0, 0.05, (0.0, 0.0))  # The map determines the size.
     assert fixed.size == (70, 30)
-    for wrong in (StaticMap(np.zeros((0, 3)), 0.1, (0, 0)), StaticMap(np.zeros((3, 3)), math.nan, (0, 0))):
+    for wrong in (
+        StaticMap(np.zeros((0, 3)), 0.1, (0, 0)),
+        StaticMap(np.zeros((3, 3)), math.nan, (0, 0)),
+    ):
         with pytest.raises(ApplrError, match="map has"):
             fixed.set_map("map", wrong)
     assert fixed.size == (70, 30)
@@ -101,7 +113,9 @@ def test_first_map_only_ignores_later_maps_and_updates_are_applied():
     expected = np.full((N, N), 254)
     expected[5:7, 3:7] = 255
     np.testing.assert_array_equal(updated.cells, expected)
-    updated.update_map("map", 0, 0, np.zeros((1, 1), np.int8))  # Two map updates precede the costmap's update.
+    updated.update_map(
+        "map", 0, 0, np.zeros((1, 1), np.int8)
+    )  # Two map updates precede the costmap's update.
     updated.update_map("map", 39, 39, np.zeros((1, 1), np.int8))
     updated.update(HERE)
     assert updated.cells[0, 0] == updated.cells[39, 39] == 0
@@ -113,7 +127,10 @@ def test_first_map_only_ignores_later_maps_and_updates_are_applied():
 
 def test_a_rolling_costmap_shows_the_part_of_the_map_below_it():
     rng = np.random.default_rng(3)
-    given, made = grid(rng, 0.3), costmap(LayerDescription("static", StaticParameters()), rolling=True)
+    given, made = (
+        grid(rng, 0.3),
+        costmap(LayerDescription("static", StaticParameters()), rolling=True),
+    )
     made.set_map("map", given)
     made.static_layers[0].placement = frame = (0.4, -0.3, 0.5)
     made.update((0.7, 0.5, 1.0))
@@ -144,10 +161,14 @@ def compare_layers(order, track_unknown):
         "o": lambda k: (ObstacleParameters(combination_method=k % 2), rays, 255 if k else None),
         "i": lambda k: (InflationParameters(0.3 + 0.1 * k, 3.0),),
     }
-    layers = [LayerDescription("%s%d" % (letter, k), *kinds[letter](k)) for k, letter in enumerate(order)]
+    layers = [
+        LayerDescription("%s%d" % (letter, k), *kinds[letter](k)) for k, letter in enumerate(order)
+    ]
     made = costmap(*layers, track_unknown=track_unknown)
     given = StaticMap(
-        np.where(rng.random((N, N)) < 0.02, 100, rng.integers(-1, 60, (N, N))).astype(np.int8), 0.1, (-2, -2)
+        np.where(rng.random((N, N)) < 0.02, 100, rng.integers(-1, 60, (N, N))).astype(np.int8),
+        0.1,
+        (-2, -2),
     )
     made.set_map("map", given)
     made.update(HERE)
@@ -168,7 +189,9 @@ def compare_layers(order, track_unknown):
         elif order[k] == "o" and k % 2 == 0:
             master = np.where(known, layer.cells, master)
         else:
-            master = np.where(known & ((master == 255) | (master < layer.cells)), layer.cells, master)
+            master = np.where(
+                known & ((master == 255) | (master < layer.cells)), layer.cells, master
+            )
     if "s" in order or "m" in order or "i" in order:
         np.testing.assert_array_equal(made.cells, master, "layers %s" % (order,))
     assert not order or made.cells.any(), order
@@ -202,7 +225,9 @@ def test_observation_persistence_and_silence_of_a_source():
 
 @pytest.mark.parametrize("step", [0.05, 0.45, 30.0])
 def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(step):
-    source = SimpleNamespace(obstacle_layers=[SimpleNamespace(parameters=SimpleNamespace(enabled=True))])
+    source = SimpleNamespace(
+        obstacle_layers=[SimpleNamespace(parameters=SimpleNamespace(enabled=True))]
+    )
     buffer = ObservationBuffer(Source(expected_update_rate=0.5, observation_persistence=9.0))
     source.obstacle_layers[0].buffers = [buffer]
     router = ObservationRouter(source, SimpleNamespace(obstacle_layers=[]), 0.5)
@@ -210,7 +235,10 @@ def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(s
     router.take({"scan": scan}, 100.0, None)
     assert router.silent(100.4) is None
     now = 100.4 - step
-    assert router.silent(now) == ("scan", 0.5)  # The source counts as silent for a step back of any size.
+    assert router.silent(now) == (
+        "scan",
+        0.5,
+    )  # The source counts as silent for a step back of any size.
     router.take({"scan": replace(scan, stamp=now)}, now, None)
     assert [cloud.stamp for cloud in buffer.clouds] == [now]
     assert router.silent(now) is None
@@ -218,14 +246,24 @@ def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(s
 
 def test_an_observation_older_than_the_latest_on_its_topic_is_dropped():
     layer = SimpleNamespace(parameters=SimpleNamespace(enabled=True))
-    layer.buffers = [ObservationBuffer(Source(topic=topic, observation_persistence=9.0)) for topic in ("scan", "other")]
+    layer.buffers = [
+        ObservationBuffer(Source(topic=topic, observation_persistence=9.0))
+        for topic in ("scan", "other")
+    ]
     costmap = SimpleNamespace(obstacle_layers=[layer])
     router = ObservationRouter(costmap, SimpleNamespace(obstacle_layers=[]), 0.5)
     scan = LaserScan(100.0, 0.0, 0.2, 0.1, 10.0, np.array([1.0], np.float32), HERE)
     older = replace(scan, stamp=99.9)
-    for sensed in ({"scan": scan}, {"scan": older, "other": older}, {"scan": replace(scan, stamp=100.1)}):
+    for sensed in (
+        {"scan": scan},
+        {"scan": older, "other": older},
+        {"scan": replace(scan, stamp=100.1)},
+    ):
         router.take(sensed, 100.1, None)
-    assert [[cloud.stamp for cloud in buffer.clouds] for buffer in layer.buffers] == [[100.1, 100.0], [99.9]]
+    assert [[cloud.stamp for cloud in buffer.clouds] for buffer in layer.buffers] == [
+        [100.1, 100.0],
+        [99.9],
+    ]
     assert router.silent(100.41) == ("other", 0.5)
 
 
@@ -235,22 +273,34 @@ def test_points_of_tilted_sensors_and_in_moving_frames_are_exact():
     half = math.sin(0.15), math.cos(0.15)
     flat = LaserScan(0.0, 0.2, 0.5, 0.1, 10.0, ranges, (1.0, 2.0, 9.9), 0.4, (0.0, 0.0, *half))
     np.testing.assert_allclose(project(flat).points, project(level).points, atol=1e-6)
-    hanging = LaserScan(0.0, 0.2, 0.5, 0.1, 10.0, ranges, (1.0, 2.0, 0.0), 0.4, (half[1], half[0], 0.0, 0.0))  # roll pi
+    hanging = LaserScan(
+        0.0, 0.2, 0.5, 0.1, 10.0, ranges, (1.0, 2.0, 0.0), 0.4, (half[1], half[0], 0.0, 0.0)
+    )  # roll pi
     angles = 0.3 - np.array([0.2, 0.7])
-    expected = np.stack([1.0 + ranges[:2] * np.cos(angles), 2.0 + ranges[:2] * np.sin(angles), [0.4, 0.4]], axis=1)
+    expected = np.stack(
+        [1.0 + ranges[:2] * np.cos(angles), 2.0 + ranges[:2] * np.sin(angles), [0.4, 0.4]], axis=1
+    )
     np.testing.assert_allclose(project(hanging).points, expected, atol=1e-6)
     frame = (5.0, -1.0, 1.1)
     points = np.array([[1.0, 0.0, 0.5], [math.nan, 0.0, 0.0]], np.float32)
-    cloud = SensorCloud(0.0, points, (0.1, 0.2, 0.3), (0.0, math.sin(0.2), 0.0, math.cos(0.2)), (0.0, 0.0, 1.0))
+    cloud = SensorCloud(
+        0.0, points, (0.1, 0.2, 0.3), (0.0, math.sin(0.2), 0.0, math.cos(0.2)), (0.0, 0.0, 1.0)
+    )
     for given in (level, hanging, cloud):
         before, after = observe(given), observe(moved(given, frame))
         assert len(after.points) == len(before.points) > 0
-        np.testing.assert_allclose(after.points[:, :2].T, transform_point(frame, *before.points[:, :2].T), atol=1e-5)
         np.testing.assert_allclose(
-            after.origin, (*transform_point(frame, *before.origin[:2]), before.origin[2]), atol=1e-12
+            after.points[:, :2].T, transform_point(frame, *before.points[:, :2].T), atol=1e-5
+        )
+        np.testing.assert_allclose(
+            after.origin,
+            (*transform_point(frame, *before.origin[:2]), before.origin[2]),
+            atol=1e-12,
         )
     x, _, z = observe(cloud).points[0] - (0.1, 0.2, 0.3)  # pitch of 0.4 rad
-    assert (x, z) == pytest.approx((math.cos(0.4) + 0.5 * math.sin(0.4), 0.5 * math.cos(0.4) - math.sin(0.4)), abs=1e-6)
+    assert (x, z) == pytest.approx(
+        (math.cos(0.4) + 0.5 * math.sin(0.4), 0.5 * math.cos(0.4) - math.sin(0.4)), abs=1e-6
+    )
 
 
 def test_obstacles_under_the_robot_are_also_cleared_with_a_map():
@@ -268,7 +318,9 @@ def on_a_map(planner, **changes):
     """Return MoveBase with small costmaps and a static layer, whose global costmap is in the frame map."""
     tree = copy.deepcopy(quick(**changes))
     tree["global_costmap"]["global_frame"] = "map"
-    tree["global_costmap"]["plugins"].insert(0, {"name": "static", "type": "costmap_2d::StaticLayer"})
+    tree["global_costmap"]["plugins"].insert(
+        0, {"name": "static", "type": "costmap_2d::StaticLayer"}
+    )
     if planner == "DWAPlannerROS":
         tree["base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
         tree["DWAPlannerROS"] = JACKAL_DWA
@@ -279,7 +331,9 @@ def on_a_map(planner, **changes):
 def test_a_goal_in_the_map_while_localisation_drifts(planner):
     """The odometry frame rotates and drifts in the map. A post on the way is missing in the map."""
     made, goal = on_a_map(planner), (4.0, 0.0, 0.0)
-    posts = [(2.1, y, 0.05) for y in np.arange(-2.5, 3.0, 0.1) if not 0.9 < y < 2.1] + [(0.6, 0.3, 0.15)]
+    posts = [(2.1, y, 0.05) for y in np.arange(-2.5, 3.0, 0.1) if not 0.9 < y < 2.1] + [
+        (0.6, 0.3, 0.15)
+    ]
     robot = ToyRobot(HERE, posts)
     made.set_map(wall_with_a_door())
     made.set_goal(goal, 0.0)
@@ -287,7 +341,9 @@ def test_a_goal_in_the_map_while_localisation_drifts(planner):
         frame = (1.0 + 0.01 * robot.time, -2.0 - 0.006 * robot.time, 0.7 + 0.004 * robot.time)
         back = inverse(frame)
         scan = moved(robot.scan(), back)
-        cycle = made.step(robot.time, compose(back, robot.pose), robot.twist, scan if k % 2 == 0 else None, frame)
+        cycle = made.step(
+            robot.time, compose(back, robot.pose), robot.twist, scan if k % 2 == 0 else None, frame
+        )
         robot.drive(cycle.command, 0.05)
         x, y, _ = robot.pose
         assert min(np.hypot(x - px, y - py) - r for px, py, r in posts) > 0.15
@@ -319,7 +375,9 @@ def test_unknown_space_blocks_plans_only_if_it_is_not_allowed():
     cells[:, 100:103] = -1
     for allowed, reachable in ((True, True), (False, False)):
         tree = on_a_map("TrajectoryPlannerROS", NavfnROS={"allow_unknown": allowed}).parameters
-        tree["global_costmap"]["track_unknown_space"] = True  # Otherwise free cells replace unknown.
+        tree["global_costmap"]["track_unknown_space"] = (
+            True  # Otherwise free cells replace unknown.
+        )
         made = MoveBase(tree)
         made.set_map(StaticMap(cells, 0.05, (-3.0, -3.0), "map"))
         made.step(0.0, HERE, (0.0, 0.0))
@@ -328,9 +386,13 @@ def test_unknown_space_blocks_plans_only_if_it_is_not_allowed():
 
 def test_a_rolling_costmap_refuses_a_map_in_a_third_frame():
     tree = quick()
-    tree["local_costmap"]["plugins"].insert(0, {"name": "static", "type": "costmap_2d::StaticLayer"})
+    tree["local_costmap"]["plugins"].insert(
+        0, {"name": "static", "type": "costmap_2d::StaticLayer"}
+    )
     made = MoveBase(tree)
-    with pytest.raises(ApplrError, match="frame cellar, which the rolling local_costmap cannot use: publish it in"):
+    with pytest.raises(
+        ApplrError, match="frame cellar, which the rolling local_costmap cannot use: publish it in"
+    ):
         made.set_map(StaticMap(np.zeros((5, 5), np.int8), 0.1, (0.0, 0.0), "cellar"))
     made.reset(1.0)  # The rejected map was not kept.
     tree["local_costmap"]["global_frame"] = "/odom"
@@ -357,7 +419,11 @@ def test_an_unexpectedly_silent_source_stops_the_robot():
     layer["bump"] = {"data_type": "PointCloud2"}  # The bumper reports only contacts.
     layer["depth"] = {"data_type": "PointCloud2", "topic": "points", "expected_update_rate": 0.32}
     made, robot = MoveBase(tree), ToyRobot(HERE)
-    assert made.sources == {"front/scan": "LaserScan", "bump": "PointCloud2", "points": "PointCloud2"}
+    assert made.sources == {
+        "front/scan": "LaserScan",
+        "bump": "PointCloud2",
+        "points": "PointCloud2",
+    }
     made.set_goal((3.0, 0.0, 0.0), 0.0)
     depth = SensorCloud(0.0, np.array([[1.0, 1.0, 0.3]], np.float32), HERE, (0.0, 0.0, 0.0, 1.0))
     cycle = made.step(0.0, robot.pose, robot.twist, {"front/scan": robot.scan(), "points": depth})
@@ -382,7 +448,9 @@ def test_the_map_of_a_world_matches_the_laser():
     for dy, dx in itertools.product((-1, 0, 1), repeat=2):
         near |= np.roll(cells, (dy, dx), axis=(0, 1))
     lidar = Lidar(JACKAL_ROBOT.laser, world.cylinders, world.boxes)
-    angles = JACKAL_ROBOT.laser.first_angle + JACKAL_ROBOT.laser.increment * np.arange(JACKAL_ROBOT.laser.beams)
+    angles = JACKAL_ROBOT.laser.first_angle + JACKAL_ROBOT.laser.increment * np.arange(
+        JACKAL_ROBOT.laser.beams
+    )
     for x, y in world.course.path[:: max(1, len(world.course.path) // 20)]:
         ranges = lidar.scan(x, y, 0.3)
         hit = np.isfinite(ranges)
@@ -396,9 +464,14 @@ def test_the_map_of_a_world_matches_the_laser():
 def test_the_latest_observation_of_each_sensor_on_a_topic_counts_between_two_updates():
     buffer = ObservationBuffer(Source())
     for k in range(8):
-        cloud = PointCloud(HERE, np.zeros((0, 3), np.float32), 0.1 * k, frame="rear" if k % 2 else "front")
+        cloud = PointCloud(
+            HERE, np.zeros((0, 3), np.float32), 0.1 * k, frame="rear" if k % 2 else "front"
+        )
         buffer.take(cloud, 0.1 * k)
-    assert [(cloud.frame, cloud.stamp) for cloud in buffer.clouds] == [("rear", 0.1 * 7), ("front", 0.1 * 6)]
+    assert [(cloud.frame, cloud.stamp) for cloud in buffer.clouds] == [
+        ("rear", 0.1 * 7),
+        ("front", 0.1 * 6),
+    ]
     buffer.take(PointCloud(HERE, np.zeros((0, 3), np.float32), 2.0, frame="rear"), 2.0)
     assert [cloud.stamp for cloud in buffer.clouds] == [2.0], "the front sensor has fallen silent"
 
@@ -406,4 +479,7 @@ def test_the_latest_observation_of_each_sensor_on_a_topic_counts_between_two_upd
 def test_an_observation_keeps_its_sensors_frame():
     scan = LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.ones(3, np.float32), (0.0, 0.0, 0.0), frame="rear")
     cloud = SensorCloud(0.0, np.ones((1, 3), np.float32), HERE, (0.0, 0.0, 0.0, 1.0), frame="depth")
-    assert [observe(moved(one, (1.0, 0.0, 0.0))).frame for one in (scan, cloud)] == ["rear", "depth"]
+    assert [observe(moved(one, (1.0, 0.0, 0.0))).frame for one in (scan, cloud)] == [
+        "rear",
+        "depth",
+    ]

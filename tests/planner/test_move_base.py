@@ -8,12 +8,26 @@ import pytest
 from applr_ros1.planner import state_machine as module
 from applr_ros1.planner.move_base import INVALID_GOAL, MoveBase
 from applr_ros1.planner.state_machine import Timer
-from tests.support.toy_robot import ANGLE_MIN, BEAMS, INCREMENT, SLALOM, Scripted, ToyRobot, quick, ring, run, start
+from tests.support.toy_robot import (
+    ANGLE_MIN,
+    BEAMS,
+    INCREMENT,
+    SLALOM,
+    Scripted,
+    ToyRobot,
+    quick,
+    ring,
+    run,
+    start,
+)
 
 
 def sealed(tree=None):
     """Return MoveBase and a robot that has observed a closed ring of posts around itself; the goal is outside."""
-    robot, made = ToyRobot(circles=ring(0.0, 0.0, 0.85, posts=60, size=0.05)), MoveBase(tree or quick())
+    robot, made = (
+        ToyRobot(circles=ring(0.0, 0.0, 0.85, posts=60, size=0.05)),
+        MoveBase(tree or quick()),
+    )
     for yaw in (2.0, 4.0, 0.0):
         robot.pose = (0.0, 0.0, yaw)
         run(made, robot, 0.1)
@@ -58,7 +72,10 @@ def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
     made, robot = sealed()
     cycles = []
     result = run(made, robot, 60.0, cycles=cycles)
-    assert result == ("aborted", "Failed to find a valid plan. Even after executing recovery behaviors.")
+    assert result == (
+        "aborted",
+        "Failed to find a valid plan. Even after executing recovery behaviors.",
+    )
     begun = [c.recovery for _, c in cycles if c.recovery]
     names = ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
     assert begun == [(number, 4, name) for number, name in enumerate(names)]
@@ -80,7 +97,9 @@ def test_a_sealed_goal_is_aborted_if_recovery_rounds_are_limited():
     first = {}
     for rounds in (0, 2):
         posts = ring(3.5, 0.0, 0.7, posts=50, size=0.06)
-        made, robot = start((3.5, 0.0, 0.0), ToyRobot(circles=posts), quick(applr={"recovery_rounds": rounds}))
+        made, robot = start(
+            (3.5, 0.0, 0.0), ToyRobot(circles=posts), quick(applr={"recovery_rounds": rounds})
+        )
         cycles = []
         result = run(made, robot, 60.0, cycles=cycles)
         first[rounds] = sum(c.recovery[0] == 0 for _, c in cycles if c.recovery)
@@ -112,7 +131,9 @@ def test_a_blocked_robot_tries_escape_motions_and_then_recovers(planner, free):
         assert {c for t, c in commands if t > 0.2} == {(-0.5, 0.0)}
         return
     assert {c for t, c in commands if 0.2 < t < 0.6} == {(-0.5, 0.0)}
-    assert (0.0, 0.4) in [c for t, c in commands if 0.6 < t < 1.0], "an escape motion starts after half a second"
+    assert (0.0, 0.4) in [c for t, c in commands if 0.6 < t < 1.0], (
+        "an escape motion starts after half a second"
+    )
     assert made.local_planner.escapes_ended
     if free:  # The free motion lasts half a second, then the planner takes over again.
         share = sum(c == free for t, c in commands if t < 2.5)
@@ -123,8 +144,12 @@ def test_a_blocked_robot_tries_escape_motions_and_then_recovers(planner, free):
 
 
 @pytest.mark.fault("17b")
-@pytest.mark.parametrize(("watched", "planner"), [(True, "ours"), (False, "ours"), (True, "cpp-like")])
-def test_a_robot_without_a_command_tries_escape_motions_only_with_a_monitor_and_never_in_cpp(watched, planner):
+@pytest.mark.parametrize(
+    ("watched", "planner"), [(True, "ours"), (False, "ours"), (True, "cpp-like")]
+)
+def test_a_robot_without_a_command_tries_escape_motions_only_with_a_monitor_and_never_in_cpp(
+    watched, planner
+):
     made, robot = MoveBase(quick(controller_patience=15.0), planner=planner), ToyRobot()
     run(made, robot, 0.1)
     made.set_goal((4.0, 0.0, 0.0), robot.time)
@@ -148,9 +173,13 @@ def test_max_planning_retries_counts_and_recoveries_can_be_switched_off():
 
 
 @pytest.mark.fault("17")
-@pytest.mark.parametrize("goal", [(50.0, 0.0, 0.0), (1.5, 0.0, 0.0)], ids=["off the map", "in an obstacle"])
+@pytest.mark.parametrize(
+    "goal", [(50.0, 0.0, 0.0), (1.5, 0.0, 0.0)], ids=["off the map", "in an obstacle"]
+)
 def test_goals_that_cannot_be_reached_are_aborted(goal):
-    made, robot = start(goal, ToyRobot(circles=[(1.5, 0.0, 0.1)]), quick(recovery_behavior_enabled=False))
+    made, robot = start(
+        goal, ToyRobot(circles=[(1.5, 0.0, 0.1)]), quick(recovery_behavior_enabled=False)
+    )
     assert run(made, robot, 5.0) == ("aborted", module.NO_PATH)
 
 
@@ -161,9 +190,13 @@ def test_goals_that_are_not_finite_are_aborted_at_once():
     cycle = made.step(robot.time, robot.pose, robot.twist, robot.scan())
     made.set_goal(goal, robot.time)
     again = made.step(robot.time, robot.pose, robot.twist, robot.scan())
-    assert (again.result, again.command) == (cycle.result, None), "nothing was under way: no command, as in C++"
+    assert (again.result, again.command) == (cycle.result, None), (
+        "nothing was under way: no command, as in C++"
+    )
     assert (cycle.result, cycle.command) == (("aborted", INVALID_GOAL), (0.0, 0.0))
-    assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None  # C++ would keep driving.
+    assert (
+        made.step(robot.time + 0.05, robot.pose, robot.twist).command is None
+    )  # C++ would keep driving.
 
 
 @pytest.mark.fault("17")
@@ -174,8 +207,12 @@ def test_goals_that_are_not_finite_are_aborted_at_once():
         (True, "oscillation_timeout", module.OSCILLATING, 0.16),
     ],
 )
-def test_missing_control_and_oscillation_recover_and_abort_with_their_own_texts(valid, patience, text, late):
-    made, robot = start((3.0, 0.0, 0.0), tree=quick(clearing_rotation_allowed=False, **{patience: 1.0}))
+def test_missing_control_and_oscillation_recover_and_abort_with_their_own_texts(
+    valid, patience, text, late
+):
+    made, robot = start(
+        (3.0, 0.0, 0.0), tree=quick(clearing_rotation_allowed=False, **{patience: 1.0})
+    )
     made.local_planner = Scripted(lambda n: (valid, (0.0, 0.0)))
     cycles = []
     assert run(made, robot, 20.0, cycles=cycles) == ("aborted", text)
@@ -325,7 +362,14 @@ def test_cycles_and_costmap_updates_have_their_frequencies():
 def test_timer_keeps_its_phase_tolerates_jitter_and_restarts():
     timer = Timer()
     timer.set_frequency(20.0)
-    assert [timer.due(t) for t in (0.0, 0.02, 0.049, 0.05, 0.101, 0.149)] == [True, False, True, False, True, True]
+    assert [timer.due(t) for t in (0.0, 0.02, 0.049, 0.05, 0.101, 0.149)] == [
+        True,
+        False,
+        True,
+        False,
+        True,
+        True,
+    ]
     assert timer.due(10.0)
     assert not timer.due(10.02)
     assert timer.due(10.05)

@@ -32,7 +32,13 @@ def test_reset_equals_a_fresh_object():
         run(made, robot, 0.1)
         made.set_goal((3.5, 0.0, 0.0), robot.time)
         run(made, robot, 5.0, cycles=cycles)
-        drives.append(([c for _, c in cycles], made.global_costmap.cells.copy(), made.local_costmap.cells.copy()))
+        drives.append(
+            (
+                [c for _, c in cycles],
+                made.global_costmap.cells.copy(),
+                made.local_costmap.cells.copy(),
+            )
+        )
     assert drives[0][0] == drives[1][0]
     assert (drives[0][1] == drives[1][1]).all()
     assert (drives[0][2] == drives[1][2]).all()
@@ -70,7 +76,11 @@ LOCAL, GLOBAL = "local_costmap", "global_costmap"
     ("server", "values", "emptied"),
     [
         (LOCAL, {}, {LOCAL}),
-        (LOCAL, {"footprint_padding": 0.1}, {LOCAL}),  # a value in force, as rqt sends it after a click
+        (
+            LOCAL,
+            {"footprint_padding": 0.1},
+            {LOCAL},
+        ),  # a value in force, as rqt sends it after a click
         (LOCAL, {"footprint_padding": 0.14}, {LOCAL}),
         (GLOBAL, {"publish_frequency": 1.0}, {GLOBAL}),
         ("local_costmap/inflater_layer", {"inflation_radius": 0.6}, set()),
@@ -108,7 +118,10 @@ def test_a_cleared_map_is_updated_at_once_and_shows_the_last_scan():
 
 def test_a_map_whose_size_a_static_layer_determines_is_not_cleared():
     tree = quick()
-    tree[GLOBAL]["plugins"] = [{"name": "static", "type": "costmap_2d::StaticLayer"}, *tree[GLOBAL]["plugins"]]
+    tree[GLOBAL]["plugins"] = [
+        {"name": "static", "type": "costmap_2d::StaticLayer"},
+        *tree[GLOBAL]["plugins"],
+    ]
     tree[GLOBAL]["static"] = {"use_maximum": True}
     made, robot = MoveBase(tree), ToyRobot(circles=[(1.5, 0.0, 0.2)])
     made.set_map(StaticMap(np.zeros((200, 200), np.int8), 0.05, (-5.0, -5.0)))
@@ -142,7 +155,10 @@ def test_maps_may_be_resized_while_driving():
     ):
         run(made, robot, 0.5)
         made.reconfigure(server, values)
-    assert (made.local_costmap.cells.shape, made.global_costmap.cells.shape) == ((70, 50), (320, 400))
+    assert (made.local_costmap.cells.shape, made.global_costmap.cells.shape) == (
+        (70, 50),
+        (320, 400),
+    )
     assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
 
 
@@ -152,7 +168,9 @@ def test_footprint_follows_its_server_and_its_topic():
     assert made.local_costmap.footprint[2] == pytest.approx((0.21, 0.165))
     made.set_footprint("local_costmap", [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)])
     assert made.local_costmap.inscribed_radius == pytest.approx(0.3)
-    made.reconfigure("local_costmap", {"footprint_padding": 0.2})  # As in C++, this pads the topic's footprint.
+    made.reconfigure(
+        "local_costmap", {"footprint_padding": 0.2}
+    )  # As in C++, this pads the topic's footprint.
     assert made.local_costmap.inscribed_radius == pytest.approx(0.5)
     made.reset(0.0, restore=False)  # A clock jump does not change the robot's size.
     assert made.local_costmap.inscribed_radius == pytest.approx(0.5)
@@ -166,7 +184,9 @@ def test_footprint_follows_its_server_and_its_topic():
 def test_parameters_read_once_keep_their_start_up_values_after_a_reset():
     made = MoveBase(quick())
     begun = made.local_planner._acceleration, made.local_planner._slowest_turn
-    made.reconfigure(PLANNER, {"acc_lim_theta": 1.0, "min_in_place_vel_theta": 0.05, "max_vel_x": 1.3})
+    made.reconfigure(
+        PLANNER, {"acc_lim_theta": 1.0, "min_in_place_vel_theta": 0.05, "max_vel_x": 1.3}
+    )
     made.reset(0.0, restore=False)
     assert (made.local_planner._acceleration, made.local_planner._slowest_turn) == begun
     assert made.local_planner.planner._params["max_vel_x"][0] == 1.3
@@ -196,7 +216,9 @@ def test_make_plan_leaves_the_maps_unchanged_while_a_goal_is_active():
     made.cancel(robot.time)
     run(made, robot, 0.1)
     made.make_plan(robot.pose, (3.0, 0.0, 0.0))
-    assert not (made.global_costmap.cells == 254)[marked].all()  # make_plan freed the cells within clearing_radius.
+    assert not (made.global_costmap.cells == 254)[
+        marked
+    ].all()  # make_plan freed the cells within clearing_radius.
 
 
 def test_clear_costmaps_clears_both_and_the_last_scan_marks_again():

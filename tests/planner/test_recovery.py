@@ -30,7 +30,9 @@ def lethal(made, x, y):
 
 def rotate(pose=(0.0, 0.0, 0.0), **limits):
     """Return a rotation that has just begun."""
-    turn = recovery.RotateRecovery("rotate_recovery", dict(complete(JACKAL)["TrajectoryPlannerROS"], **limits))
+    turn = recovery.RotateRecovery(
+        "rotate_recovery", dict(complete(JACKAL)["TrajectoryPlannerROS"], **limits)
+    )
     turn.start(0.0, pose)
     return turn
 
@@ -49,16 +51,26 @@ def test_default_recoveries_have_their_order_and_sizes():
 
 
 def test_listed_recoveries_replace_the_defaults():
-    listed = [{"name": "turn", "type": RECOVERY_TYPES[1]}, {"name": "wide", "type": RECOVERY_TYPES[0]}]
-    built = recovery.build(complete(dict(JACKAL, recovery_behaviors=listed, wide={"reset_distance": 6.0})))
+    listed = [
+        {"name": "turn", "type": RECOVERY_TYPES[1]},
+        {"name": "wide", "type": RECOVERY_TYPES[0]},
+    ]
+    built = recovery.build(
+        complete(dict(JACKAL, recovery_behaviors=listed, wide={"reset_distance": 6.0}))
+    )
     assert [type(b) for b in built] == [recovery.RotateRecovery, recovery.ClearCostmapRecovery]
     assert built[1].side == 6.0
-    assert recovery.build(complete(dict(JACKAL, recovery_behaviors=[]))) == []  # As in C++, there are none.
+    assert (
+        recovery.build(complete(dict(JACKAL, recovery_behaviors=[]))) == []
+    )  # As in C++, there are none.
 
 
 def test_a_name_given_twice_leads_to_the_default_recoveries_as_in_cpp():
     """loadRecoveryBehaviors in move_base.cpp logs an error and loads the default behaviours."""
-    listed = [{"name": name, "type": RECOVERY_TYPES[kind]} for name, kind in (("own", 0), ("own", 1), ("last", 1))]
+    listed = [
+        {"name": name, "type": RECOVERY_TYPES[kind]}
+        for name, kind in (("own", 0), ("own", 1), ("last", 1))
+    ]
     tree = dict(JACKAL, recovery_behaviors=listed, own={"reset_distance": 6.0})
     assert check(tree) == []
     (line,) = remarks(tree)
@@ -120,16 +132,22 @@ def test_rotation_is_one_turn_at_slow_control_rates_too(seed):
 
 def test_rotation_is_refused_next_to_an_obstacle():
     made = costmap()
-    made.update((0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), np.array([[0.0, 0.36, 0.0]], np.float32)))
+    made.update(
+        (0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), np.array([[0.0, 0.36, 0.0]], np.float32))
+    )
     assert rotate().step(0.0, (0.0, 0.0, 0.0), made, made) is None
 
 
 def test_rotation_does_not_begin_if_its_second_half_is_blocked():
     """The long front of the robot would hit a post after three quarters of the turn."""
-    made = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=[(-0.2, -0.2), (-0.2, 0.2), (0.5, 0.2), (0.5, -0.2)])
+    made = Costmap(
+        10, 10, 0.05, (-5.0, -5.0), footprint=[(-0.2, -0.2), (-0.2, 0.2), (0.5, 0.2), (0.5, -0.2)]
+    )
     for y, free in ((-0.4, False), (-0.8, True)):
         made.clear()
-        made.update((0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), np.array([[0.0, y, 0.0]], np.float32)))
+        made.update(
+            (0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), np.array([[0.0, y, 0.0]], np.float32))
+        )
         assert (rotate().step(0.0, (0.0, 0.0, 0.0), made, made) is not None) == free
 
 
@@ -149,5 +167,12 @@ def test_a_rotation_slows_down_within_its_acceleration_limit():
 
 def test_the_angle_difference_is_the_shorter_way():
     pi = math.pi
-    for a, b, want in [(0, 1, 1), (1, 0, -1), (3, -3, 2 * pi - 6), (0, pi, pi), (0, -pi, pi), (10, 10, 0)]:
+    for a, b, want in [
+        (0, 1, 1),
+        (1, 0, -1),
+        (3, -3, 2 * pi - 6),
+        (0, pi, pi),
+        (0, -pi, pi),
+        (10, 10, 0),
+    ]:
         assert recovery.angle_difference(a, b) == pytest.approx(want, abs=1e-12), (a, b)

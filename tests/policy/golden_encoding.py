@@ -24,8 +24,14 @@ from training.env.reward import Reward
 
 FILE = Path(__file__).resolve().parents[1] / "data" / "encoding.npz"
 PERIOD, SCENES, PLAN = 1.0, 4, 24
-REWARDS = Reward(), Reward(c_p=2.0, c_c=0.1, along_y=True, exact_time=True, lowest=True, c_collision=5.0)
-FLAGS, NUMBERS = ("contact", "success", "flipped"), ("progress", "progress_y", "last_scan_min", "decision_min")
+REWARDS = (
+    Reward(),
+    Reward(c_p=2.0, c_c=0.1, along_y=True, exact_time=True, lowest=True, c_collision=5.0),
+)
+FLAGS, NUMBERS = (
+    ("contact", "success", "flipped"),
+    ("progress", "progress_y", "last_scan_min", "decision_min"),
+)
 Arrays = Dict[str, np.ndarray]
 
 
@@ -36,7 +42,8 @@ def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
     poses = np.cumsum(rng.uniform(-0.2, 0.4, (SCENES, 3)) * scale, axis=0)
     ways = np.cumsum(rng.uniform(-0.05, 0.3, (SCENES, PLAN, 2)) * scale, axis=1)
     return {
-        "ranges": np.exp(rng.normal(0.5, 1.0, (SCENES, layout.beams))).astype(np.float32) * np.float32(scale),
+        "ranges": np.exp(rng.normal(0.5, 1.0, (SCENES, layout.beams))).astype(np.float32)
+        * np.float32(scale),
         "poses": poses,
         "twists": rng.uniform(-0.3, 1.0, (SCENES, 2)) * robot.base.max_speed,
         "phis": rng.uniform(-3.0, 3.0, SCENES),
@@ -46,7 +53,8 @@ def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
         "numbers": rng.uniform(0.05, 1.5, (SCENES, len(NUMBERS))) * scale,
         "flags": np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], bool),
         "seconds": np.array([1.0, 1.0, 0.35, 0.6]),
-        "movers": rng.normal(0.0, 0.5, (SCENES, 5, 4)) * ([6.0 * scale] * 2 + [robot.base.max_speed] * 2),
+        "movers": rng.normal(0.0, 0.5, (SCENES, 5, 4))
+        * ([6.0 * scale] * 2 + [robot.base.max_speed] * 2),
     }
 
 
@@ -62,7 +70,11 @@ def outputs(robot: Robot, given: Arrays) -> Arrays:
         "thetas": thetas.astype(np.float32),
         "meant": np.array([encoding.action(theta) for theta in thetas], np.float32),
         "rewards": np.array(
-            [[_reward(encoding, reward, given, i, thetas[i]) for i in range(SCENES)] for reward in REWARDS], np.float32
+            [
+                [_reward(encoding, reward, given, i, thetas[i]) for i in range(SCENES)]
+                for reward in REWARDS
+            ],
+            np.float32,
         ),
     }
 
@@ -71,13 +83,20 @@ def _context(encoding: DimensionlessEncoding, given: Arrays, i: int, theta: np.n
     rows = (given["poses"][i], given["twists"][i], given["goal"])
     pose, twist, goal = (tuple(row.tolist()) for row in rows)
     phi = float(given["phis"][i])
-    seen = given["plans"][i], given["movers"][i, : 2 * i]  # none at first, later more than fit into an observation
-    return Context(given["ranges"][i], phi, theta, PERIOD * i, pose, twist, goal, *seen, encoding.space)
+    seen = (
+        given["plans"][i],
+        given["movers"][i, : 2 * i],
+    )  # none at first, later more than fit into an observation
+    return Context(
+        given["ranges"][i], phi, theta, PERIOD * i, pose, twist, goal, *seen, encoding.space
+    )
 
 
 def _reward(encoding: Any, reward: Reward, given: Arrays, i: int, theta: np.ndarray) -> list:
     """Return the terms of the reward for a decision 10 s before the time limit."""
-    values: Dict[str, Any] = {name: float(value) for name, value in zip(NUMBERS, given["numbers"][i])}
+    values: Dict[str, Any] = {
+        name: float(value) for name, value in zip(NUMBERS, given["numbers"][i])
+    }
     values.update({name: bool(value) for name, value in zip(FLAGS, given["flags"][i])})
     outcome = Outcome(theta, seconds=float(given["seconds"][i]), decisions=90, **values)
     return list(reward(outcome, 100, PERIOD, encoding)[1].values())
@@ -89,7 +108,9 @@ def main() -> None:
     for number, name in enumerate(NAMES):
         robot = load(name)
         given = inputs(robot, np.random.default_rng(number))
-        arrays.update({f"{name}/{key}": array for key, array in {**given, **outputs(robot, given)}.items()})
+        arrays.update(
+            {f"{name}/{key}": array for key, array in {**given, **outputs(robot, given)}.items()}
+        )
     np.savez_compressed(FILE, **arrays)
     print(f"{FILE}: {FILE.stat().st_size} bytes")
 

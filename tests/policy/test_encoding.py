@@ -24,7 +24,10 @@ from tests.support.refusals import refused
 MIRROR = DimensionlessEncoding(JACKAL, 1.0).mirror
 JACKAL_CHOSEN = [p.name for p in JACKAL.space if p.paper]
 ROBOTS = [load(name) for name in NAMES]
-WIDE = [replace(robot, space=default_space(robot.base, robot.body, robot.parameters())) for robot in ROBOTS]
+WIDE = [
+    replace(robot, space=default_space(robot.base, robot.body, robot.parameters()))
+    for robot in ROBOTS
+]
 
 
 def context(robot, rng, side=1.0):
@@ -37,7 +40,18 @@ def context(robot, rng, side=1.0):
     moving = (0.4 * robot.base.max_speed, side * turn)
     pose = (x, side * y, side * yaw)
     movers = rng.uniform(-4.0, 4.0, (rng.integers(1, 6), 4)) * (1.0, side, 1.0, side)
-    return Context(ranges, side * phi, encoding.space.theta0, 0.0, pose, moving, goal, plan, movers, encoding.space)
+    return Context(
+        ranges,
+        side * phi,
+        encoding.space.theta0,
+        0.0,
+        pose,
+        moving,
+        goal,
+        plan,
+        movers,
+        encoding.space,
+    )
 
 
 def network(rng):
@@ -49,17 +63,26 @@ def network(rng):
     return weights
 
 
-@pytest.mark.parametrize("robot", ROBOTS + WIDE, ids=[*NAMES, *(name + " by default" for name in NAMES)])
+@pytest.mark.parametrize(
+    "robot", ROBOTS + WIDE, ids=[*NAMES, *(name + " by default" for name in NAMES)]
+)
 def test_actions_encode_parameters_within_the_robots_ranges(robot):
     encoding, rng = DimensionlessEncoding(robot, 1.0), np.random.default_rng(0)
     for action in rng.uniform(-1.0, 1.0, (50, len(OUTPUTS))):
         theta = encoding.theta(action)
         assert np.array_equal(theta, encoding.space.clip(theta))
         if robot in WIDE:  # Default bounds contain the parameters of every action.
-            inside = [i for i, name in enumerate(OUTPUTS) if "samples" not in name and "inflation" not in name]
+            inside = [
+                i
+                for i, name in enumerate(OUTPUTS)
+                if "samples" not in name and "inflation" not in name
+            ]
             back = encoding.action(theta)[inside]
             free = (theta > encoding.space.low + 1e-9) & (theta < encoding.space.high - 1e-9)
-            kept = [free[encoding.space.names.index(n)] if n in encoding.space.names else False for n in OUTPUTS]
+            kept = [
+                free[encoding.space.names.index(n)] if n in encoding.space.names else False
+                for n in OUTPUTS
+            ]
             same = np.abs(back - action[inside]) < 1e-6
             assert (same | ~np.array(kept)[inside]).all()
     refused(lambda: encoding.theta(np.full(len(OUTPUTS), np.nan)), "finite")
@@ -83,7 +106,11 @@ def test_an_observation_is_mirrored_as_the_scene_is(robot):
 @pytest.mark.parametrize("name", NAMES)
 def test_observations_parameters_and_rewards_equal_the_golden_file(name):
     with np.load(golden_encoding.FILE) as arrays:
-        golden = {key.partition("/")[2]: array for key, array in arrays.items() if key.startswith(name + "/")}
+        golden = {
+            key.partition("/")[2]: array
+            for key, array in arrays.items()
+            if key.startswith(name + "/")
+        }
     for key, output in golden_encoding.outputs(load(name), golden).items():
         np.testing.assert_array_equal(output, golden[key], key)
 
@@ -91,13 +118,17 @@ def test_observations_parameters_and_rewards_equal_the_golden_file(name):
 def test_the_nearest_moving_obstacles_are_in_the_robots_frame():
     """The robot faces +y. One obstacle approaches from ahead, one recedes on the left, others are farther away."""
     encoding, rng = DimensionlessEncoding(JACKAL, 1.0), np.random.default_rng(0)
-    movers = np.array([(9.0, 2.0, 0.3, 0.3), (-2.0, 2.0, -1.0, 0.0), (9.0, 9.0, 0, 0), (1.0, 4.0, 0.0, -0.5)])
+    movers = np.array(
+        [(9.0, 2.0, 0.3, 0.3), (-2.0, 2.0, -1.0, 0.0), (9.0, 9.0, 0, 0), (1.0, 4.0, 0.0, -0.5)]
+    )
     here = replace(context(JACKAL, rng), pose=(1.0, 2.0, np.pi / 2), movers=movers)
     length, fast = 15.0 * encoding.width, JACKAL.base.max_speed
     ahead, left = (2.0 / length, 0.0, -0.5 / fast, 0.0), (0.0, 3.0 / length, 0.0, 1.0 / fast)
     right = (0.0, -1.0, 0.3 / fast, -0.3 / fast)  # 8 m away, where positions are capped
     np.testing.assert_allclose(encoding.observe(here)[-12:], [*ahead, *left, *right], atol=1e-6)
-    np.testing.assert_array_equal(encoding.observe(replace(here, movers=movers[:0]))[-12:], [1.0, 0.0, 0.0, 0.0] * 3)
+    np.testing.assert_array_equal(
+        encoding.observe(replace(here, movers=movers[:0]))[-12:], [1.0, 0.0, 0.0, 0.0] * 3
+    )
 
 
 def test_a_scene_of_twice_the_size_gives_the_same_observation():
@@ -105,7 +136,11 @@ def test_a_scene_of_twice_the_size_gives_the_same_observation():
     near = context(JACKAL, np.random.default_rng(0))
     small = encoding.observe(near)[:240]
     encoding.layout = encoding.layout.__class__(
-        180, encoding.layout.angle_min, encoding.layout.angle_max, 2 * encoding.layout.range_cap, 1.0
+        180,
+        encoding.layout.angle_min,
+        encoding.layout.angle_max,
+        2 * encoding.layout.range_cap,
+        1.0,
     )
     large = encoding._scan(2.0 * near.ranges)
     np.testing.assert_allclose(small, large, atol=1e-6)
@@ -147,7 +182,12 @@ def test_the_stall_distance_scales_with_the_robot():
 
 
 def test_parameters_that_an_action_does_not_choose_have_the_policys_base(tmp_path):
-    base = {"min_in_place_vel_theta": 0.9, "footprint_padding": 9.0, "max_vel_x": 0.3, "of_another_robot": 1.0}
+    base = {
+        "min_in_place_vel_theta": 0.9,
+        "footprint_padding": 9.0,
+        "max_vel_x": 0.3,
+        "of_another_robot": 1.0,
+    }
     weights, path = network(np.random.default_rng(0)), tmp_path / "based.safetensors"
     save(path, weights, encoding=DimensionlessEncoding(JACKAL, 1.0, base))
     method = methods.make(str(path), JACKAL)
@@ -172,7 +212,9 @@ def test_one_file_drives_every_robot(tmp_path):
     save(path, with_mirror_images(weights, MIRROR), encoding=DimensionlessEncoding(JACKAL, 1.0))
     assert len(load_policy(path).layers[0][0]) == 2
     size = (tmp_path / "general.safetensors").stat().st_size
-    assert size < 1.2 * sum(tensor.nbytes for tensor in weights.values())  # Mirror images are not stored.
+    assert size < 1.2 * sum(
+        tensor.nbytes for tensor in weights.values()
+    )  # Mirror images are not stored.
     for robot in ROBOTS:
         method = methods.make(path, robot)
         method.reset(0)

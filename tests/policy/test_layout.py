@@ -61,8 +61,12 @@ def test_a_scan_with_the_layouts_geometry_is_unchanged():
 def test_zero_ranges_of_older_drivers_count_as_nan(kind):
     ranges, first, step = scan_of(kind)
     zeros = np.where(np.isnan(ranges), np.float32(0.0), ranges)
-    np.testing.assert_array_equal(JACKAL.resample(zeros, first, step), JACKAL.resample(ranges, first, step))
-    assert np.isnan(JACKAL.resample(np.r_[np.ones(5), 0.0, np.ones(714)], JACKAL.angle_min, JACKAL.step)[5])
+    np.testing.assert_array_equal(
+        JACKAL.resample(zeros, first, step), JACKAL.resample(ranges, first, step)
+    )
+    assert np.isnan(
+        JACKAL.resample(np.r_[np.ones(5), 0.0, np.ones(714)], JACKAL.angle_min, JACKAL.step)[5]
+    )
 
 
 @pytest.mark.parametrize(
@@ -84,7 +88,10 @@ def test_a_scan_that_does_not_cover_the_layout_is_rejected(count, first, last, l
 
 def test_an_actor_has_its_own_layout(tmp_path):
     layout, rng = Layout(60, -1.5, 1.5, 3.0, 0.5), np.random.default_rng(0)
-    weights = {"0.weight": rng.normal(size=(8, 69)).astype(np.float32), "0.bias": np.zeros(8, np.float32)}
+    weights = {
+        "0.weight": rng.normal(size=(8, 69)).astype(np.float32),
+        "0.bias": np.zeros(8, np.float32),
+    }
     save(tmp_path / "a.safetensors", weights, encoding=PaperEncoding(robots.JACKAL, layout=layout))
     assert load(tmp_path / "a.safetensors").layout == layout
     assert make(str(tmp_path / "a.safetensors")).layout == layout

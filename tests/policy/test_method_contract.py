@@ -14,7 +14,10 @@ def scenes(method, count=8):
     for k in range(count):
         ranges = draw.uniform(0.1, 0.4 + k, method.layout.beams).astype(np.float32)
         ranges[draw.random(method.layout.beams) < k / count] = np.inf
-        phi, theta = draw.uniform(-np.pi, np.pi), method.space.to_theta(draw.uniform(-1.0, 1.0, len(method.space)))
+        phi, theta = (
+            draw.uniform(-np.pi, np.pi),
+            method.space.to_theta(draw.uniform(-1.0, 1.0, len(method.space))),
+        )
         pose, goal = (0.5 * k, 0.0, phi), (10.0, 0.0, 0.0)
         plan = np.linspace(pose[:2], goal[:2], 40)[: 40 * (k > 0)]
         movers = draw.normal(0.0, 2.0, (k // 2, 4))
@@ -49,7 +52,9 @@ def test_exploration_draws_around_the_robots_set():
     space, centre = method.space, methods.make("static").values
     method.reset(1)
     actions = np.array([space.to_action(method.theta(None)) for _ in range(4000)])
-    free = ~space.integer & (np.abs(space.to_action(centre)) < 0.1)  # parameters far from the ends of their ranges
+    free = ~space.integer & (
+        np.abs(space.to_action(centre)) < 0.1
+    )  # parameters far from the ends of their ranges
     assert free.any()
     away = actions[:, free] - space.to_action(centre)[free]
     assert away.mean(axis=0) == pytest.approx(0.0, abs=0.06)

@@ -19,7 +19,14 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy, load, save
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.encoding import Mirror, with_mirror_images
-from applr_ros1.policy.observation import LAYOUT, ObservationError, goal_angle, local_goal, observe, smooth
+from applr_ros1.policy.observation import (
+    LAYOUT,
+    ObservationError,
+    goal_angle,
+    local_goal,
+    observe,
+    smooth,
+)
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.refusals import refused
 from tests.support.seeds import examples
@@ -45,14 +52,23 @@ def test_theta_0_is_clearpaths_and_survives_a_round_trip():
 
 
 def test_actions_reach_the_ranges_and_never_leave_them_and_counts_are_rounded():
-    for size, reached in ((1.0, SPACE.high), (1e9, SPACE.high), (-1.0, SPACE.low), (-1e9, SPACE.low)):
+    for size, reached in (
+        (1.0, SPACE.high),
+        (1e9, SPACE.high),
+        (-1.0, SPACE.low),
+        (-1e9, SPACE.low),
+    ):
         np.testing.assert_allclose(SPACE.to_theta(np.full(len(SPACE), size)), reached)
     assert SPACE.clip([*THETA_0[:2], 6.9, *THETA_0[3:]])[2] == 7
     assert SPACE.from_dict({"max_vel_x": 1.5})[0] == 1.5
 
 
 @examples(200)
-@given(st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=len(SPACE), max_size=len(SPACE)))
+@given(
+    st.lists(
+        st.floats(allow_nan=True, allow_infinity=True), min_size=len(SPACE), max_size=len(SPACE)
+    )
+)
 def test_any_action_gives_valid_parameters_or_is_rejected(values):
     if not np.all(np.isfinite(values)):
         refused(lambda: SPACE.to_theta(values), "not finite")
@@ -75,23 +91,46 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
 @pytest.mark.parametrize(
     ("call", "line"),
     [
-        (lambda: SPACE.to_theta(np.zeros(7)), r"action vector has shape \(7,\): 13 values are needed"),
+        (
+            lambda: SPACE.to_theta(np.zeros(7)),
+            r"action vector has shape \(7,\): 13 values are needed",
+        ),
         (lambda: SPACE.from_dict({"speed": 1.0}), "unknown parameter 'speed': use max_vel_x, "),
-        (lambda: SPACE.from_dict({"max_vel_x": 3.0}), "max_vel_x is 3.0: give a number from 0.2 to 2"),
+        (
+            lambda: SPACE.from_dict({"max_vel_x": 3.0}),
+            "max_vel_x is 3.0: give a number from 0.2 to 2",
+        ),
         (lambda: SPACE.from_dict({"max_vel_x": "fast"}), "max_vel_x is 'fast': give a number"),
-        (lambda: DRAWN.encoding.theta(DRAWN.action(np.full(729, np.nan, np.float32))), "not finite"),
+        (
+            lambda: DRAWN.encoding.theta(DRAWN.action(np.full(729, np.nan, np.float32))),
+            "not finite",
+        ),
         (lambda: methods.make("fast"), "method 'fast' is unknown: give dwa, "),
-        (lambda: methods.make("/nowhere/actor.safetensors"), "/nowhere/actor.safetensors: cannot be read"),
-        (lambda: methods.make("static", robots.load("turtlebot3_burger")), "no .*static.json: run `./applr tune"),
+        (
+            lambda: methods.make("/nowhere/actor.safetensors"),
+            "/nowhere/actor.safetensors: cannot be read",
+        ),
+        (
+            lambda: methods.make("static", robots.load("turtlebot3_burger")),
+            "no .*static.json: run `./applr tune",
+        ),
         (lambda: local_goal(np.empty((0, 3)), (0.0, 0.0, 0.0)), "global plan is empty"),
-        (lambda: local_goal(np.full((5, 2), np.nan), (0.0, 0.0, 0.0)), "global plan or pose is not finite"),
-        (lambda: observe(np.full(720, np.nan), 0.0, THETA_0), "all 720 beams of the scan are NaN or 0"),
+        (
+            lambda: local_goal(np.full((5, 2), np.nan), (0.0, 0.0, 0.0)),
+            "global plan or pose is not finite",
+        ),
+        (
+            lambda: observe(np.full(720, np.nan), 0.0, THETA_0),
+            "all 720 beams of the scan are NaN or 0",
+        ),
         (lambda: observe(np.ones(719), 0.0, THETA_0), "scan has 719 beams: the policy takes 720"),
         (lambda: observe(np.ones(720), np.nan, THETA_0), "angle of the local goal is nan"),
     ],
 )
 def test_errors_are_one_line(call, line):
-    kind = ObservationError if {"local_goal", "observe"} & set(call.__code__.co_names) else ApplrError
+    kind = (
+        ObservationError if {"local_goal", "observe"} & set(call.__code__.co_names) else ApplrError
+    )
     refused(call, line, kind=kind)
 
 
@@ -111,16 +150,22 @@ def test_smoothing_equals_scipy_and_keeps_short_plans(n):
     if n < 5:
         np.testing.assert_array_equal(smooth(points), points)
     else:
-        np.testing.assert_allclose(smooth(points), savgol_filter(points, window, 3, axis=0), atol=1e-9)
+        np.testing.assert_allclose(
+            smooth(points), savgol_filter(points, window, 3, axis=0), atol=1e-9
+        )
 
 
 def test_local_goal_is_the_first_point_beyond_a_metre_in_the_robots_frame():
-    plan = np.column_stack([np.zeros(200), np.arange(200) * 0.025, np.zeros(200)])  # straight line along +y
+    plan = np.column_stack(
+        [np.zeros(200), np.arange(200) * 0.025, np.zeros(200)]
+    )  # straight line along +y
     gx, gy = local_goal(plan, (0.0, 0.0, np.pi / 2))
     assert gx == pytest.approx(1.025)
     assert gy == pytest.approx(0.0, abs=1e-9)
     assert goal_angle(local_goal(plan, (0.0, 0.0, 0.0))) == pytest.approx(np.pi / 2)
-    assert local_goal(plan[:11], (0.0, 0.0, 0.0))[1] == pytest.approx(0.25)  # last point of a short plan
+    assert local_goal(plan[:11], (0.0, 0.0, 0.0))[1] == pytest.approx(
+        0.25
+    )  # last point of a short plan
 
 
 def test_an_observation_has_its_layout_and_scale():
@@ -170,7 +215,9 @@ def test_actor_round_trip_and_equality_with_torch(tmp_path):
     np.testing.assert_allclose(actor.action(obs), x.numpy(), atol=1e-5)
     np.testing.assert_allclose(actor.action(obs[0]), actor.action(obs)[0], atol=1e-5)
     theta = actor.encoding.theta(actor.action(obs[0]))
-    np.testing.assert_array_equal(theta[:8], SPACE.to_theta([*actor.action(obs[0]), *[0] * (len(SPACE) - 8)])[:8])
+    np.testing.assert_array_equal(
+        theta[:8], SPACE.to_theta([*actor.action(obs[0]), *[0] * (len(SPACE) - 8)])[:8]
+    )
     np.testing.assert_array_equal(theta[8:], THETA_0[8:])
 
 
@@ -193,8 +240,14 @@ def _wrong_files():
     return {
         "truncated": (whole[: len(whole) // 2], "cut short"),
         "pickle": (pickle.dumps(Bomb()), "no safetensors file"),
-        "space": (_raw(good, **dict(header, space=json.dumps(other))), "another parameter space: high"),
-        "shapes": (_raw(make_weights(inputs=721), **header), "721, 8.* inputs and outputs: .*729, 8"),
+        "space": (
+            _raw(good, **dict(header, space=json.dumps(other))),
+            "another parameter space: high",
+        ),
+        "shapes": (
+            _raw(make_weights(inputs=721), **header),
+            "721, 8.* inputs and outputs: .*729, 8",
+        ),
     }
 
 
@@ -213,7 +266,9 @@ def test_saving_is_atomic(tmp_path):
     for path in (tmp_path / "none.safetensors", tmp_path):
         refused(lambda path=path: load(path), str(path))
     refused(lambda: save(tmp_path / "a.safetensors", make_weights(outputs=7)), "its network has")
-    refused(lambda: save(tmp_path / "nowhere" / "a.safetensors", make_weights()), "cannot be written")
+    refused(
+        lambda: save(tmp_path / "nowhere" / "a.safetensors", make_weights()), "cannot be written"
+    )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -225,7 +280,9 @@ def test_a_policy_for_another_space_is_rejected(tmp_path):
 
 
 def test_one_request_for_each_server():
-    theta = SPACE.from_dict({"max_vel_theta": 2.0, "pdist_scale": 0.5, "vx_samples": 9, "inflation_radius": 0.4})
+    theta = SPACE.from_dict(
+        {"max_vel_theta": 2.0, "pdist_scale": 0.5, "vx_samples": 9, "inflation_radius": 0.4}
+    )
     requests = SPACE.settings(theta)
     assert list(requests) == [PLANNER, *INFLATION, *COSTMAPS]
     assert requests[PLANNER]["min_vel_theta"] == -requests[PLANNER]["max_vel_theta"] == -2.0
@@ -263,13 +320,16 @@ def test_mirror_images_are_stored_once(tmp_path):
     weights = with_mirror_images(pairs, Mirror.of(720, 9))
     obs = np.random.default_rng(0).uniform(-1, 1, 729).astype(np.float32)
     seen = np.concatenate([obs[719::-1], -obs[720:721], obs[721:]])
-    assert Policy.of(weights).action(obs) == pytest.approx(Policy.of(weights).action(seen), abs=1e-6)
+    assert Policy.of(weights).action(obs) == pytest.approx(
+        Policy.of(weights).action(seen), abs=1e-6
+    )
     save(tmp_path / "a", weights)
     weights["2.bias"] = weights["2.bias"] + np.float32([[0], [1e-3], [0], [0]])
     save(tmp_path / "b", weights)
     assert (tmp_path / "a").stat().st_size < 0.6 * (tmp_path / "b").stat().st_size
     assert np.array_equal(
-        load(tmp_path / "a").action(obs), Policy.of(with_mirror_images(pairs, Mirror.of(720, 9))).action(obs)
+        load(tmp_path / "a").action(obs),
+        Policy.of(with_mirror_images(pairs, Mirror.of(720, 9))).action(obs),
     )
     assert np.array_equal(load(tmp_path / "b").action(obs), Policy.of(weights).action(obs))
 
@@ -277,19 +337,30 @@ def test_mirror_images_are_stored_once(tmp_path):
 def test_the_shipped_policy_has_metadata_and_beats_the_defaults():
     """method:=applr uses the Jackal's file, and drives three test worlds faster than theta_0."""
     method = methods.make("applr")
-    assert (method.period, method.path) == (1.0, methods.shipped(methods.POLICY, robots.load("jackal")))
+    assert (method.period, method.path) == (
+        1.0,
+        methods.shipped(methods.POLICY, robots.load("jackal")),
+    )
     metadata = method.metadata
     assert metadata["training"]["transitions"] > 10_000
-    trained_in = [spec for part in metadata["training"]["options"]["worlds"].split(",") for spec in worlds.specs(part)]
+    trained_in = [
+        spec
+        for part in metadata["training"]["options"]["worlds"].split(",")
+        for spec in worlds.specs(part)
+    ]
     assert len(trained_in) > 200
     assert not {"generated:%d" % n for n in barn.TEST} & set(trained_in)
     driver = runner.TrialRunner(TrialSettings())
     times = {}
-    for task in plan_trials([(w, w) for w in SHIPPED_DRIVES], [("dwa", "dwa"), ("applr", "applr")], 1, seed=0):
+    for task in plan_trials(
+        [(w, w) for w in SHIPPED_DRIVES], [("dwa", "dwa"), ("applr", "applr")], 1, seed=0
+    ):
         result = driver.run(task)
         assert result.success, result
         times[task.world, task.method] = result.time_s
-    applr, dwa = (sum(times[world, method] for world in SHIPPED_DRIVES) for method in ("applr", "dwa"))
+    applr, dwa = (
+        sum(times[world, method] for world in SHIPPED_DRIVES) for method in ("applr", "dwa")
+    )
     assert applr < 0.75 * dwa, times
 
 
@@ -302,10 +373,14 @@ def test_a_loaded_policy_predicts_its_methods_decision(name):
     policy = applr_ros1.load_policy(name, file)
     environment = gymnasium.make(ID, worlds="generated:7", **policy.environment)
     seen, _ = environment.reset(seed=1)
-    action, state = policy.predict(seen, state=("kept",), episode_start=np.ones(1, bool), deterministic=False)
+    action, state = policy.predict(
+        seen, state=("kept",), episode_start=np.ones(1, bool), deterministic=False
+    )
     assert environment.action_space.contains(action)
     assert state == ("kept",)
-    np.testing.assert_allclose(policy.predict(np.stack([-seen, seen]))[0][1], action, atol=1e-5)  # float32 sums
+    np.testing.assert_allclose(
+        policy.predict(np.stack([-seen, seen]))[0][1], action, atol=1e-5
+    )  # float32 sums
     method = methods.make(file, robots.load(name))
     method.reset(0)
     decided = method.theta(environment.unwrapped.episode.context())

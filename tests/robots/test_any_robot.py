@@ -115,7 +115,9 @@ def test_space_and_layout_follow_the_description(crate):
 
 def test_obstacles_count_at_the_lasers_height_in_simulation_too(crate):
     """An observation source that drops points near the ground must still mark the laser's points in simulation."""
-    (crate / "costmap.yaml").write_text(COSTMAP.replace("topic: scan,", "topic: scan, min_obstacle_height: 0.2,"))
+    (crate / "costmap.yaml").write_text(
+        COSTMAP.replace("topic: scan,", "topic: scan, min_obstacle_height: 0.2,")
+    )
     robot = robots.load(str(crate))
     planner = MoveBase(robot.parameters())
     episode = Episode(sim_bridge.make("kinematic", robot=robot), planner, robot, period=1.0)
@@ -132,7 +134,18 @@ def test_a_robot_is_trained_and_driven_from_its_folder(crate, tmp_path, capsys):
     assert train.main(["--robot", str(crate), *SMALL, *training]) == 0
     policy = run / "best.safetensors"
     methods = f"dwa,static,{policy}"
-    drive = [*SMALL, "--methods", methods, "--trials", "1", "--workers", "0", "--monitor", "--out", str(out)]
+    drive = [
+        *SMALL,
+        "--methods",
+        methods,
+        "--trials",
+        "1",
+        "--workers",
+        "0",
+        "--monitor",
+        "--out",
+        str(out),
+    ]
     assert evaluate.main(["--robot", str(crate), *drive]) == 0
     driven = rows(out)
     assert driven["dwa"]["success"]
@@ -144,7 +157,12 @@ def test_a_robot_is_trained_and_driven_from_its_folder(crate, tmp_path, capsys):
     with pytest.raises(ApplrError, match="for the robot crate: this robot is jackal"):
         load_policy(policy)
     capsys.readouterr()
-    assert evaluate.main(["--robot", str(crate), *drive[:4], "--methods", "appld", "--out", str(out)]) == 1
+    assert (
+        evaluate.main(["--robot", str(crate), *drive[:4], "--methods", "appld", "--out", str(out)])
+        == 1
+    )
     assert capsys.readouterr().err.count("\n") == 1
-    planner = yaml.safe_load((crate / "tuned.yaml").read_text())["DWAPlannerROS"]  # parameter set for move_base
+    planner = yaml.safe_load((crate / "tuned.yaml").read_text())[
+        "DWAPlannerROS"
+    ]  # parameter set for move_base
     assert (planner["max_vel_x"], planner["max_vel_trans"], planner["sim_time"]) == (0.7, 0.7, 1.0)

@@ -32,7 +32,9 @@ def link(name, shape="", mass=0.0, at="0 0 0"):
     """Return a link with one collision shape and an inertia."""
     moments = '<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/>'
     inertial = f'<inertial><mass value="{mass}"/>{moments}</inertial>' if mass else ""
-    collision = f'<collision><origin xyz="{at}"/><geometry>{shape}</geometry></collision>' if shape else ""
+    collision = (
+        f'<collision><origin xyz="{at}"/><geometry>{shape}</geometry></collision>' if shape else ""
+    )
     return f'<link name="{name}">{inertial}{collision}</link>'
 
 
@@ -53,10 +55,20 @@ RAYS = """<gazebo reference="scanner"><sensor name="rays" type="gpu_ray"><update
 <scan><horizontal><samples>361</samples><resolution>2</resolution><min_angle>-1.5</min_angle><max_angle>1.4</max_angle>
 </horizontal></scan><range><min>.1</min><max>8</max></range><noise><stddev>.005</stddev></noise></ray></sensor></gazebo>"""
 HULL = link("base_link", '<box size=".3 .2 .1"/>', 5.0, at="-.05 0 .06")
-SCANNER = link("scanner", '<cylinder radius=".03" length=".04"/>', 0.8) + joint("scanner", ".05 0 .15")
-BODY = '<link name="base_footprint"/>' + joint("base_link", "0 0 .05", "base_footprint") + HULL + SCANNER + RAYS
+SCANNER = link("scanner", '<cylinder radius=".03" length=".04"/>', 0.8) + joint(
+    "scanner", ".05 0 .15"
+)
+BODY = (
+    '<link name="base_footprint"/>'
+    + joint("base_link", "0 0 .05", "base_footprint")
+    + HULL
+    + SCANNER
+    + RAYS
+)
 CASTER = link("swivel") + joint("swivel", "-.15 0 -.02", kind="continuous", axis="0 0 1")
-CASTER += link("roller", '<sphere radius=".03"/>', 0.2) + joint("roller", "0 0 0", "swivel", "continuous")
+CASTER += link("roller", '<sphere radius=".03"/>', 0.2) + joint(
+    "roller", "0 0 0", "swivel", "continuous"
+)
 WHEELS = wheel("left", "0 .12 0") + wheel("right", "0 -.12 0")
 CART = BODY + WHEELS + CASTER
 COMMON = """\
@@ -90,26 +102,50 @@ crate_controller:
   angular: {z: {has_velocity_limits: false, max_velocity: 9.0, has_acceleration_limits: true, max_acceleration: 25.0}}
 """
 FILES = {"common.yaml": COMMON, "local.yaml": LOCAL, "dwa.yaml": PLANNER}
-PLACES = ["common.yaml:global_costmap", "common.yaml:local_costmap", "local.yaml:local_costmap", "dwa.yaml"]
+PLACES = [
+    "common.yaml:global_costmap",
+    "common.yaml:local_costmap",
+    "local.yaml:local_costmap",
+    "dwa.yaml",
+]
 CONTROLLED = {"files": {"control.yaml": CONTROLLER}, "places": [*PLACES, "control.yaml"]}
 
 
 def run(urdf, parameters, out, capsys, words=()):
     """Write the robot's folder, and return (exit status, output, values of robot.yaml)."""
-    status = new_robot.main([str(urdf), *words, "--out", str(out), "--parameters", *map(str, parameters)])
+    status = new_robot.main(
+        [str(urdf), *words, "--out", str(out), "--parameters", *map(str, parameters)]
+    )
     output = capsys.readouterr()
     file = out / "robot.yaml"
-    return status, output.out + output.err, yaml.safe_load(file.read_text()) if file.exists() else {}
+    return (
+        status,
+        output.out + output.err,
+        yaml.safe_load(file.read_text()) if file.exists() else {},
+    )
 
 
 @pytest.fixture
 def make(tmp_path, capsys):
     """Return a function that writes the files of a cart, then calls `run` on them."""
 
-    def write(urdf, *words, files=None, places=PLACES, name="crate.urdf", whole="<robot name='crate'>{}</robot>"):
+    def write(
+        urdf,
+        *words,
+        files=None,
+        places=PLACES,
+        name="crate.urdf",
+        whole="<robot name='crate'>{}</robot>",
+    ):
         for path, text in {**FILES, **(files or {}), name: whole.format(urdf)}.items():
             (tmp_path / path).write_text(text)
-        return run(tmp_path / name, [tmp_path / place for place in places], tmp_path / "my_robot", capsys, words)
+        return run(
+            tmp_path / name,
+            [tmp_path / place for place in places],
+            tmp_path / "my_robot",
+            capsys,
+            words,
+        )
 
     return write
 
@@ -119,7 +155,9 @@ def fill(folder, **values):
     text = (folder / "robot.yaml").read_text()
     for name, value in {"mass": 6.0, "wheel_mass": 0.4, **values}.items():
         text = re.sub(rf"^  # {name}: .*", f"  {name}: {value}", text, flags=re.MULTILINE)
-    (folder / "robot.yaml").write_text(re.sub(r"^  # (\w+: \S+)", r"  \1", text, flags=re.MULTILINE))
+    (folder / "robot.yaml").write_text(
+        re.sub(r"^  # (\w+: \S+)", r"  \1", text, flags=re.MULTILINE)
+    )
     robots.folder._read.cache_clear()
 
 
@@ -127,34 +165,59 @@ def asked(output):
     return re.findall(r"^  (\w+\.\w+) ", output, re.MULTILINE)
 
 
-LIMITS = ["base.max_speed", "base.max_yaw_rate", "base.max_acceleration", "base.max_yaw_acceleration"]
+LIMITS = [
+    "base.max_speed",
+    "base.max_yaw_rate",
+    "base.max_acceleration",
+    "base.max_yaw_acceleration",
+]
 BRAKING = ["monitor.deceleration", "monitor.yaw_deceleration"]
 SCAN = ["beams", "first_angle", "last_angle", "range_min", "range_max", "rate"]
 MAKERS = {  # arguments, parameter files in the folder of the included robot, fields to fill in
     "waffle": (
         [],
-        ["costmap_common_params_waffle_pi.yaml:global_costmap", "costmap_common_params_waffle_pi.yaml:local_costmap"]
+        [
+            "costmap_common_params_waffle_pi.yaml:global_costmap",
+            "costmap_common_params_waffle_pi.yaml:local_costmap",
+        ]
         + ["local_costmap_params.yaml", "global_costmap_params.yaml", "move_base_params.yaml"]
         + ["dwa_local_planner_params_waffle_pi.yaml"],
         [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING],
     ),
     "husky": (
         ["laser_enabled:=true"],
-        ["planner.yaml", "costmap_common.yaml:global_costmap", "costmap_common.yaml:move_base/local_costmap"]
-        + ["costmap_local.yaml:/move_base/local_costmap", "costmap_global_static.yaml:global_costmap"]
+        [
+            "planner.yaml",
+            "costmap_common.yaml:global_costmap",
+            "costmap_common.yaml:move_base/local_costmap",
+        ]
+        + [
+            "costmap_local.yaml:/move_base/local_costmap",
+            "costmap_global_static.yaml:global_costmap",
+        ]
         + [HUSKY_CONTROLLER],
         ["base.wheel_mass", "body.mass"],
     ),
     "jackal": (
         [],
-        ["move_base_params.yaml", "base_local_planner_params.yaml", "costmap_common_params.yaml:global_costmap"]
+        [
+            "move_base_params.yaml",
+            "base_local_planner_params.yaml",
+            "costmap_common_params.yaml:global_costmap",
+        ]
         + ["costmap_common_params.yaml:local_costmap", "odom_nav_params/global_costmap_params.yaml"]
         + ["odom_nav_params/local_costmap_params.yaml"],
         [*LIMITS, "base.wheel_mass", "body.mass", *(f"laser.{name}" for name in SCAN), *BRAKING],
     ),
 }
 FILLED = {
-    **{"casters": "[[-0.177, 0.064], [-0.177, -0.064]]", "mass": 40.0, "wheel_mass": 0.5, "beams": 720, "rate": 50.0},
+    **{
+        "casters": "[[-0.177, 0.064], [-0.177, -0.064]]",
+        "mass": 40.0,
+        "wheel_mass": 0.5,
+        "beams": 720,
+        "rate": 50.0,
+    },
     **{"first_angle": -2.35619, "last_angle": 2.35619, "range_min": 0.1, "range_max": 30.0},
 }
 
@@ -163,7 +226,9 @@ FILLED = {
 def test_robots_of_makers_are_read_to_the_number(name, tmp_path, capsys):
     words, parameters, wanted = MAKERS[name]
     urdf = next((OWNERS / f"{name}_description/urdf").iterdir())
-    status, output, values = run(urdf, [FOLDERS[name] / file for file in parameters], tmp_path, capsys, words)
+    status, output, values = run(
+        urdf, [FOLDERS[name] / file for file in parameters], tmp_path, capsys, words
+    )
     assert status == 0, output
     assert asked(output) == wanted
     included = yaml.safe_load((FOLDERS[name] / "robot.yaml").read_text())
@@ -179,10 +244,19 @@ def test_robots_of_makers_are_read_to_the_number(name, tmp_path, capsys):
 def test_a_dump_of_roslaunch_is_one_parameter_file(make):
     tree = {"move_base": {"local_costmap": {**yaml.safe_load(COMMON), **yaml.safe_load(LOCAL)}}}
     tree["move_base"]["global_costmap"] = yaml.safe_load(COMMON)
-    flat = {f"/two/move_base/{place}/{name}": v for place, s in tree["move_base"].items() for name, v in s.items()}
-    flat.update({f"/two/crate/{side}_wheel": f"{side}_joint" for side in ("left", "right")}, **{"/rosdistro": "noetic"})
+    flat = {
+        f"/two/move_base/{place}/{name}": v
+        for place, s in tree["move_base"].items()
+        for name, v in s.items()
+    }
+    flat.update(
+        {f"/two/crate/{side}_wheel": f"{side}_joint" for side in ("left", "right")},
+        **{"/rosdistro": "noetic"},
+    )
     flat["/two/move_base/base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
-    status, output, values = make(CART, files={"dump.yaml": yaml.safe_dump(flat)}, places=["dump.yaml"])
+    status, output, values = make(
+        CART, files={"dump.yaml": yaml.safe_dump(flat)}, places=["dump.yaml"]
+    )
     assert status == 0, output
     assert "left_joint, right_joint, according to the controller's file" in output
     assert values["move_base"]["files"] == [{"file": "dump.yaml"}]
@@ -195,24 +269,47 @@ def test_the_folder_of_a_cart_has_the_values_of_its_files(make, tmp_path, capsys
     wheels = {"wheel_radius": 0.05, "wheel_width": 0.02, "track": 0.24, "axle_height": 0.05}
     assert values["base"] == {"drive": "two_wheel", **wheels}
     assert values["body"] == {"size": [0.3, 0.2, 0.16], "centre": [-0.05, 0.0], "bottom": 0.06}
-    laser = {"frame": "scanner", "pose": [0.05, 0.0, 0.0], "height": 0.2, "rate": 20.0, "noise": 0.005}
-    beams = {"beams": 722, "first_angle": -1.5, "last_angle": 1.4, "range_min": 0.1, "range_max": 8.0}
+    laser = {
+        "frame": "scanner",
+        "pose": [0.05, 0.0, 0.0],
+        "height": 0.2,
+        "rate": 20.0,
+        "noise": 0.005,
+    }
+    beams = {
+        "beams": 722,
+        "first_angle": -1.5,
+        "last_angle": 1.4,
+        "range_min": 0.1,
+        "range_max": 8.0,
+    }
     assert values["laser"] == {**laser, **beams}
     assert values["frames"] == {"base": "base_footprint", "odom": "odom_comb", "map": "map"}
     assert asked(output) == [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING]
     text = (tmp_path / "my_robot/robot.yaml").read_text()
-    assert re.search(r"  # max_speed: 0.45 +# \[m/s\] largest speed .*; proposal: the planner's max_vel_trans\n", text)
+    assert re.search(
+        r"  # max_speed: 0.45 +# \[m/s\] largest speed .*; proposal: the planner's max_vel_trans\n",
+        text,
+    )
     assert check_robot.main([str(tmp_path / "my_robot")]) == 1
     assert "base.max_speed is missing" in capsys.readouterr().err
     fill(tmp_path / "my_robot", casters="[[-0.15, 0.0]]")
     assert check_robot.main([str(tmp_path / "my_robot")]) == 0, capsys.readouterr()
     robot = robots.load(str(tmp_path / "my_robot"))
     assert robot.parameters()["DWAPlannerROS"]["max_vel_theta"] == pytest.approx(np.pi / 2)
-    layers = [[layer["name"] for layer in robot.parameters(at)["global_costmap"]["plugins"]] for at in (True, False)]
+    layers = [
+        [layer["name"] for layer in robot.parameters(at)["global_costmap"]["plugins"]]
+        for at in (True, False)
+    ]
     assert layers == [["map", "seen", "margin"], ["seen", "margin"]]
-    sources = [robot.parameters(at)["local_costmap"]["seen"]["observation_sources"] for at in (True, False)]
+    sources = [
+        robot.parameters(at)["local_costmap"]["seen"]["observation_sources"] for at in (True, False)
+    ]
     assert sources == ["bumper scan", "scan"]
-    assert [robot.parameters(at)["NavfnROS"]["allow_unknown"] for at in (True, False)] == [False, True]
+    assert [robot.parameters(at)["NavfnROS"]["allow_unknown"] for at in (True, False)] == [
+        False,
+        True,
+    ]
     bare = robot.parameters()["global_costmap"]
     assert (bare["global_frame"], bare["width"], bare["origin_x"]) == ("odom_comb", 23, -11.5)
     assert "only the laser scan, without bumps: correct it before" in output
@@ -228,7 +325,12 @@ def test_both_costmaps_may_be_in_one_frame_of_any_name(make, frame):
 
 LIMIT = '<limit lower="-.5" upper=".5" effort="1" velocity="1"/>'
 IDLE = wheel("idle_left", "-.15 .05 0") + wheel("idle_right", "-.15 -.05 0")
-ROCKER = BODY + link("rocker") + joint("rocker", "0 0 0", kind="revolute", more=LIMIT) + wheel("right", "0 -.12 0")
+ROCKER = (
+    BODY
+    + link("rocker")
+    + joint("rocker", "0 0 0", kind="revolute", more=LIMIT)
+    + wheel("right", "0 -.12 0")
+)
 DRIVE = "<gazebo><plugin name='d' filename='libgazebo_ros_diff_drive.so'><leftJoint>left_joint</leftJoint>"
 DRIVE += "<rightJoint>right_joint</rightJoint></plugin></gazebo>"
 
@@ -245,11 +347,15 @@ DRIVE += "<rightJoint>right_joint</rightJoint></plugin></gazebo>"
 )
 def test_driven_wheels_are_identified_by_controller_plugin_or_pairs(make, urdf, more, by):
     _, output, values = make(urdf, **more)
-    assert re.search(f"the driven wheels are (left|right)_joint, (left|right)_joint, according to {by}", output)
+    assert re.search(
+        f"the driven wheels are (left|right)_joint, (left|right)_joint, according to {by}", output
+    )
     base = values["base"]
     assert [base[name] for name in ("drive", "track", "wheel_radius")] == ["two_wheel", 0.24, 0.05]
     if more:
-        assert [base[name] for name in ("max_speed", "max_yaw_acceleration", "command_timeout")] == [0.6, 25.0, 0.5]
+        assert [
+            base[name] for name in ("max_speed", "max_yaw_acceleration", "command_timeout")
+        ] == [0.6, 25.0, 0.5]
         assert "base.max_yaw_rate" in asked(output)
         assert "control.yaml" not in [one["file"] for one in values["move_base"]["files"]]
         assert values["monitor"] == {"deceleration": 1.5, "yaw_deceleration": 12.0}
@@ -263,24 +369,49 @@ KNUCKLE = link("knuckle") + joint("knuckle", ".2 0 0", kind="revolute", axis="0 
     ("urdf", "more", "why"),
     [
         (BODY, {}, r"\(none\) do not form one or two pairs"),
-        (CART.replace("continuous", "fixed"), CONTROLLED, "left_joint is steered, or not continuous"),
+        (
+            CART.replace("continuous", "fixed"),
+            CONTROLLED,
+            "left_joint is steered, or not continuous",
+        ),
         (CART + IDLE + PLANAR, {}, "planar_move.so belongs to a base that"),
-        (CART.replace('"left"', '"mecanum_left"'), {}, "mecanum_left belongs to a base that also drives sideways"),
-        (CART + KNUCKLE + wheel("steered", "0 0 0", parent="knuckle"), {}, "steered_joint is steered, or not"),
-        (CART.replace("left_joint", "port_joint"), CONTROLLED, "file names left_joint, which .* does not have"),
+        (
+            CART.replace('"left"', '"mecanum_left"'),
+            {},
+            "mecanum_left belongs to a base that also drives sideways",
+        ),
+        (
+            CART + KNUCKLE + wheel("steered", "0 0 0", parent="knuckle"),
+            {},
+            "steered_joint is steered, or not",
+        ),
+        (
+            CART.replace("left_joint", "port_joint"),
+            CONTROLLED,
+            "file names left_joint, which .* does not have",
+        ),
     ],
 )
 def test_wheels_in_other_arrangements_are_asked_for(make, urdf, more, why):
     status, output, values = make(urdf, **more)
     assert status == 0
     assert re.search(f"remark: driven wheels not identified: .*{why}", output), output
-    missing = {"base.drive", "base.wheel_radius", "base.track", "base.axle_height", "body.size", "body.bottom"}
+    missing = {
+        "base.drive",
+        "base.wheel_radius",
+        "base.track",
+        "base.axle_height",
+        "body.size",
+        "body.bottom",
+    }
     assert missing <= set(asked(output))
     assert "drive" not in (values["base"] or {})
 
 
 def test_wheels_with_a_missing_mesh_have_a_track_and_no_size(make):
-    bare = CART.replace('<cylinder radius=".05" length=".02"/>', '<mesh filename="package://far/w.stl"/>')
+    bare = CART.replace(
+        '<cylinder radius=".05" length=".02"/>', '<mesh filename="package://far/w.stl"/>'
+    )
     _, output, values = make(bare)
     base = values["base"]
     assert (base["drive"], base["track"], "wheel_radius" in base) == ("two_wheel", 0.24, False)
@@ -289,7 +420,9 @@ def test_wheels_with_a_missing_mesh_have_a_track_and_no_size(make):
 
 def test_the_outline_is_that_of_fixed_shapes_above_the_axles(make):
     mark = link("mark", '<box size="1 1 .001"/>') + joint("mark", "0 0 -.05")
-    arm = link("arm", '<box size="1 .1 .1"/>') + joint("arm", "0 0 .2", kind="revolute", axis="0 0 1", more=LIMIT)
+    arm = link("arm", '<box size="1 .1 .1"/>') + joint(
+        "arm", "0 0 .2", kind="revolute", axis="0 0 1", more=LIMIT
+    )
     _, output, values = make(CART + mark + arm)
     assert (values["body"]["size"], values["body"]["bottom"]) == ([0.3, 0.2, 0.16], 0.06)
     assert "the outline excludes moving links: roller, arm" in output
@@ -301,13 +434,18 @@ BARE = link("base_link")
 @pytest.mark.parametrize(
     ("hull", "why"),
     [
-        (HULL.replace('<box size=".3 .2 .1"/>', '<mesh filename="package://far/hull.stl"/>'), "package://far/hull.stl"),
+        (
+            HULL.replace('<box size=".3 .2 .1"/>', '<mesh filename="package://far/hull.stl"/>'),
+            "package://far/hull.stl",
+        ),
         (HULL.replace("-.05 0 .06", "-.05 0 0"), "reach down to the ground"),
         (BARE, "narrower than half the track"),
     ],
     ids=["a lost mesh", "on the ground", "a laser alone"],
 )
-def test_an_implausible_outline_is_asked_for_with_the_footprint_as_proposal(make, tmp_path, hull, why):
+def test_an_implausible_outline_is_asked_for_with_the_footprint_as_proposal(
+    make, tmp_path, hull, why
+):
     _, output, values = make(CART.replace(HULL, hull))
     assert re.search(f"outline not identified: .*{why}", output)
     assert values["body"] == {"centre": [-0.05, 0.0]}
@@ -316,27 +454,44 @@ def test_an_implausible_outline_is_asked_for_with_the_footprint_as_proposal(make
 
 def test_a_collada_mesh_has_its_own_unit(make, tmp_path):
     mesh = trimesh.creation.box((300, 200, 100)).export(file_type="dae").decode()
-    (tmp_path / "hull.dae").write_text(mesh.replace("</asset>", '<unit name="mm" meter="0.001"/></asset>'))
+    (tmp_path / "hull.dae").write_text(
+        mesh.replace("</asset>", '<unit name="mm" meter="0.001"/></asset>')
+    )
     _, _, values = make(CART.replace('<box size=".3 .2 .1"/>', '<mesh filename="hull.dae"/>'))
     assert values["body"]["size"] == pytest.approx([0.3, 0.2, 0.16])
 
 
 def test_a_laser_that_no_file_names_is_asked_for(make):
-    rear = link("rear") + joint("rear", "-.2 0 .15", turn="3.14159265 0 0.5") + RAYS.replace("scanner", "rear")
+    rear = (
+        link("rear")
+        + joint("rear", "-.2 0 .15", turn="3.14159265 0 0.5")
+        + RAYS.replace("scanner", "rear")
+    )
     _, output, values = make(CART + rear)
     assert (values["laser"] or {}) == {}
-    assert "laser not identified: no file names it; give it with --laser LINK; these links have ray" in output
+    assert (
+        "laser not identified: no file names it; give it with --laser LINK; these links have ray"
+        in output
+    )
     assert {"laser.frame", "laser.pose", "laser.beams"} <= set(asked(output))
 
 
 @pytest.mark.parametrize("by", ["option", "sensor_frame"])
 def test_a_laser_upside_down(make, by):
-    rear = link("rear") + joint("rear", "-.2 0 .15", turn="3.14159265 0 0.5") + RAYS.replace("scanner", "rear")
+    rear = (
+        link("rear")
+        + joint("rear", "-.2 0 .15", turn="3.14159265 0 0.5")
+        + RAYS.replace("scanner", "rear")
+    )
     named = {"common.yaml": COMMON.replace("topic: scan,", "topic: scan, sensor_frame: rear,")}
     words, files = (("--laser", "rear"), {}) if by == "option" else ((), named)
     _, output, values = make(CART + rear, *words, files=files)
     laser = values["laser"]
-    assert (laser["pose"], laser["first_angle"], laser["last_angle"]) == ([-0.2, 0.0, 0.5], -1.4, 1.5), output
+    assert (laser["pose"], laser["first_angle"], laser["last_angle"]) == (
+        [-0.2, 0.0, 0.5],
+        -1.4,
+        1.5,
+    ), output
 
 
 def test_a_frame_of_the_laser_that_the_urdf_lacks_is_asked_for(make):
@@ -352,20 +507,44 @@ NO_PLANNER = PLACES[:-1]
 @pytest.mark.parametrize(
     ("urdf", "more", "line"),
     [
-        ('<link name="$(arg part)"/>', {"name": "a.xacro"}, "xacro fails: .*part.*; give arguments as NAME:=V"),
+        (
+            '<link name="$(arg part)"/>',
+            {"name": "a.xacro"},
+            "xacro fails: .*part.*; give arguments as NAME:=V",
+        ),
         ("<link", {}, "is no valid URDF: ParseError.*; run check_urdf"),
         ('<link name="plate"><collision/></link>', {}, "is no valid URDF: .*; run check_urdf"),
-        (CART.replace("base_footprint", "foot"), {}, "no link base_footprint, the robot_base_frame of .*: add it"),
-        (CART, {"places": [*NO_PLANNER, "common.yaml"]}, "robot_base_frame is no parameter of move_base itself: give"),
+        (
+            CART.replace("base_footprint", "foot"),
+            {},
+            "no link base_footprint, the robot_base_frame of .*: add it",
+        ),
+        (
+            CART,
+            {"places": [*NO_PLANNER, "common.yaml"]},
+            "robot_base_frame is no parameter of move_base itself: give",
+        ),
         (
             CART,
             {"files": {"dwa.yaml": "sim_time: 1.5\n"}},
             r"sim_time is no .*\(\S*dwa.yaml:TrajectoryPlannerROS and \S*dwa.yaml:DWA",
         ),
-        (CART, {"files": {"dwa.yaml": "me: {DWAPlannerROS: {sim_time: 1.5}}\n"}}, "me/DWA.* is one level too deep"),
-        (CART, {"places": ["dwa.yaml"]}, "have no local_costmap: give all files that the launch file loads"),
+        (
+            CART,
+            {"files": {"dwa.yaml": "me: {DWAPlannerROS: {sim_time: 1.5}}\n"}},
+            "me/DWA.* is one level too deep",
+        ),
+        (
+            CART,
+            {"places": ["dwa.yaml"]},
+            "have no local_costmap: give all files that the launch file loads",
+        ),
         (CART, {"places": [*PLACES, "none.yaml"]}, "none.yaml: cannot be read"),
-        (CART, {"files": {"dwa.yaml": "base_local_planner: teb/Teb\n"}}, "base_local_planner is teb/Teb"),
+        (
+            CART,
+            {"files": {"dwa.yaml": "base_local_planner: teb/Teb\n"}},
+            "base_local_planner is teb/Teb",
+        ),
     ],
 )
 def test_an_ordinary_mistake_is_one_line(make, tmp_path, urdf, more, line):
@@ -395,7 +574,10 @@ def test_a_round_body_is_no_box(make, tmp_path):
     file = tmp_path / "my_robot/robot.yaml"
     file.write_text(re.sub("size: .*", "size: [0.3, 0.3, 0.16]\n  round: true", file.read_text()))
     robot = robots.load(str(tmp_path / "my_robot"))
-    ends, parts = robots.geometry.corners(robot) - robot.body.centre, np.array(robots.geometry.parts(robot))
+    ends, parts = (
+        robots.geometry.corners(robot) - robot.body.centre,
+        np.array(robots.geometry.parts(robot)),
+    )
     assert parts[:4, 2:].max(axis=0).tolist() == pytest.approx([0.15, 0.15])
     assert np.hypot(*ends[:16].T).max() == pytest.approx(0.15, rel=0.02)
     assert (ends[:, 0].max(), len(MonitorSettings.of(robot).body)) == (pytest.approx(0.15), 24)

@@ -15,8 +15,16 @@ from training.evaluate import __main__ as evaluate
 from training.robot import check as check_robot
 from training.train import __main__ as train
 
-ROBOT, COSTMAPS, PLANNER = "robot.yaml", "costmap_common_params.yaml", "base_local_planner_params.yaml"
-MOVE_BASE, BURGER, LOCAL = "move_base_params.yaml", "dwa_local_planner_params_burger.yaml", "local_costmap_params.yaml"
+ROBOT, COSTMAPS, PLANNER = (
+    "robot.yaml",
+    "costmap_common_params.yaml",
+    "base_local_planner_params.yaml",
+)
+MOVE_BASE, BURGER, LOCAL = (
+    "move_base_params.yaml",
+    "dwa_local_planner_params_burger.yaml",
+    "local_costmap_params.yaml",
+)
 OUTLINE = '"[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"'
 BURGER_OUTLINE = "footprint: [[-0.105, -0.105], [-0.105, 0.105], [0.041, 0.105], [0.041, -0.105]]"
 
@@ -26,65 +34,199 @@ IN_ROBOT_YAML = [
     ("laser:\n", "lasre:\n", "^lasre is unknown: did you mean laser"),
     ("  beams: 720\n", "", "laser.beams is missing: give it"),
     ("drive: skid_steer", "drive: omni", "base.drive is 'omni': give 'skid_steer' or 'two_wheel'"),
-    ("size: [0.420, 0.310, 0.184]", "size: [42.0, 0.310, 0.184]", r"body.size\[0\] is 42.0: give .* 10"),
-    ("range: [4, 20]", "range: [20, 4]", r"parameter_space.vx_samples: range is \[20, 4\]: give a smaller number"),
+    (
+        "size: [0.420, 0.310, 0.184]",
+        "size: [42.0, 0.310, 0.184]",
+        r"body.size\[0\] is 42.0: give .* 10",
+    ),
+    (
+        "range: [4, 20]",
+        "range: [20, 4]",
+        r"parameter_space.vx_samples: range is \[20, 4\]: give a smaller number",
+    ),
     ("  wheelbase: 0.262\n", "", "base.wheelbase is 0: "),
-    ("last_angle: 2.35619", "last_angle: -3.0", "laser.last_angle is -3: give more than .*-2.35619"),
-    ("deceleration: 1.9,", "deceleration: 30.0,", r"monitor.deceleration is 30, larger than .* \(20\)"),
-    ("range: [4, 20]", "range: [8, 20]", "parameter_space.vx_samples: move_base starts with 6; include it in the"),
+    (
+        "last_angle: 2.35619",
+        "last_angle: -3.0",
+        "laser.last_angle is -3: give more than .*-2.35619",
+    ),
+    (
+        "deceleration: 1.9,",
+        "deceleration: 30.0,",
+        r"monitor.deceleration is 30, larger than .* \(20\)",
+    ),
+    (
+        "range: [4, 20]",
+        "range: [8, 20]",
+        "parameter_space.vx_samples: move_base starts with 6; include it in the",
+    ),
     (
         "local_costmap/inflater_layer}",
         "local_costmap/inflation_layer}",
         "inflation_radius: there is no server .*inflation_layer.*; did you mean local_costmap/inflater_layer",
     ),
-    ("name: path_distance_bias", "name: path_distance", "pdist_scale: server .* has no number path_distance; "),
-    ("range: [4, 60], integer: true", "range: [4, 60]", "vtheta_samples: integer is false, .* int: give integer: true"),
-    ("range: [0.1, 1.5]", "range: [0.1, 15.0]", "pdist_scale: server .* takes 0 to 5; stay within it"),
+    (
+        "name: path_distance_bias",
+        "name: path_distance",
+        "pdist_scale: server .* has no number path_distance; ",
+    ),
+    (
+        "range: [4, 60], integer: true",
+        "range: [4, 60]",
+        "vtheta_samples: integer is false, .* int: give integer: true",
+    ),
+    (
+        "range: [0.1, 1.5]",
+        "range: [0.1, 15.0]",
+        "pdist_scale: server .* takes 0 to 5; stay within it",
+    ),
     ("axle_height: 0.0345", "axle_height: 0.5", "base.axle_height is 0.5: .*0.402"),
-    ("pose: [0.055, 0.0, 0.0]", "pose: [5.5, 0.0, 0.0]", r"laser.pose is \[5.5, 0, 0\]: .*0.229 .*0.208"),
-    ("com: [0.0147, 0.0019, 0.0779]", "com: [0.147, 0.0019, 0.0779]", r"body.com is \[0.147, 0.0019, 0.0779\]: "),
+    (
+        "pose: [0.055, 0.0, 0.0]",
+        "pose: [5.5, 0.0, 0.0]",
+        r"laser.pose is \[5.5, 0, 0\]: .*0.229 .*0.208",
+    ),
+    (
+        "com: [0.0147, 0.0019, 0.0779]",
+        "com: [0.147, 0.0019, 0.0779]",
+        r"body.com is \[0.147, 0.0019, 0.0779\]: ",
+    ),
     (
         "file: base_local_planner_params.yaml",
         "file: base_local_planner_params.yaml, namespace: TrajectoryPlannerROS",
         "^TrajectoryPlannerROS/TrajectoryPlannerROS is one level too deep for move_base: remove the level",
     ),
-    ("range: [0.2, 2.0]", "range: [0.2, 2.5]", r"parameter_space.max_vel_x.range is \[0.2, 2.5\], but .* is 2: stay"),
+    (
+        "range: [0.2, 2.0]",
+        "range: [0.2, 2.5]",
+        r"parameter_space.max_vel_x.range is \[0.2, 2.5\], but .* is 2: stay",
+    ),
 ]
 OF_JACKAL = [
-    (MOVE_BASE, "TrajectoryPlannerROS", "TebLocalPlannerROS", "base_local_planner is .*Teb.*: give base_"),
+    (
+        MOVE_BASE,
+        "TrajectoryPlannerROS",
+        "TebLocalPlannerROS",
+        "base_local_planner is .*Teb.*: give base_",
+    ),
     (
         MOVE_BASE,
         "base_local_planner/TrajectoryPlannerROS",
         "dwa_local_planner/DWAPlannerROS",
         "base_local_planner is .*, but the files only hold parameters of TrajectoryPlannerROS: give ",
     ),
-    (COSTMAPS, OUTLINE, "[[-21, -16.5], [-21, 16.5], [21, 16.5], [21, -16.5]]", "footprint.* 42.2 x 33.2 m.*metres"),
-    (COSTMAPS, OUTLINE, "[[-0.21, -1], [-0.21]]", r"footprint is \[\[-0.21, -1\], \[-0.21\]\]: give at least three"),
-    (COSTMAPS, "footprint_padding: 0.1", "footprint_padding: 10", "footprint_padding.* 20.4 x 20.3 m"),
-    (COSTMAPS, "topic: front/scan", "topic: scan", "obstacles_layer/scan/topic is scan, but .*: give front/scan"),
-    (COSTMAPS, "max_obstacle_height: 2.0", "max_obstacle_height: 0.2", "max_obstacle_height are -2, 0.2: .*0.333"),
+    (
+        COSTMAPS,
+        OUTLINE,
+        "[[-21, -16.5], [-21, 16.5], [21, 16.5], [21, -16.5]]",
+        "footprint.* 42.2 x 33.2 m.*metres",
+    ),
+    (
+        COSTMAPS,
+        OUTLINE,
+        "[[-0.21, -1], [-0.21]]",
+        r"footprint is \[\[-0.21, -1\], \[-0.21\]\]: give at least three",
+    ),
+    (
+        COSTMAPS,
+        "footprint_padding: 0.1",
+        "footprint_padding: 10",
+        "footprint_padding.* 20.4 x 20.3 m",
+    ),
+    (
+        COSTMAPS,
+        "topic: front/scan",
+        "topic: scan",
+        "obstacles_layer/scan/topic is scan, but .*: give front/scan",
+    ),
+    (
+        COSTMAPS,
+        "max_obstacle_height: 2.0",
+        "max_obstacle_height: 0.2",
+        "max_obstacle_height are -2, 0.2: .*0.333",
+    ),
     (COSTMAPS, "  observation_sources: scan\n", "", "local_costmap has no observation source: "),
-    (COSTMAPS, "_frame: base_link", "_frame: base", "robot_base_frame is base, but .*: give base_link"),
-    (PLANNER, "sim_time: 2.0", "sim_time: .inf", "TrajectoryPlannerROS/sim_time is inf: give a finite number"),
+    (
+        COSTMAPS,
+        "_frame: base_link",
+        "_frame: base",
+        "robot_base_frame is base, but .*: give base_link",
+    ),
+    (
+        PLANNER,
+        "sim_time: 2.0",
+        "sim_time: .inf",
+        "TrajectoryPlannerROS/sim_time is inf: give a finite number",
+    ),
 ]
 OF_BURGER = [
-    (LOCAL, "global_frame: odom", "global_frame: map", "local_costmap/global_frame is map, but .*: give odom"),
-    (LOCAL, "rolling_window: true", "origin_x: -1.0", "local_costmap/origin_y is 0: .* 3 m long.*give -1.5"),
+    (
+        LOCAL,
+        "global_frame: odom",
+        "global_frame: map",
+        "local_costmap/global_frame is map, but .*: give odom",
+    ),
+    (
+        LOCAL,
+        "rolling_window: true",
+        "origin_x: -1.0",
+        "local_costmap/origin_y is 0: .* 3 m long.*give -1.5",
+    ),
     (ROBOT, "static_map: false, ", "", "global_costmap/plugins has static_layer, but "),
 ]
 REMARKS_OF_JACKAL = [
-    (COSTMAPS, "inflation_radius:", "inflation_radus:", "inflation_radus is ignored: did you mean inflation_rad"),
-    (PLANNER, "max_vel_x: 0.5", "max_vel_x: 0.5\n  max_vel_xx: 1.0", "ROS/max_vel_xx: unknown, ignored"),
-    (PLANNER, "max_vel_x: 0.5", "max_vel_x: '0.5'", "max_vel_x is '0.5': the default 0.55 is used, as in C"),
-    (PLANNER, "min_vel_x: 0.1", "min_vel_x: 0.8", r"min_vel_x is 0.8, larger than max_vel_x \(0.5\): lower"),
-    (PLANNER, "max_vel_x: 0.5", "max_vel_x: 5.0", r"max_vel_x is 5: .*max_speed in robot.yaml \(2\)"),
-    (COSTMAPS, OUTLINE, "[[-.1, -.1], [-.1, .1], [.1, .1], [.1, -.1]]", "footprint is too small: .* 0.03 m"),
-    (COSTMAPS, "_frame: front_laser", "_frame: laser", "sensor_frame is laser, but .*: give front_laser"),
+    (
+        COSTMAPS,
+        "inflation_radius:",
+        "inflation_radus:",
+        "inflation_radus is ignored: did you mean inflation_rad",
+    ),
+    (
+        PLANNER,
+        "max_vel_x: 0.5",
+        "max_vel_x: 0.5\n  max_vel_xx: 1.0",
+        "ROS/max_vel_xx: unknown, ignored",
+    ),
+    (
+        PLANNER,
+        "max_vel_x: 0.5",
+        "max_vel_x: '0.5'",
+        "max_vel_x is '0.5': the default 0.55 is used, as in C",
+    ),
+    (
+        PLANNER,
+        "min_vel_x: 0.1",
+        "min_vel_x: 0.8",
+        r"min_vel_x is 0.8, larger than max_vel_x \(0.5\): lower",
+    ),
+    (
+        PLANNER,
+        "max_vel_x: 0.5",
+        "max_vel_x: 5.0",
+        r"max_vel_x is 5: .*max_speed in robot.yaml \(2\)",
+    ),
+    (
+        COSTMAPS,
+        OUTLINE,
+        "[[-.1, -.1], [-.1, .1], [.1, .1], [.1, -.1]]",
+        "footprint is too small: .* 0.03 m",
+    ),
+    (
+        COSTMAPS,
+        "_frame: front_laser",
+        "_frame: laser",
+        "sensor_frame is laser, but .*: give front_laser",
+    ),
 ]
 REMARKS_OF_BURGER = [
     (BURGER, "sim_time: 1.5", "max_rot_vel: 1.0", "max_rot_vel is ignored: give max_vel_theta"),
     (BURGER, "min_vel_y: 0.0", "min_vel_y: -0.1", "min_vel_y, max_vel_y are .-0.1, 0.0.: .*give 0"),
-    (BURGER, "acc_lim_x: 2.5", "acc_lim_x: 250", "acc_lim_x is 250.0: 20.0 is used, give a value from 0.0 to 20.0"),
+    (
+        BURGER,
+        "acc_lim_x: 2.5",
+        "acc_lim_x: 250",
+        "acc_lim_x is 250.0: 20.0 is used, give a value from 0.0 to 20.0",
+    ),
     (
         COSTMAPS.replace(".", "_burger."),
         BURGER_OUTLINE,
@@ -125,7 +267,9 @@ def test_an_error_is_one_line_with_the_remedy(tmp_path, robot, file, old, new, l
     assert str(refused.value).startswith(f"{tmp_path}/mine: ")
 
 
-@pytest.mark.parametrize(("robot", "file", "old", "new", "line"), of_both(REMARKS_OF_JACKAL, REMARKS_OF_BURGER))
+@pytest.mark.parametrize(
+    ("robot", "file", "old", "new", "line"), of_both(REMARKS_OF_JACKAL, REMARKS_OF_BURGER)
+)
 def test_a_remark_stops_nothing(tmp_path, robot, file, old, new, line):
     described = folders.read(changed(tmp_path / "mine", robot, file, old, new))
     lines = [remark.line for remark in remarks(described)]
@@ -136,7 +280,11 @@ def test_a_remark_stops_nothing(tmp_path, robot, file, old, new, line):
     ("robot", "dead_band", "lines"),
     [
         ("jackal", (0.08, 0.25), []),
-        ("jackal", (0.11, 0.1), ["min_vel_x is 0.1, but the base ignores .* robot.yaml .0.11.: raise it to 0.11$"]),
+        (
+            "jackal",
+            (0.11, 0.1),
+            ["min_vel_x is 0.1, but the base ignores .* robot.yaml .0.11.: raise it to 0.11$"],
+        ),
         (
             "jackal",
             (0.0, 0.4),
@@ -173,21 +321,35 @@ def test_all_errors_in_robot_yaml_are_reported_at_once_before_those_of_parameter
     folder = changed(tmp_path / "mine", "jackal", ROBOT, "max_speed: 2.0", "max_speed: fast")
     file = Path(folder, ROBOT)
     file.write_text(file.read_text().replace("beams: 720", "beams: 1"))
-    Path(folder, PLANNER).write_text("TrajectoryPlannerROS: {sim_time: .nan, max_vel_x: .inf, max_vel_xx: 1.0}")
+    Path(folder, PLANNER).write_text(
+        "TrajectoryPlannerROS: {sim_time: .nan, max_vel_x: .inf, max_vel_xx: 1.0}"
+    )
     for words in (("base.max_speed", "laser.beams"), ("sim_time", "max_vel_x")):
         folders._read.cache_clear()
         assert check_robot.main([folder]) == 1
         remarks, printed = (text.splitlines() for text in capsys.readouterr())
-        assert remarks == (["remark: TrajectoryPlannerROS/max_vel_xx: unknown, ignored"] if "sim_time" in words else [])
+        assert remarks == (
+            ["remark: TrajectoryPlannerROS/max_vel_xx: unknown, ignored"]
+            if "sim_time" in words
+            else []
+        )
         assert len(printed) == len(words), printed
-        assert all(line.startswith("error: ") and word in line for line, word in zip(printed, words)), printed
-        file.write_text(file.read_text().replace("max_speed: fast", "max_speed: 2.0").replace("beams: 1", "beams: 720"))
+        assert all(
+            line.startswith("error: ") and word in line for line, word in zip(printed, words)
+        ), printed
+        file.write_text(
+            file.read_text()
+            .replace("max_speed: fast", "max_speed: 2.0")
+            .replace("beams: 1", "beams: 720")
+        )
 
 
 def test_a_parameter_file_that_cannot_be_read_is_one_line(tmp_path):
     old = "file: base_local_planner_params.yaml"
     folder = changed(tmp_path / "mine", "jackal", ROBOT, old, "file: planner.yaml")
-    with pytest.raises(ApplrError, match=r"mine/planner.yaml: cannot be read .*give an existing file"):
+    with pytest.raises(
+        ApplrError, match=r"mine/planner.yaml: cannot be read .*give an existing file"
+    ):
         load(folder)
 
 

@@ -26,7 +26,12 @@ def test_auto_drives_in_two_test_worlds(name):
 
 
 def test_auto_is_a_robots_policy_else_its_set_else_its_parameters(tmp_path):
-    assert [methods.auto(robots.load(name)) for name in robots.NAMES] == ["static", "applr", "dwa", "static"]
+    assert [methods.auto(robots.load(name)) for name in robots.NAMES] == [
+        "static",
+        "applr",
+        "dwa",
+        "static",
+    ]
     folder = tmp_path / "mine"
     shutil.copytree(robots.load("husky").folder, folder)
     shutil.copy(methods.shipped(methods.POLICY, robots.JACKAL), folder / "applr.safetensors")
@@ -37,7 +42,8 @@ def test_auto_is_a_robots_policy_else_its_set_else_its_parameters(tmp_path):
             assert methods.make("applr", robot).path == str(folder / file)
         (folder / file).unlink() if file else None
     with pytest.raises(
-        ApplrError, match=r"there is no .*applr.safetensors: .*`./applr tune .*/mine`, .*--robot .*/mine`$"
+        ApplrError,
+        match=r"there is no .*applr.safetensors: .*`./applr tune .*/mine`, .*--robot .*/mine`$",
     ):
         methods.make("applr", robot)
 

@@ -29,7 +29,9 @@ def test_shipped_robot_is_whole(name):
 
 def test_jackal_has_the_files_of_the_authors():
     def covers(large, small):
-        return all(covers(large[k], v) if isinstance(v, dict) else large[k] == v for k, v in small.items())
+        return all(
+            covers(large[k], v) if isinstance(v, dict) else large[k] == v for k, v in small.items()
+        )
 
     jackal = robots.load("jackal")
     given = jackal.parameters()
@@ -60,7 +62,9 @@ def test_an_empty_section_of_a_file_holds_nothing(tmp_path):
 def test_values_that_rqt_reconfigure_saved_are_read(tmp_path):
     tag = "!!python/object/new:dynamic_reconfigure.encoding.Config"
     text = f"{tag}\ndictitems:\n  max_vel_x: 0.7\n  groups: {tag}\n    state: []\nstate: []\n"
-    tree = robots.load(with_files(tmp_path / "mine", saved=(text, "TrajectoryPlannerROS"))).parameters()
+    tree = robots.load(
+        with_files(tmp_path / "mine", saved=(text, "TrajectoryPlannerROS"))
+    ).parameters()
     assert tree["TrajectoryPlannerROS"]["max_vel_x"] == 0.7
     with pytest.raises(ApplrError, match="could not determine a constructor"):
         robots.load(with_files(tmp_path / "evil", evil=("x: !!python/name:os.system\n", "")))
@@ -70,22 +74,40 @@ def test_a_robot_whose_mass_lies_right_above_its_axle_stands():
     burger = robots.load("turtlebot3_burger")
     for x, tips in ((0.0, False), (0.02, True)):
         body = burger.body.model_copy(update={"com": (x, 0.0, 0.1)})
-        assert [line.startswith("body.com is ") for line in fields(replace(burger, body=body))] == [True] * tips
+        assert [line.startswith("body.com is ") for line in fields(replace(burger, body=body))] == [
+            True
+        ] * tips
 
 
 def test_a_space_that_robot_yaml_does_not_state_follows_from_base_and_body():
     burger = robots.load("turtlebot3_burger")
-    speed, turn, width = burger.base.max_speed, burger.base.max_yaw_rate, max(burger.body.size[1], burger.base.track)
+    speed, turn, width = (
+        burger.base.max_speed,
+        burger.base.max_yaw_rate,
+        max(burger.body.size[1], burger.base.track),
+    )
     space = {parameter.name: parameter for parameter in burger.space}
-    ranges = {"max_vel_x": (0.1 * speed, speed), "max_vel_theta": (0.1 * turn, turn), "sim_time": (0.8, 3.0)}
-    ranges.update(path_distance_bias=(0.5, 64.0), inflation_radius=(0.15 * width, 3.0 * width), vth_samples=(4.0, 60.0))
+    ranges = {
+        "max_vel_x": (0.1 * speed, speed),
+        "max_vel_theta": (0.1 * turn, turn),
+        "sim_time": (0.8, 3.0),
+    }
+    ranges.update(
+        path_distance_bias=(0.5, 64.0),
+        inflation_radius=(0.15 * width, 3.0 * width),
+        vth_samples=(4.0, 60.0),
+    )
     for name, ends in ranges.items():
-        start = number_at(burger.all_parameters(), space[name].sets[0].server, space[name].sets[0].names)
+        start = number_at(
+            burger.all_parameters(), space[name].sets[0].server, space[name].sets[0].names
+        )
         assert space[name].range == (min(ends[0], start), max(ends[1], start)), name
     assert [one.name for one in space["max_vel_x"].sets] == ["max_vel_x", "max_vel_trans"]
     assert (space["vth_samples"].integer, space["footprint_padding"].paper) == (True, False)
 
 
 def test_unknown_name_lists_the_robots():
-    with pytest.raises(ApplrError, match="robot roomba: give husky, jackal, .* or a folder with robot.yaml"):
+    with pytest.raises(
+        ApplrError, match="robot roomba: give husky, jackal, .* or a folder with robot.yaml"
+    ):
         robots.load("roomba")

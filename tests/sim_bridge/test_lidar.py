@@ -10,7 +10,9 @@ from tests.support.seeds import seeds
 NOTHING = np.empty((0, 3)), np.empty((0, 5))
 JACKAL = robots.load("jackal").laser
 FULL_TURN = robots.load("turtlebot3_burger").laser  # full turn from 0
-ABOVE_PI = JACKAL.model_copy(update=dict(beams=90, first_angle=4.0, last_angle=6.2, range_max=8.0))  # fan to the right
+ABOVE_PI = JACKAL.model_copy(
+    update=dict(beams=90, first_angle=4.0, last_angle=6.2, range_max=8.0)
+)  # fan to the right
 LASERS = [JACKAL, FULL_TURN, ABOVE_PI]
 
 
@@ -40,7 +42,11 @@ def grazing(laser, circles, edges, x, y, yaw, beam):
     angle = yaw + laser.first_angle + laser.increment * beam
     across = np.array([-np.sin(angle), np.cos(angle)])
     rims = [abs(abs(across @ (cx - x, cy - y)) - r) for cx, cy, r in circles]
-    rims += [abs(across @ (ex - x, ey - y)) for x0, y0, x1, y1 in edges for ex, ey in ((x0, y0), (x1, y1))]
+    rims += [
+        abs(across @ (ex - x, ey - y))
+        for x0, y0, x1, y1 in edges
+        for ex, ey in ((x0, y0), (x1, y1))
+    ]
     return min(rims, default=1.0) < 1e-9
 
 
@@ -50,7 +56,9 @@ def test_scans_equal_brute_force(seed):
     n, m = rng.integers(0, 60), rng.integers(0, 8)
     spread = rng.choice([3.0, 8.0, 25.0])
     circles = np.column_stack([rng.uniform(-spread, spread, (n, 2)), rng.uniform(0.02, 1.5, n)])
-    boxes = np.column_stack([rng.uniform(-spread, spread, (m, 2)), rng.uniform(-4, 4, m), rng.uniform(0.02, 5, (m, 2))])
+    boxes = np.column_stack(
+        [rng.uniform(-spread, spread, (m, 2)), rng.uniform(-4, 4, m), rng.uniform(0.02, 5, (m, 2))]
+    )
     laser = LASERS[seed % len(LASERS)]
     lidar = Lidar(laser, circles, boxes)
     for _ in range(4):
@@ -59,7 +67,11 @@ def test_scans_equal_brute_force(seed):
         if np.isneginf(got).all():  # inside an obstacle
             continue
         for beam in np.flatnonzero(~np.isclose(got, want, rtol=0.0, atol=1e-5)):
-            assert grazing(laser, circles, lidar.edges, x, y, yaw, beam), (beam, got[beam], want[beam])
+            assert grazing(laser, circles, lidar.edges, x, y, yaw, beam), (
+                beam,
+                got[beam],
+                want[beam],
+            )
 
 
 def test_an_obstacle_behind_reaches_into_both_ends_of_the_fan():

@@ -35,7 +35,15 @@ simulator, on_plain_ground = both(), both(ground=0.0)
 
 
 def numbers(state):
-    return (state.time, *state.pose, *state.twist, *state.odom_pose, *state.odom_twist, *state.imu, state.contact)
+    return (
+        state.time,
+        *state.pose,
+        *state.twist,
+        *state.odom_pose,
+        *state.odom_twist,
+        *state.imu,
+        state.contact,
+    )
 
 
 # -- starts ----------------------------------------------------------------------------------------
@@ -86,7 +94,9 @@ def commands(robot):
     """Return commands (v, w) [m/s, rad/s] like those of planners, with curves up to the friction limit grip_limit."""
     v, w = robot.base.max_speed, robot.base.max_yaw_rate
     curves = [(v * a, w * b) for a in CURVES[0] for b in CURVES[1]]
-    feasible = [curve for curve in curves if abs(curve[0] * curve[1]) <= robot.simulation.grip_limit]
+    feasible = [
+        curve for curve in curves if abs(curve[0] * curve[1]) <= robot.simulation.grip_limit
+    ]
     return [(v * a, 0.0) for a in SPEEDS] + [(0.0, w * b) for b in TURNS] + feasible
 
 
@@ -106,20 +116,34 @@ def driven(simulator, v, w, seconds=6.0, seeds=1):
             middle = last.pose[2] + turn / 2
             dx, dy = np.subtract(state.pose[:2], last.pose[:2])
             # The chord is scaled to the length of the arc.
-            ahead += (dx * cos(middle) + dy * sin(middle)) * (turn / 2 / sin(turn / 2) if turn else 1.0)
+            ahead += (dx * cos(middle) + dy * sin(middle)) * (
+                turn / 2 / sin(turn / 2) if turn else 1.0
+            )
             turned, last = turned + turn, state
             if abs(turned) <= 2 * pi:
                 track.append(state.pose[:2])
-        runs.append((ahead / seconds, turned / seconds, max(hypot(*np.subtract(at, track[0])) for at in track)))
+        runs.append(
+            (
+                ahead / seconds,
+                turned / seconds,
+                max(hypot(*np.subtract(at, track[0])) for at in track),
+            )
+        )
     return np.mean(runs, axis=0)
 
 
 def error(simulator, v, w, **how):
     """Return the largest relative error of the driven speed and yaw rate."""
-    return max(abs(actual / asked - 1.0) for asked, actual in zip((v, w), driven(simulator, v, w, **how)) if asked)
+    return max(
+        abs(actual / asked - 1.0)
+        for asked, actual in zip((v, w), driven(simulator, v, w, **how))
+        if asked
+    )
 
 
-@pytest.mark.parametrize(("name", "robot"), [("pybullet", "jackal")] + [("kinematic", robot) for robot in robots.NAMES])
+@pytest.mark.parametrize(
+    ("name", "robot"), [("pybullet", "jackal")] + [("kinematic", robot) for robot in robots.NAMES]
+)
 def test_driven_speeds_are_the_commanded_ones_within_five_percent(name, robot):
     even = sim_bridge.make(name, robot=robot, slip=0.0, ground=0.0)
     for v, w in commands(even.robot):
@@ -243,7 +267,9 @@ def test_the_imu_measures_acceleration_and_turn_rate(on_plain_ground):
     simulator.reset(small_world(), 0)
     simulator.command(1.0, 0.0)
     simulator.advance(0.05)
-    assert simulator.advance(0.05).imu[0] == pytest.approx(4.9, abs=0.5)  # limit with a friction of .5
+    assert simulator.advance(0.05).imu[0] == pytest.approx(
+        4.9, abs=0.5
+    )  # limit with a friction of .5
     state = drive(simulator, 0.0, 1.0, 1.0)
     assert state.imu[1] == pytest.approx(state.twist[1], abs=5 * JACKAL.odometry.gyro_noise)
     assert state.imu[1] == pytest.approx(1.0, abs=0.2)  # The ground is uneven.
@@ -276,7 +302,9 @@ def trace(simulator, scene, seed):
 def test_the_same_world_seed_and_commands_repeat_to_the_last_bit(name):
     simulator, other = sim_bridge.make(name), sim_bridge.make(name)
     rng = np.random.default_rng(1)
-    scene = small_world(np.column_stack([rng.uniform(0.5, 3.0, 30), rng.uniform(-2.0, 2.0, 30), np.full(30, 0.075)]))
+    scene = small_world(
+        np.column_stack([rng.uniform(0.5, 3.0, 30), rng.uniform(-2.0, 2.0, 30), np.full(30, 0.075)])
+    )
     first = trace(simulator, scene, 7)
     trace(simulator, small_world(start=(1.0, 1.0, 1.0)), 8)
     assert first == trace(simulator, scene, 7) == trace(other, scene, 7)
@@ -361,8 +389,13 @@ def test_kinematic_contacts_end_like_pybullets():
     pybullet, kinematic = map(sim_bridge.make, ("pybullet", "kinematic"))
     rows = []
     for seed in range(1000, 1030):
-        (theirs, touched), (ours, ours_touched) = (among_obstacles(made, seed) for made in (pybullet, kinematic))
-        apart, turn = ours[-1, :2] - theirs[-1, :2], abs(normalize_angle(ours[-1, 2] - theirs[-1, 2]))
+        (theirs, touched), (ours, ours_touched) = (
+            among_obstacles(made, seed) for made in (pybullet, kinematic)
+        )
+        apart, turn = (
+            ours[-1, :2] - theirs[-1, :2],
+            abs(normalize_angle(ours[-1, 2] - theirs[-1, 2])),
+        )
         rows.append((hypot(*apart), turn, touched, ours_touched))
     pybullet.close()
     rows = np.array(rows, dtype=float)
@@ -379,7 +412,10 @@ def test_other_robots_drive_and_meet_a_wall_alike_in_both(name):
     v, w = 0.5 * robot.base.max_speed, 0.3 * robot.base.max_yaw_rate
     wall = 1.5 * geometry.bounding_box(robot)[1] + v  # The robot reaches the wall in less than 3 s.
     ends = []
-    for simulator in (sim_bridge.make("kinematic", robot=robot), sim_bridge.make("pybullet", robot=name)):
+    for simulator in (
+        sim_bridge.make("kinematic", robot=robot),
+        sim_bridge.make("pybullet", robot=name),
+    ):
         simulator.reset(small_world(), 3)
         curve = drive(simulator, v, w, 2.0).pose
         simulator.reset(small_world(boxes=[(wall + 0.1, 0.0, 0.0, 0.2, 4.0)]), 3)
@@ -399,7 +435,9 @@ def test_kinematic_needs_no_pybullet():
         "import sys; sys.modules['pybullet'] = None; import sim_bridge; sim_bridge.make('kinematic');"
         "\ntry: sim_bridge.make('pybullet')\nexcept ModuleNotFoundError as e: print(e.name)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS
+    )
     assert done.returncode == 0
     assert (done.stdout, done.stderr) == ("pybullet\n", "")
 

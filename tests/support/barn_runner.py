@@ -49,7 +49,9 @@ def main():
         place = simulation.place()
         collided = simulation.collided()
         time.sleep(1)
-    stack = subprocess.Popen(["roslaunch", os.path.join(base, "..", "jackal_helper/launch/move_base_DWA.launch")])
+    stack = subprocess.Popen(
+        ["roslaunch", os.path.join(base, "..", "jackal_helper/launch/move_base_DWA.launch")]
+    )
     client = actionlib.SimpleActionClient("/move_base", MoveBaseAction)
     client.wait_for_server()
     client.send_goal(goal(*target))
@@ -75,7 +77,10 @@ def main():
     best = length / 2
     metric = success * best / np.clip(now - began, 2 * best, 8 * best)
     with open(arguments.out, "a") as file:
-        file.write("%d %d %d %d %.4f %.4f\n" % (number, success, collided, now - began >= 100, now - began, metric))
+        file.write(
+            "%d %d %d %d %.4f %.4f\n"
+            % (number, success, collided, now - began >= 100, now - began, metric)
+        )
     for process in (gazebo, stack):
         process.terminate()
         process.wait()

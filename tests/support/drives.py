@@ -34,7 +34,10 @@ def driven(time, pose, twist=None, theta=(), decided=()):
     """Return a drive along true poses (n, 3), with parameter sets theta (k, p) from the times decided (k,) on."""
     time = np.asarray(time, float)
     twist = np.zeros((len(time), 2)) if twist is None else np.asarray(twist, float)
-    decisions = [Decision("goal", at, at, {}, dict(enumerate(values)), None) for at, values in zip(decided, theta)]
+    decisions = [
+        Decision("goal", at, at, {}, dict(enumerate(values)), None)
+        for at, values in zip(decided, theta)
+    ]
     return Drive(truth=Motion(time, time, np.asarray(pose, float), twist), decisions=decisions)
 
 
@@ -50,15 +53,23 @@ def changed(robot: Robot, change: Dict[str, Dict[str, Any]]) -> Robot:
 
 
 def simulated(
-    robot: Robot, world: Any, limit: float = 60.0, seed: int = 0, simulator: Any = KinematicSimulator
+    robot: Robot,
+    world: Any,
+    limit: float = 60.0,
+    seed: int = 0,
+    simulator: Any = KinematicSimulator,
 ) -> Tuple[Drive, Outcome]:
     """Drive a robot through a world, or the world of a name in its scale, with the parameters of its files."""
     move_base = MoveBase(counting_cells(robot.parameters()), planner=CPP_LIKE, seed=seed)
-    fixed = replace(robot, space=())  # The parameters of the files stay, even out of the ranges of robot.yaml.
+    fixed = replace(
+        robot, space=()
+    )  # The parameters of the files stay, even out of the ranges of robot.yaml.
     episode = Episode(
         simulator(robot), move_base, fixed, period=1.0, time_limit=limit, escapes=False, record=True
     )
-    world = worlds.scaled(worlds.load(world), robot.world_scale) if isinstance(world, str) else world
+    world = (
+        worlds.scaled(worlds.load(world), robot.world_scale) if isinstance(world, str) else world
+    )
     outcome = episode.reset(world, seed)
     while not outcome.over:
         outcome = episode.decide(np.zeros(0))

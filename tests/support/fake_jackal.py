@@ -24,7 +24,15 @@ from applr_ros1.common.angles import compose
 from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE
-from tests.support.toy_robot import ANGLE_MAX, ANGLE_MIN, INCREMENT, LASER_X, RANGE_MAX, RANGE_MIN, ToyRobot
+from tests.support.toy_robot import (
+    ANGLE_MAX,
+    ANGLE_MIN,
+    INCREMENT,
+    LASER_X,
+    RANGE_MAX,
+    RANGE_MIN,
+    ToyRobot,
+)
 
 TICK = 0.01  # simulation step [s]
 COMMAND_TIMEOUT = 0.25  # age of a command after which the base stops [s]
@@ -49,11 +57,22 @@ class FakeJackal:
         self.commands = []  # (wall time, v, w)
         self._command = 0.0, 0.0
         self._ends = []
-        self._tf, self._odometry = self._publisher("/tf", TFMessage), self._publisher("/odometry/filtered", Odometry)
-        self._scan, self._clock = self._publisher("/front/scan", LaserScan), self._publisher("/clock", Clock)
+        self._tf, self._odometry = (
+            self._publisher("/tf", TFMessage),
+            self._publisher("/odometry/filtered", Odometry),
+        )
+        self._scan, self._clock = (
+            self._publisher("/front/scan", LaserScan),
+            self._publisher("/clock", Clock),
+        )
         mounted = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
-        mounted.publish(TFMessage([transform("base_link", "front_laser", (LASER_X, 0.0, 0.0), self.now())]))
-        self._ends += [mounted, rospy.Subscriber("/cmd_vel", Twist, self._take, queue_size=50, tcp_nodelay=True)]
+        mounted.publish(
+            TFMessage([transform("base_link", "front_laser", (LASER_X, 0.0, 0.0), self.now())])
+        )
+        self._ends += [
+            mounted,
+            rospy.Subscriber("/cmd_vel", Twist, self._take, queue_size=50, tcp_nodelay=True),
+        ]
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -102,7 +121,12 @@ class FakeJackal:
             self._publish_scan(stamp, self.robot.ranges())
 
     def _publish_scan(self, stamp, ranges):
-        limits = {"angle_min": ANGLE_MIN, "angle_max": ANGLE_MAX, "range_min": RANGE_MIN, "range_max": RANGE_MAX}
+        limits = {
+            "angle_min": ANGLE_MIN,
+            "angle_max": ANGLE_MAX,
+            "range_min": RANGE_MIN,
+            "range_max": RANGE_MAX,
+        }
         scan = LaserScan(angle_increment=INCREMENT, ranges=ranges.tolist(), **limits)
         scan.header.stamp, scan.header.frame_id = stamp, "front_laser"
         self._scan.publish(self.bend(scan))
@@ -157,14 +181,20 @@ class Standing(FakeJackal):
 
     def _on_diagnostics(self, message):
         status = message.status[0]
-        self.values = {**{v.key: v.value for v in status.values}, "level": status.level, "message": status.message}
+        self.values = {
+            **{v.key: v.value for v in status.values},
+            "level": status.level,
+            "message": status.message,
+        }
 
     def _tick(self, n, stamp):
         if n % 2:
             return
         goal = self.goal
         if self.statuses:
-            active = [GoalStatus(GoalID(id=goal), GoalStatus.ACTIVE, "")] if goal is not None else []
+            active = (
+                [GoalStatus(GoalID(id=goal), GoalStatus.ACTIVE, "")] if goal is not None else []
+            )
             status = GoalStatusArray(status_list=active)
             status.header.stamp = stamp
             self._status.publish(status)
@@ -182,7 +212,8 @@ class Standing(FakeJackal):
 def decided(message):
     """Return an applr_ros1/Decision as a dict. "theta" is empty if the method's output was rejected."""
     sets = {
-        key: dict(zip(of.names, of.values)) for key, of in (("theta_prev", message.before), ("theta", message.after))
+        key: dict(zip(of.names, of.values))
+        for key, of in (("theta_prev", message.before), ("theta", message.after))
     }
     return dict(sets, stamp=str(message.header.stamp), refused=message.refused)
 
@@ -190,7 +221,10 @@ def decided(message):
 def observed(message):
     """Return the paper's observation (729,) from an applr_ros1/Decision of a Jackal."""
     scan = np.array(message.ranges, np.float32), message.angle_min, message.angle_increment
-    pose, plan = (message.x, message.y, message.yaw), np.column_stack([message.plan_x, message.plan_y])
+    pose, plan = (
+        (message.x, message.y, message.yaw),
+        np.column_stack([message.plan_x, message.plan_y]),
+    )
     seen = Seen(scan, message.elapsed, pose, (message.v, message.w), pose, plan, np.zeros((0, 4)))
     return Context.of(np.array(message.before.values), seen, SPACE, LAYOUT).observation
 

@@ -30,14 +30,36 @@ def config_type(parameters, code=""):
     """
     always = {"level": 0, "edit_method": ""}
     rows = [
-        dict(always, name=name, type=p.type, default=p.default, description=p.doc, min=p.min, max=p.max)
+        dict(
+            always,
+            name=name,
+            type=p.type,
+            default=p.default,
+            description=p.doc,
+            min=p.min,
+            max=p.max,
+        )
         for name, p in parameters
     ]
     for row in (row for row in rows if code and row["name"] == "max_vel_x"):
         row.update(type="str", edit_method=code)
-    names = {"name": "Default", "parentname": "Default", "upper": "DEFAULT", "lower": "groups", "field": "default"}
+    names = {
+        "name": "Default",
+        "parentname": "Default",
+        "upper": "DEFAULT",
+        "lower": "groups",
+        "field": "default",
+    }
     kinds = {"type": "", "class": "DEFAULT", "parentclass": "", "cstate": "true"}
-    group = {**names, **kinds, "id": 0, "parent": 0, "state": True, "groups": [], "parameters": rows}
+    group = {
+        **names,
+        **kinds,
+        "id": 0,
+        "parent": 0,
+        "state": True,
+        "groups": [],
+        "parameters": rows,
+    }
     return SimpleNamespace(
         config_description=group,
         min={r["name"]: r["min"] for r in rows},
@@ -54,7 +76,9 @@ class Liar(Server):
     def _set_callback(self, request):
         if self.ns.rstrip("/") in rospy.get_param("/fake/late", []):
             topic = self.update_topic
-            late = SimpleNamespace(publish=lambda message: threading.Timer(0.2, topic.publish, [message]).start())
+            late = SimpleNamespace(
+                publish=lambda message: threading.Timer(0.2, topic.publish, [message]).start()
+            )
             self.update_topic = late
             try:
                 return super()._set_callback(request)
@@ -89,21 +113,32 @@ def main():
     parser.add_argument("--spelling", default="noetic")
     parser.add_argument("--layer", default="inflater_layer")
     parser.add_argument("--without", default="")
-    parser.add_argument("--robot", default="", help="robot whose move_base has the servers to start instead")
-    parser.add_argument("--text", default="", metavar="CODE", help="code of the choices of max_vel_x, a string")
+    parser.add_argument(
+        "--robot", default="", help="robot whose move_base has the servers to start instead"
+    )
+    parser.add_argument(
+        "--text", default="", metavar="CODE", help="code of the choices of max_vel_x, a string"
+    )
     args = parser.parse_args(rospy.myargv()[1:])
     rospy.init_node("move_base")
     if args.robot:
         declared = servers(check.complete(load(args.robot).parameters()))
         served = {name: server.parameters for name, server in declared.items()}
     else:
-        served = {"TrajectoryPlannerROS": [p for p in SERVERS["TrajectoryPlannerROS"] if p.name != args.without]}
+        served = {
+            "TrajectoryPlannerROS": [
+                p for p in SERVERS["TrajectoryPlannerROS"] if p.name != args.without
+            ]
+        }
         for costmap in ("local_costmap", "global_costmap"):
             served[costmap] = SERVERS[costmap]
             served[costmap + "/" + args.layer] = SERVERS["local_costmap/inflater_layer"]
             served[costmap + "/a_layer"] = SERVERS["local_costmap/obstacles_layer"]
     renamed = KINETIC if args.spelling == "kinetic" else {}
-    named = {rospy.get_name() + ("/" + name if name else ""): parameters for name, parameters in served.items()}
+    named = {
+        rospy.get_name() + ("/" + name if name else ""): parameters
+        for name, parameters in served.items()
+    }
     for full, parameters in named.items():
         serve(full, [(renamed.get(p.name, p.name), p) for p in parameters], args.text)
     print("all up", flush=True)

@@ -73,7 +73,9 @@ class Training:
         self.simulation, self.target = simulation, target
         self._clear = rospy.ServiceProxy("/move_base/clear_costmaps", Empty)
         self._plan = rospy.ServiceProxy("/move_base/make_plan", GetPlan)
-        self._parameters = dynamic_reconfigure.client.Client("/move_base/TrajectoryPlannerROS", timeout=180)
+        self._parameters = dynamic_reconfigure.client.Client(
+            "/move_base/TrajectoryPlannerROS", timeout=180
+        )
         self._action = actionlib.SimpleActionClient("/move_base", MoveBaseAction)
         assert self._action.wait_for_server(rospy.Duration(180.0))
 

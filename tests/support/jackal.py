@@ -29,5 +29,9 @@ JACKAL_DWA = dict(
 
 def tree(**changes):
     made = copy.deepcopy(JACKAL)
-    made.update(changes, base_local_planner="dwa_local_planner/DWAPlannerROS", DWAPlannerROS=dict(JACKAL_DWA))
+    made.update(
+        changes,
+        base_local_planner="dwa_local_planner/DWAPlannerROS",
+        DWAPlannerROS=dict(JACKAL_DWA),
+    )
     return made

@@ -9,7 +9,9 @@ from applr_ros1.planner.costmap.inflation_layer import InflationLayer
 from applr_ros1.planner.costmap.static_layer import StaticMap
 from applr_ros1.planner.trajectory.sampling import fill_evenly, velocity_window
 
-JACKAL = footprints.pad(footprints.parse("[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"), 0.1)
+JACKAL = footprints.pad(
+    footprints.parse("[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"), 0.1
+)
 
 
 def cellular(rng, ny, nx, fill, steps=3):
@@ -17,7 +19,10 @@ def cellular(rng, ny, nx, fill, steps=3):
     grid = rng.random((ny, nx)) < fill
     for _ in range(steps):
         around = sum(
-            np.roll(np.roll(grid, dy, 0), dx, 1).astype(int) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dx or dy
+            np.roll(np.roll(grid, dy, 0), dx, 1).astype(int)
+            for dy in (-1, 0, 1)
+            for dx in (-1, 0, 1)
+            if dx or dy
         )
         grid = np.where(around >= 5, True, np.where(around <= 1, False, grid))
     return grid

@@ -91,7 +91,9 @@ def node_api(master):
 
 def connected(master, topic, node):
     """Return whether move_base and `node` are connected by a topic."""
-    return any((line[1], line[4]) == (node, topic) for line in node_api(master).getBusInfo("/test")[2])
+    return any(
+        (line[1], line[4]) == (node, topic) for line in node_api(master).getBusInfo("/test")[2]
+    )
 
 
 def finish(client):

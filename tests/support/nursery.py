@@ -40,7 +40,9 @@ class Forked:
 
     def poll(self):
         if self.returncode is None and (ended := os.waitpid(self.pid, os.WNOHANG))[0]:
-            self.returncode = -os.WTERMSIG(ended[1]) if os.WIFSIGNALED(ended[1]) else os.WEXITSTATUS(ended[1])
+            self.returncode = (
+                -os.WTERMSIG(ended[1]) if os.WIFSIGNALED(ended[1]) else os.WEXITSTATUS(ended[1])
+            )
         return self.returncode
 
     def wait(self, timeout):
@@ -81,7 +83,12 @@ class Nursery:
             log: File for its output.
             constants: {"module.NAME": value} of constants that are replaced in the program.
         """
-        order = {"words": list(map(str, words)), "env": env, "log": str(log), "constants": constants}
+        order = {
+            "words": list(map(str, words)),
+            "env": env,
+            "log": str(log),
+            "constants": constants,
+        }
         self._process.stdin.write(json.dumps(order).encode() + b"\n")
         self._process.stdin.flush()
         return Forked(int(self._process.stdout.readline()))

@@ -9,7 +9,9 @@ FREE, WALL, UNKNOWN = 254, 0, 205
 
 def blank(width, height):
     """Return a floor with outer walls [m] within unknown cells, and functions that draw walls and clear doors."""
-    pixels = np.full((round(height / RESOLUTION) + 20, round(width / RESOLUTION) + 20), UNKNOWN, np.uint8)
+    pixels = np.full(
+        (round(height / RESOLUTION) + 20, round(width / RESOLUTION) + 20), UNKNOWN, np.uint8
+    )
 
     def fill(x, y, size_x, size_y, value=WALL):
         low = [10 + round(v / RESOLUTION) for v in (y, x)]
@@ -71,7 +73,12 @@ PLANS = {"office": office, "warehouse": warehouse, "house": house}
 def write(folder, name, pixels=None, suffix="pgm", **changes):
     """Write a plan, or other pixels, as NAME.yaml with its image, and return the path of the file as text."""
     Image.fromarray(PLANS[name]() if pixels is None else pixels).save(folder / f"{name}.{suffix}")
-    values = {"image": f"{name}.{suffix}", "resolution": RESOLUTION, "origin": [-5.0, -3.0, 0.0], "negate": 0}
+    values = {
+        "image": f"{name}.{suffix}",
+        "resolution": RESOLUTION,
+        "origin": [-5.0, -3.0, 0.0],
+        "negate": 0,
+    }
     values.update({"occupied_thresh": 0.65, "free_thresh": 0.196, **changes})
     text = "".join(f"{key}: {value}\n" for key, value in values.items() if value is not None)
     (folder / f"{name}.yaml").write_text(text)

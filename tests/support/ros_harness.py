@@ -23,7 +23,11 @@ import psutil
 from tests.support import ROOT
 from tests.support.nursery import Nursery
 
-INTERRUPTED_WITH_US = ("setpriv", "--pdeathsig", "INT")  # prefix that interrupts a child even if this process is killed
+INTERRUPTED_WITH_US = (
+    "setpriv",
+    "--pdeathsig",
+    "INT",
+)  # prefix that interrupts a child even if this process is killed
 VARIABLES = ("ROS_MASTER_URI", "ROS_IP", "ROS_LOG_DIR")
 GENERATED = ROOT / ".applr" / "catkin_ws" / "devel" / "lib" / "python3" / "dist-packages"
 
@@ -49,7 +53,9 @@ class Child:
         """
         holds = condition if callable(condition) else lambda: condition in self.text
         try:
-            value = wait_for(lambda: not self.alive() or holds(), "it" if callable(condition) else condition)
+            value = wait_for(
+                lambda: not self.alive() or holds(), "it" if callable(condition) else condition
+            )
             assert self.alive(), "it has ended"
         except AssertionError as late:
             raise AssertionError("%s\n%s" % (late, self.text)) from None
@@ -85,7 +91,9 @@ def started(args, env, log):
     with open(log, "wb") as file:
         command = [*INTERRUPTED_WITH_US, *map(str, args)]
         output = {"stdout": file, "stderr": subprocess.STDOUT}
-        return Child(subprocess.Popen(command, env=env, cwd=ROOT, start_new_session=True, **output), log)
+        return Child(
+            subprocess.Popen(command, env=env, cwd=ROOT, start_new_session=True, **output), log
+        )
 
 
 class RosMaster:
@@ -105,13 +113,15 @@ class RosMaster:
             ROS_IP="127.0.0.1",
             PYTHONUNBUFFERED="1",
             ROS_LOG_DIR=str(self.folder),
-            PYTHONPATH=os.pathsep.join([str(ROOT), str(GENERATED), os.environ.get("PYTHONPATH", "")]).rstrip(
-                os.pathsep
-            ),
+            PYTHONPATH=os.pathsep.join(
+                [str(ROOT), str(GENERATED), os.environ.get("PYTHONPATH", "")]
+            ).rstrip(os.pathsep),
         )
         self.env.pop("ROS_HOSTNAME", None)
         self._children, self._nodes = [], []
-        self._master = started(["rosmaster", "--core", "-p", self.port], self.env, self.folder / "master.log")
+        self._master = started(
+            ["rosmaster", "--core", "-p", self.port], self.env, self.folder / "master.log"
+        )
         self._master.until(lambda: _answers(self.port))
 
     def spawn(self, *args, **env):
@@ -123,8 +133,12 @@ class RosMaster:
 
         constants: {"module.NAME": value} of constants that are replaced in the program.
         """
-        child = self._keep(functools.partial(forked, constants=constants or {}), (script, *args), env, script)
-        self._nodes.append((next((a[8:] for a in map(str, args) if a.startswith("__name:=")), script), child))
+        child = self._keep(
+            functools.partial(forked, constants=constants or {}), (script, *args), env, script
+        )
+        self._nodes.append(
+            (next((a[8:] for a in map(str, args) if a.startswith("__name:=")), script), child)
+        )
         return child
 
     def _keep(self, start, args, env, name):
@@ -236,7 +250,9 @@ def free_port():
         return s.getsockname()[1]
 
 
-LONGEST = 300.0  # time after which a process counts as hanging; includes compilation of the kernels [s]
+LONGEST = (
+    300.0  # time after which a process counts as hanging; includes compilation of the kernels [s]
+)
 
 
 class Kept:
@@ -261,7 +277,9 @@ class Kept:
     def waiting(self):
         """Return the longest waiting time [s] of a thread since construction. An ended thread keeps its last value."""
         self._latest = {**self._latest, **self._delays()}
-        return 1e-9 * max(delay - self._since.get(thread, 0) for thread, delay in self._latest.items())
+        return 1e-9 * max(
+            delay - self._since.get(thread, 0) for thread, delay in self._latest.items()
+        )
 
 
 def wait_for(condition, what):

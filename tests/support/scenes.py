@@ -29,7 +29,9 @@ def small_world(
     )
 
 
-def drive(simulator: Simulator, v: float, w: float, seconds: float, step: float = STEP) -> RobotState:
+def drive(
+    simulator: Simulator, v: float, w: float, seconds: float, step: float = STEP
+) -> RobotState:
     """Repeat the command (v, w) [m/s, rad/s] for some simulated seconds, and return the last state."""
     for _ in range(int(round(seconds / step))):
         simulator.command(v, w)

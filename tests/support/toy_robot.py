@@ -35,7 +35,9 @@ class ToyRobot:
         return Lidar(LASER, self.circles, np.zeros((0, 5))).scan(*self.sensor_pose())
 
     def scan(self):
-        return LaserScan(self.time, ANGLE_MIN, INCREMENT, RANGE_MIN, RANGE_MAX, self.ranges(), self.sensor_pose())
+        return LaserScan(
+            self.time, ANGLE_MIN, INCREMENT, RANGE_MIN, RANGE_MAX, self.ranges(), self.sensor_pose()
+        )
 
     def drive(self, command, duration):
         """Drive for `duration` [s]. Without a command, the robot stands still."""

@@ -12,7 +12,9 @@ import numpy as np
 from training.evaluate.evaluation import EvaluationOptions, settings
 from training.evaluate.trial import Result
 
-SETTINGS = settings(EvaluationOptions(), [], [])  # settings of an evaluation without worlds and methods
+SETTINGS = settings(
+    EvaluationOptions(), [], []
+)  # settings of an evaluation without worlds and methods
 
 
 def drive(settings, task):

@@ -33,7 +33,11 @@ def network(weights):
 
 def drive(env, task, weights):
     """Drive one episode. Only the learned policy moves; all other methods stand still."""
-    policy = network(weights) if task.method_spec == POLICY else lambda observation: np.zeros(1, np.float32)
+    policy = (
+        network(weights)
+        if task.method_spec == POLICY
+        else lambda observation: np.zeros(1, np.float32)
+    )
     made, total, ended = environment(env, "{}"), 0.0, False
     observation, _ = made.reset(seed=task.seed)
     while not ended:
@@ -53,7 +57,10 @@ def toy_run(config, env=Line):
             return Preparation(partial(collect, env, "{}"), partial(drive, env), held_out, layout)
 
         def write_policy(self, path, weights, metadata):
-            write_bytes(path, safetensors.numpy.save(weights, {k: json.dumps(v) for k, v in metadata.items()}))
+            write_bytes(
+                path,
+                safetensors.numpy.save(weights, {k: json.dumps(v) for k, v in metadata.items()}),
+            )
 
     return ToyRun(config)
 

@@ -32,7 +32,9 @@ COURSE = """<applr:course xmlns:applr='applr'><applr:start>0 -9 1.57</applr:star
 
 def sdf(body, course=COURSE):
     """Return the text of a world file; `course` is this package's element, or "" for none."""
-    ground = model("ground_plane", "0 0 0 0 0 0", "<plane><normal>0 0 1</normal><size>100 100</size></plane>")
+    ground = model(
+        "ground_plane", "0 0 0 0 0 0", "<plane><normal>0 0 1</normal><size>100 100</size></plane>"
+    )
     light = "<light name='sun' type='directional'/>"
     return f"<sdf version='1.6'><world name='default'>{light}{ground}{body}{course}</world></sdf>"
 

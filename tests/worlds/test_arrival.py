@@ -42,5 +42,8 @@ def test_a_course_with_a_finish_of_its_own_ignores_the_planner():
 
 
 def test_only_courses_of_rooms_have_no_finish_of_their_own():
-    rule = {name: worlds.load(name).course.planner_ends for name in ("generated:7", "physical_course", "dynamic:406")}
+    rule = {
+        name: worlds.load(name).course.planner_ends
+        for name in ("generated:7", "physical_course", "dynamic:406")
+    }
     assert rule == {"generated:7": False, "physical_course": False, "dynamic:406": True}

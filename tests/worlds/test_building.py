@@ -29,7 +29,11 @@ WAFFLE, JACKAL = (radius(robots.load(name)) for name in ("turtlebot3_waffle_pi",
 ROOMS = {  # regions of a plan: smallest x, y, largest x, y [m] from its lower left corner
     "office": [(6.0 * room, y, 6.0 * room + 6.0, y + 5.8) for room in range(6) for y in (0.0, 8.2)]
     + [(12.0 * part, 6.0, 12.0 * part + 12.0, 8.0) for part in range(3)],
-    "warehouse": [(3.6 + 2.6 * aisle, y, 5.2 + 2.6 * aisle, y + 8.0) for aisle in range(9) for y in (2.5, 13.5)],
+    "warehouse": [
+        (3.6 + 2.6 * aisle, y, 5.2 + 2.6 * aisle, y + 8.0)
+        for aisle in range(9)
+        for y in (2.5, 13.5)
+    ],
     "house": [(4.0 * room, y, 4.0 * room + 4.0, y + 4.2) for room in range(3) for y in (0.0, 5.8)],
 }
 
@@ -54,16 +58,25 @@ def cells(folder, pixels, **changes):
 
 # -- map_server's format
 def test_the_radius_is_that_of_the_farthest_corner():
-    assert (pytest.approx(np.hypot(0.229, 0.208), abs=1e-3), pytest.approx(0.249, abs=1e-3)) == (JACKAL, WAFFLE)
+    assert (pytest.approx(np.hypot(0.229, 0.208), abs=1e-3), pytest.approx(0.249, abs=1e-3)) == (
+        JACKAL,
+        WAFFLE,
+    )
 
 
 def test_modes_give_the_values_that_map_server_publishes(tmp_path):
-    grey = [[0, 89, 90, 128, 204, 205, 206, 254]]  # The thresholds are between 89 and 90, and between 205 and 206.
+    grey = [
+        [0, 89, 90, 128, 204, 205, 206, 254]
+    ]  # The thresholds are between 89 and 90, and between 205 and 206.
     assert cells(tmp_path, grey) == [[100, 100, -1, -1, -1, -1, 0, 0]]
     assert cells(tmp_path, grey, negate=1) == [[0, -1, -1, -1, 100, 100, 100, 100]]
     assert cells(tmp_path, grey, mode="scale") == [[100, 100, 98, 66, 1, 1, 0, 0]]
-    assert cells(tmp_path, [[204, 203, 205]], free_thresh=0.2, occupied_thresh=0.2) == [[-1, 100, 0]]  # .2 exactly
-    assert cells(tmp_path, [[0, 37, 100, 127, 128, 255]], mode="raw") == [[0, 37, 100, 127, -128, -1]]
+    assert cells(tmp_path, [[204, 203, 205]], free_thresh=0.2, occupied_thresh=0.2) == [
+        [-1, 100, 0]
+    ]  # .2 exactly
+    assert cells(tmp_path, [[0, 37, 100, 127, 128, 255]], mode="raw") == [
+        [0, 37, 100, 127, -128, -1]
+    ]
     raw = np.array([0, 99, 100, 127, -128, -1], np.int8)
     assert map_reader.is_occupied(raw).tolist() == [False, False, True, True, True, False]
 
@@ -93,18 +106,27 @@ def test_an_image_of_one_bit_is_black_and_white(tmp_path):
     assert (occupied[::-1] == (plans.office() == plans.WALL)).all()
 
 
-@pytest.mark.parametrize(("mode", "suffix"), [("P", "png"), ("P", "bmp"), ("1", "pbm"), ("1", "bmp")])
+@pytest.mark.parametrize(
+    ("mode", "suffix"), [("P", "png"), ("P", "bmp"), ("1", "pbm"), ("1", "bmp")]
+)
 def test_an_image_whose_indexes_map_server_would_take_as_grey_is_refused(tmp_path, mode, suffix):
     path = plans.write(tmp_path, "office", suffix=suffix)
     colours = Image.fromarray(plans.office()).convert("RGB").quantize(3)
     picture = colours if mode == "P" else colours.convert("1")
     picture.save(tmp_path / f"office.{suffix}")
-    words = f"office.{suffix} has indexed colours", "map_server takes the indexes as grey", "save it as a grey"
+    words = (
+        f"office.{suffix} has indexed colours",
+        "map_server takes the indexes as grey",
+        "save it as a grey",
+    )
     refused(lambda: map_reader.read_map(path), *words)
 
 
 def test_an_image_of_more_than_16_bits_is_refused(tmp_path):
-    for name, pixels in (("long", np.full((4, 4), 70_000, np.int32)), ("real", np.ones((4, 4), np.float32))):
+    for name, pixels in (
+        ("long", np.full((4, 4), 70_000, np.int32)),
+        ("real", np.ones((4, 4), np.float32)),
+    ):
         path = plans.write(tmp_path, name, pixels, "tiff")
         line = f"{name}.tiff has more than 16 bits per pixel: save it with 8"
         refused(lambda path=path: map_reader.read_map(path), line)
@@ -113,7 +135,11 @@ def test_an_image_of_more_than_16_bits_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("field", "value", "line"),
     [
-        ("origin", "[-12.0, -10.0, -nan]", r"origin is \[-12.0, -10.0, '-nan'\]: give x, y and yaw \[m, m, rad\]"),
+        (
+            "origin",
+            "[-12.0, -10.0, -nan]",
+            r"origin is \[-12.0, -10.0, '-nan'\]: give x, y and yaw \[m, m, rad\]",
+        ),
         ("origin", "[-12.0, -10.0]", r"origin is \[-12.0, -10.0\]: give x, y and yaw"),
         ("origin", "[.inf, 0, 0]", r"origin is \[inf, 0, 0\]: give x, y and yaw"),
         ("origin", "0", "origin is 0: give x, y and yaw"),
@@ -132,12 +158,19 @@ def test_each_field_of_a_map_is_checked(tmp_path, field, value, line):
 
 
 def test_rows_go_up_and_the_origin_turns_the_map(tmp_path):
-    path = plans.write(tmp_path, "small", np.array([[254, 254, 254], [254, 0, 0]], np.uint8), origin=[1.0, 2.0, 0.5])
+    path = plans.write(
+        tmp_path,
+        "small",
+        np.array([[254, 254, 254], [254, 0, 0]], np.uint8),
+        origin=[1.0, 2.0, 0.5],
+    )
     grid = map_reader.read_map(path)
     assert grid.cells.tolist() == [[0, 100, 100], [0, 0, 0]]
     (box,) = map_reader.boxes(grid)
     c, s = np.cos(0.5), np.sin(0.5)
-    assert box == pytest.approx([1.0 + 0.1 * c - 0.025 * s, 2.0 + 0.1 * s + 0.025 * c, 0.5, 0.1, 0.05])
+    assert box == pytest.approx(
+        [1.0 + 0.1 * c - 0.025 * s, 2.0 + 0.1 * s + 0.025 * c, 0.5, 0.1, 0.05]
+    )
 
 
 # -- obstacles
@@ -146,7 +179,10 @@ def test_boxes_cover_the_occupied_cells_and_nothing_else():
     grid = worlds.world.Grid(np.where(marked, 100, -1).astype(np.int8), 1.0, (0.0, 0.0, 0.0))
     covered = np.zeros(marked.shape, int)
     for x, y, _, across, along in map_reader.boxes(grid):
-        covered[round(y - along / 2) : round(y + along / 2), round(x - across / 2) : round(x + across / 2)] += 1
+        covered[
+            round(y - along / 2) : round(y + along / 2),
+            round(x - across / 2) : round(x + across / 2),
+        ] += 1
     assert (covered == marked).all()
 
 
@@ -157,7 +193,9 @@ def test_walls_are_few_boxes_and_a_course_keeps_those_within_12_m(plan):
     world = worlds.load(f"{path}:3", JACKAL)
     away = np.array(
         [
-            clearance(worlds.world.World("", np.zeros((0, 3)), box[None], world.course), world.course.path).min()
+            clearance(
+                worlds.world.World("", np.zeros((0, 3)), box[None], world.course), world.course.path
+            ).min()
             for box in everything
         ]
     )
@@ -170,7 +208,9 @@ def test_walls_are_few_boxes_and_a_course_keeps_those_within_12_m(plan):
 def test_courses_keep_their_distances(plan):
     name, path = plan
     made = list(worlds.Worlds(path, JACKAL))
-    assert [world.name for world in made] == [f"{name}.yaml:{number}" for number in range(len(made))]
+    assert [world.name for world in made] == [
+        f"{name}.yaml:{number}" for number in range(len(made))
+    ]
     starts = np.array([world.course.start[:2] for world in made])
     apart = np.hypot(*(starts[:, None] - starts).T) + 1e9 * np.eye(len(made))
     assert apart.min() >= 1.0
@@ -180,10 +220,15 @@ def test_courses_keep_their_distances(plan):
         length = np.hypot(*np.diff(points, axis=0).T).sum()
         assert 5.0 <= length <= 15.0
         assert np.hypot(*np.diff(points, axis=0).T).max() < 0.08
-        assert clearance(world, points).min() >= JACKAL + 0.05 - 0.0104  # half a cell's diagonal less half its side
+        assert (
+            clearance(world, points).min() >= JACKAL + 0.05 - 0.0104
+        )  # half a cell's diagonal less half its side
         column, row = ((points - floor.origin[:2]) / 0.05).astype(int).T
         assert (floor.cells[row, column] == 0).all()
-        assert (points[0], points[-1]) == (pytest.approx(world.course.start[:2]), pytest.approx(world.course.goal[:2]))
+        assert (points[0], points[-1]) == (
+            pytest.approx(world.course.start[:2]),
+            pytest.approx(world.course.goal[:2]),
+        )
         for yaw, (x, y) in (
             (world.course.start[2], points[10] - points[0]),
             (world.course.goal[2], points[-1] - points[-11]),
@@ -195,17 +240,28 @@ def test_courses_keep_their_distances(plan):
 
 def test_there_are_courses_in_all_rooms(plan):
     name, path = plan
-    points = np.vstack([world.course.path for world in worlds.Worlds(path, JACKAL)]) + (5.0, 3.0) - 10 * 0.05
+    points = (
+        np.vstack([world.course.path for world in worlds.Worlds(path, JACKAL)])
+        + (5.0, 3.0)
+        - 10 * 0.05
+    )
     for low_x, low_y, high_x, high_y in ROOMS[name]:
-        assert (((points > (low_x, low_y)) & (points < (high_x, high_y))).all(axis=1)).any(), (low_x, low_y)
+        assert (((points > (low_x, low_y)) & (points < (high_x, high_y))).all(axis=1)).any(), (
+            low_x,
+            low_y,
+        )
 
 
 def test_courses_are_the_same_every_time_and_depend_on_the_robot(office):
     first = worlds.load(f"{office}:7", JACKAL)
     loading.building.cache_clear()
     assert np.array_equal(worlds.load(f"{office}:7", JACKAL).course.path, first.course.path)
-    wide = [world.course.path for world in worlds.Worlds(office, 0.6)]  # Doors of .9 m are too narrow.
-    rooms = [{int(y > 5.5) + int(y > 7.5) for _, y in path + (0.0, 3.0 - 10 * 0.05)} for path in wide]
+    wide = [
+        world.course.path for world in worlds.Worlds(office, 0.6)
+    ]  # Doors of .9 m are too narrow.
+    rooms = [
+        {int(y > 5.5) + int(y > 7.5) for _, y in path + (0.0, 3.0 - 10 * 0.05)} for path in wide
+    ]
     assert all(len(crossed) == 1 for crossed in rooms)
 
 
@@ -234,12 +290,17 @@ def test_courses_lie_inside_where_unknown_cells_are_free(tmp_path):
     shift = 100 * plans.RESOLUTION
     for inside, expected in made:
         np.testing.assert_allclose(inside.course.path - shift, expected.course.path, atol=1e-9)
-    assert check_robot.doors(robots.load("jackal"), path).startswith(f"narrowest passage of {path}: 0.80 m; ")
+    assert check_robot.doors(robots.load("jackal"), path).startswith(
+        f"narrowest passage of {path}: 0.80 m; "
+    )
 
 
 def test_a_building_that_is_open_to_the_edge_of_the_image_has_no_courses(tmp_path):
     path = ros2_house(tmp_path, outer_door=True)
-    words = "no closed room with a path of 5 m", "if it is unknown space, give free_thresh 0.196, otherwise close"
+    words = (
+        "no closed room with a path of 5 m",
+        "if it is unknown space, give free_thresh 0.196, otherwise close",
+    )
     refused(lambda: worlds.load(f"{path}:0", JACKAL), *words)
 
 
@@ -251,7 +312,10 @@ def test_a_small_room_has_shorter_courses_and_enough_in_each_half(tmp_path, size
     assert min(map(len, halves)) >= FEWEST_WORLDS
     assert not set(halves[0]) & set(halves[1])
     made = [building.course(number) for number in range(building.count)]
-    lengths = [world.course.route_m for world in made + [building.course(n) for half in halves for n in half]]
+    lengths = [
+        world.course.route_m
+        for world in made + [building.course(n) for half in halves for n in half]
+    ]
     assert 2.0 <= min(lengths) < 5.0
     assert all(clearance(world, world.course.path).min() >= JACKAL for world in made)
     extra = max(max(half) for half in halves)
@@ -286,16 +350,24 @@ def test_maps_are_not_scaled_and_are_served_listed_and_drawn(office, tmp_path, m
     assert (tmp_path / "office.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize(("robot", "name"), [("turtlebot3_burger", "office.yaml:7"), ("husky", "generated:7")])
-def test_a_course_is_drawn_and_written_as_the_robot_drives_it(office, tmp_path, monkeypatch, robot, name):
+@pytest.mark.parametrize(
+    ("robot", "name"), [("turtlebot3_burger", "office.yaml:7"), ("husky", "generated:7")]
+)
+def test_a_course_is_drawn_and_written_as_the_robot_drives_it(
+    office, tmp_path, monkeypatch, robot, name
+):
     spec = name.replace("office.yaml", office)
     driven = at_scale("paper", spec, robots.load(robot))
     drawn = []
     monkeypatch.setattr(draw, "draw", lambda axes, world: drawn.append(world))
-    monkeypatch.setattr(Axes, "legend", lambda *args, **options: None)  # Nothing is drawn that needs a legend.
+    monkeypatch.setattr(
+        Axes, "legend", lambda *args, **options: None
+    )  # Nothing is drawn that needs a legend.
     monkeypatch.setattr("sys.argv", ["draw", spec, str(tmp_path / "course.png"), "--robot", robot])
     assert draw.main() == 0
-    monkeypatch.setattr("sys.argv", ["sdf_writer", spec, str(tmp_path / "course.world"), "--robot", robot])
+    monkeypatch.setattr(
+        "sys.argv", ["sdf_writer", spec, str(tmp_path / "course.world"), "--robot", robot]
+    )
     assert sdf_writer.main() == 0
     for world in (*drawn, worlds.load(str(tmp_path / "course.world"))):
         assert np.array_equal(world.course.path, driven.course.path)
@@ -306,8 +378,12 @@ def test_a_course_is_drawn_and_written_as_the_robot_drives_it(office, tmp_path, 
 def test_halves_share_no_place(plan):
     _, path = plan
     choose, report = (worlds.Worlds(f"{path}:{half}", JACKAL) for half in ("choose", "report"))
-    axis = int(np.argmax(np.ptp(np.vstack([w.course.path for w in worlds.Worlds(path, JACKAL)]), axis=0)))
-    lower, upper = (np.concatenate([w.course.path[:, axis] for w in half]) for half in (choose, report))
+    axis = int(
+        np.argmax(np.ptp(np.vstack([w.course.path for w in worlds.Worlds(path, JACKAL)]), axis=0))
+    )
+    lower, upper = (
+        np.concatenate([w.course.path[:, axis] for w in half]) for half in (choose, report)
+    )
     assert lower.max() < upper.min()
     assert min(len(choose), len(report)) >= 5
 
@@ -325,18 +401,29 @@ def test_tune_refuses_a_map_with_too_few_courses_before_it_drives(tmp_path, caps
     monkeypatch.setattr(tune_robot.open_floor, "try_out", refuse)
     path = plans.write(tmp_path, "small", plans.blank(3.4, 2.4)[0])
     for worlds_given, line in (
-        (path, "small.yaml has 0 courses in the half of the floor for the search and 0 in the half for the verdict"),
+        (
+            path,
+            "small.yaml has 0 courses in the half of the floor for the search and 0 in the half for the verdict",
+        ),
         (str(tmp_path / "gone.yaml"), "gone.yaml: cannot be read"),
         ("generated:400", "no worlds 'generated:400'"),
     ):
-        assert tune_robot.main(["jackal", "--worlds", worlds_given, "--out", str(tmp_path / "out")]) == 1
+        assert (
+            tune_robot.main(["jackal", "--worlds", worlds_given, "--out", str(tmp_path / "out")])
+            == 1
+        )
         error = capsys.readouterr().err
         assert line in error
         assert error.count("\n") == 1
         assert ":choose" not in error.partition("; give")[0]
-    line = refused(lambda: check_maps(path, robots.load("jackal")), "a radius of 0.31 m; each needs 6, because")
+    line = refused(
+        lambda: check_maps(path, robots.load("jackal")), "a radius of 0.31 m; each needs 6, because"
+    )
     assert "choose" not in line
-    refused(lambda: worlds.specs(f"{path}:report", JACKAL), "small.yaml: none of its 15 courses stays in one half")
+    refused(
+        lambda: worlds.specs(f"{path}:report", JACKAL),
+        "small.yaml: none of its 15 courses stays in one half",
+    )
 
 
 def test_six_courses_are_the_fewest_that_can_be_significant():
@@ -351,7 +438,9 @@ def test_the_simulated_robot_knows_the_map_and_its_place(tmp_path, yaw):
     path = plans.write(tmp_path, "office", origin=[-5.0, -3.0, yaw])
     runner = TrialRunner(TrialSettings(robot="turtlebot3_waffle_pi", loaded=True))
     world = at_scale("paper", f"{path}:0", runner.robot)
-    world = replace(world, course=replace(world.course, goal_tolerance=0.0))  # The planner's tolerance ends the course.
+    world = replace(
+        world, course=replace(world.course, goal_tolerance=0.0)
+    )  # The planner's tolerance ends the course.
     episode = runner.episode
     outcome = episode.reset(world, 0)
     free = map_reader.read_map(path).cells == map_reader.FREE
@@ -360,11 +449,15 @@ def test_the_simulated_robot_knows_the_map_and_its_place(tmp_path, yaw):
     assert episode.context().plan[0, :2] == pytest.approx(episode.place[:2], abs=0.1)
     while not outcome.over:
         outcome = episode.decide(outcome.theta)
-        assert episode.context().pose == compose(inverse(world.map.origin), episode.simulator.state.pose)
+        assert episode.context().pose == compose(
+            inverse(world.map.origin), episode.simulator.state.pose
+        )
         assert np.hypot(*(episode.move_base.global_plan[0, :2] - episode.place[:2])) < 1.0
     assert (outcome.reason, outcome.collided, outcome.time_s < 60.0) == ("finished", False, True)
     left = np.hypot(*np.subtract(episode.goal, episode.place)[:2])
-    assert left == pytest.approx(runner.robot.goal_tolerance, abs=0.02)  # The robot has still to stop.
+    assert left == pytest.approx(
+        runner.robot.goal_tolerance, abs=0.02
+    )  # The robot has still to stop.
     episode.reset(worlds.load("generated:3"), 0)
     assert episode.place == episode.simulator.state.odom_pose
     changed = runner._starting_with(runner.space.theta0 * 0.9)
@@ -376,7 +469,9 @@ def test_a_robot_without_simulated_sensors_for_its_map_explores():
     camera = {"data_type": "PointCloud2", "topic": "camera", "marking": True, "clearing": True}
     obstacles = {"observation_sources": "scan camera", "camera": camera}
     waffle, settings = robots.load("turtlebot3_waffle_pi"), TrialSettings(period=2.0)
-    more = merged(waffle.move_base.with_map, {"local_costmap": {"obstacle_layer": obstacles, **obstacles}})
+    more = merged(
+        waffle.move_base.with_map, {"local_costmap": {"obstacle_layer": obstacles, **obstacles}}
+    )
     other = replace(waffle, move_base=waffle.move_base._replace(with_map=more))
     for robot, knows in ((waffle, True), (other, False), (robots.load("jackal"), False)):
         without_map, with_map = settings.planners(robot)
@@ -385,8 +480,12 @@ def test_a_robot_without_simulated_sensors_for_its_map_explores():
 
 
 def test_a_parameter_set_changes_both_setups():
-    waffle = robots.load("turtlebot3_waffle_pi").with_parameters({"DWAPlannerROS": {"sim_time": 2.7}}, "other")
-    assert [waffle.parameters(with_map)["DWAPlannerROS"]["sim_time"] for with_map in (False, True)] == [2.7, 2.7]
+    waffle = robots.load("turtlebot3_waffle_pi").with_parameters(
+        {"DWAPlannerROS": {"sim_time": 2.7}}, "other"
+    )
+    assert [
+        waffle.parameters(with_map)["DWAPlannerROS"]["sim_time"] for with_map in (False, True)
+    ] == [2.7, 2.7]
 
 
 # -- doors
@@ -414,7 +513,9 @@ def test_check_robot_reports_the_narrowest_passage(office, capsys, monkeypatch):
     line = f"narrowest passage of {office}: 0.90 m; the padded footprint of "
     assert f"{line}0.53 m passes with 0.18 m on each side" in check_robot.doors(robot, office)
     wide = robot.with_parameters({"local_costmap": {"footprint_padding": 0.35}}, "wide")
-    assert f"{line}1.03 m does not pass: reduce footprint_padding" in check_robot.doors(wide, office)
+    assert f"{line}1.03 m does not pass: reduce footprint_padding" in check_robot.doors(
+        wide, office
+    )
 
 
 # -- mistakes
@@ -425,10 +526,15 @@ def test_mistakes_are_one_line(office, tmp_path):
     refusal(str(tmp_path / "none.yaml"), "none.yaml", "give an existing file")
     for part in ("100", "1-100", "-1", "x", "choose:3"):
         refused(
-            lambda part=part: worlds.specs(f"{office}:{part}"), "no worlds", "office.yaml:0 to .*office.yaml:99; give"
+            lambda part=part: worlds.specs(f"{office}:{part}"),
+            "no worlds",
+            "office.yaml:0 to .*office.yaml:99; give",
         )
     refusal(office, "names 100 worlds, but one is needed; give one of them: .*office.yaml:0")
-    refusal(plans.write(tmp_path, "office", resolution=None), "office.yaml is no map: give a file with .*resolution")
+    refusal(
+        plans.write(tmp_path, "office", resolution=None),
+        "office.yaml is no map: give a file with .*resolution",
+    )
     none = "no closed room with a path of 2 m .* radius of 0.31 m: check resolution, thresholds and negate"
     refusal(plans.write(tmp_path, "office", negate=1), none)
     refusal(plans.write(tmp_path, "shut", np.zeros((50, 50), np.uint8)), none)
@@ -444,6 +550,8 @@ def test_mistakes_are_one_line(office, tmp_path):
 
 def test_nothing_in_a_map_is_executed(tmp_path):
     path = tmp_path / "office.yaml"
-    path.write_text("image: !!python/object/apply:os.mkdir [%s]\n" % json.dumps(str(tmp_path / "made")))
+    path.write_text(
+        "image: !!python/object/apply:os.mkdir [%s]\n" % json.dumps(str(tmp_path / "made"))
+    )
     refused(lambda: worlds.load(str(path)), "not readable as YAML")
     assert not (tmp_path / "made").exists()

@@ -29,7 +29,10 @@ def test_positions_over_time_equal_gazebos(tmp_path):
     assert mover.position(1.0) == pytest.approx((2.0 + (2.0 - 2.0) / 8, 0.0 + (0.0 - 2.0) / 8))
     assert mover.position(3.0) == pytest.approx((4.0 + (2.0 - -2.0) / 8, 2.0 + (2.0 - 4.0) / 8))
     assert mover.position(6.0) == pytest.approx((2.0 + (-2.0 - -2.0) / 8, 6.0 + (4.0 - 2.0) / 8))
-    assert (mover.position(9.0), mover.position(13.0)) == ((0.0, 8.0), pytest.approx(mover.position(3.0)))
+    assert (mover.position(9.0), mover.position(13.0)) == (
+        (0.0, 8.0),
+        pytest.approx(mover.position(3.0)),
+    )
     two = put(tmp_path, sdf(moving("hardlibobs_7") + moving("lamp")), "world_1.world")
     refused_world(two, "'lamp' in .* the Gazebo plugin '.*lamp.so', which has no rows in")
 
@@ -39,21 +42,30 @@ def test_closed_paths_equal_times_and_animations_that_do_not_repeat():
     # The tangent at the first point is half the chord from the last point but one to the second point.
     assert closed.position(0.5) == pytest.approx((1.0 + (0.0 - 1.0) / 8, 0.0 + (-1.0 - 1.0) / 8))
     jump = worlds.Mover(0.5, ((0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 5.0, 5.0), (2.0, 6.0, 5.0)))
-    assert (jump.position(1.0), jump.position(1.0 + 1e-9)) == ((1.0, 0.0), pytest.approx((5.0, 5.0)))
+    assert (jump.position(1.0), jump.position(1.0 + 1e-9)) == (
+        (1.0, 0.0),
+        pytest.approx((5.0, 5.0)),
+    )
     once = worlds.Mover(0.5, ((1.0, 0.0, 1.0), (2.0, 4.0, 1.0)), 3.0, False)
     assert [once.position(t) for t in (0.0, 2.0, 50.0)] == [(0.0, 1.0), (4.0, 1.0), (4.0, 1.0)]
 
 
 def test_the_course_is_the_challenges_even_beside_a_path_file(tmp_path):
     table(tmp_path, "easylibobs_1,4,1,0,0,0", "easylibobs_1,4,1,4,1,1")
-    cells = np.column_stack([np.full(66, 15), np.arange(66)])  # path of BARN's world with the same number
-    course = worlds.load(put(tmp_path, sdf(moving("easylibobs_1"), ""), "world_7.world", cells=cells)).course
+    cells = np.column_stack(
+        [np.full(66, 15), np.arange(66)]
+    )  # path of BARN's world with the same number
+    course = worlds.load(
+        put(tmp_path, sdf(moving("easylibobs_1"), ""), "world_7.world", cells=cells)
+    ).course
     assert (course.start, course.goal) == ((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi))
     assert (course.goal_tolerance, course.length_m) == (1.0, 19.0)
     assert not course.arrived(-7.9, 0.0)
     assert course.arrived(-8.1, 0.0)
     assert not course.planner_ends
-    assert course.sent_goal == pytest.approx((-8.7, 0.0, math.pi))  # The map ends 20 m from the start.
+    assert course.sent_goal == pytest.approx(
+        (-8.7, 0.0, math.pi)
+    )  # The map ends 20 m from the start.
 
 
 @pytest.mark.parametrize("number", range(6))

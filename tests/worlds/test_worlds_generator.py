@@ -9,7 +9,14 @@ from worlds import barn, search
 
 
 def test_kinds_follow_barns_numbering():
-    kinds = {0: (0.15, 2), 24: (0.15, 2), 25: (0.15, 3), 75: (0.20, 2), 150: (0.25, 2), 299: (0.30, 4)}
+    kinds = {
+        0: (0.15, 2),
+        24: (0.15, 2),
+        25: (0.15, 3),
+        75: (0.20, 2),
+        150: (0.25, 2),
+        299: (0.30, 4),
+    }
     assert {number: barn.kind(number) for number in kinds} == kinds
 
 
@@ -24,7 +31,9 @@ def test_built_in_worlds_are_the_generators(number):
 def test_every_built_in_world_has_room_along_its_path():
     for number, (_, path) in barn.fields().items():
         world = barn.world(number)
-        distance = np.hypot(*(world.course.path[:, None] - world.cylinders[None, :, :2]).transpose(2, 0, 1))
+        distance = np.hypot(
+            *(world.course.path[:, None] - world.cylinders[None, :, :2]).transpose(2, 0, 1)
+        )
         assert (distance - world.cylinders[:, 2]).min() >= 0.375 - 1e-9, number
         steps = np.diff(path, axis=0)
         assert np.abs(steps).max() == 1
@@ -39,7 +48,10 @@ def test_course_is_the_papers():
     x, y = course.path[0]
     assert course.start == (pytest.approx(x), 4.075, pytest.approx(np.pi / 2))
     assert (course.path[0, 1], course.length_m) == (pytest.approx(5.175), pytest.approx(5.925))
-    assert (course.goal[0], course.goal[1]) == (pytest.approx(course.path[-1, 0]), pytest.approx(9.525 + 5.0))
+    assert (course.goal[0], course.goal[1]) == (
+        pytest.approx(course.path[-1, 0]),
+        pytest.approx(9.525 + 5.0),
+    )
     assert not course.arrived(x, 9.99)
     assert course.arrived(x, 10.01)
     assert course.route_m >= 5.925
@@ -66,7 +78,11 @@ def test_barn_path_keeps_its_rule_on_turns_and_its_obstacle_penalty():
     free = np.ones((30, 30), dtype=bool)
     free[[0, 1, 2, 27, 28, 29]] = False
     path = search.barn_path(free, (3, 0), (3, 29))
-    assert (tuple(path[0]), tuple(path[-1]), search.obstacle_penalty(free)[3, 5]) == ((3, 0), (3, 29), 5.0)
+    assert (tuple(path[0]), tuple(path[-1]), search.obstacle_penalty(free)[3, 5]) == (
+        (3, 0),
+        (3, 29),
+        5.0,
+    )
     assert (search.obstacle_penalty(free)[4, 5], search.obstacle_penalty(free)[5, 5]) == (2.5, 0.0)
     free[:, 12] = False
     assert search.barn_path(free, (3, 0), (3, 29)) is None
@@ -90,7 +106,9 @@ def test_final_worlds_are_a_hundred_of_all_kinds_and_stay_as_they_were_drawn():
     final = list(worlds.Worlds("final:0-5,final:99"))
     others = list(worlds.Worlds("fresh:0-19")) + [barn.world(number) for number in range(0, 300, 3)]
     assert not {w.cylinders.tobytes() for w in final} & {w.cylinders.tobytes() for w in others}
-    assert sorted({barn.kind(3 * number) for number in range(100)}) == sorted({barn.kind(n) for n in range(300)})
+    assert sorted({barn.kind(3 * number) for number in range(100)}) == sorted(
+        {barn.kind(n) for n in range(300)}
+    )
     assert [len(w.cylinders) for w in final] == [205, 202, 192, 223, 188, 202, 325]
 
 
@@ -99,7 +117,9 @@ def test_fresh_worlds_are_generated_when_asked_for(monkeypatch):
 
     made = []
     generate = barn.generate
-    monkeypatch.setattr(loading.barn, "generate", lambda number: made.append(number) or generate(number))
+    monkeypatch.setattr(
+        loading.barn, "generate", lambda number: made.append(number) or generate(number)
+    )
     some = worlds.Worlds("generated:3, fresh:0-9999")
     assert len(some) == 10_001
     assert made == []

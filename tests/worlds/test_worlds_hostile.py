@@ -12,7 +12,8 @@ from tests.support.worlds_sdf import refused_world as refused
 from worlds import barn, sdf_writer
 
 EXTERNAL = (
-    "<!DOCTYPE sdf [<!ENTITY x SYSTEM 'file:///etc/passwd'>]><sdf><world name='w'><model name='&x;'/></world></sdf>"
+    "<!DOCTYPE sdf [<!ENTITY x SYSTEM 'file:///etc/passwd'>]>"
+    "<sdf><world name='w'><model name='&x;'/></world></sdf>"
 )
 
 

@@ -33,7 +33,9 @@ def test_poses_of_model_link_and_collision_are_composed(tmp_path):
 
 def test_a_slab_under_the_start_is_floor_and_the_foot_of_a_barrier_is_an_obstacle(tmp_path):
     barrier = box("barrier", 0, 0, 0.15, 4, 0.65, 0.3) + box("foot", 0, 0, 0.03, 4, 0.81, 0.06)
-    world = worlds.load(put(tmp_path, sdf(barrier + box("slab", 0, 0, 0.0, 20, 20, 0.1)), "w.world"))
+    world = worlds.load(
+        put(tmp_path, sdf(barrier + box("slab", 0, 0, 0.0, 20, 20, 0.1)), "w.world")
+    )
     assert world.boxes.tolist() == [[0.0, 0.0, 0.0, 4.0, 0.65], [0.0, 0.0, 0.0, 4.0, 0.81]]
 
 
@@ -74,7 +76,9 @@ def test_poses_in_degrees_empty_and_of_five_numbers_are_read(tmp_path):
         "<collision name='c'><pose degrees='true'>1 1 0 0 0 90</pose>"
         "<geometry><box><size>2 1 1</size></box></geometry></collision></link></model>"
     )
-    assert np.allclose(worlds.load(put(tmp_path, sdf(body), "w.world")).boxes, [[1, 1, math.pi / 2, 2, 1]])
+    assert np.allclose(
+        worlds.load(put(tmp_path, sdf(body), "w.world")).boxes, [[1, 1, math.pi / 2, 2, 1]]
+    )
 
 
 MOVER = worlds.Mover(0.5, ((0.0, 1.0, 2.0), (1.5, 2.0, 2.5), (3.25, 3.0, 1.0 / 3.0)))
@@ -110,10 +114,14 @@ def named(tag, name, frame="", inside="", x=0):
 DISC = named("collision", "c", inside="<geometry><sphere><radius>0.3</radius></sphere></geometry>")
 
 
-@pytest.mark.parametrize(("model", "link", "inner"), [("", "", ""), ("world", "__model__", "__model__")])
+@pytest.mark.parametrize(
+    ("model", "link", "inner"), [("", "", ""), ("world", "__model__", "__model__")]
+)
 def test_a_pose_may_name_the_frame_that_it_is_in(tmp_path, model, link, inner):
     nested = named("model", "inner", inner, named("link", "l", link, DISC, 1), 2)
-    (disc,) = worlds.load(put(tmp_path, sdf(named("model", "m", model, nested, 4)), "w.world")).cylinders
+    (disc,) = worlds.load(
+        put(tmp_path, sdf(named("model", "m", model, nested, 4)), "w.world")
+    ).cylinders
     assert np.allclose(disc, (7, 0, 0.3))
 
 
@@ -125,15 +133,26 @@ OTHER = named("model", "other", "", LINK, 9)
     ("body", "unread"),
     [
         (named("model", "m", "other", LINK), "model 'm' (its pose is relative to 'other')"),
-        (named("model", "m", "", named("link", "l", "joint", DISC)), "link 'l' of model 'm' (its pose"),
-        (named("model", "m", "", LINK.replace("<pose>", "<pose frame='x'>", 1)), "link 'l' of model 'm' (its pose"),
-        (LINK.replace("sphere", "mesh").join(("<model name='m'>", "</model>")), "collision 'c' of model 'm' (a mesh)"),
+        (
+            named("model", "m", "", named("link", "l", "joint", DISC)),
+            "link 'l' of model 'm' (its pose",
+        ),
+        (
+            named("model", "m", "", LINK.replace("<pose>", "<pose frame='x'>", 1)),
+            "link 'l' of model 'm' (its pose",
+        ),
+        (
+            LINK.replace("sphere", "mesh").join(("<model name='m'>", "</model>")),
+            "collision 'c' of model 'm' (a mesh)",
+        ),
         ("<include><uri>model://house</uri></include>", "the include 'model://house'"),
         ("<actor name='a'/>", "not supported: <actor>; ignored"),
         ("<population name='p'/>" * 7, "<population>, <population> and 2 more"),
     ],
 )
-def test_unsupported_elements_are_named_in_one_line_and_the_rest_is_read(tmp_path, caplog, body, unread):
+def test_unsupported_elements_are_named_in_one_line_and_the_rest_is_read(
+    tmp_path, caplog, body, unread
+):
     (disc,) = worlds.load(put(tmp_path, sdf(body + OTHER), "w.world")).cylinders
     assert np.allclose(disc, (9, 0, 0.3))
     (record,) = caplog.records
@@ -145,7 +164,9 @@ def test_a_course_can_be_given_for_a_file(tmp_path, monkeypatch, capsys):
     hall = put(tmp_path, sdf(cylinder(0, 0) + cylinder(60, 0), ""), "hall.world")
     refused_world(hall, "has no course; give one: python -m worlds.sdf_writer .* --course X Y X Y")
     out = str(tmp_path / "out.world")
-    monkeypatch.setattr("sys.argv", ["sdf_writer", hall, out, "--course", "0", "2", "30", "3", "60", "2"])
+    monkeypatch.setattr(
+        "sys.argv", ["sdf_writer", hall, out, "--course", "0", "2", "30", "3", "60", "2"]
+    )
     assert sdf_writer.main() == 0, capsys.readouterr()
     assert worlds.load(out).course.path.tolist() == [[0.0, 2.0], [30.0, 3.0], [60.0, 2.0]]
 

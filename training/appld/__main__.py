@@ -79,7 +79,9 @@ def run(arguments: List[str]) -> None:
         times = d.commands.time
         for s, stretch in zip(spans, stretches(d, robot, spans)):
             by_context[s.context].append(stretch)
-            print(f"{d.name} {times[s.first]:5.1f} to {times[s.last - 1]:5.1f} s: context {split.names[s.context]}")
+            print(
+                f"{d.name} {times[s.first]:5.1f} to {times[s.last - 1]:5.1f} s: context {split.names[s.context]}"
+            )
 
     space, layout = space_of(robot), layout_of(robot)
     sets: Dict[str, np.ndarray] = {}
@@ -100,7 +102,9 @@ def run(arguments: List[str]) -> None:
     seen = [policy_scans(demonstration, robot) for demonstration in demonstrations]
     scans = np.concatenate([seen[s.demonstration][s.first : s.last] for s in split.segments])
     labels = np.concatenate([np.full(s.last - s.first, s.context) for s in split.segments])
-    weights, quality = classifier.train(classifier.inputs(scans, layout), labels, len(sets), options.seed, layout)
+    weights, quality = classifier.train(
+        classifier.inputs(scans, layout), labels, len(sets), options.seed, layout
+    )
     print(f"classifier: accuracy {quality['accuracy']}, on held-out instants {quality['held_out']}")
     about = {
         "command": "python -m training.appld " + " ".join(map(without_folders, arguments)),
@@ -110,7 +114,12 @@ def run(arguments: List[str]) -> None:
     make_folder(Path(options.out).parent)
     actor.save_contexts(options.out, sets, weights, {"training": about}, space, layout)
     segments = [dict(s._asdict(), context=split.names[s.context]) for s in split.segments]
-    log = {**about, "segments": segments, "contexts": contexts, "seconds": round(time.monotonic() - began, 1)}
+    log = {
+        **about,
+        "segments": segments,
+        "contexts": contexts,
+        "seconds": round(time.monotonic() - began, 1),
+    }
     write_json(f"{options.out[: -len('.safetensors')]}_log.json", log)
     print(f"{options.out}: {len(contexts)} contexts in {log['seconds']:.0f} s")
 

@@ -49,10 +49,16 @@ def train(
         probe = _fit(scans[~blocks], labels[~blocks], contexts, seed, layout)
         held_out = _accuracy(probe, scans[blocks], labels[blocks])
     weights = _fit(scans, labels, contexts, seed, layout)
-    return weights, {"accuracy": _accuracy(weights, scans, labels), "held_out": held_out, "instants": len(labels)}
+    return weights, {
+        "accuracy": _accuracy(weights, scans, labels),
+        "held_out": held_out,
+        "instants": len(labels),
+    }
 
 
-def _fit(scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int, layout: Layout) -> Dict[str, np.ndarray]:
+def _fit(
+    scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int, layout: Layout
+) -> Dict[str, np.ndarray]:
     import torch  # takes seconds; --help does not import it
 
     from training.train.td3.td3 import MLP
@@ -68,7 +74,9 @@ def _fit(scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int, layout
     optimiser = torch.optim.AdamW(net.parameters(), lr=1e-3, weight_decay=1e-2)
     for _ in range(STEPS):
         rows = rng.integers(0, len(labels), 128)
-        loss = criterion(net(torch.from_numpy(_varied(scans[rows], rng, layout))), torch.from_numpy(labels[rows]))
+        loss = criterion(
+            net(torch.from_numpy(_varied(scans[rows], rng, layout))), torch.from_numpy(labels[rows])
+        )
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -83,7 +91,9 @@ def _varied(scans: np.ndarray, rng: np.random.Generator, layout: Layout) -> np.n
     beams = np.clip(beams, 0, count - 1)
     beams = np.where(rng.random((len(scans), 1)) < 0.5, count - 1 - beams, beams)
     varied: np.ndarray = np.take_along_axis(scans, beams, axis=1)
-    noise = rng.standard_normal(scans.shape, dtype=np.float32) * np.float32(NOISE * 2.0 / layout.range_cap)
+    noise = rng.standard_normal(scans.shape, dtype=np.float32) * np.float32(
+        NOISE * 2.0 / layout.range_cap
+    )
     varied = np.clip(varied + noise, -1.0, 1.0)
     return varied.astype(np.float32)
 

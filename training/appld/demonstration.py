@@ -61,7 +61,9 @@ def instants(drive: Drive) -> Drive:
     moving = np.flatnonzero(is_driving & is_located)
     driven_s = len(moving) * CONTROL_PERIOD
     if driven_s < SHORTEST_S:
-        raise BagError(f"{driven_s:.1f} s of driving are too little: record {SHORTEST_S:g} s or more")
+        raise BagError(
+            f"{driven_s:.1f} s of driving are too little: record {SHORTEST_S:g} s or more"
+        )
     span = np.arange(moving[0], moving[-1] + 1)
     span = span[is_located[span]]
 
@@ -94,7 +96,9 @@ def policy_scans(drive: Drive, robot: Robot) -> np.ndarray:
     layout = layout_of(robot)
     first_angle, increment = drive.scans.fan[0, :2].tolist()
     direction = first_angle + robot.laser.pose[2]
-    return np.array([layout.resample(ranges, direction, increment) for ranges in drive.scans.ranges])
+    return np.array(
+        [layout.resample(ranges, direction, increment) for ranges in drive.scans.ranges]
+    )
 
 
 def _nearest_rows(stamps: np.ndarray, times: np.ndarray) -> np.ndarray:

@@ -139,8 +139,18 @@ def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
     theta0 = encoding.space.theta0
     home = encoding.action(theta0)
     base, base_error = loss(stretches_, theta0)
-    best = Fit(theta0.copy(), base, base, base_error, base_error, 1, sum(s.last - s.first for s in stretches_))
-    strategy = cma.CMAEvolutionStrategy(home * 0.9, 0.4, {"bounds": [-1, 1], "seed": seed + 1, "verbose": -9})
+    best = Fit(
+        theta0.copy(),
+        base,
+        base,
+        base_error,
+        base_error,
+        1,
+        sum(s.last - s.first for s in stretches_),
+    )
+    strategy = cma.CMAEvolutionStrategy(
+        home * 0.9, 0.4, {"bounds": [-1, 1], "seed": seed + 1, "verbose": -9}
+    )
     while best.replays < evaluations and not strategy.stop():
         candidates = strategy.ask()
         values = []

@@ -45,8 +45,12 @@ class Demonstrator:
         self.turn_gain = min(6.0, base.max_yaw_acceleration)  # yaw acceleration [rad/s^2]
         self.lookahead = 0.45 * scale  # lookahead distance at standstill [m]
         self.band = 0.35 * scale  # half the width of the band in which obstacles count as ahead [m]
-        self.beside = 0.4 * scale  # distance to front and back within which obstacles count as beside the robot [m]
-        self._beams = np.linspace(laser.first_angle, laser.last_angle, laser.beams) + laser.pose[2]  # bearings [rad]
+        self.beside = (
+            0.4 * scale
+        )  # distance to front and back within which obstacles count as beside the robot [m]
+        self._beams = (
+            np.linspace(laser.first_angle, laser.last_angle, laser.beams) + laser.pose[2]
+        )  # bearings [rad]
         self.route = route(world, WANTED * scale)
         self._at = 0
         self._v = self._w = 0.0
@@ -63,7 +67,9 @@ class Demonstrator:
             return self._smooth(0.0, math.copysign(self.turn, bearing))
         distance = max(0.2, math.hypot(target[0] - x, target[1] - y))
         curvature = 2.0 * math.sin(bearing) / distance
-        room = min(1.0, max(0.0, (self._room(ranges, bearing) - self.narrow) / (self.wide - self.narrow)))
+        room = min(
+            1.0, max(0.0, (self._room(ranges, bearing) - self.narrow) / (self.wide - self.narrow))
+        )
         v = self.slow + (self.fast - self.slow) * room
         if abs(curvature) > 1e-6:
             v = min(v, math.sqrt(SIDEWAYS / abs(curvature)), self.turn / abs(curvature))
@@ -76,14 +82,21 @@ class Demonstrator:
         distance to the sides.
         """
         ranges = np.nan_to_num(np.asarray(ranges, np.float64), nan=10.0, posinf=10.0, neginf=0.1)
-        along, across = ranges * np.cos(self._beams - bearing), np.abs(ranges * np.sin(self._beams - bearing))
+        along, across = (
+            ranges * np.cos(self._beams - bearing),
+            np.abs(ranges * np.sin(self._beams - bearing)),
+        )
         front = along[(across < self.band) & (along > 0.0)]
         beside = across[(np.abs(along) < self.beside)]
-        return float(min(front.min() if len(front) else 10.0, 2.0 * beside.min() if len(beside) else 10.0))
+        return float(
+            min(front.min() if len(front) else 10.0, 2.0 * beside.min() if len(beside) else 10.0)
+        )
 
     def _smooth(self, v: float, w: float) -> Tuple[float, float]:
         self._v += min(self.gain * CONTROL_PERIOD, max(-self.brake * CONTROL_PERIOD, v - self._v))
-        self._w += min(self.turn_gain * CONTROL_PERIOD, max(-self.turn_gain * CONTROL_PERIOD, w - self._w))
+        self._w += min(
+            self.turn_gain * CONTROL_PERIOD, max(-self.turn_gain * CONTROL_PERIOD, w - self._w)
+        )
         return self._v, self._w
 
 
@@ -108,7 +121,9 @@ def route(world: World, wanted: float = WANTED) -> np.ndarray:
 def _resampled(points: np.ndarray) -> np.ndarray:
     length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     at = np.linspace(0.0, length[-1], max(2, int(length[-1] / SPACING)))
-    return np.column_stack([np.interp(at, length, points[:, 0]), np.interp(at, length, points[:, 1])])
+    return np.column_stack(
+        [np.interp(at, length, points[:, 0]), np.interp(at, length, points[:, 1])]
+    )
 
 
 def _away(world: World, points: np.ndarray, wanted: float) -> np.ndarray:

@@ -54,7 +54,9 @@ def features(demonstration: Drive, robot: Robot) -> np.ndarray:
     assert demonstration.commands is not None
     layout = layout_of(robot)
     cap = layout.range_cap  # range beyond which space counts as open [m]
-    ranges = np.nan_to_num(np.asarray(policy_scans(demonstration, robot), np.float64), nan=cap, posinf=cap, neginf=0.0)
+    ranges = np.nan_to_num(
+        np.asarray(policy_scans(demonstration, robot), np.float64), nan=cap, posinf=cap, neginf=0.0
+    )
     ranges = np.minimum(ranges, cap)
     ahead, right, left = (
         ranges[:, layout.sector(bearing, math.radians(width))].min(axis=1)
@@ -66,7 +68,9 @@ def features(demonstration: Drive, robot: Robot) -> np.ndarray:
     return np.asarray(pandas.DataFrame(raw).rolling(SMOOTHED, center=True, min_periods=1).mean())
 
 
-def find(demonstrations: List[Drive], robot: Robot, most: int = 4, penalty: float = 3.0) -> Contexts:
+def find(
+    demonstrations: List[Drive], robot: Robot, most: int = 4, penalty: float = 3.0
+) -> Contexts:
     """Return the contexts of one or more demonstrations.
 
     Changepoints minimise the squared error about each segment's mean features plus a penalty per changepoint. This is
@@ -81,14 +85,25 @@ def find(demonstrations: List[Drive], robot: Robot, most: int = 4, penalty: floa
     mean, spread = every.mean(axis=0), np.maximum(every.std(axis=0), 1e-3)
     scaled = [(f - mean) / spread for f in seen]
     cuts = [_cut(f, penalty) for f in scaled]
-    spans = [(number, a, b) for number, ends in enumerate(cuts) for a, b in zip([0] + ends[:-1], ends)]
+    spans = [
+        (number, a, b) for number, ends in enumerate(cuts) for a, b in zip([0] + ends[:-1], ends)
+    ]
     means = np.array([scaled[number][a:b].mean(axis=0) for number, a, b in spans])
     labels = np.arange(len(spans))
     if most and len(spans) > most:
-        labels = scipy.cluster.hierarchy.fcluster(scipy.cluster.hierarchy.linkage(means, "ward"), most, "maxclust")
+        labels = scipy.cluster.hierarchy.fcluster(
+            scipy.cluster.hierarchy.linkage(means, "ward"), most, "maxclust"
+        )
     labels = pandas.factorize(labels)[0]  # contexts numbered by first appearance
-    own = pandas.DataFrame(every).groupby(np.repeat(labels, [b - a for _, a, b in spans])).mean().to_numpy()
-    return Contexts([Segment(*span, int(label)) for span, label in zip(spans, labels)], _names(own), own)
+    own = (
+        pandas.DataFrame(every)
+        .groupby(np.repeat(labels, [b - a for _, a, b in spans]))
+        .mean()
+        .to_numpy()
+    )
+    return Contexts(
+        [Segment(*span, int(label)) for span, label in zip(spans, labels)], _names(own), own
+    )
 
 
 def _cut(scaled: np.ndarray, penalty: float) -> List[int]:
@@ -99,7 +114,10 @@ def _cut(scaled: np.ndarray, penalty: float) -> List[int]:
     if len(scaled) < 2 * shortest:
         return [len(scaled)]
     price = penalty * scaled.shape[1] * np.log(len(scaled))
-    return [int(end) for end in ruptures.KernelCPD("linear", min_size=shortest).fit(scaled).predict(pen=price)]
+    return [
+        int(end)
+        for end in ruptures.KernelCPD("linear", min_size=shortest).fit(scaled).predict(pen=price)
+    ]
 
 
 def _names(means: np.ndarray) -> List[str]:

@@ -11,7 +11,18 @@ from collections import defaultdict
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, Collection, DefaultDict, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
+from typing import (
+    Any,
+    Collection,
+    DefaultDict,
+    Dict,
+    Iterator,
+    List,
+    NamedTuple,
+    Optional,
+    Sequence,
+    Tuple,
+)
 
 import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
@@ -114,7 +125,9 @@ def _rows(
             for pattern, channel in patterns.items():
                 if fnmatchcase(connection.topic, pattern):
                     channel_of_topic[connection.topic] = channel
-        wanted = [connection for connection in reader.connections if connection.topic in channel_of_topic]
+        wanted = [
+            connection for connection in reader.connections if connection.topic in channel_of_topic
+        ]
         # Without connections, rosbags would return every message.
         for connection, at, raw in reader.messages(wanted) if wanted else ():
             channel = channel_of_topic[connection.topic]
@@ -221,7 +234,9 @@ def refused(path: os.PathLike[str] | str) -> Iterator[None]:
     try:
         yield
     except (ApplrError, AnyReaderError, *ReaderErrors) as error:
-        remedy = ": if its recording was cut short, run rosbag reindex" if "index" in str(error) else ""
+        remedy = (
+            ": if its recording was cut short, run rosbag reindex" if "index" in str(error) else ""
+        )
         raise BagError(f"{path}: {reason(error)}{remedy}") from None
 
 

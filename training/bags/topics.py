@@ -121,7 +121,9 @@ class Maker:
 
     def stamped_pose(self, seconds: float, frame: str, pose: Pose) -> Any:
         """Return a geometry_msgs/PoseStamped."""
-        return self.make("geometry_msgs/msg/PoseStamped", self.header(seconds, frame), self.pose(pose))
+        return self.make(
+            "geometry_msgs/msg/PoseStamped", self.header(seconds, frame), self.pose(pose)
+        )
 
     def goal_status(self, goal: str, code: int) -> Any:
         """Return an actionlib_msgs/GoalStatus."""
@@ -198,7 +200,9 @@ def _unpack_odometry(m: Any) -> Tuple[Any, ...]:
     return nanoseconds_of(m.header.stamp), frame_of(m), pose, (twist.linear.x, twist.angular.z)
 
 
-def _pack_odometry(maker: Maker, time: float, frame: str, base_frame: str, pose: Pose, twist: Twist) -> Any:
+def _pack_odometry(
+    maker: Maker, time: float, frame: str, base_frame: str, pose: Pose, twist: Twist
+) -> Any:
     unknown = np.zeros(36)
     return maker.make(
         "nav_msgs/msg/Odometry",
@@ -277,9 +281,13 @@ def _unpack_result(m: Any) -> Tuple[Any, ...]:
 
 
 def _pack_result(maker: Maker, time: float, goal: str, code: int) -> Any:
-    nothing = maker.make("move_base_msgs/msg/MoveBaseResult", 0)  # rosbags gives an empty type one field.
+    nothing = maker.make(
+        "move_base_msgs/msg/MoveBaseResult", 0
+    )  # rosbags gives an empty type one field.
     status = maker.goal_status(goal, code)
-    return maker.make("move_base_msgs/msg/MoveBaseActionResult", maker.header(time, ""), status, nothing)
+    return maker.make(
+        "move_base_msgs/msg/MoveBaseActionResult", maker.header(time, ""), status, nothing
+    )
 
 
 def _unpack_goal(m: Any) -> Tuple[Any, ...]:
@@ -296,10 +304,14 @@ def _unpack_decision(m: Any) -> Tuple[Any, ...]:
     """Return goal, stamps [ns] of decision and scan, parameters before and after, and the inputs of a decision."""
     before = dict(zip(m.before.names, m.before.values.tolist()))
     after = dict(zip(m.after.names, m.after.values.tolist()))
-    if not hasattr(m, "ranges"):  # Decisions of older versions had a finished observation instead of its inputs.
+    if not hasattr(
+        m, "ranges"
+    ):  # Decisions of older versions had a finished observation instead of its inputs.
         return m.goal, nanoseconds_of(m.header.stamp), nanoseconds_of(m.scan), before, after, None
     scan = m.ranges.astype(np.float32), m.angle_min, m.angle_increment
-    movers = np.column_stack([np.float64(getattr(m.movers, name)) for name in ("x", "y", "vx", "vy")])
+    movers = np.column_stack(
+        [np.float64(getattr(m.movers, name)) for name in ("x", "y", "vx", "vy")]
+    )
     pose = m.x, m.y, m.yaw
     goal = m.goal_x, m.goal_y, m.goal_yaw
     plan = np.column_stack([m.plan_x, m.plan_y])
@@ -307,13 +319,17 @@ def _unpack_decision(m: Any) -> Tuple[Any, ...]:
     return m.goal, nanoseconds_of(m.header.stamp), nanoseconds_of(m.scan), before, after, seen
 
 
-def _pack_decision(maker: Maker, time: float, frame: str, number: int, decision: Decision, scale: float) -> Any:
+def _pack_decision(
+    maker: Maker, time: float, frame: str, number: int, decision: Decision, scale: float
+) -> Any:
     """Return msg/Decision.msg. `scale` is the robot's size relative to the Jackal's: how far a policy looks."""
     header = maker.header(time, frame)
     seen = decision.seen
     assert seen is not None
     plan_x, plan_y = beginning(seen.plan, seen.pose, FARTHEST_M * scale).T.copy()
-    movers = maker.make("applr_ros1/msg/Movers", header, *seen.movers.T.copy(), np.zeros(len(seen.movers)))
+    movers = maker.make(
+        "applr_ros1/msg/Movers", header, *seen.movers.T.copy(), np.zeros(len(seen.movers))
+    )
     ranges, first_angle, increment = seen.scan
     return maker.make(
         "applr_ros1/msg/Decision",
@@ -339,7 +355,9 @@ def _pack_parameters(maker: Maker, header: Any, values: Dict[str, float]) -> Any
     multipliers = np.ones(len(values))
     numbers = np.array(list(values.values()), np.float64)
     plotted = [np.nan] * PLOTTED
-    return maker.make("applr_ros1/msg/Parameters", header, list(values), numbers, multipliers, *plotted)
+    return maker.make(
+        "applr_ros1/msg/Parameters", header, list(values), numbers, multipliers, *plotted
+    )
 
 
 def _unpack_contact(m: Any) -> Tuple[Any, ...]:
@@ -362,19 +380,40 @@ CHANNELS: Dict[str, Channel] = {
     "scans": Channel("{scan}", "sensor_msgs/msg/LaserScan", _unpack_scan, _pack_scan),
     "odometry": Channel("{odometry}", "nav_msgs/msg/Odometry", _unpack_odometry, _pack_odometry),
     "commands": Channel("{command}", "geometry_msgs/msg/Twist", _unpack_command, _pack_command),
-    "planned": Channel("{move_base}/cmd_vel", "geometry_msgs/msg/Twist", _unpack_command, _pack_command),
+    "planned": Channel(
+        "{move_base}/cmd_vel", "geometry_msgs/msg/Twist", _unpack_command, _pack_command
+    ),
     "plans": Channel("{move_base}/*/global_plan", "nav_msgs/msg/Path", _unpack_plan, _pack_plan),
     "changes": Channel(
-        "{move_base}/*/parameter_updates", "dynamic_reconfigure/msg/Config", _unpack_change, _pack_change
+        "{move_base}/*/parameter_updates",
+        "dynamic_reconfigure/msg/Config",
+        _unpack_change,
+        _pack_change,
     ),
     "recoveries": Channel(
-        "{move_base}/recovery_status", "move_base_msgs/msg/RecoveryStatus", _unpack_nothing, _pack_recovery
+        "{move_base}/recovery_status",
+        "move_base_msgs/msg/RecoveryStatus",
+        _unpack_nothing,
+        _pack_recovery,
     ),
-    "status": Channel("{move_base}/status", "actionlib_msgs/msg/GoalStatusArray", _unpack_status, _pack_status),
-    "results": Channel("{move_base}/result", "move_base_msgs/msg/MoveBaseActionResult", _unpack_result, _pack_result),
-    "sent": Channel("{move_base}/current_goal", "geometry_msgs/msg/PoseStamped", _unpack_goal, _pack_goal),
-    "decisions": Channel("{applr}/decision", "applr_ros1/msg/Decision", _unpack_decision, _pack_decision),
-    "ends": Channel("{applr}/course_end", "applr_ros1/msg/Decision", _unpack_decision, _pack_decision),
+    "status": Channel(
+        "{move_base}/status", "actionlib_msgs/msg/GoalStatusArray", _unpack_status, _pack_status
+    ),
+    "results": Channel(
+        "{move_base}/result",
+        "move_base_msgs/msg/MoveBaseActionResult",
+        _unpack_result,
+        _pack_result,
+    ),
+    "sent": Channel(
+        "{move_base}/current_goal", "geometry_msgs/msg/PoseStamped", _unpack_goal, _pack_goal
+    ),
+    "decisions": Channel(
+        "{applr}/decision", "applr_ros1/msg/Decision", _unpack_decision, _pack_decision
+    ),
+    "ends": Channel(
+        "{applr}/course_end", "applr_ros1/msg/Decision", _unpack_decision, _pack_decision
+    ),
     "contacts": Channel("{collision}", "std_msgs/msg/Bool", _unpack_contact, _pack_contact),
     "source": Channel("{demonstration}", "std_msgs/msg/String", _unpack_source, _pack_source),
 }

@@ -13,12 +13,22 @@ from rosbags.rosbag1 import Writer
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Drive
 from applr_ros1.robots import JACKAL, Robot
-from training.bags.topics import CHANNELS, CODE_OF_END, PREEMPTED, Maker, TopicNames, nanoseconds, topic_of
+from training.bags.topics import (
+    CHANNELS,
+    CODE_OF_END,
+    PREEMPTED,
+    Maker,
+    TopicNames,
+    nanoseconds,
+    topic_of,
+)
 
 BEGIN_S = 1.0  # ROS time of a bag's first drive, because 0 means "no time" [s]
 PAUSE_S = 5.0  # time between two drives of a bag [s]
 
-Entry = Tuple[float, str, Tuple[Any, ...], str]  # time [s], channel, fields of its `pack`, planner or server
+Entry = Tuple[
+    float, str, Tuple[Any, ...], str
+]  # time [s], channel, fields of its `pack`, planner or server
 
 
 class BagWriter:
@@ -35,7 +45,9 @@ class BagWriter:
         ApplrError: The bag already exists.
     """
 
-    def __init__(self, path: os.PathLike[str] | str, robot: Robot = JACKAL, topics: TopicNames = TopicNames()):
+    def __init__(
+        self, path: os.PathLike[str] | str, robot: Robot = JACKAL, topics: TopicNames = TopicNames()
+    ):
         self.path = Path(path)
         self.robot = robot
         self.topics = topics
@@ -72,13 +84,18 @@ class BagWriter:
         message = CHANNELS[channel].pack(self._maker, time, *fields)
         topic = topic_of(channel, self.topics, part)
         if topic not in self._connections:
-            self._connections[topic] = self._writer.add_connection(topic, kind, typestore=self._maker.store)
+            self._connections[topic] = self._writer.add_connection(
+                topic, kind, typestore=self._maker.store
+            )
         raw = self._maker.store.serialize_ros1(message, kind)
         self._writer.write(self._connections[topic], nanoseconds(time), raw)
 
 
 def write(
-    path: os.PathLike[str] | str, *drives: Drive, robot: Robot = JACKAL, topics: TopicNames | None = None
+    path: os.PathLike[str] | str,
+    *drives: Drive,
+    robot: Robot = JACKAL,
+    topics: TopicNames | None = None,
 ) -> Path:
     """Write drives as a bag, one after the other, each with the columns that it has. Return the path."""
     with BagWriter(path, robot, topics or TopicNames.of(robot)) as writer:
@@ -108,7 +125,9 @@ def _entries(drive: Drive, robot: Robot) -> List[Entry]:
         for time, fan, ranges in zip(drive.scans.time, drive.scans.fan, drive.scans.ranges):
             add("scans", time, robot.laser.frame, fan, ranges)
     if drive.changes is not None:
-        for time, server, values in zip(drive.changes.time, drive.changes.server, drive.changes.values):
+        for time, server, values in zip(
+            drive.changes.time, drive.changes.server, drive.changes.values
+        ):
             add("changes", time, values, part=server)
     for number, decision in enumerate(drive.decisions):
         add("decisions", decision.time, drive.frame, number, decision, robot.world_scale)

@@ -31,7 +31,9 @@ class Lock:
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise ApplrError(f"{folder}: another {who} works in this folder: wait, or give another --out") from None
+            raise ApplrError(
+                f"{folder}: another {who} works in this folder: wait, or give another --out"
+            ) from None
 
     def close(self) -> None:
         """Release the folder for another process."""

@@ -39,7 +39,9 @@ class Options(BaseModel):
     The options of a command are a class that derives from all of its groups.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, validate_default=True
+    )
 
 
 O = TypeVar("O", bound=Options)
@@ -69,8 +71,14 @@ def _add(section: argparse._ActionsContainer, name: str, field: FieldInfo) -> No
         more = {"choices": get_args(field.annotation)}
     default = "" if field.is_required() else field.default
     shown = " ".join(map(str, default)) if isinstance(default, list) else default
-    text = f"{field.description} Default: {shown}." if shown not in (None, "") else str(field.description)
-    more.update(help=text.replace("%", "%%"), default=argparse.SUPPRESS, required=field.is_required())
+    text = (
+        f"{field.description} Default: {shown}."
+        if shown not in (None, "")
+        else str(field.description)
+    )
+    more.update(
+        help=text.replace("%", "%%"), default=argparse.SUPPRESS, required=field.is_required()
+    )
     section.add_argument(dashed(name), dest=name, **more)
 
 

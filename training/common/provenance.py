@@ -14,8 +14,17 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Dict
 
-ROOT = str(Path(__file__).resolve().parents[2])  # root of the checkout, even if imported through a catkin workspace
-PACKAGES = ("numpy", "scipy", "numba", "pybullet", "torch", "gymnasium")  # packages whose version can change a result
+ROOT = str(
+    Path(__file__).resolve().parents[2]
+)  # root of the checkout, even if imported through a catkin workspace
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "pybullet",
+    "torch",
+    "gymnasium",
+)  # packages whose version can change a result
 
 
 def provenance(seed: int) -> Dict[str, Any]:
@@ -34,10 +43,21 @@ def provenance(seed: int) -> Dict[str, Any]:
 
 def commit() -> str:
     """Return the commit of this package, with " and changes" if files differ; "unknown" outside a checkout."""
-    command = ["git", "-C", ROOT, "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty= and changes"]
+    command = [
+        "git",
+        "-C",
+        ROOT,
+        "describe",
+        "--always",
+        "--abbrev=40",
+        "--exclude=*",
+        "--dirty= and changes",
+    ]
     alone = {**os.environ, "GIT_CEILING_DIRECTORIES": str(Path(ROOT).parent)}
     try:
-        return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True, env=alone).stdout.strip()
+        return subprocess.run(
+            command, capture_output=True, text=True, timeout=10, check=True, env=alone
+        ).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return "unknown"
 

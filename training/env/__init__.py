@@ -8,4 +8,6 @@ from gymnasium.envs.registration import register
 from applr_ros1.policy.decision import PERIOD
 
 ID = "applr_ros1/Navigation-v0"
-register(ID, entry_point="training.env.env:ApplrEnv", kwargs={"period": PERIOD})  # the paper's decision period
+register(
+    ID, entry_point="training.env.env:ApplrEnv", kwargs={"period": PERIOD}
+)  # the paper's decision period

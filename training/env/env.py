@@ -59,7 +59,11 @@ class ApplrEnv(gymnasium.Env):
         if self.settings.period is None:
             raise ApplrError("period is missing: give the decision period in seconds")
         robot = self.settings.robot
-        self.worlds = worlds_package.Worlds(worlds, radius(robot)) if isinstance(worlds, str) else list(worlds)
+        self.worlds = (
+            worlds_package.Worlds(worlds, radius(robot))
+            if isinstance(worlds, str)
+            else list(worlds)
+        )
         self.episode = Episode(
             sim_bridge.make(self.settings.simulator, robot=robot, **self.settings.randomisation),
             self.settings.planners(robot),
@@ -82,11 +86,15 @@ class ApplrEnv(gymnasium.Env):
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (encoding.actions,), np.float32)
 
     @override
-    def reset(self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None) -> Tuple[np.ndarray, Info]:
+    def reset(
+        self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None
+    ) -> Tuple[np.ndarray, Info]:
         """Begin a course in the world of index options["world"], or in a random world without this option."""
         super().reset(seed=seed)
         index = (options or {}).get("world")
-        world = self.worlds[int(self.np_random.integers(len(self.worlds))) if index is None else index]
+        world = self.worlds[
+            int(self.np_random.integers(len(self.worlds))) if index is None else index
+        ]
         draw = int(self.np_random.integers(2**31))
         protocol: str = self.settings.protocol
         if protocol == DRAWN:
@@ -102,7 +110,9 @@ class ApplrEnv(gymnasium.Env):
         if self.episode.outcome is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         outcome = self.episode.decide(self.encoding.theta(action))
-        reward, terms = self.settings.reward(outcome, self.episode.limit, self.episode.period, self.encoding)
+        reward, terms = self.settings.reward(
+            outcome, self.episode.limit, self.episode.period, self.encoding
+        )
         terminated = outcome.success or failed(outcome)
         truncated = outcome.over and not terminated
         info = self._info(outcome)

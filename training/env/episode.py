@@ -201,7 +201,9 @@ class Episode:
         self._recorder.moved(0.0, state.pose, state.twist)
         frame = self.robot.frames.odom if self._to_map is None else self.robot.frames.map
         self._recorder.sent.append(SentGoal(0.0, self.goal, frame))
-        self._recorder.goals.append(Goal(f"course {self._courses} in {self.world.name}", 0.0, math.inf))
+        self._recorder.goals.append(
+            Goal(f"course {self._courses} in {self.world.name}", 0.0, math.inf)
+        )
         self._plan = self.move_base.make_plan(
             self.place, self.goal, 0.0
         )  # plan of the next decision

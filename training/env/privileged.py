@@ -17,10 +17,27 @@ from applr_ros1.robots.check import WIDTH
 from training.env.episode import Episode
 from worlds.world import clearance
 
-STATIONS = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0)  # ends of the path sections whose clearance is an input [widths]
+STATIONS = (
+    0.5,
+    1.0,
+    1.5,
+    2.0,
+    3.0,
+    4.0,
+    6.0,
+    9.0,
+)  # ends of the path sections whose clearance is an input [widths]
 STEP = 0.2  # distance between the points of a path at which clearance is measured [widths]
-AHEAD = (2.0, 5.0)  # distances of two points ahead on the true course, whose directions are inputs [widths]
-CAP, FAR, LONG, FAST = 2.0, 8.0, 30.0, 2.0  # scales of clearance, distance, length [widths] and speed [m/s]
+AHEAD = (
+    2.0,
+    5.0,
+)  # distances of two points ahead on the true course, whose directions are inputs [widths]
+CAP, FAR, LONG, FAST = (
+    2.0,
+    8.0,
+    30.0,
+    2.0,
+)  # scales of clearance, distance, length [widths] and speed [m/s]
 MOVERS = 2  # number of nearest moving obstacles in the inputs
 ODD = tuple(range(len(AHEAD) + 2 * MOVERS))  # indices of the entries that change sign when mirrored
 SIZE = len(ODD) + 2 * len(STATIONS) + 1 + 2 + len(AHEAD) + 2 * MOVERS + 7 + 1
@@ -42,9 +59,15 @@ def privileged(episode: Episode, scale: float) -> np.ndarray:
     width, state, world = WIDTH * scale, episode.simulator.state, episode.world
     course, drawn = world.course, episode.simulator.drawn
     plan = episode.move_base.global_plan
-    plan = np.asarray(plan, dtype=np.float64)[:, :2] if plan is not None and len(plan) else np.zeros((0, 2))
+    plan = (
+        np.asarray(plan, dtype=np.float64)[:, :2]
+        if plan is not None and len(plan)
+        else np.zeros((0, 2))
+    )
     believed = inverse(episode.place)
-    plan = np.column_stack(transform_point(state.pose, *transform_point(believed, plan[:, 0], plan[:, 1])))
+    plan = np.column_stack(
+        transform_point(state.pose, *transform_point(believed, plan[:, 0], plan[:, 1]))
+    )
     along_plan = _along(np.vstack([state.pose[:2], plan]), width)
     clear_plan = clearance(world, along_plan, state.time)
     blocked = np.flatnonzero(clear_plan < 0.5 * episode.robot.body.size[1])
@@ -54,7 +77,10 @@ def privileged(episode: Episode, scale: float) -> np.ndarray:
     nearest = int(np.argmin(distances))
     left = np.hypot(*np.diff(route[nearest:], axis=0).T).sum() / width
     along_route = _along(route[nearest:], width)
-    ahead = along_route[[min(len(along_route) - 1, round(far / STEP)) for far in AHEAD]] - state.pose[:2]
+    ahead = (
+        along_route[[min(len(along_route) - 1, round(far / STEP)) for far in AHEAD]]
+        - state.pose[:2]
+    )
     bearings = np.arctan2(ahead[:, 1], ahead[:, 0]) - state.pose[2]
     movers = _movers(episode, state.pose, state.time)
     values: List[float] = [

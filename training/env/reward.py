@@ -76,15 +76,23 @@ class Reward(RewardOptions):
                 courses and wider gaps.
         """
         scale, pace = encoding.scale, encoding.pace
-        share = period / PERIOD / pace  # Costs are per 2 s, so that a course costs the same for any period.
-        time = -outcome.seconds / PERIOD / pace if self.exact_time else (float(outcome.success) - 1.0) * share
+        share = (
+            period / PERIOD / pace
+        )  # Costs are per 2 s, so that a course costs the same for any period.
+        time = (
+            -outcome.seconds / PERIOD / pace
+            if self.exact_time
+            else (float(outcome.success) - 1.0) * share
+        )
         if failed(outcome):
             time -= min(self.failure_seconds / PERIOD, (limit - outcome.decisions) * share)
         near = outcome.decision_min if self.lowest else outcome.last_scan_min
         near = min(max(near / scale, self.NEAREST), self.FARTHEST)
         terms = {
             "time": self.c_f * time,
-            "progress": self.c_p * (outcome.progress_y if self.along_y else outcome.progress) / scale,
+            "progress": self.c_p
+            * (outcome.progress_y if self.along_y else outcome.progress)
+            / scale,
             "clearance": -self.c_c * share / near,
             "collision": -self.c_collision * float(outcome.contact),
         }

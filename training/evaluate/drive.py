@@ -38,5 +38,7 @@ def drive(
         try:
             show(trial, table.add(trial, *future.result()))
         except CallFailed as error:
-            raise ApplrError(f"trial {trial.trial} of {trial.method} in {trial.world} failed: {error}") from None
+            raise ApplrError(
+                f"trial {trial.trial} of {trial.method} in {trial.world} failed: {error}"
+            ) from None
     return {trial: kept for trial in trials if (kept := table.find(trial))}

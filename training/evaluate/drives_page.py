@@ -27,7 +27,11 @@ def write(results: Results, out: Path, title: str) -> bool:
     """Write the page into the folder `out`. Return False, without a page, if no traces were kept."""
     scenes = []
     for name in results.worlds:
-        drives = [d for place, method in enumerate(results.methods) for d in _drives(results, name, method, place)]
+        drives = [
+            d
+            for place, method in enumerate(results.methods)
+            for d in _drives(results, name, method, place)
+        ]
         if drives:
             scenes.append(Scene(name, results.load(name), drives))
     if scenes:
@@ -48,6 +52,8 @@ def _drives(results: Results, world: str, method: str, place: int) -> List[Shown
         status = REACHED if row.success else ABORTED
         drive.goals = [Goal(world, 0.0, row.time_s, status, row.reason)]
         if row.collided:
-            drive.contacts = np.array([row.time_s])  # When the robot touched something is not in the table.
+            drive.contacts = np.array(
+                [row.time_s]
+            )  # When the robot touched something is not in the table.
         shown.append(Shown(place, row.trial, drive))
     return shown

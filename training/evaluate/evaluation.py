@@ -81,7 +81,9 @@ def evaluate(options: EvaluationOptions) -> Dict[Trial, Result]:
         finally:
             if done < len(plan):
                 seconds = time.monotonic() - began
-                session = dict(provenance(options.seed), trials=table.added, wall_s=round(seconds, 1))
+                session = dict(
+                    provenance(options.seed), trials=table.added, wall_s=round(seconds, 1)
+                )
                 table.note(
                     wall_s=round(table.notes.get("wall_s", 0.0) + seconds, 1),
                     provenance=[*table.notes.get("provenance", []), session],
@@ -90,7 +92,9 @@ def evaluate(options: EvaluationOptions) -> Dict[Trial, Result]:
 
 
 def settings(
-    options: EvaluationOptions, worlds: Sequence[Tuple[str, str, World]], chosen: Sequence[Tuple[str, str]]
+    options: EvaluationOptions,
+    worlds: Sequence[Tuple[str, str, World]],
+    chosen: Sequence[Tuple[str, str]],
 ) -> Dict[str, Any]:
     """Return the settings in evaluation.json. They must not change when an evaluation is continued."""
     robot = options.robot
@@ -100,7 +104,9 @@ def settings(
         "worlds_with_movers": [name for name, _, world in worlds if world.movers],
         "worlds_sha256": content_of_worlds(worlds),
         "world_specs": [spec for _, spec, _ in worlds],
-        "methods": {name: {**method.describe(), "period_s": method.period} for name, method in made.items()},
+        "methods": {
+            name: {**method.describe(), "period_s": method.period} for name, method in made.items()
+        },
         "robot": {
             "name": robot.name,
             "body": list(robot.body.size[:2]),  # length and width [m]

@@ -16,7 +16,11 @@ from worlds.draw import draw
 from worlds.world import clearance
 
 # label and colour of each region, tightest first; LIMITS: distances to the nearest obstacle between regions [m]
-REGIONS = (("tight: under 0.5 m", "#cc3311"), ("between: 0.5 to 0.9 m", "#ddaa33"), ("open: over 0.9 m", "#228833"))
+REGIONS = (
+    ("tight: under 0.5 m", "#cc3311"),
+    ("between: 0.5 to 0.9 m", "#ddaa33"),
+    ("open: over 0.9 m", "#228833"),
+)
 LIMITS = (0.5, 0.9)
 AROUND_M = 2.0, 1.0  # margins of the map around the driven path, in x and y [m]
 
@@ -26,7 +30,11 @@ COLORS = ("#d62728", "#2ca02c", "#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#e3
 
 def colors(results: Results) -> Dict[str, str]:
     """Return the colour of each method."""
-    ordered = [results.baseline] + ["applr"] * ("applr" in results.rivals) + [m for m in results.rivals if m != "applr"]
+    ordered = (
+        [results.baseline]
+        + ["applr"] * ("applr" in results.rivals)
+        + [m for m in results.rivals if m != "applr"]
+    )
     return {m: COLORS[n % len(COLORS)] for n, m in enumerate(ordered)}
 
 
@@ -39,7 +47,10 @@ def write(results: Results, folder: Path) -> Iterator[Tuple[str, str]]:
     if sets:
         _save(times(results, sets), folder / "times.png")
         order = f"ordered by {results.baseline}'s time, with linear fits"
-        yield "times.png", f"Traversal time against world index, {order} (the paper's figure of its environments)"
+        yield (
+            "times.png",
+            f"Traversal time against world index, {order} (the paper's figure of its environments)",
+        )
     pairs = product(results.worlds, results.methods)
     traces = {}
     for pair in pairs:
@@ -48,11 +59,15 @@ def write(results: Results, folder: Path) -> Iterator[Tuple[str, str]]:
             traces[pair] = drive
     traced = [w for w in results.worlds if all((w, m) in traces for m in results.methods)]
     ordered = results.by_difficulty([w for w in traced if w != "physical_course"])
-    changing = [m for m in results.methods if "parameters" not in results.settings["methods"].get(m, {})]
+    changing = [
+        m for m in results.methods if "parameters" not in results.settings["methods"].get(m, {})
+    ]
     for name in ordered[len(ordered) // 2 :][:1] + [w for w in traced if w == "physical_course"]:
         world = results.load(name)
         for method in changing[:3]:
-            file = "".join(c if c.isalnum() or c in "-_." else "-" for c in f"profile_{name}_{method}.png")
+            file = "".join(
+                c if c.isalnum() or c in "-_." else "-" for c in f"profile_{name}_{method}.png"
+            )
             _save(profile(results, world, method, traces[name, method]), folder / file)
             caption = f"Parameters of {method} along {name}: regions by the room around the robot; dotted: θ₀"
             yield file, f"{caption} (the paper's parameter profiles)"
@@ -64,14 +79,25 @@ def times(results: Results, sets: Sequence[str]) -> Any:
     shade, (axes,) = colors(results), figure.subplots(1, len(sets), squeeze=False)
     for ax, name in zip(axes, sets):
         good = results.trials[results.trials.success & (results.trials.set == name)]
-        means = good.groupby(["world", "method"]).time_s.mean().unstack().reindex(columns=results.methods)
-        ordered = means.dropna(subset=[results.baseline]).sort_values(results.baseline).reset_index(drop=True)
+        means = (
+            good.groupby(["world", "method"])
+            .time_s.mean()
+            .unstack()
+            .reindex(columns=results.methods)
+        )
+        ordered = (
+            means.dropna(subset=[results.baseline])
+            .sort_values(results.baseline)
+            .reset_index(drop=True)
+        )
         for method in results.methods:
             of_method = ordered[method].dropna()
             ax.plot(of_method, "o", ms=4.5, color=shade[method], alpha=0.8, label=method)
             if len(of_method) > 2:
                 x = of_method.index.to_numpy()
-                ax.plot(x, np.polyval(np.polyfit(x, of_method, 1), x), "--", lw=1.4, color=shade[method])
+                ax.plot(
+                    x, np.polyval(np.polyfit(x, of_method, 1), x), "--", lw=1.4, color=shade[method]
+                )
         ax.set(
             title=f"{name} worlds",
             xlabel=f"world, in the order of {results.baseline}'s mean",
@@ -105,7 +131,9 @@ def profile(results: Results, world: World, method: str, drive: Drive) -> Any:
     ]
     low, high = path.min(axis=0) - AROUND_M, path.max(axis=0) + AROUND_M
     map_.set(title=f"{world.name}, {method}", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    map_.legend(handles=lines, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), frameon=False)
+    map_.legend(
+        handles=lines, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), frameon=False
+    )
     begins = np.append(decided, max(time[-1], decided[-1]))
     edges = np.flatnonzero(np.diff(regions)) + 1
     for i, name in enumerate(space.names):

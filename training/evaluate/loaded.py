@@ -36,8 +36,12 @@ def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, A
             costmap = target.server.rpartition("/")[0]
             place = costmap if costmap and "plugins" not in branch(tree, costmap) else target.server
             names = [each for each in target.names if each in branch(tree, place)] or [target.name]
-            branch(made, place, create=True).update(dict.fromkeys(names, target.signed(numbers[name])))
-    if TRAJECTORY in tree.get("base_local_planner", TRAJECTORY):  # searches drive with biases per costmap cell
+            branch(made, place, create=True).update(
+                dict.fromkeys(names, target.signed(numbers[name]))
+            )
+    if TRAJECTORY in tree.get(
+        "base_local_planner", TRAJECTORY
+    ):  # searches drive with biases per costmap cell
         branch(made, TRAJECTORY, create=True)["meter_scoring"] = False
     return made
 
@@ -48,6 +52,10 @@ def loadable_space(robot: Robot) -> Space:
     at_start: Tuple[str, ...] = tuple(
         name
         for name, targets in space.targets.items()
-        if any(shapes_at_start(planner, target.server, each) for target in targets for each in target.names)
+        if any(
+            shapes_at_start(planner, target.server, each)
+            for target in targets
+            for each in target.names
+        )
     )
     return replace(space, fixed=at_start)

@@ -15,7 +15,12 @@ CHANCE = (
     "method and world, a uniform gain of 9.6 % wins 40 % of the worlds, and a gain of 20 % wins 73 %."
 )
 
-TIME = {("Training", "applr"): 11.96, ("Training", "dwa"): 13.24, ("Test", "applr"): 12.25, ("Test", "dwa"): 13.03}
+TIME = {
+    ("Training", "applr"): 11.96,
+    ("Training", "dwa"): 13.24,
+    ("Test", "applr"): 12.25,
+    ("Test", "dwa"): 13.03,
+}
 GAIN = {"Training": "9.6 %", "Test": "6 %"}  # time saved by APPLR
 BETTER = {"Training": ("88 (35 %)", "23 (9 %)"), "Test": ("15 (30 %)", "3 (6 %)")}
 THIRDS = {  # (third of the worlds by difficulty, part): worlds in which APPLR and DWA are faster [%]

@@ -18,7 +18,9 @@ from training.evaluate.trial import BASELINE, POLICY, Result, Trial, plan_trials
 from training.workers.pool import Pool
 
 THETA0 = -1  # number of the round that drives the default parameters
-CHOOSING = 2**31  # offset of the seeds of trials that select a policy; all seeds of evaluate.py are smaller
+CHOOSING = (
+    2**31
+)  # offset of the seeds of trials that select a policy; all seeds of evaluate.py are smaller
 
 
 class PeriodicEvaluation:

@@ -51,7 +51,9 @@ def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Re
 
 def at_scale(protocol: str, spec: str, robot: Robot) -> World:
     """Return a world with the protocol's course, scaled to the robot. Raises ApplrError if it cannot be loaded."""
-    return worlds_package.scaled(under(protocol, worlds_package.load(spec, radius(robot))), robot.world_scale)
+    return worlds_package.scaled(
+        under(protocol, worlds_package.load(spec, radius(robot))), robot.world_scale
+    )
 
 
 def content(robot: Robot) -> str:
@@ -88,9 +90,13 @@ class TrialRunner:
         self.settings, self.robot, self.period = settings, settings.robot, settings.period
         self.space, self.encoding = space_of(self.robot), settings.encoding()
         self.loadable = loadable_space(self.robot)
-        self.simulator = sim_bridge.make(settings.simulator, robot=self.robot, **settings.randomisation)
+        self.simulator = sim_bridge.make(
+            settings.simulator, robot=self.robot, **settings.randomisation
+        )
         self.drive = Drive()
-        self._world = lru_cache(maxsize=400)(lambda spec: at_scale(settings.protocol, spec, self.robot))
+        self._world = lru_cache(maxsize=400)(
+            lambda spec: at_scale(settings.protocol, spec, self.robot)
+        )
         self._made = lru_cache(maxsize=None)(lambda spec: methods.make(spec, self.robot))
 
     def run(self, task: Trial, weights: bytes = b"") -> Result:
@@ -102,7 +108,9 @@ class TrialRunner:
         loaded = None
         if self.settings.loaded and method.static:
             loaded = self.loadable.fill(self.loadable.pick(method.theta(None)))
-            method = methods.for_robot(methods.FixedParameters(loaded, space=self.space), self.robot)
+            method = methods.for_robot(
+                methods.FixedParameters(loaded, space=self.space), self.robot
+            )
         episode = self._starting_with(loaded) if loaded is not None else self.episode
         episode.set_period(method.period)
         episode.layout = method.layout
@@ -112,12 +120,24 @@ class TrialRunner:
         while not outcome.over:
             context, before = episode.context(), outcome.theta
             outcome = episode.decide(method.theta(context))
-            changes.append(float(np.abs(self.space.to_action(outcome.theta) - self.space.to_action(before)).mean()))
+            changes.append(
+                float(
+                    np.abs(
+                        self.space.to_action(outcome.theta) - self.space.to_action(before)
+                    ).mean()
+                )
+            )
             total += self.settings.reward(outcome, episode.limit, episode.period, self.encoding)[0]
         self.drive = episode.drive
-        more = {"route_m": world.course.route_m, "switching": np.mean(changes), "total_reward": total}
+        more = {
+            "route_m": world.course.route_m,
+            "switching": np.mean(changes),
+            "total_reward": total,
+        }
         values = {**vars(outcome), **more}
-        return Result(**{name: type(default)(values[name]) for name, default in vars(Result()).items()})
+        return Result(
+            **{name: type(default)(values[name]) for name, default in vars(Result()).items()}
+        )
 
     @cached_property
     def episode(self) -> Episode:
@@ -128,7 +148,9 @@ class TrialRunner:
         """Return an episode loop whose planner starts with a parameter set (n,)."""
         pairs = zip(self.space.as_dict(theta).items(), self.space.theta0)
         changed = {name: value for (name, value), start in pairs if value != start}
-        return self._episode(self.robot.with_parameters(move_base_parameters(self.robot, changed), self.robot.name))
+        return self._episode(
+            self.robot.with_parameters(move_base_parameters(self.robot, changed), self.robot.name)
+        )
 
     def _episode(self, starts: Robot) -> Episode:
         return Episode(
@@ -144,7 +166,9 @@ class TrialRunner:
 
     def _method(self, task: Trial, weights: bytes) -> Method:
         if task.theta is not None:
-            return methods.for_robot(methods.FixedParameters(np.array(task.theta), space=self.space), self.robot)
+            return methods.for_robot(
+                methods.FixedParameters(np.array(task.theta), space=self.space), self.robot
+            )
         if task.method_spec == POLICY:
             return Policy(self.encoding, policy_layers(weights))
         return self._made(task.method_spec)
@@ -157,6 +181,8 @@ def world_list(text: str, protocol: str, robot: Robot) -> List[Tuple[str, str, W
         for spec in worlds_package.specs(part.strip(), radius(robot)):
             world = at_scale(protocol, spec, robot)
             if any(world.name == name for name, _, _ in listed):
-                raise ApplrError(f"two worlds have the name {world.name!r}: evaluate one at a time, or rename a file")
+                raise ApplrError(
+                    f"two worlds have the name {world.name!r}: evaluate one at a time, or rename a file"
+                )
             listed.append((world.name, spec, world))
     return listed

@@ -46,10 +46,14 @@ class Results:
             raise ApplrError(f"{self.folder} holds no trials: give a folder that evaluate.py wrote")
         self.settings = dict(read_json(self.folder / SETTINGS))
         self._specs = dict(zip(self.settings["worlds"], self.settings["world_specs"]))
-        self.robot: Dict[str, Any] = self.settings["robot"]  # name, body, world_scale and space (evaluation.settings)
+        self.robot: Dict[str, Any] = self.settings[
+            "robot"
+        ]  # name, body, world_scale and space (evaluation.settings)
         self.space = Space.from_metadata(self.robot["space"], self.robot["name"])
         moving = self.settings["worlds_with_movers"]
-        set_of_world = {name: "Other" if name in moving else set_of(name) for name in trials.world.unique()}
+        set_of_world = {
+            name: "Other" if name in moving else set_of(name) for name in trials.world.unique()
+        }
         self.trials = trials.assign(set=trials.world.map(set_of_world), score=seconds(trials))
         self.methods: List[str] = trials.method.unique().tolist()
         self.worlds: List[str] = trials.world.unique().tolist()
@@ -64,7 +68,9 @@ class Results:
         """Return the worlds of one of SETS, in the order of the trials."""
         return list(self.trials.world[self.trials.set == name].unique())
 
-    def groups(self, methods: Optional[Sequence[str]] = None) -> Iterator[Tuple[str, str, pd.DataFrame]]:
+    def groups(
+        self, methods: Optional[Sequence[str]] = None
+    ) -> Iterator[Tuple[str, str, pd.DataFrame]]:
         """Yield (name of the group, method, trials) for each of SETS that has worlds and each method (default: all)."""
         for name in SETS:
             worlds = self.of_set(name)
@@ -89,8 +95,12 @@ class Results:
 
     def thirds(self) -> Dict[str, List[str]]:
         """Return all training and test worlds in thirds of difficulty, as in the paper: 100 each of 300."""
-        ordered = self.by_difficulty(self.trials.world[self.trials.set.isin(SETS[:2])].unique().tolist())
-        return dict(zip(THIRDS, (list(part) for part in np.array_split(np.array(ordered, dtype=object), 3))))
+        ordered = self.by_difficulty(
+            self.trials.world[self.trials.set.isin(SETS[:2])].unique().tolist()
+        )
+        return dict(
+            zip(THIRDS, (list(part) for part in np.array_split(np.array(ordered, dtype=object), 3)))
+        )
 
     def load(self, name: str) -> World:
         """Return a world of the evaluation, at the scale of its robot."""

@@ -25,7 +25,12 @@ if TYPE_CHECKING:
     import pandas as pd
 
 TRIALS, SETTINGS, TRACES = "trials.csv", "evaluation.json", "traces"
-COLUMNS: Dict[str, Any] = {"world": "str", "method": "str", "trial": "int", "seed": "int"}  # types by column
+COLUMNS: Dict[str, Any] = {
+    "world": "str",
+    "method": "str",
+    "trial": "int",
+    "seed": "int",
+}  # types by column
 KEY = tuple(COLUMNS)
 COLUMNS.update({field.name: field.type for field in fields(Result)})
 NAN = {name: ["nan"] for name, kind in COLUMNS.items() if kind == "float"}
@@ -67,7 +72,9 @@ class Trials:
         self.notes: Dict[str, Any] = read_json(path)
         for name, value in json.loads(json.dumps(settings)).items():
             if value != self.notes.get(name):
-                raise ApplrError(f"{self.folder} has another {name}: give another --out, or the same {name}")
+                raise ApplrError(
+                    f"{self.folder} has another {name}: give another --out, or the same {name}"
+                )
         self._lock = Lock(self.folder, "evaluate.py")
         rows = read_trials(self.folder / TRIALS).itertuples(index=False, name=None)
         self._results = {row[: len(KEY)]: Result(*row[len(KEY) :]) for row in rows}
@@ -86,8 +93,14 @@ class Trials:
     def add(self, trial: Trial, result: Result, trace: bytes = b"") -> Result:
         """Store a trial and return its rounded result. The row is written last, so that each row has its trace."""
         if trace:
-            write_bytes(make_folder(self.folder / TRACES) / trace_name(trial.world, trial.method, trial.trial), trace)
-        values: Dict[str, Any] = {k: round(v, 4) if isinstance(v, float) else v for k, v in vars(result).items()}
+            write_bytes(
+                make_folder(self.folder / TRACES)
+                / trace_name(trial.world, trial.method, trial.trial),
+                trace,
+            )
+        values: Dict[str, Any] = {
+            k: round(v, 4) if isinstance(v, float) else v for k, v in vars(result).items()
+        }
         kept = self._results[_key(trial)] = Result(**values)
         self.added += 1
         with open(self.folder / TRIALS, "ab") as file:
@@ -108,10 +121,14 @@ class Trials:
 
 def trace_name(world: str, method: str, trial: int) -> str:
     """Return the file name of a trial's trace."""
-    return "__".join(re.sub(r"[^\w.+-]", "-", str(part)) for part in (world, method, trial)) + ".npz"
+    return (
+        "__".join(re.sub(r"[^\w.+-]", "-", str(part)) for part in (world, method, trial)) + ".npz"
+    )
 
 
-def read_trace(folder: os.PathLike[str] | str, world: str, method: str, trial: int) -> Optional[Drive]:
+def read_trace(
+    folder: os.PathLike[str] | str, world: str, method: str, trial: int
+) -> Optional[Drive]:
     """Return the driven path of a trial as a Drive, or None if it was not kept."""
     path = Path(folder) / TRACES / trace_name(world, method, trial)
     return Drive.unpack(read_bytes(path)) if path.exists() else None

@@ -34,7 +34,9 @@ class Table(NamedTuple):
         with pd.option_context("display.max_colwidth", None):
             table = self.rows.to_html(index=False, border=0)
         notes = "".join(f"<p class=note>{html.escape(note)}</p>" for note in self.notes)
-        return f"<h2 id={self.name}>{html.escape(self.title)}</h2><div class=wide>{table}</div>{notes}"
+        return (
+            f"<h2 id={self.name}>{html.escape(self.title)}</h2><div class=wide>{table}</div>{notes}"
+        )
 
 
 Made = Callable[[Results], Table]
@@ -55,7 +57,9 @@ def share(n: int, total: int) -> str:
     return f"{n} ({n / total:.0%})".replace("%", " %") if total else NONE
 
 
-def table(title: str, *notes: str, of_paper: Sequence[str] = ()) -> Callable[[Callable[[Results], Rows]], Made]:
+def table(
+    title: str, *notes: str, of_paper: Sequence[str] = ()
+) -> Callable[[Callable[[Results], Rows]], Made]:
     """Return a decorator: it turns a function that yields rows into a function that makes the table of the same name.
 
     Columns whose names begin with "paper" are left out if no row has a value in them. If all these columns are left
@@ -84,15 +88,21 @@ def welch(trials: pd.DataFrame, others: pd.DataFrame) -> pd.DataFrame:
     """
     both = [world for world in trials.world.unique() if world in set(others.world)]
     ours, theirs = (
-        one.assign(t=one.time_s.where(one.success)).pivot(index="world", columns="trial", values="t").loc[both]
+        one.assign(t=one.time_s.where(one.success))
+        .pivot(index="world", columns="trial", values="t")
+        .loc[both]
         for one in (trials, others)
     )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # scipy warns if a sample is small or hardly varies
+        warnings.simplefilter(
+            "ignore", RuntimeWarning
+        )  # scipy warns if a sample is small or hardly varies
         test = scipy.stats.ttest_ind(ours, theirs, axis=1, equal_var=False, nan_policy="omit")
     varies = [one.max(axis=1) > one.min(axis=1) for one in (ours, theirs)]
     p = np.where(varies[0] | varies[1], test.pvalue, np.nan)
-    return pd.DataFrame({"sign": np.sign(test.statistic), "p": p, "holm": holm_adjusted(p)}, dtype=float)
+    return pd.DataFrame(
+        {"sign": np.sign(test.statistic), "p": p, "holm": holm_adjusted(p)}, dtype=float
+    )
 
 
 def significant(tests: pd.DataFrame, column: str = "p") -> Tuple[int, int]:
@@ -105,7 +115,9 @@ def holm_adjusted(p: np.ndarray) -> np.ndarray:
     """Return p-values (n,) adjusted by Holm's procedure. NaN stays NaN and does not count as a test."""
     adjusted = np.full(len(p), np.nan)
     order = np.argsort(p)[: np.count_nonzero(~np.isnan(p))]  # argsort puts NaN last
-    adjusted[order] = np.maximum.accumulate(np.minimum(1.0, np.arange(len(order), 0, -1) * p[order]))
+    adjusted[order] = np.maximum.accumulate(
+        np.minimum(1.0, np.arange(len(order), 0, -1) * p[order])
+    )
     return adjusted
 
 
@@ -134,7 +146,9 @@ def table_1(results: Results) -> Rows:
             "95 % interval": span(low, high),
             "two-second decisions": number(mean / PERIOD),
             "successes": f"{trials.success.sum()} of {len(trials)}",
-            f"faster than {results.baseline} [s]": number(-comparison.difference.value) if rival else NONE,
+            f"faster than {results.baseline} [s]": number(-comparison.difference.value)
+            if rival
+            else NONE,
             "faster [%]": number(100 * gain, 1) if rival else NONE,
             "95 % interval [%]": span(100 * least, 100 * most, 1) if rival else NONE,
             "paper [decisions]": number(stated),
@@ -155,7 +169,11 @@ def table_2(results: Results) -> Rows:
         tests = welch(trials, results.of(base, results.of_set(name)))
         counts = significant(tests) + significant(tests, "holm")
         shares = [share(n, len(tests)) for n in counts]
-        stated = paper.BETTER.get(name, (NONE, NONE)) if (method, base) == ("applr", "dwa") else (NONE, NONE)
+        stated = (
+            paper.BETTER.get(name, (NONE, NONE))
+            if (method, base) == ("applr", "dwa")
+            else (NONE, NONE)
+        )
         yield {
             "worlds": name,
             "method": method,
@@ -253,8 +271,12 @@ def pairs(results: Results) -> Rows:
     """Tabulate every method against every other: paired over worlds, and world by world."""
     for name in SETS:
         worlds = results.of_set(name)
-        compared = {couple: results.compare(*couple, worlds) for couple in combinations(results.methods, 2)}
-        compared = {couple: comparison for couple, comparison in compared.items() if comparison.worlds}
+        compared = {
+            couple: results.compare(*couple, worlds) for couple in combinations(results.methods, 2)
+        }
+        compared = {
+            couple: comparison for couple, comparison in compared.items() if comparison.worlds
+        }
         adjusted = holm_adjusted(np.array([one.p for one in compared.values()]))
         for ((a, b), one), p in zip(compared.items(), adjusted):
             tests = welch(results.of(a, worlds), results.of(b, worlds))
@@ -281,7 +303,9 @@ def methods(results: Results) -> Rows:
         for key, value in results.settings.get("methods", {}).get(name, {}).items():
             if isinstance(value, dict):
                 items = value.items()
-                value = ", ".join(("%s %g" if isinstance(v, (int, float)) else "%s %s") % (k, v) for k, v in items)
+                value = ", ".join(
+                    ("%s %g" if isinstance(v, (int, float)) else "%s %s") % (k, v) for k, v in items
+                )
             parts.append(f"{key}: {value}")
         yield {"method": name, "what it is": "; ".join(parts) or NONE}
 

@@ -66,7 +66,9 @@ class Result:
 
 def seed_of(base: int, world: str, trial: int) -> int:
     """Return the seed of a trial, the same for every method and independent of the other worlds."""
-    return int(np.random.SeedSequence([base, zlib.crc32(world.encode()), trial]).generate_state(1)[0] >> 1)
+    return int(
+        np.random.SeedSequence([base, zlib.crc32(world.encode()), trial]).generate_state(1)[0] >> 1
+    )
 
 
 def plan_trials(
@@ -89,7 +91,15 @@ def plan_trials(
         traces: Number of trials per method and world whose driven path is kept.
     """
     return [
-        Trial(world, method, trial, seed_of(seed, world, trial), world_spec, method_spec, trial < traces)
+        Trial(
+            world,
+            method,
+            trial,
+            seed_of(seed, world, trial),
+            world_spec,
+            method_spec,
+            trial < traces,
+        )
         for trial in range(trials)
         for world, world_spec in worlds
         for method, method_spec in chosen

@@ -25,7 +25,13 @@ from applr_ros1.robots.robot import FILE
 from applr_ros1.robots.urdf_import.description import describe
 from applr_ros1.robots.urdf_import.parameters import read_parameter_files
 from applr_ros1.robots.urdf_import.urdf import UrdfFile
-from applr_ros1.robots.urdf_import.write import add_parameters, copies_of, limits, move_base_section, robot_yaml
+from applr_ros1.robots.urdf_import.write import (
+    add_parameters,
+    copies_of,
+    limits,
+    move_base_section,
+    robot_yaml,
+)
 from training.common.command_line import parsed
 from training.common.options import Options, argument, option
 
@@ -41,7 +47,10 @@ class NewRobotOptions(Options):
         "Parameter files (YAML) of move_base in the order of its launch file, and of the base's controller, each as "
         "FILE or FILE:NAMESPACE.",
     )
-    laser: str = option("", "Link of the laser. Default: sensor_frame of the costmaps' scan, or the only ray sensor.")
+    laser: str = option(
+        "",
+        "Link of the laser. Default: sensor_frame of the costmaps' scan, or the only ray sensor.",
+    )
     out: Path = option(Path("my_robot"), "Folder to write.")
 
 
@@ -75,10 +84,15 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     lines = [f"wrote {file} from {options.urdf} and {len(options.parameters)} parameter files"]
     lines += ["remark: " + line for line in described.notes + parameters.notes + notes]
     if missing:
-        lines.append(f'the files lack {len(missing)} values: enter each in its line of {file}, and remove the "# ":')
+        lines.append(
+            f'the files lack {len(missing)} values: enter each in its line of {file}, and remove the "# ":'
+        )
     lines += ["  " + line for line in missing]
     lines += ["then:", f"  ./applr exec python -m training.robot.check {options.out}"]
-    return lines + [f"  ./applr demo robot:=$(realpath {options.out}) method:=dwa", f"  ./applr tune {options.out}"]
+    return lines + [
+        f"  ./applr demo robot:=$(realpath {options.out}) method:=dwa",
+        f"  ./applr tune {options.out}",
+    ]
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
@@ -86,7 +100,10 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     given = sys.argv[1:] if arguments is None else arguments
     words = dict(word.split(":=", 1) for word in given if ":=" in word)
     name = "./applr robot"
-    return run_main(lambda: print("\n".join(write(parsed(NewRobotOptions, name, __doc__, arguments), words))), name)
+    return run_main(
+        lambda: print("\n".join(write(parsed(NewRobotOptions, name, __doc__, arguments), words))),
+        name,
+    )
 
 
 if __name__ == "__main__":

@@ -18,10 +18,14 @@ def main(arguments: Optional[List[str]] = None) -> int:
 
     def run() -> int:
         config = parse(arguments)
-        from training.train.learner import several  # Imported late, because --help must not wait for torch.
+        from training.train.learner import (
+            several,
+        )  # Imported late, because --help must not wait for torch.
         from training.train.learner.run import TrainingRun
 
-        return TrainingRun(config).run() if config.seeds == 1 else several.train(config, TrainingRun)
+        return (
+            TrainingRun(config).run() if config.seeds == 1 else several.train(config, TrainingRun)
+        )
 
     return run_main(run, "train.py")
 

@@ -80,13 +80,17 @@ def run(options: DatasetOptions) -> None:
         try:
             with refused(bag):
                 recorded = read(bag, robot, topics, CHANNELS)
-                episodes, skipped = transitions(recorded, robot, learnt.observation, reward, options.finish, topics)
+                episodes, skipped = transitions(
+                    recorded, robot, learnt.observation, reward, options.finish, topics
+                )
                 periods.update([decision_period(recorded)] if episodes else [])
         except BagError as error:
             skipped[str(error).partition(": ")[2]] += 1
         made, all_skipped = made + episodes, all_skipped + skipped
         count = sum(map(len, episodes))
-        listed.append({"name": bag.name, "episodes": len(episodes), "transitions": count, "skipped": skipped})
+        listed.append(
+            {"name": bag.name, "episodes": len(episodes), "transitions": count, "skipped": skipped}
+        )
         reasons = "".join(f"; skipped {times}: {why}" for why, times in sorted(skipped.items()))
         print(f"{bag}: {count} transitions in {len(episodes)} episodes{reasons}")
     if not made:
@@ -96,7 +100,9 @@ def run(options: DatasetOptions) -> None:
     if len(periods) == 1:
         about["decision_period"] = round(periods.pop(), 3)
     else:
-        print(f"the bags differ in decision period [s]: {', '.join(f'{period:g}' for period in sorted(periods))}")
+        print(
+            f"the bags differ in decision period [s]: {', '.join(f'{period:g}' for period in sorted(periods))}"
+        )
     dataset.write(make_folder(folder), layout, made, about)
     print(f"{options.out}: {sum(map(len, made))} transitions")
 

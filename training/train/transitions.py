@@ -27,11 +27,21 @@ from training.env.outcome import Leg, Outcome, outcome_of
 from training.env.reward import Reward, failed
 from training.env.trajectory import Trajectory, TransitionLayout
 
-CHANNELS = ("scans", "odometry", "status", "results", "decisions", "ends", "contacts")  # that transitions need
+CHANNELS = (
+    "scans",
+    "odometry",
+    "status",
+    "results",
+    "decisions",
+    "ends",
+    "contacts",
+)  # that transitions need
 MAX_AGE_S = 1.0  # age above which a scan or pose is not used for a decision [s]
 JUMP_M = 0.3  # movement between two poses that counts as a jump, in addition to FASTEST times the interval [m]
 FASTEST_M_S = 5.0  # speed beyond which no robot drives [m/s]
-CLOCK_S = 1.0  # difference between recorder's and messages' times above which their clocks differ [s]
+CLOCK_S = (
+    1.0  # difference between recorder's and messages' times above which their clocks differ [s]
+)
 
 
 class Skipped(ApplrError):
@@ -106,7 +116,9 @@ def _check(drive: Drive, encoding: Encoding, topics: TopicNames) -> None:
     """Raise BagError if a drive lacks data for transitions of this encoding."""
     if not drive.decisions:
         topic = topic_of("decisions", topics)
-        raise BagError(f"no decisions on {topic}: record a drive of the applr node with record:=FILE")
+        raise BagError(
+            f"no decisions on {topic}: record a drive of the applr node with record:=FILE"
+        )
     for column, channel in (("scans", "scans"), ("odometry", "odometry"), ("goals", "status")):
         if not getattr(drive, column):
             raise BagError(f"no {column} on {topic_of(channel, topics)}")
@@ -114,10 +126,14 @@ def _check(drive: Drive, encoding: Encoding, topics: TopicNames) -> None:
         raise BagError("its decisions were recorded by an older version, without their inputs")
     assert drive.scans is not None
     if abs(np.median(drive.scans.time - drive.scans.stamp)) > CLOCK_S:
-        raise BagError("recorded with another clock than that of its messages: set use_sim_time in the recorder")
+        raise BagError(
+            "recorded with another clock than that of its messages: set use_sim_time in the recorder"
+        )
     recorded = list(drive.decisions[0].before)
     if set(recorded) != set(encoding.space.names):
-        raise BagError(f"its decisions set {', '.join(recorded)}: give the --robot with these parameters")
+        raise BagError(
+            f"its decisions set {', '.join(recorded)}: give the --robot with these parameters"
+        )
 
 
 # -- courses -----------------------------------------------------------------------------------------------------------
@@ -188,10 +204,14 @@ def _states(drive: Drive, encoding: Encoding, goal: Goal, finish: Optional[float
     return states
 
 
-Moment = Tuple[Decision, Tuple[float, ...], bool]  # decision or end, place (x, y) [m], whether it is an end
+Moment = Tuple[
+    Decision, Tuple[float, ...], bool
+]  # decision or end, place (x, y) [m], whether it is an end
 
 
-def _moments(drive: Drive, goal: Goal, made: Sequence[Decision], ends: Sequence[Decision]) -> List[Moment]:
+def _moments(
+    drive: Drive, goal: Goal, made: Sequence[Decision], ends: Sequence[Decision]
+) -> List[Moment]:
     """Return decisions and ends in order of time.
 
     The node publishes its observation a moment after an end. If this message is missing, a goal that was reached or
@@ -245,7 +265,9 @@ def _outcome(drive: Drive, robot: Robot, goal: Goal, before: State, after: State
     """Return the outcome of the decision in the state `before`, which led to `after`."""
     leg = Leg(before.time, after.time, _seen(before.decision).goal, before.place, after.place)
     theta = after.outcome.theta
-    return outcome_of(drive, goal, leg, theta, after.outcome.decisions, body_width=robot.body.size[1])
+    return outcome_of(
+        drive, goal, leg, theta, after.outcome.decisions, body_width=robot.body.size[1]
+    )
 
 
 def _unusable(drive: Drive, encoding: Encoding, before: State, after: State) -> str:
@@ -267,7 +289,9 @@ def _unusable(drive: Drive, encoding: Encoding, before: State, after: State) -> 
 
 
 # -- episodes ----------------------------------------------------------------------------------------------------------
-def _usable(drive: Drive, encoding: Encoding, states: List[State], skipped: Counter[str]) -> Iterator[List[State]]:
+def _usable(
+    drive: Drive, encoding: Encoding, states: List[State], skipped: Counter[str]
+) -> Iterator[List[State]]:
     """Yield runs of states with usable transitions between them. Count the other transitions in `skipped`."""
     run = states[:1]
     for before, after in zip(states, states[1:]):

@@ -26,7 +26,16 @@ with extra(__name__):
     from training.why.diagnosis import compared, diagnose
     from training.why.replay import Replay
 
-CHANNELS = ("scans", "odometry", "commands", "planned", "plans", "changes", "recoveries", "decisions")
+CHANNELS = (
+    "scans",
+    "odometry",
+    "commands",
+    "planned",
+    "plans",
+    "changes",
+    "recoveries",
+    "decisions",
+)
 TEMPLATE = Path(__file__).parent / "why.html"
 
 
@@ -53,7 +62,9 @@ def drive_of(path: Path, options: WhyOptions) -> Drive:
         drive = read(path, robot, topics, CHANNELS)
         if drive.planners and robot.local_planner not in drive.planners:
             drove = drive.planners[0]
-            raise ApplrError(f"{drove} drove, {robot.name} has {robot.local_planner}: give the robot as --robot")
+            raise ApplrError(
+                f"{drove} drove, {robot.name} has {robot.local_planner}: give the robot as --robot"
+            )
         if drive.planned is None:  # Without a monitor, the planner's commands reach the base.
             drive.planned = drive.commands
         for column, channel in (
@@ -78,20 +89,30 @@ def run(options: WhyOptions) -> None:
         replays.append(Replay(options.robot))
         replays[-1].run(drive_of(path, options))
         if not replays[-1].cycles:
-            raise ApplrError(f"{path}: no command has a plan, a scan and odometry: record the drive from its beginning")
+            raise ApplrError(
+                f"{path}: no command has a plan, a scan and odometry: record the drive from its beginning"
+            )
     diagnosis = diagnose(replays[0], options.at)
-    lines, others = diagnosis.lines(), [line for other in replays[1:] for line in compared(replays[0], other)]
+    lines, others = (
+        diagnosis.lines(),
+        [line for other in replays[1:] for line in compared(replays[0], other)],
+    )
     values = ""
     if options.json_ or options.out:
         values = json.dumps({"lines": lines[:2], **diagnosis.values(), "compared": others})
     print(values if options.json_ else "\n".join(lines + others))
     if options.out:
-        write_bytes(options.out, read_bytes(TEMPLATE).replace(b"@DATA@", values.replace("</", "<\\/").encode()))
+        write_bytes(
+            options.out,
+            read_bytes(TEMPLATE).replace(b"@DATA@", values.replace("</", "<\\/").encode()),
+        )
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
     """Run the command; return its exit status."""
-    return run_main(lambda: run(parsed(WhyOptions, "./applr why", __doc__, arguments)), "./applr why")
+    return run_main(
+        lambda: run(parsed(WhyOptions, "./applr why", __doc__, arguments)), "./applr why"
+    )
 
 
 if __name__ == "__main__":

@@ -19,7 +19,12 @@ from training.why.explanation import arc, lethal_points
 from training.why.replay import Cycle, Replay
 
 AHEAD = 40  # number of control cycles for which the planner drives on
-FACTORS = (0.125, 0.5, 2.0, 8.0)  # changes of a value that are tried, beside the default of the C++ planner
+FACTORS = (
+    0.125,
+    0.5,
+    2.0,
+    8.0,
+)  # changes of a value that are tried, beside the default of the C++ planner
 FEW = 2  # step between the cycles from which a value is tried first
 ELSEWHERE = 4  # number of alternatives that are also driven from cycles outside the events
 LITTLE = 0.01  # gain of speed up to which an alternative does not count [m/s]
@@ -98,11 +103,15 @@ def changes_to_try(replay: Replay) -> List[Change]:
             others = {parameter.default}
             if not isinstance(value, bool):
                 others |= {parameter.clamp(parameter.convert(value * factor)) for factor in FACTORS}
-            changes += [Change(server, parameter.name, value, other) for other in sorted(others - {value})]
+            changes += [
+                Change(server, parameter.name, value, other) for other in sorted(others - {value})
+            ]
     return changes
 
 
-def drive_on(replay: Replay, cycles: Sequence[Cycle], change: Optional[Change] = None) -> np.ndarray:
+def drive_on(
+    replay: Replay, cycles: Sequence[Cycle], change: Optional[Change] = None
+) -> np.ndarray:
     """Drive on from cycles, with another value of a parameter or with those in force.
 
     Returns:
@@ -133,7 +142,10 @@ def _changed(settings: Settings, change: Optional[Change]) -> Settings:
         return settings
     changes = [change]
     if change.name == "max_vel_theta":
-        low, high = settings[change.server]["min_vel_theta"], settings[change.server]["max_vel_theta"]
+        low, high = (
+            settings[change.server]["min_vel_theta"],
+            settings[change.server]["max_vel_theta"],
+        )
         if low == -high:
             changes.append(Change(change.server, "min_vel_theta", low, -change.after))
     return settings.with_(*changes)
@@ -150,7 +162,10 @@ def best_changes(
     if not len(cycles):
         return []
     before, usual = drive_on(replay, cycles), drive_on(replay, others)
-    nearest = min(before[:, 1].min(initial=np.inf), replay.costmap.inscribed_radius - replay.costmap.resolution)
+    nearest = min(
+        before[:, 1].min(initial=np.inf),
+        replay.costmap.inscribed_radius - replay.costmap.resolution,
+    )
     gains: Dict[Tuple[str, str], List[Alternative]] = {}
     for tried in changes:
         in_force = cycles[0].settings[tried.server][tried.name]
@@ -168,7 +183,9 @@ def best_changes(
                 gains.setdefault((change.server, change.name), []).append(alternative)
     best = ranked([ranked(of_parameter)[0] for of_parameter in gains.values()])
     for alternative in best[:ELSEWHERE] if len(others) else ():
-        alternative.elsewhere = float((drive_on(replay, others, alternative.change) - usual)[:, 0].mean())
+        alternative.elsewhere = float(
+            (drive_on(replay, others, alternative.change) - usual)[:, 0].mean()
+        )
     return best
 
 

@@ -14,10 +14,15 @@ from training.why.events import Event
 from training.why.explanation import explain, part_of_robot
 from training.why.replay import Cycle, Replay
 
-CYCLES, LEAST = 8, 3  # numbers of cycles from which alternatives drive on, of all events and of each event at least
+CYCLES, LEAST = (
+    8,
+    3,
+)  # numbers of cycles from which alternatives drive on, of all events and of each event at least
 LEAD_S = 2.0  # time before an event from which these cycles begin, because the way into it shows most [s]
 EARLY = 2.0  # how much early ones among them are preferred, see some()
-EXPLAINED = 5  # number of cycles of an event that are explained; the middle one stands for the event
+EXPLAINED = (
+    5  # number of cycles of an event that are explained; the middle one stands for the event
+)
 REMEDY = 0.2  # share of a drive's time that a remedy saves at least
 POOR = 0.8  # share of reproduced commands below which a replay is not to be trusted
 LISTED = 4  # number of events, and of alternatives, that a terminal shows
@@ -39,24 +44,39 @@ class Diagnosis:
         """Alternatives that would have saved enough of the drive's time, and with which the robot does not creep."""
         slow, top = 1.0 - len(self.others) / len(self.replay.cycles), self.top_speed()
         fast = [one for one in self.tried if one.after.speed >= events.STANDS * top]
-        return [one for one in fast if slow * (1.0 - max(one.before.speed, 0.0) / one.after.speed) >= REMEDY]
+        return [
+            one
+            for one in fast
+            if slow * (1.0 - max(one.before.speed, 0.0) / one.after.speed) >= REMEDY
+        ]
 
     def top_speed(self) -> float:
         """Return the mean max_vel_x in force [m/s]."""
-        return float(np.mean([cycle.settings[self.replay.server]["max_vel_x"] for cycle in self.replay.cycles]))
+        return float(
+            np.mean(
+                [cycle.settings[self.replay.server]["max_vel_x"] for cycle in self.replay.cycles]
+            )
+        )
 
     def lines(self) -> List[str]:
         """Return the diagnosis for a terminal, the answer first."""
         longest = sorted(self.events, key=lambda event: -len(event.cycles))[:LISTED]
         own = part_of_robot(self.replay) if longest else None
         if own:
-            answer = "The laser sees a part of the robot, {:.1f} m ahead and {:.1f} m left of its centre.".format(*own)
+            answer = "The laser sees a part of the robot, {:.1f} m ahead and {:.1f} m left of its centre.".format(
+                *own
+            )
         elif self.remedies:
             answer = f"Try {self.remedies[0]}."
         elif longest:
-            answer = f"No change of one parameter would save much. {longest[0]}. {longest[0].why[0]}"
+            answer = (
+                f"No change of one parameter would save much. {longest[0]}. {longest[0].why[0]}"
+            )
         else:
-            mean, top = np.mean([cycle.command[0] for cycle in self.replay.cycles]), self.top_speed()
+            mean, top = (
+                np.mean([cycle.command[0] for cycle in self.replay.cycles]),
+                self.top_speed(),
+            )
             answer = f"The robot did not stop: its mean command is {mean:.2f} m/s, max_vel_x {top:.2f} m/s."
         doubt = "Few commands are reproduced: parameters of the folder differ, or topics or scans are missing."
         lines = [*[doubt] * (self.replay.share < POOR), answer, str(self.replay)]
@@ -75,9 +95,14 @@ class Diagnosis:
             "remedies": [str(one.change) for one in self.remedies],
             "alternatives": [str(one) for one in self.tried],
             "values": [(*one.change, one.gain) for one in self.tried],
-            "events": [dict(title=str(one), place=one.place, cycles=one.explained) for one in self.events],
+            "events": [
+                dict(title=str(one), place=one.place, cycles=one.explained) for one in self.events
+            ],
             "map": (np.unique(np.rint(points / CELL_M), axis=0) * CELL_M).round(2).tolist(),
-            "path": [[*np.round(cycle.pose[:2], 2).tolist(), cycle.command[0]] for cycle in self.replay.cycles],
+            "path": [
+                [*np.round(cycle.pose[:2], 2).tolist(), cycle.command[0]]
+                for cycle in self.replay.cycles
+            ],
             "footprint": self.replay.costmap.footprint.round(3).tolist(),
         }
 
@@ -99,7 +124,11 @@ def diagnose(replay: Replay, at: Optional[float] = None) -> Diagnosis:
     slow = {id(cycle) for event in found for cycle in event.cycles}
     others, cycles = [cycle for cycle in replay.cycles if at is None and id(cycle) not in slow], []
     for event in found:
-        lead = [one for one in replay.cycles if event.cycles[0].at - LEAD_S <= one.at <= event.cycles[-1].at]
+        lead = [
+            one
+            for one in replay.cycles
+            if event.cycles[0].at - LEAD_S <= one.at <= event.cycles[-1].at
+        ]
         cycles += some(lead, max(LEAST, round(CYCLES * len(event.cycles) / len(slow))), EARLY)
         middle = np.median([cycle.command[0] for cycle in event.cycles])
         slowest = [cycle for cycle in event.cycles if cycle.command[0] <= middle]
@@ -111,7 +140,9 @@ def diagnose(replay: Replay, at: Optional[float] = None) -> Diagnosis:
 def compared(first: Replay, second: Replay) -> List[str]:
     """Return lines about a second drive: where it differs, and what its parameters would have done in the first."""
     track = np.array([cycle.pose[:2] for cycle in second.cycles])
-    apart = [cycle for cycle in first.cycles if np.hypot(*(track - cycle.pose[:2]).T).min() > APART_M]
+    apart = [
+        cycle for cycle in first.cycles if np.hypot(*(track - cycle.pose[:2]).T).min() > APART_M
+    ]
     changes = []
     for change in first.settings.differences(second.settings):
         if not change.server.startswith("global_costmap") and not isinstance(change.before, str):
@@ -120,4 +151,7 @@ def compared(first: Replay, second: Replay) -> List[str]:
     tried = best_changes(first, changes, some(slow or first.cycles, CYCLES), [])
     routes = "routes diverge at {:.1f} s".format(apart[0].at) if apart else "same route"
     lines = [f"{second}; {routes}; differing parameters: {', '.join(map(str, changes)) or 'none'}"]
-    return lines + ["Changes of the first drive to a value of this one:", *(f"   {one}" for one in tried)] * bool(tried)
+    return lines + [
+        "Changes of the first drive to a value of this one:",
+        *(f"   {one}" for one in tried),
+    ] * bool(tried)

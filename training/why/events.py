@@ -12,7 +12,10 @@ from training.why.replay import Cycle, Replay
 
 STANDS, SLOW = 0.25, 0.5  # shares of max_vel_x below which a robot stands or creeps, and is slow
 STILL = 1e-3  # speed below which a robot does not drive [m/s], and turn rate below which it does not turn [rad/s]
-SWINGS, SWINGS_HZ = 0.25, 1.0  # share of max_vel_theta and rate of its changes of sign above which a robot swings
+SWINGS, SWINGS_HZ = (
+    0.25,
+    1.0,
+)  # share of max_vel_theta and rate of its changes of sign above which a robot swings
 GAP_S = 0.5  # longest gap between two parts of one event [s]
 
 
@@ -22,7 +25,9 @@ class Event:
 
     kind: str
     cycles: Sequence[Cycle]
-    explained: List[Dict[str, Any]] = field(default_factory=list)  # explanations of some cycles, see explain()
+    explained: List[Dict[str, Any]] = field(
+        default_factory=list
+    )  # explanations of some cycles, see explain()
 
     @property
     def place(self) -> List[float]:
@@ -45,8 +50,13 @@ class Event:
 def find(replay: Replay) -> List[Event]:
     """Return the events of a replay in order of time, without those that lie within an event of a more special kind."""
     cycles = replay.cycles
-    limits = [(c.settings[replay.server]["max_vel_x"], c.settings[replay.server]["max_vel_theta"]) for c in cycles]
-    at, (v, w), (top, widest) = (np.array(x).T for x in ([c.at for c in cycles], [c.command for c in cycles], limits))
+    limits = [
+        (c.settings[replay.server]["max_vel_x"], c.settings[replay.server]["max_vel_theta"])
+        for c in cycles
+    ]
+    at, (v, w), (top, widest) = (
+        np.array(x).T for x in ([c.at for c in cycles], [c.command for c in cycles], limits)
+    )
     to_go = np.array([np.hypot(*(cycle.plan[-1, :2] - cycle.pose[:2])) for cycle in cycles])
     turns, stands = np.abs(w) > STILL, np.abs(v) < STILL
     swings = np.flatnonzero(np.abs(w) > SWINGS * widest)
@@ -63,7 +73,9 @@ def find(replay: Replay) -> List[Event]:
     events, taken = [], np.zeros(len(cycles), bool)
     for kind, (least, mask) in kinds.items():
         rows = np.flatnonzero(mask & (to_go > replay.move_base.goal_tolerance))
-        for part in np.split(rows, np.flatnonzero(np.diff(at[rows]) > GAP_S) + 1) if len(rows) else ():
+        for part in (
+            np.split(rows, np.flatnonzero(np.diff(at[rows]) > GAP_S) + 1) if len(rows) else ()
+        ):
             a, b = int(part[0]), int(part[-1]) + 1
             if at[b - 1] - at[a] >= least and taken[a:b].mean() < 0.5:
                 taken[a:b] = True

@@ -27,10 +27,26 @@ from training.env.episode import counting_cells
 
 EQUAL = 1e-6  # largest difference between equal commands [m/s + rad/s]
 SAME_CYCLE_S = 0.01  # longest time between a command and the plan that its cycle published [s]
-LAGS = 0, 1, 2, -1, 3, 4  # ages of a velocity in messages, counted from the latest before the command
+LAGS = (
+    0,
+    1,
+    2,
+    -1,
+    3,
+    4,
+)  # ages of a velocity in messages, counted from the latest before the command
 POSE_LAGS = 0, 1, -1, 2, -2  # ages of a pose relative to the velocity
 # Choices of a cycle's map update: ages of the scan and of the odometry message, None for no update
-UPDATES: Tuple[Tuple[Optional[int], int], ...] = (0, 1), (0, 0), (1, 1), (1, 0), (1, 2), (2, 1), (2, 2), (None, 0)
+UPDATES: Tuple[Tuple[Optional[int], int], ...] = (
+    (0, 1),
+    (0, 0),
+    (1, 1),
+    (1, 0),
+    (1, 2),
+    (2, 1),
+    (2, 2),
+    (None, 0),
+)
 
 Map = Tuple[np.ndarray, ...]  # snapshot of the local costmap
 
@@ -67,7 +83,9 @@ class Replay:
         self.move_base = MoveBase(counting_cells(robot.parameters()))
         self.local: Any = self.move_base.local_planner
         self.costmap, self.server = self.move_base.local_costmap, self.move_base.local_planner_name
-        self.period = 1.0 / max(self.move_base.configuration("")["controller_frequency"], 1.0)  # control period [s]
+        self.period = 1.0 / max(
+            self.move_base.configuration("")["controller_frequency"], 1.0
+        )  # control period [s]
         start = Settings.from_tree(self.move_base.parameters)
         self.settings = Settings({server: start[server] for server in start if server})
 
@@ -79,7 +97,9 @@ class Replay:
     @override
     def __str__(self) -> str:
         count = f"{sum(cycle.reproduced for cycle in self.cycles):,} of {len(self.cycles):,} commands reproduced"
-        note = "" if self.drive.changes else "; no parameter_updates: the folder's values are assumed"
+        note = (
+            "" if self.drive.changes else "; no parameter_updates: the folder's values are assumed"
+        )
         return f"{self.drive.name}: {self.cycles[-1].at:.1f} s, {count} ({self.share:.1%}){note}"
 
     def run(self, drive: Drive) -> None:
@@ -105,7 +125,9 @@ class Replay:
                 pose, twist = self._message(odometry)
                 memory = self.local.planner.state
                 known = self.costmap.snapshot()
-                cycle = Cycle(at, tuple(command), pose, twist, plan, known, memory, False, self.settings, scan)
+                cycle = Cycle(
+                    at, tuple(command), pose, twist, plan, known, memory, False, self.settings, scan
+                )
                 self.cycles.append(self._replayed(cycle, odometry))
 
     @property
@@ -163,7 +185,9 @@ class Replay:
         first_angle, increment, range_min, range_max = self._scans.fan[index].tolist()
         place = compose((x, y, yaw), laser.pose)
         ranges = self._scans.ranges[index]
-        return LaserScan(0.0, first_angle, increment, range_min, range_max, ranges, place, laser.height)
+        return LaserScan(
+            0.0, first_angle, increment, range_min, range_max, ranges, place, laser.height
+        )
 
     @cached_property
     def _yaws(self) -> np.ndarray:

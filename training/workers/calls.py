@@ -21,7 +21,10 @@ class WorkerDied(Exception):
 
 def environment() -> Dict[str, str]:
     """Return the environment variables of a worker: one thread, and this process's module search path."""
-    return {**dict.fromkeys(THREADS, "1"), "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
+    return {
+        **dict.fromkeys(THREADS, "1"),
+        "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path)),
+    }
 
 
 def attempt(function: Callable[..., Any], args: Tuple[Any, ...]) -> Any:

@@ -14,7 +14,10 @@ from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.actor import Layers, forward, layers_of
 from training.env.trajectory import Trajectory
 
-TRAINING, WORLDS = 0, 2  # first number in the seed of an episode, and in that of the choice of its world
+TRAINING, WORLDS = (
+    0,
+    2,
+)  # first number in the seed of an episode, and in that of the choice of its world
 INFO = ("success", "collided", "time_s")  # keys of the environment's info that a trajectory keeps
 
 
@@ -58,7 +61,9 @@ def collect(env: Callable[..., Any], options: str, task: Collect, weights: bytes
     made = environment(env, options)
     layout, layers = made.layout, policy_layers(weights)
     rng = np.random.default_rng([TRAINING, task.seed, *b"actor-0", task.episode])
-    world = int(np.random.default_rng([WORLDS, task.seed, 0, task.episode]).integers(len(made.worlds)))
+    world = int(
+        np.random.default_rng([WORLDS, task.seed, 0, task.episode]).integers(len(made.worlds))
+    )
     observation, last = made.reset(seed=int(rng.integers(2**31)), options={"world": world})
     observations, actions, rewards = [observation], [], []
     terms: Counter[str] = Counter()  # sums of the reward's terms
@@ -68,7 +73,9 @@ def collect(env: Callable[..., Any], options: str, task: Collect, weights: bytes
             action = rng.uniform(-1.0, 1.0, layout.action).astype(np.float32)
         else:
             noise = rng.standard_normal(layout.action, dtype=np.float32) * np.float32(task.sigma)
-            action = np.clip(np.tanh(forward(layers, observation[: layout.seen])) + noise, -1.0, 1.0)
+            action = np.clip(
+                np.tanh(forward(layers, observation[: layout.seen])) + noise, -1.0, 1.0
+            )
         observation, reward, terminated, truncated, last = made.step(action)
         observations.append(observation)
         actions.append(action)

@@ -50,7 +50,9 @@ class Pool(ThreadPoolExecutor):
 
     def __init__(self, workers: int, ray_address: str = "", seconds: float = CALL_SECONDS):
         if ray_address and workers == 0:
-            raise ApplrError(f"--ray-address is {ray_address}, but there are no workers: request 1 or more")
+            raise ApplrError(
+                f"--ray-address is {ray_address}, but there are no workers: request 1 or more"
+            )
         self.slots, self.in_process, self.seconds = max(1, workers), workers == 0, seconds
         super().__init__(self.slots)
         self.replaced = 0
@@ -79,7 +81,9 @@ class Pool(ThreadPoolExecutor):
             future.set_result(answer)
         return future
 
-    def unordered(self, function: Callable[[T], Any], items: Iterable[T]) -> Iterator[Tuple[T, Future[Any]]]:
+    def unordered(
+        self, function: Callable[[T], Any], items: Iterable[T]
+    ) -> Iterator[Tuple[T, Future[Any]]]:
         """Yield (item, finished future of function(item)) in order of completion; at most `slots` calls run at once."""
         waiting = iter(items)
         running: Dict[Future[Any], T] = {}

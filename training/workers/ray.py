@@ -23,13 +23,17 @@ def connect(address: str, workers: int) -> Any:
         ApplrError: No cluster answers.
     """
     if address == "local":
-        os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # read when ray is imported; admits no other host
+        os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = (
+            "0"  # read when ray is imported; admits no other host
+        )
     else:
         _check_address(address)
     import ray
 
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    options: Dict[str, Any] = {"num_cpus": workers, "_node_ip_address": "127.0.0.1"} if address == "local" else {}
+    options: Dict[str, Any] = (
+        {"num_cpus": workers, "_node_ip_address": "127.0.0.1"} if address == "local" else {}
+    )
     if not ray.is_initialized():
         try:
             options.update(include_dashboard=False, logging_level=logging.ERROR)
@@ -37,7 +41,10 @@ def connect(address: str, workers: int) -> Any:
         except Exception as error:  # Ray raises many kinds of errors.
             raise ApplrError(f"Ray cannot be started ({address}): {reason(error)}") from None
     if address != "local" and os.environ.get("RAY_AUTH_MODE") != "token":
-        print(f"Ray at {address} accepts work from anybody who can reach it: set RAY_AUTH_MODE=token", file=sys.stderr)
+        print(
+            f"Ray at {address} accepts work from anybody who can reach it: set RAY_AUTH_MODE=token",
+            file=sys.stderr,
+        )
     return ray
 
 
@@ -69,7 +76,9 @@ def _check_address(address: str, seconds: float = 5.0) -> None:
     """Raise ApplrError if nothing listens at the address. Ray itself would wait for minutes."""
     if address == "auto":
         return
-    host, _, port = (address[len("ray://") :] if address.startswith("ray://") else address).rpartition(":")
+    host, _, port = (
+        address[len("ray://") :] if address.startswith("ray://") else address
+    ).rpartition(":")
     try:
         socket.create_connection((host or "127.0.0.1", int(port)), seconds).close()
     except (OSError, ValueError, OverflowError):

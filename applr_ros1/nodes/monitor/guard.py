@@ -24,7 +24,9 @@ from geometry_msgs.msg import Twist
 from applr_ros1.common.ros_node import init_node, until_shutdown
 
 GUARD_SUFFIX = "_guard"  # suffix of the guard's ROS name, after the node's name
-PIPE_VARIABLE = "APPLR_HEARTBEAT"  # environment variable with the file descriptor of the node's end of the pipe
+PIPE_VARIABLE = (
+    "APPLR_HEARTBEAT"  # environment variable with the file descriptor of the node's end of the pipe
+)
 SILENCE_S = 0.35  # time without a heartbeat after which zeros are published [s]
 ZEROS_S = 0.05  # time between two zeros [s]
 FROZEN_S = 5.0  # time without a heartbeat after which the node is killed [s]
@@ -54,7 +56,10 @@ def main() -> int:
     """Run the node, and publish zeros while its heartbeats are missing. Return its exit status."""
     names = [argument[8:] for argument in sys.argv if argument.startswith("__name:=")]
     node_name = names[-1] if names else "collision_monitor"
-    init_node(node_name + GUARD_SUFFIX, argv=[a for a in sys.argv if not a.startswith(("__name:=", "__log:="))])
+    init_node(
+        node_name + GUARD_SUFFIX,
+        argv=[a for a in sys.argv if not a.startswith(("__name:=", "__log:="))],
+    )
     with until_shutdown():
         return _watch(rospy.Publisher("cmd_vel", Twist, queue_size=1, latch=True))
     return 0
@@ -64,7 +69,9 @@ def _watch(out: rospy.Publisher) -> int:
     out.publish(Twist())  # The base may still follow the last command of a killed monitor.
     reading, writing = os.pipe()
     command = [sys.executable, "-m", "applr_ros1.nodes.monitor.node", *sys.argv[1:]]
-    node = subprocess.Popen(command, pass_fds=[writing], env={**os.environ, PIPE_VARIABLE: str(writing)})
+    node = subprocess.Popen(
+        command, pass_fds=[writing], env={**os.environ, PIPE_VARIABLE: str(writing)}
+    )
     os.close(writing)
     heard = math.inf  # time.monotonic() of the last heartbeat
     while not rospy.is_shutdown() and node.poll() is None:
@@ -87,7 +94,9 @@ def _watch(out: rospy.Publisher) -> int:
         node.kill()
         return 0
     if heard < math.inf:
-        rospy.logerr("collision monitor: the node has ended; the base is stopped until roslaunch restarts the node")
+        rospy.logerr(
+            "collision monitor: the node has ended; the base is stopped until roslaunch restarts the node"
+        )
         publish_zeros(out, LAST_ZEROS)
     return node.wait()
 

@@ -24,7 +24,9 @@ class MoveBaseProgress:
     def __init__(self) -> None:
         self.forget()
         rospy.Subscriber("move_base/status", GoalStatusArray, self._take_status, queue_size=1)
-        rospy.Subscriber("move_base/NavfnROS/plan", Path, self._take_plan, queue_size=1, buff_size=2**24)
+        rospy.Subscriber(
+            "move_base/NavfnROS/plan", Path, self._take_plan, queue_size=1, buff_size=2**24
+        )
 
     def forget(self) -> None:
         """Drop all messages after the clock jumped back."""
@@ -39,8 +41,13 @@ class MoveBaseProgress:
         return Progress(None if is_stale else goal, plan_time.to_sec(), distance)
 
     def _take_status(self, message: GoalStatusArray) -> None:
-        active = [each.goal_id.id for each in message.status_list if each.status == GoalStatus.ACTIVE]
-        self._goal = rospy.get_rostime(), active[-1] if active else None  # A goal being cancelled is not ACTIVE.
+        active = [
+            each.goal_id.id for each in message.status_list if each.status == GoalStatus.ACTIVE
+        ]
+        self._goal = (
+            rospy.get_rostime(),
+            active[-1] if active else None,
+        )  # A goal being cancelled is not ACTIVE.
 
     def _take_plan(self, message: Path) -> None:
         distance = None

@@ -46,7 +46,10 @@ ZEROS_S = 0.05  # interval between the node's own commands while none arrives, i
 LAST_ZEROS = 20  # number of zeros for a base at rest before other publishers may drive it
 STALLED_S = 0.5  # wall time without a change of ROS time after which commands are stopped [s]
 ESCAPE = "escape"  # action reported while the node drives an escape motion
-STANDS_M_S, STANDS_RAD_S = 0.01, 0.02  # speed [m/s] and turn rate [rad/s] below which the base counts as at rest
+STANDS_M_S, STANDS_RAD_S = (
+    0.01,
+    0.02,
+)  # speed [m/s] and turn rate [rad/s] below which the base counts as at rest
 
 
 class CollisionMonitorNode:
@@ -60,14 +63,25 @@ class CollisionMonitorNode:
         escape: Whether to make escape motions, for a move_base that makes none itself.
     """
 
-    def __init__(self, settings: MonitorSettings, robot: Robot, prefix: str, more_scans: List[str], escape: bool):
+    def __init__(
+        self,
+        settings: MonitorSettings,
+        robot: Robot,
+        prefix: str,
+        more_scans: List[str],
+        escape: bool,
+    ):
         self.monitor = CollisionMonitor(settings, more_scans)
         self._lock = threading.Lock()
         self._clock = Clock()
         self._verdict = Verdict((0.0, 0.0), STOP, 0.0, "no command has arrived yet")
         self._counts = dict.fromkeys(("pass", "slow", "stop") + (ESCAPE,) * escape, 0)
-        self._commanded = rospy.Time(0)  # ROS time of the latest command; 0 for none since the start or a clock jump
-        self._heard = self._zero_due = 0.0  # time.monotonic() of the latest command, and when the next zero is due
+        self._commanded = rospy.Time(
+            0
+        )  # ROS time of the latest command; 0 for none since the start or a clock jump
+        self._heard = self._zero_due = (
+            0.0  # time.monotonic() of the latest command, and when the next zero is due
+        )
         self._zeros = 0  # number of zeros sent since the base came to rest without a command
         near = robot.all_parameters()[robot.local_planner]["xy_goal_tolerance"]
         self._supervisor = Supervisor(StalledPlanner(near) if escape else None)
@@ -80,9 +94,13 @@ class CollisionMonitorNode:
         self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
         self._held = rospy.Publisher("~held_back", Bool, queue_size=1, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
-        self._out.publish(conversions.twist(0.0, 0.0))  # A monitor that died may have left the base in motion.
+        self._out.publish(
+            conversions.twist(0.0, 0.0)
+        )  # A monitor that died may have left the base in motion.
         warm_up(settings)
-        self._in = rospy.Subscriber("cmd_vel_in", Twist, self._take_command, queue_size=1, tcp_nodelay=True)
+        self._in = rospy.Subscriber(
+            "cmd_vel_in", Twist, self._take_command, queue_size=1, tcp_nodelay=True
+        )
 
     def spin(self) -> None:
         """Process scans, publish zeros while commands are missing, and report once per second, until shutdown."""
@@ -112,7 +130,9 @@ class CollisionMonitorNode:
             if self._planner is not None:
                 self._planner.forget()
         for topic, scan in self.sensors.observations().items():
-            first = scan.frame == self._frames.setdefault(topic, scan.frame)  # Lasers may share a topic.
+            first = scan.frame == self._frames.setdefault(
+                topic, scan.frame
+            )  # Lasers may share a topic.
             name = "" if topic == self._scan else topic
             self.monitor.add_scan(scan, name if first else f"{topic} of {scan.frame}")
 
@@ -132,15 +152,26 @@ class CollisionMonitorNode:
         if self._drive((0.0, 0.0), only_escapes=True):
             return
         if self._zeros < LAST_ZEROS:
-            stands = all(abs(speed) < most for speed, most in zip(self.sensors.twist, (STANDS_M_S, STANDS_RAD_S)))
-            stands &= not self.sensors.odometry_trouble(self._clock.now, self.monitor.settings.scan_timeout)
+            stands = all(
+                abs(speed) < most
+                for speed, most in zip(self.sensors.twist, (STANDS_M_S, STANDS_RAD_S))
+            )
+            stands &= not self.sensors.odometry_trouble(
+                self._clock.now, self.monitor.settings.scan_timeout
+            )
             self._zeros = self._zeros + 1 if stands else 0
             self._out.publish(conversions.twist(*self._braked()))
-        self._report_verdict(Verdict((0.0, 0.0), STOP, 0.0, self._stalled or f"no command for {silence:.2g} s"))
+        self._report_verdict(
+            Verdict((0.0, 0.0), STOP, 0.0, self._stalled or f"no command for {silence:.2g} s")
+        )
 
     def _braked(self) -> Velocity:
         """Return the (v, w) of a braking base, or zeros if ROS time has stopped."""
-        return (0.0, 0.0) if self._stalled else self.monitor.braked(self._clock.now.to_sec(), self.sensors.twist[0])
+        return (
+            (0.0, 0.0)
+            if self._stalled
+            else self.monitor.braked(self._clock.now.to_sec(), self.sensors.twist[0])
+        )
 
     def _report_verdict(self, verdict: Verdict) -> None:
         if (verdict.action, verdict.reason) != (self._verdict.action, self._verdict.reason):
@@ -178,7 +209,9 @@ class CollisionMonitorNode:
             verdict = replace(verdict, action=ESCAPE, reason=reason)
         self._out.publish(conversions.twist(*verdict.command))
         self._counts[verdict.action] += 1
-        self._held.publish(verdict.blocked)  # Always published: move_base resets its copy with each new goal.
+        self._held.publish(
+            verdict.blocked
+        )  # Always published: move_base resets its copy with each new goal.
         self._report_verdict(verdict)
         return True
 
@@ -191,7 +224,9 @@ class CollisionMonitorNode:
         progress = self._planner.progress(self._clock.now)
         motion = self._supervisor.escape(self._clock.now.to_sec(), command, progress)
         if escapes.has_stalled and not had_stalled:
-            rospy.logwarn("collision monitor: move_base makes no progress; trying small escape motions")
+            rospy.logwarn(
+                "collision monitor: move_base makes no progress; trying small escape motions"
+            )
         return motion
 
     def _fail(self, problem: Exception) -> None:
@@ -201,7 +236,9 @@ class CollisionMonitorNode:
         self._out.publish(conversions.twist(0.0, 0.0))
         rospy.logerr_throttle(1.0, f"collision monitor: {traceback.format_exc()}")
         self.monitor.reset()
-        self._report_verdict(Verdict((0.0, 0.0), STOP, 0.0, f"the monitor failed: {problem!r}; please report it"))
+        self._report_verdict(
+            Verdict((0.0, 0.0), STOP, 0.0, f"the monitor failed: {problem!r}; please report it")
+        )
 
     def _judge(self, command: Velocity, creeps: bool) -> Verdict:
         now = rospy.get_rostime()
@@ -214,9 +251,18 @@ class CollisionMonitorNode:
         ages = known.get("pose_age_s", 0.0), known.get("twist_age_s", 0.0)
         verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist, command, ages, creeps)
         if verdict.action == STOP and "scan" in verdict.reason:
-            named = (topic for topic in self._more_scans if re.search(rf"(^|on ){re.escape(topic)}\b", verdict.reason))
+            named = (
+                topic
+                for topic in self._more_scans
+                if re.search(rf"(^|on ){re.escape(topic)}\b", verdict.reason)
+            )
             topic = next(named, self._scan)
-            return Verdict(verdict.command, STOP, 0.0, f"{verdict.reason} ({self.sensors.describe_latest(topic)})")
+            return Verdict(
+                verdict.command,
+                STOP,
+                0.0,
+                f"{verdict.reason} ({self.sensors.describe_latest(topic)})",
+            )
         return verdict
 
     def _report(self) -> None:
@@ -232,7 +278,9 @@ class CollisionMonitorNode:
         values.update(self._counts, **self.sensors.ages(rospy.get_rostime()))
         name = (rospy.get_namespace() + "collision_monitor").lstrip("/") + ": commands"
         level = DiagnosticStatus.OK if fine else DiagnosticStatus.WARN
-        self._diagnostics.publish(conversions.diagnostics(name, level, message, values, rospy.get_rostime()))
+        self._diagnostics.publish(
+            conversions.diagnostics(name, level, message, values, rospy.get_rostime())
+        )
 
 
 def settings_from(parameters: Dict[str, Any], robot: Robot) -> MonitorSettings:
@@ -246,7 +294,9 @@ def settings_from(parameters: Dict[str, Any], robot: Robot) -> MonitorSettings:
     unknown = ", ".join(sorted(set(parameters) - known - others))
     if unknown:
         raise ApplrError(f"unknown parameter {unknown}: give some of {', '.join(sorted(known))}")
-    return replace(MonitorSettings.of(robot), **{name: parameters[name] for name in known & set(parameters)})
+    return replace(
+        MonitorSettings.of(robot), **{name: parameters[name] for name in known & set(parameters)}
+    )
 
 
 def main() -> int:

@@ -10,7 +10,9 @@ from rospy.rostime import get_rostime_cond, is_wallclock
 
 from applr_ros1.nodes.sensors import Clock
 
-STALLED_S = 1.0  # wall time after which a simulated clock that does not advance counts as stalled [s]
+STALLED_S = (
+    1.0  # wall time after which a simulated clock that does not advance counts as stalled [s]
+)
 LOOK_S = 0.1  # maximum interval between two readings of the clock [s]
 
 

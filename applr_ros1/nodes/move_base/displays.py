@@ -38,13 +38,20 @@ class CostmapDisplay(rospy.SubscribeListener):  # type: ignore[misc]  # ROS pack
         super().__init__()
         self._name, self._move_base, self._lock = name, move_base, lock
         static = move_base.parameters[name]
-        self._frame, self._always_whole = static["global_frame"].lstrip("/"), static["always_send_full_costmap"]
+        self._frame, self._always_whole = (
+            static["global_frame"].lstrip("/"),
+            static["always_send_full_costmap"],
+        )
         self._sent = float("-inf")
         self._shape: Any = None  # origin, size and resolution of the last whole map
         self._window: Any = None  # union of the update windows since the last publication
-        self._updates = rospy.Publisher(f"~{name}/costmap_updates", OccupancyGridUpdate, queue_size=10)
+        self._updates = rospy.Publisher(
+            f"~{name}/costmap_updates", OccupancyGridUpdate, queue_size=10
+        )
         self._footprint = rospy.Publisher(f"~{name}/footprint", PolygonStamped, queue_size=1)
-        self._whole = rospy.Publisher(f"~{name}/costmap", OccupancyGrid, self, queue_size=1, latch=False)
+        self._whole = rospy.Publisher(
+            f"~{name}/costmap", OccupancyGrid, self, queue_size=1, latch=False
+        )
 
     def peer_subscribe(self, topic_name: str, topic_publish: Any, peer_publish: Any) -> None:
         """Send the whole costmap to a new subscriber, between two cycles."""
@@ -55,11 +62,16 @@ class CostmapDisplay(rospy.SubscribeListener):  # type: ignore[misc]  # ROS pack
         """Publish the topics that are due after an update of the costmap at the robot's pose."""
         costmap = self._move_base.costmaps[self._name]
         if costmap.window is not None:
-            self._window = costmap.window if self._window is None else union(self._window, costmap.window)
+            self._window = (
+                costmap.window if self._window is None else union(self._window, costmap.window)
+            )
         if self._footprint.get_num_connections():
             outline = footprint.transform(costmap.footprint, *pose)
             self._footprint.publish(conversions.polygon(outline, self._frame, stamp))
-        frequency, now = self._move_base.configuration(self._name)["publish_frequency"], stamp.to_sec()
+        frequency, now = (
+            self._move_base.configuration(self._name)["publish_frequency"],
+            stamp.to_sec(),
+        )
         if frequency <= 0.0 or 0.0 <= now - self._sent <= 1.0 / frequency:
             return
         self._sent = now
@@ -86,10 +98,13 @@ class PlanDisplay:
     def __init__(self, move_base: MoveBase):
         name, static = move_base.local_planner_name, move_base.parameters
         self._static = static[name]
-        self._global_frame, self._frame = (static[costmap]["global_frame"].lstrip("/") for costmap in COSTMAPS)
+        self._global_frame, self._frame = (
+            static[costmap]["global_frame"].lstrip("/") for costmap in COSTMAPS
+        )
         self._plan = rospy.Publisher("~NavfnROS/plan", Path, queue_size=1)
         self._global, self._local = (
-            rospy.Publisher(f"~{name}/{topic}", Path, queue_size=1) for topic in ("global_plan", "local_plan")
+            rospy.Publisher(f"~{name}/{topic}", Path, queue_size=1)
+            for topic in ("global_plan", "local_plan")
         )
         self._costs = rospy.Publisher(f"~{name}/cost_cloud", PointCloud2, queue_size=1)
         self._trajectories = rospy.Publisher(f"~{name}/trajectory_cloud", PointCloud2, queue_size=1)
@@ -101,7 +116,10 @@ class PlanDisplay:
 
     def controlled(self, local_planner: Any, costmap: Any, stamp: rospy.Time) -> None:
         """Publish the local planner's paths and clouds. Empty paths are not sent, so that displays keep the old one."""
-        for publisher, poses in ((self._global, local_planner.cropped_plan), (self._local, local_planner.local_plan)):
+        for publisher, poses in (
+            (self._global, local_planner.cropped_plan),
+            (self._local, local_planner.local_plan),
+        ):
             if len(poses):
                 self._send(publisher, poses, stamp, self._frame)
         if self._static["publish_cost_grid_pc"] and self._costs.get_num_connections():
@@ -113,7 +131,9 @@ class PlanDisplay:
     def _show_trajectories(self, local_planner: Any, costmap: Any, stamp: rospy.Time) -> None:
         """Publish the trajectories in each cycle if C++ does (publish_traj_pc), or at TRAJECTORIES_HZ."""
         period = 0.0 if "publish_traj_pc" in self._static else 1.0 / TRAJECTORIES_HZ - 1e-3
-        wanted = self._trajectories.get_num_connections() and self._static.get("publish_traj_pc", True)
+        wanted = self._trajectories.get_num_connections() and self._static.get(
+            "publish_traj_pc", True
+        )
         if not wanted or 0.0 <= stamp.to_sec() - self._sent < period:
             return
         rows = local_planner.trajectory_cloud(costmap)
@@ -122,6 +142,8 @@ class PlanDisplay:
             frame = self._static.get("global_frame_id", self._frame)
             self._trajectories.publish(conversions.cloud(rows, TRAJECTORY_FIELDS, frame, stamp))
 
-    def _send(self, publisher: rospy.Publisher, poses: np.ndarray, stamp: rospy.Time, frame: str) -> None:
+    def _send(
+        self, publisher: rospy.Publisher, poses: np.ndarray, stamp: rospy.Time, frame: str
+    ) -> None:
         if publisher.get_num_connections():
             publisher.publish(conversions.path(poses, frame, stamp))

@@ -11,7 +11,9 @@ from typing import Any, Dict, Optional
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import Space
 
-LOST_PERIODS = 2.5  # number of periods without a heartbeat after which the applr node counts as dead
+LOST_PERIODS = (
+    2.5  # number of periods without a heartbeat after which the applr node counts as dead
+)
 SPEED_LIMITS = {"max_vel_x", "max_vel_trans"}  # parameters that ~max_speed of the applr node limits
 
 
@@ -42,7 +44,9 @@ class HeartbeatWatchdog:
         return True
 
 
-def start_up_requests(move_base: MoveBase, space: Space, max_speed: float = 0.0) -> Dict[str, Dict[str, Any]]:
+def start_up_requests(
+    move_base: MoveBase, space: Space, max_speed: float = 0.0
+) -> Dict[str, Dict[str, Any]]:
     """Return the requests {server: {name: value}} that restore a space's parameters to the planner's start-up values.
 
     max_speed: Upper limit of the maximum forward speed in the requests [m/s]; 0 for no limit.

@@ -54,7 +54,9 @@ from .displays import CostmapDisplay, PlanDisplay
 from .heartbeat_watchdog import HeartbeatWatchdog, start_up_requests
 from .reconfigure_server import ReconfigureServer
 
-STATUS_PERIOD = rospy.Duration(0.2)  # interval between two messages of goal statuses, as in actionlib
+STATUS_PERIOD = rospy.Duration(
+    0.2
+)  # interval between two messages of goal statuses, as in actionlib
 WENT_BACK = "Aborting because the clock jumped back."
 
 
@@ -71,7 +73,9 @@ class MoveBaseNode:
         self._space = space_of(robot) if robot else SPACE
         self.move_base = MoveBase(tree)
         static = self.move_base.parameters
-        self.frame, self.local_frame = (static[name]["global_frame"].lstrip("/") for name in COSTMAPS)
+        self.frame, self.local_frame = (
+            static[name]["global_frame"].lstrip("/") for name in COSTMAPS
+        )
         self.loop = ControlLoop(
             self._cycle,
             lambda: self.move_base.frequency,
@@ -88,7 +92,9 @@ class MoveBaseNode:
             robot.laser.no_return if robot else None,
         )
         self._report_from = 0.0  # time.monotonic() from which the next report is due
-        self._refusals: Dict[str, int] = {}  # samples refused by each critic in the first blocked cycle of a report
+        self._refusals: Dict[
+            str, int
+        ] = {}  # samples refused by each critic in the first blocked cycle of a report
         self._max_speed = static["applr"]["max_speed"] or math.inf
         self.watchdog = HeartbeatWatchdog(static["applr"]["period"])
         self._command = rospy.Publisher("cmd_vel", Twist, queue_size=1)
@@ -98,9 +104,12 @@ class MoveBaseNode:
         self._goal_relay = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=10)
         self.goals = SimpleActionServer("move_base", MoveBaseAction, auto_start=False)
         self._plans = PlanDisplay(self.move_base)
-        self._maps = {name: CostmapDisplay(name, self.move_base, self.loop.lock) for name in COSTMAPS}
+        self._maps = {
+            name: CostmapDisplay(name, self.move_base, self.loop.lock) for name in COSTMAPS
+        }
         self.servers = {
-            name: ReconfigureServer(name, self.move_base, self.loop.lock) for name in self.move_base.servers
+            name: ReconfigureServer(name, self.move_base, self.loop.lock)
+            for name in self.move_base.servers
         }
         for name in ("conservative_reset", "aggressive_reset"):
             rospy.set_param(f"~{name}/reset_distance", static[name]["reset_distance"])
@@ -110,7 +119,9 @@ class MoveBaseNode:
     def serve(self) -> None:
         """Accept goals and requests until the node is shut down."""
         rospy.Subscriber("collision_monitor/held_back", Bool, self._take_held)
-        rospy.Subscriber("applr/heartbeat", TimeMessage, lambda _: self.watchdog.heartbeat(rospy.get_time()))
+        rospy.Subscriber(
+            "applr/heartbeat", TimeMessage, lambda _: self.watchdog.heartbeat(rospy.get_time())
+        )
         for name in COSTMAPS:
             rospy.Subscriber(f"~{name}/footprint", Polygon, partial(self._take_footprint, name))
         for topic, with_updates in self.move_base.map_topics.items():
@@ -146,14 +157,20 @@ class MoveBaseNode:
         if cycle.controlled and not self._refusals:
             self._refusals = move_base.local_planner.refusals(move_base.local_costmap)
         if cycle.result is not None:
-            rospy.loginfo("goal %s%s", cycle.result[0], ": " + cycle.result[1] if cycle.result[1] else "")
+            rospy.loginfo(
+                "goal %s%s", cycle.result[0], ": " + cycle.result[1] if cycle.result[1] else ""
+            )
             self._finish(*cycle.result)
         if self.goals.is_active():
             self._report_standstill(pose, cycle)
             if self._pose is not None:
-                self.goals.publish_feedback(MoveBaseFeedback(conversions.pose_stamped(self._pose, self.frame, stamp)))
+                self.goals.publish_feedback(
+                    MoveBaseFeedback(conversions.pose_stamped(self._pose, self.frame, stamp))
+                )
         self._show(cycle, pose, stamp)
-        if self.watchdog.is_lost(now):  # In a thread, as a server takes its own lock before the loop's lock.
+        if self.watchdog.is_lost(
+            now
+        ):  # In a thread, as a server takes its own lock before the loop's lock.
             threading.Thread(target=self._restore_start_up, daemon=True).start()
         self._report(stamp)
 
@@ -165,12 +182,16 @@ class MoveBaseNode:
         move_base, sensors = self.move_base, self.sensors
         if move_base.missing_map:
             topic = rospy.resolve_name(move_base.missing_map)
-            sensors.pose_trouble = f"no map on {topic} yet: start map_server, or give static_map: false"
+            sensors.pose_trouble = (
+                f"no map on {topic} yet: start map_server, or give static_map: false"
+            )
             return None, None
         pose = sensors.pose(stamp, move_base.configuration("local_costmap")["transform_tolerance"])
         if pose is None or self.frame == self.local_frame:
             return pose, None
-        frame = sensors.frame(stamp, move_base.configuration("global_costmap")["transform_tolerance"])
+        frame = sensors.frame(
+            stamp, move_base.configuration("global_costmap")["transform_tolerance"]
+        )
         return (pose, frame) if frame is not None else (None, None)
 
     def _take_goals(self, stamp: rospy.Time, now: float) -> None:
@@ -181,13 +202,19 @@ class MoveBaseNode:
                     raise MessageError(INVALID_GOAL)
                 pose = self.sensors.to_global(goal)
                 if not all(map(math.isfinite, pose)):
-                    raise MessageError(f"Aborting on goal because its position {pose[:2]} is not finite")
+                    raise MessageError(
+                        f"Aborting on goal because its position {pose[:2]} is not finite"
+                    )
                 self.move_base.set_goal(pose, now)
                 self._current_goal.publish(conversions.pose_stamped(pose, self.frame, stamp))
             except MessageError as problem:
                 self.move_base.refuse_goal(str(problem))
         # A new goal also requests preemption. Accepting the new goal ends its predecessor.
-        if self.goals.is_active() and self.goals.is_preempt_requested() and not self.goals.is_new_goal_available():
+        if (
+            self.goals.is_active()
+            and self.goals.is_preempt_requested()
+            and not self.goals.is_new_goal_available()
+        ):
             self.move_base.cancel(now)
 
     def _finish(self, outcome: str, text: str) -> None:
@@ -208,21 +235,30 @@ class MoveBaseNode:
         elif cycle.stale:
             topic, after = cycle.silent
             problem = f"no usable scan on {rospy.resolve_name(topic)} for {after:g} s"
-            rospy.logerr_throttle(1.0, f"standing still: {problem}: {sensors.describe_latest(topic)}")
+            rospy.logerr_throttle(
+                1.0, f"standing still: {problem}: {sensors.describe_latest(topic)}"
+            )
         else:
             sensors.clear_errors()
         if cycle.recovery is not None and pose is not None:
             index, total, name = cycle.recovery
             rospy.logwarn("recovery %d of %d: %s", index + 1, total, name)
             self._recovery.publish(
-                RecoveryStatus(conversions.pose_stamped(self._pose, self.frame, rospy.Time.now()), index, total, name)
+                RecoveryStatus(
+                    conversions.pose_stamped(self._pose, self.frame, rospy.Time.now()),
+                    index,
+                    total,
+                    name,
+                )
             )
 
     def _show(self, cycle: Any, pose: Any, stamp: rospy.Time) -> None:
         if cycle.planned:
             self._plans.planned(self.move_base.global_plan if cycle.new_plan else NO_PLAN, stamp)
         if cycle.controlled:
-            self._plans.controlled(self.move_base.local_planner, self.move_base.local_costmap, stamp)
+            self._plans.controlled(
+                self.move_base.local_planner, self.move_base.local_costmap, stamp
+            )
         poses = ("local_costmap", pose), ("global_costmap", self._pose)
         for (name, place), updated in zip(poses, cycle.updated):
             if updated:
@@ -245,15 +281,21 @@ class MoveBaseNode:
         self._report_from = time.monotonic() + 1.0
         if self.loop.missed:
             rate = self.move_base.frequency
-            rospy.logwarn(f"control loop missed its rate of {rate:g} Hz: {self.loop.missed} cycles skipped")
+            rospy.logwarn(
+                f"control loop missed its rate of {rate:g} Hz: {self.loop.missed} cycles skipped"
+            )
             self.loop.missed = 0
         name, refused, self._refusals = rospy.get_name().lstrip("/"), self._refusals, {}
-        blocked = (DiagnosticStatus.WARN, "no legal command") if refused else (DiagnosticStatus.OK, "")
+        blocked = (
+            (DiagnosticStatus.WARN, "no legal command") if refused else (DiagnosticStatus.OK, "")
+        )
         for about, level, text, values in (
             ("ages of the inputs", DiagnosticStatus.OK, "", self.sensors.ages(stamp)),
             ("samples that critics refused", *blocked, refused),
         ):
-            self._diagnostics.publish(conversions.diagnostics(f"{name}: {about}", level, text, values, stamp))
+            self._diagnostics.publish(
+                conversions.diagnostics(f"{name}: {about}", level, text, values, stamp)
+            )
 
     # -- requests --------------------------------------------------------------------------------------------------
     def _ask(self, work: Callable[[Any], Any]) -> Callable[[Any], Any]:
@@ -287,7 +329,13 @@ class MoveBaseNode:
             given, info = conversions.static_map(message), message.info
             with self.loop.lock:
                 self.move_base.set_map(given, topic)
-            rospy.loginfo("%s: a map of %d x %d cells of %g m", topic, info.width, info.height, info.resolution)
+            rospy.loginfo(
+                "%s: a map of %d x %d cells of %g m",
+                topic,
+                info.width,
+                info.height,
+                info.resolution,
+            )
 
     def _take_map_update(self, topic: str, message: OccupancyGridUpdate) -> None:
         with self.loop.lock, _refusals_of(topic + "_updates"):
@@ -296,20 +344,33 @@ class MoveBaseNode:
 
     def _make_plan(self, request: Any) -> GetPlanResponse:
         if self.goals.is_active() or self.move_base.goal is not None:
-            raise MessageError("move_base must be in an inactive state to make a plan for an external user")
+            raise MessageError(
+                "move_base must be in an inactive state to make a plan for an external user"
+            )
         if request.start.header.frame_id:
             start = self.sensors.to_global(request.start)
         elif self._pose is not None:
             start = self._pose
         else:
-            raise MessageError(f"move_base cannot make a plan: {self.sensors.pose_trouble or 'no robot pose'}")
-        plan = self.move_base.make_plan(start, self.sensors.to_global(request.goal), request.tolerance)
+            raise MessageError(
+                f"move_base cannot make a plan: {self.sensors.pose_trouble or 'no robot pose'}"
+            )
+        plan = self.move_base.make_plan(
+            start, self.sensors.to_global(request.goal), request.tolerance
+        )
         return GetPlanResponse(self._path(plan))
 
     def _navfn_plan(self, request: Any) -> GetPlanResponse:
         try:
-            start, goal = self.sensors.to_global(request.start), self.sensors.to_global(request.goal)
-            plan = self.move_base.plan(start, goal) if all(map(math.isfinite, start + goal)) else NO_PLAN
+            start, goal = (
+                self.sensors.to_global(request.start),
+                self.sensors.to_global(request.goal),
+            )
+            plan = (
+                self.move_base.plan(start, goal)
+                if all(map(math.isfinite, start + goal))
+                else NO_PLAN
+            )
         except MessageError as problem:
             rospy.logerr("NavfnROS/make_plan: %s", problem)
             plan = NO_PLAN
@@ -335,7 +396,9 @@ class MoveBaseNode:
 
     def _clock_stalled(self) -> None:
         if self.goals.is_active():
-            rospy.loginfo("standing still: /clock has not moved for a second; the simulation is paused or has ended")
+            rospy.loginfo(
+                "standing still: /clock has not moved for a second; the simulation is paused or has ended"
+            )
             self._send(0.0, 0.0)
 
     def _cycle_failed(self, error: Exception) -> None:
@@ -343,7 +406,10 @@ class MoveBaseNode:
         if rospy.is_shutdown():
             return
         self._send(0.0, 0.0)
-        rospy.logerr("a cycle failed: %s", "".join(traceback.format_exception(type(error), error, error.__traceback__)))
+        rospy.logerr(
+            "a cycle failed: %s",
+            "".join(traceback.format_exception(type(error), error, error.__traceback__)),
+        )
         text = f"Aborting because of an internal error: {type(error).__name__}: {error}"
         self._finish("aborted", text.replace("\n", " "))
         self.move_base.reset(rospy.get_time(), restore=False)
@@ -369,7 +435,9 @@ def _is_not_of_footprint(record: logging.LogRecord) -> bool:
     The C++ move_base uses the same name for both, so this node must, too.
     """
     text = record.getMessage()
-    return not ("inbound connection" in text and "Polygon" in text and repr(rospy.get_name()) in text)
+    return not (
+        "inbound connection" in text and "Polygon" in text and repr(rospy.get_name()) in text
+    )
 
 
 def main() -> int:
@@ -386,12 +454,17 @@ def main() -> int:
         logging.getLogger(logger).addFilter(_is_not_of_footprint)
     for line in remarks(tree):
         rospy.logwarn("parameter %s", line)
-    with announced("compiling the planner's kernels (a minute or two, the first time on this machine)", rospy.loginfo):
+    with announced(
+        "compiling the planner's kernels (a minute or two, the first time on this machine)",
+        rospy.loginfo,
+    ):
         warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
     if robot is not None:
         rospy.set_param("~", dict(tree, **{name: given[name] for name in NAMING if name in given}))
     node = MoveBaseNode(tree, robot)
-    sys.setswitchinterval(1e-3)  # longest time for which another thread keeps Python's interpreter lock [s]
+    sys.setswitchinterval(
+        1e-3
+    )  # longest time for which another thread keeps Python's interpreter lock [s]
     gc.collect()
     gc.freeze()  # A garbage collection of the permanent objects would delay a cycle by 100 ms.
     node.serve()

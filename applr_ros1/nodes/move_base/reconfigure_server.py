@@ -31,7 +31,9 @@ class ReconfigureServer(Server):  # type: ignore[misc]  # ROS packages have no t
         """Apply all values or none, and return the current values."""
         try:
             with self._lock:
-                in_force = self._move_base.reconfigure(self._name, {name: config[name] for name in self.type.defaults})
+                in_force = self._move_base.reconfigure(
+                    self._name, {name: config[name] for name in self.type.defaults}
+                )
         except ValueError as problem:
             rospy.logerr("%s refused a change: %s", self.ns, problem)
             raise rospy.ServiceException(str(problem)) from None

@@ -41,7 +41,11 @@ class MoversNode:
 
     def __init__(self, robot: Robot, prefix: str):
         self._prediction = Prediction(robot)
-        self._frame, self._scan, self._clock = prefix + robot.frames.odom, robot.topics.scan, Clock()
+        self._frame, self._scan, self._clock = (
+            prefix + robot.frames.odom,
+            robot.topics.scan,
+            Clock(),
+        )
         self._laser = ""
         self._cloud = rospy.Publisher(PREDICTED, PointCloud2, queue_size=1, tcp_nodelay=True)
         self._tracked = rospy.Publisher("applr/tracked", Movers, queue_size=1, tcp_nodelay=True)
@@ -74,11 +78,21 @@ def shown(prediction: Prediction, frame: str, stamp: rospy.Time) -> List[Marker]
     marks.points = [Point(*point) for point in prediction.points.tolist()]
     made = [marks]
     for name, x, y, vx, vy in zip(movers.id, movers.x, movers.y, movers.vx, movers.vy):
-        arrow = Marker(header=head, ns="movers", id=int(name), type=Marker.ARROW, scale=Vector3(0.05, 0.12, 0.0))
+        arrow = Marker(
+            header=head,
+            ns="movers",
+            id=int(name),
+            type=Marker.ARROW,
+            scale=Vector3(0.05, 0.12, 0.0),
+        )
         arrow.points = [Point(x, y, HEIGHT_M), Point(x + vx, y + vy, HEIGHT_M)]
         made.append(arrow)
     for marker in made:
-        marker.pose.orientation.w, marker.color, marker.lifetime = 1.0, COLOUR, rospy.Duration(SHOWN_S)
+        marker.pose.orientation.w, marker.color, marker.lifetime = (
+            1.0,
+            COLOUR,
+            rospy.Duration(SHOWN_S),
+        )
     return made
 
 

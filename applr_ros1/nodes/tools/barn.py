@@ -42,10 +42,18 @@ def parser() -> argparse.ArgumentParser:
     )
     add = made.add_argument
     add("checkout", type=Path, metavar="CHECKOUT", help="Folder with run.py and jackal_helper/.")
-    add("--worlds", default="0-299", help="Worlds, such as 0-49,300: 0-299 are BARN's, 300-359 DynaBARN's.")
+    add(
+        "--worlds",
+        default="0-299",
+        help="Worlds, such as 0-49,300: 0-299 are BARN's, 300-359 DynaBARN's.",
+    )
     add("--trials", default=1, type=int, help="Number of runs of each world.")
     add("--out", default=Path("barn_results"), type=Path, help="Folder for the results.")
-    add("--controller", type=Path, help="Launch file that replaces the checkout's launch/move_base_DWA.launch.")
+    add(
+        "--controller",
+        type=Path,
+        help="Launch file that replaces the checkout's launch/move_base_DWA.launch.",
+    )
     return made
 
 
@@ -66,7 +74,9 @@ def link_package(checkout: Path, folder: Path, controller: Optional[Path]) -> Pa
     package = folder / HELPER
     for needed in (checkout / "run.py", checkout / HELPER / "worlds", controller or checkout):
         if not needed.exists():
-            raise ApplrError(f"{needed} does not exist: give a checkout of the BARN Challenge, and a launch file")
+            raise ApplrError(
+                f"{needed} does not exist: give a checkout of the BARN Challenge, and a launch file"
+            )
     shutil.rmtree(package, ignore_errors=True)
     shutil.copytree(checkout / HELPER, package, copy_function=os.symlink)
     for name, file in ((GAZEBO_LAUNCH, OURS / GAZEBO_LAUNCH), (CONTROLLER_LAUNCH, controller)):
@@ -78,7 +88,11 @@ def link_package(checkout: Path, folder: Path, controller: Optional[Path]) -> Pa
 
 def run(checkout: Path, package: Path, world: int, trial: int, out: Path) -> None:
     """Run run.py once. It appends its result to out.txt, and its output goes to the logs."""
-    environment = {key: text for key, text in os.environ.items() if key not in ("ROS_HOSTNAME", "ROS_NAMESPACE")}
+    environment = {
+        key: text
+        for key, text in os.environ.items()
+        if key not in ("ROS_HOSTNAME", "ROS_NAMESPACE")
+    }
     environment.update(
         ROS_MASTER_URI=f"http://127.0.0.1:{free_port()}",
         ROS_IP="127.0.0.1",
@@ -89,7 +103,12 @@ def run(checkout: Path, package: Path, world: int, trial: int, out: Path) -> Non
     command = [sys.executable, "run.py", "--world_idx", str(world), "--out", str(out / "out.txt")]
     with open(out / "logs" / f"world_{world}_trial_{trial}.log", "wb") as log:
         runner = subprocess.Popen(
-            command, env=environment, cwd=checkout, stdout=log, stderr=subprocess.STDOUT, start_new_session=True
+            command,
+            env=environment,
+            cwd=checkout,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
         )
     try:
         runner.wait(RUN_S)
@@ -118,9 +137,15 @@ def main() -> None:
         raise ApplrError(f"{results} exists already: give another --out")
     package = link_package(checkout, out / "package", options.controller)
     for world in worlds:
-        name = f"BARN/world_{world}" if world < STATIC_WORLDS else f"DynaBARN/world_{world - STATIC_WORLDS}"
+        name = (
+            f"BARN/world_{world}"
+            if world < STATIC_WORLDS
+            else f"DynaBARN/world_{world - STATIC_WORLDS}"
+        )
         if not (package / "worlds" / f"{name}.world").exists():
-            raise ApplrError(f"--worlds {options.worlds}: the checkout has no world {world}, {name}.world")
+            raise ApplrError(
+                f"--worlds {options.worlds}: the checkout has no world {world}, {name}.world"
+            )
     (out / "logs").mkdir(exist_ok=True)
     if METHOD in os.environ:
         os.environ[METHOD] = methods.absolute(os.environ[METHOD])
@@ -128,8 +153,14 @@ def main() -> None:
     for world, trial in [(world, trial) for trial in range(options.trials) for world in worlds]:
         run(checkout, package, world, trial, out)
         before, lines = len(lines), results.read_text().splitlines() if results.exists() else []
-        result = lines[-1] if len(lines) > before else f"no result, see {out}/logs/world_{world}_trial_{trial}.log"
+        result = (
+            lines[-1]
+            if len(lines) > before
+            else f"no result, see {out}/logs/world_{world}_trial_{trial}.log"
+        )
         print(f"world {world} trial {trial}: {result}", flush=True)
     missing = len(worlds) * options.trials - len(lines)
     if missing:
-        raise ApplrError(f"{missing} of {missing + len(lines)} runs have no result: see the logs in {out}/logs")
+        raise ApplrError(
+            f"{missing} of {missing + len(lines)} runs have no result: see the logs in {out}/logs"
+        )

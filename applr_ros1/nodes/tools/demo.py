@@ -46,7 +46,10 @@ STATUS = "/move_base/status"
 VERDICTS = "/collision_monitor/action"  # latched; the first verdict comes when the monitor is ready
 MOVERS = "/applr/tracked"
 PROGRESS_PERIOD_S = 2.0  # interval between progress lines, in simulated time [s]
-EXTRA = {"page": "applr_demo.html", "limit": "300"}  # defaults of the arguments that the launch file does not have
+EXTRA = {
+    "page": "applr_demo.html",
+    "limit": "300",
+}  # defaults of the arguments that the launch file does not have
 COLOR = "#2ca02c"  # colour of the drive on its page
 USAGE = f"""usage: demo.py [ARG:=VALUE ...]
 
@@ -70,7 +73,12 @@ class Motion(NamedTuple):
 def main() -> int:
     """Run the demo. Return exit status 0 if the goal was reached, else 1. Raises ApplrError for invalid arguments."""
     values, passed, robot, world = prepare(sys.argv[1:])
-    result = {"world": world.name, "robot": robot.name, "method": values["method"], "success": False}
+    result = {
+        "world": world.name,
+        "robot": robot.name,
+        "method": values["method"],
+        "success": False,
+    }
     result.update(collided=False, time_s=None, seed=values["seed"], simulator=values["simulator"])
     report("world {world}, robot {robot}, method {method}, simulator {simulator}".format(**result))
     with contextlib.ExitStack() as ending:
@@ -89,7 +97,11 @@ def prepare(words: Sequence[str]) -> Tuple[Dict[str, Any], Dict[str, str], Robot
     known = launch_arguments()
     given = given_arguments(words, (*known, *EXTRA))
     values = {**known, **EXTRA, **given}
-    if not boolean("sim", values["sim"]) or values["move_base"] != "python" or values["goal"] == "none":
+    if (
+        not boolean("sim", values["sim"])
+        or values["move_base"] != "python"
+        or values["goal"] == "none"
+    ):
         needs = "the demo needs sim:=true, move_base:=python and a goal"
         raise ApplrError(f"{needs}: for a real robot use roslaunch applr_ros1 jackal_applr.launch")
     for name, kind, low, high in (("limit", float, 1.0, 3600.0), ("seed", int, 0, 2**31 - 1)):
@@ -98,8 +110,12 @@ def prepare(words: Sequence[str]) -> Tuple[Dict[str, Any], Dict[str, str], Robot
         number_within(name, values[name], low, high)
     if values["page"] != "none":
         values["page"] = os.path.abspath(values["page"])
-        if not (values["page"].endswith(".html") and os.access(os.path.dirname(values["page"]), os.W_OK)):
-            raise ApplrError(f"page is {values['page']}: give a .html file in a folder that can be written")
+        if not (
+            values["page"].endswith(".html") and os.access(os.path.dirname(values["page"]), os.W_OK)
+        ):
+            raise ApplrError(
+                f"page is {values['page']}: give a .html file in a folder that can be written"
+            )
     robot = load(values["robot"])
     values["method"] = methods.make(values["method"], robot).name
     world = worlds.scaled(worlds.load(values["world"], geometry.radius(robot)), robot.world_scale)
@@ -107,13 +123,17 @@ def prepare(words: Sequence[str]) -> Tuple[Dict[str, Any], Dict[str, str], Robot
     if values["goal"] != "auto":  # The goal is given in odom, whose origin is the start.
         values["sent"] = x, y, yaw = pose("goal", values["goal"])
         goal = (x + world.course.start[0], y + world.course.start[1], yaw)
-        course = dataclasses.replace(world.course, goal=goal, finish_y=None, path=np.empty((0, 2)), planner_ends=True)
+        course = dataclasses.replace(
+            world.course, goal=goal, finish_y=None, path=np.empty((0, 2)), planner_ends=True
+        )
         world = dataclasses.replace(world, course=course)
     passed = {name: values[name] for name in {"method", *given} & set(known)}
     return values, dict(passed, goal="none"), robot, world
 
 
-def _drive(stack: Stack, values: Dict[str, Any], robot: Robot, world: worlds.World, result: Dict[str, Any]) -> None:
+def _drive(
+    stack: Stack, values: Dict[str, Any], robot: Robot, world: worlds.World, result: Dict[str, Any]
+) -> None:
     """Drive the course, complete the result, and write the page."""
     began = time.monotonic()
     observer = Observer(robot, world, values)
@@ -138,7 +158,9 @@ def _drive(stack: Stack, values: Dict[str, Any], robot: Robot, world: worlds.Wor
     if values["page"] != "none":
         title = "{world}, {robot}, method {method}".format(**result)
         scene = Scene(world.name, world, [Shown(0, 0, drive)], observer.began - BASE_TIME_S)
-        written = page(title, {result["method"]: COLOR}, space_of(robot), robot.body.size[:2], [scene])
+        written = page(
+            title, {result["method"]: COLOR}, space_of(robot), robot.body.size[:2], [scene]
+        )
         write_bytes(values["page"], written)
         result["page"] = values["page"]
         report(result["page"])
@@ -173,7 +195,13 @@ class Observer:
             (VERDICTS, rospy.AnyMsg),
             (MOVERS, rospy.AnyMsg),
         ):
-            rospy.Subscriber(topic, kind, lambda _, topic=topic: self._up.add(topic), queue_size=1, buff_size=2**24)
+            rospy.Subscriber(
+                topic,
+                kind,
+                lambda _, topic=topic: self._up.add(topic),
+                queue_size=1,
+                buff_size=2**24,
+            )
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
         rospy.Subscriber("/applr/parameters", Parameters, self._on_parameters, queue_size=50)
@@ -197,7 +225,11 @@ class Observer:
         recorder = self._begin()
         self._client.send_goal(MoveBaseGoal(pose_stamped(pose, self._frame, rospy.Time(0))))
         course = self.world.course
-        line = f"to the finish line at y = {course.finish_y:g} m" if course.finish_y is not None else "ahead"
+        line = (
+            f"to the finish line at y = {course.finish_y:g} m"
+            if course.finish_y is not None
+            else "ahead"
+        )
         report(f"goal sent   {course.length_m:.2f} m {line}")
         printed, status = 0.0, ""
         while not status:
@@ -241,10 +273,16 @@ class Observer:
         assert self._latest is not None
         x, y, _ = self._latest.pose
         course = self.world.course
-        to_go = math.dist(course.goal[:2], (x, y)) if course.finish_y is None else max(0.0, course.finish_y - y)
+        to_go = (
+            math.dist(course.goal[:2], (x, y))
+            if course.finish_y is None
+            else max(0.0, course.finish_y - y)
+        )
         has_touched = (drive.contacts > seconds - PROGRESS_PERIOD_S).any()
         touched = "   contact" if has_touched else ""
-        report(f"{seconds:6.1f} s    {to_go:5.2f} m to go   {self._latest.twist[0]:4.2f} m/s{touched}")
+        report(
+            f"{seconds:6.1f} s    {to_go:5.2f} m to go   {self._latest.twist[0]:4.2f} m/s{touched}"
+        )
 
     def _move_base_up(self) -> bool:
         if self._client is None:

@@ -32,7 +32,9 @@ from applr_ros1.robots import NAMES
 UP_WITHIN_S = 900.0  # longest wall time for a part to start, including the compilation of kernels on a busy machine [s]
 COMPILES = "waiting for {} (the first start compiles code, which takes about a minute)"
 LAUNCH_FILE = "applr_ros1", "jackal_applr.launch"
-DIED = re.compile(r"\[([\w/]+)-\d+\] (?:process )?has died")  # roslaunch's line about a node that has died
+DIED = re.compile(
+    r"\[([\w/]+)-\d+\] (?:process )?has died"
+)  # roslaunch's line about a node that has died
 
 
 def report(text: str) -> None:
@@ -54,7 +56,9 @@ def given_arguments(words: Sequence[str], known: Collection[str]) -> Dict[str, s
     for word in words:
         name, separator, value = word.partition(":=")
         if not separator or name not in known and not name.startswith("_"):
-            raise ApplrError(f"{word} is not an argument: give ARG:=VALUE with one of {', '.join(known)}")
+            raise ApplrError(
+                f"{word} is not an argument: give ARG:=VALUE with one of {', '.join(known)}"
+            )
         if not value:  # load_mappings would silently drop it, and the default would be used.
             raise ApplrError(f"{name} is empty: give a value or omit it")
     given: Dict[str, str] = load_mappings(words)
@@ -62,7 +66,9 @@ def given_arguments(words: Sequence[str], known: Collection[str]) -> Dict[str, s
         given["method"] = methods.absolute(given["method"])
     for name in {"robot", "world", "record"} & set(given):
         value = given[name]
-        if value not in (*NAMES, "none") and (name == "record" or ".yaml" in value or os.path.exists(value)):
+        if value not in (*NAMES, "none") and (
+            name == "record" or ".yaml" in value or os.path.exists(value)
+        ):
             given[name] = os.path.abspath(value)
     return given
 
@@ -81,7 +87,9 @@ def private_stack(given: Dict[str, str]) -> Iterator[Stack]:
     If the block raises ApplrError, the folder with the nodes' output is kept and named in the error.
     """
     folder, port = tempfile.mkdtemp(prefix="applr_"), free_port()
-    os.environ.update(ROS_MASTER_URI=f"http://localhost:{port}", ROS_HOSTNAME="localhost", ROS_LOG_DIR=folder)
+    os.environ.update(
+        ROS_MASTER_URI=f"http://localhost:{port}", ROS_HOSTNAME="localhost", ROS_LOG_DIR=folder
+    )
     for name in ("ROS_IP", "ROS_NAMESPACE"):  # These variables may be set for another robot.
         os.environ.pop(name, None)
     report(f"for other ROS programs: ROS_MASTER_URI={os.environ['ROS_MASTER_URI']}")

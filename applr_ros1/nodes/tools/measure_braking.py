@@ -24,12 +24,24 @@ from applr_ros1.robots import load
 
 RATE_HZ = 20.0  # rate of commands [Hz]
 DRIVING_S = 1.2  # duration of each run before braking [s]
-SHARES = 0.25, 0.5, 1.0  # speeds of the runs as shares of the largest speed, or of half the largest turn rate
+SHARES = (
+    0.25,
+    0.5,
+    1.0,
+)  # speeds of the runs as shares of the largest speed, or of half the largest turn rate
 BACK_MPS = 0.5  # largest speed on the way back [m/s]
-LEAST_WAY_M, ROOM_M = 2.0, 0.5  # smallest free distance ahead, and the part of it that is kept in reserve [m]
-STANDING = 0.3  # time over which the speed before braking is averaged, and time without motion at rest [s]
+LEAST_WAY_M, ROOM_M = (
+    2.0,
+    0.5,
+)  # smallest free distance ahead, and the part of it that is kept in reserve [m]
+STANDING = (
+    0.3  # time over which the speed before braking is averaged, and time without motion at rest [s]
+)
 STILL = 0.02, 0.05  # speed [m/s] and turn rate [rad/s] below which the base counts as at rest
-STEPS, MOST_STEPS = (0.01, 0.03), 30  # steps of the dead band's measurement [m/s, rad/s], and their largest number
+STEPS, MOST_STEPS = (
+    (0.01, 0.03),
+    30,
+)  # steps of the dead band's measurement [m/s, rad/s], and their largest number
 FELL = 0.9  # share of the speed below which the base counts as braking
 
 
@@ -59,12 +71,20 @@ def stop_of(samples: List[Reading], braked: float, command: float, turning: bool
     before = [m for m, s in zip(motion, samples) if braked - STANDING < s.time <= braked]
     after = [(m, s) for m, s in zip(motion, samples) if s.time >= braked]
     if not before or len(after) < 2:
-        raise ApplrError("too few odometry messages during the run: check that the robot's clock is synchronised")
+        raise ApplrError(
+            "too few odometry messages during the run: check that the robot's clock is synchronised"
+        )
     speed = sum(before) / len(before)
     reaction = next((s.time for m, s in after if m < FELL * speed), after[-1][1].time) - braked
-    steps = [(b.x - a.x, b.y - a.y, normalize_angle(b.yaw - a.yaw)) for (_, a), (_, b) in zip(after, after[1:])]
+    steps = [
+        (b.x - a.x, b.y - a.y, normalize_angle(b.yaw - a.yaw))
+        for (_, a), (_, b) in zip(after, after[1:])
+    ]
     return Stop(
-        speed, speed / abs(command), reaction, sum(abs(c) if turning else math.hypot(a, b) for a, b, c in steps)
+        speed,
+        speed / abs(command),
+        reaction,
+        sum(abs(c) if turning else math.hypot(a, b) for a, b, c in steps),
     )
 
 
@@ -108,14 +128,25 @@ class Base:
                 self.start, self._rate = self.samples[-1], rospy.Rate(RATE_HZ)
                 return
             time.sleep(0.1)
-        missing = f"no subscriber to commands on {rospy.resolve_name(command)}: start the robot's driver"
-        raise ApplrError(missing if self.samples else f"no odometry on {rospy.resolve_name(odometry)}")
+        missing = (
+            f"no subscriber to commands on {rospy.resolve_name(command)}: start the robot's driver"
+        )
+        raise ApplrError(
+            missing if self.samples else f"no odometry on {rospy.resolve_name(odometry)}"
+        )
 
     def _take(self, message: Odometry) -> None:
         pose, speed = message.pose.pose, message.twist.twist
         stamp = message.header.stamp.to_sec()
         self.samples.append(
-            Reading(stamp, pose.position.x, pose.position.y, yaw_of(pose.orientation), speed.linear.x, speed.angular.z)
+            Reading(
+                stamp,
+                pose.position.x,
+                pose.position.y,
+                yaw_of(pose.orientation),
+                speed.linear.x,
+                speed.angular.z,
+            )
         )
 
     def ahead(self) -> float:
@@ -134,8 +165,14 @@ class Base:
             off = math.hypot(now.x - self.start.x, now.y - self.start.y)
             if rospy.is_shutdown() or off > self.free:
                 self._out.publish(Twist())
-                raise ApplrError(f"stopped: the robot is {off:.2f} m from its start; only {self.free:g} m are free")
-            steer = w if w or not v else max(-0.5, min(0.5, 2.0 * normalize_angle(self.start.yaw - now.yaw)))
+                raise ApplrError(
+                    f"stopped: the robot is {off:.2f} m from its start; only {self.free:g} m are free"
+                )
+            steer = (
+                w
+                if w or not v
+                else max(-0.5, min(0.5, 2.0 * normalize_angle(self.start.yaw - now.yaw)))
+            )
             self._out.publish(twist(v, steer))
             self._rate.sleep()
 
@@ -165,7 +202,11 @@ def dead_band(base: Base, turning: bool) -> float:
         before = base.samples[-1]
         base.drive(0.0 if turning else command, command * turning, lambda: False, DRIVING_S)
         now = base.samples[-1]
-        way = normalize_angle(now.yaw - before.yaw) if turning else math.hypot(now.x - before.x, now.y - before.y)
+        way = (
+            normalize_angle(now.yaw - before.yaw)
+            if turning
+            else math.hypot(now.x - before.x, now.y - before.y)
+        )
         if way > 0.5 * command * DRIVING_S:
             break
     return command if command > step else 0.0
@@ -192,14 +233,24 @@ def main() -> None:
         metavar="METRES",
         help="Free distance ahead. On all other sides, half a metre must be free.",
     )
-    add("--yes", action="store_true", help="Required: confirms a way free of people, and an emergency stop at hand.")
-    add("--robot", default="jackal", help="Name or folder of the robot's description. Default: %(default)s.")
+    add(
+        "--yes",
+        action="store_true",
+        help="Required: confirms a way free of people, and an emergency stop at hand.",
+    )
+    add(
+        "--robot",
+        default="jackal",
+        help="Name or folder of the robot's description. Default: %(default)s.",
+    )
     truth = "Topic of the true motion (nav_msgs/Odometry), such as a tracking system's. Default: the robot's odometry, "
     add("--odometry", default="", help=truth + "which cannot detect wheel slip.")
     add("--repeats", type=int, default=3, help="Number of runs of each kind. Default: %(default)s.")
     options = parser.parse_args(without_remappings(sys.argv[1:]))
     if not options.yes:
-        raise ApplrError("the robot will drive: give --yes once its way is free and an emergency stop is at hand")
+        raise ApplrError(
+            "the robot will drive: give --yes once its way is free and an emergency stop is at hand"
+        )
     if not options.free >= LEAST_WAY_M or options.repeats < 1:
         wrong = f"--free {options.free:g} --repeats {options.repeats}"
         raise ApplrError(f"{wrong}: give at least {LEAST_WAY_M:g} m and one run")
@@ -215,13 +266,24 @@ def main() -> None:
         straight.append(base.run(speed, 0.0))
         base.drive(-min(BACK_MPS, speed), 0.0, lambda: base.ahead() < 0.2)
         base.drive(0.0, 0.0, base.stands, 6.0)
-    for share in [sign * 0.5 * share for share in SHARES[1:] for _ in range(options.repeats) for sign in (1.0, -1.0)]:
+    for share in [
+        sign * 0.5 * share
+        for share in SHARES[1:]
+        for _ in range(options.repeats)
+        for sign in (1.0, -1.0)
+    ]:
         turns.append(base.run(0.0, share * robot.base.max_yaw_rate))
     late = reaction(straight, turns)
     brake, turn_brake = deceleration(straight, late), deceleration(turns, late)
-    print(f"worst deceleration {brake:.2f} m/s^2, {turn_brake:.2f} rad/s^2, starting {late:.3f} s after the command")
-    print(f"turn rate over commanded turn rate: {min(s.gain for s in turns):.2f} to {max(s.gain for s in turns):.2f}")
-    total = late + 1.0 / RATE_HZ + 1.0 / robot.laser.rate  # The last command and scan may be a period old.
+    print(
+        f"worst deceleration {brake:.2f} m/s^2, {turn_brake:.2f} rad/s^2, starting {late:.3f} s after the command"
+    )
+    print(
+        f"turn rate over commanded turn rate: {min(s.gain for s in turns):.2f} to {max(s.gain for s in turns):.2f}"
+    )
+    total = (
+        late + 1.0 / RATE_HZ + 1.0 / robot.laser.rate
+    )  # The last command and scan may be a period old.
     print(
         f"monitor: {{margin: {robot.monitor.margin:g}, reaction_time: {math.ceil(100.0 * total) / 100.0:.2f}, "
         f"deceleration: {math.floor(10.0 * brake) / 10.0:.1f}, yaw_deceleration: "

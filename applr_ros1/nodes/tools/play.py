@@ -38,7 +38,9 @@ def main() -> None:
     given = {"viewer": "true", "goal": "none"}
     defaults = launch_arguments()
     given.update(given_arguments(options.words, defaults))
-    robot = load(given.get("robot", defaults["robot"]))  # An invalid robot or world is an error before anything starts.
+    robot = load(
+        given.get("robot", defaults["robot"])
+    )  # An invalid robot or world is an error before anything starts.
     worlds.load(given.get("world", defaults["world"]), geometry.radius(robot))
     token = os.environ[admission.TOKEN] = admission.token()
     # Any local user or website can write to the parameter server: accept only an address on 127.0.0.1 with our token.
@@ -52,7 +54,9 @@ def main() -> None:
 
         stack.wait("the page", is_up)
         report(f"the page is at {addresses[0]}")
-        if not options.no_browser and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        if not options.no_browser and (
+            os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        ):
             webbrowser.open(addresses[0])
         stack.wait("move_base", find_reconfigure_services, pause=0.5)
         while True:

@@ -35,7 +35,9 @@ def refusal(path: str, headers: Mapping[str, str], token: str) -> Optional[str]:
             return f"{name!r} is not a name of this computer: open the page by its address, such as 127.0.0.1"
     if "Origin" in headers and headers["Origin"].partition("://")[2] != given:
         return "a page of another website may not use this page"
-    if not hmac.compare_digest(re.split("[/?]", path.lstrip("/"))[0].encode(errors="replace"), token.encode()):
+    if not hmac.compare_digest(
+        re.split("[/?]", path.lstrip("/"))[0].encode(errors="replace"), token.encode()
+    ):
         return "the address lacks the token: use the address that the viewer prints"
     return None
 

@@ -35,7 +35,9 @@ class Listener:
         self.fixed = fixed
         self._queues: Dict[str, Deque[Any]] = {}  # unread messages by topic
         self._latest: Dict[str, Any] = {}  # latest message by topic
-        self._times: Dict[str, Tuple[float, float]] = {}  # wall and ROS time of the latest message by topic
+        self._times: Dict[
+            str, Tuple[float, float]
+        ] = {}  # wall and ROS time of the latest message by topic
         self._subscribers: List[Any] = []
         self._transforms = Transforms()
 
@@ -57,7 +59,9 @@ class Listener:
                 self._times[topic] = time.monotonic(), rospy.get_time()
 
             self._subscribers.append(
-                rospy.Subscriber(topic, numpy_msg(kind), keep, queue_size=KEPT_MESSAGES, buff_size=2**24)
+                rospy.Subscriber(
+                    topic, numpy_msg(kind), keep, queue_size=KEPT_MESSAGES, buff_size=2**24
+                )
             )
         queue = self._queues[topic]
         messages = [queue.popleft() for _ in range(len(queue))]
@@ -92,7 +96,9 @@ class Listener:
         if frame.lstrip("/") == self.fixed.lstrip("/"):
             return 0.0, 0.0, 0.0
         try:
-            return pose_of(self._transforms.latest(self.fixed, frame, rospy.get_rostime()).transform)
+            return pose_of(
+                self._transforms.latest(self.fixed, frame, rospy.get_rostime()).transform
+            )
         except ObservationError:
             return None
 

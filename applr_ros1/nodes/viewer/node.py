@@ -54,10 +54,14 @@ class Viewer:
         self._robot, self.listener = robot, Listener(fixed)
         token = admission.token()
         with admission.guarded(token):
-            self.server = viser.ViserServer(HOST, port, label=f"applr_ros1: {robot.name}", verbose=False)
+            self.server = viser.ViserServer(
+                HOST, port, label=f"applr_ros1: {robot.name}", verbose=False
+            )
         self.address = f"http://{HOST}:{self.server.get_port()}/{token}/"
         gui = self.server.gui
-        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=ACCENT)
+        gui.configure_theme(
+            control_width="large", show_logo=False, show_share_button=False, brand_color=ACCENT
+        )
         gui.main_panel.dock_right()  # The scene fills the rest of the window.
         self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
         self._ready, self._clock = False, Clock()
@@ -131,14 +135,20 @@ class Viewer:
             silence.insert(0, "the clock has stopped")
         self._ready = self._ready or (self.scene.pose is not None and not silence)
         lines = [self._robot.name] + ([] if self._ready else [STARTS])
-        lines += [f"{self.panel.doing(goal)}, {speed if abs(speed) >= panel.STANDING_M_S else 0.0:.2f} m/s"]
+        lines += [
+            f"{self.panel.doing(goal)}, {speed if abs(speed) >= panel.STANDING_M_S else 0.0:.2f} m/s"
+        ]
         lines += [f"parameters by {self.panel.source}"]
-        lines += [self.panel.monitor()] if driving else []  # Without commands, the monitor always reports a stop.
+        lines += (
+            [self.panel.monitor()] if driving else []
+        )  # Without commands, the monitor always reports a stop.
         text = "\n".join([*lines, *silence])
         if text != self.text:
             self.text = text
             shown = [html.escape(line) for line in lines]
-            shown += [f'<span style="color: #c92a2a">{html.escape(line)}</span>' for line in silence]
+            shown += [
+                f'<span style="color: #c92a2a">{html.escape(line)}</span>' for line in silence
+            ]
             self._status.content = f'<div style="padding: 4px 14px">{"<br>".join(shown)}</div>'
 
     def close(self) -> None:

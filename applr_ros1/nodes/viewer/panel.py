@@ -28,10 +28,22 @@ from .listening import ANSWER_S, Listener, Report, by_hand, call, publish, show
 STATUS, ACTION = "move_base/status", "collision_monitor/action"
 PARAMETERS, DIAGNOSTICS = "applr/parameters", "/diagnostics"
 HAND = "hand"
-METHODS = {"dwa": "default parameters", "static": "tuned set", "appld": "APPLD", "applr": "policy", HAND: HAND}
-FILES = {"applr": POLICY, "static": SET, "appld": CONTEXTS}  # files of methods, which a robot may lack
+METHODS = {
+    "dwa": "default parameters",
+    "static": "tuned set",
+    "appld": "APPLD",
+    "applr": "policy",
+    HAND: HAND,
+}
+FILES = {
+    "applr": POLICY,
+    "static": SET,
+    "appld": CONTEXTS,
+}  # files of methods, which a robot may lack
 UNDER_WAY = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
-SILENT_S = 3.0  # time without a message after which a topic counts as silent, and the clock as stopped [s]
+SILENT_S = (
+    3.0  # time without a message after which a topic counts as silent, and the clock as stopped [s]
+)
 STANDING_M_S = 0.02  # speed below which the robot counts as at rest [m/s]
 
 
@@ -58,8 +70,14 @@ class Panel:
         self._status = (rospy.get_namespace() + "applr").lstrip("/") + ": parameter policy"
         self._values = rospy.Publisher("applr/set_parameters", Parameters, queue_size=10)
         self._asked = 0.0  # wall time of the last request
-        there = [name for name in METHODS if name not in FILES or os.path.exists(shipped(FILES[name], robot))]
-        self._methods = {METHODS[name]: name for name in there}  # methods by their names on the page
+        there = [
+            name
+            for name in METHODS
+            if name not in FILES or os.path.exists(shipped(FILES[name], robot))
+        ]
+        self._methods = {
+            METHODS[name]: name for name in there
+        }  # methods by their names on the page
         self._dropdown = gui.add_dropdown("parameters by", tuple(self._methods))
         by_hand(self._dropdown, lambda shown: self._choose(self._methods[shown]))
         self.sliders = {name: self._slider(gui, i) for i, name in enumerate(self.space.names)}
@@ -68,12 +86,16 @@ class Panel:
         """Return the slider of the i-th parameter, with unit and description from the planner's declaration."""
         space = self.space
         name, step = space.names[i], 1 if space.integer[i] else 0.01
-        low, high, default = (type(step)(values[i]) for values in (space.low, space.high, space.theta0))
+        low, high, default = (
+            type(step)(values[i]) for values in (space.low, space.high, space.theta0)
+        )
         target = space.targets[name][0]
         declared = self._robot.servers[target.server].declared(target.name)
         title = f"{name} [{declared.unit}]" if declared and declared.unit else name
         look = {"marks": ((default, "default"),), "hint": declared.doc if declared else ""}
-        slider = gui.add_slider(title, low, high, step, initial_value=min(max(default, low), high), **look)
+        slider = gui.add_slider(
+            title, low, high, step, initial_value=min(max(default, low), high), **look
+        )
         by_hand(slider, lambda value: self._take_over(**{name: float(value)}))
         return slider
 
@@ -106,13 +128,17 @@ class Panel:
         """Select a method, or HAND to keep the current parameters."""
         if method == HAND:
             self._take_over()
-        elif self._ask("applr/set_method", SetMethod, method) and self._ask("applr/enable", SetBool, True):
+        elif self._ask("applr/set_method", SetMethod, method) and self._ask(
+            "applr/enable", SetBool, True
+        ):
             self.method = method
 
     def _take_over(self, **values: float) -> None:
         """Switch the method off and set parameters by hand. Other parameters stay as they are."""
         self._asked, self.method = time.monotonic(), self.method and HAND
-        publish(self._report, self._values, Parameters(names=list(values), values=list(values.values())))
+        publish(
+            self._report, self._values, Parameters(names=list(values), values=list(values.values()))
+        )
 
     def _ask(self, *request: Any) -> bool:
         done = call(self._report, *request)

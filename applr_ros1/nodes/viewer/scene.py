@@ -26,14 +26,21 @@ from .shapes import Costmap, Lines, Model, colours, lifted, put
 
 PLAN, GOAL = "move_base/NavfnROS/plan", "move_base/current_goal"
 CHOSEN, SAMPLES = "/local_plan", "/trajectory_cloud"  # topics below the local planner's name
-COSTMAPS = {"local costmap": "move_base/local_costmap/costmap", "global costmap": "move_base/global_costmap/costmap"}
+COSTMAPS = {
+    "local costmap": "move_base/local_costmap/costmap",
+    "global costmap": "move_base/global_costmap/costmap",
+}
 OBSTACLES, MOVERS = "sim_bridge/obstacles", "sim_bridge/movers"
 LAYERS = ("scan", *COSTMAPS, "global plan", "trajectories")
 HIDDEN = ("global costmap",)  # layers that are hidden at the start
 JUMP_M = 0.5  # distance between successive points above which a new trajectory begins [m]
 ROBOT, CYLINDER, BOX, MOVER = (235, 180, 40), (150, 155, 165), (158, 128, 90), (205, 102, 51)
 SIDES = 20  # number of sides of a drawn cylinder
-VIEW = (3.5, 2.5, 1.0)  # camera for the Jackal: distance behind, height, distance of its target ahead of the robot [m]
+VIEW = (
+    3.5,
+    2.5,
+    1.0,
+)  # camera for the Jackal: distance behind, height, distance of its target ahead of the robot [m]
 
 
 class Scene:
@@ -54,24 +61,38 @@ class Scene:
         scene.configure_default_lights(cast_shadow=False)
         scene.configure_environment_map(None)
         scene.add_light_ambient("/light", intensity=0.8)
-        ground = {"cell_size": 1.0, "section_size": 5.0, "plane_opacity": 1.0, "position": (0, 0, -0.01)}
+        ground = {
+            "cell_size": 1.0,
+            "section_size": 5.0,
+            "plane_opacity": 1.0,
+            "position": (0, 0, -0.01),
+        }
         scene.add_grid("/ground", 60.0, 60.0, **ground)
         layer = partial(scene.add_frame, show_axes=False)
         self.layers = {name: layer("/" + name, visible=name not in HIDDEN) for name in LAYERS}
         self._model = Model(scene, "/robot", robot, ROBOT)
         self._world = scene.add_frame("/world", show_axes=False)
         nothing = np.zeros((1, 3))
-        self._scan = scene.add_point_cloud("/scan/points", nothing, (220, 40, 40), point_size=0.03, visible=False)
+        self._scan = scene.add_point_cloud(
+            "/scan/points", nothing, (220, 40, 40), point_size=0.03, visible=False
+        )
         self._plan = Lines(scene, "/global plan/line", (60, 120, 230), 0.03)
         self._chosen = Lines(scene, "/trajectories/chosen", (20, 160, 60), 0.06)
         self._samples = Lines(scene, "/trajectories/samples", (0, 0, 0), 0.008)
-        self._costmaps = {name: Costmap(scene, f"/{name}/image", z) for name, z in zip(COSTMAPS, (0.006, 0.003))}
+        self._costmaps = {
+            name: Costmap(scene, f"/{name}/image", z) for name, z in zip(COSTMAPS, (0.006, 0.003))
+        }
         self._goal = scene.add_icosphere("/goal", 0.12, color=(40, 170, 80), visible=False)
         self._of_goal = (self._plan.handle, self._chosen.handle, self._samples.handle, self._goal)
         self.pose: Any = None
-        self._meshes = {Marker.CYLINDER: creation.cylinder(0.5, 1.0, sections=SIDES), Marker.CUBE: creation.box()}
+        self._meshes = {
+            Marker.CYLINDER: creation.cylinder(0.5, 1.0, sections=SIDES),
+            Marker.CUBE: creation.box(),
+        }
         self._standing: Dict[str, Any] = {}  # viser's handles of obstacles by name
-        self._aims: Dict[int, Tuple[float, float]] = {}  # by client ID: camera target relative to the robot [m]
+        self._aims: Dict[
+            int, Tuple[float, float]
+        ] = {}  # by client ID: camera target relative to the robot [m]
 
     def draw(self, driving: bool) -> None:
         """Update everything. driving: Whether goal and plans are valid."""
@@ -99,11 +120,15 @@ class Scene:
         put(self._world, place)  # The world moves in the odometry frame when the robot is reset.
         for topic, cylinder in ((OBSTACLES, CYLINDER), (MOVERS, MOVER)):
             message = self._listener.news(topic, MarkerArray)
-            for kind, colour in ((Marker.CYLINDER, cylinder), (Marker.CUBE, BOX)) if message is not None else ():
+            for kind, colour in (
+                ((Marker.CYLINDER, cylinder), (Marker.CUBE, BOX)) if message is not None else ()
+            ):
                 there = [m for m in message.markers if m.action == Marker.ADD and m.type == kind]
                 self._stand(f"/world/{topic.split('/')[1]}/{kind}", kind, there, colour)
 
-    def _stand(self, name: str, kind: int, markers: List[Any], colour: Tuple[int, int, int]) -> None:
+    def _stand(
+        self, name: str, kind: int, markers: List[Any], colour: Tuple[int, int, int]
+    ) -> None:
         """Draw the markers of one kind as scaled copies of a unit shape."""
         poses = [m.pose for m in markers]
         places = np.array([(p.position.x, p.position.y, p.position.z) for p in poses], np.float32)
@@ -117,8 +142,15 @@ class Scene:
             self._standing.pop(name).remove()
         if markers:
             mesh = self._meshes[kind].vertices, self._meshes[kind].faces
-            look = {"batched_scales": sizes, "batched_colors": colour, "flat_shading": True, "lod": "off"}
-            self._standing[name] = self._scene.add_batched_meshes_simple(name, *mesh, turns, places, **look)
+            look = {
+                "batched_scales": sizes,
+                "batched_colors": colour,
+                "flat_shading": True,
+                "lod": "off",
+            }
+            self._standing[name] = self._scene.add_batched_meshes_simple(
+                name, *mesh, turns, places, **look
+            )
 
     def _draw_scan(self) -> None:
         message, mounted = self._listener.placed(self._robot.topics.scan, LaserScan)
@@ -128,13 +160,21 @@ class Scene:
         hits = np.flatnonzero((ranges >= message.range_min) & (ranges < message.range_max))
         angles = message.angle_min + hits * message.angle_increment
         flat = np.column_stack([ranges[hits] * np.cos(angles), ranges[hits] * np.sin(angles)])
-        self._scan.points, self._scan.visible = lifted(_moved(mounted, flat), self._robot.laser.height), len(hits) > 0
+        self._scan.points, self._scan.visible = (
+            lifted(_moved(mounted, flat), self._robot.laser.height),
+            len(hits) > 0,
+        )
 
     def _draw_plans(self) -> None:
-        for topic, line, z in ((PLAN, self._plan, 0.02), (self._planner + CHOSEN, self._chosen, 0.04)):
+        for topic, line, z in (
+            (PLAN, self._plan, 0.02),
+            (self._planner + CHOSEN, self._chosen, 0.04),
+        ):
             message, place = self._listener.placed(topic, Path)
             if message is not None:
-                points = np.array([(p.pose.position.x, p.pose.position.y) for p in message.poses]).reshape(-1, 2)
+                points = np.array(
+                    [(p.pose.position.x, p.pose.position.y) for p in message.poses]
+                ).reshape(-1, 2)
                 line.path(_moved(place, points), z)
         message, place = self._listener.placed(GOAL, PoseStamped)
         if message is not None:
@@ -151,7 +191,9 @@ class Scene:
         joined = (costs[1:] == costs[:-1]) & (np.hypot(*(flat[1:] - flat[:-1])[:, :2].T) < JUMP_M)
         low, high = np.percentile(costs, (0, 90))
         shades = colours((costs - low) / max(high - low, 1e-9))
-        segments, shades = (np.stack([rows[:-1], rows[1:]], axis=1)[joined] for rows in (flat, shades))
+        segments, shades = (
+            np.stack([rows[:-1], rows[1:]], axis=1)[joined] for rows in (flat, shades)
+        )
         self._samples.segments(segments, shades)
 
     def _draw_costmaps(self) -> None:
@@ -171,7 +213,10 @@ class Scene:
         x, y, yaw = self.pose
         if client.client_id in self._aims:
             aim = np.add((x, y), self._aims[client.client_id])
-            client.camera.position = client.camera.position + (*(aim - client.camera.look_at[:2]), 0.0)
+            client.camera.position = client.camera.position + (
+                *(aim - client.camera.look_at[:2]),
+                0.0,
+            )
             return
         back, high, ahead = np.multiply(self._robot.world_scale, VIEW)
         aim = self._aims[client.client_id] = ahead * math.cos(yaw), ahead * math.sin(yaw)

@@ -14,14 +14,18 @@ from applr_ros1.robots.geometry import wheel_places
 
 from .listening import Listener
 
-RAMP = np.array([[40, 70, 200], [30, 170, 200], [60, 190, 80], [240, 190, 40], [220, 50, 40]])  # colours, low to high
+RAMP = np.array(
+    [[40, 70, 200], [30, 170, 200], [60, 190, 80], [240, 190, 40], [220, 50, 40]]
+)  # colours, low to high
 PICTURE_PERIOD_S = 0.5  # shortest wall time between two images of a costmap [s]
 
 
 def colours(share: Any) -> np.ndarray:
     """Return colours (n, 3) uint8 for shares (n,) from 0 (blue) to 1 (red)."""
     share = np.clip(np.asarray(share, np.float64), 0.0, 1.0) * (len(RAMP) - 1)
-    return np.stack([np.interp(share, range(len(RAMP)), RAMP[:, k]) for k in range(3)], axis=1).astype(np.uint8)
+    return np.stack(
+        [np.interp(share, range(len(RAMP)), RAMP[:, k]) for k in range(3)], axis=1
+    ).astype(np.uint8)
 
 
 def lifted(points: np.ndarray, z: float) -> np.ndarray:
@@ -52,7 +56,9 @@ class Lines:
         """Draw segments (n, 2, 3) [m] with optional colours `shades` (n, 2, 3) uint8."""
         self.handle.visible = len(points) > 0
         if len(points):
-            shades = np.broadcast_to(self._colour, points.shape).copy() if shades is None else shades
+            shades = (
+                np.broadcast_to(self._colour, points.shape).copy() if shades is None else shades
+            )
             self.handle.points, self.handle.colors = points, shades
 
 
@@ -61,11 +67,18 @@ class Model:
 
     def __init__(self, scene: Any, name: str, robot: Robot, colour: Tuple[int, int, int]):
         base, body = robot.base, robot.body
-        self._height = base.wheel_radius - base.axle_height  # height of the base frame above the ground [m]
+        self._height = (
+            base.wheel_radius - base.axle_height
+        )  # height of the base frame above the ground [m]
         self._frame = scene.add_frame(name, show_axes=False, visible=False)
         middle = (*body.centre, body.bottom + body.size[2] / 2)
         scene.add_box(name + "/body", color=colour, dimensions=body.size, position=middle)
-        aside = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)  # rotation about x that turns a cylinder's axis to y
+        aside = (
+            np.sqrt(0.5),
+            np.sqrt(0.5),
+            0.0,
+            0.0,
+        )  # rotation about x that turns a cylinder's axis to y
         for k, (x, y) in enumerate(wheel_places(base)):
             wheel, place = f"{name}/wheel{k}", (x, y, base.axle_height)
             size = base.wheel_radius, base.wheel_width
@@ -92,17 +105,25 @@ class Costmap:
         self._z = z
         self._cells: Any = None  # occupancy (height, width) int8
         self._info, self._frame, self._drawn, self._changed = MapMetaData(), "", 0.0, False
-        self.handle = scene.add_image(name, np.zeros((1, 1, 4), np.uint8), 1.0, 1.0, cast_shadow=False)
+        self.handle = scene.add_image(
+            name, np.zeros((1, 1, 4), np.uint8), 1.0, 1.0, cast_shadow=False
+        )
 
     def take(self, message: Any) -> None:
         """Replace the costmap by a nav_msgs/OccupancyGrid."""
         self._info, self._frame, self._changed = message.info, message.header.frame_id, True
-        self._cells = np.array(message.data, np.int8).reshape(message.info.height, message.info.width)
+        self._cells = np.array(message.data, np.int8).reshape(
+            message.info.height, message.info.width
+        )
 
     def update(self, message: Any) -> None:
         """Apply a map_msgs/OccupancyGridUpdate."""
         x, y, n, m = message.x, message.y, message.width, message.height
-        if self._cells is not None and y + m <= self._cells.shape[0] and x + n <= self._cells.shape[1]:
+        if (
+            self._cells is not None
+            and y + m <= self._cells.shape[0]
+            and x + n <= self._cells.shape[1]
+        ):
             self._cells[y : y + m, x : x + n] = np.reshape(message.data, (m, n))
             self._changed = True
 

@@ -20,16 +20,24 @@ from applr_ros1.planner.dwa.samples import commanded, ground_speed
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
 from applr_ros1.planner.sampling_planner import LARGEST_TURN, Record, Triple, sift_down, small_turn
 
-ROUNDING = 1.01 * 2.0**-24  # relative rounding error of one float32 value, plus a margin for the closed forms
+ROUNDING = (
+    1.01 * 2.0**-24
+)  # relative rounding error of one float32 value, plus a margin for the closed forms
 FORMULA = 1e-9  # error bound of the closed forms, whose actual error is about 1e-12 [m]
-AT_BORDER = -(1 << 40)  # index of a cell that is uncertain because the pose is too close to a cell border
+AT_BORDER = -(
+    1 << 40
+)  # index of a cell that is uncertain because the pose is too close to a cell border
 Pair = Tuple[float, float]
 Counts = Tuple[int, int, int]
-Cells = Tuple[int, int, int, int]  # cells (x, y) of the last point and of its nose, forward_point_distance ahead
+Cells = Tuple[
+    int, int, int, int
+]  # cells (x, y) of the last point and of its nose, forward_point_distance ahead
 
 
 @kernel
-def arc(dx: float, dy: float, turn: float, dt: float, moves: int) -> Tuple[float, float, float, float]:
+def arc(
+    dx: float, dy: float, turn: float, dt: float, moves: int
+) -> Tuple[float, float, float, float]:
     """Return (x, y, cos, sin): displacement and heading change after `moves` moves of dt [s] and `turn` [rad] each.
 
     dx, dy: velocity at the start in the axes of the map [m/s]. |turn| must not exceed LARGEST_TURN.
@@ -67,7 +75,13 @@ def sure_cell(f: float, margin: float) -> int:
 
 @kernel(error_model="numpy")
 def sure_end_cells(
-    pose: Triple, heading: Pair, place: Triple, velocity: Sequence[float], sim_time: float, steps: int, ahead: float
+    pose: Triple,
+    heading: Pair,
+    place: Triple,
+    velocity: Sequence[float],
+    sim_time: float,
+    steps: int,
+    ahead: float,
 ) -> Cells:
     """Return the cells (x, y) of the last point and of its nose, on or off the map. Uncertain indices are AT_BORDER.
 
@@ -119,7 +133,14 @@ def exact_end_cells(p: Record, scene: Scene, start: Data, sample: Triple, steps:
 
 @kernel(error_model="numpy")
 def fill_bounds(
-    p: Record, state: Record, grids: Grids, scratch: Scratch, scene: Scene, axes: Counts, heading: Pair, scaled: Data
+    p: Record,
+    state: Record,
+    grids: Grids,
+    scratch: Scratch,
+    scene: Scene,
+    axes: Counts,
+    heading: Pair,
+    scaled: Data,
 ) -> int:
     """Fill bounds, occupied, keys and heap of `scratch`, and return how many samples may win.
 
@@ -191,7 +212,9 @@ def fill_bounds(
                             pose, heading, place_of_map, (dx, dy, speed, w), sim_time, steps, ahead
                         )
                     if min(end_x, end_y, nose_x, nose_y) == AT_BORDER:
-                        end_x, end_y, nose_x, nose_y = exact_end_cells(p, scene, start, (vx, vy, w), steps)
+                        end_x, end_y, nose_x, nose_y = exact_end_cells(
+                            p, scene, start, (vx, vy, w), steps
+                        )
                     if by_path or by_goal:
                         if not (0 <= end_x < columns and 0 <= end_y < rows):
                             continue
@@ -221,7 +244,12 @@ def fill_bounds(
                             if alignment > n:
                                 alignment = at_least(alignment_grid, k, path_limit)
                 i = (ix * ny + iy) * nw + iw
-                bounds[i, 0], bounds[i, 1], bounds[i, 2], bounds[i, 3] = front, alignment, path, goal
+                bounds[i, 0], bounds[i, 1], bounds[i, 2], bounds[i, 3] = (
+                    front,
+                    alignment,
+                    path,
+                    goal,
+                )
                 occupied[i] = met
                 keys[i] = weighted_sum(p, met, (front, alignment, path, goal), stored[2])
                 probed[i] = 0
@@ -267,7 +295,14 @@ def _limits_from_here(p: Record, grids: Grids, scene: Scene, start: Data, headin
 
 @kernel(error_model="numpy")
 def probe(
-    p: Record, scene: Scene, scaled: Data, start: Data, heading: Pair, sample: Triple, occupied: int, allowed: int
+    p: Record,
+    scene: Scene,
+    scaled: Data,
+    start: Data,
+    heading: Pair,
+    sample: Triple,
+    occupied: int,
+    allowed: int,
 ) -> int:
     """Return a lower bound of the sample's obstacle cost from a few of its poses, or -1 if one of them is illegal.
 
@@ -280,7 +315,9 @@ def probe(
     turn = w * dt
     if not p.use_dwa or abs(turn) > LARGEST_TURN or scaled.shape[0] < 3:
         return occupied
-    error, turn_error = arc_errors((start[0], start[1], start[2]), ground_speed(vx, vy), w, p.sim_time, steps)
+    error, turn_error = arc_errors(
+        (start[0], start[1], start[2]), ground_speed(vx, vy), w, p.sim_time, steps
+    )
     margin = (error + turn_error * _reach(scaled)) / scene.resolution + 1e-9
     dx = vx * c - vy * s
     dy = vx * s + vy * c

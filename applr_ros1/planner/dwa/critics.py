@@ -17,8 +17,24 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.footprint_cost import outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.distance_grid import final_distance, place
-from applr_ros1.planner.dwa.records import ALIGNMENT, FRONT, GOAL, PATH, Grids, Scene, Scratch, grid_of
-from applr_ros1.planner.dwa.samples import commanded, ground_speed, roll_out, sample_axes, sample_of, step_count
+from applr_ros1.planner.dwa.records import (
+    ALIGNMENT,
+    FRONT,
+    GOAL,
+    PATH,
+    Grids,
+    Scene,
+    Scratch,
+    grid_of,
+)
+from applr_ros1.planner.dwa.samples import (
+    commanded,
+    ground_speed,
+    roll_out,
+    sample_axes,
+    sample_of,
+    step_count,
+)
 from applr_ros1.planner.sampling_planner import Record, Triple
 
 
@@ -44,15 +60,29 @@ def remember(p: Record, state: Record, start: Data, velocity: Triple) -> None:
     """
     x, y, theta = start[0], start[1], start[2]
     vx, vy, w = velocity
-    state.forward_pos_only, state.forward_neg_only, state.forward_pos, state.forward_neg, changed = _turned(
+    (
+        state.forward_pos_only,
+        state.forward_neg_only,
+        state.forward_pos,
+        state.forward_neg,
+        changed,
+    ) = _turned(
         vx, state.forward_pos_only, state.forward_neg_only, state.forward_pos, state.forward_neg
     )
     if abs(vx) <= p.min_vel_trans:
-        state.strafe_pos_only, state.strafe_neg_only, state.strafing_pos, state.strafing_neg, strafes = _turned(
+        (
+            state.strafe_pos_only,
+            state.strafe_neg_only,
+            state.strafing_pos,
+            state.strafing_neg,
+            strafes,
+        ) = _turned(
             vy, state.strafe_pos_only, state.strafe_neg_only, state.strafing_pos, state.strafing_neg
         )
-        state.rot_pos_only, state.rot_neg_only, state.rotating_pos, state.rotating_neg, rotates = _turned(
-            w, state.rot_pos_only, state.rot_neg_only, state.rotating_pos, state.rotating_neg
+        state.rot_pos_only, state.rot_neg_only, state.rotating_pos, state.rotating_neg, rotates = (
+            _turned(
+                w, state.rot_pos_only, state.rot_neg_only, state.rotating_pos, state.rotating_neg
+            )
         )
         changed = changed or strafes or rotates
     if changed:
@@ -98,10 +128,24 @@ def clear(state: Record) -> None:
     state.rotating_pos = state.rotating_neg = 0
 
 
-OSCILLATES, COLLIDES, OFF_MAP, IN_OBSTACLE, UNREACHED = -5.0, -6.0, -4.0, -3.0, -2.0  # values of rejecting critics
+OSCILLATES, COLLIDES, OFF_MAP, IN_OBSTACLE, UNREACHED = (
+    -5.0,
+    -6.0,
+    -4.0,
+    -3.0,
+    -2.0,
+)  # values of rejecting critics
 NOTHING_LEGAL = -7.0  # cost of a cycle without a legal sample
 REFUSED = -1.0  # cost of a sample rejected by the generator (samples.step_count)
-CRITICS = ("oscillation", "obstacle", "goal_front", "alignment", "path", "goal", "twirling")  # names in C++
+CRITICS = (
+    "oscillation",
+    "obstacle",
+    "goal_front",
+    "alignment",
+    "path",
+    "goal",
+    "twirling",
+)  # names in C++
 ALL = len(CRITICS)
 HUGE = float(np.finfo(np.float64).max)
 
@@ -109,7 +153,15 @@ HUGE = float(np.finfo(np.float64).max)
 @kernel
 def weights(p: Record) -> Tuple[float, ...]:
     """Return the critics' weights in the order of CRITICS. A critic of weight 0 is not evaluated."""
-    return 1.0, p.occdist_scale, p.goal_scale, p.alignment_scale, p.path_scale, p.goal_scale, p.twirling_scale
+    return (
+        1.0,
+        p.occdist_scale,
+        p.goal_scale,
+        p.alignment_scale,
+        p.path_scale,
+        p.goal_scale,
+        p.twirling_scale,
+    )
 
 
 @kernel(error_model="numpy")
@@ -117,7 +169,10 @@ def footprint_scale(p: Record, speed: float) -> float:
     """Return the factor by which the footprint is enlarged at this speed [m/s]."""
     if speed <= p.scaling_speed:
         return 1.0
-    return p.max_scaling_factor * ((speed - p.scaling_speed) / (p.max_vel_trans - p.scaling_speed)) + 1.0
+    return (
+        p.max_scaling_factor * ((speed - p.scaling_speed) / (p.max_vel_trans - p.scaling_speed))
+        + 1.0
+    )
 
 
 @kernel
@@ -130,7 +185,13 @@ def scale_footprint(footprint: Data, scale: float, scaled: Data) -> None:
 
 @kernel
 def critique(
-    p: Record, state: Record, scene: Scene, grids: Grids, points: Data, velocity: Triple, critic: int
+    p: Record,
+    state: Record,
+    scene: Scene,
+    grids: Grids,
+    points: Data,
+    velocity: Triple,
+    critic: int,
 ) -> float:
     """Return the value of one critic for a trajectory with points (k, 3) and a velocity, or 0 if it has no points."""
     if critic == 0:
@@ -151,7 +212,13 @@ def critique(
 
 @kernel
 def total_cost(
-    p: Record, state: Record, scene: Scene, grids: Grids, points: Data, velocity: Triple, best: float
+    p: Record,
+    state: Record,
+    scene: Scene,
+    grids: Grids,
+    points: Data,
+    velocity: Triple,
+    best: float,
 ) -> Tuple[float, int]:
     """Return (cost, critic): the weighted sum of the critics, and the critic that ended the summation, ALL if none did.
 
@@ -183,7 +250,13 @@ def weighted_sum(p: Record, occupied: float, distances: Sequence[int], w: float)
     """
     front, alignment, path, goal = distances[0], distances[1], distances[2], distances[3]
     _, by_obstacle, by_front, by_alignment, by_path, by_goal, by_turn = weights(p)
-    cost = occupied * by_obstacle + front * by_front + alignment * by_alignment + path * by_path + goal * by_goal
+    cost = (
+        occupied * by_obstacle
+        + front * by_front
+        + alignment * by_alignment
+        + path * by_path
+        + goal * by_goal
+    )
     return cost + abs(w) * by_turn
 
 
@@ -211,7 +284,9 @@ def _obstacle(p: Record, scene: Scene, points: Data, speed: float) -> float:
 
 
 @kernel
-def _on_grid(scene: Scene, grids: Grids, row: int, points: Data, ahead: float, stops: bool) -> float:
+def _on_grid(
+    scene: Scene, grids: Grids, row: int, points: Data, ahead: float, stops: bool
+) -> float:
     """Return the grid's value `ahead` [m] in front of the last point, or a negative value if a point is rejected."""
     ny, nx = scene.cells.shape
     grid = grid_of(grids, row)
@@ -246,7 +321,9 @@ Samples = namedtuple("Samples", "velocities stored counts ends critics costs sho
 
 
 @kernel
-def score_all_samples(params: Data, flags: Data, grids: Grids, scratch: Scratch, scene: Scene) -> Samples:
+def score_all_samples(
+    params: Data, flags: Data, grids: Grids, scratch: Scratch, scene: Scene
+) -> Samples:
     """Score all samples of the last cycle. flags: oscillation flags as they were before that cycle's search."""
     p, state, start = params[0], flags[0], scratch.start
     axes = sample_axes(p, scratch, scene.plan)

@@ -14,7 +14,13 @@ from applr_ros1.common.angles import Pose, inverse
 from applr_ros1.planner.dwa.planner import DWAPlanner
 from applr_ros1.planner.local_planner import Command, LocalPlanner
 from applr_ros1.planner.plan_cut import cut_plan, half_size, transformed
-from applr_ros1.planner.sampling_planner import Choice, Triple, angle_difference, floats, through_quaternion
+from applr_ros1.planner.sampling_planner import (
+    Choice,
+    Triple,
+    angle_difference,
+    floats,
+    through_quaternion,
+)
 
 EMPTY = np.zeros((0, 3))
 
@@ -33,10 +39,14 @@ class LocalPlan:
         """Return the last pose (x, y, yaw) of the plan in the costmap's frame, or None. local_origin: see cut."""
         if len(self.poses) == 0:
             return None
-        x, y, yaw = transformed(self.poses[-1:], None if local_origin is None else inverse(local_origin))[0].tolist()
+        x, y, yaw = transformed(
+            self.poses[-1:], None if local_origin is None else inverse(local_origin)
+        )[0].tolist()
         return x, y, yaw
 
-    def cut(self, x: float, y: float, limit: float, prune: bool, local_origin: Optional[Pose] = None) -> np.ndarray:
+    def cut(
+        self, x: float, y: float, limit: float, prune: bool, local_origin: Optional[Pose] = None
+    ) -> np.ndarray:
         """Return the poses (k, 3) of the plan near the robot at x, y [m], in the costmap's frame (see cut_plan).
 
         prune: whether to drop the leading poses that are at least 1 m away, and as many from the front of the stored
@@ -44,7 +54,9 @@ class LocalPlan:
         """
         cut, dropped = cut_plan(self.poses, x, y, limit, prune, local_origin)
         self.poses = self.poses[dropped:]
-        return cut if local_origin is not None else transformed(cut, None)  # C++ applies the identity, too.
+        return (
+            cut if local_origin is not None else transformed(cut, None)
+        )  # C++ applies the identity, too.
 
 
 STOPPING, TURNING, TURNED = "stopping", "turning", "turned"
@@ -91,7 +103,11 @@ class StopRotate:
 
     def is_goal_reached(self, pose: Triple, velocity: Triple, goal: Triple) -> bool:
         """Return whether the robot stands at its goal, turned to it. velocity: vx, vy [m/s], w [rad/s]."""
-        return self.is_position_reached(pose, goal) and self._is_turned(pose, goal) and self.is_stopped(velocity)
+        return (
+            self.is_position_reached(pose, goal)
+            and self._is_turned(pose, goal)
+            and self.is_stopped(velocity)
+        )
 
     def _is_turned(self, pose: Triple, goal: Triple) -> bool:
         return bool(abs(angle_difference(pose[2], goal[2])) <= self._params["yaw_goal_tolerance"])
@@ -100,7 +116,9 @@ class StopRotate:
         """Return whether the measured velocity counts as standing."""
         vx, vy, w = velocity
         slow = self._params["trans_stopped_vel"]
-        return bool(abs(w) <= self._params["theta_stopped_vel"] and abs(vx) <= slow and abs(vy) <= slow)
+        return bool(
+            abs(w) <= self._params["theta_stopped_vel"] and abs(vx) <= slow and abs(vy) <= slow
+        )
 
     def command(self, pose: Triple, velocity: Triple, goal: Triple) -> Tuple[str, Triple]:
         """Return (phase, (vx, vy, w)) at the goal's position: STOPPING, then TURNING, then TURNED with zero velocity.
@@ -119,7 +137,9 @@ class StopRotate:
     def _slower(self, velocity: Triple) -> Triple:
         """Return the velocity after one period of braking at the acceleration limits."""
         pairs = zip(velocity, self._acceleration)
-        return floats((-1.0 if v < 0 else 1.0) * max(0.0, abs(v) - limit * self._period) for v, limit in pairs)
+        return floats(
+            (-1.0 if v < 0 else 1.0) * max(0.0, abs(v) - limit * self._period) for v, limit in pairs
+        )
 
     def _turn(self, error: float, w: float) -> float:
         """Return a turn rate [rad/s] towards the goal's yaw, `error` [rad] away, at which the robot can still stop."""
@@ -146,7 +166,9 @@ class Step(NamedTuple):
     cut: np.ndarray  # part (k, 3) of the plan that was followed
     cost: float = 0.0  # cost of the chosen or checked trajectory, negative if illegal
     count: int = 0  # type: ignore[assignment]  # number of that trajectory's points; hides tuple.count
-    checked: Tuple[float, float, float] = STANDING  # command that was checked at the goal's position
+    checked: Tuple[float, float, float] = (
+        STANDING  # command that was checked at the goal's position
+    )
 
 
 class DWALocalPlanner(LocalPlanner):
@@ -210,7 +232,11 @@ class DWALocalPlanner(LocalPlanner):
         return self.planner.refusals() if self._searched and self._choice is None else {}
 
     def compute_velocity(
-        self, pose: Sequence[float], twist: Sequence[float], costmap: Any, local_origin: Optional[Pose] = None
+        self,
+        pose: Sequence[float],
+        twist: Sequence[float],
+        costmap: Any,
+        local_origin: Optional[Pose] = None,
     ) -> Tuple[bool, Command]:
         """Return (ok, (v, w)) for this cycle, see LocalPlanner. As in C++, the goal is tested before any command."""
         self._forget_cycle()
@@ -224,18 +250,24 @@ class DWALocalPlanner(LocalPlanner):
         step = self.command(place, (v, 0.0, w), costmap, local_origin)
         return step.ok, (step.command[0], step.command[2])
 
-    def is_goal_reached(self, pose: Triple, velocity: Triple, local_origin: Optional[Triple] = None) -> bool:
+    def is_goal_reached(
+        self, pose: Triple, velocity: Triple, local_origin: Optional[Triple] = None
+    ) -> bool:
         """Return whether the robot stands at its goal, turned to it. False without a plan. May set the latch."""
         goal = self.stored_plan.goal(local_origin)
         return goal is not None and self.stop_rotate.is_goal_reached(_wrapped(pose), velocity, goal)
 
-    def command(self, pose: Triple, velocity: Triple, costmap: Any, local_origin: Optional[Triple] = None) -> Step:
+    def command(
+        self, pose: Triple, velocity: Triple, costmap: Any, local_origin: Optional[Triple] = None
+    ) -> Step:
         """Return the Step of one cycle: the search's choice, or the command to stop or turn at the goal's position.
 
         pose: x, y [m], yaw [rad]. velocity: measured vx, vy [m/s], w [rad/s]. local_origin: see LocalPlanner.
         """
         self._forget_cycle()
-        cut = self.stored_plan.cut(pose[0], pose[1], half_size(costmap), bool(self._params["prune_plan"]), local_origin)
+        cut = self.stored_plan.cut(
+            pose[0], pose[1], half_size(costmap), bool(self._params["prune_plan"]), local_origin
+        )
         goal = self.stored_plan.goal(local_origin)
         if goal is None or len(cut) == 0:
             return Step(False, STANDING, NO_PLAN, cut)

@@ -10,12 +10,33 @@ import numpy as np
 
 from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.distance_grid import complete
-from applr_ros1.planner.dwa.critics import CRITICS, Samples, clear, remember, score_all_samples, total_cost, weights
-from applr_ros1.planner.dwa.records import PARAMETERS, STATE, Scene, allocate_grids, allocate_scratch, grid_of
+from applr_ros1.planner.dwa.critics import (
+    CRITICS,
+    Samples,
+    clear,
+    remember,
+    score_all_samples,
+    total_cost,
+    weights,
+)
+from applr_ros1.planner.dwa.records import (
+    PARAMETERS,
+    STATE,
+    Scene,
+    allocate_grids,
+    allocate_scratch,
+    grid_of,
+)
 from applr_ros1.planner.dwa.samples import commanded, roll_out, step_count
 from applr_ros1.planner.dwa.search import find_best, prepare
 from applr_ros1.planner.parameters.dwa_planner_parameters import SAMPLES
-from applr_ros1.planner.sampling_planner import Choice, SamplingPlanner, cost_cloud, floats, trajectory_cloud
+from applr_ros1.planner.sampling_planner import (
+    Choice,
+    SamplingPlanner,
+    cost_cloud,
+    floats,
+    trajectory_cloud,
+)
 
 NO_PLAN = np.zeros((0, 2))
 
@@ -34,12 +55,27 @@ class DWAPlanner(SamplingPlanner):
     """
 
     PARAMETERS, STATE, SAMPLES = PARAMETERS, STATE, SAMPLES
-    DERIVED = ("path_scale", "goal_scale", "alignment_scale", "sim_period", "cheat_factor", "sum_scores")
+    DERIVED = (
+        "path_scale",
+        "goal_scale",
+        "alignment_scale",
+        "sim_period",
+        "cheat_factor",
+        "sum_scores",
+    )
 
     def __init__(
-        self, params: Mapping[str, Any], sim_period: float = 0.05, sum_scores: bool = False, cheat_factor: float = 1.0
+        self,
+        params: Mapping[str, Any],
+        sim_period: float = 0.05,
+        sum_scores: bool = False,
+        cheat_factor: float = 1.0,
     ):
-        self._fixed = {"sim_period": float(sim_period), "sum_scores": int(sum_scores), "cheat_factor": cheat_factor}
+        self._fixed = {
+            "sim_period": float(sim_period),
+            "sum_scores": int(sum_scores),
+            "cheat_factor": cheat_factor,
+        }
         self._scene: Any = None
         self._footprint: Any = None
         self._given_footprint: Any = None
@@ -81,7 +117,10 @@ class DWAPlanner(SamplingPlanner):
     ) -> Tuple[np.ndarray, np.ndarray, Dict[str, np.ndarray]]:
         """Return v, w (m, 2), total costs (m,) and their weighted parts by critic of all samples of the last search."""
         every = self.score_all_samples()
-        parts = {name: every.critics[:, i] * scale for i, (name, scale) in enumerate(zip(CRITICS, self.scales))}
+        parts = {
+            name: every.critics[:, i] * scale
+            for i, (name, scale) in enumerate(zip(CRITICS, self.scales))
+        }
         velocities = np.where(every.counts[:, None] > 0, every.stored, every.velocities)
         return velocities[:, [0, 2]], every.costs, parts
 
@@ -89,13 +128,17 @@ class DWAPlanner(SamplingPlanner):
         """Clear the barred directions, as every new plan does."""
         clear(self._state[0])
 
-    def prepare(self, costmap: Any, plan: Any, pose: Sequence[float], velocity: Sequence[float]) -> None:
+    def prepare(
+        self, costmap: Any, plan: Any, pose: Sequence[float], velocity: Sequence[float]
+    ) -> None:
         """Begin a cycle that only stops or turns: store pose, velocity and weights as find_best_path does."""
         self._update_scene(costmap, plan)
         if prepare(self._params, self._scratch, self._scene.plan, floats(pose), floats(velocity)):
             self._aligned_plan = self._scene.plan
 
-    def find_best_path(self, costmap: Any, plan: Any, pose: Sequence[float], velocity: Sequence[float]) -> Choice:
+    def find_best_path(
+        self, costmap: Any, plan: Any, pose: Sequence[float], velocity: Sequence[float]
+    ) -> Choice:
         """Run one cycle: floods, samples, winner, flags.
 
         Args:
@@ -106,7 +149,15 @@ class DWAPlanner(SamplingPlanner):
         """
         self._update_scene(costmap, plan)
         self._flags_before[:] = self._state
-        given = self._params, self._state, self._grids, self._scratch, self._scene, floats(pose), floats(velocity)
+        given = (
+            self._params,
+            self._state,
+            self._grids,
+            self._scratch,
+            self._scene,
+            floats(pose),
+            floats(velocity),
+        )
         cost, number, count, sample, moving, turn, aligned = find_best(*given)
         if aligned:
             self._aligned_plan = self._scene.plan
@@ -133,13 +184,17 @@ class DWAPlanner(SamplingPlanner):
 
     def score_all_samples(self) -> Samples:
         """Return all samples of the last search with the values of the critics, for display and tests."""
-        return score_all_samples(self._params, self._flags_before, self._grids, self._scratch, self._scene)
+        return score_all_samples(
+            self._params, self._flags_before, self._grids, self._scratch, self._scene
+        )
 
     def refusals(self) -> Dict[str, int]:
         """Count the last search's samples that each critic, or the generator ("velocity limits"), rejected."""
         every = self.score_all_samples()
         counts = {"samples": len(every.costs), "velocity limits": int((every.counts == 0).sum())}
-        by_critic = np.bincount(every.ended[(every.counts > 0) & (every.costs < 0)], minlength=len(CRITICS))
+        by_critic = np.bincount(
+            every.ended[(every.counts > 0) & (every.costs < 0)], minlength=len(CRITICS)
+        )
         return {**counts, **{name: int(n) for name, n in zip(CRITICS, by_critic)}}
 
     def grids(self) -> List[np.ndarray]:
@@ -159,7 +214,9 @@ class DWAPlanner(SamplingPlanner):
         path, goal = self.grids()[:2]
         p = self._params[0]
         everywhere = np.ones(self._shape, bool)
-        return cost_cloud(costmap, path, goal, everywhere, (p["path_scale"], p["goal_scale"], p["occdist_scale"]))
+        return cost_cloud(
+            costmap, path, goal, everywhere, (p["path_scale"], p["goal_scale"], p["occdist_scale"])
+        )
 
     def trajectory_cloud(self) -> np.ndarray:
         """Return points (k, 5) float32 x, y, z, theta, cost of all legal trajectories of the last search."""
@@ -173,7 +230,9 @@ class DWAPlanner(SamplingPlanner):
             self._grids = allocate_grids(nx, ny)
         if not fits or costmap.footprint is not self._given_footprint:
             self._given_footprint = costmap.footprint
-            self._footprint = np.array(costmap.footprint, dtype=np.float64, order="C").reshape(-1, 2)
+            self._footprint = np.array(costmap.footprint, dtype=np.float64, order="C").reshape(
+                -1, 2
+            )
             self._lines = line_offsets(self._footprint, self._resolution, nx)
         self._scene = Scene(
             costmap.cells,

@@ -64,5 +64,10 @@ def allocate_scratch(vx_samples: int, vy_samples: int, vth_samples: int) -> Scra
     """Return scratch memory for these numbers of samples. An axis has at least two values and maybe an extra zero."""
     xs, ys, ws = (np.zeros(max(n, 2) + 1) for n in (vx_samples, vy_samples, vth_samples))
     n = len(xs) * len(ys) * len(ws)
-    integers = np.zeros((n, 4), np.int32), np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.uint8)
+    integers = (
+        np.zeros((n, 4), np.int32),
+        np.zeros(n, np.int64),
+        np.zeros(n, np.int64),
+        np.zeros(n, np.uint8),
+    )
     return Scratch(xs, ys, ws, np.zeros(n), *integers, np.zeros(6))

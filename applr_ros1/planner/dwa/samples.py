@@ -40,7 +40,14 @@ def sample_axes(p: Record, scratch: Scratch, plan: Data) -> Tuple[int, int, int]
         period = p.sim_time
     nx = _window(p.min_vel_x, most_x, start[3], p.acc_lim_x * period, p.vx_samples, scratch.xs)
     ny = _window(p.min_vel_y, most_y, start[4], p.acc_lim_y * period, p.vy_samples, scratch.ys)
-    nw = _window(-p.max_vel_theta, p.max_vel_theta, start[5], p.acc_lim_theta * period, p.vth_samples, scratch.ws)
+    nw = _window(
+        -p.max_vel_theta,
+        p.max_vel_theta,
+        start[5],
+        p.acc_lim_theta * period,
+        p.vth_samples,
+        scratch.ws,
+    )
     return nx, ny, nw
 
 
@@ -52,9 +59,13 @@ def sample_of(scratch: Scratch, axes: Tuple[int, int, int], number: int) -> Trip
 
 
 @kernel
-def _window(least: float, most: float, velocity: float, change: float, n: float, values: Data) -> int:
+def _window(
+    least: float, most: float, velocity: float, change: float, n: float, values: Data
+) -> int:
     """Fill the sampled values of one axis: within its limits, and at most `change` away from `velocity`."""
-    return spread(single(max(least, velocity - change)), single(min(most, velocity + change)), n, values)
+    return spread(
+        single(max(least, velocity - change)), single(min(most, velocity + change)), n, values
+    )
 
 
 @kernel
@@ -144,7 +155,11 @@ def ramped(p: Record, sample: Triple, now: Triple, dt: float) -> Triple:
 @kernel
 def commanded(p: Record, start: Data, sample: Triple, steps: int) -> Triple:
     """Return the velocity of a sample's trajectory: the sample, or without use_dwa the first step of the ramp."""
-    return sample if p.use_dwa else ramped(p, sample, (start[3], start[4], start[5]), p.sim_time / steps)
+    return (
+        sample
+        if p.use_dwa
+        else ramped(p, sample, (start[3], start[4], start[5]), p.sim_time / steps)
+    )
 
 
 @kernel

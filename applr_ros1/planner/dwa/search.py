@@ -17,9 +17,31 @@ from applr_ros1.planner.distance_grid import place, reset, start_at, start_at_pl
 from applr_ros1.planner.dwa import critics
 from applr_ros1.planner.dwa.bounds import Counts, fill_bounds, probe
 from applr_ros1.planner.dwa.critics import HUGE, NOTHING_LEGAL, weighted_sum
-from applr_ros1.planner.dwa.records import ALIGNMENT, FRONT, GOAL, PATH, Grids, Scene, Scratch, grid_of
-from applr_ros1.planner.dwa.samples import commanded, ground_speed, roll_out, sample_axes, sample_of, step_count
-from applr_ros1.planner.sampling_planner import Record, Triple, sift_down, take_start, through_quaternion
+from applr_ros1.planner.dwa.records import (
+    ALIGNMENT,
+    FRONT,
+    GOAL,
+    PATH,
+    Grids,
+    Scene,
+    Scratch,
+    grid_of,
+)
+from applr_ros1.planner.dwa.samples import (
+    commanded,
+    ground_speed,
+    roll_out,
+    sample_axes,
+    sample_of,
+    step_count,
+)
+from applr_ros1.planner.sampling_planner import (
+    Record,
+    Triple,
+    sift_down,
+    take_start,
+    through_quaternion,
+)
 
 
 @kernel
@@ -71,7 +93,13 @@ NO_LIMIT = 1 << 60  # obstacle cost that no probe exceeds
 
 @kernel(error_model="numpy")
 def find_best(
-    params: Data, state: Data, grids: Grids, scratch: Scratch, scene: Scene, pose: Triple, velocity: Triple
+    params: Data,
+    state: Data,
+    grids: Grids,
+    scratch: Scratch,
+    scene: Scene,
+    pose: Triple,
+    velocity: Triple,
 ) -> Tuple[Any, ...]:
     """Run one cycle: preparation, floods, samples, winner, flags. params, state: arrays of one record.
 
@@ -95,7 +123,9 @@ def find_best(
 
 
 @kernel(error_model="numpy")
-def _lowest(p: Record, state: Record, grids: Grids, scratch: Scratch, scene: Scene, axes: Counts) -> Tuple[float, int]:
+def _lowest(
+    p: Record, state: Record, grids: Grids, scratch: Scratch, scene: Scene, axes: Counts
+) -> Tuple[float, int]:
     """Return (cost, number) of the first sample of lowest cost, or (HUGE, -1) if none is legal."""
     _, _, _, keys, bounds, occupied, heap, probed, start = scratch
     heading = math.cos(start[2]), math.sin(start[2])

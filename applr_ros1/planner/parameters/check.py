@@ -29,7 +29,11 @@ from applr_ros1.planner.parameters.layers import (
     replaced,
     sources,
 )
-from applr_ros1.planner.parameters.move_base_parameters import BEHAVIOUR, DEFAULT_RECOVERIES, RECOVERY_TYPES
+from applr_ros1.planner.parameters.move_base_parameters import (
+    BEHAVIOUR,
+    DEFAULT_RECOVERIES,
+    RECOVERY_TYPES,
+)
 from applr_ros1.planner.parameters.parameter import Parameter, ParameterError, too_many_points
 
 USUAL = tuple(behaviour["name"] for behaviour in DEFAULT_RECOVERIES)
@@ -51,7 +55,9 @@ def remarks(tree: Dict[str, Any]) -> List[str]:
     lines = [*_recoveries(tree)[1], *replaced(tree), *_inspect(arranged(tree))[1]]
     sideways = own.get("min_vel_y", -0.1), own.get("max_vel_y", 0.1)
     if planner == "DWAPlannerROS" and any(sideways):
-        lines.append(f"{planner}/min_vel_y, max_vel_y are {sideways}: the base cannot drive sideways, give 0 for both")
+        lines.append(
+            f"{planner}/min_vel_y, max_vel_y are {sideways}: the base cannot drive sideways, give 0 for both"
+        )
     return lines + list(_risks(arranged(tree)))
 
 
@@ -60,7 +66,11 @@ def _risks(tree: Dict[str, Any]) -> Iterator[str]:
     world, local = (branch(tree, name).get("robot_base_frame", "base_link") for name in COSTMAPS)
     if world != local:
         yield f"local_costmap/robot_base_frame is {local}: both costmaps use {world} of global_costmap, give {world}"
-    seen = [layer for layer in layers("local_costmap", branch(tree, "local_costmap")) if layer.kind == OBSTACLE_LAYER]
+    seen = [
+        layer
+        for layer in layers("local_costmap", branch(tree, "local_costmap"))
+        if layer.kind == OBSTACLE_LAYER
+    ]
     if not any(sources(branch(tree, layer.path)) for layer in seen):
         yield "local_costmap has no observation source: the robot will not detect obstacles, give a source"
 
@@ -79,7 +89,13 @@ def _inspect(tree: Dict[str, Any]) -> Tuple[List[str], List[str]]:
 
 
 def _walk(
-    here: Any, path: str, known: Any, behaviours: Any, errors: List[str], lines: List[str], unread: List[str]
+    here: Any,
+    path: str,
+    known: Any,
+    behaviours: Any,
+    errors: List[str],
+    lines: List[str],
+    unread: List[str],
 ) -> None:
     """Append errors, warnings and unknown names of a section and of all sections below it."""
     mine = {name: p for p in known.get(path, BEHAVIOUR) for name in p.names}
@@ -99,7 +115,9 @@ def _walk(
         elif not path and label in known and value is not None:
             errors.append(f"{label} is {value!r}: give a mapping of names and values")
         elif value is not None:
-            absent = [name for name in (below if isinstance(value, dict) else mine) if not here.get(name)]
+            absent = [
+                name for name in (below if isinstance(value, dict) else mine) if not here.get(name)
+            ]
             advice = f"give {older[key]}" if key in older else did_you_mean(key, absent)
             if advice:
                 lines.append(f"{label} is ignored: {advice}")
@@ -111,7 +129,9 @@ def _examine(p: Parameter, value: Any, label: str, errors: List[str], lines: Lis
     """Append an error or a warning if a value is not used as given."""
     if not p.reads(value):
         if p.type != "list":  # _recoveries reports lists.
-            lines.append(f"{label} is {value!r}: the default {p.default!r} is used, as in C++; {p.give}")
+            lines.append(
+                f"{label} is {value!r}: the default {p.default!r} is used, as in C++; {p.give}"
+            )
         return
     try:
         converted, taken = p.convert(value, label), p.taken(value, label)
@@ -121,7 +141,9 @@ def _examine(p: Parameter, value: Any, label: str, errors: List[str], lines: Lis
     if taken != converted and p.beyond == "error":
         errors.append(f"{label} is {converted!r}: give a value from {p.min!r} to {p.max!r}")
     elif taken != converted and p.beyond:
-        lines.append(f"{label} is {converted!r}: {taken!r} is used, give a value from {p.min!r} to {p.max!r}")
+        lines.append(
+            f"{label} is {converted!r}: {taken!r} is used, give a value from {p.min!r} to {p.max!r}"
+        )
 
 
 def _local_planner(tree: Dict[str, Any]) -> str:
@@ -158,7 +180,11 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
             named = [have[name] for name in p.names if p.reads(have.get(name))]
             if not named and p.name == "controller_frequency" and p.reads(tree.get(p.name)):
                 named = [tree[p.name]]  # C++ searches for it from the planner's name space upwards.
-            if path in COSTMAPS and p.name in INHERITED and not (named and p.name == "track_unknown_space"):
+            if (
+                path in COSTMAPS
+                and p.name in INHERITED
+                and not (named and p.name == "track_unknown_space")
+            ):
                 continue  # The parameter is completed at the layers.
             label = f"{path}/{p.name}" if path else p.name
             try:
@@ -177,13 +203,17 @@ def _complete_behaviours(tree: Dict[str, Any], full: Dict[str, Any]) -> None:
     names, full["recovery_behaviors"] = _behaviours(tree), _recoveries(tree)[0]
     for name in names:
         if name in full and name not in USUAL:
-            raise ParameterError(f"recovery_behaviors has the name {name!r}, which is already in use: give another one")
+            raise ParameterError(
+                f"recovery_behaviors has the name {name!r}, which is already in use: give another one"
+            )
     full["conservative_reset"]["reset_distance"] = full["conservative_reset_dist"]
     full["aggressive_reset"]["reset_distance"] = 4 * full["local_costmap"]["circumscribed_radius"]
     for name in names:
         own = {**full.get(name, {}), **branch(tree, name)}
         full[name] = {
-            p.name: p.taken(own[p.name] if p.reads(own.get(p.name)) else p.default, f"{name}/{p.name}")
+            p.name: p.taken(
+                own[p.name] if p.reads(own.get(p.name)) else p.default, f"{name}/{p.name}"
+            )
             for p in BEHAVIOUR
         }
 
@@ -199,8 +229,15 @@ def _contradictions(full: Dict[str, Any]) -> Iterator[str]:
         yield from (f"{name}/{line}" for line in CONTRADICTIONS[name](full[name]))
     for name in dict.fromkeys(["rotate_recovery", *_behaviours(full)]):
         turn = {"sim_granularity": math.inf, **full[name], "a turn of": 2 * math.pi}
-        yield from (f"{name}/{line}" for line in too_many_points(turn, "sim_granularity", ["a turn of"]))
-    for layer in (layer for name in COSTMAPS for layer in layers(name, full[name]) if layer.kind == OBSTACLE_LAYER):
+        yield from (
+            f"{name}/{line}" for line in too_many_points(turn, "sim_granularity", ["a turn of"])
+        )
+    for layer in (
+        layer
+        for name in COSTMAPS
+        for layer in layers(name, full[name])
+        if layer.kind == OBSTACLE_LAYER
+    ):
         for source in sources(branch(full, layer.path)):
             kind = branch(full, f"{layer.path}/{source}")["data_type"]
             if kind not in DATA_TYPES:
@@ -215,20 +252,30 @@ def _recoveries(tree: Dict[str, Any]) -> Tuple[List[Dict[str, str]], List[str]]:
     """
     listed = tree.get("recovery_behaviors", DEFAULT_RECOVERIES)
     entries = listed if isinstance(listed, list) else [listed]
-    names = [e.get("name") if isinstance(e, dict) and isinstance(e.get("type"), str) else None for e in entries]
+    names = [
+        e.get("name") if isinstance(e, dict) and isinstance(e.get("type"), str) else None
+        for e in entries
+    ]
     for entry, name in zip(entries, names):
         again = names.count(name) > 1 and listed != DEFAULT_RECOVERIES
         if again or not isinstance(name, str):
             advice = "the default behaviours are used, as in C++; give each behaviour a unique name and a type"
             return DEFAULT_RECOVERIES, [f"recovery_behaviors has {entry!r}: {advice}"]
     types = {namespace(kind): kind for kind in RECOVERY_TYPES}
-    here = [dict(entry, type=types.get(namespace(entry["type"]), entry["type"])) for entry in entries]
+    here = [
+        dict(entry, type=types.get(namespace(entry["type"]), entry["type"])) for entry in entries
+    ]
     absent = [entry["type"] for entry in here if entry["type"] not in RECOVERY_TYPES]
-    lines = [f"recovery_behaviors has {kind}: this type is not available, the others are used" for kind in absent]
+    lines = [
+        f"recovery_behaviors has {kind}: this type is not available, the others are used"
+        for kind in absent
+    ]
     return [entry for entry in here if entry["type"] in RECOVERY_TYPES], lines
 
 
 def _behaviours(tree: Dict[str, Any]) -> List[str]:
     """Return the names in recovery_behaviors, or an empty list if the default behaviours are active."""
     behaviours, _ = _recoveries(tree)
-    return [] if behaviours == DEFAULT_RECOVERIES else [behaviour["name"] for behaviour in behaviours]
+    return (
+        [] if behaviours == DEFAULT_RECOVERIES else [behaviour["name"] for behaviour in behaviours]
+    )

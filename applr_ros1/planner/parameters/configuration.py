@@ -19,7 +19,8 @@ class Configuration:
         self._start: Dict[str, Dict[str, Any]] = {}
         self._declared = {name: server.parameters for name, server in servers(tree).items()}
         self._tables = {
-            name: {key: p for p in declared for key in p.names} for name, declared in self._declared.items()
+            name: {key: p for p in declared for key in p.names}
+            for name, declared in self._declared.items()
         }
         for server, table in self._tables.items():
             here = branch(tree, server)

@@ -8,7 +8,16 @@ from __future__ import annotations
 from typing import Any, Dict, Iterator
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.planner.parameters.parameter import INF, INT_MAX, OUTLINE, flag, listing, real, text, whole
+from applr_ros1.planner.parameters.parameter import (
+    INF,
+    INT_MAX,
+    OUTLINE,
+    flag,
+    listing,
+    real,
+    text,
+    whole,
+)
 
 MAX_CELLS = 16_000_000  # largest number of cells of a costmap, 200 x 200 m at 0.05 m
 

@@ -10,7 +10,11 @@ from __future__ import annotations
 
 from typing import Any, Callable, Dict, Iterator, NamedTuple, Optional, Tuple
 
-from applr_ros1.planner.parameters import costmap_parameters, dwa_planner_parameters, trajectory_planner_parameters
+from applr_ros1.planner.parameters import (
+    costmap_parameters,
+    dwa_planner_parameters,
+    trajectory_planner_parameters,
+)
 from applr_ros1.planner.parameters.costmap_parameters import (
     COSTMAP,
     INFLATION,
@@ -31,7 +35,10 @@ from applr_ros1.planner.parameters.move_base_parameters import (
     STATIC_NAVFN,
 )
 from applr_ros1.planner.parameters.parameter import OUTLINE, Parameter
-from applr_ros1.planner.parameters.trajectory_planner_parameters import STATIC_TRAJECTORY_PLANNER, TRAJECTORY_PLANNER
+from applr_ros1.planner.parameters.trajectory_planner_parameters import (
+    STATIC_TRAJECTORY_PLANNER,
+    TRAJECTORY_PLANNER,
+)
 
 GLOBAL_PLANNERS = ("navfn/NavfnROS",)
 LOCAL_PLANNERS = ("base_local_planner/TrajectoryPlannerROS", "dwa_local_planner/DWAPlannerROS")
@@ -76,7 +83,9 @@ CONTRADICTIONS: Dict[str, Callable[[Dict[str, Any]], Iterator[str]]] = {
 def of_kind(kind: str) -> Tuple[str, ...]:
     """Return all names, older ones included, of the local planners' parameters of a kind (Parameter.kind)."""
     planners = ("TrajectoryPlannerROS", "DWAPlannerROS")
-    declared = (p for planner in planners for p in SERVERS[planner] + STATIC[planner] if p.kind == kind)
+    declared = (
+        p for planner in planners for p in SERVERS[planner] + STATIC[planner] if p.kind == kind
+    )
     return tuple(dict.fromkeys(name for p in declared for name in (*p.names, *p.older)))
 
 
@@ -108,7 +117,10 @@ def servers(tree: Dict[str, Any]) -> Dict[str, Server]:
         {name: Server}; the name of move_base's own server is "".
     """
     planner = namespace(tree["base_local_planner"])
-    declared = {"": Server("MoveBase", MOVE_BASE), planner: Server(planner[: -len("ROS")], SERVERS[planner])}
+    declared = {
+        "": Server("MoveBase", MOVE_BASE),
+        planner: Server(planner[: -len("ROS")], SERVERS[planner]),
+    }
     for name in COSTMAPS:
         declared[name] = Server("Costmap2D", SERVERS[name])
         for layer in layers(name, tree[name]):
@@ -126,7 +138,9 @@ def tables(tree: Dict[str, Any]) -> Dict[str, Tuple[Parameter, ...]]:
             declared[layer.path] = TYPES[layer.kind].live + TYPES[layer.kind].static
             own = costmap.get(layer.name, {})
             if layer.kind == OBSTACLE_LAYER and isinstance(own, dict):
-                declared.update({f"{layer.path}/{source}": STATIC_SOURCE for source in sources(own)})
+                declared.update(
+                    {f"{layer.path}/{source}": STATIC_SOURCE for source in sources(own)}
+                )
     return declared
 
 

@@ -8,7 +8,16 @@ from __future__ import annotations
 import math
 from typing import Any, Dict, Iterator
 
-from applr_ros1.planner.parameters.parameter import INF, INT_MAX, RESTORE, flag, real, text, too_many_points, whole
+from applr_ros1.planner.parameters.parameter import (
+    INF,
+    INT_MAX,
+    RESTORE,
+    flag,
+    real,
+    text,
+    too_many_points,
+    whole,
+)
 
 # Columns: name, default, minimum, maximum, unit, description; only name, default, description for flags, texts, lists
 # fmt: off
@@ -119,8 +128,12 @@ STATIC_DWA_PLANNER = (
 def contradictions(values: Dict[str, Any]) -> Iterator[str]:
     """Yield a message for each value that leads to too many samples or points."""
     counts = tuple(values[name] for name in SAMPLES)
-    most = math.prod(max(n, 2) + 1 for n in counts)  # Each axis has at least two samples and one more at zero.
+    most = math.prod(
+        max(n, 2) + 1 for n in counts
+    )  # Each axis has at least two samples and one more at zero.
     if most > MOST_SAMPLES:
         yield f"{', '.join(SAMPLES)} are {counts}, up to {most} samples: give at most {MOST_SAMPLES} together"
     yield from too_many_points(values, "sim_granularity", ["max_vel_trans"], values["sim_time"])
-    yield from too_many_points(values, "angular_sim_granularity", ["max_vel_theta"], values["sim_time"])
+    yield from too_many_points(
+        values, "angular_sim_granularity", ["max_vel_theta"], values["sim_time"]
+    )

@@ -52,10 +52,15 @@ TYPES: Dict[str, LayerType] = {
         STATIC_OBSTACLES,
         ("max_obstacle_height", "raytrace_range", "obstacle_range", "track_unknown_space"),
     ),
-    INFLATION_LAYER: LayerType("InflationPlugin", INFLATION, (), ("cost_scaling_factor", "inflation_radius")),
+    INFLATION_LAYER: LayerType(
+        "InflationPlugin", INFLATION, (), ("cost_scaling_factor", "inflation_radius")
+    ),
 }
 INHERITED: Dict[str, Parameter] = {
-    p.name: p for kind in TYPES.values() for p in kind.live + kind.static if p.name in kind.inherited
+    p.name: p
+    for kind in TYPES.values()
+    for p in kind.live + kind.static
+    if p.name in kind.inherited
 }
 VOXEL_LAYER = "costmap_2d::VoxelLayer"
 PREDICTED = "applr/predicted"  # topic of the predicted obstacle points
@@ -91,7 +96,9 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
             advice = f"give a name and a type of {', '.join(sorted(TYPES))}"
             raise ParameterError(f"{name}/plugins has {entry!r}: {advice}")
         if any(layer.name == entry["name"] for layer in declared):
-            raise ParameterError(f"{name}/plugins has two layers named {entry['name']}: give each a unique name")
+            raise ParameterError(
+                f"{name}/plugins has two layers named {entry['name']}: give each a unique name"
+            )
         kind = _kind(entry, costmap)
         if kind:
             declared.append(Layer(f"{name}/{entry['name']}", entry["name"], kind))
@@ -108,7 +115,9 @@ def replaced(tree: Dict[str, Any]) -> Iterator[str]:
         for entry in plugins if isinstance(plugins, list) else ():
             given = entry.get("type") if isinstance(entry, dict) else None
             if isinstance(given, str) and given not in TYPES:
-                instead = "an obstacle layer replaces it" if _kind(entry, costmap) else "it is left out"
+                instead = (
+                    "an obstacle layer replaces it" if _kind(entry, costmap) else "it is left out"
+                )
                 yield f"{name}/plugins has {given}: this layer type is not available, {instead}"
 
 
@@ -117,7 +126,9 @@ def _kind(entry: Dict[str, Any], costmap: Dict[str, Any]) -> str:
 
     A voxel layer, or another layer of unavailable type with observation sources, becomes an obstacle layer.
     """
-    sees = entry["type"] == VOXEL_LAYER or "observation_sources" in branch(costmap, str(entry.get("name")))
+    sees = entry["type"] == VOXEL_LAYER or "observation_sources" in branch(
+        costmap, str(entry.get("name"))
+    )
     return entry["type"] if entry["type"] in TYPES else OBSTACLE_LAYER if sees else ""
 
 
@@ -171,27 +182,47 @@ def _with_older_names(tree: Dict[str, Any]) -> Any:
     slowest = "min_in_place_vel_theta", "min_in_place_rotational_vel"
     if str(tree.get("base_local_planner", "TrajectoryPlannerROS")).endswith("TrajectoryPlannerROS"):
         return {**given, slowest[1]: given[slowest[0]]} if slowest[0] in given else given
-    older = {slowest[0]: slowest[1], "max_vel_theta": "max_rotational_vel", "acc_lim_theta": "acc_lim_th"}
-    return {"yaw_goal_tolerance": 0.1, **{now: given[old] for now, old in older.items() if old in given}, **given}
+    older = {
+        slowest[0]: slowest[1],
+        "max_vel_theta": "max_rotational_vel",
+        "acc_lim_theta": "acc_lim_th",
+    }
+    return {
+        "yaw_goal_tolerance": 0.1,
+        **{now: given[old] for now, old in older.items() if old in given},
+        **given,
+    }
 
 
 def _add_predicted(layer: Dict[str, Any], base: str) -> None:
     """Add a source for PREDICTED, with the parameters of the laser, if the layer has a laser that marks and clears."""
     own = [branch(layer, name) for name in sources(layer)]
-    lasers = [s for s in own if s.get("data_type") == "LaserScan" and s.get("clearing") and s.get("marking", True)]
+    lasers = [
+        s
+        for s in own
+        if s.get("data_type") == "LaserScan" and s.get("clearing") and s.get("marking", True)
+    ]
     given = [source for source in own if str(source.get("topic")).lstrip("/") == PREDICTED]
     for source in given:  # Files that also configure the C++ node list the source themselves.
         source["topic"] = PREDICTED
     if lasers and not given:
         changed = {"topic": PREDICTED, "data_type": "PointCloud2", "observation_persistence": 0.0}
-        layer["applr_predicted"] = {"sensor_frame": base, **lasers[0], **changed, "expected_update_rate": 0.0}
+        layer["applr_predicted"] = {
+            "sensor_frame": base,
+            **lasers[0],
+            **changed,
+            "expected_update_rate": 0.0,
+        }
         layer["observation_sources"] += " applr_predicted"
 
 
 def _move_to_layers(costmap: Dict[str, Any]) -> None:
     """Add the layers of files without `plugins` and move their parameters to them."""
     with_map = costmap.get("static_map", False) is True
-    own = {layer: dict(costmap[layer]) if isinstance(costmap.get(layer), dict) else {} for layer, _ in BEFORE_HYDRO}
+    own = {
+        layer: dict(costmap[layer]) if isinstance(costmap.get(layer), dict) else {}
+        for layer, _ in BEFORE_HYDRO
+    }
     keys = {layer: TYPES[kind].inherited for layer, kind in BEFORE_HYDRO}
     keys["obstacle_layer"] += ("observation_sources", *sources(costmap))
     for layer, names in keys.items():
@@ -202,7 +233,9 @@ def _move_to_layers(costmap: Dict[str, Any]) -> None:
             if key != "track_unknown_space":  # The costmap itself reads this parameter, too.
                 costmap.pop(key, None)
     costmap["plugins"] = [
-        {"name": layer, "type": kind} for layer, kind in BEFORE_HYDRO if layer != "static_layer" or with_map
+        {"name": layer, "type": kind}
+        for layer, kind in BEFORE_HYDRO
+        if layer != "static_layer" or with_map
     ]
     costmap.update({entry["name"]: own[entry["name"]] for entry in costmap["plugins"]})
 

@@ -17,9 +17,20 @@ MOST_POINTS = 100_000  # largest number of points of one trajectory or turn; mor
 TEXT_OR_LIST = ("footprint", "y_vels")  # texts that parameter files may also give as lists
 # Users that read a parameter only at start-up (Parameter.once): TrajectoryPlannerROS for all its cycles; both local
 # planners; TrajectoryPlannerROS for stopping and turning at its goal; the recovery behaviours
-OUTLINE, PERIOD, GOAL, RECOVERY = "TrajectoryPlannerROS", "the local planner", "the stop and turn at a goal", "recovery"
+OUTLINE, PERIOD, GOAL, RECOVERY = (
+    "TrajectoryPlannerROS",
+    "the local planner",
+    "the stop and turn at a goal",
+    "recovery",
+)
 _TYPES = {"bool": bool, "str": str, "list": list}
-_GIVE = {"double": "a finite number", "int": "a whole number", "bool": "true or false", "str": "text", "list": "a list"}
+_GIVE = {
+    "double": "a finite number",
+    "int": "a whole number",
+    "bool": "true or false",
+    "str": "text",
+    "list": "a list",
+}
 
 
 class ParameterError(ApplrError):
@@ -94,7 +105,9 @@ class Parameter:
             return str(value) if self.type == "str" else value
         if self.not_zero and value == 0:
             raise ParameterError(f"{label} is 0: give a number above 0")
-        return float(value) if self.type == "double" else math.floor(value + 0.5)  # roscpp rounds, too.
+        return (
+            float(value) if self.type == "double" else math.floor(value + 0.5)
+        )  # roscpp rounds, too.
 
     def taken(self, value: Any, label: str = "") -> Any:
         """Return `value` as the node uses it: converted and clamped. Raise ParameterError like `convert`."""
@@ -119,17 +132,23 @@ def too_many_points(
     """
     for name in names:
         if abs(values[name]) * (1.0 if time is None else time) > MOST_POINTS * values[spacing]:
-            what = f"{name} {values[name]:g}" + ("" if time is None else f" and sim_time {time:g} s")
+            what = f"{name} {values[name]:g}" + (
+                "" if time is None else f" and sim_time {time:g} s"
+            )
             yield f"{spacing} is {values[spacing]:g}: more than {MOST_POINTS} points with {what}, give a larger value"
             return
 
 
-def real(name: str, default: Any, low: float, high: float, unit: str, doc: str, **more: Any) -> Parameter:
+def real(
+    name: str, default: Any, low: float, high: float, unit: str, doc: str, **more: Any
+) -> Parameter:
     """Declare a double."""
     return Parameter(name, "double", default, low, high, unit, doc, **more)
 
 
-def whole(name: str, default: Any, low: float, high: float, unit: str, doc: str, **more: Any) -> Parameter:
+def whole(
+    name: str, default: Any, low: float, high: float, unit: str, doc: str, **more: Any
+) -> Parameter:
     """Declare an int."""
     return Parameter(name, "int", default, low, high, unit, doc, **more)
 
@@ -149,4 +168,6 @@ def listing(name: str, default: Any, doc: str) -> Parameter:
     return Parameter(name, "list", default, None, None, "", doc)
 
 
-RESTORE = flag("restore_defaults", False, "Restores all parameters of this server to their start-up values.")
+RESTORE = flag(
+    "restore_defaults", False, "Restores all parameters of this server to their start-up values."
+)

@@ -21,7 +21,9 @@ from applr_ros1.planner.trajectory import scoring
 from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
 from applr_ros1.planner.trajectory.scoring import HUGE, NO_CEILING, new_velocity, step_count
 
-Ground = Tuple[float, float, float, int, int]  # the map's origin (x, y) [m], resolution [m] and size [cells]
+Ground = Tuple[
+    float, float, float, int, int
+]  # the map's origin (x, y) [m], resolution [m] and size [cells]
 MARGIN = 1e-6  # smallest distance to a border [cells] at which a cell is certain; closed forms err by 1e-10 cells
 
 
@@ -52,7 +54,9 @@ def ramp(
 
 
 @kernel
-def along_arc(x: float, y: float, c: float, s: float, length: float, turn: float, n: int) -> Tuple[float, float]:
+def along_arc(
+    x: float, y: float, c: float, s: float, length: float, turn: float, n: int
+) -> Tuple[float, float]:
     """Return the position after n moves of `length` [m] and `turn` [rad] each, by the chord of the polygon of moves.
 
     x, y: position at the start. c, s: cosine and sine of the heading at the start. |turn| must not exceed LARGEST_TURN.
@@ -80,7 +84,9 @@ def exact_end(p: Record, start: Data, vx: float, w: float, steps: int) -> Tuple[
 
 
 @kernel(error_model="numpy")
-def end_cell(p: Record, ground: Ground, start: Data, c: float, s: float, vx: float, w: float) -> Tuple[int, int]:
+def end_cell(
+    p: Record, ground: Ground, start: Data, c: float, s: float, vx: float, w: float
+) -> Tuple[int, int]:
     """Return the cell of the sample's last point, (-1, -1) if off the map. c, s: cosine and sine of the heading."""
     ox, oy, resolution, nx, ny = ground
     steps = step_count(p, vx, 0.0, w)
@@ -91,14 +97,26 @@ def end_cell(p: Record, ground: Ground, start: Data, c: float, s: float, vx: flo
     if sure:
         moves, x, y, c, s = ramp(p, start, c, s, vx, w, dt, steps - 1)
         x, y = along_arc(x, y, c, s, vx * dt, turn, steps - 1 - moves)
-    if not sure or on_border((x - ox) / resolution, MARGIN) or on_border((y - oy) / resolution, MARGIN):
+    if (
+        not sure
+        or on_border((x - ox) / resolution, MARGIN)
+        or on_border((y - oy) / resolution, MARGIN)
+    ):
         x, y = exact_end(p, start, vx, w, steps)
     return world_to_map(x, y, ox, oy, resolution, nx, ny)
 
 
 @kernel(error_model="numpy")
 def probe(
-    p: Record, scene: Scene, start: Data, c: float, s: float, vx: float, w: float, occupied: int, allowed: int
+    p: Record,
+    scene: Scene,
+    start: Data,
+    c: float,
+    s: float,
+    vx: float,
+    w: float,
+    occupied: int,
+    allowed: int,
 ) -> int:
     """Return a lower bound of the sample's obstacle cost from a few of its poses, or -1 if one of them is illegal.
 
@@ -134,7 +152,14 @@ def probe(
 
 @kernel(error_model="numpy")
 def best_forward(
-    p: Record, scene: Scene, grids: Grids, scratch: Scratch, start: Data, vs: Data, ws: Data, occupied: int
+    p: Record,
+    scene: Scene,
+    grids: Grids,
+    scratch: Scratch,
+    start: Data,
+    vs: Data,
+    ws: Data,
+    occupied: int,
 ) -> Tuple[float, float, float, int]:
     """Return (cost, vx, w, number of points) of the best forward sample, or HUGE and no points if none is legal.
 
@@ -179,7 +204,14 @@ def best_forward(
 
 @kernel(error_model="numpy")
 def _bound(
-    p: Record, scene: Scene, grids: Grids, scratch: Scratch, start: Data, vs: Data, ws: Data, occupied: int
+    p: Record,
+    scene: Scene,
+    grids: Grids,
+    scratch: Scratch,
+    start: Data,
+    vs: Data,
+    ws: Data,
+    occupied: int,
 ) -> int:
     """Fill bases (lower bounds of path and goal terms), keys (lower bounds of costs) and heap; return the heap's size.
 
@@ -193,7 +225,9 @@ def _bound(
     ny, nx = cells.shape
     n = nx * ny
     ground = ox, oy, resolution, nx, ny
-    exact = not p.simple_attractor and not p.heading_scoring  # With these options only the obstacle term is known here.
+    exact = (
+        not p.simple_attractor and not p.heading_scoring
+    )  # With these options only the obstacle term is known here.
     c = math.cos(start[2])
     s = math.sin(start[2])
     travel = (max(abs(start[3]), abs(vs[0]), abs(vs[-1])) + abs(start[4])) * p.sim_time / resolution

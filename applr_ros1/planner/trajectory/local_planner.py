@@ -94,7 +94,11 @@ class TrajectoryLocalPlanner(LocalPlanner):
         return self.planner.refusals(costmap) if self._is_blocked else {}
 
     def compute_velocity(
-        self, pose: Sequence[float], twist: Sequence[float], costmap: Costmap, local_origin: Optional[Pose] = None
+        self,
+        pose: Sequence[float],
+        twist: Sequence[float],
+        costmap: Costmap,
+        local_origin: Optional[Pose] = None,
     ) -> Tuple[bool, Tuple[float, float]]:
         """Return (ok, (v, w)) for this cycle, see LocalPlanner.
 
@@ -123,26 +127,39 @@ class TrajectoryLocalPlanner(LocalPlanner):
 
         self.planner.set_plan(cut)
         choice = self.planner.find_best_path(costmap, (x, y, yaw), (v, 0.0, w))
-        if at_goal:  # The choice is ignored, but its floods are used below, and the flags change as in C++.
-            ok, command = self._stop_or_turn((x, y, heading), (v, 0.0, through_quaternion(w)), goal_yaw, costmap)
+        if (
+            at_goal
+        ):  # The choice is ignored, but its floods are used below, and the flags change as in C++.
+            ok, command = self._stop_or_turn(
+                (x, y, heading), (v, 0.0, through_quaternion(w)), goal_yaw, costmap
+            )
             if ok:
                 self.cropped_plan = cut
             return ok, command
         legal = choice.cost >= 0
-        self.cropped_plan, self._choice, self._is_blocked = cut, choice if legal else None, not legal
+        self.cropped_plan, self._choice, self._is_blocked = (
+            cut,
+            choice if legal else None,
+            not legal,
+        )
         return legal, (choice.drive[0], choice.drive[2])
 
-    def _stop_or_turn(self, pose: Triple, velocity: Triple, goal_yaw: float, costmap: Costmap) -> Tuple[bool, Command]:
+    def _stop_or_turn(
+        self, pose: Triple, velocity: Triple, goal_yaw: float, costmap: Costmap
+    ) -> Tuple[bool, Command]:
         """Stop the robot at the goal's position, then turn it to the goal's yaw."""
         if not self._rotating and max(abs(v) for v in velocity) > STOPPED:
             return self._if_legal(pose, velocity, self._slower(velocity), costmap)
         self._rotating = True
-        return self._if_legal(pose, velocity, (0.0, 0.0, self._turn(pose[2], velocity[2], goal_yaw)), costmap)
+        return self._if_legal(
+            pose, velocity, (0.0, 0.0, self._turn(pose[2], velocity[2], goal_yaw)), costmap
+        )
 
     def _slower(self, velocity: Triple) -> Tuple[float, ...]:
         """Return the velocity after one period of braking at the acceleration limits."""
         return tuple(
-            math.copysign(max(0.0, abs(v) - limit * self._period), v) for v, limit in zip(velocity, self._acceleration)
+            math.copysign(max(0.0, abs(v) - limit * self._period), v)
+            for v, limit in zip(velocity, self._acceleration)
         )
 
     def _turn(self, yaw: float, w: float, goal_yaw: float) -> float:

@@ -13,13 +13,29 @@ import numpy as np
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.footprint_cost import line_offsets
 from applr_ros1.planner.distance_grid import complete
-from applr_ros1.planner.sampling_planner import Choice, SamplingPlanner, cost_cloud, floats, trajectory_cloud
-from applr_ros1.planner.trajectory.records import PARAMETERS, STATE, Scene, allocate_grids, allocate_scratch
+from applr_ros1.planner.sampling_planner import (
+    Choice,
+    SamplingPlanner,
+    cost_cloud,
+    floats,
+    trajectory_cloud,
+)
+from applr_ros1.planner.trajectory.records import (
+    PARAMETERS,
+    STATE,
+    Scene,
+    allocate_grids,
+    allocate_scratch,
+)
 from applr_ros1.planner.trajectory.sampling import find_best_path, remember
 from applr_ros1.planner.trajectory.scoring import roll_out, score, score_all_samples
 
 NO_PLAN = np.zeros((0, 2))
-WEIGHTS = "path_distance_bias", "goal_distance_bias", "occdist_scale"  # weights of the parts of a cost
+WEIGHTS = (
+    "path_distance_bias",
+    "goal_distance_bias",
+    "occdist_scale",
+)  # weights of the parts of a cost
 
 
 class TrajectoryPlanner(SamplingPlanner):
@@ -39,7 +55,11 @@ class TrajectoryPlanner(SamplingPlanner):
     SAMPLES = ("vx_samples", "vtheta_samples")
 
     def __init__(
-        self, footprint: np.ndarray, params: Mapping[str, Any], sim_period: float = 0.05, meter_scoring: bool = True
+        self,
+        footprint: np.ndarray,
+        params: Mapping[str, Any],
+        sim_period: float = 0.05,
+        meter_scoring: bool = True,
     ):
         self._footprint = np.ascontiguousarray(footprint, dtype=np.float64).reshape(-1, 2)
         self._meter_scoring = bool(meter_scoring)
@@ -62,7 +82,15 @@ class TrajectoryPlanner(SamplingPlanner):
 
     def remember(self, pose: Sequence[float], v: float, w: float) -> None:
         """Update the flags as if the last cycle had chosen the command (v, w) at a pose; it backs out if v < 0."""
-        remember(self._params[0], self._state[0], np.array(pose, float), -1.0 if v < 0 else 0.0, v, w, v >= 0)
+        remember(
+            self._params[0],
+            self._state[0],
+            np.array(pose, float),
+            -1.0 if v < 0 else 0.0,
+            v,
+            w,
+            v >= 0,
+        )
 
     def sample_costs(
         self, costmap: Costmap, command: Sequence[float]
@@ -78,9 +106,18 @@ class TrajectoryPlanner(SamplingPlanner):
         def costs(*ignored: str) -> np.ndarray:
             params = self._params.copy()
             params[list(ignored)] = 0.0
-            return np.array([score(params, scene, self._grids, scratch.start, (v, 0.0, w))[0] for v, w in samples])
+            return np.array(
+                [
+                    score(params, scene, self._grids, scratch.start, (v, 0.0, w))[0]
+                    for v, w in samples
+                ]
+            )
 
-        return np.array(samples), costs(), {name: np.maximum(costs(*(set(WEIGHTS) - {name})), 0.0) for name in WEIGHTS}
+        return (
+            np.array(samples),
+            costs(),
+            {name: np.maximum(costs(*(set(WEIGHTS) - {name})), 0.0) for name in WEIGHTS},
+        )
 
     def reset(self) -> None:
         """Clear flags, reference positions and plan, as in a new object (for training episodes)."""
@@ -92,7 +129,9 @@ class TrajectoryPlanner(SamplingPlanner):
         # The kernels are compiled only for a contiguous array in C order.
         self._plan = np.array(plan[:, :2], dtype=np.float64, order="C")
 
-    def find_best_path(self, costmap: Costmap, pose: Sequence[float], velocity: Sequence[float]) -> Choice:
+    def find_best_path(
+        self, costmap: Costmap, pose: Sequence[float], velocity: Sequence[float]
+    ) -> Choice:
         """Run one cycle: floods, samples, winner, flags.
 
         Args:
@@ -101,13 +140,25 @@ class TrajectoryPlanner(SamplingPlanner):
             velocity: vx, vy [m/s], w [rad/s].
         """
         scene = self._scene_of(costmap)
-        given = self._params, self._state, self._grids, self._scratch, scene, floats(pose), floats(velocity)
+        given = (
+            self._params,
+            self._state,
+            self._grids,
+            self._scratch,
+            scene,
+            floats(pose),
+            floats(velocity),
+        )
         cost, v, w, count, drive_v, drive_w = find_best_path(*given)
         follow = partial(roll_out, self._params, self.start, v, w)
         return Choice(cost, (v, 0.0, w), (drive_v, 0.0, drive_w), count, follow)
 
     def score(
-        self, costmap: Costmap, pose: Sequence[float], velocity: Sequence[float], sample: Sequence[float]
+        self,
+        costmap: Costmap,
+        pose: Sequence[float],
+        velocity: Sequence[float],
+        sample: Sequence[float],
     ) -> Tuple[float, int, float, float, float]:
         """Return (cost, number of points, end x, y, yaw) of a sample (vx, vy, w) on the last cycle's grids.
 
@@ -139,11 +190,15 @@ class TrajectoryPlanner(SamplingPlanner):
         """
         if self._grids is None or self._shape != costmap.cells.shape:
             return np.zeros((0, 5), np.float32)
-        return trajectory_cloud(score_all_samples(self._params, self._scene_of(costmap), self._grids, self._scratch)[0])
+        return trajectory_cloud(
+            score_all_samples(self._params, self._scene_of(costmap), self._grids, self._scratch)[0]
+        )
 
     def refusals(self, costmap: Costmap) -> Dict[str, int]:
         """Count the rejected forward samples of the last cycle by reason. `costmap` must be the one of that cycle."""
-        _, (collide, lost) = score_all_samples(self._params, self._scene_of(costmap), self._grids, self._scratch)
+        _, (collide, lost) = score_all_samples(
+            self._params, self._scene_of(costmap), self._grids, self._scratch
+        )
         samples = len(self._scratch.vs) * (len(self._scratch.ws) + 1)
         return {"samples": samples, "obstacle": int(collide), "path or goal": int(lost)}
 
@@ -154,4 +209,12 @@ class TrajectoryPlanner(SamplingPlanner):
             self._grids = allocate_grids(nx, ny)
             self._lines = line_offsets(self._footprint, self._resolution, nx)
         x, y = costmap.origin
-        return Scene(costmap.cells, float(x), float(y), self._resolution, self._footprint, self._lines, self._plan)
+        return Scene(
+            costmap.cells,
+            float(x),
+            float(y),
+            self._resolution,
+            self._footprint,
+            self._lines,
+            self._plan,
+        )

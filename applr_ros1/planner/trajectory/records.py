@@ -38,7 +38,9 @@ Scratch = namedtuple("Scratch", "vs ws bases keys heap probed start")
 
 def allocate_grids(nx: int, ny: int) -> Grids:
     """Return grids for a map of nx by ny cells. A planner reuses them in every cycle."""
-    return Grids(distance_grid.allocate(nx, ny), distance_grid.allocate(nx, ny), np.zeros((ny, nx), np.uint8))
+    return Grids(
+        distance_grid.allocate(nx, ny), distance_grid.allocate(nx, ny), np.zeros((ny, nx), np.uint8)
+    )
 
 
 def allocate_scratch(vx_samples: int, vtheta_samples: int) -> Scratch:

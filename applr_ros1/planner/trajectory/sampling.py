@@ -19,12 +19,32 @@ from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.footprint import fill_footprint
 from applr_ros1.planner.costmap.footprint_cost import outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import LETHAL, world_to_map
-from applr_ros1.planner.distance_grid import final_distance, place, reset, settle, start_at, start_at_plan
-from applr_ros1.planner.sampling_planner import Record, Triple, angle_difference, take_start, through_quaternion
+from applr_ros1.planner.distance_grid import (
+    final_distance,
+    place,
+    reset,
+    settle,
+    start_at,
+    start_at_plan,
+)
+from applr_ros1.planner.sampling_planner import (
+    Record,
+    Triple,
+    angle_difference,
+    take_start,
+    through_quaternion,
+)
 from applr_ros1.planner.trajectory import scoring
 from applr_ros1.planner.trajectory.forward import best_forward
 from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
-from applr_ros1.planner.trajectory.scoring import COLLISION, HUGE, NO_CEILING, NO_PATH, new_velocity, score_below
+from applr_ros1.planner.trajectory.scoring import (
+    COLLISION,
+    HUGE,
+    NO_CEILING,
+    NO_PATH,
+    new_velocity,
+    score_below,
+)
 
 
 @kernel
@@ -73,7 +93,15 @@ WIDEST = 40  # largest radius around the robot that is searched for costs [cells
 
 @kernel(error_model="numpy")
 def best_in_place(
-    p: Record, state: Record, scene: Scene, grids: Grids, start: Data, ws: Data, dw: float, occupied: int, best: float
+    p: Record,
+    state: Record,
+    scene: Scene,
+    grids: Grids,
+    start: Data,
+    ws: Data,
+    dw: float,
+    occupied: int,
+    best: float,
 ) -> Tuple[float, float, int]:
     """Return (cost, w, number of points) of the turn that replaces the best forward sample, no points if none does.
 
@@ -113,7 +141,9 @@ def best_in_place(
             continue
         if ceiling < 0:
             ceiling = _surroundings(p, scene, start)
-        cost, count, _, _, _ = score_below(p, scene, grids, start, (0.0, 0.0, w), ceiling, base, best)
+        cost, count, _, _, _ = score_below(
+            p, scene, grids, start, (0.0, 0.0, w), ceiling, base, best
+        )
         if 0 <= cost <= best:
             best, chosen, points, heading_distance = cost, w, count, float(ahead)
     return best, chosen, points
@@ -136,7 +166,9 @@ def _end(p: Record, start: Data, w: float) -> Triple:
 
 
 @kernel
-def _distance_ahead(p: Record, scene: Scene, grids: Grids, x: float, y: float, theta: float, limit: float) -> int:
+def _distance_ahead(
+    p: Record, scene: Scene, grids: Grids, x: float, y: float, theta: float, limit: float
+) -> int:
     """Return the goal distance heading_lookahead ahead of a pose; -1 if off the map or not below `limit`."""
     ny, nx = scene.cells.shape
     n = nx * ny
@@ -157,7 +189,9 @@ def _distance_ahead(p: Record, scene: Scene, grids: Grids, x: float, y: float, t
 def _surroundings(p: Record, scene: Scene, start: Data) -> int:
     """Return an upper bound of costs under a turn in place from `start`, NO_CEILING if unknown or lethal."""
     ny, nx = scene.cells.shape
-    reach = start[3] * start[3] / (2 * p.acc_lim_x) + start[4] * start[4] / (2 * p.acc_lim_y)  # braking distance
+    reach = start[3] * start[3] / (2 * p.acc_lim_x) + start[4] * start[4] / (
+        2 * p.acc_lim_y
+    )  # braking distance
     reach = (reach + _farthest(scene.footprint)) / scene.resolution
     if not reach < WIDEST:
         return NO_CEILING
@@ -174,7 +208,13 @@ def _surroundings(p: Record, scene: Scene, start: Data) -> int:
 
 @kernel(error_model="numpy")
 def find_best_path(
-    params: Data, state: Data, grids: Grids, scratch: Scratch, scene: Scene, pose: Triple, velocity: Triple
+    params: Data,
+    state: Data,
+    grids: Grids,
+    scratch: Scratch,
+    scene: Scene,
+    pose: Triple,
+    velocity: Triple,
 ) -> Tuple[Any, ...]:
     """Run one cycle: floods, samples, winner, flags. params, state: arrays of one record.
 
@@ -190,21 +230,29 @@ def find_best_path(
     ws = scratch.ws[: p.vtheta_samples]
     fill_evenly(least_vx, most_vx, vs)
     dw = fill_evenly(least_w, most_w, ws)
-    if ws.shape[0] == 1:  # C++ divides by zero here. A single turn passes its test only if the window is inverted.
+    if (
+        ws.shape[0] == 1
+    ):  # C++ divides by zero here. A single turn passes its test only if the window is inverted.
         dw = -np.inf if most_w < least_w else np.inf
 
     cost, best_vx, best_w, points = HUGE, 0.0, 0.0, 0
     occupied = first_pose(p, scene, grids, start)
     if occupied >= 0:
         if not state[0].escaping:
-            cost, best_vx, best_w, points = best_forward(p, scene, grids, scratch, start, vs, ws, occupied)
-        turn_cost, turn_w, turn_points = best_in_place(p, state[0], scene, grids, start, ws, dw, occupied, cost)
+            cost, best_vx, best_w, points = best_forward(
+                p, scene, grids, scratch, start, vs, ws, occupied
+            )
+        turn_cost, turn_w, turn_points = best_in_place(
+            p, state[0], scene, grids, start, ws, dw, occupied, cost
+        )
         if turn_points > 0:
             cost, best_vx, best_w, points = turn_cost, 0.0, turn_w, turn_points
     legal = points > 0
     if not legal:
         best_vx = p.escape_vel
-        cost, points, _, _, _ = score_below(p, scene, grids, start, (best_vx, 0.0, 0.0), NO_CEILING, 0.0, np.inf)
+        cost, points, _, _, _ = score_below(
+            p, scene, grids, start, (best_vx, 0.0, 0.0), NO_CEILING, 0.0, np.inf
+        )
     remember(p, state[0], start, cost, best_vx, best_w, legal)
     if cost == COLLISION:
         cost = 1.0  # The robot backs out even into an obstacle.
@@ -249,7 +297,9 @@ def first_pose(p: Record, scene: Scene, grids: Grids, start: Data) -> int:
     if cx < 0:
         return int(COLLISION)
     outline = outline_of(scene, scene.footprint)
-    cost = outline_cost(outline, start[0], start[1], math.cos(start[2]), math.sin(start[2]), cx, cy, 0.0)
+    cost = outline_cost(
+        outline, start[0], start[1], math.cos(start[2]), math.sin(start[2]), cx, cy, 0.0
+    )
     if cost < 0:
         return int(COLLISION)
     if not p.simple_attractor and not p.heading_scoring:
@@ -261,7 +311,9 @@ def first_pose(p: Record, scene: Scene, grids: Grids, start: Data) -> int:
 
 
 @kernel
-def remember(p: Record, state: Record, start: Data, cost: float, vx: float, w: float, legal: bool) -> None:
+def remember(
+    p: Record, state: Record, start: Data, cost: float, vx: float, w: float, legal: bool
+) -> None:
     """Update the flags with the choice of the cycle. docs/explanation/planner.md, section 6.6.
 
     legal: whether the choice is a forward sample or a turn. Otherwise the robot backs out, at `cost`.

@@ -23,7 +23,9 @@ NO_PATH = -2.0  # cost of a sample from which neither path nor goal can be reach
 PRUNED = -3.0  # cost of a sample whose scoring stopped because the sample cannot beat the best one
 NO_CEILING = 256  # upper bound of cell costs that excludes nothing, because all costs are below it
 HUGE = float(np.finfo(np.float64).max)
-Score = Tuple[float, int, float, float, float]  # cost, number of points, and x, y, theta of the last point
+Score = Tuple[
+    float, int, float, float, float
+]  # cost, number of points, and x, y, theta of the last point
 
 
 @kernel
@@ -53,7 +55,10 @@ def step_count(p: Record, vx: float, vy: float, w: float) -> int:
     if p.heading_scoring:
         return max(int(p.sim_time / p.sim_granularity + 0.5), 1)
     speed = abs(vx) if vy == 0.0 else math.hypot(vx, vy)
-    return max(int(max(speed * p.sim_time / p.sim_granularity, abs(w) / p.angular_sim_granularity) + 0.5), 1)
+    return max(
+        int(max(speed * p.sim_time / p.sim_granularity, abs(w) / p.angular_sim_granularity) + 0.5),
+        1,
+    )
 
 
 @kernel
@@ -70,7 +75,14 @@ def score(params: Data, scene: Scene, grids: Grids, start: Data, sample: Triple)
 
 @kernel(error_model="numpy")
 def score_below(
-    p: Record, scene: Scene, grids: Grids, start: Data, sample: Triple, ceiling: int, base: float, bound: float
+    p: Record,
+    scene: Scene,
+    grids: Grids,
+    start: Data,
+    sample: Triple,
+    ceiling: int,
+    base: float,
+    bound: float,
 ) -> Score:
     """Score the sample (vx, vy, w) from `start` (6,): x, y, theta and the velocities vx, vy, w there.
 
@@ -82,7 +94,10 @@ def score_below(
     cells, ox, oy, resolution, footprint, _, plan = scene
     outline = outline_of(scene, footprint)
     path, goal, _ = grids
-    path_distances, goal_distances = path.distance, goal.distance  # Access within the loop would count references.
+    path_distances, goal_distances = (
+        path.distance,
+        goal.distance,
+    )  # Access within the loop would count references.
     ny, nx = cells.shape
     impossible = nx * ny
     unseen = impossible + 1
@@ -110,7 +125,10 @@ def score_below(
                 dx = x - plan[plan.shape[0] - 1, 0]
                 dy = y - plan[plan.shape[0] - 1, 1]
                 goal_distance = dx * dx + dy * dy
-        elif not p.heading_scoring or p.heading_scoring_timestep <= time < p.heading_scoring_timestep + dt:
+        elif (
+            not p.heading_scoring
+            or p.heading_scoring_timestep <= time < p.heading_scoring_timestep + dt
+        ):
             k = place(path, cx, cy)
             goal_steps = int(goal_distances[k])
             path_steps = int(path_distances[k])
@@ -169,11 +187,15 @@ def _heading_difference(scene: Scene, cx: int, cy: int, x: float, y: float, thet
     return HUGE
 
 
-POINTS = 12  # largest number of points shown per trajectory; all points would take megabytes per message
+POINTS = (
+    12  # largest number of points shown per trajectory; all points would take megabytes per message
+)
 
 
 @kernel
-def score_all_samples(params: Data, scene: Scene, grids: Grids, scratch: Scratch) -> Tuple[Data, Data]:
+def score_all_samples(
+    params: Data, scene: Scene, grids: Grids, scratch: Scratch
+) -> Tuple[Data, Data]:
     """Return (cloud, refused) of all forward samples of the last cycle. The search itself rolls out far fewer.
 
     cloud (n, 4): x, y, theta, cost of up to POINTS points per legal sample, evenly spaced and including its last point.
@@ -187,7 +209,9 @@ def score_all_samples(params: Data, scene: Scene, grids: Grids, scratch: Scratch
     for i in range(m):
         v = scratch.vs[i // turns]
         w = scratch.ws[i % turns - 1] if i % turns > 0 else 0.0
-        cost, count, _, _, _ = score_below(p, scene, grids, scratch.start, (v, 0.0, w), NO_CEILING, 0.0, np.inf)
+        cost, count, _, _, _ = score_below(
+            p, scene, grids, scratch.start, (v, 0.0, w), NO_CEILING, 0.0, np.inf
+        )
         if cost < 0:
             refused[0 if cost == COLLISION else 1] += 1
             continue

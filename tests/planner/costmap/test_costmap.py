@@ -21,13 +21,21 @@ HERE = (0.0, 0.0, 0.0)
 def local(**arguments):
     """Return the Jackal's local costmap."""
     return Costmap(
-        10, 10, 0.05, rolling=True, footprint=map_scenes.JACKAL, inflation=InflationParameters(0.3), **arguments
+        10,
+        10,
+        0.05,
+        rolling=True,
+        footprint=map_scenes.JACKAL,
+        inflation=InflationParameters(0.3),
+        **arguments,
     )
 
 
 def fixed(n=80, **arguments):
     size = (n + 0.5) * 0.05
-    arguments = dict(dict(footprint=map_scenes.JACKAL, inflation=InflationParameters(0.3)), **arguments)
+    arguments = dict(
+        dict(footprint=map_scenes.JACKAL, inflation=InflationParameters(0.3)), **arguments
+    )
     return Costmap(size, size, 0.05, (-n * 0.025, -n * 0.025), **arguments)
 
 
@@ -39,7 +47,10 @@ def hit(x, y):
 def test_drives_equal_the_recorded_ones(drive):
     """Each step leads to the recorded cells and origin. tests/golden/FORMAT.md describes the recorded events."""
     ranges = np.load(DRAWN / "drives.npz")["ranges"]
-    obstacles, inflation = ObstacleParameters(**drive["obstacles"]), InflationParameters(**drive["inflation"])
+    obstacles, inflation = (
+        ObstacleParameters(**drive["obstacles"]),
+        InflationParameters(**drive["inflation"]),
+    )
     layers = (
         LayerDescription("seen", obstacles, (Source(**drive["source"]),)),
         LayerDescription("inflated", inflation),
@@ -57,7 +68,9 @@ def test_drives_equal_the_recorded_ones(drive):
             getattr(costmap, call)(*arguments, **values)
         version, cells, origin = costmap.version, costmap.cells.copy(), costmap.origin.copy()
         costmap.update(step["pose"], seen)
-        checksums = [zlib.crc32(grid.tobytes()) for grid in (costmap.cells, costmap.obstacles.cells)]
+        checksums = [
+            zlib.crc32(grid.tobytes()) for grid in (costmap.cells, costmap.obstacles.cells)
+        ]
         assert [*checksums, costmap.origin.tolist()] == step["expected"]
         differs, rect = cells != costmap.cells, costmap.changed_since(version)
         if rect is None:
@@ -70,7 +83,10 @@ def test_drives_equal_the_recorded_ones(drive):
 
 
 def test_a_costmap_has_the_cells_of_its_size():
-    assert (Costmap(10, 10, 0.05).size, Costmap(40, 20, 0.05).cells.shape) == ((200, 200), (400, 800))
+    assert (Costmap(10, 10, 0.05).size, Costmap(40, 20, 0.05).cells.shape) == (
+        (200, 200),
+        (400, 800),
+    )
 
 
 def test_a_pose_that_is_not_finite_is_rejected():

@@ -23,24 +23,36 @@ def test_the_padded_footprint_of_the_jackal_has_its_known_radii():
     padded = footprints.pad(footprints.parse(JACKAL), 0.1)
     assert footprints.radii(padded) == (pytest.approx(0.265), pytest.approx(0.408, abs=1e-3))
     np.testing.assert_allclose(padded.max(axis=0) - padded.min(axis=0), (0.62, 0.53))
-    np.testing.assert_array_equal(footprints.pad([[0.0, 0.2], [-0.1, 0.0]], 0.05), [[0.0, 0.25], [-0.1 - 0.05, 0.0]])
+    np.testing.assert_array_equal(
+        footprints.pad([[0.0, 0.2], [-0.1, 0.0]], 0.05), [[0.0, 0.25], [-0.1 - 0.05, 0.0]]
+    )
 
 
 def test_parse_reads_values_as_the_cpp_node_does():
     assert footprints.parse("[[12.34567, 1], [2, 3], [4, 5]]")[0, 0] == float(np.float32(12.3457))
     assert footprints.parse([[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]])[2, 1] == float(np.float32(0.6))
-    assert footprints.parse("[[1 2] [3,-.5],\t[5e-1, 6]]").tolist() == [[1.0, 2.0], [3.0, -0.5], [0.5, 6.0]]
+    assert footprints.parse("[[1 2] [3,-.5],\t[5e-1, 6]]").tolist() == [
+        [1.0, 2.0],
+        [3.0, -0.5],
+        [0.5, 6.0],
+    ]
     assert footprints.parse("[]").shape == footprints.parse("").shape == (0, 2)
 
 
-@pytest.mark.parametrize("text", ["[[0,0],[1,1]]", "[[0,0],[1,1],[2]]", "__import__('os')", "[[0,0],[1,1],[2,1e999]]"])
+@pytest.mark.parametrize(
+    "text", ["[[0,0],[1,1]]", "[[0,0],[1,1],[2]]", "__import__('os')", "[[0,0],[1,1],[2,1e999]]"]
+)
 def test_parse_rejects_in_one_line(text):
     refused(lambda: footprints.parse(text), "footprint")
 
 
 def test_radii_of_few_points_and_of_a_zero_length_edge():
     huge = np.finfo(np.float64).max
-    assert footprints.radii(np.zeros((0, 2))) == footprints.radii([[1.0, 1.0], [2.0, 2.0]]) == (huge, 0.0)
+    assert (
+        footprints.radii(np.zeros((0, 2)))
+        == footprints.radii([[1.0, 1.0], [2.0, 2.0]])
+        == (huge, 0.0)
+    )
     square = [[1, 1], [1, 1], [-1, 1], [-1, -1], [1, -1]]
     assert footprints.radii(square) == (1.0, math.sqrt(2))
     assert len(footprints.circle(0.46)) == 16

@@ -15,7 +15,9 @@ INF = math.inf
 
 
 def scan(ranges, pose=(0.0, 0.0, 0.0), increment=0.1, range_max=30.0, height=0.0):
-    return LaserScan(0.0, 0.0, increment, 0.1, range_max, np.array(ranges, np.float32), pose, height)
+    return LaserScan(
+        0.0, 0.0, increment, 0.1, range_max, np.array(ranges, np.float32), pose, height
+    )
 
 
 def test_ranges_within_the_limits_are_kept():
@@ -54,7 +56,14 @@ def test_integer_parameters_do_not_compile_a_new_kernel():
     known = []
     for numbers in ({}, {"obstacle_range": 2, "raytrace_range": 3, "clearing": 1}):
         made = obstacle_layer.ObstacleLayer(
-            100, 100, 0.05, (-2.5, -2.5), False, 0, obstacle_layer.ObstacleParameters(), (Source(**numbers),)
+            100,
+            100,
+            0.05,
+            (-2.5, -2.5),
+            False,
+            0,
+            obstacle_layer.ObstacleParameters(),
+            (Source(**numbers),),
         )
         made.cloud = PointCloud((0.0, 0.0, 0.0), np.array([[1.02, 0.02, 0.0]], np.float32))
         made.update_bounds((1e30, 1e30, -1e30, -1e30), (0.0, 0.0, 0.0), np.zeros((0, 2)))
@@ -62,10 +71,21 @@ def test_integer_parameters_do_not_compile_a_new_kernel():
     assert known[0] == known[1]
 
 
-@pytest.mark.parametrize(("x", "marked"), [(2.5, False), (np.nextafter(np.float32(2.5), np.float32(0.0)), True)])
+@pytest.mark.parametrize(
+    ("x", "marked"), [(2.5, False), (np.nextafter(np.float32(2.5), np.float32(0.0)), True)]
+)
 def test_a_point_at_obstacle_range_does_not_mark(x, marked):
     """obstacle_layer.cpp skips points whose squared distance is at least the squared range."""
-    given = 100, 100, 0.05, (-2.0, -2.5), False, 0, obstacle_layer.ObstacleParameters(), (Source(obstacle_range=2.5),)
+    given = (
+        100,
+        100,
+        0.05,
+        (-2.0, -2.5),
+        False,
+        0,
+        obstacle_layer.ObstacleParameters(),
+        (Source(obstacle_range=2.5),),
+    )
     made = obstacle_layer.ObstacleLayer(*given)
     made.cloud = PointCloud((0.0, 0.0, 0.0), np.array([[x, 0.0, 0.0]], np.float32))
     made.update_bounds((1e30, 1e30, -1e30, -1e30), (0.0, 0.0, 0.0), np.zeros((0, 2)))

@@ -8,7 +8,9 @@ from applr_ros1.planner.parameters.check import complete
 from tests.support.map_scenes import open_map
 
 BURGER_FOOT = np.array([[-0.115, -0.115], [-0.115, 0.115], [0.051, 0.115], [0.051, -0.115]])
-BURGER = dict(complete(robots.load("turtlebot3_burger").parameters())["DWAPlannerROS"], vy_samples=1)
+BURGER = dict(
+    complete(robots.load("turtlebot3_burger").parameters())["DWAPlannerROS"], vy_samples=1
+)
 
 
 def small_map():

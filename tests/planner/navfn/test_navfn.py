@@ -21,7 +21,9 @@ RES = 0.05
 def costmap_of(cells, origin=(0.0, 0.0)):
     """Return a costmap with exactly these cells (ny, nx)."""
     ny, nx = cells.shape
-    made = Costmap((nx + 0.5) * RES, (ny + 0.5) * RES, RES, origin, inflation=InflationParameters(0.0))
+    made = Costmap(
+        (nx + 0.5) * RES, (ny + 0.5) * RES, RES, origin, inflation=InflationParameters(0.0)
+    )
     map_scenes.paint(made, cells)
     return made
 
@@ -82,7 +84,9 @@ def test_one_planner_on_a_changing_map(seed, list_size):
         if rng.random() < 0.7:  # The map changes around one point, as around a robot.
             x, y = (int(v) for v in rng.integers(0, (nx, ny)))
             block = (slice(max(0, y - 4), y + 5), slice(max(0, x - 4), x + 5))
-            cells[block] = world(rng, 9, 9, "arbitrary")[: cells[block].shape[0], : cells[block].shape[1]]
+            cells[block] = world(rng, 9, 9, "arbitrary")[
+                : cells[block].shape[0], : cells[block].shape[1]
+            ]
             costmap.clear()
             map_scenes.paint(costmap, cells)
         if rng.random() < 0.5:
@@ -184,10 +188,16 @@ def test_the_first_of_equally_near_points_is_the_target():
     """navfn_ros.cpp:262 searches row by row from the lowest x and y."""
     potential = np.zeros((6, 6), np.float32)
     potential[3, 3] = 1e10
-    assert _target(potential.ravel(), 0.0, 0.0, 0.5, 6, 6, 1.75, 1.75, 0.5) == (2 * 6 + 3, 1.75, 1.25)
+    assert _target(potential.ravel(), 0.0, 0.0, 0.5, 6, 6, 1.75, 1.75, 0.5) == (
+        2 * 6 + 3,
+        1.75,
+        1.25,
+    )
 
 
-@pytest.mark.parametrize(("x", "inside"), [(12.0, True), (11.9, False), (16.0, True), (16.1, False)])
+@pytest.mark.parametrize(
+    ("x", "inside"), [(12.0, True), (11.9, False), (16.0, True), (16.1, False)]
+)
 def test_a_plan_near_the_fence_is_not_accepted(x, inside):
     path = np.array([[14.0, 14.0], [x, 14.0], [14.0, x]])
     assert window.keeps_inside(path, len(path), 30, 30, (8, 8, 20, 20)) is inside

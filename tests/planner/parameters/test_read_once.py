@@ -17,7 +17,10 @@ from applr_ros1.planner.parameters.parameter import GOAL, OUTLINE, PERIOD, RECOV
 
 PLANNERS = {"jackal": "TrajectoryPlannerROS", "turtlebot3_waffle_pi": "DWAPlannerROS"}
 FILED = {"footprint": "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]", "y_vels": "-0.2,0.2"}
-PLUGINS = "base_global_planner", "base_local_planner"  # parameters that name plugins, which MoveBase cannot change
+PLUGINS = (
+    "base_global_planner",
+    "base_local_planner",
+)  # parameters that name plugins, which MoveBase cannot change
 # Code that reads parameters only once in C++: move_base.cpp:93 to 180 and loadRecoveryBehaviors,
 # trajectory_planner_ros.cpp:103 to 270, rotate_recovery.cpp:60, dwa_planner_ros.cpp:92 with
 # latched_stop_rotate_controller.h. DWAPlannerROS reads the footprint in every cycle.
@@ -63,7 +66,11 @@ def state(thing, path="", above=()):
     elif hasattr(type(thing), "__slots__"):
         parts = [(name, getattr(thing, name)) for name in type(thing).__slots__]
     else:
-        values[path] = repr(thing) if isinstance(thing, (bool, int, float, str, np.generic, type(None))) else ""
+        values[path] = (
+            repr(thing)
+            if isinstance(thing, (bool, int, float, str, np.generic, type(None)))
+            else ""
+        )
     if not values and id(thing) not in above:
         for name, part in parts:
             here = f"{path}.{name}"
@@ -87,7 +94,9 @@ def test_parameters_read_once_are_the_same_in_tables_move_base_and_cpp(name, mon
     robot, planner = robots.load(name), PLANNERS[name]
     readers, declared = {}, {}
     plain = robot.parameters()
-    plain[planner].pop("controller_frequency", None)  # move_base's own value then applies, as in most files.
+    plain[planner].pop(
+        "controller_frequency", None
+    )  # move_base's own value then applies, as in most files.
     plain["global_costmap"].update(width=4, height=4)
     round_ = copy.deepcopy(plain)
     round_["local_costmap"].pop("footprint")
@@ -106,13 +115,20 @@ def test_parameters_read_once_are_the_same_in_tables_move_base_and_cpp(name, mon
                 branch(given, server.rpartition("/")[0]).pop(p.name, None)
             loaded = MoveBase(given)
             reconfigured.reconfigure(server, {p.name: value})
-            assert reconfigured.configuration(server) == loaded.configuration(server), (server, p.name)
+            assert reconfigured.configuration(server) == loaded.configuration(server), (
+                server,
+                p.name,
+            )
             one, two = state(loaded), state(reconfigured)
             differ = [path for path in {*one, *two} if one.get(path) != two.get(path)]
             for path in differ:
                 reader = next((who for part, who in KEPT.items() if part in path), path)
                 readers.setdefault((server, p.name), set()).add(reader)
-            if p.once and (server != "global_costmap") and (server != "local_costmap" or planner in p.once):
+            if (
+                p.once
+                and (server != "global_costmap")
+                and (server != "local_costmap" or planner in p.once)
+            ):
                 declared[server, p.name] = set(p.once)
     assert readers == CPP[planner]
     assert declared == readers

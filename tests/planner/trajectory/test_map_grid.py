@@ -32,7 +32,9 @@ def completed(grids):
 def random_world(seed):
     random = np.random.default_rng(seed)
     cells = random.choice(
-        np.array([0, 100, 252, 253, 254, 255], np.uint8), (NY, NX), p=[0.5, 0.1, 0.05, 0.15, 0.15, 0.05]
+        np.array([0, 100, 252, 253, 254, 255], np.uint8),
+        (NY, NX),
+        p=[0.5, 0.1, 0.05, 0.15, 0.15, 0.05],
     )
     plan = random.uniform((-0.3, -0.3), (2.6, 2.0), (random.integers(1, 6), 2))
     return cells, plan
@@ -63,4 +65,6 @@ def test_grids_can_be_used_again():
     grids, _ = prepared(*first)
     completed(grids)
     prepare(grids, scene(*second), 1.2, 0.8, 0.3)
-    assert all(np.array_equal(a, b) for a, b in zip(completed(grids), completed(prepared(*second)[0])))
+    assert all(
+        np.array_equal(a, b) for a, b in zip(completed(grids), completed(prepared(*second)[0]))
+    )

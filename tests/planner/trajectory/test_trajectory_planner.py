@@ -15,7 +15,9 @@ from tests.support.map_scenes import open_map, sampled_window
 PARAMS = complete(JACKAL)["TrajectoryPlannerROS"]
 
 
-def planner(plan=((0.0, 0.0), (3.0, 0.0)), foot=JACKAL_FOOT, period=0.05, meter_scoring=True, **changes):
+def planner(
+    plan=((0.0, 0.0), (3.0, 0.0)), foot=JACKAL_FOOT, period=0.05, meter_scoring=True, **changes
+):
     made = TrajectoryPlanner(foot, dict(PARAMS, **changes), period, meter_scoring)
     made.set_plan(np.array(plan, dtype=np.float64).reshape(-1, 2))
     return made
@@ -30,7 +32,9 @@ def test_closed_forms_end_at_the_pose_of_the_steps():
         steps = scoring.step_count(params[0], vx, 0.0, w)
         dt = 2.0 / steps
         exact = forward.exact_end(params[0], start, vx, w, steps)
-        moves, x, y, c, s = forward.ramp(params[0], start, math.cos(start[2]), math.sin(start[2]), vx, w, dt, steps - 1)
+        moves, x, y, c, s = forward.ramp(
+            params[0], start, math.cos(start[2]), math.sin(start[2]), vx, w, dt, steps - 1
+        )
         ours = forward.along_arc(x, y, c, s, vx * dt, w * dt, steps - 1 - moves)
         assert np.allclose(ours, exact, rtol=0, atol=1e-11)
 
@@ -50,7 +54,10 @@ def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
     made = planner()
     made.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
     for _ in range(2):
-        assert (made._params[0]["path_distance_bias"], made._params[0]["goal_distance_bias"]) == (0.75 * 0.1, 0.1)
+        assert (made._params[0]["path_distance_bias"], made._params[0]["goal_distance_bias"]) == (
+            0.75 * 0.1,
+            0.1,
+        )
         assert made._params[0]["occdist_scale"] == 0.1
         made.reconfigure(PARAMS)
     unscaled = planner(meter_scoring=False)
@@ -61,9 +68,13 @@ def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
 @pytest.mark.parametrize("heading_scoring", [False, True])
 def test_the_cell_under_the_centre_counts_beside_the_outline(heading_scoring):
     costmap = open_map()
-    free = planner(heading_scoring=heading_scoring).find_best_path(costmap, (0.02, 0.02, 0.0), (0.3, 0.0, 0.0))
+    free = planner(heading_scoring=heading_scoring).find_best_path(
+        costmap, (0.02, 0.02, 0.0), (0.3, 0.0, 0.0)
+    )
     costmap.cells[100, 100] = 100
-    costly = planner(heading_scoring=heading_scoring).find_best_path(costmap, (0.02, 0.02, 0.0), (0.3, 0.0, 0.0))
+    costly = planner(heading_scoring=heading_scoring).find_best_path(
+        costmap, (0.02, 0.02, 0.0), (0.3, 0.0, 0.0)
+    )
     assert costly.cost == pytest.approx(free.cost + 100 * PARAMS["occdist_scale"])
 
 
@@ -97,16 +108,23 @@ def test_cost_cloud_leaves_out_robot_walls_and_unreached_cells():
     assert cloud.dtype == np.float32
     assert len(cloud) == 30 * 30 - int(within.sum())
     row = cloud[(np.abs(cloud[:, 0] + 0.45) < 1e-4) & (np.abs(cloud[:, 1] + 0.45) < 1e-4)][0]
-    assert np.allclose(row[3:], [path[5, 5], goal[5, 5], 77, 0.075 * path[5, 5] + 0.1 * goal[5, 5] + 7.7])
+    assert np.allclose(
+        row[3:], [path[5, 5], goal[5, 5], 77, 0.075 * path[5, 5] + 0.1 * goal[5, 5] + 7.7]
+    )
 
 
 @pytest.mark.parametrize(
-    ("target", "expected"), [((1.025, 0.025), 0.7), ((0.025, 1.025), math.pi / 2 - 0.7), ((0.025, 0.025), 0.7)]
+    ("target", "expected"),
+    [((1.025, 0.025), 0.7), ((0.025, 1.025), math.pi / 2 - 0.7), ((0.025, 0.025), 0.7)],
 )
-def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sight(target, expected):
+def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sight(
+    target, expected
+):
     """If the robot is on the target, the direction is 0, as for atan2(0, 0) in C++."""
     cells, plan = np.zeros((40, 40), np.uint8), np.array([[0.025, 0.025, 0.0], [*target, 0.0]])
-    scene = scoring.Scene(cells, 0.0, 0.0, 0.05, np.zeros((0, 2)), np.zeros((1, 1, 1), np.int32), plan)
+    scene = scoring.Scene(
+        cells, 0.0, 0.0, 0.05, np.zeros((0, 2)), np.zeros((1, 1, 1), np.int32), plan
+    )
     difference = scoring._heading_difference(scene, 0, 0, 0.025, 0.025, 0.7)
     assert difference == pytest.approx(expected)
 

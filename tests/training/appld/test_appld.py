@@ -31,7 +31,12 @@ from worlds.world import clearance
 def bag(tmp_path_factory):
     """Scripted demonstration in a generated world, about 9 s long."""
     path = tmp_path_factory.mktemp("appld") / "demonstration.bag"
-    assert demonstrate([str(path), "--world", "generated:3", "--simulator", "kinematic", "--seed", "1"]) == 0
+    assert (
+        demonstrate(
+            [str(path), "--world", "generated:3", "--simulator", "kinematic", "--seed", "1"]
+        )
+        == 0
+    )
     return path
 
 
@@ -48,7 +53,9 @@ def test_another_robot_is_demonstrated_at_its_size_and_speed(tmp_path):
     with AnyReader([path]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
     scans = counts["/" + robot.topics.scan] / counts["/" + robot.topics.odometry]
-    assert scans == pytest.approx(robot.laser.rate * 0.05, rel=0.05)  # The laser is slower than the control cycle.
+    assert scans == pytest.approx(
+        robot.laser.rate * 0.05, rel=0.05
+    )  # The laser is slower than the control cycle.
 
 
 def test_bag_is_read_as_it_was_driven(bag):
@@ -76,7 +83,9 @@ def test_the_demonstrators_route_keeps_away_from_obstacles(spec):
     assert np.allclose(points[0], world.course.start[:2])
 
 
-@pytest.mark.parametrize(("speeds", "of_two"), [((1.0, 0.3, 1.0), [0, 1, 0]), ((1.0, 0.2, 0.5), [0, 1, 1])])
+@pytest.mark.parametrize(
+    ("speeds", "of_two"), [((1.0, 0.3, 1.0), [0, 1, 0]), ((1.0, 0.2, 0.5), [0, 1, 1])]
+)
 def test_changepoints_are_found_within_three_instants(speeds, of_two):
     """Three segments between walls: the slower the robot, the nearer the walls. Contexts have the order of driving."""
     n, speed = 400, np.repeat(speeds, (150, 110, 140))
@@ -85,10 +94,14 @@ def test_changepoints_are_found_within_three_instants(speeds, of_two):
     command = np.column_stack([speed, rng.normal(0, 0.02, n)])
     time, laser = np.arange(n) * 0.05, JACKAL.laser
     fan = np.tile((laser.first_angle, laser.increment, laser.range_min, laser.range_max), (n, 1))
-    d = Drive(scans=Scans(time, time, fan, list(ranges.astype(np.float32))), commands=Commands(time, command))
+    d = Drive(
+        scans=Scans(time, time, fan, list(ranges.astype(np.float32))),
+        commands=Commands(time, command),
+    )
     three = contexts.find([d], JACKAL)
     assert [
-        (abs(s.first - a) <= 3, abs(s.last - b) <= 3) for s, a, b in zip(three.segments, (0, 150, 260), (150, 260, 400))
+        (abs(s.first - a) <= 3, abs(s.last - b) <= 3)
+        for s, a, b in zip(three.segments, (0, 150, 260), (150, 260, 400))
     ] == [(True, True)] * 3
     assert [s.context for s in contexts.find([d], JACKAL, most=2).segments] == of_two
     assert len(contexts.find([d], JACKAL, most=0).names) == 3

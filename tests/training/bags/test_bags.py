@@ -107,7 +107,9 @@ class Drive:
     def seen(self):
         """Return the inputs of a decision. The plan turns left by .01 rad at each decision."""
         laser, bearing = robots.JACKAL.laser, self.pose[2] + 0.01 * self.number
-        way = np.linspace(0.0, 5.0, 100)[:, None] * [np.cos(bearing), np.sin(bearing)] + self.pose[:2]
+        way = (
+            np.linspace(0.0, 5.0, 100)[:, None] * [np.cos(bearing), np.sin(bearing)] + self.pose[:2]
+        )
         scan = self.latest, laser.first_angle, laser.increment
         return Seen(scan, 0.0, self.pose, (0.5, 0.0), (10.0, 0.1, 0.0), way, np.zeros((0, 4)))
 
@@ -152,7 +154,9 @@ def test_transitions_equal_the_nodes_observations_and_decisions(tmp_path):
     assert skipped == {}
     # R_f = -1 until the goal, R_p is the distance driven towards it, R_c = -.05 / nearest range of the last scan.
     nearest = [*(trajectory.scan[1:-1].min(axis=1) * TransitionLayout().step), drive.latest.min()]
-    expected = np.array([-1, -1, -1, -1, 0]) + np.array([1, 1, 1, 1, 0.5]) - 0.05 / np.array(nearest)
+    expected = (
+        np.array([-1, -1, -1, -1, 0]) + np.array([1, 1, 1, 1, 0.5]) - 0.05 / np.array(nearest)
+    )
     np.testing.assert_allclose(trajectory.reward, expected, atol=0.02)
 
 
@@ -186,14 +190,22 @@ def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
     """Rewards scale with the period, as in training. A course of two decisions uses the period of the other course."""
     with Messages(tmp_path / "a.bag") as writer:
         drives = [
-            Drive(writer, begin=begin, seconds=(count - 0.5) * seconds, goal="g%d" % count, every=int(50 * seconds))
+            Drive(
+                writer,
+                begin=begin,
+                seconds=(count - 0.5) * seconds,
+                goal="g%d" % count,
+                every=int(50 * seconds),
+            )
             for begin, count in ((10.0, 4), (60.0, 2))
         ]
     rebuilt, skipped = rebuild(tmp_path / "a.bag", reward=Reward(c_p=0.0, c_c=0.0))
     assert skipped == {}
     for drive, trajectory, count in zip(drives, rebuilt, (4, 2)):
         assert_equal(trajectory, drive, count)
-        np.testing.assert_allclose(trajectory.reward, [-seconds / 2] * (count - 1) + [0.0], atol=1e-6)
+        np.testing.assert_allclose(
+            trajectory.reward, [-seconds / 2] * (count - 1) + [0.0], atol=1e-6
+        )
 
 
 class PublishesEnd(Drive):
@@ -201,7 +213,9 @@ class PublishesEnd(Drive):
 
     def end(self, t):
         self.observations.append(Context.of(self.theta, self.seen(), SPACE, LAYOUT).observation)
-        self.writer.decision(t + 0.2, self.number, self.goal, self.seen(), SPACE.as_dict(self.theta))
+        self.writer.decision(
+            t + 0.2, self.number, self.goal, self.seen(), SPACE.as_dict(self.theta)
+        )
 
 
 @pytest.mark.parametrize(
@@ -212,11 +226,27 @@ class PublishesEnd(Drive):
         (Drive, PREEMPTED, 9.0, None, 4, False, {}),
         (Drive, PREEMPTED, 9.98, None, 4, False, {}),
         (Drive, None, 9.0, None, 4, False, {}),
-        (Drive, PREEMPTED, 9.0, 3.5, 4, True, {}),  # The finish line is reached before the goal, at 0.5 m/s after 7 s.
+        (
+            Drive,
+            PREEMPTED,
+            9.0,
+            3.5,
+            4,
+            True,
+            {},
+        ),  # The finish line is reached before the goal, at 0.5 m/s after 7 s.
         (PublishesEnd, SUCCEEDED, 9.0, None, 5, True, {}),
         (PublishesEnd, SUCCEEDED, 8.4, None, 5, True, {}),
         (PublishesEnd, PREEMPTED, 9.8, None, 5, False, {}),
-        (PublishesEnd, PREEMPTED, 8.4, None, 4, False, {"a course was interrupted soon after a decision": 1}),
+        (
+            PublishesEnd,
+            PREEMPTED,
+            8.4,
+            None,
+            4,
+            False,
+            {"a course was interrupted soon after a decision": 1},
+        ),
         (PublishesEnd, None, 9.8, None, 5, False, {}),  # The node was switched off.
     ],
 )
@@ -228,7 +258,9 @@ def test_each_end_of_a_course_gives_its_transitions(
     (trajectory,), why = rebuild(tmp_path / "a.bag", finish=finish)
     assert (trajectory.terminated, why) == (terminated, skipped)
     assert_equal(trajectory, drive, count, ends=terminated and kind is Drive)
-    assert (trajectory.reward[-1] > 0.0) == (status == SUCCEEDED or finish is not None)  # no time cost at the goal
+    assert (trajectory.reward[-1] > 0.0) == (
+        status == SUCCEEDED or finish is not None
+    )  # no time cost at the goal
 
 
 def test_a_course_ends_with_its_result_or_with_its_status_whichever_is_earlier(tmp_path):
@@ -259,7 +291,9 @@ def test_a_node_that_is_switched_off_and_on_leaves_a_gap(tmp_path):
     class Switched(Drive):
         def decide(self, t):
             if t == pytest.approx(14.0):
-                self.writer.decision(t - 0.2, self.number, self.goal, self.seen(), SPACE.as_dict(self.theta))
+                self.writer.decision(
+                    t - 0.2, self.number, self.goal, self.seen(), SPACE.as_dict(self.theta)
+                )
             else:
                 super().decide(t)
 
@@ -274,9 +308,18 @@ def test_a_node_that_is_switched_off_and_on_leaves_a_gap(tmp_path):
 def test_a_bag_converted_by_rosbags_convert_gives_the_same_transitions(tmp_path, storage):
     drive, command = record(tmp_path / "a.bag"), Path(sys.executable).with_name("rosbags-convert")
     for source, destination in (("a.bag", "ros2"), ("ros2", "back.bag")):
-        words = ["--src", tmp_path / source, "--dst", tmp_path / destination, "--dst-storage", storage]
+        words = [
+            "--src",
+            tmp_path / source,
+            "--dst",
+            tmp_path / destination,
+            "--dst-storage",
+            storage,
+        ]
         subprocess.run([command, *words], check=True)
-    assert bags_in([tmp_path / "ros2"]) == [tmp_path / "ros2"]  # one bag, although the folder has several files
+    assert bags_in([tmp_path / "ros2"]) == [
+        tmp_path / "ros2"
+    ]  # one bag, although the folder has several files
     assert bags_in([tmp_path]) == [tmp_path / name for name in ("a.bag", "back.bag", "ros2")]
     (lone,) = (file for file in (tmp_path / "ros2").iterdir() if file.name != "metadata.yaml")
     shutil.copy(lone, tmp_path)
@@ -293,9 +336,13 @@ def test_a_bag_converted_by_rosbags_convert_gives_the_same_transitions(tmp_path,
 def test_code_in_a_message_definition_is_not_run(tmp_path):
     """ROS's own rosbag generates Python code from the name of such a constant."""
     code = f"uint8 {{0:open('{tmp_path}/ran','w')}}[0]=5\nbool data\n"
-    for number, definition in enumerate((code, code.replace("[0]=5", "=5"), f"string A={code[6:]}")):
+    for number, definition in enumerate(
+        (code, code.replace("[0]=5", "=5"), f"string A={code[6:]}")
+    ):
         with Writer(tmp_path / f"{number}.bag") as writer:
-            scan = writer.add_connection("/front/scan", "std_msgs/msg/Bool", msgdef=definition, md5sum="1" * 32)
+            scan = writer.add_connection(
+                "/front/scan", "std_msgs/msg/Bool", msgdef=definition, md5sum="1" * 32
+            )
             writer.write(scan, SECOND, b"\1")
         with pytest.raises(AnyReaderError):
             read(tmp_path / f"{number}.bag")
@@ -317,7 +364,11 @@ def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, cap
     (tmp_path / "text.bag").write_text("no bag at all\n" * 100)
     with Messages(tmp_path / "nothing.bag"):
         pass
-    reasons = {"cut_short.bag": "index looks damaged", "text.bag": "magic is invalid", "nothing.bag": "no decisions"}
+    reasons = {
+        "cut_short.bag": "index looks damaged",
+        "text.bag": "magic is invalid",
+        "nothing.bag": "no decisions",
+    }
     for missing, reason in (
         ("scan", "no scans"),
         ("odometry", "no odometry"),
@@ -344,7 +395,9 @@ def test_only_the_courses_around_a_clock_jump_are_lost(tmp_path):
     with Messages(tmp_path / "a.bag") as writer:
         first = Drive(writer, begin=10.0, goal="before", seed=1)
         Drive(writer, begin=40.0, goal="torn", seed=2, seconds=9.0)
-        Drive(writer, begin=43.0, goal="again", seed=3, seconds=9.0)  # The clock jumped back to 43 s.
+        Drive(
+            writer, begin=43.0, goal="again", seed=3, seconds=9.0
+        )  # The clock jumped back to 43 s.
     (trajectory,), skipped = rebuild(tmp_path / "a.bag")
     assert_equal(trajectory, first)
     assert "the odometry jumped" in skipped
@@ -371,7 +424,11 @@ class Misses(Drive):
 @pytest.mark.parametrize(
     ("changes", "lengths", "reason"),
     [  # Each change happens during the third decision.
-        ({"scan": lambda ranges, k: None if 230 < k < 290 else ranges}, [2, 2], "scans are missing"),
+        (
+            {"scan": lambda ranges, k: None if 230 < k < 290 else ranges},
+            [2, 2],
+            "scans are missing",
+        ),
         ({"after": jump}, [], "the odometry jumped"),
         ({"after": person}, [2, 2], "parameters were changed"),
         ({"kind": Misses}, [1, 2], "a decision's period differs from the others"),
@@ -387,9 +444,12 @@ def test_gaps_jumps_and_changes_cut_an_episode(tmp_path, changes, lengths, reaso
 
 
 @pytest.mark.parametrize(
-    ("seconds", "moved", "jumps"), [(0.1, 0.79, False), (0.1, 0.81, True), (2.0, 10.2, False), (2.0, 10.4, True)]
+    ("seconds", "moved", "jumps"),
+    [(0.1, 0.79, False), (0.1, 0.81, True), (2.0, 10.2, False), (2.0, 10.4, True)],
 )
-def test_odometry_jumps_if_it_moves_more_than_thirty_centimetres_beyond_five_metres_a_second(seconds, moved, jumps):
+def test_odometry_jumps_if_it_moves_more_than_thirty_centimetres_beyond_five_metres_a_second(
+    seconds, moved, jumps
+):
     stamps = np.array([0.0, seconds])
     pose = np.array([[1.0, 2.0, 0.0], [1.0, 2.0 - moved, 0.0]])
     recorded = Recorded(odometry=Motion(stamps, stamps, pose, np.zeros((2, 2))))
@@ -398,7 +458,9 @@ def test_odometry_jumps_if_it_moves_more_than_thirty_centimetres_beyond_five_met
 
 
 def test_a_contact_is_charged_in_its_decision(tmp_path):
-    record(tmp_path / "a.bag", after=lambda drive, t, k: k in (250, 260) and drive.writer.contact(t))
+    record(
+        tmp_path / "a.bag", after=lambda drive, t, k: k in (250, 260) and drive.writer.contact(t)
+    )
     (plain,), _ = rebuild(tmp_path / "a.bag")
     (charged,), _ = rebuild(tmp_path / "a.bag", reward=Reward(c_collision=3.0))
     np.testing.assert_allclose(charged.reward - plain.reward, [0, 0, -3, 0, 0], atol=1e-6)
@@ -419,11 +481,30 @@ def test_a_recipe_sets_encoding_and_reward_and_training_refuses_others(tmp_path,
     data = str(tmp_path / "data")
     recipe = tmp_path / "own.yaml"
     recipe.write_text(RECIPES["jackal"].read_text().replace("lowest: true", "lowest: false"))
-    assert bags_to_dataset.main([str(tmp_path / "a.bag"), "--out", data, "--recipe", str(recipe)]) == 0
+    assert (
+        bags_to_dataset.main([str(tmp_path / "a.bag"), "--out", data, "--recipe", str(recipe)]) == 0
+    )
     source = Dataset(data).about
-    assert (source["observation"], source["robot"], source["decision_period"]) == ("dimensionless", "jackal", 2.0)
-    assert (source["failure_seconds"], source["exact_time"], source["lowest"]) == (11.0, True, False)
-    base = ["--dataset", data, "--recipe", "jackal", "--decision-period", "2", "--out", str(tmp_path / "run")]
+    assert (source["observation"], source["robot"], source["decision_period"]) == (
+        "dimensionless",
+        "jackal",
+        2.0,
+    )
+    assert (source["failure_seconds"], source["exact_time"], source["lowest"]) == (
+        11.0,
+        True,
+        False,
+    )
+    base = [
+        "--dataset",
+        data,
+        "--recipe",
+        "jackal",
+        "--decision-period",
+        "2",
+        "--out",
+        str(tmp_path / "run"),
+    ]
     known = [*base, "--no-critics-know-more"]
     for options, line in (
         (base, "critics_know_more is True, but the .*data was driven with False: give the same"),
@@ -443,13 +524,19 @@ def zeros(ranges, k):
 
 @pytest.mark.parametrize(
     ("scan", "lowest", "nearest"),
-    [(zeros, False, 1.6), (zeros, True, 1.6), (lambda ranges, k: np.full(720, -np.inf), False, 0.4)],
+    [
+        (zeros, False, 1.6),
+        (zeros, True, 1.6),
+        (lambda ranges, k: np.full(720, -np.inf), False, 0.4),
+    ],
 )
 def test_the_clearance_term_uses_the_smallest_range(tmp_path, scan, lowest, nearest):
     """A range of -inf is too near to measure and counts as the laser's minimum range."""
     record(tmp_path / "a.bag", scan=scan)
     robot = replace(robots.JACKAL, laser=robots.JACKAL.laser.model_copy(update={"range_min": 0.4}))
-    (trajectory,), skipped = rebuild(tmp_path / "a.bag", robot, reward=Reward(c_f=0.0, c_p=0.0, lowest=lowest))
+    (trajectory,), skipped = rebuild(
+        tmp_path / "a.bag", robot, reward=Reward(c_f=0.0, c_p=0.0, lowest=lowest)
+    )
     assert skipped == {}
     np.testing.assert_allclose(trajectory.reward, -0.05 / nearest, rtol=1e-5)
 
@@ -474,7 +561,9 @@ def driven(path, observation, world, time_limit, **settings):
     near = replace(loaded.course, goal=loaded.course.sent_goal)
     env = ApplrEnv([replace(loaded, course=near)], **settings)
     simulator = ExactOdometry(scan_noise=0.0)
-    env.episode = Episode(simulator, env.episode.move_base, period=1.0, time_limit=time_limit, record=True)
+    env.episode = Episode(
+        simulator, env.episode.move_base, period=1.0, time_limit=time_limit, record=True
+    )
     env.episode.layout = env.encoding.layout
     layout = TransitionLayout.of(env.encoding)
     assert layout == env.layout
@@ -483,7 +572,9 @@ def driven(path, observation, world, time_limit, **settings):
         seen, over = [env.reset(seed=course)[0]], False
         actions, rewards = [], []
         while not over:
-            wanted = env.encoding.action(env.space.theta0) + rng.uniform(-0.4, 0.8, env.encoding.actions)
+            wanted = env.encoding.action(env.space.theta0) + rng.uniform(
+                -0.4, 0.8, env.encoding.actions
+            )
             observed, reward, terminated, truncated, _ = env.step(wanted)
             seen, rewards, over = [*seen, observed], [*rewards, reward], terminated or truncated
             actions.append(env.encoding.action(env.episode.outcome.theta))
@@ -501,14 +592,18 @@ def assert_same(rebuilt, expected):
     assert np.abs(rebuilt.scan.astype(int) - expected.scan).max() <= 1
     assert (rebuilt.scan != expected.scan).mean() < 1e-4
     for name, most in (("rest", 1e-6), ("action", 1e-6), ("reward", 1e-5)):
-        np.testing.assert_allclose(getattr(rebuilt, name), getattr(expected, name), rtol=0.0, atol=most, err_msg=name)
+        np.testing.assert_allclose(
+            getattr(rebuilt, name), getattr(expected, name), rtol=0.0, atol=most, err_msg=name
+        )
 
 
 @pytest.mark.parametrize("observation", ["paper", "dimensionless"])
 @pytest.mark.parametrize(("world", "limit"), [("generated:2", 100.0), ("dynamic:406", 9.0)])
 def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observation, world, limit):
     """Covers rosbags-convert, the command, both encodings, moving obstacles, and ends at goal and time limit."""
-    expected = driven(tmp_path / "a.bag", observation, world, limit, reward={"lowest": True, "exact_time": True})
+    expected = driven(
+        tmp_path / "a.bag", observation, world, limit, reward={"lowest": True, "exact_time": True}
+    )
     command = Path(sys.executable).with_name("rosbags-convert")
     subprocess.run([command, "--src", tmp_path / "a.bag", "--dst", tmp_path / "ros2"], check=True)
     recipe = tmp_path / "own.yaml"
@@ -535,7 +630,9 @@ def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observat
         (tune_robot, ["jackal", "--minutes", "0"], "--minutes"),
     ],
 )
-def test_mistakes_on_the_other_command_lines_are_one_line(command, arguments, word, tmp_path, monkeypatch, capsys):
+def test_mistakes_on_the_other_command_lines_are_one_line(
+    command, arguments, word, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     assert command.main(arguments) == 1
     error = capsys.readouterr().err

@@ -12,10 +12,15 @@ def test_the_commit_is_found_through_a_catkin_workspaces_link(tmp_path):
 
     def commit(path):
         script = (
-            "import sys; sys.path.insert(0, %r); from training.common import provenance; print(provenance.commit())"
+            "import sys; sys.path.insert(0, %r); "
+            "from training.common import provenance; print(provenance.commit())"
         )
         done = subprocess.run(
-            [sys.executable, "-c", script % str(path)], cwd=tmp_path, capture_output=True, text=True, check=True
+            [sys.executable, "-c", script % str(path)],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=True,
         )
         return done.stdout.strip()
 

@@ -28,7 +28,11 @@ class FakeMoveBase:
     def __init__(self, *commands, end=None, result=None, variant="ours"):
         self.commands, self.end, self.result = commands, end, result
         self.goals, self.requests, self.steps, self.scans, self.held = [], [], [], [], []
-        self.parameters, self.goal_tolerance, self.variant = {"applr": {"movers": False}}, 0.25, variant
+        self.parameters, self.goal_tolerance, self.variant = (
+            {"applr": {"movers": False}},
+            0.25,
+            variant,
+        )
         self.global_plan = np.array([(0.1 * i, 0.1 * i, 0.0) for i in range(40)])
 
     def reset(self, now, seed=None):
@@ -46,7 +50,9 @@ class FakeMoveBase:
 
     def reconfigure(self, server, values):
         self.requests.append((server, values))
-        return {**values, "vx_samples": 7} if "vx_samples" in values else values  # The server changes this value.
+        return (
+            {**values, "vx_samples": 7} if "vx_samples" in values else values
+        )  # The server changes this value.
 
     def report_held(self, held):
         self.held.append(held)
@@ -69,9 +75,17 @@ def straight(obstacle=None):
     return World("straight", cylinders, np.zeros((0, 5)), course)
 
 
-def trial(obstacle=None, v=1.0, end=None, result=None, world=None, variant="ours", limit=50, **options):
+def trial(
+    obstacle=None, v=1.0, end=None, result=None, world=None, variant="ours", limit=50, **options
+):
     planner = FakeMoveBase((v, 0.0), end=end, result=result, variant=variant)
-    episode = Episode(sim_bridge.make("kinematic", slip=0.0), planner, period=2.0, time_limit=2.0 * limit, **options)
+    episode = Episode(
+        sim_bridge.make("kinematic", slip=0.0),
+        planner,
+        period=2.0,
+        time_limit=2.0 * limit,
+        **options,
+    )
     episode.reset(world or straight(obstacle), 0)
     return episode
 
@@ -92,7 +106,10 @@ def test_a_course_takes_the_time_it_takes_to_a_control_cycle():
     assert (last.time_s / 0.05) % 1 == pytest.approx(0, abs=1e-6)
     assert last.decisions == len(outcomes) == 3
     assert [o.seconds for o in outcomes[:2]] == pytest.approx([2.0, 2.0])
-    assert (last.seconds, last.path_length_m) == (pytest.approx(last.time_s - 4.0), pytest.approx(4.0, abs=0.1))
+    assert (last.seconds, last.path_length_m) == (
+        pytest.approx(last.time_s - 4.0),
+        pytest.approx(4.0, abs=0.1),
+    )
     assert sum(o.progress for o in outcomes) == pytest.approx(4.0, abs=0.1)
     assert sum(o.progress_y for o in outcomes) == pytest.approx(4.0, abs=0.1)
     assert len(episode.drive.truth) == round(last.time_s / 0.05) + 1
@@ -108,46 +125,90 @@ def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
     assert (len(base.goals), base.goals[0][0]) == (1, pytest.approx((0.0, 8.0, math.pi / 2)))
     assert {s for s, _ in base.requests} == set(SPACE.servers)
     planner = dict(base.requests)["TrajectoryPlannerROS"]
-    assert (planner["max_vel_theta"], planner["min_vel_theta"], planner["vx_samples"]) == (1.57, -1.57, 6)
-    assert episode.outcome.theta[SPACE.names.index("vx_samples")] == 7  # value in force in the planner
+    assert (planner["max_vel_theta"], planner["min_vel_theta"], planner["vx_samples"]) == (
+        1.57,
+        -1.57,
+        6,
+    )
+    assert (
+        episode.outcome.theta[SPACE.names.index("vx_samples")] == 7
+    )  # value in force in the planner
     assert np.array_equal(np.delete(episode.outcome.theta, 2), np.delete(SPACE.theta0, 2))
     assert base.steps[1][1] == pytest.approx((0.0, 0.0, math.pi / 2), abs=0.01)
     laser = base.scans[1].sensor_pose
     observation = PaperEncoding(robots.JACKAL).observe(episode.context())
-    assert (laser, observation.shape) == (pytest.approx((0.0, 0.055, math.pi / 2), abs=0.01), (729,))
+    assert (laser, observation.shape) == (
+        pytest.approx((0.0, 0.055, math.pi / 2), abs=0.01),
+        (729,),
+    )
     assert observation[720] == pytest.approx(episode.context().phi / math.pi)
 
 
 def test_the_local_goal_is_relative_to_the_robot():
     episode = trial()
-    assert episode.context().phi == pytest.approx(-math.pi / 4, abs=0.02)  # plan: north-east, robot: north
+    assert episode.context().phi == pytest.approx(
+        -math.pi / 4, abs=0.02
+    )  # plan: north-east, robot: north
     episode.move_base.global_plan = np.zeros((0, 3))
     episode.decide(SPACE.theta0)
-    assert episode.context().phi == pytest.approx(0.0, abs=0.05)  # Without a plan, the local goal is the goal.
+    assert episode.context().phi == pytest.approx(
+        0.0, abs=0.05
+    )  # Without a plan, the local goal is the goal.
 
 
 WALL = (1.0, 4.0, 0.2)
 REACHED, GIVES_UP = ("succeeded", "Goal reached."), ("aborted", "why")
 STALLS = {"v": 0.0, "limit": 6, "end_on_stall": True}
-GIVEN_UP = {"aborted": True, "timeout": True, "over": True, "success": False, "time_s": 100.0, "decisions": 2}
+GIVEN_UP = {
+    "aborted": True,
+    "timeout": True,
+    "over": True,
+    "success": False,
+    "time_s": 100.0,
+    "decisions": 2,
+}
 
 
 @pytest.mark.parametrize(
     ("options", "fails", "ends"),
     [  # After a result away from the goal, also "succeeded", the robot would stand until the limit.
-        ({"end": 50, "result": ("aborted", "why")}, True, {**GIVEN_UP, "reason": "planner aborted: why"}),
-        ({"end": 50, "result": ("succeeded", "why")}, True, {**GIVEN_UP, "reason": "planner succeeded: why"}),
+        (
+            {"end": 50, "result": ("aborted", "why")},
+            True,
+            {**GIVEN_UP, "reason": "planner aborted: why"},
+        ),
+        (
+            {"end": 50, "result": ("succeeded", "why")},
+            True,
+            {**GIVEN_UP, "reason": "planner succeeded: why"},
+        ),
         # The time limit is not a final failure.
-        ({"v": 0.0, "limit": 5}, False, {"decisions": 5, "time_s": 10.0, "timeout": True, "aborted": False}),
+        (
+            {"v": 0.0, "limit": 5},
+            False,
+            {"decisions": 5, "time_s": 10.0, "timeout": True, "aborted": False},
+        ),
         # A stall is a failure if requested. The threshold of 0.85 m in 8 s is 0.106 m/s.
         ({"v": 0.0, "limit": 6}, False, {"decisions": 6}),
         (STALLS, True, {"decisions": 4, "reason": "stalled", "timeout": False}),
         ({**STALLS, "v": 0.10}, True, {"decisions": 4, "reason": "stalled", "timeout": False}),
         ({**STALLS, "v": 0.12}, False, {"decisions": 6, "reason": "time limit", "timeout": True}),
-        ({**STALLS, "end": 160, "result": GIVES_UP}, True, {"decisions": 4, "reason": "planner aborted: why"}),
+        (
+            {**STALLS, "end": 160, "result": GIVES_UP},
+            True,
+            {"decisions": 4, "reason": "planner aborted: why"},
+        ),
         # Contacts are recorded, and end a trial if the protocol requires it.
-        ({"obstacle": WALL, "limit": 4}, False, {"collided": True, "timeout": True, "success": False}),
-        ({"obstacle": WALL, "end_on_collision": True}, True, {"collided": True, "reason": "contact"}),
+        (
+            {"obstacle": WALL, "limit": 4},
+            False,
+            {"collided": True, "timeout": True, "success": False},
+        ),
+        (
+            {"obstacle": WALL, "end_on_collision": True},
+            True,
+            {"collided": True, "reason": "contact"},
+        ),
     ],
 )
 def test_each_end_of_a_trial_is_recorded(options, fails, ends):
@@ -170,12 +231,17 @@ def test_each_end_of_a_trial_is_recorded(options, fails, ends):
         (True, 0.0, 0.6, GIVES_UP, "planner aborted: why"),
     ],
 )
-def test_a_course_without_a_finish_line_ends_when_the_planner_has_arrived(planner_ends, off, left, result, reason):
+def test_a_course_without_a_finish_line_ends_when_the_planner_has_arrived(
+    planner_ends, off, left, result, reason
+):
     """The planner arrives by odometry with a lateral error `off` [m], or reports a result `left` [m] before the goal.
 
     The robot drives over its goal, 4 m ahead, at 0.5 m/s. The planner's tolerance is .25 m.
     """
-    goal, more = (1.0, 6.0, math.pi / 2), {"finish_y": None, "goal_tolerance": 0.25, "planner_ends": planner_ends}
+    goal, more = (
+        (1.0, 6.0, math.pi / 2),
+        {"finish_y": None, "goal_tolerance": 0.25, "planner_ends": planner_ends},
+    )
     world = replace(straight(), course=replace(straight().course, goal=goal, **more))
     end = round((4.0 - left) / 0.5 / 0.05) if result else None
     episode = trial(v=0.5, limit=6, world=world, end=end, result=result)
@@ -198,8 +264,25 @@ def test_a_laser_of_5_hz_scans_in_every_fourth_cycle():
     assert seen == [k % 4 == 0 for k in range(41)]
 
 
-FIELDS = ("phi", "progress", "progress_y", "last_scan_min", "decision_min", "contact", "collided", "seconds")
-FIELDS += ("time_s", "path_length_m", "min_clearance_m", "mean_clearance_m", "mean_jerk", "mean_turn", "mean_range")
+FIELDS = (
+    "phi",
+    "progress",
+    "progress_y",
+    "last_scan_min",
+    "decision_min",
+    "contact",
+    "collided",
+    "seconds",
+)
+FIELDS += (
+    "time_s",
+    "path_length_m",
+    "min_clearance_m",
+    "mean_clearance_m",
+    "mean_jerk",
+    "mean_turn",
+    "mean_range",
+)
 GOLDEN = (
     (-1.48, 0.73, 0.82, 0.51, 0.45, 0, 0, 1, 1, 0.82, 0.45, 0.54, 9.74, 0.44, 4.50),
     (-2.86, 1.15, 1.30, 0.15, 0.15, 1, 1, 1, 2, 2.13, 0.15, 0.55, 34.91, 2.47, 3.77),
@@ -219,8 +302,14 @@ def test_outcome_of_each_decision_of_a_drive():
     for row in GOLDEN:
         outcome = episode.decide(SPACE.theta0)
         seen = episode.context()
-        values = {**vars(outcome), "phi": seen.phi, "mean_range": np.minimum(seen.ranges, 5.0).mean()}
-        assert {name: float(values[name]) for name in FIELDS} == pytest.approx(dict(zip(FIELDS, row)), abs=6e-3)
+        values = {
+            **vars(outcome),
+            "phi": seen.phi,
+            "mean_range": np.minimum(seen.ranges, 5.0).mean(),
+        }
+        assert {name: float(values[name]) for name in FIELDS} == pytest.approx(
+            dict(zip(FIELDS, row)), abs=6e-3
+        )
 
 
 def test_the_monitor_gets_the_scans_and_the_planner_is_informed_of_blocked_commands():
@@ -234,15 +323,23 @@ def test_the_monitor_gets_the_scans_and_the_planner_is_informed_of_blocked_comma
 
 
 @pytest.mark.parametrize(
-    ("variant", "escapes", "moves"), [("cpp-like", True, True), ("cpp-like", False, False), ("ours", True, False)]
+    ("variant", "escapes", "moves"),
+    [("cpp-like", True, True), ("cpp-like", False, False), ("ours", True, False)],
 )
-def test_the_monitor_moves_the_robot_if_a_cpp_like_planner_finds_no_command(variant, escapes, moves):
+def test_the_monitor_moves_the_robot_if_a_cpp_like_planner_finds_no_command(
+    variant, escapes, moves
+):
     """The planner `ours` makes its escape motions itself."""
     episode = trial(v=0.0, monitor=True, limit=2, variant=variant, escapes=escapes)
     given, judge = [], episode.stack.monitor.filter
-    episode.stack.monitor.filter = lambda *a, creeps: (given.append((a[3], creeps)), judge(*a, creeps=creeps))[1]
+    episode.stack.monitor.filter = lambda *a, creeps: (
+        given.append((a[3], creeps)),
+        judge(*a, creeps=creeps),
+    )[1]
     drive(episode)
-    assert all(creeps == (command == (0.0, 0.0)) for command, creeps in given), "only the planner's commands may creep"
+    assert all(creeps == (command == (0.0, 0.0)) for command, creeps in given), (
+        "only the planner's commands may creep"
+    )
     twists = episode.drive.truth.twist
     assert twists.any() == moves
     assert not twists[:40].any(), "the monitor waits two seconds for the planner"
@@ -280,14 +377,18 @@ def test_distance_is_bounded_both_ways():
     clear = Reward(c_c=1.0)
     assert earned(clear, replace(STEP, last_scan_min=math.inf))[1]["clearance"] == -0.5
     for lowest in (0.1, 0.0):  # A laser whose range_min is 0 may report 0.
-        assert earned(clear, replace(STEP, last_scan_min=lowest))[1]["clearance"] == pytest.approx(-10.0)
+        assert earned(clear, replace(STEP, last_scan_min=lowest))[1]["clearance"] == pytest.approx(
+            -10.0
+        )
 
 
 def test_a_failure_pays_for_the_time_until_the_limit():
     fallen = replace(STEP, flipped=True, decisions=45)
     assert earned(Reward(), fallen)[1]["time"] == -6.0
     assert earned(Reward(), replace(fallen, decisions=3))[1]["time"] == -1.0 - 20.0
-    assert earned(Reward(failure_seconds=11.0), replace(fallen, decisions=3))[1]["time"] == -1.0 - 5.5
+    assert (
+        earned(Reward(failure_seconds=11.0), replace(fallen, decisions=3))[1]["time"] == -1.0 - 5.5
+    )
     assert earned(Reward(), replace(STEP, timeout=True))[1]["time"] == -1.0
 
 
@@ -301,7 +402,9 @@ def test_times_are_scaled_by_the_pace_of_the_robot():
     assert earned(Reward(), STEP, pace=4.0)[1]["time"] == -0.25
     fallen = replace(STEP, flipped=True, decisions=3)
     assert earned(Reward(failure_seconds=11.0), fallen, pace=4.0)[1]["time"] == -0.25 - 5.5
-    assert earned(Reward(), fallen, pace=4.0)[1]["time"] == -0.25 - 47 / 4  # limited by the time left
+    assert (
+        earned(Reward(), fallen, pace=4.0)[1]["time"] == -0.25 - 47 / 4
+    )  # limited by the time left
     husky = DimensionlessEncoding(robots.load("husky"), 1.0)  # .68 m wide, 1 m/s
     judged = Reward(exact_time=True)(STEP, 50, 2.0, husky)
     assert judged[1]["time"] == pytest.approx(-1.0 / (0.68 / 0.53 * 2.0))
@@ -312,7 +415,9 @@ def test_times_are_scaled_by_the_pace_of_the_robot():
 def env():
     import training.env.env
 
-    made = gymnasium.make(training.env.ID, worlds="generated:0,generated:1", simulator="kinematic", time_limit=6.0)
+    made = gymnasium.make(
+        training.env.ID, worlds="generated:0,generated:1", simulator="kinematic", time_limit=6.0
+    )
     yield made
     made.close()
 
@@ -332,7 +437,9 @@ def test_the_same_seed_gives_the_same_episode(env):
         observation, info = env.reset(seed=seed)
         rows = [observation]
         while True:
-            observation, reward, terminated, truncated, info = env.step(rng.uniform(-1, 1, 8).astype(np.float32))
+            observation, reward, terminated, truncated, info = env.step(
+                rng.uniform(-1, 1, 8).astype(np.float32)
+            )
             rows.append(np.append(observation, reward))
             if terminated or truncated:
                 return np.concatenate(rows), info, terminated, truncated
@@ -344,7 +451,9 @@ def test_the_same_seed_gives_the_same_episode(env):
     assert (*ended, info["timeout"], info["decisions"]) == (False, True, True, 3)
     assert not np.array_equal(a, run(6)[0])
     assert {env.reset(seed=s)[1]["world"] for s in range(12)} == {"generated:0", "generated:1"}
-    assert {env.reset(seed=s, options={"world": 1})[1]["world"] for s in range(6)} == {"generated:1"}
+    assert {env.reset(seed=s, options={"world": 1})[1]["world"] for s in range(6)} == {
+        "generated:1"
+    }
 
 
 def test_theta_in_the_observation_is_in_force_in_the_planner(env):
@@ -353,9 +462,14 @@ def test_theta_in_the_observation_is_in_force_in_the_planner(env):
     observation, _, _, _, info = env.step(action)
     theta = PaperEncoding(robots.JACKAL).theta(action)
     assert np.allclose(info["theta"], theta)
-    np.testing.assert_allclose(observation[721:], PaperEncoding(robots.JACKAL).action(theta), atol=1e-6)
+    np.testing.assert_allclose(
+        observation[721:], PaperEncoding(robots.JACKAL).action(theta), atol=1e-6
+    )
     configuration = env.unwrapped.episode.move_base.configuration("TrajectoryPlannerROS")
-    assert (configuration["max_vel_x"], configuration["vx_samples"]) == (pytest.approx(theta[0]), theta[2])
+    assert (configuration["max_vel_x"], configuration["vx_samples"]) == (
+        pytest.approx(theta[0]),
+        theta[2],
+    )
     assert configuration["min_vel_theta"] == pytest.approx(-theta[1])
     assert set(info["reward"]) == set(TERMS)
 
@@ -404,7 +518,9 @@ def test_a_course_begins_without_a_scan_of_the_previous_course():
     env = gymnasium.make("training.env:applr_ros1/Navigation-v0", worlds="generated:7", **settings)
     env.reset(seed=0)
     seen = [env.step(np.zeros(env.action_space.shape, np.float32))[0], env.reset(seed=1)[0]]
-    scans = [np.split(observation[: env.unwrapped.encoding.scan], 2) for observation in seen]  # now and earlier
+    scans = [
+        np.split(observation[: env.unwrapped.encoding.scan], 2) for observation in seen
+    ]  # now and earlier
     assert [np.array_equal(*pair) for pair in scans] == [False, True]
     env.close()
 
@@ -414,7 +530,10 @@ def test_the_observation_has_moving_obstacles_relative_to_a_robot_that_turns():
     walker = Mover(0.25, ((0.0, -1.5, 4.0), (4.0, 3.5, 4.0)))  # across the course at 1.25 m/s
     simulator, planner = sim_bridge.make("kinematic", slip=0.0), FakeMoveBase((0.0, 0.6))
     planner.parameters, planner.sources = {"applr": {"movers": True}}, ("front/scan",)
-    episode, encoding = Episode(simulator, planner, period=0.5), DimensionlessEncoding(robots.JACKAL, 0.5)
+    episode, encoding = (
+        Episode(simulator, planner, period=0.5),
+        DimensionlessEncoding(robots.JACKAL, 0.5),
+    )
     episode.layout = encoding.layout
     entries = {}
     for movers in ((), (walker,)):

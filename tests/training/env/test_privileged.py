@@ -13,7 +13,9 @@ from training.env.env import ApplrEnv
 from training.env.privileged import ODD, SIZE, STATIONS, WIDTH
 from worlds import Course, Mover, World
 
-PLACES = len(ODD)  # index of the first clearance, after the entries that change sign in a mirror image
+PLACES = len(
+    ODD
+)  # index of the first clearance, after the entries that change sign in a mirror image
 
 
 def scene(side=1.0, movers=True):
@@ -22,7 +24,9 @@ def scene(side=1.0, movers=True):
     path = WIDTH * np.array([(0.0, 0.0), (1.0, side * 1.0), (3.0, side * 1.0), (5.0, 0.0)])
     course = Course((0.0, 0.0, 0.0), (8.0 * WIDTH, 0.0, 0.0), None, 0.4, path)
     walker = Mover(0.25, tuple((t, 1.0 + t, side * (2.0 + t)) for t in map(float, range(11))))
-    drawn = sim_bridge.simulator.Randomisation(latency=0.05, ground=0.25, friction=1.2, slip=0.7, odometry=2.0)
+    drawn = sim_bridge.simulator.Randomisation(
+        latency=0.05, ground=0.25, friction=1.2, slip=0.7, odometry=2.0
+    )
     believed = (5.0, 3.0, side * 0.5 * math.pi)  # wrong odometry, in whose frame the plan is given
     plan = np.column_stack([np.full(90, 5.0), 3.0 + side * np.linspace(0.0, 9.0 * WIDTH, 90)])
     state = SimpleNamespace(pose=(0.0, 0.0, 0.0), odom_pose=believed, time=5.0)
@@ -49,7 +53,9 @@ def test_critics_observe_the_true_course_and_the_randomised_robot():
     left = math.sqrt(2.0) + 2.0 + math.sqrt(5.0) + 3.0
     assert (1.0 + rest[1]) / 2.0 * privileged.LONG == pytest.approx(left, abs=1e-4)
     assert rest[2] == -1.0  # The robot is on the course.
-    assert observed[0] == pytest.approx(math.sin(math.atan2(1.0, 1.6)), abs=0.06)  # The course bends to the left.
+    assert observed[0] == pytest.approx(
+        math.sin(math.atan2(1.0, 1.6)), abs=0.06
+    )  # The course bends to the left.
     assert observed[len(privileged.AHEAD)] == 1.0  # At 5 s the walker is far to the left.
     assert observed[len(privileged.AHEAD) + 1] == pytest.approx(1.0 / privileged.FAST, abs=1e-3)
     np.testing.assert_allclose(rest[-8:], [1.0, -0.5, 0.4, -0.3, 0.5, 0.0, 0.0, 0.0], atol=1e-6)
@@ -57,14 +63,22 @@ def test_critics_observe_the_true_course_and_the_randomised_robot():
 
 @pytest.mark.parametrize("movers", [True, False])
 def test_a_mirrored_world_gives_the_mirrored_numbers(movers):
-    one, other = privileged.privileged(scene(1.0, movers), 1.0), privileged.privileged(scene(-1.0, movers), 1.0)
+    one, other = (
+        privileged.privileged(scene(1.0, movers), 1.0),
+        privileged.privileged(scene(-1.0, movers), 1.0),
+    )
     sign = np.where(np.isin(np.arange(SIZE), ODD), -1.0, 1.0)
     np.testing.assert_allclose(one * sign, other, atol=1e-6)
     assert np.abs(one[list(ODD)]).max() > 0.1
 
 
 def test_privileged_numbers_follow_the_observation_and_the_protocol_is_random():
-    common = {"worlds": "generated:7", "period": 1.0, "observation": "dimensionless", "time_limit": 1.0}
+    common = {
+        "worlds": "generated:7",
+        "period": 1.0,
+        "observation": "dimensionless",
+        "time_limit": 1.0,
+    }
     env = ApplrEnv(**common, critics_know_more=True, protocol="drawn")
     layout, plain = env.layout, ApplrEnv(**common).layout
     assert (layout.hidden, layout.seen, layout.size) == (SIZE, plain.size, plain.size + SIZE)
@@ -75,7 +89,9 @@ def test_privileged_numbers_follow_the_observation_and_the_protocol_is_random():
     for seed in range(8):
         observation, _ = env.reset(seed=seed)
         assert env.observation_space.contains(observation)
-        assert np.array_equal(observation[-SIZE:], privileged.privileged(env.episode, env.encoding.scale))
+        assert np.array_equal(
+            observation[-SIZE:], privileged.privileged(env.episode, env.encoding.scale)
+        )
         courses.add(env.episode.world.course.start)
     assert len(courses) == 2
     assert (-2.25, 3.0, math.pi / 2) in courses  # start of the BARN Challenge

@@ -14,7 +14,9 @@ from training.evaluate.trial import Trial
 SET = {"max_vel_x": 0.9, "footprint_padding": 0.14, "min_in_place_vel_theta": 0.75, "vx_samples": 9}
 
 
-@pytest.mark.parametrize(("loaded", "in_maps", "slowest"), [(True, 0.1, 0.75), (False, 0.14, 0.314)])
+@pytest.mark.parametrize(
+    ("loaded", "in_maps", "slowest"), [(True, 0.1, 0.75), (False, 0.14, 0.314)]
+)
 def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robots_files(
     loaded, in_maps, slowest, monkeypatch
 ):
@@ -25,7 +27,9 @@ def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robot
         bases.append(MoveBase(*how, **more))
         return bases[-1]
 
-    monkeypatch.setattr(MoveBase, "reconfigure", lambda *how: called.append(how[1]) or reconfigure(*how))
+    monkeypatch.setattr(
+        MoveBase, "reconfigure", lambda *how: called.append(how[1]) or reconfigure(*how)
+    )
     monkeypatch.setattr("training.env.settings.MoveBase", made)
     drives = TrialRunner(TrialSettings(planner="cpp-like", loaded=loaded, time_limit=2.0))
     theta = SPACE.from_dict(SET)
@@ -52,4 +56,6 @@ def test_a_search_leaves_out_parameters_that_act_differently_by_reconfigure():
     waffle = robots.load("turtlebot3_waffle_pi")
     assert loadable_space(waffle).chosen.names == space_of(waffle).names
     burger = robots.load("turtlebot3_burger")
-    assert "footprint_padding" in loadable_space(burger).chosen.names, "DWAPlannerROS reads it in every cycle"
+    assert "footprint_padding" in loadable_space(burger).chosen.names, (
+        "DWAPlannerROS reads it in every cycle"
+    )

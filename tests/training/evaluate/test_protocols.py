@@ -54,17 +54,31 @@ def test_dynabarn_is_driven(tmp_path):
     motion = read_trace(tmp_path / "out", "world_3", "fast", 0).truth
     assert np.allclose(np.abs(motion.pose[0]), [11.0, 0.0, np.pi], atol=0.1)
     mover = worlds.load(path).movers[0]
-    gap = [np.hypot(*(pose[:2] - mover.position(t))) - mover.radius for t, pose in zip(motion.time, motion.pose)]
+    gap = [
+        np.hypot(*(pose[:2] - mover.position(t))) - mover.radius
+        for t, pose in zip(motion.time, motion.pose)
+    ]
     assert 0.1 < min(gap) < 3.0
     drive(tmp_path / "out", *given)
     with open(tmp_path / "out" / "report" / "rates.csv") as file:
-        assert {row["worlds"] for row in csv.DictReader(file)} == {"Other"}  # not BARN's group by the number
+        assert {row["worlds"] for row in csv.DictReader(file)} == {
+            "Other"
+        }  # not BARN's group by the number
 
 
 def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):
     """Under the paper's rules the trial goes on, and its row records the contact."""
     path = dynabarn(tmp_path, ((0, 11, -4), (2, 11, 3), (30, 11, 3.5)))
-    (row,) = drive(tmp_path / "out", "--worlds", path, "--methods", "dwa", "--simulator", "kinematic", "--no-report")
+    (row,) = drive(
+        tmp_path / "out",
+        "--worlds",
+        path,
+        "--methods",
+        "dwa",
+        "--simulator",
+        "kinematic",
+        "--no-report",
+    )
     assert row["collided"]
     assert row["decisions"] > 3
 
@@ -72,7 +86,9 @@ def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):
 def test_the_challenges_rules_apply_and_the_report_has_its_metric(tmp_path):
     """The Challenge's start, goal and limit apply, a collision ends the run, and the report has the metric."""
     base = worlds.load("generated:2")
-    bully = worlds.Mover(0.4, ((0.0, -2.25, 0.5), (4.0, -2.25, 6.0), (60.0, -2.25, 6.5)))  # from behind, faster
+    bully = worlds.Mover(
+        0.4, ((0.0, -2.25, 0.5), (4.0, -2.25, 6.0), (60.0, -2.25, 6.5))
+    )  # from behind, faster
     world = worlds.World("hit", base.cylinders, base.boxes, base.course, (bully,))
     sdf_writer.write(world, str(tmp_path / "hit.world"))
     given = "--methods", "dwa", "--simulator", "kinematic", "--protocol", "barn-challenge"

@@ -20,20 +20,30 @@ from training.evaluate.trial import Result, plan_trials
 
 TIME = 0.05 * np.arange(1, 123)
 POSE = np.column_stack([-2.25 + np.sin(TIME), 4.0 + TIME, 3.0 + 0.1 * TIME])  # [m, m, rad]
-TRACE = driven(TIME, POSE, np.column_stack([0.3 + 0.01 * TIME, 0.0 * TIME]), [SPACE.theta0, SPACE.high], [0.0, 1.0])
+TRACE = driven(
+    TIME,
+    POSE,
+    np.column_stack([0.3 + 0.01 * TIME, 0.0 * TIME]),
+    [SPACE.theta0, SPACE.high],
+    [0.0, 1.0],
+)
 METHODS = ("dwa", "mine", "quiet")
 
 
 @pytest.fixture
 def folder(tmp_path):
     """Return the folder of an evaluation of three methods in a built-in world. The last method has no traces."""
-    plan = plan_trials([("generated:7", "generated:7")], [(m, m) for m in METHODS], 2, seed=0, traces=2)
+    plan = plan_trials(
+        [("generated:7", "generated:7")], [(m, m) for m in METHODS], 2, seed=0, traces=2
+    )
     older = {name: value for name, value in SETTINGS["robot"].items() if name != "radius"}
     settings = dict(SETTINGS, worlds=["generated:7"], world_specs=["generated:7"], robot=older)
     store = Trials(tmp_path, settings)
     for task in plan:
         good = task.method == "dwa"
-        result = Result(good, not good, False, 6.1, 3, 6.0, "finished" if good else "</script>", 7.0)
+        result = Result(
+            good, not good, False, 6.1, 3, 6.0, "finished" if good else "</script>", 7.0
+        )
         store.add(task, result, TRACE.pack() if task.method != "quiet" else b"")
     return tmp_path
 
@@ -44,7 +54,11 @@ def test_the_page_has_the_driven_paths(folder):
     assert 'href="drives.html"' in Path(index).read_text()
     assert not re.search(r"https?:|//[a-z]+\.|src=|@import|url\(", text)
     assert 'href="index.html"' in text  # link back to the report
-    page = json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL).group(1))
+    page = json.loads(
+        re.search(
+            r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL
+        ).group(1)
+    )
     assert [m["name"] for m in page["methods"]] == list(METHODS)
     (world,) = page["worlds"]
     assert world["name"] == "generated:7"
@@ -73,13 +87,25 @@ def test_without_traces_there_is_no_page(folder):
     assert not (folder / "report" / drives_page.FILE).exists()
 
 
-@pytest.mark.skipif(shutil.which("chromium-headless-shell") is None, reason="no headless Chromium here")
+@pytest.mark.skipif(
+    shutil.which("chromium-headless-shell") is None, reason="no headless Chromium here"
+)
 def test_a_drive_begins_at_its_beginning_and_the_panels_fill_the_width(folder):
     write(folder)
     page = (folder / "report" / drives_page.FILE).as_uri()
-    options = ("--no-sandbox", "--disable-gpu", "--window-size=1440,900", "--virtual-time-budget=1000", "--dump-dom")
-    done = subprocess.run(["chromium-headless-shell", *options, page], capture_output=True, text=True, timeout=HANGS)
+    options = (
+        "--no-sandbox",
+        "--disable-gpu",
+        "--window-size=1440,900",
+        "--virtual-time-budget=1000",
+        "--dump-dom",
+    )
+    done = subprocess.run(
+        ["chromium-headless-shell", *options, page], capture_output=True, text=True, timeout=HANGS
+    )
     assert re.search(r'<span id="clock">0.0 / \d+.\d s</span>', done.stdout)
-    widths = [float(width) for width in re.findall(r'class="panel" style="width: (.*?)px;', done.stdout)]
+    widths = [
+        float(width) for width in re.findall(r'class="panel" style="width: (.*?)px;', done.stdout)
+    ]
     assert len(widths) == 2
     assert 1350.0 < sum(widths) < 1440.0

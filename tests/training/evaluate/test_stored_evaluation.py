@@ -19,7 +19,9 @@ def report(folder):
     copy = Path(shutil.copytree(STORED, folder / "evaluation"))
     write(copy)
     tables = sorted((copy / "report").glob("*.csv"))
-    return "\n".join([*summary(Results(copy)), *(f"\n{path.name}\n{path.read_text()}" for path in tables)])
+    return "\n".join(
+        [*summary(Results(copy)), *(f"\n{path.name}\n{path.read_text()}" for path in tables)]
+    )
 
 
 def test_the_report_of_a_stored_evaluation_is_the_stored_one(tmp_path):

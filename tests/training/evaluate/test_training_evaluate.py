@@ -36,7 +36,18 @@ HEADER = "world,method,trial,seed,success,collided,timeout,time_s,decisions,path
 
 
 def command(out, *more, worlds="generated:0,generated:7,generated:64", chosen="dwa,random"):
-    given = "--worlds", worlds, "--methods", chosen, "--trials", "4", "--out", out, "--no-report", *more
+    given = (
+        "--worlds",
+        worlds,
+        "--methods",
+        chosen,
+        "--trials",
+        "4",
+        "--out",
+        out,
+        "--no-report",
+        *more,
+    )
     return list(map(str, given))
 
 
@@ -89,7 +100,9 @@ def test_every_method_gets_the_same_seeds_in_any_evaluation():
     assert [t.seed for t in alone] == [seeds["b", n, "y"] for n in range(3)]
     assert len({t.seed for t in both}) == 6
     assert seeds["a", 0, "x"] != seed_of(6, "a", 0)
-    assert both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]  # appended rows
+    assert (
+        both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]
+    )  # appended rows
 
 
 # -- the folder ------------------------------------------------------------------------------------------------------
@@ -99,7 +112,11 @@ def test_csv_begins_with_the_pinned_columns(tmp_path, run):
     assert lines[0].startswith(HEADER)
     assert len(lines) == 1 + 3 * 2 * 4
     rows = list(csv.DictReader(lines))
-    first = [("0", "generated:0", "dwa"), ("0", "generated:0", "random"), ("0", "generated:7", "dwa")]
+    first = [
+        ("0", "generated:0", "dwa"),
+        ("0", "generated:0", "random"),
+        ("0", "generated:7", "dwa"),
+    ]
     assert [(r["trial"], r["world"], r["method"]) for r in rows[:3]] == first
     assert {r["success"] for r in rows} <= {"True", "False"}
     settings = json.loads((tmp_path / "evaluation.json").read_text())
@@ -153,13 +170,17 @@ def test_tables_have_the_order_of_the_plan_for_any_order_of_trials(tmp_path):
             table.order(plan)
             assert table.added == 3
     rows = read_trials(tmp_path / "trials.csv").to_dict("records")
-    assert [(row["world"], row["trial"]) for row in rows] == [(task.world, task.trial) for task in plan]
+    assert [(row["world"], row["trial"]) for row in rows] == [
+        (task.world, task.trial) for task in plan
+    ]
     assert (rows[0]["time_s"], rows[0]["path_length_m"], rows[0]["success"]) == (3.1416, 1.0, False)
 
 
 def test_a_trial_with_an_incomplete_row_is_driven_again_and_others_are_unchanged(tmp_path):
     plan = plan_trials([("w", "w")], [("m", "m")], 2, seed=0)
-    given = Result(True, time_s=math.pi, reason='planner aborted: "no way", NA', min_clearance_m=math.inf)
+    given = Result(
+        True, time_s=math.pi, reason='planner aborted: "no way", NA', min_clearance_m=math.inf
+    )
     with Trials(tmp_path, {}) as table:
         assert [table.add(task, given) for task in plan] == 2 * [replace(given, time_s=3.1416)]
         table.note(looks=[0.1])
@@ -218,7 +239,13 @@ def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path, refus
     ],
 )
 def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
-    assert evaluate.main(["--out", str(tmp_path / "o"), "--worlds", "generated:0", "--methods", "dwa"] + arguments) == 1
+    assert (
+        evaluate.main(
+            ["--out", str(tmp_path / "o"), "--worlds", "generated:0", "--methods", "dwa"]
+            + arguments
+        )
+        == 1
+    )
     line = capsys.readouterr().err
     assert line.count("\n") == 1
     assert line.startswith("evaluate.py: ")
@@ -233,7 +260,9 @@ def test_ros_arguments_are_ignored():
 
 
 # -- methods ---------------------------------------------------------------------------------------------------------
-CONTEXT = methods.Context(ranges=np.full(720, 2.0, np.float32), phi=0.0, theta=SPACE.theta0, time=0.0)
+CONTEXT = methods.Context(
+    ranges=np.full(720, 2.0, np.float32), phi=0.0, theta=SPACE.theta0, time=0.0
+)
 
 
 def test_a_method_from_a_users_class(tmp_path, monkeypatch):
@@ -252,7 +281,10 @@ def test_a_method_from_a_users_class(tmp_path, monkeypatch):
     assert method.seed == 3
     with pytest.raises(ApplrError, match="not a subclass"):
         methods.make("my_module:Nothing")
-    assert methods.parse("dwa,my_module:Cautious") == [("dwa", "dwa"), ("Cautious", "my_module:Cautious")]
+    assert methods.parse("dwa,my_module:Cautious") == [
+        ("dwa", "dwa"),
+        ("Cautious", "my_module:Cautious"),
+    ]
 
 
 # -- the real stack --------------------------------------------------------------------------------------------------

@@ -26,7 +26,9 @@ METHODS = ("dwa", "applr", "other")
 
 
 POSE = np.column_stack([np.full(200, -2.0), np.linspace(4.1, 10.0, 200), np.full(200, 1.57)])
-TRACE = driven(np.arange(200) * 0.05, POSE, theta=np.tile(THETA_0, (5, 1)), decided=np.arange(5) * 2.0)
+TRACE = driven(
+    np.arange(200) * 0.05, POSE, theta=np.tile(THETA_0, (5, 1)), decided=np.arange(5) * 2.0
+)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +37,9 @@ def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("evaluation")
     worlds = ["generated:%d" % n for n in range(0, 39)] + ["physical_course"]
     plan = plan_trials([(w, w) for w in worlds], [(m, m) for m in METHODS], 6, seed=0)
-    settings = dict(SETTINGS, worlds=worlds, world_specs=worlds, simulator="kinematic", protocol="paper", seed=0)
+    settings = dict(
+        SETTINGS, worlds=worlds, world_specs=worlds, simulator="kinematic", protocol="paper", seed=0
+    )
     learnt = {"applr": {"class": "Actor"}, METHODS[2]: {"class": "Actor"}}
     settings["methods"] = {"dwa": {"parameters": {"max_vel_x": 0.5}}, **learnt}
     store = Trials(out, settings)
@@ -43,13 +47,23 @@ def folder(tmp_path_factory):
     for task in plan:
         mean = 20.0 + 0.4 * worlds.index(task.world)
         mean *= {"dwa": 1.0, "applr": 0.75}.get(task.method, 0.85)
-        good = rng.random() < (0.95 if task.method == "dwa" else 0.99) and task.world != "generated:3"
+        good = (
+            rng.random() < (0.95 if task.method == "dwa" else 0.99) and task.world != "generated:3"
+        )
         seconds = round(mean * math.exp(rng.normal(0, 0.08)), 4) if good else 100.0
         reason, decisions = "finished" if good else "time limit", math.ceil(seconds / 2)
-        result = Result(good, False, not good, seconds, decisions, 6.5, reason, 7.0, 0.3, 5.0, 1.0, 0.1)
+        result = Result(
+            good, False, not good, seconds, decisions, 6.5, reason, 7.0, 0.3, 5.0, 1.0, 0.1
+        )
         traced = task.trace and task.world in ("generated:20",)
         store.add(task, result, TRACE.pack() if traced else b"")
-    session = {"date": "2026-01-02", "commit": "abc", "cpu": "a processor", "cores": 4, "command": "evaluate.py"}
+    session = {
+        "date": "2026-01-02",
+        "commit": "abc",
+        "cpu": "a processor",
+        "cores": 4,
+        "command": "evaluate.py",
+    }
     store.note(wall_s=75.0, provenance=[dict(session, versions={"numpy": "2"})], workers=2)
     return out
 
@@ -66,8 +80,14 @@ def test_welch_is_scipys_with_nan_in_edge_cases():
     equal = np.full(2, 5.05), np.full(20, 5.05)  # The two means differ in the last bit.
 
     def trials(*times):
-        rows = [(world, n, time, True) for world, of_world in enumerate(times) for n, time in enumerate(of_world)]
-        return pd.DataFrame([*rows, (0, 99, 1.0, False)], columns=["world", "trial", "time_s", "success"])
+        rows = [
+            (world, n, time, True)
+            for world, of_world in enumerate(times)
+            for n, time in enumerate(of_world)
+        ]
+        return pd.DataFrame(
+            [*rows, (0, 99, 1.0, False)], columns=["world", "trial", "time_s", "success"]
+        )
 
     tests = tables.welch(trials(a, a[:1], equal[0]), trials(b, b, equal[1], b))
     assert tests.p[0] == pytest.approx(stats.ttest_ind(a, b, equal_var=False).pvalue)
@@ -142,7 +162,9 @@ def test_a_line_of_the_report_names_arrivals_times_and_the_test(results):
 def test_table_4_names_failures(results):
     table = tables.table_4(results)
     assert table.rows.method.tolist() == list(METHODS)
-    assert (table.rows.failures.str.contains("time limit") != table.rows.successes.str.startswith("6")).all()
+    assert (
+        table.rows.failures.str.contains("time limit") != table.rows.successes.str.startswith("6")
+    ).all()
     assert table.rows["paper [s]"][0].startswith("72.8")
 
 
@@ -152,8 +174,12 @@ def test_a_failure_counts_as_the_time_limit_however_early_it_is(tmp_path):
     plan = plan_trials([(w, w) for w in worlds], [("dwa", "dwa"), ("crash", "dwa")], 2, seed=0)
     store = Trials(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"))
     for trial in plan:
-        good = trial.method == "dwa" and trial.world != worlds[0]  # The baseline fails in the first world, too.
-        seconds, reason = (20.0 + worlds.index(trial.world), "finished") if good else (3.0, "contact")
+        good = (
+            trial.method == "dwa" and trial.world != worlds[0]
+        )  # The baseline fails in the first world, too.
+        seconds, reason = (
+            (20.0 + worlds.index(trial.world), "finished") if good else (3.0, "contact")
+        )
         result = Result(good, not good, False, seconds, 2, 6.0, reason, *[math.nan] * 5)
         store.add(trial, result)
     results = Results(tmp_path)
@@ -162,21 +188,29 @@ def test_a_failure_counts_as_the_time_limit_however_early_it_is(tmp_path):
     assert comparison.p == 2 / 2**5  # two of all sign patterns have such a large difference
     assert results.by_difficulty(worlds) == [*worlds[1:], "generated:1"]
     rows = tables.table_3(results).rows.set_index("worlds")
-    assert rows["dwa mean time, all trials [s]"]["Difficult All"] == "62.50"  # mean of 25 s and 100 s
+    assert (
+        rows["dwa mean time, all trials [s]"]["Difficult All"] == "62.50"
+    )  # mean of 25 s and 100 s
 
 
 def test_means_are_compared_over_the_same_worlds(folder):
     """One of the methods was driven in only some of the worlds."""
     joined = Results(folder)
     easy = joined.of_set("Test")[:4]
-    joined.trials = joined.trials[(joined.trials.method != METHODS[2]) | joined.trials.world.isin(easy)]
+    joined.trials = joined.trials[
+        (joined.trials.method != METHODS[2]) | joined.trials.world.isin(easy)
+    ]
     base, other = (joined.of(method, easy).score.mean() for method in ("dwa", METHODS[2]))
     rows = tables.table_1(joined).rows.set_index(["worlds", "method"])
-    assert float(rows["faster than dwa [s]"]["Test", METHODS[2]]) == pytest.approx(base - other, abs=0.006)
+    assert float(rows["faster than dwa [s]"]["Test", METHODS[2]]) == pytest.approx(
+        base - other, abs=0.006
+    )
 
 
 def test_text_is_escaped_in_html():
-    text = Table("t", "a & b", pd.DataFrame([{"x_1": "50 %", "y": "<b> | ±" * 20}]), ["note: θ"]).html()
+    text = Table(
+        "t", "a & b", pd.DataFrame([{"x_1": "50 %", "y": "<b> | ±" * 20}]), ["note: θ"]
+    ).html()
     assert "&lt;b&gt; | ±" * 20 in text
     assert "a &amp; b" in text
 
@@ -198,9 +232,17 @@ def test_the_report_is_complete(folder):
     assert text.count("<div class=wide><table") == text.count("<table") == 7
     lines = [html.unescape(text).index(line) for line in summary(Results(folder))]
     assert lines == sorted(lines)
-    assert lines[-1] < text.index('<a href="drives.html">') < text.index("<table") < text.index("times.png")
+    assert (
+        lines[-1]
+        < text.index('<a href="drives.html">')
+        < text.index("<table")
+        < text.index("times.png")
+    )
     assert "Planner: ours." in text
-    assert "Driven on 2026-01-02 with commit abc on a processor (4 cores); numpy 2. Command: evaluate.py" in text
+    assert (
+        "Driven on 2026-01-02 with commit abc on a processor (4 cores); numpy 2. Command: evaluate.py"
+        in text
+    )
 
 
 def test_report_of_one_method_and_one_world(tmp_path):

@@ -35,7 +35,9 @@ def first_recovery(planner, seed, **changes):
     made, robot, cycles = MoveBase(tree, planner=planner, seed=seed), ToyRobot(), []
     run(made, robot, 0.1)
     made.set_goal((3.0, 0.0, 0.0), robot.time)
-    made.local_planner = Scripted(lambda n: (True, (0.0, 0.0)))  # A robot that stands still counts as oscillating.
+    made.local_planner = Scripted(
+        lambda n: (True, (0.0, 0.0))
+    )  # A robot that stands still counts as oscillating.
     result = run(made, robot, 60.0, cycles=cycles)
     assert result in (("aborted", OSCILLATING), None)
     return next((t for t, c in cycles if c.recovery), math.inf) - 0.1
@@ -64,8 +66,12 @@ def test_clearing_recoveries_find_no_layer_of_their_name():
         robot.circles = robot.circles[:0]
         made.set_goal((4.0, 0.0, 0.0), robot.time)
         results[planner] = run(made, robot, 60.0, cycles=cycles)
-    after_turn = [b.command for (_, a), (_, b) in zip(cycles, cycles[1:]) if a.state == "clearing" != b.state]
-    assert after_turn[0] is None, "C++ keeps the last command of the rotation in force; for ours see test_move_base.py"
+    after_turn = [
+        b.command for (_, a), (_, b) in zip(cycles, cycles[1:]) if a.state == "clearing" != b.state
+    ]
+    assert after_turn[0] is None, (
+        "C++ keeps the last command of the rotation in force; for ours see test_move_base.py"
+    )
     assert results == {"ours": ("succeeded", "Goal reached."), "cpp-like": ("aborted", NO_PATH)}
 
 

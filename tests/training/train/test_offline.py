@@ -30,7 +30,12 @@ LAYOUT = TransitionLayout(0, 1, 1)
 def write(folder, source=None, episodes=40, layout=LAYOUT, made=None):
     """Write a dataset with ten transitions per episode, and return its folder."""
     folder.mkdir(exist_ok=True)
-    dataset.write(folder, layout, made or [episode(layout, number, 10) for number in range(episodes)], source or {})
+    dataset.write(
+        folder,
+        layout,
+        made or [episode(layout, number, 10) for number in range(episodes)],
+        source or {},
+    )
     return str(folder)
 
 
@@ -42,7 +47,9 @@ def data(tmp_path_factory):
 
 def test_td3bc_learns_from_a_dataset_and_is_resumed(tmp_path):
     """The policy learns from random drives."""
-    weights = safetensors.numpy.save({"0.weight": np.zeros((1, 1), np.float32), "0.bias": np.zeros(1, np.float32)})
+    weights = safetensors.numpy.save(
+        {"0.weight": np.zeros((1, 1), np.float32), "0.bias": np.zeros(1, np.float32)}
+    )
     random = [collect(Line, "{}", Collect(number, 0, 0.0, True), weights) for number in range(80)]
     data = write(tmp_path / "data", made=random)
     run = tmp_path / "run"
@@ -51,7 +58,9 @@ def test_td3bc_learns_from_a_dataset_and_is_resumed(tmp_path):
     assert main(["--resume", "--out", str(run), "--gradient-steps", "400"]) == 0
     assert Learner.saved(run)["updates"] == 400
     assert not list(run.glob("replay-*"))  # The dataset is not copied.
-    assert str(tmp_path).encode() not in (run / "actor.safetensors").read_bytes()  # The metadata contains no folders.
+    assert (
+        str(tmp_path).encode() not in (run / "actor.safetensors").read_bytes()
+    )  # The metadata contains no folders.
     rounds = [json.loads(line) for line in (run / "evaluations.jsonl").read_text().splitlines()]
     assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # The first policy stands still.
 
@@ -63,7 +72,9 @@ def test_minari_reads_a_dataset(tmp_path, monkeypatch):
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     loaded = minari.load_dataset("mine")
     assert (loaded.total_episodes, loaded.total_steps) == (5, 15)
-    for theirs, ours, back in zip(loaded, episodes, dataset.Dataset(tmp_path / "mine").trajectories(), strict=True):
+    for theirs, ours, back in zip(
+        loaded, episodes, dataset.Dataset(tmp_path / "mine").trajectories(), strict=True
+    ):
         np.testing.assert_array_equal(theirs.observations, layout.restore(ours.scan, ours.rest))
         np.testing.assert_array_equal(theirs.actions, ours.action)
         np.testing.assert_array_equal(theirs.rewards, ours.reward)
@@ -79,7 +90,11 @@ def test_the_environment_named_by_a_dataset_is_not_made(tmp_path):
     about = json.loads(path.read_text())
     del about["observation_space"], about["action_space"]
     ran = {"entry_point": "os:mkdir", "kwargs": {"path": str(tmp_path / "ran")}}
-    path.write_text(json.dumps({**about, "env_spec": gymnasium.envs.registration.EnvSpec("A-v0", **ran).to_json()}))
+    path.write_text(
+        json.dumps(
+            {**about, "env_spec": gymnasium.envs.registration.EnvSpec("A-v0", **ran).to_json()}
+        )
+    )
     assert len(list(dataset.Dataset(tmp_path / "mine").trajectories())) == 40
     assert not (tmp_path / "ran").exists()
 
@@ -89,9 +104,15 @@ def test_a_dataset_driven_with_other_settings_is_refused(tmp_path, capsys):
     layout = TransitionLayout()
     for number, (source, line) in enumerate(
         (
-            ({"decision_period": 1.0}, "decision_period is 2.0, but the dataset .* driven with 1.0"),
+            (
+                {"decision_period": 1.0},
+                "decision_period is 2.0, but the dataset .* driven with 1.0",
+            ),
             ({"robot": "husky"}, "robot is jackal, but the dataset .* driven with husky"),
-            ({"observation": "dimensionless"}, "observation is paper, but the dataset .* with dimensionless"),
+            (
+                {"observation": "dimensionless"},
+                "observation is paper, but the dataset .* with dimensionless",
+            ),
             ({"exact_time": True}, "exact_time is False, but the dataset .* with True"),
             ({"c_c": 0.06}, "c_c is 0.05, but the dataset .* with 0.06"),
             ({"decision_period": 2, "robot": "jackal", **Reward().model_dump(), "bags": ["a"]}, ""),
@@ -106,17 +127,28 @@ def test_a_dataset_driven_with_other_settings_is_refused(tmp_path, capsys):
     toys = write(tmp_path / "toys", {"decision_period": 1.0})
     one_line(capsys, toy(tmp_path / "run", "--dataset", toys), "decision_period is 0.5, but")
     assert not (tmp_path / "run").exists()
-    one_line(capsys, toy(tmp_path / "run", "--dataset", tmp_path / "absent"), "metadata.json: cannot be read")
+    one_line(
+        capsys,
+        toy(tmp_path / "run", "--dataset", tmp_path / "absent"),
+        "metadata.json: cannot be read",
+    )
 
 
 def test_a_trial_that_fails_ends_a_run_after_saving_it(data, tmp_path, capsys):
     arguments = toy(tmp_path / "run", "--dataset", data, "--gradient-steps", "60")
     broken = functools.partial(main, env=Broken)
-    one_line(capsys, arguments, "trial 0 of dwa in environment failed: RuntimeError: the wheels came off", broken)
+    one_line(
+        capsys,
+        arguments,
+        "trial 0 of dwa in environment failed: RuntimeError: the wheels came off",
+        broken,
+    )
     assert main(["--resume", "--out", str(tmp_path / "run")]) == 0
 
 
-@pytest.mark.parametrize(("name", "around"), [("jackal", "static"), ("turtlebot3_burger", "dwa")])  # not tuned
+@pytest.mark.parametrize(
+    ("name", "around"), [("jackal", "static"), ("turtlebot3_burger", "dwa")]
+)  # not tuned
 def test_the_method_explore_fits_the_recipe_offline(name, around, monkeypatch):
     monkeypatch.setattr("applr_ros1.policy.methods.EXPLORED", 0.0)
     robot = robots.load(name)

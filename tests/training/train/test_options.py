@@ -16,7 +16,10 @@ from training.train.td3.td3 import ACTOR_LR, TAU
     ("arguments", "pattern"),
     [
         (["--learning-rate", "1"], "unrecognized arguments: --learning-rate 1; --help"),
-        (["--net-arch", "512", "0"], "--net-arch is '0': Input should be greater than or equal to 1"),
+        (
+            ["--net-arch", "512", "0"],
+            "--net-arch is '0': Input should be greater than or equal to 1",
+        ),
         (["--worlds", "generated:900"], "generated:900"),
         (["--latency", "0.2", "0.1"], r"latency = \[0.2, 0.1\]: give a number >= 0 or a range"),
         (["--planner", "theirs"], "argument --planner: invalid choice: 'theirs'"),
@@ -55,13 +58,21 @@ def test_each_recipe_consists_of_valid_options(name):
 
 def test_defaults_and_noise_are_the_documented_ones():
     paper = TrainConfig()
-    assert (paper.gamma, paper.n_step, paper.critic_lr, ACTOR_LR, TAU) == (0.95, 4, 1e-3, 3e-4, 0.005)
+    assert (paper.gamma, paper.n_step, paper.critic_lr, ACTOR_LR, TAU) == (
+        0.95,
+        4,
+        1e-3,
+        3e-4,
+        0.005,
+    )
     assert paper.noise(0) == 0.5
     assert paper.noise(1_000_000) == pytest.approx(0.375)
     assert paper.noise(3_840_000) == pytest.approx(0.02)
     assert paper.noise(5_000_000) == 0.02
     assert TrainConfig(total_timesteps=50_000).noise(38_400) == pytest.approx(0.02)
-    rising = TrainConfig(exploration_noise_initial=0.0, exploration_noise_final=0.1, exploration_noise_steps=100)
+    rising = TrainConfig(
+        exploration_noise_initial=0.0, exploration_noise_final=0.1, exploration_noise_steps=100
+    )
     assert [round(rising.noise(n), 9) for n in (0, 50, 400)] == [0.0, 0.05, 0.1]
 
 

@@ -99,7 +99,9 @@ def test_mirror_exchanges_left_and_right_in_half_of_a_batch():
     replay = Replay(SMALL, 50)
     replay.add(episode(5, terminated=True))
     both = BATCH, BATCH.model_copy(update={"mirror": True})
-    plain, mirrored = (draw_batch(replay, np.random.default_rng(0), o, torch.device("cpu")) for o in both)
+    plain, mirrored = (
+        draw_batch(replay, np.random.default_rng(0), o, torch.device("cpu")) for o in both
+    )
     for name in ("observation", "next_observation"):
         ours, theirs = getattr(mirrored, name).numpy(), getattr(plain, name).numpy()
         np.testing.assert_array_equal(ours[32:], theirs[32:])
@@ -122,6 +124,7 @@ def test_a_replay_buffer_larger_than_memory_is_refused(monkeypatch):
     pages = {"SC_PAGE_SIZE": 4096, "SC_PHYS_PAGES": 2**20}  # 4 GiB
     monkeypatch.setattr("training.train.replay.buffer.os.sysconf", pages.__getitem__)
     with pytest.raises(
-        ValueError, match=r"a replay buffer of 100000000 rows takes 79\.3 GB, this machine has 4\.3 GB: give"
+        ValueError,
+        match=r"a replay buffer of 100000000 rows takes 79\.3 GB, this machine has 4\.3 GB: give",
     ):
         Replay(TransitionLayout(), 10**8)

@@ -20,7 +20,9 @@ def fake(options):
     worlds, names = specs(options.worlds), [Path(text).stem for text in options.methods.split(",")]
     assert len(worlds) == 50
     return {
-        Trial(world, name, 0, 1, world, name): Result(success=True, time_s=SECONDS[name] + 0.1 * (i % 3))
+        Trial(world, name, 0, 1, world, name): Result(
+            success=True, time_s=SECONDS[name] + 0.1 * (i % 3)
+        )
         for i, world in enumerate(worlds)
         for name in names
     }
@@ -39,13 +41,19 @@ def evaluated(monkeypatch):
     return requested
 
 
-def test_the_best_of_several_seeds_is_kept_and_compared_on_other_courses(tmp_path, evaluated, capsys):
+def test_the_best_of_several_seeds_is_kept_and_compared_on_other_courses(
+    tmp_path, evaluated, capsys
+):
     out = tmp_path / "runs"
-    arguments = toy(out, "--total-timesteps", 40, "--seeds", 2, "--seed", 3, "--minutes", 30, *NO_EVALUATION)
+    arguments = toy(
+        out, "--total-timesteps", 40, "--seeds", 2, "--seed", 3, "--minutes", 30, *NO_EVALUATION
+    )
     assert several.train(parse(arguments), toy_run) == 0
     configs = [json.loads((out / f"seed_{seed}/config.json").read_text()) for seed in (3, 4)]
     assert [(config["seed"], config["minutes"]) for config in configs] == [(3, 15.0), (4, 15.0)]
-    assert (out / "best.safetensors").read_bytes() == (out / "seed_4/actor.safetensors").read_bytes()
+    assert (out / "best.safetensors").read_bytes() == (
+        out / "seed_4/actor.safetensors"
+    ).read_bytes()
     choice, judged = evaluated
     assert choice.worlds != judged.worlds
     assert judged.methods == f"dwa,static,{out}/verdict/applr.safetensors"
@@ -56,7 +64,10 @@ def test_the_best_of_several_seeds_is_kept_and_compared_on_other_courses(tmp_pat
     before = (out / "seed_3/checkpoint.json").read_bytes()
     one_line(capsys, arguments, "already holds a run", train.main)
     assert several.train(parse(["--resume", "--out", str(out)]), toy_run) == 0
-    assert json.loads((out / "seed_3/checkpoint.json").read_text())["transitions"] == json.loads(before)["transitions"]
+    assert (
+        json.loads((out / "seed_3/checkpoint.json").read_text())["transitions"]
+        == json.loads(before)["transitions"]
+    )
 
 
 @pytest.mark.parametrize(
@@ -67,7 +78,9 @@ def test_the_best_of_several_seeds_is_kept_and_compared_on_other_courses(tmp_pat
         ({"applr": 30.0, "static": 20.0}, "dwa"),
     ],
 )
-def test_the_policy_is_compared_with_default_and_tuned_parameters(seconds, method, tmp_path, evaluated, monkeypatch):
+def test_the_policy_is_compared_with_default_and_tuned_parameters(
+    seconds, method, tmp_path, evaluated, monkeypatch
+):
     for name, value in seconds.items():
         monkeypatch.setitem(SECONDS, name, value)
     policy = tmp_path / "seed_3/best.safetensors"

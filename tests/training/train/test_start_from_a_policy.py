@@ -8,7 +8,16 @@ from training.train.__main__ import main
 from training.train.learner.learner import policy_network
 
 ENCODING = ["--observation", "dimensionless", "--net-arch", "16", "16", "--decision-period", "1"]
-SHORT = ["--total-timesteps", "12", "--batch-size", "8", "--utd-ratio", "1", "--worlds", "generated:7,dynamic:100"]
+SHORT = [
+    "--total-timesteps",
+    "12",
+    "--batch-size",
+    "8",
+    "--utd-ratio",
+    "1",
+    "--worlds",
+    "generated:7,dynamic:100",
+]
 
 
 def test_a_policy_is_frozen_during_the_warm_up_of_new_critics(tmp_path, capsys):
@@ -18,9 +27,18 @@ def test_a_policy_is_frozen_during_the_warm_up_of_new_critics(tmp_path, capsys):
     policy = str(run / "actor.safetensors")
     assert load(policy).period == 1.0
     warm_up = [*learning, "--robot", "husky", "--init-from", policy]
-    assert main([*warm_up, "--eval-worlds", "generated:1", "--eval-freq", "12", "--out", str(other_run)]) == 0
+    assert (
+        main(
+            [*warm_up, "--eval-worlds", "generated:1", "--eval-freq", "12", "--out", str(other_run)]
+        )
+        == 0
+    )
     before, after = policy_network(policy), policy_network(str(other_run / "actor.safetensors"))
-    assert all(np.array_equal(before[name], after[name]) for name in before)  # Only the critics have changed.
+    assert all(
+        np.array_equal(before[name], after[name]) for name in before
+    )  # Only the critics have changed.
     other = [*ENCODING, "--init-from", policy, "--net-arch", "8", "--out", tmp_path / "c"]
     one_line(capsys, other, "the same --net-arch", main)
-    one_line(capsys, [*other[2:], "--out", tmp_path / "d"], "the same --net-arch and --observation", main)
+    one_line(
+        capsys, [*other[2:], "--out", tmp_path / "d"], "the same --net-arch and --observation", main
+    )

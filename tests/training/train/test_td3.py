@@ -89,20 +89,27 @@ def _sb3_update(model, batch, seed):
 
 
 @pytest.mark.parametrize(
-    ("n", "m", "hidden", "size", "double"), [(30, 4, (96, 80), 64, False), (729, 8, (512, 512, 512), 256, True)]
+    ("n", "m", "hidden", "size", "double"),
+    [(30, 4, (96, 80), 64, False), (729, 8, (512, 512, 512), 256, True)],
 )
 def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, monkeypatch):
     """The paper's size needs double precision: in single precision, rounding dominates Adam's first steps."""
-    monkeypatch.setattr("training.train.td3.td3.ACTOR_LR", 1e-3)  # stable-baselines3 has one learning rate for both
+    monkeypatch.setattr(
+        "training.train.td3.td3.ACTOR_LR", 1e-3
+    )  # stable-baselines3 has one learning rate for both
     rng = np.random.default_rng(5)
     td3 = TD3(n, m, TD3Options(net_arch=hidden, critic_lr=1e-3), seed=3)
     model = _sb3(n, m, hidden, size)
     precision = torch.float64 if double else torch.float32
     td3.networks.to(precision)
     model.policy.to(precision)
-    monkeypatch.setattr("stable_baselines3.common.policies.preprocess_obs", lambda obs, *a, **k: obs)  # no .float()
+    monkeypatch.setattr(
+        "stable_baselines3.common.policies.preprocess_obs", lambda obs, *a, **k: obs
+    )  # no .float()
     with torch.no_grad():
-        td3.actor_target[-1].bias += torch.linspace(-2.0, 2.0, m, dtype=precision)  # so that noise leaves [-1, 1]
+        td3.actor_target[-1].bias += torch.linspace(
+            -2.0, 2.0, m, dtype=precision
+        )  # so that noise leaves [-1, 1]
         for ours, theirs in _pairs(td3, model):
             for mine, other in zip(ours.parameters(), theirs.parameters()):
                 other.copy_(mine)
@@ -122,12 +129,16 @@ def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, m
 def test_the_policys_loss_has_the_terms_of_td3bc_and_of_the_preactivations():
     """The gradient is that of scaled -Q, behaviour cloning and the mean square before tanh. No critic changes."""
     for alpha, penalty in ((0.0, 0.0), (2.5, 0.0), (0.0, 0.3), (2.5, 0.3)):
-        td3 = TD3(12, 3, TD3Options(net_arch=[16, 16], bc_alpha=alpha, preactivation_l2=penalty), seed=1)
+        td3 = TD3(
+            12, 3, TD3Options(net_arch=[16, 16], bc_alpha=alpha, preactivation_l2=penalty), seed=1
+        )
         batch = _batch(np.random.default_rng(0), 32, 12, 3)
         z = td3.actor(batch.observation)
         action = torch.tanh(z)
         q = td3.critics[0](torch.cat((batch.observation, action), 1))
-        loss = -q.mean() * (alpha / q.abs().mean().item() if alpha else 1.0) + penalty * (z**2).mean()
+        loss = (
+            -q.mean() * (alpha / q.abs().mean().item() if alpha else 1.0) + penalty * (z**2).mean()
+        )
         if alpha:
             loss = loss + ((action - batch.action) ** 2).mean()
         expected = torch.autograd.grad(loss, list(td3.actor.parameters()))
@@ -144,10 +155,14 @@ def test_layer_norm_is_on_the_hidden_layers_of_the_critics():
     first, second, last = td3.critics[1]
     for layer in (first, second):
         x = layer(x)
-        x = ((x - x.mean(1, keepdim=True)) / (x.var(1, correction=0, keepdim=True) + 1e-5).sqrt()).relu()
+        x = (
+            (x - x.mean(1, keepdim=True)) / (x.var(1, correction=0, keepdim=True) + 1e-5).sqrt()
+        ).relu()
     torch.testing.assert_close(td3.critics[1](torch.cat((observation, action), 1)), last(x))
     first, second, last = td3.actor
-    torch.testing.assert_close(td3.actor(observation), last(second(first(observation).relu()).relu()))
+    torch.testing.assert_close(
+        td3.actor(observation), last(second(first(observation).relu()).relu())
+    )
 
 
 def test_actors_get_the_running_average_and_the_state_contains_it():
@@ -160,13 +175,21 @@ def test_actors_get_the_running_average_and_the_state_contains_it():
         plain.update(batch)
         if td3.updates % 2 == 0:
             expected = 0.75 * expected + 0.25 * plain.actor_weights()["0.weight"]
-    assert torch.equal(td3.actor[0].weight, plain.actor[0].weight)  # The average does not affect learning.
+    assert torch.equal(
+        td3.actor[0].weight, plain.actor[0].weight
+    )  # The average does not affect learning.
     np.testing.assert_allclose(td3.actor_weights()["0.weight"], expected, atol=1e-6)
-    again, late = (TD3(10, 2, TD3Options(net_arch=[64], policy_ema_decay=0.75), seed=8) for _ in range(2))
+    again, late = (
+        TD3(10, 2, TD3Options(net_arch=[64], policy_ema_decay=0.75), seed=8) for _ in range(2)
+    )
     again.load(td3.state())
-    np.testing.assert_array_equal(again.actor_weights()["0.weight"], td3.actor_weights()["0.weight"])
+    np.testing.assert_array_equal(
+        again.actor_weights()["0.weight"], td3.actor_weights()["0.weight"]
+    )
     late.load(plain.state())  # state of a run without an average
-    np.testing.assert_array_equal(late.actor_weights()["0.weight"], plain.actor_weights()["0.weight"])
+    np.testing.assert_array_equal(
+        late.actor_weights()["0.weight"], plain.actor_weights()["0.weight"]
+    )
 
 
 def test_refuses_another_network():
@@ -177,7 +200,9 @@ def test_refuses_another_network():
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 def test_a_gpu_gives_the_same_weights():
     rng = np.random.default_rng(0)
-    cpu, gpu = (TD3(40, 3, TD3Options(net_arch=[64, 64]), device=device) for device in ("cpu", "cuda"))
+    cpu, gpu = (
+        TD3(40, 3, TD3Options(net_arch=[64, 64]), device=device) for device in ("cpu", "cuda")
+    )
     for _ in range(30):
         batch = _batch(rng, 64, 40, 3)
         cpu.update(batch)
@@ -189,22 +214,32 @@ def test_a_gpu_gives_the_same_weights():
 def test_a_symmetric_policy_is_the_mean_of_the_learnt_one_and_its_mirror_image():
     from applr_ros1.policy.actor import Policy
 
-    td3 = TD3(729, 8, TD3Options(net_arch=[32, 16], symmetric=True), seed=3, mirror=Mirror.of(720, 9))
+    td3 = TD3(
+        729, 8, TD3Options(net_arch=[32, 16], symmetric=True), seed=3, mirror=Mirror.of(720, 9)
+    )
     observation = np.random.default_rng(0).uniform(-1, 1, (20, 729)).astype(np.float32)
-    mirrored = np.concatenate((observation[:, 719::-1], -observation[:, 720:721], observation[:, 721:]), axis=1)
+    mirrored = np.concatenate(
+        (observation[:, 719::-1], -observation[:, 720:721], observation[:, 721:]), axis=1
+    )
     before = [np.arctanh(action_of(td3, seen).astype(float)) for seen in (observation, mirrored)]
     assert np.abs(before[0] - before[1]).max() > 0.01
     actor = Policy.of(td3.actor_weights())
-    np.testing.assert_allclose(actor.action(observation), np.tanh((before[0] + before[1]) / 2), atol=1e-5)
+    np.testing.assert_allclose(
+        actor.action(observation), np.tanh((before[0] + before[1]) / 2), atol=1e-5
+    )
     np.testing.assert_allclose(actor.action(mirrored), actor.action(observation), atol=1e-6)
-    np.testing.assert_allclose(actor.action(observation[0]), actor.action(observation)[0], atol=1e-6)
+    np.testing.assert_allclose(
+        actor.action(observation[0]), actor.action(observation)[0], atol=1e-6
+    )
 
 
 def test_a_policy_can_start_at_a_parameter_set_and_learns_from_there():
     observations = np.random.default_rng(0).uniform(-1, 1, (5, 10)).astype(np.float32)
     td3 = TD3(10, 3, TD3Options(net_arch=[64], policy_ema_decay=0.75), seed=7)
     td3.begin_at([0.5, -0.25, 1.0])
-    np.testing.assert_allclose(action_of(td3, observations), np.tile([0.5, -0.25, 0.95], (5, 1)), atol=0.01)
+    np.testing.assert_allclose(
+        action_of(td3, observations), np.tile([0.5, -0.25, 0.95], (5, 1)), atol=0.01
+    )
     first = action_of(td3, observations)
     for batch in [_batch(np.random.default_rng(i), 64, 10, 3) for i in range(10)]:
         td3.update(batch)
@@ -222,7 +257,9 @@ def test_a_policy_that_is_taken_over_is_frozen_during_the_critic_warm_up(monkeyp
         state, td3 = td3.state(), TD3(5, 2, options, seed=3)
         td3.load(state)  # A run continues from its last checkpoint.
         td3.update(_batch(np.random.default_rng(0), 8, 5, 2))
-        moved.append(not np.array_equal(td3.actor_weights()["0.weight"], begun.actor_weights()["0.weight"]))
+        moved.append(
+            not np.array_equal(td3.actor_weights()["0.weight"], begun.actor_weights()["0.weight"])
+        )
     assert moved == [False, False, True]
 
 
@@ -254,4 +291,7 @@ def test_smoothness_weights_the_change_of_each_parameter_between_two_observation
     assert (way[1] < 0.5 * way[0]).all()
     assert way[2][1] < 0.5 * way[0][1]
     assert way[2][0] > 0.6 * way[0][0]
-    refused(lambda: TD3(6, 2, TD3Options(smoothness=[1.0, 1.0, 1.0])), "--smoothness has 3 numbers: give 1 or 2")
+    refused(
+        lambda: TD3(6, 2, TD3Options(smoothness=[1.0, 1.0, 1.0])),
+        "--smoothness has 3 numbers: give 1 or 2",
+    )

@@ -19,7 +19,15 @@ from applr_ros1.common.tensors import unpack
 from tests.support import HANGS, ROOT
 from tests.support.episodes import episode
 from tests.support.toy_env import Broken, Line
-from tests.support.toy_training import NO_EVALUATION, main, network, networks_of, one_line, toy, toy_run
+from tests.support.toy_training import (
+    NO_EVALUATION,
+    main,
+    network,
+    networks_of,
+    one_line,
+    toy,
+    toy_run,
+)
 from training.env.trajectory import TransitionLayout
 from training.evaluate.periodic import PeriodicEvaluation
 from training.evaluate.table import read_trials
@@ -49,7 +57,9 @@ def test_a_run_learns_and_writes_all_its_files(whole):
     files = {"config.json", "checkpoint.json", "actor.safetensors", "best.safetensors"}
     assert {p.name for p in whole.iterdir()} >= files
     best = (whole / "best.safetensors").read_bytes()
-    assert unpack(best, "best")[1]["period_s"] == "0.5"  # Nodes and evaluations use the same period.
+    assert (
+        unpack(best, "best")[1]["period_s"] == "0.5"
+    )  # Nodes and evaluations use the same period.
     policy = network(best)
     assert policy(np.array([0.9]))[0] < -0.2 < 0.2 < policy(np.array([-0.9]))[0]
 
@@ -74,7 +84,10 @@ def test_an_overwritten_ring_is_restored_from_its_checkpoints(tmp_path):
             learner.update()
         learner.save()
     again = Learner(layout, options.model_copy(update={"utd_ratio": 2.0}), tmp_path, 50)
-    actions = [sorted(row.tobytes() for row in made.replay.action[made.replay.end != 3]) for made in (learner, again)]
+    actions = [
+        sorted(row.tobytes() for row in made.replay.action[made.replay.end != 3])
+        for made in (learner, again)
+    ]
     assert actions[0] == actions[1]
     assert len(list(tmp_path.glob("replay-*"))) == 5
     assert (again.transitions, again.td3.updates, again.updates_due) == (120, 115, 0)
@@ -83,7 +96,9 @@ def test_an_overwritten_ring_is_restored_from_its_checkpoints(tmp_path):
 
 
 @pytest.mark.parametrize(("seeds", "at_the_end"), [("1", [(-1, 250), (1, 250)]), ("2", [(1, 250)])])
-def test_the_last_policy_within_the_minutes_is_compared_with_the_default(seeds, at_the_end, tmp_path, monkeypatch):
+def test_the_last_policy_within_the_minutes_is_compared_with_the_default(
+    seeds, at_the_end, tmp_path, monkeypatch
+):
     monkeypatch.setattr(TrainingRun, "elapsed", property(lambda run: 60.0 * (run.steps >= 250)))
     assert main(toy(tmp_path / "run", "--minutes", "1", "--seeds", seeds)) == 0
     assert [(r["round"], r["step"]) for r in rounds_of(tmp_path / "run")] == [(1, 200), *at_the_end]
@@ -152,9 +167,15 @@ def test_a_run_killed_at_any_write_continues(tmp_path, monkeypatch):
     monkeypatch.setattr("training.train.learner.run.provenance", lambda seed: {})
     monkeypatch.setattr("training.train.learner.run.CHECKPOINT_SECONDS", 0.0)
     whole, options = tmp_path / "whole", ["--total-timesteps=20", "--eval-freq=20", "--net-arch=8"]
-    for number, name in enumerate(left_at_each_write(lambda: main(toy(whole, *options)), whole, tmp_path, monkeypatch)):
+    for number, name in enumerate(
+        left_at_each_write(lambda: main(toy(whole, *options)), whole, tmp_path, monkeypatch)
+    ):
         out = tmp_path / str(number)
-        again = ["--resume", "--out", str(out)] if (out / "config.json").exists() else toy(out, *options)
+        again = (
+            ["--resume", "--out", str(out)]
+            if (out / "config.json").exists()
+            else toy(out, *options)
+        )
         assert main(again) == 0
         assert Learner.saved(out)["transitions"] == 20, f"killed at write {number}, {name}"
 
@@ -174,28 +195,58 @@ def test_ctrl_c_saves_and_stops(tmp_path):
 def test_a_run_starts_with_the_networks_of_another_run(whole, tmp_path, capsys):
     source, out = tmp_path / "source", tmp_path / "run"
     shutil.copytree(whole, source)
-    first = toy(out, "--init-from", source, "--total-timesteps", "50", "--learning-starts", "40", "--gamma", "0.9")
+    first = toy(
+        out,
+        "--init-from",
+        source,
+        "--total-timesteps",
+        "50",
+        "--learning-starts",
+        "40",
+        "--gamma",
+        "0.9",
+    )
     assert main([*first, "--utd-ratio", "0"]) == 0
     assert networks_of(out) == networks_of(whole)
     assert (Learner.saved(out)["updates"], Learner.saved(out)["transitions"]) == (0, 50)
     policy = network((out / "actor.safetensors").read_bytes())
-    assert policy(np.array([0.9]))[0] < -0.2 < 0.2 < policy(np.array([-0.9]))[0]  # The policy is that of the other run.
+    assert (
+        policy(np.array([0.9]))[0] < -0.2 < 0.2 < policy(np.array([-0.9]))[0]
+    )  # The policy is that of the other run.
     shutil.rmtree(source)  # The run needs its source only until its first checkpoint.
-    assert main(["--resume", "--out", str(out), "--total-timesteps", "100", "--utd-ratio", "1"]) == 0
+    assert (
+        main(["--resume", "--out", str(out), "--total-timesteps", "100", "--utd-ratio", "1"]) == 0
+    )
     assert Learner.saved(out)["updates"] == 50
     # Unlike the file of a policy, a run has trained critics, so its policy is not frozen at first.
-    assert network((out / "actor.safetensors").read_bytes())(np.array([0.9])) != policy(np.array([0.9]))
-    one_line(capsys, toy(tmp_path / "b", "--init-from", whole, "--net-arch", "8"), "give the same --net-arch")
-    one_line(capsys, toy(tmp_path / "c", "--init-from", whole, "--layer-norm"), "its critics have layer_norm False")
+    assert network((out / "actor.safetensors").read_bytes())(np.array([0.9])) != policy(
+        np.array([0.9])
+    )
+    one_line(
+        capsys,
+        toy(tmp_path / "b", "--init-from", whole, "--net-arch", "8"),
+        "give the same --net-arch",
+    )
+    one_line(
+        capsys,
+        toy(tmp_path / "c", "--init-from", whole, "--layer-norm"),
+        "its critics have layer_norm False",
+    )
     for name in (tmp_path, "random"):
-        one_line(capsys, toy(tmp_path / "d", "--init-from", name), "--init-from is .*: give static, dwa, a JSON")
+        one_line(
+            capsys,
+            toy(tmp_path / "d", "--init-from", name),
+            "--init-from is .*: give static, dwa, a JSON",
+        )
 
 
 def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):
     before = networks_of(whole)
     one_line(capsys, toy(whole), "already holds a run: continue it with --resume")
     for option in (["--net-arch", "64"], ["--simulator", "pybullet"]):
-        one_line(capsys, ["--resume", "--out", whole, *option], f"{option[0]}: .* cannot be changed")
+        one_line(
+            capsys, ["--resume", "--out", whole, *option], f"{option[0]}: .* cannot be changed"
+        )
     run = toy_run(parse(toy(tmp_path / "busy", "--total-timesteps", "10")))
     one_line(capsys, ["--resume", "--out", tmp_path / "busy"], "another train.py works")
     run.lock.close()
@@ -247,7 +298,9 @@ def test_rounds_are_continued_and_the_lowest_score_is_the_best(tmp_path):
     def drive(rounds, step, seconds):
         def run(trial, weights):
             touched = trial.world == "w1"
-            return Result(seconds < 100, touched, False, seconds, decisions=5, total_reward=-seconds), b""
+            return Result(
+                seconds < 100, touched, False, seconds, decisions=5, total_reward=-seconds
+            ), b""
 
         for number in iter(lambda: rounds.due(step), None):
             yield rounds.drive(number, Pool(0), run, bytes([step % 251]), step=step, version=step)
@@ -264,7 +317,12 @@ def test_rounds_are_continued_and_the_lowest_score_is_the_best(tmp_path):
     again.every = 150  # A --resume has changed the interval since the earlier rounds.
     assert [again.due(step) for step in (299, 300)] == [None, 2]
     (summary,) = drive(made(), 310, 100.0)
-    assert (summary["round"], summary["best"], summary["time_s"], summary["score"]) == (3, False, None, 100.0)
+    assert (summary["round"], summary["best"], summary["time_s"], summary["score"]) == (
+        3,
+        False,
+        None,
+        100.0,
+    )
 
 
 def test_ctrl_c_ends_an_evaluation_whose_trials_are_kept(tmp_path):
@@ -296,7 +354,9 @@ def test_tensorboard_shows_terms_of_the_reward(tmp_path):
     assert main(["--resume", "--out", str(out), "--total-timesteps", "140"], TwoTerms) == 0
     sessions = [EventAccumulator(str(file)).Reload() for file in (out / "tensorboard").iterdir()]
     tags = "reward/near", "reward/far", "episode/return"
-    near, far, total = ([event for session in sessions for event in session.Scalars(tag)] for tag in tags)
+    near, far, total = (
+        [event for session in sessions for event in session.Scalars(tag)] for tag in tags
+    )
     assert len(near) == len(total) == 14
     for a, b, c in zip(near, far, total):
         assert a.value == pytest.approx(0.25 * c.value, abs=1e-4)

@@ -34,7 +34,9 @@ def test_clearly_worse_candidates_drop_out_and_close_ones_stay():
 
 
 def test_halving_keeps_the_better_half_after_each_block():
-    ranking, results, driven = run([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [[0, 1], [2, 3], [4, 5]], halve=True, noise=0.0)
+    ranking, results, driven = run(
+        [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [[0, 1], [2, 3], [4, 5]], halve=True, noise=0.0
+    )
     assert [sorted(racing) for racing, _ in driven] == [[0, 1, 2, 3, 4, 5, 6], [0, 1, 2, 3], [0, 1]]
     assert ranking == [0, 1, 2, 3, 4, 5, 6]
 
@@ -81,14 +83,23 @@ def test_parameters_without_a_saving_are_reverted_to_their_defaults():
         results = {}
         for trial in trials:
             pays, little, harms, with_it = (np.array(trial.theta)[at] != SPACE.theta0[at]).tolist()
-            seconds = 30.0 - 5.0 * pays - little + 2.0 * harms - 3.0 * (with_it and harms) + trial.seed % 9
+            seconds = (
+                30.0
+                - 5.0 * pays
+                - little
+                + 2.0 * harms
+                - 3.0 * (with_it and harms)
+                + trial.seed % 9
+            )
             results[trial] = Result(True, time_s=seconds + 0.01 * (trial.seed % 3) * pays)
         return results
 
     theta = SPACE.to_theta(SPACE.to_action(SPACE.theta0) * 0.5)
     blocks = [list(range(8))]
     pruned, worth = prune_parameters(SPACE, run_with(drive), theta, lambda: blocks, time_of)
-    changed = [name for name, value, default in zip(SPACE.names, pruned, SPACE.theta0) if value != default]
+    changed = [
+        name for name, value, default in zip(SPACE.names, pruned, SPACE.theta0) if value != default
+    ]
     assert sorted(changed) == sorted(worth)
     assert {"max_vel_x", "sim_time"} <= set(worth) <= set(names)
     assert "vx_samples" not in worth
@@ -104,12 +115,20 @@ def test_one_failure_does_not_revert_a_parameter_that_makes_most_drives_faster()
         """Prune a set whose one change fails in one of eight worlds, and saves `faster` [s] in each of the others."""
 
         def drive(trials):
-            saved = {trial: (-30.0 if trial.world == "w0" else faster) * (trial.theta[at] == 1.0) for trial in trials}
+            saved = {
+                trial: (-30.0 if trial.world == "w0" else faster) * (trial.theta[at] == 1.0)
+                for trial in trials
+            }
             return {trial: Result(True, time_s=20.0 - seconds) for trial, seconds in saved.items()}
 
         return prune_parameters(SPACE, run_with(drive), theta, lambda: [list(range(8))], time_of)[0]
 
-    for faster, value in ((1.0, 1.0), (0.06, 1.0), (0.04, SPACE.theta0[at]), (-1.0, SPACE.theta0[at])):
+    for faster, value in (
+        (1.0, 1.0),
+        (0.06, 1.0),
+        (0.04, SPACE.theta0[at]),
+        (-1.0, SPACE.theta0[at]),
+    ):
         assert set_after(faster)[at] == value
 
 
@@ -125,4 +144,6 @@ def test_the_test_is_paired_one_sided_and_needs_some_trials():
 def test_a_search_never_uses_the_seeds_of_evaluate():
     ((searched,),) = plan_sets(SPACE, [("w", "w")], [SPACE.theta0], [0], 3, "kinematic")
     assert searched.seed == seed_of(CHOOSING + 3, "w", 0)
-    assert searched.seed not in {seed_of(seed, "w", trial) for seed in range(2000) for trial in range(20)}
+    assert searched.seed not in {
+        seed_of(seed, "w", trial) for seed in range(2000) for trial in range(20)
+    }

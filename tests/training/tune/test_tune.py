@@ -46,7 +46,11 @@ def toy(settings, task, gain=12.0):
     MONITORED.append(settings.monitor)
     robot = settings.robot
     space = space_of(robot)
-    theta = space.theta0 if task.method == "dwa" else task.theta or methods.make(task.method_spec, robot).theta(None)
+    theta = (
+        space.theta0
+        if task.method == "dwa"
+        else task.theta or methods.make(task.method_spec, robot).theta(None)
+    )
     here = dict(zip(space.names, space.to_action(theta)))
     best = dict(zip(space.names, space.to_action(space.from_dict(PAY))))
     away = float(sum(abs(here[name] - best[name]) for name in PAY))
@@ -107,7 +111,17 @@ def tune(folder, runner, *more):
 
 def test_the_verdicts_lie_in_the_half_of_a_building_that_the_search_did_not_use(jackal, tmp_path):
     office = plans.write(tmp_path, "office")
-    words = [str(jackal), "--out", str(tmp_path / "out"), "--minutes", "12", "--workers", "0", "--worlds", office]
+    words = [
+        str(jackal),
+        "--out",
+        str(tmp_path / "out"),
+        "--minutes",
+        "12",
+        "--workers",
+        "0",
+        "--worlds",
+        office,
+    ]
     assert tune_robot.main(words) == 0
     (drives,) = (tmp_path / "out").glob("fast_*")
     judged = {
@@ -126,12 +140,17 @@ def test_the_verdicts_lie_in_the_half_of_a_building_that_the_search_did_not_use(
 def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, capsys):
     assert tune(jackal, "toy") == 0
     printed = capsys.readouterr().out
-    left = re.findall(r"^reverting .*: (\d+) parameters are left$", printed, re.MULTILINE)  # progress lines
+    left = re.findall(
+        r"^reverting .*: (\d+) parameters are left$", printed, re.MULTILINE
+    )  # progress lines
     assert left == [str(number) for number in range(len(left), 0, -1)] != []
     for file, monitor in (("tuned.yaml", "without"), ("static.json", "with")):
         _, table = printed.split(f"\n{file}, {monitor} the collision monitor:\n")
         _, baseline, tuned, line, _, failures, written = table.splitlines()[:7]
-        assert (baseline.split()[:4], tuned.split()[:4]) == (["dwa", "12", "12", "0"], ["static", "12", "12", "0"])
+        assert (baseline.split()[:4], tuned.split()[:4]) == (
+            ["dwa", "12", "12", "0"],
+            ["static", "12", "12", "0"],
+        )
         assert line.startswith("static better: yes, 12 of 12 arrive (dwa: 12); ")
         assert failures == "static fails on none of 12 courses"
         assert written == f"written: {jackal}/{file}"
@@ -147,11 +166,18 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
     searched = "searched on 12 courses of generated:1-12, "
     assert printed.index(f"\n{searched}") < printed.index("\ntuned.yaml, without")
     assert f"\nfor a building and its doors: ./applr tune {jackal} --worlds MAP.yaml\n" in printed
-    parts = ("tuned.yaml, without the collision monitor:", "static better: yes, ", searched, "Arrivals")
+    parts = (
+        "tuned.yaml, without the collision monitor:",
+        "static better: yes, ",
+        searched,
+        "Arrivals",
+    )
     assert [page.index(words) for words in parts] == sorted(page.index(words) for words in parts)
     changed = pd.read_csv(drives / "changes.csv", index_col="parameter")
     assert changed["default"]["max_vel_x"] == "0.5 m/s"
-    assert changed["meaning"]["sim_time"] == "Duration for which each sampled velocity is simulated."
+    assert (
+        changed["meaning"]["sim_time"] == "Duration for which each sampled velocity is simulated."
+    )
     assert (changed["95 % low"] <= changed["without it [s]"]).all()
     assert changed["effect"]["max_vel_x"] == "saves"
     searched = {task.world for task in DRIVEN if task.theta}
@@ -163,10 +189,14 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
     assert "cpp-like, started with the sets" in page
     assert "the collision monitor" not in page.partition("How it was measured")[2]
     padding = space.names.index("footprint_padding")
-    assert {task.theta[padding] for task in DRIVEN if task.theta} == {0.1}, "it would act differently by reconfigure"
+    assert {task.theta[padding] for task in DRIVEN if task.theta} == {0.1}, (
+        "it would act differently by reconfigure"
+    )
 
 
-def test_a_clock_yields_blocks_until_their_share_has_passed_and_continues_after_a_stop(tmp_path, monkeypatch):
+def test_a_clock_yields_blocks_until_their_share_has_passed_and_continues_after_a_stop(
+    tmp_path, monkeypatch
+):
     now = [7.0]
     monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: now[0]))
 
@@ -196,14 +226,20 @@ def test_if_nothing_is_better_the_robots_folder_is_unchanged(runner, jackal, cap
     printed = capsys.readouterr().out
     assert "better: no, " in printed
     assert "better: yes" not in printed
-    assert "\nnothing written: the set is in " in printed or "no changed parameter saves anything" in printed
+    assert (
+        "\nnothing written: the set is in " in printed
+        or "no changed parameter saves anything" in printed
+    )
     assert sorted(jackal.iterdir()) == before
 
 
 @pytest.mark.parametrize(
-    ("runner", "files"), [("better_without_monitor", {"tuned.yaml"}), ("better_with_monitor", {"static.json"})]
+    ("runner", "files"),
+    [("better_without_monitor", {"tuned.yaml"}), ("better_with_monitor", {"static.json"})],
 )
-def test_tuned_yaml_is_searched_and_judged_without_the_monitor_and_static_json_judged_with_it(runner, files, jackal):
+def test_tuned_yaml_is_searched_and_judged_without_the_monitor_and_static_json_judged_with_it(
+    runner, files, jackal
+):
     before = {path.name for path in jackal.iterdir()}
     assert tune(jackal, runner) == 0
     assert {path.name for path in jackal.iterdir()} - before == files
@@ -221,7 +257,9 @@ def test_if_no_set_arrives_the_error_names_a_demo_that_shows_why(jackal, capsys)
 
 
 def test_a_robot_that_fails_on_open_floor_is_tuned_only_with_anyway(jackal, capsys, monkeypatch):
-    monkeypatch.setattr(tune_robot.open_floor, "try_out", lambda robot: (False, ["The set-up is wrong."]))
+    monkeypatch.setattr(
+        tune_robot.open_floor, "try_out", lambda robot: (False, ["The set-up is wrong."])
+    )
     assert tune(jackal, "toy") == 1
     assert capsys.readouterr().out == "The set-up is wrong.\n"
     assert not DRIVEN
@@ -244,7 +282,9 @@ def test_a_stopped_run_continues_and_drives_nothing_twice(jackal, monkeypatch):
     assert before
     assert tune(jackal, "toy") == 0
     assert len(set(zip(DRIVEN, MONITORED))) == len(DRIVEN) > before
-    assert json.loads((jackal / "static.json").read_text())["parameters"]["max_vel_x"] == pytest.approx(1.4, abs=0.3)
+    assert json.loads((jackal / "static.json").read_text())["parameters"][
+        "max_vel_x"
+    ] == pytest.approx(1.4, abs=0.3)
 
 
 def test_a_finished_run_searches_on_from_its_result(jackal, capsys):
@@ -261,7 +301,15 @@ def test_an_included_robots_folder_is_not_written_to(tmp_path, few):
 
 
 def result(**values):
-    return Result(**{"success": True, "time_s": 12.0, "route_m": 10.0, "mean_clearance_m": 3.0 * WIDTH, **values})
+    return Result(
+        **{
+            "success": True,
+            "time_s": 12.0,
+            "route_m": 10.0,
+            "mean_clearance_m": 3.0 * WIDTH,
+            **values,
+        }
+    )
 
 
 def test_each_objective_charges_the_quantity_in_its_name():
@@ -272,7 +320,9 @@ def test_each_objective_charges_the_quantity_in_its_name():
 
     assert cost("fast") == 12.0
     assert cost("fast", success=False, time_s=60.0) == 100.0
-    assert cost("fast", collided=True) == cost("fast", success=False), "a contact costs as much as a failure"
+    assert cost("fast", collided=True) == cost("fast", success=False), (
+        "a contact costs as much as a failure"
+    )
     assert cost("fast", time_s=40.0, mean_clearance_m=0.1, mean_jerk=9.0, mean_turn=2.0) == 40.0
     assert cost("careful") == pytest.approx(cost("smooth")) == pytest.approx(12.0)
     assert cost("careful", mean_clearance_m=2.9 * WIDTH) == pytest.approx(12.0 + 5.0 * 0.1 * 60.0)
@@ -287,11 +337,17 @@ def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_sp
     space = space_of(robot)
     starts = best_set.warm_starts(robot)
     assert starts[0].tolist() == space.theta0.tolist()
-    assert len(starts) == 1 + 2 * 3, "the defaults, three sets of robots, and a set half-way to each"
+    assert len(starts) == 1 + 2 * 3, (
+        "the defaults, three sets of robots, and a set half-way to each"
+    )
     assert np.abs(starts - methods.make("static", robot).theta(None)).max(axis=1).min() < 1e-6
     jackals = methods.make("static").theta(None)
     speed, share = space.names.index("max_vel_x"), jackals[0] / robots.JACKAL.base.max_speed
-    fast = [theta for theta in starts if theta[speed] == pytest.approx(share * robot.base.max_speed, abs=1e-6)]
+    fast = [
+        theta
+        for theta in starts
+        if theta[speed] == pytest.approx(share * robot.base.max_speed, abs=1e-6)
+    ]
     assert len(fast) == 1
     assert fast[0][space.names.index("sim_time")] == pytest.approx(1.113)
     assert all((space.low <= theta).all() and (theta <= space.high).all() for theta in starts)
@@ -300,7 +356,15 @@ def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_sp
 @pytest.mark.parametrize(
     ("name", "searched"),
     [
-        ("jackal", ["min_in_place_vel_theta", "escape_reset_dist", "escape_reset_theta", "footprint_padding"]),
+        (
+            "jackal",
+            [
+                "min_in_place_vel_theta",
+                "escape_reset_dist",
+                "escape_reset_theta",
+                "footprint_padding",
+            ],
+        ),
         ("husky", ["footprint_padding", "planner_frequency"]),  # its move_base plans only once
         ("turtlebot3_burger", ["footprint_padding"]),
     ],
@@ -323,19 +387,30 @@ def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
     robot = robots.load(str(folder))
     space = space_of(robot)
     theta = space.clip(0.7 * space.low + 0.3 * space.high)
-    values = {name: value for name, value in space.as_dict(theta).items() if name not in ("sim_time", "vx_samples")}
+    values = {
+        name: value
+        for name, value in space.as_dict(theta).items()
+        if name not in ("sim_time", "vx_samples")
+    }
     found_set.write_set(robot, values, folder / "static.json", folder / "tuned.yaml")
     wanted = space.from_dict(values)
     assert methods.make("static", robot).theta(None).tolist() == wanted.tolist()
     if name == "jackal":  # the padding would change the outline of the planner, too
         wanted = space.from_dict({**values, "footprint_padding": 0.1})
-    ((loaded, namespace),) = rosparam.load_file(str(folder / "tuned.yaml"), default_namespace="move_base")
+    ((loaded, namespace),) = rosparam.load_file(
+        str(folder / "tuned.yaml"), default_namespace="move_base"
+    )
     assert namespace.strip("/") == "move_base"
     assert loaded == move_base_parameters(robot, values)
-    assert loaded.get("TrajectoryPlannerROS", {}).get("meter_scoring") is (False if name == "jackal" else None)
+    assert loaded.get("TrajectoryPlannerROS", {}).get("meter_scoring") is (
+        False if name == "jackal" else None
+    )
     assert "sim_time" not in (folder / "tuned.yaml").read_text()
     unit = "costmap cell" if name == "jackal" else "metre"
-    assert f"# The distance biases below are per {unit}, as in C++" in (folder / "tuned.yaml").read_text()
+    assert (
+        f"# The distance biases below are per {unit}, as in C++"
+        in (folder / "tuned.yaml").read_text()
+    )
     described = yaml.safe_load((folder / "robot.yaml").read_text())
     described["move_base"]["without_map"].setdefault("files", []).append({"file": "tuned.yaml"})
     other = shutil.copytree(folder, tmp_path / "other" / name)

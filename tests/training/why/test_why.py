@@ -71,7 +71,9 @@ def delayed(motion):
     return replace(motion, pose=pose, twist=twist)
 
 
-def test_every_command_is_reproduced_with_the_parameters_that_drove_and_few_with_others(replay, spoilt):
+def test_every_command_is_reproduced_with_the_parameters_that_drove_and_few_with_others(
+    replay, spoilt
+):
     assert len(replay.cycles) > 200
     assert replay.share == 1.0
     other = Replay(JACKAL)
@@ -96,7 +98,13 @@ def test_the_replay_goes_on_after_messages_that_are_missing(spoilt):
     robot, driven = spoilt
     made = Replay(robot)
     sparse = slice(0, 100, 5)
-    made.run(replace(until(driven, 5.0), odometry=driven.odometry.part(sparse), scans=driven.scans.part(sparse)))
+    made.run(
+        replace(
+            until(driven, 5.0),
+            odometry=driven.odometry.part(sparse),
+            scans=driven.scans.part(sparse),
+        )
+    )
     assert 0.2 < made.share < 1.0
     assert all(cycle.error < np.inf for cycle in made.cycles)
 
@@ -105,7 +113,9 @@ def test_a_bag_gives_the_drive_that_was_written(bag, sound):
     driven, made = sound.drive, read_back(bag)
     begin = driven.odometry.time[0]
     for column in ("odometry", "planned", "scans", "plans"):
-        assert np.allclose(getattr(made, column).time, getattr(driven, column).time - begin, atol=1e-6)
+        assert np.allclose(
+            getattr(made, column).time, getattr(driven, column).time - begin, atol=1e-6
+        )
     assert np.allclose(made.planned.twist, driven.planned.twist)
     assert np.allclose(made.odometry.pose, driven.odometry.pose)
     assert np.allclose(made.odometry.twist, driven.odometry.twist)
@@ -116,11 +126,15 @@ def test_a_bag_gives_the_drive_that_was_written(bag, sound):
 
 def test_parameters_in_force_come_from_the_updates_in_the_bag(spoilt, tmp_path):
     robot, driven = spoilt
-    given = replace(until(driven, 1.0), changes=updates((0.5, PLANNER, {"sim_time": 1.25, "unknown": 3.0})))
+    given = replace(
+        until(driven, 1.0), changes=updates((0.5, PLANNER, {"sim_time": 1.25, "unknown": 3.0}))
+    )
     made = Replay(robot)
     made.run(read_back(write(tmp_path / "updated.bag", given), robot))
     assert {cycle.settings[PLANNER]["sim_time"] for cycle in made.cycles if cycle.at < 0.5} == {2.0}
-    assert {cycle.settings[PLANNER]["sim_time"] for cycle in made.cycles if cycle.at > 0.5} == {1.25}
+    assert {cycle.settings[PLANNER]["sim_time"] for cycle in made.cycles if cycle.at > 0.5} == {
+        1.25
+    }
     assert "unknown" not in made.settings[PLANNER]
 
 
@@ -139,7 +153,11 @@ def test_parameters_of_servers_without_updates_come_from_decisions(spoilt, tmp_p
     """The C++ planner keeps the footprint that it had at start-up; the costmap takes the new padding."""
     robot, driven = spoilt
     decision = decided({"sim_time": 9.0, "footprint_padding": 0.14})
-    given = replace(until(driven, 1.0), changes=updates((0.5, PLANNER, {"sim_time": 1.25})), decisions=[decision])
+    given = replace(
+        until(driven, 1.0),
+        changes=updates((0.5, PLANNER, {"sim_time": 1.25})),
+        decisions=[decision],
+    )
     recorded = read_back(write(tmp_path / "decided.bag", given), robot)
     changes = [(server, values) for _, server, values in changes_of(recorded, robot)]
     costmaps = [(f"{name}_costmap", {"footprint_padding": 0.14}) for name in ("local", "global")]
@@ -175,7 +193,9 @@ def test_commands_before_a_collision_monitor_are_taken(spoilt, tmp_path):
 
 def test_scans_of_another_laser_are_refused(bag):
     other = replace(JACKAL, laser=JACKAL.laser.model_copy(update={"frame": "other_laser"}))
-    with pytest.raises(BagError, match=f"scans in {JACKAL.laser.frame}, jackal has other_laser: give the robot"):
+    with pytest.raises(
+        BagError, match=f"scans in {JACKAL.laser.frame}, jackal has other_laser: give the robot"
+    ):
         read_back(bag, other)
 
 
@@ -225,7 +245,9 @@ def test_a_map_is_restored_with_its_layers_and_inflated_anew(spoilt):
     for place in (None, pose):
         costmap.update(driven.odometry.pose[-1].tolist())
         costmap.restore(old.map, place)
-        assert all(tuple(layer.origin) == tuple(costmap.origin) for layer in costmap.obstacle_layers)
+        assert all(
+            tuple(layer.origin) == tuple(costmap.origin) for layer in costmap.obstacle_layers
+        )
         costmap.update(pose, made.cloud(12))
         updated.append(costmap.cells.copy())
     assert np.array_equal(*updated)
@@ -238,7 +260,13 @@ def with_commands(replay, commands, far=True):
     cycle = replay.cycles[0]
     at_goal = np.array([cycle.pose])
     made.cycles = [
-        replace(cycle, at=0.05 * i, command=(v, w), settings=made.settings, plan=cycle.plan if far else at_goal)
+        replace(
+            cycle,
+            at=0.05 * i,
+            command=(v, w),
+            settings=made.settings,
+            plan=cycle.plan if far else at_goal,
+        )
         for i, (v, w) in enumerate(commands)
     ]
     return made
@@ -260,7 +288,9 @@ def test_each_kind_of_event_is_found_with_its_begin_and_end(replay, kind):
     (found,) = events.find(with_commands(replay, drives + STEPS[kind] + drives))
     assert found.kind == kind
     assert found.cycles[0].at == pytest.approx(3.0, abs=1.0 if kind.startswith("swung") else 1e-9)
-    assert len(found.cycles) == pytest.approx(len(STEPS[kind]), abs=40 if kind.startswith("swung") else 0)
+    assert len(found.cycles) == pytest.approx(
+        len(STEPS[kind]), abs=40 if kind.startswith("swung") else 0
+    )
 
 
 def test_short_stops_and_the_stop_at_the_goal_are_no_events(replay):
@@ -272,10 +302,15 @@ def test_short_stops_and_the_stop_at_the_goal_are_no_events(replay):
 
 
 def test_short_gaps_are_part_of_an_event_and_recoveries_are_events(replay):
-    made = with_commands(replay, [(0.5, 0.0)] * 60 + ([(0.1, 0.0)] * 15 + [(0.5, 0.0)] * 5) * 2 + [(0.5, 0.0)] * 60)
+    made = with_commands(
+        replay, [(0.5, 0.0)] * 60 + ([(0.1, 0.0)] * 15 + [(0.5, 0.0)] * 5) * 2 + [(0.5, 0.0)] * 60
+    )
     assert [len(found.cycles) for found in events.find(made)] == [35]
     made.drive = Drive(recoveries=np.array([6.0]))
-    assert [found.kind for found in events.find(made)] == ["stood or crept", "began a recovery behaviour"]
+    assert [found.kind for found in events.find(made)] == [
+        "stood or crept",
+        "began a recovery behaviour",
+    ]
 
 
 # -- explanations and alternatives -------------------------------------------------------------------------------------
@@ -304,7 +339,9 @@ def test_the_obstacle_in_the_way_is_named():
     number, of = (int(word) for word in why["lines"][-1].split(" faster samples")[0].split(" of "))
     assert of > 20
     assert number > 0.9 * of
-    assert transform_point(inverse(made.cycles[66].pose), *why["obstacle"]) == pytest.approx((0.5, 0.15), abs=0.1)
+    assert transform_point(inverse(made.cycles[66].pose), *why["obstacle"]) == pytest.approx(
+        (0.5, 0.15), abs=0.1
+    )
     assert "m to the left, from the latest scan" in why["lines"][-1]
     ranges = made.drive.scans.ranges
     ranges[made.cycles[66].scan] = ranges[40]  # before the post
@@ -314,7 +351,9 @@ def test_the_obstacle_in_the_way_is_named():
 def test_a_part_of_the_robot_in_the_scans_is_in_the_answer(monkeypatch):
     monkeypatch.setattr(diagnosis, "changes_to_try", lambda replay: [])
     answer, *_ = diagnosis.diagnose(driven_with_post(0.5, 0.0)).lines()
-    assert re.match(r"The laser sees a part of the robot, 0.5 m ahead and -?0.0 m left of its centre.", answer)
+    assert re.match(
+        r"The laser sees a part of the robot, 0.5 m ahead and -?0.0 m left of its centre.", answer
+    )
 
 
 def test_a_wall_beside_a_robot_that_does_not_turn_is_no_part_of_it(replay):
@@ -336,14 +375,27 @@ def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
     assert all((part[~legal] == 0.0).all() for part in parts.values())
     assert velocities[-1].tolist() == list(command)
     assert costs[-1] == pytest.approx(costs[legal].min())
-    assert why["table"][0] == ["v", "w", "cost", "path_distance_bias", "goal_distance_bias", "occdist_scale"]
+    assert why["table"][0] == [
+        "v",
+        "w",
+        "cost",
+        "path_distance_bias",
+        "goal_distance_bias",
+        "occdist_scale",
+    ]
     assert why["table"][1][2] == pytest.approx(costs[-1], abs=0.01)
     assert why["points"]
     fast = legal & (velocities[:, 0] >= 0.25)
     best = np.flatnonzero(fast)[costs[fast].argmin()]
     command = "({:.2f} m/s, {:.2f} rad/s)".format(*command)
-    assert f"costs {costs[best]:.1f}, the command {command} {costs[-1]:.1f}: occdist_scale (0.8)" in why["lines"][0]
-    assert f"counts {parts['occdist_scale'][best]:.1f} against {parts['occdist_scale'][-1]:.1f}" in why["lines"][0]
+    assert (
+        f"costs {costs[best]:.1f}, the command {command} {costs[-1]:.1f}: occdist_scale (0.8)"
+        in why["lines"][0]
+    )
+    assert (
+        f"counts {parts['occdist_scale'][best]:.1f} against {parts['occdist_scale'][-1]:.1f}"
+        in why["lines"][0]
+    )
 
 
 def test_a_cheaper_sample_that_the_escaping_planner_did_not_try_is_said(sound):
@@ -361,12 +413,17 @@ def test_samples_that_dwa_refuses_are_explained():
     replay = Replay(WAFFLE)
     replay.run(simulated(WAFFLE, "generated:3", limit=3)[0])
     cycle = replace(replay.cycles[10], twist=(-0.2, 0.0))
-    assert "0.00 rad/s) is below min_vel_trans (0.13) and min_vel_theta (0.9)" in explain(replay, cycle)["lines"][-1]
+    assert (
+        "0.00 rad/s) is below min_vel_trans (0.13) and min_vel_theta (0.9)"
+        in explain(replay, cycle)["lines"][-1]
+    )
     cycle = replace(replay.cycles[-1], memory=[1.0] * len(replay.cycles[-1].memory))
     assert "is refused by the critic oscillation" in explain(replay, cycle)["lines"][-1]
 
 
-def test_the_spoilt_parameter_is_the_first_remedy_and_a_sound_drive_has_none(replay, sound, monkeypatch):
+def test_the_spoilt_parameter_is_the_first_remedy_and_a_sound_drive_has_none(
+    replay, sound, monkeypatch
+):
     monkeypatch.setattr(diagnosis, "CYCLES", 4)
     found = diagnosis.diagnose(replay)
     assert found.remedies[0].change.name == "vx_samples"
@@ -395,16 +452,28 @@ def test_a_doubtful_replay_says_so_first_and_its_reproduced_cycles_are_preferred
     good, bad = replay.cycles[0], replace(replay.cycles[1], error=1.0)
     made = Replay(JACKAL)
     made.drive, made.cycles = replay.drive, [good] * 7 + [bad] * 3
-    assert diagnosis.Diagnosis(made, [], made.cycles, []).lines()[0].startswith("Few commands are reproduced")
+    assert (
+        diagnosis.Diagnosis(made, [], made.cycles, [])
+        .lines()[0]
+        .startswith("Few commands are reproduced")
+    )
     made.cycles += [good] * 20
-    assert diagnosis.Diagnosis(made, [], made.cycles, []).lines()[0].startswith("The robot did not stop")
+    assert (
+        diagnosis.Diagnosis(made, [], made.cycles, [])
+        .lines()[0]
+        .startswith("The robot did not stop")
+    )
     assert all(cycle is good for cycle in diagnosis.some(made.cycles, 30))
     assert diagnosis.some([bad], 3) == [bad]
 
 
 def test_alternatives_begin_on_the_way_into_an_event(sound, monkeypatch):
     begun = []
-    monkeypatch.setattr(diagnosis, "best_changes", lambda replay, changes, cycles, others: begun.extend(cycles) or [])
+    monkeypatch.setattr(
+        diagnosis,
+        "best_changes",
+        lambda replay, changes, cycles, others: begun.extend(cycles) or [],
+    )
     diagnosis.diagnose(sound, at=5.0)
     assert min(cycle.at for cycle in begun) == pytest.approx(2.5, abs=0.1)
     assert max(cycle.at for cycle in begun) == pytest.approx(5.5, abs=0.1)
@@ -419,10 +488,16 @@ def test_driving_on_follows_the_commands(replay):
     assert faster > 0.2
     turn = Change(PLANNER, "max_vel_theta", 1.57, 1.0)
     alternatives.drive_on(replay, [cycle], turn)
-    assert replay.move_base.configuration(PLANNER)["min_vel_theta"] == -1.0  # Symmetric limits stay so.
-    skewed = replace(cycle, settings=cycle.settings.with_(Change(PLANNER, "min_vel_theta", -1.57, -0.5)))
+    assert (
+        replay.move_base.configuration(PLANNER)["min_vel_theta"] == -1.0
+    )  # Symmetric limits stay so.
+    skewed = replace(
+        cycle, settings=cycle.settings.with_(Change(PLANNER, "min_vel_theta", -1.57, -0.5))
+    )
     alternatives.drive_on(replay, [cycle, skewed], turn)
-    assert replay.move_base.configuration(PLANNER)["min_vel_theta"] == -0.5  # Others stay as they are.
+    assert (
+        replay.move_base.configuration(PLANNER)["min_vel_theta"] == -0.5
+    )  # Others stay as they are.
 
 
 def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(replay):
@@ -430,16 +505,28 @@ def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(rep
 
     def one(name, before, after, gain):
         change = Change(PLANNER, name, before, after)
-        return Alternative(change, server.declared(name).default, Result(0.0, 0.0), Result(gain, 0.0))
+        return Alternative(
+            change, server.declared(name).default, Result(0.0, 0.0), Result(gain, 0.0)
+        )
 
     nearer, farther = one("sim_time", 2.0, 1.7, 0.92), one("occdist_scale", 0.1, 0.01, 0.95)
     smaller = one("occdist_scale", 0.1, 0.05, 0.93)
-    tried = [one("sim_time", 2.0, 8.0, 1.0), nearer, farther, smaller, one("vx_samples", 1, 20, 0.5)]
+    tried = [
+        one("sim_time", 2.0, 8.0, 1.0),
+        nearer,
+        farther,
+        smaller,
+        one("vx_samples", 1, 20, 0.5),
+    ]
     assert [each.change.after for each in alternatives.ranked(tried)] == [0.05, 0.01, 1.7, 8.0, 20]
 
 
 def test_changes_that_pass_obstacles_too_closely_are_left_out(replay, monkeypatch):
-    results = {None: (0.1, 0.5), 1.0: (0.5, 0.05), 4.0: (0.3, 0.5)}  # speed and distance by sim_time
+    results = {
+        None: (0.1, 0.5),
+        1.0: (0.5, 0.05),
+        4.0: (0.3, 0.5),
+    }  # speed and distance by sim_time
 
     def drive_on(replay, cycles, change=None):
         return np.array([results[change and change.after]] * len(cycles))
@@ -476,7 +563,9 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_the_command_answers_in_its_first_line_and_writes_a_page(bag, folder, capsys):
-    status, out, err = ran(capsys, bag, "--robot", "jackal", "--at", 3, "--out", folder / "why.html")
+    status, out, err = ran(
+        capsys, bag, "--robot", "jackal", "--at", 3, "--out", folder / "why.html"
+    )
     assert status == 0, err
     page = (folder / "why.html").read_text()
     data = json.loads(page.partition('type="application/json">')[2].partition("</script>")[0])
@@ -485,12 +574,18 @@ def test_the_command_answers_in_its_first_line_and_writes_a_page(bag, folder, ca
 
 
 def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder, capsys):
-    given = replace(until(sound.drive, 2.0), changes=updates((0.0, PLANNER, {"sim_time": 1.5, "max_vel_x": 0.4})))
+    given = replace(
+        until(sound.drive, 2.0),
+        changes=updates((0.0, PLANNER, {"sim_time": 1.5, "max_vel_x": 0.4})),
+    )
     other = write(folder / "other.bag", given)
     status, out, err = ran(capsys, bag, other, "--json", "--at", 2)
     assert status == 0, err
     lines = json.loads(out)["compared"]
-    assert "; routes diverge at 2.7 s; differing parameters: max_vel_x 0.5 -> 0.4, sim_time 2 -> 1.5" in lines[0]
+    assert (
+        "; routes diverge at 2.7 s; differing parameters: max_vel_x 0.5 -> 0.4, sim_time 2 -> 1.5"
+        in lines[0]
+    )
     assert "no parameter_updates" not in lines[0]
 
 
@@ -501,7 +596,10 @@ def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder,
         ({"odometry": None}, "no messages on /odometry/filtered"),
         ({"planned": None, "commands": None}, "no messages on /cmd_vel"),
         ({"plans": None}, "no messages on /move_base/TrajectoryPlannerROS/global_plan"),
-        ({"planners": ["TebLocalPlannerROS"]}, "TebLocalPlannerROS drove, jackal has TrajectoryPlannerROS"),
+        (
+            {"planners": ["TebLocalPlannerROS"]},
+            "TebLocalPlannerROS drove, jackal has TrajectoryPlannerROS",
+        ),
         ({"planners": ["DWAPlannerROS"]}, "DWAPlannerROS drove"),
     ],
 )
@@ -535,8 +633,12 @@ def test_half_a_drive_is_replayed_as_far_as_it_goes(spoilt, folder):
     made.run(given)
     assert len(made.cycles) == 50
     assert made.share > 0.5
-    without = Replay(robot)  # A command without a plan of its time is no cycle of the local planner.
+    without = Replay(
+        robot
+    )  # A command without a plan of its time is no cycle of the local planner.
     kept = np.r_[0:110, 120 : len(driven.plans)]
-    without.run(replace(given, plans=Plans(driven.plans.time[kept], [driven.plans.path[i] for i in kept])))
+    without.run(
+        replace(given, plans=Plans(driven.plans.time[kept], [driven.plans.path[i] for i in kept]))
+    )
     assert len(without.cycles) == 40
     assert without.cycles[15].reproduced

@@ -31,7 +31,9 @@ SMALL = ["--net-arch=16", "--batch-size=16", "--actors=2"]
 
 
 def weights(seed=0, units=(8,)):
-    return safetensors.numpy.save(TD3(1, 1, TD3Options(net_arch=list(units)), seed=seed).actor_weights())
+    return safetensors.numpy.save(
+        TD3(1, 1, TD3Options(net_arch=list(units)), seed=seed).actor_weights()
+    )
 
 
 def results(pool, numbers, seconds=0.0):
@@ -44,7 +46,9 @@ def results(pool, numbers, seconds=0.0):
 
 def test_an_episode_depends_only_on_run_and_number_and_noise_has_its_standard_deviation():
     env = Line, "{}"
-    still = {name: np.zeros_like(array) for name, array in safetensors.numpy.load(weights()).items()}
+    still = {
+        name: np.zeros_like(array) for name, array in safetensors.numpy.load(weights()).items()
+    }
     for sigma in (0.0, 0.1):
         tasks = [Collect(episode, 0, sigma, False) for episode in range(40)]
         driven = [collect(*env, task, safetensors.numpy.save(still)) for task in [*tasks, tasks[3]]]
@@ -75,14 +79,18 @@ def test_shutdown_ends_busy_processes():
         time.sleep(1.0)
         begun = time.monotonic()
     assert time.monotonic() - begun < 50
-    assert all(future.cancelled() or isinstance(future.exception(), CallFailed) for future in futures)
+    assert all(
+        future.cancelled() or isinstance(future.exception(), CallFailed) for future in futures
+    )
     assert not any(map(is_alive, pids))
 
 
 SLOW_START = "import sys, time\nif 'workers.pool' in str(sys.orig_argv):\n    time.sleep(1.5)\n"
 
 
-def test_a_worker_that_starts_slowly_gets_arguments_larger_than_the_socket_holds(tmp_path, monkeypatch):
+def test_a_worker_that_starts_slowly_gets_arguments_larger_than_the_socket_holds(
+    tmp_path, monkeypatch
+):
     (tmp_path / "sitecustomize.py").write_text(SLOW_START)
     monkeypatch.syspath_prepend(tmp_path)  # Workers inherit this module search path.
     with Pool(1) as pool:
@@ -113,7 +121,9 @@ def test_workers_end_when_the_process_that_started_them_is_killed():
         "pool = Pool(2); [pool.submit(time.sleep, 0.1).result() for _ in range(4)]\n"
         "print(*[worker.process.pid for worker in pool.workers], flush=True); time.sleep(60)"
     )
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, cwd=ROOT
+    )
     pids = [int(word) for word in process.stdout.readline().split()]
     process.kill()
     process.wait()
@@ -168,8 +178,12 @@ ray.shutdown()
 @pytest.mark.fault("20b")
 def test_ray_on_this_machine_listens_on_loopback_only():
     pytest.importorskip("ray")
-    done = subprocess.run([sys.executable, "-c", LISTENS], cwd=ROOT, capture_output=True, text=True, timeout=120)
-    addresses = done.stdout.splitlines()[-1].split()  # /proc/net's notation of 127.0.0.1 in IPv4 and IPv6
+    done = subprocess.run(
+        [sys.executable, "-c", LISTENS], cwd=ROOT, capture_output=True, text=True, timeout=120
+    )
+    addresses = done.stdout.splitlines()[
+        -1
+    ].split()  # /proc/net's notation of 127.0.0.1 in IPv4 and IPv6
     assert addresses, done.stderr
     assert set(addresses) <= {"0100007F", "0000000000000000FFFF00000100007F"}
 
@@ -180,7 +194,9 @@ def test_a_run_on_two_nodes_survives_the_loss_of_one(tmp_path):
     ray = pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    cluster = Cluster(
+        initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False}
+    )
     try:
         victim = cluster.add_node(num_cpus=1, include_dashboard=False)
         options = ["--total-timesteps=400", "--eval-worlds=none"]

@@ -29,18 +29,44 @@ from training.env.settings import CHALLENGE, DRAWN, DriveSettings
 from training.train.td3.options import TD3Options
 from worlds.loading import SPECIFICATIONS
 
-RECIPES = {path.stem: path for path in sorted((Path(__file__).resolve().parents[1] / "recipes").glob("*.yaml"))}
+RECIPES = {
+    path.stem: path
+    for path in sorted((Path(__file__).resolve().parents[1] / "recipes").glob("*.yaml"))
+}
 PROVENANCE = "provenance"  # key in config.json for the provenance of each session (training/common/provenance.py)
 PAPER_STEPS = 5_000_000  # number of transitions in the paper
-EVALUATION = "eval_worlds", "simulator", "protocol", "planner", "monitor", "movers"  # conditions of the evaluations
+EVALUATION = (
+    "eval_worlds",
+    "simulator",
+    "protocol",
+    "planner",
+    "monitor",
+    "movers",
+)  # conditions of the evaluations
 # options that --resume cannot change
-FIXED = "robot", "observation", "critics_know_more", "seed", "init_from", "net_arch", "layer_norm", *EVALUATION
+FIXED = (
+    "robot",
+    "observation",
+    "critics_know_more",
+    "seed",
+    "init_from",
+    "net_arch",
+    "layer_norm",
+    *EVALUATION,
+)
 ABOUT = """Trains a policy that sets the planner's parameters, with TD3: online with actors that drive in
 simulation, or offline from a --dataset. Ctrl-C saves the run and stops; --resume continues it.
 
 Defaults are the paper's. If the paper gives no value, they are those of its authors' code.
 docs/explanation/learning_problem.md describes the learning problem and each deviation."""
-SPANS = ("scan_noise", "latency", "slip", "friction", "ground", "odometry")  # fields of Randomisation
+SPANS = (
+    "scan_noise",
+    "latency",
+    "slip",
+    "friction",
+    "ground",
+    "odometry",
+)  # fields of Randomisation
 
 
 def span(default: float, help: str, more: str = "") -> Any:
@@ -203,7 +229,13 @@ class PeriodicOptions(Options):
 
 
 class TrainConfig(
-    RunOptions, ActorOptions, TaskOptions, RewardOptions, LearnerOptions, OfflineOptions, PeriodicOptions
+    RunOptions,
+    ActorOptions,
+    TaskOptions,
+    RewardOptions,
+    LearnerOptions,
+    OfflineOptions,
+    PeriodicOptions,
 ):
     """Checked options of a run, and values derived from them."""
 
@@ -221,7 +253,11 @@ class TrainConfig(
             return None, {}
         encoding = ENCODINGS[self.observation](self.robot, self.decision_period)
         values, paper = encoding.space.as_dict(method.values), self.observation == PAPER_ENCODING
-        base = {} if paper else {name: value for name, value in values.items() if name not in encoding.chosen}
+        base = (
+            {}
+            if paper
+            else {name: value for name, value in values.items() if name not in encoding.chosen}
+        )
         return encoding.action(method.values), base
 
     def environment(self) -> Dict[str, Any]:
@@ -285,17 +321,25 @@ def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
     given = command_line.given(TrainConfig, "train.py", ABOUT, arguments)
     if not given.get("resume"):
         config = checked(TrainConfig, {**recipe(given.get("recipe", "")), **given})
-        if "gradient_steps" in config.model_fields_set and not config.dataset:  # An online run would take days.
+        if (
+            "gradient_steps" in config.model_fields_set and not config.dataset
+        ):  # An online run would take days.
             raise ApplrError("--gradient-steps, also in a recipe, learns offline: give a --dataset")
         return config
     out = given.get("out", RunOptions().out)
     path = Path(out) / "config.json"
     if not path.exists():
-        raise ApplrError(f"--resume: {out} holds no run (no config.json): check --out, or leave --resume out")
-    stored = {name: value for name, value in read_json(path).items() if name in TrainConfig.model_fields}
+        raise ApplrError(
+            f"--resume: {out} holds no run (no config.json): check --out, or leave --resume out"
+        )
+    stored = {
+        name: value for name, value in read_json(path).items() if name in TrainConfig.model_fields
+    }
     original = checked(TrainConfig, stored, str(path))
     config = checked(TrainConfig, {**stored, **given, "out": out})
     for name in FIXED:
         if getattr(config, name) != getattr(original, name):
-            raise ApplrError(f"{dashed(name)}: the run in {out} has another value, which cannot be changed: omit it")
+            raise ApplrError(
+                f"{dashed(name)}: the run in {out} has another value, which cannot be changed: omit it"
+            )
     return config

@@ -60,7 +60,15 @@ class Learner:
     ):
         self.layout, self.options, self.folder = layout, options, make_folder(folder)
         device = "cuda" if torch.cuda.is_available() else "cpu"
-        self.td3 = TD3(layout.size, layout.action, options, options.seed, device, layout.policy_mirror, layout.hidden)
+        self.td3 = TD3(
+            layout.size,
+            layout.action,
+            options,
+            options.seed,
+            device,
+            layout.policy_mirror,
+            layout.hidden,
+        )
         self.replay = Replay(layout, rows)
         for trajectory in dataset.trajectories() if dataset is not None else ():
             self.replay.add(trajectory)
@@ -78,7 +86,9 @@ class Learner:
             self.td3.begin_with(policy_network(init_from), init_from)
         elif init_from:
             self._begin_with(Path(init_from))
-        self._saved = self.replay.written  # value of replay.written up to which rows are saved in files
+        self._saved = (
+            self.replay.written
+        )  # value of replay.written up to which rows are saved in files
 
     # -- taking ------------------------------------------------------------------------------------
     def take(self, trajectory: Trajectory) -> None:
@@ -153,7 +163,11 @@ class Learner:
             self.replay.restore(unpack(read_bytes(path), str(path))[0])
         self.replay.transitions = checkpoint["transitions"]
         self.rng.bit_generator.state = checkpoint["rng"]
-        self._kept, self.checkpoints, self.extra = checkpoint["replay"], checkpoint["number"], checkpoint["extra"]
+        self._kept, self.checkpoints, self.extra = (
+            checkpoint["replay"],
+            checkpoint["number"],
+            checkpoint["extra"],
+        )
 
     def _begin_with(self, folder: Path) -> None:
         """Take over networks and optimisers of another run, and reset the number of updates."""
@@ -165,7 +179,9 @@ class Learner:
             )
         # With another layer_norm, the same weights give other values.
         if checkpoint["layer_norm"] != self.options.layer_norm:
-            raise ApplrError(f"{folder}: its critics have layer_norm {checkpoint['layer_norm']}: choose the same value")
+            raise ApplrError(
+                f"{folder}: its critics have layer_norm {checkpoint['layer_norm']}: choose the same value"
+            )
         self._take_networks(folder, checkpoint)
         self.td3.updates = self.td3.policy_starts = 0
 
@@ -178,11 +194,20 @@ class Learner:
 def policy_network(path: str) -> Weights:
     """Return the first network of a policy file; the second may be its mirror image. Raise ApplrError if invalid."""
     layers = load(path).layers
-    single = [tuple(tensor[0] if weight.ndim == 3 else tensor for tensor in (weight, bias)) for weight, bias in layers]
-    return {f"{i}.{kind}": t for i, pair in enumerate(single) for kind, t in zip(("weight", "bias"), pair)}
+    single = [
+        tuple(tensor[0] if weight.ndim == 3 else tensor for tensor in (weight, bias))
+        for weight, bias in layers
+    ]
+    return {
+        f"{i}.{kind}": t
+        for i, pair in enumerate(single)
+        for kind, t in zip(("weight", "bias"), pair)
+    }
 
 
-def draw_batch(replay: Replay, rng: np.random.Generator, options: LearnerOptions, device: torch.device) -> Batch:
+def draw_batch(
+    replay: Replay, rng: np.random.Generator, options: LearnerOptions, device: torch.device
+) -> Batch:
     """Return a uniformly drawn batch for TD3.update. With options.mirror, half of it is mirrored.
 
     All randomness of a gradient step comes from `rng`: first the rows, then the smoothing noise.
@@ -193,7 +218,9 @@ def draw_batch(replay: Replay, rng: np.random.Generator, options: LearnerOptions
     noise = rng.standard_normal((size, replay.layout.action), dtype=np.float32)
 
     def tensor(array: np.ndarray) -> torch.Tensor:
-        return torch.from_numpy(array).to(device).to(torch.float32)  # Bytes become floats on the device.
+        return (
+            torch.from_numpy(array).to(device).to(torch.float32)
+        )  # Bytes become floats on the device.
 
     def observation(places: np.ndarray) -> torch.Tensor:
         scan, rest = replay.observations(places, size // 2 if options.mirror else 0)

@@ -26,7 +26,9 @@ from worlds.loading import Worlds
 class Preparation:
     """Tasks, worlds and layout of a run, made by prepare()."""
 
-    collect: Callable[[Collect, bytes], Trajectory]  # drives a training episode with policy weights in a worker
+    collect: Callable[
+        [Collect, bytes], Trajectory
+    ]  # drives a training episode with policy weights in a worker
     drive: Callable[[Trial, bytes], Tuple[Result, bytes]]  # drives a trial with policy weights
     held_out: List[Tuple[str, str]]  # (name, specification) of the worlds for evaluation
     layout: TransitionLayout
@@ -34,12 +36,20 @@ class Preparation:
 
 def prepare(config: TrainConfig) -> Preparation:
     """Check worlds and environment before a run starts, and return its preparation. Raises ApplrError."""
-    worlds, judged, options = Worlds(config.worlds, radius(config.robot)), config.judged, config.environment()
+    worlds, judged, options = (
+        Worlds(config.worlds, radius(config.robot)),
+        config.judged,
+        config.environment(),
+    )
     held_out: List[Tuple[str, str]] = []
     if config.eval_worlds != "none":
-        held_out = [world[:2] for world in world_list(config.eval_worlds, judged["protocol"], config.robot)]
+        held_out = [
+            world[:2] for world in world_list(config.eval_worlds, judged["protocol"], config.robot)
+        ]
     env = ApplrEnv(**dict(options, worlds=worlds[:1]))
-    if config.actors > 1:  # Compile the planner's kernels once, so that the actors find them on disk.
+    if (
+        config.actors > 1
+    ):  # Compile the planner's kernels once, so that the actors find them on disk.
         env.reset(seed=0)
         env.step(-np.ones(env.layout.action, np.float32))
     env.close()
@@ -60,8 +70,15 @@ def dataset_of(config: TrainConfig) -> Optional[Dataset]:
     if not config.dataset:
         return None
     dataset = Dataset(config.dataset)
-    driven_with = {name: getattr(config, name) for name in ("decision_period", "observation", "critics_know_more")}
-    for name, value in {**driven_with, "robot": config.robot.name, **Reward.of(config).model_dump()}.items():
+    driven_with = {
+        name: getattr(config, name)
+        for name in ("decision_period", "observation", "critics_know_more")
+    }
+    for name, value in {
+        **driven_with,
+        "robot": config.robot.name,
+        **Reward.of(config).model_dump(),
+    }.items():
         if (theirs := dataset.about.get(name, value)) != value:
             raise ApplrError(
                 f"{name} is {value}, but the dataset {config.dataset} was driven with {theirs}: give the same, or make "

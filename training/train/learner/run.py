@@ -34,11 +34,21 @@ from training.workers.collect import Collect
 from training.workers.pool import Pool
 
 MANY_ERRORS = 20  # number of consecutive failed episodes after which the run ends
-LONGEST_EPISODE = 2100  # upper bound of the rows of an episode: 100 s at the shortest decision period, .05 s
+LONGEST_EPISODE = (
+    2100  # upper bound of the rows of an episode: 100 s at the shortest decision period, .05 s
+)
 BROADCAST_INTERVAL = 25  # number of gradient steps after which the actors get the latest policy
 CHECKPOINT_SECONDS = 120.0  # interval between two checkpoints [s]
-STATUS_SECONDS = 10.0  # interval between updates of the progress bar's figures and TensorBoard's "training" [s]
-EPISODE = "return", "length", "success", "collided", "time_s"  # quantities of an episode in TensorBoard
+STATUS_SECONDS = (
+    10.0  # interval between updates of the progress bar's figures and TensorBoard's "training" [s]
+)
+EPISODE = (
+    "return",
+    "length",
+    "success",
+    "collided",
+    "time_s",
+)  # quantities of an episode in TensorBoard
 
 
 class TrainingRun:
@@ -61,8 +71,13 @@ class TrainingRun:
         self.folder = make_folder(config.out)
         self.lock = Lock(self.folder)
         if not config.resume and (self.folder / "config.json").exists():
-            raise ApplrError(f"{self.folder} already holds a run: continue it with --resume, or give another --out")
-        if config.actors and config.ray_address in ("", "local"):  # More threads than cores are slow.
+            raise ApplrError(
+                f"{self.folder} already holds a run: continue it with --resume, or give another --out"
+            )
+        if config.actors and config.ray_address in (
+            "",
+            "local",
+        ):  # More threads than cores are slow.
             torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - config.actors))
         begin = config.init_from, action, dataset
         self.learner = Learner(self.preparation.layout, config, self.folder, rows, *begin)
@@ -70,21 +85,39 @@ class TrainingRun:
         self.evaluation = PeriodicEvaluation(self.folder, held_out, config.eval_freq, config.seed)
         self._next_episode = self.learner.extra.get("next_episode", 0)
         self._running: Set[Future[Any]] = set()  # episodes whose results are not yet added
-        self._published, self._policy = 0, b""  # version [gradient steps] and weights of the actors' policy
+        self._published, self._policy = (
+            0,
+            b"",
+        )  # version [gradient steps] and weights of the actors' policy
         self._saved = self._shown = time.monotonic()
         self._failed_in_a_row = 0
         self.stopping: Optional[str] = None
         self.pool = Pool(0 if self.offline else config.actors, config.ray_address)
         self.board: Any = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.steps + 1)
-        often = 1.0 if sys.stderr.isatty() else 30.0  # interval [s]: outside a terminal, each update is a new line
-        end = tqdm.format_interval(60.0 * config.minutes)  # time limit; tqdm's estimate from steps would be hours
-        limited = f"{{n_fmt}} steps [{{elapsed}} of {end}, {{rate_fmt}}{{postfix}}]" if config.minutes else None
-        style: Any = {"unit": " steps", "mininterval": often, "dynamic_ncols": True, "bar_format": limited}
+        often = (
+            1.0 if sys.stderr.isatty() else 30.0
+        )  # interval [s]: outside a terminal, each update is a new line
+        end = tqdm.format_interval(
+            60.0 * config.minutes
+        )  # time limit; tqdm's estimate from steps would be hours
+        limited = (
+            f"{{n_fmt}} steps [{{elapsed}} of {end}, {{rate_fmt}}{{postfix}}]"
+            if config.minutes
+            else None
+        )
+        style: Any = {
+            "unit": " steps",
+            "mininterval": often,
+            "dynamic_ncols": True,
+            "bar_format": limited,
+        }
         self.bar = tqdm(total=self.goal, initial=self.steps, **style)
         path = self.folder / "config.json"
         sessions = read_json(path).get(PROVENANCE, []) if config.resume else []
         sessions.append(provenance(config.seed))
-        write_json(path, {**config.model_dump(exclude={"resume"}), PROVENANCE: sessions})  # The folder is now a run.
+        write_json(
+            path, {**config.model_dump(exclude={"resume"}), PROVENANCE: sessions}
+        )  # The folder is now a run.
 
     # -- the run -------------------------------------------------------------------------------------
     @property
@@ -109,7 +142,10 @@ class TrainingRun:
 
     def run(self) -> int:
         """Train to the end or until SIGINT or SIGTERM; return the exit status, 0 if done, 130 if stopped and saved."""
-        handlers = {number: signal.signal(number, self._signal) for number in (signal.SIGINT, signal.SIGTERM)}
+        handlers = {
+            number: signal.signal(number, self._signal)
+            for number in (signal.SIGINT, signal.SIGTERM)
+        }
         try:
             while not self.finished and not self.stopping:
                 self._evaluate()
@@ -132,7 +168,9 @@ class TrainingRun:
             self.lock.close()
         how = f"Stopped by {self.stopping} and saved" if self.stopping else "Done"
         made = f"{self.learner.transitions:,} transitions and {self.learner.td3.updates:,} updates"
-        print(f"{how} after {made}, {tqdm.format_interval(time.monotonic() - self.began)}; {self.folder}")
+        print(
+            f"{how} after {made}, {tqdm.format_interval(time.monotonic() - self.began)}; {self.folder}"
+        )
         if self.evaluation.best:
             print(f"best policy: {describe(self.evaluation.best)}")
         return 130 if self.stopping else 0
@@ -146,13 +184,18 @@ class TrainingRun:
         """Submit episodes so that all workers stay busy, unless too many results wait to be added."""
         slots = self.pool.slots
         most = 1 if self.pool.in_process else 4 * slots + 16
-        while len(self._running) < most and sum(not future.done() for future in self._running) < slots:
+        while (
+            len(self._running) < most and sum(not future.done() for future in self._running) < slots
+        ):
             if self.offline or self.finished:
                 return
             config, number, transitions = self.config, self._next_episode, self.learner.transitions
             updates, interval = self.learner.td3.updates, BROADCAST_INTERVAL if config.actors else 1
             if not self._policy or updates >= self._published + interval:
-                self._published, self._policy = updates, safetensors.numpy.save(self.learner.td3.actor_weights())
+                self._published, self._policy = (
+                    updates,
+                    safetensors.numpy.save(self.learner.td3.actor_weights()),
+                )
             random = transitions < config.learning_starts and not config.init_from
             episode = Collect(number, config.seed, config.noise(transitions), random)
             self._running.add(self.pool.submit(self.preparation.collect, episode, self._policy))
@@ -223,20 +266,28 @@ class TrainingRun:
         self.export(self.folder / "actor.safetensors", self.learner.td3.actor_weights(), None)
         self._saved = time.monotonic()
 
-    def export(self, path: Path, weights: Dict[str, np.ndarray], result: Optional[Dict[str, Any]]) -> None:
+    def export(
+        self, path: Path, weights: Dict[str, np.ndarray], result: Optional[Dict[str, Any]]
+    ) -> None:
         """Write a policy for policy/actor.py with metadata of its training, but without folders of this machine."""
         options = self.config.model_dump(exclude={"out", "resume", "ray_address"})
         training = {
             "steps": self.steps,
             "updates": self.learner.td3.updates,
             "transitions": self.learner.transitions,
-            "options": {k: without_folders(v) if isinstance(v, str) else v for k, v in options.items()},
+            "options": {
+                k: without_folders(v) if isinstance(v, str) else v for k, v in options.items()
+            },
         }
         default = self.evaluation.default if result else None
         period = self.config.decision_period
-        self.write_policy(path, weights, dict(period_s=period, training=training, result=result, default=default))
+        self.write_policy(
+            path, weights, dict(period_s=period, training=training, result=result, default=default)
+        )
 
-    def write_policy(self, path: Path, weights: Dict[str, np.ndarray], metadata: Dict[str, Any]) -> None:
+    def write_policy(
+        self, path: Path, weights: Dict[str, np.ndarray], metadata: Dict[str, Any]
+    ) -> None:
         """Write the file of a policy in the encoding of the run."""
         config = self.config
         encoding = ENCODINGS[config.observation](config.robot, config.decision_period, self.base)
@@ -250,14 +301,19 @@ class TrainingRun:
         self._shown = time.monotonic()
         learner, infos = self.learner, self.learner.infos
         values = {
-            **{name: np.mean([info.get(name, np.nan) for info in infos] or [np.nan]) for name in EPISODE[:-1]},
+            **{
+                name: np.mean([info.get(name, np.nan) for info in infos] or [np.nan])
+                for name in EPISODE[:-1]
+            },
             "sigma": self.config.noise(learner.transitions),
             "updates": learner.td3.updates,
             "actors": len(self.pool.workers),
             "replaced": self.pool.replaced,
             **learner.td3.report(),
         }
-        self.bar.set_postfix({name: f"{value:.3g}" for name, value in values.items()}, refresh=False)
+        self.bar.set_postfix(
+            {name: f"{value:.3g}" for name, value in values.items()}, refresh=False
+        )
         self._scalars("training", values)
 
     def _scalars(self, prefix: str, values: Dict[str, Any]) -> None:

@@ -23,7 +23,10 @@ from training.train.learner.config import TrainConfig
 if TYPE_CHECKING:
     import pandas as pd
 
-CHOICE, VERDICT = "fresh:21000-21049", "fresh:22000-22049"  # courses of the selection and of the verdict
+CHOICE, VERDICT = (
+    "fresh:21000-21049",
+    "fresh:22000-22049",
+)  # courses of the selection and of the verdict
 
 
 def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
@@ -43,16 +46,22 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
     """
     out = make_folder(config.out)
     if (out / "config.json").exists() and not config.resume:
-        raise ApplrError(f"{out} already holds a run: continue it with --resume, or give another --out")
+        raise ApplrError(
+            f"{out} already holds a run: continue it with --resume, or give another --out"
+        )
     write_json(out / "config.json", config.model_dump(exclude={"resume"}))
     policies = []
     for seed in range(config.seed, config.seed + config.seeds):
         folder = out / f"seed_{seed}"
         one = {"seed": seed, "out": str(folder), "minutes": config.minutes / config.seeds}
-        run = make_run(config.model_copy(update={**one, "resume": (folder / "config.json").exists()}))
+        run = make_run(
+            config.model_copy(update={**one, "resume": (folder / "config.json").exists()})
+        )
         if status := run.run():
             return int(status)
-        policies.append(folder / ("best.safetensors" if run.evaluation.best else "actor.safetensors"))
+        policies.append(
+            folder / ("best.safetensors" if run.evaluation.best else "actor.safetensors")
+        )
     print("\n".join(choose(config, out, policies)))
     return 0
 
@@ -66,7 +75,11 @@ def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str
     others = [BASELINE] + [SET] * Path(methods.shipped(methods.SET, config.robot)).exists()
     method, lines = verdict(_driven(config, out / "verdict", VERDICT, others, {POLICY: best}))
     chosen = ", ".join(f"{name} {mean:.1f} s" for name, mean in means.items())
-    return [f"mean scores of the policies: {chosen}", *lines, f"drive with: {method}; best policy: {best}"]
+    return [
+        f"mean scores of the policies: {chosen}",
+        *lines,
+        f"drive with: {method}; best policy: {best}",
+    ]
 
 
 def _driven(

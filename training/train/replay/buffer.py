@@ -16,7 +16,12 @@ from applr_ros1.common.errors import ApplrError
 from training.env.trajectory import Trajectory, TransitionLayout
 
 COLUMNS = ("scan", "rest", "action", "reward", "end")  # names of the ring's arrays
-GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3  # values of a row's end: how the episode continues after the row
+GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = (
+    0,
+    1,
+    2,
+    3,
+)  # values of a row's end: how the episode continues after the row
 
 
 class Replay:
@@ -72,7 +77,9 @@ class Replay:
                 return rows
             rows[bad] = rng.integers(0, len(self), len(bad))
 
-    def n_step_return(self, rows: np.ndarray, n: int, gamma: float) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def n_step_return(
+        self, rows: np.ndarray, n: int, gamma: float
+    ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return n-step rewards (B,) from `rows` on, discounts (B,), and the rows (B,) of the observations that follow.
 
         A reward sums gamma^k r_{t+k} over n steps or until the episode's end. The discount of the next value is
@@ -114,4 +121,6 @@ def _check_memory(rows: int, row: int) -> None:
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if rows * row > memory:
         takes = f"a replay buffer of {rows} rows takes {rows * row / 1e9:.1f} GB"
-        raise ApplrError(f"{takes}, this machine has {memory / 1e9:.1f} GB: give a smaller --total-timesteps")
+        raise ApplrError(
+            f"{takes}, this machine has {memory / 1e9:.1f} GB: give a smaller --total-timesteps"
+        )

@@ -16,10 +16,19 @@ import numpy as np
 from applr_ros1.common.files import read_json
 from training.env.trajectory import Trajectory, TransitionLayout
 
-DATA, METADATA, EPISODES = "data", "metadata.json", "main_data.hdf5"  # names of files and folders in Minari's format
+DATA, METADATA, EPISODES = (
+    "data",
+    "metadata.json",
+    "main_data.hdf5",
+)  # names of files and folders in Minari's format
 
 
-def write(folder: Path, layout: TransitionLayout, trajectories: Sequence[Trajectory], about: Dict[str, Any]) -> None:
+def write(
+    folder: Path,
+    layout: TransitionLayout,
+    trajectories: Sequence[Trajectory],
+    about: Dict[str, Any],
+) -> None:
     """Write a dataset atomically.
 
     Args:
@@ -36,7 +45,9 @@ def write(folder: Path, layout: TransitionLayout, trajectories: Sequence[Traject
     folder = folder.absolute()  # Minari joins a relative path with itself.
     partial = folder / f"{DATA}.partial"
     shutil.rmtree(partial, ignore_errors=True)
-    storage = MinariStorage.new(partial, Box(-np.inf, np.inf, (layout.size,)), Box(-1.0, 1.0, (layout.action,)))
+    storage = MinariStorage.new(
+        partial, Box(-np.inf, np.inf, (layout.size,)), Box(-1.0, 1.0, (layout.action,))
+    )
     for trajectory in trajectories:
         last = np.arange(len(trajectory)) == len(trajectory) - 1
         episode = EpisodeBuffer(
@@ -76,6 +87,8 @@ class Dataset:
         with h5py.File(self._folder / EPISODES) as file:
             for number in range(self.about["total_episodes"]):
                 episode = {name: values[()] for name, values in file[f"episode_{number}"].items()}
-                observations, actions, rewards = (episode[name] for name in ("observations", "actions", "rewards"))
+                observations, actions, rewards = (
+                    episode[name] for name in ("observations", "actions", "rewards")
+                )
                 ends = bool(episode["terminations"][-1])
                 yield Trajectory.of(self.layout, observations, actions, rewards, ends)
