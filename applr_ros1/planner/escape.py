@@ -1,37 +1,45 @@
 """Escape motions: a sequence of short motions for a robot that its collision monitor blocks.
 
-C++ has no collision monitor. Its local planner backs out whenever it finds no legal trajectory, regardless of
-obstacles behind the robot, and samples no forward velocity until it has backed out. If a monitor blocked the way back,
-the robot would stand there forever. If the monitor stops the robot closer to an obstacle than the planner's footprint
-allows, the planner finds no command at all.
+C++ has no collision monitor. Its local planner backs out whenever it finds no legal trajectory,
+regardless of obstacles behind the robot, and samples no forward velocity until it has backed out.
+If a monitor blocked the way back, the robot would stand there forever. If the monitor stops the
+robot closer to an obstacle than the planner's footprint allows, the planner finds no command at
+all.
 
-The state machine asks an Escape for a motion in each cycle, and gets none without reports of a monitor or with planner
-fidelity "cpp-like". With a C++ move_base, the monitor itself runs an Escape (monitor/stalled_planner.py).
+The state machine asks an Escape for a motion in each cycle, and gets none without reports of a
+monitor or with planner fidelity "cpp-like". With a C++ move_base, the monitor itself runs an Escape
+(monitor/stalled_planner.py).
 """
 
 from __future__ import annotations
 
 from typing import Optional, Tuple
 
-HELD = 0.5  # time for which the monitor blocks the planner's commands before an escape motion [s]
-BLOCKED = 2.0  # time for which the planner finds no command before an escape motion [s]
-TRIED = 0.15  # time after which a blocked escape motion gives way to the next one [s]
-MOVED = 0.5  # duration of an escape motion that is not blocked [s]
+HELD = 0.5  # time for which the monitor blocks the planner's commands before a motion [s]
+BLOCKED = 2.0  # time for which the planner finds no command before a motion [s]
+TRIED = 0.15  # time after which a blocked motion gives way to the next one [s]
+MOVED = 0.5  # duration of a motion that is not blocked [s]
 PASSED = 1.0  # time of unblocked planner commands after which the robot counts as free [s]
-TRIES = 24  # number of unsuccessful escape motions after which a recovery is due
-V, W = 0.1, 0.4  # speed and turn rate of the escape motions [m/s, rad/s]
+TRIES = 24  # number of unsuccessful motions after which a recovery is due
+V = 0.1  # speed of the motions [m/s]
+W = 0.4  # turn rate of the motions [rad/s]
+# Turning comes first, because it needs the least room; the ways back come before the ways ahead.
 MOTIONS = ((0.0, W), (0.0, -W), (-V, W), (-V, -W), (V, W), (V, -W), (V, 0.0), (-V, 0.0))
 
 
 class Escape:
-    """Sequence of escape motions. They ignore the costmap, because the collision monitor decides what is safe."""
+    """Sequence of escape motions.
+
+    They ignore the costmap, because the collision monitor decides what is safe.
+
+    Attributes:
+        is_held: True from the first escape motion until the robot counts as free (PASSED).
+    """
 
     def __init__(self) -> None:
         self._held: Optional[bool] = None  # latest report of the monitor, None if there is none
-        self._next = 0  # index of the next motion
-        self.is_held = (
-            False  # True from the first escape motion until the robot counts as free (PASSED)
-        )
+        self._motion_number = 0  # number of the next motion
+        self.is_held = False
         self.restart()
 
     def restart(self) -> None:
@@ -44,7 +52,8 @@ class Escape:
 
     def give_way(self) -> None:
         """End the motion under way because the planner has found a command again."""
-        self._motion = self._since = None
+        self._motion = None
+        self._since = None
 
     def report(self, held: bool) -> None:
         """Record whether the monitor blocked nearly all of the last command."""
@@ -56,33 +65,53 @@ class Escape:
         return self._tries >= TRIES
 
     def instead(self, now: float, blocked: bool) -> Optional[Tuple[float, float]]:
-        """Return the escape motion (v [m/s], w [rad/s]) at time `now` [s], or None to use the planner's command.
+        """Return the escape motion to use instead of the planner's command, or None.
 
         Args:
             now: time [s].
             blocked: whether the planner found no command.
+
+        Returns:
+            (v [m/s], w [rad/s]).
         """
         if self._held is None:
             return None
         if self._motion is not None:
-            if self._held and now - self._began >= TRIED:
-                self._begin(now)
-            elif now - self._began >= MOVED:
-                self._motion = self._since = None
+            self._continue(now)
         elif not self._held and not blocked:
-            self._since = None
-            self._free_since = now if self._free_since is None else self._free_since
-            if now - self._free_since >= PASSED:
-                self._tries, self.is_held = 0, False
+            self._record_free(now)
         else:
-            self._free_since = None
-            self._since = now if self._since is None else self._since
-            if now - self._since >= (HELD if self._held else BLOCKED):
-                self._begin(now)
+            self._record_blocked(now)
         return self._motion
 
+    def _continue(self, now: float) -> None:
+        """End or replace the motion under way if it has lasted long enough."""
+        duration = now - self._began
+        if self._held and duration >= TRIED:
+            self._begin(now)
+        elif duration >= MOVED:
+            self.give_way()
+
+    def _record_free(self, now: float) -> None:
+        self._since = None
+        if self._free_since is None:
+            self._free_since = now
+        if now - self._free_since >= PASSED:
+            self._tries = 0
+            self.is_held = False
+
+    def _record_blocked(self, now: float) -> None:
+        """Begin a motion if the blockage has lasted long enough."""
+        self._free_since = None
+        if self._since is None:
+            self._since = now
+        patience = HELD if self._held else BLOCKED
+        if now - self._since >= patience:
+            self._begin(now)
+
     def _begin(self, now: float) -> None:
-        self._motion, self._began = MOTIONS[self._next % len(MOTIONS)], now
-        self._next += 1
+        self._motion = MOTIONS[self._motion_number % len(MOTIONS)]
+        self._began = now
+        self._motion_number += 1
         self._tries += 1
         self.is_held = True

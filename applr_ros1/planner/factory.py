@@ -1,4 +1,4 @@
-"""Factory of the costmaps and the local planner of MoveBase, from move_base's parameters. Called by move_base.py."""
+"""Factory of MoveBase's costmaps and local planner, from the parameters of move_base."""
 
 from __future__ import annotations
 
@@ -35,26 +35,23 @@ LOCAL_PLANNERS: Dict[str, Callable[[Dict[str, Any], np.ndarray], LocalPlanner]] 
 def make_local_planner(full: Dict[str, Any], config: Configuration) -> LocalPlanner:
     """Return the local planner named by base_local_planner, with the current values.
 
-    Parameters that a planner reads only once, like TrajectoryPlannerROS's footprint, have their start-up values.
+    Parameters that a planner reads only once, like TrajectoryPlannerROS's footprint, have their
+    start-up values.
 
     Args:
         full: complete parameter tree.
         config: current configuration.
     """
     plugin = full["base_local_planner"]
-    place = namespace(plugin)
-    latches = (
-        full["latch_xy_goal_tolerance"]
-        if place == "DWAPlannerROS"
-        else full[place]["latch_xy_goal_tolerance"]
-    )
-    begun = config.start_up(place)
+    server = namespace(plugin)
+    parameters = dict(full[server], **config.start_up(server))
+    # In C++, DWAPlannerROS reads this parameter from move_base's own namespace.
+    if server == "DWAPlannerROS":
+        parameters["latch_xy_goal_tolerance"] = full["latch_xy_goal_tolerance"]
     outline = footprint.padded(config.start_up("local_costmap"))
-    planner = LOCAL_PLANNERS[plugin](
-        dict(full[place], **begun, latch_xy_goal_tolerance=latches), outline
-    )
-    if config[place] != begun:
-        planner.reconfigure(config[place])
+    planner = LOCAL_PLANNERS[plugin](parameters, outline)
+    if config[server] != config.start_up(server):
+        planner.reconfigure(config[server])
     return planner
 
 
@@ -66,28 +63,37 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
         static: branch of this costmap in the complete parameter tree.
         config: current configuration.
     """
-    now = config[name]
+    current = config[name]
+    descriptions = [
+        _describe(layer, static[layer.name], config[layer.path]) for layer in layers(name, static)
+    ]
     return Costmap(
-        now["width"],
-        now["height"],
-        now["resolution"],
-        (now["origin_x"], now["origin_y"]),
+        current["width"],
+        current["height"],
+        current["resolution"],
+        (current["origin_x"], current["origin_y"]),
         rolling=static["rolling_window"],
-        footprint=footprint.padded(now),
+        footprint=footprint.padded(current),
         track_unknown=static.get("track_unknown_space", False),
-        layers=[
-            _describe(layer, static[layer.name], config[layer.path])
-            for layer in layers(name, static)
-        ],
+        layers=descriptions,
     )
 
 
-def _describe(layer: Layer, static: Dict[str, Any], now: Dict[str, Any]) -> LayerDescription:
-    """Return the description of a layer, from its branch of the complete tree and its current values."""
+def _describe(layer: Layer, static: Dict[str, Any], current: Dict[str, Any]) -> LayerDescription:
+    """Return the description of a layer.
+
+    Args:
+        layer: name and kind of the layer.
+        static: branch of the layer in the complete parameter tree.
+        current: current values of its server.
+    """
     if layer.kind == INFLATION_LAYER:
-        return LayerDescription(layer.name, InflationParameters(**now))
+        return LayerDescription(layer.name, InflationParameters(**current))
     if layer.kind == STATIC_LAYER:
-        return LayerDescription(layer.name, StaticParameters(**dict(static, **now)))
-    made = [Source(**static[name]) for name in sources(static)]
-    default = UNKNOWN if static["track_unknown_space"] else FREE
-    return LayerDescription(layer.name, ObstacleParameters(**now), made, default)
+        return LayerDescription(layer.name, StaticParameters(**dict(static, **current)))
+    return LayerDescription(
+        layer.name,
+        ObstacleParameters(**current),
+        [Source(**static[name]) for name in sources(static)],
+        UNKNOWN if static["track_unknown_space"] else FREE,
+    )

@@ -1,7 +1,8 @@
-"""Interface of the local planners to MoveBase: follow a plan with velocity commands and report a reached goal.
+"""Interface of the local planners to MoveBase: follow a plan and report a reached goal.
 
-trajectory/local_planner.py and dwa/local_planner.py implement it. factory.py chooses by base_local_planner, like
-pluginlib in C++. tests/planner/test_local_planner_contract.py checks every planner against this contract.
+trajectory/local_planner.py and dwa/local_planner.py implement it. factory.py chooses by
+base_local_planner, like pluginlib in C++. tests/planner/test_local_planner_contract.py checks every
+planner against this contract.
 """
 
 from __future__ import annotations
@@ -13,20 +14,23 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose
 
-Command = Tuple[float, float]
+Command = Tuple[float, float]  # velocity (v [m/s], w [rad/s])
 
 
 class LocalPlanner(abc.ABC):
-    """Base class of the local planners. The constructor takes the server's and the static parameters as dicts.
+    """Base class of the local planners.
 
-    Time, pose, velocity and costmap are arguments, so a planner never fetches data itself. Angles are in rad, lengths
-    in m. A planner keeps state between calls (plan, latches, flags), which `reset` clears.
+    The constructor takes the server's and the static parameters as dicts. Time, pose, velocity and
+    costmap are arguments, so a planner never fetches data itself. Angles are in rad, lengths in m.
+    A planner keeps state between calls (plan, latches, flags), which `reset` clears.
 
     Attributes:
-        remembers_reached: whether goal_reached stays True until the next plan or reconfigure. The C++ move_base reads
-            this flag only in its next cycle. Planners that do not remember it test the goal again in every cycle.
+        remembers_reached: whether goal_reached stays True until the next plan or reconfigure. The
+            C++ move_base reads this flag only in its next cycle. Planners that do not remember it
+            test the goal again in every cycle.
         goal_reached: whether the last compute_velocity found the goal reached.
-        cropped_plan: part (n, 3) x, y, yaw of the plan that the last command followed, empty if there was none.
+        cropped_plan: part (n, 3) x, y, yaw of the plan that the last command followed, empty if
+            there was none.
     """
 
     remembers_reached: bool = False
@@ -50,13 +54,15 @@ class LocalPlanner(abc.ABC):
         Args:
             pose: robot pose (x, y, yaw) in the costmap's frame.
             twist: measured velocity (v, w).
-            costmap: map with cells (ny, nx) uint8, origin (x, y), resolution and footprint (k, 2). It is not modified.
-            local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, as corrected by localisation.
-                None if both are the same frame.
+            costmap: map with cells (rows, columns) uint8, origin (x, y), resolution and footprint
+                (k, 2). It is not modified.
+            local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, as corrected
+                by localisation. None if both are the same frame.
 
         Returns:
-            If there is no valid command, ok is False and the velocity zero. Examples are a pose or twist that is not
-            finite, and a missing plan. At the goal, ok is True, the velocity zero and goal_reached set.
+            If there is no valid command, ok is False and the velocity zero. Examples are a pose or
+            twist that is not finite, and a missing plan. At the goal, ok is True, the velocity zero
+            and goal_reached set.
         """
 
     @abc.abstractmethod
@@ -69,16 +75,20 @@ class LocalPlanner(abc.ABC):
 
     @abc.abstractmethod
     def reset(self) -> None:
-        """Clear plan, latches and flags, as in a new object (for training episodes). Parameters stay."""
+        """Clear plan, latches and flags, as in a new object, for training episodes.
+
+        Parameters stay.
+        """
 
     def end_escape(self) -> None:
-        """Stop backing out and choose among all velocities again, because the way back is blocked."""
+        """Stop backing out and sample all velocities again, because the way back is blocked."""
         return  # Planners that never back out have nothing to do.
 
     def refusals(self, costmap: Any) -> Dict[str, int]:
-        """Return why the last cycle's samples gave no command: their number, and how many each critic rejected.
+        """Return why the last cycle's samples gave no command.
 
-        Empty if there was a command or nothing was sampled. `costmap` must be the one of that cycle.
+        These are their number, and how many each critic rejected. Empty if there was a command or
+        nothing was sampled. `costmap` must be the one of that cycle.
         """
         return {}
 
@@ -89,8 +99,14 @@ class LocalPlanner(abc.ABC):
 
     @abc.abstractmethod
     def cost_cloud(self, costmap: Any) -> np.ndarray:
-        """Return (k, 7) float32 x, y, z, path, goal, obstacle and total cost of the last cycle's cells, for display."""
+        """Return the costs of the last cycle's cells, for display.
+
+        The result is (k, 7) float32: x, y, z, path, goal, obstacle and total cost.
+        """
 
     def trajectory_cloud(self, costmap: Any) -> np.ndarray:
-        """Return points (k, 5) float32 x, y, z, theta, cost of the last cycle's legal trajectories."""
+        """Return the points of the last cycle's legal trajectories, for display.
+
+        The result is (k, 5) float32: x, y, z, theta, cost.
+        """
         return np.zeros((0, 5), np.float32)

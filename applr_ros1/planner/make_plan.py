@@ -1,12 +1,13 @@
-"""Helpers of the make_plan service: clearing a square around the robot, and candidate points near a goal.
+"""Helpers of the make_plan service: a free square around the robot, and points near a goal.
 
-Called by MoveBase.make_plan. The rules are those of planService and clearCostmapWindows in move_base/move_base.cpp.
+Called by MoveBase.make_plan. The rules are those of planService and clearCostmapWindows in
+move_base/move_base.cpp.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Sequence, Tuple
+from typing import Any, NamedTuple, Sequence
 
 import numpy as np
 
@@ -14,17 +15,37 @@ from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import INSCRIBED, UNKNOWN
 
-MOST_STEPS = (
-    100000  # maximum number of search steps along one axis, reached only by goals far off the map
-)
+# Largest number of search steps along one axis, which only goals far off the map reach.
+MOST_STEPS = 100000
 
 
 def free_square(costmap: Any, pose: Sequence[float], half_side: float) -> None:
-    """Free the square of side 2 * half_side [m] around the pose in the master grid, if it is entirely on the map."""
-    low = costmap.world_to_map(pose[0] - half_side, pose[1] - half_side)
-    high = costmap.world_to_map(pose[0] + half_side, pose[1] + half_side)
-    if min(low + high) >= 0:
-        costmap.set_free(low[0], low[1], high[0] + 1, high[1] + 1)
+    """Free the square of side 2 * half_side [m] around the pose, if it is entirely on the map.
+
+    Only the master grid changes.
+    """
+    x = pose[0]
+    y = pose[1]
+    first_column, first_row = costmap.world_to_map(x - half_side, y - half_side)
+    last_column, last_row = costmap.world_to_map(x + half_side, y + half_side)
+    if min(first_column, last_column) >= 0:
+        costmap.set_free(first_column, first_row, last_column + 1, last_row + 1)
+
+
+class _Coordinates(NamedTuple):
+    """Coordinates along one axis that the search tries, as far as they are on the map.
+
+    Attributes:
+        values: (n,) [m].
+        cells: (n,) int64, cell index along the axis.
+        squares: (n,) int64, number of the growing square on whose side the coordinate lies.
+        signs: (n,), -1 below the goal, 1 above.
+    """
+
+    values: np.ndarray
+    cells: np.ndarray
+    squares: np.ndarray
+    signs: np.ndarray
 
 
 def reachable_near(
@@ -34,79 +55,87 @@ def reachable_near(
     tolerance: float,
     allow_unknown: bool,
 ) -> np.ndarray:
-    """Return the points (n, 2) [m] near the goal that navfn can reach, in the order in which C++ tries them.
+    """Return the points (n, 2) [m] near the goal that navfn can reach, in the order of C++.
 
-    C++ plans to one point after another on growing squares around the goal. Points and squares are three cells apart,
-    or `tolerance` if it is smaller, summed in float32. Here, one flood first removes the unreachable points.
+    C++ plans to one point after another on growing squares around the goal. Points and squares are
+    three cells apart, or `tolerance` if it is smaller, summed in float32. Here, one flood first
+    removes the unreachable points.
+
+    Args:
+        costmap: map to plan on.
+        start: position (x, y) of the robot [m].
+        goal: position (x, y) of the goal [m].
+        tolerance: largest distance from the goal along each axis [m].
+        allow_unknown: whether plans may lead through unknown cells.
     """
-    sx, sy = costmap.world_to_map(start[0], start[1])
-    if sx < 0:
+    start_x, start_y = costmap.world_to_map(start[0], start[1])
+    if start_x < 0:
         return np.zeros((0, 2))
+
+    # Distances of the squares' sides from the goal. Beyond the map there is nothing to reach.
     step = np.float32(costmap.resolution * 3.0)
     if tolerance < step:
         step = np.float32(tolerance)
-    most = min(
-        tolerance,
-        math.hypot(*costmap.size) * costmap.resolution + math.dist(goal[:2], costmap.origin),
+    diagonal = math.hypot(*costmap.size) * costmap.resolution
+    furthest = min(tolerance, diagonal + math.dist(goal[:2], costmap.origin))
+    count = int(min(furthest / step + 2, MOST_STEPS))
+    distances = np.cumsum(np.full(count, step), dtype=np.float32)
+    distances = distances[distances <= furthest].astype(np.float64)
+
+    x = _on_map(goal[0], distances, costmap, 0)
+    y = _on_map(goal[1], distances, costmap, 1)
+    reached = _reachable(costmap.cells, start_x, start_y, allow_unknown)
+    rows, columns = np.nonzero(reached[np.ix_(y.cells, x.cells)])
+
+    # C++ tries square by square. Within one, y is the outer loop, and the coordinate below the goal
+    # comes before the one above.
+    squares = np.maximum(y.squares[rows], x.squares[columns])
+    order = np.lexsort(
+        (x.signs[columns], y.signs[rows], x.squares[columns], y.squares[rows], squares)
     )
-    steps = np.cumsum(np.full(int(min(most / step + 2, MOST_STEPS)), step), dtype=np.float32)
-    offsets = np.concatenate([np.zeros(1), steps[steps <= most].astype(np.float64)])
-    x, x_index, x_sign = _on_map(
-        goal[0], offsets, costmap.origin[0], costmap.size[0] * costmap.resolution
-    )
-    y, y_index, y_sign = _on_map(
-        goal[1], offsets, costmap.origin[1], costmap.size[1] * costmap.resolution
-    )
-    mx, my = _cells(x, costmap, 0), _cells(y, costmap, 1)
-    rows, columns = np.nonzero(_reachable(costmap.cells, sx, sy, allow_unknown)[np.ix_(my, mx)])
-    squares = np.maximum(y_index[rows], x_index[columns])
-    order = np.lexsort((x_sign[columns], y_sign[rows], x_index[columns], y_index[rows], squares))
     order = order[squares[order] > 0]  # Square 0 is the goal itself, which has been tried already.
-    return np.stack([x[columns[order]], y[rows[order]]], axis=1)
+    return np.stack([x.values[columns[order]], y.values[rows[order]]], axis=1)
 
 
-def _on_map(
-    centre: float, offsets: np.ndarray, origin: float, length: float
-) -> Tuple[np.ndarray, ...]:
-    """Return those coordinates centre -+ offsets [m] that are on the map, with indices and signs of their offsets."""
-    index = np.arange(len(offsets))
-    value = np.concatenate([centre - offsets[1:], centre + offsets])
-    index, sign = (
-        np.concatenate([index[1:], index]),
-        np.concatenate([-np.ones(len(index) - 1), np.ones(len(index))]),
-    )
-    on = (value >= origin) & (value < origin + length)
-    return value[on], index[on], sign[on]
-
-
-def _cells(values: np.ndarray, costmap: Any, axis: int) -> np.ndarray:
-    cells: np.ndarray = np.minimum(
-        ((values - costmap.origin[axis]) / costmap.resolution).astype(np.int64),
-        costmap.size[axis] - 1,
-    )
-    return cells
+def _on_map(centre: float, distances: np.ndarray, costmap: Any, axis: int) -> _Coordinates:
+    """Return those coordinates centre -+ distances, and the centre, that are on the map."""
+    origin = costmap.origin[axis]
+    numbers = np.arange(1, len(distances) + 1)
+    values = np.concatenate([centre - distances, [centre], centre + distances])
+    squares = np.concatenate([numbers, [0], numbers])
+    signs = np.concatenate([-np.ones(len(distances)), np.ones(len(distances) + 1)])
+    end = origin + costmap.size[axis] * costmap.resolution
+    on_map = (values >= origin) & (values < end)
+    values = values[on_map]
+    cells = ((values - origin) / costmap.resolution).astype(np.int64)
+    # Rounding may put a coordinate just below the end into the cell after the last.
+    cells = np.minimum(cells, costmap.size[axis] - 1)
+    return _Coordinates(values, cells, squares[on_map], signs[on_map])
 
 
 @kernel
-def _reachable(cells: Data, sx: int, sy: int, allow_unknown: bool) -> Data:
-    """Return (ny, nx) bool: cells that a 4-connected flood from (sx, sy) reaches. The map's border is closed."""
-    ny, nx = cells.shape
-    reached = np.zeros((ny, nx), np.bool_)
-    stack = np.empty(nx * ny, np.int64)
-    reached[sy, sx] = True
-    stack[0] = sy * nx + sx
-    n = 1
-    while n > 0:
-        n -= 1
-        y = stack[n] // nx
-        x = stack[n] % nx
-        for k in range(4):
-            i = x + (k == 0) - (k == 1)
-            j = y + (k == 2) - (k == 3)
-            if i < 1 or j < 1 or i >= nx - 1 or j >= ny - 1 or reached[j, i]:
+def _reachable(cells: Data, start_x: int, start_y: int, allow_unknown: bool) -> Data:
+    """Return (ny, nx) bool: cells that a 4-connected flood from the start reaches.
+
+    As in navfn, the map's border is closed.
+    """
+    rows, columns = cells.shape
+    reached = np.zeros((rows, columns), np.bool_)
+    stack = np.empty(columns * rows, np.int64)
+    reached[start_y, start_x] = True
+    stack[0] = start_y * columns + start_x
+    count = 1
+    while count > 0:
+        count -= 1
+        cell = stack[count]
+        for neighbour in (cell - 1, cell + 1, cell - columns, cell + columns):
+            row = neighbour // columns
+            column = neighbour % columns
+            if not (0 < column < columns - 1 and 0 < row < rows - 1) or reached[row, column]:
                 continue
-            if cells[j, i] < INSCRIBED or (allow_unknown and cells[j, i] == UNKNOWN):
-                reached[j, i] = True
-                stack[n] = j * nx + i
-                n += 1
+            cost = cells[row, column]
+            if cost < INSCRIBED or (allow_unknown and cost == UNKNOWN):
+                reached[row, column] = True
+                stack[count] = neighbour
+                count += 1
     return reached

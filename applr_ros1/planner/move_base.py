@@ -1,13 +1,13 @@
-"""move_base without ROS, advanced in steps: costmaps, planners, recoveries, parameters and requests.
+"""move_base without ROS, advanced in steps: costmaps, planners, recoveries, parameters, requests.
 
-The ROS node and the training environment step the same class. It runs in one thread and has neither a clock nor a
-random source: time and seed are arguments. state_machine.py handles the goals.
+The ROS node and the training environment step the same class. It runs in one thread and has neither
+a clock nor a random source: time and seed are arguments. state_machine.py handles the goals.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Iterable, Optional, Sequence, Set, Tuple, Union
+from typing import Any, Dict, Iterable, List, Optional, Sequence, Set, Tuple, Union
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner import recovery
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.costmap.costmap import Costmap
-from applr_ros1.planner.costmap.static_layer import StaticMap
+from applr_ros1.planner.costmap.static_layer import StaticLayer, StaticMap
 from applr_ros1.planner.factory import make_costmap, make_local_planner
 from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.make_plan import free_square, reachable_near
@@ -44,13 +44,22 @@ class MoveBase:
     """Complete move_base, advanced by `step`.
 
     Args:
-        params: nested ROS parameter tree. Missing parameters have their defaults (planner/parameters).
+        params: nested ROS parameter tree. Missing parameters have their defaults
+            (planner/parameters).
         planner: planner fidelity, see variant.py.
-        seed: int or sequence of ints, used until `reset` gives another one. With "drawn", the seed determines the
-            planner fidelity, and with "cpp-like", the cycles whose plan comes late (state_machine.LATE).
+        seed: int or sequence of ints, used until `reset` gives another one. With "drawn", the seed
+            determines the planner fidelity, and with "cpp-like", the cycles whose plan comes late
+            (state_machine.LATE).
 
     Attributes:
+        parameters: complete parameter tree.
         local_planner_name: namespace of the local planner.
+        local_costmap, global_costmap: costmaps.
+        navfn: global planner.
+        recoveries: recovery behaviours in order.
+        variant: current planner fidelity, "ours" or "cpp-like".
+        local_origin: pose (x, y, yaw) of the local costmap's frame in the global one at the last
+            step, None if they are the same.
 
     Raises:
         ParameterError, ApplrError: the parameters cannot be used. The message has one line.
@@ -64,46 +73,44 @@ class MoveBase:
         self._config = Configuration(self.parameters)
         self._planner = planner
         self._seed = seed
+        # What was received on topics outlives a rebuild: maps by topic, and unpadded footprints
+        # (n, 2) [m] by costmap.
         self._maps: Dict[str, StaticMap] = {}
-        self._outlines: Dict[
-            str, np.ndarray
-        ] = {}  # by costmap: unpadded footprint (n, 2) [m] from its topic
+        self._outlines: Dict[str, np.ndarray] = {}
         self._build()
 
-    # -- components ------------------------------------------------------------------------------------------
+    # -- components --------------------------------------------------------------------------------
     def _build(self) -> None:
         """Create costmaps, planners and state from the current configuration."""
-        self.global_costmap, self.local_costmap = (
-            make_costmap(name, self.parameters[name], self._config) for name in COSTMAPS
-        )
-        self.variant = draw(self._planner, self._seed)  # current planner fidelity
-        like_cpp = self.variant == CPP_LIKE
-        local_planner = make_local_planner(self.parameters, self._config)
+        self.global_costmap = self._make_costmap("global_costmap")
+        self.local_costmap = self._make_costmap("local_costmap")
         self.navfn = Navfn()
-        self.recoveries = recovery.build(self.parameters, like_cpp)
+        self.variant = draw(self._planner, self._seed)
+        is_like_cpp = self.variant == CPP_LIKE
+        self.recoveries = recovery.build(self.parameters, is_like_cpp)
         self._components = Components(
-            local_planner,
+            make_local_planner(self.parameters, self._config),
             self.local_costmap,
             self.global_costmap,
             self.recoveries,
             self.plan,
             self.parameters["applr"]["recovery_rounds"],
         )
-        self._machine = StateMachine(
-            self._components, generator(self._seed, 3) if like_cpp else None
-        )
+        random = generator(self._seed, 3) if is_like_cpp else None
+        self._machine = StateMachine(self._components, random)
         self._timers = {name: Timer() for name in COSTMAPS}
         self._take_frequencies()
         self._router = ObservationRouter(
             self.local_costmap, self.global_costmap, self.parameters["scan_timeout"]
         )
-        self.local_origin: Optional[Pose] = (
-            None  # pose of the local costmap's frame in the global one (last step)
-        )
-        for topic, given in self._maps.items():
-            self._show_map(topic, given)
+        self.local_origin: Optional[Pose] = None
+        for topic, static_map in self._maps.items():
+            self._show_map(topic, static_map)
         for name in self._outlines:
             self._show_footprint(name)
+
+    def _make_costmap(self, name: str) -> Costmap:
+        return make_costmap(name, self.parameters[name], self._config)
 
     def _take_frequencies(self) -> None:
         settings = self._config[""]
@@ -118,7 +125,8 @@ class MoveBase:
         """Rate at which step() must be called [Hz]: the highest rate of its components."""
         settings = self._config[""]
         updates = [self._config[name]["update_frequency"] for name in COSTMAPS]
-        return float(max(settings["controller_frequency"], settings["planner_frequency"], *updates))
+        turns = [settings["controller_frequency"], settings["planner_frequency"]]
+        return float(max(turns + updates))
 
     @property
     def local_planner(self) -> LocalPlanner:
@@ -131,21 +139,23 @@ class MoveBase:
 
     @property
     def goal_tolerance(self) -> float:
-        """Distance to the goal within which the position counts as reached for the local planner [m]."""
+        """Distance to the goal within which the local planner counts it as reached [m]."""
         name = self.local_planner_name
-        return float({**self.parameters[name], **self._config[name]}["xy_goal_tolerance"])
+        # Not every planner has this parameter on its server.
+        values = dict(self.parameters[name], **self._config[name])
+        return float(values["xy_goal_tolerance"])
 
-    # -- requests between steps ------------------------------------------------------------------------------
+    # -- requests between steps --------------------------------------------------------------------
     def set_goal(self, goal: Pose, now: float) -> None:
         """Set the goal (x, y, yaw) in the global frame, which replaces the current one.
 
         The result appears in a later Cycle. A goal that is not finite is aborted at the next step.
         """
-        x, y, yaw = (float(v) for v in goal)
-        if not all(math.isfinite(v) for v in (x, y, yaw)):
-            self.refuse_goal(INVALID_GOAL)
-        else:
+        x, y, yaw = (float(number) for number in goal)
+        if all(map(math.isfinite, (x, y, yaw))):
             self._machine.set_goal((x, y, yaw), now)
+        else:
+            self.refuse_goal(INVALID_GOAL)
 
     def refuse_goal(self, text: str) -> None:
         """Abort with `text` at the next step, because the goal cannot be used."""
@@ -156,7 +166,10 @@ class MoveBase:
         self._machine.cancel()
 
     def report_held(self, held: bool) -> None:
-        """Record whether a collision monitor blocked nearly all of the last command (Verdict.blocked)."""
+        """Record whether a collision monitor blocked nearly all of the last command.
+
+        This is Verdict.blocked of the monitor.
+        """
         self._machine.report_held(held)
 
     def reset(
@@ -167,69 +180,86 @@ class MoveBase:
         Args:
             now: time [s].
             restore: whether to restore the start-up parameters, too.
-            seed: new seed (see the class). None keeps the last seed, and thus the planner fidelity.
+            seed: new seed (see the class). None keeps the last one, and thus the planner fidelity.
         """
-        self._seed = self._seed if seed is None else seed
+        if seed is not None:
+            self._seed = seed
         if restore:
             self._config.restore()
             self._outlines.clear()
         self._build()
 
     def clear_costmaps(self) -> None:
-        """Clear both costmaps, the local one first. The last scan marks again at the next update."""
+        """Clear both costmaps, the local one first. The next update marks the last scan again."""
         self.local_costmap.clear()
         self.global_costmap.clear()
 
-    # -- maps ------------------------------------------------------------------------------------------------
+    # -- maps --------------------------------------------------------------------------------------
     @property
     def costmaps(self) -> Dict[str, Costmap]:
         """Both costmaps by name."""
         return {"global_costmap": self.global_costmap, "local_costmap": self.local_costmap}
 
     @property
+    def _static_layers(self) -> List[StaticLayer]:
+        """Static layers of both costmaps, those of the global one first."""
+        return self.global_costmap.static_layers + self.local_costmap.static_layers
+
+    @property
     def map_topics(self) -> Dict[str, bool]:
-        """Topics of the maps that static layers need: {topic: whether a static layer takes updates, too}."""
-        wanted: Dict[str, bool] = {}
-        for costmap in self.costmaps.values():
-            for layer in costmap.static_layers:
-                p = layer.parameters
-                wanted[p.map_topic] = wanted.get(p.map_topic, False) or p.subscribe_to_updates
-        return wanted
+        """Topics of the maps that static layers need, and whether one of them takes updates."""
+        topics: Dict[str, bool] = {}
+        for layer in self._static_layers:
+            parameters = layer.parameters
+            takes_updates = topics.get(parameters.map_topic, False)
+            topics[parameters.map_topic] = takes_updates or parameters.subscribe_to_updates
+        return topics
 
     @property
     def missing_map(self) -> str:
         """Topic of a map that a static layer still waits for, or "" if there is none."""
-        layers = [layer for costmap in self.costmaps.values() for layer in costmap.static_layers]
-        return next((layer.parameters.map_topic for layer in layers if layer.is_waiting), "")
+        for layer in self._static_layers:
+            if layer.is_waiting:
+                return layer.parameters.map_topic
+        return ""
 
     def set_map(self, given: StaticMap, topic: str = "") -> None:
-        """Set the map of static layers that listen to `topic` (default: first of map_topics). A reset keeps the map.
+        """Set the map of the static layers that listen to a topic. A reset keeps the map.
+
+        Args:
+            given: map.
+            topic: topic of the map, by default the first of map_topics.
 
         Raises:
             ApplrError: the map cannot be used. Nothing is changed.
         """
         topic = topic or next(iter(self.map_topics), "")
-        given = given.checked()
-        self._check_frame(topic, given)
-        if topic not in self._maps or any(
-            layer.parameters.map_topic == topic and layer.accepts()
-            for costmap in self.costmaps.values()
-            for layer in costmap.static_layers
-        ):
-            self._maps[topic] = given
-        self._show_map(topic, given)
+        static_map = given.checked()
+        self._check_frame(topic, static_map)
+        # Kept for the next reset, unless all layers have taken their first and only map.
+        if topic not in self._maps or self._is_accepted(topic):
+            self._maps[topic] = static_map
+        self._show_map(topic, static_map)
 
-    def _show_map(self, topic: str, given: StaticMap) -> None:
+    def _is_accepted(self, topic: str) -> bool:
+        listeners = [layer for layer in self._static_layers if layer.parameters.map_topic == topic]
+        return any(layer.accepts() for layer in listeners)
+
+    def _show_map(self, topic: str, static_map: StaticMap) -> None:
         for costmap in self.costmaps.values():
-            costmap.set_map(topic, given)
+            costmap.set_map(topic, static_map)
 
-    def _check_frame(self, topic: str, given: StaticMap) -> None:
+    def _check_frame(self, topic: str, static_map: StaticMap) -> None:
+        """Raise ApplrError if a rolling costmap cannot use a map because of its frame."""
+        if static_map.frame in ("", *self._global_frames):
+            return
         for name, costmap in self.costmaps.items():
-            listens = any(layer.parameters.map_topic == topic for layer in costmap.static_layers)
-            if listens and costmap.rolling and given.frame not in ("", *self._global_frames):
+            topics = [layer.parameters.map_topic for layer in costmap.static_layers]
+            if costmap.rolling and topic in topics:
+                frames = " or ".join(self._global_frames)
                 raise ApplrError(
-                    f"the map on {topic} is in frame {given.frame}, which the rolling {name} cannot use: publish it in "
-                    f"{' or '.join(self._global_frames)}"
+                    f"the map on {topic} is in frame {static_map.frame}, "
+                    f"which the rolling {name} cannot use: publish it in {frames}"
                 )
 
     @property
@@ -238,13 +268,19 @@ class MoveBase:
         return tuple(self.parameters[name]["global_frame"].lstrip("/") for name in COSTMAPS)
 
     def update_map(self, topic: str, x: int, y: int, cells: np.ndarray) -> None:
-        """Write occupancies (h, w) int8 into a topic's map, first cell at (x, y). Raise ApplrError if they leave it."""
+        """Write occupancies (h, w) int8 into a topic's map, first cell at (x, y).
+
+        Raises:
+            ApplrError: They leave the map.
+        """
         for costmap in self.costmaps.values():
             costmap.update_map(topic, x, y, cells)
+        # A reset shows the updated map again.
         if self.map_topics.get(topic):
-            self._maps[topic].cells[y : y + cells.shape[0], x : x + cells.shape[1]] = cells
+            height, width = cells.shape
+            self._maps[topic].cells[y : y + height, x : x + width] = cells
 
-    # -- one step --------------------------------------------------------------------------------------------
+    # -- one step ----------------------------------------------------------------------------------
     def step(
         self,
         now: float,
@@ -257,56 +293,71 @@ class MoveBase:
 
         Args:
             now: time [s].
-            pose: robot pose (x, y, yaw) in the local costmap's frame. None if this pose or `local_origin` is unknown. A
-                global costmap in another frame then takes no observations.
+            pose: robot pose (x, y, yaw) in the local costmap's frame. None if this pose or
+                `local_origin` is unknown. A global costmap in another frame then takes no
+                observations.
             twist: driven velocity (v [m/s], w [rad/s]).
-            scan: new observation on the first source's topic, or {topic: observation}. None if there is nothing new.
-            local_origin: pose (x, y, yaw) of the local costmap's frame in the global one, None if they are the same.
+            scan: new observation on the first source's topic, or {topic: observation}. None if
+                there is nothing new.
+            local_origin: pose (x, y, yaw) of the local costmap's frame in the global one, None if
+                they are the same.
         """
         cycle = Cycle()
         self.local_origin = local_origin
+
+        # Observations come first, so that this step's maps and command know them.
         if scan is not None:
-            world, local = self._global_frames
-            self._router.take(scan, now, local_origin, placed=pose is not None or world == local)
+            global_frame, local_frame = self._global_frames
+            is_placed = pose is not None or global_frame == local_frame
+            self._router.take(scan, now, local_origin, is_placed)
         self._update_maps(now, pose, cycle)
         cycle.silent = self._router.silent(now)
-        global_pose = None if pose is None else self.in_global_frame(pose)
-        settings, stale = self._config[""], cycle.silent is not None
-        self._machine.step(
-            CycleInput(now, pose, global_pose, local_origin, twist, settings, stale), cycle
+
+        inputs = CycleInput(
+            time=now,
+            local_pose=pose,
+            global_pose=None if pose is None else self.in_global_frame(pose),
+            local_origin=local_origin,
+            twist=twist,
+            settings=self._config[""],
+            scan_is_stale=cycle.silent is not None,
         )
+        self._machine.step(inputs, cycle)
         return cycle
 
     def _update_maps(self, now: float, pose: Optional[Pose], cycle: Cycle) -> None:
-        if pose is None or self.goal is None and self._config[""]["shutdown_costmaps"]:
+        """Update the costmaps that are due."""
+        is_shut_down = self.goal is None and self._config[""]["shutdown_costmaps"]
+        if pose is None or is_shut_down:
             return
-        local, world = (
-            self._timers["local_costmap"].due(now),
-            self._timers["global_costmap"].due(now),
-        )
+        local_is_due = self._timers["local_costmap"].due(now)
+        global_is_due = self._timers["global_costmap"].due(now)
         if self.local_origin is not None:
-            self._place_maps()
-        if local:
+            self._place_maps(self.local_origin)
+        if local_is_due:
             self.local_costmap.update(pose)
-        if world:
+        if global_is_due:
             self.global_costmap.update(self.in_global_frame(pose))
-        cycle.updated = local, world
+        cycle.updated = (local_is_due, global_is_due)
 
-    def _place_maps(self) -> None:
-        """Set the placement of each static layer whose map is in the frame of the other costmap."""
-        world, local = self._global_frames
-        local_origin = self.local_origin or (0.0, 0.0, 0.0)
-        placements = (
-            (self.global_costmap, local, inverse(local_origin)),
-            (self.local_costmap, world, local_origin),
-        )
-        for costmap, other, placement in placements:
-            for layer in costmap.static_layers:
-                layer.placement = placement if layer.map_frame == other else None
+    def _place_maps(self, local_origin: Pose) -> None:
+        """Set the placement of each static layer whose map is in the other costmap's frame."""
+        global_frame, local_frame = self._global_frames
+        for layer in self.global_costmap.static_layers:
+            is_in_local = layer.map_frame == local_frame
+            layer.placement = inverse(local_origin) if is_in_local else None
+        for layer in self.local_costmap.static_layers:
+            is_in_global = layer.map_frame == global_frame
+            layer.placement = local_origin if is_in_global else None
 
     def in_global_frame(self, pose: Pose) -> Pose:
-        """Transform a pose (x, y, yaw) from the local to the global costmap's frame, as of the last step."""
-        return pose if self.local_origin is None else compose(self.local_origin, pose)
+        """Transform a pose (x, y, yaw) from the local to the global costmap's frame.
+
+        The frames are placed as in the last step.
+        """
+        if self.local_origin is None:
+            return pose
+        return compose(self.local_origin, pose)
 
     @property
     def sources(self) -> Dict[str, str]:
@@ -338,80 +389,104 @@ class MoveBase:
         """State of the goal: "planning", "controlling" or "clearing"."""
         return self._machine.state
 
-    # -- plans on request ------------------------------------------------------------------------------------
+    # -- plans on request --------------------------------------------------------------------------
     def plan(self, start: Pose, goal: Pose, tolerance: Optional[float] = None) -> np.ndarray:
-        """Return a navfn plan (n, 3) from start to goal (x, y, yaw) in the global frame, or (0, 3) if there is none."""
+        """Return a navfn plan (n, 3) in the global frame, (0, 3) if there is none.
+
+        Args:
+            start: pose (x, y, yaw) of the robot.
+            goal: pose (x, y, yaw) to reach.
+            tolerance: distance [m] from the goal within which the plan may end, by default
+                NavfnROS/default_tolerance.
+        """
         settings = self.parameters["NavfnROS"]
-        tolerance = settings["default_tolerance"] if tolerance is None else tolerance
-        return self.navfn.plan(
-            self.global_costmap, start[:2], goal, tolerance, settings["allow_unknown"]
-        )
+        if tolerance is None:
+            tolerance = settings["default_tolerance"]
+        allow_unknown = settings["allow_unknown"]
+        return self.navfn.plan(self.global_costmap, start[:2], goal, tolerance, allow_unknown)
 
     def make_plan(self, start: Pose, goal: Pose, tolerance: float = 0.0) -> np.ndarray:
-        """Return a plan (n, 3) to the goal, or to the first reachable point on growing squares around the goal.
+        """Return a plan (n, 3) to the goal, or to a reachable point near it.
 
-        The plan is (0, 3) if nothing within `tolerance` [m] can be reached. While a goal is active, the node refuses
-        the service and this method leaves the costmaps unchanged.
+        This is the first one on growing squares around the goal. The plan is (0, 3) if nothing
+        within `tolerance` [m] can be reached. While a goal is active, the node refuses the service
+        and this method leaves the costmaps unchanged.
         """
-        if not all(math.isfinite(v) for v in tuple(start) + tuple(goal)):
+        if not all(map(math.isfinite, (*start, *goal))):
             return NO_PLAN
         settings = self._config[""]
         if settings["make_plan_clear_costmap"] and self.goal is None:
-            here = (
-                start if self.local_origin is None else compose(inverse(self.local_origin), start)
-            )
-            for costmap, pose in ((self.global_costmap, start), (self.local_costmap, here)):
-                free_square(costmap, pose, self.parameters["clearing_radius"])
+            self._free_squares(start)
         plan = self.plan(start, goal)
-        if not len(plan) and tolerance > 0.0:
-            plan = self._plan_near(
-                start, goal, tolerance, settings["make_plan_add_unreachable_goal"]
-            )
+        if len(plan) == 0 and tolerance > 0.0:
+            append_goal = settings["make_plan_add_unreachable_goal"]
+            plan = self._plan_near(start, goal, tolerance, append_goal)
         return plan
+
+    def _free_squares(self, start: Pose) -> None:
+        """Free a square around the start, a pose in the global frame, in both costmaps."""
+        local_start = start
+        if self.local_origin is not None:
+            local_start = compose(inverse(self.local_origin), start)
+        radius = self.parameters["clearing_radius"]
+        free_square(self.global_costmap, start, radius)
+        free_square(self.local_costmap, local_start, radius)
 
     def _plan_near(
         self, start: Pose, goal: Pose, tolerance: float, append_goal: bool
     ) -> np.ndarray:
-        unknown = self.parameters["NavfnROS"]["allow_unknown"]
-        for x, y in reachable_near(self.global_costmap, start, goal, tolerance, unknown):
+        """Return a plan (n, 3) to the first reachable point near the goal that navfn finds."""
+        allow_unknown = self.parameters["NavfnROS"]["allow_unknown"]
+        points = reachable_near(self.global_costmap, start, goal, tolerance, allow_unknown)
+        for x, y in points:
             plan = self.plan(start, (x, y, goal[2]))
-            if len(plan):
-                return np.vstack([plan, goal]) if append_goal else plan
+            if len(plan) == 0:
+                continue
+            if append_goal:
+                plan = np.vstack([plan, goal])
+            return plan
         return NO_PLAN
 
-    # -- parameters ------------------------------------------------------------------------------------------
+    # -- parameters --------------------------------------------------------------------------------
     @property
     def servers(self) -> Dict[str, Server]:
         """dynamic_reconfigure servers by name. move_base's own server has the name ""."""
         return servers(self.parameters)
 
     def configuration(self, server: str) -> Dict[str, Any]:
-        """Return the current values of a server ("", "TrajectoryPlannerROS", ...). The caller must not modify them."""
+        """Return the current values of a server ("", "TrajectoryPlannerROS", ...).
+
+        The caller must not modify them.
+        """
         return self._config[server]
 
     def reconfigure(self, server: str, values: Dict[str, Any]) -> Dict[str, Any]:
         """Apply `values`, clamped to their bounds, and return the resulting values.
 
-        As in C++, each call of a costmap's server clears the costmap, even with unchanged values, and makes its update
-        due at once (Costmap2DROS::reconfigureCB). A costmap whose size comes from a static layer's map is not cleared.
-        Calls of all other servers, those of the layers included, clear nothing.
+        As in C++, each call of a costmap's server clears the costmap, even with unchanged values,
+        and makes its update due at once (Costmap2DROS::reconfigureCB). A costmap whose size comes
+        from a static layer's map is not cleared. Calls of all other servers, those of the layers
+        included, clear nothing.
 
         Raises:
             ParameterError: a value is invalid. All values are rejected.
         """
-        new, old = self._config.request(server, values), self._config[server]
-        changed = {name for name in new if new[name] != old[name]}
+        old_values = self._config[server]
+        new_values = self._config.request(server, values)
+        changed = {name for name in new_values if new_values[name] != old_values[name]}
+        # The planner may refuse, so it is asked before anything is changed.
         if server == self.local_planner_name:
-            self.local_planner.reconfigure(new)
-        self._config.accept(server, new)
+            self.local_planner.reconfigure(new_values)
+        self._config.accept(server, new_values)
+
+        name, _, layer = server.partition("/")
         if server == "" and changed:
             self._take_frequencies()
         elif server in COSTMAPS:
             self._reconfigure_costmap(server, changed)
-        elif server.partition("/")[0] in COSTMAPS and changed:
-            name, _, layer = server.partition("/")
-            self.costmaps[name].configure(layer, **new)
-        return dict(new)
+        elif name in COSTMAPS and changed:
+            self.costmaps[name].configure(layer, **new_values)
+        return dict(new_values)
 
     def start_up_configuration(self, server: str) -> Dict[str, Any]:
         """Return the start-up values of a server, as set by the parameter files."""
@@ -420,13 +495,14 @@ class MoveBase:
     def set_footprint(self, name: str, vertices: Iterable[Sequence[float]]) -> None:
         """Set the unpadded footprint (n, 2) [m] of a costmap, as received on its footprint topic.
 
-        As in C++, it applies until `footprint` or `robot_radius` changes or the start-up parameters are restored.
+        As in C++, it applies until `footprint` or `robot_radius` changes or the start-up parameters
+        are restored.
         """
         self._outlines[name] = footprint.parse([list(map(float, point)) for point in vertices])
         self._show_footprint(name)
 
     def _show_footprint(self, name: str) -> None:
-        """Apply a costmap's footprint: the one received by topic, otherwise the one in its parameters."""
+        """Apply a costmap's footprint: that of its topic, otherwise that of its parameters."""
         if name in self._outlines:
             outline = footprint.pad(self._outlines[name], self._config[name]["footprint_padding"])
         else:
@@ -434,12 +510,11 @@ class MoveBase:
         self.costmaps[name].set_footprint(outline)
 
     def _reconfigure_costmap(self, name: str, changed: Set[str]) -> None:
-        now = self._config[name]
+        values = self._config[name]
         self._timers[name] = Timer()  # C++ restarts the thread that updates the map.
-        self._timers[name].set_frequency(now["update_frequency"])
-        self.costmaps[name].resize(
-            now["width"], now["height"], now["resolution"], (now["origin_x"], now["origin_y"])
-        )
+        self._timers[name].set_frequency(values["update_frequency"])
+        origin = (values["origin_x"], values["origin_y"])
+        self.costmaps[name].resize(values["width"], values["height"], values["resolution"], origin)
         if changed & {"footprint", "robot_radius"}:
             self._outlines.pop(name, None)
         if changed & {"footprint", "robot_radius", "footprint_padding"}:

@@ -1,4 +1,4 @@
-"""Cropping of the global plan to the surroundings of the robot, and pruning of the points behind it.
+"""Cropping of the global plan to the robot's surroundings, and pruning of the points behind it.
 
 Called by both local planners. The rules are those of base_local_planner/goal_functions.cpp:77, 96.
 """
@@ -19,8 +19,9 @@ NEAR = 1.0  # smallest distance from the robot at which a leading point is prune
 
 def half_size(costmap: Any) -> float:
     """Return half of the longer side of the map [m]."""
-    ny, nx = costmap.cells.shape
-    return float(max(nx * costmap.resolution / 2.0, ny * costmap.resolution / 2.0))
+    rows, columns = costmap.cells.shape
+    # As in C++, each side is halved before the comparison.
+    return float(max(columns * costmap.resolution / 2.0, rows * costmap.resolution / 2.0))
 
 
 def cut_plan(
@@ -31,91 +32,113 @@ def cut_plan(
     prune: bool,
     local_origin: Optional[Pose] = None,
 ) -> Tuple[np.ndarray, int]:
-    """Return the part (k, 3) of the plan that the robot follows, in the costmap's frame, and how many points to prune.
+    """Return the part (k, 3) of the plan that the robot follows, and how many points to prune.
 
-    The part reaches from the first point within `limit` [m] up to and including the first point beyond `limit`.
+    The part is in the costmap's frame. It reaches from the first point within `limit` [m] up to and
+    including the first point beyond `limit`.
 
     Args:
         plan: poses (n, 3).
         x: x coordinate of the robot in the costmap's frame [m].
         y: y coordinate of the robot in the costmap's frame [m].
         limit: radius around the robot [m].
-        prune: whether to drop leading points at a distance of at least NEAR. As in C++, the caller removes as many from
-            the front of the stored plan. If the cut begins later in the plan, these are other points.
-        local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, None if the frames are the same.
+        prune: whether to drop leading points at a distance of at least NEAR. As in C++, the caller
+            removes as many from the front of the stored plan. If the cut begins later in the plan,
+            these are other points.
+        local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, None if the
+            frames are the same.
     """
     if local_origin is None:
-        first, last = within(plan, x, y, limit)
-        cut = plan[first:last]
+        first, end = within(plan, x, y, limit)
+        cut = plan[first:end]
     else:
-        first, last = within(plan, *transform_point(local_origin, x, y), limit)
-        cut = transformed(plan[first:last], inverse(local_origin))
-    dropped = leading_far(cut, x, y) if prune else 0
+        plan_x, plan_y = transform_point(local_origin, x, y)
+        first, end = within(plan, plan_x, plan_y, limit)
+        cut = transformed(plan[first:end], inverse(local_origin))
+    dropped = 0
+    if prune:
+        dropped = leading_far(cut, x, y)
     return cut[dropped:].copy(), dropped
 
 
 @kernel
 def within(plan: Data, x: float, y: float, limit: float) -> Tuple[int, int]:
-    """Return (first, last): plan[first:last] reaches from the first point within `limit` to the first one beyond."""
-    n = plan.shape[0]
+    """Return (first, end) of the part of the plan from the first point within `limit` [m].
+
+    plan[first:end] ends with the first point beyond the limit that follows.
+    """
+    count = plan.shape[0]
+    squared_limit = limit * limit
     first = 0
-    while first < n and _squared_distance(plan, first, x, y) > limit * limit:
+    while first < count and _squared_distance(plan, first, x, y) > squared_limit:
         first += 1
-    last = first
-    while last < n:
-        last += 1
-        if _squared_distance(plan, last - 1, x, y) > limit * limit:
+    end = first
+    while end < count:
+        end += 1
+        if _squared_distance(plan, end - 1, x, y) > squared_limit:
             break
-    return first, last
+    return first, end
 
 
 @kernel
 def leading_far(plan: Data, x: float, y: float) -> int:
     """Count the leading points at a distance of at least NEAR."""
-    far = 0
-    while far < plan.shape[0] and _squared_distance(plan, far, x, y) >= NEAR * NEAR:
-        far += 1
-    return far
+    count = 0
+    while count < plan.shape[0] and _squared_distance(plan, count, x, y) >= NEAR * NEAR:
+        count += 1
+    return count
 
 
 @kernel
-def _squared_distance(plan: Data, i: int, x: float, y: float) -> float:
-    dx: float = x - plan[i, 0]
-    dy: float = y - plan[i, 1]
-    return dx * dx + dy * dy
+def _squared_distance(plan: Data, index: int, x: float, y: float) -> float:
+    offset_x: float = x - plan[index, 0]
+    offset_y: float = y - plan[index, 1]
+    return offset_x * offset_x + offset_y * offset_y
 
 
 def transformed(poses: np.ndarray, local_origin: Optional[Pose]) -> np.ndarray:
-    """Return the poses (n, 3), transformed by local_origin if any. Angles pass through quaternions, as in tf."""
+    """Return the poses (n, 3), transformed by local_origin if any.
+
+    Angles pass through quaternions, as in tf.
+    """
     moved = poses.copy()
+    turn = 0.0
     if local_origin is not None:
         moved[:, 0], moved[:, 1] = transform_point(local_origin, poses[:, 0], poses[:, 1])
-    _through_matrix(moved[:, 2], 0.0 if local_origin is None else local_origin[2])
+        turn = local_origin[2]
+    _through_matrix(moved[:, 2], turn)
     return moved
 
 
 @kernel
 def _through_matrix(yaws: Data, turn: float) -> None:
-    """Rotate the angles (n,) in place as tf does: quaternion, matrix, quaternion."""
-    for i in range(yaws.shape[0]):
-        z = math.sin(yaws[i] / 2)
-        w = math.cos(yaws[i] / 2)
+    """Rotate the angles (n,) in place as tf does: quaternion, matrix, quaternion.
+
+    All rotations are about z, so a quaternion is (0, 0, z, w).
+    """
+    for index in range(yaws.shape[0]):
+        z = math.sin(yaws[index] / 2)
+        w = math.cos(yaws[index] / 2)
         if turn != 0.0:
-            tz = math.sin(turn / 2)
-            tw = math.cos(turn / 2)
-            z, w = tw * z + tz * w, tw * w - tz * z
+            turn_z = math.sin(turn / 2)
+            turn_w = math.cos(turn / 2)
+            product_z = turn_w * z + turn_z * w
+            w = turn_w * w - turn_z * z
+            z = product_z
+
+        # Matrix3x3::setRotation: the elements m10 = -m01, and m00 = m11.
         scale = 2 / (z * z + w * w)
-        a = w * (z * scale)
-        m = 1 - z * (z * scale)
-        trace = m + m + 1.0
+        m10 = w * (z * scale)
+        m00 = 1 - z * (z * scale)
+
+        # Matrix3x3::getRotation: by the trace, or by its largest element if that is m22.
+        trace = m00 + m00 + 1.0
         if trace > 0:
-            r = math.sqrt(trace + 1.0)
-            w = r / 2
+            root = math.sqrt(trace + 1.0)
+            w = root / 2
+            z = (m10 + m10) * (0.5 / root)
         else:
-            r = math.sqrt(1.0 - m - m + 1.0)
-        back = (a + a) * (0.5 / r)
-        if trace > 0:
-            z = back
-        else:
-            z, w = r / 2, back
-        yaws[i] = math.atan2(2 * (w * z), w * w - z * z)
+            root = math.sqrt(1.0 - m00 - m00 + 1.0)
+            z = root / 2
+            w = (m10 + m10) * (0.5 / root)
+        yaws[index] = math.atan2(2 * (w * z), w * w - z * z)

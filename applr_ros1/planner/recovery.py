@@ -1,7 +1,7 @@
-"""Recovery behaviours of a stuck move_base: clear the costmaps away from the robot, or rotate once in place.
+"""Recovery behaviours of a stuck move_base: clear the costmaps far away, or rotate once in place.
 
-MoveBase holds one object per behaviour and calls step() once per control cycle until it returns None, so a rotation
-can be cancelled between two cycles.
+MoveBase holds one object per behaviour and calls step() once per control cycle until it returns
+None, so a rotation can be cancelled between two cycles.
 """
 
 from __future__ import annotations
@@ -11,25 +11,33 @@ from typing import Any, Dict, List, Optional, Tuple, Union
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.planner.costmap.costmap import Costmap
-from applr_ros1.planner.parameters.move_base_parameters import DEFAULT_RECOVERIES, RECOVERY_TYPES
+from applr_ros1.planner.parameters.move_base_parameters import (
+    DEFAULT_RECOVERIES,
+    RECOVERY_TYPES,
+)
 from applr_ros1.planner.sampling_planner import angle_difference
 
-PATIENCE = 4.0  # time limit of a rotation as a multiple of its unhindered time (C++ has no limit)
+# Time limit of a rotation as a multiple of its unhindered time. C++ has no limit.
+PATIENCE = 4.0
 
 
 class ClearCostmapRecovery:
-    """Recovery that clears obstacles outside a square around the robot, in both costmaps, global first.
+    """Recovery that clears obstacles outside a square around the robot.
 
-    Unlike C++, it clears all obstacle layers, whatever their names. The next update marks the latest scan again.
+    It clears both costmaps, the global one first, and unlike C++ all obstacle layers, whatever
+    their names. The next update marks the latest scan again.
 
     Args:
         name: name of the behaviour.
         side: side of the square [m].
-        like_cpp: whether to clear nothing. C++ clears only "obstacles", but the Jackal's layer is "obstacles_layer".
+        like_cpp: whether to clear nothing. C++ clears only "obstacles", but the Jackal's layer is
+            "obstacles_layer".
     """
 
     def __init__(self, name: str, side: float, like_cpp: bool = False):
-        self.name, self.side, self._clears = name, side, not like_cpp
+        self.name = name
+        self.side = side
+        self._clears = not like_cpp
 
     def start(self, now: float, pose: Pose) -> None:
         """Begin at time `now` [s]. The behaviour has no state."""
@@ -53,10 +61,16 @@ class ClearCostmapRecovery:
 
 
 class RotateRecovery:
-    """Recovery that rotates once anticlockwise in place (rotate_recovery.cpp:93). Its limits are read only at start-up.
+    """Recovery that rotates once anticlockwise in place. rotate_recovery.cpp:93.
 
-    As in C++, half a turn and a full turn count as reached within `tolerance`. A control rate below 20 Hz may skip
-    these yaws, so the accumulated rotation counts, too. With like_cpp, an incomplete rotation goes on forever.
+    As in C++, half a turn and a full turn count as reached within the yaw tolerance. A control rate
+    below 20 Hz may skip these yaws, so the accumulated rotation counts, too.
+
+    Args:
+        name: name of the behaviour.
+        planner: parameters of TrajectoryPlannerROS at start-up, for limits and tolerance.
+        sim_granularity: step between the yaws at which the footprint is tested [rad].
+        like_cpp: whether an incomplete rotation goes on forever.
     """
 
     def __init__(
@@ -67,19 +81,26 @@ class RotateRecovery:
         like_cpp: bool = False,
     ):
         self.name = name
-        self.acc = planner["acc_lim_theta"]
-        self.fastest, self.slowest = planner["max_vel_theta"], planner["min_in_place_vel_theta"]
+        self.acceleration = planner["acc_lim_theta"]
+        self.fastest_turn = planner["max_vel_theta"]
+        self.slowest_turn = planner["min_in_place_vel_theta"]
         self.tolerance = planner["yaw_goal_tolerance"]
         self.granularity = sim_granularity
-        self._start = self._angle = self._turned = self._until = 0.0
         self._patience = math.inf if like_cpp else PATIENCE
-        self._half = False
+        self._start_yaw = 0.0
+        self._last_yaw = 0.0
+        self._turned = 0.0  # accumulated rotation [rad]
+        self._is_past_half = False
+        self._deadline = 0.0
 
     def start(self, now: float, pose: Pose) -> None:
         """Record the yaw at which the rotation begins."""
-        self._start = self._angle = pose[2]
-        self._turned, self._half = 0.0, False
-        self._until = now + self._patience * 2.0 * math.pi / max(self.fastest, 1e-3)
+        self._start_yaw = pose[2]
+        self._last_yaw = pose[2]
+        self._turned = 0.0
+        self._is_past_half = False
+        unhindered = 2.0 * math.pi / max(self.fastest_turn, 1e-3)
+        self._deadline = now + self._patience * unhindered
 
     def step(
         self,
@@ -89,53 +110,71 @@ class RotateRecovery:
         global_costmap: Costmap,
         global_pose: Optional[Pose] = None,
     ) -> Optional[Tuple[float, float]]:
-        """Return the next command (0, w), or None when the rotation is complete, blocked or takes too long."""
+        """Return the next command (0, w [rad/s]).
+
+        Return None when the rotation is complete, blocked or takes too long.
+        """
         x, y, yaw = pose
-        done = self._half and abs(angle_difference(self._angle, self._start)) <= self.tolerance
-        self._turned += angle_difference(self._angle, yaw)
-        if done or now > self._until or self._turned >= 2.0 * math.pi:
+
+        # As in C++, the end is recognised in the cycle after the yaw was reached.
+        to_start = abs(angle_difference(self._last_yaw, self._start_yaw))
+        is_complete = self._is_past_half and to_start <= self.tolerance
+        self._turned += angle_difference(self._last_yaw, yaw)
+        if is_complete or now > self._deadline or self._turned >= 2.0 * math.pi:
             return None
-        self._angle = yaw
-        if self._half:
-            left = abs(angle_difference(yaw, self._start))
+        self._last_yaw = yaw
+
+        # Until half a turn is done, the way leads through the opposite yaw.
+        if self._is_past_half:
+            left = abs(angle_difference(yaw, self._start_yaw))
         else:
-            to_half = abs(angle_difference(yaw, self._start + math.pi))
+            to_half = abs(angle_difference(yaw, self._start_yaw + math.pi))
             left = math.pi + to_half
-            self._half = to_half < self.tolerance or self._turned > math.pi
+            self._is_past_half = to_half < self.tolerance or self._turned > math.pi
+
+        # The whole rest of the rotation must be free.
         ahead = 0.0
         while ahead < left:
             if local_costmap.footprint_cost(x, y, yaw + ahead) < 0.0:
                 return None
             ahead += self.granularity
-        w = math.sqrt(2.0 * self.acc * left)
-        return 0.0, min(max(w, self.slowest), self.fastest)
+
+        # The fastest turn that can still stop after the rest.
+        braking = math.sqrt(2.0 * self.acceleration * left)
+        return 0.0, min(max(braking, self.slowest_turn), self.fastest_turn)
 
 
 Behaviour = Union[ClearCostmapRecovery, RotateRecovery]
 
 
 def build(parameters: Dict[str, Any], like_cpp: bool = False) -> List[Behaviour]:
-    """Return the behaviours in order, from a complete parameter tree. As in C++, it is read only at start-up.
+    """Return the behaviours in order, from a complete parameter tree, as C++ does at start-up.
 
-    The default list omits rotations if `clearing_rotation_allowed` is False. A custom list is used unchanged
-    (move_base.cpp, loadRecoveryBehaviors). like_cpp: behave like C++, which clears nothing on the Jackal.
+    The default list omits rotations if `clearing_rotation_allowed` is False. A custom list is used
+    unchanged (move_base.cpp, loadRecoveryBehaviors). An entry that is listed twice is one object.
+
+    Args:
+        parameters: complete parameter tree.
+        like_cpp: whether the behaviours have the defects of C++.
     """
-    listed = parameters["recovery_behaviors"]
-    usual = listed == DEFAULT_RECOVERIES
-    made: Dict[str, Behaviour] = {}
-    behaviours = []
-    for entry in listed:
-        name, clears = entry["name"], entry["type"] == RECOVERY_TYPES[0]
-        if usual and not clears and not parameters["clearing_rotation_allowed"]:
+    entries = parameters["recovery_behaviors"]
+    omits_rotations = entries == DEFAULT_RECOVERIES and not parameters["clearing_rotation_allowed"]
+    behaviours: Dict[str, Behaviour] = {}
+    sequence = []
+    for entry in entries:
+        name = entry["name"]
+        clears = entry["type"] == RECOVERY_TYPES[0]
+        if omits_rotations and not clears:
             continue
-        if name not in made:
-            own = parameters[name]
-            made[name] = (
-                ClearCostmapRecovery(name, own["reset_distance"], like_cpp)
-                if clears
-                else RotateRecovery(
-                    name, parameters["TrajectoryPlannerROS"], own["sim_granularity"], like_cpp
-                )
-            )
-        behaviours.append(made[name])
-    return behaviours
+        if name not in behaviours:
+            behaviours[name] = _make(name, clears, parameters, like_cpp)
+        sequence.append(behaviours[name])
+    return sequence
+
+
+def _make(name: str, clears: bool, parameters: Dict[str, Any], like_cpp: bool) -> Behaviour:
+    if clears:
+        return ClearCostmapRecovery(name, parameters[name]["reset_distance"], like_cpp)
+    # As in C++, the limits are those of this planner, whichever drives.
+    planner = parameters["TrajectoryPlannerROS"]
+    return RotateRecovery(name, planner, parameters[name]["sim_granularity"], like_cpp)

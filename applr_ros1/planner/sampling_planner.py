@@ -1,8 +1,8 @@
 """Common base of the two local planners that sample velocities, trajectory/ and dwa/.
 
-Contains the base class with parameters and memory between cycles, the choice of a cycle, clouds of costs for display,
-and angle functions equal to those of C++ to the last bit. A heap orders the samples by the lower bound of their cost,
-and samples with equal bounds by their number.
+Contains the base class with parameters and memory between cycles, the choice of a cycle, clouds of
+costs for display, and angle functions equal to those of C++ to the last bit. A heap orders the
+samples by the lower bound of their cost, and samples with equal bounds by their number.
 """
 
 from __future__ import annotations
@@ -27,13 +27,11 @@ from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import INSCRIBED
 
-Triple = Tuple[
-    float, float, float
-]  # pose (x, y, yaw) [m, rad] or velocity (vx, vy, w) [m/s, rad/s]
+# Pose (x, y, yaw) [m, rad] or velocity (vx, vy, w) [m/s, rad/s].
+Triple = Tuple[float, float, float]
 RollOut = Callable[[np.ndarray], None]  # writes the poses of a trajectory to an array (count, 3)
-LARGEST_TURN = (
-    0.5  # largest turn per step in closed forms [rad]; the chord formula fails near a full turn
-)
+# Largest turn per step in closed forms [rad]. The chord formula fails near a full turn.
+LARGEST_TURN = 0.5
 
 
 class Record:
@@ -47,7 +45,10 @@ class Record:
 
 @kernel
 def through_quaternion(yaw: float) -> float:
-    """Return an angle after conversion to a quaternion and back: in (-pi, pi], last bits may differ."""
+    """Return an angle [rad] after conversion to a quaternion and back.
+
+    It is in (-pi, pi], and its last bits may differ from those of the argument.
+    """
     z = math.sin(yaw / 2)
     w = math.cos(yaw / 2)
     return math.atan2(2 * (w * z), w * w - z * z)
@@ -55,7 +56,10 @@ def through_quaternion(yaw: float) -> float:
 
 @kernel
 def take_start(start: Data, pose: Triple, velocity: Triple) -> None:
-    """Store pose and velocity in `start` (6,) as C++ does: angles pass through a quaternion, all become float32."""
+    """Store pose and velocity in `start` (6,) as C++ does.
+
+    Angles pass through a quaternion, and all numbers become float32.
+    """
     start[0] = np.float32(pose[0])
     start[1] = np.float32(pose[1])
     start[2] = np.float32(through_quaternion(pose[2]))
@@ -67,29 +71,33 @@ def take_start(start: Data, pose: Triple, velocity: Triple) -> None:
 @kernel
 def angle_difference(a: float, b: float) -> float:
     """Return the angle from a to b, in (-pi, pi]."""
-    r: float = np.fmod(b - a + math.pi, 2.0 * math.pi)
-    return r + math.pi if r <= 0.0 else r - math.pi
+    remainder: float = np.fmod(b - a + math.pi, 2.0 * math.pi)
+    if remainder <= 0.0:
+        return remainder + math.pi
+    return remainder - math.pi
 
 
 @kernel
 def small_turn(a: float) -> Tuple[float, float]:
     """Return (cos a, sin a) from their series, accurate to about 1e-15 for |a| <= .25."""
-    t = a * a
-    return (
-        1 - t / 2 * (1 - t / 12 * (1 - t / 30 * (1 - t / 56))),
-        a * (1 - t / 6 * (1 - t / 20 * (1 - t / 42 * (1 - t / 72)))),
-    )
+    squared = a * a
+    cos_a = 1 - squared / 2 * (1 - squared / 12 * (1 - squared / 30 * (1 - squared / 56)))
+    sin_a = a * (1 - squared / 6 * (1 - squared / 20 * (1 - squared / 42 * (1 - squared / 72))))
+    return cos_a, sin_a
 
 
 @kernel
 def sift_down(heap: Data, keys: Data, count: int, i: int) -> None:
-    """Restore the heap of sample numbers (lowest key, then lowest number on top) after the key of heap[i] grew."""
+    """Restore the heap of sample numbers after the key of heap[i] grew.
+
+    The sample with the lowest key is on top, among equal keys that with the lowest number.
+    """
     sample = heap[i]
     while 2 * i + 1 < count:
         child = 2 * i + 1
-        if child + 1 < count and _before(keys, heap[child + 1], heap[child]):
+        if child + 1 < count and _is_before(keys, heap[child + 1], heap[child]):
             child += 1
-        if not _before(keys, heap[child], sample):
+        if not _is_before(keys, heap[child], sample):
             break
         heap[i] = heap[child]
         i = child
@@ -97,22 +105,25 @@ def sift_down(heap: Data, keys: Data, count: int, i: int) -> None:
 
 
 @kernel
-def _before(keys: Data, a: int, b: int) -> bool:
-    return keys[a] < keys[b] or (keys[a] == keys[b] and a < b)
+def _is_before(keys: Data, sample: int, other: int) -> bool:
+    return keys[sample] < keys[other] or (keys[sample] == keys[other] and sample < other)
 
 
 def record(reals: str, integers: str, after: str = "") -> np.dtype:
-    """Return the dtype of a record of float64, int64 and again float64 fields. Names are separated by blanks."""
-    fields = [(name, np.float64) for name in reals.split()] + [
-        (name, np.int64) for name in integers.split()
-    ]
-    return np.dtype(fields + [(name, np.float64) for name in after.split()])
+    """Return the dtype of a record of float64, int64 and again float64 fields.
+
+    Names are separated by blanks.
+    """
+    fields = []
+    for names, kind in ((reals, np.float64), (integers, np.int64), (after, np.float64)):
+        fields += [(name, kind) for name in names.split()]
+    return np.dtype(fields)
 
 
 def floats(values: Iterable[float]) -> Triple:
     """Return three numbers as floats, the only number type for which the kernels are compiled."""
-    a, b, c = (float(value) for value in values)
-    return a, b, c
+    first, second, third = (float(value) for value in values)
+    return first, second, third
 
 
 class Choice:
@@ -124,6 +135,11 @@ class Choice:
         drive: command (vx, vy, w), zero if there is none. Its w went through a quaternion.
         count: number of points of the trajectory.
         sample: number in the order of sampling, -1 if there is none or samples are not numbered.
+
+    Args:
+        cost, drive, count, sample: see above.
+        velocity: velocity of the trajectory.
+        roll_out: function that writes the trajectory's poses to an array.
     """
 
     __slots__ = ("cost", "vx", "vy", "w", "drive", "count", "sample", "_roll_out", "_points")
@@ -137,14 +153,20 @@ class Choice:
         roll_out: RollOut,
         sample: int = -1,
     ):
-        self.cost, self.drive, self.count, self.sample = cost, drive, count, sample
+        self.cost = cost
+        self.drive = drive
+        self.count = count
+        self.sample = sample
         self.vx, self.vy, self.w = velocity
         self._roll_out = roll_out
         self._points: Optional[np.ndarray] = None
 
     @property
     def points(self) -> np.ndarray:
-        """Poses (count, 3) x, y [m], yaw [rad] of the trajectory, computed on first use: training never needs them."""
+        """Poses (count, 3) x, y [m], yaw [rad] of the trajectory.
+
+        They are computed on first use, because training never needs them.
+        """
         if self._points is None:
             self._points = np.empty((self.count, 3))
             if self.count:
@@ -153,19 +175,20 @@ class Choice:
 
 
 class SamplingPlanner:
-    """Base class of planners that choose one of many sampled velocities per cycle. Subclasses define the search.
+    """Base class of planners that choose one of many sampled velocities per cycle.
+
+    Subclasses define the search.
 
     Attributes:
         PARAMETERS, STATE: dtypes of the records that the kernels take.
         SAMPLES: names of the parameters that are numbers of samples. Values below 1 become 1.
+        DERIVED: computed fields of PARAMETERS, which are not parameters of the server.
     """
 
     PARAMETERS: np.dtype
     STATE: np.dtype
     SAMPLES: Tuple[str, ...]
-    DERIVED: Tuple[str, ...] = (
-        "sim_period",
-    )  # computed fields of PARAMETERS, not parameters of the server
+    DERIVED: Tuple[str, ...] = ("sim_period",)
 
     def __init__(self, params: Mapping[str, Any]):
         self._resolution: Any = None
@@ -178,35 +201,49 @@ class SamplingPlanner:
         self.reconfigure(params)
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
-        """Apply checked values {name: value} of some or all parameters of the server, between two cycles."""
-        names = [name for name in self.PARAMETERS.names or () if name not in self.DERIVED]
-        self._values = dict(
-            self._values, **{name: params[name] for name in names if name in params}
-        )
-        self._values.update({name: max(int(self._values[name]), 1) for name in self.SAMPLES})
-        self._scratch = self._allocate_scratch(*(self._values[name] for name in self.SAMPLES))
+        """Apply checked values {name: value} of some or all of the server's parameters.
+
+        Call it between two cycles.
+        """
+        # A new dict, because a failure must leave the old values in force.
+        values = dict(self._values)
+        for name in self.PARAMETERS.names or ():
+            if name in params and name not in self.DERIVED:
+                values[name] = params[name]
+        for name in self.SAMPLES:
+            values[name] = max(int(values[name]), 1)
+        self._values = values
+        self._scratch = self._allocate_scratch(*(values[name] for name in self.SAMPLES))
         self._take_parameters()
 
     def _take_parameters(self) -> None:
-        made = np.zeros(1, self.PARAMETERS)  # Choices of earlier cycles keep the old record.
+        # A new record, because choices of earlier cycles keep the old one.
+        record = np.zeros(1, self.PARAMETERS)
         for name, value in self._values.items():
-            made[name] = value
-        self._derive(made, self._resolution)
-        self._params = made
+            record[name] = value
+        self._derive(record, self._resolution)
+        self._params = record
 
     def _derive(self, made: np.ndarray, resolution: Optional[float]) -> None:
-        """Compute the derived fields from the others and the map resolution [m], None before the first map."""
+        """Compute the derived fields from the others and the map's resolution [m].
+
+        The resolution is None before the first map.
+        """
         raise NotImplementedError
 
     def _allocate_scratch(self, *samples: int) -> Any:
         raise NotImplementedError
 
     def _fits(self, costmap: Any) -> bool:
-        """Return whether the map's size and resolution are unchanged. If not, store them for new grids and tables."""
+        """Return whether the map's size and resolution are unchanged.
+
+        If not, store them. The caller then makes new grids and tables.
+        """
         resolution = float(costmap.resolution)
         if costmap.cells.shape == self._shape and resolution == self._resolution:
             return True
-        self._shape, self._resolution = costmap.cells.shape, resolution
+        self._shape = costmap.cells.shape
+        self._resolution = resolution
         self._take_parameters()
         return False
 
@@ -236,36 +273,43 @@ def cost_cloud(
     inside: np.ndarray,
     weights: Tuple[float, float, float],
 ) -> np.ndarray:
-    """Return (k, 7) float32 x, y, z, path, goal, obstacle and total cost of the cells free for the robot's centre.
-
-    The cloud is for display, with the cells column by column (MapGridVisualizer::publishCostCloud).
+    """Return the costs of the cells that are free for the robot's centre, for display.
 
     Args:
-        costmap: map with cells (ny, nx), origin and resolution.
-        path: (ny, nx) int32, distances to the plan [cells].
-        goal: (ny, nx) int32, distances to the plan's end [cells].
-        inside: (ny, nx) bool, False for cells to leave out in any case.
+        costmap: map with cells (rows, columns), origin and resolution.
+        path: (rows, columns) int32, distances to the plan [cells].
+        goal: (rows, columns) int32, distances to the plan's end [cells].
+        inside: (rows, columns) bool, False for cells to leave out in any case.
         weights: weights of path, goal and obstacle cost in the total.
+
+    Returns:
+        (k, 7) float32: x, y, z [m], path, goal, obstacle and total cost of a cell, column by column
+        (MapGridVisualizer::publishCostCloud).
     """
-    inside = inside & (path < costmap.cells.size) & (costmap.cells < INSCRIBED)
-    column, row = np.nonzero(inside.T)
-    cells = costmap.cells.T
-    cloud = np.zeros((len(row), 7), np.float32)
-    cloud[:, 0] = costmap.origin[0] + (column + 0.5) * costmap.resolution
-    cloud[:, 1] = costmap.origin[1] + (row + 0.5) * costmap.resolution
-    cloud[:, 3] = path.T[column, row]
-    cloud[:, 4] = goal.T[column, row]
-    cloud[:, 5] = cells[column, row]
+    shown = inside & (path < costmap.cells.size) & (costmap.cells < INSCRIBED)
+    columns, rows = np.nonzero(shown.T)
+    path_costs = path[rows, columns]
+    goal_costs = goal[rows, columns]
+    obstacle_costs = costmap.cells[rows, columns]
+    path_weight, goal_weight, obstacle_weight = weights
+    cloud = np.zeros((len(rows), 7), np.float32)
+    cloud[:, 0] = costmap.origin[0] + (columns + 0.5) * costmap.resolution
+    cloud[:, 1] = costmap.origin[1] + (rows + 0.5) * costmap.resolution
+    cloud[:, 3] = path_costs
+    cloud[:, 4] = goal_costs
+    cloud[:, 5] = obstacle_costs
     cloud[:, 6] = (
-        weights[0] * path.T[column, row]
-        + weights[1] * goal.T[column, row]
-        + weights[2] * cells[column, row]
+        path_weight * path_costs + goal_weight * goal_costs + obstacle_weight * obstacle_costs
     )
     return cloud
 
 
 def trajectory_cloud(points: np.ndarray) -> np.ndarray:
-    """Return (k, 5) float32 x, y, z, theta, cost from trajectory points (k, 4) x, y, theta, cost, for display."""
+    """Return (k, 5) float32 x, y, z, theta, cost from points (k, 4) x, y, theta, cost.
+
+    Units are m and rad. The cloud of trajectories is for display.
+    """
     cloud = np.zeros((len(points), 5), np.float32)
-    cloud[:, :2], cloud[:, 3:] = points[:, :2], points[:, 2:]
+    cloud[:, :2] = points[:, :2]
+    cloud[:, 3:] = points[:, 2:]
     return cloud

@@ -1,13 +1,16 @@
-"""State machine of move_base for one goal: planning turns, control turns, recoveries. MoveBase owns and steps it.
+"""State machine of move_base for one goal: planning turns, control turns, recoveries.
 
-The rules are those of move_base/move_base.cpp (planThread, executeCycle). A comment marks each C++ defect that is not
-copied. With planner fidelity "cpp-like" (variant.py), the defects that affect success are copied:
+MoveBase owns and steps it. The rules are those of move_base/move_base.cpp (planThread,
+executeCycle). A comment marks each C++ defect that is not copied. With planner fidelity "cpp-like"
+(variant.py), the defects that affect success are copied:
 
-- Finding a plan sets the state to controlling, even from clearing. As long as planning succeeds, a stuck robot gets
-  its due recovery only in the rare cycle that no plan precedes.
-- Each new plan clears "goal reached" before C++ reads this flag. The robot waits for a cycle without a new plan.
+- Finding a plan sets the state to controlling, even from clearing. As long as planning succeeds, a
+  stuck robot gets its due recovery only in the rare cycle that no plan precedes.
+- Each new plan clears "goal reached" before C++ reads this flag. The robot waits for a cycle
+  without a new plan.
 - The rotation ends without a zero command.
-- recovery.py: clearing recoveries look for a layer named "obstacles", and a blocked rotation has no time limit.
+- recovery.py: clearing recoveries look for a layer named "obstacles", and a blocked rotation has no
+  time limit.
 """
 
 from __future__ import annotations
@@ -25,56 +28,72 @@ from applr_ros1.planner.escape import Escape
 from applr_ros1.planner.local_planner import LocalPlanner
 from applr_ros1.planner.recovery import Behaviour
 
-EARLY = 0.2  # share of a period by which a step may be early and still count, so that jitter skips no turn
+# Share of a period by which a step may be early and still count, so that jitter skips no turn.
+EARLY = 0.2
 
 
 class Timer:
-    """Periodic timer that keeps its phase if polled often enough. It skips missed turns, and is never due at 0 Hz."""
+    """Periodic timer that keeps its phase if polled often enough.
 
-    __slots__ = ("_period", "_next")
+    It skips missed turns, and is never due at 0 Hz.
+    """
+
+    __slots__ = ("_period", "_next_turn")
 
     def __init__(self) -> None:
-        self._period, self._next = math.inf, -math.inf
+        self._period = math.inf
+        self._next_turn = -math.inf
 
     def set_frequency(self, frequency: float) -> None:
         """Set the frequency [Hz]. A changed frequency makes the timer due at once."""
         period = 1.0 / frequency if frequency > 0.0 else math.inf
         if period != self._period:
-            self._period, self._next = period, -math.inf
+            self._period = period
+            self._next_turn = -math.inf
 
     def due(self, now: float) -> bool:
         """Return whether a turn is due, and if so, start the next period."""
         period = self._period
         if period == math.inf:
             return False
-        wait = self._next - now
+        wait = self._next_turn - now
         if EARLY * period < wait <= period * (1.0 + EARLY):
             return False
-        # The phase starts anew at the first turn, after a missed turn, and if the clock went back.
-        self._next = now + period if not -period < wait <= EARLY * period else self._next + period
+        if -period < wait <= EARLY * period:
+            self._next_turn += period
+        else:
+            # The phase starts anew at the first turn, after a missed one, and if the clock went
+            # back.
+            self._next_turn = now + period
         return True
 
     def restart(self, now: float) -> None:
         """Make the next turn due one period from now."""
-        self._next = now + self._period
+        self._next_turn = now + self._period
 
 
 Twist = Tuple[float, float]
 STOP = (0.0, 0.0)
-PLANNING, CONTROLLING, CLEARING, IDLE = "planning", "controlling", "clearing", "idle"
 NO_PLAN = np.zeros((0, 3))
+
+# States of a goal.
+PLANNING = "planning"
+CONTROLLING = "controlling"
+CLEARING = "clearing"
+IDLE = "idle"
+OSCILLATION = "oscillation"  # a trigger of recoveries, besides PLANNING and CONTROLLING
+
+# Texts of results, as in C++.
 REACHED = "Goal reached."
-NO_CONTROL, NO_PATH, OSCILLATING = (
-    cause + " Even after executing recovery behaviors."
-    for cause in (
-        "Failed to find a valid control.",
-        "Failed to find a valid plan.",
-        "Robot is oscillating.",
-    )
-)
-NEARER = 0.5  # smallest decrease of the distance to the goal that counts as progress [m]
-# Share of control cycles that no plan precedes, for "cpp-like". C++ plans and controls in two threads of 20 Hz each.
-# In trials, C++ began due recoveries 6 to 11 s late and reported success 12 to 18 s late: about one cycle in 200.
+NO_CONTROL = "Failed to find a valid control. Even after executing recovery behaviors."
+NO_PATH = "Failed to find a valid plan. Even after executing recovery behaviors."
+OSCILLATING = "Robot is oscillating. Even after executing recovery behaviors."
+
+# Smallest decrease of the distance to the goal that counts as progress [m].
+NEARER = 0.5
+# Share of control cycles that no plan precedes, for "cpp-like". C++ plans and controls in two
+# threads of 20 Hz each. In trials, C++ began due recoveries 6 to 11 s late and reported success 12
+# to 18 s late: about one cycle in 200.
 LATE = 1.0 / 200.0
 
 
@@ -84,14 +103,15 @@ class Cycle:
 
     command: Optional[Twist] = None
     state: str = IDLE
-    result: Optional[Tuple[str, str]] = None  # ("succeeded" | "aborted" | "preempted", text)
-    recovery: Optional[Tuple[int, int, str]] = (
-        None  # (index, total, name) of the recovery that begins
-    )
+    # "succeeded", "aborted" or "preempted", and the text.
+    result: Optional[Tuple[str, str]] = None
+    # Index, total number and name of the recovery that begins.
+    recovery: Optional[Tuple[int, int, str]] = None
     planned: bool = False  # whether the global planner ran
     new_plan: bool = False  # whether the global planner found a plan (StateMachine.global_plan)
     controlled: bool = False  # whether the local planner ran
-    updated: Tuple[bool, bool] = (False, False)  # whether the (local, global) costmap was updated
+    # Whether the local and the global costmap were updated.
+    updated: Tuple[bool, bool] = (False, False)
     stale: bool = False  # whether the robot stands because a source is silent
     silent: Optional[Tuple[str, float]] = None  # topic and timeout [s] of the silent source
 
@@ -101,7 +121,8 @@ class Components:
     """Components that the state machine uses.
 
     Attributes:
-        plan: function from (start, goal) in the global frame to a plan (n, 3), which is (0, 3) if there is none.
+        plan: function from (start, goal) in the global frame to a plan (n, 3), which is (0, 3) if
+            there is none.
         recovery_rounds: value of applr/recovery_rounds.
     """
 
@@ -120,7 +141,8 @@ class CycleInput(NamedTuple):
         time: current time [s].
         local_pose: robot pose (x, y, yaw) in the local costmap's frame, None if unknown.
         global_pose: robot pose in the global costmap's frame.
-        local_origin: pose of the local costmap's frame in the global one, None if both are the same frame.
+        local_origin: pose of the local costmap's frame in the global one, None if both are the same
+            frame.
         twist: measured (v [m/s], w [rad/s]).
         settings: current values of move_base's own server.
         scan_is_stale: whether there is no usable scan.
@@ -138,73 +160,107 @@ class CycleInput(NamedTuple):
 class StateMachine:
     """State machine for one goal, with the times since its last plan and command.
 
-    random: random source for the timing of a C++-like planner, None for planner fidelity "ours".
+    Args:
+        components: planners, costmaps and recoveries.
+        random: random source for the timing of a C++-like planner, None for fidelity "ours".
+
+    Attributes:
+        goal: goal (x, y, yaw) in the global frame, None if there is none.
+        goal_number: number of goals so far. A plan is valid only for its own goal.
+        global_plan: latest plan (n, 3).
+        state: PLANNING, CONTROLLING or CLEARING.
     """
 
     def __init__(self, components: Components, random: Optional[Random] = None):
         self._components = components
         self._random = random
         self._like_cpp = random is not None
-        self._planner_timer, self._control_timer = Timer(), Timer()
         self.goal: Optional[Pose] = None
-        self.goal_number = 0  # number of goals so far: a plan is valid only for its own goal
+        self.goal_number = 0
+        self._refused: Optional[str] = None  # text of a refusal that the next step announces
+        self._cancelled = False
+        self._announce_stop = False  # whether the next turn begins with a zero command
+
+        # The planner's turn.
+        self._planner_timer = Timer()
         self.global_plan = NO_PLAN
+        self._run_planner = False
+        self._woken = False  # whether the planner runs before its timer is due
+        self._new_plan = False  # whether the local planner does not know the plan yet
+        self._last_plan = 0.0  # [s]
+        self._retries = 0  # unsuccessful plans since then
+
+        # The controller's turn.
+        self._control_timer = Timer()
         self.state = PLANNING
+        self._last_control = 0.0  # time of the last valid command [s]
+        self._oscillation_pose = (0.0, 0.0)  # where the robot last got away from [m]
+        self._last_oscillation = 0.0  # when it did [s]
+        self._escape = Escape()
+
+        # Recoveries.
         self._trigger = PLANNING
         self._index = 0  # index of the next recovery
         self._behaviour: Optional[Behaviour] = None  # recovery under way
-        self._run_planner = self._woken = self._new_plan = False
-        self._cancelled = self._announce_stop = False
-        self._refused: Optional[str] = None
-        self._retries = 0
-        self._oscillation_pose = (0.0, 0.0)
-        self._last_plan = self._last_control = self._last_oscillation = 0.0
-        self._rounds, self._nearest = (
-            0,
-            math.inf,
-        )  # starts of the first recovery since the least goal distance [m]
-        self._escape = Escape()
+        self._nearest = math.inf  # least distance to the goal at which recoveries began [m]
+        self._rounds = 0  # starts of the first recovery since then
 
     def set_frequencies(self, planner: float, controller: float) -> None:
         """Set the rates of plans and commands [Hz]."""
         self._planner_timer.set_frequency(planner)
         self._control_timer.set_frequency(controller)
 
-    # -- goals -----------------------------------------------------------------------------------------------
+    # -- goals -------------------------------------------------------------------------------------
     def set_goal(self, goal: Pose, now: float) -> None:
         """Set a finite goal (x, y, yaw) in the global frame, which replaces the current one."""
         if self.goal is None:
             self._announce_stop = True
         else:
-            self._announce_stop |= self._behaviour is not None  # A rotation under way ends here.
-            self._index, self.state, self._behaviour = 0, PLANNING, None
+            # A rotation under way ends here.
+            self._announce_stop |= self._behaviour is not None
+            self._behaviour = None
+            self._index = 0
+            self.state = PLANNING
         self.goal = goal
         self.goal_number += 1
         self._new_plan = False  # A plan for the previous goal is never driven for this one.
-        self._cancelled, self._refused = False, None
-        self._run_planner = self._woken = True
-        self._rounds, self._nearest, self._escape = 0, math.inf, Escape()
-        self._restart_patience(now)
+        self._cancelled = False
+        self._refused = None
+        self._wake_planner()
+        self._rounds = 0
+        self._nearest = math.inf
+        self._escape = Escape()
+        self._last_control = now
+        self._last_oscillation = now
+        self._restart_planner_patience(now)
 
     def refuse_goal(self, text: str) -> None:
         """Abort with `text` at the next step."""
-        self._refused, self._cancelled = text, False
+        self._refused = text
+        self._cancelled = False
 
     def cancel(self) -> None:
         """Cancel the goal at the next step."""
         self._cancelled = self.goal is not None
 
     def report_held(self, held: bool) -> None:
-        """Record whether a collision monitor blocked nearly all of the last command. C++ has no such input."""
+        """Record whether a collision monitor blocked nearly all of the last command.
+
+        C++ has no such input.
+        """
         if not self._like_cpp:
             self._escape.report(held)
 
-    def _restart_patience(self, now: float) -> None:
-        self._last_plan = self._last_control = self._last_oscillation = now
+    def _wake_planner(self) -> None:
+        self._run_planner = True
+        self._woken = True
+
+    def _restart_planner_patience(self, now: float) -> None:
+        self._last_plan = now
         self._retries = 0
 
-    def step(self, given: CycleInput, cycle: Cycle) -> None:
-        """Run the planner's and the controller's turn if they are due, and write the outcome to `cycle`."""
+    def step(self, inputs: CycleInput, cycle: Cycle) -> None:
+        """Run the turns of planner and controller if they are due; write the outcome to `cycle`."""
         if self._refused is not None:
             was_driving = self.goal is not None
             self._end(cycle, "aborted", self._refused)
@@ -213,71 +269,76 @@ class StateMachine:
         elif self._cancelled:
             self._end(cycle, "preempted", "")
         elif self.goal is not None:
-            self._take_turns(given, cycle)
+            self._take_turns(inputs, cycle)
 
-    def _take_turns(self, given: CycleInput, cycle: Cycle) -> None:
+    def _take_turns(self, inputs: CycleInput, cycle: Cycle) -> None:
         if self._announce_stop:
-            cycle.command, self._announce_stop = STOP, False
-        late = self._random is not None and self._random.random() < LATE
-        if not late:
-            self._planning_turn(given, cycle)
-        if self._control_timer.due(given.time):
-            self._control(given, cycle)
-        if late and self.goal is not None:
-            self._planning_turn(given, cycle)
+            cycle.command = STOP
+            self._announce_stop = False
+        # In a late cycle, the controller's thread of C++ overtakes the planner's.
+        is_late = self._random is not None and self._random.random() < LATE
+        if not is_late:
+            self._planning_turn(inputs, cycle)
+        if self._control_timer.due(inputs.time):
+            self._control(inputs, cycle)
+        if is_late and self.goal is not None:
+            self._planning_turn(inputs, cycle)
         cycle.state = self.state if self.goal is not None else IDLE
 
-    # -- the planner's turn ----------------------------------------------------------------------------------
-    def _planning_turn(self, given: CycleInput, cycle: Cycle) -> None:
+    # -- the planner's turn ------------------------------------------------------------------------
+    def _planning_turn(self, inputs: CycleInput, cycle: Cycle) -> None:
         if not self._run_planner:
             return
         # With planner_frequency 0, a failing planner waits for the control turn, whereas C++ spins.
-        due = given.settings["planner_frequency"] > 0.0 and self._planner_timer.due(given.time)
-        if self._woken or due:
-            if not due:
-                self._planner_timer.restart(given.time)
-            self._plan(given, cycle)
+        is_periodic = inputs.settings["planner_frequency"] > 0.0
+        is_due = is_periodic and self._planner_timer.due(inputs.time)
+        if self._woken and not is_due:
+            self._planner_timer.restart(inputs.time)
+        if self._woken or is_due:
+            self._plan(inputs, cycle)
 
-    def _plan(self, given: CycleInput, cycle: Cycle) -> None:
+    def _plan(self, inputs: CycleInput, cycle: Cycle) -> None:
         """Run one round of the planner thread."""
-        now, settings = given.time, given.settings
-        self._woken, cycle.planned = False, True
-        global_pose = given.global_pose
-        plan = (
-            NO_PLAN
-            if global_pose is None or self.goal is None
-            else self._components.plan(global_pose, self.goal)
-        )
+        self._woken = False
+        cycle.planned = True
+        plan = NO_PLAN
+        if inputs.global_pose is not None and self.goal is not None:
+            plan = self._components.plan(inputs.global_pose, self.goal)
         if len(plan):
-            self.global_plan, self._new_plan, cycle.new_plan = plan, True, True
-            self._last_plan, self._retries = now, 0
-            skipped = self._like_cpp and self.state == CLEARING and self._behaviour is None
-            if (
-                self.state == PLANNING or skipped
-            ):  # C++ leaves "clearing" here, too, and so skips a due recovery.
-                self.state = CONTROLLING
-            if settings["planner_frequency"] <= 0.0:
-                self._run_planner = False
+            self._take_plan(plan, inputs, cycle)
         elif self.state == PLANNING:
-            self._retries += 1
-            limit = settings["max_planning_retries"]
-            if now > self._last_plan + settings["planner_patience"] or 0 <= limit < self._retries:
-                self.state, self._trigger, self._run_planner = CLEARING, PLANNING, False
-                cycle.command = STOP
+            self._take_failure(inputs, cycle)
 
-    # -- the controller's turn -------------------------------------------------------------------------------
-    def _control(self, given: CycleInput, cycle: Cycle) -> None:
+    def _take_plan(self, plan: np.ndarray, inputs: CycleInput, cycle: Cycle) -> None:
+        self.global_plan = plan
+        self._new_plan = True
+        cycle.new_plan = True
+        self._restart_planner_patience(inputs.time)
+        # C++ leaves "clearing" here, too, and so skips a due recovery.
+        skips_recovery = self._like_cpp and self.state == CLEARING and self._behaviour is None
+        if self.state == PLANNING or skips_recovery:
+            self.state = CONTROLLING
+        if inputs.settings["planner_frequency"] <= 0.0:
+            self._run_planner = False
+
+    def _take_failure(self, inputs: CycleInput, cycle: Cycle) -> None:
+        """Count an unsuccessful plan, and give up after too many or after planner_patience."""
+        settings = inputs.settings
+        self._retries += 1
+        is_patient = inputs.time <= self._last_plan + settings["planner_patience"]
+        most_retries = settings["max_planning_retries"]
+        has_retries = most_retries < 0 or self._retries <= most_retries
+        if not (is_patient and has_retries):
+            self._begin_clearing(PLANNING, cycle)
+            self._run_planner = False
+
+    # -- the controller's turn ---------------------------------------------------------------------
+    def _control(self, inputs: CycleInput, cycle: Cycle) -> None:
         """Run the stages of executeCycle in their order."""
-        now, global_pose, settings = given.time, given.global_pose, given.settings
-        if (
-            global_pose is not None
-            and _distance(global_pose, self._oscillation_pose) >= settings["oscillation_distance"]
-        ):
-            self._last_oscillation, self._oscillation_pose = now, (global_pose[0], global_pose[1])
-            if self._trigger == "oscillation":
-                self._index = 0
-        if given.scan_is_stale:
-            cycle.command, cycle.stale = STOP, True
+        self._watch_oscillation(inputs)
+        if inputs.scan_is_stale:
+            cycle.command = STOP
+            cycle.stale = True
             return
         if self._new_plan:
             self._new_plan = False
@@ -285,111 +346,179 @@ class StateMachine:
             if self._trigger == PLANNING:
                 self._index = 0
         if self.state == PLANNING:
-            self._run_planner = self._woken = True
+            self._wake_planner()
         elif self.state == CONTROLLING:
-            self._drive(given, cycle)
+            self._drive(inputs, cycle)
         else:
-            self._recover(given, cycle)
+            self._recover(inputs, cycle)
 
-    def _drive(self, given: CycleInput, cycle: Cycle) -> None:
-        now, pose, settings = given.time, given.local_pose, given.settings
+    def _watch_oscillation(self, inputs: CycleInput) -> None:
+        """Record when the robot has got away by oscillation_distance."""
+        if inputs.global_pose is None:
+            return
+        distance = _distance(inputs.global_pose, self._oscillation_pose)
+        if distance >= inputs.settings["oscillation_distance"]:
+            x, y, _ = inputs.global_pose
+            self._oscillation_pose = (x, y)
+            self._last_oscillation = inputs.time
+            if self._trigger == OSCILLATION:
+                self._index = 0
+
+    def _drive(self, inputs: CycleInput, cycle: Cycle) -> None:
+        """Run one turn of the local planner, or of an escape motion in its place."""
+        now = inputs.time
         local_planner = self._components.local_planner
         if self._like_cpp and local_planner.goal_reached:
             self._end(cycle, "succeeded", REACHED)
             return
-        timeout = settings["oscillation_timeout"]
+
+        # As in C++, the local planner still gets this turn.
+        timeout = inputs.settings["oscillation_timeout"]
         if timeout > 0.0 and self._last_oscillation + timeout < now:
-            cycle.command = STOP
-            self.state, self._trigger = CLEARING, "oscillation"
-        ok, command = False, STOP
-        if pose is not None:
-            ok, command = local_planner.compute_velocity(
-                pose, given.twist, self._components.local_costmap, given.local_origin
+            self._begin_clearing(OSCILLATION, cycle)
+
+        is_valid = False
+        command = STOP
+        if inputs.local_pose is not None:
+            is_valid, command = local_planner.compute_velocity(
+                inputs.local_pose,
+                inputs.twist,
+                self._components.local_costmap,
+                inputs.local_origin,
             )
             cycle.controlled = True
-        motion = self._escape_motion(now, not ok)
+
+        # A robot that its monitor blocks is moved by short motions, and then gets a recovery.
+        motion = self._escape_motion(now, not is_valid)
         if self._escape.is_exhausted:
-            cycle.command = STOP
-            self.state, self._trigger = CLEARING, CONTROLLING
-            return
-        if motion is not None:
-            ok, command = True, motion
-        if ok:
-            self._last_control, cycle.command = now, command
-            if self._trigger == CONTROLLING and not self._escape.is_held:
-                self._index = 0
-            # The flag is read in the same cycle. C++ reads it in the next one, after a new plan may have cleared it.
-            if local_planner.goal_reached and not (
-                self._like_cpp and local_planner.remembers_reached
-            ):
+            self._begin_clearing(CONTROLLING, cycle)
+        elif motion is not None:
+            self._follow(motion, now, cycle)
+        elif is_valid:
+            self._follow(command, now, cycle)
+        else:
+            self._miss_command(inputs, cycle)
+
+    def _follow(self, command: Twist, now: float, cycle: Cycle) -> None:
+        """Drive a valid command, and end the goal if it is reached."""
+        cycle.command = command
+        self._last_control = now
+        if self._trigger == CONTROLLING and not self._escape.is_held:
+            self._index = 0
+        # The flag is read in the same cycle. C++ reads it in the next one, after a new plan may
+        # have cleared it.
+        local_planner = self._components.local_planner
+        if local_planner.goal_reached:
+            waits = self._like_cpp and local_planner.remembers_reached
+            if not waits:
                 self._end(cycle, "succeeded", REACHED)
+
+    def _miss_command(self, inputs: CycleInput, cycle: Cycle) -> None:
+        """Stop without a valid command. Plan anew, or begin recoveries after a while."""
+        if inputs.time > self._last_control + inputs.settings["controller_patience"]:
+            self._begin_clearing(CONTROLLING, cycle)
             return
         cycle.command = STOP
-        if now > self._last_control + settings["controller_patience"]:
-            self.state, self._trigger = CLEARING, CONTROLLING
-        else:
-            self._last_plan, self._retries = now, 0
-            self.state, self._run_planner, self._woken = PLANNING, True, True
+        self.state = PLANNING
+        self._restart_planner_patience(inputs.time)
+        self._wake_planner()
 
     def _escape_motion(self, now: float, blocked: bool) -> Optional[Twist]:
-        """Return the motion that frees a robot blocked by its monitor, or None for the local planner's command."""
+        """Return the motion that frees a robot blocked by its monitor.
+
+        None stands for the local planner's command.
+        """
         motion = self._escape.instead(now, blocked)
         if motion is not None:
             self._components.local_planner.end_escape()
         return motion
 
-    def _recover(self, given: CycleInput, cycle: Cycle) -> None:
+    # -- recoveries --------------------------------------------------------------------------------
+    def _begin_clearing(self, trigger: str, cycle: Cycle) -> None:
+        """Stop the robot and leave the next control turn to the recoveries."""
+        cycle.command = STOP
+        self.state = CLEARING
+        self._trigger = trigger
+
+    def _recover(self, inputs: CycleInput, cycle: Cycle) -> None:
         """Run one turn of the current recovery, or begin the next one. Abort if none is left."""
-        now, pose, components = given.time, given.local_pose, self._components
+        pose = inputs.local_pose
         if pose is None:
             cycle.command = STOP
             return
-        behaviour = self._behaviour
-        if behaviour is None:
-            left = given.settings["recovery_behavior_enabled"] and self._index < len(
-                components.recoveries
-            )
-            if not left or self._rounds_are_over(given.global_pose):
-                texts = {CONTROLLING: NO_CONTROL, PLANNING: NO_PATH}
-                self._end(cycle, "aborted", texts.get(self._trigger, OSCILLATING))
+        if self._behaviour is None:
+            self._behaviour = self._next_behaviour(inputs)
+            if self._behaviour is None:
+                texts = {CONTROLLING: NO_CONTROL, PLANNING: NO_PATH, OSCILLATION: OSCILLATING}
+                self._end(cycle, "aborted", texts[self._trigger])
                 return
-            self._behaviour = behaviour = components.recoveries[self._index]
-            cycle.recovery = self._index, len(components.recoveries), behaviour.name
-            behaviour.start(now, pose)
-        command = behaviour.step(
-            now, pose, components.local_costmap, components.global_costmap, given.global_pose
+            count = len(self._components.recoveries)
+            cycle.recovery = (self._index, count, self._behaviour.name)
+            self._behaviour.start(inputs.time, pose)
+
+        command = self._behaviour.step(
+            inputs.time,
+            pose,
+            self._components.local_costmap,
+            self._components.global_costmap,
+            inputs.global_pose,
         )
         if command is not None:
             cycle.command = command
             return
+
+        # The recovery has ended: try again.
         self._behaviour = None
+        self._index += 1
+        self.state = PLANNING
         self._escape.restart()
         if not self._like_cpp:
             cycle.command = STOP  # C++ leaves the rotation's last command in force.
-        self._last_oscillation = self._last_plan = now
-        self._retries, self.state, self._index = 0, PLANNING, self._index + 1
+        self._last_oscillation = inputs.time
+        self._restart_planner_patience(inputs.time)
+
+    def _next_behaviour(self, inputs: CycleInput) -> Optional[Behaviour]:
+        """Return the recovery that is next in order, None if the goal is to be given up."""
+        recoveries = self._components.recoveries
+        if not inputs.settings["recovery_behavior_enabled"] or self._index >= len(recoveries):
+            return None
+        if self._rounds_are_over(inputs.global_pose):
+            return None
+        return recoveries[self._index]
 
     def _rounds_are_over(self, global_pose: Any) -> bool:
-        """Return whether the recoveries began recovery_rounds times without bringing the robot nearer to its goal.
+        """Return whether recoveries began recovery_rounds times without bringing the goal nearer.
 
-        In C++, each valid command restarts the sequence, without a limit. If the goal is enclosed, each conservative
-        reset clears the maps. The robot then sets out, detects the obstacles again and returns to the first recovery.
+        In C++, each valid command restarts the sequence, without a limit. If the goal is enclosed,
+        each conservative reset clears the maps. The robot then sets out, detects the obstacles
+        again and returns to the first recovery.
         """
         if self._index > 0:
             return False
         distance = _distance(global_pose, self.goal)
         if distance <= self._nearest - NEARER:
-            self._nearest, self._rounds = distance, 0
+            self._nearest = distance
+            self._rounds = 0
         self._rounds += 1
         return 0 < self._components.recovery_rounds < self._rounds
 
     def _end(self, cycle: Cycle, status: str, text: str) -> None:
         """End the goal with a result: reset the state and stop the robot."""
-        cycle.command, cycle.result, cycle.state = STOP, (status, text), IDLE
-        self.goal, self._behaviour, self._refused = None, None, None
-        self._run_planner = self._cancelled = self._announce_stop = self._new_plan = False
-        self.state, self._trigger, self._index = PLANNING, PLANNING, 0
+        cycle.command = STOP
+        cycle.result = (status, text)
+        cycle.state = IDLE
+        self.goal = None
+        self._refused = None
+        self._cancelled = False
+        self._announce_stop = False
+        self._run_planner = False
+        self._new_plan = False
+        self.state = PLANNING
+        self._trigger = PLANNING
+        self._index = 0
+        self._behaviour = None
 
 
 def _distance(a: Any, b: Any) -> float:
+    """Return the distance [m] of two poses or points (x, y, ...)."""
     return math.hypot(a[0] - b[0], a[1] - b[1])

@@ -1,7 +1,8 @@
-"""Planner fidelity: this package's own planner, or one that reproduces defects of the C++ move_base.
+"""Planner fidelity: this package's own planner, or one that reproduces defects of C++.
 
-"ours" is this package's planner. "cpp-like" also reproduces the defects of the C++ move_base that affect the success
-rate (state_machine.py, recovery.py). "drawn" is a random choice between the two at each reset.
+"ours" is this package's planner. "cpp-like" also reproduces the defects of the C++ move_base that
+affect the success rate (state_machine.py, recovery.py). "drawn" is a random choice between the two
+at each reset.
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ from typing import Sequence, Union
 
 from applr_ros1.common.errors import ApplrError
 
-OURS, CPP_LIKE, DRAWN = "ours", "cpp-like", "drawn"
+OURS = "ours"
+CPP_LIKE = "cpp-like"
+DRAWN = "drawn"
 PLANNERS = (OURS, CPP_LIKE)
 
 
@@ -21,12 +24,16 @@ def draw(planner: str, seed: Union[int, Sequence[int]]) -> str:
     Raises:
         ApplrError: `planner` is unknown.
     """
-    if planner not in (*PLANNERS, DRAWN):
-        raise ApplrError(f"planner {planner!r} is unknown: use {', '.join(PLANNERS)} or {DRAWN}")
-    return generator(seed, 2).choice(PLANNERS) if planner == DRAWN else planner
+    if planner == DRAWN:
+        return generator(seed, 2).choice(PLANNERS)
+    if planner not in PLANNERS:
+        known = ", ".join(PLANNERS)
+        raise ApplrError(f"planner {planner!r} is unknown: use {known} or {DRAWN}")
+    return planner
 
 
 def generator(seed: Union[int, Sequence[int]], stream: int) -> random.Random:
-    """Return a random generator that depends on the seed and on its purpose, numbered by `stream`."""
-    numbers = [seed] if isinstance(seed, int) else [int(n) for n in seed]
+    """Return a random generator that depends on the seed and on its purpose `stream`."""
+    numbers = [seed] if isinstance(seed, int) else [int(number) for number in seed]
+    # A text is hashed as a whole, so that neighbouring seeds and streams have nothing in common.
     return random.Random(f"{stream} of {numbers}")
