@@ -1,1 +1,1 @@
-"""What runs on a desk: a room per command, each started as `python -m training.ROOM`, above what they share."""
+"""Programs for a desk computer: a room per command, started as `python -m training.ROOM`."""

@@ -69,7 +69,7 @@ class Fit(NamedTuple):
 
 
 class View(NamedTuple):
-    """What one scan says about the points of another.
+    """Evidence of one scan about the points of another.
 
     in_view: number of points in its view. seen_through: number of those in its free space.
     """

@@ -194,7 +194,7 @@ class StateMachine:
         self._control_timer = Timer()
         self.state = PLANNING
         self._last_control = 0.0  # time of the last valid command [s]
-        self._oscillation_pose = (0.0, 0.0)  # where the robot last got away from [m]
+        self._oscillation_pose = (0.0, 0.0)  # place from which the robot last got away [m]
         self._last_oscillation = 0.0  # when it did [s]
         self._escape = Escape()
 

@@ -26,7 +26,7 @@ from applr_ros1.stack.supervisor import Progress, Supervisor
 
 
 class Step(NamedTuple):
-    """What one control cycle did.
+    """Result of one control cycle.
 
     Attributes:
         cycle: Cycle of the planner.

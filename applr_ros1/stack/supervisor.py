@@ -15,7 +15,7 @@ Judge = Callable[[Twist, bool], Verdict]
 
 
 class Progress(NamedTuple):
-    """What is known of the planner's goal.
+    """Knowledge of the planner's goal.
 
     Attributes:
         goal: Identifier of the active goal; None if there is none or it is being cancelled.

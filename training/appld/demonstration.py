@@ -17,7 +17,7 @@ from training.bags.read import BagError, read, refused
 from training.bags.topics import TopicNames, topic_of
 from training.env.episode import CONTROL_PERIOD
 
-CHANNELS = ("scans", "odometry", "commands", "sent", "source")  # that a demonstration needs
+CHANNELS = ("scans", "odometry", "commands", "sent", "source")  # channels of a demonstration
 DRIVING_SPEED = 0.02  # larger of |v| and |w| above which the robot is driving [m/s, rad/s]
 HELD_S = 0.5  # duration for which a command remains valid [s]
 NEAR_S = 0.1  # largest time between an instant and its odometry [s]

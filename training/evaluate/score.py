@@ -73,7 +73,7 @@ class Aim(NamedTuple):
 
     @property
     def rule(self) -> str:
-        """What the cost counts, in words."""
+        """Parts of the cost, in words."""
         parts = [f"a failure or contact costs {self.failure:g} times the course's shortest time"]
         if self.near:
             parts.append("nearness to obstacles counts as well")

@@ -90,7 +90,7 @@ def courses(robot: Robot) -> List[World]:
 
 @dataclass
 class Events:
-    """What planner and monitor did during a drive.
+    """Actions of planner and monitor during a drive.
 
     Attributes:
         cycles: Number of control cycles.

@@ -35,7 +35,7 @@ CHANNELS = (
     "decisions",
     "ends",
     "contacts",
-)  # that transitions need
+)  # channels of transitions
 MAX_AGE_S = 1.0  # age above which a scan or pose is not used for a decision [s]
 JUMP_M = 0.3  # movement between two poses that counts as a jump, in addition to FASTEST times the interval [m]
 FASTEST_M_S = 5.0  # speed beyond which no robot drives [m/s]

@@ -48,7 +48,7 @@ class Effect(NamedTuple):
 
     @property
     def is_saving(self) -> bool:
-        """Whether the changed value saves something: the interval lies above 0."""
+        """True if the changed value saves something: the interval lies above 0."""
         return self.low > 0.0
 
 

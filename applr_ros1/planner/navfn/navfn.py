@@ -158,8 +158,8 @@ class Navfn:
                 costmap.cells, self._costs, self._field, allow_unknown, self._extent, changed
             )
 
-        # No fence for a tolerance, which reads potentials around the goal, and for short lists,
-        # which lose pushes.
+        # A tolerance reads potentials around the goal, and short lists lose pushes: both get no
+        # fence.
         is_whole = tolerance > 0 or self._list_size < LIST_SIZE
         is_same = self._flooded == (robot, goal) and not (is_whole and self._fence is not None)
         if is_same and not is_stale:

@@ -17,8 +17,8 @@ from applr_ros1.planner.navfn.flood import FAR
 F32 = np.float32
 ZERO = F32(0.0)
 ONE = F32(1.0)
-# Potential below which a point is beside the robot. The potential of the robot's cell is 0 and that
-# of its free neighbours 50.
+# Potential below which a point is beside the robot. The robot's cell has the potential 0, its free
+# neighbours 50.
 AT_ROBOT = F32(50.0)
 STEEP = F32(254.0)  # gradient of an unreached cell beside a reached one (COST_OBS in C++)
 STEP = 0.5  # length of a step [cells]

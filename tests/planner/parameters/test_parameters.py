@@ -25,13 +25,19 @@ SURFACE, DWA_SURFACE, MAP_SURFACE = (
     json.loads((ROOT / "tests" / "data" / name).read_text())
     for name in ("move_base_surface.json", "dwa_surface.json", "turtlebot3_surface.json")
 )
-DWA = {"base_local_planner": "dwa_local_planner/DWAPlannerROS", "DWAPlannerROS": {"min_vel_y": 0, "max_vel_y": 0}}
+DWA = {
+    "base_local_planner": "dwa_local_planner/DWAPlannerROS",
+    "DWAPlannerROS": {"min_vel_y": 0, "max_vel_y": 0},
+}
 PLANNER = "TrajectoryPlannerROS"
 
 
 TURN, CLEAR = "rotate_recovery/RotateRecovery", "clear_costmap_recovery/ClearCostmapRecovery"
 NOT_ZERO = [
-    (server, p) for server in ("", PLANNER, "local_costmap") for p in SERVERS[server] if p.not_zero and p.min <= 0
+    (server, p)
+    for server in ("", PLANNER, "local_costmap")
+    for p in SERVERS[server]
+    if p.not_zero and p.min <= 0
 ]
 
 
@@ -56,15 +62,22 @@ def test_servers_equal_the_cpp_ones(server):
     table = servers(complete(JACKAL))[server].parameters
     ours = [(p.name, p.type, p.min, p.max, p.default, begun[p.name]) for p in table]
     assert ours == [
-        (p["name"], p["type"], number(p["min"]), number(p["max"]), p["default"], p["jackal"]) for p in theirs
+        (p["name"], p["type"], number(p["min"]), number(p["max"]), p["default"], p["jackal"])
+        for p in theirs
     ]
 
 
 def test_the_dwa_planners_server_equals_the_cpp_one():
     theirs = DWA_SURFACE["dynamic_reconfigure"]["/move_base/DWAPlannerROS"]
     names = {p["name"] for p in theirs}
-    ours = [(p.name, p.type, p.min, p.max, p.default) for p in SERVERS["DWAPlannerROS"] if p.name in names]
-    assert ours == [(p["name"], p["type"], number(p["min"]), number(p["max"]), p["default"]) for p in theirs]
+    ours = [
+        (p.name, p.type, p.min, p.max, p.default)
+        for p in SERVERS["DWAPlannerROS"]
+        if p.name in names
+    ]
+    assert ours == [
+        (p["name"], p["type"], number(p["min"]), number(p["max"]), p["default"]) for p in theirs
+    ]
 
 
 def test_a_turtlebots_parameters_are_taken_as_cpp_takes_them():
@@ -85,7 +98,9 @@ def test_only_the_servers_of_the_planner_in_use_exist():
 
 def test_the_control_period_is_searched_upwards():
     for tree, planner in itertools.product(({}, DWA), ("DWAPlannerROS", PLANNER)):
-        assert complete(dict(tree, controller_frequency=10.0))[planner]["controller_frequency"] == 10.0
+        assert (
+            complete(dict(tree, controller_frequency=10.0))[planner]["controller_frequency"] == 10.0
+        )
     own = complete({"controller_frequency": 10.0, "DWAPlannerROS": {"controller_frequency": 5.0}})
     assert own["DWAPlannerROS"]["controller_frequency"] == 5.0
 
@@ -125,10 +140,18 @@ def test_jackal_is_clean_and_complete_is_stable_and_equals_the_running_tree():
         ("rotate_recovery/sim_granularity", 1e-9, "100000 points"),
         ("controller_frequency", 0, "is 0: give a number above 0"),
         ("local_costmap/width", 100000, "cells"),
-        ("local_costmap/resolution", 20.0, "local_costmap/width, height are 10 x 10 m.*20 m.*no cells"),
+        (
+            "local_costmap/resolution",
+            20.0,
+            "local_costmap/width, height are 10 x 10 m.*20 m.*no cells",
+        ),
         ("local_costmap/plugins", [{"name": "v"}], "give a name and a type of"),
         (SEEN + "scan/data_type", "Range", "LaserScan or PointCloud2"),
-        ("recovery_behaviors", [{"name": "local_costmap", "type": CLEAR}], "'local_costmap'.*another"),
+        (
+            "recovery_behaviors",
+            [{"name": "local_costmap", "type": CLEAR}],
+            "'local_costmap'.*another",
+        ),
     ],
 )
 def test_check_reports_problem_value_and_remedy(path, value, words):
@@ -148,7 +171,10 @@ def test_values_are_read_as_roscpp_reads_them():
     assert check(tree) == []
     assert remarks(tree) == []
     full = complete(tree)
-    assert [full[PLANNER][name] for name in ("vx_samples", "vtheta_samples")] == [7, 20]  # 0.5 is rounded up
+    assert [full[PLANNER][name] for name in ("vx_samples", "vtheta_samples")] == [
+        7,
+        20,
+    ]  # 0.5 is rounded up
     # A list in the enclosing namespace is converted to text.
     assert full["local_costmap"]["footprint"] == "[[0.27, 0.21], [0.27, -0.21], [-0.27, 0.0]]"
     assert full["local_costmap"]["obstacles_layer"]["scan"]["obstacle_range"] == 2.0
@@ -161,18 +187,53 @@ KEPT = [{"name": "turn", "type": TURN}]
 @pytest.mark.parametrize(
     ("path", "value", "used", "warning"),
     [
-        (PLANNER + "/vx_samples", "6", 20, "is '6': the default 20 is used, as in C++; give a whole number"),
+        (
+            PLANNER + "/vx_samples",
+            "6",
+            20,
+            "is '6': the default 20 is used, as in C++; give a whole number",
+        ),
         (PLANNER + "/max_vel_x", "1e-1", 0.55, "is '1e-1': the default 0.55 is used"),
         (PLANNER + "/max_vel_x", True, 0.55, "is True: the default 0.55 is used"),
-        (PLANNER + "/dwa", 1, False, "is 1: the default False is used, as in C++; give true or false"),
+        (
+            PLANNER + "/dwa",
+            1,
+            False,
+            "is 1: the default False is used, as in C++; give true or false",
+        ),
         ("local_costmap/rolling_window", "true", False, "is 'true': the default False is used"),
         (SEEN + "scan/obstacle_range", "1.0", 2.5, "is '1.0': the default 2.5 is used"),
-        (SEEN + "observation_sources", ["scan"], "", "is ['scan']: the default '' is used, as in C++; give text"),
-        ("recovery_behaviors", "none", DEFAULT_RECOVERIES, "has 'none': the default behaviours are used, as in C++"),
-        ("recovery_behaviors", [MOVE_SLOW, *KEPT], KEPT, "has move_slow_and_clear/MoveSlowAndClear: this type is not"),
-        ("recovery_behaviors", [{"name": "turn", "type": "RotateRecovery"}], KEPT, ""),  # type without its package
+        (
+            SEEN + "observation_sources",
+            ["scan"],
+            "",
+            "is ['scan']: the default '' is used, as in C++; give text",
+        ),
+        (
+            "recovery_behaviors",
+            "none",
+            DEFAULT_RECOVERIES,
+            "has 'none': the default behaviours are used, as in C++",
+        ),
+        (
+            "recovery_behaviors",
+            [MOVE_SLOW, *KEPT],
+            KEPT,
+            "has move_slow_and_clear/MoveSlowAndClear: this type is not",
+        ),
+        (
+            "recovery_behaviors",
+            [{"name": "turn", "type": "RotateRecovery"}],
+            KEPT,
+            "",
+        ),  # type without its package
         ("controller_frequency", "10", 20.0, "is '10': the default 20.0 is used"),
-        ("local_costmap/robot_base_frame", "base", "base", "both costmaps use base_link of global_costmap"),
+        (
+            "local_costmap/robot_base_frame",
+            "base",
+            "base",
+            "both costmaps use base_link of global_costmap",
+        ),
     ],
 )
 def test_values_that_roscpp_ignores_get_the_default_and_a_warning(path, value, used, warning):
@@ -194,7 +255,9 @@ def test_older_names_are_used_if_cpp_reads_them():
     older = {"min_in_place_rotational_vel": 0.7, "max_rotational_vel": 0.9, "acc_lim_th": 1.1}
     for tree, limits in (({}, (0.4, 1.0, 3.2)), (DWA, (0.7, 0.9, 1.1))):
         move_base = MoveBase(dict(tree, TrajectoryPlannerROS=older))
-        rotation = next(behaviour for behaviour in move_base.recoveries if behaviour.name == "rotate_recovery")
+        rotation = next(
+            behaviour for behaviour in move_base.recoveries if behaviour.name == "rotate_recovery"
+        )
         assert (rotation.slowest_turn, rotation.fastest_turn, rotation.acceleration) == limits
     assert rotation.tolerance == 0.1
     here = MoveBase({PLANNER: older}).local_planner
@@ -214,17 +277,27 @@ def test_values_out_of_bounds_are_clamped_as_in_cpp():
     assert complete(tree)["local_costmap"]["update_frequency"] == 100.0
     lines = {line.partition(" ")[0].rpartition("/")[2]: line for line in remarks(tree)}
     assert set(lines) == {"max_vel_x", "min_vel_x", "acc_lim_th", "update_frequency"}
-    assert lines["max_vel_x"] == PLANNER + "/max_vel_x is 30.0: 20.0 is used, give a value from 0.0 to 20.0"
+    assert (
+        lines["max_vel_x"]
+        == PLANNER + "/max_vel_x is 30.0: 20.0 is used, give a value from 0.0 to 20.0"
+    )
     assert lines["acc_lim_th"].endswith("is ignored: give acc_lim_theta")
 
 
 def test_unavailable_layer_types_are_reported_and_the_other_layers_used():
     tree = copy.deepcopy(JACKAL)
     local = tree["local_costmap"]
-    local["plugins"][:0] = [{"name": "a", "type": "lab::SonarLayer"}, {"name": "c", "type": "stvl/TemporalVoxelLayer"}]
+    local["plugins"][:0] = [
+        {"name": "a", "type": "lab::SonarLayer"},
+        {"name": "c", "type": "stvl/TemporalVoxelLayer"},
+    ]
     local["c"] = {"observation_sources": "scan", "voxel_decay": 15.0}
     local["plugins"].append({"name": "b", "type": "costmap_2d::VoxelLayer"})
-    local["b"] = {"z_voxels": 8, "observation_sources": "scan", "scan": {"topic": "low", "data_type": "LaserScan"}}
+    local["b"] = {
+        "z_voxels": 8,
+        "observation_sources": "scan",
+        "scan": {"topic": "low", "data_type": "LaserScan"},
+    }
     tree["global_costmap"] = {"map_type": "voxel", "robot_base_frame": "base_link"}
     assert check(tree) == []
     missing = "this layer type is not available"
@@ -241,7 +314,10 @@ def test_unavailable_layer_types_are_reported_and_the_other_layers_used():
 
 def test_a_layer_may_have_the_name_of_a_parameter_without_plugins():
     plugins = [{"name": "static_map", "type": "costmap_2d::StaticLayer"}]
-    tree = {name: {"plugins": plugins, "static_map": {"first_map_only": True}} for name in ("global_costmap",)}
+    tree = {
+        name: {"plugins": plugins, "static_map": {"first_map_only": True}}
+        for name in ("global_costmap",)
+    }
     assert check(tree) == []
     assert complete(tree)["global_costmap"]["static_map"]["first_map_only"] is True
     tree["global_costmap"]["plugins"] = []  # A section instead of a flag is ignored.
@@ -262,7 +338,9 @@ def test_scan_source_may_have_any_name():
     assert complete(tree)["local_costmap"]["obstacles_layer"]["laser"]["raytrace_range"] == 4.5
     layer["observation_sources"] = "laser bump"
     assert check(tree) == []
-    bump = complete(tree)["local_costmap"]["obstacles_layer"]["bump"]  # defaults of C++, and the layer's ranges
+    bump = complete(tree)["local_costmap"]["obstacles_layer"][
+        "bump"
+    ]  # defaults of C++, and the layer's ranges
     assert (bump["topic"], bump["data_type"], bump["clearing"]) == ("bump", "PointCloud", False)
     assert (bump["obstacle_range"], bump["min_obstacle_height"]) == (2.5, 0.0)
     layer["bump"] = "no section"
@@ -278,16 +356,28 @@ TURTLEBOT = {  # costmap parameters as in turtlebot3_navigation
     "cost_scaling_factor": 3.0,
     "map_type": "costmap",
     "observation_sources": "scan",
-    "scan": {"sensor_frame": "base_scan", "data_type": "LaserScan", "topic": "scan", "clearing": True},
+    "scan": {
+        "sensor_frame": "base_scan",
+        "data_type": "LaserScan",
+        "topic": "scan",
+        "clearing": True,
+    },
 }
 
 
 def test_files_without_plugins_get_the_layers_that_cpp_gives_them():
-    tree = {"global_costmap": TURTLEBOT, "local_costmap": dict(TURTLEBOT, static_map=False, track_unknown_space=True)}
+    tree = {
+        "global_costmap": TURTLEBOT,
+        "local_costmap": dict(TURTLEBOT, static_map=False, track_unknown_space=True),
+    }
     assert check(tree) == []
     full = complete(tree)
     world, local = full["global_costmap"], full["local_costmap"]
-    assert [p["name"] for p in world["plugins"]] == ["static_layer", "obstacle_layer", "inflation_layer"]
+    assert [p["name"] for p in world["plugins"]] == [
+        "static_layer",
+        "obstacle_layer",
+        "inflation_layer",
+    ]
     assert [p["name"] for p in local["plugins"]] == ["obstacle_layer", "inflation_layer"]
     theirs = MAP_SURFACE["params"]["global_costmap"]["obstacle_layer"]
     assert world["obstacle_layer"]["scan"]["obstacle_range"] == theirs["obstacle_range"] == 3.0
@@ -304,8 +394,13 @@ def test_values_at_the_costmap_replace_those_of_the_layers():
     tree = copy.deepcopy(JACKAL)
     tree["local_costmap"].update(inflation_radius=0.7, raytrace_range=5.0)
     full = complete(tree)["local_costmap"]
-    assert (full["inflater_layer"]["inflation_radius"], full["obstacles_layer"]["raytrace_range"]) == (0.7, 5.0)
-    assert full["obstacles_layer"]["scan"]["raytrace_range"] == 3.0  # A value of the source itself takes precedence.
+    assert (
+        full["inflater_layer"]["inflation_radius"],
+        full["obstacles_layer"]["raytrace_range"],
+    ) == (0.7, 5.0)
+    assert (
+        full["obstacles_layer"]["scan"]["raytrace_range"] == 3.0
+    )  # A value of the source itself takes precedence.
 
 
 def test_a_value_clamped_to_an_invalid_zero_is_rejected():
@@ -325,7 +420,10 @@ def test_a_costmap_without_cells_is_rejected_before_anything_changes():
     with pytest.raises(ParameterError, match="%s/width, height are .* no cells" % name):
         move_base.reconfigure(name, {"width": 1, "resolution": 1.5})
     assert (dict(move_base.configuration(name)), move_base.global_costmap.size) == (before, size)
-    assert move_base.reconfigure(name, {"width": 1, "height": 1, "resolution": 1.0})["resolution"] == 1.0
+    assert (
+        move_base.reconfigure(name, {"width": 1, "height": 1, "resolution": 1.0})["resolution"]
+        == 1.0
+    )
 
 
 def test_a_costmap_with_a_static_map_starts_with_its_usual_values():
@@ -341,7 +439,11 @@ def test_a_request_for_endless_trajectories_is_rejected():
         config.request(PLANNER, {name: 1e-9})
     slow = {"max_vel_x": 0.0, "min_vel_x": 0.0, "escape_vel": 0.0, "sim_granularity": 1e-9}
     config.request(PLANNER, slow)
-    refused(lambda: config.request(PLANNER, dict(slow, heading_scoring=True)), "heading_scoring", kind=ParameterError)
+    refused(
+        lambda: config.request(PLANNER, dict(slow, heading_scoring=True)),
+        "heading_scoring",
+        kind=ParameterError,
+    )
 
 
 CLEARING = {"layer_names": ["obstacles_layer"], "affected_maps": "both", "force_updating": True}
@@ -360,7 +462,11 @@ def test_recovery_parameters_of_cpp_files_are_taken():
     assert check(tree) == []
     assert remarks(tree) == []
     full = complete(tree)
-    assert full["conservative_reset"]["layer_names"] == full["wide"]["layer_names"] == ["obstacles_layer"]
+    assert (
+        full["conservative_reset"]["layer_names"]
+        == full["wide"]["layer_names"]
+        == ["obstacles_layer"]
+    )
     assert complete(full) == full
 
 
@@ -372,7 +478,9 @@ class TestConfiguration:
     def test_clamps_and_keeps_the_rest(self, config):
         new = config.request(PLANNER, {"max_vel_x": 1e9, "vx_samples": -5})
         assert (new["max_vel_x"], new["vx_samples"], new["sim_time"]) == (20.0, 1, 2.0)
-        assert config[PLANNER]["max_vel_x"] == 0.5  # A request changes nothing before it is accepted.
+        assert (
+            config[PLANNER]["max_vel_x"] == 0.5
+        )  # A request changes nothing before it is accepted.
 
     def test_rejects_the_whole_request(self, config):
         for bad in (math.nan, math.inf, None, "1", True):
@@ -380,10 +488,15 @@ class TestConfiguration:
                 config.request(PLANNER, {"sim_time": 1.0, "max_vel_x": bad})
 
     def test_older_names_always_follow(self, config):
-        for name, other in (("pdist_scale", "path_distance_bias"), ("goal_distance_bias", "gdist_scale")):
+        for name, other in (
+            ("pdist_scale", "path_distance_bias"),
+            ("goal_distance_bias", "gdist_scale"),
+        ):
             config.accept(PLANNER, config.request(PLANNER, {name: 0.33}))
             assert config[PLANNER][name] == config[PLANNER][other] == 0.33
-        everything = dict(config[PLANNER], pdist_scale=0.5)  # rqt_reconfigure sends all values after one changes.
+        everything = dict(
+            config[PLANNER], pdist_scale=0.5
+        )  # rqt_reconfigure sends all values after one changes.
         new = config.request(PLANNER, everything)
         assert new["path_distance_bias"] == new["pdist_scale"] == 0.5
 
@@ -395,15 +508,24 @@ class TestConfiguration:
         assert new["restore_defaults"] is False
 
     def test_refuses_unknown_names(self, config):
-        refused(lambda: config.request(PLANNER, {"warp": 9}), "no such parameter", kind=ParameterError)
+        refused(
+            lambda: config.request(PLANNER, {"warp": 9}), "no such parameter", kind=ParameterError
+        )
         refused(lambda: config.request("nowhere", {}), "no server", kind=ParameterError)
 
     def test_another_planner_cannot_be_loaded(self, config):
-        assert config.request("", {"base_global_planner": "x/Y"})["base_global_planner"] == "navfn/NavfnROS"
+        assert (
+            config.request("", {"base_global_planner": "x/Y"})["base_global_planner"]
+            == "navfn/NavfnROS"
+        )
 
 
 def test_cfg_files_are_generated_without_numpy(tmp_path):
-    prefixes = [path for path in ("/usr", "/opt/ros/noetic") if os.path.isdir(path + "/share/dynamic_reconfigure")]
+    prefixes = [
+        path
+        for path in ("/usr", "/opt/ros/noetic")
+        if os.path.isdir(path + "/share/dynamic_reconfigure")
+    ]
     if not prefixes:
         pytest.skip("no dynamic_reconfigure here")
     cfg, there = ROOT / "applr_ros1" / "cfg" / "TrajectoryPlanner.cfg", str(tmp_path)
