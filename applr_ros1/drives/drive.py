@@ -117,13 +117,24 @@ class Clearances(Rows):
 
 @dataclass
 class Plans(Rows):
-    """Plans that the local planner followed.
+    """Plans of the global planner, or the parts of them that the local planner followed.
 
     Attributes:
         path: Poses (k, 3) x, y [m], yaw [rad] of each plan; (0, 3) for an empty plan.
     """
 
     path: List[np.ndarray]
+
+
+@dataclass
+class Refusals(Rows):
+    """Control cycles of the local planner, and what it rejected in them.
+
+    Attributes:
+        critics: Number of velocities that each critic rejected in a cycle without a valid one; else {}.
+    """
+
+    critics: List[Dict[str, int]]
 
 
 @dataclass
@@ -219,7 +230,9 @@ class Drive:
         scans: Laser scans.
         clearances: Distances to the nearest obstacle.
         observed: Distances to the nearest obstacle in the scans that the method saw, if it had scans of its own.
-        plans: Plans that were followed.
+        routes: Plans of the global planner, from the robot to the goal.
+        plans: Plans that were followed: the part of a route that the local planner keeps.
+        refusals: What the local planner rejected.
         planned: Commands of the planner, before a collision monitor.
         commands: Commands at the base.
         verdicts: Verdicts of the collision monitor.
@@ -243,7 +256,9 @@ class Drive:
     scans: Optional[Scans] = None
     clearances: Optional[Clearances] = None
     observed: Optional[Clearances] = None
+    routes: Optional[Plans] = None
     plans: Optional[Plans] = None
+    refusals: Optional[Refusals] = None
     planned: Optional[Commands] = None
     commands: Optional[Commands] = None
     verdicts: Optional[Verdicts] = None

@@ -15,6 +15,7 @@ from applr_ros1.drives.drive import (
     Goal,
     Motion,
     Plans,
+    Refusals,
     Scans,
     SentGoal,
     Verdicts,
@@ -55,7 +56,7 @@ class Recorder:
 
     Args:
         world: World of the drive.
-        everything: Whether to keep scans, odometry, plans, commands, verdicts and changes of parameters, too.
+        everything: Whether to keep scans, odometry, plans, refusals, commands, verdicts and changes of parameters, too.
     """
 
     def __init__(self, world: Optional[World] = None, everything: bool = False):
@@ -67,7 +68,9 @@ class Recorder:
         self._contacts: List[float] = []
         self._odometry = Table(6)  # time, x, y, yaw, v, w
         self._scans: List[Tuple[float, LaserScan]] = []
+        self._routes: List[Tuple[float, np.ndarray]] = []
         self._plans: List[Tuple[float, np.ndarray]] = []
+        self._refusals: List[Tuple[float, Dict[str, int]]] = []
         self._planned = Table(3)  # time, v, w
         self._commands = Table(3)  # time, v, w
         self._verdicts: List[Tuple[float, Verdict]] = []
@@ -104,6 +107,14 @@ class Recorder:
         """Add a laser scan."""
         self._scans.append((time, scan))
 
+    def routed(self, time: float, path: np.ndarray) -> None:
+        """Add a plan (k, 3) of the global planner."""
+        self._routes.append((time, path))
+
+    def refused(self, time: float, critics: Dict[str, int]) -> None:
+        """Add a cycle of the local planner: how many velocities each critic rejected if none was valid, else {}."""
+        self._refusals.append((time, critics))
+
     def planned(self, time: float, command: Twist, path: np.ndarray) -> None:
         """Add a command of the local planner, and the plan (k, 3) that it followed."""
         self._planned.append(time, *command)
@@ -128,8 +139,16 @@ class Recorder:
     # -- the drive -----------------------------------------------------------------------------------
     @property
     def drive(self) -> Drive:
-        """Drive so far. Its columns are views where they can be."""
-        drive = Drive(
+        """Drive so far, with all columns that are kept."""
+        drive = self.course
+        if self.everything:
+            self._add_details(drive)
+        return drive
+
+    @property
+    def course(self) -> Drive:
+        """Drive so far in the columns of which an Outcome is made. They are views where they can be."""
+        return Drive(
             name=self._world.name if self._world is not None else "",
             truth=_motion(self._truth.rows),
             clearances=_clearances(self._clearances.rows),
@@ -141,15 +160,15 @@ class Recorder:
             contacts=np.array(self._contacts),
             world=self._world,
         )
-        if self.everything:
-            self._add_details(drive)
-        return drive
 
     def _add_details(self, drive: Drive) -> None:
         drive.odometry = _motion(self._odometry.rows)
         drive.planned = Commands(self._planned.rows[:, 0], self._planned.rows[:, 1:])
         drive.commands = Commands(self._commands.rows[:, 0], self._commands.rows[:, 1:])
-        drive.plans = Plans(_times(self._plans), [path for _, path in self._plans])
+        drive.routes = _plans(self._routes)
+        drive.plans = _plans(self._plans)
+        critics = [critics for _, critics in self._refusals]
+        drive.refusals = Refusals(_times(self._refusals), critics)
         drive.scans = _scans(self._scans)
         verdicts = [verdict for _, verdict in self._verdicts]
         drive.verdicts = Verdicts(
@@ -177,6 +196,11 @@ def _motion(rows: np.ndarray) -> Motion:
 def _clearances(rows: np.ndarray) -> Clearances:
     """Return rows of time and smallest range as columns."""
     return Clearances(rows[:, 0], rows[:, 1])
+
+
+def _plans(rows: Sequence[Tuple[float, np.ndarray]]) -> Plans:
+    """Return paths with their times as columns."""
+    return Plans(_times(rows), [path for _, path in rows])
 
 
 def _scans(rows: Sequence[Tuple[float, LaserScan]]) -> Scans:

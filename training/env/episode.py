@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from typing import Any, Callable, Dict, Optional, Tuple, Union
+from typing import Any, Dict, Optional, Tuple, Union
 
 import numpy as np
 
@@ -76,7 +76,6 @@ class Episode:
         escapes: Whether the monitor makes the escape motions that a planner of fidelity cpp-like lacks.
         ends_at_tolerance: Whether a course ends as soon as the robot is within the planner's goal tolerance, or only
             when the planner reports its goal as reached, after it has also turned to the goal's heading.
-        observer: Function that is called with each step of the stack, also with the one before the goal is sent.
         record: Whether `drive` has all columns. Without it, a drive has what outcomes and pictures need.
     """
 
@@ -93,7 +92,6 @@ class Episode:
         end_on_stall: bool = False,
         escapes: bool = True,
         ends_at_tolerance: bool = True,
-        observer: Optional[Callable[[Step], None]] = None,
         record: bool = False,
     ):
         planners = move_base if isinstance(move_base, tuple) else (move_base,)
@@ -117,7 +115,6 @@ class Episode:
         self.end_on_collision = end_on_collision
         self.end_on_stall = end_on_stall
         self.ends_at_tolerance = ends_at_tolerance
-        self._observer = observer
         self.stall = Stall(robot.world_scale)
         self.set_period(period)
         self.time_limit = time_limit
@@ -244,7 +241,7 @@ class Episode:
         self._observe()
         leg = Leg(begin, self.seconds, self.world.course.goal, came_from, state.pose)
         self.outcome = outcome_of(
-            self.drive,
+            self._recorder.course,
             self._goal,
             leg,
             theta,
@@ -295,8 +292,6 @@ class Episode:
         scan = self._scan() if state.time + 1e-6 >= self._scan_due else None
         origin = None if self._to_map is None else compose(self.place, inverse(state.odom_pose))
         step = self.stack.step(state.time, state.odom_pose, state.odom_twist, scan, origin)
-        if self._observer is not None:
-            self._observer(step)
         if self._record:
             self._record_step(state, scan, step)
         if step.command is not None:
@@ -312,6 +307,11 @@ class Episode:
             recorder.scanned(time, scan)
         if step.cycle.recovery is not None:
             recorder.recovered(time)
+        if step.cycle.new_plan:
+            recorder.routed(time, np.array(self.move_base.global_plan))
+        if step.cycle.controlled:
+            planner = self.move_base.local_planner
+            recorder.refused(time, planner.refusals(self.move_base.local_costmap))
         if step.cycle.command is not None and step.cycle.controlled:
             followed = np.array(self.move_base.local_planner.cropped_plan)
             recorder.planned(time, step.cycle.command, followed)

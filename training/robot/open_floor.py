@@ -11,21 +11,19 @@ DWAPlannerROS does so with its default parameters.
 from __future__ import annotations
 
 import math
-from collections import Counter
-from dataclasses import dataclass, field
-from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, Sequence, Tuple
 
 import numpy as np
 
 import sim_bridge
 from applr_ros1.common.trees import branch
-from applr_ros1.monitor.monitor import Verdict
+from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import Robot, check
 from applr_ros1.robots.check import Remark
-from applr_ros1.stack.stack import Step
-from training.env.episode import CONTROL_PERIOD, Episode, counting_cells
-from training.env.outcome import Outcome
+from training.env.episode import Episode, counting_cells
+from training.why.reasons import STANDS, failure_of
 from worlds import Course, World
 
 GOAL_DISTANCE_M = 5.0  # distance of the goals at the Jackal's scale [m]
@@ -33,12 +31,10 @@ WINDOW_SHARE = 0.45  # largest goal distance as a share of the size of a rolling
 DOOR_MARGIN_M = 0.3  # margin of the door beyond the padded width of the footprint [m]
 WALL_THICKNESS_M = 0.1  # thickness of the walls beside the door [m]
 LIMIT_S = 60.0  # time limit of a drive [s]
-STANDS = f"it turns or stands, and has not arrived after {LIMIT_S:g} s"
 NO_REMEDY = (
     "no change of a single planner parameter helps: "
     "compare footprint, body, laser and base in robot.yaml"
 )
-REASON_SHARE = 0.1  # share of a drive above which an event counts as the reason of a failure
 SEED = 1
 FACTORS = (  # (parameter, factor on its value), in the order of the attempts
     ("occdist_scale", 0.1),
@@ -88,72 +84,6 @@ def courses(robot: Robot) -> List[World]:
     ]
 
 
-@dataclass
-class Events:
-    """Actions of planner and monitor during a drive.
-
-    Attributes:
-        cycles: Number of control cycles.
-        commands: Number of cycles in which the local planner ran.
-        refused: Number of cycles in which the local planner rejected every sampled velocity.
-        plans: Number of cycles with a new global plan.
-        critics: Number of rejected velocities by critic.
-        blocked: Number of cycles in which the monitor blocked the robot, by reason.
-        commanded_m: Distance that the monitor's commands add up to [m].
-    """
-
-    cycles: int = 0
-    commands: int = 0
-    refused: int = 0
-    plans: int = 0
-    critics: Counter[str] = field(default_factory=Counter)
-    blocked: Counter[str] = field(default_factory=Counter)
-    commanded_m: float = 0.0
-
-
-class FloorDrive(NamedTuple):
-    """A finished drive on one course: its outcome, duration [s] and events."""
-
-    outcome: Outcome
-    seconds: float
-    events: Events
-
-    @property
-    def failure(self) -> str:
-        """Reason of the failure in words, or "" if the robot arrived without a contact."""
-        if not self.outcome.collided:
-            return "" if self.outcome.success else self._reason()
-        return f"it touches something, and {self._reason()}"
-
-    def _reason(self) -> str:
-        """Return the most frequent event in words."""
-        events, driven_m = self.events, self.outcome.path_length_m
-        # Causes come before what follows from them: without a plan nothing is commanded.
-        if not events.plans:
-            return "the global planner finds no path"
-        refused_share = events.refused / max(1, events.commands)
-        if refused_share > REASON_SHARE:
-            # "samples" counts the velocities themselves.
-            critics = Counter({name: n for name, n in events.critics.items() if name != "samples"})
-            critic = critics.most_common(1)[0][0]
-            percent = f"{100 * refused_share:.0f} %"
-            return (
-                f"the planner rejects every velocity in {percent} of its cycles, mostly by {critic}"
-            )
-        blocked_share = sum(events.blocked.values()) / events.cycles
-        if blocked_share > REASON_SHARE:
-            cause = events.blocked.most_common(1)[0][0]
-            return (
-                f"the collision monitor intervenes {100 * blocked_share:.0f} % of the time: {cause}"
-            )
-        # Wheels that slip turn without moving the robot.
-        if events.commanded_m > 1.0 + 2.0 * driven_m:
-            return f"it moves {driven_m:.1f} m although {events.commanded_m:.1f} m are commanded"
-        if self.outcome.aborted:
-            return "move_base ends with " + self.outcome.reason.partition(": ")[2]
-        return STANDS
-
-
 class Floor:
     """Open floor in the kinematic simulator, on which a robot drives with its default parameters.
 
@@ -171,35 +101,15 @@ class Floor:
             time_limit=LIMIT_S,
             monitor=True,
             ends_at_tolerance=False,
-            observer=self._count,
+            record=True,
         )
-        self._events = Events()
-        self._verdict = Verdict((0.0, 0.0))
 
-    def drive(self, world: World) -> FloorDrive:
+    def drive(self, world: World) -> Drive:
         """Drive one course to its end."""
-        episode = self.episode
-        self._events = Events()
-        outcome = episode.reset(world, SEED)
+        outcome = self.episode.reset(world, SEED)
         while not outcome.over:
-            outcome = episode.decide(outcome.theta)
-        return FloorDrive(outcome, episode.seconds, self._events)
-
-    def _count(self, step: Step) -> None:
-        """Count the events of a control cycle."""
-        events, move_base = self._events, self.episode.move_base
-        events.cycles += 1
-        events.plans += step.cycle.new_plan
-        if step.cycle.controlled:
-            refusals = move_base.local_planner.refusals(move_base.local_costmap)
-            events.commands += 1
-            events.refused += bool(refusals)
-            events.critics.update(refusals)
-        if step.verdict is not None:
-            self._verdict = step.verdict
-        if events.commands:  # The monitor's last command holds until the next command.
-            events.blocked[self._verdict.reason] += self._verdict.blocked
-            events.commanded_m += abs(self._verdict.command[0]) * CONTROL_PERIOD
+            outcome = self.episode.decide(outcome.theta)
+        return self.episode.drive
 
 
 def try_out(robot: Robot) -> Tuple[bool, List[str]]:
@@ -209,9 +119,10 @@ def try_out(robot: Robot) -> Tuple[bool, List[str]]:
     lines: List[str] = []
     for world in courses(robot):
         drive = floor.drive(world)
-        lines.append(f"{world.name}: {drive.failure or f'{drive.seconds:.0f} s'}")
-        if drive.failure:
-            failures[world.name] = drive.failure
+        failure = failure_of(drive)
+        lines.append(f"{world.name}: {failure or f'{drive.goals[-1].end:.0f} s'}")
+        if failure:
+            failures[world.name] = failure
     if not failures:
         return True, lines
 
@@ -223,7 +134,7 @@ def try_out(robot: Robot) -> Tuple[bool, List[str]]:
     advice = remedy(robot, known, list(failures))
     course, reason = next(iter(failures.items()))
     only_at_the_door = course.startswith("drive through a door")
-    if only_at_the_door and reason == STANDS:
+    if only_at_the_door and reason.startswith(STANDS):
         as_in_cpp = "" if known else "like the C++ planner, "
         return True, [*lines, f"remark: {as_in_cpp}it does not {course}: {advice}"]
     return False, [*lines, f"error: it does not {course}: {advice}"]
@@ -244,7 +155,7 @@ def remedy(robot: Robot, known: Sequence[Remark], failed: Sequence[str]) -> str:
         floor = Floor(changed)
         # A change that does not help is noticed soonest on the courses that failed.
         first = sorted(courses(changed), key=lambda world: world.name not in failed)
-        return not any(floor.drive(world).failure for world in first)
+        return not any(failure_of(floor.drive(world)) for world in first)
 
     attempts = [[remark] for remark in known]
     if len(known) > 1:
@@ -254,9 +165,9 @@ def remedy(robot: Robot, known: Sequence[Remark], failed: Sequence[str]) -> str:
             return f"{_lines(attempt)}; once this is corrected, all four courses succeed"
 
     faults = f"{_lines(known)}; once this is corrected, " if known else ""
-    for words, changed in changes(corrected(robot, known)):
+    for change, changed in changes(corrected(robot, known)):
         if succeeds(changed):
-            return f"{faults}all four courses succeed if you {words}"
+            return f"{faults}all four courses succeed if you {change.advice}"
     return faults + NO_REMEDY
 
 
@@ -277,21 +188,20 @@ def _lines(remarks: Sequence[Remark]) -> str:
     return "; ".join(remark.line for remark in remarks)
 
 
-def changes(robot: Robot) -> Iterator[Tuple[str, Robot]]:
-    """Yield changes of a single parameter: the change in words, and the robot with this change."""
+def changes(robot: Robot) -> Iterator[Tuple[Change, Robot]]:
+    """Yield changes of a single parameter: the change, and the robot with this change."""
     tree = robot.all_parameters()
     for places, wanted in _values(robot, tree):
         server, name = places[0]
         default = branch(tree, server)[name]
-        if wanted == default:
+        change = Change(server, name, default, type(default)(wanted))
+        if change.after == change.before:
             continue
         # A parameter of the space may stand in several places, which follow it together.
         made: Dict[str, Any] = {}
         for place, alias in places:
-            branch(made, place, create=True)[alias] = type(default)(wanted)
-        path = f"{server}/{name}" if server else name
-        changed = robot.with_parameters(made, f"{robot.name} with {path} {wanted:g}")
-        yield f"set {path} to {wanted:g} instead of {default:g}", changed
+            branch(made, place, create=True)[alias] = change.after
+        yield change, robot.with_parameters(made, f"{robot.name} with {change}")
 
 
 def _values(robot: Robot, tree: Dict[str, Any]) -> Iterator[Tuple[List[Tuple[str, str]], float]]:

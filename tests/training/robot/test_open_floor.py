@@ -13,6 +13,7 @@ from applr_ros1.robots.geometry import bounding_box
 from training.robot import check as check_robot
 from training.robot import open_floor
 from training.robot.open_floor import Floor, changes, courses
+from training.why.reasons import STANDS, failure_of
 
 BURGER, HUSKY = load("turtlebot3_burger"), load("husky")
 PLANNER = "dwa_local_planner_params_burger.yaml"
@@ -59,12 +60,12 @@ def test_the_reason_of_a_failed_drive_is_reported(file, old, new, course, why, t
     text = text.replace(old, new).replace("acc_lim_theta: 3.2", "acc_lim_theta: 0.5")
     (folder / file).write_text(text)
     robot = read(str(folder))
-    assert why in Floor(robot).drive(courses(robot)[course]).failure
+    assert why in failure_of(Floor(robot).drive(courses(robot)[course]))
 
 
 def test_slipping_wheels_are_reported():
     drive = Floor(BURGER, friction=0.001).drive(courses(BURGER)[0])
-    assert drive.failure.startswith("it moves ")
+    assert failure_of(drive).startswith("it moves ")
 
 
 # -- each course notices a fault
@@ -77,7 +78,7 @@ CANNOT_TURN = {
 def drives(robot, worlds):
     """Return for each course whether the robot drives it."""
     floor = Floor(robot)
-    return [not floor.drive(world).failure for world in worlds]
+    return [not failure_of(floor.drive(world)) for world in worlds]
 
 
 def test_a_robot_without_faults_drives_all_courses():
@@ -89,8 +90,8 @@ def test_the_turn_on_the_spot_takes_the_time_of_a_turn():
     """Position and goal are the same, so that only the heading is still to be reached."""
     turn = courses(BURGER)[1]
     drive = Floor(BURGER).drive(turn)
-    assert drive.failure == ""
-    assert drive.seconds > np.pi / BURGER.base.max_yaw_rate
+    assert failure_of(drive) == ""
+    assert drive.goals[-1].end > np.pi / BURGER.base.max_yaw_rate
 
 
 def test_a_planner_that_cannot_turn_fails_the_turn_and_the_box():
@@ -103,7 +104,7 @@ def test_a_goal_that_is_never_called_reached_fails_the_drive_straight_on():
     changed = {"DWAPlannerROS": {"yaw_goal_tolerance": 0.0}}
     robot = BURGER.with_parameters(changed, "burger that never arrives")
     straight, *_ = courses(robot)
-    assert Floor(robot).drive(straight).failure == open_floor.STANDS
+    assert failure_of(Floor(robot).drive(straight)).startswith(STANDS)
 
 
 def scaled_footprint(robot, factor):
@@ -129,17 +130,16 @@ def test_a_door_that_is_too_narrow_is_not_passed(monkeypatch):
 # -- remedies
 def test_a_change_counts_in_all_places_and_keeps_to_the_range():
     space, defaults = space_of(BURGER), space_of(BURGER).theta0
-    changed = dict(changes(BURGER))
-    for words, robot in changed.items():
+    robots = {}
+    for change, robot in changes(BURGER):
+        robots[change.advice] = robot
         theta = space_of(robot).theta0
-        name = words.split()[1].rpartition("/")[2]
         changed_names = [space.names[i] for i in np.flatnonzero(theta != defaults)]
-        assert changed_names == [name] * (name in space.names)
+        assert changed_names == [change.name] * (change.name in space.names)
         assert (space.low <= theta).all()
         assert (theta <= space.high).all()
-    speed = changed["set DWAPlannerROS/max_vel_x to 0.11 instead of 0.22"].parameters()[
-        "DWAPlannerROS"
-    ]
+    slow = robots["set DWAPlannerROS/max_vel_x to 0.11 instead of 0.22"]
+    speed = slow.parameters()["DWAPlannerROS"]
     assert (speed["max_vel_x"], speed["max_vel_trans"]) == (0.11, 0.11)
 
 
