@@ -1,138 +1,304 @@
 """Figures of `./applr why` for docs/explanation/results.md: `python -m tests.benchmarks.why [BAG ...]`.
 
-With bags of the Jackal, print the share of their commands that the replay reproduces. Without, spoil one parameter at a
-time in simulation, and print the rank of this parameter, or of its equal, among the alternatives of each drive that the
-fault makes fail or 1.5 times as long, and the rows of docs/results/planted.csv. It takes an hour on two cores.
+With bags of the Jackal, print the share of their commands that the replay reproduces. Without, plant one fault at a
+time in a simulated robot, ask `./applr why` about each drive that the fault makes fail or 1.5 times as long, follow the
+advice, and drive before and after with fresh seeds: a line per drive, and the table docs/results/advice.csv.
 """
 
-import sys
-from concurrent.futures import ProcessPoolExecutor
-from pathlib import Path
-from time import process_time
+from __future__ import annotations
 
-from applr_ros1.robots import JACKAL, load
-from tests.support.drives import changed, simulated
+import sys
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import Any, Dict, List, NamedTuple, Optional
+
+import numpy as np
+
+from applr_ros1.planner.parameters.settings import Change
+from applr_ros1.robots import JACKAL, Robot, load
+from tests.support.drives import simulated
 from training.why import __main__ as why
+from training.why.candidates import Candidate, file_candidates, with_changes
 from training.why.diagnosis import diagnose
 from training.why.replay import Replay
+from training.workers.pool import Pool
 
-SLOWER, LIMIT_S = 1.5, 60.0
-WORLDS = {
-    "3, 11, 40, 7": (3, 11, 40, 7),
-    "5, 17, 23, 28": (5, 17, 23, 28),
-}  # the rules were chosen on the first ones
+SLOWER, LIMIT_S = (
+    1.5,
+    60.0,
+)  # a fault counts if the drive takes this much longer than the sound one, or fails
+RECORDED_SEED, FRESH_SEEDS = 0, (101, 102, 103)
+HELPED, HARMED = 0.9, 1.1  # ratios of the mean times after and before
+CHOOSING = 3, 11, 40, 7  # worlds with which rules were chosen
+JUDGING = 5, 17, 23, 28, 45, 61, 76, 88  # worlds of the table
+ROBOTS = "jackal", "turtlebot3_waffle_pi", "husky"
 TRAJECTORY, DWA = "TrajectoryPlannerROS", "DWAPlannerROS"
-LAYERS = {TRAJECTORY: "/inflater_layer", DWA: ""}  # where the files have the inflation
 EQUAL = {  # equals on the page of the C++ planner
     "inflation_radius": ("occdist_scale", "cost_scaling_factor"),
     "cost_scaling_factor": ("occdist_scale", "inflation_radius"),
     "occdist_scale": ("inflation_radius", "cost_scaling_factor"),
+    "path_distance_bias": ("goal_distance_bias",),
+    "goal_distance_bias": ("path_distance_bias",),
+    "scaling_speed": ("max_scaling_factor",),
+    "footprint": ("footprint_padding",),
+    "footprint_padding": ("footprint",),
 }
-TUNED = dict(
-    max_vel_x=1.341, max_vel_theta=2.303, min_vel_theta=-2.303, vx_samples=16, vtheta_samples=56, sim_time=1.113,
-    occdist_scale=0.401, path_distance_bias=0.466, goal_distance_bias=1.496, min_in_place_vel_theta=0.75,
-)  # fmt: skip
-ROBOTS = {
-    "Jackal, defaults": JACKAL,
-    "Jackal, tuned set": changed(
-        JACKAL, {TRAJECTORY: TUNED, "local_costmap": {"footprint_padding": 0.14}}
-    ),
-    "waffle_pi": load("turtlebot3_waffle_pi"),
-}
-FAULTS = {
+# Faults {parameter: value} of the local planner.
+PLANNER_FAULTS: Dict[str, List[Dict[str, Any]]] = {
     TRAJECTORY: [
-        dict(sim_time=4.0), dict(sim_time=0.3), dict(occdist_scale=0.8), dict(path_distance_bias=5.0),
-        dict(goal_distance_bias=0.1), dict(inflation_radius=0.8), dict(cost_scaling_factor=1.0), dict(vx_samples=1),
-        dict(vtheta_samples=2), dict(max_vel_theta=0.3, min_vel_theta=-0.3), dict(acc_lim_theta=0.5),
-        dict(acc_lim_x=0.1), dict(oscillation_reset_dist=2.0), dict(heading_lookahead=2.0),
+        {"sim_time": 4.0},
+        {"sim_time": 0.3},
+        {"occdist_scale": 0.8},
+        {"path_distance_bias": 5.0},
+        {"goal_distance_bias": 0.1},
+        {"vx_samples": 1},
+        {"vtheta_samples": 2},
+        {"max_vel_theta": 0.3, "min_vel_theta": -0.3},
+        {"acc_lim_theta": 0.5},
+        {"acc_lim_x": 0.1},
+        {"oscillation_reset_dist": 2.0},
+        {"heading_lookahead": 2.0},
     ],
     DWA: [
-        dict(sim_time=5.0), dict(sim_time=0.4), dict(occdist_scale=1.0), dict(path_distance_bias=400.0),
-        dict(goal_distance_bias=1.0), dict(inflation_radius=2.0), dict(cost_scaling_factor=0.5), dict(vx_samples=2),
-        dict(vth_samples=2), dict(max_vel_theta=0.3, min_vel_theta=0.1), dict(acc_lim_theta=0.3),
-        dict(acc_lim_x=0.1), dict(oscillation_reset_dist=1.0), dict(forward_point_distance=1.2),
-        dict(scaling_speed=0.01, max_scaling_factor=3.0), dict(twirling_scale=20.0),
+        {"sim_time": 5.0},
+        {"sim_time": 0.4},
+        {"occdist_scale": 1.0},
+        {"path_distance_bias": 400.0},
+        {"goal_distance_bias": 1.0},
+        {"vx_samples": 2},
+        {"vth_samples": 2},
+        {"max_vel_theta": 0.3, "min_vel_theta": 0.1},
+        {"acc_lim_theta": 0.3},
+        {"acc_lim_x": 0.1},
+        {"oscillation_reset_dist": 1.0},
+        {"forward_point_distance": 1.2},
+        {"scaling_speed": 0.01, "max_scaling_factor": 3.0},
+        {"twirling_scale": 20.0},
     ],
-}  # fmt: skip
+}
 
 
-def spoilt(robot, fault):
-    """Return the robot with a fault {parameter: value} in its files."""
-    if not {"inflation_radius", "cost_scaling_factor"} & {*fault}:
-        return changed(robot, {robot.local_planner: fault})
-    return changed(
-        robot,
-        {f"{name}_costmap{LAYERS[robot.local_planner]}": fault for name in ("local", "global")},
-    )
+class Planted(NamedTuple):
+    """Result of one planted fault.
+
+    Attributes:
+        robot: Name of the robot.
+        world: Number of the world.
+        fault: Names of the spoilt parameters; empty for a sound drive.
+        given: Whether advice was given.
+        named: Whether the first named parameter is the spoilt one or its equal.
+        before: Mean time with the fault [s], with fresh seeds.
+        after: Mean time after following the advice [s]; `before` without advice.
+        random: Mean time after a random change.
+        undone: Mean time without the fault.
+        seconds: Time that the answer took [s].
+        line: Advice, or the first line.
+    """
+
+    robot: str
+    world: int
+    fault: str
+    given: bool
+    named: bool
+    before: float
+    after: float
+    random: float
+    undone: float
+    seconds: float
+    line: str
 
 
-def planted(name, world):
-    """Return (fault, rank, number of remedies) of the sound drive through a world and of those that it slows."""
-    robot, usual, found = ROBOTS[name], LIMIT_S, []
-    for fault in [{}, *FAULTS[robot.local_planner]]:
-        driven = spoilt(robot, fault) if fault else robot
-        recorded, outcome = simulated(
-            driven, f"generated:{world}", limit=max(40.0, min(90.0, 3.0 * usual))
-        )
-        if not (fault or outcome.success):
-            return []
-        if fault and outcome.success and outcome.time_s < SLOWER * usual:
-            continue
-        usual = usual if fault else outcome.time_s
-        replay = Replay(driven)
-        replay.run(recorded)
-        diagnosis = diagnose(replay)
-        names = [one.parameter.name for one in diagnosis.tried]
-        ranks = [
-            names.index(one) + 1
-            for one in {*fault, *(other for one in fault for other in EQUAL.get(one, ()))}
-            & {*names}
+def faults(robot: Robot) -> List[Candidate]:
+    """Return the faults that are planted in a robot."""
+    planner = robot.local_planner
+    tree = robot.all_parameters()
+    planted = []
+    for fault in PLANNER_FAULTS[planner]:
+        changes = [Change(planner, name, None, value) for name, value in fault.items()]
+        planted.append(Candidate(tuple(changes)))
+    scale = robot.world_scale
+    for name, value in (("inflation_radius", 1.6 * scale), ("cost_scaling_factor", 0.5)):
+        changes = []
+        for costmap in ("local_costmap", "global_costmap"):
+            for layer, section in tree[costmap].items():
+                if isinstance(section, dict) and name in section:
+                    changes.append(Change(f"{costmap}/{layer}", name, None, value))
+        planted.append(Candidate(tuple(changes)))
+    back, front, right, left = _body(robot)
+    wide = [
+        [1.6 * x, 1.6 * y] for x, y in ((back, right), (back, left), (front, left), (front, right))
+    ]
+    in_files = {"footprint": str(wide), "footprint_padding": 0.25 * scale}
+    for name, value in in_files.items():
+        changes = [
+            Change(costmap, name, None, value) for costmap in ("local_costmap", "global_costmap")
         ]
-        found.append((fault, min(ranks, default=99), len(diagnosis.remedies)))
-        end = f"{outcome.reason} {outcome.time_s:.1f} s, rank {found[-1][1]} of {names[:3]}"
-        print(
-            f"{name}, world {world}, {fault or 'sound'}: {end}, {found[-1][2]} remedies", flush=True
-        )
+        planted.append(Candidate(tuple(changes), is_live=False))
+    planted.append(Candidate((Change("", "controller_frequency", None, 3.0),), is_live=False))
+    size = 2.0 * scale
+    window = (
+        Change("local_costmap", "width", None, size),
+        Change("local_costmap", "height", None, size),
+    )
+    planted.append(Candidate(window, is_live=False))
+    for name in ("obstacle_range", "raytrace_range"):
+        changes = []
+        for costmap in ("local_costmap", "global_costmap"):
+            for path in _sources_of(tree, costmap):
+                changes.append(Change(path, name, None, 0.6 * scale))
+        planted.append(Candidate(tuple(changes), is_live=False))
+    return planted
+
+
+def _sources_of(tree: Dict[str, Any], path: str) -> List[str]:
+    """Return the paths of the observation sources below a costmap."""
+    section: Any = tree
+    for part in path.split("/"):
+        section = section[part]
+    found = [path] if "sensor_frame" in section or "marking" in section else []
+    for name, value in section.items():
+        if isinstance(value, dict):
+            found += _sources_of(tree, f"{path}/{name}")
     return found
 
 
-def reproduced(path):
+def _body(robot: Robot):
+    length, width = robot.body.size[:2]
+    x, y = robot.body.centre
+    return x - length / 2, x + length / 2, y - width / 2, y + width / 2
+
+
+def mean_time(robot: Robot, world: int) -> float:
+    """Return the mean time of drives with fresh seeds [s]; a failure or a contact counts LIMIT_S."""
+    times = []
+    for seed in FRESH_SEEDS:
+        _, outcome = simulated(robot, f"generated:{world}", limit=LIMIT_S, seed=seed)
+        arrived = outcome.success and not outcome.collided
+        times.append(outcome.time_s if arrived else LIMIT_S)
+    return float(np.mean(times))
+
+
+def judged(name: str, world: int, fault: Optional[Candidate]) -> Optional[Planted]:
+    """Return the result of one fault, or None if it does not slow the drive."""
+    sound = load(name)
+    robot = with_changes(sound, fault.changes, f"{name} with a fault") if fault else sound
+    drive, outcome = simulated(robot, f"generated:{world}", limit=LIMIT_S, seed=RECORDED_SEED)
+    if fault:
+        _, usual = simulated(sound, f"generated:{world}", limit=LIMIT_S, seed=RECORDED_SEED)
+        if not usual.success or (outcome.success and outcome.time_s < SLOWER * usual.time_s):
+            return None
+    began = perf_counter()
+    replay = Replay(robot)
+    replay.run(drive)
+    with Pool(0) as pool:
+        diagnosis = diagnose(replay, None, pool)
+    seconds = perf_counter() - began
+    lines = why.lines_of(diagnosis)
+    remedy = diagnosis.trials.remedy if diagnosis.trials else None
+    before = mean_time(robot, world)
+    after = before
+    named: List[str] = []
+    if remedy is not None and remedy.candidate is not None:
+        named = remedy.candidate.names
+        after = mean_time(with_changes(robot, remedy.candidate.changes, "followed"), world)
+    elif diagnosis.guesses:
+        named = [diagnosis.guesses[0].change.name]
+    spoilt = set(fault.names) if fault else set()
+    for parameter in list(spoilt):
+        spoilt |= set(EQUAL.get(parameter, ()))
+    rng = np.random.default_rng([world, len(spoilt)])
+    random = _random_change(robot, rng)
+    return Planted(
+        name,
+        world,
+        "+".join(fault.names) if fault else "",
+        remedy is not None,
+        bool(spoilt & set(named)),
+        before,
+        after,
+        mean_time(with_changes(robot, random.changes, "random"), world) if fault else before,
+        mean_time(sound, world) if fault else before,
+        seconds,
+        " | ".join(lines[:2]),
+    )
+
+
+def _random_change(robot: Robot, rng: np.random.Generator) -> Candidate:
+    """Return half or twice one value, of the planner or of the files."""
+    server = robot.local_planner
+    values = robot.all_parameters()[server]
+    numbers = {
+        k: v for k, v in values.items() if isinstance(v, float) and v > 0 and "vel_" not in k
+    }
+    name = sorted(numbers)[int(rng.integers(len(numbers)))]
+    change = Change(server, name, numbers[name], numbers[name] * float(rng.choice([0.5, 2.0])))
+    live = Candidate((change,))
+    return [live, *file_candidates(robot)][int(rng.integers(2))]
+
+
+def reproduced(path: str) -> None:
     """Print the share of a bag's commands that the replay reproduces."""
-    began, replay = process_time(), Replay(JACKAL)
+    began = process_time()
+    replay = Replay(JACKAL)
     replay.run(why.drive_of(Path(path), why.WhyOptions(bag=[path], robot=JACKAL)))
     near = sum(cycle.error < 0.1 for cycle in replay.cycles) / len(replay.cycles)
-    print(f"{path}: {len(replay.cycles)} cycles, {replay.share:.1%} to 1e-6, {near:.1%} within 0.1, "
-          f"{process_time() - began:.1f} s of one core")  # fmt: skip
-
-
-def all_planted():
-    """Print the ranks of all planted faults, and the rows of docs/results/planted.csv."""
-    with ProcessPoolExecutor(2) as pool:
-        jobs = {
-            (n, group): [pool.submit(planted, n, w) for w in worlds]
-            for group, worlds in WORLDS.items()
-            for n in ROBOTS
-        }
-        done = {key: [row for job in made for row in job.result()] for key, made in jobs.items()}
+    spent = process_time() - began
     print(
-        "robot,worlds,drives,parameters,first,among the first three,sound drives,of these with a remedy"
+        f"{path}: {len(replay.cycles)} cycles, {replay.share:.1%} to 1e-6, "
+        f"{near:.1%} within 0.1, {spent:.1f} s of one core"
     )
-    for (name, worlds), rows in done.items():
-        ranks = [(next(iter(fault)), rank) for fault, rank, _ in rows if fault]
-        sound = [remedies for fault, _, remedies in rows if not fault]
-        counts = (
-            len(ranks),
-            len({one for one, _ in ranks}),
-            sum(r == 1 for _, r in ranks),
-            sum(r <= 3 for _, r in ranks),
-        )
-        print(
-            f'"{name}","{worlds}",{",".join(map(str, counts))},{len(sound)},{sum(n > 0 for n in sound)}'
-        )
+
+
+def all_planted(worlds: List[int]) -> None:
+    """Print a line per planted drive, and the table."""
+    rows: List[Planted] = []
+    with ProcessPoolExecutor(2) as pool:
+        calls = []
+        for world in worlds:
+            for name in ROBOTS:
+                for fault in [None, *faults(load(name))]:
+                    calls.append(pool.submit(judged, name, world, fault))
+        for call in as_completed(calls):
+            error = call.exception()
+            if error is not None:
+                print(f"not driven: {error}", flush=True)
+                continue
+            row = call.result()
+            if row is not None:
+                rows.append(row)
+                print(row, flush=True)
+    print(
+        "robot,drives,parameters,advised,helped,harmed,named,random helped,random harmed,undone helped"
+    )
+    for name in (*ROBOTS, ""):
+        print(_summary(name, [row for row in rows if row.fault and row.robot.startswith(name)]))
+    for row in rows:
+        if not row.fault:
+            print(f"sound: {row}")
+
+
+def _summary(name: str, rows: List[Planted]) -> str:
+    """Return a line of the table."""
+    advised = [row for row in rows if row.given]
+    counts = (
+        len(rows),
+        len({row.fault for row in rows}),
+        len(advised),
+        sum(row.after <= HELPED * row.before for row in advised),
+        sum(row.after >= HARMED * row.before for row in advised),
+        sum(row.named for row in rows),
+        sum(row.random <= HELPED * row.before for row in rows),
+        sum(row.random >= HARMED * row.before for row in rows),
+        sum(row.undone <= HELPED * row.before for row in rows),
+    )
+    return ",".join([name or "all", *map(str, counts)])
 
 
 if __name__ == "__main__":
-    for bag in sys.argv[1:]:
+    numbers = [int(argument) for argument in sys.argv[1:] if argument.isdigit()]
+    bags = [argument for argument in sys.argv[1:] if not argument.isdigit()]
+    for bag in bags:
         reproduced(bag)
-    if len(sys.argv) == 1:
-        all_planted()
+    if not bags:
+        all_planted(numbers or list(JUDGING))

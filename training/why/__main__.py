@@ -1,9 +1,8 @@
-"""Explains why a robot stopped: replays a recorded drive through move_base's local planner, cycle by cycle.
+"""Explains why a robot stopped: what happened, why, and what helps, which was driven before it is said.
 
-Run it as `./applr why BAG` or `python -m training.why BAG`. It reports how many of the recorded commands the replay
-reproduces, where the robot stood, turned on the spot, swung or was slow, what refused or outbid the faster samples, and
-with which change of one parameter the planner would have driven on. With two bags, it reports which parameters differ
-and which of them explains the difference.
+Run it as `./applr why BAG` or `python -m training.why BAG`. The recorded drive is replayed through move_base's local
+planner, cycle by cycle. Changes of parameters are then driven in simulation, in the world that the laser saw. With two
+bags, it reports which parameters differ and which of them explains the difference.
 """
 
 from __future__ import annotations
@@ -22,9 +21,12 @@ from training.common.options import argument, option
 
 with extra(__name__):
     from training.bags.read import bags_in, read, refused
+    from training.bags.seen_world import seen_grid, write_map
     from training.bags.topics import BagOptions, topic_of
+    from training.why.answer import lines_of, values_of
     from training.why.diagnosis import compared, diagnose
     from training.why.replay import Replay
+    from training.workers.pool import Pool
 
 CHANNELS = (
     "scans",
@@ -35,6 +37,9 @@ CHANNELS = (
     "changes",
     "recoveries",
     "decisions",
+    "status",
+    "results",
+    "sent",
 )
 TEMPLATE = Path(__file__).parent / "why.html"
 
@@ -46,6 +51,9 @@ class WhyOptions(BagOptions):
     bag: List[str] = argument("Bag of a drive, of ROS 1 or ROS 2. Further bags are compared with the first.")
     at: Optional[float] = option(None, "Time in the bag to explain, whatever happened then [s].", ge=0)
     out: str = option("", "HTML page to write, with map, path, events and the trajectories of their cycles.")
+    quick: bool = option(False, "Leave out the drives in simulation: only the replay ranks changes of parameters.")
+    map: str = option("", "Map to write of what the laser saw, MAP.yaml, in which demo, evaluate and tune can drive.")
+    workers: int = option(2, "Number of processes that drive in simulation; 0 uses this one.", ge=0, le=64)
     json_: bool = option(False, "Print a JSON object instead of text.")
     # fmt: on
 
@@ -92,20 +100,22 @@ def run(options: WhyOptions) -> None:
             raise ApplrError(
                 f"{path}: no command has a plan, a scan and odometry: record the drive from its beginning"
             )
-    diagnosis = diagnose(replays[0], options.at)
-    lines, others = (
-        diagnosis.lines(),
-        [line for other in replays[1:] for line in compared(replays[0], other)],
-    )
-    values = ""
-    if options.json_ or options.out:
-        values = json.dumps({"lines": lines[:2], **diagnosis.values(), "compared": others})
-    print(values if options.json_ else "\n".join(lines + others))
+    first = replays[0]
+    if options.map:
+        write_map(seen_grid(first.drive, options.robot), options.map)
+    if options.quick:
+        diagnosis = diagnose(first, options.at)
+    else:
+        with Pool(options.workers) as pool:
+            diagnosis = diagnose(first, options.at, pool)
+    lines = lines_of(diagnosis)
+    for other in replays[1:]:
+        lines += compared(first, other)
+    values = json.dumps({**values_of(diagnosis), "lines": lines})
+    print(values if options.json_ else "\n".join(lines))
     if options.out:
-        write_bytes(
-            options.out,
-            read_bytes(TEMPLATE).replace(b"@DATA@", values.replace("</", "<\\/").encode()),
-        )
+        page = read_bytes(TEMPLATE).replace(b"@DATA@", values.replace("</", "<\\/").encode())
+        write_bytes(options.out, page)
 
 
 def main(arguments: Optional[List[str]] = None) -> int:

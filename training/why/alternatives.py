@@ -14,17 +14,14 @@ import numpy as np
 from typing_extensions import override
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.parameters.parameter import Parameter
 from applr_ros1.planner.parameters.settings import Change, Settings
 from training.why.explanation import arc, lethal_points
 from training.why.replay import Cycle, Replay
 
 AHEAD = 40  # number of control cycles for which the planner drives on
-FACTORS = (
-    0.125,
-    0.5,
-    2.0,
-    8.0,
-)  # changes of a value that are tried, beside the default of the C++ planner
+FACTORS = 0.5, 2.0  # changes of a value that are tried, beside the default of the C++ planner
+LEAST_CHANGE = 0.1  # smallest relative change that is tried
 FEW = 2  # step between the cycles from which a value is tried first
 ELSEWHERE = 4  # number of alternatives that are also driven from cycles outside the events
 LITTLE = 0.01  # gain of speed up to which an alternative does not count [m/s]
@@ -54,18 +51,23 @@ class Alternative:
     """Another value of one parameter, with results of `drive_on` from some cycles.
 
     Attributes:
-        change: The change from the value in force.
+        changes: The change from the value in force, and what changes with it.
         default: Default of the parameter in the C++ planner.
         before: Result with the value in force.
         after: Result with the other value.
         elsewhere: Change of the speed from cycles outside the events [m/s].
     """
 
-    change: Change
+    changes: Tuple[Change, ...]
     default: Any
     before: Result
     after: Result
     elsewhere: float = 0.0
+
+    @property
+    def change(self) -> Change:
+        """The change that gives the alternative its name."""
+        return self.changes[0]
 
     @property
     def gain(self) -> float:
@@ -83,6 +85,8 @@ class Alternative:
     def __str__(self) -> str:
         speeds = f"{self.before.speed:.2f} -> {self.after.speed:.2f} m/s along the plan"
         clearances = f"{self.before.clearance:.2f} -> {self.after.clearance:.2f} m from obstacles"
+        if not math.isfinite(self.before.clearance + self.after.clearance):
+            clearances = "no obstacle seen"
         return f"{self.change}: {speeds}, {clearances}, {self.elsewhere:+.2f} m/s elsewhere"
 
 
@@ -100,13 +104,23 @@ def changes_to_try(replay: Replay) -> List[Change]:
             value = replay.settings[server].get(parameter.name, "")
             if parameter.name in LEFT_OUT or isinstance(value, str):
                 continue
-            others = {parameter.default}
-            if not isinstance(value, bool):
-                others |= {parameter.clamp(parameter.convert(value * factor)) for factor in FACTORS}
-            changes += [
-                Change(server, parameter.name, value, other) for other in sorted(others - {value})
-            ]
+            for other in _others(parameter, value):
+                changes.append(Change(server, parameter.name, value, other))
     return changes
+
+
+def _others(parameter: Parameter, value: Any) -> List[Any]:
+    """Return the values to try instead of one: C++'s default, and twice and half the value, not beyond the default."""
+    others = {parameter.default}
+    if not isinstance(value, bool):
+        for factor in FACTORS:
+            other = parameter.convert(value * factor)
+            if min(value, other) < parameter.default < max(value, other):
+                other = parameter.default
+            others.add(parameter.clamp(other))
+    if isinstance(value, float):
+        others = {other for other in others if abs(other - value) >= LEAST_CHANGE * abs(value)}
+    return sorted(others - {value})
 
 
 def drive_on(
@@ -119,7 +133,10 @@ def drive_on(
     """
     results = []
     for cycle in cycles:
-        replay.put_in_force(_changed(cycle.settings, change))
+        settings = cycle.settings
+        if change is not None:
+            settings = settings.with_(*together(settings, change))
+        replay.put_in_force(settings)
         replay.costmap.restore(cycle.map, cycle.pose)
         replay.begin(cycle)
         poses, twist = [cycle.pose], cycle.twist
@@ -136,23 +153,22 @@ def drive_on(
     return np.array(results).reshape(-1, 2)
 
 
-def _changed(settings: Settings, change: Optional[Change]) -> Settings:
-    """Return settings after a change. Symmetric limits of the turn rate stay so."""
-    if change is None:
-        return settings
-    changes = [change]
-    if change.name == "max_vel_theta":
-        low, high = (
-            settings[change.server]["min_vel_theta"],
-            settings[change.server]["max_vel_theta"],
-        )
-        if low == -high:
-            changes.append(Change(change.server, "min_vel_theta", low, -change.after))
-    return settings.with_(*changes)
+def together(settings: Settings, change: Change) -> Tuple[Change, ...]:
+    """Return a change with the one that belongs to it: symmetric limits of the turn rate stay so."""
+    if change.name != "max_vel_theta":
+        return (change,)
+    values = settings[change.server]
+    low, high = values["min_vel_theta"], values["max_vel_theta"]
+    if low != -high:
+        return (change,)
+    return change, Change(change.server, "min_vel_theta", low, -change.after)
 
 
 def best_changes(
-    replay: Replay, changes: Sequence[Change], cycles: Sequence[Cycle], others: Sequence[Cycle]
+    replay: Replay,
+    changes_tried: Sequence[Change],
+    cycles: Sequence[Cycle],
+    others: Sequence[Cycle],
 ) -> List[Alternative]:
     """Return, of each parameter, the best change with which the planner would have driven on faster from some cycles.
 
@@ -167,25 +183,26 @@ def best_changes(
         replay.costmap.inscribed_radius - replay.costmap.resolution,
     )
     gains: Dict[Tuple[str, str], List[Alternative]] = {}
-    for tried in changes:
+    for tried in changes_tried:
         in_force = cycles[0].settings[tried.server][tried.name]
         change = tried._replace(before=in_force)
         with suppress(ApplrError):  # The value may contradict that of another parameter.
             after = drive_on(replay, cycles[::FEW], change)
-            if (after - before[::FEW])[:, 0].mean() <= LITTLE:
+            if (after[:, 0] - before[::FEW, 0]).mean() <= LITTLE:
                 continue
             after = drive_on(replay, cycles, change)
             declared = replay.move_base.servers[change.server].declared(change.name)
             assert declared is not None
             results = Result(*before.mean(axis=0).tolist()), Result(*after.mean(axis=0).tolist())
-            alternative = Alternative(change, declared.default, *results)
+            changes = together(cycles[0].settings, change)
+            alternative = Alternative(changes, declared.default, *results)
             if alternative.gain > LITTLE and after[:, 1].min() >= nearest:
                 gains.setdefault((change.server, change.name), []).append(alternative)
     best = ranked([ranked(of_parameter)[0] for of_parameter in gains.values()])
-    for alternative in best[:ELSEWHERE] if len(others) else ():
-        alternative.elsewhere = float(
-            (drive_on(replay, others, alternative.change) - usual)[:, 0].mean()
-        )
+    if len(others):
+        for alternative in best[:ELSEWHERE]:
+            speeds = drive_on(replay, others, alternative.change)[:, 0]
+            alternative.elsewhere = float((speeds - usual[:, 0]).mean())
     return best
 
 

@@ -1,142 +1,237 @@
-"""Diagnosis of a replayed drive: its events, each explained, and the changes of one parameter that remedy them."""
+"""Diagnosis of a recorded drive: its events with their reasons, and the changes that were tried."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Dict, List, Optional, Sequence
+from dataclasses import dataclass, field
+from typing import List, Optional, Sequence, Tuple
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.drive import Drive
+from applr_ros1.robots import Robot
+from training.bags.seen_world import seen_grid, seen_world
 from training.why import events
 from training.why.alternatives import Alternative, best_changes, changes_to_try
-from training.why.events import Event
-from training.why.explanation import explain, part_of_robot
+from training.why.candidates import (
+    Candidate,
+    escape_candidates,
+    file_candidates,
+    recorded_changes,
+    with_changes,
+)
+from training.why.events import AT_GOAL, Event
+from training.why.explanation import Explanation, at_goal, explain, part_of_robot
+from training.why.reasons import (
+    Stretch,
+    first_of,
+    held,
+    jumping,
+    last_time,
+    late,
+    no_plan,
+    recovering,
+    silent,
+    silent_planner,
+    stopped,
+    stuck,
+    unmoved,
+)
 from training.why.replay import Cycle, Replay
+from training.why.whole_drives import Course, Trials, limit_of, try_out
+from training.workers.pool import Pool
 
 CYCLES, LEAST = (
     8,
     3,
-)  # numbers of cycles from which alternatives drive on, of all events and of each event at least
+)  # numbers of cycles from which alternatives drive on, of all events and of each at least
 LEAD_S = 2.0  # time before an event from which these cycles begin, because the way into it shows most [s]
 EARLY = 2.0  # how much early ones among them are preferred, see some()
 EXPLAINED = (
     5  # number of cycles of an event that are explained; the middle one stands for the event
 )
-REMEDY = 0.2  # share of a drive's time that a remedy saves at least
-POOR = 0.8  # share of reproduced commands below which a replay is not to be trusted
-LISTED = 4  # number of events, and of alternatives, that a terminal shows
+EVENT_SHARE = 0.5  # share of an event from which on an observation is its reason
+LOST_SHARE = 0.1  # share of a drive that events take from which on remedies are sought
+CANDIDATES = 8  # number of candidates that are driven
+LIVE = 5  # number of candidates among them that the replay ranks
+AROUND_S = 0.5  # time around a moment that is asked about [s]
+NEAR_GOAL_M = 2.0  # distance of the last pose from the plan's end below which this is the goal [m]
 APART_M = 0.3  # distance from which on two drives differ [m]
-SCANS, CELL_M = 60, 0.05  # number of scans in a page's map, and distance of its points [m]
+ASKED = "the moment asked about"
+# Reasons that are seen from outside the planner, causes before what follows from them.
+OUTSIDE = (silent, no_plan, silent_planner, jumping, held, stopped, unmoved, stuck, recovering)
 
 
 @dataclass
 class Diagnosis:
-    """Events of a replay, cycles outside of them, and alternatives, the best first."""
+    """What happened in a drive, why, and what was tried.
+
+    Attributes:
+        replay: Replayed drive.
+        events: Events in order of time, with their reasons.
+        explained: Explanations of some cycles of each event.
+        part: Place (x, y) beside the robot where the laser sees a part of it, or None.
+        guesses: Alternatives that the replay ranks, the best first. They were not driven.
+        trials: Whole drives; None if none were needed or possible.
+    """
 
     replay: Replay
     events: List[Event]
-    others: List[Cycle]
-    tried: List[Alternative]
+    explained: List[List[Explanation]] = field(default_factory=list)
+    part: Optional[Tuple[float, float]] = None
+    guesses: List[Alternative] = field(default_factory=list)
+    trials: Optional[Trials] = None
 
     @property
-    def remedies(self) -> List[Alternative]:
-        """Alternatives that would have saved enough of the drive's time, and with which the robot does not creep."""
-        slow, top = 1.0 - len(self.others) / len(self.replay.cycles), self.top_speed()
-        fast = [one for one in self.tried if one.after.speed >= events.STANDS * top]
-        return [
-            one
-            for one in fast
-            if slow * (1.0 - max(one.before.speed, 0.0) / one.after.speed) >= REMEDY
-        ]
+    def drive(self) -> Drive:
+        """The recorded drive."""
+        return self.replay.drive
 
-    def top_speed(self) -> float:
-        """Return the mean max_vel_x in force [m/s]."""
-        return float(
-            np.mean(
-                [cycle.settings[self.replay.server]["max_vel_x"] for cycle in self.replay.cycles]
-            )
-        )
+    @property
+    def longest(self) -> Optional[Event]:
+        """Event that took most time."""
+        return max(self.events, key=lambda event: event.seconds, default=None)
 
-    def lines(self) -> List[str]:
-        """Return the diagnosis for a terminal, the answer first."""
-        longest = sorted(self.events, key=lambda event: -len(event.cycles))[:LISTED]
-        own = part_of_robot(self.replay) if longest else None
-        if own:
-            answer = "The laser sees a part of the robot, {:.1f} m ahead and {:.1f} m left of its centre.".format(
-                *own
-            )
-        elif self.remedies:
-            answer = f"Try {self.remedies[0]}."
-        elif longest:
-            answer = (
-                f"No change of one parameter would save much. {longest[0]}. {longest[0].why[0]}"
-            )
-        else:
-            mean, top = (
-                np.mean([cycle.command[0] for cycle in self.replay.cycles]),
-                self.top_speed(),
-            )
-            answer = f"The robot did not stop: its mean command is {mean:.2f} m/s, max_vel_x {top:.2f} m/s."
-        doubt = "Few commands are reproduced: parameters of the folder differ, or topics or scans are missing."
-        lines = [*[doubt] * (self.replay.share < POOR), answer, str(self.replay)]
-        for event in (event for event in self.events if event in longest):
-            lines += [f"{event}:", *(f"   {line}" for line in event.why)]
-        tried = [f"   {one}" for one in self.tried[:LISTED]]
-        return lines + ["Changes of one parameter:", *tried] * bool(tried)
+    @property
+    def lost_share(self) -> float:
+        """Share of the time with a goal that events took."""
+        odometry = self.replay.odometry
+        is_pursued = events.pursued(self.drive, odometry)
+        seconds = float(np.gradient(odometry.time)[is_pursued].sum()) if len(odometry) > 1 else 0.0
+        return sum(event.seconds for event in self.events) / seconds if seconds else 0.0
 
-    def values(self) -> Dict[str, Any]:
-        """Return the diagnosis without its lines as JSON values, for the page and for programs."""
-        assert self.replay.drive.scans is not None
-        scans = np.linspace(0, len(self.replay.drive.scans) - 1, SCANS).astype(int)
-        points = np.concatenate([self.replay.cloud(index).points[:, :2] for index in scans])
-        return {
-            "reproduced": self.replay.share,
-            "remedies": [str(one.change) for one in self.remedies],
-            "alternatives": [str(one) for one in self.tried],
-            "values": [(*one.change, one.gain) for one in self.tried],
-            "events": [
-                dict(title=str(one), place=one.place, cycles=one.explained) for one in self.events
-            ],
-            "map": (np.unique(np.rint(points / CELL_M), axis=0) * CELL_M).round(2).tolist(),
-            "path": [
-                [*np.round(cycle.pose[:2], 2).tolist(), cycle.command[0]]
-                for cycle in self.replay.cycles
-            ],
-            "footprint": self.replay.costmap.footprint.round(3).tolist(),
-        }
+
+def diagnose(replay: Replay, at: Optional[float] = None, pool: Optional[Pool] = None) -> Diagnosis:
+    """Return the diagnosis of a replayed drive.
+
+    Args:
+        replay: Replayed drive.
+        at: Time to explain instead of the events [s].
+        pool: Workers that drive whole drives; None to leave them out.
+    """
+    found = events.find(replay.drive, replay.limits()) if at is None else [_moment(replay, at)]
+    diagnosis = Diagnosis(replay, found)
+    diagnosis.explained = [_explanations(replay, event) for event in found]
+    for event, explained in zip(found, diagnosis.explained):
+        event.reason = _reason(replay, event, explained)
+    diagnosis.part = part_of_robot(replay) if found else None
+    if not found or diagnosis.part:
+        return diagnosis
+    diagnosis.guesses = _guesses(replay, found)
+    if pool is not None and at is None and diagnosis.lost_share >= LOST_SHARE:
+        diagnosis.trials = _trials(diagnosis, pool)
+    return diagnosis
+
+
+def _moment(replay: Replay, at: float) -> Event:
+    """Return the time around a moment as an event."""
+    odometry = replay.odometry
+    begin, end = float(odometry.time[0]), last_time(replay.drive)
+    if not begin <= at <= end:
+        raise ApplrError(f"--at {at:g}: outside the drive, give {begin:.1f} to {end:.1f} s")
+    x, y, _ = odometry.pose[max(odometry.latest(at), 0)].tolist()
+    return Event(ASKED, at - AROUND_S, at + AROUND_S, (x, y))
+
+
+def _explanations(replay: Replay, event: Event) -> List[Explanation]:
+    """Return explanations of some of the slow cycles of an event."""
+    cycles = replay.between(event.begin, event.end)
+    if not cycles:
+        return []
+    middle = np.median([cycle.command[0] for cycle in cycles])
+    slowest = [cycle for cycle in cycles if cycle.command[0] <= middle]
+    return [explain(replay, cycle) for cycle in some(slowest, EXPLAINED)]
+
+
+def _reason(replay: Replay, event: Event, explained: Sequence[Explanation]) -> str:
+    """Return in words why an event happened, or ""."""
+    stretch = Stretch(replay.drive, event.begin, event.end, EVENT_SHARE, replay.period)
+    words = first_of(OUTSIDE, stretch)
+    if words:
+        return words
+    middle = explained[len(explained) // 2] if explained else None
+    if event.kind == AT_GOAL and not (middle and middle.is_blocked):
+        cycles = replay.between(event.begin, event.end)
+        return at_goal(replay, cycles[-1]) if cycles else ""
+    return (middle.words if middle else "") or late(stretch)
+
+
+def _guesses(replay: Replay, found: Sequence[Event]) -> List[Alternative]:
+    """Return alternatives of one parameter, ranked by the speed with which the planner would have driven on."""
+    in_events = [replay.between(event.begin, event.end) for event in found]
+    count = sum(map(len, in_events))
+    if not count:
+        return []
+    slow = {id(cycle) for cycles in in_events for cycle in cycles}
+    others = [cycle for cycle in replay.cycles if id(cycle) not in slow]
+    tried_from: List[Cycle] = []
+    for event, cycles in zip(found, in_events):
+        lead = replay.between(event.begin - LEAD_S, event.end)
+        tried_from += some(lead, max(LEAST, round(CYCLES * len(cycles) / count)), EARLY)
+    return best_changes(replay, changes_to_try(replay), tried_from, some(others, CYCLES))
 
 
 def some(cycles: Sequence[Cycle], count: int, power: float = 1.0) -> List[Cycle]:
     """Return at most `count` cycles, only reproduced ones if there are any; a power above 1 prefers early ones."""
     cycles = [cycle for cycle in cycles if cycle.reproduced] or list(cycles)
-    shares = np.linspace(0.0, 1.0, count if cycles else 0) ** power
-    return [cycles[i] for i in np.unique((shares * (len(cycles) - 1)).round().astype(int))]
+    if not cycles:
+        return []
+    shares = np.linspace(0.0, 1.0, count) ** power
+    rows = np.unique((shares * (len(cycles) - 1)).round().astype(int))
+    return [cycles[row] for row in rows]
 
 
-def diagnose(replay: Replay, at: Optional[float] = None) -> Diagnosis:
-    """Return the diagnosis of a replay, or of the second around a time [s]."""
-    around = [cycle for cycle in replay.cycles if at is not None and abs(cycle.at - at) <= 0.5]
-    if at is not None and not around:
-        begin, end = replay.cycles[0].at, replay.cycles[-1].at
-        raise ApplrError(f"--at {at:g}: no command near, give {begin:.1f} to {end:.1f} s")
-    found = [Event("the moment asked about", around)] if around else events.find(replay)
-    slow = {id(cycle) for event in found for cycle in event.cycles}
-    others, cycles = [cycle for cycle in replay.cycles if at is None and id(cycle) not in slow], []
-    for event in found:
-        lead = [
-            one
-            for one in replay.cycles
-            if event.cycles[0].at - LEAD_S <= one.at <= event.cycles[-1].at
-        ]
-        cycles += some(lead, max(LEAST, round(CYCLES * len(event.cycles) / len(slow))), EARLY)
-        middle = np.median([cycle.command[0] for cycle in event.cycles])
-        slowest = [cycle for cycle in event.cycles if cycle.command[0] <= middle]
-        event.explained = [explain(replay, cycle) for cycle in some(slowest, EXPLAINED)]
-    tried = best_changes(replay, changes_to_try(replay), cycles, some(others, CYCLES))
-    return Diagnosis(replay, found, others, tried)
+# -- whole drives ------------------------------------------------------------------------------------------------------
+def _trials(diagnosis: Diagnosis, pool: Pool) -> Optional[Trials]:
+    """Drive with the recorded values and with candidates; None if the drive's goal is unknown."""
+    replay, longest = diagnosis.replay, diagnosis.longest
+    assert longest is not None
+    goal = goal_of(replay.drive)
+    if goal is None:
+        return None
+    settings = replay.in_force(longest.begin)
+    robot = with_changes(replay.robot, recorded_changes(replay.robot, settings), replay.robot.name)
+    odometry = replay.odometry
+    is_pursued = events.pursued(replay.drive, odometry)
+    first = int(np.argmax(is_pursued))
+    x, y, yaw = odometry.pose[first].tolist()
+    seconds = float(odometry.time[is_pursued][-1] - odometry.time[first])
+    world = seen_world(seen_grid(replay.drive, replay.robot), replay.drive.name, (x, y, yaw), goal)
+    has_monitor = replay.drive.planned is not replay.drive.commands
+    course = Course(robot, world, has_monitor, limit_of(seconds), longest.kind != AT_GOAL)
+    return try_out(course, candidates(diagnosis, robot), pool)
 
 
+def candidates(diagnosis: Diagnosis, robot: Robot) -> List[Candidate]:
+    """Return the candidates that are driven: those that the replay ranks first, and values of files."""
+    replay = diagnosis.replay
+    live = [Candidate(alternative.changes) for alternative in diagnosis.guesses[:LIVE]]
+    live += escape_candidates(replay.server, replay.settings[replay.server])
+    return (live + file_candidates(robot))[:CANDIDATES]
+
+
+def goal_of(drive: Drive) -> Optional[Pose]:
+    """Return the last goal of a drive (x, y, yaw) in the odometry frame, or None if it is not known."""
+    for plans in (drive.routes, drive.plans):
+        if plans is None:
+            continue
+        ends = [path[-1] for path in plans.path if len(path)]
+        is_whole = plans is drive.routes
+        if ends and not is_whole and drive.odometry is not None:
+            # The followed part of a plan ends at the goal only near it.
+            dx, dy = ends[-1][:2] - drive.odometry.pose[-1, :2]
+            is_whole = bool(np.hypot(dx, dy) <= NEAR_GOAL_M)
+        if ends and is_whole:
+            x, y, yaw = ends[-1].tolist()
+            return x, y, yaw
+    for sent in reversed(drive.sent):
+        if sent.frame == drive.frame:
+            return sent.pose
+    return None
+
+
+# -- two drives --------------------------------------------------------------------------------------------------------
 def compared(first: Replay, second: Replay) -> List[str]:
     """Return lines about a second drive: where it differs, and what its parameters would have done in the first."""
     track = np.array([cycle.pose[:2] for cycle in second.cycles])
@@ -147,11 +242,14 @@ def compared(first: Replay, second: Replay) -> List[str]:
     for change in first.settings.differences(second.settings):
         if not change.server.startswith("global_costmap") and not isinstance(change.before, str):
             changes.append(change)
-    slow = [cycle for event in events.find(first) for cycle in event.cycles]
+    slow: List[Cycle] = []
+    for event in events.find(first.drive, first.limits()):
+        slow += first.between(event.begin, event.end)
     tried = best_changes(first, changes, some(slow or first.cycles, CYCLES), [])
-    routes = "routes diverge at {:.1f} s".format(apart[0].at) if apart else "same route"
-    lines = [f"{second}; {routes}; differing parameters: {', '.join(map(str, changes)) or 'none'}"]
-    return lines + [
-        "Changes of the first drive to a value of this one:",
-        *(f"   {one}" for one in tried),
-    ] * bool(tried)
+    routes = f"routes diverge at {apart[0].at:.1f} s" if apart else "same route"
+    differing = ", ".join(map(str, changes)) or "none"
+    lines = [f"{second}; {routes}; differing parameters: {differing}"]
+    if tried:
+        lines.append("Changes of the first drive to a value of this one:")
+        lines += [f"   {alternative}" for alternative in tried]
+    return lines

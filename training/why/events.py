@@ -1,86 +1,220 @@
-"""Events of a replayed drive: where the robot found no trajectory, turned on the spot, swung, stood or was slow."""
+"""Events of a drive: time in which the robot had a goal and stood, crept, turned, swung, or went to and fro.
+
+Events are seen in the measured motion alone, whatever was commanded. Their reasons are found afterwards (reasons.py,
+diagnosis.py).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any, Dict, List, Sequence
+from dataclasses import dataclass
+from typing import Iterator, List, NamedTuple, Tuple
 
 import numpy as np
 from typing_extensions import override
 
-from training.why.replay import Cycle, Replay
+from applr_ros1.drives.drive import Drive, Motion
+from training.why.reasons import SILENT_S, STILL_SPEED, STILL_TURN, last_time
 
-STANDS, SLOW = 0.25, 0.5  # shares of max_vel_x below which a robot stands or creeps, and is slow
-STILL = 1e-3  # speed below which a robot does not drive [m/s], and turn rate below which it does not turn [rad/s]
+CREEPS, SLOW = 0.25, 0.5  # shares of the top speed below which a robot creeps, and is slow
 SWINGS, SWINGS_HZ = (
     0.25,
     1.0,
-)  # share of max_vel_theta and rate of its changes of sign above which a robot swings
+)  # share of the top turn rate, and rate of its changes of sign: the robot swings
+FRO_S, FRO_SHARE = (
+    8.0,
+    0.3,
+)  # time [s] in which this share of the way, or less, is gained: to and fro
 GAP_S = 0.5  # longest gap between two parts of one event [s]
+TRAP_M, TRAP_S = (
+    0.5,
+    10.0,
+)  # distance [m, for a body of the Jackal's length] and gap [s] between events of one trap
+AT_GOAL_S = (
+    5.0  # time at the goal that is usual: the robot stops and turns to the goal's heading [s]
+)
+AT_GOAL = "turned or stood at the end of its plan"
+UNHEARD = "was not heard of"
+
+
+class Limits(NamedTuple):
+    """What a drive is measured by, for each of n odometry messages.
+
+    Attributes:
+        speed: (n,) top speed that the planner allows [m/s].
+        turn: (n,) top turn rate [rad/s].
+        tolerance: Distance from the goal at which the robot has arrived [m].
+        scale: Size of the robot relative to the Jackal's.
+    """
+
+    speed: np.ndarray
+    turn: np.ndarray
+    tolerance: float
+    scale: float
 
 
 @dataclass
 class Event:
-    """Part of a drive."""
+    """Time in which the robot did not drive as it should.
+
+    Attributes:
+        kind: What was seen, in words.
+        begin: Begin [s].
+        end: End [s].
+        place: Mean position (x, y) [m] in the odometry frame.
+        reason: Why, in words; "" if it is not known yet.
+    """
 
     kind: str
-    cycles: Sequence[Cycle]
-    explained: List[Dict[str, Any]] = field(
-        default_factory=list
-    )  # explanations of some cycles, see explain()
+    begin: float
+    end: float
+    place: Tuple[float, float]
+    reason: str = ""
 
     @property
-    def place(self) -> List[float]:
-        """Mean position (x, y) [m] in the odometry frame."""
-        place: List[float] = np.mean([cycle.pose[:2] for cycle in self.cycles], axis=0).tolist()
-        return place
-
-    @property
-    def why(self) -> List[str]:
-        """Explanation of the middle one of the explained cycles."""
-        lines: List[str] = self.explained[len(self.explained) // 2]["lines"]
-        return lines
+    def seconds(self) -> float:
+        """Duration [s]."""
+        return self.end - self.begin
 
     @override
     def __str__(self) -> str:
         x, y = self.place
-        return f"{self.cycles[0].at:.1f} to {self.cycles[-1].at:.1f} s: {self.kind} at ({x:.2f}, {y:.2f})"
+        return f"{self.begin:.1f} to {self.end:.1f} s: {self.kind} at ({x:.2f}, {y:.2f})"
 
 
-def find(replay: Replay) -> List[Event]:
-    """Return the events of a replay in order of time, without those that lie within an event of a more special kind."""
-    cycles = replay.cycles
-    limits = [
-        (c.settings[replay.server]["max_vel_x"], c.settings[replay.server]["max_vel_theta"])
-        for c in cycles
-    ]
-    at, (v, w), (top, widest) = (
-        np.array(x).T for x in ([c.at for c in cycles], [c.command for c in cycles], limits)
-    )
-    to_go = np.array([np.hypot(*(cycle.plan[-1, :2] - cycle.pose[:2])) for cycle in cycles])
-    turns, stands = np.abs(w) > STILL, np.abs(v) < STILL
-    swings = np.flatnonzero(np.abs(w) > SWINGS * widest)
-    changes = at[swings[1:]][np.diff(np.sign(w[swings])) != 0]
-    rate = (np.searchsorted(changes, at + 1.0) - np.searchsorted(changes, at - 1.0)) / 2.0
-    kinds = {  # the shortest event of each kind [s], and the cycles in which it happens
-        "found no valid trajectory": (0.5, stands & ~turns),
-        "was commanded to turn on the spot": (2.0, stands & turns),
-        "drove backwards": (2.0, v < -STILL),
-        "stood or crept": (1.0, v < STANDS * top),
-        "was slow": (5.0, v < SLOW * top),
-        "swung from side to side": (2.0, rate > SWINGS_HZ),
-    }
-    events, taken = [], np.zeros(len(cycles), bool)
-    for kind, (least, mask) in kinds.items():
-        rows = np.flatnonzero(mask & (to_go > replay.move_base.goal_tolerance))
-        for part in (
-            np.split(rows, np.flatnonzero(np.diff(at[rows]) > GAP_S) + 1) if len(rows) else ()
-        ):
-            a, b = int(part[0]), int(part[-1]) + 1
-            if at[b - 1] - at[a] >= least and taken[a:b].mean() < 0.5:
-                taken[a:b] = True
-                events.append(Event(kind, cycles[a:b]))
-    for time in replay.drive.recoveries:
-        after = [cycle for cycle in cycles if 0.0 <= cycle.at - time < 1.0]
-        events += [Event("began a recovery behaviour", after)] if after else []
-    return sorted(events, key=lambda event: event.cycles[0].at)
+def find(drive: Drive, limits: Limits) -> List[Event]:
+    """Return the events of a drive in order of time. Those at one place are one event, a trap."""
+    drive.require("odometry")
+    odometry = drive.odometry
+    assert odometry is not None
+    at_goal = distances_to_goal(drive, odometry) <= limits.tolerance
+    is_pursued = pursued(drive, odometry)
+    taken = np.zeros(len(odometry), bool)
+    events: List[Event] = []
+    for kind, shortest_s, happens in _kinds(odometry, limits):
+        for part in _runs(odometry.time, happens & is_pursued & ~at_goal):
+            seconds = odometry.time[part][-1] - odometry.time[part][0]
+            # An event that lies within one of a more special kind says nothing new.
+            if seconds >= shortest_s and taken[part].mean() < 0.5:
+                taken[part] = True
+                events.append(_event(kind, odometry, part))
+    for part in _runs(odometry.time, at_goal & is_pursued):
+        if odometry.time[part][-1] - odometry.time[part][0] >= AT_GOAL_S:
+            events.append(_event(AT_GOAL, odometry, part))
+    events += _unheard(drive, odometry)
+    events.sort(key=lambda event: event.begin)
+    return list(_traps(events, TRAP_M * limits.scale))
+
+
+def _kinds(odometry: Motion, limits: Limits) -> Iterator[Tuple[str, float, np.ndarray]]:
+    """Yield kinds of events, the special ones first: words, shortest duration [s], rows (n,) in which it is so."""
+    v, w = odometry.twist.T
+    stands = np.abs(v) < np.minimum(STILL_SPEED, 0.5 * CREEPS * limits.speed)
+    turns = np.abs(w) >= STILL_TURN
+    yield "went to and fro", FRO_S / 2, _to_and_fro(odometry, limits)
+    yield "stood", 1.0, stands & ~turns
+    yield "turned on the spot", 2.0, stands & turns
+    yield "drove backwards", 2.0, (v < 0) & ~stands
+    yield "crept", 1.0, np.abs(v) < CREEPS * limits.speed
+    yield "swung from side to side", 2.0, _swings(odometry, limits)
+    yield "was slow", 5.0, np.abs(v) < SLOW * limits.speed
+
+
+def _swings(odometry: Motion, limits: Limits) -> np.ndarray:
+    """Return the rows (n,) around which the turn rate changes its sign often."""
+    w = odometry.twist[:, 1]
+    strong = np.flatnonzero(np.abs(w) > SWINGS * limits.turn)
+    changes = odometry.time[strong[1:]][np.diff(np.sign(w[strong])) != 0]
+    before = np.searchsorted(changes, odometry.time - 1.0)
+    after = np.searchsorted(changes, odometry.time + 1.0)
+    often: np.ndarray = (after - before) / 2.0 > SWINGS_HZ
+    return often
+
+
+def _to_and_fro(odometry: Motion, limits: Limits) -> np.ndarray:
+    """Return the rows (n,) around which the robot drives forwards and backwards and gains little way."""
+    v = odometry.twist[:, 0]
+    first = np.searchsorted(odometry.time, odometry.time - FRO_S / 2)
+    last = np.searchsorted(odometry.time, odometry.time + FRO_S / 2) - 1
+    steps = np.hypot(*np.diff(odometry.pose[:, :2], axis=0).T)
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    driven = way[last] - way[first]
+    ends = odometry.pose[last, :2] - odometry.pose[first, :2]
+    gained = np.hypot(ends[:, 0], ends[:, 1])
+    back = np.concatenate([[0], np.cumsum(v < -STILL_SPEED)])
+    forth = np.concatenate([[0], np.cumsum(v > STILL_SPEED)])
+    drives_both = (back[last] > back[first]) & (forth[last] > forth[first])
+    is_long = driven > TRAP_M * limits.scale
+    rows: np.ndarray = drives_both & is_long & (gained < FRO_SHARE * driven)
+    return rows
+
+
+def pursued(drive: Drive, odometry: Motion) -> np.ndarray:
+    """Return the rows (n,) of the odometry at which the robot had a goal."""
+    spans = [(goal.begin, goal.end) for goal in drive.goals]
+    if not spans and drive.planned is not None and len(drive.planned):
+        # Without move_base's status: the planner commands only while it has a goal.
+        moves = np.flatnonzero(drive.planned.twist.any(axis=1))
+        if len(moves):
+            spans = [(float(drive.planned.time[moves[0]]), float(drive.planned.time[-1]))]
+    rows = np.zeros(len(odometry), bool)
+    for begin, end in spans:
+        rows |= (odometry.time >= begin) & (odometry.time <= end)
+    return rows
+
+
+def distances_to_goal(drive: Drive, odometry: Motion) -> np.ndarray:
+    """Return the distance (n,) [m] of each odometry pose to the end of the plan in force; inf without a plan."""
+    distances = np.full(len(odometry), np.inf)
+    if drive.plans is None:
+        return distances
+    for row, time in enumerate(odometry.time):
+        plan = drive.plans.latest(time)
+        if plan >= 0 and len(drive.plans.path[plan]):
+            dx, dy = drive.plans.path[plan][-1, :2] - odometry.pose[row, :2]
+            distances[row] = np.hypot(dx, dy)
+    return distances
+
+
+def _unheard(drive: Drive, odometry: Motion) -> List[Event]:
+    """Return the gaps of the odometry while the robot had a goal."""
+    events = []
+    times = np.append(odometry.time, last_time(drive))
+    is_pursued = pursued(drive, odometry)
+    for row in np.flatnonzero(np.diff(times) > SILENT_S):
+        if is_pursued[row]:
+            x, y, _ = odometry.pose[row].tolist()
+            events.append(Event(UNHEARD, float(times[row]), float(times[row + 1]), (x, y)))
+    return events
+
+
+def _runs(times: np.ndarray, happens: np.ndarray) -> List[slice]:
+    """Return the parts of the rows in which something happens without a gap of more than GAP_S."""
+    rows = np.flatnonzero(happens)
+    if not len(rows):
+        return []
+    breaks = np.flatnonzero(np.diff(times[rows]) > GAP_S) + 1
+    return [slice(int(part[0]), int(part[-1]) + 1) for part in np.split(rows, breaks)]
+
+
+def _event(kind: str, odometry: Motion, part: slice) -> Event:
+    x, y = odometry.pose[part, :2].mean(axis=0).tolist()
+    return Event(kind, float(odometry.time[part][0]), float(odometry.time[part][-1]), (x, y))
+
+
+def _traps(events: List[Event], reach: float) -> Iterator[Event]:
+    """Yield events, those that follow each other at one place as one, of the kind that lasts longest."""
+    while events:
+        trap = [events.pop(0)]
+        while events and _is_same_place(trap[-1], events[0], reach):
+            trap.append(events.pop(0))
+        longest = max(trap, key=lambda event: event.seconds)
+        end = max(event.end for event in trap)
+        yield Event(longest.kind, trap[0].begin, end, longest.place)
+
+
+def _is_same_place(first: Event, second: Event, reach: float) -> bool:
+    """Return whether a second event follows a first one at the same place."""
+    if AT_GOAL in (first.kind, second.kind) or UNHEARD in (first.kind, second.kind):
+        return False
+    distance = np.hypot(second.place[0] - first.place[0], second.place[1] - first.place[1])
+    return bool(distance <= reach and second.begin - first.end <= TRAP_S)

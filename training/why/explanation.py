@@ -1,14 +1,19 @@
-"""Explanation of a cycle from the planner's own numbers: what outbid or refused the samples that drive on."""
+"""Explanation of a replayed cycle from the planner's own numbers: what outbid or refused the samples that drive on."""
 
 from __future__ import annotations
 
-from collections import Counter
-from operator import itemgetter
-from typing import Any, Dict, List, Optional, Tuple
+from dataclasses import asdict, dataclass, field
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, compose, inverse, transform_point
+from applr_ros1.common.angles import (
+    Pose,
+    compose,
+    inverse,
+    normalize_angle_modulo,
+    transform_point,
+)
 from applr_ros1.planner.costmap.grid import LETHAL
 from training.why.events import SLOW
 from training.why.replay import Cycle, Replay
@@ -16,106 +21,276 @@ from training.why.replay import Cycle, Replay
 FASTEST = (
     0.95  # share of the fastest sample's speed from which a sample drives on, if this is below SLOW
 )
-SCANS, TURNED, CARRIED = (
-    24,
-    1.0,
-    0.9,
-)  # number of scans, turn [rad] and share of scans that show a part of the robot
 SAMPLES = 12  # number of samples in a table
 STEP_S = 0.1  # interval between the poses at which an illegal sample is checked [s]
 NEAR_M = 0.1  # distance from an obstacle cell within which a point of a scan shows it [m]
+PLAN_AHEAD_M = 1.0  # point of the plan that shows where it leads [m, for the Jackal]
+BACK = np.pi / 2  # angle between plan and heading from which on the plan leads back [rad]
+# Parts of the robot in its own scans: how far beyond its circumscribed circle they may lie [m], the motion between two
+# poses that are compared [m, rad], the least number of poses, and the share of them that must show the point.
+BESIDE_M, MOVED_M, MOVED_TURN, POSES, CARRIED = 0.3, 0.3, 0.2, 5, 0.9
+
+# What weighs against faster samples: the parameter, and the words, by the planner's name for this part of the costs.
+OBJECTIONS = {
+    "occdist_scale": ("occdist_scale", "passes nearer to obstacles than {} allows"),
+    "obstacle": ("occdist_scale", "passes nearer to obstacles than {} allows"),
+    "path_distance_bias": ("path_distance_bias", "leaves the plan farther than {} allows"),
+    "path": ("path_distance_bias", "leaves the plan farther than {} allows"),
+    "goal_distance_bias": ("goal_distance_bias", "ends too far from the local goal for {}"),
+    "goal": ("goal_distance_bias", "ends too far from the local goal for {}"),
+    "alignment": ("path_distance_bias", "turns the robot's front away from the plan ({})"),
+    "goal_front": ("goal_distance_bias", "turns the robot's front away from the goal ({})"),
+    "twirling": ("twirling_scale", "turns more than {} allows"),
+    "oscillation": ("oscillation_reset_dist", "is barred after an oscillation ({})"),
+}
 
 
-def explain(replay: Replay, cycle: Cycle) -> Dict[str, Any]:
-    """Return what kept the robot from driving on in a cycle, as JSON values for the page.
+@dataclass
+class Explanation:
+    """What kept the robot from driving on in one cycle.
 
-    Returns:
-        at, pose: Time [s] and pose (x, y, yaw) of the cycle.
-        lines: What outbid the cheapest sample that drives on, and what refused the illegal ones, as sentences.
+    Attributes:
+        at: Time of the cycle [s].
+        pose: Pose of the robot (x, y, yaw) in the odometry frame.
+        words: The reason in one clause; "" if the planner drove on.
+        lines: What outbid the cheapest sample that drives on, and what refused the illegal ones.
+        is_blocked: Whether all samples that drive on are illegal.
         obstacle: Cell (x, y) [m] that the straightest illegal sample meets, in the odometry frame, or None.
         points: Points (x, y, cost) of the legal trajectories.
         table: Names, the command, the cheapest sample that drives on, and the cheapest samples: v [m/s], w [rad/s],
             cost and its parts.
     """
+
+    at: float
+    pose: Pose
+    words: str = ""
+    lines: List[str] = field(default_factory=list)
+    is_blocked: bool = False
+    obstacle: Optional[List[float]] = None
+    points: List[List[float]] = field(default_factory=list)
+    table: List[List[Any]] = field(default_factory=list)
+
+    def values(self) -> Dict[str, Any]:
+        """Return JSON values for the page."""
+        return asdict(self)
+
+
+class Samples(NamedTuple):
+    """Velocities that the planner compared in a cycle.
+
+    Attributes:
+        velocities: (n, 2) v [m/s], w [rad/s].
+        costs: (n,) costs; negative for illegal samples.
+        parts: Parts (n,) of the costs by name.
+        drives_on: (n,) whether a sample is fast enough to drive on.
+        winner: Row of the command.
+    """
+
+    velocities: np.ndarray
+    costs: np.ndarray
+    parts: Dict[str, np.ndarray]
+    drives_on: np.ndarray
+    winner: int
+
+    @property
+    def best(self) -> Optional[int]:
+        """Row of the cheapest legal sample that drives on, or None."""
+        legal = np.flatnonzero(self.drives_on & (self.costs >= 0))
+        return int(legal[self.costs[legal].argmin()]) if len(legal) else None
+
+    def in_words(self, row: int) -> str:
+        """Return a velocity for people."""
+        v, w = self.velocities[row]
+        return f"({v:.2f} m/s, {w:.2f} rad/s)"
+
+
+def explain(replay: Replay, cycle: Cycle) -> Explanation:
+    """Return what kept the robot from driving on in a cycle."""
     replay.put_in_force(cycle.settings)
     replay.costmap.restore(cycle.map)
-    command, values, lines, obstacle = (
-        replay.command(cycle),
-        cycle.settings[replay.server],
-        [],
-        None,
+    command = replay.command(cycle)
+    samples = samples_of(replay, cycle, command)
+    explanation = Explanation(cycle.at, cycle.pose)
+    values = cycle.settings[replay.server]
+    if samples.drives_on[samples.winner]:
+        explanation.words = _nothing_faster(samples, values)
+        explanation.lines.append(f"The planner drives on {samples.in_words(samples.winner)}.")
+    elif samples.best is not None:
+        _explain_outbid(explanation, samples, samples.best, values)
+    if (samples.drives_on & (samples.costs < 0)).any():
+        _explain_illegal(explanation, replay, cycle, samples)
+    if leads_back(replay, cycle):
+        explanation.words = "the plan leads back, behind the robot" + (
+            f"; {explanation.words}" if explanation.words else ""
+        )
+    explanation.points = (
+        replay.local.trajectory_cloud(replay.costmap)[:, [0, 1, 4]].round(2).tolist()
     )
+    explanation.table = _table(samples)
+    return explanation
+
+
+def samples_of(replay: Replay, cycle: Cycle, command: Sequence[float]) -> Samples:
+    """Return what the planner compared in the cycle that it has just run."""
     velocities, costs, parts = replay.local.planner.sample_costs(replay.costmap, command)
-    fast = velocities[:, 0] >= min(SLOW * values["max_vel_x"], FASTEST * velocities[:, 0].max())
-    legal, illegal = np.flatnonzero(fast & (costs >= 0)), np.flatnonzero(fast & (costs < 0))
-    best = legal[costs[legal].argsort()][:1]
-    winner = np.abs(velocities - command).sum(axis=1).argmin()
-    chosen = "({:.2f} m/s, {:.2f} rad/s)".format(*velocities[winner])
-    if fast[winner]:
-        lines.append(f"The planner drives on {chosen}.")
-    elif len(best):
-        driving = "Driving on ({:.2f} m/s, {:.2f} rad/s)".format(*velocities[best[0]])
-        name = max(parts, key=lambda part: parts[part][best[0]] - parts[part][winner])
-        weight = f"{name} ({values[name]:g})" if name in values else f"the critic {name}"
-        counts = f"{weight} counts {parts[name][best[0]]:.1f} against {parts[name][winner]:.1f}"
-        text = f"{driving} costs {costs[best[0]]:.1f}, the command {chosen} {costs[winner]:.1f}: {counts}."
-        if not 0.0 <= costs[winner] <= costs[best[0]]:
-            text = f"{driving} was not sampled, because the robot was escaping (escape_reset_dist, escape_reset_theta)."
-        lines.append(text)
-    if len(illegal):
-        row = illegal[np.abs(velocities[illegal, 1]).argmin()]
-        (v, w), refusing = velocities[row], [name for name in parts if parts[name][row] < 0]
-        limits = [
-            f"{name} ({values[name]:g})"
-            for name in ("min_vel_trans", "min_vel_theta")
-            if "min_vel_trans" in values
-        ]
-        why = (
-            f"is below {' and '.join(limits)}"
-            if limits
-            else "leaves the map or the reach of the plan"
+    top = cycle.settings[replay.server]["max_vel_x"]
+    fast = velocities[:, 0] >= min(SLOW * top, FASTEST * velocities[:, 0].max())
+    winner = int(np.abs(velocities - command).sum(axis=1).argmin())
+    return Samples(velocities, costs, parts, fast, winner)
+
+
+def _nothing_faster(samples: Samples, values: Mapping[str, Any]) -> str:
+    """Return that even the fastest sample is slow, or ""."""
+    fastest = float(samples.velocities[:, 0].max())
+    if fastest >= SLOW * values["max_vel_x"]:
+        return ""
+    limits = f"vx_samples {values['vx_samples']:g}, acc_lim_x {values['acc_lim_x']:g}"
+    return f"no faster way is sampled than {fastest:.2f} m/s ({limits})"
+
+
+def _explain_outbid(
+    explanation: Explanation, samples: Samples, best: int, values: Mapping[str, Any]
+) -> None:
+    """Add why the cheapest sample that drives on was not chosen."""
+    costs, winner = samples.costs, samples.winner
+    driving = f"Driving on {samples.in_words(best)}"
+    if not 0.0 <= costs[winner] <= costs[best]:
+        explanation.words = (
+            "the planner is escaping: it samples no forward speed until it has moved by "
+            "escape_reset_dist or turned by escape_reset_theta"
         )
-        why = f"is refused by the critic {refusing[0]}" if refusing else why
-        obstacle = _obstacle(replay, cycle.pose, v, w, values["sim_time"])
-        if obstacle:
-            (x, y), (ahead, left) = obstacle, transform_point(inverse(cycle.pose), *obstacle)
-            gap = np.hypot(*(replay.cloud(cycle.scan).points[:, :2] - obstacle).T).min(
-                initial=np.inf
-            )
-            source = "the latest scan" if gap < NEAR_M else "earlier scans"
-            side = f"{ahead:.2f} m ahead and {abs(left):.2f} m to the {'left' if left > 0 else 'right'}"
-            why = f"meets the obstacle at ({x:.2f}, {y:.2f}), {side}, from {source}"
-        lines.append(
-            f"{len(illegal)} of {fast.sum()} faster samples are illegal; ({v:.2f} m/s, {w:.2f} rad/s) {why}."
-        )
-    rows = np.column_stack([velocities, costs, *parts.values()]).round(2)
-    cheapest = [row for row in costs.argsort() if costs[row] >= 0][:SAMPLES]
-    table = [
-        ["v", "w", "cost", *parts],
-        *rows[list(dict.fromkeys([winner, *best, *cheapest]))].tolist(),
-    ]
-    points = replay.local.trajectory_cloud(replay.costmap)[:, [0, 1, 4]].round(2).tolist()
-    return dict(
-        at=cycle.at, pose=cycle.pose, lines=lines, obstacle=obstacle, points=points, table=table
+        explanation.lines.append(f"{driving} was not sampled, because {explanation.words}.")
+        return
+    gaps = {name: part[best] - part[winner] for name, part in samples.parts.items()}
+    name = max(gaps, key=lambda part: gaps[part])
+    parameter, objection = OBJECTIONS[name]
+    weight = f"{parameter} {values[parameter]:g}" if parameter in values else parameter
+    explanation.words = f"every faster way {objection.format(weight)}"
+    part = samples.parts[name]
+    explanation.lines.append(
+        f"{driving} costs {costs[best]:.1f}, the command {samples.in_words(winner)} {costs[winner]:.1f}: "
+        f"{weight} counts {part[best]:.1f} against {part[winner]:.1f}."
     )
+
+
+def _explain_illegal(
+    explanation: Explanation, replay: Replay, cycle: Cycle, samples: Samples
+) -> None:
+    """Add what refused the faster samples that are illegal, from the straightest one."""
+    illegal = np.flatnonzero(samples.drives_on & (samples.costs < 0))
+    row = int(illegal[np.abs(samples.velocities[illegal, 1]).argmin()])
+    v, w = samples.velocities[row].tolist()
+    values = cycle.settings[replay.server]
+    explanation.obstacle = _obstacle(replay, cycle.pose, v, w, values["sim_time"])
+    refusing = [name for name, part in samples.parts.items() if part[row] < 0]
+    if explanation.obstacle:
+        why = f"meets {_place(replay, cycle, explanation.obstacle)}"
+    elif refusing:
+        why = f"is refused by the critic {refusing[0]}"
+    elif "min_vel_trans" in values:
+        why = "is below min_vel_trans ({:g}) and min_vel_theta ({:g})".format(
+            values["min_vel_trans"], values["min_vel_theta"]
+        )
+    else:
+        why = "leaves the map or the reach of the plan"
+    every = int(samples.drives_on.sum())
+    if len(illegal) == every and not samples.drives_on[samples.winner]:
+        explanation.words = f"every faster way {why}"
+        explanation.is_blocked = True
+    explanation.lines.append(
+        f"{len(illegal)} of {every} faster samples are illegal; {samples.in_words(row)} {why}."
+    )
+
+
+def _place(replay: Replay, cycle: Cycle, obstacle: Sequence[float]) -> str:
+    """Return in words where an obstacle cell is, and which scan shows it."""
+    ahead, left = transform_point(inverse(cycle.pose), *obstacle)
+    points = replay.cloud(cycle.scan).points[:, :2]
+    gap = np.hypot(*(points - obstacle).T).min(initial=np.inf)
+    source = "the latest scan" if gap < NEAR_M else "earlier scans"
+    along = f"{ahead:.2f} m ahead" if ahead >= 0 else f"{-ahead:.2f} m behind"
+    side = "left" if left > 0 else "right"
+    return f"the obstacle {along} and {abs(left):.2f} m to the {side}, from {source}"
+
+
+def _table(samples: Samples) -> List[List[Any]]:
+    """Return names and rows of the command, of the cheapest sample that drives on, and of the cheapest ones."""
+    columns = [samples.velocities, samples.costs, *samples.parts.values()]
+    rows = np.column_stack(columns).round(2)
+    cheapest = [int(row) for row in samples.costs.argsort() if samples.costs[row] >= 0]
+    shown = [samples.winner]
+    if samples.best is not None:
+        shown.append(samples.best)
+    shown += cheapest[:SAMPLES]
+    distinct = list(dict.fromkeys(shown))
+    return [["v", "w", "cost", *samples.parts], *rows[distinct].tolist()]
+
+
+def leads_back(replay: Replay, cycle: Cycle) -> bool:
+    """Return whether the plan of a cycle begins by more than a right angle off the robot's heading."""
+    x, y, yaw = cycle.pose
+    offsets = cycle.plan[:, :2] - (x, y)
+    distances = np.hypot(offsets[:, 0], offsets[:, 1])
+    reach = PLAN_AHEAD_M * replay.robot.world_scale
+    begin = int(distances.argmin())
+    beyond = np.flatnonzero(distances[begin:] >= reach)
+    if not len(beyond):
+        return False
+    dx, dy = offsets[begin + beyond[0]]
+    return abs(float(normalize_angle_modulo(np.arctan2(dy, dx) - yaw))) > BACK
+
+
+def at_goal(replay: Replay, cycle: Cycle) -> str:
+    """Return in words what keeps a robot at its goal from ending it."""
+    # Some planners read their tolerances only once.
+    values = {**replay.move_base.parameters[replay.server], **cycle.settings[replay.server]}
+    tolerance = values["yaw_goal_tolerance"]
+    slowest = "min_in_place_vel_theta" if "min_in_place_vel_theta" in values else "min_vel_theta"
+    turn = abs(values[slowest]) * replay.period
+    if turn > 2.0 * tolerance:
+        return (
+            f"yaw_goal_tolerance {tolerance:g} is smaller than the turn of one cycle "
+            f"at {slowest} {abs(values[slowest]):g}"
+        )
+    heading = f"yaw_goal_tolerance {tolerance:g}"
+    place = f"xy_goal_tolerance {values['xy_goal_tolerance']:g}"
+    return f"it does not come within {place} and {heading} of the goal at once"
 
 
 def part_of_robot(replay: Replay) -> Optional[Tuple[float, float]]:
-    """Return the place (x, y) beside the robot where nearly all scans have a point although it turned, or None."""
-    cycles, places = (
-        replay.cycles[:: max(len(replay.cycles) // SCANS, 1)],
-        Counter[Tuple[float, float]](),
-    )
+    """Return the place (x, y) beside the robot where nearly all scans have a point although it moved, or None.
+
+    A standing robot proves nothing, so that each pose counts once.
+    """
+    outline = replay.costmap.footprint
+    reach = float(np.hypot(*outline.T).max()) + BESIDE_M
+    poses = _distinct_poses(replay.cycles)
+    if len(poses) < POSES:
+        return None
+    counts: Dict[Tuple[float, float], int] = {}
+    for cycle in poses:
+        points = replay.cloud(cycle.scan).points[:, :2]
+        beside = np.column_stack(transform_point(inverse(cycle.pose), *points.T))
+        beside = beside[np.hypot(beside[:, 0], beside[:, 1]) <= reach]
+        cells = np.unique(np.rint(beside / NEAR_M), axis=0) * NEAR_M
+        for x, y in cells.tolist():
+            counts[x, y] = counts.get((x, y), 0) + 1
+    place, count = max(counts.items(), key=lambda item: item[1], default=((0.0, 0.0), 0))
+    return place if count > CARRIED * len(poses) else None
+
+
+def _distinct_poses(cycles: Sequence[Cycle]) -> List[Cycle]:
+    """Return cycles between which the robot has moved or turned."""
+    distinct: List[Cycle] = []
     for cycle in cycles:
-        points = np.column_stack(
-            transform_point(inverse(cycle.pose), *replay.cloud(cycle.scan).points[:, :2].T)
-        )
-        places.update({(x, y) for x, y in (np.rint(points / NEAR_M) * NEAR_M).tolist()})
-    (place, count), turned = (
-        max(places.items(), key=itemgetter(1)),
-        np.ptp(np.unwrap([one.pose[2] for one in cycles])),
-    )
-    return place if count > CARRIED * len(cycles) and turned > TURNED else None
+        if distinct:
+            x, y, yaw = distinct[-1].pose
+            moved = np.hypot(cycle.pose[0] - x, cycle.pose[1] - y) >= MOVED_M
+            turned = abs(normalize_angle_modulo(cycle.pose[2] - yaw)) >= MOVED_TURN
+            if not (moved or turned):
+                continue
+        distinct.append(cycle)
+    return distinct
 
 
 def arc(pose: Pose, v: float, w: float, seconds: float) -> Pose:
@@ -128,23 +303,25 @@ def arc(pose: Pose, v: float, w: float, seconds: float) -> Pose:
 def lethal_points(replay: Replay) -> np.ndarray:
     """Return the centres (n, 2) [m] of the lethal cells of the local costmap."""
     rows, columns = np.nonzero(replay.costmap.cells == LETHAL)
-    return (
-        replay.costmap.origin + (np.column_stack([columns, rows]) + 0.5) * replay.costmap.resolution
-    )
+    centres = np.column_stack([columns, rows]) + 0.5
+    return replay.costmap.origin + centres * replay.costmap.resolution
 
 
 def _obstacle(
     replay: Replay, start: Pose, v: float, w: float, seconds: float
 ) -> Optional[List[float]]:
     """Return the lethal cell (x, y) that is nearest to the footprint where it first meets an obstacle, or None."""
-    lethal, outline = lethal_points(replay), replay.costmap.footprint
-    for time in np.arange(0.0, seconds, STEP_S) if len(lethal) else ():
+    lethal = lethal_points(replay)
+    if not len(lethal):
+        return None
+    outline = replay.costmap.footprint
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    for time in np.arange(0.0, seconds, STEP_S):
         pose = arc(start, v, w, time)
         if replay.costmap.footprint_cost(*pose) < 0:
             inside = np.column_stack(transform_point(inverse(pose), *lethal.T))
-            outside = np.hypot(
-                *(inside - np.clip(inside, outline.min(axis=0), outline.max(axis=0))).T
-            )
-            cell: List[float] = lethal[outside.argmin()].round(3).tolist()
+            beyond = inside - np.clip(inside, low, high)
+            nearest = np.hypot(beyond[:, 0], beyond[:, 1]).argmin()
+            cell: List[float] = lethal[nearest].round(3).tolist()
             return cell
     return None

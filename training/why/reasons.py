@@ -1,69 +1,207 @@
 """Reasons why a robot does not drive, read from the columns of a drive, whether it was simulated or recorded in a bag.
 
-Causes come before what follows from them: without a plan nothing is commanded, and a command that the collision monitor
-stops moves nothing.
+Causes come before what follows from them: without a scan the planner sends nothing, without a plan nothing is
+commanded, and a command that the collision monitor stops moves nothing.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from typing import Optional, TypeVar
+from dataclasses import dataclass
+from typing import Callable, List, Optional, Sequence, TypeVar
 
 import numpy as np
 
+from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.drives.drive import ABORTED, REACHED, Drive, Rows
 
-STANDS = "it turns or stands"  # beginning of the reason if no column shows another one
 SomeRows = TypeVar("SomeRows", bound=Rows)
-REASON_SHARE = 0.1  # share of a drive above which an event counts as the reason of its failure
+STANDS = "it turns or stands"  # beginning of the reason if no column shows another one
+DRIVE_SHARE = 0.1  # share of a drive from which on an observation is the reason of its failure
+SILENT_S, SILENT_PERIODS = (
+    1.0,
+    5.0,
+)  # longest gap between messages [s] and [usual gaps] that is no silence
+BEFORE_S = 1.0  # time before a stop in which its cause may lie [s]
+STILL_SPEED, STILL_TURN = 0.03, 0.1  # speed [m/s] and turn rate [rad/s] below which a base stands
+DRIVES_SPEED, DRIVES_TURN = 0.05, 0.2  # those from which on a command asks for motion
+PASS_ON_S = 0.1  # time in which a command of the planner reaches the base [s]
+PASSED = 0.2  # share of the planner's command above which it counts as passed on to the base
 SLIP_RATIO, SLIP_M = (
     2.0,
     1.0,
 )  # commanded distance above this ratio of the driven one, by this much [m]: wheels slip
+HELD_M, SAME_SCAN_M = (
+    0.5,
+    0.03,
+)  # way of the odometry [m] with a mean change of the ranges below this [m]: held
+JUMP_M, JUMP_TURN = (
+    0.3,
+    0.5,
+)  # displacement [m] and turn [rad] between two messages beyond the measured speed
+LATE = 2.0  # ratio of the interval between commands to the control period from which on the planner is late
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """Part of a drive in which the robot did not drive as it should.
+
+    Attributes:
+        drive: The drive.
+        begin: Begin [s].
+        end: End [s].
+        share: Share of the stretch from which on an observation is its reason.
+        period: Control period of the planner [s]; 0 if it is unknown.
+    """
+
+    drive: Drive
+    begin: float
+    end: float
+    share: float
+    period: float = 0.0
+
+    @property
+    def seconds(self) -> float:
+        """Duration [s]."""
+        return self.end - self.begin
+
+    def part(self, rows: Optional[SomeRows]) -> Optional[SomeRows]:
+        """Return the rows of the stretch, or None if there are none."""
+        if rows is None:
+            return None
+        part = rows.between(self.begin, self.end)
+        return part if len(part) else None
+
+    def is_reason(self, seconds: float) -> bool:
+        """Return whether an observation that holds for this time [s] counts as the reason."""
+        return self.seconds > 0.0 and seconds > self.share * self.seconds
+
+
+Finder = Callable[[Stretch], str]  # Returns a reason in words, or "".
 
 
 def failure_of(drive: Drive) -> str:
     """Return in words why the last goal of a drive was not reached without a contact, or "" if it was.
 
-    The drive needs truth, routes, refusals and commands.
+    The drive needs goals, truth, routes, refusals and commands.
     """
     drive.require("goals", "truth")
     goal = drive.goals[-1]
     touches = "it touches something" if len(drive.contacts) else ""
     if goal.status == REACHED:
         return touches
-    reason = _cause(drive, goal.begin, goal.end)
+    stretch = Stretch(drive, goal.begin, goal.end, DRIVE_SHARE)
+    reason = first_of((no_plan, refused, held, slipping), stretch)
     if not reason and goal.status == ABORTED:
         reason = "move_base ends with " + goal.reason.partition(": ")[2]
     if not reason:
-        reason = f"{STANDS}, and has not arrived after {goal.end - goal.begin:.0f} s"
+        reason = f"{STANDS}, and has not arrived after {stretch.seconds:.0f} s"
     return f"{touches}, and {reason}" if touches else reason
 
 
-def _cause(drive: Drive, begin: float, end: float) -> str:
-    """Return what kept the robot from driving between two times [s], or "" if no column shows it."""
-    for find in (no_plan, refused, held, slipping):
-        words = find(drive, begin, end)
+def first_of(finders: Sequence[Finder], stretch: Stretch) -> str:
+    """Return the words of the first finder that has some, or ""."""
+    for find in finders:
+        words = find(stretch)
         if words:
             return words
     return ""
 
 
-def no_plan(drive: Drive, begin: float, end: float) -> str:
-    """Return that the global planner had no plan until a time [s], or ""."""
-    if drive.routes is None or drive.routes.latest(end) >= 0:
+# -- sources -----------------------------------------------------------------------------------------------------------
+def silent(stretch: Stretch) -> str:
+    """Return the sensor that sent nothing, or ""."""
+    drive = stretch.drive
+    for source, rows in (("scan", drive.scans), ("odometry", drive.odometry)):
+        gap = _longest_gap(rows, stretch)
+        if stretch.is_reason(gap):
+            return f"there was no {source} for {gap:.1f} s"
+    return ""
+
+
+def silent_planner(stretch: Stretch) -> str:
+    """Return that move_base sent no command, or ""."""
+    gap = _longest_gap(stretch.drive.planned, stretch)
+    return f"move_base sent no command for {gap:.1f} s" if stretch.is_reason(gap) else ""
+
+
+def _longest_gap(rows: Optional[Rows], stretch: Stretch) -> float:
+    """Return the longest silence [s] of a source that overlaps a stretch, or 0.0."""
+    if rows is None or len(rows) < 2:
+        return 0.0
+    # A source that ends is silent until the end of the drive.
+    times = np.append(rows.time, max(rows.time[-1], last_time(stretch.drive)))
+    gaps = np.diff(times)
+    usual = float(np.median(gaps))
+    is_long = gaps > max(SILENT_S, SILENT_PERIODS * usual)
+    overlaps = (times[:-1] < stretch.end) & (times[1:] > stretch.begin - BEFORE_S)
+    return float(gaps[is_long & overlaps].max(initial=0.0))
+
+
+def last_time(drive: Drive) -> float:
+    """Return the time of the last message of a drive [s]."""
+    last = 0.0
+    for rows in (drive.odometry, drive.scans, drive.planned, drive.commands):
+        if rows is not None and len(rows):
+            last = max(last, float(rows.time[-1]))
+    return last
+
+
+def jumping(stretch: Stretch) -> str:
+    """Return that the pose jumped at the begin of the stretch, or ""."""
+    odometry = stretch.drive.odometry
+    if odometry is None:
         return ""
-    return "the global planner finds no path"
+    around = odometry.between(stretch.begin - BEFORE_S, stretch.begin + BEFORE_S)
+    if len(around) < 2:
+        return ""
+    seconds = np.diff(around.stamp)
+    steps = np.diff(around.pose, axis=0)
+    jumps = np.hypot(steps[:, 0], steps[:, 1]) - np.abs(around.twist[1:, 0]) * seconds
+    turns = np.abs(normalize_angle_modulo(steps[:, 2])) - np.abs(around.twist[1:, 1]) * seconds
+    if jumps.max() > JUMP_M:
+        return f"the pose jumped by {jumps.max():.1f} m"
+    if turns.max() > JUMP_TURN:
+        return f"the heading jumped by {turns.max():.1f} rad"
+    return ""
 
 
-def refused(drive: Drive, begin: float, end: float) -> str:
+# -- planner -----------------------------------------------------------------------------------------------------------
+def no_plan(stretch: Stretch) -> str:
+    """Return that the global planner found no path, or ""."""
+    routes = stretch.drive.routes
+    if routes is None:
+        return ""
+    # Until the first plan comes, and from each empty plan to the next plan, there is none.
+    starts = np.append(-np.inf, routes.time)
+    ends = np.append(routes.time, np.inf)
+    is_missing = [True] + [not len(path) for path in routes.path]
+    overlaps = np.minimum(ends, stretch.end) - np.maximum(starts, stretch.begin)
+    without = float(np.maximum(overlaps, 0.0)[is_missing].sum())
+    return "the global planner finds no path" if stretch.is_reason(without) else ""
+
+
+def recovering(stretch: Stretch) -> str:
+    """Return that recovery behaviours ran, or ""."""
+    plans = stretch.drive.plans
+    ran = 0.0
+    for begin in stretch.drive.recoveries:
+        if stretch.begin - BEFORE_S <= begin < stretch.end:
+            # A recovery behaviour is over when the local planner follows a plan again.
+            later = plans.between(begin, stretch.end).time if plans is not None else np.empty(0)
+            end = float(later[0]) if len(later) else stretch.end
+            ran += end - max(begin, stretch.begin)
+    return "a recovery behaviour ran" if stretch.is_reason(ran) else ""
+
+
+def refused(stretch: Stretch) -> str:
     """Return the critic that rejected most velocities in cycles in which the local planner rejected all, or ""."""
-    cycles = _part(drive.refusals, begin, end)
+    cycles = stretch.part(stretch.drive.refusals)
     if cycles is None:
         return ""
     empty_handed = [critics for critics in cycles.critics if critics]
     share = len(empty_handed) / len(cycles)
-    if share <= REASON_SHARE:
+    if share <= stretch.share:
         return ""
     rejected: Counter[str] = Counter()
     for critics in empty_handed:
@@ -73,44 +211,115 @@ def refused(drive: Drive, begin: float, end: float) -> str:
     return f"the planner rejects every velocity in {100 * share:.0f} % of its cycles, mostly by {critic}"
 
 
-def held(drive: Drive, begin: float, end: float) -> str:
+def late(stretch: Stretch) -> str:
+    """Return that the planner missed its control rate, or ""."""
+    commands = stretch.part(stretch.drive.planned)
+    if commands is None or len(commands) < 2 or not stretch.period:
+        return ""
+    interval = float(np.diff(commands.time).mean())
+    if interval <= LATE * stretch.period:
+        return ""
+    return f"commands came every {interval:.2f} s instead of every {stretch.period:.2f} s"
+
+
+# -- base --------------------------------------------------------------------------------------------------------------
+def held(stretch: Stretch) -> str:
     """Return why the collision monitor held the robot, or ""."""
-    verdicts = _part(drive.verdicts, begin, end)
+    verdicts = stretch.part(stretch.drive.verdicts)
     if verdicts is None:
         return ""
-    seconds = _durations(verdicts, end)
+    seconds = _durations(verdicts, stretch.end)
     blocked_s: Counter[str] = Counter()
     for duration, reason, is_blocked in zip(seconds, verdicts.reason, verdicts.blocked):
         if is_blocked:
             blocked_s[reason] += duration
-    share = sum(blocked_s.values()) / (end - begin)
-    if share <= REASON_SHARE:
+    blocked = sum(blocked_s.values())
+    if not stretch.is_reason(blocked):
         return ""
     reason = blocked_s.most_common(1)[0][0]
-    return f"the collision monitor intervenes {100 * share:.0f} % of the time: {reason}"
+    share = f"{100 * blocked / stretch.seconds:.0f} %"
+    return f"the collision monitor intervenes {share} of the time: {reason}"
 
 
-def slipping(drive: Drive, begin: float, end: float) -> str:
+def stopped(stretch: Stretch) -> str:
+    """Return that the planner's commands did not reach the base, or ""."""
+    drive = stretch.drive
+    planned = stretch.part(drive.planned)
+    if planned is None or drive.commands is None or drive.commands is drive.planned:
+        return ""
+    asks = _asks_for_motion(planned.twist)
+    # What reaches the base may come a little later than the planner's command.
+    rows = [drive.commands.latest(time + PASS_ON_S) for time in planned.time]
+    passed = np.abs(drive.commands.twist[np.maximum(rows, 0)])
+    is_stopped = asks & (passed <= PASSED * np.abs(planned.twist)).all(axis=1)
+    seconds = _durations(planned, stretch.end)
+    if not stretch.is_reason(float(seconds[is_stopped].sum())):
+        return ""
+    speed = _in_words(planned.twist[is_stopped])
+    return f"move_base commanded {speed}, but nothing of it reached the base (collision monitor, mux or emergency stop)"
+
+
+def unmoved(stretch: Stretch) -> str:
+    """Return that the base did not follow its commands, or ""."""
+    drive = stretch.drive
+    commands = stretch.part(drive.commands)
+    if commands is None or drive.odometry is None:
+        return ""
+    asks = _asks_for_motion(commands.twist)
+    seconds = _durations(commands, stretch.end)
+    rows = [max(drive.odometry.latest(time), 0) for time in commands.time]
+    speed, turn = np.abs(drive.odometry.twist[rows]).T
+    stands = asks & (speed < STILL_SPEED) & (turn < STILL_TURN)
+    if not stretch.is_reason(float(seconds[stands].sum())):
+        return ""
+    return f"the base did not follow its commands of {_in_words(commands.twist[stands])}"
+
+
+def slipping(stretch: Stretch) -> str:
     """Return that the robot moved much less than was commanded, or "". Wheels that slip turn without moving it."""
-    commands = _part(drive.commands, begin, end)
-    motion = _part(drive.truth, begin, end)
+    commands = stretch.part(stretch.drive.commands)
+    motion = stretch.part(stretch.drive.truth)
     if commands is None or motion is None:
         return ""
-    commanded = float(np.abs(commands.twist[:, 0]) @ _durations(commands, end))
+    commanded = float(np.abs(commands.twist[:, 0]) @ _durations(commands, stretch.end))
     driven = motion.length
     if commanded <= SLIP_M + SLIP_RATIO * driven:
         return ""
     return f"it moves {driven:.1f} m although {commanded:.1f} m are commanded"
 
 
-def _part(rows: Optional[SomeRows], begin: float, end: float) -> Optional[SomeRows]:
-    """Return the rows between two times [s], or None if there are none."""
-    if rows is None:
-        return None
-    part = rows.between(begin, end)
-    return part if len(part) else None
+def stuck(stretch: Stretch) -> str:
+    """Return that the odometry moves and the scans do not, or ""."""
+    motion = stretch.part(stretch.drive.odometry)
+    scans = stretch.part(stretch.drive.scans)
+    if motion is None or scans is None or motion.length < HELD_M:
+        return ""
+    first = scans.ranges[0]
+    changes: List[float] = []
+    for ranges in scans.ranges[1:]:
+        if len(ranges) == len(first):
+            is_return = np.isfinite(ranges) & np.isfinite(first)
+            if is_return.any():
+                changes.append(float(np.median(np.abs(ranges[is_return] - first[is_return]))))
+    if not changes or np.median(changes) >= SAME_SCAN_M:
+        return ""
+    unseen = f"the scans stay the same while the odometry moves {motion.length:.1f} m"
+    return f"{unseen}: the robot is held, or its wheels slip"
+
+
+def _asks_for_motion(twist: np.ndarray) -> np.ndarray:
+    """Return for commands (n, 2) whether they ask for motion."""
+    asks: np.ndarray = (np.abs(twist[:, 0]) >= DRIVES_SPEED) | (np.abs(twist[:, 1]) >= DRIVES_TURN)
+    return asks
+
+
+def _in_words(twist: np.ndarray) -> str:
+    """Return the usual one of commands (n, 2) for people."""
+    v, w = np.median(twist, axis=0)
+    return f"{v:.2f} m/s" if abs(v) >= DRIVES_SPEED else f"{w:.2f} rad/s"
 
 
 def _durations(rows: Rows, end: float) -> np.ndarray:
     """Return how long each row holds [s]: until the next one, the last one until `end`."""
-    return np.diff(rows.time, append=end)
+    durations: np.ndarray = np.diff(rows.time, append=end)
+    return durations

@@ -6,9 +6,12 @@ choice gives the recorded command. The replay continues from the map and the mem
 
 from __future__ import annotations
 
+import math
+from bisect import bisect_right
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
+from operator import itemgetter
 from typing import Any, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
@@ -24,6 +27,7 @@ from applr_ros1.planner.parameters.settings import Settings, send
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from training.env.episode import counting_cells
+from training.why.events import Limits
 
 EQUAL = 1e-6  # largest difference between equal commands [m/s + rad/s]
 SAME_CYCLE_S = 0.01  # longest time between a command and the plan that its cycle published [s]
@@ -88,6 +92,7 @@ class Replay:
         )  # control period [s]
         start = Settings.from_tree(self.move_base.parameters)
         self.settings = Settings({server: start[server] for server in start if server})
+        self.history = [(-math.inf, self.settings)]  # (time [s], settings in force from then on)
 
     @property
     def share(self) -> float:
@@ -111,13 +116,14 @@ class Replay:
         self.drive = drive
         drive.require("planned", "odometry", "scans", "plans")
         assert drive.planned is not None
-        updates = list(changes_of(drive, self.robot))
+        for at, server, values in changes_of(drive, self.robot):
+            changes = self.settings.differences({server: values})
+            self.settings = self.settings.with_(*changes)
+            self.history.append((at, self.settings))
         rows = list(zip(drive.planned.time.tolist(), drive.planned.twist.tolist()))
         for at, command in tqdm(rows, drive.name, leave=False, disable=None):
-            while updates and updates[0][0] <= at:
-                _, server, given = updates.pop(0)
-                self.settings = self.settings.with_(*self.settings.differences({server: given}))
-            self.put_in_force(self.settings)
+            settings = self.in_force(at)
+            self.put_in_force(settings)
             odometry = self.odometry.latest(at)
             scan = self._scans.latest(at)
             plan = self._plan(at)
@@ -126,9 +132,28 @@ class Replay:
                 memory = self.local.planner.state
                 known = self.costmap.snapshot()
                 cycle = Cycle(
-                    at, tuple(command), pose, twist, plan, known, memory, False, self.settings, scan
+                    at, tuple(command), pose, twist, plan, known, memory, False, settings, scan
                 )
                 self.cycles.append(self._replayed(cycle, odometry))
+
+    def in_force(self, at: float) -> Settings:
+        """Return the parameters in force at a time [s]."""
+        row = bisect_right(self.history, at, key=itemgetter(0)) - 1
+        return self.history[row][1]
+
+    def between(self, begin: float, end: float) -> List[Cycle]:
+        """Return the cycles between two times [s]."""
+        return [cycle for cycle in self.cycles if begin <= cycle.at <= end]
+
+    def limits(self) -> Limits:
+        """Return what the drive is measured by."""
+        values = [self.in_force(at)[self.server] for at in self.odometry.time.tolist()]
+        return Limits(
+            speed=np.array([of_server["max_vel_x"] for of_server in values]),
+            turn=np.array([of_server["max_vel_theta"] for of_server in values]),
+            tolerance=self.move_base.goal_tolerance,
+            scale=self.robot.world_scale,
+        )
 
     @property
     def odometry(self) -> Motion:

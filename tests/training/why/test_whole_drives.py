@@ -1,0 +1,280 @@
+"""Tests of the world that the laser saw, of whole drives in it, of candidates, and of the advice that follows."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from applr_ros1 import robots
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.settings import Change, Settings
+from tests.support.drives import simulated
+from training.bags.seen_world import seen_grid, seen_world, write_map
+from training.robot.open_floor import courses
+from training.why import answer, diagnosis, whole_drives
+from training.why.candidates import (
+    Candidate,
+    file_candidates,
+    recorded_changes,
+    with_changes,
+)
+from training.why.events import Event
+from training.why.replay import Replay
+from training.why.whole_drives import Arrival, Course, Trials, Tried, try_out
+from training.workers.pool import Pool
+from worlds.map_reader import is_occupied, read_map
+
+PLANNER = "TrajectoryPlannerROS"
+JACKAL, BURGER = robots.JACKAL, robots.load("turtlebot3_burger")
+SPOILT = Change(PLANNER, "vx_samples", 6, 1)  # only the slowest speed is sampled
+MENDED = Candidate((Change(PLANNER, "vx_samples", 1, 6),))
+
+
+@pytest.fixture(scope="module")
+def door():
+    """Return the drive of a Jackal that drives very slowly through a door, and the world."""
+    *_, world = courses(JACKAL)
+    robot = with_changes(JACKAL, [SPOILT], "jackal")
+    return simulated(robot, world, limit=15)[0], world
+
+
+# -- the world that the laser saw
+def cell_of(grid, x, y):
+    left, low, _ = grid.origin
+    return int((y - low) / grid.resolution), int((x - left) / grid.resolution)
+
+
+def test_walls_stand_where_the_laser_saw_them_and_the_door_stays_open(door):
+    drive, world = door
+    grid = seen_grid(drive, JACKAL)
+    occupied = is_occupied(grid.cells)
+    (start_x, start_y, _) = drive.odometry.pose[0]
+    for x, _, _, length, _ in world.boxes:
+        side = np.sign(x)
+        near_end = x - side * length / 2
+        front_y = world.boxes[0][1] - 0.05 + start_y
+        row, column = cell_of(grid, near_end + side * 0.2 + start_x, front_y)
+        assert occupied[row - 1 : row + 2, column - 1 : column + 2].any()
+    row, column = cell_of(grid, start_x, world.boxes[0][1] + start_y)
+    assert not occupied[row, column - 3 : column + 4].any()
+    for pose in drive.odometry.pose[::20]:
+        assert not occupied[cell_of(grid, *pose[:2])]
+    row, column = cell_of(grid, start_x, start_y + 2.0)  # between robot and door
+    assert not occupied[row - 5 : row + 6, column - 5 : column + 6].any()
+
+
+def test_a_written_map_is_read_as_it_was_seen(door, tmp_path):
+    grid = seen_grid(door[0], JACKAL)
+    write_map(grid, str(tmp_path / "seen.yaml"))
+    again = read_map(str(tmp_path / "seen.yaml"))
+    assert np.array_equal(is_occupied(again.cells), is_occupied(grid.cells))
+    assert (again.resolution, again.origin) == (grid.resolution, pytest.approx(grid.origin))
+
+
+# -- candidates
+def values(robot, server, name):
+    return Settings.from_tree(MoveBase(robot.parameters()).parameters)[server][name]
+
+
+def test_a_change_reaches_move_base_also_where_a_costmap_makes_its_layers_itself():
+    layer = "local_costmap/inflation_layer"
+    changed = with_changes(BURGER, [Change(layer, "inflation_radius", 1.0, 0.4)], "changed")
+    assert values(changed, layer, "inflation_radius") == 0.4
+    layer = "local_costmap/inflater_layer"
+    changed = with_changes(JACKAL, [Change(layer, "inflation_radius", 0.3, 0.4)], "changed")
+    assert values(changed, layer, "inflation_radius") == 0.4
+
+
+def test_files_get_the_settings_of_the_recorded_drive():
+    start = Settings.from_tree(MoveBase(JACKAL.parameters()).parameters)
+    driven = start.with_(SPOILT)
+    assert recorded_changes(JACKAL, start) == []
+    (change,) = recorded_changes(JACKAL, driven)
+    assert (change.server, change.name, change.after) == (PLANNER, "vx_samples", 1)
+
+
+FAULTS = {
+    "footprint": [
+        Change(f"{costmap}_costmap", "footprint", "", str([[-1, -1], [-1, 1], [1, 1], [1, -1]]))
+        for costmap in ("local", "global")
+    ],
+    "footprint_padding": [
+        Change(f"{costmap}_costmap", "footprint_padding", 0.01, 0.4)
+        for costmap in ("local", "global")
+    ],
+    "obstacle_range": [Change("local_costmap", "obstacle_range", 3.0, 0.5)],
+    "raytrace_range": [Change("local_costmap", "raytrace_range", 3.5, 0.5)],
+    "controller_frequency": [Change("", "controller_frequency", 10.0, 2.0)],
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_value_of_a_file_that_departs_most_is_the_first_candidate(name):
+    robot = with_changes(BURGER, FAULTS[name], "burger with a fault")
+    candidate, *_ = file_candidates(robot)
+    assert candidate.names == [name]
+    MoveBase(with_changes(robot, candidate.changes, "mended").parameters())
+
+
+def test_no_footprint_below_the_body_and_no_padding_below_the_default_is_a_candidate():
+    for candidate in file_candidates(BURGER):
+        assert not {"footprint", "footprint_padding"} & {*candidate.names}
+    words = [str(candidate) for candidate in file_candidates(JACKAL)]
+    assert "footprint_padding 0.1 -> 0.01 in both costmaps" in words
+
+
+# -- whole drives
+@pytest.fixture(scope="module")
+def course(door):
+    drive, _ = door
+    robot = with_changes(JACKAL, [SPOILT], "jackal")
+    world = seen_world(
+        seen_grid(drive, JACKAL), "seen", (0.0, 0.0, np.pi / 2), (0.0, 5.0, np.pi / 2)
+    )
+    return Course(robot, world, has_monitor=False, limit=25.0)
+
+
+def test_the_fault_is_slow_in_the_world_that_was_seen_and_its_remedy_is_found(course, monkeypatch):
+    monkeypatch.setattr(whole_drives, "CHOOSING", (1,))
+    monkeypatch.setattr(whole_drives, "CONFIRMING", (2,))
+    refused = Candidate((Change("local_costmap", "footprint", "", "[[0, 0]]"),))
+    with Pool(0) as pool:
+        trials = try_out(course, [refused, MENDED], pool)
+    assert trials.remedy is not None
+    assert trials.remedy.candidate == MENDED
+    assert trials.remedy.arrivals == 1
+    assert trials.recorded.arrivals == 0
+    assert [one.candidate for one in trials.tried] == [MENDED]
+
+
+def drives_as(monkeypatch, seconds):
+    """Let a candidate take {value: {seed: seconds}} with "" for the recorded values; return the calls."""
+    calls = []
+
+    def drive_once(course, changes, seed, to_beat):
+        value = changes[0].after if changes else ""
+        calls.append((value, seed))
+        taken = seconds[value].get(seed, seconds[value][0])
+        is_slow = taken > to_beat
+        success = taken < course.limit and not is_slow
+        place = np.zeros((1, 3))
+        return Arrival(success, taken if success else course.limit, is_slow, 1.0, place)
+
+    monkeypatch.setattr(whole_drives, "drive_once", drive_once)
+    return calls
+
+
+def trials_of(course, *values):
+    candidates = [Candidate((Change(PLANNER, "sim_time", 2.0, value),)) for value in values]
+    with Pool(0) as pool:
+        return try_out(course, candidates, pool)
+
+
+def test_a_candidate_is_a_remedy_only_if_it_is_better_by_a_tenth_with_seeds_that_chose_nothing(
+    course, monkeypatch
+):
+    calls = drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 15.0}, 1.5: {0: 17.0}})
+    trials = trials_of(course, 1.0, 1.5)
+    assert trials.remedy.candidate.changes[0].after == 1.0
+    assert str(trials.remedy) == "arrives 3 of 3 in 15 s"
+    assert {seed for value, seed in calls if value == 1.5} == set(whole_drives.CHOOSING)
+    assert {seed for value, seed in calls if value == 1.0} == {1, 2, 3, 4, 5, 6}
+
+    drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 18.5}})
+    assert trials_of(course, 1.0).remedy is None
+    lucky = {"": {0: 20.0}, 1.0: {0: 20.0, 1: 12.0, 2: 12.0, 3: 12.0}}
+    drives_as(monkeypatch, lucky)
+    assert trials_of(course, 1.0).remedy is None
+
+
+def test_a_faster_candidate_that_arrives_less_often_is_no_remedy(course, monkeypatch):
+    drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, 2: 99.0}})
+    trials = trials_of(course, 1.0)
+    assert trials.remedy is None
+    assert str(trials.tried[0]) == "not faster in 1 of 3"
+
+
+def test_only_the_best_candidates_drive_with_more_seeds(course, monkeypatch):
+    times = {float(number): {0: float(number)} for number in range(10, 18)}
+    calls = drives_as(monkeypatch, {"": {0: 20.0}, **times})
+    trials = trials_of(course, *times)
+    assert {value for value, seed in calls if seed == 2} == {"", 10.0, 11.0, 12.0}
+    assert len(trials.tried) == 8
+
+
+# -- the answer
+@pytest.fixture(scope="module")
+def replayed(door):
+    replay = Replay(with_changes(JACKAL, [SPOILT], "jackal"))
+    replay.run(door[0])
+    return replay
+
+
+def diagnosed(replay, trials=None, guesses=()):
+    event = Event("stood", 3.0, 9.0, (0.0, 0.3), "a reason")
+    return diagnosis.Diagnosis(replay, [event], [[]], None, list(guesses), trials)
+
+
+def tried(candidate, *seconds, limit=25.0):
+    path = np.column_stack([np.arange(100) * 0.05, np.zeros(100), np.full(100, 0.3)])
+    drives = [Arrival(each < limit, min(each, limit), False, 1.0, path) for each in seconds]
+    return Tried(candidate, drives)
+
+
+def test_the_answer_says_what_happened_what_helped_when_it_was_driven_and_how_sure_it_is(replayed):
+    remedy = tried(MENDED, 12.0, 13.0, 14.0)
+    trials = Trials(tried(None, 29.0, 29.0, 21.0), remedy, [remedy])
+    first, second, third, *_ = answer.lines_of(diagnosed(replayed, trials))
+    assert first == "3.0 to 9.0 s: stood at (0.00, 0.30), because a reason."
+    assert second == (
+        "Try vx_samples 1 -> 6: arrives 3 of 3 in 13 s; "
+        "with the recorded values arrives 1 of 3 in 21 s."
+    )
+    assert "commands reproduced (100.0%)" in third
+    assert third.endswith("simulated with the recorded values, the robot stops there, too.")
+
+
+def test_without_a_remedy_only_a_guess_that_gains_much_is_said(replayed):
+    trials = Trials(tried(None, 12.0), None, [tried(MENDED, 12.0)])
+
+    def guess(gain):
+        return SimpleNamespace(gain=gain, change="sim_time 2 -> 1")
+
+    _, second, *_ = answer.lines_of(diagnosed(replayed, trials, [guess(0.2)]))
+    assert second == "Nothing that was tried helped. The replay's guess: sim_time 2 -> 1."
+    _, second, *_ = answer.lines_of(diagnosed(replayed, trials, [guess(0.01)]))
+    assert second == "Nothing that was tried helped."
+    _, second, *_ = answer.lines_of(diagnosed(replayed, None, [guess(0.2)]))
+    assert second == "The replay's guess: sim_time 2 -> 1."
+
+
+def test_a_stop_of_the_simulated_drive_elsewhere_is_another_one(replayed):
+    trials = Trials(tried(None, 12.0), None, [])
+    far = diagnosed(replayed, trials)
+    far.events[0].place = (4.0, 4.0)
+    assert "the robot does not stop there." in answer.how_sure(far)
+
+
+def test_a_doubtful_replay_is_called_so(replayed):
+    doubtful = Replay(JACKAL)
+    doubtful.drive, doubtful.cycles = replayed.drive, replayed.cycles
+    for cycle in doubtful.cycles[::3]:
+        cycle.error = 1.0
+    try:
+        assert "few, so the planner's reasons are not to be trusted" in answer.how_sure(
+            diagnosed(doubtful)
+        )
+    finally:
+        for cycle in doubtful.cycles[::3]:
+            cycle.error = 0.0
+
+
+def test_the_goal_of_a_drive_is_known_from_its_route_or_from_the_end_of_its_plan(door):
+    drive, world = door
+    assert diagnosis.goal_of(drive) == pytest.approx(world.course.goal)
+
+
+def test_a_moment_outside_the_drive_is_refused(replayed):
+    with pytest.raises(ApplrError, match="--at 500: outside the drive, give "):
+        diagnosis.diagnose(replayed, 500.0)

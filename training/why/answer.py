@@ -1,0 +1,165 @@
+"""Answer of `./applr why` in the words of a person: what happened and why, what to change, and how sure that is."""
+
+from __future__ import annotations
+
+from typing import Any, Dict, List, Optional
+
+import numpy as np
+
+from training.why.diagnosis import Diagnosis
+from training.why.events import Event
+from training.why.whole_drives import SAME_PLACE_M, Tried
+
+POOR = 0.8  # share of reproduced commands below which a replay is not to be trusted
+GUESS_SHARE = 0.1  # share of the top speed that a guess gains at least
+LISTED = 4  # number of further events, and of rows of what was tried
+SCANS, CELL_M = 60, 0.05  # number of scans in a page's map, and distance of its points [m]
+STOPS_S = 1.0  # time without motion that counts as a stop of a simulated drive [s]
+STOPS_M = 0.05  # motion within it [m]
+
+
+def lines_of(diagnosis: Diagnosis) -> List[str]:
+    """Return the answer for a terminal: what happened, what to change, how sure, and then the rest."""
+    lines = [what_happened(diagnosis), *advice(diagnosis), how_sure(diagnosis)]
+    others = [event for event in diagnosis.events if event is not diagnosis.longest]
+    others.sort(key=lambda event: -event.seconds)
+    if others:
+        lines.append("Other events:")
+        lines += [f"   {sentence(event)}" for event in others[:LISTED]]
+    return lines + tried_rows(diagnosis)
+
+
+def what_happened(diagnosis: Diagnosis) -> str:
+    """Return the first line: where and when, what happened, and why."""
+    if diagnosis.part is not None:
+        ahead, left = diagnosis.part
+        along = f"{ahead:.1f} m ahead" if ahead >= 0 else f"{-ahead:.1f} m behind"
+        side = "left" if left > 0 else "right"
+        place = f"{along} and {abs(left):.1f} m to the {side} of its centre"
+        return f"The laser sees a part of the robot, {place}."
+    if diagnosis.longest is not None:
+        return sentence(diagnosis.longest)
+    odometry = diagnosis.replay.odometry
+    top = float(diagnosis.replay.limits().speed.mean())
+    mean = float(np.abs(odometry.twist[:, 0]).mean())
+    return f"The robot did not stop: its mean speed is {mean:.2f} m/s, max_vel_x {top:.2f} m/s."
+
+
+def sentence(event: Event) -> str:
+    """Return an event with its reason."""
+    return f"{event}, because {event.reason}." if event.reason else f"{event}."
+
+
+def advice(diagnosis: Diagnosis) -> List[str]:
+    """Return what to change, and what that did when it was driven; nothing for a drive without events."""
+    if diagnosis.longest is None or diagnosis.part is not None:
+        return []
+    trials = diagnosis.trials
+    if trials is not None and trials.remedy is not None:
+        remedy = trials.remedy
+        return [f"Try {remedy.candidate}: {remedy}; with the recorded values {trials.recorded}."]
+    guess = ""
+    top = float(diagnosis.replay.limits().speed.mean())
+    if diagnosis.guesses and diagnosis.guesses[0].gain >= GUESS_SHARE * top:
+        guess = f" The replay's guess: {diagnosis.guesses[0].change}."
+    if trials is not None:
+        return [f"Nothing that was tried helped.{guess}"]
+    return [guess.strip()] if guess else []
+
+
+def how_sure(diagnosis: Diagnosis) -> str:
+    """Return how far replay and simulated drives agree with the recorded one."""
+    replay = diagnosis.replay
+    words = str(replay)
+    if replay.share < POOR:
+        words += (
+            "; few, so the planner's reasons are not to be trusted: "
+            "parameters of the folder differ, or topics or scans are missing"
+        )
+    longest = diagnosis.longest
+    if diagnosis.trials is not None and longest is not None:
+        reach = SAME_PLACE_M * replay.robot.world_scale
+        stops = stops_near(diagnosis.trials.recorded, longest, reach)
+        does = "stops there, too" if stops else "does not stop there"
+        words += f"; simulated with the recorded values, the robot {does}"
+    return words + "."
+
+
+def stops_near(tried: Tried, event: Event, reach: float) -> bool:
+    """Return whether one of the simulated drives stands within reach [m] of an event."""
+    for drive in tried.drives:
+        times, places = drive.path[:, 0], drive.path[:, 1:]
+        later = np.searchsorted(times, times + STOPS_S)
+        is_inside = later < len(times)
+        moved = np.hypot(*(places[later[is_inside]] - places[is_inside]).T)
+        stands = places[is_inside][moved < STOPS_M]
+        if len(stands) and np.hypot(*(stands - event.place).T).min() <= reach:
+            return True
+    return False
+
+
+def tried_rows(diagnosis: Diagnosis) -> List[str]:
+    """Return rows of what was driven, and of what the replay alone ranks."""
+    rows: List[str] = []
+    trials = diagnosis.trials
+    if trials is not None:
+        rows.append(f"Driven in simulation ({trials.recorded} with the recorded values):")
+        rows += [f"   {one.candidate}: {one}" for one in trials.tried[:LISTED]]
+    if diagnosis.guesses:
+        rows.append("Guesses of the replay, two seconds ahead:")
+        rows += [f"   {alternative}" for alternative in diagnosis.guesses[:LISTED]]
+    return rows
+
+
+def values_of(diagnosis: Diagnosis) -> Dict[str, Any]:
+    """Return the diagnosis as JSON values, for programs and for the page."""
+    replay = diagnosis.replay
+    scans = replay.drive.scans
+    assert scans is not None
+    chosen = np.linspace(0, len(scans) - 1, SCANS).astype(int)
+    points = np.concatenate([replay.cloud(index).points[:, :2] for index in chosen])
+    trials = diagnosis.trials
+    path = []
+    for cycle in replay.cycles:
+        path.append([*np.round(cycle.pose[:2], 2).tolist(), cycle.command[0]])
+    return {
+        "answer": lines_of(diagnosis),
+        "reproduced": replay.share,
+        "remedies": [str(trials.remedy.candidate)] if trials and trials.remedy else [],
+        "tried": [_tried_values(one) for one in (trials.tried if trials else ())],
+        "recorded": _tried_values(trials.recorded) if trials else None,
+        "alternatives": [str(alternative) for alternative in diagnosis.guesses],
+        "events": [_event_values(diagnosis, row) for row in range(len(diagnosis.events))],
+        "map": (np.unique(np.rint(points / CELL_M), axis=0) * CELL_M).round(2).tolist(),
+        "path": path,
+        "footprint": replay.costmap.footprint.round(3).tolist(),
+    }
+
+
+def _tried_values(tried: Optional[Tried]) -> Optional[Dict[str, Any]]:
+    """Return what was driven as JSON values."""
+    if tried is None:
+        return None
+    changes = tried.candidate.changes if tried.candidate else ()
+    return {
+        "words": str(tried.candidate) if tried.candidate else "recorded values",
+        "result": str(tried),
+        "changes": [list(change) for change in changes],
+        "arrivals": tried.arrivals,
+        "drives": len(tried.drives),
+        "seconds": round(tried.seconds, 2),
+    }
+
+
+def _event_values(diagnosis: Diagnosis, row: int) -> Dict[str, Any]:
+    """Return an event as JSON values."""
+    event = diagnosis.events[row]
+    return {
+        "title": str(event),
+        "kind": event.kind,
+        "begin": round(event.begin, 2),
+        "end": round(event.end, 2),
+        "reason": event.reason,
+        "place": [round(coordinate, 3) for coordinate in event.place],
+        "cycles": [explanation.values() for explanation in diagnosis.explained[row]],
+    }

@@ -1,0 +1,245 @@
+"""Whole drives in the world that the laser saw: with the recorded values, and with each candidate for a remedy.
+
+A candidate is believed only if it drives better from the recorded start to the recorded goal, with seeds that did not
+choose it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+from typing_extensions import override
+
+import sim_bridge
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.drive import TIMED_OUT
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.settings import Change
+from applr_ros1.planner.variant import CPP_LIKE
+from applr_ros1.robots import Robot
+from training.env.episode import Episode, counting_cells
+from training.why.candidates import Candidate, with_changes
+from training.workers.calls import CallFailed
+from training.workers.pool import Pool
+from worlds import World
+
+CHOOSING, CONFIRMING = (
+    (1, 2, 3),
+    (4, 5, 6),
+)  # seeds that choose a candidate, and seeds that judge the chosen one
+CHOSEN = 3  # number of candidates that drive with more than one seed
+BETTER = 0.9  # share of the time with the recorded values below which a candidate is better
+SLOWEST = 2.0  # longest duration of a drive in durations of the recorded one
+SHORTEST_LIMIT_S, LONGEST_LIMIT_S = 20.0, 60.0
+SAME_PLACE_M = 1.0  # distance of two stops at the same place [m, for the Jackal]
+RANDOM: Dict[str, Any] = {  # deviations of a drive from the nominal robot
+    "start_xy": 0.03,
+    "start_yaw": 0.05,
+    "scan_noise": (1, 3),
+    "odometry": (0.5, 2),
+}
+
+
+class Course(NamedTuple):
+    """What all whole drives share.
+
+    Attributes:
+        robot: Robot with the values of the recorded drive in its files.
+        world: World that the laser saw, with the recorded start and goal.
+        has_monitor: Whether a collision monitor stands between planner and base.
+        limit: Time after which a drive has failed [s].
+        ends_at_tolerance: Whether a drive ends within the goal tolerance, or only when the planner reports the goal.
+    """
+
+    robot: Robot
+    world: World
+    has_monitor: bool
+    limit: float
+    ends_at_tolerance: bool = True
+
+
+class Arrival(NamedTuple):
+    """How one whole drive ended.
+
+    Attributes:
+        success: Whether the robot arrived without a contact.
+        seconds: Time to the goal [s]; the limit if the drive failed.
+        is_slow: Whether the drive was broken off, because it was not faster than with the recorded values.
+        clearance: Smallest range of the laser [m].
+        path: (k, 3) time [s] and position (x, y) [m] in the odometry frame of the recorded drive.
+    """
+
+    success: bool
+    seconds: float
+    is_slow: bool
+    clearance: float
+    path: np.ndarray
+
+
+class Tried(NamedTuple):
+    """A candidate that was driven.
+
+    Attributes:
+        candidate: The candidate; None for the recorded values.
+        drives: Its drives.
+    """
+
+    candidate: Optional[Candidate]
+    drives: Sequence[Arrival]
+
+    @property
+    def arrivals(self) -> int:
+        """Number of drives that arrived."""
+        return sum(drive.success for drive in self.drives)
+
+    @property
+    def seconds(self) -> float:
+        """Mean time [s]. A failed drive counts the limit."""
+        return float(np.mean([drive.seconds for drive in self.drives]))
+
+    @override
+    def __str__(self) -> str:
+        arrived = [drive.seconds for drive in self.drives if drive.success]
+        slow = sum(drive.is_slow for drive in self.drives)
+        if slow:
+            return f"not faster in {slow} of {len(self.drives)}"
+        counts = f"{len(arrived)} of {len(self.drives)}"
+        return f"arrives {counts} in {np.mean(arrived):.0f} s" if arrived else f"arrives {counts}"
+
+
+class Trials(NamedTuple):
+    """Result of all whole drives.
+
+    Attributes:
+        recorded: Drives with the recorded values, of the seeds that judge.
+        remedy: The candidate that is better by a tenth with the seeds that judge, or None.
+        tried: All candidates with the seeds that chose, the best first.
+    """
+
+    recorded: Tried
+    remedy: Optional[Tried]
+    tried: Sequence[Tried]
+
+
+def limit_of(seconds: float) -> float:
+    """Return the time limit of whole drives for a recorded drive of a duration [s]."""
+    return min(max(SLOWEST * seconds, SHORTEST_LIMIT_S), LONGEST_LIMIT_S)
+
+
+def drive_once(course: Course, changes: Sequence[Change], seed: int, to_beat: float) -> Arrival:
+    """Drive a course with changed values, at most for the time to beat [s].
+
+    Raises ApplrError for values that move_base refuses.
+    """
+    robot = course.robot
+    if changes:
+        robot = with_changes(robot, changes, robot.name)
+    # The values in the files stay, even outside the ranges of robot.yaml.
+    robot = replace(robot, space=())
+    limit = min(course.limit, float(np.ceil(to_beat)))
+    episode = Episode(
+        sim_bridge.make("kinematic", robot=robot, **RANDOM),
+        MoveBase(counting_cells(robot.parameters()), planner=CPP_LIKE, seed=seed),
+        robot,
+        period=1.0,
+        time_limit=limit,
+        end_on_collision=True,
+        monitor=course.has_monitor,
+        escapes=course.has_monitor,
+        ends_at_tolerance=course.ends_at_tolerance,
+    )
+    outcome = episode.reset(course.world, seed)
+    while not outcome.over:
+        outcome = episode.decide(np.zeros(0))
+    truth = episode.drive.truth
+    assert truth is not None
+    success = outcome.success and not outcome.collided
+    is_timeout = episode.drive.goals[-1].status == TIMED_OUT
+    return Arrival(
+        success,
+        outcome.time_s if success else course.limit,
+        is_timeout and limit < course.limit,
+        outcome.min_clearance_m,
+        np.column_stack([truth.time, truth.pose[:, :2]]).astype(np.float32),
+    )
+
+
+def try_out(course: Course, candidates: Sequence[Candidate], pool: Pool) -> Trials:
+    """Drive with the recorded values and with candidates.
+
+    All candidates drive once, the best ones with more seeds, and the best of these is judged with seeds that chose
+    nothing. A drive that is not faster than with the recorded values is broken off.
+    """
+    first = CHOOSING[:1]
+    recorded = Tried(None, _drive(course, [None], CHOOSING, pool)[None])
+    to_beat = {seed: drive.seconds for seed, drive in zip(CHOOSING, recorded.drives)}
+    drives = _drive(course, candidates, first, pool, to_beat)
+    best = _ranked(drives)[:CHOSEN]
+    for candidate, more in _drive(course, best, CHOOSING[1:], pool, to_beat).items():
+        drives[candidate] += more
+    tried = [Tried(candidate, drives[candidate]) for candidate in _ranked(drives)]
+    chosen = [one for one in tried if len(one.drives) == len(CHOOSING)]
+    if not chosen or not _is_better(chosen[0], recorded):
+        return Trials(recorded, None, tried)
+    candidate = chosen[0].candidate
+    judged = _drive(course, [None, candidate], CONFIRMING, pool)
+    recorded = Tried(None, judged[None])
+    if candidate not in judged or not _is_better(Tried(candidate, judged[candidate]), recorded):
+        return Trials(recorded, None, tried)
+    return Trials(recorded, Tried(candidate, judged[candidate]), tried)
+
+
+Drives = Dict[Optional[Candidate], List[Arrival]]
+
+
+def _drive(
+    course: Course,
+    candidates: Sequence[Optional[Candidate]],
+    seeds: Sequence[int],
+    pool: Pool,
+    to_beat: Mapping[int, float] = {},
+) -> Drives:
+    """Return the drives of candidates with seeds. A candidate that move_base refuses is left out.
+
+    Args:
+        course: What all drives share.
+        candidates: Candidates; None for the recorded values.
+        seeds: Seeds of each.
+        pool: Workers.
+        to_beat: Time [s] by seed after which a drive is broken off.
+    """
+    calls = []
+    for candidate in candidates:
+        changes = candidate.changes if candidate else ()
+        for seed in seeds:
+            limit = to_beat.get(seed, math.inf)
+            calls.append((candidate, pool.submit(drive_once, course, changes, seed, limit)))
+    drives: Drives = {candidate: [] for candidate in candidates}
+    for candidate, call in calls:
+        try:
+            arrival = call.result()
+        except CallFailed:
+            if candidate is None:
+                raise ApplrError("the recorded values cannot be driven in simulation") from None
+            drives.pop(candidate, None)
+        else:
+            if candidate in drives:
+                drives[candidate].append(arrival)
+    return drives
+
+
+def _ranked(drives: Drives) -> List[Optional[Candidate]]:
+    """Return candidates: those with most drives first, among them those with the least time."""
+
+    def key(candidate: Optional[Candidate]) -> Tuple[int, float]:
+        return -len(drives[candidate]), Tried(candidate, drives[candidate]).seconds
+
+    return sorted(drives, key=key)
+
+
+def _is_better(tried: Tried, recorded: Tried) -> bool:
+    """Return whether a candidate arrives at least as often, in a tenth less time."""
+    return tried.arrivals >= recorded.arrivals and tried.seconds <= BETTER * recorded.seconds
