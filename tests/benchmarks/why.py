@@ -220,7 +220,7 @@ def judged(name: str, world: int, fault: Optional[Candidate]) -> Optional[Plante
         mean_time(with_changes(robot, random.changes, "random"), world) if fault else before,
         mean_time(sound, world) if fault else before,
         seconds,
-        " | ".join(lines[:2]),
+        " | ".join(lines[:3]),
     )
 
 
