@@ -16,6 +16,7 @@ from typing import (
     Iterable,
     List,
     Mapping,
+    NamedTuple,
     Optional,
     Sequence,
     Tuple,
@@ -34,8 +35,23 @@ RollOut = Callable[[np.ndarray], None]  # writes the poses of a trajectory to an
 LARGEST_TURN = 0.5
 
 
+class Velocity(NamedTuple):
+    """Velocity of the base in its own axes."""
+
+    vx: float  # [m/s]
+    vy: float  # [m/s]
+    w: float  # [rad/s]
+
+
+class Heading(NamedTuple):
+    """Direction of a yaw angle, or a change of direction."""
+
+    cos: float
+    sin: float
+
+
 class Record:
-    """Type of one record of PARAMETERS or STATE in a kernel, with the fields as attributes."""
+    """Type of one record of PARAMETERS, STATE or START in a kernel, with fields as attributes."""
 
     if TYPE_CHECKING:
 
@@ -55,17 +71,36 @@ def through_quaternion(yaw: float) -> float:
 
 
 @kernel
-def take_start(start: Data, pose: Triple, velocity: Triple) -> None:
-    """Store pose and velocity in `start` (6,) as C++ does.
+def single(value: float) -> float:
+    """Return `value` rounded to float32, as a double."""
+    return np.float64(np.float32(value))
+
+
+@kernel
+def take_start(start: Record, pose: Triple, velocity: Triple) -> None:
+    """Store pose and velocity in a START record as C++ does.
 
     Angles pass through a quaternion, and all numbers become float32.
     """
-    start[0] = np.float32(pose[0])
-    start[1] = np.float32(pose[1])
-    start[2] = np.float32(through_quaternion(pose[2]))
-    start[3] = np.float32(velocity[0])
-    start[4] = np.float32(velocity[1])
-    start[5] = np.float32(through_quaternion(velocity[2]))
+    start.x = single(pose[0])
+    start.y = single(pose[1])
+    start.theta = single(through_quaternion(pose[2]))
+    start.vx = single(velocity[0])
+    start.vy = single(velocity[1])
+    start.w = single(through_quaternion(velocity[2]))
+
+
+@kernel
+def heading_of(theta: float) -> Heading:
+    """Return the direction of the angle theta [rad]."""
+    return Heading(math.cos(theta), math.sin(theta))
+
+
+@kernel
+def turned(heading: Heading, turn: Heading) -> Heading:
+    """Return the heading after a change of direction."""
+    cos = heading.cos * turn.cos - heading.sin * turn.sin
+    return Heading(cos, heading.sin * turn.cos + heading.cos * turn.sin)
 
 
 @kernel
@@ -105,6 +140,21 @@ def sift_down(heap: Data, keys: Data, count: int, i: int) -> None:
 
 
 @kernel
+def order_heap(heap: Data, keys: Data, count: int) -> None:
+    """Make a heap of the first `count` sample numbers, which lie in `heap` in any order."""
+    for i in range(count // 2 - 1, -1, -1):
+        sift_down(heap, keys, count, i)
+
+
+@kernel
+def drop_first(heap: Data, keys: Data, count: int) -> int:
+    """Remove the first of `count` samples from the heap, and return the number of the others."""
+    heap[0] = heap[count - 1]
+    sift_down(heap, keys, count - 1, 0)
+    return count - 1
+
+
+@kernel
 def _is_before(keys: Data, sample: int, other: int) -> bool:
     return keys[sample] < keys[other] or (keys[sample] == keys[other] and sample < other)
 
@@ -118,6 +168,15 @@ def record(reals: str, integers: str, after: str = "") -> np.dtype:
     for names, kind in ((reals, np.float64), (integers, np.int64), (after, np.float64)):
         fields += [(name, kind) for name in names.split()]
     return np.dtype(fields)
+
+
+# Pose x, y [m], theta [rad] and velocity vx, vy [m/s], w [rad/s] at which all samples start.
+START = record("x y theta vx vy w", "")
+
+
+def start_record(values: Iterable[float]) -> Any:
+    """Return a START record with the pose x, y, theta and the velocity vx, vy, w."""
+    return np.array([tuple(values)], START)[0]
 
 
 def floats(values: Iterable[float]) -> Triple:
@@ -259,7 +318,7 @@ class SamplingPlanner:
     @property
     def start(self) -> np.ndarray:
         """Pose and velocity (6,) used in the last cycle: wrapped and rounded to float32."""
-        return np.array(self._scratch.start)
+        return np.array(self._scratch.start[0].item())
 
     def reset(self) -> None:
         """Clear the memory between cycles, as in a new object (for training episodes)."""

@@ -133,7 +133,9 @@ def drive(scenario):
         reached = planner.is_goal_reached(pose, velocity)
         step = planner.command(pose, velocity, costmap)
         phase = PHASES.index(step.phase)
-        count = wanted[i, 11] if phase == 1 and not step.ok else step.count  # C++: previous winner
+        count = (
+            wanted[i, 11] if phase == 1 and not step.ok else step.point_count
+        )  # C++: previous winner
         checked = phase in (2, 3)
         ours.append(
             [

@@ -1,14 +1,14 @@
 """The seven critics of DWAPlannerROS in the order of the C++ planner, and their weighted sum.
 
-See docs/explanation/planner_dwa.md, sections 6 and 7. Section 7 describes the first critic (OscillationCostFunction):
-after a reversal, it bars the previous direction until the robot has moved on. A negative value of a critic rejects the
-trajectory. The search (search.py) evaluates only the few samples that may win. score_all_samples evaluates all samples,
-for display and tests, and to report why no sample is legal.
+See docs/explanation/planner_dwa.md, sections 6 and 7. Section 7 describes the first critic
+(OscillationCostFunction): after a reversal, it bars the previous direction until the robot has
+moved on. A negative value of a critic rejects the trajectory. The search (search.py) evaluates only
+the few samples that may win. score_all_samples evaluates all samples, for display and tests, and to
+report why no sample is legal.
 """
 
 import math
-from collections import namedtuple
-from typing import Sequence, Tuple
+from typing import NamedTuple, Tuple
 
 import numpy as np
 
@@ -35,60 +35,63 @@ from applr_ros1.planner.dwa.samples import (
     sample_of,
     step_count,
 )
-from applr_ros1.planner.sampling_planner import Record, Triple
+from applr_ros1.planner.sampling_planner import Record, Velocity
 
 
 @kernel
-def is_barred(state: Record, velocity: Triple) -> bool:
+def is_barred(state: Record, velocity: Velocity) -> bool:
     """Return whether the oscillation flags bar this velocity. Zero is never barred."""
-    vx, vy, w = velocity
     return bool(
-        (state.forward_pos_only and vx < 0)
-        or (state.forward_neg_only and vx > 0)
-        or (state.strafe_pos_only and vy < 0)
-        or (state.strafe_neg_only and vy > 0)
-        or (state.rot_pos_only and w < 0)
-        or (state.rot_neg_only and w > 0)
+        (state.forward_pos_only and velocity.vx < 0)
+        or (state.forward_neg_only and velocity.vx > 0)
+        or (state.strafe_pos_only and velocity.vy < 0)
+        or (state.strafe_neg_only and velocity.vy > 0)
+        or (state.rot_pos_only and velocity.w < 0)
+        or (state.rot_neg_only and velocity.w > 0)
     )
 
 
 @kernel
-def remember(p: Record, state: Record, start: Data, velocity: Triple) -> None:
-    """Update the oscillation flags with a search's result. Clear them if the robot has moved on since a flag changed.
+def remember(p: Record, state: Record, start: Record, velocity: Velocity) -> None:
+    """Update the oscillation flags with the velocity that a search chose.
 
-    start (6,): pose and velocity of this cycle, rounded to float32.
+    start: pose and velocity of this cycle, rounded to float32.
     """
-    x, y, theta = start[0], start[1], start[2]
-    vx, vy, w = velocity
-    (
+    # 1. The signs of the chosen velocity. Sideways motion and turns count only while the robot
+    # hardly drives (oscillation_cost_function.cpp, setOscillationFlags).
+    reversed_ = _reverses(velocity.vx, state.forward_pos, state.forward_neg)
+    (state.forward_pos_only, state.forward_neg_only, state.forward_pos, state.forward_neg) = _flags(
+        velocity.vx,
         state.forward_pos_only,
         state.forward_neg_only,
         state.forward_pos,
         state.forward_neg,
-        changed,
-    ) = _turned(
-        vx, state.forward_pos_only, state.forward_neg_only, state.forward_pos, state.forward_neg
     )
-    if abs(vx) <= p.min_vel_trans:
-        (
-            state.strafe_pos_only,
-            state.strafe_neg_only,
-            state.strafing_pos,
-            state.strafing_neg,
-            strafes,
-        ) = _turned(
-            vy, state.strafe_pos_only, state.strafe_neg_only, state.strafing_pos, state.strafing_neg
-        )
-        state.rot_pos_only, state.rot_neg_only, state.rotating_pos, state.rotating_neg, rotates = (
-            _turned(
-                w, state.rot_pos_only, state.rot_neg_only, state.rotating_pos, state.rotating_neg
+    if abs(velocity.vx) <= p.min_vel_trans:
+        reversed_ |= _reverses(velocity.vy, state.strafing_pos, state.strafing_neg)
+        (state.strafe_pos_only, state.strafe_neg_only, state.strafing_pos, state.strafing_neg) = (
+            _flags(
+                velocity.vy,
+                state.strafe_pos_only,
+                state.strafe_neg_only,
+                state.strafing_pos,
+                state.strafing_neg,
             )
         )
-        changed = changed or strafes or rotates
-    if changed:
-        state.prev_x = x
-        state.prev_y = y
-        state.prev_theta = theta
+        reversed_ |= _reverses(velocity.w, state.rotating_pos, state.rotating_neg)
+        (state.rot_pos_only, state.rot_neg_only, state.rotating_pos, state.rotating_neg) = _flags(
+            velocity.w,
+            state.rot_pos_only,
+            state.rot_neg_only,
+            state.rotating_pos,
+            state.rotating_neg,
+        )
+
+    # 2. A reversal starts the distance anew after which all flags are cleared.
+    if reversed_:
+        state.prev_x = start.x
+        state.prev_y = start.y
+        state.prev_theta = start.theta
     if (
         state.forward_pos_only
         or state.forward_neg_only
@@ -97,24 +100,31 @@ def remember(p: Record, state: Record, start: Data, velocity: Triple) -> None:
         or state.rot_pos_only
         or state.rot_neg_only
     ):
-        dx = np.float64(np.float32(x) - np.float32(state.prev_x))
-        dy = np.float64(np.float32(y) - np.float32(state.prev_y))
-        turn = np.float64(np.float32(theta) - np.float32(state.prev_theta))
-        far = dx * dx + dy * dy > p.oscillation_reset_dist * p.oscillation_reset_dist
-        if far or abs(turn) > p.oscillation_reset_angle:
+        # As in C++, differences are float32, their squares double, and the angle is not wrapped.
+        dx = np.float64(np.float32(start.x) - np.float32(state.prev_x))
+        dy = np.float64(np.float32(start.y) - np.float32(state.prev_y))
+        turn = np.float64(np.float32(start.theta) - np.float32(state.prev_theta))
+        has_moved = dx * dx + dy * dy > p.oscillation_reset_dist * p.oscillation_reset_dist
+        if has_moved or abs(turn) > p.oscillation_reset_angle:
             clear(state)
 
 
 @kernel
-def _turned(
+def _reverses(v: float, pos: float, neg: float) -> bool:
+    """Return whether the velocity v of an axis is opposite to the axis's last motion."""
+    return (v < 0 and pos != 0) or (v > 0 and neg != 0)
+
+
+@kernel
+def _flags(
     v: float, pos_only: float, neg_only: float, pos: float, neg: float
-) -> Tuple[float, float, float, float, bool]:
-    """Return the four flags of one axis after a search chose velocity v, and whether v reverses the last direction."""
+) -> Tuple[float, float, float, float]:
+    """Return the four flags of one axis after a search chose the velocity v, zero for none."""
     if v < 0:
-        return pos_only, 1 if pos else neg_only, 0, 1, pos != 0
+        return pos_only, 1 if pos else neg_only, 0, 1
     if v > 0:
-        return 1 if neg else pos_only, neg_only, 1, 0, neg != 0
-    return pos_only, neg_only, pos, neg, False
+        return 1 if neg else pos_only, neg_only, 1, 0
+    return pos_only, neg_only, pos, neg
 
 
 @kernel
@@ -128,39 +138,46 @@ def clear(state: Record) -> None:
     state.rotating_pos = state.rotating_neg = 0
 
 
-OSCILLATES, COLLIDES, OFF_MAP, IN_OBSTACLE, UNREACHED = (
-    -5.0,
-    -6.0,
-    -4.0,
-    -3.0,
-    -2.0,
-)  # values of rejecting critics
+# Values of rejecting critics
+OSCILLATES = -5.0
+COLLIDES = -6.0
+OFF_MAP = -4.0
+IN_OBSTACLE = -3.0
+UNREACHED = -2.0
+
 NOTHING_LEGAL = -7.0  # cost of a cycle without a legal sample
 REFUSED = -1.0  # cost of a sample rejected by the generator (samples.step_count)
-CRITICS = (
-    "oscillation",
-    "obstacle",
-    "goal_front",
-    "alignment",
-    "path",
-    "goal",
-    "twirling",
-)  # names in C++
-ALL = len(CRITICS)
 HUGE = float(np.finfo(np.float64).max)
 
 
+class Weights(NamedTuple):
+    """Weights of the critics in the order in which C++ asks them, under their names in C++."""
+
+    oscillation: float
+    obstacle: float
+    goal_front: float  # distance of the nose from the goal ("nose to goal")
+    alignment: float  # distance of the nose from the path ("nose on path")
+    path: float
+    goal: float
+    twirling: float
+
+
+CRITICS = Weights._fields
+ALL = len(CRITICS)
+NUMBERS = Weights(*range(ALL))  # number of each critic
+
+
 @kernel
-def weights(p: Record) -> Tuple[float, ...]:
-    """Return the critics' weights in the order of CRITICS. A critic of weight 0 is not evaluated."""
-    return (
-        1.0,
-        p.occdist_scale,
-        p.goal_scale,
-        p.alignment_scale,
-        p.path_scale,
-        p.goal_scale,
-        p.twirling_scale,
+def weights(p: Record) -> Weights:
+    """Return the critics' weights. A critic of weight 0 is not evaluated: it rejects nothing."""
+    return Weights(
+        oscillation=1.0,
+        obstacle=p.occdist_scale,
+        goal_front=p.goal_scale,
+        alignment=p.alignment_scale,
+        path=p.path_scale,
+        goal=p.goal_scale,
+        twirling=p.twirling_scale,
     )
 
 
@@ -169,10 +186,8 @@ def footprint_scale(p: Record, speed: float) -> float:
     """Return the factor by which the footprint is enlarged at this speed [m/s]."""
     if speed <= p.scaling_speed:
         return 1.0
-    return (
-        p.max_scaling_factor * ((speed - p.scaling_speed) / (p.max_vel_trans - p.scaling_speed))
-        + 1.0
-    )
+    share = (speed - p.scaling_speed) / (p.max_vel_trans - p.scaling_speed)
+    return p.max_scaling_factor * share + 1.0
 
 
 @kernel
@@ -190,24 +205,29 @@ def critique(
     scene: Scene,
     grids: Grids,
     points: Data,
-    velocity: Triple,
+    velocity: Velocity,
     critic: int,
 ) -> float:
-    """Return the value of one critic for a trajectory with points (k, 3) and a velocity, or 0 if it has no points."""
-    if critic == 0:
+    """Return the value of one critic, numbered as in NUMBERS, for a trajectory.
+
+    points: poses (k, 3) of the trajectory; without any, the map's critics return 0. velocity: the
+    velocity that the trajectory stores (samples.commanded).
+    """
+    if critic == NUMBERS.oscillation:
         return OSCILLATES if is_barred(state, velocity) else 0.0
-    if critic == 1:
-        return _obstacle(p, scene, points, ground_speed(velocity[0], velocity[1]))
-    if critic == 2:
+    if critic == NUMBERS.obstacle:
+        return _obstacle(p, scene, points, ground_speed(velocity.vx, velocity.vy))
+    if critic == NUMBERS.goal_front:
         return _on_grid(scene, grids, FRONT, points, p.forward_point_distance, False)
-    if critic == 3:
-        row = grids.facts[1] if grids.facts[0] else ALIGNMENT
+    if critic == NUMBERS.alignment:
+        facts = grids.facts[0]
+        row = facts.alignment_row if facts.flooded else ALIGNMENT
         return _on_grid(scene, grids, row, points, p.forward_point_distance, False)
-    if critic == 4:
+    if critic == NUMBERS.path:
         return _on_grid(scene, grids, PATH, points, 0.0, True)
-    if critic == 5:
+    if critic == NUMBERS.goal:
         return _on_grid(scene, grids, GOAL, points, 0.0, True)
-    return abs(velocity[2])
+    return abs(velocity.w)
 
 
 @kernel
@@ -217,125 +237,153 @@ def total_cost(
     scene: Scene,
     grids: Grids,
     points: Data,
-    velocity: Triple,
+    velocity: Velocity,
     best: float,
 ) -> Tuple[float, int]:
-    """Return (cost, critic): the weighted sum of the critics, and the critic that ended the summation, ALL if none did.
+    """Return (cost, critic): the critics' weighted sum, and the critic that ended the summation.
 
-    A critic that rejects the trajectory ends the summation, and its value is the cost. A sum above a positive `best`
-    also ends the summation, and the cost is this partial sum.
+    A critic that rejects the trajectory ends the summation, and its value is the cost. A sum above
+    a positive `best` also ends the summation, and the cost is this partial sum. The second result
+    is ALL if no critic ended the summation. points, velocity: see critique.
     """
     total = 0.0
-    factors = weights(p)
+    weight = weights(p)
     for critic in range(ALL):
-        factor = factors[critic]
-        if factor == 0:
+        if weight[critic] == 0:
             continue
-        cost = critique(p, state, scene, grids, points, velocity, critic)
-        if cost < 0:
-            return cost, critic
-        if cost != 0:
-            cost *= factor
-        total += cost
+        value = critique(p, state, scene, grids, points, velocity, critic)
+        if value < 0:
+            return value, critic
+        if value != 0:  # Otherwise an infinite weight would give NaN.
+            value *= weight[critic]
+        total += value
         if best > 0 and total > best:
             return total, critic
     return total, ALL
 
 
 @kernel
-def weighted_sum(p: Record, occupied: float, distances: Sequence[int], w: float) -> float:
+def weighted_sum(p: Record, obstacle: float, bound: Record, w: float) -> float:
     """Return the cost of a trajectory that no critic rejects, summed in the order of CRITICS.
 
-    occupied: value of the obstacle critic. distances (4,): values of the critics front, alignment, path and goal.
+    obstacle: value of the obstacle critic. bound: BOUNDS record with the values of the grids'
+    critics.
     """
-    front, alignment, path, goal = distances[0], distances[1], distances[2], distances[3]
-    _, by_obstacle, by_front, by_alignment, by_path, by_goal, by_turn = weights(p)
-    cost = (
-        occupied * by_obstacle
-        + front * by_front
-        + alignment * by_alignment
-        + path * by_path
-        + goal * by_goal
-    )
-    return cost + abs(w) * by_turn
+    weight = weights(p)
+    cost = obstacle * weight.obstacle
+    cost += bound.front * weight.goal_front
+    cost += bound.alignment * weight.alignment
+    cost += bound.path * weight.path
+    cost += bound.goal * weight.goal
+    return cost + abs(w) * weight.twirling
 
 
 @kernel
 def _obstacle(p: Record, scene: Scene, points: Data, speed: float) -> float:
-    """Return the largest cost at any point, or with sum_scores the sum of all costs; COLLIDES if a point is illegal."""
+    """Return the largest cost at any of the points (k, 3), or COLLIDES if one of them is illegal.
+
+    With sum_scores, return the sum of all costs. speed: speed over ground [m/s], which enlarges the
+    footprint.
+    """
     cells = scene.cells
     ny, nx = cells.shape
     scaled = np.empty_like(scene.footprint)
     scale_footprint(scene.footprint, footprint_scale(p, speed), scaled)
     outline = outline_of(scene, scaled)
-    worst = total = 0
+    largest = total = 0
     for i in range(points.shape[0]):
-        x, y, theta = points[i, 0], points[i, 1], points[i, 2]
-        cx, cy = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, nx, ny)
-        if cx < 0:
+        x = points[i, 0]
+        y = points[i, 1]
+        theta = points[i, 2]
+        cell_x, cell_y = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, nx, ny)
+        if cell_x < 0:
             return COLLIDES
-        cost = outline_cost(outline, x, y, math.cos(theta), math.sin(theta), cx, cy, 0.0)
+        cost = outline_cost(outline, x, y, math.cos(theta), math.sin(theta), cell_x, cell_y, 0.0)
         if cost < 0:
             return COLLIDES
-        cost = max(cost, int(cells[cy, cx]))
-        worst = max(worst, cost)
+        # The centre may lie on a lethal cell as long as the outline does not touch one, as in C++.
+        cost = max(cost, int(cells[cell_y, cell_x]))
+        largest = max(largest, cost)
         total += cost
-    return float(total if p.sum_scores else worst)
+    return float(total if p.sum_scores else largest)
 
 
 @kernel
 def _on_grid(
-    scene: Scene, grids: Grids, row: int, points: Data, ahead: float, stops: bool
+    scene: Scene, grids: Grids, row: int, points: Data, ahead: float, tests_all: bool
 ) -> float:
-    """Return the grid's value `ahead` [m] in front of the last point, or a negative value if a point is rejected."""
+    """Return the distance on a grid `ahead` [m] in front of the last of the points (k, 3).
+
+    A negative result rejects the trajectory: OFF_MAP if any point is off the map and, with
+    `tests_all`, IN_OBSTACLE or UNREACHED if any point cannot be reached. Before the first search
+    the result is HUGE.
+    """
     ny, nx = scene.cells.shape
     grid = grid_of(grids, row)
     value = 0.0
     for i in range(points.shape[0]):
-        x, y = points[i, 0], points[i, 1]
+        x = points[i, 0]
+        y = points[i, 1]
         if ahead != 0.0:
             x = x + ahead * math.cos(points[i, 2])
             y = y + ahead * math.sin(points[i, 2])
-        cx, cy = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, nx, ny)
-        if cx < 0:
+        cell_x, cell_y = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, nx, ny)
+        if cell_x < 0:
             return OFF_MAP
-        if not grids.facts[0]:
-            value = HUGE  # The grid was never flooded.
-        elif stops or i == points.shape[0] - 1:  # If `stops`, every point has to be reachable.
-            distance = final_distance(grid, place(grid, cx, cy))
-            if stops and distance >= nx * ny:
+        if not grids.facts[0].flooded:
+            value = HUGE
+        elif tests_all or i == points.shape[0] - 1:
+            distance = final_distance(grid, place(grid, cell_x, cell_y))
+            if tests_all and distance >= nx * ny:
                 return IN_OBSTACLE if distance == nx * ny else UNREACHED
             value = float(distance)
     return value
 
 
-# All samples of a cycle, one row per sample:
-#   velocities (m, 3)   sampled vx, vy, w
-#   stored, ends        velocity and last point (m, 3) of the trajectory
-#   counts (m,)         number of points, 0 if the generator rejects the sample
-#   critics, costs      unweighted values of the critics (m, 7), and their weighted sum (m,)
-#   shown (m,)          weighted sum in the search, which stops adding above the cost of the best sample so far
-#   ended (m,)          critic that ended this summation, ALL if none did
-#   points (k, 4)       x, y, theta and shown cost of all trajectories of non-negative shown cost, one after the other
-Samples = namedtuple("Samples", "velocities stored counts ends critics costs shown ended points")
+class Samples(NamedTuple):
+    """All samples of a cycle, one row per sample."""
+
+    velocities: Data  # sampled vx, vy, w (m, 3)
+    stored: Data  # velocity of the trajectory (m, 3)
+    counts: Data  # number of points (m,), 0 if the generator rejects the sample
+    ends: Data  # last point of the trajectory (m, 3)
+    critics: Data  # unweighted values of the critics (m, 7)
+    costs: Data  # weighted sums (m,)
+    shown: Data  # weighted sums (m,) in the search, which stops adding above the best cost so far
+    ended: Data  # critic that ended this summation (m,), ALL if none did
+    points: Data  # x, y, theta, shown cost (k, 4) of all trajectories of non-negative shown cost
 
 
 @kernel
 def score_all_samples(
     params: Data, flags: Data, grids: Grids, scratch: Scratch, scene: Scene
 ) -> Samples:
-    """Score all samples of the last cycle. flags: oscillation flags as they were before that cycle's search."""
-    p, state, start = params[0], flags[0], scratch.start
+    """Score all samples of the last cycle.
+
+    params: array of one record. flags: array of one STATE record, the oscillation flags as they
+    were before that cycle's search.
+    """
+    p = params[0]
+    state = flags[0]
+    start = scratch.start[0]
     axes = sample_axes(p, scratch, scene.plan)
-    m = axes[0] * axes[1] * axes[2]
-    velocities, stored, ends = np.zeros((m, 3)), np.zeros((m, 3)), np.zeros((m, 3))
-    counts, ended = np.zeros(m, np.int64), np.full(m, ALL, np.int64)
-    critics, costs, shown = np.zeros((m, ALL)), np.full(m, REFUSED), np.full(m, REFUSED)
+    m = axes.vx * axes.vy * axes.w
+    velocities = np.zeros((m, 3))
+    stored = np.zeros((m, 3))
+    counts = np.zeros(m, np.int64)
+    ends = np.zeros((m, 3))
+    critics = np.zeros((m, ALL))
+    costs = np.full(m, REFUSED)
+    shown = np.full(m, REFUSED)
+    ended = np.full(m, ALL, np.int64)
+
+    # Score the samples in the order of C++, where the best cost so far ends a summation.
     best = -1.0
     for i in range(m):
         sample = sample_of(scratch, axes, i)
         velocities[i] = sample
-        steps = counts[i] = step_count(p, sample)
+        steps = step_count(p, sample)
+        counts[i] = steps
         if steps == 0:
             continue
         velocity = commanded(p, start, sample, steps)
@@ -349,13 +397,16 @@ def score_all_samples(
         shown[i], ended[i] = total_cost(p, state, scene, grids, points, velocity, best)
         if shown[i] >= 0 and (best < 0 or shown[i] < best):
             best = shown[i]
+
+    # Roll out the legal samples again, now that the number of their points is known.
     cloud = np.empty((counts[shown >= 0].sum(), 4))
-    n = 0
+    first = 0
     for i in range(m):
         if shown[i] >= 0:
+            behind = first + counts[i]
             points = np.empty((counts[i], 3))
-            roll_out(p, start, (velocities[i, 0], velocities[i, 1], velocities[i, 2]), points)
-            cloud[n : n + counts[i], :3] = points
-            cloud[n : n + counts[i], 3] = shown[i]
-            n += counts[i]
+            roll_out(p, start, sample_of(scratch, axes, i), points)
+            cloud[first:behind, :3] = points
+            cloud[first:behind, 3] = shown[i]
+            first = behind
     return Samples(velocities, stored, counts, ends, critics, costs, shown, ended, cloud)

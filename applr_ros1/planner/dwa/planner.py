@@ -1,6 +1,7 @@
-"""DWA planner (dwa_local_planner::DWAPlanner) that chooses one velocity per cycle and checks single velocities.
+"""DWA planner (dwa_local_planner::DWAPlanner): chooses a velocity per cycle, checks single ones.
 
-local_planner.py builds a controller on this planner. The arithmetic is in the kernels of this package.
+local_planner.py builds a controller on this planner. The arithmetic is in the kernels of this
+package.
 """
 
 from functools import partial
@@ -20,7 +21,10 @@ from applr_ros1.planner.dwa.critics import (
     weights,
 )
 from applr_ros1.planner.dwa.records import (
+    FRONT,
+    GOAL,
     PARAMETERS,
+    PATH,
     STATE,
     Scene,
     allocate_grids,
@@ -33,12 +37,19 @@ from applr_ros1.planner.parameters.dwa_planner_parameters import SAMPLES
 from applr_ros1.planner.sampling_planner import (
     Choice,
     SamplingPlanner,
+    Velocity,
     cost_cloud,
     floats,
+    start_record,
     trajectory_cloud,
 )
 
 NO_PLAN = np.zeros((0, 2))
+
+
+def _follow(p: Any, start: Sequence[float], sample: Velocity, points: np.ndarray) -> None:
+    """Write the poses of a sample's trajectory to `points`. start: values of its START record."""
+    roll_out(p, start_record(start), sample, points)
 
 
 class DWAPlanner(SamplingPlanner):
@@ -46,9 +57,12 @@ class DWAPlanner(SamplingPlanner):
 
     Args:
         params: values of the DWAPlannerROS server {name: value}.
-        sim_period: control period [s]. The dynamic window holds the velocities that can be reached within it.
-        sum_scores: whether the obstacle critic sums the costs of all points instead of using the largest cost.
-        cheat_factor: the alignment critic is off within sqrt(cheat_factor) * forward_point_distance of the plan's end.
+        sim_period: control period [s]. The dynamic window holds the velocities that can be reached
+            within it.
+        sum_scores: whether the obstacle critic sums the costs of all points instead of using the
+            largest cost.
+        cheat_factor: the alignment critic is off within sqrt(cheat_factor) * forward_point_distance
+            of the plan's end.
 
     Raises:
         ParameterError: a parameter is invalid.
@@ -71,21 +85,20 @@ class DWAPlanner(SamplingPlanner):
         sum_scores: bool = False,
         cheat_factor: float = 1.0,
     ):
-        self._fixed = {
-            "sim_period": float(sim_period),
-            "sum_scores": int(sum_scores),
-            "cheat_factor": cheat_factor,
-        }
+        self._sim_period = float(sim_period)
+        self._sum_scores = int(sum_scores)
+        self._cheat_factor = cheat_factor
         self._scene: Any = None
         self._footprint: Any = None
-        self._given_footprint: Any = None
+        self._costmap_footprint: Any = None  # array from which _footprint was made
         self._aligned_plan = NO_PLAN
         super().__init__(params)
-        self._flags_before = self._state.copy()
+        self._flags_before = self._state.copy()  # flags before the last search
 
     def _derive(self, made: np.ndarray, resolution: Optional[float]) -> None:
-        for name, value in self._fixed.items():
-            made[name] = value
+        made["sim_period"] = self._sim_period
+        made["sum_scores"] = self._sum_scores
+        made["cheat_factor"] = self._cheat_factor
         for name in ("acc_lim_x", "acc_lim_y", "acc_lim_theta"):
             made[name] = np.float32(self._values[name])
         resolution = 1.0 if resolution is None else resolution
@@ -106,23 +119,29 @@ class DWAPlanner(SamplingPlanner):
         super().reset()
         self._aligned_plan = NO_PLAN
         if self._grids is not None:
-            self._grids.facts[:] = 0
+            self._grids.facts["flooded"] = 0
+            self._grids.facts["alignment_row"] = 0
 
     def remember(self, pose: Sequence[float], v: float, w: float) -> None:
-        """Update the flags as if the last search had chosen the command (v, w) at a pose (x, y, yaw)."""
-        remember(self._params[0], self._state[0], np.array(pose, float), (v, 0.0, w))
+        """Update the flags as if the last search had chosen (v, w) at a pose (x, y, yaw)."""
+        start = start_record((*pose, 0.0, 0.0, 0.0))
+        remember(self._params[0], self._state[0], start, Velocity(v, 0.0, w))
 
     def sample_costs(
         self, costmap: Any, command: Sequence[float]
     ) -> Tuple[np.ndarray, np.ndarray, Dict[str, np.ndarray]]:
-        """Return v, w (m, 2), total costs (m,) and their weighted parts by critic of all samples of the last search."""
-        every = self.score_all_samples()
-        parts = {
-            name: every.critics[:, i] * scale
-            for i, (name, scale) in enumerate(zip(CRITICS, self.scales))
-        }
-        velocities = np.where(every.counts[:, None] > 0, every.stored, every.velocities)
-        return velocities[:, [0, 2]], every.costs, parts
+        """Return velocities, costs and the parts of the costs of all samples of the last search.
+
+        Returns:
+            v, w (m, 2), total costs (m,), and by critic its weighted part of the costs (m,).
+        """
+        samples = self.score_all_samples()
+        parts = {}
+        for i, name in enumerate(CRITICS):
+            parts[name] = samples.critics[:, i] * self.scales[i]
+        # A sample that the generator rejects has no trajectory whose velocity could be given.
+        velocities = np.where(samples.counts[:, None] > 0, samples.stored, samples.velocities)
+        return velocities[:, [0, 2]], samples.costs, parts
 
     def clear_flags(self) -> None:
         """Clear the barred directions, as every new plan does."""
@@ -131,10 +150,11 @@ class DWAPlanner(SamplingPlanner):
     def prepare(
         self, costmap: Any, plan: Any, pose: Sequence[float], velocity: Sequence[float]
     ) -> None:
-        """Begin a cycle that only stops or turns: store pose, velocity and weights as find_best_path does."""
+        """Store pose, velocity and weights of a cycle that only stops or turns."""
         self._update_scene(costmap, plan)
-        if prepare(self._params, self._scratch, self._scene.plan, floats(pose), floats(velocity)):
-            self._aligned_plan = self._scene.plan
+        plan = self._scene.plan
+        if prepare(self._params, self._scratch, plan, floats(pose), floats(velocity)):
+            self._aligned_plan = plan
 
     def find_best_path(
         self, costmap: Any, plan: Any, pose: Sequence[float], velocity: Sequence[float]
@@ -142,14 +162,15 @@ class DWAPlanner(SamplingPlanner):
         """Run one cycle: floods, samples, winner, flags.
 
         Args:
-            costmap: map with cells (ny, nx) uint8, origin (x, y) [m], resolution [m] and footprint (n, 2) [m].
+            costmap: map with cells (ny, nx) uint8, origin (x, y) [m], resolution [m] and footprint
+                (n, 2) [m].
             plan: points (k, 2 or 3) in the costmap's frame [m], not empty.
             pose: x, y [m], yaw [rad].
             velocity: vx, vy [m/s], w [rad/s].
         """
         self._update_scene(costmap, plan)
         self._flags_before[:] = self._state
-        given = (
+        winner = find_best(
             self._params,
             self._state,
             self._grids,
@@ -158,89 +179,108 @@ class DWAPlanner(SamplingPlanner):
             floats(pose),
             floats(velocity),
         )
-        cost, number, count, sample, moving, turn, aligned = find_best(*given)
-        if aligned:
+        if winner.is_aligned:
             self._aligned_plan = self._scene.plan
-        follow = partial(roll_out, self._params[0], self.start, sample)
-        return Choice(cost, moving, (moving[0], moving[1], turn), count, follow, number)
+        # The next cycle overwrites the record, so the choice keeps its values.
+        start = self._scratch.start[0].item()
+        follow = partial(_follow, self._params[0], start, winner.sample)
+        command = (winner.stored.vx, winner.stored.vy, winner.command_w)
+        return Choice(
+            winner.cost, winner.stored, command, winner.steps, follow, sample=winner.number
+        )
 
     def check(self, velocity: Sequence[float]) -> Tuple[float, int]:
-        """Return (cost, number of points) of the trajectory towards a velocity (vx, vy, w) in the prepared cycle.
+        """Return (cost, number of points) of the trajectory towards a velocity.
 
-        The grids are those of the last search. A velocity that the generator rejects has no points and cost 0, so it
-        passes. As in C++, the oscillation flags are cleared.
+        The grids are those of the last search. A velocity that the generator rejects has no points
+        and cost 0, so it passes. As in C++, the oscillation flags are cleared. velocity: vx, vy
+        [m/s], w [rad/s].
         """
         clear(self._state[0])
-        p, start = self._params[0], self._scratch.start
-        sample = floats(float(np.float32(v)) for v in velocity)
+        p = self._params[0]
+        start = self._scratch.start[0]
+        sample = Velocity(*floats(np.array(velocity, np.float32)))
         steps = step_count(p, sample)
         points = np.empty((steps, 3))
-        moving = (0.0, 0.0, 0.0)
+        stored = Velocity(0.0, 0.0, 0.0)
         if steps:
             roll_out(p, start, sample, points)
-            moving = commanded(p, start, sample, steps)
-        cost, _ = total_cost(p, self._state[0], self._scene, self._grids, points, moving, -1.0)
+            stored = commanded(p, start, sample, steps)
+        cost, _ = total_cost(p, self._state[0], self._scene, self._grids, points, stored, -1.0)
         return cost, steps
 
     def score_all_samples(self) -> Samples:
-        """Return all samples of the last search with the values of the critics, for display and tests."""
+        """Return all samples of the last search with their critics, for display and tests."""
         return score_all_samples(
             self._params, self._flags_before, self._grids, self._scratch, self._scene
         )
 
     def refusals(self) -> Dict[str, int]:
-        """Count the last search's samples that each critic, or the generator ("velocity limits"), rejected."""
-        every = self.score_all_samples()
-        counts = {"samples": len(every.costs), "velocity limits": int((every.counts == 0).sum())}
-        by_critic = np.bincount(
-            every.ended[(every.counts > 0) & (every.costs < 0)], minlength=len(CRITICS)
-        )
-        return {**counts, **{name: int(n) for name, n in zip(CRITICS, by_critic)}}
+        """Count the last search's rejected samples by critic.
+
+        "velocity limits" are the samples that the generator rejected.
+        """
+        samples = self.score_all_samples()
+        rejected = (samples.counts > 0) & (samples.costs < 0)
+        by_critic = np.bincount(samples.ended[rejected], minlength=len(CRITICS))
+        return {
+            "samples": len(samples.costs),
+            "velocity limits": int((samples.counts == 0).sum()),
+            **{name: int(n) for name, n in zip(CRITICS, by_critic)},
+        }
 
     def grids(self) -> List[np.ndarray]:
-        """Return the grids (ny, nx) int32 of the last search as in C++: path, goal, nose to goal, nose on path.
+        """Return the grids of the last search as in C++: path, goal, nose to goal, nose on path.
 
-        With N cells on the map, N is an obstacle and N + 1 a cell that no flood has reached.
+        The grids are (ny, nx) int32. With N cells on the map, N is an obstacle and N + 1 a cell
+        that no flood has reached.
         """
-        return [complete(grid_of(self._grids, row)) for row in (0, 1, 2, int(self._grids.facts[1]))]
+        rows = (PATH, GOAL, FRONT, int(self._grids.facts["alignment_row"][0]))
+        return [complete(grid_of(self._grids, row)) for row in rows]
 
     def cost_cloud(self, costmap: Any) -> np.ndarray:
-        """Return (k, 7) float32 x, y, z, path, goal, obstacle, total cost of the cells free for the robot's centre.
+        """Return costs (k, 7) of the cells free for the robot's centre, for display.
 
-        The cloud is for display. C++ also appends a point of zeros for each cell that is left out.
+        The columns are float32: x, y, z, path, goal, obstacle, total cost. C++ also appends a point
+        of zeros for each cell that is left out.
         """
-        if self._grids is None or not self._grids.facts[0] or self._shape != costmap.cells.shape:
+        if self._grids is None or self._shape != costmap.cells.shape:
             return np.zeros((0, 7), np.float32)
-        path, goal = self.grids()[:2]
+        if not self._grids.facts["flooded"][0]:
+            return np.zeros((0, 7), np.float32)
+        path, goal, *_ = self.grids()
         p = self._params[0]
-        everywhere = np.ones(self._shape, bool)
-        return cost_cloud(
-            costmap, path, goal, everywhere, (p["path_scale"], p["goal_scale"], p["occdist_scale"])
-        )
+        scales = (p["path_scale"], p["goal_scale"], p["occdist_scale"])
+        return cost_cloud(costmap, path, goal, np.ones(self._shape, bool), scales)
 
     def trajectory_cloud(self) -> np.ndarray:
-        """Return points (k, 5) float32 x, y, z, theta, cost of all legal trajectories of the last search."""
+        """Return points (k, 5) of all legal trajectories of the last search, for display.
+
+        The columns are float32: x, y, z, theta, cost.
+        """
         return trajectory_cloud(self.score_all_samples().points)
 
     def _update_scene(self, costmap: Any, plan: Any) -> None:
-        """Store the cycle's scene. Grids and tables are renewed only if size, resolution or footprint changed."""
+        """Store the cycle's scene.
+
+        Grids and tables are renewed only if size, resolution or footprint changed.
+        """
         fits = self._fits(costmap)
         ny, nx = self._shape
         if not fits:
             self._grids = allocate_grids(nx, ny)
-        if not fits or costmap.footprint is not self._given_footprint:
-            self._given_footprint = costmap.footprint
-            self._footprint = np.array(costmap.footprint, dtype=np.float64, order="C").reshape(
-                -1, 2
-            )
-            self._lines = line_offsets(self._footprint, self._resolution, nx)
+        if not fits or costmap.footprint is not self._costmap_footprint:
+            self._costmap_footprint = costmap.footprint
+            footprint = np.array(costmap.footprint, dtype=np.float64, order="C").reshape(-1, 2)
+            self._footprint = footprint
+            self._lines = line_offsets(footprint, self._resolution, nx)
         self._scene = Scene(
-            costmap.cells,
-            float(costmap.origin[0]),
-            float(costmap.origin[1]),
-            self._resolution,
-            self._footprint,
-            self._lines,
-            np.array(plan, dtype=np.float64, order="C"),
-            self._aligned_plan,
+            cells=costmap.cells,
+            ox=float(costmap.origin[0]),
+            oy=float(costmap.origin[1]),
+            resolution=self._resolution,
+            footprint=self._footprint,
+            lines=self._lines,
+            plan=np.array(plan, dtype=np.float64, order="C"),
+            aligned_plan=self._aligned_plan,
         )

@@ -1,27 +1,30 @@
-"""Records shared by the kernels of the DWA planner: parameters, memory, surroundings, grids, scratch memory."""
+"""Records shared by the kernels of the DWA planner."""
 
-from collections import namedtuple
+from typing import NamedTuple
 
 import numpy as np
 
+from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner import distance_grid
 from applr_ros1.planner.distance_grid import Grid
-from applr_ros1.planner.sampling_planner import record
+from applr_ros1.planner.sampling_planner import START, record
 
-# Parameters of the planner in one record [m, rad, s]. acc_lim_* are float32 values. path_scale and goal_scale are the
-# two distance weights per cell. alignment_scale is path_scale or, near the goal, 0.
+# Parameters of the planner in one record [m, rad, s]. acc_lim_* are float32 values. path_scale and
+# goal_scale are the two distance weights per cell. alignment_scale is path_scale or, near the goal,
+# 0.
 PARAMETERS = record(
-    "max_vel_trans min_vel_trans max_vel_x min_vel_x max_vel_y min_vel_y max_vel_theta min_vel_theta acc_lim_x "
-    "acc_lim_y acc_lim_theta sim_time sim_granularity angular_sim_granularity path_distance_bias "
-    "goal_distance_bias occdist_scale twirling_scale oscillation_reset_dist oscillation_reset_angle "
-    "forward_point_distance scaling_speed max_scaling_factor path_scale goal_scale alignment_scale sim_period "
-    "cheat_factor",
+    "max_vel_trans min_vel_trans max_vel_x min_vel_x max_vel_y min_vel_y max_vel_theta "
+    "min_vel_theta acc_lim_x acc_lim_y acc_lim_theta sim_time sim_granularity "
+    "angular_sim_granularity path_distance_bias goal_distance_bias occdist_scale twirling_scale "
+    "oscillation_reset_dist oscillation_reset_angle forward_point_distance scaling_speed "
+    "max_scaling_factor path_scale goal_scale alignment_scale sim_period cheat_factor",
     "vx_samples vy_samples vth_samples use_dwa sum_scores",
 )
 
-# Oscillation flags, and the pose (float32 values) at which a flag was last set. Per axis, *_only flags mark the only
-# allowed sign, the others the sign of the last motion.
+# Oscillation flags, and the pose (float32 values) at which a flag was last set. Per axis, *_only
+# flags mark the only allowed sign, the others the sign of the last motion. The order is that of the
+# golden set.
 STATE = record(
     "",
     "forward_pos_only forward_neg_only strafe_pos_only strafe_neg_only rot_pos_only rot_neg_only "
@@ -29,29 +32,67 @@ STATE = record(
     "prev_x prev_y prev_theta",
 )
 
-# Surroundings of the robot in one cycle: the costmap `cells` (ny, nx) uint8 with its origin ox, oy [m] and
-# resolution [m], the padded footprint (n, 2) [m] and its line_offsets, the plan (k, 2 or 3) [m], and the plan of the
-# last cycle in which the nose-on-path critic (ALIGNMENT) was on.
-Scene = namedtuple("Scene", "cells ox oy resolution footprint lines plan aligned_plan")
+# Facts about the four grids: whether a search has flooded them, and the row that the nose-on-path
+# critic reads. The row is PATH while the critic is on, because both grids are then the same.
+FACTS = record("", "flooded alignment_row")
 
-PATH, GOAL, FRONT, ALIGNMENT = range(4)
+# Lower bounds of a sample's values for the critics that look at the map: distances on the four
+# grids [cells], and the obstacle cost. 32 bits keep the table of some ten thousand samples in the
+# cache.
+BOUNDS = np.dtype([(name, np.int32) for name in ("front", "alignment", "path", "goal", "obstacle")])
 
-# Four distance grids (distance_grid.Grid), one per row of distances (4, size), queues (4, size) and ends (4, 2).
-# facts: (whether a search has taken place, row that the nose-on-path critic reads). The row is PATH while the critic is
-# on, because both grids are then the same.
-Grids = namedtuple("Grids", "distances queues ends nx ny facts")
 
-# Scratch memory of one cycle. xs, ys, ws: sampled values of vx, vy, w. keys, bounds, occupied: lower bounds of each
-# sample's cost, of its four grid values, and of its obstacle cost. heap: numbers of the samples, lowest key first.
-# probed: whether bounds.probe has tested a sample. start (6,): pose and velocity, rounded to float32.
-Scratch = namedtuple("Scratch", "xs ys ws keys bounds occupied heap probed start")
+class Scene(NamedTuple):
+    """Surroundings of the robot in one cycle."""
+
+    cells: Data  # costmap (ny, nx) uint8
+    ox: float  # origin of the costmap [m]
+    oy: float
+    resolution: float  # [m]
+    footprint: Data  # padded vertices (n, 2) [m]
+    lines: Data  # line_offsets of the footprint
+    plan: Data  # points (k, 2 or 3) [m]
+    aligned_plan: Data  # plan of the last cycle in which the nose-on-path critic was on
+
+
+PATH, GOAL, FRONT, ALIGNMENT = range(4)  # rows of the grids
+
+
+class Grids(NamedTuple):
+    """Four distance grids (distance_grid.Grid), one per row."""
+
+    distances: Data  # (4, size)
+    queues: Data  # (4, size)
+    ends: Data  # (4, 2)
+    nx: int  # size of the map [cells]
+    ny: int
+    facts: Data  # array of one FACTS record
+
+
+class Scratch(NamedTuple):
+    """Scratch memory of one cycle. Arrays over samples are indexed by the number of a sample."""
+
+    xs: Data  # sampled values of vx [m/s]
+    ys: Data  # sampled values of vy [m/s]
+    ws: Data  # sampled values of w [rad/s]
+    keys: Data  # lower bounds of the samples' costs
+    bounds: Data  # BOUNDS of the samples
+    heap: Data  # numbers of the samples, lowest key first
+    probed: Data  # whether bounds.probe has tested a sample
+    start: Data  # array of one START record: pose and velocity, rounded to float32
 
 
 def allocate_grids(nx: int, ny: int) -> Grids:
     """Return grids for a map of nx by ny cells. A planner reuses them in every cycle."""
-    distance, queue, ends, _, _ = distance_grid.allocate(nx, ny)
-    distances, queues, ends = (np.tile(array, (4, 1)) for array in (distance, queue, ends))
-    return Grids(distances, queues, ends, nx, ny, np.zeros(2, np.int64))
+    grid = distance_grid.allocate(nx, ny)
+    return Grids(
+        distances=np.tile(grid.distance, (4, 1)),
+        queues=np.tile(grid.queue, (4, 1)),
+        ends=np.tile(grid.ends, (4, 1)),
+        nx=nx,
+        ny=ny,
+        facts=np.zeros(1, FACTS),
+    )
 
 
 @kernel
@@ -61,13 +102,21 @@ def grid_of(grids: Grids, row: int) -> Grid:
 
 
 def allocate_scratch(vx_samples: int, vy_samples: int, vth_samples: int) -> Scratch:
-    """Return scratch memory for these numbers of samples. An axis has at least two values and maybe an extra zero."""
-    xs, ys, ws = (np.zeros(max(n, 2) + 1) for n in (vx_samples, vy_samples, vth_samples))
-    n = len(xs) * len(ys) * len(ws)
-    integers = (
-        np.zeros((n, 4), np.int32),
-        np.zeros(n, np.int64),
-        np.zeros(n, np.int64),
-        np.zeros(n, np.uint8),
+    """Return scratch memory for these numbers of samples.
+
+    An axis has at least two values and maybe an extra zero.
+    """
+    xs = np.zeros(max(vx_samples, 2) + 1)
+    ys = np.zeros(max(vy_samples, 2) + 1)
+    ws = np.zeros(max(vth_samples, 2) + 1)
+    sample_count = len(xs) * len(ys) * len(ws)
+    return Scratch(
+        xs=xs,
+        ys=ys,
+        ws=ws,
+        keys=np.zeros(sample_count),
+        bounds=np.zeros(sample_count, BOUNDS),
+        heap=np.zeros(sample_count, np.int64),
+        probed=np.zeros(sample_count, np.uint8),
+        start=np.zeros(1, START),
     )
-    return Scratch(xs, ys, ws, np.zeros(n), *integers, np.zeros(6))

@@ -1,11 +1,13 @@
-"""Velocity samples of a cycle and their trajectories (SimpleTrajectoryGenerator, velocity_iterator.h).
+"""Velocity samples of a cycle and their trajectories.
 
-See docs/explanation/planner_dwa.md, section 4 for the dynamic window and the values of each axis, and section 5 for the
-trajectory of a sample. Stored poses and velocities are rounded to float32, intermediate values are double.
+The rules are those of SimpleTrajectoryGenerator and velocity_iterator.h.
+See docs/explanation/planner_dwa.md, section 4 for the dynamic window and the values of each axis,
+and section 5 for the trajectory of a sample. Stored poses and velocities are rounded to float32,
+intermediate values are double.
 """
 
 import math
-from typing import Tuple
+from typing import NamedTuple, Tuple
 
 import numpy as np
 
@@ -13,67 +15,77 @@ from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.dwa.records import Scratch
 from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
-from applr_ros1.planner.sampling_planner import Record, Triple
+from applr_ros1.planner.sampling_planner import Record, Velocity, single
 
 
-@kernel
-def single(value: float) -> float:
-    """Return `value` rounded to float32, as a double."""
-    return np.float64(np.float32(value))
+class SampleCounts(NamedTuple):
+    """Number of sampled values per axis. Samples are numbered with w varying fastest, then vy."""
+
+    vx: int
+    vy: int
+    w: int
 
 
 @kernel(error_model="numpy")
-def sample_axes(p: Record, scratch: Scratch, plan: Data) -> Tuple[int, int, int]:
-    """Fill the sampled values of vx, vy and w, and return their numbers. From sample to sample, w varies fastest.
+def sample_axes(p: Record, scratch: Scratch, plan: Data) -> SampleCounts:
+    """Fill the sampled values of vx, vy and w, and return their numbers.
 
-    plan: points (k, 2 or 3) [m], not empty. Without use_dwa, the distance to its last point limits the speed.
+    plan: points (k, 2 or 3) [m], not empty. Without use_dwa, the distance to its last point limits
+    the speed, so that the robot arrives there within sim_time.
     """
-    start = scratch.start
-    most_x, most_y, period = p.max_vel_x, p.max_vel_y, p.sim_period
+    start = scratch.start[0]
+    max_vx = p.max_vel_x
+    max_vy = p.max_vel_y
+    period = p.sim_period
     if not p.use_dwa:
+        # C++ subtracts float32 values here, and rounds each difference before hypot.
         last = plan.shape[0] - 1
-        dx = np.float32(plan[last, 0]) - np.float32(start[0])
-        dy = np.float32(plan[last, 1]) - np.float32(start[1])
-        speed = math.hypot(np.float64(dx), np.float64(dy)) / p.sim_time
-        most_x = max(min(most_x, speed), p.min_vel_x)
-        most_y = max(min(most_y, speed), p.min_vel_y)
+        dx = np.float32(plan[last, 0]) - np.float32(start.x)
+        dy = np.float32(plan[last, 1]) - np.float32(start.y)
+        arrival_speed = math.hypot(np.float64(dx), np.float64(dy)) / p.sim_time
+        max_vx = max(min(max_vx, arrival_speed), p.min_vel_x)
+        max_vy = max(min(max_vy, arrival_speed), p.min_vel_y)
         period = p.sim_time
-    nx = _window(p.min_vel_x, most_x, start[3], p.acc_lim_x * period, p.vx_samples, scratch.xs)
-    ny = _window(p.min_vel_y, most_y, start[4], p.acc_lim_y * period, p.vy_samples, scratch.ys)
-    nw = _window(
-        -p.max_vel_theta,
-        p.max_vel_theta,
-        start[5],
-        p.acc_lim_theta * period,
-        p.vth_samples,
-        scratch.ws,
-    )
-    return nx, ny, nw
+
+    change = p.acc_lim_x * period
+    nx = _fill_window(p.min_vel_x, max_vx, start.vx, change, p.vx_samples, scratch.xs)
+    change = p.acc_lim_y * period
+    ny = _fill_window(p.min_vel_y, max_vy, start.vy, change, p.vy_samples, scratch.ys)
+    # As in C++, min_vel_theta does not bound the window: turns go both ways.
+    max_w = p.max_vel_theta
+    change = p.acc_lim_theta * period
+    nw = _fill_window(-max_w, max_w, start.w, change, p.vth_samples, scratch.ws)
+    return SampleCounts(nx, ny, nw)
 
 
 @kernel
-def sample_of(scratch: Scratch, axes: Tuple[int, int, int], number: int) -> Triple:
-    """Return the sample (vx, vy, w) with this number."""
-    _, ny, nw = axes
-    return scratch.xs[number // (nw * ny)], scratch.ys[number // nw % ny], scratch.ws[number % nw]
+def sample_of(scratch: Scratch, counts: SampleCounts, number: int) -> Velocity:
+    """Return the sample with this number."""
+    vx = scratch.xs[number // (counts.w * counts.vy)]
+    vy = scratch.ys[number // counts.w % counts.vy]
+    return Velocity(vx, vy, scratch.ws[number % counts.w])
 
 
 @kernel
-def _window(
-    least: float, most: float, velocity: float, change: float, n: float, values: Data
+def _fill_window(
+    lowest: float, highest: float, velocity: float, change: float, n: float, values: Data
 ) -> int:
-    """Fill the sampled values of one axis: within its limits, and at most `change` away from `velocity`."""
-    return spread(
-        single(max(least, velocity - change)), single(min(most, velocity + change)), n, values
-    )
+    """Fill the n sampled values of one axis and return their number, see `spread`.
+
+    The values lie within the limits of the axis, and at most `change` away from `velocity`.
+    """
+    bottom = single(max(lowest, velocity - change))
+    top = single(min(highest, velocity + change))
+    return spread(bottom, top, n, values)
 
 
 @kernel
 def spread(bottom: float, top: float, n: float, values: Data) -> int:
-    """Fill `values` from bottom to top in equal steps, adding a zero between different signs; return their number.
+    """Fill `values` from bottom to top in n - 1 equal steps, and return the number of values.
 
-    The values come from repeated addition, each rounded to float32 (velocity_iterator.h). There is one value if bottom
-    equals top, otherwise there are at least two. The values descend if bottom is above top.
+    The values come from repeated addition, each rounded to float32 (velocity_iterator.h). A zero is
+    added between values of different signs. There is one value if bottom equals top, otherwise
+    there are at least two. The values descend if bottom is above top.
     """
     if bottom == top:
         values[0] = bottom
@@ -97,7 +109,9 @@ def spread(bottom: float, top: float, n: float, values: Data) -> int:
 @kernel
 def ground_speed(vx: float, vy: float) -> float:
     """Return the speed over ground [m/s]."""
-    return abs(vx) if vy == 0.0 else math.hypot(vx, vy)
+    if vy == 0.0:
+        return abs(vx)  # This equals hypot and takes a fraction of its time.
+    return math.hypot(vx, vy)
 
 
 @kernel
@@ -107,9 +121,10 @@ def is_too_fast(p: Record, speed: float) -> bool:
 
 
 @kernel
-def least_turn(p: Record, speed: float) -> float:
-    """Return the minimum turn rate [rad/s] of samples at this speed over ground, or -1 if none applies."""
-    if p.min_vel_trans >= 0 and speed + SLACK < p.min_vel_trans and p.min_vel_theta >= 0:
+def slowest_turn(p: Record, speed: float) -> float:
+    """Return the minimum turn rate [rad/s] of samples at this speed, or -1 if none applies."""
+    is_slow = p.min_vel_trans >= 0 and speed + SLACK < p.min_vel_trans
+    if is_slow and p.min_vel_theta >= 0:
         return p.min_vel_theta
     return -1.0
 
@@ -127,13 +142,12 @@ def angular_steps(p: Record, w: float) -> float:
 
 
 @kernel
-def step_count(p: Record, sample: Triple) -> int:
-    """Return the number of steps of the sample (vx, vy, w), or 0 to reject it."""
-    vx, vy, w = sample
-    speed = ground_speed(vx, vy)
-    if is_too_fast(p, speed) or abs(w) + SLACK < least_turn(p, speed):
+def step_count(p: Record, sample: Velocity) -> int:
+    """Return the number of steps of a sample's trajectory, or 0 to reject the sample."""
+    speed = ground_speed(sample.vx, sample.vy)
+    if is_too_fast(p, speed) or abs(sample.w) + SLACK < slowest_turn(p, speed):
         return 0
-    return int(math.ceil(max(linear_steps(p, speed), angular_steps(p, w))))
+    return int(math.ceil(max(linear_steps(p, speed), angular_steps(p, sample.w))))
 
 
 @kernel
@@ -145,49 +159,64 @@ def ramp(target: float, velocity: float, change: float) -> float:
 
 
 @kernel
-def ramped(p: Record, sample: Triple, now: Triple, dt: float) -> Triple:
-    """Return the velocity (vx, vy, w) after dt of acceleration from `now` towards the sample."""
-    vx = ramp(sample[0], now[0], p.acc_lim_x * dt)
-    vy = ramp(sample[1], now[1], p.acc_lim_y * dt)
-    return vx, vy, ramp(sample[2], now[2], p.acc_lim_theta * dt)
+def ramped(p: Record, sample: Velocity, velocity: Velocity, dt: float) -> Velocity:
+    """Return the velocity after dt [s] of acceleration from `velocity` towards the sample."""
+    vx = ramp(sample.vx, velocity.vx, p.acc_lim_x * dt)
+    vy = ramp(sample.vy, velocity.vy, p.acc_lim_y * dt)
+    w = ramp(sample.w, velocity.w, p.acc_lim_theta * dt)
+    return Velocity(vx, vy, w)
 
 
 @kernel
-def commanded(p: Record, start: Data, sample: Triple, steps: int) -> Triple:
-    """Return the velocity of a sample's trajectory: the sample, or without use_dwa the first step of the ramp."""
-    return (
-        sample
-        if p.use_dwa
-        else ramped(p, sample, (start[3], start[4], start[5]), p.sim_time / steps)
-    )
+def commanded(p: Record, start: Record, sample: Velocity, steps: int) -> Velocity:
+    """Return the velocity that a sample's trajectory stores and commands.
+
+    With use_dwa this is the sample, otherwise the measured velocity after the first step of the
+    ramp.
+    """
+    if p.use_dwa:
+        return sample
+    return ramped(p, sample, Velocity(start.vx, start.vy, start.w), p.sim_time / steps)
 
 
 @kernel
-def move(x: float, y: float, theta: float, velocity: Triple, dt: float) -> Triple:
-    """Return the pose after dt."""
-    vx, vy, w = velocity
-    c = math.cos(theta)
-    s = math.sin(theta)
-    if vy == 0.0:
-        return single(x + vx * c * dt), single(y + vx * s * dt), single(theta + w * dt)
-    return (
-        single(x + (vx * c + vy * math.cos(math.pi / 2 + theta)) * dt),
-        single(y + (vx * s + vy * math.sin(math.pi / 2 + theta)) * dt),
-        single(theta + w * dt),
-    )
+def move(
+    x: float, y: float, theta: float, velocity: Velocity, dt: float
+) -> Tuple[float, float, float]:
+    """Return the pose (x, y, theta) after dt [s], each rounded to float32."""
+    cos = math.cos(theta)
+    sin = math.sin(theta)
+    vx = velocity.vx
+    vy = velocity.vy
+    following_theta = single(theta + velocity.w * dt)
+    if vy == 0.0:  # The sideways terms below would add zeros.
+        return single(x + vx * cos * dt), single(y + vx * sin * dt), following_theta
+    side = math.pi / 2 + theta
+    dx = (vx * cos + vy * math.cos(side)) * dt
+    dy = (vx * sin + vy * math.sin(side)) * dt
+    return single(x + dx), single(y + dy), following_theta
 
 
 @kernel
-def roll_out(p: Record, start: Data, sample: Triple, points: Data) -> None:
-    """Write the poses x, y, theta before each step to `points` (steps, 3). The first is the robot's current pose."""
+def roll_out(p: Record, start: Record, sample: Velocity, points: Data) -> None:
+    """Write the poses x, y, theta before each step to `points` (steps, 3), the current pose first.
+
+    The last pose that C++ integrates is not stored. Without use_dwa the velocity is ramped before
+    every move, the first included, so the first move is already two ramps away from the measured
+    velocity.
+    """
     steps = points.shape[0]
-    dt = p.sim_time / steps if steps > 0 else 0.0
-    x, y, theta = start[0], start[1], start[2]
-    now = commanded(p, start, sample, steps) if steps > 0 else sample
+    if steps == 0:
+        return
+    dt = p.sim_time / steps
+    x = start.x
+    y = start.y
+    theta = start.theta
+    velocity = commanded(p, start, sample, steps)
     for i in range(steps):
         points[i, 0] = x
         points[i, 1] = y
         points[i, 2] = theta
         if not p.use_dwa:
-            now = ramped(p, sample, now, dt)
-        x, y, theta = move(x, y, theta, now, dt)
+            velocity = ramped(p, sample, velocity, dt)
+        x, y, theta = move(x, y, theta, velocity, dt)

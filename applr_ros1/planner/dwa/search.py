@@ -1,13 +1,13 @@
 """Search for the velocity of a cycle without rolling out samples that cannot win.
 
-Called by planner.py. A cycle begins by rounding the pose and starting the four distance grids (section 3 of
-docs/explanation/planner_dwa.md). Samples wait in a heap, ordered by a lower bound of their cost (bounds.py). The
-critics (critics.py) evaluate the sample with the lowest bound, until no bound beats the best cost. The choice equals
-that of the C++ planner to the last bit.
+Called by planner.py. A cycle begins by rounding the pose and starting the four distance grids
+(section 3 of docs/explanation/planner_dwa.md). Samples wait in a heap, ordered by a lower bound of
+their cost (bounds.py). The critics (critics.py) evaluate the sample with the lowest bound, until no
+bound beats the best cost. The choice equals that of the C++ planner to the last bit.
 """
 
 import math
-from typing import Any, Tuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.distance_grid import place, reset, start_at, start_at_plan
 from applr_ros1.planner.dwa import critics
-from applr_ros1.planner.dwa.bounds import Counts, fill_bounds, probe
+from applr_ros1.planner.dwa.bounds import fill_bounds, probe
 from applr_ros1.planner.dwa.critics import HUGE, NOTHING_LEGAL, weighted_sum
 from applr_ros1.planner.dwa.records import (
     ALIGNMENT,
@@ -28,6 +28,7 @@ from applr_ros1.planner.dwa.records import (
     grid_of,
 )
 from applr_ros1.planner.dwa.samples import (
+    SampleCounts,
     commanded,
     ground_speed,
     roll_out,
@@ -38,6 +39,9 @@ from applr_ros1.planner.dwa.samples import (
 from applr_ros1.planner.sampling_planner import (
     Record,
     Triple,
+    Velocity,
+    drop_first,
+    heading_of,
     sift_down,
     take_start,
     through_quaternion,
@@ -46,49 +50,75 @@ from applr_ros1.planner.sampling_planner import (
 
 @kernel
 def prepare(params: Data, scratch: Scratch, plan: Data, pose: Triple, velocity: Triple) -> bool:
-    """Store pose and velocity, and return whether the nose-on-path critic is on. It is off near the plan's end.
+    """Store pose and velocity, and return whether the nose-on-path critic is on.
 
-    plan: points (k, 2 or 3) [m], not empty.
+    The critic is off near the plan's end, where the plan ahead is too short for the nose. params:
+    array of one record. plan: points (k, 2 or 3) [m], not empty.
     """
     p = params[0]
-    start = scratch.start
+    start = scratch.start[0]
     take_start(start, pose, velocity)
     last = plan.shape[0] - 1
-    dx = start[0] - plan[last, 0]
-    dy = start[1] - plan[last, 1]
+    dx = start.x - plan[last, 0]
+    dy = start.y - plan[last, 1]
     ahead = p.forward_point_distance
-    aligned = dx * dx + dy * dy > ahead * ahead * p.cheat_factor
-    p.alignment_scale = p.path_scale if aligned else 0.0
-    return bool(aligned)
+    is_aligned = dx * dx + dy * dy > ahead * ahead * p.cheat_factor
+    p.alignment_scale = p.path_scale if is_aligned else 0.0
+    return bool(is_aligned)
 
 
 @kernel
-def begin_floods(p: Record, grids: Grids, start: Data, scene: Scene, aligned: bool) -> None:
-    """Reset the grids for the scene's costmap and start each flood. aligned: whether the nose-on-path critic is on."""
-    plan, distances = scene.plan, grids.distances
-    path, goal = grid_of(grids, PATH), grid_of(grids, GOAL)
-    reset(path, scene.cells)
+def begin_floods(p: Record, grids: Grids, start: Record, scene: Scene, is_aligned: bool) -> None:
+    """Reset the grids for the scene's costmap and start each flood.
+
+    is_aligned: whether the nose-on-path critic is on.
+    """
+    # All grids have the same walls, so that three of them are copies of the first.
+    plan = scene.plan
+    distances = grids.distances
+    path_grid = grid_of(grids, PATH)
+    reset(path_grid, scene.cells)
     grids.ends[:] = 0
     distances[GOAL] = distances[PATH]
     distances[FRONT] = distances[PATH]
-    grids.facts[0] = 1
-    grids.facts[1] = PATH
-    if not aligned:
-        grids.facts[1] = ALIGNMENT
+
+    # The nose-on-path critic reads the path's grid. While it is off, its grid has the plan of the
+    # last cycle in which it was on; that is what C++ publishes.
+    facts = grids.facts[0]
+    facts.flooded = 1
+    facts.alignment_row = PATH
+    if not is_aligned:
+        facts.alignment_row = ALIGNMENT
         distances[ALIGNMENT] = distances[PATH]
         start_at_plan(grid_of(grids, ALIGNMENT), scene, scene.aligned_plan, True)
-    goal_x, goal_y = start_at_plan(path, scene, plan, True)
+
+    goal_x, goal_y = start_at_plan(path_grid, scene, plan, True)
     if goal_x >= 0:
-        start_at(goal, place(goal, goal_x, goal_y))
-    front = plan.copy()
-    last = front.shape[0] - 1
-    angle = math.atan2(plan[last, 1] - start[1], plan[last, 0] - start[0])
-    front[last, 0] += p.forward_point_distance * math.cos(angle)
-    front[last, 1] += p.forward_point_distance * math.sin(angle)
-    start_at_plan(grid_of(grids, FRONT), scene, front, False)
+        goal_grid = grid_of(grids, GOAL)
+        start_at(goal_grid, place(goal_grid, goal_x, goal_y))
+
+    # The nose's goal lies beyond the plan's end, seen from the robot.
+    nose_plan = plan.copy()
+    last = plan.shape[0] - 1
+    angle = math.atan2(plan[last, 1] - start.y, plan[last, 0] - start.x)
+    nose_plan[last, 0] += p.forward_point_distance * math.cos(angle)
+    nose_plan[last, 1] += p.forward_point_distance * math.sin(angle)
+    start_at_plan(grid_of(grids, FRONT), scene, nose_plan, False)
 
 
 NO_LIMIT = 1 << 60  # obstacle cost that no probe exceeds
+
+
+class Winner(NamedTuple):
+    """Result of a cycle's search. A negative cost means no valid command."""
+
+    cost: float
+    number: int  # number of the sample, -1 if none is legal
+    steps: int  # number of points of the trajectory
+    sample: Velocity
+    stored: Velocity  # velocity of the trajectory
+    command_w: float  # turn rate of the command [rad/s]: the trajectory's, through a quaternion
+    is_aligned: bool  # whether the nose-on-path critic is on
 
 
 @kernel(error_model="numpy")
@@ -100,70 +130,86 @@ def find_best(
     scene: Scene,
     pose: Triple,
     velocity: Triple,
-) -> Tuple[Any, ...]:
-    """Run one cycle: preparation, floods, samples, winner, flags. params, state: arrays of one record.
+) -> Winner:
+    """Run one cycle: preparation, floods, samples, winner, flags.
 
-    Returns (cost, number of the sample, number of points, the sample, the trajectory's velocity, commanded w, whether
-    the nose-on-path critic is on). A negative cost means no valid command. Angles first pass through a quaternion. Then
-    pose and velocity are rounded to float32.
+    params, state: arrays of one record. pose, velocity: x, y [m], theta [rad] and vx, vy [m/s],
+    w [rad/s]. Angles first pass through a quaternion. Then all are rounded to float32.
     """
     p = params[0]
-    aligned = prepare(params, scratch, scene.plan, pose, velocity)
-    start = scratch.start
-    begin_floods(p, grids, start, scene, aligned)
-    axes = sample_axes(p, scratch, scene.plan)
-    cost, number = _lowest(p, state[0], grids, scratch, scene, axes)
-    if cost == HUGE:
-        return NOTHING_LEGAL, -1, 0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, aligned
-    sample = sample_of(scratch, axes, number)
+    is_aligned = prepare(params, scratch, scene.plan, pose, velocity)
+    start = scratch.start[0]
+    begin_floods(p, grids, start, scene, is_aligned)
+    counts = sample_axes(p, scratch, scene.plan)
+    best = _lowest(p, state[0], grids, scratch, scene, counts)
+    if best.number < 0:
+        standing = Velocity(0.0, 0.0, 0.0)
+        return Winner(NOTHING_LEGAL, -1, 0, standing, standing, 0.0, is_aligned)
+
+    sample = sample_of(scratch, counts, best.number)
     steps = step_count(p, sample)
     stored = commanded(p, start, sample, steps)
     critics.remember(p, state[0], start, stored)
-    return cost, number, steps, sample, stored, through_quaternion(stored[2]), aligned
+    command_w = through_quaternion(stored.w)
+    return Winner(best.cost, best.number, steps, sample, stored, command_w, is_aligned)
+
+
+class Best(NamedTuple):
+    """First sample of lowest cost."""
+
+    cost: float  # HUGE if no sample is legal
+    number: int  # -1 if no sample is legal
 
 
 @kernel(error_model="numpy")
 def _lowest(
-    p: Record, state: Record, grids: Grids, scratch: Scratch, scene: Scene, axes: Counts
-) -> Tuple[float, int]:
-    """Return (cost, number) of the first sample of lowest cost, or (HUGE, -1) if none is legal."""
-    _, _, _, keys, bounds, occupied, heap, probed, start = scratch
-    heading = math.cos(start[2]), math.sin(start[2])
+    p: Record,
+    state: Record,
+    grids: Grids,
+    scratch: Scratch,
+    scene: Scene,
+    counts: SampleCounts,
+) -> Best:
+    """Return the first sample of lowest cost."""
+    keys = scratch.keys
+    heap = scratch.heap
+    start = scratch.start[0]
+    heading = heading_of(start.theta)
     scaled = np.empty_like(scene.footprint)
-    count = fill_bounds(p, state, grids, scratch, scene, axes, heading, scaled)
-    best = HUGE
-    winner = -1
-    while count > 0:
-        i = heap[0]
-        if keys[i] > best or (keys[i] == best and i > winner):
+    waiting = fill_bounds(p, state, grids, scratch, scene, counts, heading, scaled)
+    best = Best(HUGE, -1)
+    while waiting > 0:
+        number = heap[0]
+        # All other samples have higher bounds, or equal ones and higher numbers.
+        if keys[number] > best.cost or (keys[number] == best.cost and number > best.number):
             break
-        sample = sample_of(scratch, axes, i)
+        sample = sample_of(scratch, counts, number)
         steps = step_count(p, sample)
         stored = commanded(p, start, sample, steps)
-        speed = ground_speed(stored[0], stored[1])
-        hopeless = False
-        if p.occdist_scale != 0.0:
-            critics.scale_footprint(scene.footprint, critics.footprint_scale(p, speed), scaled)
-            if not probed[i]:
-                probed[i] = 1
-                allowed = NO_LIMIT
-                if best < HUGE:
-                    rest = weighted_sum(p, 0.0, bounds[i], stored[2])
-                    allowed = int(min((best - rest) / p.occdist_scale, 1e9)) + 1
-                met = probe(p, scene, scaled, start, heading, sample, occupied[i], allowed)
-                hopeless = met < 0
-                if met > occupied[i]:
-                    occupied[i] = met
-                    keys[i] = weighted_sum(p, met, bounds[i], stored[2])
-                    sift_down(heap, keys, count, 0)
-                    continue
-        if not hopeless:
+
+        # Raise the bound with a few poses before the whole trajectory is rolled out.
+        is_legal = True
+        if p.occdist_scale != 0.0 and not scratch.probed[number]:
+            scratch.probed[number] = 1
+            bound = scratch.bounds[number]
+            allowed = NO_LIMIT
+            if best.cost < HUGE:
+                other_critics = weighted_sum(p, 0.0, bound, stored.w)
+                allowed = int(min((best.cost - other_critics) / p.occdist_scale, 1e9)) + 1
+            scale = critics.footprint_scale(p, ground_speed(stored.vx, stored.vy))
+            critics.scale_footprint(scene.footprint, scale, scaled)
+            obstacle = probe(p, scene, scaled, start, heading, sample, bound.obstacle, allowed)
+            if obstacle > bound.obstacle:
+                keys[number] = weighted_sum(p, obstacle, bound, stored.w)
+                sift_down(heap, keys, waiting, 0)
+                continue
+            is_legal = obstacle >= 0
+
+        if is_legal:
             points = np.empty((steps, 3))
             roll_out(p, start, sample, points)
-            cost, _ = critics.total_cost(p, state, scene, grids, points, stored, best)
-            if cost >= 0 and (cost < best or (cost == best and i < winner)):
-                best, winner = cost, i
-        count -= 1
-        heap[0] = heap[count]
-        sift_down(heap, keys, count, 0)
-    return best, winner
+            cost, _ = critics.total_cost(p, state, scene, grids, points, stored, best.cost)
+            if 0 <= cost < best.cost or (cost == best.cost and number < best.number):
+                best = Best(cost, number)
+        waiting = drop_first(heap, keys, waiting)
+    return best

@@ -1,108 +1,160 @@
 """Search for the best forward sample of a cycle without rolling out the samples that cannot win.
 
-Called by sampling.py. Samples wait in a heap, ordered by a lower bound of their cost. The sample with the lowest bound
-is scored next, and the search ends when no bound beats the best cost. See docs/explanation/planner.md, section 6.4.
+Called by sampling.py. Samples wait in a heap, ordered by a lower bound of their cost. The sample
+with the lowest bound is scored next, and the search ends when no bound beats the best cost. See
+docs/explanation/planner.md, section 6.4.
 
-Poses for bounds come from closed forms, which differ from the exact poses by rounding errors. A cell is therefore used
-only if the pose is far enough from a cell border. A bound never exceeds the exact cost, and no result depends on the
-closed forms.
+Poses for bounds come from closed forms, which differ from the exact poses by rounding errors. A
+cell is therefore used only if the pose is far enough from a cell border. A bound never exceeds the
+exact cost, and no result depends on the closed forms.
 """
 
 import math
-from typing import Tuple
+from typing import NamedTuple, Tuple
 
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.costmap.footprint_cost import UNSURE, on_border, outline_cost, outline_of
+from applr_ros1.planner.costmap.footprint_cost import (
+    UNSURE,
+    on_border,
+    outline_cost,
+    outline_of,
+)
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.distance_grid import at_least, place
-from applr_ros1.planner.sampling_planner import LARGEST_TURN, Record, sift_down, small_turn
+from applr_ros1.planner.sampling_planner import (
+    LARGEST_TURN,
+    Heading,
+    Record,
+    Velocity,
+    drop_first,
+    heading_of,
+    order_heap,
+    sift_down,
+    small_turn,
+    turned,
+)
 from applr_ros1.planner.trajectory import scoring
 from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
-from applr_ros1.planner.trajectory.scoring import HUGE, NO_CEILING, new_velocity, step_count
+from applr_ros1.planner.trajectory.scoring import HUGE, NO_CEILING, accelerated, step_count
 
-Ground = Tuple[
-    float, float, float, int, int
-]  # the map's origin (x, y) [m], resolution [m] and size [cells]
-MARGIN = 1e-6  # smallest distance to a border [cells] at which a cell is certain; closed forms err by 1e-10 cells
+MARGIN = 1e-6  # distance to a border [cells] at which a cell is certain; closed forms err by 1e-10
+
+
+class Ground(NamedTuple):
+    """Geometry of the map, without its cells: numba counts references to arrays."""
+
+    ox: float  # origin [m]
+    oy: float
+    resolution: float  # [m]
+    nx: int  # size [cells]
+    ny: int
+
+
+class Ramp(NamedTuple):
+    """Pose after the moves in which the base reaches a sample's velocity."""
+
+    moves: int
+    x: float  # [m]
+    y: float  # [m]
+    heading: Heading
+
+
+class Best(NamedTuple):
+    """Best sample so far."""
+
+    cost: float  # HUGE if no sample is legal
+    vx: float  # [m/s], 0 for a turn in place
+    w: float  # [rad/s]
+    point_count: int  # 0 if no sample is legal
 
 
 @kernel
 def ramp(
-    p: Record, start: Data, c: float, s: float, vx: float, w: float, dt: float, moves: int
-) -> Tuple[int, float, float, float, float]:
-    """Return (moves made, x, y, c, s) once the base moves at (vx, w) of the sample, at the latest after `moves` moves.
+    p: Record, start: Record, heading: Heading, sample: Velocity, dt: float, moves: int
+) -> Ramp:
+    """Return the pose at which the base reaches the sample's velocity, or after `moves` moves.
 
-    c, s: cosine and sine of the heading, as arguments at the start, as results at the end.
+    heading: direction at the start. dt: duration of a move [s].
     """
-    x, y, vx_i, vy_i, w_i = start[0], start[1], start[3], start[4], start[5]
+    x = start.x
+    y = start.y
+    velocity = Velocity(start.vx, start.vy, start.w)
     for i in range(moves):
-        if vx_i == vx and w_i == w and vy_i == 0.0:
-            return i, x, y, c, s
-        vx_i = new_velocity(vx, vx_i, p.acc_lim_x, dt)
-        vy_i = new_velocity(0.0, vy_i, p.acc_lim_y, dt)
-        w_i = new_velocity(w, w_i, p.acc_lim_theta, dt)
-        x += (vx_i * c - vy_i * s) * dt
-        y += (vx_i * s + vy_i * c) * dt
-        turn = w_i * dt
+        if velocity.vx == sample.vx and velocity.w == sample.w and velocity.vy == 0.0:
+            return Ramp(i, x, y, heading)
+        velocity = accelerated(p, velocity, sample, dt)
+        x += (velocity.vx * heading.cos - velocity.vy * heading.sin) * dt
+        y += (velocity.vx * heading.sin + velocity.vy * heading.cos) * dt
+        turn = velocity.w * dt
         if abs(turn) < 0.25:
-            dc, ds = small_turn(turn)
+            cos, sin = small_turn(turn)
         else:
-            dc, ds = math.cos(turn), math.sin(turn)
-        c, s = c * dc - s * ds, s * dc + c * ds
-    return moves, x, y, c, s
+            cos = math.cos(turn)
+            sin = math.sin(turn)
+        heading = turned(heading, Heading(cos, sin))
+    return Ramp(moves, x, y, heading)
 
 
 @kernel
-def along_arc(
-    x: float, y: float, c: float, s: float, length: float, turn: float, n: int
-) -> Tuple[float, float]:
-    """Return the position after n moves of `length` [m] and `turn` [rad] each, by the chord of the polygon of moves.
+def along_arc(from_: Ramp, length: float, turn: float, n: int) -> Tuple[float, float]:
+    """Return the position (x, y) after n moves of `length` [m] and `turn` [rad] each.
 
-    x, y: position at the start. c, s: cosine and sine of the heading at the start. |turn| must not exceed LARGEST_TURN.
+    |turn| must not exceed LARGEST_TURN.
     """
+    # The positions are corners of a regular polygon with the exterior angle `turn`. The chord over
+    # n sides has the direction of the middle side, and by the law of sines the length length *
+    # sin(n * half) / sin(half).
     half = 0.5 * turn
-    dc, ds = small_turn(half)
-    mc = math.cos((n - 1) * half)
-    ms = math.sin((n - 1) * half)
-    ratio = (ms * dc + mc * ds) / ds if half != 0.0 else float(n)
-    return x + length * ratio * (c * mc - s * ms), y + length * ratio * (s * mc + c * ms)
+    half_cos, half_sin = small_turn(half)
+    middle_cos = math.cos((n - 1) * half)
+    middle_sin = math.sin((n - 1) * half)
+    sides = float(n)
+    if half != 0.0:
+        sides = (middle_sin * half_cos + middle_cos * half_sin) / half_sin
+    chord = length * sides
+    heading = from_.heading
+    x = from_.x + chord * (heading.cos * middle_cos - heading.sin * middle_sin)
+    y = from_.y + chord * (heading.sin * middle_cos + heading.cos * middle_sin)
+    return x, y
 
 
 @kernel
-def exact_end(p: Record, start: Data, vx: float, w: float, steps: int) -> Tuple[float, float]:
+def exact_end(p: Record, start: Record, sample: Velocity, steps: int) -> Tuple[float, float]:
     """Return (x, y) of the last scored point, computed step by step as in scoring.score_below."""
     dt = p.sim_time / steps
-    x, y, theta, vx_i, vy_i, w_i = start[0], start[1], start[2], start[3], start[4], start[5]
+    x = start.x
+    y = start.y
+    theta = start.theta
+    velocity = Velocity(start.vx, start.vy, start.w)
     for _ in range(steps - 1):
-        vx_i = new_velocity(vx, vx_i, p.acc_lim_x, dt)
-        vy_i = new_velocity(0.0, vy_i, p.acc_lim_y, dt)
-        w_i = new_velocity(w, w_i, p.acc_lim_theta, dt)
-        x, y = scoring.advance(x, y, theta, vx_i, vy_i, math.cos(theta), math.sin(theta), dt)
-        theta = theta + w_i * dt
+        velocity = accelerated(p, velocity, sample, dt)
+        x, y = scoring.advance(x, y, theta, heading_of(theta), velocity, dt)
+        theta = theta + velocity.w * dt
     return x, y
 
 
 @kernel(error_model="numpy")
 def end_cell(
-    p: Record, ground: Ground, start: Data, c: float, s: float, vx: float, w: float
+    p: Record, ground: Ground, start: Record, heading: Heading, sample: Velocity
 ) -> Tuple[int, int]:
-    """Return the cell of the sample's last point, (-1, -1) if off the map. c, s: cosine and sine of the heading."""
+    """Return the cell (x, y) of the sample's last point, (-1, -1) if off the map.
+
+    heading: direction at the start.
+    """
     ox, oy, resolution, nx, ny = ground
-    steps = step_count(p, vx, 0.0, w)
+    steps = step_count(p, sample)
     dt = p.sim_time / steps
-    turn = w * dt
+    turn = sample.w * dt
     x = y = 0.0
-    sure = abs(turn) <= LARGEST_TURN
-    if sure:
-        moves, x, y, c, s = ramp(p, start, c, s, vx, w, dt, steps - 1)
-        x, y = along_arc(x, y, c, s, vx * dt, turn, steps - 1 - moves)
-    if (
-        not sure
-        or on_border((x - ox) / resolution, MARGIN)
-        or on_border((y - oy) / resolution, MARGIN)
-    ):
-        x, y = exact_end(p, start, vx, w, steps)
+    is_sure = abs(turn) <= LARGEST_TURN
+    if is_sure:
+        ramped = ramp(p, start, heading, sample, dt, steps - 1)
+        x, y = along_arc(ramped, sample.vx * dt, turn, steps - 1 - ramped.moves)
+        at_border = on_border((x - ox) / resolution, MARGIN)
+        is_sure = not (at_border or on_border((y - oy) / resolution, MARGIN))
+    if not is_sure:
+        x, y = exact_end(p, start, sample, steps)
     return world_to_map(x, y, ox, oy, resolution, nx, ny)
 
 
@@ -110,44 +162,42 @@ def end_cell(
 def probe(
     p: Record,
     scene: Scene,
-    start: Data,
-    c: float,
-    s: float,
-    vx: float,
-    w: float,
-    occupied: int,
-    allowed: int,
+    start: Record,
+    heading: Heading,
+    sample: Velocity,
+    obstacle_cost: int,
+    allowed: float,
 ) -> int:
-    """Return a lower bound of the sample's obstacle cost from a few of its poses, or -1 if one of them is illegal.
+    """Return a lower bound of the obstacle cost from a few poses, or -1 if one is illegal.
 
-    The bound starts from `occupied`. The probe ends once the bound exceeds `allowed`. It tests the last pose, then the
-    poses at halves, quarters and eighths of the way. c, s: cosine and sine of the heading at the start.
+    The poses are the last one, then those at halves, quarters and eighths of the way: a sample that
+    fails does so most often at its end. The bound starts from `obstacle_cost`, and the probe ends
+    once it exceeds `allowed`. heading: direction at the start.
     """
-    steps = step_count(p, vx, 0.0, w)
+    steps = step_count(p, sample)
     dt = p.sim_time / steps
-    turn = w * dt
+    turn = sample.w * dt
     if abs(turn) > LARGEST_TURN or scene.footprint.shape[0] < 3:
-        return occupied
-    moves, x0, y0, c, s = ramp(p, start, c, s, vx, w, dt, steps - 1)
+        return obstacle_cost
+    ramped = ramp(p, start, heading, sample, dt, steps - 1)
     outline = outline_of(scene, scene.footprint)
-    left = steps - 1 - moves
+    moves = steps - 1 - ramped.moves  # moves at the sample's velocity
     parts = 1
-    while parts <= 8 and left // parts >= 8:
-        for i in range(1, parts + 1, 2):
-            n = left * i // parts
-            x, y = along_arc(x0, y0, c, s, vx * dt, turn, n)
-            dc = math.cos(n * turn)
-            ds = math.sin(n * turn)
-            cost = outline_cost(outline, x, y, c * dc - s * ds, s * dc + c * ds, 0, 0, MARGIN)
+    while parts <= 8 and moves // parts >= 8:
+        for i in range(1, parts + 1, 2):  # The even parts belong to the coarser division before.
+            n = moves * i // parts
+            x, y = along_arc(ramped, sample.vx * dt, turn, n)
+            end = turned(ramped.heading, heading_of(n * turn))
+            cost = outline_cost(outline, x, y, end.cos, end.sin, 0, 0, MARGIN)
             if cost == UNSURE:
                 continue
             if cost < 0:
                 return -1
-            occupied = max(occupied, cost)
-            if occupied > allowed:
-                return occupied
+            obstacle_cost = max(obstacle_cost, cost)
+            if obstacle_cost > allowed:
+                return obstacle_cost
         parts *= 2
-    return occupied
+    return obstacle_cost
 
 
 @kernel(error_model="numpy")
@@ -156,50 +206,56 @@ def best_forward(
     scene: Scene,
     grids: Grids,
     scratch: Scratch,
-    start: Data,
+    start: Record,
     vs: Data,
     ws: Data,
-    occupied: int,
-) -> Tuple[float, float, float, int]:
-    """Return (cost, vx, w, number of points) of the best forward sample, or HUGE and no points if none is legal.
+    obstacle_cost: int,
+) -> Best:
+    """Return the best forward sample. Among equal costs, the first sample wins.
 
-    Each speed in `vs` is combined first with w = 0, then with all values of `ws` but the last. Among equal costs, the
-    first sample wins. occupied: cost at the first pose, which all samples share.
+    Each speed in `vs` is combined first with w = 0, then with all values of `ws` but the last, as
+    in C++. obstacle_cost: cost at the first pose, which all samples share.
     """
-    _, _, bases, keys, heap, probed, _ = scratch
+    bases = scratch.bases
+    keys = scratch.keys
+    heap = scratch.heap
+    probed = scratch.probed
     nw = ws.shape[0]
-    c = math.cos(start[2])
-    s = math.sin(start[2])
-    count = _bound(p, scene, grids, scratch, start, vs, ws, occupied)
-    best = HUGE
-    best_sample = best_points = 0
-    best_vx = best_w = 0.0
-    while count > 0:
-        sample = heap[0]
-        if keys[sample] > best or (keys[sample] == best and sample > best_sample):
+    heading = heading_of(start.theta)
+    waiting = _bound(p, scene, grids, scratch, start, vs, ws, obstacle_cost)
+    best = Best(HUGE, 0.0, 0.0, 0)
+    best_number = 0
+    while waiting > 0:
+        number = heap[0]
+        # All other samples have higher bounds, or equal ones and higher numbers.
+        if keys[number] > best.cost or (keys[number] == best.cost and number > best_number):
             break
-        vx = vs[sample // nw]
-        w = ws[sample % nw - 1] if sample % nw > 0 else 0.0
-        hopeless = False
-        if not probed[sample]:
-            probed[sample] = 1
-            allowed = NO_CEILING if best == HUGE else (best - bases[sample]) / p.occdist_scale + 1.0
-            met = probe(p, scene, start, c, s, vx, w, occupied, allowed)
-            hopeless = met < 0
-            if met > occupied:
-                keys[sample] = bases[sample] + p.occdist_scale * met
-                sift_down(heap, keys, count, 0)
+        sample = scoring.forward_sample(vs, ws, number // nw, number % nw)
+
+        # Raise the bound with a few poses before the whole trajectory is rolled out.
+        is_legal = True
+        if not probed[number]:
+            probed[number] = 1
+            allowed = float(NO_CEILING)
+            if best.cost < HUGE:
+                allowed = (best.cost - bases[number]) / p.occdist_scale + 1.0
+            raised = probe(p, scene, start, heading, sample, obstacle_cost, allowed)
+            if raised > obstacle_cost:
+                keys[number] = bases[number] + p.occdist_scale * raised
+                sift_down(heap, keys, waiting, 0)
                 continue
-        if not hopeless:
-            cost, n, _, _, _ = scoring.score_below(
-                p, scene, grids, start, (vx, 0.0, w), NO_CEILING, bases[sample], best
+            is_legal = raised >= 0
+
+        if is_legal:
+            result = scoring.score_below(
+                p, scene, grids, start, sample, NO_CEILING, bases[number], best.cost
             )
-            if cost >= 0 and (cost < best or (cost == best and sample < best_sample)):
-                best, best_sample, best_points, best_vx, best_w = cost, sample, n, vx, w
-        count -= 1
-        heap[0] = heap[count]
-        sift_down(heap, keys, count, 0)
-    return best, best_vx, best_w, best_points
+            cost = result.cost
+            if 0 <= cost < best.cost or (cost == best.cost and number < best_number):
+                best = Best(cost, sample.vx, sample.w, result.point_count)
+                best_number = number
+        waiting = drop_first(heap, keys, waiting)
+    return best
 
 
 @kernel(error_model="numpy")
@@ -208,57 +264,68 @@ def _bound(
     scene: Scene,
     grids: Grids,
     scratch: Scratch,
-    start: Data,
+    start: Record,
     vs: Data,
     ws: Data,
-    occupied: int,
+    obstacle_cost: int,
 ) -> int:
-    """Fill bases (lower bounds of path and goal terms), keys (lower bounds of costs) and heap; return the heap's size.
+    """Fill bases, keys and heap of `scratch`, and return the number of samples that may win.
 
-    The heap holds the samples that may win. The floods continue until they reach the samples' last cells, but only
-    little beyond the robot's range, because cells behind walls might require a flood of the whole map.
+    The floods continue until they reach the samples' last cells, but only little beyond the robot's
+    range, because cells behind walls might require a flood of the whole map.
     """
-    _, _, bases, keys, heap, probed, _ = scratch
-    cells, ox, oy, resolution, _, _, _ = scene
-    path, goal, _ = grids
-    path_distances, goal_distances = path.distance, goal.distance
-    ny, nx = cells.shape
-    n = nx * ny
-    ground = ox, oy, resolution, nx, ny
-    exact = (
-        not p.simple_attractor and not p.heading_scoring
-    )  # With these options only the obstacle term is known here.
-    c = math.cos(start[2])
-    s = math.sin(start[2])
-    travel = (max(abs(start[3]), abs(vs[0]), abs(vs[-1])) + abs(start[4])) * p.sim_time / resolution
-    reach = int(min(3.0 * travel, float(n))) + 8
-    k = place(path, int((start[0] - ox) / resolution), int((start[1] - oy) / resolution))
-    path_limit = min(int(path_distances[k]), n) + reach
-    goal_limit = min(int(goal_distances[k]), n) + reach
+    # Members of tuples are taken out of the loops, because numba counts references at each access.
+    bases = scratch.bases
+    keys = scratch.keys
+    heap = scratch.heap
+    probed = scratch.probed
+    path_grid = grids.path
+    goal_grid = grids.goal
+    path_distances = path_grid.distance
+    goal_distances = goal_grid.distance
+    ny, nx = scene.cells.shape
+    cell_count = nx * ny  # grid value of a wall; a distance is smaller
+    ground = Ground(scene.ox, scene.oy, scene.resolution, nx, ny)
+    # With these options only the obstacle term is known before the roll-out.
+    by_distances = not p.simple_attractor and not p.heading_scoring
+
+    # Flood to what the robot can reach in sim_time: a diagonal metre is up to 1.42 m of 4-connected
+    # steps, and detours around obstacles are longer.
+    heading = heading_of(start.theta)
+    speed = max(abs(start.vx), abs(vs[0]), abs(vs[-1])) + abs(start.vy)
+    travel = speed * p.sim_time / scene.resolution
+    reach = int(min(3.0 * travel, float(cell_count))) + 8
+    cell_x = int((start.x - scene.ox) / scene.resolution)
+    cell_y = int((start.y - scene.oy) / scene.resolution)
+    index = place(path_grid, cell_x, cell_y)
+    path_limit = min(int(path_distances[index]), cell_count) + reach
+    goal_limit = min(int(goal_distances[index]), cell_count) + reach
+
     count = 0
     for i in range(vs.shape[0]):
         for j in range(ws.shape[0]):
             base = 0.0
-            if exact:
-                cx, cy = end_cell(p, ground, start, c, s, vs[i], ws[j - 1] if j > 0 else 0.0)
-                if cx < 0:
+            if by_distances:
+                sample = scoring.forward_sample(vs, ws, i, j)
+                cell_x, cell_y = end_cell(p, ground, start, heading, sample)
+                if cell_x < 0:
                     continue
-                k = place(path, cx, cy)
-                path_distance = int(path_distances[k])
-                goal_distance = int(goal_distances[k])
-                if path_distance > n:
-                    path_distance = at_least(path, k, path_limit)
-                if goal_distance > n:
-                    goal_distance = at_least(goal, k, goal_limit)
-                if path_distance >= n or goal_distance >= n:
+                index = place(path_grid, cell_x, cell_y)
+                path_distance = int(path_distances[index])
+                goal_distance = int(goal_distances[index])
+                # A value above the number of cells means that the flood has not come that far.
+                if path_distance > cell_count:
+                    path_distance = at_least(path_grid, index, path_limit)
+                if goal_distance > cell_count:
+                    goal_distance = at_least(goal_grid, index, goal_limit)
+                if path_distance >= cell_count or goal_distance >= cell_count:
                     continue
                 base = scoring.terms(p, float(path_distance), float(goal_distance))
-            sample = i * ws.shape[0] + j
-            bases[sample] = base
-            keys[sample] = base + p.occdist_scale * occupied
-            probed[sample] = 0
-            heap[count] = sample
+            number = i * ws.shape[0] + j
+            bases[number] = base
+            keys[number] = base + p.occdist_scale * obstacle_cost
+            probed[number] = 0
+            heap[count] = number
             count += 1
-    for i in range(count // 2 - 1, -1, -1):
-        sift_down(heap, keys, count, i)
+    order_heap(heap, keys, count)
     return count

@@ -1,6 +1,7 @@
-"""Local planner TrajectoryPlannerROS: follows a plan with the trajectory planner, then stops and turns at its end.
+"""Local planner TrajectoryPlannerROS: follows a plan, then stops and turns at its end.
 
-Called by MoveBase once per control cycle. Rules: base_local_planner/trajectory_planner_ros.cpp, goal_functions.cpp.
+Called by MoveBase once per control cycle. The rules are those of
+base_local_planner/trajectory_planner_ros.cpp and goal_functions.cpp.
 """
 
 from __future__ import annotations
@@ -14,7 +15,13 @@ from applr_ros1.common.angles import Pose
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.local_planner import Command, LocalPlanner
 from applr_ros1.planner.plan_cut import cut_plan, half_size
-from applr_ros1.planner.sampling_planner import Choice, Triple, angle_difference, through_quaternion
+from applr_ros1.planner.sampling_planner import (
+    Choice,
+    Triple,
+    angle_difference,
+    floats,
+    through_quaternion,
+)
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 
 STOPPED = 0.01  # velocity up to which the robot counts as stopped [m/s, rad/s]
@@ -26,11 +33,12 @@ NO_TRAJECTORIES = np.zeros((0, 5), np.float32)
 class TrajectoryLocalPlanner(LocalPlanner):
     """Local planner TrajectoryPlannerROS.
 
-    As in C++, `reconfigure` affects only the sampling. Tolerances, meter_scoring, the control period and the limits for
-    stopping and turning at the goal change only with a restart.
+    As in C++, `reconfigure` affects only the sampling. Tolerances, meter_scoring, the control
+    period and the limits for stopping and turning at the goal change only with a restart.
 
     Args:
-        params: {name: value} of all parameters of TrajectoryPlannerROS, static ones included (planner/parameters).
+        params: {name: value} of all parameters of TrajectoryPlannerROS, static ones included
+            (planner/parameters).
         footprint: padded vertices (n, 2) of the local costmap's footprint [m].
     """
 
@@ -43,23 +51,33 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self._yaw_tolerance = params["yaw_goal_tolerance"]
         self._latches = params["latch_xy_goal_tolerance"]
         self._prunes = bool(params["prune_plan"])
-        self._acceleration = params["acc_lim_x"], params["acc_lim_y"], params["acc_lim_theta"]
+        self._accelerations = (params["acc_lim_x"], params["acc_lim_y"], params["acc_lim_theta"])
         self._slowest_turn: float = params["min_in_place_rotational_vel"]
         self._fastest_turn: float = params["max_rotational_vel"]
         self.planner = TrajectoryPlanner(footprint, params, self._period, params["meter_scoring"])
         self.reset()
 
     def reset(self) -> None:
-        """Clear plan, latch and the planner's flags, as in a new object (for training episodes). Parameters stay."""
+        """Clear plan, latch and the planner's flags, as in a new object (for training episodes).
+
+        Parameters stay.
+        """
         self.planner.reset()
         self._rotating = False
-        self._choice: Optional[Choice] = None
-        self._is_blocked = False  # whether the last search found no legal command
-        self.cropped_plan = EMPTY
+        self._forget_cycle()
         self.set_plan(EMPTY)
 
+    def _forget_cycle(self) -> None:
+        """Clear the state that belongs to a single cycle."""
+        self.cropped_plan = EMPTY
+        self._choice: Optional[Choice] = None
+        self._is_blocked = False  # whether the search found no legal command
+
     def reconfigure(self, params: Mapping[str, Any]) -> None:
-        """Apply new values {name: value} of the server to the sampling. As in C++, goal_reached is cleared."""
+        """Apply new values {name: value} of the server to the sampling.
+
+        As in C++, goal_reached is cleared.
+        """
         self.planner.reconfigure(params)
         self.goal_reached = False
 
@@ -75,23 +93,31 @@ class TrajectoryLocalPlanner(LocalPlanner):
 
     @property
     def local_plan(self) -> np.ndarray:
-        """Points (k, 3) of this cycle's trajectory, empty if the robot stops or turns at the goal."""
-        return EMPTY if self._choice is None else self._choice.points
+        """Points (k, 3) of this cycle's trajectory, empty while stopping or turning at the goal."""
+        if self._choice is None:
+            return EMPTY
+        return self._choice.points
 
     def cost_cloud(self, costmap: Costmap) -> np.ndarray:
-        """Return (k, 7) float32 x, y, z, path, goal, obstacle and total cost of the last cycle's cells, for display."""
+        """Return costs (k, 7) of the last cycle's cells, see TrajectoryPlanner.cost_cloud."""
         return self.planner.cost_cloud(costmap)
 
     def trajectory_cloud(self, costmap: Costmap) -> np.ndarray:
-        """Return points (k, 5) float32 x, y, z, theta, cost of the last cycle's legal forward samples, for display.
+        """Return points (k, 5) of the last cycle's legal forward samples, for display.
 
-        Empty if the robot stops or turns at the goal, or if there is no valid command.
+        The columns are float32: x, y, z, theta, cost.
+        It is empty if the robot stops or turns at the goal, or if there
+        is no valid command.
         """
-        return NO_TRAJECTORIES if self._choice is None else self.planner.trajectory_cloud(costmap)
+        if self._choice is None:
+            return NO_TRAJECTORIES
+        return self.planner.trajectory_cloud(costmap)
 
     def refusals(self, costmap: Costmap) -> Dict[str, int]:
-        """Count the rejected forward samples by reason if not even backing out was legal, see LocalPlanner."""
-        return self.planner.refusals(costmap) if self._is_blocked else {}
+        """Count the rejected samples by reason if nothing was legal, see LocalPlanner."""
+        if not self._is_blocked:
+            return {}
+        return self.planner.refusals(costmap)
 
     def compute_velocity(
         self,
@@ -99,14 +125,15 @@ class TrajectoryLocalPlanner(LocalPlanner):
         twist: Sequence[float],
         costmap: Costmap,
         local_origin: Optional[Pose] = None,
-    ) -> Tuple[bool, Tuple[float, float]]:
+    ) -> Tuple[bool, Command]:
         """Return (ok, (v, w)) for this cycle, see LocalPlanner.
 
-        goal_reached holds until the next plan or reconfigure, so read it at once. In C++, a new plan may clear it.
+        goal_reached holds until the next plan or reconfigure, so read it at once. In C++, a new
+        plan may clear it.
         """
-        self.cropped_plan, self._choice, self._is_blocked = EMPTY, None, False
-        x, y, yaw = (float(v) for v in pose)
-        v, w = (float(v) for v in twist)
+        self._forget_cycle()
+        x, y, yaw = floats(pose)
+        v, _, w = floats((twist[0], 0.0, twist[1]))
         if not math.isfinite(x + y + yaw + v + w):
             return False, STANDING
         cut, dropped = cut_plan(self._plan, x, y, half_size(costmap), self._prunes, local_origin)
@@ -114,72 +141,75 @@ class TrajectoryLocalPlanner(LocalPlanner):
             self._plan = self._plan[dropped:]
         if len(cut) == 0:
             return False, STANDING
+
+        # The goal is the end of the cut, even while the plan goes on beyond it.
         goal_x, goal_y, goal_yaw = cut[-1].tolist()
-        heading, goal_yaw = through_quaternion(yaw), through_quaternion(goal_yaw)
+        goal_yaw = through_quaternion(goal_yaw)
+        heading = through_quaternion(yaw)
         at_goal = self._latched or np.hypot(goal_x - x, goal_y - y) <= self._xy_tolerance
         if at_goal and self._latches:
             self._latched = True
         if at_goal and abs(angle_difference(heading, goal_yaw)) <= self._yaw_tolerance:
-            self._rotating = self._latched = False
+            self._rotating = False
+            self._latched = False
             self.goal_reached = True
             self.cropped_plan = cut
             return True, STANDING
 
         self.planner.set_plan(cut)
         choice = self.planner.find_best_path(costmap, (x, y, yaw), (v, 0.0, w))
-        if (
-            at_goal
-        ):  # The choice is ignored, but its floods are used below, and the flags change as in C++.
-            ok, command = self._stop_or_turn(
-                (x, y, heading), (v, 0.0, through_quaternion(w)), goal_yaw, costmap
-            )
-            if ok:
-                self.cropped_plan = cut
-            return ok, command
-        legal = choice.cost >= 0
-        self.cropped_plan, self._choice, self._is_blocked = (
-            cut,
-            choice if legal else None,
-            not legal,
-        )
-        return legal, (choice.drive[0], choice.drive[2])
+        if not at_goal:
+            self.cropped_plan = cut
+            self._is_blocked = choice.cost < 0
+            if not self._is_blocked:
+                self._choice = choice
+            return not self._is_blocked, (choice.drive[0], choice.drive[2])
+
+        # The choice is ignored, but its floods are used below, and the flags change as in C++.
+        velocity = (v, 0.0, through_quaternion(w))
+        ok, command = self._stop_or_turn((x, y, heading), velocity, goal_yaw, costmap)
+        if ok:
+            self.cropped_plan = cut
+        return ok, command
 
     def _stop_or_turn(
         self, pose: Triple, velocity: Triple, goal_yaw: float, costmap: Costmap
     ) -> Tuple[bool, Command]:
-        """Stop the robot at the goal's position, then turn it to the goal's yaw."""
-        if not self._rotating and max(abs(v) for v in velocity) > STOPPED:
-            return self._if_legal(pose, velocity, self._slower(velocity), costmap)
-        self._rotating = True
-        return self._if_legal(
-            pose, velocity, (0.0, 0.0, self._turn(pose[2], velocity[2], goal_yaw)), costmap
-        )
+        """Return (ok, (v, w)) that stops the robot, then turns it to the goal's yaw."""
+        is_standing = max(abs(v) for v in velocity) <= STOPPED
+        if not self._rotating and not is_standing:
+            command = self._slower(velocity)
+        else:
+            self._rotating = True
+            command = (0.0, 0.0, self._turn(pose[2], velocity[2], goal_yaw))
+        if self.planner.score(costmap, pose, velocity, command).cost < 0:
+            return False, STANDING
+        return True, (command[0], command[2])
 
-    def _slower(self, velocity: Triple) -> Tuple[float, ...]:
+    def _slower(self, velocity: Triple) -> Triple:
         """Return the velocity after one period of braking at the acceleration limits."""
-        return tuple(
-            math.copysign(max(0.0, abs(v) - limit * self._period), v)
-            for v, limit in zip(velocity, self._acceleration)
-        )
+        slower = []
+        for v, limit in zip(velocity, self._accelerations):
+            slower.append(math.copysign(max(0.0, abs(v) - limit * self._period), v))
+        return floats(slower)
 
     def _turn(self, yaw: float, w: float, goal_yaw: float) -> float:
-        """Return a turn rate [rad/s] towards the goal's yaw at which the robot can still stop at this yaw."""
+        """Return a turn rate [rad/s] towards the goal's yaw that lets the robot stop there.
+
+        yaw, goal_yaw: headings of robot and goal [rad]. w: measured turn rate [rad/s], whose sign
+        does not count, as in C++.
+        """
         error = angle_difference(yaw, goal_yaw)
-        limit = self._acceleration[2]
+        limit = self._accelerations[2]
+        change = limit * self._period
         wanted = self._clamped(error)
-        speed = min(max(abs(wanted), abs(w) - limit * self._period), abs(w) + limit * self._period)
+        # As fast as allowed, but within the dynamic window, and able to stop: v^2 = 2 a s
+        speed = min(max(abs(wanted), abs(w) - change), abs(w) + change)
         speed = min(math.sqrt(2 * limit * abs(error)), speed)
         return self._clamped(-speed if wanted < 0 else speed)
 
     def _clamped(self, w: float) -> float:
-        """Clamp the turn rate w between the slowest and the fastest one without changing its sign."""
+        """Clamp the turn rate w between the slowest and the fastest one of its sign."""
         if w > 0:
             return min(self._fastest_turn, max(self._slowest_turn, w))
         return max(-self._fastest_turn, min(-self._slowest_turn, w))
-
-    def _if_legal(
-        self, pose: Triple, velocity: Triple, command: Sequence[float], costmap: Costmap
-    ) -> Tuple[bool, Command]:
-        if self.planner.score(costmap, pose, velocity, command)[0] >= 0:
-            return True, (command[0], command[2])
-        return False, STANDING

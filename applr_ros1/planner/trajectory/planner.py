@@ -1,6 +1,7 @@
 """Trajectory planner (base_local_planner::TrajectoryPlanner) that chooses one velocity per cycle.
 
-local_planner.py builds a controller on this planner. The arithmetic is in sampling.py and its kernels.
+local_planner.py builds a controller on this planner. The arithmetic is in sampling.py and its
+kernels.
 """
 
 from __future__ import annotations
@@ -16,8 +17,10 @@ from applr_ros1.planner.distance_grid import complete
 from applr_ros1.planner.sampling_planner import (
     Choice,
     SamplingPlanner,
+    Velocity,
     cost_cloud,
     floats,
+    start_record,
     trajectory_cloud,
 )
 from applr_ros1.planner.trajectory.records import (
@@ -28,14 +31,15 @@ from applr_ros1.planner.trajectory.records import (
     allocate_scratch,
 )
 from applr_ros1.planner.trajectory.sampling import find_best_path, remember
-from applr_ros1.planner.trajectory.scoring import roll_out, score, score_all_samples
+from applr_ros1.planner.trajectory.scoring import Score, roll_out, score, score_all_samples
 
 NO_PLAN = np.zeros((0, 2))
-WEIGHTS = (
-    "path_distance_bias",
-    "goal_distance_bias",
-    "occdist_scale",
-)  # weights of the parts of a cost
+WEIGHTS = ("path_distance_bias", "goal_distance_bias", "occdist_scale")  # of the parts of a cost
+
+
+def _follow(p: Any, start: Sequence[float], sample: Velocity, points: np.ndarray) -> None:
+    """Write the poses of a sample's trajectory to `points`. start: values of its START record."""
+    roll_out(p, start_record(start), sample, points)
 
 
 class TrajectoryPlanner(SamplingPlanner):
@@ -44,14 +48,16 @@ class TrajectoryPlanner(SamplingPlanner):
     Args:
         footprint: padded vertices (n, 2) [m].
         params: values of the TrajectoryPlannerROS server by name.
-        sim_period: control period [s]. The dynamic window holds the velocities that can be reached within it.
+        sim_period: control period [s]. The dynamic window holds the velocities that can be reached
+            within it.
         meter_scoring: whether the two distance weights are per metre instead of per cell.
 
     Raises:
         ParameterError: a parameter is invalid.
     """
 
-    PARAMETERS, STATE = PARAMETERS, STATE
+    PARAMETERS = PARAMETERS
+    STATE = STATE
     SAMPLES = ("vx_samples", "vtheta_samples")
 
     def __init__(
@@ -81,43 +87,56 @@ class TrajectoryPlanner(SamplingPlanner):
         self._state[0]["escaping"] = 0
 
     def remember(self, pose: Sequence[float], v: float, w: float) -> None:
-        """Update the flags as if the last cycle had chosen the command (v, w) at a pose; it backs out if v < 0."""
-        remember(
-            self._params[0],
-            self._state[0],
-            np.array(pose, float),
-            -1.0 if v < 0 else 0.0,
-            v,
-            w,
-            v >= 0,
-        )
+        """Update the flags as if the last cycle had chosen the command (v, w) at a pose.
+
+        The robot backs out if v < 0.
+        """
+        start = start_record((*pose, 0.0, 0.0, 0.0))
+        is_legal = v >= 0
+        cost = 0.0 if is_legal else -1.0
+        remember(self._params[0], self._state[0], start, cost, v, w, is_legal)
 
     def sample_costs(
         self, costmap: Costmap, command: Sequence[float]
     ) -> Tuple[np.ndarray, np.ndarray, Dict[str, np.ndarray]]:
-        """Return v, w (m, 2), costs (m,) and their parts by weight of the last cycle's forward samples and a command.
+        """Return velocities, costs and their parts of the last forward samples and a command.
 
-        The cost of an illegal sample is negative, its parts are 0. `costmap` must be the one of that cycle.
+        The cost of an illegal sample is negative, its parts are 0.
+
+        Args:
+            costmap: map of that cycle.
+            command: v [m/s], w [rad/s]. It comes after the samples.
+
+        Returns:
+            v, w (m, 2), costs (m,), and by the name of its weight each part of the costs (m,).
         """
-        scene, scratch = self._scene_of(costmap), self._scratch
-        samples = [(v, w) for v in scratch.vs.tolist() for w in (0.0, *scratch.ws.tolist())]
+        samples = []
+        for v in self._scratch.vs.tolist():
+            for w in (0.0, *self._scratch.ws.tolist()):
+                samples.append((v, w))
         samples.append((float(command[0]), float(command[1])))
 
-        def costs(*ignored: str) -> np.ndarray:
-            params = self._params.copy()
-            params[list(ignored)] = 0.0
-            return np.array(
-                [
-                    score(params, scene, self._grids, scratch.start, (v, 0.0, w))[0]
-                    for v, w in samples
-                ]
-            )
+        # A part is the cost when only its weight is not 0.
+        costs = self._costs(costmap, samples, WEIGHTS)
+        parts = {}
+        for name in WEIGHTS:
+            parts[name] = np.maximum(self._costs(costmap, samples, (name,)), 0.0)
+        return np.array(samples), costs, parts
 
-        return (
-            np.array(samples),
-            costs(),
-            {name: np.maximum(costs(*(set(WEIGHTS) - {name})), 0.0) for name in WEIGHTS},
-        )
+    def _costs(
+        self, costmap: Costmap, samples: Sequence[Tuple[float, float]], weights: Sequence[str]
+    ) -> np.ndarray:
+        """Return the costs (m,) of samples (v, w) if only the named weights are not 0."""
+        scene = self._scene_of(costmap)
+        start = self._scratch.start[0]
+        params = self._params.copy()
+        for name in WEIGHTS:
+            if name not in weights:
+                params[name] = 0.0
+        costs = []
+        for v, w in samples:
+            costs.append(score(params, scene, self._grids, start, Velocity(v, 0.0, w)).cost)
+        return np.array(costs)
 
     def reset(self) -> None:
         """Clear flags, reference positions and plan, as in a new object (for training episodes)."""
@@ -125,7 +144,7 @@ class TrajectoryPlanner(SamplingPlanner):
         self._plan = NO_PLAN
 
     def set_plan(self, plan: np.ndarray) -> None:
-        """Follow the plan (n, 2 or more) [m] in the costmap's frame from the next cycle on. n may be 0."""
+        """Follow the plan (n, 2 or more) [m], in the costmap's frame, from now on. n may be 0."""
         # The kernels are compiled only for a contiguous array in C order.
         self._plan = np.array(plan[:, :2], dtype=np.float64, order="C")
 
@@ -140,7 +159,7 @@ class TrajectoryPlanner(SamplingPlanner):
             velocity: vx, vy [m/s], w [rad/s].
         """
         scene = self._scene_of(costmap)
-        given = (
+        winner = find_best_path(
             self._params,
             self._state,
             self._grids,
@@ -149,9 +168,12 @@ class TrajectoryPlanner(SamplingPlanner):
             floats(pose),
             floats(velocity),
         )
-        cost, v, w, count, drive_v, drive_w = find_best_path(*given)
-        follow = partial(roll_out, self._params, self.start, v, w)
-        return Choice(cost, (v, 0.0, w), (drive_v, 0.0, drive_w), count, follow)
+        sample = Velocity(winner.vx, 0.0, winner.w)
+        command = (winner.command_vx, 0.0, winner.command_w)
+        # The next cycle overwrites the record, so the choice keeps its values.
+        start = self._scratch.start[0].item()
+        follow = partial(_follow, self._params[0], start, sample)
+        return Choice(winner.cost, sample, command, winner.point_count, follow)
 
     def score(
         self,
@@ -159,62 +181,76 @@ class TrajectoryPlanner(SamplingPlanner):
         pose: Sequence[float],
         velocity: Sequence[float],
         sample: Sequence[float],
-    ) -> Tuple[float, int, float, float, float]:
-        """Return (cost, number of points, end x, y, yaw) of a sample (vx, vy, w) on the last cycle's grids.
+    ) -> Score:
+        """Return the score of a sample (vx, vy, w) on the last cycle's grids.
 
-        Pose and velocity are used in double precision. The cost is negative if the sample is illegal.
+        Pose and velocity are used in double precision. The cost is negative if the sample is
+        illegal.
         """
-        start = np.array(tuple(pose) + tuple(velocity), dtype=np.float64)
-        return score(self._params, self._scene_of(costmap), self._grids, start, floats(sample))
+        start = start_record((*pose, *velocity))
+        scene = self._scene_of(costmap)
+        return score(self._params, scene, self._grids, start, Velocity(*floats(sample)))
 
     def grids(self) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return path_dist, goal_dist (ny, nx) int32 and within_robot (ny, nx) uint8 of the last cycle, as in C++.
+        """Return path_dist, goal_dist and within_robot of the last cycle, as in C++.
 
+        They are (ny, nx) int32, int32 and uint8.
         With N cells on the map, N is an obstacle and N + 1 a cell that no flood has reached.
         """
         return complete(self._grids.path), complete(self._grids.goal), self._grids.within.copy()
 
     def cost_cloud(self, costmap: Costmap) -> np.ndarray:
-        """Return (k, 7) float32 x, y, z, path, goal, obstacle, total cost of the cells free for the robot's centre."""
+        """Return costs (k, 7) of the cells free for the robot's centre, for display.
+
+        The columns are float32: x, y, z, path, goal, obstacle, total cost.
+        """
         if self._grids is None or self._shape != costmap.cells.shape:
             return np.zeros((0, 7), np.float32)
         path, goal, within = self.grids()
         p = self._params[0]
-        weights = p["path_distance_bias"], p["goal_distance_bias"], p["occdist_scale"]
+        weights = (p["path_distance_bias"], p["goal_distance_bias"], p["occdist_scale"])
         return cost_cloud(costmap, path, goal, within == 0, weights)
 
     def trajectory_cloud(self, costmap: Costmap) -> np.ndarray:
-        """Return points (k, 5) float32 x, y, z, theta, cost of all legal forward samples of the last cycle.
+        """Return points (k, 5) of all legal forward samples of the last cycle, for display.
 
-        The cloud is for display, with at most POINTS points per sample. `costmap` must be the one of that cycle.
+        The columns are float32: x, y, z, theta, cost. There are at most POINTS points per sample.
+        `costmap` must be the one of that cycle.
         """
         if self._grids is None or self._shape != costmap.cells.shape:
             return np.zeros((0, 5), np.float32)
-        return trajectory_cloud(
-            score_all_samples(self._params, self._scene_of(costmap), self._grids, self._scratch)[0]
-        )
+        scene = self._scene_of(costmap)
+        points, _ = score_all_samples(self._params, scene, self._grids, self._scratch)
+        return trajectory_cloud(points)
 
     def refusals(self, costmap: Costmap) -> Dict[str, int]:
-        """Count the rejected forward samples of the last cycle by reason. `costmap` must be the one of that cycle."""
-        _, (collide, lost) = score_all_samples(
-            self._params, self._scene_of(costmap), self._grids, self._scratch
-        )
-        samples = len(self._scratch.vs) * (len(self._scratch.ws) + 1)
-        return {"samples": samples, "obstacle": int(collide), "path or goal": int(lost)}
+        """Count the rejected forward samples of the last cycle by reason.
+
+        `costmap` must be the one of that cycle.
+        """
+        scene = self._scene_of(costmap)
+        _, refused = score_all_samples(self._params, scene, self._grids, self._scratch)
+        return {
+            "samples": len(self._scratch.vs) * (len(self._scratch.ws) + 1),
+            "obstacle": int(refused[0]),
+            "path or goal": int(refused[1]),
+        }
 
     def _scene_of(self, costmap: Costmap) -> Scene:
-        """Return the scene of this costmap. Grids and tables are renewed only for a new size or resolution."""
+        """Return the scene of this costmap.
+
+        Grids and tables are renewed only for a new size or resolution.
+        """
         if not self._fits(costmap):
             ny, nx = self._shape
             self._grids = allocate_grids(nx, ny)
             self._lines = line_offsets(self._footprint, self._resolution, nx)
-        x, y = costmap.origin
         return Scene(
-            costmap.cells,
-            float(x),
-            float(y),
-            self._resolution,
-            self._footprint,
-            self._lines,
-            self._plan,
+            cells=costmap.cells,
+            ox=float(costmap.origin[0]),
+            oy=float(costmap.origin[1]),
+            resolution=self._resolution,
+            footprint=self._footprint,
+            lines=self._lines,
+            plan=self._plan,
         )

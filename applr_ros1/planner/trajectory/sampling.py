@@ -1,16 +1,17 @@
-"""Choice of the velocity of a cycle (TrajectoryPlanner::createTrajectories): window, samples, winner, flags.
+"""Choice of the velocity of a cycle: window, samples, winner, flags.
 
-Called by planner.py once per control cycle. The choice equals that of the C++ planner to the last bit. The cycle
-begins with the two distance grids, which count steps to the path and to the local goal
-(base_local_planner/map_grid.cpp). At the end, a turn in place may replace the best forward sample
-(docs/explanation/planner.md, section 6.5). The conditions of a turn have no side effects, so the cheap conditions come
-first, and most turns are never rolled out.
+This is TrajectoryPlanner::createTrajectories. Called by planner.py once per control cycle. The
+choice equals that of the C++ planner to the last bit. The cycle begins with the two distance grids,
+which count steps to the path and to the local goal (base_local_planner/map_grid.cpp). At the end, a
+turn in place may replace the best forward sample (docs/explanation/planner.md, section 6.5). The
+conditions of a turn have no side effects, so the cheap conditions come first, and most turns are
+never rolled out.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Tuple
+from typing import NamedTuple, Tuple
 
 import numpy as np
 
@@ -30,12 +31,14 @@ from applr_ros1.planner.distance_grid import (
 from applr_ros1.planner.sampling_planner import (
     Record,
     Triple,
+    Velocity,
     angle_difference,
+    heading_of,
     take_start,
     through_quaternion,
 )
 from applr_ros1.planner.trajectory import scoring
-from applr_ros1.planner.trajectory.forward import best_forward
+from applr_ros1.planner.trajectory.forward import Best, best_forward
 from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
 from applr_ros1.planner.trajectory.scoring import (
     COLLISION,
@@ -49,10 +52,10 @@ from applr_ros1.planner.trajectory.scoring import (
 
 @kernel
 def prepare(grids: Grids, scene: Scene, x: float, y: float, yaw: float) -> Tuple[int, int]:
-    """Reset both grids, start their floods for a robot at a pose, and return the local goal's cell (x, y).
+    """Reset both grids, start their floods, and return the local goal's cell (x, y).
 
-    Walls under the robot's footprint are passable in the path grid but not in the goal grid. The local goal is (-1, -1)
-    if the plan is off the map.
+    Walls under the robot's footprint are passable in the path grid but not in the goal grid. The
+    local goal is (-1, -1) if the plan is off the map.
     """
     reset(grids.path, scene.cells)
     reset(grids.goal, scene.cells)
@@ -65,18 +68,21 @@ def prepare(grids: Grids, scene: Scene, x: float, y: float, yaw: float) -> Tuple
 
 @kernel
 def _open_under_robot(grids: Grids, scene: Scene, x: float, y: float, yaw: float) -> None:
-    """Mark the cells under the robot's footprint (`within`) and make them passable in the path grid."""
+    """Mark the cells under the footprint (`within`) and make them passable in the path grid."""
     _, ox, oy, resolution, footprint, _, _ = scene
     ny, nx = grids.within.shape
+    unseen = nx * ny + 1
     grids.within[:] = 0
     fill_footprint(grids.within, 1, ox, oy, resolution, footprint, (x, y, yaw), False)
+
+    # Only a square around the robot can have marked cells. The robot may be off the map.
     side = int(min(_farthest(footprint) / resolution, float(nx + ny))) + 2
-    cx = int(min(max((x - ox) / resolution, 0.0), nx - 1.0))
-    cy = int(min(max((y - oy) / resolution, 0.0), ny - 1.0))
-    for row in range(max(0, cy - side), min(ny, cy + side + 1)):
-        for column in range(max(0, cx - side), min(nx, cx + side + 1)):
+    cell_x = int(min(max((x - ox) / resolution, 0.0), nx - 1.0))
+    cell_y = int(min(max((y - oy) / resolution, 0.0), ny - 1.0))
+    for row in range(max(0, cell_y - side), min(ny, cell_y + side + 1)):
+        for column in range(max(0, cell_x - side), min(nx, cell_x + side + 1)):
             if grids.within[row, column]:
-                grids.path.distance[place(grids.path, column, row)] = nx * ny + 1
+                grids.path.distance[place(grids.path, column, row)] = unseen
 
 
 @kernel
@@ -88,80 +94,85 @@ def _farthest(footprint: Data) -> float:
     return farthest
 
 
-WIDEST = 40  # largest radius around the robot that is searched for costs [cells]
-
-
 @kernel(error_model="numpy")
 def best_in_place(
     p: Record,
     state: Record,
     scene: Scene,
     grids: Grids,
-    start: Data,
+    start: Record,
     ws: Data,
     dw: float,
-    occupied: int,
-    best: float,
-) -> Tuple[float, float, int]:
-    """Return (cost, w, number of points) of the turn that replaces the best forward sample, no points if none does.
+    obstacle_cost: int,
+    best: Best,
+) -> Best:
+    """Return the turn in place that replaces the best forward sample, or that sample if none does.
 
-    A turn must not cost more than the best sample or turn so far (at first `best`), must be faster than the step `dw`
-    of `ws`, and must not be barred by `state`. The cell heading_lookahead ahead of the turned robot must be on the map
-    and nearer to the goal than for all turns accepted before. occupied: cost at the first pose, which all turns share.
+    A turn must not cost more than the best sample or turn so far, must be faster than the step `dw`
+    [rad/s] of `ws`, and must not be barred by `state`. The cell heading_lookahead ahead of the
+    turned robot must be on the map and nearer to the goal than for all turns accepted before.
+    obstacle_cost: cost at the first pose, which all turns share.
     """
     ny, nx = scene.cells.shape
-    n = nx * ny
-    heading_distance = HUGE
-    chosen = 0.0
-    points = 0
+    wall = nx * ny  # grid value of an obstacle; larger ones are unreached
+    nearest_ahead = HUGE
     ceiling = -1
     for i in range(ws.shape[0]):
+        # Turns that are too slow, or barred because the robot has turned to and fro
         w = ws[i]
         if not (w > dw or w < -dw) or w == 0.0:
             continue
         if (state.stuck_left and w < 0) or (state.stuck_right and w > 0):
             continue
         w = max(w, p.min_in_place_vel_theta) if w > 0 else min(w, -p.min_in_place_vel_theta)
+
+        # A lower bound of the cost from the last point
         x, y, theta = _end(p, start, w)
         base = 0.0
         if not p.simple_attractor and not p.heading_scoring:
-            cx, cy = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, nx, ny)
-            if cx < 0:
+            cell_x, cell_y = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, nx, ny)
+            if cell_x < 0:
                 continue
-            k = place(grids.path, cx, cy)
-            path_distance = settle(grids.path, k, n + 1)
-            goal_distance = settle(grids.goal, k, n + 1)
-            if path_distance >= n or goal_distance >= n:
+            index = place(grids.path, cell_x, cell_y)
+            path_distance = settle(grids.path, index, wall + 1)
+            goal_distance = settle(grids.goal, index, wall + 1)
+            if path_distance >= wall or goal_distance >= wall:
                 continue
             base = scoring.terms(p, float(path_distance), float(goal_distance))
-        if base + p.occdist_scale * occupied > best:
+        if base + p.occdist_scale * obstacle_cost > best.cost:
             continue
-        ahead = _distance_ahead(p, scene, grids, x, y, theta, heading_distance)
-        if not 0 <= ahead < heading_distance:
+
+        # The distance from the goal ahead of the turned robot, then the whole cost
+        ahead = _distance_ahead(p, scene, grids, x, y, theta, nearest_ahead)
+        if not 0 <= ahead < nearest_ahead:
             continue
         if ceiling < 0:
             ceiling = _surroundings(p, scene, start)
-        cost, count, _, _, _ = score_below(
-            p, scene, grids, start, (0.0, 0.0, w), ceiling, base, best
-        )
-        if 0 <= cost <= best:
-            best, chosen, points, heading_distance = cost, w, count, float(ahead)
-    return best, chosen, points
+        sample = Velocity(0.0, 0.0, w)
+        turn = score_below(p, scene, grids, start, sample, ceiling, base, best.cost)
+        if 0 <= turn.cost <= best.cost:
+            best = Best(turn.cost, 0.0, w, turn.point_count)
+            nearest_ahead = float(ahead)
+    return best
 
 
 @kernel(error_model="numpy")
-def _end(p: Record, start: Data, w: float) -> Triple:
-    """Return the exact (x, y, theta) of the last scored point of a turn in place, which begins with braking."""
-    steps = scoring.step_count(p, 0.0, 0.0, w)
+def _end(p: Record, start: Record, w: float) -> Triple:
+    """Return the exact (x, y, theta) of the last scored point of a turn, which brakes first."""
+    sample = Velocity(0.0, 0.0, w)
+    steps = scoring.step_count(p, sample)
     dt = p.sim_time / steps
-    x, y, theta, vx_i, vy_i, w_i = start[0], start[1], start[2], start[3], start[4], start[5]
+    x = start.x
+    y = start.y
+    theta = start.theta
+    velocity = Velocity(start.vx, start.vy, start.w)
     for _ in range(steps - 1):
-        w_i = new_velocity(w, w_i, p.acc_lim_theta, dt)
-        if vx_i != 0.0 or vy_i != 0.0:
-            vx_i = new_velocity(0.0, vx_i, p.acc_lim_x, dt)
-            vy_i = new_velocity(0.0, vy_i, p.acc_lim_y, dt)
-            x, y = scoring.advance(x, y, theta, vx_i, vy_i, math.cos(theta), math.sin(theta), dt)
-        theta = theta + w_i * dt
+        if velocity.vx != 0.0 or velocity.vy != 0.0:
+            velocity = scoring.accelerated(p, velocity, sample, dt)
+            x, y = scoring.advance(x, y, theta, heading_of(theta), velocity, dt)
+        else:  # Standing robots keep their position, which saves most of the time here.
+            velocity = Velocity(0.0, 0.0, new_velocity(w, velocity.w, p.acc_lim_theta, dt))
+        theta = theta + velocity.w * dt
     return x, y, theta
 
 
@@ -169,41 +180,59 @@ def _end(p: Record, start: Data, w: float) -> Triple:
 def _distance_ahead(
     p: Record, scene: Scene, grids: Grids, x: float, y: float, theta: float, limit: float
 ) -> int:
-    """Return the goal distance heading_lookahead ahead of a pose; -1 if off the map or not below `limit`."""
+    """Return the goal distance [cells] heading_lookahead ahead of a pose.
+
+    The result is -1 if that point is off the map or its distance not below `limit`.
+    """
     ny, nx = scene.cells.shape
-    n = nx * ny
+    wall = nx * ny
     ahead_x = x + p.heading_lookahead * math.cos(theta)
     ahead_y = y + p.heading_lookahead * math.sin(theta)
-    cx, cy = world_to_map(ahead_x, ahead_y, scene.ox, scene.oy, scene.resolution, nx, ny)
-    if cx < 0:
+    cell_x, cell_y = world_to_map(ahead_x, ahead_y, scene.ox, scene.oy, scene.resolution, nx, ny)
+    if cell_x < 0:
         return -1
     goal = grids.goal
-    k = place(goal, cx, cy)
-    value = settle(goal, k, int(min(limit, n + 1.0)))
-    if value > n and goal.ends[0] < goal.ends[1]:
+    index = place(goal, cell_x, cell_y)
+    value = settle(goal, index, int(min(limit, wall + 1.0)))
+    if value > wall and goal.ends[0] < goal.ends[1]:  # The flood has stopped at the limit.
         return -1
-    return final_distance(goal, k) if value == n and limit > n else value
+    if value == wall and limit > wall:
+        return final_distance(goal, index)
+    return value
+
+
+WIDEST = 40  # largest radius around the robot that is searched for costs [cells]
 
 
 @kernel(error_model="numpy")
-def _surroundings(p: Record, scene: Scene, start: Data) -> int:
-    """Return an upper bound of costs under a turn in place from `start`, NO_CEILING if unknown or lethal."""
+def _surroundings(p: Record, scene: Scene, start: Record) -> int:
+    """Return an upper bound of costs under a turn in place, NO_CEILING if unknown or lethal."""
     ny, nx = scene.cells.shape
-    reach = start[3] * start[3] / (2 * p.acc_lim_x) + start[4] * start[4] / (
-        2 * p.acc_lim_y
-    )  # braking distance
-    reach = (reach + _farthest(scene.footprint)) / scene.resolution
+    braking_x = start.vx * start.vx / (2 * p.acc_lim_x)
+    braking_y = start.vy * start.vy / (2 * p.acc_lim_y)
+    reach = (braking_x + braking_y + _farthest(scene.footprint)) / scene.resolution
     if not reach < WIDEST:
         return NO_CEILING
     side = int(reach) + 2
-    cx, cy = world_to_map(start[0], start[1], scene.ox, scene.oy, scene.resolution, nx, ny)
-    if not (side <= cx < nx - side and side <= cy < ny - side):
+    cell_x, cell_y = world_to_map(start.x, start.y, scene.ox, scene.oy, scene.resolution, nx, ny)
+    if min(cell_x, cell_y, nx - 1 - cell_x, ny - 1 - cell_y) < side:
         return NO_CEILING
-    worst = np.uint8(0)
-    for row in range(cy - side, cy + side + 1):
-        for column in range(cx - side, cx + side + 1):
-            worst = max(worst, scene.cells[row, column])
-    return int(worst) if worst < LETHAL else NO_CEILING
+    highest = np.uint8(0)
+    for row in range(cell_y - side, cell_y + side + 1):
+        for column in range(cell_x - side, cell_x + side + 1):
+            highest = max(highest, scene.cells[row, column])
+    return int(highest) if highest < LETHAL else NO_CEILING
+
+
+class Winner(NamedTuple):
+    """Result of a cycle. A negative cost means no valid command, which is then (0, 0)."""
+
+    cost: float
+    vx: float  # [m/s]
+    w: float  # [rad/s]
+    point_count: int
+    command_vx: float  # [m/s]
+    command_w: float  # turn rate of the command [rad/s]: w, through a quaternion
 
 
 @kernel(error_model="numpy")
@@ -215,74 +244,91 @@ def find_best_path(
     scene: Scene,
     pose: Triple,
     velocity: Triple,
-) -> Tuple[Any, ...]:
-    """Run one cycle: floods, samples, winner, flags. params, state: arrays of one record.
+) -> Winner:
+    """Run one cycle: floods, samples, winner, flags.
 
-    Returns (cost, vx, w, number of points, commanded vx, commanded w). A negative cost means no valid command.
-    Pose and velocity are first rounded to float32, as in C++.
+    params, state: arrays of one record. pose, velocity: x, y [m], theta [rad] and vx, vy [m/s],
+    w [rad/s], first rounded to float32, as in C++.
     """
+    # Where the samples start, and their values
     p = params[0]
-    start = scratch.start
+    start = scratch.start[0]
     take_start(start, pose, velocity)
-    prepare(grids, scene, start[0], start[1], start[2])
-    least_vx, most_vx, least_w, most_w = velocity_window(p, scene.plan, start)
+    prepare(grids, scene, start.x, start.y, start.theta)
+    window = velocity_window(p, scene.plan, start)
     vs = scratch.vs[: p.vx_samples]
     ws = scratch.ws[: p.vtheta_samples]
-    fill_evenly(least_vx, most_vx, vs)
-    dw = fill_evenly(least_w, most_w, ws)
-    if (
-        ws.shape[0] == 1
-    ):  # C++ divides by zero here. A single turn passes its test only if the window is inverted.
-        dw = -np.inf if most_w < least_w else np.inf
+    fill_evenly(window.min_vx, window.max_vx, vs)
+    dw = fill_evenly(window.min_w, window.max_w, ws)
+    if ws.shape[0] == 1:
+        # C++ divides by zero here. A single turn passes its test only if the window is inverted.
+        dw = -np.inf if window.max_w < window.min_w else np.inf
 
-    cost, best_vx, best_w, points = HUGE, 0.0, 0.0, 0
-    occupied = first_pose(p, scene, grids, start)
-    if occupied >= 0:
+    # Forward samples, except during an escape, then turns in place
+    best = Best(HUGE, 0.0, 0.0, 0)
+    obstacle_cost = first_pose(p, scene, grids, start)
+    if obstacle_cost >= 0:
         if not state[0].escaping:
-            cost, best_vx, best_w, points = best_forward(
-                p, scene, grids, scratch, start, vs, ws, occupied
-            )
-        turn_cost, turn_w, turn_points = best_in_place(
-            p, state[0], scene, grids, start, ws, dw, occupied, cost
-        )
-        if turn_points > 0:
-            cost, best_vx, best_w, points = turn_cost, 0.0, turn_w, turn_points
-    legal = points > 0
-    if not legal:
-        best_vx = p.escape_vel
-        cost, points, _, _, _ = score_below(
-            p, scene, grids, start, (best_vx, 0.0, 0.0), NO_CEILING, 0.0, np.inf
-        )
-    remember(p, state[0], start, cost, best_vx, best_w, legal)
+            best = best_forward(p, scene, grids, scratch, start, vs, ws, obstacle_cost)
+        best = best_in_place(p, state[0], scene, grids, start, ws, dw, obstacle_cost, best)
+
+    # If nothing is legal, the robot backs out, even into an obstacle.
+    is_legal = best.point_count > 0
+    if not is_legal:
+        back = Velocity(p.escape_vel, 0.0, 0.0)
+        escape = score_below(p, scene, grids, start, back, NO_CEILING, 0.0, np.inf)
+        best = Best(escape.cost, back.vx, 0.0, escape.point_count)
+    remember(p, state[0], start, best.cost, best.vx, best.w, is_legal)
+    cost = best.cost
     if cost == COLLISION:
-        cost = 1.0  # The robot backs out even into an obstacle.
+        cost = 1.0
     if cost < 0:
-        return cost, best_vx, best_w, points, 0.0, 0.0
-    return cost, best_vx, best_w, points, best_vx, through_quaternion(best_w)
+        return Winner(cost, best.vx, best.w, best.point_count, 0.0, 0.0)
+    command_w = through_quaternion(best.w)
+    return Winner(cost, best.vx, best.w, best.point_count, best.vx, command_w)
+
+
+class Window(NamedTuple):
+    """Range of the sampled velocities."""
+
+    min_vx: float  # [m/s]
+    max_vx: float
+    min_w: float  # [rad/s]
+    max_w: float
 
 
 @kernel(error_model="numpy")
-def velocity_window(p: Record, plan: Data, start: Data) -> Tuple[float, float, float, float]:
-    """Return (least vx, most vx, least w, most w) of this cycle's samples. docs/explanation/planner.md, section 6.3."""
-    most_vx = p.max_vel_x
+def velocity_window(p: Record, plan: Data, start: Record) -> Window:
+    """Return the range of this cycle's samples. docs/explanation/planner.md, section 6.3.
+
+    plan: points (k, 2) [m], may be empty. Its end is not passed within sim_time.
+    """
+    max_vx = p.max_vel_x
     if plan.shape[0] > 0:
         last = plan.shape[0] - 1
-        away = math.hypot(plan[last, 0] - start[0], plan[last, 1] - start[1])
-        most_vx = min(most_vx, away / p.sim_time)
+        distance = math.hypot(plan[last, 0] - start.x, plan[last, 1] - start.y)
+        max_vx = min(max_vx, distance / p.sim_time)
     period = p.sim_period if p.dwa else p.sim_time
-    most_vx = max(min(most_vx, start[3] + p.acc_lim_x * period), p.min_vel_x)
-    least_vx = max(p.min_vel_x, start[3] - p.acc_lim_x * period)
-    most_w = min(p.max_vel_theta, start[5] + p.acc_lim_theta * period)
-    least_w = max(p.min_vel_theta, start[5] - p.acc_lim_theta * period)
-    return least_vx, most_vx, least_w, most_w
+    change = p.acc_lim_x * period
+    max_vx = max(min(max_vx, start.vx + change), p.min_vel_x)
+    min_vx = max(p.min_vel_x, start.vx - change)
+    change = p.acc_lim_theta * period
+    max_w = min(p.max_vel_theta, start.w + change)
+    min_w = max(p.min_vel_theta, start.w - change)
+    return Window(min_vx, max_vx, min_w, max_w)
 
 
 @kernel
-def fill_evenly(least: float, most: float, values: Data) -> float:
-    """Fill `values` (n,) from `least` to `most` by repeated addition of a step; return the step (0 for one value)."""
+def fill_evenly(lowest: float, highest: float, values: Data) -> float:
+    """Fill `values` (n,) from `lowest` to `highest` in equal steps, and return the step.
+
+    As in C++, the values come from repeated addition. The step is 0 for a single value.
+    """
     n = values.shape[0]
-    step = (most - least) / (n - 1) if n > 1 else 0.0
-    value = least
+    step = 0.0
+    if n > 1:
+        step = (highest - lowest) / (n - 1)
+    value = lowest
     for i in range(n):
         values[i] = value
         value += step
@@ -290,53 +336,61 @@ def fill_evenly(least: float, most: float, values: Data) -> float:
 
 
 @kernel
-def first_pose(p: Record, scene: Scene, grids: Grids, start: Data) -> int:
-    """Return the cost under the robot at its current pose, the first point of every sample, or COLLISION or NO_PATH."""
+def first_pose(p: Record, scene: Scene, grids: Grids, start: Record) -> int:
+    """Return the cost under the robot at its current pose, the first point of every sample.
+
+    The result is COLLISION or NO_PATH if that pose makes every sample illegal.
+    """
     ny, nx = scene.cells.shape
-    cx, cy = world_to_map(start[0], start[1], scene.ox, scene.oy, scene.resolution, nx, ny)
-    if cx < 0:
+    cell_x, cell_y = world_to_map(start.x, start.y, scene.ox, scene.oy, scene.resolution, nx, ny)
+    if cell_x < 0:
         return int(COLLISION)
     outline = outline_of(scene, scene.footprint)
-    cost = outline_cost(
-        outline, start[0], start[1], math.cos(start[2]), math.sin(start[2]), cx, cy, 0.0
-    )
+    heading = heading_of(start.theta)
+    cost = outline_cost(outline, start.x, start.y, heading.cos, heading.sin, cell_x, cell_y, 0.0)
     if cost < 0:
         return int(COLLISION)
     if not p.simple_attractor and not p.heading_scoring:
-        n = nx * ny
-        k = place(grids.goal, cx, cy)
-        if settle(grids.goal, k, n + 1) >= n or settle(grids.path, k, n + 1) >= n:
+        wall = nx * ny  # grid value of an obstacle; larger ones are unreached
+        index = place(grids.goal, cell_x, cell_y)
+        if settle(grids.goal, index, wall + 1) >= wall:
             return int(NO_PATH)
-    return max(cost, int(scene.cells[cy, cx]))
+        if settle(grids.path, index, wall + 1) >= wall:
+            return int(NO_PATH)
+    return max(cost, int(scene.cells[cell_y, cell_x]))
 
 
 @kernel
 def remember(
-    p: Record, state: Record, start: Data, cost: float, vx: float, w: float, legal: bool
+    p: Record, state: Record, start: Record, cost: float, vx: float, w: float, is_legal: bool
 ) -> None:
     """Update the flags with the choice of the cycle. docs/explanation/planner.md, section 6.6.
 
-    legal: whether the choice is a forward sample or a turn. Otherwise the robot backs out, at `cost`.
+    vx, w: chosen velocity [m/s, rad/s]. is_legal: whether the choice is a forward sample or a turn.
+    Otherwise the robot backs out, at `cost`.
     """
-    x, y, theta = start[0], start[1], start[2]
-    if legal and not vx > 0:
+    # A second turn in the same direction bars the other one, until the robot has moved on.
+    if is_legal and not vx > 0:
         if w < 0:
             state.stuck_right = state.stuck_right or state.rotating_right
             state.rotating_right = 1
         elif w > 0:
             state.stuck_left = state.stuck_left or state.rotating_left
             state.rotating_left = 1
-        state.prev_x = x
-        state.prev_y = y
-    if math.hypot(x - state.prev_x, y - state.prev_y) > p.oscillation_reset_dist:
-        state.stuck_left = state.stuck_right = state.rotating_left = state.rotating_right = 0
-    if not legal and not state.escaping and cost > NO_PATH:
-        state.escape_x = x
-        state.escape_y = y
-        state.escape_theta = theta
+        state.prev_x = start.x
+        state.prev_y = start.y
+    moved = math.hypot(start.x - state.prev_x, start.y - state.prev_y)
+    if moved > p.oscillation_reset_dist:
+        state.stuck_left = state.stuck_right = 0
+        state.rotating_left = state.rotating_right = 0
+
+    # An escape begins where nothing is legal, and ends once the robot is away from there.
+    if not is_legal and not state.escaping and cost > NO_PATH:
+        state.escape_x = start.x
+        state.escape_y = start.y
+        state.escape_theta = start.theta
         state.escaping = 1
-    if (
-        math.hypot(x - state.escape_x, y - state.escape_y) > p.escape_reset_dist
-        or abs(angle_difference(state.escape_theta, theta)) > p.escape_reset_theta
-    ):
+    backed = math.hypot(start.x - state.escape_x, start.y - state.escape_y)
+    escape_turn = abs(angle_difference(state.escape_theta, start.theta))
+    if backed > p.escape_reset_dist or escape_turn > p.escape_reset_theta:
         state.escaping = 0

@@ -1,11 +1,12 @@
-"""Roll-out and scoring of one velocity sample (TrajectoryPlanner::generateTrajectory), without ROS or state.
+"""Roll-out and scoring of one velocity sample, without ROS or state.
 
-Called for the samples of a cycle, and by TrajectoryPlanner.score for single samples. All arithmetic is double, in the
-order of the C++ code, so that results are equal to the last bit.
+This is TrajectoryPlanner::generateTrajectory. Called for the samples of a cycle, and by
+TrajectoryPlanner.score for single samples. All arithmetic is double, in the order of the C++ code,
+so that results are equal to the last bit.
 """
 
 import math
-from typing import Tuple
+from typing import NamedTuple, Tuple
 
 import numpy as np
 
@@ -15,7 +16,13 @@ from applr_ros1.planner.costmap.footprint import line_cost
 from applr_ros1.planner.costmap.footprint_cost import outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import INSCRIBED, map_to_world, world_to_map
 from applr_ros1.planner.distance_grid import place, settle
-from applr_ros1.planner.sampling_planner import Record, Triple, angle_difference
+from applr_ros1.planner.sampling_planner import (
+    Heading,
+    Record,
+    Velocity,
+    angle_difference,
+    heading_of,
+)
 from applr_ros1.planner.trajectory.records import Grids, Scene, Scratch
 
 COLLISION = -1.0  # cost of a sample off the map, or with the footprint on a lethal or unknown cell
@@ -23,53 +30,75 @@ NO_PATH = -2.0  # cost of a sample from which neither path nor goal can be reach
 PRUNED = -3.0  # cost of a sample whose scoring stopped because the sample cannot beat the best one
 NO_CEILING = 256  # upper bound of cell costs that excludes nothing, because all costs are below it
 HUGE = float(np.finfo(np.float64).max)
-Score = Tuple[
-    float, int, float, float, float
-]  # cost, number of points, and x, y, theta of the last point
+
+
+class Score(NamedTuple):
+    """Score of one sample, with the last point that was scored, (0, 0, 0) if none was."""
+
+    cost: float  # at least 0, or COLLISION, NO_PATH, PRUNED
+    point_count: int
+    x: float  # [m]
+    y: float  # [m]
+    theta: float  # [rad]
 
 
 @kernel
 def new_velocity(target: float, velocity: float, acceleration: float, dt: float) -> float:
-    """Return the velocity after dt of acceleration towards `target`."""
+    """Return the velocity of one axis after dt [s] of acceleration towards `target`."""
     if target - velocity >= 0:
         return min(target, velocity + acceleration * dt)
     return max(target, velocity - acceleration * dt)
 
 
 @kernel
+def accelerated(p: Record, velocity: Velocity, sample: Velocity, dt: float) -> Velocity:
+    """Return the velocity after dt [s] of acceleration from `velocity` towards the sample."""
+    vx = new_velocity(sample.vx, velocity.vx, p.acc_lim_x, dt)
+    vy = new_velocity(sample.vy, velocity.vy, p.acc_lim_y, dt)
+    w = new_velocity(sample.w, velocity.w, p.acc_lim_theta, dt)
+    return Velocity(vx, vy, w)
+
+
+@kernel
 def advance(
-    x: float, y: float, theta: float, vx: float, vy: float, c: float, s: float, dt: float
+    x: float, y: float, theta: float, heading: Heading, velocity: Velocity, dt: float
 ) -> Tuple[float, float]:
-    """Return the position (x, y) after dt. c and s are cosine and sine of theta."""
-    if vy == 0.0:
-        return x + vx * c * dt, y + vx * s * dt
-    return (
-        x + (vx * c + vy * math.cos(math.pi / 2 + theta)) * dt,
-        y + (vx * s + vy * math.sin(math.pi / 2 + theta)) * dt,
-    )
+    """Return the position (x, y) after dt [s]. heading: direction of theta."""
+    vx = velocity.vx
+    vy = velocity.vy
+    if vy == 0.0:  # The sideways terms below would add zeros.
+        return x + vx * heading.cos * dt, y + vx * heading.sin * dt
+    side = math.pi / 2 + theta
+    dx = (vx * heading.cos + vy * math.cos(side)) * dt
+    dy = (vx * heading.sin + vy * math.sin(side)) * dt
+    return x + dx, y + dy
 
 
 @kernel(error_model="numpy")
-def step_count(p: Record, vx: float, vy: float, w: float) -> int:
-    """Return the number of steps, at least 1, of the sample (vx, vy, w). As in C++, sim_time does not affect turns."""
+def step_count(p: Record, sample: Velocity) -> int:
+    """Return the number of steps, at least 1, of a sample.
+
+    As in C++, sim_time does not affect turns.
+    """
     if p.heading_scoring:
         return max(int(p.sim_time / p.sim_granularity + 0.5), 1)
-    speed = abs(vx) if vy == 0.0 else math.hypot(vx, vy)
-    return max(
-        int(max(speed * p.sim_time / p.sim_granularity, abs(w) / p.angular_sim_granularity) + 0.5),
-        1,
-    )
+    speed = abs(sample.vx)
+    if sample.vy != 0.0:
+        speed = math.hypot(sample.vx, sample.vy)
+    linear_steps = speed * p.sim_time / p.sim_granularity
+    angular_steps = abs(sample.w) / p.angular_sim_granularity
+    return max(int(max(linear_steps, angular_steps) + 0.5), 1)
 
 
 @kernel
 def terms(p: Record, path_distance: float, goal_distance: float) -> float:
-    """Return the sum of the path and goal terms of a cost."""
+    """Return the sum of the path and goal terms of a cost. The distances are in cells."""
     return p.path_distance_bias * path_distance + goal_distance * p.goal_distance_bias
 
 
 @kernel
-def score(params: Data, scene: Scene, grids: Grids, start: Data, sample: Triple) -> Score:
-    """Return (cost, number of points, end x, y, theta) of one sample, see score_below. params: array of one record."""
+def score(params: Data, scene: Scene, grids: Grids, start: Record, sample: Velocity) -> Score:
+    """Return the score of one sample, see score_below. params: array of one record."""
     return score_below(params[0], scene, grids, start, sample, NO_CEILING, 0.0, np.inf)
 
 
@@ -78,48 +107,64 @@ def score_below(
     p: Record,
     scene: Scene,
     grids: Grids,
-    start: Data,
-    sample: Triple,
+    start: Record,
+    sample: Velocity,
     ceiling: int,
     base: float,
     bound: float,
 ) -> Score:
-    """Score the sample (vx, vy, w) from `start` (6,): x, y, theta and the velocities vx, vy, w there.
+    """Score a sample whose trajectory begins at the pose and the velocity of `start`.
 
-    Returns (cost, number of points, x, y, theta of the last point). The cost is >= 0, COLLISION, NO_PATH, or PRUNED as
-    soon as `base` (a lower bound of the path and goal terms) plus the obstacle term exceeds `bound`.
-    ceiling: upper bound of the costs under the footprint on its way, which saves tests; NO_CEILING if unknown.
+    The cost is PRUNED as soon as `base` plus the obstacle term exceeds `bound`.
+
+    Args:
+        p: record of PARAMETERS.
+        scene: surroundings of this cycle.
+        grids: grids of this cycle, flooded further where the trajectory needs it.
+        start: START record.
+        sample: target velocity.
+        ceiling: upper bound of the costs under the footprint on its way, which saves tests;
+            NO_CEILING if unknown.
+        base: lower bound of the path and goal terms.
+        bound: cost above which the sample cannot win.
     """
-    vx, vy, w = sample
     cells, ox, oy, resolution, footprint, _, plan = scene
     outline = outline_of(scene, footprint)
-    path, goal, _ = grids
-    path_distances, goal_distances = (
-        path.distance,
-        goal.distance,
-    )  # Access within the loop would count references.
+    # Members of tuples are taken out of the loop, because numba counts references at each access.
+    path_grid = grids.path
+    goal_grid = grids.goal
+    path_distances = path_grid.distance
+    goal_distances = goal_grid.distance
     ny, nx = cells.shape
-    impossible = nx * ny
-    unseen = impossible + 1
-    steps = step_count(p, vx, vy, w)
+    wall = nx * ny  # grid value of an obstacle; larger ones are unreached
+    unseen = wall + 1
+
+    steps = step_count(p, sample)
     dt = p.sim_time / steps
-    x, y, theta, vx_i, vy_i, w_i = start[0], start[1], start[2], start[3], start[4], start[5]
+    x = start.x
+    y = start.y
+    theta = start.theta
+    velocity = Velocity(start.vx, start.vy, start.w)
     end_x = end_y = end_theta = time = 0.0
-    occupied = 0
+    obstacle_cost = 0
     path_distance = goal_distance = heading_difference = 0.0
     for i in range(steps):
-        cx, cy = world_to_map(x, y, ox, oy, resolution, nx, ny)
-        if cx < 0:
-            return COLLISION, i, end_x, end_y, end_theta
-        c = math.cos(theta)
-        s = math.sin(theta)
-        if occupied < ceiling:
-            met = outline_cost(outline, x, y, c, s, cx, cy, 0.0)
-            if met < 0:
-                return COLLISION, i, end_x, end_y, end_theta
-            occupied = max(occupied, met, int(cells[cy, cx]))
-            if base + p.occdist_scale * occupied > bound:
-                return PRUNED, i, end_x, end_y, end_theta
+        cell_x, cell_y = world_to_map(x, y, ox, oy, resolution, nx, ny)
+        if cell_x < 0:
+            return Score(COLLISION, i, end_x, end_y, end_theta)
+        heading = heading_of(theta)
+
+        # Obstacle term: the largest cost under the outline or the centre on the whole way
+        if obstacle_cost < ceiling:
+            cost = outline_cost(outline, x, y, heading.cos, heading.sin, cell_x, cell_y, 0.0)
+            if cost < 0:
+                return Score(COLLISION, i, end_x, end_y, end_theta)
+            obstacle_cost = max(obstacle_cost, cost, int(cells[cell_y, cell_x]))
+            if base + p.occdist_scale * obstacle_cost > bound:
+                return Score(PRUNED, i, end_x, end_y, end_theta)
+
+        # Path and goal terms: the last values count, but every point has to be reachable. With
+        # heading_scoring, only one point is asked.
         if p.simple_attractor:
             if plan.shape[0] > 0:
                 dx = x - plan[plan.shape[0] - 1, 0]
@@ -129,61 +174,72 @@ def score_below(
             not p.heading_scoring
             or p.heading_scoring_timestep <= time < p.heading_scoring_timestep + dt
         ):
-            k = place(path, cx, cy)
-            goal_steps = int(goal_distances[k])
-            path_steps = int(path_distances[k])
+            index = place(path_grid, cell_x, cell_y)
+            goal_steps = int(goal_distances[index])
+            path_steps = int(path_distances[index])
             if goal_steps == unseen:
-                goal_steps = settle(goal, k, unseen)
+                goal_steps = settle(goal_grid, index, unseen)
             if path_steps == unseen:
-                path_steps = settle(path, k, unseen)
-            if goal_steps >= impossible or path_steps >= impossible:
-                return NO_PATH, i, end_x, end_y, end_theta
+                path_steps = settle(path_grid, index, unseen)
+            if goal_steps >= wall or path_steps >= wall:
+                return Score(NO_PATH, i, end_x, end_y, end_theta)
             path_distance = float(path_steps)
             goal_distance = float(goal_steps)
             if p.heading_scoring:
-                heading_difference = _heading_difference(scene, cx, cy, x, y, theta)
-        end_x, end_y, end_theta = x, y, theta
-        vx_i = new_velocity(vx, vx_i, p.acc_lim_x, dt)
-        vy_i = new_velocity(vy, vy_i, p.acc_lim_y, dt)
-        w_i = new_velocity(w, w_i, p.acc_lim_theta, dt)
-        x, y = advance(x, y, theta, vx_i, vy_i, c, s, dt)
-        theta = theta + w_i * dt
+                heading_difference = _heading_difference(scene, cell_x, cell_y, x, y, theta)
+
+        # The point is scored; move on to the next one.
+        end_x = x
+        end_y = y
+        end_theta = theta
+        velocity = accelerated(p, velocity, sample, dt)
+        x, y = advance(x, y, theta, heading, velocity, dt)
+        theta = theta + velocity.w * dt
         time += dt
-    cost = terms(p, path_distance, goal_distance) + p.occdist_scale * occupied
+
+    total = terms(p, path_distance, goal_distance) + p.occdist_scale * obstacle_cost
     if p.heading_scoring:  # C++ adds the terms in another order here.
-        cost = p.occdist_scale * occupied + p.path_distance_bias * path_distance
-        cost = cost + 0.3 * heading_difference + goal_distance * p.goal_distance_bias
-    return cost, steps, end_x, end_y, end_theta
+        total = p.occdist_scale * obstacle_cost + p.path_distance_bias * path_distance
+        total = total + 0.3 * heading_difference + goal_distance * p.goal_distance_bias
+    return Score(total, steps, end_x, end_y, end_theta)
 
 
 @kernel
-def roll_out(params: Data, start: Data, vx: float, w: float, points: Data) -> None:
-    """Write the first poses x, y, theta of the sample (vx, w) to `points` (n, 3), as score_below visits them."""
-    p = params[0]
-    dt = p.sim_time / step_count(p, vx, 0.0, w)
-    x, y, theta, vx_i, vy_i, w_i = start[0], start[1], start[2], start[3], start[4], start[5]
+def roll_out(p: Record, start: Record, sample: Velocity, points: Data) -> None:
+    """Write a sample's first poses x, y, theta to `points` (n, 3), as score_below visits them."""
+    dt = p.sim_time / step_count(p, sample)
+    x = start.x
+    y = start.y
+    theta = start.theta
+    velocity = Velocity(start.vx, start.vy, start.w)
     for i in range(points.shape[0]):
         points[i, 0] = x
         points[i, 1] = y
         points[i, 2] = theta
-        vx_i = new_velocity(vx, vx_i, p.acc_lim_x, dt)
-        vy_i = new_velocity(0.0, vy_i, p.acc_lim_y, dt)
-        w_i = new_velocity(w, w_i, p.acc_lim_theta, dt)
-        x, y = advance(x, y, theta, vx_i, vy_i, math.cos(theta), math.sin(theta), dt)
-        theta = theta + w_i * dt
+        velocity = accelerated(p, velocity, sample, dt)
+        x, y = advance(x, y, theta, heading_of(theta), velocity, dt)
+        theta = theta + velocity.w * dt
 
 
 @kernel
-def _heading_difference(scene: Scene, cx: int, cy: int, x: float, y: float, theta: float) -> float:
-    """Return the angle [rad] from the heading to the farthest plan point in free sight, HUGE if there is none."""
+def _heading_difference(
+    scene: Scene, cell_x: int, cell_y: int, x: float, y: float, theta: float
+) -> float:
+    """Return the angle [rad] from the heading to the farthest plan point in sight, or HUGE.
+
+    The result is HUGE if no point is in sight. A point is in sight if the cells between it and the
+    robot's cell cost less than 253 (trajectory_planner.cpp, headingDiff).
+    """
     cells, ox, oy, resolution, _, _, plan = scene
     ny, nx = cells.shape
     for i in range(plan.shape[0] - 1, -1, -1):
-        mx, my = world_to_map(plan[i, 0], plan[i, 1], ox, oy, resolution, nx, ny)
-        if mx < 0 or not 0 <= line_cost(cells, cx, cy, mx, my) < INSCRIBED:
+        point_x, point_y = world_to_map(plan[i, 0], plan[i, 1], ox, oy, resolution, nx, ny)
+        if point_x < 0:
             continue
-        gx, gy = map_to_world(mx, my, ox, oy, resolution)
-        return abs(angle_difference(theta, math.atan2(gy - y, gx - x)))
+        if not 0 <= line_cost(cells, cell_x, cell_y, point_x, point_y) < INSCRIBED:
+            continue
+        centre_x, centre_y = map_to_world(point_x, point_y, ox, oy, resolution)
+        return abs(angle_difference(theta, math.atan2(centre_y - y, centre_x - x)))
     return HUGE
 
 
@@ -193,33 +249,45 @@ POINTS = (
 
 
 @kernel
+def forward_sample(vs: Data, ws: Data, speed_number: int, turn_number: int) -> Velocity:
+    """Return a forward sample. Turn 0 is straight ahead, turn i has the value i - 1 of `ws`."""
+    w = 0.0
+    if turn_number > 0:
+        w = ws[turn_number - 1]
+    return Velocity(vs[speed_number], 0.0, w)
+
+
+@kernel
 def score_all_samples(
     params: Data, scene: Scene, grids: Grids, scratch: Scratch
 ) -> Tuple[Data, Data]:
-    """Return (cloud, refused) of all forward samples of the last cycle. The search itself rolls out far fewer.
+    """Score all forward samples of the last cycle. The search itself rolls out far fewer.
 
-    cloud (n, 4): x, y, theta, cost of up to POINTS points per legal sample, evenly spaced and including its last point.
-    refused (2,): numbers of samples of cost COLLISION and NO_PATH.
+    params: array of one record.
+
+    Returns:
+        Points (n, 4) x, y, theta, cost: up to POINTS points per legal sample, evenly spaced and
+        including its last point. Numbers (2,) of samples of cost COLLISION and NO_PATH.
     """
     p = params[0]
+    start = scratch.start[0]
     turns = scratch.ws.shape[0] + 1  # Each speed is also tried straight ahead.
-    m = scratch.vs.shape[0] * turns
-    cloud, refused = np.empty((m * POINTS, 4)), np.zeros(2, np.int64)
+    sample_count = scratch.vs.shape[0] * turns
+    cloud = np.empty((sample_count * POINTS, 4))
+    refused = np.zeros(2, np.int64)
     n = 0
-    for i in range(m):
-        v = scratch.vs[i // turns]
-        w = scratch.ws[i % turns - 1] if i % turns > 0 else 0.0
-        cost, count, _, _, _ = score_below(
-            p, scene, grids, scratch.start, (v, 0.0, w), NO_CEILING, 0.0, np.inf
-        )
-        if cost < 0:
-            refused[0 if cost == COLLISION else 1] += 1
+    for number in range(sample_count):
+        sample = forward_sample(scratch.vs, scratch.ws, number // turns, number % turns)
+        result = score_below(p, scene, grids, start, sample, NO_CEILING, 0.0, np.inf)
+        if result.cost < 0:
+            refused[0 if result.cost == COLLISION else 1] += 1
             continue
+        count = result.point_count
         points = np.empty((count, 3))
-        roll_out(params, scratch.start, v, w, points)
+        roll_out(p, start, sample, points)
         step = (count + POINTS - 1) // POINTS
-        for k in range((count - 1) % step, count, step):
-            cloud[n, :3] = points[k]
-            cloud[n, 3] = cost
+        for i in range((count - 1) % step, count, step):
+            cloud[n, :3] = points[i]
+            cloud[n, 3] = result.cost
             n += 1
     return cloud[:n], refused

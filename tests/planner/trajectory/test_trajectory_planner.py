@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.planner.parameters.check import complete
+from applr_ros1.planner.sampling_planner import Velocity, heading_of, start_record
 from applr_ros1.planner.trajectory import forward, scoring
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 from tests.support.jackal import JACKAL
@@ -27,15 +28,14 @@ def test_closed_forms_end_at_the_pose_of_the_steps():
     random = np.random.default_rng(0)
     params = planner(acc_lim_x=2.0, acc_lim_theta=5.0)._params
     for _ in range(300):
-        start = np.append(random.uniform(-3, 3, 3), random.uniform(-1, 1, 3))
-        vx, w = random.uniform(-0.5, 2), random.choice([0.0, 1e-9, random.uniform(-3.14, 3.14)])
-        steps = scoring.step_count(params[0], vx, 0.0, w)
+        start = start_record([*random.uniform(-3, 3, 3), *random.uniform(-1, 1, 3)])
+        vx = random.uniform(-0.5, 2)
+        sample = Velocity(vx, 0.0, random.choice([0.0, 1e-9, random.uniform(-3.14, 3.14)]))
+        steps = scoring.step_count(params[0], sample)
         dt = 2.0 / steps
-        exact = forward.exact_end(params[0], start, vx, w, steps)
-        moves, x, y, c, s = forward.ramp(
-            params[0], start, math.cos(start[2]), math.sin(start[2]), vx, w, dt, steps - 1
-        )
-        ours = forward.along_arc(x, y, c, s, vx * dt, w * dt, steps - 1 - moves)
+        exact = forward.exact_end(params[0], start, sample, steps)
+        ramp = forward.ramp(params[0], start, heading_of(start["theta"]), sample, dt, steps - 1)
+        ours = forward.along_arc(ramp, vx * dt, sample.w * dt, steps - 1 - ramp.moves)
         assert np.allclose(ours, exact, rtol=0, atol=1e-11)
 
 
