@@ -1,1 +1,1 @@
-"""DWAPlannerROS of dwa_local_planner: sampled velocities, seven critics, stopping and turning at the goal."""
+"""DWAPlannerROS of dwa_local_planner: sampled velocities, seven critics, stop and turn at goals."""

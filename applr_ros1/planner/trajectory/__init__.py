@@ -1,1 +1,1 @@
-"""TrajectoryPlannerROS of base_local_planner: sampled velocities, scored roll-outs, and the choice among them."""
+"""TrajectoryPlannerROS of base_local_planner: sampled velocities, scored roll-outs, choice."""
