@@ -194,13 +194,13 @@ def exact_end_cells(p: Record, scene: Scene, start: Record, sample: Velocity, st
             velocity = samples.ramped(p, sample, velocity, dt)
         x, y, theta = samples.move(x, y, theta, velocity, dt)
     ahead = p.forward_point_distance
-    nx = x
-    ny = y
+    front_x = x
+    front_y = y
     if ahead != 0.0:
-        nx = x + ahead * math.cos(theta)
-        ny = y + ahead * math.sin(theta)
+        front_x = x + ahead * math.cos(theta)
+        front_y = y + ahead * math.sin(theta)
     end_x, end_y = _cell(scene, x, y)
-    nose_x, nose_y = _cell(scene, nx, ny)
+    nose_x, nose_y = _cell(scene, front_x, front_y)
     return Cells(end_x, end_y, nose_x, nose_y)
 
 
@@ -369,8 +369,8 @@ def _limits_from_here(
     the whole map. The result is NO_SAMPLE if the robot's current pose, the first point of every
     sample, is off the map or rejected by a grid's critic. heading: direction at the start.
     """
-    ny, nx = scene.cells.shape
-    cell_count = nx * ny
+    rows, columns = scene.cells.shape
+    cell_count = columns * rows
     by_path = p.path_scale != 0.0
     by_goal = p.goal_scale != 0.0
     ahead = p.forward_point_distance

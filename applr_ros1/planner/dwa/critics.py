@@ -286,7 +286,7 @@ def _obstacle(p: Record, scene: Scene, points: Data, speed: float) -> float:
     footprint.
     """
     cells = scene.cells
-    ny, nx = cells.shape
+    rows, columns = cells.shape
     scaled = np.empty_like(scene.footprint)
     scale_footprint(scene.footprint, footprint_scale(p, speed), scaled)
     outline = outline_of(scene, scaled)
@@ -295,7 +295,7 @@ def _obstacle(p: Record, scene: Scene, points: Data, speed: float) -> float:
         x = points[i, 0]
         y = points[i, 1]
         theta = points[i, 2]
-        cell_x, cell_y = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, nx, ny)
+        cell_x, cell_y = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, columns, rows)
         if cell_x < 0:
             return COLLIDES
         cost = outline_cost(outline, x, y, math.cos(theta), math.sin(theta), cell_x, cell_y, 0.0)
@@ -318,7 +318,7 @@ def _on_grid(
     `tests_all`, IN_OBSTACLE or UNREACHED if any point cannot be reached. Before the first search
     the result is HUGE.
     """
-    ny, nx = scene.cells.shape
+    rows, columns = scene.cells.shape
     grid = grid_of(grids, row)
     value = 0.0
     for i in range(points.shape[0]):
@@ -327,15 +327,15 @@ def _on_grid(
         if ahead != 0.0:
             x = x + ahead * math.cos(points[i, 2])
             y = y + ahead * math.sin(points[i, 2])
-        cell_x, cell_y = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, nx, ny)
+        cell_x, cell_y = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, columns, rows)
         if cell_x < 0:
             return OFF_MAP
         if not grids.facts[0].flooded:
             value = HUGE
         elif tests_all or i == points.shape[0] - 1:
             distance = final_distance(grid, place(grid, cell_x, cell_y))
-            if tests_all and distance >= nx * ny:
-                return IN_OBSTACLE if distance == nx * ny else UNREACHED
+            if tests_all and distance >= columns * rows:
+                return IN_OBSTACLE if distance == columns * rows else UNREACHED
             value = float(distance)
     return value
 

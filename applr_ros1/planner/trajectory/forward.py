@@ -47,8 +47,8 @@ class Ground(NamedTuple):
     ox: float  # origin [m]
     oy: float
     resolution: float  # [m]
-    nx: int  # size [cells]
-    ny: int
+    columns: int  # size [cells]
+    rows: int
 
 
 class Ramp(NamedTuple):
@@ -142,7 +142,7 @@ def end_cell(
 
     heading: direction at the start.
     """
-    ox, oy, resolution, nx, ny = ground
+    ox, oy, resolution, columns, rows = ground
     steps = step_count(p, sample)
     dt = p.sim_time / steps
     turn = sample.w * dt
@@ -155,7 +155,7 @@ def end_cell(
         is_sure = not (at_border or on_border((y - oy) / resolution, MARGIN))
     if not is_sure:
         x, y = exact_end(p, start, sample, steps)
-    return world_to_map(x, y, ox, oy, resolution, nx, ny)
+    return world_to_map(x, y, ox, oy, resolution, columns, rows)
 
 
 @kernel(error_model="numpy")
@@ -283,9 +283,9 @@ def _bound(
     goal_grid = grids.goal
     path_distances = path_grid.distance
     goal_distances = goal_grid.distance
-    ny, nx = scene.cells.shape
-    cell_count = nx * ny  # grid value of a wall; a distance is smaller
-    ground = Ground(scene.ox, scene.oy, scene.resolution, nx, ny)
+    rows, columns = scene.cells.shape
+    cell_count = columns * rows  # grid value of a wall; a distance is smaller
+    ground = Ground(scene.ox, scene.oy, scene.resolution, columns, rows)
     # With these options only the obstacle term is known before the roll-out.
     by_distances = not p.simple_attractor and not p.heading_scoring
 

@@ -70,17 +70,17 @@ def prepare(grids: Grids, scene: Scene, x: float, y: float, yaw: float) -> Tuple
 def _open_under_robot(grids: Grids, scene: Scene, x: float, y: float, yaw: float) -> None:
     """Mark the cells under the footprint (`within`) and make them passable in the path grid."""
     _, ox, oy, resolution, footprint, _, _ = scene
-    ny, nx = grids.within.shape
-    unseen = nx * ny + 1
+    rows, columns = grids.within.shape
+    unseen = columns * rows + 1
     grids.within[:] = 0
     fill_footprint(grids.within, 1, ox, oy, resolution, footprint, (x, y, yaw), False)
 
     # Only a square around the robot can have marked cells. The robot may be off the map.
-    side = int(min(_farthest(footprint) / resolution, float(nx + ny))) + 2
-    cell_x = int(min(max((x - ox) / resolution, 0.0), nx - 1.0))
-    cell_y = int(min(max((y - oy) / resolution, 0.0), ny - 1.0))
-    for row in range(max(0, cell_y - side), min(ny, cell_y + side + 1)):
-        for column in range(max(0, cell_x - side), min(nx, cell_x + side + 1)):
+    side = int(min(_farthest(footprint) / resolution, float(columns + rows))) + 2
+    cell_x = int(min(max((x - ox) / resolution, 0.0), columns - 1.0))
+    cell_y = int(min(max((y - oy) / resolution, 0.0), rows - 1.0))
+    for row in range(max(0, cell_y - side), min(rows, cell_y + side + 1)):
+        for column in range(max(0, cell_x - side), min(columns, cell_x + side + 1)):
             if grids.within[row, column]:
                 grids.path.distance[place(grids.path, column, row)] = unseen
 
@@ -113,8 +113,8 @@ def best_in_place(
     turned robot must be on the map and nearer to the goal than for all turns accepted before.
     obstacle_cost: cost at the first pose, which all turns share.
     """
-    ny, nx = scene.cells.shape
-    wall = nx * ny  # grid value of an obstacle; larger ones are unreached
+    rows, columns = scene.cells.shape
+    wall = columns * rows  # grid value of an obstacle; larger ones are unreached
     nearest_ahead = HUGE
     ceiling = -1
     for i in range(ws.shape[0]):
@@ -130,7 +130,7 @@ def best_in_place(
         x, y, theta = _end(p, start, w)
         base = 0.0
         if not p.simple_attractor and not p.heading_scoring:
-            cell_x, cell_y = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, nx, ny)
+            cell_x, cell_y = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, columns, rows)
             if cell_x < 0:
                 continue
             index = place(grids.path, cell_x, cell_y)
@@ -184,11 +184,13 @@ def _distance_ahead(
 
     The result is -1 if that point is off the map or its distance not below `limit`.
     """
-    ny, nx = scene.cells.shape
-    wall = nx * ny
+    rows, columns = scene.cells.shape
+    wall = columns * rows
     ahead_x = x + p.heading_lookahead * math.cos(theta)
     ahead_y = y + p.heading_lookahead * math.sin(theta)
-    cell_x, cell_y = world_to_map(ahead_x, ahead_y, scene.ox, scene.oy, scene.resolution, nx, ny)
+    cell_x, cell_y = world_to_map(
+        ahead_x, ahead_y, scene.ox, scene.oy, scene.resolution, columns, rows
+    )
     if cell_x < 0:
         return -1
     goal = grids.goal
@@ -207,15 +209,17 @@ WIDEST = 40  # largest radius around the robot that is searched for costs [cells
 @kernel(error_model="numpy")
 def _surroundings(p: Record, scene: Scene, start: Record) -> int:
     """Return an upper bound of costs under a turn in place, NO_CEILING if unknown or lethal."""
-    ny, nx = scene.cells.shape
+    rows, columns = scene.cells.shape
     braking_x = start.vx * start.vx / (2 * p.acc_lim_x)
     braking_y = start.vy * start.vy / (2 * p.acc_lim_y)
     reach = (braking_x + braking_y + _farthest(scene.footprint)) / scene.resolution
     if not reach < WIDEST:
         return NO_CEILING
     side = int(reach) + 2
-    cell_x, cell_y = world_to_map(start.x, start.y, scene.ox, scene.oy, scene.resolution, nx, ny)
-    if min(cell_x, cell_y, nx - 1 - cell_x, ny - 1 - cell_y) < side:
+    cell_x, cell_y = world_to_map(
+        start.x, start.y, scene.ox, scene.oy, scene.resolution, columns, rows
+    )
+    if min(cell_x, cell_y, columns - 1 - cell_x, rows - 1 - cell_y) < side:
         return NO_CEILING
     highest = np.uint8(0)
     for row in range(cell_y - side, cell_y + side + 1):
@@ -341,8 +345,10 @@ def first_pose(p: Record, scene: Scene, grids: Grids, start: Record) -> int:
 
     The result is COLLISION or NO_PATH if that pose makes every sample illegal.
     """
-    ny, nx = scene.cells.shape
-    cell_x, cell_y = world_to_map(start.x, start.y, scene.ox, scene.oy, scene.resolution, nx, ny)
+    rows, columns = scene.cells.shape
+    cell_x, cell_y = world_to_map(
+        start.x, start.y, scene.ox, scene.oy, scene.resolution, columns, rows
+    )
     if cell_x < 0:
         return int(COLLISION)
     outline = outline_of(scene, scene.footprint)
@@ -351,7 +357,7 @@ def first_pose(p: Record, scene: Scene, grids: Grids, start: Record) -> int:
     if cost < 0:
         return int(COLLISION)
     if not p.simple_attractor and not p.heading_scoring:
-        wall = nx * ny  # grid value of an obstacle; larger ones are unreached
+        wall = columns * rows  # grid value of an obstacle; larger ones are unreached
         index = place(grids.goal, cell_x, cell_y)
         if settle(grids.goal, index, wall + 1) >= wall:
             return int(NO_PATH)

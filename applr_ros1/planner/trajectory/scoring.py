@@ -135,8 +135,8 @@ def score_below(
     goal_grid = grids.goal
     path_distances = path_grid.distance
     goal_distances = goal_grid.distance
-    ny, nx = cells.shape
-    wall = nx * ny  # grid value of an obstacle; larger ones are unreached
+    rows, columns = cells.shape
+    wall = columns * rows  # grid value of an obstacle; larger ones are unreached
     unseen = wall + 1
 
     steps = step_count(p, sample)
@@ -149,7 +149,7 @@ def score_below(
     obstacle_cost = 0
     path_distance = goal_distance = heading_difference = 0.0
     for i in range(steps):
-        cell_x, cell_y = world_to_map(x, y, ox, oy, resolution, nx, ny)
+        cell_x, cell_y = world_to_map(x, y, ox, oy, resolution, columns, rows)
         if cell_x < 0:
             return Score(COLLISION, i, end_x, end_y, end_theta)
         heading = heading_of(theta)
@@ -231,9 +231,9 @@ def _heading_difference(
     robot's cell cost less than 253 (trajectory_planner.cpp, headingDiff).
     """
     cells, ox, oy, resolution, _, _, plan = scene
-    ny, nx = cells.shape
+    rows, columns = cells.shape
     for i in range(plan.shape[0] - 1, -1, -1):
-        point_x, point_y = world_to_map(plan[i, 0], plan[i, 1], ox, oy, resolution, nx, ny)
+        point_x, point_y = world_to_map(plan[i, 0], plan[i, 1], ox, oy, resolution, columns, rows)
         if point_x < 0:
             continue
         if not 0 <= line_cost(cells, cell_x, cell_y, point_x, point_y) < INSCRIBED:
