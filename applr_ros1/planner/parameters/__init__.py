@@ -1,1 +1,1 @@
-"""Parameters of move_base: declarations, checks, current values, generated tables and .cfg files."""
+"""Parameters of move_base: declarations, checks, current values and .cfg files."""

@@ -1,13 +1,13 @@
-"""Checks of parameter trees: `check` returns errors, `remarks` warnings about ignored values, `complete` adds defaults.
+"""Checks of parameter trees: errors, warnings about ignored values, and completion with defaults.
 
-MoveBase completes its parameter tree; the node and robots/check.py print the messages. Names and bounds come from
-declarations.tables, conflicts between values from the functions `contradictions`.
+MoveBase completes its parameter tree; the node and robots/check.py print the messages. Names and
+bounds come from declarations.tables, conflicts between values from the functions `contradictions`.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Iterator, List, Tuple
+from typing import Any, Dict, Iterator, List, Set, Tuple
 
 from applr_ros1.common.errors import did_you_mean
 from applr_ros1.common.trees import branch
@@ -24,6 +24,7 @@ from applr_ros1.planner.parameters.layers import (
     FOUND_ABOVE,
     INHERITED,
     OBSTACLE_LAYER,
+    Layer,
     arranged,
     layers,
     replaced,
@@ -34,15 +35,23 @@ from applr_ros1.planner.parameters.move_base_parameters import (
     DEFAULT_RECOVERIES,
     RECOVERY_TYPES,
 )
-from applr_ros1.planner.parameters.parameter import Parameter, ParameterError, too_many_points
+from applr_ros1.planner.parameters.parameter import (
+    Parameter,
+    ParameterError,
+    by_name,
+    too_many_points,
+)
 
 USUAL = tuple(behaviour["name"] for behaviour in DEFAULT_RECOVERIES)
 
 
 def check(tree: Dict[str, Any]) -> List[str]:
-    """Return the errors of a nested parameter tree: invalid values or, if none is invalid, conflicting values."""
+    """Return the errors of a nested parameter tree.
+
+    These are invalid values or, if none is invalid, conflicting values.
+    """
     try:
-        errors, _ = _inspect(arranged(tree))
+        errors = _Inspection(arranged(tree)).errors
         return errors or list(_contradictions(_completed(tree)))
     except ParameterError as problem:
         return [str(problem)]
@@ -50,112 +59,152 @@ def check(tree: Dict[str, Any]) -> List[str]:
 
 def remarks(tree: Dict[str, Any]) -> List[str]:
     """Return warnings about a tree without errors: values that are ignored, replaced or risky."""
+    _, lines = _recoveries(tree)
+    lines = [*lines, *replaced(tree)]
+    inspection = _Inspection(arranged(tree))
+    lines += inspection.warnings
+    if inspection.unknown:
+        lines.append(f"{', '.join(inspection.unknown)}: unknown, ignored")
+
+    # The defaults of DWAPlannerROS are those of a base that can strafe; the ones here cannot.
     planner = _local_planner(tree)
-    own = branch(tree, planner)
-    lines = [*_recoveries(tree)[1], *replaced(tree), *_inspect(arranged(tree))[1]]
-    sideways = own.get("min_vel_y", -0.1), own.get("max_vel_y", 0.1)
+    values = branch(tree, planner)
+    sideways = (values.get("min_vel_y", -0.1), values.get("max_vel_y", 0.1))
     if planner == "DWAPlannerROS" and any(sideways):
-        lines.append(
-            f"{planner}/min_vel_y, max_vel_y are {sideways}: the base cannot drive sideways, give 0 for both"
-        )
+        problem = f"{planner}/min_vel_y, max_vel_y are {sideways}"
+        lines.append(f"{problem}: the base cannot drive sideways, give 0 for both")
     return lines + list(_risks(arranged(tree)))
 
 
 def _risks(tree: Dict[str, Any]) -> Iterator[str]:
-    """Yield a warning if the local costmap has no sources or if the costmaps have different base frames."""
-    world, local = (branch(tree, name).get("robot_base_frame", "base_link") for name in COSTMAPS)
-    if world != local:
-        yield f"local_costmap/robot_base_frame is {local}: both costmaps use {world} of global_costmap, give {world}"
-    seen = [
-        layer
-        for layer in layers("local_costmap", branch(tree, "local_costmap"))
-        if layer.kind == OBSTACLE_LAYER
-    ]
-    if not any(sources(branch(tree, layer.path)) for layer in seen):
-        yield "local_costmap has no observation source: the robot will not detect obstacles, give a source"
+    """Yield a warning if the local costmap has no sources or if the base frames differ."""
+    global_frame = branch(tree, "global_costmap").get("robot_base_frame", "base_link")
+    local_frame = branch(tree, "local_costmap").get("robot_base_frame", "base_link")
+    if global_frame != local_frame:
+        problem = f"local_costmap/robot_base_frame is {local_frame}"
+        yield f"{problem}: both costmaps use {global_frame} of global_costmap, give {global_frame}"
+    observing = _obstacle_layers("local_costmap", branch(tree, "local_costmap"))
+    if not any(sources(branch(tree, layer.path)) for layer in observing):
+        problem = "local_costmap has no observation source"
+        yield f"{problem}: the robot will not detect obstacles, give a source"
 
 
-def _inspect(tree: Dict[str, Any]) -> Tuple[List[str], List[str]]:
-    """Return errors and warnings about the names and values of an arranged tree."""
-    errors: List[str] = []
-    lines: List[str] = []
-    unread: List[str] = []
-    idle = {namespace(plugin) for plugin in LOCAL_PLANNERS} - {_local_planner(tree)}
-    used = {name: value for name, value in tree.items() if name not in idle}
-    _walk(used, "", tables(tree), _behaviours(tree), errors, lines, unread)
-    if unread:
-        lines.append(f"{', '.join(unread)}: unknown, ignored")
-    return errors, lines
+def _obstacle_layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
+    """Return the obstacle layers of the costmap `name`."""
+    return [layer for layer in layers(name, costmap) if layer.kind == OBSTACLE_LAYER]
 
 
-def _walk(
-    here: Any,
-    path: str,
-    known: Any,
-    behaviours: Any,
-    errors: List[str],
-    lines: List[str],
-    unread: List[str],
-) -> None:
-    """Append errors, warnings and unknown names of a section and of all sections below it."""
-    mine = {name: p for p in known.get(path, BEHAVIOUR) for name in p.names}
-    if path in COSTMAPS:
-        mine = dict(INHERITED, **mine)
-    elif not path:
-        mine.update((p.name, p) for p in COSTMAP + STATIC_COSTMAP if p.name in FOUND_ABOVE)
-    older = {old: p.name for p in mine.values() for old in p.older}
-    start = f"{path}/" if path else ""
-    below = [name[len(start) :] for name in [*known, *behaviours] if name.startswith(start)]
-    for key, value in here.items():
-        label = f"{start}{key}"
-        if isinstance(value, dict) and (label in known or label in behaviours):
-            _walk(value, label, known, behaviours, errors, lines, unread)
-        elif key in mine and not isinstance(value, dict):
-            _examine(mine[key], value, label, errors, lines)
-        elif not path and label in known and value is not None:
-            errors.append(f"{label} is {value!r}: give a mapping of names and values")
-        elif value is not None:
-            absent = [
-                name for name in (below if isinstance(value, dict) else mine) if not here.get(name)
-            ]
-            advice = f"give {older[key]}" if key in older else did_you_mean(key, absent)
-            if advice:
-                lines.append(f"{label} is ignored: {advice}")
-            elif not isinstance(value, dict):
-                unread.append(label)
+class _Inspection:
+    """Errors and warnings about the names and values of an arranged tree.
+
+    Attributes:
+        errors: a line for each value with which the node cannot start.
+        warnings: a line for each value that is not used as it stands.
+        unknown: names that nothing reads, and that resemble no other name.
+    """
+
+    def __init__(self, tree: Dict[str, Any]):
+        self.errors: List[str] = []
+        self.warnings: List[str] = []
+        self.unknown: List[str] = []
+        self._declared = tables(tree)
+        self._sections = [*self._declared, *_behaviours(tree)]
+        idle = _idle_planners(tree)
+        used = {name: value for name, value in tree.items() if name not in idle}
+        self._walk(used, "")
+
+    def _walk(self, section: Dict[str, Any], path: str) -> None:
+        """Inspect a section, "" for the tree, and all sections below it."""
+        parameters = self._parameters(path)
+        for key, value in section.items():
+            label = _label(path, key)
+            if isinstance(value, dict) and label in self._sections:
+                self._walk(value, label)
+            elif key in parameters and not isinstance(value, dict):
+                self._examine(parameters[key], value, label)
+            elif value is None:
+                continue  # A section without entries is None in YAML.
+            elif not path and label in self._declared:
+                self.errors.append(f"{label} is {value!r}: give a mapping of names and values")
+            else:
+                self._report_unread(section, path, key)
+
+    def _parameters(self, path: str) -> Dict[str, Parameter]:
+        """Return the parameters that a section may have, by all their names."""
+        # Only the declared sections and those of recovery behaviours are walked.
+        parameters = by_name(self._declared.get(path, BEHAVIOUR))
+        if path in COSTMAPS:
+            return {**INHERITED, **parameters}
+        if not path:
+            for p in COSTMAP + STATIC_COSTMAP:
+                if p.name in FOUND_ABOVE:
+                    parameters[p.name] = p
+        return parameters
+
+    def _report_unread(self, section: Dict[str, Any], path: str, key: str) -> None:
+        """Warn about a name that nothing reads, with the name that was probably meant."""
+        # Candidates are the names of the same kind, section or parameter, that are not in use yet.
+        parameters = self._parameters(path)
+        label = _label(path, key)
+        newer = {old: p.name for p in parameters.values() for old in p.older}
+        known = list(parameters)
+        if isinstance(section[key], dict):
+            start = _label(path, "")
+            known = [name[len(start) :] for name in self._sections if name.startswith(start)]
+        if key in newer:
+            advice = f"give {newer[key]}"
+        else:
+            advice = did_you_mean(key, [name for name in known if not section.get(name)])
+        if advice:
+            self.warnings.append(f"{label} is ignored: {advice}")
+        elif not isinstance(section[key], dict):
+            self.unknown.append(label)
+
+    def _examine(self, p: Parameter, value: Any, label: str) -> None:
+        """Report a value that is not used as it stands."""
+        if not p.reads(value):
+            if p.type != "list":  # _recoveries reports lists.
+                problem = f"{label} is {value!r}"
+                self.warnings.append(
+                    f"{problem}: the default {p.default!r} is used, as in C++; {p.give}"
+                )
+            return
+        try:
+            converted = p.convert(value, label)
+            clamped = p.clamp(converted, label)
+        except ParameterError as problem:
+            self.errors.append(str(problem))
+            return
+        if clamped == converted:
+            return
+        advice = f"give a value from {p.min!r} to {p.max!r}"
+        if p.beyond == "error":
+            self.errors.append(f"{label} is {converted!r}: {advice}")
+        elif p.beyond:
+            self.warnings.append(f"{label} is {converted!r}: {clamped!r} is used, {advice}")
 
 
-def _examine(p: Parameter, value: Any, label: str, errors: List[str], lines: List[str]) -> None:
-    """Append an error or a warning if a value is not used as given."""
-    if not p.reads(value):
-        if p.type != "list":  # _recoveries reports lists.
-            lines.append(
-                f"{label} is {value!r}: the default {p.default!r} is used, as in C++; {p.give}"
-            )
-        return
-    try:
-        converted, taken = p.convert(value, label), p.taken(value, label)
-    except ParameterError as problem:
-        errors.append(str(problem))
-        return
-    if taken != converted and p.beyond == "error":
-        errors.append(f"{label} is {converted!r}: give a value from {p.min!r} to {p.max!r}")
-    elif taken != converted and p.beyond:
-        lines.append(
-            f"{label} is {converted!r}: {taken!r} is used, give a value from {p.min!r} to {p.max!r}"
-        )
+def _label(path: str, name: str) -> str:
+    """Return the path of a name in the section `path`, which is "" for the tree itself."""
+    return f"{path}/{name}" if path else name
 
 
 def _local_planner(tree: Dict[str, Any]) -> str:
     return namespace(str(tree.get("base_local_planner", LOCAL_PLANNERS[0])))
 
 
-def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
-    """Return a new nested dict of the tree with defaults for all absent parameters and both names of each alias.
+def _idle_planners(tree: Dict[str, Any]) -> Set[str]:
+    """Return the sections of the local planners that the tree does not choose."""
+    return set(map(namespace, LOCAL_PLANNERS)) - {_local_planner(tree)}
 
-    The parameters of layers and sources are in the sections where C++ reads them (layers.arranged), and `plugins` is
-    always present. Values that layers inherit from their costmap are given only at the layers, except for a
-    track_unknown_space at the costmap.
+
+def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
+    """Return a new nested dict of the tree with defaults for all absent parameters.
+
+    Both names of each alias are present. The parameters of layers and sources are in the sections
+    where C++ reads them (layers.arranged), and `plugins` is always present. Values that layers
+    inherit from their costmap are given only at the layers, except for a track_unknown_space at the
+    costmap.
 
     Raises:
         ParameterError: A value is invalid, or values conflict; the message is one line.
@@ -170,112 +219,128 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
     """Return the same as `complete`, without checking for conflicts between values."""
     full: Dict[str, Any] = {}
     tree = arranged(tree)
-    known = tables(tree)
-    idle = {namespace(plugin) for plugin in LOCAL_PLANNERS} - {_local_planner(tree)}
-    for path, parameters in known.items():
-        have, here = branch(tree, path), branch(full, path, create=True)
+    declared = tables(tree)
+    idle = _idle_planners(tree)
+    for path, parameters in declared.items():
+        section = branch(full, path, create=True)
         for p in parameters:
-            if f"{path}/{p.name}" in known:
+            if f"{path}/{p.name}" in declared:
                 continue  # A layer has this name, so nothing reads the parameter.
-            named = [have[name] for name in p.names if p.reads(have.get(name))]
-            if not named and p.name == "controller_frequency" and p.reads(tree.get(p.name)):
-                named = [tree[p.name]]  # C++ searches for it from the planner's name space upwards.
-            if (
-                path in COSTMAPS
-                and p.name in INHERITED
-                and not (named and p.name == "track_unknown_space")
-            ):
-                continue  # The parameter is completed at the layers.
-            label = f"{path}/{p.name}" if path else p.name
+            given = _given_values(tree, path, p)
+            # Inherited parameters are completed at the layers. The costmap itself reads only one.
+            is_read_here = bool(given) and p.name == "track_unknown_space"
+            if path in COSTMAPS and p.name in INHERITED and not is_read_here:
+                continue
+            label = _label(path, p.name)
             try:
-                value = p.taken(named[0] if named else p.default, label)
+                value = p.taken(given[0] if given else p.default, label)
             except ParameterError:
                 if path not in idle:
                     raise
-                value = p.default
-            here.update(dict.fromkeys(p.names, value))
+                value = p.default  # Nothing reads the values of a planner that is not chosen.
+            section.update(dict.fromkeys(p.names, value))
     _complete_behaviours(tree, full)
     return full
 
 
+def _given_values(tree: Dict[str, Any], path: str, p: Parameter) -> List[Any]:
+    """Return the values that the tree gives a parameter of a section, the one that counts first."""
+    section = branch(tree, path)
+    given = [section[name] for name in p.names if p.reads(section.get(name))]
+    if not given and p.name == "controller_frequency" and p.reads(tree.get(p.name)):
+        return [tree[p.name]]  # C++ searches for it from the planner's name space upwards.
+    return given
+
+
 def _complete_behaviours(tree: Dict[str, Any], full: Dict[str, Any]) -> None:
-    """Add the active recovery behaviours and the parameters of each behaviour that the tree lists."""
-    names, full["recovery_behaviors"] = _behaviours(tree), _recoveries(tree)[0]
+    """Add the active recovery behaviours and the parameters of each listed behaviour."""
+    names = _behaviours(tree)
+    full["recovery_behaviors"], _ = _recoveries(tree)
     for name in names:
         if name in full and name not in USUAL:
-            raise ParameterError(
-                f"recovery_behaviors has the name {name!r}, which is already in use: give another one"
-            )
+            problem = f"recovery_behaviors has the name {name!r}, which is already in use"
+            raise ParameterError(f"{problem}: give another one")
+
+    # As in move_base.cpp, the default behaviours take their distances from other parameters.
     full["conservative_reset"]["reset_distance"] = full["conservative_reset_dist"]
     full["aggressive_reset"]["reset_distance"] = 4 * full["local_costmap"]["circumscribed_radius"]
     for name in names:
-        own = {**full.get(name, {}), **branch(tree, name)}
-        full[name] = {
-            p.name: p.taken(
-                own[p.name] if p.reads(own.get(p.name)) else p.default, f"{name}/{p.name}"
-            )
-            for p in BEHAVIOUR
-        }
+        given = {**full.get(name, {}), **branch(tree, name)}
+        values = {}
+        for p in BEHAVIOUR:
+            value = given[p.name] if p.reads(given.get(p.name)) else p.default
+            values[p.name] = p.taken(value, f"{name}/{p.name}")
+        full[name] = values
 
 
 def _contradictions(full: Dict[str, Any]) -> Iterator[str]:
-    """Yield the errors of a complete tree: plugins that are not available, and values that conflict."""
-    known = {"base_global_planner": GLOBAL_PLANNERS, "base_local_planner": LOCAL_PLANNERS}
-    for name, plugins in known.items():
+    """Yield the errors of a complete tree: unavailable plugins and conflicting values."""
+    known_plugins = {"base_global_planner": GLOBAL_PLANNERS, "base_local_planner": LOCAL_PLANNERS}
+    for name, plugins in known_plugins.items():
         if full[name] not in plugins:
             yield f"{name} is {full[name]}: give {' or '.join(plugins)}"
+
+    # Sections with rules of their own
     planner = namespace(full["base_local_planner"])
-    for name in (planner, *COSTMAPS) if planner in full else COSTMAPS:
-        yield from (f"{name}/{line}" for line in CONTRADICTIONS[name](full[name]))
-    for name in dict.fromkeys(["rotate_recovery", *_behaviours(full)]):
-        turn = {"sim_granularity": math.inf, **full[name], "a turn of": 2 * math.pi}
-        yield from (
-            f"{name}/{line}" for line in too_many_points(turn, "sim_granularity", ["a turn of"])
-        )
-    for layer in (
-        layer
-        for name in COSTMAPS
-        for layer in layers(name, full[name])
-        if layer.kind == OBSTACLE_LAYER
-    ):
-        for source in sources(branch(full, layer.path)):
-            kind = branch(full, f"{layer.path}/{source}")["data_type"]
-            if kind not in DATA_TYPES:
-                yield f"{layer.path}/{source}/data_type is {kind}: give {' or '.join(DATA_TYPES)}"
+    sections = [name for name in (planner, *COSTMAPS) if name in full]
+    for section in sections:
+        for line in CONTRADICTIONS[section](full[section]):
+            yield f"{section}/{line}"
+
+    # Rotations check a pose every sim_granularity of a full turn.
+    for behaviour in dict.fromkeys(["rotate_recovery", *_behaviours(full)]):
+        turn = {"sim_granularity": math.inf, **full[behaviour], "a turn of": 2 * math.pi}
+        for line in too_many_points(turn, "sim_granularity", ["a turn of"]):
+            yield f"{behaviour}/{line}"
+
+    # Sources of messages that can be read
+    for name in COSTMAPS:
+        for layer in _obstacle_layers(name, full[name]):
+            for source in sources(branch(full, layer.path)):
+                path = f"{layer.path}/{source}"
+                kind = branch(full, path)["data_type"]
+                if kind not in DATA_TYPES:
+                    yield f"{path}/data_type is {kind}: give {' or '.join(DATA_TYPES)}"
 
 
 def _recoveries(tree: Dict[str, Any]) -> Tuple[List[Dict[str, str]], List[str]]:
     """Return the active recovery behaviours, and warnings about the list of a tree.
 
-    As in move_base.cpp, loadRecoveryBehaviors, the default behaviours replace an invalid list, and a type may be given
-    without its package. Types that are not available are left out.
+    As in move_base.cpp, loadRecoveryBehaviors, the default behaviours replace an invalid list, and
+    a type may be given without its package. Types that are not available are left out.
     """
     listed = tree.get("recovery_behaviors", DEFAULT_RECOVERIES)
     entries = listed if isinstance(listed, list) else [listed]
-    names = [
-        e.get("name") if isinstance(e, dict) and isinstance(e.get("type"), str) else None
-        for e in entries
-    ]
+    names = []
+    for entry in entries:
+        is_typed = isinstance(entry, dict) and isinstance(entry.get("type"), str)
+        names.append(entry.get("name") if is_typed else None)
+
+    # One wrong entry makes C++ ignore the list. The default list has one name twice.
     for entry, name in zip(entries, names):
-        again = names.count(name) > 1 and listed != DEFAULT_RECOVERIES
-        if again or not isinstance(name, str):
-            advice = "the default behaviours are used, as in C++; give each behaviour a unique name and a type"
-            return DEFAULT_RECOVERIES, [f"recovery_behaviors has {entry!r}: {advice}"]
-    types = {namespace(kind): kind for kind in RECOVERY_TYPES}
-    here = [
-        dict(entry, type=types.get(namespace(entry["type"]), entry["type"])) for entry in entries
-    ]
-    absent = [entry["type"] for entry in here if entry["type"] not in RECOVERY_TYPES]
-    lines = [
-        f"recovery_behaviors has {kind}: this type is not available, the others are used"
-        for kind in absent
-    ]
-    return [entry for entry in here if entry["type"] in RECOVERY_TYPES], lines
+        is_repeated = names.count(name) > 1 and listed != DEFAULT_RECOVERIES
+        if is_repeated or not isinstance(name, str):
+            problem = f"recovery_behaviors has {entry!r}"
+            advice = "give each behaviour a unique name and a type"
+            line = f"{problem}: the default behaviours are used, as in C++; {advice}"
+            return DEFAULT_RECOVERIES, [line]
+
+    full_types = {namespace(kind): kind for kind in RECOVERY_TYPES}
+    active = []
+    warnings = []
+    for entry in entries:
+        kind = full_types.get(namespace(entry["type"]), entry["type"])
+        if kind in RECOVERY_TYPES:
+            active.append(dict(entry, type=kind))
+        else:
+            problem = f"recovery_behaviors has {kind}"
+            warnings.append(f"{problem}: this type is not available, the others are used")
+    return active, warnings
 
 
 def _behaviours(tree: Dict[str, Any]) -> List[str]:
-    """Return the names in recovery_behaviors, or an empty list if the default behaviours are active."""
+    """Return the names in recovery_behaviors, none if the default behaviours are active."""
     behaviours, _ = _recoveries(tree)
-    return (
-        [] if behaviours == DEFAULT_RECOVERIES else [behaviour["name"] for behaviour in behaviours]
-    )
+    if behaviours == DEFAULT_RECOVERIES:
+        return []
+    return [behaviour["name"] for behaviour in behaviours]

@@ -1,15 +1,16 @@
 """Declarations of all parameters of move_base: name, type, bounds, default, unit and description.
 
-The rows are in move_base_parameters.py, trajectory_planner_parameters.py, dwa_planner_parameters.py and
-costmap_parameters.py. Here they are combined by dynamic_reconfigure server and name space, for the .cfg files,
-docs/reference/parameters.md, the parameter check at start-up and MoveBase. This file uses only the standard library
-because the .cfg files import it at build time, without numpy.
+The rows are in move_base_parameters.py, trajectory_planner_parameters.py, dwa_planner_parameters.py
+and costmap_parameters.py. Here they are combined by dynamic_reconfigure server and name space, for
+the .cfg files, docs/reference/parameters.md, the parameter check at start-up and MoveBase. This
+file uses only the standard library because the .cfg files import it at build time, without numpy.
 """
 
 from __future__ import annotations
 
 from typing import Any, Callable, Dict, Iterator, NamedTuple, Optional, Tuple
 
+from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters import (
     costmap_parameters,
     dwa_planner_parameters,
@@ -34,7 +35,7 @@ from applr_ros1.planner.parameters.move_base_parameters import (
     STATIC_MOVE_BASE,
     STATIC_NAVFN,
 )
-from applr_ros1.planner.parameters.parameter import OUTLINE, Parameter
+from applr_ros1.planner.parameters.parameter import OUTLINE, Parameter, by_name
 from applr_ros1.planner.parameters.trajectory_planner_parameters import (
     STATIC_TRAJECTORY_PLANNER,
     TRAJECTORY_PLANNER,
@@ -43,6 +44,8 @@ from applr_ros1.planner.parameters.trajectory_planner_parameters import (
 GLOBAL_PLANNERS = ("navfn/NavfnROS",)
 LOCAL_PLANNERS = ("base_local_planner/TrajectoryPlannerROS", "dwa_local_planner/DWAPlannerROS")
 
+# Parameters that a reconfigure changes, by server, and below them the parameters that are read
+# once, by section. The layers are those of the Jackal's files.
 SERVERS: Dict[str, Tuple[Parameter, ...]] = {
     "": MOVE_BASE,
     "TrajectoryPlannerROS": TRAJECTORY_PLANNER,
@@ -72,7 +75,8 @@ STATIC: Dict[str, Tuple[Parameter, ...]] = {
     "local_costmap/obstacles_layer/scan": STATIC_SOURCE,
 }
 
-# Per section, a function that yields a message for each value that conflicts with another value of the section.
+# Per section, a function that yields a message for each value that conflicts with another value of
+# the section.
 CONTRADICTIONS: Dict[str, Callable[[Dict[str, Any]], Iterator[str]]] = {
     "TrajectoryPlannerROS": trajectory_planner_parameters.contradictions,
     "DWAPlannerROS": dwa_planner_parameters.contradictions,
@@ -81,37 +85,51 @@ CONTRADICTIONS: Dict[str, Callable[[Dict[str, Any]], Iterator[str]]] = {
 
 
 def of_kind(kind: str) -> Tuple[str, ...]:
-    """Return all names, older ones included, of the local planners' parameters of a kind (Parameter.kind)."""
-    planners = ("TrajectoryPlannerROS", "DWAPlannerROS")
-    declared = (
-        p for planner in planners for p in SERVERS[planner] + STATIC[planner] if p.kind == kind
-    )
-    return tuple(dict.fromkeys(name for p in declared for name in (*p.names, *p.older)))
+    """Return the names of the local planners' parameters of a kind (Parameter.kind).
+
+    Older names are included. Each name occurs once.
+    """
+    names: Dict[str, None] = {}  # a set that keeps the order
+    for planner in ("TrajectoryPlannerROS", "DWAPlannerROS"):
+        for p in SERVERS[planner] + STATIC[planner]:
+            if p.kind == kind:
+                names.update(dict.fromkeys((*p.names, *p.older)))
+    return tuple(names)
 
 
 def shapes_at_start(planner: str, server: str, name: str) -> bool:
-    """Return whether a local planner keeps the start-up value of a parameter that dynamic_reconfigure can change.
+    """Return whether a local planner keeps the start-up value of a live parameter.
 
-    A reconfigure of this parameter has another effect than a new value in a parameter file. For example, the costmaps
-    take a new footprint_padding, but TrajectoryPlannerROS keeps its first footprint (trajectory_planner_ros.cpp:251).
+    A reconfigure of this parameter has another effect than a new value in a parameter file. For
+    example, the costmaps take a new footprint_padding, but TrajectoryPlannerROS keeps its first
+    footprint (trajectory_planner_ros.cpp:251).
     """
-    once = {each: p.once for p in SERVERS.get(server, ()) for each in p.names}
-    return server == "local_costmap" and planner == OUTLINE and OUTLINE in once.get(name, ())
+    # Of the values that a local planner keeps, only those of its costmap have a server elsewhere.
+    if server != "local_costmap" or planner != OUTLINE:
+        return False
+    return any(name in p.names and OUTLINE in p.once for p in SERVERS[server])
 
 
 class Server(NamedTuple):
-    """Dynamic_reconfigure server: the name of its generated type, without "Config", and its parameters."""
+    """Dynamic_reconfigure server.
+
+    Attributes:
+        config: Name of its generated type, without "Config".
+        parameters: Its parameters.
+    """
 
     config: str
     parameters: Tuple[Parameter, ...]
 
     def declared(self, name: str) -> Optional[Parameter]:
-        """Return the declaration of a parameter by its name or an older one; None if the server has no such name."""
-        return next((parameter for parameter in self.parameters if name in parameter.names), None)
+        """Return the declaration of a parameter by its name or an alias; None if there is none."""
+        return by_name(self.parameters).get(name)
 
 
 def servers(tree: Dict[str, Any]) -> Dict[str, Server]:
-    """Return the dynamic_reconfigure servers of a complete parameter tree: move_base, local planner, costmaps, layers.
+    """Return the dynamic_reconfigure servers of a complete parameter tree.
+
+    These are move_base, the local planner, the costmaps and their layers.
 
     Returns:
         {name: Server}; the name of move_base's own server is "".
@@ -124,23 +142,28 @@ def servers(tree: Dict[str, Any]) -> Dict[str, Server]:
     for name in COSTMAPS:
         declared[name] = Server("Costmap2D", SERVERS[name])
         for layer in layers(name, tree[name]):
-            declared[layer.path] = Server(TYPES[layer.kind].config, TYPES[layer.kind].live)
+            kind = TYPES[layer.kind]
+            declared[layer.path] = Server(kind.config, kind.live)
     return declared
 
 
 def tables(tree: Dict[str, Any]) -> Dict[str, Tuple[Parameter, ...]]:
     """Return the parameters of each section of an arranged tree (layers.arranged)."""
-    paths = [path for path in dict.fromkeys([*SERVERS, *STATIC]) if "costmap/" not in path]
-    declared = {path: SERVERS.get(path, ()) + STATIC.get(path, ()) for path in paths}
+    # SERVERS and STATIC have the layers of the Jackal; a tree may have others.
+    declared = {}
+    for path in dict.fromkeys([*SERVERS, *STATIC]):
+        if "costmap/" not in path:
+            declared[path] = SERVERS.get(path, ()) + STATIC.get(path, ())
     for name in COSTMAPS:
         costmap = tree.get(name, {})
-        for layer in layers(name, costmap) if isinstance(costmap, dict) else ():
-            declared[layer.path] = TYPES[layer.kind].live + TYPES[layer.kind].static
-            own = costmap.get(layer.name, {})
-            if layer.kind == OBSTACLE_LAYER and isinstance(own, dict):
-                declared.update(
-                    {f"{layer.path}/{source}": STATIC_SOURCE for source in sources(own)}
-                )
+        if not isinstance(costmap, dict):
+            continue
+        for layer in layers(name, costmap):
+            kind = TYPES[layer.kind]
+            declared[layer.path] = kind.live + kind.static
+            if layer.kind == OBSTACLE_LAYER:
+                for source in sources(branch(costmap, layer.name)):
+                    declared[f"{layer.path}/{source}"] = STATIC_SOURCE
     return declared
 
 

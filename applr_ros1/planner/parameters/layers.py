@@ -1,6 +1,7 @@
 """Layers of a costmap and the sections of their parameters, by the rules of costmap_2d_ros.cpp.
 
-Used by the check and completion of parameter trees and by declarations.servers. Uses only the standard library.
+Used by the check and completion of parameter trees and by declarations.servers. Uses only the
+standard library.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ class LayerType(NamedTuple):
         config: name of the layer's dynamic_reconfigure type.
         live: parameters of the layer's dynamic_reconfigure server.
         static: parameters that are read once.
-        inherited: names of parameters that replace the layer's own value if they are given at the costmap.
+        inherited: names of parameters that replace the layer's own value if they are given at the
+            costmap.
     """
 
     config: str
@@ -36,9 +38,9 @@ class LayerType(NamedTuple):
     inherited: Tuple[str, ...]
 
 
-STATIC_LAYER, OBSTACLE_LAYER, INFLATION_LAYER = (
-    f"costmap_2d::{kind}Layer" for kind in ("Static", "Obstacle", "Inflation")
-)
+STATIC_LAYER = "costmap_2d::StaticLayer"
+OBSTACLE_LAYER = "costmap_2d::ObstacleLayer"
+INFLATION_LAYER = "costmap_2d::InflationLayer"
 TYPES: Dict[str, LayerType] = {
     STATIC_LAYER: LayerType(
         "GenericPlugin",
@@ -53,18 +55,28 @@ TYPES: Dict[str, LayerType] = {
         ("max_obstacle_height", "raytrace_range", "obstacle_range", "track_unknown_space"),
     ),
     INFLATION_LAYER: LayerType(
-        "InflationPlugin", INFLATION, (), ("cost_scaling_factor", "inflation_radius")
+        "InflationPlugin",
+        INFLATION,
+        (),
+        ("cost_scaling_factor", "inflation_radius"),
     ),
 }
-INHERITED: Dict[str, Parameter] = {
-    p.name: p
-    for kind in TYPES.values()
-    for p in kind.live + kind.static
-    if p.name in kind.inherited
-}
+
+
+def _inherited() -> Dict[str, Parameter]:
+    """Return the declarations of all parameters that layers inherit from their costmap."""
+    inherited = {}
+    for kind in TYPES.values():
+        for p in kind.live + kind.static:
+            if p.name in kind.inherited:
+                inherited[p.name] = p
+    return inherited
+
+
+INHERITED = _inherited()
 VOXEL_LAYER = "costmap_2d::VoxelLayer"
 PREDICTED = "applr/predicted"  # topic of the predicted obstacle points
-# Costmap parameters that may also be given at move_base itself
+# Costmap parameters that may also be given at move_base itself: C++ searches for them upwards.
 FOUND_ABOVE = ("footprint", "robot_radius", "obstacle_range", "raytrace_range")
 # Layers (name, type) of a costmap without `plugins`. The static layer requires static_map.
 BEFORE_HYDRO = (
@@ -83,7 +95,9 @@ class Layer(NamedTuple):
 
 
 def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
-    """Return the layers of the costmap `name`, lowest first, without layers whose type is not available.
+    """Return the layers of the costmap `name`, lowest first.
+
+    Layers whose type is not available are left out.
 
     Raises:
         ParameterError: `plugins` is not a list of names and types, or a name occurs twice.
@@ -91,18 +105,25 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
     declared: List[Layer] = []
     plugins = costmap.get("plugins", [])
     for entry in plugins if isinstance(plugins, list) else [plugins]:
-        good = isinstance(plugins, list) and isinstance(entry, dict) and entry.get("name")
-        if not good or not all(isinstance(entry.get(key), str) for key in ("name", "type")):
+        if not isinstance(plugins, list) or not _is_named_and_typed(entry):
             advice = f"give a name and a type of {', '.join(sorted(TYPES))}"
             raise ParameterError(f"{name}/plugins has {entry!r}: {advice}")
-        if any(layer.name == entry["name"] for layer in declared):
-            raise ParameterError(
-                f"{name}/plugins has two layers named {entry['name']}: give each a unique name"
-            )
+        layer_name = entry["name"]
+        if any(layer.name == layer_name for layer in declared):
+            problem = f"{name}/plugins has two layers named {layer_name}"
+            raise ParameterError(f"{problem}: give each a unique name")
         kind = _kind(entry, costmap)
         if kind:
-            declared.append(Layer(f"{name}/{entry['name']}", entry["name"], kind))
+            declared.append(Layer(f"{name}/{layer_name}", layer_name, kind))
     return declared
+
+
+def _is_named_and_typed(entry: Any) -> bool:
+    """Return whether an entry of `plugins` has the texts name, not empty, and type."""
+    if not isinstance(entry, dict) or not isinstance(entry.get("type"), str):
+        return False
+    name = entry.get("name")
+    return isinstance(name, str) and bool(name)
 
 
 def replaced(tree: Dict[str, Any]) -> Iterator[str]:
@@ -113,23 +134,28 @@ def replaced(tree: Dict[str, Any]) -> Iterator[str]:
             yield f"{name}/map_type is voxel: an obstacle layer replaces the voxel layer"
         plugins = costmap.get("plugins")
         for entry in plugins if isinstance(plugins, list) else ():
-            given = entry.get("type") if isinstance(entry, dict) else None
-            if isinstance(given, str) and given not in TYPES:
-                instead = (
-                    "an obstacle layer replaces it" if _kind(entry, costmap) else "it is left out"
-                )
-                yield f"{name}/plugins has {given}: this layer type is not available, {instead}"
+            kind = entry.get("type") if isinstance(entry, dict) else None
+            if not isinstance(kind, str) or kind in TYPES:
+                continue
+            result = "it is left out"
+            if _kind(entry, costmap):
+                result = "an obstacle layer replaces it"
+            yield f"{name}/plugins has {kind}: this layer type is not available, {result}"
 
 
 def _kind(entry: Dict[str, Any], costmap: Dict[str, Any]) -> str:
-    """Return the layer type that is used for an entry of a costmap's plugins, or "" if the entry is left out.
+    """Return the layer type that is used for an entry of `plugins`, or "" if the entry is left out.
 
-    A voxel layer, or another layer of unavailable type with observation sources, becomes an obstacle layer.
+    A voxel layer, or another layer of unavailable type with observation sources, becomes an
+    obstacle layer.
     """
-    sees = entry["type"] == VOXEL_LAYER or "observation_sources" in branch(
-        costmap, str(entry.get("name"))
-    )
-    return entry["type"] if entry["type"] in TYPES else OBSTACLE_LAYER if sees else ""
+    kind: str = entry["type"]
+    if kind in TYPES:
+        return kind
+    values = branch(costmap, str(entry.get("name")))
+    if kind == VOXEL_LAYER or "observation_sources" in values:
+        return OBSTACLE_LAYER
+    return ""
 
 
 def sources(layer: Dict[str, Any]) -> List[str]:
@@ -139,78 +165,96 @@ def sources(layer: Dict[str, Any]) -> List[str]:
 
 
 def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
-    """Return a tree with the layers' parameters in the sections where C++ reads them. Its costmaps are new dicts.
+    """Return a tree with the layers' parameters in the sections where C++ reads them.
 
-    Without `plugins`, the list is added and the layers' parameters move from the costmap to the layers. With `plugins`,
-    the values that layers inherit are copied to them. Sources get the ranges of the sections above them.
+    Without `plugins`, the list is added and the layers' parameters move from the costmap to the
+    layers. With `plugins`, the values that layers inherit are copied to them. Sources get the
+    ranges of the sections above them. The costmaps of the result are new dicts.
     """
-    made = dict(tree)
-    made["TrajectoryPlannerROS"] = _with_older_names(tree)
+    result = dict(tree)
+    result["TrajectoryPlannerROS"] = _with_older_names(tree)
     for name in COSTMAPS:
-        given = tree.get(name, {})
-        if not isinstance(given, dict):
-            continue
-        costmap = made[name] = dict(given)
-        for key in ("footprint", "robot_radius"):
-            if key in tree:
-                costmap.setdefault(key, tree[key])
-        if "plugins" not in costmap:
-            _move_to_layers(costmap)
-        for layer in layers(name, costmap):
-            own = costmap.get(layer.name, {})
-            if not isinstance(own, dict):
-                continue
-            own = costmap[layer.name] = dict(own)
-            own.update({key: costmap[key] for key in TYPES[layer.kind].inherited if key in costmap})
-            if layer.kind == OBSTACLE_LAYER:
-                _arrange_sources(own, (own, costmap, tree))
-                if branch(tree, "applr").get("movers") is True:
-                    _add_predicted(own, costmap.get("robot_base_frame", "base_link"))
-    return made
+        if isinstance(tree.get(name, {}), dict):
+            result[name] = _arranged_costmap(name, tree)
+    return result
+
+
+def _arranged_costmap(name: str, tree: Dict[str, Any]) -> Dict[str, Any]:
+    """Return the section of the costmap `name` of a tree as `arranged` does."""
+    costmap = dict(tree.get(name, {}))
+    for key in ("footprint", "robot_radius"):
+        if key in tree:
+            costmap.setdefault(key, tree[key])
+    if "plugins" not in costmap:
+        _move_to_layers(costmap)
+    for layer in layers(name, costmap):
+        if not isinstance(costmap.get(layer.name, {}), dict):
+            continue  # The check reports a section that is no mapping.
+        section = dict(costmap.get(layer.name, {}))
+        costmap[layer.name] = section
+        for key in TYPES[layer.kind].inherited:
+            if key in costmap:
+                section[key] = costmap[key]
+        if layer.kind == OBSTACLE_LAYER:
+            _arrange_sources(section, (section, costmap, tree))
+            if branch(tree, "applr").get("movers") is True:
+                _add_predicted(section, costmap.get("robot_base_frame", "base_link"))
+    return costmap
 
 
 def _with_older_names(tree: Dict[str, Any]) -> Any:
-    """Return the values of TrajectoryPlannerROS, including values under older names that C++ still reads.
+    """Return the values of TrajectoryPlannerROS, also under older names that C++ still reads.
 
-    With another local planner, rotations of recovery read the older names (rotate_recovery.cpp). TrajectoryPlannerROS
-    reads an older name only for the slowest turn to the goal heading (trajectory_planner_ros.cpp) and writes the newer
-    names before recovery reads them.
+    With another local planner, rotations of recovery read the older names (rotate_recovery.cpp).
+    TrajectoryPlannerROS reads an older name only for the slowest turn to the goal heading
+    (trajectory_planner_ros.cpp) and writes the newer names before recovery reads them.
     """
     given = tree.get("TrajectoryPlannerROS", {})
     if not isinstance(given, dict):
         return given
-    slowest = "min_in_place_vel_theta", "min_in_place_rotational_vel"
-    if str(tree.get("base_local_planner", "TrajectoryPlannerROS")).endswith("TrajectoryPlannerROS"):
-        return {**given, slowest[1]: given[slowest[0]]} if slowest[0] in given else given
-    older = {
-        slowest[0]: slowest[1],
+    slowest = "min_in_place_vel_theta"
+    older_slowest = "min_in_place_rotational_vel"
+    planner = str(tree.get("base_local_planner", "TrajectoryPlannerROS"))
+    if planner.endswith("TrajectoryPlannerROS"):
+        if slowest not in given:
+            return given
+        return {**given, older_slowest: given[slowest]}
+
+    values = {"yaw_goal_tolerance": 0.1}  # default of rotate_recovery.cpp
+    older_names = {
+        slowest: older_slowest,
         "max_vel_theta": "max_rotational_vel",
         "acc_lim_theta": "acc_lim_th",
     }
-    return {
-        "yaw_goal_tolerance": 0.1,
-        **{now: given[old] for now, old in older.items() if old in given},
-        **given,
-    }
+    for name, older_name in older_names.items():
+        if older_name in given:
+            values[name] = given[older_name]
+    return {**values, **given}
 
 
 def _add_predicted(layer: Dict[str, Any], base: str) -> None:
-    """Add a source for PREDICTED, with the parameters of the laser, if the layer has a laser that marks and clears."""
-    own = [branch(layer, name) for name in sources(layer)]
-    lasers = [
-        s
-        for s in own
-        if s.get("data_type") == "LaserScan" and s.get("clearing") and s.get("marking", True)
-    ]
-    given = [source for source in own if str(source.get("topic")).lstrip("/") == PREDICTED]
-    for source in given:  # Files that also configure the C++ node list the source themselves.
-        source["topic"] = PREDICTED
-    if lasers and not given:
-        changed = {"topic": PREDICTED, "data_type": "PointCloud2", "observation_persistence": 0.0}
+    """Add a source for PREDICTED if the layer has a laser that marks and clears.
+
+    The source has the parameters of the first such laser. base: frame of the robot.
+    """
+    lasers = []
+    is_given = False
+    for name in sources(layer):
+        source = branch(layer, name)
+        is_laser = source.get("data_type") == "LaserScan"
+        if is_laser and source.get("clearing") and source.get("marking", True):
+            lasers.append(source)
+        # Files that also configure the C++ node list the source themselves.
+        if str(source.get("topic")).lstrip("/") == PREDICTED:
+            source["topic"] = PREDICTED
+            is_given = True
+    if lasers and not is_given:
         layer["applr_predicted"] = {
             "sensor_frame": base,
             **lasers[0],
-            **changed,
+            "topic": PREDICTED,
+            "data_type": "PointCloud2",
+            "observation_persistence": 0.0,
             "expected_update_rate": 0.0,
         }
         layer["observation_sources"] += " applr_predicted"
@@ -218,35 +262,42 @@ def _add_predicted(layer: Dict[str, Any], base: str) -> None:
 
 def _move_to_layers(costmap: Dict[str, Any]) -> None:
     """Add the layers of files without `plugins` and move their parameters to them."""
-    with_map = costmap.get("static_map", False) is True
-    own = {
-        layer: dict(costmap[layer]) if isinstance(costmap.get(layer), dict) else {}
-        for layer, _ in BEFORE_HYDRO
-    }
+    # Costmap2DROS::loadOldParameters does the same on the parameter server.
     keys = {layer: TYPES[kind].inherited for layer, kind in BEFORE_HYDRO}
     keys["obstacle_layer"] += ("observation_sources", *sources(costmap))
-    for layer, names in keys.items():
-        if layer != "static_layer" or with_map:
-            own[layer].update({key: costmap[key] for key in names if key in costmap})
+
+    # Two layers may take the same parameter, so it is removed only after all have it.
+    plugins = []
+    sections = {}
+    for layer, kind in BEFORE_HYDRO:
+        if layer == "static_layer" and costmap.get("static_map", False) is not True:
+            continue
+        given = costmap.get(layer)
+        section = dict(given) if isinstance(given, dict) else {}
+        for key in keys[layer]:
+            if key in costmap:
+                section[key] = costmap[key]
+        plugins.append({"name": layer, "type": kind})
+        sections[layer] = section
     for names in keys.values():
         for key in names:
             if key != "track_unknown_space":  # The costmap itself reads this parameter, too.
                 costmap.pop(key, None)
-    costmap["plugins"] = [
-        {"name": layer, "type": kind}
-        for layer, kind in BEFORE_HYDRO
-        if layer != "static_layer" or with_map
-    ]
-    costmap.update({entry["name"]: own[entry["name"]] for entry in costmap["plugins"]})
+    costmap["plugins"] = plugins
+    costmap.update(sections)
 
 
-def _arrange_sources(layer: Dict[str, Any], above: Sequence[Dict[str, Any]]) -> None:
-    """Give each source a topic and ranges. A missing range comes from the nearest section above that has it."""
+def _arrange_sources(layer: Dict[str, Any], sections: Sequence[Dict[str, Any]]) -> None:
+    """Give each source of a layer a topic and ranges.
+
+    A missing range comes from the first of the sections that has it: the layer and those above it.
+    """
     for name in sources(layer):
         given = layer.get(name)
-        own = layer[name] = dict(given) if isinstance(given, dict) else {}
-        own.setdefault("topic", name)
+        source = dict(given) if isinstance(given, dict) else {}
+        layer[name] = source
+        source.setdefault("topic", name)
         for key in ("obstacle_range", "raytrace_range"):
-            inherited = next((section[key] for section in above if key in section), None)
-            if key not in own and inherited is not None:
-                own[key] = inherited
+            inherited = next((section[key] for section in sections if key in section), None)
+            if inherited is not None:
+                source.setdefault(key, inherited)

@@ -1,6 +1,7 @@
 """Declaration of one parameter of move_base, with short constructors for the tables of this folder.
 
-Used by the tables (move_base_parameters.py and its neighbours) and by their readers. Uses only the standard library.
+Used by the tables (move_base_parameters.py and its neighbours) and by their readers. Uses only the
+standard library.
 """
 
 from __future__ import annotations
@@ -12,19 +13,17 @@ from typing import Any, Dict, Iterable, Iterator, Optional, Tuple
 from applr_ros1.common.errors import ApplrError
 
 INF = math.inf
-INT_MAX = 2147483647
+INT_MAX = 2147483647  # bound of dynamic_reconfigure's type int, which has 32 bits
 MOST_POINTS = 100_000  # largest number of points of one trajectory or turn; more would take minutes
 TEXT_OR_LIST = ("footprint", "y_vels")  # texts that parameter files may also give as lists
-# Users that read a parameter only at start-up (Parameter.once): TrajectoryPlannerROS for all its cycles; both local
-# planners; TrajectoryPlannerROS for stopping and turning at its goal; the recovery behaviours
-OUTLINE, PERIOD, GOAL, RECOVERY = (
-    "TrajectoryPlannerROS",
-    "the local planner",
-    "the stop and turn at a goal",
-    "recovery",
-)
+# Users that read a parameter only at start-up (Parameter.once)
+OUTLINE = "TrajectoryPlannerROS"  # for all its cycles
+PERIOD = "the local planner"  # whichever is chosen
+GOAL = "the stop and turn at a goal"  # of TrajectoryPlannerROS
+RECOVERY = "recovery"  # the recovery behaviours
+
 _TYPES = {"bool": bool, "str": str, "list": list}
-_GIVE = {
+_EXPECTED = {
     "double": "a finite number",
     "int": "a whole number",
     "bool": "true or false",
@@ -43,19 +42,24 @@ class Parameter:
 
     Attributes:
         name: name in ROS.
-        type: "double", "int", "bool" or "str" as in dynamic_reconfigure; "list" only for parameters that are read once.
-        default, min, max: values of this type.
+        type: "double", "int", "bool" or "str" as in dynamic_reconfigure; "list" only for parameters
+            that are read once.
+        default: default value.
+        min: lower bound of a number.
+        max: upper bound of a number.
         unit: unit; "" for none.
         doc: description in one or two sentences.
         aliases: older names that always have the same value.
         enum: (name, value, description) of each choice.
         not_zero: whether 0 is rejected although it lies within the bounds.
-        beyond: report about a start-up value out of bounds, which is clamped as in C++: "remark" (warning), "" (none),
-            or "error" if the robot cannot drive with the clamped value.
-        kind: quantity, from which the range of a learned parameter and the limit of a base follow: "speed" or "turn" of
-            the base, "length", "1/length", "time", "count" of samples, "weight" of a distance, or "" for others.
+        beyond: report about a start-up value out of bounds, which is clamped as in C++: "remark"
+            (warning), "" (none), or "error" if the robot cannot drive with the clamped value.
+        kind: quantity, from which the range of a learned parameter and the limit of a base follow:
+            "speed" or "turn" of the base, "length", "1/length", "time", "count" of samples,
+            "weight" of a distance, or "" for others.
         older: names that the C++ node no longer reads.
-        once: users that read the parameter only when move_base starts, so that a reconfigure does not affect them.
+        once: users that read the parameter only when move_base starts, so that a reconfigure does
+            not affect them.
     """
 
     name: str
@@ -76,8 +80,10 @@ class Parameter:
     @property
     def about(self) -> str:
         """Description, with the users that read the parameter only once."""
+        if not self.once:
+            return self.doc
         users = " and ".join(self.once)
-        return f"{self.doc} For {users} the value at start-up applies." if users else self.doc
+        return f"{self.doc} For {users} the value at start-up applies."
 
     @property
     def names(self) -> Tuple[str, ...]:
@@ -87,55 +93,97 @@ class Parameter:
     @property
     def give(self) -> str:
         """Remedy for a value of another type, as the end of a message."""
-        return f"give {_GIVE[self.type]}"
+        return f"give {_EXPECTED[self.type]}"
 
     def reads(self, value: Any) -> bool:
-        """Return whether roscpp reads `value`. roscpp ignores values of another type and uses the default."""
-        if self.type in ("double", "int"):
+        """Return whether roscpp reads `value`.
+
+        roscpp ignores values of another type and uses the default.
+        """
+        if self._is_number:  # In Python, True is an int.
             return isinstance(value, (int, float)) and not isinstance(value, bool)
-        return isinstance(value, (str, list) if self.name in TEXT_OR_LIST else _TYPES[self.type])
+        if self.name in TEXT_OR_LIST:
+            return isinstance(value, (str, list))
+        return isinstance(value, _TYPES[self.type])
+
+    @property
+    def _is_number(self) -> bool:
+        return self.type in ("double", "int")
 
     def convert(self, value: Any, label: str = "") -> Any:
-        """Convert `value` without clamping. Raise ParameterError for another type, NaN, infinity or an invalid 0."""
+        """Convert `value` without clamping.
+
+        Raises:
+            ParameterError: `value` has another type, is not finite, or is 0 although not_zero is
+                set. The message names it by `label`, or else by the parameter's name.
+        """
         label = label or self.name
-        number = self.type in ("double", "int")
-        if not self.reads(value) or number and not math.isfinite(value):
+        # NaN would pass the comparisons with the bounds.
+        if not self.reads(value) or (self._is_number and not math.isfinite(value)):
             raise ParameterError(f"{label} is {value!r}: {self.give}")
-        if not number:
-            return str(value) if self.type == "str" else value
         if self.not_zero and value == 0:
             raise ParameterError(f"{label} is 0: give a number above 0")
-        return (
-            float(value) if self.type == "double" else math.floor(value + 0.5)
-        )  # roscpp rounds, too.
+        if self.type == "double":
+            return float(value)
+        if self.type == "int":
+            return math.floor(value + 0.5)  # roscpp rounds, too.
+        if self.type == "str":
+            return str(value)  # A list of TEXT_OR_LIST becomes text.
+        return value
 
     def taken(self, value: Any, label: str = "") -> Any:
-        """Return `value` as the node uses it: converted and clamped. Raise ParameterError like `convert`."""
+        """Return `value` as the node uses it: converted and clamped.
+
+        Raises:
+            ParameterError: As in `convert` and `clamp`.
+        """
         return self.clamp(self.convert(value, label), label)
 
     def clamp(self, value: Any, label: str = "") -> Any:
-        """Clamp `value` to the bounds. Raise ParameterError if the result is 0 although not_zero is set."""
-        if self.type not in ("double", "int"):
+        """Clamp `value` to the bounds.
+
+        Raises:
+            ParameterError: The result is 0 although not_zero is set.
+        """
+        if not self._is_number:
             return value
-        moved = min(max(value, self.min), self.max)
-        if self.not_zero and moved == 0:
+        # The node divides by these values. A bound of 0 could make a negative value 0.
+        clamped = min(max(value, self.min), self.max)
+        if self.not_zero and clamped == 0:
             raise ParameterError(f"{label or self.name} is {value!r}: give a number above 0")
-        return moved
+        return clamped
+
+
+def by_name(parameters: Iterable[Parameter]) -> Dict[str, Parameter]:
+    """Return declarations by name; those with aliases occur under each of their names."""
+    declared = {}
+    for p in parameters:
+        declared.update(dict.fromkeys(p.names, p))
+    return declared
 
 
 def too_many_points(
     values: Dict[str, Any], spacing: str, names: Iterable[str], time: Optional[float] = None
 ) -> Iterator[str]:
-    """Yield a message for the first of the named values that has too many points at the spacing `values[spacing]`.
+    """Yield a message for the first of the named values that has too many points.
 
-    The values are lengths, or speeds if a time [s] is given.
+    Args:
+        values: all values of the section {name: value}.
+        spacing: name of the distance between two points.
+        names: names of the values, which are lengths, or speeds if a time is given.
+        time: duration of a trajectory [s].
     """
     for name in names:
-        if abs(values[name]) * (1.0 if time is None else time) > MOST_POINTS * values[spacing]:
-            what = f"{name} {values[name]:g}" + (
-                "" if time is None else f" and sim_time {time:g} s"
+        length = abs(values[name])
+        cause = f"{name} {values[name]:g}"
+        if time is not None:
+            length *= time
+            cause += f" and sim_time {time:g} s"
+        if length > MOST_POINTS * values[spacing]:
+            problem = (
+                f"{spacing} is {values[spacing]:g}: more than {MOST_POINTS} points with {cause}"
             )
-            yield f"{spacing} is {values[spacing]:g}: more than {MOST_POINTS} points with {what}, give a larger value"
+            yield f"{problem}, give a larger value"
             return
 
 

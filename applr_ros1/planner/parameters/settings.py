@@ -62,9 +62,9 @@ class Settings(Mapping[str, Mapping[str, Any]]):
     """
 
     def __init__(self, values: Mapping[str, Mapping[str, Any]]):
-        self._values = {
-            server: MappingProxyType(dict(of_server)) for server, of_server in values.items()
-        }
+        self._values = {}
+        for server, of_server in values.items():
+            self._values[server] = MappingProxyType(dict(of_server))
 
     def __getitem__(self, server: str) -> Mapping[str, Any]:
         return self._values[server]
@@ -87,10 +87,10 @@ class Settings(Mapping[str, Mapping[str, Any]]):
         values: Dict[str, Dict[str, Any]] = {}
         for server, declared in servers(tree).items():
             section = branch(tree, server)
-            names = [
-                parameter.name for parameter in declared.parameters if parameter is not RESTORE
-            ]
-            values[server] = {name: section[name] for name in names}
+            values[server] = {}
+            for p in declared.parameters:
+                if p is not RESTORE:  # It is a command, which has no lasting value.
+                    values[server][p.name] = section[p.name]
         return cls(values)
 
     def to_tree(self) -> Dict[str, Any]:
