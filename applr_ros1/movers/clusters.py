@@ -1,152 +1,236 @@
 """Segmentation of a scan into clusters of neighbouring points, and a disc fitted to each cluster.
 
-MoverTracker calls find_clusters for each scan. tracks.py calls `centre` once the radius of a disc is known.
+MoverTracker calls find_clusters for each scan. tracks.py calls `centre` once the radius of a disc
+is known.
 """
 
 import math
-from typing import Tuple
+from typing import Any, NamedTuple, Tuple
 
-from applr_ros1.common.angles import Pose
+import numpy as np
+
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.kernels import kernel
-from applr_ros1.movers.free_space import full_turn
-
-# Ranges (n,) float32 of a scan [m], cosine and sine of its beams (n, 2), (first angle, increment [rad], range_min,
-# range_max [m]), and pose of the laser in the fixed frame.
-Scan = Tuple[Array32, Array, Tuple[float, float, float, float], Pose]
+from applr_ros1.movers.free_space import Fan, full_turn
 
 MAX_CLUSTERS = 256  # maximum number of clusters per scan
 REACH_M = 8.0  # range beyond which a cluster is left out [m]
 LARGEST_M = 0.8  # radius beyond which a cluster is left out [m]
-# Columns of a cluster: raw centre [m], radius [m], nearest range [m], bearings of its edges in the fixed frame [rad]
-# (first, last beam), per edge (first, last beam) whether a nearer or unknown point occludes it, standard deviation of
-# the centre [m], and three of its points [m].
-CX, CY, RADIUS, NEAR, FROM, TO, HIDDEN_FROM, HIDDEN_TO, SIGMA, POINTS = range(10)
-COLUMNS = POINTS + 6
+WIDEST_RAD = 1.3  # half angle of a cluster beyond which it is left out [rad]
+POINTS = 3  # number of points of a cluster that are kept as evidence of its motion
 
-# Minimum angle of incidence at which a surface stays one cluster [rad] (Borges and Aldon, J. Int. Rob. Sys. 2004).
+# x, y: centre [m]. radius [m]. near: nearest range [m]. start, end: bearings of the edges in the
+# fixed frame, beside the first and the last beam [rad]. start_hidden, end_hidden: whether a nearer
+# or unknown point occludes that edge. sigma: standard deviation of the centre [m]. points: POINTS
+# of its points [m].
+CLUSTER = np.dtype(
+    [
+        ("x", np.float64),
+        ("y", np.float64),
+        ("radius", np.float64),
+        ("near", np.float64),
+        ("start", np.float64),
+        ("end", np.float64),
+        ("sigma", np.float64),
+        ("points", np.float64, (POINTS, 2)),
+        ("start_hidden", np.bool_),
+        ("end_hidden", np.bool_),
+    ],
+    align=True,
+)
+Cluster = Any  # a record of CLUSTER, which numba knows by its dtype
+Clusters = Any  # an array (n,) of them
+
+# Minimum angle of incidence at which a surface stays one cluster [rad] (Borges and Aldon, "Line
+# Extraction in 2D Range Images for Mobile Robotics", J. Int. Rob. Sys. 2004).
 GRAZING_RAD = 0.2
+FINEST_RAD = 0.02  # smallest value of this angle less an increment [rad]
 APART_M = (
     0.08  # gap between neighbouring points that never splits a cluster, to allow for noise [m]
 )
 GAP_BEAMS = 3  # maximum number of beams from one point of a cluster to the next
 FEWEST_POINTS = 3  # minimum number of points per cluster
+# Standard deviation of a centre [m]: a constant part, a part of the spacing of the beams, and
+# further parts if an edge is occluded, the last in proportion to the hidden width.
+SIGMA_M = 0.02
+SIGMA_SPACING = 0.3
+SIGMA_HIDDEN_M = 0.05
+SIGMA_HIDDEN_WIDTH = 0.5
+
+
+class Scan(NamedTuple):
+    """Scan as the kernels take it.
+
+    ranges: (n,) float32 [m]. directions: (n, 2) cosine and sine of each beam. fan: FAN of the scan.
+    split_factor: spacing, per beam and range, of neighbouring points of a surface at GRAZING_RAD.
+    """
+
+    ranges: Array32
+    directions: Array
+    fan: Fan
+    split_factor: float
 
 
 @kernel
-def find_clusters(scan: Scan, clusters: Array) -> int:
-    """Fill `clusters` (MAX_CLUSTERS, COLUMNS) from a scan, and return the number of clusters."""
-    ranges, _, limits, _ = scan
-    n = ranges.shape[0]
-    step = abs(limits[1])
-    widen = math.sin(step) / math.sin(max(GRAZING_RAD - step, 0.02))
-    full = full_turn(n, step)
-    begin = 0  # In a full turn a cluster may wrap around from the last beam to the first: start at a gap.
-    while full and begin < n - 1 and _joined(scan, begin - 1, begin, widen):
-        begin += 1
-    count, k = 0, begin
-    while k < begin + n and count < MAX_CLUSTERS:
-        if not _hit(ranges[k % n], limits):
-            k += 1
+def find_clusters(ranges: Array32, directions: Array, fans: Any, clusters: Clusters) -> int:
+    """Find the clusters of a scan, and return their number.
+
+    Args:
+        ranges: (n,) float32 [m].
+        directions: (n, 2) cosine and sine of each beam.
+        fans: (1,) FAN of the scan.
+        clusters: (MAX_CLUSTERS,) CLUSTERs, of which the first ones are filled.
+    """
+    beam_count = ranges.shape[0]
+    step = abs(fans[0].increment)
+    split_factor = math.sin(step) / math.sin(max(GRAZING_RAD - step, FINEST_RAD))
+    scan = Scan(ranges, directions, fans[0], split_factor)
+    is_full_turn = full_turn(beam_count, step)
+    # In a full turn a cluster may wrap around from the last beam to the first: start at a gap.
+    start_beam = 0
+    if is_full_turn:
+        while start_beam < beam_count - 1 and _is_joined(scan, start_beam - 1, start_beam):
+            start_beam += 1
+    end_beam = start_beam + beam_count
+
+    count = 0
+    beam = start_beam
+    while beam < end_beam and count < MAX_CLUSTERS:
+        if not _is_hit(scan, beam):
+            beam += 1
             continue
-        first = last = k
-        points, near = 1, ranges[k % n]
+
+        # Follow the surface from point to point, across missing beams.
+        first_beam = beam
+        last_beam = beam
+        points = 1
+        near = ranges[beam % beam_count]
         while True:
-            k = last + 1
-            while k < min(last + GAP_BEAMS, begin + n) and not _joined(scan, last, k, widen):
-                k += 1
-            if k >= begin + n or not _joined(scan, last, k, widen):
+            beam = last_beam + 1
+            farthest = min(last_beam + GAP_BEAMS, end_beam)
+            while beam < farthest and not _is_joined(scan, last_beam, beam):
+                beam += 1
+            if beam >= end_beam or not _is_joined(scan, last_beam, beam):
                 break
-            last = k
+            last_beam = beam
             points += 1
-            near = min(near, ranges[k % n])
-        k = last + 1
+            near = min(near, ranges[beam % beam_count])
+        beam = last_beam + 1
+
         if points >= FEWEST_POINTS and near < REACH_M:
             cluster = clusters[count]
-            cluster[NEAR] = near
-            cluster[HIDDEN_FROM] = _hides(scan, first, -1, full)
-            cluster[HIDDEN_TO] = _hides(scan, last, 1, full)
-            if _measure(scan, first, last, cluster):
+            cluster.near = near
+            cluster.start_hidden = _hides(scan, first_beam, -1, is_full_turn)
+            cluster.end_hidden = _hides(scan, last_beam, 1, is_full_turn)
+            if _measure(scan, first_beam, last_beam, cluster):
                 count += 1
     return count
 
 
 @kernel
-def _hit(r: float, limits: Tuple[float, float, float, float]) -> bool:
-    return limits[2] <= r < limits[3]
+def _is_hit(scan: Scan, beam: int) -> bool:
+    distance = scan.ranges[beam % scan.ranges.shape[0]]
+    return bool(scan.fan.range_min <= distance < scan.fan.range_max)
 
 
 @kernel
-def _joined(scan: Scan, a: int, b: int, widen: float) -> bool:
-    """Return whether the points of beams a and b belong to one surface."""
-    ranges, table, limits, _ = scan
-    n = ranges.shape[0]
-    i, j = a % n, b % n
-    r, q = ranges[i], ranges[j]
-    if not (_hit(r, limits) and _hit(q, limits)):
+def _point(scan: Scan, beam: int) -> Tuple[float, float]:
+    """Return the end point x, y [m] of a beam in the laser's frame."""
+    index = beam % scan.ranges.shape[0]
+    distance = scan.ranges[index]
+    return distance * scan.directions[index, 0], distance * scan.directions[index, 1]
+
+
+@kernel
+def _is_joined(scan: Scan, first_beam: int, second_beam: int) -> bool:
+    """Return whether the points of two beams belong to one surface."""
+    if not (_is_hit(scan, first_beam) and _is_hit(scan, second_beam)):
         return False
-    dx, dy = r * table[i, 0] - q * table[j, 0], r * table[i, 1] - q * table[j, 1]
-    apart = APART_M + (b - a) * widen * min(r, q)
-    return bool(dx * dx + dy * dy < apart * apart)
+    beam_count = scan.ranges.shape[0]
+    first_range = scan.ranges[first_beam % beam_count]
+    second_range = scan.ranges[second_beam % beam_count]
+    first_x, first_y = _point(scan, first_beam)
+    second_x, second_y = _point(scan, second_beam)
+    offset_x = first_x - second_x
+    offset_y = first_y - second_y
+    beams_apart = second_beam - first_beam
+    apart = APART_M + beams_apart * scan.split_factor * min(first_range, second_range)
+    return bool(offset_x * offset_x + offset_y * offset_y < apart * apart)
 
 
 @kernel
-def _hides(scan: Scan, edge: int, way: int, full: bool) -> float:
-    """Return 1.0 if the beam next to a cluster's edge may occlude more of the cluster, else 0.0."""
-    ranges = scan[0]
-    n = ranges.shape[0]
-    beyond = edge + way
-    if not full and not 0 <= beyond < n:
-        return 1.0
-    r = ranges[beyond % n]
-    return 0.0 if r >= ranges[edge % n] else 1.0  # NaN and ranges below range_min occlude, too.
+def _hides(scan: Scan, edge_beam: int, direction: int, is_full_turn: bool) -> bool:
+    """Return whether the beam next to a cluster's edge may occlude more of the cluster."""
+    ranges = scan.ranges
+    beam_count = ranges.shape[0]
+    next_beam = edge_beam + direction
+    if not is_full_turn and not 0 <= next_beam < beam_count:
+        return True
+    # NaN and ranges below range_min occlude, too.
+    return not ranges[next_beam % beam_count] >= ranges[edge_beam % beam_count]
 
 
 @kernel
-def _measure(scan: Scan, first: int, last: int, cluster: Array) -> bool:
-    """Fit a disc to the beams `first` to `last`. Return False if it is larger than LARGEST_M."""
-    ranges, table, limits, sensor = scan
-    n = ranges.shape[0]
-    step = abs(limits[1])
-    i, j = first % n, last % n
-    ax, ay = ranges[i] * table[i, 0], ranges[i] * table[i, 1]
-    bx, by = ranges[j] * table[j, 0], ranges[j] * table[j, 1]
-    half = 0.5 * (last - first + 1) * step
-    chord = math.hypot(bx - ax, by - ay) + step * cluster[NEAR]
-    if half > 1.3 or chord > 2.0 * LARGEST_M:
+def _measure(scan: Scan, first_beam: int, last_beam: int, cluster: Cluster) -> bool:
+    """Fit a disc to the beams `first_beam` to `last_beam`. Return False if it is too large."""
+    fan = scan.fan
+    step = abs(fan.increment)
+    first_x, first_y = _point(scan, first_beam)
+    last_x, last_y = _point(scan, last_beam)
+    beams_apart = last_beam - first_beam
+    half_angle = 0.5 * (beams_apart + 1) * step
+    chord = math.hypot(last_x - first_x, last_y - first_y) + step * cluster.near
+    if half_angle > WIDEST_RAD or chord > 2.0 * LARGEST_M:
         return False
-    radius = min(0.5 * chord / math.cos(half), chord)
-    cluster[RADIUS] = radius
-    cluster[SIGMA] = 0.02 + 0.3 * step * cluster[NEAR]
-    cluster[FROM] = sensor[2] + limits[0] + limits[1] * (first - 0.5)
-    cluster[TO] = sensor[2] + limits[0] + limits[1] * (last + 0.5)
-    x, y, _ = centre(cluster, radius, sensor)
-    cluster[CX], cluster[CY] = x, y
-    c, s = math.cos(sensor[2]), math.sin(sensor[2])
-    for k in range(3):
-        m = first + ((2 * k + 1) * (last - first)) // 6
-        while not _hit(ranges[m % n], limits):
-            m += 1
-        px, py = ranges[m % n] * table[m % n, 0], ranges[m % n] * table[m % n, 1]
-        cluster[POINTS + 2 * k] = sensor[0] + c * px - s * py
-        cluster[POINTS + 2 * k + 1] = sensor[1] + s * px + c * py
+
+    # The chord between the tangents to a disc is 2 radius cos(half_angle).
+    cluster.radius = min(0.5 * chord / math.cos(half_angle), chord)
+    cluster.sigma = SIGMA_M + SIGMA_SPACING * step * cluster.near
+    cluster.start = fan.yaw + fan.angle_min + fan.increment * (first_beam - 0.5)
+    cluster.end = fan.yaw + fan.angle_min + fan.increment * (last_beam + 0.5)
+    x, y, _ = centre(cluster, cluster.radius, fan)
+    cluster.x = x
+    cluster.y = y
+
+    # Points in the middle of each third.
+    cos_yaw = math.cos(fan.yaw)
+    sin_yaw = math.sin(fan.yaw)
+    for index in range(POINTS):
+        beam = first_beam + ((2 * index + 1) * beams_apart) // (2 * POINTS)
+        while not _is_hit(scan, beam):
+            beam += 1
+        point_x, point_y = _point(scan, beam)
+        cluster.points[index, 0] = fan.x + cos_yaw * point_x - sin_yaw * point_y
+        cluster.points[index, 1] = fan.y + sin_yaw * point_x + cos_yaw * point_y
     return True
 
 
 @kernel
-def centre(cluster: Array, radius: float, sensor: Pose) -> Tuple[float, float, float]:
-    """Return the centre (x, y) and its standard deviation [m] of a disc of this radius from its visible part.
+def centre(cluster: Cluster, radius: float, fan: Fan) -> Tuple[float, float, float]:
+    """Return the centre (x, y) and its standard deviation [m] of a disc from its visible part.
 
-    If the next beam beyond an edge reaches farther, the edge is a true one. If the other edge is occluded, the
-    centre is placed one radius inward from the visible edge.
+    If the next beam beyond an edge reaches farther, the edge is a true one. If the other edge is
+    occluded, the centre is placed one radius inward from the visible edge.
+
+    Args:
+        cluster: CLUSTER of the disc.
+        radius: known radius of the disc [m].
+        fan: FAN of the scan.
     """
-    distance = cluster[NEAR] + radius
-    half = math.asin(min(radius / distance, 1.0))
-    bearing, sigma = 0.5 * (cluster[FROM] + cluster[TO]), cluster[SIGMA]
-    if cluster[HIDDEN_FROM] + cluster[HIDDEN_TO] > 0.0:
-        seen = 0.5 * abs(cluster[TO] - cluster[FROM])
-        sigma += 0.05 + 0.5 * max(half - seen, 0.0) * distance
-        if half > seen and cluster[HIDDEN_FROM] != cluster[HIDDEN_TO]:
-            beside = math.copysign(half, cluster[TO] - cluster[FROM])
-            bearing = cluster[FROM] + beside if cluster[HIDDEN_TO] > 0.0 else cluster[TO] - beside
-    return sensor[0] + distance * math.cos(bearing), sensor[1] + distance * math.sin(bearing), sigma
+    distance = cluster.near + radius
+    half_angle = math.asin(min(radius / distance, 1.0))
+    bearing = 0.5 * (cluster.start + cluster.end)
+    sigma = cluster.sigma
+    if cluster.start_hidden or cluster.end_hidden:
+        seen_half = 0.5 * abs(cluster.end - cluster.start)
+        hidden_width = max(half_angle - seen_half, 0.0)
+        sigma += SIGMA_HIDDEN_M + SIGMA_HIDDEN_WIDTH * hidden_width * distance
+        if half_angle > seen_half and cluster.start_hidden != cluster.end_hidden:
+            inward = math.copysign(half_angle, cluster.end - cluster.start)
+            if cluster.end_hidden:
+                bearing = cluster.start + inward
+            else:
+                bearing = cluster.end - inward
+    x = fan.x + distance * math.cos(bearing)
+    y = fan.y + distance * math.sin(bearing)
+    return x, y, sigma

@@ -1,96 +1,140 @@
-"""Free space of the last scans, to distinguish moving from static obstacles. MoverTracker holds one FreeSpace.
+"""Free space of the last scans, to distinguish moving from static obstacles.
 
-A moving obstacle occupies space that was free before, and frees the space that it occupied. Static obstacles do
-neither, although the visible part of a wall moves as the robot drives, and obstacles come into view behind others.
+MoverTracker holds one FreeSpace. A moving obstacle occupies space that was free before, and frees
+the space that it occupied. Static obstacles do neither, although the visible part of a wall moves
+as the robot drives, and obstacles come into view behind others.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 
-from applr_ros1.common.arrays import Array, Array32
+from applr_ros1.common.arrays import Array32
 from applr_ros1.common.kernels import kernel
 
 SCANS = 7  # number of scans that FreeSpace keeps
 APART_S = 0.14  # smallest interval between two kept scans [s]
+ROUNDING_S = 1e-3  # tolerance of this interval, because stamps are rounded [s]
 DEEP_M = 0.12  # distance that a beam must continue beyond a point to see through it [m]
-BESIDE_M, TURNED_RAD = (
-    0.06,
-    0.02,
-)  # tolerance around a point: all beams within it must see through [m, rad]
-# Columns of a fan, which is the geometry of one scan: stamp [s], pose of the laser (x, y, yaw), first angle, increment
-# [rad], range_min [m], number of beams, turn rate of the robot [rad/s], robot's turn from first to last beam [rad].
-STAMP, X, Y, YAW, FIRST, STEP, LEAST, BEAMS, RATE, SWEPT = range(10)
+# Tolerance around a point: all beams within it must see through.
+BESIDE_M = 0.06
+TURNED_RAD = 0.02
+LARGEST_RAD = 1.0  # largest tolerance, for points close to the laser [rad]
+GAP_BEAMS = 3  # number of beams that may be missing from a full turn
+
+# Geometry of one scan: stamp [s], pose of the laser (x, y, yaw), first angle and increment [rad],
+# limits of a hit [m], number of beams, turn rate of the robot [rad/s], its turn from first to last
+# beam [rad].
+FAN = np.dtype(
+    [
+        ("stamp", np.float64),
+        ("x", np.float64),
+        ("y", np.float64),
+        ("yaw", np.float64),
+        ("angle_min", np.float64),
+        ("increment", np.float64),
+        ("range_min", np.float64),
+        ("range_max", np.float64),
+        ("beams", np.int64),
+        ("turn_rate", np.float64),
+        ("swept", np.float64),
+    ]
+)
+Fan = Any  # a record of FAN, which numba knows by its dtype
 
 
 class FreeSpace:
-    """Ring buffer of the last scans that are at least APART_S apart. Scans may differ in their number of beams.
+    """Ring buffer of the last scans that are at least APART_S apart.
+
+    Scans may differ in their number of beams.
 
     Attributes:
-        ranges: (SCANS, at least n) float32, free depth (length of free space) of each beam [m]; 0 if unknown.
-        fans: (SCANS, 10) float64, columns STAMP to SWEPT; the stamp of an empty row is -inf.
+        ranges: (SCANS, at least n) float32, free depth (length of free space) of each beam [m]; 0
+            if unknown.
+        fans: (SCANS,) FAN of each scan; the stamp of an empty row is -inf.
         newest: index of the latest row.
     """
 
     def __init__(self) -> None:
         self.ranges = np.zeros((SCANS, 0), np.float32)
-        self.fans = np.zeros((SCANS, 10))
+        self.fans = np.zeros(SCANS, FAN)
         self.clear()
 
     def clear(self) -> None:
         """Forget all scans."""
-        self.fans[:, STAMP] = -math.inf
+        self.fans["stamp"] = -math.inf
         self.newest = 0
 
     def due(self, stamp: float) -> bool:
-        """Return whether a scan with this stamp [s] must be kept, because APART_S have passed since the last one."""
-        return bool(stamp - self.fans[self.newest, STAMP] >= APART_S - 1e-3)
+        """Return whether a scan with this stamp [s] must be kept, because APART_S have passed."""
+        interval = stamp - self.fans["stamp"][self.newest]
+        return bool(interval >= APART_S - ROUNDING_S)
 
-    def take(self, depth: Array32, fan: Array) -> None:
-        """Replace the oldest scan by a new scan: depth (n,) is its row of `ranges`, and fan (10,) its row of `fans`."""
-        n = len(depth)
-        if n > self.ranges.shape[1]:
-            self.ranges = np.pad(self.ranges, ((0, 0), (0, n - self.ranges.shape[1])))
+    def take(self, depth: Array32, fan: Fan) -> None:
+        """Replace the oldest scan by a new scan, given by free depths (n,) and its FAN."""
+        beam_count = len(depth)
+        missing = beam_count - self.ranges.shape[1]
+        if missing > 0:
+            self.ranges = np.pad(self.ranges, ((0, 0), (0, missing)))
         self.newest = (self.newest + 1) % SCANS
-        self.ranges[self.newest, :n] = depth
+        self.ranges[self.newest, :beam_count] = depth
         self.fans[self.newest] = fan
 
 
 @kernel
-def full_turn(n: int, step: float) -> bool:
-    """Return whether n beams cover a full turn. A gap of a few beams is allowed, because some scanners vary n."""
-    return (n + 3.5) * abs(step) >= 2.0 * math.pi
+def full_turn(beam_count: int, increment: float) -> bool:
+    """Return whether beams cover a full turn. Some scanners vary their number by a few beams."""
+    return (beam_count + GAP_BEAMS + 0.5) * abs(increment) >= 2.0 * math.pi
 
 
 def depths(ranges: Array32, range_min: float, range_max: float) -> Array32:
-    """Return the free depth of each beam of a scan (n,) float32 [m], 0 if it is unknown: below range_min, or NaN."""
-    return np.where(ranges >= np.float64(range_min), np.minimum(ranges, range_max), 0.0).astype(
-        np.float32
-    )
+    """Return the free depth of each beam of a scan (n,) float32 [m].
+
+    It is 0 if it is unknown, that is for ranges below range_min and for NaN.
+    """
+    is_valid = ranges >= np.float64(range_min)
+    return np.where(is_valid, np.minimum(ranges, range_max), 0.0).astype(np.float32)
 
 
 @kernel
-def sees_through(depth: Array32, fan: Array, x: float, y: float, turned: float) -> bool:
+def sees_through(depth: Array32, fan: Fan, x: float, y: float, turned: float) -> bool:
     """Return whether all beams of a scan that pass near the point (x, y) [m] continue beyond it.
 
-    depth (at least n,) and fan (10,) are as in FreeSpace. turned is the possible bearing error beyond TURNED_RAD [rad].
+    Args:
+        depth: (at least n,) free depth of each beam [m].
+        fan: FAN of the scan.
+        x: x of the point [m].
+        y: y of the point [m].
+        turned: possible bearing error beyond TURNED_RAD [rad].
     """
-    dx, dy = x - fan[X], y - fan[Y]
-    distance = math.sqrt(dx * dx + dy * dy)
-    if distance < fan[LEAST]:
+    offset_x = x - fan.x
+    offset_y = y - fan.y
+    distance = math.sqrt(offset_x * offset_x + offset_y * offset_y)
+    if distance < fan.range_min:
         return False
-    n, step = int(fan[BEAMS]), fan[STEP]
-    turn = math.atan2(dy, dx) - fan[YAW] - fan[FIRST]
-    turn = turn % (2.0 * math.pi) if step > 0.0 else -((-turn) % (2.0 * math.pi))
-    middle = int(turn / step + 0.5)
-    around = int(min(BESIDE_M / distance + TURNED_RAD + turned, 1.0) / abs(step)) + 1
-    if not full_turn(n, step) and (middle - around < 0 or middle + around >= n):
+
+    # Beams within the tolerance of the point. The turn to its bearing has the sign of the
+    # increment.
+    turn = math.atan2(offset_y, offset_x) - fan.yaw - fan.angle_min
+    if fan.increment > 0.0:
+        turn = turn % (2.0 * math.pi)
+    else:
+        turn = -((-turn) % (2.0 * math.pi))
+    nearest_beam = int(turn / fan.increment + 0.5)
+    tolerance = min(BESIDE_M / distance + TURNED_RAD + turned, LARGEST_RAD)
+    around = int(tolerance / abs(fan.increment)) + 1
+    first_beam = nearest_beam - around
+    last_beam = nearest_beam + around
+    if not full_turn(fan.beams, fan.increment) and (first_beam < 0 or last_beam >= fan.beams):
         return False
-    known = 0
-    for i in range(middle - around, middle + around + 1):
-        r = depth[i % n]
-        if r > 0.0:
-            known += 1
-            if r < distance + DEEP_M:
+
+    # Most of the beams must be known, and none of the known ones may end before or at the point.
+    known_beams = 0
+    for beam in range(first_beam, last_beam + 1):
+        free_depth = depth[beam % fan.beams]
+        if free_depth > 0.0:
+            known_beams += 1
+            if free_depth < distance + DEEP_M:
                 return False
-    return known > around
+    return known_beams > around

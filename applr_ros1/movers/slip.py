@@ -1,75 +1,125 @@
-"""Correction of the laser's pose: the small shift and turn that fit a scan to the tracks of static obstacles.
+"""Correction of the laser's pose: the small shift and turn that fit a scan to static tracks.
 
-The odometry is wrong if the base skids or its wheels spin. All static obstacles then seem to move. The correction is a
-robust weighted least-squares fit to the positions of the static tracks.
+The odometry is wrong if the base skids or its wheels spin. All static obstacles then seem to move.
+The correction is a robust weighted least-squares fit to the positions of the static tracks.
 """
 
 import math
+from typing import Any, NamedTuple
 
-from applr_ros1.common.angles import Pose
-from applr_ros1.common.arrays import Array, Ints
+import numpy as np
+
 from applr_ros1.common.kernels import kernel
-from applr_ros1.movers.clusters import CX, CY, FROM, POINTS, SIGMA, TO
+from applr_ros1.movers.clusters import POINTS, Clusters
+from applr_ros1.movers.free_space import Fan
 
 VOTES = 3  # smallest number of static tracks (votes) for a correction
-SHIFT_M, TURN_RAD = 0.03, 0.01  # expected errors of the odometry from scan to scan [m, rad]
+# Expected errors of the odometry from scan to scan.
+SHIFT_M = 0.03
+TURN_RAD = 0.01
 FITS_M = 0.04  # residual at which a track has half the weight [m]
 ROUNDS = 4  # iterations of the robust fit
 AGREE_SHARE = 0.6  # share of the tracks that must fit the correction
 
+# A static track: its position x, y [m], the variance of it [m^2], and the index of its cluster.
+VOTER = np.dtype(
+    [("x", np.float64), ("y", np.float64), ("variance", np.float64), ("cluster", np.int64)]
+)
+Voters = Any  # an array (n,) of records of VOTER, which numba knows by its dtype
+
+
+class Correction(NamedTuple):
+    """Correction of a laser's pose: shift dx, dy [m] in the fixed frame, and turn [rad]."""
+
+    dx: float
+    dy: float
+    turn: float
+
+
+NONE = Correction(0.0, 0.0, 0.0)
+
 
 @kernel
-def slip(places: Array, voters: Ints, votes: int, clusters: Array, sensor: Pose) -> Pose:
-    """Return the correction (dx, dy [m], turn [rad]) of the laser's pose, or zeros if too few static tracks agree.
+def slip(voters: Voters, clusters: Clusters, fan: Fan) -> Correction:
+    """Return the correction of the laser's pose, zeros if too few static tracks agree.
+
+    Each round solves the normal equations A (dx, dy, turn) = b, in which a point at x, y from the
+    laser moves by dx - turn y, dy + turn x.
 
     Args:
-        places: (at least `votes`, 3) x, y [m] and variance [m^2] of the static tracks.
-        voters: (at least `votes`,) index of each static track's cluster.
-        votes: number of static tracks.
-        clusters: (n, COLUMNS) as in clusters.py.
-        sensor: (x, y, yaw) of the laser according to the odometry [m, rad].
+        voters: (n,) VOTERs.
+        clusters: (m,) CLUSTERs of the scan.
+        fan: FAN of the scan, with the pose of the laser according to the odometry.
     """
-    dx = dy = turn = fitting = 0.0
-    if votes < VOTES:
-        return dx, dy, turn
+    count = voters.shape[0]
+    if count < VOTES:
+        return NONE
+    dx = 0.0
+    dy = 0.0
+    turn = 0.0
+    fitting = 0.0
     for _ in range(ROUNDS):
-        a00 = a11 = 1.0 / SHIFT_M**2
+        # The odometry is a prior of zero correction.
+        a00 = 1.0 / SHIFT_M**2
+        a11 = a00
         a22 = 1.0 / TURN_RAD**2
-        a02 = a12 = b0 = b1 = b2 = fitting = 0.0
-        for k in range(votes):
-            cluster = clusters[voters[k]]
-            x, y = cluster[CX] - sensor[0], cluster[CY] - sensor[1]
-            ex, ey = places[k, 0] - cluster[CX], places[k, 1] - cluster[CY]
-            off = ((ex - dx + turn * y) ** 2 + (ey - dy - turn * x) ** 2) / FITS_M**2
-            fitting += 1.0 / (1.0 + off)
-            w = 1.0 / ((places[k, 2] + cluster[SIGMA] ** 2) * (1.0 + off))
-            a00 += w
-            a11 += w
-            a22 += w * (x * x + y * y)
-            a02 -= w * y
-            a12 += w * x
-            b0 += w * ex
-            b1 += w * ey
-            b2 += w * (x * ey - y * ex)
-        turn = (b2 - a02 * b0 / a00 - a12 * b1 / a11) / (a22 - a02 * a02 / a00 - a12 * a12 / a11)
-        dx, dy = (b0 - a02 * turn) / a00, (b1 - a12 * turn) / a11
-    if fitting < AGREE_SHARE * votes:
-        return 0.0, 0.0, 0.0
-    return dx, dy, turn
+        a02 = 0.0
+        a12 = 0.0
+        b0 = 0.0
+        b1 = 0.0
+        b2 = 0.0
+        fitting = 0.0
+        for voter in voters:
+            cluster = clusters[voter.cluster]
+            x = cluster.x - fan.x
+            y = cluster.y - fan.y
+            error_x = voter.x - cluster.x
+            error_y = voter.y - cluster.y
+            rest_x = error_x - dx + turn * y
+            rest_y = error_y - dy - turn * x
+
+            # Weight of Cauchy: outliers, such as obstacles that begin to move, count little.
+            residual = (rest_x**2 + rest_y**2) / FITS_M**2
+            fitting += 1.0 / (1.0 + residual)
+            weight = 1.0 / ((voter.variance + cluster.sigma**2) * (1.0 + residual))
+            a00 += weight
+            a11 += weight
+            a22 += weight * (x * x + y * y)
+            a02 -= weight * y
+            a12 += weight * x
+            b0 += weight * error_x
+            b1 += weight * error_y
+            b2 += weight * (x * error_y - y * error_x)
+
+        # A has no entry for dx with dy, so both are eliminated from the last row.
+        numerator = b2 - a02 * b0 / a00 - a12 * b1 / a11
+        turn = numerator / (a22 - a02 * a02 / a00 - a12 * a12 / a11)
+        dx = (b0 - a02 * turn) / a00
+        dy = (b1 - a12 * turn) / a11
+    if fitting < AGREE_SHARE * count:
+        return NONE
+    return Correction(dx, dy, turn)
 
 
 @kernel
-def shift(clusters: Array, fan: Array, sensor: Pose, by: Pose) -> Pose:
-    """Apply the correction `by` to clusters and `fan` of a scan in place, and return the corrected pose (x, y, yaw)."""
-    dx, dy, turn = by
-    c, s = math.cos(turn), math.sin(turn)
+def shift(clusters: Clusters, fan: Fan, correction: Correction) -> None:
+    """Apply a correction to the clusters (n,) and the FAN of a scan in place."""
+    cos_turn = math.cos(correction.turn)
+    sin_turn = math.sin(correction.turn)
+    moved_x = fan.x + correction.dx
+    moved_y = fan.y + correction.dy
     for cluster in clusters:
-        cluster[FROM] += turn
-        cluster[TO] += turn
-        for i in (CX, POINTS, POINTS + 2, POINTS + 4):
-            x, y = cluster[i] - sensor[0], cluster[i + 1] - sensor[1]
-            cluster[i] = sensor[0] + dx + c * x - s * y
-            cluster[i + 1] = sensor[1] + dy + s * x + c * y
-    pose = sensor[0] + dx, sensor[1] + dy, sensor[2] + turn
-    fan[1], fan[2], fan[3] = pose
-    return pose
+        cluster.start += correction.turn
+        cluster.end += correction.turn
+        x = cluster.x - fan.x
+        y = cluster.y - fan.y
+        cluster.x = moved_x + cos_turn * x - sin_turn * y
+        cluster.y = moved_y + sin_turn * x + cos_turn * y
+        for index in range(POINTS):
+            x = cluster.points[index, 0] - fan.x
+            y = cluster.points[index, 1] - fan.y
+            cluster.points[index, 0] = moved_x + cos_turn * x - sin_turn * y
+            cluster.points[index, 1] = moved_y + sin_turn * x + cos_turn * y
+    fan.x = moved_x
+    fan.y = moved_y
+    fan.yaw += correction.turn

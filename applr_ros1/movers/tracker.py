@@ -11,21 +11,26 @@ from typing import NamedTuple, Optional, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose, compose, inverse, normalize_angle, transform_point
+from applr_ros1.common.arrays import Array32
 from applr_ros1.common.scan import LaserScan, beam_directions
 from applr_ros1.movers import clusters, tracks
-from applr_ros1.movers.free_space import SCANS, FreeSpace, depths
+from applr_ros1.movers.free_space import FAN, SCANS, FreeSpace, depths
 from applr_ros1.robots import Robot
 
 PAUSE_S = 1.0  # forward gap or backward step between stamps that counts as a time jump [s]
-FASTER_FACTOR = 1.5  # a pose change faster than this multiple of the maximum speed counts as a jump
-SHIFT_M, TURN_RAD = 0.3, 0.3  # additional pose change that odometry corrections may cause [m, rad]
+# A pose change faster than this multiple of the maximum speed counts as a jump.
+FASTER_FACTOR = 1.5
+# Additional pose change that corrections of the odometry may cause.
+SHIFT_M = 0.3
+TURN_RAD = 0.3
 SMOOTH_S = 0.1  # time constant of the low-pass filter on speed and turn rate [s]
 
 
 class Movers(NamedTuple):
     """Moving obstacles in the odometry's frame at a scan's stamp, as arrays of equal length.
 
-    id: persistent ID (int64). x, y: centre of the disc [m]. vx, vy: velocity [m/s]. radius: radius of the disc [m].
+    id: persistent ID (int64). x, y: centre of the disc [m]. vx, vy: velocity [m/s]. radius: radius
+    of the disc [m].
     """
 
     id: np.ndarray
@@ -40,23 +45,22 @@ class MoverTracker:
     """Tracks moving obstacles from scan to scan.
 
     Args:
-        max_speed: maximum speed of the base [m/s]; a pose that changes much faster restarts the tracker.
+        max_speed: maximum speed of the base [m/s]; a pose that changes much faster restarts the
+            tracker.
         max_yaw_rate: maximum turn rate of the base [rad/s].
-        period: interval between two scans [s]. A laser that measures beam by beam takes this long for one scan, even if
-            its driver reports less.
+        period: interval between two scans [s]. A laser that measures beam by beam takes this long
+            for one scan, even if its driver reports less.
     """
 
     def __init__(self, max_speed: float, max_yaw_rate: float, period: float):
-        self.max_speed, self.max_yaw_rate, self.period = (
-            float(max_speed),
-            float(max_yaw_rate),
-            float(period),
-        )
-        self._tracks = np.zeros((tracks.MAX_TRACKS, tracks.COLUMNS))
-        self._history = np.empty((SCANS, tracks.MAX_TRACKS, 6))
-        self._clusters = np.empty((clusters.MAX_CLUSTERS, clusters.COLUMNS))
+        self.max_speed = float(max_speed)
+        self.max_yaw_rate = float(max_yaw_rate)
+        self.period = float(period)
+        self._tracks = np.zeros(tracks.MAX_TRACKS, tracks.TRACK)
+        self._history = np.empty((SCANS, tracks.MAX_TRACKS, clusters.POINTS, 2))
+        self._clusters = np.zeros(clusters.MAX_CLUSTERS, clusters.CLUSTER)
         self._free = FreeSpace()
-        self._number = 1
+        self._next_id = 1
         self.reset()
 
     @classmethod
@@ -65,101 +69,131 @@ class MoverTracker:
         return cls(robot.base.max_speed, robot.base.max_yaw_rate, 1.0 / robot.laser.rate)
 
     def reset(self) -> None:
-        """Forget all tracks. Call it when time or odometry jumps, although update() detects most jumps."""
-        self._tracks[:] = 0.0
+        """Forget all tracks.
+
+        Call it when time or odometry jumps, although update() detects most jumps.
+        """
+        self._tracks["id"] = 0
+        self._tracks["moves"] = False
         self._history[:] = math.nan
         self._free.clear()
         self._last: Optional[Tuple[float, Pose]] = None  # stamp and pose of the last scan
-        self._correction: Pose = (
-            0.0,
-            0.0,
-            0.0,
-        )  # pose correction of the odometry, from static tracks
-        self._turning = self._speed = (
-            0.0  # filtered turn rate and speed, from odometry [rad/s, m/s]
-        )
-        self._rates = (
-            0.0,
-            0.0,
-        )  # magnitudes of the turn rate over the last two scan intervals [rad/s]
+        # Pose correction of the odometry, from static tracks.
+        self._correction: Pose = (0.0, 0.0, 0.0)
+        # Filtered turn rate [rad/s] and speed [m/s], from odometry.
+        self._turn_rate = 0.0
+        self._speed = 0.0
+        # Magnitudes of the turn rate over the last two scan intervals [rad/s].
+        self._rates = (0.0, 0.0)
 
     def update(self, scan: LaserScan) -> Movers:
-        """Update the tracks with a scan whose sensor_pose is the laser's pose in the odometry's frame at its stamp.
+        """Update the tracks with a scan.
 
-        A scan is ignored if it is not newer than the last one, or if its laser is tilted. The tracker restarts if time
-        jumps, or if the pose changes faster than the base can drive.
+        The scan's sensor_pose is the laser's pose in the odometry's frame at its stamp. A scan is
+        ignored if it is not newer than the last one, or if its laser is tilted. The tracker
+        restarts if time jumps, or if the pose changes faster than the base can drive.
 
         Returns:
             The moving obstacles at the latest scan's stamp, empty if there are none.
         """
-        x, y, yaw = pose = (
-            float(scan.sensor_pose[0]),
-            float(scan.sensor_pose[1]),
-            float(scan.sensor_pose[2]),
-        )
-        dt = moved = turned = 0.0
+        x, y, yaw = map(float, scan.sensor_pose)
+        interval = 0.0
+        moved = 0.0
+        turned = 0.0
         if self._last is not None:
-            dt = scan.stamp - self._last[0]
-            if -PAUSE_S < dt <= 0.0:
+            last_stamp, (last_x, last_y, last_yaw) = self._last
+            interval = scan.stamp - last_stamp
+            if -PAUSE_S < interval <= 0.0:
                 return self._movers()
-            (was_x, was_y, was_yaw) = self._last[1]
-            moved, turned = math.hypot(x - was_x, y - was_y), normalize_angle(yaw - was_yaw)
-            far = moved > FASTER_FACTOR * self.max_speed * dt + SHIFT_M
-            if (
-                abs(dt) > PAUSE_S
-                or far
-                or abs(turned) > FASTER_FACTOR * self.max_yaw_rate * dt + TURN_RAD
-            ):
+            moved = math.hypot(x - last_x, y - last_y)
+            turned = normalize_angle(yaw - last_yaw)
+            if self._has_jumped(interval, moved, turned):
                 self.reset()
-                dt = 0.0
+                interval = 0.0
         if scan.rotation is not None:
             return self._movers()
         if self._last is not None:
-            share = 1.0 - math.exp(-dt / SMOOTH_S)
-            self._rates = self._rates[1], abs(turned / dt)
-            self._turning += share * (turned / dt - self._turning)
-            self._speed += share * (moved / dt - self._speed)
-        self._last = scan.stamp, pose
-        self._follow(scan, pose, dt)
+            self._filter_speeds(interval, moved, turned)
+        self._last = scan.stamp, (x, y, yaw)
+        self._follow(scan, (x, y, yaw), interval)
         return self._movers()
 
-    def _follow(self, scan: LaserScan, pose: Pose, dt: float) -> None:
+    def _has_jumped(self, interval: float, moved: float, turned: float) -> bool:
+        """Return whether time has jumped, or the pose faster than the base can drive and turn."""
+        farthest = FASTER_FACTOR * self.max_speed * interval + SHIFT_M
+        largest_turn = FASTER_FACTOR * self.max_yaw_rate * interval + TURN_RAD
+        return abs(interval) > PAUSE_S or moved > farthest or abs(turned) > largest_turn
+
+    def _filter_speeds(self, interval: float, moved: float, turned: float) -> None:
+        turn_rate = turned / interval
+        share = 1.0 - math.exp(-interval / SMOOTH_S)
+        self._rates = self._rates[1], abs(turn_rate)
+        self._turn_rate += share * (turn_rate - self._turn_rate)
+        self._speed += share * (moved / interval - self._speed)
+
+    def _follow(self, scan: LaserScan, pose: Pose, interval: float) -> None:
         ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
-        n, first, step = len(ranges), float(scan.angle_min), float(scan.angle_increment)
-        sensor = compose(self._correction, pose)
-        limits = first, step, float(scan.range_min), float(scan.range_max)
-        depth = depths(ranges, *limits[2:])
-        swept = max(scan.sweep, self.period) * max(self._rates) if scan.sweep > 0.0 else 0.0
-        fan = np.array((scan.stamp, *sensor, *limits[:3], n, self._turning, swept))
-        count = clusters.find_clusters(
-            (ranges, beam_directions(first, step, n), limits, sensor), self._clusters
-        )
-        found = self._clusters[:count]
-        given = (
+        fans = self._fans(scan, pose)
+        depth = depths(ranges, float(scan.range_min), float(scan.range_max))
+        found = self._find_clusters(scan, ranges, fans)
+        cluster_of, taken = tracks.follow(
             self._tracks,
             self._history,
             found,
-            (depth, fan, sensor),
-            (self._free.ranges, self._free.fans),
+            depth,
+            fans,
+            tracks.Scans(self._free.ranges, self._free.fans),
+            interval,
+            self._speed,
         )
-        cluster_of, taken, sensor = tracks.follow(*given, dt, self._speed)
-        self._correction = compose(sensor, inverse(pose))
-        self._number = tracks.begin(self._tracks, found, taken, scan.stamp, self._number)
+        fan = fans[0]
+        corrected: Pose = (float(fan["x"]), float(fan["y"]), float(fan["yaw"]))
+        self._correction = compose(corrected, inverse(pose))
+        self._next_id = tracks.begin(self._tracks, found, taken, scan.stamp, self._next_id)
         if self._free.due(scan.stamp):
             self._free.take(depth, fan)
             tracks.remember(self._history, self._free.newest, cluster_of, found)
 
+    def _fans(self, scan: LaserScan, pose: Pose) -> np.ndarray:
+        """Return the FAN of a scan as array (1,), which the kernels correct in place."""
+        # A laser whose beams are measured one after the other sees a turning robot's room bent.
+        swept = 0.0
+        if scan.sweep > 0.0:
+            swept = max(scan.sweep, self.period) * max(self._rates)
+        fan = (
+            scan.stamp,
+            *compose(self._correction, pose),
+            scan.angle_min,
+            scan.angle_increment,
+            scan.range_min,
+            scan.range_max,
+            len(scan.ranges),
+            self._turn_rate,
+            swept,
+        )
+        return np.array([fan], FAN)
+
+    def _find_clusters(self, scan: LaserScan, ranges: Array32, fans: np.ndarray) -> np.ndarray:
+        """Return the CLUSTERs (n,) of a scan, in memory that the next scan overwrites."""
+        first = float(scan.angle_min)
+        increment = float(scan.angle_increment)
+        directions = beam_directions(first, increment, len(ranges))
+        count = clusters.find_clusters(ranges, directions, fans, self._clusters)
+        return self._clusters[:count]
+
     def _movers(self) -> Movers:
-        rows = self._tracks[self._tracks[:, tracks.MOVES] > 0.0]
+        rows = self._tracks[self._tracks["moves"]]
         back = inverse(self._correction)
-        x, y = transform_point(back, rows[:, tracks.TX], rows[:, tracks.TY])
-        vx, vy = transform_point((0.0, 0.0, back[2]), rows[:, tracks.VX], rows[:, tracks.VY])
-        return Movers(rows[:, tracks.ID].astype(np.int64), x, y, vx, vy, rows[:, tracks.TR])
+        turn_back = (0.0, 0.0, back[2])
+        x, y = transform_point(back, rows["x"], rows["y"])
+        vx, vy = transform_point(turn_back, rows["vx"], rows["vy"])
+        return Movers(rows["id"], x, y, vx, vy, rows["radius"])
 
 
 def warm_up() -> None:
-    """Compile or load all kernels by running a temporary tracker on two scans of an approaching disc."""
+    """Compile or load all kernels: run a temporary tracker on two scans of an approaching disc."""
     tracker = MoverTracker(1.0, 1.0, 0.1)
+    is_on_disc = abs(np.arange(41) - 20) < 8
     for stamp, distance in ((0.0, 2.0), (0.1, 1.9)):
-        ranges = np.where(abs(np.arange(41) - 20) < 8, distance, 5.0)
+        ranges = np.where(is_on_disc, distance, 5.0)
         tracker.update(LaserScan(stamp, -0.4, 0.02, 0.1, 10.0, ranges, (0.0, 0.0, 0.0)))

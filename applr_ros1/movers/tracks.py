@@ -1,328 +1,442 @@
-"""Tracks: clusters followed from scan to scan, with the evidence that they move. MoverTracker holds them in an array.
+"""Tracks: clusters followed from scan to scan, with the evidence that they move.
 
-Each small cluster has a track with a constant-velocity Kalman filter, whose covariance is the same along x and y
-(Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 6.2). A track
-is a moving obstacle once its velocity differs clearly from zero and free space proves its motion (free_space.py): an
-earlier scan saw through its position, or the current scan sees through its previous position.
+MoverTracker holds the tracks in an array. Each small cluster has a track with a constant-velocity
+Kalman filter, whose covariance is the same along x and y (Bar-Shalom, Li and Kirubarajan,
+"Estimation with Applications to Tracking and Navigation", 2001, section 6.2). A track is a moving
+obstacle once its velocity differs clearly from zero and free space proves its motion
+(free_space.py): an earlier scan saw through its position, or the current scan sees through its
+previous position.
 """
 
 import math
-from typing import Tuple
+from typing import Any, NamedTuple, Tuple
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose
 from applr_ros1.common.arrays import Array, Array32, Ints
 from applr_ros1.common.kernels import kernel
-from applr_ros1.movers.clusters import HIDDEN_FROM, HIDDEN_TO, POINTS, RADIUS, centre
-from applr_ros1.movers.free_space import RATE, SCANS, STAMP, SWEPT, sees_through
-from applr_ros1.movers.slip import VOTES, shift, slip
+from applr_ros1.movers.clusters import POINTS, Cluster, Clusters, centre
+from applr_ros1.movers.free_space import SCANS, Fan, sees_through
+from applr_ros1.movers.slip import VOTER, VOTES, shift, slip
 
 MAX_TRACKS = 192  # largest number of tracks
-# Columns of a track. ID: identifier, 0 for an empty row. TX, TY: centre [m]. VX, VY: velocity [m/s]. PP, PV, VV:
-# variance of the position, covariance of position and velocity, variance of the velocity. TR: radius [m]. BORN, SEEN,
-# EVIDENT: stamps of the first cluster, the last cluster, the last evidence of motion [s]. EVIDENCE, TIMES: duration
-# [s] and number of scans of the evidence. GONE: number of scans that saw through the track. MOVES: 1 for a moving
-# obstacle. HITS: number of clusters. MX, MY: moving average of the centre [m].
-(
-    ID,
-    TX,
-    TY,
-    VX,
-    VY,
-    PP,
-    PV,
-    VV,
-    TR,
-    BORN,
-    SEEN,
-    EVIDENT,
-    EVIDENCE,
-    TIMES,
-    GONE,
-    MOVES,
-    HITS,
-    MX,
-    MY,
-) = range(19)
-COLUMNS = 19
+
+# id: identifier, 0 for an empty row. x, y: centre [m]. vx, vy: velocity [m/s]. pp, pv, vv: variance
+# of the position, covariance of position and velocity, variance of the velocity, along each axis.
+# radius [m]. seen, evident: stamps of the last cluster and of the last evidence of motion [s].
+# evidence, evident_scans: duration [s] and number of scans of the evidence. gone: number of scans
+# that saw through the track. hits: number of clusters. mean_x, mean_y: moving average of the centre
+# [m]. moves: whether the track is a moving obstacle.
+TRACK = np.dtype(
+    [
+        ("id", np.int64),
+        ("x", np.float64),
+        ("y", np.float64),
+        ("vx", np.float64),
+        ("vy", np.float64),
+        ("pp", np.float64),
+        ("pv", np.float64),
+        ("vv", np.float64),
+        ("radius", np.float64),
+        ("seen", np.float64),
+        ("evident", np.float64),
+        ("evidence", np.float64),
+        ("evident_scans", np.int64),
+        ("gone", np.int64),
+        ("hits", np.int64),
+        ("mean_x", np.float64),
+        ("mean_y", np.float64),
+        ("moves", np.bool_),
+    ],
+    align=True,
+)
+Track = Any  # a record of TRACK, which numba knows by its dtype
+Tracks = Any  # an array (n,) of them
 
 ACCELERATION = 0.2  # spectral density of the acceleration [m^2/s^3]
 BEARING_RAD = 0.005  # standard deviation of a bearing in the odometry's frame [rad]
-LATENCY_S = 0.04  # largest offset between the stamps of scan and pose [s]; shifts bearings when the turn rate changes
-BENT_RAD = (
-    0.15  # turn of the robot during a scan above which the scan gives no evidence of motion [rad]
-)
-FIRST_SPEED_M_S = 1.5  # standard deviation of the velocity of a new track [m/s]
+# Largest offset between the stamps of scan and pose [s]. It shifts bearings when the turn rate
+# changes.
+LATENCY_S = 0.04
+# Turn of the robot during a scan above which the scan gives no evidence of motion [rad].
+BENT_RAD = 0.15
+FEWEST_FREE_POINTS = 2  # number of a cluster's points that must prove its motion
+# Standard deviations of the position and the velocity of a new track.
+FIRST_M = 0.1
+FIRST_SPEED_M_S = 1.5
 GATE = 9.0  # association gate: largest squared normalised distance of a cluster from a track
 SUDDEN_M_S = 1.0  # change of velocity from scan to scan that the gate allows [m/s]
 FARTHEST_M = 1.0  # largest distance of a cluster from its track along x and y [m]
-RESIZED_M = (
-    0.15  # difference of the radii of cluster and track that counts as one standard deviation [m]
-)
-# Speed above which a track may be a moving obstacle, and below which it no longer is one [m/s].
-SLOWEST_M_S, STANDING_M_S = 0.25, 0.12
-CLEAR_DEVIATIONS = 2.0  # number of standard deviations by which a velocity must differ from zero
-ENOUGH_S, ENOUGH_SCANS = (
-    0.12,
-    2,
-)  # evidence that makes a track a moving obstacle: duration [s], number of scans
+# Difference of the radii of cluster and track that counts as one standard deviation [m].
+RESIZED_M = 0.15
+RADIUS_GAIN = 0.2  # share of a new radius in the filtered radius
+# Speed above which a track may be a moving obstacle, and below which it no longer is one.
+SLOWEST_M_S = 0.25
+STANDING_M_S = 0.12
+# Number of standard deviations by which a velocity must differ from zero.
+CLEAR_DEVIATIONS = 2.0
+# Evidence that makes a track a moving obstacle: duration, and number of scans.
+ENOUGH_S = 0.12
+ENOUGH_SCANS = 2
 MOST_EVIDENCE_S = 0.5  # largest accumulated evidence [s]
-SAME_SIZE_M = 0.03  # largest difference between a track's and its cluster's radii, to correct the laser's pose [m]
-SETTLED_HITS = 3  # smallest number of scans in which a static track had a cluster, before it corrects the laser's pose
+# Largest difference between a track's and its cluster's radii, to correct the laser's pose [m].
+SAME_SIZE_M = 0.03
+# Smallest number of scans in which a static track had a cluster, before it corrects the laser's
+# pose.
+SETTLED_HITS = 3
 AVERAGED_S = 0.5  # averaging time of the position of a static track [s]
+LARGEST_SHARE = 0.5  # largest share of one position in this average
 SLIDES_M_S = 0.2  # largest lateral slip of a base that turns or brakes [m/s]
 SILENT_S = 1.0  # time without evidence after which a track is no longer a moving obstacle [s]
 HIDDEN_S = 0.8  # time for which an occluded moving obstacle is extrapolated [s]
 LOST_S = 0.25  # time without a cluster after which a static track ends [s]
-Scans = Tuple[
-    Array32, Array
-]  # earlier scans in FreeSpace: free depths (SCANS, n) [m], geometry (SCANS, 10)
+GONE_SCANS = 2  # number of scans that see through a track after which it ends
 
 
-@kernel
-def predict(tracks: Array, dt: float) -> None:
-    """Predict all tracks dt [s] ahead."""
-    q = ACCELERATION
-    for t in range(tracks.shape[0]):
-        row = tracks[t]
-        if row[ID] > 0.0:
-            row[TX] += row[VX] * dt
-            row[TY] += row[VY] * dt
-            row[PP] += dt * (2.0 * row[PV] + dt * row[VV]) + q * dt * dt * dt / 3.0
-            row[PV] += dt * row[VV] + 0.5 * q * dt * dt
-            row[VV] += q * dt
+class Scans(NamedTuple):
+    """Earlier scans in FreeSpace: free depths (SCANS, n) [m], and FANs (SCANS,)."""
+
+    ranges: Array32
+    fans: Any
 
 
-@kernel
-def associate(tracks: Array, clusters: Array, sensor: Pose, dt: float) -> Tuple[Ints, np.ndarray]:
-    """Assign clusters to tracks, the nearest pairs first.
+class Assignment(NamedTuple):
+    """Assignment of clusters to tracks.
 
-    Returns:
-        (MAX_TRACKS,) cluster index of each track, or -1; (n,) whether each cluster has a track.
+    cluster_of: (MAX_TRACKS,) index of each track's cluster, -1 if there is none. taken: (n,)
+    whether each cluster has a track.
     """
-    cluster_of = np.full(MAX_TRACKS, -1)
+
+    cluster_of: Ints
+    taken: np.ndarray
+
+
+@kernel
+def predict(tracks: Tracks, interval: float) -> None:
+    """Predict all tracks `interval` [s] ahead, with white noise as their acceleration."""
+    for track in tracks:
+        if track.id > 0:
+            track.x += track.vx * interval
+            track.y += track.vy * interval
+            noise = ACCELERATION * interval * interval * interval / 3.0
+            track.pp += interval * (2.0 * track.pv + interval * track.vv) + noise
+            track.pv += interval * track.vv + 0.5 * ACCELERATION * interval * interval
+            track.vv += ACCELERATION * interval
+
+
+@kernel
+def associate(tracks: Tracks, clusters: Clusters, fan: Fan, interval: float) -> Assignment:
+    """Assign clusters to tracks, the nearest pairs first."""
+    # Pairs of a track and a cluster that pass the gate.
     costs = np.empty(4 * MAX_TRACKS)
     pairs = np.empty((4 * MAX_TRACKS, 2), np.int64)
-    n = 0
+    count = 0
     for t in range(tracks.shape[0]):
-        row = tracks[t]
-        if row[ID] == 0.0:
+        track = tracks[t]
+        if track.id == 0:
             continue
         for c in range(clusters.shape[0]):
-            if (
-                abs(clusters[c, 0] - row[TX]) > FARTHEST_M
-                or abs(clusters[c, 1] - row[TY]) > FARTHEST_M
-            ):
+            cluster = clusters[c]
+            if abs(cluster.x - track.x) > FARTHEST_M or abs(cluster.y - track.y) > FARTHEST_M:
                 continue
-            x, y, sigma = centre(clusters[c], row[TR], sensor)
-            dx, dy = x - row[TX], y - row[TY]
-            cost = (dx * dx + dy * dy) / (row[PP] + sigma * sigma + (SUDDEN_M_S * dt) ** 2)
-            larger = clusters[c, RADIUS] - row[TR]
-            if larger > 0.0 or clusters[c, HIDDEN_FROM] + clusters[c, HIDDEN_TO] == 0.0:
-                cost += (larger / RESIZED_M) ** 2
-            if cost < GATE and n < costs.shape[0]:
-                costs[n], pairs[n, 0], pairs[n, 1] = cost, t, c
-                n += 1
+            cost = _cost(track, cluster, fan, interval)
+            if cost < GATE and count < costs.shape[0]:
+                costs[count] = cost
+                pairs[count] = t, c
+                count += 1
+
+    cluster_of = np.full(MAX_TRACKS, -1)
     taken = np.zeros(clusters.shape[0], np.bool_)
-    for k in np.argsort(costs[:n]):
-        t, c = pairs[k, 0], pairs[k, 1]
+    for pair in np.argsort(costs[:count]):
+        t = pairs[pair, 0]
+        c = pairs[pair, 1]
         if cluster_of[t] < 0 and not taken[c]:
             cluster_of[t] = c
             taken[c] = True
-    return cluster_of, taken
+    return Assignment(cluster_of, taken)
 
 
 @kernel
-def correct(row: Array, cluster: Array, sensor: Pose, dt: float) -> None:
-    """Update a track's row with the position and size of its cluster, dt [s] after the previous update."""
-    radius = cluster[RADIUS]
-    if cluster[HIDDEN_FROM] + cluster[HIDDEN_TO] > 0.0:
-        row[TR] = max(row[TR], radius)
+def _cost(track: Track, cluster: Cluster, fan: Fan, interval: float) -> float:
+    """Return the squared normalised distance of a cluster from a track, in position and size."""
+    x, y, sigma = centre(cluster, track.radius, fan)
+    offset_x = x - track.x
+    offset_y = y - track.y
+    variance = track.pp + sigma * sigma + (SUDDEN_M_S * interval) ** 2
+    cost: float = (offset_x * offset_x + offset_y * offset_y) / variance
+    # A cluster may be smaller than its disc if an edge is occluded, but never larger.
+    growth = cluster.radius - track.radius
+    if growth > 0.0 or _is_whole(cluster):
+        cost += (growth / RESIZED_M) ** 2
+    return cost
+
+
+@kernel
+def _is_whole(cluster: Cluster) -> bool:
+    """Return whether both edges of a cluster are visible."""
+    return not (cluster.start_hidden or cluster.end_hidden)
+
+
+@kernel
+def correct(track: Track, cluster: Cluster, fan: Fan, interval: float) -> None:
+    """Update a track with the position and size of its cluster.
+
+    interval: time since the last update [s].
+    """
+    if _is_whole(cluster):
+        track.radius += RADIUS_GAIN * (cluster.radius - track.radius)
     else:
-        row[TR] += 0.2 * (radius - row[TR])
-    x, y, sigma = centre(cluster, row[TR], sensor)
-    row[HITS] += 1.0
-    share = max(1.0 / (row[HITS] + 1.0), min(dt / AVERAGED_S, 0.5))
-    row[MX] += share * (x - row[MX])
-    row[MY] += share * (y - row[MY])
-    lever = BEARING_RAD * math.hypot(x - sensor[0], y - sensor[1])
-    variance = row[PP] + sigma * sigma + lever * lever
-    k, kv = row[PP] / variance, row[PV] / variance
-    dx, dy = x - row[TX], y - row[TY]
-    row[TX] += k * dx
-    row[TY] += k * dy
-    row[VX] += kv * dx
-    row[VY] += kv * dy
-    row[VV] -= kv * row[PV]
-    row[PV] *= 1.0 - k
-    row[PP] *= 1.0 - k
+        track.radius = max(track.radius, cluster.radius)
+    x, y, sigma = centre(cluster, track.radius, fan)
+
+    # A mean of all positions at first, then of about the last AVERAGED_S.
+    track.hits += 1
+    share = max(1.0 / (track.hits + 1.0), min(interval / AVERAGED_S, LARGEST_SHARE))
+    track.mean_x += share * (x - track.mean_x)
+    track.mean_y += share * (y - track.mean_y)
+
+    # Kalman filter.
+    lever = BEARING_RAD * math.hypot(x - fan.x, y - fan.y)
+    variance = track.pp + sigma * sigma + lever * lever
+    gain = track.pp / variance
+    velocity_gain = track.pv / variance
+    offset_x = x - track.x
+    offset_y = y - track.y
+    track.x += gain * offset_x
+    track.y += gain * offset_y
+    track.vx += velocity_gain * offset_x
+    track.vy += velocity_gain * offset_y
+    track.vv -= velocity_gain * track.pv
+    track.pv *= 1.0 - gain
+    track.pp *= 1.0 - gain
 
 
 @kernel
-def has_moved(points: Array, history: Array, before: Scans, depth: Array32, fan: Array) -> bool:
-    """Return whether an earlier scan saw through a cluster's points, or the latest sees through their old positions.
+def has_moved(points: Array, history: Array, earlier: Scans, depth: Array32, fan: Fan) -> bool:
+    """Return whether free space proves that a cluster has moved.
+
+    An earlier scan then saw through its points, or the latest scan sees through their old
+    positions.
 
     Args:
-        points: (6,) three points of the cluster [m].
-        history: (SCANS, 6) positions of the points in the earlier scans [m]; NaN if the track had no cluster.
-        before: earlier scans in FreeSpace.
+        points: (POINTS, 2) points of the cluster [m].
+        history: (SCANS, POINTS, 2) positions of the points in the earlier scans [m]; NaN if the
+            track had no cluster.
+        earlier: earlier scans.
         depth: (n,) free depth of the latest scan's beams [m].
-        fan: (10,) geometry of the latest scan.
+        fan: FAN of the latest scan.
     """
-    ranges, fans = before
-    for s in range(SCANS):
-        swept = max(fan[SWEPT], fans[s, SWEPT])
-        if fans[s, STAMP] == -math.inf or swept > BENT_RAD:
+    for number in range(SCANS):
+        old_fan = earlier.fans[number]
+        swept = max(fan.swept, old_fan.swept)
+        if old_fan.stamp == -math.inf or swept > BENT_RAD:
             continue
-        came = left = 0
-        turned = LATENCY_S * abs(fan[RATE] - fans[s, RATE]) + swept
-        for k in range(0, 6, 2):
-            came += sees_through(ranges[s], fans[s], points[k], points[k + 1], turned)
-            if not math.isnan(history[s, k]):
-                left += sees_through(depth, fan, history[s, k], history[s, k + 1], turned)
-        if came >= 2 or left >= 2:
+        turned = LATENCY_S * abs(fan.turn_rate - old_fan.turn_rate) + swept
+        came = 0
+        left = 0
+        for index in range(POINTS):
+            x = points[index, 0]
+            y = points[index, 1]
+            came += sees_through(earlier.ranges[number], old_fan, x, y, turned)
+            old_x = history[number, index, 0]
+            old_y = history[number, index, 1]
+            if not math.isnan(old_x):
+                left += sees_through(depth, fan, old_x, old_y, turned)
+        if came >= FEWEST_FREE_POINTS or left >= FEWEST_FREE_POINTS:
             return True
     return False
 
 
 @kernel
 def follow(
-    tracks: Array,
+    tracks: Tracks,
     history: Array,
-    clusters: Array,
-    scan: Tuple[Array32, Array, Pose],
-    before: Scans,
-    dt: float,
+    clusters: Clusters,
+    depth: Array32,
+    fans: Any,
+    earlier: Scans,
+    interval: float,
     speed: float,
-) -> Tuple[Ints, np.ndarray, Pose]:
-    """Correct the laser's pose, apply the correction to `clusters` and `fan` in place, and update all tracks.
+) -> Assignment:
+    """Correct the laser's pose in `clusters` and `fans` in place, and update all tracks.
 
     Args:
-        tracks: (MAX_TRACKS, COLUMNS).
-        history: (SCANS, MAX_TRACKS, 6) points of each track's cluster in the earlier scans [m].
-        clusters: (n, clusters.COLUMNS) clusters of the scan.
-        scan: free depth of the beams (n,) [m], fan (10,) with their geometry (free_space.py), and pose of the laser.
-        before: earlier scans in FreeSpace.
-        dt: time since the last scan [s].
+        tracks: (MAX_TRACKS,) TRACKs.
+        history: (SCANS, MAX_TRACKS, POINTS, 2) points of each track's cluster in the earlier scans
+            [m].
+        clusters: (n,) CLUSTERs of the scan.
+        depth: (beams,) free depth of the scan's beams [m].
+        fans: (1,) FAN of the scan.
+        earlier: earlier scans.
+        interval: time since the last scan [s].
         speed: speed of the laser according to the odometry [m/s].
-
-    Returns:
-        Both arrays of `associate`, and the corrected pose of the laser.
     """
-    depth, fan, sensor = scan
-    now = fan[STAMP]
-    predict(tracks, dt)
-    cluster_of, taken = associate(tracks, clusters, sensor, dt)
-    sensor = _correct_pose(tracks, clusters, cluster_of, fan, sensor)
+    fan = fans[0]
+    predict(tracks, interval)
+    assignment = associate(tracks, clusters, fan, interval)
+    cluster_of = assignment.cluster_of
+    _correct_pose(tracks, clusters, cluster_of, fan)
     for t in range(tracks.shape[0]):
         if cluster_of[t] >= 0:
-            correct(tracks[t], clusters[cluster_of[t]], sensor, dt)
+            correct(tracks[t], clusters[cluster_of[t]], fan, interval)
+
     drift_x, drift_y = _drift(tracks, cluster_of, speed)
     for t in range(tracks.shape[0]):
-        row = tracks[t]
-        if row[ID] == 0.0:
+        track = tracks[t]
+        if track.id == 0:
             continue
         if cluster_of[t] < 0:
-            row[GONE] += sees_through(depth, fan, row[TX], row[TY], 0.0)
-            if row[GONE] >= 2.0 or now - row[SEEN] > (HIDDEN_S if row[MOVES] > 0.0 else LOST_S):
-                row[:] = 0.0
+            track.gone += sees_through(depth, fan, track.x, track.y, 0.0)
+            longest = HIDDEN_S if track.moves else LOST_S
+            if track.gone >= GONE_SCANS or fan.stamp - track.seen > longest:
+                track.id = 0
+                track.moves = False
                 history[:, t] = math.nan
             continue
-        row[SEEN], row[GONE] = now, 0.0
-        speed_seen = math.hypot(row[VX], row[VY])
-        if speed_seen < STANDING_M_S:
-            row[MOVES] = row[EVIDENCE] = row[TIMES] = 0.0
-        clear = max(SLOWEST_M_S, CLEAR_DEVIATIONS * math.sqrt(row[VV]))
-        if speed_seen > clear and math.hypot(row[VX] - drift_x, row[VY] - drift_y) > clear:
-            if has_moved(clusters[cluster_of[t], POINTS:], history[:, t], before, depth, fan):
-                row[EVIDENCE] = min(row[EVIDENCE] + dt, MOST_EVIDENCE_S)
-                row[TIMES] += 1.0
-                row[EVIDENT] = now
-                if row[EVIDENCE] >= ENOUGH_S and row[TIMES] >= ENOUGH_SCANS:
-                    row[MOVES] = 1.0
-            else:
-                row[EVIDENCE] = max(row[EVIDENCE] - dt, 0.0)
-        if now - row[EVIDENT] > SILENT_S:
-            row[MOVES] = row[EVIDENCE] = row[TIMES] = 0.0
-    return cluster_of, taken, sensor
+        track.seen = fan.stamp
+        track.gone = 0
+        if math.hypot(track.vx, track.vy) < STANDING_M_S:
+            _become_static(track)
+        if _is_clearly_moving(track, drift_x, drift_y):
+            points = clusters[cluster_of[t]].points
+            is_proved = has_moved(points, history[:, t], earlier, depth, fan)
+            _weigh_evidence(track, is_proved, fan.stamp, interval)
+        if fan.stamp - track.evident > SILENT_S:
+            _become_static(track)
+    return assignment
 
 
 @kernel
-def _correct_pose(
-    tracks: Array, clusters: Array, cluster_of: Ints, fan: Array, sensor: Pose
-) -> Pose:
-    places, voters, votes = np.empty((MAX_TRACKS, 3)), np.empty(MAX_TRACKS, np.int64), 0
+def _become_static(track: Track) -> None:
+    track.moves = False
+    track.evidence = 0.0
+    track.evident_scans = 0
+
+
+@kernel
+def _is_clearly_moving(track: Track, drift_x: float, drift_y: float) -> bool:
+    """Return whether a track's velocity differs from zero and from the drift of static tracks."""
+    clear = max(SLOWEST_M_S, CLEAR_DEVIATIONS * math.sqrt(track.vv))
+    if math.hypot(track.vx, track.vy) <= clear:
+        return False
+    return math.hypot(track.vx - drift_x, track.vy - drift_y) > clear
+
+
+@kernel
+def _weigh_evidence(track: Track, is_proved: bool, stamp: float, interval: float) -> None:
+    """Count one more scan of a fast track, in which free space proved its motion or did not."""
+    if not is_proved:
+        track.evidence = max(track.evidence - interval, 0.0)
+        return
+    track.evidence = min(track.evidence + interval, MOST_EVIDENCE_S)
+    track.evident_scans += 1
+    track.evident = stamp
+    if track.evidence >= ENOUGH_S and track.evident_scans >= ENOUGH_SCANS:
+        track.moves = True
+
+
+@kernel
+def _correct_pose(tracks: Tracks, clusters: Clusters, cluster_of: Ints, fan: Fan) -> None:
+    """Fit the scan to the static tracks that are settled, and whose clusters are whole."""
+    voters = np.empty(MAX_TRACKS, VOTER)
+    votes = 0
     for t in range(tracks.shape[0]):
-        row, c = tracks[t], cluster_of[t]
-        if (
-            c < 0
-            or row[MOVES] > 0.0
-            or math.hypot(row[VX], row[VY]) > SLOWEST_M_S
-            or row[HITS] < SETTLED_HITS
-        ):
+        track = tracks[t]
+        if cluster_of[t] < 0 or track.moves or track.hits < SETTLED_HITS:
             continue
-        cluster = clusters[c]
-        if (
-            cluster[HIDDEN_FROM] + cluster[HIDDEN_TO] == 0.0
-            and abs(cluster[RADIUS] - row[TR]) < SAME_SIZE_M
-        ):
-            places[votes, 0], places[votes, 1], places[votes, 2] = row[MX], row[MY], row[PP]
-            voters[votes] = c
+        if math.hypot(track.vx, track.vy) > SLOWEST_M_S:
+            continue
+        cluster = clusters[cluster_of[t]]
+        if _is_whole(cluster) and abs(cluster.radius - track.radius) < SAME_SIZE_M:
+            voter = voters[votes]
+            voter.x = track.mean_x
+            voter.y = track.mean_y
+            voter.variance = track.pp
+            voter.cluster = cluster_of[t]
             votes += 1
-    corrected: Pose = shift(clusters, fan, sensor, slip(places, voters, votes, clusters, sensor))
-    return corrected
+    shift(clusters, fan, slip(voters[:votes], clusters, fan))
 
 
 @kernel
-def _drift(tracks: Array, cluster_of: Ints, speed: float) -> Tuple[float, float]:
-    """Return the median velocity (x, y) [m/s] of the static tracks if wheel slip can explain it, else zeros."""
-    n, vx, vy = 0, np.empty(MAX_TRACKS), np.empty(MAX_TRACKS)
+def _drift(tracks: Tracks, cluster_of: Ints, speed: float) -> Tuple[float, float]:
+    """Return the median velocity (x, y) [m/s] of the static tracks.
+
+    It is zero if slip cannot explain it.
+    """
+    vx = np.empty(MAX_TRACKS)
+    vy = np.empty(MAX_TRACKS)
+    count = 0
     for t in range(tracks.shape[0]):
-        if cluster_of[t] >= 0 and tracks[t, MOVES] == 0.0 and tracks[t, HITS] >= SETTLED_HITS:
-            vx[n], vy[n] = tracks[t, VX], tracks[t, VY]
-            n += 1
-    if n < VOTES:
+        track = tracks[t]
+        if cluster_of[t] >= 0 and not track.moves and track.hits >= SETTLED_HITS:
+            vx[count] = track.vx
+            vy[count] = track.vy
+            count += 1
+    if count < VOTES:
         return 0.0, 0.0
-    x, y = np.median(vx[:n]), np.median(vy[:n])
-    return (x, y) if math.hypot(x, y) < speed + SLIDES_M_S else (0.0, 0.0)
+    drift_x = np.median(vx[:count])
+    drift_y = np.median(vy[:count])
+    if math.hypot(drift_x, drift_y) < speed + SLIDES_M_S:
+        return drift_x, drift_y
+    return 0.0, 0.0
 
 
 @kernel
-def begin(tracks: Array, clusters: Array, taken: np.ndarray, now: float, number: int) -> int:
-    """Start a track for each unassigned cluster, unless it overlaps a moving obstacle. Return the next free ID."""
+def begin(tracks: Tracks, clusters: Clusters, taken: np.ndarray, stamp: float, next_id: int) -> int:
+    """Start a track for each unassigned cluster, and return the next free ID.
+
+    A cluster that overlaps a moving obstacle is a part of it, and gets no track.
+    """
     t = 0
     for c in range(clusters.shape[0]):
         if taken[c]:
             continue
-        x, y, radius = clusters[c, 0], clusters[c, 1], clusters[c, RADIUS]
-        known = False
-        for k in range(tracks.shape[0]):
-            if (
-                tracks[k, MOVES] > 0.0
-                and math.hypot(tracks[k, TX] - x, tracks[k, TY] - y) < tracks[k, TR] + radius
-            ):
-                known = True
-        while t < tracks.shape[0] and tracks[t, ID] > 0.0:
+        cluster = clusters[c]
+        while t < tracks.shape[0] and tracks[t].id > 0:
             t += 1
         if t == tracks.shape[0]:
             break
-        if known:
-            continue
-        row = tracks[t]
-        row[:] = 0.0
-        row[ID], row[TX], row[TY], row[TR], row[BORN], row[SEEN] = number, x, y, radius, now, now
-        row[MX], row[MY] = x, y
-        row[PP], row[VV], row[EVIDENT] = 0.1**2, FIRST_SPEED_M_S**2, now
-        number += 1
-    return number
+        if not _is_part_of_mover(cluster, tracks):
+            _start(tracks[t], cluster, stamp, next_id)
+            next_id += 1
+    return next_id
 
 
 @kernel
-def remember(history: Array, slot: int, cluster_of: Ints, clusters: Array) -> None:
+def _is_part_of_mover(cluster: Cluster, tracks: Tracks) -> bool:
+    for track in tracks:
+        distance = math.hypot(track.x - cluster.x, track.y - cluster.y)
+        if track.moves and distance < track.radius + cluster.radius:
+            return True
+    return False
+
+
+@kernel
+def _start(track: Track, cluster: Cluster, stamp: float, number: int) -> None:
+    """Fill the row of a new track from its first cluster."""
+    _become_static(track)
+    track.id = number
+    track.x = cluster.x
+    track.y = cluster.y
+    track.vx = 0.0
+    track.vy = 0.0
+    track.pp = FIRST_M**2
+    track.pv = 0.0
+    track.vv = FIRST_SPEED_M_S**2
+    track.radius = cluster.radius
+    track.seen = stamp
+    track.evident = stamp
+    track.gone = 0
+    track.hits = 0
+    track.mean_x = cluster.x
+    track.mean_y = cluster.y
+
+
+@kernel
+def remember(history: Array, slot: int, cluster_of: Ints, clusters: Clusters) -> None:
     """Store the points of each track's cluster for the scan that FreeSpace keeps in row `slot`."""
     for t in range(cluster_of.shape[0]):
         if cluster_of[t] >= 0:
-            history[slot, t] = clusters[cluster_of[t], POINTS : POINTS + 6]
+            history[slot, t] = clusters[cluster_of[t]].points
         else:
             history[slot, t] = math.nan

@@ -1,4 +1,4 @@
-"""Unit tests of the tracker's rules without a scene: free space, occluded edges, pose correction, tracks."""
+"""Unit tests of the tracker's rules without a scene."""
 
 import math
 
@@ -6,12 +6,31 @@ import numpy as np
 import pytest
 
 from applr_ros1.movers import clusters, tracks
-from applr_ros1.movers.free_space import SCANS, STAMP, SWEPT, depths, sees_through
-from applr_ros1.movers.slip import shift, slip
+from applr_ros1.movers.clusters import CLUSTER, POINTS
+from applr_ros1.movers.free_space import FAN, SCANS, depths, sees_through
+from applr_ros1.movers.slip import VOTER, Correction, shift, slip
+from applr_ros1.movers.tracks import MAX_TRACKS, TRACK
 
-FAN = np.array(
-    (0.0, 1.0, 2.0, 0.5, -1.0, 0.01, 0.1, 201.0, 0.0, 0.0)
-)  # scan from (1, 2, 0.5), beam 100 ahead
+
+def record(dtype, **fields):
+    """Return a record of a structured dtype; fields that are not given are 0."""
+    row = np.zeros(1, dtype)[0]
+    for name, value in fields.items():
+        row[name] = value
+    return row
+
+
+# Scan from (1, 2, 0.5), whose beam 100 points ahead.
+SCAN = {
+    "x": 1.0,
+    "y": 2.0,
+    "yaw": 0.5,
+    "angle_min": -1.0,
+    "increment": 0.01,
+    "range_min": 0.1,
+    "beams": 201,
+}
+AT_ORIGIN = record(FAN)
 
 
 @pytest.mark.parametrize(
@@ -31,140 +50,173 @@ FAN = np.array(
     ],
 )
 def test_a_point_is_seen_through_if_the_beams_around_it_continue(beams, value, through):
+    fan = record(FAN, **SCAN)
     ranges = np.full(201, 4.0, np.float32)
     ranges[list(beams)] = value
     depth = depths(ranges, 0.1, 10.0)
-    ahead = FAN[1] + 2.0 * math.cos(FAN[3]), FAN[2] + 2.0 * math.sin(FAN[3])
-    assert sees_through(depth, FAN, *ahead, 0.0) == through
-    assert not sees_through(depth, FAN, 2.0 * FAN[1] - ahead[0], 2.0 * FAN[2] - ahead[1], 0.0), (
-        "behind the laser"
-    )
+    offset_x = 2.0 * math.cos(fan["yaw"])
+    offset_y = 2.0 * math.sin(fan["yaw"])
+
+    ahead = sees_through(depth, fan, fan["x"] + offset_x, fan["y"] + offset_y, 0.0)
+    behind = sees_through(depth, fan, fan["x"] - offset_x, fan["y"] - offset_y, 0.0)
+
+    assert ahead == through
+    assert not behind
 
 
 @pytest.mark.parametrize(
     ("free", "swept", "moved"), [(1, 0.0, False), (2, 0.0, True), (3, 0.14, True), (3, 0.16, False)]
 )
 def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, moved):
-    """The points are in free space of the earlier scan, or were in that of the latest scan. A wall is 2 m away."""
+    """The points are in free space of the earlier scan, or were in that of the latest scan."""
     beams = np.array([50, 100, 150])
-    angles = FAN[3] + FAN[4] + FAN[5] * beams
-    points = np.column_stack([FAN[1] + 2.0 * np.cos(angles), FAN[2] + 2.0 * np.sin(angles)]).ravel()
-    wall, through, fans = (
-        np.full(201, 2.0, np.float32),
-        np.full(201, 2.0, np.float32),
-        np.zeros((SCANS, 10)),
-    )
+    angles = SCAN["yaw"] + SCAN["angle_min"] + SCAN["increment"] * beams
+    x = SCAN["x"] + 2.0 * np.cos(angles)
+    y = SCAN["y"] + 2.0 * np.sin(angles)
+    points = np.column_stack([x, y])
+    wall = np.full(201, 2.0, np.float32)
+    through = wall.copy()
     for beam in beams[:free]:
         through[beam - 22 : beam + 23] = 4.0
-    fans[:, STAMP], fans[0], newest = -np.inf, FAN, FAN.copy()
-    newest[SWEPT] = swept
-    history, ranges = np.full((SCANS, 6), np.nan), np.zeros((SCANS, 201), np.float32)
+    fan = record(FAN, swept=swept, **SCAN)
+    ranges = np.zeros((SCANS, 201), np.float32)
+    fans = np.zeros(SCANS, FAN)
+    fans["stamp"] = -np.inf
+    fans[0] = record(FAN, **SCAN)
+    earlier = tracks.Scans(ranges, fans)
+    history = np.full((SCANS, POINTS, 2), np.nan)
+
     ranges[0] = through
-    assert tracks.has_moved(points, history, (ranges, fans), wall, newest) == moved
-    history[0], ranges[0] = points, wall
-    assert tracks.has_moved(points, history, (ranges, fans), through, newest) == moved
+    assert tracks.has_moved(points, history, earlier, wall, fan) == moved
+
+    history[0] = points
+    ranges[0] = wall
+    assert tracks.has_moved(points, history, earlier, through, fan) == moved
 
 
-@pytest.mark.parametrize("step", [0.01, -0.01])
-@pytest.mark.parametrize(
-    "hidden",
-    [(), (clusters.HIDDEN_FROM, clusters.FROM, -0.2), (clusters.HIDDEN_TO, clusters.TO, 0.2)],
-    ids=["no edge hidden", "first edge hidden", "last edge hidden"],
-)
-def test_the_centre_of_a_disc_follows_from_its_visible_edge(hidden, step):
+@pytest.mark.parametrize("increment", [0.01, -0.01])
+@pytest.mark.parametrize("hidden", ["", "start", "end"])
+def test_the_centre_of_a_disc_follows_from_its_visible_edge(hidden, increment):
     """On one side of the disc, either a fifth of the edge is visible, or all of it."""
-    sensor, radius, distance, bearing = (1.0, -1.0, 0.4), 0.3, 2.0, 0.7
-    half, row = math.copysign(math.asin(radius / distance), step), np.zeros(clusters.COLUMNS)
-    row[[clusters.NEAR, clusters.FROM, clusters.TO]] = (
-        distance - radius,
-        bearing - half,
-        bearing + half,
-    )
+    radius = 0.3
+    distance = 2.0
+    bearing = 0.7
+    half = math.copysign(math.asin(radius / distance), increment)
+    fan = record(FAN, x=1.0, y=-1.0, yaw=0.4)
+    cluster = record(CLUSTER, near=distance - radius, start=bearing - half, end=bearing + half)
+    if hidden == "start":
+        cluster["start"] = bearing - 0.2 * half
+    elif hidden == "end":
+        cluster["end"] = bearing + 0.2 * half
     if hidden:
-        edge, end, seen = hidden
-        row[edge], row[end] = 1.0, bearing + seen * half
-    x, y, sigma = clusters.centre(row, radius, sensor)
-    assert (x, y) == pytest.approx(
-        (1.0 + 2.0 * math.cos(bearing), -1.0 + 2.0 * math.sin(bearing)), abs=1e-6
-    )
+        cluster[f"{hidden}_hidden"] = True
+
+    x, y, sigma = clusters.centre(cluster, radius, fan)
+
+    centre = (1.0 + distance * math.cos(bearing), -1.0 + distance * math.sin(bearing))
+    assert (x, y) == pytest.approx(centre, abs=1e-6)
     assert (sigma > 0.05) == bool(hidden)
 
 
-def seen_from(sensor, by, places, outliers=0):
-    """Return clusters (n, COLUMNS) of `places` (n, 2) for a laser at `sensor` with a pose error (dx, dy, turn)."""
-    rows = np.zeros((len(places), clusters.COLUMNS))
-    c, s = math.cos(by[2]), math.sin(by[2])
-    x, y = (places - sensor[:2] - by[:2]).T
-    rows[:, clusters.CX], rows[:, clusters.CY] = (
-        sensor[0] + c * x + s * y,
-        sensor[1] - s * x + c * y,
-    )
-    rows[:outliers, clusters.CX] += 0.8
-    rows[:, clusters.SIGMA] = 0.02
-    return rows
+def seen_from(fan, error, places, outliers=0):
+    """Return CLUSTERs (n,) of `places` (n, 2) for a laser with a pose error."""
+    cos_turn = math.cos(error.turn)
+    sin_turn = math.sin(error.turn)
+    x = places[:, 0] - fan["x"] - error.dx
+    y = places[:, 1] - fan["y"] - error.dy
+    found = np.zeros(len(places), CLUSTER)
+    found["x"] = fan["x"] + cos_turn * x + sin_turn * y
+    found["y"] = fan["y"] - sin_turn * x + cos_turn * y
+    found["x"][:outliers] += 0.8
+    found["sigma"] = 0.02
+    return found
 
 
 def test_static_tracks_correct_the_pose():
     """One of eight tracks is an outlier. If half of the tracks are, nothing is corrected."""
-    sensor, by = np.array((5.0, -3.0, 0.6)), np.array((0.02, -0.03, 0.02))
-    places = sensor[:2] + np.random.default_rng(0).uniform(-4.0, 4.0, (8, 2))
-    given = np.column_stack([places, np.full(8, 1e-5)]), np.arange(8)
-    rows = seen_from(sensor, by, places, outliers=1)
-    correction = slip(*given, 8, rows, tuple(sensor))
-    np.testing.assert_allclose(correction, by, atol=0.004)
-    fan = FAN.copy()
-    pose = shift(rows, fan, tuple(sensor), tuple(by))
-    np.testing.assert_allclose(rows[1:, [clusters.CX, clusters.CY]], places[1:], atol=1e-9)
-    np.testing.assert_allclose(rows[:, clusters.FROM], by[2])
-    assert pose == tuple(fan[1:4]) == pytest.approx(sensor + by)
-    assert slip(*given, 2, rows, tuple(sensor)) == (0.0, 0.0, 0.0), "two are too few"
-    assert slip(*given, 8, seen_from(sensor, by, places, outliers=4), tuple(sensor)) == (
-        0.0,
-        0.0,
-        0.0,
-    )
+    fan = record(FAN, x=5.0, y=-3.0, yaw=0.6)
+    error = Correction(0.02, -0.03, 0.02)
+    nothing = Correction(0.0, 0.0, 0.0)
+    places = (5.0, -3.0) + np.random.default_rng(0).uniform(-4.0, 4.0, (8, 2))
+    voters = np.zeros(8, VOTER)
+    voters["x"] = places[:, 0]
+    voters["y"] = places[:, 1]
+    voters["variance"] = 1e-5
+    voters["cluster"] = np.arange(8)
+    found = seen_from(fan, error, places, outliers=1)
+
+    np.testing.assert_allclose(slip(voters, found, fan), error, atol=0.004)
+    assert slip(voters[:2], found, fan) == nothing, "two are too few"
+    assert slip(voters, seen_from(fan, error, places, outliers=4), fan) == nothing
+
+    shift(found, fan, error)
+    np.testing.assert_allclose(found["x"][1:], places[1:, 0], atol=1e-9)
+    np.testing.assert_allclose(found["y"][1:], places[1:, 1], atol=1e-9)
+    np.testing.assert_allclose(found["start"], error.turn)
+    assert [fan["x"], fan["y"], fan["yaw"]] == pytest.approx([5.02, -3.03, 0.62])
 
 
-@pytest.mark.parametrize(("moves", "begun"), [(1.0, [(4.0, 0.0)]), (0.0, [(2.2, 0.3), (4.0, 0.0)])])
+@pytest.mark.parametrize(
+    ("moves", "begun"), [(True, [(4.0, 0.0)]), (False, [(2.2, 0.3), (4.0, 0.0)])]
+)
 def test_a_part_of_a_moving_obstacle_gets_no_track(moves, begun):
-    known, rows = np.zeros((8, tracks.COLUMNS)), np.zeros((3, clusters.COLUMNS))
-    known[0, [tracks.ID, tracks.TX, tracks.TR, tracks.MOVES]] = 5.0, 2.0, 0.3, moves
-    rows[:, [clusters.CX, clusters.CY, clusters.RADIUS]] = (
-        (2.2, 0.3, 0.1),
-        (2.0, 0.0, 0.3),
-        (4.0, 0.0, 0.3),
-    )
-    assert tracks.begin(known, rows, np.array([False, True, False]), 1.0, 7) == 7 + len(begun)
-    new = known[known[:, tracks.ID] >= 7.0]
-    assert [tuple(place) for place in new[:, [tracks.TX, tracks.TY]].tolist()] == begun
+    known = np.zeros(8, TRACK)
+    known[0] = record(TRACK, id=5, x=2.0, radius=0.3, moves=moves)
+    found = np.zeros(3, CLUSTER)
+    found[0] = record(CLUSTER, x=2.2, y=0.3, radius=0.1)
+    found[1] = record(CLUSTER, x=2.0, y=0.0, radius=0.3)
+    found[2] = record(CLUSTER, x=4.0, y=0.0, radius=0.3)
+    has_track = np.array([False, True, False])
+
+    next_id = tracks.begin(known, found, has_track, 1.0, 7)
+
+    new = known[known["id"] >= 7]
+    assert next_id == 7 + len(begun)
+    assert list(zip(new["x"], new["y"])) == begun
+
+
+def test_a_new_track_has_nothing_of_the_track_that_had_its_row():
+    """Rows of ended tracks keep their values; what a new track needs is set."""
+    known = np.zeros(1, TRACK)
+    for name in TRACK.names:
+        known[0][name] = 9
+    known["id"] = 0
+    known["moves"] = False
+    found = np.zeros(1, CLUSTER)
+    found[0] = record(CLUSTER, x=2.0, y=1.0, radius=0.3)
+    fresh = np.zeros(1, TRACK)
+
+    tracks.begin(known, found, np.array([False]), 1.0, 7)
+    tracks.begin(fresh, found, np.array([False]), 1.0, 7)
+
+    assert known[0] == fresh[0]
 
 
 def test_a_track_is_predicted_with_constant_velocity_and_white_acceleration():
-    """The state follows F = [[1, dt], [0, 1]], the covariance F P F' plus the integrated acceleration."""
-    rows, dt, q = np.zeros((2, tracks.COLUMNS)), 0.3, tracks.ACCELERATION
-    rows[0, [tracks.ID, tracks.TX, tracks.TY, tracks.VX, tracks.VY]] = 1.0, 2.0, -1.0, 0.5, -0.4
-    rows[0, [tracks.PP, tracks.PV, tracks.VV]] = 0.02, 0.03, 0.5
-    tracks.predict(rows, dt)
-    step, before = np.array([[1.0, dt], [0.0, 1.0]]), np.array([[0.02, 0.03], [0.03, 0.5]])
-    after = step @ before @ step.T + q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-    assert rows[0, [tracks.PP, tracks.PV, tracks.VV]] == pytest.approx(
-        [after[0, 0], after[0, 1], after[1, 1]]
-    )
-    assert rows[0, [tracks.TX, tracks.TY]] == pytest.approx([2.15, -1.12])
-    assert not rows[1].any(), "an empty row"
+    """The state follows F = [[1, dt], [0, 1]], the covariance F P F' plus the acceleration's."""
+    known = np.zeros(2, TRACK)
+    known[0] = record(TRACK, id=1, x=2.0, y=-1.0, vx=0.5, vy=-0.4, pp=0.02, pv=0.03, vv=0.5)
+    dt = 0.3
+    tracks.predict(known, dt)
+
+    transition = np.array([[1.0, dt], [0.0, 1.0]])
+    before = np.array([[0.02, 0.03], [0.03, 0.5]])
+    noise = tracks.ACCELERATION * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    after = transition @ before @ transition.T + noise
+    track = known[0]
+    assert track["pp"] == pytest.approx(after[0, 0])
+    assert track["pv"] == pytest.approx(after[0, 1])
+    assert track["vv"] == pytest.approx(after[1, 1])
+    assert track["x"] == pytest.approx(2.15)
+    assert track["y"] == pytest.approx(-1.12)
+    assert known[1] == record(TRACK), "an empty row"
 
 
 def disc(x, radius=0.3, sigma=0.02):
-    """Return the cluster of a fully visible disc on the x axis for a laser at the origin."""
-    row, half = np.zeros(clusters.COLUMNS), math.asin(radius / x)
-    row[[clusters.CX, clusters.RADIUS, clusters.NEAR, clusters.SIGMA]] = (
-        x,
-        radius,
-        x - radius,
-        sigma,
-    )
-    row[[clusters.FROM, clusters.TO]] = -half, half
-    return row
+    """Return the CLUSTER of a fully visible disc on the x axis for a laser at the origin."""
+    half = math.asin(radius / x)
+    near = x - radius
+    return record(CLUSTER, x=x, radius=radius, near=near, sigma=sigma, start=-half, end=half)
 
 
 @pytest.mark.parametrize(("deviations", "larger", "number"), [
@@ -173,21 +225,29 @@ def disc(x, radius=0.3, sigma=0.02):
 def test_a_cluster_within_three_deviations_of_position_and_size_is_associated(
     deviations, larger, number
 ):
-    rows, dt = np.zeros((tracks.MAX_TRACKS, tracks.COLUMNS)), 0.05
-    rows[0, [tracks.ID, tracks.TX, tracks.TR, tracks.PP]] = 1.0, 3.0, 0.3, 0.1**2
-    deviation = math.sqrt(0.1**2 + 0.02**2 + (tracks.SUDDEN_M_S * dt) ** 2)
-    cluster = disc(3.0 + deviations * deviation)
-    cluster[clusters.RADIUS] += larger * tracks.RESIZED_M
-    numbers, taken = tracks.associate(rows, cluster[np.newaxis], (0.0, 0.0, 0.0), dt)
-    assert (numbers[0], taken[0], numbers[1:].max()) == (number, number == 0, -1)
+    interval = 0.05
+    known = np.zeros(MAX_TRACKS, TRACK)
+    known[0] = record(TRACK, id=1, x=3.0, radius=0.3, pp=0.1**2)
+    deviation = math.sqrt(0.1**2 + 0.02**2 + (tracks.SUDDEN_M_S * interval) ** 2)
+    found = np.zeros(1, CLUSTER)
+    found[0] = disc(3.0 + deviations * deviation)
+    found["radius"] += larger * tracks.RESIZED_M
+
+    cluster_of, taken = tracks.associate(known, found, AT_ORIGIN, interval)
+
+    assert cluster_of[0] == number
+    assert taken[0] == (number == 0)
+    assert cluster_of[1:].max() == -1
 
 
 @pytest.mark.parametrize(
-    ("hits", "dt", "share"), [(0, 0.05, 1 / 2), (3, 0.05, 1 / 5), (200, 0.05, 0.1), (200, 5.0, 0.5)]
+    ("hits", "interval", "share"),
+    [(0, 0.05, 1 / 2), (3, 0.05, 1 / 5), (200, 0.05, 0.1), (200, 5.0, 0.5)],
 )
-def test_the_mean_position_of_a_static_track_averages_half_a_second(hits, dt, share):
-    row = np.zeros(tracks.COLUMNS)
-    row[[tracks.ID, tracks.TX, tracks.TR, tracks.PP, tracks.HITS]] = 1.0, 3.0, 0.3, 0.01, hits
-    row[[tracks.MX, tracks.MY]] = 3.0, 1.0
-    tracks.correct(row, disc(3.4), (0.0, 0.0, 0.0), dt)
-    assert row[[tracks.MX, tracks.MY]] == pytest.approx([3.0 + 0.4 * share, 1.0 - share])
+def test_the_mean_position_of_a_static_track_averages_half_a_second(hits, interval, share):
+    track = record(TRACK, id=1, x=3.0, radius=0.3, pp=0.01, hits=hits, mean_x=3.0, mean_y=1.0)
+
+    tracks.correct(track, disc(3.4), AT_ORIGIN, interval)
+
+    assert track["mean_x"] == pytest.approx(3.0 + 0.4 * share)
+    assert track["mean_y"] == pytest.approx(1.0 - share)
