@@ -5,7 +5,7 @@ repeated: a test that fails only on a busy machine is defective.
 
 `./applr test` runs pytest-xdist. Because rospy supports one master per process, tests of one file that start ROS nodes
 run in one process (`--dist loadgroup`), as do all files of a folder whose conftest.py has a shared stack. Between two
-such groups, tests.support.ros_harness starts a new master and unregisters the topics of this process. Between two
+such groups, tests.support.ros starts a new master and unregisters the topics of this process. Between two
 tests, it deletes the parameters of nodes that have ended.
 
 Tests marked `slow` run only with `--all` or if `-m` names them, tests marked `long` only if `-m` names them. Without
@@ -44,7 +44,7 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # A shell ignores SIGINT 
 # On a busy machine, threads of torch or BLAS wait for each other, and take 20 times as long as a single thread.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.pop("ROS_NAMESPACE", None)  # Tests name topics from the root.
-pytest.register_assert_rewrite("tests.support.move_base_stack")
+pytest.register_assert_rewrite("tests.support.nodes")
 if importlib.util.find_spec("torch") is None:  # Without torch, training and its tests are skipped.
     sys.modules["training"] = None
 OWN = {"applr_ros1", "sim_bridge", "worlds", "training", "tests"}
@@ -134,7 +134,7 @@ def pytest_runtest_teardown(item, nextitem):
     try:
         return (yield)
     finally:
-        harness, failed = sys.modules.get("tests.support.ros_harness"), item.has_failed
+        harness, failed = sys.modules.get("tests.support.ros"), item.has_failed
         if harness:
             harness.forget_ended()
             if failed and item.get_closest_marker("ros"):

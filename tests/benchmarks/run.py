@@ -26,9 +26,8 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.planner import replay_dwa, replay_golden
 from tests.support import ROOT
-from tests.support.episodes import episode
-from tests.support.jackal import JACKAL
-from tests.support.weights import make_weights
+from tests.support.robots import JACKAL_PARAMETERS, make_weights
+from tests.support.training import episode
 from training.env.episode import Episode
 
 COURSES = (3, 60, 140, 250)  # numbers of built-in worlds, from sparse to dense
@@ -124,7 +123,7 @@ def decision():
     """Measure one decision of the Jackal's policy, once a second: encoding of the observation, and networks."""
     policy, driven = (
         methods.make("applr", robots.JACKAL),
-        _episode("kinematic", MoveBase(JACKAL), monitor=True),
+        _episode("kinematic", MoveBase(JACKAL_PARAMETERS), monitor=True),
     )
     driven.layout = policy.layout
     driven.reset(worlds.load("generated:140"), seed=0)
@@ -172,7 +171,7 @@ def _time_in_drives(kind, name, counts, monitor=False, **parameters):
         for _ in range(3):
             took.clear()
             _drive(
-                _episode("kinematic", MoveBase({**JACKAL, **parameters}), monitor),
+                _episode("kinematic", MoveBase({**JACKAL_PARAMETERS, **parameters}), monitor),
                 lambda _: SPACE.theta0,
             )
             means.append(np.mean(took))
@@ -190,7 +189,10 @@ def sim_speed_pybullet():
 
 def _speed(simulator):
     warm_up()
-    driven, best = _episode(simulator, MoveBase(dict(JACKAL, planner_frequency=20.0))), 0.0
+    driven, best = (
+        _episode(simulator, MoveBase(dict(JACKAL_PARAMETERS, planner_frequency=20.0))),
+        0.0,
+    )
     for seconds in (2, SECONDS, SECONDS, SECONDS):
         began = time.process_time()
         simulated = _drive(
@@ -284,7 +286,7 @@ def _rate(step, rounds=5, seconds=0.6):
 def reconfigure_all():
     """Measure changing all eight parameters of an idle move_base node over ROS at 20 Hz, with every value read back."""
     from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
-    from tests.support.ros_harness import session, wait_for
+    from tests.support.ros import session, wait_for
 
     node, client, took = session().node("move_base", "cmd_vel:=/cmd_vel"), ReconfigureClient(), []
     wait_for(

@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from tests.support.ros_harness import LONGEST, session
+from tests.support.ros import LONGEST, session
 
 
 @pytest.fixture(scope="package")

@@ -13,10 +13,9 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty
 
 from tests.faults.relay import Relay
-from tests.support.fake_jackal import decided
-from tests.support.jackal import JACKAL
-from tests.support.move_base_stack import goal
-from tests.support.ros_harness import LONGEST, Kept, wait_for
+from tests.support.nodes import decided, goal
+from tests.support.robots import JACKAL_PARAMETERS
+from tests.support.ros import LONGEST, Kept, wait_for
 from worlds import Course, World
 from worlds.sdf_writer import write
 
@@ -79,7 +78,7 @@ class Stack:
     def start(self, name, wait=True):
         """Start or restart a node of NODES, with the parameters that a launch file would set."""
         if name == "move_base":
-            rospy.set_param("/move_base", dict(JACKAL, applr={"period": PERIOD}))
+            rospy.set_param("/move_base", dict(JACKAL_PARAMETERS, applr={"period": PERIOD}))
         self.nodes[name] = self.ros.node(name, *NODES[name])
         if wait:
             self.wait_until_up(name)

@@ -9,8 +9,8 @@ from dynamic_reconfigure.client import Client
 
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
-from tests.support.move_base_stack import PLANNER
-from tests.support.ros_harness import LONGEST, Kept, wait_for
+from tests.support.nodes import PLANNER
+from tests.support.ros import LONGEST, Kept, wait_for
 
 pytestmark = pytest.mark.ros
 PERIODS = 3  # number of decision periods after which a silent applr node counts as lost

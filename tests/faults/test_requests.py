@@ -11,8 +11,8 @@ from geometry_msgs.msg import Twist
 
 from applr_ros1.nodes.conversions import twist
 from applr_ros1.robots import load
-from tests.support.move_base_stack import ABORTED, finish, goal
-from tests.support.ros_harness import wait_for
+from tests.support.nodes import ABORTED, finish, goal
+from tests.support.ros import wait_for
 
 pytestmark = pytest.mark.ros
 

@@ -5,8 +5,8 @@ import math
 import pytest
 import rospy
 
-from tests.support.move_base_stack import ABORTED, SUCCEEDED, finish
-from tests.support.ros_harness import wait_for
+from tests.support.nodes import ABORTED, SUCCEEDED, finish
+from tests.support.ros import wait_for
 
 pytestmark = pytest.mark.ros
 

@@ -23,9 +23,8 @@ from applr_ros1.nodes.tools import demo as demo_tool
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, complete
 from applr_ros1.robots import NAMES, load
-from tests.support import DATA, HANGS, ROOT
-from tests.support.processes import is_alive
-from tests.support.ros_harness import Kept, wait_for
+from tests.support import DATA, HANGS, ROOT, is_alive
+from tests.support.ros import Kept, wait_for
 
 APPLR = os.path.join(ROOT, "applr")
 pytestmark = pytest.mark.ros

@@ -13,7 +13,7 @@ import sys
 import pytest
 
 from tests.support import HANGS, ROOT
-from tests.support.ros_harness import wait_for
+from tests.support.ros import wait_for
 
 
 class Clone:

@@ -22,9 +22,9 @@ from applr_ros1.policy.actor import save
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, space_of
 from applr_ros1.robots import load
-from tests.support.fake_jackal import Standing, decided, observed
-from tests.support.ros_harness import LONGEST, session, wait_for
-from tests.support.weights import make_weights
+from tests.support.nodes import Standing, decided, observed
+from tests.support.robots import make_weights
+from tests.support.ros import LONGEST, session, wait_for
 
 pytestmark = pytest.mark.ros
 PERIOD = 0.2
@@ -52,7 +52,7 @@ def stack(robot, tmp_path):
     robot.reset()
 
     def start_fake(*args):
-        fake = ros.node("tests.support.fake_move_base", *args)
+        fake = ros.node("tests.support.nodes", *args)
         started.append(fake)
         fake.until("all up")
         return fake

@@ -10,8 +10,8 @@ import pytest
 import rospy
 from applr_ros1.msg import Decision
 
-from tests.support.jackal import JACKAL
-from tests.support.ros_harness import session, wait_for
+from tests.support.robots import JACKAL_PARAMETERS
+from tests.support.ros import session, wait_for
 from training.bags.read import read
 from training.train.transitions import transitions
 
@@ -23,7 +23,7 @@ WORLD = "generated:0"
 def test_a_recorded_drive_gives_transitions(tmp_path):
     ros, bag = session(), tmp_path / "drive.bag"
     rospy.set_param("/use_sim_time", True)
-    rospy.set_param("/move_base", JACKAL)
+    rospy.set_param("/move_base", JACKAL_PARAMETERS)
     robot = "_world:=" + WORLD, "_simulator:=kinematic"
     command = "roslaunch", "--args", "record", "applr_ros1", "jackal_applr.launch", f"record:={bag}"
     nodes = [

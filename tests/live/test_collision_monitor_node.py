@@ -15,8 +15,8 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, String
 
 from applr_ros1.nodes.conversions import twist
-from tests.support.fake_jackal import FakeJackal
-from tests.support.ros_harness import Kept, session, wait_for
+from tests.support.nodes import FakeJackal
+from tests.support.ros import Kept, session, wait_for
 
 pytestmark = pytest.mark.ros
 INPUTS = "scan:=front/scan", "odom:=odometry/filtered"

@@ -17,11 +17,10 @@ from sensor_msgs.msg import PointCloud2
 
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import load
-from tests.support import DATA, ros_harness
-from tests.support.fake_jackal import FakeJackal, decided
-from tests.support.jackal import tree
-from tests.support.move_base_stack import POSTS, collect, connected, finish, goal, start
-from tests.support.ros_harness import wait_for
+from tests.support import DATA, ros
+from tests.support.nodes import POSTS, FakeJackal, collect, connected, decided, finish, goal, start
+from tests.support.robots import dwa_parameters
+from tests.support.ros import wait_for
 
 pytestmark = pytest.mark.ros
 SURFACE = json.loads((DATA / "dwa_surface.json").read_text())
@@ -31,7 +30,7 @@ OTHER = "/move_base/TrajectoryPlannerROS"
 
 @pytest.fixture(scope="module")
 def node():
-    master, parameters = ros_harness.session(), copy.deepcopy(tree())
+    master, parameters = ros.session(), copy.deepcopy(dwa_parameters())
     parameters["DWAPlannerROS"].update(
         publish_cost_grid_pc=True, publish_traj_pc=True, vy_samples=0, odom_topic="wheels/odom"
     )
@@ -59,7 +58,7 @@ def test_topics_and_services_are_those_of_the_cpp_node(node):
 
 def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_clouds(node):
     """The Husky's static parameter set is applied, although the costmap layers have other names than on the Husky."""
-    master, space = ros_harness.session(), space_of(load("husky"))
+    master, space = ros.session(), space_of(load("husky"))
     decisions, in_force = [], []
     rospy.Subscriber("/applr/decision", Decision, lambda m: decisions.append(decided(m)["theta"]))
     rospy.Subscriber(
@@ -85,7 +84,7 @@ def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_cl
     )
     seen = {topic: collect(SERVER + "/" + topic, kind)[1] for topic, kind in kinds.items()}
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
-    assert client.wait_for_server(rospy.Duration(ros_harness.LONGEST))
+    assert client.wait_for_server(rospy.Duration(ros.LONGEST))
     client.send_goal(goal(1.0))
     assert finish(client)[1] == "Goal reached.", node.text
     assert len(decisions) >= 2, applr.text

@@ -12,8 +12,8 @@ from geometry_msgs.msg import Polygon, PoseStamped, Twist
 from move_base_msgs.msg import MoveBaseActionGoal
 from std_msgs.msg import Time
 
-from tests.support.jackal import JACKAL
-from tests.support.ros_harness import LONGEST, session, wait_for
+from tests.support.robots import JACKAL_PARAMETERS
+from tests.support.ros import LONGEST, session, wait_for
 
 pytestmark = pytest.mark.ros
 
@@ -39,7 +39,7 @@ SENT = {
 def test_a_node_that_is_interrupted_while_messages_come_prints_no_traceback(times):
     ros = session()
     rospy.set_param("/use_sim_time", True)
-    rospy.set_param("/move_base", JACKAL)
+    rospy.set_param("/move_base", JACKAL_PARAMETERS)
     publishers = {
         topic: rospy.Publisher(topic, kind, queue_size=10) for topic, kind in SENT.items()
     }

@@ -3,22 +3,85 @@
 import math
 import time
 
+import actionlib
+import dynamic_reconfigure.client
 import pytest
 import rospy
 from gazebo_msgs.srv import GetModelState, SetModelState
-from geometry_msgs.msg import Twist
+from geometry_msgs.msg import PoseStamped, Twist
+from move_base_msgs.msg import MoveBaseAction
 from nav_msgs.msg import Odometry
+from nav_msgs.srv import GetPlan
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
+from std_srvs.srv import Empty
 
 from applr_ros1.common.angles import yaw_of
 from applr_ros1.nodes.conversions import twist
-from tests.support.gazebo_client import GazeboSimulation, Training, goal, model_state
-from tests.support.ros_harness import LONGEST, ROOT, session, wait_for
+from tests.support import ROOT
+from tests.support.gazebo import GazeboSimulation, goal, model_state
+from tests.support.ros import LONGEST, session, wait_for
 
 pytestmark = pytest.mark.ros
 
 START, GOAL = (-2.25, 3.0, 1.57), (0.0, 10.0)  # start and goal of the BARN Challenge
+
+
+class Training:
+    """Client that drives episodes with the sequence of calls of the authors' training loop."""
+
+    def __init__(self, simulation, target):
+        self.simulation, self.target = simulation, target
+        self._clear = rospy.ServiceProxy("/move_base/clear_costmaps", Empty)
+        self._plan = rospy.ServiceProxy("/move_base/make_plan", GetPlan)
+        self._parameters = dynamic_reconfigure.client.Client(
+            "/move_base/TrajectoryPlannerROS", timeout=180
+        )
+        self._action = actionlib.SimpleActionClient("/move_base", MoveBaseAction)
+        assert self._action.wait_for_server(rospy.Duration(180.0))
+
+    def episode(self, speed, seconds=1.0):
+        """Reset, plan, drive, with paused physics in between. Return (planned length [m], driven length [m], speed)."""
+        simulation = self.simulation
+        self._action.cancel_all_goals()
+        assert simulation.reset().success
+        simulation.pause()
+        simulation.unpause()
+        taken = self._parameters.update_configuration({"max_vel_x": speed})
+        self._wait(0.1)
+        self._clear()
+        plan = self.make_plan()
+        self._clear()
+        self._action.send_goal(goal(*self.target))
+        began = simulation.place()
+        self._wait(seconds)
+        simulation.pause()
+        end = simulation.place()
+        simulation.unpause()
+        points = [(p.pose.position.x, p.pose.position.y) for p in plan]
+        planned = sum(math.dist(a, b) for a, b in zip(points, points[1:]))
+        return planned, math.dist(began, end), taken["max_vel_x"]
+
+    def make_plan(self):
+        start, end = PoseStamped(), PoseStamped()
+        start.header.frame_id = end.header.frame_id = "odom"
+        start.pose.orientation.w = end.pose.orientation.w = 1.0
+        end.pose.position.x, end.pose.position.y = self.target
+        deadline = time.monotonic() + 180.0
+        while time.monotonic() < deadline:  # A goal that was just cancelled may still be active.
+            try:
+                return self._plan(start, end, 0.5).plan.poses
+            except rospy.ServiceException:
+                time.sleep(0.02)
+        raise AssertionError("no plan")
+
+    @staticmethod
+    def _wait(seconds):
+        until = rospy.get_time() + seconds
+        deadline = time.monotonic() + 180.0
+        while rospy.get_time() < until:
+            assert time.monotonic() < deadline, "simulated time does not advance"
+            time.sleep(0.01)
 
 
 @pytest.fixture(scope="module")

@@ -13,11 +13,19 @@ from nav_msgs.msg import OccupancyGrid, Path
 from tf2_msgs.msg import TFMessage
 
 from applr_ros1.common.angles import compose
-from tests.support import ros_harness
-from tests.support.fake_jackal import FakeJackal, transform
-from tests.support.jackal import JACKAL
-from tests.support.map_scenes import wall_with_a_door
-from tests.support.move_base_stack import ABORTED, SUCCEEDED, collect, finish, goal, start
+from tests.support import ros
+from tests.support.nodes import (
+    ABORTED,
+    SUCCEEDED,
+    FakeJackal,
+    collect,
+    finish,
+    goal,
+    start,
+    transform,
+)
+from tests.support.robots import JACKAL_PARAMETERS
+from tests.support.scenes import wall_with_a_door
 
 pytestmark = pytest.mark.ros
 
@@ -66,7 +74,7 @@ def served(given):
 
 @pytest.mark.slow
 def test_a_goal_in_the_map_is_reached_while_localisation_drifts():
-    master, tree = ros_harness.session(), copy.deepcopy(JACKAL)
+    master, tree = ros.session(), copy.deepcopy(JACKAL_PARAMETERS)
     world = tree["global_costmap"]
     world.update(
         global_frame="map",
@@ -76,7 +84,7 @@ def test_a_goal_in_the_map_is_reached_while_localisation_drifts():
     localisation = Localisation(jackal)
     node = start(master, tree)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
-    assert client.wait_for_server(rospy.Duration(ros_harness.LONGEST))
+    assert client.wait_for_server(rospy.Duration(ros.LONGEST))
     client.send_goal(goal(4.0, 1.0, frame="map"))
     node.until("standing still: no map on /map yet: start map_server")
     publisher = served(wall_with_a_door())

@@ -9,7 +9,7 @@ import rospy
 
 from applr_ros1.common.angles import normalize_angle
 from applr_ros1.nodes.tools.measure_braking import Reading, Stop, dead_band, deceleration, reaction
-from tests.support.ros_harness import Kept, session, wait_for
+from tests.support.ros import Kept, session, wait_for
 from worlds import Course, World
 from worlds.sdf_writer import write
 

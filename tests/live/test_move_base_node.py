@@ -13,11 +13,11 @@ from nav_msgs.msg import Path as PathMessage
 from nav_msgs.srv import GetPlan
 from sensor_msgs.msg import PointCloud2
 
-from tests.support.move_base_stack import PLANNER, PREEMPTED, SUCCEEDED, collect, finish, goal
-from tests.support.ros_harness import Kept, wait_for
+from tests.support.nodes import PLANNER, PREEMPTED, SUCCEEDED, collect, finish, goal
+from tests.support.ros import Kept, wait_for
 
 pytestmark = pytest.mark.ros
-pytest_plugins = ("tests.support.move_base_stack",)
+pytest_plugins = ("tests.support.nodes",)
 
 
 # -- goals ---------------------------------------------------------------------------------------------------------

@@ -14,12 +14,12 @@ from applr_ros1.nodes.move_base import heartbeat_watchdog
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support import DATA
-from tests.support.jackal import JACKAL
-from tests.support.move_base_stack import PLANNER, node_api
-from tests.support.ros_harness import LONGEST, wait_for
+from tests.support.nodes import PLANNER, node_api
+from tests.support.robots import JACKAL_PARAMETERS
+from tests.support.ros import LONGEST, wait_for
 
 pytestmark = pytest.mark.ros
-pytest_plugins = ("tests.support.move_base_stack",)
+pytest_plugins = ("tests.support.nodes",)
 SURFACE = json.loads((DATA / "move_base_surface.json").read_text())
 OWN_TOPICS = (  # topics that the C++ node does not have
     "/rosout",
@@ -127,7 +127,7 @@ def test_a_lost_heartbeat_is_reported_once():
     watch.heartbeat(300.0)
     assert not watch.is_lost(10.0)
     assert watch.is_lost(15.1)
-    jackal = MoveBase(JACKAL)
+    jackal = MoveBase(JACKAL_PARAMETERS)
     capped = heartbeat_watchdog.start_up_requests(jackal, SPACE, max_speed=0.3)
     assert capped["TrajectoryPlannerROS"]["max_vel_x"] == 0.3
     assert heartbeat_watchdog.start_up_requests(jackal, SPACE) == SPACE.settings(SPACE.theta0)

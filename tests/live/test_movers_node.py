@@ -8,9 +8,9 @@ from sensor_msgs.msg import PointCloud2
 from visualization_msgs.msg import MarkerArray
 
 from applr_ros1.nodes.conversions import points_of
-from tests.support.fake_jackal import FakeJackal
-from tests.support.ros_harness import session, wait_for
-from tests.support.toy_robot import ring
+from tests.support.nodes import FakeJackal
+from tests.support.robots import ring
+from tests.support.ros import session, wait_for
 
 pytestmark = pytest.mark.ros
 WALL = ring(0.0, 0.0, 3.5, posts=250, size=0.06)

@@ -14,7 +14,7 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import MarkerArray
 
 from tests.support import ROOT
-from tests.support.ros_harness import session, wait_for
+from tests.support.ros import session, wait_for
 
 pytestmark = pytest.mark.ros
 SHARED = {"/clock", "/tf", "/tf_static", "/diagnostics", "/rosout", "/use_sim_time"}

@@ -13,7 +13,7 @@ from dynamic_reconfigure.msg import Config
 from applr_ros1.nodes.applr import reconfigure_client
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
-from tests.support.ros_harness import LONGEST, Kept, session, wait_for
+from tests.support.ros import LONGEST, Kept, session, wait_for
 
 pytestmark = pytest.mark.ros
 PLANNER = "/move_base/TrajectoryPlannerROS"
@@ -23,7 +23,7 @@ COSTMAPS = [layer.rpartition("/")[0] for layer in LAYERS]
 
 @pytest.fixture(scope="module")
 def fake():
-    child = session().node("tests.support.fake_move_base")
+    child = session().node("tests.support.nodes")
     child.until("all up")
     yield child
     child.thaw()
@@ -244,7 +244,7 @@ def test_no_text_of_a_server_is_executed(tmp_path):
     """The client of dynamic_reconfigure would evaluate the edit_method of a parameter that is set to a text."""
     mark = tmp_path / "ran"
     evil = session().node(
-        "tests.support.fake_move_base", "__name:=evil", "--text", f"open({str(mark)!r}, 'w')"
+        "tests.support.nodes", "__name:=evil", "--text", f"open({str(mark)!r}, 'w')"
     )
     evil.until("all up")
     client = ReconfigureClient("/evil")

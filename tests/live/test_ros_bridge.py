@@ -20,7 +20,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 import worlds
 from applr_ros1.nodes.conversions import twist
-from tests.support.ros_harness import LONGEST, Kept, session, wait_for
+from tests.support.ros import LONGEST, Kept, session, wait_for
 
 pytestmark = pytest.mark.ros
 

@@ -17,10 +17,9 @@ from nav_msgs.msg import Path
 from std_msgs.msg import String
 
 from applr_ros1.nodes.conversions import pose_stamped, twist
-from tests.support.fake_jackal import FakeJackal
-from tests.support.jackal import tree
-from tests.support.move_base_stack import finish, goal
-from tests.support.ros_harness import LONGEST, Kept, session, wait_for
+from tests.support.nodes import FakeJackal, finish, goal
+from tests.support.robots import dwa_parameters
+from tests.support.ros import LONGEST, Kept, session, wait_for
 
 pytestmark = pytest.mark.ros
 INPUTS = "scan:=front/scan", "odom:=odometry/filtered"
@@ -94,7 +93,7 @@ def test_a_robot_too_close_to_a_post_for_its_planner_escapes(escape):
     )
     wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "a stop")
     teleop.unregister()
-    parameters = tree(recovery_behavior_enabled=False, controller_patience=60.0)
+    parameters = dwa_parameters(recovery_behavior_enabled=False, controller_patience=60.0)
     rospy.set_param("/move_base", parameters)
     names = "cmd_vel:=move_base/cmd_vel", "collision_monitor/held_back:=nobody/held_back"
     node = ros.node("move_base", "odom:=odometry/filtered", *names)

@@ -13,8 +13,8 @@ from nav_msgs.msg import Odometry
 
 from applr_ros1.nodes.viewer.node import Viewer
 from applr_ros1.robots import JACKAL
-from tests.support.fake_jackal import FakeJackal
-from tests.support.ros_harness import LONGEST, free_port, session, wait_for
+from tests.support.nodes import FakeJackal
+from tests.support.ros import LONGEST, free_port, session, wait_for
 
 viser = pytest.importorskip("viser")
 pytestmark = pytest.mark.ros
@@ -131,7 +131,7 @@ def test_silent_nodes_and_topics_are_reported(viewer):
 
 
 def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
-    move_base = ros.node("tests.support.fake_move_base")
+    move_base = ros.node("tests.support.nodes")
     applr = ros.node("applr", "_method:=dwa")
     try:
         wait_for(lambda: "default parameters" in state(viewer), "the method")

@@ -8,7 +8,7 @@ import pytest
 import rospy
 from std_srvs.srv import Empty
 
-from tests.support.ros_harness import free_port, session, wait_for
+from tests.support.ros import free_port, session, wait_for
 
 playwright = pytest.importorskip("playwright.sync_api")
 PROGRAM = shutil.which("chromium-headless-shell")

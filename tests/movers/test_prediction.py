@@ -14,7 +14,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, complete
 from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.robots import JACKAL
-from tests.support.toy_robot import ToyRobot, quick, ring, run
+from tests.support.robots import ToyRobot, quick, ring, run
 
 WALL = ring(0.0, 0.0, 4.0, posts=300, size=0.06)  # closed ring that every beam hits
 LETHAL = 254

@@ -14,7 +14,7 @@ from sensor_msgs.msg import LaserScan
 from applr_ros1.nodes import transforms as module
 from applr_ros1.nodes.applr.inputs import RobotInputs
 from applr_ros1.policy.observation import ObservationError
-from tests.support.fake_jackal import transform
+from tests.support.nodes import transform
 from tests.support.refusals import refused
 
 

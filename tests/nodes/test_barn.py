@@ -15,7 +15,7 @@ import rospy  # noqa: F401
 from applr_ros1.nodes.tools import barn
 from tests.support import HANGS, ROOT
 from tests.support.refusals import refused
-from tests.support.worlds_sdf import as_barn, moving, sdf
+from tests.support.scenes import as_barn, moving, sdf
 from worlds import dynabarn, load
 from worlds.barn import fields
 
@@ -30,8 +30,7 @@ def checkout(tmp_path):
     static, dynamic = helper / "worlds" / "BARN", helper / "worlds" / "DynaBARN"
     for folder in (static / "path_files", dynamic, helper / "launch", helper / "plugins"):
         folder.mkdir(parents=True)
-    shutil.copy(ROOT / "tests" / "support" / "barn_runner.py", root / "run.py")
-    shutil.copy(ROOT / "tests" / "support" / "gazebo_client.py", root)
+    shutil.copy(ROOT / "tests" / "support" / "gazebo.py", root / "run.py")
     shutil.copy(ROOT / "compat" / "jackal_helper" / "package.xml", helper)
     shutil.copy(
         ROOT / "compat" / "jackal_helper" / "launch" / "move_base_DWA.launch", helper / "launch"

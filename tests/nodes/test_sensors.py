@@ -9,7 +9,7 @@ from sensor_msgs.msg import LaserScan
 
 from applr_ros1.nodes import sensors as module
 from applr_ros1.nodes import transforms
-from tests.support.fake_jackal import transform
+from tests.support.nodes import transform
 
 
 @pytest.fixture

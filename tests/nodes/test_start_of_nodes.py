@@ -11,19 +11,19 @@ import time
 import pytest
 
 from applr_ros1.robots import load
-from tests.support import HANGS, ros_harness
+from tests.support import HANGS, ros
 from tests.support.refusals import refused
 
 pytest.importorskip("rospy")
 
 
 def start(*arguments):
-    paths = [str(ros_harness.ROOT), str(ros_harness.GENERATED), os.environ.get("PYTHONPATH", "")]
+    paths = [str(ros.ROOT), str(ros.GENERATED), os.environ.get("PYTHONPATH", "")]
     return subprocess.Popen(
         [sys.executable, *arguments],
         env=dict(
             os.environ,
-            ROS_MASTER_URI="http://localhost:%d" % ros_harness.free_port(),
+            ROS_MASTER_URI="http://localhost:%d" % ros.free_port(),
             PYTHONPATH=os.pathsep.join(paths).rstrip(os.pathsep),
         ),
         stdin=subprocess.DEVNULL,
@@ -105,7 +105,7 @@ APPLR, MONITOR, BRIDGE = (
 )
 def test_invalid_parameters_are_one_line(module, given, line, tmp_path, monkeypatch):
     if given == "a robot with errors":
-        shutil.copytree(ros_harness.ROOT / "applr_ros1/robots/husky", tmp_path / "mine")
+        shutil.copytree(ros.ROOT / "applr_ros1/robots/husky", tmp_path / "mine")
         with open(tmp_path / "mine" / "planner.yaml", "a") as file:
             file.write("\ncontroller_frequency: 0\n")
         given = {"robot": str(tmp_path / "mine")}
@@ -175,7 +175,7 @@ with lock:
 
 
 def test_shutdown_waits_for_a_lock_of_the_main_thread():
-    with ros_harness.RosMaster() as master:
+    with ros.RosMaster() as master:
         child = master.spawn(sys.executable, "-c", NODE)
         child.until("ready")
         os.kill(child.pid, signal.SIGINT)

@@ -15,8 +15,9 @@ from applr_ros1.planner.costmap.footprint import pad, radii
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.navfn.navfn import LIST_SIZE, Navfn
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
+from applr_ros1.planner.trajectory.sampling import fill_evenly, velocity_window
 from tests.planner import replay_dwa
-from tests.support.map_scenes import paint, sampled_window
+from tests.support.scenes import paint
 
 FORMAT = "planner-golden-1"
 WINDOW = ("min_vel_x", "max_vel_x", "min_vel_theta", "max_vel_theta", "dvx", "dvtheta")
@@ -50,6 +51,14 @@ def load(folder):
 
 
 # The function for each kind of scenario yields (quantity, ours, expected) for every comparable quantity.
+
+
+def sampled_window(planner):
+    """Return ranges and steps of a TrajectoryPlanner's last samples: {"min_vel_x", "max_vel_x", "dvx", ...}."""
+    x0, x1, w0, w1 = velocity_window(planner._params[0], planner._plan, planner.start)
+    dvx, dw = fill_evenly(x0, x1, planner._scratch.vs), fill_evenly(w0, w1, planner._scratch.ws)
+    names = "min_vel_x", "max_vel_x", "dvx", "min_vel_theta", "max_vel_theta", "dvtheta"
+    return dict(zip(names, (x0, x1, dvx, w0, w1, dw)))
 
 
 def make_costmap(scenario):

@@ -13,7 +13,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.settings import send
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
-from tests.support.toy_robot import ToyRobot, quick, ring, run
+from tests.support.robots import ToyRobot, quick, ring, run
 
 LARGEST = np.full(len(SPACE), 5.0)  # upper bounds of TrajectoryPlannerROS for its biases
 

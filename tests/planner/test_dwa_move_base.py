@@ -6,8 +6,7 @@ import pytest
 
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.parameter import ParameterError
-from tests.support.jackal import tree
-from tests.support.toy_robot import ToyRobot, run, start
+from tests.support.robots import ToyRobot, dwa_parameters, run, start
 
 DWA = "DWAPlannerROS"
 
@@ -15,14 +14,14 @@ DWA = "DWAPlannerROS"
 def test_success_is_reported_at_every_planner_frequency():
     """In C++, a new plan clears no flag of this planner, so "cpp-like" and "ours" both succeed at once at the goal."""
     for planner in ("ours", "cpp-like"):
-        made, robot = MoveBase(tree(), planner=planner), ToyRobot()
+        made, robot = MoveBase(dwa_parameters(), planner=planner), ToyRobot()
         made.set_goal((1.0, 0.0, 0.0), 0.0)
         assert run(made, robot, 10.0) == ("succeeded", "Goal reached.")
         assert robot.time < 6.0
 
 
 def test_reconfigure_reaches_the_planner_and_no_other_server():
-    made, robot = start((4.0, 0.0, 0.0), tree=tree())
+    made, robot = start((4.0, 0.0, 0.0), tree=dwa_parameters())
     assert made.local_planner_name == DWA
     assert "TrajectoryPlannerROS" not in made.servers
     assert (
@@ -45,7 +44,7 @@ def test_reconfigure_reaches_the_planner_and_no_other_server():
 def test_the_latch_is_read_from_the_namespace_of_move_base():
     """As in C++, latch_xy_goal_tolerance in the section DWAPlannerROS of TurtleBot3's file has no effect."""
     for own, nested in ((True, False), (False, True)):
-        params = tree(latch_xy_goal_tolerance=own, planner_frequency=0.0)
+        params = dwa_parameters(latch_xy_goal_tolerance=own, planner_frequency=0.0)
         params[DWA]["latch_xy_goal_tolerance"] = nested
         made, robot = start((1.0, 0.0, 2.0), tree=params)
         while math.hypot(robot.pose[0] - 1.0, robot.pose[1]) > 0.25:

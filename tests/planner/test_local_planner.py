@@ -8,15 +8,16 @@ import pytest
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.plan_cut import cut_plan
 from applr_ros1.planner.trajectory.local_planner import TrajectoryLocalPlanner
-from tests.support.jackal import JACKAL
-from tests.support.map_scenes import JACKAL as FOOT
-from tests.support.map_scenes import open_map, straight
+from tests.support.robots import JACKAL_FOOTPRINT, JACKAL_PARAMETERS
+from tests.support.scenes import open_map, straight
 
-PARAMS = dict(complete(JACKAL)["TrajectoryPlannerROS"], prune_plan=True, max_rotational_vel=1.0)
+PARAMS = dict(
+    complete(JACKAL_PARAMETERS)["TrajectoryPlannerROS"], prune_plan=True, max_rotational_vel=1.0
+)
 
 
 def local_planner(plan=None, **changes):
-    made = TrajectoryLocalPlanner(dict(PARAMS, **changes), FOOT)
+    made = TrajectoryLocalPlanner(dict(PARAMS, **changes), JACKAL_FOOTPRINT)
     made.set_plan(straight() if plan is None else plan)
     return made
 

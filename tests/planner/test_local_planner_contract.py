@@ -13,9 +13,8 @@ from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
-from tests.support.jackal import JACKAL
-from tests.support.map_scenes import JACKAL as FOOT
-from tests.support.map_scenes import paint, straight
+from tests.support.robots import JACKAL_FOOTPRINT, JACKAL_PARAMETERS
+from tests.support.scenes import paint, straight
 
 STANDING = (0.0, 0.0)
 DWA = dict(
@@ -29,7 +28,7 @@ DWA = dict(
 
 
 def make(plugin, **changes):
-    tree = copy.deepcopy(JACKAL)
+    tree = copy.deepcopy(JACKAL_PARAMETERS)
     tree["base_local_planner"] = plugin
     tree["DWAPlannerROS"] = dict(DWA)
     tree[namespace(plugin)].update(xy_goal_tolerance=0.2, yaw_goal_tolerance=0.15, **changes)
@@ -38,7 +37,9 @@ def make(plugin, **changes):
 
 
 def costmap(*lethal):
-    made = Costmap(6.0, 6.0, 0.05, (-3.0, -3.0), footprint=FOOT, inflation=InflationParameters(0.3))
+    made = Costmap(
+        6.0, 6.0, 0.05, (-3.0, -3.0), footprint=JACKAL_FOOTPRINT, inflation=InflationParameters(0.3)
+    )
     cells = np.zeros((120, 120), np.uint8)
     for x, y in lethal:
         cells[int((y + 3) / 0.05), int((x + 3) / 0.05)] = 254

@@ -28,11 +28,9 @@ from applr_ros1.planner.costmap.static_layer import StaticMap, StaticParameters,
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.observation_router import ObservationRouter
 from applr_ros1.robots import JACKAL as JACKAL_ROBOT
-from tests.support import map_scenes
-from tests.support.jackal import JACKAL_DWA
-from tests.support.map_scenes import inflate, wall_with_a_door
 from tests.support.refusals import refused
-from tests.support.toy_robot import ToyRobot, quick
+from tests.support.robots import DWA_PARAMETERS, JACKAL_FOOTPRINT, ToyRobot, quick
+from tests.support.scenes import inflate, wall_with_a_door
 
 HERE = (0.0, 0.0, 0.0)
 N = 40
@@ -42,7 +40,14 @@ def costmap(*layers, rolling=False, track_unknown=False):
     """Return a costmap of 40 x 40 cells of 0.1 m, centred at the origin."""
     side = (N + 0.5) * 0.1
     return Costmap(
-        side, side, 0.1, (-2.0, -2.0), rolling, map_scenes.JACKAL, track_unknown, layers=layers
+        side,
+        side,
+        0.1,
+        (-2.0, -2.0),
+        rolling,
+        JACKAL_FOOTPRINT,
+        track_unknown,
+        layers=layers,
     )
 
 
@@ -323,7 +328,7 @@ def on_a_map(planner, **changes):
     )
     if planner == "DWAPlannerROS":
         tree["base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
-        tree["DWAPlannerROS"] = JACKAL_DWA
+        tree["DWAPlannerROS"] = DWA_PARAMETERS
     return MoveBase(tree)
 
 

@@ -8,7 +8,7 @@ import pytest
 from applr_ros1.planner import state_machine as module
 from applr_ros1.planner.move_base import INVALID_GOAL, MoveBase
 from applr_ros1.planner.state_machine import Timer
-from tests.support.toy_robot import (
+from tests.support.robots import (
     ANGLE_MIN,
     BEAMS,
     INCREMENT,

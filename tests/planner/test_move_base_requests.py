@@ -11,7 +11,7 @@ from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.planner.parameters.settings import send
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.refusals import refused
-from tests.support.toy_robot import SLALOM, ToyRobot, quick, run, start
+from tests.support.robots import SLALOM, ToyRobot, quick, run, start
 
 PLANNER = "TrajectoryPlannerROS"
 

@@ -10,14 +10,12 @@ from applr_ros1.planner import recovery
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.parameters.check import check, complete, remarks
 from applr_ros1.planner.parameters.move_base_parameters import RECOVERY_TYPES
-from tests.support.jackal import JACKAL
-from tests.support.map_scenes import JACKAL as FOOTPRINT
+from tests.support.robots import JACKAL_FOOTPRINT, JACKAL_PARAMETERS, ToyRobot
 from tests.support.seeds import seeds
-from tests.support.toy_robot import ToyRobot
 
 
 def costmap():
-    made = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=FOOTPRINT)
+    made = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=JACKAL_FOOTPRINT)
     points = np.array([[2.0, 0.0, 0.0], [0.81, 0.81, 0.0]], np.float32)
     made.update((0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), points))
     return made
@@ -31,20 +29,20 @@ def lethal(made, x, y):
 def rotate(pose=(0.0, 0.0, 0.0), **limits):
     """Return a rotation that has just begun."""
     turn = recovery.RotateRecovery(
-        "rotate_recovery", dict(complete(JACKAL)["TrajectoryPlannerROS"], **limits)
+        "rotate_recovery", dict(complete(JACKAL_PARAMETERS)["TrajectoryPlannerROS"], **limits)
     )
     turn.start(0.0, pose)
     return turn
 
 
-OPEN = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=FOOTPRINT)
+OPEN = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=JACKAL_FOOTPRINT)
 
 
 USUAL = ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
 
 
 def test_default_recoveries_have_their_order_and_sizes():
-    built = recovery.build(complete(JACKAL))
+    built = recovery.build(complete(JACKAL_PARAMETERS))
     assert [b.name for b in built] == USUAL
     assert built[1] is built[3]
     assert (built[0].side, built[2].side) == (3.0, 1.84)
@@ -56,12 +54,12 @@ def test_listed_recoveries_replace_the_defaults():
         {"name": "wide", "type": RECOVERY_TYPES[0]},
     ]
     built = recovery.build(
-        complete(dict(JACKAL, recovery_behaviors=listed, wide={"reset_distance": 6.0}))
+        complete(dict(JACKAL_PARAMETERS, recovery_behaviors=listed, wide={"reset_distance": 6.0}))
     )
     assert [type(b) for b in built] == [recovery.RotateRecovery, recovery.ClearCostmapRecovery]
     assert built[1].side == 6.0
     assert (
-        recovery.build(complete(dict(JACKAL, recovery_behaviors=[]))) == []
+        recovery.build(complete(dict(JACKAL_PARAMETERS, recovery_behaviors=[]))) == []
     )  # As in C++, there are none.
 
 
@@ -71,7 +69,7 @@ def test_a_name_given_twice_leads_to_the_default_recoveries_as_in_cpp():
         {"name": name, "type": RECOVERY_TYPES[kind]}
         for name, kind in (("own", 0), ("own", 1), ("last", 1))
     ]
-    tree = dict(JACKAL, recovery_behaviors=listed, own={"reset_distance": 6.0})
+    tree = dict(JACKAL_PARAMETERS, recovery_behaviors=listed, own={"reset_distance": 6.0})
     assert check(tree) == []
     (line,) = remarks(tree)
     assert line.startswith("recovery_behaviors has {'name': 'own', ")

@@ -29,8 +29,8 @@ from applr_ros1.policy.observation import (
 )
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
 from tests.support.refusals import refused
+from tests.support.robots import make_weights
 from tests.support.seeds import examples
-from tests.support.weights import make_weights
 from training.env.settings import TrialSettings
 from training.evaluate import runner
 from training.evaluate.trial import plan_trials

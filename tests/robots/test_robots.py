@@ -11,7 +11,7 @@ from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.robots.check import fields
 from applr_ros1.robots.robot import number_at
-from tests.support.jackal import JACKAL
+from tests.support.robots import JACKAL_PARAMETERS
 
 HERE = os.path.dirname(robots.load("jackal").folder)
 
@@ -36,7 +36,7 @@ def test_jackal_has_the_files_of_the_authors():
     jackal = robots.load("jackal")
     given = jackal.parameters()
     given["TrajectoryPlannerROS"].pop("y_vels", None)
-    assert covers(JACKAL, given)
+    assert covers(JACKAL_PARAMETERS, given)
     with pytest.raises(ApplrError, match="no move_base.with_map"):
         jackal.parameters(with_map=True)
 

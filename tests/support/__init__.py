@@ -2,6 +2,16 @@
 
 from pathlib import Path
 
+import psutil
+
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "tests" / "data"
 HANGS = 600.0  # time after which a process counts as hanging: ten times the longest test on an idle machine [s]
+
+
+def is_alive(pid):
+    """Return whether a process runs. A zombie does not count."""
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False

@@ -105,7 +105,7 @@ def main():
     parent, parts = int(sys.argv[1]), dict(compile_kernels.PARTS)
     for name in IMPORTED:
         importlib.import_module(NODES[name])
-    importlib.import_module("tests.support.fake_move_base")
+    importlib.import_module("tests.support.nodes")
     for line in sys.stdin:
         order = json.loads(line)
         part = parts.pop(PARTS.get(order["words"][0]), None)

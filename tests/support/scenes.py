@@ -1,23 +1,22 @@
-"""Small worlds and drives for tests of simulators."""
+"""Scenes for tests: worlds and their files, maps of the planner, floor plans of buildings."""
 
-from __future__ import annotations
-
-from typing import Sequence, Tuple
+import os
+from types import SimpleNamespace
 
 import numpy as np
+from PIL import Image
 
-from sim_bridge import RobotState, Simulator
-from worlds import Course, Mover, World
+import worlds
+from applr_ros1.planner.costmap.inflation_layer import InflationLayer
+from applr_ros1.planner.costmap.static_layer import StaticMap
+from tests.support.refusals import refused
+from tests.support.robots import JACKAL_FOOTPRINT
+from worlds import Course, World
 
 STEP = 0.05  # simulated time between commands [s]
 
 
-def small_world(
-    cylinders: Sequence[Sequence[float]] = (),
-    boxes: Sequence[Sequence[float]] = (),
-    movers: Sequence[Mover] = (),
-    start: Tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> World:
+def small_world(cylinders=(), boxes=(), movers=(), start=(0.0, 0.0, 0.0)):
     """Return a world of cylinders (x, y, radius), boxes (x, y, yaw, size_x, size_y) and moving obstacles [m, rad]."""
     path = np.array([start[:2], (start[0] + 1.0, start[1])])
     return World(
@@ -29,11 +28,204 @@ def small_world(
     )
 
 
-def drive(
-    simulator: Simulator, v: float, w: float, seconds: float, step: float = STEP
-) -> RobotState:
+def drive(simulator, v, w, seconds, step=STEP):
     """Repeat the command (v, w) [m/s, rad/s] for some simulated seconds, and return the last state."""
     for _ in range(int(round(seconds / step))):
         simulator.command(v, w)
         simulator.advance(step)
     return simulator.state
+
+
+# Maps of the planner
+
+
+def inflate(master, window, resolution, inscribed, parameters):
+    """Inflate a window of the cells in place, with a new layer."""
+    layer = InflationLayer(*master.shape[::-1], resolution, parameters)
+    layer.set_inscribed_radius(inscribed)
+    layer.update(master, master.copy(), window)
+
+
+def open_map(nx=200, ny=200, resolution=0.05, origin=(-5.0, -5.0), foot=JACKAL_FOOTPRINT):
+    """Return an empty map with the costmap attributes that a local planner reads."""
+    cells = np.zeros((ny, nx), np.uint8)
+    return SimpleNamespace(cells=cells, origin=origin, resolution=resolution, footprint=foot)
+
+
+def straight(length=3.0, yaw=0.0, step=0.05):
+    """Return a plan (n, 3) along x from 0 to `length` that ends with the heading `yaw`."""
+    x = np.arange(0.0, length + step / 2, step)
+    plan = np.column_stack([x, 0 * x, 0 * x])
+    plan[-1, 2] = yaw
+    return plan
+
+
+def wall_with_a_door():
+    """Return a map of 10 x 6 m with a wall at x = 2 m, a door of 1.2 m at y = 1.5 m, and unknown space far away."""
+    cells = np.zeros((120, 200), np.int8)
+    cells[:, 100:103] = 100
+    cells[78:102, 100:103] = 0
+    cells[:10] = -1
+    return StaticMap(cells, 0.05, (-3.0, -3.0), "map")
+
+
+def paint(costmap, cells):
+    """Write the non-zero cells (ny, nx) into a costmap's master grid, and inflate the whole map."""
+    np.copyto(costmap._base, costmap.cells)
+    np.copyto(costmap._base, cells, where=np.asarray(cells) != 0)
+    for layer in costmap.inflation_layers:
+        layer.update(costmap.cells, costmap._base, (0, 0) + costmap.size)
+    costmap._changed((0, 0) + costmap.size)
+
+
+# World files of Gazebo; the repository has none of BARN's or DynaBARN's
+
+
+def refused_world(path, *words):
+    """Return the one-line error about a world file."""
+    return refused(lambda: worlds.load(str(path)), *words)
+
+
+def model(name, pose, shape):
+    """Return a model of one shape; `pose` is six numbers as text. The attribute `frame` is as in DynaBARN's files."""
+    return (
+        f"<model name='{name}'><static>1</static><pose frame=>{pose}</pose><link name='link'><collision name='c'>"
+        f"<geometry>{shape}</geometry></collision></link></model>"
+    )
+
+
+def box(name, x, y, z, *size, yaw=0):
+    """Return a box (size along x, y, z) centred at (x, y, z)."""
+    return model(name, f"{x} {y} {z} 0 0 {yaw}", "<box><size>%s %s %s</size></box>" % size)
+
+
+COURSE = """<applr:course xmlns:applr='applr'><applr:start>0 -9 1.57</applr:start><applr:goal>0 9 1.57</applr:goal>
+<applr:goal_tolerance>0.4</applr:goal_tolerance><applr:path>0 -9 0 9</applr:path></applr:course>"""
+
+
+def sdf(body, course=COURSE):
+    """Return the text of a world file; `course` is this package's element, or "" for none."""
+    ground = model(
+        "ground_plane", "0 0 0 0 0 0", "<plane><normal>0 0 1</normal><size>100 100</size></plane>"
+    )
+    light = "<light name='sun' type='directional'/>"
+    return f"<sdf version='1.6'><world name='default'>{light}{ground}{body}{course}</world></sdf>"
+
+
+def cylinder(x, y, radius=0.075, name="unit_cylinder_0", z=0.0):
+    shape = f"<cylinder><radius>{radius}</radius><length>1</length></cylinder>"
+    return model(name, "%f %f %f 0.000000 0.000000 0.000000" % (x, y, z), shape)
+
+
+def moving(name, x=0.0, y=0.0, filename=None):
+    """Return a cylinder of radius .5 m with the Gazebo plugin `filename`, by default NAME.so, as in DynaBARN."""
+    return cylinder(x, y, radius=0.5, name=name).replace(
+        "</model>", "<plugin name='%s' filename='%s'/></model>" % (name, filename or name + ".so")
+    )
+
+
+def as_barn(world):
+    """Return the text of a BARN-style file for a world of cylinders: models, then their poses as a saved state."""
+    xy = world.cylinders[:, :2]
+    models = "".join(cylinder(x, y, name="unit_cylinder_%d" % n) for n, (x, y) in enumerate(xy))
+    states = "".join(
+        "<model name='unit_cylinder_{0}'><pose frame=''>{1:f} {2:f} 0 0 0 0</pose><scale>1 1 1</scale>"
+        "<link name='link'><pose frame=''>{1:f} {2:f} 0 0 0 0</pose></link></model>".format(n, x, y)
+        for n, (x, y) in enumerate(xy)
+    )
+    return sdf(models + "<state world_name='default'>%s</state>" % states, "")
+
+
+def write_world(folder, text, name="world_7.world", cells=None):
+    """Write a world file, and a path file beside it if cells are given. Return the path of the world file."""
+    path = os.path.join(str(folder), name)
+    with open(path, "wb" if isinstance(text, bytes) else "w") as file:
+        file.write(text)
+    if cells is not None:
+        os.makedirs(os.path.join(str(folder), "path_files"), exist_ok=True)
+        np.save(os.path.join(str(folder), "path_files", "path_7.npy"), cells, allow_pickle=True)
+    return path
+
+
+# Floor plans of buildings, as maps in map_server's format
+
+RESOLUTION = 0.05
+FREE, WALL, UNKNOWN = 254, 0, 205
+
+
+def blank(width, height):
+    """Return a floor with outer walls [m] within unknown cells, and functions that draw walls and clear doors."""
+    pixels = np.full(
+        (round(height / RESOLUTION) + 20, round(width / RESOLUTION) + 20), UNKNOWN, np.uint8
+    )
+
+    def fill(x, y, size_x, size_y, value=WALL):
+        low = [10 + round(v / RESOLUTION) for v in (y, x)]
+        high = [10 + round(v / RESOLUTION) for v in (y + size_y, x + size_x)]
+        pixels[low[0] : high[0], low[1] : high[1]] = value
+
+    fill(0, 0, width, height)
+    fill(0.2, 0.2, width - 0.4, height - 0.4, FREE)
+    return pixels, fill
+
+
+def office():
+    """Return rooms with doors of .9 m along both sides of a corridor of 2 m, with desks, 36 x 14 m."""
+    pixels, fill = blank(36.0, 14.0)
+    for y in (6.0, 8.1):
+        fill(0.0, y - 0.1, 36.0, 0.1)
+    for room in range(6):
+        for y, desk in ((0.2, 1.0), (8.1, 11.6)):
+            if room:
+                fill(6.0 * room, y, 0.1, 5.7)
+            fill(6.0 * room + 1.2, desk, 1.6, 0.8)
+            fill(6.0 * room + 4.0, desk + 0.6, 0.6, 0.6)
+        fill(6.0 * room + 2.6, 5.9, 0.9, 0.1, FREE)
+        fill(6.0 * room + 3.6, 8.0, 0.9, 0.1, FREE)
+    fill(12.0, 3.0, 0.1, 0.9, FREE)
+    return pixels
+
+
+def warehouse():
+    """Return shelves of 1 x 8 m with aisles of 1.6 m, 30 x 24 m."""
+    pixels, fill = blank(30.0, 24.0)
+    for column in range(10):
+        for y in (2.5, 13.5):
+            fill(2.6 + 2.6 * column, y, 1.0, 8.0)
+    return pixels
+
+
+def house():
+    """Return six rooms with doors of .85 m and furniture, 12 x 10 m."""
+    pixels, fill = blank(12.0, 10.0)
+    fill(0.0, 4.2, 12.0, 0.1)
+    fill(0.0, 5.7, 12.0, 0.1)
+    for x in (4.0, 8.0):
+        fill(x, 0.2, 0.1, 4.0)
+        fill(x, 5.8, 0.1, 4.0)
+    for x in (1.5, 5.5, 9.5):
+        fill(x, 4.2, 0.85, 0.1, FREE)
+        fill(x + 0.6, 5.7, 0.85, 0.1, FREE)
+    fill(0.2, 0.2, 1.6, 2.0)
+    fill(5.2, 1.2, 1.2, 0.8)
+    fill(9.0, 8.0, 2.0, 0.9)
+    fill(0.6, 8.6, 2.4, 0.8)
+    return pixels
+
+
+PLANS = {"office": office, "warehouse": warehouse, "house": house}
+
+
+def write_plan(folder, name, pixels=None, suffix="pgm", **changes):
+    """Write a plan, or other pixels, as NAME.yaml with its image, and return the path of the file as text."""
+    Image.fromarray(PLANS[name]() if pixels is None else pixels).save(folder / f"{name}.{suffix}")
+    values = {
+        "image": f"{name}.{suffix}",
+        "resolution": RESOLUTION,
+        "origin": [-5.0, -3.0, 0.0],
+        "negate": 0,
+    }
+    values.update({"occupied_thresh": 0.65, "free_thresh": 0.196, **changes})
+    text = "".join(f"{key}: {value}\n" for key, value in values.items() if value is not None)
+    (folder / f"{name}.yaml").write_text(text)
+    return str(folder / f"{name}.yaml")

@@ -13,7 +13,7 @@ from applr_ros1 import robots
 from applr_ros1.common.angles import compose, inverse
 from applr_ros1.common.trees import merged
 from applr_ros1.robots.geometry import radius
-from tests.support import plans
+from tests.support import scenes
 from tests.support.refusals import refused
 from training.env.settings import TrialSettings
 from training.evaluate.compare import FEWEST_WORLDS, LEVEL, exchanged
@@ -38,21 +38,21 @@ ROOMS = {  # regions of a plan: smallest x, y, largest x, y [m] from its lower l
 }
 
 
-@pytest.fixture(scope="module", params=list(plans.PLANS))
+@pytest.fixture(scope="module", params=list(scenes.PLANS))
 def plan(request, tmp_path_factory):
     """Provide the name of a plan and the path of its map."""
-    return request.param, plans.write(tmp_path_factory.mktemp("maps"), request.param)
+    return request.param, scenes.write_plan(tmp_path_factory.mktemp("maps"), request.param)
 
 
 @pytest.fixture(scope="module")
 def office(tmp_path_factory):
-    return plans.write(tmp_path_factory.mktemp("office"), "office")
+    return scenes.write_plan(tmp_path_factory.mktemp("office"), "office")
 
 
 def cells(folder, pixels, **changes):
     """Return the cells of a map with some pixels, as lists with the lowest y first."""
     return map_reader.read_map(
-        plans.write(folder, "small", np.array(pixels, np.uint8), "png", **changes)
+        scenes.write_plan(folder, "small", np.array(pixels, np.uint8), "png", **changes)
     ).cells.tolist()
 
 
@@ -93,25 +93,25 @@ def test_an_image_of_16_bits_is_read_by_its_upper_8(tmp_path):
     expected = cells(tmp_path, grey)
     deep = grey.astype(np.uint16) * 256 + 7
     for suffix in ("png", "pgm"):
-        path = plans.write(tmp_path, "deep", deep, suffix)
+        path = scenes.write_plan(tmp_path, "deep", deep, suffix)
         assert Image.open(tmp_path / f"deep.{suffix}").mode.startswith("I")
         assert map_reader.read_map(path).cells.tolist() == expected
 
 
 def test_an_image_of_one_bit_is_black_and_white(tmp_path):
-    path = plans.write(tmp_path, "office", suffix="png")
-    bits = Image.fromarray(plans.office()).point(lambda v: 255 * (v > 0)).convert("1")
+    path = scenes.write_plan(tmp_path, "office", suffix="png")
+    bits = Image.fromarray(scenes.office()).point(lambda v: 255 * (v > 0)).convert("1")
     bits.save(tmp_path / "office.png")
     occupied = map_reader.is_occupied(map_reader.read_map(path).cells)
-    assert (occupied[::-1] == (plans.office() == plans.WALL)).all()
+    assert (occupied[::-1] == (scenes.office() == scenes.WALL)).all()
 
 
 @pytest.mark.parametrize(
     ("mode", "suffix"), [("P", "png"), ("P", "bmp"), ("1", "pbm"), ("1", "bmp")]
 )
 def test_an_image_whose_indexes_map_server_would_take_as_grey_is_refused(tmp_path, mode, suffix):
-    path = plans.write(tmp_path, "office", suffix=suffix)
-    colours = Image.fromarray(plans.office()).convert("RGB").quantize(3)
+    path = scenes.write_plan(tmp_path, "office", suffix=suffix)
+    colours = Image.fromarray(scenes.office()).convert("RGB").quantize(3)
     picture = colours if mode == "P" else colours.convert("1")
     picture.save(tmp_path / f"office.{suffix}")
     words = (
@@ -127,7 +127,7 @@ def test_an_image_of_more_than_16_bits_is_refused(tmp_path):
         ("long", np.full((4, 4), 70_000, np.int32)),
         ("real", np.ones((4, 4), np.float32)),
     ):
-        path = plans.write(tmp_path, name, pixels, "tiff")
+        path = scenes.write_plan(tmp_path, name, pixels, "tiff")
         line = f"{name}.tiff has more than 16 bits per pixel: save it with 8"
         refused(lambda path=path: map_reader.read_map(path), line)
 
@@ -153,12 +153,12 @@ def test_an_image_of_more_than_16_bits_is_refused(tmp_path):
     ],
 )
 def test_each_field_of_a_map_is_checked(tmp_path, field, value, line):
-    path = plans.write(tmp_path, "office", **{field: value})
+    path = scenes.write_plan(tmp_path, "office", **{field: value})
     refused(lambda: map_reader.read_map(path), f"office.yaml: {line}")
 
 
 def test_rows_go_up_and_the_origin_turns_the_map(tmp_path):
-    path = plans.write(
+    path = scenes.write_plan(
         tmp_path,
         "small",
         np.array([[254, 254, 254], [254, 0, 0]], np.uint8),
@@ -266,28 +266,28 @@ def test_courses_are_the_same_every_time_and_depend_on_the_robot(office):
 
 
 def test_no_course_runs_where_the_map_is_unknown(tmp_path):
-    pixels = plans.office()
-    pixels[: len(pixels) // 2] = plans.UNKNOWN
-    path = plans.write(tmp_path, "office", pixels)
+    pixels = scenes.office()
+    pixels[: len(pixels) // 2] = scenes.UNKNOWN
+    path = scenes.write_plan(tmp_path, "office", pixels)
     assert min(w.course.path[:, 1].max() for w in worlds.Worlds(path, JACKAL)) < 7.5 - 3.0 - JACKAL
     assert max(w.course.path[:, 1].max() for w in worlds.Worlds(path, JACKAL)) < 7.5 - 3.0 - JACKAL
 
 
 def ros2_house(folder, outer_door=False):
     """Write the house within 22 x 20 m, as ROS 2's map_saver does: its free_thresh makes unknown cells free."""
-    pixels = np.pad(plans.house(), 100, constant_values=plans.UNKNOWN)
+    pixels = np.pad(scenes.house(), 100, constant_values=scenes.UNKNOWN)
     if outer_door:
-        pixels[105:116, 154:178] = plans.FREE
-    return plans.write(folder, "house", pixels, free_thresh=0.25)
+        pixels[105:116, 154:178] = scenes.FREE
+    return scenes.write_plan(folder, "house", pixels, free_thresh=0.25)
 
 
 def test_courses_lie_inside_where_unknown_cells_are_free(tmp_path):
     path = ros2_house(tmp_path)
     assert (map_reader.read_map(path).cells[0] == map_reader.FREE).all()
     (tmp_path / "known").mkdir()
-    known = plans.write(tmp_path / "known", "house")
+    known = scenes.write_plan(tmp_path / "known", "house")
     made = zip(worlds.Worlds(path, JACKAL), worlds.Worlds(known, JACKAL))
-    shift = 100 * plans.RESOLUTION
+    shift = 100 * scenes.RESOLUTION
     for inside, expected in made:
         np.testing.assert_allclose(inside.course.path - shift, expected.course.path, atol=1e-9)
     assert check_robot.doors(robots.load("jackal"), path).startswith(
@@ -306,7 +306,7 @@ def test_a_building_that_is_open_to_the_edge_of_the_image_has_no_courses(tmp_pat
 
 @pytest.mark.parametrize("size", [(4.4, 4.4), (5.4, 4.4), (10.4, 2.4), (12.4, 6.4)])
 def test_a_small_room_has_shorter_courses_and_enough_in_each_half(tmp_path, size):
-    path = plans.write(tmp_path, "room", plans.blank(*size)[0])
+    path = scenes.write_plan(tmp_path, "room", scenes.blank(*size)[0])
     building = map_courses.Building(path, JACKAL)
     halves = [building.numbers(half) for half in map_courses.HALVES]
     assert min(map(len, halves)) >= FEWEST_WORLDS
@@ -334,8 +334,8 @@ def test_paths_are_shortest(tmp_path):
                 length = np.hypot(dr, dc) if passes else 0.0
                 assert graph[32 * r + c, 32 * (r + dr) + c + dc] == pytest.approx(length)
     assert np.count_nonzero(graph) == np.count_nonzero(graph[free.ravel()][:, free.ravel()])
-    pixels, _ = plans.blank(20.0, 6.0)
-    for world in worlds.Worlds(plans.write(tmp_path, "hall", pixels), JACKAL):
+    pixels, _ = scenes.blank(20.0, 6.0)
+    for world in worlds.Worlds(scenes.write_plan(tmp_path, "hall", pixels), JACKAL):
         small, large = sorted(np.abs(world.course.path[-1] - world.course.path[0]))
         assert world.course.route_m == pytest.approx(large + (np.sqrt(2.0) - 1.0) * small)
 
@@ -399,7 +399,7 @@ def test_tune_refuses_a_map_with_too_few_courses_before_it_drives(tmp_path, caps
         raise AssertionError("the robot drives before the arguments are checked")
 
     monkeypatch.setattr(tune_robot.open_floor, "try_out", refuse)
-    path = plans.write(tmp_path, "small", plans.blank(3.4, 2.4)[0])
+    path = scenes.write_plan(tmp_path, "small", scenes.blank(3.4, 2.4)[0])
     for worlds_given, line in (
         (
             path,
@@ -435,7 +435,7 @@ def test_six_courses_are_the_fewest_that_can_be_significant():
 # -- drives
 @pytest.mark.parametrize("yaw", [0.0, 0.5])
 def test_the_simulated_robot_knows_the_map_and_its_place(tmp_path, yaw):
-    path = plans.write(tmp_path, "office", origin=[-5.0, -3.0, yaw])
+    path = scenes.write_plan(tmp_path, "office", origin=[-5.0, -3.0, yaw])
     runner = TrialRunner(TrialSettings(robot="turtlebot3_waffle_pi", loaded=True))
     world = at_scale("paper", f"{path}:0", runner.robot)
     world = replace(
@@ -491,10 +491,10 @@ def test_a_parameter_set_changes_both_setups():
 # -- doors
 @pytest.mark.parametrize("door", [0.8, 1.1])
 def test_the_narrowest_passage_is_the_door(tmp_path, door):
-    pixels, fill = plans.blank(16.0, 8.0)
+    pixels, fill = scenes.blank(16.0, 8.0)
     fill(8.0, 0.0, 0.1, 8.0)
-    fill(8.0, 3.0, 0.1, door, plans.FREE)
-    path = plans.write(tmp_path, "door", pixels)
+    fill(8.0, 3.0, 0.1, door, scenes.FREE)
+    path = scenes.write_plan(tmp_path, "door", pixels)
     through = [
         number
         for number, world in enumerate(worlds.Worlds(path, JACKAL))
@@ -532,20 +532,20 @@ def test_mistakes_are_one_line(office, tmp_path):
         )
     refusal(office, "names 100 worlds, but one is needed; give one of them: .*office.yaml:0")
     refusal(
-        plans.write(tmp_path, "office", resolution=None),
+        scenes.write_plan(tmp_path, "office", resolution=None),
         "office.yaml is no map: give a file with .*resolution",
     )
     none = "no closed room with a path of 2 m .* radius of 0.31 m: check resolution, thresholds and negate"
-    refusal(plans.write(tmp_path, "office", negate=1), none)
-    refusal(plans.write(tmp_path, "shut", np.zeros((50, 50), np.uint8)), none)
+    refusal(scenes.write_plan(tmp_path, "office", negate=1), none)
+    refusal(scenes.write_plan(tmp_path, "shut", np.zeros((50, 50), np.uint8)), none)
     refusal(
-        plans.write(tmp_path, "white", np.full((200, 200), 254, np.uint8)),
+        scenes.write_plan(tmp_path, "white", np.full((200, 200), 254, np.uint8)),
         "white.yaml has no occupied cell: check its thresholds and negate",
     )
     (tmp_path / "text.yaml").write_text("office")
     refusal(str(tmp_path / "text.yaml"), "text.yaml is no map")
     with pytest.raises(OSError, match="gone.pgm"):
-        worlds.load(plans.write(tmp_path, "office", image="gone.pgm"))
+        worlds.load(scenes.write_plan(tmp_path, "office", image="gone.pgm"))
 
 
 def test_nothing_in_a_map_is_executed(tmp_path):

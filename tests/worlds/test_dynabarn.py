@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import worlds
-from tests.support.worlds_sdf import moving, put, refused_world, sdf
+from tests.support.scenes import moving, refused_world, sdf, write_world
 from worlds import dynabarn
 
 
@@ -23,7 +23,9 @@ def test_positions_over_time_equal_gazebos(tmp_path):
     file = Path(table(tmp_path, *rows))
     # The table has the byte order mark and line ends of Windows.
     file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))
-    (mover,) = worlds.load(put(tmp_path, sdf(moving("hardlibobs_7")), "world_0.world")).movers
+    (mover,) = worlds.load(
+        write_world(tmp_path, sdf(moving("hardlibobs_7")), "world_0.world")
+    ).movers
     assert (mover.position(0.0), mover.position(2.0)) == ((0.0, 0.0), (4.0, 0.0))
     # Halfway: mean of the ends + 1/8 of the difference of their tangents, (2, 0) at the first and (2, 2) at the next
     assert mover.position(1.0) == pytest.approx((2.0 + (2.0 - 2.0) / 8, 0.0 + (0.0 - 2.0) / 8))
@@ -33,7 +35,7 @@ def test_positions_over_time_equal_gazebos(tmp_path):
         (0.0, 8.0),
         pytest.approx(mover.position(3.0)),
     )
-    two = put(tmp_path, sdf(moving("hardlibobs_7") + moving("lamp")), "world_1.world")
+    two = write_world(tmp_path, sdf(moving("hardlibobs_7") + moving("lamp")), "world_1.world")
     refused_world(two, "'lamp' in .* the Gazebo plugin '.*lamp.so', which has no rows in")
 
 
@@ -56,7 +58,7 @@ def test_the_course_is_the_challenges_even_beside_a_path_file(tmp_path):
         [np.full(66, 15), np.arange(66)]
     )  # path of BARN's world with the same number
     course = worlds.load(
-        put(tmp_path, sdf(moving("easylibobs_1"), ""), "world_7.world", cells=cells)
+        write_world(tmp_path, sdf(moving("easylibobs_1"), ""), "world_7.world", cells=cells)
     ).course
     assert (course.start, course.goal) == ((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi))
     assert (course.goal_tolerance, course.length_m) == (1.0, 19.0)

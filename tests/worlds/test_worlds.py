@@ -7,7 +7,7 @@ import worlds
 from applr_ros1 import robots
 from applr_ros1.planner.costmap import footprint
 from tests.support.refusals import refused
-from tests.support.worlds_sdf import refused_world
+from tests.support.scenes import refused_world
 from worlds import barn, draw, dynabarn, sdf_writer
 from worlds.world import clearance
 

@@ -7,8 +7,8 @@ import pytest
 
 import worlds
 from tests.support.refusals import refused as refused_call
-from tests.support.worlds_sdf import as_barn, cylinder, put, sdf
-from tests.support.worlds_sdf import refused_world as refused
+from tests.support.scenes import as_barn, cylinder, sdf, write_world
+from tests.support.scenes import refused_world as refused
 from worlds import barn, sdf_writer
 
 EXTERNAL = (
@@ -29,7 +29,7 @@ EXTERNAL = (
     ],
 )
 def test_invalid_world_files_are_one_line(tmp_path, text, words):
-    refused(put(tmp_path, text, "w.world"), *words)
+    refused(write_world(tmp_path, text, "w.world"), *words)
 
 
 def test_missing_files_and_folders_are_one_line(tmp_path):
@@ -45,7 +45,7 @@ def test_sealed_worlds_have_no_passage(tmp_path):
     _, path = barn.fields()[7]
     row = "".join(cylinder(-4.425 + 0.15 * r, 7.425, name="seal_%d" % r) for r in range(30))
     sealed = as_barn(world).replace("</world>", row + "</world>")
-    refused(put(tmp_path, sealed, cells=path), "no passage")
+    refused(write_world(tmp_path, sealed, cells=path), "no passage")
 
 
 class Evil:
@@ -57,7 +57,7 @@ def test_a_pickle_in_place_of_a_path_is_not_loaded(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     cells = np.array([Evil(), Evil()], dtype=object)
     with pytest.raises(ValueError, match="Object arrays"):
-        worlds.load(put(tmp_path, as_barn(worlds.load("generated:7")), cells=cells))
+        worlds.load(write_world(tmp_path, as_barn(worlds.load("generated:7")), cells=cells))
     assert not os.path.exists("evil-was-here")
 
 
@@ -68,4 +68,4 @@ def test_an_invalid_course_in_a_file_is_one_line(tmp_path):
         ("<applr:goal>", "<applr:goal>x ", "goal"),
         ("<applr:path>", "<applr:path>1 ", "path"),
     ):
-        refused(put(tmp_path, text.replace(old, new), "w.world"), word)
+        refused(write_world(tmp_path, text.replace(old, new), "w.world"), word)

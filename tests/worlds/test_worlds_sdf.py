@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import worlds
-from tests.support.worlds_sdf import as_barn, box, cylinder, model, put, refused_world, sdf
+from tests.support.scenes import as_barn, box, cylinder, model, refused_world, sdf, write_world
 from worlds import barn, sdf_writer
 
 
@@ -15,7 +15,7 @@ def test_barn_file_with_its_path_file(tmp_path):
     world = worlds.load("generated:7")
     _, path = barn.fields()[7]
     cells = np.concatenate([path[:1], path])  # The first point occurs twice.
-    read = worlds.load(put(tmp_path, as_barn(world), cells=cells))
+    read = worlds.load(write_world(tmp_path, as_barn(world), cells=cells))
     assert read.name == "world_7"
     assert np.allclose(read.cylinders, world.cylinders, atol=1e-6)
     assert (read.course.start, read.course.goal) == (world.course.start, world.course.goal)
@@ -26,7 +26,7 @@ def test_poses_of_model_link_and_collision_are_composed(tmp_path):
     body = """<model name='m'><pose>1 2 0 0 0 1.5707963267948966</pose><link name='l'><pose>1 0 0.5 0 0 0</pose>
         <collision name='c'><pose>0 1 0 0 0 0.5</pose><geometry><box><size>2 1 1</size></box></geometry></collision>
         <visual name='v'><geometry><mesh><uri>model://x.dae</uri></mesh></geometry></visual></link></model>"""
-    world = worlds.load(put(tmp_path, sdf(body), "w.world"))
+    world = worlds.load(write_world(tmp_path, sdf(body), "w.world"))
     # The model is rotated by 90 degrees, so the link is at (1, 3) and the collision at (0, 3).
     assert np.allclose(world.boxes, [[0.0, 3.0, math.pi / 2 + 0.5, 2.0, 1.0]])
 
@@ -34,7 +34,7 @@ def test_poses_of_model_link_and_collision_are_composed(tmp_path):
 def test_a_slab_under_the_start_is_floor_and_the_foot_of_a_barrier_is_an_obstacle(tmp_path):
     barrier = box("barrier", 0, 0, 0.15, 4, 0.65, 0.3) + box("foot", 0, 0, 0.03, 4, 0.81, 0.06)
     world = worlds.load(
-        put(tmp_path, sdf(barrier + box("slab", 0, 0, 0.0, 20, 20, 0.1)), "w.world")
+        write_world(tmp_path, sdf(barrier + box("slab", 0, 0, 0.0, 20, 20, 0.1)), "w.world")
     )
     assert world.boxes.tolist() == [[0.0, 0.0, 0.0, 4.0, 0.65], [0.0, 0.0, 0.0, 4.0, 0.81]]
 
@@ -48,7 +48,7 @@ def test_a_saved_state_determines_the_poses_of_its_models(tmp_path, caplog):
           <model name='b'><pose>2 2 0 0 0 0</pose><scale>2 2 1</scale></model>
         </state>"""
     )
-    cylinders = worlds.load(put(tmp_path, sdf(body), "w.world")).cylinders
+    cylinders = worlds.load(write_world(tmp_path, sdf(body), "w.world")).cylinders
     assert np.allclose(cylinders, [(5, 5, 0.075), (2, 2, 0.075)])
     assert "not supported: the scale of model 'b'; ignored" in caplog.text
 
@@ -61,7 +61,7 @@ def test_lying_shapes_are_read_and_shapes_overhead_are_not(tmp_path):
         + model("ball", "3 3 0.3 0 0 0", "<sphere><radius>0.3</radius></sphere>")
         + model("on its side", "6 0 0.5 0 1.5707963267948966 0", "<box><size>1 2 0.5</size></box>")
     )
-    world = worlds.load(put(tmp_path, sdf(body), "w.world"))
+    world = worlds.load(write_world(tmp_path, sdf(body), "w.world"))
     assert np.allclose(world.cylinders, [[3, 3, 0.3]])
     assert len(world.boxes) == 2
     lying, side = world.boxes
@@ -77,7 +77,7 @@ def test_poses_in_degrees_empty_and_of_five_numbers_are_read(tmp_path):
         "<geometry><box><size>2 1 1</size></box></geometry></collision></link></model>"
     )
     assert np.allclose(
-        worlds.load(put(tmp_path, sdf(body), "w.world")).boxes, [[1, 1, math.pi / 2, 2, 1]]
+        worlds.load(write_world(tmp_path, sdf(body), "w.world")).boxes, [[1, 1, math.pi / 2, 2, 1]]
     )
 
 
@@ -102,7 +102,7 @@ def test_written_and_read_back_is_the_same_world(tmp_path, spec, movers):
 
 def test_folder_in_the_order_of_numbers(tmp_path):
     for number in (10, 9, 2):
-        put(tmp_path, sdf(cylinder(0, 0)), "world_%d.world" % number)
+        write_world(tmp_path, sdf(cylinder(0, 0)), "world_%d.world" % number)
     assert [w.name for w in worlds.Worlds(str(tmp_path))] == ["world_2", "world_9", "world_10"]
 
 
@@ -120,7 +120,7 @@ DISC = named("collision", "c", inside="<geometry><sphere><radius>0.3</radius></s
 def test_a_pose_may_name_the_frame_that_it_is_in(tmp_path, model, link, inner):
     nested = named("model", "inner", inner, named("link", "l", link, DISC, 1), 2)
     (disc,) = worlds.load(
-        put(tmp_path, sdf(named("model", "m", model, nested, 4)), "w.world")
+        write_world(tmp_path, sdf(named("model", "m", model, nested, 4)), "w.world")
     ).cylinders
     assert np.allclose(disc, (7, 0, 0.3))
 
@@ -153,7 +153,7 @@ OTHER = named("model", "other", "", LINK, 9)
 def test_unsupported_elements_are_named_in_one_line_and_the_rest_is_read(
     tmp_path, caplog, body, unread
 ):
-    (disc,) = worlds.load(put(tmp_path, sdf(body + OTHER), "w.world")).cylinders
+    (disc,) = worlds.load(write_world(tmp_path, sdf(body + OTHER), "w.world")).cylinders
     assert np.allclose(disc, (9, 0, 0.3))
     (record,) = caplog.records
     assert unread in record.getMessage()
@@ -161,7 +161,7 @@ def test_unsupported_elements_are_named_in_one_line_and_the_rest_is_read(
 
 
 def test_a_course_can_be_given_for_a_file(tmp_path, monkeypatch, capsys):
-    hall = put(tmp_path, sdf(cylinder(0, 0) + cylinder(60, 0), ""), "hall.world")
+    hall = write_world(tmp_path, sdf(cylinder(0, 0) + cylinder(60, 0), ""), "hall.world")
     refused_world(hall, "has no course; give one: python -m worlds.sdf_writer .* --course X Y X Y")
     out = str(tmp_path / "out.world")
     monkeypatch.setattr(
@@ -172,5 +172,5 @@ def test_a_course_can_be_given_for_a_file(tmp_path, monkeypatch, capsys):
 
 
 def test_a_world_of_stage_is_refused(tmp_path):
-    stage = put(tmp_path, "define block model\n(\n  size [0.5 0.5 0.5]\n)\n", "stage.world")
+    stage = write_world(tmp_path, "define block model\n(\n  size [0.5 0.5 0.5]\n)\n", "stage.world")
     refused_world(stage, "give a Gazebo world file")

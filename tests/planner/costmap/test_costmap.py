@@ -12,7 +12,8 @@ from applr_ros1.common.scan import LaserScan, PointCloud, Source, project
 from applr_ros1.planner.costmap.costmap import Costmap, LayerDescription
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
-from tests.support import ROOT, map_scenes
+from tests.support import ROOT
+from tests.support.robots import JACKAL_FOOTPRINT
 
 DRAWN = ROOT / "tests" / "golden_drawn"
 HERE = (0.0, 0.0, 0.0)
@@ -25,7 +26,7 @@ def local(**arguments):
         10,
         0.05,
         rolling=True,
-        footprint=map_scenes.JACKAL,
+        footprint=JACKAL_FOOTPRINT,
         inflation=InflationParameters(0.3),
         **arguments,
     )
@@ -34,7 +35,7 @@ def local(**arguments):
 def fixed(n=80, **arguments):
     size = (n + 0.5) * 0.05
     arguments = dict(
-        dict(footprint=map_scenes.JACKAL, inflation=InflationParameters(0.3)), **arguments
+        dict(footprint=JACKAL_FOOTPRINT, inflation=InflationParameters(0.3)), **arguments
     )
     return Costmap(size, size, 0.05, (-n * 0.025, -n * 0.025), **arguments)
 
@@ -105,7 +106,7 @@ def test_a_far_jump_empties_the_map():
 
 
 def test_windows_and_versions_report_changes():
-    costmap = fixed(footprint=map_scenes.JACKAL)
+    costmap = fixed(footprint=JACKAL_FOOTPRINT)
     costmap.update(HERE, hit(1.02, 0.02))
     assert costmap.window == (0, 0, 80, 80)  # The first pass is a full one.
     version = costmap.version

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.planner.costmap.inflation_layer import InflationLayer, InflationParameters, cost_at
-from tests.support.map_scenes import inflate
+from tests.support.scenes import inflate
 from tests.support.seeds import examples
 
 

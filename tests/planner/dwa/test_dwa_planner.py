@@ -5,7 +5,7 @@ import numpy as np
 from applr_ros1 import robots
 from applr_ros1.planner.dwa.planner import DWAPlanner
 from applr_ros1.planner.parameters.check import complete
-from tests.support.map_scenes import open_map
+from tests.support.scenes import open_map
 
 BURGER_FOOT = np.array([[-0.115, -0.115], [-0.115, 0.115], [0.051, 0.115], [0.051, -0.115]])
 BURGER = dict(

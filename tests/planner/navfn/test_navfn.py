@@ -12,7 +12,8 @@ from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.navfn import window
 from applr_ros1.planner.navfn.navfn import Navfn, _target
-from tests.support import map_scenes
+from tests.support import scenes
+from tests.support.robots import JACKAL_FOOTPRINT
 from tests.support.seeds import examples
 
 RES = 0.05
@@ -24,8 +25,22 @@ def costmap_of(cells, origin=(0.0, 0.0)):
     made = Costmap(
         (nx + 0.5) * RES, (ny + 0.5) * RES, RES, origin, inflation=InflationParameters(0.0)
     )
-    map_scenes.paint(made, cells)
+    scenes.paint(made, cells)
     return made
+
+
+def cellular(rng, ny, nx, fill, steps=3):
+    """Return obstacles (ny, nx) bool of a cellular automaton as in BARN. A random share `fill` is occupied at first."""
+    grid = rng.random((ny, nx)) < fill
+    for _ in range(steps):
+        around = sum(
+            np.roll(np.roll(grid, dy, 0), dx, 1).astype(int)
+            for dy in (-1, 0, 1)
+            for dx in (-1, 0, 1)
+            if dx or dy
+        )
+        grid = np.where(around >= 5, True, np.where(around <= 1, False, grid))
+    return grid
 
 
 def world(rng, ny, nx, kind):
@@ -34,16 +49,16 @@ def world(rng, ny, nx, kind):
         cells = rng.integers(0, 256, (ny, nx)).astype(np.uint8)
         cells[rng.random((ny, nx)) < 0.6] = 0
         return cells
-    obstacles = map_scenes.cellular(rng, ny, nx, rng.uniform(0.1, 0.5))
+    obstacles = cellular(rng, ny, nx, rng.uniform(0.1, 0.5))
     made = Costmap(
         (nx + 0.5) * RES,
         (ny + 0.5) * RES,
         RES,
-        footprint=map_scenes.JACKAL,
+        footprint=JACKAL_FOOTPRINT,
         inflation=InflationParameters(float(rng.choice((0.1, 0.2))), 3.0),
     )
     made.inflation.set_inscribed_radius(0.05)
-    map_scenes.paint(made, np.where(obstacles, 254, 0).astype(np.uint8))
+    scenes.paint(made, np.where(obstacles, 254, 0).astype(np.uint8))
     cells = made.cells.copy()
     cells[rng.random((ny, nx)) < 0.03] = 255
     return cells
@@ -88,7 +103,7 @@ def test_one_planner_on_a_changing_map(seed, list_size):
                 : cells[block].shape[0], : cells[block].shape[1]
             ]
             costmap.clear()
-            map_scenes.paint(costmap, cells)
+            scenes.paint(costmap, cells)
         if rng.random() < 0.5:
             robot = inside(rng, nx, ny, 0.1)
         if rng.random() < 0.2:
@@ -107,7 +122,7 @@ def test_a_gap_that_opens_in_a_wall_is_found_from_each_side(ends, turned):
     assert not len(planner.plan(costmap, robot, (*goal, 0.0)))
     wall[20, 20] = 0
     costmap.clear()
-    map_scenes.paint(costmap, wall.T if turned else wall)
+    scenes.paint(costmap, wall.T if turned else wall)
     assert len(compare(planner, costmap, robot, (*goal, 0.0))) > 3
 
 
@@ -118,7 +133,7 @@ def test_a_deep_copy_plans_by_itself():
     copied, its_map = copy.deepcopy((planner, costmap))
     wall = np.zeros((40, 40), np.uint8)
     wall[8:, 20] = 254
-    map_scenes.paint(its_map, wall)
+    scenes.paint(its_map, wall)
     assert len(compare(copied, its_map, *way)) > len(before)
     np.testing.assert_array_equal(compare(planner, costmap, *way), before)
 
@@ -179,7 +194,7 @@ def test_a_fenced_flood_gives_the_plan_of_a_full_flood(monkeypatch):
             at = np.clip(at + rng.integers(-3, 4, 2), 2, (nx - 3, ny - 3))
             x, y = cx + int(rng.integers(w)), cy + int(rng.integers(h))
             cells[y, x] = rng.choice([0, 100, 254])
-            map_scenes.paint(costmap, cells)
+            scenes.paint(costmap, cells)
         np.testing.assert_array_equal(fenced.potential, full.potential)
     assert stat["fenced"] > 200
 

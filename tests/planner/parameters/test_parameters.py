@@ -18,8 +18,8 @@ from applr_ros1.planner.parameters.declarations import SERVERS, servers
 from applr_ros1.planner.parameters.move_base_parameters import DEFAULT_RECOVERIES
 from applr_ros1.planner.parameters.parameter import ParameterError
 from tests.support import ROOT
-from tests.support.jackal import JACKAL
 from tests.support.refusals import refused
+from tests.support.robots import JACKAL_PARAMETERS
 
 SURFACE, DWA_SURFACE, MAP_SURFACE = (
     json.loads((ROOT / "tests" / "data" / name).read_text())
@@ -42,7 +42,7 @@ NOT_ZERO = [
 
 
 def changed(path, value):
-    tree = copy.deepcopy(JACKAL)
+    tree = copy.deepcopy(JACKAL_PARAMETERS)
     *folders, name = path.split("/")
     here = tree
     for folder in folders:
@@ -55,11 +55,11 @@ def number(value):
     return float(value) if value in ("inf", "-inf") else value
 
 
-@pytest.mark.parametrize("server", servers(complete(JACKAL)))
+@pytest.mark.parametrize("server", servers(complete(JACKAL_PARAMETERS)))
 def test_servers_equal_the_cpp_ones(server):
     theirs = SURFACE["dynamic_reconfigure"]["/move_base/" + server if server else "/move_base"]
-    begun = Configuration(complete(JACKAL)).start_up(server)
-    table = servers(complete(JACKAL))[server].parameters
+    begun = Configuration(complete(JACKAL_PARAMETERS)).start_up(server)
+    table = servers(complete(JACKAL_PARAMETERS))[server].parameters
     ours = [(p.name, p.type, p.min, p.max, p.default, begun[p.name]) for p in table]
     assert ours == [
         (p["name"], p["type"], number(p["min"]), number(p["max"]), p["default"], p["jackal"])
@@ -89,7 +89,10 @@ def test_a_turtlebots_parameters_are_taken_as_cpp_takes_them():
 
 
 def test_only_the_servers_of_the_planner_in_use_exist():
-    for tree, there, other in ((JACKAL, PLANNER, "DWAPlannerROS"), (DWA, "DWAPlannerROS", PLANNER)):
+    for tree, there, other in (
+        (JACKAL_PARAMETERS, PLANNER, "DWAPlannerROS"),
+        (DWA, "DWAPlannerROS", PLANNER),
+    ):
         config = Configuration(complete(tree))
         assert config[there]["sim_time"] > 0
         with pytest.raises(ParameterError, match="no server '%s'" % other):
@@ -123,9 +126,9 @@ def test_dwa_values_that_cannot_be_run_give_one_line(values, words):
 
 
 def test_jackal_is_clean_and_complete_is_stable_and_equals_the_running_tree():
-    assert check(JACKAL) == []
+    assert check(JACKAL_PARAMETERS) == []
     assert check({}) == []
-    full = complete(JACKAL)
+    full = complete(JACKAL_PARAMETERS)
     assert complete(full) == full == complete(SURFACE["params"])
     assert check(full) == []
     assert full["aggressive_reset"]["reset_distance"] == 1.84
@@ -162,11 +165,13 @@ def test_check_reports_problem_value_and_remedy(path, value, words):
 
 
 def test_values_are_read_as_roscpp_reads_them():
-    tree = dict(JACKAL, footprint=[[0.27, 0.21], [0.27, -0.21], [-0.27, 0.0]], obstacle_range=2.0)
-    local = tree["local_costmap"] = copy.deepcopy(JACKAL["local_costmap"])
+    tree = dict(
+        JACKAL_PARAMETERS, footprint=[[0.27, 0.21], [0.27, -0.21], [-0.27, 0.0]], obstacle_range=2.0
+    )
+    local = tree["local_costmap"] = copy.deepcopy(JACKAL_PARAMETERS["local_costmap"])
     del local["footprint"], local["obstacles_layer"]["scan"]["obstacle_range"]
     local["obstacles_layer"].pop("obstacle_range", None), local.pop("obstacle_range", None)
-    tree[PLANNER] = dict(JACKAL[PLANNER], vx_samples=6.5, vtheta_samples=20.4)
+    tree[PLANNER] = dict(JACKAL_PARAMETERS[PLANNER], vx_samples=6.5, vtheta_samples=20.4)
     tree["DWAPlannerROS"] = {"max_vel_x": "fast", "unread": 1}
     assert check(tree) == []
     assert remarks(tree) == []
@@ -285,7 +290,7 @@ def test_values_out_of_bounds_are_clamped_as_in_cpp():
 
 
 def test_unavailable_layer_types_are_reported_and_the_other_layers_used():
-    tree = copy.deepcopy(JACKAL)
+    tree = copy.deepcopy(JACKAL_PARAMETERS)
     local = tree["local_costmap"]
     local["plugins"][:0] = [
         {"name": "a", "type": "lab::SonarLayer"},
@@ -330,7 +335,7 @@ def test_an_invalid_tree_is_not_completed():
 
 
 def test_scan_source_may_have_any_name():
-    tree = copy.deepcopy(JACKAL)
+    tree = copy.deepcopy(JACKAL_PARAMETERS)
     layer = tree["local_costmap"]["obstacles_layer"]
     layer["observation_sources"], layer["laser"] = "laser", layer.pop("scan")
     layer["laser"]["raytrace_range"] = 4.5
@@ -391,7 +396,7 @@ def test_files_without_plugins_get_the_layers_that_cpp_gives_them():
 
 
 def test_values_at_the_costmap_replace_those_of_the_layers():
-    tree = copy.deepcopy(JACKAL)
+    tree = copy.deepcopy(JACKAL_PARAMETERS)
     tree["local_costmap"].update(inflation_radius=0.7, raytrace_range=5.0)
     full = complete(tree)["local_costmap"]
     assert (
@@ -404,7 +409,7 @@ def test_values_at_the_costmap_replace_those_of_the_layers():
 
 
 def test_a_value_clamped_to_an_invalid_zero_is_rejected():
-    config = Configuration(complete(JACKAL))
+    config = Configuration(complete(JACKAL_PARAMETERS))
     assert len(NOT_ZERO) > 5
     for server, p in NOT_ZERO:
         for value in (0, -1):
@@ -415,7 +420,7 @@ def test_a_value_clamped_to_an_invalid_zero_is_rejected():
 
 
 def test_a_costmap_without_cells_is_rejected_before_anything_changes():
-    move_base, name = MoveBase(JACKAL), "global_costmap"
+    move_base, name = MoveBase(JACKAL_PARAMETERS), "global_costmap"
     before, size = dict(move_base.configuration(name)), move_base.global_costmap.size
     with pytest.raises(ParameterError, match="%s/width, height are .* no cells" % name):
         move_base.reconfigure(name, {"width": 1, "resolution": 1.5})
@@ -434,7 +439,7 @@ def test_a_costmap_with_a_static_map_starts_with_its_usual_values():
 
 
 def test_a_request_for_endless_trajectories_is_rejected():
-    config, name = Configuration(complete(JACKAL)), "angular_sim_granularity"
+    config, name = Configuration(complete(JACKAL_PARAMETERS)), "angular_sim_granularity"
     with pytest.raises(ParameterError, match="%s is 1e-09.*more than 100000 points" % name):
         config.request(PLANNER, {name: 1e-9})
     slow = {"max_vel_x": 0.0, "min_vel_x": 0.0, "escape_vel": 0.0, "sim_granularity": 1e-9}
@@ -451,7 +456,7 @@ CLEARING = {"layer_names": ["obstacles_layer"], "affected_maps": "both", "force_
 
 def test_recovery_parameters_of_cpp_files_are_taken():
     tree = dict(
-        JACKAL,
+        JACKAL_PARAMETERS,
         conservative_reset=dict(CLEARING, reset_distance=3.0),
         aggressive_reset=dict(CLEARING, invert_area_to_clear=False),
         rotate_recovery={"frequency": 10.0},
@@ -473,7 +478,7 @@ def test_recovery_parameters_of_cpp_files_are_taken():
 class TestConfiguration:
     @pytest.fixture
     def config(self):
-        return Configuration(complete(JACKAL))
+        return Configuration(complete(JACKAL_PARAMETERS))
 
     def test_clamps_and_keeps_the_rest(self, config):
         new = config.request(PLANNER, {"max_vel_x": 1e9, "vx_samples": -5})

@@ -9,15 +9,15 @@ from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.sampling_planner import Velocity, heading_of, start_record
 from applr_ros1.planner.trajectory import forward, scoring
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
-from tests.support.jackal import JACKAL
-from tests.support.map_scenes import JACKAL as JACKAL_FOOT
-from tests.support.map_scenes import open_map, sampled_window
+from tests.planner.replay_golden import sampled_window
+from tests.support.robots import JACKAL_FOOTPRINT, JACKAL_PARAMETERS
+from tests.support.scenes import open_map
 
-PARAMS = complete(JACKAL)["TrajectoryPlannerROS"]
+PARAMS = complete(JACKAL_PARAMETERS)["TrajectoryPlannerROS"]
 
 
 def planner(
-    plan=((0.0, 0.0), (3.0, 0.0)), foot=JACKAL_FOOT, period=0.05, meter_scoring=True, **changes
+    plan=((0.0, 0.0), (3.0, 0.0)), foot=JACKAL_FOOTPRINT, period=0.05, meter_scoring=True, **changes
 ):
     made = TrajectoryPlanner(foot, dict(PARAMS, **changes), period, meter_scoring)
     made.set_plan(np.array(plan, dtype=np.float64).reshape(-1, 2))

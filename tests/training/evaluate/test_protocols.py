@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import worlds
-from tests.support.worlds_sdf import moving, put, sdf
+from tests.support.scenes import moving, sdf, write_world
 from training.evaluate import __main__ as evaluate
 from training.evaluate.table import read_trace, read_trials
 from worlds import sdf_writer
@@ -38,7 +38,7 @@ def dynabarn(folder, crossing):
     body += "".join(map(moving, tracks))
     rows = [(name, frames[-1][0], 1, *frame) for name, frames in tracks.items() for frame in frames]
     (folder / NAME).write_text("\n".join(",".join(map(str, row)) for row in [COLUMNS, *rows]))
-    return put(folder, sdf(body, ""), "world_3.world")
+    return write_world(folder, sdf(body, ""), "world_3.world")
 
 
 def test_dynabarn_is_driven(tmp_path):

@@ -9,7 +9,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.state_machine import NO_PATH, OSCILLATING
 from applr_ros1.planner.variant import draw
-from tests.support.toy_robot import Scripted, ToyRobot, quick, ring, run
+from tests.support.robots import Scripted, ToyRobot, quick, ring, run
 
 
 def test_the_random_planner_fidelity_depends_only_on_the_seed():

@@ -13,9 +13,7 @@ import safetensors.numpy
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
-from tests.support.episodes import episode
-from tests.support.toy_env import Broken, Line
-from tests.support.toy_training import main, one_line, toy
+from tests.support.training import Broken, Line, episode, main, one_line, toy
 from training.env.reward import Reward
 from training.env.trajectory import TransitionLayout
 from training.train.learner.config import TrainConfig, recipe

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from applr_ros1.common.errors import ApplrError
-from tests.support import episodes
+from tests.support import training
 from tests.support.seeds import examples
 from training.env.trajectory import Trajectory, TransitionLayout
 from training.train.learner.config import LearnerOptions
@@ -20,7 +20,7 @@ BATCH = LearnerOptions(batch_size=64, n_step=1, gamma=0.9)
 
 
 def episode(t, number=0, terminated=False):
-    return episodes.episode(SMALL, number, t, terminated=terminated)
+    return training.episode(SMALL, number, t, terminated=terminated)
 
 
 def test_a_stored_scan_is_exact_to_half_a_step():

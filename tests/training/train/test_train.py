@@ -17,13 +17,13 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from applr_ros1.common.tensors import unpack
 from tests.support import HANGS, ROOT
-from tests.support.episodes import episode
-from tests.support.toy_env import Broken, Line
-from tests.support.toy_training import (
+from tests.support.training import (
     NO_EVALUATION,
+    Broken,
+    Line,
+    episode,
     main,
     network,
-    networks_of,
     one_line,
     toy,
     toy_run,
@@ -36,6 +36,12 @@ from training.train.learner.config import parse
 from training.train.learner.learner import Learner, LearnerOptions
 from training.train.learner.run import TrainingRun
 from training.workers.pool import Pool
+
+
+def networks_of(folder):
+    """Return the networks of a run's checkpoint as bytes."""
+    state = torch.load(folder / Learner.saved(folder)["learner"], weights_only=True)
+    return {name: tensor.numpy().tobytes() for name, tensor in state["networks"].items()}
 
 
 def rounds_of(run):
@@ -107,7 +113,7 @@ def test_the_last_policy_within_the_minutes_is_compared_with_the_default(
 OFTEN_SAVED = """
 import sys
 from training.train.learner import run
-from tests.support.toy_training import main
+from tests.support.training import main
 run.CHECKPOINT_SECONDS = 0.1
 sys.exit(main())
 """

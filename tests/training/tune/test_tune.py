@@ -19,7 +19,7 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import folder as robot_folder
 from applr_ros1.robots.geometry import radius
-from tests.support import plans
+from tests.support import scenes
 from training.evaluate import evaluation
 from training.evaluate.loaded import move_base_parameters
 from training.evaluate.score import AIMS, Baseline
@@ -110,7 +110,7 @@ def tune(folder, runner, *more):
 
 
 def test_the_verdicts_lie_in_the_half_of_a_building_that_the_search_did_not_use(jackal, tmp_path):
-    office = plans.write(tmp_path, "office")
+    office = scenes.write_plan(tmp_path, "office")
     words = [
         str(jackal),
         "--out",

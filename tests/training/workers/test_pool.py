@@ -13,10 +13,8 @@ import pytest
 import safetensors.numpy
 
 from applr_ros1.common.errors import ApplrError
-from tests.support import ROOT
-from tests.support.processes import is_alive
-from tests.support.toy_env import Dying, Line, Slow, drive
-from tests.support.toy_training import main, toy_run
+from tests.support import ROOT, is_alive
+from tests.support.training import Dying, Line, Slow, answer, main, toy_run
 from training.env.trajectory import TransitionLayout
 from training.train.learner.config import parse
 from training.train.learner.learner import Learner
@@ -39,7 +37,7 @@ def weights(seed=0, units=(8,)):
 def results(pool, numbers, seconds=0.0):
     """Return {number: (number, process id), or the error of its call}."""
     answers = {}
-    for number, future in pool.unordered(partial(drive, seconds=seconds), numbers):
+    for number, future in pool.unordered(partial(answer, seconds=seconds), numbers):
         answers[number] = str(future.exception()) if future.exception() else future.result()
     return answers
 

@@ -1,6 +1,7 @@
-"""Stand-in for the BARN Challenge's runner, with the same calls in the same order, for tests/nodes/test_barn.py.
+"""Programs that use Gazebo's services and topics: a client of the simulation, and a BARN Challenge's runner.
 
-The test copies this file as run.py into a synthetic checkout, beside gazebo_client.py.
+The runner makes the same calls in the same order as the Challenge's. tests/nodes/test_barn.py copies this file as
+run.py into a synthetic checkout, so it imports nothing of this repository.
 """
 
 import argparse
@@ -13,8 +14,60 @@ import actionlib
 import numpy as np
 import rospkg
 import rospy
-from gazebo_client import GazeboSimulation, goal
-from move_base_msgs.msg import MoveBaseAction
+from gazebo_msgs.msg import ModelState
+from gazebo_msgs.srv import GetModelState, SetModelState
+from geometry_msgs.msg import Quaternion
+from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
+from std_msgs.msg import Bool
+from std_srvs.srv import Empty
+
+
+def model_state(x, y, z, angle):
+    state = ModelState(model_name="jackal", reference_frame="world")
+    state.pose.position.x, state.pose.position.y, state.pose.position.z = x, y, z
+    state.pose.orientation = Quaternion(0, 0, math.sin(angle / 2), math.cos(angle / 2))
+    return state
+
+
+class GazeboSimulation:
+    """Client for robot, physics and contacts, through Gazebo's services and topics."""
+
+    def __init__(self, start):
+        self.pause = rospy.ServiceProxy("/gazebo/pause_physics", Empty)
+        self.unpause = rospy.ServiceProxy("/gazebo/unpause_physics", Empty)
+        self._set = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState)
+        self._get = rospy.ServiceProxy("/gazebo/get_model_state", GetModelState)
+        self.start = model_state(start[0], start[1], 0, start[2])
+        self.contacts = 0
+        self._subscriber = rospy.Subscriber("/collision", Bool, self._count)
+
+    def _count(self, message):
+        self.contacts += message.data
+
+    def collided(self):
+        """Return whether a contact was reported since the last call."""
+        collided, self.contacts = self.contacts > 0, 0
+        return collided
+
+    def reset(self):
+        rospy.wait_for_service("/gazebo/set_model_state")
+        return self._set(self.start)
+
+    def state(self):
+        rospy.wait_for_service("/gazebo/get_model_state")
+        return self._get("jackal", "world")
+
+    def place(self):
+        position = self.state().pose.position
+        return position.x, position.y
+
+
+def goal(x, y):
+    made = MoveBaseGoal()
+    made.target_pose.header.frame_id = "odom"
+    made.target_pose.pose.position.x, made.target_pose.pose.position.y = x, y
+    made.target_pose.pose.orientation = Quaternion(0, 0, 0, 1)
+    return made
 
 
 def main():

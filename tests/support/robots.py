@@ -1,18 +1,55 @@
-"""Ideal robot with a laser for tests of MoveBase: follows commands exactly, among round obstacles."""
+"""Robots for tests: the Jackal's parameters, an ideal robot with a laser, and the weights of a policy."""
 
 import copy
 import math
 
 import numpy as np
 
-from applr_ros1 import robots
 from applr_ros1.common.scan import LaserScan
+from applr_ros1.planner.costmap import footprint as footprints
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.state_machine import NO_PLAN
+from applr_ros1.robots import JACKAL
 from sim_bridge.lidar import Lidar
-from tests.support.jackal import JACKAL
 
-LASER = robots.JACKAL.laser
+JACKAL_PARAMETERS = JACKAL.parameters()
+JACKAL_FOOTPRINT = footprints.pad(
+    footprints.parse("[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"), 0.1
+)
+DWA_PARAMETERS = dict(
+    max_vel_trans=0.5,
+    max_vel_x=0.5,
+    min_vel_x=-0.1,
+    max_vel_y=0.0,
+    min_vel_y=0.0,
+    max_vel_theta=1.57,
+    min_vel_theta=0.3,
+    acc_lim_x=10.0,
+    acc_lim_theta=20.0,
+    xy_goal_tolerance=0.25,
+    yaw_goal_tolerance=0.157,
+    sim_time=1.5,
+    path_distance_bias=20.0,
+    goal_distance_bias=24.0,
+    occdist_scale=0.05,
+    forward_point_distance=0.2,
+    vx_samples=6,
+    vth_samples=20,
+)
+
+
+def dwa_parameters(**changes):
+    """Return the Jackal's parameters with DWAPlannerROS as local planner."""
+    made = copy.deepcopy(JACKAL_PARAMETERS)
+    made.update(
+        changes,
+        base_local_planner="dwa_local_planner/DWAPlannerROS",
+        DWAPlannerROS=dict(DWA_PARAMETERS),
+    )
+    return made
+
+
+LASER = JACKAL.laser
 BEAMS, ANGLE_MIN, ANGLE_MAX = LASER.beams, LASER.first_angle, LASER.last_angle
 INCREMENT, RANGE_MIN, RANGE_MAX = LASER.increment, LASER.range_min, LASER.range_max
 LASER_X = 0.12
@@ -93,7 +130,7 @@ class Scripted:
 # -- MoveBase with small maps ------------------------------------------------------------------------------------
 def quick(**changes):
     """Return the Jackal's parameters with small maps and short patience."""
-    tree = copy.deepcopy(JACKAL)
+    tree = copy.deepcopy(JACKAL_PARAMETERS)
     for name, size in (("global_costmap", 20), ("local_costmap", 6)):
         tree[name].update(width=size, height=size, origin_x=-size / 2.0, origin_y=-size / 2.0)
     tree.update(planner_patience=1.0, controller_patience=1.0)
@@ -107,3 +144,14 @@ def start(goal, robot=None, tree=None, before=0.1):
     run(made, robot, before)
     made.set_goal(goal, robot.time)
     return made, robot
+
+
+def make_weights(seed=0, hidden=(32, 32), inputs=729, outputs=8):
+    """Return random weights of a policy's network."""
+    rng = np.random.default_rng(seed)
+    widths = (inputs,) + tuple(hidden) + (outputs,)
+    weights = {}
+    for i, (a, b) in enumerate(zip(widths, widths[1:])):
+        weights[f"{i}.weight"] = (rng.normal(size=(b, a)) / np.sqrt(a)).astype(np.float32)
+        weights[f"{i}.bias"] = rng.normal(size=b).astype(np.float32)
+    return weights
