@@ -53,6 +53,7 @@ EXPLAINED = (
 )
 EVENT_SHARE = 0.5  # share of an event from which on an observation is its reason
 LOST_SHARE = 0.1  # share of a drive that events take from which on remedies are sought
+FAST = 1.25  # ratio of a drive's time to that of a straight one at top speed below which nothing is sought
 CANDIDATES = 8  # number of candidates that are driven
 LIVE = 5  # number of candidates among them that the replay ranks
 AROUND_S = 0.5  # time around a moment that is asked about [s]
@@ -94,12 +95,18 @@ class Diagnosis:
         return max(self.events, key=lambda event: event.seconds, default=None)
 
     @property
-    def lost_share(self) -> float:
-        """Share of the time with a goal that events took."""
+    def wants_remedy(self) -> bool:
+        """True if the events took much of the drive, and it was not nearly as fast as it could be."""
         odometry = self.replay.odometry
-        is_pursued = events.pursued(self.drive, odometry)
-        seconds = float(np.gradient(odometry.time)[is_pursued].sum()) if len(odometry) > 1 else 0.0
-        return sum(event.seconds for event in self.events) / seconds if seconds else 0.0
+        rows = np.flatnonzero(events.pursued(self.drive, odometry))
+        if len(rows) < 2:
+            return False
+        first, last = rows[0], rows[-1]
+        seconds = float(odometry.time[last] - odometry.time[first])
+        dx, dy, _ = odometry.pose[last] - odometry.pose[first]
+        shortest = float(np.hypot(dx, dy) / self.replay.limits().speed[rows].mean())
+        lost = sum(event.seconds for event in self.events)
+        return lost >= LOST_SHARE * seconds and seconds > FAST * shortest
 
 
 def diagnose(replay: Replay, at: Optional[float] = None, pool: Optional[Pool] = None) -> Diagnosis:
@@ -119,7 +126,7 @@ def diagnose(replay: Replay, at: Optional[float] = None, pool: Optional[Pool] = 
     if not found or diagnosis.part:
         return diagnosis
     diagnosis.guesses = _guesses(replay, found)
-    if pool is not None and at is None and diagnosis.lost_share >= LOST_SHARE:
+    if pool is not None and at is None and diagnosis.wants_remedy:
         diagnosis.trials = _trials(diagnosis, pool)
     return diagnosis
 

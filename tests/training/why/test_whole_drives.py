@@ -278,3 +278,13 @@ def test_the_goal_of_a_drive_is_known_from_its_route_or_from_the_end_of_its_plan
 def test_a_moment_outside_the_drive_is_refused(replayed):
     with pytest.raises(ApplrError, match="--at 500: outside the drive, give "):
         diagnosis.diagnose(replayed, 500.0)
+
+
+def test_nothing_is_sought_for_a_drive_that_is_nearly_as_fast_as_it_can_be(replayed):
+    """The drive is slow, because it samples only the slowest speed; it would be fast if this were its top speed."""
+    event = Event("crept", 1.0, 12.0, (0.0, 0.3))
+    assert diagnosis.Diagnosis(replayed, [event]).wants_remedy
+    assert not diagnosis.Diagnosis(replayed, [Event("crept", 1.0, 2.0, (0.0, 0.3))]).wants_remedy
+    slow = Replay(with_changes(JACKAL, [SPOILT, Change(PLANNER, "max_vel_x", 0.5, 0.1)], "jackal"))
+    slow.drive, slow.cycles = replayed.drive, replayed.cycles
+    assert not diagnosis.Diagnosis(slow, [event]).wants_remedy
