@@ -24,8 +24,7 @@ SPECIFICATIONS = (
     f"generated:N (0-{barn.COUNT - 1}), generated:train, generated:test, generated:validation, "
     "generated:learn, fresh:N, fresh:N-M (0 on), final:N, final:N-M (0-99), dynamic:N, "
     "dynamic:N-M, dynamic:validation, dynamic:test, physical_course, a .world file, a folder of "
-    "them, or courses through a building: MAP.yaml, MAP.yaml:N, MAP.yaml:N-M, and those in either "
-    "half of it, MAP.yaml:choose and MAP.yaml:report"
+    "them, or courses through a building: MAP.yaml, MAP.yaml:N, MAP.yaml:N-M"
 )
 RADIUS_M = 0.31  # default radius of the robot's circle, the Jackal's [m]
 FINAL_SEED = 20261125  # seed of the worlds final:N

@@ -203,7 +203,7 @@ def best_set(
         prune_blocks = blocks_of(len(worlds), seed + 1)[:PRUNE_BLOCKS]
 
         def next_turn() -> Iterator[Block]:
-            show(f"reverting to the default, one by one: {len(ends)} parameters are left")
+            show(f"reverting parameters to the default, one by one: {len(ends)} left")
             return clock.until(ends.pop(0), prune_blocks)
 
         theta, effects = prune_parameters(

@@ -141,7 +141,7 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
     assert tune(jackal, "toy") == 0
     printed = capsys.readouterr().out
     left = re.findall(
-        r"^reverting .*: (\d+) parameters are left$", printed, re.MULTILINE
+        r"^reverting .*: (\d+) left$", printed, re.MULTILINE
     )  # progress lines
     assert left == [str(number) for number in range(len(left), 0, -1)] != []
     for file, monitor in (("tuned.yaml", "without"), ("static.json", "with")):
