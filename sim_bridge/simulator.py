@@ -13,9 +13,10 @@ from typing import Any, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, normalize_angle, normalize_angle_modulo, transform_point
+from applr_ros1.common.angles import Pose, normalize_angle, normalize_angle_modulo
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.scan import LaserScan
 from applr_ros1.robots import Robot, load
 from worlds import World
 
@@ -193,15 +194,27 @@ class Simulator(ABC):
 
         As in REP 117 and Gazebo, +inf means no return, and -inf an obstacle nearer than range_min.
         """
-        pose = self.state.pose
         laser = self.robot.laser
-        x, y = transform_point(pose, laser.pose[0], laser.pose[1])
-        yaw = pose[2] + laser.pose[2]
+        x, y, yaw = laser.pose_at(self.state.pose)
         ranges: Array32 = self._lidar.scan(x, y, yaw, self.mover_circles())
         noise = self._rng.standard_normal(laser.beams, dtype=np.float32)
         # In place, because a scan is drawn in every control cycle of a training.
         noise *= np.float32(laser.noise * self.drawn.scan_noise)
         return np.add(ranges, noise, out=ranges)
+
+    def laser_scan(self) -> LaserScan:
+        """Take a scan with the laser's place by odometry, as the robot's own nodes know it."""
+        laser = self.robot.laser
+        return LaserScan(
+            self.state.time,
+            laser.first_angle,
+            laser.increment,
+            laser.range_min,
+            laser.range_max,
+            self.scan(),
+            laser.pose_at(self.state.odom_pose),
+            laser.height,
+        )
 
     def to_odom(self, pose: Pose) -> Pose:
         """Transform a pose (x, y, yaw) from the world frame to frame odom."""

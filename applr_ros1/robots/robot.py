@@ -16,6 +16,7 @@ from typing import Any, Dict, NamedTuple, Optional, Tuple
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, model_validator
 from typing_extensions import Annotated, Literal
 
+from applr_ros1.common.angles import Pose, transform_point
 from applr_ros1.common.errors import ApplrError, did_you_mean
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.check import complete
@@ -190,6 +191,10 @@ class Laser(Section):
     def covers_full_turn(self) -> bool:
         """True if the last beam is next to the first one, up to half a beam."""
         return self.view[1] - self.view[0] + 1.5 * self.increment >= 2.0 * pi
+
+    def pose_at(self, base: Pose) -> Pose:
+        """Return the pose (x, y, yaw) of the scanner if the base frame is at a pose."""
+        return (*transform_point(base, self.pose[0], self.pose[1]), base[2] + self.pose[2])
 
     def period_in(self, cycle: float) -> float:
         """Return the time between two scans [s]; 0 if every control cycle has one.

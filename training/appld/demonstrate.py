@@ -20,7 +20,7 @@ from applr_ros1.robots.geometry import radius
 from sim_bridge.simulator import Simulator
 from training.common.command_line import AnyRobot, Seed, SimulatorName, parsed
 from training.common.options import Options, argument, option
-from training.env.episode import CONTROL_PERIOD, scan_of
+from training.env.episode import CONTROL_PERIOD
 from worlds import World
 
 with extra(__name__):
@@ -82,7 +82,7 @@ def demonstrated(world: World, robot: Robot, simulator: Simulator, seed: int) ->
         recorder.localised(state.time, state.odom_pose, state.odom_twist)
         if state.time + 1e-6 >= scan_due:
             scan_due += robot.laser.period_in(CONTROL_PERIOD)
-            scan = scan_of(simulator, robot)
+            scan = simulator.laser_scan()
             recorder.scanned(state.time, scan)
         command = driver.command(state.pose, scan.ranges)
         recorder.commanded(state.time, command)

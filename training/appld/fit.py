@@ -21,7 +21,7 @@ from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot
 from training.appld.demonstration import is_driving
 from training.appld.segmentation import Segment
-from training.env.episode import CONTROL_PERIOD, counting_cells, laser_pose
+from training.env.episode import CONTROL_PERIOD, counting_cells
 
 TURN_WEIGHT = 0.25  # weight of squared yaw rate [(rad/s)^2] relative to squared speed [(m/s)^2]: H = diag(1, 1/4)
 PULL = 1e-3  # weight of an action's mean squared distance from that of theta_0, which decides between equal losses
@@ -75,7 +75,7 @@ def step(planner: MoveBase, demonstration: Drive, robot: Robot, i: int) -> Tuple
     twist = tuple(demonstration.odometry.twist[i].tolist())
     first_angle, increment, range_min, range_max = demonstration.scans.fan[0].tolist()
     ranges = demonstration.scans.ranges[i]
-    place = laser_pose(pose, robot.laser)
+    place = robot.laser.pose_at(pose)
     height = robot.laser.height
     scan = LaserScan(time, first_angle, increment, range_min, range_max, ranges, place, height)
     cycle = planner.step(time, pose, twist, scan)

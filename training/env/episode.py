@@ -12,7 +12,7 @@ from typing import Any, Dict, Optional, Tuple, Union
 
 import numpy as np
 
-from applr_ros1.common.angles import Pose, compose, inverse, transform_point
+from applr_ros1.common.angles import Pose, compose, inverse
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.drives.drive import (
@@ -37,7 +37,6 @@ from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, Robot
-from applr_ros1.robots.robot import Laser
 from applr_ros1.stack.stack import Stack, Step
 from sim_bridge.simulator import RobotState, Simulator
 from training.env.outcome import Leg, Outcome, nearest, outcome_of
@@ -323,7 +322,7 @@ class Episode:
     def _scan(self) -> LaserScan:
         """Take a new scan of the simulated laser."""
         self._scan_due += self._scan_period
-        scan = scan_of(self.simulator, self.robot)
+        scan = self.simulator.laser_scan()
         self._ranges = scan.ranges
         return scan
 
@@ -375,24 +374,3 @@ class Episode:
         self._recorder.goals[-1] = self._goal._replace(
             end=self.seconds, status=status, reason=reason
         )
-
-
-def scan_of(simulator: Simulator, robot: Robot) -> LaserScan:
-    """Take a scan of the robot's laser in a simulator, in the odometry frame."""
-    laser = robot.laser
-    state = simulator.state
-    return LaserScan(
-        state.time,
-        laser.first_angle,
-        laser.increment,
-        laser.range_min,
-        laser.range_max,
-        simulator.scan(),
-        laser_pose(state.odom_pose, laser),
-        laser.height,
-    )
-
-
-def laser_pose(pose: Pose, laser: Laser) -> Pose:
-    """Return the pose of the laser of a robot at pose (x, y, yaw)."""
-    return (*transform_point(pose, *laser.pose[:2]), pose[2] + laser.pose[2])

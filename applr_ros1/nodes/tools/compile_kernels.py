@@ -17,11 +17,9 @@ import numpy as np
 
 import sim_bridge
 import worlds
-from applr_ros1.common.angles import compose
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.kernels import cache_folder
 from applr_ros1.common.progress import announced
-from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor.monitor import warm_up as warm_up_monitor
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.movers.tracker import warm_up as warm_up_tracker
@@ -32,7 +30,6 @@ from applr_ros1.planner.warm_up import warm_up as warm_up_planner
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, Robot, load
 from applr_ros1.stack.stack import Stack
-from sim_bridge.simulator import Simulator
 from sim_bridge.simulator import warm_up as warm_up_simulator
 
 # (name, function that compiles), longest first
@@ -123,29 +120,12 @@ def drive(robot: Robot) -> None:
         scan = None
         if state.time + 1e-6 >= scan_due:
             scan_due += robot.laser.period_in(CYCLE_S)
-            scan = _scan(simulator, robot)
+            scan = simulator.laser_scan()
         step = stack.step(state.time, state.odom_pose, state.odom_twist, scan)
         if step.command is not None:
             simulator.command(*step.command)
         state = simulator.advance(CYCLE_S)
     simulator.close()
-
-
-def _scan(simulator: Simulator, robot: Robot) -> LaserScan:
-    """Return a scan of the robot's laser in the odometry frame."""
-    laser = robot.laser
-    state = simulator.state
-    pose = compose(state.odom_pose, laser.pose)
-    limits = laser.range_min, laser.range_max
-    return LaserScan(
-        state.time,
-        laser.first_angle,
-        laser.increment,
-        *limits,
-        simulator.scan(),
-        pose,
-        laser.height,
-    )
 
 
 if __name__ == "__main__":
