@@ -55,6 +55,8 @@ def advice(diagnosis: Diagnosis) -> List[str]:
     if diagnosis.longest is None or diagnosis.part is not None:
         return []
     trials = diagnosis.trials
+    if trials is None and not diagnosis.wants_remedy:
+        return []
     if trials is not None and trials.remedy is not None:
         remedy = trials.remedy
         return [f"Try {remedy.candidate}: {remedy}; with the recorded values {trials.recorded}."]

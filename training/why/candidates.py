@@ -42,6 +42,11 @@ class Candidate(NamedTuple):
         return ", ".join(distinct) + " in both costmaps" * both
 
     @property
+    def departure(self) -> float:
+        """Largest ratio of values before and after."""
+        return max(change.departure for change in self.changes)
+
+    @property
     def names(self) -> List[str]:
         """Names of the changed parameters."""
         return list(dict.fromkeys(change.name for change in self.changes))

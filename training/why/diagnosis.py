@@ -13,7 +13,7 @@ from applr_ros1.drives.drive import Drive
 from applr_ros1.robots import Robot
 from training.bags.seen_world import seen_grid, seen_world
 from training.why import events
-from training.why.alternatives import Alternative, best_changes, changes_to_try
+from training.why.alternatives import Alternative, best_changes, changes_to_try, together
 from training.why.candidates import (
     Candidate,
     escape_candidates,
@@ -54,7 +54,8 @@ EXPLAINED = (
 EVENT_SHARE = 0.5  # share of an event from which on an observation is its reason
 LOST_SHARE = 0.1  # share of a drive that events take from which on remedies are sought
 FAST = 1.25  # ratio of a drive's time to that of a straight one at top speed below which nothing is sought
-CANDIDATES = 8  # number of candidates that are driven
+CANDIDATES = 9  # number of candidates that are driven
+MUCH = 4.0  # factor of a change beyond which a factor of 2 is tried, too
 LIVE = 5  # number of candidates among them that the replay ranks
 AROUND_S = 0.5  # time around a moment that is asked about [s]
 NEAR_GOAL_M = 2.0  # distance of the last pose from the plan's end below which this is the goal [m]
@@ -213,9 +214,22 @@ def _trials(diagnosis: Diagnosis, pool: Pool) -> Optional[Trials]:
 def candidates(diagnosis: Diagnosis, robot: Robot) -> List[Candidate]:
     """Return the candidates that are driven: those that the replay ranks first, and values of files."""
     replay = diagnosis.replay
-    live = [Candidate(alternative.changes) for alternative in diagnosis.guesses[:LIVE]]
+    live: List[Candidate] = []
+    for guess in diagnosis.guesses[:LIVE]:
+        live += milder(replay, guess)
+        live.append(Candidate(guess.changes))
     live += escape_candidates(replay.server, replay.settings[replay.server])
     return (live + file_candidates(robot))[:CANDIDATES]
+
+
+def milder(replay: Replay, guess: Alternative) -> List[Candidate]:
+    """Return the change of a guess by a factor of 2, if the guess goes much farther."""
+    change = guess.change
+    if isinstance(change.before, bool) or change.departure <= MUCH:
+        return []
+    factor = 2.0 if abs(change.after) > abs(change.before) else 0.5
+    mild = change._replace(after=type(change.before)(change.before * factor))
+    return [Candidate(together(replay.settings, mild))]
 
 
 def goal_of(drive: Drive) -> Optional[Pose]:

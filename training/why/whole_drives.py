@@ -32,6 +32,7 @@ CHOOSING, CONFIRMING = (
 )  # seeds that choose a candidate, and seeds that judge the chosen one
 CHOSEN = 3  # number of candidates that drive with more than one seed
 BETTER = 0.9  # share of the time with the recorded values below which a candidate is better
+NEARLY = 1.1  # ratio of times up to which a smaller change is preferred
 SLOWEST = 2.0  # longest duration of a drive in durations of the recorded one
 SHORTEST_LIMIT_S, LONGEST_LIMIT_S = 20.0, 60.0
 SAME_PLACE_M = 1.0  # distance of two stops at the same place [m, for the Jackal]
@@ -184,7 +185,7 @@ def try_out(course: Course, candidates: Sequence[Candidate], pool: Pool) -> Tria
     chosen = [one for one in tried if len(one.drives) == len(CHOOSING)]
     if not chosen or not _is_better(chosen[0], recorded):
         return Trials(recorded, None, tried)
-    candidate = chosen[0].candidate
+    candidate = _mildest(chosen).candidate
     judged = _drive(course, [None, candidate], CONFIRMING, pool)
     recorded = Tried(None, judged[None])
     if candidate not in judged or not _is_better(Tried(candidate, judged[candidate]), recorded):
@@ -238,6 +239,12 @@ def _ranked(drives: Drives) -> List[Optional[Candidate]]:
         return -len(drives[candidate]), Tried(candidate, drives[candidate]).seconds
 
     return sorted(drives, key=key)
+
+
+def _mildest(chosen: Sequence[Tried]) -> Tried:
+    """Return the smallest change among those that drive about as fast as the first one."""
+    near = [one for one in chosen if one.seconds <= NEARLY * chosen[0].seconds]
+    return min(near, key=lambda one: one.candidate.departure if one.candidate else 1.0)
 
 
 def _is_better(tried: Tried, recorded: Tried) -> bool:

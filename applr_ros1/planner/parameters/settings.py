@@ -6,6 +6,7 @@ Parameter spaces, recorded drives, searches and checks all write and compare par
 
 from __future__ import annotations
 
+import math
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Dict, Iterator, List, Mapping, NamedTuple
 
@@ -40,6 +41,16 @@ class Change(NamedTuple):
     def path(self) -> str:
         """Name of the parameter below move_base, such as "DWAPlannerROS/sim_time"."""
         return f"{self.server}/{self.name}".lstrip("/")
+
+    @property
+    def departure(self) -> float:
+        """Ratio of the larger to the smaller value; 1 for values without a size, inf if a sign changes."""
+        if isinstance(self.before, (bool, str)) or isinstance(self.after, (bool, str)):
+            return 1.0
+        before, after = float(self.before), float(self.after)
+        if before * after <= 0.0:
+            return math.inf
+        return max(before / after, after / before)
 
     @property
     def advice(self) -> str:

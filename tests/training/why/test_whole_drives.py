@@ -188,6 +188,24 @@ def test_a_candidate_is_a_remedy_only_if_it_is_better_by_a_tenth_with_seeds_that
     assert trials_of(course, 1.0).remedy is None
 
 
+def test_the_smaller_of_two_changes_that_are_about_as_fast_is_the_remedy(course, monkeypatch):
+    drives_as(monkeypatch, {"": {0: 20.0}, 0.2: {0: 14.5}, 1.0: {0: 15.0}})
+    assert trials_of(course, 0.2, 1.0).remedy.candidate.changes[0].after == 1.0
+    drives_as(monkeypatch, {"": {0: 20.0}, 0.2: {0: 10.0}, 1.0: {0: 15.0}})
+    assert trials_of(course, 0.2, 1.0).remedy.candidate.changes[0].after == 0.2
+
+
+def test_a_guess_that_goes_far_is_also_tried_by_a_factor_of_two(replayed):
+    def guess(before, after):
+        return SimpleNamespace(change=Change(PLANNER, "occdist_scale", before, after))
+
+    (mild,) = diagnosis.milder(replayed, guess(0.4, 0.01))
+    assert mild.changes == (Change(PLANNER, "occdist_scale", 0.4, 0.2),)
+    (mild,) = diagnosis.milder(replayed, guess(0.01, 0.4))
+    assert mild.changes[0].after == 0.02
+    assert diagnosis.milder(replayed, guess(0.4, 0.1)) == []
+
+
 def test_a_faster_candidate_that_arrives_less_often_is_no_remedy(course, monkeypatch):
     drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, 2: 99.0}})
     trials = trials_of(course, 1.0)
