@@ -59,11 +59,9 @@ class ApplrEnv(gymnasium.Env):
         if self.settings.period is None:
             raise ApplrError("period is missing: give the decision period in seconds")
         robot = self.settings.robot
-        self.worlds = (
-            worlds_package.Worlds(worlds, radius(robot))
-            if isinstance(worlds, str)
-            else list(worlds)
-        )
+        self.worlds: Sequence[World] = list(worlds) if not isinstance(worlds, str) else ()
+        if isinstance(worlds, str):
+            self.worlds = worlds_package.Worlds(worlds, radius(robot))
         self.episode = Episode(
             sim_bridge.make(self.settings.simulator, robot=robot, **self.settings.randomisation),
             self.settings.planners(robot),
@@ -74,14 +72,13 @@ class ApplrEnv(gymnasium.Env):
             end_on_stall=end_on_stall,
             monitor=self.settings.monitor,
         )
-        self.encoding = encoding = self.settings.encoding()
-        self.space, self.episode.layout = encoding.space, encoding.layout
+        encoding = self.settings.encoding()
+        self.encoding = encoding
+        self.space = encoding.space
+        self.episode.layout = encoding.layout
         self.layout = TransitionLayout.of(encoding)
         if critics_know_more:
-            rest = self.layout.rest
-            odd = encoding.mirror_sign + tuple(rest + place for place in privileged.ODD)
-            more = privileged.SIZE
-            self.layout = dataclasses.replace(self.layout, rest=rest + more, odd=odd, hidden=more)
+            self.layout = _with_hidden_inputs(self.layout)
         self.observation_space = gymnasium.spaces.Box(-1.0, 1.0, (self.layout.size,), np.float32)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (encoding.actions,), np.float32)
 
@@ -92,9 +89,10 @@ class ApplrEnv(gymnasium.Env):
         """Begin a course in the world of index options["world"], or in a random world without this option."""
         super().reset(seed=seed)
         index = (options or {}).get("world")
-        world = self.worlds[
-            int(self.np_random.integers(len(self.worlds))) if index is None else index
-        ]
+        if index is None:
+            index = int(self.np_random.integers(len(self.worlds)))
+        world = self.worlds[index]
+        # The episode draws from a generator of its own, so that its seed says all about it.
         draw = int(self.np_random.integers(2**31))
         protocol: str = self.settings.protocol
         if protocol == DRAWN:
@@ -132,3 +130,10 @@ class ApplrEnv(gymnasium.Env):
 
     def _info(self, outcome: Outcome) -> Dict[str, Any]:
         return {"world": self.episode.world.name, **vars(outcome)}
+
+
+def _with_hidden_inputs(layout: TransitionLayout) -> TransitionLayout:
+    """Return a layout whose observations end with the inputs for the critics alone."""
+    odd = layout.odd + tuple(layout.rest + place for place in privileged.ODD)
+    more = privileged.SIZE
+    return dataclasses.replace(layout, rest=layout.rest + more, odd=odd, hidden=more)

@@ -75,25 +75,24 @@ class Reward(RewardOptions):
             encoding: Encoding, whose scale and pace are the units of lengths and times. A wider robot has longer
                 courses and wider gaps.
         """
-        scale, pace = encoding.scale, encoding.pace
-        share = (
-            period / PERIOD / pace
-        )  # Costs are per 2 s, so that a course costs the same for any period.
-        time = (
-            -outcome.seconds / PERIOD / pace
-            if self.exact_time
-            else (float(outcome.success) - 1.0) * share
-        )
+        # Costs are per 2 s, so that a course costs the same for any period.
+        share = period / PERIOD / encoding.pace
+        if self.exact_time:
+            time = -outcome.seconds / PERIOD / encoding.pace
+        else:
+            time = (float(outcome.success) - 1.0) * share
         if failed(outcome):
-            time -= min(self.failure_seconds / PERIOD, (limit - outcome.decisions) * share)
+            # The robot would stand still until the limit, and gets the cost of this time at once.
+            standing = (limit - outcome.decisions) * share
+            time -= min(self.failure_seconds / PERIOD, standing)
+
+        progress = outcome.progress_y if self.along_y else outcome.progress
         near = outcome.decision_min if self.lowest else outcome.last_scan_min
-        near = min(max(near / scale, self.NEAREST), self.FARTHEST)
+        clearance = min(max(near / encoding.scale, self.NEAREST), self.FARTHEST)
         terms = {
             "time": self.c_f * time,
-            "progress": self.c_p
-            * (outcome.progress_y if self.along_y else outcome.progress)
-            / scale,
-            "clearance": -self.c_c * share / near,
+            "progress": self.c_p * progress / encoding.scale,
+            "clearance": -self.c_c * share / clearance,
             "collision": -self.c_collision * float(outcome.contact),
         }
         return sum(terms.values()), terms

@@ -86,9 +86,16 @@ class TrialSettings(DriveSettings):
 
         They are the same if robot.yaml has no setup with a map, or one with sensors that are not simulated.
         """
-        made = []
-        for with_map in [False] if robot.move_base.with_map is None else [False, True]:
-            parameters = counting_cells(robot.parameters(with_map))
-            parameters["applr"] = {**parameters.get("applr", {}), "movers": self.movers}
-            made.append(MoveBase(parameters, planner=self.planner))
-        return made[0], made[-1] if made[-1].sources == made[0].sources else made[0]
+        exploring = self._planner(robot, with_map=False)
+        if robot.move_base.with_map is None:
+            return exploring, exploring
+        knowing = self._planner(robot, with_map=True)
+        # The simulator has the sensors of the setup without a map.
+        is_simulated = knowing.sources == exploring.sources
+        return exploring, knowing if is_simulated else exploring
+
+    def _planner(self, robot: Robot, with_map: bool) -> MoveBase:
+        """Return the planner of one setup of a robot."""
+        parameters = counting_cells(robot.parameters(with_map))
+        parameters["applr"] = {**parameters.get("applr", {}), "movers": self.movers}
+        return MoveBase(parameters, planner=self.planner)

@@ -50,11 +50,9 @@ class TransitionLayout:
     @property
     def mirror(self) -> Optional[Mirror]:
         """Left-right reflection of an observation; None for an observation without a scan."""
-        return (
-            Mirror.of(self.scan, self.rest, self.scans, self.odd)
-            if self.scan and self.rest
-            else None
-        )
+        if not (self.scan and self.rest):
+            return None
+        return Mirror.of(self.scan, self.rest, self.scans, self.odd)
 
     @property
     def policy_mirror(self) -> Optional[Mirror]:
@@ -73,16 +71,14 @@ class TransitionLayout:
 
     def quantise(self, observations: np.ndarray) -> np.ndarray:
         """Return the scans of observations (n, size) as (n, scan) uint8."""
-        steps: np.ndarray = np.rint(
-            (np.clip(observations[:, : self.scan], -1.0, 1.0) + 1.0) / self.step
-        )
+        beams = np.clip(observations[:, : self.scan], -1.0, 1.0)
+        steps: np.ndarray = np.rint((beams + 1.0) / self.step)
         return steps.astype(np.uint8)
 
     def restore(self, scan: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Return observations (n, size) float32 from quantised scans and the rest."""
-        return np.concatenate(
-            (scan.astype(np.float32) * np.float32(self.step) - np.float32(1.0), rest), axis=1
-        )
+        beams = scan.astype(np.float32) * np.float32(self.step) - np.float32(1.0)
+        return np.concatenate((beams, rest), axis=1)
 
 
 @dataclass
@@ -124,11 +120,8 @@ class Trajectory:
             ApplrError: A value is not finite.
         """
         observations = np.asarray(observations, dtype=np.float32).reshape(-1, layout.size)
-        for name, values in (
-            ("an observation", observations),
-            ("an action", actions),
-            ("a reward", rewards),
-        ):
+        parts = {"an observation": observations, "an action": actions, "a reward": rewards}
+        for name, values in parts.items():
             if not np.isfinite(values).all():
                 raise ApplrError(f"{name} contains NaN or inf")
         return cls(
