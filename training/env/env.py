@@ -1,8 +1,10 @@
 """Gymnasium environment "applr_ros1/Navigation-v0": the paper's meta-environment, for actors and any RL library.
 
-State: scan capped at 2 m, phi, theta_{t-1}; (729,) for the Jackal. Action: the planner's parameters, (8,) for the
-Jackal. One step is one decision period: in the paper 2 s of simulated time, or 40 control cycles of MoveBase, the class
-that the ROS node runs as well. episode.py defines courses, time limits and ends of episodes.
+State: scan capped at 2 m, phi, theta_{t-1}; (729,) for the Jackal. Action: the planner's
+    parameters, (8,) for the
+Jackal. One step is one decision period: in the paper 2 s of simulated time, or 40 control cycles of
+MoveBase, the class that the ROS node runs as well. episode.py defines courses, time limits and ends
+of episodes.
 """
 
 from __future__ import annotations
@@ -34,13 +36,14 @@ class ApplrEnv(gymnasium.Env):
     """Learning problem as a Gymnasium environment; a step is one decision period.
 
     Args:
-        worlds: Worlds to drive in: a list of World, or a specification ("generated:train", a file, a folder; several
-            are separated by commas).
+        worlds: Worlds to drive in: a list of World, or a specification ("generated:train", a file,
+            a folder; several are separated by commas).
         end_on_collision: Whether a collision terminates the episode as a failure.
         end_on_stall: Whether a stall (policy/actor.py) terminates the episode as a failure.
-        critics_know_more: Whether the observation ends with inputs for the critics alone (privileged.py).
-        settings: Fields of TrialSettings (settings.py): robot, simulator, planner, randomisation, observation, ...
-            period is required; gymnasium.make defaults to the paper's 2 s.
+        critics_know_more: Whether the observation ends with inputs for the critics alone
+            (privileged.py).
+        settings: Fields of TrialSettings (settings.py): robot, simulator, planner, randomisation,
+            observation, ... period is required; gymnasium.make defaults to the paper's 2 s.
 
     Raises:
         ApplrError: An argument is invalid.

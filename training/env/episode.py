@@ -1,7 +1,7 @@
 """Episode: a robot drives one course while its parameters change once per decision period.
 
-Episode connects MoveBase to a Simulator, without ROS. The environment (env.py), evaluation (evaluate.py) and the
-parameter searches all drive with Episode.
+Episode connects MoveBase to a Simulator, without ROS. The environment (env.py), evaluation
+(evaluate.py) and the parameter searches all drive with Episode.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ TIME_LIMIT = 100.0  # duration after which a trial counts as failed [s]
 def counting_cells(parameters: Dict[str, Any]) -> Dict[str, Any]:
     """Return move_base's parameter tree with `meter_scoring` false: distance biases learned here are per costmap cell.
 
-    The applr node rescales them for a planner that needs biases per metre (applr_ros1/nodes/applr/meter_scoring.py).
+    The applr node rescales them for a planner that needs biases per metre
+    (applr_ros1/nodes/applr/meter_scoring.py).
     """
     planner = dict(parameters.get("TrajectoryPlannerROS", {}), meter_scoring=False)
     return dict(parameters, TrajectoryPlannerROS=planner)
@@ -58,24 +59,31 @@ def counting_cells(parameters: Dict[str, Any]) -> Dict[str, Any]:
 class Episode:
     """Drives courses, one after the other, with one stack in one simulator.
 
-    The goal is sent once, as in the runners of the authors and of BARN. If the planner aborts the goal, the robot would
-    stand until the time limit. The trial therefore ends at once, as a failure that took the whole time limit.
+    The goal is sent once, as in the runners of the authors and of BARN. If the planner aborts the
+    goal, the robot would stand until the time limit. The trial therefore ends at once, as a failure
+    that took the whole time limit.
 
     Args:
         simulator: Simulator of the robot.
-        move_base: Planner, or planners for worlds without and with a map. A planner with a static layer gets the map
-            and the robot's true pose; others explore. If its fidelity is random, each reset draws the fidelity. With
-            its parameter applr/movers, the costmaps receive predicted obstacle points.
-        robot: Description of the robot. Its laser scans at its own rate, at most once per control cycle.
+        move_base: Planner, or planners for worlds without and with a map. A planner with a static
+            layer gets the map and the robot's true pose; others explore. If its fidelity is random,
+            each reset draws the fidelity. With its parameter applr/movers, the costmaps receive
+            predicted obstacle points.
+        robot: Description of the robot. Its laser scans at its own rate, at most once per control
+            cycle.
         period: Decision period [s]; 2 in the paper.
         time_limit: Time after which a trial counts as failed [s].
-        end_on_collision: Whether a collision ends the trial, as under the BARN Challenge's protocol.
+        end_on_collision: Whether a collision ends the trial, as under the BARN Challenge's
+            protocol.
         monitor: Whether the robot's collision monitor stands between the planner and the base.
         end_on_stall: Whether a stall (policy/actor.py) ends the trial as a failure.
-        escapes: Whether the monitor makes the escape motions that a planner of fidelity cpp-like lacks.
-        ends_at_tolerance: Whether a course ends as soon as the robot is within the planner's goal tolerance, or only
-            when the planner reports its goal as reached, after it has also turned to the goal's heading.
-        record: Whether `drive` has all columns. Without it, a drive has what outcomes and pictures need.
+        escapes: Whether the monitor makes the escape motions that a planner of fidelity cpp-like
+            lacks.
+        ends_at_tolerance: Whether a course ends as soon as the robot is within the planner's goal
+            tolerance, or only when the planner reports its goal as reached, after it has also
+            turned to the goal's heading.
+        record: Whether `drive` has all columns. Without it, a drive has what outcomes and pictures
+            need.
     """
 
     def __init__(
@@ -161,8 +169,9 @@ class Episode:
     def reset(self, world: World, seed: int, theta: Optional[np.ndarray] = None) -> Outcome:
         """Reset robot, maps and planner, set theta_0 (or `theta`), observe once and send the goal.
 
-        The order is that of the authors' reset: robot and odometry to the start, costmaps cleared, theta_0, goal. A
-        cycle without a goal fills the map for the first observation and plan. Time counts from the sending of the goal.
+        The order is that of the authors' reset: robot and odometry to the start, costmaps cleared,
+        theta_0, goal. A cycle without a goal fills the map for the first observation and plan. Time
+        counts from the sending of the goal.
         """
         self.world = world
         self.stack = self._stacks[-1 if world.map is not None else 0]
@@ -345,9 +354,9 @@ class Episode:
     def _judge(self, cycle: Cycle, state: RobotState) -> None:
         """End the goal if the course has ended (Course.arrived).
 
-        The planner has reached the goal if it reports success, or with `ends_at_tolerance` if `place` is within the
-        tolerance although the robot has still to stop and turn. If the goal is occupied (default_tolerance), only the
-        report counts.
+        The planner has reached the goal if it reports success, or with `ends_at_tolerance` if
+        `place` is within the tolerance although the robot has still to stop and turn. If the goal
+        is occupied (default_tolerance), only the report counts.
         """
         place = self.place
         distance = math.hypot(self.goal[0] - place[0], self.goal[1] - place[1])

@@ -20,7 +20,8 @@ CLEAR = 3.0  # cap on the distance to the nearest obstacle in mean_clearance_m [
 class Outcome:
     """State of a trial after a decision (or after reset, when most fields are zero).
 
-    The fields from progress to seconds describe the last decision, the fields from success on the whole trial.
+    The fields from progress to seconds describe the last decision, the fields from success on the
+    whole trial.
 
     Attributes:
         theta: (n,) current parameters of the planner.
@@ -34,12 +35,14 @@ class Outcome:
         flipped: Whether the robot lies on its side.
         collided: Whether the robot has touched anything.
         aborted: Whether the planner gave up, or stopped away from the goal.
-        timeout: Whether the time limit has passed. Also set after an abort, because the robot would stand until then.
+        timeout: Whether the time limit has passed. Also set after an abort, because the robot would
+            stand until then.
         time_s: Time since the goal was sent [s]; the full limit after a timeout.
         decisions: Number of decisions.
         path_length_m: Length of the driven path [m].
         min_clearance_m: Smallest range [m].
-        mean_clearance_m: Mean over time of the smallest range [m], capped at CLEAR widths of the body.
+        mean_clearance_m: Mean over time of the smallest range [m], capped at CLEAR widths of the
+            body.
         mean_jerk: Mean magnitude of the jerk [m/s^3].
         mean_turn: Mean magnitude of the yaw acceleration [rad/s^2].
         reason: Why the trial is over, in words.

@@ -1,7 +1,8 @@
 """Inputs of the critics that the policy cannot know: the course behind obstacles, and randomised physics.
 
-Critics are used only in training, where the simulator knows these values (asymmetric actor-critic, Pinto et al. 2018).
-The environment appends the values to the observation; the policy receives only the entries before them.
+Critics are used only in training, where the simulator knows these values (asymmetric actor-critic,
+Pinto et al. 2018). The environment appends the values to the observation; the policy receives only
+the entries before them.
 """
 
 from __future__ import annotations
@@ -37,11 +38,13 @@ SIZE = len(ODD) + 2 * len(STATIONS) + 1 + 2 + len(AHEAD) + 2 * MOVERS + 7 + 1
 def privileged(episode: Episode, scale: float) -> np.ndarray:
     """Return the inputs (SIZE,) float32 in [-1, 1] for the current state of an episode.
 
-    The true course is the world's reference path. The first entries change sign if left and right are exchanged: sines
-    of the directions of the true course ahead, y and lateral velocity of the nearest moving obstacles. The others are
-    the clearance along the global plan and along the true course, the free length of the plan, the length of the true
-    course ahead, the robot's distance from it, the cosines of the directions, x and forward velocity of the moving
-    obstacles, the planner fidelity, the drawn ground, friction, slip, odometry, delay and laser noise, and Stall.share.
+    The true course is the world's reference path. The first entries change sign if left and right
+    are exchanged: sines of the directions of the true course ahead, y and lateral velocity of the
+    nearest moving obstacles. The others are the clearance along the global plan and along the true
+    course, the free length of the plan, the length of the true course ahead, the robot's distance
+    from it, the cosines of the directions, x and forward velocity of the moving obstacles, the
+    planner fidelity, the drawn ground, friction, slip, odometry, delay and laser noise, and
+    Stall.share.
 
     Args:
         episode: Episode after its reset() or decide().

@@ -38,17 +38,19 @@ class RewardOptions(Options):
 class Reward(RewardOptions):
     """Reward with its coefficients.
 
-    - R_f = 1(at the goal) - 1: each 2 s before the goal cost 1. With exact_time, R_f = -seconds / 2 s and includes the
-      last decision, so that a course finished a second earlier is worth more. After a final failure (the planner gave
-      up, the robot lies on its side), the robot would stand still until the time limit. The cost of this time, at most
-      failure_seconds, is charged at once.
-    - R_p = distance driven towards the goal [m], `(p' - p) . (goal - p) / |goal - p|`, or along the world's y.
-    - R_c = -1 / d with the smallest range d. d is at least .1 m (the minimum range of the Jackal's laser), so
-      R_c >= -10, and at most the observation's 2 m, so R_c <= -.5.
+    - R_f = 1(at the goal) - 1: each 2 s before the goal cost 1. With exact_time, R_f = -seconds / 2
+      s and includes the last decision, so that a course finished a second earlier is worth more.
+      After a final failure (the planner gave up, the robot lies on its side), the robot would stand
+      still until the time limit. The cost of this time, at most failure_seconds, is charged at
+      once.
+    - R_p = distance driven towards the goal [m], `(p' - p) . (goal - p) / |goal - p|`, or along the
+      world's y.
+    - R_c = -1 / d with the smallest range d. d is at least .1 m (the minimum range of the Jackal's
+      laser), so R_c >= -10, and at most the observation's 2 m, so R_c <= -.5.
     - c_collision is charged for a decision in which the robot touched something.
 
-    All times are for the Jackal, and are scaled by the robot's pace (Encoding.pace). Otherwise a failure would cost a
-    slow robot less than the way to the goal.
+    All times are for the Jackal, and are scaled by the robot's pace (Encoding.pace). Otherwise a
+    failure would cost a slow robot less than the way to the goal.
     """
 
     c_f: float = 1.0  # our own coefficients, because the paper publishes none
@@ -72,8 +74,8 @@ class Reward(RewardOptions):
             outcome: Trial after the decision.
             limit: Number of decisions after which a trial is truncated.
             period: Decision period [s], by which the time terms are scaled.
-            encoding: Encoding, whose scale and pace are the units of lengths and times. A wider robot has longer
-                courses and wider gaps.
+            encoding: Encoding, whose scale and pace are the units of lengths and times. A wider
+                robot has longer courses and wider gaps.
         """
         # Costs are per 2 s, so that a course costs the same for any period.
         share = period / PERIOD / encoding.pace

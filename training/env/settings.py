@@ -23,7 +23,8 @@ PAPER, CHALLENGE, DRAWN = "paper", "barn-challenge", "drawn"  # names of the pro
 def under(protocol: str, world: World) -> World:
     """Return the world with the protocol's course.
 
-    Dynamic worlds keep the BARN Challenge's course under both protocols; worlds outside BARN keep their own course.
+    Dynamic worlds keep the BARN Challenge's course under both protocols; worlds outside BARN keep
+    their own course.
     """
     if protocol == PAPER or not barn.fill_of(world.cylinders)[[0, -1]].all():
         return world
@@ -58,14 +59,16 @@ class TrialSettings(DriveSettings):
     """Settings of trials and training episodes, which workers receive as JSON.
 
     Attributes:
-        observation: Encoding of observations and actions (applr_ros1/policy/encoding.py), whose units the reward uses.
-        base: Values of parameters that no action of the dimensionless encoding sets. Parameters missing here keep their
-            defaults.
+        observation: Encoding of observations and actions (applr_ros1/policy/encoding.py), whose
+            units the reward uses.
+        base: Values of parameters that no action of the dimensionless encoding sets. Parameters
+            missing here keep their defaults.
         period: Decision period [s]. In trials, None means the period of each method.
         reward: Coefficients of the reward.
         randomisation: Fields of sim_bridge.Randomisation, drawn at each reset.
-        loaded: Whether move_base starts with the parameter set of a static method, as from a parameter file, instead of
-            getting the set by reconfigure. Escape motions are then off, as a C++ move_base makes none.
+        loaded: Whether move_base starts with the parameter set of a static method, as from a
+            parameter file, instead of getting the set by reconfigure. Escape motions are then off,
+            as a C++ move_base makes none.
         time_limit: Time after which a trial ends and counts as failed [s].
     """
 
@@ -84,7 +87,8 @@ class TrialSettings(DriveSettings):
     def planners(self, robot: Robot) -> Tuple[MoveBase, MoveBase]:
         """Return a robot's planners for worlds without and with a map, with distance biases per costmap cell.
 
-        They are the same if robot.yaml has no setup with a map, or one with sensors that are not simulated.
+        They are the same if robot.yaml has no setup with a map, or one with sensors that are not
+        simulated.
         """
         exploring = self._planner(robot, with_map=False)
         if robot.move_base.with_map is None:

@@ -18,12 +18,13 @@ class TransitionLayout:
     """Sizes of the parts of an observation and an action. Its vars() are stored as JSON.
 
     Attributes:
-        scan: Number of beams, whose values in [-1, 1] are stored as multiples of `step` (uint8). With the paper's cap
-            of 2 m, a step is 7.8 mm, a sixth of a costmap cell.
+        scan: Number of beams, whose values in [-1, 1] are stored as multiples of `step` (uint8).
+            With the paper's cap of 2 m, a step is 7.8 mm, a sixth of a costmap cell.
         rest: Number of further entries (phi, theta), stored as float32.
         action: Number of entries of an action (float32 in [-1, 1]).
         scans: Number of successive scans into which the beams are divided.
-        odd: Indices, counted after the scans, of the entries that change sign when left and right are exchanged.
+        odd: Indices, counted after the scans, of the entries that change sign when left and right
+            are exchanged.
         hidden: Number of trailing entries that only the critics receive.
     """
 
@@ -90,7 +91,8 @@ class Trajectory:
         rest: (T+1, k) float32.
         action: (T, m) float32.
         reward: (T,) float32.
-        terminated: Whether the last observation is a terminal state; otherwise it is truncated and bootstrapped.
+        terminated: Whether the last observation is a terminal state; otherwise it is truncated and
+            bootstrapped.
         info: JSON values about the episode (workers/collect.py).
     """
 

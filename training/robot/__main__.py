@@ -1,13 +1,15 @@
 """Writes the folder of a robot from its URDF or xacro file and the parameter files of its navigation package.
 
-Run it as `./applr robot` or `python -m training.robot`. The folder gets copies of the parameter files, and a
-robot.yaml with the values that the files state explicitly: wheels, outline, laser, frames, topics. For every other
-value, robot.yaml has a line to fill in, and the command lists these values at its end.
+Run it as `./applr robot` or `python -m training.robot`. The folder gets copies of the parameter
+files, and a robot.yaml with the values that the files state explicitly: wheels, outline, laser,
+frames, topics. For every other value, robot.yaml has a line to fill in, and the command lists these
+values at its end.
 
-A file whose name ends in .xacro is expanded as roslaunch would, with its arguments as NAME:=VALUE. Give the parameter
-files in the order of your launch file, each with the namespace of its <rosparam ns="...">, or give the output of
-roslaunch --dump-params. Add the file of a diff_drive_controller if there is one: it gives the driven wheels and the
-limits of the base. docs/tutorials/your_robot.md continues from here.
+A file whose name ends in .xacro is expanded as roslaunch would, with its arguments as NAME:=VALUE.
+Give the parameter files in the order of your launch file, each with the namespace of its <rosparam
+ns="...">, or give the output of roslaunch --dump-params. Add the file of a diff_drive_controller if
+there is one: it gives the driven wheels and the limits of the base. docs/tutorials/your_robot.md
+continues from here.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Explains why a robot stopped: what happened, why, and what helps, which was driven before it is said.
 
-Run it as `./applr why BAG` or `python -m training.why BAG`. The recorded drive is replayed through move_base's local
-planner, cycle by cycle. Changes of parameters are then driven in simulation, in the world that the laser saw. With two
-bags, it reports which parameters differ and which of them explains the difference.
+Run it as `./applr why BAG` or `python -m training.why BAG`. The recorded drive is replayed through
+move_base's local planner, cycle by cycle. Changes of parameters are then driven in simulation, in
+the world that the laser saw. With two bags, it reports which parameters differ and which of them
+explains the difference.
 """
 
 from __future__ import annotations
@@ -62,7 +63,8 @@ def drive_of(path: Path, options: WhyOptions) -> Drive:
     """Read the drive in a bag.
 
     Raises:
-        BagError: The bag cannot be read, lacks odometry, scans, commands or plans, or another robot or planner drove.
+        BagError: The bag cannot be read, lacks odometry, scans, commands or plans, or another robot
+            or planner drove.
     """
     robot = options.robot
     topics = options.topics()

@@ -1,6 +1,7 @@
 """Alternatives: how the planner would have driven on from recorded cycles with another value of one parameter.
 
-From each cycle, the planner drives on for AHEAD control cycles on the recorded map; its commands are followed exactly.
+From each cycle, the planner drives on for AHEAD control cycles on the recorded map; its commands
+are followed exactly.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ FEW = 2  # step between the cycles from which a value is tried first
 ELSEWHERE = 4  # number of alternatives that are also driven from cycles outside the events
 LITTLE = 0.01  # gain of speed up to which an alternative does not count [m/s]
 WITHIN = 0.8  # share of the largest gain from which on alternatives are nearly equal
-# Parameters that are not tried, because they set the speed that is wanted, forbid to be slow, or cannot free a robot
+# Parameters that are not tried, because they set the speed that is wanted, forbid to be slow, or
+# cannot free a robot
 LEFT_OUT = (
     "restore_defaults", "enabled", "acc_lim_y", "vy_samples", "holonomic_robot", "max_vel_x", "min_vel_x",
     "max_vel_trans", "min_vel_trans", "escape_vel", "dwa", "use_dwa", "prune_plan", "xy_goal_tolerance",
@@ -129,7 +131,8 @@ def drive_on(
     """Drive on from cycles, with another value of a parameter or with those in force.
 
     Returns:
-        (n, 2) mean speeds along the plan [m/s], and smallest distances of the robot's centre from an obstacle [m].
+        (n, 2) mean speeds along the plan [m/s], and smallest distances of the robot's centre from
+        an obstacle [m].
     """
     results = []
     for cycle in cycles:
@@ -172,8 +175,8 @@ def best_changes(
 ) -> List[Alternative]:
     """Return, of each parameter, the best change with which the planner would have driven on faster from some cycles.
 
-    Changes that bring the robot nearer to obstacles than its inscribed circle are left out. `others` are cycles outside
-    the events.
+    Changes that bring the robot nearer to obstacles than its inscribed circle are left out.
+    `others` are cycles outside the events.
     """
     if not len(cycles):
         return []
@@ -209,8 +212,8 @@ def best_changes(
 def ranked(alternatives: Sequence[Alternative]) -> List[Alternative]:
     """Return alternatives, the best first.
 
-    Among nearly equal ones, changes towards the default come first, of the parameter that is farthest from it, and
-    small ones.
+    Among nearly equal ones, changes towards the default come first, of the parameter that is
+    farthest from it, and small ones.
     """
     left, order = list(alternatives), []
     while left:

@@ -1,7 +1,7 @@
 """Events of a drive: time in which the robot had a goal and stood, crept, turned, swung, or went to and fro.
 
-Events are seen in the measured motion alone, whatever was commanded. Their reasons are found afterwards (reasons.py,
-diagnosis.py).
+Events are seen in the measured motion alone, whatever was commanded. Their reasons are found
+afterwards (reasons.py, diagnosis.py).
 """
 
 from __future__ import annotations

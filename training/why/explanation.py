@@ -26,11 +26,13 @@ STEP_S = 0.1  # interval between the poses at which an illegal sample is checked
 NEAR_M = 0.1  # distance from an obstacle cell within which a point of a scan shows it [m]
 PLAN_AHEAD_M = 1.0  # point of the plan that shows where it leads [m, for the Jackal]
 BACK = np.pi / 2  # angle between plan and heading from which on the plan leads back [rad]
-# Parts of the robot in its own scans: how far beyond its circumscribed circle they may lie [m], the motion between two
-# poses that are compared [m, rad], the least number of poses, and the share of them that must show the point.
+# Parts of the robot in its own scans: how far beyond its circumscribed circle they may lie [m], the
+# motion between two poses that are compared [m, rad], the least number of poses, and the share of
+# them that must show the point.
 BESIDE_M, MOVED_M, MOVED_TURN, POSES, CARRIED = 0.3, 0.3, 0.2, 5, 0.9
 
-# What weighs against faster samples: the parameter, and the words, by the planner's name for this part of the costs.
+# What weighs against faster samples: the parameter, and the words, by the planner's name for this
+# part of the costs.
 OBJECTIONS = {
     "occdist_scale": ("occdist_scale", "passes nearer to obstacles than {} allows"),
     "obstacle": ("occdist_scale", "passes nearer to obstacles than {} allows"),
@@ -55,10 +57,11 @@ class Explanation:
         words: The reason in one clause; "" if the planner drove on.
         lines: What outbid the cheapest sample that drives on, and what refused the illegal ones.
         is_blocked: Whether all samples that drive on are illegal.
-        obstacle: Cell (x, y) [m] that the straightest illegal sample meets, in the odometry frame, or None.
+        obstacle: Cell (x, y) [m] that the straightest illegal sample meets, in the odometry frame,
+            or None.
         points: Points (x, y, cost) of the legal trajectories.
-        table: Names, the command, the cheapest sample that drives on, and the cheapest samples: v [m/s], w [rad/s],
-            cost and its parts.
+        table: Names, the command, the cheapest sample that drives on, and the cheapest samples: v
+            [m/s], w [rad/s], cost and its parts.
     """
 
     at: float

@@ -1,7 +1,7 @@
 """Reasons why a robot does not drive, read from the columns of a drive, whether it was simulated or recorded in a bag.
 
-Causes come before what follows from them: without a scan the planner sends nothing, without a plan nothing is
-commanded, and a command that the collision monitor stops moves nothing.
+Causes come before what follows from them: without a scan the planner sends nothing, without a plan
+nothing is commanded, and a command that the collision monitor stops moves nothing.
 """
 
 from __future__ import annotations

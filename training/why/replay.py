@@ -1,7 +1,8 @@
 """Replay of a recorded drive: every control cycle of the local planner again, at the recorded pose and speed.
 
-A bag does not contain which odometry message, scan and map update a cycle used. A cycle is reproduced if a likely
-choice gives the recorded command. The replay continues from the map and the memory of that choice.
+A bag does not contain which odometry message, scan and map update a cycle used. A cycle is
+reproduced if a likely choice gives the recorded command. The replay continues from the map and the
+memory of that choice.
 """
 
 from __future__ import annotations
@@ -179,7 +180,8 @@ class Replay:
     def _plan(self, at: float) -> Optional[np.ndarray]:
         """Return the plan of the cycle at a time, or None if there was no plan.
 
-        DWAPlannerROS publishes an empty plan if it finds no command. Its plan is then the one before.
+        DWAPlannerROS publishes an empty plan if it finds no command. Its plan is then the one
+        before.
         """
         assert self.drive.plans is not None
         plans = self.drive.plans

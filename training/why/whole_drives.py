@@ -1,7 +1,7 @@
 """Whole drives in the world that the laser saw: with the recorded values, and with each candidate for a remedy.
 
-A candidate is believed only if it drives better from the recorded start to the recorded goal, with seeds that did not
-choose it.
+A candidate is believed only if it drives better from the recorded start to the recorded goal, with
+seeds that did not choose it.
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ class Course(NamedTuple):
         world: World that the laser saw, with the recorded start and goal.
         has_monitor: Whether a collision monitor stands between planner and base.
         limit: Time after which a drive has failed [s].
-        ends_at_tolerance: Whether a drive ends within the goal tolerance, or only when the planner reports the goal.
+        ends_at_tolerance: Whether a drive ends within the goal tolerance, or only when the planner
+            reports the goal.
     """
 
     robot: Robot
@@ -68,7 +69,8 @@ class Arrival(NamedTuple):
     Attributes:
         success: Whether the robot arrived without a contact.
         seconds: Time to the goal [s]; the limit if the drive failed.
-        is_slow: Whether the drive was broken off, because it was not faster than with the recorded values.
+        is_slow: Whether the drive was broken off, because it was not faster than with the recorded
+            values.
         clearance: Smallest range of the laser [m].
         path: (k, 3) time [s] and position (x, y) [m] in the odometry frame of the recorded drive.
     """
@@ -171,8 +173,9 @@ def drive_once(course: Course, changes: Sequence[Change], seed: int, to_beat: fl
 def try_out(course: Course, candidates: Sequence[Candidate], pool: Pool) -> Trials:
     """Drive with the recorded values and with candidates.
 
-    All candidates drive once, the best ones with more seeds, and the best of these is judged with seeds that chose
-    nothing. A drive that is not faster than with the recorded values is broken off.
+    All candidates drive once, the best ones with more seeds, and the best of these is judged with
+    seeds that chose nothing. A drive that is not faster than with the recorded values is broken
+    off.
     """
     first = CHOOSING[:1]
     recorded = Tried(None, _drive(course, [None], CHOOSING, pool)[None])
