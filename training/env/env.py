@@ -107,7 +107,10 @@ class ApplrEnv(gymnasium.Env):
 
     @override
     def step(self, action: np.ndarray) -> Tuple[np.ndarray, float, bool, bool, Dict[str, Any]]:
-        """Drive one decision period. Arrival or failure terminates the episode, the time limit truncates it."""
+        """Drive one decision period.
+
+        Arrival or failure terminates the episode, the time limit truncates it.
+        """
         if self.episode.outcome is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         outcome = self.episode.decide(self.encoding.theta(action))

@@ -1,4 +1,6 @@
-"""Outcome of a trial: what a drive has come to after a decision. Rewards, evaluations and datasets read it.
+"""Outcome of a trial: what a drive has come to after a decision.
+
+Rewards, evaluations and datasets read it.
 
 outcome_of() makes it from a Drive, whether the drive was simulated or recorded in a bag.
 """

@@ -116,7 +116,10 @@ def _physics(episode: Episode) -> List[float]:
 
 
 def _along(points: np.ndarray, width: float) -> np.ndarray:
-    """Return points (k, 2) every STEP widths along a path, up to the last of STATIONS. A short path repeats its end."""
+    """Return points (k, 2) every STEP widths along a path, up to the last of STATIONS.
+
+    A short path repeats its end.
+    """
     steps = np.diff(points, axis=0)
     length = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
     at = width * np.arange(0.0, STATIONS[-1] + 0.5 * STEP, STEP)

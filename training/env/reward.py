@@ -101,5 +101,8 @@ class Reward(RewardOptions):
 
 
 def failed(outcome: Outcome) -> bool:
-    """Return whether the trial is in a terminal state without success. A time limit alone is not terminal."""
+    """Return whether the trial is in a terminal state without success.
+
+    A time limit alone is not terminal.
+    """
     return outcome.over and not outcome.success and not (outcome.timeout and not outcome.aborted)

@@ -190,7 +190,7 @@ def some(cycles: Sequence[Cycle], count: int, power: float = 1.0) -> List[Cycle]
     return [cycles[row] for row in rows]
 
 
-# -- whole drives ------------------------------------------------------------------------------------------------------
+# -- whole drives ----------------------------------------------------------------------------------
 def _trials(diagnosis: Diagnosis, pool: Pool) -> Optional[Trials]:
     """Drive with the recorded values and with candidates; None if the drive's goal is unknown."""
     replay, longest = diagnosis.replay, diagnosis.longest
@@ -252,7 +252,7 @@ def goal_of(drive: Drive) -> Optional[Pose]:
     return None
 
 
-# -- two drives --------------------------------------------------------------------------------------------------------
+# -- two drives ------------------------------------------------------------------------------------
 def compared(first: Replay, second: Replay) -> List[str]:
     """Return lines about a second drive: where it differs, and what its parameters would have done in the first."""
     track = np.array([cycle.pose[:2] for cycle in second.cycles])

@@ -108,7 +108,7 @@ def first_of(finders: Sequence[Finder], stretch: Stretch) -> str:
     return ""
 
 
-# -- sources -----------------------------------------------------------------------------------------------------------
+# -- sources ---------------------------------------------------------------------------------------
 def silent(stretch: Stretch) -> str:
     """Return the sensor that sent nothing, or ""."""
     drive = stretch.drive
@@ -166,7 +166,7 @@ def jumping(stretch: Stretch) -> str:
     return ""
 
 
-# -- planner -----------------------------------------------------------------------------------------------------------
+# -- planner ---------------------------------------------------------------------------------------
 def no_plan(stretch: Stretch) -> str:
     """Return that the global planner found no path, or ""."""
     routes = stretch.drive.routes
@@ -222,7 +222,7 @@ def late(stretch: Stretch) -> str:
     return f"commands came every {interval:.2f} s instead of every {stretch.period:.2f} s"
 
 
-# -- base --------------------------------------------------------------------------------------------------------------
+# -- base ------------------------------------------------------------------------------------------
 def held(stretch: Stretch) -> str:
     """Return why the collision monitor held the robot, or ""."""
     verdicts = stretch.part(stretch.drive.verdicts)
@@ -276,7 +276,10 @@ def unmoved(stretch: Stretch) -> str:
 
 
 def slipping(stretch: Stretch) -> str:
-    """Return that the robot moved much less than was commanded, or "". Wheels that slip turn without moving it."""
+    """Return that the robot moved much less than was commanded, or "".
+
+    Wheels that slip turn without moving it.
+    """
     commands = stretch.part(stretch.drive.commands)
     motion = stretch.part(stretch.drive.truth)
     if commands is None or motion is None:
