@@ -17,11 +17,13 @@ import numpy as np
 
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import JACKAL, Robot, load
+from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import simulated
 from training.why import __main__ as why
 from training.why.candidates import Candidate, file_candidates, with_changes
 from training.why.diagnosis import diagnose
 from training.why.replay import Replay
+from training.why.whole_drives import RANDOM
 from training.workers.pool import Pool
 
 SLOWER, LIMIT_S = (
@@ -173,10 +175,17 @@ def mean_time(robot: Robot, world: int) -> float:
     """Return the mean time of drives with fresh seeds [s]; a failure or a contact counts LIMIT_S."""
     times = []
     for seed in FRESH_SEEDS:
-        _, outcome = simulated(robot, f"generated:{world}", limit=LIMIT_S, seed=seed)
+        _, outcome = simulated(
+            robot, f"generated:{world}", limit=LIMIT_S, seed=seed, simulator=_deviating
+        )
         arrived = outcome.success and not outcome.collided
         times.append(outcome.time_s if arrived else LIMIT_S)
     return float(np.mean(times))
+
+
+def _deviating(robot: Robot) -> KinematicSimulator:
+    """Return a simulator whose robot deviates a little from the nominal one, differently for each seed."""
+    return KinematicSimulator(robot, **RANDOM)
 
 
 def judged(name: str, world: int, fault: Optional[Candidate]) -> Optional[Planted]:
