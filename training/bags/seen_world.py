@@ -22,11 +22,10 @@ from worlds.map_reader import FREE, OCCUPIED, boxes
 from worlds.world import Grid
 
 RESOLUTION_M = 0.05  # edge of a cell [m]
-SCANS, BEAMS = 120, 240  # largest numbers of scans, and of beams of a scan, that are used
-HITS, HIT_SHARE = (
-    2,
-    0.3,
-)  # least number of beams that end in an occupied cell, and their share of all that reach it
+SCANS = 120  # largest number of scans that are used
+BEAMS = 240  # largest number of beams of a scan that are used
+HITS = 2  # least number of beams that end in an occupied cell
+HIT_SHARE = 0.3  # least share of them among the beams that reach the cell
 MARGIN_M = 1.0  # width of the margin around scans and drive [m]
 NO_CIRCLE_M = -1.0  # Only the planner's report ends the course.
 

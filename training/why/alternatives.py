@@ -78,8 +78,12 @@ class Alternative:
 
     @property
     def departure(self) -> Tuple[bool, float, float]:
-        """Direction (True: away from the default), nearness of the value in force to it, and size of the change."""
-        before, after = self.change.before, self.change.after
+        """Direction of the change, nearness of the value in force to the default, and its size.
+
+        The direction is True away from the default.
+        """
+        before = self.change.before
+        after = self.change.after
         is_away = abs(after - self.default) > abs(before - self.default)
         return is_away, -_distance(before, self.default), _distance(before, after)
 
@@ -142,18 +146,31 @@ def drive_on(
         replay.put_in_force(settings)
         replay.costmap.restore(cycle.map, cycle.pose)
         replay.begin(cycle)
-        poses, twist = [cycle.pose], cycle.twist
-        while len(poses) <= AHEAD:
-            twist = replay.local.compute_velocity(poses[-1], twist, replay.costmap)[1]
-            v, w = twist
-            poses.append(arc(poses[-1], v, w, replay.period))
-        track, plan = np.array(poses)[:, :2], cycle.plan[:, :2]
-        steps = np.hypot(*np.diff(plan, axis=0).T)
-        way = np.concatenate([[0.0], steps.cumsum()])  # way along the plan to each of its poses [m]
-        first, last = (way[np.hypot(*(plan - end).T).argmin()] for end in track[[0, -1]])
+        track = _track(replay, cycle)
         distances = np.hypot(*(track[::4, None] - lethal_points(replay)).T)
-        results.append(((last - first) / (AHEAD * replay.period), distances.min(initial=np.inf)))
+        results.append((_speed_along(cycle.plan, track, replay), distances.min(initial=np.inf)))
     return np.array(results).reshape(-1, 2)
+
+
+def _track(replay: Replay, cycle: Cycle) -> np.ndarray:
+    """Return the positions (AHEAD + 1, 2) [m] of the robot if it follows the planner's commands."""
+    poses = [cycle.pose]
+    twist = cycle.twist
+    while len(poses) <= AHEAD:
+        twist = replay.local.compute_velocity(poses[-1], twist, replay.costmap)[1]
+        v, w = twist
+        poses.append(arc(poses[-1], v, w, replay.period))
+    return np.array(poses)[:, :2]
+
+
+def _speed_along(plan: np.ndarray, track: np.ndarray, replay: Replay) -> float:
+    """Return the mean speed of a track along a plan (n, 3) [m/s]."""
+    points = plan[:, :2]
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    way = np.concatenate([[0.0], steps.cumsum()])  # way along the plan to each of its poses [m]
+    begin = np.hypot(*(points - track[0]).T).argmin()
+    end = np.hypot(*(points - track[-1]).T).argmin()
+    return float(way[end] - way[begin]) / (AHEAD * replay.period)
 
 
 def together(settings: Settings, change: Change) -> Tuple[Change, ...]:
@@ -180,11 +197,11 @@ def best_changes(
     """
     if not len(cycles):
         return []
-    before, usual = drive_on(replay, cycles), drive_on(replay, others)
-    nearest = min(
-        before[:, 1].min(initial=np.inf),
-        replay.costmap.inscribed_radius - replay.costmap.resolution,
-    )
+    before = drive_on(replay, cycles)
+    usual = drive_on(replay, others)
+    # No change may bring the robot nearer to obstacles than it was, or than it fits.
+    nearest_before = before[:, 1].min(initial=np.inf)
+    nearest = min(nearest_before, replay.costmap.inscribed_radius - replay.costmap.resolution)
     gains: Dict[Tuple[str, str], List[Alternative]] = {}
     for tried in changes_tried:
         in_force = cycles[0].settings[tried.server][tried.name]
@@ -196,9 +213,12 @@ def best_changes(
             after = drive_on(replay, cycles, change)
             declared = replay.move_base.servers[change.server].declared(change.name)
             assert declared is not None
-            results = Result(*before.mean(axis=0).tolist()), Result(*after.mean(axis=0).tolist())
-            changes = together(cycles[0].settings, change)
-            alternative = Alternative(changes, declared.default, *results)
+            alternative = Alternative(
+                together(cycles[0].settings, change),
+                declared.default,
+                before=Result(*before.mean(axis=0).tolist()),
+                after=Result(*after.mean(axis=0).tolist()),
+            )
             if alternative.gain > LITTLE and after[:, 1].min() >= nearest:
                 gains.setdefault((change.server, change.name), []).append(alternative)
     best = ranked([ranked(of_parameter)[0] for of_parameter in gains.values()])
@@ -215,7 +235,8 @@ def ranked(alternatives: Sequence[Alternative]) -> List[Alternative]:
     Among nearly equal ones, changes towards the default come first, of the parameter that is
     farthest from it, and small ones.
     """
-    left, order = list(alternatives), []
+    left = list(alternatives)
+    order: List[Alternative] = []
     while left:
         largest = max(alternative.gain for alternative in left)
         nearly_equal = [alternative for alternative in left if alternative.gain >= WITHIN * largest]

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any, Dict, List, Optional
+from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
 
+from applr_ros1.planner.parameters.settings import Change
 from training.why.diagnosis import Diagnosis
 from training.why.events import Event
-from training.why.whole_drives import SAME_PLACE_M, Tried
+from training.why.explanation import beside
+from training.why.whole_drives import SAME_PLACE_M, Trials, Tried
 
 POOR = 0.8  # share of reproduced commands below which a replay is not to be trusted
 GUESS_SHARE = 0.1  # share of the top speed that a guess gains at least
 LISTED = 4  # number of further events, and of rows of what was tried
-SCANS, CELL_M = 60, 0.05  # number of scans in a page's map, and distance of its points [m]
+SCANS = 60  # number of scans in a page's map
+CELL_M = 0.05  # distance of its points [m]
 STOPS_S = 1.0  # time without motion that counts as a stop of a simulated drive [s]
 STOPS_M = 0.05  # motion within it [m]
 
@@ -32,11 +35,8 @@ def lines_of(diagnosis: Diagnosis) -> List[str]:
 def what_happened(diagnosis: Diagnosis) -> str:
     """Return the first line: where and when, what happened, and why."""
     if diagnosis.part is not None:
-        ahead, left = diagnosis.part
-        along = f"{ahead:.1f} m ahead" if ahead >= 0 else f"{-ahead:.1f} m behind"
-        side = "left" if left > 0 else "right"
-        place = f"{along} and {abs(left):.1f} m to the {side} of its centre"
-        return f"The laser sees a part of the robot, {place}."
+        place = beside(*diagnosis.part, digits=1)
+        return f"The laser sees a part of the robot, {place} of its centre."
     if diagnosis.longest is not None:
         return sentence(diagnosis.longest)
     odometry = diagnosis.replay.odometry
@@ -90,7 +90,8 @@ def how_sure(diagnosis: Diagnosis) -> str:
 def stops_near(tried: Tried, event: Event, reach: float) -> bool:
     """Return whether one of the simulated drives stands within reach [m] of an event."""
     for drive in tried.drives:
-        times, places = drive.path[:, 0], drive.path[:, 1:]
+        times = drive.path[:, 0]
+        places = drive.path[:, 1:]
         later = np.searchsorted(times, times + STOPS_S)
         is_inside = later < len(times)
         moved = np.hypot(*(places[later[is_inside]] - places[is_inside]).T)
@@ -120,16 +121,13 @@ def values_of(diagnosis: Diagnosis) -> Dict[str, Any]:
     assert scans is not None
     chosen = np.linspace(0, len(scans) - 1, SCANS).astype(int)
     points = np.concatenate([replay.cloud(index).points[:, :2] for index in chosen])
-    trials = diagnosis.trials
     path = []
     for cycle in replay.cycles:
         path.append([*np.round(cycle.pose[:2], 2).tolist(), cycle.command[0]])
     return {
         "answer": lines_of(diagnosis),
         "reproduced": replay.share,
-        "remedies": [str(trials.remedy.candidate)] if trials and trials.remedy else [],
-        "tried": [_tried_values(one) for one in (trials.tried if trials else ())],
-        "recorded": _tried_values(trials.recorded) if trials else None,
+        **_trials_values(diagnosis.trials),
         "alternatives": [str(alternative) for alternative in diagnosis.guesses],
         "events": [_event_values(diagnosis, row) for row in range(len(diagnosis.events))],
         "map": (np.unique(np.rint(points / CELL_M), axis=0) * CELL_M).round(2).tolist(),
@@ -138,13 +136,24 @@ def values_of(diagnosis: Diagnosis) -> Dict[str, Any]:
     }
 
 
-def _tried_values(tried: Optional[Tried]) -> Optional[Dict[str, Any]]:
-    """Return what was driven as JSON values."""
-    if tried is None:
-        return None
-    changes = tried.candidate.changes if tried.candidate else ()
+def _trials_values(trials: Optional[Trials]) -> Dict[str, Any]:
+    """Return remedies and all that was driven as JSON values."""
+    if trials is None:
+        return {"remedies": [], "tried": [], "recorded": None}
+    remedies = [str(trials.remedy.candidate)] if trials.remedy else []
+    tried = [_tried_values(one) for one in trials.tried]
+    return {"remedies": remedies, "tried": tried, "recorded": _tried_values(trials.recorded)}
+
+
+def _tried_values(tried: Tried) -> Dict[str, Any]:
+    """Return what was driven with one candidate, or with the recorded values, as JSON values."""
+    changes: Sequence[Change] = ()
+    words = "recorded values"
+    if tried.candidate is not None:
+        changes = tried.candidate.changes
+        words = str(tried.candidate)
     return {
-        "words": str(tried.candidate) if tried.candidate else "recorded values",
+        "words": words,
         "result": str(tried),
         "changes": [list(change) for change in changes],
         "arrivals": tried.arrivals,

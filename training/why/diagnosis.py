@@ -42,18 +42,16 @@ from training.why.replay import Cycle, Replay
 from training.why.whole_drives import Course, Trials, limit_of, try_out
 from training.workers.pool import Pool
 
-CYCLES, LEAST = (
-    8,
-    3,
-)  # numbers of cycles from which alternatives drive on, of all events and of each at least
-LEAD_S = 2.0  # time before an event from which these cycles begin, because the way into it shows most [s]
+# Alternatives drive on from so many cycles of all events, and at least so many of each event.
+CYCLES = 8
+LEAST = 3
+LEAD_S = 2.0  # time before an event from which these cycles begin: the way into it shows most [s]
 EARLY = 2.0  # how much early ones among them are preferred, see some()
-EXPLAINED = (
-    5  # number of cycles of an event that are explained; the middle one stands for the event
-)
+EXPLAINED = 5  # number of explained cycles of an event; the middle one stands for the event
 EVENT_SHARE = 0.5  # share of an event from which on an observation is its reason
 LOST_SHARE = 0.1  # share of a drive that events take from which on remedies are sought
-FAST = 1.25  # ratio of a drive's time to that of a straight one at top speed below which nothing is sought
+# A drive that takes less than this ratio of a straight drive at top speed needs no remedy.
+FAST = 1.25
 CANDIDATES = 9  # number of candidates that are driven
 MUCH = 4.0  # factor of a change beyond which a factor of 2 is tried, too
 LIVE = 5  # number of candidates among them that the replay ranks
@@ -256,9 +254,12 @@ def goal_of(drive: Drive) -> Optional[Pose]:
 def compared(first: Replay, second: Replay) -> List[str]:
     """Return lines about a second drive: where it differs, and what its parameters would have done in the first."""
     track = np.array([cycle.pose[:2] for cycle in second.cycles])
-    apart = [
-        cycle for cycle in first.cycles if np.hypot(*(track - cycle.pose[:2]).T).min() > APART_M
-    ]
+    routes = "same route"
+    for cycle in first.cycles:
+        offsets = track - cycle.pose[:2]
+        if np.hypot(offsets[:, 0], offsets[:, 1]).min() > APART_M:
+            routes = f"routes diverge at {cycle.at:.1f} s"
+            break
     changes = []
     for change in first.settings.differences(second.settings):
         if not change.server.startswith("global_costmap") and not isinstance(change.before, str):
@@ -267,7 +268,6 @@ def compared(first: Replay, second: Replay) -> List[str]:
     for event in events.find(first.drive, first.limits()):
         slow += first.between(event.begin, event.end)
     tried = best_changes(first, changes, some(slow or first.cycles, CYCLES), [])
-    routes = f"routes diverge at {apart[0].at:.1f} s" if apart else "same route"
     differing = ", ".join(map(str, changes)) or "none"
     lines = [f"{second}; {routes}; differing parameters: {differing}"]
     if tried:

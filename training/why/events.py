@@ -15,23 +15,21 @@ from typing_extensions import override
 from applr_ros1.drives.drive import Drive, Motion
 from training.why.reasons import SILENT_S, STILL_SPEED, STILL_TURN, last_time
 
-CREEPS, SLOW = 0.25, 0.5  # shares of the top speed below which a robot creeps, and is slow
-SWINGS, SWINGS_HZ = (
-    0.25,
-    1.0,
-)  # share of the top turn rate, and rate of its changes of sign: the robot swings
-FRO_S, FRO_SHARE = (
-    8.0,
-    0.3,
-)  # time [s] in which this share of the way, or less, is gained: to and fro
+# Shares of the top speed below which a robot creeps, and is slow.
+CREEPS = 0.25
+SLOW = 0.5
+# A robot swings if a turn rate above this share of the top one changes its sign at this rate.
+SWINGS = 0.25
+SWINGS_HZ = 1.0
+# A robot goes to and fro if it gains at most this share of its way within this time [s].
+FRO_S = 8.0
+FRO_SHARE = 0.3
 GAP_S = 0.5  # longest gap between two parts of one event [s]
-TRAP_M, TRAP_S = (
-    0.5,
-    10.0,
-)  # distance [m, for a body of the Jackal's length] and gap [s] between events of one trap
-AT_GOAL_S = (
-    5.0  # time at the goal that is usual: the robot stops and turns to the goal's heading [s]
-)
+# Events belong to one trap within this distance [m, for the Jackal] and with this gap at most [s].
+TRAP_M = 0.5
+TRAP_S = 10.0
+# A robot at its goal stops and turns to the goal's heading: so long this is usual [s].
+AT_GOAL_S = 5.0
 AT_GOAL = "turned or stood at the end of its plan"
 UNHEARD = "was not heard of"
 

@@ -18,18 +18,19 @@ from applr_ros1.planner.costmap.grid import LETHAL
 from training.why.events import SLOW
 from training.why.replay import Cycle, Replay
 
-FASTEST = (
-    0.95  # share of the fastest sample's speed from which a sample drives on, if this is below SLOW
-)
+# A sample drives on if it is at least SLOW, or nearly the fastest sample if this is slower.
+FASTEST = 0.95
 SAMPLES = 12  # number of samples in a table
 STEP_S = 0.1  # interval between the poses at which an illegal sample is checked [s]
 NEAR_M = 0.1  # distance from an obstacle cell within which a point of a scan shows it [m]
 PLAN_AHEAD_M = 1.0  # point of the plan that shows where it leads [m, for the Jackal]
 BACK = np.pi / 2  # angle between plan and heading from which on the plan leads back [rad]
-# Parts of the robot in its own scans: how far beyond its circumscribed circle they may lie [m], the
-# motion between two poses that are compared [m, rad], the least number of poses, and the share of
-# them that must show the point.
-BESIDE_M, MOVED_M, MOVED_TURN, POSES, CARRIED = 0.3, 0.3, 0.2, 5, 0.9
+# A part of the robot stays beside it in this share of the scans, at so many poses or more.
+CARRIED = 0.9
+POSES = 5
+BESIDE_M = 0.3  # how far beyond the circumscribed circle it may lie [m]
+MOVED_M = 0.3  # distance between two poses that are compared [m], or
+MOVED_TURN = 0.2  # turn between them [rad]
 
 # What weighs against faster samples: the parameter, and the words, by the planner's name for this
 # part of the costs.
@@ -123,9 +124,8 @@ def explain(replay: Replay, cycle: Cycle) -> Explanation:
     if (samples.drives_on & (samples.costs < 0)).any():
         _explain_illegal(explanation, replay, cycle, samples)
     if leads_back(replay, cycle):
-        explanation.words = "the plan leads back, behind the robot" + (
-            f"; {explanation.words}" if explanation.words else ""
-        )
+        words = ["the plan leads back, behind the robot", explanation.words]
+        explanation.words = "; ".join(filter(None, words))
     explanation.points = (
         replay.local.trajectory_cloud(replay.costmap)[:, [0, 1, 4]].round(2).tolist()
     )
@@ -211,9 +211,14 @@ def _place(replay: Replay, cycle: Cycle, obstacle: Sequence[float]) -> str:
     points = replay.cloud(cycle.scan).points[:, :2]
     gap = np.hypot(*(points - obstacle).T).min(initial=np.inf)
     source = "the latest scan" if gap < NEAR_M else "earlier scans"
-    along = f"{ahead:.2f} m ahead" if ahead >= 0 else f"{-ahead:.2f} m behind"
-    side = "left" if left > 0 else "right"
-    return f"the obstacle {along} and {abs(left):.2f} m to the {side}, from {source}"
+    return f"the obstacle {beside(ahead, left)}, from {source}"
+
+
+def beside(ahead: float, left: float, digits: int = 2) -> str:
+    """Return in words where a point (x ahead, y left) [m] of the robot's frame is."""
+    along = "ahead" if ahead >= 0.0 else "behind"
+    side = "left" if left > 0.0 else "right"
+    return f"{abs(ahead):.{digits}f} m {along} and {abs(left):.{digits}f} m to the {side}"
 
 
 def _table(samples: Samples) -> List[List[Any]]:

@@ -18,28 +18,27 @@ from applr_ros1.drives.drive import ABORTED, REACHED, Drive, Rows
 SomeRows = TypeVar("SomeRows", bound=Rows)
 STANDS = "it turns or stands"  # beginning of the reason if no column shows another one
 DRIVE_SHARE = 0.1  # share of a drive from which on an observation is the reason of its failure
-SILENT_S, SILENT_PERIODS = (
-    1.0,
-    5.0,
-)  # longest gap between messages [s] and [usual gaps] that is no silence
 BEFORE_S = 1.0  # time before a stop in which its cause may lie [s]
-STILL_SPEED, STILL_TURN = 0.03, 0.1  # speed [m/s] and turn rate [rad/s] below which a base stands
-DRIVES_SPEED, DRIVES_TURN = 0.05, 0.2  # those from which on a command asks for motion
+# A source is silent if it sends nothing for longer than this [s], and than so many usual gaps.
+SILENT_S = 1.0
+SILENT_PERIODS = 5.0
+# A base stands below these, and a command asks for motion from these on [m/s, rad/s].
+STILL_SPEED = 0.03
+STILL_TURN = 0.1
+DRIVES_SPEED = 0.05
+DRIVES_TURN = 0.2
 PASS_ON_S = 0.1  # time in which a command of the planner reaches the base [s]
 PASSED = 0.2  # share of the planner's command above which it counts as passed on to the base
-SLIP_RATIO, SLIP_M = (
-    2.0,
-    1.0,
-)  # commanded distance above this ratio of the driven one, by this much [m]: wheels slip
-HELD_M, SAME_SCAN_M = (
-    0.5,
-    0.03,
-)  # way of the odometry [m] with a mean change of the ranges below this [m]: held
-JUMP_M, JUMP_TURN = (
-    0.3,
-    0.5,
-)  # displacement [m] and turn [rad] between two messages beyond the measured speed
-LATE = 2.0  # ratio of the interval between commands to the control period from which on the planner is late
+# Wheels slip if the commanded distance exceeds this ratio of the driven one by this much [m].
+SLIP_RATIO = 2.0
+SLIP_M = 1.0
+# A robot is held if its odometry moves by this much [m] and the ranges change by less than this [m].
+HELD_M = 0.5
+SAME_SCAN_M = 0.03
+# The pose jumps if it moves or turns by this much beyond the measured speed [m, rad].
+JUMP_M = 0.3
+JUMP_TURN = 0.5
+LATE = 2.0  # ratio of the interval between commands to the control period that is late
 
 
 @dataclass(frozen=True)

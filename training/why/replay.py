@@ -32,16 +32,10 @@ from training.why.events import Limits
 
 EQUAL = 1e-6  # largest difference between equal commands [m/s + rad/s]
 SAME_CYCLE_S = 0.01  # longest time between a command and the plan that its cycle published [s]
-LAGS = (
-    0,
-    1,
-    2,
-    -1,
-    3,
-    4,
-)  # ages of a velocity in messages, counted from the latest before the command
+# Ages of a velocity in messages, counted from the latest before the command, the likely ones first.
+LAGS = 0, 1, 2, -1, 3, 4
 POSE_LAGS = 0, 1, -1, 2, -2  # ages of a pose relative to the velocity
-# Choices of a cycle's map update: ages of the scan and of the odometry message, None for no update
+# Choices of a cycle's map update: ages of the scan and of the odometry message, None for no update.
 UPDATES: Tuple[Tuple[Optional[int], int], ...] = (
     (0, 1),
     (0, 0),
@@ -87,10 +81,10 @@ class Replay:
         self.cycles: List[Cycle] = []
         self.move_base = MoveBase(counting_cells(robot.parameters()))
         self.local: Any = self.move_base.local_planner
-        self.costmap, self.server = self.move_base.local_costmap, self.move_base.local_planner_name
-        self.period = 1.0 / max(
-            self.move_base.configuration("")["controller_frequency"], 1.0
-        )  # control period [s]
+        self.costmap = self.move_base.local_costmap
+        self.server = self.move_base.local_planner_name
+        rate = self.move_base.configuration("")["controller_frequency"]
+        self.period = 1.0 / max(rate, 1.0)  # control period [s]
         start = Settings.from_tree(self.move_base.parameters)
         self.settings = Settings({server: start[server] for server in start if server})
         self.history = [(-math.inf, self.settings)]  # (time [s], settings in force from then on)

@@ -26,15 +26,15 @@ from training.workers.calls import CallFailed
 from training.workers.pool import Pool
 from worlds import World
 
-CHOOSING, CONFIRMING = (
-    (1, 2, 3),
-    (4, 5, 6),
-)  # seeds that choose a candidate, and seeds that judge the chosen one
+CHOOSING = 1, 2, 3  # seeds that choose a candidate
+CONFIRMING = 4, 5, 6  # seeds that judge the chosen one
 CHOSEN = 3  # number of candidates that drive with more than one seed
 BETTER = 0.9  # share of the time with the recorded values below which a candidate is better
 NEARLY = 1.1  # ratio of times up to which a smaller change is preferred
 SLOWEST = 2.0  # longest duration of a drive in durations of the recorded one
-SHORTEST_LIMIT_S, LONGEST_LIMIT_S = 20.0, 60.0
+# Bounds of the time limit of a drive [s].
+SHORTEST_LIMIT_S = 20.0
+LONGEST_LIMIT_S = 60.0
 SAME_PLACE_M = 1.0  # distance of two stops at the same place [m, for the Jackal]
 RANDOM: Dict[str, Any] = {  # deviations of a drive from the nominal robot
     "start_xy": 0.03,
