@@ -120,6 +120,7 @@ def _flags(
     v: float, pos_only: float, neg_only: float, pos: float, neg: float
 ) -> Tuple[float, float, float, float]:
     """Return the four flags of one axis after a search chose the velocity v, zero for none."""
+    # After a reversal only the new direction is allowed.
     if v < 0:
         return pos_only, 1 if pos else neg_only, 0, 1
     if v > 0:
@@ -184,6 +185,7 @@ def weights(p: Record) -> Weights:
 @kernel(error_model="numpy")
 def footprint_scale(p: Record, speed: float) -> float:
     """Return the factor by which the footprint is enlarged at this speed [m/s]."""
+    # ObstacleCostFunction::getScalingFactor: a fast robot needs more room for errors.
     if speed <= p.scaling_speed:
         return 1.0
     share = (speed - p.scaling_speed) / (p.max_vel_trans - p.scaling_speed)
@@ -254,7 +256,8 @@ def total_cost(
         value = critique(p, state, scene, grids, points, velocity, critic)
         if value < 0:
             return value, critic
-        if value != 0:  # Otherwise an infinite weight would give NaN.
+        # An infinite weight times zero would be NaN.
+        if value != 0:
             value *= weight[critic]
         total += value
         if best > 0 and total > best:

@@ -62,8 +62,9 @@ class LocalPlan:
         """
         cut, dropped = cut_plan(self.poses, x, y, limit, prune, local_origin)
         self.poses = self.poses[dropped:]
+        # C++ applies the identity if both frames are the same, which may change last bits.
         if local_origin is None:
-            return transformed(cut, None)  # C++ applies the identity, which may change last bits.
+            return transformed(cut, None)
         return cut
 
 
@@ -95,6 +96,7 @@ class StopRotate:
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
         """Apply the server's parameter values {name: value}."""
+        # C++ keeps the limits as Eigen::Vector3f.
         self._params = params
         self._accelerations = [float(np.float32(params[name])) for name in LIMITS]
 
@@ -199,9 +201,7 @@ class Step(NamedTuple):
     cut: np.ndarray  # part (k, 3) of the plan that was followed
     cost: float = 0.0  # cost of the chosen or checked trajectory, negative if illegal
     point_count: int = 0  # number of that trajectory's points
-    checked: Tuple[float, float, float] = (
-        STANDING  # command that was checked at the goal's position
-    )
+    checked: Tuple[float, float, float] = STANDING  # command checked at the goal's position
 
 
 class DWALocalPlanner(LocalPlanner):
@@ -248,6 +248,7 @@ class DWALocalPlanner(LocalPlanner):
 
         Flags, latches and the plan stay.
         """
+        # The values that are missing stay as they are.
         wanted = dict(self._params, **params)
         self.planner.reconfigure(wanted)
         self.stop_rotate.reconfigure(wanted)
@@ -255,6 +256,7 @@ class DWALocalPlanner(LocalPlanner):
 
     def set_plan(self, plan: np.ndarray) -> None:
         """Follow the global plan (n, 3) x, y [m], yaw [rad] from now on."""
+        # DWAPlannerROS::setPlan clears the latch and the oscillation flags with each new plan.
         self.stored_plan.set(plan)
         self.planner.clear_flags()
         self.stop_rotate.new_plan()
@@ -303,6 +305,7 @@ class DWALocalPlanner(LocalPlanner):
         place = floats(pose)
         v, w = twist
         velocity = floats((v, 0.0, w))
+        # NaN would spread to the flags, which outlive the cycle.
         if not all(math.isfinite(value) for value in (*place, *velocity)):
             return False, STANDING[:2]
         self.goal_reached = self.is_goal_reached(place, velocity, local_origin)

@@ -87,6 +87,7 @@ def spread(bottom: float, top: float, n: float, values: Data) -> int:
     added between values of different signs. There is one value if bottom equals top, otherwise
     there are at least two. The values descend if bottom is above top.
     """
+    # A window without width has one value, whatever the number of samples.
     if bottom == top:
         values[0] = bottom
         return 1
@@ -109,8 +110,9 @@ def spread(bottom: float, top: float, n: float, values: Data) -> int:
 @kernel
 def ground_speed(vx: float, vy: float) -> float:
     """Return the speed over ground [m/s]."""
+    # This equals hypot and takes a fraction of its time.
     if vy == 0.0:
-        return abs(vx)  # This equals hypot and takes a fraction of its time.
+        return abs(vx)
     return math.hypot(vx, vy)
 
 
@@ -189,7 +191,8 @@ def move(
     vx = velocity.vx
     vy = velocity.vy
     following_theta = single(theta + velocity.w * dt)
-    if vy == 0.0:  # The sideways terms below would add zeros.
+    # Without a sideways speed, the terms below would add zeros.
+    if vy == 0.0:
         return single(x + vx * cos * dt), single(y + vx * sin * dt), following_theta
     side = math.pi / 2 + theta
     dx = (vx * cos + vy * math.cos(side)) * dt

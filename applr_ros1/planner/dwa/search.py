@@ -58,6 +58,7 @@ def prepare(params: Data, scratch: Scratch, plan: Data, pose: Triple, velocity: 
     p = params[0]
     start = scratch.start[0]
     take_start(start, pose, velocity)
+    # DWAPlanner::updatePlanAndLocalCosts compares squares.
     last = plan.shape[0] - 1
     dx = start.x - plan[last, 0]
     dy = start.y - plan[last, 1]

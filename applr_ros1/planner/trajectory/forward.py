@@ -81,6 +81,7 @@ def ramp(
     y = start.y
     velocity = Velocity(start.vx, start.vy, start.w)
     for i in range(moves):
+        # From here on, the base drives along an arc.
         if velocity.vx == sample.vx and velocity.w == sample.w and velocity.vy == 0.0:
             return Ramp(i, x, y, heading)
         velocity = accelerated(p, velocity, sample, dt)
@@ -147,6 +148,7 @@ def end_cell(
     dt = p.sim_time / steps
     turn = sample.w * dt
     x = y = 0.0
+    # Near the border of a cell, a closed form may fall into the neighbouring one.
     is_sure = abs(turn) <= LARGEST_TURN
     if is_sure:
         ramped = ramp(p, start, heading, sample, dt, steps - 1)
@@ -177,6 +179,7 @@ def probe(
     steps = step_count(p, sample)
     dt = p.sim_time / steps
     turn = sample.w * dt
+    # Round robots have no outline, and their centre costs little to test in the roll-out.
     if abs(turn) > LARGEST_TURN or scene.footprint.shape[0] < 3:
         return obstacle_cost
     ramped = ramp(p, start, heading, sample, dt, steps - 1)

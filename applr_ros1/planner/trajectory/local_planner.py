@@ -83,6 +83,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
 
     def set_plan(self, plan: np.ndarray) -> None:
         """Follow the global plan (n, 3) x, y [m], yaw [rad] from now on."""
+        # As in TrajectoryPlannerROS::setPlan, the goal's position must be reached anew.
         self._plan = np.array(plan, dtype=np.float64, order="C").reshape(-1, 3)
         self._latched = False
         self.goal_reached = False
@@ -134,6 +135,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self._forget_cycle()
         x, y, yaw = floats(pose)
         v, _, w = floats((twist[0], 0.0, twist[1]))
+        # NaN would spread to the flags, which outlive the cycle.
         if not math.isfinite(x + y + yaw + v + w):
             return False, STANDING
         cut, dropped = cut_plan(self._plan, x, y, half_size(costmap), self._prunes, local_origin)
@@ -176,6 +178,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self, pose: Triple, velocity: Triple, goal_yaw: float, costmap: Costmap
     ) -> Tuple[bool, Command]:
         """Return (ok, (v, w)) that stops the robot, then turns it to the goal's yaw."""
+        # Once the robot turns, it does not stand, and must not be stopped again.
         is_standing = max(abs(v) for v in velocity) <= STOPPED
         if not self._rotating and not is_standing:
             command = self._slower(velocity)

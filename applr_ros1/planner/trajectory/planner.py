@@ -74,6 +74,8 @@ class TrajectoryPlanner(SamplingPlanner):
         super().__init__(params)
 
     def _derive(self, made: np.ndarray, resolution: Optional[float]) -> None:
+        # C++ scales the two weights as soon as it knows the costmap
+        # (TrajectoryPlannerROS::initialize).
         made["sim_period"] = self._sim_period
         if self._meter_scoring and resolution is not None:
             made["path_distance_bias"] *= resolution
@@ -91,6 +93,7 @@ class TrajectoryPlanner(SamplingPlanner):
 
         The robot backs out if v < 0.
         """
+        # Backing out follows a cycle in which nothing was legal, of a cost above NO_PATH.
         start = start_record((*pose, 0.0, 0.0, 0.0))
         is_legal = v >= 0
         cost = 0.0 if is_legal else -1.0
@@ -204,6 +207,7 @@ class TrajectoryPlanner(SamplingPlanner):
 
         The columns are float32: x, y, z, path, goal, obstacle, total cost.
         """
+        # Before the first cycle and after a resize there are no distances for these cells.
         if self._grids is None or self._shape != costmap.cells.shape:
             return np.zeros((0, 7), np.float32)
         path, goal, within = self.grids()
@@ -241,6 +245,8 @@ class TrajectoryPlanner(SamplingPlanner):
 
         Grids and tables are renewed only for a new size or resolution.
         """
+        # The memory of the grids depends on the size, the lines under the footprint on the
+        # resolution.
         if not self._fits(costmap):
             ny, nx = self._shape
             self._grids = allocate_grids(nx, ny)

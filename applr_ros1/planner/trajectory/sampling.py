@@ -124,6 +124,7 @@ def best_in_place(
             continue
         if (state.stuck_left and w < 0) or (state.stuck_right and w > 0):
             continue
+        # Many bases do not turn at all at a lower rate.
         w = max(w, p.min_in_place_vel_theta) if w > 0 else min(w, -p.min_in_place_vel_theta)
 
         # A lower bound of the cost from the last point
@@ -167,10 +168,11 @@ def _end(p: Record, start: Record, w: float) -> Triple:
     theta = start.theta
     velocity = Velocity(start.vx, start.vy, start.w)
     for _ in range(steps - 1):
+        # A robot that stands keeps its position, which saves most of the time here.
         if velocity.vx != 0.0 or velocity.vy != 0.0:
             velocity = scoring.accelerated(p, velocity, sample, dt)
             x, y = scoring.advance(x, y, theta, heading_of(theta), velocity, dt)
-        else:  # Standing robots keep their position, which saves most of the time here.
+        else:
             velocity = Velocity(0.0, 0.0, new_velocity(w, velocity.w, p.acc_lim_theta, dt))
         theta = theta + velocity.w * dt
     return x, y, theta
@@ -195,8 +197,9 @@ def _distance_ahead(
         return -1
     goal = grids.goal
     index = place(goal, cell_x, cell_y)
+    # A flood that has stopped at the limit has cells left in its queue.
     value = settle(goal, index, int(min(limit, wall + 1.0)))
-    if value > wall and goal.ends[0] < goal.ends[1]:  # The flood has stopped at the limit.
+    if value > wall and goal.ends[0] < goal.ends[1]:
         return -1
     if value == wall and limit > wall:
         return final_distance(goal, index)
@@ -210,6 +213,7 @@ WIDEST = 40  # largest radius around the robot that is searched for costs [cells
 def _surroundings(p: Record, scene: Scene, start: Record) -> int:
     """Return an upper bound of costs under a turn in place, NO_CEILING if unknown or lethal."""
     rows, columns = scene.cells.shape
+    # A turn in place brakes first, on a way of v^2 / (2 a) at most.
     braking_x = start.vx * start.vx / (2 * p.acc_lim_x)
     braking_y = start.vy * start.vy / (2 * p.acc_lim_y)
     reach = (braking_x + braking_y + _farthest(scene.footprint)) / scene.resolution

@@ -66,7 +66,8 @@ def advance(
     """Return the position (x, y) after dt [s]. heading: direction of theta."""
     vx = velocity.vx
     vy = velocity.vy
-    if vy == 0.0:  # The sideways terms below would add zeros.
+    # Without a sideways speed, the terms below would add zeros.
+    if vy == 0.0:
         return x + vx * heading.cos * dt, y + vx * heading.sin * dt
     side = math.pi / 2 + theta
     dx = (vx * heading.cos + vy * math.cos(side)) * dt
@@ -243,9 +244,8 @@ def _heading_difference(
     return HUGE
 
 
-POINTS = (
-    12  # largest number of points shown per trajectory; all points would take megabytes per message
-)
+# Largest number of points shown per trajectory; all points would take megabytes per message.
+POINTS = 12
 
 
 @kernel
@@ -285,6 +285,7 @@ def score_all_samples(
         count = result.point_count
         points = np.empty((count, 3))
         roll_out(p, start, sample, points)
+        # Counted from the end, which is shown in any case.
         step = (count + POINTS - 1) // POINTS
         for i in range((count - 1) % step, count, step):
             cloud[n, :3] = points[i]
