@@ -131,28 +131,28 @@ def associate(tracks: Tracks, clusters: Clusters, fan: Fan, interval: float) -> 
     costs = np.empty(4 * MAX_TRACKS)
     pairs = np.empty((4 * MAX_TRACKS, 2), np.int64)
     count = 0
-    for t in range(tracks.shape[0]):
-        track = tracks[t]
+    for track_index in range(tracks.shape[0]):
+        track = tracks[track_index]
         if track.id == 0:
             continue
-        for c in range(clusters.shape[0]):
-            cluster = clusters[c]
+        for cluster_index in range(clusters.shape[0]):
+            cluster = clusters[cluster_index]
             if abs(cluster.x - track.x) > FARTHEST_M or abs(cluster.y - track.y) > FARTHEST_M:
                 continue
             cost = _cost(track, cluster, fan, interval)
             if cost < GATE and count < costs.shape[0]:
                 costs[count] = cost
-                pairs[count] = t, c
+                pairs[count] = track_index, cluster_index
                 count += 1
 
     cluster_of = np.full(MAX_TRACKS, -1)
     taken = np.zeros(clusters.shape[0], np.bool_)
     for pair in np.argsort(costs[:count]):
-        t = pairs[pair, 0]
-        c = pairs[pair, 1]
-        if cluster_of[t] < 0 and not taken[c]:
-            cluster_of[t] = c
-            taken[c] = True
+        track_index = pairs[pair, 0]
+        cluster_index = pairs[pair, 1]
+        if cluster_of[track_index] < 0 and not taken[cluster_index]:
+            cluster_of[track_index] = cluster_index
+            taken[cluster_index] = True
     return Assignment(cluster_of, taken)
 
 
@@ -232,17 +232,17 @@ def has_moved(points: Array, history: Array, earlier: Scans, depth: Array32, fan
         if old_fan.stamp == -math.inf or swept > BENT_RAD:
             continue
         turned = LATENCY_S * abs(fan.turn_rate - old_fan.turn_rate) + swept
-        came = 0
-        left = 0
+        came_points = 0
+        left_points = 0
         for index in range(POINTS):
             x = points[index, 0]
             y = points[index, 1]
-            came += sees_through(earlier.ranges[number], old_fan, x, y, turned)
+            came_points += sees_through(earlier.ranges[number], old_fan, x, y, turned)
             old_x = history[number, index, 0]
             old_y = history[number, index, 1]
             if not math.isnan(old_x):
-                left += sees_through(depth, fan, old_x, old_y, turned)
-        if came >= FEWEST_FREE_POINTS or left >= FEWEST_FREE_POINTS:
+                left_points += sees_through(depth, fan, old_x, old_y, turned)
+        if came_points >= FEWEST_FREE_POINTS or left_points >= FEWEST_FREE_POINTS:
             return True
     return False
 
@@ -276,30 +276,30 @@ def follow(
     assignment = associate(tracks, clusters, fan, interval)
     cluster_of = assignment.cluster_of
     _correct_pose(tracks, clusters, cluster_of, fan)
-    for t in range(tracks.shape[0]):
-        if cluster_of[t] >= 0:
-            correct(tracks[t], clusters[cluster_of[t]], fan, interval)
+    for track_index in range(tracks.shape[0]):
+        if cluster_of[track_index] >= 0:
+            correct(tracks[track_index], clusters[cluster_of[track_index]], fan, interval)
 
     drift_x, drift_y = _drift(tracks, cluster_of, speed)
-    for t in range(tracks.shape[0]):
-        track = tracks[t]
+    for track_index in range(tracks.shape[0]):
+        track = tracks[track_index]
         if track.id == 0:
             continue
-        if cluster_of[t] < 0:
+        if cluster_of[track_index] < 0:
             track.gone += sees_through(depth, fan, track.x, track.y, 0.0)
             longest = HIDDEN_S if track.moves else LOST_S
             if track.gone >= GONE_SCANS or fan.stamp - track.seen > longest:
                 track.id = 0
                 track.moves = False
-                history[:, t] = math.nan
+                history[:, track_index] = math.nan
             continue
         track.seen = fan.stamp
         track.gone = 0
         if math.hypot(track.vx, track.vy) < STANDING_M_S:
             _become_static(track)
         if _is_clearly_moving(track, drift_x, drift_y):
-            points = clusters[cluster_of[t]].points
-            is_proved = has_moved(points, history[:, t], earlier, depth, fan)
+            points = clusters[cluster_of[track_index]].points
+            is_proved = has_moved(points, history[:, track_index], earlier, depth, fan)
             _weigh_evidence(track, is_proved, fan.stamp, interval)
         if fan.stamp - track.evident > SILENT_S:
             _become_static(track)
@@ -340,19 +340,19 @@ def _correct_pose(tracks: Tracks, clusters: Clusters, cluster_of: Ints, fan: Fan
     """Fit the scan to the static tracks that are settled, and whose clusters are whole."""
     voters = np.empty(MAX_TRACKS, VOTER)
     votes = 0
-    for t in range(tracks.shape[0]):
-        track = tracks[t]
-        if cluster_of[t] < 0 or track.moves or track.hits < SETTLED_HITS:
+    for track_index in range(tracks.shape[0]):
+        track = tracks[track_index]
+        if cluster_of[track_index] < 0 or track.moves or track.hits < SETTLED_HITS:
             continue
         if math.hypot(track.vx, track.vy) > SLOWEST_M_S:
             continue
-        cluster = clusters[cluster_of[t]]
+        cluster = clusters[cluster_of[track_index]]
         if _is_whole(cluster) and abs(cluster.radius - track.radius) < SAME_SIZE_M:
             voter = voters[votes]
             voter.x = track.mean_x
             voter.y = track.mean_y
             voter.variance = track.pp
-            voter.cluster = cluster_of[t]
+            voter.cluster = cluster_of[track_index]
             votes += 1
     shift(clusters, fan, slip(voters[:votes], clusters, fan))
 
@@ -366,9 +366,9 @@ def _drift(tracks: Tracks, cluster_of: Ints, speed: float) -> Tuple[float, float
     vx = np.empty(MAX_TRACKS)
     vy = np.empty(MAX_TRACKS)
     count = 0
-    for t in range(tracks.shape[0]):
-        track = tracks[t]
-        if cluster_of[t] >= 0 and not track.moves and track.hits >= SETTLED_HITS:
+    for track_index in range(tracks.shape[0]):
+        track = tracks[track_index]
+        if cluster_of[track_index] >= 0 and not track.moves and track.hits >= SETTLED_HITS:
             vx[count] = track.vx
             vy[count] = track.vy
             count += 1
@@ -387,17 +387,17 @@ def begin(tracks: Tracks, clusters: Clusters, taken: np.ndarray, stamp: float, n
 
     A cluster that overlaps a moving obstacle is a part of it, and gets no track.
     """
-    t = 0
-    for c in range(clusters.shape[0]):
-        if taken[c]:
+    track_index = 0
+    for cluster_index in range(clusters.shape[0]):
+        if taken[cluster_index]:
             continue
-        cluster = clusters[c]
-        while t < tracks.shape[0] and tracks[t].id > 0:
-            t += 1
-        if t == tracks.shape[0]:
+        cluster = clusters[cluster_index]
+        while track_index < tracks.shape[0] and tracks[track_index].id > 0:
+            track_index += 1
+        if track_index == tracks.shape[0]:
             break
         if not _is_part_of_mover(cluster, tracks):
-            _start(tracks[t], cluster, stamp, next_id)
+            _start(tracks[track_index], cluster, stamp, next_id)
             next_id += 1
     return next_id
 
@@ -435,8 +435,8 @@ def _start(track: Track, cluster: Cluster, stamp: float, number: int) -> None:
 @kernel
 def remember(history: Array, slot: int, cluster_of: Ints, clusters: Clusters) -> None:
     """Store the points of each track's cluster for the scan that FreeSpace keeps in row `slot`."""
-    for t in range(cluster_of.shape[0]):
-        if cluster_of[t] >= 0:
-            history[slot, t] = clusters[cluster_of[t]].points
+    for track_index in range(cluster_of.shape[0]):
+        if cluster_of[track_index] >= 0:
+            history[slot, track_index] = clusters[cluster_of[track_index]].points
         else:
-            history[slot, t] = math.nan
+            history[slot, track_index] = math.nan
