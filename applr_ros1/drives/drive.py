@@ -1,7 +1,7 @@
 """Drive: one drive of a robot in columns, whether it was simulated or recorded in a bag.
 
-Episodes, the demo and the reader of bags write drives. Datasets, demonstrations, the replay, pages and reports read
-them. All times are in seconds since the drive's beginning.
+Episodes, the demo and the reader of bags write drives. Datasets, demonstrations, the replay, pages
+and reports read them. All times are in seconds since the drive's beginning.
 """
 
 import io
@@ -15,11 +15,16 @@ from applr_ros1.policy.decision import Seen
 from worlds import World
 
 SelfRows = TypeVar("SelfRows", bound="Rows")
-# How a goal ended: by the planner's word, by a rule of the trial, or by a person's.
-REACHED, ABORTED = "reached", "aborted"
-FLIPPED, TOUCHED, STALLED, TIMED_OUT = "flipped", "touched", "stalled", "timed out"
-CANCELLED = "cancelled"  # by a person, or replaced by another goal
-PATH_COLUMNS = ("time", "pose", "twist", "theta", "decided")  # columns of a packed path
+# How the planner ended a goal
+REACHED = "reached"
+ABORTED = "aborted"
+# How a rule of the trial ended it
+FLIPPED = "flipped"
+TOUCHED = "touched"
+STALLED = "stalled"
+TIMED_OUT = "timed out"
+# A person ended it, or replaced it by another goal.
+CANCELLED = "cancelled"
 
 
 class DriveError(ApplrError):
@@ -51,6 +56,7 @@ class Rows:
 
     def part(self: SelfRows, rows: slice) -> SelfRows:
         """Return a slice of the rows."""
+        # Arrays give views, and lists give short copies.
         columns = {}
         for column in fields(self):
             columns[column.name] = getattr(self, column.name)[rows]
@@ -95,7 +101,8 @@ class Scans(Rows):
 
     Attributes:
         stamp: (n,) times of the scans [s].
-        fan: (n, 4) angle of the first range, angle between ranges [rad], minimum and maximum range [m].
+        fan: (n, 4) angle of the first range, angle between ranges [rad], minimum and maximum
+            range [m].
         ranges: Unprocessed ranges (m,) float32 [m] of each scan.
     """
 
@@ -131,7 +138,8 @@ class Refusals(Rows):
     """Control cycles of the local planner, and what it rejected in them.
 
     Attributes:
-        critics: Number of velocities that each critic rejected in a cycle without a valid one; else {}.
+        critics: Number of velocities that each critic rejected in a cycle without a valid one; else
+            {}.
     """
 
     critics: List[Dict[str, int]]
@@ -192,7 +200,8 @@ class Goal(NamedTuple):
         id: Identifier.
         begin: Time of its sending [s].
         end: Time of its end, or of the drive's [s].
-        status: REACHED, ABORTED, FLIPPED, TOUCHED, STALLED, TIMED_OUT or CANCELLED; "" if it is still pursued.
+        status: REACHED, ABORTED, FLIPPED, TOUCHED, STALLED, TIMED_OUT or CANCELLED; "" if it is
+            still pursued.
         reason: Why it ended, in words.
     """
 
@@ -229,7 +238,8 @@ class Drive:
         odometry: Motion by odometry.
         scans: Laser scans.
         clearances: Distances to the nearest obstacle.
-        observed: Distances to the nearest obstacle in the scans that the method saw, if it had scans of its own.
+        observed: Distances to the nearest obstacle in the scans that the method saw, if it had
+            scans of its own.
         routes: Plans of the global planner, from the robot to the goal.
         plans: Plans that were followed: the part of a route that the local planner keeps.
         refusals: What the local planner rejected.
@@ -273,16 +283,22 @@ class Drive:
     source: Dict[str, Any] = field(default_factory=dict)
 
     def pack(self) -> bytes:
-        """Return the driven path as npz: time, pose, twist in a row per control cycle, theta and decided per decision.
+        """Return the driven path as npz.
 
+        It has time, pose and twist in a row per control cycle, and theta and decided per decision.
         Poses are true. A path is kept of many trials, for pictures: everything else is left out.
         """
         assert self.truth is not None
-        thetas = [list(decision.after.values()) for decision in self.decisions]
-        decided = [decision.time for decision in self.decisions]
-        columns = (self.truth.time, self.truth.pose, self.truth.twist, thetas, decided)
+        columns = {
+            "time": self.truth.time,
+            "pose": self.truth.pose,
+            "twist": self.truth.twist,
+            "theta": [list(decision.after.values()) for decision in self.decisions],
+            "decided": [decision.time for decision in self.decisions],
+        }
+        # float32 halves the file, and pictures need no more.
         arrays: Dict[str, Any] = {}
-        for name, column in zip(PATH_COLUMNS, columns):
+        for name, column in columns.items():
             arrays[name] = np.asarray(column, np.float32)
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **arrays)
@@ -290,17 +306,24 @@ class Drive:
 
     @classmethod
     def unpack(cls, packed: bytes) -> "Drive":
-        """Return the drive of which `pack` returned the path. The parameters of decisions have numbers as names."""
+        """Return the drive of which `pack` returned the path.
+
+        The parameters of its decisions have numbers as names.
+        """
         with np.load(io.BytesIO(packed)) as arrays:
-            time, pose, twist, thetas, decided = (arrays[name] for name in PATH_COLUMNS)
+            stamp = arrays["time"]
+            truth = Motion(stamp, stamp, arrays["pose"], arrays["twist"])
+            thetas = arrays["theta"]
+            decided = arrays["decided"]
         decisions = []
-        for at, theta in zip(decided.tolist(), thetas):
-            values = {str(index): value for index, value in enumerate(theta.tolist())}
-            decisions.append(Decision("", at, at, {}, values, None))
-        return cls(truth=Motion(time, time, pose, twist), decisions=decisions)
+        for time, theta in zip(decided.tolist(), thetas.tolist()):
+            values = {str(index): value for index, value in enumerate(theta)}
+            decisions.append(Decision("", time, time, {}, values, None))
+        return cls(truth=truth, decisions=decisions)
 
     def require(self, *columns: str) -> None:
         """Raise DriveError if one of the named columns is missing or empty."""
         for name in columns:
+            # The length of rows is their truth value.
             if not getattr(self, name):
                 raise DriveError(f"{self.name}: no {name} was recorded")

@@ -1,7 +1,8 @@
 """Self-contained web page that animates drives side by side, world by world.
 
-The page of an evaluation's report shows all drives whose paths were recorded, and the page of the demo its single
-drive. The script in page.html draws the drives. All values are integers, to keep the file small.
+The page of an evaluation's report shows all drives whose paths were recorded, and the page of the
+demo its single drive. The script in page.html draws the drives. All values are integers, to keep
+the file small.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ from worlds.world import World
 TEMPLATE = Path(__file__).with_name("page.html")
 POSE_PERIOD_S = 0.2  # interval between two poses of a drive [s]
 MARGIN_M = 1.2  # margin of the view before and behind the driven path [m]
-ASIDE_M = 3.5  # distance beside the driven path up to which obstacles are shown [m]; BARN's fields are 4.5 m wide
+# Distance beside the driven path up to which obstacles are shown [m]; BARN's fields are 4.5 m wide
+ASIDE_M = 3.5
+SIDE_M = 0.3  # margin of the view beside the outermost obstacles [m]
 
 
 class Shown(NamedTuple):
@@ -77,37 +80,47 @@ def page(
         "marked": marked,
         "worlds": [_scene(scene, space) for scene in scenes],
     }
-    data = json.dumps(values, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace(
-        "</", "<\\/"
-    )
+    # A name with a tag would end the script that holds the data.
+    data = json.dumps(values, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    data = data.replace("</", "<\\/")
     return read_bytes(TEMPLATE).replace(b"@BACK@", back.encode()).replace(b"@DATA@", data.encode())
 
 
 def _scene(scene: Scene, space: Space) -> Dict[str, Any]:
+    """Return a scene as the page's script reads it. Lengths are in cm, those of circles in mm."""
     world = scene.world
     course = world.course
     drives = [_drive(shown, space) for shown in scene.drives]
-    points = [np.cumsum(drive["p"], axis=0)[:, :2] / 100.0 for drive in drives]
-    driven = np.concatenate([*points, np.array([course.start[:2]])])
-    low, high = driven.min(axis=0), driven.max(axis=0)
+
+    # Only obstacles near a driven path are shown: a world may be much larger.
+    places = [np.array([course.start[:2]])]
+    for shown in scene.drives:
+        poses, _ = _sampled(shown.drive)
+        places.append(poses[:, :2])
+    driven = np.concatenate(places)
+    low = driven.min(axis=0)
+    high = driven.max(axis=0)
     circles = _near(world.cylinders, world.cylinders[:, 2], low, high)
     boxes = _near(world.boxes, np.hypot(world.boxes[:, 3], world.boxes[:, 4]) / 2.0, low, high)
+
+    # The view has margins before and behind the path, and the obstacles at its sides.
     sides = np.concatenate([driven[:, 0], circles[:, 0], boxes[:, 0]])
-    most = max(len(drive["p"]) for drive in drives)
-    times = (scene.begins + POSE_PERIOD_S * np.arange(most)).tolist()
-    along_x = np.ptp(driven[:, 0]) > np.ptp(driven[:, 1])
-    margin = ASIDE_M if along_x else MARGIN_M
+    is_along_x = np.ptp(driven[:, 0]) > np.ptp(driven[:, 1])
+    margin = ASIDE_M if is_along_x else MARGIN_M
+    view = [sides.min() - SIDE_M, low[1] - margin, sides.max() + SIDE_M, high[1] + margin]
+
+    pose_count = max(len(drive["p"]) for drive in drives)
+    times = (scene.begins + POSE_PERIOD_S * np.arange(pose_count)).tolist()
+    movers = []
+    for mover in world.movers:
+        positions = [mover.position(time) for time in times]
+        movers.append([round(100 * mover.radius), _whole(positions, 100)])
     return {
         "name": scene.name,
-        "view": _whole(
-            [sides.min() - 0.3, low[1] - margin, sides.max() + 0.3, high[1] + margin], 100
-        ),
-        "circles": _whole(circles, 1000),  # The unit is mm; all other lengths are in cm.
+        "view": _whole(view, 100),
+        "circles": _whole(circles, 1000),
         "boxes": _whole(boxes, 100),
-        "movers": [
-            [round(100 * m.radius), _whole([m.position(t) for t in times], 100)]
-            for m in world.movers
-        ],
+        "movers": movers,
         "start": _whole(course.start, 100),
         "goal": _whole([*course.goal[:2], course.goal_tolerance], 100),
         "finish": None if course.finish_y is None else round(100 * course.finish_y),
@@ -116,6 +129,7 @@ def _scene(scene: Scene, space: Space) -> Dict[str, Any]:
 
 
 def _drive(shown: Shown, space: Space) -> Dict[str, Any]:
+    """Return a drive as the page's script reads it."""
     drive = shown.drive
     goal = drive.goals[-1]
     poses, speeds = _sampled(drive)
@@ -126,19 +140,20 @@ def _drive(shown: Shown, space: Space) -> Dict[str, Any]:
         "ok": goal.status == REACHED,
         "hit": bool(len(drive.contacts)),
         "why": goal.reason,
+        # Differences have fewer digits than poses.
         "p": np.diff(np.rint(poses * 100.0).astype(int), axis=0, prepend=0).tolist(),
         "v": _whole(speeds, 100),
     }
     if drive.decisions:
+        times = [decision.time for decision in drive.decisions]
         actions = [space.to_action(list(decision.after.values())) for decision in drive.decisions]
-        values.update(
-            at=_whole([decision.time for decision in drive.decisions], 100), a=_whole(actions, 50)
-        )
+        values["at"] = _whole(times, 100)
+        values["a"] = _whole(actions, 50)
     return values
 
 
 def _sampled(drive: Drive) -> Tuple[np.ndarray, np.ndarray]:
-    """Return poses (n, 3) and forward speeds (n,) of a drive, one per POSE_PERIOD_S and the last one."""
+    """Return poses (n, 3) and speeds (n,) of a drive, one per POSE_PERIOD_S and the last one."""
     drive.require("truth")
     assert drive.truth is not None
     motion = drive.truth
@@ -155,11 +170,18 @@ def _sampled(drive: Drive) -> Tuple[np.ndarray, np.ndarray]:
 def _near(
     obstacles: np.ndarray, radius: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
-    """Return the obstacles (n, ...) whose circles of `radius` (n,) [m] come within ASIDE_M of the box (low, high)."""
+    """Return the obstacles within ASIDE_M of the box from `low` to `high`.
+
+    Args:
+        obstacles: (n, ...) x, y [m] and further columns.
+        radius: (n,) radius of each obstacle [m].
+        low: (2,) least x, y [m].
+        high: (2,) largest x, y [m].
+    """
     reach = ASIDE_M + radius[:, None]
-    return obstacles[
-        np.all((obstacles[:, :2] > low - reach) & (obstacles[:, :2] < high + reach), axis=1)
-    ]
+    places = obstacles[:, :2]
+    is_near = (places > low - reach) & (places < high + reach)
+    return obstacles[is_near.all(axis=1)]
 
 
 def _whole(values: Any, scale: float) -> Any:

@@ -1,6 +1,6 @@
 """Recorder: collects the rows of a drive while it happens, and returns them as a Drive."""
 
-from typing import Any, Dict, List, Mapping, Optional, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, Optional
 
 import numpy as np
 
@@ -38,6 +38,7 @@ class Table:
 
     def append(self, *numbers: float) -> None:
         """Add a row."""
+        # Doubling keeps the mean cost of a row constant.
         if self._count == len(self._rows):
             self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
         self._rows[self._count] = numbers
@@ -49,14 +50,39 @@ class Table:
         return self._rows[: self._count]
 
 
+class Log:
+    """Growing list of values with the times at which they came."""
+
+    def __init__(self) -> None:
+        self._times: List[float] = []
+        self._values: List[Any] = []
+
+    def append(self, time: float, value: Any) -> None:
+        """Add a value that came at a time [s]."""
+        self._times.append(time)
+        self._values.append(value)
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times so far (n,) [s]."""
+        return np.array(self._times, np.float64)
+
+    @property
+    def values(self) -> List[Any]:
+        """Values so far, as a copy."""
+        return list(self._values)
+
+
 class Recorder:
     """Collects the rows of one drive, with times in seconds since the drive's beginning.
 
-    True motion, clearances, contacts, goals and decisions are always kept: an Outcome is made of them.
+    True motion, clearances, contacts, goals and decisions are always kept: an Outcome is made of
+    them.
 
     Args:
         world: World of the drive.
-        everything: Whether to keep scans, odometry, plans, refusals, commands, verdicts and changes of parameters, too.
+        everything: Whether to keep scans, odometry, plans, refusals, commands, verdicts and
+            changes of parameters, too.
     """
 
     def __init__(self, world: Optional[World] = None, everything: bool = False):
@@ -67,21 +93,23 @@ class Recorder:
         self._observed = Table(2)  # time, smallest range
         self._contacts: List[float] = []
         self._odometry = Table(6)  # time, x, y, yaw, v, w
-        self._scans: List[Tuple[float, LaserScan]] = []
-        self._routes: List[Tuple[float, np.ndarray]] = []
-        self._plans: List[Tuple[float, np.ndarray]] = []
-        self._refusals: List[Tuple[float, Dict[str, int]]] = []
+        self._scans = Log()
+        self._routes = Log()
+        self._plans = Log()
+        self._refusals = Log()  # {critic: number}
         self._planned = Table(3)  # time, v, w
         self._commands = Table(3)  # time, v, w
-        self._verdicts: List[Tuple[float, Verdict]] = []
-        self._changes: List[Tuple[float, str, Dict[str, Any]]] = []
+        self._verdicts = Log()
+        self._servers = Log()  # of the changes of parameters
+        self._values = Log()
         self._recoveries: List[float] = []
         self.decisions: List[Decision] = []
         self.ends: List[Decision] = []
         self.sent: List[SentGoal] = []
         self.goals: List[Goal] = []
 
-    # -- rows that are always kept -------------------------------------------------------------------
+    # -- rows that are always kept
+    # -------------------------------------------------------------------
     def moved(self, time: float, pose: Pose, twist: Twist) -> None:
         """Add the robot's true motion."""
         self._truth.append(time, *pose, *twist)
@@ -98,27 +126,31 @@ class Recorder:
         """Add a contact."""
         self._contacts.append(time)
 
-    # -- rows that are kept on request ---------------------------------------------------------------
+    # -- rows that are kept on request
+    # ---------------------------------------------------------------
     def localised(self, time: float, pose: Pose, twist: Twist) -> None:
         """Add the robot's motion by odometry."""
         self._odometry.append(time, *pose, *twist)
 
     def scanned(self, time: float, scan: LaserScan) -> None:
         """Add a laser scan."""
-        self._scans.append((time, scan))
+        self._scans.append(time, scan)
 
     def routed(self, time: float, path: np.ndarray) -> None:
         """Add a plan (k, 3) of the global planner."""
-        self._routes.append((time, path))
+        self._routes.append(time, path)
 
     def refused(self, time: float, critics: Dict[str, int]) -> None:
-        """Add a cycle of the local planner: how many velocities each critic rejected if none was valid, else {}."""
-        self._refusals.append((time, critics))
+        """Add a cycle of the local planner.
+
+        critics: number of velocities that each critic rejected if none was valid, else {}.
+        """
+        self._refusals.append(time, critics)
 
     def planned(self, time: float, command: Twist, path: np.ndarray) -> None:
         """Add a command of the local planner, and the plan (k, 3) that it followed."""
         self._planned.append(time, *command)
-        self._plans.append((time, path))
+        self._plans.append(time, path)
 
     def commanded(self, time: float, command: Twist) -> None:
         """Add a command to the base."""
@@ -126,17 +158,19 @@ class Recorder:
 
     def judged(self, time: float, verdict: Verdict) -> None:
         """Add a verdict of the collision monitor."""
-        self._verdicts.append((time, verdict))
+        self._verdicts.append(time, verdict)
 
     def changed(self, time: float, server: str, values: Mapping[str, Any]) -> None:
         """Add parameters {name: value} of a server that are now in force."""
-        self._changes.append((time, server, dict(values)))
+        self._servers.append(time, server)
+        self._values.append(time, dict(values))
 
     def recovered(self, time: float) -> None:
         """Add the beginning of a recovery behaviour."""
         self._recoveries.append(time)
 
-    # -- the drive -----------------------------------------------------------------------------------
+    # -- the drive
+    # -----------------------------------------------------------------------------------
     @property
     def drive(self) -> Drive:
         """Drive so far, with all columns that are kept."""
@@ -147,7 +181,10 @@ class Recorder:
 
     @property
     def course(self) -> Drive:
-        """Drive so far in the columns of which an Outcome is made. They are views where they can be."""
+        """Drive so far in the columns of which an Outcome is made.
+
+        They are views where they can be: a training asks for them at each decision.
+        """
         return Drive(
             name=self._world.name if self._world is not None else "",
             truth=_motion(self._truth.rows),
@@ -162,30 +199,21 @@ class Recorder:
         )
 
     def _add_details(self, drive: Drive) -> None:
+        """Add the columns that are kept on request."""
         drive.odometry = _motion(self._odometry.rows)
         drive.planned = Commands(self._planned.rows[:, 0], self._planned.rows[:, 1:])
         drive.commands = Commands(self._commands.rows[:, 0], self._commands.rows[:, 1:])
-        drive.routes = _plans(self._routes)
-        drive.plans = _plans(self._plans)
-        critics = [critics for _, critics in self._refusals]
-        drive.refusals = Refusals(_times(self._refusals), critics)
+        drive.routes = Plans(self._routes.times, self._routes.values)
+        drive.plans = Plans(self._plans.times, self._plans.values)
+        drive.refusals = Refusals(self._refusals.times, self._refusals.values)
         drive.scans = _scans(self._scans)
-        verdicts = [verdict for _, verdict in self._verdicts]
-        drive.verdicts = Verdicts(
-            _times(self._verdicts),
-            [verdict.action for verdict in verdicts],
-            [verdict.reason for verdict in verdicts],
-            [verdict.blocked for verdict in verdicts],
-        )
-        servers = [server for _, server, _ in self._changes]
-        values = [values for _, _, values in self._changes]
-        drive.changes = Changes(_times(self._changes), servers, values)
+        drive.verdicts = Verdicts(self._verdicts.times, [], [], [])
+        for verdict in self._verdicts.values:
+            drive.verdicts.action.append(verdict.action)
+            drive.verdicts.reason.append(verdict.reason)
+            drive.verdicts.blocked.append(verdict.blocked)
+        drive.changes = Changes(self._values.times, self._servers.values, self._values.values)
         drive.recoveries = np.array(self._recoveries)
-
-
-def _times(rows: Sequence[Any]) -> np.ndarray:
-    """Return the first column of rows (n,) [s]."""
-    return np.array([row[0] for row in rows], np.float64)
 
 
 def _motion(rows: np.ndarray) -> Motion:
@@ -198,16 +226,11 @@ def _clearances(rows: np.ndarray) -> Clearances:
     return Clearances(rows[:, 0], rows[:, 1])
 
 
-def _plans(rows: Sequence[Tuple[float, np.ndarray]]) -> Plans:
-    """Return paths with their times as columns."""
-    return Plans(_times(rows), [path for _, path in rows])
-
-
-def _scans(rows: Sequence[Tuple[float, LaserScan]]) -> Scans:
+def _scans(log: Log) -> Scans:
     """Return laser scans as columns."""
-    times = _times(rows)
     fans = []
-    for _, scan in rows:
+    ranges = []
+    for scan in log.values:
         fans.append((scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max))
-    ranges = [scan.ranges for _, scan in rows]
-    return Scans(times, times, np.array(fans).reshape(-1, 4), ranges)
+        ranges.append(scan.ranges)
+    return Scans(log.times, log.times, np.array(fans).reshape(-1, 4), ranges)

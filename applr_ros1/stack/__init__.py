@@ -1,1 +1,1 @@
-"""Planner, collision monitor, moving obstacles and escape motions, wired as on the robot, without ROS."""
+"""Planner, monitor, moving obstacles and escape motions, wired as on the robot, without ROS."""

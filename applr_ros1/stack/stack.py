@@ -1,7 +1,8 @@
 """Stack: everything between the sensors and the base of one robot, in one process and without ROS.
 
-One step is one control cycle: moving obstacles are predicted from the scan, the planner plans and commands, an escape
-motion may replace the command, and the collision monitor limits it. On the robot each part is a node of its own.
+One step is one control cycle: moving obstacles are predicted from the scan, the planner plans and
+commands, an escape motion may replace the command, and the collision monitor limits it. On the
+robot each part is a node of its own.
 """
 
 import math
@@ -44,22 +45,27 @@ class Stack:
 
     Args:
         robot: Description of the robot.
-        move_base: Planner. With its parameter applr/movers, the costmaps receive predicted obstacle points.
+        move_base: Planner. With its parameter applr/movers, the costmaps receive predicted obstacle
+            points.
         monitor: Whether the robot's collision monitor stands between the planner and the base.
-        escapes: Whether the monitor makes the escape motions that a planner of fidelity cpp-like lacks.
+        escapes: Whether the monitor makes the escape motions that a planner of fidelity cpp-like
+            lacks.
     """
 
     def __init__(self, robot: Robot, move_base: MoveBase, *, monitor: bool, escapes: bool = True):
         self.move_base = move_base
-        self.monitor = CollisionMonitor(MonitorSettings.of(robot)) if monitor else None
-        has_movers = move_base.parameters["applr"]["movers"]
-        self.prediction = Prediction(robot) if has_movers else None
+        self.monitor: Optional[CollisionMonitor] = None
+        if monitor:
+            self.monitor = CollisionMonitor(MonitorSettings.of(robot))
+        self.prediction: Optional[Prediction] = None
+        if move_base.parameters["applr"]["movers"]:
+            self.prediction = Prediction(robot)
         self.escapes = escapes
         self._supervisor = Supervisor()
-        self._plan_time = -math.inf
+        self._plan_time = -math.inf  # time of the planner's latest plan [s]
 
     def reset(self, now: float, seed: Union[int, Sequence[int]]) -> None:
-        """Forget goal, maps and obstacles, and restore the start-up parameters at time `now` [s]."""
+        """Forget goal, maps and obstacles at time `now` [s], and restore the parameters."""
         self.move_base.reset(now, seed=seed)
         if self.monitor is not None:
             self.monitor.reset()
@@ -71,6 +77,7 @@ class Stack:
     def set_goal(self, goal: Pose, now: float) -> None:
         """Send a goal (x, y, yaw) in the frame of the global costmap at time `now` [s]."""
         self.move_base.set_goal(goal, now)
+        # A supervisor of an earlier goal would remember how long that one was not approached.
         if self.escapes and self.move_base.variant == CPP_LIKE:
             self._supervisor = Supervisor(StalledPlanner(self.move_base.goal_tolerance))
 
@@ -97,7 +104,8 @@ class Stack:
             pose: Pose (x, y, yaw) of the robot in the odometry frame.
             twist: Measured velocity (v [m/s], w [rad/s]).
             scan: Scan since the last step, if there is one.
-            local_origin: Pose of the odometry frame in the frame of the global costmap; None if they are the same.
+            local_origin: Pose of the odometry frame in the frame of the global costmap; None if
+            they are the same.
         """
         cycle = self.move_base.step(now, pose, twist, self._sensed(scan), local_origin)
         if cycle.new_plan:
@@ -105,6 +113,8 @@ class Stack:
         monitor = self.monitor
         if monitor is None:
             return Step(cycle, None, cycle.command)
+
+        # The monitor takes every scan, also while the planner commands nothing.
         if scan is not None:
             monitor.add_scan(scan)
         if cycle.command is None:
@@ -113,7 +123,7 @@ class Stack:
         return Step(cycle, verdict, verdict.command)
 
     def _sensed(self, scan: Optional[LaserScan]) -> Optional[Sensed]:
-        """Return what the costmaps get: the scan, and points where moving obstacles are predicted."""
+        """Return what the costmaps get: the scan, and predicted points of moving obstacles."""
         if scan is None or self.prediction is None:
             return scan
         scan_topic = next(iter(self.move_base.sources))
@@ -129,10 +139,9 @@ class Stack:
 
         motion = self._supervisor.escape(now, command, self._progress())
         verdict = self._supervisor.judged(command, motion, judge)
+        # A planner that makes its own escape motions must know that it is blocked.
         if self._supervisor.escapes is None:
-            self.move_base.report_held(
-                verdict.blocked
-            )  # This planner makes its own escape motions.
+            self.move_base.report_held(verdict.blocked)
         return verdict
 
     def _progress(self) -> Progress:
@@ -140,6 +149,7 @@ class Stack:
         plan = self.move_base.global_plan
         distance = None
         if len(plan):
-            begin, end = plan[[0, -1], :2]
-            distance = math.hypot(end[0] - begin[0], end[1] - begin[1])
+            begin_x, begin_y = plan[0, :2]
+            end_x, end_y = plan[-1, :2]
+            distance = math.hypot(end_x - begin_x, end_y - begin_y)
         return Progress(self.move_base.goal, self._plan_time, distance)

@@ -1,6 +1,7 @@
-"""Decides what the base gets for each command of the planner: an escape motion or the command, then the monitor.
+"""Supervisor of commands: an escape motion may replace a command, then the monitor limits it.
 
-Simulated drives (stack.py) and the collision monitor's node (nodes/monitor/node.py) share the order of these steps.
+Simulated drives (stack.py) and the collision monitor's node (nodes/monitor/node.py) share the order
+of these steps.
 """
 
 import math
@@ -20,7 +21,8 @@ class Progress(NamedTuple):
     Attributes:
         goal: Identifier of the active goal; None if there is none or it is being cancelled.
         plan_time: Time at which the latest plan came [s].
-        distance: Straight-line distance from the begin to the end of this plan [m]; None for an empty plan.
+        distance: Straight-line distance from the begin to the end of this plan [m]; None for an
+            empty plan.
     """
 
     goal: Optional[Hashable] = None
@@ -32,7 +34,8 @@ class Supervisor:
     """Escape motions and a collision monitor, in the order in which they change a command.
 
     Args:
-        escapes: Detector of a stalled planner that makes no escape motions itself; None for one that does.
+        escapes: Detector of a stalled planner that makes no escape motions itself; None for one
+            that does.
     """
 
     def __init__(self, escapes: Optional[StalledPlanner] = None):
@@ -44,7 +47,7 @@ class Supervisor:
             return None
         # A plan that the planner has not renewed says nothing about the way that is left.
         is_fresh = now - progress.plan_time <= FRESH_S
-        distance = progress.distance if is_fresh else None
+        distance = progress.distance if is_fresh else None  # None: not known
         return self.escapes.instead(now, command, progress.goal, distance)
 
     def judged(self, command: Twist, motion: Optional[Twist], judge: Judge) -> Verdict:
@@ -52,7 +55,10 @@ class Supervisor:
 
         An escape motion is small already: slowed to a creep, it would free nothing.
         """
-        verdict = judge(command, True) if motion is None else judge(motion, False)
+        if motion is None:
+            verdict = judge(command, True)
+        else:
+            verdict = judge(motion, False)
         if self.escapes is not None:
             self.escapes.report_held(verdict.blocked)
         return verdict
