@@ -1,7 +1,8 @@
-"""Conversions between ROS messages and arrays, for the nodes. Pure functions that do not need rospy.
+"""Conversions between ROS messages and arrays, for the nodes.
 
-Large messages (maps, plans, clouds) are serialized from their array in one piece. The generated classes would pack them
-number by number, which takes 28 ms for a global map.
+The functions are pure and do not need rospy. Large messages (maps, plans, clouds) are serialized
+from their array in one piece. The generated classes would pack them number by number, which takes
+28 ms for a global map.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 import struct
-from typing import Any, Mapping, Optional, Sequence, Tuple
+from typing import Any, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 from actionlib_msgs.msg import GoalStatus
@@ -25,25 +26,17 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.scan import LaserScan, Point, SensorCloud
 from applr_ros1.planner.costmap.static_layer import StaticMap
 
-GOAL_STATES = {
-    value: name.lower() for name, value in vars(GoalStatus).items() if name.isupper()
-}  # {3: "succeeded"}
+# Names of the states of a goal by their number, such as {3: "succeeded"}.
+GOAL_STATES = {value: name.lower() for name, value in vars(GoalStatus).items() if name.isupper()}
 LEVEL_COS = 1.0 - 2e-6  # smallest cosine of the tilt of a level sensor
 
-# occupancy by costmap value c: 0 stays 0, 253 -> 99, 254 -> 100, 255 -> -1, other values 1 + 97 (c - 1) / 251
-OCCUPANCY = np.array(
-    [0] + [1 + (97 * (c - 1)) // 251 for c in range(1, 253)] + [99, 100, -1], np.int8
-)
-COST_FIELDS = (
-    "x",
-    "y",
-    "z",
-    "path_cost",
-    "goal_cost",
-    "occ_cost",
-    "total_cost",
-)  # fields of cost_cloud (cells)
-TRAJECTORY_FIELDS = ("x", "y", "z", "theta", "cost")  # fields of trajectory_cloud (points)
+# Occupancy by costmap value c: 0 for free cells, 1 + 97 (c - 1) / 251 up to 252, 99 for inscribed,
+# 100 for lethal and -1 for unknown cells (costmap_2d_publisher.cpp).
+_RAISED = 1 + 97 * np.arange(252) // 251
+OCCUPANCY = np.concatenate(([0], _RAISED, [99, 100, -1])).astype(np.int8)
+# Fields of cost_cloud, a point per cell, and of trajectory_cloud, a point per pose of a sample.
+COST_FIELDS = ("x", "y", "z", "path_cost", "goal_cost", "occ_cost", "total_cost")
+TRAJECTORY_FIELDS = ("x", "y", "z", "theta", "cost")
 
 
 class MessageError(ApplrError):
@@ -51,7 +44,10 @@ class MessageError(ApplrError):
 
 
 def is_upright(q: Any) -> bool:
-    """Return whether a quaternion is finite, nonzero, and rotates about z only (isQuaternionValid of move_base.cpp)."""
+    """Return whether a quaternion is finite, nonzero, and rotates about z only.
+
+    The tolerances are those of isQuaternionValid in move_base.cpp.
+    """
     length2 = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
     if not math.isfinite(length2) or length2 < 1e-6:
         return False
@@ -65,11 +61,34 @@ def pose_of(message: Any) -> Pose:
     return message.translation.x, message.translation.y, yaw_of(message.rotation)
 
 
+class Reading(NamedTuple):
+    """Pose and velocity of a robot by odometry, or by the simulator.
+
+    Attributes:
+        time: Stamp [s].
+        pose: x, y [m], yaw [rad].
+        twist: v [m/s], w [rad/s].
+    """
+
+    time: float
+    pose: Pose
+    twist: Tuple[float, float]
+
+
+def reading_of(message: Any) -> Reading:
+    """Convert a nav_msgs/Odometry."""
+    twist = message.twist.twist
+    pose = pose_of(message.pose.pose)
+    return Reading(message.header.stamp.to_sec(), pose, (twist.linear.x, twist.angular.z))
+
+
 def pose_stamped(pose: Pose, frame: str, stamp: Any) -> PoseStamped:
     """Return a geometry_msgs/PoseStamped of the pose (x, y, yaw) [m, m, rad] in `frame`."""
     message = PoseStamped(header=Header(0, stamp, frame))
-    message.pose.position.x, message.pose.position.y = pose[0], pose[1]
-    message.pose.orientation = Quaternion(*quaternion_of(pose[2]))
+    x, y, yaw = pose
+    message.pose.position.x = x
+    message.pose.position.y = y
+    message.pose.orientation = Quaternion(*quaternion_of(yaw))
     return message
 
 
@@ -82,72 +101,82 @@ def diagnostics(
     name: str, level: int, text: str, values: Mapping[str, Any], stamp: Any
 ) -> DiagnosticArray:
     """Return a diagnostic_msgs/DiagnosticArray with one status and its {key: value} pairs."""
-    shown = [
-        KeyValue(k, f"{value:.3f}" if isinstance(value, float) else str(value))
-        for k, value in values.items()
-    ]
-    return DiagnosticArray(
-        Header(0, stamp, ""), [DiagnosticStatus(level, name, text, "none", shown)]
-    )
+    pairs = []
+    for key, value in values.items():
+        shown = f"{value:.3f}" if isinstance(value, float) else str(value)
+        pairs.append(KeyValue(key, shown))
+    status = DiagnosticStatus(level, name, text, "none", pairs)
+    return DiagnosticArray(Header(0, stamp, ""), [status])
 
 
-# -- from messages -----------------------------------------------------------------------------------------------
+# -- from messages ---------------------------------------------------------------------------------
 def check_scan(message: Any, no_return: Optional[float] = None) -> np.ndarray:
-    """Return the ranges (n,) float32 of a sensor_msgs/LaserScan. Raises MessageError if the scan cannot be used.
+    """Return the ranges (n,) float32 of a sensor_msgs/LaserScan.
 
-    The range `no_return` becomes +inf. Beams of NaN, inf and -inf are valid (REP 117), but if all are NaN, the scanner
-    is blind.
+    The range `no_return` becomes +inf. Beams of NaN, inf and -inf are valid (REP 117), but if all
+    are NaN, the scanner is blind.
+
+    Raises:
+        MessageError: The scan cannot be used.
     """
     if not len(message.ranges):
         raise MessageError("has 0 beams")
+
+    # laser_geometry accepts an infinite range_max, too.
     geometry = (message.angle_min, message.angle_increment, message.range_min, message.range_max)
-    if (
-        not all(map(math.isfinite, geometry[:3]))
-        or math.isnan(geometry[3])
-        or message.angle_increment == 0.0
-    ):
-        raise MessageError(
-            f"has angle_min, angle_increment, range_min, range_max = {geometry}: give finite numbers and an increment"
-        )  # laser_geometry accepts an infinite range_max.
+    is_finite = all(map(math.isfinite, geometry[:3])) and not math.isnan(message.range_max)
+    if not is_finite or message.angle_increment == 0.0:
+        problem = f"has angle_min, angle_increment, range_min, range_max = {geometry}"
+        raise MessageError(f"{problem}: give finite numbers and an increment")
+
     ranges = np.array(message.ranges, dtype=np.float32)
     if np.isnan(ranges).all():
         raise MessageError("is all NaN: check the scanner")
-    return (
-        ranges
-        if no_return is None
-        else np.where(ranges == np.float32(no_return), np.float32(np.inf), ranges)
-    )
+    if no_return is not None:
+        ranges[ranges == np.float32(no_return)] = np.inf
+    return ranges
 
 
 def points_of(message: Any) -> np.ndarray:
     """Return the points (n, 3) float32 of a sensor_msgs/PointCloud2 or PointCloud.
 
-    Raises MessageError if a field is missing, and ValueError or TypeError if the sizes are inconsistent.
+    Raises:
+        MessageError: A field is missing.
+        ValueError: The sizes are inconsistent.
+        TypeError: A size is no number.
     """
     if hasattr(message, "points"):
         return np.array([(p.x, p.y, p.z) for p in message.points], np.float32).reshape(-1, 3)
     if message.width * message.height == 0:
         return np.zeros((0, 3), np.float32)
-    offsets = {
-        field.name: field.offset for field in message.fields if field.datatype == PointField.FLOAT32
-    }
-    if not all(axis in offsets for axis in "xyz"):
-        given = ", ".join(f"{field.name} (datatype {field.datatype})" for field in message.fields)
-        raise MessageError(
-            f"has {'the fields ' + given if given else 'no fields'}: give x, y and z as FLOAT32"
-        )
-    width, order = message.point_step, ">" if message.is_bigendian else "<"
-    row = message.row_step if message.height > 1 else message.width * width
-    kind = np.dtype(
+
+    # A driver may put the fields in any order, and others between them.
+    offsets = {}
+    for field in message.fields:
+        if field.datatype == PointField.FLOAT32:
+            offsets[field.name] = field.offset
+    if not {"x", "y", "z"} <= set(offsets):
+        names = [f"{field.name} (datatype {field.datatype})" for field in message.fields]
+        problem = f"has the fields {', '.join(names)}" if names else "has no fields"
+        raise MessageError(f"{problem}: give x, y and z as FLOAT32")
+    number = ">f4" if message.is_bigendian else "<f4"
+    point = np.dtype(
         {
-            "names": list("xyz"),
-            "formats": [order + "f4"] * 3,
-            "offsets": [offsets[a] for a in "xyz"],
-            "itemsize": width,
+            "names": ["x", "y", "z"],
+            "formats": [number] * 3,
+            "offsets": [offsets["x"], offsets["y"], offsets["z"]],
+            "itemsize": message.point_step,
         }
     )
-    table = np.ndarray((message.height, message.width), kind, message.data, 0, (row, width))
-    return np.stack([table[axis].ravel() for axis in "xyz"], axis=1).astype(np.float32)
+
+    # Many drivers leave row_step 0 in clouds of one row.
+    row_step = message.row_step
+    if message.height == 1:
+        row_step = message.width * message.point_step
+    shape = (message.height, message.width)
+    table = np.ndarray(shape, point, message.data, 0, (row_step, message.point_step))
+    columns = [table[axis].ravel() for axis in "xyz"]
+    return np.stack(columns, axis=1).astype(np.float32)
 
 
 def point_of(transform: Any) -> Point:
@@ -161,8 +190,9 @@ def _rotation(transform: Any) -> Tuple[float, float, float, float]:
 
 
 def cos_tilt(quaternion: Tuple[float, float, float, float]) -> float:
-    """Return the cosine of the angle between the z axes before and after a rotation (x, y, z, w)."""
-    return 1.0 - 2.0 * (quaternion[0] ** 2 + quaternion[1] ** 2)
+    """Return the cosine of the angle by which a rotation (x, y, z, w) tilts the z axis."""
+    x, y, _, _ = quaternion
+    return 1.0 - 2.0 * (x**2 + y**2)
 
 
 def laser_scan(
@@ -170,68 +200,100 @@ def laser_scan(
 ) -> LaserScan:
     """Convert a message whose ranges have been checked to the planner's scan.
 
-    transform: geometry_msgs/Transform of the laser in the costmap's frame. origin: start of the rays if not the laser.
+    Args:
+        message: sensor_msgs/LaserScan.
+        ranges: (n,) float32 its ranges [m].
+        transform: geometry_msgs/Transform of the laser in the costmap's frame.
+        origin: Start of the rays if it is not the laser.
     """
+    # A level laser needs no rotation: the planner computes with its pose alone, which is faster.
     quaternion = _rotation(transform)
     upright = cos_tilt(quaternion)
-    ranges, first = from_above(message, ranges, upright < -LEVEL_COS)
-    stamp, pose, z = message.header.stamp.to_sec(), pose_of(transform), transform.translation.z
-    rotation = None if abs(upright) > LEVEL_COS else quaternion
-    limits = message.angle_increment, message.range_min, message.range_max
-    sweep = abs(message.time_increment) * (len(ranges) - 1)
+    ranges, first_angle = from_above(message, ranges, upright < -LEVEL_COS)
     return LaserScan(
-        stamp, first, *limits, ranges, pose, z, rotation, origin, sweep, message.header.frame_id
+        message.header.stamp.to_sec(),
+        first_angle,
+        message.angle_increment,
+        message.range_min,
+        message.range_max,
+        ranges,
+        pose_of(transform),
+        transform.translation.z,
+        rotation=None if abs(upright) > LEVEL_COS else quaternion,
+        origin=origin,
+        sweep=abs(message.time_increment) * (len(ranges) - 1),
+        frame=message.header.frame_id,
     )
 
 
 def from_above(message: Any, ranges: np.ndarray, hangs: bool) -> Tuple[np.ndarray, float]:
-    """Return (ranges, first angle [rad]) of a scan as seen from above. `hangs`: whether the laser is upside down."""
+    """Return (ranges, first angle [rad]) of a scan as seen from above.
+
+    hangs: whether the laser is upside down.
+    """
     if not hangs:
         return ranges, message.angle_min
     return ranges[::-1], -(message.angle_min + (len(ranges) - 1) * message.angle_increment)
 
 
 def sensor_cloud(message: Any, transform: Any, origin: Optional[Point] = None) -> SensorCloud:
-    """Convert a sensor_msgs/PointCloud2 or PointCloud to the planner's cloud. Arguments are as for laser_scan."""
-    stamp, points, rotation = (
+    """Convert a sensor_msgs/PointCloud2 or PointCloud to the planner's cloud.
+
+    Arguments and errors are those of laser_scan and points_of.
+    """
+    return SensorCloud(
         message.header.stamp.to_sec(),
         points_of(message),
+        point_of(transform),
         _rotation(transform),
-    )
-    return SensorCloud(
-        stamp, points, point_of(transform), rotation, origin, message.header.frame_id
+        origin,
+        message.header.frame_id,
     )
 
 
 def static_map(message: Any) -> StaticMap:
-    """Convert a nav_msgs/OccupancyGrid to the planner's map. Raises MessageError if it is inconsistent or rotated."""
-    info, n = message.info, len(message.data)
-    if info.width * info.height != n or n == 0:
-        raise MessageError(f"has {n} cells for {info.width} x {info.height}")
+    """Convert a nav_msgs/OccupancyGrid to the planner's map.
+
+    Raises:
+        MessageError: The map is inconsistent or rotated.
+    """
+    info = message.info
+    cell_count = len(message.data)
+    if info.width * info.height != cell_count or cell_count == 0:
+        raise MessageError(f"has {cell_count} cells for {info.width} x {info.height}")
     turn = info.origin.orientation  # Some publishers leave the orientation all zero.
     if is_upright(turn) and abs(yaw_of(turn)) > 1e-3:
-        raise MessageError(
-            f"has an origin with a yaw of {yaw_of(turn):.3g} rad: give an origin without yaw"
-        )
+        problem = f"has an origin with a yaw of {yaw_of(turn):.3g} rad"
+        raise MessageError(f"{problem}: give an origin without yaw")
     cells = np.array(message.data, dtype=np.int8).reshape(info.height, info.width)
-    place = float(info.origin.position.x), float(info.origin.position.y)
-    return StaticMap(cells, float(info.resolution), place, message.header.frame_id.lstrip("/"))
+    origin = (float(info.origin.position.x), float(info.origin.position.y))
+    return StaticMap(cells, float(info.resolution), origin, message.header.frame_id.lstrip("/"))
 
 
-# -- to messages -------------------------------------------------------------------------------------------------
+# -- to messages -----------------------------------------------------------------------------------
 class PackedMessage:
-    """Message whose last field is an array: empty in `message`, sent as the `count` elements in the bytes `payload`."""
+    """Message whose last field is an array, which is sent in one piece.
 
-    _has_header = True
+    Args:
+        message: Generated message, whose array is empty.
+        count: Number of elements of the array.
+        payload: Elements as bytes.
+    """
+
+    _has_header = True  # rospy then numbers the messages, as for a generated class.
 
     def __init__(self, message: Any, count: int, payload: bytes):
-        self.message, self.header, self._md5sum = message, message.header, message._md5sum
-        self.count, self.payload = count, payload
+        self.message = message
+        self.count = count
+        self.payload = payload
+        # rospy reads these two attributes of a message.
+        self.header = message.header
+        self._md5sum = message._md5sum
 
     def serialize(self, buff: Any) -> None:
         """Write the generated message, then replace the empty array at its end."""
         self.message.serialize(buff)
-        buff.seek(-4, os.SEEK_CUR)
+        buff.seek(-4, os.SEEK_CUR)  # length of the empty array
         buff.write(struct.pack("<I", self.count))
         buff.write(self.payload)
 
@@ -242,9 +304,9 @@ def grid(costmap: Any, frame: str, stamp: Any) -> PackedMessage:
     message.info.map_load_time = stamp
     message.info.resolution = costmap.resolution
     message.info.width, message.info.height = costmap.size
-    message.info.origin.position.x, message.info.origin.position.y = (
-        float(v) for v in costmap.origin
-    )
+    x, y = costmap.origin
+    message.info.origin.position.x = float(x)
+    message.info.origin.position.y = float(y)
     message.info.origin.orientation.w = 1.0
     return PackedMessage(message, costmap.cells.size, OCCUPANCY[costmap.cells].tobytes())
 
@@ -252,21 +314,30 @@ def grid(costmap: Any, frame: str, stamp: Any) -> PackedMessage:
 def grid_update(
     cells: np.ndarray, corner: Tuple[int, int], frame: str, stamp: Any
 ) -> PackedMessage:
-    """Return the window of cells (h, w) of a costmap at `corner` (x, y) as a map_msgs/OccupancyGridUpdate."""
+    """Return a window of a costmap's cells (h, w) as a map_msgs/OccupancyGridUpdate.
+
+    corner: its first cell (x, y).
+    """
     message = OccupancyGridUpdate(header=Header(0, stamp, frame))
-    (message.x, message.y), (message.height, message.width) = corner, cells.shape
+    message.x, message.y = corner
+    message.height, message.width = cells.shape
     return PackedMessage(message, cells.size, OCCUPANCY[cells].tobytes())
 
 
 def path(poses: np.ndarray, frame: str, stamp: Any) -> PackedMessage:
-    """Return poses (n, 3) x, y, yaw, or points (n, 2) with identity orientation, as a nav_msgs/Path."""
+    """Return poses (n, 3) x, y, yaw, or points (n, 2) without rotation, as a nav_msgs/Path."""
+    # A row has the layout of a serialized geometry_msgs/PoseStamped.
     name = frame.encode()
-    kind = [("header", "<u4", 4), ("frame", f"S{max(1, len(name))}"), ("pose", "<f8", 7)]
-    rows = np.zeros(len(poses), kind)
-    rows["header"], rows["frame"] = (0, stamp.secs, stamp.nsecs, len(name)), name
+    row = [("header", "<u4", 4), ("frame", f"S{max(1, len(name))}"), ("pose", "<f8", 7)]
+    rows = np.zeros(len(poses), row)
+    rows["header"] = (0, stamp.secs, stamp.nsecs, len(name))
+    rows["frame"] = name
     rows["pose"][:, :2] = poses[:, :2]
-    half = 0.5 * poses[:, 2] if poses.shape[1] > 2 else np.zeros(len(poses))
-    rows["pose"][:, 5], rows["pose"][:, 6] = np.sin(half), np.cos(half)
+    half_yaw = np.zeros(len(poses))
+    if poses.shape[1] > 2:
+        half_yaw = 0.5 * poses[:, 2]
+    rows["pose"][:, 5] = np.sin(half_yaw)
+    rows["pose"][:, 6] = np.cos(half_yaw)
     return PackedMessage(Path(header=Header(0, stamp, frame)), len(poses), rows.tobytes())
 
 
@@ -280,9 +351,8 @@ def polygon(vertices: np.ndarray, frame: str, stamp: Any) -> PolygonStamped:
 def cloud(rows: np.ndarray, names: Sequence[str], frame: str, stamp: Any) -> PointCloud2:
     """Return rows (n, len(names)) as a sensor_msgs/PointCloud2 of FLOAT32 fields."""
     message = PointCloud2(header=Header(0, stamp, frame), height=1, width=len(rows), is_dense=True)
-    message.fields = [
-        PointField(name, 4 * i, PointField.FLOAT32, 1) for i, name in enumerate(names)
-    ]
+    for i, name in enumerate(names):
+        message.fields.append(PointField(name, 4 * i, PointField.FLOAT32, 1))
     message.point_step = 4 * len(names)
     message.row_step = message.point_step * len(rows)
     message.data = np.ascontiguousarray(rows, dtype="<f4").tobytes()

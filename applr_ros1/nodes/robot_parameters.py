@@ -1,4 +1,7 @@
-"""The nodes' private parameters ~robot, ~map and ~tf_prefix, and move_base's parameters from the robot's files."""
+"""The nodes' private parameters ~robot, ~map and ~tf_prefix.
+
+Also the parameters of move_base from the robot's files.
+"""
 
 from __future__ import annotations
 
@@ -9,33 +12,31 @@ from applr_ros1.common.trees import merged
 from applr_ros1.robots import JACKAL, Robot, load
 
 NAMING = ("robot", "map", "tf_prefix")
-FRAMES = (
-    "robot_base_frame",
-    "sensor_frame",
-    "global_frame",
-    "global_frame_id",
-)  # parameters whose value is a frame
+# Parameters of move_base whose value is a frame
+FRAMES = ("robot_base_frame", "sensor_frame", "global_frame", "global_frame_id")
 
 
 def named_robot(parameters: Dict[str, Any]) -> Tuple[Robot, str]:
     """Return the robot named by the private parameters of a node, and the prefix of its frames.
 
     Args:
-        parameters: `robot` is the name or folder of a description, `map` selects its files for driving on a map, and
-            `tf_prefix` is the prefix of its frames.
+        parameters: `robot` is the name or folder of a description, `map` selects its files for
+            driving on a map, and `tf_prefix` is the prefix of its frames.
 
     Raises:
         RobotError: The description has errors. The message has one line per error.
         ApplrError: There is no such robot, or it has no files for driving on a map.
     """
-    robot = load(
-        str(parameters.get("robot", JACKAL.name)), with_map=bool(parameters.get("map", False))
-    )
+    # The parameter server may hold a name such as 2 as a number.
+    name = str(parameters.get("robot", JACKAL.name))
+    robot = load(name, with_map=bool(parameters.get("map", False)))
     return robot, frame_prefix(str(parameters.get("tf_prefix", "")))
 
 
 def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
-    """Return the parameter tree of move_base, and the robot. Raises the errors of `named_robot`.
+    """Return the parameter tree of move_base, and the robot.
+
+    Errors are those of `named_robot`.
 
     Args:
         given: The private parameters. All except NAMING override the robot's files.

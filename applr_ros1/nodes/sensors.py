@@ -1,7 +1,7 @@
 """Sensor inputs of the nodes: pose and localisation from tf, twist from odometry, scans and clouds.
 
-Callbacks only store messages, which the node's thread polls once per cycle. Each problem is logged in one line, at most
-once per second.
+Callbacks only store messages, which the node's thread polls once per cycle. Each problem is logged
+in one line, at most once per second.
 """
 
 from __future__ import annotations
@@ -31,9 +31,8 @@ from .transforms import MAX_AGE_S, MAX_AHEAD_S, Transforms
 SCANS_KEPT = 20  # number of messages of a topic that wait for their transform
 MESSAGES = {"LaserScan": ScanMessage, "PointCloud2": CloudMessage, "PointCloud": OldCloudMessage}
 RECENT_S = 2.0  # largest age or lead of a message that keeps waiting for its transform [s]
-ADJUSTMENT_S = (
-    1.0  # largest step back of a wall clock that does not count as a jump, such as NTP's [s]
-)
+# Largest step back of a wall clock that does not count as a jump, such as NTP's [s]
+ADJUSTMENT_S = 1.0
 
 
 class Clock:
@@ -44,18 +43,24 @@ class Clock:
     """
 
     def __init__(self) -> None:
-        self.now, self._changed = rospy.get_rostime(), time.monotonic()
+        self.now = rospy.get_rostime()
+        self._changed = time.monotonic()  # wall time at which `now` changed
 
     def stands(self, seconds: float) -> bool:
         """Return whether ROS time has not changed for `seconds` of wall time."""
         return time.monotonic() - self._changed > seconds
 
     def went_back(self) -> bool:
-        """Read the time and return whether it jumped back; a wall clock by more than ADJUSTMENT_S."""
-        last, self.now = self.now, rospy.get_rostime()
+        """Read the time and return whether it jumped back.
+
+        A wall clock must jump by more than ADJUSTMENT_S.
+        """
+        last = self.now
+        self.now = rospy.get_rostime()
         if self.now != last:
             self._changed = time.monotonic()
-        return self.now < last and (not is_wallclock() or (last - self.now).to_sec() > ADJUSTMENT_S)
+        step_back = (last - self.now).to_sec()
+        return bool(step_back > (ADJUSTMENT_S if is_wallclock() else 0.0))
 
 
 class Sensors:
@@ -66,7 +71,8 @@ class Sensors:
         topics: {topic: data type} of the observation sources.
         origins: {topic: frame at whose origin the rays start}. Frames unknown to tf are ignored.
         odometry: Topic of the odometry.
-        no_return: Range [m] that means no return in laser scans, besides +inf (Laser of robots/robot.py).
+        no_return: Range [m] that means no return in laser scans, besides +inf (Laser of
+            robots/robot.py).
 
     Attributes:
         twist: (v [m/s], w [rad/s]) of the latest odometry; zeros before the first.
@@ -81,20 +87,20 @@ class Sensors:
         odometry: str = "odom",
         no_return: Optional[float] = None,
     ):
+        # tf2 knows no frames with a leading slash, which files written for tf may have.
         self.local, self.globe, self.base = (frame.lstrip("/") for frame in frames)
         self.transforms = Transforms()
         self._no_return = no_return
         self.twist: Tuple[float, float] = (0.0, 0.0)
-        self._heard = rospy.Time(0)  # arrival time of the latest odometry
-        self._stamps = {
-            "pose": rospy.Time(0),
-            "twist": rospy.Time(0),
-        }  # stamps of the latest pose and twist
+        self._odometry_time = rospy.Time(0)  # arrival time of the latest odometry
+        self._pose_stamp = rospy.Time(0)
+        self._twist_stamp = rospy.Time(0)
         self.pose_trouble = ""
-        self._topics = {
-            topic: _Topic(topic, kind, origins.get(topic, "")) for topic, kind in topics.items()
-        }
+        self._topics = {}
+        for topic, kind in topics.items():
+            self._topics[topic] = _Topic(topic, kind, origins.get(topic, ""))
         self._odometry = odometry
+        # A message may be larger than rospy's buffer of 64 KiB, which would then delay it.
         rospy.Subscriber(
             odometry, Odometry, self._take_odometry, queue_size=1, buff_size=2**20, tcp_nodelay=True
         )
@@ -117,34 +123,33 @@ class Sensors:
         return cls(frames, topics, {}, robot.topics.odometry, robot.laser.no_return)
 
     def _take_odometry(self, message: Odometry) -> None:
-        twist = message.twist.twist.linear.x, message.twist.twist.angular.z
-        if all(map(math.isfinite, twist)):
-            self.twist, self._heard, self._stamps["twist"] = (
-                twist,
-                rospy.get_rostime(),
-                message.header.stamp,
-            )
-        else:
+        # The base cannot drive sideways: a lateral velocity is noise or slip.
+        twist = (message.twist.twist.linear.x, message.twist.twist.angular.z)
+        if not all(map(math.isfinite, twist)):
             rospy.logerr_throttle(1.0, f"odometry message ignored: its twist {twist} is not finite")
+            return
+        self.twist = twist
+        self._odometry_time = rospy.get_rostime()
+        self._twist_stamp = message.header.stamp
 
     def forget(self) -> None:
         """Drop all data after the clock jumped back."""
         self.transforms.buffer.clear()
-        self._heard = rospy.Time(0)
-        self._stamps = dict.fromkeys(self._stamps, rospy.Time(0))
+        self._odometry_time = rospy.Time(0)
+        self._pose_stamp = rospy.Time(0)
+        self._twist_stamp = rospy.Time(0)
         for topic in self._topics.values():
             topic.forget()
         self.twist = (0.0, 0.0)
 
     def describe_latest(self, topic: str) -> str:
-        """Describe stamp, age and problem of the latest message on a source's topic, for log lines."""
-        known = self._topics.get(topic)
-        if known is None or known.stamp.is_zero():
+        """Describe stamp, age and problem of the latest message on a source's topic."""
+        source = self._topics.get(topic)
+        if source is None or source.stamp.is_zero():
             return "no message has arrived"
-        age = (rospy.get_rostime() - known.stamp).to_sec()
-        return f"the latest message has stamp {known.stamp.to_sec():.3f}, {age:.2f} s ago; {known.trouble}".rstrip(
-            "; "
-        )
+        age = (rospy.get_rostime() - source.stamp).to_sec()
+        text = f"the latest message has stamp {source.stamp.to_sec():.3f}, {age:.2f} s ago"
+        return f"{text}; {source.trouble}" if source.trouble else text
 
     def clear_errors(self) -> None:
         """Clear the source errors."""
@@ -152,47 +157,53 @@ class Sensors:
             topic.trouble = ""
 
     def stamps(self) -> Dict[str, rospy.Time]:
-        """Return the stamps {"scan", "pose", "twist"} of the latest data that were used; 0 for none."""
-        scans = [
-            stamp
-            for topic in self._topics.values()
-            if topic.is_scan
-            for stamp in topic.used.values()
-        ]
-        return dict(self._stamps, scan=max(scans, default=rospy.Time(0)))
+        """Return the stamps {"scan", "pose", "twist"} of the latest used data; 0 for none."""
+        latest_scan = rospy.Time(0)
+        for topic in self._topics.values():
+            if topic.is_scan:
+                latest_scan = max(latest_scan, *topic.used.values(), rospy.Time(0))
+        return {"scan": latest_scan, "pose": self._pose_stamp, "twist": self._twist_stamp}
 
     def ages(self, now: rospy.Time) -> Dict[str, float]:
-        """Return the ages [s] of the nonzero `stamps` as {"scan_age_s", "pose_age_s", "twist_age_s"}."""
-        return {
-            name + "_age_s": (now - stamp).to_sec()
-            for name, stamp in self.stamps().items()
-            if not stamp.is_zero()
-        }
+        """Return the ages [s] of the nonzero `stamps`.
+
+        The names are "scan_age_s", "pose_age_s" and "twist_age_s".
+        """
+        ages = {}
+        for name, stamp in self.stamps().items():
+            if not stamp.is_zero():
+                ages[f"{name}_age_s"] = (now - stamp).to_sec()
+        return ages
 
     def odometry_trouble(self, now: rospy.Time, patience: float) -> str:
-        """Return a message if no odometry has arrived for `patience` [s] or at all, otherwise ""."""
-        age = (now - self._heard).to_sec()
+        """Return a message if no odometry has arrived for `patience` [s] or at all, else ""."""
+        # The arrival counts: many bases stamp their odometry by a clock of their own.
+        age = (now - self._odometry_time).to_sec()
         if age <= patience:
             return ""
-        since = "yet" if self._heard.is_zero() else f"for {age:.2f} s"
+        since = "yet" if self._odometry_time.is_zero() else f"for {age:.2f} s"
         return f"no usable odometry on {rospy.resolve_name(self._odometry)} {since}"
 
     def pose(self, now: rospy.Time, tolerance: float) -> Optional[Pose]:
-        """Return the latest pose of the robot in the local frame, or None if none is within `tolerance` [s] of now."""
+        """Return the latest pose of the robot in the local frame.
+
+        None if it is not within `tolerance` [s] of now.
+        """
         return self._latest_pose(self.local, self.base, now, tolerance, tolerance)
 
     def frame(self, now: rospy.Time, tolerance: float) -> Optional[Pose]:
-        """Return the latest pose of the local frame in the global frame, or None if it is older than `tolerance` [s].
+        """Return the latest pose of the local frame in the global frame.
 
-        Localisation stamps this pose ahead of the clock (amcl by 0.1 to 2 s) so that it is valid until the next one.
+        None if it is older than `tolerance` [s]. Localisation stamps this pose ahead of the clock
+        (amcl by 0.1 to 2 s) so that it is valid until the next one.
         """
-        return self._latest_pose(
-            self.globe, self.local, now, tolerance, max(tolerance, MAX_AHEAD_S)
-        )
+        most_ahead = max(tolerance, MAX_AHEAD_S)
+        return self._latest_pose(self.globe, self.local, now, tolerance, most_ahead)
 
     def _latest_pose(
         self, target: str, source: str, now: rospy.Time, oldest: float, most_ahead: float
     ) -> Optional[Pose]:
+        """Return a pose as `Transforms.latest` does; None, with `pose_trouble`, if it raises."""
         self.pose_trouble = ""
         try:
             transform = self.transforms.latest(target, source, now, oldest, most_ahead)
@@ -200,27 +211,40 @@ class Sensors:
             self.pose_trouble = str(problem)
             return None
         if source == self.base:
-            self._stamps["pose"] = transform.header.stamp
+            self._pose_stamp = transform.header.stamp
         return conversions.pose_of(transform.transform)
 
     def observations(self) -> Dict[str, Any]:
-        """Return the new observations (common.scan) whose transforms are known, as {topic: observation}."""
-        latest = {name: topic.latest(self._use) for name, topic in self._topics.items()}
-        return {
-            name: observation for name, observation in latest.items() if observation is not None
-        }
+        """Return the new observations (common.scan) whose transforms are known.
 
-    def _use(self, topic: _Topic, message: Any) -> Any:
-        """Return the observation of a message, or None until its transform is known. Raises MessageError."""
-        ahead = (message.header.stamp - rospy.get_rostime()).to_sec()
+        Returns:
+            {topic: observation}
+        """
+        observations = {}
+        for name, topic in self._topics.items():
+            observation = topic.latest(self._observation)
+            if observation is not None:
+                observations[name] = observation
+        return observations
+
+    def _observation(self, topic: _Topic, message: Any) -> Any:
+        """Return the observation of a message, or None until its transform is known.
+
+        Raises:
+            MessageError: The message cannot be used.
+        """
+        frame = message.header.frame_id
+        stamp = message.header.stamp
+        ahead = (stamp - rospy.get_rostime()).to_sec()
         if ahead > MAX_AGE_S:
             raise MessageError(f"is stamped {ahead:.2f} s ahead of the clock")
-        frame, stamp = message.header.frame_id, message.header.stamp
         try:
             transform = self.transforms.at(self.local, frame, stamp).transform
         except ObservationError as problem:
             topic.trouble = str(problem)
             return None
+
+        # A frame that tf does not know is ignored, as in C++ (observation_buffer.cpp).
         origin = None
         if topic.origin not in ("", frame.lstrip("/")):
             with contextlib.suppress(ObservationError):
@@ -233,34 +257,46 @@ class Sensors:
         return conversions.laser_scan(message, ranges, transform, origin)
 
     def to_global(self, message: Any) -> Pose:
-        """Return the pose (x, y, yaw) of a geometry_msgs/PoseStamped in the global frame. Raises MessageError."""
-        pose, frame = conversions.pose_of(message.pose), message.header.frame_id.lstrip("/")
+        """Return the pose (x, y, yaw) of a geometry_msgs/PoseStamped in the global frame.
+
+        Raises:
+            MessageError: tf cannot transform its frame.
+        """
+        pose = conversions.pose_of(message.pose)
+        frame = message.header.frame_id.lstrip("/")
         if frame == self.globe:
             return pose
+        # As in move_base.cpp, the latest transform: a goal is no measurement of its time.
         try:
             transform = self.transforms.at(self.globe, frame, rospy.Time(0)).transform
         except ObservationError as problem:
-            raise MessageError(
-                f"frame {message.header.frame_id!r} cannot be transformed to {self.globe}: {problem}"
-            ) from None
+            wrong = f"frame {message.header.frame_id!r} cannot be transformed to {self.globe}"
+            raise MessageError(f"{wrong}: {problem}") from None
         return compose(conversions.pose_of(transform), pose)
 
 
 class _Topic:
-    """Queue of the messages on one source's topic, at most SCANS_KEPT, that wait for their transform.
+    """Queue of the messages on one source's topic that wait for their transform.
 
-    Lasers may share a topic. Used stamps are kept by frame, and the frame that was used least recently comes first.
+    At most SCANS_KEPT wait. Lasers may share a topic. Used stamps are kept by frame, and the frame
+    that was used least recently comes first.
+
+    Attributes:
+        is_scan: Whether the messages are laser scans.
+        origin: Frame at whose origin the rays start; "" for the frame of the messages.
+        trouble: Reason why the latest message was not used, or "".
+        used: Stamp of the last used message, by frame.
+        name: Full name of the topic.
+        stamp: Stamp of the last message; 0 before the first.
     """
 
     def __init__(self, topic: str, data_type: str, origin: str):
         self.is_scan = data_type == "LaserScan"
         self.origin = origin.lstrip("/")
         self.trouble = ""
-        self.used: Dict[str, rospy.Time] = {}  # stamp of the last used message, by frame
-        self.name, self.stamp = (
-            rospy.resolve_name(topic),
-            rospy.Time(0),
-        )  # full name, stamp of the last message
+        self.used: Dict[str, rospy.Time] = {}
+        self.name = rospy.resolve_name(topic)
+        self.stamp = rospy.Time(0)
         self._lock = threading.Lock()  # guards _waiting
         self._waiting: Deque[Any] = deque(maxlen=SCANS_KEPT)
         rospy.Subscriber(
@@ -268,11 +304,11 @@ class _Topic:
         )
 
     def _take(self, message: Any) -> None:
-        if message.header.stamp.is_zero():  # C++ uses such a message with the latest transform.
+        # C++ uses a message without stamp with the latest transform.
+        if message.header.stamp.is_zero():
             message.header.stamp = rospy.get_rostime()
-            rospy.logwarn_once(
-                f"{self.name}: messages have no stamps: their arrival times are used"
-            )
+            problem = f"{self.name}: messages have no stamps"
+            rospy.logwarn_once(f"{problem}: their arrival times are used")
         with self._lock:
             self._waiting.append(message)
             self.stamp = message.header.stamp
@@ -283,37 +319,45 @@ class _Topic:
         self.used = {}
 
     def used_of(self, message: Any) -> rospy.Time:
-        """Return the stamp of the latest message that was used in the frame of `message`; 0 for none."""
+        """Return the stamp of the last used message in the frame of `message`; 0 for none."""
         return self.used.get(message.header.frame_id, rospy.Time(0))
 
     def latest(self, use: Callable[[_Topic, Any], Any]) -> Any:
-        """Return use(self, message) of the latest usable message newer than the last used one, or None.
+        """Return the observation of the latest usable message that is newer than the last used one.
 
-        Newer messages without a transform keep waiting. Older messages are dropped.
+        None if there is none. Newer messages without a transform keep waiting. Older messages are
+        dropped.
+
+        Args:
+            use: Returns the observation of a message of this topic, or None until its transform is
+                known.
         """
+        # The sorts are stable: the latest message of the frame that has waited longest comes first.
         with self._lock:
             waiting = sorted(self._waiting, key=lambda message: message.header.stamp, reverse=True)
-        used, refused = None, set()
+        observation = None
+        refused = set()
         for message in sorted(waiting, key=self.used_of):
             if message.header.stamp <= self.used_of(message):
                 continue
             try:
-                used = use(self, message)
+                observation = use(self, message)
             except (ValueError, TypeError) as problem:
                 self.trouble = f"{self.name} {problem}"
                 rospy.logerr_throttle(1.0, f"message ignored: {self.trouble}")
                 refused.add(id(message))
-            if used is not None:
+            if observation is not None:
                 self.used[message.header.frame_id] = message.header.stamp
                 break
+
+        # Messages may have arrived in the meantime, so that the queue is filtered, not replaced.
         with self._lock:
-            kept = [
-                m
-                for m in self._waiting
-                if m.header.stamp > self.used_of(m) and id(m) not in refused
-            ]
+            kept = []
+            for message in self._waiting:
+                age = (rospy.get_rostime() - message.header.stamp).to_sec()
+                is_new = message.header.stamp > self.used_of(message)
+                if is_new and id(message) not in refused and abs(age) < RECENT_S:
+                    kept.append(message)
             self._waiting.clear()
-            self._waiting.extend(
-                m for m in kept if abs((rospy.get_rostime() - m.header.stamp).to_sec()) < RECENT_S
-            )
-        return used
+            self._waiting.extend(kept)
+        return observation

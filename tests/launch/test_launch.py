@@ -18,6 +18,7 @@ from actionlib_msgs.msg import GoalStatus
 
 import worlds
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.nodes.conversions import Reading
 from applr_ros1.nodes.robot_parameters import with_robot
 from applr_ros1.nodes.tools import demo as demo_tool
 from applr_ros1.planner.move_base import MoveBase
@@ -159,8 +160,8 @@ def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
     course = worlds.Course((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi), None, 1.0, np.empty((0, 2)))
     world = worlds.World("far", np.empty((0, 3)), np.empty((0, 5)), course)
     monkeypatch.setattr(demo_tool.worlds, "load", lambda _, radius: world)
-    values, _, _, _ = demo_tool.prepare([f"goal:={goal}"])
-    assert values["sent"] == pytest.approx(sent)
+    setup = demo_tool.prepare([f"goal:={goal}"])
+    assert setup.values["sent"] == pytest.approx(sent)
 
 
 @pytest.mark.parametrize(
@@ -181,24 +182,28 @@ def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
 )
 def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, time):
     """The robot goes straight from the start of the course to its end at `speed` [m/s]."""
-    values, _, robot, world = demo_tool.prepare(["world:=generated:0", f"goal:={goal}"])
+    setup = demo_tool.prepare(["world:=generated:0", f"goal:={goal}"])
     observer = object.__new__(demo_tool.Observer)
-    observer.world, observer._tolerance, observer._frame = world, robot.goal_tolerance, "odom"
-    observer._names, observer._theta, observer._recorder = (), (), None
-    observer.moved(demo_tool.Motion(1.0, world.course.start, (speed, 0.0)))
+    observer.world = setup.world
+    observer._tolerance = setup.robot.goal_tolerance
+    observer._frame = "odom"
+    observer._names = ()
+    observer._theta = ()
+    observer._recorder = None
+    observer.moved(Reading(1.0, setup.world.course.start, (speed, 0.0)))
 
     def check():
         """Move on by 0.1 s."""
-        now, (x, y, yaw), twist = observer._latest
-        pose = x + 0.1 * speed * math.cos(yaw), y + 0.1 * speed * math.sin(yaw), yaw
-        observer.moved(demo_tool.Motion(now + 0.1, pose, twist))
+        stamp, (x, y, yaw), twist = observer._latest
+        pose = (x + 0.1 * speed * math.cos(yaw), y + 0.1 * speed * math.sin(yaw), yaw)
+        observer.moved(Reading(stamp + 0.1, pose, twist))
 
     def state():
         ended = GoalStatus.ABORTED if goal == "auto" else GoalStatus.SUCCEEDED
         return ended if observer._latest.time - 1.0 >= gives_up_at - 1e-6 else GoalStatus.ACTIVE
 
     observer._client = client = Mock(get_state=state, get_goal_status_text=lambda: "no way")
-    drive = observer.drive(values["sent"], 2.0, check)
+    drive = observer.drive(setup.values["sent"], 2.0, check)
     assert (drive.goals[-1].end, drive.goals[-1].reason) == (pytest.approx(time, abs=0.11), reason)
     assert drive.truth.length == pytest.approx(speed * drive.goals[-1].end)
     assert client.send_goal.call_args.args[0].target_pose.header.frame_id == "odom"
@@ -206,7 +211,7 @@ def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, tim
 
 
 def test_a_demo_that_does_not_arrive_ends_with_1(monkeypatch, capsys):
-    def drive(stack, values, robot, world, result):
+    def drive(stack, setup, result):
         result["reason"] = "timed out"
 
     monkeypatch.setattr(demo_tool, "private_stack", lambda given: contextlib.nullcontext())

@@ -228,8 +228,7 @@ def test_the_demo_passes_files_on_with_absolute_paths(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(os.path.join(ROOT, "applr_ros1", "robots", "jackal", "static.json"), "set.json")
     words = ["method:=set.json", "record:=a.bag", "goal:=1 0 0", "limit:=9"]
-    _, passed, _, _ = demo.prepare(words)
-    assert passed == {
+    assert demo.prepare(words).passed == {
         "method": f"{tmp_path}/set.json",
         "record": f"{tmp_path}/a.bag",
         "goal": "none",

@@ -128,9 +128,9 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     assert periods.min() < 1.25  # Other decisions may be late on a busy machine.
     expected = observe(robot.ranges, goal_angle(local_goal(robot.path, robot.pose)), THETA_0)
     np.testing.assert_allclose(observed(robot.messages[0]), expected, atol=1e-6)
-    planner = client._servers[PLANNER.split("/")[-1]].values
+    planner = client.servers[PLANNER.split("/")[-1]].values
     assert planner["min_vel_theta"] == -planner["max_vel_theta"]
-    inflaters = [server for role, server in client._servers.items() if "inflater" in role]
+    inflaters = [server for role, server in client.servers.items() if "inflater" in role]
     wait_for(
         lambda: {s.values["inflation_radius"] for s in inflaters} == {client.theta()[7]} != {0.3},
         "both costmaps'",
@@ -162,8 +162,8 @@ def test_other_names_of_the_cpp_move_base(robot, stack):
     _, _, client = stack(fake=("--spelling", "kinetic", "--layer", "inflation_layer"))
     robot.goal = "one"
     wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), "decisions")
-    assert client._servers["TrajectoryPlannerROS"].names["path_distance_bias"] == "pdist_scale"
-    assert client.servers["local_costmap/inflater_layer"].endswith("inflation_layer")
+    assert client.servers["TrajectoryPlannerROS"].names["path_distance_bias"] == "pdist_scale"
+    assert client.servers["local_costmap/inflater_layer"].name.endswith("inflation_layer")
 
 
 def test_another_local_planner_is_named_in_one_line(robot, stack):
@@ -468,9 +468,7 @@ def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robo
     node.until("does not answer")
     assert node.end() == 0, node.text
     default = SPACE.settings(THETA_0)
-    others = [
-        (name, server) for name, server in client._servers.items() if server.name != LAYERS[0]
-    ]
+    others = [(name, server) for name, server in client.servers.items() if server.name != LAYERS[0]]
     wait_for(
         lambda: all(each.has(each.request(default[name])) for name, each in others),
         "theta_0 of the others",

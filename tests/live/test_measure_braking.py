@@ -8,7 +8,8 @@ import pytest
 import rospy
 
 from applr_ros1.common.angles import normalize_angle
-from applr_ros1.nodes.tools.measure_braking import Reading, Stop, dead_band, deceleration, reaction
+from applr_ros1.nodes.conversions import Reading
+from applr_ros1.nodes.tools.measure_braking import Stop, dead_band, deceleration, reaction
 from tests.support.ros import Kept, session, wait_for
 from worlds import Course, World
 from worlds.sdf_writer import write
@@ -47,19 +48,26 @@ class Ignoring:
     """Stand-in for Base, of a robot that drives at any command except those below its dead band."""
 
     def __init__(self, band):
-        self.band, self.samples = band, [Reading(0.0, 1.0, 2.0, 3.0, 0.0, 0.0)]
+        self.band = band
+        self.readings = [Reading(0.0, (1.0, 2.0, 3.0), (0.0, 0.0))]
 
     def drive(self, v, w, until, seconds):
-        now = self.samples[-1]
-        v, w = (speed if abs(speed) >= least else 0.0 for speed, least in zip((v, w), self.band))
-        turned = normalize_angle(now.yaw + w * seconds)
-        self.samples.append(Reading(now.time + seconds, now.x, now.y - v * seconds, turned, v, w))
+        if abs(v) < self.band[0]:
+            v = 0.0
+        if abs(w) < self.band[1]:
+            w = 0.0
+        last = self.readings[-1]
+        x, y, yaw = last.pose
+        pose = (x, y - v * seconds, normalize_angle(yaw + w * seconds))
+        self.readings.append(Reading(last.time + seconds, pose, (v, w)))
 
 
 @pytest.mark.parametrize("band", [(0.0, 0.0), (0.075, 0.25), (0.155, 0.0), (0.0, 0.7)])
 def test_the_dead_band_is_the_smallest_command_that_moves_the_base(band):
-    v, w = (dead_band(Ignoring(band), turning) for turning in (False, True))
-    assert (v, w) == (pytest.approx(band[0], abs=0.01), pytest.approx(band[1], abs=0.03))
+    v = dead_band(Ignoring(band), is_turn=False)
+    w = dead_band(Ignoring(band), is_turn=True)
+    assert v == pytest.approx(band[0], abs=0.01)
+    assert w == pytest.approx(band[1], abs=0.03)
     assert v >= band[0]
     assert w >= band[1]
 

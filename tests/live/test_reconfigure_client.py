@@ -67,9 +67,10 @@ def started(on_report=lambda error: None):
 def test_values_are_read_back(client):
     assert client.apply(SPACE.high, LONGEST) == ""
     assert np.array_equal(client.theta(), SPACE.high)
-    assert set(client.servers.values()) == {PLANNER, *LAYERS, *COSTMAPS}
+    names = {server.name for server in client.servers.values()}
+    assert names == {PLANNER, *LAYERS, *COSTMAPS}
     wait_for(
-        lambda: client._servers["TrajectoryPlannerROS"].values["min_vel_theta"] == -3.14,
+        lambda: client.servers["TrajectoryPlannerROS"].values["min_vel_theta"] == -3.14,
         "the other direction",
     )
 
@@ -84,7 +85,7 @@ def calls(client):
             name + "/parameter_updates", Config, lambda message: seen.update([name])
         )
 
-    topics = [listen(name) for name in client.servers.values()]
+    topics = [listen(server.name) for server in client.servers.values()]
 
     def poll():
         time.sleep(0.2)
@@ -105,7 +106,7 @@ def test_a_server_whose_values_are_in_force_is_not_called(client, calls):
     for expected in ({PLANNER}, set()):
         assert applied(client, theta)
         assert calls() == expected
-    local = client._servers["local_costmap"]
+    local = client.servers["local_costmap"]
     local._client.update_configuration({"footprint_padding": 0.02})
     wait_for(lambda: local.values["footprint_padding"] == 0.02, "the value set by another client")
     assert calls() == {COSTMAPS[0]}
@@ -115,8 +116,8 @@ def test_a_server_whose_values_are_in_force_is_not_called(client, calls):
 
 
 def test_a_restarted_server_is_called_with_any_last_values(client, calls):
-    description = client._servers["local_costmap"]._client.param_description
-    client._servers["local_costmap"]._on_description(description)
+    description = client.servers["local_costmap"]._client.param_description
+    client.servers["local_costmap"]._on_description(description)
     for expected in ({COSTMAPS[0]}, set()):
         assert applied(client, THETA_0)
         assert calls() == expected
@@ -131,9 +132,7 @@ def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_wit
     assert applied(client, THETA_0)
     assert client.values()[i] == 2.5 * THETA_0[i]
     assert np.array_equal(client.theta(), THETA_0)
-    client._servers["TrajectoryPlannerROS"]._client.update_configuration(
-        {"path_distance_bias": 2.0}
-    )
+    client.servers["TrajectoryPlannerROS"]._client.update_configuration({"path_distance_bias": 2.0})
     wait_for(lambda: client.values()[i] == 2.0, "the value set by another client")
     assert client.theta()[i] == 0.8
     monkeypatch.setattr(client, "per_cell", False)
@@ -155,7 +154,7 @@ def test_a_restarted_server_gets_the_last_request():
 
 @pytest.mark.parametrize("values", [{}, {"max_vel_x": "fast"}], ids=["nothing", "a text"])
 def test_a_value_that_is_not_a_number_is_unknown_and_set_again(client, monkeypatch, values):
-    planner = client._servers["TrajectoryPlannerROS"]
+    planner = client.servers["TrajectoryPlannerROS"]
     config = {name: value for name, value in planner.values.items() if name != "max_vel_x"}
     monkeypatch.setattr(planner._client, "config", {**config, **values})
     assert client.theta() is None
@@ -202,7 +201,7 @@ def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
         (wide.space.high, "max"),
     ):  # The servers' bounds apply, too.
         assert applied(wide, theta)
-        planner = wide._servers["TrajectoryPlannerROS"]
+        planner = wide.servers["TrajectoryPlannerROS"]
         for name in ("max_vel_x", "vx_samples", "occdist_scale"):
             assert planner.values[name] == planner.declared[name][end]
     wide.close()
@@ -233,7 +232,7 @@ def test_fault_5_one_refusal_is_read_back_and_the_next_attempt_sets_the_missing_
     error = client.apply(SPACE.high, LONGEST)
     assert server in error
     assert "\n" not in error
-    for name, each in client._servers.items():
+    for name, each in client.servers.items():
         theta = THETA_0 if each.name == server else SPACE.high
         assert each.has(each.request(SPACE.settings(theta)[name])), name
     rospy.delete_param("/fake/" + fault)

@@ -125,7 +125,7 @@ def test_silent_nodes_and_topics_are_reported(viewer):
     assert "no scan: nothing on /front/scan" in text
     assert "no applr node" in text
     reports = []
-    viewer.panel._report = reports.append
+    viewer.panel.report = reports.append
     by_hand(viewer.panel.sliders["max_vel_x"], 0.8)
     assert reports == ["no subscribers on /applr/set_parameters"]
 
@@ -154,7 +154,7 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
             "the value as the applr node read it",
         )
         wait_for(lambda: "parameters by hand" in state(viewer), "the parameters by hand")
-        by_hand(viewer.panel._dropdown, "tuned set")
+        by_hand(viewer.panel.dropdown, "tuned set")
         best = viewer.panel.space.theta0
         wait_for(
             lambda: state(viewer) and not np.array_equal(viewer.panel.theta(), best), "its values"
@@ -178,8 +178,8 @@ def test_robot_and_scan_are_drawn_while_a_page_is_open(ros):
         wait_for(
             lambda: odometry.get_num_connections() == alone + 1, "the page's subscription alone"
         )
-        wait_for(lambda: state(made) and made.scene._scan.visible, "the scan")
-        x, y, _ = made.scene._scan.points.T
+        wait_for(lambda: state(made) and made.scene.scan.visible, "the scan")
+        x, y, _ = made.scene.scan.points.T
         assert np.hypot(x - 1.5, y - 0.8).min() < 0.2
         assert "no scan" not in state(made)
         jackal.put((0.2, 0.0, 0.0))

@@ -50,12 +50,16 @@ def test_feedback_has_the_pose_if_it_is_known(pose):
 
 
 def test_diagnostics_report_which_critics_refused_the_samples():
-    node, refused = MagicMock(), {"samples": 3, "obstacle": 3}
+    node = MagicMock()
+    refused = {"samples": 3, "obstacle": 3}
     node._locate.return_value = (1.0, 2.0, 0.5), None
     node.move_base.step.return_value = Cycle(controlled=True)
+    node.move_base.in_global_frame.side_effect = lambda pose: pose
     node.move_base.local_planner.refusals.side_effect = [{}, refused]
     node.watchdog.is_lost.return_value = False
-    node.sensors.ages.return_value, node._refusals, node.loop.missed = {}, {}, 0
+    node.sensors.ages.return_value = {}
+    node._refusals = {}
+    node.loop.missed = 0
     reports = []
     for cycles in (1, 2, 0):
         for _ in range(cycles):  # Refusals are kept until they are reported.
@@ -79,7 +83,7 @@ def test_cycles_that_were_missed_are_counted():
         (0.46, 9, 0.51),
     ):
         loop.missed = 0
-        later = loop._next_due(due, due + rospy.Duration.from_sec(late), 0.05)
+        later = loop.next_due(due, due + rospy.Duration.from_sec(late), 0.05)
         assert (loop.missed, (later - due).to_sec()) == (missed, pytest.approx(next_due))
 
 

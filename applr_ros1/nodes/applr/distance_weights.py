@@ -16,7 +16,7 @@ from applr_ros1.policy.parameter_space import Space
 from applr_ros1.robots.learned import TRAJECTORY
 
 PLANNER = TRAJECTORY  # planner whose unit may vary: DWAPlannerROS always counts per metre
-# weights of a trajectory's cost: two biases that meter_scoring multiplies, and one that it does not
+# Weights of a trajectory's cost: two biases that meter_scoring multiplies, and one that it does not
 WEIGHTS = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
 
 
@@ -26,7 +26,9 @@ def weights_at(space: Space) -> Optional[List[int]]:
     for i, target in space.addresses:
         if target.server == PLANNER:
             indices.update(dict.fromkeys(target.names, i))
-    return [indices[name] for name in WEIGHTS] if set(WEIGHTS) <= set(indices) else None
+    if not set(WEIGHTS) <= set(indices):
+        return None
+    return [indices[name] for name in WEIGHTS]
 
 
 def multipliers_of(space: Space, factor: float, largest: np.ndarray) -> Array:
@@ -44,9 +46,10 @@ def multipliers_of(space: Space, factor: float, largest: np.ndarray) -> Array:
     multipliers = np.ones(len(space))
     indices = weights_at(space)
     if factor != 1.0 and indices is not None:
-        *biases, occ = indices
-        wanted = 1.0 / factor
-        excess = wanted * space.high[biases].max() / largest[biases].min()
-        multipliers[occ] = 0.5 ** max(0, math.ceil(math.log2(excess)))
-        multipliers[biases] = wanted * multipliers[occ]
+        # A power of two leaves all digits of the third weight as they are.
+        *biases, obstacle_weight = indices
+        per_meter = 1.0 / factor
+        excess = per_meter * space.high[biases].max() / largest[biases].min()
+        multipliers[obstacle_weight] = 0.5 ** max(0, math.ceil(math.log2(excess)))
+        multipliers[biases] = per_meter * multipliers[obstacle_weight]
     return multipliers

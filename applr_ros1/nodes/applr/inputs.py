@@ -27,6 +27,7 @@ from applr_ros1.robots import JACKAL, Robot
 
 LEAST_LEVEL_COS = 0.95  # smallest cosine of the tilt of a level laser; 18 degrees
 STATUS_AGE_S = 2.0  # time without a status after which move_base counts as gone [s]
+SIMULTANEOUS_S = 0.5  # largest time between a plan and the first status of its goal [s]
 _RUNNING = (GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
 
 
@@ -55,19 +56,19 @@ class RobotInputs:
     """
 
     def __init__(self, robot: Robot = JACKAL, move_base: str = "/move_base", prefix: str = ""):
-        self._base, self._scan_topic = prefix + robot.frames.base, robot.topics.scan
+        self._base = prefix + robot.frames.base
+        self._scan_topic = robot.topics.scan
         self._sensors = Sensors.of_lasers(robot, prefix, self._base)
         self._transforms = self._sensors.transforms
         plan = move_base + "/NavfnROS/plan"
-        self._plan_topic, self._lock = rospy.resolve_name(plan), threading.Lock()
+        goal = move_base + "/current_goal"
+        self._plan_topic = rospy.resolve_name(plan)
+        self._lock = threading.Lock()  # guards the messages
         self.clear()
-        rospy.Subscriber(
-            plan, Path, self._on_plan, queue_size=1, buff_size=2**24
-        )  # A small buffer delays plans.
+        # A plan is larger than rospy's usual buffer, which would delay it.
+        rospy.Subscriber(plan, Path, self._on_plan, queue_size=1, buff_size=2**24)
         rospy.Subscriber(move_base + "/status", GoalStatusArray, self._on_status, queue_size=1)
-        rospy.Subscriber(
-            move_base + "/current_goal", PoseStamped, self._on_current_goal, queue_size=1
-        )
+        rospy.Subscriber(goal, PoseStamped, self._on_current_goal, queue_size=1)
         rospy.Subscriber("applr/tracked", Movers, self._on_movers, queue_size=1)
 
     def clear(self) -> None:
@@ -75,73 +76,108 @@ class RobotInputs:
         self._sensors.forget()
         with self._lock:
             self._scan: Any = None
-            self._plan = self._planned = self._movers = None
-            self._goal, self._goal_heard, self._goal_since = None, None, None
-            self._current_goal = self._former_goal = None  # poses that move_base has published
+            self._plan: Any = None
+            self._plan_time: Any = None  # arrival of the plan
+            self._movers: Any = None
+            self._goal: Any = None  # id of the goal
+            self._status_time: Any = None  # arrival of the latest status
+            self._goal_since: Any = None  # arrival of the first status of the goal
+            # Poses that move_base has published
+            self._current_goal: Any = None
+            self._former_goal: Any = None
 
     def goal(self, now: rospy.Time) -> Any:
         """Return the id of move_base's goal, or None if there is none or move_base is gone."""
         with self._lock:
-            gone = self._goal is not None and abs((now - self._goal_heard).to_sec()) > STATUS_AGE_S
-            return None if gone else self._goal
+            if self._goal is None or abs((now - self._status_time).to_sec()) > STATUS_AGE_S:
+                return None
+            return self._goal
 
     def has_lost_move_base(self, now: rospy.Time) -> bool:
         """Return whether move_base has published its status, but not for STATUS_AGE_S seconds."""
         with self._lock:
-            return self._goal_heard is not None and (now - self._goal_heard).to_sec() > STATUS_AGE_S
+            if self._status_time is None:
+                return False
+            return bool((now - self._status_time).to_sec() > STATUS_AGE_S)
 
     def snapshot(self, now: rospy.Time, began: Any) -> Snapshot:
         """Return a Snapshot at ROS time `now` of a course that began at ROS time `began`.
 
-        Raises ObservationError with one line about the missing or invalid input.
+        Raises:
+            ObservationError: An input is missing or invalid; one line says which.
         """
+        # The inputs of one decision belong together: callbacks may replace them from here on.
         with self._lock:
-            plan, planned = self._plan, self._planned
-            since, goal = self._goal_since, self._current_goal
-            former, movers = self._former_goal, self._movers
+            plan = self._plan
+            movers = self._movers
+            goal = self._current_goal
+            is_for_goal = self._plan_is_for_goal()
         beams = self._beams(now)
-        stamps = self._sensors.stamps()
-        early = 0.0 if plan is None or since is None else (since - planned).to_sec()
-        if (
-            plan is None
-            or early > 0.5
-            or early > -0.5
-            and _nearer(plan.poses[-1].pose, former, goal)
-        ):
+        if not is_for_goal:
             raise ObservationError(f"no global plan for this goal on {self._plan_topic} yet")
-        points = np.array([(p.pose.position.x, p.pose.position.y) for p in plan.poses])
+        stamps = self._sensors.stamps()
+        points = np.array([(place.pose.position.x, place.pose.position.y) for place in plan.poses])
         frame = plan.header.frame_id or plan.poses[0].header.frame_id
-        goal = conversions.pose_of(plan.poses[-1].pose if goal is None else goal)
+        if goal is None:
+            goal = plan.poses[-1].pose
         moving, movers_stamp = self._moving(movers, frame, now)
-        pose, time = self._pose(frame, stamps["scan"], now), (now - began).to_sec()
-        seen = Seen(beams, time, pose, self._sensors.twist, goal, points, moving)
+        seen = Seen(
+            beams,
+            (now - began).to_sec(),
+            self._pose(frame, stamps["scan"], now),
+            self._sensors.twist,
+            conversions.pose_of(goal),
+            points,
+            moving,
+        )
         return Snapshot(
             seen, frame, stamps["scan"], stamps["twist"], plan.header.stamp, movers_stamp
         )
 
+    def _plan_is_for_goal(self) -> bool:
+        """Return whether the latest plan belongs to the present goal, not to the one before.
+
+        Plan and status come on topics of their own, within half a second of each other. Within this
+        time the end of the plan decides.
+        """
+        if self._plan is None:
+            return False
+        if self._goal_since is None:
+            early = 0.0
+        else:
+            early = (self._goal_since - self._plan_time).to_sec()
+        if early > SIMULTANEOUS_S:
+            return False
+        end = self._plan.poses[-1].pose
+        is_simultaneous = early > -SIMULTANEOUS_S
+        return not (is_simultaneous and _is_nearer(end, self._former_goal, self._current_goal))
+
     def _beams(self, now: rospy.Time) -> Tuple[np.ndarray, float, float]:
         """Return (ranges [m], first angle, increment [rad]) of the latest scan for the robot."""
-        self._scan = scan = self._sensors.observations().get(self._scan_topic, self._scan)
+        scan = self._sensors.observations().get(self._scan_topic, self._scan)
+        self._scan = scan
         if scan is None or (now - self._sensors.stamps()["scan"]).to_sec() > MAX_AGE_S:
             latest = self._sensors.describe_latest(self._scan_topic)
-            raise ObservationError(
-                f"no usable scan on {rospy.resolve_name(self._scan_topic)}: {latest}"
-            )
+            problem = f"no usable scan on {rospy.resolve_name(self._scan_topic)}"
+            raise ObservationError(f"{problem}: {latest}")
         trouble = self._sensors.odometry_trouble(now, MAX_AGE_S)
         if trouble:
             raise ObservationError(trouble)
-        ranges, first, upright = scan.ranges, scan.angle_min, 1.0
+
+        # A level scan has no rotation. A laser may hang upside down, or tilt with the robot.
+        ranges = scan.ranges
+        first_angle = scan.angle_min
         if scan.rotation is not None:
             upright = conversions.cos_tilt(scan.rotation)
-            ranges, first = conversions.from_above(scan, ranges, upright < 0.0)
-        if abs(upright) < LEAST_LEVEL_COS:
-            raise ObservationError(
-                f"the laser in {scan.frame} is tilted: the policy needs a level laser"
-            )
-        return ranges, scan.sensor_pose[2] + first, scan.angle_increment
+            if abs(upright) < LEAST_LEVEL_COS:
+                problem = f"the laser in {scan.frame} is tilted"
+                raise ObservationError(f"{problem}: the policy needs a level laser")
+            ranges, first_angle = conversions.from_above(scan, ranges, upright < 0.0)
+        return ranges, scan.sensor_pose[2] + first_angle, scan.angle_increment
 
     def _pose(self, frame: str, stamp: rospy.Time, now: rospy.Time) -> Pose:
         """Return the robot's pose (x, y, yaw) in `frame` at `stamp`, or else its latest pose."""
+        # A scan may be older than tf remembers, or newer than localisation.
         try:
             transform = self._transforms.at(frame, self._base, stamp)
         except ObservationError:
@@ -149,57 +185,59 @@ class RobotInputs:
         return conversions.pose_of(transform.transform)
 
     def _moving(
-        self, msg: Optional[Movers], frame: str, now: rospy.Time
+        self, message: Optional[Movers], frame: str, now: rospy.Time
     ) -> Tuple[np.ndarray, rospy.Time]:
         """Return moving obstacles (k, 4) x, y, vx, vy in `frame`, and their stamp.
 
         There are none if the message is stale.
         """
-        if msg is None or abs((now - msg.header.stamp).to_sec()) > MAX_AGE_S:
+        if message is None or abs((now - message.header.stamp).to_sec()) > MAX_AGE_S:
             return np.zeros((0, 4)), rospy.Time()
-        x, y, vx, vy = (
-            np.array(list(zip(msg.x, msg.y, msg.vx, msg.vy)), dtype=float).reshape(-1, 4).T
-        )
-        if frame.lstrip("/") != msg.header.frame_id.lstrip("/"):
-            place = self._transforms.latest(frame, msg.header.frame_id, now, MAX_AGE_S)
-            place = conversions.pose_of(place.transform)
-            x, y = transform_point(place, x, y)
-            vx, vy = transform_point((0.0, 0.0, place[2]), vx, vy)
-        return np.column_stack([x, y, vx, vy]), msg.header.stamp
+        x, y, vx, vy = np.array([message.x, message.y, message.vx, message.vy], dtype=float)
+        if frame.lstrip("/") != message.header.frame_id.lstrip("/"):
+            transform = self._transforms.latest(frame, message.header.frame_id, now, MAX_AGE_S)
+            pose = conversions.pose_of(transform.transform)
+            x, y = transform_point(pose, x, y)
+            vx, vy = transform_point((0.0, 0.0, pose[2]), vx, vy)
+        return np.column_stack([x, y, vx, vy]), message.header.stamp
 
-    def _on_movers(self, msg: Movers) -> None:
+    def _on_movers(self, message: Movers) -> None:
         with self._lock:
-            self._movers = msg
+            self._movers = message
 
-    def _on_plan(self, msg: Path) -> None:
-        if (
-            msg.poses
-        ):  # move_base publishes an empty plan if planning fails, but keeps the old plan.
+    def _on_plan(self, message: Path) -> None:
+        # move_base publishes an empty plan if planning fails, but keeps the old plan.
+        if message.poses:
             with self._lock:
-                self._plan, self._planned = msg, rospy.Time.now()
+                self._plan = message
+                self._plan_time = rospy.Time.now()
 
-    def _on_current_goal(self, msg: PoseStamped) -> None:
+    def _on_current_goal(self, message: PoseStamped) -> None:
         with self._lock:
-            self._former_goal, self._current_goal = self._current_goal, msg.pose
+            self._former_goal = self._current_goal
+            self._current_goal = message.pose
 
-    def _on_status(self, msg: GoalStatusArray) -> None:
-        running = [s.goal_id.id for s in msg.status_list if s.status in _RUNNING]
+    def _on_status(self, message: GoalStatusArray) -> None:
+        # The last goal that is pursued is the present one.
+        goal = None
+        for status in message.status_list:
+            if status.status in _RUNNING:
+                goal = status.goal_id.id
         with self._lock:
-            self._goal_heard = rospy.Time.now()
-            if running and running[-1] != self._goal:
-                self._goal_since = self._goal_heard
-            self._goal = running[-1] if running else None
+            self._status_time = rospy.Time.now()
+            if goal not in (None, self._goal):
+                self._goal_since = self._status_time
+            self._goal = goal
 
 
-def _nearer(pose: Any, former: Any, goal: Any) -> bool:
+def _is_nearer(pose: Any, former: Any, goal: Any) -> bool:
     """Return whether a geometry_msgs/Pose is nearer to the former goal than to the current one.
 
     False unless both goals exist.
     """
     if former is None or goal is None:
         return False
-    away = [
-        math.hypot(pose.position.x - g.position.x, pose.position.y - g.position.y)
-        for g in (former, goal)
-    ]
-    return away[0] < away[1]
+    place = (pose.position.x, pose.position.y)
+    from_former = math.dist(place, (former.position.x, former.position.y))
+    from_goal = math.dist(place, (goal.position.x, goal.position.y))
+    return from_former < from_goal

@@ -14,6 +14,7 @@ import gc
 import math
 import os
 import sys
+from functools import partial
 from typing import Any, Tuple
 
 import rospy
@@ -24,7 +25,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.msg import Parameters
 from applr_ros1.nodes.applr.inputs import RobotInputs
-from applr_ros1.nodes.applr.meter_scoring import CHOICES
+from applr_ros1.nodes.applr.meter_scoring import AUTO, CHOICES
 from applr_ros1.nodes.applr.node import ApplrNode
 from applr_ros1.nodes.applr.topics import ApplrTopics
 from applr_ros1.nodes.robot_parameters import named_robot
@@ -40,7 +41,9 @@ def started_with(spec: str) -> str:
     Any local user, and a website in a browser, can write to the parameter server. No code is
     imported for a method that is given only there.
     """
-    return spec if "_method:=" + spec in sys.argv or os.environ.get("APPLR_METHOD") == spec else ""
+    if "_method:=" + spec in sys.argv or os.environ.get("APPLR_METHOD") == spec:
+        return spec
+    return ""
 
 
 def make_method(spec: str, robot: Robot, given: str) -> Tuple[Any, str]:
@@ -50,8 +53,8 @@ def make_method(spec: str, robot: Robot, given: str) -> Tuple[Any, str]:
     """
     try:
         return methods.make(spec, robot, user_code=spec == given), ""
-    except (ApplrError, OSError) as e:
-        return methods.make("dwa", robot), str(e)
+    except (ApplrError, OSError) as problem:
+        return methods.make("dwa", robot), str(problem)
 
 
 def enable(node: ApplrNode, request: Any) -> SetBoolResponse:
@@ -87,29 +90,30 @@ def set_method(node: ApplrNode, given: str, request: Any) -> SetMethodResponse:
 
 
 def main() -> int:
-    """Run the node until shutdown. Raises ApplrError if a private parameter is invalid."""
+    """Run the node until shutdown.
+
+    Raises:
+        ApplrError: A private parameter is invalid.
+    """
     init_node("applr")
     given = rospy.get_param("~", {})
-    most = {"period": 60.0, "seed": 2**31 - 1, "max_speed": math.inf}
-    period, seed, max_speed = (
-        number_within(name, given.get(name, 0), 0, high) for name, high in most.items()
-    )
+    period = number_within("period", given.get("period", 0), 0, 60.0)
+    seed = number_within("seed", given.get("seed", 0), 0, 2**31 - 1)
+    max_speed = number_within("max_speed", given.get("max_speed", 0), 0, math.inf)
     namespace = rospy.resolve_name(str(given.get("move_base", "move_base")))
     robot, prefix = named_robot(given)
     space = space_of(robot)
-    slowest = dict(zip(space.names, space.low.tolist())).get(
-        "max_vel_x", 0.0
-    )  # 0 without max_vel_x
+
+    # The methods choose max_vel_x within its range, whose begin a limit cannot undercut.
+    slowest = space.as_dict(space.low).get("max_vel_x", 0.0)
     if 0 < max_speed < slowest:
-        raise ApplrError(
-            f"max_speed is {max_speed:g}: give at least {slowest:g} m/s, or 0 for no limit"
-        )
+        advice = f"give at least {slowest:g} m/s, or 0 for no limit"
+        raise ApplrError(f"max_speed is {max_speed:g}: {advice}")
     spec = str(given.get("method", "auto"))
-    meter_scoring = str(given.get("meter_scoring", "auto")).lower()  # ROS parses true as a bool.
+    meter_scoring = str(given.get("meter_scoring", AUTO)).lower()  # ROS parses true as a bool.
     if meter_scoring not in CHOICES:
-        raise ApplrError(
-            f"meter_scoring is {meter_scoring}: give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}"
-        )
+        advice = f"give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}"
+        raise ApplrError(f"meter_scoring is {meter_scoring}: {advice}")
     code = started_with(spec)
     method, trouble = make_method(spec, robot, code)
     node = ApplrNode(
@@ -123,17 +127,16 @@ def main() -> int:
         meter_scoring,
         robot,
     )
-    rospy.Subscriber(
-        "~set_parameters", Parameters, lambda message: set_parameters(node, message), queue_size=10
-    )
-    rospy.Service("~enable", SetBool, lambda request: enable(node, request))
-    rospy.Service("~set_method", SetMethod, lambda request: set_method(node, code, request))
+    rospy.Subscriber("~set_parameters", Parameters, partial(set_parameters, node), queue_size=10)
+    rospy.Service("~enable", SetBool, partial(enable, node))
+    rospy.Service("~set_method", SetMethod, partial(set_method, node, code))
     if trouble:
         rospy.logerr(f"applr: {trouble}; driving with the default parameters")
         node.degraded = trouble
     rospy.loginfo("applr: ready, method %s, a decision every %g s", method.name, node.period)
+    # Objects that are loaded by now are permanent: the garbage collector can skip them.
     gc.collect()
-    gc.freeze()  # Objects that are loaded by now are permanent: the collector can skip them.
+    gc.freeze()
     with until_shutdown():
         node.spin()
     return 0

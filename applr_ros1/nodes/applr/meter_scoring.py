@@ -20,10 +20,13 @@ from applr_ros1.nodes.conversions import COST_FIELDS
 
 CLOSE = 0.002  # largest relative error of a cell's cost for a matching factor; float32 gives 1e-6
 FEWEST = 20  # minimum number of cells from which the factor is determined
-AUTO, TRUE, FALSE = CHOICES = ("auto", "true", "false")  # values of the parameter meter_scoring
-PATIENCE_S = (
-    1.0  # longest time for which a course's first decision waits for a cloud, in ROS time [s]
-)
+# Values of the parameter meter_scoring
+AUTO = "auto"
+TRUE = "true"
+FALSE = "false"
+CHOICES = (AUTO, TRUE, FALSE)
+# Longest time for which a course's first decision waits for a cloud, in ROS time [s]
+PATIENCE_S = 1.0
 UNCHANGED = "parameter sets are sent unchanged"
 
 
@@ -48,6 +51,7 @@ def factor_of(rows: np.ndarray, weights: np.ndarray, resolution: float) -> Optio
     distance_costs = path * rows[:, 3] + goal * rows[:, 4]
     obstacle_costs = occ * rows[:, 5]
     totals = rows[:, 6]
+    # With small biases both factors may fit.
     fitting = []
     for factor in (1.0, resolution):
         errors = np.abs(factor * distance_costs + obstacle_costs - totals)
@@ -70,18 +74,16 @@ class MeterScoring:
     def __init__(self, client: ReconfigureClient, choice: str = AUTO):
         self.choice = choice
         self._client = client
-        self._at = weights_at(
-            client.space
-        )  # indices of WEIGHTS; None if the space has no distance biases
+        # Indices of WEIGHTS; None if the space has no distance biases
+        self._indices = weights_at(client.space)
         self._subscriber: Optional[rospy.Subscriber] = None
         self.forget()
 
     def forget(self) -> None:
         """Reset the detection after a restart of the planner. May be called from any thread."""
         self._client.factor = None
-        self._factor: Optional[float] = (
-            None  # factor that the planner applies to its biases, once it is known
-        )
+        # Factor that the planner applies to its biases, once it is known
+        self._factor: Optional[float] = None
         self._since: Optional[rospy.Time] = None  # ROS time at which the node subscribed
         self._line = ""
 
@@ -95,9 +97,12 @@ class MeterScoring:
         Returns:
             Whether the client's multipliers have changed.
         """
-        if self._at is not None and self.choice != AUTO and self._factor is None:
+        has_biases = self._indices is not None
+        if has_biases and self.choice != AUTO and self._factor is None:
             self._factor = self._resolution() if self.choice == TRUE else 1.0
-        is_wanted = self._at is not None and driving and self._factor is None
+
+        # move_base publishes clouds only while it drives, and they cost it time.
+        is_wanted = has_biases and driving and self._factor is None
         if is_wanted and self._since is None:
             self._since = now
         if is_wanted and self._subscriber is None:
@@ -107,6 +112,7 @@ class MeterScoring:
         elif not is_wanted and self._subscriber is not None:
             self._subscriber.unregister()
             self._subscriber = None
+
         former_multipliers = self._client.multipliers
         self._client.factor = self._factor
         line = self.line(now)
@@ -135,14 +141,12 @@ class MeterScoring:
 
     def _unit(self, now: rospy.Time) -> str:
         """Return a line about the detected unit, or "" before it is detected."""
-        if self._at is None:
+        if self._indices is None:
             return f"{UNCHANGED}: only the distance weights of {PLANNER} are rescaled"
         if self._factor is not None:
-            source = (
-                "measured from cost_cloud"
-                if self.choice == AUTO
-                else f"set by meter_scoring:={self.choice}"
-            )
+            source = "measured from cost_cloud"
+            if self.choice != AUTO:
+                source = f"set by meter_scoring:={self.choice}"
             unit = "cell" if self._factor == 1.0 else "metre"
             return f"the planner's distance weights count per {unit} ({source})"
         if self._since is None or self.waits(now):
@@ -151,7 +155,7 @@ class MeterScoring:
         return f"{UNCHANGED}: {cloud} shows the unit of distance weights"
 
     def _topic(self) -> str:
-        return self._client.servers[PLANNER] + "/cost_cloud"
+        return self._client.servers[PLANNER].name + "/cost_cloud"
 
     def _resolution(self) -> float:
         """Return the local costmap's resolution [m] from the parameter server."""
@@ -159,7 +163,8 @@ class MeterScoring:
 
     def _on_cloud(self, message: PointCloud2) -> None:
         values = self._client.values()
-        if values is None or self._at is None:
+        if values is None or self._indices is None:
             return
         rows = np.frombuffer(message.data, "<f4").reshape(-1, len(COST_FIELDS))
-        self._factor = self._factor or factor_of(rows, values[self._at], self._resolution())
+        weights = values[self._indices]
+        self._factor = self._factor or factor_of(rows, weights, self._resolution())

@@ -31,19 +31,12 @@ TICK_S = 0.05  # interval between two readings of the clock, in ROS time [s]
 REPORT_S = 1.0  # interval between diagnostics, in ROS time [s]
 LATE_SHARE = 0.1  # delay above which a decision counts as late, as a share of the period
 GONE = "move_base has stopped publishing its status: check that it is running"
-COUNTS = (
-    "decisions",
-    "late",
-    "refused",
-    "unusable",
-    "applied",
-    "failed",
-    "restarts",
-)  # counters in /diagnostics
-LOST_PERIODS = (
-    3  # number of periods without a usable decision after which the policy counts as lost
-)
-DEFAULTS, BY_HAND = "the robot's default parameters", "the parameters set by hand"
+# Counters in /diagnostics
+COUNTS = ("decisions", "late", "refused", "unusable", "applied", "failed", "restarts")
+# Number of periods without a usable decision after which the policy counts as lost
+LOST_PERIODS = 3
+DEFAULTS = "the robot's default parameters"
+BY_HAND = "the parameters set by hand"
 
 
 class ApplrNode:
@@ -84,9 +77,8 @@ class ApplrNode:
         self._node_period = period
         self._max_speed = max_speed
         self.enabled = True
-        self._by_hand: Optional[np.ndarray] = (
-            None  # parameters (n,) set by hand while the method is off
-        )
+        # Parameters (n,) set by hand while the method is off
+        self._by_hand: Optional[np.ndarray] = None
         self.counts: Dict[str, int] = Counter()
         self.trouble = ""  # latest problem in one line, or ""
         self.degraded = ""  # reason why the requested method is not in use, or ""
@@ -107,9 +99,12 @@ class ApplrNode:
     @property
     def period(self) -> float:
         """ROS time between decisions [s]: the period set for the node if any, else the method's."""
-        return self.method.period if self._node_period is None else self._node_period
+        if self._node_period is not None:
+            return self._node_period
+        return self.method.period
 
     def _begin_course(self, now: rospy.Time) -> None:
+        """Reset the method for a new goal. Its first decision is due at once."""
         self.method.period = self.period  # The observation may depend on the period.
         try:
             self.method.reset(self.seed + self.counts["courses"])
@@ -131,23 +126,31 @@ class ApplrNode:
                     self._clock_jumped()
                     beat_due = report_due = rospy.Time(0)
                 now = clock.now
+                # move_base expects a beat every 2 s, however long the period is.
                 if now >= beat_due:
                     self.topics.heartbeat(now)
-                    beat_due = now + rospy.Duration(
-                        min(self.period, PERIOD)
-                    )  # move_base expects a beat every 2 s.
+                    beat_due = now + rospy.Duration(min(self.period, PERIOD))
                 if now >= report_due:
                     self._report(now)
                     report_due = now + rospy.Duration(REPORT_S)
                 with self._deciding:
                     self._tick(now)
-                # The last tick before a decision is shorter, so that the decision is on time.
-                pause = TICK_S if self._due is None else (self._due - now).to_sec()
-                rospy.sleep(pause if 0.001 < pause < TICK_S else TICK_S)
+                rospy.sleep(self._pause(now))
             except rospy.exceptions.ROSTimeMovedBackwardsException:
                 continue
             except rospy.exceptions.ROSInterruptException:
                 return
+
+    def _pause(self, now: rospy.Time) -> float:
+        """Return the time until the next tick [s].
+
+        The last tick before a decision is shorter, so that the decision is on time.
+        """
+        if self._due is not None:
+            left: float = (self._due - now).to_sec()
+            if 0.001 < left < TICK_S:
+                return left
+        return TICK_S
 
     def _clock_jumped(self) -> None:
         """Drop all inputs and the course, and request theta_0."""
@@ -188,14 +191,16 @@ class ApplrNode:
         or if the planner's present parameters are not known yet.
         """
         with self._deciding:
-            theta = self.client.theta() if self._by_hand is None else self._by_hand
+            # Two changes may follow each other faster than the servers answer.
+            theta = self._by_hand
+            if theta is None:
+                theta = self.client.theta()
             if theta is None:
                 raise ApplrError("the planner's parameters are not known yet")
             unknown = sorted(set(values) - set(self.space.names))
             if unknown:
-                raise ApplrError(
-                    f"unknown parameter {unknown[0]!r}: use {', '.join(self.space.names)}"
-                )
+                advice = f"use {', '.join(self.space.names)}"
+                raise ApplrError(f"unknown parameter {unknown[0]!r}: {advice}")
             changed = {**self.space.as_dict(theta), **values}
             self._by_hand = self.client.request(np.array(list(changed.values())))
             if self.enabled:
@@ -238,26 +243,30 @@ class ApplrNode:
             self._decide(now, goal)
 
     def _decide(self, now: rospy.Time, goal: str) -> None:
-        unsettled = self.client.busy or self.meter_scoring.waits(now)
-        if self._last is None and unsettled and (now - self._due).to_sec() < self.period:
-            return  # Every course starts with theta_0, which is not in force yet.
+        """Make the decision that is due, unless its inputs are missing."""
+        # Every course starts with theta_0, which may not be in force yet.
+        late: float = (now - self._due).to_sec()
+        is_first = self._last is None
+        is_unsettled = self.client.busy or self.meter_scoring.waits(now)
+        if is_first and is_unsettled and late < self.period:
+            return
         try:
             snapshot, context = self._observe(now)
         except ObservationError as problem:
-            if (
-                now - self._due
-            ).to_sec() >= self.period:  # The observation has failed for a whole period.
+            if late >= self.period:  # The observation has failed for a whole period.
                 self._due = now
                 self._fail("unusable", str(problem))
             return
-        if self._last is None:
-            # The first decision waits for the first plan. It sets the time of the later ones.
-            self._due = now
-        late = (now - self._due).to_sec()
+
+        # The first decision waits for the first plan. It sets the time of the later ones, of which
+        # a late one does not delay the next one.
+        if is_first:
+            late = 0.0
         self.counts["late"] += late > LATE_SHARE * self.period
         self.counts["decisions"] += 1
         self._due = now + rospy.Duration(max(self.period - late, self.period / 2))
         self._last = now
+
         theta, refused = self._choose(context)
         self.topics.decision(self.counts["decisions"], now, goal, snapshot, context, theta, refused)
         if refused:
@@ -268,7 +277,8 @@ class ApplrNode:
     def _observe(self, now: rospy.Time) -> Tuple[Snapshot, Context]:
         """Return (Snapshot, Context) of a decision.
 
-        Raises ObservationError if an input is missing or invalid.
+        Raises:
+            ObservationError: An input is missing or invalid.
         """
         theta = self.client.theta()
         if theta is None:
@@ -278,11 +288,11 @@ class ApplrNode:
 
     def _note_end(self, now: rospy.Time) -> None:
         """Publish the observation at the end of a course, for training from recorded drives."""
-        if self._last is not None:
-            with suppress(ObservationError):
-                self.topics.course_end(
-                    self.counts["decisions"], now, self._goal, *self._observe(now)
-                )
+        if self._last is None:
+            return
+        number = self.counts["decisions"]
+        with suppress(ObservationError):
+            self.topics.course_end(number, now, self._goal, *self._observe(now))
 
     def _choose(self, context: Optional[Context]) -> Tuple[Optional[np.ndarray], str]:
         """Request the method's choice.
@@ -297,9 +307,7 @@ class ApplrNode:
             if self.method.static and context is not None:
                 return self.client.space.clip(theta), ""
             return self.client.request(theta), ""
-        except (
-            Exception
-        ) as problem:  # A method may be user code. Whatever it raises, the node goes on.
+        except Exception as problem:  # A method may be user code: the node goes on in any case.
             return None, one_line(problem)
 
     def _fail(self, kind: str, line: str) -> None:
@@ -325,8 +333,8 @@ class ApplrNode:
 
     def shutdown(self) -> None:
         """Restore theta_0 if this node has set other parameters."""
-        self.client.stop()
         client = self.client
+        client.stop()
         theta = client.space.clip(self.space.theta0)
         sent = client.sent
         if sent is None:
@@ -334,23 +342,29 @@ class ApplrNode:
         is_default = np.array_equal(sent, theta) and (client.multipliers == 1.0).all()
         if is_default and not client.busy:
             return
-        # Theta_0 is restored without multipliers, as at the planner's start.
+
+        # Theta_0 is restored without multipliers, as at the planner's start. In the first attempt a
+        # server may still be busy with an earlier call.
         self.meter_scoring.forget()
-        if client.apply(
-            theta, RESTORE_S
-        ):  # A server may still have been busy with an earlier call.
+        problem = client.apply(theta, RESTORE_S)
+        if problem:
             client.apply(theta, RESTORE_S)
 
     def _on_restart(self, server: Server) -> None:
+        """Set the parameters again after a server's restart, which lost them."""
         self.counts["restarts"] += 1
         rospy.logwarn_throttle(1.0, f"applr: {server.name} came back; its parameters are set again")
         self.meter_scoring.forget()  # The new process may count in the other unit.
         self.client.reapply()
 
     def _on_report(self, error: str) -> None:
-        self.counts["failed" if error else "applied"] += 1
-        self._note_trouble(error and f"parameters not changed: {error}")
-        if not error:
+        """Count an attempt to set parameters. error: reason for its failure, or ""."""
+        if error:
+            self.counts["failed"] += 1
+            self._note_trouble(f"parameters not changed: {error}")
+        else:
+            self.counts["applied"] += 1
+            self._note_trouble("")
             self._publish_parameters()
 
     def _note_trouble(self, line: str) -> None:
@@ -360,29 +374,34 @@ class ApplrNode:
         self.trouble = line
 
     def _report(self, now: rospy.Time) -> None:
+        """Publish diagnostics, and the parameters in force."""
         theta = self._publish_parameters()
-        age = math.nan if self._last is None else (now - self._last).to_sec()
         if self.inputs.has_lost_move_base(now):
             self._note_trouble(GONE)
         elif self.trouble == GONE:
             self._note_trouble("")
+
+        # At the start it is normal that the servers are not there yet.
         trouble = self.trouble or self.degraded
-        is_lost = (
-            bool(self.degraded) or self._failures >= LOST_PERIODS or bool(theta is None and trouble)
-        )
+        is_lost = bool(self.degraded) or self._failures >= LOST_PERIODS
         if theta is None:
+            is_lost = is_lost or bool(trouble)
             trouble = trouble or "waiting for the parameter servers of move_base"
-        values = dict(
-            {name: self.counts[name] for name in COUNTS},
-            method=self.method.name if self.enabled else "off",
-            driving=self.in_force,
-            stalls=self.method.stalls,
-            max_speed=f"{self._max_speed:g}",
-            meter_scoring=self.meter_scoring.line(now) or "not known before the first goal",
-            goal=self._goal or "none",
-            decision_age_s=f"{age:.2f}",
-            servers=", ".join(sorted(self.client.servers.values())) or "none",
-        )
+        age = math.nan
+        if self._last is not None:
+            age = (now - self._last).to_sec()
+        servers = sorted(server.name for server in self.client.servers.values())
+        values = {
+            **{name: self.counts[name] for name in COUNTS},
+            "method": self.method.name if self.enabled else "off",
+            "driving": self.in_force,
+            "stalls": self.method.stalls,
+            "max_speed": f"{self._max_speed:g}",
+            "meter_scoring": self.meter_scoring.line(now) or "not known before the first goal",
+            "goal": self._goal or "none",
+            "decision_age_s": f"{age:.2f}",
+            "servers": ", ".join(servers) or "none",
+        }
         self.topics.diagnostics(now, trouble, is_lost, self._doing(), values)
 
     def _publish_parameters(self) -> Optional[np.ndarray]:
@@ -396,6 +415,9 @@ class ApplrNode:
         return theta
 
     def _doing(self) -> str:
+        """Return the node's activity in words."""
         if not self.enabled:
             return f"switched off: {self.in_force} drive now"
-        return "idle: no goal" if self._goal is None else "deciding"
+        if self._goal is None:
+            return "idle: no goal"
+        return "deciding"

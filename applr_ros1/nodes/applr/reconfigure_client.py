@@ -59,34 +59,37 @@ class Server:
         self.name = name
         self._on_restart = on_restart
         self._is_described = False
-        self._is_restarted = (
-            False  # whether the process is new, so that `values` may be from its predecessor
-        )
+        # Whether the process is new, so that `values` may be from its predecessor
+        self._is_restarted = False
         self.call: Future[str] = Future()
         self.call.set_result("")
-        self._client = Client(name, DEADLINE_S, None, self._on_description)
-        self.close = self._client.close
+        client = Client(name, DEADLINE_S, None, self._on_description)
+        self._client = client
+        self.close = client.close
         try:
-            for get in (self._client.get_parameter_descriptions, self._client.get_configuration):
-                if get(DEADLINE_S) is None:
-                    raise rospy.ROSException("does not publish its parameters: is it stopped?")
+            has_descriptions = client.get_parameter_descriptions(DEADLINE_S) is not None
+            if not has_descriptions or client.get_configuration(DEADLINE_S) is None:
+                raise rospy.ROSException("does not publish its parameters: is it stopped?")
             self.names = {target.name: self._declared_name(target) for target in targets}
         except Exception:
-            self.close()
+            self.close()  # Otherwise the library would go on listening.
             raise
 
     def _declared_name(self, target: Target) -> str:
         """Return the name of a value on this server.
 
-        Raise ApplrError if the server does not have it.
+        Raises:
+            ApplrError: The server does not have it.
         """
+        # Servers of older versions of move_base have only older names.
         for name in target.names:
             if name in self.declared:
                 return name
         raise ApplrError(f"has no parameter {target.name}")
 
     def _on_description(self, description: List[Dict[str, Any]]) -> None:
-        if self._is_described:  # Each process sends its description once, so this is a new process.
+        # Each process sends its description once, so that a second one is from a new process.
+        if self._is_described:
             self._is_restarted = True
             self._on_restart(self)
         self._is_described = True
@@ -108,9 +111,11 @@ class Server:
 
     def bounds_of(self, target: Target) -> Tuple[float, float]:
         """Return the smallest and the largest number of a parameter that the server accepts."""
+        # A sign of -1 exchanges the bounds.
         declared = self.declared[self.names[target.name]]
-        low, high = sorted(target.signed(declared[end]) for end in ("min", "max"))
-        return low, high
+        low = target.signed(declared["min"])
+        high = target.signed(declared["max"])
+        return min(low, high), max(low, high)
 
     def has(self, request: Mapping[str, Any]) -> bool:
         """Return whether a request's values are in force.
@@ -147,15 +152,12 @@ class Server:
                 if not self.has({name: value}):
                     error = f"{self.name}: {name} is {self.values.get(name)} instead of {value}"
                     break
-        except (
-            Exception
-        ) as problem:  # The library raises an error of its own in place of the server's.
-            answer = (
-                problem.__context__
-                if isinstance(problem.__context__, rospy.ServiceException)
-                else problem
-            )
-            error = f"{self.name}: {reason(answer)}"
+        except Exception as problem:
+            # The library raises an error of its own in place of the server's.
+            cause: BaseException = problem
+            if isinstance(problem.__context__, rospy.ServiceException):
+                cause = problem.__context__
+            error = f"{self.name}: {reason(cause)}"
         call.set_result(error)
 
 
@@ -176,6 +178,7 @@ class ReconfigureClient:
             with "" once all are found.
 
     Attributes:
+        servers: Servers found so far, by their names in the space.
         per_cell: Whether the distance biases of the requested parameter sets are per costmap cell
             (Method.per_cell).
         factor: Factor that the planner applies to its distance biases: 1.0 (they are per cell), or
@@ -197,12 +200,11 @@ class ReconfigureClient:
         self._on_restart = on_restart
         self._on_report = on_report
         self._on_trouble = on_trouble
-        self._servers: Dict[str, Server] = {}  # servers by their names in the space
+        self.servers: Dict[str, Server] = {}
         self._requested: Optional[np.ndarray] = None  # theta (n,) of the last request
         self._in_force: Optional[np.ndarray] = None  # the object `_requested` once it is in force
-        self._sent: Optional[Tuple[np.ndarray, np.ndarray]] = (
-            None  # (theta, values) of the last apply
-        )
+        # (theta, values) of the last apply
+        self._sent: Optional[Tuple[np.ndarray, np.ndarray]] = None
         self._applying = threading.Lock()  # allows one apply at a time
         self._requesting = threading.Lock()  # guards _requested
         self._wake = threading.Event()
@@ -212,7 +214,7 @@ class ReconfigureClient:
     @property
     def connected(self) -> bool:
         """True if all servers of the space have been found."""
-        return len(self._servers) == len(self.space.servers)
+        return len(self.servers) == len(self.space.servers)
 
     @property
     def sent(self) -> Optional[np.ndarray]:
@@ -220,12 +222,10 @@ class ReconfigureClient:
 
         None before the first apply.
         """
-        return None if self._sent is None else self._sent[0]
-
-    @property
-    def servers(self) -> Dict[str, str]:
-        """Full names of the servers found so far, by their names in the space."""
-        return {wanted: server.name for wanted, server in self._servers.items()}
+        if self._sent is None:
+            return None
+        theta, _ = self._sent
+        return theta
 
     def connect(self) -> str:
         """Find the servers.
@@ -237,7 +237,7 @@ class ReconfigureClient:
         except Exception as problem:  # rosservice has exceptions of its own.
             return f"no ROS master: {reason(problem)}"
         for wanted in self.space.servers:
-            if wanted not in self._servers:
+            if wanted not in self.servers:
                 trouble = self._connect_server(wanted, running)
                 if trouble:
                     return trouble
@@ -253,7 +253,7 @@ class ReconfigureClient:
         targets = [target for _, target in self.space.addresses if target.server == wanted]
         for name in self._candidates(wanted, running):
             try:
-                self._servers[wanted] = Server(name, targets, self._on_restart)
+                self.servers[wanted] = Server(name, targets, self._on_restart)
                 return ""
             except rospy.ROSException as problem:
                 trouble = f"{name}: {reason(problem)}"
@@ -291,7 +291,7 @@ class ReconfigureClient:
         values = []
         for name in self.space.names:
             target = self.space.targets[name][0]
-            value = self._servers[target.server].value_of(target)
+            value = self.servers[target.server].value_of(target)
             if not isinstance(value, (bool, int, float)):
                 return None
             values.append(value)
@@ -310,11 +310,13 @@ class ReconfigureClient:
     def theta(self) -> Optional[Array]:
         """Return the parameter set (n,) in force, without multipliers. None if `values` is None."""
         values = self.values()
-        sent = self._sent
         if values is None:
             return None
-        if sent is not None and np.array_equal(values, sent[1]):
-            return sent[0].copy()
+        # The quotient of a product may differ from its factor in the last digit.
+        if self._sent is not None:
+            sent_theta, sent_values = self._sent
+            if np.array_equal(values, sent_values):
+                return sent_theta.copy()
         theta: Array = values / self.multipliers
         return theta
 
@@ -323,7 +325,7 @@ class ReconfigureClient:
         low = np.full(len(self.space), -np.inf)
         high = np.full(len(self.space), np.inf)
         for i, target in self.space.addresses:
-            least, most = self._servers[target.server].bounds_of(target)
+            least, most = self.servers[target.server].bounds_of(target)
             low[i] = max(low[i], least)
             high[i] = min(high[i], most)
         return low, high
@@ -352,24 +354,26 @@ class ReconfigureClient:
                 return f"no parameter servers below {self.namespace} yet"
             values = theta * self.multipliers
             self._sent = theta, values
-            settings = self.space.settings_of(self.space.as_dict(np.clip(values, *self.bounds())))
-            requests = {
-                wanted: self._servers[wanted].request(settings[wanted]) for wanted in settings
-            }
-            for wanted, request in requests.items():
-                server = self._servers[wanted]
+            accepted = np.clip(values, *self.bounds())
+            settings = self.space.settings_of(self.space.as_dict(accepted))
+
+            # Calls of all servers at once, but none beside an earlier call of the same server.
+            requests = []
+            for name, of_server in settings.items():
+                server = self.servers[name]
+                request = server.request(of_server)
+                requests.append((server, request))
                 if server.call.done() and not server.has(request):
                     server.set(request)
-            wait([self._servers[wanted].call for wanted in requests], seconds)
+            wait([server.call for server, _ in requests], seconds)
+
             errors = []
-            for wanted, request in requests.items():
-                server = self._servers[wanted]
+            for server, request in requests:
                 if not server.call.done():
                     errors.append(f"{server.name} does not answer")
                 elif not server.has(request):
-                    errors.append(
-                        server.call.result() or f"{server.name} was busy with an earlier call"
-                    )
+                    busy = f"{server.name} was busy with an earlier call"
+                    errors.append(server.call.result() or busy)
             return "; ".join(errors)
 
     def start(self) -> None:
@@ -379,7 +383,8 @@ class ReconfigureClient:
     def request(self, theta: np.ndarray) -> np.ndarray:
         """Queue theta (n,) in place of the former request, and return it clipped to the ranges.
 
-        Raises ApplrError without changing anything if a value is not finite.
+        Raises:
+            ApplrError: A value is not finite. Nothing was changed.
         """
         theta = self.space.clip(theta)
         with self._requesting:
@@ -389,10 +394,10 @@ class ReconfigureClient:
 
     def reapply(self) -> None:
         """Apply the present request again, for example after the restart of a server."""
-        with (
-            self._requesting
-        ):  # A new object counts as a new request, even if an attempt is under way.
-            self._requested = None if self._requested is None else self._requested.copy()
+        # A new object counts as a new request, even if an attempt is under way.
+        with self._requesting:
+            if self._requested is not None:
+                self._requested = self._requested.copy()
         self._wake.set()
 
     @property
@@ -410,10 +415,11 @@ class ReconfigureClient:
     def close(self) -> None:
         """End the thread and unsubscribe from all servers."""
         self.stop()
-        for server in self._servers.values():
+        for server in self.servers.values():
             server.close()
 
     def _run(self) -> None:
+        """Search for the servers, then apply each request until it is in force."""
         searches = 0
         while not self._is_stopped:
             pause = SEARCH_S
@@ -422,9 +428,11 @@ class ReconfigureClient:
                 if not self.connected:
                     trouble = self.connect()
                     searches += 1
+                    # move_base may be started after this node.
                     if not trouble or searches >= MOST_SEARCHES:
                         self._on_trouble(trouble)
-                    pause = SEARCH_S if trouble else 0.0
+                    if not trouble:
+                        pause = 0.0
                 elif theta is not None and self.busy:
                     pause = RETRY_S
                     error = self.apply(theta)

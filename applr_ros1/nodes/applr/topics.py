@@ -26,7 +26,8 @@ class ApplrTopics:
     """Publishers for the topics in <namespace>/applr, and for the shared /diagnostics."""
 
     def __init__(self, robot: Robot = JACKAL):
-        self._space, self._farthest = space_of(robot), FARTHEST_M * robot.world_scale
+        self._space = space_of(robot)
+        self._farthest = FARTHEST_M * robot.world_scale  # length of the plan in decisions [m]
         self._name = (rospy.get_namespace() + "applr").lstrip("/") + ": parameter policy"
         self._heartbeat = rospy.Publisher("applr/heartbeat", Time, queue_size=1)
         self._decision = rospy.Publisher("applr/decision", Decision, queue_size=5)
@@ -54,14 +55,13 @@ class ApplrTopics:
     ) -> None:
         """Publish a decision: Context, stamps of its inputs, theta (n,) or why it was refused."""
         self._decision.publish(self._message(number, now, goal, snapshot, context, theta, refused))
-        target = local_goal(context.plan, context.pose, context.layout.lookahead)
-        pose = (
-            *transform_point(context.pose, *target),
-            context.pose[2] + atan2(target[1], target[0]),
-        )
-        self._local_goal.publish(
-            conversions.pose_stamped(pose, snapshot.frame, snapshot.odom_stamp)
-        )
+
+        # Displays show the local goal as an arrow from the robot to it.
+        ahead, left = local_goal(context.plan, context.pose, context.layout.lookahead)
+        x, y = transform_point(context.pose, ahead, left)
+        yaw = context.pose[2] + atan2(left, ahead)
+        target = conversions.pose_stamped((x, y, yaw), snapshot.frame, snapshot.odom_stamp)
+        self._local_goal.publish(target)
 
     def course_end(self, number: int, now: Any, goal: str, snapshot: Any, context: Any) -> None:
         """Publish the observation at the end of a course."""
@@ -77,24 +77,23 @@ class ApplrTopics:
         theta: Any,
         refused: str,
     ) -> Any:
+        """Return an applr_ros1/Decision with all inputs, from which a dataset can be made."""
         message = Decision(number=number, goal=goal, elapsed=context.time, refused=refused)
-        message.header.stamp, message.header.frame_id = now, snapshot.frame
-        message.scan, message.odometry, message.plan = (
-            snapshot.scan_stamp,
-            snapshot.odom_stamp,
-            snapshot.plan_stamp,
-        )
+        message.header.stamp = now
+        message.header.frame_id = snapshot.frame
+        message.scan = snapshot.scan_stamp
+        message.odometry = snapshot.odom_stamp
+        message.plan = snapshot.plan_stamp
         message.x, message.y, message.yaw = context.pose
         message.v, message.w = context.twist
         message.goal_x, message.goal_y, message.goal_yaw = context.goal
         message.ranges, message.angle_min, message.angle_increment = snapshot.seen.scan
+        # A whole plan would make a bag large, and no observation reads its end.
         message.plan_x, message.plan_y = beginning(context.plan, context.pose, self._farthest).T
-        message.movers = Movers(
-            Header(0, snapshot.movers_stamp, snapshot.frame), *context.movers.T, []
-        )
-        message.before, message.after = (
-            parameters_message(t, now, self._space) for t in (context.theta, theta)
-        )
+        header = Header(0, snapshot.movers_stamp, snapshot.frame)
+        message.movers = Movers(header, *context.movers.T, [])
+        message.before = parameters_message(context.theta, now, self._space)
+        message.after = parameters_message(theta, now, self._space)
         return message
 
     def parameters(self, theta: np.ndarray, now: rospy.Time, multipliers: np.ndarray) -> None:
@@ -113,16 +112,13 @@ class ApplrTopics:
             doing: Activity of the node, such as "idle: no goal"; shown if there is no problem.
             values: {key: value} to show.
         """
-        level = (
-            DiagnosticStatus.ERROR
-            if lost
-            else DiagnosticStatus.WARN
-            if trouble
-            else DiagnosticStatus.OK
-        )
-        self._diagnostics.publish(
-            conversions.diagnostics(self._name, level, trouble or doing, values, now)
-        )
+        level = DiagnosticStatus.OK
+        if trouble:
+            level = DiagnosticStatus.WARN
+        if lost:
+            level = DiagnosticStatus.ERROR
+        message = conversions.diagnostics(self._name, level, trouble or doing, values, now)
+        self._diagnostics.publish(message)
 
 
 def parameters_message(
@@ -130,22 +126,26 @@ def parameters_message(
 ) -> Parameters:
     """Return an applr_ros1/Parameters of theta (n,).
 
-    It has no names and values if theta is None.
+    It has no names and values if theta is None. The multipliers are ones if they are None.
     """
     message = Parameters()
     message.header.stamp = stamp
+
+    # The paper's parameters have fields of their own, which are easier to plot. They are NaN unless
+    # the space has the parameter.
     fields = set(message.__slots__) - {"header", "names", "values", "multipliers"}
-    for name in fields:
-        setattr(message, name, nan)
-    if theta is not None:
-        message.names, message.values = list(space.names), [float(value) for value in theta]
-        message.multipliers = (
-            [1.0] * len(space) if multipliers is None else [float(factor) for factor in multipliers]
-        )
-        for name, value in zip(message.names, message.values):
-            alias = next(
-                (alias for alias in (name, *space.targets[name][0].names) if alias in fields), ""
-            )
-            if alias:
+    for field in fields:
+        setattr(message, field, nan)
+    if theta is None:
+        return message
+    if multipliers is None:
+        multipliers = np.ones(len(space))
+    message.names = list(space.names)
+    message.values = np.asarray(theta, np.float64).tolist()
+    message.multipliers = multipliers.tolist()
+    for name, value in zip(message.names, message.values):
+        for alias in (name, *space.targets[name][0].names):
+            if alias in fields:
                 setattr(message, alias, value)
+                break
     return message

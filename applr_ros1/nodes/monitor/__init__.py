@@ -1,1 +1,1 @@
-"""ROS node `collision_monitor`, between a source of velocity commands and the base, and its guard process."""
+"""ROS node `collision_monitor`, between a source of commands and the base, and its guard."""

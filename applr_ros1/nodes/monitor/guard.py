@@ -1,10 +1,11 @@
-"""Guard process of the collision monitor: starts its node and stops the base if the node dies or freezes.
+"""Guard process of the collision monitor, which stops the base if the node dies or freezes.
 
-This is the program behind `collision_monitor.py`. A base without a time-out of its own keeps driving with its last
-command if the monitor is killed, or frozen by a debugger or by swapping. The node therefore writes heartbeats to a
-pipe. If none arrives for SILENCE_S, the guard publishes zeros on cmd_vel until the next heartbeat. If the node ends, or
-is silent for FROZEN_S, the guard stops the base and exits, and roslaunch restarts both. If the guard is killed, the
-node stops the base and exits. If both are killed, the next guard starts with a zero. The guard's ROS name is the node's
+This is the program behind `collision_monitor.py`. A base without a time-out of its own keeps
+driving with its last command if the monitor is killed, or frozen by a debugger or by swapping. The
+node therefore writes heartbeats to a pipe. If none arrives for SILENCE_S, the guard publishes zeros
+on cmd_vel until the next heartbeat. If the node ends, or is silent for FROZEN_S, the guard stops
+the base and exits, and roslaunch restarts both. If the guard is killed, the node stops the base and
+exits. If both are killed, the next guard starts with a zero. The guard's ROS name is the node's
 with the suffix `_guard`.
 """
 
@@ -24,9 +25,8 @@ from geometry_msgs.msg import Twist
 from applr_ros1.common.ros_node import init_node, until_shutdown
 
 GUARD_SUFFIX = "_guard"  # suffix of the guard's ROS name, after the node's name
-PIPE_VARIABLE = (
-    "APPLR_HEARTBEAT"  # environment variable with the file descriptor of the node's end of the pipe
-)
+# Environment variable with the file descriptor of the node's end of the pipe
+PIPE_VARIABLE = "APPLR_HEARTBEAT"
 SILENCE_S = 0.35  # time without a heartbeat after which zeros are published [s]
 ZEROS_S = 0.05  # time between two zeros [s]
 FROZEN_S = 5.0  # time without a heartbeat after which the node is killed [s]
@@ -54,35 +54,44 @@ class Heartbeat:
 
 def main() -> int:
     """Run the node, and publish zeros while its heartbeats are missing. Return its exit status."""
-    names = [argument[8:] for argument in sys.argv if argument.startswith("__name:=")]
-    node_name = names[-1] if names else "collision_monitor"
-    init_node(
-        node_name + GUARD_SUFFIX,
-        argv=[a for a in sys.argv if not a.startswith(("__name:=", "__log:="))],
-    )
+    # roslaunch gives the name and log file of the node, which the guard cannot have, too.
+    node_name = "collision_monitor"
+    arguments = []
+    for argument in sys.argv:
+        if argument.startswith("__name:="):
+            node_name = argument[len("__name:=") :]
+        elif not argument.startswith("__log:="):
+            arguments.append(argument)
+    init_node(node_name + GUARD_SUFFIX, argv=arguments)
     with until_shutdown():
         return _watch(rospy.Publisher("cmd_vel", Twist, queue_size=1, latch=True))
     return 0
 
 
-def _watch(out: rospy.Publisher) -> int:
-    out.publish(Twist())  # The base may still follow the last command of a killed monitor.
+def _watch(commands: rospy.Publisher) -> int:
+    """Run the node and watch its heartbeats. Return its exit status.
+
+    commands: publisher of commands to the base.
+    """
+    commands.publish(Twist())  # The base may still follow the last command of a killed monitor.
     reading, writing = os.pipe()
-    command = [sys.executable, "-m", "applr_ros1.nodes.monitor.node", *sys.argv[1:]]
-    node = subprocess.Popen(
-        command, pass_fds=[writing], env={**os.environ, PIPE_VARIABLE: str(writing)}
-    )
-    os.close(writing)
-    heard = math.inf  # time.monotonic() of the last heartbeat
+    program = [sys.executable, "-m", "applr_ros1.nodes.monitor.node", *sys.argv[1:]]
+    environment = {**os.environ, PIPE_VARIABLE: str(writing)}
+    node = subprocess.Popen(program, pass_fds=[writing], env=environment)
+    os.close(writing)  # The pipe ends with the node.
+
+    # Until the first heartbeat the node compiles or loads its kernels, and the base stands.
+    last_beat = math.inf  # time.monotonic() of the last heartbeat
     while not rospy.is_shutdown() and node.poll() is None:
-        if select.select([reading], [], [], ZEROS_S)[0]:
+        is_readable, _, _ = select.select([reading], [], [], ZEROS_S)
+        if is_readable:
             if os.read(reading, 4096):
-                heard = time.monotonic()
+                last_beat = time.monotonic()
             else:  # The node has closed the pipe because it is ending.
                 time.sleep(ZEROS_S)
-        silence = time.monotonic() - heard
+        silence = time.monotonic() - last_beat
         if silence > SILENCE_S:
-            out.publish(Twist())
+            commands.publish(Twist())
         if silence > FROZEN_S:
             rospy.logerr("collision monitor: no heartbeat for %g s; the node is killed", FROZEN_S)
             node.kill()
@@ -93,16 +102,18 @@ def _watch(out: rospy.Publisher) -> int:
             node.wait(ENDS_S)
         node.kill()
         return 0
-    if heard < math.inf:
-        rospy.logerr(
-            "collision monitor: the node has ended; the base is stopped until roslaunch restarts the node"
-        )
-        publish_zeros(out, LAST_ZEROS)
+    if last_beat < math.inf:
+        problem = "collision monitor: the node has ended"
+        rospy.logerr("%s; the base is stopped until roslaunch restarts the node", problem)
+        publish_zeros(commands, LAST_ZEROS)
     return node.wait()
 
 
-def publish_zeros(out: rospy.Publisher, count: int) -> None:
-    """Publish `count` zeros before a process ends. A single zero might be lost because exiting closes connections."""
+def publish_zeros(commands: rospy.Publisher, count: int) -> None:
+    """Publish `count` zeros before a process ends.
+
+    A single zero might be lost because exiting closes connections.
+    """
     for _ in range(count):
-        out.publish(Twist())
+        commands.publish(Twist())
         time.sleep(ZEROS_S)

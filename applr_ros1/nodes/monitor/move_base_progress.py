@@ -41,15 +41,15 @@ class MoveBaseProgress:
         return Progress(None if is_stale else goal, plan_time.to_sec(), distance)
 
     def _take_status(self, message: GoalStatusArray) -> None:
-        active = [
-            each.goal_id.id for each in message.status_list if each.status == GoalStatus.ACTIVE
-        ]
-        self._goal = (
-            rospy.get_rostime(),
-            active[-1] if active else None,
-        )  # A goal being cancelled is not ACTIVE.
+        # A goal being cancelled is not ACTIVE. The last of several is the one that is driven to.
+        goal = None
+        for entry in message.status_list:
+            if entry.status == GoalStatus.ACTIVE:
+                goal = entry.goal_id.id
+        self._goal = rospy.get_rostime(), goal
 
     def _take_plan(self, message: Path) -> None:
+        # move_base publishes an empty plan if planning fails.
         distance = None
         if message.poses:
             begin = message.poses[0].pose.position

@@ -1,12 +1,15 @@
-"""ROS node `collision_monitor`, between move_base (or any other source of velocity commands) and the base.
+"""ROS node `collision_monitor`, between a source of velocity commands and the base.
 
-Started by guard.py. The node reads commands from cmd_vel_in and publishes them on cmd_vel as the CollisionMonitor
-allows. If the next command is overdue, the node itself sends braking commands, and then zeros until the base has stood
-still for a second. After an exception, the node stops the base and reports the exception on /diagnostics. With ~escape,
-the node makes small escape motions while move_base is stuck or blocked although a goal is active.
+The source is move_base or any other node. Started by guard.py. The node reads commands from
+cmd_vel_in and publishes them on cmd_vel as the CollisionMonitor allows. If the next command is
+overdue, the node itself sends braking commands, and then zeros until the base has stood still for a
+second. After an exception, the node stops the base and reports the exception on /diagnostics. With
+~escape, the node makes small escape motions while move_base is stuck or blocked although a goal is
+active.
 
-Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~more_scans (topics of further lasers;
-default: those of the description), ~escape (false), and the fields of monitor/settings.py except body.
+Parameters: ~robot (jackal; name or folder of a description), ~tf_prefix, ~more_scans (topics of
+further lasers; default: those of the description), ~escape (false), and the fields of
+monitor/settings.py except body.
 """
 
 from __future__ import annotations
@@ -46,10 +49,9 @@ ZEROS_S = 0.05  # interval between the node's own commands while none arrives, i
 LAST_ZEROS = 20  # number of zeros for a base at rest before other publishers may drive it
 STALLED_S = 0.5  # wall time without a change of ROS time after which commands are stopped [s]
 ESCAPE = "escape"  # action reported while the node drives an escape motion
-STANDS_M_S, STANDS_RAD_S = (
-    0.01,
-    0.02,
-)  # speed [m/s] and turn rate [rad/s] below which the base counts as at rest
+# Speed and turn rate below which the base counts as at rest
+STANDS_M_S = 0.01
+STANDS_RAD_S = 0.02
 
 
 class CollisionMonitorNode:
@@ -75,36 +77,45 @@ class CollisionMonitorNode:
         self._lock = threading.Lock()
         self._clock = Clock()
         self._verdict = Verdict((0.0, 0.0), STOP, 0.0, "no command has arrived yet")
-        self._counts = dict.fromkeys(("pass", "slow", "stop") + (ESCAPE,) * escape, 0)
-        self._commanded = rospy.Time(
-            0
-        )  # ROS time of the latest command; 0 for none since the start or a clock jump
-        self._heard = self._zero_due = (
-            0.0  # time.monotonic() of the latest command, and when the next zero is due
-        )
+        self._counts = dict.fromkeys(("pass", "slow", "stop"), 0)
+        # ROS time of the latest command; 0 if there is none since the start or a clock jump.
+        self._commanded = rospy.Time(0)
+        # time.monotonic() of the latest command, and of the next zero.
+        self._commanded_wall = 0.0
+        self._zero_due = 0.0
         self._zeros = 0  # number of zeros sent since the base came to rest without a command
-        near = robot.all_parameters()[robot.local_planner]["xy_goal_tolerance"]
-        self._supervisor = Supervisor(StalledPlanner(near) if escape else None)
-        self._planner = MoveBaseProgress() if escape else None
-        topics = robot.topics
-        self._scan, self._more_scans = topics.scan, more_scans
+
+        # Escape motions are for the C++ move_base. This package's planner makes its own.
+        self._planner: Optional[MoveBaseProgress] = None
+        self._supervisor = Supervisor()
+        if escape:
+            self._counts[ESCAPE] = 0
+            self._planner = MoveBaseProgress()
+            tolerance = robot.all_parameters()[robot.local_planner]["xy_goal_tolerance"]
+            self._supervisor = Supervisor(StalledPlanner(tolerance))
+
+        self._scan_topic = robot.topics.scan
+        self._more_scans = more_scans
         self._frames: Dict[str, str] = {}  # frame of the first laser by topic
         self.sensors = Sensors.of_lasers(robot, prefix, prefix + robot.frames.odom, more_scans)
-        self._out = rospy.Publisher(topics.cmd_vel, Twist, queue_size=1, latch=True)
+        self._commands = rospy.Publisher(robot.topics.cmd_vel, Twist, queue_size=1, latch=True)
         self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
         self._held = rospy.Publisher("~held_back", Bool, queue_size=1, latch=True)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=1)
-        self._out.publish(
-            conversions.twist(0.0, 0.0)
-        )  # A monitor that died may have left the base in motion.
+
+        # A monitor that died may have left the base in motion. Commands are taken only after the
+        # kernels have been compiled, which may take a minute.
+        self._commands.publish(conversions.twist(0.0, 0.0))
         warm_up(settings)
-        self._in = rospy.Subscriber(
-            "cmd_vel_in", Twist, self._take_command, queue_size=1, tcp_nodelay=True
-        )
+        rospy.Subscriber("cmd_vel_in", Twist, self._take_command, queue_size=1, tcp_nodelay=True)
 
     def spin(self) -> None:
-        """Process scans, publish zeros while commands are missing, and report once per second, until shutdown."""
-        due, heartbeat = time.monotonic(), Heartbeat()
+        """Run until shutdown.
+
+        Process scans, publish zeros while commands are missing, and report once per second.
+        """
+        report_due = time.monotonic()
+        heartbeat = Heartbeat()
         while not rospy.is_shutdown():
             with self._lock:
                 try:
@@ -114,14 +125,15 @@ class CollisionMonitorNode:
                     self._fail(problem)
             if not heartbeat.beat():
                 with self._lock:  # Held until rospy has shut down: no command may follow the zeros.
-                    publish_zeros(self._out, LAST_ZEROS)
+                    publish_zeros(self._commands, LAST_ZEROS)
                     rospy.signal_shutdown("the guard process has ended")
-            if time.monotonic() >= due:
-                due = time.monotonic() + REPORT_S
+            if time.monotonic() >= report_due:
+                report_due = time.monotonic() + REPORT_S
                 self._report()
             time.sleep(LOOK_S)
 
     def _take_scans(self) -> None:
+        """Pass the new scans to the monitor, which starts anew if the clock jumped back."""
         if self._clock.went_back():
             rospy.logwarn("collision monitor: the clock jumped back; starting anew")
             self.sensors.forget()
@@ -130,11 +142,13 @@ class CollisionMonitorNode:
             if self._planner is not None:
                 self._planner.forget()
         for topic, scan in self.sensors.observations().items():
-            first = scan.frame == self._frames.setdefault(
-                topic, scan.frame
-            )  # Lasers may share a topic.
-            name = "" if topic == self._scan else topic
-            self.monitor.add_scan(scan, name if first else f"{topic} of {scan.frame}")
+            # The monitor knows the robot's first laser as "". Lasers may share a topic.
+            laser = topic
+            if scan.frame != self._frames.setdefault(topic, scan.frame):
+                laser = f"{topic} of {scan.frame}"
+            elif topic == self._scan_topic:
+                laser = ""
+            self.monitor.add_scan(scan, laser)
 
     @property
     def _stalled(self) -> str:
@@ -142,49 +156,59 @@ class CollisionMonitorNode:
         return f"/clock has not moved for {STALLED_S:g} s" if self._clock.stands(STALLED_S) else ""
 
     def _break_silence(self) -> None:
-        """Brake to zero while commands are missing. After LAST_ZEROS zeros to a base at rest, stop publishing."""
+        """Brake to zero while commands are missing.
+
+        After LAST_ZEROS zeros to a base at rest, nothing is published: another node, such as a
+        joystick's, may then drive the base.
+        """
         silence = self.monitor.silence
         if (self._clock.now - self._commanded).to_sec() <= silence and not self._stalled:
             return
         if time.monotonic() < self._zero_due:
             return
         self._zero_due = time.monotonic() + ZEROS_S
+        # A silent move_base may be stuck. An escape motion then takes the place of the zero.
         if self._drive((0.0, 0.0), only_escapes=True):
             return
         if self._zeros < LAST_ZEROS:
-            stands = all(
-                abs(speed) < most
-                for speed, most in zip(self.sensors.twist, (STANDS_M_S, STANDS_RAD_S))
-            )
-            stands &= not self.sensors.odometry_trouble(
-                self._clock.now, self.monitor.settings.scan_timeout
-            )
-            self._zeros = self._zeros + 1 if stands else 0
-            self._out.publish(conversions.twist(*self._braked()))
-        self._report_verdict(
-            Verdict((0.0, 0.0), STOP, 0.0, self._stalled or f"no command for {silence:.2g} s")
-        )
+            self._zeros = self._zeros + 1 if self._is_at_rest() else 0
+            self._commands.publish(conversions.twist(*self._braked()))
+        reason = self._stalled or f"no command for {silence:.2g} s"
+        self._report_verdict(Verdict((0.0, 0.0), STOP, 0.0, reason))
+
+    def _is_at_rest(self) -> bool:
+        """Return whether fresh odometry says that the base stands still."""
+        v, w = self.sensors.twist
+        timeout = self.monitor.settings.scan_timeout
+        if self.sensors.odometry_trouble(self._clock.now, timeout):
+            return False
+        return abs(v) < STANDS_M_S and abs(w) < STANDS_RAD_S
 
     def _braked(self) -> Velocity:
         """Return the (v, w) of a braking base, or zeros if ROS time has stopped."""
-        return (
-            (0.0, 0.0)
-            if self._stalled
-            else self.monitor.braked(self._clock.now.to_sec(), self.sensors.twist[0])
-        )
+        # Without time, the monitor's ramp would not end.
+        if self._stalled:
+            return (0.0, 0.0)
+        return self.monitor.braked(self._clock.now.to_sec(), self.sensors.twist[0])
 
     def _report_verdict(self, verdict: Verdict) -> None:
+        """Publish action and reason of a verdict if they have changed."""
         if (verdict.action, verdict.reason) != (self._verdict.action, self._verdict.reason):
-            self._action.publish(verdict.action + (": " + verdict.reason if verdict.reason else ""))
+            text = verdict.action
+            if verdict.reason:
+                text += f": {verdict.reason}"
+            self._action.publish(text)
         self._verdict = verdict
 
     def _take_command(self, message: Twist) -> None:
         with self._lock, until_shutdown():
             if rospy.is_shutdown():
                 return
+            # The scans come first, so that the command is judged by the latest ones.
             try:
                 self._take_scans()
-                self._commanded, self._heard, self._zeros = self._clock.now, time.monotonic(), 0
+                self._commanded = self._clock.now
+                self._commanded_wall = time.monotonic()
                 self._drive((message.linear.x, message.angular.z))
             except Exception as problem:
                 self._fail(problem)
@@ -205,18 +229,22 @@ class CollisionMonitorNode:
         self._zeros = 0
         verdict = self._supervisor.judged(command, motion, self._judge)
         if motion is not None:
-            reason = "move_base makes no progress" + f"; {verdict.reason}" * bool(verdict.reason)
+            reason = "move_base makes no progress"
+            if verdict.reason:
+                reason += f"; {verdict.reason}"
             verdict = replace(verdict, action=ESCAPE, reason=reason)
-        self._out.publish(conversions.twist(*verdict.command))
+        self._commands.publish(conversions.twist(*verdict.command))
         self._counts[verdict.action] += 1
-        self._held.publish(
-            verdict.blocked
-        )  # Always published: move_base resets its copy with each new goal.
+        # Always published: move_base resets its copy with each new goal.
+        self._held.publish(verdict.blocked)
         self._report_verdict(verdict)
         return True
 
     def _escape(self, command: Velocity) -> Optional[Velocity]:
-        """Return the escape motion (v, w) that replaces a command, or None. The first motion is logged."""
+        """Return the escape motion (v, w) that replaces a command, or None.
+
+        The first motion is logged.
+        """
         escapes = self._supervisor.escapes
         if escapes is None or self._planner is None or self._stalled:
             return None
@@ -224,67 +252,72 @@ class CollisionMonitorNode:
         progress = self._planner.progress(self._clock.now)
         motion = self._supervisor.escape(self._clock.now.to_sec(), command, progress)
         if escapes.has_stalled and not had_stalled:
-            rospy.logwarn(
-                "collision monitor: move_base makes no progress; trying small escape motions"
-            )
+            problem = "collision monitor: move_base makes no progress"
+            rospy.logwarn("%s; trying small escape motions", problem)
         return motion
 
     def _fail(self, problem: Exception) -> None:
-        """Stop the base and reset the monitor after an exception, because its state is unreliable."""
+        """Stop the base and reset the monitor after an exception: its state is unreliable."""
         if rospy.core.is_shutdown_requested():
             raise problem
-        self._out.publish(conversions.twist(0.0, 0.0))
+        self._commands.publish(conversions.twist(0.0, 0.0))
         rospy.logerr_throttle(1.0, f"collision monitor: {traceback.format_exc()}")
         self.monitor.reset()
-        self._report_verdict(
-            Verdict((0.0, 0.0), STOP, 0.0, f"the monitor failed: {problem!r}; please report it")
-        )
+        reason = f"the monitor failed: {problem!r}; please report it"
+        self._report_verdict(Verdict((0.0, 0.0), STOP, 0.0, reason))
 
     def _judge(self, command: Velocity, creeps: bool) -> Verdict:
+        """Return the monitor's verdict on a command, a stop if an input is missing.
+
+        creeps: whether the monitor may slow the command to a creep instead of blocking it.
+        """
         now = rospy.get_rostime()
         pose: Any = self.sensors.pose(now, POSE_AGE_S)
         trouble = self.sensors.pose_trouble if pose is None else self._stalled
         trouble = trouble or self.sensors.odometry_trouble(now, self.monitor.settings.scan_timeout)
         if trouble:
             return Verdict(self._braked(), STOP, 0.0, trouble)
-        known = self.sensors.ages(now)  # Static transforms and messages without stamps have no age.
-        ages = known.get("pose_age_s", 0.0), known.get("twist_age_s", 0.0)
+
+        # Static transforms and messages without stamps have no age.
+        known_ages = self.sensors.ages(now)
+        ages = (known_ages.get("pose_age_s", 0.0), known_ages.get("twist_age_s", 0.0))
         verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist, command, ages, creeps)
         if verdict.action == STOP and "scan" in verdict.reason:
-            named = (
-                topic
-                for topic in self._more_scans
-                if re.search(rf"(^|on ){re.escape(topic)}\b", verdict.reason)
-            )
-            topic = next(named, self._scan)
-            return Verdict(
-                verdict.command,
-                STOP,
-                0.0,
-                f"{verdict.reason} ({self.sensors.describe_latest(topic)})",
-            )
+            latest = self.sensors.describe_latest(self._named_topic(verdict.reason))
+            return Verdict(verdict.command, STOP, 0.0, f"{verdict.reason} ({latest})")
         return verdict
 
+    def _named_topic(self, reason: str) -> str:
+        """Return the topic of the laser that a reason of the monitor names."""
+        for topic in self._more_scans:
+            if re.search(rf"(^|on ){re.escape(topic)}\b", reason):
+                return topic
+        return self._scan_topic
+
     def _report(self) -> None:
+        """Publish diagnostics."""
         verdict = self._verdict
-        idle = time.monotonic() - self._heard > IDLE_AFTER_S
-        fine = idle or verdict.action == PASS
-        message = "idle: no commands" if idle else verdict.reason or "commands pass"
+        is_idle = time.monotonic() - self._commanded_wall > IDLE_AFTER_S
+        level = DiagnosticStatus.WARN
+        message = verdict.reason or "commands pass"
+        if is_idle:
+            message = "idle: no commands"
+        if is_idle or verdict.action == PASS:
+            level = DiagnosticStatus.OK
+        now = rospy.get_rostime()
         values = {
             "action": verdict.action,
             "scale": f"{verdict.scale:.2f}",
             "remembered": len(self.monitor.memory.points),
+            **self._counts,
+            **self.sensors.ages(now),
         }
-        values.update(self._counts, **self.sensors.ages(rospy.get_rostime()))
         name = (rospy.get_namespace() + "collision_monitor").lstrip("/") + ": commands"
-        level = DiagnosticStatus.OK if fine else DiagnosticStatus.WARN
-        self._diagnostics.publish(
-            conversions.diagnostics(name, level, message, values, rospy.get_rostime())
-        )
+        self._diagnostics.publish(conversions.diagnostics(name, level, message, values, now))
 
 
 def settings_from(parameters: Dict[str, Any], robot: Robot) -> MonitorSettings:
-    """Return the robot's MonitorSettings, overridden by the node's private parameters of the same names.
+    """Return the robot's MonitorSettings, overridden by private parameters of the same names.
 
     Raises:
         ApplrError: A parameter is unknown or has an invalid value.
@@ -294,23 +327,27 @@ def settings_from(parameters: Dict[str, Any], robot: Robot) -> MonitorSettings:
     unknown = ", ".join(sorted(set(parameters) - known - others))
     if unknown:
         raise ApplrError(f"unknown parameter {unknown}: give some of {', '.join(sorted(known))}")
-    return replace(
-        MonitorSettings.of(robot), **{name: parameters[name] for name in known & set(parameters)}
-    )
+    overrides = {name: parameters[name] for name in known & set(parameters)}
+    return replace(MonitorSettings.of(robot), **overrides)
 
 
 def main() -> int:
-    """Run the node. Raises ApplrError if a parameter is invalid."""
+    """Run the node.
+
+    Raises:
+        ApplrError: A parameter is invalid.
+    """
     init_node("collision_monitor")
     parameters = rospy.get_param("~", {})
     robot, prefix = named_robot(parameters)
-    more = parameters.get("more_scans", list(robot.topics.more_scans))
-    if not isinstance(more, list):
-        raise ApplrError(f"more_scans is {more!r}: give a list of topics")
-    if robot.topics.scan in more:
+    more_scans = parameters.get("more_scans", list(robot.topics.more_scans))
+    if not isinstance(more_scans, list):
+        raise ApplrError(f"more_scans is {more_scans!r}: give a list of topics")
+    if robot.topics.scan in more_scans:
         raise ApplrError(f"more_scans has {robot.topics.scan}, the first laser's topic: remove it")
+    settings = settings_from(parameters, robot)
     escape = bool(parameters.get("escape", False))
-    node = CollisionMonitorNode(settings_from(parameters, robot), robot, prefix, more, escape)
+    node = CollisionMonitorNode(settings, robot, prefix, more_scans, escape)
     with until_shutdown():
         node.spin()
     return 0

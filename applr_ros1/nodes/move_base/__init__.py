@@ -1,1 +1,1 @@
-"""ROS node `move_base`: topics, services and actions of the C++ move_base around planner.move_base.MoveBase."""
+"""ROS node `move_base`, with the topics, services and actions of the C++ move_base."""

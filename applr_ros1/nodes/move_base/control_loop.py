@@ -1,4 +1,7 @@
-"""Control loop of the move_base node, at a fixed rate of ROS time as in C++, and the lock on its planner."""
+"""Control loop of the move_base node, at a fixed rate of ROS time as in C++.
+
+It has the lock on the node's planner.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +13,15 @@ from rospy.rostime import get_rostime_cond, is_wallclock
 
 from applr_ros1.nodes.sensors import Clock
 
-STALLED_S = (
-    1.0  # wall time after which a simulated clock that does not advance counts as stalled [s]
-)
+# Wall time after which a simulated clock that does not advance counts as stalled [s]
+STALLED_S = 1.0
 LOOK_S = 0.1  # maximum interval between two readings of the clock [s]
 
 
 class ControlLoop:
-    """Loop that calls cycle(now) `frequency()` times per second of ROS time, from the thread that calls run().
+    """Loop that calls cycle(now) `frequency()` times per second of ROS time.
+
+    The calls come from the thread that calls run().
 
     Args:
         cycle: Function of one control cycle, called with the rospy.Time.
@@ -39,43 +43,66 @@ class ControlLoop:
         stalled: Callable[[], None],
         failed: Callable[[Exception], None],
     ):
-        self._cycle, self._frequency = cycle, frequency
-        self._went_back, self._stalled, self._failed = went_back, stalled, failed
-        self.lock, self.missed = threading.RLock(), 0
+        self._cycle = cycle
+        self._frequency = frequency
+        self._went_back = went_back
+        self._stalled = stalled
+        self._failed = failed
+        self.lock = threading.RLock()
+        self.missed = 0
 
     def run(self) -> None:
         """Run cycles until the node is shut down."""
-        due: Optional[rospy.Time] = None
-        clock, stalled, tick = Clock(), False, get_rostime_cond()
+        due: Optional[rospy.Time] = None  # None for a cycle that is due at once
+        clock = Clock()
+        is_stalled = False
         while not rospy.is_shutdown():
             last = clock.now
             if clock.went_back():
                 with self.lock:
                     self._went_back()
-            now, had_stalled, stalled = clock.now, stalled, clock.stands(STALLED_S)
+            now = clock.now
             if now < last:
-                due = None
-            if stalled and not had_stalled:
+                due = None  # Otherwise the loop would wait until the clock is there again.
+            had_stalled = is_stalled
+            is_stalled = clock.stands(STALLED_S)
+            if is_stalled and not had_stalled:
                 with self.lock:
                     self._stalled()
-            left = LOOK_S if now.is_zero() else 0.0 if due is None else (due - now).to_sec()
-            if left > 0.0:
-                with tick:  # Every message on /clock notifies this condition variable.
-                    if is_wallclock() or rospy.get_rostime() == now:
-                        tick.wait(min(left, LOOK_S) if is_wallclock() else LOOK_S)
+
+            # A simulated clock is 0 until the first message on /clock.
+            if now.is_zero() or (due is not None and due > now):
+                self._wait(due, now)
                 continue
-            due = self._next_due(due, now, 1.0 / self._frequency())
+            due = self.next_due(due, now, 1.0 / self._frequency())
             with self.lock:
                 try:
                     self._cycle(now)
                 except Exception as error:
                     self._failed(error)
 
-    def _next_due(self, due: Optional[rospy.Time], now: rospy.Time, period: float) -> rospy.Time:
-        """Return when the next cycle is due: a period [s] after this cycle was due, or after now if it is late."""
+    def _wait(self, due: Optional[rospy.Time], now: rospy.Time) -> None:
+        """Wait until the next cycle is due, until the clock advances, or for LOOK_S seconds."""
+        seconds = LOOK_S
+        if is_wallclock() and due is not None:
+            seconds = min((due - now).to_sec(), LOOK_S)
+        # Every message on /clock notifies this condition variable.
+        tick = get_rostime_cond()
+        with tick:
+            if is_wallclock() or rospy.get_rostime() == now:
+                tick.wait(seconds)
+
+    def next_due(self, due: Optional[rospy.Time], now: rospy.Time, period: float) -> rospy.Time:
+        """Return when the next cycle is due.
+
+        This is a period [s] after this cycle was due, or a period from now if this cycle is late by
+        more than a period, as in ros::Rate.
+        """
         step = rospy.Duration.from_sec(period)
-        late = 0.0 if due is None else (now - due).to_sec()
-        if due is None or late > period:
-            self.missed += int(late / period)
+        if due is None:
             return now + step
-        return due + step
+        late = (now - due).to_sec()
+        if late <= period:
+            return due + step
+        self.missed += int(late / period)
+        return now + step

@@ -5,6 +5,7 @@ Called by the move_base node after each cycle. Messages without subscribers are 
 
 from __future__ import annotations
 
+import math
 import threading
 from typing import Any, Callable, Tuple
 
@@ -20,13 +21,15 @@ from applr_ros1.nodes.conversions import COST_FIELDS, TRAJECTORY_FIELDS
 from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.costmap.grid import union
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.layers import COSTMAPS
 
 TRAJECTORIES_HZ = 5.0  # rate of trajectory_cloud for planners that have none in C++ [Hz]
+ROUNDING_S = 1e-3  # tolerance of its period, which stamps meet only nearly [s]
 
 
-class CostmapDisplay(rospy.SubscribeListener):  # type: ignore[misc]  # ROS packages have no type hints.
-    """Topics `costmap`, `costmap_updates` and `footprint` of one costmap (docs/explanation/planner.md, section 3.7).
+class CostmapDisplay(rospy.SubscribeListener):  # type: ignore[misc]  # ROS has no type hints.
+    """Topics `costmap`, `costmap_updates` and `footprint` of one costmap.
+
+    docs/explanation/planner.md, section 3.7, has the rules.
 
     Args:
         name: Name of the costmap, local_costmap or global_costmap.
@@ -36,13 +39,13 @@ class CostmapDisplay(rospy.SubscribeListener):  # type: ignore[misc]  # ROS pack
 
     def __init__(self, name: str, move_base: MoveBase, lock: threading.RLock):
         super().__init__()
-        self._name, self._move_base, self._lock = name, move_base, lock
-        static = move_base.parameters[name]
-        self._frame, self._always_whole = (
-            static["global_frame"].lstrip("/"),
-            static["always_send_full_costmap"],
-        )
-        self._sent = float("-inf")
+        self._name = name
+        self._move_base = move_base
+        self._lock = lock
+        parameters = move_base.parameters[name]
+        self._frame = parameters["global_frame"].lstrip("/")
+        self._always_whole = parameters["always_send_full_costmap"]
+        self._sent = -math.inf  # time of the last publication [s]
         self._shape: Any = None  # origin, size and resolution of the last whole map
         self._window: Any = None  # union of the update windows since the last publication
         self._updates = rospy.Publisher(
@@ -61,89 +64,97 @@ class CostmapDisplay(rospy.SubscribeListener):  # type: ignore[misc]  # ROS pack
     def updated(self, stamp: rospy.Time, pose: Tuple[float, float, float]) -> None:
         """Publish the topics that are due after an update of the costmap at the robot's pose."""
         costmap = self._move_base.costmaps[self._name]
-        if costmap.window is not None:
-            self._window = (
-                costmap.window if self._window is None else union(self._window, costmap.window)
-            )
+        # A window grows from update to update until it is published.
+        if self._window is None:
+            self._window = costmap.window
+        elif costmap.window is not None:
+            self._window = union(self._window, costmap.window)
         if self._footprint.get_num_connections():
             outline = footprint.transform(costmap.footprint, *pose)
             self._footprint.publish(conversions.polygon(outline, self._frame, stamp))
-        frequency, now = (
-            self._move_base.configuration(self._name)["publish_frequency"],
-            stamp.to_sec(),
-        )
-        if frequency <= 0.0 or 0.0 <= now - self._sent <= 1.0 / frequency:
+
+        # The interval is negative after the clock jumped back.
+        frequency = self._move_base.configuration(self._name)["publish_frequency"]
+        interval = stamp.to_sec() - self._sent
+        if frequency <= 0.0 or 0.0 <= interval <= 1.0 / frequency:
             return
-        self._sent = now
+        self._sent = stamp.to_sec()
         if not (self._whole.get_num_connections() or self._updates.get_num_connections()):
             return
-        shape = tuple(costmap.origin), costmap.size, costmap.resolution
+
+        # A subscriber can apply an update only to a map of the same place and size.
+        shape = (tuple(costmap.origin), costmap.size, costmap.resolution)
         if self._always_whole or shape != self._shape:
             self._send_whole(self._whole.publish, stamp)
         elif self._window is not None:
-            x0, y0, xn, yn = self._window
-            corner = max(0, x0), max(0, y0)
-            cells = costmap.cells[corner[1] : yn, corner[0] : xn]
-            self._updates.publish(conversions.grid_update(cells, corner, self._frame, stamp))
-        self._shape, self._window = shape, None
+            # The window may begin outside the map.
+            low_x, low_y, high_x, high_y = self._window
+            low_x = max(0, low_x)
+            low_y = max(0, low_y)
+            cells = costmap.cells[low_y:high_y, low_x:high_x]
+            update = conversions.grid_update(cells, (low_x, low_y), self._frame, stamp)
+            self._updates.publish(update)
+        self._shape = shape
+        self._window = None
 
     def _send_whole(self, publish: Callable[[Any], None], stamp: Any = None) -> None:
+        """Pass the whole costmap to `publish`, with the present time unless a stamp is given."""
         costmap = self._move_base.costmaps[self._name]
         publish(conversions.grid(costmap, self._frame, stamp or rospy.Time.now()))
 
 
 class PlanDisplay:
-    """Topics of the plans: NavfnROS/plan, and global_plan, local_plan and clouds of the local planner."""
+    """Topics of the plans: NavfnROS/plan, and the local planner's paths and clouds."""
 
     def __init__(self, move_base: MoveBase):
-        name, static = move_base.local_planner_name, move_base.parameters
-        self._static = static[name]
-        self._global_frame, self._frame = (
-            static[costmap]["global_frame"].lstrip("/") for costmap in COSTMAPS
-        )
+        name = move_base.local_planner_name
+        parameters = move_base.parameters
+        self._parameters = parameters[name]
+        self._global_frame = parameters["global_costmap"]["global_frame"].lstrip("/")
+        self._frame = parameters["local_costmap"]["global_frame"].lstrip("/")
         self._plan = rospy.Publisher("~NavfnROS/plan", Path, queue_size=1)
-        self._global, self._local = (
-            rospy.Publisher(f"~{name}/{topic}", Path, queue_size=1)
-            for topic in ("global_plan", "local_plan")
-        )
+        self._global = rospy.Publisher(f"~{name}/global_plan", Path, queue_size=1)
+        self._local = rospy.Publisher(f"~{name}/local_plan", Path, queue_size=1)
         self._costs = rospy.Publisher(f"~{name}/cost_cloud", PointCloud2, queue_size=1)
         self._trajectories = rospy.Publisher(f"~{name}/trajectory_cloud", PointCloud2, queue_size=1)
-        self._sent = float("-inf")  # time of the last trajectory_cloud [s]
+        self._sent = -math.inf  # time of the last trajectory_cloud [s]
 
     def planned(self, plan: np.ndarray, stamp: rospy.Time) -> None:
         """Publish the plan (n, 3) of the global planner; it is empty if planning failed."""
         self._send(self._plan, plan, stamp, self._global_frame)
 
     def controlled(self, local_planner: Any, costmap: Any, stamp: rospy.Time) -> None:
-        """Publish the local planner's paths and clouds. Empty paths are not sent, so that displays keep the old one."""
-        for publisher, poses in (
-            (self._global, local_planner.cropped_plan),
-            (self._local, local_planner.local_plan),
-        ):
-            if len(poses):
-                self._send(publisher, poses, stamp, self._frame)
-        if self._static["publish_cost_grid_pc"] and self._costs.get_num_connections():
+        """Publish the local planner's paths and clouds."""
+        # Empty paths are not sent, so that displays keep the old one.
+        if len(local_planner.cropped_plan):
+            self._send(self._global, local_planner.cropped_plan, stamp, self._frame)
+        if len(local_planner.local_plan):
+            self._send(self._local, local_planner.local_plan, stamp, self._frame)
+        if self._parameters["publish_cost_grid_pc"] and self._costs.get_num_connections():
             rows = local_planner.cost_cloud(costmap)
             if len(rows):
                 self._costs.publish(conversions.cloud(rows, COST_FIELDS, self._frame, stamp))
         self._show_trajectories(local_planner, costmap, stamp)
 
     def _show_trajectories(self, local_planner: Any, costmap: Any, stamp: rospy.Time) -> None:
-        """Publish the trajectories in each cycle if C++ does (publish_traj_pc), or at TRAJECTORIES_HZ."""
-        period = 0.0 if "publish_traj_pc" in self._static else 1.0 / TRAJECTORIES_HZ - 1e-3
-        wanted = self._trajectories.get_num_connections() and self._static.get(
-            "publish_traj_pc", True
-        )
-        if not wanted or 0.0 <= stamp.to_sec() - self._sent < period:
+        """Publish the trajectories in each cycle if C++ does, or at TRAJECTORIES_HZ."""
+        # Only DWAPlannerROS has this cloud in C++, with its parameter publish_traj_pc.
+        is_in_cpp = "publish_traj_pc" in self._parameters
+        is_wanted = self._parameters.get("publish_traj_pc", True)
+        if not is_wanted or not self._trajectories.get_num_connections():
+            return
+        interval = stamp.to_sec() - self._sent
+        if not is_in_cpp and 0.0 <= interval < 1.0 / TRAJECTORIES_HZ - ROUNDING_S:
             return
         rows = local_planner.trajectory_cloud(costmap)
         if len(rows):
             self._sent = stamp.to_sec()
-            frame = self._static.get("global_frame_id", self._frame)
+            frame = self._parameters.get("global_frame_id", self._frame)
             self._trajectories.publish(conversions.cloud(rows, TRAJECTORY_FIELDS, frame, stamp))
 
     def _send(
         self, publisher: rospy.Publisher, poses: np.ndarray, stamp: rospy.Time, frame: str
     ) -> None:
+        """Publish poses (n, 3) as a path if there are subscribers."""
         if publisher.get_num_connections():
             publisher.publish(conversions.path(poses, frame, stamp))

@@ -1,19 +1,19 @@
 """Watchdog that restores the start-up parameters after the applr node has died.
 
-Without it, the last parameters of the dead node would stay in force. The move_base node calls the watchdog once per
-cycle. Until the first heartbeat, the watchdog does nothing.
+Without it, the last parameters of the dead node would stay in force. The move_base node calls the
+watchdog once per cycle. Until the first heartbeat, the watchdog does nothing.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any, Dict, Optional
 
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import Space
 
-LOST_PERIODS = (
-    2.5  # number of periods without a heartbeat after which the applr node counts as dead
-)
+# Number of periods without a heartbeat after which the applr node counts as dead
+LOST_PERIODS = 2.5
 SPEED_LIMITS = {"max_vel_x", "max_vel_trans"}  # parameters that ~max_speed of the applr node limits
 
 
@@ -47,15 +47,23 @@ class HeartbeatWatchdog:
 def start_up_requests(
     move_base: MoveBase, space: Space, max_speed: float = 0.0
 ) -> Dict[str, Dict[str, Any]]:
-    """Return the requests {server: {name: value}} that restore a space's parameters to the planner's start-up values.
+    """Return the requests that restore a space's parameters to the planner's start-up values.
 
-    max_speed: Upper limit of the maximum forward speed in the requests [m/s]; 0 for no limit.
+    Args:
+        move_base: The MoveBase.
+        space: Space of the parameters.
+        max_speed: Upper limit of the maximum forward speed in the requests [m/s]; 0 for no limit.
+
+    Returns:
+        {server: {name: value}}
     """
-    requests = {}
-    for server, values in space.settings(space.theta0).items():
-        if server in move_base.servers:
-            start = move_base.start_up_configuration(server)
-            requests[server] = {name: start[name] for name in values}
-            for name in SPEED_LIMITS & set(values) if max_speed > 0.0 else ():
-                requests[server][name] = min(start[name], max_speed)
+    limit = max_speed if max_speed > 0.0 else math.inf
+    requests: Dict[str, Dict[str, Any]] = {}
+    for server, names in space.settings(space.theta0).items():
+        if server not in move_base.servers:
+            continue  # The policy may also learn parameters of a planner that is not in use.
+        start = move_base.start_up_configuration(server)
+        requests[server] = {name: start[name] for name in names}
+        for name in SPEED_LIMITS & set(names):
+            requests[server][name] = min(start[name], limit)
     return requests

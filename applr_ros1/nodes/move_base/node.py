@@ -1,8 +1,9 @@
 """ROS node `move_base`, with the interface of the C++ move_base around planner.move_base.MoveBase.
 
-Started as `rosrun applr_ros1 move_base.py`. One thread (control_loop.py) steps the planner and publishes. Subscribers
-and services use the planner between two cycles, under ControlLoop.lock. Parameters: ~robot (name or folder of a robot
-description), ~map and ~tf_prefix (options of this robot), and the parameters in docs/reference/parameters.md.
+Started as `rosrun applr_ros1 move_base.py`. One thread (control_loop.py) steps the planner and
+publishes. Subscribers and services use the planner between two cycles, under ControlLoop.lock.
+Parameters: ~robot (name or folder of a robot description), ~map and ~tf_prefix (options of this
+robot), and the parameters in docs/reference/parameters.md.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import time
 import traceback
 from contextlib import contextmanager
 from functools import partial
-from typing import Any, Callable, Dict, Iterator, Optional, Tuple
+from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 import rospy
@@ -54,9 +55,8 @@ from .displays import CostmapDisplay, PlanDisplay
 from .heartbeat_watchdog import HeartbeatWatchdog, start_up_requests
 from .reconfigure_server import ReconfigureServer
 
-STATUS_PERIOD = rospy.Duration(
-    0.2
-)  # interval between two messages of goal statuses, as in actionlib
+# Interval between two messages of goal statuses, as in actionlib
+STATUS_PERIOD = rospy.Duration(0.2)
 WENT_BACK = "Aborting because the clock jumped back."
 
 
@@ -65,17 +65,22 @@ class MoveBaseNode:
 
     Args:
         tree: Tree of the private parameters, which have been checked.
-        robot: Robot with the topic of the odometry and the learned parameters, None for the defaults.
+        robot: Robot with the topic of the odometry and the learned parameters, None for the
+            defaults.
     """
 
     def __init__(self, tree: Dict[str, Any], robot: Optional[Robot] = None):
-        odometry = robot.topics.odometry if robot else "odom"
-        self._space = space_of(robot) if robot else SPACE
+        self._space = SPACE
+        odometry = "odom"
+        no_return = None
+        if robot is not None:
+            self._space = space_of(robot)
+            odometry = robot.topics.odometry
+            no_return = robot.laser.no_return
         self.move_base = MoveBase(tree)
-        static = self.move_base.parameters
-        self.frame, self.local_frame = (
-            static[name]["global_frame"].lstrip("/") for name in COSTMAPS
-        )
+        parameters = self.move_base.parameters
+        self.frame = parameters["global_costmap"]["global_frame"].lstrip("/")
+        self.local_frame = parameters["local_costmap"]["global_frame"].lstrip("/")
         self.loop = ControlLoop(
             self._cycle,
             lambda: self.move_base.frequency,
@@ -83,20 +88,20 @@ class MoveBaseNode:
             self._clock_stalled,
             self._cycle_failed,
         )
-        local_planner = self.move_base.local_planner_name
+        base_frame = parameters["global_costmap"]["robot_base_frame"]
+        planner_values = tree.get(self.move_base.local_planner_name, {})
         self.sensors = Sensors(
-            (self.local_frame, self.frame, static["global_costmap"]["robot_base_frame"]),
+            (self.local_frame, self.frame, base_frame),
             self.move_base.sources,
             self.move_base.ray_origins,
-            tree.get(local_planner, {}).get("odom_topic", odometry),
-            robot.laser.no_return if robot else None,
+            planner_values.get("odom_topic", odometry),
+            no_return,
         )
         self._report_from = 0.0  # time.monotonic() from which the next report is due
-        self._refusals: Dict[
-            str, int
-        ] = {}  # samples refused by each critic in the first blocked cycle of a report
-        self._max_speed = static["applr"]["max_speed"] or math.inf
-        self.watchdog = HeartbeatWatchdog(static["applr"]["period"])
+        # Samples refused by each critic in the first blocked cycle since the last report
+        self._refusals: Dict[str, int] = {}
+        self._max_speed = parameters["applr"]["max_speed"] or math.inf
+        self.watchdog = HeartbeatWatchdog(parameters["applr"]["period"])
         self._command = rospy.Publisher("cmd_vel", Twist, queue_size=1)
         self._diagnostics = rospy.Publisher("/diagnostics", DiagnosticArray, queue_size=2)
         self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
@@ -104,24 +109,22 @@ class MoveBaseNode:
         self._goal_relay = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=10)
         self.goals = SimpleActionServer("move_base", MoveBaseAction, auto_start=False)
         self._plans = PlanDisplay(self.move_base)
-        self._maps = {
-            name: CostmapDisplay(name, self.move_base, self.loop.lock) for name in COSTMAPS
-        }
-        self.servers = {
-            name: ReconfigureServer(name, self.move_base, self.loop.lock)
-            for name in self.move_base.servers
-        }
+        self._maps = {}
+        for name in COSTMAPS:
+            self._maps[name] = CostmapDisplay(name, self.move_base, self.loop.lock)
+        self.servers = {}
+        for name in self.move_base.servers:
+            self.servers[name] = ReconfigureServer(name, self.move_base, self.loop.lock)
+        # move_base.cpp sets these parameters, too, and other programs read them.
         for name in ("conservative_reset", "aggressive_reset"):
-            rospy.set_param(f"~{name}/reset_distance", static[name]["reset_distance"])
+            rospy.set_param(f"~{name}/reset_distance", parameters[name]["reset_distance"])
         self._pose: Any = None  # latest pose (x, y, yaw) of the robot in the global frame
         rospy.on_shutdown(self._stop)
 
     def serve(self) -> None:
         """Accept goals and requests until the node is shut down."""
         rospy.Subscriber("collision_monitor/held_back", Bool, self._take_held)
-        rospy.Subscriber(
-            "applr/heartbeat", TimeMessage, lambda _: self.watchdog.heartbeat(rospy.get_time())
-        )
+        rospy.Subscriber("applr/heartbeat", TimeMessage, self._take_heartbeat)
         for name in COSTMAPS:
             rospy.Subscriber(f"~{name}/footprint", Polygon, partial(self._take_footprint, name))
         for topic, with_updates in self.move_base.map_topics.items():
@@ -133,9 +136,11 @@ class MoveBaseNode:
         rospy.Service("~make_plan", GetPlan, self._ask(self._make_plan))
         rospy.Service("~NavfnROS/make_plan", GetPlan, self._ask(self._navfn_plan))
         rospy.Service("~clear_costmaps", Empty, self._ask(self._clear_costmaps))
+
+        # actionlib's own timer of the statuses has no `reset` and ends when the clock jumps back.
         self.goals.start()
         server = self.goals.action_server
-        server.status_timer.shutdown()  # A timer without `reset` ends when the clock jumps back.
+        server.status_timer.shutdown()
         server.status_timer = rospy.Timer(STATUS_PERIOD, server.publish_status_async, reset=True)
         rospy.loginfo(
             "move_base is ready: goals on %s, scans from %s",
@@ -145,77 +150,87 @@ class MoveBaseNode:
         with until_shutdown():
             self.loop.run()
 
-    # -- one cycle -----------------------------------------------------------------------------------------------
+    # -- one cycle ---------------------------------------------------------------------------------
     def _cycle(self, stamp: rospy.Time) -> None:
-        now, move_base = stamp.to_sec(), self.move_base
+        """Run one control cycle at ROS time `stamp`."""
+        now = stamp.to_sec()
+        move_base = self.move_base
         self._take_goals(stamp, now)
         pose, frame = self._locate(stamp)
         cycle = move_base.step(now, pose, self.sensors.twist, self.sensors.observations(), frame)
         self._pose = None if pose is None else move_base.in_global_frame(pose)
+
+        # The command leaves before anything is shown or logged.
         if cycle.command is not None:
             self._send(*cycle.command)
         if cycle.controlled and not self._refusals:
             self._refusals = move_base.local_planner.refusals(move_base.local_costmap)
         if cycle.result is not None:
-            rospy.loginfo(
-                "goal %s%s", cycle.result[0], ": " + cycle.result[1] if cycle.result[1] else ""
-            )
-            self._finish(*cycle.result)
+            outcome, text = cycle.result
+            rospy.loginfo("goal %s%s", outcome, f": {text}" if text else "")
+            self._finish(outcome, text)
         if self.goals.is_active():
             self._report_standstill(pose, cycle)
             if self._pose is not None:
-                self.goals.publish_feedback(
-                    MoveBaseFeedback(conversions.pose_stamped(self._pose, self.frame, stamp))
-                )
+                feedback = conversions.pose_stamped(self._pose, self.frame, stamp)
+                self.goals.publish_feedback(MoveBaseFeedback(feedback))
         self._show(cycle, pose, stamp)
-        if self.watchdog.is_lost(
-            now
-        ):  # In a thread, as a server takes its own lock before the loop's lock.
+
+        # A server takes its own lock before the loop's lock: in this thread they would deadlock.
+        if self.watchdog.is_lost(now):
             threading.Thread(target=self._restore_start_up, daemon=True).start()
         self._report(stamp)
 
     def _locate(self, stamp: rospy.Time) -> Tuple[Optional[Pose], Optional[Pose]]:
-        """Return (robot's pose in the local frame, local frame's pose in the global frame), (None, None) if unknown.
+        """Return the robot's pose in the local frame, and the local frame's pose in the global one.
 
-        The second pose is None if both frames are the same.
+        Both are None if one of them is unknown. The second pose is None if both frames are the
+        same.
         """
-        move_base, sensors = self.move_base, self.sensors
+        move_base = self.move_base
+        sensors = self.sensors
         if move_base.missing_map:
             topic = rospy.resolve_name(move_base.missing_map)
-            sensors.pose_trouble = (
-                f"no map on {topic} yet: start map_server, or give static_map: false"
-            )
+            advice = "start map_server, or give static_map: false"
+            sensors.pose_trouble = f"no map on {topic} yet: {advice}"
             return None, None
         pose = sensors.pose(stamp, move_base.configuration("local_costmap")["transform_tolerance"])
         if pose is None or self.frame == self.local_frame:
             return pose, None
-        frame = sensors.frame(
-            stamp, move_base.configuration("global_costmap")["transform_tolerance"]
-        )
-        return (pose, frame) if frame is not None else (None, None)
+        tolerance = move_base.configuration("global_costmap")["transform_tolerance"]
+        frame = sensors.frame(stamp, tolerance)
+        if frame is None:
+            return None, None
+        return pose, frame
 
     def _take_goals(self, stamp: rospy.Time, now: float) -> None:
+        """Pass a new goal, or the cancellation of the current goal, to the planner."""
         if self.goals.is_new_goal_available():
             goal = self.goals.accept_new_goal().target_pose
             try:
-                if not conversions.is_upright(goal.pose.orientation):
-                    raise MessageError(INVALID_GOAL)
-                pose = self.sensors.to_global(goal)
-                if not all(map(math.isfinite, pose)):
-                    raise MessageError(
-                        f"Aborting on goal because its position {pose[:2]} is not finite"
-                    )
+                pose = self._checked_goal(goal)
                 self.move_base.set_goal(pose, now)
                 self._current_goal.publish(conversions.pose_stamped(pose, self.frame, stamp))
             except MessageError as problem:
                 self.move_base.refuse_goal(str(problem))
+
         # A new goal also requests preemption. Accepting the new goal ends its predecessor.
-        if (
-            self.goals.is_active()
-            and self.goals.is_preempt_requested()
-            and not self.goals.is_new_goal_available()
-        ):
+        is_cancelled = self.goals.is_active() and self.goals.is_preempt_requested()
+        if is_cancelled and not self.goals.is_new_goal_available():
             self.move_base.cancel(now)
+
+    def _checked_goal(self, goal: PoseStamped) -> Pose:
+        """Return a goal as pose in the global frame.
+
+        Raises:
+            MessageError: The goal is invalid, or tf does not know its frame.
+        """
+        if not conversions.is_upright(goal.pose.orientation):
+            raise MessageError(INVALID_GOAL)
+        pose = self.sensors.to_global(goal)
+        if not all(map(math.isfinite, pose)):
+            raise MessageError(f"Aborting on goal because its position {pose[:2]} is not finite")
+        return pose
 
     def _finish(self, outcome: str, text: str) -> None:
         """End the current goal, if there is one, as "succeeded", "aborted" or "preempted"."""
@@ -225,79 +240,77 @@ class MoveBaseNode:
     def _send(self, v: float, w: float) -> None:
         """Publish a command, slowed along the same arc if its speed exceeds max_speed."""
         if abs(v) > self._max_speed:
-            v, w = math.copysign(self._max_speed, v), w * self._max_speed / abs(v)
+            w = w * self._max_speed / abs(v)
+            v = math.copysign(self._max_speed, v)
         self._command.publish(conversions.twist(v, w))
 
     def _report_standstill(self, pose: Optional[Pose], cycle: Any) -> None:
+        """Log why the robot stands although it has a goal, and publish a recovery that begins."""
         sensors = self.sensors
         if pose is None:
             rospy.logerr_throttle(1.0, f"standing still: {sensors.pose_trouble}")
         elif cycle.stale:
-            topic, after = cycle.silent
-            problem = f"no usable scan on {rospy.resolve_name(topic)} for {after:g} s"
-            rospy.logerr_throttle(
-                1.0, f"standing still: {problem}: {sensors.describe_latest(topic)}"
-            )
+            topic, seconds = cycle.silent
+            problem = f"no usable scan on {rospy.resolve_name(topic)} for {seconds:g} s"
+            latest = sensors.describe_latest(topic)
+            rospy.logerr_throttle(1.0, f"standing still: {problem}: {latest}")
         else:
             sensors.clear_errors()
         if cycle.recovery is not None and pose is not None:
             index, total, name = cycle.recovery
             rospy.logwarn("recovery %d of %d: %s", index + 1, total, name)
-            self._recovery.publish(
-                RecoveryStatus(
-                    conversions.pose_stamped(self._pose, self.frame, rospy.Time.now()),
-                    index,
-                    total,
-                    name,
-                )
-            )
+            place = conversions.pose_stamped(self._pose, self.frame, rospy.Time.now())
+            self._recovery.publish(RecoveryStatus(place, index, total, name))
 
     def _show(self, cycle: Any, pose: Any, stamp: rospy.Time) -> None:
+        """Publish what a cycle has changed, for displays.
+
+        pose: robot's pose in the local frame.
+        """
+        move_base = self.move_base
         if cycle.planned:
-            self._plans.planned(self.move_base.global_plan if cycle.new_plan else NO_PLAN, stamp)
+            self._plans.planned(move_base.global_plan if cycle.new_plan else NO_PLAN, stamp)
         if cycle.controlled:
-            self._plans.controlled(
-                self.move_base.local_planner, self.move_base.local_costmap, stamp
-            )
-        poses = ("local_costmap", pose), ("global_costmap", self._pose)
-        for (name, place), updated in zip(poses, cycle.updated):
-            if updated:
-                self._maps[name].updated(stamp, place)
+            self._plans.controlled(move_base.local_planner, move_base.local_costmap, stamp)
+        local_updated, global_updated = cycle.updated
+        if local_updated:
+            self._maps["local_costmap"].updated(stamp, pose)
+        if global_updated:
+            self._maps["global_costmap"].updated(stamp, self._pose)
 
     def _restore_start_up(self) -> None:
         """Restore the start-up values of the parameters that a dead applr node has set."""
         max_speed = self.move_base.parameters["applr"]["max_speed"]
         for server, values in start_up_requests(self.move_base, self._space, max_speed).items():
             self.servers[server].update_configuration(values)
-        rospy.logwarn(
-            "no heartbeat of the applr node for %g s: planner parameters are reverted to their start-up values",
-            self.watchdog.patience,
-        )
+        problem = f"no heartbeat of the applr node for {self.watchdog.patience:g} s"
+        rospy.logwarn("%s: planner parameters are reverted to their start-up values", problem)
 
     def _report(self, stamp: rospy.Time) -> None:
-        """Report missed cycles, ages of the inputs, and critics that refused samples, once per second."""
+        """Report missed cycles, ages of inputs, and refusals by critics, once per second."""
         if time.monotonic() <= self._report_from:
             return
         self._report_from = time.monotonic() + 1.0
         if self.loop.missed:
-            rate = self.move_base.frequency
-            rospy.logwarn(
-                f"control loop missed its rate of {rate:g} Hz: {self.loop.missed} cycles skipped"
-            )
+            problem = f"control loop missed its rate of {self.move_base.frequency:g} Hz"
+            rospy.logwarn(f"{problem}: {self.loop.missed} cycles skipped")
             self.loop.missed = 0
-        name, refused, self._refusals = rospy.get_name().lstrip("/"), self._refusals, {}
-        blocked = (
-            (DiagnosticStatus.WARN, "no legal command") if refused else (DiagnosticStatus.OK, "")
-        )
-        for about, level, text, values in (
+        level = DiagnosticStatus.OK
+        text = ""
+        if self._refusals:
+            level = DiagnosticStatus.WARN
+            text = "no legal command"
+        statuses = (
             ("ages of the inputs", DiagnosticStatus.OK, "", self.sensors.ages(stamp)),
-            ("samples that critics refused", *blocked, refused),
-        ):
-            self._diagnostics.publish(
-                conversions.diagnostics(f"{name}: {about}", level, text, values, stamp)
-            )
+            ("samples that critics refused", level, text, self._refusals),
+        )
+        self._refusals = {}
+        name = rospy.get_name().lstrip("/")
+        for about, level, text, values in statuses:
+            message = conversions.diagnostics(f"{name}: {about}", level, text, values, stamp)
+            self._diagnostics.publish(message)
 
-    # -- requests --------------------------------------------------------------------------------------------------
+    # -- requests ----------------------------------------------------------------------------------
     def _ask(self, work: Callable[[Any], Any]) -> Callable[[Any], Any]:
         """Return a service callback that calls `work` between two cycles."""
 
@@ -310,7 +323,11 @@ class MoveBaseNode:
 
         return call
 
+    def _take_heartbeat(self, _: TimeMessage) -> None:
+        self.watchdog.heartbeat(rospy.get_time())
+
     def _relay_simple_goal(self, message: PoseStamped) -> None:
+        """Send a goal of a display to the node's own action server, as move_base.cpp does."""
         goal = MoveBaseActionGoal()
         goal.header.stamp = rospy.Time.now()
         goal.goal.target_pose = message
@@ -326,16 +343,13 @@ class MoveBaseNode:
 
     def _take_map(self, topic: str, message: OccupancyGrid) -> None:
         with _refusals_of(topic):
-            given, info = conversions.static_map(message), message.info
+            # The conversion of a large map takes longer than a cycle: it does not hold the lock.
+            static_map = conversions.static_map(message)
             with self.loop.lock:
-                self.move_base.set_map(given, topic)
-            rospy.loginfo(
-                "%s: a map of %d x %d cells of %g m",
-                topic,
-                info.width,
-                info.height,
-                info.resolution,
-            )
+                self.move_base.set_map(static_map, topic)
+            info = message.info
+            size = f"{info.width} x {info.height} cells of {info.resolution:g} m"
+            rospy.loginfo("%s: a map of %s", topic, size)
 
     def _take_map_update(self, topic: str, message: OccupancyGridUpdate) -> None:
         with self.loop.lock, _refusals_of(topic + "_updates"):
@@ -343,73 +357,68 @@ class MoveBaseNode:
             self.move_base.update_map(topic, message.x, message.y, cells)
 
     def _make_plan(self, request: Any) -> GetPlanResponse:
+        """Handle the service ~make_plan (MoveBase::planService)."""
         if self.goals.is_active() or self.move_base.goal is not None:
-            raise MessageError(
-                "move_base must be in an inactive state to make a plan for an external user"
-            )
+            problem = "move_base must be in an inactive state to make a plan for an external user"
+            raise MessageError(problem)
+        # A start without frame means the robot's pose.
+        start = self._pose
         if request.start.header.frame_id:
             start = self.sensors.to_global(request.start)
-        elif self._pose is not None:
-            start = self._pose
-        else:
-            raise MessageError(
-                f"move_base cannot make a plan: {self.sensors.pose_trouble or 'no robot pose'}"
-            )
-        plan = self.move_base.make_plan(
-            start, self.sensors.to_global(request.goal), request.tolerance
-        )
-        return GetPlanResponse(self._path(plan))
+        if start is None:
+            reason = self.sensors.pose_trouble or "no robot pose"
+            raise MessageError(f"move_base cannot make a plan: {reason}")
+        goal = self.sensors.to_global(request.goal)
+        plan = self.move_base.make_plan(start, goal, request.tolerance)
+        return GetPlanResponse(Path(poses=self._poses(plan)))  # C++ leaves the header empty.
 
     def _navfn_plan(self, request: Any) -> GetPlanResponse:
+        """Handle the service ~NavfnROS/make_plan, whose answer to an invalid request is empty."""
+        plan = NO_PLAN
         try:
-            start, goal = (
-                self.sensors.to_global(request.start),
-                self.sensors.to_global(request.goal),
-            )
-            plan = (
-                self.move_base.plan(start, goal)
-                if all(map(math.isfinite, start + goal))
-                else NO_PLAN
-            )
+            start = self.sensors.to_global(request.start)
+            goal = self.sensors.to_global(request.goal)
+            if all(map(math.isfinite, start + goal)):
+                plan = self.move_base.plan(start, goal)
         except MessageError as problem:
             rospy.logerr("NavfnROS/make_plan: %s", problem)
-            plan = NO_PLAN
-        return GetPlanResponse(self._path(plan, self.frame))
+        header = Header(0, rospy.Time.now(), self.frame)
+        return GetPlanResponse(Path(header, self._poses(plan)))
 
-    def _path(self, plan: np.ndarray, frame: str = "") -> Path:
+    def _poses(self, plan: np.ndarray) -> List[PoseStamped]:
         stamp = rospy.Time.now()
-        poses = [conversions.pose_stamped(pose, self.frame, stamp) for pose in plan.tolist()]
-        return Path(Header(0, stamp if frame else rospy.Time(0), frame), poses)
+        return [conversions.pose_stamped(pose, self.frame, stamp) for pose in plan.tolist()]
 
     def _clear_costmaps(self, request: Any) -> EmptyResponse:
         self.move_base.clear_costmaps()
         return EmptyResponse()
 
-    # -- clock, errors and shutdown --------------------------------------------------------------------------------
+    # -- clock, errors and shutdown ----------------------------------------------------------------
     def _clock_went_back(self) -> None:
         rospy.logwarn("the clock jumped back: maps, plan and goal are dropped")
         self._send(0.0, 0.0)
         self.sensors.forget()
         self._finish("aborted", WENT_BACK)
+        # actionlib cancels every goal that is older than the last cancellation.
         self.goals.action_server.last_cancel = rospy.Time()
         self.move_base.reset(rospy.get_time(), restore=False)
 
     def _clock_stalled(self) -> None:
         if self.goals.is_active():
-            rospy.loginfo(
-                "standing still: /clock has not moved for a second; the simulation is paused or has ended"
-            )
+            problem = "/clock has not moved for a second"
+            rospy.loginfo("standing still: %s; the simulation is paused or has ended", problem)
             self._send(0.0, 0.0)
 
     def _cycle_failed(self, error: Exception) -> None:
-        """Stop after an internal error, log it and abort the goal. The node keeps running for the next goal."""
+        """Stop after an internal error, log it and abort the goal.
+
+        The node keeps running for the next goal.
+        """
         if rospy.is_shutdown():
             return
         self._send(0.0, 0.0)
-        rospy.logerr(
-            "a cycle failed: %s",
-            "".join(traceback.format_exception(type(error), error, error.__traceback__)),
-        )
+        lines = traceback.format_exception(type(error), error, error.__traceback__)
+        rospy.logerr("a cycle failed: %s", "".join(lines))
         text = f"Aborting because of an internal error: {type(error).__name__}: {error}"
         self._finish("aborted", text.replace("\n", " "))
         self.move_base.reset(rospy.get_time(), restore=False)
@@ -430,18 +439,20 @@ def _refusals_of(topic: str) -> Iterator[None]:
 
 
 def _is_not_of_footprint(record: logging.LogRecord) -> bool:
-    """Filter out rospy's warning that ~*_costmap/footprint has different types for its publisher and subscriber.
+    """Filter out rospy's warning that ~*_costmap/footprint has two types.
 
-    The C++ move_base uses the same name for both, so this node must, too.
+    The C++ move_base uses the same name for a publisher and a subscriber, so this node must, too.
     """
     text = record.getMessage()
-    return not (
-        "inbound connection" in text and "Polygon" in text and repr(rospy.get_name()) in text
-    )
+    words = ("inbound connection", "Polygon", repr(rospy.get_name()))
+    return not all(word in text for word in words)
 
 
 def main() -> int:
-    """Run the node. Return exit status 1 if parameters are invalid, after a line for each problem."""
+    """Run the node.
+
+    Return exit status 1 if parameters are invalid, after a line for each problem.
+    """
     init_node("move_base")
     given = rospy.get_param("~", {})
     tree, robot = with_robot(given)
@@ -454,18 +465,19 @@ def main() -> int:
         logging.getLogger(logger).addFilter(_is_not_of_footprint)
     for line in remarks(tree):
         rospy.logwarn("parameter %s", line)
-    with announced(
-        "compiling the planner's kernels (a minute or two, the first time on this machine)",
-        rospy.loginfo,
-    ):
+    compiling = "compiling the planner's kernels (a minute or two, the first time on this machine)"
+    with announced(compiling, rospy.loginfo):
         warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
+    # Other programs, such as rqt and the applr node, read the parameters of the robot's files here.
     if robot is not None:
-        rospy.set_param("~", dict(tree, **{name: given[name] for name in NAMING if name in given}))
+        naming = {name: given[name] for name in NAMING if name in given}
+        rospy.set_param("~", {**tree, **naming})
     node = MoveBaseNode(tree, robot)
-    sys.setswitchinterval(
-        1e-3
-    )  # longest time for which another thread keeps Python's interpreter lock [s]
+
+    # Another thread may keep Python's interpreter lock for this long [s], instead of 5 ms. A
+    # garbage collection of the permanent objects would delay a cycle by 100 ms.
+    sys.setswitchinterval(1e-3)
     gc.collect()
-    gc.freeze()  # A garbage collection of the permanent objects would delay a cycle by 100 ms.
+    gc.freeze()
     node.serve()
     return 0

@@ -23,23 +23,29 @@ class ReconfigureServer(Server):  # type: ignore[misc]  # ROS packages have no t
     """
 
     def __init__(self, name: str, move_base: MoveBase, lock: threading.RLock):
-        self._name, self._move_base, self._lock = name, move_base, lock
-        kind = importlib.import_module(f"applr_ros1.cfg.{move_base.servers[name].config}Config")
-        super().__init__(kind, self._apply, name)
+        self._name = name
+        self._move_base = move_base
+        self._lock = lock
+        # catkin generates these modules from applr_ros1/cfg.
+        config = move_base.servers[name].config
+        super().__init__(
+            importlib.import_module(f"applr_ros1.cfg.{config}Config"), self._apply, name
+        )
 
     def _apply(self, config: Dict[str, Any], _: int) -> Dict[str, Any]:
         """Apply all values or none, and return the current values."""
+        # A configuration has its groups beside the values.
+        values = {name: config[name] for name in self.type.defaults}
         try:
             with self._lock:
-                in_force = self._move_base.reconfigure(
-                    self._name, {name: config[name] for name in self.type.defaults}
-                )
+                in_force = self._move_base.reconfigure(self._name, values)
         except ValueError as problem:
             rospy.logerr("%s refused a change: %s", self.ns, problem)
             raise rospy.ServiceException(str(problem)) from None
         return dict(in_force, groups=config["groups"])
 
     def _copy_from_parameter_server(self) -> None:
+        # MoveBase has read and checked the values of the parameter server already.
         self.config.update(self._move_base.configuration(self._name))
 
     def _copy_to_parameter_server(self) -> None:

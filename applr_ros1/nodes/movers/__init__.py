@@ -1,1 +1,1 @@
-"""ROS node `movers`, which tracks and predicts moving obstacles for costmaps, policy and display."""
+"""ROS node `movers`, which tracks and predicts moving obstacles."""

@@ -1,1 +1,1 @@
-"""Command-line programs: demo, playground, BARN Challenge, braking measurement, and their launcher."""
+"""Command-line programs: demo, playground, BARN Challenge, braking measurement, launcher."""

@@ -51,9 +51,8 @@ WORLD = "dynamic:0"  # a room with moving obstacles
 DRIVE_S = 30.0  # simulated time of a drive [s]
 CYCLE_S = 0.05  # duration of a control cycle [s]
 DECISION_S = 1.0  # time between two changes of the parameters [s]
-QUIET_S = (
-    5.0  # wall time before the first progress line, longer than loading compiled kernels takes [s]
-)
+# Wall time before the first progress line, longer than loading compiled kernels takes [s]
+QUIET_S = 5.0
 
 
 def main() -> int:
@@ -65,8 +64,8 @@ def _compile() -> None:
     """Compile the parts, then the rest, in as many processes as there are processors."""
     fork = multiprocessing.get_context("fork")
     processes = len(os.sched_getaffinity(0))
-    without_tracebacks = signal.signal, (signal.SIGINT, signal.SIG_DFL)
-    pool = ProcessPoolExecutor(processes, fork, *without_tracebacks)
+    # A process ends without a traceback at Ctrl-C.
+    pool = ProcessPoolExecutor(processes, fork, signal.signal, (signal.SIGINT, signal.SIG_DFL))
     with announced("compiling kernels", _report, first=QUIET_S), pool:
         # The drives begin when all parts are in the cache: they would otherwise compile the same
         # kernels again.

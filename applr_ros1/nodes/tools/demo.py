@@ -1,7 +1,8 @@
-"""The demo (./applr demo): one course from start to finish with the whole stack, on its own ROS master.
+"""The demo (./applr demo): one course with the whole stack, on its own ROS master.
 
-The demo reports when each part of the stack is up, sends the goal, reports progress, and ends every process. It writes
-a page that replays the drive, and prints one line of JSON. Success is judged by the robot's true pose (Course.arrived).
+The demo reports when each part of the stack is up, sends the goal, reports progress, and ends every
+process. It writes a page that replays the drive, and prints one line of JSON. Success is judged by
+the robot's true pose (Course.arrived).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import math
 import os
 import sys
 import time
+from functools import partial
 from typing import Any, Callable, Dict, Iterator, NamedTuple, Optional, Sequence, Set, Tuple
 
 import actionlib
@@ -24,7 +26,7 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Bool
 
 import worlds
-from applr_ros1.common.angles import Pose, yaw_of
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.arguments import boolean, frame_prefix, number_within, pose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_bytes
@@ -33,7 +35,7 @@ from applr_ros1.drives.drive import ABORTED, REACHED, TIMED_OUT, Decision, Drive
 from applr_ros1.drives.page import Scene, Shown, page
 from applr_ros1.drives.recorder import Recorder
 from applr_ros1.msg import Parameters
-from applr_ros1.nodes.conversions import GOAL_STATES, pose_stamped
+from applr_ros1.nodes.conversions import GOAL_STATES, Reading, pose_stamped, reading_of
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import Robot, geometry, load
@@ -43,48 +45,64 @@ from .launcher import Stack, given_arguments, launch_arguments, private_stack, r
 from .send_goal import course_goal
 
 STATUS = "/move_base/status"
-VERDICTS = "/collision_monitor/action"  # latched; the first verdict comes when the monitor is ready
+VERDICTS = "/collision_monitor/action"  # latched; the first one comes when the monitor is ready
 MOVERS = "/applr/tracked"
 PROGRESS_PERIOD_S = 2.0  # interval between progress lines, in simulated time [s]
-EXTRA = {
-    "page": "applr_demo.html",
-    "limit": "300",
-}  # defaults of the arguments that the launch file does not have
+# Defaults of the arguments that the launch file does not have
+EXTRA = {"page": "applr_demo.html", "limit": "300"}
 COLOR = "#2ca02c"  # colour of the drive on its page
 USAGE = f"""usage: demo.py [ARG:=VALUE ...]
 
-Drive one course with the whole stack, without a window. The last line is one JSON object. The exit status is 0 only
-if the goal was reached.
+Drive one course with the whole stack, without a window. The last line is one JSON object. The exit
+status is 0 only if the goal was reached.
 
   page:={EXTRA["page"]}  File for a page that replays the drive (.html), or none.
-  limit:={EXTRA["limit"]}             Simulated time [s] after which the drive counts as timed out, 1 to 3600.
+  limit:={EXTRA["limit"]}             Simulated time [s] after which the drive counts as timed out,
+                         1 to 3600.
 
-The other arguments are those of the launch file: roslaunch --ros-args applr_ros1 jackal_applr.launch"""
+The other arguments are those of the launch file:
+roslaunch --ros-args applr_ros1 jackal_applr.launch"""
 
 
-class Motion(NamedTuple):
-    """True motion of the robot: ROS time [s], pose (x, y, yaw) [m, m, rad], twist (v [m/s], w [rad/s])."""
+class Setup(NamedTuple):
+    """Set-up of a demo, from its arguments.
 
-    time: float
-    pose: Pose
-    twist: Tuple[float, float]
+    Attributes:
+        values: Values of all arguments, with the pose of the goal in odom as "sent".
+        passed: Values for the launch file.
+        robot: Description of the robot.
+        world: World with the course.
+    """
+
+    values: Dict[str, Any]
+    passed: Dict[str, str]
+    robot: Robot
+    world: worlds.World
 
 
 def main() -> int:
-    """Run the demo. Return exit status 0 if the goal was reached, else 1. Raises ApplrError for invalid arguments."""
-    values, passed, robot, world = prepare(sys.argv[1:])
+    """Run the demo. Return exit status 0 if the goal was reached, else 1.
+
+    Raises:
+        ApplrError: An argument is invalid.
+    """
+    setup = prepare(sys.argv[1:])
+    values = setup.values
     result = {
-        "world": world.name,
-        "robot": robot.name,
+        "world": setup.world.name,
+        "robot": setup.robot.name,
         "method": values["method"],
         "success": False,
+        "collided": False,
+        "time_s": None,
+        "seed": values["seed"],
+        "simulator": values["simulator"],
     }
-    result.update(collided=False, time_s=None, seed=values["seed"], simulator=values["simulator"])
     report("world {world}, robot {robot}, method {method}, simulator {simulator}".format(**result))
     with contextlib.ExitStack() as ending:
         try:
-            with private_stack(passed) as stack:
-                _drive(stack, values, robot, world, result)
+            with private_stack(setup.passed) as stack:
+                _drive(stack, setup, result)
                 ending.enter_context(announced("ending the nodes", report))
         except ApplrError as problem:
             report(result.setdefault("reason", str(problem)))
@@ -92,16 +110,17 @@ def main() -> int:
     return 0 if result["success"] else 1
 
 
-def prepare(words: Sequence[str]) -> Tuple[Dict[str, Any], Dict[str, str], Robot, worlds.World]:
-    """Parse a command line into (all values, values for the launch file, Robot, World). Raises ApplrError."""
-    known = launch_arguments()
-    given = given_arguments(words, (*known, *EXTRA))
-    values = {**known, **EXTRA, **given}
-    if (
-        not boolean("sim", values["sim"])
-        or values["move_base"] != "python"
-        or values["goal"] == "none"
-    ):
+def prepare(words: Sequence[str]) -> Setup:
+    """Parse a command line.
+
+    Raises:
+        ApplrError: An argument is invalid.
+    """
+    defaults = launch_arguments()
+    given = given_arguments(words, (*defaults, *EXTRA))
+    values = {**defaults, **EXTRA, **given}
+    is_simulated = boolean("sim", values["sim"])
+    if not is_simulated or values["move_base"] != "python" or values["goal"] == "none":
         needs = "the demo needs sim:=true, move_base:=python and a goal"
         raise ApplrError(f"{needs}: for a real robot use roslaunch applr_ros1 jackal_applr.launch")
     for name, kind, low, high in (("limit", float, 1.0, 3600.0), ("seed", int, 0, 2**31 - 1)):
@@ -110,35 +129,46 @@ def prepare(words: Sequence[str]) -> Tuple[Dict[str, Any], Dict[str, str], Robot
         number_within(name, values[name], low, high)
     if values["page"] != "none":
         values["page"] = os.path.abspath(values["page"])
-        if not (
-            values["page"].endswith(".html") and os.access(os.path.dirname(values["page"]), os.W_OK)
-        ):
-            raise ApplrError(
-                f"page is {values['page']}: give a .html file in a folder that can be written"
-            )
+        is_writable = os.access(os.path.dirname(values["page"]), os.W_OK)
+        if not is_writable or not values["page"].endswith(".html"):
+            advice = "give a .html file in a folder that can be written"
+            raise ApplrError(f"page is {values['page']}: {advice}")
+
+    # An invalid robot, method or world is an error before anything starts.
     robot = load(values["robot"])
     values["method"] = methods.make(values["method"], robot).name
     world = worlds.scaled(worlds.load(values["world"], geometry.radius(robot)), robot.world_scale)
     values["sent"] = course_goal(world.course)
-    if values["goal"] != "auto":  # The goal is given in odom, whose origin is the start.
-        values["sent"] = x, y, yaw = pose("goal", values["goal"])
-        goal = (x + world.course.start[0], y + world.course.start[1], yaw)
-        course = dataclasses.replace(
-            world.course, goal=goal, finish_y=None, path=np.empty((0, 2)), planner_ends=True
-        )
-        world = dataclasses.replace(world, course=course)
-    passed = {name: values[name] for name in {"method", *given} & set(known)}
-    return values, dict(passed, goal="none"), robot, world
+    if values["goal"] != "auto":
+        values["sent"] = pose("goal", values["goal"])
+        world = _with_goal(world, values["sent"])
+
+    # The demo sends the goal itself, when it has begun to record.
+    passed = {name: values[name] for name in {"method", *given} & set(defaults)}
+    return Setup(values, {**passed, "goal": "none"}, robot, world)
 
 
-def _drive(
-    stack: Stack, values: Dict[str, Any], robot: Robot, world: worlds.World, result: Dict[str, Any]
-) -> None:
+def _with_goal(world: worlds.World, goal: Pose) -> worlds.World:
+    """Return a world with another goal, which is given in odom. The origin of odom is the start."""
+    x, y, yaw = goal
+    start_x, start_y, _ = world.course.start
+    course = dataclasses.replace(
+        world.course,
+        goal=(start_x + x, start_y + y, yaw),
+        finish_y=None,
+        path=np.empty((0, 2)),
+        planner_ends=True,
+    )
+    return dataclasses.replace(world, course=course)
+
+
+def _drive(stack: Stack, setup: Setup, result: Dict[str, Any]) -> None:
     """Drive the course, complete the result, and write the page."""
+    values = setup.values
     began = time.monotonic()
-    observer = Observer(robot, world, values)
-    for part, up in observer.parts():
-        stack.wait(part, up)
+    observer = Observer(setup)
+    for part, is_up in observer.parts():
+        stack.wait(part, is_up)
         report(f"{part:12} up after {time.monotonic() - began:.1f} s")
     drive = observer.drive(values["sent"], values["limit"], stack.check)
     assert drive.truth is not None
@@ -157,51 +187,51 @@ def _drive(
     )
     if values["page"] != "none":
         title = "{world}, {robot}, method {method}".format(**result)
-        scene = Scene(world.name, world, [Shown(0, 0, drive)], observer.began - BASE_TIME_S)
-        written = page(
-            title, {result["method"]: COLOR}, space_of(robot), robot.body.size[:2], [scene]
-        )
-        write_bytes(values["page"], written)
+        began_in_world = observer.began - BASE_TIME_S
+        scene = Scene(setup.world.name, setup.world, [Shown(0, 0, drive)], began_in_world)
+        colors = {result["method"]: COLOR}
+        robot = setup.robot
+        content = page(title, colors, space_of(robot), robot.body.size[:2], [scene])
+        write_bytes(values["page"], content)
         result["page"] = values["page"]
         report(result["page"])
 
 
 class Observer:
-    """Client of the running stack: sends the goal and records the drive. Call `parts`, then `drive`.
+    """Client of the running stack: sends the goal and records the drive.
+
+    Call `parts`, then `drive`.
 
     Attributes:
         began: ROS time of sending the goal [s].
     """
 
-    def __init__(self, robot: Robot, world: worlds.World, values: Dict[str, Any]):
-        self.world = world
+    def __init__(self, setup: Setup):
+        values = setup.values
+        robot = setup.robot
+        self.world = setup.world
         self._tolerance = robot.goal_tolerance
         self._frame = frame_prefix(values["tf_prefix"]) + robot.frames.odom  # frame of the goal
         self._names = space_of(robot).names
-        self._latest: Optional[Motion] = None  # latest true motion
+        self._latest: Optional[Reading] = None  # latest true motion
         self._theta: Sequence[float] = ()  # latest parameters
         self._recorder: Optional[Recorder] = None  # from the sending of the goal on
         self._up: Set[str] = set()  # topics on which a message has arrived
         self.began = 0.0
         self._client: Any = None
         rospy.init_node("demo", anonymous=True, disable_signals=True)
-        scan = robot.topics.scan if values["scan_topic"] == "auto" else values["scan_topic"]
-        self._scan = "/" + scan.lstrip("/")
+        scan_topic = values["scan_topic"]
+        if scan_topic == "auto":
+            scan_topic = robot.topics.scan
+        self._scan = "/" + scan_topic.lstrip("/")
         self._has_monitor = boolean("monitor", values["monitor"])
         self._has_movers = boolean("movers", values["movers"])
-        for topic, kind in (
-            (self._scan, rospy.AnyMsg),
-            (STATUS, GoalStatusArray),
-            (VERDICTS, rospy.AnyMsg),
-            (MOVERS, rospy.AnyMsg),
-        ):
-            rospy.Subscriber(
-                topic,
-                kind,
-                lambda _, topic=topic: self._up.add(topic),
-                queue_size=1,
-                buff_size=2**24,
-            )
+        # A process subscribes to a topic with one type only, and the action client to the status.
+        kinds = dict.fromkeys((self._scan, VERDICTS, MOVERS), rospy.AnyMsg)
+        kinds[STATUS] = GoalStatusArray
+        for topic, kind in kinds.items():
+            arrived = partial(self._on_message, topic)
+            rospy.Subscriber(topic, kind, arrived, queue_size=1, buff_size=2**24)
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
         rospy.Subscriber("/applr/parameters", Parameters, self._on_parameters, queue_size=50)
@@ -220,18 +250,18 @@ class Observer:
     def drive(self, pose: Pose, limit: float, check: Callable[[], None]) -> Drive:
         """Send the goal `pose` (x, y, yaw) in odom, and return the drive with its goal's end.
 
-        The drive times out after `limit` [s]. check() is called repeatedly, and its exceptions end the drive.
+        The drive times out after `limit` [s]. check() is called repeatedly, and its exceptions end
+        the drive.
         """
         recorder = self._begin()
         self._client.send_goal(MoveBaseGoal(pose_stamped(pose, self._frame, rospy.Time(0))))
         course = self.world.course
-        line = (
-            f"to the finish line at y = {course.finish_y:g} m"
-            if course.finish_y is not None
-            else "ahead"
-        )
-        report(f"goal sent   {course.length_m:.2f} m {line}")
-        printed, status = 0.0, ""
+        place = "ahead"
+        if course.finish_y is not None:
+            place = f"to the finish line at y = {course.finish_y:g} m"
+        report(f"goal sent   {course.length_m:.2f} m {place}")
+        printed = 0.0
+        status = ""
         while not status:
             time.sleep(0.01)
             check()
@@ -259,6 +289,7 @@ class Observer:
         assert self._latest is not None
         x, y, _ = self._latest.pose
         state = self._client.get_state()
+        # The planner may stop short of the course's goal by its own tolerance.
         tolerance = self._tolerance if state == GoalStatus.SUCCEEDED else None
         if self.world.course.arrived(x, y, tolerance):
             return REACHED, "goal reached"
@@ -270,38 +301,37 @@ class Observer:
         return "", ""
 
     def _report_progress(self, seconds: float, drive: Drive) -> None:
+        """Print the distance to the goal, the speed, and contacts since the last line."""
         assert self._latest is not None
         x, y, _ = self._latest.pose
+        speed, _ = self._latest.twist
         course = self.world.course
-        to_go = (
-            math.dist(course.goal[:2], (x, y))
-            if course.finish_y is None
-            else max(0.0, course.finish_y - y)
-        )
+        to_go = math.dist(course.goal[:2], (x, y))
+        if course.finish_y is not None:
+            to_go = max(0.0, course.finish_y - y)
         has_touched = (drive.contacts > seconds - PROGRESS_PERIOD_S).any()
-        touched = "   contact" if has_touched else ""
-        report(
-            f"{seconds:6.1f} s    {to_go:5.2f} m to go   {self._latest.twist[0]:4.2f} m/s{touched}"
-        )
+        contact = "   contact" if has_touched else ""
+        report(f"{seconds:6.1f} s    {to_go:5.2f} m to go   {speed:4.2f} m/s{contact}")
+
+    def _on_message(self, topic: str, _: Any) -> None:
+        self._up.add(topic)
 
     def _move_base_up(self) -> bool:
+        """Return whether move_base takes goals: a goal that is sent before would be lost."""
         if self._client is None:
             self._client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
         action = self._client.action_client
         ends = (action.pub_goal, action.pub_cancel, action.result_sub)
         return STATUS in self._up and all(end.get_num_connections() > 0 for end in ends)
 
-    def moved(self, motion: Motion) -> None:
+    def moved(self, reading: Reading) -> None:
         """Take the robot's true motion."""
-        self._latest = motion
+        self._latest = reading
         if self._recorder is not None:
-            self._recorder.moved(motion.time - self.began, motion.pose, motion.twist)
+            self._recorder.moved(reading.time - self.began, reading.pose, reading.twist)
 
     def _on_pose(self, message: Odometry) -> None:
-        position = message.pose.pose.position
-        pose = (position.x, position.y, yaw_of(message.pose.pose.orientation))
-        twist = (message.twist.twist.linear.x, message.twist.twist.angular.z)
-        self.moved(Motion(message.header.stamp.to_sec(), pose, twist))
+        self.moved(reading_of(message))
 
     def _on_contact(self, message: Bool) -> None:
         if message.data and self._recorder is not None and self._latest is not None:

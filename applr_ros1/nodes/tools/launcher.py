@@ -1,6 +1,7 @@
 """Launcher of jackal_applr.launch on a private ROS master, for the demo and the playground.
 
-roslaunch starts the stack. The output of the nodes goes to a folder, and their errors to the terminal.
+roslaunch starts the stack. The output of the nodes goes to a folder, and their errors to the
+terminal.
 """
 
 from __future__ import annotations
@@ -29,12 +30,12 @@ from applr_ros1.common.progress import announced
 from applr_ros1.policy import methods
 from applr_ros1.robots import NAMES
 
-UP_WITHIN_S = 900.0  # longest wall time for a part to start, including the compilation of kernels on a busy machine [s]
+# Longest wall time for a part to start, with the compilation of kernels on a busy machine [s]
+UP_WITHIN_S = 900.0
 COMPILES = "waiting for {} (the first start compiles code, which takes about a minute)"
-LAUNCH_FILE = "applr_ros1", "jackal_applr.launch"
-DIED = re.compile(
-    r"\[([\w/]+)-\d+\] (?:process )?has died"
-)  # roslaunch's line about a node that has died
+LAUNCH_FILE = ("applr_ros1", "jackal_applr.launch")
+# roslaunch's line about a node that has died
+DIED = re.compile(r"\[([\w/]+)-\d+\] (?:process )?has died")
 
 
 def report(text: str) -> None:
@@ -43,34 +44,45 @@ def report(text: str) -> None:
 
 
 def launch_arguments() -> Dict[str, Any]:
-    """Return the launch file's arguments as {name: default}. The default is None if there is none."""
-    file = roslaunch.rlutil.resolve_launch_arguments(list(LAUNCH_FILE))[0]
+    """Return the launch file's arguments as {name: default}.
+
+    The default is None if there is none.
+    """
+    file, *_ = roslaunch.rlutil.resolve_launch_arguments(list(LAUNCH_FILE))
     return {name: default for name, (_, default) in roslaunch.arg_dump.get_args([file]).items()}
 
 
 def given_arguments(words: Sequence[str], known: Collection[str]) -> Dict[str, str]:
-    """Parse ARG:=VALUE into {name: value}, without ROS's own arguments such as __name:=N. Raises ApplrError.
+    """Parse ARG:=VALUE into {name: value}, without ROS's own arguments such as __name:=N.
 
     Paths become absolute, because the nodes run in another folder.
+
+    Raises:
+        ApplrError: An argument is unknown or has no value.
     """
     for word in words:
         name, separator, value = word.partition(":=")
-        if not separator or name not in known and not name.startswith("_"):
-            raise ApplrError(
-                f"{word} is not an argument: give ARG:=VALUE with one of {', '.join(known)}"
-            )
+        is_known = name in known or name.startswith("_")
+        if not separator or not is_known:
+            advice = f"give ARG:=VALUE with one of {', '.join(known)}"
+            raise ApplrError(f"{word} is not an argument: {advice}")
         if not value:  # load_mappings would silently drop it, and the default would be used.
             raise ApplrError(f"{name} is empty: give a value or omit it")
     given: Dict[str, str] = load_mappings(words)
     if "method" in given:
         given["method"] = methods.absolute(given["method"])
     for name in {"robot", "world", "record"} & set(given):
-        value = given[name]
-        if value not in (*NAMES, "none") and (
-            name == "record" or ".yaml" in value or os.path.exists(value)
-        ):
-            given[name] = os.path.abspath(value)
+        if _is_path(name, given[name]):
+            given[name] = os.path.abspath(given[name])
     return given
+
+
+def _is_path(name: str, value: str) -> bool:
+    """Return whether an argument is a path, not a name such as jackal or generated:0."""
+    if value in (*NAMES, "none"):
+        return False
+    # A bag need not exist yet, and a map may be given with a number, as in office.yaml:7.
+    return name == "record" or ".yaml" in value or os.path.exists(value)
 
 
 def free_port() -> int:
@@ -82,17 +94,18 @@ def free_port() -> int:
 
 @contextlib.contextmanager
 def private_stack(given: Dict[str, str]) -> Iterator[Stack]:
-    """Run a Stack with the arguments {name: value} for the duration of a block. SIGTERM and SIGHUP act like Ctrl-C.
+    """Run a Stack with the arguments {name: value} for the duration of a block.
 
-    If the block raises ApplrError, the folder with the nodes' output is kept and named in the error.
+    SIGTERM and SIGHUP act like Ctrl-C. If the block raises ApplrError, the folder with the nodes'
+    output is kept and named in the error.
     """
-    folder, port = tempfile.mkdtemp(prefix="applr_"), free_port()
-    os.environ.update(
-        ROS_MASTER_URI=f"http://localhost:{port}", ROS_HOSTNAME="localhost", ROS_LOG_DIR=folder
-    )
+    folder = tempfile.mkdtemp(prefix="applr_")
+    port = free_port()
+    master = f"http://localhost:{port}"
+    os.environ.update(ROS_MASTER_URI=master, ROS_HOSTNAME="localhost", ROS_LOG_DIR=folder)
     for name in ("ROS_IP", "ROS_NAMESPACE"):  # These variables may be set for another robot.
         os.environ.pop(name, None)
-    report(f"for other ROS programs: ROS_MASTER_URI={os.environ['ROS_MASTER_URI']}")
+    report(f"for other ROS programs: ROS_MASTER_URI={master}")
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
     try:
@@ -120,7 +133,8 @@ class Stack:
     """
 
     def __init__(self, given: Dict[str, str], port: int, folder: str):
-        self._died, self._ends = "", False
+        self._died = ""  # message about the first node that has died
+        self._is_ending = False
         words = [f"{name}:={value}" for name, value in given.items()]
         options = [f"--port={port}", "--sigint-timeout=2", "--sigterm-timeout=0.5"]
         with open(os.path.join(folder, "roslaunch.log"), "w", encoding="utf-8") as log:
@@ -135,10 +149,12 @@ class Stack:
         threading.Thread(target=self._pass_errors_on, daemon=True).start()
 
     def _pass_errors_on(self) -> None:
+        """Print the stack's errors, and note a node that has died."""
         for line in self._process.stderr or ():
-            died = DIED.search(line)
-            self._died = self._died or (died.group(1) + " has died" if died else "")
-            if not self._ends:  # At the end, roslaunch complains about nodes that end slowly.
+            match = DIED.search(line)
+            if match and not self._died:
+                self._died = f"{match.group(1)} has died"
+            if not self._is_ending:  # At the end, roslaunch complains about nodes that end slowly.
                 print(line, end="", file=sys.stderr)
 
     def check(self) -> None:
@@ -147,9 +163,12 @@ class Stack:
             raise ApplrError(self._died or "the stack has ended unexpectedly")
 
     def wait(self, part: str, condition: Callable[[], Any], pause: float = 0.02) -> None:
-        """Wait until condition(), called every `pause` [s], is true because `part` of the stack is up.
+        """Wait until condition() is true because `part` of the stack is up.
 
-        Raises ApplrError after UP_WITHIN_S of wall time, or if a node has died.
+        pause: interval between two calls of condition() [s].
+
+        Raises:
+            ApplrError: The part is not up after UP_WITHIN_S of wall time, or a node has died.
         """
         deadline = time.monotonic() + UP_WITHIN_S
         with announced(COMPILES.format(part), report, first=10.0):
@@ -161,7 +180,7 @@ class Stack:
 
     def stop(self) -> None:
         """End all processes."""
-        self._ends = True
+        self._is_ending = True
         rospy.signal_shutdown("the program that started the stack has ended")
         self._process.send_signal(signal.SIGINT)
         self._process.wait()

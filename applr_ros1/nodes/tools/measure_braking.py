@@ -1,6 +1,7 @@
-"""Measurement of how a base brakes, turns and ignores small commands, for `monitor:` and `dead_band` in robot.yaml.
+"""Measurement of how a base brakes, turns and ignores small commands.
 
-Started as `rosrun applr_ros1 measure_braking.py`. The program drives the robot; see --help.
+It gives `monitor:` and `dead_band` of robot.yaml. Started as `rosrun applr_ros1
+measure_braking.py`. The program drives the robot; see --help.
 """
 
 from __future__ import annotations
@@ -15,49 +16,46 @@ import rospy
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 
-from applr_ros1.common.angles import normalize_angle, yaw_of
+from applr_ros1.common.angles import normalize_angle
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.ros_node import init_node
-from applr_ros1.nodes.conversions import twist
+from applr_ros1.nodes.conversions import Reading, reading_of, twist
 from applr_ros1.robots import load
 
 RATE_HZ = 20.0  # rate of commands [Hz]
+START_S = 30.0  # longest wall time until odometry and base are connected [s]
 DRIVING_S = 1.2  # duration of each run before braking [s]
-SHARES = (
-    0.25,
-    0.5,
-    1.0,
-)  # speeds of the runs as shares of the largest speed, or of half the largest turn rate
+BRAKING_S = 6.0  # longest time for a base to come to rest [s]
+# Speeds of the runs as shares of the largest speed, or of half the largest turn rate
+SHARES = (0.25, 0.5, 1.0)
 BACK_MPS = 0.5  # largest speed on the way back [m/s]
-LEAST_WAY_M, ROOM_M = (
-    2.0,
-    0.5,
-)  # smallest free distance ahead, and the part of it that is kept in reserve [m]
-STANDING = (
-    0.3  # time over which the speed before braking is averaged, and time without motion at rest [s]
-)
-STILL = 0.02, 0.05  # speed [m/s] and turn rate [rad/s] below which the base counts as at rest
-STEPS, MOST_STEPS = (
-    (0.01, 0.03),
-    30,
-)  # steps of the dead band's measurement [m/s, rad/s], and their largest number
+LEAST_WAY_M = 2.0  # smallest free distance ahead [m]
+ROOM_M = 0.5  # part of the free distance that is kept in reserve [m]
+# Time over which the speed before braking is averaged, and time without motion at rest [s]
+STANDING_S = 0.3
+# Speed and turn rate below which the base counts as at rest
+STILL_M_S = 0.02
+STILL_RAD_S = 0.05
+# Steps of the dead band's measurement, and their largest number
+STEP_M_S = 0.01
+STEP_RAD_S = 0.03
+MOST_STEPS = 30
+MOVED_SHARE = 0.5  # share of a commanded motion from which the base counts as moving
 FELL = 0.9  # share of the speed below which the base counts as braking
-
-
-class Reading(NamedTuple):
-    """One odometry message: stamp [s], pose [m, m, rad], forward speed [m/s] and turn rate [rad/s]."""
-
-    time: float
-    x: float
-    y: float
-    yaw: float
-    v: float
-    w: float
+KEEP_GAIN = 2.0  # turn rate per error of the heading, to drive straight [1/s]
+KEEP_RAD_S = 0.5  # largest turn rate to drive straight [rad/s]
 
 
 class Stop(NamedTuple):
-    """One stop: speed [m/s or rad/s], its ratio to the command, time until braking began [s], distance [m or rad]."""
+    """One stop of a run or turn.
+
+    Attributes:
+        speed: Speed before braking [m/s or rad/s].
+        gain: Ratio of this speed to the command.
+        reaction: Time from the command to the begin of braking [s].
+        way: Distance from the command to rest [m or rad].
+    """
 
     speed: float
     gain: float
@@ -65,47 +63,83 @@ class Stop(NamedTuple):
     way: float
 
 
-def stop_of(samples: List[Reading], braked: float, command: float, turning: bool) -> Stop:
-    """Return the Stop of a run at `command` [m/s, or rad/s if turning] that was braked at the time `braked` [s]."""
-    motion = [abs(s.w if turning else s.v) for s in samples]
-    before = [m for m, s in zip(motion, samples) if braked - STANDING < s.time <= braked]
-    after = [(m, s) for m, s in zip(motion, samples) if s.time >= braked]
-    if not before or len(after) < 2:
-        raise ApplrError(
-            "too few odometry messages during the run: check that the robot's clock is synchronised"
-        )
-    speed = sum(before) / len(before)
-    reaction = next((s.time for m, s in after if m < FELL * speed), after[-1][1].time) - braked
-    steps = [
-        (b.x - a.x, b.y - a.y, normalize_angle(b.yaw - a.yaw))
-        for (_, a), (_, b) in zip(after, after[1:])
-    ]
-    return Stop(
-        speed,
-        speed / abs(command),
-        reaction,
-        sum(abs(c) if turning else math.hypot(a, b) for a, b, c in steps),
-    )
+def stop_of(readings: List[Reading], braked: float, command: float, is_turn: bool) -> Stop:
+    """Return the Stop of a run.
+
+    Args:
+        readings: Odometry of the run.
+        braked: Time of the command to stop [s].
+        command: Speed that was commanded before [m/s, or rad/s in a turn].
+        is_turn: Whether the base turned in place.
+
+    Raises:
+        ApplrError: There are too few readings.
+    """
+    speeds_before = []
+    after = [reading for reading in readings if reading.time >= braked]
+    for reading in readings:
+        if braked - STANDING_S < reading.time <= braked:
+            speeds_before.append(_speed(reading, is_turn))
+    if not speeds_before or len(after) < 2:
+        problem = "too few odometry messages during the run"
+        raise ApplrError(f"{problem}: check that the robot's clock is synchronised")
+    speed = sum(speeds_before) / len(speeds_before)
+
+    # A base that never slowed down reacts at the end of the readings.
+    slowed = after[-1].time
+    for reading in after:
+        if _speed(reading, is_turn) < FELL * speed:
+            slowed = reading.time
+            break
+
+    # The sum of the steps, not the distance of the ends: a wheel slips, and a turn may exceed pi.
+    way = 0.0
+    for last, reading in zip(after, after[1:]):
+        way += _distance(last, reading, is_turn)
+    return Stop(speed, speed / abs(command), slowed - braked, way)
+
+
+def _speed(reading: Reading, is_turn: bool) -> float:
+    """Return the magnitude of the forward speed [m/s], or of the turn rate [rad/s] in a turn."""
+    v, w = reading.twist
+    return abs(w if is_turn else v)
+
+
+def _distance(last: Reading, reading: Reading, is_turn: bool) -> float:
+    """Return the distance between two readings [m], or the angle between them [rad] in a turn."""
+    if is_turn:
+        return abs(normalize_angle(reading.pose[2] - last.pose[2]))
+    return math.dist(reading.pose[:2], last.pose[:2])
 
 
 def deceleration(stops: List[Stop], reaction: float) -> float:
-    """Return the worst deceleration a: distance <= speed * reaction + speed^2 / (2 a) for every stop."""
-    return min(s.speed**2 / (2.0 * max(s.way - s.speed * reaction, 1e-3)) for s in stops)
+    """Return the worst deceleration of some stops [m/s^2 or rad/s^2].
+
+    With it, distance <= speed * reaction + speed^2 / (2 deceleration) for every stop.
+
+    reaction: time until braking begins [s].
+    """
+    decelerations = []
+    for stop in stops:
+        braking_way = max(stop.way - stop.speed * reaction, 1e-3)
+        decelerations.append(stop.speed**2 / (2.0 * braking_way))
+    return min(decelerations)
 
 
 def reaction(straight: List[Stop], turns: List[Stop]) -> float:
     """Return the reaction time [s] with the shortest predicted stop from the largest speed.
 
-    Candidates are the reaction times of the stops from their median up. A single late stop, as on a busy machine, is
-    then not mistaken for weak brakes.
+    Candidates are the reaction times of the stops from their median up. A single late stop, as on a
+    busy machine, is then not mistaken for weak brakes.
     """
-    times = sorted(s.reaction for s in straight + turns)
-    top = max(s.speed for s in straight)
+    times = sorted(stop.reaction for stop in straight + turns)
+    top_speed = max(stop.speed for stop in straight)
 
-    def way(time: float) -> float:
-        return round(top * time + top**2 / (2.0 * deceleration(straight, time)), 3)
+    def predicted_way(time: float) -> float:
+        """Return the way of a stop from the largest speed [m]. Less than a mm is noise."""
+        return round(top_speed * time + top_speed**2 / (2.0 * deceleration(straight, time)), 3)
 
-    return min(times[len(times) // 2 :], key=way)
+    return min(times[len(times) // 2 :], key=predicted_way)
 
 
 class Base:
@@ -115,177 +149,205 @@ class Base:
         command: Topic of velocity commands.
         odometry: Topic of the odometry (nav_msgs/Odometry).
         free: Largest distance from the start that the robot may drive [m].
+
+    Raises:
+        ApplrError: There is no odometry, or nobody listens to the commands.
     """
 
     def __init__(self, command: str, odometry: str, free: float):
         self.free = free
-        self.samples: List[Reading] = []
-        self._out = rospy.Publisher(command, Twist, queue_size=1)
+        self.readings: List[Reading] = []
+        self._commands = rospy.Publisher(command, Twist, queue_size=1)
         rospy.Subscriber(odometry, Odometry, self._take, queue_size=50, tcp_nodelay=True)
-        rospy.on_shutdown(lambda: self._out.publish(Twist()))
-        for _ in range(300):
-            if self.samples and self._out.get_num_connections():
-                self.start, self._rate = self.samples[-1], rospy.Rate(RATE_HZ)
-                return
+        rospy.on_shutdown(lambda: self._commands.publish(Twist()))
+        deadline = time.monotonic() + START_S
+        while not (self.readings and self._commands.get_num_connections()):
+            if time.monotonic() > deadline:
+                if not self.readings:
+                    raise ApplrError(f"no odometry on {rospy.resolve_name(odometry)}")
+                problem = f"no subscriber to commands on {rospy.resolve_name(command)}"
+                raise ApplrError(f"{problem}: start the robot's driver")
             time.sleep(0.1)
-        missing = (
-            f"no subscriber to commands on {rospy.resolve_name(command)}: start the robot's driver"
-        )
-        raise ApplrError(
-            missing if self.samples else f"no odometry on {rospy.resolve_name(odometry)}"
-        )
+        self.start = self.readings[-1].pose
+        self._rate = rospy.Rate(RATE_HZ)
 
     def _take(self, message: Odometry) -> None:
-        pose, speed = message.pose.pose, message.twist.twist
-        stamp = message.header.stamp.to_sec()
-        self.samples.append(
-            Reading(
-                stamp,
-                pose.position.x,
-                pose.position.y,
-                yaw_of(pose.orientation),
-                speed.linear.x,
-                speed.angular.z,
-            )
-        )
+        self.readings.append(reading_of(message))
 
     def ahead(self) -> float:
         """Return the distance from the start along the initial heading [m]."""
-        now, start = self.samples[-1], self.start
-        return (now.x - start.x) * math.cos(start.yaw) + (now.y - start.y) * math.sin(start.yaw)
+        x, y, _ = self.readings[-1].pose
+        start_x, start_y, heading = self.start
+        return (x - start_x) * math.cos(heading) + (y - start_y) * math.sin(heading)
 
     def drive(self, v: float, w: float, until: Callable[[], bool], seconds: float = 30.0) -> None:
         """Publish commands v [m/s] and w [rad/s] until a condition holds or `seconds` have passed.
 
-        If only v is nonzero, the initial heading is kept. Raises ApplrError if the robot leaves the free way.
+        If only v is nonzero, the initial heading is kept.
+
+        Raises:
+            ApplrError: The robot leaves the free way.
         """
         end = rospy.get_time() + seconds
         while not until() and rospy.get_time() < end:
-            now = self.samples[-1]
-            off = math.hypot(now.x - self.start.x, now.y - self.start.y)
-            if rospy.is_shutdown() or off > self.free:
-                self._out.publish(Twist())
-                raise ApplrError(
-                    f"stopped: the robot is {off:.2f} m from its start; only {self.free:g} m are free"
-                )
-            steer = (
-                w
-                if w or not v
-                else max(-0.5, min(0.5, 2.0 * normalize_angle(self.start.yaw - now.yaw)))
-            )
-            self._out.publish(twist(v, steer))
+            pose = self.readings[-1].pose
+            distance = math.dist(pose[:2], self.start[:2])
+            if rospy.is_shutdown() or distance > self.free:
+                self._commands.publish(Twist())
+                problem = f"stopped: the robot is {distance:.2f} m from its start"
+                raise ApplrError(f"{problem}; only {self.free:g} m are free")
+            turn_rate = w
+            if v and not w:
+                error = normalize_angle(self.start[2] - pose[2])
+                turn_rate = max(-KEEP_RAD_S, min(KEEP_RAD_S, KEEP_GAIN * error))
+            self._commands.publish(twist(v, turn_rate))
             self._rate.sleep()
 
-    def stands(self) -> bool:
-        """Return whether the base has been at rest for STANDING seconds."""
-        recent = [s for s in self.samples if s.time > self.samples[-1].time - STANDING]
-        return all(abs(s.v) < STILL[0] and abs(s.w) < STILL[1] for s in recent)
+    def is_at_rest(self) -> bool:
+        """Return whether the base has stood still for STANDING_S seconds."""
+        begin = self.readings[-1].time - STANDING_S
+        recent = [reading.twist for reading in self.readings if reading.time > begin]
+        return all(abs(v) < STILL_M_S and abs(w) < STILL_RAD_S for v, w in recent)
+
+    def stop(self) -> None:
+        """Brake until the base stands still."""
+        self.drive(0.0, 0.0, self.is_at_rest, BRAKING_S)
 
     def run(self, v: float, w: float) -> Stop:
         """Drive or turn, brake to rest, and print a line about the stop."""
-        first, over = len(self.samples), rospy.get_time() + DRIVING_S
-        farthest = self.free - ROOM_M - v * v / 2.0
-        self.drive(v, w, lambda: rospy.get_time() > over or self.ahead() > farthest)
+        first = len(self.readings)
+        end = rospy.get_time() + DRIVING_S
+        farthest = self.free - ROOM_M - v * v / 2.0  # It brakes with at least 1 m/s^2.
+        self.drive(v, w, lambda: rospy.get_time() > end or self.ahead() > farthest)
+
+        # A base that the command did not move would count as stopped before the first reading.
         braked = rospy.get_time()
-        self.drive(0.0, 0.0, lambda: rospy.get_time() > braked + STANDING and self.stands(), 6.0)
-        stop = stop_of(self.samples[first:], braked, w or v, bool(w))
-        units = ("rad/s", "rad") if w else ("m/s", "m")
-        line = "%.2f %s commanded, %.2f driven, brakes after %.3f s, stops within %.3f %s"
-        print(line % (w or v, units[0], stop.speed, stop.reaction, stop.way, units[1]), flush=True)
+        settled = braked + STANDING_S
+        self.drive(0.0, 0.0, lambda: rospy.get_time() > settled and self.is_at_rest(), BRAKING_S)
+        stop = stop_of(self.readings[first:], braked, w or v, bool(w))
+        _print_stop(stop, w or v, bool(w))
         return stop
 
 
-def dead_band(base: Base, turning: bool) -> float:
-    """Return the smallest command [m/s, or rad/s if turning] that moves the base; 0 if the first step already does."""
-    step = STEPS[turning]
-    for command in (step * number for number in range(1, MOST_STEPS + 1)):
-        before = base.samples[-1]
-        base.drive(0.0 if turning else command, command * turning, lambda: False, DRIVING_S)
-        now = base.samples[-1]
-        way = (
-            normalize_angle(now.yaw - before.yaw)
-            if turning
-            else math.hypot(now.x - before.x, now.y - before.y)
-        )
-        if way > 0.5 * command * DRIVING_S:
+def _print_stop(stop: Stop, command: float, is_turn: bool) -> None:
+    speed_unit = "rad/s" if is_turn else "m/s"
+    way_unit = "rad" if is_turn else "m"
+    print(
+        f"{command:.2f} {speed_unit} commanded, {stop.speed:.2f} driven, brakes after "
+        f"{stop.reaction:.3f} s, stops within {stop.way:.3f} {way_unit}",
+        flush=True,
+    )
+
+
+def dead_band(base: Base, is_turn: bool) -> float:
+    """Return the smallest command that moves the base [m/s, or rad/s in a turn].
+
+    It is 0 if the first step already moves the base.
+    """
+    step = STEP_RAD_S if is_turn else STEP_M_S
+    command = 0.0
+    for number in range(1, MOST_STEPS + 1):
+        command = step * number
+        last = base.readings[-1]
+        v = 0.0 if is_turn else command
+        base.drive(v, command - v, lambda: False, DRIVING_S)
+        way = _distance(last, base.readings[-1], is_turn)
+        if way > MOVED_SHARE * command * DRIVING_S:
             break
     return command if command > step else 0.0
 
 
 def fastest(free: float) -> float:
-    """Return the largest speed [m/s] of a run within `free` metres if the base brakes at 1 m/s^2."""
+    """Return the largest speed [m/s] of a run within `free` metres, if it brakes at 1 m/s^2."""
     return math.sqrt(DRIVING_S**2 + 2.0 * (free - ROOM_M)) - DRIVING_S
 
 
-def main() -> None:
-    """Run the command. Raises ApplrError unless --yes confirms that the robot may drive."""
-    parser = argparse.ArgumentParser(
+def parser() -> argparse.ArgumentParser:
+    """Return the parser of the command line."""
+    arguments = argparse.ArgumentParser(
         prog="measure_braking.py",
-        description="Command rising speeds until the robot moves, drive forwards at several speeds, brake, drive back, "
-        "turn in place and stop; then print `dead_band` and the line `monitor:` of robot.yaml. Commands bypass the "
-        "collision monitor.",
+        description="Command rising speeds until the robot moves, drive forwards at several "
+        "speeds, brake, drive back, turn in place and stop; then print `dead_band` and the line "
+        "`monitor:` of robot.yaml. Commands bypass the collision monitor.",
     )
-    add = parser.add_argument
-    add(
+    arguments.add_argument(
         "--free",
         type=float,
         required=True,
         metavar="METRES",
         help="Free distance ahead. On all other sides, half a metre must be free.",
     )
-    add(
+    arguments.add_argument(
         "--yes",
         action="store_true",
         help="Required: confirms a way free of people, and an emergency stop at hand.",
     )
-    add(
+    arguments.add_argument(
         "--robot",
         default="jackal",
         help="Name or folder of the robot's description. Default: %(default)s.",
     )
-    truth = "Topic of the true motion (nav_msgs/Odometry), such as a tracking system's. Default: the robot's odometry, "
-    add("--odometry", default="", help=truth + "which cannot detect wheel slip.")
-    add("--repeats", type=int, default=3, help="Number of runs of each kind. Default: %(default)s.")
-    options = parser.parse_args(without_remappings(sys.argv[1:]))
+    arguments.add_argument(
+        "--odometry",
+        default="",
+        help="Topic of the true motion (nav_msgs/Odometry), such as a tracking system's. Default: "
+        "the robot's odometry, which cannot detect wheel slip.",
+    )
+    arguments.add_argument(
+        "--repeats", type=int, default=3, help="Number of runs of each kind. Default: %(default)s."
+    )
+    return arguments
+
+
+def main() -> None:
+    """Run the command.
+
+    Raises:
+        ApplrError: --yes does not confirm that the robot may drive, or the measurement failed.
+    """
+    options = parser().parse_args(without_remappings(sys.argv[1:]))
     if not options.yes:
-        raise ApplrError(
-            "the robot will drive: give --yes once its way is free and an emergency stop is at hand"
-        )
+        advice = "give --yes once its way is free and an emergency stop is at hand"
+        raise ApplrError(f"the robot will drive: {advice}")
     if not options.free >= LEAST_WAY_M or options.repeats < 1:
         wrong = f"--free {options.free:g} --repeats {options.repeats}"
         raise ApplrError(f"{wrong}: give at least {LEAST_WAY_M:g} m and one run")
     robot = load(options.robot)
     init_node("measure_braking", anonymous=True)
     base = Base(robot.topics.cmd_vel, options.odometry or robot.topics.odometry, options.free)
-    top = min(robot.base.max_speed, fastest(options.free))
-    ignored = [dead_band(base, turning) for turning in (False, True)]
-    base.drive(0.0, 0.0, base.stands, 6.0)
-    print("  dead_band: [{:g}, {:g}]  # in the section base".format(*ignored), flush=True)
-    straight, turns = [], []
-    for speed in [share * top for share in SHARES for _ in range(options.repeats)]:
-        straight.append(base.run(speed, 0.0))
-        base.drive(-min(BACK_MPS, speed), 0.0, lambda: base.ahead() < 0.2)
-        base.drive(0.0, 0.0, base.stands, 6.0)
-    for share in [
-        sign * 0.5 * share
-        for share in SHARES[1:]
-        for _ in range(options.repeats)
-        for sign in (1.0, -1.0)
-    ]:
-        turns.append(base.run(0.0, share * robot.base.max_yaw_rate))
-    late = reaction(straight, turns)
-    brake, turn_brake = deceleration(straight, late), deceleration(turns, late)
+    top_speed = min(robot.base.max_speed, fastest(options.free))
+
+    ignored_v = dead_band(base, is_turn=False)
+    ignored_w = dead_band(base, is_turn=True)
+    base.stop()
+    print(f"  dead_band: [{ignored_v:g}, {ignored_w:g}]  # in the section base", flush=True)
+
+    straight = []
+    for share in SHARES:
+        for _ in range(options.repeats):
+            straight.append(base.run(share * top_speed, 0.0))
+            base.drive(-min(BACK_MPS, share * top_speed), 0.0, lambda: base.ahead() < 0.2)
+            base.stop()
+    # Slow turns stop within the noise of the odometry.
+    turns = []
+    for share in SHARES[1:]:
+        for _ in range(options.repeats):
+            turns.append(base.run(0.0, 0.5 * share * robot.base.max_yaw_rate))
+            turns.append(base.run(0.0, -0.5 * share * robot.base.max_yaw_rate))
+
+    reaction_s = reaction(straight, turns)
+    brake = deceleration(straight, reaction_s)
+    turn_brake = deceleration(turns, reaction_s)
+    limits = f"{brake:.2f} m/s^2, {turn_brake:.2f} rad/s^2"
+    print(f"worst deceleration {limits}, starting {reaction_s:.3f} s after the command")
+    gains = [stop.gain for stop in turns]
+    print(f"turn rate over commanded turn rate: {min(gains):.2f} to {max(gains):.2f}")
+
+    # The last command and scan may be a period old. All limits are rounded to the safe side.
+    total_s = reaction_s + 1.0 / RATE_HZ + 1.0 / robot.laser.rate
     print(
-        f"worst deceleration {brake:.2f} m/s^2, {turn_brake:.2f} rad/s^2, starting {late:.3f} s after the command"
-    )
-    print(
-        f"turn rate over commanded turn rate: {min(s.gain for s in turns):.2f} to {max(s.gain for s in turns):.2f}"
-    )
-    total = (
-        late + 1.0 / RATE_HZ + 1.0 / robot.laser.rate
-    )  # The last command and scan may be a period old.
-    print(
-        f"monitor: {{margin: {robot.monitor.margin:g}, reaction_time: {math.ceil(100.0 * total) / 100.0:.2f}, "
-        f"deceleration: {math.floor(10.0 * brake) / 10.0:.1f}, yaw_deceleration: "
-        f"{math.floor(10.0 * turn_brake) / 10.0:.1f}}}"
+        f"monitor: {{margin: {robot.monitor.margin:g}, "
+        f"reaction_time: {math.ceil(100.0 * total_s) / 100.0:.2f}, "
+        f"deceleration: {math.floor(10.0 * brake) / 10.0:.1f}, "
+        f"yaw_deceleration: {math.floor(10.0 * turn_brake) / 10.0:.1f}}}"
     )

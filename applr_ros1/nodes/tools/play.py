@@ -1,7 +1,9 @@
-"""The playground (./applr play): a simulated robot on its own ROS master, and a web page to control it.
+"""The playground (./applr play): a simulated robot, and a web page to control it.
 
-The program starts jackal_applr.launch with viewer:=true, prints the address of the page, and ends every process at
-Ctrl-C.
+The stack has its own ROS master.
+
+The program starts jackal_applr.launch with viewer:=true, prints the address of the page, and ends
+every process at Ctrl-C.
 """
 
 from __future__ import annotations
@@ -24,39 +26,48 @@ from .launcher import given_arguments, launch_arguments, private_stack, report
 
 
 def main() -> None:
-    """Run the playground until Ctrl-C. Raises ApplrError if an argument is invalid or the stack fails."""
+    """Run the playground until Ctrl-C.
+
+    Raises:
+        ApplrError: An argument is invalid, or the stack fails.
+    """
     parser = argparse.ArgumentParser(
         prog="./applr play",
-        description="Start a simulated robot and a web page to drive it, tune it and see its decisions. "
-        "Ctrl-C ends both.",
+        description="Start a simulated robot and a web page to drive it, tune it and see its "
+        "decisions. Ctrl-C ends both.",
     )
     add = parser.add_argument
     add("--no-browser", action="store_true", help="Only print the address of the page.")
-    words = "Arguments of jackal_applr.launch, such as robot:=jackal and world:=generated:0; goal:=auto sends a goal."
+    words = (
+        "Arguments of jackal_applr.launch, such as robot:=jackal and world:=generated:0; "
+        "goal:=auto sends a goal."
+    )
     add("words", nargs="*", metavar="ARG:=VALUE", help=words)
     options = parser.parse_intermixed_args()
-    given = {"viewer": "true", "goal": "none"}
     defaults = launch_arguments()
-    given.update(given_arguments(options.words, defaults))
-    robot = load(
-        given.get("robot", defaults["robot"])
-    )  # An invalid robot or world is an error before anything starts.
+    given = {"viewer": "true", "goal": "none", **given_arguments(options.words, defaults)}
+
+    # An invalid robot or world is an error before anything starts.
+    robot = load(given.get("robot", defaults["robot"]))
     worlds.load(given.get("world", defaults["world"]), geometry.radius(robot))
-    token = os.environ[admission.TOKEN] = admission.token()
-    # Any local user or website can write to the parameter server: accept only an address on 127.0.0.1 with our token.
-    known = re.compile(rf"http://127\.0\.0\.1:\d+/{re.escape(token)}/")
+
+    # Any local user or website can write to the parameter server: only an address on 127.0.0.1 with
+    # this program's token is accepted.
+    token = admission.token()
+    os.environ[admission.TOKEN] = token
+    own_address = re.compile(rf"http://127\.0\.0\.1:\d+/{re.escape(token)}/")
     with private_stack(given) as stack:
         addresses: List[str] = []
 
         def is_up() -> bool:
-            addresses.extend(known.findall(str(rospy.get_param("/viewer/address", ""))))
+            addresses.extend(own_address.findall(str(rospy.get_param("/viewer/address", ""))))
             return bool(addresses)
 
         stack.wait("the page", is_up)
         report(f"the page is at {addresses[0]}")
-        if not options.no_browser and (
-            os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-        ):
+        # Without a display, webbrowser would open the page in the terminal.
+        has_display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        if has_display and not options.no_browser:
             webbrowser.open(addresses[0])
         stack.wait("move_base", find_reconfigure_services, pause=0.5)
         while True:

@@ -1,7 +1,10 @@
-"""ROS node `send_goal`: sends a goal to move_base, this package's or the C++ one, and waits for its end.
+"""ROS node `send_goal`: sends a goal to move_base and waits for its end.
 
-Parameters: ~goal ("x y yaw" [m, m, rad] in the odometry frame, auto for the course's goal, or none), ~world for auto,
-~robot (jackal; name or folder of a description), and ~tf_prefix of the odometry frame.
+The move_base is this package's or the C++ one.
+
+Parameters: ~goal ("x y yaw" [m, m, rad] in the odometry frame, auto for the course's goal, or
+none), ~world for auto, ~robot (jackal; name or folder of a description), and ~tf_prefix of the
+odometry frame.
 """
 
 from __future__ import annotations
@@ -22,8 +25,12 @@ from applr_ros1.robots import geometry, load
 
 
 def course_goal(course: worlds.Course) -> Pose:
-    """Return the course's goal (x, y, yaw) in a frame with the start as its origin and the axes of the world."""
-    (start_x, start_y, _), (x, y, yaw) = course.start, course.sent_goal
+    """Return the course's goal (x, y, yaw) in odom.
+
+    This frame has the start as its origin, and the axes of the world.
+    """
+    start_x, start_y, _ = course.start
+    x, y, yaw = course.sent_goal
     return x - start_x, y - start_y, yaw
 
 
@@ -38,8 +45,7 @@ def main() -> None:
     frame = arguments.frame_prefix(str(rospy.get_param("~tf_prefix", ""))) + robot.frames.odom
     if given == "auto":
         world = worlds.load(str(rospy.get_param("~world", "generated:0")), geometry.radius(robot))
-        course = worlds.scaled(world, robot.world_scale).course
-        pose = course_goal(course)
+        pose = course_goal(worlds.scaled(world, robot.world_scale).course)
     else:
         pose = arguments.pose("goal", given)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
@@ -51,6 +57,7 @@ def main() -> None:
     if rospy.is_shutdown():
         return
     rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in %s", *pose, frame)
+    # Stamp 0 means the latest transform: a stamp of now would lie ahead of tf.
     client.send_goal(MoveBaseGoal(pose_stamped(pose, frame, rospy.Time(0))))
     client.wait_for_result()
     if not rospy.is_shutdown():

@@ -1,8 +1,8 @@
-"""Access control of the page: a request needs the random token in the page's address and a local host name.
+"""Access control of the page: a request needs a random token in its address and a local host name.
 
-A browser sends the origin of the page that makes a request (Origin) and the host name under which it reached this
-computer (Host). Pages of other websites have another origin. A website whose name was pointed at this computer (DNS
-rebinding) has another host name.
+A browser sends the origin of the page that makes a request (Origin) and the host name under which
+it reached this computer (Host). Pages of other websites have another origin. A website whose name
+was pointed at this computer (DNS rebinding) has another host name.
 """
 
 from __future__ import annotations
@@ -26,18 +26,22 @@ def token() -> str:
 
 def refusal(path: str, headers: Mapping[str, str], token: str) -> Optional[str]:
     """Return the reason why a request is refused, or None if it is admitted."""
-    given = headers.get("Host", "")
-    name = re.sub(r":\d*$", "", given).strip("[]").lower()
+    host = headers.get("Host", "")
+    name = re.sub(r":\d*$", "", host).strip("[]").lower()
     try:
         ipaddress.ip_address(name)  # Unlike a name, an address cannot be rebound.
     except ValueError:
         if name != "localhost":
-            return f"{name!r} is not a name of this computer: open the page by its address, such as 127.0.0.1"
-    if "Origin" in headers and headers["Origin"].partition("://")[2] != given:
+            advice = "open the page by its address, such as 127.0.0.1"
+            return f"{name!r} is not a name of this computer: {advice}"
+
+    # Programs other than browsers send no origin. They still need the token.
+    if "Origin" in headers and headers["Origin"].partition("://")[2] != host:
         return "a page of another website may not use this page"
-    if not hmac.compare_digest(
-        re.split("[/?]", path.lstrip("/"))[0].encode(errors="replace"), token.encode()
-    ):
+
+    # The time of this comparison does not depend on the number of equal characters.
+    first_part = re.split("[/?]", path.lstrip("/"))[0]
+    if not hmac.compare_digest(first_part.encode(errors="replace"), token.encode()):
         return "the address lacks the token: use the address that the viewer prints"
     return None
 
@@ -45,23 +49,26 @@ def refusal(path: str, headers: Mapping[str, str], token: str) -> Optional[str]:
 @contextlib.contextmanager
 def guarded(token: str) -> Iterator[None]:
     """Apply `refusal` to every request of a viser server that is started inside this context."""
-    # viser 1.1.1 (requirements/viewer.txt) cannot refuse requests itself, but process_request of websockets.serve can.
-    # tests/live/test_viewer.py fails if another version of viser does not use this function.
+    # viser 1.1.1 (requirements/viewer.txt) cannot refuse requests itself, but process_request of
+    # websockets.serve can. tests/live/test_viewer.py fails if another version of viser does not use
+    # this function.
     from websockets.asyncio import server
 
     serve = server.serve
 
-    def serve_guarded(*where: Any, process_request: Any, **options: Any) -> Any:
-        def process(connection: Any, request: Any) -> Any:
+    def serve_guarded(*arguments: Any, process_request: Any, **options: Any) -> Any:
+        def process_admitted(connection: Any, request: Any) -> Any:
             reason = refusal(request.path, request.headers, token)
             if reason:
                 return connection.respond(HTTPStatus.FORBIDDEN, reason + "\n")
+            # viser serves its files without the token in their addresses.
             request.path = request.path.replace("/" + token, "", 1) or "/"
             return process_request(connection, request)
 
-        return serve(*where, process_request=process, **options)
+        return serve(*arguments, process_request=process_admitted, **options)
 
-    server.serve = serve_guarded  # type: ignore[assignment, misc]  # A function replaces the class of websockets.
+    # A function replaces the class of websockets.
+    server.serve = serve_guarded  # type: ignore[assignment, misc]
     try:
         yield
     finally:

@@ -35,9 +35,8 @@ class Listener:
         self.fixed = fixed
         self._queues: Dict[str, Deque[Any]] = {}  # unread messages by topic
         self._latest: Dict[str, Any] = {}  # latest message by topic
-        self._times: Dict[
-            str, Tuple[float, float]
-        ] = {}  # wall and ROS time of the latest message by topic
+        # Wall and ROS time of the latest message, by topic
+        self._times: Dict[str, Tuple[float, float]] = {}
         self._subscribers: List[Any] = []
         self._transforms = Transforms()
 
@@ -46,28 +45,34 @@ class Listener:
         while self._subscribers:
             self._subscribers.pop().unregister()
         self._transforms.unsubscribe()
-        for known in (self._queues, self._latest, self._times):
-            known.clear()
+        self._queues.clear()
+        self._latest.clear()
+        self._times.clear()
 
     def fresh(self, topic: str, kind: Any) -> List[Any]:
         """Return the unread messages, oldest first. Their arrays are numpy arrays."""
         if topic not in self._queues:
-            new = self._queues[topic] = deque(maxlen=KEPT_MESSAGES)
-
-            def keep(message: Any) -> None:
-                new.append(message)
-                self._times[topic] = time.monotonic(), rospy.get_time()
-
-            self._subscribers.append(
-                rospy.Subscriber(
-                    topic, numpy_msg(kind), keep, queue_size=KEPT_MESSAGES, buff_size=2**24
-                )
-            )
+            self._subscribe(topic, kind)
         queue = self._queues[topic]
+        # A callback may add messages at the same time: only those that are there now are read.
         messages = [queue.popleft() for _ in range(len(queue))]
         if messages:
             self._latest[topic] = messages[-1]
         return messages
+
+    def _subscribe(self, topic: str, kind: Any) -> None:
+        """Subscribe to a topic, and keep its messages in a new queue."""
+        queue: Deque[Any] = deque(maxlen=KEPT_MESSAGES)
+        self._queues[topic] = queue
+
+        def keep(message: Any) -> None:
+            queue.append(message)
+            self._times[topic] = (time.monotonic(), rospy.get_time())
+
+        subscriber = rospy.Subscriber(
+            topic, numpy_msg(kind), keep, queue_size=KEPT_MESSAGES, buff_size=2**24
+        )
+        self._subscribers.append(subscriber)
 
     def news(self, topic: str, kind: Any) -> Any:
         """Return the latest message if it is unread, otherwise None. Older messages are dropped."""
@@ -83,33 +88,41 @@ class Listener:
     def placed(self, topic: str, kind: Any) -> Tuple[Any, Any]:
         """Return `news` and the pose of its frame, or (None, None) if either is missing."""
         message = self.news(topic, kind)
-        place = self.frame_pose(message.header.frame_id) if message is not None else None
-        return (message, place) if place is not None else (None, None)
+        if message is None:
+            return None, None
+        pose = self.frame_pose(message.header.frame_id)
+        if pose is None:
+            return None, None
+        return message, pose
 
     def age(self, topic: str) -> float:
-        """Return the age of the latest message [s] in wall or ROS time, whichever is less; inf before the first."""
-        wall, now = self._times.get(topic, (-math.inf, -math.inf))
-        return min(time.monotonic() - wall, float(rospy.get_time()) - now)
+        """Return the age of the latest message [s]; inf before the first.
+
+        Of the ages in wall and in ROS time the smaller one counts: a simulation may be paused, or
+        run faster than the wall clock.
+        """
+        wall_time, ros_time = self._times.get(topic, (-math.inf, -math.inf))
+        return min(time.monotonic() - wall_time, float(rospy.get_time()) - ros_time)
 
     def frame_pose(self, frame: str) -> Optional[Pose]:
-        """Return the latest pose (x, y, yaw) of a frame in the fixed frame, or None if tf has none."""
+        """Return the latest pose (x, y, yaw) of a frame in the fixed frame, or None."""
         if frame.lstrip("/") == self.fixed.lstrip("/"):
             return 0.0, 0.0, 0.0
         try:
-            return pose_of(
-                self._transforms.latest(self.fixed, frame, rospy.get_rostime()).transform
-            )
+            transform = self._transforms.latest(self.fixed, frame, rospy.get_rostime())
         except ObservationError:
             return None
+        return pose_of(transform.transform)
 
 
 def by_hand(element: Any, work: Callable[[Any], Any]) -> None:
     """Call work(value) when the user, and not this program, changes an element of the page."""
+    # Only the events of a user have a client.
     element.on_update(lambda event: work(element.value) if event.client else None)
 
 
 def show(element: Any, value: Any) -> None:
-    """Set an element of the page, unless the user has changed it within the last TOUCHED_S seconds."""
+    """Set an element of the page, unless the user has changed it within TOUCHED_S seconds."""
     if time.time() - element.update_timestamp > TOUCHED_S:
         element.value = value
 

@@ -2,9 +2,10 @@
 
 Started as `rosrun applr_ros1 viewer.py`. The node has no subscriptions while no page is open.
 
-Parameters: ~robot (jackal; name or folder of a description), ~map (whether the robot drives on a map), ~tf_prefix and
-~port (8080, or the next free one). The page is served on 127.0.0.1. The node sets ~address to the page's address, with
-the token that every request needs. The token is new at each start unless APPLR_VIEWER_TOKEN sets it.
+Parameters: ~robot (jackal; name or folder of a description), ~map (whether the robot drives on a
+map), ~tf_prefix and ~port (8080, or the next free one). The page is served on 127.0.0.1. The node
+sets ~address to the page's address, with the token that every request needs. The token is new at
+each start unless APPLR_VIEWER_TOKEN sets it.
 """
 
 from __future__ import annotations
@@ -51,12 +52,12 @@ class Viewer:
     def __init__(self, robot: Robot, prefix: str, fixed: str, port: int):
         import viser
 
-        self._robot, self.listener = robot, Listener(fixed)
+        self._robot = robot
+        self.listener = Listener(fixed)
         token = admission.token()
         with admission.guarded(token):
-            self.server = viser.ViserServer(
-                HOST, port, label=f"applr_ros1: {robot.name}", verbose=False
-            )
+            label = f"applr_ros1: {robot.name}"
+            self.server = viser.ViserServer(HOST, port, label=label, verbose=False)
         self.address = f"http://{HOST}:{self.server.get_port()}/{token}/"
         gui = self.server.gui
         gui.configure_theme(
@@ -64,10 +65,12 @@ class Viewer:
         )
         gui.main_panel.dock_right()  # The scene fills the rest of the window.
         self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
-        self._ready, self._clock = False, Clock()
+        self._is_ready = False  # whether everything has answered once since the start
+        self._clock = Clock()
         self._goal = rospy.Publisher("move_base_simple/goal", PoseStamped, queue_size=1)
         self._cancel = rospy.Publisher("move_base/cancel", GoalID, queue_size=1)
-        self._status, self.text = gui.add_html(""), ""
+        self._status = gui.add_html("")
+        self.text = ""
         gui.add_button("Stop", hint=HINT).on_click(lambda _: self.stop())
         gui.add_command("Stop", hotkey="S").on_trigger(lambda _: self.stop())
         tabs = gui.add_tab_group()
@@ -79,14 +82,22 @@ class Viewer:
         self.server.scene.on_click()(self.clicked)
 
     def clicked(self, ray: Any) -> None:
-        """Send a goal at the point on the ground that a click's ray hits, with the heading from the robot to it."""
-        (x, y, z), (dx, dy, dz) = ray.ray_origin, ray.ray_direction
-        if dz < -1e-3:
-            x, y = x - z / dz * dx, y - z / dz * dy
-            pose = self.scene.pose
-            yaw = math.atan2(y - pose[1], x - pose[0]) if pose else 0.0
-            goal = pose_stamped((x, y, yaw), self.listener.fixed, rospy.Time.now())
-            publish(self.report, self._goal, goal)
+        """Send a goal at the point on the ground that a click's ray hits.
+
+        Its heading is that of the way from the robot to it.
+        """
+        x, y, z = ray.ray_origin
+        dx, dy, dz = ray.ray_direction
+        if dz >= -1e-3:
+            return  # The ray points above the horizon.
+        x -= z / dz * dx
+        y -= z / dz * dy
+        yaw = 0.0
+        if self.scene.pose is not None:
+            robot_x, robot_y, _ = self.scene.pose
+            yaw = math.atan2(y - robot_y, x - robot_x)
+        goal = pose_stamped((x, y, yaw), self.listener.fixed, rospy.Time.now())
+        publish(self.report, self._goal, goal)
 
     def stop(self) -> None:
         """Cancel all goals."""
@@ -101,7 +112,7 @@ class Viewer:
     def spin(self) -> None:
         """Draw until shutdown, at RATE_HZ while a page is open."""
         while not rospy.is_shutdown():
-            began = time.monotonic()
+            next_frame = time.monotonic() + 1.0 / RATE_HZ
             if not self.server.get_clients():
                 self.listener.close()
                 time.sleep(IDLE_S)
@@ -111,7 +122,7 @@ class Viewer:
                     self.draw()
             except Exception as problem:  # The page must survive a message that cannot be drawn.
                 rospy.logerr_throttle(10.0, f"viewer: {type(problem).__name__}: {problem}")
-            time.sleep(max(0.0, began + 1.0 / RATE_HZ - time.monotonic()))
+            time.sleep(max(0.0, next_frame - time.monotonic()))
 
     def draw(self) -> None:
         """Update the page."""
@@ -119,37 +130,43 @@ class Viewer:
             self.listener.close()
             self.scene.forget()
         odometry = self.listener.latest(self._robot.topics.odometry, Odometry)
-        speed = odometry.twist.twist.linear.x if odometry is not None else 0.0
+        speed = 0.0
+        if odometry is not None:
+            speed = odometry.twist.twist.linear.x
         goal = panel.goal_status(self.listener)
-        driving = goal is not None and goal.status in panel.UNDER_WAY
+        is_driving = goal is not None and goal.status in panel.UNDER_WAY
         self.panel.update()
-        self.scene.draw(driving)
+        self.scene.draw(is_driving)
         for client in self.server.get_clients().values():
             self.scene.follow(client)
-        self._write_status(goal, speed, driving)
+        self._write_status(goal, speed, is_driving)
 
-    def _write_status(self, goal: Any, speed: float, driving: bool) -> None:
+    def _write_status(self, goal: Any, speed: float, is_driving: bool) -> None:
         """Update the lines above the tabs."""
+        # Until everything has answered once, the clock of a simulator may not have started.
         silence = self.panel.silence()
-        if self._ready and self._clock.stands(panel.SILENT_S):
+        if self._is_ready and self._clock.stands(panel.SILENT_S):
             silence.insert(0, "the clock has stopped")
-        self._ready = self._ready or (self.scene.pose is not None and not silence)
-        lines = [self._robot.name] + ([] if self._ready else [STARTS])
-        lines += [
-            f"{self.panel.doing(goal)}, {speed if abs(speed) >= panel.STANDING_M_S else 0.0:.2f} m/s"
-        ]
-        lines += [f"parameters by {self.panel.source}"]
-        lines += (
-            [self.panel.monitor()] if driving else []
-        )  # Without commands, the monitor always reports a stop.
+        self._is_ready = self._is_ready or (self.scene.pose is not None and not silence)
+
+        lines = [self._robot.name]
+        if not self._is_ready:
+            lines.append(STARTS)
+        if abs(speed) < panel.STANDING_M_S:
+            speed = 0.0  # The noise of the odometry would make the line flicker.
+        lines.append(f"{self.panel.doing(goal)}, {speed:.2f} m/s")
+        lines.append(f"parameters by {self.panel.source}")
+        if is_driving:  # Without commands, the monitor always reports a stop.
+            lines.append(self.panel.monitor())
+
         text = "\n".join([*lines, *silence])
-        if text != self.text:
-            self.text = text
-            shown = [html.escape(line) for line in lines]
-            shown += [
-                f'<span style="color: #c92a2a">{html.escape(line)}</span>' for line in silence
-            ]
-            self._status.content = f'<div style="padding: 4px 14px">{"<br>".join(shown)}</div>'
+        if text == self.text:
+            return
+        self.text = text
+        shown = [html.escape(line) for line in lines]
+        for line in silence:
+            shown.append(f'<span style="color: #c92a2a">{html.escape(line)}</span>')
+        self._status.content = f'<div style="padding: 4px 14px">{"<br>".join(shown)}</div>'
 
     def close(self) -> None:
         """Close the page."""
@@ -158,11 +175,18 @@ class Viewer:
 
 
 def main() -> int:
-    """Run the node until shutdown. Raises ApplrError if a parameter is invalid."""
+    """Run the node until shutdown.
+
+    Raises:
+        ApplrError: A parameter is invalid.
+    """
     init_node("viewer")
     parameters = rospy.get_param("~", {})
     robot, prefix = named_robot(parameters)
-    fixed = robot.frames.map if parameters.get("map") else prefix + robot.frames.odom
+    # All robots share the frame of the map, so that it has no prefix.
+    fixed = prefix + robot.frames.odom
+    if parameters.get("map"):
+        fixed = robot.frames.map
     port = int(number_within("port", parameters.get("port", 8080), 1, 65535))
     viewer = Viewer(robot, prefix, fixed, port)
     rospy.set_param("~address", viewer.address)

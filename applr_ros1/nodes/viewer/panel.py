@@ -1,4 +1,4 @@
-"""The viewer's tab Drive, with the method and a slider for each parameter, and the texts of the page's status.
+"""The viewer's tab Drive: the method, a slider for each parameter, and the status in words.
 
 Only the applr node sets parameters. The page uses the node's public topic and services.
 """
@@ -25,9 +25,11 @@ from applr_ros1.srv import SetMethod
 
 from .listening import ANSWER_S, Listener, Report, by_hand, call, publish, show
 
-STATUS, ACTION = "move_base/status", "collision_monitor/action"
-PARAMETERS, DIAGNOSTICS = "applr/parameters", "/diagnostics"
-HAND = "hand"
+STATUS = "move_base/status"
+ACTION = "collision_monitor/action"
+PARAMETERS = "applr/parameters"
+DIAGNOSTICS = "/diagnostics"
+HAND = "hand"  # method of the page for parameters that the user sets
 METHODS = {
     "dwa": "default parameters",
     "static": "tuned set",
@@ -35,15 +37,11 @@ METHODS = {
     "applr": "policy",
     HAND: HAND,
 }
-FILES = {
-    "applr": POLICY,
-    "static": SET,
-    "appld": CONTEXTS,
-}  # files of methods, which a robot may lack
+# Files of methods, which a robot may lack
+FILES = {"applr": POLICY, "static": SET, "appld": CONTEXTS}
 UNDER_WAY = (GoalStatus.PENDING, GoalStatus.ACTIVE, GoalStatus.PREEMPTING)
-SILENT_S = (
-    3.0  # time without a message after which a topic counts as silent, and the clock as stopped [s]
-)
+# Time without a message after which a topic counts as silent, and the clock as stopped [s]
+SILENT_S = 3.0
 STANDING_M_S = 0.02  # speed below which the robot counts as at rest [m/s]
 
 
@@ -60,41 +58,57 @@ class Panel:
     Attributes:
         space: The robot's parameters.
         sliders: Sliders by the name of the parameter.
-        method: Method in the applr node's diagnostics, HAND if no method is on, "" if the node does not answer.
+        method: Method in the applr node's diagnostics, HAND if no method is on, "" if the node
+            does not answer.
         trouble: Problem in the applr node's diagnostics, or "".
     """
 
     def __init__(self, gui: Any, robot: Robot, listener: Listener, report: Report):
-        self.space, self.method, self.trouble = space_of(robot), "", ""
-        self._robot, self._listener, self._report = robot, listener, report
+        self.space = space_of(robot)
+        self.method = ""
+        self.trouble = ""
+        self._robot = robot
+        self._listener = listener
+        self.report = report
         self._status = (rospy.get_namespace() + "applr").lstrip("/") + ": parameter policy"
         self._values = rospy.Publisher("applr/set_parameters", Parameters, queue_size=10)
         self._asked = 0.0  # wall time of the last request
-        there = [
-            name
-            for name in METHODS
-            if name not in FILES or os.path.exists(shipped(FILES[name], robot))
-        ]
-        self._methods = {
-            METHODS[name]: name for name in there
-        }  # methods by their names on the page
-        self._dropdown = gui.add_dropdown("parameters by", tuple(self._methods))
-        by_hand(self._dropdown, lambda shown: self._choose(self._methods[shown]))
+        self._methods = {}  # methods by their names on the page
+        for name, title in METHODS.items():
+            if name not in FILES or os.path.exists(shipped(FILES[name], robot)):
+                self._methods[title] = name
+        self.dropdown = gui.add_dropdown("parameters by", tuple(self._methods))
+        by_hand(self.dropdown, lambda title: self._choose(self._methods[title]))
         self.sliders = {name: self._slider(gui, i) for i, name in enumerate(self.space.names)}
 
     def _slider(self, gui: Any, i: int) -> Any:
-        """Return the slider of the i-th parameter, with unit and description from the planner's declaration."""
+        """Return the slider of the i-th parameter.
+
+        Unit and description come from the planner's declaration.
+        """
         space = self.space
-        name, step = space.names[i], 1 if space.integer[i] else 0.01
-        low, high, default = (
-            type(step)(values[i]) for values in (space.low, space.high, space.theta0)
-        )
+        name = space.names[i]
         target = space.targets[name][0]
         declared = self._robot.servers[target.server].declared(target.name)
-        title = f"{name} [{declared.unit}]" if declared and declared.unit else name
-        look = {"marks": ((default, "default"),), "hint": declared.doc if declared else ""}
+        title = name
+        hint = ""
+        if declared is not None:
+            title = f"{name} [{declared.unit}]" if declared.unit else name
+            hint = declared.doc
+
+        # viser shows decimals unless all numbers of a slider are integers.
+        number = int if space.integer[i] else float
+        low = number(space.low[i])
+        high = number(space.high[i])
+        default = number(space.theta0[i])
         slider = gui.add_slider(
-            title, low, high, step, initial_value=min(max(default, low), high), **look
+            title,
+            low,
+            high,
+            1 if space.integer[i] else 0.01,
+            initial_value=min(max(default, low), high),
+            marks=((default, "default"),),
+            hint=hint,
         )
         by_hand(slider, lambda value: self._take_over(**{name: float(value)}))
         return slider
@@ -107,41 +121,54 @@ class Panel:
     def theta(self) -> Optional[np.ndarray]:
         """Return the planner's parameters (n,), or None before the applr node has read them."""
         message = self._listener.latest(PARAMETERS, Parameters)
-        known = message is not None and tuple(message.names) == self.space.names
-        return np.array(message.values, np.float64) if known else None
+        # The applr node may have been started for another robot.
+        if message is None or tuple(message.names) != self.space.names:
+            return None
+        return np.array(message.values, np.float64)
 
     def update(self) -> None:
         """Read the applr node's diagnostics, and update the dropdown and the sliders."""
         for message in self._listener.fresh(DIAGNOSTICS, DiagnosticArray):
             for status in message.status:
+                # Diagnostics from before a request would set the dropdown back for a moment.
                 if status.name == self._status and time.monotonic() - self._asked > ANSWER_S:
-                    method = {pair.key: pair.value for pair in status.values}.get("method", "")
-                    self.method = HAND if method == "off" else method
-                    self.trouble = status.message if status.level != DiagnosticStatus.OK else ""
+                    self._take_status(status)
         if self.source in self._methods:
-            show(self._dropdown, self.source)
+            show(self.dropdown, self.source)
         theta = self.theta()
-        for slider, value in zip(self.sliders.values(), theta if theta is not None else ()):
-            show(slider, round(min(max(float(value), slider.min), slider.max), 4))
+        if theta is None:
+            return
+        for slider, value in zip(self.sliders.values(), theta.tolist()):
+            show(slider, round(min(max(value, slider.min), slider.max), 4))
+
+    def _take_status(self, status: DiagnosticStatus) -> None:
+        """Read method and problem of the applr node."""
+        values = {pair.key: pair.value for pair in status.values}
+        self.method = values.get("method", "")
+        if self.method == "off":
+            self.method = HAND
+        self.trouble = "" if status.level == DiagnosticStatus.OK else status.message
 
     def _choose(self, method: str) -> None:
         """Select a method, or HAND to keep the current parameters."""
         if method == HAND:
             self._take_over()
-        elif self._ask("applr/set_method", SetMethod, method) and self._ask(
-            "applr/enable", SetBool, True
-        ):
+            return
+        # A slider may have switched the node off.
+        is_set = self._ask("applr/set_method", SetMethod, method)
+        if is_set and self._ask("applr/enable", SetBool, True):
             self.method = method
 
     def _take_over(self, **values: float) -> None:
         """Switch the method off and set parameters by hand. Other parameters stay as they are."""
-        self._asked, self.method = time.monotonic(), self.method and HAND
-        publish(
-            self._report, self._values, Parameters(names=list(values), values=list(values.values()))
-        )
+        self._asked = time.monotonic()
+        self.method = self.method and HAND
+        message = Parameters(names=list(values), values=list(values.values()))
+        publish(self.report, self._values, message)
 
     def _ask(self, *request: Any) -> bool:
-        done = call(self._report, *request)
+        """Call a service as `call` does, and return whether it succeeded."""
+        done = call(self.report, *request)
         self._asked = time.monotonic()
         return done
 
@@ -149,23 +176,27 @@ class Panel:
         """Return the state of move_base as text. goal: GoalStatus of the latest goal, or None."""
         if self._listener.age(STATUS) > SILENT_S:
             return "move_base does not answer"
-        return "waiting for a goal" if goal is None else f"goal {GOAL_STATES[goal.status]}"
+        if goal is None:
+            return "waiting for a goal"
+        return f"goal {GOAL_STATES[goal.status]}"
 
     def monitor(self) -> str:
         """Return the action of the collision monitor as text."""
         action = self._listener.latest(ACTION, String)
-        return "no collision monitor" if action is None else f"monitor: {action.data}"
+        if action is None:
+            return "no collision monitor"
+        return f"monitor: {action.data}"
 
     def silence(self) -> List[str]:
         """Return a line for each node or topic that is silent."""
-        age, robot, lines = self._listener.age, self._robot, []
-        if age(STATUS) > SILENT_S:
-            lines.append(f"no move_base: nothing on {rospy.resolve_name(STATUS)}")
-        elif self.trouble:
-            lines.append(self.trouble)
-        for what, topic in (("scan", robot.topics.scan), ("odometry", robot.topics.odometry)):
-            if age(topic) > SILENT_S:
-                lines.append(f"no {what}: nothing on {rospy.resolve_name(topic)}")
+        topics = self._robot.topics
+        sources = {"move_base": STATUS, "scan": topics.scan, "odometry": topics.odometry}
+        lines = []
+        for name, topic in sources.items():
+            if self._listener.age(topic) > SILENT_S:
+                lines.append(f"no {name}: nothing on {rospy.resolve_name(topic)}")
+            elif topic == STATUS and self.trouble:
+                lines.append(self.trouble)
         if not self.method:
             lines.append("no applr node: parameters cannot be set")
         return lines
