@@ -126,6 +126,7 @@ class Stack:
         """Return what the costmaps get: the scan, and predicted points of moving obstacles."""
         if scan is None or self.prediction is None:
             return scan
+        # The simulated robot has one laser, whose source comes first.
         scan_topic = next(iter(self.move_base.sources))
         return {scan_topic: scan, PREDICTED: self.prediction.add_scan(scan)}
 

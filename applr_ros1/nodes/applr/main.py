@@ -78,6 +78,7 @@ def set_method(node: ApplrNode, given: str, request: Any) -> SetMethodResponse:
     Anybody who reaches the ROS master can call this service. The service therefore imports no code,
     except for the user-defined method with which the node was started.
     """
+    # An empty name asks for the method in use to be made anew, such as after a new policy file.
     spec = request.method or node.method.name
     try:
         method = methods.make(spec, node.robot, user_code=spec == given)
@@ -130,6 +131,7 @@ def main() -> int:
     rospy.Subscriber("~set_parameters", Parameters, partial(set_parameters, node), queue_size=10)
     rospy.Service("~enable", SetBool, partial(enable, node))
     rospy.Service("~set_method", SetMethod, partial(set_method, node, code))
+    # A robot whose policy cannot be read still drives to its goals.
     if trouble:
         rospy.logerr(f"applr: {trouble}; driving with the default parameters")
         node.degraded = trouble

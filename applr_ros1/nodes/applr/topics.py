@@ -112,6 +112,7 @@ class ApplrTopics:
             doing: Activity of the node, such as "idle: no goal"; shown if there is no problem.
             values: {key: value} to show.
         """
+        # The robot drives on in each case: ERROR means without its method.
         level = DiagnosticStatus.OK
         if trouble:
             level = DiagnosticStatus.WARN

@@ -60,6 +60,7 @@ class MoversNode:
     def spin(self) -> None:
         """Process scans until shutdown."""
         while not rospy.is_shutdown():
+            # In wall time: ROS time may stand still, and then jump back.
             time.sleep(LOOK_S)
             if self._clock.went_back():
                 self._sensors.forget()

@@ -88,6 +88,7 @@ def link_package(checkout: Path, folder: Path, controller: Optional[Path]) -> Pa
         if not path.exists():
             advice = "give a checkout of the BARN Challenge, and a launch file"
             raise ApplrError(f"{path} does not exist: {advice}")
+    # The runner finds everything below the package's name, so that links are enough.
     package = folder / HELPER
     shutil.rmtree(package, ignore_errors=True)
     shutil.copytree(checkout / HELPER, package, copy_function=os.symlink)
@@ -121,6 +122,7 @@ def run(checkout: Path, package: Path, world: int, trial: int, out: Path) -> Non
             stderr=subprocess.STDOUT,
             start_new_session=True,
         )
+    # The runner may hang, and its processes may outlive it.
     try:
         runner.wait(RUN_S)
     except subprocess.TimeoutExpired:
@@ -167,6 +169,7 @@ def main() -> None:
             problem = f"the checkout has no world {world}, {name}"
             raise ApplrError(f"--worlds {options.worlds}: {problem}")
     (out / "logs").mkdir(exist_ok=True)
+    # The runner's processes run in the checkout, where a relative path would not be found.
     if METHOD in os.environ:
         os.environ[METHOD] = methods.absolute(os.environ[METHOD])
 

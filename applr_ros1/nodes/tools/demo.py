@@ -99,6 +99,7 @@ def main() -> int:
         "simulator": values["simulator"],
     }
     report("world {world}, robot {robot}, method {method}, simulator {simulator}".format(**result))
+    # The line about ending the nodes is due after the drive and lasts until all have ended.
     with contextlib.ExitStack() as ending:
         try:
             with private_stack(setup.passed) as stack:
@@ -123,10 +124,12 @@ def prepare(words: Sequence[str]) -> Setup:
     if not is_simulated or values["move_base"] != "python" or values["goal"] == "none":
         needs = "the demo needs sim:=true, move_base:=python and a goal"
         raise ApplrError(f"{needs}: for a real robot use roslaunch applr_ros1 jackal_applr.launch")
+    # The launch file's defaults are texts; what is no number is reported as it was given.
     for name, kind, low, high in (("limit", float, 1.0, 3600.0), ("seed", int, 0, 2**31 - 1)):
         with contextlib.suppress(ValueError):
             values[name] = kind(values[name])
         number_within(name, values[name], low, high)
+    # A drive of minutes must not end with a page that cannot be written.
     if values["page"] != "none":
         values["page"] = os.path.abspath(values["page"])
         is_writable = os.access(os.path.dirname(values["page"]), os.W_OK)
@@ -260,6 +263,7 @@ class Observer:
         if course.finish_y is not None:
             place = f"to the finish line at y = {course.finish_y:g} m"
         report(f"goal sent   {course.length_m:.2f} m {place}")
+        # In simulated time, by the stamps of the true motion
         printed = 0.0
         status = ""
         while not status:
@@ -279,6 +283,7 @@ class Observer:
         """Start recording with the latest motion and parameters."""
         assert self._latest is not None
         self.began = self._latest.time
+        # From here on, callbacks record.
         self._recorder = Recorder(self.world)
         self._recorder.moved(0.0, self._latest.pose, self._latest.twist)
         self._record_parameters(0.0)
@@ -338,6 +343,7 @@ class Observer:
             self._recorder.touched(self._latest.time - self.began)
 
     def _on_parameters(self, message: Parameters) -> None:
+        # The applr node repeats the parameters every second.
         if message.names and self._theta != message.values:
             self._theta = message.values
             self._record_parameters(message.header.stamp.to_sec() - self.began)

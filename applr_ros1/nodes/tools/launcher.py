@@ -68,6 +68,7 @@ def given_arguments(words: Sequence[str], known: Collection[str]) -> Dict[str, s
             raise ApplrError(f"{word} is not an argument: {advice}")
         if not value:  # load_mappings would silently drop it, and the default would be used.
             raise ApplrError(f"{name} is empty: give a value or omit it")
+    # ROS's own parser, so that words mean the same as on roslaunch's command line.
     given: Dict[str, str] = load_mappings(words)
     if "method" in given:
         given["method"] = methods.absolute(given["method"])
@@ -106,6 +107,7 @@ def private_stack(given: Dict[str, str]) -> Iterator[Stack]:
     for name in ("ROS_IP", "ROS_NAMESPACE"):  # These variables may be set for another robot.
         os.environ.pop(name, None)
     report(f"for other ROS programs: ROS_MASTER_URI={master}")
+    # Without this, a closed terminal would leave all nodes running.
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
     try:
@@ -181,6 +183,7 @@ class Stack:
     def stop(self) -> None:
         """End all processes."""
         self._is_ending = True
+        # Clients of this process would otherwise complain about the master that goes away.
         rospy.signal_shutdown("the program that started the stack has ended")
         self._process.send_signal(signal.SIGINT)
         self._process.wait()

@@ -105,6 +105,7 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
     declared: List[Layer] = []
     plugins = costmap.get("plugins", [])
     for entry in plugins if isinstance(plugins, list) else [plugins]:
+        # C++ stops with an exception of XmlRpc here.
         if not isinstance(plugins, list) or not _is_named_and_typed(entry):
             advice = f"give a name and a type of {', '.join(sorted(TYPES))}"
             raise ParameterError(f"{name}/plugins has {entry!r}: {advice}")
@@ -152,6 +153,7 @@ def _kind(entry: Dict[str, Any], costmap: Dict[str, Any]) -> str:
     kind: str = entry["type"]
     if kind in TYPES:
         return kind
+    # Layers of other packages with sources mark and clear, too, such as spatio-temporal ones.
     values = branch(costmap, str(entry.get("name")))
     if kind == VOXEL_LAYER or "observation_sources" in values:
         return OBSTACLE_LAYER
@@ -182,6 +184,7 @@ def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
 def _arranged_costmap(name: str, tree: Dict[str, Any]) -> Dict[str, Any]:
     """Return the section of the costmap `name` of a tree as `arranged` does."""
     costmap = dict(tree.get(name, {}))
+    # Costmap2DROS reads both from the costmap's own name space, or else from above.
     for key in ("footprint", "robot_radius"):
         if key in tree:
             costmap.setdefault(key, tree[key])

@@ -82,6 +82,7 @@ class Parameter:
         """Description, with the users that read the parameter only once."""
         if not self.once:
             return self.doc
+        # Said in .cfg files, pages and tools, where people change values of running robots.
         users = " and ".join(self.once)
         return f"{self.doc} For {users} the value at start-up applies."
 

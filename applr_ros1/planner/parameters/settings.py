@@ -106,6 +106,7 @@ class Settings(Mapping[str, Mapping[str, Any]]):
 
     def to_tree(self) -> Dict[str, Any]:
         """Return the values as nested parameters, with one level per part of a server's name."""
+        # A name such as local_costmap/inflater_layer has two parts.
         tree: Dict[str, Any] = {}
         for server, values in self.items():
             branch(tree, server, create=True).update(values)
@@ -123,6 +124,7 @@ class Settings(Mapping[str, Mapping[str, Any]]):
 
         Values that the others lack do not differ.
         """
+        # Both sides may know servers that the other lacks, such as those of another planner.
         changes = []
         for server, values in self.items():
             after = other.get(server, {})
@@ -146,6 +148,7 @@ def send(settings: Settings, move_base: MoveBase) -> Settings:
 
     Like the applr node over ROS, it does not call servers that already have the values.
     """
+    # A server may clamp a value or change its other name, so that its answer is returned.
     configurations = {}
     for server, values in settings.items():
         configurations[server] = move_base.configuration(server)
