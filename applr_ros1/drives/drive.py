@@ -10,6 +10,7 @@ from typing import Any, Dict, List, NamedTuple, Optional, Tuple, TypeVar
 
 import numpy as np
 
+from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.decision import Seen
 from worlds import World
@@ -134,6 +135,25 @@ class Plans(Rows):
 
 
 @dataclass
+class Transforms(Rows):
+    """Places of frames in others (tf).
+
+    Attributes:
+        stamp: (n,) times for which the rows hold [s].
+        parent: Frame in which each row places another.
+        child: The frame that it places.
+        place: (n, 7) x, y, z [m], and the quaternion x, y, z, w of its rotation.
+        is_static: Whether each row holds at all times.
+    """
+
+    stamp: np.ndarray
+    parent: List[str]
+    child: List[str]
+    place: np.ndarray
+    is_static: List[bool]
+
+
+@dataclass
 class Refusals(Rows):
     """Control cycles of the local planner, and what it rejected in them.
 
@@ -232,10 +252,13 @@ class Drive:
     Attributes:
         name: Name of the drive for people: its file, or its world.
         frame: Frame of odometry and plans.
-        laser_frame: Frame of the scans; "" if unknown.
+        frames: Frames of a column's recorded messages, in order of appearance.
+        laser_pose: Place (x, y, yaw) [m, m, rad] of the laser in the robot's frame by tf; None if
+            it is that of robot.yaml.
         planners: Names of the local planners whose plans were recorded.
         truth: True motion in the frame of the world.
         odometry: Motion by odometry.
+        transforms: Places of frames in others.
         scans: Laser scans.
         clearances: Distances to the nearest obstacle.
         observed: Distances to the nearest obstacle in the scans that the method saw, if it had
@@ -255,14 +278,17 @@ class Drive:
         recoveries: (k,) times at which recovery behaviours began [s].
         world: World in which the robot drove, if it is known.
         source: Who drove, and where, as told by the recorder.
+        notes: Sentences for people about a recording that differs from what is expected.
     """
 
     name: str = ""
     frame: str = "odom"
-    laser_frame: str = ""
+    frames: Dict[str, List[str]] = field(default_factory=dict)
+    laser_pose: Optional[Pose] = None
     planners: List[str] = field(default_factory=list)
     truth: Optional[Motion] = None
     odometry: Optional[Motion] = None
+    transforms: Optional[Transforms] = None
     scans: Optional[Scans] = None
     clearances: Optional[Clearances] = None
     observed: Optional[Clearances] = None
@@ -281,6 +307,7 @@ class Drive:
     recoveries: np.ndarray = field(default_factory=lambda: np.empty(0))
     world: Optional[World] = None
     source: Dict[str, Any] = field(default_factory=dict)
+    notes: List[str] = field(default_factory=list)
 
     def pack(self) -> bytes:
         """Return the driven path as npz.

@@ -18,6 +18,7 @@ from typing import (
     Dict,
     Iterator,
     List,
+    Mapping,
     NamedTuple,
     Optional,
     Sequence,
@@ -41,9 +42,10 @@ from applr_ros1.drives.drive import (
     Plans,
     Scans,
     SentGoal,
+    Transforms,
 )
 from applr_ros1.robots import JACKAL, Robot
-from training.bags import SECOND
+from training.bags import SECOND, paths
 from training.bags.topics import CHANNELS, TopicNames, topic_of
 from training.env.outcome import nearest
 
@@ -91,7 +93,8 @@ def read(
         name=Path(path).name,
         odometry=_motion(rows["odometry"], seconds),
         scans=_scans(rows["scans"], seconds),
-        plans=_plans(rows["plans"], robot),
+        transforms=_transforms(rows, seconds),
+        routes=_routes(rows["routes"]),
         planned=_commands(rows["planned"]),
         commands=_commands(rows["commands"]),
         changes=_changes(rows["changes"], topics),
@@ -102,15 +105,29 @@ def read(
         contacts=np.array([row.time for row in rows["contacts"] if row.fields[0]]),
         recoveries=np.array([row.time for row in rows["recoveries"]]),
     )
-    if rows["odometry"]:
-        drive.frame = rows["odometry"][0].fields[1]
-    if rows["scans"]:
-        drive.laser_frame = rows["scans"][0].fields[1]
-        drive.clearances = _clearances(drive.scans, robot)
     drive.planners = sorted({row.topic.split("/")[-2] for row in rows["plans"]})
+    # Of several local planners' plans, the robot's followed its own.
+    followed = [row for row in rows["plans"] if row.topic.split("/")[-2] == robot.local_planner]
+    if followed:
+        drive.plans = _plans(followed)
+    rows["plans"] = followed
+    for column in ("odometry", "scans", "plans", "routes"):
+        frames = [row.fields[1] for row in rows[column]]
+        drive.frames[column] = list(dict.fromkeys(frames))
+    if rows["odometry"]:
+        drive.frame = drive.frames["odometry"][0]
+    if rows["scans"]:
+        drive.clearances = _clearances(drive.scans, robot)
     if rows["source"]:
         (drive.source,) = rows["source"][-1].fields
     return drive
+
+
+def topics_in(path: os.PathLike[str] | str) -> Dict[str, str]:
+    """Return {topic: type} of the messages in a bag."""
+    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        recorded = [connection for connection in reader.connections if connection.msgcount]
+        return {connection.topic: connection.msgtype for connection in recorded}
 
 
 def _rows(
@@ -123,7 +140,8 @@ def _rows(
         channel_of_topic = {}
         for connection in reader.connections:
             for pattern, channel in patterns.items():
-                if fnmatchcase(connection.topic, pattern):
+                is_named = fnmatchcase(connection.topic, pattern)
+                if is_named and CHANNELS[channel].accepts(connection.msgtype):
                     channel_of_topic[connection.topic] = channel
         wanted = [
             connection for connection in reader.connections if connection.topic in channel_of_topic
@@ -131,8 +149,11 @@ def _rows(
         # Without connections, rosbags would return every message.
         for connection, at, raw in reader.messages(wanted) if wanted else ():
             channel = channel_of_topic[connection.topic]
-            message = reader.deserialize(raw, connection.msgtype)
-            found.append((at, channel, connection.topic, CHANNELS[channel].unpack(message)))
+            fields = paths.path_of(raw) if connection.digest == paths.DIGEST else None
+            if fields is None:
+                message = reader.deserialize(raw, connection.msgtype)
+                fields = CHANNELS[channel].unpack(message)
+            found.append((at, channel, connection.topic, fields))
     begin = min((at for at, *_ in found), default=0)
     rows: DefaultDict[str, List[Row]] = defaultdict(list)
     for at, channel, topic, fields in found:
@@ -181,12 +202,46 @@ def _commands(rows: Sequence[Row]) -> Optional[Commands]:
     return Commands(_times(rows), np.array([row.fields[0] for row in rows], np.float64))
 
 
-def _plans(rows: Sequence[Row], robot: Robot) -> Optional[Plans]:
-    """Return the plans that the robot's local planner followed."""
-    followed = [row for row in rows if row.topic.split("/")[-2] == robot.local_planner]
-    if not followed:
+def _plans(rows: Sequence[Row]) -> Plans:
+    return Plans(_times(rows), [row.fields[2] for row in rows])
+
+
+def _routes(rows: Sequence[Row]) -> Optional[Plans]:
+    """Return the plans of the global planner.
+
+    Navfn publishes each plan twice, first without the goal's pose (navfn_ros.cpp, makePlan). Both
+    have one stamp; the second is the one that the local planner gets.
+    """
+    whole = []
+    for index, row in enumerate(rows):
+        is_last = index + 1 == len(rows)
+        if is_last or rows[index + 1].fields[0] != row.fields[0]:
+            whole.append(row)
+    return _plans(whole) if whole else None
+
+
+def _transforms(rows: Mapping[str, Sequence[Row]], seconds: Any) -> Optional[Transforms]:
+    """Return the places of frames in tf's messages. Rotations of no length are left out."""
+    columns: List[Tuple[Any, ...]] = []
+    for channel in ("transforms", "static_transforms"):
+        is_static = channel == "static_transforms"
+        for row in rows[channel]:
+            for stamp, parent, child, place in row.fields[0]:
+                length = float(np.linalg.norm(place[3:]))
+                if np.isfinite(place).all() and length > 0.0:
+                    columns.append((row.time, seconds(stamp), parent, child, place, is_static))
+    if not columns:
         return None
-    return Plans(_times(followed), [row.fields[0] for row in followed])
+    columns.sort(key=lambda column: column[0])
+    times, stamps, parents, children, places, statics = zip(*columns)
+    return Transforms(
+        time=np.array(times, np.float64),
+        stamp=np.array(stamps, np.float64),
+        parent=list(parents),
+        child=list(children),
+        place=np.array(places, np.float64),
+        is_static=list(statics),
+    )
 
 
 def _changes(rows: Sequence[Row], topics: TopicNames) -> Optional[Changes]:

@@ -54,7 +54,8 @@ def seen_grid(drive: Drive, robot: Robot) -> Grid:
     drive.require("odometry", "scans")
     assert drive.odometry is not None
     assert drive.scans is not None
-    rays = _rays(drive.scans, drive.odometry, robot)
+    laser_pose = drive.laser_pose or robot.laser.pose
+    rays = _rays(drive.scans, drive.odometry, laser_pose)
     ends = rays.origins + rays.lengths[:, None] * rays.directions
     places = np.vstack([ends[rays.hits], drive.odometry.pose[:, :2]])
     low = np.floor((places.min(axis=0) - MARGIN_M) / RESOLUTION_M) * RESOLUTION_M
@@ -95,11 +96,11 @@ def write_map(grid: Grid, path: str) -> None:
     write_bytes(path, yaml.safe_dump(fields, sort_keys=False).encode())
 
 
-def _rays(scans: Scans, odometry: Motion, robot: Robot) -> Rays:
+def _rays(scans: Scans, odometry: Motion, laser_pose: Pose) -> Rays:
     """Return beams of scans that are evenly spread over a drive."""
     chosen = np.unique(np.linspace(0, len(scans) - 1, SCANS).astype(int))
     yaws = np.unwrap(odometry.pose[:, 2])
-    laser_x, laser_y, laser_yaw = robot.laser.pose
+    laser_x, laser_y, laser_yaw = laser_pose
     parts = []
     for row in chosen:
         first_angle, increment, range_min, range_max = scans.fan[row]

@@ -31,6 +31,7 @@ DEFINITIONS = {
         "geometry_msgs/PoseStamped pose_stamped\nuint16 current_recovery_number\n"
         "uint16 total_number_of_recoveries\nstring recovery_behavior_name\n"
     ),
+    "tf2_msgs/msg/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
 }
 # Status codes of actionlib: of a running goal (active, preempting), and of the ends of goals.
 ACTIVE, PREEMPTED, SUCCEEDED, GAVE_UP, REJECTED, PREEMPTING = 1, 2, 3, 4, 5, 6
@@ -52,6 +53,8 @@ class TopicNames:
     applr: str = "/applr"
     command: str = "/cmd_vel"
     demonstration: str = "/demonstration"
+    tf: str = "/tf"
+    tf_static: str = "/tf_static"
 
     @classmethod
     def of(cls, robot: Any) -> TopicNames:
@@ -146,6 +149,15 @@ class Channel(NamedTuple):
     unpack: Callable[[Any], Tuple[Any, ...]]
     pack: Callable[..., Any]
 
+    def accepts(self, kind: str) -> bool:
+        """Return whether `unpack` takes messages of a type.
+
+        Twists come with and without a stamp, and tf's messages had a package of their own in older
+        versions of ROS 1 (tf/tfMessage).
+        """
+        name = self.type.rpartition("/")[2].lower()
+        return kind.rpartition("/")[2].lower() in (name, f"{name}stamped")
+
 
 def nanoseconds(seconds: float) -> int:
     """Return a time [s] in whole nanoseconds."""
@@ -213,6 +225,29 @@ def _pack_odometry(
     )
 
 
+def _unpack_transforms(m: Any) -> Tuple[Any, ...]:
+    """Return a list of (stamp [ns], parent, child, place) of a tf2_msgs/TFMessage."""
+    placed = []
+    for link in m.transforms:
+        position = link.transform.translation
+        turn = link.transform.rotation
+        place = position.x, position.y, position.z, turn.x, turn.y, turn.z, turn.w
+        stamp = nanoseconds_of(link.header.stamp)
+        placed.append((stamp, frame_of(link), str(link.child_frame_id.lstrip("/")), place))
+    return (placed,)
+
+
+def _pack_transform(maker: Maker, time: float, parent: str, child: str, place: Any) -> Any:
+    """Return a tf2_msgs/TFMessage with the place (7,) of one frame."""
+    numbers = [float(number) for number in place]
+    position = maker.make("geometry_msgs/msg/Vector3", *numbers[:3])
+    turn = maker.make("geometry_msgs/msg/Quaternion", *numbers[3:])
+    moved = maker.make("geometry_msgs/msg/Transform", position, turn)
+    kind = "geometry_msgs/msg/TransformStamped"
+    link = maker.make(kind, maker.header(time, parent), child, moved)
+    return maker.make("tf2_msgs/msg/TFMessage", [link])
+
+
 def _unpack_command(m: Any) -> Tuple[Any, ...]:
     """Return (v, w) of a geometry_msgs/Twist or TwistStamped."""
     m = getattr(m, "twist", m)
@@ -225,8 +260,9 @@ def _pack_command(maker: Maker, time: float, command: Twist) -> Any:
 
 # -- planner -----------------------------------------------------------------------------------------------------------
 def _unpack_plan(m: Any) -> Tuple[Any, ...]:
-    """Return the poses (n, 3) of a nav_msgs/Path."""
-    return (np.array([pose_of(stamped.pose) for stamped in m.poses]).reshape(-1, 3),)
+    """Return stamp [ns], frame and poses (n, 3) of a nav_msgs/Path."""
+    poses = [pose_of(stamped.pose) for stamped in m.poses]
+    return nanoseconds_of(m.header.stamp), frame_of(m), np.array(poses).reshape(-1, 3)
 
 
 def _pack_plan(maker: Maker, time: float, frame: str, path: Any) -> Any:
@@ -379,11 +415,16 @@ def _pack_source(maker: Maker, time: float, source: Dict[str, Any]) -> Any:
 CHANNELS: Dict[str, Channel] = {
     "scans": Channel("{scan}", "sensor_msgs/msg/LaserScan", _unpack_scan, _pack_scan),
     "odometry": Channel("{odometry}", "nav_msgs/msg/Odometry", _unpack_odometry, _pack_odometry),
+    "transforms": Channel("{tf}", "tf2_msgs/msg/TFMessage", _unpack_transforms, _pack_transform),
+    "static_transforms": Channel(
+        "{tf_static}", "tf2_msgs/msg/TFMessage", _unpack_transforms, _pack_transform
+    ),
     "commands": Channel("{command}", "geometry_msgs/msg/Twist", _unpack_command, _pack_command),
     "planned": Channel(
         "{move_base}/cmd_vel", "geometry_msgs/msg/Twist", _unpack_command, _pack_command
     ),
     "plans": Channel("{move_base}/*/global_plan", "nav_msgs/msg/Path", _unpack_plan, _pack_plan),
+    "routes": Channel("{move_base}/*/plan", "nav_msgs/msg/Path", _unpack_plan, _pack_plan),
     "changes": Channel(
         "{move_base}/*/parameter_updates",
         "dynamic_reconfigure/msg/Config",

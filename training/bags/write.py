@@ -121,6 +121,11 @@ def _entries(drive: Drive, robot: Robot) -> List[Entry]:
         motion = drive.odometry
         for time, pose, twist in zip(motion.time, motion.pose, motion.twist):
             add("odometry", time, drive.frame, robot.frames.base, pose, twist)
+    if drive.transforms is not None:
+        links = drive.transforms
+        for index, time in enumerate(links.time):
+            channel = "static_transforms" if links.is_static[index] else "transforms"
+            add(channel, time, links.parent[index], links.child[index], links.place[index])
     if drive.scans is not None:
         for time, fan, ranges in zip(drive.scans.time, drive.scans.fan, drive.scans.ranges):
             add("scans", time, robot.laser.frame, fan, ranges)
@@ -135,6 +140,10 @@ def _entries(drive: Drive, robot: Robot) -> List[Entry]:
         planner = drive.planners[0] if drive.planners else robot.local_planner
         for time, followed in zip(drive.plans.time, drive.plans.path):
             add("plans", time, drive.frame, followed, part=planner)
+    elif drive.routes is not None:
+        # Beside the followed plans nobody reads them, and they are long.
+        for time, route in zip(drive.routes.time, drive.routes.path):
+            add("routes", time, drive.frame, route, part="NavfnROS")
     for column in ("planned", "commands"):
         commands = getattr(drive, column)
         if commands is not None:

@@ -16,36 +16,22 @@ from typing import List, Optional
 from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import read_bytes, write_bytes
-from applr_ros1.drives.drive import Drive
 from training.common.command_line import parsed
 from training.common.options import argument, option
 
 with extra(__name__):
-    from training.bags.read import bags_in, read, refused
+    from training.bags.read import bags_in
     from training.bags.seen_world import seen_grid, write_map
-    from training.bags.topics import BagOptions, topic_of
     from training.why.answer import lines_of, values_of
     from training.why.diagnosis import compared, diagnose
+    from training.why.recorded import RecordedOptions, drive_of
     from training.why.replay import Replay
     from training.workers.pool import Pool
 
-CHANNELS = (
-    "scans",
-    "odometry",
-    "commands",
-    "planned",
-    "plans",
-    "changes",
-    "recoveries",
-    "decisions",
-    "status",
-    "results",
-    "sent",
-)
 TEMPLATE = Path(__file__).parent / "why.html"
 
 
-class WhyOptions(BagOptions):
+class WhyOptions(RecordedOptions):
     """Options of a replay."""
 
     # fmt: off
@@ -59,45 +45,15 @@ class WhyOptions(BagOptions):
     # fmt: on
 
 
-def drive_of(path: Path, options: WhyOptions) -> Drive:
-    """Read the drive in a bag.
-
-    Raises:
-        BagError: The bag cannot be read, lacks odometry, scans, commands or plans, or another robot
-            or planner drove.
-    """
-    robot = options.robot
-    topics = options.topics()
-    with refused(path):
-        drive = read(path, robot, topics, CHANNELS)
-        if drive.planners and robot.local_planner not in drive.planners:
-            drove = drive.planners[0]
-            raise ApplrError(
-                f"{drove} drove, {robot.name} has {robot.local_planner}: give the robot as --robot"
-            )
-        if drive.planned is None:  # Without a monitor, the planner's commands reach the base.
-            drive.planned = drive.commands
-        for column, channel in (
-            ("odometry", "odometry"),
-            ("scans", "scans"),
-            ("planned", "commands"),
-            ("plans", "plans"),
-        ):
-            if not getattr(drive, column):
-                topic = topic_of(channel, topics, robot.local_planner)
-                raise ApplrError(f"no messages on {topic}: record it, or give the robot as --robot")
-        if drive.laser_frame != robot.laser.frame:
-            laser = f"scans in {drive.laser_frame}, {robot.name} has {robot.laser.frame}"
-            raise ApplrError(f"{laser}: give the robot as --robot")
-    return drive
-
-
 def run(options: WhyOptions) -> None:
     """Replay the bags and print the diagnosis."""
     replays = []
     for path in bags_in(options.bag):
         replays.append(Replay(options.robot))
-        replays[-1].run(drive_of(path, options))
+        drive = drive_of(path, options)
+        for note in drive.notes:
+            print(f"{path}: {note}", file=sys.stderr)
+        replays[-1].run(drive)
         if not replays[-1].cycles:
             raise ApplrError(
                 f"{path}: no command has a plan, a scan and odometry: record the drive from its beginning"

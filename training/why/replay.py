@@ -187,6 +187,15 @@ class Replay:
                 return path
         return None
 
+    def _paths(self, asked: Cycle) -> List[np.ndarray]:
+        """Return the plan of a cycle, and the one before it if a bag leaves open which was followed."""
+        assert self.drive.plans is not None
+        plans = self.drive.plans
+        last = plans.latest(asked.at)
+        if last > 0 and plans.time[last - 1] == plans.time[last] == asked.at:
+            return [asked.plan, plans.path[last - 1]]
+        return [asked.plan]
+
     def _update(self, scan: int, odometry: int) -> None:
         """Update the local costmap with a scan at the pose of an odometry message."""
         pose, _ = self._message(odometry)
@@ -204,7 +213,7 @@ class Replay:
         y = float(np.interp(stamp, self.odometry.stamp, self.odometry.pose[:, 1]))
         yaw = float(np.interp(stamp, self.odometry.stamp, self._yaws))
         first_angle, increment, range_min, range_max = self._scans.fan[index].tolist()
-        place = compose((x, y, yaw), laser.pose)
+        place = compose((x, y, yaw), self.drive.laser_pose or laser.pose)
         ranges = self._scans.ranges[index]
         return LaserScan(
             0.0, first_angle, increment, range_min, range_max, ranges, place, laser.height
@@ -251,18 +260,21 @@ class Replay:
         count = len(self.odometry)
         self.begin(replace(asked, is_new=True))
         plans = (False,) if self.local.planner.state == asked.memory else (False, True)
+        paths = self._paths(asked)
         for behind, late in UPDATES:
             if asked.scan >= (behind or 0) and odometry >= late:
                 self.costmap.restore(asked.map)
                 if behind is not None:
                     self._update(asked.scan - behind, odometry - late)
                 shown = self.costmap.snapshot()
-                for lag, shift, is_new in product(LAGS, POSE_LAGS, plans):
+                for lag, shift, is_new, path in product(LAGS, POSE_LAGS, plans, paths):
                     row = odometry - lag
                     if 0 <= row < count and 0 <= row + shift < count:
                         pose, _ = self._message(row + shift)
                         _, twist = self._message(row)
-                        yield replace(asked, pose=pose, twist=twist, map=shown, is_new=is_new)
+                        yield replace(
+                            asked, pose=pose, twist=twist, map=shown, plan=path, is_new=is_new
+                        )
 
 
 def changes_of(drive: Drive, robot: Robot) -> List[Tuple[float, str, Dict[str, Any]]]:

@@ -195,7 +195,7 @@ def test_commands_before_a_collision_monitor_are_taken(spoilt, tmp_path):
 def test_scans_of_another_laser_are_refused(bag):
     other = replace(JACKAL, laser=JACKAL.laser.model_copy(update={"frame": "other_laser"}))
     with pytest.raises(
-        BagError, match=f"scans in {JACKAL.laser.frame}, jackal has other_laser: give the robot"
+        BagError, match=f"scans in {JACKAL.laser.frame}, jackal has other_laser: give --scan"
     ):
         read_back(bag, other)
 
@@ -510,7 +510,10 @@ def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder,
         ({"scans": None}, "no messages on /front/scan"),
         ({"odometry": None}, "no messages on /odometry/filtered"),
         ({"planned": None, "commands": None}, "no messages on /cmd_vel"),
-        ({"plans": None}, "no messages on /move_base/TrajectoryPlannerROS/global_plan"),
+        (
+            {"plans": None, "routes": None},
+            "no messages on /move_base/TrajectoryPlannerROS/global_plan",
+        ),
         (
             {"planners": ["TebLocalPlannerROS"]},
             "TebLocalPlannerROS drove, jackal has TrajectoryPlannerROS",

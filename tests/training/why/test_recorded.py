@@ -1,0 +1,382 @@
+"""Tests of what the replay reads from bags: plans, names, frames, poses and the laser's place from tf."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from applr_ros1.common.angles import compose, inverse, quaternion_of
+from applr_ros1.drives.drive import Commands, Drive, Goal, Motion, Plans, Transforms
+from applr_ros1.robots import JACKAL
+from tests.support.drives import simulated, until
+from training.bags.paths import path_of
+from training.bags.read import BagError, read
+from training.bags.topics import TopicNames
+from training.bags.transforms import Tree
+from training.bags.write import BagWriter, write
+from training.why.recorded import RecordedOptions, drive_of, followed_plans
+from training.why.replay import Replay
+
+UPRIGHT = quaternion_of(0.0)
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """Return a drive of six seconds, with the plans of both planners."""
+    drive = simulated(JACKAL, "generated:40", limit=6)[0]
+    return replace(drive, frames={})
+
+
+def read_back(path, **options):
+    """Return the drive that the replay reads from a bag."""
+    return drive_of(path, RecordedOptions(**options))
+
+
+def share(drive):
+    made = Replay(JACKAL)
+    made.run(drive)
+    return made.share
+
+
+def links(rows, is_static=False):
+    """Return transforms from rows (time, parent, child, (x, y, yaw))."""
+    times = np.array([row[0] for row in rows], float)
+    places = [(row[3][0], row[3][1], 0.0, *quaternion_of(row[3][2])) for row in rows]
+    parents = [row[1] for row in rows]
+    children = [row[2] for row in rows]
+    return Transforms(times, times, parents, children, np.array(places), [is_static] * len(rows))
+
+
+def joined(*parts):
+    """Return several transforms as one."""
+    return Transforms(
+        np.concatenate([part.time for part in parts]),
+        np.concatenate([part.stamp for part in parts]),
+        [frame for part in parts for frame in part.parent],
+        [frame for part in parts for frame in part.child],
+        np.concatenate([part.place for part in parts]),
+        [flag for part in parts for flag in part.is_static],
+    )
+
+
+def robots_links(motion, parent="odom", child="base_link"):
+    """Return transforms of a robot with the poses of a motion."""
+    pairs = zip(motion.time.tolist(), motion.pose.tolist())
+    return links([(time, parent, child, pose) for time, pose in pairs])
+
+
+def laser_link(pose, rotation=None, frame="front_laser"):
+    """Return the static place of a laser in base_link."""
+    link = links([(0.0, "base_link", frame, pose)], is_static=True)
+    if rotation is not None:
+        link.place[0, 3:] = rotation
+    return link
+
+
+def drifting(motion):
+    """Return odometry that drifts by 5 percent of the way along x."""
+    pose = motion.pose.copy()
+    pose[:, :2] *= 1.05
+    return replace(motion, pose=pose)
+
+
+# -- plans -----------------------------------------------------------------------------------------
+def test_the_plan_comes_from_the_global_planner_where_the_local_planners_is_missing(
+    driven, tmp_path
+):
+    alone = read_back(write(tmp_path / "navfn.bag", replace(driven, plans=None)))
+    assert alone.planners == []
+    assert share(alone) > 0.97
+    both = read_back(write(tmp_path / "both.bag", driven))
+    assert np.allclose(both.plans.path[5], driven.plans.path[5])
+
+
+def test_of_navfns_two_plans_of_one_stamp_the_second_is_followed(driven, tmp_path):
+    """Navfn publishes each plan without the goal's pose first."""
+    times = np.repeat(driven.routes.time, 2)
+    paths = []
+    for path in driven.routes.path:
+        paths += [path[:-1], path]
+    path = write(tmp_path / "twice.bag", replace(driven, plans=None, routes=Plans(times, paths)))
+    made = read(path)
+    assert len(made.routes) == len(driven.routes)
+    assert np.allclose(made.routes.path[3], driven.routes.path[3])
+
+
+def straight(seconds, metres):
+    """Return a drive along x that follows one route from 0 to 10 m."""
+    time = np.linspace(0.0, seconds, 21)
+    pose = np.zeros((21, 3))
+    pose[:, 0] = np.linspace(0.0, metres, 21)
+    route = np.column_stack([np.linspace(0.0, 10.0, 401), np.zeros((401, 2))])
+    twist = np.tile([0.5, 0.0], (21, 1))
+    return Drive(
+        odometry=Motion(time, time, pose, twist),
+        planned=Commands(time, twist),
+        routes=Plans(np.array([0.0]), [route]),
+        frames={"routes": ["odom"]},
+    )
+
+
+def test_points_that_were_pruned_stay_away_when_the_robot_drives_back():
+    drive = straight(10.0, 5.0)
+    drive.odometry.pose[-1, 0] = 0.5
+    plans = followed_plans(drive, Tree(None), JACKAL)
+    assert plans.path[0][0, 0] == 0.0
+    assert plans.path[-1][0, 0] == pytest.approx(3.75, abs=0.3)
+
+
+def test_a_plan_in_another_frame_is_moved_by_tf_and_refused_without(driven):
+    drive = straight(2.0, 0.5)
+    drive.frames["routes"] = ["map"]
+    with pytest.raises(Exception, match="the plan is in map, the odometry in odom: record /tf"):
+        followed_plans(drive, Tree(None), JACKAL)
+    origin = (3.0, 0.0, 0.6)  # of odom in map
+    tree = Tree(links([(0.0, "map", "odom", origin)], is_static=True))
+    plans = followed_plans(drive, tree, JACKAL)
+    x, y, yaw = compose(inverse(origin), (4.0, 0.0, 0.0))
+    distances = np.hypot(plans.path[0][:, 0] - x, plans.path[0][:, 1] - y)
+    assert distances.min() < 1e-9
+    assert plans.path[0][distances.argmin(), 2] == pytest.approx(yaw)
+
+
+def test_commands_without_a_plan_or_after_the_goal_have_none():
+    drive = straight(2.0, 1.0)
+    drive.routes = Plans(np.array([0.5]), drive.routes.path)
+    drive.goals = [Goal("g", 0.0, 1.5)]
+    times = followed_plans(drive, Tree(None), JACKAL).time
+    assert (times.min(), times.max()) == (pytest.approx(0.5), pytest.approx(1.5))
+
+
+def test_a_path_read_at_once_equals_that_of_rosbags(driven, tmp_path, monkeypatch):
+    path = write(tmp_path / "drive.bag", until(driven, 2.0))
+    quick = read(path)
+    monkeypatch.setattr("training.bags.paths.path_of", lambda raw: None)
+    slow = read(path)
+    for one, other in zip(quick.plans.path, slow.plans.path, strict=True):
+        assert np.allclose(one, other, rtol=0.0, atol=1e-15)
+
+
+def test_a_damaged_path_is_left_to_rosbags():
+    for raw in (b"", b"\0" * 12, b"\xff" * 40, b"\0" * 16 + b"\5\0\0\0" + b"\0" * 99):
+        assert path_of(raw) is None
+    assert len(path_of(b"\0" * 20)[2]) == 0
+
+
+# -- names -----------------------------------------------------------------------------------------
+def names(**changed):
+    return replace(TopicNames.of(JACKAL), **changed)
+
+
+def test_move_base_is_found_by_its_plans(driven, tmp_path):
+    short = until(driven, 1.0)
+    for number, space in enumerate(("/move_base_node", "/robot1/move_base")):
+        for plans in ({}, {"plans": None}):
+            name = f"{number}{len(plans)}.bag"
+            path = write(tmp_path / name, replace(short, **plans), topics=names(move_base=space))
+            assert len(read_back(path).plans) > 10
+
+
+def test_topics_in_the_namespace_around_move_base_are_found(driven, tmp_path):
+    topics = names(
+        move_base="/robot1/move_base",
+        scan="/robot1/front/scan",
+        odometry="/robot1/odometry/filtered",
+        command="/robot1/cmd_vel",
+    )
+    assert len(read_back(write(tmp_path / "a.bag", until(driven, 1.0), topics=topics)).scans) > 3
+
+
+def test_of_several_move_base_one_is_asked_for(driven, tmp_path):
+    path = tmp_path / "two.bag"
+    with BagWriter(path, JACKAL, names(move_base="/a/move_base")) as writer:
+        writer.write(until(driven, 1.0))
+        writer.topics = names(move_base="/b/move_base")
+        writer.put("plans", 9.0, "odom", driven.plans.path[0], part="TrajectoryPlannerROS")
+    with pytest.raises(
+        BagError, match="plans of /a/move_base and of /b/move_base: give --move-base"
+    ):
+        read_back(path)
+    assert len(read_back(path, move_base="/a/move_base").plans) > 10
+
+
+@pytest.mark.parametrize(
+    ("topics", "words"),
+    [
+        (
+            {"command": "/cmd_vel_mux/input/navi"},
+            "/cmd_vel: give --command; the bag has Twists on /cmd_vel_mux/input/navi",
+        ),
+        ({"scan": "/scan"}, "/front/scan: give --scan; the bag has LaserScans on /scan"),
+        (
+            {"odometry": "/odom"},
+            "/odometry/filtered: give --odometry; the bag has Odometry on /odom",
+        ),
+    ],
+)
+def test_a_missing_topic_is_named_with_its_option_and_the_bags_topics(
+    driven, tmp_path, topics, words
+):
+    drive = replace(until(driven, 1.0), planned=None)
+    path = write(tmp_path / "a.bag", drive, topics=names(**topics))
+    with pytest.raises(BagError, match=f"no messages on {words}"):
+        read_back(path)
+    assert len(read_back(path, **topics).plans) > 10
+
+
+def test_a_topic_of_another_type_is_not_read(driven, tmp_path):
+    drive = replace(until(driven, 1.0), planned=None)
+    path = write(tmp_path / "a.bag", drive, topics=names(command="/front/scan", scan="/scan"))
+    with pytest.raises(BagError, match="/front/scan has messages of geometry_msgs/msg/Twist"):
+        read_back(path, command="/front/scan")
+
+
+def test_a_robot_that_was_given_is_not_asked_for(driven, tmp_path):
+    path = write(tmp_path / "a.bag", replace(until(driven, 1.0), planners=["DWAPlannerROS"]))
+    with pytest.raises(BagError, match="give the robot as --robot"):
+        read_back(path)
+    with pytest.raises(BagError, match="its base_local_planner is another"):
+        read_back(path, robot=JACKAL)
+
+
+# -- frames ----------------------------------------------------------------------------------------
+def in_frames(path, drive, **frames):
+    """Write a drive whose messages have the frames of robot.yaml, or others."""
+    robot = JACKAL
+    if "laser" in frames:
+        laser = robot.laser.model_copy(update={"frame": frames["laser"]})
+        robot = replace(robot, laser=laser)
+    return write(path, replace(drive, frame=frames.get("odom", "odom")), robot=robot)
+
+
+def test_a_plan_in_another_frame_than_the_odometry_is_refused(driven, tmp_path):
+    with BagWriter(tmp_path / "a.bag", JACKAL, names()) as writer:
+        writer.write(replace(until(driven, 1.0), plans=None, routes=None))
+        writer.put("plans", 1.5, "map", driven.plans.path[0], part="TrajectoryPlannerROS")
+    with pytest.raises(BagError) as refused:
+        read_back(tmp_path / "a.bag")
+    words = (
+        "the plan is in map, the odometry in odom: the local costmap must be in the odometry frame"
+    )
+    assert str(refused.value).endswith(words)
+
+
+def test_a_prefix_that_all_frames_share_is_taken_off(driven, tmp_path):
+    short = until(driven, 1.0)
+    moved = robots_links(drifting(short.odometry), "robot1/odom", "robot1/base_link")
+    drive = replace(short, transforms=moved)
+    path = in_frames(tmp_path / "a.bag", drive, odom="robot1/odom", laser="robot1/front_laser")
+    made = read_back(path)
+    assert np.allclose(made.odometry.pose, drifting(short.odometry).pose)
+    path = in_frames(tmp_path / "b.bag", drive, laser="robot1/front_laser")
+    with pytest.raises(BagError, match="scans in robot1/front_laser, jackal has front_laser"):
+        read_back(path)
+
+
+# -- poses -----------------------------------------------------------------------------------------
+def test_the_pose_is_tfs_and_the_velocity_the_topics(driven, tmp_path):
+    drive = replace(driven, odometry=drifting(driven.odometry), transforms=None)
+    without = read_back(write(tmp_path / "a.bag", drive))
+    drive.transforms = robots_links(driven.odometry)
+    made = read_back(write(tmp_path / "b.bag", drive))
+    assert share(without) < 0.8
+    assert share(made) > 0.97
+    assert np.allclose(made.odometry.pose, driven.odometry.pose)
+    assert np.allclose(made.odometry.twist, driven.odometry.twist)
+    (note,) = made.notes
+    assert note.startswith("the odometry topic is not what tf shows: up to 0.")
+
+
+def test_tf_that_equals_the_topic_changes_nothing(driven, tmp_path):
+    plain = read_back(write(tmp_path / "a.bag", driven))
+    drive = replace(driven, transforms=robots_links(driven.odometry))
+    made = read_back(write(tmp_path / "b.bag", drive))
+    assert made.notes == []
+    assert np.allclose(made.odometry.pose, plain.odometry.pose, rtol=0.0, atol=1e-12)
+    assert np.array_equal(made.odometry.twist, plain.odometry.twist)
+
+
+def test_poses_are_composed_along_a_chain_of_links(driven, tmp_path):
+    """odom -> base_footprint moves, base_footprint -> base_link is static."""
+    offset = (0.1, -0.2, 0.3)
+    poses = [compose(tuple(pose), inverse(offset)) for pose in driven.odometry.pose.tolist()]
+    moving = replace(driven.odometry, pose=np.array(poses))
+    chain = joined(
+        links([(0.0, "base_footprint", "base_link", offset)], is_static=True),
+        robots_links(moving, child="base_footprint"),
+    )
+    made = read_back(write(tmp_path / "a.bag", replace(driven, transforms=chain)))
+    assert np.allclose(made.odometry.pose, driven.odometry.pose)
+
+
+def test_more_frequent_poses_of_tf_are_all_taken(driven, tmp_path):
+    short = until(driven, 2.0)
+    every_second = short.odometry.part(slice(0, None, 2))
+    drive = replace(short, odometry=every_second, transforms=robots_links(short.odometry))
+    made = read_back(write(tmp_path / "a.bag", drive))
+    assert np.allclose(made.odometry.pose, short.odometry.pose)
+    assert np.allclose(made.odometry.twist[::2], every_second.twist)
+
+
+def test_frames_in_a_circle_and_rotations_of_no_length_are_no_pose(driven, tmp_path):
+    circle = joined(
+        links([(0.0, "b", "base_link", (0, 0, 0))]), links([(0.0, "base_link", "b", (0, 0, 0))])
+    )
+    short = until(driven, 1.0)
+    made = read_back(write(tmp_path / "a.bag", replace(short, transforms=circle)))
+    assert np.allclose(made.odometry.pose, short.odometry.pose)
+    broken = robots_links(drifting(short.odometry))
+    broken.place[:, 3:] = 0.0
+    made = read_back(write(tmp_path / "b.bag", replace(short, transforms=broken)))
+    assert np.allclose(made.odometry.pose, short.odometry.pose)
+
+
+# -- laser -----------------------------------------------------------------------------------------
+def test_the_lasers_place_is_tfs(driven, tmp_path):
+    short = until(driven, 1.0)
+    same = replace(short, transforms=laser_link(JACKAL.laser.pose))
+    made = read_back(write(tmp_path / "a.bag", same))
+    assert (made.laser_pose, made.notes) == (None, [])
+    moved = replace(short, transforms=laser_link((0.2, 0.1, 0.5)))
+    made = read_back(write(tmp_path / "b.bag", moved))
+    assert made.laser_pose == pytest.approx((0.2, 0.1, 0.5))
+    (note,) = made.notes
+    assert note.startswith("tf has the laser at (0.20, 0.10) m, 0.50 rad, robot.yaml at (0.06")
+    replay = Replay(JACKAL)
+    replay.drive = made
+    x, y, yaw = compose(tuple(made.odometry.pose[0]), (0.2, 0.1, 0.5))
+    assert replay.scan(0).sensor_pose == pytest.approx((x, y, yaw), abs=0.02)
+
+
+def test_a_laser_upside_down_has_its_beams_in_reverse(driven, tmp_path):
+    """A rotation by pi about x: beam k of n points where beam n - 1 - k of an upright laser does."""
+    short = until(driven, 2.0)
+    reversed_scans = [ranges[::-1].copy() for ranges in short.scans.ranges]
+    drive = replace(
+        short,
+        scans=replace(short.scans, ranges=reversed_scans),
+        transforms=laser_link(JACKAL.laser.pose, rotation=(1.0, 0.0, 0.0, 0.0)),
+    )
+    made = read_back(write(tmp_path / "a.bag", drive))
+    assert made.notes == ["the laser is mounted upside down (tf): its beams are taken in reverse"]
+    assert np.array_equal(made.scans.ranges[3], short.scans.ranges[3])
+    assert np.allclose(made.scans.fan, short.scans.fan, atol=1e-6)
+
+
+def test_a_tilted_laser_is_said(driven, tmp_path):
+    tilted = (0.0, np.sin(0.1), 0.0, np.cos(0.1))  # by .2 rad
+    drive = replace(until(driven, 1.0), transforms=laser_link(JACKAL.laser.pose, rotation=tilted))
+    made = read_back(write(tmp_path / "a.bag", drive))
+    assert made.notes == ["tf tilts the laser by 11 degrees: it is taken as level"]
+
+
+def test_another_laser_is_taken_if_tf_knows_its_place(driven, tmp_path):
+    short = until(driven, 1.0)
+    path = in_frames(tmp_path / "a.bag", short, laser="rear_laser")
+    with pytest.raises(BagError, match="give the robot as --robot"):
+        read_back(path)
+    with pytest.raises(BagError, match="jackal has front_laser: give --scan, or record /tf"):
+        read_back(path, robot=JACKAL)
+    known = replace(short, transforms=laser_link((-0.1, 0.0, 3.0), frame="rear_laser"))
+    made = read_back(in_frames(tmp_path / "b.bag", known, laser="rear_laser"))
+    assert made.laser_pose == pytest.approx((-0.1, 0.0, 3.0))

@@ -1,0 +1,145 @@
+"""Places of frames in each other, from recorded transforms (tf)."""
+
+from __future__ import annotations
+
+from typing import Dict, List, NamedTuple, Optional
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from applr_ros1.drives.drive import Transforms
+
+
+class Placement(NamedTuple):
+    """Places of a frame in another at n times.
+
+    Attributes:
+        position: (n, 3) x, y, z [m].
+        rotation: n rotations.
+    """
+
+    position: np.ndarray
+    rotation: Rotation
+
+    @property
+    def planar(self) -> np.ndarray:
+        """Poses (n, 3) x, y [m], yaw [rad], the yaw as in common.angles.yaw_of."""
+        x, y, z, w = self.rotation.as_quat().T
+        yaw = np.arctan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z)
+        return np.column_stack([self.position[:, :2], yaw])
+
+    def compose(self, inner: Placement) -> Placement:
+        """Return the places of a frame that `inner` places in this one."""
+        position = self.position + self.rotation.apply(inner.position)
+        return Placement(position, self.rotation * inner.rotation)
+
+    def inverse(self) -> Placement:
+        """Return the places of the outer frame in this one."""
+        rotation = self.rotation.inv()
+        return Placement(-rotation.apply(self.position), rotation)
+
+
+class Link:
+    """Frame placed directly in another.
+
+    Attributes:
+        parent: The other frame.
+        is_static: Whether the place does not change.
+        time: (n,) times of recording [s].
+        stamp: (n,) times for which the places hold, ascending [s].
+    """
+
+    def __init__(self, transforms: Transforms, rows: List[int]):
+        # If a frame is placed in two others, tf takes the latest.
+        self.parent = transforms.parent[rows[-1]]
+        rows = [row for row in rows if transforms.parent[row] == self.parent]
+        order = np.array(rows)[np.argsort(transforms.stamp[rows], kind="stable")]
+        self.is_static = transforms.is_static[order[-1]]
+        self.time = transforms.time[order]
+        self.stamp = transforms.stamp[order]
+        self._place = transforms.place[order].copy()
+
+        # A quaternion and its opposite are one rotation; neighbours get one sign for interpolation.
+        turns = self._place[:, 3:]
+        dots = (turns[1:] * turns[:-1]).sum(axis=1)
+        signs = np.cumprod(np.concatenate([[1.0], np.where(dots < 0.0, -1.0, 1.0)]))
+        turns *= signs[:, None]
+
+    def at(self, stamps: np.ndarray) -> Placement:
+        """Return the places at some times (n,) [s], interpolated, and outside of the record the nearest."""
+        if self.is_static:
+            place = np.repeat(self._place[-1:], len(stamps), axis=0)
+        else:
+            columns = [np.interp(stamps, self.stamp, column) for column in self._place.T]
+            place = np.column_stack(columns)
+        return Placement(place[:, :3], Rotation.from_quat(place[:, 3:]))
+
+
+class Tree:
+    """Frames and their links."""
+
+    def __init__(self, transforms: Optional[Transforms]):
+        rows: Dict[str, List[int]] = {}
+        if transforms is not None:
+            for index, child in enumerate(transforms.child):
+                rows.setdefault(child, []).append(index)
+        self._links: Dict[str, Link] = {}
+        for child, indices in rows.items():
+            assert transforms is not None
+            self._links[child] = Link(transforms, indices)
+
+    def place(self, outer: str, inner: str, stamps: np.ndarray) -> Optional[Placement]:
+        """Return the places of the frame `inner` in `outer` at some times (n,) [s].
+
+        None if no links connect the frames.
+        """
+        common = self._common(outer, inner)
+        if common is None:
+            return None
+        place_of_inner = self._below(common, inner, stamps)
+        if common == outer:
+            return place_of_inner
+        return self._below(common, outer, stamps).inverse().compose(place_of_inner)
+
+    def busiest(self, outer: str, inner: str) -> Optional[Link]:
+        """Return the link with the most messages between two frames; None if nothing moves there."""
+        common = self._common(outer, inner)
+        if common is None:
+            return None
+        moving = []
+        for end in (outer, inner):
+            for frame in self._upwards(end):
+                if frame == common:
+                    break
+                if not self._links[frame].is_static:
+                    moving.append(self._links[frame])
+        return max(moving, key=lambda link: len(link.stamp), default=None)
+
+    def _common(self, outer: str, inner: str) -> Optional[str]:
+        """Return the lowest frame below which both frames are."""
+        above_outer = self._upwards(outer)
+        for frame in self._upwards(inner):
+            if frame in above_outer:
+                return frame
+        return None
+
+    def _upwards(self, frame: str) -> List[str]:
+        """Return a frame and those that it is placed in. A damaged record may have a circle."""
+        frames = [frame]
+        while frame in self._links:
+            frame = self._links[frame].parent
+            if frame in frames:
+                break
+            frames.append(frame)
+        return frames
+
+    def _below(self, outer: str, inner: str, stamps: np.ndarray) -> Placement:
+        """Return the places of a frame in one of those above it."""
+        count = len(stamps)
+        place = Placement(np.zeros((count, 3)), Rotation.identity(count))
+        frame = inner
+        while frame != outer:
+            link = self._links[frame]
+            place = link.at(stamps).compose(place)
+            frame = link.parent
+        return place

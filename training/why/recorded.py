@@ -1,0 +1,322 @@
+"""Reads a recorded drive for the replay, and makes its columns fit on each other.
+
+As in C++, the pose is tf's and the velocity that of the odometry topic, the laser is where tf has
+it, and the local planner follows its cut of the global planner's latest plan. What cannot be laid
+over another is refused; what differs from the robot's files is said in a note.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import List, Mapping, Optional, Set
+
+import numpy as np
+
+from applr_ros1.common.angles import inverse, normalize_angle_modulo
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.drive import Drive, Motion, Plans, Scans
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.plan_cut import cut_plan, half_size, transformed
+from applr_ros1.robots import Robot
+from training.bags.names import missing, missing_plans, names_in
+from training.bags.read import read, refused, topics_in
+from training.bags.topics import BagOptions, TopicNames
+from training.bags.transforms import Tree
+from training.common.options import option
+from training.env.episode import counting_cells
+
+CHANNELS = (
+    "scans",
+    "odometry",
+    "transforms",
+    "static_transforms",
+    "commands",
+    "planned",
+    "changes",
+    "plans",
+    "routes",
+    "recoveries",
+    "decisions",
+    "status",
+    "results",
+    "sent",
+)
+# Difference from which on a place in tf is another one: of a pose by odometry, and of a laser.
+POSE_OFF_M, POSE_OFF_RAD = 0.02, 0.02
+LASER_OFF_M, LASER_OFF_RAD = 0.01, 0.01
+CYCLE_S = 0.1  # longest time from the beginning of a cycle to its command [s]
+STATUS_S = 0.3  # longest time between the sending of a goal and its first status (5 Hz) [s]
+TILTED = 0.996  # cosine of the tilt from which on a laser is not level (5 degrees)
+
+
+class RecordedOptions(BagOptions):
+    """Options of a recorded drive."""
+
+    # fmt: off
+    move_base: str = option("", "Namespace of move_base in the bag. Default: that of its plans.")
+    # fmt: on
+
+
+def drive_of(path: Path, options: RecordedOptions) -> Drive:
+    """Read the drive in a bag.
+
+    Raises:
+        BagError: The bag cannot be read, lacks odometry, scans, commands or plans, another robot or
+            planner drove, or the frames of its messages do not fit.
+    """
+    robot = options.robot
+    with refused(path):
+        kinds = topics_in(path)
+        names = _names(kinds, options)
+        drive = read(path, robot, names, CHANNELS)
+        if drive.planned is None:  # Without a monitor, the planner's commands reach the base.
+            drive.planned = drive.commands
+        _check_planner(drive, options)
+        _check_columns(drive, robot, names, kinds)
+        return fitted(drive, options)
+
+
+def fitted(drive: Drive, options: RecordedOptions) -> Drive:
+    """Return a drive whose poses, scans and plans are in one frame.
+
+    Raises:
+        ApplrError: Frames differ, and tf does not connect them.
+    """
+    robot = options.robot
+    drive = _without_prefix(drive)
+    tree = Tree(drive.transforms)
+    for column in ("odometry", "scans", "plans" if drive.plans else "routes"):
+        frames = drive.frames[column]
+        if len(frames) > 1:
+            raise ApplrError(f"{column} in {' and in '.join(frames)}: they must be in one frame")
+    drive = replace(drive, notes=list(drive.notes))
+    _place_laser(drive, tree, options)
+    _take_poses(drive, tree, robot)
+    frame = "".join(drive.frames.get("plans", []))
+    if frame and drive.frame and frame != drive.frame:
+        raise ApplrError(
+            f"the plan is in {frame}, the odometry in {drive.frame}: "
+            "the local costmap must be in the odometry frame"
+        )
+    if drive.plans is None:
+        drive.plans = followed_plans(drive, tree, robot)
+    drive.routes = _routes_by_odometry(drive, tree)
+    return drive
+
+
+def _names(kinds: Mapping[str, str], options: RecordedOptions) -> TopicNames:
+    given = [name for name, value in options if value and hasattr(TopicNames, name)]
+    return names_in(kinds, options.topics(), given)
+
+
+def _check_planner(drive: Drive, options: RecordedOptions) -> None:
+    robot = options.robot
+    if drive.planners and robot.local_planner not in drive.planners:
+        has = f"{drive.planners[0]} drove, {robot.name} has {robot.local_planner}"
+        raise ApplrError(_other_robot(has, options, "its base_local_planner is another"))
+
+
+def _other_robot(differs: str, options: RecordedOptions, remedy: str) -> str:
+    """Return what is said of a bag of another robot; a robot that was given is not asked for again."""
+    if "robot" in options.model_fields_set:
+        return f"{differs}: {remedy}"
+    return f"{differs}: give the robot as --robot"
+
+
+def _check_columns(drive: Drive, robot: Robot, names: TopicNames, kinds: Mapping[str, str]) -> None:
+    for column, channel in (("odometry", "odometry"), ("scans", "scans"), ("planned", "commands")):
+        if not getattr(drive, column):
+            raise ApplrError(missing(channel, names, kinds))
+    if not drive.plans and not drive.routes:
+        raise ApplrError(missing_plans(robot.local_planner, names, kinds))
+
+
+def _without_prefix(drive: Drive) -> Drive:
+    """Return a drive without the prefix that odometry and scans share, such as robot1/ (tf_prefix)."""
+    # Plans may be in a map frame that several robots share, which has no prefix.
+    frames = [*drive.frames["odometry"], *drive.frames["scans"]]
+    prefixes: Set[str] = {name.rpartition("/")[0] for name in frames}
+    if len(prefixes) != 1 or "" in prefixes:
+        return drive
+    prefix = f"{prefixes.pop()}/"
+    shortened = {}
+    for column, names in drive.frames.items():
+        shortened[column] = [name.removeprefix(prefix) for name in names]
+    links = drive.transforms
+    if links is not None:
+        parents = [name.removeprefix(prefix) for name in links.parent]
+        children = [name.removeprefix(prefix) for name in links.child]
+        links = replace(links, parent=parents, child=children)
+    frame = drive.frame.removeprefix(prefix)
+    return replace(drive, frame=frame, frames=shortened, transforms=links)
+
+
+# -- laser -----------------------------------------------------------------------------------------
+def _place_laser(drive: Drive, tree: Tree, options: RecordedOptions) -> None:
+    """Take the laser's place from tf, if tf has it, and turn scans of a laser upside down.
+
+    Raises:
+        ApplrError: The scans are those of a laser that neither robot.yaml nor tf knows.
+    """
+    robot = options.robot
+    (frame,) = drive.frames["scans"]
+    assert drive.scans is not None
+    place = tree.place(robot.frames.base, frame, drive.scans.stamp[:1])
+    if place is None:
+        if frame != robot.laser.frame:
+            differs = f"scans in {frame}, {robot.name} has {robot.laser.frame}"
+            remedy = "give --scan, or record /tf and /tf_static"
+            raise ApplrError(_other_robot(differs, options, remedy))
+        return
+    upright = float(place.rotation.as_matrix()[0, 2, 2])
+    x_axis = place.rotation.as_matrix()[0, :, 0]
+    x, y = place.position[0, :2].tolist()
+    yaw = float(np.arctan2(x_axis[1], x_axis[0]))
+    if upright < 0.0:
+        drive.scans = _mirrored(drive.scans)
+        drive.notes.append("the laser is mounted upside down (tf): its beams are taken in reverse")
+    if abs(upright) < TILTED:
+        degrees = np.degrees(np.arccos(min(abs(upright), 1.0)))
+        drive.notes.append(f"tf tilts the laser by {degrees:.0f} degrees: it is taken as level")
+    known_x, known_y, known_yaw = robot.laser.pose
+    moved = np.hypot(x - known_x, y - known_y)
+    turned = abs(normalize_angle_modulo(yaw - known_yaw))
+    if moved > LASER_OFF_M or turned > LASER_OFF_RAD:
+        drive.laser_pose = (x, y, yaw)
+        drive.notes.append(
+            f"tf has the laser at ({x:.2f}, {y:.2f}) m, {yaw:.2f} rad, robot.yaml at "
+            f"({known_x:.2f}, {known_y:.2f}) m, {known_yaw:.2f} rad: tf's place is taken"
+        )
+
+
+def _mirrored(scans: Scans) -> Scans:
+    """Return the scans of a laser upside down as those of an upright one: beams from right to left."""
+    fans = scans.fan.copy()
+    ranges = []
+    for index, row in enumerate(scans.ranges):
+        last_angle = fans[index, 0] + fans[index, 1] * (len(row) - 1)
+        fans[index, 0] = -last_angle
+        ranges.append(row[::-1].copy())
+    return replace(scans, fan=fans, ranges=ranges)
+
+
+# -- poses -----------------------------------------------------------------------------------------
+def _take_poses(drive: Drive, tree: Tree, robot: Robot) -> None:
+    """Take the poses from tf, if it has them, as Costmap2DROS::getRobotPose does."""
+    assert drive.odometry is not None
+    link = tree.busiest(drive.frame, robot.frames.base)
+    if link is None:
+        return
+    beside = tree.place(drive.frame, robot.frames.base, drive.odometry.stamp)
+    at_messages = tree.place(drive.frame, robot.frames.base, link.stamp)
+    assert beside is not None
+    assert at_messages is not None
+    offsets = drive.odometry.pose - beside.planar
+    apart = float(np.hypot(offsets[:, 0], offsets[:, 1]).max())
+    turned = float(np.abs(normalize_angle_modulo(offsets[:, 2])).max())
+    drive.odometry = _joined(drive.odometry, link.time, link.stamp, at_messages.planar)
+    if apart > POSE_OFF_M or turned > POSE_OFF_RAD:
+        drive.notes.append(
+            f"the odometry topic is not what tf shows: up to {apart:.2f} m and {turned:.2f} rad "
+            "apart; poses are tf's, velocities the topic's"
+        )
+
+
+def _joined(motion: Motion, times: np.ndarray, stamps: np.ndarray, poses: np.ndarray) -> Motion:
+    """Return the velocities of a motion with other poses (n, 3), recorded at `times` for `stamps`.
+
+    The planner takes the latest message of each. So a row is a message of the more frequent one,
+    with the message of the other whose stamp is nearest; nothing is interpolated.
+    """
+    if len(stamps) > 1.2 * len(motion):  # Two of one rate may differ by some at the ends.
+        nearest = _nearest(motion.stamp, stamps)
+        return Motion(np.maximum.accumulate(times), stamps, poses, motion.twist[nearest])
+    nearest = _nearest(stamps, motion.stamp)
+    return replace(motion, stamp=stamps[nearest], pose=poses[nearest])
+
+
+def _nearest(stamps: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Return the indices of the stamps nearest to some times (n,)."""
+    if len(stamps) == 1:
+        return np.zeros(len(wanted), int)
+    right = np.clip(np.searchsorted(stamps, wanted), 1, len(stamps) - 1)
+    is_left = wanted - stamps[right - 1] <= stamps[right] - wanted
+    return np.asarray(right - is_left)
+
+
+# -- plans -----------------------------------------------------------------------------------------
+def followed_plans(drive: Drive, tree: Tree, robot: Robot) -> Plans:
+    """Return the plan that the local planner has in the cycle of each command.
+
+    It is the global planner's latest, in the odometry frame, without the points that were pruned in
+    earlier cycles. The planner cuts and prunes it again at the pose of its cycle. A plan that came
+    during the cycle may be too late for it: the one before then stands in a row of the same time.
+
+    Raises:
+        ApplrError: The plans are in another frame, and tf does not connect it with the odometry's.
+    """
+    assert drive.routes is not None
+    assert drive.planned is not None
+    assert drive.odometry is not None
+    (frame,) = drive.frames["routes"]
+    times = drive.planned.time
+    origins: Optional[np.ndarray] = None
+    if frame != drive.frame:
+        place = tree.place(frame, drive.frame, times)
+        if place is None:
+            raise ApplrError(
+                f"the plan is in {frame}, the odometry in {drive.frame}: record /tf and /tf_static"
+            )
+        origins = place.planar
+    move_base = MoveBase(counting_cells(robot.parameters()))
+    limit = half_size(move_base.local_costmap)
+    prunes = bool(move_base.parameters[move_base.local_planner_name]["prune_plan"])
+
+    def by_odometry(path: np.ndarray, index: int) -> np.ndarray:
+        if origins is None:
+            return path
+        return transformed(path, inverse(tuple(origins[index].tolist())))
+
+    kept_times: List[float] = []
+    kept_paths: List[np.ndarray] = []
+    latest = -1
+    stored = previous = np.zeros((0, 3))
+    for index, time in enumerate(times.tolist()):
+        if drive.routes.latest(time) != latest:
+            latest = drive.routes.latest(time)
+            previous = stored
+            stored = drive.routes.path[latest]
+        row = drive.odometry.latest(time)
+        if latest < 0 or row < 0 or not len(stored) or not _has_goal(drive, time):
+            continue
+        if len(previous) and time - drive.routes.time[latest] < CYCLE_S:
+            kept_times.append(time)
+            kept_paths.append(by_odometry(previous, index))
+        path = by_odometry(stored, index)
+        kept_times.append(time)
+        kept_paths.append(path)
+        x, y, _ = drive.odometry.pose[row].tolist()
+        _, dropped = cut_plan(path, x, y, limit, prunes)
+        stored = stored[dropped:]
+    return Plans(np.array(kept_times), kept_paths)
+
+
+def _routes_by_odometry(drive: Drive, tree: Tree) -> Optional[Plans]:
+    """Return the global planner's plans in the odometry frame, or None if tf does not connect it."""
+    if drive.routes is None or drive.frames["routes"] == [drive.frame]:
+        return drive.routes
+    frame = drive.frames["routes"][0]
+    place = tree.place(frame, drive.frame, drive.routes.time)
+    if place is None:
+        return None
+    paths = []
+    for path, origin in zip(drive.routes.path, place.planar.tolist()):
+        paths.append(transformed(path, inverse(tuple(origin))))
+    return Plans(drive.routes.time, paths)
+
+
+def _has_goal(drive: Drive, time: float) -> bool:
+    """Return whether a goal was pursued at a time, or whether nobody knows."""
+    pursued = [goal for goal in drive.goals if goal.begin - STATUS_S <= time <= goal.end]
+    return bool(pursued or not drive.goals)
