@@ -85,10 +85,8 @@ def pytest_make_collect_report(collector):
         and missing
         and (missing.group(1) not in OWN or sys.modules.get(missing.group(1), 0) is None)
     ):
-        report.outcome, report.longrepr = (
-            "skipped",
-            (str(collector.path), 1, "Skipped: no %s here" % missing.group(1)),
-        )
+        report.outcome = "skipped"
+        report.longrepr = (str(collector.path), 1, "Skipped: no %s here" % missing.group(1))
     return report
 
 
@@ -134,7 +132,8 @@ def pytest_runtest_teardown(item, nextitem):
     try:
         return (yield)
     finally:
-        harness, failed = sys.modules.get("tests.support.ros"), item.has_failed
+        harness = sys.modules.get("tests.support.ros")
+        failed = item.has_failed
         if harness:
             harness.forget_ended()
             if failed and item.get_closest_marker("ros"):
@@ -180,7 +179,8 @@ def write_figures(path, reports):
 
 
 def pytest_terminal_summary(terminalreporter):
-    tests, rooms = collections.defaultdict(lambda: [0.0, 0.0]), collections.Counter()
+    tests = collections.defaultdict(lambda: [0.0, 0.0])
+    rooms = collections.Counter()
     for report in [report for reports in terminalreporter.stats.values() for report in reports]:
         if hasattr(report, "processor_s"):
             tests[report.nodeid][0] += report.processor_s

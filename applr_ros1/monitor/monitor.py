@@ -170,7 +170,7 @@ class CollisionMonitor:
         self._last_command: Optional[float] = None  # time of the last command [s]
         # Intervals between the last commands [s].
         self._intervals: Deque[float] = deque(maxlen=INTERVALS_KEPT)
-        self._output = Output(-math.inf, 0.0, 0.0)
+        self.output = Output(-math.inf, 0.0, 0.0)
 
     @property
     def silence(self) -> float:  # noqa: D102
@@ -268,11 +268,11 @@ class CollisionMonitor:
             problem = f"the poses imply {speeds}, which is too fast: check the odometry"
             return Verdict(self.braked(time, v), STOP, 0.0, problem)
 
-        verdict = self._judge(pose, self._motions(twist), command, creeps)
+        verdict = self._judge(pose, self.motions(twist), command, creeps)
         # Wheels that slip under-report the speed, so the larger of both speeds along the last
         # output counts.
         measured_v = v
-        if moved.v * self._output.v > v * self._output.v:
+        if moved.v * self.output.v > v * self.output.v:
             measured_v = moved.v
         return replace(verdict, command=self.braked(time, measured_v, verdict.command, w))
 
@@ -288,7 +288,7 @@ class CollisionMonitor:
             oldest = min(oldest, laser.stamp)
         return time - oldest
 
-    def _motions(self, twist: Twist) -> List[Motion]:
+    def motions(self, twist: Twist) -> List[Motion]:
         """Return the motion from the odometry, and that from the poses if they contradict it.
 
         The lateral slip is the leftward speed that a turn about the point at turn_ahead does not
@@ -297,9 +297,9 @@ class CollisionMonitor:
         moved = self.motion.velocity
         slip = moved.leftward + self.settings.turn_ahead * moved.w
         v, w = twist
-        motions = [Motion(v, w, slip, self._output.w)]
+        motions = [Motion(v, w, slip, self.output.w)]
         if self.motion.contradicts(twist):
-            motions.append(Motion(moved.v, moved.w, slip, self._output.w))
+            motions.append(Motion(moved.v, moved.w, slip, self.output.w))
         return motions
 
     def braked(
@@ -323,7 +323,7 @@ class CollisionMonitor:
             measured_w: measured turn rate [rad/s], None if it is unknown.
         """
         v, w = command
-        previous = self._output
+        previous = self.output
         # Otherwise the base stands still or already moves the other way.
         if previous.v * measured_v > 0.0 and time >= previous.time:
             speed = min(abs(previous.v), abs(measured_v))
@@ -337,7 +337,7 @@ class CollisionMonitor:
                 if measured_w is not None:
                     w = self._clamp_turn(w, measured_w)
         self._is_braking = v != command[0]
-        self._output = Output(time, v, w)
+        self.output = Output(time, v, w)
         return v, w
 
     def _clamp_turn(self, w: float, measured_w: float) -> float:

@@ -316,6 +316,11 @@ class SamplingPlanner:
         self._state[0] = tuple(values)
 
     @property
+    def in_force(self) -> Any:
+        """Parameters in force, a record of PARAMETERS with the derived fields."""
+        return self._params[0]
+
+    @property
     def start(self) -> np.ndarray:
         """Pose and velocity (6,) used in the last cycle: wrapped and rounded to float32."""
         return np.array(self._scratch.start[0].item())

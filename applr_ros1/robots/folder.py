@@ -69,6 +69,11 @@ def read(name_or_folder: str) -> Robot:
     return _read(folder)
 
 
+def forget() -> None:
+    """Read every folder anew from now on, for a process in which files change."""
+    _read.cache_clear()
+
+
 @lru_cache(maxsize=32)
 def _read(folder: str) -> Robot:
     try:

@@ -32,7 +32,10 @@ from training.env.episode import Episode
 
 COURSES = (3, 60, 140, 250)  # numbers of built-in worlds, from sparse to dense
 SECONDS = 20  # maximum simulated time per course [s]
-BATCH, OBSERVATIONS, ACTIONS, HIDDEN = 256, 729, 8, (512, 512, 512)
+BATCH = 256
+OBSERVATIONS = 729
+ACTIONS = 8
+HIDDEN = (512, 512, 512)
 
 
 def planner_cycle_default():
@@ -74,7 +77,8 @@ def dwa_planner_cycle():
         if (
             scenario.robot == "burger" and scenario.expected["best"]["index"] >= 0
         ):  # A legal command exists.
-            costmap, planner = replay_dwa.make_costmap(scenario), replay_dwa.make_planner(scenario)
+            costmap = replay_dwa.make_costmap(scenario)
+            planner = replay_dwa.make_planner(scenario)
             scene = costmap, scenario.array("plan"), scenario.inputs["pose"], scenario.inputs["vel"]
             times.append(_choice(planner, replay_dwa.flags_in(scenario), *scene))
     return median(times), "us (median of %d scenarios)" % len(times)
@@ -121,10 +125,8 @@ def tracker():
 
 def decision():
     """Measure one decision of the Jackal's policy, once a second: encoding of the observation, and networks."""
-    policy, driven = (
-        methods.make("applr", robots.JACKAL),
-        _episode("kinematic", MoveBase(JACKAL_PARAMETERS), monitor=True),
-    )
+    policy = methods.make("applr", robots.JACKAL)
+    driven = _episode("kinematic", MoveBase(JACKAL_PARAMETERS), monitor=True)
     driven.layout = policy.layout
     driven.reset(worlds.load("generated:140"), seed=0)
     context = driven.context()
@@ -158,7 +160,9 @@ def _time_in_drives(kind, name, counts, monitor=False, **parameters):
     The time is the least of 3 drives, the number that of the last drive.
     """
     warm_up()
-    method, took, means = getattr(kind, name), [], []
+    method = getattr(kind, name)
+    took = []
+    means = []
 
     def timed(made, *arguments, **more):
         began = time.process_time()
@@ -189,10 +193,8 @@ def sim_speed_pybullet():
 
 def _speed(simulator):
     warm_up()
-    driven, best = (
-        _episode(simulator, MoveBase(dict(JACKAL_PARAMETERS, planner_frequency=20.0))),
-        0.0,
-    )
+    driven = _episode(simulator, MoveBase(dict(JACKAL_PARAMETERS, planner_frequency=20.0)))
+    best = 0.0
     for seconds in (2, SECONDS, SECONDS, SECONDS):
         began = time.process_time()
         simulated = _drive(
@@ -208,7 +210,8 @@ def _episode(simulator, move_base, monitor=False):
 
 def _drive(driven, theta, seconds=SECONDS):
     """Drive the courses with theta(random generator) at each decision, and return the simulated seconds."""
-    rng, simulated = np.random.default_rng(0), 0.0
+    rng = np.random.default_rng(0)
+    simulated = 0.0
     for number in COURSES:
         driven.reset(worlds.load("generated:%d" % number), seed=number)
         for _ in range(round(seconds / driven.period)):
@@ -227,8 +230,10 @@ def td3_updates():
     from training.train.replay.buffer import Replay
     from training.train.td3.td3 import TD3
 
-    layout, options = TransitionLayout(), LearnerOptions(net_arch=list(HIDDEN), batch_size=BATCH)
-    replay, rng = Replay(layout, 7200), np.random.default_rng(0)
+    layout = TransitionLayout()
+    options = LearnerOptions(net_arch=list(HIDDEN), batch_size=BATCH)
+    replay = Replay(layout, 7200)
+    rng = np.random.default_rng(0)
     for number in range(460):
         replay.add(episode(layout, number, 13, terminated=number % 10 > 0, version=0))
     td3 = TD3(OBSERVATIONS, ACTIONS, options)
@@ -275,7 +280,8 @@ def _rate(step, rounds=5, seconds=0.6):
         step()
     best = 0.0
     for _ in range(rounds):
-        begun, n = time.perf_counter(), 0
+        begun = time.perf_counter()
+        n = 0
         while n < 4 or time.perf_counter() - begun < seconds:
             step()
             n += 1
@@ -288,7 +294,9 @@ def reconfigure_all():
     from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
     from tests.support.ros import session, wait_for
 
-    node, client, took = session().node("move_base", "cmd_vel:=/cmd_vel"), ReconfigureClient(), []
+    node = session().node("move_base", "cmd_vel:=/cmd_vel")
+    client = ReconfigureClient()
+    took = []
     wait_for(
         lambda: client.connected or not node.alive() or not client.connect(), "parameter servers"
     )

@@ -116,7 +116,9 @@ def test_quaternions_and_poses_agree_with_complex_numbers(yaw):
 
 def test_distances_outside_a_box_equal_those_of_its_raster():
     dx, dy = np.random.default_rng(0).uniform(-3, 3, (2, 200))
-    yaw, size, edge = 0.7, (2.0, 1.0), np.linspace(-0.5, 0.5, 101)
+    yaw = 0.7
+    size = (2.0, 1.0)
+    edge = np.linspace(-0.5, 0.5, 101)
     inside = np.stack(np.meshgrid(edge * size[0], edge * size[1]), -1).reshape(
         -1, 2
     )  # a raster of the box
@@ -143,7 +145,8 @@ def test_failed_work_is_not_reported_as_done():
 
 
 def test_long_work_is_announced_and_never_silent_for_long():
-    lines, third = [], threading.Event()
+    lines = []
+    third = threading.Event()
 
     def take(line):
         lines.append(line)

@@ -46,10 +46,13 @@ class Relay:
 
     def __init__(self):
         self.clear_faults()
-        self.shift, self.touched = BEGIN, False
+        self.shift = BEGIN
+        self.touched = False
         self.now = self.x = self.speed = self.driven = 0.0
         self.aside = (0.0, 0.0)
-        self.commands, self.planned, self.truth = [], [], deque(maxlen=500)
+        self.commands = []
+        self.planned = []
+        self.truth = deque(maxlen=500)
         fast = {"queue_size": 20, "tcp_nodelay": True}
         self._publishers = {
             name: rospy.Publisher(to, kind, **fast) for name, (kind, _, to) in STREAMS.items()

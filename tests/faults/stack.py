@@ -61,7 +61,10 @@ class Stack:
     PERIOD = PERIOD
 
     def __init__(self, ros, folder):
-        self.ros, self.nodes, self.decisions, self.actions = ros, {}, [], []
+        self.ros = ros
+        self.nodes = {}
+        self.decisions = []
+        self.actions = []
         rospy.set_param("/use_sim_time", True)
         rospy.set_param("/sim_bridge/world", alley(str(folder / "alley.world")))
         rospy.Subscriber("/applr/decision", Decision, lambda m: self.decisions.append(decided(m)))
@@ -140,7 +143,8 @@ class Stack:
         Within `within` [s], commands must be zero and the speed below CREEP. If `locks`, the wheels lock instead of
         braking gently and may slip for seconds, so that only the commands are checked.
         """
-        broken, kept = self.relay.now, Kept()
+        broken = self.relay.now
+        kept = Kept()
         break_it()
         self.until(lambda: abs(self.relay.speed) < 0.01 and self.relay.now > broken, "standstill")
         now = self.relay.now  # Later states are from before a reset of the simulator.
@@ -149,7 +153,8 @@ class Stack:
             - broken
             for most in (CREEP, 0.01)
         )
-        took, waited = max(0.0 if locks else slow, self.relay.driven - broken), kept.waiting()
+        took = max(0.0 if locks else slow, self.relay.driven - broken)
+        waited = kept.waiting()
         message = "%.2f s (slow %.2f s, at rest %.2f s), kept waiting for %.2f s; %s"
         assert took < within + waited, message % (took, slow, stood, waited, self.actions[-9:])
         return stood
@@ -162,7 +167,8 @@ class Stack:
         try:
             return wait_for(condition, what)
         except AssertionError as late:
-            relay, client = self.relay, self.client
+            relay = self.relay
+            client = self.client
             ended = (
                 "goal: state %d %s" % (client.get_state(), client.get_goal_status_text())
                 if client.gh

@@ -17,7 +17,9 @@ from applr_ros1.robots import JACKAL
 from worlds import Course, World
 
 LASER = JACKAL.laser
-WALL, SPEED, PERIOD = 6.0, 2.0, 0.05
+WALL = 6.0
+SPEED = 2.0
+PERIOD = 0.05
 COURSE = Course((0.0, 0.0, 0.0), (5.0, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [5.0, 0.0]]))
 BLOCKED = World(
     "blocked", np.array([(WALL, y, 0.1) for y in np.arange(-3, 3, 0.15)]), np.empty((0, 5)), COURSE
@@ -65,7 +67,10 @@ def drive(fault, blind_from, monitor, late=0.0, late_twist=0.0):
     """
     simulator = sim_bridge.make("kinematic")
     state = simulator.reset(BLOCKED, 0)
-    first, blind_since, stood, known = None, None, None, []
+    first = None
+    blind_since = None
+    stood = None
+    known = []
     for _ in range(160):
         beams = LASER.first_angle, LASER.increment, LASER.range_min, LASER.range_max
         scan = LaserScan(state.time, *beams, simulator.scan(), compose(state.odom_pose, LASER.pose))

@@ -28,7 +28,8 @@ def client(stack):
 
 def has_what_was_decided(stack, client):
     """Return whether the servers have the latest decision, except for distance weights, whose unit may differ."""
-    decided, there = stack.decisions[-1]["theta"], SPACE.as_dict(client.values())
+    decided = stack.decisions[-1]["theta"]
+    there = SPACE.as_dict(client.values())
     return all(decided[name] == there[name] for name in decided if not name.endswith("_scale"))
 
 
@@ -37,7 +38,8 @@ def test_the_base_stops_while_the_planner_is_frozen(stack, client, measured):
     """After SIGSTOP the base stops, and requests time out. After SIGCONT everything goes on."""
     stack.under_way()
     measured("stands after", stack.stands_after(stack.nodes["move_base"].freeze, STANDS), "s")
-    began, kept = time.monotonic(), Kept()
+    began = time.monotonic()
+    kept = Kept()
     assert client.apply(THETA_0)
     measured("request given up after", time.monotonic() - began, "s")
     assert time.monotonic() - began < 1.2 + kept.waiting()
@@ -51,7 +53,8 @@ def test_the_base_stops_and_a_restarted_planner_gets_the_current_parameters(stac
     stack.under_way()
     measured("stands after", stack.stands_after(stack.nodes["move_base"].kill, STANDS), "s")
     stack.start("move_base")
-    began, count = time.monotonic(), len(stack.decisions)
+    began = time.monotonic()
+    count = len(stack.decisions)
     wait_for(lambda: "came back" in stack.output("applr"), "the new servers noticed")
     stack.client.stop_tracking_goal()
     assert stack.client.wait_for_server(rospy.Duration(LONGEST))
@@ -72,7 +75,11 @@ def test_theta_0_returns_if_the_applr_node_is_killed(stack, client, measured):
     wait_for(lambda: not np.array_equal(client.values(), THETA_0), "parameters of the policy")
     del stack.relay.planned[:-1]
     kept = Kept()
-    killed, on_theta_0 = stack.relay.now, lambda: np.array_equal(client.values(), THETA_0)
+    killed = stack.relay.now
+
+    def on_theta_0():
+        return np.array_equal(client.values(), THETA_0)
+
     stack.nodes["applr"].kill()
     wait_for(on_theta_0, "theta_0")
     periods = (stack.relay.now - killed) / stack.PERIOD

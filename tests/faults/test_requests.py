@@ -46,11 +46,9 @@ def mad(stack):
     stack.cancel_goal()
     if stack.relay.x > 9.0:
         stack.back_to_the_start()
-    publisher, command, over = (
-        rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1),
-        [0.0],
-        threading.Event(),
-    )
+    publisher = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1)
+    command = [0.0]
+    over = threading.Event()
     wait_for(publisher.get_num_connections, "connection")
 
     def publish():

@@ -63,7 +63,8 @@ def silent(message):
 )
 def test_the_robot_stops_reports_the_reason_and_goes_on(stack, measured, stream, fault, words):
     stack.under_way()
-    printed, acted = len(stack.output("move_base")), len(stack.actions)
+    printed = len(stack.output("move_base"))
+    acted = len(stack.actions)
     took = stack.stands_after(
         lambda: stack.relay.faults.__setitem__(stream, fault), locks=stream == "clock"
     )
@@ -85,7 +86,8 @@ def test_single_invalid_beams_do_not_stop_the_robot(stack):
     stack.relay.faults["scan"] = beams(
         lambda r: [math.nan, math.inf, -math.inf, 0.0, 1e30, -1.0] * 5 + r[30:]
     )
-    count, since = len(stack.decisions), stack.relay.now
+    count = len(stack.decisions)
+    since = stack.relay.now
     wait_for(lambda: stack.relay.now > since + 1.2 and len(stack.decisions) > count, "decisions")
     stack.drives_again()
     assert all(math.isfinite(value) for value in stack.decisions[-1]["theta"].values())

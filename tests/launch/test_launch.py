@@ -41,11 +41,13 @@ def inside(*command):
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "jackal"])
 def test_other_robots_bring_their_files_names_and_frames(name):
     """The launch file also applies a frame prefix, and a parameter value that overrides the files."""
-    robot, on_top = load(name), {"local_costmap": {"publish_frequency": 1.5}}
+    robot = load(name)
+    on_top = {"local_costmap": {"publish_frequency": 1.5}}
     tree, _ = with_robot(dict(on_top, robot=name, map=True, tf_prefix="robot1"))
     assert check(tree) == []
     full = complete(tree)
-    world, local = full["global_costmap"], full["local_costmap"]
+    world = full["global_costmap"]
+    local = full["local_costmap"]
     assert (world["global_frame"], local["global_frame"]) == ("map", "robot1/" + robot.frames.odom)
     assert world["robot_base_frame"] == local["robot_base_frame"] == "robot1/" + robot.frames.base
     assert local["publish_frequency"] == 1.5
@@ -230,7 +232,8 @@ def test_an_interrupted_demo_leaves_no_process(tmp_path, measured):
             break
     below = [process.pid for process in psutil.Process(running.pid).children(recursive=True)]
     assert len(below) >= 5
-    kept, began = Kept(), time.monotonic()
+    kept = Kept()
+    began = time.monotonic()
     running.send_signal(signal.SIGINT)
     wait_for(lambda: (kept.waiting(), running.poll())[1] is not None, "the end")
     assert running.returncode == 130

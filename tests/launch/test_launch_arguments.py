@@ -125,7 +125,8 @@ def test_names_clock_and_cap_reach_the_nodes():
 
 @pytest.mark.fault("23a")
 def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
-    robot, bag = str(tmp_path / "my robot"), str(tmp_path / "a drive.bag")
+    robot = str(tmp_path / "my robot")
+    bag = str(tmp_path / "a drive.bag")
     shutil.copytree(JACKAL, robot)
     launched = loaded(
         "jackal_applr.launch",
@@ -268,7 +269,8 @@ def test_the_demos_master_listens_on_loopback_only(monkeypatch):
 
 def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
     """Any local user, and any website in a browser, can write to the parameter server."""
-    opened, there = [], []
+    opened = []
+    there = []
 
     class Stack:
         def wait(self, part, condition, *_, **__):

@@ -20,7 +20,9 @@ class Clone:
     """Clone with the files that set-up reads. A call runs ./applr and returns (exit status, error lines)."""
 
     def __init__(self, folder):
-        self.folder, self.programs, self.stdout = folder, folder / "stand-ins", ""
+        self.folder = folder
+        self.programs = folder / "stand-ins"
+        self.stdout = ""
         self.programs.mkdir()
         for name in ("applr", "CMakeLists.txt", "package.xml", "setup.py"):
             shutil.copy2(ROOT / name, folder / name)
@@ -81,10 +83,8 @@ case "$*" in
   *'-m pip install'*) echo "pip sees ${PYTHONPATH:-nothing}"; eval "$PIP_STAND_IN" ;;
 esac"""
 QUICK = dict(ALL, python=PYTHON, catkin_make='mkdir -p "$2/devel"; echo : >"$2/devel/setup.bash"')
-VENV, WORKSPACE = (
-    "applr: installing Python packages (some minutes the first time)",
-    "applr: building the catkin workspace",
-)
+VENV = "applr: installing Python packages (some minutes the first time)"
+WORKSPACE = "applr: building the catkin workspace"
 
 
 def test_help_and_wrong_commands(clone, tmp_path):
@@ -235,7 +235,8 @@ def test_an_old_and_a_missing_python_are_refused(clone):
 @pytest.mark.parametrize("root", [True, False])
 def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, root):
     """As in a Debian container, apt installs python3, as root or through sudo. The set-up then goes on."""
-    python, calls = tmp_path / "python3", tmp_path / "calls"
+    python = tmp_path / "python3"
+    calls = tmp_path / "calls"
     script = tmp_path / "applr"
     script.write_text(script.read_text().replace("/usr/bin/python3", str(python)))
     apt = "echo $* >>%s; case $* in -s*) ;; *' python3') ln -s %s %s ;; *rospy*) echo E: full >&2; exit 100 ;; esac"

@@ -48,7 +48,9 @@ def robot():
 @pytest.fixture
 def stack(robot, tmp_path):
     """Provide start(method, fake=[...], **private parameters) → (applr Child, move_base Child, parameter client)."""
-    ros, started, clients = session(), [], []
+    ros = session()
+    started = []
+    clients = []
     robot.reset()
 
     def start_fake(*args):
@@ -100,6 +102,33 @@ def as_set(robot, client):
     return bool(robot.decisions) and robot.decisions[-1]["theta"] == SPACE.as_dict(client.theta())
 
 
+def is_in_force(client, theta):
+    wait_for(lambda: np.array_equal(client.theta(), theta), f"the set {theta}")
+
+
+def starts_deciding(robot, as_set_in=None):
+    """Set a goal and wait for two decisions, with a client until the latter is in force."""
+    robot.goal = "one"
+    decides_again(robot, as_set_in, 0)
+
+
+def decides_again(robot, as_set_in=None, since=None):
+    """Wait until the number of decisions has grown by two, with a client until the latest is in force."""
+    count = len(robot.decisions) if since is None else since
+    wait_for(
+        lambda: (
+            len(robot.decisions) >= count + 2 and (as_set_in is None or as_set(robot, as_set_in))
+        ),
+        "decisions",
+    )
+
+
+def another_client_sets(robot, client, max_vel_x):
+    wait_for(lambda: robot.count("applied"), "theta_0, set once the servers are connected")
+    theta = SPACE.from_dict({"max_vel_x": max_vel_x})
+    wait_for(lambda: not client.apply(theta), "a value set by another client")
+
+
 def two_periods(robot):
     """Wait for two more periods of the node, which sends a heartbeat in each."""
     count = len(robot.beats)
@@ -143,7 +172,7 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     assert not [line for line in failed if not late.search(line)]
     wait_for(lambda: as_set(robot, client), "the last decision in force")
     robot.goal = None  # The course is over. The next course starts with theta_0.
-    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0 after the goal")
+    is_in_force(client, THETA_0)
     wait_for(lambda: robot.ends, "the observation at the end of the course")
     (end,) = robot.ends
     # Another decision may have been under way when the goal ended, in force or not yet.
@@ -160,8 +189,7 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
 
 def test_other_names_of_the_cpp_move_base(robot, stack):
     _, _, client = stack(fake=("--spelling", "kinetic", "--layer", "inflation_layer"))
-    robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), "decisions")
+    starts_deciding(robot, client)
     assert client.servers["TrajectoryPlannerROS"].names["path_distance_bias"] == "pdist_scale"
     assert client.servers["local_costmap/inflater_layer"].name.endswith("inflation_layer")
 
@@ -179,16 +207,11 @@ def test_fault_1_outputs_that_are_not_finite_are_refused_and_counted(robot, stac
     weights["0.weight"][:], weights["1.weight"][:] = 1e38, np.array([1, -1, 1, -1])  # inf - inf
     node, _, client = stack(weights=weights, period=0.6)
     reports(robot, "idle: no goal")
-    wait_for(lambda: robot.count("applied"), "theta_0, set once the servers are connected")
-    wait_for(
-        lambda: not client.apply(SPACE.from_dict({"max_vel_x": 0.7})),
-        "a value set by another client",
-    )
-    robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2, "decisions")
+    another_client_sets(robot, client, 0.7)
+    starts_deciding(robot)
     assert robot.decisions[1]["theta_prev"]["max_vel_x"] == 0.7
     assert "not finite" in robot.decisions[0]["refused"]
-    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0 once the policy is lost")
+    is_in_force(client, THETA_0)
     wait_for(lambda: robot.count("refused") >= 3, "diagnostics")
     assert robot.values["level"] == 2
     assert "not finite" in node.text
@@ -200,8 +223,7 @@ def test_fault_9_an_unusable_policy_leaves_theta_0(robot, stack, tmp_path):
     save(path, make_weights())
     path.write_bytes(path.read_bytes()[:1000])
     node, _, client = stack(policy=str(path))
-    robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2, "decisions")
+    starts_deciding(robot)
     assert robot.decisions[-1]["theta"] == SPACE.as_dict(THETA_0)
     assert np.array_equal(client.theta(), THETA_0)
     errors = [line for line in node.text.splitlines() if "ERROR" in line]
@@ -223,8 +245,8 @@ def test_fault_11_invalid_scans(robot, stack):
         np.full(720, np.inf, np.float32),
         np.where(np.arange(720) % 2, good, np.nan).astype(np.float32),
     ):
-        robot.ranges, count = odd, len(robot.decisions)
-        wait_for(lambda count=count: len(robot.decisions) >= count + 2, "decisions")
+        robot.ranges = odd
+        decides_again(robot)
         assert np.all(np.isfinite(observed(robot.messages[-1])))
     for odd, line in (
         (np.full(720, np.nan, np.float32), "is all NaN"),
@@ -233,24 +255,19 @@ def test_fault_11_invalid_scans(robot, stack):
     ):
         robot.ranges = odd
         node.until(line)
-    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0")
+    is_in_force(client, THETA_0)
     wait_for(lambda: robot.count("unusable") >= 1, "diagnostics")
-    robot.ranges, count = good, len(robot.decisions)
-    wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), "recovery")
+    robot.ranges = good
+    decides_again(robot, client)
     assert "Traceback" not in node.text
 
 
 def test_dwa_sets_no_parameters_while_driving(robot, stack):
     _, _, client = stack("dwa")
-    wait_for(lambda: robot.count("applied"), "theta_0, set once the servers are connected")
-    wait_for(
-        lambda: not client.apply(SPACE.from_dict({"max_vel_x": 0.9})),
-        "a value set by another client",
-    )
+    another_client_sets(robot, client, 0.9)
     robot.goal = "one"
     wait_for(lambda: "no cost_cloud" in robot.values["meter_scoring"], "the search to end")
-    count = len(robot.decisions)
-    wait_for(lambda: len(robot.decisions) >= count + 2, "decisions")
+    decides_again(robot)
     assert client.theta()[0] == 0.9
 
 
@@ -263,13 +280,12 @@ def service(name, kind, *arguments):
 def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
     node, _, client = stack("random")
     reports(robot, "idle: no goal")
-    robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2 and as_set(robot, client), "decisions")
+    starts_deciding(robot, client)
     reports(robot, "deciding")
     assert robot.values["driving"] == "the parameters of method random"
     defaults = "the robot's default parameters"
     assert service("enable", SetBool, False).message == f"off: {defaults} drive now"
-    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0")
+    is_in_force(client, THETA_0)
     reports(robot, f"switched off: {defaults} drive now")
     assert robot.values["driving"] == defaults
     count = len(robot.decisions)
@@ -278,20 +294,19 @@ def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
     assert np.array_equal(client.theta(), THETA_0)
     answer = service("enable", SetBool, True)
     assert answer.message == f"on, method random: {defaults} drive now"
-    wait_for(lambda: len(robot.decisions) >= count + 3 and as_set(robot, client), "decisions again")
+    decides_again(robot, client)
     assert not np.array_equal(client.theta(), THETA_0)
     assert "the goal has ended" not in node.text, "move_base still pursues it"
     robot.goal = None
     node.until("the goal has ended")
     assert node.end() == 0
-    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0")
+    is_in_force(client, THETA_0)
     assert "Traceback" not in node.text
 
 
 def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stack):
     node, _, client = stack("random", max_speed=1.6)
-    robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2, "decisions")
+    starts_deciding(robot)
     publisher = rospy.Publisher("/applr/set_parameters", Parameters, queue_size=10)
     wait_for(publisher.get_num_connections, "the connection")
 
@@ -304,14 +319,14 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stac
     ):
         by_hand(**values)
         node.until(line)
-    count = len(robot.decisions)
-    wait_for(lambda: len(robot.decisions) >= count + 2, "decisions: the method is still on")
+    decides_again(robot)
     by_hand(sim_time=1.25)
     at = SPACE.names.index("sim_time")
     wait_for(lambda: client.theta()[at] == 1.25, "the value by hand")
     reports(robot, "switched off: the parameters set by hand drive now")
     two_periods(robot)  # An earlier request may still be under way.
-    kept, count = client.theta(), len(robot.decisions)
+    kept = client.theta()
+    count = len(robot.decisions)
     by_hand(max_vel_x=9.0, vx_samples=6.4)
     wait_for(
         lambda: client.theta()[[0, 2]].tolist() == [1.6, 6.0], "the capped and the rounded value"
@@ -320,14 +335,13 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stac
     assert np.array_equal(np.delete(client.theta(), [0, 2]), np.delete(kept, [0, 2]))
     assert len(robot.decisions) == count
     assert service("enable", SetBool, True).success
-    wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), "decisions again")
+    decides_again(robot, client)
 
 
 def test_method_and_file_change_while_driving(robot, stack, tmp_path):
     (tmp_path / "set.json").write_text('{"max_vel_x": 1.5}')
     _, _, client = stack("random", max_speed=1.9)
-    robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2, "decisions")
+    starts_deciding(robot)
     answer = service("set_method", SetMethod, str(tmp_path / "set.json"))
     assert (answer.success, answer.message) == (True, "method %s" % (tmp_path / "set.json"))
     wait_for(lambda: client.theta()[0] == 1.5, "the fixed set")
@@ -347,9 +361,8 @@ def test_method_and_file_change_while_driving(robot, stack, tmp_path):
     ).exists()  # Anybody can call the service, so it must not import code.
     two_periods(robot)
     assert client.theta()[0] == 1.5
-    count = len(robot.decisions)
     assert service("set_method", SetMethod, "random").success
-    wait_for(lambda: len(robot.decisions) >= count + 2 and as_set(robot, client), "decisions")
+    decides_again(robot, client)
     wait_for(lambda: robot.values["method"] == "random", "diagnostics")
 
 
@@ -435,7 +448,7 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
     robot.goal = None
     wait_for(lambda: client.values()[5] == 0.75 * 2.5, "rescaled theta_0")
     assert node.end() == 0
-    wait_for(lambda: np.array_equal(client.theta(), THETA_0), "theta_0 without factors")
+    is_in_force(client, THETA_0)
 
 
 # -- other robots and user-defined methods ----------------------------------------------------------------------------
@@ -448,13 +461,13 @@ def test_another_robots_restarted_servers_get_the_set_again_and_the_defaults_at_
     client = ReconfigureClient(space=space)
     wait_for(lambda: not client.connect(), "servers")
     best = space.clip(methods.make("static", husky).theta(None))
-    wait_for(lambda: np.array_equal(client.theta(), best), "the static set")
+    is_in_force(client, best)
     fake.kill()
     stack.fake("--robot", "husky")
     wait_for(lambda: robot.count("restarts") == len(space.servers), "every server again")
-    wait_for(lambda: np.array_equal(client.theta(), best), "the set again")
+    is_in_force(client, best)
     assert node.end() == 0, node.text
-    wait_for(lambda: np.array_equal(client.theta(), space.theta0), "the defaults")
+    is_in_force(client, space.theta0)
     assert "Traceback" not in node.text
     client.close()
 
@@ -462,7 +475,7 @@ def test_another_robots_restarted_servers_get_the_set_again_and_the_defaults_at_
 def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robot, stack):
     node, fake, client = stack("static")
     best = SPACE.clip(methods.make("static").theta(None))
-    wait_for(lambda: np.array_equal(client.theta(), best), "the static set")
+    is_in_force(client, best)
     rospy.set_param("/fake/hang", LAYERS[:1])
     assert service("set_method", SetMethod, "dwa").success
     node.until("does not answer")
@@ -485,8 +498,7 @@ def test_a_user_defined_method_gets_the_same_context_as_in_evaluation(robot, sta
         "        return context.theta\n"
     )
     node, _, _ = stack("%s:Printer" % (tmp_path / "printer.py"))
-    robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2, "decisions")
+    starts_deciding(robot)
     end = robot.path[
         -1
     ]  # The node started after the goal was published, and uses the plan's end instead.
@@ -527,6 +539,5 @@ def test_user_defined_methods_that_raise_leave_the_planner_driving(robot, stack,
     assert np.array_equal(client.theta(), THETA_0)
     assert node.end() == 0
     node, _, _ = stack("%s:Restless" % (tmp_path / "faulty.py"), fake=None)
-    robot.goal = "one"
-    wait_for(lambda: len(robot.decisions) >= 2, "decisions")
+    starts_deciding(robot)
     assert "RuntimeError: no map" in node.text

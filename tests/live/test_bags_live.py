@@ -21,7 +21,8 @@ WORLD = "generated:0"
 
 @pytest.mark.slow
 def test_a_recorded_drive_gives_transitions(tmp_path):
-    ros, bag = session(), tmp_path / "drive.bag"
+    ros = session()
+    bag = tmp_path / "drive.bag"
     rospy.set_param("/use_sim_time", True)
     rospy.set_param("/move_base", JACKAL_PARAMETERS)
     robot = "_world:=" + WORLD, "_simulator:=kinematic"

@@ -63,6 +63,11 @@ def drive(stack, v):
     )
 
 
+def time_to_zero(jackal, since):
+    """Return the time from `since` until the base got its first zero command after it [s]."""
+    return min(at for at, v, _ in jackal.commands if v == 0.0 and at > since) - since
+
+
 def test_drives_to_the_wall_and_stops_before_it(stack):
     jackal, _, actions = stack
     wait_for(
@@ -97,7 +102,7 @@ def test_a_silent_planner_stops_the_base_until_it_commands_again(stack, measured
     kept = Kept()
     wait_for(lambda: jackal.commands[-1][1:] == (0.0, 0.0), "zero")
     last = max(at for at, v, _ in jackal.commands if v == 0.5)
-    took = min(at for at, v, _ in jackal.commands if v == 0.0 and at > last) - last
+    took = time_to_zero(jackal, last)
     measured("zero after", took, "s")
     assert took < 0.15 + 0.05 + 0.5 / 1.9 + kept.waiting(), (
         "silence is noticed, and the base braked from .5 m/s"
@@ -119,7 +124,7 @@ def test_a_killed_or_frozen_monitor_stops_the_base_and_exits_for_a_restart(stack
     os.kill(node_pid("/collision_monitor"), kind)
     began = time.time()
     wait_for(lambda: jackal.commands[-1][1] == 0.0 and jackal.commands[-1][0] > began, "zero")
-    took = min(at for at, v, _ in jackal.commands if v == 0.0 and at > began) - began
+    took = time_to_zero(jackal, began)
     measured("zero after", took, "s")
     assert took < 0.5 + kept.waiting()
     wait_for(lambda: not monitors[-1].alive(), "the end of its guard")
@@ -133,7 +138,8 @@ def test_a_killed_or_frozen_monitor_stops_the_base_and_exits_for_a_restart(stack
 
 def test_a_guard_begins_with_a_zero_before_any_node_lives():
     """An earlier guard may have died together with its node, and the base may have no command time-out."""
-    ros, commands = session(), []
+    ros = session()
+    commands = []
     subscriber = rospy.Subscriber(
         "/orphan/cmd_vel", Twist, lambda m: commands.append((m.linear.x, m.angular.z))
     )
@@ -186,7 +192,8 @@ def test_a_silent_second_laser_stops_the_base_until_its_scans_arrive(stack):
     child = session().node(
         "applr_ros1.nodes.monitor.node", *INPUTS, "_more_scans:=[rear/scan]", *names
     )
-    commands, actions = rospy.Publisher("/two_in", Twist, queue_size=1), []
+    commands = rospy.Publisher("/two_in", Twist, queue_size=1)
+    actions = []
     subscriber = rospy.Subscriber(
         "/monitor_of_two/action", String, lambda m: actions.append(m.data)
     )

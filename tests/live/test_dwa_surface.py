@@ -30,7 +30,8 @@ OTHER = "/move_base/TrajectoryPlannerROS"
 
 @pytest.fixture(scope="module")
 def node():
-    master, parameters = ros.session(), copy.deepcopy(dwa_parameters())
+    master = ros.session()
+    parameters = copy.deepcopy(dwa_parameters())
     parameters["DWAPlannerROS"].update(
         publish_cost_grid_pc=True, publish_traj_pc=True, vy_samples=0, odom_topic="wheels/odom"
     )
@@ -58,8 +59,10 @@ def test_topics_and_services_are_those_of_the_cpp_node(node):
 
 def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_clouds(node):
     """The Husky's static parameter set is applied, although the costmap layers have other names than on the Husky."""
-    master, space = ros.session(), space_of(load("husky"))
-    decisions, in_force = [], []
+    master = ros.session()
+    space = space_of(load("husky"))
+    decisions = []
+    in_force = []
     rospy.Subscriber("/applr/decision", Decision, lambda m: decisions.append(decided(m)["theta"]))
     rospy.Subscriber(
         SERVER + "/parameter_updates", Config, lambda m: in_force.append(decode_config(m))

@@ -43,7 +43,8 @@ def test_a_node_that_is_interrupted_while_messages_come_prints_no_traceback(time
     publishers = {
         topic: rospy.Publisher(topic, kind, queue_size=10) for topic, kind in SENT.items()
     }
-    up, over = threading.Event(), threading.Event()
+    up = threading.Event()
+    over = threading.Event()
 
     def send():
         for topic, publisher in itertools.cycle(publishers.items()):

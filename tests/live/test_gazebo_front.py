@@ -31,19 +31,20 @@ class Training:
     """Client that drives episodes with the sequence of calls of the authors' training loop."""
 
     def __init__(self, simulation, target):
-        self.simulation, self.target = simulation, target
+        self.simulation = simulation
+        self.target = target
         self._clear = rospy.ServiceProxy("/move_base/clear_costmaps", Empty)
         self._plan = rospy.ServiceProxy("/move_base/make_plan", GetPlan)
         self._parameters = dynamic_reconfigure.client.Client(
             "/move_base/TrajectoryPlannerROS", timeout=180
         )
-        self._action = actionlib.SimpleActionClient("/move_base", MoveBaseAction)
-        assert self._action.wait_for_server(rospy.Duration(180.0))
+        self.action = actionlib.SimpleActionClient("/move_base", MoveBaseAction)
+        assert self.action.wait_for_server(rospy.Duration(180.0))
 
     def episode(self, speed, seconds=1.0):
         """Reset, plan, drive, with paused physics in between. Return (planned length [m], driven length [m], speed)."""
         simulation = self.simulation
-        self._action.cancel_all_goals()
+        self.action.cancel_all_goals()
         assert simulation.reset().success
         simulation.pause()
         simulation.unpause()
@@ -52,7 +53,7 @@ class Training:
         self._clear()
         plan = self.make_plan()
         self._clear()
-        self._action.send_goal(goal(*self.target))
+        self.action.send_goal(goal(*self.target))
         began = simulation.place()
         self._wait(seconds)
         simulation.pause()
@@ -137,10 +138,8 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
         "the speed along +y, the robot's heading in the world",
     )
     wait_for(lambda: abs(speed(0.0)) < 0.02, "standstill")
-    before, clock = (
-        odometry().pose.pose.position,
-        rospy.wait_for_message("/clock", Clock, LONGEST).clock,
-    )
+    before = odometry().pose.pose.position
+    clock = rospy.wait_for_message("/clock", Clock, LONGEST).clock
     assert simulation.reset().success
     assert simulation.place() == pytest.approx(START[:2], abs=0.01)
     assert abs(simulation.state().twist.linear.y) < 0.02
@@ -157,10 +156,8 @@ def test_the_collision_monitor_does_not_block_a_teleported_robot(gazebo):
     )
     publisher = rospy.Publisher("/cmd_vel_in", Twist, queue_size=1)
     monitor.until(lambda: publisher.get_num_connections())
-    set_state, simulation = (
-        rospy.ServiceProxy("/gazebo/set_model_state", SetModelState),
-        GazeboSimulation(START),
-    )
+    set_state = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState)
+    simulation = GazeboSimulation(START)
 
     def send(v, w):
         publisher.publish(twist(v, w))
@@ -217,7 +214,7 @@ def test_move_base_stops_without_warnings_while_time_is_paused(gazebo, move_base
     simulation = GazeboSimulation(START)
     training = Training(simulation, GOAL)
     simulation.reset()
-    training._action.send_goal(goal(*GOAL))
+    training.action.send_goal(goal(*GOAL))
     wait_for(lambda: simulation.place()[1] > START[1] + 0.2, "the robot")
     simulation.pause()
     printed = len(move_base.text)

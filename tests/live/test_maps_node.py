@@ -37,19 +37,24 @@ class Localisation:
     """
 
     def __init__(self, jackal):
-        self.pose, self.drifts = (0.3, -0.2, 0.4), False
-        self._jackal, self._over = jackal, threading.Event()
+        self.pose = (0.3, -0.2, 0.4)
+        self.drifts = False
+        self._jackal = jackal
+        self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self):
-        tf, then = rospy.Publisher("/tf", TFMessage, queue_size=5), time.monotonic()
+        tf = rospy.Publisher("/tf", TFMessage, queue_size=5)
+        then = time.monotonic()
         while not self._over.wait(0.05):
-            passed, then = time.monotonic() - then, time.monotonic()
+            passed = time.monotonic() - then
+            then = time.monotonic()
             if self.drifts:
                 x, y, yaw = self.pose
                 self.pose = x + 0.04 * passed, y - 0.02 * passed, yaw + 0.01 * passed
-            now, ahead = self._jackal.now(), rospy.Duration(1.0)
+            now = self._jackal.now()
+            ahead = rospy.Duration(1.0)
             door = transform("map", "door", (2.1, 1.5, math.pi / 2), now)
             tf.publish(TFMessage([transform("map", "odom", self.pose, now + ahead), door]))
         tf.unregister()
@@ -74,7 +79,8 @@ def served(given):
 
 @pytest.mark.slow
 def test_a_goal_in_the_map_is_reached_while_localisation_drifts():
-    master, tree = ros.session(), copy.deepcopy(JACKAL_PARAMETERS)
+    master = ros.session()
+    tree = copy.deepcopy(JACKAL_PARAMETERS)
     world = tree["global_costmap"]
     world.update(
         global_frame="map",

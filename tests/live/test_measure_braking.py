@@ -19,7 +19,8 @@ pytestmark = pytest.mark.ros
 
 def measure(*options):
     """Run the command. Return (exit status, output, time for which a busy machine let it wait [s])."""
-    kept, child = Kept(), session().node("measure_braking", *options)
+    kept = Kept()
+    child = session().node("measure_braking", *options)
     wait_for(lambda: (kept.waiting(), time.sleep(0.1), child.alive())[2] is False, "its end")
     return child.process.returncode, child.text, kept.waiting()
 
@@ -30,10 +31,8 @@ def stop(speed, began, brakes):
 
 
 def test_a_late_stop_is_not_mistaken_for_weak_brakes():
-    straight, turns = (
-        [stop(0.4, 0.4, 0.8), stop(0.9, 0.1, 1.5), stop(1.8, 0.1, 2.0)],
-        [stop(1.0, 0.1, 3.0)] * 4,
-    )
+    straight = [stop(0.4, 0.4, 0.8), stop(0.9, 0.1, 1.5), stop(1.8, 0.1, 2.0)]
+    turns = [stop(1.0, 0.1, 3.0)] * 4
     assert deceleration(straight, 0.1) < 0.4
     late = reaction(straight, turns)
     assert (late, deceleration(straight, late)) == pytest.approx((0.4, 0.8))

@@ -20,29 +20,39 @@ pytestmark = pytest.mark.ros
 pytest_plugins = ("tests.support.nodes",)
 
 
+def drive_on(idle):
+    """Send a goal 4 m away and wait until the robot drives."""
+    idle.client.send_goal(goal(4.0))
+    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, "motion")
+
+
+def stops(idle):
+    wait_for(lambda: idle.jackal.commands[-1][1:] == (0.0, 0.0), "zero")
+
+
+def collect_all(topics):
+    """Return the subscribers of topics {topic: kind}, and lists that collect their messages."""
+    return zip(*(collect(topic, kind) for topic, kind in topics.items()))
+
+
 # -- goals ---------------------------------------------------------------------------------------------------------
 def test_goal_is_reached_through_the_action(idle):
-    subscribers, got = zip(
-        *[
-            collect(topic, kind)
-            for topic, kind in (
-                ("/move_base/current_goal", PoseStamped),
-                ("/move_base/feedback", MoveBaseActionFeedback),
-                ("/move_base/NavfnROS/plan", PathMessage),
-                (PLANNER + "/local_plan", PathMessage),
-                (PLANNER + "/global_plan", PathMessage),
-            )
-        ]
-    )
+    topics = {
+        "/move_base/current_goal": PoseStamped,
+        "/move_base/feedback": MoveBaseActionFeedback,
+        "/move_base/NavfnROS/plan": PathMessage,
+        PLANNER + "/local_plan": PathMessage,
+        PLANNER + "/global_plan": PathMessage,
+    }
+    subscribers, (current, feedback, plan, local, cut) = collect_all(topics)
     kept = Kept()
     idle.client.send_goal(goal(2.0, 0.0, 0.6))
     assert finish(idle.client) == (SUCCEEDED, "Goal reached.")
     commands = idle.jackal.commands
-    wait_for(lambda: commands[-1][1:] == (0.0, 0.0), "zero")
+    stops(idle)
     x, y, yaw = idle.jackal.robot.pose
     assert math.hypot(x - 2.0, y) < 0.3
     assert abs(yaw - 0.6) < 0.25
-    current, feedback, plan, local, cut = got
     assert current[0].pose.position.x == 2.0
     assert current[0].header.frame_id == "odom"
     assert len(feedback) > 20
@@ -58,24 +68,22 @@ def test_goal_is_reached_through_the_action(idle):
     gaps = np.diff([t for t, _, _ in commands[:-1]])
     assert gaps.mean() > 0.045
     assert gaps.sum() - kept.waiting() < 0.06 * len(gaps)
-    for s in subscribers:
-        s.unregister()
+    for subscriber in subscribers:
+        subscriber.unregister()
 
 
 def test_a_cancelled_goal_is_preempted_and_the_base_stops(idle):
-    idle.client.send_goal(goal(4.0))
-    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, "motion")
+    drive_on(idle)
     idle.client.cancel_goal()
     assert finish(idle.client) == (PREEMPTED, "")
-    wait_for(lambda: idle.jackal.commands[-1][1:] == (0.0, 0.0), "zero")
+    stops(idle)
 
 
 def test_a_goal_on_the_simple_topic_replaces_the_one_before(idle):
     publisher = rospy.Publisher("/move_base_simple/goal", PoseStamped, queue_size=1)
     subscriber, got = collect("/move_base/result", MoveBaseActionResult)
     wait_for(lambda: publisher.get_num_connections(), "connection")
-    idle.client.send_goal(goal(4.0))
-    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, "motion")
+    drive_on(idle)
     publisher.publish(goal(0.5).target_pose)
     wait_for(lambda: len(got) > 1, "both results")
     assert [result.status.status for result in got] == [PREEMPTED, SUCCEEDED]
@@ -86,7 +94,8 @@ def test_a_goal_on_the_simple_topic_replaces_the_one_before(idle):
 def test_make_plan_and_its_refusal_while_driving(idle):
     make = rospy.ServiceProxy("/move_base/make_plan", GetPlan)
     navfn = rospy.ServiceProxy("/move_base/NavfnROS/make_plan", GetPlan)
-    here, there = goal(0.0).target_pose, goal(2.0).target_pose
+    here = goal(0.0).target_pose
+    there = goal(2.0).target_pose
     plan = make(here, there, 0.0).plan
     assert plan.header.frame_id == ""
     assert plan.poses[-1].pose.position.x == 2.0
@@ -99,8 +108,7 @@ def test_make_plan_and_its_refusal_while_driving(idle):
     assert len(make(here, goal(1.5, 0.7).target_pose, 1.0).plan.poses) > 10
     assert make(here, goal(math.nan).target_pose, 1.0).plan.poses == []
     assert navfn(here, goal(99.0).target_pose, 0.0).plan.poses == []
-    idle.client.send_goal(goal(4.0))
-    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, "motion")
+    drive_on(idle)
     with pytest.raises(rospy.ServiceException, match="inactive"):
         make(here, there, 0.0)
     assert len(navfn(here, there, 0.0).plan.poses) > 30
@@ -108,18 +116,14 @@ def test_make_plan_and_its_refusal_while_driving(idle):
 
 # -- maps ----------------------------------------------------------------------------------------------------------
 def test_costmaps_footprints_and_cloud(idle):
-    subscribers, (world, local, updates, outline, cloud) = zip(
-        *[
-            collect(topic, kind)
-            for topic, kind in (
-                ("/move_base/global_costmap/costmap", OccupancyGrid),
-                ("/move_base/local_costmap/costmap", OccupancyGrid),
-                ("/move_base/global_costmap/costmap_updates", OccupancyGridUpdate),
-                ("/move_base/local_costmap/footprint", PolygonStamped),
-                (PLANNER + "/cost_cloud", PointCloud2),
-            )
-        ]
-    )
+    topics = {
+        "/move_base/global_costmap/costmap": OccupancyGrid,
+        "/move_base/local_costmap/costmap": OccupancyGrid,
+        "/move_base/global_costmap/costmap_updates": OccupancyGridUpdate,
+        "/move_base/local_costmap/footprint": PolygonStamped,
+        PLANNER + "/cost_cloud": PointCloud2,
+    }
+    subscribers, (world, local, updates, outline, cloud) = collect_all(topics)
 
     def whole():
         cells = np.array(world[0].data, np.int8).reshape(800, 800)
@@ -166,14 +170,13 @@ def test_costmaps_footprints_and_cloud(idle):
             "the outline",
         )
     publisher.unregister()
-    for s in subscribers:
-        s.unregister()
+    for subscriber in subscribers:
+        subscriber.unregister()
 
 
 # -- start and end -------------------------------------------------------------------------------------------------
 def test_zero_velocity_at_shutdown(idle):
     """Ctrl-C while driving. This is the last test of this file because it ends the node."""
-    idle.client.send_goal(goal(4.0))
-    wait_for(lambda: idle.jackal.robot.twist[0] > 0.3, "motion")
+    drive_on(idle)
     assert idle.node.end() == 0
-    wait_for(lambda: idle.jackal.commands[-1][1:] == (0.0, 0.0), "zero")
+    stops(idle)

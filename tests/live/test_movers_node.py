@@ -19,7 +19,9 @@ WALL = ring(0.0, 0.0, 3.5, posts=250, size=0.06)
 class Walker(FakeJackal):
     """A Jackal at rest, and a person who walks to and fro in front of it at 1 m/s while `walks` is set."""
 
-    walks, y, way = False, -1.5, 1.0
+    walks = False
+    y = -1.5
+    way = 1.0
 
     def _publish_pose(self, stamp):
         if self.walks:
@@ -30,9 +32,12 @@ class Walker(FakeJackal):
 
 
 def test_a_walker_is_predicted_and_nothing_is_published_at_rest():
-    ros, jackal = session(), Walker(WALL)
+    ros = session()
+    jackal = Walker(WALL)
     node = ros.node("movers")
-    clouds, shown, tracked = [], [], []
+    clouds = []
+    shown = []
+    tracked = []
     rospy.Subscriber("/applr/tracked", Movers, tracked.append)
     rospy.Subscriber("/applr/predicted", PointCloud2, clouds.append)
     rospy.Subscriber("/applr/movers", MarkerArray, lambda message: shown.append(message.markers))

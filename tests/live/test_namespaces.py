@@ -48,7 +48,9 @@ class Watched:
     """Recorder of the robot's frames, positions in the world and decisions."""
 
     def __init__(self):
-        self.frames, self.places, self.decided = set(), [], []
+        self.frames = set()
+        self.places = []
+        self.decided = []
         for topic in ("/tf", "/tf_static"):
             rospy.Subscriber(topic, TFMessage, self.keep_frames)
         rospy.Subscriber("/robot1/sim_bridge/ground_truth", Odometry, self.keep_place)
@@ -65,7 +67,9 @@ class Watched:
 
 @pytest.mark.slow
 def test_a_stack_in_a_namespace(tmp_path):
-    master, bag, file = session(), tmp_path / "a.bag", tmp_path / "robot1.launch"
+    master = session()
+    bag = tmp_path / "a.bag"
+    file = tmp_path / "robot1.launch"
     stack = ROOT / "applr_ros1" / "launch" / "jackal_applr.launch"
     file.write_text(LAUNCH.format(file=stack, bag=bag, start="%g %g %g" % START))
     watched = Watched()
@@ -101,7 +105,8 @@ def test_a_stack_in_a_namespace(tmp_path):
 
 def replayed(master, bag, start):
     """Check that replay.launch publishes the recorded messages, including latched ones from before its start."""
-    shown, clock = {}, []
+    shown = {}
+    clock = []
     for topic, kind in (
         ("/tf_static", TFMessage),
         ("/robot1/sim_bridge/obstacles", MarkerArray),

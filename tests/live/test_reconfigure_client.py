@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rospy
+from dynamic_reconfigure.client import Client
 from dynamic_reconfigure.msg import Config
 
 from applr_ros1.nodes.applr import reconfigure_client
@@ -52,6 +53,12 @@ def applied(client, theta):
     return not client.apply(theta, LONGEST)
 
 
+def set_by_another_client(server, **values):
+    other = Client(server, LONGEST)
+    other.update_configuration(values)
+    other.close()
+
+
 @contextmanager
 def started(on_report=lambda error: None):
     """Provide a connected client whose thread applies requests."""
@@ -67,8 +74,7 @@ def started(on_report=lambda error: None):
 def test_values_are_read_back(client):
     assert client.apply(SPACE.high, LONGEST) == ""
     assert np.array_equal(client.theta(), SPACE.high)
-    names = {server.name for server in client.servers.values()}
-    assert names == {PLANNER, *LAYERS, *COSTMAPS}
+    assert {server.name for server in client.servers.values()} == {PLANNER, *LAYERS, *COSTMAPS}
     wait_for(
         lambda: client.servers["TrajectoryPlannerROS"].values["min_vel_theta"] == -3.14,
         "the other direction",
@@ -107,7 +113,7 @@ def test_a_server_whose_values_are_in_force_is_not_called(client, calls):
         assert applied(client, theta)
         assert calls() == expected
     local = client.servers["local_costmap"]
-    local._client.update_configuration({"footprint_padding": 0.02})
+    set_by_another_client(local.name, footprint_padding=0.02)
     wait_for(lambda: local.values["footprint_padding"] == 0.02, "the value set by another client")
     assert calls() == {COSTMAPS[0]}
     assert applied(client, theta)
@@ -132,7 +138,7 @@ def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_wit
     assert applied(client, THETA_0)
     assert client.values()[i] == 2.5 * THETA_0[i]
     assert np.array_equal(client.theta(), THETA_0)
-    client.servers["TrajectoryPlannerROS"]._client.update_configuration({"path_distance_bias": 2.0})
+    set_by_another_client(PLANNER, path_distance_bias=2.0)
     wait_for(lambda: client.values()[i] == 2.0, "the value set by another client")
     assert client.theta()[i] == 0.8
     monkeypatch.setattr(client, "per_cell", False)
@@ -140,16 +146,17 @@ def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_wit
     assert np.array_equal(client.values(), THETA_0), "a set per metre is sent unchanged"
 
 
-def test_a_restarted_server_gets_the_last_request():
-    client = ReconfigureClient()  # Without start(), requests are not applied.
-    client.reapply()
-    assert not client.busy
-    client.request(SPACE.high)
-    client._in_force = client._requested
-    assert not client.busy
-    client.reapply()
-    assert client.busy
-    assert np.array_equal(client._requested, SPACE.high)
+def test_a_restarted_server_gets_the_last_request(client):
+    reports = []
+    with started(reports.append) as asking:
+        asking.reapply()
+        assert not asking.busy, "nothing was requested yet"
+        asking.request(SPACE.high)
+        wait_for(lambda: not asking.busy, "the request")
+        attempts = len(reports)
+        asking.reapply()
+        wait_for(lambda: len(reports) > attempts and not asking.busy, "the same request again")
+        assert np.array_equal(asking.theta(), SPACE.high)
 
 
 @pytest.mark.parametrize("values", [{}, {"max_vel_x": "fast"}], ids=["nothing", "a text"])
@@ -177,7 +184,8 @@ def test_an_answer_counts_when_the_server_has_published_the_values(client):
 def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake):
     fake.freeze()
     for _ in range(3):
-        began, kept = time.monotonic(), Kept()
+        began = time.monotonic()
+        kept = Kept()
         assert "does not answer" in client.apply(SPACE.low)
         assert time.monotonic() - began < 1.2 + kept.waiting()
     fake.thaw()

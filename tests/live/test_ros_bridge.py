@@ -122,7 +122,9 @@ def test_reports_when_it_is_ready(robot):
 
 
 def test_topics_have_their_rates_and_frames(robot):
-    began, simulated, kept = time.monotonic(), robot.now, Kept()
+    began = time.monotonic()
+    simulated = robot.now
+    kept = Kept()
     robot.forget()
     topics = ("/front/scan", "/odometry/filtered", "/imu/data", "/sim_bridge/ground_truth")
     robot.wait(lambda: min(len(robot.received[topic]) for topic in topics) > 60)
@@ -134,9 +136,11 @@ def test_topics_have_their_rates_and_frames(robot):
     assert np.median(np.diff([c.clock.to_sec() for c in received["/clock"]])) == pytest.approx(
         0.01, abs=0.003
     )
-    simulated, real = robot.now - simulated, time.monotonic() - began
+    simulated = robot.now - simulated
+    real = time.monotonic() - began
     assert real - 0.3 - kept.waiting() < simulated < 1.3 * real + 0.3
-    scan, odometry = received["/front/scan"][-1], received["/odometry/filtered"][-1]
+    scan = received["/front/scan"][-1]
+    odometry = received["/odometry/filtered"][-1]
     assert scan.header.frame_id == "front_laser"
     assert len(scan.ranges) == 720
     assert scan.angle_min == pytest.approx(-2.35619)
@@ -177,7 +181,9 @@ def test_drives_on_either_topic_and_stops_when_commands_do(robot, topic):
     wait_for(publisher.get_num_connections, "connection")
     robot.command, kept = publisher, robot.command
     robot.drive(0.5, 0.0, lambda: robot.speed == pytest.approx(0.5, abs=0.05))
-    robot.command, silent_from, waits = kept, robot.now, Kept()
+    robot.command = kept
+    silent_from = robot.now
+    waits = Kept()
     robot.wait(lambda: abs(robot.speed) < 0.02)
     assert robot.now - silent_from < 0.5 + waits.waiting()
 
@@ -239,7 +245,8 @@ def test_changes_the_world_without_a_restart(robot):
 
 
 def test_ends_on_interrupt(robot):
-    began, kept = time.monotonic(), Kept()
+    began = time.monotonic()
+    kept = Kept()
     assert robot.process.end() == 0
     assert time.monotonic() - began < 3.0 + kept.waiting()
     assert "Traceback" not in robot.process.text
@@ -258,7 +265,8 @@ def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, he
         state=SimpleNamespace(time=0.0),
         command=lambda *_: bridge.commands.append(bridge.simulator.state.time),
     )
-    period, cycles = 1.0 / hertz, itertools.count(1)
+    period = 1.0 / hertz
+    cycles = itertools.count(1)
 
     def wait_for(condition, patience):
         """Return whether the planner has answered. It answers when its cycle is due."""

@@ -24,14 +24,18 @@ from tests.support.ros import LONGEST, Kept, session, wait_for
 pytestmark = pytest.mark.ros
 INPUTS = "scan:=front/scan", "odom:=odometry/filtered"
 POST = (1.0, 0.0, 0.06)
-ACTIVE, CANCELLED = GoalStatus.ACTIVE, GoalStatus.PREEMPTING
+ACTIVE = GoalStatus.ACTIVE
+CANCELLED = GoalStatus.PREEMPTING
 
 
 class MoveBase:
     """Fake move_base with a goal 5 m away. Publishes its status, a plan, and `command` unless it is None."""
 
     def __init__(self):
-        self.command, self.status, self.goal, self.left = (0.0, 0.0), None, "a", 5.0
+        self.command = (0.0, 0.0)
+        self.status = None
+        self.goal = "a"
+        self.left = 5.0
         self._commands = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1)
         self._statuses = rospy.Publisher("/move_base/status", GoalStatusArray, queue_size=1)
         self._plans = rospy.Publisher("/move_base/NavfnROS/plan", Path, queue_size=1)
@@ -62,7 +66,8 @@ def monitor(escape):
     """Start the monitor's node. Return the node and lists of its actions and diagnostics."""
     names = "cmd_vel_in:=move_base/cmd_vel", f"_escape:={str(escape).lower()}"
     child = session().node("applr_ros1.nodes.monitor.node", *INPUTS, *names)
-    actions, statuses = [], []
+    actions = []
+    statuses = []
     action = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
     diagnostics = rospy.Subscriber(
         "/diagnostics", DiagnosticArray, lambda m: statuses.append(m.status[0])
@@ -84,7 +89,8 @@ def end(*things):
 def test_a_robot_too_close_to_a_post_for_its_planner_escapes(escape):
     """DWAPlannerROS finds no trajectory if the padded footprint touches the post where the monitor stops the robot."""
     ros = session()
-    jackal, watched = FakeJackal([POST]), monitor(escape)
+    jackal = FakeJackal([POST])
+    watched = monitor(escape)
     teleop = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1)
     watched.node.until(lambda: teleop.get_num_connections())
     wait_for(
@@ -117,7 +123,9 @@ def test_a_robot_too_close_to_a_post_for_its_planner_escapes(escape):
 @pytest.fixture(scope="module")
 def whole():
     session()
-    jackal, planner, watched = FakeJackal(), MoveBase(), monitor(True)
+    jackal = FakeJackal()
+    planner = MoveBase()
+    watched = monitor(True)
     watched.node.until(planner.ready)
     yield jackal, planner, watched
     planner.end()
@@ -129,8 +137,11 @@ def whole():
 def stack(whole):
     """Provide a robot at rest without a goal, after half a metre of driving, so that the space behind it is known."""
     jackal, planner, watched = whole
-    planner.status, planner.left, planner.goal = None, 5.0, str(time.time())
-    planner.command, x = (0.3, 0.0), jackal.robot.pose[0]
+    planner.status = None
+    planner.left = 5.0
+    planner.goal = str(time.time())
+    planner.command = (0.3, 0.0)
+    x = jackal.robot.pose[0]
     wait_for(lambda: jackal.robot.pose[0] > x + 0.5, "half a metre")
     planner.command = (0.0, 0.0)
     wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "a stop")
@@ -158,7 +169,8 @@ def test_the_monitor_makes_escape_motions_for_a_stuck_planner_until_it_commands(
     assert any(
         action.startswith("escape: move_base makes no progress") for action in watched.actions
     )
-    planner.command, kept = (0.3, 0.0), Kept()
+    planner.command = (0.3, 0.0)
+    kept = Kept()
     now = time.time()
     wait_for(lambda: jackal.commands[-1][1] == 0.3, "the planner's command")
     others = [c for c in moved(jackal, now) if c[1] != 0.3]
@@ -174,11 +186,13 @@ def test_the_monitor_makes_escape_motions_for_a_stuck_planner_until_it_commands(
 def test_an_escape_motion_ends_with_its_cause(stack, change):
     """The monitor also makes escape motions while no commands arrive, for example during planning."""
     jackal, planner, watched = stack
-    planner.status, planner.command = ACTIVE, None
+    planner.status = ACTIVE
+    planner.command = None
     began = time.time()
     wait_for(lambda: moved(jackal, began), "a motion although the planner is silent")
     vars(planner).update(change)
-    changed, kept = time.time(), Kept()
+    changed = time.time()
+    kept = Kept()
     while time.time() < changed + 4.0:
         time.sleep(0.3)
         planner.goal = str(time.time()) if "goal" in change else planner.goal

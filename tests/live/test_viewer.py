@@ -101,7 +101,7 @@ def state(viewer):
 def test_a_click_on_the_ground_sets_a_goal(ros, viewer):
     goals = []
     subscriber = rospy.Subscriber("/move_base_simple/goal", PoseStamped, goals.append)
-    wait_for(viewer._goal.get_num_connections, "the connection")
+    wait_for(subscriber.get_num_connections, "the connection")
     viewer.scene.pose = (1.0, 1.0, 0.0)
     viewer.clicked(SimpleNamespace(ray_origin=(1.0, 0.0, 2.0), ray_direction=(0.5, 0.5, -1.0)))
     wait_for(lambda: goals, "the goal")
@@ -135,10 +135,8 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
     applr = ros.node("applr", "_method:=dwa")
     try:
         wait_for(lambda: "default parameters" in state(viewer), "the method")
-        slider, at = (
-            viewer.panel.sliders["inflation_radius"],
-            viewer.panel.space.names.index("inflation_radius"),
-        )
+        slider = viewer.panel.sliders["inflation_radius"]
+        at = viewer.panel.space.names.index("inflation_radius")
         wait_for(
             lambda: state(viewer) and viewer.panel.theta() is not None and slider.value == 0.3,
             "the parameters",

@@ -43,7 +43,8 @@ window.cancelAnimationFrame = clearTimeout;
 
 @pytest.fixture(scope="module")
 def page():
-    ros, complaints = session(), []
+    ros = session()
+    complaints = []
     rospy.set_param("/use_sim_time", True)
     nodes = {name: ros.node(name, "_robot:=jackal", *NODES[name]) for name in NODES}
     try:

@@ -67,6 +67,11 @@ def posts(seed):
     return places[np.hypot(*places.T) > 0.8]
 
 
+def verdict_on(monitor, v, time=0.0):
+    """Return the verdict on the command to drive straight at v [m/s], for a robot at rest at (0, 0, 0)."""
+    return monitor.filter(time, HERE, AT_REST, (v, 0.0))
+
+
 def seen_all_around(points, settings=None):
     """Return a monitor at (0, 0, 0) and time 0 that has looked behind and then ahead.
 

@@ -25,6 +25,7 @@ from tests.monitor.scenes import (
     safe_scale_of,
     scan_of,
     seen_all_around,
+    verdict_on,
     wall,
 )
 from tests.support.seeds import examples
@@ -81,7 +82,7 @@ def test_a_rare_command_is_judged_by_the_time_it_stays_in_force():
         monitor = seen_all_around(wall(1.4))
         for step in range(4):
             monitor.add_scan(scan_of(wall(1.4), HERE, step * period))
-            verdict = monitor.filter(step * period, HERE, AT_REST, (2.0, 0.0))
+            verdict = verdict_on(monitor, 2.0, step * period)
         assert monitor.silence == pytest.approx(silence)
         reached[period] = verdict.command[0]
 
@@ -269,7 +270,7 @@ def test_points_are_cleared_only_from_a_distance_at_which_they_are_visible(beams
 def test_space_is_observed_within_the_range_of_scanner_and_memory(range_max, radius):
     monitor = CollisionMonitor(replace(SETTINGS, memory_radius=radius))
     monitor.add_scan(scan_of(wall(1.6), HERE, range_max=range_max))
-    assert monitor.filter(0.0, HERE, AT_REST, (1.5, 0.0)).action == SLOW
+    assert verdict_on(monitor, 1.5).action == SLOW
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -11,8 +11,6 @@ from applr_ros1.monitor.known_space import CELL_M, ObstacleMemory, SeenSpace
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor, Output, Verdict
 from applr_ros1.monitor.scanner import FROZEN_SCANS, ScannerCheck
 from applr_ros1.monitor.stopping import Motion, penetration
-from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.robots import JACKAL
 from tests.monitor.scenes import (
     AT_REST,
     BEAMS,
@@ -29,6 +27,7 @@ from tests.monitor.scenes import (
     safe_scale_of,
     scan_of,
     seen_all_around,
+    verdict_on,
     wall,
 )
 
@@ -64,7 +63,7 @@ def test_without_obstacles_commands_pass_unchanged():
 def test_braking_stays_within_the_friction_limit(sign, post_x, asked, expected):
     settings = replace(SETTINGS, deceleration=2.0, memory_radius=8.0)
     monitor = seen_all_around([(sign * post_x, 0.0)], settings)
-    monitor._output = Output(0.0, 2.0 * sign, 0.0)
+    monitor.output = Output(0.0, 2.0 * sign, 0.0)
     speeds = []
     for time, v in zip((0.1, 0.2, 0.25), asked):
         verdict = monitor.filter(time, HERE, (2.0 * sign, 0.0), (sign * v, 0.0))
@@ -75,7 +74,7 @@ def test_braking_stays_within_the_friction_limit(sign, post_x, asked, expected):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_base_slower_than_commanded_is_braked_from_its_measured_speed(sign):
     monitor = CollisionMonitor(replace(SETTINGS, deceleration=2.0))
-    monitor._output = Output(0.25, 1.5 * sign, 0.0)
+    monitor.output = Output(0.25, 1.5 * sign, 0.0)
     assert monitor.braked(0.35, 1.0 * sign)[0] == pytest.approx(0.8 * sign)
     assert monitor.braked(0.40, -0.5 * sign) == (0.0, 0.0)
     assert monitor.braked(0.41, 2.0 * sign) == (0.0, 0.0)
@@ -89,7 +88,7 @@ def test_a_stop_follows_the_arc(sign, asked, w):
     A requested turn keeps its turn rate.
     """
     monitor = seen_all_around([(9.0, 0.0)], replace(SETTINGS, deceleration=2.0))
-    monitor._output = Output(0.0, 2.0 * sign, 1.0)
+    monitor.output = Output(0.0, 2.0 * sign, 1.0)
     verdict = monitor.filter(0.1, HERE, (2.0 * sign, 1.0), asked)
     assert verdict.command == pytest.approx((1.8 * sign, w))
 
@@ -234,8 +233,8 @@ def test_a_full_memory_forgets_the_oldest_points(monkeypatch):
 
 def test_a_robot_in_contact_may_only_drive_away():
     monitor = seen_all_around([(0.30, y) for y in np.arange(-0.2, 0.2, 0.03)])
-    assert monitor.filter(0.0, HERE, AT_REST, (0.3, 0.0)).action == STOP
-    assert monitor.filter(0.0, HERE, AT_REST, (-0.3, 0.0)).action == PASS
+    assert verdict_on(monitor, 0.3).action == STOP
+    assert verdict_on(monitor, -0.3).action == PASS
 
 
 def test_a_blind_scanner_stops_the_robot_and_a_good_scan_frees_it():
@@ -293,14 +292,14 @@ def test_an_identical_image_is_a_repeat_if_the_robot_has_moved_by_5_mm_or_mrad(m
     assert check.repeats == is_repeat
     monitor.add_scan(first)
     monitor.add_scan(second)
-    monitor.filter(0.2, HERE, AT_REST, (0.5, 0.0))
+    verdict_on(monitor, 0.5, 0.2)
     assert monitor.ages.scan == pytest.approx(0.2 if is_repeat else 0.1)
 
 
 def test_a_scan_older_than_the_latest_is_ignored():
     monitor = seen_all_around(wall(1.0))
     assert monitor.add_scan(scan_of(wall(5.0, 4.0), HERE, -0.05)) == ""
-    assert monitor.filter(0.0, HERE, AT_REST, (1.5, 0.0)).action == SLOW
+    assert verdict_on(monitor, 1.5).action == SLOW
 
 
 def doubted_beams(check, scan, ranges):
@@ -337,7 +336,7 @@ def test_missing_and_stale_inputs_and_invalid_commands_stop_the_robot():
     assert "odometry is 0.60 s old" in old_twist.reason
     ahead = monitor.filter(-0.45, HERE, AT_REST, command)
     assert "0.45 s ahead of the clock" in ahead.reason
-    assert monitor.filter(0.1, HERE, AT_REST, (math.nan, 0.0)).command == (0.0, 0.0)
+    assert verdict_on(monitor, math.nan, 0.1).command == (0.0, 0.0)
     assert monitor.filter(0.1, HERE, AT_REST, (1e-7, -1e-7)) == Verdict((0.0, 0.0))
 
 
@@ -407,31 +406,6 @@ def test_settings_are_checked(name, value):
         replace(SETTINGS, **{name: value})
 
 
-@pytest.mark.parametrize("world", ["generated:3", "generated:299"])
-def test_a_faulty_planner_causes_no_collision_in_simulation(world):
-    """The planner commands full speed ahead. The monitor stops before the first obstacle."""
-    pytest.importorskip("gymnasium")
-    import sim_bridge
-    import worlds
-    from training.env.episode import Episode
-
-    class Mad(MoveBase):
-        def step(self, *arguments):
-            cycle = super().step(*arguments)
-            cycle.command = (2.0, 0.0)
-            return cycle
-
-    touched = {}
-    for monitor in (False, True):
-        parts = sim_bridge.make("kinematic"), Mad(JACKAL.parameters())
-        episode = Episode(*parts, period=2.0, time_limit=10.0, monitor=monitor)
-        outcome = episode.reset(worlds.load(world), 0)
-        while not outcome.over:
-            outcome = episode.decide(episode.space.theta0)
-        touched[monitor] = outcome.collided
-    assert touched == {False: True, True: False}
-
-
 def turned_away_from(behind):
     """Return a monitor that has seen posts behind it before it turned to yaw 0.
 
@@ -440,7 +414,7 @@ def turned_away_from(behind):
     monitor = CollisionMonitor()
     for step, yaw in enumerate(np.linspace(-math.pi, 0.0, 40)):
         monitor.add_scan(scan_of(behind, (0.0, 0.0, yaw), 0.1 * step))
-    assert monitor.filter(3.9, HERE, AT_REST, (-0.5, 0.0)).blocked
+    assert verdict_on(monitor, -0.5, 3.9).blocked
     return monitor
 
 
@@ -467,7 +441,7 @@ def test_alternating_scans_of_two_robots_stop_the_robot():
     monitor = CollisionMonitor()
     for step in range(10):
         monitor.add_scan(scan_of(posts(step % 2), HERE, 0.05 * step))
-        verdict = monitor.filter(0.05 * step, HERE, AT_REST, (1.0, 0.0))
+        verdict = verdict_on(monitor, 1.0, 0.05 * step)
         assert (verdict.action == STOP) == (step > 0)
 
 
@@ -496,7 +470,7 @@ def test_space_between_widely_spaced_beams_is_unknown():
     no_returns = np.full(9, np.inf, np.float32)
     few = scan_of([], HERE, angle_increment=math.radians(34), ranges=no_returns)
     assert monitor.add_scan(few) == ""
-    assert "creeping" in monitor.filter(0.0, HERE, AT_REST, (1.0, 0.0)).reason
+    assert "creeping" in verdict_on(monitor, 1.0).reason
 
 
 def test_a_scan_with_more_beams_than_the_memory_has_points_is_refused():
@@ -513,10 +487,10 @@ def test_remembered_obstacles_block_the_robot_until_a_scan_clears_them():
     monitor = turned_away_from(obstacles)
     for time in np.arange(4.0, 104.0, 1.0):
         monitor.add_scan(scan_of(obstacles, HERE, time))
-        assert monitor.filter(time, HERE, AT_REST, (-0.5, 0.0)).blocked
+        assert verdict_on(monitor, -0.5, time).blocked
     monitor.add_scan(scan_of(posts(0), BEHIND, 104.0))
     monitor.add_scan(scan_of(posts(0), HERE, 104.1))
-    assert monitor.filter(104.1, HERE, AT_REST, (-0.5, 0.0)).action == PASS
+    assert verdict_on(monitor, -0.5, 104.1).action == PASS
 
 
 @pytest.mark.fault("11d")
@@ -526,14 +500,14 @@ def test_an_obstacle_that_vanishes_ahead_does_not_clear_those_behind():
     door = wall(1.0, 1.5)
     monitor = turned_away_from([*door, *room])
     monitor.add_scan(scan_of(room, HERE, 4.0))
-    assert monitor.filter(4.0, HERE, AT_REST, (-0.5, 0.0)).blocked
+    assert verdict_on(monitor, -0.5, 4.0).blocked
 
 
 @pytest.mark.fault("11e")
 def test_the_robot_creeps_in_unobserved_space_and_drives_in_observed_space():
     monitor = CollisionMonitor()
     monitor.add_scan(scan_of(posts(0), HERE, 0.0))
-    creeping = monitor.filter(0.0, HERE, AT_REST, (-0.5, 0.0))
+    creeping = verdict_on(monitor, -0.5)
     assert creeping.command == pytest.approx((-0.1, 0.0))
     for step in range(30):  # The robot drives 1.45 m ahead.
         time = 0.05 * step
@@ -547,16 +521,16 @@ def test_the_robot_creeps_no_faster_than_a_remembered_obstacle_allows():
     gap = 0.015  # space between the margin and the posts [m]
     monitor = seen_all_around(wall(FRONT + BODY.margin + gap + 0.05, 0.5))
     monitor.seen.clear()
-    verdict = monitor.filter(0.0, HERE, AT_REST, (1.0, 0.0))
+    verdict = verdict_on(monitor, 1.0)
     assert "creeping" in verdict.reason
     assert 0.0 < verdict.command[0] < 0.07
 
 
 def test_the_whole_way_to_the_stop_must_be_observed():
     monitor = seen_all_around([(9.0, 0.0)])
-    assert monitor.filter(0.0, HERE, AT_REST, (1.8, 0.0)).action == PASS
+    assert verdict_on(monitor, 1.8).action == PASS
     monitor.seen.cells[int(0.5 / CELL_M)] = 0  # a strip of 5 cm far before the stopping point
-    assert monitor.filter(0.0, HERE, AT_REST, (1.8, 0.0)).action == SLOW
+    assert verdict_on(monitor, 1.8).action == SLOW
 
 
 @pytest.mark.parametrize(
@@ -582,9 +556,9 @@ def test_obstacles_in_a_failed_sector_are_kept(value):
         failed = scan_of(wall(1.4, 2.0), HERE, stamp)
         failed.ranges[AHEAD] = value
         monitor.add_scan(failed)
-    assert monitor.filter(0.2, HERE, AT_REST, (2.0, 0.0)).action == SLOW
+    assert verdict_on(monitor, 2.0, 0.2).action == SLOW
     monitor.add_scan(scan_of(wall(5.0, 4.0), HERE, 0.3))
-    assert monitor.filter(0.3, HERE, AT_REST, (1.5, 0.0)).action == PASS
+    assert verdict_on(monitor, 1.5, 0.3).action == PASS
 
 
 def test_a_failed_sector_is_detected_even_if_less_than_half_had_an_obstacle():
@@ -598,7 +572,7 @@ def test_a_failed_sector_is_detected_even_if_less_than_half_had_an_obstacle():
     failed[AHEAD] = math.inf
     monitor.add_scan(scan_of([], HERE, 0.0, ranges=clean))
     monitor.add_scan(scan_of([], HERE, 0.1, ranges=failed))
-    assert monitor.filter(0.1, HERE, AT_REST, (2.0, 0.0)).action == SLOW
+    assert verdict_on(monitor, 2.0, 0.1).action == SLOW
 
 
 @pytest.mark.parametrize(

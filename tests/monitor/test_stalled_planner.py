@@ -7,7 +7,7 @@ import pytest
 from applr_ros1.monitor.monitor import PASS, CollisionMonitor
 from applr_ros1.monitor.stalled_planner import StalledPlanner
 from applr_ros1.planner.escape import MOTIONS, TRIES
-from tests.monitor.scenes import AT_REST, HERE, scan_of, wall
+from tests.monitor.scenes import AT_REST, HERE, scan_of, verdict_on, wall
 
 STOP = (0.0, 0.0)
 GO = (0.5, 0.1)
@@ -108,7 +108,7 @@ def test_escape_motions_never_creep_into_unobserved_space():
     """The laser covers the front only: space behind is unknown, and space ahead is free."""
     monitor = CollisionMonitor()
     monitor.add_scan(scan_of(wall(3.0), HERE))
-    planned = monitor.filter(0.0, HERE, AT_REST, (-0.1, 0.0))
+    planned = verdict_on(monitor, -0.1)
     assert planned.command == (-0.1, 0.0)
     assert not planned.blocked
     escape = monitor.filter(0.0, HERE, AT_REST, (-0.1, 0.0), creeps=False)

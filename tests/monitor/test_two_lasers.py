@@ -17,6 +17,7 @@ from tests.monitor.scenes import (
     HERE,
     posts,
     scan_of,
+    verdict_on,
     wall,
 )
 
@@ -85,7 +86,7 @@ def test_a_laser_does_not_clear_the_memory_of_another():
     for stamp in (0.0, 0.1):
         monitor.add_scan(scan_of(wall(4.0, 3.0), HERE, stamp), "high")
     monitor.add_scan(scan_of(wall(1.0), HERE, 0.1))
-    assert monitor.filter(0.1, HERE, AT_REST, (2.0, 0.0)).action != PASS
+    assert verdict_on(monitor, 2.0, 0.1).action != PASS
 
 
 def test_another_place_clears_the_memories_of_all_lasers():
@@ -119,7 +120,7 @@ def test_a_laser_may_be_added_later():
 def test_an_infinite_range_max_is_valid():
     monitor = CollisionMonitor()
     assert monitor.add_scan(scan_of(wall(1.0), HERE, range_max=math.inf)) == ""
-    assert monitor.filter(0.0, HERE, AT_REST, (2.0, 0.0)).action == SLOW
+    assert verdict_on(monitor, 2.0).action == SLOW
     no_minimum = scan_of(wall(1.0), HERE, 0.1, range_min=math.nan)
     assert "not finite" in monitor.add_scan(no_minimum)
     no_maximum = scan_of(wall(1.0), HERE, 0.2, range_max=math.nan)

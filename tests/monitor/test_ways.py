@@ -31,6 +31,7 @@ from tests.monitor.scenes import (
     safe_scale_of,
     scan_of,
     seen_all_around,
+    verdict_on,
     wall,
 )
 
@@ -154,7 +155,7 @@ def moving(velocity, **changes):
 def test_lateral_slip_excludes_the_turn_of_the_poses():
     """The turn is about a point .13 m ahead. The twist's turn rate, which is newer, is not used."""
     monitor = moving(Velocity(1.0, 1.0, 0.2), turn_ahead=0.13)
-    (motion,) = monitor._motions((1.0, 1.3))
+    (motion,) = monitor.motions((1.0, 1.3))
     assert motion == (1.0, 1.3, pytest.approx(0.33), 0.0)
 
 
@@ -162,7 +163,7 @@ def test_lateral_slip_excludes_the_turn_of_the_poses():
 def test_slipping_wheels_are_braked_from_the_speed_of_the_poses(reported):
     """1 m/s was commanded a tenth of a second ago; the wheels nearly stand or turn backwards."""
     monitor = moving(Velocity(-1.0, 0.0, 0.0))
-    monitor._output = Output(-0.1, -1.0, 0.0)
+    monitor.output = Output(-0.1, -1.0, 0.0)
     verdict = monitor.filter(0.0, HERE, (-reported, 0.0), (0.0, 0.0))
     assert verdict.command[0] == pytest.approx(-1.0 + 1.9 * 0.1)
 
@@ -182,8 +183,8 @@ def test_the_previous_turn_rate_limits_the_arc_of_a_slower_command():
     It must now slow down. What its previous command was matters for some posts and not for others.
     """
     monitor = CollisionMonitor(SETTINGS)
-    monitor._output = Output(0.0, 1.0, 2.0)
-    (motion,) = monitor._motions((1.0, 0.0))
+    monitor.output = Output(0.0, 1.0, 2.0)
+    (motion,) = monitor.motions((1.0, 0.0))
     assert motion.commanded_w == 2.0
     turned_less = motion._replace(commanded_w=1.0)
     braking = Braking(1.9, 3.3)
@@ -201,7 +202,7 @@ def test_poses_faster_than_any_command_stop_the_robot_at_once():
     Checking a command at the resulting speed would take minutes.
     """
     monitor = seen_all_around(wall(9.0), SETTINGS)
-    monitor.filter(-0.1, HERE, AT_REST, (1.0, 0.0))
+    verdict_on(monitor, 1.0, -0.1)
     verdict = monitor.filter(0.0, (1000.0, 0.0, 0.0), AT_REST, (1.0, 0.0))
     assert verdict.action == STOP
     problem = "the poses imply 10000 m/s and 0 rad/s, which is too fast: check the odometry"

@@ -47,7 +47,8 @@ def test_predicted_points_lie_on_the_visible_sides_of_the_future_discs(stubbed):
     robot = ToyRobot((0.3, -0.2, 0.4), [*WALL, (1.8, -0.4, 0.3)])
     tracker.rows = [(1.8, -0.4, -0.2, 1.2, 0.3)]
     cloud = prediction.add_scan(replace(robot.scan(), sensor_height=0.4))
-    points, times = prediction.points.astype(float), STEP_S * np.arange(1, 1 + HORIZON_S // STEP_S)
+    points = prediction.points.astype(float)
+    times = STEP_S * np.arange(1, 1 + HORIZON_S // STEP_S)
     off = np.array(
         [np.hypot(points[:, 0] - 1.8 + 0.2 * t, points[:, 1] + 0.4 - 1.2 * t) - 0.3 for t in times]
     )
@@ -57,7 +58,8 @@ def test_predicted_points_lie_on_the_visible_sides_of_the_future_discs(stubbed):
     place = np.array(robot.sensor_pose()[:2])
     assert cloud.origin == (*place, 0.4)
     assert np.array_equal(cloud.points, prediction.points), "every beam has a return"
-    towards, far = points[:, :2] - place, np.hypot(*(points[:, :2] - place).T)
+    towards = points[:, :2] - place
+    far = np.hypot(*(points[:, :2] - place).T)
     bearings = np.arctan2(towards[:, 1], towards[:, 0]) - robot.pose[2]
     beams = robot.scan().angle_min + robot.scan().angle_increment * np.arange(720)
     for bearing, distance in zip(bearings, far):
@@ -90,7 +92,8 @@ def test_nothing_is_predicted_out_of_the_lasers_sight(stubbed):
     ("name", "room"), [("jackal", 0.45), ("husky", 0.81), ("turtlebot3_burger", 0.21)]
 )
 def test_no_disc_is_predicted_on_the_robot(name, room, monkeypatch):
-    tracker, robot = Perfect(), robots.load(name)
+    tracker = Perfect()
+    robot = robots.load(name)
     monkeypatch.setattr(MoverTracker, "of", lambda robot: tracker)
     prediction = Prediction(robot)
     assert prediction.room == pytest.approx(
@@ -106,10 +109,13 @@ def test_no_disc_is_predicted_on_the_robot(name, room, monkeypatch):
 @pytest.mark.parametrize("walls", [WALL, []], ids=["walls", "beams without return"])
 def test_predicted_points_are_cleared_with_the_next_scan(stubbed, walls):
     prediction, tracker = stubbed
-    with_marks, without = MoveBase(quick(applr={"movers": True})), MoveBase(quick())
-    robot, lethal = ToyRobot(), []
+    with_marks = MoveBase(quick(applr={"movers": True}))
+    without = MoveBase(quick())
+    robot = ToyRobot()
+    lethal = []
     for k in range(60):  # An obstacle crosses from right to left, 1.6 m ahead, and vanishes.
-        y, there = -2.0 + 0.08 * k, k < 50
+        y = -2.0 + 0.08 * k
+        there = k < 50
         robot.circles = np.array([*walls, (1.6, y, 0.25)] if there else walls).reshape(-1, 3)
         tracker.rows = [(1.6, y, 0.0, 1.6, 0.25)] if there else []
         scan = robot.scan()
@@ -146,7 +152,8 @@ def test_predicted_points_are_cleared_with_the_next_scan(stubbed, walls):
 def test_predicted_points_are_cleared_if_their_source_dies(stubbed):
     """The movers node has died while predicted points surround the robot."""
     prediction, tracker = stubbed
-    with_marks, without = MoveBase(quick(applr={"movers": True})), MoveBase(quick())
+    with_marks = MoveBase(quick(applr={"movers": True}))
+    without = MoveBase(quick())
     robot = ToyRobot(circles=WALL)
     around = [(1.2 * math.cos(a), 1.2 * math.sin(a)) for a in np.linspace(-1.8, 1.8, 8)]
     tracker.rows = [(x, y, 0.01, 0.0, 0.3) for x, y in around]
@@ -172,10 +179,8 @@ def test_without_moving_obstacles_planners_are_bit_identical(stubbed):
     prediction, _ = stubbed
     drives = []
     for movers in (False, True):
-        made, robot = (
-            MoveBase(quick(applr={"movers": movers})),
-            ToyRobot(circles=[(1.5, 0.5, 0.15)]),
-        )
+        made = MoveBase(quick(applr={"movers": movers}))
+        robot = ToyRobot(circles=[(1.5, 0.5, 0.15)])
         step = made.step
 
         def step_with_points(now, pose, twist, scan, step=step):

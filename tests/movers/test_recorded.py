@@ -28,8 +28,10 @@ class Comparison:
     """Errors of a tracker in a recorded scene: position and velocity [m, m/s] of tracks, times and counts."""
 
     def __init__(self, robot, name):
-        self.tracker, self.last = MoverTracker.of(robots.load(robot)), math.nan
-        self.position, self.velocity = [], []
+        self.tracker = MoverTracker.of(robots.load(robot))
+        self.last = math.nan
+        self.position = []
+        self.velocity = []
         self.seconds = self.in_view = self.known = 0.0
         self.tracked = self.wrong = (
             0  # numbers of tracked obstacles in all scans, and of false detections
@@ -49,10 +51,12 @@ class Comparison:
 
     def add(self, scan, truth):
         movers = self.tracker.update(scan)
-        dt, self.last = scan.stamp - self.last, scan.stamp
+        dt = scan.stamp - self.last
+        self.last = scan.stamp
         dt = 0.0 if math.isnan(dt) else dt
         self.seconds += dt
-        points, wrong = hits(scan), np.ones(len(movers.id), bool)
+        points = hits(scan)
+        wrong = np.ones(len(movers.id), bool)
         for x, y, r, vx, vy in truth.tolist():
             distances = np.hypot(movers.x - x, movers.y - y)
             wrong &= distances > r + NEAR
@@ -74,7 +78,8 @@ def hits(scan):
     """Return the points (n, 2) of a scan [m], in its frame."""
     angles = scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
     hit = (scan.ranges >= scan.range_min) & (scan.ranges < scan.range_max)
-    r, a = scan.ranges[hit], angles[hit]
+    r = scan.ranges[hit]
+    a = angles[hit]
     return np.column_stack(transform_point(scan.sensor_pose, r * np.cos(a), r * np.sin(a)))
 
 

@@ -37,7 +37,8 @@ class Scene:
     """Robot with a laser among cylinders (n, 3) and boxes (m, 5); moving obstacles and poses are functions of time."""
 
     def __init__(self, laser=JACKAL.laser, cylinders=STANDS, boxes=ROOM, noise=0.01):
-        self.laser, self.noise = laser, noise
+        self.laser = laser
+        self.noise = noise
         self.lidar = Lidar(laser, cylinders, boxes)
         self.random = np.random.default_rng(1)
         self.tracker = MoverTracker(2.0, 4.0, 1.0 / laser.rate)
@@ -128,12 +129,10 @@ def test_turning_causes_no_false_detections(rate):
 @pytest.mark.parametrize("rate", [0.6, 1.5])
 def test_a_slowly_spinning_laser_causes_no_false_detections(rate):
     """The beams of the TurtleBot3 burger are measured one after the other in 0.2 s, but its driver reports 10 ms."""
-    scene, parts = (
-        Scene(
-            BURGER, np.vstack([PILLARS, [[0.5, -2.0, 0.2], [-0.8, 1.2, 0.1], [-2.5, 1.0, 0.15]]])
-        ),
-        20,
+    scene = Scene(
+        BURGER, np.vstack([PILLARS, [[0.5, -2.0, 0.2], [-0.8, 1.2, 0.1], [-2.5, 1.0, 0.15]]])
     )
+    parts = 20
     turn = lambda t: rate * max(0.0, min(t, 5.0) - 0.5)  # noqa: E731
     for t in np.arange(0.0, 6.0, 0.2).tolist():
         whole = replace(scene.scan(t, (0.0, 0.0, turn(t))), sweep=0.01)

@@ -17,9 +17,12 @@ from applr_ros1.policy.observation import ObservationError
 from tests.support.nodes import transform
 from tests.support.refusals import refused
 
+PLAN = "/move_base/NavfnROS/plan"
+
 
 def stamped(message, now, frame):
-    message.header.stamp, message.header.frame_id = now, frame
+    message.header.stamp = now
+    message.header.frame_id = frame
     return message
 
 
@@ -36,10 +39,13 @@ class Beside:
         monkeypatch.setattr(rospy, "resolve_name", lambda name: "/" + name.lstrip("/"))
         monkeypatch.setattr(rospy.Time, "now", lambda: self.time)
         monkeypatch.setattr(rospy, "get_rostime", lambda: self.time)
-        monkeypatch.setattr(module.tf2_ros, "TransformListener", lambda *_, **__: "listens")
+        monkeypatch.setattr(module.tf2_ros, "TransformListener", self._listener)
         self.inputs = RobotInputs()
         self.place("odom", "base_link", (0.0, 0.0, 0.0), rospy.Time(0))
         self.place("base_link", "front_laser", (0.1, 0.0, 0.5), rospy.Time(0))
+
+    def _listener(self, buffer, **_):
+        self.buffer = buffer  # tf's buffer, which is filled here in place of messages on /tf
 
     def _subscriber(self, topic, kind, callback, **_):
         self.callbacks[topic] = callback
@@ -51,31 +57,36 @@ class Beside:
     def goal(self, name, x):
         message = stamped(PoseStamped(), self.time, "odom")
         message.pose.position.x = x
-        self.inputs._on_current_goal(message)
+        self.callbacks["/move_base/current_goal"](message)
         self.status(name)
 
     def status(self, name):
         status = GoalStatus(status=GoalStatus.ACTIVE)
         status.goal_id.id = name
-        self.inputs._on_status(GoalStatusArray(status_list=[status]))
+        self.callbacks["/move_base/status"](GoalStatusArray(status_list=[status]))
 
     def place(self, parent, child, pose, stamp):
-        buffer = self.inputs._transforms.buffer
         placed = transform(parent, child, pose, stamp)
-        (buffer.set_transform_static if stamp.is_zero() else buffer.set_transform)(placed, "test")
+        if stamp.is_zero():
+            self.buffer.set_transform_static(placed, "test")
+        else:
+            self.buffer.set_transform(placed, "test")
 
     def mount(self, roll, yaw):
         placed = transform("base_link", "front_laser", (0.1, 0.0, 0.0), rospy.Time(0))
-        x, w, z, u = math.sin(roll / 2), math.cos(roll / 2), math.sin(yaw / 2), math.cos(yaw / 2)
+        x = math.sin(roll / 2)
+        w = math.cos(roll / 2)
+        z = math.sin(yaw / 2)
+        u = math.cos(yaw / 2)
         placed.transform.rotation = Quaternion(x * u, x * z, w * z, w * u)
-        self.inputs._transforms.buffer.set_transform_static(placed, "test")
+        self.buffer.set_transform_static(placed, "test")
 
     def plan(self, end, frame="odom"):
         message = stamped(Path(), self.time, frame)
         for x in np.linspace(0.0, end, 5):
             message.poses.append(PoseStamped())
             message.poses[-1].pose.position.x = x
-        self.inputs._on_plan(message)
+        self.callbacks[PLAN](message)
 
     def snapshot(self, scanned=None, odometer=True):
         scan = LaserScan(
@@ -89,7 +100,8 @@ class Beside:
             stamped(scan, self.time if scanned is None else scanned, "front_laser")
         )
         odometry = stamped(Odometry(child_frame_id="wheels"), self.time, "odom")
-        odometry.pose.pose.position.x, odometry.twist.twist.linear.x = 9.0, 0.5
+        odometry.pose.pose.position.x = 9.0
+        odometry.twist.twist.linear.x = 0.5
         if odometer:
             self.callbacks["odometry/filtered"](odometry)
         return self.inputs.snapshot(self.time, self.time - rospy.Duration(3))
@@ -108,7 +120,7 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
         beside.snapshot(rospy.Time(0)).scan_stamp == beside.time
     )  # A scan without a stamp counts as taken now.
     beside.plan(4.8)
-    beside.inputs._on_plan(Path())  # Planning has failed, so the plan stays.
+    beside.callbacks[PLAN](Path())  # Planning has failed, so the plan stays.
     beside.now += 0.6
     beside.status("one")  # The goal is still the same.
     assert beside.snapshot().seen[1::3] == (3.0, (5.0, 0.0, 0.0))  # time and goal
@@ -190,7 +202,7 @@ def test_moving_obstacles_are_in_the_plans_frame_and_dropped_when_stale(beside):
     for child, parent in (("odom", "map"), ("base_link", "odom")):
         beside.place(parent, child, (0.0, 0.5, 0.5 * np.pi), rospy.Time(0))
     movers = Movers(x=[1.0, 3.0], y=[2.0, 0.0], vx=[0.5, 0.0], vy=[0.0, -1.0], radius=[0.3, 0.3])
-    beside.inputs._on_movers(stamped(movers, beside.time, "odom"))
+    beside.callbacks["applr/tracked"](stamped(movers, beside.time, "odom"))
     for frame, moving in (
         ("odom", [(1.0, 2.0, 0.5, 0.0), (3.0, 0.0, 0.0, -1.0)]),
         ("map", [(-2.0, 1.5, 0.0, 0.5), (0.0, 3.5, 1.0, 0.0)]),
@@ -203,7 +215,7 @@ def test_moving_obstacles_are_in_the_plans_frame_and_dropped_when_stale(beside):
     beside.plan(5.0)
     seen = beside.snapshot()
     assert (seen.seen.movers.shape, seen.movers_stamp) == ((0, 4), rospy.Time())
-    beside.inputs._on_movers(stamped(Movers(), beside.time, "odom"))
+    beside.callbacks["applr/tracked"](stamped(Movers(), beside.time, "odom"))
     assert beside.snapshot().seen.movers.shape == (0, 4)
 
 

@@ -27,7 +27,8 @@ def checkout(tmp_path):
     """Provide run.py and jackal_helper as in the Challenge's repository, with worlds 2 (BARN) and 300 (DynaBARN)."""
     root = tmp_path / "checkout"
     helper = root / "jackal_helper"
-    static, dynamic = helper / "worlds" / "BARN", helper / "worlds" / "DynaBARN"
+    static = helper / "worlds" / "BARN"
+    dynamic = helper / "worlds" / "DynaBARN"
     for folder in (static / "path_files", dynamic, helper / "launch", helper / "plugins"):
         folder.mkdir(parents=True)
     shutil.copy(ROOT / "tests" / "support" / "gazebo.py", root / "run.py")

@@ -99,7 +99,8 @@ def test_scans_of_a_laser_upside_down_or_tilted_have_the_true_points():
     message = LaserScan(
         angle_min=-0.4, angle_increment=0.5, range_min=0.1, range_max=10.0, ranges=[1.0, 2.0, 3.0]
     )
-    angles, ranges = -0.4 + 0.5 * np.arange(3), np.array([1.0, 2.0, 3.0], np.float32)
+    angles = -0.4 + 0.5 * np.arange(3)
+    ranges = np.array([1.0, 2.0, 3.0], np.float32)
     place = Transform(Vector3(1.0, 2.0, 0.5), Quaternion(math.cos(0.15), math.sin(0.15), 0.0, 0.0))
     hanging = conversions.laser_scan(message, ranges, place)
     assert hanging.rotation is None
@@ -151,7 +152,9 @@ def test_points_of_clouds():
 def test_maps_are_converted_and_rotated_or_incomplete_ones_refused():
     message = OccupancyGrid(data=[0, 100, -1, 50, 0, 0])
     message.header.frame_id = "/map"
-    message.info.width, message.info.height, message.info.resolution = 3, 2, 0.05
+    message.info.width = 3
+    message.info.height = 2
+    message.info.resolution = 0.05
     made = conversions.static_map(message)
     assert (made.cells.tolist(), made.frame, made.origin) == (
         [[0, 100, -1], [50, 0, 0]],
@@ -172,7 +175,10 @@ def test_maps_are_converted_and_rotated_or_incomplete_ones_refused():
 
 def turned(roll, yaw):
     """Return a geometry_msgs/Transform with roll and yaw [rad]."""
-    x, w, z, u = math.sin(roll / 2), math.cos(roll / 2), math.sin(yaw / 2), math.cos(yaw / 2)
+    x = math.sin(roll / 2)
+    w = math.cos(roll / 2)
+    z = math.sin(yaw / 2)
+    u = math.cos(yaw / 2)
     return Transform(rotation=Quaternion(x * u, x * z, w * z, w * u))
 
 

@@ -88,7 +88,9 @@ def test_cycles_that_were_missed_are_counted():
 
 
 def test_cycles_wait_for_the_lock_and_go_on_after_one_that_failed(monkeypatch):
-    cycle, failed, ended = MagicMock(side_effect=KeyError("three")), MagicMock(), threading.Event()
+    cycle = MagicMock(side_effect=KeyError("three"))
+    failed = MagicMock()
+    ended = threading.Event()
     rospy.rostime.set_rostime_initialized(True)
     monkeypatch.setattr(rospy, "is_shutdown", ended.is_set)
     loop = ControlLoop(cycle, lambda: 200.0, MagicMock(), MagicMock(), failed)

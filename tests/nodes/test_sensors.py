@@ -15,7 +15,8 @@ from tests.support.nodes import transform
 @pytest.fixture
 def robot(monkeypatch):
     """Provide Sensors; time(t) to set the clock [s]; scan(t), tf(t) and odometry(t) to send messages with stamp t."""
-    callbacks, clock = {}, [rospy.Time(100)]
+    callbacks = {}
+    clock = [rospy.Time(100)]
 
     monkeypatch.setattr(
         rospy, "Subscriber", lambda topic, kind, callback, **_: callbacks.update({topic: callback})
@@ -33,7 +34,8 @@ def robot(monkeypatch):
         message = LaserScan(
             angle_min=-1.0, angle_increment=1.0, range_min=0.1, range_max=9.0, ranges=list(ranges)
         )
-        message.header.stamp, message.header.frame_id = rospy.Time.from_sec(t), frame
+        message.header.stamp = rospy.Time.from_sec(t)
+        message.header.frame_id = frame
         callbacks["scan"](message)
 
     def tf(t):
@@ -42,7 +44,8 @@ def robot(monkeypatch):
 
     def odometry(t):
         message = Odometry()
-        message.header.stamp, message.twist.twist.linear.x = rospy.Time.from_sec(t), 0.5
+        message.header.stamp = rospy.Time.from_sec(t)
+        message.twist.twist.linear.x = 0.5
         callbacks["odom"](message)
 
     return SimpleNamespace(sensors=made, time=time, scan=scan, tf=tf, odometry=odometry)

@@ -76,11 +76,9 @@ def test_a_missing_python_package_is_one_line_with_the_remedy():
     assert "./applr packages" in text
 
 
-APPLR, MONITOR, BRIDGE = (
-    "applr_ros1.nodes.applr.main",
-    "applr_ros1.nodes.monitor.node",
-    "sim_bridge.ros_bridge",
-)
+APPLR = "applr_ros1.nodes.applr.main"
+MONITOR = "applr_ros1.nodes.monitor.node"
+BRIDGE = "sim_bridge.ros_bridge"
 
 
 @pytest.mark.parametrize(
@@ -124,7 +122,8 @@ def test_invalid_parameters_are_one_line(module, given, line, tmp_path, monkeypa
 
 def test_code_is_imported_only_for_the_method_given_at_the_start(tmp_path, monkeypatch):
     """Any local user, and a website in a browser, can write to the parameter server."""
-    main, robot = importlib.import_module("applr_ros1.nodes.applr.main"), load("jackal")
+    main = importlib.import_module("applr_ros1.nodes.applr.main")
+    robot = load("jackal")
     spec = f"{tmp_path}/own.py:Own"
     text = f"open('{tmp_path}/ran', 'w')\nfrom applr_ros1.policy.methods import Method as Own\n"
     (tmp_path / "own.py").write_text(text)

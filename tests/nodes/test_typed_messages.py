@@ -55,7 +55,8 @@ def snapshot(number):
 
 
 def decide(topics, number, theta, refused=""):
-    now, inputs = rospy.Time(100 + number, 5), snapshot(number)
+    now = rospy.Time(100 + number, 5)
+    inputs = snapshot(number)
     context = Context.of(THETA_0, inputs.seen, SPACE, LAYOUT)
     topics.decision(number, now, "goal 7", inputs, context, theta, refused)
     return now
@@ -68,7 +69,8 @@ def written(path, messages):
                 ("/front/scan", LaserScan(ranges=[1.0])),
                 ("/odometry/filtered", Odometry()),
             ):
-                message.header.stamp, message.header.frame_id = rospy.Time(second, 1), "odom"
+                message.header.stamp = rospy.Time(second, 1)
+                message.header.frame_id = "odom"
                 bag.write(topic, message, rospy.Time(second, 1))
         for i, (topic, message) in enumerate(messages):
             bag.write("/" + topic, message, rospy.Time(104, i))

@@ -56,8 +56,10 @@ def flags_in(scenario):
 
 
 def dwa(scenario):
-    given, expected = scenario.inputs, scenario.expected
-    costmap, planner = make_costmap(scenario), make_planner(scenario)
+    given = scenario.inputs
+    expected = scenario.expected
+    costmap = make_costmap(scenario)
+    planner = make_planner(scenario)
     planner.state = flags_in(scenario)
     choice = planner.find_best_path(costmap, scenario.array("plan"), given["pose"], given["vel"])
     best = expected["best"]
@@ -94,9 +96,11 @@ def dwa(scenario):
 def rollout(scenario):
     """Compare the cycles of a roll-out. Each begins with the pose, velocity and flags of the C++ run."""
     given = scenario.inputs
-    costmap, planner = make_costmap(scenario), make_planner(scenario)
+    costmap = make_costmap(scenario)
+    planner = make_planner(scenario)
     plan = scenario.array("plan")
-    rows, states = scenario.array("rollout"), scenario.array("rollout_state")
+    rows = scenario.array("rollout")
+    states = scenario.array("rollout_state")
     wanted = np.hstack(
         [rows[:, 3:], scenario.array("rollout_best"), states, scenario.array("rollout_used")]
     )
@@ -125,9 +129,11 @@ def drive(scenario):
     )
     wanted = scenario.array("steps_out")
     every = given.get("replan_every", 0)
-    ours, states = [], []
+    ours = []
+    states = []
     for i, row in enumerate(scenario.array("steps_in")):
-        pose, velocity = tuple(row[:3].tolist()), tuple(row[3:].tolist())
+        pose = tuple(row[:3].tolist())
+        velocity = tuple(row[3:].tolist())
         if every and i and i % every == 0:
             planner.set_plan(scenario.array("global_plan"))
         reached = planner.is_goal_reached(pose, velocity)
@@ -162,7 +168,8 @@ def local_plan(scenario, frame=None, tolerance=0.0):
     plan.set(scenario.array("global_plan"))
     if "goal_yaw_used" in scenario.expected:
         yield "goal_yaw_used", plan.goal(frame)[2], scenario.expected["goal_yaw_used"], tolerance
-    cuts, results = [], []
+    cuts = []
+    results = []
     for x, y, _ in scenario.array("poses").tolist():
         stored = len(plan.poses)
         cut = plan.cut(x, y, limit, bool(given["prune_plan"]), frame)

@@ -28,10 +28,13 @@ class Scenario:
     """One scenario of a set, with its JSON fields and its arrays by name."""
 
     def __init__(self, fields, arrays):
-        self.id, self.kind = fields["id"], fields["kind"]
-        self.inputs, self.expected = fields["inputs"], fields["expected"]
+        self.id = fields["id"]
+        self.kind = fields["kind"]
+        self.inputs = fields["inputs"]
+        self.expected = fields["expected"]
         self.robot = fields.get("meta", {}).get("robot", "")
-        self._names, self._arrays = fields.get("arrays", ()), arrays
+        self._names = fields.get("arrays", ())
+        self._arrays = arrays
 
     def __contains__(self, name):
         return name in self._names
@@ -55,7 +58,7 @@ def load(folder):
 
 def sampled_window(planner):
     """Return ranges and steps of a TrajectoryPlanner's last samples: {"min_vel_x", "max_vel_x", "dvx", ...}."""
-    x0, x1, w0, w1 = velocity_window(planner._params[0], planner._plan, planner._scratch.start[0])
+    x0, x1, w0, w1 = velocity_window(planner.in_force, planner._plan, planner._scratch.start[0])
     dvx, dw = fill_evenly(x0, x1, planner._scratch.vs), fill_evenly(w0, w1, planner._scratch.ws)
     names = "min_vel_x", "max_vel_x", "dvx", "min_vel_theta", "max_vel_theta", "dvtheta"
     return dict(zip(names, (x0, x1, dvx, w0, w1, dw)))
@@ -97,7 +100,8 @@ def inflation(scenario):
 
 
 def navfn(scenario):
-    given, expected = scenario.inputs, scenario.expected
+    given = scenario.inputs
+    expected = scenario.expected
     costmap = make_costmap(scenario)
     yield from compare_costmap(scenario, costmap)
     planner = Navfn(given.get("list_size", LIST_SIZE))
@@ -135,7 +139,8 @@ def make_planner(scenario, costmap):
 
 
 def dwa(scenario):
-    given, expected = scenario.inputs, scenario.expected
+    given = scenario.inputs
+    expected = scenario.expected
     costmap = make_costmap(scenario)
     yield from compare_costmap(scenario, costmap)
     planner = make_planner(scenario, costmap)
@@ -155,7 +160,7 @@ def dwa(scenario):
     weights = expected["effective"]
     yield (
         "effective",
-        [planner._params[0][name].item() for name in sorted(weights)],
+        [planner.in_force[name].item() for name in sorted(weights)],
         [weights[w] for w in sorted(weights)],
     )
     if not expected.get("has_samples", True):
@@ -237,7 +242,8 @@ FORMATS = {
 
 def difference(ours, expected):
     """Return the largest absolute difference, or infinity if the shapes differ or only one value is a number."""
-    a, b = np.asarray(ours, dtype=np.float64), np.asarray(expected, dtype=np.float64)
+    a = np.asarray(ours, dtype=np.float64)
+    b = np.asarray(expected, dtype=np.float64)
     if a.shape != b.shape:
         return np.inf
     unequal = (a != b) & ~(np.isnan(a) & np.isnan(b))

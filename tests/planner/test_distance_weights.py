@@ -69,7 +69,8 @@ def test_a_compensated_drive_equals_a_drive_without_need_of_compensation():
             send(unbounded.settings(theta * multipliers_of(SPACE, 0.05, LARGEST)), self.move_base)
             return theta
 
-    draw, rows = np.random.default_rng(2), []
+    draw = np.random.default_rng(2)
+    rows = []
     sets = [SPACE.theta0] + [SPACE.to_theta(draw.uniform(-1.0, 1.0, len(SPACE))) for _ in range(3)]
     for weights, kind in (("per_cell", Episode), ("per_metre", Rescaled), ("per_metre", Episode)):
         parameters = robots.JACKAL.parameters()

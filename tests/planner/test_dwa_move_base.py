@@ -14,7 +14,8 @@ DWA = "DWAPlannerROS"
 def test_success_is_reported_at_every_planner_frequency():
     """In C++, a new plan clears no flag of this planner, so "cpp-like" and "ours" both succeed at once at the goal."""
     for planner in ("ours", "cpp-like"):
-        made, robot = MoveBase(dwa_parameters(), planner=planner), ToyRobot()
+        made = MoveBase(dwa_parameters(), planner=planner)
+        robot = ToyRobot()
         made.set_goal((1.0, 0.0, 0.0), 0.0)
         assert run(made, robot, 10.0) == ("succeeded", "Goal reached.")
         assert robot.time < 6.0

@@ -142,7 +142,8 @@ def test_a_reset_planner_equals_a_new_one(plugin, planner):
     fresh = make(plugin)
     for one in (planner, fresh):
         one.set_plan(straight(2.0))
-    pose, twist = np.zeros(3), STANDING
+    pose = np.zeros(3)
+    twist = STANDING
     for _ in range(30):
         ours = planner.compute_velocity(tuple(pose), twist, here)
         assert ours == fresh.compute_velocity(tuple(pose), twist, here)

@@ -132,14 +132,13 @@ def test_first_map_only_ignores_later_maps_and_updates_are_applied():
 
 def test_a_rolling_costmap_shows_the_part_of_the_map_below_it():
     rng = np.random.default_rng(3)
-    given, made = (
-        grid(rng, 0.3),
-        costmap(LayerDescription("static", StaticParameters()), rolling=True),
-    )
+    given = grid(rng, 0.3)
+    made = costmap(LayerDescription("static", StaticParameters()), rolling=True)
     made.set_map("map", given)
     made.static_layers[0].placement = frame = (0.4, -0.3, 0.5)
     made.update((0.7, 0.5, 1.0))
-    costs, seen = interpretation(StaticParameters())[given.cells.view(np.uint8)], 0
+    costs = interpretation(StaticParameters())[given.cells.view(np.uint8)]
+    seen = 0
     for j, i in itertools.product(range(N), range(N)):
         x, y = transform_point(frame, *(made.origin + (np.array((i, j)) + 0.5) * 0.1))
         mx, my = (x + 2.0) / 0.1, (y + 2.0) / 0.1
@@ -292,7 +291,8 @@ def test_points_of_tilted_sensors_and_in_moving_frames_are_exact():
         0.0, points, (0.1, 0.2, 0.3), (0.0, math.sin(0.2), 0.0, math.cos(0.2)), (0.0, 0.0, 1.0)
     )
     for given in (level, hanging, cloud):
-        before, after = observe(given), observe(moved(given, frame))
+        before = observe(given)
+        after = observe(moved(given, frame))
         assert len(after.points) == len(before.points) > 0
         np.testing.assert_allclose(
             after.points[:, :2].T, transform_point(frame, *before.points[:, :2].T), atol=1e-5
@@ -335,7 +335,8 @@ def on_a_map(planner, **changes):
 @pytest.mark.parametrize("planner", ["TrajectoryPlannerROS", "DWAPlannerROS"])
 def test_a_goal_in_the_map_while_localisation_drifts(planner):
     """The odometry frame rotates and drifts in the map. A post on the way is missing in the map."""
-    made, goal = on_a_map(planner), (4.0, 0.0, 0.0)
+    made = on_a_map(planner)
+    goal = (4.0, 0.0, 0.0)
     posts = [(2.1, y, 0.05) for y in np.arange(-2.5, 3.0, 0.1) if not 0.9 < y < 2.1] + [
         (0.6, 0.3, 0.15)
     ]
@@ -405,7 +406,8 @@ def test_a_rolling_costmap_refuses_a_map_in_a_third_frame():
 
 
 def test_observations_of_a_robot_without_a_pose_do_not_enter_the_map():
-    made, robot = on_a_map("TrajectoryPlannerROS"), ToyRobot(HERE, [(1.0, 0.0, 0.15)])
+    made = on_a_map("TrajectoryPlannerROS")
+    robot = ToyRobot(HERE, [(1.0, 0.0, 0.15)])
     made.set_map(StaticMap(np.zeros((120, 240), np.int8), 0.05, (-3.0, -3.0), "map"))
     made.step(0.0, None, (0.0, 0.0), robot.scan())
     made.step(0.1, HERE, (0.0, 0.0), local_origin=(5.0, 0.0, 0.0))
@@ -423,7 +425,8 @@ def test_an_unexpectedly_silent_source_stops_the_robot():
     layer["observation_sources"] = "scan bump depth"
     layer["bump"] = {"data_type": "PointCloud2"}  # The bumper reports only contacts.
     layer["depth"] = {"data_type": "PointCloud2", "topic": "points", "expected_update_rate": 0.32}
-    made, robot = MoveBase(tree), ToyRobot(HERE)
+    made = MoveBase(tree)
+    robot = ToyRobot(HERE)
     assert made.sources == {
         "front/scan": "LaserScan",
         "bump": "PointCloud2",

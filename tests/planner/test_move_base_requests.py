@@ -183,13 +183,13 @@ def test_footprint_follows_its_server_and_its_topic():
 
 def test_parameters_read_once_keep_their_start_up_values_after_a_reset():
     made = MoveBase(quick())
-    begun = made.local_planner._accelerations, made.local_planner._slowest_turn
+    begun = made.local_planner.accelerations, made.local_planner.slowest_turn
     made.reconfigure(
         PLANNER, {"acc_lim_theta": 1.0, "min_in_place_vel_theta": 0.05, "max_vel_x": 1.3}
     )
     made.reset(0.0, restore=False)
-    assert (made.local_planner._accelerations, made.local_planner._slowest_turn) == begun
-    assert made.local_planner.planner._params["max_vel_x"][0] == 1.3
+    assert (made.local_planner.accelerations, made.local_planner.slowest_turn) == begun
+    assert made.local_planner.planner.in_force["max_vel_x"] == 1.3
 
 
 def test_make_plan_frees_the_robots_square_and_searches_near_the_goal():

@@ -78,7 +78,8 @@ def test_a_name_given_twice_leads_to_the_default_recoveries_as_in_cpp():
 
 
 def test_clearing_removes_obstacles_only_outside_the_square():
-    local, world = costmap(), costmap()
+    local = costmap()
+    world = costmap()
     assert lethal(local, 2.0, 0.0)
     assert lethal(local, 0.81, 0.81)
     clear = recovery.ClearCostmapRecovery("conservative_reset", 3.0)
@@ -91,7 +92,8 @@ def test_clearing_removes_obstacles_only_outside_the_square():
 
 
 def test_the_global_map_is_cleared_around_the_pose_in_its_own_frame():
-    local, world = costmap(), costmap()
+    local = costmap()
+    world = costmap()
     clear = recovery.ClearCostmapRecovery("conservative_reset", 3.0)
     clear.step(0.0, (0.0, 0.0, 0.0), local, world, (2.3, -1.0, 0.0))
     for made, near, far in ((local, (0.81, 0.81), (2.0, 0.0)), (world, (2.0, 0.0), (0.81, 0.81))):
@@ -101,8 +103,10 @@ def test_the_global_map_is_cleared_around_the_pose_in_its_own_frame():
 
 
 def test_rotation_is_one_full_turn_anticlockwise():
-    robot, turn = ToyRobot((0.0, 0.0, 0.7)), rotate((0.0, 0.0, 0.7))
-    turned, commands = 0.0, []
+    robot = ToyRobot((0.0, 0.0, 0.7))
+    turn = rotate((0.0, 0.0, 0.7))
+    turned = 0.0
+    commands = []
     while True:
         command = turn.step(robot.time, robot.pose, OPEN, OPEN)
         if command is None:
@@ -118,8 +122,11 @@ def test_rotation_is_one_full_turn_anticlockwise():
 
 @seeds(8)
 def test_rotation_is_one_turn_at_slow_control_rates_too(seed):
-    draw, turn = np.random.default_rng(seed), rotate((0.0, 0.0, 0.7), yaw_goal_tolerance=0.05)
-    robot, turned, command = ToyRobot((0.0, 0.0, 0.7)), 0.0, (0.0, 0.0)
+    draw = np.random.default_rng(seed)
+    turn = rotate((0.0, 0.0, 0.7), yaw_goal_tolerance=0.05)
+    robot = ToyRobot((0.0, 0.0, 0.7))
+    turned = 0.0
+    command = (0.0, 0.0)
     while command is not None:
         robot.drive(command, 0.2)
         turned += command[1] * 0.2
@@ -150,7 +157,8 @@ def test_rotation_does_not_begin_if_its_second_half_is_blocked():
 
 
 def test_rotation_of_a_robot_that_cannot_turn_ends():
-    turn, now = rotate(), 0.0
+    turn = rotate()
+    now = 0.0
     while turn.step(now, (0.0, 0.0, 0.0), OPEN, OPEN) is not None:
         now += 0.05
         assert now < 30.0

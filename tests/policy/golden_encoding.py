@@ -23,22 +23,23 @@ from training.env.outcome import Outcome
 from training.env.reward import Reward
 
 FILE = Path(__file__).resolve().parents[1] / "data" / "encoding.npz"
-PERIOD, SCENES, PLAN = 1.0, 4, 24
+PERIOD = 1.0
+SCENES = 4
+PLAN = 24
 REWARDS = (
     Reward(),
     Reward(c_p=2.0, c_c=0.1, along_y=True, exact_time=True, lowest=True, c_collision=5.0),
 )
-FLAGS, NUMBERS = (
-    ("contact", "success", "flipped"),
-    ("progress", "progress_y", "last_scan_min", "decision_min"),
-)
+FLAGS = ("contact", "success", "flipped")
+NUMBERS = ("progress", "progress_y", "last_scan_min", "decision_min")
 Arrays = Dict[str, np.ndarray]
 
 
 def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
     """Return random scenes, actions and outcomes."""
     encoding = DimensionlessEncoding(robot, PERIOD)
-    layout, scale = encoding.layout, encoding.scale
+    layout = encoding.layout
+    scale = encoding.scale
     poses = np.cumsum(rng.uniform(-0.2, 0.4, (SCENES, 3)) * scale, axis=0)
     ways = np.cumsum(rng.uniform(-0.05, 0.3, (SCENES, PLAN, 2)) * scale, axis=1)
     return {

@@ -67,7 +67,8 @@ def network(rng):
     "robot", ROBOTS + WIDE, ids=[*NAMES, *(name + " by default" for name in NAMES)]
 )
 def test_actions_encode_parameters_within_the_robots_ranges(robot):
-    encoding, rng = DimensionlessEncoding(robot, 1.0), np.random.default_rng(0)
+    encoding = DimensionlessEncoding(robot, 1.0)
+    rng = np.random.default_rng(0)
     for action in rng.uniform(-1.0, 1.0, (50, len(OUTPUTS))):
         theta = encoding.theta(action)
         assert np.array_equal(theta, encoding.space.clip(theta))
@@ -90,7 +91,8 @@ def test_actions_encode_parameters_within_the_robots_ranges(robot):
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=NAMES)
 def test_an_observation_is_mirrored_as_the_scene_is(robot):
-    encoding, image = DimensionlessEncoding(robot, 1.0), DimensionlessEncoding(robot, 1.0)
+    encoding = DimensionlessEncoding(robot, 1.0)
+    image = DimensionlessEncoding(robot, 1.0)
     for seed in range(3):  # Later observations also contain changes since the previous one.
         seen = encoding.observe(context(robot, np.random.default_rng(seed)))
         mirrored = image.observe(context(robot, np.random.default_rng(seed), side=-1.0))
@@ -117,13 +119,16 @@ def test_observations_parameters_and_rewards_equal_the_golden_file(name):
 
 def test_the_nearest_moving_obstacles_are_in_the_robots_frame():
     """The robot faces +y. One obstacle approaches from ahead, one recedes on the left, others are farther away."""
-    encoding, rng = DimensionlessEncoding(JACKAL, 1.0), np.random.default_rng(0)
+    encoding = DimensionlessEncoding(JACKAL, 1.0)
+    rng = np.random.default_rng(0)
     movers = np.array(
         [(9.0, 2.0, 0.3, 0.3), (-2.0, 2.0, -1.0, 0.0), (9.0, 9.0, 0, 0), (1.0, 4.0, 0.0, -0.5)]
     )
     here = replace(context(JACKAL, rng), pose=(1.0, 2.0, np.pi / 2), movers=movers)
-    length, fast = 15.0 * encoding.width, JACKAL.base.max_speed
-    ahead, left = (2.0 / length, 0.0, -0.5 / fast, 0.0), (0.0, 3.0 / length, 0.0, 1.0 / fast)
+    length = 15.0 * encoding.width
+    fast = JACKAL.base.max_speed
+    ahead = (2.0 / length, 0.0, -0.5 / fast, 0.0)
+    left = (0.0, 3.0 / length, 0.0, 1.0 / fast)
     right = (0.0, -1.0, 0.3 / fast, -0.3 / fast)  # 8 m away, where positions are capped
     np.testing.assert_allclose(encoding.observe(here)[-12:], [*ahead, *left, *right], atol=1e-6)
     np.testing.assert_array_equal(
@@ -188,7 +193,8 @@ def test_parameters_that_an_action_does_not_choose_have_the_policys_base(tmp_pat
         "max_vel_x": 0.3,
         "of_another_robot": 1.0,
     }
-    weights, path = network(np.random.default_rng(0)), tmp_path / "based.safetensors"
+    weights = network(np.random.default_rng(0))
+    path = tmp_path / "based.safetensors"
     save(path, weights, encoding=DimensionlessEncoding(JACKAL, 1.0, base))
     method = methods.make(str(path), JACKAL)
     method.reset(0)
@@ -208,7 +214,8 @@ def test_a_parameter_with_a_range_out_of_reach_is_not_chosen():
 
 def test_one_file_drives_every_robot(tmp_path):
     rng = np.random.default_rng(0)
-    weights, path = network(rng), str(tmp_path / "general.safetensors")
+    weights = network(rng)
+    path = str(tmp_path / "general.safetensors")
     save(path, with_mirror_images(weights, MIRROR), encoding=DimensionlessEncoding(JACKAL, 1.0))
     assert len(load_policy(path).layers[0][0]) == 2
     size = (tmp_path / "general.safetensors").stat().st_size

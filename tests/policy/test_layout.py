@@ -52,7 +52,8 @@ def test_resampling_equals_the_reference_implementation(kind, layout):
 
 def test_a_scan_with_the_layouts_geometry_is_unchanged():
     ranges = scan_of("541", 1)[0].repeat(2)[:720]
-    first, step = np.float32(JACKAL.angle_min), np.float32(JACKAL.step)
+    first = np.float32(JACKAL.angle_min)
+    step = np.float32(JACKAL.step)
     assert JACKAL.resample(ranges, first, step).tobytes() == ranges.tobytes()
     assert JACKAL.resample(ranges[::-1], -first, -step).tobytes() == ranges.tobytes()
 
@@ -87,7 +88,8 @@ def test_a_scan_that_does_not_cover_the_layout_is_rejected(count, first, last, l
 
 
 def test_an_actor_has_its_own_layout(tmp_path):
-    layout, rng = Layout(60, -1.5, 1.5, 3.0, 0.5), np.random.default_rng(0)
+    layout = Layout(60, -1.5, 1.5, 3.0, 0.5)
+    rng = np.random.default_rng(0)
     weights = {
         "0.weight": rng.normal(size=(8, 69)).astype(np.float32),
         "0.bias": np.zeros(8, np.float32),

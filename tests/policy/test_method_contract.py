@@ -10,15 +10,15 @@ from applr_ros1.policy import methods
 
 def scenes(method, count=8):
     """Return typical contexts: open and narrow, with missing returns, with any current parameters."""
-    draw, contexts = np.random.default_rng(0), []
+    draw = np.random.default_rng(0)
+    contexts = []
     for k in range(count):
         ranges = draw.uniform(0.1, 0.4 + k, method.layout.beams).astype(np.float32)
         ranges[draw.random(method.layout.beams) < k / count] = np.inf
-        phi, theta = (
-            draw.uniform(-np.pi, np.pi),
-            method.space.to_theta(draw.uniform(-1.0, 1.0, len(method.space))),
-        )
-        pose, goal = (0.5 * k, 0.0, phi), (10.0, 0.0, 0.0)
+        phi = draw.uniform(-np.pi, np.pi)
+        theta = method.space.to_theta(draw.uniform(-1.0, 1.0, len(method.space)))
+        pose = (0.5 * k, 0.0, phi)
+        goal = (10.0, 0.0, 0.0)
         plan = np.linspace(pose[:2], goal[:2], 40)[: 40 * (k > 0)]
         movers = draw.normal(0.0, 2.0, (k // 2, 4))
         shown = (0.1 * k, 0.0), goal, plan, movers, method.space, method.layout
@@ -49,7 +49,8 @@ def test_methods_of_the_package(spec):
 
 def test_exploration_draws_around_the_robots_set():
     method = methods.make("explore")
-    space, centre = method.space, methods.make("static").values
+    space = method.space
+    centre = methods.make("static").values
     method.reset(1)
     actions = np.array([space.to_action(method.theta(None)) for _ in range(4000)])
     free = ~space.integer & (

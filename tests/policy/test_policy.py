@@ -2,7 +2,6 @@
 
 import json
 import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -36,7 +35,8 @@ from training.evaluate import runner
 from training.evaluate.trial import plan_trials
 from worlds import barn
 
-PLANNER, COSTMAPS = "TrajectoryPlannerROS", ("local_costmap", "global_costmap")
+PLANNER = "TrajectoryPlannerROS"
+COSTMAPS = ("local_costmap", "global_costmap")
 INFLATION = ("local_costmap/inflater_layer", "global_costmap/inflater_layer")
 DRAWN = Policy.of(make_weights())
 SHIPPED_DRIVES = ("generated:8", "generated:35", "generated:123")
@@ -232,7 +232,8 @@ def _raw(weights, **metadata):
 
 def _wrong_files():
     good = make_weights()
-    space, layout = json.dumps(SPACE.chosen.to_dict()), json.dumps(LAYOUT.to_dict())
+    space = json.dumps(SPACE.chosen.to_dict())
+    layout = json.dumps(LAYOUT.to_dict())
     header = dict(robot='"jackal"', format=actor_module.FORMAT, space=space, layout=layout)
     whole = _raw(good, **header)
     other = json.loads(space)
@@ -270,13 +271,6 @@ def test_saving_is_atomic(tmp_path):
         lambda: save(tmp_path / "nowhere" / "a.safetensors", make_weights()), "cannot be written"
     )
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_policy_for_another_space_is_rejected(tmp_path):
-    save(tmp_path / "a.safetensors", make_weights())
-    speed, *others = robots.JACKAL.space
-    slower = replace(robots.JACKAL, space=(speed.model_copy(update={"range": (0.2, 1.0)}), *others))
-    refused(lambda: load(tmp_path / "a.safetensors", slower), "another parameter space")
 
 
 def test_one_request_for_each_server():

@@ -95,7 +95,8 @@ def rows(out):
 
 def test_space_and_layout_follow_the_description(crate):
     robot = robots.load(str(crate))
-    space, layout = space_of(robot), layout_of(robot)
+    space = space_of(robot)
+    layout = layout_of(robot)
     assert space.as_dict(space.theta0) == {
         "speed": 0.5,
         "sim_time": 1.2,
@@ -106,7 +107,8 @@ def test_space_and_layout_follow_the_description(crate):
         "patience": 5.0,
     }
     assert (layout.beams, layout.angle_min, layout.range_cap) == (241, -2.0, pytest.approx(1.7))
-    planner, theta = MoveBase(robot.parameters()), space.high
+    planner = MoveBase(robot.parameters())
+    theta = space.high
     in_force = send(space.settings(theta), planner)
     assert space.read_back(in_force).tolist() == theta.tolist()
     assert in_force["DWAPlannerROS"]["max_vel_trans"] == 0.8
@@ -126,7 +128,8 @@ def test_obstacles_count_at_the_lasers_height_in_simulation_too(crate):
 
 
 def test_a_robot_is_trained_and_driven_from_its_folder(crate, tmp_path, capsys):
-    run, out = tmp_path / "run", tmp_path / "out"
+    run = tmp_path / "run"
+    out = tmp_path / "out"
     tuned = {"speed": 0.7, "sim_time": 1.0}
     found_set.write_set(robots.load(str(crate)), tuned, crate / "static.json", crate / "tuned.yaml")
     training = ["--total-timesteps", "12", "--net-arch", "16", "16", "--batch-size", "8"]

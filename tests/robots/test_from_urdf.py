@@ -158,7 +158,7 @@ def fill(folder, **values):
     (folder / "robot.yaml").write_text(
         re.sub(r"^  # (\w+: \S+)", r"  \1", text, flags=re.MULTILINE)
     )
-    robots.folder._read.cache_clear()
+    robots.folder.forget()
 
 
 def asked(output):
@@ -574,10 +574,8 @@ def test_a_round_body_is_no_box(make, tmp_path):
     file = tmp_path / "my_robot/robot.yaml"
     file.write_text(re.sub("size: .*", "size: [0.3, 0.3, 0.16]\n  round: true", file.read_text()))
     robot = robots.load(str(tmp_path / "my_robot"))
-    ends, parts = (
-        robots.geometry.corners(robot) - robot.body.centre,
-        np.array(robots.geometry.parts(robot)),
-    )
+    ends = robots.geometry.corners(robot) - robot.body.centre
+    parts = np.array(robots.geometry.parts(robot))
     assert parts[:4, 2:].max(axis=0).tolist() == pytest.approx([0.15, 0.15])
     assert np.hypot(*ends[:16].T).max() == pytest.approx(0.15, rel=0.02)
     assert (ends[:, 0].max(), len(MonitorSettings.of(robot).body)) == (pytest.approx(0.15), 24)

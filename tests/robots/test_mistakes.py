@@ -15,16 +15,12 @@ from training.evaluate import __main__ as evaluate
 from training.robot import check as check_robot
 from training.train import __main__ as train
 
-ROBOT, COSTMAPS, PLANNER = (
-    "robot.yaml",
-    "costmap_common_params.yaml",
-    "base_local_planner_params.yaml",
-)
-MOVE_BASE, BURGER, LOCAL = (
-    "move_base_params.yaml",
-    "dwa_local_planner_params_burger.yaml",
-    "local_costmap_params.yaml",
-)
+ROBOT = "robot.yaml"
+COSTMAPS = "costmap_common_params.yaml"
+PLANNER = "base_local_planner_params.yaml"
+MOVE_BASE = "move_base_params.yaml"
+BURGER = "dwa_local_planner_params_burger.yaml"
+LOCAL = "local_costmap_params.yaml"
 OUTLINE = '"[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"'
 BURGER_OUTLINE = "footprint: [[-0.105, -0.105], [-0.105, 0.105], [0.041, 0.105], [0.041, -0.105]]"
 
@@ -325,7 +321,7 @@ def test_all_errors_in_robot_yaml_are_reported_at_once_before_those_of_parameter
         "TrajectoryPlannerROS: {sim_time: .nan, max_vel_x: .inf, max_vel_xx: 1.0}"
     )
     for words in (("base.max_speed", "laser.beams"), ("sim_time", "max_vel_x")):
-        folders._read.cache_clear()
+        folders.forget()
         assert check_robot.main([folder]) == 1
         remarks, printed = (text.splitlines() for text in capsys.readouterr())
         assert remarks == (

@@ -53,7 +53,8 @@ def with_files(folder, **files):
 
 
 def test_an_empty_section_of_a_file_holds_nothing(tmp_path):
-    empty, value = ("new:\nlocal_costmap:\n", ""), ("width: 7\n", "new")
+    empty = ("new:\nlocal_costmap:\n", "")
+    value = ("width: 7\n", "new")
     tree = robots.load(with_files(tmp_path / "mine", empty=empty, value=value)).parameters()
     assert tree["new"] == {"width": 7}
     assert tree["local_costmap"] == robots.load("jackal").parameters()["local_costmap"]
@@ -81,11 +82,9 @@ def test_a_robot_whose_mass_lies_right_above_its_axle_stands():
 
 def test_a_space_that_robot_yaml_does_not_state_follows_from_base_and_body():
     burger = robots.load("turtlebot3_burger")
-    speed, turn, width = (
-        burger.base.max_speed,
-        burger.base.max_yaw_rate,
-        max(burger.body.size[1], burger.base.track),
-    )
+    speed = burger.base.max_speed
+    turn = burger.base.max_yaw_rate
+    width = max(burger.body.size[1], burger.base.track)
     space = {parameter.name: parameter for parameter in burger.space}
     ranges = {
         "max_vel_x": (0.1 * speed, speed),

@@ -26,7 +26,8 @@ def turning(simulator, v, w, seed):
     """Return (ratio of yaw rate to command, distance of the centre of rotation ahead of base_link [m]) in a turn."""
     simulator.reset(OPEN, seed)
     before = drive(simulator, v, w, 1.5).pose
-    rates, aside = [], []
+    rates = []
+    aside = []
     for _ in range(40):
         x, y, yaw = drive(simulator, v, w, STEP).pose
         middle = before[2] + 0.5 * np.angle(np.exp(1j * (yaw - before[2])))
@@ -47,7 +48,8 @@ def test_the_stopping_distance_depends_on_the_wheels_angles_and_odometry_misses_
     simulator,
 ):
     """In Gazebo, twelve stops from 1.5 m/s took .18 to 1.14 m, on average .47 m, of which odometry missed .37 m."""
-    ways, unseen = [], []
+    ways = []
+    unseen = []
     for seed in range(16):
         simulator.reset(OPEN, seed)
         before = drive(simulator, 1.5, 0.0, 1.5)
@@ -71,7 +73,8 @@ def set_motion(made, twist, ramp, angles):
     """
     forward, leftward, yaw_rate = twist
     com_x, com_y = made._mechanics.com
-    body, drivetrain = made._body, made._vehicle["drivetrain"]
+    body = made._body
+    drivetrain = made._vehicle["drivetrain"]
     body["forward"] = forward - yaw_rate * com_y
     body["leftward"] = leftward + yaw_rate * com_x
     body["yaw_rate"] = yaw_rate
@@ -90,7 +93,9 @@ def test_the_robot_yaws_while_its_wheels_stop():
         (0.006, 0.01),
         *[(0.0, 0.0)] * 4,
     )
-    made, swings, ways = sim_bridge.make("kinematic"), [], []
+    made = sim_bridge.make("kinematic")
+    swings = []
+    ways = []
     for left in np.arange(0.0, 6.2, 0.4):
         for right in np.arange(0.0, 6.2, 0.4):
             made.reset(OPEN, 0)
@@ -196,7 +201,8 @@ def test_a_tyre_of_high_friction_jams_and_does_not_push(
     simulation = Simulation(**motor, ground=ground[0], track_multiplier=ground[1])
     robot = replace(robots.JACKAL, base=base, body=body, simulation=simulation)
     simulator = sim_bridge.make("kinematic", robot=robot, friction=1.2)
-    fastest, rng = 0.0, np.random.default_rng(seed)
+    fastest = 0.0
+    rng = np.random.default_rng(seed)
     for trial in range(4):
         simulator.reset(OPEN, trial)
         before = simulator.state.pose

@@ -27,7 +27,8 @@ def brute_force(laser, circles, edges, x, y, yaw):
         hit = (inside >= 0) & (along > 0)
         best = np.minimum(best, np.where(hit, along - np.sqrt(np.maximum(inside, 0)), np.inf))
     for x0, y0, x1, y1 in edges:
-        edge, to = np.array([x1 - x0, y1 - y0]), np.array([x0 - x, y0 - y])
+        edge = np.array([x1 - x0, y1 - y0])
+        to = np.array([x0 - x, y0 - y])
         across = beams[:, 0] * edge[1] - beams[:, 1] * edge[0]
         reach = (to[0] * edge[1] - to[1] * edge[0]) / across
         where = (to[0] * beams[:, 1] - to[1] * beams[:, 0]) / across
@@ -53,7 +54,8 @@ def grazing(laser, circles, edges, x, y, yaw, beam):
 @seeds(60)
 def test_scans_equal_brute_force(seed):
     rng = np.random.default_rng(seed)
-    n, m = rng.integers(0, 60), rng.integers(0, 8)
+    n = rng.integers(0, 60)
+    m = rng.integers(0, 8)
     spread = rng.choice([3.0, 8.0, 25.0])
     circles = np.column_stack([rng.uniform(-spread, spread, (n, 2)), rng.uniform(0.02, 1.5, n)])
     boxes = np.column_stack(
@@ -63,7 +65,8 @@ def test_scans_equal_brute_force(seed):
     lidar = Lidar(laser, circles, boxes)
     for _ in range(4):
         x, y, yaw = rng.uniform(-spread, spread), rng.uniform(-spread, spread), rng.uniform(-7, 7)
-        got, want = lidar.scan(x, y, yaw), brute_force(laser, circles, lidar.edges, x, y, yaw)
+        got = lidar.scan(x, y, yaw)
+        want = brute_force(laser, circles, lidar.edges, x, y, yaw)
         if np.isneginf(got).all():  # inside an obstacle
             continue
         for beam in np.flatnonzero(~np.isclose(got, want, rtol=0.0, atol=1e-5)):

@@ -31,7 +31,8 @@ def both(**options):
     return simulator
 
 
-simulator, on_plain_ground = both(), both(ground=0.0)
+simulator = both()
+on_plain_ground = both(ground=0.0)
 
 
 def numbers(state):
@@ -108,7 +109,9 @@ def driven(simulator, v, w, seconds=6.0, seeds=1):
     runs = []
     for seed in range(seeds):
         simulator.reset(small_world(), seed)
-        last, ahead, turned = drive(simulator, v, w, 1.0), 0.0, 0.0
+        last = drive(simulator, v, w, 1.0)
+        ahead = 0.0
+        turned = 0.0
         track = [last.pose[:2]]
         for _ in range(int(round(seconds / STEP))):
             state = drive(simulator, v, w, STEP)
@@ -119,7 +122,8 @@ def driven(simulator, v, w, seconds=6.0, seeds=1):
             ahead += (dx * cos(middle) + dy * sin(middle)) * (
                 turn / 2 / sin(turn / 2) if turn else 1.0
             )
-            turned, last = turned + turn, state
+            turned = turned + turn
+            last = state
             if abs(turned) <= 2 * pi:
                 track.append(state.pose[:2])
         runs.append(
@@ -180,7 +184,8 @@ def test_stops_a_quarter_second_after_the_last_command(simulator, v, w):
 
 
 def test_latency_delays_the_response():
-    quick, slow = sim_bridge.make("kinematic"), sim_bridge.make("kinematic", latency=0.1)
+    quick = sim_bridge.make("kinematic")
+    slow = sim_bridge.make("kinematic", latency=0.1)
     for simulator in (quick, slow):
         simulator.reset(small_world(), 0)
     a = [drive(quick, 0.5, 0.0, 0.05).twist[0] for _ in range(12)]
@@ -290,7 +295,8 @@ def test_scan_is_taken_at_the_laser_with_its_noise(simulator):
 
 # -- repetition ------------------------------------------------------------------------------------
 def trace(simulator, scene, seed):
-    rng, rows = np.random.default_rng(9), []
+    rng = np.random.default_rng(9)
+    rows = []
     simulator.reset(scene, seed)
     for _ in range(40):
         state = drive(simulator, rng.uniform(-0.5, 1.5), rng.uniform(-2.0, 2.0), 0.1)
@@ -300,7 +306,8 @@ def trace(simulator, scene, seed):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_same_world_seed_and_commands_repeat_to_the_last_bit(name):
-    simulator, other = sim_bridge.make(name), sim_bridge.make(name)
+    simulator = sim_bridge.make(name)
+    other = sim_bridge.make(name)
     rng = np.random.default_rng(1)
     scene = small_world(
         np.column_stack([rng.uniform(0.5, 3.0, 30), rng.uniform(-2.0, 2.0, 30), np.full(30, 0.075)])
@@ -325,7 +332,8 @@ def test_the_length_of_a_step_does_not_matter(simulator):
 
 # -- randomisation and mistakes --------------------------------------------------------------------
 def test_randomised_values_stay_within_their_bounds():
-    simulator, drawn = sim_bridge.make("kinematic", latency=(0.0, 0.1), friction=(0.5, 1.5)), []
+    simulator = sim_bridge.make("kinematic", latency=(0.0, 0.1), friction=(0.5, 1.5))
+    drawn = []
     for seed in range(50):
         simulator.reset(small_world(), seed)
         drawn.append((simulator.drawn.latency, simulator.drawn.friction))
@@ -392,10 +400,8 @@ def test_kinematic_contacts_end_like_pybullets():
         (theirs, touched), (ours, ours_touched) = (
             among_obstacles(made, seed) for made in (pybullet, kinematic)
         )
-        apart, turn = (
-            ours[-1, :2] - theirs[-1, :2],
-            abs(normalize_angle(ours[-1, 2] - theirs[-1, 2])),
-        )
+        apart = ours[-1, :2] - theirs[-1, :2]
+        turn = abs(normalize_angle(ours[-1, 2] - theirs[-1, 2]))
         rows.append((hypot(*apart), turn, touched, ours_touched))
     pybullet.close()
     rows = np.array(rows, dtype=float)

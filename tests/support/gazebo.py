@@ -46,7 +46,8 @@ class GazeboSimulation:
 
     def collided(self):
         """Return whether a contact was reported since the last call."""
-        collided, self.contacts = self.contacts > 0, 0
+        collided = self.contacts > 0
+        self.contacts = 0
         return collided
 
     def reset(self):
@@ -78,9 +79,13 @@ def main():
     arguments = parser.parse_args()
     number = arguments.world_idx
     if number < 300:
-        name, start, target = "BARN/world_%d.world" % number, (-2.25, 3, 1.57), (0, 10)
+        name = "BARN/world_%d.world" % number
+        start = (-2.25, 3, 1.57)
+        target = (0, 10)
     else:
-        name, start, target = "DynaBARN/world_%d.world" % (number - 300), (11, 0, 3.14), (-20, 0)
+        name = "DynaBARN/world_%d.world" % (number - 300)
+        start = (11, 0, 3.14)
+        target = (-20, 0)
     base = rospkg.RosPack().get_path("jackal_helper")
     os.environ["GAZEBO_PLUGIN_PATH"] = os.path.join(base, "plugins")
     gazebo = subprocess.Popen(
@@ -96,7 +101,8 @@ def main():
     rospy.set_param("/use_sim_time", True)
     simulation = GazeboSimulation(start)
     end = (start[0] + target[0], start[1] + target[1])
-    place, collided = simulation.place(), True
+    place = simulation.place()
+    collided = True
     while math.dist(start[:2], place) > 0.1 or collided:
         simulation.reset()
         place = simulation.place()
@@ -110,11 +116,14 @@ def main():
     client.send_goal(goal(*target))
     now = rospy.get_time()
     while math.dist(start[:2], place) < 0.1:
-        now, place = rospy.get_time(), simulation.place()
+        now = rospy.get_time()
+        place = simulation.place()
         time.sleep(0.01)
-    began, collided = now, False
+    began = now
+    collided = False
     while math.dist(end, place) > 1 and not collided and now - began < 100:
-        now, place = rospy.get_time(), simulation.place()
+        now = rospy.get_time()
+        place = simulation.place()
         print("Time: %.2f (s), x: %.2f (m), y: %.2f (m)" % (now - began, *place), end="\r")
         collided = simulation.collided()
         while rospy.get_time() - now < 0.1:

@@ -82,14 +82,10 @@ class FakeJackal:
         self.commands = []  # (wall time, v, w)
         self._command = 0.0, 0.0
         self._ends = []
-        self._tf, self._odometry = (
-            self._publisher("/tf", TFMessage),
-            self._publisher("/odometry/filtered", Odometry),
-        )
-        self._scan, self._clock = (
-            self._publisher("/front/scan", LaserScan),
-            self._publisher("/clock", Clock),
-        )
+        self._tf = self._publisher("/tf", TFMessage)
+        self._odometry = self._publisher("/odometry/filtered", Odometry)
+        self._scan = self._publisher("/front/scan", LaserScan)
+        self._clock = self._publisher("/clock", Clock)
         mounted = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
         mounted.publish(
             TFMessage([transform("base_link", "front_laser", (LASER_X, 0.0, 0.0), self.now())])
@@ -153,7 +149,8 @@ class FakeJackal:
             "range_max": RANGE_MAX,
         }
         scan = LaserScan(angle_increment=INCREMENT, ranges=ranges.tolist(), **limits)
-        scan.header.stamp, scan.header.frame_id = stamp, "front_laser"
+        scan.header.stamp = stamp
+        scan.header.frame_id = "front_laser"
         self._scan.publish(self.bend(scan))
 
     def _publish_pose(self, stamp):
@@ -190,12 +187,17 @@ class Standing(FakeJackal):
 
     def reset(self):
         self.ranges = np.random.default_rng(0).uniform(0.3, 4.0, 720).astype(np.float32)
-        self.pose, self.twist = (0.5, -0.25, 0.4), (0.3, -0.1)
+        self.pose = (0.5, -0.25, 0.4)
+        self.twist = (0.3, -0.1)
         self.path = np.column_stack([np.linspace(0.5, 5.0, 180), np.sin(np.linspace(0, 2, 180))])
         self.goal = self.clock = None
         self.statuses = True  # whether move_base's status is published
-        self.decisions, self.messages, self.ends = [], [], []
-        self.beats, self.parameters, self.values = [], [], {}
+        self.decisions = []
+        self.messages = []
+        self.ends = []
+        self.beats = []
+        self.parameters = []
+        self.values = {}
 
     def count(self, key):
         return int(self.values.get(key, 0))
@@ -227,7 +229,8 @@ class Standing(FakeJackal):
         self._publish_scan(stamp, self.ranges)
         if goal is not None:
             plan = Path()
-            plan.header.stamp, plan.header.frame_id = stamp, "odom"
+            plan.header.stamp = stamp
+            plan.header.frame_id = "odom"
             for x, y in self.path:
                 plan.poses.append(PoseStamped())
                 plan.poses[-1].pose.position.x, plan.poses[-1].pose.position.y = x, y
@@ -246,10 +249,8 @@ def decided(message):
 def observed(message):
     """Return the paper's observation (729,) from an applr_ros1/Decision of a Jackal."""
     scan = np.array(message.ranges, np.float32), message.angle_min, message.angle_increment
-    pose, plan = (
-        (message.x, message.y, message.yaw),
-        np.column_stack([message.plan_x, message.plan_y]),
-    )
+    pose = (message.x, message.y, message.yaw)
+    plan = np.column_stack([message.plan_x, message.plan_y])
     seen = Seen(scan, message.elapsed, pose, (message.v, message.w), pose, plan, np.zeros((0, 4)))
     return Context.of(np.array(message.before.values), seen, SPACE, LAYOUT).observation
 
@@ -257,9 +258,11 @@ def observed(message):
 def transform(parent, child, pose, stamp):
     """Return the geometry_msgs/TransformStamped of a frame at a pose (x, y, yaw) in its parent."""
     t = TransformStamped(child_frame_id=child)
-    t.header.frame_id, t.header.stamp = parent, stamp
+    t.header.frame_id = parent
+    t.header.stamp = stamp
     t.transform.translation.x, t.transform.translation.y = pose[:2]
-    t.transform.rotation.z, t.transform.rotation.w = math.sin(pose[2] / 2), math.cos(pose[2] / 2)
+    t.transform.rotation.z = math.sin(pose[2] / 2)
+    t.transform.rotation.w = math.cos(pose[2] / 2)
     return t
 
 

@@ -19,7 +19,9 @@ import time
 from applr_ros1.common.errors import run_script
 from applr_ros1.scripts.__main__ import COMMANDS, NODES
 
-ADOPT, DIES_WITH_PARENT = 36, 1  # options of prctl: PR_SET_CHILD_SUBREAPER and PR_SET_PDEATHSIG
+# options of prctl: PR_SET_CHILD_SUBREAPER and PR_SET_PDEATHSIG
+ADOPT = 36
+DIES_WITH_PARENT = 1
 IMPORTED = "applr", "collision_monitor", "move_base", "movers", "sim_bridge", "send_goal"
 PARTS = {  # kernels (nodes/tools/compile_kernels.py) that the first start of each node loads
     "move_base": "move_base with base_local_planner/TrajectoryPlannerROS",
@@ -36,7 +38,8 @@ class Forked:
     """Forked process, with the part of subprocess.Popen's interface that the tests use."""
 
     def __init__(self, pid):
-        self.pid, self.returncode = pid, None
+        self.pid = pid
+        self.returncode = None
 
     def poll(self):
         if self.returncode is None and (ended := os.waitpid(self.pid, os.WNOHANG))[0]:
@@ -102,7 +105,8 @@ def main():
     """Fork a process for each order on stdin. The forked process leaves the loop and runs the program."""
     from applr_ros1.nodes.tools import compile_kernels
 
-    parent, parts = int(sys.argv[1]), dict(compile_kernels.PARTS)
+    parent = int(sys.argv[1])
+    parts = dict(compile_kernels.PARTS)
     for name in IMPORTED:
         importlib.import_module(NODES[name])
     importlib.import_module("tests.support.nodes")

@@ -51,7 +51,9 @@ def dwa_parameters(**changes):
 
 LASER = JACKAL.laser
 BEAMS, ANGLE_MIN, ANGLE_MAX = LASER.beams, LASER.first_angle, LASER.last_angle
-INCREMENT, RANGE_MIN, RANGE_MAX = LASER.increment, LASER.range_min, LASER.range_max
+INCREMENT = LASER.increment
+RANGE_MIN = LASER.range_min
+RANGE_MAX = LASER.range_max
 LASER_X = 0.12
 SLALOM = [(1.5, 0.3, 0.15), (1.5, 0.9, 0.15), (2.6, -0.6, 0.15), (2.6, -1.2, 0.15)]
 
@@ -60,7 +62,9 @@ class ToyRobot:
     """Robot with pose (x, y, yaw) and twist (v, w) among circles (n, 3) of x, y, radius [m]."""
 
     def __init__(self, pose=(0.0, 0.0, 0.0), circles=()):
-        self.pose, self.twist, self.time = pose, (0.0, 0.0), 0.0
+        self.pose = pose
+        self.twist = (0.0, 0.0)
+        self.time = 0.0
         self.circles = np.array(circles, dtype=np.float64).reshape(-1, 3)
 
     def sensor_pose(self):
@@ -84,7 +88,8 @@ class ToyRobot:
             x += v * math.cos(yaw) * duration / 10
             y += v * math.sin(yaw) * duration / 10
             yaw += w * duration / 10
-        self.pose, self.twist = (x, y, math.remainder(yaw, 2 * math.pi)), (v, w)
+        self.pose = (x, y, math.remainder(yaw, 2 * math.pi))
+        self.twist = (v, w)
         self.time += duration
 
 
@@ -111,10 +116,14 @@ def run(move_base, robot, seconds, period=0.05, scans=True, until_result=True, c
 class Scripted:
     """Local planner stub with scripted commands: call n returns answer(n), a pair (ok, (v, w))."""
 
-    goal_reached, cropped_plan, local_plan = False, NO_PLAN, NO_PLAN
+    goal_reached = False
+    cropped_plan = NO_PLAN
+    local_plan = NO_PLAN
 
     def __init__(self, answer):
-        self.answer, self.calls, self.escapes_ended = answer, 0, 0
+        self.answer = answer
+        self.calls = 0
+        self.escapes_ended = 0
 
     def set_plan(self, plan):
         pass
@@ -140,7 +149,8 @@ def quick(**changes):
 
 def start(goal, robot=None, tree=None, before=0.1):
     """Return (MoveBase, robot) after `before` seconds of scans and the sending of the goal."""
-    robot, made = robot or ToyRobot(), MoveBase(tree or quick())
+    robot = robot or ToyRobot()
+    made = MoveBase(tree or quick())
     run(made, robot, before)
     made.set_goal(goal, robot.time)
     return made, robot

@@ -36,7 +36,9 @@ class Child:
     """Started process. `log` is the file (Path) with its output."""
 
     def __init__(self, process, log):
-        self.process, self.log, self.pid = process, log, process.pid
+        self.process = process
+        self.log = log
+        self.pid = process.pid
 
     @property
     def text(self):
@@ -118,7 +120,8 @@ class RosMaster:
             ).rstrip(os.pathsep),
         )
         self.env.pop("ROS_HOSTNAME", None)
-        self._children, self._nodes = [], []
+        self._children = []
+        self._nodes = []
         self._master = started(
             ["rosmaster", "--core", "-p", self.port], self.env, self.folder / "master.log"
         )
@@ -169,7 +172,9 @@ class RosMaster:
         self.close()
 
 
-_session, _port, _nursery = None, None, None
+_session = None
+_port = None
+_nursery = None
 _joined = []  # functions that end the topics and services of this process
 
 

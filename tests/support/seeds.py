@@ -29,7 +29,9 @@ def seeds(count):
                 except Exception as failure:
                     raise AssertionError("seed %d" % seed) from failure
 
-        run.__name__, run.__doc__, run.__module__ = test.__name__, test.__doc__, test.__module__
+        run.__name__ = test.__name__
+        run.__doc__ = test.__doc__
+        run.__module__ = test.__module__
         return run
 
     return decorate

@@ -31,11 +31,13 @@ class Line(gymnasium.Env):
 
     observation_space = gymnasium.spaces.Box(-10, 10, (1,), np.float32)
     action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
-    layout, worlds = TransitionLayout(0, 1, 1), ["line"]
+    layout = TransitionLayout(0, 1, 1)
+    worlds = ["line"]
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
-        self.x, self.t = self.np_random.uniform(-1, 1), 0
+        self.x = self.np_random.uniform(-1, 1)
+        self.t = 0
         return self._observation(), {}
 
     def step(self, action):
@@ -83,10 +85,8 @@ def answer(number, seconds=0.0):
 def episode(layout, number, t=3, terminated=False, **info):
     """Return an episode of t transitions in a layout, drawn with the seed `number`."""
     rng = np.random.default_rng(number)
-    observations, actions = (
-        rng.uniform(-1, 1, (t + 1, layout.size)),
-        rng.uniform(-1, 1, (t, layout.action)),
-    )
+    observations = rng.uniform(-1, 1, (t + 1, layout.size))
+    actions = rng.uniform(-1, 1, (t, layout.action))
     return Trajectory.of(layout, observations, actions, rng.normal(size=t), terminated, info)
 
 
@@ -111,11 +111,14 @@ def drive_line(env, task, weights):
         if task.method_spec == POLICY
         else lambda observation: np.zeros(1, np.float32)
     )
-    made, total, ended = environment(env, "{}"), 0.0, False
+    made = environment(env, "{}")
+    total = 0.0
+    ended = False
     observation, _ = made.reset(seed=task.seed)
     while not ended:
         observation, reward, terminated, truncated, _ = made.step(policy(observation))
-        total, ended = total + float(reward), terminated or truncated
+        total = total + float(reward)
+        ended = terminated or truncated
     return Result(True, time_s=-total, decisions=10, route_m=1.0, total_reward=total), b""
 
 

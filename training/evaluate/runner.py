@@ -111,7 +111,7 @@ class TrialRunner:
             method = methods.for_robot(
                 methods.FixedParameters(loaded, space=self.space), self.robot
             )
-        episode = self._starting_with(loaded) if loaded is not None else self.episode
+        episode = self.starting_with(loaded) if loaded is not None else self.episode
         episode.set_period(method.period)
         episode.layout = method.layout
         outcome = episode.reset(world, task.seed, theta=loaded)
@@ -144,7 +144,7 @@ class TrialRunner:
         """Episode loop whose planner starts with the robot's default parameters."""
         return self._episode(self.robot)
 
-    def _starting_with(self, theta: Array) -> Episode:
+    def starting_with(self, theta: Array) -> Episode:
         """Return an episode loop whose planner starts with a parameter set (n,)."""
         pairs = zip(self.space.as_dict(theta).items(), self.space.theta0)
         changed = {name: value for (name, value), start in pairs if value != start}

@@ -102,7 +102,7 @@ def transitions(
     skipped: Counter[str] = Counter()
     for goal in drive.goals:
         try:
-            _check_motion(drive, goal)
+            check_motion(drive, goal)
             states = _states(drive, encoding, goal, finish)
         except Skipped as reason:
             skipped[str(reason)] += 1
@@ -152,7 +152,7 @@ def decision_period(drive: Drive) -> float:
     return round(cycles * CONTROL_PERIOD, 9)
 
 
-def _check_motion(drive: Drive, goal: Goal) -> None:
+def check_motion(drive: Drive, goal: Goal) -> None:
     """Raise Skipped if the odometry jumped while the goal was pursued, as after a jump of the clock."""
     motion = _odometry(drive)
     during = (motion.stamp >= goal.begin) & (motion.stamp <= goal.end)

@@ -51,9 +51,9 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self._yaw_tolerance = params["yaw_goal_tolerance"]
         self._latches = params["latch_xy_goal_tolerance"]
         self._prunes = bool(params["prune_plan"])
-        self._accelerations = (params["acc_lim_x"], params["acc_lim_y"], params["acc_lim_theta"])
-        self._slowest_turn: float = params["min_in_place_rotational_vel"]
-        self._fastest_turn: float = params["max_rotational_vel"]
+        self.accelerations = (params["acc_lim_x"], params["acc_lim_y"], params["acc_lim_theta"])
+        self.slowest_turn: float = params["min_in_place_rotational_vel"]
+        self.fastest_turn: float = params["max_rotational_vel"]
         self.planner = TrajectoryPlanner(footprint, params, self._period, params["meter_scoring"])
         self.reset()
 
@@ -192,7 +192,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
     def _slower(self, velocity: Triple) -> Triple:
         """Return the velocity after one period of braking at the acceleration limits."""
         slower = []
-        for v, limit in zip(velocity, self._accelerations):
+        for v, limit in zip(velocity, self.accelerations):
             slower.append(math.copysign(max(0.0, abs(v) - limit * self._period), v))
         return floats(slower)
 
@@ -203,7 +203,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         does not count, as in C++.
         """
         error = angle_difference(yaw, goal_yaw)
-        limit = self._accelerations[2]
+        limit = self.accelerations[2]
         change = limit * self._period
         wanted = self._clamped(error)
         # As fast as allowed, but within the dynamic window, and able to stop: v^2 = 2 a s
@@ -214,5 +214,5 @@ class TrajectoryLocalPlanner(LocalPlanner):
     def _clamped(self, w: float) -> float:
         """Clamp the turn rate w between the slowest and the fastest one of its sign."""
         if w > 0:
-            return min(self._fastest_turn, max(self._slowest_turn, w))
-        return max(-self._fastest_turn, min(-self._slowest_turn, w))
+            return min(self.fastest_turn, max(self.slowest_turn, w))
+        return max(-self.fastest_turn, min(-self.slowest_turn, w))

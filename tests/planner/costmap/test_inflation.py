@@ -27,14 +27,19 @@ def test_repairs_equal_spreading_anew(seed, radius, fill):
     rng = np.random.default_rng(seed)
     nx, ny = 50, 44
     layer = make(nx, ny, InflationParameters(radius, 3.0))
-    master, plain = blank(nx, ny), blank(nx, ny)
+    master = blank(nx, ny)
+    plain = blank(nx, ny)
     obstacles = rng.random((ny, nx)) < fill
     for _ in range(8):
         obstacles ^= rng.random((ny, nx)) < rng.choice((0.0, 0.002, 0.02))
         x0, y0 = rng.integers(0, 30, 2)
-        xn, yn = x0 + rng.integers(1, 20), y0 + rng.integers(1, 14)
+        xn = x0 + rng.integers(1, 20)
+        yn = y0 + rng.integers(1, 14)
         if rng.random() < 0.3:
-            x0, y0, xn, yn = 0, 0, nx, ny
+            x0 = 0
+            y0 = 0
+            xn = nx
+            yn = ny
         plain[y0:yn, x0:xn] = np.where(obstacles, 254, 0)[y0:yn, x0:xn]
         base = master.copy()
         base[y0:yn, x0:xn] = plain[y0:yn, x0:xn]
@@ -61,7 +66,8 @@ def assert_within(differs, rect):
 
 def test_costs_decay_beyond_the_inscribed_radius():
     assert [cost_at(cells, 0.05, 0.25, 10.0) for cells in (0, 5, 6)] == [254, 253, 152]
-    layer, base = make(20, 20, InflationParameters(0.6, 3.0)), blank(20, 20)
+    layer = make(20, 20, InflationParameters(0.6, 3.0))
+    base = blank(20, 20)
     layer.configure(InflationParameters(0.6, 10.0))
     base[10, 10] = 254
     layer.update(master := blank(20, 20), base, (0, 0, 20, 20))
@@ -71,8 +77,10 @@ def test_costs_decay_beyond_the_inscribed_radius():
 def test_short_queues_are_survived():
     """If many obstacles change at once, the queue grows or the spread starts anew."""
     rng = np.random.default_rng(3)
-    layer, plain = make(150, 150, InflationParameters(0.3, 3.0)), blank(150, 150)
-    layer._queue, layer._lost = np.empty((4, 75), np.int32), np.empty(250, np.int64)
+    layer = make(150, 150, InflationParameters(0.3, 3.0))
+    plain = blank(150, 150)
+    layer._queue = np.empty((4, 75), np.int32)
+    layer._lost = np.empty(250, np.int64)
     master = blank(150, 150)
     for fill in (0.02, 0.1, 0.0, 0.05):
         plain[:] = np.where(rng.random(plain.shape) < fill, 254, 0)

@@ -41,8 +41,10 @@ def test_infinite_ranges_are_used_if_they_are_declared_valid():
 def test_projection_rounds_like_the_cpp_code(ranges, x, y, yaw):
     made = project(scan(ranges, (x, y, yaw), increment=0.0065, height=0.3))
     f = np.float32
-    z, w = f(math.sin(0.5 * yaw)), f(math.cos(0.5 * yaw))
-    m00, m10 = f(1) - f(f(f(2) * z) * z), f(f(f(2) * z) * w)
+    z = f(math.sin(0.5 * yaw))
+    w = f(math.cos(0.5 * yaw))
+    m00 = f(1) - f(f(f(2) * z) * z)
+    m10 = f(f(f(2) * z) * w)
     for i, r in enumerate(ranges):
         angle = i * float(f(0.0065))
         px, py = f(float(f(r)) * math.cos(angle)), f(float(f(r)) * math.sin(angle))

@@ -18,7 +18,9 @@ def small_map():
 
 
 def test_a_changed_footprint_counts_at_once():
-    planner, costmap, plan = DWAPlanner(BURGER, 0.1), small_map(), [(0, 0), (1, 0)]
+    planner = DWAPlanner(BURGER, 0.1)
+    costmap = small_map()
+    plan = [(0, 0), (1, 0)]
     costmap.cells[34, 30] = 254  # outside the robot, but inside an outline twice as large
     assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost >= 0
     costmap.footprint = BURGER_FOOT * 2
@@ -28,7 +30,9 @@ def test_a_changed_footprint_counts_at_once():
 def test_refusals_count_the_rejected_samples_by_critic():
     """Samples are rejected for a reversed turn, a box around the robot, and a limit below all speeds."""
     forward = dict(BURGER, min_vel_x=0.15, vx_samples=2, vth_samples=3)
-    planner, costmap, plan = DWAPlanner(forward, 0.1), small_map(), [(0, 0), (1, 0)]
+    planner = DWAPlanner(forward, 0.1)
+    costmap = small_map()
+    plan = [(0, 0), (1, 0)]
     planner.state = [0] * 4 + [1] + [0] * 10  # Only turns to the left are allowed.
     planner.find_best_path(costmap, plan, (0, 0, 0), (0.15, 0, 0))
     refusals = planner.refusals()
@@ -41,16 +45,3 @@ def test_refusals_count_the_rejected_samples_by_critic():
     planner.reconfigure({"max_vel_trans": 0.01})
     planner.find_best_path(costmap, plan, (0, 0, 0), (0.15, 0, 0))
     assert planner.refusals() == {**dict.fromkeys(refusals, 0), "samples": 6, "velocity limits": 6}
-
-
-def test_a_reset_planner_equals_a_new_one():
-    costmap, plan = small_map(), [(0, 0), (1, 0.3)]
-    planner = DWAPlanner(BURGER, 0.1)
-    first = planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0))
-    for x in (0.1, 0.2, 0.9):
-        planner.find_best_path(costmap, plan, (x, 0, 0), (-0.1, 0, 0.4))
-    planner.reset()
-    planner.prepare(costmap, plan, (0, 0, 0), (0, 0, 0))
-    assert planner.check((0.2, 0, 0))[0] > 1e300  # 1e300: the grids count as not flooded
-    again = planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0))
-    assert (again.cost, again.sample, planner.state) == (first.cost, first.sample, planner.state)

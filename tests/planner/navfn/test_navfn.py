@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from applr_ros1.planner.costmap.costmap import Costmap
 from applr_ros1.planner.costmap.inflation_layer import InflationParameters
 from applr_ros1.planner.navfn import window
-from applr_ros1.planner.navfn.navfn import Navfn, _target
+from applr_ros1.planner.navfn.navfn import LIST_SIZE, Navfn, _target
 from tests.support import scenes
 from tests.support.robots import JACKAL_FOOTPRINT
 from tests.support.seeds import examples
@@ -73,15 +73,14 @@ def inside(rng, nx, ny, border=0.0):
     return tuple(point)
 
 
-def compare(planner, costmap, start, goal, tolerance=0.0, allow_unknown=True):
+def compare(planner, costmap, start, goal, tolerance=0.0, allow_unknown=True, list_size=LIST_SIZE):
     """Return the plan after asserting that plan, potential and costs equal those of a new planner."""
-    fresh = Navfn(planner._list_size)
+    fresh = Navfn(list_size)
     expected = fresh.plan(copy.deepcopy(costmap), start, goal, tolerance, allow_unknown)
     plan = planner.plan(costmap, start, goal, tolerance, allow_unknown)
     np.testing.assert_array_equal(plan, expected)
-    if fresh._flooded is not None:
-        np.testing.assert_array_equal(planner.potential, fresh.potential)
-        np.testing.assert_array_equal(planner.costs, fresh.costs)
+    np.testing.assert_array_equal(planner.potential, fresh.potential)
+    np.testing.assert_array_equal(planner.costs, fresh.costs)
     return plan
 
 
@@ -92,10 +91,13 @@ def test_one_planner_on_a_changing_map(seed, list_size):
     rng = np.random.default_rng(seed)
     ny, nx = (int(v) for v in rng.integers(20, 45, 2))
     cells = world(rng, ny, nx, rng.choice(("cellular", "arbitrary")))
-    costmap, planner = costmap_of(cells), Navfn(list_size)
-    robot, goal, allow_unknown = inside(rng, nx, ny, 0.1), inside(rng, nx, ny) + (0.0,), True
+    costmap = costmap_of(cells)
+    planner = Navfn(list_size)
+    robot = inside(rng, nx, ny, 0.1)
+    goal = inside(rng, nx, ny) + (0.0,)
+    allow_unknown = True
     for _ in range(8):
-        compare(planner, costmap, robot, goal, 0.0, allow_unknown)
+        compare(planner, costmap, robot, goal, 0.0, allow_unknown, list_size)
         if rng.random() < 0.7:  # The map changes around one point, as around a robot.
             x, y = (int(v) for v in rng.integers(0, (nx, ny)))
             block = (slice(max(0, y - 4), y + 5), slice(max(0, x - 4), x + 5))
@@ -118,7 +120,8 @@ def test_a_gap_that_opens_in_a_wall_is_found_from_each_side(ends, turned):
     wall = np.zeros((40, 40), np.uint8)
     wall[:, 20] = 254
     robot, goal = ((end, 1.0)[:: -1 if turned else 1] for end in ends)
-    costmap, planner = costmap_of(wall.T if turned else wall), Navfn()
+    costmap = costmap_of(wall.T if turned else wall)
+    planner = Navfn()
     assert not len(planner.plan(costmap, robot, (*goal, 0.0)))
     wall[20, 20] = 0
     costmap.clear()
@@ -128,7 +131,8 @@ def test_a_gap_that_opens_in_a_wall_is_found_from_each_side(ends, turned):
 
 def test_a_deep_copy_plans_by_itself():
     costmap = costmap_of(np.zeros((40, 40), np.uint8))
-    planner, way = Navfn(), ((0.5, 1.0), (1.6, 1.0, 0.0))
+    planner = Navfn()
+    way = ((0.5, 1.0), (1.6, 1.0, 0.0))
     before = compare(planner, costmap, *way)
     copied, its_map = copy.deepcopy((planner, costmap))
     wall = np.zeros((40, 40), np.uint8)
@@ -141,7 +145,8 @@ def test_a_deep_copy_plans_by_itself():
 def test_no_plan_if_the_goal_cannot_be_reached():
     cells = np.zeros((40, 40), np.uint8)
     cells[:, 20] = 254
-    costmap, planner = costmap_of(cells), Navfn()
+    costmap = costmap_of(cells)
+    planner = Navfn()
     assert compare(planner, costmap, (0.5, 1.0), (1.5, 1.0, 0.0)).shape == (0, 3)
     # The goal is in the wall, but a free cell is within the tolerance.
     assert len(compare(planner, costmap, (0.5, 1.0), (1.02, 1.0, 0.0), 0.11)) > 3
@@ -168,7 +173,8 @@ def test_a_map_too_small_to_have_an_inside():
 # -- fence of the flood -----------------------------------------------------------------------------------------------
 def test_a_fenced_flood_gives_the_plan_of_a_full_flood(monkeypatch):
     """The fence (navfn/window.py) changes neither plans nor the potentials inside it, while cells of the map change."""
-    whole, stat = window.around, Counter()
+    whole = window.around
+    stat = Counter()
     for seed in range(90):
         rng = np.random.default_rng(seed)
         nx, ny = (int(n) for n in rng.integers(150, 400, 2))
@@ -176,7 +182,9 @@ def test_a_fenced_flood_gives_the_plan_of_a_full_flood(monkeypatch):
         w, h = (int(n) for n in rng.integers(10, 80, 2))
         cx, cy = int(rng.integers(0, nx - w)), int(rng.integers(0, ny - h))
         cells[cy : cy + h, cx : cx + w] = world(rng, h, w, ("arbitrary", "cellular")[seed % 2])
-        costmap, fenced, full = costmap_of(cells), Navfn(), Navfn()
+        costmap = costmap_of(cells)
+        fenced = Navfn()
+        full = Navfn()
         at = np.array([cx + w // 2, cy + h // 2]) if seed % 3 else rng.integers(5, (nx - 5, ny - 5))
         goal = (*(rng.uniform(5, (nx - 5, ny - 5)) * RES), 0.3)
         for _ in range(4):

@@ -32,7 +32,8 @@ DWA = {
 PLANNER = "TrajectoryPlannerROS"
 
 
-TURN, CLEAR = "rotate_recovery/RotateRecovery", "clear_costmap_recovery/ClearCostmapRecovery"
+TURN = "rotate_recovery/RotateRecovery"
+CLEAR = "clear_costmap_recovery/ClearCostmapRecovery"
 NOT_ZERO = [
     (server, p)
     for server in ("", PLANNER, "local_costmap")
@@ -266,10 +267,10 @@ def test_older_names_are_used_if_cpp_reads_them():
         assert (rotation.slowest_turn, rotation.fastest_turn, rotation.acceleration) == limits
     assert rotation.tolerance == 0.1
     here = MoveBase({PLANNER: older}).local_planner
-    assert here._slowest_turn == 0.7
-    assert here.planner._params[0]["min_in_place_vel_theta"] == 0.4  # rollouts
+    assert here.slowest_turn == 0.7
+    assert here.planner.in_force["min_in_place_vel_theta"] == 0.4  # rollouts
     both = dict(older, min_in_place_vel_theta=0.5)
-    assert MoveBase({PLANNER: both}).local_planner._slowest_turn == 0.5
+    assert MoveBase({PLANNER: both}).local_planner.slowest_turn == 0.5
 
 
 def test_values_out_of_bounds_are_clamped_as_in_cpp():
@@ -377,7 +378,8 @@ def test_files_without_plugins_get_the_layers_that_cpp_gives_them():
     }
     assert check(tree) == []
     full = complete(tree)
-    world, local = full["global_costmap"], full["local_costmap"]
+    world = full["global_costmap"]
+    local = full["local_costmap"]
     assert [p["name"] for p in world["plugins"]] == [
         "static_layer",
         "obstacle_layer",
@@ -420,8 +422,10 @@ def test_a_value_clamped_to_an_invalid_zero_is_rejected():
 
 
 def test_a_costmap_without_cells_is_rejected_before_anything_changes():
-    move_base, name = MoveBase(JACKAL_PARAMETERS), "global_costmap"
-    before, size = dict(move_base.configuration(name)), move_base.global_costmap.size
+    move_base = MoveBase(JACKAL_PARAMETERS)
+    name = "global_costmap"
+    before = dict(move_base.configuration(name))
+    size = move_base.global_costmap.size
     with pytest.raises(ParameterError, match="%s/width, height are .* no cells" % name):
         move_base.reconfigure(name, {"width": 1, "resolution": 1.5})
     assert (dict(move_base.configuration(name)), move_base.global_costmap.size) == (before, size)
@@ -439,7 +443,8 @@ def test_a_costmap_with_a_static_map_starts_with_its_usual_values():
 
 
 def test_a_request_for_endless_trajectories_is_rejected():
-    config, name = Configuration(complete(JACKAL_PARAMETERS)), "angular_sim_granularity"
+    config = Configuration(complete(JACKAL_PARAMETERS))
+    name = "angular_sim_granularity"
     with pytest.raises(ParameterError, match="%s is 1e-09.*more than 100000 points" % name):
         config.request(PLANNER, {name: 1e-9})
     slow = {"max_vel_x": 0.0, "min_vel_x": 0.0, "escape_vel": 0.0, "sim_granularity": 1e-9}
@@ -533,7 +538,8 @@ def test_cfg_files_are_generated_without_numpy(tmp_path):
     ]
     if not prefixes:
         pytest.skip("no dynamic_reconfigure here")
-    cfg, there = ROOT / "applr_ros1" / "cfg" / "TrajectoryPlanner.cfg", str(tmp_path)
+    cfg = ROOT / "applr_ros1" / "cfg" / "TrajectoryPlanner.cfg"
+    there = str(tmp_path)
     (tmp_path / "numpy.py").write_text("raise ImportError('numpy is not there at build time')")
     done = subprocess.run(
         [sys.executable, cfg, prefixes[0] + "/share/dynamic_reconfigure", there, there, there],

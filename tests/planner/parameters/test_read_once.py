@@ -46,8 +46,8 @@ CPP = {
 KEPT = {
     "recoveries": RECOVERY,
     "_footprint": OUTLINE,
-    "_acceleration": GOAL,
-    "_slowest_turn": GOAL,
+    "acceleration": GOAL,
+    "slowest_turn": GOAL,
     "local_planner": PERIOD,
 }
 
@@ -91,8 +91,10 @@ def other(parameter, value):
 def test_parameters_read_once_are_the_same_in_tables_move_base_and_cpp(name, monkeypatch):
     monkeypatch.setattr(np, "empty", np.zeros)  # Unwritten buffers would differ.
     monkeypatch.setattr(np, "empty_like", np.zeros_like)
-    robot, planner = robots.load(name), PLANNERS[name]
-    readers, declared = {}, {}
+    robot = robots.load(name)
+    planner = PLANNERS[name]
+    readers = {}
+    declared = {}
     plain = robot.parameters()
     plain[planner].pop(
         "controller_frequency", None
@@ -119,7 +121,8 @@ def test_parameters_read_once_are_the_same_in_tables_move_base_and_cpp(name, mon
                 server,
                 p.name,
             )
-            one, two = state(loaded), state(reconfigured)
+            one = state(loaded)
+            two = state(reconfigured)
             differ = [path for path in {*one, *two} if one.get(path) != two.get(path)]
             for path in differ:
                 reader = next((who for part, who in KEPT.items() if part in path), path)

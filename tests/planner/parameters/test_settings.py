@@ -8,7 +8,8 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.settings import Change, Settings, send
 
-PLANNER, LAYER = "TrajectoryPlannerROS", "local_costmap/inflater_layer"
+PLANNER = "TrajectoryPlannerROS"
+LAYER = "local_costmap/inflater_layer"
 SLOWER = Change(PLANNER, "max_vel_x", 0.5, 0.25)
 NARROWER = Change(LAYER, "inflation_radius", 1.0, 0.5)
 
@@ -66,7 +67,8 @@ def test_a_tree_gives_the_values_with_which_move_base_starts_and_back(name):
 
 
 def test_settings_are_put_in_force_with_one_request_for_each_server_that_differs(monkeypatch):
-    move_base, called = MoveBase(robots.JACKAL.parameters()), []
+    move_base = MoveBase(robots.JACKAL.parameters())
+    called = []
     reconfigure = move_base.reconfigure
     monkeypatch.setattr(
         move_base, "reconfigure", lambda *request: called.append(request) or reconfigure(*request)

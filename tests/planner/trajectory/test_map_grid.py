@@ -47,7 +47,9 @@ def test_settled_cells_are_final_and_all_others_exceed_the_limit(seed):
     grids, _ = prepared(cells, plan)
     random = np.random.default_rng(seed)
     for _ in range(60):
-        x, y, limit = int(random.integers(NX)), int(random.integers(NY)), int(random.integers(12))
+        x = int(random.integers(NX))
+        y = int(random.integers(NY))
+        limit = int(random.integers(12))
         k = (y + 1) * (NX + 2) + x + 1
         value = distance_grid.settle(grids.path, k, limit)
         if value < N:
@@ -61,7 +63,8 @@ def test_settled_cells_are_final_and_all_others_exceed_the_limit(seed):
 
 
 def test_grids_can_be_used_again():
-    first, second = random_world(1), random_world(2)
+    first = random_world(1)
+    second = random_world(2)
     grids, _ = prepared(*first)
     completed(grids)
     prepare(grids, scene(*second), 1.2, 0.8, 0.3)

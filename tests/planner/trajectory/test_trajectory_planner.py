@@ -26,15 +26,15 @@ def planner(
 
 def test_closed_forms_end_at_the_pose_of_the_steps():
     random = np.random.default_rng(0)
-    params = planner(acc_lim_x=2.0, acc_lim_theta=5.0)._params
+    params = planner(acc_lim_x=2.0, acc_lim_theta=5.0).in_force
     for _ in range(300):
         start = start_record([*random.uniform(-3, 3, 3), *random.uniform(-1, 1, 3)])
         vx = random.uniform(-0.5, 2)
         sample = Velocity(vx, 0.0, random.choice([0.0, 1e-9, random.uniform(-3.14, 3.14)]))
-        steps = scoring.step_count(params[0], sample)
+        steps = scoring.step_count(params, sample)
         dt = 2.0 / steps
-        exact = forward.exact_end(params[0], start, sample, steps)
-        ramp = forward.ramp(params[0], start, heading_of(start["theta"]), sample, dt, steps - 1)
+        exact = forward.exact_end(params, start, sample, steps)
+        ramp = forward.ramp(params, start, heading_of(start["theta"]), sample, dt, steps - 1)
         ours = forward.along_arc(ramp, vx * dt, sample.w * dt, steps - 1 - ramp.moves)
         assert np.allclose(ours, exact, rtol=0, atol=1e-11)
 
@@ -54,15 +54,15 @@ def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
     made = planner()
     made.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
     for _ in range(2):
-        assert (made._params[0]["path_distance_bias"], made._params[0]["goal_distance_bias"]) == (
+        assert (made.in_force["path_distance_bias"], made.in_force["goal_distance_bias"]) == (
             0.75 * 0.1,
             0.1,
         )
-        assert made._params[0]["occdist_scale"] == 0.1
+        assert made.in_force["occdist_scale"] == 0.1
         made.reconfigure(PARAMS)
     unscaled = planner(meter_scoring=False)
     unscaled.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
-    assert unscaled._params[0]["path_distance_bias"] == 0.75
+    assert unscaled.in_force["path_distance_bias"] == 0.75
 
 
 @pytest.mark.parametrize("heading_scoring", [False, True])
@@ -131,6 +131,6 @@ def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sig
 
 def test_an_escape_can_be_ended():
     made = planner()
-    made._state[0]["escaping"] = 1
+    made.state = [0] * 4 + [1] + [0] * 5
     made.end_escape()
-    assert not made._state[0]["escaping"]
+    assert made.state == [0] * 10

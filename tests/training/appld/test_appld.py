@@ -41,7 +41,8 @@ def bag(tmp_path_factory):
 
 
 def test_another_robot_is_demonstrated_at_its_size_and_speed(tmp_path):
-    robot, path = load("turtlebot3_waffle_pi"), tmp_path / "waffle.bag"
+    robot = load("turtlebot3_waffle_pi")
+    path = tmp_path / "waffle.bag"
     words = [str(path), "--world", "generated:3", "--simulator", "kinematic", "--robot", robot.name]
     assert demonstrate(words) == 0
     d = demonstration.read_demonstration(path, TopicNames.of(robot), robot)
@@ -88,11 +89,13 @@ def test_the_demonstrators_route_keeps_away_from_obstacles(spec):
 )
 def test_changepoints_are_found_within_three_instants(speeds, of_two):
     """Three segments between walls: the slower the robot, the nearer the walls. Contexts have the order of driving."""
-    n, speed = 400, np.repeat(speeds, (150, 110, 140))
+    n = 400
+    speed = np.repeat(speeds, (150, 110, 140))
     rng = np.random.default_rng(0)
     ranges = 3.0 * speed[:, None] - 0.4 + rng.normal(0, 0.01, (n, 720))
     command = np.column_stack([speed, rng.normal(0, 0.02, n)])
-    time, laser = np.arange(n) * 0.05, JACKAL.laser
+    time = np.arange(n) * 0.05
+    laser = JACKAL.laser
     fan = np.tile((laser.first_angle, laser.increment, laser.range_min, laser.range_max), (n, 1))
     d = Drive(
         scans=Scans(time, time, fan, list(ranges.astype(np.float32))),

@@ -26,13 +26,17 @@ class FakeMoveBase:
     goal = None
 
     def __init__(self, *commands, end=None, result=None, variant="ours"):
-        self.commands, self.end, self.result = commands, end, result
-        self.goals, self.requests, self.steps, self.scans, self.held = [], [], [], [], []
-        self.parameters, self.goal_tolerance, self.variant = (
-            {"applr": {"movers": False}},
-            0.25,
-            variant,
-        )
+        self.commands = commands
+        self.end = end
+        self.result = result
+        self.goals = []
+        self.requests = []
+        self.steps = []
+        self.scans = []
+        self.held = []
+        self.parameters = {"applr": {"movers": False}}
+        self.goal_tolerance = 0.25
+        self.variant = variant
         self.global_plan = np.array([(0.1 * i, 0.1 * i, 0.0) for i in range(40)])
 
     def reset(self, now, seed=None):
@@ -157,7 +161,8 @@ def test_the_local_goal_is_relative_to_the_robot():
 
 
 WALL = (1.0, 4.0, 0.2)
-REACHED, GIVES_UP = ("succeeded", "Goal reached."), ("aborted", "why")
+REACHED = ("succeeded", "Goal reached.")
+GIVES_UP = ("aborted", "why")
 STALLS = {"v": 0.0, "limit": 6, "end_on_stall": True}
 GIVEN_UP = {
     "aborted": True,
@@ -238,10 +243,8 @@ def test_a_course_without_a_finish_line_ends_when_the_planner_has_arrived(
 
     The robot drives over its goal, 4 m ahead, at 0.5 m/s. The planner's tolerance is .25 m.
     """
-    goal, more = (
-        (1.0, 6.0, math.pi / 2),
-        {"finish_y": None, "goal_tolerance": 0.25, "planner_ends": planner_ends},
-    )
+    goal = (1.0, 6.0, math.pi / 2)
+    more = {"finish_y": None, "goal_tolerance": 0.25, "planner_ends": planner_ends}
     world = replace(straight(), course=replace(straight().course, goal=goal, **more))
     end = round((4.0 - left) / 0.5 / 0.05) if result else None
     episode = trial(v=0.5, limit=6, world=world, end=end, result=result)
@@ -331,7 +334,8 @@ def test_the_monitor_moves_the_robot_if_a_cpp_like_planner_finds_no_command(
 ):
     """The planner `ours` makes its escape motions itself."""
     episode = trial(v=0.0, monitor=True, limit=2, variant=variant, escapes=escapes)
-    given, judge = [], episode.stack.monitor.filter
+    given = []
+    judge = episode.stack.monitor.filter
     episode.stack.monitor.filter = lambda *a, creeps: (
         given.append((a[3], creeps)),
         judge(*a, creeps=creeps),
@@ -481,11 +485,15 @@ def test_the_decision_period_changes_the_steps_but_not_the_cost_of_a_second():
         env = ApplrEnv(worlds="generated:0", period=period, reward={"exact_time": True})
         env.reset(seed=1)
         action = env.encoding.action(env.space.theta0)
-        cost, info, over, before = 0.0, {"time_s": 0.0}, False, 0.0
+        cost = 0.0
+        info = {"time_s": 0.0}
+        over = False
+        before = 0.0
         while not over:
             before = info["time_s"]
             _, _, terminated, truncated, info = env.step(action)
-            cost, over = cost + info["reward"]["time"], terminated or truncated
+            cost = cost + info["reward"]["time"]
+            over = terminated or truncated
             assert over or info["time_s"] - before == pytest.approx(period)
         env.close()
         assert (terminated, truncated, info["success"]) == (True, False, True)
@@ -528,12 +536,12 @@ def test_a_course_begins_without_a_scan_of_the_previous_course():
 def test_the_observation_has_moving_obstacles_relative_to_a_robot_that_turns():
     """The robot starts at (1, 2) in the world, the origin of its odometry, and turns by more than 2 rad."""
     walker = Mover(0.25, ((0.0, -1.5, 4.0), (4.0, 3.5, 4.0)))  # across the course at 1.25 m/s
-    simulator, planner = sim_bridge.make("kinematic", slip=0.0), FakeMoveBase((0.0, 0.6))
-    planner.parameters, planner.sources = {"applr": {"movers": True}}, ("front/scan",)
-    episode, encoding = (
-        Episode(simulator, planner, period=0.5),
-        DimensionlessEncoding(robots.JACKAL, 0.5),
-    )
+    simulator = sim_bridge.make("kinematic", slip=0.0)
+    planner = FakeMoveBase((0.0, 0.6))
+    planner.parameters = {"applr": {"movers": True}}
+    planner.sources = ("front/scan",)
+    episode = Episode(simulator, planner, period=0.5)
+    encoding = DimensionlessEncoding(robots.JACKAL, 0.5)
     episode.layout = encoding.layout
     entries = {}
     for movers in ((), (walker,)):

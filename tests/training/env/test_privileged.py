@@ -63,10 +63,8 @@ def test_critics_observe_the_true_course_and_the_randomised_robot():
 
 @pytest.mark.parametrize("movers", [True, False])
 def test_a_mirrored_world_gives_the_mirrored_numbers(movers):
-    one, other = (
-        privileged.privileged(scene(1.0, movers), 1.0),
-        privileged.privileged(scene(-1.0, movers), 1.0),
-    )
+    one = privileged.privileged(scene(1.0, movers), 1.0)
+    other = privileged.privileged(scene(-1.0, movers), 1.0)
     sign = np.where(np.isin(np.arange(SIZE), ODD), -1.0, 1.0)
     np.testing.assert_allclose(one * sign, other, atol=1e-6)
     assert np.abs(one[list(ODD)]).max() > 0.1
@@ -80,7 +78,8 @@ def test_privileged_numbers_follow_the_observation_and_the_protocol_is_random():
         "time_limit": 1.0,
     }
     env = ApplrEnv(**common, critics_know_more=True, protocol="drawn")
-    layout, plain = env.layout, ApplrEnv(**common).layout
+    layout = env.layout
+    plain = ApplrEnv(**common).layout
     assert (layout.hidden, layout.seen, layout.size) == (SIZE, plain.size, plain.size + SIZE)
     assert np.array_equal(layout.policy_mirror.order, plain.mirror.order)
     assert np.array_equal(layout.policy_mirror.sign, plain.mirror.sign)

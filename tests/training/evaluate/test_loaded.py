@@ -21,7 +21,9 @@ def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robot
     loaded, in_maps, slowest, monkeypatch
 ):
     """A footprint padding that is loaded would also change the planner's outline, so a YAML file leaves it out."""
-    bases, called, reconfigure = [], [], MoveBase.reconfigure
+    bases = []
+    called = []
+    reconfigure = MoveBase.reconfigure
 
     def made(*how, **more):
         bases.append(MoveBase(*how, **more))
@@ -42,7 +44,7 @@ def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robot
     sides = np.abs(base.local_planner.planner._footprint).max(axis=0)
     assert sides.tolist() == pytest.approx([0.21 + 0.1, 0.165 + 0.1])
     assert np.ptp(base.local_costmap.footprint, axis=0)[0] == pytest.approx(0.42 + 2 * in_maps)
-    assert base.local_planner._slowest_turn == slowest
+    assert base.local_planner.slowest_turn == slowest
 
 
 def test_a_search_leaves_out_parameters_that_act_differently_by_reconfigure():

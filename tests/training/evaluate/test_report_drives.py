@@ -66,7 +66,8 @@ def test_the_page_has_the_driven_paths(folder):
     ends = [(d["ok"], d["hit"], d["why"]) for d in world["drives"][1:3]]
     assert ends == [(True, False, "finished"), (False, True, "</script>")]
     drive = world["drives"][0]
-    poses, rows = np.cumsum(drive["p"], axis=0) / 100.0, [*range(0, 121, 4), 121]
+    poses = np.cumsum(drive["p"], axis=0) / 100.0
+    rows = [*range(0, 121, 4), 121]
     np.testing.assert_allclose(poses, POSE[rows], atol=0.0051)
     np.testing.assert_allclose(drive["v"], 100 * TRACE.truth.twist[rows, 0], atol=0.6)
     assert drive["at"] == [0, 100]

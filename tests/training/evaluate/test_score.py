@@ -65,7 +65,8 @@ def test_reports_verdicts_and_periodic_evaluations_have_the_same_score(tmp_path)
 
 
 def test_barn_metric_by_hand():
-    success, collided = np.array([True, True, True, False]), np.array([False, False, True, False])
+    success = np.array([True, True, True, False])
+    collided = np.array([False, False, True, False])
     seconds = np.array([6.0, 30.0, 20.0, 100.0])
     assert score.barn_metric(success, collided, seconds, np.full(4, 7.0)) == pytest.approx(
         [0.5, 3.5 / 28.0, 0.0, 0.0]

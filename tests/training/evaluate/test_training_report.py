@@ -51,7 +51,8 @@ def folder(tmp_path_factory):
             rng.random() < (0.95 if task.method == "dwa" else 0.99) and task.world != "generated:3"
         )
         seconds = round(mean * math.exp(rng.normal(0, 0.08)), 4) if good else 100.0
-        reason, decisions = "finished" if good else "time limit", math.ceil(seconds / 2)
+        reason = "finished" if good else "time limit"
+        decisions = math.ceil(seconds / 2)
         result = Result(
             good, False, not good, seconds, decisions, 6.5, reason, 7.0, 0.3, 5.0, 1.0, 0.1
         )
@@ -76,7 +77,8 @@ def results(folder):
 # -- statistics --------------------------------------------------------------------------------------------------------
 def test_welch_is_scipys_with_nan_in_edge_cases():
     rng = np.random.default_rng(0)
-    a, b = rng.normal(20, 3, 20), rng.normal(23, 5, 18)
+    a = rng.normal(20, 3, 20)
+    b = rng.normal(23, 5, 18)
     equal = np.full(2, 5.05), np.full(20, 5.05)  # The two means differ in the last bit.
 
     def trials(*times):

@@ -32,7 +32,9 @@ def test_the_random_planner_fidelity_depends_only_on_the_seed():
 
 def first_recovery(planner, seed, **changes):
     tree = quick(oscillation_timeout=1.0, clearing_rotation_allowed=False, **changes)
-    made, robot, cycles = MoveBase(tree, planner=planner, seed=seed), ToyRobot(), []
+    made = MoveBase(tree, planner=planner, seed=seed)
+    robot = ToyRobot()
+    cycles = []
     run(made, robot, 0.1)
     made.set_goal((3.0, 0.0, 0.0), robot.time)
     made.local_planner = Scripted(
@@ -59,7 +61,8 @@ def test_clearing_recoveries_find_no_layer_of_their_name():
     results = {}
     for planner in ("ours", "cpp-like"):
         made = MoveBase(quick(), planner=planner)
-        robot, cycles = ToyRobot(circles=ring(0.0, 0.0, 2.2, posts=80, size=0.1)), []
+        robot = ToyRobot(circles=ring(0.0, 0.0, 2.2, posts=80, size=0.1))
+        cycles = []
         for yaw in (2.0, 4.0, 0.0):
             robot.pose = (0.0, 0.0, yaw)
             run(made, robot, 0.1)
@@ -78,7 +81,8 @@ def test_clearing_recoveries_find_no_layer_of_their_name():
 def test_success_waits_for_a_cycle_without_a_new_plan():
     times = {}
     for planner in ("ours", "cpp-like"):
-        made, robot = MoveBase(quick(), planner=planner, seed=4), ToyRobot()
+        made = MoveBase(quick(), planner=planner, seed=4)
+        robot = ToyRobot()
         made.set_goal((1.0, 0.0, 0.0), 0.0)
         assert run(made, robot, 120.0) == ("succeeded", "Goal reached.")
         assert abs(robot.pose[0] - 1.0) < 0.3

@@ -7,7 +7,8 @@ from training.evaluate import verdict as judging
 from training.evaluate.trial import Result, Trial
 from training.evaluate.verdict import mean_scores, paired_trials
 
-BOTH, THREE = ("dwa", "applr"), ("dwa", "applr", "static")
+BOTH = ("dwa", "applr")
+THREE = ("dwa", "applr", "static")
 
 
 def trials_of(world, seconds, trial=0):

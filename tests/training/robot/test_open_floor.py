@@ -8,14 +8,15 @@ import pytest
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import JACKAL, load
 from applr_ros1.robots.check import Remark
-from applr_ros1.robots.folder import _read, read
+from applr_ros1.robots.folder import forget, read
 from applr_ros1.robots.geometry import bounding_box
 from training.robot import check as check_robot
 from training.robot import open_floor
 from training.robot.open_floor import Floor, changes, courses
 from training.why.reasons import STANDS, failure_of
 
-BURGER, HUSKY = load("turtlebot3_burger"), load("husky")
+BURGER = load("turtlebot3_burger")
+HUSKY = load("husky")
 PLANNER = "dwa_local_planner_params_burger.yaml"
 
 
@@ -28,12 +29,13 @@ def test_the_door_is_wider_than_the_padded_footprint_by_30_cm():
 
 def test_goals_lie_within_a_global_costmap_that_rolls(tmp_path):
     folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
-    old, text = "rolling_window: false, width: 20, height: 20", (folder / "robot.yaml").read_text()
+    old = "rolling_window: false, width: 20, height: 20"
+    text = (folder / "robot.yaml").read_text()
     assert old in text
     for size, farthest in ((2, 0.9), (40, 5.0 * BURGER.world_scale)):
         new = f"rolling_window: true, width: 40, height: {size}"
         (folder / "robot.yaml").write_text(text.replace(old, new))
-        _read.cache_clear()
+        forget()
         assert max(world.course.goal[1] for world in courses(read(str(folder)))) == pytest.approx(
             farthest
         )
@@ -129,7 +131,8 @@ def test_a_door_that_is_too_narrow_is_not_passed(monkeypatch):
 
 # -- remedies
 def test_a_change_counts_in_all_places_and_keeps_to_the_range():
-    space, defaults = space_of(BURGER), space_of(BURGER).theta0
+    space = space_of(BURGER)
+    defaults = space_of(BURGER).theta0
     robots = {}
     for change, robot in changes(BURGER):
         robots[change.advice] = robot

@@ -150,7 +150,8 @@ def test_a_trial_that_fails_ends_a_run_after_saving_it(data, tmp_path, capsys):
 def test_the_method_explore_fits_the_recipe_offline(name, around, monkeypatch):
     monkeypatch.setattr("applr_ros1.policy.methods.EXPLORED", 0.0)
     robot = robots.load(name)
-    method, centre = methods.make("explore", robot), methods.make(around, robot)
+    method = methods.make("explore", robot)
+    centre = methods.make(around, robot)
     assert method.theta(None) == pytest.approx(centre.theta(None))
     assert method.per_cell == centre.per_cell  # whether the distance biases are per cell
     assert method.period == recipe("offline")["decision_period"]

@@ -42,7 +42,9 @@ def test_a_stored_scan_is_exact_to_half_a_step():
 )
 def test_samples_are_the_episodes_own_n_step_transitions(lengths, capacity, n):
     """Samples are compared with a list of episodes. The ring is overwritten several times."""
-    gamma, replay, truth = 0.9, Replay(SMALL, capacity), {}
+    gamma = 0.9
+    replay = Replay(SMALL, capacity)
+    truth = {}
     for number, (t, terminated) in enumerate(lengths):
         trajectory = episode(t, number, terminated)
         replay.add(trajectory)
@@ -103,7 +105,8 @@ def test_mirror_exchanges_left_and_right_in_half_of_a_batch():
         draw_batch(replay, np.random.default_rng(0), o, torch.device("cpu")) for o in both
     )
     for name in ("observation", "next_observation"):
-        ours, theirs = getattr(mirrored, name).numpy(), getattr(plain, name).numpy()
+        ours = getattr(mirrored, name).numpy()
+        theirs = getattr(plain, name).numpy()
         np.testing.assert_array_equal(ours[32:], theirs[32:])
         np.testing.assert_array_equal(ours[:32, : SMALL.scan], theirs[:32, : SMALL.scan][:, ::-1])
         np.testing.assert_array_equal(ours[:32, SMALL.scan], -theirs[:32, SMALL.scan])

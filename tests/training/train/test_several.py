@@ -17,7 +17,8 @@ SECONDS = {"seed_3": 9.0, "seed_4": 7.0, "dwa": 20.0, "static": 10.0, "applr": 7
 
 def fake(options):
     """Return the results of an evaluation, with the times in SECONDS."""
-    worlds, names = specs(options.worlds), [Path(text).stem for text in options.methods.split(",")]
+    worlds = specs(options.worlds)
+    names = [Path(text).stem for text in options.methods.split(",")]
     assert len(worlds) == 50
     return {
         Trial(world, name, 0, 1, world, name): Result(

@@ -21,7 +21,8 @@ SHORT = [
 
 
 def test_a_policy_is_frozen_during_the_warm_up_of_new_critics(tmp_path, capsys):
-    run, other_run = tmp_path / "jackal", tmp_path / "husky"
+    run = tmp_path / "jackal"
+    other_run = tmp_path / "husky"
     learning = [*ENCODING, *SHORT, "--symmetric", "--mirror", "--learning-starts", "4"]
     assert main([*learning, "--eval-worlds", "none", "--out", str(run)]) == 0
     policy = str(run / "actor.safetensors")
@@ -33,7 +34,8 @@ def test_a_policy_is_frozen_during_the_warm_up_of_new_critics(tmp_path, capsys):
         )
         == 0
     )
-    before, after = policy_network(policy), policy_network(str(other_run / "actor.safetensors"))
+    before = policy_network(policy)
+    after = policy_network(str(other_run / "actor.safetensors"))
     assert all(
         np.array_equal(before[name], after[name]) for name in before
     )  # Only the critics have changed.

@@ -172,7 +172,8 @@ def left_at_each_write(command, folder, copies, monkeypatch):
 def test_a_run_killed_at_any_write_continues(tmp_path, monkeypatch):
     monkeypatch.setattr("training.train.learner.run.provenance", lambda seed: {})
     monkeypatch.setattr("training.train.learner.run.CHECKPOINT_SECONDS", 0.0)
-    whole, options = tmp_path / "whole", ["--total-timesteps=20", "--eval-freq=20", "--net-arch=8"]
+    whole = tmp_path / "whole"
+    options = ["--total-timesteps=20", "--eval-freq=20", "--net-arch=8"]
     for number, name in enumerate(
         left_at_each_write(lambda: main(toy(whole, *options)), whole, tmp_path, monkeypatch)
     ):
@@ -199,7 +200,8 @@ def test_ctrl_c_saves_and_stops(tmp_path):
 
 
 def test_a_run_starts_with_the_networks_of_another_run(whole, tmp_path, capsys):
-    source, out = tmp_path / "source", tmp_path / "run"
+    source = tmp_path / "source"
+    out = tmp_path / "run"
     shutil.copytree(whole, source)
     first = toy(
         out,
@@ -276,7 +278,8 @@ def test_a_pickle_in_a_checkpoint_is_not_executed(whole, tmp_path, capsys, monke
 def test_a_full_disk_leaves_the_last_checkpoint(whole, tmp_path, monkeypatch, capsys):
     copy = tmp_path / "copy"
     shutil.copytree(whole, copy)
-    before, real = Learner.saved(copy), os.fsync
+    before = Learner.saved(copy)
+    real = os.fsync
 
     def full(descriptor):
         if "learner" in os.readlink("/proc/self/fd/%d" % descriptor):

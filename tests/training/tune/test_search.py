@@ -12,7 +12,8 @@ from training.tune.search import plan_sets, prune_parameters, race
 def run(worse_by, blocks, halve=False, noise=3.0):
     """Race candidates; candidate i is worse_by[i] [s] slower than the best. Times differ much more between worlds."""
     rng = np.random.default_rng(1)
-    worlds, noises = rng.uniform(10.0, 100.0, 1000), rng.normal(0.0, noise, (len(worse_by), 1000))
+    worlds = rng.uniform(10.0, 100.0, 1000)
+    noises = rng.normal(0.0, noise, (len(worse_by), 1000))
     driven = []
 
     def drive(racing, block):
@@ -108,7 +109,8 @@ def test_parameters_without_a_saving_are_reverted_to_their_defaults():
 
 
 def test_one_failure_does_not_revert_a_parameter_that_makes_most_drives_faster():
-    theta, at = SPACE.theta0.copy(), SPACE.names.index("max_vel_x")
+    theta = SPACE.theta0.copy()
+    at = SPACE.names.index("max_vel_x")
     theta[at] = 1.0
 
     def set_after(faster):

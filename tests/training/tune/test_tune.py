@@ -103,7 +103,7 @@ def jackal(tmp_path, few):
 
 
 def tune(folder, runner, *more):
-    robot_folder._read.cache_clear()  # A command would start in a new process.
+    robot_folder.forget()  # A command would start in a new process.
     words = [str(folder), "--out", str(Path(folder).parent / "out"), "--minutes", "12", *more]
     best_set.run = evaluation.run = globals()[runner]
     return tune_robot.main([*words, *FEW])
@@ -342,7 +342,8 @@ def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_sp
     )
     assert np.abs(starts - methods.make("static", robot).theta(None)).max(axis=1).min() < 1e-6
     jackals = methods.make("static").theta(None)
-    speed, share = space.names.index("max_vel_x"), jackals[0] / robots.JACKAL.base.max_speed
+    speed = space.names.index("max_vel_x")
+    share = jackals[0] / robots.JACKAL.base.max_speed
     fast = [
         theta
         for theta in starts

@@ -37,9 +37,7 @@ def spoilt():
 @pytest.fixture(scope="module")
 def sound():
     """Return a replay of a drive without a fault."""
-    made = Replay(JACKAL)
-    made.run(simulated(JACKAL, "generated:40", limit=8)[0])
-    return made
+    return replayed(JACKAL, simulated(JACKAL, "generated:40", limit=8)[0])
 
 
 @pytest.fixture(scope="module")
@@ -49,9 +47,14 @@ def bag(sound, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def replay(spoilt):
-    made = Replay(spoilt[0])
-    made.run(spoilt[1])
-    return made
+    return replayed(*spoilt)
+
+
+def replayed(robot, driven):
+    """Return a replay that has run through a drive."""
+    replay = Replay(robot)
+    replay.run(driven)
+    return replay
 
 
 def read_back(path, robot=JACKAL):
@@ -77,14 +80,12 @@ def test_every_command_is_reproduced_with_the_parameters_that_drove_and_few_with
 ):
     assert len(replay.cycles) > 200
     assert replay.share == 1.0
-    other = Replay(JACKAL)
-    other.run(until(spoilt[1], 2.0))
+    other = replayed(JACKAL, until(spoilt[1], 2.0))
     assert other.share < 0.5
 
 
 def test_a_dwa_drive_is_reproduced_and_a_new_plan_clears_its_flags():
-    replay = Replay(WAFFLE)
-    replay.run(simulated(WAFFLE, "generated:3", limit=8)[0])
+    replay = replayed(WAFFLE, simulated(WAFFLE, "generated:3", limit=8)[0])
     assert replay.share == 1.0
     flags = [1] * 12 + [0.0] * (len(replay.cycles[0].memory) - 12)
     cycle = replace(replay.cycles[20], memory=flags)
@@ -130,8 +131,7 @@ def test_parameters_in_force_come_from_the_updates_in_the_bag(spoilt, tmp_path):
     given = replace(
         until(driven, 1.0), changes=updates((0.5, PLANNER, {"sim_time": 1.25, "unknown": 3.0}))
     )
-    made = Replay(robot)
-    made.run(read_back(write(tmp_path / "updated.bag", given), robot))
+    made = replayed(robot, read_back(write(tmp_path / "updated.bag", given), robot))
     assert {cycle.settings[PLANNER]["sim_time"] for cycle in made.cycles if cycle.at < 0.5} == {2.0}
     assert {cycle.settings[PLANNER]["sim_time"] for cycle in made.cycles if cycle.at > 0.5} == {
         1.25
@@ -144,8 +144,7 @@ def test_a_drive_without_updates_is_reproduced_with_the_parameters_of_its_decisi
     robot = changed(JACKAL, {PLANNER: {"max_vel_theta": 0.8, "min_vel_theta": -0.8}})
     driven = simulated(robot, "generated:40", limit=8)[0]
     given = replace(driven, decisions=[decided({"max_vel_theta": 0.8})])
-    made = Replay(JACKAL)
-    made.run(read_back(write(tmp_path / "decided.bag", given)))
+    made = replayed(JACKAL, read_back(write(tmp_path / "decided.bag", given)))
     assert {cycle.settings[PLANNER]["min_vel_theta"] for cycle in made.cycles} == {-0.8}
     assert made.share > 0.98
 
@@ -202,8 +201,7 @@ def test_scans_of_another_laser_are_refused(bag):
 
 def test_a_late_velocity_is_found(spoilt):
     robot, driven = spoilt
-    made = Replay(robot)
-    made.run(replace(until(driven, 3.0), odometry=delayed(driven.odometry)))
+    made = replayed(robot, replace(until(driven, 3.0), odometry=delayed(driven.odometry)))
     assert made.share > 0.9
 
 
@@ -212,8 +210,7 @@ def test_an_empty_plan_stands_for_the_one_before(spoilt):
     driven = until(driven, 2.0)
     paths = list(driven.plans.path)
     paths[10] = np.zeros((0, 3))
-    made = Replay(robot)
-    made.run(replace(driven, plans=replace(driven.plans, path=paths)))
+    made = replayed(robot, replace(driven, plans=replace(driven.plans, path=paths)))
     assert made.cycles[10].plan is paths[9]
 
 
@@ -222,8 +219,7 @@ def test_the_flags_after_a_command_that_is_not_reproduced_are_those_of_this_comm
     driven = until(driven, 2.0)
     twist = driven.planned.twist.copy()
     twist[20] = -0.1, 0.0  # The planner backs out.
-    made = Replay(robot)
-    made.run(replace(driven, planned=replace(driven.planned, twist=twist)))
+    made = replayed(robot, replace(driven, planned=replace(driven.planned, twist=twist)))
     assert not made.cycles[20].reproduced
     planner = made.local.planner
     planner.state = made.cycles[20].memory
@@ -238,8 +234,7 @@ def test_the_flags_after_a_command_that_is_not_reproduced_are_those_of_this_comm
 
 def test_a_map_is_restored_with_its_layers_and_inflated_anew(spoilt):
     robot, driven = spoilt
-    made = Replay(robot)
-    made.run(driven)
+    made = replayed(robot, driven)
     costmap, old, pose = made.costmap, made.cycles[10], driven.odometry.pose[12].tolist()
     assert tuple(costmap.origin) != tuple(old.map[0])
     updated = []
@@ -268,8 +263,7 @@ def driven_with_post(ahead, left, since=0.0):
                 ranges[beam - 15 : beam + 15] = metres
             return ranges
 
-    made = Replay(JACKAL)
-    made.run(simulated(JACKAL, "generated:40", limit=6, simulator=Simulator)[0])
+    made = replayed(JACKAL, simulated(JACKAL, "generated:40", limit=6, simulator=Simulator)[0])
     assert made.share == 1.0
     return made
 
@@ -310,8 +304,7 @@ def test_a_point_that_is_far_from_the_outline_is_no_part_of_the_robot():
 
 def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
     robot = changed(JACKAL, {PLANNER: {"occdist_scale": 0.8}})
-    replay = Replay(robot)
-    replay.run(simulated(robot, "generated:7", limit=8)[0])
+    replay = replayed(robot, simulated(robot, "generated:7", limit=8)[0])
     assert part_of_robot(replay) is None
     why = explain(replay, replay.cycles[-20])
     command = replay.command(replay.cycles[-20])
@@ -356,8 +349,7 @@ def test_a_cheaper_sample_that_the_escaping_planner_did_not_try_is_said(sound):
 
 def test_samples_that_dwa_refuses_are_explained():
     """The speed of a waffle_pi that backs out slowly is below min_vel_trans, and it turns slower than min_vel_theta."""
-    replay = Replay(WAFFLE)
-    replay.run(simulated(WAFFLE, "generated:3", limit=3)[0])
+    replay = replayed(WAFFLE, simulated(WAFFLE, "generated:3", limit=3)[0])
     cycle = replace(replay.cycles[10], twist=(-0.2, 0.0))
     assert (
         "0.00 rad/s) is below min_vel_trans (0.13) and min_vel_theta (0.9)"
@@ -547,8 +539,7 @@ def test_mistakes_on_the_command_line_are_one_line(bag, folder, capsys, argument
 def test_half_a_drive_is_replayed_as_far_as_it_goes(spoilt, folder):
     robot, driven = spoilt
     given = replace(driven, planned=driven.planned.part(slice(100, 150)))
-    made = Replay(robot)
-    made.run(given)
+    made = replayed(robot, given)
     assert len(made.cycles) == 50
     assert made.share > 0.5
     without = Replay(

@@ -204,7 +204,7 @@ class TD3:
         self._update_critics(batch)
         if self.updates % POLICY_DELAY == 0:
             if self.updates > self.policy_starts:
-                self._update_actor(batch)
+                self.update_actor(batch)
             self._update_targets()
 
     def _update_critics(self, batch: Batch) -> None:
@@ -228,7 +228,8 @@ class TD3:
         self.losses["critic_loss"] = loss.detach()
         self.losses["target_q"] = y.mean()
 
-    def _update_actor(self, batch: Batch) -> None:
+    def update_actor(self, batch: Batch) -> None:
+        """Take one step along the gradient of the policy's loss, see `losses`."""
         options = self.options
         preactivation = self.actor(batch.observation[:, : self.seen])
         action = torch.tanh(preactivation)
