@@ -38,9 +38,8 @@ for number in (
     ):  # so that processes started by tests end as well.
         signal.signal(number, signal.default_int_handler)
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # A shell ignores SIGINT in background jobs.
-    signal.signal(
-        signal.SIGINT, signal.default_int_handler
-    )  # Children would inherit the ignored SIGINT.
+    # Children would inherit the ignored SIGINT.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 # On a busy machine, threads of torch or BLAS wait for each other, and take 20 times as long as a single thread.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.pop("ROS_NAMESPACE", None)  # Tests name topics from the root.
@@ -119,9 +118,8 @@ def pytest_runtest_logstart():
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item):
     report = yield
-    report.processor_s = (
-        spent()
-    )  # pytest-xdist transfers this attribute to the process that prints.
+    # pytest-xdist transfers this attribute to the process that prints.
+    report.processor_s = spent()
     item.has_failed = report.failed or getattr(item, "has_failed", False)
     return report
 

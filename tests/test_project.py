@@ -19,6 +19,7 @@ LINTERS = {
     "mypy": ("mypy",),
     "import contracts": ("lint-imports", "--no-cache"),
 }
+# And *_msgs, *_srvs.
 ROS = {
     "rospy",
     "rosgraph",
@@ -27,7 +28,7 @@ ROS = {
     "actionlib",
     "dynamic_reconfigure",
     "tf2_ros",
-}  # and *_msgs, *_srvs
+}
 HEAVY = "torch tensorboard pandas matplotlib PIL scipy.stats scipy.signal cma ruptures ray pybullet trimesh viser"
 STARTS = """
 import contextlib, io, sys
@@ -99,7 +100,8 @@ def test_package_xml_declares_the_ros_packages_that_are_imported():
                 used |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and not node.level:
                 used.add(node.module.partition(".")[0])
-    elsewhere = {"rospkg", "genpy", "gazebo_msgs"}  # from python3-rospkg, from std_msgs, in compat/
+    # From python3-rospkg, from std_msgs, in compat/.
+    elsewhere = {"rospkg", "genpy", "gazebo_msgs"}
     ros = {name for name in used - elsewhere if name in ROS or name.endswith(("_msgs", "_srvs"))}
     assert ros <= declared, "package.xml lacks %s" % sorted(ros - declared)
 

@@ -119,9 +119,8 @@ def test_distances_outside_a_box_equal_those_of_its_raster():
     yaw = 0.7
     size = (2.0, 1.0)
     edge = np.linspace(-0.5, 0.5, 101)
-    inside = np.stack(np.meshgrid(edge * size[0], edge * size[1]), -1).reshape(
-        -1, 2
-    )  # a raster of the box
+    # A raster of the box.
+    inside = np.stack(np.meshgrid(edge * size[0], edge * size[1]), -1).reshape(-1, 2)
     turned = inside @ np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
     nearest = np.hypot(dx[:, None] - turned[:, 0], dy[:, None] - turned[:, 1]).min(1)
     distances = np.hypot(*angles.outside_box(dx, dy, yaw, *size))

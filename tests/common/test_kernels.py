@@ -117,19 +117,22 @@ def test_a_copy_starts_warm_and_a_change_in_another_file_is_noticed(start, tmp_p
     inner = tmp_path / "new" / "applr_ros1" / "planner" / "inner.py"
     inner.write_text(INNER.replace("OFFSET = 1", "OFFSET = 2"))
     assert result(start("new")) == [7, 7.5, 2]
+    # Both are in the cache.
     assert [result(start(name)) for name in ("new", "old")] == [
         [7, 7.5, 0],
         [6, 6.5, 0],
-    ]  # both are in the cache
+    ]
 
 
 def test_processes_fill_one_folder_together_and_one_open_to_others_is_not_used(start, tmp_path):
     together = [result(process) for process in [start("code") for _ in range(4)]]
     assert [values[:2] for values in together] == [[6, 6.5]] * 4
     assert result(start("code")) == [6, 6.5, 0]
-    (tmp_path / "cache" / "applr_ros1").chmod(0o777)  # anybody could have put machine code there
+    # Anybody could have put machine code there.
+    (tmp_path / "cache" / "applr_ros1").chmod(0o777)
     assert [result(start("code")) for _ in range(2)] == [[6, 6.5, 2], [6, 6.5, 0]]
-    assert len(list(tmp_path.glob("applr_ros1-*/applr_ros1.*"))) == 4  # two kernels for two types
+    # Two kernels for two types.
+    assert len(list(tmp_path.glob("applr_ros1-*/applr_ros1.*"))) == 4
 
 
 def test_a_part_that_fails_is_one_line(monkeypatch, capsys):

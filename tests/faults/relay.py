@@ -19,7 +19,8 @@ from tf2_msgs.msg import TFMessage
 
 from applr_ros1.common.angles import yaw_of
 
-BEGIN = 100.0  # initial offset of the stack's clock from the simulator's, so that tests can set it back [s]
+# Initial offset of the stack's clock from the simulator's, so that tests can set it back [s]
+BEGIN = 100.0
 STREAMS = {  # (message type, source, destination) by name
     "clock": (Clock, "/sim/clock", "/clock"),
     "tf": (TFMessage, "/sim/tf", "/tf"),

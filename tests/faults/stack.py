@@ -21,7 +21,8 @@ from worlds.sdf_writer import write
 
 LENGTH = 19.0  # length of the free way ahead of the robot's start [m]
 GOAL = 17.0  # distance of the goal from the start [m]
-CREEP = 0.2  # speed below which the Jackal may slide on for a second, as in Gazebo [m/s]
+# Speed below which the Jackal may slide on for a second, as in Gazebo [m/s]
+CREEP = 0.2
 PERIOD = 0.5  # decision period of the applr node [s]
 NODES = {
     "sim_bridge": (
@@ -41,7 +42,8 @@ NODES = {
     ),
     "applr": ("_method:=applr", "_period:=%g" % PERIOD),
 }
-READY = {"collision_monitor": "/collision_monitor/action"}  # topics of nodes that print no "ready"
+# Topics of nodes that print no "ready".
+READY = {"collision_monitor": "/collision_monitor/action"}
 
 
 def alley(path):

@@ -14,7 +14,8 @@ from tests.support.ros import LONGEST, Kept, wait_for
 
 pytestmark = pytest.mark.ros
 PERIODS = 3  # number of decision periods after which a silent applr node counts as lost
-STANDS = 1.5  # time from a fault to rest [s]: the reaction time, and 1.05 s of braking from 2 m/s without locking
+# Time from a fault to rest [s]: the reaction time, and 1.05 s of braking from 2 m/s without locking.
+STANDS = 1.5
 
 
 @pytest.fixture

@@ -13,7 +13,8 @@ from tests.support import ROOT
 from training.evaluate import __main__ as evaluate
 
 EXAMPLES = sorted(path.name for path in (ROOT / "examples").iterdir() if path.is_dir())
-LIBRARIES = (stable_baselines3, torch)  # packages that the examples need besides this package
+# Packages that the examples need besides this package.
+LIBRARIES = (stable_baselines3, torch)
 
 
 def test_the_page_lists_all_examples():

@@ -71,7 +71,8 @@ def test_rviz_shows_topics_that_robots_and_local_planners_publish():
     tree = yaml.safe_load((ROOT / "applr_ros1" / "rviz" / "applr.rviz").read_text())
     displays = tree["Visualization Manager"]["Displays"]
     topics = [display["Topic"] for display in displays if "Topic" in display]
-    added = {"move_base/TrajectoryPlannerROS/trajectory_cloud"}  # the C++ planner has no such topic
+    # The C++ planner has no such topic.
+    added = {"move_base/TrajectoryPlannerROS/trajectory_cloud"}
     assert {topic for topic in topics if "/" + topic not in published} == added | {
         "applr/local_goal"
     }
@@ -80,7 +81,8 @@ def test_rviz_shows_topics_that_robots_and_local_planners_publish():
         4,
     ]
     keys = [display[key] for display in displays for key in display if key.endswith("Topic")]
-    assert not any(topic.startswith("/") for topic in keys)  # relative names follow the namespace
+    # Relative names follow the namespace.
+    assert not any(topic.startswith("/") for topic in keys)
 
 
 @pytest.mark.slow
@@ -103,9 +105,8 @@ def test_install_space(tmp_path):
     done = inside("bash", "-c", build)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     tail = done.stdout.splitlines()[-9:]
-    assert tail.pop(0) == "#!" + os.path.join(ROOT, ".applr", "venv", "bin", "python"), (
-        tail
-    )  # independent of PATH
+    # Independent of PATH.
+    assert tail.pop(0) == "#!" + os.path.join(ROOT, ".applr", "venv", "bin", "python"), tail
     assert tail[0].startswith(str(tmp_path / "install")), tail
     assert {
         "/sim_bridge",

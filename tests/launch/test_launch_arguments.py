@@ -117,9 +117,8 @@ def test_names_clock_and_cap_reach_the_nodes():
     assert values["/applr/max_speed"] == values["/move_base/applr/max_speed"] == 0.3
     assert values["/collision_monitor/tf_prefix"] == values["/move_base/tf_prefix"] == "robot1"
     assert all(["front/scan", "/lidar/scan"] in node.remap_args for node in launched.config.nodes)
-    assert (
-        "/use_sim_time" not in loaded("jackal_applr.launch", "sim:=false").parameters
-    )  # Gazebo sets it
+    # Gazebo sets it.
+    assert "/use_sim_time" not in loaded("jackal_applr.launch", "sim:=false").parameters
     assert loaded("jackal_applr.launch").parameters["/use_sim_time"] is True
 
 

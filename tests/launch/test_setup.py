@@ -58,9 +58,8 @@ class Clone:
 
     def quick(self, *words, **environment):
         """Run ./applr with a set-up that takes no time."""
-        stand_ins = (
-            {} if environment.get("before") else QUICK
-        )  # `before` makes the clone read-only.
+        # `before` makes the clone read-only.
+        stand_ins = {} if environment.get("before") else QUICK
         return self(
             *words, stand_ins=stand_ins, APPLR_PYTHON=str(self.programs / "python"), **environment
         )
@@ -115,7 +114,8 @@ def test_missing_parts_of_a_set_up_are_made_again(clone, tmp_path):
     assert clone.quick("exec", "true") == (0, [VENV])
     shutil.rmtree(state / "catkin_ws")
     assert clone.quick("exec", "true") == (0, [WORKSPACE])
-    (state / "venv.stamp").unlink()  # state after a set-up that was stopped while making the venv
+    # State after a set-up that was stopped while making the venv.
+    (state / "venv.stamp").unlink()
     (state / "venv" / "bin" / "no-pip").touch()
     assert clone.quick("exec", "true") == (0, [VENV])
     assert not (state / "venv" / "bin" / "no-pip").exists()
@@ -129,7 +129,8 @@ def test_packages_of_another_workspace_do_not_count(clone, tmp_path):
     log = (tmp_path / ".applr" / "setup.log").read_text()
     assert "pip sees nothing" in log
     assert "/elsewhere" not in log
-    python = {"APPLR_PYTHON": sys.executable, "PYTHONHOME": "/nowhere"}  # a real interpreter
+    # A real interpreter.
+    python = {"APPLR_PYTHON": sys.executable, "PYTHONHOME": "/nowhere"}
     _, lines = clone("setup", stand_ins=dict(NOTHING, id="echo 1000", sudo="exit 1"), **python)
     assert "packages are missing" in lines[-1]
 
@@ -250,9 +251,8 @@ def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, root):
     assert ("as root" in done) is not root
     installed = [line for line in done if line.startswith("install")]
     assert installed[0].split()[-1] == "python3"
-    assert (
-        "python3-rospy" in installed[1] or "ros-noetic-rospy" in installed[1]
-    )  # the next packages
+    # The next packages.
+    assert "python3-rospy" in installed[1] or "ros-noetic-rospy" in installed[1]
     assert code == 1
     assert lines[-1].startswith("applr: apt-get could not install")
 

@@ -85,9 +85,8 @@ def stack(robot, tmp_path):
         client.close()
     for child in reversed(started):
         child.kill()
-    rosnode.cleanup_master_blacklist(
-        rosgraph.Master("/test"), ["/move_base"]
-    )  # Killed nodes are still registered.
+    # Killed nodes are still registered.
+    rosnode.cleanup_master_blacklist(rosgraph.Master("/test"), ["/move_base"])
     for name in ("/fake", "/use_sim_time"):
         if rospy.has_param(name):
             rospy.delete_param(name)
@@ -168,7 +167,8 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     wait_for(lambda: robot.count("applied") >= 5 and robot.values["goal"] == "one", "diagnostics")
     wait_for(lambda: robot.parameters[-1] == client.theta().tolist(), "the parameters in force")
     failed = [line for line in node.text.splitlines() if "parameters not changed" in line]
-    late = re.compile("does not answer|busy with an earlier call")  # as on a busy machine
+    # As on a busy machine.
+    late = re.compile("does not answer|busy with an earlier call")
     assert not [line for line in failed if not late.search(line)]
     wait_for(lambda: as_set(robot, client), "the last decision in force")
     robot.goal = None  # The course is over. The next course starts with theta_0.
@@ -204,7 +204,8 @@ def test_another_local_planner_is_named_in_one_line(robot, stack):
 @pytest.mark.fault("1")
 def test_fault_1_outputs_that_are_not_finite_are_refused_and_counted(robot, stack):
     weights = make_weights(hidden=(4,))
-    weights["0.weight"][:], weights["1.weight"][:] = 1e38, np.array([1, -1, 1, -1])  # inf - inf
+    # Inf - inf.
+    weights["0.weight"][:], weights["1.weight"][:] = 1e38, np.array([1, -1, 1, -1])
     node, _, client = stack(weights=weights, period=0.6)
     reports(robot, "idle: no goal")
     another_client_sets(robot, client, 0.7)
@@ -356,9 +357,8 @@ def test_method_and_file_change_while_driving(robot, stack, tmp_path):
         assert not answer.success
         assert words in answer.message
         assert "\n" not in answer.message
-    assert not (
-        tmp_path / "it_ran"
-    ).exists()  # Anybody can call the service, so it must not import code.
+    # Anybody can call the service, so it must not import code.
+    assert not (tmp_path / "it_ran").exists()
     two_periods(robot)
     assert client.theta()[0] == 1.5
     assert service("set_method", SetMethod, "random").success
@@ -499,9 +499,8 @@ def test_a_user_defined_method_gets_the_same_context_as_in_evaluation(robot, sta
     )
     node, _, _ = stack("%s:Printer" % (tmp_path / "printer.py"))
     starts_deciding(robot)
-    end = robot.path[
-        -1
-    ]  # The node started after the goal was published, and uses the plan's end instead.
+    # The node started after the goal was published, and uses the plan's end instead.
+    end = robot.path[-1]
     tracked = rospy.Publisher("/applr/tracked", Movers, queue_size=1)
 
     def observed_with(*movers):

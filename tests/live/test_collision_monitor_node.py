@@ -187,7 +187,8 @@ def test_diagnostics_have_the_ages_of_the_inputs(stack):
 
 def test_a_silent_second_laser_stops_the_base_until_its_scans_arrive(stack):
     """The second laser repeats the fake Jackal's scans on another topic."""
-    stack[0].put((0.0, 0.0, 0.0))  # If it jumped later, an equal scan would count as frozen.
+    # If it jumped later, an equal scan would count as frozen.
+    stack[0].put((0.0, 0.0, 0.0))
     names = "__name:=monitor_of_two", "cmd_vel_in:=two_in", "cmd_vel:=two_out"
     child = session().node(
         "applr_ros1.nodes.monitor.node", *INPUTS, "_more_scans:=[rear/scan]", *names

@@ -95,9 +95,8 @@ def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_cl
         assert has(space.from_dict(theta)), applr.text
     assert applr.end() == 0
     warned = [line for line in applr.text.splitlines() if "WARN" in line]
-    assert all("does not answer" in line for line in warned), (
-        applr.text
-    )  # Servers may be slow on a busy machine.
+    # Servers may be slow on a busy machine.
+    assert all("does not answer" in line for line in warned), applr.text
     wait_for(lambda: all(seen.values()), "plans and clouds")
     cloud = seen["trajectory_cloud"][0]
     assert [f.name for f in cloud.fields] == ["x", "y", "z", "theta", "cost"]

@@ -168,7 +168,8 @@ def test_the_collision_monitor_does_not_block_a_teleported_robot(gazebo):
     subscriber = rospy.Subscriber(
         "/collision_monitor/action", String, lambda m: actions.append(m.data)
     )
-    assert set_state(model_state(-3.7, 3.0, 0.0, math.pi)).success  # The robot faces the side wall.
+    # The robot faces the side wall.
+    assert set_state(model_state(-3.7, 3.0, 0.0, math.pi)).success
     wait_for(lambda: abs(yaw_of(send(0.0, 1.0).pose.orientation)) < 0.1, "a turn by 180 degrees")
     wait_for(
         lambda: send(-0.5, 0.0) and actions and "stop: an obstacle" in actions[-1],

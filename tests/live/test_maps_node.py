@@ -113,9 +113,8 @@ def test_a_goal_in_the_map_is_reached_while_localisation_drifts():
     assert [message.header.frame_id for message in shown] == ["map", "map", "odom"]
     localisation.drifts = False
 
-    client.send_goal(
-        goal(0.0, -1.0, frame="door")
-    )  # a metre beyond the door, along the frame's y axis
+    # A metre beyond the door, along the frame's y axis.
+    client.send_goal(goal(0.0, -1.0, frame="door"))
     assert finish(client) == (SUCCEEDED, "Goal reached.")
     x, y, _ = compose(localisation.pose, jackal.robot.pose)
     assert math.hypot(x - 3.1, y - 1.5) < 0.35

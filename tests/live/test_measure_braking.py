@@ -108,9 +108,8 @@ def test_the_printed_braking_limits_hold_for_every_run(robot):
         float, re.search("reaction_time: (.*), dec.*: (.*), yaw_dec.*: (.*)}", line).groups()
     )
     assert 0.10 < reaction < 0.35 + waited
-    assert (
-        0.3 <= brake < 7.0
-    )  # It is rounded down, and depends on the angles at which the wheels lock.
+    # It is rounded down, and depends on the angles at which the wheels lock.
+    assert 0.3 <= brake < 7.0
     assert turn_brake > 2.0
     assert "  dead_band: [0, 0]  # in the section base\n" in text
     runs = re.findall(r"([0-9.]+) driven, .* within ([0-9.]+) m$", text, re.M)

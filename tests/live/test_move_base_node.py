@@ -101,9 +101,8 @@ def test_make_plan_and_its_refusal_while_driving(idle):
     assert plan.poses[-1].pose.position.x == 2.0
     assert len(plan.poses) > 30
     nobody = goal(0.0, frame="").target_pose
-    assert (
-        len(make(nobody, there, 0.0).plan.poses) > 30
-    )  # An empty frame means that the plan starts at the robot.
+    # An empty frame means that the plan starts at the robot.
+    assert len(make(nobody, there, 0.0).plan.poses) > 30
     assert make(here, goal(1.5, 0.7).target_pose, 0.0).plan.poses == []
     assert len(make(here, goal(1.5, 0.7).target_pose, 1.0).plan.poses) > 10
     assert make(here, goal(math.nan).target_pose, 1.0).plan.poses == []

@@ -118,7 +118,8 @@ def position(message):
 def test_reports_when_it_is_ready(robot):
     robot.wait(lambda: "ready: world generated:0" in robot.process.text)
     assert "pybullet build time" not in robot.process.text
-    assert "rosparam set /use_sim_time true" in robot.process.text  # The parameter is not set here.
+    # The parameter is not set here.
+    assert "rosparam set /use_sim_time true" in robot.process.text
 
 
 def test_topics_have_their_rates_and_frames(robot):
@@ -218,9 +219,8 @@ def test_contact_is_reported(robot):
     robot.wait(lambda: len(robot.received["/collision"]) > 10)
     assert not any(message.data for message in robot.received["/collision"])
     turned = robot.now + 1.0
-    robot.drive(
-        0.0, 1.57, lambda: robot.now > turned
-    )  # The robot turns to the side wall and drives into it.
+    # The robot turns to the side wall and drives into it.
+    robot.drive(0.0, 1.57, lambda: robot.now > turned)
     robot.drive(1.0, 0.0, lambda: any(message.data for message in robot.received["/collision"]))
 
 
@@ -274,9 +274,8 @@ def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, he
         return bridge.waits[-1][1]
 
     def plan():
-        early = (
-            0.01 if len(bridge.commands) % 2 else 0.0
-        )  # A scan may arrive a tick before the cycle is due.
+        # A scan may arrive a tick before the cycle is due.
+        early = 0.01 if len(bridge.commands) % 2 else 0.0
         if bridge.simulator.state.time >= due[0] - early - 1e-6:
             due[0] = period * next(cycles)
             ros_bridge.Bridge.on_command(bridge, Twist())

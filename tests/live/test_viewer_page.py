@@ -31,7 +31,8 @@ OPTIONS = [
     "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
 ]
-FEW_PIXELS = "fixedDpr=0.3"  # fixed pixel ratio; viser would otherwise try larger ones and freeze
+# Fixed pixel ratio; viser would otherwise try larger ones and freeze.
+FEW_PIXELS = "fixedDpr=0.3"
 # Rendering sixty frames per second in software would take the CPU time of the robot. Each frame still waits for the
 # browser's own callback: frames that are requested faster than drawn would block the page for minutes.
 TEN_FRAMES_A_SECOND = """

@@ -529,7 +529,8 @@ def test_the_robot_creeps_no_faster_than_a_remembered_obstacle_allows():
 def test_the_whole_way_to_the_stop_must_be_observed():
     monitor = seen_all_around([(9.0, 0.0)])
     assert verdict_on(monitor, 1.8).action == PASS
-    monitor.seen.cells[int(0.5 / CELL_M)] = 0  # a strip of 5 cm far before the stopping point
+    # A strip of 5 cm far before the stopping point.
+    monitor.seen.cells[int(0.5 / CELL_M)] = 0
     assert verdict_on(monitor, 1.8).action == SLOW
 
 

@@ -37,7 +37,8 @@ from tests.monitor.scenes import (
 
 SETTINGS = replace(scenes.SETTINGS, turn_gain=1.0, turn_ahead=0.0)
 MARGIN = BODY.margin
-TOLERANCE = 0.045  # tolerance of a stopping distance [m], from the step between poses at 2 m/s
+# Tolerance of a stopping distance [m], from the step between poses at 2 m/s.
+TOLERANCE = 0.045
 
 
 def braking_distance(speed, deceleration):

@@ -66,9 +66,8 @@ def test_predicted_points_lie_on_the_visible_sides_of_the_future_discs(stubbed):
         assert distance < robot.ranges()[np.abs(beams - bearing).argmin()], (
             "in front of the current range"
         )
-    tracker.rows.append(
-        (*(2.0 * place - tracker.rows[0][:2]), 0.2, -1.2, 0.3)
-    )  # always behind the robot
+    # Always behind the robot.
+    tracker.rows.append((*(2.0 * place - tracker.rows[0][:2]), 0.2, -1.2, 0.3))
     prediction.add_scan(robot.scan())
     assert np.array_equal(prediction.points[:, :2], points[:, :2].astype(np.float32))
 
@@ -96,9 +95,8 @@ def test_no_disc_is_predicted_on_the_robot(name, room, monkeypatch):
     robot = robots.load(name)
     monkeypatch.setattr(MoverTracker, "of", lambda robot: tracker)
     prediction = Prediction(robot)
-    assert prediction.room == pytest.approx(
-        room, abs=0.005
-    )  # measured (docs/explanation/movers.md)
+    # Measured (docs/explanation/movers.md)
+    assert prediction.room == pytest.approx(room, abs=0.005)
     scan = replace(ToyRobot(circles=WALL).scan(), sensor_pose=robot.laser.pose)
     tracker.rows = [(1.6, 0.0, -2.0, 0.0, 0.2)]  # path through the robot
     prediction.add_scan(scan)
@@ -129,7 +127,8 @@ def test_predicted_points_are_cleared_with_the_next_scan(stubbed, walls):
             [(made.local_costmap.cells == LETHAL).sum() for made in (with_marks, without)]
         )
         if k == 25:
-            x, y = with_marks.local_costmap.world_to_map(1.6 - 0.25, 0.9)  # position .9 s ahead
+            # Position .9 s ahead.
+            x, y = with_marks.local_costmap.world_to_map(1.6 - 0.25, 0.9)
             ahead = slice(y - 2, y + 3), slice(x - 1, x + 2)
             assert (
                 with_marks.local_costmap.cells[ahead].max()
@@ -210,7 +209,8 @@ def test_each_layer_with_a_laser_gets_the_source_and_no_robot_file_changes(name)
         laser, marks = (buffer.source for buffer in layer.buffers)
         assert (marks.marking, marks.clearing, marks.observation_persistence) == (True, True, 0.0)
         assert marks.obstacle_range == laser.obstacle_range < laser.raytrace_range
-        assert marks.sensor_frame  # Without it, ranges would count from the origin of the odometry.
+        # Without it, ranges would count from the origin of the odometry.
+        assert marks.sensor_frame
 
 
 def test_the_parameters_for_a_cpp_costmap_mean_the_same_here():

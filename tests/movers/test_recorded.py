@@ -16,12 +16,14 @@ from applr_ros1.common.angles import transform_point
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.movers.tracker import MoverTracker
 
-VIEW = 5.0  # distance from the laser up to which obstacles hit by three beams should be tracked [m]
+# Distance from the laser up to which obstacles hit by three beams should be tracked [m]
+VIEW = 5.0
 NEAR = 0.4  # maximum distance of a track from the edge of its true disc [m]
+# Speeds between which obstacles should be tracked; faster ones jumped back to their start [m/s]
 SPEEDS = (
     0.3,
     5.0,
-)  # speeds between which obstacles should be tracked; faster ones jumped back to their start [m/s]
+)
 
 
 class Comparison:

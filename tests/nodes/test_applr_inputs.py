@@ -45,7 +45,8 @@ class Beside:
         self.place("base_link", "front_laser", (0.1, 0.0, 0.5), rospy.Time(0))
 
     def _listener(self, buffer, **_):
-        self.buffer = buffer  # tf's buffer, which is filled here in place of messages on /tf
+        # Tf's buffer, which is filled here in place of messages on /tf.
+        self.buffer = buffer
 
     def _subscriber(self, topic, kind, callback, **_):
         self.callbacks[topic] = callback
@@ -116,9 +117,8 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     beside.goal("one", 5.0)
     beside.plan(5.0)
     assert beside.snapshot().seen.plan[-1, 0] == 5.0
-    assert (
-        beside.snapshot(rospy.Time(0)).scan_stamp == beside.time
-    )  # A scan without a stamp counts as taken now.
+    # A scan without a stamp counts as taken now.
+    assert beside.snapshot(rospy.Time(0)).scan_stamp == beside.time
     beside.plan(4.8)
     beside.callbacks[PLAN](Path())  # Planning has failed, so the plan stays.
     beside.now += 0.6
@@ -134,13 +134,13 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     beside.plan(-2.8)  # The plan ends at the free cell nearest to the goal.
     assert beside.snapshot().seen.plan[-1, 0] == pytest.approx(-2.8)
     beside.now += 0.6
-    beside.goal("three", -3.0)  # The plan is older than this goal, although it leads there.
+    # The plan is older than this goal, although it leads there.
+    beside.goal("three", -3.0)
     refused(lambda: beside.snapshot(), "no global plan for this goal", kind=ObservationError)
     beside.goal("four", 6.0)
     beside.now += 0.6
-    beside.plan(
-        1.0
-    )  # It is newer than the goal, so it is used, although it ends nearer to the previous goal.
+    # It is newer than the goal, so it is used, although it ends nearer to the previous goal.
+    beside.plan(1.0)
     assert beside.snapshot().seen.plan[-1, 0] == 1.0
 
 

@@ -143,10 +143,11 @@ def test_points_of_clouds():
     message.fields = message.fields[:2]
     with pytest.raises(MessageError, match="give x, y and z as FLOAT32"):
         conversions.points_of(message)
+    # A cloud without points needs no fields.
     assert conversions.points_of(PointCloud2()).shape == (
         0,
         3,
-    )  # A cloud without points needs no fields.
+    )
 
 
 def test_maps_are_converted_and_rotated_or_incomplete_ones_refused():

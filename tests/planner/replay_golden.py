@@ -169,7 +169,8 @@ def dwa(scenario):
     yield "pose_used, vel_used", planner.start, used
     yield "footprint_cost_here", costmap.footprint_cost(*used[:3]), expected["footprint_cost_here"]
     window = expected["window"]
-    names = [name for name in WINDOW if window[name] is not None]  # null if C++ divided by zero
+    # Null if C++ divided by zero.
+    names = [name for name in WINDOW if window[name] is not None]
     ours = sampled_window(planner)
     yield "window", [ours[name] for name in names], [window[name] for name in names]
     yield from compare_grids(scenario, planner)

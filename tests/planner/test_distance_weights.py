@@ -15,7 +15,8 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.robots import ToyRobot, quick, ring, run
 
-LARGEST = np.full(len(SPACE), 5.0)  # upper bounds of TrajectoryPlannerROS for its biases
+# Upper bounds of TrajectoryPlannerROS for its biases.
+LARGEST = np.full(len(SPACE), 5.0)
 
 
 def tree(weights):
@@ -43,13 +44,13 @@ def test_the_unit_of_the_weights_is_detected_in_20_of_20_starts():
         unit = ("per_cell", "per_metre")[seed % 2]
         made, rows, theta = cloud(unit, seed)
         weights = theta[[5, 6, 4]]
-        cells = np.vstack([rows, np.zeros((500, 7), np.float32)])  # C++ pads its clouds with zeros.
+        # C++ pads its clouds with zeros.
+        cells = np.vstack([rows, np.zeros((500, 7), np.float32)])
         assert factor_of(cells, weights, 0.05) == {"per_cell": 1.0, "per_metre": 0.05}[unit]
         for k in range(2):  # The cloud is older than a change of the weights.
             assert factor_of(cells, weights * np.where(np.arange(3) == k, 1.1, 1.0), 0.05) is None
-    assert (
-        factor_of(np.vstack([rows[:5], cells[-500:]]), weights, 0.05) is None
-    )  # five cells are too few
+    # Five cells are too few.
+    assert factor_of(np.vstack([rows[:5], cells[-500:]]), weights, 0.05) is None
     rows[:, 6] = weights[2] * rows[:, 5]
     assert factor_of(rows, weights, 0.05) is None, (
         "a cloud with obstacle costs only does not reveal the unit"

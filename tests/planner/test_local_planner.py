@@ -109,7 +109,8 @@ def test_turns_no_faster_than_it_can_stop_and_never_too_slowly():
 def test_an_illegal_turn_is_refused():
     wall = open_map()
     made = local_planner(straight(1.0, 1.5))
-    wall.cells[100 + 8, 100:140] = 254  # The corners would hit this wall 0.4 m to the left.
+    # The corners would hit this wall 0.4 m to the left.
+    wall.cells[100 + 8, 100:140] = 254
     assert made.compute_velocity((0.9, 0, 0), (0.0, 0.0), wall) == (False, (0.0, 0.0))
 
 

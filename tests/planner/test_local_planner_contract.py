@@ -76,9 +76,8 @@ def test_drives_along_the_plan_and_shows_the_chosen_trajectory(planner):
     assert costs.dtype == planner.trajectory_cloud(here).dtype == np.float32
     points = planner.trajectory_cloud(here)
     assert points.shape[1] == 5
-    assert (
-        points[:, 4].min() >= 0.0
-    )  # The cloud has only legal trajectories, and the chosen one has the least cost.
+    # The cloud has only legal trajectories, and the chosen one has the least cost.
+    assert points[:, 4].min() >= 0.0
     best = points[points[:, 4] == points[:, 4].min()]
     assert np.hypot(*(best[:, :2] - planner.local_plan[-1, :2]).T).min() < 1e-5
     assert np.array_equal(here.cells, cells)

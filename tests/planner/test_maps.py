@@ -118,9 +118,8 @@ def test_first_map_only_ignores_later_maps_and_updates_are_applied():
     expected = np.full((N, N), 254)
     expected[5:7, 3:7] = 255
     np.testing.assert_array_equal(updated.cells, expected)
-    updated.update_map(
-        "map", 0, 0, np.zeros((1, 1), np.int8)
-    )  # Two map updates precede the costmap's update.
+    # Two map updates precede the costmap's update.
+    updated.update_map("map", 0, 0, np.zeros((1, 1), np.int8))
     updated.update_map("map", 39, 39, np.zeros((1, 1), np.int8))
     updated.update(HERE)
     assert updated.cells[0, 0] == updated.cells[39, 39] == 0
@@ -239,10 +238,11 @@ def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(s
     router.take({"scan": scan}, 100.0, None)
     assert router.silent(100.4) is None
     now = 100.4 - step
+    # The source counts as silent for a step back of any size.
     assert router.silent(now) == (
         "scan",
         0.5,
-    )  # The source counts as silent for a step back of any size.
+    )
     router.take({"scan": replace(scan, stamp=now)}, now, None)
     assert [cloud.stamp for cloud in buffer.clouds] == [now]
     assert router.silent(now) is None
@@ -277,9 +277,10 @@ def test_points_of_tilted_sensors_and_in_moving_frames_are_exact():
     half = math.sin(0.15), math.cos(0.15)
     flat = LaserScan(0.0, 0.2, 0.5, 0.1, 10.0, ranges, (1.0, 2.0, 9.9), 0.4, (0.0, 0.0, *half))
     np.testing.assert_allclose(project(flat).points, project(level).points, atol=1e-6)
+    # Roll pi.
     hanging = LaserScan(
         0.0, 0.2, 0.5, 0.1, 10.0, ranges, (1.0, 2.0, 0.0), 0.4, (half[1], half[0], 0.0, 0.0)
-    )  # roll pi
+    )
     angles = 0.3 - np.array([0.2, 0.7])
     expected = np.stack(
         [1.0 + ranges[:2] * np.cos(angles), 2.0 + ranges[:2] * np.sin(angles), [0.4, 0.4]], axis=1

@@ -123,7 +123,8 @@ def test_a_blocked_robot_tries_escape_motions_and_then_recovers(planner, free):
     recoveries = []
     run(made, robot, 0.1)
     made.set_goal((4.0, 0.0, 0.0), robot.time)
-    made.local_planner = Scripted(lambda n: (True, (-0.5, 0.0)))  # The planner always backs out.
+    # The planner always backs out.
+    made.local_planner = Scripted(lambda n: (True, (-0.5, 0.0)))
     result = None
     while robot.time < 20.0 and result is None:
         cycle = step(made, robot)
@@ -202,9 +203,8 @@ def test_goals_that_are_not_finite_are_aborted_at_once():
         "nothing was under way: no command, as in C++"
     )
     assert (cycle.result, cycle.command) == (("aborted", INVALID_GOAL), (0.0, 0.0))
-    assert (
-        made.step(robot.time + 0.05, robot.pose, robot.twist).command is None
-    )  # C++ would keep driving.
+    # C++ would keep driving.
+    assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None
 
 
 @pytest.mark.fault("17")
@@ -253,7 +253,8 @@ def test_a_start_in_collision_is_left_or_ends_in_recoveries(kind):
     """Two thick posts reach into the outline of the body. One robot can drive away from the posts, the other cannot."""
     robot = kind(circles=[(0.0, 0.46, 0.3), (0.0, -0.46, 0.3)])
     points = robot.ranges() * np.sin(ANGLE_MIN + INCREMENT * np.arange(BEAMS))
-    assert np.abs(points[np.isfinite(points)]).min() < 0.165  # half the width of the footprint
+    # Half the width of the footprint.
+    assert np.abs(points[np.isfinite(points)]).min() < 0.165
     made, robot = start((3.0, 0.0, 0.0), robot, quick(oscillation_timeout=1.0))
     cycles = []
     result = run(made, robot, 60.0, cycles=cycles)

@@ -168,9 +168,8 @@ def test_footprint_follows_its_server_and_its_topic():
     assert made.local_costmap.footprint[2] == pytest.approx((0.21, 0.165))
     made.set_footprint("local_costmap", [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)])
     assert made.local_costmap.inscribed_radius == pytest.approx(0.3)
-    made.reconfigure(
-        "local_costmap", {"footprint_padding": 0.2}
-    )  # As in C++, this pads the topic's footprint.
+    # As in C++, this pads the topic's footprint.
+    made.reconfigure("local_costmap", {"footprint_padding": 0.2})
     assert made.local_costmap.inscribed_radius == pytest.approx(0.5)
     made.reset(0.0, restore=False)  # A clock jump does not change the robot's size.
     assert made.local_costmap.inscribed_radius == pytest.approx(0.5)
@@ -195,14 +194,16 @@ def test_parameters_read_once_keep_their_start_up_values_after_a_reset():
 def test_make_plan_frees_the_robots_square_and_searches_near_the_goal():
     made, robot = MoveBase(quick()), ToyRobot(circles=[(2.0, 0.0, 0.1)])
     run(made, robot, 0.2)
-    assert len(made.make_plan(robot.pose, (2.0, 0.0, 0.0))) == 0  # The goal is in the obstacle.
+    # The goal is in the obstacle.
+    assert len(made.make_plan(robot.pose, (2.0, 0.0, 0.0))) == 0
     near = made.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)
     assert tuple(near[-1, :2]) == (2.0, 0.0)  # make_plan_add_unreachable_goal
     assert 0.2 < math.hypot(*(near[-2, :2] - (2.0, 0.0))) < 1.0
     made.reconfigure("", {"make_plan_add_unreachable_goal": False})
     assert tuple(made.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)[-1, :2]) == tuple(near[-2, :2])
     assert len(made.make_plan(robot.pose, (math.nan, 0.0, 0.0), 1.0)) == 0
-    assert len(made.make_plan(robot.pose, (500.0, 0.0, 0.0), 1e9)) >= 0  # The search must end.
+    # The search must end.
+    assert len(made.make_plan(robot.pose, (500.0, 0.0, 0.0), 1e9)) >= 0
 
 
 def test_make_plan_leaves_the_maps_unchanged_while_a_goal_is_active():
@@ -216,9 +217,8 @@ def test_make_plan_leaves_the_maps_unchanged_while_a_goal_is_active():
     made.cancel(robot.time)
     run(made, robot, 0.1)
     made.make_plan(robot.pose, (3.0, 0.0, 0.0))
-    assert not (made.global_costmap.cells == 254)[
-        marked
-    ].all()  # make_plan freed the cells within clearing_radius.
+    # Make_plan freed the cells within clearing_radius.
+    assert not (made.global_costmap.cells == 254)[marked].all()
 
 
 def test_clear_costmaps_clears_both_and_the_last_scan_marks_again():
@@ -232,7 +232,8 @@ def test_clear_costmaps_clears_both_and_the_last_scan_marks_again():
 
 
 def test_a_goal_that_replaces_another_during_a_rotation_stops_the_base():
-    made, robot = start((40.0, 0.0, 0.0))  # A goal off the map has no plan and leads to recoveries.
+    # A goal off the map has no plan and leads to recoveries.
+    made, robot = start((40.0, 0.0, 0.0))
     cycles = []
     while robot.twist[1] < 0.3:
         assert robot.time < 10.0

@@ -58,9 +58,8 @@ def test_listed_recoveries_replace_the_defaults():
     )
     assert [type(b) for b in built] == [recovery.RotateRecovery, recovery.ClearCostmapRecovery]
     assert built[1].side == 6.0
-    assert (
-        recovery.build(complete(dict(JACKAL_PARAMETERS, recovery_behaviors=[]))) == []
-    )  # As in C++, there are none.
+    # As in C++, there are none.
+    assert recovery.build(complete(dict(JACKAL_PARAMETERS, recovery_behaviors=[]))) == []
 
 
 def test_a_name_given_twice_leads_to_the_default_recoveries_as_in_cpp():

@@ -84,10 +84,11 @@ def _context(encoding: DimensionlessEncoding, given: Arrays, i: int, theta: np.n
     rows = (given["poses"][i], given["twists"][i], given["goal"])
     pose, twist, goal = (tuple(row.tolist()) for row in rows)
     phi = float(given["phis"][i])
+    # None at first, later more than fit into an observation.
     seen = (
         given["plans"][i],
         given["movers"][i, : 2 * i],
-    )  # none at first, later more than fit into an observation
+    )
     return Context(
         given["ranges"][i], phi, theta, PERIOD * i, pose, twist, goal, *seen, encoding.space
     )

@@ -170,7 +170,8 @@ def test_a_stalled_robot_gets_random_parameters_from_the_courses_seed():
     assert len({tuple(theta) for theta in driving[1:]}) < 24
     assert len({tuple(theta) for theta in standing[8:]}) == 16
     assert all(theta not in driving for theta in standing[8:])
-    backing_out = [theta[-2:] for theta in standing]  # escape_reset_dist, escape_reset_theta
+    # Escape_reset_dist, escape_reset_theta.
+    backing_out = [theta[-2:] for theta in standing]
     assert backing_out[:8] == [[0.1, 0.1]] * 8
     assert 4 <= backing_out[8:].count([0.5, 3.14]) == 16 - backing_out[8:].count([0.1, 0.1]) <= 12
     assert course(3, 0.5)[1] == 16
@@ -219,9 +220,8 @@ def test_one_file_drives_every_robot(tmp_path):
     save(path, with_mirror_images(weights, MIRROR), encoding=DimensionlessEncoding(JACKAL, 1.0))
     assert len(load_policy(path).layers[0][0]) == 2
     size = (tmp_path / "general.safetensors").stat().st_size
-    assert size < 1.2 * sum(
-        tensor.nbytes for tensor in weights.values()
-    )  # Mirror images are not stored.
+    # Mirror images are not stored.
+    assert size < 1.2 * sum(tensor.nbytes for tensor in weights.values())
     for robot in ROBOTS:
         method = methods.make(path, robot)
         method.reset(0)

@@ -53,10 +53,10 @@ def test_exploration_draws_around_the_robots_set():
     centre = methods.make("static").values
     method.reset(1)
     actions = np.array([space.to_action(method.theta(None)) for _ in range(4000)])
-    free = ~space.integer & (
-        np.abs(space.to_action(centre)) < 0.1
-    )  # parameters far from the ends of their ranges
+    # Parameters far from the ends of their ranges.
+    free = ~space.integer & (np.abs(space.to_action(centre)) < 0.1)
     assert free.any()
     away = actions[:, free] - space.to_action(centre)[free]
     assert away.mean(axis=0) == pytest.approx(0.0, abs=0.06)
-    assert away.std(axis=0) == pytest.approx(0.48, abs=0.03)  # 0.5 before clipping to [-1, 1]
+    # 0.5 before clipping to [-1, 1]
+    assert away.std(axis=0) == pytest.approx(0.48, abs=0.03)

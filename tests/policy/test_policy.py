@@ -156,16 +156,14 @@ def test_smoothing_equals_scipy_and_keeps_short_plans(n):
 
 
 def test_local_goal_is_the_first_point_beyond_a_metre_in_the_robots_frame():
-    plan = np.column_stack(
-        [np.zeros(200), np.arange(200) * 0.025, np.zeros(200)]
-    )  # straight line along +y
+    # Straight line along +y.
+    plan = np.column_stack([np.zeros(200), np.arange(200) * 0.025, np.zeros(200)])
     gx, gy = local_goal(plan, (0.0, 0.0, np.pi / 2))
     assert gx == pytest.approx(1.025)
     assert gy == pytest.approx(0.0, abs=1e-9)
     assert goal_angle(local_goal(plan, (0.0, 0.0, 0.0))) == pytest.approx(np.pi / 2)
-    assert local_goal(plan[:11], (0.0, 0.0, 0.0))[1] == pytest.approx(
-        0.25
-    )  # last point of a short plan
+    # Last point of a short plan.
+    assert local_goal(plan[:11], (0.0, 0.0, 0.0))[1] == pytest.approx(0.25)
 
 
 def test_an_observation_has_its_layout_and_scale():
@@ -372,9 +370,8 @@ def test_a_loaded_policy_predicts_its_methods_decision(name):
     )
     assert environment.action_space.contains(action)
     assert state == ("kept",)
-    np.testing.assert_allclose(
-        policy.predict(np.stack([-seen, seen]))[0][1], action, atol=1e-5
-    )  # float32 sums
+    # Float32 sums.
+    np.testing.assert_allclose(policy.predict(np.stack([-seen, seen]))[0][1], action, atol=1e-5)
     method = methods.make(file, robots.load(name))
     method.reset(0)
     decided = method.theta(environment.unwrapped.episode.context())

@@ -165,7 +165,6 @@ def test_a_robot_is_trained_and_driven_from_its_folder(crate, tmp_path, capsys):
         == 1
     )
     assert capsys.readouterr().err.count("\n") == 1
-    planner = yaml.safe_load((crate / "tuned.yaml").read_text())[
-        "DWAPlannerROS"
-    ]  # parameter set for move_base
+    # Parameter set for move_base.
+    planner = yaml.safe_load((crate / "tuned.yaml").read_text())["DWAPlannerROS"]
     assert (planner["max_vel_x"], planner["max_vel_trans"], planner["sim_time"]) == (0.7, 0.7, 1.0)

@@ -150,13 +150,11 @@ def test_odometry_lags_by_its_filter():
     state = drive(simulator, 1.0, 0.0, 3.0)
     ahead = state.odom_pose[0]
     assert state.odom_twist[0] == pytest.approx(1.0, abs=0.01)
-    assert (
-        drive(simulator, 0.0, 0.0, 0.05).odom_twist[0] > 0.6
-    )  # Command and filter delay by .03 s each.
+    # Command and filter delay by .03 s each.
+    assert drive(simulator, 0.0, 0.0, 0.05).odom_twist[0] > 0.6
     rolled = drive(simulator, 0.0, 0.0, 1.0).odom_pose[0] - ahead
-    assert rolled == pytest.approx(
-        0.03 + 0.03 + 0.5 * 1.0 / 20.0, abs=0.01
-    )  # delay, lag, and braking of the wheels
+    # Delay, lag, and braking of the wheels.
+    assert rolled == pytest.approx(0.03 + 0.03 + 0.5 * 1.0 / 20.0, abs=0.01)
 
 
 @pytest.mark.parametrize("name", ["turtlebot3_burger", "husky"])

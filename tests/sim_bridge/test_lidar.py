@@ -10,9 +10,8 @@ from tests.support.seeds import seeds
 NOTHING = np.empty((0, 3)), np.empty((0, 5))
 JACKAL = robots.load("jackal").laser
 FULL_TURN = robots.load("turtlebot3_burger").laser  # full turn from 0
-ABOVE_PI = JACKAL.model_copy(
-    update=dict(beams=90, first_angle=4.0, last_angle=6.2, range_max=8.0)
-)  # fan to the right
+# Fan to the right.
+ABOVE_PI = JACKAL.model_copy(update=dict(beams=90, first_angle=4.0, last_angle=6.2, range_max=8.0))
 LASERS = [JACKAL, FULL_TURN, ABOVE_PI]
 
 

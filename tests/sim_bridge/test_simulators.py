@@ -175,7 +175,8 @@ def test_curves_beyond_the_friction_limit_slide_outwards(simulator):
 def test_stops_a_quarter_second_after_the_last_command(simulator, v, w):
     simulator.reset(small_world(), 1)
     drive(simulator, v, w, 1.0)
-    assert hypot(*simulator.advance(0.20).twist) > 0.1  # The last command is still in force.
+    # The last command is still in force.
+    assert hypot(*simulator.advance(0.20).twist) > 0.1
     simulator.advance(0.55)  # Braking from 2 m/s takes .41 s at the friction limit.
     assert hypot(*simulator.state.twist) < 0.01
     pose = simulator.state.pose
@@ -272,9 +273,8 @@ def test_the_imu_measures_acceleration_and_turn_rate(on_plain_ground):
     simulator.reset(small_world(), 0)
     simulator.command(1.0, 0.0)
     simulator.advance(0.05)
-    assert simulator.advance(0.05).imu[0] == pytest.approx(
-        4.9, abs=0.5
-    )  # limit with a friction of .5
+    # Limit with a friction of .5.
+    assert simulator.advance(0.05).imu[0] == pytest.approx(4.9, abs=0.5)
     state = drive(simulator, 0.0, 1.0, 1.0)
     assert state.imu[1] == pytest.approx(state.twist[1], abs=5 * JACKAL.odometry.gyro_noise)
     assert state.imu[1] == pytest.approx(1.0, abs=0.2)  # The ground is uneven.
@@ -290,7 +290,8 @@ def test_scan_is_taken_at_the_laser_with_its_noise(simulator):
     assert (scans[:, 0] == np.inf).all()
     simulator.reset(small_world([(0.0, 3.0, 0.4)]), 0)
     left = int(round((pi / 2 - JACKAL.laser.first_angle) / JACKAL.laser.increment))
-    assert simulator.scan()[left] == pytest.approx(2.6, abs=0.05)  # Angles increase anticlockwise.
+    # Angles increase anticlockwise.
+    assert simulator.scan()[left] == pytest.approx(2.6, abs=0.05)
 
 
 # -- repetition ------------------------------------------------------------------------------------
@@ -416,7 +417,8 @@ def test_kinematic_contacts_end_like_pybullets():
 def test_other_robots_drive_and_meet_a_wall_alike_in_both(name):
     robot = robots.load(name)
     v, w = 0.5 * robot.base.max_speed, 0.3 * robot.base.max_yaw_rate
-    wall = 1.5 * geometry.bounding_box(robot)[1] + v  # The robot reaches the wall in less than 3 s.
+    # The robot reaches the wall in less than 3 s.
+    wall = 1.5 * geometry.bounding_box(robot)[1] + v
     ends = []
     for simulator in (
         sim_bridge.make("kinematic", robot=robot),

@@ -6,7 +6,8 @@ import psutil
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "tests" / "data"
-HANGS = 600.0  # time after which a process counts as hanging: ten times the longest test on an idle machine [s]
+# Time after which a process counts as hanging: ten times the longest test on an idle machine [s]
+HANGS = 600.0
 
 
 def is_alive(pid):

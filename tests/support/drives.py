@@ -61,9 +61,8 @@ def simulated(
 ) -> Tuple[Drive, Outcome]:
     """Drive a robot through a world, or the world of a name in its scale, with the parameters of its files."""
     move_base = MoveBase(counting_cells(robot.parameters()), planner=CPP_LIKE, seed=seed)
-    fixed = replace(
-        robot, space=()
-    )  # The parameters of the files stay, even out of the ranges of robot.yaml.
+    # The parameters of the files stay, even out of the ranges of robot.yaml.
+    fixed = replace(robot, space=())
     episode = Episode(
         simulator(robot), move_base, fixed, period=1.0, time_limit=limit, escapes=False, record=True
     )

@@ -78,7 +78,8 @@ class FakeJackal:
         self.robot = ToyRobot(pose, circles)
         self.clock = clock
         self.scans = self.transforms = True
-        self.bend = lambda scan: scan  # function that alters each scan before publication
+        # Function that alters each scan before publication.
+        self.bend = lambda scan: scan
         self.commands = []  # (wall time, v, w)
         self._command = 0.0, 0.0
         self._ends = []
@@ -306,7 +307,8 @@ def idle(stack):
     jackal.scans = jackal.transforms = True
     jackal.bend = lambda scan: scan
     if stack.client.get_state() in (PENDING, ACTIVE):
-        stack.client.cancel_goal()  # cancel_all_goals uses another connection, and could end the next goal.
+        # Cancel_all_goals uses another connection, and could end the next goal.
+        stack.client.cancel_goal()
         finish(stack.client)
     wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "standstill")
     jackal.put((0.0, 0.0, 0.0), POSTS)

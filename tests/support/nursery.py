@@ -121,7 +121,8 @@ def main():
             os.waitpid(child, 0)
             continue
         if os.fork():
-            os._exit(0)  # The tests' process, a subreaper, becomes the parent of the grandchild.
+            # The tests' process, a subreaper, becomes the parent of the grandchild.
+            os._exit(0)
         return become(order, parent)
     return None
 
@@ -142,7 +143,8 @@ def become(order, parent):
     os.environ.clear()
     os.environ.update(order["env"])
     sys.argv = order["words"]
-    rospy.names.reload_mappings(sys.argv)  # rospy read the nursery's arguments at its import
+    # Rospy read the nursery's arguments at its import.
+    rospy.names.reload_mappings(sys.argv)
     rospy.names._set_caller_id(rospy.names.get_ros_namespace() + "unnamed")
     for place, value in order["constants"].items():
         module, _, name = place.rpartition(".")

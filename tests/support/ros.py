@@ -23,11 +23,12 @@ import psutil
 from tests.support import ROOT
 from tests.support.nursery import Nursery
 
+# Prefix that interrupts a child even if this process is killed.
 INTERRUPTED_WITH_US = (
     "setpriv",
     "--pdeathsig",
     "INT",
-)  # prefix that interrupts a child even if this process is killed
+)
 VARIABLES = ("ROS_MASTER_URI", "ROS_IP", "ROS_LOG_DIR")
 GENERATED = ROOT / ".applr" / "catkin_ws" / "devel" / "lib" / "python3" / "dist-packages"
 

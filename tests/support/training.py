@@ -164,9 +164,8 @@ def one_line(capsys, arguments, pattern, main=main):
 
 # Trials of evaluate.py
 
-SETTINGS = settings(
-    EvaluationOptions(), [], []
-)  # settings of an evaluation without worlds and methods
+# Settings of an evaluation without worlds and methods.
+SETTINGS = settings(EvaluationOptions(), [], [])
 
 
 def draw_result(settings, task):

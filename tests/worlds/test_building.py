@@ -65,15 +65,15 @@ def test_the_radius_is_that_of_the_farthest_corner():
 
 
 def test_modes_give_the_values_that_map_server_publishes(tmp_path):
-    grey = [
-        [0, 89, 90, 128, 204, 205, 206, 254]
-    ]  # The thresholds are between 89 and 90, and between 205 and 206.
+    # The thresholds are between 89 and 90, and between 205 and 206.
+    grey = [[0, 89, 90, 128, 204, 205, 206, 254]]
     assert cells(tmp_path, grey) == [[100, 100, -1, -1, -1, -1, 0, 0]]
     assert cells(tmp_path, grey, negate=1) == [[0, -1, -1, -1, 100, 100, 100, 100]]
     assert cells(tmp_path, grey, mode="scale") == [[100, 100, 98, 66, 1, 1, 0, 0]]
+    # .2 exactly.
     assert cells(tmp_path, [[204, 203, 205]], free_thresh=0.2, occupied_thresh=0.2) == [
         [-1, 100, 0]
-    ]  # .2 exactly
+    ]
     assert cells(tmp_path, [[0, 37, 100, 127, 128, 255]], mode="raw") == [
         [0, 37, 100, 127, -128, -1]
     ]
@@ -201,7 +201,8 @@ def test_walls_are_few_boxes_and_a_course_keeps_those_within_12_m(plan):
     )
     kept = np.array([(box == world.boxes).all(axis=1).any() for box in everything])
     assert (away[kept] <= 12.0).all()
-    assert (away[~kept] > 11.5).all()  # The distance is taken from every tenth point of the path.
+    # The distance is taken from every tenth point of the path.
+    assert (away[~kept] > 11.5).all()
 
 
 # -- courses
@@ -220,9 +221,8 @@ def test_courses_keep_their_distances(plan):
         length = np.hypot(*np.diff(points, axis=0).T).sum()
         assert 5.0 <= length <= 15.0
         assert np.hypot(*np.diff(points, axis=0).T).max() < 0.08
-        assert (
-            clearance(world, points).min() >= JACKAL + 0.05 - 0.0104
-        )  # half a cell's diagonal less half its side
+        # Half a cell's diagonal less half its side.
+        assert clearance(world, points).min() >= JACKAL + 0.05 - 0.0104
         column, row = ((points - floor.origin[:2]) / 0.05).astype(int).T
         assert (floor.cells[row, column] == 0).all()
         assert (points[0], points[-1]) == (
@@ -256,9 +256,8 @@ def test_courses_are_the_same_every_time_and_depend_on_the_robot(office):
     first = worlds.load(f"{office}:7", JACKAL)
     loading.building.cache_clear()
     assert np.array_equal(worlds.load(f"{office}:7", JACKAL).course.path, first.course.path)
-    wide = [
-        world.course.path for world in worlds.Worlds(office, 0.6)
-    ]  # Doors of .9 m are too narrow.
+    # Doors of .9 m are too narrow.
+    wide = [world.course.path for world in worlds.Worlds(office, 0.6)]
     rooms = [
         {int(y > 5.5) + int(y > 7.5) for _, y in path + (0.0, 3.0 - 10 * 0.05)} for path in wide
     ]
@@ -318,7 +317,8 @@ def test_a_small_room_has_shorter_courses_and_enough_in_each_half(tmp_path, size
     assert 2.0 <= min(lengths) < 5.0
     assert all(clearance(world, world.course.path).min() >= JACKAL for world in made)
     extra = max(max(half) for half in halves)
-    again = worlds.load(f"{path}:{extra}", JACKAL)  # A worker loads a course by its number alone.
+    # A worker loads a course by its number alone.
+    again = worlds.load(f"{path}:{extra}", JACKAL)
     assert np.array_equal(again.course.path, building.course(extra).course.path)
     refused(lambda: worlds.load(f"{path}:{extra + len(halves[1]) + 1}", JACKAL), "no worlds")
 
@@ -359,9 +359,8 @@ def test_a_course_is_drawn_and_written_as_the_robot_drives_it(
     driven = at_scale("paper", spec, robots.load(robot))
     drawn = []
     monkeypatch.setattr(draw, "draw", lambda axes, world: drawn.append(world))
-    monkeypatch.setattr(
-        Axes, "legend", lambda *args, **options: None
-    )  # Nothing is drawn that needs a legend.
+    # Nothing is drawn that needs a legend.
+    monkeypatch.setattr(Axes, "legend", lambda *args, **options: None)
     monkeypatch.setattr("sys.argv", ["draw", spec, str(tmp_path / "course.png"), "--robot", robot])
     assert draw.main() == 0
     monkeypatch.setattr(
@@ -437,14 +436,14 @@ def test_the_simulated_robot_knows_the_map_and_its_place(tmp_path, yaw):
     path = scenes.write_plan(tmp_path, "office", origin=[-5.0, -3.0, yaw])
     runner = TrialRunner(TrialSettings(robot="turtlebot3_waffle_pi", loaded=True))
     world = at_scale("paper", f"{path}:0", runner.robot)
-    world = replace(
-        world, course=replace(world.course, goal_tolerance=0.0)
-    )  # The planner's tolerance ends the course.
+    # The planner's tolerance ends the course.
+    world = replace(world, course=replace(world.course, goal_tolerance=0.0))
     episode = runner.episode
     outcome = episode.reset(world, 0)
     free = map_reader.read_map(path).cells == map_reader.FREE
     column, row = (episode.context().plan[:, :2] / 0.05).astype(int).T
-    assert free[row, column].all()  # The first plan avoids walls that no scan has shown.
+    # The first plan avoids walls that no scan has shown.
+    assert free[row, column].all()
     assert episode.context().plan[0, :2] == pytest.approx(episode.place[:2], abs=0.1)
     while not outcome.over:
         outcome = episode.decide(outcome.theta)
@@ -454,9 +453,8 @@ def test_the_simulated_robot_knows_the_map_and_its_place(tmp_path, yaw):
         assert np.hypot(*(episode.move_base.global_plan[0, :2] - episode.place[:2])) < 1.0
     assert (outcome.reason, outcome.collided, outcome.time_s < 60.0) == ("finished", False, True)
     left = np.hypot(*np.subtract(episode.goal, episode.place)[:2])
-    assert left == pytest.approx(
-        runner.robot.goal_tolerance, abs=0.02
-    )  # The robot has still to stop.
+    # The robot has still to stop.
+    assert left == pytest.approx(runner.robot.goal_tolerance, abs=0.02)
     episode.reset(worlds.load("generated:3"), 0)
     assert episode.place == episode.simulator.state.odom_pose
     changed = runner.starting_with(runner.space.theta0 * 0.9)

@@ -54,9 +54,8 @@ def test_closed_paths_equal_times_and_animations_that_do_not_repeat():
 
 def test_the_course_is_the_challenges_even_beside_a_path_file(tmp_path):
     table(tmp_path, "easylibobs_1,4,1,0,0,0", "easylibobs_1,4,1,4,1,1")
-    cells = np.column_stack(
-        [np.full(66, 15), np.arange(66)]
-    )  # path of BARN's world with the same number
+    # Path of BARN's world with the same number.
+    cells = np.column_stack([np.full(66, 15), np.arange(66)])
     course = worlds.load(
         write_world(tmp_path, sdf(moving("easylibobs_1"), ""), "world_7.world", cells=cells)
     ).course
@@ -65,9 +64,8 @@ def test_the_course_is_the_challenges_even_beside_a_path_file(tmp_path):
     assert not course.arrived(-7.9, 0.0)
     assert course.arrived(-8.1, 0.0)
     assert not course.planner_ends
-    assert course.sent_goal == pytest.approx(
-        (-8.7, 0.0, math.pi)
-    )  # The map ends 20 m from the start.
+    # The map ends 20 m from the start.
+    assert course.sent_goal == pytest.approx((-8.7, 0.0, math.pi))
 
 
 @pytest.mark.parametrize("number", range(6))

@@ -21,7 +21,8 @@ def test_a_changed_footprint_counts_at_once():
     planner = DWAPlanner(BURGER, 0.1)
     costmap = small_map()
     plan = [(0, 0), (1, 0)]
-    costmap.cells[34, 30] = 254  # outside the robot, but inside an outline twice as large
+    # Outside the robot, but inside an outline twice as large.
+    costmap.cells[34, 30] = 254
     assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost >= 0
     costmap.footprint = BURGER_FOOT * 2
     assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost == -7

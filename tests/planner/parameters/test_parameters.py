@@ -83,7 +83,8 @@ def test_the_dwa_planners_server_equals_the_cpp_one():
 
 def test_a_turtlebots_parameters_are_taken_as_cpp_takes_them():
     theirs = DWA_SURFACE["params"]["DWAPlannerROS"]
-    tree = dict(DWA, DWAPlannerROS=dict(theirs, vy_samples=0))  # The robot's file has 0.
+    # The robot's file has 0.
+    tree = dict(DWA, DWAPlannerROS=dict(theirs, vy_samples=0))
     assert check(tree) == []
     config = Configuration(complete(tree))
     assert {name: theirs[name] for name in config["DWAPlannerROS"]} == config["DWAPlannerROS"]
@@ -177,10 +178,11 @@ def test_values_are_read_as_roscpp_reads_them():
     assert check(tree) == []
     assert remarks(tree) == []
     full = complete(tree)
+    # 0.5 is rounded up.
     assert [full[PLANNER][name] for name in ("vx_samples", "vtheta_samples")] == [
         7,
         20,
-    ]  # 0.5 is rounded up
+    ]
     # A list in the enclosing namespace is converted to text.
     assert full["local_costmap"]["footprint"] == "[[0.27, 0.21], [0.27, -0.21], [-0.27, 0.0]]"
     assert full["local_costmap"]["obstacles_layer"]["scan"]["obstacle_range"] == 2.0
@@ -344,9 +346,8 @@ def test_scan_source_may_have_any_name():
     assert complete(tree)["local_costmap"]["obstacles_layer"]["laser"]["raytrace_range"] == 4.5
     layer["observation_sources"] = "laser bump"
     assert check(tree) == []
-    bump = complete(tree)["local_costmap"]["obstacles_layer"][
-        "bump"
-    ]  # defaults of C++, and the layer's ranges
+    # Defaults of C++, and the layer's ranges.
+    bump = complete(tree)["local_costmap"]["obstacles_layer"]["bump"]
     assert (bump["topic"], bump["data_type"], bump["clearing"]) == ("bump", "PointCloud", False)
     assert (bump["obstacle_range"], bump["min_obstacle_height"]) == (2.5, 0.0)
     layer["bump"] = "no section"
@@ -405,9 +406,8 @@ def test_values_at_the_costmap_replace_those_of_the_layers():
         full["inflater_layer"]["inflation_radius"],
         full["obstacles_layer"]["raytrace_range"],
     ) == (0.7, 5.0)
-    assert (
-        full["obstacles_layer"]["scan"]["raytrace_range"] == 3.0
-    )  # A value of the source itself takes precedence.
+    # A value of the source itself takes precedence.
+    assert full["obstacles_layer"]["scan"]["raytrace_range"] == 3.0
 
 
 def test_a_value_clamped_to_an_invalid_zero_is_rejected():
@@ -488,9 +488,8 @@ class TestConfiguration:
     def test_clamps_and_keeps_the_rest(self, config):
         new = config.request(PLANNER, {"max_vel_x": 1e9, "vx_samples": -5})
         assert (new["max_vel_x"], new["vx_samples"], new["sim_time"]) == (20.0, 1, 2.0)
-        assert (
-            config[PLANNER]["max_vel_x"] == 0.5
-        )  # A request changes nothing before it is accepted.
+        # A request changes nothing before it is accepted.
+        assert config[PLANNER]["max_vel_x"] == 0.5
 
     def test_rejects_the_whole_request(self, config):
         for bad in (math.nan, math.inf, None, "1", True):
@@ -504,9 +503,8 @@ class TestConfiguration:
         ):
             config.accept(PLANNER, config.request(PLANNER, {name: 0.33}))
             assert config[PLANNER][name] == config[PLANNER][other] == 0.33
-        everything = dict(
-            config[PLANNER], pdist_scale=0.5
-        )  # rqt_reconfigure sends all values after one changes.
+        # rqt_reconfigure sends all values after one changes.
+        everything = dict(config[PLANNER], pdist_scale=0.5)
         new = config.request(PLANNER, everything)
         assert new["path_distance_bias"] == new["pdist_scale"] == 0.5
 

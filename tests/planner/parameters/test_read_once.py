@@ -17,10 +17,11 @@ from applr_ros1.planner.parameters.parameter import GOAL, OUTLINE, PERIOD, RECOV
 
 PLANNERS = {"jackal": "TrajectoryPlannerROS", "turtlebot3_waffle_pi": "DWAPlannerROS"}
 FILED = {"footprint": "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]", "y_vels": "-0.2,0.2"}
+# Parameters that name plugins, which MoveBase cannot change.
 PLUGINS = (
     "base_global_planner",
     "base_local_planner",
-)  # parameters that name plugins, which MoveBase cannot change
+)
 # Code that reads parameters only once in C++: move_base.cpp:93 to 180 and loadRecoveryBehaviors,
 # trajectory_planner_ros.cpp:103 to 270, rotate_recovery.cpp:60, dwa_planner_ros.cpp:92 with
 # latched_stop_rotate_controller.h. DWAPlannerROS reads the footprint in every cycle.
@@ -96,9 +97,8 @@ def test_parameters_read_once_are_the_same_in_tables_move_base_and_cpp(name, mon
     readers = {}
     declared = {}
     plain = robot.parameters()
-    plain[planner].pop(
-        "controller_frequency", None
-    )  # move_base's own value then applies, as in most files.
+    # Move_base's own value then applies, as in most files.
+    plain[planner].pop("controller_frequency", None)
     plain["global_costmap"].update(width=4, height=4)
     round_ = copy.deepcopy(plain)
     round_["local_costmap"].pop("footprint")

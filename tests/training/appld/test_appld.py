@@ -54,9 +54,8 @@ def test_another_robot_is_demonstrated_at_its_size_and_speed(tmp_path):
     with AnyReader([path]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
     scans = counts["/" + robot.topics.scan] / counts["/" + robot.topics.odometry]
-    assert scans == pytest.approx(
-        robot.laser.rate * 0.05, rel=0.05
-    )  # The laser is slower than the control cycle.
+    # The laser is slower than the control cycle.
+    assert scans == pytest.approx(robot.laser.rate * 0.05, rel=0.05)
 
 
 def test_bag_is_read_as_it_was_driven(bag):

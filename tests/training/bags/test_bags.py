@@ -266,9 +266,8 @@ def test_each_end_of_a_course_gives_its_transitions(
     (trajectory,), why = rebuild(tmp_path / "a.bag", finish=finish)
     assert (trajectory.terminated, why) == (terminated, skipped)
     assert_equal(trajectory, drive, count, ends=terminated and kind is Drive)
-    assert (trajectory.reward[-1] > 0.0) == (
-        status == SUCCEEDED or finish is not None
-    )  # no time cost at the goal
+    # No time cost at the goal.
+    assert (trajectory.reward[-1] > 0.0) == (status == SUCCEEDED or finish is not None)
 
 
 def test_a_course_ends_with_its_result_or_with_its_status_whichever_is_earlier(tmp_path):
@@ -326,9 +325,8 @@ def test_a_bag_converted_by_rosbags_convert_gives_the_same_transitions(tmp_path,
             storage,
         ]
         subprocess.run([command, *words], check=True)
-    assert bags_in([tmp_path / "ros2"]) == [
-        tmp_path / "ros2"
-    ]  # one bag, although the folder has several files
+    # One bag, although the folder has several files.
+    assert bags_in([tmp_path / "ros2"]) == [tmp_path / "ros2"]
     assert bags_in([tmp_path]) == [tmp_path / name for name in ("a.bag", "back.bag", "ros2")]
     (lone,) = (file for file in (tmp_path / "ros2").iterdir() if file.name != "metadata.yaml")
     shutil.copy(lone, tmp_path)
@@ -404,9 +402,8 @@ def test_only_the_courses_around_a_clock_jump_are_lost(tmp_path):
     with Messages(tmp_path / "a.bag") as writer:
         first = Drive(writer, begin=10.0, goal="before", seed=1)
         Drive(writer, begin=40.0, goal="torn", seed=2, seconds=9.0)
-        Drive(
-            writer, begin=43.0, goal="again", seed=3, seconds=9.0
-        )  # The clock jumped back to 43 s.
+        # The clock jumped back to 43 s.
+        Drive(writer, begin=43.0, goal="again", seed=3, seconds=9.0)
     (trajectory,), skipped = rebuild(tmp_path / "a.bag")
     assert_equal(trajectory, first)
     assert "the odometry jumped" in skipped

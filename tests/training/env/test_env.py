@@ -54,9 +54,8 @@ class FakeMoveBase:
 
     def reconfigure(self, server, values):
         self.requests.append((server, values))
-        return (
-            {**values, "vx_samples": 7} if "vx_samples" in values else values
-        )  # The server changes this value.
+        # The server changes this value.
+        return {**values, "vx_samples": 7} if "vx_samples" in values else values
 
     def report_held(self, held):
         self.held.append(held)
@@ -134,9 +133,8 @@ def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
         -1.57,
         6,
     )
-    assert (
-        episode.outcome.theta[SPACE.names.index("vx_samples")] == 7
-    )  # value in force in the planner
+    # Value in force in the planner.
+    assert episode.outcome.theta[SPACE.names.index("vx_samples")] == 7
     assert np.array_equal(np.delete(episode.outcome.theta, 2), np.delete(SPACE.theta0, 2))
     assert base.steps[1][1] == pytest.approx((0.0, 0.0, math.pi / 2), abs=0.01)
     laser = base.scans[1].sensor_pose
@@ -150,14 +148,12 @@ def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
 
 def test_the_local_goal_is_relative_to_the_robot():
     episode = trial()
-    assert episode.context().phi == pytest.approx(
-        -math.pi / 4, abs=0.02
-    )  # plan: north-east, robot: north
+    # Plan: north-east, robot: north.
+    assert episode.context().phi == pytest.approx(-math.pi / 4, abs=0.02)
     episode.move_base.global_plan = np.zeros((0, 3))
     episode.decide(SPACE.theta0)
-    assert episode.context().phi == pytest.approx(
-        0.0, abs=0.05
-    )  # Without a plan, the local goal is the goal.
+    # Without a plan, the local goal is the goal.
+    assert episode.context().phi == pytest.approx(0.0, abs=0.05)
 
 
 WALL = (1.0, 4.0, 0.2)
@@ -372,7 +368,8 @@ def test_the_reward_has_the_papers_terms():
     everything = Reward(along_y=True, exact_time=True, lowest=True, c_collision=3.0)
     _, terms = earned(everything, replace(STEP, seconds=0.5, success=True))
     assert terms == pytest.approx(dict(zip(TERMS, (-0.25, 0.8, -0.25, -3.0))))
-    assert earned(Reward(), replace(STEP, success=True))[1]["time"] == 0.0  # R_f is 0 at the goal
+    # R_f is 0 at the goal.
+    assert earned(Reward(), replace(STEP, success=True))[1]["time"] == 0.0
     with pytest.raises(ValueError, match="should be a finite number"):
         Reward(c_p=float("nan"))
 
@@ -406,9 +403,8 @@ def test_times_are_scaled_by_the_pace_of_the_robot():
     assert earned(Reward(), STEP, pace=4.0)[1]["time"] == -0.25
     fallen = replace(STEP, flipped=True, decisions=3)
     assert earned(Reward(failure_seconds=11.0), fallen, pace=4.0)[1]["time"] == -0.25 - 5.5
-    assert (
-        earned(Reward(), fallen, pace=4.0)[1]["time"] == -0.25 - 47 / 4
-    )  # limited by the time left
+    # Limited by the time left.
+    assert earned(Reward(), fallen, pace=4.0)[1]["time"] == -0.25 - 47 / 4
     husky = DimensionlessEncoding(robots.load("husky"), 1.0)  # .68 m wide, 1 m/s
     judged = Reward(exact_time=True)(STEP, 50, 2.0, husky)
     assert judged[1]["time"] == pytest.approx(-1.0 / (0.68 / 0.53 * 2.0))
@@ -526,16 +522,16 @@ def test_a_course_begins_without_a_scan_of_the_previous_course():
     env = gymnasium.make("training.env:applr_ros1/Navigation-v0", worlds="generated:7", **settings)
     env.reset(seed=0)
     seen = [env.step(np.zeros(env.action_space.shape, np.float32))[0], env.reset(seed=1)[0]]
-    scans = [
-        np.split(observation[: env.unwrapped.encoding.scan], 2) for observation in seen
-    ]  # now and earlier
+    # Now and earlier.
+    scans = [np.split(observation[: env.unwrapped.encoding.scan], 2) for observation in seen]
     assert [np.array_equal(*pair) for pair in scans] == [False, True]
     env.close()
 
 
 def test_the_observation_has_moving_obstacles_relative_to_a_robot_that_turns():
     """The robot starts at (1, 2) in the world, the origin of its odometry, and turns by more than 2 rad."""
-    walker = Mover(0.25, ((0.0, -1.5, 4.0), (4.0, 3.5, 4.0)))  # across the course at 1.25 m/s
+    # Across the course at 1.25 m/s.
+    walker = Mover(0.25, ((0.0, -1.5, 4.0), (4.0, 3.5, 4.0)))
     simulator = sim_bridge.make("kinematic", slip=0.0)
     planner = FakeMoveBase((0.0, 0.6))
     planner.parameters = {"applr": {"movers": True}}

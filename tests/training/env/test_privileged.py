@@ -13,9 +13,8 @@ from training.env.env import ApplrEnv
 from training.env.privileged import ODD, SIZE, STATIONS, WIDTH
 from worlds import Course, Mover, World
 
-PLACES = len(
-    ODD
-)  # index of the first clearance, after the entries that change sign in a mirror image
+# Index of the first clearance, after the entries that change sign in a mirror image.
+PLACES = len(ODD)
 
 
 def scene(side=1.0, movers=True):
@@ -27,7 +26,8 @@ def scene(side=1.0, movers=True):
     drawn = sim_bridge.simulator.Randomisation(
         latency=0.05, ground=0.25, friction=1.2, slip=0.7, odometry=2.0
     )
-    believed = (5.0, 3.0, side * 0.5 * math.pi)  # wrong odometry, in whose frame the plan is given
+    # Wrong odometry, in whose frame the plan is given.
+    believed = (5.0, 3.0, side * 0.5 * math.pi)
     plan = np.column_stack([np.full(90, 5.0), 3.0 + side * np.linspace(0.0, 9.0 * WIDTH, 90)])
     state = SimpleNamespace(pose=(0.0, 0.0, 0.0), odom_pose=believed, time=5.0)
     return SimpleNamespace(
@@ -45,7 +45,8 @@ def test_critics_observe_the_true_course_and_the_randomised_robot():
     assert observed.shape == (SIZE,)
     clear = dict(zip(STATIONS, observed[PLACES:]))
     widths = {station: 2.0 * ((1.0 + value) / 2.0) ** 2 for station, value in clear.items()}
-    assert widths[2.0] == 0.0  # The plan leads into the post, between 1.5 and 2 widths ahead.
+    # The plan leads into the post, between 1.5 and 2 widths ahead.
+    assert widths[2.0] == 0.0
     assert widths[0.5] == pytest.approx(math.hypot(1.5, 0.1) - 0.2, abs=0.12)
     rest = observed[PLACES + 2 * len(STATIONS) :]
     free = (1.0 + rest[0]) / 2.0 * STATIONS[-1]
@@ -53,10 +54,10 @@ def test_critics_observe_the_true_course_and_the_randomised_robot():
     left = math.sqrt(2.0) + 2.0 + math.sqrt(5.0) + 3.0
     assert (1.0 + rest[1]) / 2.0 * privileged.LONG == pytest.approx(left, abs=1e-4)
     assert rest[2] == -1.0  # The robot is on the course.
-    assert observed[0] == pytest.approx(
-        math.sin(math.atan2(1.0, 1.6)), abs=0.06
-    )  # The course bends to the left.
-    assert observed[len(privileged.AHEAD)] == 1.0  # At 5 s the walker is far to the left.
+    # The course bends to the left.
+    assert observed[0] == pytest.approx(math.sin(math.atan2(1.0, 1.6)), abs=0.06)
+    # At 5 s the walker is far to the left.
+    assert observed[len(privileged.AHEAD)] == 1.0
     assert observed[len(privileged.AHEAD) + 1] == pytest.approx(1.0 / privileged.FAST, abs=1e-3)
     np.testing.assert_allclose(rest[-8:], [1.0, -0.5, 0.4, -0.3, 0.5, 0.0, 0.0, 0.0], atol=1e-6)
 

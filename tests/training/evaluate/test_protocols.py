@@ -61,9 +61,8 @@ def test_dynabarn_is_driven(tmp_path):
     assert 0.1 < min(gap) < 3.0
     drive(tmp_path / "out", *given)
     with open(tmp_path / "out" / "report" / "rates.csv") as file:
-        assert {row["worlds"] for row in csv.DictReader(file)} == {
-            "Other"
-        }  # not BARN's group by the number
+        # Not BARN's group by the number.
+        assert {row["worlds"] for row in csv.DictReader(file)} == {"Other"}
 
 
 def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):
@@ -86,9 +85,8 @@ def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):
 def test_the_challenges_rules_apply_and_the_report_has_its_metric(tmp_path):
     """The Challenge's start, goal and limit apply, a collision ends the run, and the report has the metric."""
     base = worlds.load("generated:2")
-    bully = worlds.Mover(
-        0.4, ((0.0, -2.25, 0.5), (4.0, -2.25, 6.0), (60.0, -2.25, 6.5))
-    )  # from behind, faster
+    # From behind, faster.
+    bully = worlds.Mover(0.4, ((0.0, -2.25, 0.5), (4.0, -2.25, 6.0), (60.0, -2.25, 6.5)))
     world = worlds.World("hit", base.cylinders, base.boxes, base.course, (bully,))
     sdf_writer.write(world, str(tmp_path / "hit.world"))
     given = "--methods", "dwa", "--simulator", "kinematic", "--protocol", "barn-challenge"

@@ -19,7 +19,8 @@ from training.evaluate.table import Trials
 from training.evaluate.trial import Result, plan_trials
 
 TIME = 0.05 * np.arange(1, 123)
-POSE = np.column_stack([-2.25 + np.sin(TIME), 4.0 + TIME, 3.0 + 0.1 * TIME])  # [m, m, rad]
+# [m, m, rad]
+POSE = np.column_stack([-2.25 + np.sin(TIME), 4.0 + TIME, 3.0 + 0.1 * TIME])
 TRACE = driven(
     TIME,
     POSE,

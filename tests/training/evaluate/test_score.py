@@ -81,9 +81,8 @@ def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
         t.seed for seed in range(200) for t in plan_trials(worlds, [("dwa", "dwa")], 20, seed)
     }
     result = runner.TrialRunner(TrialSettings()).run(trial)
-    faster = runner.TrialRunner(TrialSettings(period=1.0)).run(
-        trial
-    )  # the decision period of a training
+    # The decision period of a training.
+    faster = runner.TrialRunner(TrialSettings(period=1.0)).run(trial)
     assert faster.decisions == math.ceil(faster.time_s)
 
     def run(task, weights):

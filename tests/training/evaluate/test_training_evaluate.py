@@ -100,9 +100,8 @@ def test_every_method_gets_the_same_seeds_in_any_evaluation():
     assert [t.seed for t in alone] == [seeds["b", n, "y"] for n in range(3)]
     assert len({t.seed for t in both}) == 6
     assert seeds["a", 0, "x"] != seed_of(6, "a", 0)
-    assert (
-        both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]
-    )  # appended rows
+    # Appended rows.
+    assert both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]
 
 
 # -- the folder ------------------------------------------------------------------------------------------------------
@@ -299,7 +298,8 @@ def test_trial_depends_on_its_task_only():
     used.episode.time_limit = TIME_LIMIT
     assert used.run(task) == fresh
     theta = tuple(methods.make(tmp_set).theta(CONTEXT))
-    assert used.run(replace(task, theta=theta)) == fresh  # a parameter set, as from a search
+    # A parameter set, as from a search.
+    assert used.run(replace(task, theta=theta)) == fresh
 
 
 def test_traces_are_stored_beside_the_table(tmp_path):

@@ -176,9 +176,8 @@ def test_a_failure_counts_as_the_time_limit_however_early_it_is(tmp_path):
     plan = plan_trials([(w, w) for w in worlds], [("dwa", "dwa"), ("crash", "dwa")], 2, seed=0)
     store = Trials(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"))
     for trial in plan:
-        good = (
-            trial.method == "dwa" and trial.world != worlds[0]
-        )  # The baseline fails in the first world, too.
+        # The baseline fails in the first world, too.
+        good = trial.method == "dwa" and trial.world != worlds[0]
         seconds, reason = (
             (20.0 + worlds.index(trial.world), "finished") if good else (3.0, "contact")
         )
@@ -187,12 +186,12 @@ def test_a_failure_counts_as_the_time_limit_however_early_it_is(tmp_path):
     results = Results(tmp_path)
     comparison = results.compare("crash", "dwa", worlds[1:])
     assert comparison.difference.value == pytest.approx(100.0 - 23.0)
-    assert comparison.p == 2 / 2**5  # two of all sign patterns have such a large difference
+    # Two of all sign patterns have such a large difference.
+    assert comparison.p == 2 / 2**5
     assert results.by_difficulty(worlds) == [*worlds[1:], "generated:1"]
     rows = tables.table_3(results).rows.set_index("worlds")
-    assert (
-        rows["dwa mean time, all trials [s]"]["Difficult All"] == "62.50"
-    )  # mean of 25 s and 100 s
+    # Mean of 25 s and 100 s.
+    assert rows["dwa mean time, all trials [s]"]["Difficult All"] == "62.50"
 
 
 def test_means_are_compared_over_the_same_worlds(folder):

@@ -37,9 +37,8 @@ def first_recovery(planner, seed, **changes):
     cycles = []
     run(made, robot, 0.1)
     made.set_goal((3.0, 0.0, 0.0), robot.time)
-    made.local_planner = Scripted(
-        lambda n: (True, (0.0, 0.0))
-    )  # A robot that stands still counts as oscillating.
+    # A robot that stands still counts as oscillating.
+    made.local_planner = Scripted(lambda n: (True, (0.0, 0.0)))
     result = run(made, robot, 60.0, cycles=cycles)
     assert result in (("aborted", OSCILLATING), None)
     return next((t for t, c in cycles if c.recovery), math.inf) - 0.1

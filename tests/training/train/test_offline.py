@@ -56,11 +56,11 @@ def test_td3bc_learns_from_a_dataset_and_is_resumed(tmp_path):
     assert main(["--resume", "--out", str(run), "--gradient-steps", "400"]) == 0
     assert Learner.saved(run)["updates"] == 400
     assert not list(run.glob("replay-*"))  # The dataset is not copied.
-    assert (
-        str(tmp_path).encode() not in (run / "actor.safetensors").read_bytes()
-    )  # The metadata contains no folders.
+    # The metadata contains no folders.
+    assert str(tmp_path).encode() not in (run / "actor.safetensors").read_bytes()
     rounds = [json.loads(line) for line in (run / "evaluations.jsonl").read_text().splitlines()]
-    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # The first policy stands still.
+    # The first policy stands still.
+    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0
 
 
 def test_minari_reads_a_dataset(tmp_path, monkeypatch):
@@ -153,5 +153,6 @@ def test_the_method_explore_fits_the_recipe_offline(name, around, monkeypatch):
     method = methods.make("explore", robot)
     centre = methods.make(around, robot)
     assert method.theta(None) == pytest.approx(centre.theta(None))
-    assert method.per_cell == centre.per_cell  # whether the distance biases are per cell
+    # Whether the distance biases are per cell.
+    assert method.per_cell == centre.per_cell
     assert method.period == recipe("offline")["decision_period"]

@@ -36,9 +36,8 @@ def test_a_policy_is_frozen_during_the_warm_up_of_new_critics(tmp_path, capsys):
     )
     before = policy_network(policy)
     after = policy_network(str(other_run / "actor.safetensors"))
-    assert all(
-        np.array_equal(before[name], after[name]) for name in before
-    )  # Only the critics have changed.
+    # Only the critics have changed.
+    assert all(np.array_equal(before[name], after[name]) for name in before)
     other = [*ENCODING, "--init-from", policy, "--net-arch", "8", "--out", tmp_path / "c"]
     one_line(capsys, other, "the same --net-arch", main)
     one_line(

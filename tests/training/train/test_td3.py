@@ -94,22 +94,21 @@ def _sb3_update(model, batch, seed):
 )
 def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, monkeypatch):
     """The paper's size needs double precision: in single precision, rounding dominates Adam's first steps."""
-    monkeypatch.setattr(
-        "training.train.td3.td3.ACTOR_LR", 1e-3
-    )  # stable-baselines3 has one learning rate for both
+    # Stable-baselines3 has one learning rate for both.
+    monkeypatch.setattr("training.train.td3.td3.ACTOR_LR", 1e-3)
     rng = np.random.default_rng(5)
     td3 = TD3(n, m, TD3Options(net_arch=hidden, critic_lr=1e-3), seed=3)
     model = _sb3(n, m, hidden, size)
     precision = torch.float64 if double else torch.float32
     td3.networks.to(precision)
     model.policy.to(precision)
+    # No .float()
     monkeypatch.setattr(
         "stable_baselines3.common.policies.preprocess_obs", lambda obs, *a, **k: obs
-    )  # no .float()
+    )
     with torch.no_grad():
-        td3.actor_target[-1].bias += torch.linspace(
-            -2.0, 2.0, m, dtype=precision
-        )  # so that noise leaves [-1, 1]
+        # So that noise leaves [-1, 1]
+        td3.actor_target[-1].bias += torch.linspace(-2.0, 2.0, m, dtype=precision)
         for ours, theirs in _pairs(td3, model):
             for mine, other in zip(ours.parameters(), theirs.parameters()):
                 other.copy_(mine)
@@ -176,9 +175,8 @@ def test_actors_get_the_running_average_and_the_state_contains_it():
         plain.update(batch)
         if td3.updates % 2 == 0:
             expected = 0.75 * expected + 0.25 * plain.actor_weights()["0.weight"]
-    assert torch.equal(
-        td3.actor[0].weight, plain.actor[0].weight
-    )  # The average does not affect learning.
+    # The average does not affect learning.
+    assert torch.equal(td3.actor[0].weight, plain.actor[0].weight)
     np.testing.assert_allclose(td3.actor_weights()["0.weight"], expected, atol=1e-6)
     again, late = (
         TD3(10, 2, TD3Options(net_arch=[64], policy_ema_decay=0.75), seed=8) for _ in range(2)

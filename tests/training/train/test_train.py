@@ -59,13 +59,13 @@ def whole(tmp_path_factory):
 def test_a_run_learns_and_writes_all_its_files(whole):
     rounds = rounds_of(whole)
     assert [r["round"] for r in rounds] == [-1, 1, 2, 3, 4]
-    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0  # The first policy stands still.
+    # The first policy stands still.
+    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0
     files = {"config.json", "checkpoint.json", "actor.safetensors", "best.safetensors"}
     assert {p.name for p in whole.iterdir()} >= files
     best = (whole / "best.safetensors").read_bytes()
-    assert (
-        unpack(best, "best")[1]["period_s"] == "0.5"
-    )  # Nodes and evaluations use the same period.
+    # Nodes and evaluations use the same period.
+    assert unpack(best, "best")[1]["period_s"] == "0.5"
     policy = network(best)
     assert policy(np.array([0.9]))[0] < -0.2 < 0.2 < policy(np.array([-0.9]))[0]
 
@@ -218,9 +218,8 @@ def test_a_run_starts_with_the_networks_of_another_run(whole, tmp_path, capsys):
     assert networks_of(out) == networks_of(whole)
     assert (Learner.saved(out)["updates"], Learner.saved(out)["transitions"]) == (0, 50)
     policy = network((out / "actor.safetensors").read_bytes())
-    assert (
-        policy(np.array([0.9]))[0] < -0.2 < 0.2 < policy(np.array([-0.9]))[0]
-    )  # The policy is that of the other run.
+    # The policy is that of the other run.
+    assert policy(np.array([0.9]))[0] < -0.2 < 0.2 < policy(np.array([-0.9]))[0]
     shutil.rmtree(source)  # The run needs its source only until its first checkpoint.
     assert (
         main(["--resume", "--out", str(out), "--total-timesteps", "100", "--utd-ratio", "1"]) == 0

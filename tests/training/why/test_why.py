@@ -395,16 +395,14 @@ def test_driving_on_follows_the_commands(replay):
     assert faster > 0.2
     turn = Change(PLANNER, "max_vel_theta", 1.57, 1.0)
     alternatives.drive_on(replay, [cycle], turn)
-    assert (
-        replay.move_base.configuration(PLANNER)["min_vel_theta"] == -1.0
-    )  # Symmetric limits stay so.
+    # Symmetric limits stay so.
+    assert replay.move_base.configuration(PLANNER)["min_vel_theta"] == -1.0
     skewed = replace(
         cycle, settings=cycle.settings.with_(Change(PLANNER, "min_vel_theta", -1.57, -0.5))
     )
     alternatives.drive_on(replay, [cycle, skewed], turn)
-    assert (
-        replay.move_base.configuration(PLANNER)["min_vel_theta"] == -0.5
-    )  # Others stay as they are.
+    # Others stay as they are.
+    assert replay.move_base.configuration(PLANNER)["min_vel_theta"] == -0.5
 
 
 def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(replay):
@@ -429,11 +427,12 @@ def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(rep
 
 
 def test_changes_that_pass_obstacles_too_closely_are_left_out(replay, monkeypatch):
+    # Speed and distance by sim_time.
     results = {
         None: (0.1, 0.5),
         1.0: (0.5, 0.05),
         4.0: (0.3, 0.5),
-    }  # speed and distance by sim_time
+    }
 
     def drive_on(replay, cycles, change=None):
         return np.array([results[change and change.after]] * len(cycles))

@@ -181,9 +181,8 @@ def test_ray_on_this_machine_listens_on_loopback_only():
     done = subprocess.run(
         [sys.executable, "-c", LISTENS], cwd=ROOT, capture_output=True, text=True, timeout=120
     )
-    addresses = done.stdout.splitlines()[
-        -1
-    ].split()  # /proc/net's notation of 127.0.0.1 in IPv4 and IPv6
+    # /proc/net's notation of 127.0.0.1 in IPv4 and IPv6.
+    addresses = done.stdout.splitlines()[-1].split()
     assert addresses, done.stderr
     assert set(addresses) <= {"0100007F", "0000000000000000FFFF00000100007F"}
 
