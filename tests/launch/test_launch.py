@@ -53,8 +53,8 @@ def test_other_robots_bring_their_files_names_and_frames(name):
     assert local["publish_frequency"] == 1.5
     assert MoveBase(tree).missing_map.lstrip("/") == "map"
     without, _ = with_robot({"robot": name})
-    made = MoveBase(without)
-    assert (made.missing_map, list(made.sources)) == ("", [robot.topics.scan])
+    move_base = MoveBase(without)
+    assert (move_base.missing_map, list(move_base.sources)) == ("", [robot.topics.scan])
     assert complete(without)["global_costmap"]["global_frame"] == robot.frames.odom
 
 

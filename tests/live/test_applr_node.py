@@ -40,9 +40,9 @@ LAYERS = ["/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/
 @pytest.fixture(scope="module")
 def robot():
     session()
-    made = Standing()
-    yield made
-    made.close()
+    robot = Standing()
+    yield robot
+    robot.close()
 
 
 @pytest.fixture

@@ -27,9 +27,9 @@ def ros():
 
 @pytest.fixture
 def viewer(ros):
-    made = Viewer(JACKAL, "", "odom", free_port())
-    yield made
-    made.close()
+    viewer = Viewer(JACKAL, "", "odom", free_port())
+    yield viewer
+    viewer.close()
 
 
 @pytest.fixture(autouse=True)
@@ -167,22 +167,22 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
 def test_robot_and_scan_are_drawn_while_a_page_is_open(ros):
     jackal = FakeJackal([(1.5, 0.8, 0.15)])
     node = ros.node("viewer", "_port:=%d" % free_port())
-    made = Viewer(JACKAL, "", "odom", free_port())
+    viewer = Viewer(JACKAL, "", "odom", free_port())
     try:
         odometry = rospy.Publisher("/odometry/filtered", Odometry, queue_size=1)
         node.until("the page is at")
         alone = odometry.get_num_connections()
-        wait_for(lambda: state(made) and made.scene.pose, "the robot")
+        wait_for(lambda: state(viewer) and viewer.scene.pose, "the robot")
         wait_for(
             lambda: odometry.get_num_connections() == alone + 1, "the page's subscription alone"
         )
-        wait_for(lambda: state(made) and made.scene.scan.visible, "the scan")
-        x, y, _ = made.scene.scan.points.T
+        wait_for(lambda: state(viewer) and viewer.scene.scan.visible, "the scan")
+        x, y, _ = viewer.scene.scan.points.T
         assert np.hypot(x - 1.5, y - 0.8).min() < 0.2
-        assert "no scan" not in state(made)
+        assert "no scan" not in state(viewer)
         jackal.put((0.2, 0.0, 0.0))
-        wait_for(lambda: state(made) and made.scene.pose[0] > 0.1, "the robot has moved")
+        wait_for(lambda: state(viewer) and viewer.scene.pose[0] > 0.1, "the robot has moved")
     finally:
-        made.close()
+        viewer.close()
         assert node.end() == 0, node.text
         jackal.close()

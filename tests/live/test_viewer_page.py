@@ -53,20 +53,20 @@ def page():
         address = rospy.get_param("/viewer/address")
         with playwright.sync_playwright() as started:
             browser = started.chromium.launch(executable_path=PROGRAM, args=OPTIONS)
-            made = browser.new_page(
+            page = browser.new_page(
                 viewport={"width": 1000, "height": 640}, device_scale_factor=0.5
             )
-            made.set_default_timeout(60000.0)
-            made.add_init_script(TEN_FRAMES_A_SECOND)
-            made.on("pageerror", lambda error: complaints.append(str(error)))
-            made.on(
+            page.set_default_timeout(60000.0)
+            page.add_init_script(TEN_FRAMES_A_SECOND)
+            page.on("pageerror", lambda error: complaints.append(str(error)))
+            page.on(
                 "console",
                 lambda message: message.type == "error" and complaints.append(message.text),
             )
-            made.goto(address + ("&" if "?" in address else "?") + FEW_PIXELS)
-            reads(made, "waiting for a goal")
-            reads(made, "parameters by policy")
-            yield made
+            page.goto(address + ("&" if "?" in address else "?") + FEW_PIXELS)
+            reads(page, "waiting for a goal")
+            reads(page, "parameters by policy")
+            yield page
             assert complaints == []
             browser.close()
     finally:

@@ -178,22 +178,22 @@ def test_without_moving_obstacles_planners_are_bit_identical(stubbed):
     prediction, _ = stubbed
     drives = []
     for movers in (False, True):
-        made = MoveBase(quick(applr={"movers": movers}))
+        move_base = MoveBase(quick(applr={"movers": movers}))
         robot = ToyRobot(circles=[(1.5, 0.5, 0.15)])
-        step = made.step
+        step = move_base.step
 
         def step_with_points(now, pose, twist, scan, step=step):
             return step(
                 now, pose, twist, {"front/scan": scan, PREDICTED: prediction.add_scan(scan)}
             )
 
-        made.step = step_with_points if movers else step
-        run(made, robot, 0.1)
-        made.set_goal((3.0, 0.0, 0.0), robot.time)
+        move_base.step = step_with_points if movers else step
+        run(move_base, robot, 0.1)
+        move_base.set_goal((3.0, 0.0, 0.0), robot.time)
         cycles = []
-        run(made, robot, 6.0, cycles=cycles)
+        run(move_base, robot, 6.0, cycles=cycles)
         assert robot.pose[0] > 1.5
-        drives.append(([c.command for _, c in cycles], made.local_costmap.cells.tobytes()))
+        drives.append(([c.command for _, c in cycles], move_base.local_costmap.cells.tobytes()))
     assert drives[0] == drives[1]
 
 
@@ -202,9 +202,9 @@ def test_without_moving_obstacles_planners_are_bit_identical(stubbed):
 def test_each_layer_with_a_laser_gets_the_source_and_no_robot_file_changes(name):
     tree = robots.load(name).parameters()
     assert PREDICTED not in MoveBase(tree).sources
-    made = MoveBase(dict(tree, applr={"movers": True}))
-    assert made.sources[PREDICTED] == "PointCloud2"
-    for costmap in made.costmaps.values():
+    move_base = MoveBase(dict(tree, applr={"movers": True}))
+    assert move_base.sources[PREDICTED] == "PointCloud2"
+    for costmap in move_base.costmaps.values():
         (layer,) = costmap.obstacle_layers
         laser, marks = (buffer.source for buffer in layer.buffers)
         assert (marks.marking, marks.clearing, marks.observation_persistence) == (True, True, 0.0)

@@ -156,8 +156,8 @@ def test_maps_are_converted_and_rotated_or_incomplete_ones_refused():
     message.info.width = 3
     message.info.height = 2
     message.info.resolution = 0.05
-    made = conversions.static_map(message)
-    assert (made.cells.tolist(), made.frame, made.origin) == (
+    static_map = conversions.static_map(message)
+    assert (static_map.cells.tolist(), static_map.frame, static_map.origin) == (
         [[0, 100, -1], [50, 0, 0]],
         "map",
         (0.0, 0.0),

@@ -24,7 +24,7 @@ def robot(monkeypatch):
     monkeypatch.setattr(rospy, "get_rostime", lambda: clock[0])
     monkeypatch.setattr(rospy, "logerr_throttle", lambda *_: None)
     monkeypatch.setattr(transforms.tf2_ros, "TransformListener", lambda *_, **__: "listens")
-    made = module.Sensors(("odom", "odom", "base"), {"scan": "LaserScan"}, {}, "odom")
+    sensors = module.Sensors(("odom", "odom", "base"), {"scan": "LaserScan"}, {}, "odom")
 
     def time(t):
         clock[0] = rospy.Time.from_sec(t)
@@ -40,7 +40,7 @@ def robot(monkeypatch):
 
     def tf(t):
         placed = transform("odom", "base", (t - 100.0, 0.0, 0.0), rospy.Time.from_sec(t))
-        made.transforms.buffer.set_transform(placed, "test")
+        sensors.transforms.buffer.set_transform(placed, "test")
 
     def odometry(t):
         message = Odometry()
@@ -48,7 +48,7 @@ def robot(monkeypatch):
         message.twist.twist.linear.x = 0.5
         callbacks["odom"](message)
 
-    return SimpleNamespace(sensors=made, time=time, scan=scan, tf=tf, odometry=odometry)
+    return SimpleNamespace(sensors=sensors, time=time, scan=scan, tf=tf, odometry=odometry)
 
 
 def test_no_scan_is_lost_while_tf_is_late(robot):

@@ -20,23 +20,23 @@ LARGEST = np.full(len(SPACE), 5.0)
 
 
 def tree(weights):
-    made = quick()
-    made["TrajectoryPlannerROS"] = dict(
-        made["TrajectoryPlannerROS"], meter_scoring=weights == "per_metre"
+    tree = quick()
+    tree["TrajectoryPlannerROS"] = dict(
+        tree["TrajectoryPlannerROS"], meter_scoring=weights == "per_metre"
     )
-    return made
+    return tree
 
 
 def cloud(weights, seed):
     """Return the MoveBase of a robot that has just set out among posts, its cost_cloud and its random parameters."""
     draw = np.random.default_rng(seed)
-    made = MoveBase(tree(weights))
+    move_base = MoveBase(tree(weights))
     robot = ToyRobot(circles=ring(0.0, 0.0, draw.uniform(1.0, 2.0), posts=int(draw.integers(0, 7))))
     theta = SPACE.to_theta(draw.uniform(-1.0, 1.0, len(SPACE)))
-    send(SPACE.settings(theta), made)
-    made.set_goal((*draw.uniform(-4.0, 4.0, 2), 0.0), 0.0)
-    run(made, robot, 0.15)
-    return made, made.local_planner.cost_cloud(made.local_costmap), theta
+    send(SPACE.settings(theta), move_base)
+    move_base.set_goal((*draw.uniform(-4.0, 4.0, 2), 0.0), 0.0)
+    run(move_base, robot, 0.15)
+    return move_base, move_base.local_planner.cost_cloud(move_base.local_costmap), theta
 
 
 def test_the_unit_of_the_weights_is_detected_in_20_of_20_starts():
@@ -100,8 +100,8 @@ def test_every_parameter_set_of_the_space_is_within_the_planners_bounds():
 def test_learned_parameter_sets_count_per_cell_and_a_users_set_is_sent_unchanged(tmp_path):
     path = tmp_path / "set.json"
     path.write_text(json.dumps({"meter_scoring": False, "parameters": {"max_vel_x": 0.7}}))
-    made = methods.make(str(path))
-    assert (made.per_cell, made.theta(None)[0]) == (True, 0.7)
+    method = methods.make(str(path))
+    assert (method.per_cell, method.theta(None)[0]) == (True, 0.7)
     path.write_text(json.dumps({"max_vel_x": 0.7}))
     assert not methods.make(str(path)).per_cell
     learned = {"applr", "static", "appld"}

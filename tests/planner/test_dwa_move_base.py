@@ -14,32 +14,32 @@ DWA = "DWAPlannerROS"
 def test_success_is_reported_at_every_planner_frequency():
     """In C++, a new plan clears no flag of this planner, so "cpp-like" and "ours" both succeed at once at the goal."""
     for planner in ("ours", "cpp-like"):
-        made = MoveBase(dwa_parameters(), planner=planner)
+        move_base = MoveBase(dwa_parameters(), planner=planner)
         robot = ToyRobot()
-        made.set_goal((1.0, 0.0, 0.0), 0.0)
-        assert run(made, robot, 10.0) == ("succeeded", "Goal reached.")
+        move_base.set_goal((1.0, 0.0, 0.0), 0.0)
+        assert run(move_base, robot, 10.0) == ("succeeded", "Goal reached.")
         assert robot.time < 6.0
 
 
 def test_reconfigure_reaches_the_planner_and_no_other_server():
-    made, robot = start((4.0, 0.0, 0.0), tree=dwa_parameters())
-    assert made.local_planner_name == DWA
-    assert "TrajectoryPlannerROS" not in made.servers
+    move_base, robot = start((4.0, 0.0, 0.0), tree=dwa_parameters())
+    assert move_base.local_planner_name == DWA
+    assert "TrajectoryPlannerROS" not in move_base.servers
     assert (
-        made.reconfigure(DWA, {"max_vel_x": 0.2, "max_vel_trans": 0.2, "acc_lim_x": 99.0})[
+        move_base.reconfigure(DWA, {"max_vel_x": 0.2, "max_vel_trans": 0.2, "acc_lim_x": 99.0})[
             "acc_lim_x"
         ]
         == 20.0
     )
-    run(made, robot, 1.0)
+    run(move_base, robot, 1.0)
     assert 0.15 < robot.twist[0] <= 0.2 + 1e-6
     with pytest.raises(ParameterError, match="at most 1000000 together"):
-        made.reconfigure(DWA, {"vth_samples": 2000000, "max_vel_x": 0.1})
-    assert made.configuration(DWA)["max_vel_x"] == 0.2
+        move_base.reconfigure(DWA, {"vth_samples": 2000000, "max_vel_x": 0.1})
+    assert move_base.configuration(DWA)["max_vel_x"] == 0.2
     with pytest.raises(ParameterError, match="TrajectoryPlannerROS"):
-        made.reconfigure("TrajectoryPlannerROS", {"max_vel_x": 0.2})
-    made.reset(robot.time)
-    assert made.configuration(DWA)["max_vel_x"] == 0.5
+        move_base.reconfigure("TrajectoryPlannerROS", {"max_vel_x": 0.2})
+    move_base.reset(robot.time)
+    assert move_base.configuration(DWA)["max_vel_x"] == 0.5
 
 
 def test_the_latch_is_read_from_the_namespace_of_move_base():
@@ -47,11 +47,11 @@ def test_the_latch_is_read_from_the_namespace_of_move_base():
     for own, nested in ((True, False), (False, True)):
         params = dwa_parameters(latch_xy_goal_tolerance=own, planner_frequency=0.0)
         params[DWA]["latch_xy_goal_tolerance"] = nested
-        made, robot = start((1.0, 0.0, 2.0), tree=params)
+        move_base, robot = start((1.0, 0.0, 2.0), tree=params)
         while math.hypot(robot.pose[0] - 1.0, robot.pose[1]) > 0.25:
-            assert run(made, robot, 0.05) is None
-        run(made, robot, 0.1)
+            assert run(move_base, robot, 0.05) is None
+        run(move_base, robot, 0.1)
         robot.pose = (0.7, 0.0, 0.0)  # The robot is pushed out of the tolerance.
         robot.twist = (0.0, 0.0)
-        run(made, robot, 0.1)
+        run(move_base, robot, 0.1)
         assert (robot.twist[0] == 0.0) is own

@@ -17,9 +17,9 @@ PARAMS = dict(
 
 
 def local_planner(plan=None, **changes):
-    made = TrajectoryLocalPlanner(dict(PARAMS, **changes), JACKAL_FOOTPRINT)
-    made.set_plan(straight() if plan is None else plan)
-    return made
+    planner = TrajectoryLocalPlanner(dict(PARAMS, **changes), JACKAL_FOOTPRINT)
+    planner.set_plan(straight() if plan is None else plan)
+    return planner
 
 
 def command(made, pose, twist=(0.0, 0.0)):
@@ -56,93 +56,97 @@ def test_leading_points_1_m_away_or_more_are_dropped_for_good():
     plan = straight(3.0, step=0.5)
     cut, dropped = cut_plan(plan, 2.0, 0.0, 5.0, True)
     assert (dropped, cut[0, 0], cut_plan(plan, 2.0, 0.0, 5.0, False)[0][0, 0]) == (3, 1.5, 0.0)
-    made = local_planner(plan)
-    command(made, (2.0, 0.0, 0.0))
+    planner = local_planner(plan)
+    command(planner, (2.0, 0.0, 0.0))
     # From x = 1.2 m the points at 0.5 and 1.0 m are near enough, but the first cycle has dropped them.
-    command(made, (1.2, 0.0, 0.0))
-    assert made.cropped_plan[0, 0] == 1.5
+    command(planner, (1.2, 0.0, 0.0))
+    assert planner.cropped_plan[0, 0] == 1.5
     # From x = 0.2 m the rest of the plan is too far away.
-    command(made, (0.2, 0.0, 0.0))
-    assert len(made.cropped_plan) == 0
+    command(planner, (0.2, 0.0, 0.0))
+    assert len(planner.cropped_plan) == 0
 
 
 def test_control_fails_when_all_points_are_pruned_until_the_next_plan():
-    made = local_planner(np.array([[2.0, 0.0, 0.0], [3.0, 0.0, 0.0]]))
-    assert command(made, (0, 0, 0)) == (False, (0.0, 0.0))
-    assert command(made, (2, 0, 0)) == (False, (0.0, 0.0))
-    made.set_plan(straight(3.0))
-    assert command(made, (0, 0, 0))[0]
+    planner = local_planner(np.array([[2.0, 0.0, 0.0], [3.0, 0.0, 0.0]]))
+    assert command(planner, (0, 0, 0)) == (False, (0.0, 0.0))
+    assert command(planner, (2, 0, 0)) == (False, (0.0, 0.0))
+    planner.set_plan(straight(3.0))
+    assert command(planner, (0, 0, 0))[0]
 
 
 # -- driving -----------------------------------------------------------------------------------------------------
 
 
 def test_stops_before_it_turns():
-    made = local_planner(straight(1.0, 1.5), acc_lim_x=2.0, acc_lim_theta=2.0)
-    assert command(made, (0.9, 0, 0), (0.5, 0.3)) == (
+    planner = local_planner(straight(1.0, 1.5), acc_lim_x=2.0, acc_lim_theta=2.0)
+    assert command(planner, (0.9, 0, 0), (0.5, 0.3)) == (
         True,
         (0.4, pytest.approx(0.2)),
     )
-    assert command(made, (0.9, 0, 0), (-0.05, 0.0)) == (True, (-0.0, 0.0))
-    ok, (v, w) = command(made, (0.9, 0, 0))
+    assert command(planner, (0.9, 0, 0), (-0.05, 0.0)) == (True, (-0.0, 0.0))
+    ok, (v, w) = command(planner, (0.9, 0, 0))
     assert ok
     assert (v, w) == (0.0, 0.314)
     # Once the robot turns, its motion does not make it stop again.
-    assert command(made, (0.9, 0, 0.1), (0.0, 0.5))[1][1] == pytest.approx(0.6)
+    assert command(planner, (0.9, 0, 0.1), (0.0, 0.5))[1][1] == pytest.approx(0.6)
 
 
 def test_turning_obeys_max_rotational_vel_and_not_the_server():
-    made = local_planner(straight(1.0, 3.0), max_rotational_vel=0.8)
-    assert command(made, (0.9, 0, 0))[1] == (0.0, 0.8)
-    made.reconfigure(dict(PARAMS, max_vel_theta=0.4, min_in_place_vel_theta=0.6, acc_lim_theta=0.1))
-    assert command(made, (0.9, 0, 0))[1] == (0.0, 0.8)
+    planner = local_planner(straight(1.0, 3.0), max_rotational_vel=0.8)
+    assert command(planner, (0.9, 0, 0))[1] == (0.0, 0.8)
+    planner.reconfigure(
+        dict(PARAMS, max_vel_theta=0.4, min_in_place_vel_theta=0.6, acc_lim_theta=0.1)
+    )
+    assert command(planner, (0.9, 0, 0))[1] == (0.0, 0.8)
 
 
 def test_turns_no_faster_than_it_can_stop_and_never_too_slowly():
-    made = local_planner(straight(1.0, 0.2), acc_lim_theta=0.5)
-    assert command(made, (0.9, 0, 0))[1] == (0.0, 0.314)
-    made = local_planner(straight(1.0, -0.3), acc_lim_theta=0.5)
-    command(made, (0.9, 0, 0))  # The robot has stopped and turns.
-    assert command(made, (0.9, 0, 0), (0.0, -2.0))[1][1] == pytest.approx(-math.sqrt(2 * 0.5 * 0.3))
+    planner = local_planner(straight(1.0, 0.2), acc_lim_theta=0.5)
+    assert command(planner, (0.9, 0, 0))[1] == (0.0, 0.314)
+    planner = local_planner(straight(1.0, -0.3), acc_lim_theta=0.5)
+    command(planner, (0.9, 0, 0))  # The robot has stopped and turns.
+    assert command(planner, (0.9, 0, 0), (0.0, -2.0))[1][1] == pytest.approx(
+        -math.sqrt(2 * 0.5 * 0.3)
+    )
 
 
 def test_an_illegal_turn_is_refused():
     wall = open_map()
-    made = local_planner(straight(1.0, 1.5))
+    planner = local_planner(straight(1.0, 1.5))
     # The corners would hit this wall 0.4 m to the left.
     wall.cells[100 + 8, 100:140] = 254
-    assert made.compute_velocity((0.9, 0, 0), (0.0, 0.0), wall) == (False, (0.0, 0.0))
+    assert planner.compute_velocity((0.9, 0, 0), (0.0, 0.0), wall) == (False, (0.0, 0.0))
 
 
 def test_the_goal_is_reported_in_the_cycle_that_reaches_it_although_plans_keep_coming():
     """In C++ each new plan clears the latch before the latch is read, and the robot stands at the goal for seconds."""
-    made = local_planner(straight(1.0))
+    planner = local_planner(straight(1.0))
     for _ in range(3):
-        made.set_plan(straight(1.0))
-        assert not made.goal_reached
-        assert command(made, (0.9, 0, 0), (0.5, 0.0)) == (True, (0.0, 0.0))
-        assert made.goal_reached
+        planner.set_plan(straight(1.0))
+        assert not planner.goal_reached
+        assert command(planner, (0.9, 0, 0), (0.5, 0.0)) == (True, (0.0, 0.0))
+        assert planner.goal_reached
 
 
 def test_the_latch_keeps_the_position_reached():
     for latches in (False, True):
-        made = local_planner(straight(1.0, 2.0), latch_xy_goal_tolerance=latches)
-        command(made, (0.9, 0, 0))
-        v, w = command(made, (0.5, 0, 0))[1]
+        planner = local_planner(straight(1.0, 2.0), latch_xy_goal_tolerance=latches)
+        command(planner, (0.9, 0, 0))
+        v, w = command(planner, (0.5, 0, 0))[1]
         assert (v == 0.0 and w > 0) is latches
-        made.set_plan(straight(1.0, 2.0))
-        assert command(made, (0.5, 0, 0))[1][0] > 0
+        planner.set_plan(straight(1.0, 2.0))
+        assert command(planner, (0.5, 0, 0))[1][0] > 0
 
 
 def test_flags_survive_plans_and_not_a_reset():
-    made = local_planner(straight(1.0, 2.0))
-    command(made, (0.9, 0, 0))
-    made.planner.state = [1] * 5 + [0.9, 0, 0.9, 0, 0]
-    made.set_plan(straight(1.0, 2.0))
-    assert made.planner.state[:5] == [1] * 5
-    made.reset()
-    assert made.planner.state == [0] * 10
-    assert command(made, (0, 0, 0)) == (False, (0.0, 0.0))
+    planner = local_planner(straight(1.0, 2.0))
+    command(planner, (0.9, 0, 0))
+    planner.planner.state = [1] * 5 + [0.9, 0, 0.9, 0, 0]
+    planner.set_plan(straight(1.0, 2.0))
+    assert planner.planner.state[:5] == [1] * 5
+    planner.reset()
+    assert planner.planner.state == [0] * 10
+    assert command(planner, (0, 0, 0)) == (False, (0.0, 0.0))
 
 
 def test_the_control_period_is_the_inverse_of_the_frequency():

@@ -37,14 +37,14 @@ def make(plugin, **changes):
 
 
 def costmap(*lethal):
-    made = Costmap(
+    costmap = Costmap(
         6.0, 6.0, 0.05, (-3.0, -3.0), footprint=JACKAL_FOOTPRINT, inflation=InflationParameters(0.3)
     )
     cells = np.zeros((120, 120), np.uint8)
     for x, y in lethal:
         cells[int((y + 3) / 0.05), int((x + 3) / 0.05)] = 254
-    paint(made, cells)
-    return made
+    paint(costmap, cells)
+    return costmap
 
 
 @pytest.fixture(params=LOCAL_PLANNERS)

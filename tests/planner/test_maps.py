@@ -36,7 +36,7 @@ HERE = (0.0, 0.0, 0.0)
 N = 40
 
 
-def costmap(*layers, rolling=False, track_unknown=False):
+def make_costmap(*layers, rolling=False, track_unknown=False):
     """Return a costmap of 40 x 40 cells of 0.1 m, centred at the origin."""
     side = (N + 0.5) * 0.1
     return Costmap(
@@ -80,8 +80,8 @@ def test_costs_of_occupancies(parameters, costs):
 
 
 def test_a_fixed_costmap_takes_size_and_origin_of_the_map_and_a_rolling_costmap_does_not():
-    fixed = costmap(LayerDescription("static", StaticParameters()))
-    rolling = costmap(LayerDescription("static", StaticParameters()), rolling=True)
+    fixed = make_costmap(LayerDescription("static", StaticParameters()))
+    rolling = make_costmap(LayerDescription("static", StaticParameters()), rolling=True)
     given = StaticMap(np.full((30, 70), 100, np.int8), float(np.float32(0.05)), (-1.0, 3.0))
     for made in (fixed, rolling):
         made.set_map("elsewhere", given)
@@ -107,8 +107,8 @@ def test_a_fixed_costmap_takes_size_and_origin_of_the_map_and_a_rolling_costmap_
 
 
 def test_first_map_only_ignores_later_maps_and_updates_are_applied():
-    first = costmap(LayerDescription("static", StaticParameters(first_map_only=True)))
-    updated = costmap(LayerDescription("static", StaticParameters(subscribe_to_updates=True)))
+    first = make_costmap(LayerDescription("static", StaticParameters(first_map_only=True)))
+    updated = make_costmap(LayerDescription("static", StaticParameters(subscribe_to_updates=True)))
     for made in (first, updated):
         for value in (0, 100):
             made.set_map("map", StaticMap(np.full((N, N), value, np.int8), 0.1, (-2.0, -2.0)))
@@ -132,18 +132,18 @@ def test_first_map_only_ignores_later_maps_and_updates_are_applied():
 def test_a_rolling_costmap_shows_the_part_of_the_map_below_it():
     rng = np.random.default_rng(3)
     given = grid(rng, 0.3)
-    made = costmap(LayerDescription("static", StaticParameters()), rolling=True)
-    made.set_map("map", given)
-    made.static_layers[0].placement = frame = (0.4, -0.3, 0.5)
-    made.update((0.7, 0.5, 1.0))
+    costmap = make_costmap(LayerDescription("static", StaticParameters()), rolling=True)
+    costmap.set_map("map", given)
+    costmap.static_layers[0].placement = frame = (0.4, -0.3, 0.5)
+    costmap.update((0.7, 0.5, 1.0))
     costs = interpretation(StaticParameters())[given.cells.view(np.uint8)]
     seen = 0
     for j, i in itertools.product(range(N), range(N)):
-        x, y = transform_point(frame, *(made.origin + (np.array((i, j)) + 0.5) * 0.1))
+        x, y = transform_point(frame, *(costmap.origin + (np.array((i, j)) + 0.5) * 0.1))
         mx, my = (x + 2.0) / 0.1, (y + 2.0) / 0.1
         on_map = 0 <= mx < N and 0 <= my < N
         seen += on_map
-        assert made.cells[j, i] == (costs[int(my), int(mx)] if on_map else 0)
+        assert costmap.cells[j, i] == (costs[int(my), int(mx)] if on_map else 0)
     assert 500 < seen < N * N
 
 
@@ -167,24 +167,24 @@ def compare_layers(order, track_unknown):
     layers = [
         LayerDescription("%s%d" % (letter, k), *kinds[letter](k)) for k, letter in enumerate(order)
     ]
-    made = costmap(*layers, track_unknown=track_unknown)
+    costmap = make_costmap(*layers, track_unknown=track_unknown)
     given = StaticMap(
         np.where(rng.random((N, N)) < 0.02, 100, rng.integers(-1, 60, (N, N))).astype(np.int8),
         0.1,
         (-2, -2),
     )
-    made.set_map("map", given)
-    made.update(HERE)
+    costmap.set_map("map", given)
+    costmap.update(HERE)
     points = rng.uniform(-1.8, 1.8, (40, 3)).astype(np.float32)
-    for layer in made.obstacle_layers:
+    for layer in costmap.obstacle_layers:
         layer.cloud = PointCloud((0.1, 0.0, 0.2), points)
-    made.set_map("map", given)
-    made.set_footprint(made.footprint)  # forces an update of the whole map
-    made.update(HERE)
+    costmap.set_map("map", given)
+    costmap.set_footprint(costmap.footprint)  # forces an update of the whole map
+    costmap.update(HERE)
     master = np.full((N, N), 255 if track_unknown else 0, np.uint8)
-    for k, layer in enumerate(made.layers):
+    for k, layer in enumerate(costmap.layers):
         if order[k] == "i":
-            inflate(master, (0, 0, N, N), 0.1, made.inscribed_radius, layer.parameters)
+            inflate(master, (0, 0, N, N), 0.1, costmap.inscribed_radius, layer.parameters)
             continue
         known = layer.cells != 255
         if order[k] == "s":
@@ -196,22 +196,22 @@ def compare_layers(order, track_unknown):
                 known & ((master == 255) | (master < layer.cells)), layer.cells, master
             )
     if "s" in order or "m" in order or "i" in order:
-        np.testing.assert_array_equal(made.cells, master, "layers %s" % (order,))
-    assert not order or made.cells.any(), order
+        np.testing.assert_array_equal(costmap.cells, master, "layers %s" % (order,))
+    assert not order or costmap.cells.any(), order
 
 
 def test_all_sources_clear_before_any_marks():
     sources = Source(topic="a", clearing=False), Source(topic="b", marking=False, clearing=True)
-    made = costmap(LayerDescription("seen", ObstacleParameters(), sources))
-    a, b = made.obstacles.buffers
+    costmap = make_costmap(LayerDescription("seen", ObstacleParameters(), sources))
+    a, b = costmap.obstacles.buffers
     a.take(PointCloud((0.0, 0.0, 0.0), np.array([[1.05, 0.05, 0.0]], np.float32)), 0.0)
     b.take(PointCloud((0.0, 0.0, 0.0), np.array([[1.75, 0.05, 0.0]], np.float32)), 0.0)
-    made.update(HERE)
-    assert made.cells[20, 30] == 254
-    assert made.cells[20, 37] == 0  # Source b does not mark.
+    costmap.update(HERE)
+    assert costmap.cells[20, 30] == 254
+    assert costmap.cells[20, 37] == 0  # Source b does not mark.
     a.clouds = []
-    made.update(HERE)
-    assert made.cells[20, 30] == 0
+    costmap.update(HERE)
+    assert costmap.cells[20, 30] == 0
 
 
 def test_observation_persistence_and_silence_of_a_source():
@@ -311,11 +311,11 @@ def test_points_of_tilted_sensors_and_in_moving_frames_are_exact():
 
 def test_obstacles_under_the_robot_are_also_cleared_with_a_map():
     seen = LayerDescription("seen", ObstacleParameters(), (Source(),))
-    made = costmap(LayerDescription("static", StaticParameters()), seen)
-    made.set_map("map", StaticMap(np.zeros((N, N), np.int8), 0.1, (-2.0, -2.0)))
+    costmap = make_costmap(LayerDescription("static", StaticParameters()), seen)
+    costmap.set_map("map", StaticMap(np.zeros((N, N), np.int8), 0.1, (-2.0, -2.0)))
     points = np.array([(0.05, 0.05, 0.0), (1.05, 0.05, 0.0)], np.float32)
-    made.update(HERE, PointCloud((1.5, 1.5, 0.3), points, 0.0))
-    costs = [made.cells[made.world_to_map(x, 0.05)[::-1]] for x in (0.05, 1.05)]
+    costmap.update(HERE, PointCloud((1.5, 1.5, 0.3), points, 0.0))
+    costs = [costmap.cells[costmap.world_to_map(x, 0.05)[::-1]] for x in (0.05, 1.05)]
     assert costs == [0, 254]
 
 
@@ -336,19 +336,19 @@ def on_a_map(planner, **changes):
 @pytest.mark.parametrize("planner", ["TrajectoryPlannerROS", "DWAPlannerROS"])
 def test_a_goal_in_the_map_while_localisation_drifts(planner):
     """The odometry frame rotates and drifts in the map. A post on the way is missing in the map."""
-    made = on_a_map(planner)
+    move_base = on_a_map(planner)
     goal = (4.0, 0.0, 0.0)
     posts = [(2.1, y, 0.05) for y in np.arange(-2.5, 3.0, 0.1) if not 0.9 < y < 2.1] + [
         (0.6, 0.3, 0.15)
     ]
     robot = ToyRobot(HERE, posts)
-    made.set_map(wall_with_a_door())
-    made.set_goal(goal, 0.0)
+    move_base.set_map(wall_with_a_door())
+    move_base.set_goal(goal, 0.0)
     for k in range(1600):
         frame = (1.0 + 0.01 * robot.time, -2.0 - 0.006 * robot.time, 0.7 + 0.004 * robot.time)
         back = inverse(frame)
         scan = moved(robot.scan(), back)
-        cycle = made.step(
+        cycle = move_base.step(
             robot.time, compose(back, robot.pose), robot.twist, scan if k % 2 == 0 else None, frame
         )
         robot.drive(cycle.command, 0.05)
@@ -359,20 +359,20 @@ def test_a_goal_in_the_map_while_localisation_drifts(planner):
     assert cycle.result == ("succeeded", "Goal reached.")
     assert math.hypot(robot.pose[0] - goal[0], robot.pose[1] - goal[1]) < 0.4
     assert abs(math.remainder(robot.pose[2] - goal[2], 2 * math.pi)) < 0.3
-    assert (made.global_costmap.size, made.local_costmap.size) == ((200, 120), (120, 120))
+    assert (move_base.global_costmap.size, move_base.local_costmap.size) == ((200, 120), (120, 120))
 
 
 def test_a_map_survives_a_reset():
-    made = on_a_map("TrajectoryPlannerROS")
-    assert made.missing_map == "map"
-    assert made.map_topics == {"map": False}
-    made.set_map(wall_with_a_door())
-    made.reset(5.0)
-    assert (made.missing_map, made.global_costmap.size) == ("", (200, 120))
+    move_base = on_a_map("TrajectoryPlannerROS")
+    assert move_base.missing_map == "map"
+    assert move_base.map_topics == {"map": False}
+    move_base.set_map(wall_with_a_door())
+    move_base.reset(5.0)
+    assert (move_base.missing_map, move_base.global_costmap.size) == ("", (200, 120))
     robot = ToyRobot(HERE)
-    made.set_goal((5.0, 0.0, 0.0), 0.0)
-    made.step(0.0, robot.pose, robot.twist, robot.scan())
-    plan = made.global_plan
+    move_base.set_goal((5.0, 0.0, 0.0), 0.0)
+    move_base.step(0.0, robot.pose, robot.twist, robot.scan())
+    plan = move_base.global_plan
     at_wall = plan[np.argmin(abs(plan[:, 0] - 2.1))]
     assert 0.9 < at_wall[1] < 2.1  # The plan leads through the door.
 
@@ -385,10 +385,10 @@ def test_unknown_space_blocks_plans_only_if_it_is_not_allowed():
         tree["global_costmap"]["track_unknown_space"] = (
             True  # Otherwise free cells replace unknown.
         )
-        made = MoveBase(tree)
-        made.set_map(StaticMap(cells, 0.05, (-3.0, -3.0), "map"))
-        made.step(0.0, HERE, (0.0, 0.0))
-        assert bool(len(made.plan(HERE, (5.0, 0.0, 0.0)))) is reachable
+        move_base = MoveBase(tree)
+        move_base.set_map(StaticMap(cells, 0.05, (-3.0, -3.0), "map"))
+        move_base.step(0.0, HERE, (0.0, 0.0))
+        assert bool(len(move_base.plan(HERE, (5.0, 0.0, 0.0)))) is reachable
 
 
 def test_a_rolling_costmap_refuses_a_map_in_a_third_frame():
@@ -396,27 +396,27 @@ def test_a_rolling_costmap_refuses_a_map_in_a_third_frame():
     tree["local_costmap"]["plugins"].insert(
         0, {"name": "static", "type": "costmap_2d::StaticLayer"}
     )
-    made = MoveBase(tree)
+    move_base = MoveBase(tree)
     with pytest.raises(
         ApplrError, match="frame cellar, which the rolling local_costmap cannot use: publish it in"
     ):
-        made.set_map(StaticMap(np.zeros((5, 5), np.int8), 0.1, (0.0, 0.0), "cellar"))
-    made.reset(1.0)  # The rejected map was not kept.
+        move_base.set_map(StaticMap(np.zeros((5, 5), np.int8), 0.1, (0.0, 0.0), "cellar"))
+    move_base.reset(1.0)  # The rejected map was not kept.
     tree["local_costmap"]["global_frame"] = "/odom"
     MoveBase(tree).set_map(StaticMap(np.zeros((5, 5), np.int8), 0.1, (0.0, 0.0), "odom"))
 
 
 def test_observations_of_a_robot_without_a_pose_do_not_enter_the_map():
-    made = on_a_map("TrajectoryPlannerROS")
+    move_base = on_a_map("TrajectoryPlannerROS")
     robot = ToyRobot(HERE, [(1.0, 0.0, 0.15)])
-    made.set_map(StaticMap(np.zeros((120, 240), np.int8), 0.05, (-3.0, -3.0), "map"))
-    made.step(0.0, None, (0.0, 0.0), robot.scan())
-    made.step(0.1, HERE, (0.0, 0.0), local_origin=(5.0, 0.0, 0.0))
-    assert (made.local_costmap.cells == 254).any()
-    assert not (made.global_costmap.cells == 254).any()
+    move_base.set_map(StaticMap(np.zeros((120, 240), np.int8), 0.05, (-3.0, -3.0), "map"))
+    move_base.step(0.0, None, (0.0, 0.0), robot.scan())
+    move_base.step(0.1, HERE, (0.0, 0.0), local_origin=(5.0, 0.0, 0.0))
+    assert (move_base.local_costmap.cells == 254).any()
+    assert not (move_base.global_costmap.cells == 254).any()
     robot.time = 0.2
-    made.step(0.2, HERE, (0.0, 0.0), robot.scan(), local_origin=(5.0, 0.0, 0.0))
-    x = np.argwhere(made.global_costmap.cells == 254)[:, 1] * 0.05 - 3.0
+    move_base.step(0.2, HERE, (0.0, 0.0), robot.scan(), local_origin=(5.0, 0.0, 0.0))
+    x = np.argwhere(move_base.global_costmap.cells == 254)[:, 1] * 0.05 - 3.0
     assert 5.7 < x.min() <= x.max() < 6.3
 
 
@@ -426,21 +426,25 @@ def test_an_unexpectedly_silent_source_stops_the_robot():
     layer["observation_sources"] = "scan bump depth"
     layer["bump"] = {"data_type": "PointCloud2"}  # The bumper reports only contacts.
     layer["depth"] = {"data_type": "PointCloud2", "topic": "points", "expected_update_rate": 0.32}
-    made = MoveBase(tree)
+    move_base = MoveBase(tree)
     robot = ToyRobot(HERE)
-    assert made.sources == {
+    assert move_base.sources == {
         "front/scan": "LaserScan",
         "bump": "PointCloud2",
         "points": "PointCloud2",
     }
-    made.set_goal((3.0, 0.0, 0.0), 0.0)
+    move_base.set_goal((3.0, 0.0, 0.0), 0.0)
     depth = SensorCloud(0.0, np.array([[1.0, 1.0, 0.3]], np.float32), HERE, (0.0, 0.0, 0.0, 1.0))
-    cycle = made.step(0.0, robot.pose, robot.twist, {"front/scan": robot.scan(), "points": depth})
+    cycle = move_base.step(
+        0.0, robot.pose, robot.twist, {"front/scan": robot.scan(), "points": depth}
+    )
     assert not cycle.stale
-    assert made.local_costmap.cells[made.local_costmap.world_to_map(1.0, 1.0)[::-1]] == 254
+    assert (
+        move_base.local_costmap.cells[move_base.local_costmap.world_to_map(1.0, 1.0)[::-1]] == 254
+    )
     for k in range(1, 12):
         robot.time = 0.05 * k
-        cycle = made.step(robot.time, robot.pose, robot.twist, {"front/scan": robot.scan()})
+        cycle = move_base.step(robot.time, robot.pose, robot.twist, {"front/scan": robot.scan()})
         assert cycle.stale is (k > 6)
     assert (cycle.silent, cycle.command) == (("points", 0.32), (0.0, 0.0))
 

@@ -25,12 +25,12 @@ from tests.support.robots import (
 def sealed(tree=None):
     """Return MoveBase and a robot that has observed a closed ring of posts around itself; the goal is outside."""
     robot = ToyRobot(circles=ring(0.0, 0.0, 0.85, posts=60, size=0.05))
-    made = MoveBase(tree or quick())
+    move_base = MoveBase(tree or quick())
     for yaw in (2.0, 4.0, 0.0):
         robot.pose = (0.0, 0.0, yaw)
-        run(made, robot, 0.1)
-    made.set_goal((4.0, 0.0, 0.0), robot.time)
-    return made, robot
+        run(move_base, robot, 0.1)
+    move_base.set_goal((4.0, 0.0, 0.0), robot.time)
+    return move_base, robot
 
 
 def step(made, robot):
@@ -40,9 +40,9 @@ def step(made, robot):
 
 # -- reaching a goal ------------------------------------------------------------------------------------------
 def test_reaches_a_goal_among_obstacles():
-    made, robot = start((4.0, 0.0, 0.5), ToyRobot(circles=SLALOM))
+    move_base, robot = start((4.0, 0.0, 0.5), ToyRobot(circles=SLALOM))
     cycles = []
-    assert run(made, robot, 60.0, cycles=cycles) == ("succeeded", "Goal reached.")
+    assert run(move_base, robot, 60.0, cycles=cycles) == ("succeeded", "Goal reached.")
     assert math.hypot(robot.pose[0] - 4.0, robot.pose[1]) <= 0.26
     assert abs(robot.pose[2] - 0.5) <= 0.16
     (_, first), (_, last) = cycles[0], cycles[-1]
@@ -54,29 +54,29 @@ def test_reaches_a_goal_among_obstacles():
 
 
 def test_idle_publishes_nothing_but_updates_the_maps():
-    made = MoveBase(quick())
+    move_base = MoveBase(quick())
     robot = ToyRobot(circles=[(1.5, 0.0, 0.2)])
-    cycle = step(made, robot)
+    cycle = step(move_base, robot)
     assert cycle.command is None
     assert (cycle.state, cycle.updated) == ("idle", (True, True))
-    assert (made.local_costmap.cells == 254).any()
-    assert (made.global_costmap.cells == 254).any()
+    assert (move_base.local_costmap.cells == 254).any()
+    assert (move_base.global_costmap.cells == 254).any()
 
 
 def test_shutdown_costmaps_stops_map_updates_without_a_goal():
-    made = MoveBase(quick(shutdown_costmaps=True))
+    move_base = MoveBase(quick(shutdown_costmaps=True))
     robot = ToyRobot()
-    assert step(made, robot).updated == (False, False)
-    made.set_goal((2.0, 0.0, 0.0), 0.05)
-    assert made.step(0.05, robot.pose, robot.twist, robot.scan()).updated == (True, True)
+    assert step(move_base, robot).updated == (False, False)
+    move_base.set_goal((2.0, 0.0, 0.0), 0.05)
+    assert move_base.step(0.05, robot.pose, robot.twist, robot.scan()).updated == (True, True)
 
 
 # -- aborting a goal ---------------------------------------------------------------------------------------------
 @pytest.mark.fault("17")
 def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
-    made, robot = sealed()
+    move_base, robot = sealed()
     cycles = []
-    result = run(made, robot, 60.0, cycles=cycles)
+    result = run(move_base, robot, 60.0, cycles=cycles)
     assert result == (
         "aborted",
         "Failed to find a valid plan. Even after executing recovery behaviors.",
@@ -92,8 +92,8 @@ def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
     for (_, a), (_, b) in zip(cycles, cycles[1:]):
         if a.state == "clearing" and b.state != "clearing":
             assert b.command == (0.0, 0.0)
-    assert made.goal is None
-    assert made.state == "planning"
+    assert move_base.goal is None
+    assert move_base.state == "planning"
 
 
 @pytest.mark.fault("17a")
@@ -102,11 +102,11 @@ def test_a_sealed_goal_is_aborted_if_recovery_rounds_are_limited():
     first = {}
     for rounds in (0, 2):
         posts = ring(3.5, 0.0, 0.7, posts=50, size=0.06)
-        made, robot = start(
+        move_base, robot = start(
             (3.5, 0.0, 0.0), ToyRobot(circles=posts), quick(applr={"recovery_rounds": rounds})
         )
         cycles = []
-        result = run(made, robot, 60.0, cycles=cycles)
+        result = run(move_base, robot, 60.0, cycles=cycles)
         first[rounds] = sum(c.recovery[0] == 0 for _, c in cycles if c.recovery)
         assert result == (("aborted", module.NO_PATH) if rounds else None)
     assert first[0] > 4
@@ -117,22 +117,22 @@ def test_a_sealed_goal_is_aborted_if_recovery_rounds_are_limited():
 @pytest.mark.parametrize("planner", ["ours", "cpp-like"])
 @pytest.mark.parametrize("free", [(-0.1, 0.4), None], ids=["one way is free", "nothing moves"])
 def test_a_blocked_robot_tries_escape_motions_and_then_recovers(planner, free):
-    made = MoveBase(quick(clearing_rotation_allowed=False), planner=planner, seed=0)
+    move_base = MoveBase(quick(clearing_rotation_allowed=False), planner=planner, seed=0)
     robot = ToyRobot()
     commands = []
     recoveries = []
-    run(made, robot, 0.1)
-    made.set_goal((4.0, 0.0, 0.0), robot.time)
+    run(move_base, robot, 0.1)
+    move_base.set_goal((4.0, 0.0, 0.0), robot.time)
     # The planner always backs out.
-    made.local_planner = Scripted(lambda n: (True, (-0.5, 0.0)))
+    move_base.local_planner = Scripted(lambda n: (True, (-0.5, 0.0)))
     result = None
     while robot.time < 20.0 and result is None:
-        cycle = step(made, robot)
+        cycle = step(move_base, robot)
         result = cycle.result
         if cycle.recovery:
             recoveries.append(robot.time)
         command = cycle.command or (0.0, 0.0)
-        made.report_held(command != (0.0, 0.0) and command != free)
+        move_base.report_held(command != (0.0, 0.0) and command != free)
         commands.append((robot.time, command))
         robot.time += 0.05
     if planner == "cpp-like":  # C++ has no such input.
@@ -142,7 +142,7 @@ def test_a_blocked_robot_tries_escape_motions_and_then_recovers(planner, free):
     assert (0.0, 0.4) in [c for t, c in commands if 0.6 < t < 1.0], (
         "an escape motion starts after half a second"
     )
-    assert made.local_planner.escapes_ended
+    assert move_base.local_planner.escapes_ended
     if free:  # The free motion lasts half a second, then the planner takes over again.
         share = sum(c == free for t, c in commands if t < 2.5)
         assert 9 <= share <= 12
@@ -158,25 +158,25 @@ def test_a_blocked_robot_tries_escape_motions_and_then_recovers(planner, free):
 def test_a_robot_without_a_command_tries_escape_motions_only_with_a_monitor_and_never_in_cpp(
     watched, planner
 ):
-    made = MoveBase(quick(controller_patience=15.0), planner=planner)
+    move_base = MoveBase(quick(controller_patience=15.0), planner=planner)
     robot = ToyRobot()
-    run(made, robot, 0.1)
-    made.set_goal((4.0, 0.0, 0.0), robot.time)
-    made.local_planner = Scripted(lambda n: (False, (0.0, 0.0)))
+    run(move_base, robot, 0.1)
+    move_base.set_goal((4.0, 0.0, 0.0), robot.time)
+    move_base.local_planner = Scripted(lambda n: (False, (0.0, 0.0)))
     driven = set()
     while robot.time < 4.0:
-        command = step(made, robot).command
+        command = step(move_base, robot).command
         driven.add(command)
         if watched:
-            made.report_held(False)
+            move_base.report_held(False)
         robot.time += 0.05
     assert ((0.0, 0.4) in driven) == (watched and planner == "ours")
 
 
 def test_max_planning_retries_counts_and_recoveries_can_be_switched_off():
-    made, robot = sealed(quick(max_planning_retries=3, recovery_behavior_enabled=False))
+    move_base, robot = sealed(quick(max_planning_retries=3, recovery_behavior_enabled=False))
     cycles = []
-    assert run(made, robot, 5.0, cycles=cycles)[0] == "aborted"
+    assert run(move_base, robot, 5.0, cycles=cycles)[0] == "aborted"
     assert not any(c.recovery for _, c in cycles)
     assert sum(c.planned for _, c in cycles) == 4
 
@@ -186,10 +186,10 @@ def test_max_planning_retries_counts_and_recoveries_can_be_switched_off():
     "goal", [(50.0, 0.0, 0.0), (1.5, 0.0, 0.0)], ids=["off the map", "in an obstacle"]
 )
 def test_goals_that_cannot_be_reached_are_aborted(goal):
-    made, robot = start(
+    move_base, robot = start(
         goal, ToyRobot(circles=[(1.5, 0.0, 0.1)]), quick(recovery_behavior_enabled=False)
     )
-    assert run(made, robot, 5.0) == ("aborted", module.NO_PATH)
+    assert run(move_base, robot, 5.0) == ("aborted", module.NO_PATH)
 
 
 def test_goals_that_are_not_finite_are_aborted_at_once():
@@ -218,12 +218,12 @@ def test_goals_that_are_not_finite_are_aborted_at_once():
 def test_missing_control_and_oscillation_recover_and_abort_with_their_own_texts(
     valid, patience, text, late
 ):
-    made, robot = start(
+    move_base, robot = start(
         (3.0, 0.0, 0.0), tree=quick(clearing_rotation_allowed=False, **{patience: 1.0})
     )
-    made.local_planner = Scripted(lambda n: (valid, (0.0, 0.0)))
+    move_base.local_planner = Scripted(lambda n: (valid, (0.0, 0.0)))
     cycles = []
-    assert run(made, robot, 20.0, cycles=cycles) == ("aborted", text)
+    assert run(move_base, robot, 20.0, cycles=cycles) == ("aborted", text)
     begun = [(t, c.recovery[2]) for t, c in cycles if c.recovery]
     assert [name for _, name in begun] == ["conservative_reset", "aggressive_reset"]
     assert begun[0][0] - 0.1 == pytest.approx(1.0, abs=late)
@@ -231,10 +231,10 @@ def test_missing_control_and_oscillation_recover_and_abort_with_their_own_texts(
 
 
 def test_a_valid_command_starts_the_recoveries_over():
-    made, robot = start((3.0, 0.0, 0.0))
-    made.local_planner = Scripted(lambda n: (24 <= n <= 27, (0.0, 0.0)))
+    move_base, robot = start((3.0, 0.0, 0.0))
+    move_base.local_planner = Scripted(lambda n: (24 <= n <= 27, (0.0, 0.0)))
     cycles = []
-    run(made, robot, 20.0, cycles=cycles)
+    run(move_base, robot, 20.0, cycles=cycles)
     names = [c.recovery[0] for _, c in cycles if c.recovery]
     assert names[:2] == [0, 1]
     assert names.count(0) == 2
@@ -255,45 +255,45 @@ def test_a_start_in_collision_is_left_or_ends_in_recoveries(kind):
     points = robot.ranges() * np.sin(ANGLE_MIN + INCREMENT * np.arange(BEAMS))
     # Half the width of the footprint.
     assert np.abs(points[np.isfinite(points)]).min() < 0.165
-    made, robot = start((3.0, 0.0, 0.0), robot, quick(oscillation_timeout=1.0))
+    move_base, robot = start((3.0, 0.0, 0.0), robot, quick(oscillation_timeout=1.0))
     cycles = []
-    result = run(made, robot, 60.0, cycles=cycles)
+    result = run(move_base, robot, 60.0, cycles=cycles)
     if kind is ToyRobot:
         assert result == ("succeeded", "Goal reached.")
         return
     assert result == ("aborted", module.OSCILLATING)
     begun = [c.recovery[2] for _, c in cycles if c.recovery]
     assert begun == ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
-    assert made.goal is None
+    assert move_base.goal is None
 
 
 # -- cancel, replace ---------------------------------------------------------------------------------------------
 def test_cancel_stops_at_the_next_step():
-    made, robot = start((4.0, 0.0, 0.0))
-    run(made, robot, 1.0)
-    made.cancel(robot.time)
-    cycle = step(made, robot)
+    move_base, robot = start((4.0, 0.0, 0.0))
+    run(move_base, robot, 1.0)
+    move_base.cancel(robot.time)
+    cycle = step(move_base, robot)
     assert (cycle.result, cycle.command, cycle.state) == (("preempted", ""), (0.0, 0.0), "idle")
-    assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None
+    assert move_base.step(robot.time + 0.05, robot.pose, robot.twist).command is None
 
 
 def test_cancel_during_a_rotation_takes_effect_at_once():
-    made, robot = sealed()
-    while not (made.state == "clearing" and robot.twist[1] > 1.0):
-        robot.drive(step(made, robot).command, 0.05)
+    move_base, robot = sealed()
+    while not (move_base.state == "clearing" and robot.twist[1] > 1.0):
+        robot.drive(step(move_base, robot).command, 0.05)
         assert robot.time < 5.0
-    made.cancel(robot.time)
-    assert made.step(robot.time, robot.pose, robot.twist).result == ("preempted", "")
+    move_base.cancel(robot.time)
+    assert move_base.step(robot.time, robot.pose, robot.twist).result == ("preempted", "")
 
 
 def test_a_new_goal_replaces_the_old_one_without_driving_its_plan():
-    made, robot = start((4.0, 0.0, 0.0))
-    run(made, robot, 1.0)
-    made.set_goal((0.0, 2.0, 0.0), robot.time)
-    cycle = step(made, robot)
+    move_base, robot = start((4.0, 0.0, 0.0))
+    run(move_base, robot, 1.0)
+    move_base.set_goal((0.0, 2.0, 0.0), robot.time)
+    cycle = step(move_base, robot)
     assert cycle.new_plan
-    assert tuple(made.global_plan[-1, :2]) == (0.0, 2.0)
-    assert run(made, robot, 30.0) == ("succeeded", "Goal reached.")
+    assert tuple(move_base.global_plan[-1, :2]) == (0.0, 2.0)
+    assert run(move_base, robot, 30.0) == ("succeeded", "Goal reached.")
     assert math.hypot(robot.pose[0], robot.pose[1] - 2.0) < 0.3
 
 
@@ -311,40 +311,40 @@ def test_a_new_goal_begins_with_the_first_recovery():
 
 
 def test_a_cancelled_goal_does_not_cancel_the_next():
-    made, robot = start((4.0, 0.0, 0.0))
-    made.cancel(robot.time)
-    made.set_goal((1.0, 0.0, 0.0), robot.time)
-    assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+    move_base, robot = start((4.0, 0.0, 0.0))
+    move_base.cancel(robot.time)
+    move_base.set_goal((1.0, 0.0, 0.0), robot.time)
+    assert run(move_base, robot, 20.0) == ("succeeded", "Goal reached.")
 
 
 # -- sensors -----------------------------------------------------------------------------------------------------
 def test_the_robot_stops_after_a_second_without_scans_and_resumes_with_them():
-    made, robot = start((4.0, 0.0, 0.0))
-    run(made, robot, 1.0)
+    move_base, robot = start((4.0, 0.0, 0.0))
+    run(move_base, robot, 1.0)
     assert robot.twist[0] > 0.3
     cycles = []
-    run(made, robot, 2.0, scans=False, cycles=cycles)
+    run(move_base, robot, 2.0, scans=False, cycles=cycles)
     stale = [t for t, c in cycles if c.stale]
     assert stale[0] - cycles[0][0] == pytest.approx(0.95, abs=0.11)
     assert all(c.command == (0.0, 0.0) for t, c in cycles if t >= stale[0])
-    assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+    assert run(move_base, robot, 20.0) == ("succeeded", "Goal reached.")
 
 
 def test_the_robot_stops_without_a_pose():
-    made, robot = start((4.0, 0.0, 0.0))
-    run(made, robot, 1.0)
-    cycle = made.step(robot.time, None, robot.twist, robot.scan())
+    move_base, robot = start((4.0, 0.0, 0.0))
+    run(move_base, robot, 1.0)
+    cycle = move_base.step(robot.time, None, robot.twist, robot.scan())
     assert (cycle.command, cycle.updated) == ((0.0, 0.0), (False, False))
     robot.time += 0.05
-    assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+    assert run(move_base, robot, 20.0) == ("succeeded", "Goal reached.")
 
 
 # -- frequencies -------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("planner", "expected"), [(20.0, 40), (4.0, 8), (0.0, 1)])
 def test_plans_are_made_at_planner_frequency(planner, expected):
-    made, robot = start((4.0, 0.0, 0.0), tree=quick(planner_frequency=planner))
+    move_base, robot = start((4.0, 0.0, 0.0), tree=quick(planner_frequency=planner))
     cycles = []
-    run(made, robot, 2.0, cycles=cycles)
+    run(move_base, robot, 2.0, cycles=cycles)
     assert abs(sum(c.planned for _, c in cycles) - expected) <= 1
 
 
@@ -352,9 +352,9 @@ def test_cycles_and_costmap_updates_have_their_frequencies():
     hertz = 5.0
     tree = quick(controller_frequency=hertz)
     tree["local_costmap"]["update_frequency"] = hertz
-    made, robot = start((4.0, 0.0, 0.0), tree=tree)
+    move_base, robot = start((4.0, 0.0, 0.0), tree=tree)
     cycles = []
-    run(made, robot, 2.0, cycles=cycles)
+    run(move_base, robot, 2.0, cycles=cycles)
     assert abs(sum(c.controlled for _, c in cycles) - 2 * hertz) <= 1
     assert abs(sum(c.updated[0] for _, c in cycles) - 2 * hertz) <= 1
     assert sum(c.updated[1] for _, c in cycles) == 40

@@ -14,11 +14,11 @@ from tests.support.robots import JACKAL_FOOTPRINT, JACKAL_PARAMETERS, ToyRobot
 from tests.support.seeds import seeds
 
 
-def costmap():
-    made = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=JACKAL_FOOTPRINT)
+def make_costmap():
+    costmap = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=JACKAL_FOOTPRINT)
     points = np.array([[2.0, 0.0, 0.0], [0.81, 0.81, 0.0]], np.float32)
-    made.update((0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), points))
-    return made
+    costmap.update((0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), points))
+    return costmap
 
 
 def lethal(made, x, y):
@@ -77,8 +77,8 @@ def test_a_name_given_twice_leads_to_the_default_recoveries_as_in_cpp():
 
 
 def test_clearing_removes_obstacles_only_outside_the_square():
-    local = costmap()
-    world = costmap()
+    local = make_costmap()
+    world = make_costmap()
     assert lethal(local, 2.0, 0.0)
     assert lethal(local, 0.81, 0.81)
     clear = recovery.ClearCostmapRecovery("conservative_reset", 3.0)
@@ -91,8 +91,8 @@ def test_clearing_removes_obstacles_only_outside_the_square():
 
 
 def test_the_global_map_is_cleared_around_the_pose_in_its_own_frame():
-    local = costmap()
-    world = costmap()
+    local = make_costmap()
+    world = make_costmap()
     clear = recovery.ClearCostmapRecovery("conservative_reset", 3.0)
     clear.step(0.0, (0.0, 0.0, 0.0), local, world, (2.3, -1.0, 0.0))
     for made, near, far in ((local, (0.81, 0.81), (2.0, 0.0)), (world, (2.0, 0.0), (0.81, 0.81))):
@@ -135,24 +135,24 @@ def test_rotation_is_one_turn_at_slow_control_rates_too(seed):
 
 
 def test_rotation_is_refused_next_to_an_obstacle():
-    made = costmap()
-    made.update(
+    costmap = make_costmap()
+    costmap.update(
         (0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), np.array([[0.0, 0.36, 0.0]], np.float32))
     )
-    assert rotate().step(0.0, (0.0, 0.0, 0.0), made, made) is None
+    assert rotate().step(0.0, (0.0, 0.0, 0.0), costmap, costmap) is None
 
 
 def test_rotation_does_not_begin_if_its_second_half_is_blocked():
     """The long front of the robot would hit a post after three quarters of the turn."""
-    made = Costmap(
+    costmap = Costmap(
         10, 10, 0.05, (-5.0, -5.0), footprint=[(-0.2, -0.2), (-0.2, 0.2), (0.5, 0.2), (0.5, -0.2)]
     )
     for y, free in ((-0.4, False), (-0.8, True)):
-        made.clear()
-        made.update(
+        costmap.clear()
+        costmap.update(
             (0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), np.array([[0.0, y, 0.0]], np.float32))
         )
-        assert (rotate().step(0.0, (0.0, 0.0, 0.0), made, made) is not None) == free
+        assert (rotate().step(0.0, (0.0, 0.0, 0.0), costmap, costmap) is not None) == free
 
 
 def test_rotation_of_a_robot_that_cannot_turn_ends():

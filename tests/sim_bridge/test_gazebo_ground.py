@@ -17,9 +17,9 @@ OPEN = small_world()
 
 @pytest.fixture(scope="module", params=["kinematic", "pybullet"])
 def simulator(request):
-    made = sim_bridge.make(request.param)
-    yield made
-    made.close()
+    simulator = sim_bridge.make(request.param)
+    yield simulator
+    simulator.close()
 
 
 def turning(simulator, v, w, seed):
@@ -93,17 +93,17 @@ def test_the_robot_yaws_while_its_wheels_stop():
         (0.006, 0.01),
         *[(0.0, 0.0)] * 4,
     )
-    made = sim_bridge.make("kinematic")
+    simulator = sim_bridge.make("kinematic")
     swings = []
     ways = []
     for left in np.arange(0.0, 6.2, 0.4):
         for right in np.arange(0.0, 6.2, 0.4):
-            made.reset(OPEN, 0)
-            set_motion(made, (0.692, 0.0, -0.002), (0.481, 0.75), (left, right))
+            simulator.reset(OPEN, 0)
+            set_motion(simulator, (0.692, 0.0, -0.002), (0.481, 0.75), (left, right))
             for command in commands:
-                drive(made, *command, STEP)
-            swings.append(made.state.pose[2])
-            ways.append(made.state.pose[0])
+                drive(simulator, *command, STEP)
+            swings.append(simulator.state.pose[2])
+            ways.append(simulator.state.pose[0])
     assert min(swings) < -0.1
     assert max(swings) > 0.1
     assert min(ways) < 0.1 < 0.135 < max(ways)
@@ -126,12 +126,12 @@ PLAIN = (
 @pytest.mark.parametrize(("ground", "places"), [(1.0, GAZEBO), (0.0, PLAIN)])
 def test_a_drive_equals_the_recorded_one(ground, places):
     """Any change of the equations or their constants moves these poses by millimetres."""
-    made = sim_bridge.make("kinematic", ground=ground)
-    made.reset(OPEN, 3)
+    simulator = sim_bridge.make("kinematic", ground=ground)
+    simulator.reset(OPEN, 3)
     for (v, w, seconds), place in zip(
         ((1.5, 0.0, 0.6), (1.0, 1.0, 0.6), (0.5, -1.5, 0.6), (0.0, 0.0, 0.5)), places
     ):
-        assert drive(made, v, w, seconds).pose == pytest.approx(place, abs=5e-4)
+        assert drive(simulator, v, w, seconds).pose == pytest.approx(place, abs=5e-4)
 
 
 def test_grounds_may_be_drawn_in_between():

@@ -24,9 +24,9 @@ JACKAL = robots.load("jackal")
 def both(**options):
     @pytest.fixture(scope="module", params=NAMES)
     def simulator(request):
-        made = sim_bridge.make(request.param, **options)
-        yield made
-        made.close()
+        simulator = sim_bridge.make(request.param, **options)
+        yield simulator
+        simulator.close()
 
     return simulator
 

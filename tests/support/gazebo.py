@@ -64,11 +64,11 @@ class GazeboSimulation:
 
 
 def goal(x, y):
-    made = MoveBaseGoal()
-    made.target_pose.header.frame_id = "odom"
-    made.target_pose.pose.position.x, made.target_pose.pose.position.y = x, y
-    made.target_pose.pose.orientation = Quaternion(0, 0, 0, 1)
-    return made
+    message = MoveBaseGoal()
+    message.target_pose.header.frame_id = "odom"
+    message.target_pose.pose.position.x, message.target_pose.pose.position.y = x, y
+    message.target_pose.pose.orientation = Quaternion(0, 0, 0, 1)
+    return message
 
 
 def main():

@@ -320,12 +320,12 @@ def idle(stack):
 
 
 def goal(x, y=0.0, yaw=0.0, frame="odom", quaternion=None):
-    made = MoveBaseGoal()
-    made.target_pose.header.frame_id = frame
-    made.target_pose.pose.position.x, made.target_pose.pose.position.y = x, y
-    q = made.target_pose.pose.orientation
+    message = MoveBaseGoal()
+    message.target_pose.header.frame_id = frame
+    message.target_pose.pose.position.x, message.target_pose.pose.position.y = x, y
+    q = message.target_pose.pose.orientation
     q.x, q.y, q.z, q.w = quaternion or (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
-    return made
+    return message
 
 
 def collect(topic, kind):

@@ -40,13 +40,13 @@ DWA_PARAMETERS = dict(
 
 def dwa_parameters(**changes):
     """Return the Jackal's parameters with DWAPlannerROS as local planner."""
-    made = copy.deepcopy(JACKAL_PARAMETERS)
-    made.update(
+    tree = copy.deepcopy(JACKAL_PARAMETERS)
+    tree.update(
         changes,
         base_local_planner="dwa_local_planner/DWAPlannerROS",
         DWAPlannerROS=dict(DWA_PARAMETERS),
     )
-    return made
+    return tree
 
 
 LASER = JACKAL.laser
@@ -150,10 +150,10 @@ def quick(**changes):
 def start(goal, robot=None, tree=None, before=0.1):
     """Return (MoveBase, robot) after `before` seconds of scans and the sending of the goal."""
     robot = robot or ToyRobot()
-    made = MoveBase(tree or quick())
-    run(made, robot, before)
-    made.set_goal(goal, robot.time)
-    return made, robot
+    move_base = MoveBase(tree or quick())
+    run(move_base, robot, before)
+    move_base.set_goal(goal, robot.time)
+    return move_base, robot
 
 
 def make_weights(seed=0, hidden=(32, 32), inputs=729, outputs=8):

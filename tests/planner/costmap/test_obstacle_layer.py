@@ -39,7 +39,7 @@ def test_infinite_ranges_are_used_if_they_are_declared_valid():
 )
 @examples(100)
 def test_projection_rounds_like_the_cpp_code(ranges, x, y, yaw):
-    made = project(scan(ranges, (x, y, yaw), increment=0.0065, height=0.3))
+    cloud = project(scan(ranges, (x, y, yaw), increment=0.0065, height=0.3))
     f = np.float32
     z = f(math.sin(0.5 * yaw))
     w = f(math.cos(0.5 * yaw))
@@ -48,16 +48,16 @@ def test_projection_rounds_like_the_cpp_code(ranges, x, y, yaw):
     for i, r in enumerate(ranges):
         angle = i * float(f(0.0065))
         px, py = f(float(f(r)) * math.cos(angle)), f(float(f(r)) * math.sin(angle))
-        assert made.points[i, 0] == f(f(f(m00 * px) - f(m10 * py)) + f(x))
-        assert made.points[i, 1] == f(f(f(m10 * px) + f(m00 * py)) + f(y))
-        assert made.points[i, 2] == f(0.3)
-    assert made.origin == (x, y, 0.3)
+        assert cloud.points[i, 0] == f(f(f(m00 * px) - f(m10 * py)) + f(x))
+        assert cloud.points[i, 1] == f(f(f(m10 * px) + f(m00 * py)) + f(y))
+        assert cloud.points[i, 2] == f(0.3)
+    assert cloud.origin == (x, y, 0.3)
 
 
 def test_integer_parameters_do_not_compile_a_new_kernel():
     known = []
     for numbers in ({}, {"obstacle_range": 2, "raytrace_range": 3, "clearing": 1}):
-        made = obstacle_layer.ObstacleLayer(
+        layer = obstacle_layer.ObstacleLayer(
             100,
             100,
             0.05,
@@ -67,8 +67,8 @@ def test_integer_parameters_do_not_compile_a_new_kernel():
             obstacle_layer.ObstacleParameters(),
             (Source(**numbers),),
         )
-        made.cloud = PointCloud((0.0, 0.0, 0.0), np.array([[1.02, 0.02, 0.0]], np.float32))
-        made.update_bounds((1e30, 1e30, -1e30, -1e30), (0.0, 0.0, 0.0), np.zeros((0, 2)))
+        layer.cloud = PointCloud((0.0, 0.0, 0.0), np.array([[1.02, 0.02, 0.0]], np.float32))
+        layer.update_bounds((1e30, 1e30, -1e30, -1e30), (0.0, 0.0, 0.0), np.zeros((0, 2)))
         known.append(len(obstacle_layer._observe.signatures))
     assert known[0] == known[1]
 
@@ -88,7 +88,7 @@ def test_a_point_at_obstacle_range_does_not_mark(x, marked):
         obstacle_layer.ObstacleParameters(),
         (Source(obstacle_range=2.5),),
     )
-    made = obstacle_layer.ObstacleLayer(*given)
-    made.cloud = PointCloud((0.0, 0.0, 0.0), np.array([[x, 0.0, 0.0]], np.float32))
-    made.update_bounds((1e30, 1e30, -1e30, -1e30), (0.0, 0.0, 0.0), np.zeros((0, 2)))
-    assert made.cells.any() == marked
+    layer = obstacle_layer.ObstacleLayer(*given)
+    layer.cloud = PointCloud((0.0, 0.0, 0.0), np.array([[x, 0.0, 0.0]], np.float32))
+    layer.update_bounds((1e30, 1e30, -1e30, -1e30), (0.0, 0.0, 0.0), np.zeros((0, 2)))
+    assert layer.cells.any() == marked

@@ -22,11 +22,11 @@ RES = 0.05
 def costmap_of(cells, origin=(0.0, 0.0)):
     """Return a costmap with exactly these cells (ny, nx)."""
     ny, nx = cells.shape
-    made = Costmap(
+    costmap = Costmap(
         (nx + 0.5) * RES, (ny + 0.5) * RES, RES, origin, inflation=InflationParameters(0.0)
     )
-    scenes.paint(made, cells)
-    return made
+    scenes.paint(costmap, cells)
+    return costmap
 
 
 def cellular(rng, ny, nx, fill, steps=3):
@@ -50,16 +50,16 @@ def world(rng, ny, nx, kind):
         cells[rng.random((ny, nx)) < 0.6] = 0
         return cells
     obstacles = cellular(rng, ny, nx, rng.uniform(0.1, 0.5))
-    made = Costmap(
+    costmap = Costmap(
         (nx + 0.5) * RES,
         (ny + 0.5) * RES,
         RES,
         footprint=JACKAL_FOOTPRINT,
         inflation=InflationParameters(float(rng.choice((0.1, 0.2))), 3.0),
     )
-    made.inflation.set_inscribed_radius(0.05)
-    scenes.paint(made, np.where(obstacles, 254, 0).astype(np.uint8))
-    cells = made.cells.copy()
+    costmap.inflation.set_inscribed_radius(0.05)
+    scenes.paint(costmap, np.where(obstacles, 254, 0).astype(np.uint8))
+    cells = costmap.cells.copy()
     cells[rng.random((ny, nx)) < 0.03] = 255
     return cells
 

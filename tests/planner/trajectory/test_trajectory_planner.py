@@ -16,17 +16,17 @@ from tests.support.scenes import open_map
 PARAMS = complete(JACKAL_PARAMETERS)["TrajectoryPlannerROS"]
 
 
-def planner(
+def make_planner(
     plan=((0.0, 0.0), (3.0, 0.0)), foot=JACKAL_FOOTPRINT, period=0.05, meter_scoring=True, **changes
 ):
-    made = TrajectoryPlanner(foot, dict(PARAMS, **changes), period, meter_scoring)
-    made.set_plan(np.array(plan, dtype=np.float64).reshape(-1, 2))
-    return made
+    planner = TrajectoryPlanner(foot, dict(PARAMS, **changes), period, meter_scoring)
+    planner.set_plan(np.array(plan, dtype=np.float64).reshape(-1, 2))
+    return planner
 
 
 def test_closed_forms_end_at_the_pose_of_the_steps():
     random = np.random.default_rng(0)
-    params = planner(acc_lim_x=2.0, acc_lim_theta=5.0).in_force
+    params = make_planner(acc_lim_x=2.0, acc_lim_theta=5.0).in_force
     for _ in range(300):
         start = start_record([*random.uniform(-3, 3, 3), *random.uniform(-1, 1, 3)])
         vx = random.uniform(-0.5, 2)
@@ -41,9 +41,9 @@ def test_closed_forms_end_at_the_pose_of_the_steps():
 
 def test_one_sample_is_one_value():
     """C++ divides by zero. This package's planner does not, but chooses the same velocity."""
-    made = planner(vx_samples=0, vtheta_samples=-3)
-    result = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0.1))
-    window = sampled_window(made)
+    planner = make_planner(vx_samples=0, vtheta_samples=-3)
+    result = planner.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0.1))
+    window = sampled_window(planner)
     assert result.cost >= 0
     assert all(math.isfinite(v) for v in window.values())
     assert window["dvx"] == window["dvtheta"] == 0
@@ -51,16 +51,19 @@ def test_one_sample_is_one_value():
 
 def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
     costmap = open_map(resolution=0.1)
-    made = planner()
-    made.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
+    planner = make_planner()
+    planner.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
     for _ in range(2):
-        assert (made.in_force["path_distance_bias"], made.in_force["goal_distance_bias"]) == (
+        assert (
+            planner.in_force["path_distance_bias"],
+            planner.in_force["goal_distance_bias"],
+        ) == (
             0.75 * 0.1,
             0.1,
         )
-        assert made.in_force["occdist_scale"] == 0.1
-        made.reconfigure(PARAMS)
-    unscaled = planner(meter_scoring=False)
+        assert planner.in_force["occdist_scale"] == 0.1
+        planner.reconfigure(PARAMS)
+    unscaled = make_planner(meter_scoring=False)
     unscaled.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
     assert unscaled.in_force["path_distance_bias"] == 0.75
 
@@ -68,31 +71,31 @@ def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
 @pytest.mark.parametrize("heading_scoring", [False, True])
 def test_the_cell_under_the_centre_counts_beside_the_outline(heading_scoring):
     costmap = open_map()
-    free = planner(heading_scoring=heading_scoring).find_best_path(
+    free = make_planner(heading_scoring=heading_scoring).find_best_path(
         costmap, (0.02, 0.02, 0.0), (0.3, 0.0, 0.0)
     )
     costmap.cells[100, 100] = 100
-    costly = planner(heading_scoring=heading_scoring).find_best_path(
+    costly = make_planner(heading_scoring=heading_scoring).find_best_path(
         costmap, (0.02, 0.02, 0.0), (0.3, 0.0, 0.0)
     )
     assert costly.cost == pytest.approx(free.cost + 100 * PARAMS["occdist_scale"])
 
 
 def test_a_map_of_another_size_is_adopted():
-    made = planner()
-    first = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
-    made.find_best_path(open_map(80, 120, 0.1), (0, 0, 0), (0.3, 0, 0))
-    made.state = [0] * 10
-    again = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
+    planner = make_planner()
+    first = planner.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
+    planner.find_best_path(open_map(80, 120, 0.1), (0, 0, 0), (0.3, 0, 0))
+    planner.state = [0] * 10
+    again = planner.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
     assert (again.cost, again.vx, again.w) == (first.cost, first.vx, first.w)
 
 
 def test_earlier_results_keep_their_points():
-    made = planner()
-    first = made.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
-    wanted = planner().find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0)).points
-    made.reconfigure(dict(PARAMS, sim_time=1.0))
-    made.find_best_path(open_map(), (1, 1, 1), (0.1, 0, 0))
+    planner = make_planner()
+    first = planner.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
+    wanted = make_planner().find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0)).points
+    planner.reconfigure(dict(PARAMS, sim_time=1.0))
+    planner.find_best_path(open_map(), (1, 1, 1), (0.1, 0, 0))
     assert np.array_equal(first.points, wanted)
 
 
@@ -100,11 +103,11 @@ def test_cost_cloud_leaves_out_robot_walls_and_unreached_cells():
     costmap = open_map(40, 30, 0.1, (-1.0, -1.0))
     costmap.cells[:, 30] = 254
     costmap.cells[5, 5] = 77
-    made = planner([(0, 0), (1, 0)])
-    assert made.cost_cloud(costmap).shape == (0, 7)
-    made.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
-    cloud = made.cost_cloud(costmap)
-    path, goal, within = made.grids()
+    planner = make_planner([(0, 0), (1, 0)])
+    assert planner.cost_cloud(costmap).shape == (0, 7)
+    planner.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
+    cloud = planner.cost_cloud(costmap)
+    path, goal, within = planner.grids()
     assert cloud.dtype == np.float32
     assert len(cloud) == 30 * 30 - int(within.sum())
     row = cloud[(np.abs(cloud[:, 0] + 0.45) < 1e-4) & (np.abs(cloud[:, 1] + 0.45) < 1e-4)][0]
@@ -130,7 +133,7 @@ def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sig
 
 
 def test_an_escape_can_be_ended():
-    made = planner()
-    made.state = [0] * 4 + [1] + [0] * 5
-    made.end_escape()
-    assert made.state == [0] * 10
+    planner = make_planner()
+    planner.state = [0] * 4 + [1] + [0] * 5
+    planner.end_escape()
+    assert planner.state == [0] * 10

@@ -415,20 +415,20 @@ def test_times_are_scaled_by_the_pace_of_the_robot():
 def env():
     import training.env.env
 
-    made = gymnasium.make(
+    environment = gymnasium.make(
         training.env.ID, worlds="generated:0,generated:1", simulator="kinematic", time_limit=6.0
     )
-    yield made
-    made.close()
+    yield environment
+    environment.close()
 
 
 def test_the_environment_made_by_name_passes_gymnasiums_check():
     from gymnasium.utils.env_checker import check_env
 
     name = "training.env:applr_ros1/Navigation-v0"
-    made = gymnasium.make(name, worlds="generated:7", time_limit=4.0)
-    check_env(made.unwrapped)
-    made.close()
+    environment = gymnasium.make(name, worlds="generated:7", time_limit=4.0)
+    check_env(environment.unwrapped)
+    environment.close()
 
 
 def test_the_same_seed_gives_the_same_episode(env):

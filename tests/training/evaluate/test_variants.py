@@ -17,12 +17,12 @@ def test_the_random_planner_fidelity_depends_only_on_the_seed():
     assert both == [draw("drawn", [seed]) for seed in range(200)]
     assert set(both) == {"ours", "cpp-like"}
     assert 70 < both.count("ours") < 130
-    made = MoveBase(quick(), "drawn")
+    move_base = MoveBase(quick(), "drawn")
     for seed in range(8):
-        made.reset(0.0, seed=seed)
-        assert made.variant == both[seed]
-        made.reset(0.0)
-        assert made.variant == both[seed], "without a seed the planner stays"
+        move_base.reset(0.0, seed=seed)
+        assert move_base.variant == both[seed]
+        move_base.reset(0.0)
+        assert move_base.variant == both[seed], "without a seed the planner stays"
     with pytest.raises(ApplrError, match=r"^planner 'cpp' is unknown: use .* or drawn$"):
         MoveBase(quick(), "cpp")
 
@@ -32,14 +32,14 @@ def test_the_random_planner_fidelity_depends_only_on_the_seed():
 
 def first_recovery(planner, seed, **changes):
     tree = quick(oscillation_timeout=1.0, clearing_rotation_allowed=False, **changes)
-    made = MoveBase(tree, planner=planner, seed=seed)
+    move_base = MoveBase(tree, planner=planner, seed=seed)
     robot = ToyRobot()
     cycles = []
-    run(made, robot, 0.1)
-    made.set_goal((3.0, 0.0, 0.0), robot.time)
+    run(move_base, robot, 0.1)
+    move_base.set_goal((3.0, 0.0, 0.0), robot.time)
     # A robot that stands still counts as oscillating.
-    made.local_planner = Scripted(lambda n: (True, (0.0, 0.0)))
-    result = run(made, robot, 60.0, cycles=cycles)
+    move_base.local_planner = Scripted(lambda n: (True, (0.0, 0.0)))
+    result = run(move_base, robot, 60.0, cycles=cycles)
     assert result in (("aborted", OSCILLATING), None)
     return next((t for t, c in cycles if c.recovery), math.inf) - 0.1
 
@@ -59,15 +59,15 @@ def test_clearing_recoveries_find_no_layer_of_their_name():
     """Obstacles vanish, and no beam behind them returns. Only a recovery clears such obstacles from the maps."""
     results = {}
     for planner in ("ours", "cpp-like"):
-        made = MoveBase(quick(), planner=planner)
+        move_base = MoveBase(quick(), planner=planner)
         robot = ToyRobot(circles=ring(0.0, 0.0, 2.2, posts=80, size=0.1))
         cycles = []
         for yaw in (2.0, 4.0, 0.0):
             robot.pose = (0.0, 0.0, yaw)
-            run(made, robot, 0.1)
+            run(move_base, robot, 0.1)
         robot.circles = robot.circles[:0]
-        made.set_goal((4.0, 0.0, 0.0), robot.time)
-        results[planner] = run(made, robot, 60.0, cycles=cycles)
+        move_base.set_goal((4.0, 0.0, 0.0), robot.time)
+        results[planner] = run(move_base, robot, 60.0, cycles=cycles)
     after_turn = [
         b.command for (_, a), (_, b) in zip(cycles, cycles[1:]) if a.state == "clearing" != b.state
     ]
@@ -80,10 +80,10 @@ def test_clearing_recoveries_find_no_layer_of_their_name():
 def test_success_waits_for_a_cycle_without_a_new_plan():
     times = {}
     for planner in ("ours", "cpp-like"):
-        made = MoveBase(quick(), planner=planner, seed=4)
+        move_base = MoveBase(quick(), planner=planner, seed=4)
         robot = ToyRobot()
-        made.set_goal((1.0, 0.0, 0.0), 0.0)
-        assert run(made, robot, 120.0) == ("succeeded", "Goal reached.")
+        move_base.set_goal((1.0, 0.0, 0.0), 0.0)
+        assert run(move_base, robot, 120.0) == ("succeeded", "Goal reached.")
         assert abs(robot.pose[0] - 1.0) < 0.3
         times[planner] = robot.time
     assert times["cpp-like"] > times["ours"] + 2.0
