@@ -8,7 +8,7 @@ import dynamic_reconfigure.client
 import pytest
 import rospy
 from gazebo_msgs.srv import GetModelState, SetModelState
-from geometry_msgs.msg import PoseStamped, Twist
+from geometry_msgs.msg import Twist
 from move_base_msgs.msg import MoveBaseAction
 from nav_msgs.msg import Odometry
 from nav_msgs.srv import GetPlan
@@ -64,10 +64,8 @@ class Training:
         return planned, math.dist(began, end), taken["max_vel_x"]
 
     def make_plan(self):
-        start, end = PoseStamped(), PoseStamped()
-        start.header.frame_id = end.header.frame_id = "odom"
-        start.pose.orientation.w = end.pose.orientation.w = 1.0
-        end.pose.position.x, end.pose.position.y = self.target
+        start = goal(0.0, 0.0).target_pose
+        end = goal(*self.target).target_pose
         deadline = time.monotonic() + 180.0
         while time.monotonic() < deadline:  # A goal that was just cancelled may still be active.
             try:

@@ -170,7 +170,7 @@ def test_a_stalled_robot_gets_random_parameters_from_the_courses_seed():
     assert len({tuple(theta) for theta in driving[1:]}) < 24
     assert len({tuple(theta) for theta in standing[8:]}) == 16
     assert all(theta not in driving for theta in standing[8:])
-    # Escape_reset_dist, escape_reset_theta.
+    # escape_reset_dist, escape_reset_theta.
     backing_out = [theta[-2:] for theta in standing]
     assert backing_out[:8] == [[0.1, 0.1]] * 8
     assert 4 <= backing_out[8:].count([0.5, 3.14]) == 16 - backing_out[8:].count([0.1, 0.1]) <= 12

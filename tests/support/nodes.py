@@ -13,7 +13,6 @@ publish their values 0.2 s late. Those in /fake/hang do not answer until they ar
 
 import argparse
 import itertools
-import math
 import sys
 import threading
 import time
@@ -30,7 +29,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from dynamic_reconfigure.encoding import decode_config, encode_config
 from dynamic_reconfigure.server import Server
 from dynamic_reconfigure.srv import ReconfigureResponse
-from geometry_msgs.msg import PoseStamped, TransformStamped, Twist
+from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Twist, Vector3
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 from nav_msgs.msg import Odometry, Path
 from rosgraph_msgs.msg import Clock
@@ -40,6 +39,7 @@ from std_srvs.srv import Empty
 from tf2_msgs.msg import TFMessage
 
 from applr_ros1.common.angles import compose
+from applr_ros1.nodes.conversions import pose_stamped
 from applr_ros1.planner.parameters import check
 from applr_ros1.planner.parameters.declarations import SERVERS, servers
 from applr_ros1.policy.decision import Context, Seen
@@ -229,12 +229,8 @@ class Standing(FakeJackal):
         self._publish_pose(stamp)
         self._publish_scan(stamp, self.ranges)
         if goal is not None:
-            plan = Path()
-            plan.header.stamp = stamp
-            plan.header.frame_id = "odom"
-            for x, y in self.path:
-                plan.poses.append(PoseStamped())
-                plan.poses[-1].pose.position.x, plan.poses[-1].pose.position.y = x, y
+            plan = Path(poses=[pose_stamped((x, y, 0.0), "odom", stamp) for x, y in self.path])
+            plan.header = plan.poses[0].header
             self._plan.publish(plan)
 
 
@@ -258,13 +254,9 @@ def observed(message):
 
 def transform(parent, child, pose, stamp):
     """Return the geometry_msgs/TransformStamped of a frame at a pose (x, y, yaw) in its parent."""
-    t = TransformStamped(child_frame_id=child)
-    t.header.frame_id = parent
-    t.header.stamp = stamp
-    t.transform.translation.x, t.transform.translation.y = pose[:2]
-    t.transform.rotation.z = math.sin(pose[2] / 2)
-    t.transform.rotation.w = math.cos(pose[2] / 2)
-    return t
+    placed = pose_stamped(pose, parent, stamp)
+    place = Vector3(pose[0], pose[1], 0.0)
+    return TransformStamped(placed.header, child, Transform(place, placed.pose.orientation))
 
 
 # The stack of move_base and the Jackal
@@ -307,7 +299,7 @@ def idle(stack):
     jackal.scans = jackal.transforms = True
     jackal.bend = lambda scan: scan
     if stack.client.get_state() in (PENDING, ACTIVE):
-        # Cancel_all_goals uses another connection, and could end the next goal.
+        # A call of cancel_all_goals uses another connection, and could end the next goal.
         stack.client.cancel_goal()
         finish(stack.client)
     wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "standstill")
@@ -320,12 +312,11 @@ def idle(stack):
 
 
 def goal(x, y=0.0, yaw=0.0, frame="odom", quaternion=None):
-    message = MoveBaseGoal()
-    message.target_pose.header.frame_id = frame
-    message.target_pose.pose.position.x, message.target_pose.pose.position.y = x, y
-    q = message.target_pose.pose.orientation
-    q.x, q.y, q.z, q.w = quaternion or (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
-    return message
+    """Return a goal of move_base. A quaternion (x, y, z, w) replaces the yaw, whether valid or not."""
+    target = pose_stamped((x, y, yaw), frame, rospy.Time())
+    if quaternion is not None:
+        target.pose.orientation = Quaternion(*quaternion)
+    return MoveBaseGoal(target_pose=target)
 
 
 def collect(topic, kind):

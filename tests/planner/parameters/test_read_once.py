@@ -97,7 +97,7 @@ def test_parameters_read_once_are_the_same_in_tables_move_base_and_cpp(name, mon
     readers = {}
     declared = {}
     plain = robot.parameters()
-    # Move_base's own value then applies, as in most files.
+    # The value of move_base itself then applies, as in most files.
     plain[planner].pop("controller_frequency", None)
     plain["global_costmap"].update(width=4, height=4)
     round_ = copy.deepcopy(plain)
