@@ -183,29 +183,32 @@ def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
         (0.5, 1.0, "1.2 0.5 0", "move_base gave up: no way", 1.0),  # .86 m from the goal
     ],
 )
-def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, time):
+def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, time, monkeypatch):
     """The robot goes straight from the start of the course to its end at `speed` [m/s]."""
+    monkeypatch.setattr(demo_tool.rospy, "init_node", lambda *_, **__: None)
+    monkeypatch.setattr(demo_tool.rospy, "Subscriber", lambda *_, **__: None)
     setup = demo_tool.prepare(["world:=generated:0", f"goal:={goal}"])
-    observer = object.__new__(demo_tool.Observer)
-    observer.world = setup.world
-    observer._tolerance = setup.robot.goal_tolerance
-    observer._frame = "odom"
-    observer._names = ()
-    observer._theta = ()
-    observer._recorder = None
-    observer.moved(Reading(1.0, setup.world.course.start, (speed, 0.0)))
+    observer = demo_tool.Observer(setup)
+    motions = []
+
+    def move_to(*motion):
+        motions.append(Reading(*motion))
+        observer.moved(motions[-1])
 
     def check():
         """Move on by 0.1 s."""
-        stamp, (x, y, yaw), twist = observer._latest
-        pose = (x + 0.1 * speed * math.cos(yaw), y + 0.1 * speed * math.sin(yaw), yaw)
-        observer.moved(Reading(stamp + 0.1, pose, twist))
+        latest = motions[-1]
+        x, y, yaw = latest.pose
+        pose = x + 0.1 * speed * math.cos(yaw), y + 0.1 * speed * math.sin(yaw), yaw
+        move_to(latest.time + 0.1, pose, latest.twist)
 
     def state():
-        ended = GoalStatus.ABORTED if goal == "auto" else GoalStatus.SUCCEEDED
-        return ended if observer._latest.time - 1.0 >= gives_up_at - 1e-6 else GoalStatus.ACTIVE
+        if motions[-1].time - 1.0 < gives_up_at - 1e-6:
+            return GoalStatus.ACTIVE
+        return GoalStatus.ABORTED if goal == "auto" else GoalStatus.SUCCEEDED
 
-    observer._client = client = Mock(get_state=state, get_goal_status_text=lambda: "no way")
+    move_to(1.0, setup.world.course.start, (speed, 0.0))
+    observer.client = client = Mock(get_state=state, get_goal_status_text=lambda: "no way")
     drive = observer.drive(setup.values["sent"], 2.0, check)
     assert (drive.goals[-1].end, drive.goals[-1].reason) == (pytest.approx(time, abs=0.11), reason)
     assert drive.truth.length == pytest.approx(speed * drive.goals[-1].end)

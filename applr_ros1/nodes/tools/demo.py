@@ -207,6 +207,7 @@ class Observer:
 
     Attributes:
         began: ROS time of sending the goal [s].
+        client: Client of move_base's action, None until move_base is up.
     """
 
     def __init__(self, setup: Setup):
@@ -221,7 +222,7 @@ class Observer:
         self._recorder: Optional[Recorder] = None  # from the sending of the goal on
         self._up: Set[str] = set()  # topics on which a message has arrived
         self.began = 0.0
-        self._client: Any = None
+        self.client: Any = None
         rospy.init_node("demo", anonymous=True, disable_signals=True)
         scan_topic = values["scan_topic"]
         if scan_topic == "auto":
@@ -257,7 +258,7 @@ class Observer:
         the drive.
         """
         recorder = self._begin()
-        self._client.send_goal(MoveBaseGoal(pose_stamped(pose, self._frame, rospy.Time(0))))
+        self.client.send_goal(MoveBaseGoal(pose_stamped(pose, self._frame, rospy.Time(0))))
         course = self.world.course
         place = "ahead"
         if course.finish_y is not None:
@@ -276,7 +277,7 @@ class Observer:
                 printed += PROGRESS_PERIOD_S
                 self._report_progress(seconds, recorder.drive)
         recorder.goals.append(Goal("demo", 0.0, seconds, status, reason))
-        self._client.cancel_goal()
+        self.client.cancel_goal()
         return recorder.drive
 
     def _begin(self) -> Recorder:
@@ -293,7 +294,7 @@ class Observer:
         """Return how the drive has ended, and why in words; ("", "") while it goes on."""
         assert self._latest is not None
         x, y, _ = self._latest.pose
-        state = self._client.get_state()
+        state = self.client.get_state()
         # The planner may stop short of the course's goal by its own tolerance.
         tolerance = self._tolerance if state == GoalStatus.SUCCEEDED else None
         if self.world.course.arrived(x, y, tolerance):
@@ -301,7 +302,7 @@ class Observer:
         if seconds >= limit:
             return TIMED_OUT, "timed out"
         if state not in (GoalStatus.PENDING, GoalStatus.ACTIVE):
-            text = self._client.get_goal_status_text() or GOAL_STATES[state]
+            text = self.client.get_goal_status_text() or GOAL_STATES[state]
             return ABORTED, f"move_base gave up: {text}"
         return "", ""
 
@@ -323,9 +324,9 @@ class Observer:
 
     def _move_base_up(self) -> bool:
         """Return whether move_base takes goals: a goal that is sent before would be lost."""
-        if self._client is None:
-            self._client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
-        action = self._client.action_client
+        if self.client is None:
+            self.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
+        action = self.client.action_client
         ends = (action.pub_goal, action.pub_cancel, action.result_sub)
         return STATUS in self._up and all(end.get_num_connections() > 0 for end in ends)
 

@@ -46,3 +46,17 @@ def test_refusals_count_the_rejected_samples_by_critic():
     planner.reconfigure({"max_vel_trans": 0.01})
     planner.find_best_path(costmap, plan, (0, 0, 0), (0.15, 0, 0))
     assert planner.refusals() == {**dict.fromkeys(refusals, 0), "samples": 6, "velocity limits": 6}
+
+
+def test_a_reset_planner_equals_a_new_one():
+    costmap = small_map()
+    plan = [(0, 0), (1, 0.3)]
+    planner = DWAPlanner(BURGER, 0.1)
+    first = planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0))
+    for x in (0.1, 0.2, 0.9):
+        planner.find_best_path(costmap, plan, (x, 0, 0), (-0.1, 0, 0.4))
+    planner.reset()
+    planner.prepare(costmap, plan, (0, 0, 0), (0, 0, 0))
+    assert planner.check((0.2, 0, 0))[0] > 1e300  # 1e300: the grids count as not flooded
+    again = planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0))
+    assert (again.cost, again.sample, planner.state) == (first.cost, first.sample, planner.state)
