@@ -1,29 +1,15 @@
-"""Training for tests: a small environment, its runs, and a runner of trials that draws its results.
+"""Small environment for tests of training: move to zero on a line, without planner and simulator (1 ms per episode).
 
-No part of this file imports torch, because the workers of the pool import it.
+The workers of a pool import this file, so it imports little. Runs in the environment are in runs.py.
 """
 
-import json
 import os
-import re
 import time
-import zlib
-from functools import partial
 
 import gymnasium
 import numpy as np
-import safetensors.numpy
 
-from applr_ros1.common.errors import run_main
-from applr_ros1.common.files import write_bytes
-from applr_ros1.policy.actor import forward
 from training.env.trajectory import Trajectory, TransitionLayout
-from training.evaluate.evaluation import EvaluationOptions, settings
-from training.evaluate.trial import POLICY, Result
-from training.train.learner.config import parse
-from training.train.learner.prepare import Preparation
-from training.train.learner.run import TrainingRun
-from training.workers.collect import collect, environment, policy_layers
 
 
 class Line(gymnasium.Env):
@@ -88,108 +74,3 @@ def episode(layout, number, t=3, terminated=False, **info):
     observations = rng.uniform(-1, 1, (t + 1, layout.size))
     actions = rng.uniform(-1, 1, (t, layout.action))
     return Trajectory.of(layout, observations, actions, rng.normal(size=t), terminated, info)
-
-
-# Runs of train.py
-
-TOY = [
-    *("--net-arch", "32", "32", "--batch-size", "32", "--utd-ratio", "0.5"),
-    *("--eval-freq", "200", "--decision-period=0.5"),
-]
-NO_EVALUATION = ["--eval-worlds", "none"]
-
-
-def network(weights):
-    """Return the policy in safetensors bytes as a function of the observation."""
-    return lambda observation: np.tanh(forward(policy_layers(weights), observation))
-
-
-def drive_line(env, task, weights):
-    """Drive one episode. Only the learned policy moves; all other methods stand still."""
-    policy = (
-        network(weights)
-        if task.method_spec == POLICY
-        else lambda observation: np.zeros(1, np.float32)
-    )
-    made = environment(env, "{}")
-    total = 0.0
-    ended = False
-    observation, _ = made.reset(seed=task.seed)
-    while not ended:
-        observation, reward, terminated, truncated, _ = made.step(policy(observation))
-        total = total + float(reward)
-        ended = terminated or truncated
-    return Result(True, time_s=-total, decisions=10, route_m=1.0, total_reward=total), b""
-
-
-def toy_run(config, env=Line):
-    """Return a training run in a toy environment."""
-
-    class ToyRun(TrainingRun):
-        @staticmethod
-        def prepare(config):
-            held_out = [("environment", "")] * (config.eval_worlds != "none")
-            layout = environment(env, "{}").layout
-            return Preparation(
-                partial(collect, env, "{}"), partial(drive_line, env), held_out, layout
-            )
-
-        def write_policy(self, path, weights, metadata):
-            write_bytes(
-                path,
-                safetensors.numpy.save(weights, {k: json.dumps(v) for k, v in metadata.items()}),
-            )
-
-    return ToyRun(config)
-
-
-def main(arguments=None, env=Line):
-    """Run train.py in a toy environment."""
-    return run_main(lambda: toy_run(parse(arguments), env).run(), "train.py")
-
-
-def toy(out, *more):
-    """Return the arguments of a run in the toy environment."""
-    return [*TOY, "--out", str(out), *map(str, more)]
-
-
-def one_line(capsys, arguments, pattern, main=main):
-    """Assert that train.py ends with one line on stderr that matches the pattern."""
-    capsys.readouterr()
-    assert main([str(a) for a in arguments]) > 0
-    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("train.py: ")]
-    assert len(lines) == 1, lines
-    assert re.search(pattern, lines[0]), lines[0]
-
-
-# Trials of evaluate.py
-
-# Settings of an evaluation without worlds and methods.
-SETTINGS = settings(EvaluationOptions(), [], [])
-
-
-def draw_result(settings, task):
-    """Return a drawn result, with the interface of training.evaluate.runner.run."""
-    if os.environ.get("TOY_BROKEN"):
-        raise ValueError("the toy is broken; mend it")
-    rng = np.random.default_rng([task.seed, zlib.crc32(task.method.encode())])
-    time.sleep(float(os.environ.get("TOY_SECONDS", "0.01")) * rng.uniform(0.2, 1.8))
-    if task.method.startswith("bad"):
-        raise ValueError("the toy will not; take another")
-    success = rng.random() < 0.9
-    seconds = rng.normal(27.0 if task.method == "dwa" else 20.0, 5.0) if success else 100.0
-    result = Result(
-        success=bool(success),
-        collided=bool(rng.random() < 0.1),
-        timeout=not success,
-        time_s=float(seconds),
-        decisions=int(seconds // 2) + 1,
-        path_length_m=float(rng.uniform(6, 8)),
-        reason="finished" if success else "time limit",
-        route_m=7.0,
-        min_clearance_m=float(rng.uniform(0.1, 0.5)),
-        mean_jerk=8.0,
-        mean_turn=1.5,
-        switching=0.1,
-    )
-    return result, b""

@@ -12,7 +12,7 @@ import pytest
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support import HANGS
 from tests.support.drives import driven
-from tests.support.training import SETTINGS
+from tests.support.runs import SETTINGS
 from training.evaluate import drives_page
 from training.evaluate.report import write
 from training.evaluate.table import Trials

@@ -13,7 +13,7 @@ from applr_ros1.policy.actor import forward, save
 from applr_ros1.policy.dimensionless import SIZE, DimensionlessEncoding
 from applr_ros1.robots import JACKAL, load
 from applr_ros1.robots.learned import OUTPUTS
-from tests.support.training import SETTINGS
+from tests.support.runs import SETTINGS
 from training.env.env import ApplrEnv
 from training.env.settings import TrialSettings
 from training.evaluate import runner, score

@@ -21,7 +21,7 @@ import pytest
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
-from tests.support import HANGS, ROOT, training
+from tests.support import HANGS, ROOT, runs
 from tests.support.drives import driven
 from training.common.command_line import parsed
 from training.env.episode import TIME_LIMIT
@@ -53,7 +53,7 @@ def command(out, *more, worlds="generated:0,generated:7,generated:64", chosen="d
 
 TOY = """
 import sys
-from tests.support.training import draw_result
+from tests.support.runs import (draw_result)
 from training.evaluate import __main__ as evaluate
 from training.evaluate import evaluation
 evaluation.run = draw_result
@@ -65,7 +65,7 @@ sys.exit(evaluate.main())
 def run(monkeypatch):
     """Return run(arguments), which runs evaluate.py in this process with instant trials and returns its exit status."""
     monkeypatch.setenv("TOY_SECONDS", "0")
-    monkeypatch.setattr("training.evaluate.evaluation.run", training.draw_result)
+    monkeypatch.setattr("training.evaluate.evaluation.run", runs.draw_result)
 
     def run(arguments):
         monkeypatch.setattr(sys, "argv", ["evaluate.py", *arguments])

@@ -12,7 +12,7 @@ from scipy import stats
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.parameter_space import THETA_0
 from tests.support.drives import driven
-from tests.support.training import SETTINGS
+from tests.support.runs import SETTINGS
 from training.evaluate import tables
 from training.evaluate.compare import LEVEL, compare, over_worlds, rate, wilson
 from training.evaluate.report import summary, write

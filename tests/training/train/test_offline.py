@@ -13,7 +13,8 @@ import safetensors.numpy
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
-from tests.support.training import Broken, Line, episode, main, one_line, toy
+from tests.support.runs import main, one_line, toy
+from tests.support.training import Broken, Line, episode
 from training.env.reward import Reward
 from training.env.trajectory import TransitionLayout
 from training.train.learner.config import TrainConfig, recipe

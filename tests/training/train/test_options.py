@@ -5,7 +5,7 @@ import json
 import pytest
 
 from applr_ros1.common.errors import ApplrError
-from tests.support.training import one_line, toy
+from tests.support.runs import one_line, toy
 from training.train import __main__ as train
 from training.train.learner.config import TrainConfig, parse
 from training.train.td3.td3 import ACTOR_LR, TAU

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.training import NO_EVALUATION, one_line, toy, toy_run
+from tests.support.runs import NO_EVALUATION, one_line, toy, toy_run
 from training.evaluate.trial import Result, Trial
 from training.train import __main__ as train
 from training.train.learner import several

@@ -3,7 +3,7 @@
 import numpy as np
 
 from applr_ros1.policy.actor import load
-from tests.support.training import one_line
+from tests.support.runs import one_line
 from training.train.__main__ import main
 from training.train.learner.learner import policy_network
 

@@ -17,17 +17,8 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 
 from applr_ros1.common.tensors import unpack
 from tests.support import HANGS, ROOT
-from tests.support.training import (
-    NO_EVALUATION,
-    Broken,
-    Line,
-    episode,
-    main,
-    network,
-    one_line,
-    toy,
-    toy_run,
-)
+from tests.support.runs import NO_EVALUATION, main, network, one_line, toy, toy_run
+from tests.support.training import Broken, Line, episode
 from training.env.trajectory import TransitionLayout
 from training.evaluate.periodic import PeriodicEvaluation
 from training.evaluate.table import read_trials
@@ -113,7 +104,7 @@ def test_the_last_policy_within_the_minutes_is_compared_with_the_default(
 OFTEN_SAVED = """
 import sys
 from training.train.learner import run
-from tests.support.training import main
+from tests.support.runs import (main)
 run.CHECKPOINT_SECONDS = 0.1
 sys.exit(main())
 """

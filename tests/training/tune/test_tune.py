@@ -104,25 +104,15 @@ def jackal(tmp_path, few):
 
 def tune(folder, runner, *more):
     robot_folder.forget()  # A command would start in a new process.
-    words = [str(folder), "--out", str(Path(folder).parent / "out"), "--minutes", "12", *more]
+    words = [str(folder), "--out", str(Path(folder).parent / "out"), "--minutes", "6", *more]
     best_set.run = evaluation.run = globals()[runner]
     return tune_robot.main([*words, *FEW])
 
 
 def test_the_verdicts_lie_in_the_half_of_a_building_that_the_search_did_not_use(jackal, tmp_path):
     office = scenes.write_plan(tmp_path, "office")
-    words = [
-        str(jackal),
-        "--out",
-        str(tmp_path / "out"),
-        "--minutes",
-        "12",
-        "--workers",
-        "0",
-        "--worlds",
-        office,
-    ]
-    assert tune_robot.main(words) == 0
+    words = f"{jackal} --out {tmp_path}/out --minutes 6 --workers 0 --worlds {office}"
+    assert tune_robot.main(words.split()) == 0
     (drives,) = (tmp_path / "out").glob("fast_*")
     judged = {
         spec
@@ -138,7 +128,7 @@ def test_the_verdicts_lie_in_the_half_of_a_building_that_the_search_did_not_use(
 
 
 def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, capsys):
-    assert tune(jackal, "toy") == 0
+    assert tune(jackal, "toy", "--minutes", "12") == 0
     printed = capsys.readouterr().out
     left = re.findall(
         r"^reverting .*: (\d+) left$", printed, re.MULTILINE

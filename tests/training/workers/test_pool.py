@@ -14,7 +14,8 @@ import safetensors.numpy
 
 from applr_ros1.common.errors import ApplrError
 from tests.support import ROOT, is_alive
-from tests.support.training import Dying, Line, Slow, answer, main, toy_run
+from tests.support.runs import main, toy_run
+from tests.support.training import Dying, Line, Slow, answer
 from training.env.trajectory import TransitionLayout
 from training.train.learner.config import parse
 from training.train.learner.learner import Learner
