@@ -26,16 +26,21 @@ from training.why.replay import Replay
 from training.why.whole_drives import RANDOM
 from training.workers.pool import Pool
 
+# A fault counts if the drive takes this much longer than the sound one, or fails
 SLOWER, LIMIT_S = (
     1.5,
     60.0,
-)  # a fault counts if the drive takes this much longer than the sound one, or fails
-RECORDED_SEED, FRESH_SEEDS = 0, (101, 102, 103)
-HELPED, HARMED = 0.9, 1.1  # ratios of the mean times after and before
+)
+RECORDED_SEED = 0
+FRESH_SEEDS = (101, 102, 103)
+# ratios of the mean times after and before
+HELPED = 0.9
+HARMED = 1.1
 CHOOSING = 3, 11, 40, 7  # worlds with which rules were chosen
 JUDGING = 5, 17, 23, 28, 45, 61, 76, 88  # worlds of the table
 ROBOTS = "jackal", "turtlebot3_waffle_pi", "husky"
-TRAJECTORY, DWA = "TrajectoryPlannerROS", "DWAPlannerROS"
+TRAJECTORY = "TrajectoryPlannerROS"
+DWA = "DWAPlannerROS"
 EQUAL = {  # equals on the page of the C++ planner
     "inflation_radius": ("occdist_scale", "cost_scaling_factor"),
     "cost_scaling_factor": ("occdist_scale", "inflation_radius"),

@@ -27,9 +27,8 @@ PHASES = (NO_PLAN, DRIVING, STOPPING, TURNING, TURNED)
 THROUGH = 255  # value in `cut` if the search scored a sample with all critics
 ANOTHER_FRAME = 1e-9  # tolerance of poses transformed from another frame [m, rad]
 
-DEFAULTS = {
-    p.name: p.default for p in DWA_PLANNER
-}  # defaults for the parameters that C++ does not have
+# Defaults for the parameters that C++ does not have
+DEFAULTS = {p.name: p.default for p in DWA_PLANNER}
 
 
 def make_costmap(scenario):
@@ -139,9 +138,8 @@ def drive(scenario):
         reached = planner.is_goal_reached(pose, velocity)
         step = planner.command(pose, velocity, costmap)
         phase = PHASES.index(step.phase)
-        count = (
-            wanted[i, 11] if phase == 1 and not step.ok else step.point_count
-        )  # C++: previous winner
+        # C++: previous winner
+        count = wanted[i, 11] if phase == 1 and not step.ok else step.point_count
         checked = phase in (2, 3)
         ours.append(
             [

@@ -28,7 +28,8 @@ def test_reset_equals_a_fresh_object():
     assert len(used.global_plan) == 0
     drives = []
     for made in (used, fresh):
-        robot, cycles = ToyRobot(circles=SLALOM), []
+        robot = ToyRobot(circles=SLALOM)
+        cycles = []
         run(made, robot, 0.1)
         made.set_goal((3.5, 0.0, 0.0), robot.time)
         run(made, robot, 5.0, cycles=cycles)
@@ -45,12 +46,12 @@ def test_reset_equals_a_fresh_object():
 
 
 def test_a_reset_may_keep_reconfigured_values():
-    made = MoveBase(quick())
-    made.reconfigure(PLANNER, {"max_vel_x": 1.3})
-    made.reset(0.0, restore=False)
-    assert made.configuration(PLANNER)["max_vel_x"] == 1.3
-    made.reset(0.0)
-    assert made.configuration(PLANNER)["max_vel_x"] == 0.5
+    move_base = MoveBase(quick())
+    move_base.reconfigure(PLANNER, {"max_vel_x": 1.3})
+    move_base.reset(0.0, restore=False)
+    assert move_base.configuration(PLANNER)["max_vel_x"] == 1.3
+    move_base.reset(0.0)
+    assert move_base.configuration(PLANNER)["max_vel_x"] == 0.5
 
 
 @pytest.mark.parametrize(
@@ -63,13 +64,14 @@ def test_a_reset_may_keep_reconfigured_values():
     ],
 )
 def test_reconfigure_refuses_whole_requests(server, values):
-    made = MoveBase(quick())
-    before = made.configuration(server)
-    refused(lambda: made.reconfigure(server, values), kind=ParameterError)
-    assert made.configuration(server) == before
+    move_base = MoveBase(quick())
+    before = move_base.configuration(server)
+    refused(lambda: move_base.reconfigure(server, values), kind=ParameterError)
+    assert move_base.configuration(server) == before
 
 
-LOCAL, GLOBAL = "local_costmap", "global_costmap"
+LOCAL = "local_costmap"
+GLOBAL = "global_costmap"
 
 
 @pytest.mark.parametrize(
@@ -92,14 +94,17 @@ LOCAL, GLOBAL = "local_costmap", "global_costmap"
 )
 def test_only_calls_of_a_costmaps_own_server_clear_it(server, values, emptied):
     """Costmap2DROS::reconfigureCB of costmap_2d calls resizeMap for every request."""
-    made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2), (-1.5, 0.0, 0.2)])
-    run(made, robot, 0.2)
-    lethal = {name: costmap.cells == 254 for name, costmap in made.costmaps.items()}
+    move_base = MoveBase(quick())
+    robot = ToyRobot(circles=[(1.5, 0.0, 0.2), (-1.5, 0.0, 0.2)])
+    run(move_base, robot, 0.2)
+    lethal = {name: costmap.cells == 254 for name, costmap in move_base.costmaps.items()}
     robot.circles = robot.circles[:0]  # The next scans cannot clear the removed posts.
-    made.reconfigure(server, values)
-    assert {name for name, costmap in made.costmaps.items() if not costmap.cells.any()} == emptied
-    run(made, robot, 0.1)
-    for name, costmap in made.costmaps.items():
+    move_base.reconfigure(server, values)
+    assert {
+        name for name, costmap in move_base.costmaps.items() if not costmap.cells.any()
+    } == emptied
+    run(move_base, robot, 0.1)
+    for name, costmap in move_base.costmaps.items():
         assert lethal[name].any()
         assert ((costmap.cells == 254) == (lethal[name] & (name not in emptied))).all(), name
 
@@ -107,13 +112,14 @@ def test_only_calls_of_a_costmaps_own_server_clear_it(server, values, emptied):
 def test_a_cleared_map_is_updated_at_once_and_shows_the_last_scan():
     tree = quick()
     tree[GLOBAL]["update_frequency"] = 0.5
-    made, robot = MoveBase(tree), ToyRobot(circles=[(1.5, 0.0, 0.2)])
-    run(made, robot, 0.2)
-    lethal = (made.global_costmap.cells == 254).sum()
-    assert not made.step(robot.time, robot.pose, (0.0, 0.0)).updated[1]
-    made.reconfigure(GLOBAL, {"width": 20})
-    assert made.step(robot.time, robot.pose, (0.0, 0.0)).updated[1]
-    assert 0 < lethal == (made.global_costmap.cells == 254).sum()
+    move_base = MoveBase(tree)
+    robot = ToyRobot(circles=[(1.5, 0.0, 0.2)])
+    run(move_base, robot, 0.2)
+    lethal = (move_base.global_costmap.cells == 254).sum()
+    assert not move_base.step(robot.time, robot.pose, (0.0, 0.0)).updated[1]
+    move_base.reconfigure(GLOBAL, {"width": 20})
+    assert move_base.step(robot.time, robot.pose, (0.0, 0.0)).updated[1]
+    assert 0 < lethal == (move_base.global_costmap.cells == 254).sum()
 
 
 def test_a_map_whose_size_a_static_layer_determines_is_not_cleared():
@@ -123,121 +129,134 @@ def test_a_map_whose_size_a_static_layer_determines_is_not_cleared():
         *tree[GLOBAL]["plugins"],
     ]
     tree[GLOBAL]["static"] = {"use_maximum": True}
-    made, robot = MoveBase(tree), ToyRobot(circles=[(1.5, 0.0, 0.2)])
-    made.set_map(StaticMap(np.zeros((200, 200), np.int8), 0.05, (-5.0, -5.0)))
-    run(made, robot, 0.2)
-    before = made.global_costmap.cells.copy()
-    made.reconfigure(GLOBAL, {"footprint_padding": 0.1})
+    move_base = MoveBase(tree)
+    robot = ToyRobot(circles=[(1.5, 0.0, 0.2)])
+    move_base.set_map(StaticMap(np.zeros((200, 200), np.int8), 0.05, (-5.0, -5.0)))
+    run(move_base, robot, 0.2)
+    before = move_base.global_costmap.cells.copy()
+    move_base.reconfigure(GLOBAL, {"footprint_padding": 0.1})
     assert before.any()
-    assert (made.global_costmap.cells == before).all()
+    assert (move_base.global_costmap.cells == before).all()
 
 
 def test_send_calls_no_server_whose_values_are_in_force():
-    made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2)])
+    move_base = MoveBase(quick())
+    robot = ToyRobot(circles=[(1.5, 0.0, 0.2)])
     theta = SPACE.theta0.copy()
-    run(made, robot, 0.2)
+    run(move_base, robot, 0.2)
     theta[SPACE.names.index("inflation_radius")] = 0.5
     for padding, kept in ((0.1, True), (0.14, False), (0.14, True)):
         theta[SPACE.names.index("footprint_padding")] = padding
-        in_force = send(SPACE.settings(theta), made)
-        assert (made.local_costmap.cells.any(), made.global_costmap.cells.any()) == (kept, kept)
+        in_force = send(SPACE.settings(theta), move_base)
+        assert (move_base.local_costmap.cells.any(), move_base.global_costmap.cells.any()) == (
+            kept,
+            kept,
+        )
         assert SPACE.read_back(in_force).tolist() == theta.tolist()
-        run(made, robot, 0.1)
+        run(move_base, robot, 0.1)
 
 
 def test_maps_may_be_resized_while_driving():
-    made, robot = start((4.0, 0.0, 0.0), ToyRobot(circles=[(1.5, 1.0, 0.2)]))
+    move_base, robot = start((4.0, 0.0, 0.0), ToyRobot(circles=[(1.5, 1.0, 0.2)]))
     for server, values in (
         ("local_costmap", {"width": 5, "height": 7}),
         ("local_costmap", {"resolution": 0.1}),
         ("global_costmap", {"origin_x": -3.0}),
         ("global_costmap", {"height": 16}),
     ):
-        run(made, robot, 0.5)
-        made.reconfigure(server, values)
-    assert (made.local_costmap.cells.shape, made.global_costmap.cells.shape) == (
+        run(move_base, robot, 0.5)
+        move_base.reconfigure(server, values)
+    assert (move_base.local_costmap.cells.shape, move_base.global_costmap.cells.shape) == (
         (70, 50),
         (320, 400),
     )
-    assert run(made, robot, 20.0) == ("succeeded", "Goal reached.")
+    assert run(move_base, robot, 20.0) == ("succeeded", "Goal reached.")
 
 
 def test_footprint_follows_its_server_and_its_topic():
-    made = MoveBase(quick())
-    made.reconfigure("local_costmap", {"footprint_padding": 0.0})
-    assert made.local_costmap.footprint[2] == pytest.approx((0.21, 0.165))
-    made.set_footprint("local_costmap", [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)])
-    assert made.local_costmap.inscribed_radius == pytest.approx(0.3)
+    move_base = MoveBase(quick())
+    move_base.reconfigure("local_costmap", {"footprint_padding": 0.0})
+    assert move_base.local_costmap.footprint[2] == pytest.approx((0.21, 0.165))
+    move_base.set_footprint("local_costmap", [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)])
+    assert move_base.local_costmap.inscribed_radius == pytest.approx(0.3)
     # As in C++, this pads the topic's footprint.
-    made.reconfigure("local_costmap", {"footprint_padding": 0.2})
-    assert made.local_costmap.inscribed_radius == pytest.approx(0.5)
-    made.reset(0.0, restore=False)  # A clock jump does not change the robot's size.
-    assert made.local_costmap.inscribed_radius == pytest.approx(0.5)
-    made.reconfigure("local_costmap", {"footprint": "[]", "robot_radius": 0.4})
-    assert made.local_costmap.circumscribed_radius == pytest.approx(0.4 + 0.2 * math.sqrt(2.0))
-    made.set_footprint("local_costmap", [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)])
-    made.reset(0.0)
-    assert made.local_costmap.footprint[2] == pytest.approx((0.31, 0.265))
+    move_base.reconfigure("local_costmap", {"footprint_padding": 0.2})
+    assert move_base.local_costmap.inscribed_radius == pytest.approx(0.5)
+    move_base.reset(0.0, restore=False)  # A clock jump does not change the robot's size.
+    assert move_base.local_costmap.inscribed_radius == pytest.approx(0.5)
+    move_base.reconfigure("local_costmap", {"footprint": "[]", "robot_radius": 0.4})
+    assert move_base.local_costmap.circumscribed_radius == pytest.approx(0.4 + 0.2 * math.sqrt(2.0))
+    move_base.set_footprint("local_costmap", [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)])
+    move_base.reset(0.0)
+    assert move_base.local_costmap.footprint[2] == pytest.approx((0.31, 0.265))
 
 
 def test_parameters_read_once_keep_their_start_up_values_after_a_reset():
-    made = MoveBase(quick())
-    begun = made.local_planner.accelerations, made.local_planner.slowest_turn
-    made.reconfigure(
+    move_base = MoveBase(quick())
+    begun = move_base.local_planner.accelerations, move_base.local_planner.slowest_turn
+    move_base.reconfigure(
         PLANNER, {"acc_lim_theta": 1.0, "min_in_place_vel_theta": 0.05, "max_vel_x": 1.3}
     )
-    made.reset(0.0, restore=False)
-    assert (made.local_planner.accelerations, made.local_planner.slowest_turn) == begun
-    assert made.local_planner.planner.in_force["max_vel_x"] == 1.3
+    move_base.reset(0.0, restore=False)
+    assert (move_base.local_planner.accelerations, move_base.local_planner.slowest_turn) == begun
+    assert move_base.local_planner.planner.in_force["max_vel_x"] == 1.3
 
 
 def test_make_plan_frees_the_robots_square_and_searches_near_the_goal():
-    made, robot = MoveBase(quick()), ToyRobot(circles=[(2.0, 0.0, 0.1)])
-    run(made, robot, 0.2)
+    move_base = MoveBase(quick())
+    robot = ToyRobot(circles=[(2.0, 0.0, 0.1)])
+    run(move_base, robot, 0.2)
     # The goal is in the obstacle.
-    assert len(made.make_plan(robot.pose, (2.0, 0.0, 0.0))) == 0
-    near = made.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)
+    assert len(move_base.make_plan(robot.pose, (2.0, 0.0, 0.0))) == 0
+    near = move_base.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)
     assert tuple(near[-1, :2]) == (2.0, 0.0)  # make_plan_add_unreachable_goal
     assert 0.2 < math.hypot(*(near[-2, :2] - (2.0, 0.0))) < 1.0
-    made.reconfigure("", {"make_plan_add_unreachable_goal": False})
-    assert tuple(made.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)[-1, :2]) == tuple(near[-2, :2])
-    assert len(made.make_plan(robot.pose, (math.nan, 0.0, 0.0), 1.0)) == 0
+    move_base.reconfigure("", {"make_plan_add_unreachable_goal": False})
+    assert tuple(move_base.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)[-1, :2]) == tuple(
+        near[-2, :2]
+    )
+    assert len(move_base.make_plan(robot.pose, (math.nan, 0.0, 0.0), 1.0)) == 0
     # The search must end.
-    assert len(made.make_plan(robot.pose, (500.0, 0.0, 0.0), 1e9)) >= 0
+    assert len(move_base.make_plan(robot.pose, (500.0, 0.0, 0.0), 1e9)) >= 0
 
 
 def test_make_plan_leaves_the_maps_unchanged_while_a_goal_is_active():
-    made, robot = MoveBase(quick()), ToyRobot(circles=[(0.45, 0.0, 0.1)])
-    run(made, robot, 0.2)
-    made.set_goal((3.0, 0.0, 0.0), robot.time)
-    marked = made.global_costmap.cells == 254
+    move_base = MoveBase(quick())
+    robot = ToyRobot(circles=[(0.45, 0.0, 0.1)])
+    run(move_base, robot, 0.2)
+    move_base.set_goal((3.0, 0.0, 0.0), robot.time)
+    marked = move_base.global_costmap.cells == 254
     assert marked.any()
-    made.make_plan(robot.pose, (3.0, 0.0, 0.0))
-    assert ((made.global_costmap.cells == 254) == marked).all()
-    made.cancel(robot.time)
-    run(made, robot, 0.1)
-    made.make_plan(robot.pose, (3.0, 0.0, 0.0))
-    # Make_plan freed the cells within clearing_radius.
-    assert not (made.global_costmap.cells == 254)[marked].all()
+    move_base.make_plan(robot.pose, (3.0, 0.0, 0.0))
+    assert ((move_base.global_costmap.cells == 254) == marked).all()
+    move_base.cancel(robot.time)
+    run(move_base, robot, 0.1)
+    move_base.make_plan(robot.pose, (3.0, 0.0, 0.0))
+    # The call of make_plan freed the cells within clearing_radius.
+    assert not (move_base.global_costmap.cells == 254)[marked].all()
 
 
 def test_clear_costmaps_clears_both_and_the_last_scan_marks_again():
-    made, robot = MoveBase(quick()), ToyRobot(circles=[(1.5, 0.0, 0.2)])
-    run(made, robot, 0.2)
-    made.clear_costmaps()
-    assert not made.local_costmap.cells.any()
-    assert not made.global_costmap.cells.any()
-    run(made, robot, 0.1, scans=False)
-    assert (made.local_costmap.cells == 254).any()
+    move_base = MoveBase(quick())
+    robot = ToyRobot(circles=[(1.5, 0.0, 0.2)])
+    run(move_base, robot, 0.2)
+    move_base.clear_costmaps()
+    assert not move_base.local_costmap.cells.any()
+    assert not move_base.global_costmap.cells.any()
+    run(move_base, robot, 0.1, scans=False)
+    assert (move_base.local_costmap.cells == 254).any()
 
 
 def test_a_goal_that_replaces_another_during_a_rotation_stops_the_base():
     # A goal off the map has no plan and leads to recoveries.
-    made, robot = start((40.0, 0.0, 0.0))
+    move_base, robot = start((40.0, 0.0, 0.0))
     cycles = []
     while robot.twist[1] < 0.3:
         assert robot.time < 10.0
-        run(made, robot, 0.05, cycles=cycles)
+        run(move_base, robot, 0.05, cycles=cycles)
     assert cycles[-1][1].state == "clearing"
-    made.set_goal((41.0, 0.0, 0.0), robot.time)
-    assert made.step(robot.time + 0.05, robot.pose, robot.twist, robot.scan()).command == (0.0, 0.0)
+    move_base.set_goal((41.0, 0.0, 0.0), robot.time)
+    assert move_base.step(robot.time + 0.05, robot.pose, robot.twist, robot.scan()).command == (
+        0.0,
+        0.0,
+    )

@@ -57,6 +57,7 @@ def test_a_reset_planner_equals_a_new_one():
         planner.find_best_path(costmap, plan, (x, 0, 0), (-0.1, 0, 0.4))
     planner.reset()
     planner.prepare(costmap, plan, (0, 0, 0), (0, 0, 0))
-    assert planner.check((0.2, 0, 0))[0] > 1e300  # 1e300: the grids count as not flooded
+    # 1e300: the grids count as not flooded
+    assert planner.check((0.2, 0, 0))[0] > 1e300
     again = planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0))
     assert (again.cost, again.sample, planner.state) == (first.cost, first.sample, planner.state)

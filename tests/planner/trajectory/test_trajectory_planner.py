@@ -124,7 +124,8 @@ def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sig
     target, expected
 ):
     """If the robot is on the target, the direction is 0, as for atan2(0, 0) in C++."""
-    cells, plan = np.zeros((40, 40), np.uint8), np.array([[0.025, 0.025, 0.0], [*target, 0.0]])
+    cells = np.zeros((40, 40), np.uint8)
+    plan = np.array([[0.025, 0.025, 0.0], [*target, 0.0]])
     scene = scoring.Scene(
         cells, 0.0, 0.0, 0.05, np.zeros((0, 2)), np.zeros((1, 1, 1), np.int32), plan
     )

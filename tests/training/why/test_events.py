@@ -23,7 +23,9 @@ from training.why.events import AT_GOAL, UNHEARD, Limits
 from training.why.reasons import Stretch, failure_of
 
 RATE_HZ = 20.0
-TOP, TURN = 0.5, 1.5  # top speed [m/s] and turn rate [rad/s]
+# top speed [m/s] and turn rate [rad/s]
+TOP = 0.5
+TURN = 1.5
 DRIVES = [(0.5, 0.0)] * 60  # three seconds at full speed
 STANDS = [(0.0, 0.0)] * 60
 
@@ -164,7 +166,8 @@ def test_a_planner_that_sends_nothing_is_silent(stopped):
 
 
 def test_the_time_without_a_plan_is_a_reason(stopped):
-    path, empty = np.zeros((5, 3)), np.zeros((0, 3))
+    path = np.zeros((5, 3))
+    empty = np.zeros((0, 3))
     for times, paths, words in (
         ([0.0], [path], ""),  # One plan serves the whole drive.
         ([0.0, 3.2], [path, empty], "the global planner finds no path"),
@@ -215,7 +218,8 @@ def test_scans_that_stay_the_same_while_the_odometry_moves_are_a_reason(stopped)
 
 def test_a_recovery_lasts_until_the_next_plan_is_followed(stopped):
     recovers = replace(stopped, recoveries=np.array([3.1]))
-    assert reasons.recovering(stretch_of(recovers)) == ""  # Plans were followed all the time.
+    # Plans were followed all the time.
+    assert reasons.recovering(stretch_of(recovers)) == ""
     without = Plans(np.array([0.0, 8.0]), [np.zeros((1, 3))] * 2)
     assert (
         reasons.recovering(stretch_of(replace(recovers, plans=without)))

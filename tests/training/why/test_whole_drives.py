@@ -26,7 +26,8 @@ from training.workers.pool import Pool
 from worlds.map_reader import is_occupied, read_map
 
 PLANNER = "TrajectoryPlannerROS"
-JACKAL, BURGER = robots.JACKAL, robots.load("turtlebot3_burger")
+JACKAL = robots.JACKAL
+BURGER = robots.load("turtlebot3_burger")
 SPOILT = Change(PLANNER, "vx_samples", 6, 1)  # only the slowest speed is sampled
 MENDED = Candidate((Change(PLANNER, "vx_samples", 1, 6),))
 
@@ -276,7 +277,8 @@ def test_a_stop_of_the_simulated_drive_elsewhere_is_another_one(replayed):
 
 def test_a_doubtful_replay_is_called_so(replayed):
     doubtful = Replay(JACKAL)
-    doubtful.drive, doubtful.cycles = replayed.drive, replayed.cycles
+    doubtful.drive = replayed.drive
+    doubtful.cycles = replayed.cycles
     for cycle in doubtful.cycles[::3]:
         cycle.error = 1.0
     try:

@@ -24,7 +24,8 @@ from training.why.replay import Replay, changes_of
 
 PLANNER = "TrajectoryPlannerROS"
 FAULT = {PLANNER: {"vx_samples": 1}}  # only the slowest speed is sampled
-JACKAL, WAFFLE = robots.JACKAL, robots.load("turtlebot3_waffle_pi")
+JACKAL = robots.JACKAL
+WAFFLE = robots.load("turtlebot3_waffle_pi")
 
 
 @pytest.fixture(scope="module")
@@ -98,32 +99,33 @@ def test_a_dwa_drive_is_reproduced_and_a_new_plan_clears_its_flags():
 def test_the_replay_goes_on_after_messages_that_are_missing(spoilt):
     """Four of five scans and odometry messages are missing."""
     robot, driven = spoilt
-    made = Replay(robot)
+    replay = Replay(robot)
     sparse = slice(0, 100, 5)
-    made.run(
+    replay.run(
         replace(
             until(driven, 5.0),
             odometry=driven.odometry.part(sparse),
             scans=driven.scans.part(sparse),
         )
     )
-    assert 0.2 < made.share < 1.0
-    assert all(cycle.error < np.inf for cycle in made.cycles)
+    assert 0.2 < replay.share < 1.0
+    assert all(cycle.error < np.inf for cycle in replay.cycles)
 
 
 def test_a_bag_gives_the_drive_that_was_written(bag, sound):
-    driven, made = sound.drive, read_back(bag)
+    driven = sound.drive
+    recorded = read_back(bag)
     begin = driven.odometry.time[0]
     for column in ("odometry", "planned", "scans", "plans"):
         assert np.allclose(
-            getattr(made, column).time, getattr(driven, column).time - begin, atol=1e-6
+            getattr(recorded, column).time, getattr(driven, column).time - begin, atol=1e-6
         )
-    assert np.allclose(made.planned.twist, driven.planned.twist)
-    assert np.allclose(made.odometry.pose, driven.odometry.pose)
-    assert np.allclose(made.odometry.twist, driven.odometry.twist)
-    assert np.allclose(made.scans.fan, driven.scans.fan)
-    assert np.array_equal(made.scans.ranges[5], driven.scans.ranges[5])
-    assert np.allclose(made.plans.path[5], driven.plans.path[5])
+    assert np.allclose(recorded.planned.twist, driven.planned.twist)
+    assert np.allclose(recorded.odometry.pose, driven.odometry.pose)
+    assert np.allclose(recorded.odometry.twist, driven.odometry.twist)
+    assert np.allclose(recorded.scans.fan, driven.scans.fan)
+    assert np.array_equal(recorded.scans.ranges[5], driven.scans.ranges[5])
+    assert np.allclose(recorded.plans.path[5], driven.plans.path[5])
 
 
 def test_parameters_in_force_come_from_the_updates_in_the_bag(spoilt, tmp_path):
@@ -131,12 +133,14 @@ def test_parameters_in_force_come_from_the_updates_in_the_bag(spoilt, tmp_path):
     given = replace(
         until(driven, 1.0), changes=updates((0.5, PLANNER, {"sim_time": 1.25, "unknown": 3.0}))
     )
-    made = replayed(robot, read_back(write(tmp_path / "updated.bag", given), robot))
-    assert {cycle.settings[PLANNER]["sim_time"] for cycle in made.cycles if cycle.at < 0.5} == {2.0}
-    assert {cycle.settings[PLANNER]["sim_time"] for cycle in made.cycles if cycle.at > 0.5} == {
+    replay = replayed(robot, read_back(write(tmp_path / "updated.bag", given), robot))
+    assert {cycle.settings[PLANNER]["sim_time"] for cycle in replay.cycles if cycle.at < 0.5} == {
+        2.0
+    }
+    assert {cycle.settings[PLANNER]["sim_time"] for cycle in replay.cycles if cycle.at > 0.5} == {
         1.25
     }
-    assert "unknown" not in made.settings[PLANNER]
+    assert "unknown" not in replay.settings[PLANNER]
 
 
 def test_a_drive_without_updates_is_reproduced_with_the_parameters_of_its_decisions(tmp_path):
@@ -144,9 +148,9 @@ def test_a_drive_without_updates_is_reproduced_with_the_parameters_of_its_decisi
     robot = changed(JACKAL, {PLANNER: {"max_vel_theta": 0.8, "min_vel_theta": -0.8}})
     driven = simulated(robot, "generated:40", limit=8)[0]
     given = replace(driven, decisions=[decided({"max_vel_theta": 0.8})])
-    made = replayed(JACKAL, read_back(write(tmp_path / "decided.bag", given)))
-    assert {cycle.settings[PLANNER]["min_vel_theta"] for cycle in made.cycles} == {-0.8}
-    assert made.share > 0.98
+    replay = replayed(JACKAL, read_back(write(tmp_path / "decided.bag", given)))
+    assert {cycle.settings[PLANNER]["min_vel_theta"] for cycle in replay.cycles} == {-0.8}
+    assert replay.share > 0.98
 
 
 def test_parameters_of_servers_without_updates_come_from_decisions(spoilt, tmp_path):
@@ -162,20 +166,22 @@ def test_parameters_of_servers_without_updates_come_from_decisions(spoilt, tmp_p
     changes = [(server, values) for _, server, values in changes_of(recorded, robot)]
     costmaps = [(f"{name}_costmap", {"footprint_padding": 0.14}) for name in ("local", "global")]
     assert changes == [*costmaps, (PLANNER, {"sim_time": 1.25})]
-    made = Replay(robot)
-    outline = made.costmap.footprint.max()
-    made.run(recorded)
-    assert made.costmap.footprint.max() == pytest.approx(outline + 0.04)
-    assert {cycle.settings["local_costmap"]["footprint_padding"] for cycle in made.cycles} == {0.14}
+    replay = Replay(robot)
+    outline = replay.costmap.footprint.max()
+    replay.run(recorded)
+    assert replay.costmap.footprint.max() == pytest.approx(outline + 0.04)
+    assert {cycle.settings["local_costmap"]["footprint_padding"] for cycle in replay.cycles} == {
+        0.14
+    }
 
 
 def test_a_scan_is_placed_between_two_headings_across_the_back(spoilt):
     robot, driven = spoilt
     motion = driven.odometry.part(slice(0, 4, 2))
     turned = replace(motion, pose=np.array([(0.0, 0.0, 3.1), (0.0, 0.0, -3.1)]))
-    made = Replay(robot)
-    made.drive = replace(driven, odometry=turned)
-    laser = made.scan(1).sensor_pose
+    replay = Replay(robot)
+    replay.drive = replace(driven, odometry=turned)
+    laser = replay.scan(1).sensor_pose
     assert abs(laser[2]) == pytest.approx(3.1, abs=0.05)
     assert laser[0] == pytest.approx(-robot.laser.pose[0], abs=0.01)
 
@@ -183,12 +189,12 @@ def test_a_scan_is_placed_between_two_headings_across_the_back(spoilt):
 def test_commands_before_a_collision_monitor_are_taken(spoilt, tmp_path):
     robot, driven = spoilt
     given = until(driven, 1.0)
-    made = read_back(write(tmp_path / "limited.bag", before_a_monitor(given)), robot)
-    assert np.array_equal(made.planned.twist, given.planned.twist)
-    assert not made.commands.twist.any()
+    recorded = read_back(write(tmp_path / "limited.bag", before_a_monitor(given)), robot)
+    assert np.array_equal(recorded.planned.twist, given.planned.twist)
+    assert not recorded.commands.twist.any()
     unlimited = replace(given, planned=None)
-    made = read_back(write(tmp_path / "alone.bag", unlimited), robot)
-    assert np.array_equal(made.planned.twist, given.commands.twist)
+    recorded = read_back(write(tmp_path / "alone.bag", unlimited), robot)
+    assert np.array_equal(recorded.planned.twist, given.commands.twist)
 
 
 def test_scans_of_another_laser_are_refused(bag):
@@ -201,8 +207,8 @@ def test_scans_of_another_laser_are_refused(bag):
 
 def test_a_late_velocity_is_found(spoilt):
     robot, driven = spoilt
-    made = replayed(robot, replace(until(driven, 3.0), odometry=delayed(driven.odometry)))
-    assert made.share > 0.9
+    replay = replayed(robot, replace(until(driven, 3.0), odometry=delayed(driven.odometry)))
+    assert replay.share > 0.9
 
 
 def test_an_empty_plan_stands_for_the_one_before(spoilt):
@@ -210,8 +216,8 @@ def test_an_empty_plan_stands_for_the_one_before(spoilt):
     driven = until(driven, 2.0)
     paths = list(driven.plans.path)
     paths[10] = np.zeros((0, 3))
-    made = replayed(robot, replace(driven, plans=replace(driven.plans, path=paths)))
-    assert made.cycles[10].plan is paths[9]
+    replay = replayed(robot, replace(driven, plans=replace(driven.plans, path=paths)))
+    assert replay.cycles[10].plan is paths[9]
 
 
 def test_the_flags_after_a_command_that_is_not_reproduced_are_those_of_this_command(spoilt):
@@ -219,23 +225,25 @@ def test_the_flags_after_a_command_that_is_not_reproduced_are_those_of_this_comm
     driven = until(driven, 2.0)
     twist = driven.planned.twist.copy()
     twist[20] = -0.1, 0.0  # The planner backs out.
-    made = replayed(robot, replace(driven, planned=replace(driven.planned, twist=twist)))
-    assert not made.cycles[20].reproduced
-    planner = made.local.planner
-    planner.state = made.cycles[20].memory
-    planner.remember(made.cycles[20].pose, -0.1, 0.0)
-    assert made.cycles[21].memory == planner.state != made.cycles[20].memory
+    replay = replayed(robot, replace(driven, planned=replace(driven.planned, twist=twist)))
+    assert not replay.cycles[20].reproduced
+    planner = replay.local.planner
+    planner.state = replay.cycles[20].memory
+    planner.remember(replay.cycles[20].pose, -0.1, 0.0)
+    assert replay.cycles[21].memory == planner.state != replay.cycles[20].memory
     names = planner.STATE.names
     assert dict(zip(names, planner.state))["escaping"] == 1
-    planner.state = made.cycles[20].memory
-    planner.remember(made.cycles[20].pose, 0.1, 0.0)
+    planner.state = replay.cycles[20].memory
+    planner.remember(replay.cycles[20].pose, 0.1, 0.0)
     assert dict(zip(names, planner.state))["escaping"] == 0
 
 
 def test_a_map_is_restored_with_its_layers_and_inflated_anew(spoilt):
     robot, driven = spoilt
-    made = replayed(robot, driven)
-    costmap, old, pose = made.costmap, made.cycles[10], driven.odometry.pose[12].tolist()
+    replay = replayed(robot, driven)
+    costmap = replay.costmap
+    old = replay.cycles[10]
+    pose = driven.odometry.pose[12].tolist()
     assert tuple(costmap.origin) != tuple(old.map[0])
     updated = []
     for place in (None, pose):
@@ -244,7 +252,7 @@ def test_a_map_is_restored_with_its_layers_and_inflated_anew(spoilt):
         assert all(
             tuple(layer.origin) == tuple(costmap.origin) for layer in costmap.obstacle_layers
         )
-        costmap.update(pose, made.cloud(12))
+        costmap.update(pose, replay.cloud(12))
         updated.append(costmap.cells.copy())
     assert np.array_equal(*updated)
 
@@ -253,7 +261,8 @@ def test_a_map_is_restored_with_its_layers_and_inflated_anew(spoilt):
 def driven_with_post(ahead, left, since=0.0):
     """Return a replay of a drive in which the laser sees a post at a place relative to the robot from a time on."""
     laser = JACKAL.laser
-    metres, angle = np.hypot(ahead - laser.pose[0], left), np.arctan2(left, ahead - laser.pose[0])
+    metres = np.hypot(ahead - laser.pose[0], left)
+    angle = np.arctan2(left, ahead - laser.pose[0])
     beam = round((angle - laser.first_angle) / laser.increment)
 
     class Simulator(KinematicSimulator):
@@ -263,24 +272,24 @@ def driven_with_post(ahead, left, since=0.0):
                 ranges[beam - 15 : beam + 15] = metres
             return ranges
 
-    made = replayed(JACKAL, simulated(JACKAL, "generated:40", limit=6, simulator=Simulator)[0])
-    assert made.share == 1.0
-    return made
+    replay = replayed(JACKAL, simulated(JACKAL, "generated:40", limit=6, simulator=Simulator)[0])
+    assert replay.share == 1.0
+    return replay
 
 
 def test_the_obstacle_in_the_way_is_named():
-    made = driven_with_post(0.5, 0.15, since=3.0)
-    why = explain(made, made.cycles[66])
+    replay = driven_with_post(0.5, 0.15, since=3.0)
+    why = explain(replay, replay.cycles[66])
     number, of = (int(word) for word in why.lines[-1].split(" faster samples")[0].split(" of "))
     assert of > 20
     assert number > 0.9 * of
-    assert transform_point(inverse(made.cycles[66].pose), *why.obstacle) == pytest.approx(
+    assert transform_point(inverse(replay.cycles[66].pose), *why.obstacle) == pytest.approx(
         (0.5, 0.15), abs=0.1
     )
     assert "m to the left, from the latest scan" in why.lines[-1]
-    ranges = made.drive.scans.ranges
-    ranges[made.cycles[66].scan] = ranges[40]  # before the post
-    assert "from earlier scans" in explain(made, made.cycles[66]).lines[-1]
+    ranges = replay.drive.scans.ranges
+    ranges[replay.cycles[66].scan] = ranges[40]  # before the post
+    assert "from earlier scans" in explain(replay, replay.cycles[66]).lines[-1]
 
 
 def test_a_part_of_the_robot_in_the_scans_is_in_the_answer():
@@ -292,10 +301,10 @@ def test_a_part_of_the_robot_in_the_scans_is_in_the_answer():
 
 
 def test_a_point_beside_a_robot_that_stands_is_no_part_of_it():
-    made = driven_with_post(0.5, 0.0)
-    assert part_of_robot(made) is not None
-    made.cycles = [made.cycles[0]] * 300
-    assert part_of_robot(made) is None
+    replay = driven_with_post(0.5, 0.0)
+    assert part_of_robot(replay) is not None
+    replay.cycles = [replay.cycles[0]] * 300
+    assert part_of_robot(replay) is None
 
 
 def test_a_point_that_is_far_from_the_outline_is_no_part_of_the_robot():
@@ -368,7 +377,8 @@ def test_the_spoilt_parameter_is_the_first_guess_and_every_guess_gains_speed(rep
 
 
 def test_reproduced_cycles_are_preferred(replay):
-    good, bad = replay.cycles[0], replace(replay.cycles[1], error=1.0)
+    good = replay.cycles[0]
+    bad = replace(replay.cycles[1], error=1.0)
     assert all(cycle is good for cycle in diagnosis.some([good] * 20 + [bad] * 10, 30))
     assert diagnosis.some([bad], 3) == [bad]
     assert diagnosis.some([], 3) == []
@@ -414,7 +424,8 @@ def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(rep
             changes, server.declared(name).default, Result(0.0, 0.0), Result(gain, 0.0)
         )
 
-    nearer, farther = one("sim_time", 2.0, 1.7, 0.92), one("occdist_scale", 0.1, 0.01, 0.95)
+    nearer = one("sim_time", 2.0, 1.7, 0.92)
+    farther = one("occdist_scale", 0.1, 0.01, 0.95)
     smaller = one("occdist_scale", 0.1, 0.05, 0.93)
     tried = [
         one("sim_time", 2.0, 8.0, 1.0),
@@ -446,7 +457,8 @@ def test_changes_that_pass_obstacles_too_closely_are_left_out(replay, monkeypatc
 
 
 def test_another_inflation_applies_to_the_recorded_map(replay):
-    layer, cycle = "local_costmap/inflater_layer", replay.cycles[100]
+    layer = "local_costmap/inflater_layer"
+    cycle = replay.cycles[100]
     sizes = []
     for radius in (0.1, 1.0):
         alternatives.drive_on(replay, [cycle], Change(layer, "inflation_radius", 0.3, radius))
@@ -538,12 +550,11 @@ def test_mistakes_on_the_command_line_are_one_line(bag, folder, capsys, argument
 def test_half_a_drive_is_replayed_as_far_as_it_goes(spoilt, folder):
     robot, driven = spoilt
     given = replace(driven, planned=driven.planned.part(slice(100, 150)))
-    made = replayed(robot, given)
-    assert len(made.cycles) == 50
-    assert made.share > 0.5
-    without = Replay(
-        robot
-    )  # A command without a plan of its time is no cycle of the local planner.
+    replay = replayed(robot, given)
+    assert len(replay.cycles) == 50
+    assert replay.share > 0.5
+    # A command without a plan of its time is no cycle of the local planner.
+    without = Replay(robot)
     kept = np.r_[0:110, 120 : len(driven.plans)]
     without.run(
         replace(given, plans=Plans(driven.plans.time[kept], [driven.plans.path[i] for i in kept]))
