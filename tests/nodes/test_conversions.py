@@ -174,15 +174,6 @@ def test_maps_are_converted_and_rotated_or_incomplete_ones_refused():
         )
 
 
-def turned(roll, yaw):
-    """Return a geometry_msgs/Transform with roll and yaw [rad]."""
-    x = math.sin(roll / 2)
-    w = math.cos(roll / 2)
-    z = math.sin(yaw / 2)
-    u = math.cos(yaw / 2)
-    return Transform(rotation=Quaternion(x * u, x * z, w * z, w * u))
-
-
 def test_a_drivers_range_for_no_return_becomes_infinity():
     scan = LaserScan(ranges=[0.0, 1.0, math.inf, 2.0], angle_increment=0.1)
     assert conversions.check_scan(scan, 0.0).tolist() == [math.inf, 1.0, math.inf, 2.0]
@@ -195,7 +186,8 @@ def test_range_max_may_be_infinite_but_not_nan():
         angle_increment=0.5, range_min=0.1, range_max=math.inf, ranges=[2.0, math.inf, 3.0]
     )
     for valid in (False, True):
-        planners = conversions.laser_scan(scan, conversions.check_scan(scan), turned(0.0, 0.0))
+        level = Transform(rotation=Quaternion(0.0, 0.0, 0.0, 1.0))
+        planners = conversions.laser_scan(scan, conversions.check_scan(scan), level)
         points = project(planners, valid).points
         assert len(points) == 2
     scan.range_max = math.nan
