@@ -59,7 +59,8 @@ def load(folder):
 def sampled_window(planner):
     """Return ranges and steps of a TrajectoryPlanner's last samples: {"min_vel_x", "max_vel_x", "dvx", ...}."""
     x0, x1, w0, w1 = velocity_window(planner.in_force, planner._plan, planner._scratch.start[0])
-    dvx, dw = fill_evenly(x0, x1, planner._scratch.vs), fill_evenly(w0, w1, planner._scratch.ws)
+    dvx = fill_evenly(x0, x1, planner._scratch.vs)
+    dw = fill_evenly(w0, w1, planner._scratch.ws)
     names = "min_vel_x", "max_vel_x", "dvx", "min_vel_theta", "max_vel_theta", "dvtheta"
     return dict(zip(names, (x0, x1, dvx, w0, w1, dw)))
 
