@@ -25,7 +25,7 @@ from tests.support.refusals import refused
 
 pytestmark = pytest.mark.ros
 LAUNCH = os.path.join(ROOT, "applr_ros1", "launch")
-JACKAL = os.path.join(ROOT, "applr_ros1", "robots", "jackal")
+JACKAL_FOLDER = os.path.join(ROOT, "applr_ros1", "robots", "jackal")
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -126,7 +126,7 @@ def test_names_clock_and_cap_reach_the_nodes():
 def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
     robot = str(tmp_path / "my robot")
     bag = str(tmp_path / "a drive.bag")
-    shutil.copytree(JACKAL, robot)
+    shutil.copytree(JACKAL_FOLDER, robot)
     launched = loaded(
         "jackal_applr.launch",
         "robot:=" + robot,

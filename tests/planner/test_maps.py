@@ -27,7 +27,7 @@ from applr_ros1.planner.costmap.obstacle_layer import ObstacleParameters
 from applr_ros1.planner.costmap.static_layer import StaticMap, StaticParameters, interpretation
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.observation_router import ObservationRouter
-from applr_ros1.robots import JACKAL as JACKAL_ROBOT
+from applr_ros1.robots import JACKAL
 from tests.support.refusals import refused
 from tests.support.robots import DWA_PARAMETERS, JACKAL_FOOTPRINT, ToyRobot, quick
 from tests.support.scenes import inflate, wall_with_a_door
@@ -460,10 +460,8 @@ def test_the_map_of_a_world_matches_the_laser():
     near = cells.copy()
     for dy, dx in itertools.product((-1, 0, 1), repeat=2):
         near |= np.roll(cells, (dy, dx), axis=(0, 1))
-    lidar = Lidar(JACKAL_ROBOT.laser, world.cylinders, world.boxes)
-    angles = JACKAL_ROBOT.laser.first_angle + JACKAL_ROBOT.laser.increment * np.arange(
-        JACKAL_ROBOT.laser.beams
-    )
+    lidar = Lidar(JACKAL.laser, world.cylinders, world.boxes)
+    angles = JACKAL.laser.first_angle + JACKAL.laser.increment * np.arange(JACKAL.laser.beams)
     for x, y in world.course.path[:: max(1, len(world.course.path) // 20)]:
         ranges = lidar.scan(x, y, 0.3)
         hit = np.isfinite(ranges)

@@ -10,7 +10,7 @@ from applr_ros1.policy.layout import ANGLE_TOLERANCE_RAD, Layout, ObservationErr
 from applr_ros1.policy.methods import make
 from tests.support.refusals import refused
 
-JACKAL = Layout()
+PAPER = Layout()
 WIDE = 2.3562
 SCANNERS = {  # first and last angle, number of ranges
     "541": (-WIDE, WIDE, 541),
@@ -44,7 +44,7 @@ def scan_of(kind, seed=0):
 
 
 @pytest.mark.parametrize("kind", SCANNERS)
-@pytest.mark.parametrize("layout", [JACKAL, Layout(90, -2.3, 2.3, 3.0)], ids=["720", "90"])
+@pytest.mark.parametrize("layout", [PAPER, Layout(90, -2.3, 2.3, 3.0)], ids=["720", "90"])
 def test_resampling_equals_the_reference_implementation(kind, layout):
     scan = scan_of(kind)
     np.testing.assert_array_equal(layout.resample(*scan), plain(layout, *scan))
@@ -52,10 +52,10 @@ def test_resampling_equals_the_reference_implementation(kind, layout):
 
 def test_a_scan_with_the_layouts_geometry_is_unchanged():
     ranges = scan_of("541", 1)[0].repeat(2)[:720]
-    first = np.float32(JACKAL.angle_min)
-    step = np.float32(JACKAL.step)
-    assert JACKAL.resample(ranges, first, step).tobytes() == ranges.tobytes()
-    assert JACKAL.resample(ranges[::-1], -first, -step).tobytes() == ranges.tobytes()
+    first = np.float32(PAPER.angle_min)
+    step = np.float32(PAPER.step)
+    assert PAPER.resample(ranges, first, step).tobytes() == ranges.tobytes()
+    assert PAPER.resample(ranges[::-1], -first, -step).tobytes() == ranges.tobytes()
 
 
 @pytest.mark.parametrize("kind", SCANNERS)
@@ -63,10 +63,10 @@ def test_zero_ranges_of_older_drivers_count_as_nan(kind):
     ranges, first, step = scan_of(kind)
     zeros = np.where(np.isnan(ranges), np.float32(0.0), ranges)
     np.testing.assert_array_equal(
-        JACKAL.resample(zeros, first, step), JACKAL.resample(ranges, first, step)
+        PAPER.resample(zeros, first, step), PAPER.resample(ranges, first, step)
     )
     assert np.isnan(
-        JACKAL.resample(np.r_[np.ones(5), 0.0, np.ones(714)], JACKAL.angle_min, JACKAL.step)[5]
+        PAPER.resample(np.r_[np.ones(5), 0.0, np.ones(714)], PAPER.angle_min, PAPER.step)[5]
     )
 
 
@@ -84,7 +84,7 @@ def test_zero_ranges_of_older_drivers_count_as_nan(kind):
 )
 def test_a_scan_that_does_not_cover_the_layout_is_rejected(count, first, last, line):
     step = (last - first) / max(1, count - 1)
-    refused(lambda: JACKAL.resample(np.ones(count), first, step), line, kind=ObservationError)
+    refused(lambda: PAPER.resample(np.ones(count), first, step), line, kind=ObservationError)
 
 
 def test_an_actor_has_its_own_layout(tmp_path):
@@ -97,4 +97,4 @@ def test_an_actor_has_its_own_layout(tmp_path):
     save(tmp_path / "a.safetensors", weights, encoding=PaperEncoding(robots.JACKAL, layout=layout))
     assert load(tmp_path / "a.safetensors").layout == layout
     assert make(str(tmp_path / "a.safetensors")).layout == layout
-    assert make("dwa").layout == JACKAL
+    assert make("dwa").layout == PAPER

@@ -8,11 +8,11 @@ from sim_bridge.lidar import Lidar
 from tests.support.seeds import seeds
 
 NOTHING = np.empty((0, 3)), np.empty((0, 5))
-JACKAL = robots.load("jackal").laser
+LASER = robots.load("jackal").laser
 FULL_TURN = robots.load("turtlebot3_burger").laser  # full turn from 0
 # Fan to the right.
-ABOVE_PI = JACKAL.model_copy(update=dict(beams=90, first_angle=4.0, last_angle=6.2, range_max=8.0))
-LASERS = [JACKAL, FULL_TURN, ABOVE_PI]
+ABOVE_PI = LASER.model_copy(update=dict(beams=90, first_angle=4.0, last_angle=6.2, range_max=8.0))
+LASERS = [LASER, FULL_TURN, ABOVE_PI]
 
 
 def brute_force(laser, circles, edges, x, y, yaw):
@@ -77,20 +77,20 @@ def test_scans_equal_brute_force(seed):
 
 
 def test_an_obstacle_behind_reaches_into_both_ends_of_the_fan():
-    ranges = Lidar(JACKAL, [(-1.0, 0.0, 0.9)], []).scan(0.0, 0.0, 0.0)
+    ranges = Lidar(LASER, [(-1.0, 0.0, 0.9)], []).scan(0.0, 0.0, 0.0)
     assert np.isfinite(ranges[[0, 360, -1]]).tolist() == [True, False, True]
     assert ranges[0] == pytest.approx(ranges[-1], abs=1e-5)
 
 
 def test_beams_without_obstacles_beyond_range_and_too_near():
-    assert (Lidar(JACKAL, *NOTHING).scan(0, 0, 0) == np.inf).all()
-    assert (Lidar(JACKAL, [(40.0, 0.0, 1.0)], []).scan(0, 0, 0) == np.inf).all()
-    assert Lidar(JACKAL, [(0.15, 0.0, 0.1)], []).scan(0, 0, 0)[360] == -np.inf
-    assert (Lidar(JACKAL, [(0.0, 0.0, 1.0)], []).scan(0.3, 0, 0) == -np.inf).all()
-    assert (Lidar(JACKAL, NOTHING[0], [(0, 0, 0.3, 2, 2)]).scan(0.3, 0, 0) == -np.inf).all()
+    assert (Lidar(LASER, *NOTHING).scan(0, 0, 0) == np.inf).all()
+    assert (Lidar(LASER, [(40.0, 0.0, 1.0)], []).scan(0, 0, 0) == np.inf).all()
+    assert Lidar(LASER, [(0.15, 0.0, 0.1)], []).scan(0, 0, 0)[360] == -np.inf
+    assert (Lidar(LASER, [(0.0, 0.0, 1.0)], []).scan(0.3, 0, 0) == -np.inf).all()
+    assert (Lidar(LASER, NOTHING[0], [(0, 0, 0.3, 2, 2)]).scan(0.3, 0, 0) == -np.inf).all()
 
 
 def test_moving_circles_are_in_the_scan_they_are_given_for():
-    lidar = Lidar(JACKAL, *NOTHING)
+    lidar = Lidar(LASER, *NOTHING)
     assert lidar.scan(0, 0, 0, np.array([(2.0, 0.0, 0.5)]))[360] == pytest.approx(1.5, abs=1e-3)
     assert lidar.scan(0, 0, 0)[360] == np.inf

@@ -25,7 +25,9 @@ from worlds import draw, loading, map_courses, map_reader, sdf_writer, search
 from worlds.occupancy import occupancy
 from worlds.world import clearance
 
-WAFFLE, JACKAL = (radius(robots.load(name)) for name in ("turtlebot3_waffle_pi", "jackal"))
+WAFFLE_RADIUS_M, JACKAL_RADIUS_M = (
+    radius(robots.load(name)) for name in ("turtlebot3_waffle_pi", "jackal")
+)
 ROOMS = {  # regions of a plan: smallest x, y, largest x, y [m] from its lower left corner
     "office": [(6.0 * room, y, 6.0 * room + 6.0, y + 5.8) for room in range(6) for y in (0.0, 8.2)]
     + [(12.0 * part, 6.0, 12.0 * part + 12.0, 8.0) for part in range(3)],
@@ -59,8 +61,8 @@ def cells(folder, pixels, **changes):
 # -- map_server's format
 def test_the_radius_is_that_of_the_farthest_corner():
     assert (pytest.approx(np.hypot(0.229, 0.208), abs=1e-3), pytest.approx(0.249, abs=1e-3)) == (
-        JACKAL,
-        WAFFLE,
+        JACKAL_RADIUS_M,
+        WAFFLE_RADIUS_M,
     )
 
 
@@ -190,7 +192,7 @@ def test_walls_are_few_boxes_and_a_course_keeps_those_within_12_m(plan):
     _, path = plan
     everything = map_reader.boxes(map_reader.read_map(path))
     assert len(everything) < 60
-    world = worlds.load(f"{path}:3", JACKAL)
+    world = worlds.load(f"{path}:3", JACKAL_RADIUS_M)
     away = np.array(
         [
             clearance(
@@ -208,7 +210,7 @@ def test_walls_are_few_boxes_and_a_course_keeps_those_within_12_m(plan):
 # -- courses
 def test_courses_keep_their_distances(plan):
     name, path = plan
-    made = list(worlds.Worlds(path, JACKAL))
+    made = list(worlds.Worlds(path, JACKAL_RADIUS_M))
     assert [world.name for world in made] == [
         f"{name}.yaml:{number}" for number in range(len(made))
     ]
@@ -222,7 +224,7 @@ def test_courses_keep_their_distances(plan):
         assert 5.0 <= length <= 15.0
         assert np.hypot(*np.diff(points, axis=0).T).max() < 0.08
         # Half a cell's diagonal less half its side.
-        assert clearance(world, points).min() >= JACKAL + 0.05 - 0.0104
+        assert clearance(world, points).min() >= JACKAL_RADIUS_M + 0.05 - 0.0104
         column, row = ((points - floor.origin[:2]) / 0.05).astype(int).T
         assert (floor.cells[row, column] == 0).all()
         assert (points[0], points[-1]) == (
@@ -241,7 +243,7 @@ def test_courses_keep_their_distances(plan):
 def test_there_are_courses_in_all_rooms(plan):
     name, path = plan
     points = (
-        np.vstack([world.course.path for world in worlds.Worlds(path, JACKAL)])
+        np.vstack([world.course.path for world in worlds.Worlds(path, JACKAL_RADIUS_M)])
         + (5.0, 3.0)
         - 10 * 0.05
     )
@@ -253,9 +255,11 @@ def test_there_are_courses_in_all_rooms(plan):
 
 
 def test_courses_are_the_same_every_time_and_depend_on_the_robot(office):
-    first = worlds.load(f"{office}:7", JACKAL)
+    first = worlds.load(f"{office}:7", JACKAL_RADIUS_M)
     loading.building.cache_clear()
-    assert np.array_equal(worlds.load(f"{office}:7", JACKAL).course.path, first.course.path)
+    assert np.array_equal(
+        worlds.load(f"{office}:7", JACKAL_RADIUS_M).course.path, first.course.path
+    )
     # Doors of .9 m are too narrow.
     wide = [world.course.path for world in worlds.Worlds(office, 0.6)]
     rooms = [
@@ -268,7 +272,10 @@ def test_no_course_runs_where_the_map_is_unknown(tmp_path):
     pixels = scenes.office()
     pixels[: len(pixels) // 2] = scenes.UNKNOWN
     path = scenes.write_plan(tmp_path, "office", pixels)
-    assert max(w.course.path[:, 1].max() for w in worlds.Worlds(path, JACKAL)) < 7.5 - 3.0 - JACKAL
+    assert (
+        max(w.course.path[:, 1].max() for w in worlds.Worlds(path, JACKAL_RADIUS_M))
+        < 7.5 - 3.0 - JACKAL_RADIUS_M
+    )
 
 
 def ros2_house(folder, outer_door=False):
@@ -284,7 +291,7 @@ def test_courses_lie_inside_where_unknown_cells_are_free(tmp_path):
     assert (map_reader.read_map(path).cells[0] == map_reader.FREE).all()
     (tmp_path / "known").mkdir()
     known = scenes.write_plan(tmp_path / "known", "house")
-    made = zip(worlds.Worlds(path, JACKAL), worlds.Worlds(known, JACKAL))
+    made = zip(worlds.Worlds(path, JACKAL_RADIUS_M), worlds.Worlds(known, JACKAL_RADIUS_M))
     shift = 100 * scenes.RESOLUTION
     for inside, expected in made:
         np.testing.assert_allclose(inside.course.path - shift, expected.course.path, atol=1e-9)
@@ -299,13 +306,13 @@ def test_a_building_that_is_open_to_the_edge_of_the_image_has_no_courses(tmp_pat
         "no closed room with a path of 5 m",
         "if it is unknown space, give free_thresh 0.196, otherwise close",
     )
-    refused(lambda: worlds.load(f"{path}:0", JACKAL), *words)
+    refused(lambda: worlds.load(f"{path}:0", JACKAL_RADIUS_M), *words)
 
 
 @pytest.mark.parametrize("size", [(4.4, 4.4), (5.4, 4.4), (10.4, 2.4), (12.4, 6.4)])
 def test_a_small_room_has_shorter_courses_and_enough_in_each_half(tmp_path, size):
     path = scenes.write_plan(tmp_path, "room", scenes.blank(*size)[0])
-    building = map_courses.Building(path, JACKAL)
+    building = map_courses.Building(path, JACKAL_RADIUS_M)
     halves = [building.numbers(half) for half in map_courses.HALVES]
     assert min(map(len, halves)) >= FEWEST_WORLDS
     assert not set(halves[0]) & set(halves[1])
@@ -315,12 +322,14 @@ def test_a_small_room_has_shorter_courses_and_enough_in_each_half(tmp_path, size
         for world in made + [building.course(n) for half in halves for n in half]
     ]
     assert 2.0 <= min(lengths) < 5.0
-    assert all(clearance(world, world.course.path).min() >= JACKAL for world in made)
+    assert all(clearance(world, world.course.path).min() >= JACKAL_RADIUS_M for world in made)
     extra = max(max(half) for half in halves)
     # A worker loads a course by its number alone.
-    again = worlds.load(f"{path}:{extra}", JACKAL)
+    again = worlds.load(f"{path}:{extra}", JACKAL_RADIUS_M)
     assert np.array_equal(again.course.path, building.course(extra).course.path)
-    refused(lambda: worlds.load(f"{path}:{extra + len(halves[1]) + 1}", JACKAL), "no worlds")
+    refused(
+        lambda: worlds.load(f"{path}:{extra + len(halves[1]) + 1}", JACKAL_RADIUS_M), "no worlds"
+    )
 
 
 def test_paths_are_shortest(tmp_path):
@@ -334,13 +343,13 @@ def test_paths_are_shortest(tmp_path):
                 assert graph[32 * r + c, 32 * (r + dr) + c + dc] == pytest.approx(length)
     assert np.count_nonzero(graph) == np.count_nonzero(graph[free.ravel()][:, free.ravel()])
     pixels, _ = scenes.blank(20.0, 6.0)
-    for world in worlds.Worlds(scenes.write_plan(tmp_path, "hall", pixels), JACKAL):
+    for world in worlds.Worlds(scenes.write_plan(tmp_path, "hall", pixels), JACKAL_RADIUS_M):
         small, large = sorted(np.abs(world.course.path[-1] - world.course.path[0]))
         assert world.course.route_m == pytest.approx(large + (np.sqrt(2.0) - 1.0) * small)
 
 
 def test_maps_are_not_scaled_and_are_served_listed_and_drawn(office, tmp_path, monkeypatch):
-    world = worlds.load(f"{office}:3", JACKAL)
+    world = worlds.load(f"{office}:3", JACKAL_RADIUS_M)
     assert worlds.scaled(world, 0.5) is world
     assert occupancy(world, 0.2) is world.map
     assert worlds.specs(f"{office}:2-4") == [f"{office}:{number}" for number in (2, 3, 4)]
@@ -369,15 +378,19 @@ def test_a_course_is_drawn_and_written_as_the_robot_drives_it(
     assert sdf_writer.main() == 0
     for world in (*drawn, worlds.load(str(tmp_path / "course.world"))):
         assert np.array_equal(world.course.path, driven.course.path)
-    assert not np.array_equal(worlds.load(spec, JACKAL).course.path, driven.course.path)
+    assert not np.array_equal(worlds.load(spec, JACKAL_RADIUS_M).course.path, driven.course.path)
 
 
 # -- search and verdict
 def test_halves_share_no_place(plan):
     _, path = plan
-    choose, report = (worlds.Worlds(f"{path}:{half}", JACKAL) for half in ("choose", "report"))
+    choose, report = (
+        worlds.Worlds(f"{path}:{half}", JACKAL_RADIUS_M) for half in ("choose", "report")
+    )
     axis = int(
-        np.argmax(np.ptp(np.vstack([w.course.path for w in worlds.Worlds(path, JACKAL)]), axis=0))
+        np.argmax(
+            np.ptp(np.vstack([w.course.path for w in worlds.Worlds(path, JACKAL_RADIUS_M)]), axis=0)
+        )
     )
     lower, upper = (
         np.concatenate([w.course.path[:, axis] for w in half]) for half in (choose, report)
@@ -419,7 +432,7 @@ def test_tune_refuses_a_map_with_too_few_courses_before_it_drives(tmp_path, caps
     )
     assert "choose" not in line
     refused(
-        lambda: worlds.specs(f"{path}:report", JACKAL),
+        lambda: worlds.specs(f"{path}:report", JACKAL_RADIUS_M),
         "small.yaml: none of its 15 courses stays in one half",
     )
 
@@ -498,7 +511,7 @@ def hall_with_a_door(folder, width):
 @pytest.mark.parametrize("width", [0.8, 1.1])
 def test_the_narrowest_passage_is_the_door(tmp_path, width):
     path = hall_with_a_door(tmp_path, width)
-    building = map_courses.Building(path, JACKAL)
+    building = map_courses.Building(path, JACKAL_RADIUS_M)
     passages = []
     for number in range(building.count):
         way = building.course(number).course.path[25:-25, 0] + 4.5

@@ -12,7 +12,7 @@ from applr_ros1.planner.costmap.grid import walk_line
 from tests.support.refusals import refused
 from tests.support.seeds import examples
 
-JACKAL = "[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"
+OUTLINE = "[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"
 coordinate = st.floats(-0.6, 0.6).map(lambda v: round(v, 3))
 polygons = st.lists(st.tuples(coordinate, coordinate), min_size=0, max_size=7).map(
     lambda points: np.array(points, dtype=np.float64).reshape(-1, 2)
@@ -20,7 +20,7 @@ polygons = st.lists(st.tuples(coordinate, coordinate), min_size=0, max_size=7).m
 
 
 def test_the_padded_footprint_of_the_jackal_has_its_known_radii():
-    padded = footprints.pad(footprints.parse(JACKAL), 0.1)
+    padded = footprints.pad(footprints.parse(OUTLINE), 0.1)
     assert footprints.radii(padded) == (pytest.approx(0.265), pytest.approx(0.408, abs=1e-3))
     np.testing.assert_allclose(padded.max(axis=0) - padded.min(axis=0), (0.62, 0.53))
     np.testing.assert_array_equal(
