@@ -27,10 +27,8 @@ from training.why.whole_drives import RANDOM
 from training.workers.pool import Pool
 
 # A fault counts if the drive takes this much longer than the sound one, or fails
-SLOWER, LIMIT_S = (
-    1.5,
-    60.0,
-)
+SLOWER = 1.5
+LIMIT_S = 60.0
 RECORDED_SEED = 0
 FRESH_SEEDS = (101, 102, 103)
 # ratios of the mean times after and before

@@ -182,7 +182,8 @@ def test_footprint_follows_its_server_and_its_topic():
     # As in C++, this pads the topic's footprint.
     move_base.reconfigure("local_costmap", {"footprint_padding": 0.2})
     assert move_base.local_costmap.inscribed_radius == pytest.approx(0.5)
-    move_base.reset(0.0, restore=False)  # A clock jump does not change the robot's size.
+    # A clock jump does not change the robot's size.
+    move_base.reset(0.0, restore=False)
     assert move_base.local_costmap.inscribed_radius == pytest.approx(0.5)
     move_base.reconfigure("local_costmap", {"footprint": "[]", "robot_radius": 0.4})
     assert move_base.local_costmap.circumscribed_radius == pytest.approx(0.4 + 0.2 * math.sqrt(2.0))

@@ -29,7 +29,8 @@ from training.tune import __main__ as tune_robot
 from training.tune import best_set, found_set
 from training.tune import clock as clocks
 
-PAY = {"max_vel_x": 1.4, "sim_time": 1.1}  # best values of the only parameters with an effect
+# Best values of the only parameters with an effect
+PAY = {"max_vel_x": 1.4, "sim_time": 1.1}
 WIDTH = robots.JACKAL.body.size[1]
 FEW = ["--workers", "0", "--worlds", "generated:1-12"]
 DRIVEN = []  # driven trials; each takes a second
@@ -130,9 +131,8 @@ def test_the_verdicts_lie_in_the_half_of_a_building_that_the_search_did_not_use(
 def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, capsys):
     assert tune(jackal, "toy", "--minutes", "12") == 0
     printed = capsys.readouterr().out
-    left = re.findall(
-        r"^reverting .*: (\d+) left$", printed, re.MULTILINE
-    )  # progress lines
+    # Progress lines
+    left = re.findall(r"^reverting .*: (\d+) left$", printed, re.MULTILINE)
     assert left == [str(number) for number in range(len(left), 0, -1)] != []
     for file, monitor in (("tuned.yaml", "without"), ("static.json", "with")):
         _, table = printed.split(f"\n{file}, {monitor} the collision monitor:\n")

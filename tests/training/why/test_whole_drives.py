@@ -306,5 +306,6 @@ def test_nothing_is_sought_for_a_drive_that_is_nearly_as_fast_as_it_can_be(repla
     assert diagnosis.Diagnosis(replayed, [event]).wants_remedy
     assert not diagnosis.Diagnosis(replayed, [Event("crept", 1.0, 2.0, (0.0, 0.3))]).wants_remedy
     slow = Replay(with_changes(JACKAL, [SPOILT, Change(PLANNER, "max_vel_x", 0.5, 0.1)], "jackal"))
-    slow.drive, slow.cycles = replayed.drive, replayed.cycles
+    slow.drive = replayed.drive
+    slow.cycles = replayed.cycles
     assert not diagnosis.Diagnosis(slow, [event]).wants_remedy
