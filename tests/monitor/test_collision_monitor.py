@@ -352,6 +352,7 @@ def test_absurd_commands_are_limited_to_a_speed_that_can_be_stopped():
     verdict = monitor.filter(0.0, HERE, AT_REST, (1e300, 1e300))
     v, w = verdict.command
     assert verdict.action == SLOW
+    assert "stopped within 2 m" in verdict.reason
     assert abs(v) <= fastest_v + 1e-9
     assert abs(w) <= fastest_w + 1e-9
     assert verdict.command != (0.0, 0.0)

@@ -3,7 +3,7 @@
 import shutil
 import subprocess
 import sys
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
@@ -16,8 +16,17 @@ from rosbags.rosbag1 import Writer
 import worlds
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.drive import (
+    Changes,
+    Commands,
+    Decision,
+    Goal,
+    Motion,
+    Plans,
+    Scans,
+    SentGoal,
+)
 from applr_ros1.drives.drive import Drive as Recorded
-from applr_ros1.drives.drive import Goal, Motion
 from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.observation import LAYOUT
@@ -30,7 +39,7 @@ from training.appld.scripted_driver import Demonstrator
 from training.bags import SECOND
 from training.bags.read import bags_in, read
 from training.bags.topics import ACTIVE, GAVE_UP, PREEMPTED, PREEMPTING, REJECTED, SUCCEEDED
-from training.bags.write import write
+from training.bags.write import BagWriter, write
 from training.env.env import ApplrEnv
 from training.env.episode import Episode
 from training.env.reward import Reward
@@ -152,6 +161,92 @@ def assert_equal(trajectory, drive, count=None, ends=True):
     np.testing.assert_array_equal(trajectory.scan, TransitionLayout().quantise(expected))
     np.testing.assert_allclose(trajectory.rest, expected[:, 720:], atol=1e-6)
     np.testing.assert_allclose(trajectory.action, actions, atol=1e-6)
+
+
+def whole_drive(robot):
+    """Return a drive of three seconds with all columns that a bag has."""
+    time = np.array([0.0, 1.0, 2.5])
+    pose = np.array([[0.0, 0.0, 0.1], [1.0, -0.5, 0.4], [2.0, 0.5, -3.0]])
+    twist = np.array([[0.0, 0.5], [1.0, -0.5], [0.25, 0.0]])
+    fan = np.tile([-0.5, 0.5, 0.1, 30.0], (3, 1))
+    ranges = np.array([[1.0, 2.0, 3.0], [0.5, 2.0, np.inf], [3.0, 0.7, 2.0]], np.float32)
+    scan = ranges[1], -0.5, 0.5
+    movers = np.array([[1.0, 2.0, -0.5, 0.25], [3.0, 4.0, 0.0, 1.0]])
+    seen = Seen(scan, 1.0, (1.0, -0.5, 0.4), (1.0, -0.5), (5.0, 1.0, 0.2), pose[:, :2], movers)
+    values = {"DWAPlannerROS/max_vel_x": 0.5, "inflation_radius": 0.25}
+    changed = {"max_vel_x": 0.75, "prune_plan": True, "base_frame_id": "base_link"}
+    return Recorded(
+        frame="map",
+        laser_frame=robot.laser.frame,
+        planners=[robot.local_planner],
+        odometry=Motion(time, time, pose, twist),
+        scans=Scans(time, time, fan, list(ranges)),
+        plans=Plans(time[:2], [pose, np.zeros((0, 3))]),
+        planned=Commands(time, twist),
+        commands=Commands(time[1:], 0.5 * twist[1:]),
+        changes=Changes(time[:2], ["DWAPlannerROS", "local_costmap"], [changed, {"width": 6.0}]),
+        decisions=[Decision("first", 1.0, 1.0, values, {**values, "inflation_radius": 0.5}, seen)],
+        ends=[Decision("first", 1.5, 1.5, values, {}, seen)],
+        sent=[SentGoal(0.0, (5.0, 1.0, 0.2), "odom"), SentGoal(2.0, (1.0, 1.0, 0.0), "map")],
+        goals=[Goal("first", 0.0, 1.5, "reached"), Goal("second", 2.0, 2.5, "aborted")],
+        contacts=np.array([0.5, 2.25]),
+        recoveries=np.array([0.75]),
+        source={"driver": "a person", "course": 3},
+    )
+
+
+def assert_same_columns(read_back, written, columns):
+    """Compare columns of two drives. Headings pass through quaternions, and become rounded."""
+    for name in columns:
+        ours, expected = vars(getattr(read_back, name)), vars(getattr(written, name))
+        assert list(ours) == list(expected)
+        for part in ours:
+            for mine, theirs in zip(ours[part], expected[part], strict=True):
+                np.testing.assert_allclose(mine, theirs, atol=1e-9, err_msg=f"{name}.{part}")
+
+
+def test_a_drive_that_is_written_and_read_back_is_the_same(tmp_path):
+    drive = whole_drive(robots.JACKAL)
+    read_back = read(write(tmp_path / "a.bag", drive))
+    columns = ("odometry", "scans", "plans", "planned", "commands")
+    assert_same_columns(read_back, drive, columns)
+    for name in ("frame", "laser_frame", "planners", "source", "goals"):
+        assert getattr(read_back, name) == getattr(drive, name), name
+    assert read_back.changes.server == drive.changes.server
+    assert read_back.changes.values == drive.changes.values
+    assert read_back.changes.time.tolist() == drive.changes.time.tolist()
+    np.testing.assert_allclose(read_back.contacts, drive.contacts)
+    np.testing.assert_allclose(read_back.recoveries, drive.recoveries)
+    for sent, expected in zip(read_back.sent, drive.sent, strict=True):
+        assert sent.frame == expected.frame
+        np.testing.assert_allclose([sent.time, *sent.pose], [expected.time, *expected.pose])
+    made = zip(
+        [*read_back.decisions, *read_back.ends], [*drive.decisions, *drive.ends], strict=True
+    )
+    for decision, expected in made:
+        assert decision[:-1] == expected[:-1]
+        for mine, theirs in zip(decision.seen, expected.seen, strict=True):
+            np.testing.assert_equal(mine, theirs)
+
+
+def test_the_clearance_of_a_recorded_drive_is_the_smallest_range_of_each_scan(tmp_path):
+    read_back = read(write(tmp_path / "a.bag", whole_drive(robots.JACKAL)))
+    assert read_back.clearances.nearest.tolist() == pytest.approx([1.0, 0.5, 0.7])
+
+
+def test_the_drives_of_a_bag_follow_each_other_with_a_pause(tmp_path):
+    drive = whole_drive(robots.JACKAL)
+    read_back = read(write(tmp_path / "a.bag", drive, drive))
+    begins = [goal.begin for goal in read_back.goals]
+    assert begins == pytest.approx([0.0, 2.0, 7.5, 9.5])
+    np.testing.assert_allclose(read_back.odometry.time, [0.0, 1.0, 2.5, 7.5, 8.5, 10.0])
+
+
+def test_a_bag_that_could_not_be_completed_is_removed(tmp_path):
+    with suppress(KeyError), BagWriter(tmp_path / "a.bag") as writer:
+        writer.write(whole_drive(robots.JACKAL))
+        raise KeyError
+    assert not list(tmp_path.iterdir())
 
 
 def test_transitions_equal_the_nodes_observations_and_decisions(tmp_path):
