@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from applr_ros1.common.scan import LaserScan
-from applr_ros1.monitor.known_space import CELL_M, ObstacleMemory
+from applr_ros1.monitor.known_space import CELL_M, ObstacleMemory, SeenSpace
 from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor
 from applr_ros1.monitor.motion import PoseMotion
 from applr_ros1.monitor.stopping import Braking, Motion
@@ -22,6 +22,7 @@ from tests.monitor.scenes import (
     HERE,
     SETTINGS,
     SIDE,
+    TURN,
     safe_scale_of,
     scan_of,
     seen_all_around,
@@ -271,6 +272,23 @@ def test_space_is_observed_within_the_range_of_scanner_and_memory(range_max, rad
     monitor = CollisionMonitor(replace(SETTINGS, memory_radius=radius))
     monitor.add_scan(scan_of(wall(1.6), HERE, range_max=range_max))
     assert verdict_on(monitor, 1.5).action == SLOW
+
+
+def test_a_scan_without_returns_observes_the_space_within_its_reach_on_all_sides():
+    """Farther than 1.14 m, beams one degree apart may have an obstacle of 2 cm between them."""
+    seen = SeenSpace(8.0)
+    scan = scan_of([], (0.3, -0.2, 0.5), ranges=np.full(360, np.inf, np.float32), **TURN)
+    seen.update(scan)
+    laser_x, laser_y, _ = scan.sensor_pose
+    side = len(seen.cells)
+    numbers = seen.corner[:, None] + np.arange(side)
+    x, y = (numbers + 0.5) * CELL_M
+    distance = np.hypot(x[:, None] - laser_x, y - laser_y)
+    rows, columns = numbers % side
+    observed = seen.cells[rows[:, None], columns] == 1
+    reach = 0.02 / TURN["angle_increment"]
+    assert observed[distance <= reach - CELL_M].all()
+    assert not observed[distance > reach].any()
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -1,6 +1,9 @@
 """Tests of the DWA planner besides its golden vectors: parameters, state between cycles, refusals by critic."""
 
+import math
+
 import numpy as np
+import pytest
 
 from applr_ros1 import robots
 from applr_ros1.planner.dwa.planner import DWAPlanner
@@ -26,6 +29,21 @@ def test_a_changed_footprint_counts_at_once():
     assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost >= 0
     costmap.footprint = BURGER_FOOT * 2
     assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost == -7
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi])
+def test_the_best_sample_may_end_in_the_outermost_cells_of_the_map(yaw):
+    """The robot looks at a border, .2 m away, and its plan ends in the cells at the border."""
+    weights = dict(occdist_scale=0.0, forward_point_distance=0.0)
+    planner, costmap = DWAPlanner({**BURGER, **weights}, 0.1), small_map()
+    ahead = np.array([math.cos(yaw), math.sin(yaw)])
+    start = 1.3 * ahead
+    plan = [start, 1.48 * ahead]
+    choice = planner.find_best_path(costmap, plan, (*start, yaw), (0.15, 0.0, 0.0))
+    costs = planner.score_all_samples().costs
+    assert choice.cost == costs[costs >= 0.0].min()
+    x, y, _ = choice.points[-1]
+    assert 1.45 < max(abs(x), abs(y)) < 1.5
 
 
 def test_refusals_count_the_rejected_samples_by_critic():
