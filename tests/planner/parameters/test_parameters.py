@@ -110,6 +110,17 @@ def test_the_control_period_is_searched_upwards():
     assert own["DWAPlannerROS"]["controller_frequency"] == 5.0
 
 
+@pytest.mark.parametrize("planner", ["DWAPlannerROS", PLANNER])
+def test_a_control_rate_below_one_hertz_is_taken_as_in_cpp(planner):
+    completed = complete({**DWA, planner: {"controller_frequency": 0.5}})
+    assert completed[planner]["controller_frequency"] == 0.5
+
+
+def test_files_without_sideways_speeds_get_a_warning_with_the_defaults_of_the_planner():
+    (line,) = (line for line in remarks({**DWA, "DWAPlannerROS": {}}) if "sideways" in line)
+    assert "(-0.1, 0.1)" in line
+
+
 SEEN = "local_costmap/obstacles_layer/"
 
 

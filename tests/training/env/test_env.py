@@ -14,16 +14,18 @@ from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import SPACE
-from training.env.episode import Episode
+from training.env.episode import Episode, laser_pose
 from training.env.outcome import Outcome, nearest
 from training.env.reward import Reward, failed
 from worlds import Course, Mover, World
+from worlds.occupancy import occupancy
 
 
 class FakeMoveBase:
     """Planner stub: gives each command (v, w) for a second, the last one forever, and `result` after `end` cycles."""
 
     goal = None
+    map_topics = ()  # It has no static layer.
 
     def __init__(self, *commands, end=None, result=None, variant="ours"):
         self.commands = commands
@@ -119,6 +121,13 @@ def test_a_course_takes_the_time_it_takes_to_a_control_cycle():
     assert len(episode.drive.decisions) == 3
     with pytest.raises(RuntimeError, match="reset"):
         episode.decide(SPACE.theta0)
+
+
+def test_a_planner_without_a_static_layer_also_drives_in_a_world_with_a_map():
+    world = straight()
+    mapped = replace(world, map=occupancy(world, 0.05))
+    last = drive(trial(world=mapped))[-1]
+    assert (last.success, last.time_s) == (True, drive(trial(world=world))[-1].time_s)
 
 
 def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
@@ -288,6 +297,13 @@ GOLDEN = (
     (-2.64, -0.33, -0.57, 0.79, 0.15, 1, 1, 1, 3, 2.79, 0.15, 0.50, 26.71, 2.40, 4.51),
     (2.99, -0.24, -0.32, 1.13, 0.79, 0, 1, 1, 4, 3.13, 0.15, 0.60, 22.29, 2.39, 4.75),
 )
+
+
+def test_the_pose_of_a_laser_that_is_mounted_aside_and_turned():
+    laser = robots.JACKAL.laser.model_copy(update={"pose": (0.1, 0.2, 0.5)})
+    turned_left = 0.5 * math.pi
+    expected = (1.0 - 0.2, 2.0 + 0.1, turned_left + 0.5)
+    assert laser_pose((1.0, 2.0, turned_left), laser) == pytest.approx(expected)
 
 
 def test_outcome_of_each_decision_of_a_drive():

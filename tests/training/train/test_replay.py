@@ -115,6 +115,17 @@ def test_mirror_exchanges_left_and_right_in_half_of_a_batch():
         np.testing.assert_array_equal(getattr(mirrored, name), getattr(plain, name))
 
 
+def test_observations_without_a_scan_are_not_mirrored():
+    replay = Replay(TransitionLayout(scan=0, rest=1, action=1), 50)
+    replay.add(episodes.episode(replay.layout, 0, 5))
+    mirror = BATCH.model_copy(update={"mirror": True})
+    plain, mirrored = (
+        draw_batch(replay, np.random.default_rng(0), options, torch.device("cpu"))
+        for options in (BATCH, mirror)
+    )
+    np.testing.assert_array_equal(mirrored.observation, plain.observation)
+
+
 @pytest.mark.parametrize("which", [0, 1, 2], ids=["an observation", "an action", "a reward"])
 def test_numbers_that_are_not_finite_are_refused(which):
     arrays = [np.zeros((3, SMALL.size)), np.zeros((2, SMALL.action)), np.zeros(2)]
