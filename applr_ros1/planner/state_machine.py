@@ -313,7 +313,6 @@ class StateMachine:
         self.global_plan = plan
         self._new_plan = True
         cycle.new_plan = True
-        self._restart_planner_patience(inputs.time)
         # C++ leaves "clearing" here, too, and so skips a due recovery.
         skips_recovery = self._like_cpp and self.state == CLEARING and self._behaviour is None
         if self.state == PLANNING or skips_recovery:

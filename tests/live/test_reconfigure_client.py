@@ -121,6 +121,15 @@ def test_a_server_whose_values_are_in_force_is_not_called(client, calls):
     assert np.array_equal(client.theta(), theta)
 
 
+def test_a_new_client_calls_no_server_whose_values_are_in_force(client, calls):
+    """A C++ costmap's server would clear the costmap."""
+    newcomer = ReconfigureClient()
+    wait_for(lambda: not newcomer.connect(), "servers")
+    assert applied(newcomer, THETA_0)
+    assert calls() == set()
+    newcomer.close()
+
+
 def test_a_restarted_server_is_called_with_any_last_values(client, calls):
     description = client.servers["local_costmap"]._client.param_description
     client.servers["local_costmap"]._on_description(description)
