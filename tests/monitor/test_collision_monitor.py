@@ -577,6 +577,22 @@ def test_a_failed_sector_is_detected_even_if_less_than_half_had_an_obstacle():
     assert verdict_on(monitor, 2.0, 0.1).action == SLOW
 
 
+def test_a_failed_sector_may_lie_across_the_ends_of_a_full_turn():
+    """The ends meet straight ahead. Each half of the sector is too narrow to count as failed."""
+    turn = {"angle_min": 0.0, "angle_increment": 2.0 * math.pi / (BEAMS - 1)}
+    clean = np.full(BEAMS, 0.9, np.float32)
+    failed = clean.copy()
+    failed[: BEAMS // 12] = math.inf
+    failed[-BEAMS // 12 :] = math.inf
+    open_ahead = CollisionMonitor()
+    open_ahead.add_scan(scan_of([], HERE, 0.0, ranges=failed, **turn))
+    assert open_ahead.filter(0.0, HERE, AT_REST, (1.5, 0.0)).action == PASS
+    monitor = CollisionMonitor()
+    monitor.add_scan(scan_of([], HERE, 0.0, ranges=clean, **turn))
+    monitor.add_scan(scan_of([], HERE, 0.1, ranges=failed, **turn))
+    assert monitor.filter(0.1, HERE, AT_REST, (1.5, 0.0)).action == SLOW
+
+
 @pytest.mark.parametrize(
     ("pose_age", "twist_age", "is_slower"),
     [(0.3, 0.0, True), (0.0, 0.3, True), (0.0, 0.0, False)],
