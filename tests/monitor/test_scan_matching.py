@@ -1,6 +1,7 @@
 """Tests of scan matching, which recovers the true motion if the wheels slip."""
 
 import math
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -64,6 +65,22 @@ def test_slip_and_heading_errors_are_corrected(seed):
         assert distance < 0.015
         assert angle < 0.01
     assert math.hypot(believed[0] - true[0], believed[1] - true[1]) > 0.015
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.8])
+def test_a_scan_without_noise_is_matched_to_a_fraction_of_a_millimetre(yaw):
+    """The base slips by 10 cm and turns by .05 rad in a room, and its odometry shows none of it."""
+    walls = [(4.0, 0.0, 1.57, 8.0, 0.1), (-4.0, 0.0, 1.57, 8.0, 0.1)]
+    walls += [(0.0, 4.0, 0.0, 8.0, 0.1), (0.0, -4.0, 0.0, 8.0, 0.1), (2.0, 1.5, 0.6, 1.0, 0.1)]
+    silent = Mock(normal=lambda *shape: np.zeros(JACKAL.laser.beams))
+    start = (0.0, 0.0, yaw)
+    true = compose(start, (0.08, 0.06, 0.05))
+    matcher = ScanMatcher()
+    matcher.add_scan(scan(start, start, 0.0, silent, walls=np.array(walls)))
+    assert matcher.add_scan(scan(true, start, STEP_S, silent, walls=np.array(walls)))
+    distance, angle = error_of(matcher, true, start)
+    assert distance < 5e-4
+    assert angle < 2e-4
 
 
 @seeds(5)

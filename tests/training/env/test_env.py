@@ -123,6 +123,14 @@ def test_a_course_takes_the_time_it_takes_to_a_control_cycle():
         episode.decide(SPACE.theta0)
 
 
+def test_each_course_of_an_episode_has_a_goal_of_its_own():
+    episode = trial()
+    (first,) = episode.drive.goals
+    episode.reset(straight(), 1)
+    (second,) = episode.drive.goals
+    assert first.id != second.id
+
+
 def test_a_planner_without_a_static_layer_also_drives_in_a_world_with_a_map():
     world = straight()
     mapped = replace(world, map=occupancy(world, 0.05))
