@@ -479,6 +479,16 @@ def test_a_scan_with_more_beams_than_the_memory_has_points_is_refused():
     assert "20000 beams" in CollisionMonitor().add_scan(many)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [{"angle_min": 1e7}, {"sensor_pose": (1e7, 0.0, 0.0)}, {"sensor_pose": (0.0, 0.0, -1e7)}],
+    ids=["first angle", "x", "yaw"],
+)
+def test_a_scan_from_an_absurd_place_or_direction_is_refused(change):
+    scan = replace(scan_of(posts(0), HERE), **change)
+    assert "check the driver and the odometry" in CollisionMonitor().add_scan(scan)
+
+
 def test_remembered_obstacles_block_the_robot_until_a_scan_clears_them():
     """Waiting does not free the robot.
 

@@ -12,6 +12,8 @@ import sim_bridge
 from applr_ros1 import robots
 from applr_ros1.common.angles import normalize_angle
 from applr_ros1.robots import geometry
+from applr_ros1.robots.robot import OdometryErrors
+from sim_bridge.odometry import Odometry
 from tests.support import HANGS
 from tests.support.refusals import refused
 from tests.support.scenes import STEP, drive, small_world
@@ -468,3 +470,15 @@ def test_a_base_with_a_dead_band_takes_smaller_speeds_and_turn_rates_as_0(name):
         x, y, yaw = drive(simulator, *command, 1.0).pose
         assert (hypot(x, y) > 0.05, abs(yaw) > 0.1) == (moves, turns), command
     simulator.close()
+
+
+def test_the_slow_error_of_the_heading_has_its_size_and_its_correlation_time():
+    errors = OdometryErrors(heading_drift=0.02, heading_time=10.0, heading_noise=0.0)
+    odometry = Odometry(errors, 0.0, np.random.default_rng(0))
+    heading = np.empty(40_000)
+    for second in range(len(heading)):
+        odometry.update(1.0, 0.0, 0.0, 0.0, 0.0)
+        heading[second] = odometry.pose[2]
+    assert heading.std() == pytest.approx(0.02, rel=0.1)
+    correlation = np.corrcoef(heading[:-10], heading[10:])[0, 1]
+    assert correlation == pytest.approx(np.exp(-1.0), abs=0.1)
