@@ -106,6 +106,19 @@ def test_a_fixed_costmap_takes_size_and_origin_of_the_map_and_a_rolling_costmap_
     assert fixed.size == (70, 30)
 
 
+def test_a_map_is_written_again_after_the_map_of_a_disabled_layer_has_resized_the_costmap():
+    first = LayerDescription("first", StaticParameters())
+    second = LayerDescription("second", StaticParameters(map_topic="other", enabled=False))
+    made = costmap(first, second)
+    occupied = np.full((N, N), 100, np.int8)
+    made.set_map("map", StaticMap(occupied, 0.1, (-2.0, -2.0)))
+    made.update(HERE)
+    made.set_map("other", StaticMap(np.zeros((N + 5, N + 5), np.int8), 0.1, (-2.0, -2.0)))
+    made.update(HERE)
+    assert made.size == (N + 5, N + 5)
+    assert (made.cells[:N, :N] == 254).all()
+
+
 def test_first_map_only_ignores_later_maps_and_updates_are_applied():
     first = make_costmap(LayerDescription("static", StaticParameters(first_map_only=True)))
     updated = make_costmap(LayerDescription("static", StaticParameters(subscribe_to_updates=True)))
