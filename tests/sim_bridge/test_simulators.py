@@ -482,3 +482,11 @@ def test_the_slow_error_of_the_heading_has_its_size_and_its_correlation_time():
     assert heading.std() == pytest.approx(0.02, rel=0.1)
     correlation = np.corrcoef(heading[:-10], heading[10:])[0, 1]
     assert correlation == pytest.approx(np.exp(-1.0), abs=0.1)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0], ids=["left", "right"])
+def test_a_robot_that_drives_against_a_post_turns_towards_the_side_of_the_post(simulator, side):
+    simulator.reset(small_world(cylinders=[(0.7, side * 0.12, 0.05)]), 0)
+    state = drive(simulator, 0.5, 0.0, 3.0)
+    assert state.contact
+    assert side * state.pose[2] > 0.1
