@@ -314,6 +314,13 @@ def test_the_pose_of_a_laser_that_is_mounted_aside_and_turned():
     assert laser_pose((1.0, 2.0, turned_left), laser) == pytest.approx(expected)
 
 
+def test_the_first_beam_of_a_turned_laser_is_seen_in_its_direction_from_the_robot():
+    laser = robots.JACKAL.laser.model_copy(update={"pose": (0.1, 0.0, 0.5)})
+    episode = trial(robot=replace(robots.JACKAL, laser=laser))
+    _, first_angle, _ = episode.seen().scan
+    assert first_angle == pytest.approx(laser.first_angle + 0.5)
+
+
 def test_outcome_of_each_decision_of_a_drive():
     """In one decision each, the robot passes a post, touches another, backs off, and turns. The goal is to the left."""
     course = straight().course
