@@ -117,7 +117,7 @@ def test_mirror_exchanges_left_and_right_in_half_of_a_batch():
 
 def test_observations_without_a_scan_are_not_mirrored():
     replay = Replay(TransitionLayout(scan=0, rest=1, action=1), 50)
-    replay.add(episodes.episode(replay.layout, 0, 5))
+    replay.add(training.episode(replay.layout, 0, 5))
     mirror = BATCH.model_copy(update={"mirror": True})
     plain, mirrored = (
         draw_batch(replay, np.random.default_rng(0), options, torch.device("cpu"))
