@@ -14,7 +14,7 @@ from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import SPACE
-from training.env.episode import Episode, laser_pose
+from training.env.episode import Episode
 from training.env.outcome import Outcome, nearest
 from training.env.reward import Reward, failed
 from worlds import Course, Mover, World
@@ -311,7 +311,7 @@ def test_the_pose_of_a_laser_that_is_mounted_aside_and_turned():
     laser = robots.JACKAL.laser.model_copy(update={"pose": (0.1, 0.2, 0.5)})
     turned_left = 0.5 * math.pi
     expected = (1.0 - 0.2, 2.0 + 0.1, turned_left + 0.5)
-    assert laser_pose((1.0, 2.0, turned_left), laser) == pytest.approx(expected)
+    assert laser.pose_at((1.0, 2.0, turned_left)) == pytest.approx(expected)
 
 
 def test_the_first_beam_of_a_turned_laser_is_seen_in_its_direction_from_the_robot():
