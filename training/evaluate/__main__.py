@@ -1,8 +1,9 @@
-"""Evaluates methods: drives each in every world, and writes tables, figures and statistics of the trials.
+"""Evaluates methods: drives each in every world, and writes tables, figures and statistics.
 
-Run it as `rosrun applr_ros1 evaluate.py` or `python -m training.evaluate`. The same command continues a stopped
-evaluation, whose results do not depend on the interruption. docs/howto/evaluation.md describes the results,
-docs/reference/methods.md lists the methods and explains how to write one.
+Run it as `rosrun applr_ros1 evaluate.py` or `python -m training.evaluate`. The same command
+continues a stopped evaluation, whose results do not depend on the interruption.
+docs/howto/evaluation.md describes the results, docs/reference/methods.md lists the methods and
+explains how to write one.
 """
 
 from __future__ import annotations
@@ -18,16 +19,25 @@ from training.evaluate.table import TRIALS
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
-    """Run the command. Return 0 when all trials are done and reported, 1 after a one-line error, 130 after Ctrl-C."""
-    name = "evaluate.py"
-    return run_main(lambda: run(parsed(EvaluationOptions, name, __doc__, arguments)), name)
+    """Run the command.
+
+    Returns:
+        The exit status: 0 if all trials are done and reported, 1 after a one-line error, 130 after
+        Ctrl-C.
+    """
+    program = "evaluate.py"
+    return run_main(lambda: run(parsed(EvaluationOptions, program, __doc__, arguments)), program)
 
 
 def run(options: EvaluationOptions) -> None:
-    """Evaluate and write the report. If stopped, report how to continue."""
+    """Evaluate and write the report.
+
+    If stopped, report how to continue.
+    """
     with continuable():
         print(f"{len(evaluate(options))} trials in {os.path.join(options.out, TRIALS)}")
         if options.report:
+            # Imported here, because pandas and scipy take seconds, which --help must not wait for.
             from training.evaluate.report import write
 
             print(f"report: {write(options.out)}")

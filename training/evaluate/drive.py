@@ -1,4 +1,4 @@
-"""The loop that runs trials in a pool, shared by evaluations, training rounds, searches and verdicts."""
+"""The loop that runs trials in a pool, for evaluations, training rounds, searches and verdicts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def drive(
     trials: Sequence[Trial],
     show: Callable[[Trial, Result], None] = lambda trial, result: None,
 ) -> Dict[Trial, Result]:
-    """Drive the trials that the table does not hold, each once, and return the results of all trials.
+    """Drive the trials that the table does not hold, each once, and return the results of all.
 
     Args:
         pool: Pool of workers.
@@ -33,12 +33,12 @@ def drive(
     Raises:
         ApplrError: A trial raised an error.
     """
-    missing = [trial for trial in dict.fromkeys(trials) if table.find(trial) is None]
-    for trial, future in pool.unordered(run, missing):
+    for trial, future in pool.unordered(run, table.missing(trials)):
         try:
             show(trial, table.add(trial, *future.result()))
         except CallFailed as error:
-            raise ApplrError(
-                f"trial {trial.trial} of {trial.method} in {trial.world} failed: {error}"
-            ) from None
-    return {trial: kept for trial in trials if (kept := table.find(trial))}
+            problem = f"trial {trial.trial} of {trial.method} in {trial.world} failed"
+            raise ApplrError(f"{problem}: {error}") from None
+
+    # From the table, which rounds: a continued run then works with the same numbers.
+    return {trial: table.result(trial) for trial in trials}

@@ -1,6 +1,7 @@
-"""The page drives.html: the drives of all methods side by side, world by world (applr_ros1/drives/page.py).
+"""The page drives.html: the drives of all methods side by side, world by world.
 
-The page draws the traces that evaluate.py kept, thinned to five poses per second.
+The page draws the traces that evaluate.py kept, thinned to five poses per second
+(applr_ros1/drives/page.py).
 """
 
 from __future__ import annotations
@@ -24,36 +25,37 @@ MOST_TRIALS = 10  # largest number of drives per method and world on the page
 
 
 def write(results: Results, out: Path, title: str) -> bool:
-    """Write the page into the folder `out`. Return False, without a page, if no traces were kept."""
+    """Write the page into `out`.
+
+    Return False, without a page, if no traces were kept.
+    """
     scenes = []
-    for name in results.worlds:
-        drives = [
-            d
-            for place, method in enumerate(results.methods)
-            for d in _drives(results, name, method, place)
-        ]
+    for world in results.worlds:
+        drives = _drives(results, world)
         if drives:
-            scenes.append(Scene(name, results.load(name), drives))
-    if scenes:
-        shade, marked = colors(results), bool(results.settings.get("movers"))
-        methods = {method: shade[method] for method in results.methods}
-        made = page(title, methods, results.space, results.robot["body"], scenes, marked, BACK)
-        write_bytes(make_folder(out) / FILE, made)
-    return bool(scenes)
+            scenes.append(Scene(world, results.load(world), drives))
+    if not scenes:
+        return False
+    marked = bool(results.settings.get("movers"))
+    body = results.robot["body"]
+    text = page(title, colors(results), results.space, body, scenes, marked, BACK)
+    write_bytes(make_folder(out) / FILE, text)
+    return True
 
 
-def _drives(results: Results, world: str, method: str, place: int) -> List[Shown]:
-    """Return the drives of a method in a world for which paths were kept."""
+def _drives(results: Results, world: str) -> List[Shown]:
+    """Return the drives in a world for which traces were kept, method by method."""
     shown = []
-    for row in results.of(method, [world]).head(MOST_TRIALS).itertuples():
-        drive = read_trace(results.folder, world, method, row.trial)
-        if drive is None:
-            continue
-        status = REACHED if row.success else ABORTED
-        drive.goals = [Goal(world, 0.0, row.time_s, status, row.reason)]
-        if row.collided:
-            drive.contacts = np.array(
-                [row.time_s]
-            )  # When the robot touched something is not in the table.
-        shown.append(Shown(place, row.trial, drive))
+    # The page knows a method by its number in colors().
+    for number, method in enumerate(results.methods):
+        for row in results.of(method, [world]).head(MOST_TRIALS).itertuples():
+            drive = read_trace(results.folder, world, method, row.trial)
+            if drive is None:
+                continue
+            status = REACHED if row.success else ABORTED
+            drive.goals = [Goal(world, 0.0, row.time_s, status, row.reason)]
+            if row.collided:
+                # When the robot touched something is not in the table.
+                drive.contacts = np.array([row.time_s])
+            shown.append(Shown(number, row.trial, drive))
     return shown

@@ -1,112 +1,125 @@
-"""Figures of the paper, drawn from our trials: time against world index, and parameter profiles."""
+"""Figures of the paper, drawn from our trials: time against world index, parameter profiles."""
 
 from __future__ import annotations
 
+import re
 from itertools import product
 from pathlib import Path
-from typing import Any, Dict, Iterator, Sequence, Tuple
+from typing import Any, Dict, Iterator, NamedTuple, Sequence
 
 import numpy as np
 
 from applr_ros1.drives.drive import Drive
-from training.evaluate.stored import Results
+from training.evaluate.stored import OTHER, TEST, TRAINING, Results
 from training.evaluate.table import read_trace
 from worlds import World
 from worlds.draw import draw
 from worlds.world import clearance
 
-# label and colour of each region, tightest first; LIMITS: distances to the nearest obstacle between regions [m]
+# Label and colour of each region by the distance to the nearest obstacle, tightest first
 REGIONS = (
     ("tight: under 0.5 m", "#cc3311"),
     ("between: 0.5 to 0.9 m", "#ddaa33"),
     ("open: over 0.9 m", "#228833"),
 )
-LIMITS = (0.5, 0.9)
-AROUND_M = 2.0, 1.0  # margins of the map around the driven path, in x and y [m]
+LIMITS = (0.5, 0.9)  # distances to the nearest obstacle between the regions [m]
+AROUND_M = np.array([2.0, 1.0])  # margins of the map around the driven path, in x and y [m]
+PROFILES = 3  # largest number of methods whose parameters are drawn per world
 
-# colours of the methods: the baseline is red and applr green, as in the paper
+# Colours of the methods: the baseline is red and applr green, as in the paper
 COLORS = ("#d62728", "#2ca02c", "#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f")
 
 
+class Figure(NamedTuple):
+    """Written figure: name of its file, and caption."""
+
+    file: str
+    caption: str
+
+
 def colors(results: Results) -> Dict[str, str]:
-    """Return the colour of each method."""
-    ordered = (
-        [results.baseline]
-        + ["applr"] * ("applr" in results.rivals)
-        + [m for m in results.rivals if m != "applr"]
-    )
-    return {m: COLORS[n % len(COLORS)] for n, m in enumerate(ordered)}
+    """Return the colour of each method, in the order of the methods."""
+    # applr comes second, wherever it stands among the methods.
+    ordered = [results.baseline, *sorted(results.rivals, key=lambda method: method != "applr")]
+    return {method: COLORS[ordered.index(method) % len(COLORS)] for method in results.methods}
 
 
-def write(results: Results, folder: Path) -> Iterator[Tuple[str, str]]:
-    """Write the figures for which there are trials, and yield the file name and the caption of each.
+def write(results: Results, folder: Path) -> Iterator[Figure]:
+    """Write the figures for which there are trials, and yield them.
 
-    Parameter profiles are drawn for the world of median difficulty (of those with all traces) and the physical course.
+    Parameter profiles are drawn for the world of median difficulty (of those with all traces) and
+    the physical course.
     """
-    sets = [s for s in ("Training", "Test", "Other") if len(results.of_set(s)) >= 2]
+    # With one world there is nothing to order.
+    sets = [name for name in (TRAINING, TEST, OTHER) if len(results.of_set(name)) >= 2]
     if sets:
         _save(times(results, sets), folder / "times.png")
         order = f"ordered by {results.baseline}'s time, with linear fits"
-        yield (
+        yield Figure(
             "times.png",
             f"Traversal time against world index, {order} (the paper's figure of its environments)",
         )
-    pairs = product(results.worlds, results.methods)
-    traces = {}
-    for pair in pairs:
-        drive = read_trace(results.folder, *pair, 0)
-        if drive is not None:
-            traces[pair] = drive
-    traced = [w for w in results.worlds if all((w, m) in traces for m in results.methods)]
-    ordered = results.by_difficulty([w for w in traced if w != "physical_course"])
-    changing = [
-        m for m in results.methods if "parameters" not in results.settings["methods"].get(m, {})
-    ]
-    for name in ordered[len(ordered) // 2 :][:1] + [w for w in traced if w == "physical_course"]:
-        world = results.load(name)
-        for method in changing[:3]:
-            file = "".join(
-                c if c.isalnum() or c in "-_." else "-" for c in f"profile_{name}_{method}.png"
-            )
-            _save(profile(results, world, method, traces[name, method]), folder / file)
-            caption = f"Parameters of {method} along {name}: regions by the room around the robot; dotted: θ₀"
-            yield file, f"{caption} (the paper's parameter profiles)"
+
+    # Drives {world: {method: drive}} of the worlds with all traces
+    traces: Dict[str, Dict[str, Drive]] = {}
+    for world in results.worlds:
+        drives = {}
+        for method in results.methods:
+            drive = read_trace(results.folder, world, method, 0)
+            if drive is not None:
+                drives[method] = drive
+        if len(drives) == len(results.methods):
+            traces[world] = drives
+    ordered = results.by_difficulty(list(traces.keys() - {"physical_course"}))
+    drawn = ordered[len(ordered) // 2 :][:1]
+    if "physical_course" in traces:
+        drawn.append("physical_course")
+
+    # A constant parameter set has no profile.
+    changing = []
+    for method in results.methods:
+        if "parameters" not in results.settings["methods"].get(method, {}):
+            changing.append(method)
+    for world_name, method in product(drawn, changing[:PROFILES]):
+        file_name = re.sub(r"[^\w.-]", "-", f"profile_{world_name}_{method}.png")
+        _save(
+            profile(results, results.load(world_name), method, traces[world_name][method]),
+            folder / file_name,
+        )
+        regions = "regions by the room around the robot; dotted: θ₀"
+        caption = f"Parameters of {method} along {world_name}: {regions}"
+        yield Figure(file_name, f"{caption} (the paper's parameter profiles)")
 
 
 def times(results: Results, sets: Sequence[str]) -> Any:
-    """Plot the mean time in each world against world index, ordered by the baseline's mean time (paper, Fig. 6)."""
-    figure = _figure(*((8.0, 4.0) if len(sets) == 1 else (5.5 * len(sets), 4.0)))
-    shade, (axes,) = colors(results), figure.subplots(1, len(sets), squeeze=False)
-    for ax, name in zip(axes, sets):
-        good = results.trials[results.trials.success & (results.trials.set == name)]
-        means = (
-            good.groupby(["world", "method"])
-            .time_s.mean()
-            .unstack()
-            .reindex(columns=results.methods)
-        )
-        ordered = (
-            means.dropna(subset=[results.baseline])
-            .sort_values(results.baseline)
-            .reset_index(drop=True)
-        )
+    """Plot the mean time in each world, in the order of the baseline's (paper, Fig. 6)."""
+    width = 8.0 if len(sets) == 1 else 5.5 * len(sets)
+    figure = _figure(width, 4.0)
+    (row,) = figure.subplots(1, len(sets), squeeze=False)
+    shades = colors(results)
+    for axes, set_name in zip(row, sets):
+        arrived = results.trials[results.trials.success & (results.trials.set == set_name)]
+        means = arrived.groupby(["world", "method"]).time_s.mean().unstack()
+        # A world in which the baseline never arrived has no place in the order.
+        means = means.reindex(columns=results.methods).dropna(subset=[results.baseline])
+        means = means.sort_values(results.baseline).reset_index(drop=True)
         for method in results.methods:
-            of_method = ordered[method].dropna()
-            ax.plot(of_method, "o", ms=4.5, color=shade[method], alpha=0.8, label=method)
+            color = shades[method]
+            of_method = means[method].dropna()
+            axes.plot(of_method, "o", ms=4.5, color=color, alpha=0.8, label=method)
             if len(of_method) > 2:
                 x = of_method.index.to_numpy()
-                ax.plot(
-                    x, np.polyval(np.polyfit(x, of_method, 1), x), "--", lw=1.4, color=shade[method]
-                )
-        ax.set(
-            title=f"{name} worlds",
+                line = np.polyval(np.polyfit(x, of_method, 1), x)
+                axes.plot(x, line, "--", lw=1.4, color=color)
+        axes.set(
+            title=f"{set_name} worlds",
             xlabel=f"world, in the order of {results.baseline}'s mean",
             ylabel="mean time of successful trials [s]",
             ylim=(0, None),
         )
-        ax.grid(alpha=0.25)
-        ax.xaxis.get_major_locator().set_params(integer=True)
-    handles, labels = axes[0].get_legend_handles_labels()
+        axes.grid(alpha=0.25)
+        axes.xaxis.get_major_locator().set_params(integer=True)
+    handles, labels = row[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside right upper", frameon=False, markerscale=1.5)
     return figure
 
@@ -114,48 +127,56 @@ def times(results: Results, sets: Sequence[str]) -> Any:
 def profile(results: Results, world: World, method: str, drive: Drive) -> Any:
     """Draw a method's parameters along one course, regions coloured (paper, Fig. 5)."""
     assert drive.truth is not None
-    space = results.space
     time = drive.truth.time
     path = drive.truth.pose[:, :2].astype(np.float64)
-    thetas = np.array([list(decision.after.values()) for decision in drive.decisions])
-    decided = [decision.time for decision in drive.decisions]
     regions = np.digitize(clearance(world, path), LIMITS)  # indices (n,) into REGIONS
-    rows = max(2, (len(space) + 1) // 2)
+    rows = max(2, (len(results.space) + 1) // 2)
     figure = _figure(12.6, 2.1 * rows)
     grid = figure.add_gridspec(rows, 3)
-    map_ = figure.add_subplot(grid[:, 0])
-    draw(map_, world, path=False)
-    lines = [
-        map_.plot(*path[regions == region].T, ".", ms=4, color=color, label=label)[0]
-        for region, (label, color) in enumerate(REGIONS)
-    ]
-    low, high = path.min(axis=0) - AROUND_M, path.max(axis=0) + AROUND_M
-    map_.set(title=f"{world.name}, {method}", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    map_.legend(
-        handles=lines, fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12), frameon=False
+
+    # Map with the driven path, in the left column
+    axes = figure.add_subplot(grid[:, 0])
+    draw(axes, world, path=False)
+    for region, (label, color) in enumerate(REGIONS):
+        region_x, region_y = path[regions == region].T
+        axes.plot(region_x, region_y, ".", ms=4, color=color, label=label)
+    low = path.min(axis=0) - AROUND_M
+    high = path.max(axis=0) + AROUND_M
+    axes.set(title=f"{world.name}, {method}", xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    handles = axes.get_lines()[-len(REGIONS) :]
+    below = (0.5, -0.12)  # in axes' units
+    axes.legend(
+        handles=handles, fontsize=8, loc="upper center", bbox_to_anchor=below, frameon=False
     )
-    begins = np.append(decided, max(time[-1], decided[-1]))
-    edges = np.flatnonzero(np.diff(regions)) + 1
-    for i, name in enumerate(space.names):
-        ax = figure.add_subplot(grid[i // 2, 1 + i % 2])
-        ax.stairs(thetas[:, i], begins, color="black", baseline=None, lw=1.4)
-        ax.axhline(space.theta0[i], color="grey", ls=":", lw=1)
-        for first, end in zip(np.append(0, edges), np.append(edges, len(regions))):
-            color = REGIONS[regions[first]][1]
-            ax.axvspan(time[first], time[end - 1], color=color, alpha=0.18, lw=0)
-        span = 0.05 * (space.high[i] - space.low[i])
-        ax.set(ylim=(space.low[i] - span, space.high[i] + span), xlim=(0, begins[-1]))
-        ax.set_title(name, fontsize=9)
+
+    # Parameters over time, in two columns
+    space = results.space
+    thetas = np.array([list(decision.after.values()) for decision in drive.decisions])
+    decided = [decision.time for decision in drive.decisions]
+    edges = np.append(decided, max(time[-1], decided[-1]))
+    changes = np.flatnonzero(np.diff(regions)) + 1
+    firsts = np.append(0, changes)
+    ends = np.append(changes, len(regions))
+    for i, parameter in enumerate(space.names):
+        axes = figure.add_subplot(grid[i // 2, 1 + i % 2])
+        axes.stairs(thetas[:, i], edges, color="black", baseline=None, lw=1.4)
+        axes.axhline(space.theta0[i], color="grey", ls=":", lw=1)
+        for first, end in zip(firsts, ends):
+            _, color = REGIONS[regions[first]]
+            axes.axvspan(time[first], time[end - 1], color=color, alpha=0.18, lw=0)
+        margin = 0.05 * (space.high[i] - space.low[i])
+        axes.set(ylim=(space.low[i] - margin, space.high[i] + margin), xlim=(0, edges[-1]))
+        axes.set_title(parameter, fontsize=9)
         if i >= len(space) - 2:
-            ax.set_xlabel("time [s]")
+            axes.set_xlabel("time [s]")
     return figure
 
 
 def _figure(width: float, height: float) -> Any:
     """Return a figure made without pyplot, which would open a window and keep global state."""
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as MatplotlibFigure
 
-    return Figure(figsize=(width, height), layout="constrained")
+    return MatplotlibFigure(figsize=(width, height), layout="constrained")
 
 
 def _save(figure: Any, path: Path) -> None:

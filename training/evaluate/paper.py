@@ -1,9 +1,9 @@
 """Results of the paper, with notes on errors in them, for comparison in the report."""
 
 UNIT = (
-    "The paper's table gives no unit. We read its numbers as counts of two-second decisions, so the times in s are "
-    "twice as large: as seconds they would hardly exceed the 11.85 s that 5.925 m take at the default 0.5 m/s, "
-    "and the authors' released trials fit two-second steps."
+    "The paper's table gives no unit. We read its numbers as counts of two-second decisions, so "
+    "the times in s are twice as large: as seconds they would hardly exceed the 11.85 s that "
+    "5.925 m take at the default 0.5 m/s, and the authors' released trials fit two-second steps."
 )
 GAIN_SLIP = "1.28 / 13.24 is 9.7 %; the paper prints 9.6 %."
 SWAP_SLIP = (
@@ -11,10 +11,12 @@ SWAP_SLIP = (
     "training and test parts allow (6 to 14 %, 0 to 5 %): the two cells look swapped."
 )
 CHANCE = (
-    'Under this test, each of two identical methods "wins" 2.4 % of the worlds by chance. With 20 trials per '
-    "method and world, a uniform gain of 9.6 % wins 40 % of the worlds, and a gain of 20 % wins 73 %."
+    'Under this test, each of two identical methods "wins" 2.4 % of the worlds by chance. With 20 '
+    "trials per method and world, a uniform gain of 9.6 % wins 40 % of the worlds, and a gain of "
+    "20 % wins 73 %."
 )
 
+# Table I: average traversal time
 TIME = {
     ("Training", "applr"): 11.96,
     ("Training", "dwa"): 13.24,
@@ -22,8 +24,11 @@ TIME = {
     ("Test", "dwa"): 13.03,
 }
 GAIN = {"Training": "9.6 %", "Test": "6 %"}  # time saved by APPLR
+# Table II: worlds in which APPLR, and DWA, is significantly faster
 BETTER = {"Training": ("88 (35 %)", "23 (9 %)"), "Test": ("15 (30 %)", "3 (6 %)")}
-THIRDS = {  # (third of the worlds by difficulty, part): worlds in which APPLR and DWA are faster [%]
+# Table III: (third of the worlds by difficulty, part): worlds in which APPLR, and DWA, is
+# significantly faster [%]
+THIRDS = {
     ("Easy", "Training"): (62, 7),
     ("Easy", "Test"): (41, 12),
     ("Easy", "All"): (57, 8),
@@ -34,5 +39,7 @@ THIRDS = {  # (third of the worlds by difficulty, part): worlds in which APPLR a
     ("Difficult", "Test"): (31, 0),
     ("Difficult", "All"): (28, 14),
 }
+# Cells of Table III that look swapped (SWAP_SLIP)
 SWAPPED = (("Medium", "All"), ("Difficult", "All"))
+# Table IV: time on the physical course [s], mean and standard deviation
 PHYSICAL = {"dwa": "72.8 ± 10.1 (one more failed)", "appld": "43.2 ± 4.1", "applr": "34.4 ± 4.8"}

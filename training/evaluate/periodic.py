@@ -18,42 +18,56 @@ from training.evaluate.trial import BASELINE, POLICY, Result, Trial, plan_trials
 from training.workers.pool import Pool
 
 THETA0 = -1  # number of the round that drives the default parameters
-CHOOSING = (
-    2**31
-)  # offset of the seeds of trials that select a policy; all seeds of evaluate.py are smaller
+# Offset of the seeds of trials that select a policy, above all seeds of evaluate.py: an evaluation
+# with the seeds of the selection would find the selected policy too good.
+CHOOSING = 2**31
 
 
 class PeriodicEvaluation:
-    """Rounds of trials. A round is due every `every` steps (transitions; offline: gradient steps).
+    """Rounds of trials, due every `every` steps (transitions; offline: gradient steps).
 
     Args:
-        folder: Folder of the run; evaluations.jsonl there has a line per round, evaluation/ the trials.
+        folder: Folder of the run; evaluations.jsonl there has a line per round, evaluation/ the
+            trials.
         worlds: [(name, specification), ...] of the held-out worlds; if empty, no round is ever due.
         every: Number of steps between two rounds.
         seed: Seed of the run. The trials have other seeds than all trials of evaluate.py.
+
+    Attributes:
+        history: Summaries of all rounds so far.
     """
 
     def __init__(self, folder: Path, worlds: Sequence[Tuple[str, str]], every: int, seed: int):
-        self.folder, self.path = Path(folder), Path(folder) / "evaluations.jsonl"
-        self.worlds, self.every, self.seed = worlds, every, seed
-        lines = read_bytes(self.path).splitlines() if self.path.exists() else []
-        self.history: List[Dict[str, Any]] = [json.loads(line) for line in lines]
+        self.folder = Path(folder)
+        self.path = self.folder / "evaluations.jsonl"
+        self.worlds = worlds
+        self.every = every
+        self.seed = seed
+        self.history: List[Dict[str, Any]] = []
+        if self.path.exists():
+            self.history.extend(map(json.loads, read_bytes(self.path).splitlines()))
 
     def due(self, step: int, last: bool = False, default: bool = True) -> Optional[int]:
         """Return the number of the round to drive now, or None.
 
         Args:
             step: Current step of the run.
-            last: Whether this is the last step of the run, after which the policy is always evaluated.
+            last: Whether this is the last step of the run, after which the policy is always
+                evaluated.
             default: Whether the round of the default parameters may be driven now.
         """
         if not self.worlds:
             return None
         if default and self.default is None:
             return THETA0
-        driven = max((r["step"] for r in self.history if r["round"] != THETA0), default=0)
+        latest_step = 0
+        for record in self.history:
+            if record["round"] != THETA0:
+                latest_step = record["step"]
         number = step // self.every
-        return number if number > driven // self.every or (last and step > driven) else None
+        if number > latest_step // self.every or (last and step > latest_step):
+            return number
+        return None
 
     def drive(
         self,
@@ -77,24 +91,34 @@ class PeriodicEvaluation:
         Raises:
             ApplrError: A trial raised an error.
         """
-        policy = f"policy-{sha256(weights)[:16]}", POLICY
-        method = (BASELINE, BASELINE) if number == THETA0 else policy
+        method = (BASELINE, BASELINE)
+        if number != THETA0:
+            # Each policy has a name of its own, so that the table keeps the trials of all.
+            method = (f"policy-{sha256(weights)[:16]}", POLICY)
         plan = plan_trials(self.worlds, [method], 1, CHOOSING + self.seed, 0)
         with Trials(self.folder / "evaluation", {"seed": self.seed}) as table:
             results = drive(pool, partial(run, weights=weights), table, plan, show)
-        line = {**summary(list(results.values())), "round": number, **state}
-        rivals = [r["score"] for r in self.history if r["round"] != THETA0]
-        line["best"] = number != THETA0 and line["score"] < min(rivals, default=float("inf"))
-        self.history.append(line)
-        write_bytes(self.path, "".join(json.dumps(each) + "\n" for each in self.history).encode())
-        return line
+        record = {**summary(list(results.values())), "round": number, **state}
+        rival = self.best
+        is_better = rival is None or record["score"] < rival["score"]
+        record["best"] = number != THETA0 and is_better
+        self.history.append(record)
+        lines = "\n".join(map(json.dumps, self.history)) + "\n"
+        write_bytes(self.path, lines.encode())
+        return record
 
     @property
     def default(self) -> Optional[Dict[str, Any]]:
         """Summary of the round that drove the default parameters, or None."""
-        return next((r for r in self.history if r["round"] == THETA0), None)
+        for record in self.history:
+            if record["round"] == THETA0:
+                return record
+        return None
 
     @property
     def best(self) -> Optional[Dict[str, Any]]:
         """Summary of the round with the best policy so far, or None."""
-        return next((r for r in reversed(self.history) if r["best"]), None)
+        for record in self.history[::-1]:
+            if record["best"]:
+                return record
+        return None

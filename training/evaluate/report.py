@@ -16,7 +16,7 @@ from applr_ros1.common.extras import absent
 from applr_ros1.common.files import write_bytes
 from training.common.folders import make_folder
 from training.evaluate import drives_page, figures
-from training.evaluate.stored import Results
+from training.evaluate.stored import TEST, Results
 from training.evaluate.tables import TABLES, Made
 from training.evaluate.verdict import compared
 
@@ -52,68 +52,94 @@ def write(
         ApplrError: There are no trials, or the folder cannot be read or written.
     """
     results = Results(folder)
-    out = make_folder(results.folder / FOLDER)
+    report_folder = make_folder(results.folder / FOLDER)
     title = f"APPLR: evaluation of {', '.join(results.methods)}"
-    made = [make(results) for make in tables]
-    filled = [table for table in made if not table.rows.empty]
+    filled = []
+    for make in tables:
+        table = make(results)
+        if table.rows.empty:
+            continue
+        rows = table.rows.to_csv(index=False, lineterminator="\n")
+        write_bytes(report_folder / f"{table.name}.csv", rows.encode())
+        filled.append(table)
+
+    # Body of the page
+    body = [f"<h1>{html.escape(title)}</h1>"]
+    for line in above or summary(results):
+        body.append(f"<pre class=verdict>{html.escape(line)}</pre>")
+    if drives_page.write(results, report_folder, title):
+        link = "The drives of all methods side by side, as an animation"
+        body.append(f'<p><a href="{drives_page.FILE}">{link}</a></p>')
     for table in filled:
-        write_bytes(
-            out / f"{table.name}.csv", table.rows.to_csv(index=False, lineterminator="\n").encode()
-        )
+        body.append(table.html())
+    # matplotlib is an optional package.
     missing = absent("matplotlib")
     if missing:
         print(f"the report has no figures: {missing}")
-    body = [f"<h1>{html.escape(title)}</h1>"]
-    body += [f"<pre class=verdict>{html.escape(line)}</pre>" for line in above or summary(results)]
-    if drives_page.write(results, out, title):
-        words = "The drives of all methods side by side, as an animation"
-        body.append(f'<p><a href="{drives_page.FILE}">{words}</a></p>')
-    body += [table.html() for table in filled]
-    for file, caption in [] if missing else figures.write(results, out):
-        words = html.escape(caption)
-        body.append(f'<h2>{words}</h2><img src="{html.escape(file)}" alt="{words}">')
-    body += [
-        "<h2>How it was measured</h2>",
-        *(f"<p>{html.escape(fact)}</p>" for fact in _facts(results)),
+    else:
+        for figure in figures.write(results, report_folder):
+            caption = html.escape(figure.caption)
+            body.append(f"<h2>{caption}</h2>")
+            body.append(f'<img src="{html.escape(figure.file)}" alt="{caption}">')
+    body.append("<h2>How it was measured</h2>")
+    for fact in _facts(results):
+        body.append(f"<p>{html.escape(fact)}</p>")
+
+    # The page has no other files than its figures, so that it can be passed on.
+    viewport = '<meta name=viewport content="width=device-width,initial-scale=1">'
+    page_head = (
+        f"<meta charset=utf-8>{viewport}<title>{html.escape(title)}</title><style>{STYLE}</style>"
+    )
+    document = [
+        "<!doctype html><html lang=en><head>",
+        page_head,
+        "</head><body>",
+        *body,
+        "</body></html>\n",
     ]
-    view = '<meta name=viewport content="width=device-width,initial-scale=1">'
-    head = f"<meta charset=utf-8>{view}<title>{html.escape(title)}</title><style>{STYLE}</style>"
-    page = ["<!doctype html><html lang=en><head>", head, "</head><body>", *body, "</body></html>\n"]
-    write_bytes(out / "index.html", "\n".join(page).encode())
-    return str(out / "index.html")
+    page_file = report_folder / "index.html"
+    write_bytes(page_file, "\n".join(document).encode())
+    return str(page_file)
 
 
 def _facts(results: Results) -> List[str]:
     """Return sentences that describe how the trials were driven."""
-    s = results.settings
-    per = results.trials.groupby(["method", "world"]).size()
-    trials = " to ".join(map(str, dict.fromkeys((per.min(), per.max()))))
-    more = (
-        ", with the collision monitor" * s["monitor"]
-        + ", with predicted moving obstacles" * s["movers"]
-    )
+    settings = results.settings
+    planner = settings["planner"]
+    if settings["monitor"]:
+        planner += ", with the collision monitor"
+    if settings["movers"]:
+        planner += ", with predicted moving obstacles"
+    # An evaluation that was stopped has driven some methods or worlds less often than others.
+    counts = results.trials.groupby(["method", "world"]).size()
+    trials = str(counts.min())
+    if counts.max() > counts.min():
+        trials += f" to {counts.max()}"
     facts = [
         f"{len(results.trials)} trials: {len(results.worlds)} worlds × {len(results.methods)} "
-        f"methods × {trials} trials. Protocol: {s['protocol']}. "
-        f"Simulator: {s['simulator']}, ground {s['ground']}. "
-        f"Planner: {s['planner']}{more}.",
+        f"methods × {trials} trials. Protocol: {settings['protocol']}. "
+        f"Simulator: {settings['simulator']}, ground {settings['ground']}. "
+        f"Planner: {planner}."
     ]
-    if "wall_s" in s:
-        wall = tqdm.format_interval(s["wall_s"])
-        facts.append(f"Wall time {wall}; base seed {s['seed']}, the same seeds for all methods.")
-    for session in s.get("provenance", []):
-        versions = ", ".join(" ".join(item) for item in session["versions"].items())
-        facts.append(
-            "Driven on {date} with commit {commit} on {cpu} ({cores} cores); ".format(**session)
-            + f"{versions}. Command: {session['command']}"
+    if "wall_s" in settings:
+        wall_time = tqdm.format_interval(settings["wall_s"])
+        seed = settings["seed"]
+        facts.append(f"Wall time {wall_time}; base seed {seed}, the same seeds for all methods.")
+    for session in settings.get("provenance", []):
+        versions = ", ".join(map(" ".join, session["versions"].items()))
+        session_text = "Driven on {date} with commit {commit} on {cpu} ({cores} cores)".format(
+            **session
         )
+        facts.append(f"{session_text}; {versions}. Command: {session['command']}")
     return facts
 
 
 def summary(results: Results) -> List[str]:
     """Return a line per rival: its comparison over the test worlds, or over all if too few."""
-    test = results.by_difficulty(results.of_set("Test"))
-    worlds = test if len(test) > 1 else results.worlds
+    # Only worlds that the baseline has driven
+    worlds = results.by_difficulty(results.of_set(TEST))
+    if len(worlds) < 2:
+        worlds = results.worlds
     trials = results.trials[results.trials.world.isin(worlds)]
     lines = []
     for method in results.rivals:

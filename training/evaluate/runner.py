@@ -1,6 +1,7 @@
-"""Runner of trials. A result depends only on trial and settings, not on the worker or on earlier trials.
+"""Runner of trials.
 
-Evaluations, searches and the rounds of a training call run() in a pool of workers.
+A result depends only on trial and settings, not on the worker or on earlier trials. Evaluations,
+searches and the rounds of a training call run() in a pool of workers.
 """
 
 from __future__ import annotations
@@ -8,8 +9,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from functools import cached_property, lru_cache
-from typing import List, Sequence, Tuple
+from functools import cached_property, lru_cache, partial
+from typing import Dict, List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
@@ -46,36 +47,75 @@ def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Re
     """
     runner = _runner(settings.model_dump_json())
     result = runner.run(trial, weights)
-    return result, runner.drive.pack() if trial.trace else b""
+    trace = runner.drive.pack() if trial.trace else b""
+    return result, trace
 
 
-def at_scale(protocol: str, spec: str, robot: Robot) -> World:
-    """Return a world with the protocol's course, scaled to the robot. Raises ApplrError if it cannot be loaded."""
-    return worlds_package.scaled(
-        under(protocol, worlds_package.load(spec, radius(robot))), robot.world_scale
-    )
+class TrialWorld(NamedTuple):
+    """World of trials, at the scale of the robot, with its name and the specification to load it.
+
+    Names are those of the tables, and unique in an evaluation.
+    """
+
+    name: str
+    specification: str
+    world: World
+
+
+def world_list(text: str, protocol: str, robot: Robot) -> List[TrialWorld]:
+    """Return the worlds of a comma-separated list, scaled to a robot.
+
+    Raises:
+        ApplrError: A world cannot be loaded, or two have the same name.
+    """
+    listed: Dict[str, TrialWorld] = {}
+    for part in text.split(","):
+        for specification in worlds_package.specs(part.strip(), radius(robot)):
+            world = at_scale(protocol, specification, robot)
+            if world.name in listed:
+                problem = f"two worlds have the name {world.name!r}"
+                raise ApplrError(f"{problem}: evaluate one at a time, or rename a file")
+            listed[world.name] = TrialWorld(world.name, specification, world)
+    return list(listed.values())
+
+
+def at_scale(protocol: str, specification: str, robot: Robot) -> World:
+    """Return a world with the protocol's course, scaled to the robot.
+
+    Raises:
+        ApplrError: The world cannot be loaded.
+    """
+    world = worlds_package.load(specification, radius(robot))
+    return worlds_package.scaled(under(protocol, world), robot.world_scale)
 
 
 def content(robot: Robot) -> str:
-    """Return the SHA-256 of a robot's description and parameter files, on which its drives depend."""
+    """Return the SHA-256 of a robot's description and parameter files.
+
+    Its drives depend on them, but not on where the files are.
+    """
     trees = json.dumps(robot.move_base, sort_keys=True, default=str)
-    return sha256((repr(dataclasses.replace(robot, folder="")) + trees).encode())
+    description = repr(dataclasses.replace(robot, folder=""))
+    return sha256((description + trees).encode())
 
 
-def content_of_worlds(worlds: Sequence[Tuple[str, str, World]]) -> str:
-    """Return the SHA-256 of the contents of worlds (world_list), independent of where their files are."""
+def content_of_worlds(worlds: Sequence[TrialWorld]) -> str:
+    """Return the SHA-256 of the contents of worlds, independent of where their files are."""
     digest = hashlib.sha256()
     for name, _, world in worlds:
-        for part in (world.cylinders, world.boxes, world.course.path):
+        course = world.course
+        for part in (world.cylinders, world.boxes, course.path):
             digest.update(part.tobytes())
-        digest.update(repr((name, world.course.start, world.course.goal, world.movers)).encode())
-        # The suffix distinguishes these worlds from those of evaluations before planner_ends had an effect.
-        digest.update(b"the planner's word" * world.course.planner_ends)
+        digest.update(repr((name, course.start, course.goal, world.movers)).encode())
+        if course.planner_ends:
+            # Distinguishes these worlds from those of evaluations before planner_ends had an effect
+            digest.update(b"the planner's word")
     return digest.hexdigest()
 
 
 @lru_cache(maxsize=16)
 def _runner(settings: str) -> TrialRunner:
+    """Return this process's runner for settings as JSON: making a simulator takes seconds."""
     return TrialRunner(TrialSettings.model_validate_json(settings))
 
 
@@ -87,56 +127,59 @@ class TrialRunner:
     """
 
     def __init__(self, settings: TrialSettings):
-        self.settings, self.robot, self.period = settings, settings.robot, settings.period
-        self.space, self.encoding = space_of(self.robot), settings.encoding()
+        self.settings = settings
+        self.robot = settings.robot
+        self.space = space_of(self.robot)
+        self.encoding = settings.encoding()
         self.loadable = loadable_space(self.robot)
         self.simulator = sim_bridge.make(
             settings.simulator, robot=self.robot, **settings.randomisation
         )
         self.drive = Drive()
-        self._world = lru_cache(maxsize=400)(
-            lambda spec: at_scale(settings.protocol, spec, self.robot)
-        )
-        self._made = lru_cache(maxsize=None)(lambda spec: methods.make(spec, self.robot))
+        # Trials of an evaluation alternate between worlds and methods.
+        self._world = lru_cache(maxsize=400)(partial(at_scale, settings.protocol, robot=self.robot))
+        self._made = lru_cache(maxsize=None)(partial(methods.make, robot=self.robot))
 
     def run(self, task: Trial, weights: bytes = b"") -> Result:
-        """Drive a trial and return its result. `weights` belong to the policy of the method POLICY."""
-        world, method = self._world(task.world_spec), self._method(task, weights)
-        if self.period is not None:
-            method.period = self.period
+        """Drive a trial and return its result.
+
+        Args:
+            task: Trial to drive.
+            weights: Weights of the policy of the method POLICY.
+        """
+        world = self._world(task.world_spec)
+        method = self._method(task, weights)
+        if self.settings.period is not None:
+            method.period = self.settings.period
         method.reset(task.seed)
         loaded = None
         if self.settings.loaded and method.static:
+            # Parameters that act differently when loaded keep their defaults.
             loaded = self.loadable.fill(self.loadable.pick(method.theta(None)))
-            method = methods.for_robot(
-                methods.FixedParameters(loaded, space=self.space), self.robot
-            )
-        episode = self.starting_with(loaded) if loaded is not None else self.episode
+            method = self._fixed(loaded)
+            episode = self.starting_with(loaded)
+        else:
+            episode = self.episode
         episode.set_period(method.period)
         episode.layout = method.layout
+
         outcome = episode.reset(world, task.seed, theta=loaded)
         changes: List[float] = []
-        total = 0.0
+        total_reward = 0.0
         while not outcome.over:
-            context, before = episode.context(), outcome.theta
+            context = episode.context()
+            action_before = self.space.to_action(outcome.theta)
             outcome = episode.decide(method.theta(context))
-            changes.append(
-                float(
-                    np.abs(
-                        self.space.to_action(outcome.theta) - self.space.to_action(before)
-                    ).mean()
-                )
-            )
-            total += self.settings.reward(outcome, episode.limit, episode.period, self.encoding)[0]
+            change = self.space.to_action(outcome.theta) - action_before
+            changes.append(float(np.abs(change).mean()))
+            reward, _ = self.settings.reward(outcome, episode.limit, episode.period, self.encoding)
+            total_reward += reward
         self.drive = episode.drive
-        more = {
-            "route_m": world.course.route_m,
-            "switching": np.mean(changes),
-            "total_reward": total,
-        }
-        values = {**vars(outcome), **more}
-        return Result(
-            **{name: type(default)(values[name]) for name, default in vars(Result()).items()}
+        return Result.of(
+            outcome,
+            route_m=world.course.route_m,
+            switching=float(np.mean(changes)),
+            total_reward=total_reward,
         )
 
     @cached_property
@@ -146,13 +189,15 @@ class TrialRunner:
 
     def starting_with(self, theta: Array) -> Episode:
         """Return an episode loop whose planner starts with a parameter set (n,)."""
-        pairs = zip(self.space.as_dict(theta).items(), self.space.theta0)
-        changed = {name: value for (name, value), start in pairs if value != start}
-        return self._episode(
-            self.robot.with_parameters(move_base_parameters(self.robot, changed), self.robot.name)
-        )
+        changed = {}
+        for (name, value), default in zip(self.space.as_dict(theta).items(), self.space.theta0):
+            if value != default:
+                changed[name] = value
+        parameters = move_base_parameters(self.robot, changed)
+        return self._episode(self.robot.with_parameters(parameters, self.robot.name))
 
     def _episode(self, starts: Robot) -> Episode:
+        """Return an episode loop whose planner starts with the parameters of a robot."""
         return Episode(
             self.simulator,
             self.settings.planners(starts),
@@ -161,28 +206,17 @@ class TrialRunner:
             end_on_collision=self.settings.protocol == CHALLENGE,
             monitor=self.settings.monitor,
             time_limit=self.settings.time_limit,
-            escapes=not self.settings.loaded,  # loading stands for a C++ move_base, which makes none
+            escapes=not self.settings.loaded,  # Loading stands for a C++ move_base, without any.
         )
 
     def _method(self, task: Trial, weights: bytes) -> Method:
+        """Return the method of a trial."""
         if task.theta is not None:
-            return methods.for_robot(
-                methods.FixedParameters(np.array(task.theta), space=self.space), self.robot
-            )
+            return self._fixed(np.array(task.theta))
         if task.method_spec == POLICY:
             return Policy(self.encoding, policy_layers(weights))
         return self._made(task.method_spec)
 
-
-def world_list(text: str, protocol: str, robot: Robot) -> List[Tuple[str, str, World]]:
-    """Return [(name, specification, World), ...] of a comma-separated list, scaled to a robot. Raises ApplrError."""
-    listed: List[Tuple[str, str, World]] = []
-    for part in text.split(","):
-        for spec in worlds_package.specs(part.strip(), radius(robot)):
-            world = at_scale(protocol, spec, robot)
-            if any(world.name == name for name, _, _ in listed):
-                raise ApplrError(
-                    f"two worlds have the name {world.name!r}: evaluate one at a time, or rename a file"
-                )
-            listed.append((world.name, spec, world))
-    return listed
+    def _fixed(self, theta: Array) -> Method:
+        """Return the method that sets a parameter set (n,) of the robot."""
+        return methods.for_robot(methods.FixedParameters(theta, space=self.space), self.robot)

@@ -7,7 +7,7 @@ Reports, the selection of the best policy and the verdict on it compare methods 
 from __future__ import annotations
 
 import math
-from typing import Any, Callable, Dict, Iterable, NamedTuple, Sequence
+from typing import TYPE_CHECKING, Any, Callable, Dict, Iterable, NamedTuple, Sequence
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from applr_ros1.robots import Robot
 from training.env.episode import TIME_LIMIT
 from training.env.outcome import CLEAR
 from training.evaluate.trial import Result
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Cost = Callable[[Result], float]  # returns the cost of a trial [s]; less is better
 
@@ -34,6 +37,15 @@ def seconds(trials: Any) -> Any:
     """
     scores = np.where(trials.success, trials.time_s, FAILURE_SECONDS)
     return scores[()]  # A number instead of an array without dimensions.
+
+
+def mean_scores(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return the mean scores [s]: a row for each world, a column for each method.
+
+    Args:
+        trials: A row for each trial, with the columns `world`, `method` and `score`.
+    """
+    return trials.groupby(["world", "method"], sort=False).score.mean().unstack()
 
 
 class Aim(NamedTuple):
@@ -129,13 +141,11 @@ def summary(results: Sequence[Result]) -> Dict[str, Any]:
     Keys: "trials" (number of trials), "return", "length", "success", "collided", "metric"
     (barn_metric), "time_s" (mean time of the successful trials, or None), "score".
     """
-    times = []
+    # Only successes have a time: failures would be counted with their time limit.
+    times = [result.time_s for result in results if result.success]
     metrics = []
     for result in results:
-        if result.success:
-            times.append(result.time_s)
-        metric = barn_metric(result.success, result.collided, result.time_s, result.route_m)
-        metrics.append(metric)
+        metrics.append(barn_metric(result.success, result.collided, result.time_s, result.route_m))
     return {
         "trials": len(results),
         "return": _mean_of(results, "total_reward"),
@@ -154,4 +164,4 @@ def _mean_of(results: Sequence[Result], name: str) -> float:
 
 
 def _mean(values: Sequence[float]) -> float:
-    return float(np.mean([float(value) for value in values]))
+    return float(np.mean(values))

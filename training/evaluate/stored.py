@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Sequence
 
 import numpy as np
 import pandas as pd
@@ -16,13 +16,26 @@ from applr_ros1.common.files import read_json
 from applr_ros1.policy.parameter_space import Space
 from training.env.settings import under
 from training.evaluate.compare import Comparison, compare
-from training.evaluate.score import seconds
+from training.evaluate.score import mean_scores, seconds
 from training.evaluate.table import SETTINGS, TRIALS, read_trials
 from training.evaluate.trial import BASELINE
 from worlds import World, barn
 
-SETS = ("Training", "Test", "Physical course", "Other")
+# Groups of worlds; those of BARN first
+TRAINING = "Training"
+TEST = "Test"
+PHYSICAL_COURSE = "Physical course"
+OTHER = "Other"
+SETS = (TRAINING, TEST, PHYSICAL_COURSE, OTHER)
 THIRDS = ("Easy", "Medium", "Difficult")
+
+
+class Group(NamedTuple):
+    """Trials of a method in a group of worlds."""
+
+    worlds: str
+    method: str
+    trials: pd.DataFrame
 
 
 class Results:
@@ -32,8 +45,14 @@ class Results:
         folder: Folder of an evaluation.
 
     Attributes:
-        trials: A row per trial with the columns of trials.csv, "set" (group of the world), and "score" [s] (seconds()
-            in score.py).
+        trials: A row per trial with the columns of trials.csv, "set" (group of the world), and
+            "score" [s] (seconds() in score.py).
+        settings: Content of evaluation.json.
+        robot: Its part about the robot: name, body, world_scale and space (evaluation.settings).
+        methods: Names of the methods.
+        worlds: Names of the worlds.
+        baseline: Method that the others are compared with.
+        rivals: The other methods.
 
     Raises:
         ApplrError: There are no trials, or the folder cannot be read.
@@ -45,20 +64,20 @@ class Results:
         if trials.empty:
             raise ApplrError(f"{self.folder} holds no trials: give a folder that evaluate.py wrote")
         self.settings = dict(read_json(self.folder / SETTINGS))
-        self._specs = dict(zip(self.settings["worlds"], self.settings["world_specs"]))
-        self.robot: Dict[str, Any] = self.settings[
-            "robot"
-        ]  # name, body, world_scale and space (evaluation.settings)
+        self.robot: Dict[str, Any] = self.settings["robot"]
         self.space = Space.from_metadata(self.robot["space"], self.robot["name"])
-        moving = self.settings["worlds_with_movers"]
-        set_of_world = {
-            name: "Other" if name in moving else set_of(name) for name in trials.world.unique()
-        }
-        self.trials = trials.assign(set=trials.world.map(set_of_world), score=seconds(trials))
+        self._specifications = dict(zip(self.settings["worlds"], self.settings["world_specs"]))
+
         self.methods: List[str] = trials.method.unique().tolist()
         self.worlds: List[str] = trials.world.unique().tolist()
         self.baseline = BASELINE if BASELINE in self.methods else self.methods[0]
-        self.rivals = [m for m in self.methods if m != self.baseline]
+        self.rivals = self.methods.copy()
+        self.rivals.remove(self.baseline)
+
+        # With moving obstacles, a world of BARN is not comparable with the paper's.
+        has_movers = trials.world.isin(self.settings["worlds_with_movers"])
+        groups = trials.world.map(set_of).mask(has_movers, OTHER)
+        self.trials = trials.assign(set=groups, score=seconds(trials))
 
     def of(self, method: str, worlds: Sequence[str]) -> pd.DataFrame:
         """Return the trials of a method in some worlds."""
@@ -68,50 +87,53 @@ class Results:
         """Return the worlds of one of SETS, in the order of the trials."""
         return list(self.trials.world[self.trials.set == name].unique())
 
-    def groups(
-        self, methods: Optional[Sequence[str]] = None
-    ) -> Iterator[Tuple[str, str, pd.DataFrame]]:
-        """Yield (name of the group, method, trials) for each of SETS that has worlds and each method (default: all)."""
+    def groups(self, methods: Sequence[str]) -> Iterator[Group]:
+        """Yield the trials of some methods in each of SETS that has worlds, method by method."""
         for name in SETS:
             worlds = self.of_set(name)
-            for method in (self.methods if methods is None else methods) if worlds else []:
-                yield name, method, self.of(method, worlds)
-
-    @property
-    def scores(self) -> pd.DataFrame:
-        """Mean scores [s]: a row for each world, a column for each method."""
-        return self.trials.groupby(["world", "method"], sort=False).score.mean().unstack()
+            if worlds:
+                for method in methods:
+                    yield Group(name, method, self.of(method, worlds))
 
     def compare(self, method: str, other: str, worlds: Sequence[str]) -> Comparison:
         """Compare two methods over those of `worlds` in which both have trials."""
-        ours, theirs = (self.scores[one].reindex(worlds) for one in (method, other))
-        both = ours.notna() & theirs.notna()
-        return compare(ours[both], theirs[both])
+        scores = mean_scores(self.trials).reindex(worlds)
+        in_both = scores[method].notna() & scores[other].notna()
+        return compare(scores[method][in_both], scores[other][in_both])
 
     def by_difficulty(self, worlds: Sequence[str]) -> List[str]:
         """Return the worlds sorted by the baseline's score, fastest first."""
-        scores = self.scores[self.baseline].reindex(worlds).dropna()
+        scores = mean_scores(self.trials)[self.baseline].reindex(worlds).dropna()
+        # By name where scores are equal, so that the order is always the same
         return sorted(scores.index, key=lambda world: (scores[world], world))
 
     def thirds(self) -> Dict[str, List[str]]:
-        """Return all training and test worlds in thirds of difficulty, as in the paper: 100 each of 300."""
-        ordered = self.by_difficulty(
-            self.trials.world[self.trials.set.isin(SETS[:2])].unique().tolist()
-        )
-        return dict(
-            zip(THIRDS, (list(part) for part in np.array_split(np.array(ordered, dtype=object), 3)))
-        )
+        """Return the worlds of each of THIRDS, as in the paper: 100 each of its 300 worlds.
+
+        The thirds are of all training and test worlds.
+        """
+        ordered = self.by_difficulty([*self.of_set(TRAINING), *self.of_set(TEST)])
+        thirds = np.array_split(np.array(ordered, dtype=object), len(THIRDS))
+        return dict(zip(THIRDS, map(list, thirds)))
 
     def load(self, name: str) -> World:
         """Return a world of the evaluation, at the scale of its robot."""
-        radius = self.robot.get("radius", 0.0)  # Older evaluations have neither a radius nor maps.
-        world = under(self.settings["protocol"], worlds_package.load(self._specs[name], radius))
-        return worlds_package.scaled(world, self.robot["world_scale"])
+        # Older evaluations have neither a radius nor maps, which need one.
+        radius = self.robot.get("radius", 0.0)
+        world = worlds_package.load(self._specifications[name], radius)
+        return worlds_package.scaled(
+            under(self.settings["protocol"], world), self.robot["world_scale"]
+        )
 
 
 def set_of(world: str) -> str:
-    """Return the group of a world by its name. Generated worlds and BARN's own files follow BARN's split."""
+    """Return the group of a world by its name.
+
+    Generated worlds and BARN's own files follow BARN's split.
+    """
+    if world == "physical_course":
+        return PHYSICAL_COURSE
     match = re.match(r"^(?:generated:|world_)(\d+)$", world)
-    if match and int(match.group(1)) < 300:
-        return "Test" if int(match.group(1)) in barn.TEST else "Training"
-    return "Physical course" if world == "physical_course" else "Other"
+    if match is None or int(match.group(1)) >= 300:  # BARN has 300 worlds.
+        return OTHER
+    return TEST if int(match.group(1)) in barn.TEST else TRAINING

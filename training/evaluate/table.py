@@ -1,7 +1,8 @@
-"""Table of trials on disk, in which evaluations, training rounds, searches and verdicts keep their results.
+"""Table of trials on disk, which evaluations, training rounds, searches and verdicts write.
 
-The folder has trials.csv with a row for each trial, appended once it was driven, evaluation.json with the settings, and
-the driven paths in traces/. If the process is killed, only the trials that were being driven are lost.
+The folder has trials.csv with a row for each trial, appended once it was driven, evaluation.json
+with the settings, and the driven paths in traces/. If the process is killed, only the trials that
+were being driven are lost.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import os
 import re
 from dataclasses import astuple, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, Iterable, Optional, Sequence
+from typing import TYPE_CHECKING, Any, Dict, Iterable, List, Optional, Sequence
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_bytes, read_json, write_bytes, write_json
@@ -24,16 +25,20 @@ from training.evaluate.trial import Result, Trial
 if TYPE_CHECKING:
     import pandas as pd
 
-TRIALS, SETTINGS, TRACES = "trials.csv", "evaluation.json", "traces"
-COLUMNS: Dict[str, Any] = {
-    "world": "str",
-    "method": "str",
-    "trial": "int",
-    "seed": "int",
-}  # types by column
+# Names of files and folders in the folder of a table
+TRIALS = "trials.csv"
+SETTINGS = "evaluation.json"
+TRACES = "traces"
+# Types of the columns: those that identify a trial, then those of its result
+COLUMNS: Dict[str, Any] = {"world": "str", "method": "str", "trial": "int", "seed": "int"}
 KEY = tuple(COLUMNS)
-COLUMNS.update({field.name: field.type for field in fields(Result)})
-NAN = {name: ["nan"] for name, kind in COLUMNS.items() if kind == "float"}
+# Only numbers can be missing: a reason or a world may be called "nan".
+NAN: Dict[str, Any] = {}
+for _field in fields(Result):
+    COLUMNS[_field.name] = _field.type
+    if _field.type == "float":
+        NAN[_field.name] = ["nan"]
+DECIMALS = 4  # precision of the numbers in a table
 
 
 def read_trials(path: os.PathLike[str] | str) -> pd.DataFrame:
@@ -44,13 +49,22 @@ def read_trials(path: os.PathLike[str] | str) -> pd.DataFrame:
     import pandas as pd
 
     data = read_bytes(path) if Path(path).exists() else b""
-    whole = data[: data.rfind(b"\n") + 1] or (",".join(COLUMNS) + "\n").encode()
-    options: Dict[str, Any] = {"dtype": COLUMNS, "keep_default_na": False, "na_values": NAN}
-    return pd.read_csv(io.BytesIO(whole), usecols=list(COLUMNS), **options)[[*COLUMNS]].round(4)
+    whole_lines = data[: data.rfind(b"\n") + 1] or _lines([tuple(COLUMNS)])
+    columns = list(COLUMNS)
+    trials = pd.read_csv(
+        io.BytesIO(whole_lines),
+        usecols=columns,
+        dtype=COLUMNS,
+        keep_default_na=False,
+        na_values=NAN,
+    )
+    return trials[columns].round(DECIMALS)  # usecols keeps the order of the file.
 
 
 class Trials:
-    """Folder with a table of trials, locked for this process until closed. Numbers have four decimals.
+    """Folder with a table of trials, locked for this process until closed.
+
+    Numbers have four decimals.
 
     Args:
         folder: Folder of the table, made if it is missing.
@@ -65,20 +79,22 @@ class Trials:
     """
 
     def __init__(self, folder: os.PathLike[str] | str, settings: Dict[str, Any]):
-        self.folder, self.added = make_folder(folder), 0
-        path = self.folder / SETTINGS
-        if not path.exists():
-            write_json(path, settings)
-        self.notes: Dict[str, Any] = read_json(path)
-        for name, value in json.loads(json.dumps(settings)).items():
-            if value != self.notes.get(name):
-                raise ApplrError(
-                    f"{self.folder} has another {name}: give another --out, or the same {name}"
-                )
+        self.folder = make_folder(folder)
+        self.added = 0
+        settings_file = self.folder / SETTINGS
+        if not settings_file.exists():
+            write_json(settings_file, settings)
+        self.notes: Dict[str, Any] = read_json(settings_file)
+        # As JSON, because a tuple would differ from the list that was read.
+        for setting, value in json.loads(json.dumps(settings)).items():
+            if value != self.notes.get(setting):
+                remedy = f"give another --out, or the same {setting}"
+                raise ApplrError(f"{self.folder} has another {setting}: {remedy}")
         self._lock = Lock(self.folder, "evaluate.py")
-        rows = read_trials(self.folder / TRIALS).itertuples(index=False, name=None)
-        self._results = {row[: len(KEY)]: Result(*row[len(KEY) :]) for row in rows}
-        self.order([])
+        self._results: Dict[Any, Result] = {}
+        for row in read_trials(self.folder / TRIALS).itertuples(index=False, name=None):
+            self._results[row[: len(KEY)]] = Result(*row[len(KEY) :])
+        self.order([])  # Without the incomplete last line, to which add() would append.
 
     def __enter__(self) -> Trials:
         return self
@@ -86,32 +102,41 @@ class Trials:
     def __exit__(self, *error: Any) -> None:
         self._lock.close()
 
-    def find(self, trial: Trial) -> Optional[Result]:
-        """Return the result of a trial, or None if it was not driven yet."""
-        return self._results.get(_key(trial))
+    def missing(self, trials: Sequence[Trial]) -> List[Trial]:
+        """Return the trials that were not driven yet, each once."""
+        unique = dict.fromkeys(trials)
+        return [trial for trial in unique if _key(trial) not in self._results]
+
+    def result(self, trial: Trial) -> Result:
+        """Return the result of a trial that was driven."""
+        return self._results[_key(trial)]
 
     def add(self, trial: Trial, result: Result, trace: bytes = b"") -> Result:
-        """Store a trial and return its rounded result. The row is written last, so that each row has its trace."""
+        """Store a trial and return its rounded result."""
+        # The trace comes first, so that each row has its trace even if the process is killed.
         if trace:
-            write_bytes(
-                make_folder(self.folder / TRACES)
-                / trace_name(trial.world, trial.method, trial.trial),
-                trace,
-            )
-        values: Dict[str, Any] = {
-            k: round(v, 4) if isinstance(v, float) else v for k, v in vars(result).items()
-        }
-        kept = self._results[_key(trial)] = Result(**values)
+            file_name = trace_name(trial.world, trial.method, trial.trial)
+            write_bytes(make_folder(self.folder / TRACES) / file_name, trace)
+        values: Dict[str, Any] = dict(vars(result))
+        for name, value in values.items():
+            if isinstance(value, float):
+                values[name] = round(value, DECIMALS)
+        rounded = Result(**values)
+        self._results[_key(trial)] = rounded
         self.added += 1
         with open(self.folder / TRIALS, "ab") as file:
-            file.write(_lines([(*_key(trial), *astuple(kept))]))
-        return kept
+            file.write(_lines([self._row(_key(trial))]))
+        return rounded
 
     def order(self, plan: Sequence[Trial]) -> None:
         """Rewrite the file with the trials of a plan first, in its order, and then all others."""
-        keys = [*filter(self._results.__contains__, map(_key, plan)), *self._results]
-        rows = [(*key, *astuple(self._results[key])) for key in dict.fromkeys(keys)]
-        write_bytes(self.folder / TRIALS, _lines([tuple(COLUMNS), *rows]))
+        planned = filter(self._results.__contains__, map(_key, plan))
+        keys = dict.fromkeys([*planned, *self._results])
+        write_bytes(self.folder / TRIALS, _lines([tuple(COLUMNS), *map(self._row, keys)]))
+
+    def _row(self, key: Any) -> Sequence[Any]:
+        """Return the row of a trial."""
+        return (*key, *astuple(self._results[key]))
 
     def note(self, **values: Any) -> None:
         """Store JSON values beside the settings."""
@@ -121,9 +146,8 @@ class Trials:
 
 def trace_name(world: str, method: str, trial: int) -> str:
     """Return the file name of a trial's trace."""
-    return (
-        "__".join(re.sub(r"[^\w.+-]", "-", str(part)) for part in (world, method, trial)) + ".npz"
-    )
+    # A world or a method may be a path or a module:Class.
+    return re.sub(r"[^\w.+-]", "-", f"{world}__{method}__{trial}.npz")
 
 
 def read_trace(
@@ -131,14 +155,18 @@ def read_trace(
 ) -> Optional[Drive]:
     """Return the driven path of a trial as a Drive, or None if it was not kept."""
     path = Path(folder) / TRACES / trace_name(world, method, trial)
-    return Drive.unpack(read_bytes(path)) if path.exists() else None
+    if not path.exists():
+        return None
+    return Drive.unpack(read_bytes(path))
 
 
 def _key(trial: Trial) -> Any:
-    return tuple(getattr(trial, name) for name in KEY)
+    """Return the values that identify a trial."""
+    return trial.world, trial.method, trial.trial, trial.seed
 
 
 def _lines(rows: Iterable[Sequence[Any]]) -> bytes:
+    """Return rows as lines of CSV."""
     buffer = io.StringIO()
     csv.writer(buffer, lineterminator="\n").writerows(rows)
     return buffer.getvalue().encode()

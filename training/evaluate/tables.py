@@ -1,11 +1,15 @@
-"""Tables of the report: the paper's Tables I to IV from our trials, with the paper's numbers, and further tables."""
+"""Tables of the report: the paper's Tables I to IV from our trials, and further tables.
+
+Beside our numbers stand those of the paper.
+"""
 
 from __future__ import annotations
 
 import html
+import math
 import warnings
 from itertools import combinations
-from typing import Callable, Dict, Iterator, NamedTuple, Sequence, Tuple
+from typing import Any, Callable, Dict, Iterator, NamedTuple, Sequence
 
 import numpy as np
 import pandas as pd
@@ -13,11 +17,13 @@ import scipy
 
 from applr_ros1.policy.decision import PERIOD
 from training.evaluate import paper
-from training.evaluate.compare import LEVEL, over_worlds, rate
+from training.evaluate.compare import LEVEL, Estimate, over_worlds, rate
 from training.evaluate.score import FAILURE_SECONDS, barn_metric
-from training.evaluate.stored import SETS, Results
+from training.evaluate.stored import SETS, TEST, TRAINING, Results
 
 NONE = "–"  # cell without a value
+COMPARED_IN_PAPER = ("applr", "dwa")  # methods of the paper's Tables II and III
+NO_PAPER = (NONE, NONE)  # cells of other methods in these tables
 Rows = Iterator[Dict[str, str]]
 
 
@@ -30,16 +36,18 @@ class Table(NamedTuple):
     notes: Sequence[str] = ()
 
     def html(self) -> str:
-        """Return the table as HTML, with its title above and its notes below. A wide table scrolls in its own box."""
-        with pd.option_context("display.max_colwidth", None):
+        """Return the table as HTML, with its title above and its notes below.
+
+        A wide table scrolls in its own box.
+        """
+        with pd.option_context("display.max_colwidth", None):  # Else pandas cuts long cells.
             table = self.rows.to_html(index=False, border=0)
+        title = f"<h2 id={self.name}>{html.escape(self.title)}</h2>"
         notes = "".join(f"<p class=note>{html.escape(note)}</p>" for note in self.notes)
-        return (
-            f"<h2 id={self.name}>{html.escape(self.title)}</h2><div class=wide>{table}</div>{notes}"
-        )
+        return f"{title}<div class=wide>{table}</div>{notes}"
 
 
-Made = Callable[[Results], Table]
+Made = Callable[[Results], Table]  # makes the table of an evaluation
 
 
 def number(value: float, digits: int = 2) -> str:
@@ -54,70 +62,99 @@ def span(low: float, high: float, digits: int = 2) -> str:
 
 def share(n: int, total: int) -> str:
     """Return a count with its percentage of the total, or NONE if the total is 0."""
-    return f"{n} ({n / total:.0%})".replace("%", " %") if total else NONE
+    if total == 0:
+        return NONE
+    return f"{n} ({n / total:.0%})".replace("%", " %")
 
 
 def table(
     title: str, *notes: str, of_paper: Sequence[str] = ()
 ) -> Callable[[Callable[[Results], Rows]], Made]:
-    """Return a decorator: it turns a function that yields rows into a function that makes the table of the same name.
+    """Return a decorator that turns a function that yields rows into one that makes a table.
 
-    Columns whose names begin with "paper" are left out if no row has a value in them. If all these columns are left
-    out, the notes `of_paper` about them are left out as well.
+    The table has the function's name. Columns whose names begin with "paper" are left out if no row
+    has a value in them. If all these columns are left out, the notes `of_paper` about them are left
+    out as well.
     """
 
-    def of(rows: Callable[[Results], Rows]) -> Made:
-        def made(results: Results) -> Table:
-            frame = pd.DataFrame(list(rows(results)))
-            paper_columns = [column for column in frame if column.startswith("paper")]
-            empty = [column for column in paper_columns if (frame[column] == NONE).all()]
-            about = () if len(empty) == len(paper_columns) else of_paper
-            return Table(rows.__name__, title, frame.drop(columns=empty), (*notes, *about))
+    def decorate(rows_of: Callable[[Results], Rows]) -> Made:
+        def make(results: Results) -> Table:
+            rows = pd.DataFrame(list(rows_of(results)))
+            in_paper = rows.filter(regex="^paper")
+            is_empty = (in_paper == NONE).all()
+            all_notes = list(notes)
+            if not is_empty.all():
+                all_notes += of_paper
+            rows = rows.drop(columns=in_paper.columns[is_empty])
+            return Table(rows_of.__name__, title, rows, all_notes)
 
-        return made
+        return make
 
-    return of
+    return decorate
 
 
 def welch(trials: pd.DataFrame, others: pd.DataFrame) -> pd.DataFrame:
-    """Compare the times of two methods' successful trials in each world that both have driven (two-sided Welch test).
+    """Compare the times of two methods' successful trials in each world that both have driven.
 
     Returns:
-        A row per world: "sign", -1 if the first method is faster, 1 if the other is; the p-value "p"; and "holm", p
-        corrected over the worlds. p is NaN if a method has fewer than two successes, or if neither method's times vary.
+        A row per world: "sign", -1 if the first method is faster, 1 if the other is; the p-value
+        "p" of a two-sided Welch test; and "holm", p corrected over the worlds. p is NaN if a method
+        has fewer than two successes, or if neither method's times vary.
     """
-    both = [world for world in trials.world.unique() if world in set(others.world)]
-    ours, theirs = (
-        one.assign(t=one.time_s.where(one.success))
-        .pivot(index="world", columns="trial", values="t")
-        .loc[both]
-        for one in (trials, others)
-    )
+    times = _success_times(trials)
+    other_times = _success_times(others)
+    worlds = times.index.intersection(other_times.index, sort=False)
+    times = times.loc[worlds]
+    other_times = other_times.loc[worlds]
     with warnings.catch_warnings():
-        warnings.simplefilter(
-            "ignore", RuntimeWarning
-        )  # scipy warns if a sample is small or hardly varies
-        test = scipy.stats.ttest_ind(ours, theirs, axis=1, equal_var=False, nan_policy="omit")
-    varies = [one.max(axis=1) > one.min(axis=1) for one in (ours, theirs)]
-    p = np.where(varies[0] | varies[1], test.pvalue, np.nan)
+        # scipy warns if a sample is small or hardly varies.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        welch_test = scipy.stats.ttest_ind(
+            times, other_times, axis=1, equal_var=False, nan_policy="omit"
+        )
+    # Means of equal times may differ in the last bit, which would be infinitely significant.
+    varies = _varies(times) | _varies(other_times)
+    p_values = np.where(varies, welch_test.pvalue, np.nan)
     return pd.DataFrame(
-        {"sign": np.sign(test.statistic), "p": p, "holm": holm_adjusted(p)}, dtype=float
+        {"sign": np.sign(welch_test.statistic), "p": p_values, "holm": holm_adjusted(p_values)},
+        dtype=float,
     )
 
 
-def significant(tests: pd.DataFrame, column: str = "p") -> Tuple[int, int]:
-    """Return in how many worlds the first method is significantly faster at .05, and in how many the other is."""
-    worlds = tests.sign[tests[column] < LEVEL]
-    return int((worlds == -1).sum()), int((worlds == 1).sum())
+def _success_times(trials: pd.DataFrame) -> pd.DataFrame:
+    """Return a row of times [s] for each world, in the order of the trials; NaN for a failure."""
+    times = trials.assign(time=trials.time_s.where(trials.success))
+    by_world = times.pivot(index="world", columns="trial", values="time")
+    return by_world.loc[trials.world.unique()]
+
+
+def _varies(times: pd.DataFrame) -> pd.Series:
+    return times.max(axis=1) > times.min(axis=1)
+
+
+class Significant(NamedTuple):
+    """Numbers of worlds in which the first of two methods, and the other, is clearly faster."""
+
+    faster: int
+    slower: int
+
+
+def significant(tests: pd.DataFrame, column: str = "p") -> Significant:
+    """Count the worlds in which one method is significantly faster, by a column of welch()."""
+    sign = tests.sign[tests[column] < LEVEL]
+    return Significant(int((sign == -1).sum()), int((sign == 1).sum()))
 
 
 def holm_adjusted(p: np.ndarray) -> np.ndarray:
-    """Return p-values (n,) adjusted by Holm's procedure. NaN stays NaN and does not count as a test."""
+    """Return p-values (n,) adjusted by Holm's procedure.
+
+    NaN stays NaN and does not count as a test.
+    """
     adjusted = np.full(len(p), np.nan)
-    order = np.argsort(p)[: np.count_nonzero(~np.isnan(p))]  # argsort puts NaN last
-    adjusted[order] = np.maximum.accumulate(
-        np.minimum(1.0, np.arange(len(order), 0, -1) * p[order])
-    )
+    order = np.argsort(p)[: np.count_nonzero(~np.isnan(p))]  # argsort puts NaN last.
+    # The smallest of m p-values is multiplied by m, the next one by m - 1, ...
+    factors = np.arange(len(order), 0, -1)
+    adjusted[order] = np.maximum.accumulate(np.minimum(1.0, factors * p[order]))
     return adjusted
 
 
@@ -128,62 +165,64 @@ def holm_adjusted(p: np.ndarray) -> np.ndarray:
     "have driven. Intervals: bootstrap over worlds. Two-second decisions: seconds / 2.",
     of_paper=(
         paper.UNIT,
-        f"The paper's improvement: training {paper.GAIN['Training']}, test {paper.GAIN['Test']}. {paper.GAIN_SLIP}",
+        f"The paper's improvement: training {paper.GAIN[TRAINING]}, test {paper.GAIN[TEST]}. "
+        + paper.GAIN_SLIP,
     ),
 )
 def table_1(results: Results) -> Rows:
     """Tabulate average traversal times, in seconds and in two-second decisions."""
-    for name, method, trials in results.groups():
+    for set_name, method, trials in results.groups(results.methods):
         times = trials.time_s.where(trials.success).groupby(trials.world, sort=False)
-        mean, low, high = over_worlds(times.sum(), times.count())
-        comparison = results.compare(method, results.baseline, results.of_set(name))
-        gain, least, most = comparison.gain
-        rival, stated = method != results.baseline, paper.TIME.get((name, method), np.nan)
+        mean_time = over_worlds(times.sum(), times.count())
+        # The baseline is not compared with itself.
+        saved_s = math.nan
+        gain = Estimate(math.nan, math.nan, math.nan)
+        if method != results.baseline:
+            comparison = results.compare(method, results.baseline, results.of_set(set_name))
+            saved_s = -comparison.difference.value
+            gain = comparison.gain
+        paper_time = paper.TIME.get((set_name, method), math.nan)
         yield {
-            "worlds": name,
+            "worlds": set_name,
             "method": method,
-            "time [s]": number(mean),
-            "95 % interval": span(low, high),
-            "two-second decisions": number(mean / PERIOD),
+            "time [s]": number(mean_time.value),
+            "95 % interval": span(mean_time.low, mean_time.high),
+            "two-second decisions": number(mean_time.value / PERIOD),
             "successes": f"{trials.success.sum()} of {len(trials)}",
-            f"faster than {results.baseline} [s]": number(-comparison.difference.value)
-            if rival
-            else NONE,
-            "faster [%]": number(100 * gain, 1) if rival else NONE,
-            "95 % interval [%]": span(100 * least, 100 * most, 1) if rival else NONE,
-            "paper [decisions]": number(stated),
-            "paper [s]": number(stated * PERIOD),
+            f"faster than {results.baseline} [s]": number(saved_s),
+            "faster [%]": number(100 * gain.value, 1),
+            "95 % interval [%]": span(100 * gain.low, 100 * gain.high, 1),
+            "paper [decisions]": number(paper_time),
+            "paper [s]": number(paper_time * PERIOD),
         }
 
 
 @table(
     "Table II: worlds in which one method is significantly faster",
-    "Two-sided Welch t-test of the successful trials' times at .05, in each world. A world in which a method has "
-    "fewer than two successes cannot be tested and counts for neither.",
+    "Two-sided Welch t-test of the successful trials' times at .05, in each world. A world in "
+    "which a method has fewer than two successes cannot be tested and counts for neither.",
     "Holm: corrected over all tested worlds of the row. " + paper.CHANCE,
 )
 def table_2(results: Results) -> Rows:
     """Tabulate the Welch tests per world."""
-    base = results.baseline
-    for name, method, trials in results.groups(results.rivals):
-        tests = welch(trials, results.of(base, results.of_set(name)))
-        counts = significant(tests) + significant(tests, "holm")
-        shares = [share(n, len(tests)) for n in counts]
-        stated = (
-            paper.BETTER.get(name, (NONE, NONE))
-            if (method, base) == ("applr", "dwa")
-            else (NONE, NONE)
-        )
+    baseline = results.baseline
+    for set_name, method, trials in results.groups(results.rivals):
+        tests = welch(trials, results.of(baseline, results.of_set(set_name)))
+        count = significant(tests)
+        corrected = significant(tests, "holm")
+        applr_better, dwa_better = NO_PAPER
+        if (method, baseline) == COMPARED_IN_PAPER:
+            applr_better, dwa_better = paper.BETTER.get(set_name, NO_PAPER)
         yield {
-            "worlds": name,
+            "worlds": set_name,
             "method": method,
             "tested": f"{tests.p.count()} of {len(tests)}",
-            "method better": shares[0],
-            f"{base} better": shares[1],
-            "method better (Holm)": shares[2],
-            f"{base} better (Holm)": shares[3],
-            "paper: applr better": stated[0],
-            "paper: dwa better": stated[1],
+            "method better": share(count.faster, len(tests)),
+            f"{baseline} better": share(count.slower, len(tests)),
+            "method better (Holm)": share(corrected.faster, len(tests)),
+            f"{baseline} better (Holm)": share(corrected.slower, len(tests)),
+            "paper: applr better": applr_better,
+            "paper: dwa better": dwa_better,
         }
 
 
@@ -194,34 +233,41 @@ def table_2(results: Results) -> Rows:
 )
 def table_3(results: Results) -> Rows:
     """Tabulate the Welch tests by thirds of difficulty."""
-    base, thirds = results.baseline, results.thirds()
-    parts = {part: set(results.of_set(part)) for part in SETS[:2]}
-    for third, part in paper.THIRDS:
-        worlds = [w for w in thirds[third] if w in parts.get(part, thirds[third])]
-        for method in results.rivals if worlds else []:
-            tests = welch(results.of(method, worlds), results.of(base, worlds))
-            better, worse = significant(tests)
-            stated = (NONE, NONE)
-            if (method, base) == ("applr", "dwa"):
-                mark = " (*)" if (third, part) in paper.SWAPPED else ""
-                theirs = paper.THIRDS[third, part]
-                stated = f"{theirs[0]} %", f"{theirs[1]} %{mark}"
+    baseline = results.baseline
+    thirds = results.thirds()
+    for (third, part), (applr_percent, dwa_percent) in paper.THIRDS.items():
+        worlds = thirds[third]
+        if part in SETS:  # else "All"
+            of_part = results.of_set(part)
+            worlds = [world for world in worlds if world in of_part]
+        if not worlds:
+            continue
+        baseline_trials = results.of(baseline, worlds)
+        for method in results.rivals:
+            tests = welch(results.of(method, worlds), baseline_trials)
+            count = significant(tests)
+            applr_better, dwa_better = NO_PAPER
+            if (method, baseline) == COMPARED_IN_PAPER:
+                applr_better = f"{applr_percent} %"
+                dwa_better = f"{dwa_percent} %"
+                if (third, part) in paper.SWAPPED:
+                    dwa_better += " (*)"
             yield {
                 "worlds": f"{third} {part}",
                 "method": method,
                 "n": str(len(tests)),
-                "method better": share(better, len(tests)),
-                f"{base} better": share(worse, len(tests)),
-                f"{base} mean time, all trials [s]": number(results.of(base, worlds).score.mean()),
-                "paper: applr better": stated[0],
-                "paper: dwa better": stated[1],
+                "method better": share(count.faster, len(tests)),
+                f"{baseline} better": share(count.slower, len(tests)),
+                f"{baseline} mean time, all trials [s]": number(baseline_trials.score.mean()),
+                "paper: applr better": applr_better,
+                "paper: dwa better": dwa_better,
             }
 
 
 @table(
     "Table IV: traversal time on the physical course",
-    "A simulated course of cardboard boxes built from the paper's description, not the authors' course. "
-    "Mean and standard deviation over the successful trials.",
+    "A simulated course of cardboard boxes built from the paper's description, not the authors' "
+    "course. Mean and standard deviation over the successful trials.",
     of_paper=("The paper's numbers are from the real robot, five trials each.",),
 )
 def table_4(results: Results) -> Rows:
@@ -231,13 +277,17 @@ def table_4(results: Results) -> Rows:
         if trials.empty:
             continue
         times = trials.time_s[trials.success]
+        time_text = NONE
+        if len(times):
+            deviation = times.std() if len(times) > 1 else 0.0
+            time_text = f"{times.mean():.1f} ± {deviation:.1f}"
         failures = trials.reason[~trials.success].replace("", "failed").value_counts(sort=False)
-        deviation = times.std() if len(times) > 1 else 0.0
+        counts = [f"{count}: {reason}" for reason, count in failures.items()]
         yield {
             "method": method,
-            "time [s] (mean ± sd)": f"{times.mean():.1f} ± {deviation:.1f}" if len(times) else NONE,
+            "time [s] (mean ± sd)": time_text,
             "successes": f"{trials.success.sum()} of {len(trials)}",
-            "failures": "; ".join(f"{n}: {why}" for why, n in failures.items()) or "none",
+            "failures": "; ".join(counts) or "none",
             "contacts": f"{trials.collided.sum()} of {len(trials)}",
             "paper [s]": paper.PHYSICAL.get(method, NONE),
         }
@@ -245,19 +295,21 @@ def table_4(results: Results) -> Rows:
 
 @table(
     "Arrivals, contacts, and BARN's metric",
-    "With Wilson's 95 % interval, widened if trials in one world resemble each other. BARN's metric is comparable with "
-    "the Challenge's numbers only under --protocol barn-challenge.",
+    "With Wilson's 95 % interval, widened if trials in one world resemble each other. BARN's "
+    "metric is comparable with the Challenge's numbers only under --protocol barn-challenge.",
 )
 def rates(results: Results) -> Rows:
     """Tabulate the shares of trials that arrive and that touch something, and BARN's metric."""
-    for name, method, trials in results.groups():
-        row = {"worlds": name, "method": method, "trials": str(len(trials))}
-        for column, flags in (("success [%]", trials.success), ("collided [%]", trials.collided)):
-            share, low, high = (100.0 * value for value in rate(flags, trials.world))
-            row[column] = f"{share:.1f} ({low:.1f} to {high:.1f})"
-        scores = barn_metric(trials.success, trials.collided, trials.time_s, trials.route_m)
-        row["metric"] = number(scores.mean(), 3)
-        yield row
+    for set_name, method, trials in results.groups(results.methods):
+        metric = barn_metric(trials.success, trials.collided, trials.time_s, trials.route_m)
+        yield {
+            "worlds": set_name,
+            "method": method,
+            "trials": str(len(trials)),
+            "success [%]": _percent(rate(trials.success, trials.world)),
+            "collided [%]": _percent(rate(trials.collided, trials.world)),
+            "metric": number(metric.mean(), 3),
+        }
 
 
 @table(
@@ -269,29 +321,30 @@ def rates(results: Results) -> Rows:
 )
 def pairs(results: Results) -> Rows:
     """Tabulate every method against every other: paired over worlds, and world by world."""
-    for name in SETS:
-        worlds = results.of_set(name)
-        compared = {
-            couple: results.compare(*couple, worlds) for couple in combinations(results.methods, 2)
-        }
-        compared = {
-            couple: comparison for couple, comparison in compared.items() if comparison.worlds
-        }
-        adjusted = holm_adjusted(np.array([one.p for one in compared.values()]))
-        for ((a, b), one), p in zip(compared.items(), adjusted):
-            tests = welch(results.of(a, worlds), results.of(b, worlds))
-            faster, slower = (share(n, len(tests)) for n in significant(tests, "holm"))
+    for set_name in SETS:
+        worlds = results.of_set(set_name)
+        comparisons = {}
+        for couple in combinations(results.methods, 2):
+            comparison = results.compare(*couple, worlds)
+            if comparison.worlds:
+                comparisons[couple] = comparison
+        p_values = np.array([comparison.p for comparison in comparisons.values()])
+        for (couple, comparison), adjusted in zip(comparisons.items(), holm_adjusted(p_values)):
+            method, other = couple
+            tests = welch(results.of(method, worlds), results.of(other, worlds))
+            count = significant(tests, "holm")
+            difference = comparison.difference
             yield {
-                "worlds": name,
-                "method": a,
-                "other": b,
-                "n": str(one.worlds),
-                "difference, all trials [s]": number(one.difference.value),
-                "95 % interval": span(one.difference.low, one.difference.high),
-                "p": _p(one.p),
-                "p (Holm)": _p(p),
-                "method faster in": faster,
-                "other faster in": slower,
+                "worlds": set_name,
+                "method": method,
+                "other": other,
+                "n": str(comparison.worlds),
+                "difference, all trials [s]": number(difference.value),
+                "95 % interval": span(difference.low, difference.high),
+                "p": _p_text(comparison.p),
+                "p (Holm)": _p_text(adjusted),
+                "method faster in": share(count.faster, len(tests)),
+                "other faster in": share(count.slower, len(tests)),
             }
 
 
@@ -302,15 +355,24 @@ def methods(results: Results) -> Rows:
         parts = []
         for key, value in results.settings.get("methods", {}).get(name, {}).items():
             if isinstance(value, dict):
-                items = value.items()
-                value = ", ".join(
-                    ("%s %g" if isinstance(v, (int, float)) else "%s %s") % (k, v) for k, v in items
-                )
+                value = ", ".join(f"{item} {_text_of(part)}" for item, part in value.items())
             parts.append(f"{key}: {value}")
         yield {"method": name, "what it is": "; ".join(parts) or NONE}
 
 
-def _p(value: float) -> str:
+def _text_of(value: Any) -> str:
+    """Return a parameter's value as text, a number with at most six digits."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _percent(estimate: Estimate) -> str:
+    """Return a share in percent, with its interval."""
+    value, low, high = np.multiply(100.0, estimate)
+    return f"{value:.1f} ({low:.1f} to {high:.1f})"
+
+
+def _p_text(value: float) -> str:
+    """Return a p-value with four decimals."""
     if np.isnan(value):
         return NONE
     return "≤ 0.0001" if value < 1.5e-4 else f"{value:.4f}"

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import zlib
-from dataclasses import dataclass
-from typing import List, Optional, Sequence, Tuple
+from dataclasses import dataclass, fields
+from itertools import product
+from typing import Any, Dict, List, Optional, Sequence, Tuple
 
 import numpy as np
+
+from training.env.outcome import Outcome
 
 BASELINE = "dwa"  # method that drives with the default parameters of the robot
 POLICY = "policy"  # method_spec of the policy being learnt
@@ -39,13 +42,19 @@ class Trial:
 
 @dataclass(frozen=True)
 class Result:
-    """Result of a trial, in the order of the columns of trials.csv. training/env/outcome.py explains the fields.
+    """Result of a trial, in the order of the columns of trials.csv.
+
+    training/env/outcome.py explains the fields that are missing here.
 
     Attributes:
         time_s: Time [s]; the time limit if the trial timed out.
-        min_clearance_m: Smallest laser range [m]. mean_clearance_m is the mean over time of the smallest range.
-        mean_turn: Mean absolute yaw acceleration [rad/s^2].
+        route_m: Length of the course's reference path [m].
+        min_clearance_m: Smallest laser range [m]. mean_clearance_m is the mean over time of the
+            smallest range.
+        mean_jerk: Mean magnitude of the jerk [m/s^3].
+        mean_turn: Mean magnitude of the yaw acceleration [rad/s^2].
         switching: Mean change of the parameters per decision, in action units.
+        total_reward: Sum of the rewards.
     """
 
     success: bool = False
@@ -57,18 +66,35 @@ class Result:
     reason: str = ""
     route_m: float = 0.0
     min_clearance_m: float = 0.0
-    mean_jerk: float = 0.0  # [m/s^3]
-    mean_turn: float = 0.0  # [rad/s^2]
+    mean_jerk: float = 0.0
+    mean_turn: float = 0.0
     switching: float = 0.0
     mean_clearance_m: float = 0.0
     total_reward: float = 0.0
 
+    @classmethod
+    def of(
+        cls, outcome: Outcome, *, route_m: float, switching: float, total_reward: float
+    ) -> Result:
+        """Return the result of a trial that ended with an outcome."""
+        values = {
+            **vars(outcome),
+            "route_m": route_m,
+            "switching": switching,
+            "total_reward": total_reward,
+        }
+        row: Dict[str, Any] = {}
+        for column in fields(cls):
+            # Python's types instead of numpy's, which the table would write differently
+            default: Any = column.default
+            row[column.name] = type(default)(values[column.name])
+        return cls(**row)
+
 
 def seed_of(base: int, world: str, trial: int) -> int:
-    """Return the seed of a trial, the same for every method and independent of the other worlds."""
-    return int(
-        np.random.SeedSequence([base, zlib.crc32(world.encode()), trial]).generate_state(1)[0] >> 1
-    )
+    """Return the seed of a trial, equal for every method and independent of the other worlds."""
+    sequence = np.random.SeedSequence([base, zlib.crc32(world.encode()), trial])
+    return int(sequence.generate_state(1)[0] >> 1)  # 31 bits, as --seed has
 
 
 def plan_trials(
@@ -80,8 +106,9 @@ def plan_trials(
 ) -> List[Trial]:
     """Return all trials in the order of trials.csv.
 
-    The first trial of every method in every world comes before any second trial. A stopped run has therefore driven all
-    worlds, and an evaluation that is continued with more trials only appends rows.
+    The first trial of every method in every world comes before any second trial. A stopped run has
+    therefore driven all worlds, and an evaluation that is continued with more trials only appends
+    rows.
 
     Args:
         worlds: [(name, specification), ...] of the worlds.
@@ -90,17 +117,10 @@ def plan_trials(
         seed: Base seed of all trials.
         traces: Number of trials per method and world whose driven path is kept.
     """
-    return [
-        Trial(
-            world,
-            method,
-            trial,
-            seed_of(seed, world, trial),
-            world_spec,
-            method_spec,
-            trial < traces,
+    planned = []
+    for trial, (world, world_spec), (method, method_spec) in product(range(trials), worlds, chosen):
+        drawn_seed = seed_of(seed, world, trial)
+        planned.append(
+            Trial(world, method, trial, drawn_seed, world_spec, method_spec, trial < traces)
         )
-        for trial in range(trials)
-        for world, world_spec in worlds
-        for method, method_spec in chosen
-    ]
+    return planned

@@ -10,13 +10,15 @@ import math
 from typing import TYPE_CHECKING, List, Mapping, NamedTuple, Sequence
 
 from training.evaluate.compare import LEVEL, Comparison, compare
-from training.evaluate.score import SECONDS_RULE, Cost, seconds
+from training.evaluate.score import SECONDS_RULE, Cost, mean_scores, seconds
 from training.evaluate.trial import BASELINE, Result, Trial
 
 if TYPE_CHECKING:
     import pandas as pd
 
-POLICY, SET = "applr", "static"
+# Names of the methods that drive with a policy and with a tuned set
+POLICY = "applr"
+SET = "static"
 DRIVE = ["world", "trial"]  # columns that name a drive, which each method makes once
 # columns of the table with means over the drives in which all methods arrive, and their titles
 MEANS = {
@@ -55,11 +57,6 @@ def paired_trials(
     trials = pd.DataFrame(rows)
     driven_by = trials.groupby(DRIVE).method.transform("nunique")
     return trials[driven_by == len(methods)]
-
-
-def mean_scores(trials: pd.DataFrame) -> pd.DataFrame:
-    """Return the mean scores [s]: a row for each world, a column for each method."""
-    return trials.groupby(["world", "method"], sort=False).score.mean().unstack()
 
 
 def verdict(trials: pd.DataFrame, rule: str = SECONDS_RULE) -> Verdict:

@@ -1,1 +1,1 @@
-"""Training of a policy (train.py): TD3, replay buffer, distributed learner, recipes, and data from recorded drives."""
+"""Training of a policy: TD3, replay buffer, learner, recipes, and data from recorded drives."""

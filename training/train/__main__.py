@@ -1,7 +1,8 @@
 """Trains a policy with one command: `python -m training.train`, or `rosrun applr_ros1 train.py`.
 
-Online, actors drive episodes and one learner learns from them (the paper's Gorila architecture). Offline, the learner
-learns from a dataset. See docs/howto/training.md for the command, and training/train/learner/run.py for the run.
+Online, actors drive episodes and one learner learns from them (the paper's Gorila architecture).
+Offline, the learner learns from a dataset. See docs/howto/training.md for the command, and
+training/train/learner/run.py for the run.
 """
 
 from __future__ import annotations
@@ -14,18 +15,21 @@ from training.train.learner.config import parse
 
 
 def main(arguments: Optional[List[str]] = None) -> int:
-    """Run the command. Return 0 when done, 1 after a one-line error, 130 if the run was stopped and saved."""
+    """Run the command.
+
+    Returns:
+        The exit status: 0 if done, 1 after a one-line error, 130 if the run was stopped and saved.
+    """
 
     def run() -> int:
         config = parse(arguments)
-        from training.train.learner import (
-            several,
-        )  # Imported late, because --help must not wait for torch.
+        # Imported here, because --help must not wait for torch.
+        from training.train.learner import several
         from training.train.learner.run import TrainingRun
 
-        return (
-            TrainingRun(config).run() if config.seeds == 1 else several.train(config, TrainingRun)
-        )
+        if config.seeds > 1:
+            return several.train(config, TrainingRun)
+        return TrainingRun(config).run()
 
     return run_main(run, "train.py")
 

@@ -1,7 +1,8 @@
 """Converts recorded drives of the applr node into a dataset for offline training.
 
-Run it as `rosrun applr_ros1 bags_to_dataset.py` or `python -m training.train.bags_to_dataset`. ROS 1 bags and
-bags converted by `rosbags-convert`, from real robots and from simulation, can be mixed.
+Run it as `rosrun applr_ros1 bags_to_dataset.py` or `python -m training.train.bags_to_dataset`.
+ROS 1 bags and bags converted by `rosbags-convert`, from real robots and from simulation, can be
+mixed.
 """
 
 from __future__ import annotations
@@ -33,11 +34,12 @@ class DatasetOptions(BagOptions):
     """Bags to convert, and options of the conversion."""
 
     # fmt: off
-    bags: List[str] = argument("Bags (.bag, .mcap), folders of a ROS 2 bag, or folders that hold bags.")
+    bags: List[str] = argument(
+        "Bags (.bag, .mcap), folders of a ROS 2 bag, or folders that hold bags.")
     out: str = option(..., "Folder for the dataset; it must not hold a dataset yet.")
     finish: Optional[float] = option(None,
-        "Progress [m] towards the goal at which a course counts as finished, for example 5.925 on the paper's "
-        "course. By default, the result of move_base decides.", ge=-1e6, le=1e6)
+        "Progress [m] towards the goal at which a course counts as finished, for example 5.925 on "
+        "the paper's course. By default, the result of move_base decides.", ge=-1e6, le=1e6)
     recipe: str = option("",
         f"Recipe that gives the robot, the observation and the reward, as in train.py: "
         f"{', '.join(RECIPES)}, or a YAML file of options. Default: the paper's.")
@@ -49,7 +51,10 @@ class DatasetOptions(BagOptions):
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
-    """Run the command. Return 0, or 1 after a one-line error if no dataset was written."""
+    """Run the command.
+
+    Return 0, or 1 after a one-line error if no dataset was written.
+    """
     name = "bags_to_dataset.py"
     return run_main(lambda: run(parsed(DatasetOptions, name, __doc__, arguments)), name)
 
@@ -66,14 +71,20 @@ def run(options: DatasetOptions) -> None:
     learnt = TrainConfig(**recipe(options.recipe))
     if "robot" not in options.model_fields_set:
         options = options.model_copy(update={"robot": learnt.robot})
-    robot, reward, topics = options.robot, Reward.of(learnt), options.topics()
-    bags, folder = bags_in(options.bags), Path(options.out)
+    robot = options.robot
+    reward = Reward.of(learnt)
+    topics = options.topics()
+    bags = bags_in(options.bags)
     layout = TransitionLayout.of(ENCODINGS[learnt.observation](robot, PERIOD))
+    folder = Path(options.out)
     if (folder / dataset.DATA).exists():
         raise ApplrError(f"{options.out} already holds a dataset: give another folder")
-    listed: List[Dict[str, Any]] = []
-    made: List[Trajectory] = []
-    periods, all_skipped = set(), Counter[str]()
+
+    # Episodes, and for each bag what it gave and why the rest cannot be used
+    all_episodes: List[Trajectory] = []
+    all_skipped: Counter[str] = Counter()
+    rows: List[Dict[str, Any]] = []
+    periods = set()
     for bag in bags:
         episodes: List[Trajectory] = []
         skipped: Counter[str] = Counter()
@@ -83,28 +94,32 @@ def run(options: DatasetOptions) -> None:
                 episodes, skipped = transitions(
                     recorded, robot, learnt.observation, reward, options.finish, topics
                 )
-                periods.update([decision_period(recorded)] if episodes else [])
+                if episodes:
+                    periods.add(decision_period(recorded))
         except BagError as error:
+            # The message begins with the bag's name; bags with the same problem count together.
             skipped[str(error).partition(": ")[2]] += 1
-        made, all_skipped = made + episodes, all_skipped + skipped
+        all_episodes += episodes
+        all_skipped += skipped
         count = sum(map(len, episodes))
-        listed.append(
+        rows.append(
             {"name": bag.name, "episodes": len(episodes), "transitions": count, "skipped": skipped}
         )
         reasons = "".join(f"; skipped {times}: {why}" for why, times in sorted(skipped.items()))
         print(f"{bag}: {count} transitions in {len(episodes)} episodes{reasons}")
-    if not made:
+    if not all_episodes:
         raise BagError("no transition is usable: see the reasons above")
-    about: Dict[str, Any] = {"bags": listed, "robot": robot.name, "observation": learnt.observation}
+
+    # Settings that train.py compares with its options (dataset_of in learner/prepare.py)
+    about: Dict[str, Any] = {"bags": rows, "robot": robot.name, "observation": learnt.observation}
     about.update(reward.model_dump(), critics_know_more=False, skipped=all_skipped)
     if len(periods) == 1:
         about["decision_period"] = round(periods.pop(), 3)
     else:
-        print(
-            f"the bags differ in decision period [s]: {', '.join(f'{period:g}' for period in sorted(periods))}"
-        )
-    dataset.write(make_folder(folder), layout, made, about)
-    print(f"{options.out}: {sum(map(len, made))} transitions")
+        listed = ", ".join(f"{period:g}" for period in sorted(periods))
+        print(f"the bags differ in decision period [s]: {listed}")
+    dataset.write(make_folder(folder), layout, all_episodes, about)
+    print(f"{options.out}: {sum(map(len, all_episodes))} transitions")
 
 
 if __name__ == "__main__":

@@ -1,15 +1,15 @@
-"""Conversion of the decisions of a drive to transitions (s, theta, r, s', terminated, truncated), goal by goal.
+"""Conversion of the decisions of a drive to transitions (s, theta, r, s', terminated, truncated).
 
-bags_to_dataset.py calls transitions(). A recorded decision contains the method's parameters and the raw inputs. Any
-encoding makes the same observation from these inputs as in the node and in the learning environment. The outcome
-follows from the action's status, the odometry and the scans.
+bags_to_dataset.py calls transitions(). A recorded decision contains the method's parameters and the
+raw inputs. Any encoding makes the same observation from these inputs as in the node and in the
+learning environment. The outcome follows from the action's status, the odometry and the scans.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from typing import Dict, Iterator, List, Optional, Sequence, Tuple
+from typing import Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -27,25 +27,29 @@ from training.env.outcome import Leg, Outcome, outcome_of
 from training.env.reward import Reward, failed
 from training.env.trajectory import Trajectory, TransitionLayout
 
-CHANNELS = (
-    "scans",
-    "odometry",
-    "status",
-    "results",
-    "decisions",
-    "ends",
-    "contacts",
-)  # channels of transitions
+# Channels of a recorded drive that transitions need
+CHANNELS = ("scans", "odometry", "status", "results", "decisions", "ends", "contacts")
 MAX_AGE_S = 1.0  # age above which a scan or pose is not used for a decision [s]
-JUMP_M = 0.3  # movement between two poses that counts as a jump, in addition to FASTEST times the interval [m]
 FASTEST_M_S = 5.0  # speed beyond which no robot drives [m/s]
-CLOCK_S = (
-    1.0  # difference between recorder's and messages' times above which their clocks differ [s]
-)
+# Movement between two poses that counts as a jump, in addition to that at FASTEST_M_S [m]
+JUMP_M = 0.3
+# Difference between the times of recorder and messages above which their clocks differ [s]
+CLOCK_S = 1.0
 
 
 class Skipped(ApplrError):
-    """Error of an unusable episode. The message is the reason without numbers, so that reasons can be counted."""
+    """Error of an unusable episode.
+
+    The message is the reason without numbers, so that reasons can be counted.
+    """
+
+
+class Moment(NamedTuple):
+    """Moment of a course: a decision, or an end, with the robot's place (x, y) [m]."""
+
+    decision: Decision
+    place: Tuple[float, ...]
+    is_end: bool
 
 
 @dataclass
@@ -82,16 +86,20 @@ def transitions(
     finish: Optional[float] = None,
     topics: TopicNames = TopicNames(),
 ) -> Tuple[List[Trajectory], Counter[str]]:
-    """Return a Trajectory for each usable part of the drive to each goal, and the numbers of unusable parts by reason.
+    """Return a Trajectory for each usable part of the drive to each goal.
 
     Args:
         drive: Recorded drive with CHANNELS.
         robot: Robot that drove.
         observation: Name of the encoding of the transitions.
         reward: Reward of a transition.
-        finish: Distance towards the goal [m] after which a course counts as finished although move_base drives on (the
-            paper's goal lies beyond the finish line). None: only the result of move_base counts.
+        finish: Distance towards the goal [m] after which a course counts as finished although
+            move_base drives on (the paper's goal lies beyond the finish line). None: only the
+            result of move_base counts.
         topics: Names of the recorded topics, for messages.
+
+    Returns:
+        The trajectories, and the numbers of unusable parts by reason.
 
     Raises:
         BagError: The drive lacks required data.
@@ -107,7 +115,7 @@ def transitions(
         except Skipped as reason:
             skipped[str(reason)] += 1
             continue
-        for run in _usable(drive, encoding, states, skipped):
+        for run in _usable_runs(drive, encoding, states, skipped):
             trajectories.append(_trajectory(encoding, run, reward))
     return trajectories, skipped
 
@@ -122,13 +130,14 @@ def _check(drive: Drive, encoding: Encoding, topics: TopicNames) -> None:
     for column, channel in (("scans", "scans"), ("odometry", "odometry"), ("goals", "status")):
         if not getattr(drive, column):
             raise BagError(f"no {column} on {topic_of(channel, topics)}")
+    # An older node published decisions without the inputs that they were based on.
     if any(decision.seen is None for decision in (*drive.decisions, *drive.ends)):
         raise BagError("its decisions were recorded by an older version, without their inputs")
+    # Decisions have the recorder's times, scans and odometry those of their messages.
     assert drive.scans is not None
     if abs(np.median(drive.scans.time - drive.scans.stamp)) > CLOCK_S:
-        raise BagError(
-            "recorded with another clock than that of its messages: set use_sim_time in the recorder"
-        )
+        problem = "recorded with another clock than that of its messages"
+        raise BagError(f"{problem}: set use_sim_time in the recorder")
     recorded = list(drive.decisions[0].before)
     if set(recorded) != set(encoding.space.names):
         raise BagError(
@@ -136,30 +145,33 @@ def _check(drive: Drive, encoding: Encoding, topics: TopicNames) -> None:
         )
 
 
-# -- courses -----------------------------------------------------------------------------------------------------------
+# -- courses ---------------------------------------------------------------------------------------
 def decision_period(drive: Drive) -> float:
-    """Return the decision period [s]: the median interval between a goal's decisions, in whole control cycles.
+    """Return the decision period [s], in whole control cycles.
 
-    Return the paper's period if no goal has two decisions.
+    It is the median interval between a goal's decisions, or the paper's period if no goal has two.
     """
-    times: Dict[str, List[float]] = {}
+    times_by_goal: Dict[str, List[float]] = {}
     for decision in drive.decisions:
-        times.setdefault(decision.goal, []).append(decision.time)
-    intervals = np.concatenate([np.zeros(0), *(np.diff(of_goal) for of_goal in times.values())])
-    if not len(intervals):
+        times_by_goal.setdefault(decision.goal, []).append(decision.time)
+    intervals: List[float] = []
+    for times in times_by_goal.values():
+        intervals.extend(np.diff(times))
+    if not intervals:
         return PERIOD
     cycles = max(1, round(float(np.median(intervals)) / CONTROL_PERIOD))
     return round(cycles * CONTROL_PERIOD, 9)
 
 
 def check_motion(drive: Drive, goal: Goal) -> None:
-    """Raise Skipped if the odometry jumped while the goal was pursued, as after a jump of the clock."""
+    """Raise Skipped if the odometry jumped while the goal was pursued, as the clock may have."""
     motion = _odometry(drive)
     during = (motion.stamp >= goal.begin) & (motion.stamp <= goal.end)
     if during.sum() < 2:
         raise Skipped("no odometry while the goal was pursued")
-    steps = np.hypot(*np.diff(motion.pose[during, :2], axis=0).T)
-    if (steps > JUMP_M + FASTEST_M_S * np.diff(motion.stamp[during])).any():
+    steps = np.diff(motion.pose[during, :2], axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    if (lengths > JUMP_M + FASTEST_M_S * np.diff(motion.stamp[during])).any():
         raise Skipped("the odometry jumped")
 
 
@@ -168,25 +180,26 @@ def _odometry(drive: Drive) -> Motion:
     return drive.odometry
 
 
-# -- states ------------------------------------------------------------------------------------------------------------
+# -- states ----------------------------------------------------------------------------------------
 def _seen(decision: Decision) -> Seen:
     assert decision.seen is not None  # See _check.
     return decision.seen
 
 
 def _states(drive: Drive, encoding: Encoding, goal: Goal, finish: Optional[float]) -> List[State]:
-    """Return the states at a goal's decisions, and at the points at which its course ended or was interrupted."""
-    made = [d for d in drive.decisions if d.goal == goal.id and d.time <= goal.end]
-    if not made:
+    """Return the states at a goal's decisions and at the ends and interruptions of its course."""
+    decisions = _of_goal(drive.decisions, goal, goal.end)
+    if not decisions:
         raise Skipped("no decision was recorded for the goal")
-    ends = [d for d in drive.ends if d.goal == goal.id and d.time <= goal.end + MAX_AGE_S]
+    ends = _of_goal(drive.ends, goal, goal.end + MAX_AGE_S)
     if finish is not None:
-        goal = _finished(drive, goal, made, finish)
-        made = [d for d in made if d.time <= goal.end]
-        ends = [d for d in ends if d.time <= goal.end]
-    moments = _moments(drive, goal, made, ends)
+        goal = _finished(drive, goal, decisions, finish)
+        decisions = _of_goal(decisions, goal, goal.end)
+        ends = _of_goal(ends, goal, goal.end)
+    moments = _moments(drive, goal, decisions, ends)
     if len(moments) < 2:
         raise Skipped("shorter than one decision")
+
     states: List[State] = []
     encoding.reset()
     for number, (decision, place, is_end) in enumerate(moments):
@@ -196,64 +209,73 @@ def _states(drive: Drive, encoding: Encoding, goal: Goal, finish: Optional[float
         outcome = Outcome(before, decisions=number)
         states.append(State(decision, place, is_end, after, encoding.observe(context), outcome))
         if number:
+            # Only the last decision of a course leads to the goal's result.
             is_last = number == len(moments) - 1 and is_end and goal.has_ended
-            reached = goal if is_last else goal._replace(status="")
-            states[-1].outcome = _outcome(drive, encoding.robot, reached, *states[-2:])
+            result = goal if is_last else goal._replace(status="")
+            states[-1].outcome = _outcome(drive, encoding.robot, result, *states[-2:])
         if is_end:
+            # The encoding remembers earlier observations, which a new course must not see.
             encoding.reset()
     return states
 
 
-Moment = Tuple[
-    Decision, Tuple[float, ...], bool
-]  # decision or end, place (x, y) [m], whether it is an end
+def _of_goal(decisions: Sequence[Decision], goal: Goal, until: float) -> List[Decision]:
+    """Return the decisions or ends of a goal until a time [s]."""
+    return [made for made in decisions if made.goal == goal.id and made.time <= until]
 
 
 def _moments(
-    drive: Drive, goal: Goal, made: Sequence[Decision], ends: Sequence[Decision]
+    drive: Drive, goal: Goal, decisions: Sequence[Decision], ends: Sequence[Decision]
 ) -> List[Moment]:
     """Return decisions and ends in order of time.
 
-    The node publishes its observation a moment after an end. If this message is missing, a goal that was reached or
-    aborted ends with the observation of the last decision, because the value of a terminal state is not used.
+    The node publishes its observation a moment after an end. If this message is missing, a goal
+    that was reached or aborted ends with the observation of the last decision, because the value of
+    a terminal state is not used.
     """
-    moments: List[Moment] = [(d, _seen(d).pose[:2], False) for d in made]
+    moments = [Moment(decision, _seen(decision).pose[:2], False) for decision in decisions]
     for end in ends:
-        moments.append((end._replace(time=min(end.time, goal.end)), _seen(end).pose[:2], True))
-    moments.sort(key=lambda moment: moment[0].time)
-    last, _, is_recorded = moments[-1]
-    is_recorded = is_recorded and last.time > goal.end - MAX_AGE_S
-    if goal.has_ended and made[-1].time < goal.end and not is_recorded:
-        end = made[-1]._replace(time=goal.end, before=made[-1].after or made[-1].before)
-        _, places = _driven(drive, made[-1], goal.end)
-        moments.append((end, tuple(places[-1]), True))
+        in_time = end._replace(time=min(end.time, goal.end))
+        moments.append(Moment(in_time, _seen(end).pose[:2], True))
+    moments.sort(key=lambda moment: moment.decision.time)
+
+    latest = moments[-1]
+    is_recorded = latest.is_end and latest.decision.time > goal.end - MAX_AGE_S
+    last = decisions[-1]
+    if goal.has_ended and last.time < goal.end and not is_recorded:
+        end = last._replace(time=goal.end, before=last.after or last.before)
+        _, places = _driven(drive, last, goal.end)
+        moments.append(Moment(end, tuple(places[-1]), True))
     return moments
 
 
-def _finished(drive: Drive, goal: Goal, made: List[Decision], finish: float) -> Goal:
+def _finished(drive: Drive, goal: Goal, decisions: List[Decision], finish: float) -> Goal:
     """Return the goal, which ends as reached once the robot has driven `finish` [m] towards it."""
-    begin = np.array(_seen(made[0]).pose[:2])
-    ends = [*(decision.time for decision in made[1:]), goal.end]
-    for decision, until in zip(made, ends):
+    begin = np.array(_seen(decisions[0]).pose[:2])
+    ends = [*(decision.time for decision in decisions[1:]), goal.end]
+    for decision, until in zip(decisions, ends):
         times, places = _driven(drive, decision, until)
         towards = np.array(_seen(decision).goal[:2]) - begin
-        past = (places - begin) @ towards >= finish * np.hypot(*towards)
-        if past.any():
-            return goal._replace(end=float(times[np.argmax(past)]), status=REACHED)
+        is_past = (places - begin) @ towards >= finish * np.hypot(*towards)
+        if is_past.any():
+            return goal._replace(end=float(times[np.argmax(is_past)]), status=REACHED)
     return goal
 
 
 def _driven(drive: Drive, decision: Decision, until: float) -> Tuple[np.ndarray, np.ndarray]:
-    """Return times (n,) [s] and positions (n, 2) [m] of the robot after a decision, in the decision's frame.
+    """Return times (n,) [s] and positions (n, 2) [m] of the robot after a decision.
 
-    The positions begin with the pose in the decision, which is for the time of its scan, and continue by odometry.
+    The positions are in the decision's frame. They begin with the pose in the decision, which is
+    for the time of its scan, and continue by odometry.
     """
     motion = _odometry(drive)
     first = int(np.argmin(np.abs(motion.stamp - decision.scan_time)))
     later = np.flatnonzero((motion.stamp > motion.stamp[first]) & (motion.stamp <= until))
     rows = np.append(first, later)
-    change = compose(_seen(decision).pose, inverse(tuple(motion.pose[first].tolist())))
-    return motion.stamp[rows], np.column_stack(transform_point(change, *motion.pose[rows, :2].T))
+    # Transform that brings the odometry's first pose to that in the decision
+    from_odometry = compose(_seen(decision).pose, inverse(tuple(motion.pose[first].tolist())))
+    x, y = transform_point(from_odometry, motion.pose[rows, 0], motion.pose[rows, 1])
+    return motion.stamp[rows], np.column_stack([x, y])
 
 
 def _theta(encoding: Encoding, values: Dict[str, float]) -> np.ndarray:
@@ -264,38 +286,47 @@ def _theta(encoding: Encoding, values: Dict[str, float]) -> np.ndarray:
 def _outcome(drive: Drive, robot: Robot, goal: Goal, before: State, after: State) -> Outcome:
     """Return the outcome of the decision in the state `before`, which led to `after`."""
     leg = Leg(before.time, after.time, _seen(before.decision).goal, before.place, after.place)
-    theta = after.outcome.theta
+    expected = after.outcome
     return outcome_of(
-        drive, goal, leg, theta, after.outcome.decisions, body_width=robot.body.size[1]
+        drive, goal, leg, expected.theta, expected.decisions, body_width=robot.body.size[1]
     )
 
 
 def _unusable(drive: Drive, encoding: Encoding, before: State, after: State) -> str:
     """Return why a transition cannot be used, or "" if it can."""
+    # The reward is for a period: a much shorter or longer one would be another problem's.
     seconds = after.time - before.time
-    early = seconds < 0.5 * encoding.period and not after.outcome.over
-    if early and after.is_end:
+    is_early = seconds < 0.5 * encoding.period and not after.outcome.over
+    if is_early and after.is_end:
         return "a course was interrupted soon after a decision"
-    if early or seconds > 1.5 * encoding.period:
+    if is_early or seconds > 1.5 * encoding.period:
         return "a decision's period differs from the others"
+
+    # Without scans, a contact or a small clearance may have been missed.
     assert drive.scans is not None
     stamps = drive.scans.stamp
     stamps = stamps[(stamps >= before.time - MAX_AGE_S) & (stamps <= after.time)]
     if len(stamps) < 2 or np.diff(stamps).max() > MAX_AGE_S:
         return "scans are missing"
+    # A person, or a refusal of the planner, may have set other values.
     if not np.array_equal(before.theta, after.outcome.theta):
         return "parameters were changed between decisions"
     return ""
 
 
-# -- episodes ----------------------------------------------------------------------------------------------------------
-def _usable(
+# -- episodes --------------------------------------------------------------------------------------
+def _usable_runs(
     drive: Drive, encoding: Encoding, states: List[State], skipped: Counter[str]
 ) -> Iterator[List[State]]:
-    """Yield runs of states with usable transitions between them. Count the other transitions in `skipped`."""
+    """Yield runs of states with usable transitions between them.
+
+    Count the other transitions in `skipped`.
+    """
     run = states[:1]
     for before, after in zip(states, states[1:]):
-        reason = "" if before.is_end else _unusable(drive, encoding, before, after)
+        reason = ""
+        if not before.is_end:
+            reason = _unusable(drive, encoding, before, after)
         if reason:
             skipped[reason] += 1
         if reason or before.is_end:

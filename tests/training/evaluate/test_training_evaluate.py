@@ -164,7 +164,7 @@ def test_tables_have_the_order_of_the_plan_for_any_order_of_trials(tmp_path):
     plan = plan_trials([("w", "w"), ("v", "v")], [("m", "m")], 3, seed=0)
     for begin in (0, 3):  # a second session continues
         with Trials(tmp_path, {}) as table:
-            assert sum(table.find(task) is not None for task in plan) == begin
+            assert len(table.missing(plan)) == len(plan) - begin
             for task in plan[::-1][begin : begin + 3]:
                 table.add(task, Result(time_s=math.pi, path_length_m=1.0))
             table.order(plan)
@@ -188,10 +188,11 @@ def test_a_trial_with_an_incomplete_row_is_driven_again_and_others_are_unchanged
     path.write_bytes(path.read_bytes()[:-3])
     with Trials(tmp_path, {}) as table:
         assert table.notes == {"looks": [0.1]}
-        assert [table.find(task) for task in plan] == [replace(given, time_s=3.1416), None]
-        assert table.add(plan[1], given) == table.find(plan[1])
+        assert table.result(plan[0]) == replace(given, time_s=3.1416)
+        assert table.missing(plan) == [plan[1]]
+        assert table.add(plan[1], given) == table.result(plan[1])
     with Trials(tmp_path, {}) as table:
-        assert table.find(plan[1]) == replace(given, time_s=3.1416)
+        assert table.result(plan[1]) == replace(given, time_s=3.1416)
 
 
 def test_more_trials_only_append(tmp_path, run, refused):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from training.evaluate import verdict as judging
+from training.evaluate.score import mean_scores
 from training.evaluate.trial import Result, Trial
-from training.evaluate.verdict import mean_scores, paired_trials
+from training.evaluate.verdict import paired_trials
 
 BOTH = ("dwa", "applr")
 THREE = ("dwa", "applr", "static")

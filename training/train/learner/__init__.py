@@ -1,1 +1,1 @@
-"""Distributed training as in Gorila: one learner, many actors, the training run, and its options."""
+"""Distributed training as in Gorila: one learner, many actors, the run, and its options."""

@@ -1,7 +1,7 @@
-"""Options of train.py: groups of options, the command line, recipes, and the stored options of a run.
+"""Options of train.py: groups, the command line, recipes, and the stored options of a run.
 
-Defaults are the paper's. If the paper gives no value, they are those of its authors' code. train/td3/td3.py and
-docs/explanation/learning_problem.md list deviations.
+Defaults are the paper's. If the paper gives no value, they are those of its authors' code.
+train/td3/td3.py and docs/explanation/learning_problem.md list deviations.
 """
 
 from __future__ import annotations
@@ -23,27 +23,21 @@ from applr_ros1.policy.dimensionless import ENCODINGS
 from applr_ros1.policy.encoding import PAPER as PAPER_ENCODING
 from training.common import command_line
 from training.common.command_line import RayAddress, Seed
+from training.common.folders import make_folder
 from training.common.options import Options, checked, dashed, option
 from training.env.reward import Reward, RewardOptions
 from training.env.settings import CHALLENGE, DRAWN, DriveSettings
 from training.train.td3.options import TD3Options
 from worlds.loading import SPECIFICATIONS
 
-RECIPES = {
-    path.stem: path
-    for path in sorted((Path(__file__).resolve().parents[1] / "recipes").glob("*.yaml"))
-}
-PROVENANCE = "provenance"  # key in config.json for the provenance of each session (training/common/provenance.py)
+_RECIPES_FOLDER = Path(__file__).resolve().parents[1] / "recipes"
+RECIPES = {path.stem: path for path in sorted(_RECIPES_FOLDER.glob("*.yaml"))}
+# Key in config.json for the provenance of each session (training/common/provenance.py)
+PROVENANCE = "provenance"
 PAPER_STEPS = 5_000_000  # number of transitions in the paper
-EVALUATION = (
-    "eval_worlds",
-    "simulator",
-    "protocol",
-    "planner",
-    "monitor",
-    "movers",
-)  # conditions of the evaluations
-# options that --resume cannot change
+# Conditions of the evaluations
+EVALUATION = ("eval_worlds", "simulator", "protocol", "planner", "monitor", "movers")
+# Options that --resume cannot change
 FIXED = (
     "robot",
     "observation",
@@ -54,23 +48,18 @@ FIXED = (
     "layer_norm",
     *EVALUATION,
 )
-ABOUT = """Trains a policy that sets the planner's parameters, with TD3: online with actors that drive in
-simulation, or offline from a --dataset. Ctrl-C saves the run and stops; --resume continues it.
+ABOUT = """Trains a policy that sets the planner's parameters, with TD3: online with actors that
+drive in simulation, or offline from a --dataset. Ctrl-C saves the run and stops; --resume
+continues it.
 
 Defaults are the paper's. If the paper gives no value, they are those of its authors' code.
 docs/explanation/learning_problem.md describes the learning problem and each deviation."""
-SPANS = (
-    "scan_noise",
-    "latency",
-    "slip",
-    "friction",
-    "ground",
-    "odometry",
-)  # fields of Randomisation
+# Options that may be an interval: fields of Randomisation
+SPANS = ("scan_noise", "latency", "slip", "friction", "ground", "odometry")
 
 
 def span(default: float, help: str, more: str = "") -> Any:
-    """Declare an option of SPANS: one number, or two numbers between which each reset draws a value."""
+    """Declare an option of SPANS: a number, or two between which each reset draws a value."""
     text = f"{help} Two numbers: a value between them is drawn at each reset{more}."
     return option([default], text, min_length=1, max_length=2)
 
@@ -243,31 +232,46 @@ class TrainConfig(
 
     @cached_property
     def start(self) -> Tuple[Optional[Array], Dict[str, float]]:
-        """Action (m,) that the untrained policy returns, and {name: value} of the parameters that no action sets.
+        """Action (m,) that the untrained policy returns, and values of parameters that none sets.
 
         They are None and {} unless --init-from is a parameter set.
         """
         is_method = self.init_from in methods.METHODS or self.init_from.endswith(".json")
-        method = methods.make(self.init_from, self.robot) if is_method else None
+        if not is_method:
+            return None, {}
+        method = methods.make(self.init_from, self.robot)
         if not isinstance(method, methods.FixedParameters):
             return None, {}
         encoding = ENCODINGS[self.observation](self.robot, self.decision_period)
-        values, paper = encoding.space.as_dict(method.values), self.observation == PAPER_ENCODING
-        base = (
-            {}
-            if paper
-            else {name: value for name, value in values.items() if name not in encoding.chosen}
-        )
+        base = {}
+        if self.observation != PAPER_ENCODING:  # The paper's encoding sets every parameter.
+            for name, value in encoding.space.as_dict(method.values).items():
+                if name not in encoding.chosen:
+                    base[name] = value
         return encoding.action(method.values), base
+
+    def folder(self) -> Path:
+        """Return the folder of the run, made if it is missing.
+
+        Raises:
+            ApplrError: The folder already holds a run, which --resume does not continue.
+        """
+        folder = make_folder(self.out)
+        if (folder / "config.json").exists() and not self.resume:
+            remedy = "continue it with --resume, or give another --out"
+            raise ApplrError(f"{folder} already holds a run: {remedy}")
+        return folder
 
     def environment(self) -> Dict[str, Any]:
         """Return the arguments of the training's environment (ApplrEnv) as JSON values."""
+        randomisation: Dict[str, Any] = {"start_xy": self.start_xy, "start_yaw": self.start_yaw}
+        for name in SPANS:
+            values = getattr(self, name)
+            randomisation[name] = values if len(values) == 2 else values[0]
         own = {"worlds", "observation", "end_on_collision", "end_on_stall", "critics_know_more"}
-        spans = {name: getattr(self, name) for name in SPANS}
-        drawn = {name: span if len(span) == 2 else span[0] for name, span in spans.items()}
         return {
             **self.model_dump(include={*DriveSettings.model_fields, *own}),
-            "randomisation": {"start_xy": self.start_xy, "start_yaw": self.start_yaw, **drawn},
+            "randomisation": randomisation,
             "reward": Reward.of(self).model_dump(),
             "period": self.decision_period,
             "base": self.start[1],
@@ -276,17 +280,21 @@ class TrainConfig(
     @property
     def judged(self) -> Dict[str, Any]:
         """Settings (DriveSettings) of the run's evaluations, without random choices."""
-        drives = {name: getattr(self, name) for name in DriveSettings.model_fields}
-        return {
-            **drives,
-            "planner": OURS if self.planner == DRAWN else self.planner,
-            "protocol": CHALLENGE if self.protocol == DRAWN else self.protocol,
-        }
+        settings = {name: getattr(self, name) for name in DriveSettings.model_fields}
+        if self.planner == DRAWN:
+            settings["planner"] = OURS
+        if self.protocol == DRAWN:
+            settings["protocol"] = CHALLENGE
+        return settings
 
     def noise(self, transitions: int) -> float:
         """Return the standard deviation of the exploration noise after a number of transitions."""
-        papers = (0.5 - 0.02) / 0.125 * 1e6 * min(1.0, self.total_timesteps / PAPER_STEPS)
-        share = min(1.0, transitions / (self.exploration_noise_steps or max(1, int(papers))))
+        steps = self.exploration_noise_steps
+        if not steps:
+            # The paper lowers the noise from .5 by .125 per million transitions, down to .02.
+            papers = (0.5 - 0.02) / 0.125 * 1e6 * min(1.0, self.total_timesteps / PAPER_STEPS)
+            steps = max(1, int(papers))
+        share = min(1.0, transitions / steps)
         return (1.0 - share) * self.exploration_noise_initial + share * self.exploration_noise_final
 
 
@@ -310,36 +318,46 @@ def recipe(name: str) -> Dict[str, Any]:
 
 
 def parse(arguments: Optional[List[str]] = None) -> TrainConfig:
-    """Return the configuration of a command line. With --resume, it overrides the stored options of the run.
+    """Return the configuration of a command line.
+
+    With --resume, the command line overrides the stored options of the run.
 
     Args:
-        arguments: Arguments without the program's name, None for sys.argv. ROS remappings (NAME:=VALUE) are ignored.
+        arguments: Arguments without the program's name, None for sys.argv. ROS remappings
+            (NAME:=VALUE) are ignored.
 
     Raises:
         ApplrError: An option is invalid.
     """
-    given = command_line.given(TrainConfig, "train.py", ABOUT, arguments)
-    if not given.get("resume"):
-        config = checked(TrainConfig, {**recipe(given.get("recipe", "")), **given})
-        if (
-            "gradient_steps" in config.model_fields_set and not config.dataset
-        ):  # An online run would take days.
-            raise ApplrError("--gradient-steps, also in a recipe, learns offline: give a --dataset")
-        return config
-    out = given.get("out", RunOptions().out)
+    explicit = command_line.given(TrainConfig, "train.py", ABOUT, arguments)
+    if explicit.get("resume"):
+        return _resumed(explicit)
+    config = checked(TrainConfig, {**recipe(explicit.get("recipe", "")), **explicit})
+    # Without this error, an online run would begin, which takes days.
+    if "gradient_steps" in config.model_fields_set and not config.dataset:
+        raise ApplrError("--gradient-steps, also in a recipe, learns offline: give a --dataset")
+    return config
+
+
+def _resumed(explicit: Dict[str, Any]) -> TrainConfig:
+    """Return the stored configuration of a run with the explicit options of the command line.
+
+    Raises:
+        ApplrError: There is no run, or an explicit option cannot be changed.
+    """
+    out = explicit.get("out", RunOptions().out)
     path = Path(out) / "config.json"
     if not path.exists():
-        raise ApplrError(
-            f"--resume: {out} holds no run (no config.json): check --out, or leave --resume out"
-        )
-    stored = {
-        name: value for name, value in read_json(path).items() if name in TrainConfig.model_fields
-    }
+        remedy = "check --out, or leave --resume out"
+        raise ApplrError(f"--resume: {out} holds no run (no config.json): {remedy}")
+    stored = {}
+    for name, value in read_json(path).items():
+        if name in TrainConfig.model_fields:  # Not the provenance
+            stored[name] = value
     original = checked(TrainConfig, stored, str(path))
-    config = checked(TrainConfig, {**stored, **given, "out": out})
+    config = checked(TrainConfig, {**stored, **explicit, "out": out})
     for name in FIXED:
         if getattr(config, name) != getattr(original, name):
-            raise ApplrError(
-                f"{dashed(name)}: the run in {out} has another value, which cannot be changed: omit it"
-            )
+            problem = f"{dashed(name)}: the run in {out} has another value, which cannot be changed"
+            raise ApplrError(f"{problem}: omit it")
     return config

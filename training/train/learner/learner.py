@@ -1,4 +1,4 @@
-"""Learner: adds trajectories to the replay buffer and makes the gradient steps that are due for them.
+"""Learner: adds trajectories to the replay buffer and makes the gradient steps that are due.
 
 train.py runs one learner. A killed run continues from its last checkpoint.
 """
@@ -29,23 +29,27 @@ from training.train.td3.td3 import TD3, Batch, Weights
 
 
 class Learner:
-    """Networks, replay buffer and their checkpoints. A learner continues from the last checkpoint in its folder.
+    """Networks, replay buffer and their checkpoints.
+
+    A learner continues from the last checkpoint in its folder.
 
     Args:
         layout: Layout of observations and actions.
         options: Options of learning.
         folder: Folder of the run with checkpoint.json, learner-*.pt and replay-*.safetensors.
         rows: Capacity of the replay buffer.
-        init_from: Run folder or policy file whose networks are taken over, unless `folder` has a checkpoint or there is
-            an `action`.
-        action: Action (m,) in [-1, 1] that the untrained policy returns for every observation, or None.
+        init_from: Run folder or policy file whose networks are taken over, unless `folder` has a
+            checkpoint or there is an `action`.
+        action: Action (m,) in [-1, 1] that the untrained policy returns for every observation, or
+            None.
         dataset: Experience of an offline run. It makes no gradient steps due.
 
     Attributes:
         extra: Values that save() stored in the checkpoint.
 
     Raises:
-        ApplrError: The networks in `folder` or `init_from` do not fit `layout` and `options`, or `init_from` has none.
+        ApplrError: The networks in `folder` or `init_from` do not fit `layout` and `options`, or
+            `init_from` has none.
     """
 
     def __init__(
@@ -58,26 +62,30 @@ class Learner:
         action: Optional[Array] = None,
         dataset: Optional[Dataset] = None,
     ):
-        self.layout, self.options, self.folder = layout, options, make_folder(folder)
-        device = "cuda" if torch.cuda.is_available() else "cpu"
+        self.layout = layout
+        self.options = options
+        self.folder = make_folder(folder)
         self.td3 = TD3(
             layout.size,
             layout.action,
             options,
-            options.seed,
-            device,
-            layout.policy_mirror,
-            layout.hidden,
+            seed=options.seed,
+            device="cuda" if torch.cuda.is_available() else "cpu",
+            mirror=layout.policy_mirror,
+            hidden=layout.hidden,
         )
         self.replay = Replay(layout, rows)
-        for trajectory in dataset.trajectories() if dataset is not None else ():
-            self.replay.add(trajectory)
+        if dataset is not None:
+            for trajectory in dataset.trajectories():
+                self.replay.add(trajectory)
+        # Not the seed alone, which gives the networks' weights
         self.rng = np.random.default_rng([options.seed, 1])
         self.infos: Deque[Dict[str, Any]] = deque(maxlen=100)  # info of the latest trajectories
         self.checkpoints = 0
         self.extra: Dict[str, Any] = {}
         self._kept: List[List[Any]] = []  # files of the replay buffer and their numbers of rows
         self._due = 0.0  # number of gradient steps still due for the transitions
+        # A checkpoint of this run counts more than any other start.
         if checkpoint := self.saved(folder):
             self._restore(checkpoint)
         elif action is not None:
@@ -86,16 +94,18 @@ class Learner:
             self.td3.begin_with(policy_network(init_from), init_from)
         elif init_from:
             self._begin_with(Path(init_from))
-        self._saved = (
-            self.replay.written
-        )  # value of replay.written up to which rows are saved in files
+        # Value of replay.written up to which rows are saved in files
+        self._saved = self.replay.written
 
     # -- taking ------------------------------------------------------------------------------------
     def take(self, trajectory: Trajectory) -> None:
-        """Add an actor's trajectory. Its transitions after options.learning_starts make gradient steps due."""
-        before = max(self.transitions, self.options.learning_starts)
+        """Add an actor's trajectory.
+
+        Transitions after learning_starts make gradient steps due.
+        """
+        counted = max(self.transitions, self.options.learning_starts)
         self.replay.add(trajectory)
-        self._due += self.options.utd_ratio * max(0, self.transitions - before)
+        self._due += self.options.utd_ratio * max(0, self.transitions - counted)
         self.infos.append(trajectory.info)
 
     # -- learning ----------------------------------------------------------------------------------
@@ -107,7 +117,7 @@ class Learner:
     @property
     def updates_due(self) -> int:
         """Number of gradient steps that are due for the transitions so far."""
-        return int(self._due + 1e-6)
+        return int(self._due + 1e-6)  # Ten times .1 is less than 1.
 
     def update(self) -> None:
         """Make one gradient step on a batch from the replay buffer."""
@@ -116,26 +126,34 @@ class Learner:
 
     # -- checkpoints -------------------------------------------------------------------------------
     def save(self, extra: Optional[Dict[str, Any]] = None) -> None:
-        """Save a checkpoint atomically: checkpoint.json, renamed into place last, names all other files.
+        """Save a checkpoint atomically: checkpoint.json is written last and names all other files.
 
-        New rows of the replay buffer go to a new file. A file is deleted once the ring has overwritten its rows.
+        New rows of the replay buffer go to a new file. A file is deleted once the ring has
+        overwritten its rows.
         """
-        number, written = self.checkpoints + 1, self.replay.written
+        # Networks and optimisers
+        number = self.checkpoints + 1
         state = io.BytesIO()
         torch.save(self.td3.state(), state)
-        name, rows = f"learner-{number:06d}.pt", f"replay-{number:06d}.safetensors"
-        write_bytes(self.folder / name, state.getvalue())
+        learner_file = f"learner-{number:06d}.pt"
+        write_bytes(self.folder / learner_file, state.getvalue())
+
+        # New rows of the replay buffer
+        written = self.replay.written
         if written > self._saved:
-            write_bytes(self.folder / rows, safetensors.numpy.save(self.replay.rows(self._saved)))
-            self._kept.append([rows, written - self._saved])
+            replay_file = f"replay-{number:06d}.safetensors"
+            rows = self.replay.rows(self._saved)
+            write_bytes(self.folder / replay_file, safetensors.numpy.save(rows))
+            self._kept.append([replay_file, written - self._saved])
             self._saved = written
+        # The other files fill the ring: nothing of the oldest one is left in it.
         while sum(count for _, count in self._kept[1:]) >= self.replay.capacity:
             self._kept.pop(0)
         write_json(
             self.folder / "checkpoint.json",
             {
                 "number": number,
-                "learner": name,
+                "learner": learner_file,
                 "replay": self._kept,
                 "layer_norm": self.options.layer_norm,
                 "rng": self.rng.bit_generator.state,
@@ -145,10 +163,15 @@ class Learner:
             },
         )
         self.checkpoints = number
-        needed = {name, *(file for file, _ in self._kept)}
-        for old in (*self.folder.glob("learner-*.pt"), *self.folder.glob("replay-*.safetensors")):
-            if old.name not in needed:
-                old.unlink(missing_ok=True)
+
+        # Only now, because the checkpoint before this one needs its own files.
+        needed = {learner_file}
+        for file, _ in self._kept:
+            needed.add(file)
+        for pattern in ("learner-*.pt", "replay-*.safetensors"):
+            for path in self.folder.glob(pattern):
+                if path.name not in needed:
+                    path.unlink(missing_ok=True)
 
     @staticmethod
     def saved(folder: os.PathLike[str] | str) -> Optional[Dict[str, Any]]:
@@ -157,33 +180,36 @@ class Learner:
         return read_json(path) if path.exists() else None
 
     def _restore(self, checkpoint: Dict[str, Any]) -> None:
+        """Continue from a checkpoint of this run."""
         self._take_networks(self.folder, checkpoint)
         for name, _ in checkpoint["replay"]:
             path = self.folder / name
-            self.replay.restore(unpack(read_bytes(path), str(path))[0])
+            rows, _ = unpack(read_bytes(path), str(path))
+            self.replay.restore(rows)
         self.replay.transitions = checkpoint["transitions"]
         self.rng.bit_generator.state = checkpoint["rng"]
-        self._kept, self.checkpoints, self.extra = (
-            checkpoint["replay"],
-            checkpoint["number"],
-            checkpoint["extra"],
-        )
+        self._kept = checkpoint["replay"]
+        self.checkpoints = checkpoint["number"]
+        self.extra = checkpoint["extra"]
 
     def _begin_with(self, folder: Path) -> None:
         """Take over networks and optimisers of another run, and reset the number of updates."""
         checkpoint = self.saved(folder)
         if checkpoint is None:
             raise ApplrError(
-                f"--init-from is {str(folder)!r}: give static, dwa, a JSON file with a parameter set, the file of a "
-                "policy, or the folder of a training run that has saved a checkpoint"
+                f"--init-from is {str(folder)!r}: give static, dwa, a JSON file with a parameter "
+                "set, the file of a policy, or the folder of a training run that has saved a "
+                "checkpoint"
             )
         # With another layer_norm, the same weights give other values.
         if checkpoint["layer_norm"] != self.options.layer_norm:
+            theirs = checkpoint["layer_norm"]
             raise ApplrError(
-                f"{folder}: its critics have layer_norm {checkpoint['layer_norm']}: choose the same value"
+                f"{folder}: its critics have layer_norm {theirs}: choose the same value"
             )
         self._take_networks(folder, checkpoint)
-        self.td3.updates = self.td3.policy_starts = 0
+        self.td3.updates = 0
+        self.td3.policy_starts = 0
 
     def _take_networks(self, folder: Path, checkpoint: Dict[str, Any]) -> None:
         """Load networks and optimisers of a checkpoint in `folder`."""
@@ -192,45 +218,49 @@ class Learner:
 
 
 def policy_network(path: str) -> Weights:
-    """Return the first network of a policy file; the second may be its mirror image. Raise ApplrError if invalid."""
-    layers = load(path).layers
-    single = [
-        tuple(tensor[0] if weight.ndim == 3 else tensor for tensor in (weight, bias))
-        for weight, bias in layers
-    ]
-    return {
-        f"{i}.{kind}": t
-        for i, pair in enumerate(single)
-        for kind, t in zip(("weight", "bias"), pair)
-    }
+    """Return the first network of a policy file; the second may be its mirror image.
+
+    Raises:
+        ApplrError: The file is not a policy.
+    """
+    weights = {}
+    for i, (weight, bias) in enumerate(load(path).layers):
+        if weight.ndim == 3:  # (networks, out, in)
+            weight = weight[0]
+            bias = bias[0]
+        weights[f"{i}.weight"] = weight
+        weights[f"{i}.bias"] = bias
+    return weights
 
 
 def draw_batch(
     replay: Replay, rng: np.random.Generator, options: LearnerOptions, device: torch.device
 ) -> Batch:
-    """Return a uniformly drawn batch for TD3.update. With options.mirror, half of it is mirrored.
+    """Return a uniformly drawn batch for TD3.update.
 
-    All randomness of a gradient step comes from `rng`: first the rows, then the smoothing noise.
+    With options.mirror, half of it is mirrored. All randomness of a gradient step comes from `rng`:
+    first the rows, then the smoothing noise.
     """
     size = options.batch_size
     rows = replay.draw(rng, size)
-    reward, discount, after = replay.n_step_return(rows, options.n_step, options.gamma)
+    reward, discount, following = replay.n_step_return(rows, options.n_step, options.gamma)
     noise = rng.standard_normal((size, replay.layout.action), dtype=np.float32)
 
     def tensor(array: np.ndarray) -> torch.Tensor:
-        return (
-            torch.from_numpy(array).to(device).to(torch.float32)
-        )  # Bytes become floats on the device.
+        # Bytes become floats on the device, because four times as many would have to go there.
+        return torch.from_numpy(array).to(device).to(torch.float32)
 
     def observation(places: np.ndarray) -> torch.Tensor:
-        scan, rest = replay.observations(places, size // 2 if options.mirror else 0)
-        return torch.cat((tensor(scan).mul_(replay.layout.step).sub_(1.0), tensor(rest)), 1)
+        mirrored = size // 2 if options.mirror else 0
+        scan, rest = replay.observations(places, mirrored)
+        beams = tensor(scan).mul_(replay.layout.step).sub_(1.0)
+        return torch.cat((beams, tensor(rest)), 1)
 
     return Batch(
-        observation(rows),
-        tensor(replay.action[rows]),
-        tensor(reward),
-        tensor(discount),
-        observation(after),
-        tensor(noise),
+        observation=observation(rows),
+        action=tensor(replay.action[rows]),
+        reward=tensor(reward),
+        discount=tensor(discount),
+        next_observation=observation(following),
+        noise=tensor(noise),
     )

@@ -26,38 +26,40 @@ from worlds.loading import Worlds
 class Preparation:
     """Tasks, worlds and layout of a run, made by prepare()."""
 
-    collect: Callable[
-        [Collect, bytes], Trajectory
-    ]  # drives a training episode with policy weights in a worker
-    drive: Callable[[Trial, bytes], Tuple[Result, bytes]]  # drives a trial with policy weights
+    # Drive a training episode, or a trial, with policy weights in a worker
+    collect: Callable[[Collect, bytes], Trajectory]
+    drive: Callable[[Trial, bytes], Tuple[Result, bytes]]
     held_out: List[Tuple[str, str]]  # (name, specification) of the worlds for evaluation
     layout: TransitionLayout
 
 
 def prepare(config: TrainConfig) -> Preparation:
-    """Check worlds and environment before a run starts, and return its preparation. Raises ApplrError."""
-    worlds, judged, options = (
-        Worlds(config.worlds, radius(config.robot)),
-        config.judged,
-        config.environment(),
-    )
+    """Check worlds and environment before a run starts, and return its preparation.
+
+    Raises:
+        ApplrError: There are no such worlds, or an option of the environment is invalid.
+    """
+    worlds = Worlds(config.worlds, radius(config.robot))
+    judged = config.judged
     held_out: List[Tuple[str, str]] = []
     if config.eval_worlds != "none":
-        held_out = [
-            world[:2] for world in world_list(config.eval_worlds, judged["protocol"], config.robot)
-        ]
-    env = ApplrEnv(**dict(options, worlds=worlds[:1]))
-    if (
-        config.actors > 1
-    ):  # Compile the planner's kernels once, so that the actors find them on disk.
+        trial_worlds = world_list(config.eval_worlds, judged["protocol"], config.robot)
+        held_out = [world[:2] for world in trial_worlds]
+
+    # One environment checks the options and gives the layout.
+    options = config.environment()
+    env = ApplrEnv(**{**options, "worlds": worlds[:1]})
+    if config.actors > 1:
+        # Compile the planner's kernels once, so that the actors find them on disk.
         env.reset(seed=0)
         env.step(-np.ones(env.layout.action, np.float32))
     env.close()
+    settings = env.settings.model_copy(update={**judged, "randomisation": {}})
     return Preparation(
-        partial(collect, ApplrEnv, json.dumps(options)),
-        partial(run, env.settings.model_copy(update={**judged, "randomisation": {}})),
-        held_out,
-        env.layout,
+        collect=partial(collect, ApplrEnv, json.dumps(options)),
+        drive=partial(run, settings),
+        held_out=held_out,
+        layout=env.layout,
     )
 
 
@@ -65,23 +67,24 @@ def dataset_of(config: TrainConfig) -> Optional[Dataset]:
     """Return the checked dataset of --dataset, or None if the option is not given.
 
     Raises:
-        ApplrError: The dataset's period, robot, observation or reward differ from those of the options.
+        ApplrError: The dataset's period, robot, observation or reward differ from those of the
+            options.
     """
     if not config.dataset:
         return None
     dataset = Dataset(config.dataset)
-    driven_with = {
-        name: getattr(config, name)
-        for name in ("decision_period", "observation", "critics_know_more")
-    }
-    for name, value in {
-        **driven_with,
+    wanted = {
+        "decision_period": config.decision_period,
+        "observation": config.observation,
+        "critics_know_more": config.critics_know_more,
         "robot": config.robot.name,
         **Reward.of(config).model_dump(),
-    }.items():
-        if (theirs := dataset.about.get(name, value)) != value:
+    }
+    for name, value in wanted.items():
+        recorded = dataset.about.get(name, value)
+        if recorded != value:
             raise ApplrError(
-                f"{name} is {value}, but the dataset {config.dataset} was driven with {theirs}: give the same, or make "
-                "a new dataset"
+                f"{name} is {value}, but the dataset {config.dataset} was driven with {recorded}: "
+                "give the same, or make a new dataset"
             )
     return dataset

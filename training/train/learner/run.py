@@ -1,7 +1,7 @@
-"""Training run: actors drive episodes, one learner learns from them, held-out worlds select the best policy.
+"""Training run: actors drive episodes, one learner learns, held-out worlds select the best policy.
 
-The run's folder contains config.json, checkpoint.json with learner-*.pt and replay-*.safetensors, actor.safetensors and
-best.safetensors, evaluations.jsonl, evaluation/ and tensorboard/.
+The run's folder contains config.json, checkpoint.json with learner-*.pt and replay-*.safetensors,
+actor.safetensors and best.safetensors, evaluations.jsonl, evaluation/ and tensorboard/.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import read_json, write_json
 from applr_ros1.policy import actor
 from applr_ros1.policy.dimensionless import ENCODINGS
-from training.common.folders import Lock, make_folder
+from training.common.folders import Lock
 from training.common.provenance import provenance, without_folders
 from training.env.trajectory import Trajectory
 from training.evaluate.periodic import THETA0, PeriodicEvaluation
@@ -34,21 +34,15 @@ from training.workers.collect import Collect
 from training.workers.pool import Pool
 
 MANY_ERRORS = 20  # number of consecutive failed episodes after which the run ends
-LONGEST_EPISODE = (
-    2100  # upper bound of the rows of an episode: 100 s at the shortest decision period, .05 s
-)
+# Upper bound of the rows of an episode: 100 s at the shortest decision period, .05 s
+LONGEST_EPISODE = 2100
 BROADCAST_INTERVAL = 25  # number of gradient steps after which the actors get the latest policy
+WAIT_SECONDS = 0.2  # longest wait for an episode, after which signals are looked at [s]
 CHECKPOINT_SECONDS = 120.0  # interval between two checkpoints [s]
-STATUS_SECONDS = (
-    10.0  # interval between updates of the progress bar's figures and TensorBoard's "training" [s]
-)
-EPISODE = (
-    "return",
-    "length",
-    "success",
-    "collided",
-    "time_s",
-)  # quantities of an episode in TensorBoard
+# Interval between updates of the progress bar's figures and TensorBoard's "training" [s]
+STATUS_SECONDS = 10.0
+# Quantities of an episode in TensorBoard
+EPISODE = ("return", "length", "success", "collided", "time_s")
 
 
 class TrainingRun:
@@ -63,72 +57,85 @@ class TrainingRun:
         from training.train.learner.learner import Learner
 
         self.began = time.monotonic()
+        self.config = config
         self.preparation = self.prepare(config)
         dataset = dataset_of(config)
         self.offline = dataset is not None
-        rows = dataset.rows if dataset else int(1.1 * config.total_timesteps) + LONGEST_EPISODE
-        self.config, (action, self.base) = config, config.start
-        self.folder = make_folder(config.out)
+        if dataset:
+            rows = dataset.rows
+        else:
+            # A row more per episode than transitions, with some to spare: an episode has 13.
+            rows = int(1.1 * config.total_timesteps) + LONGEST_EPISODE
+        action, self.base = config.start
+
+        self.folder = config.folder()
+        # A second process would overwrite the checkpoints of the first.
         self.lock = Lock(self.folder)
-        if not config.resume and (self.folder / "config.json").exists():
-            raise ApplrError(
-                f"{self.folder} already holds a run: continue it with --resume, or give another --out"
-            )
-        if config.actors and config.ray_address in (
-            "",
-            "local",
-        ):  # More threads than cores are slow.
+
+        # Learner and evaluation
+        if config.actors and config.ray_address in ("", "local"):
+            # The actors' processes need the other cores: more threads than cores are slow.
             torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - config.actors))
-        begin = config.init_from, action, dataset
-        self.learner = Learner(self.preparation.layout, config, self.folder, rows, *begin)
+        self.learner = Learner(
+            self.preparation.layout,
+            config,
+            self.folder,
+            rows,
+            init_from=config.init_from,
+            action=action,
+            dataset=dataset,
+        )
         held_out = self.preparation.held_out
         self.evaluation = PeriodicEvaluation(self.folder, held_out, config.eval_freq, config.seed)
+
+        # Episodes being driven
         self._next_episode = self.learner.extra.get("next_episode", 0)
         self._running: Set[Future[Any]] = set()  # episodes whose results are not yet added
-        self._published, self._policy = (
-            0,
-            b"",
-        )  # version [gradient steps] and weights of the actors' policy
-        self._saved = self._shown = time.monotonic()
+        self._published = 0  # version of the actors' policy [gradient steps]
+        self._policy = b""  # weights of the actors' policy
+        self._saved = time.monotonic()  # time of the last checkpoint
+        self._shown = self._saved  # time of the last figures in the progress bar
         self._failed_in_a_row = 0
         self.stopping: Optional[str] = None
         self.pool = Pool(0 if self.offline else config.actors, config.ray_address)
+
+        # Progress: curves after the checkpoint are those of a run that was killed.
         self.board: Any = SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.steps + 1)
-        often = (
-            1.0 if sys.stderr.isatty() else 30.0
-        )  # interval [s]: outside a terminal, each update is a new line
-        end = tqdm.format_interval(
-            60.0 * config.minutes
-        )  # time limit; tqdm's estimate from steps would be hours
-        limited = (
-            f"{{n_fmt}} steps [{{elapsed}} of {end}, {{rate_fmt}}{{postfix}}]"
-            if config.minutes
-            else None
-        )
-        style: Any = {
-            "unit": " steps",
-            "mininterval": often,
-            "dynamic_ncols": True,
-            "bar_format": limited,
-        }
-        self.bar = tqdm(total=self.goal, initial=self.steps, **style)
+        self.bar = self._make_bar()
+
+        # The folder is now a run.
         path = self.folder / "config.json"
         sessions = read_json(path).get(PROVENANCE, []) if config.resume else []
         sessions.append(provenance(config.seed))
-        write_json(
-            path, {**config.model_dump(exclude={"resume"}), PROVENANCE: sessions}
-        )  # The folder is now a run.
+        write_json(path, {**config.model_dump(exclude={"resume"}), PROVENANCE: sessions})
 
-    # -- the run -------------------------------------------------------------------------------------
+    def _make_bar(self) -> tqdm[Any]:
+        """Return the progress bar."""
+        style: Dict[str, Any] = {"unit": " steps", "dynamic_ncols": True}
+        # Interval [s]: outside a terminal, each update is a new line.
+        style["mininterval"] = 1.0 if sys.stderr.isatty() else 30.0
+        if self.config.minutes:
+            # The time limit, because tqdm's estimate from the steps would be hours
+            limit = tqdm.format_interval(60.0 * self.config.minutes)
+            style["bar_format"] = (
+                f"{{n_fmt}} steps [{{elapsed}} of {limit}, {{rate_fmt}}{{postfix}}]"
+            )
+        return tqdm(total=self.goal, initial=self.steps, **style)
+
+    # -- the run -----------------------------------------------------------------------------------
     @property
     def steps(self) -> int:
-        """Steps of the run, evaluations and curves: collected transitions, or gradient steps if offline."""
-        return self.learner.td3.updates if self.offline else self.learner.transitions
+        """Steps of the run and its curves: collected transitions, or gradient steps if offline."""
+        if self.offline:
+            return self.learner.td3.updates
+        return self.learner.transitions
 
     @property
     def goal(self) -> int:
         """Total number of steps of the run."""
-        return self.config.gradient_steps if self.offline else self.config.total_timesteps
+        if self.offline:
+            return self.config.gradient_steps
+        return self.config.total_timesteps
 
     @property
     def elapsed(self) -> float:
@@ -137,25 +144,31 @@ class TrainingRun:
 
     @property
     def finished(self) -> bool:
-        """Return whether all steps are done or the time is up. The last evaluation may still be due."""
+        """Return whether the steps are done or the time is up; an evaluation may still be due."""
         return self.steps >= self.goal or 0.0 < self.config.minutes <= self.elapsed / 60.0
 
     def run(self) -> int:
-        """Train to the end or until SIGINT or SIGTERM; return the exit status, 0 if done, 130 if stopped and saved."""
-        handlers = {
-            number: signal.signal(number, self._signal)
-            for number in (signal.SIGINT, signal.SIGTERM)
-        }
+        """Train to the end or until SIGINT or SIGTERM.
+
+        Returns:
+            The exit status: 0 if done, 130 if stopped and saved.
+        """
+        handlers = {}
+        for number in (signal.SIGINT, signal.SIGTERM):
+            handlers[number] = signal.signal(number, self._signal)
         try:
             while not self.finished and not self.stopping:
                 self._evaluate()
                 if self.offline:
+                    # Few steps at a time, so that a signal stops the run soon.
                     for _ in range(min(10, self.goal - self.steps)):
                         self.learner.update()
-                self._collect(0.0 if self.offline else 0.2)
+                else:
+                    self._collect()
                 if time.monotonic() - self._saved > CHECKPOINT_SECONDS:
                     self.save()
                 self._show_status()
+            # The last round, and that of the default parameters, may still be due.
             while self.finished and not self.stopping and self._evaluate():
                 pass
             self.save()
@@ -166,51 +179,70 @@ class TrainingRun:
             for number, handler in handlers.items():
                 signal.signal(number, handler)
             self.lock.close()
-        how = f"Stopped by {self.stopping} and saved" if self.stopping else "Done"
-        made = f"{self.learner.transitions:,} transitions and {self.learner.td3.updates:,} updates"
-        print(
-            f"{how} after {made}, {tqdm.format_interval(time.monotonic() - self.began)}; {self.folder}"
-        )
+        status = 0
+        end = "Done"
+        if self.stopping:
+            status = 130  # 128 + SIGINT, as a shell reports it
+            end = f"Stopped by {self.stopping} and saved"
+        updates = f"{self.learner.td3.updates:,} updates"
+        duration = tqdm.format_interval(time.monotonic() - self.began)
+        transitions = f"{self.learner.transitions:,} transitions"
+        print(f"{end} after {transitions} and {updates}, {duration}; {self.folder}")
         if self.evaluation.best:
             print(f"best policy: {describe(self.evaluation.best)}")
-        return 130 if self.stopping else 0
+        return status
 
     def _signal(self, number: int, frame: Any) -> None:
+        """Ask the run to stop after the current step.
+
+        A second signal ends it at once.
+        """
         if self.stopping:
             raise KeyboardInterrupt
         self.stopping = signal.Signals(number).name
 
     def _submit(self) -> None:
-        """Submit episodes so that all workers stay busy, unless too many results wait to be added."""
+        """Submit episodes so that all workers stay busy, unless many results wait to be added."""
         slots = self.pool.slots
-        most = 1 if self.pool.in_process else 4 * slots + 16
-        while (
-            len(self._running) < most and sum(not future.done() for future in self._running) < slots
-        ):
-            if self.offline or self.finished:
+        # Results that wait hold memory, and the policies that made them grow old.
+        limit = 4 * slots + 16
+        if self.pool.in_process:
+            limit = 1
+        while not self.finished:
+            unfinished = sum(not future.done() for future in self._running)
+            if len(self._running) >= limit or unfinished >= slots:
                 return
-            config, number, transitions = self.config, self._next_episode, self.learner.transitions
-            updates, interval = self.learner.td3.updates, BROADCAST_INTERVAL if config.actors else 1
-            if not self._policy or updates >= self._published + interval:
-                self._published, self._policy = (
-                    updates,
-                    safetensors.numpy.save(self.learner.td3.actor_weights()),
-                )
+            self._publish()
+            config = self.config
+            transitions = self.learner.transitions
+            # A policy that has been learnt explores better than random actions.
             random = transitions < config.learning_starts and not config.init_from
-            episode = Collect(number, config.seed, config.noise(transitions), random)
-            self._running.add(self.pool.submit(self.preparation.collect, episode, self._policy))
+            noise = config.noise(transitions)
+            episode = Collect(self._next_episode, config.seed, noise, random)
+            future = self.pool.submit(self.preparation.collect, episode, self._policy)
+            self._running.add(future)
             self._next_episode += 1
 
-    def _collect(self, timeout: float) -> None:
-        """Wait for results for at most `timeout` [s], add those that are available, and learn from them."""
+    def _publish(self) -> None:
+        """Give the actors the latest policy if theirs is BROADCAST_INTERVAL gradient steps old."""
+        updates = self.learner.td3.updates
+        # Without actors nothing is sent, and each episode is driven by the latest policy.
+        interval = BROADCAST_INTERVAL if self.config.actors else 1
+        if not self._policy or updates >= self._published + interval:
+            self._published = updates
+            self._policy = safetensors.numpy.save(self.learner.td3.actor_weights())
+
+    def _collect(self) -> None:
+        """Wait WAIT_SECONDS for results, add those that are available, and learn from them."""
         self._submit()
-        for future in wait(self._running, timeout, FIRST_COMPLETED).done:
+        for future in wait(self._running, WAIT_SECONDS, FIRST_COMPLETED).done:
             try:
                 trajectory = future.result()
                 self._failed_in_a_row = 0
                 if not self.finished:
                     self._take(trajectory)
             except CallFailed as error:
+                # One simulator that fails must not end a training of days; a fault of all ends it.
                 self.bar.write(f"an episode failed: {error}")
                 self._failed_in_a_row += 1
                 if self._failed_in_a_row >= MANY_ERRORS:
@@ -224,30 +256,36 @@ class TrainingRun:
         self._scalars("reward", trajectory.info.get("terms", {}))
         while self.learner.updates_due and not self.stopping:
             self.learner.update()
-            self._submit()
+            self._submit()  # The actors must not wait for the end of the gradient steps.
 
-    # -- evaluation ------------------------------------------------------------------------------------
+    # -- evaluation --------------------------------------------------------------------------------
     def _evaluate(self) -> bool:
         """Drive a round of the evaluation if one is due, and return whether a round was completed.
 
-        The run is saved first, because an error in a trial ends the run. If the time is limited, the robot's default
-        parameters are evaluated last, because this may take minutes. With several seeds, several.py evaluates them.
+        The run is saved first, because an error in a trial ends the run. If the time is limited,
+        the robot's default parameters are evaluated last, because this may take minutes. With
+        several seeds, several.py evaluates them.
         """
-        limited, finished = self.config.minutes > 0.0, self.finished
-        default = self.config.seeds == 1 and (finished or not limited)
-        number = self.evaluation.due(self.steps, last=finished and limited, default=default)
+        is_limited = self.config.minutes > 0.0
+        is_finished = self.finished  # Asked once, because it changes with time
+        default = self.config.seeds == 1 and (is_finished or not is_limited)
+        number = self.evaluation.due(self.steps, last=is_finished and is_limited, default=default)
         if number is None:
             return False
         self.save()
         weights = self.learner.td3.actor_weights()
-        state = {"step": self.steps, "version": self.learner.td3.updates}
-        sent = safetensors.numpy.save(weights)
         try:
             summary = self.evaluation.drive(
-                number, self.pool, self.preparation.drive, sent, self._end_if_stopped, **state
+                number,
+                self.pool,
+                self.preparation.drive,
+                safetensors.numpy.save(weights),
+                self._end_if_stopped,
+                step=self.steps,
+                version=self.learner.td3.updates,
             )
-        except KeyboardInterrupt:  # The completed trials are kept.
-            return False
+        except KeyboardInterrupt:
+            return False  # The completed trials are kept.
         self.bar.write(describe(summary))
         if summary["best"]:
             self.export(self.folder / "best.safetensors", weights, summary)
@@ -256,10 +294,11 @@ class TrainingRun:
         return True
 
     def _end_if_stopped(self, trial: Trial, result: Result) -> None:
+        """Interrupt the evaluation after a trial if the run is to stop."""
         if self.stopping:
             raise KeyboardInterrupt
 
-    # -- files -------------------------------------------------------------------------------------------
+    # -- files -------------------------------------------------------------------------------------
     def save(self) -> None:
         """Save a checkpoint and the latest policy."""
         self.learner.save({"elapsed": self.elapsed, "next_episode": self._next_episode})
@@ -269,21 +308,27 @@ class TrainingRun:
     def export(
         self, path: Path, weights: Dict[str, np.ndarray], result: Optional[Dict[str, Any]]
     ) -> None:
-        """Write a policy for policy/actor.py with metadata of its training, but without folders of this machine."""
+        """Write a policy for policy/actor.py with metadata of its training.
+
+        The metadata contain no folders of this machine, because policies are passed on.
+        """
         options = self.config.model_dump(exclude={"out", "resume", "ray_address"})
+        for name, value in options.items():
+            if isinstance(value, str):
+                options[name] = without_folders(value)
         training = {
             "steps": self.steps,
             "updates": self.learner.td3.updates,
             "transitions": self.learner.transitions,
-            "options": {
-                k: without_folders(v) if isinstance(v, str) else v for k, v in options.items()
-            },
+            "options": options,
         }
-        default = self.evaluation.default if result else None
-        period = self.config.decision_period
-        self.write_policy(
-            path, weights, dict(period_s=period, training=training, result=result, default=default)
-        )
+        metadata = {
+            "period_s": self.config.decision_period,
+            "training": training,
+            "result": result,
+            "default": self.evaluation.default if result else None,
+        }
+        self.write_policy(path, weights, metadata)
 
     def write_policy(
         self, path: Path, weights: Dict[str, np.ndarray], metadata: Dict[str, Any]
@@ -293,24 +338,24 @@ class TrainingRun:
         encoding = ENCODINGS[config.observation](config.robot, config.decision_period, self.base)
         actor.save(path, weights, metadata, encoding)
 
-    # -- progress ------------------------------------------------------------------------------------------
+    # -- progress ----------------------------------------------------------------------------------
     def _show_status(self) -> None:
+        """Update the progress bar, and every STATUS_SECONDS its figures and TensorBoard's."""
         self.bar.update(self.steps - self.bar.n)
         if time.monotonic() - self._shown < STATUS_SECONDS:
             return
         self._shown = time.monotonic()
-        learner, infos = self.learner, self.learner.infos
-        values = {
-            **{
-                name: np.mean([info.get(name, np.nan) for info in infos] or [np.nan])
-                for name in EPISODE[:-1]
-            },
-            "sigma": self.config.noise(learner.transitions),
-            "updates": learner.td3.updates,
-            "actors": len(self.pool.workers),
-            "replaced": self.pool.replaced,
-            **learner.td3.report(),
-        }
+        learner = self.learner
+        values: Dict[str, Any] = {}
+        # Without time_s, in whose mean failed episodes would count with their time limits
+        for name in EPISODE[:-1]:
+            latest = [info.get(name, np.nan) for info in learner.infos]
+            values[name] = np.mean(latest or [np.nan])
+        values["sigma"] = self.config.noise(learner.transitions)
+        values["updates"] = learner.td3.updates
+        values["actors"] = len(self.pool.workers)
+        values["replaced"] = self.pool.replaced
+        values.update(learner.td3.report())
         self.bar.set_postfix(
             {name: f"{value:.3g}" for name, value in values.items()}, refresh=False
         )
@@ -325,10 +370,16 @@ class TrainingRun:
 
 def describe(summary: Dict[str, Any]) -> str:
     """Return a one-line summary of a round of the periodic evaluation."""
-    who = "default DWA" if summary["round"] == THETA0 else f"evaluation at {summary['step']:,}"
-    time = "-" if summary["time_s"] is None else f"{summary['time_s']:.2f}"
+    name = f"evaluation at {summary['step']:,}"
+    if summary["round"] == THETA0:
+        name = "default DWA"
+    success_time = "-"
+    if summary["time_s"] is not None:
+        success_time = f"{summary['time_s']:.2f}"
+    best = ", the best so far" if summary["best"] else ""
     return (
-        f"{who}: return {summary['return']:.2f}, length {summary['length']:.2f}, success {summary['success']:.3f}, "
-        f"collision {summary['collided']:.3f}, time {time} s, score {summary['score']:.2f} s "
-        f"({summary['trials']} trials){', the best so far' if summary['best'] else ''}"
+        f"{name}: return {summary['return']:.2f}, length {summary['length']:.2f}, "
+        f"success {summary['success']:.3f}, collision {summary['collided']:.3f}, "
+        f"time {success_time} s, score {summary['score']:.2f} s "
+        f"({summary['trials']} trials){best}"
     )

@@ -1,8 +1,8 @@
 """Replay buffer: a ring of observations from which learner.py draws n-step transitions.
 
-One row holds s_t, a_t and r_t. s_{t+1} is in the next row, so that no observation is stored twice. An episode of T
-transitions takes T + 1 rows, the last of which has no action. Scans are stored as uint8 (TransitionLayout). The paper's
-five million transitions, 13 per episode, take 4.3 GB.
+One row holds s_t, a_t and r_t. s_{t+1} is in the next row, so that no observation is stored twice.
+An episode of T transitions takes T + 1 rows, the last of which has no action. Scans are stored as
+uint8 (TransitionLayout). The paper's five million transitions, 13 per episode, take 4.3 GB.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from applr_ros1.common.errors import ApplrError
 from training.env.trajectory import Trajectory, TransitionLayout
 
 COLUMNS = ("scan", "rest", "action", "reward", "end")  # names of the ring's arrays
-GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = (
-    0,
-    1,
-    2,
-    3,
-)  # values of a row's end: how the episode continues after the row
+# Values of a row's end: how the episode continues after the row
+GOES_ON, TERMINATED, TRUNCATED, NO_ACTION = 0, 1, 2, 3
 
 
 class Replay:
-    """Ring of `capacity` rows. add() writes whole episodes, so that the ring never cuts the latest episode."""
+    """Ring of `capacity` rows, to which add() writes whole episodes: it never cuts the latest."""
 
     def __init__(self, layout: TransitionLayout, capacity: int):
-        self.layout, self.capacity, self.mirror = layout, int(capacity), layout.mirror
+        self.layout = layout
+        self.capacity = int(capacity)
+        self.mirror = layout.mirror
+        # Bytes of a row: uint8 beams and end, float32 numbers. Zeros take memory only when they are
+        # written, so a buffer that is too large would fail after days.
         _check_memory(self.capacity, layout.scan + 4 * (layout.rest + layout.action) + 5)
         self.scan = np.zeros((capacity, layout.scan), np.uint8)
         self.rest = np.zeros((capacity, layout.rest), np.float32)
@@ -44,23 +44,27 @@ class Replay:
 
     def add(self, trajectory: Trajectory) -> None:
         """Add an episode, which must have fewer rows than the ring."""
-        t = len(trajectory)
-        rows = (self.written + np.arange(t + 1)) % self.capacity
-        self.scan[rows], self.rest[rows] = trajectory.scan, trajectory.rest
-        self.action[rows[:-1]], self.reward[rows[:-1]] = trajectory.action, trajectory.reward
+        transitions = len(trajectory)
+        rows = (self.written + np.arange(transitions + 1)) % self.capacity
+        with_action = rows[:-1]  # The last row holds only the last observation.
+        self.scan[rows] = trajectory.scan
+        self.rest[rows] = trajectory.rest
+        self.action[with_action] = trajectory.action
+        self.reward[with_action] = trajectory.reward
         self.end[rows] = GOES_ON
         self.end[rows[-2]] = TERMINATED if trajectory.terminated else TRUNCATED
         self.end[rows[-1]] = NO_ACTION
-        self.written += t + 1
-        self.transitions += t
+        self.written += transitions + 1
+        self.transitions += transitions
 
     def rows(self, since: int) -> Dict[str, np.ndarray]:
         """Return the rows from number `since` on that are still in the ring, for restore()."""
-        rows = np.arange(max(since, self.written - self.capacity), self.written) % self.capacity
+        oldest = self.written - self.capacity
+        rows = np.arange(max(since, oldest), self.written) % self.capacity
         return {name: getattr(self, name)[rows] for name in COLUMNS}
 
     def restore(self, rows: Dict[str, np.ndarray]) -> None:
-        """Append rows that rows() returned. The number of transitions ever added does not change."""
+        """Append rows that rows() returned, without counting their transitions again."""
         count = len(rows["end"])
         places = (self.written + np.arange(count)) % self.capacity
         for name in COLUMNS:
@@ -71,56 +75,65 @@ class Replay:
     def draw(self, rng: np.random.Generator, size: int) -> np.ndarray:
         """Draw rows (size,) of transitions uniformly from the ring."""
         rows = rng.integers(0, len(self), size)
+        # Rows without an action are drawn again. This keeps the others equally likely.
         while True:
-            bad = np.flatnonzero(self.end[rows] == NO_ACTION)
-            if not len(bad):
+            rejected = np.flatnonzero(self.end[rows] == NO_ACTION)
+            if not len(rejected):
                 return rows
-            rows[bad] = rng.integers(0, len(self), len(bad))
+            rows[rejected] = rng.integers(0, len(self), len(rejected))
 
     def n_step_return(
         self, rows: np.ndarray, n: int, gamma: float
     ) -> Tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return n-step rewards (B,) from `rows` on, discounts (B,), and the rows (B,) of the observations that follow.
+        """Return n-step rewards (B,) from `rows` on, discounts (B,), and the rows (B,) that follow.
 
-        A reward sums gamma^k r_{t+k} over n steps or until the episode's end. The discount of the next value is
-        gamma^steps, or 0 after a terminal state. A truncated episode is bootstrapped from its last observation.
+        A reward sums gamma^k r_{t+k} over n steps or until the episode's end. The discount of the
+        next value is gamma^steps, or 0 after a terminal state. A truncated episode is bootstrapped
+        from its last observation.
         """
-        after = rows.copy()
+        following = rows.copy()
+        # Sums in float64, which the critics get rounded to float32
         total = np.zeros(len(rows), np.float64)
         discount = np.ones(len(rows), np.float64)
-        alive = np.ones(len(rows), bool)
+        goes_on = np.ones(len(rows), bool)
         terminal = np.zeros(len(rows), bool)
         for _ in range(n):
-            total[alive] += discount[alive] * self.reward[after[alive]]
-            discount[alive] *= gamma
-            end = self.end[after]
-            terminal |= alive & (end == TERMINATED)
-            after[alive] += 1
-            after %= self.capacity
-            alive &= end == GOES_ON
+            total[goes_on] += discount[goes_on] * self.reward[following[goes_on]]
+            discount[goes_on] *= gamma
+            # The end of the row that has just been added decides whether the sum goes on.
+            end = self.end[following]
+            terminal |= goes_on & (end == TERMINATED)
+            following[goes_on] += 1
+            following %= self.capacity
+            goes_on &= end == GOES_ON
         discount[terminal] = 0.0
-        return total.astype(np.float32), discount.astype(np.float32), after
+        return total.astype(np.float32), discount.astype(np.float32), following
 
     def observations(self, rows: np.ndarray, mirrored: int) -> Tuple[np.ndarray, np.ndarray]:
-        """Return the stored observations of `rows`, the first `mirrored` of them with left and right exchanged.
+        """Return the stored observations of `rows`, the first `mirrored` of them mirrored.
 
-        Mirroring reverses beams and negates angles, but keeps parameters, because robot and planner are symmetric.
+        Mirroring reverses beams and negates angles, but keeps parameters, because robot and planner
+        are symmetric.
 
         Returns:
-            scan (B, beams) uint8 in steps of the layout (TransitionLayout.step), and rest (B, k) float32.
+            scan (B, beams) uint8 in steps of the layout (TransitionLayout.step), and rest (B, k)
+            float32.
         """
-        scan, rest, mirror, beams = self.scan[rows], self.rest[rows], self.mirror, self.layout.scan
-        if mirrored and mirror is not None:
-            scan[:mirrored] = scan[:mirrored][:, mirror.order[:beams]]
-            rest[:mirrored] *= mirror.sign[beams:]
+        scan = self.scan[rows]
+        rest = self.rest[rows]
+        if mirrored and self.mirror is not None:
+            beams = self.layout.scan
+            scan[:mirrored] = scan[:mirrored][:, self.mirror.order[:beams]]
+            rest[:mirrored] *= self.mirror.sign[beams:]
         return scan, rest
 
 
-def _check_memory(rows: int, row: int) -> None:
+def _check_memory(rows: int, row_bytes: int) -> None:
     """Raise ApplrError if the full replay buffer would not fit into memory."""
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if rows * row > memory:
-        takes = f"a replay buffer of {rows} rows takes {rows * row / 1e9:.1f} GB"
+    needed = rows * row_bytes
+    if needed > memory:
         raise ApplrError(
-            f"{takes}, this machine has {memory / 1e9:.1f} GB: give a smaller --total-timesteps"
+            f"a replay buffer of {rows} rows takes {needed / 1e9:.1f} GB, this machine has "
+            f"{memory / 1e9:.1f} GB: give a smaller --total-timesteps"
         )

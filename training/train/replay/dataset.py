@@ -1,7 +1,9 @@
-"""Datasets for offline training in Minari's format: `bags_to_dataset` writes them, `train.py --dataset` reads them.
+"""Datasets for offline training in Minari's format.
 
-Other libraries can read the datasets with minari.load_dataset or minari.MinariDataset(FOLDER/data). This module reads
-them with h5py, because Minari instantiates the environment named by a dataset, and a foreign dataset can name anything.
+`bags_to_dataset` writes them, and `train.py --dataset` reads them. Other libraries can read the
+datasets with minari.load_dataset or minari.MinariDataset(FOLDER/data). This module reads them with
+h5py, because Minari instantiates the environment named by a dataset, and a foreign dataset can name
+anything.
 """
 
 from __future__ import annotations
@@ -16,11 +18,10 @@ import numpy as np
 from applr_ros1.common.files import read_json
 from training.env.trajectory import Trajectory, TransitionLayout
 
-DATA, METADATA, EPISODES = (
-    "data",
-    "metadata.json",
-    "main_data.hdf5",
-)  # names of files and folders in Minari's format
+# Names of files and folders in Minari's format
+DATA = "data"
+METADATA = "metadata.json"
+EPISODES = "main_data.hdf5"
 
 
 def write(
@@ -45,10 +46,11 @@ def write(
     folder = folder.absolute()  # Minari joins a relative path with itself.
     partial = folder / f"{DATA}.partial"
     shutil.rmtree(partial, ignore_errors=True)
-    storage = MinariStorage.new(
-        partial, Box(-np.inf, np.inf, (layout.size,)), Box(-1.0, 1.0, (layout.action,))
-    )
+    observations = Box(-np.inf, np.inf, (layout.size,))
+    actions = Box(-1.0, 1.0, (layout.action,))
+    storage = MinariStorage.new(partial, observations, actions)
     for trajectory in trajectories:
+        # An episode ends with its last transition, either in a terminal state or by truncation.
         last = np.arange(len(trajectory)) == len(trajectory) - 1
         episode = EpisodeBuffer(
             observations=layout.restore(trajectory.scan, trajectory.rest),
@@ -58,9 +60,15 @@ def write(
             truncations=last & (not trajectory.terminated),
         )
         storage.update_episodes([episode])
-    names = {"dataset_id": folder.name, "minari_version": minari.__version__}
-    storage.update_metadata({**names, "layout": vars(layout), **about})
-    partial.rename(folder / DATA)
+    storage.update_metadata(
+        {
+            "dataset_id": folder.name,
+            "minari_version": minari.__version__,
+            "layout": vars(layout),
+            **about,
+        }
+    )
+    partial.rename(folder / DATA)  # A dataset that exists is complete.
 
 
 class Dataset:
@@ -86,9 +94,11 @@ class Dataset:
 
         with h5py.File(self._folder / EPISODES) as file:
             for number in range(self.about["total_episodes"]):
-                episode = {name: values[()] for name, values in file[f"episode_{number}"].items()}
-                observations, actions, rewards = (
-                    episode[name] for name in ("observations", "actions", "rewards")
+                episode = file[f"episode_{number}"]
+                yield Trajectory.of(
+                    self.layout,
+                    observations=episode["observations"][()],
+                    actions=episode["actions"][()],
+                    rewards=episode["rewards"][()],
+                    terminated=bool(episode["terminations"][-1]),
                 )
-                ends = bool(episode["terminations"][-1])
-                yield Trajectory.of(self.layout, observations, actions, rewards, ends)

@@ -260,7 +260,10 @@ class TD3:
             _mix(self.policy, self.actor, 1.0 - self.options.policy_ema_decay)
 
     def report(self) -> Dict[str, float]:
-        """Return the losses of the latest update as numbers. Waits for the device."""
+        """Return the losses of the latest update as numbers.
+
+        Waits for the device.
+        """
         return {name: float(value) for name, value in self.losses.items()}
 
     # -- acting ------------------------------------------------------------------------------------
@@ -316,7 +319,10 @@ class TD3:
 
 
 def _fill(network: nn.Module, tensors: Dict[str, torch.Tensor], what: str) -> None:
-    """Load tensors into a network. Errors name their source `what`."""
+    """Load tensors into a network.
+
+    Errors name their source `what`.
+    """
     try:
         network.load_state_dict(tensors)
     except RuntimeError:
