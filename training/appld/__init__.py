@@ -1,1 +1,1 @@
-"""APPLD (appld.py): demonstrations, their contexts, a parameter set for each, and a classifier of the context."""
+"""APPLD: demonstrations, their contexts, a parameter set for each, and a context classifier."""

@@ -1,9 +1,9 @@
 """Learns a policy of APPLD, the paper's second baseline, from recorded demonstrations.
 
-Run it as `rosrun applr_ros1 appld.py` or `python -m training.appld`. Changepoints cut the demonstrations into
-segments, similar segments form contexts, CMA-ES finds the parameters of each context, and a small network learns to
-recognise the context from the scan. evaluate.py --methods and method:= accept the file that the command writes.
-docs/howto/training.md describes the method.
+Run it as `rosrun applr_ros1 appld.py` or `python -m training.appld`. Changepoints cut the
+demonstrations into segments, similar segments form contexts, CMA-ES finds the parameters of each
+context, and a small network learns to recognise the context from the scan. evaluate.py --methods
+and method:= accept the file that the command writes. docs/howto/training.md describes the method.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from applr_ros1.common.files import write_json
 from applr_ros1.drives.drive import Drive
 from applr_ros1.policy import actor
 from applr_ros1.policy.observation import layout_of
-from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.parameter_space import Space, space_of
+from applr_ros1.robots import Robot
 from training.common.command_line import Seed, parsed
 from training.common.folders import make_folder
 from training.common.options import argument, option
@@ -31,7 +32,7 @@ from training.common.provenance import without_folders
 with extra(__name__):
     from training.appld import classifier, segmentation
     from training.appld.demonstration import policy_scans, read_demonstration
-    from training.appld.fit import Stretch, fit, stretches
+    from training.appld.fit import Fit, Stretch, fit, stretches
     from training.bags.read import bags_in
     from training.bags.topics import BagOptions
 
@@ -45,8 +46,10 @@ class AppldOptions(BagOptions):
     out: str = option(...,
         "File to write (.safetensors). The log is written beside it.")
     contexts: int = option(4,
-        "Largest number of contexts. 0 makes each segment a context, as in the APPLD paper.", ge=0, le=10**6)
-    penalty: float = option(3.0, "Cost of a changepoint; a higher cost gives fewer segments.", ge=0, le=1e6)
+        "Largest number of contexts. 0 makes each segment a context, as in the APPLD paper.",
+        ge=0, le=10**6)
+    penalty: float = option(3.0,
+        "Cost of a changepoint; a higher cost gives fewer segments.", ge=0, le=1e6)
     evaluations: int = option(150,
         "Number of parameter sets that the search of each context tries.", ge=1, le=10**9)
     seed: Seed
@@ -54,74 +57,121 @@ class AppldOptions(BagOptions):
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
-    """Run the command. Return 0, or 1 after a one-line error if no file was written."""
+    """Run the command.
+
+    Return 0, or 1 after a one-line error if no file was written.
+    """
     return run_main(lambda: run(without_remappings(arguments)), "appld.py")
-
-
-def _seconds(demonstration: Drive) -> float:
-    """Return the duration of a demonstration, rounded [s]."""
-    assert demonstration.commands is not None
-    return round(float(demonstration.commands.time[-1]), 2)
 
 
 def run(arguments: List[str]) -> None:
     """Learn from the bags named in the arguments, and write the file and its log (OUT_log.json)."""
     options = parsed(AppldOptions, "appld.py", __doc__, arguments)
-    if not options.out.endswith(".safetensors"):
-        raise ApplrError(f"--out {options.out}: give a name that ends in .safetensors")
-    began, topics, robot = time.monotonic(), options.topics(), options.robot
-    demonstrations = [read_demonstration(bag, topics, robot) for bag in bags_in(options.bags)]
+    out = Path(options.out)
+    if out.suffix != ".safetensors":
+        raise ApplrError(f"--out {out}: give a name that ends in .safetensors")
+    began = time.monotonic()
+    robot = options.robot
+    topics = options.topics()
+    demonstrations = []
+    scans_of = []
+    for bag in bags_in(options.bags):
+        demonstration = read_demonstration(bag, topics, robot)
+        demonstrations.append(demonstration)
+        scans_of.append(policy_scans(demonstration, robot))
     split = segmentation.find(demonstrations, robot, options.contexts, options.penalty)
-    by_context: List[List[Stretch]] = [[] for _ in split.names]
-    for index, d in enumerate(demonstrations):
-        spans = [s for s in split.segments if s.demonstration == index]
-        assert d.commands is not None
-        times = d.commands.time
-        for s, stretch in zip(spans, stretches(d, robot, spans)):
-            by_context[s.context].append(stretch)
-            print(
-                f"{d.name} {times[s.first]:5.1f} to {times[s.last - 1]:5.1f} s: context {split.names[s.context]}"
-            )
 
-    space, layout = space_of(robot), layout_of(robot)
+    # Parameters of each context
+    space = space_of(robot)
     sets: Dict[str, np.ndarray] = {}
     contexts: List[Dict[str, Any]] = []
-    for name, mean, part in zip(split.names, split.means, by_context):
-        best = fit(part, options.evaluations, options.seed + len(contexts))
-        sets[name], parameters = space.pick(best.theta), space.as_dict(best.theta)
-        print(
-            f"context {name}: loss {best.loss:.4f} (default parameters: {best.loss_theta0:.4f}), rms error of commands "
-            f"{best.rms_v_w[0]:.2f} m/s, {best.rms_v_w[1]:.2f} rad/s, {best.replays} sets tried on {best.instants} "
-            f"instants; best parameters: { {name: round(value, 3) for name, value in parameters.items()} }"
-        )
-        features = dict(zip(segmentation.FEATURES, mean.round(3).tolist()))
-        row = {"name": name, "features": features, "parameters": parameters, **vars(best)}
-        del row["theta"]
-        contexts.append(row)
+    by_context = _stretches_by_context(demonstrations, split, robot)
+    for name, mean, parts in zip(split.names, split.means, by_context):
+        best = fit(parts, options.evaluations, options.seed + len(contexts))
+        sets[name] = space.pick(best.theta)
+        contexts.append(_described(name, mean, best, space))
 
-    seen = [policy_scans(demonstration, robot) for demonstration in demonstrations]
-    scans = np.concatenate([seen[s.demonstration][s.first : s.last] for s in split.segments])
-    labels = np.concatenate([np.full(s.last - s.first, s.context) for s in split.segments])
+    # Classifier of the context
+    layout = layout_of(robot)
+    scans: List[np.ndarray] = []
+    labels: List[int] = []
+    for segment in split.segments:
+        scans.extend(scans_of[segment.demonstration][segment.first : segment.last])
+        labels.extend([segment.context] * (segment.last - segment.first))
     weights, quality = classifier.train(
-        classifier.inputs(scans, layout), labels, len(sets), options.seed, layout
+        classifier.inputs(np.array(scans), layout),
+        np.array(labels),
+        len(sets),
+        options.seed,
+        layout,
     )
     print(f"classifier: accuracy {quality['accuracy']}, on held-out instants {quality['held_out']}")
+
+    # Files, without folders of this machine, because they are passed on
     about = {
         "command": "python -m training.appld " + " ".join(map(without_folders, arguments)),
-        "demonstrations": [dict(d.source, bag=d.name, seconds=_seconds(d)) for d in demonstrations],
+        "demonstrations": list(map(_source, demonstrations)),
         "classifier": quality,
     }
-    make_folder(Path(options.out).parent)
-    actor.save_contexts(options.out, sets, weights, {"training": about}, space, layout)
-    segments = [dict(s._asdict(), context=split.names[s.context]) for s in split.segments]
-    log = {
-        **about,
-        "segments": segments,
-        "contexts": contexts,
-        "seconds": round(time.monotonic() - began, 1),
+    make_folder(out.parent)
+    actor.save_contexts(out, sets, weights, {"training": about}, space, layout)
+    segments = []
+    for segment in split.segments:
+        segments.append({**segment._asdict(), "context": split.names[segment.context]})
+    seconds = round(time.monotonic() - began, 1)
+    log = {**about, "segments": segments, "contexts": contexts, "seconds": seconds}
+    write_json(out.with_name(f"{out.stem}_log.json"), log)
+    print(f"{out}: {len(contexts)} contexts in {seconds:.0f} s")
+
+
+def _stretches_by_context(
+    demonstrations: Sequence[Drive], split: segmentation.Contexts, robot: Robot
+) -> List[List[Stretch]]:
+    """Return the stretches of each context, and print the segments."""
+    by_context: List[List[Stretch]] = [[] for _ in split.names]
+    for number, demonstration in enumerate(demonstrations):
+        assert demonstration.commands is not None
+        times = demonstration.commands.time
+        segments = [segment for segment in split.segments if segment.demonstration == number]
+        for segment, stretch in zip(segments, stretches(demonstration, robot, segments)):
+            by_context[segment.context].append(stretch)
+            span = f"{times[segment.first]:5.1f} to {times[segment.last - 1]:5.1f} s"
+            print(f"{demonstration.name} {span}: context {split.names[segment.context]}")
+    return by_context
+
+
+def _described(name: str, mean: np.ndarray, best: Fit, space: Space) -> Dict[str, Any]:
+    """Return the log's entry of a context, and print its fit.
+
+    Args:
+        name: Name of the context.
+        mean: Means of FEATURES (5,) in the context.
+        best: Fit of the context.
+        space: Parameter space of the robot.
+    """
+    parameters = space.as_dict(best.theta)
+    rounded = {parameter: round(value, 3) for parameter, value in parameters.items()}
+    v_error, w_error = best.rms_v_w
+    print(
+        f"context {name}: loss {best.loss:.4f} (default parameters: {best.loss_theta0:.4f}), "
+        f"rms error of commands {v_error:.2f} m/s, {w_error:.2f} rad/s, "
+        f"{best.replays} sets tried on {best.instants} instants; best parameters: {rounded}"
+    )
+    entry = {
+        "name": name,
+        "features": dict(zip(segmentation.FEATURES, mean.round(3).tolist())),
+        "parameters": parameters,
+        **vars(best),
     }
-    write_json(f"{options.out[: -len('.safetensors')]}_log.json", log)
-    print(f"{options.out}: {len(contexts)} contexts in {log['seconds']:.0f} s")
+    del entry["theta"]  # The same values as the parameters
+    return entry
+
+
+def _source(demonstration: Drive) -> Dict[str, Any]:
+    """Return where a demonstration comes from: its bag, duration [s], and the bag's metadata."""
+    assert demonstration.commands is not None
+    seconds = round(float(demonstration.commands.time[-1]), 2)
+    return {**demonstration.source, "bag": demonstration.name, "seconds": seconds}
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """APPLD's context classifier: a small network from the scan of an observation to the context.
 
-The command trains the network with torch. ContextPolicy (applr_ros1/policy/actor.py) runs it with numpy.
+The command trains the network with torch. ContextPolicy (applr_ros1/policy/actor.py) runs it with
+numpy.
 """
 
 from __future__ import annotations
@@ -15,9 +16,13 @@ from applr_ros1.policy.observation import LAYOUT
 
 HIDDEN = 64  # number of hidden units
 STEPS = 500  # number of gradient steps
+BATCH = 128  # number of scans per gradient step
 SHIFT = 0.157  # largest random rotation of a scan [rad]: 9 degrees
 NOISE = 0.02  # standard deviation of the noise on ranges [m]
-BLOCK = 40  # number of consecutive instants held out together, because consecutive scans are nearly equal
+# Number of consecutive instants held out together, because consecutive scans are nearly equal
+BLOCK = 40
+
+Weights = Dict[str, np.ndarray]
 
 
 def inputs(ranges: np.ndarray, layout: Layout = LAYOUT) -> np.ndarray:
@@ -29,8 +34,8 @@ def inputs(ranges: np.ndarray, layout: Layout = LAYOUT) -> np.ndarray:
 
 def train(
     scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int = 0, layout: Layout = LAYOUT
-) -> Tuple[Dict[str, np.ndarray], Dict[str, Optional[float]]]:
-    """Return weights for policy/actor.py, and the accuracy. Training scans are augmented (mirrored, rotated, noisy).
+) -> Tuple[Weights, Dict[str, Optional[float]]]:
+    """Train the network with augmented scans (mirrored, rotated, noisy).
 
     Args:
         scans: (n, beams) scans as returned by inputs().
@@ -40,14 +45,16 @@ def train(
         layout: Beams of the scans.
 
     Returns:
-        The weights, and a dict. accuracy: share of correct labels, training data included. held_out: accuracy on every
-        fifth BLOCK of a network trained on the others, None if there are too few. instants: number of instants.
+        The weights for policy/actor.py, and the quality. "accuracy": share of correct labels,
+        training data included. "held_out": accuracy on every fifth BLOCK of a network trained on
+        the others, None if there are too few. "instants": number of instants.
     """
-    blocks = np.arange(len(labels)) // BLOCK % 5 == 4
+    # The accuracy on scans that the network has learnt from says nothing about others.
+    is_held_out = np.arange(len(labels)) // BLOCK % 5 == 4
     held_out = None
-    if blocks.any() and not blocks.all() and contexts > 1:
-        probe = _fit(scans[~blocks], labels[~blocks], contexts, seed, layout)
-        held_out = _accuracy(probe, scans[blocks], labels[blocks])
+    if is_held_out.any() and not is_held_out.all() and contexts > 1:
+        probe = _fit(scans[~is_held_out], labels[~is_held_out], contexts, seed, layout)
+        held_out = _accuracy(probe, scans[is_held_out], labels[is_held_out])
     weights = _fit(scans, labels, contexts, seed, layout)
     return weights, {
         "accuracy": _accuracy(weights, scans, labels),
@@ -58,7 +65,8 @@ def train(
 
 def _fit(
     scans: np.ndarray, labels: np.ndarray, contexts: int, seed: int, layout: Layout
-) -> Dict[str, np.ndarray]:
+) -> Weights:
+    """Return the weights of a network trained on scans (n, beams) with labels (n,)."""
     import torch  # takes seconds; --help does not import it
 
     from training.train.td3.td3 import MLP
@@ -68,15 +76,15 @@ def _fit(
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
     net = MLP(layout.beams, [HIDDEN], contexts)
+    # A rare context counts as much as a frequent one.
     counts = np.bincount(labels, minlength=contexts)
-    weight = torch.tensor(len(labels) / np.maximum(1, counts) / contexts, dtype=torch.float32)
-    criterion = torch.nn.CrossEntropyLoss(weight=weight, label_smoothing=0.05)
+    balance = torch.tensor(len(labels) / np.maximum(1, counts) / contexts, dtype=torch.float32)
+    criterion = torch.nn.CrossEntropyLoss(weight=balance, label_smoothing=0.05)
     optimiser = torch.optim.AdamW(net.parameters(), lr=1e-3, weight_decay=1e-2)
     for _ in range(STEPS):
-        rows = rng.integers(0, len(labels), 128)
-        loss = criterion(
-            net(torch.from_numpy(_varied(scans[rows], rng, layout))), torch.from_numpy(labels[rows])
-        )
+        rows = rng.integers(0, len(labels), BATCH)
+        batch = torch.from_numpy(_varied(scans[rows], rng, layout))
+        loss = criterion(net(batch), torch.from_numpy(labels[rows]))
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -86,17 +94,21 @@ def _fit(
 
 def _varied(scans: np.ndarray, rng: np.random.Generator, layout: Layout) -> np.ndarray:
     """Return scans (n, beams), half of them mirrored, each rotated by up to SHIFT, with noise."""
-    count, shift = layout.beams, round(SHIFT / layout.step)
-    beams = np.arange(count)[None, :] + rng.integers(-shift, shift + 1, (len(scans), 1))
-    beams = np.clip(beams, 0, count - 1)
-    beams = np.where(rng.random((len(scans), 1)) < 0.5, count - 1 - beams, beams)
-    varied: np.ndarray = np.take_along_axis(scans, beams, axis=1)
-    noise = rng.standard_normal(scans.shape, dtype=np.float32) * np.float32(
-        NOISE * 2.0 / layout.range_cap
-    )
-    varied = np.clip(varied + noise, -1.0, 1.0)
-    return varied.astype(np.float32)
+    # Indices (n, beams) of the beams to take; at the ends, the last beam is repeated.
+    last = layout.beams - 1
+    largest_shift = round(SHIFT / layout.step)
+    shift = rng.integers(-largest_shift, largest_shift + 1, (len(scans), 1))
+    beams = np.clip(np.arange(layout.beams) + shift, 0, last)
+    is_mirrored = rng.random((len(scans), 1)) < 0.5
+    beams = np.where(is_mirrored, last - beams, beams)
+    moved = np.take_along_axis(scans, beams, axis=1)
+
+    deviation = np.float32(NOISE * 2.0 / layout.range_cap)  # in the units of inputs()
+    noise = rng.standard_normal(scans.shape, dtype=np.float32) * deviation
+    return np.asarray(np.clip(moved + noise, -1.0, 1.0), np.float32)
 
 
-def _accuracy(weights: Dict[str, np.ndarray], scans: np.ndarray, labels: np.ndarray) -> float:
-    return round(float((np.argmax(forward(layers_of(weights), scans), axis=1) == labels).mean()), 4)
+def _accuracy(weights: Weights, scans: np.ndarray, labels: np.ndarray) -> float:
+    """Return the share of scans (n, beams) whose label (n,) a network finds."""
+    found = np.argmax(forward(layers_of(weights), scans), axis=1)
+    return round(float((found == labels).mean()), 4)

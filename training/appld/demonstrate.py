@@ -42,14 +42,18 @@ class DemonstrateOptions(Options):
 
 
 def demonstrate(options: DemonstrateOptions) -> None:
-    """Drive one course and write the bag, with scans at the laser's rate. An unfinished drive leaves no bag.
+    """Drive one course and write the bag, with scans at the laser's rate.
+
+    An unfinished drive leaves no bag.
 
     Raises:
-        ApplrError: The course takes longer than LIMIT_S, the robot flips, or the bag exists or cannot be written.
+        ApplrError: The course takes longer than LIMIT_S, the robot flips, or the bag exists or
+            cannot be written.
     """
     robot = options.robot
     world = worlds.scaled(worlds.load(options.world, radius(robot)), robot.world_scale)
     simulator = sim_bridge.make(options.simulator, robot=robot)
+    # The writer comes first: it refuses an existing bag before minutes of driving.
     with BagWriter(options.bag, robot, TopicNames.of(robot)) as writer:
         drive = demonstrated(world, robot, simulator, options.seed)
         drive.source = {
@@ -80,6 +84,7 @@ def demonstrated(world: World, robot: Robot, simulator: Simulator, seed: int) ->
             trouble = f"flipped or too slow after {state.time:.0f} s"
             raise ApplrError(f"{world.name}: {trouble}: give another --world")
         recorder.localised(state.time, state.odom_pose, state.odom_twist)
+        # The laser may be slower than the control cycle; the driver then uses its last scan.
         if state.time + 1e-6 >= scan_due:
             scan_due += robot.laser.period_in(CONTROL_PERIOD)
             scan = simulator.laser_scan()
@@ -92,7 +97,10 @@ def demonstrated(world: World, robot: Robot, simulator: Simulator, seed: int) ->
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
-    """Run the command. Return 0, or 1 after a one-line error if no bag was written."""
+    """Run the command.
+
+    Return 0, or 1 after a one-line error if no bag was written.
+    """
     name = "demonstrate.py"
     return run_main(lambda: demonstrate(parsed(DemonstrateOptions, name, __doc__, arguments)), name)
 

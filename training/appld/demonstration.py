@@ -1,7 +1,7 @@
-"""Demonstrations: recorded drives whose scans, motion and commands are brought to the same instants.
+"""Demonstrations: recorded drives with scans, motion and commands at the same instants.
 
-APPLD (appld.py) reads demonstrations from bags. A bag is recorded while a person drives the robot, or by demonstrate.py
-with the scripted demonstrator.
+APPLD (appld.py) reads demonstrations from bags. A bag is recorded while a person drives the robot,
+or by demonstrate.py with the scripted demonstrator.
 """
 
 from __future__ import annotations
@@ -30,8 +30,9 @@ def read_demonstration(
     """Read a demonstration from a ROS 1 or ROS 2 bag with scans, odometry and commands.
 
     Returns:
-        A drive whose scans, odometry and commands have a row at each instant: about every 50 ms, one per control cycle,
-        from the first to the last command. Its sent goal is the last one in the odometry's frame, or its last pose.
+        A drive whose scans, odometry and commands have a row at each instant: about every 50 ms,
+        one per control cycle, from the first to the last command. Its sent goal is the last one in
+        the odometry's frame, or its last pose.
 
     Raises:
         BagError: The bag cannot be read, lacks a topic or has too little driving.
@@ -46,39 +47,45 @@ def read_demonstration(
 
 
 def instants(drive: Drive) -> Drive:
-    """Return a drive with scans, odometry and commands at the same instants, see read_demonstration."""
+    """Return a drive with rows at the same instants, as read_demonstration does."""
     assert drive.scans is not None
     assert drive.odometry is not None
     assert drive.commands is not None
-    chosen = _beats(drive.scans.stamp)
-    times = drive.scans.stamp[chosen]
-    rows = _nearest_rows(drive.odometry.stamp, times)
-    is_located = np.abs(drive.odometry.stamp[rows] - times) < NEAR_S
+    motion = drive.odometry
+    # The instants are those of scans: odometry and commands are more frequent.
+    scan_rows = _beats(drive.scans.stamp)
+    times = drive.scans.stamp[scan_rows]
+    motion_rows = _nearest_rows(motion.stamp, times)
+    is_located = np.abs(motion.stamp[motion_rows] - times) < NEAR_S
     commands = _commands(drive.commands, times)
 
     # The demonstration begins and ends with driving.
-    is_driving = np.abs(commands).max(axis=1) > DRIVING_SPEED
-    moving = np.flatnonzero(is_driving & is_located)
+    drives = np.abs(commands).max(axis=1) > DRIVING_SPEED
+    moving = np.flatnonzero(drives & is_located)
     driven_s = len(moving) * CONTROL_PERIOD
     if driven_s < SHORTEST_S:
         raise BagError(
             f"{driven_s:.1f} s of driving are too little: record {SHORTEST_S:g} s or more"
         )
-    span = np.arange(moving[0], moving[-1] + 1)
-    span = span[is_located[span]]
+    chosen = np.arange(moving[0], moving[-1] + 1)
+    chosen = chosen[is_located[chosen]]
 
-    time = times[span] - times[span[0]]
-    scans = [drive.scans.ranges[index] for index in chosen[span].tolist()]
-    motion = drive.odometry
-    pose = motion.pose[rows[span]]
-    sent = [goal.pose for goal in drive.sent if goal.frame == drive.frame]
-    goal = sent[-1] if sent else tuple(pose[-1].tolist())
+    time = times[chosen] - times[chosen[0]]
+    scan_rows = scan_rows[chosen]
+    ranges = [drive.scans.ranges[row] for row in scan_rows.tolist()]
+    motion_rows = motion_rows[chosen]
+    pose = motion.pose[motion_rows]
+    # Without a goal, the planner of the fit drives to where the demonstration ended.
+    goal = tuple(pose[-1].tolist())
+    for sent in drive.sent:
+        if sent.frame == drive.frame:
+            goal = sent.pose
     return Drive(
         name=drive.name,
         frame=drive.frame,
-        odometry=Motion(time, time, pose, motion.twist[rows[span]]),
-        scans=Scans(time, time, drive.scans.fan[chosen[span]], scans),
-        commands=Commands(time, commands[span]),
+        odometry=Motion(time, time, pose, motion.twist[motion_rows]),
+        scans=Scans(time, time, drive.scans.fan[scan_rows], ranges),
+        commands=Commands(time, commands[chosen]),
         sent=[SentGoal(0.0, goal, drive.frame)],
         source=drive.source or {"demonstrator": "not stated"},
     )
@@ -91,36 +98,43 @@ def is_driving(drive: Drive) -> np.ndarray:
 
 
 def policy_scans(drive: Drive, robot: Robot) -> np.ndarray:
-    """Return the scans (n, 720) float32 [m] resampled for a policy; other robots have other numbers of beams."""
+    """Return the scans (n, beams) float32 [m] resampled for a policy: 720 beams for the Jackal."""
     assert drive.scans is not None
     layout = layout_of(robot)
     first_angle, increment = drive.scans.fan[0, :2].tolist()
     direction = first_angle + robot.laser.pose[2]
-    return np.array(
-        [layout.resample(ranges, direction, increment) for ranges in drive.scans.ranges]
-    )
+    scans = [layout.resample(ranges, direction, increment) for ranges in drive.scans.ranges]
+    return np.array(scans)
 
 
 def _nearest_rows(stamps: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return the indices of the stamps nearest to some times; of two equally near ones, the earlier."""
+    """Return the indices of the stamps nearest to some times; of two equally near, the earlier."""
     rows = np.clip(np.searchsorted(stamps, times), 1, len(stamps) - 1)
     is_earlier = np.abs(stamps[rows - 1] - times) <= np.abs(stamps[rows] - times)
     return np.asarray(rows - is_earlier)
 
 
 def _beats(stamps: np.ndarray) -> np.ndarray:
-    """Return the indices of the scans to use: all, or one per planner cycle if the laser is faster than the planner."""
+    """Return the indices of the scans to use.
+
+    They are all scans, or one per planner cycle if the laser is faster than the planner.
+    """
     due = stamps[0]
-    chosen = []
-    for index, stamp in enumerate(stamps.tolist()):
+    rows = []
+    for row, stamp in enumerate(stamps.tolist()):
+        # A scan may come a little early. After a gap, the next one is due half a period later.
         if stamp >= due - CONTROL_PERIOD / 5:
             due = max(due + CONTROL_PERIOD, stamp + CONTROL_PERIOD / 2)
-            chosen.append(index)
-    return np.array(chosen)
+            rows.append(row)
+    return np.array(rows)
 
 
 def _commands(commands: Commands, times: np.ndarray) -> np.ndarray:
-    """Return the latest command (n, 2) at the end of each instant, or zeros if that command is older than HELD_S."""
+    """Return the latest command (n, 2) at the end of each instant, or zeros if it is too old.
+
+    A base stops when its last command is older than HELD_S.
+    """
+    # The planner's command at an instant is that for the cycle after its scan.
     last = np.searchsorted(commands.time, times + 0.9 * CONTROL_PERIOD, side="right") - 1
     is_fresh = (last >= 0) & (times - commands.time[last] < HELD_S)
     latest = commands.twist[last]

@@ -1,14 +1,14 @@
 """Fit of the parameters of an APPLD context with CMA-ES, called by appld.py.
 
-The search minimises the difference between the demonstrator's commands and those of the planner, given the same pose
-and scan at each instant.
+The search minimises the difference between the demonstrator's commands and those of the planner,
+given the same pose and scan at each instant.
 """
 
 from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
-from typing import List, Sequence, Tuple
+from typing import List, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
@@ -23,10 +23,14 @@ from training.appld.demonstration import is_driving
 from training.appld.segmentation import Segment
 from training.env.episode import CONTROL_PERIOD, counting_cells
 
-TURN_WEIGHT = 0.25  # weight of squared yaw rate [(rad/s)^2] relative to squared speed [(m/s)^2]: H = diag(1, 1/4)
-PULL = 1e-3  # weight of an action's mean squared distance from that of theta_0, which decides between equal losses
+# Weight of squared yaw rate [(rad/s)^2] relative to squared speed [(m/s)^2]: H = diag(1, 1/4)
+TURN_WEIGHT = 0.25
+# Weight of an action's mean squared distance from that of theta_0: it decides between equal losses
+PULL = 1e-3
 LONGEST = 100  # largest number of instants of a segment that are replayed
 SETTLE = 5  # number of ignored instants after a change of parameters
+SPREAD = 0.4  # initial standard deviation of the search, in action units
+INSIDE = 0.9  # factor of the first mean of the search, which CMA-ES wants inside the bounds
 
 
 @dataclass
@@ -48,7 +52,8 @@ class Fit:
         theta: (n,) best parameters.
         loss: Mean weighted squared error of the commands with the best parameters.
         loss_theta0: Mean weighted squared error with the default parameters.
-        rms_v_w: Root mean square errors of the commands (v, w) with the best parameters [m/s, rad/s].
+        rms_v_w: Root mean square errors of the commands (v, w) with the best parameters [m/s,
+            rad/s].
         rms_v_w_theta0: Root mean square errors with the default parameters [m/s, rad/s].
         replays: Number of evaluated parameter sets.
         instants: Number of instants in which each parameter set was replayed.
@@ -64,7 +69,7 @@ class Fit:
 
 
 def step(planner: MoveBase, demonstration: Drive, robot: Robot, i: int) -> Tuple[float, float]:
-    """Return the planner's command (v [m/s], w [rad/s]) at instant i, or (0, 0) if the planner has none.
+    """Return the planner's command (v, w) [m/s, rad/s] at instant i, or (0, 0) if it has none.
 
     The planner gets the pose, twist and scan of the demonstration, and the time of clock().
     """
@@ -83,7 +88,10 @@ def step(planner: MoveBase, demonstration: Drive, robot: Robot, i: int) -> Tuple
 
 
 def clock(i: int) -> float:
-    """Return the planner's time at instant i [s]. An instant lasts one cycle, independent of the laser's rate."""
+    """Return the planner's time at instant i [s].
+
+    An instant lasts one cycle, independent of the laser's rate.
+    """
     return 1.0 + i * CONTROL_PERIOD
 
 
@@ -96,70 +104,96 @@ def stretches(demonstration: Drive, robot: Robot, spans: Sequence[Segment]) -> L
     send(space.settings(space.theta0), planner)
     step(planner, demonstration, robot, 0)
     planner.set_goal(goal, clock(0))
+
     parts = []
-    span_of_first = {span.first: span for span in spans}
     for i in range(len(demonstration.commands)):
-        if i in span_of_first:
-            last = min(span_of_first[i].last, i + LONGEST)
-            parts.append(Stretch(demonstration, robot, i, last, copy.deepcopy(planner)))
+        for span in spans:
+            if span.first == i:
+                # The costmap at its start depends on everything before.
+                last = min(span.last, i + LONGEST)
+                parts.append(Stretch(demonstration, robot, i, last, copy.deepcopy(planner)))
         step(planner, demonstration, robot, i)
-        if planner.goal is None:  # The planner gave up or arrived, but the demonstration continues.
+        if planner.goal is None:
+            # The planner gave up or arrived, but the demonstration continues.
             planner.set_goal(goal, clock(i))
     return parts
 
 
 def replay(stretch: Stretch, theta: np.ndarray) -> np.ndarray:
-    """Return the errors (k, 2) of the planner's commands (v, w) at the k instants that are not ignored."""
+    """Return the errors (k, 2) of the planner's commands (v, w) [m/s, rad/s].
+
+    k is the number of instants that are not ignored.
+    """
     demonstration = stretch.demonstration
     assert demonstration.commands is not None
     planner = copy.deepcopy(stretch.planner)
     send(space_of(stretch.robot).settings(theta), planner)
     rows = range(stretch.first, stretch.last)
-    planned = np.array([step(planner, demonstration, stretch.robot, i) for i in rows])
-    errors = planned - demonstration.commands.twist[rows]
+    planned = [step(planner, demonstration, stretch.robot, i) for i in rows]
+    errors = np.array(planned) - demonstration.commands.twist[rows]
     counts = is_driving(demonstration)[rows]
     counts[: min(SETTLE, len(counts) // 2)] = False
     return np.asarray(errors[counts])
 
 
-def loss(stretches_: Sequence[Stretch], theta: np.ndarray) -> Tuple[float, List[float]]:
-    """Return the mean weighted squared error and [rms v, rms w] over all stretches of a context."""
-    errors = np.concatenate([replay(s, theta) for s in stretches_])
+class Loss(NamedTuple):
+    """Loss of a parameter set.
+
+    Attributes:
+        value: Mean weighted squared error of the commands.
+        rms_v_w: Root mean square errors of the commands (v, w) [m/s, rad/s].
+    """
+
+    value: float
+    rms_v_w: List[float]
+
+
+def loss(parts: Sequence[Stretch], theta: np.ndarray) -> Loss:
+    """Return the loss of a parameter set (n,) over all stretches of a context."""
+    errors = np.concatenate([replay(stretch, theta) for stretch in parts])
     if not len(errors):
-        return 0.0, [0.0, 0.0]
-    squares = (errors**2).mean(axis=0)
-    return float(squares[0] + TURN_WEIGHT * squares[1]), np.sqrt(squares).round(4).tolist()
+        return Loss(0.0, [0.0, 0.0])
+    v_square, w_square = (errors**2).mean(axis=0)
+    rms = np.sqrt([v_square, w_square]).round(4)
+    return Loss(float(v_square + TURN_WEIGHT * w_square), rms.tolist())
 
 
-def fit(stretches_: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
-    """Fit the parameters that the paper's encoding chooses with CMA-ES from theta_0, in about `evaluations` replays."""
+def fit(parts: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
+    """Fit the parameters that the paper's encoding chooses, with CMA-ES from theta_0.
+
+    Args:
+        parts: Stretches of a context.
+        evaluations: Number of replays after which the search ends.
+        seed: Seed of the search.
+    """
     import cma  # slow, because it imports scipy.stats and matplotlib
 
-    encoding = PaperEncoding(stretches_[0].robot)
+    encoding = PaperEncoding(parts[0].robot)
     theta0 = encoding.space.theta0
     home = encoding.action(theta0)
-    base, base_error = loss(stretches_, theta0)
+    base = loss(parts, theta0)
     best = Fit(
-        theta0.copy(),
-        base,
-        base,
-        base_error,
-        base_error,
-        1,
-        sum(s.last - s.first for s in stretches_),
+        theta=theta0.copy(),
+        loss=base.value,
+        loss_theta0=base.value,
+        rms_v_w=base.rms_v_w,
+        rms_v_w_theta0=base.rms_v_w,
+        replays=1,
+        instants=sum(stretch.last - stretch.first for stretch in parts),
     )
-    strategy = cma.CMAEvolutionStrategy(
-        home * 0.9, 0.4, {"bounds": [-1, 1], "seed": seed + 1, "verbose": -9}
-    )
+    options = {"bounds": [-1, 1], "seed": seed + 1, "verbose": -9}  # cma draws a seed for 0.
+    strategy = cma.CMAEvolutionStrategy(home * INSIDE, SPREAD, options)
     while best.replays < evaluations and not strategy.stop():
         candidates = strategy.ask()
         values = []
         for candidate in candidates:
             theta = encoding.theta(candidate)
-            value, error = loss(stretches_, theta)
-            values.append(value + PULL * float(np.mean((np.asarray(candidate) - home) ** 2)))
-            if value < best.loss:
-                best.theta, best.loss, best.rms_v_w = theta, value, error
+            tried = loss(parts, theta)
+            values.append(tried.value + PULL * float(np.mean((candidate - home) ** 2)))
+            if tried.value < best.loss:
+                best.theta = theta
+                best.loss = tried.value
+                best.rms_v_w = tried.rms_v_w
         strategy.tell(candidates, values)
         best.replays += len(candidates)
     return best

@@ -1,6 +1,7 @@
 """Segmentation of demonstrations into contexts for APPLD (appld.py).
 
-Changepoints delimit segments of uniform driving in uniform surroundings. Similar segments form one context.
+Changepoints delimit segments of uniform driving in uniform surroundings. Similar segments form one
+context.
 """
 
 from __future__ import annotations
@@ -21,6 +22,10 @@ from training.env.episode import CONTROL_PERIOD
 FEATURES = ("speed", "turning", "ahead", "near side", "far side")
 SMOOTHED = 15  # number of instants over which a feature is averaged
 SHORTEST = 1.5  # minimum duration of a segment [s]
+# Bearing and width of the sectors of the scan ahead, to the right and to the left [rad]
+AHEAD = (0.0, math.radians(45.0))
+RIGHT = (-1.311, math.radians(75.0))
+LEFT = (1.311, math.radians(75.0))
 
 
 class Segment(NamedTuple):
@@ -48,20 +53,23 @@ class Contexts:
 
 
 def features(demonstration: Drive, robot: Robot) -> np.ndarray:
-    """Return FEATURES (n, 5): |v|, |w|, free distance ahead, smaller and larger free distance beside the robot."""
+    """Return FEATURES (n, 5): |v|, |w|, and the free distances ahead and beside the robot.
+
+    The two distances beside the robot are sorted, so that a wall on either side is the same.
+    """
     import pandas  # slow to import; --help does not need it
 
-    assert demonstration.commands is not None
+    # Beyond its cap, a range counts as open space, as it does for a policy.
     layout = layout_of(robot)
-    cap = layout.range_cap  # range beyond which space counts as open [m]
-    ranges = np.nan_to_num(
-        np.asarray(policy_scans(demonstration, robot), np.float64), nan=cap, posinf=cap, neginf=0.0
-    )
-    ranges = np.minimum(ranges, cap)
-    ahead, right, left = (
-        ranges[:, layout.sector(bearing, math.radians(width))].min(axis=1)
-        for bearing, width in ((0.0, 45.0), (-1.311, 75.0), (1.311, 75.0))
-    )
+    cap = layout.range_cap
+    measured = np.asarray(policy_scans(demonstration, robot), np.float64)
+    ranges = np.nan_to_num(measured, nan=cap, posinf=cap, neginf=0.0).clip(max=cap)
+    free = []
+    for bearing, width in (AHEAD, RIGHT, LEFT):
+        free.append(ranges[:, layout.sector(bearing, width)].min(axis=1))
+    ahead, right, left = free
+
+    assert demonstration.commands is not None
     speeds = np.abs(demonstration.commands.twist)
     sides = np.sort(np.column_stack([right, left]), axis=1)
     raw = np.column_stack([speeds, ahead, sides])
@@ -73,62 +81,69 @@ def find(
 ) -> Contexts:
     """Return the contexts of one or more demonstrations.
 
-    Changepoints minimise the squared error about each segment's mean features plus a penalty per changepoint. This is
-    the likelihood of normal features with the penalty of BIC, and replaces the Bayesian CHAMP of the APPLD paper.
-    Ward's method then clusters the segments into at most `most` contexts. If `most` is 0, every segment is a context of
-    its own, as in the APPLD paper.
+    Changepoints minimise the squared error about each segment's mean features plus a penalty per
+    changepoint. This is the likelihood of normal features with the penalty of BIC, and replaces the
+    Bayesian CHAMP of the APPLD paper. Ward's method then clusters the segments into at most `most`
+    contexts. If `most` is 0, every segment is a context of its own, as in the APPLD paper.
     """
     import pandas
 
-    seen = [features(demonstration, robot) for demonstration in demonstrations]
-    every = np.concatenate(seen)
-    mean, spread = every.mean(axis=0), np.maximum(every.std(axis=0), 1e-3)
-    scaled = [(f - mean) / spread for f in seen]
-    cuts = [_cut(f, penalty) for f in scaled]
-    spans = [
-        (number, a, b) for number, ends in enumerate(cuts) for a, b in zip([0] + ends[:-1], ends)
-    ]
-    means = np.array([scaled[number][a:b].mean(axis=0) for number, a, b in spans])
-    labels = np.arange(len(spans))
-    if most and len(spans) > most:
-        labels = scipy.cluster.hierarchy.fcluster(
-            scipy.cluster.hierarchy.linkage(means, "ward"), most, "maxclust"
-        )
-    labels = pandas.factorize(labels)[0]  # contexts numbered by first appearance
-    own = (
-        pandas.DataFrame(every)
-        .groupby(np.repeat(labels, [b - a for _, a, b in spans]))
-        .mean()
-        .to_numpy()
-    )
-    return Contexts(
-        [Segment(*span, int(label)) for span, label in zip(spans, labels)], _names(own), own
-    )
+    # All features count equally, whatever their unit.
+    by_drive = [features(demonstration, robot) for demonstration in demonstrations]
+    rows = np.concatenate(by_drive)
+    mean = rows.mean(axis=0)
+    spread = np.maximum(rows.std(axis=0), 1e-3)
+
+    # Segments with their mean features; the context is not known yet.
+    segments: List[Segment] = []
+    means = []
+    for number, raw in enumerate(by_drive):
+        scaled = (raw - mean) / spread
+        first = 0
+        for last in _cut(scaled, penalty):
+            segments.append(Segment(number, first, last, 0))
+            means.append(scaled[first:last].mean(axis=0))
+            first = last
+
+    labels = np.arange(len(segments))
+    if most and len(segments) > most:
+        tree = scipy.cluster.hierarchy.linkage(np.array(means), "ward")
+        labels = scipy.cluster.hierarchy.fcluster(tree, most, "maxclust")
+    contexts = pandas.factorize(labels)[0].tolist()  # numbered by first appearance
+    labelled = []
+    lengths = []
+    for segment, context in zip(segments, contexts):
+        labelled.append(segment._replace(context=context))
+        lengths.append(segment.last - segment.first)
+
+    by_context = pandas.DataFrame(rows).groupby(np.repeat(contexts, lengths))
+    context_means = by_context.mean().to_numpy()
+    return Contexts(labelled, _names(context_means), context_means)
 
 
 def _cut(scaled: np.ndarray, penalty: float) -> List[int]:
-    """Return the ends of the segments; the last one is len(scaled)."""
+    """Return the ends of the segments of scaled features (n, 5); the last one is n."""
     import ruptures  # slow, because it imports scipy.signal
 
     shortest = int(SHORTEST / CONTROL_PERIOD)
     if len(scaled) < 2 * shortest:
-        return [len(scaled)]
+        return [len(scaled)]  # ruptures refuses what it cannot cut.
     price = penalty * scaled.shape[1] * np.log(len(scaled))
-    return [
-        int(end)
-        for end in ruptures.KernelCPD("linear", min_size=shortest).fit(scaled).predict(pen=price)
-    ]
+    search = ruptures.KernelCPD("linear", min_size=shortest).fit(scaled)
+    return list(map(int, search.predict(pen=price)))
 
 
 def _names(means: np.ndarray) -> List[str]:
     """Return a number and distinguishing words for each context, such as "1 open, wide, fast"."""
     middle = np.median(means, axis=0)
     names = []
-    for number, (speed, turning, ahead, near, _) in enumerate(means):
+    for number, (speed, turning, ahead, near_side, _) in enumerate(means):
         words = [
             "open" if ahead > middle[2] else "close ahead",
-            "narrow" if near < middle[3] else "wide",
+            "narrow" if near_side < middle[3] else "wide",
             "fast" if speed > middle[0] else "slow",
-        ] + (["turning"] if turning > middle[1] else [])
+        ]
+        if turning > middle[1]:
+            words.append("turning")
         names.append(f"{number + 1} {', '.join(words)}")
     return names
