@@ -17,25 +17,33 @@ from training.common.options import O, add_options, checked
 
 
 def robot_name(robot: Robot) -> str:
-    """Return the argument with which `load` finds a robot: its name if it is included, else its folder."""
-    included = robot.name in NAMES and robot.folder == load(robot.name).folder
-    return robot.name if included else robot.folder
+    """Return the argument with which `load` finds a robot: its name, or its folder."""
+    # A user's folder may have the name of an included robot.
+    if robot.name in NAMES and robot.folder == load(robot.name).folder:
+        return robot.name
+    return robot.folder
+
+
+def _loaded(value: Any) -> Robot:
+    """Return a robot, or load the robot with a name or a folder."""
+    return value if isinstance(value, Robot) else load(value)
 
 
 # A command may add a default, and its own help text if the option has a special meaning there.
 # fmt: off
-Loaded = BeforeValidator(lambda given: given if isinstance(given, Robot) else load(given))
-AnyRobot = Annotated[InstanceOf[Robot], PlainSerializer(robot_name), Loaded, Field("jackal", description=
-    f"Robot to drive, to whose size the worlds are scaled: {', '.join(NAMES)}, or a folder with robot.yaml "
-    "(docs/tutorials/your_robot.md).")]
-SimulatorName = Annotated[Literal["pybullet", "kinematic"], Field(description="Simulator to drive in.")]
-Workers = Annotated[int, Field(2, ge=0, le=4096, description=
-    "Number of trials driven in parallel; 0 drives them in this process.")]
-RayAddress = Annotated[str, Field("", description=
-    "Address HOST:PORT of a Ray cluster to drive on, auto for a cluster that runs on this machine, or local to start "
-    "a cluster here.")]
-Seed = Annotated[int, Field(0, ge=0, le=2**31 - 1, description=
-    "Seed of all random numbers of the command.")]
+AnyRobot = Annotated[
+    InstanceOf[Robot], PlainSerializer(robot_name), BeforeValidator(_loaded), Field("jackal",
+    description=f"Robot to drive, to whose size the worlds are scaled: {', '.join(NAMES)}, or a "
+    "folder with robot.yaml (docs/tutorials/your_robot.md).")]
+SimulatorName = Annotated[Literal["pybullet", "kinematic"], Field(
+    description="Simulator to drive in.")]
+Workers = Annotated[int, Field(2, ge=0, le=4096,
+    description="Number of trials driven in parallel; 0 drives them in this process.")]
+RayAddress = Annotated[str, Field("",
+    description="Address HOST:PORT of a Ray cluster to drive on, auto for a cluster that runs on "
+    "this machine, or local to start a cluster here.")]
+Seed = Annotated[int, Field(0, ge=0, le=2**31 - 1,
+    description="Seed of all random numbers of the command.")]
 # fmt: on
 
 
@@ -69,13 +77,17 @@ def given(
 
 
 def parsed(model: Type[O], *command_line: Any) -> O:
-    """Return the checked options of a command line. Arguments and errors are those of `given`."""
+    """Return the checked options of a command line.
+
+    Arguments and errors are those of `given`.
+    """
     return checked(model, given(model, *command_line))
 
 
 @contextmanager
 def continuable() -> Iterator[None]:
-    """Let SIGTERM stop the block as Ctrl-C does, and report that the same command continues the work."""
+    """Let SIGTERM stop the block as Ctrl-C does, and report that the same command continues it."""
+    # `timeout` and cluster queues end programs with SIGTERM.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield

@@ -16,7 +16,9 @@ def make_folder(path: os.PathLike[str] | str) -> Path:
 
 
 class Lock:
-    """Lock of a run folder for one process. The system releases it when the process ends, even if killed.
+    """Lock of a run folder for one process.
+
+    The system releases it when the process ends, even if killed.
 
     Args:
         folder: Folder to lock, through the file "lock" in it.
@@ -27,13 +29,13 @@ class Lock:
     """
 
     def __init__(self, folder: os.PathLike[str] | str, who: str = "train.py"):
+        # Kept open: closing the file releases the lock.
         self._file = open(Path(folder) / "lock", "w")  # noqa: SIM115
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise ApplrError(
-                f"{folder}: another {who} works in this folder: wait, or give another --out"
-            ) from None
+            problem = f"{folder}: another {who} works in this folder"
+            raise ApplrError(f"{problem}: wait, or give another --out") from None
 
     def close(self) -> None:
         """Release the folder for another process."""

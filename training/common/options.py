@@ -1,7 +1,8 @@
-"""Options of the training commands. Each is declared once, as a field of a pydantic model, which checks its value.
+"""Options of the training commands.
 
-A field's name, type, bounds, default and help text give the command line, the keys of a YAML or JSON file of options,
-and the one-line error about an invalid value.
+Each is declared once, as a field of a pydantic model. A field's name, type, bounds, default and
+help text give the command line, the keys of a YAML or JSON file of options, and the one-line error
+about an invalid value.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ def option(default: Any, help: str, **bounds: Any) -> Any:
     """Declare an option, a field of a class derived from Options.
 
     Args:
-        default: Default value; None and "" are not shown in the help text, and ... makes the option required.
+        default: Default value; None and "" are not shown in the help text, and ... makes the option
+            required.
         help: Help text, in complete sentences.
         bounds: Arguments of pydantic.Field: ge, gt, le, lt, min_length, max_length, ...
     """
@@ -34,9 +36,10 @@ def argument(help: str) -> Any:
 
 
 class Options(BaseModel):
-    """Base class of a group of options; model_config["title"] is the group's heading in the help text.
+    """Base class of a group of options.
 
-    The options of a command are a class that derives from all of its groups.
+    model_config["title"] is the group's heading in the help text. The options of a command are a
+    class that derives from all of its groups.
     """
 
     model_config = ConfigDict(
@@ -48,38 +51,51 @@ O = TypeVar("O", bound=Options)
 
 
 def add_options(parser: argparse.ArgumentParser, model: Type[Options]) -> None:
-    """Add an option for each field of the model, in groups. Options that are not given stay out of the namespace."""
+    """Add an option for each field of the model, in groups.
+
+    Options that are not given stay out of the namespace, so that a recipe or a resumed run keeps
+    its own values.
+    """
     added: Set[str] = set()
-    for group in (cls for cls in model.__mro__ if issubclass(cls, Options)):
+    for group in model.__mro__:
+        if not issubclass(group, Options):
+            continue
         names = [name for name in group.__dict__.get("__annotations__", ()) if name not in added]
         title = group.model_config.get("title")
-        section = parser.add_argument_group(title) if title and names else parser
+        section: argparse._ActionsContainer = parser
+        if title and names:
+            section = parser.add_argument_group(title)
         for name in names:
             _add(section, name, model.model_fields[name])
         added.update(names)
 
 
 def _add(section: argparse._ActionsContainer, name: str, field: FieldInfo) -> None:
-    several = "+" if get_origin(field.annotation) is list else None
+    """Add the argument of a field to a section of the help text."""
+    kind = get_origin(field.annotation)
+    several = "+" if kind is list else None
     if field.json_schema_extra == PLACE:
         section.add_argument(name, nargs=several, help=field.description)
         return
-    more: Dict[str, Any] = {"metavar": name.upper(), "nargs": several}
+    settings: Dict[str, Any] = {"metavar": name.upper(), "nargs": several}
     if field.annotation is bool:
-        more = {"action": argparse.BooleanOptionalAction}
-    elif get_origin(field.annotation) is Literal:
-        more = {"choices": get_args(field.annotation)}
-    default = "" if field.is_required() else field.default
-    shown = " ".join(map(str, default)) if isinstance(default, list) else default
-    text = (
-        f"{field.description} Default: {shown}."
-        if shown not in (None, "")
-        else str(field.description)
+        settings = {"action": argparse.BooleanOptionalAction}
+    elif kind is Literal:
+        settings = {"choices": get_args(field.annotation)}
+    text = str(field.description)
+    default = field.default
+    if isinstance(default, list):
+        default = " ".join(map(str, default))
+    if not field.is_required() and default not in (None, ""):
+        text += f" Default: {default}."
+    section.add_argument(
+        dashed(name),
+        dest=name,
+        help=text.replace("%", "%%"),  # argparse formats help texts.
+        default=argparse.SUPPRESS,
+        required=field.is_required(),
+        **settings,
     )
-    more.update(
-        help=text.replace("%", "%%"), default=argparse.SUPPRESS, required=field.is_required()
-    )
-    section.add_argument(dashed(name), dest=name, **more)
 
 
 def dashed(name: str) -> str:
@@ -102,12 +118,15 @@ def checked(model: Type[O], values: Mapping[str, Any], where: str = "") -> O:
         return model.model_validate(values)
     except ValidationError as refused:
         problem = refused.errors()[0]
+        prefix = ""
+        if where:
+            prefix = f"{where}: "
         text = problem["msg"].removeprefix("Value error, ")
-        prefix = f"{where}: " if where else ""
         if problem["type"] == "extra_forbidden":
             raise ApplrError(f"{prefix}unknown option {problem['loc'][0]!r}") from None
-        if problem["loc"]:
+        if problem["loc"]:  # Else a rule about several options, whose message names them
             name = str(problem["loc"][0])
-            place = model.model_fields[name].json_schema_extra == PLACE
-            text = f"{name if where or place else dashed(name)} is {problem['input']!r:.80}: {text}"
+            if not where and model.model_fields[name].json_schema_extra != PLACE:
+                name = dashed(name)
+            text = f"{name} is {problem['input']!r:.80}: {text}"
         raise ApplrError(prefix + text) from None

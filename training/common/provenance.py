@@ -1,4 +1,4 @@
-"""Provenance of results: date, commit, versions, processor and command, recorded by evaluations and training runs."""
+"""Provenance of results, recorded by evaluations and training runs."""
 
 from __future__ import annotations
 
@@ -14,26 +14,25 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Dict
 
-ROOT = str(
-    Path(__file__).resolve().parents[2]
-)  # root of the checkout, even if imported through a catkin workspace
-PACKAGES = (
-    "numpy",
-    "scipy",
-    "numba",
-    "pybullet",
-    "torch",
-    "gymnasium",
-)  # packages whose version can change a result
+# Root of the checkout, even if imported through a catkin workspace
+ROOT = Path(__file__).resolve().parents[2]
+# Packages whose version can change a result
+PACKAGES = ("numpy", "scipy", "numba", "pybullet", "torch", "gymnasium")
 
 
 def provenance(seed: int) -> Dict[str, Any]:
-    """Return what is needed to reproduce the results, as JSON values. The date is in UTC."""
-    installed = {name: metadata.version(name) for name in PACKAGES if find_spec(name)}
+    """Return what is needed to reproduce the results, as JSON values.
+
+    It has date (UTC), commit, versions, processor, and the command.
+    """
+    versions = {"python": platform.python_version()}
+    for name in PACKAGES:
+        if find_spec(name):
+            versions[name] = metadata.version(name)
     return {
         "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "commit": commit(),
-        "versions": {"python": platform.python_version(), **installed},
+        "versions": versions,
         "cpu": _cpu(),
         "cores": os.cpu_count(),
         "seed": seed,
@@ -42,24 +41,27 @@ def provenance(seed: int) -> Dict[str, Any]:
 
 
 def commit() -> str:
-    """Return the commit of this package, with " and changes" if files differ; "unknown" outside a checkout."""
-    command = [
-        "git",
-        "-C",
-        ROOT,
-        "describe",
-        "--always",
-        "--abbrev=40",
-        "--exclude=*",
-        "--dirty= and changes",
-    ]
-    alone = {**os.environ, "GIT_CEILING_DIRECTORIES": str(Path(ROOT).parent)}
+    """Return the commit of this package.
+
+    " and changes" follows if files differ. Outside a checkout, return "unknown".
+    """
+    # Without tags, which would replace the commit. The ceiling keeps git from a checkout around a
+    # package that pip installed.
+    describe = ["git", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty= and changes"]
+    environment = {**os.environ, "GIT_CEILING_DIRECTORIES": str(ROOT.parent)}
     try:
-        return subprocess.run(
-            command, capture_output=True, text=True, timeout=10, check=True, env=alone
-        ).stdout.strip()
+        answer = subprocess.run(
+            describe,
+            cwd=ROOT,
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
     except (OSError, subprocess.SubprocessError):
         return "unknown"
+    return answer.stdout.strip()
 
 
 def _cpu() -> str:
@@ -72,5 +74,5 @@ def _cpu() -> str:
 
 
 def without_folders(option: str) -> str:
-    """Return a text option, such as a comma-separated list of worlds, with each path reduced to its base name."""
+    """Return a text option, such as a list of worlds, with each path reduced to its base name."""
     return ",".join(Path(part).name for part in option.split(","))

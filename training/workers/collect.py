@@ -14,16 +14,17 @@ from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.actor import Layers, forward, layers_of
 from training.env.trajectory import Trajectory
 
-TRAINING, WORLDS = (
-    0,
-    2,
-)  # first number in the seed of an episode, and in that of the choice of its world
+# First numbers in the seed of an episode, and in that of the choice of its world
+TRAINING = 0
+WORLDS = 2
 INFO = ("success", "collided", "time_s")  # keys of the environment's info that a trajectory keeps
 
 
 @dataclass(frozen=True)
 class Collect:
-    """Training episode to drive. Its randomness comes only from the run's seed and the episode's number.
+    """Training episode to drive.
+
+    Its randomness comes only from the run's seed and the episode's number.
 
     Attributes:
         episode: Number of the episode.
@@ -40,13 +41,23 @@ class Collect:
 
 @lru_cache(maxsize=1)
 def environment(env: Callable[..., Any], options: str) -> Any:
-    """Return an environment of the class `env` with `options` (keyword arguments as JSON), made once per process."""
+    """Return an environment, made once per process.
+
+    Args:
+        env: Class of the environment.
+        options: Its keyword arguments as JSON.
+    """
     return env(**json.loads(options))
 
 
 def policy_layers(weights: bytes) -> Layers:
-    """Return the layers of a policy. weights: TD3.actor_weights() as the bytes of a safetensors file."""
-    return layers_of(unpack(weights, "weights")[0])
+    """Return the layers of a policy.
+
+    Args:
+        weights: TD3.actor_weights() as the bytes of a safetensors file.
+    """
+    tensors, _ = unpack(weights, "weights")
+    return layers_of(tensors)
 
 
 def collect(env: Callable[..., Any], options: str, task: Collect, weights: bytes) -> Trajectory:
@@ -58,29 +69,35 @@ def collect(env: Callable[..., Any], options: str, task: Collect, weights: bytes
         task: Episode to drive.
         weights: Weights of the policy (policy_layers).
     """
-    made = environment(env, options)
-    layout, layers = made.layout, policy_layers(weights)
+    simulation = environment(env, options)
+    layout = simulation.layout
+    layers = policy_layers(weights)
     rng = np.random.default_rng([TRAINING, task.seed, *b"actor-0", task.episode])
-    world = int(
-        np.random.default_rng([WORLDS, task.seed, 0, task.episode]).integers(len(made.worlds))
-    )
-    observation, last = made.reset(seed=int(rng.integers(2**31)), options={"world": world})
-    observations, actions, rewards = [observation], [], []
+    # A generator of its own: the world does not depend on how many numbers the actor draws.
+    world_rng = np.random.default_rng([WORLDS, task.seed, 0, task.episode])
+    world = int(world_rng.integers(len(simulation.worlds)))
+
+    observation, info = simulation.reset(seed=int(rng.integers(2**31)), options={"world": world})
+    observations = [observation]
+    actions = []
+    rewards = []
     terms: Counter[str] = Counter()  # sums of the reward's terms
-    terminated = truncated = False
+    terminated = False
+    truncated = False
     while not (terminated or truncated):
         if task.random:
             action = rng.uniform(-1.0, 1.0, layout.action).astype(np.float32)
         else:
             noise = rng.standard_normal(layout.action, dtype=np.float32) * np.float32(task.sigma)
-            action = np.clip(
-                np.tanh(forward(layers, observation[: layout.seen])) + noise, -1.0, 1.0
-            )
-        observation, reward, terminated, truncated, last = made.step(action)
+            # The policy sees a part of the observation, the critics see all (--critics-know-more).
+            policy_action = np.tanh(forward(layers, observation[: layout.seen]))
+            action = np.clip(policy_action + noise, -1.0, 1.0)
+        observation, reward, terminated, truncated, info = simulation.step(action)
         observations.append(observation)
         actions.append(action)
         rewards.append(float(reward))
-        terms.update(last.get("reward", {}))
-    info: Dict[str, Any] = {name: last[name] for name in INFO if name in last}
-    info.update({"return": sum(rewards), "length": len(rewards), "terms": dict(terms)})
-    return Trajectory.of(layout, observations, actions, rewards, terminated, info)
+        terms.update(info.get("reward", {}))
+
+    summary: Dict[str, Any] = {name: info[name] for name in INFO if name in info}
+    summary.update({"return": sum(rewards), "length": len(rewards), "terms": dict(terms)})
+    return Trajectory.of(layout, observations, actions, rewards, terminated, summary)

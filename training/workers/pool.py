@@ -1,8 +1,9 @@
-"""Pool of workers with the interface of concurrent.futures, which replaces workers that die or hang.
+"""Pool of workers with the interface of concurrent.futures.
 
-A worker is a child process, which ends when its socket is closed, or runs tasks on a Ray cluster (ray.py).
-ProcessPoolExecutor is unsuitable: if a worker dies, all workers end; no worker can be killed; and Python 3.11 waits
-forever for a worker killed while a message was in its pipe (gh-94777). pebble's pool ends if an idle worker dies.
+Workers that die or hang are replaced. A worker is a child process, which ends when its socket is
+closed, or runs tasks on a Ray cluster (ray.py). ProcessPoolExecutor is unsuitable: if a worker
+dies, all workers end; no worker can be killed; and Python 3.11 waits forever for a worker killed
+while a message was in its pipe (gh-94777). pebble's pool ends if an idle worker dies.
 """
 
 from __future__ import annotations
@@ -31,11 +32,15 @@ T = TypeVar("T")
 
 
 class Pool(ThreadPoolExecutor):
-    """Pool of workers. A thread of this process waits for the answers of each worker.
+    """Pool of workers.
+
+    A thread of this process waits for the answers of each worker.
 
     Args:
-        workers: Number of workers. With 0, submit() executes each call in this process, which makes runs repeatable.
-        ray_address: HOST:PORT of a Ray cluster, "local" to start a cluster here, or "" for child processes.
+        workers: Number of workers. With 0, submit() executes each call in this process, which makes
+            runs repeatable.
+        ray_address: HOST:PORT of a Ray cluster, "local" to start a cluster here, or "" for child
+            processes.
         seconds: Time without an answer after which a worker counts as hung [s].
 
     Attributes:
@@ -53,10 +58,13 @@ class Pool(ThreadPoolExecutor):
             raise ApplrError(
                 f"--ray-address is {ray_address}, but there are no workers: request 1 or more"
             )
-        self.slots, self.in_process, self.seconds = max(1, workers), workers == 0, seconds
+        self.slots = max(1, workers)
+        self.in_process = workers == 0
+        self.seconds = seconds
         super().__init__(self.slots)
         self.replaced = 0
-        self._lock, self._closed = threading.Lock(), False
+        self._lock = threading.Lock()  # for _closed and workers
+        self._closed = False
         self._start: Callable[[], Any] = ChildProcess
         self._disconnect: Callable[[], None] = lambda: None
         if ray_address:
@@ -64,13 +72,18 @@ class Pool(ThreadPoolExecutor):
             self._start = partial(RayWorker, ray)
             self._disconnect = ray.shutdown
         self.workers: Set[Any] = {self._start() for _ in range(workers)}
-        self._free: SimpleQueue[Any] = SimpleQueue()
+        self._free: SimpleQueue[Any] = SimpleQueue()  # workers without a call
         for worker in self.workers:
             self._free.put(worker)
 
     @override
-    def submit(self, function: Callable[..., Any], /, *args: Any) -> Future[Any]:  # type: ignore[override]  # no kwargs
-        """Return a future of function(*args). Its exception is CallFailed."""
+    def submit(  # type: ignore[override]  # no keyword arguments
+        self, function: Callable[..., Any], /, *args: Any
+    ) -> Future[Any]:
+        """Return a future of function(*args).
+
+        Its exception is CallFailed.
+        """
         if not self.in_process:
             return super().submit(self._call, function, args)
         future: Future[Any] = Future()
@@ -84,7 +97,10 @@ class Pool(ThreadPoolExecutor):
     def unordered(
         self, function: Callable[[T], Any], items: Iterable[T]
     ) -> Iterator[Tuple[T, Future[Any]]]:
-        """Yield (item, finished future of function(item)) in order of completion; at most `slots` calls run at once."""
+        """Yield (item, finished future of function(item)) in order of completion.
+
+        At most `slots` calls run at once, so that a call is not made before it can start.
+        """
         waiting = iter(items)
         running: Dict[Future[Any], T] = {}
         while True:
@@ -97,7 +113,10 @@ class Pool(ThreadPoolExecutor):
 
     @override
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = True) -> None:
-        """End the workers. Waiting and running calls are lost."""
+        """End the workers.
+
+        Waiting and running calls are lost.
+        """
         with self._lock:
             self._closed = True  # No worker is replaced from now on.
         for worker in self.workers:
@@ -106,12 +125,17 @@ class Pool(ThreadPoolExecutor):
         self._disconnect()
 
     def _call(self, function: Callable[..., Any], args: Tuple[Any, ...]) -> Any:
-        """Execute a call in a free worker and return its answer. Raise CallFailed if it fails."""
+        """Execute a call in a free worker and return its answer.
+
+        Raise CallFailed if it fails.
+        """
         for _ in range(DEATHS_PER_CALL):
             worker = self._free.get()
             try:
                 answer = worker.call(function, args, self.seconds)
             except WorkerDied as death:
+                # The call may have killed it, for example by running out of memory: it is repeated
+                # DEATHS_PER_CALL times at most.
                 worker = self._replacement(worker, death)
             else:
                 if isinstance(answer, CallFailed):
@@ -122,35 +146,43 @@ class Pool(ThreadPoolExecutor):
         raise CallFailed(f"its worker died {DEATHS_PER_CALL} times: see the messages above")
 
     def _replacement(self, worker: Any, death: WorkerDied) -> Any:
-        """Start a worker in place of a dead one. Raise CallFailed if the pool is closed."""
+        """Start a worker in place of a dead one.
+
+        Raise CallFailed if the pool is closed.
+        """
         worker.end()
         with self._lock:
             if self._closed:
                 raise CallFailed("the pool is closed")
             print(f"worker {death}: replaced by a new one", file=sys.stderr)
             self.replaced += 1
+            replacement = self._start()
             self.workers.discard(worker)
-            self.workers.add(new := self._start())
-            return new
+            self.workers.add(replacement)
+            return replacement
 
 
 class ChildProcess:
-    """Single-threaded child process that executes calls one after the other, connected by a socket."""
+    """Single-threaded child process that executes calls one after the other, over a socket."""
 
     def __init__(self) -> None:
-        self._connection, theirs = multiprocessing.Pipe()
-        with theirs:
-            code = f"from {__name__} import serve; serve({theirs.fileno()})"
+        self._connection, child_end = multiprocessing.Pipe()
+        # Closed here after the start, so that the socket ends when the child dies.
+        with child_end:
+            descriptor = child_end.fileno()
             self.process = subprocess.Popen(
-                [sys.executable, "-c", code],
-                pass_fds=[theirs.fileno()],
+                [sys.executable, "-c", f"from {__name__} import serve; serve({descriptor})"],
+                pass_fds=[descriptor],
                 stdin=subprocess.DEVNULL,
                 env={**os.environ, **environment()},
                 start_new_session=True,  # Only the parent process handles Ctrl-C.
             )
 
     def call(self, function: Callable[..., Any], args: Tuple[Any, ...], seconds: float) -> Any:
-        """Return the result of attempt() in the process. Raise WorkerDied if there is none in time."""
+        """Return the result of attempt() in the process.
+
+        Raise WorkerDied if there is none in time.
+        """
         try:
             self._connection.send((function, args))
             if self._connection.poll(seconds):
