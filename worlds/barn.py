@@ -196,7 +196,8 @@ def draw_path(filled: Cells, rng: np.random.Generator) -> Optional[Ints]:
     regions, _ = scipy.ndimage.label(free)
     sizes = np.bincount(regions.ravel())
     sizes[0] = 0  # label of all blocked cells
-    first_column, last_column = regions[:, 0], regions[:, -1]
+    first_column = regions[:, 0]
+    last_column = regions[:, -1]
     region = first_column[np.argmax(sizes[first_column])]
     if region == 0 or region != last_column[np.argmax(sizes[last_column])]:
         return None

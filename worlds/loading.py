@@ -11,7 +11,7 @@ import os
 import re
 from collections.abc import Sequence
 from types import MappingProxyType
-from typing import Any, Callable, List, Mapping, NamedTuple, Optional, Tuple
+from typing import Any, Callable, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -152,8 +152,10 @@ class Worlds(Sequence[World]):
         self.specs: List[str] = []
         for part in spec.split(","):
             self.specs += specs(part.strip(), radius)
-        stored = [name for name in self.specs if not name.startswith(MADE)]
-        self._loaded = {name: load(name, radius) for name in stored}
+        self._loaded: Dict[str, World] = {}
+        for name in self.specs:
+            if not name.startswith(MADE):
+                self._loaded[name] = load(name, radius)
         self._made = functools.lru_cache(maxsize=256)(load)
 
     def __len__(self) -> int:

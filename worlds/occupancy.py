@@ -97,7 +97,8 @@ def window_of(
         place: Point around which the window lies [m].
         reach: Half the side of the window [m].
     """
-    slices, offsets = [], []
+    slices = []
+    offsets = []
     for low, centre, count in zip(origin, place, cells.shape[::-1]):
         first = max(0, int((centre - reach - low) / resolution))
         end = min(count, int((centre + reach - low) / resolution) + 1)

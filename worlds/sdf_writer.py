@@ -64,7 +64,8 @@ def text(world: World) -> str:
         models.append(_model(f"mover_{n}", x, y, shape, extra=_waypoints(mover)))
 
     course = world.course
-    finish, ends = "", ""
+    finish = ""
+    ends = ""
     if course.finish_y is not None:
         finish = f"      <applr:finish_y>{float(course.finish_y)!r}</applr:finish_y>\n"
     if course.planner_ends:

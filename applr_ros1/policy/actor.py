@@ -36,10 +36,9 @@ from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, Space, space_of
 from applr_ros1.robots import JACKAL, Robot
 
-FORMAT, CONTEXTS_FORMAT = (
-    "applr-actor-2",
-    "applr-appld-1",
-)  # format names in the files of both policies
+# Format names in the files of both policies
+FORMAT = "applr-actor-2"
+CONTEXTS_FORMAT = "applr-appld-1"
 # Stall of a robot of the Jackal's size: it is less than 0.85 m from its position 8 s ago.
 STALL_DISTANCE_M = 0.85
 STALL_TIME_S = 8.0
@@ -47,10 +46,8 @@ TIME_TOLERANCE_S = 1e-6  # tolerance of times that are sums of periods [s]
 # Distance [m] and rotation [rad] for which TrajectoryPlannerROS backs out of a dead end in half of
 # a stall's decisions.
 BACKING_OUT = {"escape_reset_dist": 0.5, "escape_reset_theta": 3.14}
-PLAIN_ENTRIES = (
-    "format",
-    "sha256",
-)  # metadata in plain text instead of JSON; only older files have sha256
+# Metadata in plain text instead of JSON; only older files have sha256.
+PLAIN_ENTRIES = ("format", "sha256")
 Weights = Mapping[str, Array32]
 Layers = List[Tuple[Array32, Array32]]
 
@@ -95,17 +92,14 @@ class Stall:
     """
 
     def __init__(self, scale: float):
-        self._required = (
-            STALL_DISTANCE_M * scale
-        )  # displacement of a robot that has not stalled [m]
+        self._required = STALL_DISTANCE_M * scale  # displacement without a stall [m]
         self.reset()
 
     def reset(self) -> None:
         """Forget all positions at the start of a course."""
         self.share = 1.0
-        self._past: Deque[Tuple[float, float, float]] = (
-            deque()
-        )  # time [s], x [m] and y [m] of the latest decisions
+        # Time [s], x [m] and y [m] of the latest decisions
+        self._past: Deque[Tuple[float, float, float]] = deque()
 
     def update(self, time: float, x: float, y: float) -> bool:
         """Add the position (x, y) [m] at `time` [s], and return whether the robot has stalled."""
@@ -165,9 +159,8 @@ class Policy(_FromFile):
         """
         encoding = encoding or PaperEncoding(JACKAL)
         layers = _fitting(weights, encoding.size, encoding.actions)
-        if metadata and metadata.get(
-            "with_mirror_images"
-        ):  # The file does not store the mirror images.
+        # A file does not store the mirror images.
+        if metadata and metadata.get("with_mirror_images"):
             layers = layers_of(with_mirror_images(weights, encoding.mirror))
         return cls(encoding, layers, metadata)
 
@@ -250,7 +243,8 @@ class ContextPolicy(_FromFile):
         self.names = list(contexts)
         self.space = space
         self.layout = layout
-        self.sets = np.array([space.fill(space.chosen.clip(theta)) for theta in contexts.values()])
+        sets = [space.fill(space.chosen.clip(theta)) for theta in contexts.values()]
+        self.sets = np.array(sets)  # (contexts, n)
         self.layers = _fitting(weights, layout.beams, len(self.names))
 
     @classmethod
@@ -298,15 +292,19 @@ def load(
     if file_format not in (FORMAT, CONTEXTS_FORMAT):
         problem = f"unknown policy format {file_format!r}"
         raise ApplrError(f"{path}: {problem}: give a file written by train.py or appld.py")
-    metadata = {key: json.loads(text) for key, text in header.items() if key not in PLAIN_ENTRIES}
+    metadata = {}
+    for key, text in header.items():
+        if key not in PLAIN_ENTRIES:
+            metadata[key] = json.loads(text)
     policy: Union[Policy, ContextPolicy]
     try:
         if file_format == CONTEXTS_FORMAT:
             policy = ContextPolicy.of(weights, metadata, robot)
         else:
             # Files in the paper's encoding have no entry for the version of their observation.
-            encoding = ENCODINGS[DIMENSIONLESS if "observation" in metadata else PAPER]
-            policy = Policy.of(weights, encoding.of(metadata, robot), metadata)
+            name = DIMENSIONLESS if "observation" in metadata else PAPER
+            encoding = ENCODINGS[name].of(metadata, robot)
+            policy = Policy.of(weights, encoding, metadata)
     except ValueError as error:
         raise ApplrError(f"{path}: {error}") from None
     policy.metadata = metadata
@@ -355,17 +353,17 @@ def save_contexts(
     The arguments and errors are those of ContextPolicy and `save`.
     """
     weights = _float32(weights)
-    ContextPolicy(
-        contexts, weights, space, layout
-    )  # Raises ApplrError if the weights do not fit the contexts.
+    # Raises ApplrError if the weights do not fit the contexts.
+    ContextPolicy(contexts, weights, space, layout)
+    entries = []
+    for name, theta in contexts.items():
+        entries.append({"name": name, "theta": list(map(float, theta))})
     metadata = {
         **(metadata or {}),
         "robot": space.robot,
         "names": space.chosen.names,
         "layout": layout.to_dict(),
-        "contexts": [
-            {"name": name, "theta": list(map(float, theta))} for name, theta in contexts.items()
-        ],
+        "contexts": entries,
     }
     _write(path, weights, CONTEXTS_FORMAT, metadata)
 
@@ -375,23 +373,24 @@ def _without_mirror_images(weights: Weights, mirror: Mirror) -> Optional[Dict[st
     if weights["0.weight"].ndim != 3:
         return None
     halves = {name: np.ascontiguousarray(tensor[::2]) for name, tensor in weights.items()}
-    ensemble = with_mirror_images(halves, mirror)
-    is_mirrored = all(np.array_equal(ensemble[name], tensor) for name, tensor in weights.items())
-    return halves if is_mirrored else None
+    for name, tensor in with_mirror_images(halves, mirror).items():
+        if not np.array_equal(tensor, weights[name]):
+            return None
+    return halves
 
 
 def _write(
     path: Any, weights: Dict[str, Array32], file_format: str, metadata: Mapping[str, Any]
 ) -> None:
+    """Write tensors and metadata to a file of a format."""
     header = {key: json.dumps(value) for key, value in metadata.items()}
     header["format"] = file_format
     files.write_bytes(path, safetensors.numpy.save(weights, metadata=header))
 
 
 def _float32(weights: Weights) -> Dict[str, Array32]:
-    return {
-        name: np.ascontiguousarray(tensor, dtype=np.float32) for name, tensor in weights.items()
-    }
+    """Return tensors as safetensors writes them: it takes the memory as it is, without strides."""
+    return {name: np.ascontiguousarray(array, np.float32) for name, array in weights.items()}
 
 
 def layers_of(weights: Weights) -> Layers:
@@ -411,7 +410,8 @@ def _fitting(weights: Weights, inputs: int, outputs: int) -> Layers:
     Raises ApplrError if its number of inputs or outputs is wrong.
     """
     layers = layers_of(weights)
-    first_weight, last_weight = layers[0][0], layers[-1][0]
+    first_weight, _ = layers[0]
+    last_weight, _ = layers[-1]
     sizes = (first_weight.shape[-1], last_weight.shape[-2])
     if sizes != (inputs, outputs):
         raise ApplrError(
@@ -427,14 +427,19 @@ def forward(layers: Layers, x: Any) -> Array32:
     """
     x = np.asarray(x, dtype=np.float32)
     is_ensemble = layers[0][0].ndim == 3
-    units: Array32 = np.atleast_2d(x) if is_ensemble else x
+    units: Array32 = x
+    if is_ensemble:
+        units = np.atleast_2d(x)
     for number, (weight, bias) in enumerate(layers):
         if number:
             units = np.maximum(units, np.float32(0.0))
         # In an ensemble, weight is (k, out, in) and bias (k, out), so that units become (k, n,
         # out).
-        units = units @ weight.swapaxes(-1, -2) + (bias[:, None, :] if is_ensemble else bias)
+        if is_ensemble:
+            bias = bias[:, None, :]
+        units = units @ weight.swapaxes(-1, -2) + bias
     if not is_ensemble:
         return units
+    # The mean before tanh keeps a network and its mirror image symmetric.
     outputs: Array32 = units.mean(axis=0)
     return outputs.reshape(*x.shape[:-1], -1)

@@ -37,24 +37,25 @@ JACKAL_SPEED = 2.0  # maximum speed of the Jackal's base [m/s]
 # free
 SECTORS = 240
 CAP = 8.0  # range cap [padded widths]
-NEAR_POINT, FAR_POINT = 2.0, 5.0  # lookahead distances of two points of the plan [padded widths]
-GOAL_CAP, MOVER_CAP = (
-    30.0,
-    15.0,
-)  # distance caps of the goal and of moving obstacles [padded widths]
+# Lookahead distances of two points of the plan [padded widths]
+NEAR_POINT = 2.0
+FAR_POINT = 5.0
+# Distance caps of the goal and of moving obstacles [padded widths]
+GOAL_CAP = 30.0
+MOVER_CAP = 15.0
 MOVING = 13  # number of entries for motion and route
 DESCRIBED = 14  # number of entries for the robot's description
 MOVERS = 3  # number of nearest moving obstacles in an observation, with four entries each
 NO_MOVER = (1.0, 0.0, 0.0, 0.0)  # placeholder for a missing moving obstacle: far ahead and static
-BEFORE_MOVERS = (
-    2 * SECTORS + MOVING + len(OUTPUTS) + DESCRIBED
-)  # index of the first entry of moving obstacles
+# Index of the first entry of moving obstacles
+BEFORE_MOVERS = 2 * SECTORS + MOVING + len(OUTPUTS) + DESCRIBED
 SIZE = BEFORE_MOVERS + 4 * MOVERS  # number of entries of an observation
 # Indices, counted after the scans, of entries that change sign in the mirror image: sines of the
 # three directions, turn rate and its change, direction of the near point, and lateral positions and
 # velocities of moving obstacles
-SIDEWAYS = tuple(BEFORE_MOVERS - 2 * SECTORS + 4 * i + k for i in range(MOVERS) for k in (1, 3))
-MIRROR_SIGN = (0, 2, 4, 7, 9, 11, *SIDEWAYS)
+_FIRST_MOVER = BEFORE_MOVERS - 2 * SECTORS
+_MOVER_ENTRIES = range(_FIRST_MOVER, _FIRST_MOVER + 4 * MOVERS)  # x, y, vx, vy of each
+MIRROR_SIGN = (0, 2, 4, 7, 9, 11, *_MOVER_ENTRIES[1::2])
 
 
 class OutputScale:
@@ -70,12 +71,16 @@ class OutputScale:
     """
 
     def __init__(self, units: Mapping[str, float]):
-        outputs = list(OUTPUTS.values())
-        unit = np.array([units.get(output.declared.kind, 1.0) for output in outputs])
-        self.low, self.high = (
-            unit * np.array([output.output or (output.low, output.high) for output in outputs]).T
-        )
-        self._is_log = np.array([output.log for output in outputs])
+        ranges = []
+        is_log = []
+        for output in OUTPUTS.values():
+            unit = units.get(output.declared.kind, 1.0)
+            low, high = output.output or (output.low, output.high)
+            ranges.append((unit * low, unit * high))
+            is_log.append(output.log)
+        self.low, self.high = np.array(ranges).T
+        self._is_log = np.array(is_log)
+        # Linear outputs get values whose logarithms exist; they are not used.
         self._first = np.where(self._is_log, self.low, 1.0)
         self._octaves = np.log2(np.where(self._is_log, self.high, 2.0) / self._first)
 
@@ -137,7 +142,9 @@ class DimensionlessEncoding(Encoding):
 
         resolution = float(tree["local_costmap"]["resolution"])
         # DWAPlannerROS multiplies its distance biases by the resolution; others count per cell.
-        per_cell = 1.0 / resolution if robot.local_planner == DWA else 1.0
+        per_cell = 1.0
+        if robot.local_planner == DWA:
+            per_cell = 1.0 / resolution
         self._scale = OutputScale(
             {
                 "speed": robot.base.max_speed,
@@ -151,21 +158,21 @@ class DimensionlessEncoding(Encoding):
         # output's.
         names = [NAMES.get(name, name) for name in self.space.names]
         self._places: List[Tuple[int, int]] = []  # (index in theta, index of its output)
+        self.chosen: Tuple[str, ...] = ()
         for output, name in enumerate(OUTPUTS):
-            if name in names:
-                i = names.index(name)
-                if (
-                    self._scale.low[output] < self.space.high[i]
-                    and self.space.low[i] < self._scale.high[output]
-                ):
-                    self._places.append((i, output))
-        self.chosen = tuple(self.space.names[i] for i, _ in self._places)
+            if name not in names:
+                continue
+            index = names.index(name)
+            begins_below = self._scale.low[output] < self.space.high[index]
+            ends_above = self._scale.high[output] > self.space.low[index]
+            if begins_below and ends_above:
+                self._places.append((index, output))
+                self.chosen += (self.space.names[index],)
         base_values = {**self.space.as_dict(self.space.theta0), **self.base}
         self._base = self.space.clip([base_values[name] for name in self.space.names])
+        # Values (m,) of OUTPUTS that are not of use
         defaults = [_default(tree, robot.local_planner, name) for name in OUTPUTS]
-        self._defaults = np.array(
-            defaults, dtype=np.float64
-        )  # values (m,) of OUTPUTS that are not of use
+        self._defaults = np.array(defaults, dtype=np.float64)
         self._description = _description(robot, tree, self.width, resolution)
         self.reset()
 
@@ -187,8 +194,8 @@ class DimensionlessEncoding(Encoding):
     def action(self, theta: Any) -> np.ndarray:
         """Return the action (12,) in [-1, 1] that encodes parameters (n,) of the robot's space."""
         values = self._defaults.copy()
-        for i, output in self._places:
-            values[output] = theta[i]
+        for index, output in self._places:
+            values[output] = theta[index]
         return self._scale.encode(values)
 
     def theta(self, action: Any) -> np.ndarray:
@@ -198,13 +205,14 @@ class DimensionlessEncoding(Encoding):
             raise ApplrError(f"action {action!r:.80}: {len(OUTPUTS)} finite numbers are needed")
         values = self._scale.decode(action)
         theta = self._base.copy()
-        for i, output in self._places:
-            theta[i] = values[output]
+        for index, output in self._places:
+            theta[index] = values[output]
         return self.space.clip(theta)
 
     def observe(self, context: Context) -> np.ndarray:
         """Return the observation (SIZE,) float32, and keep scan and context for the next one."""
         scan = self._scan(context.ranges)
+        # At the first decision, nothing has changed.
         previous_scan, previous = self._previous or (scan, context)
         self._previous = scan, context
         entries = [
@@ -218,18 +226,19 @@ class DimensionlessEncoding(Encoding):
 
     def _motion(self, context: Context, previous: Context) -> np.ndarray:
         """Return the entries (MOVING,) for route and motion since the `previous` decision."""
-        base, pose = self.robot.base, context.pose
-        goal_x, goal_y = context.goal[0] - pose[0], context.goal[1] - pose[1]
+        base = self.robot.base
+        pose = context.pose
+        goal_x = context.goal[0] - pose[0]
+        goal_y = context.goal[1] - pose[1]
         goal_distance = math.hypot(goal_x, goal_y) / (GOAL_CAP * self.width)
         goal_bearing = math.atan2(goal_y, goal_x) - pose[2]
         far_bearing = goal_bearing
         if len(context.plan):
             far_bearing = goal_angle(local_goal(context.plan, pose, FAR_POINT * self.width))
-        v, w = context.twist[0] / base.max_speed, context.twist[1] / base.max_yaw_rate
-        previous_v, previous_w = (
-            previous.twist[0] / base.max_speed,
-            previous.twist[1] / base.max_yaw_rate,
-        )
+        v = context.twist[0] / base.max_speed
+        w = context.twist[1] / base.max_yaw_rate
+        previous_v = previous.twist[0] / base.max_speed
+        previous_w = previous.twist[1] / base.max_yaw_rate
         way = math.hypot(pose[0] - previous.pose[0], pose[1] - previous.pose[1])
         driven = way / (base.max_speed * self.period)
         return np.array(
@@ -273,7 +282,8 @@ class DimensionlessEncoding(Encoding):
         Short ranges have a higher resolution.
         """
         cap = self.layout.range_cap
-        observed = 2.0 * np.sqrt(np.clip(without_gaps(ranges, self.layout), 0.0, cap) / cap) - 1.0
+        shares = np.clip(without_gaps(ranges, self.layout), 0.0, cap) / cap
+        observed = 2.0 * np.sqrt(shares) - 1.0
         # What lies outside the field of view counts as free.
         unobserved = SECTORS - self.layout.beams
         right = unobserved // 2
@@ -286,7 +296,9 @@ def _layout(robot: Robot, width: float) -> Layout:
     Its sectors are those of the laser's view that are symmetric about straight ahead.
     """
     first, last = robot.laser.view
-    half_view = math.pi if robot.laser.covers_full_turn else min(-first, last)
+    half_view = min(-first, last)
+    if robot.laser.covers_full_turn:
+        half_view = math.pi
     step = TURN_RAD / SECTORS
     beams = 2 * min(SECTORS // 2, int(half_view / step + 0.5))
     if beams < 2:
@@ -320,7 +332,8 @@ def _description(robot: Robot, tree: Dict[str, Any], width: float, resolution: f
 
     Quantities of a wide range are logarithmic.
     """
-    base, laser = robot.base, robot.laser
+    base = robot.base
+    laser = robot.laser
     values = branch(tree, robot.local_planner)
     # The planner's limits apply, unless the base allows less.
     acceleration = min(base.max_acceleration, values["acc_lim_x"])

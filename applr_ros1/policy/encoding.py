@@ -41,6 +41,7 @@ class Mirror(NamedTuple):
             scans: Number of scans.
             mirror_sign: Indices, counted after the scans, of the entries that change sign.
         """
+        # Each scan is reversed for itself.
         order = np.arange(beams + rest)
         order[:beams] = order[:beams].reshape(scans, -1)[:, ::-1].ravel()
         sign = np.ones(beams + rest, np.float32)
@@ -59,11 +60,13 @@ def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dic
     """
     is_ensemble = weights["0.weight"].ndim == 3
     ensemble = {}
-    for name, tensor in weights.items():
-        networks = tensor if is_ensemble else tensor[None]
+    for name, networks in weights.items():
+        if not is_ensemble:
+            networks = networks[None]
         images = networks
         if name == "0.weight":  # Only the first layer takes the observation.
             images = (networks * mirror.sign)[..., mirror.order]
+        # Each network is followed by its image; policy files leave out every second one.
         pairs = np.stack([networks, images], axis=1)
         ensemble[name] = pairs.reshape(-1, *networks.shape[1:])
     return ensemble
@@ -105,7 +108,8 @@ class Encoding:
     scan: int
     scans = 1
     mirror_sign: Tuple[int, ...] = (0,)
-    scale = pace = 1.0
+    scale = 1.0
+    pace = 1.0
 
     def __init__(
         self, robot: Robot, period: Optional[float], base: Optional[Mapping[str, float]] = None
@@ -113,7 +117,9 @@ class Encoding:
         self.robot = robot
         self.space = space_of(robot)
         self.base = dict(base or {})
-        self.period = PERIOD if period is None else period
+        self.period = PERIOD
+        if period is not None:
+            self.period = period
 
     @property
     def mirror(self) -> Mirror:
@@ -194,6 +200,7 @@ class PaperEncoding(Encoding):
 
         Only the default parameters may differ.
         """
+        # Actions are shares of the ranges: other ranges would give other parameters.
         space = space_of(robot).chosen
         check_robot(metadata, robot)
         for key, value in space.to_dict().items():

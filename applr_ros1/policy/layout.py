@@ -31,9 +31,8 @@ FIELDS_IN_FILES = {  # names of a layout's fields by their keys in files
     "angle_min_rad": "angle_min",
     "angle_max_rad": "angle_max",
 }
-TURNS = TURN_RAD * np.arange(
-    -2, 3
-)  # turns over which a scan is repeated, because a layout may lie in another one
+# Turns over which a scan is repeated, because a layout may lie in another one
+TURNS = TURN_RAD * np.arange(-2, 3)
 
 
 class ObservationError(ApplrError):
@@ -82,6 +81,7 @@ class Layout:
 
     def sector(self, bearing: float, width: float) -> Ints:
         """Return the indices of the beams within width / 2 of a bearing [rad]."""
+        # Differences of directions, wrapped: behind the robot, -pi and pi are the same.
         offsets = (self.angles - bearing + math.pi) % TURN_RAD - math.pi
         return np.flatnonzero(np.abs(offsets) <= 0.5 * width)
 

@@ -39,10 +39,14 @@ from applr_ros1.robots import JACKAL, Robot
 EXPLORED = 0.5  # standard deviation of exploration noise on a parameter scaled to [-1, 1]
 NAME = re.compile(r"^[\w.:+-]{1,60}$", re.ASCII)  # valid name of a method in trials.csv
 # Files of policy, tuned parameter set and APPLD's contexts in a robot's folder
-POLICY, SET, CONTEXTS = "applr.safetensors", "static.json", "appld.safetensors"
-USER_METHOD = re.compile(
-    r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)$"
-)  # specification my_file.py:Class or module:Class
+POLICY = "applr.safetensors"
+SET = "static.json"
+CONTEXTS = "appld.safetensors"
+# Specification my_file.py:Class or module:Class
+USER_METHOD = re.compile(r"^(.+\.py|[A-Za-z_][\w.]*):([A-Za-z_]\w*)$")
+# First numbers of the seeds, so that methods with the same seed draw different numbers
+UNIFORM_SEED = 0x7A4D
+AROUND_SEED = 0xE401
 
 
 class FixedParameters(Method):
@@ -88,7 +92,8 @@ class RandomParameters(Method):
 
     def reset(self, seed: int) -> None:
         """Seed the draws of a new course."""
-        self._draws = np.random.default_rng([seed, 0x7A4D if self.around is None else 0xE401])
+        stream = UNIFORM_SEED if self.around is None else AROUND_SEED
+        self._draws = np.random.default_rng([seed, stream])
 
     def theta(self, context: Optional[Context]) -> Array:
         """Return a new random parameter set."""
@@ -140,15 +145,15 @@ def _existing(method: str, name: str, robot: Robot, next_step: str = "") -> str:
     """
     path = shipped(name, robot)
     if not os.path.exists(path):
-        raise ApplrError(
-            f"{method}: there is no {path}: run `./applr tune {robot.folder}`{next_step}"
-        )
+        remedy = f"run `./applr tune {robot.folder}`{next_step}"
+        raise ApplrError(f"{method}: there is no {path}: {remedy}")
     return path
 
 
 def _explored(robot: Robot) -> Method:
-    is_tuned = os.path.exists(shipped(SET, robot))
-    around = _tuned(robot) if is_tuned else _default(robot)
+    around = _default(robot)
+    if os.path.exists(shipped(SET, robot)):
+        around = _tuned(robot)
     return RandomParameters(space_of(robot), around)
 
 
@@ -185,13 +190,11 @@ METHODS: Dict[str, Tuple[Callable[[Robot], Method], str]] = {
     "applr": (_trained, "the robot's policy"),
     "appld": (_contexts, "the shipped contexts and classifier"),
 }
-FILES: Dict[str, Callable[[str, Robot], Method]] = {
-    ".safetensors": actor.load,
-    ".json": _fixed,
-}  # reader by ending
+# Reader by ending
+FILES: Dict[str, Callable[[str, Robot], Method]] = {".safetensors": actor.load, ".json": _fixed}
 SPECIFICATIONS = (
-    ", ".join(METHODS)
-    + ", policy (.safetensors), parameter set (.json), module:Class or my_file.py:Class"
+    f"{', '.join(METHODS)}, policy (.safetensors), parameter set (.json), module:Class or "
+    "my_file.py:Class"
 )
 
 
@@ -210,6 +213,7 @@ def make(spec: str, robot: Robot = JACKAL, user_code: bool = True) -> Method:
         constructor, _ = METHODS[spec]
         method = constructor(robot)
     elif user_class and not user_code:
+        # A message to the node may not choose what it imports.
         raise ApplrError(f"method {spec} is user code: start the node with _method:={spec}")
     elif user_class:
         method = make_user_method(*user_class.groups())
@@ -221,17 +225,17 @@ def make(spec: str, robot: Robot = JACKAL, user_code: bool = True) -> Method:
         raise ApplrError(
             f"method {spec} is for the robot {method.space.robot}: this robot is {robot.name}"
         )
-    method.name = auto(robot) if spec == "auto" else spec
+    method.name = spec
+    if spec == "auto":
+        method.name = auto(robot)  # What drives, for tables and messages
     return method
 
 
 def for_robot(method: Method, robot: Robot) -> Method:
     """Return the method with the robot's space and layout, unless it defines its own."""
     for name, value_of in (("space", space_of), ("layout", layout_of)):
-        is_default = name not in vars(method) and getattr(type(method), name) is getattr(
-            Method, name
-        )
-        if is_default:
+        # Own values are in the object or in its class.
+        if getattr(method, name) is getattr(Method, name) and name not in vars(method):
             setattr(method, name, value_of(robot))
     return method
 
@@ -274,7 +278,7 @@ def parse(text: str) -> List[Tuple[str, str]]:
         ApplrError: A name is invalid or not unique.
     """
     methods: Dict[str, str] = {}
-    for spec in (part.strip() for part in text.split(",")):
+    for spec in map(str.strip, text.split(",")):
         user_class = USER_METHOD.match(spec)
         if user_class:
             name = user_class.group(2)
@@ -313,14 +317,16 @@ def load_module(module: str) -> ModuleType:
     """
     is_file = module.endswith(".py")
     path = os.path.realpath(module)
-    folder = os.path.dirname(path) if is_file else os.getcwd()
+    folder = os.getcwd()
+    if is_file:
+        folder = os.path.dirname(path)
+    # At the end: a user's file must not hide a package of the same name.
     if folder not in sys.path:
         sys.path.append(folder)
     if not is_file:
         return importlib.import_module(module)
-    name = (
-        path[: -len(".py")].replace(".", "_").replace(os.sep, "_")
-    )  # The whole path makes the name unique.
+    # The whole path makes the name unique.
+    name = path[: -len(".py")].replace(".", "_").replace(os.sep, "_")
     if name not in sys.modules:
         spec: Any = importlib.util.spec_from_file_location(name, path)
         sys.modules[name] = importlib.util.module_from_spec(spec)

@@ -5,12 +5,13 @@ the same vector.
 """
 
 from functools import lru_cache
-from math import atan2, cos, pi, sin
+from math import atan2, pi
 from typing import Any, Tuple
 
 import numpy as np
 
 from applr_ros1 import robots
+from applr_ros1.common.angles import transform_point
 from applr_ros1.common.arrays import Array, Array32
 from applr_ros1.policy.layout import Layout, ObservationError
 from applr_ros1.policy.parameter_space import SPACE, Space
@@ -20,10 +21,9 @@ MOST_BEAMS = 720  # largest number of beams in a default layout, as in the paper
 RANGE_CAP_M = 2.0  # range cap of the paper's scan at the Jackal's scale [m]
 LOOKAHEAD_M = 1.0  # lookahead distance of the paper's local goal at the Jackal's scale [m]
 FARTHEST_M = 4.0  # longest lookahead distance of all encodings at the Jackal's scale [m]
-WINDOW, ORDER = (
-    19,
-    3,
-)  # window [points] and order of the Savitzky-Golay filter that smooths the plan
+# Window [points] and order of the Savitzky-Golay filter that smooths the plan
+WINDOW = 19
+ORDER = 3
 
 
 @lru_cache(maxsize=32)
@@ -113,7 +113,8 @@ def without_gaps(ranges: Any, layout: Layout = LAYOUT) -> Array32:
         )
     # Capped first, because no value can be interpolated towards infinity.
     filled = np.where(is_missing, 0.0, np.clip(filled, 0.0, layout.range_cap))
-    missing, valid = np.flatnonzero(is_missing), np.flatnonzero(~is_missing)
+    missing = np.flatnonzero(is_missing)
+    valid = np.flatnonzero(~is_missing)
     filled[missing] = np.interp(missing, valid, filled[valid])
     return filled
 
@@ -140,12 +141,11 @@ def local_goal(plan: Any, pose: Any, lookahead: float = LAYOUT.lookahead) -> Tup
     if not (np.all(np.isfinite(plan[:, :2])) and np.all(np.isfinite(pose))):
         raise ObservationError("global plan or pose is not finite: check odometry and planner")
     points = smooth(plan[:, :2])
-    dx, dy = points[:, 0] - pose[0], points[:, 1] - pose[1]
+    dx = points[:, 0] - pose[0]
+    dy = points[:, 1] - pose[1]
     beyond = np.flatnonzero(np.hypot(dx, dy) > lookahead)
-    i = beyond[0] if len(beyond) else -1
-    cosine, sine = cos(pose[2]), sin(pose[2])
-    x = cosine * dx[i] + sine * dy[i]
-    y = -sine * dx[i] + cosine * dy[i]
+    index = beyond[0] if len(beyond) else -1
+    x, y = transform_point((0.0, 0.0, -pose[2]), dx[index], dy[index])
     return float(x), float(y)
 
 
@@ -161,9 +161,9 @@ def beginning(plan: Any, pose: Any, distance: float) -> Array:
     points = np.asarray(plan, dtype=np.float64)[:, :2]
     dx, dy = (smooth(points) - pose[:2]).T
     beyond = np.flatnonzero(np.hypot(dx, dy) > distance)
-    return (
-        points[: beyond[0] + WINDOW] if len(beyond) else points
-    )  # The filter looks ahead by less than WINDOW.
+    if not len(beyond):
+        return points
+    return points[: beyond[0] + WINDOW]  # The filter looks ahead by less than WINDOW.
 
 
 def goal_angle(goal: Tuple[float, float]) -> float:
@@ -178,16 +178,20 @@ def smooth(points: Array) -> Array:
     second to import. For fewer points than the window it shrinks to the largest odd number. Up to
     four points are not filtered.
     """
-    window = min(WINDOW, len(points) if len(points) % 2 else len(points) - 1)
+    window = min(WINDOW, len(points))
+    if window % 2 == 0:
+        window -= 1  # The window has a point in its middle.
     if window <= ORDER:
         return np.array(points, dtype=np.float64)
     hat = _hat(window)
     half = window // 2
     smoothed = np.empty(points.shape, dtype=np.float64)
-    for k in range(points.shape[1]):
-        smoothed[half : len(points) - half, k] = np.convolve(
-            points[:, k], hat[half][::-1], mode="valid"
-        )
+    # In the middle, each point is the value of the cubic through its window. np.convolve reverses
+    # the weights.
+    weights = hat[half][::-1]
+    for column in range(points.shape[1]):
+        inner = np.convolve(points[:, column], weights, mode="valid")
+        smoothed[half : len(points) - half, column] = inner
     # Near the ends, the cubics of the first and the last whole window go on (savgol_filter's mode
     # "interp").
     smoothed[:half] = hat[:half] @ points[:window]

@@ -66,7 +66,7 @@ class Space:
     def chosen(self) -> "Space":
         """Subspace that policies in the paper's encoding choose: eight for the Jackal."""
         chosen = self._chosen_at
-        names = tuple(self.names[i] for i in chosen)
+        names = tuple(self.names[index] for index in chosen)
         return Space(
             names=names,
             low=self.low[chosen],
@@ -79,7 +79,7 @@ class Space:
 
     @cached_property
     def _chosen_at(self) -> List[int]:
-        return [i for i, name in enumerate(self.names) if name not in self.fixed]
+        return [index for index, name in enumerate(self.names) if name not in self.fixed]
 
     def pick(self, theta: Any) -> Array:
         """Return the parameters (..., k) of the subspace `chosen` out of parameters (..., n)."""
@@ -106,6 +106,7 @@ class Space:
         Raises ApplrError if the length is wrong or a value is not finite.
         """
         inside: Array = np.clip(self._checked(theta, "parameter"), self.low, self.high)
+        # After clipping: the bounds of a count are whole numbers.
         return np.where(self.integer, np.rint(inside), inside)
 
     def to_theta(self, action: Any) -> Array:
@@ -131,6 +132,7 @@ class Space:
         """Return the parameters (n,) as {name: value}, with counts as int."""
         values: Dict[str, float] = {}
         for name, value, is_count in zip(self.names, theta, self.integer):
+            # dynamic_reconfigure refuses a float for an int_t, and numpy's types.
             values[name] = int(value) if is_count else float(value)
         return values
 
@@ -143,16 +145,19 @@ class Space:
         for name, value in values.items():
             if name not in self.names:
                 raise ApplrError(f"unknown parameter {name!r}: use {', '.join(self.names)}")
-            i = self.names.index(name)
-            theta[i] = number_within(f"parameter {name}", value, self.low[i], self.high[i])
+            index = self.names.index(name)
+            theta[index] = number_within(
+                f"parameter {name}", value, self.low[index], self.high[index]
+            )
         return self.clip(theta)
 
     @cached_property
     def addresses(self) -> List[Tuple[int, Target]]:
         """All values that the space sets: (index of the parameter in theta, address)."""
         addresses = []
-        for i, name in enumerate(self.names):
-            addresses += [(i, target) for target in self.targets[name]]
+        for index, name in enumerate(self.names):
+            for target in self.targets[name]:
+                addresses.append((index, target))
         return addresses
 
     @property
@@ -167,18 +172,20 @@ class Space:
     def settings_of(self, values: Mapping[str, Any]) -> Settings:
         """Return the values that some parameters {name: value} set, not clipped."""
         settings: Dict[str, Dict[str, Any]] = {}
-        for i, target in self.addresses:
-            name = self.names[i]
+        for index, target in self.addresses:
+            name = self.names[index]
             if name in values:
                 settings.setdefault(target.server, {})[target.name] = target.signed(values[name])
         return Settings(settings)
 
     def read_back(self, settings: Mapping[str, Mapping[str, Any]]) -> Array:
         """Return the parameters (n,) float64 that are in force in the settings of the servers."""
-        first = [self.targets[name][0] for name in self.names]
-        return np.array(
-            [settings[target.server][target.name] for target in first], dtype=np.float64
-        )
+        theta = []
+        for name in self.names:
+            # The other targets of a parameter follow the first one.
+            target = self.targets[name][0]
+            theta.append(settings[target.server][target.name])
+        return np.array(theta, dtype=np.float64)
 
     def read(self, path: Any) -> ParameterSet:
         """Read a JSON file with a parameter set.
@@ -197,10 +204,13 @@ class Space:
 
     def to_dict(self) -> Dict[str, Any]:
         """Return the space as JSON values for a policy's file and an evaluation's settings."""
-        columns = {
-            name: getattr(self, name).tolist() for name in ("low", "high", "integer", "theta0")
+        return {
+            "names": list(self.names),
+            "low": self.low.tolist(),
+            "high": self.high.tolist(),
+            "integer": self.integer.tolist(),
+            "theta0": self.theta0.tolist(),
         }
-        return {"names": list(self.names), **columns}
 
     @classmethod
     def from_metadata(cls, values: Mapping[str, Any], robot: str) -> "Space":
@@ -239,16 +249,28 @@ def space_of(robot: Robot) -> Space:
     tree = robot.all_parameters()
     for line in space_errors(robot, tree):
         raise ApplrError(f"robot {robot.name}: {line}")  # Only the first error is reported.
-    theta0 = [parameter.sets[0].value_in(tree) for parameter in robot.space]
+    bounds = []
+    integer = []
+    theta0 = []
+    targets: Dict[str, Tuple[Target, ...]] = {}
+    fixed = []
+    for parameter in robot.space:
+        bounds.append((parameter.low, parameter.high))
+        integer.append(parameter.integer)
+        theta0.append(parameter.sets[0].value_in(tree))
+        targets[parameter.name] = parameter.sets
+        if not parameter.paper:
+            fixed.append(parameter.name)
+    low, high = np.array(bounds, dtype=np.float64).T
     space = Space(
-        names=tuple(parameter.name for parameter in robot.space),
-        low=np.array([parameter.low for parameter in robot.space], dtype=np.float64),
-        high=np.array([parameter.high for parameter in robot.space], dtype=np.float64),
-        integer=np.array([parameter.integer for parameter in robot.space]),
+        names=tuple(targets),
+        low=low,
+        high=high,
+        integer=np.array(integer),
         theta0=np.array(theta0, dtype=np.float64),
-        targets={parameter.name: parameter.sets for parameter in robot.space},
+        targets=targets,
         robot=robot.name,
-        fixed=tuple(parameter.name for parameter in robot.space if not parameter.paper),
+        fixed=tuple(fixed),
     )
     # All users of the robot share this space.
     for array in (space.low, space.high, space.integer, space.theta0):

@@ -103,6 +103,7 @@ def check(robot: Robot, with_map: bool = False) -> List[str]:
     """
     tree = robot.parameters(with_map)
     errors = [*fields(robot), *too_deep(tree), *_planner_section(tree), *parameters.check(tree)]
+    # The other checks need values that these ones have accepted.
     if errors:
         return errors
     setup = _Setup(robot, with_map, tree, parameters.complete(tree))
@@ -114,9 +115,9 @@ def check(robot: Robot, with_map: bool = False) -> List[str]:
 def remarks(robot: Robot, with_map: bool = False) -> List[Remark]:
     """Return the values of a robot that degrade driving or have no effect."""
     tree = robot.parameters(with_map)
-    made = []
+    made: List[Remark] = []
     with suppress(ParameterError):  # check() returns this error.
-        made += [Remark(line) for line in parameters.remarks(tree)]
+        made += map(Remark, parameters.remarks(tree))
         setup = _Setup(robot, with_map, tree, parameters.complete(tree))
         made += _planner_remarks(setup)
         for costmap in COSTMAPS:
@@ -128,13 +129,19 @@ def refused(error: ValidationError) -> List[str]:
     """Return pydantic's errors about a robot.yaml, one line per value."""
     lines = []
     for problem in error.errors():
+        # pydantic's location ("base", "casters", 0) is base.casters[0] in the file.
         field = ""
         for part in problem["loc"]:
-            field += f"[{part}]" if isinstance(part, int) else f".{part}"
+            if isinstance(part, int):
+                field += f"[{part}]"
+            else:
+                field += f".{part}"
         field = field[1:]
         if problem["type"] == "value_error":  # robot.py raised this error.
             reason = str(problem["ctx"]["error"])
-            lines.append(f"{field}: {reason}" if field else reason)
+            if field:
+                reason = f"{field}: {reason}"
+            lines.append(reason)
         elif problem["type"] == "missing":
             lines.append(f"{field} is missing: give it")
         else:
@@ -149,30 +156,33 @@ def refused(error: ValidationError) -> List[str]:
 def fields(robot: Robot) -> Iterator[str]:
     """Yield contradictions between fields of robot.yaml."""
     yield from _support_errors(robot)
-    base, laser = robot.base, robot.laser
+    base = robot.base
+    laser = robot.laser
     simulation = robot.simulation
     has_multiplier = base.drive == "skid_steer" and simulation.track_multiplier
     if simulation.ground == "gazebo" and not has_multiplier:
         needed = "a skid_steer base with simulation.track_multiplier"
         yield f"simulation.ground is gazebo, which needs {needed}: give plain"
     for low, high in (("first_angle", "last_angle"), ("range_min", "range_max")):
-        smallest, largest = getattr(laser, low), getattr(laser, high)
+        smallest = getattr(laser, low)
+        largest = getattr(laser, high)
         if largest <= smallest:
             yield f"laser.{high} is {largest:g}: give more than {low} ({smallest:g})"
     for name, field in (
         ("deceleration", "max_acceleration"),
         ("yaw_deceleration", "max_yaw_acceleration"),
     ):
-        value, limit = getattr(robot.monitor, name), getattr(base, field)
+        # The monitor would stop too late if the base brakes less than it assumes.
+        value = getattr(robot.monitor, name)
+        limit = getattr(base, field)
         if value > limit:
             larger = f"larger than base.{field} ({limit:g})"
             yield f"monitor.{name} is {value:g}, {larger}: lower monitor.{name}"
     ground = base.axle_height - base.wheel_radius
     if robot.body.bottom < ground:
-        yield (
-            f"base.axle_height is {base.axle_height:g}: the ground is then at {ground:.3g} m, above "
-            f"body.bottom ({robot.body.bottom:g}); give the height of the axles above the base frame"
-        )
+        problem = f"the ground is then at {ground:.3g} m, above body.bottom ({robot.body.bottom:g})"
+        remedy = "give the height of the axles above the base frame"
+        yield f"base.axle_height is {base.axle_height:g}: {problem}; {remedy}"
     box = geometry.bounding_box(robot)
     x, y, _ = laser.pose
     beyond = max(box.back - x, x - box.front, box.right - y, y - box.left)
@@ -184,7 +194,8 @@ def fields(robot: Robot) -> Iterator[str]:
 
 def _support_errors(robot: Robot) -> Iterator[str]:
     """Yield an error if the robot does not stand on its wheels and casters."""
-    base, body = robot.base, robot.body
+    base = robot.base
+    body = robot.body
     is_skid_steer = base.drive == "skid_steer"
     if is_skid_steer and not base.wheelbase:
         advice = "a skid_steer base has two axles, give the distance between them"
@@ -243,7 +254,8 @@ def _outline_errors(setup: _Setup, costmap: str) -> Iterator[str]:
         return
     box = geometry.bounding_box(setup.robot)
     length, width = np.ptp(_outline(setup.full[costmap]), axis=0)
-    box_length, box_width = box.front - box.back, box.left - box.right
+    box_length = box.front - box.back
+    box_width = box.left - box.right
     if not box_width / UNITS <= width <= box_width * UNITS:
         names = f"{costmap}/footprint, robot_radius, footprint_padding"
         size = f"the padded footprint is {length:.3g} x {width:.3g} m"
@@ -254,10 +266,13 @@ def _outline_errors(setup: _Setup, costmap: str) -> Iterator[str]:
 def _frame_errors(setup: _Setup, costmap: str) -> Iterator[str]:
     """Yield an error for each frame of a costmap that differs from the frames of robot.yaml."""
     # The global costmap's frame of the robot is also that of move_base.
-    fields = {"robot_base_frame": "base"} if costmap == "global_costmap" else {}
+    is_global = costmap == "global_costmap"
+    fields = {}
+    if is_global:
+        fields["robot_base_frame"] = "base"
     if not setup.with_map:
         fields["global_frame"] = "odom"
-    elif costmap == "global_costmap":
+    elif is_global:
         fields["global_frame"] = "map"
     for name, field in fields.items():
         frame = setup.full[costmap][name]
@@ -269,10 +284,13 @@ def _frame_errors(setup: _Setup, costmap: str) -> Iterator[str]:
 
 def _blind(path: str, source: Dict[str, Any], robot: Robot) -> str:
     """Return why an observation source does not mark the laser's points; "" if it does."""
-    topic, scan = source["topic"], robot.topics.scan
+    topic = source["topic"]
+    scan = robot.topics.scan
     if _differ(topic, scan):
         return f"{path}/topic is {topic}, but topics.scan in robot.yaml is {scan}: give {scan}"
-    lowest, highest = source["min_obstacle_height"], source["max_obstacle_height"]
+    # The obstacle layer drops points outside these heights (observation_buffer.cpp).
+    lowest = source["min_obstacle_height"]
+    highest = source["max_obstacle_height"]
     height = robot.laser.height
     if not lowest <= height <= highest:
         bounds = f"{path}/min_obstacle_height, max_obstacle_height are {lowest:g}, {highest:g}"
@@ -313,7 +331,9 @@ def space_errors(robot: Robot, full: Dict[str, Any]) -> Iterator[str]:
 
 def _refusal(parameter: SpaceParameter, target: Target, known: Dict[str, Server]) -> str:
     """Return why a parameter cannot set the value at an address; "" if there is no problem."""
-    server = f"server {target.server} of move_base" if target.server else "move_base's own server"
+    server = "move_base's own server"
+    if target.server:
+        server = f"server {target.server} of move_base"
     if target.server not in known:
         names = list(filter(None, known))
         advice = did_you_mean(target.server, names) or "give " + ", ".join(names)
@@ -360,7 +380,8 @@ def _planner_remarks(setup: _Setup) -> Iterator[Remark]:
 def _dead_band_remarks(setup: _Setup) -> Iterator[Remark]:
     """Yield parameters of the local planner with which it sends commands that the base ignores."""
     planner = setup.planner
-    values, rate = setup.full[planner], setup.full["controller_frequency"]
+    values = setup.full[planner]
+    rate = setup.full["controller_frequency"]
     for slowest, dead_band in zip(SLOWEST[planner], setup.robot.base.dead_band):
         ignored = f"the base ignores less than base.dead_band in robot.yaml ({dead_band:g})"
         command = values[slowest.command]
@@ -380,7 +401,8 @@ def _dead_band_remarks(setup: _Setup) -> Iterator[Remark]:
 
 def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[Remark]:
     """Yield inconsistent values in footprint and observation sources of a costmap."""
-    robot, values = setup.robot, setup.full[costmap]
+    robot = setup.robot
+    values = setup.full[costmap]
     outline = _box_outline(robot)
     if _has_no_footprint(setup, costmap):
         corners = ", ".join(map(_list, outline))
@@ -399,7 +421,7 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[Remark]:
             advice = f"[{', '.join(map(_list, outline))}] contains them"
             # The global costmap needs the same footprint, or its plans lead through too narrow
             # gaps.
-            correction = {each: {"footprint": outline} for each in COSTMAPS}
+            correction = dict.fromkeys(COSTMAPS, {"footprint": outline})
             yield Remark(f"local_costmap/footprint is too small: {problem}; {advice}", correction)
     laser_frame = robot.laser.frame
     for path, name, source in observation_sources(setup.full, costmap):

@@ -29,8 +29,10 @@ class RobotError(ApplrError):
     def __init__(self, folder: str, lines: Iterable[str]) -> None:
         self.lines: Tuple[str, ...] = tuple(lines)
         first, *others = self.lines
-        rest = f" ({len(others)} more: check_robot.py lists them)" if others else ""
-        super().__init__(f"{folder}: {first}{rest}")
+        message = f"{folder}: {first}"
+        if others:
+            message += f" ({len(others)} more: check_robot.py lists them)"
+        super().__init__(message)
 
 
 def load(name_or_folder: str, with_map: bool = False) -> Robot:
@@ -45,6 +47,7 @@ def load(name_or_folder: str, with_map: bool = False) -> Robot:
         ApplrError: There is no such robot, or one of its files cannot be read.
     """
     robot = read(name_or_folder)
+    # Tests check the included robots. The check imports the planner, which takes half a second.
     if name_or_folder in NAMES:
         return robot
     errors = check.check(robot, with_map)
@@ -61,8 +64,9 @@ def read(name_or_folder: str) -> Robot:
     name = str(name_or_folder)
     if name in NAMES:
         return _read(os.path.join(_HERE, name))
-    folder = os.path.abspath(name) if name else ""
-    if not os.path.isdir(folder):
+    folder = os.path.abspath(name)
+    # Without a name, the path would be the current folder.
+    if not (name and os.path.isdir(folder)):
         raise ApplrError(
             f"robot {name or repr(name)}: give {', '.join(NAMES)}, or a folder with {FILE}"
         )
@@ -76,11 +80,13 @@ def forget() -> None:
 
 @lru_cache(maxsize=32)
 def _read(folder: str) -> Robot:
+    """Return the robot in a folder, read once per process."""
     try:
         fields = dict(RobotFile.model_validate(read_yaml(os.path.join(folder, FILE))))
     except ValidationError as error:
         raise RobotError(folder, check.refused(error)) from None
     move_base = fields.pop("move_base").loaded(folder)
+    # Without a parameter_space, the robot has the learnable parameters of its planner.
     space = fields.pop("parameter_space")
     if space is None:
         space = default_space(fields["base"], fields["body"], move_base.without_map)

@@ -54,7 +54,9 @@ class Balance(NamedTuple):
 
 def wheel_places(base: Base) -> List[Tuple[float, float]]:
     """Return the places (x, y) [m] of the driven wheels, front before rear, left before right."""
-    axles = (base.wheelbase / 2, -base.wheelbase / 2) if base.wheels == 4 else (0.0,)
+    axles: Tuple[float, ...] = (0.0,)
+    if base.wheels == 4:
+        axles = (base.wheelbase / 2, -base.wheelbase / 2)
     places = []
     for x in axles:
         places += [(x, base.track / 2), (x, -base.track / 2)]
@@ -63,10 +65,14 @@ def wheel_places(base: Base) -> List[Tuple[float, float]]:
 
 def parts(robot: Robot) -> List[Rectangle]:
     """Return the rectangles that can touch an obstacle: the body, then the wheels."""
-    base, body = robot.base, robot.body
+    base = robot.base
+    body = robot.body
     length, width, _ = body.size
+    shares = [(1.0, 1.0)]
+    if body.round:
+        shares = ROUND_SHARES
     rectangles = []
-    for along, across in ROUND_SHARES if body.round else [(1.0, 1.0)]:
+    for along, across in shares:
         rectangles.append(Rectangle(*body.centre, along * length / 2, across * width / 2))
     for x, y in wheel_places(base):
         rectangles.append(Rectangle(x, y, base.wheel_radius, base.wheel_width / 2))
@@ -78,6 +84,7 @@ def corners(robot: Robot) -> np.ndarray:
 
     They are those of all parts of a round body, or of the bounding box of any other robot.
     """
+    # The monitor takes the outline as convex: the gaps between wheels and body count as robot.
     if not robot.body.round:
         box = bounding_box(robot)
         return np.array(
@@ -97,12 +104,12 @@ def corners(robot: Robot) -> np.ndarray:
 
 def bounding_box(robot: Robot) -> Box:
     """Return the box around all parts."""
-    rectangles = parts(robot)
+    x, y, half_length, half_width = np.array(parts(robot)).T
     return Box(
-        back=min(part.x - part.half_length for part in rectangles),
-        front=max(part.x + part.half_length for part in rectangles),
-        right=min(part.y - part.half_width for part in rectangles),
-        left=max(part.y + part.half_width for part in rectangles),
+        back=float(np.min(x - half_length)),
+        front=float(np.max(x + half_length)),
+        right=float(np.min(y - half_width)),
+        left=float(np.max(y + half_width)),
     )
 
 
@@ -118,10 +125,12 @@ def supports(base: Base) -> np.ndarray:
 
 def balance(robot: Robot) -> Balance:
     """Return mass, centre of mass and support loads of a robot."""
-    base, body = robot.base, robot.body
+    base = robot.base
+    body = robot.body
     mass = body.mass + base.wheels * base.wheel_mass
     body_share = body.mass / mass  # The wheels' centre of mass is at the origin.
-    x, y = body_share * body.centre_of_mass[0], body_share * body.centre_of_mass[1]
+    x = body_share * body.centre_of_mass[0]
+    y = body_share * body.centre_of_mass[1]
     places = supports(base)
     if base.wheels == 4:  # The wheels form a rectangle.
         along = 1.0 + 2.0 * x / base.wheelbase * np.sign(places[:, 0])

@@ -17,8 +17,12 @@ from applr_ros1.planner.parameters.layers import COSTMAPS, INFLATION_LAYER, arra
 from applr_ros1.planner.parameters.parameter import Parameter, ParameterError
 from applr_ros1.robots.robot import Base, Body, SpaceParameter, Target, number_at
 
-TRAJECTORY, DWA, MOVE_BASE = "TrajectoryPlannerROS", "DWAPlannerROS", ""  # servers
-BOTH_COSTMAPS, LAYERS = "costmaps", "inflation layers"  # kinds of servers
+# Servers, and kinds of servers, that own learnable parameters
+TRAJECTORY = "TrajectoryPlannerROS"
+DWA = "DWAPlannerROS"
+MOVE_BASE = ""
+BOTH_COSTMAPS = "costmaps"
+LAYERS = "inflation layers"
 DECLARED = {**SERVERS, LAYERS: INFLATION, BOTH_COSTMAPS: SERVERS[COSTMAPS[0]]}
 
 
@@ -161,15 +165,16 @@ def _space_parameter(
         negated = row.also.startswith("-")
         targets.append(Target.model_construct(server=servers[0], name=name, negated=negated))
     unit = units.get(declared.kind, 1.0)
-    low, high = unit * row.low, unit * row.high
+    low = unit * row.low
+    high = unit * row.high
     start = number_at(tree, servers[0], targets[0].names)
     if start is None:
         start = row.start
     if start is not None:
-        start = min(
-            max(start, declared.min), declared.max
-        )  # move_base clamps its initial value, too.
-        low, high = min(low, start), max(high, start)
+        # move_base clamps its initial value, too.
+        start = min(max(start, declared.min), declared.max)
+        low = min(low, start)
+        high = max(high, start)
     return SpaceParameter.model_construct(
         name=row.name,
         range=(low, high),

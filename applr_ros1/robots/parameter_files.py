@@ -18,12 +18,12 @@ from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, OBSTACLE_LAYER, layers, sources
 
-PLACES = (
-    *COSTMAPS,
-    *map(namespace, LOCAL_PLANNERS),
-)  # sections below move_base that have files of their own
+# Sections below move_base that have files of their own
+PLACES = (*COSTMAPS, *map(namespace, LOCAL_PLANNERS))
+# An angle such as "90", "pi/2", "deg(45)" or "0.5*pi"
 _ANGLE = re.compile(
-    r"(?:deg|rad)?\(?(?P<number>[-+]?[\d.]*(?:e[-+]?\d+)?)\s*\*?\s*(?P<pi>pi)?\s*(?:/\s*(?P<divisor>[\d.]+))?\)?"
+    r"(?:deg|rad)?\(?(?P<number>[-+]?[\d.]*(?:e[-+]?\d+)?)\s*\*?\s*"
+    r"(?P<pi>pi)?\s*(?:/\s*(?P<divisor>[\d.]+))?\)?"
 )
 # Tag in files of rqt_reconfigure
 _SAVED = "tag:yaml.org,2002:python/object/new:dynamic_reconfigure.encoding.Config"
@@ -38,8 +38,9 @@ class Loader(yaml.SafeLoader):
 
 def _saved(loader: Any, node: Any) -> Dict[str, Any]:
     """Return the values saved by `dynparam dump` or rqt_reconfigure as a plain mapping."""
-    values = loader.construct_mapping(node, deep=True).get("dictitems", {})
-    return {name: value for name, value in values.items() if name != "groups"}
+    values: Dict[str, Any] = loader.construct_mapping(node, deep=True).get("dictitems", {})
+    values.pop("groups", None)  # How rqt_reconfigure shows the parameters
+    return values
 
 
 def _angle(unit: float) -> Callable[[Any, Any], float]:
@@ -52,8 +53,10 @@ def _angle(unit: float) -> Callable[[Any, Any], float]:
         number = match["number"]
         if number in ("", "-", "+"):  # "pi" and "-pi" have no digits.
             number += "1"
-        factor = math.pi if match["pi"] else 1.0
-        return float(number) * factor / float(match["divisor"] or 1.0) * unit
+        angle = float(number)
+        if match["pi"]:
+            angle *= math.pi
+        return angle / float(match["divisor"] or 1.0) * unit
 
     return read
 
@@ -83,10 +86,13 @@ def nested(path: str) -> Dict[str, Any]:
 
 def of_move_base(tree: Dict[str, Any]) -> Dict[str, Any]:
     """Return the level named move_base in nested parameters, or all if there is none."""
+    # A dump of the parameter server has the parameters of all nodes.
     levels = list(_move_bases(tree))
     if len(levels) > 1:
         raise ApplrError("the parameters contain more than one move_base: give those of one robot")
-    return levels[0] if levels else tree
+    for level in levels:
+        return level
+    return tree
 
 
 def observation_sources(
@@ -122,6 +128,7 @@ def _levels(content: Dict[str, Any]) -> Dict[str, Any]:
     """Return a nested mapping with one level per part of each name."""
     tree: Dict[str, Any] = {}
     for name, value in content.items():
+        # A file may have both a/b: 1 and a section a: both are merged.
         path, _, last = str(name).strip("/").rpartition("/")
         if isinstance(value, dict):
             value = _levels(value)

@@ -48,11 +48,13 @@ class Section(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _is_known(cls, content: Any) -> Any:
-        for name in content if isinstance(content, dict) else ():
+        """Raise ValueError for an unknown key, with the name that may have been meant."""
+        if not isinstance(content, dict):
+            return content  # pydantic's own error follows.
+        for name in content:
             if name not in cls.model_fields:
-                advice = did_you_mean(name, cls.model_fields) or "give one of " + ", ".join(
-                    cls.model_fields
-                )
+                names = ", ".join(cls.model_fields)
+                advice = did_you_mean(name, cls.model_fields) or f"give one of {names}"
                 raise ValueError(f"{name} is unknown: {advice}")
         return content
 
@@ -74,8 +76,8 @@ class Base(Section):
 
     drive: Literal["skid_steer", "two_wheel"] = value(
         "",
-        "skid_steer (four wheels, coupled on each side) or two_wheel (two driven wheels on the base frame's "
-        "y axis, and casters)",
+        "skid_steer (four wheels, coupled on each side) or two_wheel (two driven wheels on the "
+        "base frame's y axis, and casters)",
     )
     max_speed: float = real("m/s", 0.01, 20.0, "largest speed that the base's controller allows")
     max_yaw_rate: float = real("rad/s", 0.01, 20.0, "largest yaw rate that the controller allows")
@@ -397,6 +399,7 @@ class SpaceParameter(Section):
 
     @model_validator(mode="after")
     def _agrees(self) -> SpaceParameter:
+        """Raise ValueError for a range without values, or one that its integers do not fit."""
         low, high = self.range
         if not low < high:
             raise ValueError(
@@ -422,10 +425,9 @@ class ParameterFile(Section):
 
         Raise ApplrError if it cannot be read.
         """
+        values = of_move_base(nested(os.path.join(folder, self.file)))
         tree: Dict[str, Any] = {}
-        branch(tree, self.namespace, create=True).update(
-            of_move_base(nested(os.path.join(folder, self.file)))
-        )
+        branch(tree, self.namespace, create=True).update(values)
         return tree
 
 
@@ -454,8 +456,10 @@ class MoveBaseSection(FileGroup):
     def loaded(self, folder: str) -> MoveBaseSetup:
         """Return the parameters of the section's files in a folder."""
         always = self.loaded_over({}, folder)
-        with_map = None if self.with_map is None else self.with_map.loaded_over(always, folder)
-        return MoveBaseSetup(self.without_map.loaded_over(always, folder), with_map)
+        without_map = self.without_map.loaded_over(always, folder)
+        if self.with_map is None:
+            return MoveBaseSetup(without_map)
+        return MoveBaseSetup(without_map, self.with_map.loaded_over(always, folder))
 
 
 class RobotFile(Section):
@@ -527,6 +531,7 @@ class Robot:
 
         Raise ApplrError if there is no setup with a map.
         """
+        # A copy, because a caller may change it, and robots are shared by all.
         tree = self.move_base.with_map if with_map else self.move_base.without_map
         if tree is None:
             problem = "robot.yaml has no move_base.with_map"
@@ -553,6 +558,7 @@ class Robot:
 
 def number_at(tree: Dict[str, Any], server: str, names: Tuple[str, ...]) -> Optional[float]:
     """Return a server's number under the first of `names` in a parameter tree, or None."""
+    # YAML's true and false are numbers in Python.
     section = branch(tree, server)
     for name in names:
         value = section.get(name)

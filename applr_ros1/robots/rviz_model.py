@@ -8,7 +8,7 @@ robot_description.
 from __future__ import annotations
 
 import sys
-from typing import List, Sequence, Tuple
+from typing import List, Tuple
 from xml.sax.saxutils import quoteattr
 
 from applr_ros1.common.arguments import without_remappings
@@ -20,11 +20,16 @@ _COLOURS = (("body", "0.92 0.72 0.05 1"), ("black", "0.12 0.12 0.12 1"))
 
 def urdf(robot: Robot) -> str:
     """Return the URDF text of a robot."""
-    base, body, laser = robot.base, robot.body, robot.laser
+    base = robot.base
+    body = robot.body
+    laser = robot.laser
     length, width, height = body.size
     ground = base.axle_height - base.wheel_radius
 
-    shape = _cylinder((length + width) / 4, height) if body.round else _box(body.size)
+    # URDF has no elliptic cylinder: an oval body is drawn with its mean radius.
+    shape = f'<box size="{length:g} {width:g} {height:g}"/>'
+    if body.round:
+        shape = _cylinder((length + width) / 4, height)
     shapes = [_visual((*body.centre, body.bottom + height / 2), shape, "body")]
     wheel = _cylinder(base.wheel_radius, base.wheel_width)
     for x, y in geometry.wheel_places(base):
@@ -33,6 +38,7 @@ def urdf(robot: Robot) -> str:
     radius = max((body.bottom - ground) / 2, 0.1 * base.wheel_radius)
     for x, y in base.casters:
         shapes.append(_visual((x, y, ground + radius), f'<sphere radius="{radius:g}"/>', "black"))
+    # The description has no size of the laser.
     laser_size = 0.2 * min(length, width)
     laser_shape = _visual((0.0, 0.0, 0.0), _cylinder(laser_size / 2, laser_size), "black")
 
@@ -54,18 +60,15 @@ def urdf(robot: Robot) -> str:
 
 
 def _link(name: str, visuals: List[str]) -> List[str]:
+    """Return the lines of a link that shows some shapes."""
     return [f"  <link name={quoteattr(name)}>", *visuals, "  </link>"]
 
 
 def _visual(place: Tuple[float, float, float], shape: str, colour: str, turn: str = "0 0 0") -> str:
+    """Return the line of a shape at a place (x, y, z) [m]; `turn` is roll, pitch, yaw [rad]."""
     x, y, z = place
     origin = f'<origin xyz="{x:g} {y:g} {z:g}" rpy="{turn}"/>'
     return f'    <visual>{origin}<geometry>{shape}</geometry><material name="{colour}"/></visual>'
-
-
-def _box(size: Sequence[float]) -> str:
-    length, width, height = size
-    return f'<box size="{length:g} {width:g} {height:g}"/>'
 
 
 def _cylinder(radius: float, length: float) -> str:
@@ -74,5 +77,5 @@ def _cylinder(radius: float, length: float) -> str:
 
 def main() -> None:
     """Print the model of the robot named by the first argument, by default the Jackal."""
-    names = without_remappings()
-    sys.stdout.write(urdf(load(names[0] if names else "jackal")))
+    name, *_ = [*without_remappings(), "jackal"]
+    sys.stdout.write(urdf(load(name)))

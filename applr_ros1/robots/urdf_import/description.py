@@ -77,6 +77,7 @@ def describe(
 
 def _wheels(urdf: UrdfFile, driven: List[str], notes: List[str]) -> List[Any]:
     """Return the joints of the driven wheels, left side first, or none if they are unknown."""
+    # From the surest source to the least sure one
     names = driven or _names_in_drive_plugins(urdf)
     if driven:
         origin = "the controller's file"
@@ -117,12 +118,13 @@ def _turns_alone(urdf: UrdfFile, joint: Any) -> bool:
     """Return whether a joint turns about a lateral axis, below no other continuous joint."""
     if joint.type != "continuous" or not _is_across(urdf, joint):
         return False
+    # The wheel of a caster hangs below the caster's swivel, which is continuous, too.
     above = urdf.moving[joint.child][1:]
-    return all(other.type != "continuous" for other in above)
+    return not any(other.type == "continuous" for other in above)
 
 
 def _is_across(urdf: UrdfFile, joint: Any) -> bool:
-    """Return whether a joint's axis is lateral."""
+    """Return whether a joint's axis is lateral, up to about 18 degrees."""
     return bool(abs(urdf.axis(joint)[1]) > 0.95)
 
 
@@ -132,6 +134,7 @@ def _why_no_wheels(urdf: UrdfFile, joints: List[Any]) -> str:
     if sideways:
         return f"{sideways} belongs to a base that also drives sideways, which is not supported"
     for joint in joints:
+        # A steered wheel hangs below a joint with a vertical axis.
         above = urdf.moving[joint.child][1:]
         is_steered = any(abs(urdf.axis(other)[2]) > 0.7 for other in above)
         if joint.type != "continuous" or not _is_across(urdf, joint) or is_steered:
@@ -139,7 +142,8 @@ def _why_no_wheels(urdf: UrdfFile, joints: List[Any]) -> str:
     # The wheels of both sides, from rear to front, mirror each other.
     places = np.array([urdf.pose(joint.child)[:3, 3] for joint in joints]).reshape(-1, 3)
     places = places[np.argsort(places[:, 0])]
-    left, right = places[places[:, 1] > 0], places[places[:, 1] < 0]
+    left = places[places[:, 1] > 0]
+    right = places[places[:, 1] < 0]
     is_paired = len(left) == len(right) and len(joints) in (2, 4)
     is_paired = is_paired and np.allclose(left, right * [1.0, -1.0, 1.0], atol=SAME_M)
     is_one_axle = len(left) == 2 and np.ptp(left[:, 0]) < SAME_M
@@ -151,6 +155,7 @@ def _why_no_wheels(urdf: UrdfFile, joints: List[Any]) -> str:
 
 def _sideways_name(urdf: UrdfFile, joints: List[Any]) -> str:
     """Return a name that belongs to an omnidirectional base, or ""."""
+    # Nothing in a URDF says that a wheel has rollers, but its names do.
     names = []
     for joint in joints:
         names += [joint.name, joint.child]
@@ -163,27 +168,26 @@ def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
     """Fill the section base: kind of the drive, and dimensions of the driven wheels."""
     if not joints:
         return
-    wheels = [_wheel(urdf, joint) for joint in joints]
-    places = np.array([wheel.centre for wheel in wheels])
+    radii, widths, centres = zip(*(_wheel(urdf, joint) for joint in joints))
+    places = np.array(centres)
     base = description.values["base"]
     half = len(joints) // 2  # The left side comes first.
-    base["drive"] = "two_wheel" if half == 1 else "skid_steer"
+    base["drive"] = "two_wheel"
     base["track"] = float(places[:half, 1].mean() - places[half:, 1].mean())
     base["axle_height"] = float(places[:, 2].mean())
     if half == 2:
+        base["drive"] = "skid_steer"
         base["wheelbase"] = float(np.ptp(places[:, 0]))
-    sizes = {
-        "wheel_radius": [wheel.radius for wheel in wheels],
-        "wheel_width": [wheel.width for wheel in wheels],
-    }
-    for name, values in sizes.items():
+    # Wheels of different sizes are asked for: the model has one radius and one width.
+    for name, values in (("wheel_radius", radii), ("wheel_width", widths)):
         if all(values) and np.ptp(values) < SAME_M:
             base[name] = float(np.mean(values))
     x = float(places[:, 0].mean())
     if abs(x) > SAME_M:
         description.notes.append(
             f"the centre of the wheels is at x = {x:.3f} m in {urdf.base}, but the simulators "
-            "place it at the origin: give base.casters and body.com relative to the centre of the wheels"
+            "place it at the origin: give base.casters and body.com relative to the centre of the "
+            "wheels"
         )
 
 
@@ -200,6 +204,7 @@ def _wheel(urdf: UrdfFile, joint: Any) -> _Wheel:
     parts = urdf.parts(joint)
     shapes = _shapes(urdf, parts)
     count = sum(len(urdf.links[name].collisions) for name in parts)
+    # A mesh that was not found, or a box, says nothing about the radius.
     low, high = _extent(shapes)
     length, width, height = high - low
     is_round = abs(length - height) < 0.1 * height
@@ -234,12 +239,15 @@ def _body(
     If they are unusable, propose the footprint's size. Shapes below the axles, such as casters, are
     ignored.
     """
-    base, body = description.values["base"], description.values["body"]
+    base = description.values["base"]
+    body = description.values["body"]
+    # Without wheels nothing is above the axles, and the outline is asked for.
     axle_height = base.get("axle_height", inf)
     fixed = [name for name, movable in urdf.moving.items() if not movable]
     shapes = [shape for shape in _shapes(urdf, fixed) if shape[:, 2].max() > axle_height]
     low, high = _extent(shapes)
     ground = axle_height - base.get("wheel_radius", inf)
+    # A box that is too large stops the robot at doors, one that is too small lets it touch.
     if urdf.lost:
         meshes = ", ".join(sorted(urdf.lost))
         problem = f"{meshes} is missing (put its package beside the package of the URDF)"
@@ -283,6 +291,7 @@ def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Descripti
     if laser and laser not in urdf.links:
         advice = did_you_mean(laser, urdf.links) or "give one of its links"
         raise ApplrError(f"{urdf.path} has no link {laser}: {advice}")
+    # The user's word comes first, then the costmaps', which drive with this laser.
     sensors = _ray_sensors(urdf)
     link = laser or sensor_frame
     if not link and len(sensors) == 1:
@@ -293,8 +302,9 @@ def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Descripti
         if link:
             problem = f"{urdf.path} has no link {link}, the sensor_frame of the costmaps"
             values["frame"] = link
-        others = f"; these links have ray sensors: {', '.join(sensors)}" if sensors else ""
-        note = f"laser not identified: {problem}; give it with --laser LINK{others}"
+        note = f"laser not identified: {problem}; give it with --laser LINK"
+        if sensors:
+            note += f"; these links have ray sensors: {', '.join(sensors)}"
         description.notes.append(note)
         return
     pose = urdf.pose(link)
@@ -304,6 +314,7 @@ def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Descripti
     values["frame"] = link
     values["pose"] = [*pose[:2, 3].tolist(), atan2(pose[1, 0], pose[0, 0])]
     values["height"] = float(pose[2, 3])
+    # With several sensors at one link, it is unknown which of them publishes the scans.
     if len(sensors.get(link, [])) == 1:
         values.update(_sensor_values(sensors[link][0], is_upside_down=pose[2, 2] < 0.0))
 
@@ -321,11 +332,13 @@ def _ray_sensors(urdf: UrdfFile) -> Dict[str, List[Any]]:
 def _sensor_values(sensor: Any, is_upside_down: bool) -> Dict[str, Any]:
     """Return the values of a ray sensor by field of robot.yaml, without missing ones."""
     numbers = {name: _number(sensor, tag) for name, tag in _TAGS.items()}
+    # Gazebo interpolates between rays: `resolution` times as many ranges are published.
     ranges_per_ray = _number(sensor, ".//horizontal/resolution")
     if isfinite(ranges_per_ray):
         numbers["beams"] *= ranges_per_ray
-    if is_upside_down:
-        first, last = numbers["first_angle"], numbers["last_angle"]
+    if is_upside_down:  # Its angles run clockwise, seen from above.
+        first = numbers["first_angle"]
+        last = numbers["last_angle"]
         numbers.update(first_angle=-last, last_angle=-first)
     values: Dict[str, Any] = {}
     for name, number in numbers.items():

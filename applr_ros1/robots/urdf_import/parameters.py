@@ -34,6 +34,7 @@ NAMESPACES = ("", *PLACES)  # namespaces of parameter files below move_base
 def _names_below(namespace: str) -> Set[str]:
     """Return the names of all parameters and lists that a namespace below move_base has."""
     names: Set[str] = set()
+    # Those that reconfigure changes, and those read at the start alone
     for parameter in SERVERS.get(namespace, ()) + STATIC.get(namespace, ()):
         names.update(parameter.names)
     if namespace in COSTMAPS:
@@ -79,8 +80,10 @@ class Parameters:
         if frames["odom"] == frames["map"]:
             # Both costmaps have one frame: the map's if there is one, else the odometry's.
             kinds = [layer.kind for layer in layers("global_costmap", world)]
-            has_map = STATIC_LAYER in kinds or frames["map"] == "map"
-            frames.pop("odom" if has_map else "map")
+            absent = "map"
+            if STATIC_LAYER in kinds or frames["map"] == "map":
+                absent = "odom"
+            frames.pop(absent)
         return frames
 
     @property
@@ -93,9 +96,7 @@ class Parameters:
         values = self.full["local_costmap"]
         outline = footprint.parse(values["footprint"])
         # robot_radius has a default, which says nothing about the robot.
-        has_radius = "robot_radius" in self.tree or "robot_radius" in branch(
-            self.tree, "local_costmap"
-        )
+        has_radius = "robot_radius" in {**self.tree, **branch(self.tree, "local_costmap")}
         if has_radius and not len(outline):
             return footprint.circle(values["robot_radius"])
         return outline
@@ -130,11 +131,13 @@ class Parameters:
                 kept[layer].append(name)
             else:
                 others.setdefault(layer, []).append(source_topic)
+        # A simulated robot has one laser: a layer would wait for its other sources.
         changes: Dict[str, Any] = {}
         for layer in sorted(others):
-            costmap = layer.partition("/")[0]
+            place = layer.partition("/")[0]
             # Without the list `plugins`, C++ reads the sources of all layers at the costmap.
-            place = layer if "plugins" in branch(self.tree, costmap) else costmap
+            if "plugins" in branch(self.tree, place):
+                place = layer
             section = branch(changes, place, create=True)
             section["observation_sources"] = " ".join(kept[layer])
         return changes, set().union(*others.values())
@@ -151,6 +154,7 @@ class Parameters:
         changes: Dict[str, Any] = {}
         for costmap in COSTMAPS:
             change = self._costmap_without_map(costmap, odom)
+            # A course begins at the origin of the odometry, in the middle of a fixed costmap.
             if change and costmap == "global_costmap":
                 change.update(rolling_window=False, width=size, height=size)
                 change.update(origin_x=-size / 2, origin_y=-size / 2)
@@ -164,6 +168,7 @@ class Parameters:
         """Return the changes of a costmap: the odometry's frame, and no layers with a map."""
         tree = branch(self.tree, costmap)
         change: Dict[str, Any] = {}
+        # costmap_2d's default is the frame "map".
         if tree.get("global_frame", "map") != odom:
             change["global_frame"] = odom
         if tree.get("static_map") and "plugins" not in tree:
@@ -199,6 +204,7 @@ def read_parameter_files(given: Sequence[str]) -> Parameters:
     controllers: List[Dict[str, Any]] = []
     for text in given:
         path, _, place = text.partition(":")
+        # A namespace may be given as it stands in a launch file or on the parameter server.
         place = re.sub("^/?(move_base(/|$))?", "", place.rstrip("/"))
         content = nested(path)
         in_file = list(_controllers(content))
@@ -208,6 +214,7 @@ def read_parameter_files(given: Sequence[str]) -> Parameters:
             continue  # The file has a controller alone.
         _check_namespace(path, place, values)
         parameters.files.append((path, place))
+        # As for roslaunch, later files override earlier ones.
         tree: Dict[str, Any] = {}
         branch(tree, place, create=True).update(values)
         parameters.tree = merged(parameters.tree, tree)
@@ -237,6 +244,7 @@ def _check_namespace(path: str, place: str, values: Dict[str, Any]) -> None:
     """Raise ApplrError if a file of a costmap or local planner is given without its namespace."""
     if place:
         return
+    # At move_base itself, these parameters would have no effect, which nobody would notice.
     for name in values:
         places = [place for place in NAMESPACES if name in _NAMES[place]]
         if places and "" not in places:
@@ -263,7 +271,9 @@ def _driven(controller: Dict[str, Any]) -> List[str]:
     joints: List[str] = []
     for side in ("left_wheel", "right_wheel"):
         names = controller.get(side, [])
-        joints += map(str, names if isinstance(names, list) else [names])
+        if not isinstance(names, list):  # A controller of two wheels may name one without a list.
+            names = [names]
+        joints += map(str, names)
     return joints
 
 
@@ -277,12 +287,13 @@ def _limits(controller: Dict[str, Any]) -> Dict[str, float]:
         ("angular/z", "acceleration", "max_yaw_acceleration"),
     ):
         limit = number_at(controller, axis, (f"max_{kind}",))
+        # A limit counts only if its has_..._limits is true (diff_drive_controller).
         if branch(controller, axis).get(f"has_{kind}_limits") is True and limit is not None:
             limits[field_name] = limit
     # Another controller may wait without a limit.
-    is_diff_drive = "diff_drive_controller" in str(controller.get("type"))
-    default = CONTROLLER_TIMEOUT_S if is_diff_drive else None
-    timeout = controller.get("cmd_vel_timeout", default)
+    if "diff_drive_controller" in str(controller.get("type")):
+        limits["command_timeout"] = CONTROLLER_TIMEOUT_S
+    timeout = controller.get("cmd_vel_timeout")
     if timeout is not None:
         limits["command_timeout"] = timeout
     return limits

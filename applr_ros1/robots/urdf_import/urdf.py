@@ -26,6 +26,7 @@ def _find_packages(path: str) -> None:
     """Make the ROS packages around a file known to xacrodoc, beside ROS_PACKAGE_PATH."""
     import xacrodoc
 
+    # The nearest folder with a manifest is the package of the URDF.
     folders = Path(path).resolve().parents
     package = next((folder for folder in folders if (folder / "package.xml").is_file()), None)
     if package is None:
@@ -100,10 +101,11 @@ class UrdfFile:
         self.lost: Set[str] = set()
         content = read_bytes(path)
         _find_packages(path)
-        text = _expanded(path, arguments) if path.endswith(".xacro") else plain_xml(content)
+        is_xacro = path.endswith(".xacro")
+        text = _expanded(path, arguments) if is_xacro else plain_xml(content)
         with _named(path):
             self.xml = ElementTree.fromstring(text)
-        if not path.endswith(".xacro"):
+        if not is_xacro:
             for element in self.xml.iter():
                 if "xacro}" in element.tag or "${" in str(element.attrib):
                     remedy = "rename it so that its name ends in .xacro"
@@ -123,8 +125,8 @@ class UrdfFile:
             usual = next((name for name in BASES if name in self.links), self._urdf.base_link)
             raise ApplrError(
                 f"{path} has no link {base_frame}, the robot_base_frame of the parameter files: "
-                f"add it to the URDF with a fixed joint, or set robot_base_frame: {usual} in a copy "
-                "of the parameter file"
+                f"add it to the URDF with a fixed joint, or set robot_base_frame: {usual} in a "
+                "copy of the parameter file"
             )
         # Joints above the base frame move the robot as a whole.
         above_base = {joint.name for joint in self._above(base_frame)}
@@ -137,7 +139,7 @@ class UrdfFile:
 
     def _above(self, link: str) -> Iterator[Any]:
         """Yield the joints from a link to the root."""
-        joint_to = {joint.child: joint for joint in self.joints.values()}
+        joint_to = {joint.child: joint for joint in self.joints.values()}  # A link has one parent.
         while link in joint_to:
             yield joint_to[link]
             link = joint_to[link].parent
@@ -163,8 +165,9 @@ class UrdfFile:
         shapes = []
         for collision in self.links[link].collisions:
             vertices = self._vertices(collision.geometry)
-            origin = np.eye(4) if collision.origin is None else collision.origin
-            pose = self.pose(link) @ origin
+            pose = self.pose(link)
+            if collision.origin is not None:
+                pose = pose @ collision.origin
             if len(vertices):
                 shapes.append(vertices @ pose[:3, :3].T + pose[:3, 3])
         return shapes
@@ -187,16 +190,20 @@ class UrdfFile:
             self.lost.add(shape.mesh.filename)
             return np.zeros((0, 3))
         mesh: Any = trimesh.load(file, force="mesh", skip_materials=True)
+        vertices = mesh.vertices
         # RViz and Gazebo read Collada files in the file's own unit.
-        unit = trimesh.units.unit_conversion(mesh.units, "meters") if mesh.units else 1.0
-        scale = 1.0 if shape.mesh.scale is None else shape.mesh.scale
-        return mesh.vertices * unit * scale
+        if mesh.units:
+            vertices = vertices * trimesh.units.unit_conversion(mesh.units, "meters")
+        if shape.mesh.scale is not None:
+            vertices = vertices * shape.mesh.scale
+        return vertices
 
     def _mesh_file(self, name: str) -> str:
         """Return the path of a mesh, or "" if its package is missing."""
         import xacrodoc
 
         package, _, inside = name.partition("package://")[2].partition("/")
+        # Without package://, the path is relative to the URDF.
         if not package:
             return os.path.join(os.path.dirname(self.path), name.replace("file://", "", 1))
         try:

@@ -20,6 +20,7 @@ BRAKES = {"max_acceleration": "deceleration", "max_yaw_acceleration": "yaw_decel
 COMMENT_COLUMN = 34  # column at which comments of values to fill in begin
 GRIP = 2.0  # default friction limit, the lateral acceleration at which tyres slide [m/s^2]
 
+# Sections in the order of the file
 _SECTIONS = (
     "base",
     "body",
@@ -28,19 +29,23 @@ _SECTIONS = (
     "frames",
     "monitor",
     "simulation",
-)  # sections in the order of the file
-_ALSO_ASKED = {  # fields to fill in although they have a default
+)
+# Fields to fill in although they have a default
+_ALSO_ASKED = {
     "base": ("wheel_mass", "casters"),
     "body": ("bottom",),
     "monitor": ("deceleration", "yaw_deceleration"),
 }
 _LIMITS = ("max_speed", "max_yaw_rate", "max_acceleration", "max_yaw_acceleration")
-_WHERE = {  # sources of the values to fill in, by section or field
+# Sources of the values to fill in, by section or field
+_WHERE = {
     **dict.fromkeys(_LIMITS, "from the base's manual or its driver's parameters"),
     **dict.fromkeys(("pose", "height"), "from rosrun tf tf_echo BASE_FRAME LASER_FRAME"),
     "wheel_mass": "from the URDF, a scale, or the maker's data",
     "casters": "relative to the centre of the driven wheels",
-    "mass": "from a scale, the maker's data, or the sum of the masses in the URDF if these are real",
+    "mass": (
+        "from a scale, the maker's data, or the sum of the masses in the URDF if these are real"
+    ),
     "body": "measured, or from the maker's drawing",
     "laser": "from rostopic echo -n 1 --noarr on the topic of the scans",
     "rate": "from rostopic hz on the topic of the scans",
@@ -75,10 +80,14 @@ def robot_yaml(
             asked.pop("casters", None)
         if known or asked:
             lines.append(f"{section}:")
-        lines += [f"  {name}: {flow(value)}" for name, value in known.items()]
+        for name, value in known.items():
+            lines.append(f"  {name}: {flow(value)}")
+        # Unknown fields are comments, which the user completes.
         for name, field in asked.items():
             unit = field.json_schema_extra["unit"]
-            about = f"[{unit}] {field.description}" if unit else field.description
+            about = field.description
+            if unit:
+                about = f"[{unit}] {about}"
             line = f"  # {name}: "
             note = f"{section}.{name} {about}"
             if (section, name) in hints:
@@ -89,7 +98,9 @@ def robot_yaml(
             else:
                 source_of_value = _WHERE.get(name, _WHERE.get(section, ""))
             line = f"{line.ljust(COMMENT_COLUMN)}  # {about}"
-            lines.append(f"{line}; {source_of_value}" if source_of_value else line)
+            if source_of_value:
+                line += f"; {source_of_value}"
+            lines.append(line)
             missing.append(note)
     move_base_lines = yaml.dump(
         {"move_base": move_base},
@@ -128,7 +139,10 @@ class _Dumper(yaml.SafeDumper):
 
 
 def _rounded(dumper: Any, number: float) -> Any:
-    return dumper.represent_float(float(f"{number:.5g}") if abs(number) > 1e-8 else 0.0)
+    """Represent a number: poses of a URDF have rounding errors such as 6.1e-17."""
+    if abs(number) <= 1e-8:
+        number = 0.0
+    return dumper.represent_float(float(f"{number:.5g}"))
 
 
 _Dumper.add_representer(float, _rounded)
@@ -139,6 +153,7 @@ def add_parameters(description: Description, parameters: Parameters) -> None:
     values = description.values
     values["base"].update(parameters.limits)
     values["frames"] = parameters.frames()
+    # The first scan of the costmaps is taken for the robot's main laser.
     scans = parameters.scans()
     if scans and scans[0]["topic"].rstrip("/"):
         values["topics"]["scan"] = scans[0]["topic"].rstrip("/")
@@ -146,7 +161,8 @@ def add_parameters(description: Description, parameters: Parameters) -> None:
     if odometry_topic:
         values["topics"]["odometry"] = odometry_topic
     # The monitor counts on no more than usual, even if the base's controller allows more.
-    base, usual = values["base"], Monitoring()
+    base = values["base"]
+    usual = Monitoring()
     values["monitor"] = {}
     for limit, name in BRAKES.items():
         if limit in base:
@@ -175,16 +191,19 @@ def move_base_section(
     section: Dict[str, Any] = {"files": files}
     if parameters.added:
         section["parameters"] = parameters.added
+    # Courses of the simulators have no map.
     changes = parameters.without_map(values["frames"].get("odom", "odom"), size)
     scan_alone, others = parameters.one_scan(values["topics"].get("scan", ""))
     if changes:
         section["with_map"] = {}
     if changes or others:
         section["without_map"] = {"parameters": merged(changes, scan_alone)}
-        dropped = f", without {', '.join(sorted(others))}" if others else ""
+        scan = "the laser scan"
+        if others:
+            scan += f", without {', '.join(sorted(others))}"
         notes.append(
             "move_base.without_map, which applies on courses without a map, has a fixed global "
-            f"costmap and only the laser scan{dropped}: correct it before your robot drives without a map"
+            f"costmap and only {scan}: correct it before your robot drives without a map"
         )
     return section, notes
 
@@ -198,8 +217,9 @@ def copies_of(parameters: Parameters) -> Dict[str, str]:
     names = [Path(path).name for path in paths]
     copies = {}
     for path, name in zip(paths, names):
-        folder = Path(path).resolve().parent.name
-        copies[path] = name if names.count(name) == 1 else f"{folder}/{name}"
+        copies[path] = name
+        if names.count(name) > 1:
+            copies[path] = f"{Path(path).resolve().parent.name}/{name}"
     return copies
 
 
@@ -212,6 +232,7 @@ def limits(planner: Dict[str, Any]) -> Dict[Tuple[str, str], Tuple[Any, str]]:
         ("max_acceleration", ("acc_lim_x",)),
         ("max_yaw_acceleration", ("acc_lim_theta",)),
     ):
+        # Names of TrajectoryPlannerROS and DWAPlannerROS, in several versions
         proposals = []
         for name in names:
             limit = number_at(planner, "", (name,))
