@@ -109,7 +109,7 @@ def test_a_fixed_costmap_takes_size_and_origin_of_the_map_and_a_rolling_costmap_
 def test_a_map_is_written_again_after_the_map_of_a_disabled_layer_has_resized_the_costmap():
     first = LayerDescription("first", StaticParameters())
     second = LayerDescription("second", StaticParameters(map_topic="other", enabled=False))
-    made = costmap(first, second)
+    made = make_costmap(first, second)
     occupied = np.full((N, N), 100, np.int8)
     made.set_map("map", StaticMap(occupied, 0.1, (-2.0, -2.0)))
     made.update(HERE)

@@ -170,7 +170,8 @@ def _speed_along(plan: np.ndarray, track: np.ndarray, replay: Replay) -> float:
     way = np.concatenate([[0.0], steps.cumsum()])  # way along the plan to each of its poses [m]
     begin = np.hypot(*(points - track[0]).T).argmin()
     end = np.hypot(*(points - track[-1]).T).argmin()
-    return float(way[end] - way[begin]) / (AHEAD * replay.period)
+    gained = float(way[end] - way[begin])
+    return gained / (AHEAD * replay.period)
 
 
 def together(settings: Settings, change: Change) -> Tuple[Change, ...]:
