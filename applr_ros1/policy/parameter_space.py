@@ -261,7 +261,8 @@ def space_of(robot: Robot) -> Space:
         targets[parameter.name] = parameter.sets
         if not parameter.paper:
             fixed.append(parameter.name)
-    low, high = np.array(bounds, dtype=np.float64).T
+    # A robot without parameters for policies has an empty space.
+    low, high = np.array(bounds, dtype=np.float64).reshape(-1, 2).T
     space = Space(
         names=tuple(targets),
         low=low,

@@ -196,9 +196,8 @@ def judged(name: str, world: int, fault: Optional[Candidate], usual: float) -> O
     sound = load(name)
     robot = with_changes(sound, fault.changes, f"{name} with a fault") if fault else sound
     drive, outcome = simulated(robot, f"generated:{world}", limit=LIMIT_S, seed=RECORDED_SEED)
-    if fault:
-        if outcome.success and outcome.time_s < SLOWER * usual:
-            return None
+    if fault and outcome.success and outcome.time_s < SLOWER * usual:
+        return None
     began = perf_counter()
     replay = Replay(robot)
     replay.run(drive)
