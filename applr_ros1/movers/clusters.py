@@ -21,8 +21,8 @@ POINTS = 3  # number of points of a cluster that are kept as evidence of its mot
 
 # x, y: centre [m]. radius [m]. near: nearest range [m]. start, end: bearings of the edges in the
 # fixed frame, beside the first and the last beam [rad]. start_hidden, end_hidden: whether a nearer
-# or unknown point occludes that edge. sigma: standard deviation of the centre [m]. points: POINTS
-# of its points [m].
+# or unknown point occludes that edge. sigma: standard deviation of the centre [m]. points: places
+# [m] in the cluster, POINTS of them.
 CLUSTER = np.dtype(
     [
         ("x", np.float64),

@@ -23,7 +23,7 @@ from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.planner.state_machine import Cycle
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.robots import Robot
-from applr_ros1.stack.supervisor import Progress, Supervisor
+from applr_ros1.stack.command_chain import CommandChain, Progress
 
 
 class Step(NamedTuple):
@@ -61,7 +61,7 @@ class Stack:
         if move_base.parameters["applr"]["movers"]:
             self.prediction = Prediction(robot)
         self.escapes = escapes
-        self._supervisor = Supervisor()
+        self._command_chain = CommandChain()
         self._plan_time = -math.inf  # time of the planner's latest plan [s]
 
     def reset(self, now: float, seed: Union[int, Sequence[int]]) -> None:
@@ -71,15 +71,15 @@ class Stack:
             self.monitor.reset()
         if self.prediction is not None:
             self.prediction.reset()
-        self._supervisor = Supervisor()
+        self._command_chain = CommandChain()
         self._plan_time = -math.inf
 
     def set_goal(self, goal: Pose, now: float) -> None:
         """Send a goal (x, y, yaw) in the frame of the global costmap at time `now` [s]."""
         self.move_base.set_goal(goal, now)
-        # A supervisor of an earlier goal would remember how long that one was not approached.
+        # A chain of an earlier goal would remember how long that one was not approached.
         if self.escapes and self.move_base.variant == CPP_LIKE:
-            self._supervisor = Supervisor(StalledPlanner(self.move_base.goal_tolerance))
+            self._command_chain = CommandChain(StalledPlanner(self.move_base.goal_tolerance))
 
     @property
     def movers(self) -> np.ndarray:
@@ -138,10 +138,10 @@ class Stack:
         def judge(wanted: Twist, may_creep: bool) -> Verdict:
             return monitor.filter(now, pose, twist, wanted, creeps=may_creep)
 
-        motion = self._supervisor.escape(now, command, self._progress())
-        verdict = self._supervisor.judged(command, motion, judge)
+        motion = self._command_chain.escape(now, command, self._progress())
+        verdict = self._command_chain.judged(command, motion, judge)
         # A planner that makes its own escape motions must know that it is blocked.
-        if self._supervisor.escapes is None:
+        if self._command_chain.escapes is None:
             self.move_base.report_held(verdict.blocked)
         return verdict
 

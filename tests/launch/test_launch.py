@@ -216,6 +216,13 @@ def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, tim
     client.cancel_goal.assert_called_once_with()
 
 
+def test_a_failed_demo_says_how_to_ask_why():
+    robot = load("husky")
+    assert "record:=$PWD/drive.bag" in demo_tool.how_to_ask_why("none", robot)
+    words = demo_tool.how_to_ask_why("/tmp/husky.bag", robot)
+    assert words == f"for the reason: ./applr why /tmp/husky.bag --robot {robot.folder}"
+
+
 def test_a_demo_that_does_not_arrive_ends_with_1(monkeypatch, capsys):
     def drive(stack, setup, result):
         result["reason"] = "timed out"

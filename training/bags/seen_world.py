@@ -11,7 +11,6 @@ from typing import NamedTuple, Tuple
 
 import numpy as np
 import yaml
-from PIL import Image
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.files import write_bytes
@@ -82,6 +81,8 @@ def write_map(grid: Grid, path: str) -> None:
     """Write a map as map_saver does: path.yaml and, beside it, path.pgm."""
     image = Path(path).with_suffix(".pgm")
     pixels = np.where(grid.cells[::-1] == OCCUPIED, 0, 254).astype(np.uint8)
+    from PIL import Image  # slow, and needed only here
+
     encoded = io.BytesIO()
     Image.fromarray(pixels).save(encoded, "PPM")
     write_bytes(str(image), encoded.getvalue())

@@ -1,4 +1,4 @@
-"""Adapter between the topics of move_base and a Supervisor, for the collision monitor's node.
+"""Adapter between the topics of move_base and a CommandChain, for the collision monitor's node.
 
 The status of move_base gives the active goal, and its global plan the distance to the goal.
 """
@@ -12,7 +12,7 @@ import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from nav_msgs.msg import Path
 
-from applr_ros1.stack.supervisor import Progress
+from applr_ros1.stack.command_chain import Progress
 
 STATUS_AGE_S = 1.0  # largest usable age of a status [s]; move_base repeats it five times per second
 NEVER = rospy.Time(0)

@@ -36,7 +36,7 @@ from applr_ros1.nodes import conversions
 from applr_ros1.nodes.robot_parameters import NAMING, named_robot
 from applr_ros1.nodes.sensors import Clock, Sensors
 from applr_ros1.robots import Robot
-from applr_ros1.stack.supervisor import Supervisor
+from applr_ros1.stack.command_chain import CommandChain
 
 from .guard import Heartbeat, publish_zeros
 from .move_base_progress import MoveBaseProgress
@@ -87,12 +87,12 @@ class CollisionMonitorNode:
 
         # Escape motions are for the C++ move_base. This package's planner makes its own.
         self._planner: Optional[MoveBaseProgress] = None
-        self._supervisor = Supervisor()
+        self._command_chain = CommandChain()
         if escape:
             self._counts[ESCAPE] = 0
             self._planner = MoveBaseProgress()
             tolerance = robot.all_parameters()[robot.local_planner]["xy_goal_tolerance"]
-            self._supervisor = Supervisor(StalledPlanner(tolerance))
+            self._command_chain = CommandChain(StalledPlanner(tolerance))
 
         self._scan_topic = robot.topics.scan
         self._more_scans = more_scans
@@ -227,7 +227,7 @@ class CollisionMonitorNode:
         if only_escapes and motion is None:
             return False
         self._zeros = 0
-        verdict = self._supervisor.judged(command, motion, self._judge)
+        verdict = self._command_chain.judged(command, motion, self._judge)
         if motion is not None:
             reason = "move_base makes no progress"
             if verdict.reason:
@@ -245,12 +245,12 @@ class CollisionMonitorNode:
 
         The first motion is logged.
         """
-        escapes = self._supervisor.escapes
+        escapes = self._command_chain.escapes
         if escapes is None or self._planner is None or self._stalled:
             return None
         had_stalled = escapes.has_stalled
         progress = self._planner.progress(self._clock.now)
-        motion = self._supervisor.escape(self._clock.now.to_sec(), command, progress)
+        motion = self._command_chain.escape(self._clock.now.to_sec(), command, progress)
         if escapes.has_stalled and not had_stalled:
             problem = "collision monitor: move_base makes no progress"
             rospy.logwarn("%s; trying small escape motions", problem)

@@ -151,6 +151,13 @@ def prepare(words: Sequence[str]) -> Setup:
     return Setup(values, {**passed, "goal": "none"}, robot, world)
 
 
+def how_to_ask_why(bag: str, robot: Robot) -> str:
+    """Return the command that says why a drive failed, which needs a bag of it."""
+    if bag == "none":
+        return "for the reason record the drive: record:=$PWD/drive.bag, then ./applr why drive.bag"
+    return f"for the reason: ./applr why {bag} --robot {robot.folder}"
+
+
 def _with_goal(world: worlds.World, goal: Pose) -> worlds.World:
     """Return a world with another goal, which is given in odom. The origin of odom is the start."""
     x, y, yaw = goal
@@ -179,6 +186,8 @@ def _drive(stack: Stack, setup: Setup, result: Dict[str, Any]) -> None:
     has_touched = bool(len(drive.contacts))
     contact = ", with contact" if has_touched else ""
     report(f"{goal.reason} after {goal.end:.1f} s and {drive.truth.length:.2f} m{contact}")
+    if goal.status != REACHED:
+        report(how_to_ask_why(values["record"], setup.robot))
     result.update(
         success=goal.status == REACHED,
         collided=has_touched,

@@ -1,4 +1,4 @@
-"""Supervisor of commands: an escape motion may replace a command, then the monitor limits it.
+"""Chain of commands: an escape motion may replace a command, then the monitor limits it.
 
 Simulated drives (stack.py) and the collision monitor's node (nodes/monitor/node.py) share the order
 of these steps.
@@ -30,7 +30,7 @@ class Progress(NamedTuple):
     distance: Optional[float] = None
 
 
-class Supervisor:
+class CommandChain:
     """Escape motions and a collision monitor, in the order in which they change a command.
 
     Args:
