@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ from applr_ros1.policy.observation import (
     observe,
     smooth,
 )
-from applr_ros1.policy.parameter_space import SPACE, THETA_0
+from applr_ros1.policy.parameter_space import SPACE, THETA_0, space_of
 from tests.support.refusals import refused
 from tests.support.robots import make_weights
 from tests.support.seeds import examples
@@ -40,6 +41,12 @@ COSTMAPS = ("local_costmap", "global_costmap")
 INFLATION = ("local_costmap/inflater_layer", "global_costmap/inflater_layer")
 DRAWN = Policy.of(make_weights())
 SHIPPED_DRIVES = ("generated:8", "generated:35", "generated:123")
+
+
+def test_a_robot_without_parameters_for_policies_has_an_empty_space():
+    space = space_of(replace(robots.JACKAL, space=()))
+    assert len(space) == 0
+    assert space.clip([]).shape == (0,)
 
 
 def test_theta_0_is_clearpaths_and_survives_a_round_trip():
