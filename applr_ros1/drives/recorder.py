@@ -100,7 +100,7 @@ class Recorder:
         self._planned = Table(3)  # time, v, w
         self._commands = Table(3)  # time, v, w
         self._verdicts = Log()
-        self._servers = Log()  # of the changes of parameters
+        self._servers = Log()  # names of the servers whose parameters changed
         self._values = Log()
         self._recoveries: List[float] = []
         self.decisions: List[Decision] = []

@@ -21,12 +21,13 @@ from applr_ros1.movers.slip import VOTER, VOTES, shift, slip
 
 MAX_TRACKS = 192  # largest number of tracks
 
-# id: identifier, 0 for an empty row. x, y: centre [m]. vx, vy: velocity [m/s]. pp, pv, vv: variance
-# of the position, covariance of position and velocity, variance of the velocity, along each axis.
-# radius [m]. seen, evident: stamps of the last cluster and of the last evidence of motion [s].
-# evidence, evident_scans: duration [s] and number of scans of the evidence. gone: number of scans
-# that saw through the track. hits: number of clusters. mean_x, mean_y: moving average of the centre
-# [m]. moves: whether the track is a moving obstacle.
+# id: identifier, 0 for an empty row. x, y: centre [m]. vx, vy: velocity [m/s].
+# pp, pv, vv: variance of the position, covariance of position and velocity, variance of the
+#     velocity, along each axis. radius [m].
+# seen, evident: stamps of the last cluster and of the last evidence of motion [s].
+# evidence, evident_scans: duration [s] and number of scans of the evidence.
+# gone: number of scans that saw through the track. hits: number of clusters.
+# mean_x, mean_y: moving average of the centre [m]. moves: whether the track is a moving obstacle.
 TRACK = np.dtype(
     [
         ("id", np.int64),

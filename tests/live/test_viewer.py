@@ -103,8 +103,13 @@ def test_a_click_on_the_ground_sets_a_goal(ros, viewer):
     subscriber = rospy.Subscriber("/move_base_simple/goal", PoseStamped, goals.append)
     wait_for(subscriber.get_num_connections, "the connection")
     viewer.scene.pose = (1.0, 1.0, 0.0)
-    viewer.clicked(SimpleNamespace(ray_origin=(1.0, 0.0, 2.0), ray_direction=(0.5, 0.5, -1.0)))
-    wait_for(lambda: goals, "the goal")
+
+    def click():
+        viewer.clicked(SimpleNamespace(ray_origin=(1.0, 0.0, 2.0), ray_direction=(0.5, 0.5, -1.0)))
+        return goals
+
+    # A goal is lost until the publisher knows of the subscriber, too.
+    wait_for(click, "the goal")
     subscriber.unregister()
     target = goals[0]
     assert target.header.frame_id == "odom"

@@ -19,7 +19,7 @@ TEXT_OR_LIST = ("footprint", "y_vels")  # texts that parameter files may also gi
 # Users that read a parameter only at start-up (Parameter.once)
 OUTLINE = "TrajectoryPlannerROS"  # for all its cycles
 PERIOD = "the local planner"  # whichever is chosen
-GOAL = "the stop and turn at a goal"  # of TrajectoryPlannerROS
+GOAL = "the stop and turn at a goal"  # user in TrajectoryPlannerROS
 RECOVERY = "recovery"  # the recovery behaviours
 
 _TYPES = {"bool": bool, "str": str, "list": list}

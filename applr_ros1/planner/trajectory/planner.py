@@ -34,7 +34,8 @@ from applr_ros1.planner.trajectory.sampling import find_best_path, remember
 from applr_ros1.planner.trajectory.scoring import Score, roll_out, score, score_all_samples
 
 NO_PLAN = np.zeros((0, 2))
-WEIGHTS = ("path_distance_bias", "goal_distance_bias", "occdist_scale")  # of the parts of a cost
+# weights of the parts of a cost
+WEIGHTS = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
 
 
 def _follow(p: Any, start: Sequence[float], sample: Velocity, points: np.ndarray) -> None:

@@ -177,7 +177,6 @@ def whole_drive(robot):
     changed = {"max_vel_x": 0.75, "prune_plan": True, "base_frame_id": "base_link"}
     return Recorded(
         frame="map",
-        laser_frame=robot.laser.frame,
         planners=[robot.local_planner],
         odometry=Motion(time, time, pose, twist),
         scans=Scans(time, time, fan, list(ranges)),
@@ -210,7 +209,7 @@ def test_a_drive_that_is_written_and_read_back_is_the_same(tmp_path):
     read_back = read(write(tmp_path / "a.bag", drive))
     columns = ("odometry", "scans", "plans", "planned", "commands")
     assert_same_columns(read_back, drive, columns)
-    for name in ("frame", "laser_frame", "planners", "source", "goals"):
+    for name in ("frame", "planners", "source", "goals"):
         assert getattr(read_back, name) == getattr(drive, name), name
     assert read_back.changes.server == drive.changes.server
     assert read_back.changes.values == drive.changes.values
