@@ -65,7 +65,7 @@ OUTSIDE = (silent, no_plan, silent_planner, jumping, held, stopped, unmoved, stu
 
 @dataclass
 class Diagnosis:
-    """What happened in a drive, why, and what was tried.
+    """Events of a drive, their reasons, and the changes that were tried.
 
     Attributes:
         replay: Replayed drive.

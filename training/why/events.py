@@ -35,7 +35,7 @@ UNHEARD = "was not heard of"
 
 
 class Limits(NamedTuple):
-    """What a drive is measured by, for each of n odometry messages.
+    """Limits by which a drive is measured, for each of n odometry messages.
 
     Attributes:
         speed: (n,) top speed that the planner allows [m/s].

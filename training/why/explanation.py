@@ -50,7 +50,7 @@ OBJECTIONS = {
 
 @dataclass
 class Explanation:
-    """What kept the robot from driving on in one cycle.
+    """Reason that kept the robot from driving on in one cycle.
 
     Attributes:
         at: Time of the cycle [s].
