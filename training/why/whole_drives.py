@@ -45,7 +45,7 @@ RANDOM: Dict[str, Any] = {  # deviations of a drive from the nominal robot
 
 
 class Course(NamedTuple):
-    """What all whole drives share.
+    """Conditions that all whole drives share.
 
     Attributes:
         robot: Robot with the values of the recorded drive in its files.
