@@ -10,6 +10,7 @@ from setuptools import find_namespace_packages, setup
 
 PACKAGES = ("applr_ros1", "sim_bridge", "training", "worlds")
 OF_ROS = ("cfg", "launch", "rviz")  # folders that CMakeLists.txt installs
+DATA = ["*.yaml", "*.json", "*.md", "*.safetensors", "*.png", "*.npz", "*.html", "*.css", "*.js"]
 
 setup(
     name="applr_ros1",
@@ -19,5 +20,5 @@ setup(
         include=[pattern for name in PACKAGES for pattern in (name, name + ".*")],
         exclude=["applr_ros1." + name for name in OF_ROS],
     ),
-    package_data={"": ["*.yaml", "*.json", "*.md", "*.safetensors", "*.png", "*.npz", "*.html"]},
+    package_data={"": DATA},
 )

@@ -58,7 +58,8 @@ def test_a_wheel_has_the_packages_of_the_clone_with_their_data(installed):
     for data in (
         "worlds/data/builtin.npz",
         "training/train/recipes/jackal.yaml",
-        "training/why/why.html",
+        "training/why/why.js",
+        "applr_ros1/common/pages/page.css",
     ):
         assert (folder / data).is_file()
 

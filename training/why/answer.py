@@ -6,8 +6,9 @@ from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
 
+from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.parameters.settings import Change
-from training.why.diagnosis import Diagnosis
+from training.why.diagnosis import Diagnosis, goal_of
 from training.why.events import Event
 from training.why.explanation import beside
 from training.why.whole_drives import SAME_PLACE_M, Trials, Tried
@@ -17,6 +18,7 @@ GUESS_SHARE = 0.1  # share of the top speed that a guess gains at least
 LISTED = 4  # number of further events, and of rows of what was tried
 SCANS = 60  # number of scans in a page's map
 CELL_M = 0.05  # distance of its points [m]
+TRACK_S = 0.1  # interval between the positions of a driven path on a page [s]
 STOPS_S = 1.0  # time without motion that counts as a stop of a simulated drive [s]
 STOPS_M = 0.05  # motion within it [m]
 
@@ -43,6 +45,15 @@ def what_happened(diagnosis: Diagnosis) -> str:
     top = float(diagnosis.replay.limits().speed.mean())
     mean = float(np.abs(odometry.twist[:, 0]).mean())
     return f"The robot did not stop: its mean speed is {mean:.2f} m/s, max_vel_x {top:.2f} m/s."
+
+
+def headline(diagnosis: Diagnosis) -> str:
+    """Return what happened as a sentence about the robot, for the top of a page."""
+    event = diagnosis.longest
+    if event is None or diagnosis.part is not None:
+        return what_happened(diagnosis)
+    reason = f", because {event.reason}" if event.reason else ""
+    return f"The robot {event.kind} from {event.begin:.1f} to {event.end:.1f} s{reason}."
 
 
 def sentence(event: Event) -> str:
@@ -121,17 +132,25 @@ def values_of(diagnosis: Diagnosis) -> Dict[str, Any]:
     assert scans is not None
     chosen = np.linspace(0, len(scans) - 1, SCANS).astype(int)
     points = np.concatenate([replay.cloud(index).points[:, :2] for index in chosen])
-    path = []
-    for cycle in replay.cycles:
-        path.append([*np.round(cycle.pose[:2], 2).tolist(), cycle.command[0]])
+    # The measured motion, not the commands: a robot that stands may be told to drive.
+    odometry = replay.odometry
+    track = np.column_stack([odometry.time, odometry.pose[:, :2], odometry.twist[:, 0]])
+    goal = goal_of(replay.drive)
     return {
+        "name": replay.drive.name,
         "answer": lines_of(diagnosis),
+        "happened": headline(diagnosis),
+        "advice": advice(diagnosis),
+        "sure": how_sure(diagnosis),
         "reproduced": replay.share,
         **_trials_values(diagnosis.trials),
         "alternatives": [str(alternative) for alternative in diagnosis.guesses],
         "events": [_event_values(diagnosis, row) for row in range(len(diagnosis.events))],
         "map": (np.unique(np.rint(points / CELL_M), axis=0) * CELL_M).round(2).tolist(),
-        "path": path,
+        "track": _thinned(track),
+        "top_speed": float(replay.limits().speed.mean()),
+        "plan": np.round(_first_plan(replay.drive)[:, :2], 2).tolist(),
+        "goal": goal[:2] if goal is not None else None,
         "footprint": replay.costmap.footprint.round(3).tolist(),
     }
 
@@ -159,7 +178,26 @@ def _tried_values(tried: Tried) -> Dict[str, Any]:
         "arrivals": tried.arrivals,
         "drives": len(tried.drives),
         "seconds": round(tried.seconds, 2),
+        "paths": [_thinned(drive.path) for drive in tried.drives],
     }
+
+
+def _thinned(track: np.ndarray) -> List[List[float]]:
+    """Return rows of a track (n, k), whose first column is the time [s], at least TRACK_S apart."""
+    steps = np.floor(track[:, 0] / TRACK_S)
+    _, first = np.unique(steps, return_index=True)
+    rows: List[List[float]] = np.round(track[first].astype(np.float64), 2).tolist()
+    return rows
+
+
+def _first_plan(drive: Drive) -> np.ndarray:
+    """Return the first plan (n, 3) to the goal, or that was followed; (0, 3) without a plan."""
+    for plans in (drive.routes, drive.plans):
+        if plans is not None:
+            for path in plans.path:
+                if len(path):
+                    return path
+    return np.empty((0, 3))
 
 
 def _event_values(diagnosis: Diagnosis, row: int) -> Dict[str, Any]:

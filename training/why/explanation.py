@@ -63,6 +63,8 @@ class Explanation:
         points: Points (x, y, cost) of the legal trajectories.
         table: Names, the command, the cheapest sample that drives on, and the cheapest samples: v
             [m/s], w [rad/s], cost and its parts.
+        driving: Row of the table with the cheapest sample that drives on, or None.
+        plan: Points (x, y) of the plan that was followed.
     """
 
     at: float
@@ -73,6 +75,8 @@ class Explanation:
     obstacle: Optional[List[float]] = None
     points: List[List[float]] = field(default_factory=list)
     table: List[List[Any]] = field(default_factory=list)
+    driving: Optional[int] = None
+    plan: List[List[float]] = field(default_factory=list)
 
     def values(self) -> Dict[str, Any]:
         """Return JSON values for the page."""
@@ -130,6 +134,10 @@ def explain(replay: Replay, cycle: Cycle) -> Explanation:
         replay.local.trajectory_cloud(replay.costmap)[:, [0, 1, 4]].round(2).tolist()
     )
     explanation.table = _table(samples)
+    if samples.best is not None:
+        # The command comes first, so that the sample follows it, or is the command itself.
+        explanation.driving = 1 if samples.best == samples.winner else 2
+    explanation.plan = cycle.plan[:, :2].round(2).tolist()
     return explanation
 
 

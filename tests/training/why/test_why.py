@@ -12,6 +12,7 @@ from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.drives.drive import Changes, Plans
 from applr_ros1.planner.parameters.settings import Change
 from sim_bridge.kinematic_simulator import KinematicSimulator
+from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import before_a_monitor, changed, decided, simulated, until
 from training.bags.read import BagError
 from training.bags.write import write
@@ -486,9 +487,22 @@ def test_the_command_answers_in_its_first_line_and_writes_a_page(bag, folder, ca
     )
     assert status == 0, err
     page = (folder / "why.html").read_text()
-    data = json.loads(page.partition('type="application/json">')[2].partition("</script>")[0])
+    data = json.loads(page.partition('id="data">')[2].partition("</script>")[0])
     assert data["events"][0]["cycles"][0]["points"]
     assert data["lines"] == out.splitlines()
+
+
+@needs_browser
+def test_keys_choose_an_event_a_moment_and_the_paths_on_the_page(bag, folder, capsys):
+    ran(capsys, bag, "--robot", "jackal", "--at", 3, "--quick", "--out", folder / "why.html")
+    with opened(folder / "why.html") as view:
+        focused(view, "button", "Event 1").press("Enter")
+        slider = focused(view, "slider", "Moment of the event")
+        slider.press("Home")
+        first = slider.get_attribute("aria-valuetext")
+        slider.press("End")
+        assert slider.get_attribute("aria-valuetext") != first
+        assert view.get_by_role("img", name="command").count()
 
 
 def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder, capsys):

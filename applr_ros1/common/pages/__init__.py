@@ -1,0 +1,1 @@
+"""Frame, style and charts that all web pages of this package share."""

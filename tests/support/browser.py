@@ -1,0 +1,46 @@
+"""Web pages in a headless browser, which may neither complain nor ask the network for anything."""
+
+import contextlib
+import shutil
+
+import pytest
+
+PROGRAM = shutil.which("chromium-headless-shell")
+OPTIONS = ["--no-sandbox", "--disable-dev-shm-usage"]  # The tests may run as root.
+NARROW_PX = 360  # narrowest screen that the pages fit
+needs_browser = pytest.mark.skipif(PROGRAM is None, reason="no headless Chromium here")
+
+
+@contextlib.contextmanager
+def opened(path):
+    """Open a file as a page. Afterwards the console must be empty, and the file the only request.
+
+    Nothing moves by itself: the page is told that its reader wants little motion.
+    """
+    playwright = pytest.importorskip("playwright.sync_api")
+    complaints = []
+    requests = []
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=PROGRAM, args=OPTIONS)
+        page = browser.new_page(
+            viewport={"width": 1280, "height": 800}, color_scheme="dark", reduced_motion="reduce"
+        )
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("request", lambda request: requests.append(request.url))
+        page.goto(path.as_uri())
+        yield page
+        page.set_viewport_size({"width": NARROW_PX, "height": 640})
+        width = page.evaluate("document.documentElement.scrollWidth")
+        browser.close()
+    assert complaints == []
+    assert [request for request in requests if not request.startswith("data:")] == [path.as_uri()]
+    assert width <= NARROW_PX, "a narrow screen scrolls sideways"
+
+
+def focused(page, role, name):
+    """Return an element that a reader without a mouse has reached."""
+    element = page.get_by_role(role, name=name).first
+    element.focus()
+    assert element.evaluate("element => element === document.activeElement")
+    return element
