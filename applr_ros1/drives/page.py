@@ -1,30 +1,33 @@
-"""Self-contained web page that animates drives side by side, world by world.
+"""Self-contained web page that animates drives, world by world, those of all methods in one map.
 
 The page of an evaluation's report shows all drives whose paths were recorded, and the page of the
-demo its single drive. The script in page.html draws the drives. All values are integers, to keep
-the file small.
+demo its single drive. The script in page.js draws the drives. Lengths, times and speeds are
+integers, to keep the file small.
 """
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, Mapping, NamedTuple, Sequence, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 
 import numpy as np
 
-from applr_ros1.common.files import read_bytes
+from applr_ros1.common.angles import transform_point
+from applr_ros1.common.pages.page import Page, color_indices
 from applr_ros1.drives.drive import REACHED, Drive
 from applr_ros1.policy.parameter_space import Space
-from worlds.world import World
+from worlds.world import World, clearance
 
-TEMPLATE = Path(__file__).with_name("page.html")
+SCRIPT = Path(__file__).with_name("page.js")
 POSE_PERIOD_S = 0.2  # interval between two poses of a drive [s]
 MARGIN_M = 1.2  # margin of the view before and behind the driven path [m]
 # Distance beside the driven path up to which obstacles are shown [m]; BARN's fields are 4.5 m wide
 ASIDE_M = 3.5
 SIDE_M = 0.3  # margin of the view beside the outermost obstacles [m]
+# Distance of the points of a robot's outline that are compared with obstacles [m]
+OUTLINE_M = 0.05
+DIGITS = 4  # significant digits of a parameter
 
 
 class Shown(NamedTuple):
@@ -53,44 +56,96 @@ class Scene:
 
 def page(
     title: str,
-    methods: Mapping[str, str],
+    verdict: str,
+    methods: Sequence[str],
     space: Space,
     body: Sequence[float],
     scenes: Sequence[Scene],
     marked: bool = False,
     back: str = "",
+    units: Mapping[str, str] = {},
+    measured: Sequence[str] = (),
 ) -> bytes:
     """Return the HTML of the page, encoded in UTF-8.
 
     Args:
         title: Title of the page.
-        methods: {name: colour} in the order of Shown.method.
+        verdict: How the drives went, in a sentence.
+        methods: Names of the methods in the order of Shown.method.
         space: Space of the parameters.
         body: Length and width of the robot [m].
         scenes: One or more worlds with their drives.
         marked: Whether the planner used predicted obstacle points.
-        back: HTML of a link above the page.
+        back: HTML of a link above the drives.
+        units: {name: unit} of the parameters.
+        measured: Sentences that say how it was measured.
     """
+    colors = color_indices(methods)
+    parameters = []
+    for name, low, high in zip(space.names, space.low.tolist(), space.high.tolist()):
+        parameters.append({"name": name, "low": low, "high": high, "unit": units.get(name, "")})
     values = {
-        "title": title,
-        "methods": [{"name": name, "color": color} for name, color in methods.items()],
-        "parameters": list(space.names),
+        "methods": [{"name": name, "color": colors[name]} for name in methods],
+        "parameters": parameters,
         "period": POSE_PERIOD_S,
         "body": list(body),
         "marked": marked,
-        "worlds": [_scene(scene, space) for scene in scenes],
+        "worlds": [_scene(scene) for scene in scenes],
     }
-    # A name with a tag would end the script that holds the data.
-    data = json.dumps(values, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-    data = data.replace("</", "<\\/")
-    return read_bytes(TEMPLATE).replace(b"@BACK@", back.encode()).replace(b"@DATA@", data.encode())
+    return Page("drives", title, verdict, SCRIPT, values, back, measured).html()
 
 
-def _scene(scene: Scene, space: Space) -> Dict[str, Any]:
+def verdict_of(drive: Drive, world: World, body: Sequence[float], begins: float = 0.0) -> str:
+    """Return in a sentence how a drive ended, its length, and the distance of the nearest obstacle.
+
+    Args:
+        drive: Drive with true motion and a goal.
+        world: World in which the robot drove.
+        body: Length and width of the robot [m].
+        begins: Time of the world at which the drive begins [s].
+    """
+    drive.require("truth", "goals")
+    assert drive.truth is not None
+    goal = drive.goals[-1]
+    seconds = f"{goal.end - goal.begin:.1f} s"
+    if goal.status == REACHED:
+        end = f"Reached the goal in {seconds}"
+    else:
+        end = f"Did not reach the goal: {goal.reason} after {seconds}"
+    nearest = nearest_obstacle(drive, world, body, begins)
+    contact = ", touched something" if len(drive.contacts) else ""
+    return f"{end}, {drive.truth.length:.1f} m, nearest obstacle {nearest:.2f} m{contact}"
+
+
+def nearest_obstacle(drive: Drive, world: World, body: Sequence[float], begins: float) -> float:
+    """Return the smallest distance [m] between the robot's outline and an obstacle, at least 0."""
+    poses, _ = _sampled(drive)
+    outline = _outline(body)
+    nearest = np.inf
+    for row, (x, y, yaw) in enumerate(poses.tolist()):
+        points = np.column_stack(transform_point((x, y, yaw), *outline.T))
+        gaps = clearance(world, points, begins + POSE_PERIOD_S * row)
+        nearest = min(nearest, float(gaps.min()))
+    return max(nearest, 0.0)
+
+
+def _outline(body: Sequence[float]) -> np.ndarray:
+    """Return points (n, 2) along the edges of a rectangle (length, width) [m] around the origin."""
+    length, width = body
+    along = np.linspace(-length / 2.0, length / 2.0, 1 + int(np.ceil(length / OUTLINE_M)))
+    across = np.linspace(-width / 2.0, width / 2.0, 1 + int(np.ceil(width / OUTLINE_M)))
+    edges = []
+    for sign in (-1.0, 1.0):
+        edges.append(np.column_stack([along, np.full(len(along), sign * width / 2.0)]))
+        edges.append(np.column_stack([np.full(len(across), sign * length / 2.0), across]))
+    return np.concatenate(edges)
+
+
+def _scene(scene: Scene) -> Dict[str, Any]:
     """Return a scene as the page's script reads it. Lengths are in cm, those of circles in mm."""
     world = scene.world
     course = world.course
-    drives = [_drive(shown, space) for shown in scene.drives]
+    drives = [_drive(shown) for shown in scene.drives]
 
     # Only obstacles near a driven path are shown: a world may be much larger.
     places = [np.array([course.start[:2]])]
@@ -128,7 +183,7 @@ def _scene(scene: Scene, space: Space) -> Dict[str, Any]:
     }
 
 
-def _drive(shown: Shown, space: Space) -> Dict[str, Any]:
+def _drive(shown: Shown) -> Dict[str, Any]:
     """Return a drive as the page's script reads it."""
     drive = shown.drive
     goal = drive.goals[-1]
@@ -146,10 +201,14 @@ def _drive(shown: Shown, space: Space) -> Dict[str, Any]:
     }
     if drive.decisions:
         times = [decision.time for decision in drive.decisions]
-        actions = [space.to_action(list(decision.after.values())) for decision in drive.decisions]
         values["at"] = _whole(times, 100)
-        values["a"] = _whole(actions, 50)
+        values["theta"] = [_short(decision.after) for decision in drive.decisions]
     return values
+
+
+def _short(parameters: Mapping[str, float]) -> List[float]:
+    """Return the values of parameters with DIGITS significant digits."""
+    return [float(f"{value:.{DIGITS}g}") for value in parameters.values()]
 
 
 def _sampled(drive: Drive) -> Tuple[np.ndarray, np.ndarray]:

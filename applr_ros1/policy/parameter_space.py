@@ -16,6 +16,7 @@ from applr_ros1.common import files
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.parameters.parameter import Parameter
 from applr_ros1.planner.parameters.settings import Settings
 from applr_ros1.robots import Robot
 from applr_ros1.robots.check import space_errors
@@ -277,6 +278,15 @@ def space_of(robot: Robot) -> Space:
     for array in (space.low, space.high, space.integer, space.theta0):
         array.setflags(write=False)
     return space
+
+
+def declaration(robot: Robot, name: str) -> Parameter:
+    """Return unit, bounds and meaning of a parameter of a robot's space, as its planner declares them."""
+    # The first target declares the parameter; the others follow it.
+    target = space_of(robot).targets[name][0]
+    declared = robot.servers[target.server].declared(target.name)
+    assert declared is not None, "space_of refuses targets that no server declares"
+    return declared
 
 
 SPACE = space_of(robots.JACKAL)

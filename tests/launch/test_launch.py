@@ -150,8 +150,10 @@ def test_demo_reaches_the_goal(tmp_path):
     ((drive,),) = (world["drives"] for world in drawn["worlds"])
     assert len(drive["p"]) == pytest.approx(result["time_s"] / 0.2, abs=2)
     assert np.cumsum(drive["p"], axis=0)[-1][1] >= 1000  # the finish line [cm]
-    assert len(drive["a"]) == len(drive["at"]) >= 2
-    assert len(drive["a"][0]) == len(drawn["parameters"])
+    assert len(drive["theta"]) == len(drive["at"]) >= 2
+    assert len(drive["theta"][0]) == len(drawn["parameters"])
+    seconds = "{:.1f}&nbsp;s".format(result["time_s"])
+    assert f'<p class="verdict">Reached the goal in {seconds}' in page
     assert result["page"] == str(tmp_path / "drive.html")
 
 

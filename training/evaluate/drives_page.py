@@ -1,4 +1,4 @@
-"""The page drives.html: the drives of all methods side by side, world by world.
+"""The page drives.html: the drives of all methods in one map, world by world.
 
 The page draws the traces that evaluate.py kept, thinned to five poses per second
 (applr_ros1/drives/page.py).
@@ -6,6 +6,7 @@ The page draws the traces that evaluate.py kept, thinned to five poses per secon
 
 from __future__ import annotations
 
+import html
 from pathlib import Path
 from typing import List
 
@@ -15,19 +16,23 @@ from applr_ros1.common.files import write_bytes
 from applr_ros1.drives.drive import ABORTED, REACHED, Goal
 from applr_ros1.drives.page import Scene, Shown, page
 from training.common.folders import make_folder
-from training.evaluate.figures import colors
 from training.evaluate.stored import Results
 from training.evaluate.table import read_trace
 
 FILE = "drives.html"
-BACK = '<a href="index.html">report</a>'
 MOST_TRIALS = 10  # largest number of drives per method and world on the page
 
 
-def write(results: Results, out: Path, title: str) -> bool:
+def write(results: Results, out: Path, title: str, back: str = "index.html") -> bool:
     """Write the page into `out`.
 
     Return False, without a page, if no traces were kept.
+
+    Args:
+        results: Trials of an evaluation.
+        out: Folder of the page.
+        title: Title of the page.
+        back: Address of the report, to which the page links.
     """
     scenes = []
     for world in results.worlds:
@@ -36,17 +41,33 @@ def write(results: Results, out: Path, title: str) -> bool:
             scenes.append(Scene(world, results.load(world), drives))
     if not scenes:
         return False
-    marked = bool(results.settings.get("movers"))
-    body = results.robot["body"]
-    text = page(title, colors(results), results.space, body, scenes, marked, BACK)
-    write_bytes(make_folder(out) / FILE, text)
+    made = page(
+        title=title,
+        verdict=_arrivals(results),
+        methods=results.methods,
+        space=results.space,
+        body=results.robot["body"],
+        scenes=scenes,
+        marked=bool(results.settings.get("movers")),
+        back=f'<p><a href="{html.escape(back)}">Report</a></p>',
+    )
+    write_bytes(make_folder(out) / FILE, made)
     return True
+
+
+def _arrivals(results: Results) -> str:
+    """Return in a sentence in how many trials each method arrives."""
+    parts = []
+    for method in results.methods:
+        success = results.of(method, results.worlds).success
+        parts.append(f"{method} arrives in {success.sum()} of {len(success)} trials")
+    return ", ".join(parts)
 
 
 def _drives(results: Results, world: str) -> List[Shown]:
     """Return the drives in a world for which traces were kept, method by method."""
     shown = []
-    # The page knows a method by its number in colors().
+    # The page knows a method by its number.
     for number, method in enumerate(results.methods):
         for row in results.of(method, [world]).head(MOST_TRIALS).itertuples():
             drive = read_trace(results.folder, world, method, row.trial)

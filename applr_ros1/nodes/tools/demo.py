@@ -32,12 +32,12 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.progress import announced
 from applr_ros1.drives.drive import ABORTED, REACHED, TIMED_OUT, Decision, Drive, Goal
-from applr_ros1.drives.page import Scene, Shown, page
+from applr_ros1.drives.page import Scene, Shown, page, verdict_of
 from applr_ros1.drives.recorder import Recorder
 from applr_ros1.msg import Parameters
 from applr_ros1.nodes.conversions import GOAL_STATES, Reading, pose_stamped, reading_of
 from applr_ros1.policy import methods
-from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.parameter_space import declaration, space_of
 from applr_ros1.robots import Robot, geometry, load
 from sim_bridge.ros_bridge import BASE_TIME_S
 
@@ -50,7 +50,6 @@ MOVERS = "/applr/tracked"
 PROGRESS_PERIOD_S = 2.0  # interval between progress lines, in simulated time [s]
 # Defaults of the arguments that the launch file does not have
 EXTRA = {"page": "applr_demo.html", "limit": "300"}
-COLOR = "#2ca02c"  # colour of the drive on its page
 USAGE = f"""usage: demo.py [ARG:=VALUE ...]
 
 Drive one course with the whole stack, without a window. The last line is one JSON object. The exit
@@ -198,15 +197,29 @@ def _drive(stack: Stack, setup: Setup, result: Dict[str, Any]) -> None:
         page=None,
     )
     if values["page"] != "none":
-        title = "{world}, {robot}, method {method}".format(**result)
-        began_in_world = observer.began - BASE_TIME_S
-        scene = Scene(setup.world.name, setup.world, [Shown(0, 0, drive)], began_in_world)
-        colors = {result["method"]: COLOR}
-        robot = setup.robot
-        content = page(title, colors, space_of(robot), robot.body.size[:2], [scene])
-        write_bytes(values["page"], content)
+        begins = observer.began - BASE_TIME_S
+        write_bytes(values["page"], _page(drive, setup.robot, begins, result))
         result["page"] = values["page"]
         report(result["page"])
+
+
+def _page(drive: Drive, robot: Robot, begins: float, result: Dict[str, Any]) -> bytes:
+    """Return the page of a drive that begins at the world's time `begins` [s]."""
+    world = drive.world
+    assert world is not None
+    body = robot.body.size[:2]
+    space = space_of(robot)
+    ground = "distances are those of the robot's body in the simulated world"
+    return page(
+        title="{robot} in {world}, method {method}".format(**result),
+        verdict=verdict_of(drive, world, body, begins),
+        methods=[result["method"]],
+        space=space,
+        body=body,
+        scenes=[Scene(world.name, world, [Shown(0, 0, drive)], begins)],
+        units={name: declaration(robot, name).unit for name in space.names},
+        measured=["Simulator {simulator}, seed {seed}; ".format(**result) + ground + "."],
+    )
 
 
 class Observer:

@@ -19,7 +19,7 @@ from std_srvs.srv import SetBool
 from applr_ros1.msg import Parameters
 from applr_ros1.nodes.conversions import GOAL_STATES
 from applr_ros1.policy.methods import CONTEXTS, POLICY, SET, shipped
-from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.parameter_space import declaration, space_of
 from applr_ros1.robots import Robot
 from applr_ros1.srv import SetMethod
 
@@ -88,13 +88,8 @@ class Panel:
         """
         space = self.space
         name = space.names[i]
-        target = space.targets[name][0]
-        declared = self._robot.servers[target.server].declared(target.name)
-        title = name
-        hint = ""
-        if declared is not None:
-            title = f"{name} [{declared.unit}]" if declared.unit else name
-            hint = declared.doc
+        declared = declaration(self._robot, name)
+        title = f"{name} [{declared.unit}]" if declared.unit else name
 
         # viser shows decimals unless all numbers of a slider are integers.
         number = int if space.integer[i] else float
@@ -108,7 +103,7 @@ class Panel:
             1 if space.integer[i] else 0.01,
             initial_value=min(max(default, low), high),
             marks=((default, "default"),),
-            hint=hint,
+            hint=declared.doc,
         )
         by_hand(slider, lambda value: self._take_over(**{name: float(value)}))
         return slider
