@@ -1,16 +1,16 @@
-"""Figures of the paper, drawn from our trials: time against world index, parameter profiles."""
+"""The paper's parameter profiles, drawn from our trials."""
 
 from __future__ import annotations
 
 import re
 from itertools import product
 from pathlib import Path
-from typing import Any, Dict, Iterator, NamedTuple, Sequence
+from typing import Any, Dict, Iterator, NamedTuple
 
 import numpy as np
 
 from applr_ros1.drives.drive import Drive
-from training.evaluate.stored import OTHER, TEST, TRAINING, Results
+from training.evaluate.stored import Results
 from training.evaluate.table import read_trace
 from worlds import World
 from worlds.draw import draw
@@ -26,9 +26,6 @@ LIMITS = (0.5, 0.9)  # distances to the nearest obstacle between the regions [m]
 AROUND_M = np.array([2.0, 1.0])  # margins of the map around the driven path, in x and y [m]
 PROFILES = 3  # largest number of methods whose parameters are drawn per world
 
-# Colours of the methods: the baseline is red and applr green, as in the paper
-COLORS = ("#d62728", "#2ca02c", "#1f77b4", "#ff7f0e", "#9467bd", "#8c564b", "#e377c2", "#7f7f7f")
-
 
 class Figure(NamedTuple):
     """Written figure: name of its file, and caption."""
@@ -37,29 +34,12 @@ class Figure(NamedTuple):
     caption: str
 
 
-def colors(results: Results) -> Dict[str, str]:
-    """Return the colour of each method, in the order of the methods."""
-    # applr comes second, wherever it stands among the methods.
-    ordered = [results.baseline, *sorted(results.rivals, key=lambda method: method != "applr")]
-    return {method: COLORS[ordered.index(method) % len(COLORS)] for method in results.methods}
-
-
 def write(results: Results, folder: Path) -> Iterator[Figure]:
-    """Write the figures for which there are trials, and yield them.
+    """Write the profiles for which there are traces, and yield them.
 
-    Parameter profiles are drawn for the world of median difficulty (of those with all traces) and
+    They are drawn for the world of median difficulty (of those with all traces) and
     the physical course.
     """
-    # With one world there is nothing to order.
-    sets = [name for name in (TRAINING, TEST, OTHER) if len(results.of_set(name)) >= 2]
-    if sets:
-        _save(times(results, sets), folder / "times.png")
-        order = f"ordered by {results.baseline}'s time, with linear fits"
-        yield Figure(
-            "times.png",
-            f"Traversal time against world index, {order} (the paper's figure of its environments)",
-        )
-
     # Drives {world: {method: drive}} of the worlds with all traces
     traces: Dict[str, Dict[str, Drive]] = {}
     for world in results.worlds:
@@ -89,39 +69,6 @@ def write(results: Results, folder: Path) -> Iterator[Figure]:
         regions = "regions by the room around the robot; dotted: θ₀"
         caption = f"Parameters of {method} along {world_name}: {regions}"
         yield Figure(file_name, f"{caption} (the paper's parameter profiles)")
-
-
-def times(results: Results, sets: Sequence[str]) -> Any:
-    """Plot the mean time in each world, in the order of the baseline's (paper, Fig. 6)."""
-    width = 8.0 if len(sets) == 1 else 5.5 * len(sets)
-    figure = _figure(width, 4.0)
-    (row,) = figure.subplots(1, len(sets), squeeze=False)
-    shades = colors(results)
-    for axes, set_name in zip(row, sets):
-        arrived = results.trials[results.trials.success & (results.trials.set == set_name)]
-        means = arrived.groupby(["world", "method"]).time_s.mean().unstack()
-        # A world in which the baseline never arrived has no place in the order.
-        means = means.reindex(columns=results.methods).dropna(subset=[results.baseline])
-        means = means.sort_values(results.baseline).reset_index(drop=True)
-        for method in results.methods:
-            color = shades[method]
-            of_method = means[method].dropna()
-            axes.plot(of_method, "o", ms=4.5, color=color, alpha=0.8, label=method)
-            if len(of_method) > 2:
-                x = of_method.index.to_numpy()
-                line = np.polyval(np.polyfit(x, of_method, 1), x)
-                axes.plot(x, line, "--", lw=1.4, color=color)
-        axes.set(
-            title=f"{set_name} worlds",
-            xlabel=f"world, in the order of {results.baseline}'s mean",
-            ylabel="mean time of successful trials [s]",
-            ylim=(0, None),
-        )
-        axes.grid(alpha=0.25)
-        axes.xaxis.get_major_locator().set_params(integer=True)
-    handles, labels = row[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside right upper", frameon=False, markerscale=1.5)
-    return figure
 
 
 def profile(results: Results, world: World, method: str, drive: Drive) -> Any:

@@ -1,108 +1,122 @@
 """Report of an evaluation: each table as CSV, each figure as PNG, and index.html with all of them.
 
-The page begins with a line for each comparison with the baseline. evaluate.py and ./applr tune
-write reports.
+The page begins with a line for each comparison with the baseline.
 """
 
 from __future__ import annotations
 
+import base64
 import html
 import os
-from typing import List, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Dict, List
 
 from tqdm import tqdm
 
 from applr_ros1.common.extras import absent
-from applr_ros1.common.files import write_bytes
+from applr_ros1.common.files import read_bytes, write_bytes
+from applr_ros1.common.pages.page import Page, color_indices
 from training.common.folders import make_folder
 from training.evaluate import drives_page, figures
-from training.evaluate.stored import TEST, Results
-from training.evaluate.tables import TABLES, Made
-from training.evaluate.verdict import compared
+from training.evaluate.compare import LEVEL, Comparison
+from training.evaluate.stored import SETS, TEST, Results
+from training.evaluate.tables import TABLES
+from training.evaluate.verdict import arrivals_of, compared, sentence
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FOLDER = "report"
 
-STYLE = """body{font:15px/1.45 system-ui,sans-serif;margin:2em auto;max-width:1180px;
-padding:0 1em;color:#222}
-table{border-collapse:collapse;font-size:13px;margin:.6em 0}
-th,td{padding:3px 9px;text-align:right;border-bottom:1px solid #ddd}td{white-space:nowrap}
-th{border-bottom:2px solid #888;vertical-align:bottom}th:first-child,td:first-child{text-align:left}
-.wide{overflow-x:auto}h1,h2,p{overflow-wrap:anywhere}
-#methods+.wide :is(td,th){text-align:left;white-space:normal}
-.verdict{font-size:15px}
-.note{font-size:12.5px;color:#555;margin:.3em 0;max-width:900px}
-img{max-width:100%;border:1px solid #eee;margin:.4em 0}h1{font-size:24px}
-h2{font-size:18px;margin-top:1.8em}"""
+SCRIPT = Path(__file__).with_name("report.js")
+FEWEST_POINTS = 2  # smallest number of worlds of which times are drawn
 
 
-def write(
-    folder: os.PathLike[str] | str,
-    above: Sequence[str] = (),
-    tables: Sequence[Made] = TABLES,
-) -> str:
-    """Write folder/report/ and return the path of its index.html.
-
-    Args:
-        folder: Folder of an evaluation.
-        above: Lines at the top of the page; empty for summary().
-        tables: Functions that make the tables. Lines that compare methods by another cost than the
-            tables of the paper stand without these tables.
+def write(folder: os.PathLike[str] | str) -> str:
+    """Write folder/report/ of an evaluation and return the path of its index.html.
 
     Raises:
         ApplrError: There are no trials, or the folder cannot be read or written.
     """
     results = Results(folder)
     report_folder = make_folder(results.folder / FOLDER)
-    title = f"APPLR: evaluation of {', '.join(results.methods)}"
-    filled = []
-    for make in tables:
+    title = f"Evaluation of {', '.join(results.methods)} in {len(results.worlds)} worlds"
+    body = [f"<p>{html.escape(line)}</p>" for line in summary(results)]
+    body.append('<div id="times"></div>')  # The script draws the figure of times there.
+    for make in TABLES:
         table = make(results)
         if table.rows.empty:
             continue
         rows = table.rows.to_csv(index=False, lineterminator="\n")
         write_bytes(report_folder / f"{table.name}.csv", rows.encode())
-        filled.append(table)
-
-    # Body of the page
-    body = [f"<h1>{html.escape(title)}</h1>"]
-    for line in above or summary(results):
-        body.append(f"<pre class=verdict>{html.escape(line)}</pre>")
-    if drives_page.write(results, report_folder, title):
-        link = "The drives of all methods side by side, as an animation"
-        body.append(f'<p><a href="{drives_page.FILE}">{link}</a></p>')
-    for table in filled:
         body.append(table.html())
-    # matplotlib is an optional package.
-    missing = absent("matplotlib")
-    if missing:
-        print(f"the report has no figures: {missing}")
-    else:
-        for figure in figures.write(results, report_folder):
-            caption = html.escape(figure.caption)
-            body.append(f"<h2>{caption}</h2>")
-            body.append(f'<img src="{html.escape(figure.file)}" alt="{caption}">')
-    body.append("<h2>How it was measured</h2>")
-    for fact in _facts(results):
-        body.append(f"<p>{html.escape(fact)}</p>")
 
-    # The page has no other files than its figures, so that it can be passed on.
-    viewport = '<meta name=viewport content="width=device-width,initial-scale=1">'
-    page_head = (
-        f"<meta charset=utf-8>{viewport}<title>{html.escape(title)}</title><style>{STYLE}</style>"
+    has_drives = drives_page.write(results, report_folder, title)
+    if has_drives:
+        link = "All drives in motion, world by world"
+        body.append(f'<h2>Drives</h2><p><a href="{drives_page.FILE}">{link}</a></p>')
+    body += _pictures(results, report_folder)
+
+    values = {
+        "baseline": results.baseline,
+        "methods": color_indices(results.methods),
+        "groups": _groups(results),
+        "drives": drives_page.FILE if has_drives else "",
+    }
+    page = Page(
+        kind="evaluation",
+        title=title,
+        verdict=headline(results),
+        script=SCRIPT,
+        data=values,
+        body="\n".join(body),
+        measured=facts(results),
     )
-    document = [
-        "<!doctype html><html lang=en><head>",
-        page_head,
-        "</head><body>",
-        *body,
-        "</body></html>\n",
-    ]
     page_file = report_folder / "index.html"
-    write_bytes(page_file, "\n".join(document).encode())
+    write_bytes(page_file, page.html())
     return str(page_file)
 
 
-def _facts(results: Results) -> List[str]:
+def _pictures(results: Results, folder: Path) -> List[str]:
+    """Write the parameter profiles into a folder, and return them as HTML."""
+    # matplotlib is an optional package.
+    missing = absent("matplotlib")
+    if missing:
+        print(f"the report has no parameter profiles: {missing}")
+        return []
+    parts = []
+    for figure in figures.write(results, folder):
+        # The page has its pictures in itself, so that it can be passed on.
+        picture = base64.b64encode(read_bytes(folder / figure.file)).decode()
+        caption = html.escape(figure.caption)
+        parts.append(f"<h2>{caption}</h2>")
+        parts.append(f'<img src="data:image/png;base64,{picture}" alt="{caption}">')
+    return parts
+
+
+def _groups(results: Results) -> List[Dict[str, Any]]:
+    """Return mean times of successful trials as JSON values, for the paper's figure of times.
+
+    The worlds of each group are those in which the baseline arrives, ordered by its time.
+    """
+    groups = []
+    for name in SETS:
+        arrived = results.trials[results.trials.success & (results.trials.set == name)]
+        means = arrived.groupby(["world", "method"]).time_s.mean().unstack()
+        # A world in which the baseline never arrived has no place in the order.
+        means = means.reindex(columns=results.methods).dropna(subset=[results.baseline])
+        means = means.sort_values(results.baseline).round(2)
+        if len(means) < FEWEST_POINTS:
+            continue
+        times = {}
+        for method in results.methods:
+            # JSON has no NaN, which stands for no arrival.
+            times[method] = means[method].astype(object).where(means[method].notna(), None).tolist()
+        groups.append({"name": name, "worlds": means.index.tolist(), "times": times})
+    return groups
+
+
+def facts(results: Results) -> List[str]:
     """Return sentences that describe how the trials were driven."""
     settings = results.settings
     planner = settings["planner"]
@@ -134,16 +148,40 @@ def _facts(results: Results) -> List[str]:
     return facts
 
 
-def summary(results: Results) -> List[str]:
-    """Return a line per rival: its comparison over the test worlds, or over all if too few."""
+def judged_trials(results: Results) -> pd.DataFrame:
+    """Return the trials in the test worlds, or in all worlds if too few of them were driven."""
     # Only worlds that the baseline has driven
     worlds = results.by_difficulty(results.of_set(TEST))
     if len(worlds) < 2:
         worlds = results.worlds
-    trials = results.trials[results.trials.world.isin(worlds)]
-    lines = []
+    return results.trials[results.trials.world.isin(worlds)]
+
+
+def comparisons(results: Results) -> Dict[str, Comparison]:
+    """Return the comparison of each rival with the baseline in judged_trials(), by method."""
+    worlds = judged_trials(results).world.unique().tolist()
+    made = {}
     for method in results.rivals:
         comparison = results.compare(method, results.baseline, worlds)
         if comparison.worlds:
-            lines.append(compared(trials, method, results.baseline, comparison))
+            made[method] = comparison
+    return made
+
+
+def summary(results: Results) -> List[str]:
+    """Return a line per rival: its comparison with the baseline."""
+    trials = judged_trials(results)
+    lines = []
+    for method, comparison in comparisons(results).items():
+        lines.append(compared(trials, method, results.baseline, comparison))
     return lines
+
+
+def headline(results: Results) -> str:
+    """Return the comparison of the best rival in a sentence."""
+    made = comparisons(results)
+    if not made:
+        return f"{results.baseline} alone was driven."
+    method = min(made, key=lambda rival: made[rival].difference.value)
+    arrivals = arrivals_of(judged_trials(results), method, results.baseline)
+    return sentence(method, results.baseline, made[method].better(LEVEL), arrivals)

@@ -42,9 +42,11 @@ class Table(NamedTuple):
         """
         with pd.option_context("display.max_colwidth", None):  # Else pandas cuts long cells.
             table = self.rows.to_html(index=False, border=0)
-        title = f"<h2 id={self.name}>{html.escape(self.title)}</h2>"
+        title = f"<h2>{html.escape(self.title)}</h2>"
+        kind = "wide words" if self.name == "methods" else "wide"
         notes = "".join(f"<p class=note>{html.escape(note)}</p>" for note in self.notes)
-        return f"{title}<div class=wide>{table}</div>{notes}"
+        # Whoever has no mouse scrolls the box by keys.
+        return f'{title}<div class="{kind}" tabindex=0>{table}</div>{notes}'
 
 
 Made = Callable[[Results], Table]  # makes the table of an evaluation

@@ -106,6 +106,61 @@ def _table(trials: pd.DataFrame) -> pd.DataFrame:
     return counts.join(means.rename(columns=MEANS))
 
 
+class Arrivals(NamedTuple):
+    """Arrivals of two methods in the same drives.
+
+    Attributes:
+        drives: Number of drives that each method made.
+        method: Number of arrivals of the method.
+        other: Number of arrivals of the other method.
+        both: Number of drives in which both arrive.
+        method_s: Mean time of the method in these [s]; NaN if there are none.
+        other_s: Mean time of the other method in these [s].
+    """
+
+    drives: int
+    method: int
+    other: int
+    both: int
+    method_s: float
+    other_s: float
+
+
+def arrivals_of(trials: pd.DataFrame, method: str, other: str) -> Arrivals:
+    """Return the arrivals of two methods in the drives that both have made."""
+    # An unfinished evaluation may hold drives of one method only.
+    of_pair = trials[trials.method.isin([method, other])].set_index(DRIVE)
+    success = of_pair.pivot(columns="method", values="success").dropna().astype(bool)
+    both_arrive = success.index[success.all(axis=1)]
+    times = of_pair.pivot(columns="method", values="time_s").loc[both_arrive].mean()
+    return Arrivals(
+        len(success),
+        int(success[method].sum()),
+        int(success[other].sum()),
+        len(both_arrive),
+        float(times[method]),
+        float(times[other]),
+    )
+
+
+def sentence(name: str, other: str, is_better: bool, arrivals: Arrivals) -> str:
+    """Return a comparison in a sentence, for the top of a page.
+
+    Args:
+        name: What is compared, in words.
+        other: What it is compared with.
+        is_better: Whether it is clearly better.
+        arrivals: Arrivals of both.
+    """
+    words = "is better than" if is_better else "is not clearly better than"
+    counts = f"{arrivals.method} of {arrivals.drives} drives arrive instead of {arrivals.other}"
+    line = f"{name} {words} {other}: {counts}"
+    if arrivals.both:
+        line += f", in {arrivals.method_s:.1f} s instead of {arrivals.other_s:.1f} s"
+        line += " where both arrive"
+    return line
+
+
 def compared(
     trials: pd.DataFrame,
     method: str,
@@ -128,19 +183,14 @@ def compared(
             better.
     """
     is_better = comparison.better(level) and not creeps
-    # An unfinished evaluation may hold drives of one method only.
-    of_pair = trials[trials.method.isin([method, other])].set_index(DRIVE)
-    success = of_pair.pivot(columns="method", values="success").dropna().astype(bool)
+    arrivals = arrivals_of(trials, method, other)
     parts = [
         f"{method} better: {'yes' if is_better else 'no'}, "
-        f"{success[method].sum()} of {len(success)} arrive ({other}: {success[other].sum()})"
+        f"{arrivals.method} of {arrivals.drives} arrive ({other}: {arrivals.other})"
     ]
-
-    both_arrive = success.index[success.all(axis=1)]
-    if len(both_arrive):
-        times = of_pair.pivot(columns="method", values="time_s").loc[both_arrive].mean()
-        change = f"{times[method]:.1f} s instead of {times[other]:.1f} s"
-        parts.append(f"{change} where both arrive ({len(both_arrive)} drives)")
+    if arrivals.both:
+        change = f"{arrivals.method_s:.1f} s instead of {arrivals.other_s:.1f} s"
+        parts.append(f"{change} where both arrive ({arrivals.both} drives)")
 
     if math.isnan(comparison.p):
         parts.append("too few courses to tell")

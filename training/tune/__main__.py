@@ -33,7 +33,7 @@ from training.evaluate.verdict import SET
 from training.robot import open_floor
 from training.tune.best_set import LINES_S, best_set, drives_of, show, warm_starts
 from training.tune.clock import Clock
-from training.tune.found_set import changes, judged, scope, write_set
+from training.tune.found_set import Judgement, changes, judged, scope, write_set
 from training.tune.options import TuneOptions, check_maps, split
 
 # files, each judged with or without the collision monitor
@@ -96,45 +96,40 @@ def run(options: TuneOptions) -> int:
         show(changed.drop(columns="meaning").to_string(index=False))
         context = scope(options, worlds, unseen_worlds)
         show(context)
-        is_written = False
-        for file, _ in JUDGED:
-            is_written |= judge(options, unseen, drives, file, context)
+        from training.tune import page
+
+        judgements = [judge(options, unseen, drives, file) for file, _ in JUDGED]
+        show(f"page: {page.write(robot, drives, changed, judgements, context)}")
+        is_written = any(judgement.is_better for judgement in judgements)
     return 0 if is_written else 1
 
 
-def judge(options: TuneOptions, unseen: str, drives: Path, file: str, context: str) -> bool:
-    """Judge the set in `drives`, write the file if it is better, and return whether it was written.
+def judge(options: TuneOptions, unseen: str, drives: Path, file: str) -> Judgement:
+    """Judge the set in `drives`, and write the file if it is better.
 
     Args:
         options: Options of the command.
         unseen: Worlds that the search did not use.
         drives: Folder with the parameter set.
         file: Name of the file, one of JUDGED.
-        context: Line that says in which worlds the set was searched and is judged, for the page.
     """
-    from training.evaluate import report, tables
-
     robot = options.robot
     monitor = dict(JUDGED)[file]
     judged_set = judged(options, unseen, drives, monitor)
-    title = f"{file}, {monitor} the collision monitor:"
-    # The other tables compare with another cost than the search.
-    page = report.write(
-        drives / monitor,
-        above=[title, *judged_set.lines, context],
-        tables=[tables.rates, tables.methods],
-    )
     is_better = judged_set.method == SET
     if is_better:
         folder = Path(robot.folder)
         if robot_name(robot) in NAMES:
             folder = drives.parent  # An included robot's folder is not written to.
-        write_bytes(folder / file, read_bytes(drives / file))
-        end = f"written: {folder / file}"
+        path = folder / file
+        write_bytes(path, read_bytes(drives / file))
+        end = f"written: {path}"
     else:
-        end = f"nothing written: the set is in {drives / file}"
-    show("\n".join([title, *judged_set.lines, end, f"page: {page}"]))
-    return is_better
+        path = drives / file
+        end = f"nothing written: the set is in {path}"
+    title = f"{file}, {monitor} the collision monitor:"
+    show("\n".join([title, *judged_set.lines, end]))
+    return Judgement(file, monitor, judged_set.lines, is_better, path)
 
 
 if __name__ == "__main__":

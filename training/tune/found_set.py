@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, Mapping, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Dict, Mapping, NamedTuple, Sequence, Tuple
 
 import numpy as np
 import yaml
@@ -12,7 +12,7 @@ import yaml
 from applr_ros1.common.files import write_bytes, write_json
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.variant import CPP_LIKE
-from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.parameter_space import declaration, space_of
 from applr_ros1.robots import Robot
 from applr_ros1.robots.learned import TRAJECTORY
 from training.common.command_line import robot_name
@@ -41,6 +41,24 @@ UNITS = {
     "# with `meter_scoring: false` (docs/howto/cpp_move_base.md)",
     "DWAPlannerROS": "metre, as in C++",
 }
+
+
+class Judgement(NamedTuple):
+    """Verdict on one of the files of a tuned set.
+
+    Attributes:
+        file: Name of the file.
+        monitor: "with" or "without" the collision monitor; also the name of the trials' folder.
+        lines: Lines of the verdict.
+        is_better: Whether the set is clearly better than the defaults.
+        path: Where the file is.
+    """
+
+    file: str
+    monitor: str
+    lines: Sequence[str]
+    is_better: bool
+    path: Path
 
 
 def write_set(robot: Robot, values: Mapping[str, Any], as_json: Path, as_yaml: Path) -> None:
@@ -126,10 +144,7 @@ def changes(
     defaults = space.as_dict(space.theta0)
     rows = []
     for name, value in values.items():
-        # The first target declares unit and meaning; the others follow it.
-        target = space.targets[name][0]
-        declared = robot.servers[target.server].declared(target.name)
-        assert declared is not None, "space_of refuses targets that no server declares"
+        declared = declaration(robot, name)
         effect = effects[name]
         row = {
             "parameter": name,

@@ -2,6 +2,7 @@
 
 import html
 import math
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy import stats
 
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy.parameter_space import THETA_0
+from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import driven
 from tests.support.runs import SETTINGS
 from training.evaluate import tables
@@ -223,27 +225,42 @@ def test_the_report_is_complete(folder):
     text = Path(page).read_text(encoding="utf-8")
     for name in ("table_1", "table_2", "table_3", "table_4", "pairs", "rates", "methods"):
         assert (out / ("%s.csv" % name)).stat().st_size > 0
-    pictures = ["times.png", "profile_generated-20_applr.png"]
-    for name in pictures:
-        assert (out / name).read_bytes()[:4] == b"\x89PNG"
-        assert name in text
+    pictures = list(out.glob("*.png"))
+    assert out / "profile_generated-20_applr.png" in pictures
+    assert all(picture.read_bytes()[:4] == b"\x89PNG" for picture in pictures)
+    assert text.count("data:image/png;base64,") == len(pictures)
     assert "Wall time 01:15; base seed 0" in text
     assert "kinematic" in text
-    assert "nan" not in text
-    assert text.count("<div class=wide><table") == text.count("<table") == 7
+    assert "nan" not in re.sub(r"base64,[^\"]*", "", text)
+    assert len(re.findall(r'<div class="wide[^>]*><table', text)) == text.count("<table") == 7
     lines = [html.unescape(text).index(line) for line in summary(Results(folder))]
     assert lines == sorted(lines)
     assert (
-        lines[-1]
-        < text.index('<a href="drives.html">')
+        text.index('class="verdict"')
+        < lines[0]
+        < lines[-1]
+        < text.index('<div id="times">')
         < text.index("<table")
-        < text.index("times.png")
+        < text.index('<a href="drives.html">')
     )
     assert "Planner: ours." in text
     assert (
         "Driven on 2026-01-02 with commit abc on a processor (4 cores); numpy 2. Command: evaluate.py"
         in text
     )
+
+
+@needs_browser
+def test_the_figure_of_the_report_says_by_keyboard_what_each_point_is(folder):
+    with opened(Path(write(folder))) as view:
+        slider = focused(view, "slider", "World of the group Test")
+        words = view.locator("figure").last.locator("p")
+        first = words.inner_text()
+        slider.press("ArrowRight")
+        second = words.inner_text()
+    assert first != second
+    for text in (first, second):
+        assert all(re.search(rf"{method} (\d+\.\d s|never arrives)", text) for method in METHODS)
 
 
 def test_report_of_one_method_and_one_world(tmp_path):

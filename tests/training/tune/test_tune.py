@@ -152,17 +152,18 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
     assert set_["max_vel_x"] == pytest.approx(1.4, abs=0.3)
     assert methods.make("static", robot).theta(None).tolist() == space.from_dict(set_).tolist()
     (drives,) = (tmp_path / "out").glob("fast_*")
-    page = (drives / "without/report/index.html").read_text()
+    page = (drives / "index.html").read_text()
     searched = "searched on 12 courses of generated:1-12, "
     assert printed.index(f"\n{searched}") < printed.index("\ntuned.yaml, without")
     assert f"\nfor a building and its doors: ./applr tune {jackal} --worlds MAP.yaml\n" in printed
-    parts = (
-        "tuned.yaml, without the collision monitor:",
-        "static better: yes, ",
-        searched,
-        "Arrivals",
-    )
-    assert [page.index(words) for words in parts] == sorted(page.index(words) for words in parts)
+    assert f"page: {drives}/index.html\n" in printed
+    assert "tuned.yaml is better than the defaults: 12 of 12 drives arrive instead of 12" in page
+    data = json.loads(page.partition('id="data">')[2].partition("</script>")[0])
+    assert [row["parameter"] for row in data["changes"]] == list(set_)
+    assert [verdict["file"] for verdict in data["verdicts"]] == ["tuned.yaml", "static.json"]
+    assert all(len(verdict["courses"]) == 12 for verdict in data["verdicts"])
+    assert data["scope"].startswith(searched)
+    assert data["yaml"] == (jackal / "tuned.yaml").read_text()
     changed = pd.read_csv(drives / "changes.csv", index_col="parameter")
     assert changed["default"]["max_vel_x"] == "0.5 m/s"
     assert (
@@ -177,7 +178,10 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
     assert all(LOADED), "tuned.yaml is loaded, too"
     assert set(PLANNERS) == {"cpp-like"}
     assert "cpp-like, started with the sets" in page
-    assert "the collision monitor" not in page.partition("How it was measured")[2]
+    measured = page.partition("How it was measured")[2].partition("</details>")[0]
+    without_monitor, _, with_monitor = measured.partition("<p>static.json:</p>")
+    assert "the collision monitor" not in without_monitor
+    assert "with the collision monitor" in with_monitor
     padding = space.names.index("footprint_padding")
     assert {task.theta[padding] for task in DRIVEN if task.theta} == {0.1}, (
         "it would act differently by reconfigure"

@@ -1,0 +1,93 @@
+"""Tests of the page of ./applr tune: its sentence, its courses, and its use without a mouse."""
+
+import json
+
+import pandas as pd
+import pytest
+
+from applr_ros1.robots import JACKAL
+from tests.support.browser import needs_browser, opened
+from tests.support.runs import SETTINGS
+from training.evaluate.table import Trials
+from training.evaluate.trial import Result, plan_trials
+from training.tune.found_set import Judgement
+from training.tune.page import write
+
+WORLDS = ["generated:1", "generated:2", "generated:3"]
+TIMES = {"dwa": (20.0, None, None), "static": (12.0, 14.0, None)}  # None: a failure
+CHANGED = pd.DataFrame(
+    {
+        "parameter": ["sim_time", "max_vel_x"],
+        "default": ["2 s", "0.5 m/s"],
+        "tuned": ["1.1 s", "1.4 m/s"],
+        "without it [s]": [0.4, 9.5],
+        "95 % low": [-1.0, 4.0],
+        "95 % high": [2.0, 30.0],
+        "median [s]": [0.1, 8.0],
+        "effect": ["unclear", "saves"],
+        "meaning": ["Duration of a sample.", "Largest velocity."],
+    }
+)
+
+
+@pytest.fixture
+def drives(tmp_path):
+    """Return the folder of a set that was judged on three courses, with the monitor and without it."""
+    (tmp_path / "tuned.yaml").write_text("DWAPlannerROS: {}\n")
+    for monitor in ("with", "without"):
+        plan = plan_trials([(w, w) for w in WORLDS], [(m, m) for m in TIMES], 1, seed=0)
+        settings = dict(SETTINGS, worlds=WORLDS, world_specs=WORLDS)
+        with Trials(tmp_path / monitor, settings) as store:
+            for trial in plan:
+                time = TIMES[trial.method][WORLDS.index(trial.world)]
+                reason = "finished" if time else "no way. Even after recovery"
+                store.add(
+                    trial, Result(bool(time), False, False, time or 100.0, 3, 6.0, reason, 7.0)
+                )
+    return tmp_path
+
+
+def page_of(drives, *are_better):
+    files = ("tuned.yaml", "static.json")
+    judgements = []
+    for file, monitor, is_better in zip(files, ("without", "with"), are_better):
+        judgements.append(Judgement(file, monitor, ["table", "line"], is_better, drives / file))
+    return write(JACKAL, drives, CHANGED, judgements, "searched on 9 courses\nfor a building: MAP")
+
+
+def data_of(path):
+    return json.loads(path.read_text().partition('id="data">')[2].partition("</script>")[0])
+
+
+def test_the_sentence_has_arrivals_first_and_is_that_of_a_file_that_was_written(drives):
+    text = page_of(drives, False, True).read_text()
+    sentence = (
+        "2 of 3 drives arrive instead of 1, in 12.0&nbsp;s instead of 20.0&nbsp;s where both arrive"
+    )
+    assert f'<p class="verdict">static.json is better than the defaults: {sentence}</p>' in text
+    text = page_of(drives, False, False).read_text()
+    assert f"tuned.yaml is not clearly better than the defaults: {sentence}" in text
+
+
+def test_each_course_has_both_drives_and_an_effect_of_one_course_no_interval(drives):
+    of_one_course = CHANGED.assign(**{"95 % low": float("nan"), "95 % high": float("nan")})
+    judgement = Judgement("tuned.yaml", "without", ["table"], True, drives / "tuned.yaml")
+    data = data_of(write(JACKAL, drives, of_one_course, [judgement], "searched"))
+    assert [row["95 % low"] for row in data["changes"]] == [None, None]
+    (verdict,) = data["verdicts"]
+    ends = [(course["before"]["ok"], course["after"]["ok"]) for course in verdict["courses"]]
+    assert ends == [(True, True), (False, True), (False, False)]
+    assert verdict["courses"][2]["after"]["why"] == "no way. Even after recovery"
+
+
+@needs_browser
+def test_the_page_shows_changes_and_failures_and_opens_its_details_by_keyboard(drives):
+    with opened(page_of(drives, True, False)) as view:
+        changes = view.locator(".changes b").all_inner_texts()
+        assert changes == ["max_vel_x", "sim_time"], "what saves something comes first"
+        assert view.get_by_text("fails → fails: no way", exact=True).count() == 2
+        assert not view.get_by_text("Largest velocity.").is_visible()
+        summary = view.locator("summary", has_text="What the parameters mean")
+        summary.focus()
+        summary.press("Enter")
+        assert view.get_by_text("Largest velocity.").is_visible()

@@ -1,0 +1,87 @@
+"""The page of `./applr tune`: what changed, what it saves, each course, and how to load the set."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Dict, List, Sequence
+
+from applr_ros1.common.files import read_bytes, write_bytes
+from applr_ros1.common.pages.page import Page
+from applr_ros1.robots import Robot
+from training.evaluate import drives_page
+from training.evaluate.report import facts
+from training.evaluate.stored import Results
+from training.evaluate.trial import BASELINE
+from training.evaluate.verdict import SET, arrivals_of, sentence
+from training.tune.found_set import Judgement
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+FILE = "index.html"
+SCRIPT = Path(__file__).with_name("page.js")
+NOT_TRIED = "All drives were simulated: try the set on the robot with a hand at its emergency stop."
+
+
+def write(
+    robot: Robot,
+    drives: Path,
+    changed: pd.DataFrame,
+    judgements: Sequence[Judgement],
+    scope: str,
+) -> Path:
+    """Write the page into the folder `drives`, and return its path.
+
+    Pages of the drives lie beside it.
+
+    Args:
+        robot: Robot that was tuned.
+        drives: Folder with the parameter set and the trials of the verdicts.
+        changed: Table of the changed parameters, from changes().
+        judgements: Verdicts on the set.
+        scope: Where the set was searched and is judged, in words.
+    """
+    title = f"Tuned parameters of {robot.name}"
+    verdicts: List[Dict[str, Any]] = []
+    sentences = []
+    measured = scope.splitlines()
+    for judgement in judgements:
+        folder = drives / judgement.monitor
+        results = Results(folder)
+        has_drives = drives_page.write(results, folder, title, f"../{FILE}")
+        courses = [_course(results, world) for world in results.worlds]
+        verdicts.append(
+            {
+                **judgement._asdict(),
+                "path": str(judgement.path),
+                "courses": courses,
+                "drives": f"{folder.name}/{drives_page.FILE}" if has_drives else "",
+            }
+        )
+        arrivals = arrivals_of(results.trials, SET, BASELINE)
+        sentences.append(sentence(judgement.file, "the defaults", judgement.is_better, arrivals))
+        measured += [f"{judgement.file}:", *judgement.lines[1:], *facts(results)]
+    is_better = [judgement.is_better for judgement in judgements]
+    headline = sentences[is_better.index(True) if any(is_better) else 0]
+    values = {
+        # Pandas writes null for an interval that a single course does not have.
+        "changes": json.loads(changed.to_json(orient="records")),
+        "verdicts": verdicts,
+        "scope": scope,
+        "not_tried": NOT_TRIED,
+        "yaml": read_bytes(drives / "tuned.yaml").decode(),
+        "robot": robot.folder,
+    }
+    page = Page(f"tune · {robot.name}", title, headline, SCRIPT, values, measured=measured)
+    write_bytes(drives / FILE, page.html())
+    return drives / FILE
+
+
+def _course(results: Results, world: str) -> Dict[str, Any]:
+    """Return how both methods drove a course, as JSON values."""
+    course: Dict[str, Any] = {"world": world}
+    for key, method in (("before", BASELINE), ("after", SET)):
+        trial = results.of(method, [world]).iloc[0]
+        course[key] = {"ok": bool(trial.success), "t": float(trial.time_s), "why": trial.reason}
+    return course
