@@ -171,7 +171,8 @@ def _speed_along(plan: np.ndarray, track: np.ndarray, replay: Replay) -> float:
     begin = np.hypot(*(points - track[0]).T).argmin()
     end = np.hypot(*(points - track[-1]).T).argmin()
     gained = float(way[end] - way[begin])
-    return gained / (AHEAD * replay.period)
+    speed: float = gained / (AHEAD * replay.period)
+    return speed
 
 
 def together(settings: Settings, change: Change) -> Tuple[Change, ...]:
