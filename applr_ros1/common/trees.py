@@ -12,8 +12,9 @@ def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Dict[str, A
     """
     section: Dict[str, Any] = tree
     for name in filter(None, path.split("/")):
-        if create:
-            section.setdefault(name, {})
+        # An empty section of a YAML file is None.
+        if create and section.get(name) is None:
+            section[name] = {}
         subsection = section.get(name)
         if not isinstance(subsection, dict):
             return {}

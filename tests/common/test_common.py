@@ -19,6 +19,7 @@ from applr_ros1.common.arguments import number_within
 from applr_ros1.common.errors import ApplrError, one_line, run_main
 from applr_ros1.common.extras import EXTRAS
 from applr_ros1.common.progress import announced
+from applr_ros1.common.trees import branch
 from applr_ros1.policy.methods import load_module
 from tests.support import HANGS, ROOT
 from tests.support.refusals import refused
@@ -225,3 +226,10 @@ def test_without_extras_policies_and_evaluation_work_and_other_commands_end_in_o
     for line in lines[-len(commands) :]:
         assert re.match("ended with: (train.py: )?Python's ", line), line
         assert line.endswith("pip install '.[train]'"), line
+
+
+def test_a_path_is_created_through_an_empty_section():
+    tree = {"local_costmap": None}
+    branch(tree, "local_costmap/inflation", create=True)["inflation_radius"] = 0.4
+    assert tree == {"local_costmap": {"inflation": {"inflation_radius": 0.4}}}
+    assert branch({"a": 1}, "a/b") == {}

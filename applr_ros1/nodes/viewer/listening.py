@@ -140,7 +140,9 @@ def call(report: Report, name: str, kind: Any, *request: Any) -> bool:
     try:
         rospy.wait_for_service(name, ANSWER_S)
         answer = rospy.ServiceProxy(name, kind)(*request)
-        problem = "" if getattr(answer, "success", True) else answer.message
+        problem = ""
+        if not getattr(answer, "success", True):
+            problem = answer.message or f"{name} refuses"
     except rospy.ROSException:
         problem = f"{name} does not answer"
     except rospy.ServiceException as error:
