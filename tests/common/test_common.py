@@ -219,7 +219,7 @@ def test_without_extras_policies_and_evaluation_work_and_other_commands_end_in_o
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert (
-        "the report has no figures: Python's matplotlib is not installed"
+        "the report has no parameter profiles: Python's matplotlib is not installed"
         in lines[-len(commands) - 2]
     )
     assert (tmp_path / "results/report/table_1.csv").exists()
