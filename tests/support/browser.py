@@ -7,6 +7,7 @@ import pytest
 
 PROGRAM = shutil.which("chromium-headless-shell")
 OPTIONS = ["--no-sandbox", "--disable-dev-shm-usage"]  # The tests may run as root.
+SETTLES_MS = 10_000.0  # longest time in which a page is drawn anew [ms]
 NARROW_PX = 360  # narrowest screen that the pages fit
 needs_browser = pytest.mark.skipif(PROGRAM is None, reason="no headless Chromium here")
 
@@ -31,11 +32,15 @@ def opened(path):
         page.goto(path.as_uri())
         yield page
         page.set_viewport_size({"width": NARROW_PX, "height": 640})
-        width = page.evaluate("document.documentElement.scrollWidth")
+        # Charts are drawn anew in the frames after the change of size.
+        fits = f"document.documentElement.scrollWidth <= {NARROW_PX}"
+        with contextlib.suppress(playwright.TimeoutError):
+            page.wait_for_function(fits, timeout=SETTLES_MS)
+        is_narrow = page.evaluate(fits)
         browser.close()
     assert complaints == []
     assert [request for request in requests if not request.startswith("data:")] == [path.as_uri()]
-    assert width <= NARROW_PX, "a narrow screen scrolls sideways"
+    assert is_narrow, "a narrow screen scrolls sideways"
 
 
 def focused(page, role, name):
