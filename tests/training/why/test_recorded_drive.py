@@ -11,7 +11,7 @@ from applr_ros1.robots import JACKAL
 from tests.support.drives import simulated, until
 from training.bags.paths import path_of
 from training.bags.read import BagError, read
-from training.bags.topics import TopicNames
+from training.bags.topics import CHANNELS, Maker, TopicNames
 from training.bags.transforms import Tree
 from training.bags.write import BagWriter, write
 from training.why.recorded import RecordedOptions, drive_of, followed_plans
@@ -103,6 +103,13 @@ def test_of_navfns_two_plans_of_one_stamp_the_second_is_followed(driven, tmp_pat
     assert np.allclose(made.routes.path[3], driven.routes.path[3])
 
 
+def test_a_plan_that_came_during_a_cycle_may_be_too_late_for_it(driven, tmp_path):
+    """Each plan comes 5 ms before the command of the cycle before its own."""
+    early = Plans(driven.routes.time - 0.055, driven.routes.path)
+    path = write(tmp_path / "early.bag", replace(driven, plans=None, routes=early))
+    assert share(read_back(path)) > 0.97
+
+
 def straight(seconds, metres):
     """Return a drive along x that follows one route from 0 to 10 m."""
     time = np.linspace(0.0, seconds, 21)
@@ -155,6 +162,34 @@ def test_a_path_read_at_once_equals_that_of_rosbags(driven, tmp_path, monkeypatc
     slow = read(path)
     for one, other in zip(quick.plans.path, slow.plans.path, strict=True):
         assert np.allclose(one, other, rtol=0.0, atol=1e-15)
+
+
+def serialised(frames, turns):
+    """Return a path (its message, and as bytes) with poses of some frames and quaternions (n, 4)."""
+    maker = Maker()
+    poses = []
+    for frame, turn in zip(frames, turns, strict=True):
+        stamped = maker.stamped_pose(2.0, frame, (1.0, 2.0, 0.0))
+        quaternion = maker.make("geometry_msgs/msg/Quaternion", *turn)
+        pose = maker.make("geometry_msgs/msg/Pose", stamped.pose.position, quaternion)
+        poses.append(maker.make("geometry_msgs/msg/PoseStamped", stamped.header, pose))
+    kind = "nav_msgs/msg/Path"
+    message = maker.make(kind, maker.header(2.0, "/map"), poses)
+    return message, maker.store.serialize_ros1(message, kind)
+
+
+def test_a_path_read_at_once_has_the_yaws_of_rotations_that_are_not_level():
+    turns = np.random.default_rng(0).normal(size=(9, 4))
+    message, raw = serialised(["map"] * 9, turns)
+    stamp, frame, poses = path_of(raw)
+    assert (stamp, frame) == (2_000_000_000, "map")
+    assert np.allclose(poses, CHANNELS["routes"].unpack(message)[2], rtol=0.0, atol=1e-15)
+
+
+def test_poses_of_frames_of_unequal_lengths_are_left_to_rosbags():
+    """Lengths of 3, 2 and 4 add up as three of 3 would."""
+    _, raw = serialised(["map", "ab", "odom"], np.ones((3, 4)))
+    assert path_of(raw) is None
 
 
 def test_a_damaged_path_is_left_to_rosbags():
@@ -309,6 +344,15 @@ def test_poses_are_composed_along_a_chain_of_links(driven, tmp_path):
     assert np.allclose(made.odometry.pose, driven.odometry.pose)
 
 
+def test_a_quaternion_and_its_opposite_are_one_rotation():
+    turning = links(
+        [(0.0, "odom", "base_link", (0, 0, 0.2)), (1.0, "odom", "base_link", (0, 0, 0.4))]
+    )
+    turning.place[1, 3:] *= -1.0
+    place = Tree(turning).place("odom", "base_link", np.array([0.5]))
+    assert place.planar[0, 2] == pytest.approx(0.3)
+
+
 def test_more_frequent_poses_of_tf_are_all_taken(driven, tmp_path):
     short = until(driven, 2.0)
     every_second = short.odometry.part(slice(0, None, 2))
@@ -351,10 +395,13 @@ def test_the_lasers_place_is_tfs(driven, tmp_path):
 def test_a_laser_upside_down_has_its_beams_in_reverse(driven, tmp_path):
     """A rotation by pi about x: beam k of n points where beam n - 1 - k of an upright laser does."""
     short = until(driven, 2.0)
+    short.scans = replace(short.scans, fan=short.scans.fan + [0.3, 0.0, 0.0, 0.0])  # not symmetric
     reversed_scans = [ranges[::-1].copy() for ranges in short.scans.ranges]
+    fan = short.scans.fan.copy()
+    fan[:, 0] = -(fan[:, 0] + fan[:, 1] * (len(reversed_scans[0]) - 1))
     drive = replace(
         short,
-        scans=replace(short.scans, ranges=reversed_scans),
+        scans=replace(short.scans, fan=fan, ranges=reversed_scans),
         transforms=laser_link(JACKAL.laser.pose, rotation=(1.0, 0.0, 0.0, 0.0)),
     )
     made = read_back(write(tmp_path / "a.bag", drive))
