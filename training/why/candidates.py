@@ -132,7 +132,7 @@ def _paddings(tree: Dict[str, Any]) -> Iterator[Rated]:
 
 
 def _ranges(tree: Dict[str, Any]) -> Iterator[Rated]:
-    """Yield larger ranges of the costmaps' sources of observations: double, and what the laser sees."""
+    """Yield C++'s ranges of obstacles and of clearing in place of shorter ones."""
     for name, usual in (("obstacle_range", 2.5), ("raytrace_range", 3.0)):
         changes = []
         for path, source in _sources(tree):
