@@ -133,6 +133,9 @@ ODOMETRY_OFF_SHARE = 0.08
 # reach of a planner's 20 m global map from the start, without its blocked outermost cells [m]
 MAP_REACH_M = 19.7
 
+# tolerance of a course without a circle around its goal [m]: no distance is within it
+NO_CIRCLE_M = -1.0
+
 
 @dataclass(frozen=True, eq=False)
 class Course:

@@ -6,6 +6,7 @@ and reports read them. All times are in seconds since the drive's beginning.
 
 import io
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Any, Dict, List, NamedTuple, Optional, Tuple, TypeVar
 
 import numpy as np
@@ -77,6 +78,18 @@ class Motion(Rows):
     stamp: np.ndarray
     pose: np.ndarray
     twist: np.ndarray
+
+    def pose_at(self, stamp: float) -> Pose:
+        """Return the pose (x, y, yaw) [m, m, rad] at a time [s], between the poses around it."""
+        x = float(np.interp(stamp, self.stamp, self.pose[:, 0]))
+        y = float(np.interp(stamp, self.stamp, self.pose[:, 1]))
+        yaw = float(np.interp(stamp, self.stamp, self._yaws))
+        return x, y, yaw
+
+    @cached_property
+    def _yaws(self) -> np.ndarray:
+        """Yaw angles without jumps by a full turn [rad]."""
+        return np.unwrap(self.pose[:, 2])
 
     @property
     def length(self) -> float:

@@ -17,6 +17,7 @@ import numpy as np
 
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import JACKAL, Robot, load
+from applr_ros1.robots.geometry import bounding_box
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import simulated
 from training.why import __main__ as why
@@ -34,8 +35,16 @@ FRESH_SEEDS = (101, 102, 103)
 # ratios of the mean times after and before
 HELPED = 0.9
 HARMED = 1.1
-CHOOSING = 3, 11, 40, 7  # worlds with which rules were chosen
-JUDGING = 5, 17, 23, 28, 45, 61, 76, 88  # worlds of the table
+JUDGING = (
+    5,
+    17,
+    23,
+    28,
+    45,
+    61,
+    76,
+    88,
+)  # worlds of the table; rules were chosen with 3, 11, 40 and 7
 ROBOTS = "jackal", "turtlebot3_waffle_pi", "husky"
 TRAJECTORY = "TrajectoryPlannerROS"
 DWA = "DWAPlannerROS"
@@ -130,7 +139,7 @@ def faults(robot: Robot) -> List[Candidate]:
                 if isinstance(section, dict) and name in section:
                     changes.append(Change(f"{costmap}/{layer}", name, None, value))
         planted.append(Candidate(tuple(changes)))
-    back, front, right, left = _body(robot)
+    back, front, right, left = bounding_box(robot)
     wide = [
         [1.6 * x, 1.6 * y] for x, y in ((back, right), (back, left), (front, left), (front, right))
     ]
@@ -139,20 +148,20 @@ def faults(robot: Robot) -> List[Candidate]:
         changes = [
             Change(costmap, name, None, value) for costmap in ("local_costmap", "global_costmap")
         ]
-        planted.append(Candidate(tuple(changes), is_live=False))
-    planted.append(Candidate((Change("", "controller_frequency", None, 3.0),), is_live=False))
+        planted.append(Candidate(tuple(changes)))
+    planted.append(Candidate((Change("", "controller_frequency", None, 3.0),)))
     size = 2.0 * scale
     window = (
         Change("local_costmap", "width", None, size),
         Change("local_costmap", "height", None, size),
     )
-    planted.append(Candidate(window, is_live=False))
+    planted.append(Candidate(window))
     for name in ("obstacle_range", "raytrace_range"):
         changes = []
         for costmap in ("local_costmap", "global_costmap"):
             for path in _sources_of(tree, costmap):
                 changes.append(Change(path, name, None, 0.6 * scale))
-        planted.append(Candidate(tuple(changes), is_live=False))
+        planted.append(Candidate(tuple(changes)))
     return planted
 
 
@@ -166,12 +175,6 @@ def _sources_of(tree: Dict[str, Any], path: str) -> List[str]:
         if isinstance(value, dict):
             found += _sources_of(tree, f"{path}/{name}")
     return found
-
-
-def _body(robot: Robot):
-    length, width = robot.body.size[:2]
-    x, y = robot.body.centre
-    return x - length / 2, x + length / 2, y - width / 2, y + width / 2
 
 
 def mean_time(robot: Robot, world: int) -> float:

@@ -12,13 +12,13 @@ from typing import NamedTuple, Tuple
 import numpy as np
 import yaml
 
-from applr_ros1.common.angles import Pose
+from applr_ros1.common.angles import Pose, transform_point
 from applr_ros1.common.files import write_bytes
 from applr_ros1.drives.drive import Drive, Motion, Scans
 from applr_ros1.robots import Robot
 from worlds import Course, World
 from worlds.map_reader import FREE, OCCUPIED, boxes
-from worlds.world import Grid
+from worlds.world import NO_CIRCLE_M, Grid
 
 RESOLUTION_M = 0.05  # edge of a cell [m]
 SCANS = 120  # largest number of scans that are used
@@ -26,7 +26,6 @@ BEAMS = 240  # largest number of beams of a scan that are used
 HITS = 2  # least number of beams that end in an occupied cell
 HIT_SHARE = 0.3  # least share of them among the beams that reach the cell
 MARGIN_M = 1.0  # width of the margin around scans and drive [m]
-NO_CIRCLE_M = -1.0  # Only the planner's report ends the course.
 
 
 class Rays(NamedTuple):
@@ -100,22 +99,15 @@ def write_map(grid: Grid, path: str) -> None:
 def _rays(scans: Scans, odometry: Motion, laser_pose: Pose) -> Rays:
     """Return beams of scans that are evenly spread over a drive."""
     chosen = np.unique(np.linspace(0, len(scans) - 1, SCANS).astype(int))
-    yaws = np.unwrap(odometry.pose[:, 2])
     laser_x, laser_y, laser_yaw = laser_pose
     parts = []
     for row in chosen:
         first_angle, increment, range_min, range_max = scans.fan[row]
         step = max(1, len(scans.ranges[row]) // BEAMS)
         ranges = scans.ranges[row][::step].astype(float)
-        stamp = scans.stamp[row]
-        x = np.interp(stamp, odometry.stamp, odometry.pose[:, 0])
-        y = np.interp(stamp, odometry.stamp, odometry.pose[:, 1])
-        yaw = np.interp(stamp, odometry.stamp, yaws)
-        origin = (
-            x + np.cos(yaw) * laser_x - np.sin(yaw) * laser_y,
-            y + np.sin(yaw) * laser_x + np.cos(yaw) * laser_y,
-        )
-        angles = yaw + laser_yaw + first_angle + increment * step * np.arange(len(ranges))
+        pose = odometry.pose_at(scans.stamp[row])
+        origin = transform_point(pose, laser_x, laser_y)
+        angles = pose[2] + laser_yaw + first_angle + increment * step * np.arange(len(ranges))
         is_free = ~np.isfinite(ranges) | (ranges >= range_max)
         is_return = ~is_free & (ranges >= range_min)
         # Some lasers report 0 for beams without a return; others are too near to measure.
@@ -159,8 +151,7 @@ def _driven_over(
     across = np.arange(-width / 2, width / 2 + 1e-9, RESOLUTION_M / 2) + centre_y
     x, y = (offsets.ravel() for offsets in np.meshgrid(along, across))
     over = np.zeros(shape, bool)
-    for pose_x, pose_y, yaw in np.unique(odometry.pose.round(2), axis=0):
-        points_x = pose_x + np.cos(yaw) * x - np.sin(yaw) * y
-        points_y = pose_y + np.sin(yaw) * x + np.cos(yaw) * y
-        over |= _counts(np.column_stack([points_x, points_y]), low, shape) > 0
+    for pose in np.unique(odometry.pose.round(2), axis=0).tolist():
+        points = np.column_stack(transform_point(pose, x, y))
+        over |= _counts(points, low, shape) > 0
     return over

@@ -25,6 +25,7 @@ from applr_ros1.robots.check import Remark
 from training.env.episode import Episode, counting_cells
 from training.why.reasons import STANDS, failure_of
 from worlds import Course, World
+from worlds.world import NO_CIRCLE_M
 
 GOAL_DISTANCE_M = 5.0  # distance of the goals at the Jackal's scale [m]
 WINDOW_SHARE = 0.45  # largest goal distance as a share of the size of a rolling global costmap
@@ -70,10 +71,8 @@ def courses(robot: Robot) -> List[World]:
 
     def course(name: str, boxes: Sequence[Any], y: float, yaw: float) -> World:
         path = np.array([(0.0, 0.0), (0.0, y)])
-        no_circle = (
-            -1.0
-        )  # A course with a circle would end before the robot has turned to the goal's heading.
-        way = Course((0.0, 0.0, ahead), (0.0, y, yaw), None, no_circle, path, planner_ends=True)
+        # A course with a circle would end before the robot has turned to the goal's heading.
+        way = Course((0.0, 0.0, ahead), (0.0, y, yaw), None, NO_CIRCLE_M, path, planner_ends=True)
         return World(name, np.zeros((0, 3)), np.array(boxes, np.float64).reshape(-1, 5), way)
 
     return [

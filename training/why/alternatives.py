@@ -17,12 +17,12 @@ from typing_extensions import override
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.parameters.parameter import Parameter
 from applr_ros1.planner.parameters.settings import Change, Settings
+from training.why.candidates import LEAST_CHANGE
 from training.why.explanation import arc, lethal_points
 from training.why.replay import Cycle, Replay
 
 AHEAD = 40  # number of control cycles for which the planner drives on
 FACTORS = 0.5, 2.0  # changes of a value that are tried, beside the default of the C++ planner
-LEAST_CHANGE = 0.1  # smallest relative change that is tried
 FEW = 2  # step between the cycles from which a value is tried first
 ELSEWHERE = 4  # number of alternatives that are also driven from cycles outside the events
 LITTLE = 0.01  # gain of speed up to which an alternative does not count [m/s]

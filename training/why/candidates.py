@@ -25,12 +25,10 @@ class Candidate(NamedTuple):
 
     Attributes:
         changes: The changes; the first one names the candidate.
-        is_live: Whether they can be set while move_base runs. Others stand in its files.
         words: Words for people, if they are not those of the changes.
     """
 
     changes: Tuple[Change, ...]
-    is_live: bool = True
     words: str = ""
 
     @override
@@ -115,7 +113,7 @@ def _footprints(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
     if changes:
         length, width = front - back, left - right
         words = f"footprint -> the outline of the body, {length:.2f} x {width:.2f} m"
-        yield float(np.log(excess)), Candidate(tuple(changes), False, words)
+        yield float(np.log(excess)), Candidate(tuple(changes), words)
 
 
 def _paddings(tree: Dict[str, Any]) -> Iterator[Rated]:
@@ -128,30 +126,20 @@ def _paddings(tree: Dict[str, Any]) -> Iterator[Rated]:
     if changes:
         largest = max(change.before for change in changes)
         # A centimetre of padding weighs little in itself.
-        yield float(np.log(1.0 + largest / 0.1)), Candidate(tuple(changes), is_live=False)
+        yield float(np.log(1.0 + largest / 0.1)), Candidate(tuple(changes))
 
 
 def _ranges(tree: Dict[str, Any]) -> Iterator[Rated]:
     """Yield C++'s ranges of obstacles and of clearing in place of shorter ones."""
     for name, usual in (("obstacle_range", 2.5), ("raytrace_range", 3.0)):
         changes = []
-        for path, source in _sources(tree):
-            value = source.get(name)
-            if isinstance(value, (int, float)) and value < usual:
-                changes.append(Change(path, name, value, usual))
+        for path, section in _sections_with(tree, name):
+            if section[name] < usual:
+                changes.append(Change(path, name, section[name], usual))
         if changes:
             smallest = min(change.before for change in changes)
             departure = float(np.log(usual / max(smallest, 0.01)))
-            yield departure, Candidate(tuple(changes), is_live=False)
-
-
-def _sources(tree: Dict[str, Any], path: str = "") -> Iterator[Tuple[str, Dict[str, Any]]]:
-    """Yield the sections of a tree that hold the ranges of observations: costmaps, layers and sources."""
-    if "obstacle_range" in tree or "raytrace_range" in tree:
-        yield path, tree
-    for name, value in tree.items():
-        if isinstance(value, dict):
-            yield from _sources(value, f"{path}/{name}".lstrip("/"))
+            yield departure, Candidate(tuple(changes))
 
 
 def _windows(tree: Dict[str, Any]) -> Iterator[Rated]:
@@ -161,7 +149,7 @@ def _windows(tree: Dict[str, Any]) -> Iterator[Rated]:
     for side in ("width", "height"):
         size = local[side]
         changes.append(Change("local_costmap", side, size, type(size)(2 * size)))
-    yield 0.0, Candidate(tuple(changes), is_live=False)
+    yield 0.0, Candidate(tuple(changes))
 
 
 def _inflations(tree: Dict[str, Any]) -> Iterator[Rated]:
@@ -205,4 +193,4 @@ def _rates(tree: Dict[str, Any]) -> Iterator[Rated]:
     rate = tree["controller_frequency"]
     if rate < CPP_RATE_HZ * (1.0 - LEAST_CHANGE):
         change = Change("", "controller_frequency", rate, CPP_RATE_HZ)
-        yield float(np.log(CPP_RATE_HZ / max(rate, 0.1))), Candidate((change,), is_live=False)
+        yield float(np.log(CPP_RATE_HZ / max(rate, 0.1))), Candidate((change,))

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import product
 from operator import itemgetter
 from typing import Any, Dict, Iterator, List, Optional, Tuple
@@ -209,20 +208,12 @@ class Replay:
         """Return a scan at the laser's place in the odometry frame, by odometry at the time of its stamp."""
         laser = self.robot.laser
         stamp = self._scans.stamp[index]
-        x = float(np.interp(stamp, self.odometry.stamp, self.odometry.pose[:, 0]))
-        y = float(np.interp(stamp, self.odometry.stamp, self.odometry.pose[:, 1]))
-        yaw = float(np.interp(stamp, self.odometry.stamp, self._yaws))
         first_angle, increment, range_min, range_max = self._scans.fan[index].tolist()
-        place = compose((x, y, yaw), self.drive.laser_pose or laser.pose)
+        place = compose(self.odometry.pose_at(stamp), self.drive.laser_pose or laser.pose)
         ranges = self._scans.ranges[index]
         return LaserScan(
             0.0, first_angle, increment, range_min, range_max, ranges, place, laser.height
         )
-
-    @cached_property
-    def _yaws(self) -> np.ndarray:
-        """Yaw angles of the odometry without jumps by a full turn [rad]."""
-        return np.unwrap(self.odometry.pose[:, 2])
 
     def command(self, cycle: Cycle) -> Command:
         """Return the planner's command in a cycle, on the present map and with the parameters in force."""

@@ -71,14 +71,12 @@ class Arrival(NamedTuple):
         seconds: Time to the goal [s]; the limit if the drive failed.
         is_slow: Whether the drive was broken off, because it was not faster than with the recorded
             values.
-        clearance: Smallest range of the laser [m].
         path: (k, 3) time [s] and position (x, y) [m] in the odometry frame of the recorded drive.
     """
 
     success: bool
     seconds: float
     is_slow: bool
-    clearance: float
     path: np.ndarray
 
 
@@ -165,7 +163,6 @@ def drive_once(course: Course, changes: Sequence[Change], seed: int, to_beat: fl
         success,
         outcome.time_s if success else course.limit,
         is_timeout and limit < course.limit,
-        outcome.min_clearance_m,
         np.column_stack([truth.time, truth.pose[:, :2]]).astype(np.float32),
     )
 

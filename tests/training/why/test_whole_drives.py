@@ -160,7 +160,7 @@ def drives_as(monkeypatch, seconds):
         is_slow = taken > to_beat
         success = taken < course.limit and not is_slow
         place = np.zeros((1, 3))
-        return Arrival(success, taken if success else course.limit, is_slow, 1.0, place)
+        return Arrival(success, taken if success else course.limit, is_slow, place)
 
     monkeypatch.setattr(whole_drives, "drive_once", drive_once)
     return calls
@@ -237,7 +237,7 @@ def diagnosed(replay, trials=None, guesses=()):
 
 def tried(candidate, *seconds, limit=25.0):
     path = np.column_stack([np.arange(100) * 0.05, np.zeros(100), np.full(100, 0.3)])
-    drives = [Arrival(each < limit, min(each, limit), False, 1.0, path) for each in seconds]
+    drives = [Arrival(each < limit, min(each, limit), False, path) for each in seconds]
     return Tried(candidate, drives)
 
 
