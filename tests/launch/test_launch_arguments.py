@@ -217,7 +217,7 @@ def test_launch_files_clear_the_parameters_of_an_earlier_launch():
 def test_a_wrong_argument_is_one_line_before_anything_starts(
     command, words, line, capsys, monkeypatch
 ):
-    monkeypatch.setattr(command, "private_stack", lambda *_: pytest.fail("it starts"))
+    monkeypatch.setattr(command, "private_nodes", lambda *_: pytest.fail("it starts"))
     monkeypatch.chdir(ROOT)
     monkeypatch.setattr("sys.argv", ["command", *words])
     assert run_main(command.main, "it") == 1
@@ -261,8 +261,8 @@ def test_the_demos_master_listens_on_loopback_only(monkeypatch):
         monkeypatch.setenv(name, "")  # so that monkeypatch restores it
     monkeypatch.setenv("ROS_IP", "192.0.2.1")
     stack = SimpleNamespace(wait=lambda *_: None, stop=lambda: None)
-    monkeypatch.setattr(launcher, "Stack", lambda *_: stack)
-    with launcher.private_stack({}):
+    monkeypatch.setattr(launcher, "LaunchedNodes", lambda *_: stack)
+    with launcher.private_nodes({}):
         assert get_bind_address() == "127.0.0.1"
 
 
@@ -287,7 +287,7 @@ def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
     monkeypatch.setenv(admission.TOKEN, "secret")
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr(play.rospy, "get_param", lambda name, default=None: written[name])
-    monkeypatch.setattr(play, "private_stack", lambda given: contextlib.nullcontext(Stack()))
+    monkeypatch.setattr(play, "private_nodes", lambda given: contextlib.nullcontext(Stack()))
     monkeypatch.setattr(play.webbrowser, "open", opened.append)
     monkeypatch.setattr("sys.argv", ["play.py"])
     with pytest.raises(KeyboardInterrupt):
@@ -307,7 +307,7 @@ def test_the_demo_ends_when_a_node_has_died(monkeypatch):
     ):
         process = SimpleNamespace(stderr=printed, poll=lambda: None)
         monkeypatch.setattr(launcher.subprocess, "Popen", lambda *_, process=process, **__: process)
-        stack = launcher.Stack({}, 11311, "/tmp")
+        stack = launcher.LaunchedNodes({}, 11311, "/tmp")
         refused(lambda stack=stack: stack.wait("applr", lambda: False), "^" + line)
 
 

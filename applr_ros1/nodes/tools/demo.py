@@ -41,7 +41,7 @@ from applr_ros1.policy.parameter_space import declaration, space_of
 from applr_ros1.robots import Robot, geometry, load
 from sim_bridge.ros_bridge import BASE_TIME_S
 
-from .launcher import Stack, given_arguments, launch_arguments, private_stack, report
+from .launcher import LaunchedNodes, given_arguments, launch_arguments, private_nodes, report
 from .send_goal import course_goal
 
 STATUS = "/move_base/status"
@@ -101,8 +101,8 @@ def main() -> int:
     # The line about ending the nodes is due after the drive and lasts until all have ended.
     with contextlib.ExitStack() as ending:
         try:
-            with private_stack(setup.passed) as stack:
-                _drive(stack, setup, result)
+            with private_nodes(setup.passed) as nodes:
+                _drive(nodes, setup, result)
                 ending.enter_context(announced("ending the nodes", report))
         except ApplrError as problem:
             report(result.setdefault("reason", str(problem)))
@@ -171,15 +171,15 @@ def _with_goal(world: worlds.World, goal: Pose) -> worlds.World:
     return dataclasses.replace(world, course=course)
 
 
-def _drive(stack: Stack, setup: Setup, result: Dict[str, Any]) -> None:
+def _drive(nodes: LaunchedNodes, setup: Setup, result: Dict[str, Any]) -> None:
     """Drive the course, complete the result, and write the page."""
     values = setup.values
     began = time.monotonic()
     observer = Observer(setup)
     for part, is_up in observer.parts():
-        stack.wait(part, is_up)
+        nodes.wait(part, is_up)
         report(f"{part:12} up after {time.monotonic() - began:.1f} s")
-    drive = observer.drive(values["sent"], values["limit"], stack.check)
+    drive = observer.drive(values["sent"], values["limit"], nodes.check)
     assert drive.truth is not None
     goal = drive.goals[-1]
     has_touched = bool(len(drive.contacts))

@@ -94,8 +94,8 @@ def free_port() -> int:
 
 
 @contextlib.contextmanager
-def private_stack(given: Dict[str, str]) -> Iterator[Stack]:
-    """Run a Stack with the arguments {name: value} for the duration of a block.
+def private_nodes(given: Dict[str, str]) -> Iterator[LaunchedNodes]:
+    """Run the nodes with the arguments {name: value} for the duration of a block.
 
     SIGTERM and SIGHUP act like Ctrl-C. If the block raises ApplrError, the folder with the nodes'
     output is kept and named in the error.
@@ -111,12 +111,12 @@ def private_stack(given: Dict[str, str]) -> Iterator[Stack]:
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
     try:
-        stack = Stack(given, port, folder)
+        nodes = LaunchedNodes(given, port, folder)
         try:
-            stack.wait("the ROS master", rosgraph.is_master_online)
-            yield stack
+            nodes.wait("the ROS master", rosgraph.is_master_online)
+            yield nodes
         finally:
-            stack.stop()
+            nodes.stop()
     except ApplrError as problem:
         raise ApplrError(f"{problem}; the output of the nodes is in {folder}") from None
     except KeyboardInterrupt:
@@ -125,7 +125,7 @@ def private_stack(given: Dict[str, str]) -> Iterator[Stack]:
     shutil.rmtree(folder, ignore_errors=True)
 
 
-class Stack:
+class LaunchedNodes:
     """roslaunch process with the nodes of the launch file, on a private master.
 
     Args:
@@ -165,7 +165,7 @@ class Stack:
             raise ApplrError(self._died or "the stack has ended unexpectedly")
 
     def wait(self, part: str, condition: Callable[[], Any], pause: float = 0.02) -> None:
-        """Wait until condition() is true because `part` of the stack is up.
+        """Wait until condition() is true because `part` is up.
 
         pause: interval between two calls of condition() [s].
 

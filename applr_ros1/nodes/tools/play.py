@@ -22,7 +22,7 @@ import worlds
 from applr_ros1.nodes.viewer import admission
 from applr_ros1.robots import geometry, load
 
-from .launcher import given_arguments, launch_arguments, private_stack, report
+from .launcher import given_arguments, launch_arguments, private_nodes, report
 
 
 def main() -> None:
@@ -56,20 +56,20 @@ def main() -> None:
     token = admission.token()
     os.environ[admission.TOKEN] = token
     own_address = re.compile(rf"http://127\.0\.0\.1:\d+/{re.escape(token)}/")
-    with private_stack(given) as stack:
+    with private_nodes(given) as nodes:
         addresses: List[str] = []
 
         def is_up() -> bool:
             addresses.extend(own_address.findall(str(rospy.get_param("/viewer/address", ""))))
             return bool(addresses)
 
-        stack.wait("the page", is_up)
+        nodes.wait("the page", is_up)
         report(f"the page is at {addresses[0]}")
         # Without a display, webbrowser would open the page in the terminal.
         has_display = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
         if has_display and not options.no_browser:
             webbrowser.open(addresses[0])
-        stack.wait("move_base", find_reconfigure_services, pause=0.5)
+        nodes.wait("move_base", find_reconfigure_services, pause=0.5)
         while True:
-            stack.check()
+            nodes.check()
             time.sleep(0.2)
