@@ -1,18 +1,22 @@
-"""Configuration of all tests: selection, distribution to processes, processor times, measurements of faults.
+"""Configuration of all tests: selection, distribution to processes, processor times, measurements
+of faults.
 
-A test that takes more than a quarter of an hour fails, but tests marked `long` may take hours. Failed tests are not
+A test that takes more than a quarter of an hour fails, but tests marked `long` may take hours.
+Failed tests are not
 repeated: a test that fails only on a busy machine is defective.
 
-`./applr test` runs pytest-xdist. Because rospy supports one master per process, tests of one file that start ROS nodes
-run in one process (`--dist loadgroup`), as do all files of a folder whose conftest.py has a shared stack. Between two
-such groups, tests.support.ros starts a new master and unregisters the topics of this process. Between two
-tests, it deletes the parameters of nodes that have ended.
+`./applr test` runs pytest-xdist. Because rospy supports one master per process, tests of one file
+that start ROS nodes run in one process (`--dist loadgroup`), as do all files of a folder whose
+conftest.py has a shared stack. Between two such groups, tests.support.ros starts a new master and
+unregisters the topics of this process. Between two tests, it deletes the parameters of nodes that
+have ended.
 
-Tests marked `slow` run only with `--all` or if `-m` names them, tests marked `long` only if `-m` names them. Without
-`--all`, random comparisons run a part of their cases (tests/support/seeds.py). A file that imports a package that is
-not installed (ROS, or torch under Python 3.8) is skipped. A run in which no test passed is a failure. The report
-lists the tests that took the most processor time, including the processes that they start.
-`--faults-table=docs/results/faults.csv` writes the measurements of the fault tests into that table.
+Tests marked `slow` run only with `--all` or if `-m` names them, tests marked `long` only if `-m`
+names them. Without `--all`, random comparisons run a part of their cases (tests/support/seeds.py).
+A file that imports a package that is not installed (ROS, or torch under Python 3.8) is skipped. A
+run in which no test passed is a failure. The report lists the tests that took the most processor
+time, including the processes that they start. `--faults-table=docs/results/faults.csv` writes the
+measurements of the fault tests into that table.
 """
 
 import collections
@@ -40,7 +44,8 @@ for number in (
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # A shell ignores SIGINT in background jobs.
     # Children would inherit the ignored SIGINT.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-# On a busy machine, threads of torch or BLAS wait for each other, and take 20 times as long as a single thread.
+# On a busy machine, threads of torch or BLAS wait for each other, and take 20 times as long as a
+# single thread.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.pop("ROS_NAMESPACE", None)  # Tests name topics from the root.
 pytest.register_assert_rewrite("tests.support.nodes")
@@ -145,7 +150,9 @@ def pytest_runtest_teardown(item, nextitem):
 
 @pytest.fixture
 def measured(request):
-    """Provide measured(what, value, unit), which records a measurement of this test for the table of faults."""
+    """Provide measured(what, value, unit), which records a measurement of this test for the table
+    of faults.
+    """
 
     def keep(what, value, unit):
         request.node.user_properties.append(("figure", (what, float(value), unit)))
@@ -154,7 +161,9 @@ def measured(request):
 
 
 def write_figures(path, reports):
-    """Write measurements into the column `measured` of the table of faults, for each fault that tests provoked."""
+    """Write measurements into the column `measured` of the table of faults, for each fault that
+    tests provoked.
+    """
     rows = {}  # number: {(what, unit): the largest value}
     for properties in [report.user_properties for report in reports]:
         figures = [value for name, value in properties if name == "figure"]

@@ -1,5 +1,5 @@
-"""Tests of the whole repository: linters, types, import contracts (pyproject.toml), declared dependencies, and
-references between files."""
+"""Tests of the whole repository: linters, types, import contracts (pyproject.toml), declared
+dependencies, and references between files."""
 
 import ast
 import csv

@@ -1,8 +1,10 @@
-"""Benchmarks for docs/explanation/results.md: `python -m tests.benchmarks.run [NAME ...]`, on an idle machine.
+"""Benchmarks for docs/explanation/results.md: `python -m tests.benchmarks.run [NAME ...]`, on an
+idle machine.
 
-Each benchmark is a function that returns its value and unit. Planner and simulators run in one thread and are measured
-in processor time. For similar scenarios, the C++ planners take 1,620 us (planner_cycle_default), 15,700 us (_max),
-179 us (inflation) and 1,076 us (navfn) by tests/golden/FORMAT.md, and 1,170 us (DWA) by tests/golden_dwa/FORMAT_DWA.md.
+Each benchmark is a function that returns its value and unit. Planner and simulators run in one
+thread and are measured in processor time. For similar scenarios, the C++ planners take 1,620 us
+(planner_cycle_default), 15,700 us (_max), 179 us (inflation) and 1,076 us (navfn) by
+tests/golden/FORMAT.md, and 1,170 us (DWA) by tests/golden_dwa/FORMAT_DWA.md.
 """
 
 import sys
@@ -71,7 +73,9 @@ def _trajectory_planner(changes, velocity=None):
 
 
 def dwa_planner_cycle():
-    """Measure one choice with the TurtleBot3 burger's parameters: 861 samples of 1.5 s on a map of 3 x 3 m."""
+    """Measure one choice with the TurtleBot3 burger's parameters: 861 samples of 1.5 s on a map of
+    3 x 3 m.
+    """
     times = []
     for scenario in _of_samples("golden_dwa", vx_samples=20, vy_samples=1, vth_samples=40):
         if (
@@ -107,7 +111,9 @@ def _choice(planner, state, *scene):
 
 
 def control_cycle():
-    """Measure the mean time of MoveBase.step (scan, both costmaps, plan, control) with the Jackal's parameters."""
+    """Measure the mean time of MoveBase.step (scan, both costmaps, plan, control) with the Jackal's
+    parameters.
+    """
     return _share(*_time_in_drives(MoveBase, "step", lambda _, cycle: cycle.controlled))
 
 
@@ -124,7 +130,9 @@ def tracker():
 
 
 def decision():
-    """Measure one decision of the Jackal's policy, once a second: encoding of the observation, and networks."""
+    """Measure one decision of the Jackal's policy, once a second: encoding of the observation, and
+    networks.
+    """
     policy = methods.make("applr", robots.JACKAL)
     driven = _episode("kinematic", MoveBase(JACKAL_PARAMETERS), monitor=True)
     driven.layout = policy.layout
@@ -143,13 +151,17 @@ def _share(mean, count):
 
 
 def inflation():
-    """Measure one update of the local costmap's inflation layer while driving: 200 x 200 cells, radius 0.3 m."""
+    """Measure one update of the local costmap's inflation layer while driving: 200 x 200 cells,
+    radius 0.3 m.
+    """
     mean, count = _time_in_drives(InflationLayer, "update", lambda layer, _: layer._columns == 200)
     return 1e6 * mean, "us (mean over %d updates)" % count
 
 
 def navfn():
-    """Measure one plan on the changing global costmap, 800 x 800 cells, from the driving robot to the goal."""
+    """Measure one plan on the changing global costmap, 800 x 800 cells, from the driving robot to
+    the goal.
+    """
     mean, count = _time_in_drives(Navfn, "plan", lambda *_: True, planner_frequency=20.0)
     return 1e6 * mean, "us (mean over %d plans)" % count
 
@@ -209,7 +221,9 @@ def _episode(simulator, move_base, monitor=False):
 
 
 def _drive(driven, theta, seconds=SECONDS):
-    """Drive the courses with theta(random generator) at each decision, and return the simulated seconds."""
+    """Drive the courses with theta(random generator) at each decision, and return the simulated
+    seconds.
+    """
     rng = np.random.default_rng(0)
     simulated = 0.0
     for number in COURSES:
@@ -223,7 +237,9 @@ def _drive(driven, theta, seconds=SECONDS):
 
 
 def td3_updates():
-    """Measure gradient steps, half of them with a policy update, including the sampling of batches (4-step returns)."""
+    """Measure gradient steps, half of them with a policy update, including the sampling of batches
+    (4-step returns).
+    """
     from training.env.trajectory import TransitionLayout
     from training.train.learner.config import LearnerOptions
     from training.train.learner.learner import draw_batch
@@ -241,7 +257,9 @@ def td3_updates():
 
 
 def sb3_td3_updates():
-    """Measure TD3.train of stable-baselines3 with the same sizes, on prepared batches (without sampling)."""
+    """Measure TD3.train of stable-baselines3 with the same sizes, on prepared batches (without
+    sampling).
+    """
     import gymnasium
     import stable_baselines3
     import torch
@@ -266,7 +284,9 @@ def sb3_td3_updates():
 
 
 def actor_inference():
-    """Measure one pass of an observation through the actor, as in the node: numpy, 729 -> 3 x 512 -> 8."""
+    """Measure one pass of an observation through the actor, as in the node: numpy, 729 -> 3 x 512
+    -> 8.
+    """
     from applr_ros1.policy.actor import Policy
 
     actor = Policy.of(make_weights(hidden=HIDDEN, inputs=OBSERVATIONS, outputs=ACTIONS))
@@ -290,7 +310,9 @@ def _rate(step, rounds=5, seconds=0.6):
 
 
 def reconfigure_all():
-    """Measure changing all eight parameters of an idle move_base node over ROS at 20 Hz, with every value read back."""
+    """Measure changing all eight parameters of an idle move_base node over ROS at 20 Hz, with every
+    value read back.
+    """
     from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
     from tests.support.ros import session, wait_for
 

@@ -1,8 +1,10 @@
-"""Figures of `./applr why` for docs/explanation/results.md: `python -m tests.benchmarks.why [BAG ...]`.
+"""Figures of `./applr why` for docs/explanation/results.md: `python -m tests.benchmarks.why [BAG
+...]`.
 
-With bags of the Jackal, print the share of their commands that the replay reproduces. Without, plant one fault at a
-time in a simulated robot, ask `./applr why` about each drive that the fault makes fail or 1.5 times as long, follow the
-advice, and drive before and after with fresh seeds: a line per drive, and the table docs/results/advice.csv.
+With bags of the Jackal, print the share of their commands that the replay reproduces. Without,
+plant one fault at a time in a simulated robot, ask `./applr why` about each drive that the fault
+makes fail or 1.5 times as long, follow the advice, and drive before and after with fresh seeds: a
+line per drive, and the table docs/results/advice.csv.
 """
 
 from __future__ import annotations
@@ -190,12 +192,16 @@ def mean_time(robot: Robot, world: int) -> float:
 
 
 def _deviating(robot: Robot) -> KinematicSimulator:
-    """Return a simulator whose robot deviates a little from the nominal one, differently for each seed."""
+    """Return a simulator whose robot deviates a little from the nominal one, differently for each
+    seed.
+    """
     return KinematicSimulator(robot, **RANDOM)
 
 
 def judged(name: str, world: int, fault: Optional[Candidate], usual: float) -> Optional[Planted]:
-    """Return the result of one fault, or None if the drive takes hardly more than the usual time [s]."""
+    """Return the result of one fault, or None if the drive takes hardly more than the usual time
+    [s].
+    """
     sound = load(name)
     robot = with_changes(sound, fault.changes, f"{name} with a fault") if fault else sound
     drive, outcome = simulated(robot, f"generated:{world}", limit=LIMIT_S, seed=RECORDED_SEED)
@@ -281,7 +287,8 @@ def all_planted(worlds: List[int]) -> None:
                 rows.append(row)
                 print(row, flush=True)
     print(
-        "robot,drives,parameters,advised,helped,harmed,named,random helped,random harmed,undone helped"
+        "robot,drives,parameters,advised,helped,harmed,named,random helped,random harmed,undone "
+        "helped"
     )
     for name in (*ROBOTS, ""):
         print(_summary(name, [row for row in rows if row.fault and row.robot.startswith(name)]))

@@ -1,4 +1,6 @@
-"""Tests of the frame of all web pages: data that looks like HTML or like a mark, and the colours of methods."""
+"""Tests of the frame of all web pages: data that looks like HTML or like a mark, and the colours of
+methods.
+"""
 
 import json
 import re

@@ -1,4 +1,6 @@
-"""Tests of the page of a single drive: its verdict, its clock by keyboard, and another drive beside it."""
+"""Tests of the page of a single drive: its verdict, its clock by keyboard, and another drive beside
+it.
+"""
 
 import json
 import re

@@ -29,7 +29,9 @@ def running(tmp_path_factory):
 
 @pytest.fixture
 def stack(running):
-    """Provide the stack without faults. After the test, check that all nodes are alive and there was no contact."""
+    """Provide the stack without faults. After the test, check that all nodes are alive and there
+    was no contact.
+    """
     relay = running.relay
     relay.clear_faults()
     del relay.commands[:-1], relay.planned[:-1]

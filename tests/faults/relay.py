@@ -1,8 +1,10 @@
-"""Relay of messages between the simulated robot and the stack. It can drop, change and count messages.
+"""Relay of messages between the simulated robot and the stack. It can drop, change and count
+messages.
 
-The bridge publishes under /sim/... and reads commands from /sim/cmd_vel, and the stack uses the ordinary names. A test
-injects a fault by setting, for example, `relay.faults["scan"]` to a function message -> message, or None to drop the
-message. `relay.clear_faults()` removes all faults. The relay runs in the test's process, in wall time.
+The bridge publishes under /sim/... and reads commands from /sim/cmd_vel, and the stack uses the
+ordinary names. A test injects a fault by setting, for example, `relay.faults["scan"]` to a function
+message -> message, or None to drop the message. `relay.clear_faults()` removes all faults. The
+relay runs in the test's process, in wall time.
 """
 
 import contextlib
@@ -38,7 +40,8 @@ class Relay:
         shift: Offset added to every stamp and to the clock [s].
         now, x, speed: Time, position and speed of the robot in the simulator [s, m, m/s].
         touched: Whether the robot has touched an obstacle.
-        aside: Lateral position and yaw of the robot [m, rad]; both are 0 on the straight line to the goal.
+        aside: Lateral position and yaw of the robot [m, rad]; both are 0 on the straight line to
+            the goal.
         commands: Commands to the base as (wall time, v, w).
         planned: Commands of move_base as (wall time, v, w).
         driven: Simulated time of the latest nonzero command [s].

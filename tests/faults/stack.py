@@ -47,7 +47,9 @@ READY = {"collision_monitor": "/collision_monitor/action"}
 
 
 def alley(path):
-    """Write a .world file with a straight way between two rows of posts and a wall at its end. Return its path."""
+    """Write a .world file with a straight way between two rows of posts and a wall at its end.
+    Return its path.
+    """
     rows = [(at, side * 2.2, 0.1) for at in np.arange(-1.0, LENGTH, 0.5) for side in (-1.0, 1.0)]
     wall = [(LENGTH, y, 0.1) for y in np.arange(-2.2, 2.25, 0.2)]
     course = Course(
@@ -119,7 +121,9 @@ class Stack:
         )
 
     def cancel_goal(self):
-        """Cancel the latest goal. cancel_all_goals uses another connection, and might cancel the next goal as well."""
+        """Cancel the latest goal. cancel_all_goals uses another connection, and might cancel the
+        next goal as well.
+        """
         if not self.goal_is_over:
             self.client.cancel_goal()
             self.until(lambda: self.goal_is_over, "the end of the goal")
@@ -128,7 +132,9 @@ class Stack:
         self.client.send_goal(goal(x))
 
     def under_way(self, speed=0.6, room=7.0):
-        """Drive until the robot is faster than `speed` [m/s], with at least `room` [m] before the goal."""
+        """Drive until the robot is faster than `speed` [m/s], with at least `room` [m] before the
+        goal.
+        """
 
         def drives():
             if self.goal_is_over or self.relay.x > GOAL - room:
@@ -142,8 +148,9 @@ class Stack:
     def stands_after(self, break_it, within=2.0, locks=False):
         """Call break_it() and return the simulated time until the robot is at rest [s].
 
-        Within `within` [s], commands must be zero and the speed below CREEP. If `locks`, the wheels lock instead of
-        braking gently and may slip for seconds, so that only the commands are checked.
+        Within `within` [s], commands must be zero and the speed below CREEP. If `locks`, the wheels
+        lock instead of braking gently and may slip for seconds, so that only the commands are
+        checked.
         """
         broken = self.relay.now
         kept = Kept()
@@ -165,7 +172,9 @@ class Stack:
         self.until(lambda: self.relay.speed > speed, "motion")
 
     def until(self, condition, what):
-        """Wait like wait_for. A failure reports the state of robot, collision monitor and move_base."""
+        """Wait like wait_for. A failure reports the state of robot, collision monitor and
+        move_base.
+        """
         try:
             return wait_for(condition, what)
         except AssertionError as late:

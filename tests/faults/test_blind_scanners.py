@@ -1,6 +1,8 @@
-"""Blind scanners and late data while the robot drives at 2 m/s towards a wall, which it must never touch.
+"""Blind scanners and late data while the robot drives at 2 m/s towards a wall, which it must never
+touch.
 
-The drives are in process, with the kinematic simulator, the monitor, and a planner that always commands full speed.
+The drives are in process, with the kinematic simulator, the monitor, and a planner that always
+commands full speed.
 """
 
 import math
@@ -56,7 +58,8 @@ BLIND_FROM = (0.0, 1.0, 2.5, 4.0, 5.0)  # distances driven until the fault begin
 
 
 def drive(fault, blind_from, monitor, late=0.0, late_twist=0.0):
-    """Drive at full speed towards the wall. Return (contact, time from the fault until rest [s] or None).
+    """Drive at full speed towards the wall. Return (contact, time from the fault until rest [s] or
+    None).
 
     Args:
         fault: Function (scan, ranges of the first scan) -> scan that makes the scanner blind.

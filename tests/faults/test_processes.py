@@ -1,4 +1,6 @@
-"""Tests of nodes that freeze, die and restart while the robot drives, and of parameters that other clients change."""
+"""Tests of nodes that freeze, die and restart while the robot drives, and of parameters that other
+clients change.
+"""
 
 import time
 
@@ -14,7 +16,8 @@ from tests.support.ros import LONGEST, Kept, wait_for
 
 pytestmark = pytest.mark.ros
 PERIODS = 3  # number of decision periods after which a silent applr node counts as lost
-# Time from a fault to rest [s]: the reaction time, and 1.05 s of braking from 2 m/s without locking.
+# Time from a fault to rest [s]: the reaction time, and 1.05 s of braking from 2 m/s without
+# locking.
 STANDS = 1.5
 
 
@@ -28,7 +31,9 @@ def client(stack):
 
 
 def has_what_was_decided(stack, client):
-    """Return whether the servers have the latest decision, except for distance weights, whose unit may differ."""
+    """Return whether the servers have the latest decision, except for distance weights, whose unit
+    may differ.
+    """
     decided = stack.decisions[-1]["theta"]
     there = SPACE.as_dict(client.values())
     return all(decided[name] == there[name] for name in decided if not name.endswith("_scale"))

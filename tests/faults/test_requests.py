@@ -66,7 +66,9 @@ def mad(stack):
 
 @pytest.mark.fault("11b")
 def test_a_frozen_image_stops_the_robot_at_full_speed(stack, mad, measured):
-    """The scanner repeats the same scan with new stamps while the robot drives at 2 m/s towards a wall."""
+    """The scanner repeats the same scan with new stamps while the robot drives at 2 m/s towards a
+    wall.
+    """
     mad(2.0)
     stack.until(lambda: stack.relay.speed > 1.9, "speed")
     image = []
@@ -83,7 +85,9 @@ def test_a_frozen_image_stops_the_robot_at_full_speed(stack, mad, measured):
 
 @pytest.mark.fault("14b")
 def test_a_faulty_planner_is_stopped_before_the_wall(stack, mad, measured):
-    """Commands are NaN, infinite, and then full speed towards a wall: the robot stops before the wall."""
+    """Commands are NaN, infinite, and then full speed towards a wall: the robot stops before the
+    wall.
+    """
     stack.until(lambda: abs(stack.relay.speed) < 0.01, "standstill")
     for v in (math.nan, math.inf, -math.inf):
         mad(v)

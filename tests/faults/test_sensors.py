@@ -1,4 +1,6 @@
-"""Tests of failing scan, odometry, tf and clock: the robot stops, reports the reason, and drives on afterwards."""
+"""Tests of failing scan, odometry, tf and clock: the robot stops, reports the reason, and drives on
+afterwards.
+"""
 
 import math
 

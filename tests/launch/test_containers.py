@@ -1,4 +1,6 @@
-"""Tests that both container images are built by one script and run the same command. CI builds the Docker image."""
+"""Tests that both container images are built by one script and run the same command. CI builds the
+Docker image.
+"""
 
 import os
 import re

@@ -1,4 +1,6 @@
-"""Tests that each example runs as its page describes, with fewer steps, and writes its output files."""
+"""Tests that each example runs as its page describes, with fewer steps, and writes its output
+files.
+"""
 
 import csv
 import re

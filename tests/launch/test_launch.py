@@ -1,4 +1,6 @@
-"""Tests of the launch file, the parameter files, the catkin package in devel and install space, and ./applr demo."""
+"""Tests of the launch file, the parameter files, the catkin package in devel and install space, and
+./applr demo.
+"""
 
 import contextlib
 import json
@@ -87,7 +89,9 @@ def test_rviz_shows_topics_that_robots_and_local_planners_publish():
 
 @pytest.mark.slow
 def test_install_space(tmp_path):
-    """Executables, Python packages, generated configurations and data work from an install space alone."""
+    """Executables, Python packages, generated configurations and data work from an install space
+    alone.
+    """
     build = """
         set -e
         mkdir -p {ws}/src && ln -s {root}/.applr/catkin_ws/src/applr_ros1 {ws}/src/applr_ros1
@@ -161,7 +165,9 @@ def test_demo_reaches_the_goal(tmp_path):
     ("goal", "sent"), [("auto", (-19.7, 0.0, math.pi)), ("25 0 0", (25.0, 0.0, 0.0))]
 )
 def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
-    """A course's goal 20 m away, outside the map, is moved onto the map. A goal given by the user is sent unchanged."""
+    """A course's goal 20 m away, outside the map, is moved onto the map. A goal given by the user
+    is sent unchanged.
+    """
     course = worlds.Course((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi), None, 1.0, np.empty((0, 2)))
     world = worlds.World("far", np.empty((0, 3)), np.empty((0, 5)), course)
     monkeypatch.setattr(demo_tool.worlds, "load", lambda _, radius: world)

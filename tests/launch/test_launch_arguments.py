@@ -30,12 +30,16 @@ JACKAL_FOLDER = os.path.join(ROOT, "applr_ros1", "robots", "jackal")
 
 @pytest.fixture(autouse=True, scope="module")
 def each_command_once():
-    """Cache the output of the command with which launch files read a robot, because many tests need it."""
+    """Cache the output of the command with which launch files read a robot, because many tests need
+    it.
+    """
     whole = roslaunch.loader.Loader.param_value
     kept = {}
 
     def param_value(self, *given):
-        """Return the value of a parameter. `given` is (verbose, name, type, value, textfile, binfile, command)."""
+        """Return the value of a parameter. `given` is (verbose, name, type, value, textfile,
+        binfile, command).
+        """
         if given[-1] is None:
             return whole(self, *given)
         return (

@@ -1,6 +1,8 @@
-"""Tests of set-up by ./applr: it makes missing parts, and reports an error in one line with a non-zero exit status.
+"""Tests of set-up by ./applr: it makes missing parts, and reports an error in one line with a
+non-zero exit status.
 
-A copy of the script runs in another folder, with stand-ins for system programs first on PATH. Nothing is installed.
+A copy of the script runs in another folder, with stand-ins for system programs first on PATH.
+Nothing is installed.
 """
 
 import os
@@ -17,7 +19,9 @@ from tests.support.ros import wait_for
 
 
 class Clone:
-    """Clone with the files that set-up reads. A call runs ./applr and returns (exit status, error lines)."""
+    """Clone with the files that set-up reads. A call runs ./applr and returns (exit status, error
+    lines).
+    """
 
     def __init__(self, folder):
         self.folder = folder
@@ -122,7 +126,9 @@ def test_missing_parts_of_a_set_up_are_made_again(clone, tmp_path):
 
 
 def test_packages_of_another_workspace_do_not_count(clone, tmp_path):
-    """pip would count such packages as installed, and PYTHONHOME would break Python. ./applr exec passes both on."""
+    """pip would count such packages as installed, and PYTHONHOME would break Python. ./applr exec
+    passes both on.
+    """
     environment = {"PYTHONPATH": "/elsewhere", "PYTHONHOME": "/nowhere"}
     assert clone.quick("exec", "sh", "-c", "echo $PYTHONPATH", **environment)[0] == 0
     assert clone.stdout == "/elsewhere\n"
@@ -149,7 +155,8 @@ def test_a_read_only_clone_with_a_complete_set_up_is_used(clone, tmp_path):
 
 
 def test_a_stopped_set_up_continues_the_next_time(clone, tmp_path):
-    # Short sleeps: an interrupt just before a sleep reaches only the shell, which ends after the sleep.
+    # Short sleeps: an interrupt just before a sleep reaches only the shell, which ends after the
+    # sleep.
     waiting = {
         "PIP_STAND_IN": "while sleep .1; do :; done",
         "APPLR_PYTHON": str(clone.programs / "python"),
@@ -235,7 +242,9 @@ def test_an_old_and_a_missing_python_are_refused(clone):
 
 @pytest.mark.parametrize("root", [True, False])
 def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, root):
-    """As in a Debian container, apt installs python3, as root or through sudo. The set-up then goes on."""
+    """As in a Debian container, apt installs python3, as root or through sudo. The set-up then goes
+    on.
+    """
     python = tmp_path / "python3"
     calls = tmp_path / "calls"
     script = tmp_path / "applr"

@@ -1,4 +1,6 @@
-"""Tests of the applr node with a fake move_base: decisions, faults (docs/reference/faults.md), robots, methods."""
+"""Tests of the applr node with a fake move_base: decisions, faults (docs/reference/faults.md),
+robots, methods.
+"""
 
 import json
 import re
@@ -47,7 +49,9 @@ def robot():
 
 @pytest.fixture
 def stack(robot, tmp_path):
-    """Provide start(method, fake=[...], **private parameters) → (applr Child, move_base Child, parameter client)."""
+    """Provide start(method, fake=[...], **private parameters) → (applr Child, move_base Child,
+    parameter client).
+    """
     ros = session()
     started = []
     clients = []
@@ -112,7 +116,9 @@ def starts_deciding(robot, as_set_in=None):
 
 
 def decides_again(robot, as_set_in=None, since=None):
-    """Wait until the number of decisions has grown by two, with a client until the latest is in force."""
+    """Wait until the number of decisions has grown by two, with a client until the latest is in
+    force.
+    """
     count = len(robot.decisions) if since is None else since
     wait_for(
         lambda: (
@@ -272,7 +278,7 @@ def test_dwa_sets_no_parameters_while_driving(robot, stack):
     assert client.theta()[0] == 0.9
 
 
-# -- run-time services, speed limit and diagnostics ----------------------------------------------------------------
+# -- run-time services, speed limit and diagnostics ------------------------------------------------
 def service(name, kind, *arguments):
     rospy.wait_for_service("/applr/" + name, LONGEST)
     return rospy.ServiceProxy("/applr/" + name, kind)(*arguments)
@@ -389,7 +395,9 @@ def test_a_dead_move_base_is_noticed_while_idle(robot, stack):
 
 
 def test_rare_decisions_come_with_heartbeats_that_move_base_waits_for(robot, stack):
-    """This package's move_base expects a heartbeat every 2 s, even if there is a decision only every 6 s."""
+    """This package's move_base expects a heartbeat every 2 s, even if there is a decision only
+    every 6 s.
+    """
     before = len(robot.beats)
     stack("random", period=6.0)
     wait_for(lambda: len(robot.beats) >= before + 3, "a third heartbeat")
@@ -407,7 +415,9 @@ def test_a_late_move_base_leaves_no_warning(robot, stack):
 
 
 def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
-    """A policy's distance biases are per cell. They are rescaled if the cost_cloud belongs to a planner per metre."""
+    """A policy's distance biases are per cell. They are rescaled if the cost_cloud belongs to a
+    planner per metre.
+    """
     publisher = rospy.Publisher(PLANNER + "/cost_cloud", PointCloud2, queue_size=1)
     node, _, client = stack(period=0.3)
     robot.goal = "one"
@@ -419,7 +429,9 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
     rows[:, 0] = 0.05 * rows[:, 0]
 
     def detected():
-        """Publish a cost cloud with the current parameters, and return whether the node has detected the unit."""
+        """Publish a cost cloud with the current parameters, and return whether the node has
+        detected the unit.
+        """
         rows[:, 6] = rows[:, 3:6] @ (client.values()[[5, 6, 4]] * [0.05, 0.05, 1.0])
         publisher.publish(
             conversions.cloud(rows, conversions.COST_FIELDS, "odom", rospy.Time.now())
@@ -451,7 +463,7 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
     is_in_force(client, THETA_0)
 
 
-# -- other robots and user-defined methods ----------------------------------------------------------------------------
+# -- other robots and user-defined methods ---------------------------------------------------------
 def test_another_robots_restarted_servers_get_the_set_again_and_the_defaults_at_the_end(
     robot, stack
 ):
@@ -491,11 +503,10 @@ def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robo
 
 def test_a_user_defined_method_gets_the_same_context_as_in_evaluation(robot, stack, tmp_path):
     (tmp_path / "printer.py").write_text(
-        "import json\nfrom applr_ros1.policy.methods import Method\n\n\nclass Printer(Method):\n"
-        "    def theta(self, context):\n"
-        "        seen = [*context.pose, *context.twist, *context.goal, *context.plan[-1], *context.movers.flat]\n"
-        "        print(json.dumps(seen), flush=True)\n"
-        "        return context.theta\n"
+        "import json\nfrom applr_ros1.policy.methods import Method\n\n\nclass Printer(Method):\n   "
+        " def theta(self, context):\n        seen = [*context.pose, *context.twist, *context.goal, "
+        "*context.plan[-1], *context.movers.flat]\n        print(json.dumps(seen), flush=True)\n   "
+        "     return context.theta\n"
     )
     node, _, _ = stack("%s:Printer" % (tmp_path / "printer.py"))
     starts_deciding(robot)
@@ -504,7 +515,9 @@ def test_a_user_defined_method_gets_the_same_context_as_in_evaluation(robot, sta
     tracked = rospy.Publisher("/applr/tracked", Movers, queue_size=1)
 
     def observed_with(*movers):
-        """Publish moving obstacles (x, y, vx, vy each), and return whether the latest decision observed them."""
+        """Publish moving obstacles (x, y, vx, vy each), and return whether the latest decision
+        observed them.
+        """
         x, y, vx, vy = np.reshape(movers, (-1, 4)).T
         tracked.publish(Movers(Header(stamp=rospy.Time.now(), frame_id="odom"), x, y, vx, vy, x))
         lines = [json.loads(line) for line in node.text.splitlines() if line.startswith("[0.5,")]

@@ -1,6 +1,7 @@
 """Transitions from a live recording.
 
-tests/training tests the further steps: other bag formats, datasets, training, driving with the policy.
+tests/training tests the further steps: other bag formats, datasets, training, driving with the
+policy.
 """
 
 import shlex

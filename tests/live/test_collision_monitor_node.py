@@ -1,4 +1,6 @@
-"""Tests of the collision monitor's node with a fake Jackal: it stops at a wall, and if nodes or lasers are silent."""
+"""Tests of the collision monitor's node with a fake Jackal: it stops at a wall, and if nodes or
+lasers are silent.
+"""
 
 import os
 import re
@@ -47,7 +49,9 @@ def stack():
 
 
 def send(stack, v):
-    """Send a command, wait a twentieth of a second, and return the last speed commanded to the base [m/s]."""
+    """Send a command, wait a twentieth of a second, and return the last speed commanded to the base
+    [m/s].
+    """
     jackal, commands, _ = stack
     commands.publish(twist(v, 0.0))
     time.sleep(0.05)
@@ -96,7 +100,9 @@ def test_drives_to_the_wall_and_stops_before_it(stack):
 
 @pytest.mark.fault("14d")
 def test_a_silent_planner_stops_the_base_until_it_commands_again(stack, measured):
-    """The monitor publishes zeros at its own rate, so that a base without a command time-out stops, too."""
+    """The monitor publishes zeros at its own rate, so that a base without a command time-out stops,
+    too.
+    """
     jackal, _, actions = stack
     drive(stack, 0.5)
     kept = Kept()
@@ -137,7 +143,9 @@ def test_a_killed_or_frozen_monitor_stops_the_base_and_exits_for_a_restart(stack
 
 
 def test_a_guard_begins_with_a_zero_before_any_node_lives():
-    """An earlier guard may have died together with its node, and the base may have no command time-out."""
+    """An earlier guard may have died together with its node, and the base may have no command
+    time-out.
+    """
     ros = session()
     commands = []
     subscriber = rospy.Subscriber(

@@ -1,4 +1,6 @@
-"""Tests that the move_base node with DWAPlannerROS has the names, types, parameters and displays of the C++ node."""
+"""Tests that the move_base node with DWAPlannerROS has the names, types, parameters and displays of
+the C++ node.
+"""
 
 import copy
 import json
@@ -58,7 +60,9 @@ def test_topics_and_services_are_those_of_the_cpp_node(node):
 
 
 def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_clouds(node):
-    """The Husky's static parameter set is applied, although the costmap layers have other names than on the Husky."""
+    """The Husky's static parameter set is applied, although the costmap layers have other names
+    than on the Husky.
+    """
     master = ros.session()
     space = space_of(load("husky"))
     decisions = []

@@ -1,4 +1,6 @@
-"""Tests of Gazebo's services on the simulated robot, and of the call sequences of two client programs."""
+"""Tests of Gazebo's services on the simulated robot, and of the call sequences of two client
+programs.
+"""
 
 import math
 import time
@@ -42,7 +44,9 @@ class Training:
         assert self.action.wait_for_server(rospy.Duration(180.0))
 
     def episode(self, speed, seconds=1.0):
-        """Reset, plan, drive, with paused physics in between. Return (planned length [m], driven length [m], speed)."""
+        """Reset, plan, drive, with paused physics in between. Return (planned length [m], driven
+        length [m], speed).
+        """
         simulation = self.simulation
         self.action.cancel_all_goals()
         assert simulation.reset().success
@@ -148,7 +152,9 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
 
 
 def test_the_collision_monitor_does_not_block_a_teleported_robot(gazebo):
-    """Odometry does not jump with the robot, but remembered obstacles must not block the robot at its new position."""
+    """Odometry does not jump with the robot, but remembered obstacles must not block the robot at
+    its new position.
+    """
     monitor = session().node(
         "applr_ros1.nodes.monitor.node", "scan:=front/scan", "odom:=odometry/filtered"
     )

@@ -33,7 +33,8 @@ pytestmark = pytest.mark.ros
 class Localisation:
     """Publisher of a static frame in the map, and of map -> odom, which drifts if `drifts` is set.
 
-    The stamps are 1 s ahead, as those of amcl with the transform_tolerance of Clearpath's launch files.
+    The stamps are 1 s ahead, as those of amcl with the transform_tolerance of Clearpath's launch
+    files.
     """
 
     def __init__(self, jackal):

@@ -35,7 +35,7 @@ def collect_all(topics):
     return zip(*(collect(topic, kind) for topic, kind in topics.items()))
 
 
-# -- goals ---------------------------------------------------------------------------------------------------------
+# -- goals -----------------------------------------------------------------------------------------
 def test_goal_is_reached_through_the_action(idle):
     topics = {
         "/move_base/current_goal": PoseStamped,
@@ -90,7 +90,7 @@ def test_a_goal_on_the_simple_topic_replaces_the_one_before(idle):
     subscriber.unregister()
 
 
-# -- services ------------------------------------------------------------------------------------------------------
+# -- services --------------------------------------------------------------------------------------
 def test_make_plan_and_its_refusal_while_driving(idle):
     make = rospy.ServiceProxy("/move_base/make_plan", GetPlan)
     navfn = rospy.ServiceProxy("/move_base/NavfnROS/make_plan", GetPlan)
@@ -113,7 +113,7 @@ def test_make_plan_and_its_refusal_while_driving(idle):
     assert len(navfn(here, there, 0.0).plan.poses) > 30
 
 
-# -- maps ----------------------------------------------------------------------------------------------------------
+# -- maps ------------------------------------------------------------------------------------------
 def test_costmaps_footprints_and_cloud(idle):
     topics = {
         "/move_base/global_costmap/costmap": OccupancyGrid,
@@ -173,7 +173,7 @@ def test_costmaps_footprints_and_cloud(idle):
         subscriber.unregister()
 
 
-# -- start and end -------------------------------------------------------------------------------------------------
+# -- start and end ---------------------------------------------------------------------------------
 def test_zero_velocity_at_shutdown(idle):
     """Ctrl-C while driving. This is the last test of this file because it ends the node."""
     drive_on(idle)

@@ -1,4 +1,6 @@
-"""Names and types of the move_base node, which equal those of the C++ node, and its eight parameter servers."""
+"""Names and types of the move_base node, which equal those of the C++ node, and its eight parameter
+servers.
+"""
 
 import json
 import math
@@ -30,7 +32,7 @@ OWN_TOPICS = (  # topics that the C++ node does not have
 )
 
 
-# -- surface -------------------------------------------------------------------------------------------------------
+# -- surface ---------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("what", "call"), [("publishes", "getPublications"), ("subscribes", "getSubscriptions")]
 )
@@ -79,7 +81,7 @@ def test_parameters_are_on_the_server(stack):
             wait_for(lambda name=name, value=value: rospy.get_param(name, None) == value, name)
 
 
-# -- dynamic_reconfigure -------------------------------------------------------------------------------------------
+# -- dynamic_reconfigure ---------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("server", "name", "value", "beyond", "bound", "other"),
     [
@@ -117,7 +119,9 @@ def test_a_server_is_read_set_clamped_and_refuses_nan(
 
 
 def test_a_lost_heartbeat_is_reported_once():
-    """Test of the watchdog class alone. tests/faults/test_processes.py tests the watchdog in a running stack."""
+    """Test of the watchdog class alone. tests/faults/test_processes.py tests the watchdog in a
+    running stack.
+    """
     watch = heartbeat_watchdog.HeartbeatWatchdog(2.0)
     assert not watch.is_lost(100.0)  # There was no heartbeat yet.
     watch.heartbeat(100.0)

@@ -1,4 +1,6 @@
-"""Test of the node movers with a fake Jackal: its messages while a person walks by, and empty messages afterwards."""
+"""Test of the node movers with a fake Jackal: its messages while a person walks by, and empty
+messages afterwards.
+"""
 
 import numpy as np
 import pytest
@@ -17,7 +19,9 @@ WALL = ring(0.0, 0.0, 3.5, posts=250, size=0.06)
 
 
 class Walker(FakeJackal):
-    """A Jackal at rest, and a person who walks to and fro in front of it at 1 m/s while `walks` is set."""
+    """A Jackal at rest, and a person who walks to and fro in front of it at 1 m/s while `walks` is
+    set.
+    """
 
     walks = False
     y = -1.5
@@ -49,7 +53,9 @@ def test_a_walker_is_predicted_and_nothing_is_published_at_rest():
         jackal.walks = True
 
         def met():
-            """Return whether cloud, markers and tracked obstacles all show the person walking to the left."""
+            """Return whether cloud, markers and tracked obstacles all show the person walking to
+            the left.
+            """
             marked, (points, *arrows) = points_of(clouds[-1]), shown[-1]
             ways = [arrow.points[1].y - arrow.points[0].y for arrow in arrows]
             ahead = [point for point in points.points if point.y > jackal.y + 0.5]

@@ -104,7 +104,9 @@ def test_a_stack_in_a_namespace(tmp_path):
 
 
 def replayed(master, bag, start):
-    """Check that replay.launch publishes the recorded messages, including latched ones from before its start."""
+    """Check that replay.launch publishes the recorded messages, including latched ones from before
+    its start.
+    """
     shown = {}
     clock = []
     for topic, kind in (

@@ -49,7 +49,9 @@ def client(connected, monkeypatch):
 
 
 def applied(client, theta):
-    """Return whether the parameter set theta comes into force, with a limit long enough for a busy machine."""
+    """Return whether the parameter set theta comes into force, with a limit long enough for a busy
+    machine.
+    """
     return not client.apply(theta, LONGEST)
 
 
@@ -83,7 +85,9 @@ def test_values_are_read_back(client):
 
 @pytest.fixture
 def calls(client):
-    """Provide a function that returns the servers called since its last call, as seen on parameter_updates."""
+    """Provide a function that returns the servers called since its last call, as seen on
+    parameter_updates.
+    """
     seen = Counter()
 
     def listen(name):
@@ -257,7 +261,9 @@ def test_fault_5_one_refusal_is_read_back_and_the_next_attempt_sets_the_missing_
 
 
 def test_no_text_of_a_server_is_executed(tmp_path):
-    """The client of dynamic_reconfigure would evaluate the edit_method of a parameter that is set to a text."""
+    """The client of dynamic_reconfigure would evaluate the edit_method of a parameter that is set
+    to a text.
+    """
     mark = tmp_path / "ran"
     evil = session().node(
         "tests.support.nodes", "__name:=evil", "--text", f"open({str(mark)!r}, 'w')"

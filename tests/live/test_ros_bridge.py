@@ -1,4 +1,6 @@
-"""Tests of the simulated Jackal over ROS: topics, tf, commands, time-out, reset, change of world, errors, lock step."""
+"""Tests of the simulated Jackal over ROS: topics, tf, commands, time-out, reset, change of world,
+errors, lock step.
+"""
 
 import itertools
 import time
@@ -254,7 +256,9 @@ def test_ends_on_interrupt(robot):
 
 @pytest.mark.parametrize("hertz", [5.0, 10.0, 20.0])
 def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, hertz):
-    """The bridge waits only for a planner that answers: when the planner's cycle is due, or one tick earlier."""
+    """The bridge waits only for a planner that answers: when the planner's cycle is due, or one
+    tick earlier.
+    """
     from sim_bridge import ros_bridge
 
     monkeypatch.setattr(rospy, "get_param", lambda *_: hertz)

@@ -1,6 +1,7 @@
 """Escape motions of the collision monitor for a move_base that makes none, such as the C++ one.
 
-One test uses this package's move_base without ~held_back, which makes no escape motions. The others use a fake one.
+One test uses this package's move_base without ~held_back, which makes no escape motions. The others
+use a fake one.
 """
 
 import time
@@ -29,7 +30,9 @@ CANCELLED = GoalStatus.PREEMPTING
 
 
 class MoveBase:
-    """Fake move_base with a goal 5 m away. Publishes its status, a plan, and `command` unless it is None."""
+    """Fake move_base with a goal 5 m away. Publishes its status, a plan, and `command` unless it is
+    None.
+    """
 
     def __init__(self):
         self.command = (0.0, 0.0)
@@ -87,7 +90,9 @@ def end(*things):
 @pytest.mark.fault("17c")
 @pytest.mark.parametrize("escape", [True, False], ids=["with", "without"])
 def test_a_robot_too_close_to_a_post_for_its_planner_escapes(escape):
-    """DWAPlannerROS finds no trajectory if the padded footprint touches the post where the monitor stops the robot."""
+    """DWAPlannerROS finds no trajectory if the padded footprint touches the post where the monitor
+    stops the robot.
+    """
     ros = session()
     jackal = FakeJackal([POST])
     watched = monitor(escape)
@@ -135,7 +140,9 @@ def whole():
 
 @pytest.fixture
 def stack(whole):
-    """Provide a robot at rest without a goal, after half a metre of driving, so that the space behind it is known."""
+    """Provide a robot at rest without a goal, after half a metre of driving, so that the space
+    behind it is known.
+    """
     jackal, planner, watched = whole
     planner.status = None
     planner.left = 5.0

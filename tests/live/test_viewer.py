@@ -1,4 +1,6 @@
-"""Tests of the viewer without a browser: access control, silent nodes, sliders, methods, subscriptions."""
+"""Tests of the viewer without a browser: access control, silent nodes, sliders, methods,
+subscriptions.
+"""
 
 import contextlib
 import http.client

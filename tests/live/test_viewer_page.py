@@ -1,4 +1,6 @@
-"""The viewer's page in a real browser with the whole stack: sliders, methods, a goal by a click, stop."""
+"""The viewer's page in a real browser with the whole stack: sliders, methods, a goal by a click,
+stop.
+"""
 
 import re
 import shutil
@@ -33,8 +35,9 @@ OPTIONS = [
 ]
 # Fixed pixel ratio; viser would otherwise try larger ones and freeze.
 FEW_PIXELS = "fixedDpr=0.3"
-# Rendering sixty frames per second in software would take the CPU time of the robot. Each frame still waits for the
-# browser's own callback: frames that are requested faster than drawn would block the page for minutes.
+# Rendering sixty frames per second in software would take the CPU time of the robot. Each frame
+# still waits for the browser's own callback: frames that are requested faster than drawn would
+# block the page for minutes.
 TEN_FRAMES_A_SECOND = """
 const turn = window.requestAnimationFrame.bind(window);
 window.requestAnimationFrame = draw => setTimeout(() => turn(draw), 100);
@@ -90,7 +93,9 @@ def test_a_slider_moved_on_the_page_changes_the_parameter_in_move_base(page):
     reads(page, "parameters by hand")
 
     def chosen():
-        """Choose the policy. Return whether the applr node has confirmed this; on a busy machine it may be too late."""
+        """Choose the policy. Return whether the applr node has confirmed this; on a busy machine it
+        may be too late.
+        """
         page.get_by_role("combobox", name="parameters by").click()
         page.get_by_role("option", name="policy").click()
         with suppress(playwright.TimeoutError):

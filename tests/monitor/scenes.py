@@ -68,7 +68,9 @@ def posts(seed):
 
 
 def verdict_on(monitor, v, time=0.0):
-    """Return the verdict on the command to drive straight at v [m/s], for a robot at rest at (0, 0, 0)."""
+    """Return the verdict on the command to drive straight at v [m/s], for a robot at rest at (0, 0,
+    0).
+    """
     return monitor.filter(time, HERE, AT_REST, (v, 0.0))
 
 

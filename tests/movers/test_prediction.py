@@ -135,7 +135,8 @@ def test_predicted_points_are_cleared_with_the_next_scan(stubbed, walls):
                 == LETHAL
                 > without.local_costmap.cells[ahead].max()
             )
-    # Without returns from walls, the planner without predictions does not clear the cells that the obstacle has left.
+    # Without returns from walls, the planner without predictions does not clear the cells that the
+    # obstacle has left.
     assert lethal[25][0] > lethal[25][1] + 20 or not walls
     for name in ("local_costmap", "global_costmap"):
         here, there = (made.costmaps[name].cells for made in (with_marks, without))
@@ -197,7 +198,7 @@ def test_without_moving_obstacles_planners_are_bit_identical(stubbed):
     assert drives[0] == drives[1]
 
 
-# -- observation source of the costmaps --------------------------------------------------------------------------
+# -- observation source of the costmaps ------------------------------------------------------------
 @pytest.mark.parametrize("name", robots.NAMES)
 def test_each_layer_with_a_laser_gets_the_source_and_no_robot_file_changes(name):
     tree = robots.load(name).parameters()

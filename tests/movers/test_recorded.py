@@ -1,8 +1,10 @@
 """Tests of the tracker on recorded scenes of simulated robots, stored in files beside this one.
 
-A file has these arrays. limits: first angle, increment, range_min, range_max. times: (n,) [s]. poses: (n, 3) poses of
-the laser by odometry. steps: (n, beams) differences of the ranges to those of the previous beam, in 5 mm; a range of -1
-is +inf, 0 is too near. truth: (n, 8, 5) x, y, radius, vx, vy of the nearest moving obstacles in the odometry's frame.
+A file has these arrays. limits: first angle, increment, range_min, range_max. times: (n,) [s].
+poses: (n, 3) poses of
+the laser by odometry. steps: (n, beams) differences of the ranges to those of the previous beam, in
+5 mm; a range of -1 is +inf, 0 is too near. truth: (n, 8, 5) x, y, radius, vx, vy of the nearest
+moving obstacles in the odometry's frame.
 """
 
 import math
@@ -27,7 +29,9 @@ SPEEDS = (
 
 
 class Comparison:
-    """Errors of a tracker in a recorded scene: position and velocity [m, m/s] of tracks, times and counts."""
+    """Errors of a tracker in a recorded scene: position and velocity [m, m/s] of tracks, times and
+    counts.
+    """
 
     def __init__(self, robot, name):
         self.tracker = MoverTracker.of(robots.load(robot))

@@ -1,4 +1,6 @@
-"""Tests of the moving-obstacle tracker in small scenes, one test per rule: only moving obstacles are found."""
+"""Tests of the moving-obstacle tracker in small scenes, one test per rule: only moving obstacles
+are found.
+"""
 
 import math
 from dataclasses import replace
@@ -34,7 +36,9 @@ STANDS = np.empty((0, 3))
 
 
 class Scene:
-    """Robot with a laser among cylinders (n, 3) and boxes (m, 5); moving obstacles and poses are functions of time."""
+    """Robot with a laser among cylinders (n, 3) and boxes (m, 5); moving obstacles and poses are
+    functions of time.
+    """
 
     def __init__(self, laser=JACKAL.laser, cylinders=STANDS, boxes=ROOM, noise=0.01):
         self.laser = laser
@@ -128,7 +132,9 @@ def test_turning_causes_no_false_detections(rate):
 
 @pytest.mark.parametrize("rate", [0.6, 1.5])
 def test_a_slowly_spinning_laser_causes_no_false_detections(rate):
-    """The beams of the TurtleBot3 burger are measured one after the other in 0.2 s, but its driver reports 10 ms."""
+    """The beams of the TurtleBot3 burger are measured one after the other in 0.2 s, but its driver
+    reports 10 ms.
+    """
     scene = Scene(
         BURGER, np.vstack([PILLARS, [[0.5, -2.0, 0.2], [-0.8, 1.2, 0.1], [-2.5, 1.0, 0.15]]])
     )
@@ -155,7 +161,9 @@ def test_an_obstacle_without_evidence_for_a_second_is_no_longer_moving():
 
 
 def test_a_wall_seen_from_a_new_angle_is_static():
-    """As the robot drives, the wall's visible part moves along behind a box, and other obstacles come into view."""
+    """As the robot drives, the wall's visible part moves along behind a box, and other obstacles
+    come into view.
+    """
     boxes = np.array(
         [
             [2.0, 1.0, 0.0, 1.0, 0.4],
@@ -171,7 +179,9 @@ def test_a_wall_seen_from_a_new_angle_is_static():
 
 
 def test_slipping_wheels_cause_no_false_detections():
-    """Static obstacles seem to move together, and a moving obstacle is still tracked with its velocity in the world."""
+    """Static obstacles seem to move together, and a moving obstacle is still tracked with its
+    velocity in the world.
+    """
     for laser, rate in ((JACKAL.laser, 0.6), (JACKAL.laser, 2.0), (BURGER, 0.6)):
         spins = lambda t, rate=rate: (rate * max(0.0, t - 0.5), 0.0, 0.0)  # noqa: E731
         assert sum(counts(Scene(laser, PILLARS).watch(2.0, believed=spins))) == 0
@@ -196,7 +206,9 @@ def test_slipping_wheels_cause_no_false_detections():
 
 @pytest.mark.parametrize("code", [np.inf, np.nan, -np.inf, 0.0])
 def test_failing_beams_cause_no_false_detections(code):
-    """Random single beams fail, and sometimes a sector. Some posts are so thin that beams sometimes miss them."""
+    """Random single beams fail, and sometimes a sector. Some posts are so thin that beams sometimes
+    miss them.
+    """
     random = np.random.default_rng(2)
     thin = np.array([[2.0 + 0.4 * i, -1.5 + 0.6 * i, 0.012] for i in range(6)])
 
@@ -215,7 +227,9 @@ def test_failing_beams_cause_no_false_detections(code):
 
 
 def test_an_occluded_obstacle_is_extrapolated_and_then_forgotten():
-    """The obstacle passes behind a wall. A track whose predicted position is visibly free ends at once."""
+    """The obstacle passes behind a wall. A track whose predicted position is visibly free ends at
+    once.
+    """
     wall = np.array([[1.5, 2.0, 0.0, 0.2, 3.0]])
     crosses = lambda t: [(2.5, -1.2 + 1.2 * t, 0.25)]  # noqa: E731
     result = Scene(boxes=wall).watch(4.0, movers=crosses)

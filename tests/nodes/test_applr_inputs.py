@@ -1,4 +1,6 @@
-"""Tests of the inputs of the applr node (plans of the current goal, recent poses), without a ROS master."""
+"""Tests of the inputs of the applr node (plans of the current goal, recent poses), without a ROS
+master.
+"""
 
 import math
 
@@ -29,7 +31,8 @@ def stamped(message, now, frame):
 class Beside:
     """Fixture around RobotInputs: sets the time `now` [s] and sends messages.
 
-    Odometry messages contain another pose (x = 9 m) than tf, so that a test detects which one is used.
+    Odometry messages contain another pose (x = 9 m) than tf, so that a test detects which one is
+    used.
     """
 
     def __init__(self, monkeypatch):

@@ -24,7 +24,9 @@ pytestmark = pytest.mark.ros
 
 @pytest.fixture
 def checkout(tmp_path):
-    """Provide run.py and jackal_helper as in the Challenge's repository, with worlds 2 (BARN) and 300 (DynaBARN)."""
+    """Provide run.py and jackal_helper as in the Challenge's repository, with worlds 2 (BARN) and
+    300 (DynaBARN).
+    """
     root = tmp_path / "checkout"
     helper = root / "jackal_helper"
     static = helper / "worlds" / "BARN"

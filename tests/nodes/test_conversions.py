@@ -1,4 +1,6 @@
-"""Tests of message conversions: packed messages equal generated ones byte for byte, and invalid inputs are refused."""
+"""Tests of message conversions: packed messages equal generated ones byte for byte, and invalid
+inputs are refused.
+"""
 
 import io
 import math
@@ -95,7 +97,9 @@ def test_scans_that_cannot_be_used(change, words):
 
 
 def test_scans_of_a_laser_upside_down_or_tilted_have_the_true_points():
-    """Three beams of a laser at (1, 2, 0.5) with a roll of pi and a yaw of 0.3, or with a pitch of 0.2."""
+    """Three beams of a laser at (1, 2, 0.5) with a roll of pi and a yaw of 0.3, or with a pitch of
+    0.2.
+    """
     message = LaserScan(
         angle_min=-0.4, angle_increment=0.5, range_min=0.1, range_max=10.0, ranges=[1.0, 2.0, 3.0]
     )
@@ -122,7 +126,9 @@ def test_scans_of_a_laser_upside_down_or_tilted_have_the_true_points():
 
 
 def test_points_of_clouds():
-    """Fields may be in any order, rows padded, and bytes in either order. PointCloud is accepted, too."""
+    """Fields may be in any order, rows padded, and bytes in either order. PointCloud is accepted,
+    too.
+    """
     kind = np.dtype(
         {"names": list("izxy"), "formats": [">f4"] * 4, "offsets": [0, 4, 12, 20], "itemsize": 24}
     )

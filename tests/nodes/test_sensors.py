@@ -1,4 +1,6 @@
-"""Tests of Sensors with a fake clock and no ROS master: scans that wait for transforms, and clocks that jump back."""
+"""Tests of Sensors with a fake clock and no ROS master: scans that wait for transforms, and clocks
+that jump back.
+"""
 
 from types import SimpleNamespace
 
@@ -14,7 +16,9 @@ from tests.support.nodes import transform
 
 @pytest.fixture
 def robot(monkeypatch):
-    """Provide Sensors; time(t) to set the clock [s]; scan(t), tf(t) and odometry(t) to send messages with stamp t."""
+    """Provide Sensors; time(t) to set the clock [s]; scan(t), tf(t) and odometry(t) to send
+    messages with stamp t.
+    """
     callbacks = {}
     clock = [rospy.Time(100)]
 
@@ -52,7 +56,9 @@ def robot(monkeypatch):
 
 
 def test_no_scan_is_lost_while_tf_is_late(robot):
-    """Scans come at 25 Hz, tf at 50 Hz and 30 ms late. With a poll every 10 ms, each scan is used once, in order."""
+    """Scans come at 25 Hz, tf at 50 Hz and 30 ms late. With a poll every 10 ms, each scan is used
+    once, in order.
+    """
     used = []
     for k in range(200):
         now = 100.0 + 0.01 * k
@@ -152,7 +158,9 @@ def test_ages_are_those_of_the_messages_in_use(robot):
 
 @pytest.mark.parametrize("later", [0.0, 0.02])
 def test_lasers_that_share_a_topic_are_distinguished_by_their_frames(robot, later):
-    """The rear laser has fewer beams and equal or later stamps, and is used as often as the front laser."""
+    """The rear laser has fewer beams and equal or later stamps, and is used as often as the front
+    laser.
+    """
     used = []
     for k in range(10):
         now = 100.0 + 0.1 * k

@@ -1,4 +1,6 @@
-"""Tests of nodes started without a ROS master or with invalid arguments, and of nodes interrupted at once."""
+"""Tests of nodes started without a ROS master or with invalid arguments, and of nodes interrupted
+at once.
+"""
 
 import importlib
 import os
@@ -35,7 +37,9 @@ def start(*arguments):
 
 
 def ended(process, status):
-    """Return the output of a command, after checking that it ends with `status`, and in one line if it fails."""
+    """Return the output of a command, after checking that it ends with `status`, and in one line if
+    it fails.
+    """
     output, text = process.communicate(timeout=HANGS)
     assert process.returncode == status, text
     assert len(text.splitlines()) == status, text
@@ -51,7 +55,9 @@ def test_a_node_without_a_master_ends_in_one_line(name):
 
 @pytest.mark.parametrize("name", ["move_base", "send_goal"])
 def test_invalid_arguments_start_nothing(name):
-    """Otherwise `send_goal.py 1 0 0` and `send_goal.py --help` would send the robot to the default goal."""
+    """Otherwise `send_goal.py 1 0 0` and `send_goal.py --help` would send the robot to the default
+    goal.
+    """
     wrong, helped = (
         start("-m", "applr_ros1.scripts", name, *words)
         for words in (("1", "0", "0", "_a:=b"), ("-h",))

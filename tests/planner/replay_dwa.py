@@ -1,7 +1,8 @@
-"""Replay of the DWA planner's golden scenarios (format planner-golden-2-dwa), one function per kind of scenario.
+"""Replay of the DWA planner's golden scenarios (format planner-golden-2-dwa), one function per kind
+of scenario.
 
-Used by replay_golden.py. Each function yields (quantity, ours, expected), and a tolerance if the numbers cannot match
-to the last bit.
+Used by replay_golden.py. Each function yields (quantity, ours, expected), and a tolerance if the
+numbers cannot match to the last bit.
 """
 
 from types import SimpleNamespace
@@ -93,7 +94,9 @@ def dwa(scenario):
 
 
 def rollout(scenario):
-    """Compare the cycles of a roll-out. Each begins with the pose, velocity and flags of the C++ run."""
+    """Compare the cycles of a roll-out. Each begins with the pose, velocity and flags of the C++
+    run.
+    """
     given = scenario.inputs
     costmap = make_costmap(scenario)
     planner = make_planner(scenario)
@@ -116,7 +119,9 @@ def rollout(scenario):
 
 
 def drive(scenario):
-    """Compare cutting, searching, stopping, turning and the goal test. Pose and velocity of every step are given."""
+    """Compare cutting, searching, stopping, turning and the goal test. Pose and velocity of every
+    step are given.
+    """
     given = scenario.inputs
     costmap = make_costmap(scenario)
     planner = DWALocalPlanner({**DEFAULTS, **given["params"], **given["ros"]})

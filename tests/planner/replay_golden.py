@@ -1,7 +1,7 @@
 """Replay of the golden vectors of the C++ planner with this package's planner, for test_golden.py.
 
-tests/golden/FORMAT.md and tests/golden_dwa/FORMAT_DWA.md document the formats. Each set of scenarios names its format.
-replay_dwa.py replays the scenarios in the format of FORMAT_DWA.md.
+tests/golden/FORMAT.md and tests/golden_dwa/FORMAT_DWA.md document the formats. Each set of
+scenarios names its format. replay_dwa.py replays the scenarios in the format of FORMAT_DWA.md.
 """
 
 import hashlib
@@ -53,11 +53,14 @@ def load(folder):
     return scenarios
 
 
-# The function for each kind of scenario yields (quantity, ours, expected) for every comparable quantity.
+# The function for each kind of scenario yields (quantity, ours, expected) for every comparable
+# quantity.
 
 
 def sampled_window(planner):
-    """Return ranges and steps of a TrajectoryPlanner's last samples: {"min_vel_x", "max_vel_x", "dvx", ...}."""
+    """Return ranges and steps of a TrajectoryPlanner's last samples: {"min_vel_x", "max_vel_x",
+    "dvx", ...}.
+    """
     x0, x1, w0, w1 = velocity_window(planner.in_force, planner._plan, planner._scratch.start[0])
     dvx = fill_evenly(x0, x1, planner._scratch.vs)
     dw = fill_evenly(w0, w1, planner._scratch.ws)
@@ -201,7 +204,9 @@ def local_goal(given, goal_dist):
 
 
 def rollout(scenario):
-    """Compare each control cycle of a drive with C++, starting from the pose, velocity and state of the C++ run."""
+    """Compare each control cycle of a drive with C++, starting from the pose, velocity and state of
+    the C++ run.
+    """
     given = scenario.inputs
     costmap = make_costmap(scenario)
     yield from compare_costmap(scenario, costmap)
@@ -243,7 +248,9 @@ FORMATS = {
 
 
 def difference(ours, expected):
-    """Return the largest absolute difference, or infinity if the shapes differ or only one value is a number."""
+    """Return the largest absolute difference, or infinity if the shapes differ or only one value is
+    a number.
+    """
     a = np.asarray(ours, dtype=np.float64)
     b = np.asarray(expected, dtype=np.float64)
     if a.shape != b.shape:

@@ -1,4 +1,6 @@
-"""Tests that the unit of a planner's distance biases is detected from cost_cloud, and compensated without effect."""
+"""Tests that the unit of a planner's distance biases is detected from cost_cloud, and compensated
+without effect.
+"""
 
 import json
 from dataclasses import replace
@@ -28,7 +30,9 @@ def tree(weights):
 
 
 def cloud(weights, seed):
-    """Return the MoveBase of a robot that has just set out among posts, its cost_cloud and its random parameters."""
+    """Return the MoveBase of a robot that has just set out among posts, its cost_cloud and its
+    random parameters.
+    """
     draw = np.random.default_rng(seed)
     move_base = MoveBase(tree(weights))
     robot = ToyRobot(circles=ring(0.0, 0.0, draw.uniform(1.0, 2.0), posts=int(draw.integers(0, 7))))
@@ -64,7 +68,9 @@ def test_a_compensated_drive_equals_a_drive_without_need_of_compensation():
     unbounded = replace(SPACE, low=np.full(len(SPACE), -np.inf), high=np.full(len(SPACE), np.inf))
 
     class Rescaled(Episode):
-        """Episode that sends parameters converted for a planner with weights per metre, as the applr node does."""
+        """Episode that sends parameters converted for a planner with weights per metre, as the
+        applr node does.
+        """
 
         def apply(self, theta):
             send(unbounded.settings(theta * multipliers_of(SPACE, 0.05, LARGEST)), self.move_base)

@@ -12,7 +12,9 @@ DWA = "DWAPlannerROS"
 
 
 def test_success_is_reported_at_every_planner_frequency():
-    """In C++, a new plan clears no flag of this planner, so "cpp-like" and "ours" both succeed at once at the goal."""
+    """In C++, a new plan clears no flag of this planner, so "cpp-like" and "ours" both succeed at
+    once at the goal.
+    """
     for planner in ("ours", "cpp-like"):
         move_base = MoveBase(dwa_parameters(), planner=planner)
         robot = ToyRobot()
@@ -43,7 +45,9 @@ def test_reconfigure_reaches_the_planner_and_no_other_server():
 
 
 def test_the_latch_is_read_from_the_namespace_of_move_base():
-    """As in C++, latch_xy_goal_tolerance in the section DWAPlannerROS of TurtleBot3's file has no effect."""
+    """As in C++, latch_xy_goal_tolerance in the section DWAPlannerROS of TurtleBot3's file has no
+    effect.
+    """
     for own, nested in ((True, False), (False, True)):
         params = dwa_parameters(latch_xy_goal_tolerance=own, planner_frequency=0.0)
         params[DWA]["latch_xy_goal_tolerance"] = nested

@@ -1,4 +1,6 @@
-"""Test that the planners match committed results of the C++ planners (golden vectors) to the last bit."""
+"""Test that the planners match committed results of the C++ planners (golden vectors) to the last
+bit.
+"""
 
 import pytest
 

@@ -1,4 +1,6 @@
-"""Tests of TrajectoryLocalPlanner: cut of the plan, behaviour at the goal, fixed parameters, state between cycles."""
+"""Tests of TrajectoryLocalPlanner: cut of the plan, behaviour at the goal, fixed parameters, state
+between cycles.
+"""
 
 import math
 
@@ -27,7 +29,7 @@ def command(made, pose, twist=(0.0, 0.0)):
     return made.compute_velocity(pose, twist, open_map())
 
 
-# -- cut of the plan ---------------------------------------------------------------------------------------------
+# -- cut of the plan -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -43,7 +45,8 @@ def command(made, pose, twist=(0.0, 0.0)):
             [0.0, 3.0, 9.0],
             0,
         ),  # A point on the limit is inside.
-        # The cut skips 9 and 8, and prunes 3: the stored plan loses one point (docs/explanation/planner.md, 7.2).
+        # The cut skips 9 and 8, and prunes 3: the stored plan loses one point
+        # (docs/explanation/planner.md, 7.2).
         ([[9.0, 0, 0], [8.0, 0, 0], [3.0, 0, 0], [0.5, 0, 0]], [0.5], 1),
     ],
 )
@@ -58,7 +61,8 @@ def test_leading_points_1_m_away_or_more_are_dropped_for_good():
     assert (dropped, cut[0, 0], cut_plan(plan, 2.0, 0.0, 5.0, False)[0][0, 0]) == (3, 1.5, 0.0)
     planner = local_planner(plan)
     command(planner, (2.0, 0.0, 0.0))
-    # From x = 1.2 m the points at 0.5 and 1.0 m are near enough, but the first cycle has dropped them.
+    # From x = 1.2 m the points at 0.5 and 1.0 m are near enough, but the first cycle has dropped
+    # them.
     command(planner, (1.2, 0.0, 0.0))
     assert planner.cropped_plan[0, 0] == 1.5
     # From x = 0.2 m the rest of the plan is too far away.
@@ -74,7 +78,7 @@ def test_control_fails_when_all_points_are_pruned_until_the_next_plan():
     assert command(planner, (0, 0, 0))[0]
 
 
-# -- driving -----------------------------------------------------------------------------------------------------
+# -- driving ---------------------------------------------------------------------------------------
 
 
 def test_stops_before_it_turns():
@@ -119,7 +123,9 @@ def test_an_illegal_turn_is_refused():
 
 
 def test_the_goal_is_reported_in_the_cycle_that_reaches_it_although_plans_keep_coming():
-    """In C++ each new plan clears the latch before the latch is read, and the robot stands at the goal for seconds."""
+    """In C++ each new plan clears the latch before the latch is read, and the robot stands at the
+    goal for seconds.
+    """
     planner = local_planner(straight(1.0))
     for _ in range(3):
         planner.set_plan(straight(1.0))

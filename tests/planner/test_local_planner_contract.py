@@ -84,7 +84,9 @@ def test_drives_along_the_plan_and_shows_the_chosen_trajectory(planner):
 
 
 def drive(planner, here, pose=(0.0, 0.0, 0.0), seconds=20.0):
-    """Follow the commands exactly at 20 Hz, and return the final pose and whether the goal was reached."""
+    """Follow the commands exactly at 20 Hz, and return the final pose and whether the goal was
+    reached.
+    """
     x, y, yaw = pose
     twist = STANDING
     for _ in range(int(20 * seconds)):

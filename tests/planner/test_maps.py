@@ -1,4 +1,6 @@
-"""Tests of static maps, layers in any order, several sources, and localisation that moves the costmaps relatively."""
+"""Tests of static maps, layers in any order, several sources, and localisation that moves the
+costmaps relatively.
+"""
 
 import copy
 import itertools
@@ -57,7 +59,7 @@ def grid(rng, share=0.03):
     return StaticMap(cells.astype(np.int8), 0.1, (-2.0, -2.0), "map")
 
 
-# -- interpretation of maps -------------------------------------------------------------------------------------------
+# -- interpretation of maps ------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("parameters", "costs"),
     [  # costs of the occupancies 0, 1, 50, 64, 65, 99, 100, 127, -1
@@ -160,9 +162,11 @@ def test_a_rolling_costmap_shows_the_part_of_the_map_below_it():
     assert 500 < seen < N * N
 
 
-# -- layers and sources -----------------------------------------------------------------------------------------------
+# -- layers and sources ----------------------------------------------------------------------------
 def test_layers_in_any_order_equal_the_plain_ones():
-    """Letters: s static, m static with use_maximum, o obstacles, i inflation. The whole map is updated twice."""
+    """Letters: s static, m static with use_maximum, o obstacles, i inflation. The whole map is
+    updated twice.
+    """
     orders = [*itertools.permutations("som"), "ois", "sioi", "iso", "so", "s", "smoi", "oio", ""]
     for order, track_unknown in itertools.product(orders, (False, True)):
         compare_layers(order, track_unknown)
@@ -332,9 +336,11 @@ def test_obstacles_under_the_robot_are_also_cleared_with_a_map():
     assert costs == [0, 254]
 
 
-# -- move_base on a map -----------------------------------------------------------------------------------------------
+# -- move_base on a map ----------------------------------------------------------------------------
 def on_a_map(planner, **changes):
-    """Return MoveBase with small costmaps and a static layer, whose global costmap is in the frame map."""
+    """Return MoveBase with small costmaps and a static layer, whose global costmap is in the frame
+    map.
+    """
     tree = copy.deepcopy(quick(**changes))
     tree["global_costmap"]["global_frame"] = "map"
     tree["global_costmap"]["plugins"].insert(
@@ -463,7 +469,9 @@ def test_an_unexpectedly_silent_source_stops_the_robot():
 
 
 def test_the_map_of_a_world_matches_the_laser():
-    """Every laser hit is in or next to an occupied cell, and no cell on the course's path is occupied."""
+    """Every laser hit is in or next to an occupied cell, and no cell on the course's path is
+    occupied.
+    """
     import worlds
     from sim_bridge.lidar import Lidar
     from worlds.occupancy import occupancy

@@ -1,4 +1,6 @@
-"""Tests of MoveBase with an ideal robot: goals reached and aborted, recoveries, sensors, frequencies."""
+"""Tests of MoveBase with an ideal robot: goals reached and aborted, recoveries, sensors,
+frequencies.
+"""
 
 import math
 
@@ -23,7 +25,9 @@ from tests.support.robots import (
 
 
 def sealed(tree=None):
-    """Return MoveBase and a robot that has observed a closed ring of posts around itself; the goal is outside."""
+    """Return MoveBase and a robot that has observed a closed ring of posts around itself; the goal
+    is outside.
+    """
     robot = ToyRobot(circles=ring(0.0, 0.0, 0.85, posts=60, size=0.05))
     move_base = MoveBase(tree or quick())
     for yaw in (2.0, 4.0, 0.0):
@@ -38,7 +42,7 @@ def step(made, robot):
     return made.step(robot.time, robot.pose, robot.twist, robot.scan())
 
 
-# -- reaching a goal ------------------------------------------------------------------------------------------
+# -- reaching a goal -------------------------------------------------------------------------------
 def test_reaches_a_goal_among_obstacles():
     move_base, robot = start((4.0, 0.0, 0.5), ToyRobot(circles=SLALOM))
     cycles = []
@@ -71,7 +75,7 @@ def test_shutdown_costmaps_stops_map_updates_without_a_goal():
     assert move_base.step(0.05, robot.pose, robot.twist, robot.scan()).updated == (True, True)
 
 
-# -- aborting a goal ---------------------------------------------------------------------------------------------
+# -- aborting a goal -------------------------------------------------------------------------------
 @pytest.mark.fault("17")
 def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
     move_base, robot = sealed()
@@ -98,7 +102,9 @@ def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
 
 @pytest.mark.fault("17a")
 def test_a_sealed_goal_is_aborted_if_recovery_rounds_are_limited():
-    """Posts enclose the goal, and each reset recovery clears the maps. Without a limit, as in C++, this repeats."""
+    """Posts enclose the goal, and each reset recovery clears the maps. Without a limit, as in C++,
+    this repeats.
+    """
     first = {}
     for rounds in (0, 2):
         posts = ring(3.5, 0.0, 0.7, posts=50, size=0.06)
@@ -250,7 +256,9 @@ class Wedged(ToyRobot):
 @pytest.mark.fault("17")
 @pytest.mark.parametrize("kind", [ToyRobot, Wedged])
 def test_a_start_in_collision_is_left_or_ends_in_recoveries(kind):
-    """Two thick posts reach into the outline of the body. One robot can drive away from the posts, the other cannot."""
+    """Two thick posts reach into the outline of the body. One robot can drive away from the posts,
+    the other cannot.
+    """
     robot = kind(circles=[(0.0, 0.46, 0.3), (0.0, -0.46, 0.3)])
     points = robot.ranges() * np.sin(ANGLE_MIN + INCREMENT * np.arange(BEAMS))
     # Half the width of the footprint.
@@ -267,7 +275,7 @@ def test_a_start_in_collision_is_left_or_ends_in_recoveries(kind):
     assert move_base.goal is None
 
 
-# -- cancel, replace ---------------------------------------------------------------------------------------------
+# -- cancel, replace -------------------------------------------------------------------------------
 def test_cancel_stops_at_the_next_step():
     move_base, robot = start((4.0, 0.0, 0.0))
     run(move_base, robot, 1.0)
@@ -317,7 +325,7 @@ def test_a_cancelled_goal_does_not_cancel_the_next():
     assert run(move_base, robot, 20.0) == ("succeeded", "Goal reached.")
 
 
-# -- sensors -----------------------------------------------------------------------------------------------------
+# -- sensors ---------------------------------------------------------------------------------------
 def test_the_robot_stops_after_a_second_without_scans_and_resumes_with_them():
     move_base, robot = start((4.0, 0.0, 0.0))
     run(move_base, robot, 1.0)
@@ -339,7 +347,7 @@ def test_the_robot_stops_without_a_pose():
     assert run(move_base, robot, 20.0) == ("succeeded", "Goal reached.")
 
 
-# -- frequencies -------------------------------------------------------------------------------------------------
+# -- frequencies -----------------------------------------------------------------------------------
 @pytest.mark.parametrize(("planner", "expected"), [(20.0, 40), (4.0, 8), (0.0, 1)])
 def test_plans_are_made_at_planner_frequency(planner, expected):
     move_base, robot = start((4.0, 0.0, 0.0), tree=quick(planner_frequency=planner))

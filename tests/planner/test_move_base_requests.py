@@ -1,4 +1,6 @@
-"""Tests of requests to MoveBase between two steps: reset, reconfigure, footprints, make_plan, clear_costmaps."""
+"""Tests of requests to MoveBase between two steps: reset, reconfigure, footprints, make_plan,
+clear_costmaps.
+"""
 
 import math
 

@@ -1,4 +1,6 @@
-"""Tests of recovery behaviours: their order, the course of a rotation, and clearing of obstacle layers of any name."""
+"""Tests of recovery behaviours: their order, the course of a rotation, and clearing of obstacle
+layers of any name.
+"""
 
 import math
 

@@ -1,11 +1,14 @@
-"""Golden file of the dimensionless encoding, tests/data/encoding.npz: observations, parameters and rewards.
+"""Golden file of the dimensionless encoding, tests/data/encoding.npz: observations, parameters and
+rewards.
 
-    python -m tests.policy.golden_encoding          rewrites the file after a deliberate change of the encoding
+    python -m tests.policy.golden_encoding          rewrites the file after a deliberate change of
+    the encoding
 
-For each included robot the file has random inputs: scenes of one course, actions, and outcomes of decisions. It also
-has the outputs of the encoding at a decision period of 1 s: observations, parameters of the robot's space, their
-actions, and the terms of the reward with each of REWARDS. test_encoding.py compares with the precision of float32,
-because the last bits of numpy's float64 functions depend on the processor.
+For each included robot the file has random inputs: scenes of one course, actions, and outcomes of
+decisions. It also has the outputs of the encoding at a decision period of 1 s: observations,
+parameters of the robot's space, their actions, and the terms of the reward with each of REWARDS.
+test_encoding.py compares with the precision of float32, because the last bits of numpy's float64
+functions depend on the processor.
 """
 
 from __future__ import annotations
@@ -60,7 +63,9 @@ def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
 
 
 def outputs(robot: Robot, given: Arrays) -> Arrays:
-    """Return the outputs of the encoding. The parameters of one decision are the current ones at the next."""
+    """Return the outputs of the encoding. The parameters of one decision are the current ones at
+    the next.
+    """
     encoding = DimensionlessEncoding(robot, PERIOD)
     thetas = np.array([encoding.theta(action) for action in given["actions"]])
     before = np.vstack([encoding.space.theta0, thetas[:-1]])

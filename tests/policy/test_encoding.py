@@ -1,7 +1,7 @@
 """Tests of the dimensionless encoding.
 
-Observations do not depend on the robot's size, mirrored scenes give mirrored observations, and actions become valid
-parameters.
+Observations do not depend on the robot's size, mirrored scenes give mirrored observations, and
+actions become valid parameters.
 """
 
 from dataclasses import replace
@@ -118,7 +118,9 @@ def test_observations_parameters_and_rewards_equal_the_golden_file(name):
 
 
 def test_the_nearest_moving_obstacles_are_in_the_robots_frame():
-    """The robot faces +y. One obstacle approaches from ahead, one recedes on the left, others are farther away."""
+    """The robot faces +y. One obstacle approaches from ahead, one recedes on the left, others are
+    farther away.
+    """
     encoding = DimensionlessEncoding(JACKAL, 1.0)
     rng = np.random.default_rng(0)
     movers = np.array(
@@ -205,7 +207,9 @@ def test_parameters_that_an_action_does_not_choose_have_the_policys_base(tmp_pat
 
 
 def test_a_parameter_with_a_range_out_of_reach_is_not_chosen():
-    """min_vel_x is a backward speed for DWAPlannerROS, but the smallest forward speed for TrajectoryPlannerROS."""
+    """min_vel_x is a backward speed for DWAPlannerROS, but the smallest forward speed for
+    TrajectoryPlannerROS.
+    """
     targets = (Target(server="TrajectoryPlannerROS", name="min_vel_x"),)
     ahead = SpaceParameter(name="min_vel_x", range=(0.02, 0.4), sets=targets)
     encoding = DimensionlessEncoding(replace(JACKAL, space=(*JACKAL.space, ahead)), 1.0)

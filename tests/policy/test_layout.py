@@ -1,4 +1,6 @@
-"""Tests of resampling scans to a policy's layout, compared with a simple implementation beam by beam."""
+"""Tests of resampling scans to a policy's layout, compared with a simple implementation beam by
+beam.
+"""
 
 import numpy as np
 import pytest
@@ -23,7 +25,9 @@ SCANNERS = {  # first and last angle, number of ranges
 
 
 def plain(layout, ranges, first, step):
-    """Return for each beam of the layout the smallest range in its sector, or the range nearest in angle."""
+    """Return for each beam of the layout the smallest range in its sector, or the range nearest in
+    angle.
+    """
     angles = first + step * np.arange(len(ranges))
     result = []
     for middle in layout.angle_min + layout.step * np.arange(layout.beams):

@@ -1,4 +1,6 @@
-"""Tests that METHODS, the built-in methods, are reproducible with a seed and return parameters within their bounds."""
+"""Tests that METHODS, the built-in methods, are reproducible with a seed and return parameters
+within their bounds.
+"""
 
 import json
 

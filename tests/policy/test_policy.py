@@ -1,4 +1,6 @@
-"""Tests of parameter space, observation and policy file: values, errors, agreement with scipy and torch."""
+"""Tests of parameter space, observation and policy file: values, errors, agreement with scipy and
+torch.
+"""
 
 import json
 import pickle

@@ -1,4 +1,6 @@
-"""Fixture for checks without driving; tests/training/robot/test_open_floor.py tests the drive on open floor."""
+"""Fixture for checks without driving; tests/training/robot/test_open_floor.py tests the drive on
+open floor.
+"""
 
 import pytest
 

@@ -116,7 +116,9 @@ def test_space_and_layout_follow_the_description(crate):
 
 
 def test_obstacles_count_at_the_lasers_height_in_simulation_too(crate):
-    """An observation source that drops points near the ground must still mark the laser's points in simulation."""
+    """An observation source that drops points near the ground must still mark the laser's points in
+    simulation.
+    """
     (crate / "costmap.yaml").write_text(
         COSTMAP.replace("topic: scan,", "topic: scan, min_obstacle_height: 0.2,")
     )

@@ -1,4 +1,5 @@
-"""Tests of ./applr robot, which writes a robot's folder from its URDF or xacro file and its parameter files.
+"""Tests of ./applr robot, which writes a robot's folder from its URDF or xacro file and its
+parameter files.
 
 owners/ contains URDFs in the style of several makers, with the dimensions of the included robots.
 """

@@ -1,4 +1,6 @@
-"""Tests of the messages about common mistakes in a robot's folder, which are the same for every command."""
+"""Tests of the messages about common mistakes in a robot's folder, which are the same for every
+command.
+"""
 
 import re
 import shutil
@@ -59,7 +61,8 @@ IN_ROBOT_YAML = [
     (
         "local_costmap/inflater_layer}",
         "local_costmap/inflation_layer}",
-        "inflation_radius: there is no server .*inflation_layer.*; did you mean local_costmap/inflater_layer",
+        "inflation_radius: there is no server .*inflation_layer.*; did you mean "
+        "local_costmap/inflater_layer",
     ),
     (
         "name: path_distance_bias",
@@ -90,7 +93,8 @@ IN_ROBOT_YAML = [
     (
         "file: base_local_planner_params.yaml",
         "file: base_local_planner_params.yaml, namespace: TrajectoryPlannerROS",
-        "^TrajectoryPlannerROS/TrajectoryPlannerROS is one level too deep for move_base: remove the level",
+        "^TrajectoryPlannerROS/TrajectoryPlannerROS is one level too deep for move_base: remove "
+        "the level",
     ),
     (
         "range: [0.2, 2.0]",
@@ -109,7 +113,8 @@ OF_JACKAL = [
         MOVE_BASE,
         "base_local_planner/TrajectoryPlannerROS",
         "dwa_local_planner/DWAPlannerROS",
-        "base_local_planner is .*, but the files only hold parameters of TrajectoryPlannerROS: give ",
+        "base_local_planner is .*, but the files only hold parameters of TrajectoryPlannerROS: "
+        "give ",
     ),
     (
         COSTMAPS,
@@ -291,7 +296,8 @@ def test_a_remark_stops_nothing(tmp_path, robot, file, old, new, line):
             (0.26, 0.34),
             [
                 "min_vel_trans is 0.13, .* raise it to 0.26$",
-                "ROS/acc_lim_x is 2.5: the first command from rest is at most 0.25, .* raise it to 2.6$",
+                "ROS/acc_lim_x is 2.5: the first command from rest is at most 0.25, .* raise it "
+                "to 2.6$",
                 "ROS/acc_lim_theta is 3.2: .* at most 0.32, .* raise it to 3.4$",
             ],
         ),

@@ -1,4 +1,6 @@
-"""Tests of the parameter sets and policies in the robots' folders: `auto` selects them, and the robots drive."""
+"""Tests of the parameter sets and policies in the robots' folders: `auto` selects them, and the
+robots drive.
+"""
 
 import shutil
 

@@ -1,4 +1,6 @@
-"""Tests of ground `gazebo`: averaged over wheel angles, turns, stops and odometry errors are those in Gazebo 11."""
+"""Tests of ground `gazebo`: averaged over wheel angles, turns, stops and odometry errors are those
+in Gazebo 11.
+"""
 
 from dataclasses import replace
 from math import hypot
@@ -23,7 +25,9 @@ def simulator(request):
 
 
 def turning(simulator, v, w, seed):
-    """Return (ratio of yaw rate to command, distance of the centre of rotation ahead of base_link [m]) in a turn."""
+    """Return (ratio of yaw rate to command, distance of the centre of rotation ahead of base_link
+    [m]) in a turn.
+    """
     simulator.reset(OPEN, seed)
     before = drive(simulator, v, w, 1.5).pose
     rates = []
@@ -38,7 +42,9 @@ def turning(simulator, v, w, seed):
 
 
 def test_the_robot_turns_faster_than_commanded_about_a_point_ahead(simulator):
-    """In Gazebo, the ratio is 1.21 to 1.48, larger in faster curves, about a point .129 to .137 m ahead."""
+    """In Gazebo, the ratio is 1.21 to 1.48, larger in faster curves, about a point .129 to .137 m
+    ahead.
+    """
     for v, w, gain in ((0.25, 1.57, 1.31), (0.5, 1.2, 1.31), (1.0, 1.57, 1.48)):
         ratio, ahead = np.mean([turning(simulator, v, w, seed) for seed in range(4)], axis=0)
         assert (ratio, ahead) == (pytest.approx(gain, abs=0.1), pytest.approx(0.133, abs=0.03))
@@ -47,7 +53,9 @@ def test_the_robot_turns_faster_than_commanded_about_a_point_ahead(simulator):
 def test_the_stopping_distance_depends_on_the_wheels_angles_and_odometry_misses_the_slide(
     simulator,
 ):
-    """In Gazebo, twelve stops from 1.5 m/s took .18 to 1.14 m, on average .47 m, of which odometry missed .37 m."""
+    """In Gazebo, twelve stops from 1.5 m/s took .18 to 1.14 m, on average .47 m, of which odometry
+    missed .37 m.
+    """
     ways = []
     unseen = []
     for seed in range(16):
@@ -84,7 +92,9 @@ def set_motion(made, twist, ramp, angles):
 
 
 def test_the_robot_yaws_while_its_wheels_stop():
-    """In Gazebo, these commands at .69 m/s caused a yaw swing of -.165 rad within .135 m, in spite of a left turn."""
+    """In Gazebo, these commands at .69 m/s caused a yaw swing of -.165 rad within .135 m, in spite
+    of a left turn.
+    """
     commands = (
         (0.386, 0.602),
         (0.282, 0.439),
@@ -135,7 +145,9 @@ def test_a_drive_equals_the_recorded_one(ground, places):
 
 
 def test_grounds_may_be_drawn_in_between():
-    """Half of the draws from (0, 2) give Gazebo's ground. On ground 0, the robot turns as commanded."""
+    """Half of the draws from (0, 2) give Gazebo's ground. On ground 0, the robot turns as
+    commanded.
+    """
     drawn = sim_bridge.make("kinematic", ground=(0.0, 2.0))
     gains = [turning(drawn, 0.5, 1.2, seed)[0] for seed in range(12)]
     assert min(gains) < 1.2 < 1.28 < max(gains)
@@ -176,7 +188,9 @@ def test_a_ground_that_a_robot_cannot_have_is_one_line(name):
 def test_a_tyre_of_high_friction_jams_and_does_not_push(
     seed, width, length, limits, friction, ground
 ):
-    """Without the limit, skid-steered robots with a friction of .95 to 1.2 reach 10 to 50 times their speed."""
+    """Without the limit, skid-steered robots with a friction of .95 to 1.2 reach 10 to 50 times
+    their speed.
+    """
     wheels = dict(
         wheel_radius=0.15 * width,
         wheel_width=0.08 * width,

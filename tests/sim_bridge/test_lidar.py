@@ -38,7 +38,9 @@ def brute_force(laser, circles, edges, x, y, yaw):
 
 
 def grazing(laser, circles, edges, x, y, yaw, beam):
-    """Return whether a beam passes the rim of an obstacle so closely that rounding decides whether it hits."""
+    """Return whether a beam passes the rim of an obstacle so closely that rounding decides whether
+    it hits.
+    """
     angle = yaw + laser.first_angle + laser.increment * beam
     across = np.array([-np.sin(angle), np.cos(angle)])
     rims = [abs(abs(across @ (cx - x, cy - y)) - r) for cx, cy, r in circles]

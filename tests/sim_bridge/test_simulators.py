@@ -1,4 +1,6 @@
-"""Tests of both simulators: speeds, command time-out, contacts, odometry, repetition with the same seed."""
+"""Tests of both simulators: speeds, command time-out, contacts, odometry, repetition with the same
+seed.
+"""
 
 import subprocess
 import sys
@@ -94,7 +96,9 @@ CURVES = ((0.05, 0.125, 0.25, 0.5, 0.75, 1.0), (0.05, 0.15, -0.25, 0.3925, 0.785
 
 
 def commands(robot):
-    """Return commands (v, w) [m/s, rad/s] like those of planners, with curves up to the friction limit grip_limit."""
+    """Return commands (v, w) [m/s, rad/s] like those of planners, with curves up to the friction
+    limit grip_limit.
+    """
     v, w = robot.base.max_speed, robot.base.max_yaw_rate
     curves = [(v * a, w * b) for a in CURVES[0] for b in CURVES[1]]
     feasible = [
@@ -379,7 +383,9 @@ def test_kinematic_drives_like_pybullet():
 
 
 def among_obstacles(simulator, seed):
-    """Run two random commands among random obstacles, and return poses (k, 3) and whether there was contact."""
+    """Run two random commands among random obstacles, and return poses (k, 3) and whether there was
+    contact.
+    """
     rng = np.random.default_rng(seed)
     spots = rng.uniform(-1.1, 1.1, (16, 2))
     scene = small_world([(x, y, 0.075) for x, y in spots if max(abs(x) - 0.35, abs(y) - 0.32) > 0])
@@ -442,8 +448,9 @@ def test_other_robots_drive_and_meet_a_wall_alike_in_both(name):
 
 def test_kinematic_needs_no_pybullet():
     code = (
-        "import sys; sys.modules['pybullet'] = None; import sim_bridge; sim_bridge.make('kinematic');"
-        "\ntry: sim_bridge.make('pybullet')\nexcept ModuleNotFoundError as e: print(e.name)"
+        "import sys; sys.modules['pybullet'] = None; import sim_bridge; "
+        "sim_bridge.make('kinematic');\ntry: sim_bridge.make('pybullet')\nexcept "
+        "ModuleNotFoundError as e: print(e.name)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS
@@ -452,7 +459,7 @@ def test_kinematic_needs_no_pybullet():
     assert (done.stdout, done.stderr) == ("pybullet\n", "")
 
 
-# -- dead band ---------------------------------------------------------------------------------------
+# -- dead band -------------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", NAMES)
 def test_a_base_with_a_dead_band_takes_smaller_speeds_and_turn_rates_as_0(name):
     assert JACKAL.base.dead_band == (0.0, 0.0)

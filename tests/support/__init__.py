@@ -1,4 +1,6 @@
-"""Shared parts of tests: stand-ins for nodes and robots, slow reference implementations, synthetic worlds and maps."""
+"""Shared parts of tests: stand-ins for nodes and robots, slow reference implementations, synthetic
+worlds and maps.
+"""
 
 from pathlib import Path
 

@@ -1,4 +1,6 @@
-"""Drives for tests: made of numbers, simulated with a C++-like planner, and written message by message."""
+"""Drives for tests: made of numbers, simulated with a C++-like planner, and written message by
+message.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,9 @@ NOTHING_SEEN = Seen(
 
 
 def driven(time, pose, twist=None, theta=(), decided=()):
-    """Return a drive along true poses (n, 3), with parameter sets theta (k, p) from the times decided (k,) on."""
+    """Return a drive along true poses (n, 3), with parameter sets theta (k, p) from the times
+    decided (k,) on.
+    """
     time = np.asarray(time, float)
     twist = np.zeros((len(time), 2)) if twist is None else np.asarray(twist, float)
     decisions = [
@@ -59,7 +63,9 @@ def simulated(
     seed: int = 0,
     simulator: Any = KinematicSimulator,
 ) -> Tuple[Drive, Outcome]:
-    """Drive a robot through a world, or the world of a name in its scale, with the parameters of its files."""
+    """Drive a robot through a world, or the world of a name in its scale, with the parameters of
+    its files.
+    """
     move_base = MoveBase(counting_cells(robot.parameters()), planner=CPP_LIKE, seed=seed)
     # The parameters of the files stay, even out of the ranges of robot.yaml.
     fixed = replace(robot, space=())
@@ -110,7 +116,9 @@ class Messages(BagWriter):
         self.put("odometry", time, self.robot.frames.odom, self.robot.frames.base, pose, twist)
 
     def status(self, time, goal, running=True, ended=0):
-        """Write a goal that is active, or has ended with the status code `ended`; without both, no goal."""
+        """Write a goal that is active, or has ended with the status code `ended`; without both, no
+        goal.
+        """
         if running:
             self.put("status", time, goal)
         else:

@@ -1,7 +1,8 @@
-"""Programs that use Gazebo's services and topics: a client of the simulation, and a BARN Challenge's runner.
+"""Programs that use Gazebo's services and topics: a client of the simulation, and a BARN
+Challenge's runner.
 
-The runner makes the same calls in the same order as the Challenge's. tests/nodes/test_barn.py copies this file as
-run.py into a synthetic checkout, so it imports nothing of this repository.
+The runner makes the same calls in the same order as the Challenge's. tests/nodes/test_barn.py
+copies this file as run.py into a synthetic checkout, so it imports nothing of this repository.
 """
 
 import argparse

@@ -1,14 +1,18 @@
 """Nodes for tests: a simulated Jackal, a move_base that misbehaves, and the stack of both.
 
-The Jackal runs in a thread of the test process, in wall time. Tests can switch off its topics and alter its scans.
+The Jackal runs in a thread of the test process, in wall time. Tests can switch off its topics and
+alter its scans.
 
-The stand-in for move_base is a program. It has move_base's dynamic_reconfigure servers, which misbehave on demand:
+The stand-in for move_base is a program. It has move_base's dynamic_reconfigure servers, which
+misbehave on demand:
 
-    python -m tests.support.nodes [--spelling kinetic] [--layer NAME] [--without NAME] [--robot NAME] [--text CODE]
+    python -m tests.support.nodes [--spelling kinetic] [--layer NAME] [--without NAME] [--robot
+    NAME] [--text CODE]
 
-These ROS parameters are lists of servers that misbehave. Servers in /fake/refuse raise an error. Those in /fake/hold
-keep and report their old values. Those in /fake/lie keep their old values, but report the new ones. Those in /fake/late
-publish their values 0.2 s late. Those in /fake/hang do not answer until they are removed from the list.
+These ROS parameters are lists of servers that misbehave. Servers in /fake/refuse raise an error.
+Those in /fake/hold keep and report their old values. Those in /fake/lie keep their old values, but
+report the new ones. Those in /fake/late publish their values 0.2 s late. Those in /fake/hang do not
+answer until they are removed from the list.
 """
 
 import argparse
@@ -64,12 +68,14 @@ COMMAND_TIMEOUT = 0.25  # age of a command after which the base stops [s]
 
 
 class FakeJackal:
-    """Robot that follows /cmd_vel among round obstacles and publishes scan, odometry, tf and optionally /clock.
+    """Robot that follows /cmd_vel among round obstacles and publishes scan, odometry, tf and
+    optionally /clock.
 
     Args:
         circles: Obstacles (n, 3) of x, y, radius [m].
         pose: Initial pose (x, y, yaw).
-        clock: Initial time of /clock [s], from which stamps are taken; None for wall time without /clock.
+        clock: Initial time of /clock [s], from which stamps are taken; None for wall time without
+            /clock.
     """
 
     ticking = True
@@ -167,7 +173,9 @@ class FakeJackal:
 
 
 class Standing(FakeJackal):
-    """Jackal at rest that publishes a plan and optionally a goal, and records the messages of the applr node."""
+    """Jackal at rest that publishes a plan and optionally a goal, and records the messages of the
+    applr node.
+    """
 
     def __init__(self):
         self.reset()
@@ -235,7 +243,9 @@ class Standing(FakeJackal):
 
 
 def decided(message):
-    """Return an applr_ros1/Decision as a dict. "theta" is empty if the method's output was rejected."""
+    """Return an applr_ros1/Decision as a dict. "theta" is empty if the method's output was
+    rejected.
+    """
     sets = {
         key: dict(zip(of.names, of.values))
         for key, of in (("theta_prev", message.before), ("theta", message.after))
@@ -320,7 +330,9 @@ def goal(x, y=0.0, yaw=0.0, frame="odom", quaternion=None):
 
 
 def collect(topic, kind):
-    """Subscribe to a topic that has a publisher; return (subscriber, list that collects its messages)."""
+    """Subscribe to a topic that has a publisher; return (subscriber, list that collects its
+    messages).
+    """
     messages = []
     subscriber = rospy.Subscriber(topic, kind, messages.append)
     wait_for(subscriber.get_num_connections, topic)
@@ -352,7 +364,8 @@ KINETIC = {"path_distance_bias": "pdist_scale", "goal_distance_bias": "gdist_sca
 
 
 def config_type(parameters, code=""):
-    """Return dynamic_reconfigure's description of a group of parameters, as a .cfg file would generate it.
+    """Return dynamic_reconfigure's description of a group of parameters, as a .cfg file would
+    generate it.
 
     With `code`, max_vel_x is a string whose choices the server describes by this Python code.
     """
@@ -399,7 +412,9 @@ def config_type(parameters, code=""):
 
 
 class Liar(Server):
-    """Server that publishes its values late if it is in /fake/late, and confirms without applying if in /fake/lie."""
+    """Server that publishes its values late if it is in /fake/late, and confirms without applying
+    if in /fake/lie.
+    """
 
     def _set_callback(self, request):
         if self.ns.rstrip("/") in rospy.get_param("/fake/late", []):

@@ -1,9 +1,10 @@
 """Nursery: process from which the nodes of tests are forked. It has imported all nodes.
 
-The nursery loads a node's kernels at the first start of this node. A forked node runs as its command would, but without
-imports and loading of kernels, which take most of the processor time. Its parent is the process of the tests, which
-receives the exit status. Programs in tests/launch and tests/nodes, and the process that the collision monitor's guard
-starts, are ordinary commands and not forked from the nursery.
+The nursery loads a node's kernels at the first start of this node. A forked node runs as its
+command would, but without imports and loading of kernels, which take most of the processor time.
+Its parent is the process of the tests, which receives the exit status. Programs in tests/launch and
+tests/nodes, and the process that the collision monitor's guard starts, are ordinary commands and
+not forked from the nursery.
 """
 
 import ctypes
@@ -102,7 +103,9 @@ class Nursery:
 
 
 def main():
-    """Fork a process for each order on stdin. The forked process leaves the loop and runs the program."""
+    """Fork a process for each order on stdin. The forked process leaves the loop and runs the
+    program.
+    """
     from applr_ros1.nodes.tools import compile_kernels
 
     parent = int(sys.argv[1])

@@ -8,7 +8,9 @@ from applr_ros1.common.errors import ApplrError
 
 
 def refused(call, *words, kind=ApplrError):
-    """Return the error message of call(), after checking that it is one line and matches all regular expressions."""
+    """Return the error message of call(), after checking that it is one line and matches all
+    regular expressions.
+    """
     with pytest.raises(kind) as raised:
         call()
     line = str(raised.value)

@@ -1,4 +1,6 @@
-"""Robots for tests: the Jackal's parameters, an ideal robot with a laser, and the weights of a policy."""
+"""Robots for tests: the Jackal's parameters, an ideal robot with a laser, and the weights of a
+policy.
+"""
 
 import copy
 import math
@@ -102,7 +104,9 @@ def ring(x, y, radius, posts=40, size=0.1):
 
 
 def run(move_base, robot, seconds, period=0.05, scans=True, until_result=True, cycles=None):
-    """Step planner and robot for `seconds`, and return the result or None. Append (time, Cycle) to `cycles`."""
+    """Step planner and robot for `seconds`, and return the result or None. Append (time, Cycle) to
+    `cycles`.
+    """
     for _ in range(int(round(seconds / period))):
         cycle = move_base.step(robot.time, robot.pose, robot.twist, robot.scan() if scans else None)
         if cycles is not None:
@@ -136,7 +140,7 @@ class Scripted:
         return self.answer(self.calls)
 
 
-# -- MoveBase with small maps ------------------------------------------------------------------------------------
+# -- MoveBase with small maps ----------------------------------------------------------------------
 def quick(**changes):
     """Return the Jackal's parameters with small maps and short patience."""
     tree = copy.deepcopy(JACKAL_PARAMETERS)

@@ -1,7 +1,8 @@
 """ROS for tests: a private master on a free port, and processes that use it, each ended by its pid.
 
-Every test that needs rospy uses this module. rospy knows one master URI per process, so all tests in a process share
-the master of `session()`. tests/conftest.py calls `close_session()` between test files.
+Every test that needs rospy uses this module. rospy knows one master URI per process, so all tests
+in a process share the master of `session()`. tests/conftest.py calls `close_session()` between test
+files.
 """
 
 import atexit
@@ -49,7 +50,8 @@ class Child:
         return self.process.poll() is None
 
     def until(self, condition):
-        """Wait until the process has printed a text, or until condition() is true, and return the value.
+        """Wait until the process has printed a text, or until condition() is true, and return the
+        value.
 
         Raises:
             AssertionError: The process ended first, or hangs; the message has its output.
@@ -100,7 +102,8 @@ def started(args, env, log):
 
 
 class RosMaster:
-    """ROS master on a given or free port, with its child processes. Use as a context manager or call close().
+    """ROS master on a given or free port, with its child processes. Use as a context manager or
+    call close().
 
     Attributes:
         env: Environment of processes that join the master.
@@ -129,11 +132,14 @@ class RosMaster:
         self._master.until(lambda: _answers(self.port))
 
     def spawn(self, *args, **env):
-        """Start a program that uses the master, with additional environment variables `env`, and return its Child."""
+        """Start a program that uses the master, with additional environment variables `env`, and
+        return its Child.
+        """
         return self._keep(started, args, env, str(args[-1 if len(args) == 1 else 1]))
 
     def node(self, script, *args, constants=None, **env):
-        """Fork a program of `rosrun applr_ros1`, named without ".py", or the main() of a module; return its Child.
+        """Fork a program of `rosrun applr_ros1`, named without ".py", or the main() of a module;
+        return its Child.
 
         constants: {"module.NAME": value} of constants that are replaced in the program.
         """
@@ -151,7 +157,9 @@ class RosMaster:
         return self._children[-1]
 
     def forget_ended(self):
-        """Delete the parameters of nodes that have ended, so that the next node of that name does not inherit them."""
+        """Delete the parameters of nodes that have ended, so that the next node of that name does
+        not inherit them.
+        """
         import rospy
 
         living = {name for name, child in self._nodes if child.alive()}
@@ -189,7 +197,9 @@ def forked(words, env, log, constants):
 
 
 def session():
-    """Return the master of the running tests, with this process as one of its nodes (rospy is initialised)."""
+    """Return the master of the running tests, with this process as one of its nodes (rospy is
+    initialised).
+    """
     global _session, _port
     if _session is None:
         import rospy
@@ -227,7 +237,9 @@ def forget_ended():
 
 
 def close_session():
-    """End the master, its nodes and this process's topics; the next tests get a master without parameters."""
+    """End the master, its nodes and this process's topics; the next tests get a master without
+    parameters.
+    """
     global _session
     if _session is not None:
         while _joined:
@@ -262,7 +274,8 @@ LONGEST = (
 
 
 class Kept:
-    """Stopwatch for the time that this process and its children spent waiting for a processor on a busy machine.
+    """Stopwatch for the time that this process and its children spent waiting for a processor on a
+    busy machine.
 
     Tests add this time to their wall-time limits, which are for an idle machine.
     """
@@ -281,7 +294,9 @@ class Kept:
         return delays
 
     def waiting(self):
-        """Return the longest waiting time [s] of a thread since construction. An ended thread keeps its last value."""
+        """Return the longest waiting time [s] of a thread since construction. An ended thread keeps
+        its last value.
+        """
         self._latest = {**self._latest, **self._delays()}
         return 1e-9 * max(
             delay - self._since.get(thread, 0) for thread, delay in self._latest.items()

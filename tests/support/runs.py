@@ -1,4 +1,6 @@
-"""Runs for tests: train.py in the environment of training.py, and a runner of trials that draws its results."""
+"""Runs for tests: train.py in the environment of training.py, and a runner of trials that draws its
+results.
+"""
 
 import json
 import os

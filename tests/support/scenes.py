@@ -17,7 +17,9 @@ STEP = 0.05  # simulated time between commands [s]
 
 
 def small_world(cylinders=(), boxes=(), movers=(), start=(0.0, 0.0, 0.0)):
-    """Return a world of cylinders (x, y, radius), boxes (x, y, yaw, size_x, size_y) and moving obstacles [m, rad]."""
+    """Return a world of cylinders (x, y, radius), boxes (x, y, yaw, size_x, size_y) and moving
+    obstacles [m, rad].
+    """
     path = np.array([start[:2], (start[0] + 1.0, start[1])])
     return World(
         name="scene",
@@ -61,7 +63,9 @@ def straight(length=3.0, yaw=0.0, step=0.05):
 
 
 def wall_with_a_door():
-    """Return a map of 10 x 6 m with a wall at x = 2 m, a door of 1.2 m at y = 1.5 m, and unknown space far away."""
+    """Return a map of 10 x 6 m with a wall at x = 2 m, a door of 1.2 m at y = 1.5 m, and unknown
+    space far away.
+    """
     cells = np.zeros((120, 200), np.int8)
     cells[:, 100:103] = 100
     cells[78:102, 100:103] = 0
@@ -87,7 +91,9 @@ def refused_world(path, *words):
 
 
 def model(name, pose, shape):
-    """Return a model of one shape; `pose` is six numbers as text. The attribute `frame` is as in DynaBARN's files."""
+    """Return a model of one shape; `pose` is six numbers as text. The attribute `frame` is as in
+    DynaBARN's files.
+    """
     return (
         f"<model name='{name}'><static>1</static><pose frame=>{pose}</pose><link name='link'><collision name='c'>"
         f"<geometry>{shape}</geometry></collision></link></model>"
@@ -118,26 +124,33 @@ def cylinder(x, y, radius=0.075, name="unit_cylinder_0", z=0.0):
 
 
 def moving(name, x=0.0, y=0.0, filename=None):
-    """Return a cylinder of radius .5 m with the Gazebo plugin `filename`, by default NAME.so, as in DynaBARN."""
+    """Return a cylinder of radius .5 m with the Gazebo plugin `filename`, by default NAME.so, as in
+    DynaBARN.
+    """
     return cylinder(x, y, radius=0.5, name=name).replace(
         "</model>", "<plugin name='%s' filename='%s'/></model>" % (name, filename or name + ".so")
     )
 
 
 def as_barn(world):
-    """Return the text of a BARN-style file for a world of cylinders: models, then their poses as a saved state."""
+    """Return the text of a BARN-style file for a world of cylinders: models, then their poses as a
+    saved state.
+    """
     xy = world.cylinders[:, :2]
     models = "".join(cylinder(x, y, name="unit_cylinder_%d" % n) for n, (x, y) in enumerate(xy))
     states = "".join(
-        "<model name='unit_cylinder_{0}'><pose frame=''>{1:f} {2:f} 0 0 0 0</pose><scale>1 1 1</scale>"
-        "<link name='link'><pose frame=''>{1:f} {2:f} 0 0 0 0</pose></link></model>".format(n, x, y)
+        "<model name='unit_cylinder_{0}'><pose frame=''>{1:f} {2:f} 0 0 0 "
+        "0</pose><scale>1 1 1</scale><link name='link'><pose frame=''>{1:f} {2:f} "
+        "0 0 0 0</pose></link></model>".format(n, x, y)
         for n, (x, y) in enumerate(xy)
     )
     return sdf(models + "<state world_name='default'>%s</state>" % states, "")
 
 
 def write_world(folder, text, name="world_7.world", cells=None):
-    """Write a world file, and a path file beside it if cells are given. Return the path of the world file."""
+    """Write a world file, and a path file beside it if cells are given. Return the path of the
+    world file.
+    """
     path = os.path.join(str(folder), name)
     with open(path, "wb" if isinstance(text, bytes) else "w") as file:
         file.write(text)
@@ -154,7 +167,9 @@ FREE, WALL, UNKNOWN = 254, 0, 205
 
 
 def blank(width, height):
-    """Return a floor with outer walls [m] within unknown cells, and functions that draw walls and clear doors."""
+    """Return a floor with outer walls [m] within unknown cells, and functions that draw walls and
+    clear doors.
+    """
     pixels = np.full(
         (round(height / RESOLUTION) + 20, round(width / RESOLUTION) + 20), UNKNOWN, np.uint8
     )
@@ -217,7 +232,9 @@ PLANS = {"office": office, "warehouse": warehouse, "house": house}
 
 
 def write_plan(folder, name, pixels=None, suffix="pgm", **changes):
-    """Write a plan, or other pixels, as NAME.yaml with its image, and return the path of the file as text."""
+    """Write a plan, or other pixels, as NAME.yaml with its image, and return the path of the file
+    as text.
+    """
     Image.fromarray(PLANS[name]() if pixels is None else pixels).save(folder / f"{name}.{suffix}")
     values = {
         "image": f"{name}.{suffix}",

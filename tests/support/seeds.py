@@ -1,4 +1,6 @@
-"""Number of cases of random comparisons: all with `./applr test --all`, else a part, the same in each run."""
+"""Number of cases of random comparisons: all with `./applr test --all`, else a part, the same in
+each run.
+"""
 
 import math
 
@@ -14,12 +16,16 @@ def part(count):
 
 
 def examples(count):
-    """Return settings of a hypothesis test: `count` new examples with --all, else a part, the same in each run."""
+    """Return settings of a hypothesis test: `count` new examples with --all, else a part, the same
+    in each run.
+    """
     return settings(max_examples=part(count), deadline=None, derandomize=share < 1.0)
 
 
 def seeds(count):
-    """Return a decorator that runs a test with each seed below `count` and names the seed on failure."""
+    """Return a decorator that runs a test with each seed below `count` and names the seed on
+    failure.
+    """
 
     def decorate(test):
         def run():

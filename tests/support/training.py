@@ -1,6 +1,8 @@
-"""Small environment for tests of training: move to zero on a line, without planner and simulator (1 ms per episode).
+"""Small environment for tests of training: move to zero on a line, without planner and simulator (1
+ms per episode).
 
-The workers of a pool import this file, so it imports little. Runs in the environment are in runs.py.
+The workers of a pool import this file, so it imports little. Runs in the environment are in
+runs.py.
 """
 
 import os
@@ -59,7 +61,9 @@ class Dying(Line):
 
 
 def answer(number, seconds=0.0):
-    """Task for workers: 3 ends the worker process, 4 raises, any other number returns (number, process id)."""
+    """Task for workers: 3 ends the worker process, 4 raises, any other number returns (number,
+    process id).
+    """
     time.sleep(seconds)
     if number == 3:
         os._exit(9)

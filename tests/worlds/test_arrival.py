@@ -1,4 +1,6 @@
-"""Tests of the conditions of arrival: finish line, circle around the goal, and the planner's report."""
+"""Tests of the conditions of arrival: finish line, circle around the goal, and the planner's
+report.
+"""
 
 import numpy as np
 import pytest
@@ -14,7 +16,9 @@ def course(length, finish_y=None, planner_ends=True):
 
 @pytest.mark.parametrize(("length", "off"), [(4.0, 0.5), (10.0, 0.8), (20.0, 1.6)])
 def test_the_planners_report_counts_within_the_error_of_odometry(length, off):
-    """The allowed error is 0.5 m, or 8 % of a longer route, beyond the planner's tolerance of 0.25 m."""
+    """The allowed error is 0.5 m, or 8 % of a longer route, beyond the planner's tolerance of 0.25
+    m.
+    """
     there = course(length)
     for side in (-1.0, 1.0):
         sent = min(length, 19.7)

@@ -279,7 +279,9 @@ def test_no_course_runs_where_the_map_is_unknown(tmp_path):
 
 
 def ros2_house(folder, outer_door=False):
-    """Write the house within 22 x 20 m, as ROS 2's map_saver does: its free_thresh makes unknown cells free."""
+    """Write the house within 22 x 20 m, as ROS 2's map_saver does: its free_thresh makes unknown
+    cells free.
+    """
     pixels = np.pad(scenes.house(), 100, constant_values=scenes.UNKNOWN)
     if outer_door:
         pixels[105:116, 154:178] = scenes.FREE
@@ -414,7 +416,8 @@ def test_tune_refuses_a_map_with_too_few_courses_before_it_drives(tmp_path, caps
     for worlds_given, line in (
         (
             path,
-            "small.yaml has 0 courses in the half of the floor for the search and 0 in the half for the verdict",
+            "small.yaml has 0 courses in the half of the floor for the search and 0 in the half "
+            "for the verdict",
         ),
         (str(tmp_path / "gone.yaml"), "gone.yaml: cannot be read"),
         ("generated:400", "no worlds 'generated:400'"),

@@ -1,4 +1,6 @@
-"""Tests of moving obstacles: DynaBARN's table of key frames, positions over time, and speeds in generated rooms."""
+"""Tests of moving obstacles: DynaBARN's table of key frames, positions over time, and speeds in
+generated rooms.
+"""
 
 import math
 from pathlib import Path
@@ -18,7 +20,9 @@ def table(folder, *rows):
 
 
 def test_positions_over_time_equal_gazebos(tmp_path):
-    """Catmull-Rom tangents with tension 0 between key frames, computed by hand. The animation repeats every 10 s."""
+    """Catmull-Rom tangents with tension 0 between key frames, computed by hand. The animation
+    repeats every 10 s.
+    """
     rows = ["hardlibobs_7,10,1,%s" % row for row in ("0,0,0", "2,4,0", "4,4,4", "8,0,8")]
     file = Path(table(tmp_path, *rows))
     # The table has the byte order mark and line ends of Windows.
@@ -27,7 +31,8 @@ def test_positions_over_time_equal_gazebos(tmp_path):
         write_world(tmp_path, sdf(moving("hardlibobs_7")), "world_0.world")
     ).movers
     assert (mover.position(0.0), mover.position(2.0)) == ((0.0, 0.0), (4.0, 0.0))
-    # Halfway: mean of the ends + 1/8 of the difference of their tangents, (2, 0) at the first and (2, 2) at the next
+    # Halfway: mean of the ends + 1/8 of the difference of their tangents, (2, 0) at the first and
+    # (2, 2) at the next
     assert mover.position(1.0) == pytest.approx((2.0 + (2.0 - 2.0) / 8, 0.0 + (0.0 - 2.0) / 8))
     assert mover.position(3.0) == pytest.approx((4.0 + (2.0 - -2.0) / 8, 2.0 + (2.0 - 4.0) / 8))
     assert mover.position(6.0) == pytest.approx((2.0 + (-2.0 - -2.0) / 8, 6.0 + (4.0 - 2.0) / 8))
@@ -41,7 +46,8 @@ def test_positions_over_time_equal_gazebos(tmp_path):
 
 def test_closed_paths_equal_times_and_animations_that_do_not_repeat():
     closed = worlds.Mover(0.5, ((0.0, 0.0, 0.0), (1.0, 2.0, 0.0), (2.0, 2.0, 2.0), (3.0, 0.0, 0.0)))
-    # The tangent at the first point is half the chord from the last point but one to the second point.
+    # The tangent at the first point is half the chord from the last point but one to the second
+    # point.
     assert closed.position(0.5) == pytest.approx((1.0 + (0.0 - 1.0) / 8, 0.0 + (-1.0 - 1.0) / 8))
     jump = worlds.Mover(0.5, ((0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 5.0, 5.0), (2.0, 6.0, 5.0)))
     assert (jump.position(1.0), jump.position(1.0 + 1e-9)) == (

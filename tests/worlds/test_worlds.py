@@ -1,4 +1,6 @@
-"""Tests of worlds of all kinds: names, splits, scale, and the commands that write pictures and files."""
+"""Tests of worlds of all kinds: names, splits, scale, and the commands that write pictures and
+files.
+"""
 
 import numpy as np
 import pytest

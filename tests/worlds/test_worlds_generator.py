@@ -100,7 +100,9 @@ def test_fresh_worlds_are_the_recipes_and_none_of_the_built_in_ones():
 
 
 def test_final_worlds_are_a_hundred_of_all_kinds_and_stay_as_they_were_drawn():
-    """No other set contains a final world. A change of the generator or of the seed fails this test."""
+    """No other set contains a final world. A change of the generator or of the seed fails this
+    test.
+    """
     assert len(worlds.specs("final:0-99")) == 100
     refused(lambda: worlds.load("final:100"), "final:100")
     final = list(worlds.Worlds("final:0-5,final:99"))

@@ -1,4 +1,6 @@
-"""Tests that world files that are missing, malformed, hostile or impassable give a message and execute no code."""
+"""Tests that world files that are missing, malformed, hostile or impassable give a message and
+execute no code.
+"""
 
 import os
 

@@ -1,4 +1,6 @@
-"""Tests of the reader of Gazebo worlds, which composes poses like Gazebo, and of the round trip with the writer."""
+"""Tests of the reader of Gazebo worlds, which composes poses like Gazebo, and of the round trip
+with the writer.
+"""
 
 import math
 from dataclasses import replace

@@ -46,7 +46,9 @@ def hit(x, y):
 
 @pytest.mark.parametrize("drive", json.loads((DRAWN / "drives.json").read_text()))
 def test_drives_equal_the_recorded_ones(drive):
-    """Each step leads to the recorded cells and origin. tests/golden/FORMAT.md describes the recorded events."""
+    """Each step leads to the recorded cells and origin. tests/golden/FORMAT.md describes the
+    recorded events.
+    """
     ranges = np.load(DRAWN / "drives.npz")["ranges"]
     obstacles = ObstacleParameters(**drive["obstacles"])
     inflation = InflationParameters(**drive["inflation"])

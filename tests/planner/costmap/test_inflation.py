@@ -1,4 +1,6 @@
-"""Tests that repairs of the inflation layer equal a new spread. test_golden.py compares the costs with C++."""
+"""Tests that repairs of the inflation layer equal a new spread. test_golden.py compares the costs
+with C++.
+"""
 
 import numpy as np
 import pytest
@@ -23,7 +25,9 @@ def blank(nx, ny):
 @given(st.integers(0, 2**32 - 1), st.sampled_from((0.1, 0.3, 0.6, 1.25)), st.floats(0.005, 0.3))
 @examples(40)
 def test_repairs_equal_spreading_anew(seed, radius, fill):
-    """After obstacles change and windows move, the map equals that of C++, which always spreads anew."""
+    """After obstacles change and windows move, the map equals that of C++, which always spreads
+    anew.
+    """
     rng = np.random.default_rng(seed)
     nx, ny = 50, 44
     layer = make(nx, ny, InflationParameters(radius, 3.0))

@@ -1,4 +1,6 @@
-"""Tests of scan projection and the obstacle layer. test_costmap.py compares whole drives with recordings."""
+"""Tests of scan projection and the obstacle layer. test_costmap.py compares whole drives with
+recordings.
+"""
 
 import math
 

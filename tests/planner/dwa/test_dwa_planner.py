@@ -1,4 +1,6 @@
-"""Tests of the DWA planner besides its golden vectors: parameters, state between cycles, refusals by critic."""
+"""Tests of the DWA planner besides its golden vectors: parameters, state between cycles, refusals
+by critic.
+"""
 
 import math
 
@@ -47,7 +49,9 @@ def test_the_best_sample_may_end_in_the_outermost_cells_of_the_map(yaw):
 
 
 def test_refusals_count_the_rejected_samples_by_critic():
-    """Samples are rejected for a reversed turn, a box around the robot, and a limit below all speeds."""
+    """Samples are rejected for a reversed turn, a box around the robot, and a limit below all
+    speeds.
+    """
     forward = dict(BURGER, min_vel_x=0.15, vx_samples=2, vth_samples=3)
     planner = DWAPlanner(forward, 0.1)
     costmap = small_map()

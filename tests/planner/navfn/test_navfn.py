@@ -1,4 +1,6 @@
-"""Tests that one navfn planner on changing maps plans like a new one. test_golden.py compares plans with C++."""
+"""Tests that one navfn planner on changing maps plans like a new one. test_golden.py compares plans
+with C++.
+"""
 
 import copy
 from collections import Counter
@@ -30,7 +32,9 @@ def costmap_of(cells, origin=(0.0, 0.0)):
 
 
 def cellular(rng, ny, nx, fill, steps=3):
-    """Return obstacles (ny, nx) bool of a cellular automaton as in BARN. A random share `fill` is occupied at first."""
+    """Return obstacles (ny, nx) bool of a cellular automaton as in BARN. A random share `fill` is
+    occupied at first.
+    """
     grid = rng.random((ny, nx)) < fill
     for _ in range(steps):
         around = sum(
@@ -44,7 +48,9 @@ def cellular(rng, ny, nx, fill, steps=3):
 
 
 def world(rng, ny, nx, kind):
-    """Return cells (ny, nx) uint8 of a kind: "cellular" obstacles with decaying costs, or "arbitrary" bytes."""
+    """Return cells (ny, nx) uint8 of a kind: "cellular" obstacles with decaying costs, or
+    "arbitrary" bytes.
+    """
     if kind == "arbitrary":
         cells = rng.integers(0, 256, (ny, nx)).astype(np.uint8)
         cells[rng.random((ny, nx)) < 0.6] = 0
@@ -87,7 +93,9 @@ def compare(planner, costmap, start, goal, tolerance=0.0, allow_unknown=True, li
 @given(st.integers(0, 2**32 - 1), st.sampled_from((10000, 10000, 25)))
 @examples(25)
 def test_one_planner_on_a_changing_map(seed, list_size):
-    """Map, robot, goal and allow_unknown change between plans. Each plan equals the plan of a new planner."""
+    """Map, robot, goal and allow_unknown change between plans. Each plan equals the plan of a new
+    planner.
+    """
     rng = np.random.default_rng(seed)
     ny, nx = (int(v) for v in rng.integers(20, 45, 2))
     cells = world(rng, ny, nx, rng.choice(("cellular", "arbitrary")))
@@ -170,9 +178,11 @@ def test_a_map_too_small_to_have_an_inside():
         assert len(Navfn().plan(costmap, (0.02, 0.02), (0.03, 0.03, 0.0))) <= 2
 
 
-# -- fence of the flood -----------------------------------------------------------------------------------------------
+# -- fence of the flood ----------------------------------------------------------------------------
 def test_a_fenced_flood_gives_the_plan_of_a_full_flood(monkeypatch):
-    """The fence (navfn/window.py) changes neither plans nor the potentials inside it, while cells of the map change."""
+    """The fence (navfn/window.py) changes neither plans nor the potentials inside it, while cells
+    of the map change.
+    """
     whole = window.around
     stat = Counter()
     for seed in range(90):

@@ -1,4 +1,6 @@
-"""Tests of parameter tables, checks and requests. Expected values come from running C++ nodes (*_surface.json)."""
+"""Tests of parameter tables, checks and requests. Expected values come from running C++ nodes
+(*_surface.json).
+"""
 
 import copy
 import itertools
@@ -269,7 +271,8 @@ def test_values_that_roscpp_ignores_get_the_default_and_a_warning(path, value, u
 def test_older_names_are_used_if_cpp_reads_them():
     """With another local planner, rotate_recovery reads the older names.
 
-    TrajectoryPlannerROS reads an older name only to turn to the goal's heading (trajectory_planner_ros.cpp:219).
+    TrajectoryPlannerROS reads an older name only to turn to the goal's heading
+    (trajectory_planner_ros.cpp:219).
     """
     older = {"min_in_place_rotational_vel": 0.7, "max_rotational_vel": 0.9, "acc_lim_th": 1.1}
     for tree, limits in (({}, (0.4, 1.0, 3.2)), (DWA, (0.7, 0.9, 1.1))):

@@ -1,7 +1,8 @@
-"""Tests which reconfigurable parameters are read only at start-up: the same in C++, the tables and MoveBase.
+"""Tests which reconfigurable parameters are read only at start-up: the same in C++, the tables and
+MoveBase.
 
-A value from a file and the same value from a later reconfigure must lead to the same state of MoveBase, unless the
-parameter is read only at start-up.
+A value from a file and the same value from a later reconfigure must lead to the same state of
+MoveBase, unless the parameter is read only at start-up.
 """
 
 import copy
@@ -54,7 +55,9 @@ KEPT = {
 
 
 def state(thing, path="", above=()):
-    """Return the state of an object as {path: value}, without its parameter tree, configuration and counters."""
+    """Return the state of an object as {path: value}, without its parameter tree, configuration and
+    counters.
+    """
     values = {}
     if isinstance(thing, np.ndarray):
         values[path] = (thing.shape, thing.dtype.str, thing.tobytes())

@@ -1,6 +1,7 @@
 """Tests of path and goal grids.
 
-The grids are flooded only as far as needed. A cell's value must not depend on the cells that were read before.
+The grids are flooded only as far as needed. A cell's value must not depend on the cells that were
+read before.
 """
 
 import numpy as np

@@ -1,4 +1,6 @@
-"""Tests of the trajectory planner besides its golden vectors: closed forms, parameters, single samples."""
+"""Tests of the trajectory planner besides its golden vectors: closed forms, parameters, single
+samples.
+"""
 
 import math
 

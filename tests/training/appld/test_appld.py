@@ -1,5 +1,5 @@
-"""Tests of APPLD: scripted demonstration, bag, contexts, a parameter set for each context, and a policy file, which
-drives in this process and as the launch file's method.
+"""Tests of APPLD: scripted demonstration, bag, contexts, a parameter set for each context, and a
+policy file, which drives in this process and as the launch file's method.
 """
 
 import copy
@@ -87,7 +87,9 @@ def test_the_demonstrators_route_keeps_away_from_obstacles(spec):
     ("speeds", "of_two"), [((1.0, 0.3, 1.0), [0, 1, 0]), ((1.0, 0.2, 0.5), [0, 1, 1])]
 )
 def test_changepoints_are_found_within_three_instants(speeds, of_two):
-    """Three segments between walls: the slower the robot, the nearer the walls. Contexts have the order of driving."""
+    """Three segments between walls: the slower the robot, the nearer the walls. Contexts have the
+    order of driving.
+    """
     n = 400
     speed = np.repeat(speeds, (150, 110, 140))
     rng = np.random.default_rng(0)
@@ -110,7 +112,9 @@ def test_changepoints_are_found_within_three_instants(speeds, of_two):
 
 
 def test_search_finds_the_speed_of_a_demonstration(bag):
-    """Commands that the planner gave with other parameters are matched, exactly if these parameters are used."""
+    """Commands that the planner gave with other parameters are matched, exactly if these parameters
+    are used.
+    """
     d = demonstration.read_demonstration(bag)
     spans = [contexts.Segment(0, 30, 60, 0), contexts.Segment(0, 60, len(d.commands), 0)]
     stretch, longest = appld_fit.stretches(d, JACKAL, spans)

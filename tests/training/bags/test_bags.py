@@ -1,4 +1,6 @@
-"""Tests of the conversion of ROS 1 and ROS 2 bags to transitions: inputs and decisions of the node, damaged data."""
+"""Tests of the conversion of ROS 1 and ROS 2 bags to transitions: inputs and decisions of the node,
+damaged data.
+"""
 
 import shutil
 import subprocess
@@ -54,7 +56,8 @@ from training.tune import __main__ as tune_robot
 
 
 class Drive:
-    """Synthetic drive along x at 50 Hz. It writes messages to a bag, and keeps the observations of a node.
+    """Synthetic drive along x at 50 Hz. It writes messages to a bag, and keeps the observations of
+    a node.
 
     Args:
         without: Topics that are not written.
@@ -151,7 +154,9 @@ def rebuild(path, robot=robots.JACKAL, **options):
 
 
 def assert_equal(trajectory, drive, count=None, ends=True):
-    """Compare a trajectory with a drive. With `ends`, the course ends with the observation of the last decision."""
+    """Compare a trajectory with a drive. With `ends`, the course ends with the observation of the
+    last decision.
+    """
     count = len(drive.thetas) if count is None else count
     assert len(trajectory) == count
     expected = np.array([*drive.observations, drive.observations[-1]][: count + 1])
@@ -254,7 +259,8 @@ def test_transitions_equal_the_nodes_observations_and_decisions(tmp_path):
     assert_equal(trajectory, drive)
     assert trajectory.terminated
     assert skipped == {}
-    # R_f = -1 until the goal, R_p is the distance driven towards it, R_c = -.05 / nearest range of the last scan.
+    # R_f = -1 until the goal, R_p is the distance driven towards it, R_c = -.05 / nearest range of
+    # the last scan.
     nearest = [*(trajectory.scan[1:-1].min(axis=1) * TransitionLayout().step), drive.latest.min()]
     expected = (
         np.array([-1, -1, -1, -1, 0]) + np.array([1, 1, 1, 1, 0.5]) - 0.05 / np.array(nearest)
@@ -289,7 +295,9 @@ def test_a_bag_with_fewer_scans_than_the_node_got_has_the_nodes_observations(tmp
 
 @pytest.mark.parametrize("seconds", [0.8, 5.0])
 def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
-    """Rewards scale with the period, as in training. A course of two decisions uses the period of the other course."""
+    """Rewards scale with the period, as in training. A course of two decisions uses the period of
+    the other course.
+    """
     with Messages(tmp_path / "a.bag") as writer:
         drives = [
             Drive(
@@ -355,7 +363,9 @@ class PublishesEnd(Drive):
 def test_each_end_of_a_course_gives_its_transitions(
     tmp_path, kind, status, seconds, finish, count, terminated, skipped
 ):
-    """If the node does not publish its observation at the end, the observation of the last decision is used."""
+    """If the node does not publish its observation at the end, the observation of the last decision
+    is used.
+    """
     drive = record(tmp_path / "a.bag", kind, status=status, seconds=seconds)
     (trajectory,), why = rebuild(tmp_path / "a.bag", finish=finish)
     assert (trajectory.terminated, why) == (terminated, skipped)
@@ -617,7 +627,9 @@ def test_a_recipe_sets_encoding_and_reward_and_training_refuses_others(tmp_path,
 
 
 def zeros(ranges, k):
-    """Return 0 for beams without a return, as some lasers do, and only zeros between the third and fourth decision."""
+    """Return 0 for beams without a return, as some lasers do, and only zeros between the third and
+    fourth decision.
+    """
     ranges = np.where(np.arange(720) % 7, 1.6, 0.0)
     return np.zeros(720) if 210 < k < 390 and k % 100 else ranges
 
@@ -653,8 +665,9 @@ class ExactOdometry(KinematicSimulator):
 def driven(path, observation, world, time_limit, **settings):
     """Drive two courses in a world, record them in a bag, and return the environment's transitions.
 
-    The environment rewards true progress to the course's goal; from a bag, only odometry and the sent goal are known.
-    So the odometry is exact here, and the course has its goal where the goal is sent.
+    The environment rewards true progress to the course's goal; from a bag, only odometry and the
+    sent goal are known. So the odometry is exact here, and the course has its goal where the goal
+    is sent.
     """
     settings.update(observation=observation, period=1.0, movers=True)
     loaded = worlds.load(world)
@@ -694,7 +707,9 @@ def driven(path, observation, world, time_limit, **settings):
 
 
 def assert_same(rebuilt, expected):
-    """Compare transitions field by field. A beam between two steps of the scan's resolution may differ by one step."""
+    """Compare transitions field by field. A beam between two steps of the scan's resolution may
+    differ by one step.
+    """
     assert (len(rebuilt), rebuilt.terminated) == (len(expected), expected.terminated)
     assert np.abs(rebuilt.scan.astype(int) - expected.scan).max() <= 1
     assert (rebuilt.scan != expected.scan).mean() < 1e-4

@@ -1,4 +1,6 @@
-"""Tests of the episode loop, the reward and the environment: the paper's MDP, Gymnasium's checker, repeatability."""
+"""Tests of the episode loop, the reward and the environment: the paper's MDP, Gymnasium's checker,
+repeatability.
+"""
 
 import math
 from dataclasses import replace
@@ -22,7 +24,9 @@ from worlds.occupancy import occupancy
 
 
 class FakeMoveBase:
-    """Planner stub: gives each command (v, w) for a second, the last one forever, and `result` after `end` cycles."""
+    """Planner stub: gives each command (v, w) for a second, the last one forever, and `result`
+    after `end` cycles.
+    """
 
     goal = None
     map_topics = ()  # It has no static layer.
@@ -252,7 +256,8 @@ def test_each_end_of_a_trial_is_recorded(options, fails, ends):
 def test_a_course_without_a_finish_line_ends_when_the_planner_has_arrived(
     planner_ends, off, left, result, reason
 ):
-    """The planner arrives by odometry with a lateral error `off` [m], or reports a result `left` [m] before the goal.
+    """The planner arrives by odometry with a lateral error `off` [m], or reports a result `left`
+    [m] before the goal.
 
     The robot drives over its goal, 4 m ahead, at 0.5 m/s. The planner's tolerance is .25 m.
     """
@@ -322,7 +327,9 @@ def test_the_first_beam_of_a_turned_laser_is_seen_in_its_direction_from_the_robo
 
 
 def test_outcome_of_each_decision_of_a_drive():
-    """In one decision each, the robot passes a post, touches another, backs off, and turns. The goal is to the left."""
+    """In one decision each, the robot passes a post, touches another, backs off, and turns. The
+    goal is to the left.
+    """
     course = straight().course
     course = replace(course, goal=(-3.0, 10.0, math.pi / 2))
     world = World("posts", np.array([(1.55, 2.6, 0.1), (1.1, 4.5, 0.2)]), np.zeros((0, 5)), course)
@@ -343,7 +350,9 @@ def test_outcome_of_each_decision_of_a_drive():
 
 
 def test_the_monitor_gets_the_scans_and_the_planner_is_informed_of_blocked_commands():
-    """The monitor does not affect a free course. Before a wall it stops the robot and informs the planner."""
+    """The monitor does not affect a free course. Before a wall it stops the robot and informs the
+    planner.
+    """
     free = trial(monitor=True)
     assert drive(free)[-1].success
     assert not any(free.move_base.held[1:])
@@ -382,7 +391,7 @@ def test_nearest_is_bounded_and_finite_for_any_scan():
     assert nearest(np.full(3, np.nan, np.float32), 0.1) == math.inf
 
 
-# -- reward: the paper's section III-C ---------------------------------------------------------------------------------
+# -- reward: the paper's section III-C -------------------------------------------------------------
 STEP = Outcome(np.zeros(8), progress=0.9, progress_y=0.8, last_scan_min=0.4, decision_min=0.2)
 STEP = replace(STEP, contact=True, seconds=2.0, decisions=3)
 TERMS = ("time", "progress", "clearance", "collision")
@@ -425,7 +434,9 @@ def test_a_failure_pays_for_the_time_until_the_limit():
 
 
 def test_times_are_scaled_by_the_pace_of_the_robot():
-    """For a robot four times slower than the Jackal, a course and a failure have the same relative cost."""
+    """For a robot four times slower than the Jackal, a course and a failure have the same relative
+    cost.
+    """
     everything = Reward(exact_time=True, c_c=0.1)
     _, terms = earned(everything, STEP, pace=4.0)
     assert terms == pytest.approx(dict(zip(TERMS, (-0.25, 0.9, -0.0625, 0.0))))
@@ -441,7 +452,7 @@ def test_times_are_scaled_by_the_pace_of_the_robot():
     assert judged[1]["time"] == pytest.approx(-1.0 / (0.68 / 0.53 * 2.0))
 
 
-# -- the environment -------------------------------------------------------------------------------------------------
+# -- the environment -------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def env():
     import training.env.env
@@ -560,7 +571,9 @@ def test_a_course_begins_without_a_scan_of_the_previous_course():
 
 
 def test_the_observation_has_moving_obstacles_relative_to_a_robot_that_turns():
-    """The robot starts at (1, 2) in the world, the origin of its odometry, and turns by more than 2 rad."""
+    """The robot starts at (1, 2) in the world, the origin of its odometry, and turns by more than 2
+    rad.
+    """
     # Across the course at 1.25 m/s.
     walker = Mover(0.25, ((0.0, -1.5, 4.0), (4.0, 3.5, 4.0)))
     simulator = sim_bridge.make("kinematic", slip=0.0)

@@ -1,4 +1,6 @@
-"""Tests of the critics' privileged inputs: values by hand in a synthetic world, mirror images, and layout."""
+"""Tests of the critics' privileged inputs: values by hand in a synthetic world, mirror images, and
+layout.
+"""
 
 import math
 from types import SimpleNamespace
@@ -18,7 +20,9 @@ PLACES = len(ODD)
 
 
 def scene(side=1.0, movers=True):
-    """Return an episode with the robot at the origin, a plan straight into a post, and a course around the post."""
+    """Return an episode with the robot at the origin, a plan straight into a post, and a course
+    around the post.
+    """
     post = np.array([[2.0 * WIDTH, side * 0.1 * WIDTH, 0.2 * WIDTH]])
     path = WIDTH * np.array([(0.0, 0.0), (1.0, side * 1.0), (3.0, side * 1.0), (5.0, 0.0)])
     course = Course((0.0, 0.0, 0.0), (8.0 * WIDTH, 0.0, 0.0), None, 0.4, path)

@@ -1,4 +1,6 @@
-"""Tests of parameter sets loaded at the start of move_base, as from a file, and of those set by reconfigure."""
+"""Tests of parameter sets loaded at the start of move_base, as from a file, and of those set by
+reconfigure.
+"""
 
 import numpy as np
 import pytest
@@ -20,7 +22,9 @@ SET = {"max_vel_x": 0.9, "footprint_padding": 0.14, "min_in_place_vel_theta": 0.
 def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robots_files(
     loaded, in_maps, slowest, monkeypatch
 ):
-    """A footprint padding that is loaded would also change the planner's outline, so a YAML file leaves it out."""
+    """A footprint padding that is loaded would also change the planner's outline, so a YAML file
+    leaves it out.
+    """
     bases = []
     called = []
     reconfigure = MoveBase.reconfigure

@@ -1,4 +1,5 @@
-"""Tests of evaluations beyond the paper's protocol: DynaBARN's moving cylinders, and the BARN Challenge's rules.
+"""Tests of evaluations beyond the paper's protocol: DynaBARN's moving cylinders, and the BARN
+Challenge's rules.
 
 The worlds are synthetic.
 """
@@ -17,8 +18,8 @@ from worlds import sdf_writer
 from worlds.dynabarn import COLUMNS, NAME
 
 WALL = (
-    "<model name='wall_{0}'><pose>0 {0} .5 0 0 0</pose><link name='l'><collision name='c'><geometry><box>"
-    "<size>24 .5 1</size></box></geometry></collision></link></model>"
+    "<model name='wall_{0}'><pose>0 {0} .5 0 0 0</pose><link name='l'><collision "
+    "name='c'><geometry><box><size>24 .5 1</size></box></geometry></collision></link></model>"
 )
 
 
@@ -29,9 +30,11 @@ def drive(folder, *arguments):
 
 
 def dynabarn(folder, crossing):
-    """Write a DynaBARN-like file: walls, and two cylinders of .5 m with their key frames in a table beside the file.
+    """Write a DynaBARN-like file: walls, and two cylinders of .5 m with their key frames in a table
+    beside the file.
 
-    crossing: Key frames (t [s], x, y [m]) of the first cylinder. The second stays far from the course.
+    crossing: Key frames (t [s], x, y [m]) of the first cylinder. The second stays far from the
+        course.
     """
     tracks = {"easylibobs_1": crossing, "hardlibobs_2": ((0, -8, 7), (6, 8, 8), (12, -8, 7))}
     body = "".join(WALL.format(y) for y in (-10.5, 10.5))
@@ -83,7 +86,9 @@ def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):
 
 
 def test_the_challenges_rules_apply_and_the_report_has_its_metric(tmp_path):
-    """The Challenge's start, goal and limit apply, a collision ends the run, and the report has the metric."""
+    """The Challenge's start, goal and limit apply, a collision ends the run, and the report has the
+    metric.
+    """
     base = worlds.load("generated:2")
     # From behind, faster.
     bully = worlds.Mover(0.4, ((0.0, -2.25, 0.5), (4.0, -2.25, 6.0), (60.0, -2.25, 6.5)))

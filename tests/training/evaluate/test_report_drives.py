@@ -1,4 +1,6 @@
-"""Tests of the page of drives: it draws the driven paths, needs no other file, and escapes all names."""
+"""Tests of the page of drives: it draws the driven paths, needs no other file, and escapes all
+names.
+"""
 
 import json
 import re
@@ -31,7 +33,9 @@ METHODS = ("dwa", "mine", "quiet")
 
 @pytest.fixture
 def folder(tmp_path):
-    """Return the folder of an evaluation of three methods in a built-in world. The last method has no traces."""
+    """Return the folder of an evaluation of three methods in a built-in world. The last method has
+    no traces.
+    """
     plan = plan_trials(
         [("generated:7", "generated:7")], [(m, m) for m in METHODS], 2, seed=0, traces=2
     )

@@ -1,4 +1,6 @@
-"""Tests of the score of trials, and of the periodic evaluation, which drives the same trials as evaluate.py."""
+"""Tests of the score of trials, and of the periodic evaluation, which drives the same trials as
+evaluate.py.
+"""
 
 import math
 import shutil
@@ -48,7 +50,9 @@ def test_the_summary_of_trials_has_their_mean_score_and_the_mean_time_of_success
 
 
 def test_reports_verdicts_and_periodic_evaluations_have_the_same_score(tmp_path):
-    """The selection of a policy and the report on it would otherwise disagree about which policy is better."""
+    """The selection of a policy and the report on it would otherwise disagree about which policy is
+    better.
+    """
     results = [ARRIVED_WITH_A_CONTACT, FAILED_EARLY, FAILED_WITH_A_CONTACT]
     plan = plan_trials([("generated:1", "generated:1")], [("dwa", "dwa")], len(results), seed=0)
     driven = dict(zip(plan, results))
@@ -76,7 +80,9 @@ def test_barn_metric_by_hand():
 
 
 def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
-    """Runner and plan are the same. The seeds differ, so that no trial is used for both selection and evaluation."""
+    """Runner and plan are the same. The seeds differ, so that no trial is used for both selection
+    and evaluation.
+    """
     worlds = [("generated:8", "generated:8")]
     (trial,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
     assert trial.seed not in {
@@ -99,7 +105,9 @@ def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
 
 
 def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
-    """The periodic evaluation gives the same result as evaluate.py with the file, to the last digit, on any robot."""
+    """The periodic evaluation gives the same result as evaluate.py with the file, to the last
+    digit, on any robot.
+    """
     weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
     save(tmp_path / "a.safetensors", weights, encoding=DimensionlessEncoding(JACKAL, 0.5))
     spec = str(tmp_path / "a.safetensors")
@@ -116,7 +124,9 @@ def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
 
 
 def test_the_environments_rewards_add_up_to_the_evaluations_total(monkeypatch):
-    """With the same decisions on the same course, the environment's rewards add up to the trial's total."""
+    """With the same decisions on the same course, the environment's rewards add up to the trial's
+    total.
+    """
     options = {"observation": "dimensionless", "reward": {"exact_time": True}, "period": 1.0}
     weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
     learnt = safetensors.numpy.save(weights)
@@ -136,7 +146,9 @@ def test_the_environments_rewards_add_up_to_the_evaluations_total(monkeypatch):
 
 
 def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
-    """An edit of robot.yaml or of a parameter file makes another robot, a copy of the folder does not."""
+    """An edit of robot.yaml or of a parameter file makes another robot, a copy of the folder does
+    not.
+    """
     hashes = []
     for name, file, was, then in (
         ("same", "robot.yaml", "", ""),

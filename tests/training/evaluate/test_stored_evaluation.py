@@ -1,6 +1,8 @@
-"""Test that the report of the evaluation in tests/golden/evaluation equals the stored report letter by letter.
+"""Test that the report of the evaluation in tests/golden/evaluation equals the stored report letter
+by letter.
 
-After a deliberate change, `python -m tests.training.evaluation.test_stored_evaluation` rewrites report.txt.
+After a deliberate change, `python -m tests.training.evaluation.test_stored_evaluation` rewrites
+report.txt.
 """
 
 import shutil

@@ -1,4 +1,5 @@
-"""Tests of evaluate.py: plan, seeds, trials.csv after a kill, incomplete rows, dying workers, and one-line errors.
+"""Tests of evaluate.py: plan, seeds, trials.csv after a kill, incomplete rows, dying workers, and
+one-line errors.
 
 A toy runner replaces the drives. The last tests use the real runner.
 """
@@ -63,7 +64,9 @@ sys.exit(evaluate.main())
 
 @pytest.fixture
 def run(monkeypatch):
-    """Return run(arguments), which runs evaluate.py in this process with instant trials and returns its exit status."""
+    """Return run(arguments), which runs evaluate.py in this process with instant trials and returns
+    its exit status.
+    """
     monkeypatch.setenv("TOY_SECONDS", "0")
     monkeypatch.setattr("training.evaluate.evaluation.run", runs.draw_result)
 
@@ -76,7 +79,9 @@ def run(monkeypatch):
 
 @pytest.fixture
 def refused(run, capsys):
-    """Return refused(arguments, *words), which checks that evaluate.py ends with a one-line error with the words."""
+    """Return refused(arguments, *words), which checks that evaluate.py ends with a one-line error
+    with the words.
+    """
 
     def refused(arguments, *words):
         capsys.readouterr()
@@ -91,7 +96,7 @@ def refused(run, capsys):
     return refused
 
 
-# -- plan ------------------------------------------------------------------------------------------------------------
+# -- plan ------------------------------------------------------------------------------------------
 def test_every_method_gets_the_same_seeds_in_any_evaluation():
     both = plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 3, seed=5)
     alone = plan_trials([("b", "b")], [("y", "y")], 3, seed=5)
@@ -104,7 +109,7 @@ def test_every_method_gets_the_same_seeds_in_any_evaluation():
     assert both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]
 
 
-# -- the folder ------------------------------------------------------------------------------------------------------
+# -- the folder ------------------------------------------------------------------------------------
 def test_csv_begins_with_the_pinned_columns(tmp_path, run):
     assert run(command(tmp_path)) == 0
     lines = (tmp_path / "trials.csv").read_text().splitlines()
@@ -257,7 +262,7 @@ def test_ros_arguments_are_ignored():
     assert parsed(EvaluationOptions, "evaluate.py", "", words).trials == 3
 
 
-# -- methods ---------------------------------------------------------------------------------------------------------
+# -- methods ---------------------------------------------------------------------------------------
 CONTEXT = methods.Context(
     ranges=np.full(720, 2.0, np.float32), phi=0.0, theta=SPACE.theta0, time=0.0
 )
@@ -285,9 +290,11 @@ def test_a_method_from_a_users_class(tmp_path, monkeypatch):
     ]
 
 
-# -- the real stack --------------------------------------------------------------------------------------------------
+# -- the real stack --------------------------------------------------------------------------------
 def test_trial_depends_on_its_task_only():
-    """A trial driven first, or after another world and method, has the same result to the last digit."""
+    """A trial driven first, or after another world and method, has the same result to the last
+    digit.
+    """
     tmp_set = "static"
     other = "generated:64"
     task = Trial("generated:19", "m", 0, 11, "generated:19", tmp_set)

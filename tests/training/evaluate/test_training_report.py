@@ -1,4 +1,6 @@
-"""Tests of the report: statistics by hand, the paper's tables from synthetic trials, every output file."""
+"""Tests of the report: statistics by hand, the paper's tables from synthetic trials, every output
+file.
+"""
 
 import html
 import math
@@ -35,7 +37,9 @@ TRACE = driven(
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Return an evaluation of three methods, six trials in each of 40 worlds. applr is 25 % faster, dwa may fail."""
+    """Return an evaluation of three methods, six trials in each of 40 worlds. applr is 25 % faster,
+    dwa may fail.
+    """
     out = tmp_path_factory.mktemp("evaluation")
     worlds = ["generated:%d" % n for n in range(0, 39)] + ["physical_course"]
     plan = plan_trials([(w, w) for w in worlds], [(m, m) for m in METHODS], 6, seed=0)
@@ -76,7 +80,7 @@ def results(folder):
     return Results(folder)
 
 
-# -- statistics --------------------------------------------------------------------------------------------------------
+# -- statistics ------------------------------------------------------------------------------------
 def test_welch_is_scipys_with_nan_in_edge_cases():
     rng = np.random.default_rng(0)
     a = rng.normal(20, 3, 20)
@@ -130,7 +134,9 @@ def test_the_bootstrap_resamples_worlds_not_trials():
 
 
 def test_the_paired_test_is_of_the_mean_by_hand():
-    """Eight of the 16 sign patterns of 9, 5, -1 and -1 have a sum of at least 12 or at most -12; ranks give .625."""
+    """Eight of the 16 sign patterns of 9, 5, -1 and -1 have a sum of at least 12 or at most -12;
+    ranks give .625.
+    """
     comparison = compare([29.0, 25.0, 19.0, 19.0], [20.0] * 4)
     assert (comparison.worlds, comparison.p) == (4, 8 / 16)
     assert (comparison.difference.value, comparison.gain.value) == (3.0, -0.15)
@@ -160,7 +166,7 @@ def test_a_line_of_the_report_names_arrivals_times_and_the_test(results):
     assert line.startswith(f"applr better: yes, {arrive}; {change}; p = ")
 
 
-# -- tables ------------------------------------------------------------------------------------------------------------
+# -- tables ----------------------------------------------------------------------------------------
 
 
 def test_table_4_names_failures(results):
@@ -173,7 +179,9 @@ def test_table_4_names_failures(results):
 
 
 def test_a_failure_counts_as_the_time_limit_however_early_it_is(tmp_path):
-    """A method that hits something after 3 s in every trial does not beat one that arrives after 20 s."""
+    """A method that hits something after 3 s in every trial does not beat one that arrives after 20
+    s.
+    """
     worlds = ["generated:%d" % n for n in range(1, 7)]
     plan = plan_trials([(w, w) for w in worlds], [("dwa", "dwa"), ("crash", "dwa")], 2, seed=0)
     store = Trials(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"))
@@ -218,7 +226,7 @@ def test_text_is_escaped_in_html():
     assert "a &amp; b" in text
 
 
-# -- whole reports -----------------------------------------------------------------------------------------------------
+# -- whole reports ---------------------------------------------------------------------------------
 def test_the_report_is_complete(folder):
     page = write(folder)
     out = folder / "report"
@@ -245,8 +253,8 @@ def test_the_report_is_complete(folder):
     )
     assert "Planner: ours." in text
     assert (
-        "Driven on 2026-01-02 with commit abc on a processor (4 cores); numpy 2. Command: evaluate.py"
-        in text
+        "Driven on 2026-01-02 with commit abc on a processor (4 cores); numpy 2. Command: "
+        "evaluate.py" in text
     )
 
 

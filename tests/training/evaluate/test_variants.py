@@ -1,4 +1,6 @@
-"""Tests of planner fidelity: the draw from the seed, and a drive for each reproduced defect of the C++ planner."""
+"""Tests of planner fidelity: the draw from the seed, and a drive for each reproduced defect of the
+C++ planner.
+"""
 
 import json
 import math
@@ -27,7 +29,7 @@ def test_the_random_planner_fidelity_depends_only_on_the_seed():
         MoveBase(quick(), "cpp")
 
 
-# -- drives with the defects of C++ ------------------------------------------------------------------------------------
+# -- drives with the defects of C++ ----------------------------------------------------------------
 
 
 def first_recovery(planner, seed, **changes):
@@ -56,7 +58,9 @@ def test_a_due_recovery_is_skipped_while_plans_succeed():
 
 
 def test_clearing_recoveries_find_no_layer_of_their_name():
-    """Obstacles vanish, and no beam behind them returns. Only a recovery clears such obstacles from the maps."""
+    """Obstacles vanish, and no beam behind them returns. Only a recovery clears such obstacles from
+    the maps.
+    """
     results = {}
     for planner in ("ours", "cpp-like"):
         move_base = MoveBase(quick(), planner=planner)
@@ -89,7 +93,7 @@ def test_success_waits_for_a_cycle_without_a_new_plan():
     assert times["cpp-like"] > times["ours"] + 2.0
 
 
-# -- evaluation and training -----------------------------------------------------------------------------------------
+# -- evaluation and training -----------------------------------------------------------------------
 def test_the_planner_reaches_training_and_evaluation():
     pytest.importorskip("torch")
     pytest.importorskip("gymnasium")

@@ -84,7 +84,9 @@ def test_minari_reads_a_dataset(tmp_path, monkeypatch):
 
 
 def test_the_environment_named_by_a_dataset_is_not_made(tmp_path):
-    """If the metadata lack the spaces, Minari creates the environment, which may run any code. Our reader must not."""
+    """If the metadata lack the spaces, Minari creates the environment, which may run any code. Our
+    reader must not.
+    """
     path = Path(write(tmp_path / "mine")) / "data/metadata.json"
     about = json.loads(path.read_text())
     del about["observation_space"], about["action_space"]

@@ -1,4 +1,6 @@
-"""Tests of the options of a training run: refusals before its folder is made, recipes, options of a resumed run."""
+"""Tests of the options of a training run: refusals before its folder is made, recipes, options of a
+resumed run.
+"""
 
 import json
 

@@ -1,4 +1,6 @@
-"""Tests of train.py --seeds: shared time, selection of the best policy, comparison on other courses."""
+"""Tests of train.py --seeds: shared time, selection of the best policy, comparison on other
+courses.
+"""
 
 import json
 from pathlib import Path

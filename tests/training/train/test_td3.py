@@ -11,7 +11,9 @@ from training.train.td3.td3 import TD3, Batch, TD3Options
 
 @pytest.fixture(autouse=True)
 def _one_thread():
-    """Use one thread: on a busy machine, threads for small matrices wait ten times as long as they compute."""
+    """Use one thread: on a busy machine, threads for small matrices wait ten times as long as they
+    compute.
+    """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield
@@ -72,7 +74,9 @@ def _pairs(td3, model):
 
 
 def _sb3_update(model, batch, seed):
-    """Make one update of stable-baselines3 on our batch. It draws the smoothing noise from torch's generator."""
+    """Make one update of stable-baselines3 on our batch. It draws the smoothing noise from torch's
+    generator.
+    """
     from types import SimpleNamespace
 
     data = SimpleNamespace(
@@ -93,7 +97,9 @@ def _sb3_update(model, batch, seed):
     [(30, 4, (96, 80), 64, False), (729, 8, (512, 512, 512), 256, True)],
 )
 def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, monkeypatch):
-    """The paper's size needs double precision: in single precision, rounding dominates Adam's first steps."""
+    """The paper's size needs double precision: in single precision, rounding dominates Adam's first
+    steps.
+    """
     # Stable-baselines3 has one learning rate for both.
     monkeypatch.setattr("training.train.td3.td3.ACTOR_LR", 1e-3)
     rng = np.random.default_rng(5)
@@ -126,7 +132,9 @@ def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, m
 
 
 def test_the_policys_loss_has_the_terms_of_td3bc_and_of_the_preactivations():
-    """The gradient is that of scaled -Q, behaviour cloning and the mean square before tanh. No critic changes."""
+    """The gradient is that of scaled -Q, behaviour cloning and the mean square before tanh. No
+    critic changes.
+    """
     for alpha, penalty in ((0.0, 0.0), (2.5, 0.0), (0.0, 0.3), (2.5, 0.3)):
         td3 = TD3(
             12, 3, TD3Options(net_arch=[16, 16], bc_alpha=alpha, preactivation_l2=penalty), seed=1
@@ -260,7 +268,9 @@ def test_a_policy_that_is_taken_over_is_frozen_during_the_critic_warm_up(monkeyp
 
 
 def test_only_critics_receive_the_hidden_numbers():
-    """The policy's weights have no column for the hidden entries. The critics' values depend on these entries."""
+    """The policy's weights have no column for the hidden entries. The critics' values depend on
+    these entries.
+    """
     rng = np.random.default_rng(0)
     hidden = 3
     td3 = TD3(8, 2, TD3Options(net_arch=[16]), hidden=hidden)

@@ -136,7 +136,8 @@ def test_a_killed_run_continues_from_its_last_checkpoint(tmp_path):
 
 
 def left_at_each_write(command, folder, copies, monkeypatch):
-    """Execute a command, copy its folder to copies/0, copies/1, ... before each write, and return the files' names.
+    """Execute a command, copy its folder to copies/0, copies/1, ... before each write, and return
+    the files' names.
 
     A copy is made when the new content exists but does not have its final name yet.
     """

@@ -1,4 +1,6 @@
-"""Tests of the search for one parameter set: races between candidates on common trials, and pruning."""
+"""Tests of the search for one parameter set: races between candidates on common trials, and
+pruning.
+"""
 
 import numpy as np
 
@@ -10,7 +12,9 @@ from training.tune.search import plan_sets, prune_parameters, race
 
 
 def run(worse_by, blocks, halve=False, noise=3.0):
-    """Race candidates; candidate i is worse_by[i] [s] slower than the best. Times differ much more between worlds."""
+    """Race candidates; candidate i is worse_by[i] [s] slower than the best. Times differ much more
+    between worlds.
+    """
     rng = np.random.default_rng(1)
     worlds = rng.uniform(10.0, 100.0, 1000)
     noises = rng.normal(0.0, noise, (len(worse_by), 1000))
@@ -76,7 +80,9 @@ def run_with(drive):
 
 
 def test_parameters_without_a_saving_are_reverted_to_their_defaults():
-    """Four parameters matter: two save 5 s and 1 s, the third costs time, and the fourth saves only with the third."""
+    """Four parameters matter: two save 5 s and 1 s, the third costs time, and the fourth saves only
+    with the third.
+    """
     names = ["max_vel_x", "sim_time", "occdist_scale", "inflation_radius"]
     at = [SPACE.names.index(name) for name in names]
 
@@ -114,7 +120,9 @@ def test_one_failure_does_not_revert_a_parameter_that_makes_most_drives_faster()
     theta[at] = 1.0
 
     def set_after(faster):
-        """Prune a set whose one change fails in one of eight worlds, and saves `faster` [s] in each of the others."""
+        """Prune a set whose one change fails in one of eight worlds, and saves `faster` [s] in each
+        of the others.
+        """
 
         def drive(trials):
             saved = {

@@ -73,7 +73,9 @@ def better_without_monitor(settings, task):
 
 
 def better_with_monitor(settings, task):
-    """Return results that are better in the search and in the verdict with the monitor, but not without it."""
+    """Return results that are better in the search and in the verdict with the monitor, but not
+    without it.
+    """
     return toy(settings, task, 12.0 if settings.monitor or task.theta else 0.0)
 
 
@@ -84,7 +86,9 @@ def none_arrives(settings, task):
 
 @pytest.fixture
 def few(monkeypatch):
-    """Use few courses, and a clock on which each drive takes one second and everything else no time."""
+    """Use few courses, and a clock on which each drive takes one second and everything else no
+    time.
+    """
     DRIVEN.clear()
     LOADED.clear()
     PLANNERS.clear()
@@ -377,7 +381,9 @@ def test_the_default_space_has_more_parameters_for_searches(name, searched, tmp_
 
 @pytest.mark.parametrize("name", robots.NAMES)
 def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
-    """Loaded after the robot's files, tuned.yaml gives the parameter set: on the parameter server and in robot.yaml."""
+    """Loaded after the robot's files, tuned.yaml gives the parameter set: on the parameter server
+    and in robot.yaml.
+    """
     folder = shutil.copytree(robots.load(name).folder, tmp_path / name)
     robot = robots.load(str(folder))
     space = space_of(robot)

@@ -1,4 +1,6 @@
-"""Tests of what the replay reads from bags: plans, names, frames, poses and the laser's place from tf."""
+"""Tests of what the replay reads from bags: plans, names, frames, poses and the laser's place from
+tf.
+"""
 
 from dataclasses import replace
 

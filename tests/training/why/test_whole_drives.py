@@ -1,4 +1,6 @@
-"""Tests of the world that the laser saw, of whole drives in it, of candidates, and of the advice that follows."""
+"""Tests of the world that the laser saw, of whole drives in it, of candidates, and of the advice
+that follows.
+"""
 
 from types import SimpleNamespace
 
@@ -150,7 +152,9 @@ def test_the_fault_is_slow_in_the_world_that_was_seen_and_its_remedy_is_found(co
 
 
 def drives_as(monkeypatch, seconds):
-    """Let a candidate take {value: {seed: seconds}} with "" for the recorded values; return the calls."""
+    """Let a candidate take {value: {seed: seconds}} with "" for the recorded values; return the
+    calls.
+    """
     calls = []
 
     def drive_once(course, changes, seed, to_beat):
@@ -301,7 +305,9 @@ def test_a_moment_outside_the_drive_is_refused(replayed):
 
 
 def test_nothing_is_sought_for_a_drive_that_is_nearly_as_fast_as_it_can_be(replayed):
-    """The drive is slow, because it samples only the slowest speed; it would be fast if this were its top speed."""
+    """The drive is slow, because it samples only the slowest speed; it would be fast if this were
+    its top speed.
+    """
     event = Event("crept", 1.0, 12.0, (0.0, 0.3))
     assert diagnosis.Diagnosis(replayed, [event]).wants_remedy
     assert not diagnosis.Diagnosis(replayed, [Event("crept", 1.0, 2.0, (0.0, 0.3))]).wants_remedy

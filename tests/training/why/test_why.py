@@ -1,4 +1,6 @@
-"""Tests of the replay of recorded drives: reproduction, events, explanations, alternatives, comparison, mistakes."""
+"""Tests of the replay of recorded drives: reproduction, events, explanations, alternatives,
+comparison, mistakes.
+"""
 
 import json
 import re
@@ -155,7 +157,9 @@ def test_a_drive_without_updates_is_reproduced_with_the_parameters_of_its_decisi
 
 
 def test_parameters_of_servers_without_updates_come_from_decisions(spoilt, tmp_path):
-    """The C++ planner keeps the footprint that it had at start-up; the costmap takes the new padding."""
+    """The C++ planner keeps the footprint that it had at start-up; the costmap takes the new
+    padding.
+    """
     robot, driven = spoilt
     decision = decided({"sim_time": 9.0, "footprint_padding": 0.14})
     given = replace(
@@ -258,9 +262,11 @@ def test_a_map_is_restored_with_its_layers_and_inflated_anew(spoilt):
     assert np.array_equal(*updated)
 
 
-# -- explanations and alternatives -------------------------------------------------------------------------------------
+# -- explanations and alternatives -----------------------------------------------------------------
 def driven_with_post(ahead, left, since=0.0):
-    """Return a replay of a drive in which the laser sees a post at a place relative to the robot from a time on."""
+    """Return a replay of a drive in which the laser sees a post at a place relative to the robot
+    from a time on.
+    """
     laser = JACKAL.laser
     metres = np.hypot(ahead - laser.pose[0], left)
     angle = np.arctan2(left, ahead - laser.pose[0])
@@ -358,7 +364,9 @@ def test_a_cheaper_sample_that_the_escaping_planner_did_not_try_is_said(sound):
 
 
 def test_samples_that_dwa_refuses_are_explained():
-    """The speed of a waffle_pi that backs out slowly is below min_vel_trans, and it turns slower than min_vel_theta."""
+    """The speed of a waffle_pi that backs out slowly is below min_vel_trans, and it turns slower
+    than min_vel_theta.
+    """
     replay = replayed(WAFFLE, simulated(WAFFLE, "generated:3", limit=3)[0])
     cycle = replace(replay.cycles[10], twist=(-0.2, 0.0))
     assert (
@@ -467,7 +475,7 @@ def test_another_inflation_applies_to_the_recorded_map(replay):
     assert sizes[1] > 1.2 * sizes[0]
 
 
-# -- the command -------------------------------------------------------------------------------------------------------
+# -- the command -----------------------------------------------------------------------------------
 def ran(capsys, *arguments):
     status = why.main([str(argument) for argument in arguments])
     out, err = capsys.readouterr()

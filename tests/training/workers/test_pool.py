@@ -1,4 +1,6 @@
-"""Tests of the pool of workers: child processes and Ray, replacement of dead workers, trainings that lose workers."""
+"""Tests of the pool of workers: child processes and Ray, replacement of dead workers, trainings
+that lose workers.
+"""
 
 import os
 import signal
@@ -59,7 +61,9 @@ def test_an_episode_depends_only_on_run_and_number_and_noise_has_its_standard_de
 
 @pytest.mark.parametrize("workers", [0, 2])
 def test_every_call_has_one_answer(workers):
-    """A call whose worker dies is repeated, and fails after several deaths. Other calls are not affected."""
+    """A call whose worker dies is repeated, and fails after several deaths. Other calls are not
+    affected.
+    """
     numbers = [number for number in range(12) if workers or number != 3]
     with Pool(workers) as pool:
         answers = results(pool, numbers)
@@ -190,7 +194,9 @@ def test_ray_on_this_machine_listens_on_loopback_only():
 
 @pytest.mark.slow
 def test_a_run_on_two_nodes_survives_the_loss_of_one(tmp_path):
-    """A training on two Ray nodes loses one of them while both drive, and completes on the other node."""
+    """A training on two Ray nodes loses one of them while both drive, and completes on the other
+    node.
+    """
     ray = pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
