@@ -79,7 +79,7 @@ def _on_barns_grid(file: str, cylinders: Array) -> Course:
         cells = cells[1:]
     row, column = cells.T
     # BARN's paths keep two cells of clearance: one with less than one cell is of another world.
-    free = search.free_space(barn.fill_of(cylinders), 1)
+    free = search.free_space(barn.fill_of(cylinders), clearance=1)
     blocked = cells[~free[row, column]]
     if len(blocked):
         raise ApplrError(

@@ -71,12 +71,12 @@ def animation_of(model: Element, path: str) -> Optional[Animation]:
     stored = model.find(f"{{{NAMESPACE}}}waypoints")
     if stored is not None:
         # Words that do not fill a key frame are left over, which `numbers` reports.
-        count = len((stored.text or "").split()) // 3 * 3
+        words = (stored.text or "").split()
+        count = len(words) // 3 * 3
         values = numbers(stored.text, count, f"waypoints of {title}")
-        times = values[::3]
-        frames = list(zip(times, values[1::3], values[2::3]))
+        frames = list(zip(values[::3], values[1::3], values[2::3]))  # time, x, y
         length = float(stored.get("length", 0.0))
-        return _animation(frames, length, stored.get("repeat") != "0")
+        return _animation(frames, length, repeat=stored.get("repeat") != "0")
 
     plugin = model.find("plugin")
     if plugin is None:
@@ -102,7 +102,14 @@ def arena_course(planner_ends: bool = False) -> Course:
     """Return DynaBARN's course: 20 m straight through the arena, with a goal tolerance of 1 m."""
     x = np.linspace(START[0], GOAL[0], 41)
     path = np.column_stack([x, np.zeros(len(x))])
-    return Course(START, GOAL, None, GOAL_TOLERANCE_M, path, planner_ends)
+    return Course(
+        start=START,
+        goal=GOAL,
+        finish_y=None,
+        goal_tolerance=GOAL_TOLERANCE_M,
+        path=path,
+        planner_ends=planner_ends,
+    )
 
 
 # numbers by split; 100 and up are free for training
@@ -132,17 +139,24 @@ def generate(number: int) -> World:
     kind = number % len(SPEEDS_M_S)
     fewest, most = MOVER_COUNTS[kind]
     count = int(rng.integers(fewest, most + 1))
-    movers = tuple(_mover(rng, SPEEDS_M_S[kind]) for _ in range(count))
-    course = arena_course(planner_ends=True)
-    return World(f"dynamic:{number}", np.empty((0, 3)), WALLS, course, movers)
+    movers = []
+    for _ in range(count):
+        movers.append(_mover(rng, SPEEDS_M_S[kind]))
+    return World(
+        name=f"dynamic:{number}",
+        cylinders=np.empty((0, 3)),
+        boxes=WALLS,
+        course=arena_course(planner_ends=True),
+        movers=tuple(movers),
+    )
 
 
 def _mover(rng: np.random.Generator, speeds: Tuple[float, float]) -> Mover:
     """Draw a cylinder that crosses the room from wall to wall, with a new speed on each leg."""
-    walls = rng.choice(4, 2, replace=False)
-    first, last = (_at_a_wall(rng, wall) for wall in walls)
-
     # The order of the draws is part of the recipe: another order would make other worlds.
+    first_wall, last_wall = rng.choice(4, 2, replace=False)
+    first = _at_a_wall(rng, first_wall)
+    last = _at_a_wall(rng, last_wall)
     count = int(rng.integers(1, 6))
     shares = np.sort(rng.uniform(0.1, 0.9, count))
     points = [first]
@@ -155,11 +169,12 @@ def _mover(rng: np.random.Generator, speeds: Tuple[float, float]) -> Mover:
     time = 0.0
     x, y = corners[0].tolist()
     frames: List[KeyFrame] = [(time, x, y)]
-    for leg in np.diff(corners, axis=0):
+    for corner, leg in zip(corners[1:], np.diff(corners, axis=0)):
         time += max(math.hypot(*leg), SHORTEST_LEG_M) / rng.uniform(*speeds)
-        x, y = corners[len(frames)].tolist()
+        x, y = corner.tolist()
         frames.append((time, x, y))
-    return Mover(float(rng.uniform(*RADII_M)), tuple(frames))
+    radius = float(rng.uniform(*RADII_M))
+    return Mover(radius, tuple(frames))
 
 
 def _at_a_wall(rng: np.random.Generator, wall: int) -> Array:

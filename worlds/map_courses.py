@@ -79,8 +79,8 @@ class Floor:
         """
         draws: List[Draw] = []
         starts = np.empty((0, 2), np.int64)
-        if others:
-            starts = np.array([other.start for other in others])
+        for other in others:
+            starts = np.vstack([starts, other.start])
         floor = np.argwhere(self.cells)
         if not len(floor):
             return draws
@@ -108,7 +108,11 @@ class Floor:
         longest = draw.size.longest_m / self._resolution
         start = np.ravel_multi_index(tuple(draw.start), self.cells.shape)
         lengths, predecessors = scipy.sparse.csgraph.dijkstra(
-            self._graph, directed=True, indices=start, return_predecessors=True, limit=longest
+            self._graph,
+            directed=True,
+            indices=start,
+            return_predecessors=True,
+            limit=longest,
         )
         goals = np.flatnonzero((lengths >= shortest) & (lengths <= longest))
         # A course has random numbers of its own, so that it does not depend on other courses.
@@ -162,16 +166,14 @@ class Building:
         self.count = len(self._draws)
         self._paths: Dict[int, Ints] = {}
         if not self.count:
+            way = f"a path of {shortest_m:g} m for a robot with a radius of {radius:.2f} m"
             remedy = "check resolution, thresholds and negate"
             if is_open:
                 remedy = (
                     "free space at the edge of the image is outside; if it is unknown space, "
                     "give free_thresh 0.196, otherwise close the outer doors in the image"
                 )
-            raise ApplrError(
-                f"{path} has no closed room with a path of {shortest_m:g} m for a robot "
-                f"with a radius of {radius:.2f} m: {remedy}"
-            )
+            raise ApplrError(f"{path} has no closed room with {way}: {remedy}")
 
     def path(self, number: int) -> Ints:
         """Return the cells (k, 2) of the shortest path from the start of a course to its goal."""
@@ -204,17 +206,30 @@ class Building:
         # The cells of an axis, as a column or a row that numpy extends over the other axis.
         places = np.arange(self._floor.cells.shape[axis])
         places = np.expand_dims(places, 1 - axis)
-        halves: Dict[str, List[int]] = {}
-        for half, is_inside in zip(HALVES, (places < line, places > line)):
-            cells = self._floor.cells & is_inside
-            inside = [n for n in range(self.count) if is_within(cells, self.path(n))]
-            if len(inside) < ENOUGH:
-                part = Floor(largest(cells), self._grid.resolution)
-                more = part.draw(SIZES, [self._draws[n] for n in inside], ENOUGH)
-                inside += range(len(self._draws), len(self._draws) + len(more))
-                self._draws += more
-            halves[half] = inside
-        return halves
+        lower, upper = HALVES
+        return {
+            lower: self._numbers_within(self._floor.cells & (places < line)),
+            upper: self._numbers_within(self._floor.cells & (places > line)),
+        }
+
+    def _numbers_within(self, cells: Cells) -> List[int]:
+        """Return the numbers of the courses on some cells. Further ones are drawn if it takes few.
+
+        `cells` is a part of the floor.
+        """
+        numbers = []
+        draws = []
+        for number in range(self.count):
+            if is_within(cells, self.path(number)):
+                numbers.append(number)
+                draws.append(self._draws[number])
+        if len(numbers) < ENOUGH:
+            part = Floor(largest(cells), self._grid.resolution)
+            further_draws = part.draw(SIZES, draws, ENOUGH)
+            first = len(self._draws)
+            numbers += range(first, first + len(further_draws))
+            self._draws += further_draws
+        return numbers
 
     def course(self, number: int) -> World:
         """Return a course with the obstacles near its path."""
@@ -267,7 +282,8 @@ class Building:
         # ends, and then no passage.
         opposite = free.reshape(len(free), 2, len(RAYS) // 2)
         lines = opposite.sum(axis=1) + 1
-        narrowest = lines.min(initial=2 * len(steps) + 1)
+        longest_line = 2 * len(steps) + 1
+        narrowest = lines.min(initial=longest_line)
         return min(WIDEST_M, resolution * float(narrowest))
 
 

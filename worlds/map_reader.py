@@ -150,7 +150,8 @@ def boxes(grid: Grid) -> Array:
     row, first = np.nonzero(steps == 1)
     _, last = np.nonzero(steps == -1)
 
-    # Sorting by columns, then by row, places equal runs of neighbouring rows side by side.
+    # Sorting by columns, then by row, places equal runs of neighbouring rows side by side. The
+    # primary key of lexsort is its last one.
     order = np.lexsort((row, last, first))
     runs = np.column_stack([first, last, row])[order]
     changes = np.diff(runs, axis=0, prepend=-2)

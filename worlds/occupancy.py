@@ -54,17 +54,19 @@ def occupancy(world: World, resolution: float) -> Grid:
     cells = np.zeros((ny, nx), np.int8)
 
     origin = low.tolist()
-    inner = 0.5 * resolution  # radius of the circle in a cell [m]
+    inner_radius = 0.5 * resolution  # radius of the circle in a cell [m]
     for x, y, radius in world.cylinders.tolist():
-        window = window_of(cells, origin, resolution, (x, y), radius + inner)
+        reach = radius + inner_radius
+        window = window_of(cells, origin, resolution, (x, y), reach)
         distance = np.hypot(window.dx, window.dy)
-        window.cells[distance <= radius + inner] = OCCUPIED
+        window.cells[distance <= reach] = OCCUPIED
     for x, y, yaw, size_x, size_y in world.boxes.tolist():
-        reach = 0.5 * math.hypot(size_x, size_y) + inner
+        reach = 0.5 * math.hypot(size_x, size_y) + inner_radius
         window = window_of(cells, origin, resolution, (x, y), reach)
         along, across = outside_box(window.dx, window.dy, yaw, size_x, size_y)
-        window.cells[np.hypot(along, across) <= inner] = OCCUPIED
-    return Grid(cells, resolution, (origin[0], origin[1], 0.0))
+        distance = np.hypot(along, across)
+        window.cells[distance <= inner_radius] = OCCUPIED
+    return Grid(cells, resolution, origin=(origin[0], origin[1], 0.0))
 
 
 def extent(world: World) -> Tuple[Array, Array]:
@@ -100,11 +102,13 @@ def window_of(
     slices = []
     offsets = []
     for low, centre, count in zip(origin, place, cells.shape[::-1]):
-        first = max(0, int((centre - reach - low) / resolution))
-        end = min(count, int((centre + reach - low) / resolution) + 1)
+        first = int((centre - reach - low) / resolution)
+        last = int((centre + reach - low) / resolution)
+        first = max(0, first)
+        end = min(count, last + 1)
         slices.append(slice(first, end))
-        centres = low + (np.arange(first, end) + 0.5) * resolution
-        offsets.append(centres - centre)
+        cell_centres = low + (np.arange(first, end) + 0.5) * resolution
+        offsets.append(cell_centres - centre)
     columns, rows = slices
     dx, dy = offsets
     return Window(

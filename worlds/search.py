@@ -128,7 +128,9 @@ def grid_graph(free: Cells) -> Any:
     """
     is_free = free.ravel()
     cells = np.flatnonzero(free).astype(np.int32)
-    lengths, origins, targets = [], [], []
+    lengths = []
+    origins = []
+    targets = []
     for (row, column), length in zip(MOVES, LENGTHS):
         # A diagonal move passes one of the two cells beside it, as in barn_path.
         in_row = cells + column
@@ -138,6 +140,8 @@ def grid_graph(free: Cells) -> Any:
         lengths.append(np.full(passes.sum(), length))
         origins.append(cells[passes])
         targets.append(target[passes])
-    ends = np.concatenate(origins), np.concatenate(targets)
-    shape = free.size, free.size
-    return scipy.sparse.csr_matrix((np.concatenate(lengths), ends), shape=shape)
+    ends = (np.concatenate(origins), np.concatenate(targets))
+    return scipy.sparse.csr_matrix(
+        (np.concatenate(lengths), ends),
+        shape=(free.size, free.size),
+    )

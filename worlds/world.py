@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from applr_ros1.common.angles import Pose, outside_box
 from applr_ros1.common.arrays import Array
+from applr_ros1.common.paths import step_lengths
 
 KeyFrame = Tuple[float, float, float]
 Point = Tuple[float, float]
@@ -55,40 +56,39 @@ class Mover:
     @cached_property
     def _times(self) -> List[float]:
         """Times of the key frames [s]."""
-        return [t for t, _, _ in self.waypoints]
+        return [time for time, _, _ in self.waypoints]
 
     @cached_property
     def _tangents(self) -> List[Point]:
         """Tangents at the key frames."""
         return tangents_of([(x, y) for _, x, y in self.waypoints])
 
-    def position(self, t: float) -> Point:
-        """Return the centre (x, y) [m] at time t >= 0 [s].
+    def position(self, time: float) -> Point:
+        """Return the centre (x, y) [m] at a time >= 0 [s].
 
         As gazebo::common::Animation::GetKeyFramesAtTime does, a key frame at exactly this time is
         returned without interpolation.
         """
         if self.repeat:
-            t = math.fmod(t, self.length)
-        t = min(t, self.length)
+            time = math.fmod(time, self.length)
+        time = min(time, self.length)
 
         times = self._times
-        second = bisect_left(times, t)
+        second = bisect_left(times, time)
         if second == len(times):
             return self.waypoints[-1][1:]
         end_time, x_end, y_end = self.waypoints[second]
-        if second == 0 or end_time == t:
+        if second == 0 or end_time == time:
             return x_end, y_end
 
         first = second - 1
         start_time, x_start, y_start = self.waypoints[first]
-        share = (t - start_time) / (end_time - start_time)
+        share = (time - start_time) / (end_time - start_time)
         dx_start, dy_start = self._tangents[first]
         dx_end, dy_end = self._tangents[second]
-        return (
-            hermite(x_start, x_end, dx_start, dx_end, share),
-            hermite(y_start, y_end, dy_start, dy_end, share),
-        )
+        x = hermite(x_start, x_end, dx_start, dx_end, share)
+        y = hermite(y_start, y_end, dy_start, dy_end, share)
+        return x, y
 
 
 def tangents_of(points: List[Point]) -> List[Point]:
@@ -118,12 +118,9 @@ def tangents_of(points: List[Point]) -> List[Point]:
 
 def hermite(a: float, b: float, tangent_a: float, tangent_b: float, u: float) -> float:
     """Evaluate one coordinate of the cubic from a (u = 0) to b (u = 1) with these end tangents."""
-    return (
-        a
-        + tangent_a * u
-        + (3.0 * (b - a) - 2.0 * tangent_a - tangent_b) * u * u
-        + (2.0 * (a - b) + tangent_a + tangent_b) * u * u * u
-    )
+    quadratic = 3.0 * (b - a) - 2.0 * tangent_a - tangent_b
+    cubic = 2.0 * (a - b) + tangent_a + tangent_b
+    return a + tangent_a * u + quadratic * u * u + cubic * u * u * u
 
 
 # Odometry error allowed at the goal: in [m], and as a share of the route.
@@ -184,9 +181,7 @@ class Course:
             is_start = np.arange(len(path)) == 0
             path = path[is_start | (path[:, 1] < self.finish_y)]
             end = path[-1, 0], self.finish_y
-        points = np.vstack([path, end])
-        dx, dy = np.diff(points, axis=0).T
-        return float(np.hypot(dx, dy).sum())
+        return float(step_lengths(np.vstack([path, end])).sum())
 
     @property
     def sent_goal(self) -> Pose:
@@ -273,16 +268,19 @@ def clearance(world: World, points: Array, time: float = 0.0) -> Array:
 
     The distance is negative inside a cylinder, 0 inside a box, and inf without obstacles.
     """
-    moving = [(*mover.position(time), mover.radius) for mover in world.movers]
-    cylinders = np.vstack([world.cylinders, np.array(moving).reshape(-1, 3)])
+    moving_cylinders = np.empty((len(world.movers), 3))
+    for row, mover in enumerate(world.movers):
+        x, y = mover.position(time)
+        moving_cylinders[row] = (x, y, mover.radius)
+    cylinders = np.vstack([world.cylinders, moving_cylinders])
     centre_x, centre_y, radius = cylinders.T
-    x, y = points.T
-    dx = x[:, np.newaxis] - centre_x
-    dy = y[:, np.newaxis] - centre_y
+    points_x, points_y = points.T
+    dx = points_x[:, np.newaxis] - centre_x
+    dy = points_y[:, np.newaxis] - centre_y
     distance = np.hypot(dx, dy) - radius
     # `initial` is the distance in a world without cylinders.
     nearest: Array = np.min(distance, axis=1, initial=np.inf)
     for box_x, box_y, yaw, size_x, size_y in world.boxes:
-        along, across = outside_box(x - box_x, y - box_y, yaw, size_x, size_y)
+        along, across = outside_box(points_x - box_x, points_y - box_y, yaw, size_x, size_y)
         nearest = np.minimum(nearest, np.hypot(along, across))
     return nearest

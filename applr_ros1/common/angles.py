@@ -39,7 +39,8 @@ def yaw_of(q: Any) -> float:
 
 def quaternion_of(yaw: float) -> Tuple[float, float, float, float]:
     """Return the unit quaternion (x, y, z, w) of a rotation about z."""
-    return 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+    half_turn = 0.5 * yaw
+    return 0.0, 0.0, math.sin(half_turn), math.cos(half_turn)
 
 
 def transform_point(pose: Pose, x: Any, y: Any) -> Tuple[Any, Any]:
@@ -47,14 +48,19 @@ def transform_point(pose: Pose, x: Any, y: Any) -> Tuple[Any, Any]:
 
     x and y may be arrays of equal shapes.
     """
-    cosine = math.cos(pose[2])
-    sine = math.sin(pose[2])
-    return pose[0] + cosine * x - sine * y, pose[1] + sine * x + cosine * y
+    origin_x, origin_y, yaw = pose
+    cosine = math.cos(yaw)
+    sine = math.sin(yaw)
+    parent_x = origin_x + cosine * x - sine * y
+    parent_y = origin_y + sine * x + cosine * y
+    return parent_x, parent_y
 
 
 def compose(a: Pose, b: Pose) -> Pose:
     """Transform the pose b from the frame at a to the parent frame of a."""
-    return (*transform_point(a, b[0], b[1]), normalize_angle(a[2] + b[2]))
+    b_x, b_y, b_yaw = b
+    x, y = transform_point(a, b_x, b_y)
+    return x, y, normalize_angle(a[2] + b_yaw)
 
 
 def inverse(pose: Pose) -> Pose:
@@ -62,7 +68,9 @@ def inverse(pose: Pose) -> Pose:
     x, y, yaw = pose
     cosine = math.cos(yaw)
     sine = math.sin(yaw)
-    return -x * cosine - y * sine, x * sine - y * cosine, -yaw
+    inverse_x = -x * cosine - y * sine
+    inverse_y = x * sine - y * cosine
+    return inverse_x, inverse_y, -yaw
 
 
 def outside_box(dx: Any, dy: Any, yaw: float, size_x: float, size_y: float) -> Tuple[Any, Any]:
@@ -87,4 +95,5 @@ def outside_box(dx: Any, dy: Any, yaw: float, size_x: float, size_y: float) -> T
 
 def _beyond(coordinate: Any, half_size: float) -> Any:
     """Return by how much coordinates [m] exceed +-half_size [m], with their sign."""
-    return np.copysign(np.maximum(np.abs(coordinate) - half_size, 0.0), coordinate)
+    excess = np.maximum(np.abs(coordinate) - half_size, 0.0)
+    return np.copysign(excess, coordinate)

@@ -13,6 +13,7 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.paths import step_lengths
 from applr_ros1.policy.decision import Seen
 from worlds import World
 
@@ -94,8 +95,7 @@ class Motion(Rows):
     @property
     def length(self) -> float:
         """Length of the path [m]."""
-        steps = np.diff(self.pose[:, :2], axis=0)
-        return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+        return float(step_lengths(self.pose[:, :2]).sum())
 
 
 @dataclass

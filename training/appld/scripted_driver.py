@@ -13,6 +13,7 @@ from typing import Any, List, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose, normalize_angle, outside_box, transform_point
+from applr_ros1.common.paths import points_at, travelled
 from applr_ros1.robots import Robot
 from training.env.episode import CONTROL_PERIOD
 from worlds import World
@@ -24,7 +25,9 @@ LOOKAHEAD_S = 0.35  # increase of the lookahead distance with the speed [s]
 SIDEWAYS = 0.8  # maximum lateral acceleration [m/s^2]
 SEARCHED = 40  # points of the route, from the current one on, that can be nearest to the robot
 TURN_IN_PLACE = 1.0  # bearing of the target beyond which the robot turns on the spot [rad]
+NEAREST_M = 0.2  # smallest distance of the target that an arc is made for [m]
 OPEN_M = 10.0  # free distance where the scan shows nothing [m]
+TOO_NEAR_M = 0.1  # range of a beam that meets something before its smallest range [m]
 ITERATIONS = 300  # number of steps of the elastic band
 STRAIGHTEN = 0.25  # share by which a step straightens the band
 PUSH = 0.04  # share by which a step pushes the band away from obstacles
@@ -75,33 +78,31 @@ class Demonstrator:
         """
         # Target. The search goes forwards only: the route may pass the same place twice.
         x, y, yaw = pose
-        candidates = self.route[self._nearest : self._nearest + SEARCHED] - (x, y)
-        distances = np.hypot(candidates[:, 0], candidates[:, 1])
+        offsets = self.route[self._nearest : self._nearest + SEARCHED] - (x, y)
+        distances = np.hypot(offsets[:, 0], offsets[:, 1])
         self._nearest += int(np.argmin(distances))
         lookahead = self.lookahead + LOOKAHEAD_S * self._v
-        index = self._nearest + int(lookahead / SPACING)
-        target = self.route[min(len(self.route) - 1, index)]
-        dx = target[0] - x
-        dy = target[1] - y
+        target = self._nearest + int(lookahead / SPACING)
+        target_x, target_y = self.route[min(len(self.route) - 1, target)]
+        dx = target_x - x
+        dy = target_y - y
 
         # Arc. A target behind the robot would make it drive a circle that hits something.
         bearing = normalize_angle(math.atan2(dy, dx) - yaw)
         if abs(bearing) > TURN_IN_PLACE:
             return self._smooth(0.0, math.copysign(self.turn, bearing))
-        distance = max(0.2, math.hypot(dx, dy))
+        # A target under the robot would make the arc a turn on the spot.
+        distance = max(NEAREST_M, math.hypot(dx, dy))
         curvature = 2.0 * math.sin(bearing) / distance
 
         # Speed by the free space, and low enough for the arc
-        beyond_narrow = self._free_distance(ranges, bearing) - self.narrow
-        free_share = _clamped(beyond_narrow / (self.wide - self.narrow), 0.0, 1.0)
-        v = self.slow + (self.fast - self.slow) * free_share
+        free_distance = self._free_distance(ranges, bearing)
+        free_share = (free_distance - self.narrow) / (self.wide - self.narrow)
+        v = self.slow + (self.fast - self.slow) * _clamped(free_share, 0.0, 1.0)
         bend = abs(curvature)
-        if bend > 1e-6:
-            v = min(
-                v,
-                math.sqrt(SIDEWAYS / bend),
-                self.turn / bend,
-            )
+        if bend > 1e-6:  # On a straight way, neither limit is reached.
+            slowest_of_arc = min(math.sqrt(SIDEWAYS / bend), self.turn / bend)
+            v = min(v, slowest_of_arc)
         w = _clamped(v * curvature, -self.turn, self.turn)
         return self._smooth(v, w)
 
@@ -111,10 +112,12 @@ class Demonstrator:
         It is the smaller of the free distance ahead, in a band slightly wider than the robot, and
         twice the free distance to the sides.
         """
-        seen = np.nan_to_num(np.asarray(ranges, np.float64), nan=OPEN_M, posinf=OPEN_M, neginf=0.1)
+        distances = np.nan_to_num(
+            np.asarray(ranges, np.float64), nan=OPEN_M, posinf=OPEN_M, neginf=TOO_NEAR_M
+        )
         angles = self._beams - bearing
-        along = seen * np.cos(angles)
-        across = np.abs(seen * np.sin(angles))
+        along = distances * np.cos(angles)
+        across = np.abs(distances * np.sin(angles))
         is_ahead = (across < self.band) & (along > 0.0)
         is_beside = np.abs(along) < self.beside
         ahead = along[is_ahead].min(initial=OPEN_M)
@@ -152,42 +155,40 @@ def route(world: World, wanted: float = WANTED) -> np.ndarray:
         # Both ends stay where they are.
         inner = points[1:-1]
         inner += STRAIGHTEN * (points[:-2] + points[2:] - 2.0 * inner)
-        inner += PUSH * _away(world, points, wanted)[1:-1]
+        inner += PUSH * _pushes(world, points, wanted)[1:-1]
     return _resampled(points)
 
 
 def _resampled(points: np.ndarray) -> np.ndarray:
     """Return points (k, 2) every SPACING metres along the path through points (n, 2) [m]."""
-    steps = np.diff(points, axis=0)
-    lengths = np.hypot(steps[:, 0], steps[:, 1])
-    travelled = np.concatenate([[0.0], np.cumsum(lengths)])
-    places = np.linspace(0.0, travelled[-1], max(2, int(travelled[-1] / SPACING)))
-    x = np.interp(places, travelled, points[:, 0])
-    y = np.interp(places, travelled, points[:, 1])
-    return np.column_stack([x, y])
+    length = travelled(points)[-1]
+    count = max(2, int(length / SPACING))
+    return points_at(points, np.linspace(0.0, length, count))
 
 
-def _away(world: World, points: np.ndarray, wanted: float) -> np.ndarray:
+def _pushes(world: World, points: np.ndarray, wanted: float) -> np.ndarray:
     """Return vectors (k, 2) [m] by which obstacles push points (k, 2) [m] away.
 
     They point away from the nearest obstacle and have the length max(0, wanted - distance).
     """
-    # From each point's nearest spot on each obstacle: offsets (k, obstacles, 2) and distances
+    # From the nearest spot on each obstacle to each point: offsets (k, 2) and distances (k,)
     x, y = points.T
-    from_centres = points[:, None, :] - world.cylinders[None, :, :2]
+    from_centres = points - world.cylinders[:, np.newaxis, :2]  # (cylinders, k, 2)
     centre_distances = np.hypot(from_centres[..., 0], from_centres[..., 1])
-    offsets = [from_centres]
-    distances = [centre_distances - world.cylinders[:, 2]]
-    for box_x, box_y, yaw, size_x, size_y in world.boxes:
-        along, across = outside_box(x - box_x, y - box_y, yaw, size_x, size_y)
-        offset = np.column_stack(transform_point((0.0, 0.0, yaw), along, across))
-        offsets.append(offset[:, None])
-        distances.append(np.hypot(along, across)[:, None])
+    offsets = list(from_centres)
+    distances = list(centre_distances - world.cylinders[:, 2:])
+    for centre_x, centre_y, yaw, size_x, size_y in world.boxes:
+        along, across = outside_box(x - centre_x, y - centre_y, yaw, size_x, size_y)
+        offset_x, offset_y = transform_point((0.0, 0.0, yaw), along, across)
+        offsets.append(np.column_stack([offset_x, offset_y]))
+        distances.append(np.hypot(along, across))
 
-    distance = np.hstack(distances)
-    nearest = np.arange(len(points)), np.argmin(distance, axis=1)
-    offset = np.hstack(offsets)[nearest]
+    # The nearest obstacle of each point
+    nearest = np.argmin(distances, axis=0)
+    rows = np.arange(len(points))
+    offset = np.array(offsets)[nearest, rows]
+    distance = np.array(distances)[nearest, rows]
     length = np.hypot(offset[:, 0], offset[:, 1])
     length = np.maximum(length, 1e-9)  # 0 inside a box
-    push = np.clip(wanted - distance[nearest], 0.0, wanted)
+    push = np.clip(wanted - distance, 0.0, wanted)
     return np.asarray(offset / length[:, None] * push[:, None])

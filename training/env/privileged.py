@@ -1,4 +1,4 @@
-"""Inputs of the critics that the policy cannot know: the course behind obstacles, and randomised physics.
+"""Inputs of the critics that the policy cannot know: the course beyond obstacles, drawn physics.
 
 Critics are used only in training, where the simulator knows these values (asymmetric actor-critic,
 Pinto et al. 2018). The environment appends the values to the observation; the policy receives only
@@ -13,6 +13,7 @@ from typing import List, NamedTuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose, inverse, transform_point
+from applr_ros1.common.paths import points_at, step_lengths
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.robots.check import WIDTH
 from training.env.episode import Episode
@@ -21,17 +22,18 @@ from worlds.world import clearance
 # Ends of the path sections whose clearance is an input [widths].
 STATIONS = 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 9.0
 STEP = 0.2  # distance between the points of a path at which clearance is measured [widths]
-AHEAD = (
-    2.0,
-    5.0,
-)  # distances of two points ahead on the true course, whose directions are inputs [widths]
+# Distances of two points ahead on the true course, whose directions are inputs [widths].
+AHEAD = (2.0, 5.0)
 # Values that map to the end of an input's range.
 CLEARANCE_CAP = 2.0  # clearance [widths]
 FAR = 8.0  # distance [widths]
 LONG = 30.0  # length of a course [widths]
 FAST = 2.0  # speed [m/s]
 MOVERS = 2  # number of nearest moving obstacles in the inputs
+POSITIONS_HZ = 10.0  # rate of the positions of a moving obstacle that give its velocity [1/s]
 ODD = tuple(range(len(AHEAD) + 2 * MOVERS))  # indices of the entries that change sign when mirrored
+# Sines, clearances along plan and route, free length, length and distance of the route, cosines,
+# moving obstacles, fidelity and what was drawn, and Stall.share
 SIZE = len(ODD) + 2 * len(STATIONS) + 1 + 2 + len(AHEAD) + 2 * MOVERS + 7 + 1
 
 
@@ -53,60 +55,72 @@ def privileged(episode: Episode, scale: float) -> np.ndarray:
     width = WIDTH * scale
     state = episode.simulator.state
     world = episode.world
+
+    # The global plan: its clearance, and how far it is wide enough for the robot
     along_plan = _along(_true_plan(episode), width)
     plan_clearance = clearance(world, along_plan, state.time)
     blocked = np.flatnonzero(plan_clearance < 0.5 * episode.robot.body.size[1])
     free = STEP * blocked[0] if len(blocked) else STATIONS[-1]
 
-    # The true course from the point that is nearest to the robot.
+    # The true course from the point that is nearest to the robot
     route = np.vstack([world.course.path, world.course.goal[:2]])
     offsets = route - state.pose[:2]
     distances = np.hypot(offsets[:, 0], offsets[:, 1])
     nearest = int(np.argmin(distances))
-    steps = np.diff(route[nearest:], axis=0)
-    left = np.hypot(steps[:, 0], steps[:, 1]).sum() / width
-    along_route = _along(route[nearest:], width)
-    rows = [min(len(along_route) - 1, round(far / STEP)) for far in AHEAD]
+    route_left = route[nearest:]
+    length_left = step_lengths(route_left).sum() / width
+    along_route = _along(route_left, width)
+    route_clearance = clearance(world, along_route, state.time)
+    rows = [min(len(along_route) - 1, round(distance / STEP)) for distance in AHEAD]
     ahead = along_route[rows] - state.pose[:2]
     bearings = np.arctan2(ahead[:, 1], ahead[:, 0]) - state.pose[2]
 
-    movers = _movers(episode, state.pose, state.time)
     lateral: List[float] = []
     forward: List[float] = []
-    for mover in movers:
+    for mover in _movers(episode, state.pose, state.time):
         lateral += [mover.y / (FAR * width), mover.vy / FAST]
         forward += [mover.x / (FAR * width), mover.vx / FAST]
     values: List[float] = [
         *np.sin(bearings),
         *lateral,
         *_clearances(plan_clearance, width),
-        *_clearances(clearance(world, along_route, state.time), width),
-        2.0 * free / STATIONS[-1] - 1.0,
-        2.0 * min(1.0, left / LONG) - 1.0,
-        2.0 * min(1.0, distances[nearest] / (FAR * width)) - 1.0,
+        *_clearances(route_clearance, width),
+        _centred(free / STATIONS[-1]),
+        _centred(length_left / LONG),
+        _centred(distances[nearest] / (FAR * width)),
         *np.cos(bearings),
         *forward,
         1.0 if episode.move_base.variant == CPP_LIKE else -1.0,
         *_physics(episode),
-        2.0 * episode.stall.share - 1.0,
+        _centred(episode.stall.share),
     ]
     return np.array(np.clip(values, -1.0, 1.0), np.float32)
 
 
+def _centred(share: float) -> float:
+    """Map a share from [0, 1] to [-1, 1]. Larger shares count as 1."""
+    return 2.0 * min(1.0, share) - 1.0
+
+
 def _true_plan(episode: Episode) -> np.ndarray:
-    """Return the global plan (k, 2) from the robot on, as it lies in the world: odometry errors are taken out."""
+    """Return the global plan (k, 2) [m] from the robot on, as it lies in the world.
+
+    The planner's plan lies where odometry sees it, so its points are taken relative to the robot.
+    """
     true_pose = episode.simulator.state.pose
-    plan = episode.move_base.global_plan
-    points = np.zeros((0, 2)) if plan is None else np.asarray(plan, np.float64)[:, :2]
-    seen = transform_point(inverse(episode.place), points[:, 0], points[:, 1])
-    return np.vstack([true_pose[:2], np.column_stack(transform_point(true_pose, *seen))])
+    if episode.move_base.global_plan is None:
+        return np.array([true_pose[:2]])
+    plan = np.asarray(episode.move_base.global_plan, np.float64)
+    seen_x, seen_y = transform_point(inverse(episode.place), plan[:, 0], plan[:, 1])
+    x, y = transform_point(true_pose, seen_x, seen_y)
+    return np.vstack([true_pose[:2], np.column_stack([x, y])])
 
 
 def _physics(episode: Episode) -> List[float]:
     """Return what was drawn for the episode, scaled so that usual ranges lie in [-1, 1]."""
     drawn = episode.simulator.drawn
     return [
-        2.0 * min(1.0, drawn.ground) - 1.0,
+        _centred(drawn.ground),
         2.0 * (drawn.friction - 1.0),
         drawn.slip - 1.0,
         0.5 * (drawn.odometry - 1.0),
@@ -120,23 +134,23 @@ def _along(points: np.ndarray, width: float) -> np.ndarray:
 
     A short path repeats its end.
     """
-    steps = np.diff(points, axis=0)
-    length = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
-    at = width * np.arange(0.0, STATIONS[-1] + 0.5 * STEP, STEP)
-    x = np.interp(at, length, points[:, 0])
-    y = np.interp(at, length, points[:, 1])
-    return np.column_stack([x, y])
+    # Half a step more, so that rounding does not drop the last point.
+    ways = np.arange(0.0, STATIONS[-1] + 0.5 * STEP, STEP)
+    return points_at(points, width * ways)
 
 
-def _clearances(clear: np.ndarray, width: float) -> List[float]:
-    """Return the smallest clearance in each section of a path, on a square-root scale in [-1, 1]."""
+def _clearances(clearances: np.ndarray, width: float) -> List[float]:
+    """Return the smallest clearance in each section of a path, on a scale in [-1, 1].
+
+    clearances: clearance [m] of the points of _along.
+    """
     inputs = []
     first = 0
     for station in STATIONS:
         last = round(station / STEP)
-        least = max(0.0, clear[first : last + 1].min())
+        smallest = max(0.0, clearances[first : last + 1].min())
         # The square root resolves narrow places.
-        inputs.append(2.0 * math.sqrt(min(1.0, least / (CLEARANCE_CAP * width))) - 1.0)
+        inputs.append(_centred(math.sqrt(smallest / (CLEARANCE_CAP * width))))
         first = last
     return inputs
 
@@ -152,12 +166,14 @@ class _Relative(NamedTuple):
 
 def _movers(episode: Episode, pose: Pose, time: float) -> List[_Relative]:
     """Return the MOVERS nearest moving obstacles. Missing ones are far ahead."""
-    back = inverse(pose)
+    to_robot = inverse(pose)
     movers: List[_Relative] = []
     for mover in episode.world.movers:
-        x, y = transform_point(back, *mover.position(time))
-        later_x, later_y = transform_point(back, *mover.position(time + 0.1))
-        movers.append(_Relative(x, y, 10.0 * (later_x - x), 10.0 * (later_y - y)))
+        x, y = transform_point(to_robot, *mover.position(time))
+        later_x, later_y = transform_point(to_robot, *mover.position(time + 1.0 / POSITIONS_HZ))
+        vx = POSITIONS_HZ * (later_x - x)
+        vy = POSITIONS_HZ * (later_y - y)
+        movers.append(_Relative(x, y, vx, vy))
     movers.sort(key=lambda mover: math.hypot(mover.x, mover.y))
-    nothing = _Relative(math.inf, 0.0, 0.0, 0.0)
+    nothing = _Relative(x=math.inf, y=0.0, vx=0.0, vy=0.0)
     return (movers + [nothing] * MOVERS)[:MOVERS]

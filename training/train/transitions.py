@@ -15,6 +15,7 @@ import numpy as np
 
 from applr_ros1.common.angles import compose, inverse, transform_point
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.paths import step_lengths
 from applr_ros1.drives.drive import REACHED, Decision, Drive, Goal, Motion
 from applr_ros1.policy.decision import PERIOD, Context, Seen
 from applr_ros1.policy.dimensionless import ENCODINGS
@@ -169,8 +170,7 @@ def check_motion(drive: Drive, goal: Goal) -> None:
     during = (motion.stamp >= goal.begin) & (motion.stamp <= goal.end)
     if during.sum() < 2:
         raise Skipped("no odometry while the goal was pursued")
-    steps = np.diff(motion.pose[during, :2], axis=0)
-    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    lengths = step_lengths(motion.pose[during, :2])
     if (lengths > JUMP_M + FASTEST_M_S * np.diff(motion.stamp[during])).any():
         raise Skipped("the odometry jumped")
 
@@ -221,7 +221,9 @@ def _states(drive: Drive, encoding: Encoding, goal: Goal, finish: Optional[float
 
 def _of_goal(decisions: Sequence[Decision], goal: Goal, until: float) -> List[Decision]:
     """Return the decisions or ends of a goal until a time [s]."""
-    return [made for made in decisions if made.goal == goal.id and made.time <= until]
+    return [
+        decision for decision in decisions if decision.goal == goal.id and decision.time <= until
+    ]
 
 
 def _moments(

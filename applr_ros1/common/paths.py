@@ -1,0 +1,30 @@
+"""Lengths along paths, which are lines through points (n, 2) x, y [m]."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from applr_ros1.common.arrays import Array
+
+
+def step_lengths(points: np.ndarray) -> Array:
+    """Return the distances (n - 1,) [m] from each of the points (n, 2) to the next one."""
+    steps = np.diff(points, axis=0)
+    lengths: Array = np.hypot(steps[:, 0], steps[:, 1])
+    return lengths
+
+
+def travelled(points: Array) -> Array:
+    """Return the way (n,) [m] along a path from its first point to each of its points (n, 2)."""
+    return np.concatenate([[0.0], np.cumsum(step_lengths(points))])
+
+
+def points_at(points: Array, ways: Array) -> Array:
+    """Return the points (k, 2) of a path through points (n, 2) after these ways (k,) [m].
+
+    Ways beyond the end of the path give its last point.
+    """
+    way = travelled(points)
+    x = np.interp(ways, way, points[:, 0])
+    y = np.interp(ways, way, points[:, 1])
+    return np.column_stack([x, y])
