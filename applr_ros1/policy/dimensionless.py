@@ -75,7 +75,7 @@ class OutputScale:
         is_log = []
         for output in OUTPUTS.values():
             unit = units.get(output.declared.kind, 1.0)
-            low, high = output.output or (output.low, output.high)
+            low, high = output.output_range or (output.low, output.high)
             ranges.append((unit * low, unit * high))
             is_log.append(output.log)
         self.low, self.high = np.array(ranges).T

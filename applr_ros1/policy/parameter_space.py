@@ -281,7 +281,7 @@ def space_of(robot: Robot) -> Space:
 
 
 def declaration(robot: Robot, name: str) -> Parameter:
-    """Return unit, bounds and meaning of a parameter of a robot's space, as its planner declares them."""
+    """Return the planner's declaration of a parameter of a robot's space: unit, bounds, meaning."""
     # The first target declares the parameter; the others follow it.
     target = space_of(robot).targets[name][0]
     declared = robot.servers[target.server].declared(target.name)

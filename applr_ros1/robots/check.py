@@ -115,14 +115,14 @@ def check(robot: Robot, with_map: bool = False) -> List[str]:
 def remarks(robot: Robot, with_map: bool = False) -> List[Remark]:
     """Return the values of a robot that degrade driving or have no effect."""
     tree = robot.parameters(with_map)
-    made: List[Remark] = []
+    found_remarks: List[Remark] = []
     with suppress(ParameterError):  # check() returns this error.
-        made += map(Remark, parameters.remarks(tree))
+        found_remarks += map(Remark, parameters.remarks(tree))
         setup = _Setup(robot, with_map, tree, parameters.complete(tree))
-        made += _planner_remarks(setup)
+        found_remarks += _planner_remarks(setup)
         for costmap in COSTMAPS:
-            made += _costmap_remarks(setup, costmap)
-    return made
+            found_remarks += _costmap_remarks(setup, costmap)
+    return found_remarks
 
 
 def refused(error: ValidationError) -> List[str]:
@@ -229,15 +229,9 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
     values = setup.full[costmap]
     yield from _outline_errors(setup, costmap)
     yield from _frame_errors(setup, costmap)
-    if not setup.with_map and not values["rolling_window"]:
-        # Without a map, the robot starts at (0, 0).
-        for name, size in (("origin_x", values["width"]), ("origin_y", values["height"])):
-            if not -size < values[name] < 0.0:
-                start = f"the costmap, {size:g} m long, does not contain the robot's start at 0"
-                remedy = f"give {-size / 2:g}, or rolling_window: true"
-                yield f"{costmap}/{name} is {values[name]:g}: {start}, {remedy}"
-    for layer in layers(costmap, values):
-        if layer.kind == STATIC_LAYER and not setup.with_map:
+    if not setup.with_map:
+        yield from _start_errors(costmap, values)
+        for layer in layers(costmap, values, STATIC_LAYER):
             yield f"{costmap}/plugins has {layer.name}, but there is no map: remove this layer"
     problems = []
     for path, name, source in observation_sources(setup.full, costmap):
@@ -248,6 +242,19 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
         yield "local_costmap has no observation source: the robot would not see obstacles, add one"
 
 
+def _start_errors(costmap: str, values: Dict[str, Any]) -> Iterator[str]:
+    """Yield an error for each side of a fixed costmap beyond which the robot starts."""
+    if values["rolling_window"]:
+        return
+    # Without a map, the robot starts at (0, 0).
+    for name, side in (("origin_x", "width"), ("origin_y", "height")):
+        size = values[side]
+        if not -size < values[name] < 0.0:
+            start = f"the costmap, {size:g} m long, does not contain the robot's start at 0"
+            remedy = f"give {-size / 2:g}, or rolling_window: true"
+            yield f"{costmap}/{name} is {values[name]:g}: {start}, {remedy}"
+
+
 def _outline_errors(setup: _Setup, costmap: str) -> Iterator[str]:
     """Yield an error if the padded footprint of a costmap is given in another unit than metres."""
     if _has_no_footprint(setup, costmap):
@@ -256,7 +263,9 @@ def _outline_errors(setup: _Setup, costmap: str) -> Iterator[str]:
     length, width = np.ptp(_outline(setup.full[costmap]), axis=0)
     box_length = box.front - box.back
     box_width = box.left - box.right
-    if not box_width / UNITS <= width <= box_width * UNITS:
+    # A wrong unit shows in any direction, and nothing that juts out of a robot widens it tenfold.
+    is_in_metres = box_width / UNITS <= width <= box_width * UNITS
+    if not is_in_metres:
         names = f"{costmap}/footprint, robot_radius, footprint_padding"
         size = f"the padded footprint is {length:.3g} x {width:.3g} m"
         box_size = f"body and wheels are {box_length:.3g} x {box_width:.3g} m"
@@ -302,9 +311,9 @@ def _blind(path: str, source: Dict[str, Any], robot: Robot) -> str:
 def _space_limits(setup: _Setup) -> Iterator[str]:
     """Yield an error for each range of the space that exceeds a limit of the base."""
     for parameter in setup.robot.space:
-        names = [target.name for target in parameter.sets if target.server == setup.planner]
+        names = {target.name for target in parameter.sets if target.server == setup.planner}
         for field, limited_names in LIMITED.items():
-            if not set(names) & set(limited_names):
+            if names.isdisjoint(limited_names):
                 continue
             start = parameter.sets[0].value_in(setup.full) or 0.0
             # The range includes an initial value beyond the limit.
@@ -319,14 +328,23 @@ def space_errors(robot: Robot, full: Dict[str, Any]) -> Iterator[str]:
     """Yield the first error of each parameter of a robot's space, compared with a complete tree."""
     known = servers(full)
     for parameter in robot.space:
-        refusals = [_refusal(parameter, target, known) for target in parameter.sets]
-        problem = next(filter(None, refusals), "")
-        if not problem:
-            start = parameter.sets[0].value_in(full)
-            if not parameter.low <= start <= parameter.high:
-                problem = f"move_base starts with {start:g}; include it in the range"
+        problem = _space_problem(parameter, known, full)
         if problem:
             yield f"parameter_space.{parameter.name}: {problem}"
+
+
+def _space_problem(
+    parameter: SpaceParameter, known: Dict[str, Server], full: Dict[str, Any]
+) -> str:
+    """Return the first problem of a parameter of a space; "" if there is none."""
+    for target in parameter.sets:
+        refusal = _refusal(parameter, target, known)
+        if refusal:
+            return refusal
+    start = parameter.sets[0].value_in(full)
+    if not parameter.low <= start <= parameter.high:
+        return f"move_base starts with {start:g}; include it in the range"
+    return ""
 
 
 def _refusal(parameter: SpaceParameter, target: Target, known: Dict[str, Server]) -> str:
@@ -458,6 +476,10 @@ def _box_outline(robot: Robot) -> List[List[float]]:
 
 
 def _has_no_footprint(setup: _Setup, costmap: str) -> bool:
+    """Return whether the files give a costmap neither an outline nor a radius of the robot.
+
+    A costmap finds both also at the top of the tree.
+    """
     names = {*branch(setup.tree, costmap), *setup.tree}
     return "footprint" not in names and "robot_radius" not in names
 

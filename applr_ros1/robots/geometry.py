@@ -132,7 +132,10 @@ def balance(robot: Robot) -> Balance:
     x = body_share * body.centre_of_mass[0]
     y = body_share * body.centre_of_mass[1]
     places = supports(base)
-    if base.wheels == 4:  # The wheels form a rectangle.
+    if base.wheels == 4:
+        # Three equations of equilibrium do not determine four loads. This bilinear solution never
+        # gives a wheel of the rectangle a negative load if the centre of mass is between the
+        # wheels. The smallest loads, as below, may do so.
         along = 1.0 + 2.0 * x / base.wheelbase * np.sign(places[:, 0])
         across = 1.0 + 2.0 * y / base.track * np.sign(places[:, 1])
         return Balance(mass, (x, y), 0.25 * mass * GRAVITY * along * across)

@@ -36,8 +36,8 @@ class Learned(NamedTuple):
         policy: Number of the policy output in the dimensionless encoding; 0 if only searches set
             the parameter.
         log: Whether the policy output is logarithmic.
-        output: Range of the policy output in units of the encoding, if it differs from low and
-            high.
+        output_range: Range of the policy output in units of the encoding, if it differs from low
+            and high. It is the same for both local planners, whose values a policy must reach.
         also: Second parameter of the same owner, which gets the same value; a leading "-" negates
             it.
         start: Initial value in move_base if the files omit the parameter. It may lie outside the
@@ -50,7 +50,7 @@ class Learned(NamedTuple):
     high: float
     policy: int = 0
     log: bool = False
-    output: Optional[Tuple[float, float]] = None
+    output_range: Optional[Tuple[float, float]] = None
     also: str = ""
     start: Optional[float] = None
 
@@ -78,7 +78,7 @@ LEARNED = (  # rows in the order of the parameters in a space
     Learned(TRAJECTORY, "goal_distance_bias", 0.05, 3.0, 8, True, (0.4, 25.0)),
     Learned(DWA, "goal_distance_bias", 0.5, 64.0, 8, True, (0.4, 25.0)),
     Learned(DWA, "forward_point_distance", 0.0, 1.0, 12, start=0.325),
-    Learned(DWA, "min_vel_x", 0.0, 0.0, 11, output=(-1.0, 0.0)),
+    Learned(DWA, "min_vel_x", 0.0, 0.0, 11, output_range=(-1.0, 0.0)),
     Learned(LAYERS, "inflation_radius", 0.15, 3.0, 9, True, (0.18, 3.0), start=0.55),
     Learned(LAYERS, "cost_scaling_factor", 1.0, 20.0, 10, True, (0.5, 12.0)),
     Learned(TRAJECTORY, "min_in_place_vel_theta", 0.05, 0.5, start=0.4),
@@ -116,9 +116,8 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
         tree = arranged(tree)
         # A parameter is read back from its first server: the local costmap's.
         for costmap in COSTMAPS[::-1]:
-            for layer in layers(costmap, branch(tree, costmap)):
-                if layer.kind == INFLATION_LAYER:
-                    inflation_layers.append(layer.path)
+            for layer in layers(costmap, branch(tree, costmap), INFLATION_LAYER):
+                inflation_layers.append(layer.path)
     planner = namespace(str(tree.get("base_local_planner", TRAJECTORY)))
     servers = {
         LAYERS: inflation_layers,

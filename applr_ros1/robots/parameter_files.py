@@ -99,11 +99,10 @@ def observation_sources(
     full: Dict[str, Any], costmap: str
 ) -> Iterator[Tuple[str, str, Dict[str, Any]]]:
     """Yield (path of the layer, name, values) of a costmap's observation sources."""
-    for layer in layers(costmap, full[costmap]):
-        if layer.kind == OBSTACLE_LAYER:
-            section = branch(full, layer.path)
-            for name in sources(section):
-                yield layer.path, name, section[name]
+    for layer in layers(costmap, full[costmap], OBSTACLE_LAYER):
+        section = branch(full, layer.path)
+        for name in sources(section):
+            yield layer.path, name, section[name]
 
 
 def too_deep(tree: Dict[str, Any]) -> Iterator[str]:

@@ -8,45 +8,28 @@ robot_description.
 from __future__ import annotations
 
 import sys
-from typing import List, Tuple
+from typing import Iterator, List, Tuple
 from xml.sax.saxutils import quoteattr
 
 from applr_ros1.common.arguments import without_remappings
 from applr_ros1.robots import geometry, load
-from applr_ros1.robots.robot import Robot
+from applr_ros1.robots.robot import Base, Body, Robot
 
 _COLOURS = (("body", "0.92 0.72 0.05 1"), ("black", "0.12 0.12 0.12 1"))
 
 
 def urdf(robot: Robot) -> str:
     """Return the URDF text of a robot."""
-    base = robot.base
-    body = robot.body
     laser = robot.laser
-    length, width, height = body.size
-    ground = base.axle_height - base.wheel_radius
-
-    # URDF has no elliptic cylinder: an oval body is drawn with its mean radius.
-    shape = f'<box size="{length:g} {width:g} {height:g}"/>'
-    if body.round:
-        shape = _cylinder((length + width) / 4, height)
-    shapes = [_visual((*body.centre, body.bottom + height / 2), shape, "body")]
-    wheel = _cylinder(base.wheel_radius, base.wheel_width)
-    for x, y in geometry.wheel_places(base):
-        shapes.append(_visual((x, y, base.axle_height), wheel, "black", "1.5708 0 0"))
-    # Casters fill the space between ground and body.
-    radius = max((body.bottom - ground) / 2, 0.1 * base.wheel_radius)
-    for x, y in base.casters:
-        shapes.append(_visual((x, y, ground + radius), f'<sphere radius="{radius:g}"/>', "black"))
     # The description has no size of the laser.
-    laser_size = 0.2 * min(length, width)
-    laser_shape = _visual((0.0, 0.0, 0.0), _cylinder(laser_size / 2, laser_size), "black")
+    laser_size = 0.2 * min(robot.body.size[:2])
+    laser_cylinder = _cylinder(laser_size / 2, laser_size)
 
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(robot.name)}>"]
-    for name, rgba in _COLOURS:
-        lines.append(f'  <material name="{name}"><color rgba="{rgba}"/></material>')
-    lines += _link(robot.frames.base, shapes)
-    lines += _link(laser.frame, [laser_shape])
+    for colour, rgba in _COLOURS:
+        lines.append(f'  <material name="{colour}"><color rgba="{rgba}"/></material>')
+    lines += _link(robot.frames.base, [_body(robot.body), *_wheels(robot.base), *_casters(robot)])
+    lines += _link(laser.frame, [_visual((0.0, 0.0, 0.0), laser_cylinder, "black")])
     x, y, yaw = laser.pose
     lines += [
         '  <joint name="laser_mount" type="fixed">',
@@ -57,6 +40,35 @@ def urdf(robot: Robot) -> str:
         "</robot>",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _body(body: Body) -> str:
+    """Return the line of the body, a box or a cylinder."""
+    length, width, height = body.size
+    shape = f'<box size="{length:g} {width:g} {height:g}"/>'
+    if body.round:
+        # URDF has no elliptic cylinder: an oval body is drawn with its mean radius.
+        shape = _cylinder((length + width) / 4, height)
+    x, y = body.centre
+    return _visual((x, y, body.bottom + height / 2), shape, "body")
+
+
+def _wheels(base: Base) -> Iterator[str]:
+    """Yield the line of each driven wheel."""
+    wheel = _cylinder(base.wheel_radius, base.wheel_width)
+    for x, y in geometry.wheel_places(base):
+        # A cylinder stands upright unless it is turned by 90 degrees.
+        yield _visual((x, y, base.axle_height), wheel, "black", turn="1.5708 0 0")
+
+
+def _casters(robot: Robot) -> Iterator[str]:
+    """Yield the line of each caster, a ball that fills the space between ground and body."""
+    base = robot.base
+    ground = base.axle_height - base.wheel_radius
+    radius = max((robot.body.bottom - ground) / 2, 0.1 * base.wheel_radius)
+    ball = f'<sphere radius="{radius:g}"/>'
+    for x, y in base.casters:
+        yield _visual((x, y, ground + radius), ball, "black")
 
 
 def _link(name: str, visuals: List[str]) -> List[str]:
@@ -77,5 +89,6 @@ def _cylinder(radius: float, length: float) -> str:
 
 def main() -> None:
     """Print the model of the robot named by the first argument, by default the Jackal."""
-    name, *_ = [*without_remappings(), "jackal"]
+    arguments = without_remappings()
+    name = arguments[0] if arguments else "jackal"
     sys.stdout.write(urdf(load(name)))

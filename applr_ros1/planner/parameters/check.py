@@ -24,7 +24,6 @@ from applr_ros1.planner.parameters.layers import (
     FOUND_ABOVE,
     INHERITED,
     OBSTACLE_LAYER,
-    Layer,
     arranged,
     layers,
     replaced,
@@ -68,11 +67,12 @@ def remarks(tree: Dict[str, Any]) -> List[str]:
 
     # The defaults of DWAPlannerROS are those of a base that can strafe; the ones here cannot.
     planner = _local_planner(tree)
-    values = branch(tree, planner)
-    sideways = (values.get("min_vel_y", -0.1), values.get("max_vel_y", 0.1))
-    if planner == "DWAPlannerROS" and any(sideways):
-        problem = f"{planner}/min_vel_y, max_vel_y are {sideways}"
-        lines.append(f"{problem}: the base cannot drive sideways, give 0 for both")
+    if planner == "DWAPlannerROS":
+        values = _completed(tree)[planner]
+        sideways = (values["min_vel_y"], values["max_vel_y"])
+        if any(sideways):
+            problem = f"{planner}/min_vel_y, max_vel_y are {sideways}"
+            lines.append(f"{problem}: the base cannot drive sideways, give 0 for both")
     return lines + list(_risks(arranged(tree)))
 
 
@@ -83,15 +83,10 @@ def _risks(tree: Dict[str, Any]) -> Iterator[str]:
     if global_frame != local_frame:
         problem = f"local_costmap/robot_base_frame is {local_frame}"
         yield f"{problem}: both costmaps use {global_frame} of global_costmap, give {global_frame}"
-    observing = _obstacle_layers("local_costmap", branch(tree, "local_costmap"))
+    observing = layers("local_costmap", branch(tree, "local_costmap"), OBSTACLE_LAYER)
     if not any(sources(branch(tree, layer.path)) for layer in observing):
         problem = "local_costmap has no observation source"
         yield f"{problem}: the robot will not detect obstacles, give a source"
-
-
-def _obstacle_layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
-    """Return the obstacle layers of the costmap `name`."""
-    return [layer for layer in layers(name, costmap) if layer.kind == OBSTACLE_LAYER]
 
 
 class _Inspection:
@@ -142,23 +137,32 @@ class _Inspection:
         return parameters
 
     def _report_unread(self, section: Dict[str, Any], path: str, key: str) -> None:
-        """Warn about a name that nothing reads, with the name that was probably meant."""
-        # Candidates are the names of the same kind, section or parameter, that are not in use yet.
+        """Warn about a name that nothing reads, with the name that was probably meant.
+
+        An unknown section that resembles no other is not reported: it may hold the values of a
+        plugin that the tree does not choose.
+        """
         parameters = self._parameters(path)
         label = _label(path, key)
-        newer = {old: p.name for p in parameters.values() for old in p.older}
-        known = list(parameters)
-        if isinstance(section[key], dict):
-            start = _label(path, "")
-            known = [name[len(start) :] for name in self._sections if name.startswith(start)]
-        if key in newer:
-            advice = f"give {newer[key]}"
+        is_section = isinstance(section[key], dict)
+        newer_names = {}
+        for parameter in parameters.values():
+            newer_names.update(dict.fromkeys(parameter.older, parameter.name))
+        if key in newer_names:
+            advice = f"give {newer_names[key]}"
         else:
+            # Only a name of the same kind, section or parameter, that is not yet in use was meant.
+            known = self._subsections(path) if is_section else list(parameters)
             advice = did_you_mean(key, [name for name in known if not section.get(name)])
         if advice:
             self.warnings.append(f"{label} is ignored: {advice}")
-        elif not isinstance(section[key], dict):
+        elif not is_section:
             self.unknown.append(label)
+
+    def _subsections(self, path: str) -> List[str]:
+        """Return the known sections below a section, as they are called in it."""
+        prefix = _label(path, "")  # "" for the tree itself, otherwise with a slash at the end
+        return [name[len(prefix) :] for name in self._sections if name.startswith(prefix)]
 
     def _examine(self, p: Parameter, value: Any, label: str) -> None:
         """Report a value that is not used as it stands."""
@@ -226,14 +230,14 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
         for p in parameters:
             if f"{path}/{p.name}" in declared:
                 continue  # A layer has this name, so nothing reads the parameter.
-            given = _given_values(tree, path, p)
+            values = _given_values(tree, path, p)
             # Inherited parameters are completed at the layers. The costmap itself reads only one.
-            is_read_here = bool(given) and p.name == "track_unknown_space"
+            is_read_here = bool(values) and p.name == "track_unknown_space"
             if path in COSTMAPS and p.name in INHERITED and not is_read_here:
                 continue
             label = _label(path, p.name)
             try:
-                value = p.taken(given[0] if given else p.default, label)
+                value = p.taken(values[0] if values else p.default, label)
             except ParameterError:
                 if path not in idle:
                     raise
@@ -246,10 +250,10 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
 def _given_values(tree: Dict[str, Any], path: str, p: Parameter) -> List[Any]:
     """Return the values that the tree gives a parameter of a section, the one that counts first."""
     section = branch(tree, path)
-    given = [section[name] for name in p.names if p.reads(section.get(name))]
-    if not given and p.name == "controller_frequency" and p.reads(tree.get(p.name)):
+    values = [section[name] for name in p.names if p.reads(section.get(name))]
+    if not values and p.name == "controller_frequency" and p.reads(tree.get(p.name)):
         return [tree[p.name]]  # C++ searches for it from the planner's name space upwards.
-    return given
+    return values
 
 
 def _complete_behaviours(tree: Dict[str, Any], full: Dict[str, Any]) -> None:
@@ -265,10 +269,10 @@ def _complete_behaviours(tree: Dict[str, Any], full: Dict[str, Any]) -> None:
     full["conservative_reset"]["reset_distance"] = full["conservative_reset_dist"]
     full["aggressive_reset"]["reset_distance"] = 4 * full["local_costmap"]["circumscribed_radius"]
     for name in names:
-        given = {**full.get(name, {}), **branch(tree, name)}
+        section = {**full.get(name, {}), **branch(tree, name)}
         values = {}
         for p in BEHAVIOUR:
-            value = given[p.name] if p.reads(given.get(p.name)) else p.default
+            value = section[p.name] if p.reads(section.get(p.name)) else p.default
             values[p.name] = p.taken(value, f"{name}/{p.name}")
         full[name] = values
 
@@ -295,7 +299,7 @@ def _contradictions(full: Dict[str, Any]) -> Iterator[str]:
 
     # Sources of messages that can be read
     for name in COSTMAPS:
-        for layer in _obstacle_layers(name, full[name]):
+        for layer in layers(name, full[name], OBSTACLE_LAYER):
             for source in sources(branch(full, layer.path)):
                 path = f"{layer.path}/{source}"
                 kind = branch(full, path)["data_type"]

@@ -94,8 +94,8 @@ class Layer(NamedTuple):
     kind: str  # one of TYPES
 
 
-def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
-    """Return the layers of the costmap `name`, lowest first.
+def layers(name: str, costmap: Dict[str, Any], kind: str = "") -> List[Layer]:
+    """Return the layers of the costmap `name`, lowest first: all, or those of one kind.
 
     Layers whose type is not available are left out.
 
@@ -113,10 +113,10 @@ def layers(name: str, costmap: Dict[str, Any]) -> List[Layer]:
         if any(layer.name == layer_name for layer in declared):
             problem = f"{name}/plugins has two layers named {layer_name}"
             raise ParameterError(f"{problem}: give each a unique name")
-        kind = _kind(entry, costmap)
-        if kind:
-            declared.append(Layer(f"{name}/{layer_name}", layer_name, kind))
-    return declared
+        layer_kind = _kind(entry, costmap)
+        if layer_kind:
+            declared.append(Layer(f"{name}/{layer_name}", layer_name, layer_kind))
+    return [layer for layer in declared if kind in ("", layer.kind)]
 
 
 def _is_named_and_typed(entry: Any) -> bool:
@@ -275,8 +275,8 @@ def _move_to_layers(costmap: Dict[str, Any]) -> None:
     for layer, kind in BEFORE_HYDRO:
         if layer == "static_layer" and costmap.get("static_map", False) is not True:
             continue
-        given = costmap.get(layer)
-        section = dict(given) if isinstance(given, dict) else {}
+        values = costmap.get(layer)
+        section = dict(values) if isinstance(values, dict) else {}
         for key in keys[layer]:
             if key in costmap:
                 section[key] = costmap[key]
@@ -296,8 +296,8 @@ def _arrange_sources(layer: Dict[str, Any], sections: Sequence[Dict[str, Any]]) 
     A missing range comes from the first of the sections that has it: the layer and those above it.
     """
     for name in sources(layer):
-        given = layer.get(name)
-        source = dict(given) if isinstance(given, dict) else {}
+        values = layer.get(name)
+        source = dict(values) if isinstance(values, dict) else {}
         layer[name] = source
         source.setdefault("topic", name)
         for key in ("obstacle_range", "raytrace_range"):

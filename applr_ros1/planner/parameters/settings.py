@@ -44,7 +44,10 @@ class Change(NamedTuple):
 
     @property
     def departure(self) -> float:
-        """Ratio of the larger to the smaller value; 1 for values without a size, inf if a sign changes."""
+        """Ratio of the larger to the smaller value.
+
+        It is 1 for values without a size, and inf if a sign changes.
+        """
         if isinstance(self.before, (bool, str)) or isinstance(self.after, (bool, str)):
             return 1.0
         before, after = float(self.before), float(self.after)

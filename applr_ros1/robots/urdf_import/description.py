@@ -97,9 +97,13 @@ def _wheels(urdf: UrdfFile, driven: List[str], notes: List[str]) -> List[Any]:
     if problem:
         notes.append(f"driven wheels not identified: {problem}; fill them in")
         return []
-    listed = ", ".join(joint.name for joint in joints)
-    notes.append(f"the driven wheels are {listed}, according to {origin}")
+    notes.append(f"the driven wheels are {_names_of(joints)}, according to {origin}")
     return sorted(joints, key=lambda joint: -urdf.pose(joint.child)[1, 3])
+
+
+def _names_of(joints: List[Any]) -> str:
+    """Return the names of joints for a message."""
+    return ", ".join(joint.name for joint in joints) or "none"
 
 
 def _names_in_drive_plugins(urdf: UrdfFile) -> List[str]:
@@ -148,8 +152,7 @@ def _why_no_wheels(urdf: UrdfFile, joints: List[Any]) -> str:
     is_paired = is_paired and np.allclose(left, right * [1.0, -1.0, 1.0], atol=SAME_M)
     is_one_axle = len(left) == 2 and np.ptp(left[:, 0]) < SAME_M
     if not is_paired or is_one_axle:
-        names = ", ".join(joint.name for joint in joints) or "none"
-        return f"the candidate joints ({names}) do not form one or two pairs"
+        return f"the candidate joints ({_names_of(joints)}) do not form one or two pairs"
     return ""
 
 
@@ -168,7 +171,14 @@ def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
     """Fill the section base: kind of the drive, and dimensions of the driven wheels."""
     if not joints:
         return
-    radii, widths, centres = zip(*(_wheel(urdf, joint) for joint in joints))
+    radii = []
+    widths = []
+    centres = []
+    for joint in joints:
+        wheel = _wheel(urdf, joint)
+        radii.append(wheel.radius)
+        widths.append(wheel.width)
+        centres.append(wheel.centre)
     places = np.array(centres)
     base = description.values["base"]
     half = len(joints) // 2  # The left side comes first.
@@ -201,26 +211,20 @@ class _Wheel(NamedTuple):
 
 def _wheel(urdf: UrdfFile, joint: Any) -> _Wheel:
     """Return the wheel that turns with a joint, as its collision shapes define it."""
-    parts = urdf.parts(joint)
-    shapes = _shapes(urdf, parts)
-    count = sum(len(urdf.links[name].collisions) for name in parts)
+    shapes: List[Array] = []
+    collision_count = 0
+    for name in urdf.parts(joint):
+        shapes += urdf.shapes(name)
+        collision_count += len(urdf.links[name].collisions)
     # A mesh that was not found, or a box, says nothing about the radius.
     low, high = _extent(shapes)
     length, width, height = high - low
     is_round = abs(length - height) < 0.1 * height
-    if len(shapes) < count or not is_round:
-        return _Wheel(0.0, 0.0, urdf.pose(joint.child)[:3, 3])
+    if len(shapes) < collision_count or not is_round:
+        return _Wheel(radius=0.0, width=0.0, centre=urdf.pose(joint.child)[:3, 3])
     if width >= 0.9 * height:  # A wheel modelled as a sphere has no known width.
         width = 0.0
     return _Wheel(float(height / 2), float(width), (low + high) / 2)
-
-
-def _shapes(urdf: UrdfFile, links: Iterable[str]) -> List[Array]:
-    """Return the vertices (n, 3) [m] of each collision shape of some links in the base frame."""
-    shapes = []
-    for name in links:
-        shapes += urdf.shapes(name)
-    return shapes
 
 
 def _extent(shapes: List[Array]) -> Tuple[Array, Array]:
@@ -243,8 +247,13 @@ def _body(
     body = description.values["body"]
     # Without wheels nothing is above the axles, and the outline is asked for.
     axle_height = base.get("axle_height", inf)
-    fixed = [name for name, movable in urdf.moving.items() if not movable]
-    shapes = [shape for shape in _shapes(urdf, fixed) if shape[:, 2].max() > axle_height]
+    shapes = []
+    for name, moving_joints in urdf.moving.items():
+        if moving_joints:
+            continue
+        for shape in urdf.shapes(name):
+            if shape[:, 2].max() > axle_height:
+                shapes.append(shape)
     low, high = _extent(shapes)
     ground = axle_height - base.get("wheel_radius", inf)
     # A box that is too large stops the robot at doors, one that is too small lets it touch.

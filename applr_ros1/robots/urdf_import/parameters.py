@@ -71,19 +71,18 @@ class Parameters:
 
     def frames(self) -> Dict[str, str]:
         """Return the section frames of robot.yaml with the frames of the costmaps."""
-        world, local = (self.full[costmap] for costmap in COSTMAPS)
+        local_costmap = self.full["local_costmap"]
+        global_costmap = self.full["global_costmap"]
         frames = {
-            "base": local["robot_base_frame"].lstrip("/"),
-            "odom": local["global_frame"].lstrip("/"),
-            "map": world["global_frame"].lstrip("/"),
+            "base": local_costmap["robot_base_frame"].lstrip("/"),
+            "odom": local_costmap["global_frame"].lstrip("/"),
+            "map": global_costmap["global_frame"].lstrip("/"),
         }
         if frames["odom"] == frames["map"]:
             # Both costmaps have one frame: the map's if there is one, else the odometry's.
-            kinds = [layer.kind for layer in layers("global_costmap", world)]
-            absent = "map"
-            if STATIC_LAYER in kinds or frames["map"] == "map":
-                absent = "odom"
-            frames.pop(absent)
+            has_map = bool(layers("global_costmap", global_costmap, STATIC_LAYER))
+            is_of_map = has_map or frames["map"] == "map"
+            frames.pop("odom" if is_of_map else "map")
         return frames
 
     @property
@@ -173,28 +172,34 @@ class Parameters:
             change["global_frame"] = odom
         if tree.get("static_map") and "plugins" not in tree:
             change["static_map"] = False
-        static = [layer.name for layer in layers(costmap, tree) if layer.kind == STATIC_LAYER]
-        if static:
-            plugins = [entry for entry in tree["plugins"] if entry["name"] not in static]
+        map_layers = [layer.name for layer in layers(costmap, tree, STATIC_LAYER)]
+        if map_layers:
+            change["plugins"] = []
             # A global costmap with only the map gets the obstacle layers of the local costmap.
-            observing = [layer for layer, _, _ in self.sources()]
-            if not any(layer.startswith(f"{costmap}/") for layer in observing):
-                local = []
-                for entry in branch(self.tree, "local_costmap").get("plugins", []):
-                    if f"local_costmap/{entry['name']}" in observing:
-                        local.append(entry)
-                plugins = local + plugins
-            change["plugins"] = plugins
+            if not list(observation_sources(self.full, costmap)):
+                change["plugins"] += self._local_obstacle_layers()
+            for entry in tree["plugins"]:
+                if entry["name"] not in map_layers:
+                    change["plugins"].append(entry)
         return change
 
+    def _local_obstacle_layers(self) -> List[Dict[str, Any]]:
+        """Return the entries in `plugins` of the local costmap's layers that have sources."""
+        paths = {path for path, _, _ in observation_sources(self.full, "local_costmap")}
+        entries = []
+        for entry in branch(self.tree, "local_costmap").get("plugins", []):
+            if f"local_costmap/{entry['name']}" in paths:
+                entries.append(entry)
+        return entries
 
-def read_parameter_files(given: Sequence[str]) -> Parameters:
+
+def read_parameter_files(specifications: Sequence[str]) -> Parameters:
     """Read the parameter files of a navigation package.
 
     Args:
-        given: FILE or FILE:NAMESPACE in the order of the launch file, with the NAMESPACE of
-            <rosparam ns="..."> inside the node move_base. The output of roslaunch --dump-params is
-            one FILE.
+        specifications: FILE or FILE:NAMESPACE in the order of the launch file, with the NAMESPACE
+            of <rosparam ns="..."> inside the node move_base. The output of roslaunch --dump-params
+            is one FILE.
 
     Raises:
         ApplrError: A file cannot be read or lacks its namespace, no file is for move_base, or the
@@ -202,7 +207,7 @@ def read_parameter_files(given: Sequence[str]) -> Parameters:
     """
     parameters = Parameters()
     controllers: List[Dict[str, Any]] = []
-    for text in given:
+    for text in specifications:
         path, _, place = text.partition(":")
         # A namespace may be given as it stands in a launch file or on the parameter server.
         place = re.sub("^/?(move_base(/|$))?", "", place.rstrip("/"))
