@@ -1,1 +1,1 @@
-"""The classical planner of move_base: costmaps, navfn, the two local planners, recoveries, MoveBase."""
+"""The classical planner of move_base: costmaps, navfn, two local planners, recoveries, MoveBase."""

@@ -78,39 +78,46 @@ def reachable_near(
         step = np.float32(tolerance)
     diagonal = math.hypot(*costmap.size) * costmap.resolution
     furthest = min(tolerance, diagonal + math.dist(goal[:2], costmap.origin))
+    # Two steps more than fit: the quotient is cut off, and float32 sums may stay below the product.
     count = int(min(furthest / step + 2, MOST_STEPS))
     distances = np.cumsum(np.full(count, step), dtype=np.float32)
     distances = distances[distances <= furthest].astype(np.float64)
 
-    x = _on_map(goal[0], distances, costmap, 0)
-    y = _on_map(goal[1], distances, costmap, 1)
+    x = _on_map(goal, distances, costmap, axis=0)
+    y = _on_map(goal, distances, costmap, axis=1)
     reached = _reachable(costmap.cells, start_x, start_y, allow_unknown)
     rows, columns = np.nonzero(reached[np.ix_(y.cells, x.cells)])
 
     # C++ tries square by square. Within one, y is the outer loop, and the coordinate below the goal
-    # comes before the one above.
+    # comes before the one above. Square 0 is the goal itself, which has been tried already.
     squares = np.maximum(y.squares[rows], x.squares[columns])
-    order = np.lexsort(
-        (x.signs[columns], y.signs[rows], x.squares[columns], y.squares[rows], squares)
-    )
-    order = order[squares[order] > 0]  # Square 0 is the goal itself, which has been tried already.
+    keys = (squares, y.squares[rows], x.squares[columns], y.signs[rows], x.signs[columns])
+    order = np.lexsort(keys[::-1])  # The primary key of lexsort is its last one.
+    order = order[squares[order] > 0]
     return np.stack([x.values[columns[order]], y.values[rows[order]]], axis=1)
 
 
-def _on_map(centre: float, distances: np.ndarray, costmap: Any, axis: int) -> _Coordinates:
-    """Return those coordinates centre -+ distances, and the centre, that are on the map."""
-    origin = costmap.origin[axis]
+def _on_map(goal: Sequence[float], distances: np.ndarray, costmap: Any, axis: int) -> _Coordinates:
+    """Return the coordinates to try along an axis (0: x, 1: y), as far as they are on the map.
+
+    They are the goal's coordinate, and those at the distances (n,) [m] below and above it.
+    """
+    centre = goal[axis]
+    below = centre - distances
+    above = centre + distances
+    values = np.concatenate([below, [centre], above])
     numbers = np.arange(1, len(distances) + 1)
-    values = np.concatenate([centre - distances, [centre], centre + distances])
     squares = np.concatenate([numbers, [0], numbers])
-    signs = np.concatenate([-np.ones(len(distances)), np.ones(len(distances) + 1)])
-    end = origin + costmap.size[axis] * costmap.resolution
-    on_map = (values >= origin) & (values < end)
-    values = values[on_map]
-    cells = ((values - origin) / costmap.resolution).astype(np.int64)
+    signs = np.repeat([-1.0, 1.0], [len(below), 1 + len(above)])
+
+    low = costmap.origin[axis]
+    high = low + costmap.size[axis] * costmap.resolution
+    is_on_map = (values >= low) & (values < high)
+    values = values[is_on_map]
+    cells = ((values - low) / costmap.resolution).astype(np.int64)
     # Rounding may put a coordinate just below the end into the cell after the last.
     cells = np.minimum(cells, costmap.size[axis] - 1)
-    return _Coordinates(values, cells, squares[on_map], signs[on_map])
+    return _Coordinates(values, cells, squares[is_on_map], signs[is_on_map])
 
 
 @kernel
@@ -131,7 +138,8 @@ def _reachable(cells: Data, start_x: int, start_y: int, allow_unknown: bool) -> 
         for neighbour in (cell - 1, cell + 1, cell - columns, cell + columns):
             row = neighbour // columns
             column = neighbour % columns
-            if not (0 < column < columns - 1 and 0 < row < rows - 1) or reached[row, column]:
+            is_inside = 0 < column < columns - 1 and 0 < row < rows - 1
+            if not is_inside or reached[row, column]:
                 continue
             cost = cells[row, column]
             if cost < INSCRIBED or (allow_unknown and cost == UNKNOWN):

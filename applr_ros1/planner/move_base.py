@@ -35,7 +35,7 @@ from applr_ros1.planner.state_machine import (
     Timer,
     Twist,
 )
-from applr_ros1.planner.variant import CPP_LIKE, OURS, draw, generator
+from applr_ros1.planner.variant import CPP_LIKE, LATENESS_STREAM, OURS, draw, generator
 
 INVALID_GOAL = "Aborting on goal because it was sent with an invalid quaternion"
 
@@ -96,7 +96,7 @@ class MoveBase:
             self.plan,
             self.parameters["applr"]["recovery_rounds"],
         )
-        random = generator(self._seed, 3) if is_like_cpp else None
+        random = generator(self._seed, LATENESS_STREAM) if is_like_cpp else None
         self._machine = StateMachine(self._components, random)
         self._timers = {name: Timer() for name in COSTMAPS}
         self._take_frequencies()

@@ -112,6 +112,34 @@ def angle_difference(a: float, b: float) -> float:
     return remainder - math.pi
 
 
+def braked(velocity: Triple, accelerations: Sequence[float], period: float) -> Triple:
+    """Return the velocity (vx, vy [m/s], w [rad/s]) after one control period of braking.
+
+    accelerations: limits (3,) [m/s^2, m/s^2, rad/s^2]. period: control period [s].
+    """
+    slower = []
+    for speed, limit in zip(velocity, accelerations):
+        sign = -1.0 if speed < 0 else 1.0
+        slower.append(sign * max(0.0, abs(speed) - limit * period))
+    return floats(slower)
+
+
+def turn_speed(error: float, wanted: float, w: float, acceleration: float, period: float) -> float:
+    """Return the speed [rad/s], without sign, at which a robot turns to its goal's yaw.
+
+    Args:
+        error: Angle to the goal's yaw [rad].
+        wanted: Speed of the turn without the limits below [rad/s].
+        w: Measured turn rate [rad/s], whose sign does not count, as in C++.
+        acceleration: Largest yaw acceleration [rad/s^2].
+        period: Control period [s].
+    """
+    # Within the dynamic window, and able to stop at the goal's yaw: v^2 = 2 a s
+    change = acceleration * period
+    reachable = min(max(wanted, abs(w) - change), abs(w) + change)
+    return min(math.sqrt(2 * acceleration * abs(error)), reachable)
+
+
 @kernel
 def small_turn(a: float) -> Tuple[float, float]:
     """Return (cos a, sin a) from their series, accurate to about 1e-15 for |a| <= .25."""
@@ -283,7 +311,7 @@ class SamplingPlanner:
         self._derive(record, self._resolution)
         self._params = record
 
-    def _derive(self, made: np.ndarray, resolution: Optional[float]) -> None:
+    def _derive(self, record: np.ndarray, resolution: Optional[float]) -> None:
         """Compute the derived fields from the others and the map's resolution [m].
 
         The resolution is None before the first map.
@@ -293,18 +321,19 @@ class SamplingPlanner:
     def _allocate_scratch(self, *samples: int) -> Any:
         raise NotImplementedError
 
-    def _fits(self, costmap: Any) -> bool:
-        """Return whether the map's size and resolution are unchanged.
+    def _take_map_size(self, costmap: Any) -> bool:
+        """Store the map's size and resolution, and return whether one of them is new.
 
-        If not, store them. The caller then makes new grids and tables.
+        If so, the caller makes new grids and tables.
         """
         resolution = float(costmap.resolution)
         if costmap.cells.shape == self._shape and resolution == self._resolution:
-            return True
+            return False
         self._shape = costmap.cells.shape
         self._resolution = resolution
+        # Some derived parameters depend on the resolution.
         self._take_parameters()
-        return False
+        return True
 
     @property
     def state(self) -> List[float]:

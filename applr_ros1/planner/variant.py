@@ -17,6 +17,10 @@ CPP_LIKE = "cpp-like"
 DRAWN = "drawn"
 PLANNERS = (OURS, CPP_LIKE)
 
+# Streams of generator(), one for each purpose
+FIDELITY_STREAM = 2
+LATENESS_STREAM = 3  # of the planner thread of a C++-like planner
+
 
 def draw(planner: str, seed: Union[int, Sequence[int]]) -> str:
     """Return `planner`, or if it is "drawn", a random fidelity that depends only on the seed.
@@ -25,7 +29,7 @@ def draw(planner: str, seed: Union[int, Sequence[int]]) -> str:
         ApplrError: `planner` is unknown.
     """
     if planner == DRAWN:
-        return generator(seed, 2).choice(PLANNERS)
+        return generator(seed, FIDELITY_STREAM).choice(PLANNERS)
     if planner not in PLANNERS:
         known = ", ".join(PLANNERS)
         raise ApplrError(f"planner {planner!r} is unknown: use {known} or {DRAWN}")

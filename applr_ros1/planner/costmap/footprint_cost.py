@@ -16,6 +16,7 @@ from applr_ros1.planner.costmap.footprint import line_cost, vertex_at
 from applr_ros1.planner.costmap.grid import INSCRIBED, LETHAL, walk_line, world_to_map
 
 UNSURE = 300  # cost of an outline with a vertex whose cell is decided by rounding
+NO_MARGIN = 0.0  # margin of outline_cost for exact poses, which are never UNSURE [cells]
 LONGEST_TABLE = 64  # longest edge in the table [cells]; longer edges are walked cell by cell
 
 

@@ -142,11 +142,15 @@ class ObstacleLayer:
             for buffer in self.buffers:
                 if buffer.source.clearing:
                     for cloud in buffer.clouds:
-                        self._observe(buffer.source, cloud, True, False, touched)
+                        self._observe(
+                            buffer.source, cloud, clearing=True, marking=False, touched=touched
+                        )
             for buffer in self.buffers:
                 if buffer.source.marking:
                     for cloud in buffer.clouds:
-                        self._observe(buffer.source, cloud, False, True, touched)
+                        self._observe(
+                            buffer.source, cloud, clearing=False, marking=True, touched=touched
+                        )
 
         if self.parameters.footprint_clearing_enabled:
             _touch_footprint(footprint, pose, touched)
@@ -211,8 +215,8 @@ class ObstacleLayer:
         clear_costmap_recovery.cpp:351, costmap_layer.cpp:21.
         """
         rows, columns = self.cells.shape
-        inside_x = self._strictly_inside(columns, pose[0], side, 0)
-        inside_y = self._strictly_inside(rows, pose[1], side, 1)
+        inside_x = self._strictly_inside(columns, pose[0], side, axis=0)
+        inside_y = self._strictly_inside(rows, pose[1], side, axis=1)
         inside = inside_y[:, None] & inside_x[None, :]
         self.cells[~inside] = UNKNOWN
 

@@ -11,7 +11,7 @@ from typing import NamedTuple, Tuple
 
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.costmap.footprint_cost import UNSURE, outline_cost, outline_of
+from applr_ros1.planner.costmap.footprint_cost import NO_MARGIN, UNSURE, outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.distance_grid import at_least, final_distance, place
 from applr_ros1.planner.dwa import samples
@@ -299,7 +299,14 @@ def fill_bounds(
                         scale_here = scale
                         scale_footprint(footprint, scale, scaled)
                         outline_cost_here = outline_cost(
-                            outline, start.x, start.y, heading.cos, heading.sin, cell_x, cell_y, 0.0
+                            outline,
+                            start.x,
+                            start.y,
+                            heading.cos,
+                            heading.sin,
+                            cell_x,
+                            cell_y,
+                            NO_MARGIN,
                         )
                         obstacle = max(outline_cost_here, centre_cost)
                     if outline_cost_here < 0:

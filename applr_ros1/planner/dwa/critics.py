@@ -14,7 +14,7 @@ import numpy as np
 
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
-from applr_ros1.planner.costmap.footprint_cost import outline_cost, outline_of
+from applr_ros1.planner.costmap.footprint_cost import NO_MARGIN, outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import world_to_map
 from applr_ros1.planner.distance_grid import final_distance, place
 from applr_ros1.planner.dwa.records import (
@@ -301,7 +301,9 @@ def _obstacle(p: Record, scene: Scene, points: Data, speed: float) -> float:
         cell_x, cell_y = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, columns, rows)
         if cell_x < 0:
             return COLLIDES
-        cost = outline_cost(outline, x, y, math.cos(theta), math.sin(theta), cell_x, cell_y, 0.0)
+        cost = outline_cost(
+            outline, x, y, math.cos(theta), math.sin(theta), cell_x, cell_y, NO_MARGIN
+        )
         if cost < 0:
             return COLLIDES
         # The centre may lie on a lethal cell as long as the outline does not touch one, as in C++.

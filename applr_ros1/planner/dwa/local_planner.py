@@ -18,8 +18,10 @@ from applr_ros1.planner.sampling_planner import (
     Choice,
     Triple,
     angle_difference,
+    braked,
     floats,
     through_quaternion,
+    turn_speed,
 )
 
 EMPTY = np.zeros((0, 3))
@@ -155,32 +157,19 @@ class StopRotate:
         w = through_quaternion(velocity[2])
         # `rotating` outlives goals, as in C++, so that a robot that once turned stops no more.
         if not self.rotating and not self.is_stopped(velocity):
-            return STOPPING, self._slower((vx, vy, w))
+            return STOPPING, braked((vx, vy, w), self._accelerations, self._period)
         self.rotating = True
         error = angle_difference(pose[2], goal[2])
         return TURNING, (0.0, 0.0, self._turn(error, w))
 
-    def _slower(self, velocity: Triple) -> Triple:
-        """Return the velocity after one period of braking at the acceleration limits."""
-        slower = []
-        for v, limit in zip(velocity, self._accelerations):
-            sign = -1.0 if v < 0 else 1.0
-            slower.append(sign * max(0.0, abs(v) - limit * self._period))
-        return floats(slower)
-
     def _turn(self, error: float, w: float) -> float:
         """Return a turn rate [rad/s] towards the goal's yaw that lets the robot stop there.
 
-        error: angle to the goal's yaw [rad]. w: measured turn rate [rad/s], whose sign does not
-        count.
+        error: angle to the goal's yaw [rad]. w: measured turn rate [rad/s].
         """
-        limit = self._accelerations[2]
-        change = limit * self._period
-        # As fast as allowed, but within the dynamic window
-        speed = min(max(self._clamped(abs(error)), abs(w) - change), abs(w) + change)
-        # v^2 = 2 a s, with 2 a as a float32 value as in C++
-        stoppable_speed = math.sqrt(float(np.float32(2.0 * limit)) * abs(error))
-        speed = self._clamped(min(stoppable_speed, speed))
+        wanted = self._clamped(abs(error))
+        speed = turn_speed(error, wanted, w, self._accelerations[2], self._period)
+        speed = self._clamped(speed)
         return -speed if error < 0 else speed
 
     def _clamped(self, w: float) -> float:

@@ -95,16 +95,16 @@ class DWAPlanner(SamplingPlanner):
         super().__init__(params)
         self._flags_before = self._state.copy()  # flags before the last search
 
-    def _derive(self, made: np.ndarray, resolution: Optional[float]) -> None:
-        made["sim_period"] = self._sim_period
-        made["sum_scores"] = self._sum_scores
-        made["cheat_factor"] = self._cheat_factor
+    def _derive(self, record: np.ndarray, resolution: Optional[float]) -> None:
+        record["sim_period"] = self._sim_period
+        record["sum_scores"] = self._sum_scores
+        record["cheat_factor"] = self._cheat_factor
         for name in ("acc_lim_x", "acc_lim_y", "acc_lim_theta"):
-            made[name] = np.float32(self._values[name])
+            record[name] = np.float32(self._values[name])
         resolution = 1.0 if resolution is None else resolution
-        made["path_scale"] = resolution * self._values["path_distance_bias"]
-        made["goal_scale"] = resolution * self._values["goal_distance_bias"]
-        made["alignment_scale"] = made["path_scale"]
+        record["path_scale"] = resolution * self._values["path_distance_bias"]
+        record["goal_scale"] = resolution * self._values["goal_distance_bias"]
+        record["alignment_scale"] = record["path_scale"]
 
     def _allocate_scratch(self, *samples: int) -> Any:
         return allocate_scratch(*samples)
@@ -265,11 +265,11 @@ class DWAPlanner(SamplingPlanner):
 
         Grids and tables are renewed only if size, resolution or footprint changed.
         """
-        fits = self._fits(costmap)
+        is_new_size = self._take_map_size(costmap)
         ny, nx = self._shape
-        if not fits:
+        if is_new_size:
             self._grids = allocate_grids(nx, ny)
-        if not fits or costmap.footprint is not self._costmap_footprint:
+        if is_new_size or costmap.footprint is not self._costmap_footprint:
             self._costmap_footprint = costmap.footprint
             footprint = np.array(costmap.footprint, dtype=np.float64, order="C").reshape(-1, 2)
             self._footprint = footprint

@@ -19,8 +19,10 @@ from applr_ros1.planner.sampling_planner import (
     Choice,
     Triple,
     angle_difference,
+    braked,
     floats,
     through_quaternion,
+    turn_speed,
 )
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 
@@ -181,7 +183,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
         # Once the robot turns, it does not stand, and must not be stopped again.
         is_standing = max(abs(v) for v in velocity) <= STOPPED
         if not self._rotating and not is_standing:
-            command = self._slower(velocity)
+            command = braked(velocity, self.accelerations, self._period)
         else:
             self._rotating = True
             command = (0.0, 0.0, self._turn(pose[2], velocity[2], goal_yaw))
@@ -189,26 +191,14 @@ class TrajectoryLocalPlanner(LocalPlanner):
             return False, STANDING
         return True, (command[0], command[2])
 
-    def _slower(self, velocity: Triple) -> Triple:
-        """Return the velocity after one period of braking at the acceleration limits."""
-        slower = []
-        for v, limit in zip(velocity, self.accelerations):
-            slower.append(math.copysign(max(0.0, abs(v) - limit * self._period), v))
-        return floats(slower)
-
     def _turn(self, yaw: float, w: float, goal_yaw: float) -> float:
         """Return a turn rate [rad/s] towards the goal's yaw that lets the robot stop there.
 
-        yaw, goal_yaw: headings of robot and goal [rad]. w: measured turn rate [rad/s], whose sign
-        does not count, as in C++.
+        yaw, goal_yaw: headings of robot and goal [rad]. w: measured turn rate [rad/s].
         """
         error = angle_difference(yaw, goal_yaw)
-        limit = self.accelerations[2]
-        change = limit * self._period
         wanted = self._clamped(error)
-        # As fast as allowed, but within the dynamic window, and able to stop: v^2 = 2 a s
-        speed = min(max(abs(wanted), abs(w) - change), abs(w) + change)
-        speed = min(math.sqrt(2 * limit * abs(error)), speed)
+        speed = turn_speed(error, abs(wanted), w, self.accelerations[2], self._period)
         return self._clamped(-speed if wanted < 0 else speed)
 
     def _clamped(self, w: float) -> float:

@@ -74,13 +74,13 @@ class TrajectoryPlanner(SamplingPlanner):
         self._plan = NO_PLAN
         super().__init__(params)
 
-    def _derive(self, made: np.ndarray, resolution: Optional[float]) -> None:
+    def _derive(self, record: np.ndarray, resolution: Optional[float]) -> None:
         # C++ scales the two weights as soon as it knows the costmap
         # (TrajectoryPlannerROS::initialize).
-        made["sim_period"] = self._sim_period
+        record["sim_period"] = self._sim_period
         if self._meter_scoring and resolution is not None:
-            made["path_distance_bias"] *= resolution
-            made["goal_distance_bias"] *= resolution
+            record["path_distance_bias"] *= resolution
+            record["goal_distance_bias"] *= resolution
 
     def _allocate_scratch(self, *samples: int) -> Any:
         return allocate_scratch(*samples)
@@ -248,7 +248,7 @@ class TrajectoryPlanner(SamplingPlanner):
         """
         # The memory of the grids depends on the size, the lines under the footprint on the
         # resolution.
-        if not self._fits(costmap):
+        if self._take_map_size(costmap):
             ny, nx = self._shape
             self._grids = allocate_grids(nx, ny)
             self._lines = line_offsets(self._footprint, self._resolution, nx)

@@ -18,7 +18,7 @@ import numpy as np
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.footprint import fill_footprint
-from applr_ros1.planner.costmap.footprint_cost import outline_cost, outline_of
+from applr_ros1.planner.costmap.footprint_cost import NO_MARGIN, outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import LETHAL, world_to_map
 from applr_ros1.planner.distance_grid import (
     final_distance,
@@ -211,7 +211,11 @@ WIDEST = 40  # largest radius around the robot that is searched for costs [cells
 
 @kernel(error_model="numpy")
 def _surroundings(p: Record, scene: Scene, start: Record) -> int:
-    """Return an upper bound of costs under a turn in place, NO_CEILING if unknown or lethal."""
+    """Return the largest cost of the cells that a turn in place can touch.
+
+    It is an upper bound of the cost of such a turn. The result is NO_CEILING, no bound, if one of
+    these cells is lethal, unknown or off the map, or if there are too many to search.
+    """
     rows, columns = scene.cells.shape
     # A turn in place brakes first, on a way of v^2 / (2 a) at most.
     braking_x = start.vx * start.vx / (2 * p.acc_lim_x)
@@ -219,6 +223,7 @@ def _surroundings(p: Record, scene: Scene, start: Record) -> int:
     reach = (braking_x + braking_y + _farthest(scene.footprint)) / scene.resolution
     if not reach < WIDEST:
         return NO_CEILING
+    # One cell for the part that int() cuts off, one because the robot is anywhere in its cell.
     side = int(reach) + 2
     cell_x, cell_y = world_to_map(
         start.x, start.y, scene.ox, scene.oy, scene.resolution, columns, rows
@@ -357,15 +362,19 @@ def first_pose(p: Record, scene: Scene, grids: Grids, start: Record) -> int:
         return int(COLLISION)
     outline = outline_of(scene, scene.footprint)
     heading = heading_of(start.theta)
-    cost = outline_cost(outline, start.x, start.y, heading.cos, heading.sin, cell_x, cell_y, 0.0)
+    cost = outline_cost(
+        outline, start.x, start.y, heading.cos, heading.sin, cell_x, cell_y, NO_MARGIN
+    )
     if cost < 0:
         return int(COLLISION)
     if not p.simple_attractor and not p.heading_scoring:
-        wall = columns * rows  # grid value of an obstacle; larger ones are unreached
+        # Values of the grids; with the second as its limit, a flood goes as far as it must.
+        wall = columns * rows
+        unseen = wall + 1
         index = place(grids.goal, cell_x, cell_y)
-        if settle(grids.goal, index, wall + 1) >= wall:
+        if settle(grids.goal, index, unseen) >= wall:
             return int(NO_PATH)
-        if settle(grids.path, index, wall + 1) >= wall:
+        if settle(grids.path, index, unseen) >= wall:
             return int(NO_PATH)
     return max(cost, int(scene.cells[cell_y, cell_x]))
 

@@ -13,7 +13,7 @@ import numpy as np
 from applr_ros1.common.arrays import Data
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.footprint import line_cost
-from applr_ros1.planner.costmap.footprint_cost import outline_cost, outline_of
+from applr_ros1.planner.costmap.footprint_cost import NO_MARGIN, outline_cost, outline_of
 from applr_ros1.planner.costmap.grid import INSCRIBED, map_to_world, world_to_map
 from applr_ros1.planner.distance_grid import place, settle
 from applr_ros1.planner.sampling_planner import (
@@ -157,7 +157,7 @@ def score_below(
 
         # Obstacle term: the largest cost under the outline or the centre on the whole way
         if obstacle_cost < ceiling:
-            cost = outline_cost(outline, x, y, heading.cos, heading.sin, cell_x, cell_y, 0.0)
+            cost = outline_cost(outline, x, y, heading.cos, heading.sin, cell_x, cell_y, NO_MARGIN)
             if cost < 0:
                 return Score(COLLISION, i, end_x, end_y, end_theta)
             obstacle_cost = max(obstacle_cost, cost, int(cells[cell_y, cell_x]))
