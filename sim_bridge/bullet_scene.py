@@ -162,7 +162,7 @@ def build_robot(client: Any, robot: Robot, pose: Pose) -> int:
     casters = len(base.casters)
     links = wheels + casters
     position, attitude = _standing(robot, pose)
-    made: int = client.createMultiBody(
+    multi_body: int = client.createMultiBody(
         body.mass - casters * CASTER_MASS_KG,
         body_shape,
         _NO_LOOK,
@@ -182,7 +182,7 @@ def build_robot(client: Any, robot: Robot, pose: Pose) -> int:
 
     def set_dynamics(link: int, inertia: Sequence[float], friction: float, **options: Any) -> None:
         client.changeDynamics(
-            made,
+            multi_body,
             link,
             localInertiaDiagonal=inertia,
             lateralFriction=friction,
@@ -203,7 +203,7 @@ def build_robot(client: Any, robot: Robot, pose: Pose) -> int:
         set_dynamics(link, robot_mechanics.wheel_inertia, base.wheel_friction, **tyre)
     for link in range(wheels, links):
         set_dynamics(link, CASTER_INERTIA, base.caster_friction, **tyre)
-    return made
+    return multi_body
 
 
 def put_robot(client: Any, body: int, robot: Robot, pose: Pose) -> None:

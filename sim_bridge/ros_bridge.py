@@ -114,9 +114,7 @@ class Bridge:
     def _connect(self) -> None:
         robot = self.simulator.robot
         for topic in (robot.topics.cmd_vel, robot.name + "_velocity_controller/cmd_vel"):
-            rospy.Subscriber(
-                topic, Twist, self.on_command, queue_size=1, buff_size=2**16, tcp_nodelay=True
-            )
+            rospy.Subscriber(topic, Twist, self.on_command, queue_size=1, tcp_nodelay=True)
         rospy.Service("~reset", Empty, self.on_reset)
         rospy.Service("~load_world", Trigger, self.on_load_world)
 
@@ -163,7 +161,7 @@ class Bridge:
                 if self.driven:
                     pace.begin()
                 else:
-                    pace.wait(TICK_S, IDLE_FACTOR, False)
+                    pace.wait(TICK_S, IDLE_FACTOR, report=False)
             else:
                 pace.wait(TICK_S, self.factor)
 
@@ -261,7 +259,7 @@ class Bridge:
             state = self.simulator.reset(world, self.seed, self.start)
             self.touched = False
             self.topics.publish_world(self.simulator, self.stamp())
-            self.topics.publish_state(state, self.stamp(), False)
+            self.topics.publish_state(state, self.stamp(), touched=False)
             self.topics.publish_scan(self.simulator.scan(), self.stamp())
             self.topics.clock.publish(self.stamp())
         time.sleep(0.05)  # Scans from the old position must arrive before the maps are cleared.

@@ -121,7 +121,7 @@ def _main_of(module: str, node: bool) -> Optional[int]:
 
     words = [word for word in sys.argv[1:] if ":=" not in word]
     if node and words:
-        how = "give parameters as _NAME:=VALUE; --help lists them"
-        raise ApplrError(f"unexpected arguments {' '.join(words)}: {how}")
+        remedy = "give parameters as _NAME:=VALUE; --help lists them"
+        raise ApplrError(f"unexpected arguments {' '.join(words)}: {remedy}")
     status: Optional[int] = loaded.main()
     return status

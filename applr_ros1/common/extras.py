@@ -27,10 +27,10 @@ def absent(package: Optional[str]) -> str:
     name = (package or "").partition(".")[0]
     if not name or name in OURS or find_spec(name):
         return ""
-    how = "run ./applr packages in the clone of applr_ros1, then build this workspace again"
+    command = "run ./applr packages in the clone of applr_ros1, then build this workspace again"
     if name in EXTRAS:
-        how = f"in the clone of applr_ros1, pip install '.[{EXTRAS[name]}]'"
-    return f"Python's {name} is not installed for {sys.executable}: {how}"
+        command = f"in the clone of applr_ros1, pip install '.[{EXTRAS[name]}]'"
+    return f"Python's {name} is not installed for {sys.executable}: {command}"
 
 
 @contextmanager

@@ -24,6 +24,10 @@ from applr_ros1.common.errors import ApplrError
 PATIENCE_S = 3.0
 # longest time that a signal handler waits for the shutdown before the main thread goes on [s]
 STANDS_S = 0.5
+# Receive buffers of subscribers [bytes]. rospy drops old messages only among those that are in the
+# buffer at once. A message that does not fit into it, with rospy's 64 kB, waits behind older ones.
+LARGE_BUFFER = 2**24  # for plans, scans, costmaps and point clouds
+SMALL_BUFFER = 2**20  # for transforms and odometry
 
 
 def init_node(name: str, **options: Any) -> None:

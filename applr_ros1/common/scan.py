@@ -207,13 +207,13 @@ def _place(
     yy = dy * qy
     yz = dz * qy
     zz = dz * qz
-    for i in range(points.shape[0]):
-        x = points[i, 0]
-        y = points[i, 1]
-        z = points[i, 2]
-        points[i, 0] = (((one - (yy + zz)) * x + (xy - zw) * y) + (xz + yw) * z) + tx
-        points[i, 1] = (((xy + zw) * x + (one - (xx + zz)) * y) + (yz - xw) * z) + ty
-        points[i, 2] = (((xz - yw) * x + (yz + xw) * y) + (one - (xx + yy)) * z) + tz
+    for row in range(points.shape[0]):
+        x = points[row, 0]
+        y = points[row, 1]
+        z = points[row, 2]
+        points[row, 0] = (((one - (yy + zz)) * x + (xy - zw) * y) + (xz + yw) * z) + tx
+        points[row, 1] = (((xy + zw) * x + (one - (xx + zz)) * y) + (yz - xw) * z) + ty
+        points[row, 2] = (((xz - yw) * x + (yz + xw) * y) + (one - (xx + yy)) * z) + tz
 
 
 @kernel
@@ -259,16 +259,16 @@ def _project(
     # laserScanValidInfCallback (epsilon).
     almost_max = range_max - np.float32(0.0001)
     count = 0
-    for i in range(ranges.shape[0]):
-        r = ranges[i]
-        if inf_is_valid and r == np.inf:
-            r = almost_max
-        if r >= range_min and r < range_max:
+    for beam in range(ranges.shape[0]):
+        distance = ranges[beam]
+        if inf_is_valid and distance == np.inf:
+            distance = almost_max
+        if distance >= range_min and distance < range_max:
             # laser_geometry multiplies in double and stores float32.
-            px = np.float32(np.float64(r) * table[i, 0])
-            py = np.float32(np.float64(r) * table[i, 1])
-            points[count, 0] = (m00 * px + m01 * py) + tx
-            points[count, 1] = (m10 * px + m00 * py) + ty
+            point_x = np.float32(np.float64(distance) * table[beam, 0])
+            point_y = np.float32(np.float64(distance) * table[beam, 1])
+            points[count, 0] = (m00 * point_x + m01 * point_y) + tx
+            points[count, 1] = (m10 * point_x + m00 * point_y) + ty
             points[count, 2] = tz
             count += 1
     return count

@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 import os
 import struct
-from typing import Any, Mapping, NamedTuple, Optional, Sequence, Tuple
+from typing import Any, Container, Mapping, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
-from actionlib_msgs.msg import GoalStatus
+from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, Quaternion, Twist, Vector3
 from map_msgs.msg import OccupancyGridUpdate
@@ -41,6 +41,18 @@ TRAJECTORY_FIELDS = ("x", "y", "z", "theta", "cost")
 
 class MessageError(ApplrError):
     """A message that cannot be used. The text gives the reason in one line."""
+
+
+def goal_in(message: GoalStatusArray, states: Container[int]) -> Optional[str]:
+    """Return the id of the goal that is in one of these states of GoalStatus, None without one.
+
+    The last of several is the one that is driven to.
+    """
+    goal = None
+    for entry in message.status_list:
+        if entry.status in states:
+            goal = entry.goal_id.id
+    return goal
 
 
 def is_upright(q: Any) -> bool:

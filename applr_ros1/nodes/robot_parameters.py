@@ -33,22 +33,22 @@ def named_robot(parameters: Dict[str, Any]) -> Tuple[Robot, str]:
     return robot, frame_prefix(str(parameters.get("tf_prefix", "")))
 
 
-def with_robot(given: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
+def with_robot(parameters: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
     """Return the parameter tree of move_base, and the robot.
 
     Errors are those of `named_robot`.
 
     Args:
-        given: The private parameters. All except NAMING override the robot's files.
+        parameters: The private parameters. All except NAMING override the robot's files.
 
     Returns:
         The nested tree without NAMING, and the Robot, or None if no robot is named.
     """
-    tree = {name: value for name, value in given.items() if name not in NAMING}
-    if not given.get("robot"):
+    tree = {name: value for name, value in parameters.items() if name not in NAMING}
+    if not parameters.get("robot"):
         return tree, None
-    robot, prefix = named_robot(given)
-    files = robot.parameters(bool(given.get("map", False)))
+    robot, prefix = named_robot(parameters)
+    files = robot.parameters(bool(parameters.get("map", False)))
     if prefix:
         _prefix_frames(files, prefix)
     return merged(files, tree), robot

@@ -21,6 +21,7 @@ from sensor_msgs.msg import PointCloud as OldCloudMessage
 from sensor_msgs.msg import PointCloud2 as CloudMessage
 
 from applr_ros1.common.angles import Pose, compose
+from applr_ros1.common.ros_node import LARGE_BUFFER, SMALL_BUFFER
 from applr_ros1.policy.layout import ObservationError
 from applr_ros1.robots import Robot
 
@@ -102,7 +103,12 @@ class Sensors:
         self._odometry = odometry
         # A message may be larger than rospy's buffer of 64 KiB, which would then delay it.
         rospy.Subscriber(
-            odometry, Odometry, self._take_odometry, queue_size=1, buff_size=2**20, tcp_nodelay=True
+            odometry,
+            Odometry,
+            self._take_odometry,
+            queue_size=1,
+            buff_size=SMALL_BUFFER,
+            tcp_nodelay=True,
         )
         self.transforms.listen()
 
@@ -300,7 +306,12 @@ class _Topic:
         self._lock = threading.Lock()  # guards _waiting
         self._waiting: Deque[Any] = deque(maxlen=SCANS_KEPT)
         rospy.Subscriber(
-            topic, MESSAGES[data_type], self._take, queue_size=1, buff_size=2**24, tcp_nodelay=True
+            topic,
+            MESSAGES[data_type],
+            self._take,
+            queue_size=1,
+            buff_size=LARGE_BUFFER,
+            tcp_nodelay=True,
         )
 
     def _take(self, message: Any) -> None:

@@ -9,6 +9,7 @@ import rospy
 import tf2_ros
 
 from applr_ros1.common.errors import reason
+from applr_ros1.common.ros_node import SMALL_BUFFER
 from applr_ros1.policy.layout import ObservationError
 
 MAX_AGE_S = 1.0  # largest usable age of a message, and largest lead of its stamp over the clock [s]
@@ -27,7 +28,7 @@ class Transforms:
         """Subscribe to tf, unless subscribed already."""
         if self._listener is None:
             self._listener = tf2_ros.TransformListener(
-                self.buffer, queue_size=100, buff_size=2**20, tcp_nodelay=True
+                self.buffer, queue_size=100, buff_size=SMALL_BUFFER, tcp_nodelay=True
             )
 
     def at(self, target: str, source: str, stamp: rospy.Time) -> Any:

@@ -55,10 +55,8 @@ class CommandChain:
 
         An escape motion is small already: slowed to a creep, it would free nothing.
         """
-        if motion is None:
-            verdict = judge(command, True)
-        else:
-            verdict = judge(motion, False)
+        may_creep = motion is None
+        verdict = judge(command if motion is None else motion, may_creep)
         if self.escapes is not None:
             self.escapes.report_held(verdict.blocked)
         return verdict

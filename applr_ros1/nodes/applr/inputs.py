@@ -17,6 +17,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
 from applr_ros1.common.angles import Pose, transform_point
+from applr_ros1.common.ros_node import LARGE_BUFFER
 from applr_ros1.msg import Movers
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.sensors import Sensors
@@ -65,8 +66,7 @@ class RobotInputs:
         self._plan_topic = rospy.resolve_name(plan)
         self._lock = threading.Lock()  # guards the messages
         self.clear()
-        # A plan is larger than rospy's usual buffer, which would delay it.
-        rospy.Subscriber(plan, Path, self._on_plan, queue_size=1, buff_size=2**24)
+        rospy.Subscriber(plan, Path, self._on_plan, queue_size=1, buff_size=LARGE_BUFFER)
         rospy.Subscriber(move_base + "/status", GoalStatusArray, self._on_status, queue_size=1)
         rospy.Subscriber(goal, PoseStamped, self._on_current_goal, queue_size=1)
         rospy.Subscriber("applr/tracked", Movers, self._on_movers, queue_size=1)
@@ -218,11 +218,7 @@ class RobotInputs:
             self._current_goal = message.pose
 
     def _on_status(self, message: GoalStatusArray) -> None:
-        # The last goal that is pursued is the present one.
-        goal = None
-        for status in message.status_list:
-            if status.status in _RUNNING:
-                goal = status.goal_id.id
+        goal = conversions.goal_in(message, _RUNNING)
         with self._lock:
             self._status_time = rospy.Time.now()
             if goal not in (None, self._goal):

@@ -14,6 +14,7 @@ import numpy as np
 import rospy
 from sensor_msgs.msg import PointCloud2
 
+from applr_ros1.common.ros_node import LARGE_BUFFER
 from applr_ros1.nodes.applr.distance_weights import PLANNER, weights_at
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
 from applr_ros1.nodes.conversions import COST_FIELDS
@@ -107,7 +108,7 @@ class MeterScoring:
             self._since = now
         if is_wanted and self._subscriber is None:
             self._subscriber = rospy.Subscriber(
-                self._topic(), PointCloud2, self._on_cloud, queue_size=1, buff_size=2**24
+                self._topic(), PointCloud2, self._on_cloud, queue_size=1, buff_size=LARGE_BUFFER
             )
         elif not is_wanted and self._subscriber is not None:
             self._subscriber.unregister()

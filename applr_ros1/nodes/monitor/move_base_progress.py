@@ -12,6 +12,8 @@ import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from nav_msgs.msg import Path
 
+from applr_ros1.common.ros_node import LARGE_BUFFER
+from applr_ros1.nodes.conversions import goal_in
 from applr_ros1.stack.command_chain import Progress
 
 STATUS_AGE_S = 1.0  # largest usable age of a status [s]; move_base repeats it five times per second
@@ -25,7 +27,7 @@ class MoveBaseProgress:
         self.forget()
         rospy.Subscriber("move_base/status", GoalStatusArray, self._take_status, queue_size=1)
         rospy.Subscriber(
-            "move_base/NavfnROS/plan", Path, self._take_plan, queue_size=1, buff_size=2**24
+            "move_base/NavfnROS/plan", Path, self._take_plan, queue_size=1, buff_size=LARGE_BUFFER
         )
 
     def forget(self) -> None:
@@ -41,12 +43,8 @@ class MoveBaseProgress:
         return Progress(None if is_stale else goal, plan_time.to_sec(), distance)
 
     def _take_status(self, message: GoalStatusArray) -> None:
-        # A goal being cancelled is not ACTIVE. The last of several is the one that is driven to.
-        goal = None
-        for entry in message.status_list:
-            if entry.status == GoalStatus.ACTIVE:
-                goal = entry.goal_id.id
-        self._goal = rospy.get_rostime(), goal
+        # A goal being cancelled is not ACTIVE.
+        self._goal = rospy.get_rostime(), goal_in(message, (GoalStatus.ACTIVE,))
 
     def _take_plan(self, message: Path) -> None:
         # move_base publishes an empty plan if planning fails.

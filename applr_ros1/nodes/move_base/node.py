@@ -454,8 +454,8 @@ def main() -> int:
     Return exit status 1 if parameters are invalid, after a line for each problem.
     """
     init_node("move_base")
-    given = rospy.get_param("~", {})
-    tree, robot = with_robot(given)
+    parameters = rospy.get_param("~", {})
+    tree, robot = with_robot(parameters)
     problems = check(tree)
     for problem in problems:
         print(f"move_base: parameter {problem}", file=sys.stderr)
@@ -470,7 +470,7 @@ def main() -> int:
         warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
     # Other programs, such as rqt and the applr node, read the parameters of the robot's files here.
     if robot is not None:
-        naming = {name: given[name] for name in NAMING if name in given}
+        naming = {name: parameters[name] for name in NAMING if name in parameters}
         rospy.set_param("~", {**tree, **naming})
     node = MoveBaseNode(tree, robot)
 

@@ -31,6 +31,7 @@ from applr_ros1.common.arguments import boolean, frame_prefix, number_within, po
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.progress import announced
+from applr_ros1.common.ros_node import LARGE_BUFFER
 from applr_ros1.drives.drive import ABORTED, REACHED, TIMED_OUT, Decision, Drive, Goal
 from applr_ros1.drives.page import Scene, Shown, page, verdict_of
 from applr_ros1.drives.recorder import Recorder
@@ -257,7 +258,7 @@ class Observer:
         kinds[STATUS] = GoalStatusArray
         for topic, kind in kinds.items():
             arrived = partial(self._on_message, topic)
-            rospy.Subscriber(topic, kind, arrived, queue_size=1, buff_size=2**24)
+            rospy.Subscriber(topic, kind, arrived, queue_size=1, buff_size=LARGE_BUFFER)
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
         rospy.Subscriber("/applr/parameters", Parameters, self._on_parameters, queue_size=50)

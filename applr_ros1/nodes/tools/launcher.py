@@ -69,13 +69,13 @@ def given_arguments(words: Sequence[str], known: Collection[str]) -> Dict[str, s
         if not value:  # load_mappings would silently drop it, and the default would be used.
             raise ApplrError(f"{name} is empty: give a value or omit it")
     # ROS's own parser, so that words mean the same as on roslaunch's command line.
-    given: Dict[str, str] = load_mappings(words)
-    if "method" in given:
-        given["method"] = methods.absolute(given["method"])
-    for name in {"robot", "world", "record"} & set(given):
-        if _is_path(name, given[name]):
-            given[name] = os.path.abspath(given[name])
-    return given
+    arguments: Dict[str, str] = load_mappings(words)
+    if "method" in arguments:
+        arguments["method"] = methods.absolute(arguments["method"])
+    for name in {"robot", "world", "record"} & set(arguments):
+        if _is_path(name, arguments[name]):
+            arguments[name] = os.path.abspath(arguments[name])
+    return arguments
 
 
 def _is_path(name: str, value: str) -> bool:
@@ -94,7 +94,7 @@ def free_port() -> int:
 
 
 @contextlib.contextmanager
-def private_nodes(given: Dict[str, str]) -> Iterator[LaunchedNodes]:
+def private_nodes(arguments: Dict[str, str]) -> Iterator[LaunchedNodes]:
     """Run the nodes with the arguments {name: value} for the duration of a block.
 
     SIGTERM and SIGHUP act like Ctrl-C. If the block raises ApplrError, the folder with the nodes'
@@ -111,7 +111,7 @@ def private_nodes(given: Dict[str, str]) -> Iterator[LaunchedNodes]:
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.default_int_handler)
     try:
-        nodes = LaunchedNodes(given, port, folder)
+        nodes = LaunchedNodes(arguments, port, folder)
         try:
             nodes.wait("the ROS master", rosgraph.is_master_online)
             yield nodes
@@ -129,15 +129,15 @@ class LaunchedNodes:
     """roslaunch process with the nodes of the launch file, on a private master.
 
     Args:
-        given: Arguments {name: value} of the launch file.
+        arguments: Arguments {name: value} of the launch file.
         port: Port of the master.
         folder: Folder for the output of the nodes.
     """
 
-    def __init__(self, given: Dict[str, str], port: int, folder: str):
+    def __init__(self, arguments: Dict[str, str], port: int, folder: str):
         self._died = ""  # message about the first node that has died
         self._is_ending = False
-        words = [f"{name}:={value}" for name, value in given.items()]
+        words = [f"{name}:={value}" for name, value in arguments.items()]
         options = [f"--port={port}", "--sigint-timeout=2", "--sigterm-timeout=0.5"]
         with open(os.path.join(folder, "roslaunch.log"), "w", encoding="utf-8") as log:
             self._process = subprocess.Popen(

@@ -45,18 +45,18 @@ def main() -> None:
     add("words", nargs="*", metavar="ARG:=VALUE", help=words)
     options = parser.parse_intermixed_args()
     defaults = launch_arguments()
-    given = {"viewer": "true", "goal": "none", **given_arguments(options.words, defaults)}
+    arguments = {"viewer": "true", "goal": "none", **given_arguments(options.words, defaults)}
 
     # An invalid robot or world is an error before anything starts.
-    robot = load(given.get("robot", defaults["robot"]))
-    worlds.load(given.get("world", defaults["world"]), geometry.radius(robot))
+    robot = load(arguments.get("robot", defaults["robot"]))
+    worlds.load(arguments.get("world", defaults["world"]), geometry.radius(robot))
 
     # Any local user or website can write to the parameter server: only an address on 127.0.0.1 with
     # this program's token is accepted.
     token = admission.token()
     os.environ[admission.TOKEN] = token
     own_address = re.compile(rf"http://127\.0\.0\.1:\d+/{re.escape(token)}/")
-    with private_nodes(given) as nodes:
+    with private_nodes(arguments) as nodes:
         addresses: List[str] = []
 
         def is_up() -> bool:

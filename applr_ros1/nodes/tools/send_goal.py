@@ -37,17 +37,17 @@ def course_goal(course: worlds.Course) -> Pose:
 def main() -> None:
     """Send the goal, wait for its end and log the outcome."""
     init_node("send_goal")
-    given = str(rospy.get_param("~goal", "auto"))
-    if given == "none":
+    goal_words = str(rospy.get_param("~goal", "auto"))
+    if goal_words == "none":
         rospy.loginfo("goal is none: nothing is sent")
         return
     robot = load(str(rospy.get_param("~robot", "jackal")))
     frame = arguments.frame_prefix(str(rospy.get_param("~tf_prefix", ""))) + robot.frames.odom
-    if given == "auto":
+    if goal_words == "auto":
         world = worlds.load(str(rospy.get_param("~world", "generated:0")), geometry.radius(robot))
         pose = course_goal(worlds.scaled(world, robot.world_scale).course)
     else:
-        pose = arguments.pose("goal", given)
+        pose = arguments.pose("goal", goal_words)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     with announced("waiting for the action server of move_base", rospy.loginfo, first=10.0):
         client.wait_for_server()

@@ -15,6 +15,7 @@ from rospy.numpy_msg import numpy_msg
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import reason
+from applr_ros1.common.ros_node import LARGE_BUFFER
 from applr_ros1.nodes.conversions import pose_of
 from applr_ros1.nodes.transforms import Transforms
 from applr_ros1.policy.layout import ObservationError
@@ -70,7 +71,7 @@ class Listener:
             self._times[topic] = (time.monotonic(), rospy.get_time())
 
         subscriber = rospy.Subscriber(
-            topic, numpy_msg(kind), keep, queue_size=KEPT_MESSAGES, buff_size=2**24
+            topic, numpy_msg(kind), keep, queue_size=KEPT_MESSAGES, buff_size=LARGE_BUFFER
         )
         self._subscribers.append(subscriber)
 
