@@ -163,7 +163,8 @@ def _drop_outdated(
         stamp = points[index, 2]
         if _is_measured(x, y, rays):
             continue
-        if stamp < oldest_stamp or (x - rays.x) ** 2 + (y - rays.y) ** 2 > radius * radius:
+        is_far = (x - rays.x) ** 2 + (y - rays.y) ** 2 > radius * radius
+        if is_far or stamp < oldest_stamp:
             forgotten[forgotten_count] = x, y
             forgotten_count += 1
             continue
@@ -301,11 +302,11 @@ def _follow(cells: np.ndarray, corner: np.ndarray, x: float, y: float) -> None:
         new_corner = cell_of(coordinate) - side_cells // 2
         low = min(old_corner, new_corner)
         high = max(old_corner, new_corner)
-        for k in range(low, min(high, low + side_cells)):
+        for cell in range(low, min(high, low + side_cells)):
             if axis == 0:
-                cells[k % side_cells] = 0
+                cells[cell % side_cells] = 0
             else:
-                cells[:, k % side_cells] = 0
+                cells[:, cell % side_cells] = 0
         corner[axis] = new_corner
 
 
@@ -318,24 +319,25 @@ def _observe(cells: np.ndarray, corner: np.ndarray, rays: Rays, shown: float) ->
     _follow(cells, corner, rays.x, rays.y)
     side_cells = cells.shape[0]
     reach_cells = int(shown / CELL_M)
-    laser_i = cell_of(rays.x)
-    laser_j = cell_of(rays.y)
+    laser_cell_x = cell_of(rays.x)
+    laser_cell_y = cell_of(rays.y)
     # Half an increment turns the fractional index of beam_at into that of the nearest beam.
     first_edge = rays.angle_min - 0.5 * rays.increment
-    for i in range(laser_i - reach_cells, laser_i + reach_cells + 1):
-        offset_x = _centre_of(i) - rays.x
-        row = cells[i % side_cells]
+    for cell_x in range(laser_cell_x - reach_cells, laser_cell_x + reach_cells + 1):
+        offset_x = _centre_of(cell_x) - rays.x
+        row = cells[cell_x % side_cells]
         # The column is counted on instead of taken modulo in each step, which is slower.
-        column = (laser_j - reach_cells - 1) % side_cells
-        for j in range(laser_j - reach_cells, laser_j + reach_cells + 1):
+        column = (laser_cell_y - reach_cells - 1) % side_cells
+        for cell_y in range(laser_cell_y - reach_cells, laser_cell_y + reach_cells + 1):
             column = column + 1 if column + 1 < side_cells else 0
             if row[column]:
                 continue
-            offset_y = _centre_of(j) - rays.y
+            offset_y = _centre_of(cell_y) - rays.y
             distance = math.sqrt(offset_x * offset_x + offset_y * offset_y)
             if distance > shown:
                 continue
-            beam = beam_at(first_edge, rays.increment, math.atan2(offset_y, offset_x) - rays.yaw)
+            bearing = math.atan2(offset_y, offset_x) - rays.yaw
+            beam = beam_at(first_edge, rays.increment, bearing)
             needed_range = max(distance - BEHIND_M, rays.range_min)
             if beam < rays.ranges.shape[0] and rays.ranges[int(beam)] >= needed_range:
                 row[column] = 1
@@ -343,35 +345,38 @@ def _observe(cells: np.ndarray, corner: np.ndarray, rays: Rays, shown: float) ->
 
 @kernel
 def _forget(cells: np.ndarray, corner: np.ndarray, points: Array) -> None:
+    """Mark the cells within BEHIND_M of points (k, 2) [m] as unknown."""
     side_cells = cells.shape[0]
     around = int(math.ceil(BEHIND_M / CELL_M))
     for index in range(points.shape[0]):
-        point_i = cell_of(points[index, 0])
-        point_j = cell_of(points[index, 1])
+        point_cell_x = cell_of(points[index, 0])
+        point_cell_y = cell_of(points[index, 1])
         # A point may have left the window, whose cells then belong to other places.
-        first_i = max(point_i - around, corner[0])
-        end_i = min(point_i + around + 1, corner[0] + side_cells)
-        first_j = max(point_j - around, corner[1])
-        end_j = min(point_j + around + 1, corner[1] + side_cells)
-        for i in range(first_i, end_i):
-            for j in range(first_j, end_j):
-                cells[i % side_cells, j % side_cells] = 0
+        first_x = max(point_cell_x - around, corner[0])
+        end_x = min(point_cell_x + around + 1, corner[0] + side_cells)
+        first_y = max(point_cell_y - around, corner[1])
+        end_y = min(point_cell_y + around + 1, corner[1] + side_cells)
+        for cell_x in range(first_x, end_x):
+            for cell_y in range(first_y, end_y):
+                cells[cell_x % side_cells, cell_y % side_cells] = 0
 
 
 @kernel
 def _stand(cells: np.ndarray, corner: np.ndarray, planes: Array, reach: float, pose: Pose) -> None:
+    """Mark the cells whose centres are in the body (n, 3 half planes) or TOUCHED_M beside it."""
     robot_x, robot_y, robot_yaw = pose
     _follow(cells, corner, robot_x, robot_y)
     side_cells = cells.shape[0]
+    # One cell for the part that int() cuts off, one because the robot is anywhere in its cell.
     around = int(reach / CELL_M) + 2
-    robot_i = cell_of(robot_x)
-    robot_j = cell_of(robot_y)
+    robot_cell_x = cell_of(robot_x)
+    robot_cell_y = cell_of(robot_y)
     cos_yaw = math.cos(robot_yaw)
     sin_yaw = math.sin(robot_yaw)
-    for i in range(robot_i - around, robot_i + around + 1):
-        offset_x = _centre_of(i) - robot_x
-        for j in range(robot_j - around, robot_j + around + 1):
-            offset_y = _centre_of(j) - robot_y
+    for cell_x in range(robot_cell_x - around, robot_cell_x + around + 1):
+        offset_x = _centre_of(cell_x) - robot_x
+        for cell_y in range(robot_cell_y - around, robot_cell_y + around + 1):
+            offset_y = _centre_of(cell_y) - robot_y
             forward = cos_yaw * offset_x + sin_yaw * offset_y
             leftward = cos_yaw * offset_y - sin_yaw * offset_x
             is_inside = True
@@ -379,4 +384,4 @@ def _stand(cells: np.ndarray, corner: np.ndarray, planes: Array, reach: float, p
                 extent = planes[plane, 0] * forward + planes[plane, 1] * leftward
                 is_inside = is_inside and extent <= planes[plane, 2] + TOUCHED_M
             if is_inside:
-                cells[i % side_cells, j % side_cells] = 1
+                cells[cell_x % side_cells, cell_y % side_cells] = 1

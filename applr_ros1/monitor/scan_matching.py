@@ -198,10 +198,14 @@ class ScanMatcher:
             return [pose]
         interval = stamp - self._last_stamp
         forward_speed, leftward_speed, turn_rate = self._speed
-        motion = forward_speed * interval, leftward_speed * interval, turn_rate * interval
-        extrapolated = compose(_pose_of(self._last), motion)
+        forward = forward_speed * interval
+        leftward = leftward_speed * interval
+        turn = turn_rate * interval
+        extrapolated = compose(_pose_of(self._last), (forward, leftward, turn))
         apart, _ = _difference(pose, extrapolated)
-        return [pose, extrapolated] if apart > NARROW_M else [pose]
+        if apart > NARROW_M:
+            return [pose, extrapolated]
+        return [pose]
 
     def _align(self, earlier: Rays, newest: Rays, guesses: List[Pose]) -> Optional[Pose]:
         """Return the pose at which a scan fits an earlier one, or None if no match is valid."""
@@ -220,8 +224,11 @@ class ScanMatcher:
                 points,
                 guess,
             )
+            # A valid match comes before any other. The odometry's pose, the first guess, wins
+            # unless another fits clearly better.
             handicap = 0.0 if number == 0 else BETTER_WEIGHT
-            rank = _is_valid(fit, guess), fit.weight / max(fit.matches, 1) - handicap
+            mean_weight = fit.weight / max(fit.matches, 1)
+            rank = (_is_valid(fit, guess), mean_weight - handicap)
             if rank > best_rank:
                 best_pose = fit.pose
                 best_rank = rank
@@ -251,8 +258,11 @@ def _at(rays: Rays, pose: Pose) -> Rays:
 
 def _difference(first: Pose, second: Pose) -> Tuple[float, float]:
     """Return the distance [m] and the angle [rad] between two poses."""
-    distance = math.hypot(first[0] - second[0], first[1] - second[1])
-    return distance, abs(normalize_angle(first[2] - second[2]))
+    first_x, first_y, first_yaw = first
+    second_x, second_y, second_yaw = second
+    distance = math.hypot(first_x - second_x, first_y - second_y)
+    angle = normalize_angle(first_yaw - second_yaw)
+    return distance, abs(angle)
 
 
 def _is_valid(fit: Fit, guess: Pose) -> bool:
@@ -272,13 +282,15 @@ def _nearest(poses: Array, pose: Pose) -> int:
     x, y, yaw = pose
     smallest = np.inf
     nearest = 0
-    for i in range(poses.shape[0]):
-        turned = abs(poses[i, 2] - yaw) % (2.0 * math.pi)
-        distance = math.hypot(poses[i, 0] - x, poses[i, 1] - y)
-        apart = distance + min(turned, 2.0 * math.pi - turned)
+    for row in range(poses.shape[0]):
+        distance = math.hypot(poses[row, 0] - x, poses[row, 1] - y)
+        # A turn beyond half a turn is a smaller one to the other side.
+        turned = abs(poses[row, 2] - yaw) % (2.0 * math.pi)
+        turned = min(turned, 2.0 * math.pi - turned)
+        apart = distance + turned
         if apart < smallest:
             smallest = apart
-            nearest = i
+            nearest = row
     return nearest
 
 
@@ -295,7 +307,9 @@ def _points(ranges: Array32, angle_min: float, increment: float) -> Array:
         distance = ranges[beam]
         if not math.isnan(distance):
             angle = angle_min + beam * increment
-            points[count] = distance * math.cos(angle), distance * math.sin(angle), float(beam)
+            points[count, 0] = distance * math.cos(angle)
+            points[count, 1] = distance * math.sin(angle)
+            points[count, 2] = beam
             count += 1
     return points[:count]
 
@@ -417,12 +431,15 @@ def _seen_through(old: Rays, new: Rays) -> View:
         x, y = end_point(old, old_beam)
         offset_x = x - new.x
         offset_y = y - new.y
-        place = beam_at(new.angle_min, new.increment, math.atan2(offset_y, offset_x) - new.yaw)
+        bearing = math.atan2(offset_y, offset_x) - new.yaw
+        place = beam_at(new.angle_min, new.increment, bearing)
         beam = int(place + 0.5)
         if 0 < beam < last_beam:
             in_view += 1
+            # The point is free if the beams around it reach clearly beyond it.
             shortest = min(new.ranges[beam - 1], new.ranges[beam], new.ranges[beam + 1])
-            seen_through += shortest > math.sqrt(offset_x * offset_x + offset_y * offset_y) + WIDE_M
+            distance = math.sqrt(offset_x * offset_x + offset_y * offset_y)
+            seen_through += shortest > distance + WIDE_M
     return View(in_view, seen_through)
 
 
@@ -437,32 +454,32 @@ def lines(ranges: Array32, angle_min: float, increment: float) -> Array:
     """
     beam_count = ranges.shape[0]
     surface = np.empty((beam_count, 6))
-    for i in range(beam_count):
-        angle = angle_min + i * increment
+    for beam in range(beam_count):
+        angle = angle_min + beam * increment
         cos_angle = math.cos(angle)
         sin_angle = math.sin(angle)
-        x = ranges[i] * cos_angle
-        y = ranges[i] * sin_angle
-        surface[i] = x, y, np.nan, np.nan, cos_angle, sin_angle
+        x = ranges[beam] * cos_angle
+        y = ranges[beam] * sin_angle
+        surface[beam] = x, y, np.nan, np.nan, cos_angle, sin_angle
 
-    for i in range(beam_count - 1):
+    for beam in range(beam_count - 1):
         # Spacing of neighbouring points of a surface at a right angle to the beam [m].
-        spacing = abs(ranges[i] * increment)
+        spacing = abs(ranges[beam] * increment)
         largest_step = STEEPEST * spacing
         # The comparison is false for NaN.
-        if not abs(ranges[i + 1] - ranges[i]) < largest_step:
+        if not abs(ranges[beam + 1] - ranges[beam]) < largest_step:
             continue
 
         # The normal is that of a line over neighbours to both sides, because one spacing is shorter
         # than the noise.
         span = min(int(math.ceil(BASE_M / max(spacing, 1e-6))), BASE_BEAMS)
-        low = i
-        high = i + 1
-        while low > 0 and i - low < span and abs(ranges[low - 1] - ranges[low]) < largest_step:
+        low = beam
+        high = beam + 1
+        while low > 0 and beam - low < span and abs(ranges[low - 1] - ranges[low]) < largest_step:
             low -= 1
         while (
             high < beam_count - 1
-            and high - i - 1 < span
+            and high - beam - 1 < span
             and abs(ranges[high + 1] - ranges[high]) < largest_step
         ):
             high += 1
@@ -470,8 +487,8 @@ def lines(ranges: Array32, angle_min: float, increment: float) -> Array:
         offset_y = surface[high, 1] - surface[low, 1]
         length = math.sqrt(offset_x * offset_x + offset_y * offset_y)
         if length >= 1e-6:
-            surface[i, 2] = -offset_y / length
-            surface[i, 3] = offset_x / length
+            surface[beam, 2] = -offset_y / length
+            surface[beam, 3] = offset_x / length
     return surface
 
 
@@ -525,8 +542,7 @@ def _solve(
     cofactor12 = a01 * a02 - a00 * a12
     cofactor22 = a00 * a11 - a01 * a01
     determinant = a00 * cofactor00 + a01 * cofactor01 + a02 * cofactor02
-    return (
-        (cofactor00 * b0 + cofactor01 * b1 + cofactor02 * b2) / determinant,
-        (cofactor01 * b0 + cofactor11 * b1 + cofactor12 * b2) / determinant,
-        (cofactor02 * b0 + cofactor12 * b1 + cofactor22 * b2) / determinant,
-    )
+    x0 = (cofactor00 * b0 + cofactor01 * b1 + cofactor02 * b2) / determinant
+    x1 = (cofactor01 * b0 + cofactor11 * b1 + cofactor12 * b2) / determinant
+    x2 = (cofactor02 * b0 + cofactor12 * b1 + cofactor22 * b2) / determinant
+    return x0, x1, x2
