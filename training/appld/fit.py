@@ -102,7 +102,7 @@ def stretches(demonstration: Drive, robot: Robot, spans: Sequence[Segment]) -> L
     planner = MoveBase(counting_cells(robot.parameters()))
     space = space_of(robot)
     send(space.settings(space.theta0), planner)
-    step(planner, demonstration, robot, 0)
+    step(planner, demonstration, robot, i=0)
     planner.set_goal(goal, clock(0))
 
     parts = []

@@ -1,4 +1,4 @@
-"""Learning problem: the Gymnasium environment, the episode that joins planner and simulator, and the reward.
+"""Learning problem: Gymnasium environment, episode that joins planner and simulator, reward.
 
 Importing this package registers the environment with Gymnasium under the name ID.
 """

@@ -1,10 +1,9 @@
-"""Gymnasium environment "applr_ros1/Navigation-v0": the paper's meta-environment, for actors and any RL library.
+"""Gymnasium environment "applr_ros1/Navigation-v0", the paper's meta-environment.
 
-State: scan capped at 2 m, phi, theta_{t-1}; (729,) for the Jackal. Action: the planner's
-    parameters, (8,) for the
-Jackal. One step is one decision period: in the paper 2 s of simulated time, or 40 control cycles of
-MoveBase, the class that the ROS node runs as well. episode.py defines courses, time limits and ends
-of episodes.
+Actors use it, and any RL library can. State: scan capped at 2 m, phi, theta_{t-1}; (729,) for the
+Jackal. Action: the planner's parameters, (8,) for the Jackal. One step is one decision period: in
+the paper 2 s of simulated time, or 40 control cycles of MoveBase, the class that the ROS node runs
+as well. episode.py defines courses, time limits and ends of episodes.
 """
 
 from __future__ import annotations
@@ -89,7 +88,7 @@ class ApplrEnv(gymnasium.Env):
     def reset(
         self, *, seed: Optional[int] = None, options: Optional[Dict[str, Any]] = None
     ) -> Tuple[np.ndarray, Info]:
-        """Begin a course in the world of index options["world"], or in a random world without this option."""
+        """Begin a course in the world of index options["world"], or else in a random world."""
         super().reset(seed=seed)
         index = (options or {}).get("world")
         if index is None:

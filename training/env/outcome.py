@@ -159,7 +159,7 @@ def _measure_clearance(
 
 
 def _measure_motion(outcome: Outcome, drive: Drive, goal: Goal, leg: Leg) -> None:
-    """Set length and smoothness of the driven path, from the true motion in one row per control cycle."""
+    """Set length and smoothness of the path, from the true motion, one row per control cycle."""
     if drive.truth is None:
         return
     motion = drive.truth.between(goal.begin, leg.end)
@@ -176,7 +176,9 @@ def _measure_motion(outcome: Outcome, drive: Drive, goal: Goal, leg: Leg) -> Non
 def progress(
     goal: Sequence[float], start: Sequence[float], end: Sequence[float]
 ) -> Tuple[float, float]:
-    """Return the paper's R_p from p to q, (q - p) . (goal - p) / |goal - p|, and its simplification q_y - p_y [m].
+    """Return the paper's R_p from p to q, and its simplification q_y - p_y [m].
+
+    R_p is (q - p) . (goal - p) / |goal - p| [m].
 
     Args:
         goal: Goal (x, y) [m].
@@ -195,6 +197,9 @@ def progress(
 
 
 def nearest(ranges: np.ndarray, lowest: float) -> float:
-    """Return d(o), the smallest range [m]: at least `lowest` (-inf is too near to measure), or inf without a return."""
+    """Return d(o), the smallest range [m], or inf if there is no return.
+
+    It is at least `lowest`: a range of -inf is too near to measure.
+    """
     smallest = float(np.fmin.reduce(ranges))
     return math.inf if math.isnan(smallest) else max(lowest, smallest)

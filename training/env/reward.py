@@ -1,4 +1,4 @@
-"""Reward R = c_f R_f + c_p R_p + c_c R_c of the paper (section III-C), and terms beyond the paper's."""
+"""Reward R = c_f R_f + c_p R_p + c_c R_c of the paper (section III-C), and further terms."""
 
 from __future__ import annotations
 
@@ -13,25 +13,28 @@ from training.env.outcome import Outcome
 
 
 class RewardOptions(Options):
-    """Units of the terms of the paper, and coefficients of further terms, which are 0 by default."""
+    """Units of the paper's terms, and coefficients of further terms, which are 0 by default."""
 
     model_config = ConfigDict(title="Reward")
 
     # fmt: off
     along_y: bool = option(False,
-        "Measure progress along the y axis of the world, as the paper simplified it, instead of in the direction of "
-        "the goal.")
+        "Measure progress along the y axis of the world, as the paper simplified it, instead of "
+        "in the direction of the goal.")
     exact_time: bool = option(False,
-        "Count the time term in seconds, including the fraction of the last decision, instead of in whole decisions.")
+        "Count the time term in seconds, including the fraction of the last decision, instead of "
+        "in whole decisions.")
     lowest: bool = option(False,
-        "Take the distance of the nearest obstacle in the clearance term from all scans of a decision period instead "
-        "of from its last scan.")
+        "Take the distance of the nearest obstacle in the clearance term from all scans of a "
+        "decision period instead of from its last scan.")
     failure_seconds: float = option(40.0,
-        "Time penalty [s] of a final failure, at most the time left until the limit. A failure is final if the planner "
-        "gave up, the robot lies on its side, or a stall or contact ended the episode. The default is the cost of "
-        "standing still forever, discounted by .95 per 2 s. With the dimensionless observation, the penalty is scaled "
-        "by the robot's time for its courses at top speed, relative to the Jackal's.", ge=0)
-    c_collision: float = option(0.0, "Cost of a decision period in which the robot touched something.")
+        "Time penalty [s] of a final failure, at most the time left until the limit. A "
+        "failure is final if the planner gave up, the robot lies on its side, or a stall or "
+        "contact ended the episode. The default is the cost of standing still forever, "
+        "discounted by .95 per 2 s. With the dimensionless observation, the penalty is "
+        "scaled by the robot's time for its courses at top speed, relative to the Jackal's.", ge=0)
+    c_collision: float = option(0.0,
+        "Cost of a decision period in which the robot touched something.")
     # fmt: on
 
 

@@ -1,4 +1,4 @@
-"""Settings of drives for evaluations and trainings, including the protocol (course and rules of a drive)."""
+"""Settings of drives for evaluations and trainings, with the protocol: course and rules."""
 
 from __future__ import annotations
 
@@ -40,18 +40,20 @@ class DriveSettings(Options):
     robot: AnyRobot
     simulator: SimulatorName = "kinematic"
     protocol: Literal["paper", "barn-challenge", "drawn"] = option(PAPER,
-        "Course and rules of a drive. paper: the paper's course; a contact does not end the drive. barn-challenge: the "
-        "BARN Challenge's course of 10 m; a contact ends the drive. drawn (only in training): each episode draws one "
-        "of the two; evaluations use barn-challenge.")
+        "Course and rules of a drive. paper: the paper's course; a contact does not end the "
+        "drive. barn-challenge: the BARN Challenge's course of 10 m; a contact ends the drive. "
+        "drawn (only in training): each episode draws one of the two; evaluations use "
+        "barn-challenge.")
     planner: Literal["ours", "cpp-like", "drawn"] = option("ours",
-        "Planner fidelity. ours: this package's planner. cpp-like: with the defects of the C++ move_base that affect "
-        "success. drawn: each drive draws one of the two; evaluations of a training use ours.")
+        "Planner fidelity. ours: this package's planner. cpp-like: with the defects of the C++ "
+        "move_base that affect success. drawn: each drive draws one of the two; evaluations of a "
+        "training use ours.")
     monitor: bool = option(False,
-        "Put the collision monitor between the planner and the base, as the launch file does. Without the monitor, the "
-        "base receives every command of the planner unchanged.")
+        "Put the collision monitor between the planner and the base, as the launch file does. "
+        "Without the monitor, the base receives every command of the planner unchanged.")
     movers: bool = option(False,
-        "Track moving obstacles in the scans and mark their predicted positions in the costmaps, as the launch file "
-        "does (docs/explanation/movers.md).")
+        "Track moving obstacles in the scans and mark their predicted positions in the costmaps, "
+        "as the launch file does (docs/explanation/movers.md).")
     # fmt: on
 
 
@@ -85,10 +87,10 @@ class TrialSettings(DriveSettings):
         return ENCODINGS[self.observation](self.robot, self.period, self.base)
 
     def planners(self, robot: Robot) -> Tuple[MoveBase, MoveBase]:
-        """Return a robot's planners for worlds without and with a map, with distance biases per costmap cell.
+        """Return a robot's planners for worlds without and with a map.
 
-        They are the same if robot.yaml has no setup with a map, or one with sensors that are not
-        simulated.
+        Their distance biases are per costmap cell. Both planners are the same if robot.yaml has no
+        setup with a map, or one with sensors that are not simulated.
         """
         exploring = self._planner(robot, with_map=False)
         if robot.move_base.with_map is None:

@@ -1,4 +1,4 @@
-"""Trajectory of one episode, as an actor passes it to the learner, and layout of its observations."""
+"""Trajectory of one episode, as an actor sends it to the learner; layout of its observations."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class TransitionLayout:
 
 @dataclass
 class Trajectory:
-    """T transitions with T + 1 observations: s' of a transition is s of the next transition and stored once.
+    """T transitions with T + 1 observations: s' of a transition, s of the next, is stored once.
 
     Attributes:
         scan: (T+1, beams) uint8.

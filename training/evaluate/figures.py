@@ -45,7 +45,7 @@ def write(results: Results, folder: Path) -> Iterator[Figure]:
     for world in results.worlds:
         drives = {}
         for method in results.methods:
-            drive = read_trace(results.folder, world, method, 0)
+            drive = read_trace(results.folder, world, method, trial=0)
             if drive is not None:
                 drives[method] = drive
         if len(drives) == len(results.methods):

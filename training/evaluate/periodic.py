@@ -95,7 +95,7 @@ class PeriodicEvaluation:
         if number != THETA0:
             # Each policy has a name of its own, so that the table keeps the trials of all.
             method = (f"policy-{sha256(weights)[:16]}", POLICY)
-        plan = plan_trials(self.worlds, [method], 1, CHOOSING + self.seed, 0)
+        plan = plan_trials(self.worlds, [method], trials=1, seed=CHOOSING + self.seed, traces=0)
         with Trials(self.folder / "evaluation", {"seed": self.seed}) as table:
             results = drive(pool, partial(run, weights=weights), table, plan, show)
         record = {**summary(list(results.values())), "round": number, **state}

@@ -100,7 +100,11 @@ def content(robot: Robot) -> str:
 
 
 def content_of_worlds(worlds: Sequence[TrialWorld]) -> str:
-    """Return the SHA-256 of the contents of worlds, independent of where their files are."""
+    """Return the SHA-256 of the contents of worlds, independent of where their files are.
+
+    These are names, obstacles, moving obstacles and courses, but not how far a course is driven:
+    finish line and goal tolerance follow from the protocol, which is a setting of its own.
+    """
     digest = hashlib.sha256()
     for name, _, world in worlds:
         course = world.course
@@ -108,7 +112,8 @@ def content_of_worlds(worlds: Sequence[TrialWorld]) -> str:
             digest.update(part.tobytes())
         digest.update(repr((name, course.start, course.goal, world.movers)).encode())
         if course.planner_ends:
-            # Distinguishes these worlds from those of evaluations before planner_ends had an effect
+            # Only these worlds are marked, so that evaluations of all others can be continued that
+            # began before planner_ends had an effect.
             digest.update(b"the planner's word")
     return digest.hexdigest()
 

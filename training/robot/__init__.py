@@ -1,1 +1,1 @@
-"""A robot's description: made from its URDF (./applr robot), and checked with test drives on open floor."""
+"""A robot's description: made from its URDF (./applr robot), and checked on open floor."""

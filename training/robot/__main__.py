@@ -1,4 +1,4 @@
-"""Writes the folder of a robot from its URDF or xacro file and the parameter files of its navigation package.
+"""Writes the folder of a robot from its URDF or xacro file and the files of its navigation.
 
 Run it as `./applr robot` or `python -m training.robot`. The folder gets copies of the parameter
 files, and a robot.yaml with the values that the files state explicitly: wheels, outline, laser,
@@ -46,8 +46,8 @@ class NewRobotOptions(Options):
     urdf: Path = argument("URDF or xacro file of the whole robot, with its wheels and its laser.")
     parameters: List[Path] = option(
         ...,
-        "Parameter files (YAML) of move_base in the order of its launch file, and of the base's controller, each as "
-        "FILE or FILE:NAMESPACE.",
+        "Parameter files (YAML) of move_base in the order of its launch file, and of the base's "
+        "controller, each as FILE or FILE:NAMESPACE.",
     )
     laser: str = option(
         "",
@@ -69,12 +69,15 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     file = options.out / FILE
     if file.exists():
         raise ApplrError(f"{file} already exists: remove it, or give another folder with --out")
-    parameters = read_parameter_files([str(path) for path in options.parameters])
+    # What the files say
+    parameters = read_parameter_files(list(map(str, options.parameters)))
     scan = next(iter(parameters.scans()), {})
     urdf = UrdfFile(str(options.urdf), arguments, parameters.frames()["base"])
     frame = scan.get("sensor_frame", "").lstrip("/")
     described = describe(urdf, parameters.driven, parameters.footprint(), options.laser, frame)
     add_parameters(described, parameters)
+
+    # robot.yaml, which is written last: a command that fails before it can be repeated.
     scale = round(parameters.padded_width() / WIDTH, 3)
     move_base, notes = move_base_section(parameters, described.values, ceil(COURSE * scale))
     hints = {**described.hints, **limits(parameters.planner)}
@@ -82,16 +85,20 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     for path, name in copies_of(parameters).items():
         (options.out / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, options.out / name)
-    write_bytes(file, text.encode())  # last: a command that fails before can be repeated
+    write_bytes(file, text.encode())
+
     lines = [f"wrote {file} from {options.urdf} and {len(options.parameters)} parameter files"]
-    lines += ["remark: " + line for line in described.notes + parameters.notes + notes]
+    for note in described.notes + parameters.notes + notes:
+        lines.append(f"remark: {note}")
     if missing:
-        lines.append(
-            f'the files lack {len(missing)} values: enter each in its line of {file}, and remove the "# ":'
-        )
-    lines += ["  " + line for line in missing]
-    lines += ["then:", f"  ./applr exec python -m training.robot.check {options.out}"]
-    return lines + [
+        remedy = f'enter each in its line of {file}, and remove the "# "'
+        lines.append(f"the files lack {len(missing)} values: {remedy}:")
+    for line in missing:
+        lines.append(f"  {line}")
+    return [
+        *lines,
+        "then:",
+        f"  ./applr exec python -m training.robot.check {options.out}",
         f"  ./applr demo robot:=$(realpath {options.out}) method:=dwa",
         f"  ./applr tune {options.out}",
     ]
@@ -99,13 +106,19 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command. Return 0, or 1 after a one-line error if the folder cannot be written."""
-    given = sys.argv[1:] if arguments is None else arguments
-    words = dict(word.split(":=", 1) for word in given if ":=" in word)
+    words = sys.argv[1:] if arguments is None else arguments
+    xacro_arguments = {}
+    for word in words:
+        argument_name, is_assigned, value = word.partition(":=")
+        if is_assigned:
+            xacro_arguments[argument_name] = value
     name = "./applr robot"
-    return run_main(
-        lambda: print("\n".join(write(parsed(NewRobotOptions, name, __doc__, arguments), words))),
-        name,
-    )
+
+    def run() -> None:
+        options = parsed(NewRobotOptions, name, __doc__, arguments)
+        print("\n".join(write(options, xacro_arguments)))
+
+    return run_main(run, name)
 
 
 if __name__ == "__main__":

@@ -31,25 +31,27 @@ from worlds.map_courses import Building
 
 def summary(described: Robot) -> List[str]:
     """Return the lines that summarise a robot without errors."""
-    base, laser = described.base, described.laser
+    base = described.base
+    laser = described.laser
+    layout = layout_of(described)
     planner = MoveBase(described.parameters())
     length, width = np.ptp(planner.local_costmap.footprint, axis=0)
-    space, layout = space_of(described), layout_of(described)
     command_rate = planner.configuration("")["controller_frequency"]
     setups = "with and without a map"
     if described.move_base.with_map is None:
         setups = "without a map only"
+    angles = f"{degrees(laser.first_angle):.0f} to {degrees(laser.last_angle):.0f} degrees"
+    ranges = f"{laser.range_min:g} to {laser.range_max:g} m"
+    seen = f"a policy sees {layout.beams} beams up to {layout.range_cap:.1f} m"
+    scale = f"worlds at {described.world_scale:g} of the Jackal's"
     lines = [
         f"{described.name}: {base.drive}, {base.max_speed:g} m/s, {base.max_yaw_rate:g} rad/s",
-        f"footprint with padding: {length:.2f} x {width:.2f} m; worlds at "
-        f"{described.world_scale:g} of the Jackal's",
-        f"laser: {laser.beams} beams, {degrees(laser.first_angle):.0f} to "
-        f"{degrees(laser.last_angle):.0f} degrees, {laser.range_min:g} to {laser.range_max:g} m, "
-        f"{laser.rate:g} Hz; a policy sees {layout.beams} beams up to {layout.range_cap:.1f} m",
+        f"footprint with padding: {length:.2f} x {width:.2f} m; {scale}",
+        f"laser: {laser.beams} beams, {angles}, {ranges}, {laser.rate:g} Hz; {seen}",
         f"move_base: {described.local_planner}, {command_rate:g} commands per second, {setups}",
         "parameter space, default and range:",
     ]
-    for parameter, default in zip(described.space, space.theta0):
+    for parameter, default in zip(described.space, space_of(described).theta0):
         limits = f"{parameter.low:g} to {parameter.high:g}"
         lines.append(f"  {parameter.name:24} {default:<6g} {limits}")
     return lines
@@ -78,10 +80,13 @@ def check(name_or_folder: str, path: str = "") -> int:
     except RobotError as refused:
         errors += refused.lines
     else:
-        setups = [False] if described.move_base.with_map is None else [False, True]
+        setups = [False]
+        if described.move_base.with_map is not None:
+            setups.append(True)
         for with_map in setups:
             errors += rules.check(described, with_map)
-            remarks += [f"remark: {remark.line}" for remark in rules.remarks(described, with_map)]
+            for remark in rules.remarks(described, with_map):
+                remarks.append(f"remark: {remark.line}")
 
     # Most lines of a setup with a map are those without one.
     for line in dict.fromkeys(errors):
@@ -114,9 +119,12 @@ class CheckOptions(Options):
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command. Return 0 if the robot drives on open floor, else 1."""
     name = "check_robot.py"
-    return run_main(
-        lambda: check(*vars(parsed(CheckOptions, name, __doc__, arguments)).values()), name
-    )
+
+    def run() -> int:
+        options = parsed(CheckOptions, name, __doc__, arguments)
+        return check(options.robot, options.map)
+
+    return run_main(run, name)
 
 
 if __name__ == "__main__":

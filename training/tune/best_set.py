@@ -55,8 +55,8 @@ SEARCH: Dict[str, Any] = {  # arguments of search()
     "population": 12,
     "worlds_per_set": 20,
 }
-# simulators of the first part of the search, and of everything after it
-COARSE, FINE = "kinematic", "pybullet"
+COARSE = "kinematic"  # simulator of the first part of the search
+FINE = "pybullet"  # simulator of everything after it
 # time limit of a drive of the search, in optimal times of the longest course
 LIMIT_OPTIMAL_TIMES = 10.0
 # number of generations whose means enter the last race; their winners are often only lucky
@@ -107,8 +107,10 @@ class Driver:
         pool: Pool,
         table: Trials,
     ):
-        self._settings, self._worlds = settings, worlds
-        self._pool, self._table = pool, table
+        self._settings = settings
+        self._worlds = worlds
+        self._pool = pool
+        self._table = table
         self._space = loadable_space(settings.robot)
 
     def evaluate(
@@ -120,12 +122,15 @@ class Driver:
         plan = plan_sets(self._space, self._worlds, whole_sets, block, seed, simulator)
         # All sets drive one world before the next.
         trials: List[Trial] = []
-        for of_world in zip(*plan):
-            trials += of_world
+        for trials_in_world in zip(*plan):
+            trials += trials_in_world
         message = f"driving {len(sets)} sets on {len(block)} courses, {simulator}"
         with announced(message, show, *LINES_S):
             results = drive(self._pool, partial(run, settings), self._table, trials)
-        return [[results[trial] for trial in of_set] for of_set in plan]
+        results_of_sets = []
+        for trials_of_set in plan:
+            results_of_sets.append([results[trial] for trial in trials_of_set])
+        return results_of_sets
 
 
 def best_set(
@@ -149,7 +154,8 @@ def best_set(
     Raises:
         ApplrError: No set arrives on any course.
     """
-    robot, seed = settings.robot, options.seed
+    robot = settings.robot
+    seed = options.seed
     whole = loadable_space(robot)
     space = whole.chosen
     names = [world[:2] for world in worlds]
@@ -162,13 +168,16 @@ def best_set(
 
     with Pool(options.workers) as pool:
         driver = Driver(settings, names, pool, table)
-        coarse, fine = partial(driver.evaluate, COARSE), partial(driver.evaluate, FINE)
+        coarse = partial(driver.evaluate, COARSE)
+        fine = partial(driver.evaluate, FINE)
 
         def rounds() -> Iterator[Evaluate]:
             """Yield the function that drives each generation until the end of the search."""
-            while (spent := clock.spent()) < SEARCH_SHARE or not simulators:
-                simulators.append(COARSE if spent < COARSE_SHARE else FINE)
+            share_spent = clock.spent()
+            while share_spent < SEARCH_SHARE or not simulators:
+                simulators.append(COARSE if share_spent < COARSE_SHARE else FINE)
                 yield partial(driver.evaluate, simulators[-1])
+                share_spent = clock.spent()
 
         # Costs of pace, jerk and turning are relative to the drives with the default parameters.
         (results,) = coarse(space.theta0[None], sum(blocks[:2], []), seed)
@@ -185,17 +194,18 @@ def best_set(
 
         # Defaults, starting sets and the means of the last generations race in the fine simulator.
         finalists = [space.theta0, *map(space.clip, starts), *means[-FINALISTS:]]
-        distinct = np.array(list(dict.fromkeys(map(tuple, finalists))))
+        distinct = dict.fromkeys(map(tuple, finalists))
         race_blocks = clock.until(RACE_SHARE, blocks)
-        best = race(partial(fine, seed=seed), distinct, race_blocks, cost)[0]
+        best, *_ = race(partial(fine, seed=seed), np.array(list(distinct)), race_blocks, cost)
         report(f"best of the last race: {best}")
         if not any(result.success for result in best.results):
             demo = f"./applr demo robot:={robot.folder} method:=dwa world:={names[0][1]}"
             raise ApplrError(
                 f"no set arrives on any course, so there is nothing to compare: {demo} shows why"
             )
-        # The files get these short values, so that they are also driven from here on.
-        theta = space.clip([float(f"{value:.{DIGITS}g}") for value in best.theta])
+        # The files get short values, so that these are also driven from here on.
+        short_values = [float(f"{value:.{DIGITS}g}") for value in best.theta]
+        theta = space.clip(short_values)
 
         # Each changed parameter gets an equal part of the time until the end of the pruning.
         changed = np.count_nonzero(theta != space.theta0)
@@ -222,9 +232,12 @@ def warm_starts(robot: Robot) -> np.ndarray:
     space = space_of(robot)
     defaults = space.to_action(space.theta0)
     starts = [space.theta0]
-    others = [load(name) for name in NAMES if name != robot.name]
     # The robot's own set lets a finished search go on from its result.
-    for other in (robot, *others):
+    robots = [robot]
+    for name in NAMES:
+        if name != robot.name:
+            robots.append(load(name))
+    for other in robots:
         # Some have no set, a set of other parameters, or a laser that does not face ahead.
         with suppress(ApplrError):
             theta, _ = space_of(other).read(methods.shipped(methods.SET, other))
@@ -240,12 +253,14 @@ def transferred(theta: np.ndarray, from_robot: Robot, to_robot: Robot) -> np.nda
     A parameter of the dimensionless encoding is scaled by size and speed, any other keeps its place
     in its range. A parameter that the first robot lacks takes the encoding's value.
     """
-    from_space, to_space = space_of(from_robot), space_of(to_robot)
+    from_space = space_of(from_robot)
+    to_space = space_of(to_robot)
     from_action = from_space.to_action(theta)
     if from_robot is to_robot:
         return from_action
-    from_encoding = DimensionlessEncoding(from_robot, 1.0)
-    to_encoding = DimensionlessEncoding(to_robot, 1.0)
+    # The period scales only observations, which are not used here.
+    from_encoding = DimensionlessEncoding(from_robot, period=1.0)
+    to_encoding = DimensionlessEncoding(to_robot, period=1.0)
     scaled = to_space.to_action(to_encoding.theta(from_encoding.action(theta)))
     # Places within the ranges, from -1 to 1.
     unscaled = dict(zip(from_space.names, from_action))

@@ -78,7 +78,8 @@ def judged(options: TuneOptions, worlds: str, drives: Path, monitor: str) -> Ver
         monitor: "with" or "without" the collision monitor; also the name of the trials' folder in
             `drives`.
     """
-    robot, aim = options.robot, AIMS[options.for_]
+    robot = options.robot
+    aim = AIMS[options.for_]
     rules: Dict[str, Any] = {"protocol": CHALLENGE, "planner": CPP_LIKE}
     evaluation = EvaluationOptions(
         **rules,

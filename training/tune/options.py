@@ -13,10 +13,8 @@ from training.evaluate.compare import FEWEST_WORLDS
 from worlds.loading import SPECIFICATIONS, building
 from worlds.map_courses import HALVES
 
-WORLDS, UNSEEN = (
-    "generated:learn",
-    "fresh:40000-40029",
-)  # default worlds of a search, and worlds of every verdict
+WORLDS = "generated:learn"  # default worlds of a search
+UNSEEN = "fresh:40000-40029"  # worlds of every verdict
 
 
 class TuneOptions(Options):
@@ -66,12 +64,14 @@ def check_maps(worlds: str, robot: Robot) -> None:
         path = part.strip()
         if not path.endswith(".yaml"):
             continue
-        courses = building(path, radius(robot))
-        searched, judged = [len(courses.halves[half]) for half in HALVES]
+        halves = building(path, radius(robot)).halves
+        searched = len(halves[HALVES[0]])
+        judged = len(halves[HALVES[1]])
         if min(searched, judged) < FEWEST_WORLDS:
-            raise ApplrError(
-                f"{path} has {searched} courses in the half of the floor for the search and "
-                f"{judged} in the half for the verdict, for a robot with a radius of "
-                f"{radius(robot):.2f} m; each needs {FEWEST_WORLDS}, because no comparison of fewer "
-                f"courses is significant: give a map with more floor, or {WORLDS}"
-            )
+            halves_of_floor = f"{searched} courses in the half of the floor for the search"
+            halves_of_floor += f" and {judged} in the half for the verdict"
+            size = f"for a robot with a radius of {radius(robot):.2f} m"
+            reason = "because no comparison of fewer courses is significant"
+            remedy = f"give a map with more floor, or {WORLDS}"
+            problem = f"{path} has {halves_of_floor}, {size}"
+            raise ApplrError(f"{problem}; each needs {FEWEST_WORLDS}, {reason}: {remedy}")

@@ -22,6 +22,7 @@ from training.evaluate.trial import Trial, seed_of
 
 BLOCK = 8  # number of trials per set between two tests of a race
 LEAST = 0.05  # smallest saving per course for which a parameter stays changed [s]
+SEEDS_APART = 1000  # from the seed of a search to those of its generations, which count upwards
 
 Block = List[int]  # indices of the worlds that each set drives once
 # Function that evaluates sets (k, n) in the worlds of a block and returns each set's results; may
@@ -98,7 +99,7 @@ def plan_sets(
         trials = []
         for i in block:
             name, specification = worlds[i]
-            drawn_seed = seed_of(CHOOSING + seed, name, 0)
+            drawn_seed = seed_of(CHOOSING + seed, name, trial=0)
             trials.append(Trial(name, method, 0, drawn_seed, specification, "", theta=theta))
         plan.append(trials)
     return plan
@@ -149,15 +150,17 @@ def search(
                 candidates[i] = space.to_action(theta)
                 sets[i] = space.clip(theta)
 
-        quarter, half = math.ceil(len(drawn) / 4), math.ceil(len(drawn) / 2)
-        parts = drawn[:quarter], drawn[quarter:half], drawn[half:]
-        blocks = [part for part in parts if part]
-        drive = partial(run, seed=seed + 1000 + generation)
+        # Few worlds leave a quarter empty.
+        quarter = math.ceil(len(drawn) / 4)
+        half = math.ceil(len(drawn) / 2)
+        blocks = filter(None, [drawn[:quarter], drawn[quarter:half], drawn[half:]])
+        drive = partial(run, seed=seed + SEEDS_APART + generation)
         ranking = race(drive, sets, blocks, cost, halve=True)
 
         # Only ranks matter to CMA-ES: a set that dropped out early has driven fewer courses.
-        ranks = np.argsort([raced.place for raced in ranking])
-        strategy.tell(candidates, ranks.astype(float).tolist())
+        places = [raced.place for raced in ranking]
+        ranks = np.argsort(places).astype(float)  # The inverse of an order gives the ranks.
+        strategy.tell(candidates, ranks.tolist())
         mean = np.clip(strategy.result.xfavorite, -1.0, 1.0)
         yield ranking[0], space.to_theta(mean)
 
@@ -197,7 +200,8 @@ def prune_parameters(
         ranking = race(run, np.array([reverted, theta]), blocks(), cost)
         without, changed = sorted(ranking, key=lambda raced: raced.place)
         rises = without.costs - changed.costs
-        mean, median = over_worlds(rises), float(np.median(rises))
+        mean = over_worlds(rises)
+        median = float(np.median(rises))
         if max(mean.value, median) < LEAST:
             theta = reverted
         else:
@@ -225,37 +229,43 @@ def race(
         The sets, best first: first those that stayed longest; sets that dropped out together are
             sorted by cost.
     """
-    racing = [Raced(place, theta, [], np.zeros(0)) for place, theta in enumerate(sets)]
+    racing = []
+    for place, theta in enumerate(sets):
+        racing.append(Raced(place, theta, results=[], costs=np.zeros(0)))
     dropped: List[Raced] = []
     for block in blocks:
+        # Nothing can be compared before the first block.
         if racing[0].results:
-            staying = _staying(racing, halve)
-            places = {raced.place for raced in staying}
-            dropped = [raced for raced in racing if raced.place not in places] + dropped
-            racing = staying
+            racing, leaving = _divided(racing, halve)
+            dropped = leaving + dropped
             if len(racing) == 1:
                 break
 
         driven = run(np.array([raced.theta for raced in racing]), block)
-        for position, results in enumerate(driven):
+        for position, new_results in enumerate(driven):
             raced = racing[position]
-            every_result = [*raced.results, *results]
-            costs = np.array([cost(result) for result in every_result])
-            racing[position] = raced._replace(results=every_result, costs=costs)
+            results = [*raced.results, *new_results]
+            costs = np.array([cost(result) for result in results])
+            racing[position] = raced._replace(results=results, costs=costs)
         racing.sort(key=lambda raced: float(raced.costs.mean()))
     return racing + dropped
 
 
-def _staying(racing: Sequence[Raced], halve: bool) -> List[Raced]:
-    """Return the sets that stay in a race, best first. The leader always stays."""
+def _divided(racing: Sequence[Raced], halve: bool) -> Tuple[List[Raced], List[Raced]]:
+    """Return the sets that stay in a race and those that drop out, each best first.
+
+    The leader always stays.
+    """
     leader = racing[0]
+    most = math.ceil(len(racing) / 2) if halve else len(racing)
     staying = [leader]
+    leaving = []
     for raced in racing[1:]:
-        if not clearly_worse(raced.costs, leader.costs):
+        if len(staying) == most or clearly_worse(raced.costs, leader.costs):
+            leaving.append(raced)
+        else:
             staying.append(raced)
-    if halve:
-        staying = staying[: math.ceil(len(racing) / 2)]
-    return staying
+    return staying, leaving
 
 
 def blocks_of(worlds: int, seed: int) -> List[Block]:
