@@ -111,7 +111,9 @@ def pytest_collection_modifyitems(config, items):
 
 
 def spent(last=[0.0]):  # noqa: B006 - the list stores the last reading
-    """Return the processor time [s] of this process and its finished children since the last call."""
+    """Return the processor time [s] of this process and its finished children since the last
+    call.
+    """
     since, last[0] = last[0], sum(os.times()[:4])
     return last[0] - since
 
@@ -131,7 +133,9 @@ def pytest_runtest_makereport(item):
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item, nextitem):
-    """End a test's nodes. After a failed test marked `ros`, also end its fixtures and the master."""
+    """End a test's nodes. After a failed test marked `ros`, also end its fixtures and the
+    master.
+    """
     try:
         return (yield)
     finally:

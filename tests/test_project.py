@@ -29,7 +29,10 @@ ROS = {
     "dynamic_reconfigure",
     "tf2_ros",
 }
-HEAVY = "torch tensorboard pandas matplotlib PIL scipy.stats scipy.signal cma ruptures ray pybullet trimesh viser"
+HEAVY = (
+    "torch tensorboard pandas matplotlib PIL scipy.stats scipy.signal cma ruptures ray pybullet "
+    "trimesh viser"
+)
 STARTS = """
 import contextlib, io, sys
 from applr_ros1.common.errors import run_script

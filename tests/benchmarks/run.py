@@ -118,7 +118,9 @@ def control_cycle():
 
 
 def monitor():
-    """Measure the collision monitor in one control cycle: taking a scan, and filtering a command."""
+    """Measure the collision monitor in one control cycle: taking a scan, and filtering a
+    command.
+    """
     taken, _ = _time_in_drives(CollisionMonitor, "add_scan", lambda *_: True, monitor=True)
     filtered, count = _time_in_drives(CollisionMonitor, "filter", lambda *_: True, monitor=True)
     return _share(taken + filtered, count)
@@ -295,7 +297,9 @@ def actor_inference():
 
 
 def _rate(step, rounds=5, seconds=0.6):
-    """Return the best rate of `rounds` rounds of `seconds` [s], in steps per second of wall time."""
+    """Return the best rate of `rounds` rounds of `seconds` [s], in steps per second of wall
+    time.
+    """
     for _ in range(8):
         step()
     best = 0.0

@@ -180,7 +180,9 @@ def _sources_of(tree: Dict[str, Any], path: str) -> List[str]:
 
 
 def mean_time(robot: Robot, world: int) -> float:
-    """Return the mean time of drives with fresh seeds [s]; a failure or a contact counts LIMIT_S."""
+    """Return the mean time of drives with fresh seeds [s]; a failure or a contact counts
+    LIMIT_S.
+    """
     times = []
     for seed in FRESH_SEEDS:
         _, outcome = simulated(

@@ -186,7 +186,8 @@ WITHOUT_EXTRAS = """
 import contextlib, io, runpy, sys
 from importlib.machinery import PathFinder
 import applr_ros1
-assert not {"numpy", "numba", "pydantic", "yaml"} & set(sys.modules), "import applr_ros1 brings more than itself"
+libraries = {"numpy", "numba", "pydantic", "yaml"}
+assert libraries.isdisjoint(sys.modules), "import applr_ros1 brings more than itself"
 from applr_ros1.common.extras import EXTRAS
 class NotInstalled(PathFinder):
     @staticmethod
@@ -196,8 +197,9 @@ sys.meta_path[sys.meta_path.index(PathFinder)] = NotInstalled
 applr_ros1.load_policy("jackal")
 from training.robot import check as check_robot
 from training.evaluate import __main__ as evaluate
-words = "--worlds generated:7 --methods applr --trials 1 --simulator kinematic --workers 0 --out results"
-assert evaluate.main(words.split()) == 0
+one_drive = "--worlds generated:7 --methods applr --trials 1 --simulator kinematic"
+words = one_drive.split() + ["--workers", "0", "--out", "results"]
+assert evaluate.main(words) == 0
 for command in sys.argv[1:]:
     sys.argv[1:] = []
     with contextlib.redirect_stderr(io.StringIO()) as errors:

@@ -60,7 +60,9 @@ def alley(path):
 
 
 class Stack:
-    """Nodes as child processes by name, relay, client of move_base's action, and helpers for tests."""
+    """Nodes as child processes by name, relay, client of move_base's action, and helpers for
+    tests.
+    """
 
     PERIOD = PERIOD
 

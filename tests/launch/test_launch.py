@@ -42,7 +42,9 @@ def inside(*command):
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "jackal"])
 def test_other_robots_bring_their_files_names_and_frames(name):
-    """The launch file also applies a frame prefix, and a parameter value that overrides the files."""
+    """The launch file also applies a frame prefix, and a parameter value that overrides the
+    files.
+    """
     robot = load(name)
     on_top = {"local_costmap": {"publish_frequency": 1.5}}
     tree, _ = with_robot(dict(on_top, robot=name, map=True, tf_prefix="robot1"))
@@ -96,14 +98,16 @@ def test_install_space(tmp_path):
         set -e
         mkdir -p {ws}/src && ln -s {root}/.applr/catkin_ws/src/applr_ros1 {ws}/src/applr_ros1
         unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH PYTHONPATH
-        catkin_make -C {ws} -DPYTHON_EXECUTABLE=$(command -v python) -DCATKIN_ENABLE_TESTING=OFF install
+        options="-DPYTHON_EXECUTABLE=$(command -v python) -DCATKIN_ENABLE_TESTING=OFF"
+        catkin_make -C {ws} $options install
         rm -rf {ws}/src {ws}/devel {ws}/build
         . {ws}/install/setup.sh
         cd /
         head -qn 1 {ws}/install/lib/applr_ros1/*.py | sort -u
         roslaunch --files applr_ros1 jackal_applr.launch
         roslaunch --nodes applr_ros1 jackal_applr.launch
-        python -c "from applr_ros1.cfg import TrajectoryPlannerConfig; import applr_ros1.msg, applr_ros1.srv"
+        python -c "from applr_ros1.cfg import TrajectoryPlannerConfig"
+        python -c "import applr_ros1.msg, applr_ros1.srv"
         python -c "import worlds, training; print(worlds.__file__)"
     """.format(ws=tmp_path, root=ROOT)
     done = inside("bash", "-c", build)
@@ -244,7 +248,9 @@ def test_a_demo_that_does_not_arrive_ends_with_1(monkeypatch, capsys):
 
 @pytest.mark.fault("23")
 def test_an_interrupted_demo_leaves_no_process(tmp_path, measured):
-    """All processes end within five seconds, without the time for which they wait for a processor."""
+    """All processes end within five seconds, without the time for which they wait for a
+    processor.
+    """
     running = demo(tmp_path, "world:=generated:1")
     for line in running.stdout:
         if "goal sent" in line:

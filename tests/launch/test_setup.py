@@ -209,8 +209,11 @@ def test_missing_or_changed_kernels_are_compiled_before_a_drive(clone, tmp_path)
     machine_code = tmp_path / "machine code"
     (tmp_path / "sim_bridge").mkdir()
     (tmp_path / "sim_bridge" / "wheels.py").write_text("A = 1")
-    compiler = """case "$*" in *compile_kernels) echo compiling >&2; mkdir -p "%s"; echo a; echo "%s" ;; esac"""
-    stand_ins = dict(QUICK, python=PYTHON + "\n" + compiler % (machine_code, machine_code))
+    compiles_kernels = (
+        f'echo compiling >&2; mkdir -p "{machine_code}"; echo a; echo "{machine_code}"'
+    )
+    compiler = f'case "$*" in *compile_kernels) {compiles_kernels} ;; esac'
+    stand_ins = dict(QUICK, python=PYTHON + "\n" + compiler)
     python = str(clone.programs / "python")
 
     def compiles(*words, **environment):
@@ -249,10 +252,11 @@ def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, root):
     calls = tmp_path / "calls"
     script = tmp_path / "applr"
     script.write_text(script.read_text().replace("/usr/bin/python3", str(python)))
-    apt = "echo $* >>%s; case $* in -s*) ;; *' python3') ln -s %s %s ;; *rospy*) echo E: full >&2; exit 100 ;; esac"
+    installs_python = f"*' python3') ln -s {sys.executable} {python} ;;"
+    fails = "*rospy*) echo E: full >&2; exit 100 ;;"
     stand_ins = {
         "id": "echo %d" % (0 if root else 1000),
-        "apt-get": apt % (calls, sys.executable, python),
+        "apt-get": f"echo $* >>{calls}; case $* in -s*) ;; {installs_python} {fails} esac",
         "sudo": 'if [ "$2" = true ]; then exit 0; fi; echo as root >>%s; shift; exec "$@"' % calls,
     }
     code, lines = clone("setup", stand_ins=dict(NOTHING, **stand_ins))

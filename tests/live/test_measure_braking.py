@@ -18,7 +18,9 @@ pytestmark = pytest.mark.ros
 
 
 def measure(*options):
-    """Run the command. Return (exit status, output, time for which a busy machine let it wait [s])."""
+    """Run the command. Return (exit status, output, time for which a busy machine let it wait
+    [s]).
+    """
     kept = Kept()
     child = session().node("measure_braking", *options)
     wait_for(lambda: (kept.waiting(), time.sleep(0.1), child.alive())[2] is False, "its end")

@@ -45,7 +45,9 @@ def start(name, parameters):
 
 
 class Robot:
-    """Bridge in a child process, the messages since the last `forget`, and a publisher of commands."""
+    """Bridge in a child process, the messages since the last `forget`, and a publisher of
+    commands.
+    """
 
     def __init__(self, **parameters):
         self.received = {topic: [] for topic in TOPICS}

@@ -191,7 +191,9 @@ def test_the_monitor_makes_escape_motions_for_a_stuck_planner_until_it_commands(
     ids=["cancelled", "move_base gone", "arrived", "no plan", "other goals"],
 )
 def test_an_escape_motion_ends_with_its_cause(stack, change):
-    """The monitor also makes escape motions while no commands arrive, for example during planning."""
+    """The monitor also makes escape motions while no commands arrive, for example during
+    planning.
+    """
     jackal, planner, watched = stack
     planner.status = ACTIVE
     planner.command = None

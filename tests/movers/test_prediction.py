@@ -1,4 +1,6 @@
-"""Tests of predicted obstacle points: positions, removal, and no effect without moving obstacles."""
+"""Tests of predicted obstacle points: positions, removal, and no effect without moving
+obstacles.
+"""
 
 import copy
 import math

@@ -219,9 +219,17 @@ def disc(x, radius=0.3, sigma=0.02):
     return record(CLUSTER, x=x, radius=radius, near=near, sigma=sigma, start=-half, end=half)
 
 
-@pytest.mark.parametrize(("deviations", "larger", "number"), [
-    (2.95, 0.0, 0), (-2.95, 0.0, 0), (3.05, 0.0, -1), (-3.05, 0.0, -1), (2.0, 2.2, 0), (2.0, 2.3, -1),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("deviations", "larger", "number"),
+    [
+        (2.95, 0.0, 0),
+        (-2.95, 0.0, 0),
+        (3.05, 0.0, -1),
+        (-3.05, 0.0, -1),
+        (2.0, 2.2, 0),
+        (2.0, 2.3, -1),
+    ],
+)
 def test_a_cluster_within_three_deviations_of_position_and_size_is_associated(
     deviations, larger, number
 ):

@@ -32,7 +32,8 @@ PILLARS = np.array(
         [4, 2, 0.1],
     ]
 )
-STANDS = np.empty((0, 3))
+NO_CYLINDERS = np.empty((0, 3))
+ORIGIN = (0.0, 0.0, 0.0)
 
 
 class Scene:
@@ -40,38 +41,66 @@ class Scene:
     functions of time.
     """
 
-    def __init__(self, laser=JACKAL.laser, cylinders=STANDS, boxes=ROOM, noise=0.01):
+    def __init__(self, laser=JACKAL.laser, cylinders=NO_CYLINDERS, boxes=ROOM, noise=0.01):
         self.laser = laser
         self.noise = noise
         self.lidar = Lidar(laser, cylinders, boxes)
         self.random = np.random.default_rng(1)
         self.tracker = MoverTracker(2.0, 4.0, 1.0 / laser.rate)
 
-    def scan(self, time, pose=(0.0, 0.0, 0.0), movers=(), believed=None):
+    def scan(self, time, pose=ORIGIN, movers=(), believed=None):
+        """Return a scan at a true pose, as it is seen from the pose of the odometry, `believed`."""
         ranges = self.lidar.scan(*pose, np.array(movers, dtype=float).reshape(-1, 3))
         ranges += self.random.normal(0.0, self.noise, len(ranges)).astype(np.float32)
-        laser = self.laser
-        limits = laser.first_angle, laser.increment, laser.range_min, laser.range_max
-        return LaserScan(time, *limits, ranges, pose if believed is None else believed)
+        return LaserScan(
+            stamp=time,
+            angle_min=self.laser.first_angle,
+            angle_increment=self.laser.increment,
+            range_min=self.laser.range_min,
+            range_max=self.laser.range_max,
+            ranges=ranges,
+            sensor_pose=pose if believed is None else believed,
+        )
 
     def watch(
         self,
         seconds,
-        pose=lambda t: (0, 0, 0),
-        movers=lambda t: (),
+        pose=lambda time: ORIGIN,
+        movers=lambda time: (),
         believed=None,
         seen=lambda scan: scan,
     ):
         """Return [(time, Movers)] for all scans within `seconds`."""
-        result = []
-        for t in np.arange(0.0, seconds, 1.0 / min(self.laser.rate, 20.0)).tolist():
-            scan = self.scan(t, pose(t), movers(t), None if believed is None else believed(t))
-            result.append((t, self.tracker.update(seen(scan))))
-        return result
+        watched = []
+        for time in np.arange(0.0, seconds, 1.0 / min(self.laser.rate, 20.0)).tolist():
+            odometry_pose = believed(time) if believed else pose(time)
+            scan = self.scan(time, pose(time), movers(time), odometry_pose)
+            watched.append((time, self.tracker.update(seen(scan))))
+        return watched
 
 
-def counts(result):
-    return [len(movers.id) for _, movers in result]
+def counts(watched):
+    """Return the number of moving obstacles after each scan."""
+    return [len(movers.id) for _, movers in watched]
+
+
+def times_with_movers(watched):
+    """Return the times of the scans after which a moving obstacle is known."""
+    return [time for time, movers in watched if len(movers.id)]
+
+
+def place_of(movers):
+    """Return the position (x, y) [m] of the first moving obstacle."""
+    return movers.x[0], movers.y[0]
+
+
+def velocity_of(movers):
+    """Return the velocity (vx, vy) [m/s] of the first moving obstacle."""
+    return movers.vx[0], movers.vy[0]
+
+
+def as_measured(scan):
+    return scan
 
 
 def reverse(scan):
@@ -84,50 +113,61 @@ def reverse(scan):
 
 def vary(scan):
     """Return a scan of a spinning laser whose number of beams varies."""
-    less = int(scan.stamp * 5.0) % 3
-    return replace(scan, ranges=scan.ranges[: len(scan.ranges) - less])
+    missing = int(scan.stamp * 5.0) % 3
+    return replace(scan, ranges=scan.ranges[: len(scan.ranges) - missing])
 
 
-@pytest.mark.parametrize(("laser", "seen"), [
-    (JACKAL.laser, lambda scan: scan), (BURGER, lambda scan: scan), (NARROW, lambda scan: scan),
-    (JACKAL.laser, reverse), (BURGER, vary),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("laser", "seen"),
+    [
+        pytest.param(JACKAL.laser, as_measured, id="jackal"),
+        pytest.param(BURGER, as_measured, id="burger"),
+        pytest.param(NARROW, as_measured, id="narrow"),
+        pytest.param(JACKAL.laser, reverse, id="clockwise"),
+        pytest.param(BURGER, vary, id="beams vary"),
+    ],
+)
 @pytest.mark.parametrize("velocity", [(0.0, 1.0), (1.0, 0.0), (-1.0, 0.0)])
 def test_a_moving_obstacle_is_detected_soon_with_its_velocity(laser, seen, velocity):
     """The obstacle crosses, leaves or approaches, for any kind of laser."""
     vx, vy = velocity
-    start = 2.4 - vx, -vy
-    place = lambda t: (start[0] + vx * t, start[1] + vy * t)  # noqa: E731
-    result = Scene(laser).watch(1.9, movers=lambda t: [(*place(t), 0.3)], seen=seen)
-    known = [(t, movers) for t, movers in result if len(movers.id)]
-    assert known[0][0] <= 0.65
-    assert max(counts(result)) == 1
-    assert len({int(movers.id[0]) for _, movers in known}) == 1
-    t, last = known[-1]
-    assert t == result[-1][0]
-    assert math.hypot(last.x[0] - place(t)[0], last.y[0] - place(t)[1]) < 0.12
-    assert math.hypot(last.vx[0] - vx, last.vy[0] - vy) < 0.25
+
+    def place(time):
+        """The obstacle is 2.4 m ahead after one second."""
+        return 2.4 + vx * (time - 1.0), vy * (time - 1.0)
+
+    watched = Scene(laser).watch(1.9, movers=lambda time: [(*place(time), 0.3)], seen=seen)
+
+    # It is found within .65 s, once, and keeps its number up to the end.
+    assert times_with_movers(watched)[0] <= 0.65
+    assert max(counts(watched)) == 1
+    assert len({number for _, movers in watched for number in movers.id.tolist()}) == 1
+    time, last = watched[-1]
+    assert times_with_movers(watched)[-1] == time
+    assert math.dist(place_of(last), place(time)) < 0.12
+    assert math.dist(velocity_of(last), velocity) < 0.25
     assert last.radius[0] == pytest.approx(0.3, abs=0.08)
 
 
-@pytest.mark.parametrize(("x", "known"), [(7.0, True), (8.5, False)])
-def test_obstacles_beyond_eight_metres_are_not_tracked(x, known):
-    assert (
-        any(counts(Scene(boxes=np.empty((0, 5))).watch(1.5, movers=lambda t: [(x, t - 1.0, 0.3)])))
-        == known
-    )
+@pytest.mark.parametrize(("x", "is_tracked"), [(7.0, True), (8.5, False)])
+def test_obstacles_beyond_eight_metres_are_not_tracked(x, is_tracked):
+    scene = Scene(boxes=np.empty((0, 5)))
+    watched = scene.watch(1.5, movers=lambda time: [(x, time - 1.0, 0.3)])
+    assert any(counts(watched)) == is_tracked
 
 
 @pytest.mark.parametrize("rate", [1.5, -3.0])
-def test_turning_causes_no_false_detections(rate):
-    """Stamps of scans and poses differ by 30 ms, which matters at the beginning and end of a turn."""
-    turn = lambda t: rate * max(0.0, min(t, 2.0) - 0.5)  # noqa: E731
-    for laser in (JACKAL.laser, BURGER):
-        scene = Scene(laser, PILLARS)
-        result = scene.watch(
-            3.0, lambda t: (0, 0, turn(t)), believed=lambda t: (0, 0, turn(t - 0.03))
-        )
-        assert sum(counts(result)) == 0
+@pytest.mark.parametrize("laser", [JACKAL.laser, BURGER], ids=["jackal", "burger"])
+def test_turning_causes_no_false_detections(laser, rate):
+    """Stamps of scans and poses differ by 30 ms, which matters at the beginning and end of a
+    turn.
+    """
+
+    def pose(time):
+        return 0.0, 0.0, rate * max(0.0, min(time, 2.0) - 0.5)
+
+    watched = Scene(laser, PILLARS).watch(3.0, pose, believed=lambda time: pose(time - 0.03))
+    assert sum(counts(watched)) == 0
 
 
 @pytest.mark.parametrize("rate", [0.6, 1.5])
@@ -135,27 +175,37 @@ def test_a_slowly_spinning_laser_causes_no_false_detections(rate):
     """The beams of the TurtleBot3 burger are measured one after the other in 0.2 s, but its driver
     reports 10 ms.
     """
-    scene = Scene(
-        BURGER, np.vstack([PILLARS, [[0.5, -2.0, 0.2], [-0.8, 1.2, 0.1], [-2.5, 1.0, 0.15]]])
-    )
-    parts = 20
-    turn = lambda t: rate * max(0.0, min(t, 5.0) - 0.5)  # noqa: E731
-    for t in np.arange(0.0, 6.0, 0.2).tolist():
-        whole = replace(scene.scan(t, (0.0, 0.0, turn(t))), sweep=0.01)
-        for part in range(parts):
-            then = t + 0.2 * part / parts
-            beams = slice(part * BURGER.beams // parts, (part + 1) * BURGER.beams // parts)
-            whole.ranges[beams] = scene.scan(then, (0.0, 0.0, turn(then))).ranges[beams]
+    near_pillars = [[0.5, -2.0, 0.2], [-0.8, 1.2, 0.1], [-2.5, 1.0, 0.15]]
+    scene = Scene(BURGER, np.vstack([PILLARS, near_pillars]))
+    part_count = 20
+
+    def pose(time):
+        return 0.0, 0.0, rate * max(0.0, min(time, 5.0) - 0.5)
+
+    for time in np.arange(0.0, 6.0, 0.2).tolist():
+        whole = replace(scene.scan(time, pose(time)), sweep=0.01)
+        # Each part of the beams comes from the pose at its own time.
+        for part in range(part_count):
+            first = part * BURGER.beams // part_count
+            end = (part + 1) * BURGER.beams // part_count
+            scan = scene.scan(time, pose(time + 0.2 * part / part_count))
+            whole.ranges[first:end] = scan.ranges[first:end]
         assert len(scene.tracker.update(whole).id) == 0
 
 
 def test_an_obstacle_without_evidence_for_a_second_is_no_longer_moving():
     """From 2 s on the robot turns so fast that the scans of a spinning laser are distorted."""
-    turns = lambda t: (0.0, 0.0, 1.5 * max(0.0, t - 2.0))  # noqa: E731
-    spins = lambda scan: replace(scan, sweep=0.01)  # noqa: E731
-    numbers = counts(
-        Scene(BURGER).watch(4.0, turns, lambda t: [(2.4, 0.8 * t - 1.6, 0.3)], seen=spins)
-    )
+
+    def pose(time):
+        return 0.0, 0.0, 1.5 * max(0.0, time - 2.0)
+
+    def crosses(time):
+        return [(2.4, 0.8 * time - 1.6, 0.3)]
+
+    def spins(scan):
+        return replace(scan, sweep=0.01)
+
+    numbers = counts(Scene(BURGER).watch(4.0, pose, crosses, seen=spins))
     assert numbers[10:15] == [1] * 5
     assert sum(numbers[16:]) == 0
 
@@ -174,34 +224,51 @@ def test_a_wall_seen_from_a_new_angle_is_static():
     )
     posts = np.array([[2.4, 1.8, 0.1], [3.5, 1.7, 0.15], [1.6, 2.2, 0.2]])
     for laser in (JACKAL.laser, BURGER):
-        scene = Scene(laser, posts, boxes)
-        assert sum(counts(scene.watch(3.0, lambda t: (1.5 * t, 0.0, 0.0)))) == 0
+        watched = Scene(laser, posts, boxes).watch(3.0, lambda time: (1.5 * time, 0.0, 0.0))
+        assert sum(counts(watched)) == 0
 
 
-def test_slipping_wheels_cause_no_false_detections():
-    """Static obstacles seem to move together, and a moving obstacle is still tracked with its
-    velocity in the world.
-    """
-    for laser, rate in ((JACKAL.laser, 0.6), (JACKAL.laser, 2.0), (BURGER, 0.6)):
-        spins = lambda t, rate=rate: (rate * max(0.0, t - 0.5), 0.0, 0.0)  # noqa: E731
-        assert sum(counts(Scene(laser, PILLARS).watch(2.0, believed=spins))) == 0
-    slips = lambda t: (0.6 * max(0.0, t - 0.5), 0.0, 0.0)  # noqa: E731
+@pytest.mark.parametrize(
+    ("laser", "speed"),
+    [
+        pytest.param(JACKAL.laser, 0.6, id="jackal"),
+        pytest.param(JACKAL.laser, 2.0, id="jackal, fast"),
+        pytest.param(BURGER, 0.6, id="burger"),
+    ],
+)
+def test_slipping_wheels_cause_no_false_detections(laser, speed):
+    """Static obstacles seem to move together."""
+
+    def slips(time):
+        return speed * max(0.0, time - 0.5), 0.0, 0.0
+
+    assert sum(counts(Scene(laser, PILLARS).watch(2.0, believed=slips))) == 0
+
+
+@pytest.mark.parametrize(
+    ("speed", "turn_rate", "seconds"),
+    [
+        pytest.param(0.6, 0.0, 1.6, id="ahead"),
+        pytest.param(0.0, 0.2, 2.4, id="turning"),
+    ],
+)
+def test_slipping_wheels_leave_a_moving_obstacle_its_velocity(speed, turn_rate, seconds):
+    def slips(time):
+        slipping_time = max(0.0, time - 0.5)
+        return speed * slipping_time, 0.0, turn_rate * slipping_time
+
     scene = Scene(cylinders=PILLARS)
-    result = scene.watch(1.6, believed=slips, movers=lambda t: [(2.8, -0.8 + t, 0.3)])
-    assert counts(result)[-1] == 1
-    t, last = result[-1]
-    assert (last.vx[0], last.vy[0]) == pytest.approx((0.0, 1.0), abs=0.15)
-    assert (last.x[0], last.y[0]) == pytest.approx((2.8 + slips(t)[0], -0.8 + t), abs=0.1)
-    turns = lambda t: (0.0, 0.0, 0.2 * max(0.0, t - 0.5))  # noqa: E731
-    t, last = Scene(cylinders=PILLARS).watch(
-        2.4, believed=turns, movers=lambda t: [(2.8, -0.8 + t, 0.3)]
-    )[-1]
-    assert (last.vx[0], last.vy[0]) == pytest.approx(
-        compose(turns(t), (0.0, 1.0, 0.0))[:2], abs=0.15
-    )
-    assert (last.x[0], last.y[0]) == pytest.approx(
-        compose(turns(t), (2.8, -0.8 + t, 0.0))[:2], abs=0.1
-    )
+    crosses = lambda time: [(2.8, -0.8 + time, 0.3)]  # noqa: E731
+    watched = scene.watch(seconds, believed=slips, movers=crosses)
+    assert counts(watched)[-1] == 1
+
+    # Place and velocity are those in the world, in the frame of the slipping odometry.
+    time, last = watched[-1]
+    _, _, yaw = slips(time)
+    velocity = compose((0.0, 0.0, yaw), (0.0, 1.0, 0.0))[:2]
+    place = compose(slips(time), (2.8, -0.8 + time, 0.0))[:2]
+    assert velocity_of(last) == pytest.approx(velocity, abs=0.15)
+    assert place_of(last) == pytest.approx(place, abs=0.1)
 
 
 @pytest.mark.parametrize("code", [np.inf, np.nan, -np.inf, 0.0])
@@ -210,20 +277,22 @@ def test_failing_beams_cause_no_false_detections(code):
     miss them.
     """
     random = np.random.default_rng(2)
-    thin = np.array([[2.0 + 0.4 * i, -1.5 + 0.6 * i, 0.012] for i in range(6)])
+    number = np.arange(6)
+    thin_posts = np.column_stack([2.0 + 0.4 * number, -1.5 + 0.6 * number, np.full(6, 0.012)])
 
     def fail(scan):
-        ranges = np.where(random.random(len(scan.ranges)) < 0.1, np.float32(code), scan.ranges)
+        fails = random.random(len(scan.ranges)) < 0.1
+        ranges = np.where(fails, np.float32(code), scan.ranges)
         if scan.stamp % 0.5 < 0.2:
             ranges[len(ranges) // 3 : len(ranges) // 2] = code
         return replace(scan, ranges=ranges.astype(np.float32))
 
+    def pose(time):
+        return 0.2 * time, 0.0, 0.5 * math.sin(time)
+
     for laser in (JACKAL.laser, BURGER):
-        scene = Scene(laser, np.vstack([PILLARS, thin]))
-        assert (
-            sum(counts(scene.watch(4.0, lambda t: (0.2 * t, 0.0, 0.5 * math.sin(t)), seen=fail)))
-            == 0
-        )
+        watched = Scene(laser, np.vstack([PILLARS, thin_posts])).watch(4.0, pose, seen=fail)
+        assert sum(counts(watched)) == 0
 
 
 def test_an_occluded_obstacle_is_extrapolated_and_then_forgotten():
@@ -231,66 +300,93 @@ def test_an_occluded_obstacle_is_extrapolated_and_then_forgotten():
     once.
     """
     wall = np.array([[1.5, 2.0, 0.0, 0.2, 3.0]])
-    crosses = lambda t: [(2.5, -1.2 + 1.2 * t, 0.25)]  # noqa: E731
-    result = Scene(boxes=wall).watch(4.0, movers=crosses)
-    times = [t for t, movers in result if len(movers.id)]
-    assert 0.8 <= max(times) - 1.5 <= 1.2, "the obstacle is out of sight after about 1.5 s"
-    t, movers = next((t, movers) for t, movers in reversed(result) if len(movers.id))
-    assert (movers.x[0], movers.y[0]) == pytest.approx((2.5, -1.2 + 1.2 * t), abs=0.3)
-    result = Scene(boxes=wall).watch(2.0, movers=lambda t: crosses(t) if t < 1.0 else ())
-    assert counts(result)[19] == 1
-    assert sum(counts(result)[23:]) == 0
+
+    def crosses(time):
+        return [(2.5, -1.2 + 1.2 * time, 0.25)]
+
+    watched = Scene(boxes=wall).watch(4.0, movers=crosses)
+    last_time = times_with_movers(watched)[-1]
+    assert 0.8 <= last_time - 1.5 <= 1.2, "the obstacle is out of sight after about 1.5 s"
+    last = dict(watched)[last_time]
+    assert place_of(last) == pytest.approx((2.5, -1.2 + 1.2 * last_time), abs=0.3)
+
+    # It vanishes in full view.
+    watched = Scene(boxes=wall).watch(2.0, movers=lambda time: crosses(time) if time < 1.0 else ())
+    assert counts(watched)[19] == 1
+    assert sum(counts(watched)[23:]) == 0
 
 
 def test_obstacles_that_stop_are_dropped_and_obstacles_that_start_are_detected():
-    waits = lambda t: [(2.0, max(0.0, min(t, 3.0) - 1.5), 0.3)]  # noqa: E731
-    result = Scene().watch(5.0, movers=waits)
-    numbers = counts(result)
+    def moves_from_one_and_a_half_to_three_seconds(time):
+        return [(2.0, max(0.0, min(time, 3.0) - 1.5), 0.3)]
+
+    numbers = counts(Scene().watch(5.0, movers=moves_from_one_and_a_half_to_three_seconds))
     assert sum(numbers[:31]) == 0
     assert all(numbers[42:60])
     assert sum(numbers[72:]) == 0
 
 
 def test_an_obstacle_that_turns_back_keeps_its_number():
-    result = Scene().watch(3.2, movers=lambda t: [(2.4, 0.8 - abs(t - 1.8), 0.3)])
-    assert {number for _, movers in result for number in movers.id.tolist()} == {1}
+    watched = Scene().watch(3.2, movers=lambda time: [(2.4, 0.8 - abs(time - 1.8), 0.3)])
+    assert {number for _, movers in watched for number in movers.id.tolist()} == {1}
 
 
-def test_older_scans_are_ignored_and_jumps_restart_the_tracker():
+def crossing(time):
+    """Return an obstacle that crosses the robot's way after a second."""
+    return [(2.4, -1.0 + time, 0.3)]
+
+
+def test_older_and_tilted_scans_are_ignored():
     scene = Scene()
-    moving = lambda t: [(2.4, -1.0 + t, 0.3)]  # noqa: E731
-    (t, known) = scene.watch(1.0, movers=moving)[-1]
-    for stamp in (t, t - 0.1):
-        again = scene.tracker.update(scene.scan(stamp, movers=()))
-        assert again.id.tolist() == known.id.tolist()
-        assert again.x.tolist() == known.x.tolist()
-    tilted = replace(scene.scan(t + 0.05, movers=()), rotation=(0.0, 0.2, 0.0, 0.98))
-    assert scene.tracker.update(tilted).x.tolist() == known.x.tolist()
-    for stamp, pose in (
-        (t + 5.0, (0, 0, 0)),
-        (t - 5.0, (0, 0, 0)),
-        (t + 0.05, (3, 0, 0)),
-        (t + 0.05, (0, 0, 2)),
-    ):
-        scene = Scene()
-        scene.watch(1.0, movers=moving)
-        assert (
-            len(scene.tracker.update(scene.scan(stamp, movers=moving(t), believed=pose)).id) == 0
-        ), (stamp, pose)
+    time, known = scene.watch(1.0, movers=crossing)[-1]
+    unusable = [
+        scene.scan(time),
+        scene.scan(time - 0.1),
+        replace(scene.scan(time + 0.05), rotation=(0.0, 0.2, 0.0, 0.98)),
+    ]
+    for scan in unusable:
+        after = scene.tracker.update(scan)
+        assert after.id.tolist() == known.id.tolist()
+        assert after.x.tolist() == known.x.tolist()
+
+
+@pytest.mark.parametrize(
+    ("delay", "pose"),
+    [
+        pytest.param(5.0, ORIGIN, id="later"),
+        pytest.param(-5.0, ORIGIN, id="earlier"),
+        pytest.param(0.05, (3.0, 0.0, 0.0), id="elsewhere"),
+        pytest.param(0.05, (0.0, 0.0, 2.0), id="turned"),
+    ],
+)
+def test_a_jump_restarts_the_tracker(delay, pose):
     scene = Scene()
-    scene.watch(1.0, movers=moving)
+    time, _ = scene.watch(1.0, movers=crossing)[-1]
+    scan = scene.scan(time + delay, movers=crossing(time), believed=pose)
+    assert len(scene.tracker.update(scan).id) == 0
+
+
+def test_a_reset_restarts_the_tracker():
+    scene = Scene()
+    time, _ = scene.watch(1.0, movers=crossing)[-1]
     scene.tracker.reset()
-    assert len(scene.tracker.update(scene.scan(t + 0.05, movers=moving(t))).id) == 0
+    scan = scene.scan(time + 0.05, movers=crossing(time))
+    assert len(scene.tracker.update(scan).id) == 0
 
 
 def test_positions_are_in_the_odometry_frame():
     """The laser drives and turns in a frame far from its origin."""
     frame = (40.0, -30.0, 2.0)
+
+    def pose(time):
+        return 0.5 * time, 0.0, 0.3 * time
+
+    def crosses(time):
+        return [(2.5, -1.0 + time, 0.3)]
+
     scene = Scene(cylinders=PILLARS)
-    mover = lambda t: (2.5, -1.0 + t, 0.3)  # noqa: E731
-    pose = lambda t: (0.5 * t, 0.0, 0.3 * t)  # noqa: E731
-    t, last = scene.watch(1.5, pose, lambda t: [mover(t)], lambda t: compose(frame, pose(t)))[-1]
-    assert (last.x[0], last.y[0]) == pytest.approx(
-        compose(frame, (*mover(t)[:2], 0.0))[:2], abs=0.1
-    )
-    assert (last.vx[0], last.vy[0]) == pytest.approx((-math.sin(2.0), math.cos(2.0)), abs=0.2)
+    watched = scene.watch(1.5, pose, crosses, believed=lambda time: compose(frame, pose(time)))
+    time, last = watched[-1]
+    place = compose(frame, (2.5, -1.0 + time, 0.0))[:2]
+    assert place_of(last) == pytest.approx(place, abs=0.1)
+    assert velocity_of(last) == pytest.approx((-math.sin(2.0), math.cos(2.0)), abs=0.2)

@@ -1,4 +1,6 @@
-"""Tests of MoveBase with DWAPlannerROS: goals, parameters, and a drive through a generated course."""
+"""Tests of MoveBase with DWAPlannerROS: goals, parameters, and a drive through a generated
+course.
+"""
 
 import math
 

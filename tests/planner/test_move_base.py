@@ -37,9 +37,38 @@ def sealed(tree=None):
     return move_base, robot
 
 
-def step(made, robot):
+def step(move_base, robot):
     """Return the cycle of one step with a scan."""
-    return made.step(robot.time, robot.pose, robot.twist, robot.scan())
+    return move_base.step(robot.time, robot.pose, robot.twist, robot.scan())
+
+
+def recoveries(cycles):
+    """Return [(time, (number, count, name))] of the recovery behaviours that began."""
+    return [(time, cycle.recovery) for time, cycle in cycles if cycle.recovery]
+
+
+def recovery_names(cycles):
+    """Return the names of the recovery behaviours that began."""
+    return [name for _, (_, _, name) in recoveries(cycles)]
+
+
+def commands_of(cycles):
+    """Return the commands (v, w) of the cycles that have one."""
+    return [cycle.command for _, cycle in cycles if cycle.command]
+
+
+def count(cycles, name):
+    """Return the number of cycles of which an attribute is true."""
+    return sum(bool(getattr(cycle, name)) for _, cycle in cycles)
+
+
+STOP = (0.0, 0.0)
+ALL_RECOVERIES = [
+    "conservative_reset",
+    "rotate_recovery",
+    "aggressive_reset",
+    "rotate_recovery",
+]
 
 
 # -- reaching a goal -------------------------------------------------------------------------------
@@ -49,12 +78,16 @@ def test_reaches_a_goal_among_obstacles():
     assert run(move_base, robot, 60.0, cycles=cycles) == ("succeeded", "Goal reached.")
     assert math.hypot(robot.pose[0] - 4.0, robot.pose[1]) <= 0.26
     assert abs(robot.pose[2] - 0.5) <= 0.16
-    (_, first), (_, last) = cycles[0], cycles[-1]
-    assert (first.state, first.new_plan, first.command is not None) == ("controlling", True, True)
-    assert (last.command, last.state) == ((0.0, 0.0), "idle")
-    commands = np.array([c.command for _, c in cycles if c.command])
-    assert commands[:, 0].max() <= 0.5 + 1e-9
-    assert np.abs(commands[:, 1]).max() <= 1.57 + 1e-9
+    _, first = cycles[0]
+    assert first.state == "controlling"
+    assert first.new_plan
+    assert first.command is not None
+    _, last = cycles[-1]
+    assert last.command == STOP
+    assert last.state == "idle"
+    v, w = np.transpose(commands_of(cycles))
+    assert v.max() <= 0.5 + 1e-9
+    assert np.abs(w).max() <= 1.57 + 1e-9
 
 
 def test_idle_publishes_nothing_but_updates_the_maps():
@@ -62,7 +95,8 @@ def test_idle_publishes_nothing_but_updates_the_maps():
     robot = ToyRobot(circles=[(1.5, 0.0, 0.2)])
     cycle = step(move_base, robot)
     assert cycle.command is None
-    assert (cycle.state, cycle.updated) == ("idle", (True, True))
+    assert cycle.state == "idle"
+    assert cycle.updated == (True, True)
     assert (move_base.local_costmap.cells == 254).any()
     assert (move_base.global_costmap.cells == 254).any()
 
@@ -81,79 +115,91 @@ def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
     move_base, robot = sealed()
     cycles = []
     result = run(move_base, robot, 60.0, cycles=cycles)
-    assert result == (
-        "aborted",
-        "Failed to find a valid plan. Even after executing recovery behaviors.",
-    )
-    begun = [c.recovery for _, c in cycles if c.recovery]
-    names = ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
-    assert begun == [(number, 4, name) for number, name in enumerate(names)]
-    first = next(t for t, c in cycles if c.recovery)
-    assert first - 0.3 == pytest.approx(1.0, abs=0.11)  # planner_patience
-    turning = [c.command for _, c in cycles if c.state == "clearing" and c.command]
-    assert any(w > 1.0 for _, w in turning)
-    # A rotation ends with a zero command before anything else happens.
-    for (_, a), (_, b) in zip(cycles, cycles[1:]):
-        if a.state == "clearing" and b.state != "clearing":
-            assert b.command == (0.0, 0.0)
+    text = "Failed to find a valid plan. Even after executing recovery behaviors."
+    assert result == ("aborted", text)
+    begun = recoveries(cycles)
+    assert [recovery for _, recovery in begun] == [
+        (0, 4, "conservative_reset"),
+        (1, 4, "rotate_recovery"),
+        (2, 4, "aggressive_reset"),
+        (3, 4, "rotate_recovery"),
+    ]
+    first_time, _ = begun[0]
+    assert first_time - 0.3 == pytest.approx(1.0, abs=0.11)  # planner_patience
+
+    # Rotations turn, and end with a zero command before anything else happens.
+    clearing = [(time, cycle) for time, cycle in cycles if cycle.state == "clearing"]
+    assert max(w for _, w in commands_of(clearing)) > 1.0
+    for (_, cycle), (_, following) in zip(cycles, cycles[1:]):
+        if cycle.state == "clearing" and following.state != "clearing":
+            assert following.command == STOP
     assert move_base.goal is None
     assert move_base.state == "planning"
 
 
+def to_an_enclosed_goal(recovery_rounds):
+    """Return the result of a drive to a goal among posts, and how often the recoveries began."""
+    posts = ring(3.5, 0.0, 0.7, posts=50, size=0.06)
+    tree = quick(applr={"recovery_rounds": recovery_rounds})
+    move_base, robot = start((3.5, 0.0, 0.0), ToyRobot(circles=posts), tree)
+    cycles = []
+    result = run(move_base, robot, 60.0, cycles=cycles)
+    return result, recovery_names(cycles).count("conservative_reset")
+
+
 @pytest.mark.fault("17a")
 def test_a_sealed_goal_is_aborted_if_recovery_rounds_are_limited():
-    """Posts enclose the goal, and each reset recovery clears the maps. Without a limit, as in C++,
-    this repeats.
-    """
-    first = {}
-    for rounds in (0, 2):
-        posts = ring(3.5, 0.0, 0.7, posts=50, size=0.06)
-        move_base, robot = start(
-            (3.5, 0.0, 0.0), ToyRobot(circles=posts), quick(applr={"recovery_rounds": rounds})
-        )
-        cycles = []
-        result = run(move_base, robot, 60.0, cycles=cycles)
-        first[rounds] = sum(c.recovery[0] == 0 for _, c in cycles if c.recovery)
-        assert result == (("aborted", module.NO_PATH) if rounds else None)
-    assert first[0] > 4
-    assert 2 <= first[2] < 5  # One recovery made progress, two did not.
+    """Each reset recovery clears the maps. Without a limit, as in C++, this repeats."""
+    result, begun_count = to_an_enclosed_goal(recovery_rounds=0)
+    assert result is None
+    assert begun_count > 4
+
+    result, begun_count = to_an_enclosed_goal(recovery_rounds=2)
+    assert result == ("aborted", module.NO_PATH)
+    assert 2 <= begun_count < 5  # One recovery made progress, two did not.
 
 
 @pytest.mark.fault("17b")
 @pytest.mark.parametrize("planner", ["ours", "cpp-like"])
 @pytest.mark.parametrize("free", [(-0.1, 0.4), None], ids=["one way is free", "nothing moves"])
 def test_a_blocked_robot_tries_escape_motions_and_then_recovers(planner, free):
+    # Given: a planner that always backs out, and a monitor that lets pass `free` alone
+    back = (-0.5, 0.0)
     move_base = MoveBase(quick(clearing_rotation_allowed=False), planner=planner, seed=0)
     robot = ToyRobot()
-    commands = []
-    recoveries = []
     run(move_base, robot, 0.1)
     move_base.set_goal((4.0, 0.0, 0.0), robot.time)
-    # The planner always backs out.
-    move_base.local_planner = Scripted(lambda n: (True, (-0.5, 0.0)))
+    move_base.local_planner = Scripted(lambda n: (True, back))
+
+    # When: it drives until the goal ends
+    commands = []
+    cycles = []
     result = None
     while robot.time < 20.0 and result is None:
         cycle = step(move_base, robot)
         result = cycle.result
-        if cycle.recovery:
-            recoveries.append(robot.time)
-        command = cycle.command or (0.0, 0.0)
-        move_base.report_held(command != (0.0, 0.0) and command != free)
+        command = cycle.command or STOP
+        move_base.report_held(command not in (STOP, free))
+        cycles.append((robot.time, cycle))
         commands.append((robot.time, command))
         robot.time += 0.05
-    if planner == "cpp-like":  # C++ has no such input.
-        assert {c for t, c in commands if t > 0.2} == {(-0.5, 0.0)}
+
+    def commands_within(begin, end):
+        return {command for time, command in commands if begin < time < end}
+
+    # Then: C++ has no such input, and this planner tries an escape motion after half a second
+    if planner == "cpp-like":
+        assert commands_within(0.2, 20.0) == {back}
         return
-    assert {c for t, c in commands if 0.2 < t < 0.6} == {(-0.5, 0.0)}
-    assert (0.0, 0.4) in [c for t, c in commands if 0.6 < t < 1.0], (
-        "an escape motion starts after half a second"
-    )
+    assert commands_within(0.2, 0.6) == {back}
+    assert (0.0, 0.4) in commands_within(0.6, 1.0)
     assert move_base.local_planner.escapes_ended
     if free:  # The free motion lasts half a second, then the planner takes over again.
-        share = sum(c == free for t, c in commands if t < 2.5)
-        assert 9 <= share <= 12
+        free_count = sum(command == free for time, command in commands if time < 2.5)
+        assert 9 <= free_count <= 12
     else:
-        assert recoveries[0] < 8.0
+        first_time, _ = recoveries(cycles)[0]
+        assert first_time < 8.0
         assert result == ("aborted", module.NO_CONTROL)
 
 
@@ -182,9 +228,10 @@ def test_a_robot_without_a_command_tries_escape_motions_only_with_a_monitor_and_
 def test_max_planning_retries_counts_and_recoveries_can_be_switched_off():
     move_base, robot = sealed(quick(max_planning_retries=3, recovery_behavior_enabled=False))
     cycles = []
-    assert run(move_base, robot, 5.0, cycles=cycles)[0] == "aborted"
-    assert not any(c.recovery for _, c in cycles)
-    assert sum(c.planned for _, c in cycles) == 4
+    status, _ = run(move_base, robot, 5.0, cycles=cycles)
+    assert status == "aborted"
+    assert recoveries(cycles) == []
+    assert count(cycles, "planned") == 4
 
 
 @pytest.mark.fault("17")
@@ -199,51 +246,53 @@ def test_goals_that_cannot_be_reached_are_aborted(goal):
 
 
 def test_goals_that_are_not_finite_are_aborted_at_once():
-    (made, robot), goal = start((3.0, 0.0, 0.0)), (0, 0, math.nan)
-    run(made, robot, 0.5)
-    made.set_goal(goal, robot.time)
-    cycle = step(made, robot)
-    made.set_goal(goal, robot.time)
-    again = step(made, robot)
-    assert (again.result, again.command) == (cycle.result, None), (
-        "nothing was under way: no command, as in C++"
-    )
-    assert (cycle.result, cycle.command) == (("aborted", INVALID_GOAL), (0.0, 0.0))
+    goal = (0, 0, math.nan)
+    move_base, robot = start((3.0, 0.0, 0.0))
+    run(move_base, robot, 0.5)
+    move_base.set_goal(goal, robot.time)
+    cycle = step(move_base, robot)
+    assert cycle.result == ("aborted", INVALID_GOAL)
+    assert cycle.command == STOP
+    # If nothing was under way, there is no command, as in C++.
+    move_base.set_goal(goal, robot.time)
+    again = step(move_base, robot)
+    assert again.result == cycle.result
+    assert again.command is None
     # C++ would keep driving.
-    assert made.step(robot.time + 0.05, robot.pose, robot.twist).command is None
+    assert move_base.step(robot.time + 0.05, robot.pose, robot.twist).command is None
 
 
 @pytest.mark.fault("17")
 @pytest.mark.parametrize(
-    ("valid", "patience", "text", "late"),
-    [  # Planning keeps succeeding at 20 Hz, which in C++ delays the first recovery of an oscillation for long.
+    ("is_valid", "patience", "text", "late"),
+    [
         (False, "controller_patience", module.NO_CONTROL, 0.2),
+        # Planning keeps succeeding at 20 Hz, which in C++ delays the first recovery for long.
         (True, "oscillation_timeout", module.OSCILLATING, 0.16),
     ],
 )
 def test_missing_control_and_oscillation_recover_and_abort_with_their_own_texts(
-    valid, patience, text, late
+    is_valid, patience, text, late
 ):
-    move_base, robot = start(
-        (3.0, 0.0, 0.0), tree=quick(clearing_rotation_allowed=False, **{patience: 1.0})
-    )
-    move_base.local_planner = Scripted(lambda n: (valid, (0.0, 0.0)))
+    tree = quick(clearing_rotation_allowed=False, **{patience: 1.0})
+    move_base, robot = start((3.0, 0.0, 0.0), tree=tree)
+    move_base.local_planner = Scripted(lambda n: (is_valid, STOP))
     cycles = []
     assert run(move_base, robot, 20.0, cycles=cycles) == ("aborted", text)
-    begun = [(t, c.recovery[2]) for t, c in cycles if c.recovery]
-    assert [name for _, name in begun] == ["conservative_reset", "aggressive_reset"]
-    assert begun[0][0] - 0.1 == pytest.approx(1.0, abs=late)
-    assert all(c.command == (0.0, 0.0) for _, c in cycles if c.command)
+    assert recovery_names(cycles) == ["conservative_reset", "aggressive_reset"]
+    first_time, _ = recoveries(cycles)[0]
+    assert first_time - 0.1 == pytest.approx(1.0, abs=late)
+    assert set(commands_of(cycles)) == {STOP}
 
 
 def test_a_valid_command_starts_the_recoveries_over():
     move_base, robot = start((3.0, 0.0, 0.0))
-    move_base.local_planner = Scripted(lambda n: (24 <= n <= 27, (0.0, 0.0)))
+    move_base.local_planner = Scripted(lambda n: (24 <= n <= 27, STOP))
     cycles = []
     run(move_base, robot, 20.0, cycles=cycles)
-    names = [c.recovery[0] for _, c in cycles if c.recovery]
-    assert names[:2] == [0, 1]
-    assert names.count(0) == 2
+    names = recovery_names(cycles)
+    assert names[:2] == ALL_RECOVERIES[:2]
+    assert names.count("conservative_reset") == 2
 
 
 class Wedged(ToyRobot):
@@ -270,8 +319,7 @@ def test_a_start_in_collision_is_left_or_ends_in_recoveries(kind):
         assert result == ("succeeded", "Goal reached.")
         return
     assert result == ("aborted", module.OSCILLATING)
-    begun = [c.recovery[2] for _, c in cycles if c.recovery]
-    assert begun == ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
+    assert recovery_names(cycles) == ALL_RECOVERIES
     assert move_base.goal is None
 
 
@@ -281,7 +329,9 @@ def test_cancel_stops_at_the_next_step():
     run(move_base, robot, 1.0)
     move_base.cancel(robot.time)
     cycle = step(move_base, robot)
-    assert (cycle.result, cycle.command, cycle.state) == (("preempted", ""), (0.0, 0.0), "idle")
+    assert cycle.result == ("preempted", "")
+    assert cycle.command == STOP
+    assert cycle.state == "idle"
     assert move_base.step(robot.time + 0.05, robot.pose, robot.twist).command is None
 
 
@@ -306,16 +356,23 @@ def test_a_new_goal_replaces_the_old_one_without_driving_its_plan():
 
 
 def test_a_new_goal_begins_with_the_first_recovery():
-    (made, robot), begun = sealed(), []
-    for goal, last in (((0.0, 4.0, 0.0), 1), ((4.0, 0.0, 0.0), 0)):
-        made.set_goal(goal, robot.time)
-        begun.clear()
-        while last not in begun:
-            cycles = []
-            run(made, robot, 0.05, cycles=cycles)
-            begun += [cycle.recovery[0] for _, cycle in cycles if cycle.recovery]
-            assert robot.time < 20.0
-    assert begun == [0]
+    # Given: a goal whose second recovery has begun
+    move_base, robot = sealed()
+    move_base.set_goal((0.0, 4.0, 0.0), robot.time)
+    cycles = []
+    while len(recoveries(cycles)) < 2:
+        run(move_base, robot, 0.05, cycles=cycles)
+        assert robot.time < 20.0
+
+    # When: another goal comes
+    move_base.set_goal((4.0, 0.0, 0.0), robot.time)
+    cycles = []
+    while not recoveries(cycles):
+        run(move_base, robot, 0.05, cycles=cycles)
+        assert robot.time < 20.0
+
+    # Then: it begins with the first recovery
+    assert recovery_names(cycles) == ALL_RECOVERIES[:1]
 
 
 def test_a_cancelled_goal_does_not_cancel_the_next():
@@ -332,9 +389,12 @@ def test_the_robot_stops_after_a_second_without_scans_and_resumes_with_them():
     assert robot.twist[0] > 0.3
     cycles = []
     run(move_base, robot, 2.0, scans=False, cycles=cycles)
-    stale = [t for t, c in cycles if c.stale]
-    assert stale[0] - cycles[0][0] == pytest.approx(0.95, abs=0.11)
-    assert all(c.command == (0.0, 0.0) for t, c in cycles if t >= stale[0])
+    first_time, _ = cycles[0]
+    stale_cycles = [(time, cycle) for time, cycle in cycles if cycle.stale]
+    stale_time, _ = stale_cycles[0]
+    assert stale_time - first_time == pytest.approx(0.95, abs=0.11)
+    after = [cycle.command for time, cycle in cycles if time >= stale_time]
+    assert set(after) == {STOP}
     assert run(move_base, robot, 20.0) == ("succeeded", "Goal reached.")
 
 
@@ -342,7 +402,8 @@ def test_the_robot_stops_without_a_pose():
     move_base, robot = start((4.0, 0.0, 0.0))
     run(move_base, robot, 1.0)
     cycle = move_base.step(robot.time, None, robot.twist, robot.scan())
-    assert (cycle.command, cycle.updated) == ((0.0, 0.0), (False, False))
+    assert cycle.command == STOP
+    assert cycle.updated == (False, False)
     robot.time += 0.05
     assert run(move_base, robot, 20.0) == ("succeeded", "Goal reached.")
 
@@ -353,7 +414,7 @@ def test_plans_are_made_at_planner_frequency(planner, expected):
     move_base, robot = start((4.0, 0.0, 0.0), tree=quick(planner_frequency=planner))
     cycles = []
     run(move_base, robot, 2.0, cycles=cycles)
-    assert abs(sum(c.planned for _, c in cycles) - expected) <= 1
+    assert abs(count(cycles, "planned") - expected) <= 1
 
 
 def test_cycles_and_costmap_updates_have_their_frequencies():
@@ -363,22 +424,22 @@ def test_cycles_and_costmap_updates_have_their_frequencies():
     move_base, robot = start((4.0, 0.0, 0.0), tree=tree)
     cycles = []
     run(move_base, robot, 2.0, cycles=cycles)
-    assert abs(sum(c.controlled for _, c in cycles) - 2 * hertz) <= 1
-    assert abs(sum(c.updated[0] for _, c in cycles) - 2 * hertz) <= 1
-    assert sum(c.updated[1] for _, c in cycles) == 40
+    local_updates, global_updates = np.sum([cycle.updated for _, cycle in cycles], axis=0)
+    assert abs(count(cycles, "controlled") - 2 * hertz) <= 1
+    assert abs(local_updates - 2 * hertz) <= 1
+    assert global_updates == 40
 
 
 def test_timer_keeps_its_phase_tolerates_jitter_and_restarts():
     timer = Timer()
     timer.set_frequency(20.0)
-    assert [timer.due(t) for t in (0.0, 0.02, 0.049, 0.05, 0.101, 0.149)] == [
-        True,
-        False,
-        True,
-        False,
-        True,
-        True,
-    ]
+    assert timer.due(0.0)
+    assert not timer.due(0.02)
+    assert timer.due(0.049)
+    assert not timer.due(0.05)
+    assert timer.due(0.101)
+    assert timer.due(0.149)
+    # A gap, and a clock that jumps back
     assert timer.due(10.0)
     assert not timer.due(10.02)
     assert timer.due(10.05)

@@ -11,7 +11,9 @@ from applr_ros1.policy import methods
 
 
 def scenes(method, count=8):
-    """Return typical contexts: open and narrow, with missing returns, with any current parameters."""
+    """Return typical contexts: open and narrow, with missing returns, with any current
+    parameters.
+    """
     draw = np.random.default_rng(0)
     contexts = []
     for k in range(count):

@@ -21,11 +21,13 @@ from training.tune import found_set
 
 CRATE = """\
 base:
-  {drive: two_wheel, max_speed: 0.8, max_yaw_rate: 2.5, max_acceleration: 2.0, max_yaw_acceleration: 8.0,
+  {drive: two_wheel, max_speed: 0.8, max_yaw_rate: 2.5,
+   max_acceleration: 2.0, max_yaw_acceleration: 8.0,
    wheel_radius: 0.06, wheel_width: 0.02, track: 0.28, axle_height: 0.06, casters: [[-0.14, 0.0]]}
 body: {size: [0.36, 0.30, 0.20], centre: [-0.02, 0.0], bottom: 0.03, mass: 8.0}
 laser:
-  {frame: laser, pose: [0.1, 0.0, 0.0], height: 0.25, beams: 241, first_angle: -2.0, last_angle: 2.0,
+  {frame: laser, pose: [0.1, 0.0, 0.0], height: 0.25,
+   beams: 241, first_angle: -2.0, last_angle: 2.0,
    range_min: 0.05, range_max: 8.0, rate: 10.0, noise: 0.005}
 frames: {base: base_link}
 monitor: {deceleration: 1.5, yaw_deceleration: 6.0}
@@ -40,8 +42,9 @@ move_base:
     controller_frequency: 10.0
     planner_frequency: 2.0
     DWAPlannerROS:
-      {max_vel_x: 0.5, max_vel_trans: 0.5, max_vel_theta: 1.8, min_vel_theta: 0.3, max_vel_y: 0.0, min_vel_y: 0.0,
-       vx_samples: 6, vy_samples: 1, vth_samples: 20, acc_lim_x: 2.0, acc_lim_y: 0.0, acc_lim_theta: 5.0, sim_time: 1.2,
+      {max_vel_x: 0.5, max_vel_trans: 0.5, max_vel_theta: 1.8, min_vel_theta: 0.3,
+       max_vel_y: 0.0, min_vel_y: 0.0, vx_samples: 6, vy_samples: 1, vth_samples: 20,
+       acc_lim_x: 2.0, acc_lim_y: 0.0, acc_lim_theta: 5.0, sim_time: 1.2,
        path_distance_bias: 32.0, goal_distance_bias: 24.0}  # these two are tuned
     local_costmap: {rolling_window: true, width: 5, height: 5}
     global_costmap: {rolling_window: false, width: 34, height: 34, origin_x: -17.0, origin_y: -17.0}

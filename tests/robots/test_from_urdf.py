@@ -40,10 +40,9 @@ def link(name, shape="", mass=0.0, at="0 0 0"):
 
 
 def joint(child, at, parent="base_link", kind="fixed", axis="0 1 0", turn="0 0 0", more=""):
-    return (
-        f'<joint name="{child}_joint" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{at}" rpy="{turn}"/><axis xyz="{axis}"/>{more}</joint>'
-    )
+    links = f'<parent link="{parent}"/><child link="{child}"/>'
+    place = f'<origin xyz="{at}" rpy="{turn}"/><axis xyz="{axis}"/>'
+    return f'<joint name="{child}_joint" type="{kind}">{links}{place}{more}</joint>'
 
 
 def wheel(name, at, axis="0 0 1", turn="-1.5707963 0 0", radius=".05", kind="continuous", **more):
@@ -52,9 +51,24 @@ def wheel(name, at, axis="0 0 1", turn="-1.5707963 0 0", radius=".05", kind="con
     return link(name, shape, 0.4) + joint(name, at, kind=kind, axis=axis, turn=turn, **more)
 
 
-RAYS = """<gazebo reference="scanner"><sensor name="rays" type="gpu_ray"><update_rate>20</update_rate><ray>
-<scan><horizontal><samples>361</samples><resolution>2</resolution><min_angle>-1.5</min_angle><max_angle>1.4</max_angle>
-</horizontal></scan><range><min>.1</min><max>8</max></range><noise><stddev>.005</stddev></noise></ray></sensor></gazebo>"""
+RAYS = """
+<gazebo reference="scanner">
+  <sensor name="rays" type="gpu_ray">
+    <update_rate>20</update_rate>
+    <ray>
+      <scan>
+        <horizontal>
+          <samples>361</samples>
+          <resolution>2</resolution>
+          <min_angle>-1.5</min_angle>
+          <max_angle>1.4</max_angle>
+        </horizontal>
+      </scan>
+      <range><min>.1</min><max>8</max></range>
+      <noise><stddev>.005</stddev></noise>
+    </ray>
+  </sensor>
+</gazebo>"""
 HULL = link("base_link", '<box size=".3 .2 .1"/>', 5.0, at="-.05 0 .06")
 SCANNER = link("scanner", '<cylinder radius=".03" length=".04"/>', 0.8) + joint(
     "scanner", ".05 0 .15"
@@ -99,8 +113,12 @@ crate_controller:
   type: diff_drive_controller/DiffDriveController
   left_wheel: [left_joint]
   right_wheel: right_joint
-  linear: {x: {has_velocity_limits: true, max_velocity: 0.6, has_acceleration_limits: true, max_acceleration: 1.5}}
-  angular: {z: {has_velocity_limits: false, max_velocity: 9.0, has_acceleration_limits: true, max_acceleration: 25.0}}
+  linear:
+    x: {has_velocity_limits: true, max_velocity: 0.6,
+        has_acceleration_limits: true, max_acceleration: 1.5}
+  angular:
+    z: {has_velocity_limits: false, max_velocity: 9.0,
+        has_acceleration_limits: true, max_acceleration: 25.0}
 """
 FILES = {"common.yaml": COMMON, "local.yaml": LOCAL, "dwa.yaml": PLANNER}
 PLACES = [
@@ -332,8 +350,13 @@ ROCKER = (
     + joint("rocker", "0 0 0", kind="revolute", more=LIMIT)
     + wheel("right", "0 -.12 0")
 )
-DRIVE = "<gazebo><plugin name='d' filename='libgazebo_ros_diff_drive.so'><leftJoint>left_joint</leftJoint>"
-DRIVE += "<rightJoint>right_joint</rightJoint></plugin></gazebo>"
+DRIVE = """
+<gazebo>
+  <plugin name='d' filename='libgazebo_ros_diff_drive.so'>
+    <leftJoint>left_joint</leftJoint>
+    <rightJoint>right_joint</rightJoint>
+  </plugin>
+</gazebo>"""
 
 
 @pytest.mark.parametrize(

@@ -42,7 +42,9 @@ def test_jackal_has_the_files_of_the_authors():
 
 
 def with_files(folder, **files):
-    """Copy the Jackal's folder, add parameter files {name: (text, namespace)}, and return the path."""
+    """Copy the Jackal's folder, add parameter files {name: (text, namespace)}, and return the
+    path.
+    """
     shutil.copytree(os.path.join(HERE, "jackal"), folder)
     description = yaml.safe_load((folder / "robot.yaml").read_text())
     for name, (text, namespace) in files.items():

@@ -7,7 +7,9 @@ from applr_ros1 import robots
 from sim_bridge.lidar import Lidar
 from tests.support.seeds import seeds
 
-NOTHING = np.empty((0, 3)), np.empty((0, 5))
+NO_CIRCLES = np.empty((0, 3))
+NO_BOXES = np.empty((0, 5))
+AHEAD = 360  # index of LASER's beam straight ahead
 LASER = robots.load("jackal").laser
 FULL_TURN = robots.load("turtlebot3_burger").laser  # full turn from 0
 # Fan to the right.
@@ -15,84 +17,128 @@ ABOVE_PI = LASER.model_copy(update=dict(beams=90, first_angle=4.0, last_angle=6.
 LASERS = [LASER, FULL_TURN, ABOVE_PI]
 
 
+def bearings(laser, yaw):
+    """Return the directions (beams,) of all beams in the world [rad]."""
+    return yaw + laser.first_angle + laser.increment * np.arange(laser.beams)
+
+
+def distances_to_circle(directions, offset_x, offset_y, radius):
+    """Return the distances (beams,) [m] to a circle at an offset from the laser; inf if missed."""
+    along = directions @ (offset_x, offset_y)
+    centre_distance = np.hypot(offset_x, offset_y)
+    # Square of half the chord; negative if the beam misses the circle.
+    half_chord_2 = along**2 - (centre_distance**2 - radius**2)
+    hits = (half_chord_2 >= 0) & (along > 0)
+    return np.where(hits, along - np.sqrt(np.maximum(half_chord_2, 0)), np.inf)
+
+
+def distances_to_edge(directions, start, end):
+    """Return the distances (beams,) [m] to an edge between two offsets (2,) from the laser."""
+    cosine, sine = directions.T
+    edge_x, edge_y = end - start
+    start_x, start_y = start
+    # Intersection of beam and edge by Cramer's rule
+    determinant = cosine * edge_y - sine * edge_x
+    distance = (start_x * edge_y - start_y * edge_x) / determinant
+    share_of_edge = (start_x * sine - start_y * cosine) / determinant
+    hits = (distance > 0) & (share_of_edge >= 0) & (share_of_edge <= 1)
+    return np.where(hits, distance, np.inf)
+
+
 def brute_force(laser, circles, edges, x, y, yaw):
     """Return the ranges (beams,) by intersecting every beam with every obstacle."""
-    angles = yaw + laser.first_angle + laser.increment * np.arange(laser.beams)
-    beams = np.column_stack([np.cos(angles), np.sin(angles)])
-    best = np.full(laser.beams, np.inf)
-    for cx, cy, r in circles:
-        along = beams @ (cx - x, cy - y)
-        inside = along**2 - ((cx - x) ** 2 + (cy - y) ** 2 - r * r)
-        hit = (inside >= 0) & (along > 0)
-        best = np.minimum(best, np.where(hit, along - np.sqrt(np.maximum(inside, 0)), np.inf))
-    for x0, y0, x1, y1 in edges:
-        edge = np.array([x1 - x0, y1 - y0])
-        to = np.array([x0 - x, y0 - y])
-        across = beams[:, 0] * edge[1] - beams[:, 1] * edge[0]
-        reach = (to[0] * edge[1] - to[1] * edge[0]) / across
-        where = (to[0] * beams[:, 1] - to[1] * beams[:, 0]) / across
-        best = np.minimum(best, np.where((reach > 0) & (where >= 0) & (where <= 1), reach, np.inf))
-    best[best >= laser.range_max] = np.inf
-    best[best <= laser.range_min] = -np.inf
-    return best
+    angles = bearings(laser, yaw)
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    nearest = np.full(laser.beams, np.inf)
+    for centre_x, centre_y, radius in circles:
+        distances = distances_to_circle(directions, centre_x - x, centre_y - y, radius)
+        nearest = np.minimum(nearest, distances)
+    for edge in edges:
+        start, end = np.reshape(edge, (2, 2)) - (x, y)
+        nearest = np.minimum(nearest, distances_to_edge(directions, start, end))
+    nearest[nearest >= laser.range_max] = np.inf
+    nearest[nearest <= laser.range_min] = -np.inf
+    return nearest
 
 
-def grazing(laser, circles, edges, x, y, yaw, beam):
-    """Return whether a beam passes the rim of an obstacle so closely that rounding decides whether
-    it hits.
-    """
-    angle = yaw + laser.first_angle + laser.increment * beam
-    across = np.array([-np.sin(angle), np.cos(angle)])
-    rims = [abs(abs(across @ (cx - x, cy - y)) - r) for cx, cy, r in circles]
-    rims += [
-        abs(across @ (ex - x, ey - y))
-        for x0, y0, x1, y1 in edges
-        for ex, ey in ((x0, y0), (x1, y1))
-    ]
-    return min(rims, default=1.0) < 1e-9
+def is_grazing(laser, circles, edges, x, y, yaw, beam):
+    """Return whether a beam passes an obstacle's rim so closely that rounding decides on a hit."""
+    angle = bearings(laser, yaw)[beam]
+    leftward = np.array([-np.sin(angle), np.cos(angle)])
+    rim_distances = [1.0]
+    for centre_x, centre_y, radius in circles:
+        across = leftward @ (centre_x - x, centre_y - y)
+        rim_distances.append(abs(abs(across) - radius))
+    for edge in edges:
+        for corner in np.reshape(edge, (2, 2)) - (x, y):
+            rim_distances.append(abs(leftward @ corner))
+    return min(rim_distances) < 1e-9
 
 
 @seeds(60)
 def test_scans_equal_brute_force(seed):
-    rng = np.random.default_rng(seed)
-    n = rng.integers(0, 60)
-    m = rng.integers(0, 8)
-    spread = rng.choice([3.0, 8.0, 25.0])
-    circles = np.column_stack([rng.uniform(-spread, spread, (n, 2)), rng.uniform(0.02, 1.5, n)])
-    boxes = np.column_stack(
-        [rng.uniform(-spread, spread, (m, 2)), rng.uniform(-4, 4, m), rng.uniform(0.02, 5, (m, 2))]
-    )
+    # Given: up to 60 cylinders and 8 boxes around one of three lasers
+    generator = np.random.default_rng(seed)
+    circle_count = generator.integers(0, 60)
+    box_count = generator.integers(0, 8)
+    spread = generator.choice([3.0, 8.0, 25.0])
+    circle_centres = generator.uniform(-spread, spread, (circle_count, 2))
+    radii = generator.uniform(0.02, 1.5, circle_count)
+    circles = np.column_stack([circle_centres, radii])
+    box_centres = generator.uniform(-spread, spread, (box_count, 2))
+    box_yaws = generator.uniform(-4, 4, box_count)
+    box_sizes = generator.uniform(0.02, 5, (box_count, 2))
+    boxes = np.column_stack([box_centres, box_yaws, box_sizes])
     laser = LASERS[seed % len(LASERS)]
     lidar = Lidar(laser, circles, boxes)
     for _ in range(4):
-        x, y, yaw = rng.uniform(-spread, spread), rng.uniform(-spread, spread), rng.uniform(-7, 7)
-        got = lidar.scan(x, y, yaw)
-        want = brute_force(laser, circles, lidar.edges, x, y, yaw)
-        if np.isneginf(got).all():  # inside an obstacle
+        # When: it scans from a random pose
+        x, y = generator.uniform(-spread, spread, 2)
+        yaw = generator.uniform(-7, 7)
+        ranges = lidar.scan(x, y, yaw)
+        if np.isneginf(ranges).all():  # The laser is inside an obstacle.
             continue
-        for beam in np.flatnonzero(~np.isclose(got, want, rtol=0.0, atol=1e-5)):
-            assert grazing(laser, circles, lidar.edges, x, y, yaw, beam), (
-                beam,
-                got[beam],
-                want[beam],
-            )
+
+        # Then: ranges differ only where rounding decides
+        expected = brute_force(laser, circles, lidar.edges, x, y, yaw)
+        is_equal = np.isclose(ranges, expected, rtol=0.0, atol=1e-5)
+        for beam in np.flatnonzero(~is_equal):
+            comparison = (beam, ranges[beam], expected[beam])
+            assert is_grazing(laser, circles, lidar.edges, x, y, yaw, beam), comparison
 
 
 def test_an_obstacle_behind_reaches_into_both_ends_of_the_fan():
-    ranges = Lidar(LASER, [(-1.0, 0.0, 0.9)], []).scan(0.0, 0.0, 0.0)
-    assert np.isfinite(ranges[[0, 360, -1]]).tolist() == [True, False, True]
+    behind = (-1.0, 0.0, 0.9)
+    ranges = Lidar(LASER, [behind], []).scan(0.0, 0.0, 0.0)
+    assert np.isfinite(ranges[0])
+    assert np.isinf(ranges[AHEAD])
+    assert np.isfinite(ranges[-1])
     assert ranges[0] == pytest.approx(ranges[-1], abs=1e-5)
 
 
-def test_beams_without_obstacles_beyond_range_and_too_near():
-    assert (Lidar(LASER, *NOTHING).scan(0, 0, 0) == np.inf).all()
-    assert (Lidar(LASER, [(40.0, 0.0, 1.0)], []).scan(0, 0, 0) == np.inf).all()
-    assert Lidar(LASER, [(0.15, 0.0, 0.1)], []).scan(0, 0, 0)[360] == -np.inf
-    assert (Lidar(LASER, [(0.0, 0.0, 1.0)], []).scan(0.3, 0, 0) == -np.inf).all()
-    assert (Lidar(LASER, NOTHING[0], [(0, 0, 0.3, 2, 2)]).scan(0.3, 0, 0) == -np.inf).all()
+@pytest.mark.parametrize("circles", [NO_CIRCLES, [(40.0, 0.0, 1.0)]], ids=["none", "out of range"])
+def test_beams_that_meet_nothing_are_infinite(circles):
+    assert np.isposinf(Lidar(LASER, circles, []).scan(0, 0, 0)).all()
+
+
+def test_a_range_below_the_smallest_is_too_near():
+    ranges = Lidar(LASER, [(0.15, 0.0, 0.1)], []).scan(0, 0, 0)
+    assert ranges[AHEAD] == -np.inf
+
+
+@pytest.mark.parametrize(
+    ("circles", "boxes"),
+    [
+        pytest.param([(0.0, 0.0, 1.0)], NO_BOXES, id="cylinder"),
+        pytest.param(NO_CIRCLES, [(0, 0, 0.3, 2, 2)], id="box"),
+    ],
+)
+def test_all_beams_inside_an_obstacle_are_too_near(circles, boxes):
+    assert np.isneginf(Lidar(LASER, circles, boxes).scan(0.3, 0, 0)).all()
 
 
 def test_moving_circles_are_in_the_scan_they_are_given_for():
-    lidar = Lidar(LASER, *NOTHING)
-    assert lidar.scan(0, 0, 0, np.array([(2.0, 0.0, 0.5)]))[360] == pytest.approx(1.5, abs=1e-3)
-    assert lidar.scan(0, 0, 0)[360] == np.inf
+    lidar = Lidar(LASER, NO_CIRCLES, NO_BOXES)
+    mover = np.array([(2.0, 0.0, 0.5)])
+    assert lidar.scan(0, 0, 0, mover)[AHEAD] == pytest.approx(1.5, abs=1e-3)
+    assert lidar.scan(0, 0, 0)[AHEAD] == np.inf

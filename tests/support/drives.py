@@ -102,7 +102,9 @@ def decided(values: Dict[str, float], time: float = 0.0) -> Decision:
 
 
 class Messages(BagWriter):
-    """BagWriter with a method for each message of a stack, for drives that no stack would record."""
+    """BagWriter with a method for each message of a stack, for drives that no stack would
+    record.
+    """
 
     def goal(self, time, pose, frame=""):
         self.put("sent", time, pose, frame or self.robot.frames.odom)

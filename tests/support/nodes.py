@@ -322,7 +322,9 @@ def idle(stack):
 
 
 def goal(x, y=0.0, yaw=0.0, frame="odom", quaternion=None):
-    """Return a goal of move_base. A quaternion (x, y, z, w) replaces the yaw, whether valid or not."""
+    """Return a goal of move_base. A quaternion (x, y, z, w) replaces the yaw, whether valid or
+    not.
+    """
     target = pose_stamped((x, y, yaw), frame, rospy.Time())
     if quaternion is not None:
         target.pose.orientation = Quaternion(*quaternion)

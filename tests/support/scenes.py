@@ -31,7 +31,9 @@ def small_world(cylinders=(), boxes=(), movers=(), start=(0.0, 0.0, 0.0)):
 
 
 def drive(simulator, v, w, seconds, step=STEP):
-    """Repeat the command (v, w) [m/s, rad/s] for some simulated seconds, and return the last state."""
+    """Repeat the command (v, w) [m/s, rad/s] for some simulated seconds, and return the last
+    state.
+    """
     for _ in range(int(round(seconds / step))):
         simulator.command(v, w)
         simulator.advance(step)
@@ -94,10 +96,9 @@ def model(name, pose, shape):
     """Return a model of one shape; `pose` is six numbers as text. The attribute `frame` is as in
     DynaBARN's files.
     """
-    return (
-        f"<model name='{name}'><static>1</static><pose frame=>{pose}</pose><link name='link'><collision name='c'>"
-        f"<geometry>{shape}</geometry></collision></link></model>"
-    )
+    collision = f"<collision name='c'><geometry>{shape}</geometry></collision>"
+    link = f"<link name='link'>{collision}</link>"
+    return f"<model name='{name}'><static>1</static><pose frame=>{pose}</pose>{link}</model>"
 
 
 def box(name, x, y, z, *size, yaw=0):
@@ -105,8 +106,13 @@ def box(name, x, y, z, *size, yaw=0):
     return model(name, f"{x} {y} {z} 0 0 {yaw}", "<box><size>%s %s %s</size></box>" % size)
 
 
-COURSE = """<applr:course xmlns:applr='applr'><applr:start>0 -9 1.57</applr:start><applr:goal>0 9 1.57</applr:goal>
-<applr:goal_tolerance>0.4</applr:goal_tolerance><applr:path>0 -9 0 9</applr:path></applr:course>"""
+COURSE = """
+<applr:course xmlns:applr='applr'>
+  <applr:start>0 -9 1.57</applr:start>
+  <applr:goal>0 9 1.57</applr:goal>
+  <applr:goal_tolerance>0.4</applr:goal_tolerance>
+  <applr:path>0 -9 0 9</applr:path>
+</applr:course>"""
 
 
 def sdf(body, course=COURSE):
@@ -185,7 +191,9 @@ def blank(width, height):
 
 
 def office():
-    """Return rooms with doors of .9 m along both sides of a corridor of 2 m, with desks, 36 x 14 m."""
+    """Return rooms with doors of .9 m along both sides of a corridor of 2 m, with desks, 36 x
+    14 m.
+    """
     pixels, fill = blank(36.0, 14.0)
     for y in (6.0, 8.1):
         fill(0.0, y - 0.1, 36.0, 0.1)

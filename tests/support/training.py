@@ -15,7 +15,9 @@ from training.env.trajectory import Trajectory, TransitionLayout
 
 
 class Line(gymnasium.Env):
-    """Environment with x' = x + .3 a and r = -|x'|, truncated after 10 steps and never terminated."""
+    """Environment with x' = x + .3 a and r = -|x'|, truncated after 10 steps and never
+    terminated.
+    """
 
     observation_space = gymnasium.spaces.Box(-10, 10, (1,), np.float32)
     action_space = gymnasium.spaces.Box(-1, 1, (1,), np.float32)
@@ -38,7 +40,9 @@ class Line(gymnasium.Env):
 
 
 class Slow(Line):
-    """Environment that takes 0.2 s per episode, so that a test can kill an actor during an episode."""
+    """Environment that takes 0.2 s per episode, so that a test can kill an actor during an
+    episode.
+    """
 
     def step(self, action):
         time.sleep(0.02)

@@ -1,4 +1,6 @@
-"""Maps of buildings as worlds: map_server's format, obstacles, courses, halves, passages, mistakes."""
+"""Maps of buildings as worlds: map_server's format, obstacles, courses, halves, passages,
+mistakes.
+"""
 
 import json
 from dataclasses import replace
@@ -554,9 +556,10 @@ def test_mistakes_are_one_line(office, tmp_path):
         scenes.write_plan(tmp_path, "office", resolution=None),
         "office.yaml is no map: give a file with .*resolution",
     )
-    none = "no closed room with a path of 2 m .* radius of 0.31 m: check resolution, thresholds and negate"
-    refusal(scenes.write_plan(tmp_path, "office", negate=1), none)
-    refusal(scenes.write_plan(tmp_path, "shut", np.zeros((50, 50), np.uint8)), none)
+    no_room = "no closed room with a path of 2 m .* radius of 0.31 m"
+    no_room += ": check resolution, thresholds and negate"
+    refusal(scenes.write_plan(tmp_path, "office", negate=1), no_room)
+    refusal(scenes.write_plan(tmp_path, "shut", np.zeros((50, 50), np.uint8)), no_room)
     refusal(
         scenes.write_plan(tmp_path, "white", np.full((200, 200), 254, np.uint8)),
         "white.yaml has no occupied cell: check its thresholds and negate",

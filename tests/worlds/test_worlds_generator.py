@@ -6,10 +6,16 @@ import pytest
 import worlds
 from tests.support.refusals import refused
 from worlds import barn, search
+from worlds.world import clearance
+
+
+def fields_of(specification):
+    """Return the cylinders of each of some worlds, as bytes."""
+    return {world.cylinders.tobytes() for world in worlds.Worlds(specification)}
 
 
 def test_kinds_follow_barns_numbering():
-    kinds = {
+    expected = {  # number: (fill probability, smoothing rounds)
         0: (0.15, 2),
         24: (0.15, 2),
         25: (0.15, 3),
@@ -17,7 +23,8 @@ def test_kinds_follow_barns_numbering():
         150: (0.25, 2),
         299: (0.30, 4),
     }
-    assert {number: barn.kind(number) for number in kinds} == kinds
+    for number, kind in expected.items():
+        assert barn.kind(number) == kind, number
 
 
 @pytest.mark.parametrize("number", [7, 190])
@@ -29,31 +36,32 @@ def test_built_in_worlds_are_the_generators(number):
 
 
 def test_every_built_in_world_has_room_along_its_path():
-    for number, (_, path) in barn.fields().items():
+    for number in barn.fields():
         world = barn.world(number)
-        distance = np.hypot(
-            *(world.course.path[:, None] - world.cylinders[None, :, :2]).transpose(2, 0, 1)
-        )
-        assert (distance - world.cylinders[:, 2]).min() >= 0.375 - 1e-9, number
+        assert clearance(world, world.course.path).min() >= 0.375 - 1e-9, number
+
+
+def test_every_built_in_path_goes_from_side_to_side_by_barns_moves():
+    for _, path in barn.fields().values():
+        first_column, last_column = path[[0, -1], 1]
+        assert (first_column, last_column) == (0, 29)
         steps = np.diff(path, axis=0)
         assert np.abs(steps).max() == 1
-        assert (np.abs(steps).sum(axis=1) > 0).all()
-        assert (path[0, 1], path[-1, 1]) == (0, 29)
-        turns = np.abs(np.diff(np.unwrap(np.arctan2(steps[:, 0], steps[:, 1]))))
-        assert (turns <= np.pi / 4 + 1e-9).all()
+        assert steps.any(axis=1).all()
+        headings = np.unwrap(np.arctan2(steps[:, 0], steps[:, 1]))
+        assert np.abs(np.diff(headings)).max() <= np.pi / 4 + 1e-9
 
 
 def test_course_is_the_papers():
     course = worlds.load("generated:7").course
-    x, y = course.path[0]
-    assert course.start == (pytest.approx(x), 4.075, pytest.approx(np.pi / 2))
-    assert (course.path[0, 1], course.length_m) == (pytest.approx(5.175), pytest.approx(5.925))
-    assert (course.goal[0], course.goal[1]) == (
-        pytest.approx(course.path[-1, 0]),
-        pytest.approx(9.525 + 5.0),
-    )
-    assert not course.arrived(x, 9.99)
-    assert course.arrived(x, 10.01)
+    first_x, first_y = course.path[0]
+    last_x, _ = course.path[-1]
+    assert course.start == (pytest.approx(first_x), 4.075, pytest.approx(np.pi / 2))
+    assert first_y == pytest.approx(5.175)
+    assert course.length_m == pytest.approx(5.925)
+    assert course.goal[:2] == pytest.approx((last_x, 9.525 + 5.0))
+    assert not course.arrived(first_x, 9.99)
+    assert course.arrived(first_x, 10.01)
     assert course.route_m >= 5.925
 
 
@@ -63,39 +71,51 @@ def test_cylinders_are_barns():
     assert (world.cylinders[:, 2] == 0.075).all()
     assert world.boxes.shape == (0, 5)
     filled, _ = barn.fields()[7]
-    assert len(world.cylinders) == filled.sum() + 30 + 2 * 33
+    corridor = 30 + 2 * 33  # back wall and both sides
+    assert len(world.cylinders) == filled.sum() + corridor
     assert np.array_equal(barn.fill_of(world.cylinders), filled)
     assert world.cylinders[:, 0].min() == pytest.approx(-4.425)
     assert world.cylinders[:, 1].min() == pytest.approx(0.075)
 
 
 def test_fill_agrees_with_barns_figures():
-    fill = [barn.fill_of(barn.world(n).cylinders).mean() for n in range(300)]
-    assert np.quantile(fill, (0.05, 0.5, 0.95)) == pytest.approx([0.11, 0.18, 0.28], abs=0.01)
+    shares = []
+    for number in range(300):
+        filled = barn.fill_of(barn.world(number).cylinders)
+        shares.append(filled.mean())
+    assert np.quantile(shares, (0.05, 0.5, 0.95)) == pytest.approx([0.11, 0.18, 0.28], abs=0.01)
 
 
 def test_barn_path_keeps_its_rule_on_turns_and_its_obstacle_penalty():
+    # Given: a corridor between two walls, and a path along one of them
     free = np.ones((30, 30), dtype=bool)
     free[[0, 1, 2, 27, 28, 29]] = False
-    path = search.barn_path(free, (3, 0), (3, 29))
-    assert (tuple(path[0]), tuple(path[-1]), search.obstacle_penalty(free)[3, 5]) == (
-        (3, 0),
-        (3, 29),
-        5.0,
-    )
-    assert (search.obstacle_penalty(free)[4, 5], search.obstacle_penalty(free)[5, 5]) == (2.5, 0.0)
+    start = (3, 0)
+    goal = (3, 29)
+    path = search.barn_path(free, start, goal)
+    assert tuple(path[0]) == start
+    assert tuple(path[-1]) == goal
+
+    # The penalty falls with the distance from the wall.
+    penalty = search.obstacle_penalty(free)
+    assert penalty[3, 5] == 5.0
+    assert penalty[4, 5] == 2.5
+    assert penalty[5, 5] == 0.0
+
+    # A wall across the corridor leaves no path.
     free[:, 12] = False
-    assert search.barn_path(free, (3, 0), (3, 29)) is None
+    assert search.barn_path(free, start, goal) is None
 
 
 def test_fresh_worlds_are_the_recipes_and_none_of_the_built_in_ones():
-    made = worlds.Worlds("fresh:5-7")
-    assert [w.name for w in made] == worlds.specs("fresh:5-7") == ["fresh:5", "fresh:6", "fresh:7"]
+    names = ["fresh:5", "fresh:6", "fresh:7"]
+    fresh = worlds.Worlds("fresh:5-7")
+    assert worlds.specs("fresh:5-7") == names
+    assert [world.name for world in fresh] == names
     again = worlds.load("fresh:6")
-    np.testing.assert_array_equal(made[1].cylinders, again.cylinders)
-    np.testing.assert_array_equal(made[1].course.path, again.course.path)
-    built_in = {w.cylinders.tobytes() for w in worlds.Worlds("generated:test,generated:train")}
-    assert not built_in & {w.cylinders.tobytes() for w in worlds.Worlds("fresh:0-39")}
+    np.testing.assert_array_equal(fresh[1].cylinders, again.cylinders)
+    np.testing.assert_array_equal(fresh[1].course.path, again.course.path)
+    assert not fields_of("fresh:0-39") & fields_of("generated:test,generated:train")
     refused(lambda: worlds.load("fresh:5-7"), "names 3 worlds")
 
 
@@ -105,27 +125,30 @@ def test_final_worlds_are_a_hundred_of_all_kinds_and_stay_as_they_were_drawn():
     """
     assert len(worlds.specs("final:0-99")) == 100
     refused(lambda: worlds.load("final:100"), "final:100")
-    final = list(worlds.Worlds("final:0-5,final:99"))
-    others = list(worlds.Worlds("fresh:0-19")) + [barn.world(number) for number in range(0, 300, 3)]
-    assert not {w.cylinders.tobytes() for w in final} & {w.cylinders.tobytes() for w in others}
-    assert sorted({barn.kind(3 * number) for number in range(100)}) == sorted(
-        {barn.kind(n) for n in range(300)}
-    )
-    assert [len(w.cylinders) for w in final] == [205, 202, 192, 223, 188, 202, 325]
+    some = "final:0-5,final:99"
+    assert not fields_of(some) & fields_of("fresh:0-19,generated:test,generated:train")
+    final_kinds = {barn.kind(3 * number) for number in range(100)}
+    assert final_kinds == {barn.kind(number) for number in range(300)}
+    cylinder_counts = [len(world.cylinders) for world in worlds.Worlds(some)]
+    assert cylinder_counts == [205, 202, 192, 223, 188, 202, 325]
 
 
 def test_fresh_worlds_are_generated_when_asked_for(monkeypatch):
     from worlds import loading
 
-    made = []
+    generated = []
     generate = barn.generate
-    monkeypatch.setattr(
-        loading.barn, "generate", lambda number: made.append(number) or generate(number)
-    )
-    some = worlds.Worlds("generated:3, fresh:0-9999")
-    assert len(some) == 10_001
-    assert made == []
-    assert (some[0].name, some[5].name) == ("generated:3", "fresh:4")
-    assert len(made) == 1
+
+    def note(number):
+        generated.append(number)
+        return generate(number)
+
+    monkeypatch.setattr(loading.barn, "generate", note)
+    many = worlds.Worlds("generated:3, fresh:0-9999")
+    assert len(many) == 10_001
+    assert generated == []
+    assert many[0].name == "generated:3"
+    assert many[5].name == "fresh:4"
+    assert len(generated) == 1
     with pytest.raises(IndexError):
-        some[10_001]
+        many[10_001]

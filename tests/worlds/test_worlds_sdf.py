@@ -25,9 +25,20 @@ def test_barn_file_with_its_path_file(tmp_path):
 
 
 def test_poses_of_model_link_and_collision_are_composed(tmp_path):
-    body = """<model name='m'><pose>1 2 0 0 0 1.5707963267948966</pose><link name='l'><pose>1 0 0.5 0 0 0</pose>
-        <collision name='c'><pose>0 1 0 0 0 0.5</pose><geometry><box><size>2 1 1</size></box></geometry></collision>
-        <visual name='v'><geometry><mesh><uri>model://x.dae</uri></mesh></geometry></visual></link></model>"""
+    body = """
+        <model name='m'>
+          <pose>1 2 0 0 0 1.5707963267948966</pose>
+          <link name='l'>
+            <pose>1 0 0.5 0 0 0</pose>
+            <collision name='c'>
+              <pose>0 1 0 0 0 0.5</pose>
+              <geometry><box><size>2 1 1</size></box></geometry>
+            </collision>
+            <visual name='v'>
+              <geometry><mesh><uri>model://x.dae</uri></mesh></geometry>
+            </visual>
+          </link>
+        </model>"""
     world = worlds.load(write_world(tmp_path, sdf(body), "w.world"))
     # The model is rotated by 90 degrees, so the link is at (1, 3) and the collision at (0, 3).
     assert np.allclose(world.boxes, [[0.0, 3.0, math.pi / 2 + 0.5, 2.0, 1.0]])
@@ -46,7 +57,10 @@ def test_a_saved_state_determines_the_poses_of_its_models(tmp_path, caplog):
         cylinder(1, 1, name="a")
         + cylinder(2, 2, name="b")
         + """<state world_name='default'>
-          <model name='a'><pose>5 5 0 0 0 0</pose><link name='link'><pose>5 5 0 0 0 0</pose></link></model>
+          <model name='a'>
+            <pose>5 5 0 0 0 0</pose>
+            <link name='link'><pose>5 5 0 0 0 0</pose></link>
+          </model>
           <model name='b'><pose>2 2 0 0 0 0</pose><scale>2 2 1</scale></model>
         </state>"""
     )

@@ -3,7 +3,6 @@ with C++.
 """
 
 import copy
-from collections import Counter
 
 import numpy as np
 import pytest
@@ -19,6 +18,7 @@ from tests.support.robots import JACKAL_FOOTPRINT
 from tests.support.seeds import examples
 
 RES = 0.05
+EIGHT_NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
 
 
 def costmap_of(cells, origin=(0.0, 0.0)):
@@ -37,13 +37,11 @@ def cellular(rng, ny, nx, fill, steps=3):
     """
     grid = rng.random((ny, nx)) < fill
     for _ in range(steps):
-        around = sum(
-            np.roll(np.roll(grid, dy, 0), dx, 1).astype(int)
-            for dy in (-1, 0, 1)
-            for dx in (-1, 0, 1)
-            if dx or dy
-        )
-        grid = np.where(around >= 5, True, np.where(around <= 1, False, grid))
+        neighbours = np.zeros((ny, nx), int)
+        for dy, dx in EIGHT_NEIGHBOURS:
+            neighbours += np.roll(grid, (dy, dx), axis=(0, 1))
+        grid[neighbours >= 5] = True
+        grid[neighbours <= 1] = False
     return grid
 
 
@@ -72,15 +70,18 @@ def world(rng, ny, nx, kind):
 
 def inside(rng, nx, ny, border=0.0):
     """Return a point on the map, with probability `border` in a border cell."""
-    point = [rng.uniform(0, n * RES) for n in (nx, ny)]
+    sides = (nx * RES, ny * RES)
+    point = list(rng.uniform(0, sides))
     if rng.random() < border:
         axis = int(rng.integers(2))
-        point[axis] = rng.choice((0.01, (nx, ny)[axis] * RES - 0.01))
+        point[axis] = rng.choice((0.01, sides[axis] - 0.01))
     return tuple(point)
 
 
 def compare(planner, costmap, start, goal, tolerance=0.0, allow_unknown=True, list_size=LIST_SIZE):
-    """Return the plan after asserting that plan, potential and costs equal those of a new planner."""
+    """Return the plan after asserting that plan, potential and costs equal those of a new
+    planner.
+    """
     fresh = Navfn(list_size)
     expected = fresh.plan(copy.deepcopy(costmap), start, goal, tolerance, allow_unknown)
     plan = planner.plan(costmap, start, goal, tolerance, allow_unknown)
@@ -97,57 +98,73 @@ def test_one_planner_on_a_changing_map(seed, list_size):
     planner.
     """
     rng = np.random.default_rng(seed)
-    ny, nx = (int(v) for v in rng.integers(20, 45, 2))
+    ny, nx = rng.integers(20, 45, 2).tolist()
     cells = world(rng, ny, nx, rng.choice(("cellular", "arbitrary")))
     costmap = costmap_of(cells)
     planner = Navfn(list_size)
     robot = inside(rng, nx, ny, 0.1)
-    goal = inside(rng, nx, ny) + (0.0,)
+    goal = (*inside(rng, nx, ny), 0.0)
     allow_unknown = True
     for _ in range(8):
         compare(planner, costmap, robot, goal, 0.0, allow_unknown, list_size)
         if rng.random() < 0.7:  # The map changes around one point, as around a robot.
-            x, y = (int(v) for v in rng.integers(0, (nx, ny)))
-            block = (slice(max(0, y - 4), y + 5), slice(max(0, x - 4), x + 5))
-            cells[block] = world(rng, 9, 9, "arbitrary")[
-                : cells[block].shape[0], : cells[block].shape[1]
-            ]
+            x, y = rng.integers(0, (nx, ny)).tolist()
+            block = cells[max(0, y - 4) : y + 5, max(0, x - 4) : x + 5]
+            rows, columns = block.shape
+            block[:] = world(rng, 9, 9, "arbitrary")[:rows, :columns]
             costmap.clear()
             scenes.paint(costmap, cells)
         if rng.random() < 0.5:
             robot = inside(rng, nx, ny, 0.1)
         if rng.random() < 0.2:
-            goal = inside(rng, nx, ny) + (0.0,)
+            goal = (*inside(rng, nx, ny), 0.0)
         if rng.random() < 0.2:
             allow_unknown = not allow_unknown
 
 
-@pytest.mark.parametrize("ends", [(0.5, 1.5), (1.5, 0.5)])
-@pytest.mark.parametrize("turned", [False, True])
-def test_a_gap_that_opens_in_a_wall_is_found_from_each_side(ends, turned):
-    wall = np.zeros((40, 40), np.uint8)
-    wall[:, 20] = 254
-    robot, goal = ((end, 1.0)[:: -1 if turned else 1] for end in ends)
-    costmap = costmap_of(wall.T if turned else wall)
+@pytest.mark.parametrize(
+    ("robot", "goal"),
+    [
+        pytest.param((0.5, 1.0), (1.5, 1.0, 0.0), id="from the left"),
+        pytest.param((1.5, 1.0), (0.5, 1.0, 0.0), id="from the right"),
+        pytest.param((1.0, 0.5), (1.0, 1.5, 0.0), id="from below"),
+        pytest.param((1.0, 1.5), (1.0, 0.5, 0.0), id="from above"),
+    ],
+)
+def test_a_gap_that_opens_in_a_wall_is_found_from_each_side(robot, goal):
+    # Given: a wall across the way, beyond which nothing can be reached
+    is_along_y = robot[0] == goal[0]
+    cells = np.zeros((40, 40), np.uint8)
+    wall = cells[20, :] if is_along_y else cells[:, 20]
+    wall[:] = 254
+    costmap = costmap_of(cells)
     planner = Navfn()
-    assert not len(planner.plan(costmap, robot, (*goal, 0.0)))
-    wall[20, 20] = 0
+    assert not len(planner.plan(costmap, robot, goal))
+
+    # When: a gap opens
+    wall[20] = 0
     costmap.clear()
-    scenes.paint(costmap, wall.T if turned else wall)
-    assert len(compare(planner, costmap, robot, (*goal, 0.0))) > 3
+    scenes.paint(costmap, cells)
+
+    # Then: the plan leads through it
+    assert len(compare(planner, costmap, robot, goal)) > 3
 
 
 def test_a_deep_copy_plans_by_itself():
+    # Given: a planner, and a copy of it with a map of its own, on which a wall is painted
     costmap = costmap_of(np.zeros((40, 40), np.uint8))
     planner = Navfn()
-    way = ((0.5, 1.0), (1.6, 1.0, 0.0))
-    before = compare(planner, costmap, *way)
-    copied, its_map = copy.deepcopy((planner, costmap))
+    start = (0.5, 1.0)
+    goal = (1.6, 1.0, 0.0)
+    straight = compare(planner, costmap, start, goal)
+    copied_planner, copied_map = copy.deepcopy((planner, costmap))
     wall = np.zeros((40, 40), np.uint8)
     wall[8:, 20] = 254
-    scenes.paint(its_map, wall)
-    assert len(compare(copied, its_map, *way)) > len(before)
-    np.testing.assert_array_equal(compare(planner, costmap, *way), before)
+    scenes.paint(copied_map, wall)
+
+    # Then: only the copy goes round the wall
+    assert len(compare(copied_planner, copied_map, start, goal)) > len(straight)
+    np.testing.assert_array_equal(compare(planner, costmap, start, goal), straight)
 
 
 def test_no_plan_if_the_goal_cannot_be_reached():
@@ -155,12 +172,14 @@ def test_no_plan_if_the_goal_cannot_be_reached():
     cells[:, 20] = 254
     costmap = costmap_of(cells)
     planner = Navfn()
-    assert compare(planner, costmap, (0.5, 1.0), (1.5, 1.0, 0.0)).shape == (0, 3)
+    start = (0.5, 1.0)
+    off_the_map = (5.0, 5.0)
+    assert compare(planner, costmap, start, (1.5, 1.0, 0.0)).shape == (0, 3)
     # The goal is in the wall, but a free cell is within the tolerance.
-    assert len(compare(planner, costmap, (0.5, 1.0), (1.02, 1.0, 0.0), 0.11)) > 3
-    assert planner.plan(costmap, (5.0, 5.0), (1.0, 1.0, 0.0)).shape == (0, 3)
-    assert planner.plan(costmap, (0.5, 1.0), (5.0, 5.0, 0.0)).shape == (0, 3)
-    assert planner.plan(costmap, (0.5, 1.0), (5.0, 5.0, 0.0), 0.2).shape == (0, 3)
+    assert len(compare(planner, costmap, start, (1.02, 1.0, 0.0), 0.11)) > 3
+    assert planner.plan(costmap, off_the_map, (1.0, 1.0, 0.0)).shape == (0, 3)
+    assert planner.plan(costmap, start, (*off_the_map, 0.0)).shape == (0, 3)
+    assert planner.plan(costmap, start, (*off_the_map, 0.0), 0.2).shape == (0, 3)
 
 
 def test_the_robots_cell_becomes_free():
@@ -169,13 +188,14 @@ def test_the_robots_cell_becomes_free():
     costmap = costmap_of(cells)
     version = costmap.version
     assert len(Navfn().plan(costmap, (0.52, 1.02), (1.5, 1.0, 0.0))) > 0
-    assert (costmap.cells[20, 10], costmap.changed_since(version)) == (0, (10, 20, 11, 21))
+    assert costmap.cells[20, 10] == 0
+    assert costmap.changed_since(version) == (10, 20, 11, 21)
 
 
-def test_a_map_too_small_to_have_an_inside():
-    for shape in ((1, 1), (2, 5), (5, 2)):
-        costmap = costmap_of(np.zeros(shape, np.uint8))
-        assert len(Navfn().plan(costmap, (0.02, 0.02), (0.03, 0.03, 0.0))) <= 2
+@pytest.mark.parametrize("shape", [(1, 1), (2, 5), (5, 2)])
+def test_a_map_too_small_to_have_an_inside(shape):
+    costmap = costmap_of(np.zeros(shape, np.uint8))
+    assert len(Navfn().plan(costmap, (0.02, 0.02), (0.03, 0.03, 0.0))) <= 2
 
 
 # -- fence of the flood ----------------------------------------------------------------------------
@@ -183,55 +203,65 @@ def test_a_fenced_flood_gives_the_plan_of_a_full_flood(monkeypatch):
     """The fence (navfn/window.py) changes neither plans nor the potentials inside it, while cells
     of the map change.
     """
-    whole = window.around
-    stat = Counter()
+    around = window.around
+    fenced_count = 0
     for seed in range(90):
+        # Given: a large map with one block of obstacles, and a robot in it or anywhere
         rng = np.random.default_rng(seed)
-        nx, ny = (int(n) for n in rng.integers(150, 400, 2))
+        nx, ny = rng.integers(150, 400, 2).tolist()
+        width, height = rng.integers(10, 80, 2).tolist()
+        left = int(rng.integers(0, nx - width))
+        bottom = int(rng.integers(0, ny - height))
         cells = np.zeros((ny, nx), np.uint8)
-        w, h = (int(n) for n in rng.integers(10, 80, 2))
-        cx, cy = int(rng.integers(0, nx - w)), int(rng.integers(0, ny - h))
-        cells[cy : cy + h, cx : cx + w] = world(rng, h, w, ("arbitrary", "cellular")[seed % 2])
+        block = cells[bottom : bottom + height, left : left + width]
+        block[:] = world(rng, height, width, ("arbitrary", "cellular")[seed % 2])
         costmap = costmap_of(cells)
+        robot_cell = np.array([left + width // 2, bottom + height // 2])
+        if seed % 3 == 0:
+            robot_cell = rng.integers(5, (nx - 5, ny - 5))
+        goal = (*(rng.uniform(5, (nx - 5, ny - 5)) * RES), 0.3)
         fenced = Navfn()
         full = Navfn()
-        at = np.array([cx + w // 2, cy + h // 2]) if seed % 3 else rng.integers(5, (nx - 5, ny - 5))
-        goal = (*(rng.uniform(5, (nx - 5, ny - 5)) * RES), 0.3)
         for _ in range(4):
-            start = tuple((at + 0.5) * RES)
-            monkeypatch.setattr(window, "around", whole)
+            # When: one planner plans with a fence and one without
+            start = tuple((robot_cell + 0.5) * RES)
+            monkeypatch.setattr(window, "around", around)
             plan = fenced.plan(costmap, start, goal)
-            monkeypatch.setattr(window, "around", lambda *given: None)
-            np.testing.assert_array_equal(plan, full.plan(costmap, start, goal))
-            stat["fenced"] += fenced._fence is not None
+            monkeypatch.setattr(window, "around", lambda *_: None)
+            expected = full.plan(costmap, start, goal)
+
+            # Then: plans are equal, and so are the potentials inside the fence
+            np.testing.assert_array_equal(plan, expected)
             if fenced._fence is not None:
+                fenced_count += 1
                 x0, y0, x1, y1 = fenced._fence
                 within = np.s_[y0 + 2 : y1 - 1, x0 + 2 : x1 - 1]
-                mine = fenced._potential[: nx * ny].reshape(ny, nx)[within]
-                np.testing.assert_array_equal(mine, full.potential[within])
-            at = np.clip(at + rng.integers(-3, 4, 2), 2, (nx - 3, ny - 3))
-            x, y = cx + int(rng.integers(w)), cy + int(rng.integers(h))
-            cells[y, x] = rng.choice([0, 100, 254])
+                fenced_potential = fenced._potential[: nx * ny].reshape(ny, nx)
+                np.testing.assert_array_equal(fenced_potential[within], full.potential[within])
+
+            # The robot moves, and a cell of the block changes.
+            robot_cell = np.clip(robot_cell + rng.integers(-3, 4, 2), 2, (nx - 3, ny - 3))
+            column = rng.integers(width)
+            row = rng.integers(height)
+            block[row, column] = rng.choice([0, 100, 254])
             scenes.paint(costmap, cells)
         np.testing.assert_array_equal(fenced.potential, full.potential)
-    assert stat["fenced"] > 200
+    assert fenced_count > 200
 
 
 def test_the_first_of_equally_near_points_is_the_target():
     """navfn_ros.cpp:262 searches row by row from the lowest x and y."""
     potential = np.zeros((6, 6), np.float32)
     potential[3, 3] = 1e10
-    assert _target(potential.ravel(), 0.0, 0.0, 0.5, 6, 6, 1.75, 1.75, 0.5) == (
-        2 * 6 + 3,
-        1.75,
-        1.25,
-    )
+    target = _target(potential.ravel(), 0.0, 0.0, 0.5, 6, 6, 1.75, 1.75, 0.5)
+    assert target == (2 * 6 + 3, 1.75, 1.25)
 
 
 @pytest.mark.parametrize(
-    ("x", "inside"), [(12.0, True), (11.9, False), (16.0, True), (16.1, False)]
+    ("x", "is_inside"), [(12.0, True), (11.9, False), (16.0, True), (16.1, False)]
 )
-def test_a_plan_near_the_fence_is_not_accepted(x, inside):
+def test_a_plan_near_the_fence_is_not_accepted(x, is_inside):
+    fence = (8, 8, 20, 20)
     path = np.array([[14.0, 14.0], [x, 14.0], [14.0, x]])
-    assert window.keeps_inside(path, len(path), 30, 30, (8, 8, 20, 20)) is inside
-    assert window.keeps_inside(path, 1, 30, 30, (8, 8, 20, 20))
+    assert window.keeps_inside(path, len(path), 30, 30, fence) is is_inside
+    assert window.keeps_inside(path, 1, 30, 30, fence)

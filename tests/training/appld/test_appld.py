@@ -10,6 +10,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 import worlds
+from applr_ros1.common.paths import step_lengths
 from applr_ros1.drives.drive import Commands, Drive, Scans
 from applr_ros1.planner.parameters.settings import send
 from applr_ros1.policy import actor, methods
@@ -31,47 +32,50 @@ from worlds.world import clearance
 def bag(tmp_path_factory):
     """Scripted demonstration in a generated world, about 9 s long."""
     path = tmp_path_factory.mktemp("appld") / "demonstration.bag"
-    assert (
-        demonstrate(
-            [str(path), "--world", "generated:3", "--simulator", "kinematic", "--seed", "1"]
-        )
-        == 0
-    )
+    options = ["--world", "generated:3", "--simulator", "kinematic", "--seed", "1"]
+    assert demonstrate([str(path), *options]) == 0
     return path
+
+
+def from_start_to_goal(course):
+    """Return the way (x, y) [m] from the start of a course straight to its goal."""
+    start_x, start_y, _ = course.start
+    goal_x, goal_y, _ = course.goal
+    return goal_x - start_x, goal_y - start_y
 
 
 def test_another_robot_is_demonstrated_at_its_size_and_speed(tmp_path):
     robot = load("turtlebot3_waffle_pi")
     path = tmp_path / "waffle.bag"
-    words = [str(path), "--world", "generated:3", "--simulator", "kinematic", "--robot", robot.name]
-    assert demonstrate(words) == 0
-    d = demonstration.read_demonstration(path, TopicNames.of(robot), robot)
-    assert d.source["robot"] == robot.name
-    assert 0.2 < d.commands.twist[:, 0].max() <= robot.base.max_speed
-    assert len(d.scans.ranges[0]) == robot.laser.beams
+    options = ["--world", "generated:3", "--simulator", "kinematic", "--robot", robot.name]
+    assert demonstrate([str(path), *options]) == 0
+    drive = demonstration.read_demonstration(path, TopicNames.of(robot), robot)
+    assert drive.source["robot"] == robot.name
+    assert 0.2 < drive.commands.twist[:, 0].max() <= robot.base.max_speed
+    assert len(drive.scans.ranges[0]) == robot.laser.beams
     course = worlds.scaled(worlds.load("generated:3"), robot.world_scale).course
-    assert d.sent[-1].pose[:2] == pytest.approx(np.subtract(course.goal[:2], course.start[:2]))
-    with AnyReader([path]) as reader:
-        counts = {c.topic: c.msgcount for c in reader.connections}
-    scans = counts["/" + robot.topics.scan] / counts["/" + robot.topics.odometry]
+    assert drive.sent[-1].pose[:2] == pytest.approx(from_start_to_goal(course))
     # The laser is slower than the control cycle.
-    assert scans == pytest.approx(robot.laser.rate * 0.05, rel=0.05)
+    with AnyReader([path]) as reader:
+        counts = {connection.topic: connection.msgcount for connection in reader.connections}
+    scans_per_cycle = counts["/" + robot.topics.scan] / counts["/" + robot.topics.odometry]
+    assert scans_per_cycle == pytest.approx(robot.laser.rate * 0.05, rel=0.05)
 
 
 def test_bag_is_read_as_it_was_driven(bag):
-    d = demonstration.read_demonstration(bag)
-    assert d.source["demonstrator"].startswith("scripted")
-    assert d.source["world"] == "generated:3"
-    assert len(d.odometry) == len(d.commands) == len(d.scans)
-    assert len(d.scans.ranges[0]) == 720
-    assert np.allclose(np.diff(d.scans.time), 0.05)
-    assert demonstration.is_driving(d).all()
-    # The base follows a command in the cycles after it.
-    assert np.abs(d.odometry.twist[5:, 0] - d.commands.twist[3:-2, 0]).mean() < 0.05
-    world = worlds.load("generated:3")
-    assert d.sent[-1].pose[:2] == pytest.approx(
-        (world.course.goal[0] - world.course.start[0], world.course.goal[1] - world.course.start[1])
-    )
+    drive = demonstration.read_demonstration(bag)
+    assert drive.source["demonstrator"].startswith("scripted")
+    assert drive.source["world"] == "generated:3"
+    assert len(drive.odometry) == len(drive.commands) == len(drive.scans)
+    assert len(drive.scans.ranges[0]) == 720
+    assert np.allclose(np.diff(drive.scans.time), 0.05)
+    assert demonstration.is_driving(drive).all()
+    # The base follows a command two cycles after it.
+    measured_speed = drive.odometry.twist[5:, 0]
+    commanded_speed = drive.commands.twist[3:-2, 0]
+    assert np.abs(measured_speed - commanded_speed).mean() < 0.05
+    course = worlds.load("generated:3").course
+    assert drive.sent[-1].pose[:2] == pytest.approx(from_start_to_goal(course))
 
 
 @pytest.mark.parametrize("spec", ["generated:290", "physical_course"])
@@ -79,7 +83,7 @@ def test_the_demonstrators_route_keeps_away_from_obstacles(spec):
     world = worlds.load(spec)
     points = demonstrator.route(world)
     assert clearance(world, points).min() > 0.3
-    assert np.hypot(*np.diff(points, axis=0).T).max() < 0.08
+    assert step_lengths(points).max() < 0.08
     assert np.allclose(points[0], world.course.start[:2])
 
 
@@ -90,39 +94,49 @@ def test_changepoints_are_found_within_three_instants(speeds, of_two):
     """Three segments between walls: the slower the robot, the nearer the walls. Contexts have the
     order of driving.
     """
-    n = 400
+    # Given: a drive with changes after 150 and 260 of 400 instants
+    count = 400
     speed = np.repeat(speeds, (150, 110, 140))
     rng = np.random.default_rng(0)
-    ranges = 3.0 * speed[:, None] - 0.4 + rng.normal(0, 0.01, (n, 720))
-    command = np.column_stack([speed, rng.normal(0, 0.02, n)])
-    time = np.arange(n) * 0.05
+    ranges = 3.0 * speed[:, None] - 0.4 + rng.normal(0, 0.01, (count, 720))
+    command = np.column_stack([speed, rng.normal(0, 0.02, count)])
+    time = np.arange(count) * 0.05
     laser = JACKAL.laser
-    fan = np.tile((laser.first_angle, laser.increment, laser.range_min, laser.range_max), (n, 1))
-    d = Drive(
-        scans=Scans(time, time, fan, list(ranges.astype(np.float32))),
+    fan = (laser.first_angle, laser.increment, laser.range_min, laser.range_max)
+    drive = Drive(
+        scans=Scans(time, time, np.tile(fan, (count, 1)), list(ranges.astype(np.float32))),
         commands=Commands(time, command),
     )
-    three = contexts.find([d], JACKAL)
-    assert [
-        (abs(s.first - a) <= 3, abs(s.last - b) <= 3)
-        for s, a, b in zip(three.segments, (0, 150, 260), (150, 260, 400))
-    ] == [(True, True)] * 3
-    assert [s.context for s in contexts.find([d], JACKAL, most=2).segments] == of_two
-    assert len(contexts.find([d], JACKAL, most=0).names) == 3
+
+    # Then: the segments begin and end there
+    segments = contexts.find([drive], JACKAL).segments
+    assert len(segments) == 3
+    for segment, first, last in zip(segments, (0, 150, 260), (150, 260, 400)):
+        assert abs(segment.first - first) <= 3
+        assert abs(segment.last - last) <= 3
+
+    # Of two contexts, the segments that are most alike have one.
+    in_two = contexts.find([drive], JACKAL, most=2)
+    assert [segment.context for segment in in_two.segments] == of_two
+    assert len(contexts.find([drive], JACKAL, most=0).names) == 3
 
 
 def test_search_finds_the_speed_of_a_demonstration(bag):
     """Commands that the planner gave with other parameters are matched, exactly if these parameters
     are used.
     """
-    d = demonstration.read_demonstration(bag)
-    spans = [contexts.Segment(0, 30, 60, 0), contexts.Segment(0, 60, len(d.commands), 0)]
-    stretch, longest = appld_fit.stretches(d, JACKAL, spans)
+    # Given: a stretch of the drive in which the commands are the planner's with other parameters
+    drive = demonstration.read_demonstration(bag)
+    spans = [contexts.Segment(0, 30, 60, 0), contexts.Segment(0, 60, len(drive.commands), 0)]
+    stretch, longest = appld_fit.stretches(drive, JACKAL, spans)
     assert longest.last - longest.first == 100  # five seconds
     theta = SPACE.from_dict({"max_vel_x": 1.0, "gdist_scale": 1.4})
-    replayed = copy.deepcopy(stretch.planner)
-    send(SPACE.settings(theta), replayed)
-    d.commands.twist[30:60] = [appld_fit.step(replayed, d, JACKAL, i) for i in range(30, 60)]
+    planner = copy.deepcopy(stretch.planner)
+    send(SPACE.settings(theta), planner)
+    for i in range(30, 60):
+        drive.commands.twist[i] = appld_fit.step(planner, drive, JACKAL, i)
+
+    # Then: these parameters have no loss, and the search comes near them
     assert appld_fit.loss([stretch], theta)[0] == 0.0
     fitted = appld_fit.fit([stretch], 30, seed=0)
     assert fitted.loss < 0.5 * fitted.loss_theta0
@@ -131,19 +145,25 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
 
 
 def test_the_classifier_distinguishes_scans_and_mirrored_scans(tmp_path, monkeypatch):
+    # Given: 200 scans in wide and 200 in narrow space
     monkeypatch.setattr(appld_classifier, "STEPS", 60)
     rng = np.random.default_rng(0)
     labels = np.repeat([0, 1], 200)
     ranges = np.where(labels[:, None] == 1, 0.5, 2.0) * np.ones((400, 720), np.float32)
     ranges[:, 500:] = 0.4  # A wall on one side is the same in both contexts.
     scans = appld_classifier.inputs(ranges + rng.normal(0, 0.05, ranges.shape))
-    weights, result = appld_classifier.train(scans, labels, 2)
-    assert result["accuracy"] > 0.98
-    assert result["held_out"] > 0.98
+
+    # Then: a trained classifier tells them apart
+    weights, scores = appld_classifier.train(scans, labels, 2)
+    assert scores["accuracy"] > 0.98
+    assert scores["held_out"] > 0.98
+
+    # The stored one also does so in mirror images.
     path = tmp_path / "contexts.safetensors"
     actor.save_contexts(path, {"a": SPACE.chosen.theta0, "b": SPACE.chosen.high}, weights)
-    net = actor.load(path)
-    assert [net.context(scan[::-1]) for scan in scans[[0, 399]]] == [0, 1]
+    classifier = actor.load(path)
+    assert classifier.context(scans[0][::-1]) == 0
+    assert classifier.context(scans[399][::-1]) == 1
 
 
 def test_from_bag_to_a_file_that_drives(bag, tmp_path, monkeypatch):
@@ -152,16 +172,23 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, monkeypatch):
     out = tmp_path / "mine.safetensors"
     short = ["--evaluations", "4", "--contexts", "2", "--penalty", "0.5"]
     assert appld.main([str(bag), "--out", str(out), *short]) == 0
-    log = json.loads((tmp_path / "mine_log.json").read_text())
+
+    # The log says where the file comes from, and names no folder of this machine.
+    log_text = (tmp_path / "mine_log.json").read_text()
+    log = json.loads(log_text)
     assert log["demonstrations"][0]["demonstrator"].startswith("scripted")
-    assert all(c["loss"] <= c["loss_theta0"] for c in log["contexts"])
-    assert str(tmp_path) not in (tmp_path / "mine_log.json").read_text()
+    for context in log["contexts"]:
+        assert context["loss"] <= context["loss_theta0"]
+    assert str(tmp_path) not in log_text
+
+    # The method drives with one of the fitted sets.
     method = methods.make(str(out))
-    d = demonstration.read_demonstration(bag)
-    scans = appld_classifier.inputs(demonstration.policy_scans(d, JACKAL)[:1])
-    obs = np.concatenate([scans[0], np.zeros(9, np.float32)])
-    theta = method.sets[method.context(obs)]
-    assert any(np.allclose(theta, list(c["parameters"].values())) for c in log["contexts"])
+    drive = demonstration.read_demonstration(bag)
+    scans = appld_classifier.inputs(demonstration.policy_scans(drive, JACKAL)[:1])
+    observation = np.concatenate([scans[0], np.zeros(9, np.float32)])
+    theta = method.sets[method.context(observation)]
+    fitted_sets = [list(context["parameters"].values()) for context in log["contexts"]]
+    assert np.isclose(fitted_sets, theta).all(axis=1).any()
     assert method.describe()["file"] == "mine.safetensors"
 
 

@@ -16,86 +16,124 @@ from training.env.privileged import ODD, SIZE, STATIONS, WIDTH
 from worlds import Course, Mover, World
 
 # Index of the first clearance, after the entries that change sign in a mirror image.
-PLACES = len(ODD)
+FIRST_CLEARANCE = len(ODD)
+FIRST_MOVER = len(privileged.AHEAD)  # index of the lateral position of the nearest moving obstacle
+OPTIONS = {
+    "worlds": "generated:7",
+    "period": 1.0,
+    "observation": "dimensionless",
+    "time_limit": 1.0,
+}
 
 
 def scene(side=1.0, movers=True):
     """Return an episode with the robot at the origin, a plan straight into a post, and a course
     around the post.
     """
+    # World: post, course and a person who walks ahead and to one side, at 1 m/s along both axes
     post = np.array([[2.0 * WIDTH, side * 0.1 * WIDTH, 0.2 * WIDTH]])
-    path = WIDTH * np.array([(0.0, 0.0), (1.0, side * 1.0), (3.0, side * 1.0), (5.0, 0.0)])
-    course = Course((0.0, 0.0, 0.0), (8.0 * WIDTH, 0.0, 0.0), None, 0.4, path)
-    walker = Mover(0.25, tuple((t, 1.0 + t, side * (2.0 + t)) for t in map(float, range(11))))
+    corners = np.array([(0.0, 0.0), (1.0, side * 1.0), (3.0, side * 1.0), (5.0, 0.0)])
+    course = Course(
+        start=(0.0, 0.0, 0.0),
+        goal=(8.0 * WIDTH, 0.0, 0.0),
+        finish_y=None,
+        goal_tolerance=0.4,
+        path=WIDTH * corners,
+    )
+    key_frames = []
+    for time in map(float, range(11)):
+        key_frames.append((time, 1.0 + time, side * (2.0 + time)))
+    walker = Mover(0.25, tuple(key_frames))
+    world = World("w", post, np.zeros((0, 5)), course, (walker,) if movers else ())
+
+    # Planner: its plan leads ahead in the frame of a wrong odometry.
+    believed_pose = (5.0, 3.0, side * 0.5 * math.pi)
+    plan_x = np.full(90, 5.0)
+    plan_y = 3.0 + side * np.linspace(0.0, 9.0 * WIDTH, 90)
+    plan = np.column_stack([plan_x, plan_y])
+
     drawn = sim_bridge.simulator.Randomisation(
         latency=0.05, ground=0.25, friction=1.2, slip=0.7, odometry=2.0
     )
-    # Wrong odometry, in whose frame the plan is given.
-    believed = (5.0, 3.0, side * 0.5 * math.pi)
-    plan = np.column_stack([np.full(90, 5.0), 3.0 + side * np.linspace(0.0, 9.0 * WIDTH, 90)])
-    state = SimpleNamespace(pose=(0.0, 0.0, 0.0), odom_pose=believed, time=5.0)
+    state = SimpleNamespace(pose=(0.0, 0.0, 0.0), odom_pose=believed_pose, time=5.0)
     return SimpleNamespace(
         simulator=SimpleNamespace(state=state, drawn=drawn),
-        world=World("w", post, np.zeros((0, 5)), course, (walker,) if movers else ()),
+        world=world,
         move_base=SimpleNamespace(global_plan=plan, variant="cpp-like"),
         robot=JACKAL,
-        place=believed,
+        place=believed_pose,
         stall=SimpleNamespace(share=0.5),
     )
+
+
+def share(value):
+    """Return the share from 0 to 1 that an input from -1 to 1 stands for."""
+    return (1.0 + value) / 2.0
 
 
 def test_critics_observe_the_true_course_and_the_randomised_robot():
     observed = privileged.privileged(scene(), 1.0)
     assert observed.shape == (SIZE,)
-    clear = dict(zip(STATIONS, observed[PLACES:]))
-    widths = {station: 2.0 * ((1.0 + value) / 2.0) ** 2 for station, value in clear.items()}
+
     # The plan leads into the post, between 1.5 and 2 widths ahead.
-    assert widths[2.0] == 0.0
-    assert widths[0.5] == pytest.approx(math.hypot(1.5, 0.1) - 0.2, abs=0.12)
-    rest = observed[PLACES + 2 * len(STATIONS) :]
-    free = (1.0 + rest[0]) / 2.0 * STATIONS[-1]
-    assert free == pytest.approx(2.0 - 0.2 - 0.5 * JACKAL.body.size[1] / WIDTH, abs=0.25)
-    left = math.sqrt(2.0) + 2.0 + math.sqrt(5.0) + 3.0
-    assert (1.0 + rest[1]) / 2.0 * privileged.LONG == pytest.approx(left, abs=1e-4)
-    assert rest[2] == -1.0  # The robot is on the course.
+    clearances = {}
+    for station, value in zip(STATIONS, observed[FIRST_CLEARANCE:]):
+        clearances[station] = privileged.CLEARANCE_CAP * share(value) ** 2
+    assert clearances[2.0] == 0.0
+    assert clearances[0.5] == pytest.approx(math.hypot(1.5, 0.1) - 0.2, abs=0.12)
+
+    # It is free up to the post, and the course goes round the post.
+    after_clearances = observed[FIRST_CLEARANCE + 2 * len(STATIONS) :]
+    free, length, distance = after_clearances[:3]
+    half_width = 0.5 * JACKAL.body.size[1] / WIDTH
+    assert share(free) * STATIONS[-1] == pytest.approx(2.0 - 0.2 - half_width, abs=0.25)
+    course_length = math.sqrt(2.0) + 2.0 + math.sqrt(5.0) + 3.0
+    assert share(length) * privileged.LONG == pytest.approx(course_length, abs=1e-4)
+    assert distance == -1.0  # The robot is on the course.
     # The course bends to the left.
     assert observed[0] == pytest.approx(math.sin(math.atan2(1.0, 1.6)), abs=0.06)
+
     # At 5 s the walker is far to the left.
-    assert observed[len(privileged.AHEAD)] == 1.0
-    assert observed[len(privileged.AHEAD) + 1] == pytest.approx(1.0 / privileged.FAST, abs=1e-3)
-    np.testing.assert_allclose(rest[-8:], [1.0, -0.5, 0.4, -0.3, 0.5, 0.0, 0.0, 0.0], atol=1e-6)
+    lateral_position, lateral_speed = observed[FIRST_MOVER : FIRST_MOVER + 2]
+    assert lateral_position == 1.0
+    assert lateral_speed == pytest.approx(1.0 / privileged.FAST, abs=1e-3)
+
+    # Fidelity, ground, friction, slip, odometry, delay, laser noise, and the share of the stall
+    drawn = after_clearances[-8:]
+    np.testing.assert_allclose(drawn, [1.0, -0.5, 0.4, -0.3, 0.5, 0.0, 0.0, 0.0], atol=1e-6)
 
 
 @pytest.mark.parametrize("movers", [True, False])
 def test_a_mirrored_world_gives_the_mirrored_numbers(movers):
-    one = privileged.privileged(scene(1.0, movers), 1.0)
-    other = privileged.privileged(scene(-1.0, movers), 1.0)
-    sign = np.where(np.isin(np.arange(SIZE), ODD), -1.0, 1.0)
-    np.testing.assert_allclose(one * sign, other, atol=1e-6)
-    assert np.abs(one[list(ODD)]).max() > 0.1
+    to_the_left = privileged.privileged(scene(1.0, movers), 1.0)
+    to_the_right = privileged.privileged(scene(-1.0, movers), 1.0)
+    sign = np.ones(SIZE)
+    sign[list(ODD)] = -1.0
+    np.testing.assert_allclose(to_the_left * sign, to_the_right, atol=1e-6)
+    assert np.abs(to_the_left[list(ODD)]).max() > 0.1
 
 
-def test_privileged_numbers_follow_the_observation_and_the_protocol_is_random():
-    common = {
-        "worlds": "generated:7",
-        "period": 1.0,
-        "observation": "dimensionless",
-        "time_limit": 1.0,
-    }
-    env = ApplrEnv(**common, critics_know_more=True, protocol="drawn")
-    layout = env.layout
-    plain = ApplrEnv(**common).layout
-    assert (layout.hidden, layout.seen, layout.size) == (SIZE, plain.size, plain.size + SIZE)
+def test_privileged_numbers_follow_the_observation():
+    layout = ApplrEnv(**OPTIONS, critics_know_more=True).layout
+    plain = ApplrEnv(**OPTIONS).layout
+    assert layout.hidden == SIZE
+    assert layout.seen == plain.size
+    assert layout.size == plain.size + SIZE
+    # The policy's part is mirrored as without them.
     assert np.array_equal(layout.policy_mirror.order, plain.mirror.order)
     assert np.array_equal(layout.policy_mirror.sign, plain.mirror.sign)
-    assert np.flatnonzero(layout.mirror.sign[plain.size :] < 0).tolist() == list(ODD)
-    courses = set()
+    hidden_signs = layout.mirror.sign[plain.size :]
+    assert np.flatnonzero(hidden_signs < 0).tolist() == list(ODD)
+
+
+def test_courses_of_both_protocols_are_drawn_and_observed():
+    env = ApplrEnv(**OPTIONS, critics_know_more=True, protocol="drawn")
+    starts = set()
     for seed in range(8):
         observation, _ = env.reset(seed=seed)
         assert env.observation_space.contains(observation)
-        assert np.array_equal(
-            observation[-SIZE:], privileged.privileged(env.episode, env.encoding.scale)
-        )
-        courses.add(env.episode.world.course.start)
-    assert len(courses) == 2
-    assert (-2.25, 3.0, math.pi / 2) in courses  # start of the BARN Challenge
+        hidden = privileged.privileged(env.episode, env.encoding.scale)
+        assert np.array_equal(observation[-SIZE:], hidden)
+        starts.add(env.episode.world.course.start)
+    assert len(starts) == 2
+    assert (-2.25, 3.0, math.pi / 2) in starts  # start of the BARN Challenge

@@ -45,7 +45,9 @@ def dynabarn(folder, crossing):
 
 
 def test_dynabarn_is_driven(tmp_path):
-    """The course of 20 m passes a cylinder that crosses it 7 m ahead of the start, back and forth."""
+    """The course of 20 m passes a cylinder that crosses it 7 m ahead of the start, back and
+    forth.
+    """
     path = dynabarn(tmp_path, ((0, 4, -3), (8, 4, 3), (16, 4, -3)))
     (tmp_path / "fast.json").write_text('{"max_vel_x": 1.0, "vx_samples": 12}')
     given = "--worlds", path, "--methods", str(tmp_path / "fast.json"), "--simulator", "kinematic"

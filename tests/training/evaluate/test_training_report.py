@@ -125,7 +125,9 @@ def test_equal_trials_of_a_world_count_as_one():
 
 
 def test_the_bootstrap_resamples_worlds_not_trials():
-    """Ten worlds with 100 equal trials each have the interval of ten trials: 1.96 standard errors."""
+    """Ten worlds with 100 equal trials each have the interval of ten trials: 1.96 standard
+    errors.
+    """
     means = np.linspace(10.0, 30.0, 10)
     half = 1.96 * means.std() / math.sqrt(10)
     estimate = over_worlds(means * 100, np.full(10, 100.0))

@@ -24,17 +24,28 @@ def trials_of(world, seconds, trial=0):
 
 
 def pairs_of(*courses, methods=BOTH):
+    """Return the paired trials of courses, each a time [s] or reason per method."""
     results = {}
     for number, values in enumerate(courses):
         results.update(trials_of(f"world{number}", dict(zip(methods, values))))
     return paired_trials(results, methods)
 
 
-def around(*middles, count=12):
-    draws = np.random.default_rng(1).normal(0.0, 1.0, (count, len(middles)))
-    return [tuple(map(float, np.array(middles) + draw)) for draw in draws - draws.mean(axis=0)]
+def around(*means, count=12):
+    """Return courses with random times [s] whose means are exactly these."""
+    draws = np.random.default_rng(1).normal(0.0, 1.0, (count, len(means)))
+    times = np.array(means) + (draws - draws.mean(axis=0))
+    return list(map(tuple, times.tolist()))
 
 
+def rows_of(judged):
+    """Return the words of each row of a verdict's table: method, trials, arrivals, ..."""
+    _, *rows = judged.lines[0].splitlines()
+    return list(map(str.split, rows))
+
+
+# Courses with a difference of p = .1
+UNCLEAR = [(20.0 + d, 20.0) for d in (3.0, -1.0, 2.0, 1.0, 4.0, -1.0, 1.0, 1.5)]
 ALL_ARRIVE = "12 of 12 arrive (dwa: 12)"
 IN_BOTH = "where both arrive (12 drives)"
 
@@ -57,30 +68,23 @@ IN_BOTH = "where both arrive (12 drives)"
         (around(20, 20), BOTH, "dwa", ["applr better: no, "]),
         (around(30, 25, 15), THREE, "static", ["applr better: yes, ", "static better: yes, "]),
         (around(30, 15, 25), THREE, "applr", ["applr better: yes, ", "static better: yes, "]),
-        # a difference with p = .1
-        (
-            [(20.0 + d, 20.0) for d in (3.0, -1.0, 2.0, 1.0, 4.0, -1.0, 1.0, 1.5)],
-            BOTH,
-            "dwa",
-            ["applr better: no, "],
-        ),
+        (UNCLEAR, BOTH, "dwa", ["applr better: no, "]),
     ],
 )
 def test_a_verdict_has_a_method_a_table_and_a_line_per_comparison(courses, methods, method, lines):
     judged = judging.verdict(pairs_of(*courses, methods=methods))
     assert judged.method == method
-    table, *compared = judged.lines[: len(methods)]
-    assert len(compared) == len(lines)
-    for line, start in zip(compared, lines):
+    _, *comparisons = judged.lines[: len(methods)]
+    assert len(comparisons) == len(lines)
+    for line, start in zip(comparisons, lines):
         assert line.startswith(start)
-    rows = [row.split() for row in table.splitlines()[1:]]
     count = str(len(courses))
-    assert [row[:4] for row in rows] == [[name, count, count, "0"] for name in methods]
+    for row, name in zip(rows_of(judged), methods):
+        assert row[:4] == [name, count, count, "0"]
 
 
 def test_a_difference_that_is_not_significant_says_that_the_courses_are_too_few():
-    pairs = [(20.0 + d, 20.0) for d in (3.0, -1.0, 2.0, 1.0, 4.0, -1.0, 1.0, 1.5)]
-    _, line, *_ = judging.verdict(pairs_of(*pairs)).lines
+    _, line, *_ = judging.verdict(pairs_of(*UNCLEAR)).lines
     assert line.endswith("; p = 0.1: too few courses to tell")
     _, line, *_ = judging.verdict(pairs_of((30.0, 20.0))).lines
     assert line.endswith("; too few courses to tell")
@@ -91,14 +95,15 @@ def test_arrivals_come_first_and_times_are_of_the_drives_in_which_both_arrive():
     easy = [(30.0 + i, 20.0 + i) for i in range(6)]
     hard = [("time limit", 60.0 + i) for i in range(10)]
     judged = judging.verdict(pairs_of(*easy, *hard))
-    table, line, *_ = judged.lines
+    _, line, *_ = judged.lines
     assert judged.method == "applr"
     arrivals, times_of_both, test = line.split("; ")
     assert arrivals == "applr better: yes, 16 of 16 arrive (dwa: 6)"
     assert times_of_both == "22.5 s instead of 32.5 s where both arrive (6 drives)"
     assert test.startswith("p = ")
-    times = [row.split()[4] for row in table.splitlines()[1:]]
-    assert times == ["32.5", "22.5"]
+    dwa, applr = rows_of(judged)
+    assert dwa[4] == "32.5"
+    assert applr[4] == "22.5"
 
 
 def test_without_a_course_on_which_both_arrive_no_times_are_compared():
@@ -124,20 +129,22 @@ def test_the_lines_say_what_the_test_counts():
 def test_a_policy_that_is_better_on_average_and_creeps_in_the_worst_tenth_is_not_better():
     courses = [*around(30, 20, count=19), (30.0, 45.0)]
     judged = judging.verdict(pairs_of(*courses))
-    table, line, *_ = judged.lines
+    _, line, *_ = judged.lines
     assert judged.method == "dwa"
     assert line.startswith("applr better: no, ")
     assert line.endswith("; its worst tenth is worse")
-    worst = [float(row.split()[-1]) for row in table.splitlines()[1:]]
-    assert worst[1] > worst[0]
+    dwa, applr = rows_of(judged)
+    assert float(applr[-1]) > float(dwa[-1])
 
 
 def test_a_policy_that_is_faster_but_fails_more_often_is_not_better():
     courses = [*around(30, 25, count=9), *[(30.0 + i, "time limit") for i in range(7)]]
     judged = judging.verdict(pairs_of(*courses))
-    table, line, *_ = judged.lines
+    _, line, *_ = judged.lines
     assert judged.method == "dwa"
-    assert [row.split()[1:3] for row in table.splitlines()[1:]] == [["16", "16"], ["16", "9"]]
+    dwa, applr = rows_of(judged)
+    assert dwa[1:3] == ["16", "16"]
+    assert applr[1:3] == ["16", "9"]
     assert line.startswith("applr better: no, 9 of 16 arrive (dwa: 16); ")
 
 
@@ -147,4 +154,6 @@ def test_half_driven_courses_are_left_out_and_further_trials_of_a_world_are_aver
     results.update(trials_of("b", {"dwa": 20.0}))
     trials = paired_trials(results, BOTH)
     scores = mean_scores(trials)
-    assert (len(trials), scores.dwa.tolist(), scores.applr.tolist()) == (4, [25.0], [15.0])
+    assert len(trials) == 4
+    assert scores.dwa.tolist() == [25.0]
+    assert scores.applr.tolist() == [15.0]

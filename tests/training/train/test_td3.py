@@ -58,7 +58,9 @@ def _sb3(n, m, hidden, batch_size):
 
 
 def action_of(td3, observation):
-    """Return the actions (n, m) of the learnt policy, without noise and without its mirror image."""
+    """Return the actions (n, m) of the learnt policy, without noise and without its mirror
+    image.
+    """
     with torch.no_grad():
         return torch.tanh(td3.policy(torch.as_tensor(observation))).numpy()
 

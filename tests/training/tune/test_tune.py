@@ -1,4 +1,6 @@
-"""Tests of ./applr tune: its objectives, starting sets and files, and the command with toy drives."""
+"""Tests of ./applr tune: its objectives, starting sets and files, and the command with toy
+drives.
+"""
 
 import json
 import re

@@ -32,7 +32,9 @@ CHANGED = pd.DataFrame(
 
 @pytest.fixture
 def drives(tmp_path):
-    """Return the folder of a set that was judged on three courses, with the monitor and without it."""
+    """Return the folder of a set that was judged on three courses, with the monitor and without
+    it.
+    """
     (tmp_path / "tuned.yaml").write_text("DWAPlannerROS: {}\n")
     for monitor in ("with", "without"):
         plan = plan_trials([(w, w) for w in WORLDS], [(m, m) for m in TIMES], 1, seed=0)
