@@ -1,7 +1,7 @@
 """Python packages and their data files, for catkin (catkin_python_setup) and for pip.
 
-pip installs the packages under the names that they have in a clone. Install them into an environment of their own:
-`training` and `worlds` are names that other projects use, too.
+pip installs the packages under the names that they have in a clone. Install them into an
+environment of their own: `training` and `worlds` are names that other projects use, too.
 """
 
 import xml.etree.ElementTree as xml

@@ -1,7 +1,7 @@
-"""APPLR for ROS 1: a move_base-compatible planner, the parameter policy that tunes it, and their nodes.
+"""APPLR for ROS 1: a move_base-compatible planner, the policy that tunes it, and their nodes.
 
-The generated `applr_ros1.cfg` package lives in the catkin workspace. `__path__` is extended so that it is found even
-if the repository's root comes first on `sys.path`.
+The generated `applr_ros1.cfg` package lives in the catkin workspace. `__path__` is extended so that
+it is found even if the repository's root comes first on `sys.path`.
 """
 
 import importlib

@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""Entry point of `rosrun applr_ros1 NAME.py`. CMakeLists.txt installs this file under each name of NODES and COMMANDS.
+"""Entry point of `rosrun applr_ros1 NAME.py`.
 
-`applr-ros1 NAME`, which pip installs, and `python -m applr_ros1.scripts NAME` do the same.
+CMakeLists.txt installs this file under each name of NODES and COMMANDS. `applr-ros1 NAME`, which
+pip installs, and `python -m applr_ros1.scripts NAME` do the same.
 """
 
 import sys
@@ -38,7 +39,7 @@ COMMANDS = {
 
 
 def main() -> None:
-    """Run the program after which this file is named, or else the program named by the first argument."""
+    """Run the program after which this file is named, or else the first argument's program."""
     programs = {**NODES, **COMMANDS}
     if Path(sys.argv[0]).stem not in programs:
         sys.argv.pop(0)

@@ -1,7 +1,7 @@
 """Sphinx extension that generates text from the code and the data when the site is built.
 
-A line `<!-- from code: NAME ARGUMENTS -->` of a page is replaced by the Markdown that the function NAME of this file
-returns. For complete files, the pages use literalinclude and csv-table.
+A line `<!-- from code: NAME ARGUMENTS -->` of a page is replaced by the Markdown that the function
+NAME of this file returns. For complete files, the pages use literalinclude and csv-table.
 """
 
 import contextlib
@@ -27,9 +27,13 @@ TITLES = {  # titles of parameters that exist in several places; the others stan
     "": "`/move_base`",
     "local_costmap": "`/move_base/local_costmap` and `/move_base/global_costmap`",
     MAP: "Each static layer (`static_layer` in files without `plugins`)",
-    "local_costmap/obstacles_layer": "Each obstacle layer (`obstacle_layer` in files without `plugins`)",
+    "local_costmap/obstacles_layer": (
+        "Each obstacle layer (`obstacle_layer` in files without `plugins`)"
+    ),
     "local_costmap/obstacles_layer/scan": "Each source of an obstacle layer (`scan` on the Jackal)",
-    "local_costmap/inflater_layer": "Each inflation layer (`inflation_layer` in files without `plugins`)",
+    "local_costmap/inflater_layer": (
+        "Each inflation layer (`inflation_layer` in files without `plugins`)"
+    ),
     NAMED: "Each behaviour that `recovery_behaviors` names",
     "applr": "`/move_base/applr`, which C++ does not have",
 }
@@ -68,7 +72,7 @@ def commands(*modules: str) -> str:
 
 
 def comparison(prefix: str) -> str:
-    """Return a table of docs/results/PREFIX_time.csv, _rates.csv and _faster.csv with a row for each method."""
+    """Return a table of docs/results/PREFIX_time.csv, _rates.csv and _faster.csv by method."""
     rates, faster = (
         {row["method"]: row for row in rows_of(prefix + end)} for end in ("_rates", "_faster")
     )
@@ -133,7 +137,7 @@ def methods() -> str:
 
 
 def parameters() -> str:
-    """Return the parameters of move_base: a list for each dynamic_reconfigure server, then those read at start-up."""
+    """Return the parameters of move_base, a list for each server, then those read at start-up."""
     parts = []
     for title, declared in (
         ("Live, through dynamic_reconfigure", dict(SERVERS, **{MAP: TYPES[MAP].live})),
@@ -208,7 +212,7 @@ def _section(name: str, kind: Any) -> str:
 
 
 def jackal_space() -> str:
-    """Return a table of the Jackal's parameter space, with the declared meaning of each parameter."""
+    """Return a table of the Jackal's parameter space with the meaning of each parameter."""
     from applr_ros1.policy.parameter_space import SPACE
     from applr_ros1.robots import JACKAL
 

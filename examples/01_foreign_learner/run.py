@@ -1,8 +1,8 @@
 """Trains TD3 of stable-baselines3 in the environment, and writes its policy as an actor file.
 
-The environment follows Gymnasium, so any library can learn in it. The file drives like the included policy:
-`./applr demo method:=actor.safetensors`, or `evaluate.py --methods dwa,actor.safetensors`. A good policy
-needs about 100,000 steps; this example only shows the procedure.
+The environment follows Gymnasium, so any library can learn in it. The file drives like the included
+policy: `./applr demo method:=actor.safetensors`, or `evaluate.py --methods dwa,actor.safetensors`.
+A good policy needs about 100,000 steps; this example only shows the procedure.
 """
 
 import argparse
@@ -17,7 +17,7 @@ from applr_ros1.policy import actor
 
 
 def weights_of(model: TD3) -> dict:
-    """Return the layers of the policy under the names of an actor file: 0.weight, 0.bias, 1.weight, ..."""
+    """Return the layers of the policy by their names in an actor file: 0.weight, 0.bias, ..."""
     layers = [layer for layer in model.policy.actor.mu if hasattr(layer, "weight")]
     weights = {}
     for number, layer in enumerate(layers):
