@@ -101,6 +101,7 @@ class KinematicSimulator(Simulator):
         self._body = record(Body(x, y, pose[2]))
 
     def _drive(self, steps: int) -> None:
+        """Simulate some steps of STEP, and store the state after them."""
         duration = steps * STEP
         shape = (steps, wheels.noises(self._supports))
         noise = np.zeros(shape)  # Gazebo's wheels have no noise.

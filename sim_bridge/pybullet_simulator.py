@@ -79,6 +79,7 @@ class PybulletSimulator(Simulator):
         self._spin((0.0, 0.0))
 
     def _drive(self, steps: int) -> None:
+        """Simulate some steps of STEP, and store the state after them."""
         client = self._client
         body = self._body
         # The client makes a new function object at every access, so each is looked up only once.

@@ -236,6 +236,7 @@ def scaled(world: World, factor: float) -> World:
 
 
 def _scaled_course(course: Course, factor: float) -> Course:
+    """Return a course with all lengths multiplied by a factor."""
     finish_y = course.finish_y
     if finish_y is not None:
         finish_y *= factor

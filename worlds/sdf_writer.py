@@ -92,6 +92,7 @@ def _cylinder(radius: float) -> str:
 
 
 def _waypoints(mover: Mover) -> str:
+    """Return the element with the key frames of a moving obstacle."""
     # Defaults are not written.
     attributes = ""
     if mover.length != mover.waypoints[-1][0]:

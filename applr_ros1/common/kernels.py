@@ -111,6 +111,7 @@ class KernelCache(NullCache):
             _remove_unused()
 
     def _path(self, signature: Any, codegen: Any) -> Path:
+        """Return the file of the machine code for a signature on this processor."""
         function = self._function
         types = [str(argument_type) for argument_type in getattr(signature, "args", signature)]
         target = sys.version_info[:2], numba.__version__, codegen.magic_tuple()

@@ -49,7 +49,8 @@ class Rows:
 
     def latest(self, time: float) -> int:
         """Return the index of the latest row until `time` [s], or -1."""
-        return int(np.searchsorted(self.time, time, side="right")) - 1
+        following = int(np.searchsorted(self.time, time, side="right"))
+        return following - 1
 
     def between(self: SelfRows, begin: float, end: float) -> SelfRows:
         """Return the rows with begin <= time <= end [s]."""
@@ -59,7 +60,7 @@ class Rows:
 
     def part(self: SelfRows, rows: slice) -> SelfRows:
         """Return a slice of the rows."""
-        # Arrays give views, and lists give short copies.
+        # Arrays give views, and lists give short copies, so that a window of a long drive is cheap.
         columns = {}
         for column in fields(self):
             columns[column.name] = getattr(self, column.name)[rows]
@@ -357,8 +358,12 @@ class Drive:
             decided = arrays["decided"]
         decisions = []
         for time, theta in zip(decided.tolist(), thetas.tolist()):
-            values = {str(index): value for index, value in enumerate(theta)}
-            decisions.append(Decision("", time, time, {}, values, None))
+            # The names were not packed.
+            values = dict(zip(map(str, range(len(theta))), theta))
+            decision = Decision(
+                goal="", time=time, scan_time=time, before={}, after=values, seen=None
+            )
+            decisions.append(decision)
         return cls(truth=truth, decisions=decisions)
 
     def require(self, *columns: str) -> None:

@@ -108,8 +108,7 @@ class Recorder:
         self.sent: List[SentGoal] = []
         self.goals: List[Goal] = []
 
-    # -- rows that are always kept
-    # -------------------------------------------------------------------
+    # -- rows that are always kept -----------------------------------------------------------------
     def moved(self, time: float, pose: Pose, twist: Twist) -> None:
         """Add the robot's true motion."""
         self._truth.append(time, *pose, *twist)
@@ -126,8 +125,7 @@ class Recorder:
         """Add a contact."""
         self._contacts.append(time)
 
-    # -- rows that are kept on request
-    # ---------------------------------------------------------------
+    # -- rows that are kept on request -------------------------------------------------------------
     def localised(self, time: float, pose: Pose, twist: Twist) -> None:
         """Add the robot's motion by odometry."""
         self._odometry.append(time, *pose, *twist)
@@ -169,8 +167,7 @@ class Recorder:
         """Add the beginning of a recovery behaviour."""
         self._recoveries.append(time)
 
-    # -- the drive
-    # -----------------------------------------------------------------------------------
+    # -- the drive ---------------------------------------------------------------------------------
     @property
     def drive(self) -> Drive:
         """Drive so far, with all columns that are kept."""
@@ -201,13 +198,13 @@ class Recorder:
     def _add_details(self, drive: Drive) -> None:
         """Add the columns that are kept on request."""
         drive.odometry = _motion(self._odometry.rows)
-        drive.planned = Commands(self._planned.rows[:, 0], self._planned.rows[:, 1:])
-        drive.commands = Commands(self._commands.rows[:, 0], self._commands.rows[:, 1:])
+        drive.planned = _commands(self._planned.rows)
+        drive.commands = _commands(self._commands.rows)
         drive.routes = Plans(self._routes.times, self._routes.values)
         drive.plans = Plans(self._plans.times, self._plans.values)
         drive.refusals = Refusals(self._refusals.times, self._refusals.values)
         drive.scans = _scans(self._scans)
-        drive.verdicts = Verdicts(self._verdicts.times, [], [], [])
+        drive.verdicts = Verdicts(self._verdicts.times, action=[], reason=[], blocked=[])
         for verdict in self._verdicts.values:
             drive.verdicts.action.append(verdict.action)
             drive.verdicts.reason.append(verdict.reason)
@@ -218,12 +215,19 @@ class Recorder:
 
 def _motion(rows: np.ndarray) -> Motion:
     """Return rows of time, x, y, yaw, v, w as a Motion."""
-    return Motion(rows[:, 0], rows[:, 0], rows[:, 1:4], rows[:, 4:6])
+    time = rows[:, 0]
+    # A simulator's rows hold for the time at which they come.
+    return Motion(time=time, stamp=time, pose=rows[:, 1:4], twist=rows[:, 4:6])
+
+
+def _commands(rows: np.ndarray) -> Commands:
+    """Return rows of time, v, w as columns."""
+    return Commands(time=rows[:, 0], twist=rows[:, 1:])
 
 
 def _clearances(rows: np.ndarray) -> Clearances:
     """Return rows of time and smallest range as columns."""
-    return Clearances(rows[:, 0], rows[:, 1])
+    return Clearances(time=rows[:, 0], nearest=rows[:, 1])
 
 
 def _scans(log: Log) -> Scans:

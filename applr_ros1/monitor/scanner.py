@@ -182,6 +182,7 @@ def geometry_fault(scan: LaserScan) -> str:
 def _count_ranges(
     ranges: Array32, range_min: float, range_max: float, increment: float
 ) -> RangeCounts:
+    """Count the invalid ranges, the hits, and the beams of the widest gap without a return."""
     beam_count = ranges.shape[0]
     invalid = 0
     hits = 0

@@ -132,6 +132,7 @@ class MoverTracker:
         self._speed += share * (moved / interval - self._speed)
 
     def _follow(self, scan: LaserScan, pose: Pose, interval: float) -> None:
+        """Update the tracks with a scan after `interval` [s], and the correction of its pose."""
         ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
         fans = self._fans(scan, pose)
         depth = depths(ranges, float(scan.range_min), float(scan.range_max))

@@ -129,6 +129,7 @@ class Sensors:
         return cls(frames, topics, {}, robot.topics.odometry, robot.laser.no_return)
 
     def _take_odometry(self, message: Odometry) -> None:
+        """Store the speed and turn rate of a message, with its arrival."""
         # The base cannot drive sideways: a lateral velocity is noise or slip.
         twist = (message.twist.twist.linear.x, message.twist.twist.angular.z)
         if not all(map(math.isfinite, twist)):

@@ -510,6 +510,7 @@ class MoveBase:
         self.costmaps[name].set_footprint(outline)
 
     def _reconfigure_costmap(self, name: str, changed: Set[str]) -> None:
+        """Apply changed values of a costmap's server: frequency, size and footprint."""
         values = self._config[name]
         self._timers[name] = Timer()  # C++ restarts the thread that updates the map.
         self._timers[name].set_frequency(values["update_frequency"])

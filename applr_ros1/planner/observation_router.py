@@ -107,6 +107,10 @@ class ObservationRouter:
         local_origin: Optional[Pose],
         placed: bool,
     ) -> None:
+        """Give an observation to the buffers that listen to its topic.
+
+        placed: whether local_origin is known; the global costmap takes nothing without it.
+        """
         # Sources with the same frame and treatment of +inf share a projection.
         clouds: Dict[Tuple[bool, bool], PointCloud] = {}
         for buffer, is_global in self._listeners.get(topic, ()):

@@ -272,6 +272,7 @@ class StateMachine:
             self._take_turns(inputs, cycle)
 
     def _take_turns(self, inputs: CycleInput, cycle: Cycle) -> None:
+        """Run the planner's and the controller's turns of a cycle, those that are due."""
         if self._announce_stop:
             cycle.command = STOP
             self._announce_stop = False
@@ -287,6 +288,7 @@ class StateMachine:
 
     # -- the planner's turn ------------------------------------------------------------------------
     def _planning_turn(self, inputs: CycleInput, cycle: Cycle) -> None:
+        """Run the planner if it was woken, or if its timer is due."""
         if not self._run_planner:
             return
         # With planner_frequency 0, a failing planner waits for the control turn, whereas C++ spins.

@@ -47,6 +47,7 @@ def _angle(unit: float) -> Callable[[Any, Any], float]:
     """Return a YAML constructor that converts angles in a unit (1.0: rad) to rad."""
 
     def read(loader: Any, node: Any) -> float:
+        """Return the angle [rad] in a node such as "pi/2" or "-90"."""
         match = _ANGLE.fullmatch(loader.construct_scalar(node).strip())
         if not match or not (match["number"] or match["pi"]):
             raise ValueError(f"{node.value[:40]} is no angle: give a number or a fraction of pi")

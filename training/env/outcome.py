@@ -124,6 +124,7 @@ def outcome_of(
     outcome.success = goal.status == REACHED
     outcome.flipped = goal.status == FLIPPED
     outcome.aborted = goal.status == ABORTED
+    # After an abort, the robot would stand until the time limit.
     outcome.timeout = goal.status in (TIMED_OUT, ABORTED)
     outcome.time_s = time_limit if outcome.timeout else leg.end - goal.begin
     return outcome
@@ -133,7 +134,9 @@ def _measure_leg(outcome: Outcome, drive: Drive, leg: Leg) -> None:
     """Set the fields that describe the last decision."""
     outcome.seconds = leg.end - leg.begin
     outcome.progress, outcome.progress_y = progress(leg.goal, leg.start_place, leg.end_place)
-    outcome.contact = bool(((drive.contacts > leg.begin) & (drive.contacts <= leg.end)).any())
+    # A contact at the very beginning belongs to the leg before.
+    is_in_leg = (drive.contacts > leg.begin) & (drive.contacts <= leg.end)
+    outcome.contact = bool(is_in_leg.any())
 
 
 def _measure_clearance(
@@ -151,11 +154,12 @@ def _measure_clearance(
     if len(seen_in_leg):
         outcome.last_scan_min = float(seen_in_leg.nearest[-1])
     outcome.decision_min = float(in_leg.nearest.min(initial=outcome.last_scan_min))
-    outcome.min_clearance_m = float(
-        min(in_trial.nearest.min(initial=math.inf), seen_in_trial.nearest.min(initial=math.inf))
-    )
+    smallest = in_trial.nearest.min(initial=math.inf)
+    outcome.min_clearance_m = float(seen_in_trial.nearest.min(initial=smallest))
     if len(in_trial):
-        outcome.mean_clearance_m = float(np.minimum(in_trial.nearest, CLEAR * body_width).mean())
+        # Open space, where the laser sees far, must not hide narrow places.
+        capped = np.minimum(in_trial.nearest, CLEAR * body_width)
+        outcome.mean_clearance_m = float(capped.mean())
 
 
 def _measure_motion(outcome: Outcome, drive: Drive, goal: Goal, leg: Leg) -> None:
@@ -167,10 +171,11 @@ def _measure_motion(outcome: Outcome, drive: Drive, goal: Goal, leg: Leg) -> Non
     if not len(intervals):
         return
     outcome.path_length_m = motion.length
-    accelerations = np.diff(motion.twist, axis=0) / intervals[:, None]
-    jerks = np.diff(accelerations[:, 0]) / intervals[1:]
+    # Accelerations from row to row, and the jerk between two of them
+    acceleration, yaw_acceleration = np.diff(motion.twist, axis=0).T / intervals
+    jerks = np.diff(acceleration) / intervals[1:]
     outcome.mean_jerk = float(np.abs(jerks).sum() / len(intervals))
-    outcome.mean_turn = float(np.abs(accelerations[:, 1]).mean())
+    outcome.mean_turn = float(np.abs(yaw_acceleration).mean())
 
 
 def progress(
@@ -190,7 +195,7 @@ def progress(
     goal_x = goal[0] - start[0]
     goal_y = goal[1] - start[1]
     distance = math.hypot(goal_x, goal_y)
-    along = 0.0
+    along = 0.0  # On the goal itself, no direction leads to it.
     if distance > 0.0:
         along = (driven_x * goal_x + driven_y * goal_y) / distance
     return along, driven_y
@@ -201,5 +206,6 @@ def nearest(ranges: np.ndarray, lowest: float) -> float:
 
     It is at least `lowest`: a range of -inf is too near to measure.
     """
+    # fmin skips NaN, the range of a beam that measures nothing. It is left only if all beams do so.
     smallest = float(np.fmin.reduce(ranges))
     return math.inf if math.isnan(smallest) else max(lowest, smallest)

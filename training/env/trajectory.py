@@ -41,16 +41,17 @@ class TransitionLayout:
     def of(cls, encoding: Encoding) -> TransitionLayout:
         """Return the layout of an encoding's observations and actions."""
         return cls(
-            encoding.scan,
-            encoding.size - encoding.scan,
-            encoding.actions,
-            encoding.scans,
-            encoding.mirror_sign,
+            scan=encoding.scan,
+            rest=encoding.size - encoding.scan,
+            action=encoding.actions,
+            scans=encoding.scans,
+            odd=encoding.mirror_sign,
         )
 
     @property
     def mirror(self) -> Optional[Mirror]:
         """Left-right reflection of an observation; None for an observation without a scan."""
+        # Only a scan shows on which side obstacles are.
         if not (self.scan and self.rest):
             return None
         return Mirror.of(self.scan, self.rest, self.scans, self.odd)
@@ -122,6 +123,7 @@ class Trajectory:
             ApplrError: A value is not finite.
         """
         observations = np.asarray(observations, dtype=np.float32).reshape(-1, layout.size)
+        # A value that is not finite would spoil the networks without a trace of where it came from.
         parts = {"an observation": observations, "an action": actions, "a reward": rewards}
         for name, values in parts.items():
             if not np.isfinite(values).all():

@@ -47,6 +47,7 @@ class MoveBaseProgress:
         self._goal = rospy.get_rostime(), goal_in(message, (GoalStatus.ACTIVE,))
 
     def _take_plan(self, message: Path) -> None:
+        """Store the straight distance between the ends of a plan; None without a plan."""
         # move_base publishes an empty plan if planning fails.
         distance = None
         if message.poses:

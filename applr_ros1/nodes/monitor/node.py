@@ -201,6 +201,7 @@ class CollisionMonitorNode:
         self._verdict = verdict
 
     def _take_command(self, message: Twist) -> None:
+        """Judge a command of the planner at once, and send what may pass of it."""
         with self._lock, until_shutdown():
             if rospy.is_shutdown():
                 return

@@ -127,6 +127,7 @@ class Costmap:
     def _allocate_cells(
         self, columns: int, rows: int, resolution: float, origin: Sequence[float]
     ) -> None:
+        """Give the master grid a size [cells], resolution and origin [m], and default cells."""
         self.size = (columns, rows)
         self.resolution = float(resolution)
         self.origin = np.array(origin, dtype=np.float64)
@@ -135,6 +136,7 @@ class Costmap:
         self._base = np.zeros((rows, columns), np.uint8)
 
     def _make_layer(self, description: LayerDescription) -> Layer:
+        """Return the layer that a description asks for, of the size of the map."""
         columns, rows = self.size
         name = description.name
         parameters = description.parameters

@@ -95,6 +95,7 @@ class InflationLayer:
         self._allocate(columns, rows, resolution)
 
     def _allocate(self, columns: int, rows: int, resolution: float) -> None:
+        """Allocate the spread and all scratch memory for a map of this size [cells, m]."""
         self.resolution = float(resolution)
         self._columns = columns
         self._rows = rows
@@ -119,6 +120,7 @@ class InflationLayer:
         self._make_tables()
 
     def _make_tables(self) -> None:
+        """Compute the tables of levels and costs for the parameters and the resolution."""
         parameters = self.parameters
         # The old spread has other levels and costs.
         self._forget()

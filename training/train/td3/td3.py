@@ -208,6 +208,7 @@ class TD3:
             self._update_targets()
 
     def _update_critics(self, batch: Batch) -> None:
+        """Take a gradient step of both critics towards the clipped double-Q targets."""
         with torch.no_grad():
             # Target policy smoothing: clipped noise in action units, and an action clipped to its
             # range.
