@@ -141,10 +141,13 @@ def beam_directions(angle_min: float, angle_increment: float, count: int) -> Arr
     # The messages of ROS have float32 angles, from which laser_geometry computes in double.
     first = float(np.float32(angle_min))
     step = float(np.float32(angle_increment))
-    angles = [first + i * step for i in range(count)]
-    # numpy's vectorised cosine may differ from the C library's in the last bit.
-    table = [[math.cos(angle), math.sin(angle)] for angle in angles]
-    return np.array(table, dtype=np.float64).reshape(count, 2)
+    directions = np.empty((count, 2))
+    for beam in range(count):
+        angle = first + beam * step
+        # numpy's vectorised cosine may differ from the C library's in the last bit.
+        directions[beam, 0] = math.cos(angle)
+        directions[beam, 1] = math.sin(angle)
+    return directions
 
 
 def project(scan: LaserScan, inf_is_valid: bool = False) -> PointCloud:
@@ -326,15 +329,18 @@ class ObservationBuffer:
         self.taken = now
         persistence = self.source.observation_persistence
         if persistence <= 0.0:
-            others = [old for old in self.clouds if old.frame != cloud.frame]
-            self.clouds = [cloud, *(old for old in others if now - old.stamp < SHARED_S)]
+            latest_clouds = [cloud]
+            for other in self.clouds:
+                if other.frame != cloud.frame and now - other.stamp < SHARED_S:
+                    latest_clouds.append(other)
+            self.clouds = latest_clouds
             return
         self.clouds.insert(0, cloud)
         # As in purgeStaleObservations of C++, all clouds behind the first old one go, whatever
         # their age.
-        for i, old in enumerate(self.clouds):
-            if now - old.stamp > persistence:
-                del self.clouds[i:]
+        for index, kept_cloud in enumerate(self.clouds):
+            if now - kept_cloud.stamp > persistence:
+                del self.clouds[index:]
                 break
 
     def forget(self) -> None:

@@ -300,12 +300,14 @@ class Drive:
     frames: Dict[str, List[str]] = field(default_factory=dict)
     laser_pose: Optional[Pose] = None
     planners: List[str] = field(default_factory=list)
+    # Where the robot was, and what it measured
     truth: Optional[Motion] = None
     odometry: Optional[Motion] = None
     transforms: Optional[Transforms] = None
     scans: Optional[Scans] = None
     clearances: Optional[Clearances] = None
     observed: Optional[Clearances] = None
+    # What the planner, the monitor and reconfigure clients did
     routes: Optional[Plans] = None
     plans: Optional[Plans] = None
     refusals: Optional[Refusals] = None
@@ -313,6 +315,7 @@ class Drive:
     commands: Optional[Commands] = None
     verdicts: Optional[Verdicts] = None
     changes: Optional[Changes] = None
+    # Events
     decisions: List[Decision] = field(default_factory=list)
     ends: List[Decision] = field(default_factory=list)
     sent: List[SentGoal] = field(default_factory=list)

@@ -70,6 +70,7 @@ class Log:
     @property
     def values(self) -> List[Any]:
         """Values so far, as a copy."""
+        # The log grows on, but not the drives that were made of it.
         return list(self._values)
 
 
@@ -88,10 +89,12 @@ class Recorder:
     def __init__(self, world: Optional[World] = None, everything: bool = False):
         self.everything = everything
         self._world = world
+        # Rows that an Outcome needs
         self._truth = Table(6)  # time, x, y, yaw, v, w
         self._clearances = Table(2)  # time, smallest range
         self._observed = Table(2)  # time, smallest range
         self._contacts: List[float] = []
+        # Rows for a diagnosis or a bag
         self._odometry = Table(6)  # time, x, y, yaw, v, w
         self._scans = Log()
         self._routes = Log()

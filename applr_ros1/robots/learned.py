@@ -14,7 +14,7 @@ from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import INFLATION
 from applr_ros1.planner.parameters.declarations import SERVERS, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, INFLATION_LAYER, arranged, layers
-from applr_ros1.planner.parameters.parameter import Parameter, ParameterError
+from applr_ros1.planner.parameters.parameter import Parameter, ParameterError, by_name
 from applr_ros1.robots.robot import Base, Body, SpaceParameter, Target, number_at
 
 # Servers, and kinds of servers, that own learnable parameters
@@ -57,7 +57,7 @@ class Learned(NamedTuple):
     @property
     def declared(self) -> Parameter:
         """Declaration of the parameter in the planner's tables."""
-        return next(parameter for parameter in DECLARED[self.place] if self.name in parameter.names)
+        return by_name(DECLARED[self.place])[self.name]
 
 
 LEARNED = (  # rows in the order of the parameters in a space

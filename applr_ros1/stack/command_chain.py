@@ -51,12 +51,15 @@ class CommandChain:
         return self.escapes.instead(now, command, progress.goal, distance)
 
     def judged(self, command: Twist, motion: Optional[Twist], judge: Judge) -> Verdict:
-        """Return the verdict on a planner's command, or on the escape motion that replaces it.
-
-        An escape motion is small already: slowed to a creep, it would free nothing.
-        """
-        may_creep = motion is None
-        verdict = judge(command if motion is None else motion, may_creep)
+        """Return the verdict on a planner's command, or on the escape motion that replaces it."""
+        wanted = command
+        may_creep = True
+        if motion is not None:
+            wanted = motion
+            may_creep = (
+                False  # An escape motion is small: slowed to a creep, it would free nothing.
+            )
+        verdict = judge(wanted, may_creep)
         if self.escapes is not None:
             self.escapes.report_held(verdict.blocked)
         return verdict

@@ -160,7 +160,11 @@ class Stack:
         self.until(lambda: abs(self.relay.speed) < 0.01 and self.relay.now > broken, "standstill")
         now = self.relay.now  # Later states are from before a reset of the simulator.
         slow, stood = (
-            next(t for t, _, v in list(self.relay.truth) if broken < t <= now and abs(v) < most)
+            next(
+                time
+                for time, _, v in list(self.relay.truth)
+                if broken < time <= now and abs(v) < most
+            )
             - broken
             for most in (CREEP, 0.01)
         )

@@ -65,7 +65,7 @@ def test_goal_is_reached_through_the_action(idle):
     assert plan[0].poses[0].header.frame_id == "odom"
     assert local
     assert cut
-    gaps = np.diff([t for t, _, _ in commands[:-1]])
+    gaps = np.diff([time for time, _, _ in commands[:-1]])
     assert gaps.mean() > 0.045
     assert gaps.sum() - kept.waiting() < 0.06 * len(gaps)
     for subscriber in subscribers:

@@ -145,15 +145,15 @@ def test_a_restarted_server_is_called_with_any_last_values(client, calls):
 def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_with(
     client, monkeypatch
 ):
-    i = SPACE.names.index("pdist_scale")
+    index = SPACE.names.index("pdist_scale")
     monkeypatch.setattr(client, "per_cell", True)
     monkeypatch.setattr(client, "factor", 0.05)
     assert applied(client, THETA_0)
-    assert client.values()[i] == 2.5 * THETA_0[i]
+    assert client.values()[index] == 2.5 * THETA_0[index]
     assert np.array_equal(client.theta(), THETA_0)
     set_by_another_client(PLANNER, path_distance_bias=2.0)
-    wait_for(lambda: client.values()[i] == 2.0, "the value set by another client")
-    assert client.theta()[i] == 0.8
+    wait_for(lambda: client.values()[index] == 2.0, "the value set by another client")
+    assert client.theta()[index] == 0.8
     monkeypatch.setattr(client, "per_cell", False)
     assert applied(client, THETA_0)
     assert np.array_equal(client.values(), THETA_0), "a set per metre is sent unchanged"

@@ -302,10 +302,10 @@ def test_the_body_is_seen_if_all_cells_under_its_edge_are():
         for edge_x, edge_y in BODY.edge:
             ahead = x + place.cos_yaw * edge_x - place.sin_yaw * edge_y
             aside = y + place.sin_yaw * edge_x + place.cos_yaw * edge_y
-            i = math.floor((robot_x + cos_robot * ahead - sin_robot * aside) / CELL_M)
-            j = math.floor((robot_y + sin_robot * ahead + cos_robot * aside) / CELL_M)
-            is_in_window = 0 <= i - corner[0] < n and 0 <= j - corner[1] < n
-            expected = expected and is_in_window and bool(cells[i % n, j % n])
+            cell_x = math.floor((robot_x + cos_robot * ahead - sin_robot * aside) / CELL_M)
+            cell_y = math.floor((robot_y + sin_robot * ahead + cos_robot * aside) / CELL_M)
+            is_in_window = 0 <= cell_x - corner[0] < n and 0 <= cell_y - corner[1] < n
+            expected = expected and is_in_window and bool(cells[cell_x % n, cell_y % n])
         seen = Seen(cells, int(corner[0]), int(corner[1]), robot_x, robot_y, robot_yaw)
         assert _is_seen(seen, BODY.edge, place) == expected
         outcomes.add(expected)

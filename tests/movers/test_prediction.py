@@ -52,7 +52,10 @@ def test_predicted_points_lie_on_the_visible_sides_of_the_future_discs(stubbed):
     points = prediction.points.astype(float)
     times = STEP_S * np.arange(1, 1 + HORIZON_S // STEP_S)
     off = np.array(
-        [np.hypot(points[:, 0] - 1.8 + 0.2 * t, points[:, 1] + 0.4 - 1.2 * t) - 0.3 for t in times]
+        [
+            np.hypot(points[:, 0] - 1.8 + 0.2 * time, points[:, 1] + 0.4 - 1.2 * time) - 0.3
+            for time in times
+        ]
     )
     assert np.abs(off).min(axis=0).max() < 1e-4, "each on the edge of a disc"
     assert (np.abs(off) < 1e-4).sum(axis=1).min() > 10, "each disc is seen"

@@ -86,8 +86,8 @@ def test_the_latest_scan_with_a_transform_is_used_and_later_ones_wait(robot):
     robot.time(101.0)
     robot.tf(100.0)
     robot.tf(100.95)
-    for t in (100.9, 100.94, 100.98):
-        robot.scan(t)
+    for time in (100.9, 100.94, 100.98):
+        robot.scan(time)
     assert [scan.stamp for scan in robot.sensors.observations().values()] == pytest.approx([100.94])
     robot.tf(101.0)
     assert [scan.stamp for scan in robot.sensors.observations().values()] == pytest.approx([100.98])
@@ -146,8 +146,8 @@ def test_ages_are_those_of_the_messages_in_use(robot):
     robot.tf(100.4)
     robot.tf(100.48)
     robot.odometry(100.45)
-    for t in (100.42, 100.49):  # The second scan has no transform yet.
-        robot.scan(t)
+    for time in (100.42, 100.49):  # The second scan has no transform yet.
+        robot.scan(time)
     now = robot.time(100.5)
     robot.sensors.pose(now, 0.3)
     robot.sensors.observations()

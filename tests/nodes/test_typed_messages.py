@@ -72,8 +72,8 @@ def written(path, messages):
                 message.header.stamp = rospy.Time(second, 1)
                 message.header.frame_id = "odom"
                 bag.write(topic, message, rospy.Time(second, 1))
-        for i, (topic, message) in enumerate(messages):
-            bag.write("/" + topic, message, rospy.Time(104, i))
+        for index, (topic, message) in enumerate(messages):
+            bag.write("/" + topic, message, rospy.Time(104, index))
     return read(path)
 
 

@@ -107,13 +107,13 @@ def rollout(scenario):
         [rows[:, 3:], scenario.array("rollout_best"), states, scenario.array("rollout_used")]
     )
     ours = []
-    for i, row in enumerate(rows):
-        planner.state = states[i - 1] if i else flags_in(scenario)
-        velocity = rows[i - 1, 3:6] if i else given["vel"]
+    for index, row in enumerate(rows):
+        planner.state = states[index - 1] if index else flags_in(scenario)
+        velocity = rows[index - 1, 3:6] if index else given["vel"]
         choice = planner.find_best_path(costmap, plan, row[:3], velocity)
         winner = [choice.vx, choice.vy, choice.w, choice.count]
         if choice.cost < 0:
-            winner = wanted[i, 4:8]  # C++ keeps the values of the previous winner.
+            winner = wanted[index, 4:8]  # C++ keeps the values of the previous winner.
         ours.append([*choice.drive, choice.cost, *winner, *planner.state, *planner.start])
     yield "commands, costs, winners, flags, poses used", np.array(ours), wanted
 
@@ -135,16 +135,16 @@ def drive(scenario):
     every = given.get("replan_every", 0)
     ours = []
     states = []
-    for i, row in enumerate(scenario.array("steps_in")):
+    for index, row in enumerate(scenario.array("steps_in")):
         pose = tuple(row[:3].tolist())
         velocity = tuple(row[3:].tolist())
-        if every and i and i % every == 0:
+        if every and index and index % every == 0:
             planner.set_plan(scenario.array("global_plan"))
         reached = planner.is_goal_reached(pose, velocity)
         step = planner.command(pose, velocity, costmap)
         phase = PHASES.index(step.phase)
         # C++: previous winner
-        count = wanted[i, 11] if phase == 1 and not step.ok else step.point_count
+        count = wanted[index, 11] if phase == 1 and not step.ok else step.point_count
         checked = phase in (2, 3)
         ours.append(
             [

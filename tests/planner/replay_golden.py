@@ -197,9 +197,9 @@ def compare_grids(scenario, planner):
 def local_goal(given, goal_dist):
     """Return the centre [m] of the cell with goal distance 0, or [] if there is none."""
     return [
-        given["origin"][i] + (cell[1 - i] + 0.5) * given["resolution"]
+        given["origin"][index] + (cell[1 - index] + 0.5) * given["resolution"]
         for cell in np.argwhere(goal_dist == 0)[:1]
-        for i in range(2)
+        for index in range(2)
     ]
 
 
@@ -217,9 +217,9 @@ def rollout(scenario):
     )
     wanted = np.hstack([rows[:, 3:6], scenario.array("rollout_best"), states, used])
     ours = []
-    for i, row in enumerate(rows):
-        velocity = (rows[i - 1, 3], 0.0, rows[i - 1, 4]) if i else given["vel"]
-        planner.state = states[i - 1] if i else [0] * 10
+    for index, row in enumerate(rows):
+        velocity = (rows[index - 1, 3], 0.0, rows[index - 1, 4]) if index else given["vel"]
+        planner.state = states[index - 1] if index else [0] * 10
         result = planner.find_best_path(costmap, row[:3], velocity)
         ours.append(
             [

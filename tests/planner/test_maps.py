@@ -153,12 +153,12 @@ def test_a_rolling_costmap_shows_the_part_of_the_map_below_it():
     costmap.update((0.7, 0.5, 1.0))
     costs = interpretation(StaticParameters())[given.cells.view(np.uint8)]
     seen = 0
-    for j, i in itertools.product(range(N), range(N)):
-        x, y = transform_point(frame, *(costmap.origin + (np.array((i, j)) + 0.5) * 0.1))
+    for j, index in itertools.product(range(N), range(N)):
+        x, y = transform_point(frame, *(costmap.origin + (np.array((index, j)) + 0.5) * 0.1))
         mx, my = (x + 2.0) / 0.1, (y + 2.0) / 0.1
         on_map = 0 <= mx < N and 0 <= my < N
         seen += on_map
-        assert costmap.cells[j, i] == (costs[int(my), int(mx)] if on_map else 0)
+        assert costmap.cells[j, index] == (costs[int(my), int(mx)] if on_map else 0)
     assert 500 < seen < N * N
 
 

@@ -70,14 +70,16 @@ def outputs(robot: Robot, given: Arrays) -> Arrays:
     thetas = np.array([encoding.theta(action) for action in given["actions"]])
     before = np.vstack([encoding.space.theta0, thetas[:-1]])
     encoding.reset()
-    seen = [encoding.observe(_context(encoding, given, i, before[i])) for i in range(SCENES)]
+    seen = [
+        encoding.observe(_context(encoding, given, index, before[index])) for index in range(SCENES)
+    ]
     return {
         "observations": np.array(seen),
         "thetas": thetas.astype(np.float32),
         "meant": np.array([encoding.action(theta) for theta in thetas], np.float32),
         "rewards": np.array(
             [
-                [_reward(encoding, reward, given, i, thetas[i]) for i in range(SCENES)]
+                [_reward(encoding, reward, given, index, thetas[index]) for index in range(SCENES)]
                 for reward in REWARDS
             ],
             np.float32,
@@ -85,27 +87,29 @@ def outputs(robot: Robot, given: Arrays) -> Arrays:
     }
 
 
-def _context(encoding: DimensionlessEncoding, given: Arrays, i: int, theta: np.ndarray) -> Context:
-    rows = (given["poses"][i], given["twists"][i], given["goal"])
+def _context(
+    encoding: DimensionlessEncoding, given: Arrays, index: int, theta: np.ndarray
+) -> Context:
+    rows = (given["poses"][index], given["twists"][index], given["goal"])
     pose, twist, goal = (tuple(row.tolist()) for row in rows)
-    phi = float(given["phis"][i])
+    phi = float(given["phis"][index])
     # None at first, later more than fit into an observation.
     seen = (
-        given["plans"][i],
-        given["movers"][i, : 2 * i],
+        given["plans"][index],
+        given["movers"][index, : 2 * index],
     )
     return Context(
-        given["ranges"][i], phi, theta, PERIOD * i, pose, twist, goal, *seen, encoding.space
+        given["ranges"][index], phi, theta, PERIOD * index, pose, twist, goal, *seen, encoding.space
     )
 
 
-def _reward(encoding: Any, reward: Reward, given: Arrays, i: int, theta: np.ndarray) -> list:
+def _reward(encoding: Any, reward: Reward, given: Arrays, index: int, theta: np.ndarray) -> list:
     """Return the terms of the reward for a decision 10 s before the time limit."""
     values: Dict[str, Any] = {
-        name: float(value) for name, value in zip(NUMBERS, given["numbers"][i])
+        name: float(value) for name, value in zip(NUMBERS, given["numbers"][index])
     }
-    values.update({name: bool(value) for name, value in zip(FLAGS, given["flags"][i])})
-    outcome = Outcome(theta, seconds=float(given["seconds"][i]), decisions=90, **values)
+    values.update({name: bool(value) for name, value in zip(FLAGS, given["flags"][index])})
+    outcome = Outcome(theta, seconds=float(given["seconds"][index]), decisions=90, **values)
     return list(reward(outcome, 100, PERIOD, encoding)[1].values())
 
 

@@ -144,9 +144,9 @@ def test_errors_are_one_line(call, line):
 
 
 def test_ranges_lie_within_the_servers_bounds():
-    for i, target in SPACE.addresses:
+    for index, target in SPACE.addresses:
         declared = robots.JACKAL.servers[target.server].declared(target.name)
-        low, high = sorted(map(target.signed, (SPACE.low[i], SPACE.high[i])))
+        low, high = sorted(map(target.signed, (SPACE.low[index], SPACE.high[index])))
         assert declared.min <= low < high <= declared.max
 
 
@@ -216,9 +216,11 @@ def test_actor_round_trip_and_equality_with_torch(tmp_path):
     assert actor.metadata["training"] == {"steps": 3}
     obs = np.random.default_rng(1).uniform(-1, 1, (16, 729)).astype(np.float32)
     x = torch.from_numpy(obs)
-    for i in range(4):
-        x = x @ torch.from_numpy(weights[f"{i}.weight"]).T + torch.from_numpy(weights[f"{i}.bias"])
-        x = torch.relu(x) if i < 3 else torch.tanh(x)
+    for index in range(4):
+        x = x @ torch.from_numpy(weights[f"{index}.weight"]).T + torch.from_numpy(
+            weights[f"{index}.bias"]
+        )
+        x = torch.relu(x) if index < 3 else torch.tanh(x)
     np.testing.assert_allclose(actor.action(obs), x.numpy(), atol=1e-5)
     np.testing.assert_allclose(actor.action(obs[0]), actor.action(obs)[0], atol=1e-5)
     theta = actor.encoding.theta(actor.action(obs[0]))

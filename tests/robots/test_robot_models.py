@@ -56,5 +56,5 @@ def test_a_set_loaded_after_the_robots_own_files_is_in_force(name):
     space = loadable_space(robot)
     theta = space.clip(space.fill(space.pick(0.5 * (space.low + space.high))))
     tree = arranged(merged(robot.parameters(), move_base_parameters(robot, space.as_dict(theta))))
-    for i, target in space.addresses:
-        assert number_at(tree, target.server, target.names) == target.signed(theta[i])
+    for index, target in space.addresses:
+        assert number_at(tree, target.server, target.names) == target.signed(theta[index])

@@ -76,9 +76,9 @@ def answer(number, seconds=0.0):
     return number, os.getpid()
 
 
-def episode(layout, number, t=3, terminated=False, **info):
+def episode(layout, number, length=3, terminated=False, **info):
     """Return an episode of t transitions in a layout, drawn with the seed `number`."""
     rng = np.random.default_rng(number)
-    observations = rng.uniform(-1, 1, (t + 1, layout.size))
-    actions = rng.uniform(-1, 1, (t, layout.action))
-    return Trajectory.of(layout, observations, actions, rng.normal(size=t), terminated, info)
+    observations = rng.uniform(-1, 1, (length + 1, layout.size))
+    actions = rng.uniform(-1, 1, (length, layout.action))
+    return Trajectory.of(layout, observations, actions, rng.normal(size=length), terminated, info)

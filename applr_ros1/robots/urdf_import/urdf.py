@@ -120,6 +120,8 @@ class UrdfFile:
             self._urdf = yourdfpy.URDF.load(file, load_meshes=False)
         self.links = self._urdf.link_map
         self.joints = self._urdf.joint_map
+        # A link has one parent.
+        self._joint_to = {joint.child: joint for joint in self.joints.values()}
         self.base = base_frame
         if base_frame not in self.links:
             usual = next((name for name in BASES if name in self.links), self._urdf.base_link)
@@ -139,10 +141,9 @@ class UrdfFile:
 
     def _above(self, link: str) -> Iterator[Any]:
         """Yield the joints from a link to the root."""
-        joint_to = {joint.child: joint for joint in self.joints.values()}  # A link has one parent.
-        while link in joint_to:
-            yield joint_to[link]
-            link = joint_to[link].parent
+        while link in self._joint_to:
+            yield self._joint_to[link]
+            link = self._joint_to[link].parent
 
     def pose(self, link: str) -> Array:
         """Return the pose (4, 4) of a link in the base frame."""

@@ -5,6 +5,8 @@ It has the values of other files, and a line to fill in for each unknown value.
 
 from __future__ import annotations
 
+import os
+from collections import Counter
 from pathlib import Path
 from typing import Any, Dict, List, Mapping, Tuple
 
@@ -213,12 +215,13 @@ def copies_of(parameters: Parameters) -> Dict[str, str]:
 
     Files that share a name are in subfolders.
     """
-    paths = list(dict.fromkeys(path for path, _ in parameters.files))
-    names = [Path(path).name for path in paths]
+    paths = dict(parameters.files)  # A file may be loaded into several namespaces.
+    counts = Counter(map(os.path.basename, paths))
     copies = {}
-    for path, name in zip(paths, names):
+    for path in paths:
+        name = os.path.basename(path)
         copies[path] = name
-        if names.count(name) > 1:
+        if counts[name] > 1:
             copies[path] = f"{Path(path).resolve().parent.name}/{name}"
     return copies
 

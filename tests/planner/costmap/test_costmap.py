@@ -120,10 +120,10 @@ def test_windows_and_versions_report_changes():
 def test_changes_are_remembered_for_a_while():
     costmap = fixed()
     versions = []
-    for i in range(100):
+    for index in range(100):
         versions.append(costmap.version)
-        costmap.cells[5, 5 + i % 3] = 7
-        costmap.set_free(5 + i % 3, 5, 6 + i % 3, 6)
+        costmap.cells[5, 5 + index % 3] = 7
+        costmap.set_free(5 + index % 3, 5, 6 + index % 3, 6)
     assert costmap.changed_since(versions[-1]) == (5, 5, 6, 6)
     assert costmap.changed_since(versions[-3]) == (5, 5, 8, 6)
     assert costmap.changed_since(versions[0]) == (0, 0, 80, 80)

@@ -47,12 +47,12 @@ def test_projection_rounds_like_the_cpp_code(ranges, x, y, yaw):
     w = f(math.cos(0.5 * yaw))
     m00 = f(1) - f(f(f(2) * z) * z)
     m10 = f(f(f(2) * z) * w)
-    for i, r in enumerate(ranges):
-        angle = i * float(f(0.0065))
+    for index, r in enumerate(ranges):
+        angle = index * float(f(0.0065))
         px, py = f(float(f(r)) * math.cos(angle)), f(float(f(r)) * math.sin(angle))
-        assert cloud.points[i, 0] == f(f(f(m00 * px) - f(m10 * py)) + f(x))
-        assert cloud.points[i, 1] == f(f(f(m10 * px) + f(m00 * py)) + f(y))
-        assert cloud.points[i, 2] == f(0.3)
+        assert cloud.points[index, 0] == f(f(f(m00 * px) - f(m10 * py)) + f(x))
+        assert cloud.points[index, 1] == f(f(f(m10 * px) + f(m00 * py)) + f(y))
+        assert cloud.points[index, 2] == f(0.3)
     assert cloud.origin == (x, y, 0.3)
 
 

@@ -63,23 +63,47 @@ def test_servers_equal_the_cpp_ones(server):
     theirs = SURFACE["dynamic_reconfigure"]["/move_base/" + server if server else "/move_base"]
     begun = Configuration(complete(JACKAL_PARAMETERS)).start_up(server)
     table = servers(complete(JACKAL_PARAMETERS))[server].parameters
-    ours = [(p.name, p.type, p.min, p.max, p.default, begun[p.name]) for p in table]
+    ours = [
+        (
+            parameter.name,
+            parameter.type,
+            parameter.min,
+            parameter.max,
+            parameter.default,
+            begun[parameter.name],
+        )
+        for parameter in table
+    ]
     assert ours == [
-        (p["name"], p["type"], number(p["min"]), number(p["max"]), p["default"], p["jackal"])
-        for p in theirs
+        (
+            parameter["name"],
+            parameter["type"],
+            number(parameter["min"]),
+            number(parameter["max"]),
+            parameter["default"],
+            parameter["jackal"],
+        )
+        for parameter in theirs
     ]
 
 
 def test_the_dwa_planners_server_equals_the_cpp_one():
     theirs = DWA_SURFACE["dynamic_reconfigure"]["/move_base/DWAPlannerROS"]
-    names = {p["name"] for p in theirs}
+    names = {parameter["name"] for parameter in theirs}
     ours = [
-        (p.name, p.type, p.min, p.max, p.default)
-        for p in SERVERS["DWAPlannerROS"]
-        if p.name in names
+        (parameter.name, parameter.type, parameter.min, parameter.max, parameter.default)
+        for parameter in SERVERS["DWAPlannerROS"]
+        if parameter.name in names
     ]
     assert ours == [
-        (p["name"], p["type"], number(p["min"]), number(p["max"]), p["default"]) for p in theirs
+        (
+            parameter["name"],
+            parameter["type"],
+            number(parameter["min"]),
+            number(parameter["max"]),
+            parameter["default"],
+        )
+        for parameter in theirs
     ]
 
 
@@ -398,12 +422,15 @@ def test_files_without_plugins_get_the_layers_that_cpp_gives_them():
     full = complete(tree)
     world = full["global_costmap"]
     local = full["local_costmap"]
-    assert [p["name"] for p in world["plugins"]] == [
+    assert [parameter["name"] for parameter in world["plugins"]] == [
         "static_layer",
         "obstacle_layer",
         "inflation_layer",
     ]
-    assert [p["name"] for p in local["plugins"]] == ["obstacle_layer", "inflation_layer"]
+    assert [parameter["name"] for parameter in local["plugins"]] == [
+        "obstacle_layer",
+        "inflation_layer",
+    ]
     theirs = MAP_SURFACE["params"]["global_costmap"]["obstacle_layer"]
     assert world["obstacle_layer"]["scan"]["obstacle_range"] == theirs["obstacle_range"] == 3.0
     assert world["inflation_layer"] == MAP_SURFACE["params"]["global_costmap"]["inflation_layer"]
@@ -430,12 +457,14 @@ def test_values_at_the_costmap_replace_those_of_the_layers():
 def test_a_value_clamped_to_an_invalid_zero_is_rejected():
     config = Configuration(complete(JACKAL_PARAMETERS))
     assert len(NOT_ZERO) > 5
-    for server, p in NOT_ZERO:
+    for server, parameter in NOT_ZERO:
         for value in (0, -1):
-            with pytest.raises(ParameterError, match="%s is .*: give a number above 0" % p.name):
-                config.request(server, {p.name: value})
-        (line,) = check(changed(server + "/" + p.name if server else p.name, -1))
-        assert "give a number above 0" in line, p.name
+            with pytest.raises(
+                ParameterError, match="%s is .*: give a number above 0" % parameter.name
+            ):
+                config.request(server, {parameter.name: value})
+        (line,) = check(changed(server + "/" + parameter.name if server else parameter.name, -1))
+        assert "give a number above 0" in line, parameter.name
 
 
 def test_a_costmap_without_cells_is_rejected_before_anything_changes():

@@ -133,8 +133,8 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
     theta = SPACE.from_dict({"max_vel_x": 1.0, "gdist_scale": 1.4})
     planner = copy.deepcopy(stretch.planner)
     send(SPACE.settings(theta), planner)
-    for i in range(30, 60):
-        drive.commands.twist[i] = appld_fit.step(planner, drive, JACKAL, i)
+    for index in range(30, 60):
+        drive.commands.twist[index] = appld_fit.step(planner, drive, JACKAL, index)
 
     # Then: these parameters have no loss, and the search comes near them
     assert appld_fit.loss([stretch], theta)[0] == 0.0

@@ -86,7 +86,7 @@ def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
     worlds = [("generated:8", "generated:8")]
     (trial,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
     assert trial.seed not in {
-        t.seed for seed in range(200) for t in plan_trials(worlds, [("dwa", "dwa")], 20, seed)
+        time.seed for seed in range(200) for time in plan_trials(worlds, [("dwa", "dwa")], 20, seed)
     }
     result = runner.TrialRunner(TrialSettings()).run(trial)
     # The decision period of a training.

@@ -100,10 +100,10 @@ def refused(run, capsys):
 def test_every_method_gets_the_same_seeds_in_any_evaluation():
     both = plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 3, seed=5)
     alone = plan_trials([("b", "b")], [("y", "y")], 3, seed=5)
-    seeds = {(t.world, t.trial, t.method): t.seed for t in both}
+    seeds = {(time.world, time.trial, time.method): time.seed for time in both}
     assert all(seeds[w, n, "x"] == seeds[w, n, "y"] for w in "ab" for n in range(3))
-    assert [t.seed for t in alone] == [seeds["b", n, "y"] for n in range(3)]
-    assert len({t.seed for t in both}) == 6
+    assert [time.seed for time in alone] == [seeds["b", n, "y"] for n in range(3)]
+    assert len({time.seed for time in both}) == 6
     assert seeds["a", 0, "x"] != seed_of(6, "a", 0)
     # Appended rows.
     assert both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]

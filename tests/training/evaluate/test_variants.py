@@ -43,7 +43,7 @@ def first_recovery(planner, seed, **changes):
     move_base.local_planner = Scripted(lambda n: (True, (0.0, 0.0)))
     result = run(move_base, robot, 60.0, cycles=cycles)
     assert result in (("aborted", OSCILLATING), None)
-    return next((t for t, c in cycles if c.recovery), math.inf) - 0.1
+    return next((time for time, c in cycles if c.recovery), math.inf) - 0.1
 
 
 def test_a_due_recovery_is_skipped_while_plans_succeed():

@@ -92,8 +92,8 @@ def test_a_difference_that_is_not_significant_says_that_the_courses_are_too_few(
 
 def test_arrivals_come_first_and_times_are_of_the_drives_in_which_both_arrive():
     """It arrives on harder courses, which take longer: a mean over all drives is slower."""
-    easy = [(30.0 + i, 20.0 + i) for i in range(6)]
-    hard = [("time limit", 60.0 + i) for i in range(10)]
+    easy = [(30.0 + index, 20.0 + index) for index in range(6)]
+    hard = [("time limit", 60.0 + index) for index in range(10)]
     judged = judging.verdict(pairs_of(*easy, *hard))
     _, line, *_ = judged.lines
     assert judged.method == "applr"
@@ -107,8 +107,8 @@ def test_arrivals_come_first_and_times_are_of_the_drives_in_which_both_arrive():
 
 
 def test_without_a_course_on_which_both_arrive_no_times_are_compared():
-    courses = [("time limit", 20.0 + i) for i in range(6)]
-    courses += [(20.0 + i, "contact") for i in range(2)]
+    courses = [("time limit", 20.0 + index) for index in range(6)]
+    courses += [(20.0 + index, "contact") for index in range(2)]
     _, line, *_ = judging.verdict(pairs_of(*courses)).lines
     assert line.startswith("applr better: no, 6 of 8 arrive (dwa: 2); p = ")
 
@@ -138,7 +138,7 @@ def test_a_policy_that_is_better_on_average_and_creeps_in_the_worst_tenth_is_not
 
 
 def test_a_policy_that_is_faster_but_fails_more_often_is_not_better():
-    courses = [*around(30, 25, count=9), *[(30.0 + i, "time limit") for i in range(7)]]
+    courses = [*around(30, 25, count=9), *[(30.0 + index, "time limit") for index in range(7)]]
     judged = judging.verdict(pairs_of(*courses))
     _, line, *_ = judged.lines
     assert judged.method == "dwa"

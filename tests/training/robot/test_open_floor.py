@@ -142,7 +142,7 @@ def test_a_change_counts_in_all_places_and_keeps_to_the_range():
     for change, robot in changes(BURGER):
         robots[change.advice] = robot
         theta = space_of(robot).theta0
-        changed_names = [space.names[i] for i in np.flatnonzero(theta != defaults)]
+        changed_names = [space.names[index] for index in np.flatnonzero(theta != defaults)]
         assert changed_names == [change.name] * (change.name in space.names)
         assert (space.low <= theta).all()
         assert (theta <= space.high).all()

@@ -19,8 +19,8 @@ SMALL = TransitionLayout(scan=4, rest=2, action=2)
 BATCH = LearnerOptions(batch_size=64, n_step=1, gamma=0.9)
 
 
-def episode(t, number=0, terminated=False):
-    return training.episode(SMALL, number, t, terminated=terminated)
+def episode(length, number=0, terminated=False):
+    return training.episode(SMALL, number, length, terminated=terminated)
 
 
 def test_a_stored_scan_is_exact_to_half_a_step():
@@ -42,42 +42,40 @@ def test_a_stored_scan_is_exact_to_half_a_step():
 )
 def test_samples_are_the_episodes_own_n_step_transitions(lengths, capacity, n):
     """Samples are compared with a list of episodes. The ring is overwritten several times."""
+    # Given: episodes in a buffer, and where each of their observations is
     gamma = 0.9
     replay = Replay(SMALL, capacity)
-    truth = {}
-    for number, (t, terminated) in enumerate(lengths):
-        trajectory = episode(t, number, terminated)
+    place_of = {}
+    for number, (length, terminated) in enumerate(lengths):
+        trajectory = episode(length, number, terminated)
         replay.add(trajectory)
-        for k in range(t):
-            m = min(n, t - k)
-            total = sum(gamma**i * float(trajectory.reward[k + i]) for i in range(m))
-            ended = terminated and k + m == t
-            truth[trajectory.rest[k].tobytes()] = (
-                total,
-                0.0 if ended else gamma**m,
-                trajectory.rest[k + m],
-                trajectory.scan[k + m],
-                trajectory.action[k],
-                trajectory.scan[k],
-            )
-    rng = np.random.default_rng(0)
-    rows = replay.draw(rng, 200)
-    rewards, discounts, following = replay.n_step_return(rows, n, gamma)
-    for row, reward, discount, after in zip(rows, rewards, discounts, following):
-        total, factor, rest, scan, action, here = truth[replay.rest[row].tobytes()]
-        assert reward == pytest.approx(total, abs=1e-5)
-        assert discount == pytest.approx(factor)
-        assert np.array_equal(replay.rest[after], rest)
-        assert np.array_equal(replay.scan[after], scan)
-        assert np.array_equal(replay.action[row], action)
-        assert np.array_equal(replay.scan[row], here)
-    assert replay.transitions == sum(t for t, _ in lengths)
+        for step in range(length):
+            place_of[trajectory.rest[step].tobytes()] = (trajectory, step)
+    assert replay.transitions == sum(length for length, _ in lengths)
+
+    # When: transitions are drawn
+    rows = replay.draw(np.random.default_rng(0), 200)
+    rewards, discounts, following_rows = replay.n_step_return(rows, n, gamma)
+
+    # Then: each is the transition of its episode over n steps, or up to its end
+    for row, reward, discount, following in zip(rows, rewards, discounts, following_rows):
+        trajectory, step = place_of[replay.rest[row].tobytes()]
+        end = min(step + n, len(trajectory))
+        step_rewards = trajectory.reward[step:end]
+        factors = gamma ** np.arange(end - step)
+        assert reward == pytest.approx(float(factors @ step_rewards), abs=1e-5)
+        is_terminal = trajectory.terminated and end == len(trajectory)
+        assert discount == pytest.approx(0.0 if is_terminal else gamma ** (end - step))
+        assert np.array_equal(replay.scan[row], trajectory.scan[step])
+        assert np.array_equal(replay.action[row], trajectory.action[step])
+        assert np.array_equal(replay.rest[following], trajectory.rest[end])
+        assert np.array_equal(replay.scan[following], trajectory.scan[end])
 
 
 def test_every_transition_is_drawn_equally_often():
     replay = Replay(SMALL, 100)
-    for number, t in enumerate((1, 2, 10)):
-        replay.add(episode(t, number))
+    for number, length in enumerate((1, 2, 10)):
+        replay.add(episode(length, number))
     counts = np.bincount(replay.draw(np.random.default_rng(0), 130_000), minlength=16)
     assert np.count_nonzero(counts) == 13
     assert counts[counts > 0].min() > 9_600
@@ -90,27 +88,38 @@ def test_a_batch_has_the_transitions_of_its_rows():
     replay.add(trajectory)
     batch = draw_batch(replay, np.random.default_rng(0), BATCH, torch.device("cpu"))
     observations = SMALL.restore(trajectory.scan, trajectory.rest)
-    for i in range(64):
-        k = int(np.argmin(np.abs(observations - batch.observation[i].numpy()).sum(1)))
-        np.testing.assert_allclose(batch.observation[i], observations[k], atol=1e-6)
-        np.testing.assert_allclose(batch.next_observation[i], observations[k + 1], atol=1e-6)
-        assert float(batch.discount[i]) == pytest.approx(0.0 if k == 4 else 0.9)
+    for row in range(64):
+        differences = np.abs(observations - batch.observation[row].numpy())
+        step = int(np.argmin(differences.sum(1)))
+        np.testing.assert_allclose(batch.observation[row], observations[step], atol=1e-6)
+        np.testing.assert_allclose(batch.next_observation[row], observations[step + 1], atol=1e-6)
+        is_last = step == 4
+        assert float(batch.discount[row]) == pytest.approx(0.0 if is_last else 0.9)
+
+
+def batches(replay):
+    """Return a batch as it is, and the same batch with a mirrored half."""
+    mirroring = BATCH.model_copy(update={"mirror": True})
+    cpu = torch.device("cpu")
+    plain = draw_batch(replay, np.random.default_rng(0), BATCH, cpu)
+    mirrored = draw_batch(replay, np.random.default_rng(0), mirroring, cpu)
+    return plain, mirrored
 
 
 def test_mirror_exchanges_left_and_right_in_half_of_a_batch():
     replay = Replay(SMALL, 50)
     replay.add(episode(5, terminated=True))
-    both = BATCH, BATCH.model_copy(update={"mirror": True})
-    plain, mirrored = (
-        draw_batch(replay, np.random.default_rng(0), o, torch.device("cpu")) for o in both
-    )
+    plain, mirrored = batches(replay)
+    scan = slice(0, SMALL.scan)
+    odd = SMALL.scan  # the entry that changes sign
+    other = slice(SMALL.scan + 1, None)
     for name in ("observation", "next_observation"):
-        ours = getattr(mirrored, name).numpy()
-        theirs = getattr(plain, name).numpy()
-        np.testing.assert_array_equal(ours[32:], theirs[32:])
-        np.testing.assert_array_equal(ours[:32, : SMALL.scan], theirs[:32, : SMALL.scan][:, ::-1])
-        np.testing.assert_array_equal(ours[:32, SMALL.scan], -theirs[:32, SMALL.scan])
-        np.testing.assert_array_equal(ours[:32, SMALL.scan + 1 :], theirs[:32, SMALL.scan + 1 :])
+        image = getattr(mirrored, name).numpy()
+        original = getattr(plain, name).numpy()
+        np.testing.assert_array_equal(image[:32, scan], original[:32, scan][:, ::-1])
+        np.testing.assert_array_equal(image[:32, odd], -original[:32, odd])
+        np.testing.assert_array_equal(image[:32, other], original[:32, other])
+        np.testing.assert_array_equal(image[32:], original[32:])
     for name in ("action", "reward", "discount", "noise"):
         np.testing.assert_array_equal(getattr(mirrored, name), getattr(plain, name))
 
@@ -118,27 +127,25 @@ def test_mirror_exchanges_left_and_right_in_half_of_a_batch():
 def test_observations_without_a_scan_are_not_mirrored():
     replay = Replay(TransitionLayout(scan=0, rest=1, action=1), 50)
     replay.add(training.episode(replay.layout, 0, 5))
-    mirror = BATCH.model_copy(update={"mirror": True})
-    plain, mirrored = (
-        draw_batch(replay, np.random.default_rng(0), options, torch.device("cpu"))
-        for options in (BATCH, mirror)
-    )
+    plain, mirrored = batches(replay)
     np.testing.assert_array_equal(mirrored.observation, plain.observation)
 
 
-@pytest.mark.parametrize("which", [0, 1, 2], ids=["an observation", "an action", "a reward"])
-def test_numbers_that_are_not_finite_are_refused(which):
-    arrays = [np.zeros((3, SMALL.size)), np.zeros((2, SMALL.action)), np.zeros(2)]
-    arrays[which].flat[1] = np.nan
-    with pytest.raises(ApplrError, match=("an observation", "an action", "a reward")[which]):
-        Trajectory.of(SMALL, *arrays, False)
+@pytest.mark.parametrize("name", ["an observation", "an action", "a reward"])
+def test_numbers_that_are_not_finite_are_refused(name):
+    arrays = {
+        "an observation": np.zeros((3, SMALL.size)),
+        "an action": np.zeros((2, SMALL.action)),
+        "a reward": np.zeros(2),
+    }
+    arrays[name].flat[1] = np.nan
+    with pytest.raises(ApplrError, match=name):
+        Trajectory.of(SMALL, *arrays.values(), terminated=False)
 
 
 def test_a_replay_buffer_larger_than_memory_is_refused(monkeypatch):
     pages = {"SC_PAGE_SIZE": 4096, "SC_PHYS_PAGES": 2**20}  # 4 GiB
     monkeypatch.setattr("training.train.replay.buffer.os.sysconf", pages.__getitem__)
-    with pytest.raises(
-        ValueError,
-        match=r"a replay buffer of 100000000 rows takes 79\.3 GB, this machine has 4\.3 GB: give",
-    ):
+    line = r"a replay buffer of 100000000 rows takes 79\.3 GB, this machine has 4\.3 GB: give"
+    with pytest.raises(ValueError, match=line):
         Replay(TransitionLayout(), 10**8)

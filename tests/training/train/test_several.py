@@ -24,9 +24,9 @@ def fake(options):
     assert len(worlds) == 50
     return {
         Trial(world, name, 0, 1, world, name): Result(
-            success=True, time_s=SECONDS[name] + 0.1 * (i % 3)
+            success=True, time_s=SECONDS[name] + 0.1 * (index % 3)
         )
-        for i, world in enumerate(worlds)
+        for index, world in enumerate(worlds)
         for name in names
     }
 

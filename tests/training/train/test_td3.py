@@ -121,12 +121,12 @@ def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, m
             for mine, other in zip(ours.parameters(), theirs.parameters()):
                 other.copy_(mine)
     start = td3.actor[0].weight.clone()
-    for i in range(10):
+    for index in range(10):
         batch = Batch(**{k: v.to(precision) for k, v in vars(_batch(rng, size, n, m)).items()})
-        torch.manual_seed(i)
+        torch.manual_seed(index)
         batch.noise = torch.empty(size, m, dtype=precision).normal_(0, 0.2) / 0.2
         td3.update(batch)
-        _sb3_update(model, batch, i)
+        _sb3_update(model, batch, index)
     for ours, theirs in _pairs(td3, model):
         for mine, other in zip(ours.parameters(), theirs.parameters()):
             torch.testing.assert_close(mine.data, other.data, atol=1e-5, rtol=0)
@@ -245,7 +245,7 @@ def test_a_policy_can_start_at_a_parameter_set_and_learns_from_there():
         action_of(td3, observations), np.tile([0.5, -0.25, 0.95], (5, 1)), atol=0.01
     )
     first = action_of(td3, observations)
-    for batch in [_batch(np.random.default_rng(i), 64, 10, 3) for i in range(10)]:
+    for batch in [_batch(np.random.default_rng(index), 64, 10, 3) for index in range(10)]:
         td3.update(batch)
     assert (action_of(td3, observations) != first).all()
 

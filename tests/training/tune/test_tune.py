@@ -8,6 +8,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -26,7 +27,7 @@ from training.evaluate import evaluation
 from training.evaluate.loaded import move_base_parameters
 from training.evaluate.score import AIMS, Baseline
 from training.evaluate.table import Trials
-from training.evaluate.trial import Result
+from training.evaluate.trial import Result, Trial
 from training.tune import __main__ as tune_robot
 from training.tune import best_set, found_set
 from training.tune import clock as clocks
@@ -35,29 +36,56 @@ from training.tune import clock as clocks
 PAY = {"max_vel_x": 1.4, "sim_time": 1.1}
 WIDTH = robots.JACKAL.body.size[1]
 FEW = ["--workers", "0", "--worlds", "generated:1-12"]
-DRIVEN = []  # driven trials; each takes a second
-LOADED = []  # per trial: whether the planner starts with the parameter set
-PLANNERS = []  # per trial: planner fidelity
-MONITORED = []  # per trial: whether the collision monitor is on
+
+
+class Driven(NamedTuple):
+    """Driven trial.
+
+    Attributes:
+        task: The trial.
+        loaded: Whether the planner starts with the parameter set.
+        planner: Planner fidelity.
+        monitor: Whether the collision monitor is on.
+    """
+
+    task: Trial
+    loaded: bool
+    planner: str
+    monitor: bool
+
+    @property
+    def is_searched(self):
+        """Whether the search drives it, not the verdict."""
+        return bool(self.task.theta)
+
+
+DRIVEN = []  # each trial takes a second
+
+
+def searched_tasks():
+    return [driven.task for driven in DRIVEN if driven.is_searched]
+
+
+def judged_tasks():
+    return [driven.task for driven in DRIVEN if not driven.is_searched]
 
 
 def toy(settings, task, gain=12.0):
     """Return a result, like runner.run: the nearer the parameter set is to PAY, the faster."""
-    DRIVEN.append(task)
-    LOADED.append(settings.loaded)
-    PLANNERS.append(settings.planner)
-    MONITORED.append(settings.monitor)
+    DRIVEN.append(Driven(task, settings.loaded, settings.planner, settings.monitor))
     robot = settings.robot
     space = space_of(robot)
-    theta = (
-        space.theta0
-        if task.method == "dwa"
-        else task.theta or methods.make(task.method_spec, robot).theta(None)
-    )
-    here = dict(zip(space.names, space.to_action(theta)))
-    best = dict(zip(space.names, space.to_action(space.from_dict(PAY))))
-    away = float(sum(abs(here[name] - best[name]) for name in PAY))
-    seconds = 12.0 + task.seed % 3 + gain * (1.0 + (task.seed % 7) / 40.0) * away
+    if task.method == "dwa":
+        theta = space.theta0
+    else:
+        theta = task.theta or methods.make(task.method_spec, robot).theta(None)
+    action = space.to_action(theta)
+    best_action = space.to_action(space.from_dict(PAY))
+    distance = 0.0
+    for name in PAY:
+        index = space.names.index(name)
+        distance += float(abs(action[index] - best_action[index]))
+    seconds = 12.0 + task.seed % 3 + gain * (1.0 + (task.seed % 7) / 40.0) * distance
     return Result(success=True, time_s=seconds, reason="finished", decisions=5, route_m=10.0), b""
 
 
@@ -92,9 +120,6 @@ def few(monkeypatch):
     time.
     """
     DRIVEN.clear()
-    LOADED.clear()
-    PLANNERS.clear()
-    MONITORED.clear()
     for module in (best_set, evaluation):
         monkeypatch.setattr(module, "run", toy)
     monkeypatch.setattr("training.tune.options.UNSEEN", "generated:20-31")
@@ -121,42 +146,50 @@ def test_the_verdicts_lie_in_the_half_of_a_building_that_the_search_did_not_use(
     words = f"{jackal} --out {tmp_path}/out --minutes 6 --workers 0 --worlds {office}"
     assert tune_robot.main(words.split()) == 0
     (drives,) = (tmp_path / "out").glob("fast_*")
-    judged = {
-        spec
-        for monitor in ("with", "without")
-        for spec in json.loads((drives / monitor / "evaluation.json").read_text())["world_specs"]
-    }
-    searched = {trial.world_spec for trial in DRIVEN if trial.theta}
-    lowest, highest = (
-        [limit(worlds.load(spec, radius(robots.JACKAL)).course.path[:, 0]) for spec in specs]
-        for specs, limit in ((judged, np.min), (searched, np.max))
-    )
-    assert max(highest) < min(lowest)
+    searched = {task.world_spec for task in searched_tasks()}
+    judged = set()
+    for monitor in ("with", "without"):
+        evaluation_json = (drives / monitor / "evaluation.json").read_text()
+        judged.update(json.loads(evaluation_json)["world_specs"])
+
+    def x_of_paths(specifications):
+        """Return the x [m] of all points of the paths through some worlds."""
+        x = []
+        for specification in specifications:
+            x.extend(worlds.load(specification, radius(robots.JACKAL)).course.path[:, 0])
+        return x
+
+    assert max(x_of_paths(searched)) < min(x_of_paths(judged))
 
 
 def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, capsys):
     assert tune(jackal, "toy", "--minutes", "12") == 0
     printed = capsys.readouterr().out
-    # Progress lines
+    # Progress lines count down.
     left = re.findall(r"^reverting .*: (\d+) left$", printed, re.MULTILINE)
-    assert left == [str(number) for number in range(len(left), 0, -1)] != []
+    assert left
+    assert list(map(int, left)) == list(range(len(left), 0, -1))
+
+    # The verdict on each file
     for file, monitor in (("tuned.yaml", "without"), ("static.json", "with")):
         _, table = printed.split(f"\n{file}, {monitor} the collision monitor:\n")
         _, baseline, tuned, line, _, failures, written = table.splitlines()[:7]
-        assert (baseline.split()[:4], tuned.split()[:4]) == (
-            ["dwa", "12", "12", "0"],
-            ["static", "12", "12", "0"],
-        )
+        assert baseline.split()[:4] == ["dwa", "12", "12", "0"]
+        assert tuned.split()[:4] == ["static", "12", "12", "0"]
         assert line.startswith("static better: yes, 12 of 12 arrive (dwa: 12); ")
         assert failures == "static fails on none of 12 courses"
         assert written == f"written: {jackal}/{file}"
+    # The set has the parameters that pay, and few others.
     robot = robots.load(str(jackal))
     space = space_of(robot)
-    set_ = json.loads((jackal / "static.json").read_text())["parameters"]
-    assert set(PAY) <= set(set_)
-    assert len(set_) <= 5, "parameters without effect are pruned"
-    assert set_["max_vel_x"] == pytest.approx(1.4, abs=0.3)
-    assert methods.make("static", robot).theta(None).tolist() == space.from_dict(set_).tolist()
+    tuned_set = json.loads((jackal / "static.json").read_text())["parameters"]
+    assert set(PAY) <= set(tuned_set)
+    assert len(tuned_set) <= 5, "parameters without effect are pruned"
+    assert tuned_set["max_vel_x"] == pytest.approx(1.4, abs=0.3)
+    theta = methods.make("static", robot).theta(None)
+    assert theta.tolist() == space.from_dict(tuned_set).tolist()
+
+    # The page says the same.
     (drives,) = (tmp_path / "out").glob("fast_*")
     page = (drives / "index.html").read_text()
     searched = "searched on 12 courses of generated:1-12, "
@@ -165,9 +198,10 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
     assert f"page: {drives}/index.html\n" in printed
     assert "tuned.yaml is better than the defaults: 12 of 12 drives arrive instead of 12" in page
     data = json.loads(page.partition('id="data">')[2].partition("</script>")[0])
-    assert [row["parameter"] for row in data["changes"]] == list(set_)
+    assert [row["parameter"] for row in data["changes"]] == list(tuned_set)
     assert [verdict["file"] for verdict in data["verdicts"]] == ["tuned.yaml", "static.json"]
-    assert all(len(verdict["courses"]) == 12 for verdict in data["verdicts"])
+    for verdict in data["verdicts"]:
+        assert len(verdict["courses"]) == 12
     assert data["scope"].startswith(searched)
     assert data["yaml"] == (jackal / "tuned.yaml").read_text()
     changed = pd.read_csv(drives / "changes.csv", index_col="parameter")
@@ -177,21 +211,23 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
     )
     assert (changed["95 % low"] <= changed["without it [s]"]).all()
     assert changed["effect"]["max_vel_x"] == "saves"
-    searched = {task.world for task in DRIVEN if task.theta}
-    judged = {task.world for task in DRIVEN if not task.theta}
-    assert len(searched) > 8
-    assert not searched & judged
-    assert all(LOADED), "tuned.yaml is loaded, too"
-    assert set(PLANNERS) == {"cpp-like"}
     assert "cpp-like, started with the sets" in page
     measured = page.partition("How it was measured")[2].partition("</details>")[0]
     without_monitor, _, with_monitor = measured.partition("<p>static.json:</p>")
     assert "the collision monitor" not in without_monitor
     assert "with the collision monitor" in with_monitor
+
+    # Search and verdicts drive on different courses, with the planner that the page names.
+    searched_worlds = {task.world for task in searched_tasks()}
+    judged_worlds = {task.world for task in judged_tasks()}
+    assert len(searched_worlds) > 8
+    assert not searched_worlds & judged_worlds
     padding = space.names.index("footprint_padding")
-    assert {task.theta[padding] for task in DRIVEN if task.theta} == {0.1}, (
-        "it would act differently by reconfigure"
-    )
+    for driven in DRIVEN:
+        assert driven.loaded, "tuned.yaml is loaded, too"
+        assert driven.planner == "cpp-like"
+        if driven.is_searched:
+            assert driven.task.theta[padding] == 0.1, "it would act differently by reconfigure"
 
 
 def test_a_clock_yields_blocks_until_their_share_has_passed_and_continues_after_a_stop(
@@ -243,9 +279,10 @@ def test_tuned_yaml_is_searched_and_judged_without_the_monitor_and_static_json_j
     before = {path.name for path in jackal.iterdir()}
     assert tune(jackal, runner) == 0
     assert {path.name for path in jackal.iterdir()} - before == files
-    drives = list(zip(DRIVEN, MONITORED))
-    assert not any(monitor for task, monitor in drives if task.theta), "the search"
-    assert [monitor for task, monitor in drives if not task.theta] == [False] * 24 + [True] * 24
+    searched = [driven.monitor for driven in DRIVEN if driven.is_searched]
+    judged = [driven.monitor for driven in DRIVEN if not driven.is_searched]
+    assert not any(searched)
+    assert judged == [False] * 24 + [True] * 24
 
 
 def test_if_no_set_arrives_the_error_names_a_demo_that_shows_why(jackal, capsys):
@@ -278,13 +315,13 @@ def test_a_stopped_run_continues_and_drives_nothing_twice(jackal, monkeypatch):
     monkeypatch.setattr(Trials, "note", stop)
     assert tune(jackal, "toy") == 130
     monkeypatch.setattr(Trials, "note", note)
-    before = len(DRIVEN)
-    assert before
+    count_before = len(DRIVEN)
+    assert count_before
     assert tune(jackal, "toy") == 0
-    assert len(set(zip(DRIVEN, MONITORED))) == len(DRIVEN) > before
-    assert json.loads((jackal / "static.json").read_text())["parameters"][
-        "max_vel_x"
-    ] == pytest.approx(1.4, abs=0.3)
+    assert len(DRIVEN) > count_before
+    assert len(set(DRIVEN)) == len(DRIVEN)
+    tuned_set = json.loads((jackal / "static.json").read_text())["parameters"]
+    assert tuned_set["max_vel_x"] == pytest.approx(1.4, abs=0.3)
 
 
 def test_a_finished_run_searches_on_from_its_result(jackal, capsys):
@@ -301,15 +338,9 @@ def test_an_included_robots_folder_is_not_written_to(tmp_path, few):
 
 
 def result(**values):
-    return Result(
-        **{
-            "success": True,
-            "time_s": 12.0,
-            "route_m": 10.0,
-            "mean_clearance_m": 3.0 * WIDTH,
-            **values,
-        }
-    )
+    """Return the result of a usual drive with other values."""
+    usual = Result(success=True, time_s=12.0, route_m=10.0, mean_clearance_m=3.0 * WIDTH)
+    return replace(usual, **values)
 
 
 def test_each_objective_charges_the_quantity_in_its_name():
@@ -340,18 +371,17 @@ def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_sp
     assert len(starts) == 1 + 2 * 3, (
         "the defaults, three sets of robots, and a set half-way to each"
     )
-    assert np.abs(starts - methods.make("static", robot).theta(None)).max(axis=1).min() < 1e-6
-    jackals = methods.make("static").theta(None)
-    speed = space.names.index("max_vel_x")
-    share = jackals[0] / robots.JACKAL.base.max_speed
-    fast = [
-        theta
-        for theta in starts
-        if theta[speed] == pytest.approx(share * robot.base.max_speed, abs=1e-6)
-    ]
-    assert len(fast) == 1
-    assert fast[0][space.names.index("sim_time")] == pytest.approx(1.113)
-    assert all((space.low <= theta).all() and (theta <= space.high).all() for theta in starts)
+    own_set = methods.make("static", robot).theta(None)
+    assert np.abs(starts - own_set).max(axis=1).min() < 1e-6
+    assert (starts >= space.low).all()
+    assert (starts <= space.high).all()
+
+    # The Jackal's set drives at the same share of the largest speed, and looks ahead as long.
+    jackals_speed = methods.make("static").theta(None)[0]
+    speed = jackals_speed / robots.JACKAL.base.max_speed * robot.base.max_speed
+    speeds = starts[:, space.names.index("max_vel_x")]
+    (jackals_row,) = np.flatnonzero(np.isclose(speeds, speed, atol=1e-6))
+    assert starts[jackals_row, space.names.index("sim_time")] == pytest.approx(1.113)
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,11 @@ def test_an_episode_depends_only_on_run_and_number_and_noise_has_its_standard_de
         *trajectories, again = driven
         assert np.array_equal(again.action, trajectories[3].action)
         assert np.array_equal(again.rest, trajectories[3].rest)
-        assert 0.9 * sigma <= np.concatenate([t.action for t in trajectories]).std() <= 1.1 * sigma
+        assert (
+            0.9 * sigma
+            <= np.concatenate([time.action for time in trajectories]).std()
+            <= 1.1 * sigma
+        )
 
 
 @pytest.mark.parametrize("workers", [0, 2])
