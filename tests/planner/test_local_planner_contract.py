@@ -74,12 +74,12 @@ def test_drives_along_the_plan_and_shows_the_chosen_trajectory(planner):
     assert costs.shape[1] == 7
     assert len(costs) > 1000
     assert costs.dtype == planner.trajectory_cloud(here).dtype == np.float32
-    points = planner.trajectory_cloud(here)
-    assert points.shape[1] == 5
     # The cloud has only legal trajectories, and the chosen one has the least cost.
-    assert points[:, 4].min() >= 0.0
-    best = points[points[:, 4] == points[:, 4].min()]
-    assert np.hypot(*(best[:, :2] - planner.local_plan[-1, :2]).T).min() < 1e-5
+    x, y, _, _, trajectory_cost = planner.trajectory_cloud(here).T
+    assert trajectory_cost.min() >= 0.0
+    is_best = trajectory_cost == trajectory_cost.min()
+    end_x, end_y, _ = planner.local_plan[-1]
+    assert np.hypot(x - end_x, y - end_y)[is_best].min() < 1e-5
     assert np.array_equal(here.cells, cells)
 
 
@@ -95,9 +95,15 @@ def drive(planner, here, pose=(0.0, 0.0, 0.0), seconds=20.0):
         if planner.goal_reached:
             assert (v, w) == STANDING
             return (x, y, yaw), True
-        x, y, yaw = x + v * math.cos(yaw) / 20, y + v * math.sin(yaw) / 20, yaw + w / 20
-        twist = v, w
+        x, y, yaw = moved((x, y, yaw), v, w)
+        twist = (v, w)
     return (x, y, yaw), False
+
+
+def moved(pose, v, w):
+    """Return the pose of an ideal robot after a command of .05 s."""
+    x, y, yaw = pose
+    return x + v * math.cos(yaw) / 20, y + v * math.sin(yaw) / 20, yaw + w / 20
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.5])
@@ -112,25 +118,29 @@ def test_arrives_and_turns_to_the_heading(planner, yaw):
 
 
 def test_no_command_for_inputs_that_are_not_finite(planner):
-    for at, bad in itertools.product(range(5), (math.nan, math.inf)):
+    for index, bad_value in itertools.product(range(5), (math.nan, math.inf)):
         values = [0.0] * 5
-        values[at] = bad
-        refused = planner.compute_velocity(tuple(values[:3]), tuple(values[3:]), costmap())
-        assert refused == (False, STANDING), (at, bad)
-        assert planner.compute_velocity((0, 0, 0), STANDING, costmap())[0]
+        values[index] = bad_value
+        pose = tuple(values[:3])
+        twist = tuple(values[3:])
+        answer = planner.compute_velocity(pose, twist, costmap())
+        assert answer == (False, STANDING), (index, bad_value)
+        # The next cycle is as usual.
+        ok, _ = planner.compute_velocity((0, 0, 0), STANDING, costmap())
+        assert ok
 
 
 def test_no_command_far_from_the_plan_or_without_one(planner):
     assert planner.compute_velocity((0, 40, 0), STANDING, costmap()) == (False, STANDING)
     planner.set_plan(np.zeros((0, 3)))
     assert planner.compute_velocity((0, 0, 0), STANDING, costmap()) == (False, STANDING)
-    assert (len(planner.local_plan), planner.goal_reached) == (0, False)
+    assert len(planner.local_plan) == 0
+    assert not planner.goal_reached
 
 
 def test_no_forward_command_into_an_obstacle(planner):
-    ok, (v, _) = planner.compute_velocity(
-        (0, 0, 0), STANDING, costmap(*[(0.36, y / 20) for y in range(-20, 21)])
-    )
+    wall_ahead = [(0.36, y / 20) for y in range(-20, 21)]
+    ok, (v, _) = planner.compute_velocity((0, 0, 0), STANDING, costmap(*wall_ahead))
     assert not (ok and v > 0)
 
 
@@ -141,15 +151,15 @@ def test_a_reset_planner_equals_a_new_one(plugin, planner):
     assert planner.compute_velocity((0, 0, 0), STANDING, here) == (False, STANDING)
     planner.reset()
     fresh = make(plugin)
-    for one in (planner, fresh):
-        one.set_plan(straight(2.0))
-    pose = np.zeros(3)
+    planner.set_plan(straight(2.0))
+    fresh.set_plan(straight(2.0))
+    pose = (0.0, 0.0, 0.0)
     twist = STANDING
     for _ in range(30):
-        ours = planner.compute_velocity(tuple(pose), twist, here)
-        assert ours == fresh.compute_velocity(tuple(pose), twist, here)
-        twist = ours[1]
-        pose += twist[0] * math.cos(pose[2]) / 20, twist[0] * math.sin(pose[2]) / 20, twist[1] / 20
+        answer = planner.compute_velocity(pose, twist, here)
+        assert answer == fresh.compute_velocity(pose, twist, here)
+        _, twist = answer
+        pose = moved(pose, *twist)
 
 
 def test_a_reconfigure_of_some_values_keeps_the_others(planner):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from applr_ros1 import robots
+from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.policy.actor import load, save
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.layout import ANGLE_TOLERANCE_RAD, Layout, ObservationError
@@ -29,16 +30,20 @@ def plain(layout, ranges, first, step):
     angle.
     """
     angles = first + step * np.arange(len(ranges))
-    result = []
+    half_sector = layout.step / 2
+    beams = []
     for middle in layout.angle_min + layout.step * np.arange(layout.beams):
-        off = (angles - middle + np.pi) % (2 * np.pi) - np.pi
-        inside = (off >= -layout.step / 2) & (off < layout.step / 2)
-        chosen = ranges[inside] if inside.any() else ranges[[np.argmin(np.abs(off))]]
-        result.append(np.fmin.reduce(chosen))
-    return np.array(result, np.float32)
+        offsets = normalize_angle_modulo(angles - middle)
+        is_inside = (offsets >= -half_sector) & (offsets < half_sector)
+        if is_inside.any():
+            beams.append(np.fmin.reduce(ranges[is_inside]))
+        else:
+            beams.append(ranges[np.argmin(np.abs(offsets))])
+    return np.array(beams, np.float32)
 
 
 def scan_of(kind, seed=0):
+    """Return random ranges of a kind of scanner, its first angle and the angle between ranges."""
     first, last, count = SCANNERS[kind]
     rng = np.random.default_rng(seed)
     ranges = rng.uniform(0.1, 30.0, count).astype(np.float32)
@@ -55,7 +60,8 @@ def test_resampling_equals_the_reference_implementation(kind, layout):
 
 
 def test_a_scan_with_the_layouts_geometry_is_unchanged():
-    ranges = scan_of("541", 1)[0].repeat(2)[:720]
+    random_ranges, _, _ = scan_of("541", 1)
+    ranges = random_ranges.repeat(2)[:720]
     first = np.float32(PAPER.angle_min)
     step = np.float32(PAPER.step)
     assert PAPER.resample(ranges, first, step).tobytes() == ranges.tobytes()
@@ -65,13 +71,15 @@ def test_a_scan_with_the_layouts_geometry_is_unchanged():
 @pytest.mark.parametrize("kind", SCANNERS)
 def test_zero_ranges_of_older_drivers_count_as_nan(kind):
     ranges, first, step = scan_of(kind)
-    zeros = np.where(np.isnan(ranges), np.float32(0.0), ranges)
-    np.testing.assert_array_equal(
-        PAPER.resample(zeros, first, step), PAPER.resample(ranges, first, step)
-    )
-    assert np.isnan(
-        PAPER.resample(np.r_[np.ones(5), 0.0, np.ones(714)], PAPER.angle_min, PAPER.step)[5]
-    )
+    with_zeros = np.where(np.isnan(ranges), np.float32(0.0), ranges)
+    expected = PAPER.resample(ranges, first, step)
+    np.testing.assert_array_equal(PAPER.resample(with_zeros, first, step), expected)
+
+
+def test_a_single_zero_range_is_nan():
+    ranges = np.ones(720)
+    ranges[5] = 0.0
+    assert np.isnan(PAPER.resample(ranges, PAPER.angle_min, PAPER.step)[5])
 
 
 @pytest.mark.parametrize(

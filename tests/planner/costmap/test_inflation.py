@@ -29,53 +29,66 @@ def test_repairs_equal_spreading_anew(seed, radius, fill):
     anew.
     """
     rng = np.random.default_rng(seed)
-    nx, ny = 50, 44
+    nx = 50
+    ny = 44
     layer = make(nx, ny, InflationParameters(radius, 3.0))
     master = blank(nx, ny)
-    plain = blank(nx, ny)
-    obstacles = rng.random((ny, nx)) < fill
+    expected = blank(nx, ny)
+    is_obstacle = rng.random((ny, nx)) < fill
     for _ in range(8):
-        obstacles ^= rng.random((ny, nx)) < rng.choice((0.0, 0.002, 0.02))
-        x0, y0 = rng.integers(0, 30, 2)
-        xn = x0 + rng.integers(1, 20)
-        yn = y0 + rng.integers(1, 14)
+        # Given: some obstacles have changed, and a window of the map is updated
+        is_obstacle ^= rng.random((ny, nx)) < rng.choice((0.0, 0.002, 0.02))
+        left, bottom = rng.integers(0, 30, 2)
+        right = left + rng.integers(1, 20)
+        top = bottom + rng.integers(1, 14)
+        window = (left, bottom, right, top)
         if rng.random() < 0.3:
-            x0 = 0
-            y0 = 0
-            xn = nx
-            yn = ny
-        plain[y0:yn, x0:xn] = np.where(obstacles, 254, 0)[y0:yn, x0:xn]
+            window = (0, 0, nx, ny)
+        left, bottom, right, top = window
+        within = np.s_[bottom:top, left:right]
+        obstacles = np.where(is_obstacle, 254, 0)[within]
         base = master.copy()
-        base[y0:yn, x0:xn] = plain[y0:yn, x0:xn]
-        before = master.copy()
-        changed = layer.update(master, base, (x0, y0, xn, yn))
-        inflate(plain, (x0, y0, xn, yn), 0.05, 0.265, layer.parameters)
-        np.testing.assert_array_equal(master, plain)
-        assert_within(before != master, changed)
+        base[within] = obstacles
+
+        # When: the layer repairs its spread
+        master_before = master.copy()
+        changed = layer.update(master, base, window)
+
+        # Then: the map is that of a new spread, and all changes are reported
+        expected[within] = obstacles
+        inflate(expected, window, 0.05, 0.265, layer.parameters)
+        np.testing.assert_array_equal(master, expected)
+        assert_within(master_before != master, changed)
 
 
-def assert_within(differs, rect):
-    """Assert that the rectangle contains all differences, and that it is None if there are none."""
-    ys, xs = np.nonzero(differs)
-    if len(ys) == 0:
-        assert rect is None
-    elif rect is not None:
-        assert rect[0] <= xs.min()
-        assert rect[1] <= ys.min()
-        assert xs.max() < rect[2]
-        assert ys.max() < rect[3]
-    else:
-        pytest.fail("changes were not reported")
+def assert_within(differs, window):
+    """Assert that the window contains all differences, and that it is None if there are none."""
+    rows, columns = np.nonzero(differs)
+    if len(rows) == 0:
+        assert window is None
+        return
+    assert window is not None, "changes were not reported"
+    left, bottom, right, top = window
+    assert left <= columns.min()
+    assert bottom <= rows.min()
+    assert columns.max() < right
+    assert rows.max() < top
 
 
-def test_costs_decay_beyond_the_inscribed_radius():
-    assert [cost_at(cells, 0.05, 0.25, 10.0) for cells in (0, 5, 6)] == [254, 253, 152]
+@pytest.mark.parametrize(("cells", "cost"), [(0, 254), (5, 253), (6, 152)])
+def test_costs_decay_beyond_the_inscribed_radius(cells, cost):
+    assert cost_at(cells, 0.05, 0.25, 10.0) == cost
+
+
+def test_new_parameters_change_all_costs():
     layer = make(20, 20, InflationParameters(0.6, 3.0))
-    base = blank(20, 20)
     layer.configure(InflationParameters(0.6, 10.0))
+    base = blank(20, 20)
     base[10, 10] = 254
-    layer.update(master := blank(20, 20), base, (0, 0, 20, 20))
-    assert (layer.full_pass_due, master[10, 18]) == (True, cost_at(8, 0.05, 0.265, 10.0))
+    master = blank(20, 20)
+    layer.update(master, base, (0, 0, 20, 20))
+    assert layer.full_pass_due
+    assert master[10, 18] == cost_at(8, 0.05, 0.265, 10.0)
 
 
 def test_short_queues_are_survived():

@@ -14,22 +14,60 @@ from applr_ros1.planner.costmap import obstacle_layer
 from tests.support.seeds import examples
 
 INF = math.inf
+ORIGIN = (0.0, 0.0, 0.0)
+NO_BOUNDS = (1e30, 1e30, -1e30, -1e30)
 
 
-def scan(ranges, pose=(0.0, 0.0, 0.0), increment=0.1, range_max=30.0, height=0.0):
+def scan(ranges, pose=ORIGIN, increment=0.1, height=0.0):
+    """Return a scan with limits of .1 and 30 m."""
     return LaserScan(
-        0.0, 0.0, increment, 0.1, range_max, np.array(ranges, np.float32), pose, height
+        stamp=0.0,
+        angle_min=0.0,
+        angle_increment=increment,
+        range_min=0.1,
+        range_max=30.0,
+        ranges=np.array(ranges, np.float32),
+        sensor_pose=pose,
+        sensor_height=height,
     )
+
+
+def distances(cloud):
+    """Return the distances (n,) [m] of points from the origin, in the plane."""
+    return np.hypot(cloud.points[:, 0], cloud.points[:, 1])
+
+
+def layer_of(origin, source):
+    """Return a layer of 100 x 100 cells with one source."""
+    return obstacle_layer.ObstacleLayer(
+        columns=100,
+        rows=100,
+        resolution=0.05,
+        origin=origin,
+        rolling=False,
+        default=0,
+        parameters=obstacle_layer.ObstacleParameters(),
+        sources=(source,),
+    )
+
+
+def observe_point(layer, x, y):
+    """Let a sensor at the origin see one point [m]."""
+    layer.cloud = PointCloud(ORIGIN, np.array([[x, y, 0.0]], np.float32))
+    layer.update_bounds(NO_BOUNDS, ORIGIN, np.zeros((0, 2)))
 
 
 def test_ranges_within_the_limits_are_kept():
     kept = project(scan([0.05, 0.1, 29.99, 30.0, INF, -INF, math.nan, 5.0]))
-    np.testing.assert_allclose(np.hypot(*kept.points.T[:2]), [0.1, 29.99, 5.0], rtol=1e-6)
+    np.testing.assert_allclose(distances(kept), [0.1, 29.99, 5.0], rtol=1e-6)
 
 
 def test_infinite_ranges_are_used_if_they_are_declared_valid():
     kept = project(scan([INF, -INF, math.nan, 5.0]), inf_is_valid=True)
-    assert (len(kept.points), np.hypot(*kept.points[0, :2])) == (2, pytest.approx(30.0 - 0.0001))
+    assert distances(kept) == pytest.approx([30.0 - 0.0001, 5.0])
+
+
+def test_a_scan_without_ranges_has_no_points():
     assert len(project(scan([], (1.0, 2.0, 3.0))).points) == 0
 
 
@@ -47,50 +85,30 @@ def test_projection_rounds_like_the_cpp_code(ranges, x, y, yaw):
     w = f(math.cos(0.5 * yaw))
     m00 = f(1) - f(f(f(2) * z) * z)
     m10 = f(f(f(2) * z) * w)
-    for index, r in enumerate(ranges):
-        angle = index * float(f(0.0065))
-        px, py = f(float(f(r)) * math.cos(angle)), f(float(f(r)) * math.sin(angle))
-        assert cloud.points[index, 0] == f(f(f(m00 * px) - f(m10 * py)) + f(x))
-        assert cloud.points[index, 1] == f(f(f(m10 * px) + f(m00 * py)) + f(y))
-        assert cloud.points[index, 2] == f(0.3)
+    for beam, distance in enumerate(ranges):
+        # The point in the laser's frame is computed in double, and stored as float32.
+        angle = beam * float(f(0.0065))
+        px = f(float(f(distance)) * math.cos(angle))
+        py = f(float(f(distance)) * math.sin(angle))
+        assert cloud.points[beam, 0] == f(f(f(m00 * px) - f(m10 * py)) + f(x))
+        assert cloud.points[beam, 1] == f(f(f(m10 * px) + f(m00 * py)) + f(y))
+        assert cloud.points[beam, 2] == f(0.3)
     assert cloud.origin == (x, y, 0.3)
 
 
 def test_integer_parameters_do_not_compile_a_new_kernel():
-    known = []
-    for numbers in ({}, {"obstacle_range": 2, "raytrace_range": 3, "clearing": 1}):
-        layer = obstacle_layer.ObstacleLayer(
-            100,
-            100,
-            0.05,
-            (-2.5, -2.5),
-            False,
-            0,
-            obstacle_layer.ObstacleParameters(),
-            (Source(**numbers),),
-        )
-        layer.cloud = PointCloud((0.0, 0.0, 0.0), np.array([[1.02, 0.02, 0.0]], np.float32))
-        layer.update_bounds((1e30, 1e30, -1e30, -1e30), (0.0, 0.0, 0.0), np.zeros((0, 2)))
-        known.append(len(obstacle_layer._observe.signatures))
-    assert known[0] == known[1]
+    observe_point(layer_of((-2.5, -2.5), Source()), 1.02, 0.02)
+    signature_count = len(obstacle_layer._observe.signatures)
+    of_integers = Source(obstacle_range=2, raytrace_range=3, clearing=1)
+    observe_point(layer_of((-2.5, -2.5), of_integers), 1.02, 0.02)
+    assert len(obstacle_layer._observe.signatures) == signature_count
 
 
 @pytest.mark.parametrize(
-    ("x", "marked"), [(2.5, False), (np.nextafter(np.float32(2.5), np.float32(0.0)), True)]
+    ("x", "is_marked"), [(2.5, False), (np.nextafter(np.float32(2.5), np.float32(0.0)), True)]
 )
-def test_a_point_at_obstacle_range_does_not_mark(x, marked):
+def test_a_point_at_obstacle_range_does_not_mark(x, is_marked):
     """obstacle_layer.cpp skips points whose squared distance is at least the squared range."""
-    given = (
-        100,
-        100,
-        0.05,
-        (-2.0, -2.5),
-        False,
-        0,
-        obstacle_layer.ObstacleParameters(),
-        (Source(obstacle_range=2.5),),
-    )
-    layer = obstacle_layer.ObstacleLayer(*given)
-    layer.cloud = PointCloud((0.0, 0.0, 0.0), np.array([[x, 0.0, 0.0]], np.float32))
-    layer.update_bounds((1e30, 1e30, -1e30, -1e30), (0.0, 0.0, 0.0), np.zeros((0, 2)))
-    assert layer.cells.any() == marked
+    layer = layer_of((-2.0, -2.5), Source(obstacle_range=2.5))
+    observe_point(layer, x, 0.0)
+    assert layer.cells.any() == is_marked

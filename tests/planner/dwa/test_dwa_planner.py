@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from applr_ros1 import robots
+from applr_ros1.planner.dwa.critics import NOTHING_LEGAL
 from applr_ros1.planner.dwa.planner import DWAPlanner
 from applr_ros1.planner.parameters.check import complete
 from tests.support.scenes import open_map
@@ -16,6 +17,11 @@ BURGER_FOOT = np.array([[-0.115, -0.115], [-0.115, 0.115], [0.051, 0.115], [0.05
 BURGER = dict(
     complete(robots.load("turtlebot3_burger").parameters())["DWAPlannerROS"], vy_samples=1
 )
+ORIGIN = (0, 0, 0)
+AT_REST = (0, 0, 0)
+AHEAD = [(0, 0), (1, 0)]  # plan
+
+NO_FLOOD = 1e300  # costs above it are of grids that count as not flooded
 
 
 def small_map():
@@ -23,63 +29,71 @@ def small_map():
 
 
 def test_a_changed_footprint_counts_at_once():
+    # Given: an obstacle outside the robot, but inside an outline twice as large
     planner = DWAPlanner(BURGER, 0.1)
     costmap = small_map()
-    plan = [(0, 0), (1, 0)]
-    # Outside the robot, but inside an outline twice as large.
     costmap.cells[34, 30] = 254
-    assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost >= 0
+    assert planner.find_best_path(costmap, AHEAD, ORIGIN, AT_REST).cost >= 0
+
     costmap.footprint = BURGER_FOOT * 2
-    assert planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0)).cost == -7
+    assert planner.find_best_path(costmap, AHEAD, ORIGIN, AT_REST).cost == NOTHING_LEGAL
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi])
 def test_the_best_sample_may_end_in_the_outermost_cells_of_the_map(yaw):
     """The robot looks at a border, .2 m away, and its plan ends in the cells at the border."""
-    weights = dict(occdist_scale=0.0, forward_point_distance=0.0)
-    planner, costmap = DWAPlanner({**BURGER, **weights}, 0.1), small_map()
-    ahead = np.array([math.cos(yaw), math.sin(yaw)])
-    start = 1.3 * ahead
-    plan = [start, 1.48 * ahead]
-    choice = planner.find_best_path(costmap, plan, (*start, yaw), (0.15, 0.0, 0.0))
+    planner = DWAPlanner({**BURGER, "occdist_scale": 0.0, "forward_point_distance": 0.0}, 0.1)
+    direction = np.array([math.cos(yaw), math.sin(yaw)])
+    start = 1.3 * direction
+    plan = [start, 1.48 * direction]
+    choice = planner.find_best_path(small_map(), plan, (*start, yaw), (0.15, 0.0, 0.0))
     costs = planner.score_all_samples().costs
     assert choice.cost == costs[costs >= 0.0].min()
     x, y, _ = choice.points[-1]
     assert 1.45 < max(abs(x), abs(y)) < 1.5
 
 
+def counted(planner):
+    """Return the refusals that are not 0."""
+    return {critic: count for critic, count in planner.refusals().items() if count}
+
+
 def test_refusals_count_the_rejected_samples_by_critic():
-    """Samples are rejected for a reversed turn, a box around the robot, and a limit below all
-    speeds.
-    """
     forward = dict(BURGER, min_vel_x=0.15, vx_samples=2, vth_samples=3)
     planner = DWAPlanner(forward, 0.1)
     costmap = small_map()
-    plan = [(0, 0), (1, 0)]
-    planner.state = [0] * 4 + [1] + [0] * 10  # Only turns to the left are allowed.
-    planner.find_best_path(costmap, plan, (0, 0, 0), (0.15, 0, 0))
-    refusals = planner.refusals()
-    assert (refusals.pop("samples"), refusals.pop("oscillation")) == (6, 2)
-    assert not any(refusals.values())
+    twist = (0.15, 0, 0)
+
+    # Only turns to the left are allowed.
+    planner.state = [0] * 4 + [1] + [0] * 10
+    planner.find_best_path(costmap, AHEAD, ORIGIN, twist)
+    assert counted(planner) == {"samples": 6, "oscillation": 2}
+
+    # A wall is ahead.
     costmap.cells[:, 33:35] = 254
-    planner.find_best_path(costmap, plan, (0, 0, 0), (0.15, 0, 0))
-    refusals = planner.refusals()
-    assert (refusals["oscillation"], refusals["obstacle"], sum(refusals.values())) == (2, 4, 12)
+    planner.find_best_path(costmap, AHEAD, ORIGIN, twist)
+    assert counted(planner) == {"samples": 6, "oscillation": 2, "obstacle": 4}
+
+    # A limit is below all speeds.
     planner.reconfigure({"max_vel_trans": 0.01})
-    planner.find_best_path(costmap, plan, (0, 0, 0), (0.15, 0, 0))
-    assert planner.refusals() == {**dict.fromkeys(refusals, 0), "samples": 6, "velocity limits": 6}
+    planner.find_best_path(costmap, AHEAD, ORIGIN, twist)
+    assert counted(planner) == {"samples": 6, "velocity limits": 6}
 
 
 def test_a_reset_planner_equals_a_new_one():
     costmap = small_map()
     plan = [(0, 0), (1, 0.3)]
     planner = DWAPlanner(BURGER, 0.1)
-    first = planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0))
+    first = planner.find_best_path(costmap, plan, ORIGIN, AT_REST)
+    first_state = planner.state
     for x in (0.1, 0.2, 0.9):
         planner.find_best_path(costmap, plan, (x, 0, 0), (-0.1, 0, 0.4))
+
     planner.reset()
-    planner.prepare(costmap, plan, (0, 0, 0), (0, 0, 0))
-    # 1e300: the grids count as not flooded
-    assert planner.check((0.2, 0, 0))[0] > 1e300
-    again = planner.find_best_path(costmap, plan, (0, 0, 0), (0, 0, 0))
-    assert (again.cost, again.sample, planner.state) == (first.cost, first.sample, planner.state)
+    planner.prepare(costmap, plan, ORIGIN, AT_REST)
+    cost, _ = planner.check((0.2, 0, 0))
+    assert cost > NO_FLOOD
+    again = planner.find_best_path(costmap, plan, ORIGIN, AT_REST)
+    assert again.cost == first.cost
+    assert again.sample == first.sample
+    assert planner.state == first_state

@@ -11,23 +11,36 @@ from applr_ros1.planner.trajectory.records import Scene, allocate_grids
 from applr_ros1.planner.trajectory.sampling import prepare
 from tests.support.seeds import seeds
 
-NX, NY, RESOLUTION = 23, 17, 0.1
-FOOT = np.array([[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.1], [0.2, -0.1]])
-N = NX * NY
+NX = 23
+NY = 17
+RESOLUTION = 0.1
+FOOTPRINT = np.array([[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.1], [0.2, -0.1]])
+WALL = NX * NY  # value of an obstacle; larger ones are unreached
+POSE = (1.2, 0.8, 0.3)
 
 
-def prepared(cells, plan, pose=(1.2, 0.8, 0.3)):
+def prepared(cells, plan):
+    """Return grids whose floods have begun."""
     grids = allocate_grids(NX, NY)
-    return grids, prepare(grids, scene(cells, plan), *pose)
+    prepare(grids, scene(cells, plan), *POSE)
+    return grids
 
 
 def scene(cells, plan):
-    plan = np.array(plan, dtype=np.float64).reshape(-1, 2)
-    return Scene(cells, 0.0, 0.0, RESOLUTION, FOOT, np.zeros((1, 1, 1), np.int32), plan)
+    return Scene(
+        cells=cells,
+        ox=0.0,
+        oy=0.0,
+        resolution=RESOLUTION,
+        footprint=FOOTPRINT,
+        lines=np.zeros((1, 1, 1), np.int32),
+        plan=np.array(plan, dtype=np.float64).reshape(-1, 2),
+    )
 
 
 def completed(grids):
-    return distance_grid.complete(grids.path), distance_grid.complete(grids.goal)
+    """Return the values (2, ny, nx) of both grids after a complete flood."""
+    return np.array([distance_grid.complete(grids.path), distance_grid.complete(grids.goal)])
 
 
 def random_world(seed):
@@ -44,31 +57,30 @@ def random_world(seed):
 @seeds(20)
 def test_settled_cells_are_final_and_all_others_exceed_the_limit(seed):
     cells, plan = random_world(seed)
-    whole = completed(prepared(cells, plan)[0])[0]
-    grids, _ = prepared(cells, plan)
+    final_values, _ = completed(prepared(cells, plan))
+    grid = prepared(cells, plan).path
     random = np.random.default_rng(seed)
     for _ in range(60):
         x = int(random.integers(NX))
         y = int(random.integers(NY))
         limit = int(random.integers(12))
-        k = (y + 1) * (NX + 2) + x + 1
-        value = distance_grid.settle(grids.path, k, limit)
-        if value < N:
-            assert value == whole[y, x]
-        elif value == N:
-            assert whole[y, x] >= N
-        elif grids.path.ends[0] < grids.path.ends[1]:
-            assert whole[y, x] > limit
+        value = distance_grid.settle(grid, distance_grid.place(grid, x, y), limit)
+        final_value = final_values[y, x]
+        has_cells_left = grid.ends[0] < grid.ends[1]
+        if value < WALL:
+            assert value == final_value
+        elif value == WALL:
+            assert final_value >= WALL
+        elif has_cells_left:
+            assert final_value > limit
         else:
-            assert whole[y, x] == N + 1
+            assert final_value == WALL + 1
 
 
 def test_grids_can_be_used_again():
-    first = random_world(1)
-    second = random_world(2)
-    grids, _ = prepared(*first)
+    first_world = random_world(1)
+    second_world = random_world(2)
+    grids = prepared(*first_world)
     completed(grids)
-    prepare(grids, scene(*second), 1.2, 0.8, 0.3)
-    assert all(
-        np.array_equal(a, b) for a, b in zip(completed(grids), completed(prepared(*second)[0]))
-    )
+    prepare(grids, scene(*second_world), *POSE)
+    assert np.array_equal(completed(grids), completed(prepared(*second_world)))
