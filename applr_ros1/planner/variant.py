@@ -18,8 +18,8 @@ DRAWN = "drawn"
 PLANNERS = (OURS, CPP_LIKE)
 
 # Streams of generator(), one for each purpose
-FIDELITY_STREAM = 2
-LATENESS_STREAM = 3  # of the planner thread of a C++-like planner
+FIDELITY_STREAM = 2  # fidelity of a "drawn" planner
+LATENESS_STREAM = 3  # cycles in which the planner thread of a C++-like planner is late
 
 
 def draw(planner: str, seed: Union[int, Sequence[int]]) -> str:

@@ -84,82 +84,108 @@ def test_costs_of_occupancies(parameters, costs):
 def test_a_fixed_costmap_takes_size_and_origin_of_the_map_and_a_rolling_costmap_does_not():
     fixed = make_costmap(LayerDescription("static", StaticParameters()))
     rolling = make_costmap(LayerDescription("static", StaticParameters()), rolling=True)
-    given = StaticMap(np.full((30, 70), 100, np.int8), float(np.float32(0.05)), (-1.0, 3.0))
-    for made in (fixed, rolling):
-        made.set_map("elsewhere", given)
-        assert made.size == (N, N)
-        made.set_map("map", given)
-        made.update(HERE)
-    assert (fixed.size, fixed.resolution, fixed.origin.tolist()) == (
-        (70, 30),
-        given.resolution,
-        [-1.0, 3.0],
-    )
+    occupied = StaticMap(np.full((30, 70), 100, np.int8), float(np.float32(0.05)), (-1.0, 3.0))
+    for costmap in (fixed, rolling):
+        costmap.set_map("elsewhere", occupied)
+        assert costmap.size == (N, N)
+        costmap.set_map("map", occupied)
+        costmap.update(HERE)
+    assert fixed.size == (70, 30)
+    assert fixed.resolution == occupied.resolution
+    assert fixed.origin.tolist() == [-1.0, 3.0]
     assert (fixed.cells == 254).all()
-    assert (rolling.size, rolling.resolution) == ((N, N), 0.1)
+    assert rolling.size == (N, N)
+    assert rolling.resolution == 0.1
     fixed.resize(5.0, 5.0, 0.05, (0.0, 0.0))  # The map determines the size.
     assert fixed.size == (70, 30)
-    for wrong in (
-        StaticMap(np.zeros((0, 3)), 0.1, (0, 0)),
-        StaticMap(np.zeros((3, 3)), math.nan, (0, 0)),
-    ):
-        with pytest.raises(ApplrError, match="map has"):
-            fixed.set_map("map", wrong)
-    assert fixed.size == (70, 30)
+
+
+@pytest.mark.parametrize(("shape", "resolution"), [((0, 3), 0.1), ((3, 3), math.nan)])
+def test_a_map_without_cells_or_resolution_is_refused(shape, resolution):
+    costmap = make_costmap(LayerDescription("static", StaticParameters()))
+    with pytest.raises(ApplrError, match="map has"):
+        costmap.set_map("map", StaticMap(np.zeros(shape), resolution, (0, 0)))
+    assert costmap.size == (N, N)
 
 
 def test_a_map_is_written_again_after_the_map_of_a_disabled_layer_has_resized_the_costmap():
     first = LayerDescription("first", StaticParameters())
     second = LayerDescription("second", StaticParameters(map_topic="other", enabled=False))
-    made = make_costmap(first, second)
-    occupied = np.full((N, N), 100, np.int8)
-    made.set_map("map", StaticMap(occupied, 0.1, (-2.0, -2.0)))
-    made.update(HERE)
-    made.set_map("other", StaticMap(np.zeros((N + 5, N + 5), np.int8), 0.1, (-2.0, -2.0)))
-    made.update(HERE)
-    assert made.size == (N + 5, N + 5)
-    assert (made.cells[:N, :N] == 254).all()
+    costmap = make_costmap(first, second)
+    costmap.set_map("map", map_of(100))
+    costmap.update(HERE)
+    costmap.set_map("other", map_of(0, side=N + 5))
+    costmap.update(HERE)
+    assert costmap.size == (N + 5, N + 5)
+    assert (costmap.cells[:N, :N] == 254).all()
 
 
-def test_first_map_only_ignores_later_maps_and_updates_are_applied():
-    first = make_costmap(LayerDescription("static", StaticParameters(first_map_only=True)))
-    updated = make_costmap(LayerDescription("static", StaticParameters(subscribe_to_updates=True)))
-    for made in (first, updated):
-        for value in (0, 100):
-            made.set_map("map", StaticMap(np.full((N, N), value, np.int8), 0.1, (-2.0, -2.0)))
-        made.update_map("map", 3, 5, np.full((2, 4), -1, np.int8))
-        made.update(HERE)
-    assert not first.cells.any()
+def map_of(value, side=N):
+    """Return a map whose cells all have one occupancy, of the size of the costmaps by default."""
+    return StaticMap(np.full((side, side), value, np.int8), 0.1, (-2.0, -2.0))
+
+
+UNKNOWN_CELLS = np.full((2, 4), -1, np.int8)
+FREE_CELL = np.zeros((1, 1), np.int8)
+
+
+def test_first_map_only_ignores_later_maps():
+    costmap = make_costmap(LayerDescription("static", StaticParameters(first_map_only=True)))
+    costmap.set_map("map", map_of(0))
+    costmap.set_map("map", map_of(100))
+    costmap.update_map("map", 3, 5, UNKNOWN_CELLS)
+    costmap.update(HERE)
+    assert not costmap.cells.any()
+
+
+def test_updates_of_a_map_are_applied():
+    costmap = make_costmap(LayerDescription("static", StaticParameters(subscribe_to_updates=True)))
+    costmap.set_map("map", map_of(0))
+    costmap.set_map("map", map_of(100))
+    costmap.update_map("map", 3, 5, UNKNOWN_CELLS)
+    costmap.update(HERE)
     expected = np.full((N, N), 254)
     expected[5:7, 3:7] = 255
-    np.testing.assert_array_equal(updated.cells, expected)
-    # Two map updates precede the costmap's update.
-    updated.update_map("map", 0, 0, np.zeros((1, 1), np.int8))
-    updated.update_map("map", 39, 39, np.zeros((1, 1), np.int8))
-    updated.update(HERE)
-    assert updated.cells[0, 0] == updated.cells[39, 39] == 0
-    updated.clear()
-    updated.update(HERE)
-    assert updated.cells[6, 6] == 255
-    refused(lambda: updated.update_map("map", 38, 0, np.zeros((1, 3), np.int8)), "not on the map")
+    np.testing.assert_array_equal(costmap.cells, expected)
+
+    # Two map updates may precede the costmap's update.
+    costmap.update_map("map", 0, 0, FREE_CELL)
+    costmap.update_map("map", 39, 39, FREE_CELL)
+    costmap.update(HERE)
+    assert costmap.cells[0, 0] == 0
+    assert costmap.cells[39, 39] == 0
+
+    # They outlive a reset of the costmap.
+    costmap.clear()
+    costmap.update(HERE)
+    assert costmap.cells[6, 6] == 255
+    beyond = np.zeros((1, 3), np.int8)
+    refused(lambda: costmap.update_map("map", 38, 0, beyond), "not on the map")
 
 
 def test_a_rolling_costmap_shows_the_part_of_the_map_below_it():
-    rng = np.random.default_rng(3)
-    given = grid(rng, 0.3)
+    # Given: a map in a frame of its own, and a costmap around the robot
+    static_map = grid(np.random.default_rng(3), 0.3)
+    frame = (0.4, -0.3, 0.5)
     costmap = make_costmap(LayerDescription("static", StaticParameters()), rolling=True)
-    costmap.set_map("map", given)
-    costmap.static_layers[0].placement = frame = (0.4, -0.3, 0.5)
+    costmap.set_map("map", static_map)
+    costmap.static_layers[0].placement = frame
     costmap.update((0.7, 0.5, 1.0))
-    costs = interpretation(StaticParameters())[given.cells.view(np.uint8)]
-    seen = 0
-    for j, index in itertools.product(range(N), range(N)):
-        x, y = transform_point(frame, *(costmap.origin + (np.array((index, j)) + 0.5) * 0.1))
-        mx, my = (x + 2.0) / 0.1, (y + 2.0) / 0.1
-        on_map = 0 <= mx < N and 0 <= my < N
-        seen += on_map
-        assert costmap.cells[j, index] == (costs[int(my), int(mx)] if on_map else 0)
-    assert 500 < seen < N * N
+
+    # Then: each cell has the cost of the map's cell at its centre, and 0 beyond the map
+    costs = interpretation(StaticParameters())[static_map.cells.view(np.uint8)]
+    count_on_map = 0
+    for row, column in itertools.product(range(N), range(N)):
+        centre = costmap.origin + (np.array((column, row)) + 0.5) * 0.1
+        x, y = transform_point(frame, *centre)
+        map_column = math.floor((x + 2.0) / 0.1)
+        map_row = math.floor((y + 2.0) / 0.1)
+        cost = 0
+        if 0 <= map_column < N and 0 <= map_row < N:
+            cost = costs[map_row, map_column]
+            count_on_map += 1
+        assert costmap.cells[row, column] == cost
+    assert 500 < count_on_map < N * N
 
 
 # -- layers and sources ----------------------------------------------------------------------------
@@ -172,72 +198,78 @@ def test_layers_in_any_order_equal_the_plain_ones():
         compare_layers(order, track_unknown)
 
 
+def description_of(letter, number):
+    """Return the layer of a letter. Obstacle layers overwrite in places 0, 2, ..., else take the
+    maximum.
+    """
+    name = f"{letter}{number}"
+    if letter == "s":
+        return LayerDescription(name, StaticParameters())
+    if letter == "m":
+        return LayerDescription(name, StaticParameters(use_maximum=True, trinary_costmap=False))
+    if letter == "i":
+        return LayerDescription(name, InflationParameters(0.3 + 0.1 * number, 3.0))
+    parameters = ObstacleParameters(combination_method=number % 2)
+    sources = (Source(raytrace_range=1.5),)
+    return LayerDescription(name, parameters, sources, 255 if number else None)
+
+
 def compare_layers(order, track_unknown):
+    # Given: layers in some order, a map and a cloud, all updated twice
     rng = np.random.default_rng(len(order) + track_unknown)
-    rays = (Source(raytrace_range=1.5),)
-    kinds = {
-        "s": lambda k: (StaticParameters(),),
-        "m": lambda k: (StaticParameters(use_maximum=True, trinary_costmap=False),),
-        "o": lambda k: (ObstacleParameters(combination_method=k % 2), rays, 255 if k else None),
-        "i": lambda k: (InflationParameters(0.3 + 0.1 * k, 3.0),),
-    }
-    layers = [
-        LayerDescription("%s%d" % (letter, k), *kinds[letter](k)) for k, letter in enumerate(order)
-    ]
-    costmap = make_costmap(*layers, track_unknown=track_unknown)
-    given = StaticMap(
-        np.where(rng.random((N, N)) < 0.02, 100, rng.integers(-1, 60, (N, N))).astype(np.int8),
-        0.1,
-        (-2, -2),
-    )
-    costmap.set_map("map", given)
+    descriptions = [description_of(letter, number) for number, letter in enumerate(order)]
+    costmap = make_costmap(*descriptions, track_unknown=track_unknown)
+    is_occupied = rng.random((N, N)) < 0.02
+    cells = np.where(is_occupied, 100, rng.integers(-1, 60, (N, N))).astype(np.int8)
+    static_map = StaticMap(cells, 0.1, (-2, -2))
+    costmap.set_map("map", static_map)
     costmap.update(HERE)
     points = rng.uniform(-1.8, 1.8, (40, 3)).astype(np.float32)
     for layer in costmap.obstacle_layers:
         layer.cloud = PointCloud((0.1, 0.0, 0.2), points)
-    costmap.set_map("map", given)
+    costmap.set_map("map", static_map)
     costmap.set_footprint(costmap.footprint)  # forces an update of the whole map
     costmap.update(HERE)
+
+    # Then: the master is what its layers make of each other's cells, one after the other
     master = np.full((N, N), 255 if track_unknown else 0, np.uint8)
-    for k, layer in enumerate(costmap.layers):
-        if order[k] == "i":
+    for number, layer in enumerate(costmap.layers):
+        letter = order[number]
+        if letter == "i":
             inflate(master, (0, 0, N, N), 0.1, costmap.inscribed_radius, layer.parameters)
             continue
-        known = layer.cells != 255
-        if order[k] == "s":
-            master = layer.cells.copy()
-        elif order[k] == "o" and k % 2 == 0:
-            master = np.where(known, layer.cells, master)
-        else:
-            master = np.where(
-                known & ((master == 255) | (master < layer.cells)), layer.cells, master
-            )
-    if "s" in order or "m" in order or "i" in order:
-        np.testing.assert_array_equal(costmap.cells, master, "layers %s" % (order,))
+        is_written = layer.cells != 255
+        overwrites = letter == "o" and number % 2 == 0
+        if letter == "s":
+            is_written[:] = True
+        elif not overwrites:
+            is_written &= (master == 255) | (master < layer.cells)
+        master = np.where(is_written, layer.cells, master)
+    if set("smi") & set(order):
+        np.testing.assert_array_equal(costmap.cells, master, f"layers {order}")
     assert not order or costmap.cells.any(), order
 
 
 def test_all_sources_clear_before_any_marks():
     sources = Source(topic="a", clearing=False), Source(topic="b", marking=False, clearing=True)
     costmap = make_costmap(LayerDescription("seen", ObstacleParameters(), sources))
-    a, b = costmap.obstacles.buffers
-    a.take(PointCloud((0.0, 0.0, 0.0), np.array([[1.05, 0.05, 0.0]], np.float32)), 0.0)
-    b.take(PointCloud((0.0, 0.0, 0.0), np.array([[1.75, 0.05, 0.0]], np.float32)), 0.0)
+    marking, clearing = costmap.obstacles.buffers
+    marking.take(PointCloud(HERE, np.array([[1.05, 0.05, 0.0]], np.float32)), 0.0)
+    clearing.take(PointCloud(HERE, np.array([[1.75, 0.05, 0.0]], np.float32)), 0.0)
     costmap.update(HERE)
     assert costmap.cells[20, 30] == 254
-    assert costmap.cells[20, 37] == 0  # Source b does not mark.
-    a.clouds = []
+    assert costmap.cells[20, 37] == 0  # The second source does not mark.
+    marking.clouds = []
     costmap.update(HERE)
     assert costmap.cells[20, 30] == 0
 
 
 def test_observation_persistence_and_silence_of_a_source():
     buffer = ObservationBuffer(Source(observation_persistence=1.0, expected_update_rate=0.5))
-    clouds = [PointCloud(HERE, np.zeros((0, 3), np.float32), 0.4 * k) for k in range(6)]
     assert not buffer.is_current(0.0)
-    for cloud in clouds:
-        buffer.take(cloud, cloud.stamp)
-    assert buffer.clouds == clouds[:-4:-1]
+    for stamp in (0.0, 0.4, 0.8, 1.2, 1.6, 2.0):
+        buffer.take(PointCloud(HERE, np.zeros((0, 3), np.float32), stamp), stamp)
+    assert [cloud.stamp for cloud in buffer.clouds] == [2.0, 1.6, 1.2]
     assert buffer.is_current(2.5)
     assert not buffer.is_current(2.51)
     assert ObservationBuffer(Source()).is_current(99.0)
@@ -256,10 +288,7 @@ def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(s
     assert router.silent(100.4) is None
     now = 100.4 - step
     # The source counts as silent for a step back of any size.
-    assert router.silent(now) == (
-        "scan",
-        0.5,
-    )
+    assert router.silent(now) == ("scan", 0.5)
     router.take({"scan": replace(scan, stamp=now)}, now, None)
     assert [cloud.stamp for cloud in buffer.clouds] == [now]
     assert router.silent(now) is None
@@ -267,10 +296,9 @@ def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(s
 
 def test_an_observation_older_than_the_latest_on_its_topic_is_dropped():
     layer = SimpleNamespace(parameters=SimpleNamespace(enabled=True))
-    layer.buffers = [
-        ObservationBuffer(Source(topic=topic, observation_persistence=9.0))
-        for topic in ("scan", "other")
-    ]
+    of_scan = ObservationBuffer(Source(topic="scan", observation_persistence=9.0))
+    of_other = ObservationBuffer(Source(topic="other", observation_persistence=9.0))
+    layer.buffers = [of_scan, of_other]
     costmap = SimpleNamespace(obstacle_layers=[layer])
     router = ObservationRouter(costmap, SimpleNamespace(obstacle_layers=[]), 0.5)
     scan = LaserScan(100.0, 0.0, 0.2, 0.1, 10.0, np.array([1.0], np.float32), HERE)
@@ -281,10 +309,8 @@ def test_an_observation_older_than_the_latest_on_its_topic_is_dropped():
         {"scan": replace(scan, stamp=100.1)},
     ):
         router.take(sensed, 100.1, None)
-    assert [[cloud.stamp for cloud in buffer.clouds] for buffer in layer.buffers] == [
-        [100.1, 100.0],
-        [99.9],
-    ]
+    assert [cloud.stamp for cloud in of_scan.clouds] == [100.1, 100.0]
+    assert [cloud.stamp for cloud in of_other.clouds] == [99.9]
     assert router.silent(100.41) == ("other", 0.5)
 
 
