@@ -73,6 +73,15 @@ def started(on_report=lambda error: None):
         client.close()
 
 
+def test_an_idle_client_waits_without_using_the_processor(fake):
+    with started() as client:
+        client.request(THETA_0)
+        wait_for(lambda: not client.busy, "parameters in force")
+        before = time.process_time()
+        time.sleep(1.0)
+        assert time.process_time() - before < 0.2
+
+
 def test_values_are_read_back(client):
     assert client.apply(SPACE.high, LONGEST) == ""
     assert np.array_equal(client.theta(), SPACE.high)

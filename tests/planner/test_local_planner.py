@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.planner.parameters.check import complete
-from applr_ros1.planner.plan_cut import cut_plan
+from applr_ros1.planner.plan_cut import cut_plan, half_size
 from applr_ros1.planner.trajectory.local_planner import TrajectoryLocalPlanner
 from tests.support.robots import JACKAL_FOOTPRINT, JACKAL_PARAMETERS
 from tests.support.scenes import open_map, straight
@@ -120,6 +120,11 @@ def test_an_illegal_turn_is_refused():
     # The corners would hit this wall 0.4 m to the left.
     wall.cells[100 + 8, 100:140] = 254
     assert planner.compute_velocity((0.9, 0, 0), (0.0, 0.0), wall) == (False, (0.0, 0.0))
+
+
+@pytest.mark.parametrize(("columns", "rows"), [(80, 40), (40, 80)])
+def test_a_plan_is_cut_at_half_of_the_longer_side_of_the_map(columns, rows):
+    assert half_size(open_map(columns, rows, resolution=0.05)) == pytest.approx(2.0)
 
 
 def test_the_goal_is_reported_in_the_cycle_that_reaches_it_although_plans_keep_coming():

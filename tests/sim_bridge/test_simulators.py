@@ -540,6 +540,17 @@ def test_the_slow_error_of_the_heading_has_its_size_and_its_correlation_time():
     assert correlation == pytest.approx(np.exp(-1.0), abs=0.1)
 
 
+def test_the_noise_of_the_measured_speed_has_its_size():
+    errors = OdometryErrors(speed_noise=0.03)
+    odometry = Odometry(errors, 0.0, np.random.default_rng(0))
+    speeds = np.empty(4_000)
+    for sample in range(len(speeds)):
+        odometry.update(0.05, 0.5, 0.0, 0.0, 0.0)
+        speeds[sample] = odometry.twist[0]
+    assert speeds.mean() == pytest.approx(0.5, abs=0.01)
+    assert speeds.std() == pytest.approx(0.03, rel=0.1)
+
+
 @pytest.mark.parametrize("side", [1.0, -1.0], ids=["left", "right"])
 def test_a_robot_that_drives_against_a_post_turns_towards_the_side_of_the_post(simulator, side):
     simulator.reset(small_world(cylinders=[(0.7, side * 0.12, 0.05)]), 0)

@@ -12,7 +12,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from rosbags.highlevel import AnyReaderError
+from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.rosbag1 import Writer
 
 import worlds
@@ -30,6 +30,7 @@ from applr_ros1.drives.drive import (
 )
 from applr_ros1.drives.drive import Drive as Recorded
 from applr_ros1.policy.decision import Context, Seen
+from applr_ros1.policy.dimensionless import DIMENSIONLESS
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
@@ -233,6 +234,22 @@ def test_a_drive_that_is_written_and_read_back_is_the_same(tmp_path):
             np.testing.assert_equal(mine, theirs)
 
 
+def test_a_written_bag_has_plans_of_the_planner_that_drove_and_twists_along_x_alone(tmp_path):
+    drive = replace(whole_drive(robots.JACKAL), planners=["DWAPlannerROS"])
+    path = write(tmp_path / "a.bag", drive)
+    assert read(path).planners == ["DWAPlannerROS"]
+    with AnyReader([path]) as reader:
+        twists = [
+            reader.deserialize(raw, connection.msgtype)
+            for connection, _, raw in reader.messages()
+            if connection.msgtype == "geometry_msgs/msg/Twist"
+        ]
+    assert twists
+    for twist in twists:
+        unused = (twist.linear.y, twist.linear.z, twist.angular.x, twist.angular.y)
+        assert unused == (0.0, 0.0, 0.0, 0.0)
+
+
 def test_the_clearance_of_a_recorded_drive_is_the_smallest_range_of_each_scan(tmp_path):
     read_back = read(write(tmp_path / "a.bag", whole_drive(robots.JACKAL)))
     assert read_back.clearances.nearest.tolist() == pytest.approx([1.0, 0.5, 0.7])
@@ -394,6 +411,18 @@ def test_a_goal_that_is_being_cancelled_is_still_pursued(tmp_path):
             writer.status(at, "g", running=False, ended=code)
     (goal,) = read(tmp_path / "a.bag").goals
     assert (goal.begin, goal.end) == (0.0, 2.0)
+
+
+def test_a_course_does_not_remember_the_one_before_it_that_never_ended(tmp_path):
+    with Messages(tmp_path / "two.bag") as writer:
+        Drive(writer, begin=10.0, status=None, goal="left")
+        Drive(writer, begin=20.0, seed=1, goal="g")
+    record(tmp_path / "one.bag", begin=20.0, seed=1, goal="g")
+    # This encoding remembers the previous observation of a course.
+    (_, after_another), _ = rebuild(tmp_path / "two.bag", observation=DIMENSIONLESS)
+    (alone,), _ = rebuild(tmp_path / "one.bag", observation=DIMENSIONLESS)
+    np.testing.assert_array_equal(after_another.scan, alone.scan)
+    np.testing.assert_array_equal(after_another.rest, alone.rest)
 
 
 def test_a_node_that_is_switched_off_and_on_leaves_a_gap(tmp_path):

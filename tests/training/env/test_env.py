@@ -13,11 +13,12 @@ import pytest
 import sim_bridge
 from applr_ros1 import robots
 from applr_ros1.common.angles import inverse, transform_point
+from applr_ros1.drives.drive import Drive, Goal
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import SPACE
 from training.env.episode import Episode
-from training.env.outcome import Outcome, nearest
+from training.env.outcome import Leg, Outcome, nearest, outcome_of
 from training.env.reward import Reward, failed
 from worlds import Course, Mover, World
 from worlds.occupancy import occupancy
@@ -324,6 +325,16 @@ def test_the_first_beam_of_a_turned_laser_is_seen_in_its_direction_from_the_robo
     episode = trial(robot=replace(robots.JACKAL, laser=laser))
     _, first_angle, _ = episode.seen().scan
     assert first_angle == pytest.approx(laser.first_angle + 0.5)
+
+
+@pytest.mark.parametrize(("contact", "counts"), [(2.0, False), (2.05, True)])
+def test_a_contact_at_the_very_beginning_belongs_to_the_course_before(contact, counts):
+    drive = Drive(contacts=np.array([contact]))
+    goal = Goal("g", begin=2.0, end=4.0, status="reached")
+    leg = Leg(2.0, 4.0, (2.0, 0.0, 0.0), (0.0, 0.0), (2.0, 0.0))
+    outcome = outcome_of(drive, goal, leg, SPACE.theta0, 1, body_width=0.4)
+    assert outcome.collided is counts
+    assert outcome.contact is counts
 
 
 def test_outcome_of_each_decision_of_a_drive():
