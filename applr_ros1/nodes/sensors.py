@@ -101,7 +101,6 @@ class Sensors:
         for topic, kind in topics.items():
             self._topics[topic] = _Topic(topic, kind, origins.get(topic, ""))
         self._odometry = odometry
-        # A message may be larger than rospy's buffer of 64 KiB, which would then delay it.
         rospy.Subscriber(
             odometry,
             Odometry,

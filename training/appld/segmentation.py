@@ -135,15 +135,15 @@ def _cut(scaled: np.ndarray, penalty: float) -> List[int]:
 
 def _names(means: np.ndarray) -> List[str]:
     """Return a number and distinguishing words for each context, such as "1 open, wide, fast"."""
-    middle = np.median(means, axis=0)
+    usual_speed, usual_turning, usual_ahead, usual_near_side, _ = np.median(means, axis=0)
     names = []
     for number, (speed, turning, ahead, near_side, _) in enumerate(means):
         words = [
-            "open" if ahead > middle[2] else "close ahead",
-            "narrow" if near_side < middle[3] else "wide",
-            "fast" if speed > middle[0] else "slow",
+            "open" if ahead > usual_ahead else "close ahead",
+            "narrow" if near_side < usual_near_side else "wide",
+            "fast" if speed > usual_speed else "slow",
         ]
-        if turning > middle[1]:
+        if turning > usual_turning:
             words.append("turning")
         names.append(f"{number + 1} {', '.join(words)}")
     return names

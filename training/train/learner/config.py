@@ -268,13 +268,14 @@ class TrainConfig(
         for name in SPANS:
             values = getattr(self, name)
             randomisation[name] = values if len(values) == 2 else values[0]
+        _, base = self.start
         own = {"worlds", "observation", "end_on_collision", "end_on_stall", "critics_know_more"}
         return {
             **self.model_dump(include={*DriveSettings.model_fields, *own}),
             "randomisation": randomisation,
             "reward": Reward.of(self).model_dump(),
             "period": self.decision_period,
-            "base": self.start[1],
+            "base": base,
         }
 
     @property
