@@ -63,6 +63,11 @@ class Verdict:
     scale: float = 1.0
     reason: str = ""
 
+    @classmethod
+    def stop(cls, command: Twist, reason: str) -> "Verdict":
+        """Return the verdict that the base has to stop, with the command that brakes it."""
+        return cls(command, STOP, scale=0.0, reason=reason)
+
     @property
     def blocked(self) -> bool:
         """True if the command was limited to almost zero."""
@@ -163,14 +168,14 @@ class CollisionMonitor:
         self.seen.clear()
         self.matcher.clear()
         self.motion.clear()
-        self.ages = Ages(0.0, 0.0, 0.0)
+        self.ages = Ages(scan=0.0, pose=0.0, twist=0.0)
         self._pose: Optional[Pose] = None  # latest pose of the odometry
         self._pose_stamp = 0.0  # stamp of the last change of the pose [s]
         self._is_braking = False  # whether the friction limit changed v of the last output
         self._last_command: Optional[float] = None  # time of the last command [s]
         # Intervals between the last commands [s].
         self._intervals: Deque[float] = deque(maxlen=INTERVALS_KEPT)
-        self.output = Output(-math.inf, 0.0, 0.0)
+        self.output = Output(time=-math.inf, v=0.0, w=0.0)
 
     @property
     def silence(self) -> float:  # noqa: D102
@@ -259,14 +264,14 @@ class CollisionMonitor:
         problem = self._problem(pose, twist, command)
         problem = problem or self._frozen(time - pose_age, pose, twist)
         if problem:
-            return Verdict(self.braked(time, v), STOP, 0.0, problem)
+            return Verdict.stop(self.braked(time, v), problem)
         pose = self.matcher.corrected(pose)
         self.motion.take(time - pose_age, pose)
         moved = self.motion.velocity
         if self._is_impossible(moved.v, moved.w):
             speeds = f"{moved.v:g} m/s and {moved.w:g} rad/s"
             problem = f"the poses imply {speeds}, which is too fast: check the odometry"
-            return Verdict(self.braked(time, v), STOP, 0.0, problem)
+            return Verdict.stop(self.braked(time, v), problem)
 
         verdict = self._judge(pose, self.motions(twist), command, creeps)
         # Wheels that slip under-report the speed, so the larger of both speeds along the last
@@ -393,7 +398,7 @@ class CollisionMonitor:
             reason = "braking: an obstacle is too near to stop"
             if safe.can_stop:
                 reason = "an obstacle is within the stopping distance"
-            return Verdict((0.0, 0.0), STOP, 0.0, reason)
+            return Verdict.stop((0.0, 0.0), reason)
         reason = "limited: an obstacle or unobserved space is within the stopping distance"
         return Verdict(_scaled(command, safe.scale), SLOW, stoppable * safe.scale, reason)
 

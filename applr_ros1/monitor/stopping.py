@@ -207,7 +207,7 @@ def safe_scale(
         seen: observed space, or EVERYTHING.
     """
     obstacles = _obstacles(points, body)
-    smallest = SafeScale(1.0, True)
+    smallest = SafeScale(scale=1.0, can_stop=True)
     for number in range(motions.shape[0]):
         motion = Motion(
             motions[number, 0], motions[number, 1], motions[number, 2], motions[number, 3]
@@ -225,9 +225,9 @@ def safe_scale(
 def _safe_scale(check: Check) -> SafeScale:
     """Return the largest safe scale for one motion."""
     if _is_free_every_way(check, 1.0):
-        return SafeScale(1.0, True)
+        return SafeScale(scale=1.0, can_stop=True)
     if not _is_free(check, 0.0, AS_MEASURED):
-        return SafeScale(0.0, False)
+        return SafeScale(scale=0.0, can_stop=False)
     low = 0.0
     high = 1.0
     for _ in range(HALVINGS):
@@ -236,7 +236,7 @@ def _safe_scale(check: Check) -> SafeScale:
             low = middle
         else:
             high = middle
-    return SafeScale(low, True)
+    return SafeScale(scale=low, can_stop=True)
 
 
 @kernel

@@ -76,7 +76,7 @@ class CollisionMonitorNode:
         self.monitor = CollisionMonitor(settings, more_scans)
         self._lock = threading.Lock()
         self._clock = Clock()
-        self._verdict = Verdict((0.0, 0.0), STOP, 0.0, "no command has arrived yet")
+        self._verdict = Verdict.stop((0.0, 0.0), "no command has arrived yet")
         self._counts = dict.fromkeys(("pass", "slow", "stop"), 0)
         # ROS time of the latest command; 0 if there is none since the start or a clock jump.
         self._commanded = rospy.Time(0)
@@ -174,7 +174,7 @@ class CollisionMonitorNode:
             self._zeros = self._zeros + 1 if self._is_at_rest() else 0
             self._commands.publish(conversions.twist(*self._braked()))
         reason = self._stalled or f"no command for {silence:.2g} s"
-        self._report_verdict(Verdict((0.0, 0.0), STOP, 0.0, reason))
+        self._report_verdict(Verdict.stop((0.0, 0.0), reason))
 
     def _is_at_rest(self) -> bool:
         """Return whether fresh odometry says that the base stands still."""
@@ -265,7 +265,7 @@ class CollisionMonitorNode:
         rospy.logerr_throttle(1.0, f"collision monitor: {traceback.format_exc()}")
         self.monitor.reset()
         reason = f"the monitor failed: {problem!r}; please report it"
-        self._report_verdict(Verdict((0.0, 0.0), STOP, 0.0, reason))
+        self._report_verdict(Verdict.stop((0.0, 0.0), reason))
 
     def _judge(self, command: Velocity, creeps: bool) -> Verdict:
         """Return the monitor's verdict on a command, a stop if an input is missing.
@@ -277,7 +277,7 @@ class CollisionMonitorNode:
         trouble = self.sensors.pose_trouble if pose is None else self._stalled
         trouble = trouble or self.sensors.odometry_trouble(now, self.monitor.settings.scan_timeout)
         if trouble:
-            return Verdict(self._braked(), STOP, 0.0, trouble)
+            return Verdict.stop(self._braked(), trouble)
 
         # Static transforms and messages without stamps have no age.
         known_ages = self.sensors.ages(now)
@@ -285,7 +285,7 @@ class CollisionMonitorNode:
         verdict = self.monitor.filter(now.to_sec(), pose, self.sensors.twist, command, ages, creeps)
         if verdict.action == STOP and "scan" in verdict.reason:
             latest = self.sensors.describe_latest(self._named_topic(verdict.reason))
-            return Verdict(verdict.command, STOP, 0.0, f"{verdict.reason} ({latest})")
+            return Verdict.stop(verdict.command, f"{verdict.reason} ({latest})")
         return verdict
 
     def _named_topic(self, reason: str) -> str:
