@@ -18,7 +18,7 @@ from applr_ros1.planner.parameters.check import check, complete, remarks
 from applr_ros1.planner.parameters.configuration import Configuration
 from applr_ros1.planner.parameters.declarations import SERVERS, servers
 from applr_ros1.planner.parameters.move_base_parameters import DEFAULT_RECOVERIES
-from applr_ros1.planner.parameters.parameter import ParameterError
+from applr_ros1.planner.parameters.parameter import ParameterError, by_name
 from tests.support import ROOT
 from tests.support.refusals import refused
 from tests.support.robots import JACKAL_PARAMETERS
@@ -58,73 +58,54 @@ def number(value):
     return float(value) if value in ("inf", "-inf") else value
 
 
+def assert_declared_as_in_cpp(parameter, cpp_parameter):
+    """Assert that a declaration equals that of a C++ server, of which `cpp_parameter` is a dump."""
+    assert parameter.name == cpp_parameter["name"]
+    assert parameter.type == cpp_parameter["type"]
+    assert parameter.min == number(cpp_parameter["min"])
+    assert parameter.max == number(cpp_parameter["max"])
+    assert parameter.default == cpp_parameter["default"]
+
+
 @pytest.mark.parametrize("server", servers(complete(JACKAL_PARAMETERS)))
 def test_servers_equal_the_cpp_ones(server):
-    theirs = SURFACE["dynamic_reconfigure"]["/move_base/" + server if server else "/move_base"]
-    begun = Configuration(complete(JACKAL_PARAMETERS)).start_up(server)
-    table = servers(complete(JACKAL_PARAMETERS))[server].parameters
-    ours = [
-        (
-            parameter.name,
-            parameter.type,
-            parameter.min,
-            parameter.max,
-            parameter.default,
-            begun[parameter.name],
-        )
-        for parameter in table
-    ]
-    assert ours == [
-        (
-            parameter["name"],
-            parameter["type"],
-            number(parameter["min"]),
-            number(parameter["max"]),
-            parameter["default"],
-            parameter["jackal"],
-        )
-        for parameter in theirs
-    ]
+    cpp_server = SURFACE["dynamic_reconfigure"][f"/move_base/{server}".rstrip("/")]
+    start_up = Configuration(complete(JACKAL_PARAMETERS)).start_up(server)
+    parameters = servers(complete(JACKAL_PARAMETERS))[server].parameters
+    assert len(parameters) == len(cpp_server)
+    for parameter, cpp_parameter in zip(parameters, cpp_server):
+        assert_declared_as_in_cpp(parameter, cpp_parameter)
+        assert start_up[parameter.name] == cpp_parameter["jackal"]
 
 
 def test_the_dwa_planners_server_equals_the_cpp_one():
-    theirs = DWA_SURFACE["dynamic_reconfigure"]["/move_base/DWAPlannerROS"]
-    names = {parameter["name"] for parameter in theirs}
-    ours = [
-        (parameter.name, parameter.type, parameter.min, parameter.max, parameter.default)
-        for parameter in SERVERS["DWAPlannerROS"]
-        if parameter.name in names
-    ]
-    assert ours == [
-        (
-            parameter["name"],
-            parameter["type"],
-            number(parameter["min"]),
-            number(parameter["max"]),
-            parameter["default"],
-        )
-        for parameter in theirs
-    ]
+    cpp_server = DWA_SURFACE["dynamic_reconfigure"]["/move_base/DWAPlannerROS"]
+    declared = by_name(SERVERS["DWAPlannerROS"])
+    for cpp_parameter in cpp_server:
+        assert_declared_as_in_cpp(declared[cpp_parameter["name"]], cpp_parameter)
+    # This server has parameters of its own besides. The others come in the order of C++.
+    cpp_names = [cpp_parameter["name"] for cpp_parameter in cpp_server]
+    assert [name for name in declared if name in cpp_names] == cpp_names
 
 
 def test_a_turtlebots_parameters_are_taken_as_cpp_takes_them():
-    theirs = DWA_SURFACE["params"]["DWAPlannerROS"]
+    cpp_values = DWA_SURFACE["params"]["DWAPlannerROS"]
     # The robot's file has 0.
-    tree = dict(DWA, DWAPlannerROS=dict(theirs, vy_samples=0))
+    tree = dict(DWA, DWAPlannerROS=dict(cpp_values, vy_samples=0))
     assert check(tree) == []
+    for name, value in Configuration(complete(tree))["DWAPlannerROS"].items():
+        assert value == cpp_values[name], name
+
+
+@pytest.mark.parametrize(
+    ("tree", "used", "other"),
+    [(JACKAL_PARAMETERS, PLANNER, "DWAPlannerROS"), (DWA, "DWAPlannerROS", PLANNER)],
+)
+def test_only_the_servers_of_the_planner_in_use_exist(tree, used, other):
     config = Configuration(complete(tree))
-    assert {name: theirs[name] for name in config["DWAPlannerROS"]} == config["DWAPlannerROS"]
-
-
-def test_only_the_servers_of_the_planner_in_use_exist():
-    for tree, there, other in (
-        (JACKAL_PARAMETERS, PLANNER, "DWAPlannerROS"),
-        (DWA, "DWAPlannerROS", PLANNER),
-    ):
-        config = Configuration(complete(tree))
-        assert config[there]["sim_time"] > 0
-        with pytest.raises(ParameterError, match="no server '%s'" % other):
-            config[other]
+    assert config[used]["sim_time"] > 0
+    with pytest.raises(ParameterError, match=f"no server '{other}'"):
+        config[other]
 
 
 def test_the_control_period_is_searched_upwards():
@@ -289,28 +270,40 @@ def test_values_that_roscpp_ignores_get_the_default_and_a_warning(path, value, u
         full = full[part]
     assert full == used
     lines = [line for line in remarks(tree) if line.startswith(path)]
-    assert [warning in line for line in lines] == ([True] if warning else [])
+    if warning:
+        (line,) = lines
+        assert warning in line
+    else:
+        assert lines == []
 
 
-def test_older_names_are_used_if_cpp_reads_them():
-    """With another local planner, rotate_recovery reads the older names.
+OLDER = {"min_in_place_rotational_vel": 0.7, "max_rotational_vel": 0.9, "acc_lim_th": 1.1}
 
-    TrajectoryPlannerROS reads an older name only to turn to the goal's heading
-    (trajectory_planner_ros.cpp:219).
-    """
-    older = {"min_in_place_rotational_vel": 0.7, "max_rotational_vel": 0.9, "acc_lim_th": 1.1}
-    for tree, limits in (({}, (0.4, 1.0, 3.2)), (DWA, (0.7, 0.9, 1.1))):
-        move_base = MoveBase(dict(tree, TrajectoryPlannerROS=older))
-        rotation = next(
-            behaviour for behaviour in move_base.recoveries if behaviour.name == "rotate_recovery"
-        )
-        assert (rotation.slowest_turn, rotation.fastest_turn, rotation.acceleration) == limits
+
+@pytest.mark.parametrize(
+    ("tree", "slowest", "fastest", "acceleration"),
+    [({}, 0.4, 1.0, 3.2), (DWA, 0.7, 0.9, 1.1)],
+    ids=["TrajectoryPlannerROS", "another planner"],
+)
+def test_rotate_recovery_reads_older_names_beside_another_local_planner(
+    tree, slowest, fastest, acceleration
+):
+    move_base = MoveBase(dict(tree, TrajectoryPlannerROS=OLDER))
+    behaviours = {behaviour.name: behaviour for behaviour in move_base.recoveries}
+    rotation = behaviours["rotate_recovery"]
+    assert rotation.slowest_turn == slowest
+    assert rotation.fastest_turn == fastest
+    assert rotation.acceleration == acceleration
     assert rotation.tolerance == 0.1
-    here = MoveBase({PLANNER: older}).local_planner
-    assert here.slowest_turn == 0.7
-    assert here.planner.in_force["min_in_place_vel_theta"] == 0.4  # rollouts
-    both = dict(older, min_in_place_vel_theta=0.5)
-    assert MoveBase({PLANNER: both}).local_planner.slowest_turn == 0.5
+
+
+def test_the_planner_reads_an_older_name_only_to_turn_to_the_goals_heading():
+    """trajectory_planner_ros.cpp:219."""
+    local_planner = MoveBase({PLANNER: OLDER}).local_planner
+    assert local_planner.slowest_turn == 0.7
+    assert local_planner.planner.in_force["min_in_place_vel_theta"] == 0.4  # rollouts
+    with_newer_name = dict(OLDER, min_in_place_vel_theta=0.5)
+    assert MoveBase({PLANNER: with_newer_name}).local_planner.slowest_turn == 0.5
 
 
 def test_values_out_of_bounds_are_clamped_as_in_cpp():
@@ -318,15 +311,17 @@ def test_values_out_of_bounds_are_clamped_as_in_cpp():
     tree[PLANNER].update(min_vel_x=-0.2, acc_lim_th=1.0)
     tree["local_costmap"].update(update_frequency=200)
     assert check(tree) == []
-    has = Configuration(complete(tree))
-    assert (has[PLANNER]["max_vel_x"], has[PLANNER]["min_vel_x"]) == (20.0, 0.0)
+    values = Configuration(complete(tree))[PLANNER]
+    assert values["max_vel_x"] == 20.0
+    assert values["min_vel_x"] == 0.0
     assert complete(tree)["local_costmap"]["update_frequency"] == 100.0
-    lines = {line.partition(" ")[0].rpartition("/")[2]: line for line in remarks(tree)}
+    lines = {}
+    for line in remarks(tree):
+        path, _, _ = line.partition(" ")
+        lines[path.rpartition("/")[2]] = line
     assert set(lines) == {"max_vel_x", "min_vel_x", "acc_lim_th", "update_frequency"}
-    assert (
-        lines["max_vel_x"]
-        == PLANNER + "/max_vel_x is 30.0: 20.0 is used, give a value from 0.0 to 20.0"
-    )
+    clamped = "max_vel_x is 30.0: 20.0 is used, give a value from 0.0 to 20.0"
+    assert lines["max_vel_x"] == f"{PLANNER}/{clamped}"
     assert lines["acc_lim_th"].endswith("is ignored: give acc_lim_theta")
 
 
@@ -420,22 +415,21 @@ def test_files_without_plugins_get_the_layers_that_cpp_gives_them():
     }
     assert check(tree) == []
     full = complete(tree)
-    world = full["global_costmap"]
-    local = full["local_costmap"]
-    assert [parameter["name"] for parameter in world["plugins"]] == [
-        "static_layer",
-        "obstacle_layer",
-        "inflation_layer",
-    ]
-    assert [parameter["name"] for parameter in local["plugins"]] == [
-        "obstacle_layer",
-        "inflation_layer",
-    ]
-    theirs = MAP_SURFACE["params"]["global_costmap"]["obstacle_layer"]
-    assert world["obstacle_layer"]["scan"]["obstacle_range"] == theirs["obstacle_range"] == 3.0
-    assert world["inflation_layer"] == MAP_SURFACE["params"]["global_costmap"]["inflation_layer"]
-    assert local["track_unknown_space"] is local["obstacle_layer"]["track_unknown_space"] is True
-    assert "inflation_radius" not in world
+    global_costmap = full["global_costmap"]
+    local_costmap = full["local_costmap"]
+    layer_names = [layer["name"] for layer in global_costmap["plugins"]]
+    assert layer_names == ["static_layer", "obstacle_layer", "inflation_layer"]
+    layer_names = [layer["name"] for layer in local_costmap["plugins"]]
+    assert layer_names == ["obstacle_layer", "inflation_layer"]
+
+    # Layers get the values that stand at their costmap.
+    cpp_layers = MAP_SURFACE["params"]["global_costmap"]
+    assert cpp_layers["obstacle_layer"]["obstacle_range"] == 3.0
+    assert global_costmap["obstacle_layer"]["scan"]["obstacle_range"] == 3.0
+    assert global_costmap["inflation_layer"] == cpp_layers["inflation_layer"]
+    assert "inflation_radius" not in global_costmap
+    assert local_costmap["track_unknown_space"] is True
+    assert local_costmap["obstacle_layer"]["track_unknown_space"] is True
     assert complete(full) == full
     assert check(full) == []
     names = {name for name in servers(full) if "costmap" in name}
