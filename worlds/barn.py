@@ -69,12 +69,15 @@ def cylinders_of(filled: Cells) -> Array:
 
     The order is the corridor's back wall, its sides, and the filled cells.
     """
-    corridor = [(row, -CORRIDOR_COLUMNS) for row in range(ROWS)]
+    corridor = []
+    for row in range(ROWS):
+        corridor.append((row, -CORRIDOR_COLUMNS))
     for column in range(-CORRIDOR_COLUMNS + 1, 0):
         corridor.append((0, column))
         corridor.append((ROWS - 1, column))
-    centres = to_xy(np.concatenate([np.array(corridor), np.argwhere(filled)]))
-    return np.column_stack([centres, np.full(len(centres), CYLINDER_RADIUS_M)])
+    cells = np.concatenate([np.array(corridor), np.argwhere(filled)])
+    radii = np.full(len(cells), CYLINDER_RADIUS_M)
+    return np.column_stack([to_xy(cells), radii])
 
 
 def paper_course(path: Array) -> Course:
@@ -84,9 +87,10 @@ def paper_course(path: Array) -> Course:
     """
     start_x = float(path[0, 0])
     end_x, end_y = path[-1].tolist()
+    goal_y = end_y + GOAL_BEYOND_PATH_M
     return Course(
         start=(start_x, START_Y_M, math.pi / 2),
-        goal=(end_x, end_y + GOAL_BEYOND_PATH_M, math.pi / 2),
+        goal=(end_x, goal_y, math.pi / 2),
         finish_y=FINISH_Y_M,
         goal_tolerance=GOAL_TOLERANCE_M,
         path=path,

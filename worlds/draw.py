@@ -47,10 +47,12 @@ def draw(axes: Any, world: World, path: bool = True) -> None:
     for mover in world.movers:
         # At the end of its animation a moving obstacle would be at its start again.
         times = np.linspace(0.0, mover.length * 0.999, 200)
-        track = np.array([mover.position(t) for t in times])
-        x_track, y_track = track.T
+        track = []
+        for time in times:
+            track.append(mover.position(time))
+        x_track, y_track = np.array(track).T
         axes.plot(x_track, y_track, color=MOVER_COLOUR, lw=0.8, alpha=0.6)
-        disc = Circle(mover.position(0.0), mover.radius, facecolor=MOVER_COLOUR, alpha=0.6)
+        disc = Circle(track[0], mover.radius, facecolor=MOVER_COLOUR, alpha=0.6)
         axes.add_patch(disc)
 
     course = world.course

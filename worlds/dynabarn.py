@@ -169,8 +169,11 @@ def _mover(rng: np.random.Generator, speeds: Tuple[float, float]) -> Mover:
     time = 0.0
     x, y = corners[0].tolist()
     frames: List[KeyFrame] = [(time, x, y)]
-    for corner, leg in zip(corners[1:], np.diff(corners, axis=0)):
-        time += max(math.hypot(*leg), SHORTEST_LEG_M) / rng.uniform(*speeds)
+    legs = np.diff(corners, axis=0)
+    for corner, leg in zip(corners[1:], legs):
+        length = max(math.hypot(*leg), SHORTEST_LEG_M)
+        speed = rng.uniform(*speeds)
+        time += length / speed
         x, y = corner.tolist()
         frames.append((time, x, y))
     radius = float(rng.uniform(*RADII_M))
@@ -183,7 +186,9 @@ def _at_a_wall(rng: np.random.Generator, wall: int) -> Array:
     Sides 0 and 1 are those with the lowest and the highest x, sides 2 and 3 those of y.
     """
     along = rng.uniform(-0.9 * HALF_SIDE_M, 0.9 * HALF_SIDE_M)
-    across = HALF_SIDE_M if wall % 2 else -HALF_SIDE_M
+    across = -HALF_SIDE_M
+    if wall in (1, 3):
+        across = HALF_SIDE_M
     if wall < 2:
         return np.array([across, along])
     return np.array([along, across])

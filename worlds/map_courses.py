@@ -116,10 +116,14 @@ class Floor:
         )
         goals = np.flatnonzero((lengths >= shortest) & (lengths <= longest))
         # A course has random numbers of its own, so that it does not depend on other courses.
-        cells = [np.random.default_rng([SEED, number]).choice(goals)]
-        while cells[-1] != start:
-            cells.append(predecessors[cells[-1]])
-        return np.column_stack(np.unravel_index(cells[::-1], self.cells.shape))
+        rng = np.random.default_rng([SEED, number])
+        cell = rng.choice(goals)
+        cells = [cell]
+        while cell != start:
+            cell = predecessors[cell]
+            cells.append(cell)
+        rows, columns = np.unravel_index(cells[::-1], self.cells.shape)
+        return np.column_stack([rows, columns])
 
 
 class Draw(NamedTuple):
@@ -195,7 +199,9 @@ class Building:
         """
         if part in HALVES:
             return self.halves[part]
-        return None if part else range(self.count)
+        if part:
+            return None
+        return range(self.count)
 
     @functools.cached_property
     def halves(self) -> Dict[str, List[int]]:

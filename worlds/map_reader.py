@@ -95,7 +95,8 @@ def read_pixels(path: str) -> NDArray[np.uint8]:
             # SDL_image keeps the upper 8 bits (png_set_strip_16). Pillow would clip at 255.
             return (grey >> 8).astype(np.uint8)[:, :, np.newaxis]
         has_opacity = "A" in picture.getbands() or "transparency" in picture.info
-        return np.asarray(picture.convert("RGBA" if has_opacity else "RGB"))
+        channels = "RGBA" if has_opacity else "RGB"
+        return np.asarray(picture.convert(channels))
 
 
 def cells_of(pixels: NDArray[np.uint8], fields: MapFile) -> NDArray[np.int8]:
@@ -121,6 +122,7 @@ def cells_of(pixels: NDArray[np.uint8], fields: MapFile) -> NDArray[np.int8]:
         between = (darkness >= free) & (darkness <= occupied)
         if has_opacity:
             between &= pixels[:, :, 3] > 0
+        # 1 to 99, because 0 and 100 are the values of free and of occupied cells
         share = (darkness[between] - free) / (occupied - free)
         cells[between] = 1 + 98 * share
     cells[darkness < free] = FREE

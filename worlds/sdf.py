@@ -76,8 +76,10 @@ def cylinder(pose: Array, radius: float, length: float) -> Optional[Shape]:
     if upright >= UPRIGHT_COSINE:
         return x, y, radius
     # The side of a leaning cylinder and its two end discs, seen from above.
+    yaw = math.atan2(axis_y, axis_x)
     size_along = length * flat + 2.0 * radius * upright
-    return x, y, math.atan2(axis_y, axis_x), size_along, 2.0 * radius
+    size_across = 2.0 * radius
+    return x, y, yaw, size_along, size_across
 
 
 def sphere(pose: Array, radius: float) -> Optional[Shape]:
@@ -93,10 +95,11 @@ def box(pose: Array, *sizes: float) -> Optional[Shape]:
 
     The rectangle is exact for a box on one of its faces.
     """
-    # Offsets of the eight corners from the centre, in sizes of the box.
+    # The eight corners as seen from the centre, in sizes of the box
     signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
+    offsets = signs * np.asarray(sizes)
     rotation = pose[:3, :3]
-    corners = (signs * np.asarray(sizes)) @ rotation.T
+    corners = offsets @ rotation.T
     corner_x, corner_y, corner_z = corners.T
     x, y, z = pose[:3, 3].tolist()
     if not in_the_way(z + corner_z.min(), z + corner_z.max()):
@@ -140,8 +143,9 @@ def pose_of(element: Element, what: str) -> Array:
     words = (element.findtext("pose") or "").split()
     if pose is None or not words:
         return matrix
-    padded = " ".join((words + ["0"] * 5)[:6])  # sdformat pads with zeros, too.
-    values = numbers(padded, 6, "pose, " + what)
+    words += ["0"] * 5  # sdformat pads with zeros, too.
+    padded = " ".join(words[:6])
+    values = numbers(padded, 6, f"pose, {what}")
     matrix[:3, 3] = values[:3]
     # Lower case means rotations about fixed axes, as in SDF: R = Rz Ry Rx.
     degrees = pose.get("degrees") in ("true", "1")

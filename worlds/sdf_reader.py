@@ -104,7 +104,8 @@ class _Reader:
         for tag in ("actor", "population", "road", "state/insertions/model"):
             self.unread += [f"<{tag}>"] * len(world.findall(tag))
         for include in world.iter("include"):
-            uri = (include.findtext("uri") or "").strip().rstrip("/")
+            text = include.findtext("uri") or ""
+            uri = text.strip().rstrip("/")
             if uri not in IGNORED_INCLUDES:
                 self.unread.append(f"the include {uri!r}")
         saved = {model.get("name"): model for model in world.findall("state/model")}

@@ -51,7 +51,8 @@ def obstacle_penalty(free: Cells) -> Array:
         return np.zeros(free.shape)  # The distance to a blocked cell is undefined.
     distance = scipy.ndimage.distance_transform_edt(free)
     is_near = free & (distance <= SHY_CELLS)
-    return np.where(is_near, SHY_COST / np.maximum(distance, 1.0), 0.0)
+    cost = SHY_COST / np.maximum(distance, 1.0)
+    return np.where(is_near, cost, 0.0)
 
 
 def _turns(heading: int) -> Tuple[int, ...]:
@@ -92,16 +93,18 @@ def barn_path(free: Cells, start: Cell, goal: Cell) -> Optional[Ints]:
             while path[-1] != start:
                 path.append(parent[path[-1]])
             return np.array(path[::-1], dtype=np.int64)
+        cell_row, cell_column = cell
         for move in _turns(heading[cell]):
             row_step, column_step = MOVES[move]
-            row = cell[0] + row_step
-            column = cell[1] + column_step
+            row = cell_row + row_step
+            column = cell_column + column_step
             reached = row, column
             is_inside = 0 <= row < rows and 0 <= column < columns
             if not is_inside or not free[reached] or reached in closed:
                 continue
-            beside = free[row, cell[1]], free[cell[0], column]
-            if not any(beside):
+            in_row = cell_row, column
+            in_column = row, cell_column
+            if not free[in_row] and not free[in_column]:
                 continue  # A diagonal move must not pass between two blocked corners.
             cost = cost_to[cell] + LENGTHS[move]
             # A cell that is discovered has no heuristic yet (second deviation from A*).

@@ -181,7 +181,8 @@ class Course:
             is_start = np.arange(len(path)) == 0
             path = path[is_start | (path[:, 1] < self.finish_y)]
             end = path[-1, 0], self.finish_y
-        return float(step_lengths(np.vstack([path, end])).sum())
+        route = np.vstack([path, end])
+        return float(step_lengths(route).sum())
 
     @property
     def sent_goal(self) -> Pose:

@@ -163,7 +163,9 @@ def _drop_outdated(
         stamp = points[index, 2]
         if _is_measured(x, y, rays):
             continue
-        is_far = (x - rays.x) ** 2 + (y - rays.y) ** 2 > radius * radius
+        offset_x = x - rays.x
+        offset_y = y - rays.y
+        is_far = offset_x**2 + offset_y**2 > radius * radius
         if is_far or stamp < oldest_stamp:
             forgotten[forgotten_count] = x, y
             forgotten_count += 1
@@ -182,9 +184,13 @@ def _add_hits(points: Array, count: int, rays: Rays, radius: float, stamp: float
         if not rays.range_min <= rays.ranges[beam] < rays.range_max:
             continue
         x, y = end_point(rays, beam)
-        if (x - rays.x) ** 2 + (y - rays.y) ** 2 > radius * radius:
+        offset_x = x - rays.x
+        offset_y = y - rays.y
+        if offset_x**2 + offset_y**2 > radius * radius:
             continue
-        if (x - last_x) ** 2 + (y - last_y) ** 2 < SPACING_M * SPACING_M:
+        apart_x = x - last_x
+        apart_y = y - last_y
+        if apart_x**2 + apart_y**2 < SPACING_M * SPACING_M:
             continue
         if count < points.shape[0]:
             points[count] = x, y, stamp
@@ -223,7 +229,8 @@ def _is_measured(x: float, y: float, rays: Rays) -> bool:
     # A nearer hit beside the point may hide it, and an invalid range shows nothing. Beyond the
     # distance at which beams are THIN_M apart, the point may stand between them, unless a beam has
     # met it.
-    is_met = distance < min(rays.range_max, THIN_M / abs(rays.increment))
+    thin_distance = THIN_M / abs(rays.increment)
+    is_met = distance < min(rays.range_max, thin_distance)
     for beam in range(nearest_beam - 1, nearest_beam + 2):
         measured = rays.ranges[beam % beam_count]
         if not measured >= rays.range_min or measured < distance - TOLERANCE_M:

@@ -143,7 +143,8 @@ class CollisionMonitor:
             self.settings.turn_ahead,
         )
         # Distance of the farthest corner from the origin [m].
-        self._radius = float(np.hypot(*np.asarray(outline, dtype=np.float64).T).max())
+        corner_x, corner_y = np.asarray(outline, dtype=np.float64).T
+        self._radius = float(np.hypot(corner_x, corner_y).max())
         self.fastest = self._fastest(self.settings.reaction_time)
         self._lasers: Dict[str, _Laser] = {}
         for name in ("", *more_scans):
@@ -350,7 +351,9 @@ class CollisionMonitor:
         current = measured_w / self.settings.turn_gain
         largest_change = GRIPPING_S * self.settings.yaw_deceleration
         reachable = min(max(w, current - largest_change), current + largest_change)
-        return reachable if reachable * w > 0.0 else 0.0
+        if reachable * w > 0.0:
+            return reachable
+        return 0.0
 
     def _judge(self, pose: Pose, motions: List[Motion], command: Twist, creeps: bool) -> Verdict:
         """Return the Verdict on a command, which must be safe for each of the possible motions."""
@@ -448,7 +451,10 @@ class CollisionMonitor:
         chord = min(turn_rate * longest + stopping.SWING_RAD, LONGEST_CHORD)
         orbit = abs(settings.turn_ahead) * chord
         reach = self._radius + settings.margin + speed * longest + orbit + REACH_SLACK_M
-        return np.concatenate([laser.memory.around(pose, reach) for laser in self._lasers.values()])
+        points = []
+        for laser in self._lasers.values():
+            points.append(laser.memory.around(pose, reach))
+        return np.concatenate(points)
 
     def _is_impossible(self, v: float, w: float) -> bool:
         fastest_v, fastest_w = self.fastest

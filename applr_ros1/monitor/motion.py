@@ -72,9 +72,10 @@ class PoseMotion:
     def contradicts(self, twist: Twist) -> bool:
         """Return whether the base moves opposite to the measured (v, w), or much faster."""
         v, w = twist
-        return _differs(self.velocity.v, v, DIFFERENCE_M_S) or _differs(
-            self.velocity.w, w, DIFFERENCE_RAD_S
-        )
+        moved = self.velocity
+        if _differs(moved.v, v, DIFFERENCE_M_S):
+            return True
+        return _differs(moved.w, w, DIFFERENCE_RAD_S)
 
 
 def _differs(moved: float, measured: float, tolerance: float) -> bool:

@@ -226,13 +226,16 @@ class ScanMatcher:
             )
             # A valid match comes before any other. The odometry's pose, the first guess, wins
             # unless another fits clearly better.
-            handicap = 0.0 if number == 0 else BETTER_WEIGHT
+            handicap = 0.0
+            if number > 0:
+                handicap = BETTER_WEIGHT
             mean_weight = fit.weight / max(fit.matches, 1)
             rank = (_is_valid(fit, guess), mean_weight - handicap)
             if rank > best_rank:
                 best_pose = fit.pose
                 best_rank = rank
-        return best_pose if best_rank[0] else None
+        is_valid, _ = best_rank
+        return best_pose if is_valid else None
 
     def _nearest(self, pose: Pose) -> Optional[int]:
         """Return the index of the reference nearest to a pose, or None if there is no reference."""
@@ -241,7 +244,7 @@ class ScanMatcher:
         # Each change of the list ends with a new last reference.
         if self._poses_up_to is not self._references[-1]:
             self._poses_up_to = self._references[-1]
-            self._poses = np.array([_pose_of(reference) for reference in self._references])
+            self._poses = np.array(list(map(_pose_of, self._references)))
         index: int = _nearest(self._poses, pose)
         return index
 
@@ -372,8 +375,10 @@ def _match(
         for i in range(points.shape[0]):
             # The point relative to the laser, and the beam of the earlier scan that points towards
             # it.
-            lever_x = cos_yaw * points[i, 0] - sin_yaw * points[i, 1]
-            lever_y = sin_yaw * points[i, 0] + cos_yaw * points[i, 1]
+            forward = points[i, 0]
+            leftward = points[i, 1]
+            lever_x = cos_yaw * forward - sin_yaw * leftward
+            lever_y = sin_yaw * forward + cos_yaw * leftward
             point_x = x + lever_x
             point_y = y + lever_y
             beam = _beam_near(surface, angle_min, increment, point_x, point_y, points[i, 2])
@@ -386,8 +391,10 @@ def _match(
             share = beam - line
             normal_x = surface[line, 2]
             normal_y = surface[line, 3]
-            line_x = surface[line, 0] + share * (surface[line + 1, 0] - surface[line, 0])
-            line_y = surface[line, 1] + share * (surface[line + 1, 1] - surface[line, 1])
+            start_x = surface[line, 0]
+            start_y = surface[line, 1]
+            line_x = start_x + share * (surface[line + 1, 0] - start_x)
+            line_y = start_y + share * (surface[line + 1, 1] - start_y)
             distance = normal_x * (point_x - line_x) + normal_y * (point_y - line_y)
 
             # Weight of Geman and McClure: points far from any line, such as those of a person,
@@ -396,15 +403,18 @@ def _match(
             moment = normal_y * lever_x - normal_x * lever_y
             matches += 1
             weight_sum += weight
-            a00 += weight * normal_x * normal_x
-            a01 += weight * normal_x * normal_y
-            a02 += weight * normal_x * moment
-            a11 += weight * normal_y * normal_y
-            a12 += weight * normal_y * moment
-            a22 += weight * moment * moment
-            b0 -= weight * normal_x * distance
-            b1 -= weight * normal_y * distance
-            b2 -= weight * moment * distance
+            weighted_x = weight * normal_x
+            weighted_y = weight * normal_y
+            weighted_moment = weight * moment
+            a00 += weighted_x * normal_x
+            a01 += weighted_x * normal_y
+            a02 += weighted_x * moment
+            a11 += weighted_y * normal_y
+            a12 += weighted_y * moment
+            a22 += weighted_moment * moment
+            b0 -= weighted_x * distance
+            b1 -= weighted_y * distance
+            b2 -= weighted_moment * distance
         dx, dy, dyaw = _solve(a00, a01, a02, a11, a12, a22, b0, b1, b2)
         x += dx
         y += dy
@@ -458,8 +468,9 @@ def lines(ranges: Array32, angle_min: float, increment: float) -> Array:
         angle = angle_min + beam * increment
         cos_angle = math.cos(angle)
         sin_angle = math.sin(angle)
-        x = ranges[beam] * cos_angle
-        y = ranges[beam] * sin_angle
+        distance = ranges[beam]
+        x = distance * cos_angle
+        y = distance * sin_angle
         surface[beam] = x, y, np.nan, np.nan, cos_angle, sin_angle
 
     for beam in range(beam_count - 1):
@@ -513,8 +524,9 @@ def _beam_near(
         # Below .1 rad the error of the series is at most .1^9 / 9 = 1e-10 rad.
         if not abs(across) < 0.1 * along:
             break
-        t = across / along
-        angle = t * (1.0 - t * t * (1.0 / 3.0 - t * t * (0.2 - t * t / 7.0)))
+        ratio = across / along
+        square = ratio * ratio
+        angle = ratio * (1.0 - square * (1.0 / 3.0 - square * (0.2 - square / 7.0)))
         beams_beyond = angle / increment
         if 0.0 <= beams_beyond < 1.0:
             return float(beam + beams_beyond)

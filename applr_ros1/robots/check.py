@@ -490,5 +490,5 @@ def _differ(name: str, expected: str) -> bool:
 
 
 def _list(numbers: Sequence[float]) -> str:
-    words = ", ".join(f"{number:g}" for number in numbers)
-    return f"[{words}]"
+    words = map("{:g}".format, numbers)
+    return f"[{', '.join(words)}]"

@@ -24,6 +24,8 @@ _DRIVEN_TAG = re.compile("(left|right).*joint", re.IGNORECASE)  # tags of such a
 _DRIVE_PLUGIN = re.compile(r"diff_drive|skid_steer_drive")  # files of Gazebo's drive plugins
 _RAYS = ("ray", "gpu_ray", "lidar", "gpu_lidar")  # types of laser scanners in Gazebo
 LEAST_LEVEL_COS = 0.95  # cosine of the tilt up to which a laser counts as level
+LEAST_ACROSS_COS = 0.95  # cosine of the angle to the lateral up to which an axis counts as lateral
+LEAST_UPRIGHT_COS = 0.7  # cosine of the tilt up to which an axis counts as vertical
 SAME_M = 0.01  # tolerance of positions and sizes that should agree [m]
 CLEARANCE_M = 0.005  # smallest ground clearance of a body; lower shapes are supports [m]
 _TAGS = {  # tags of a ray sensor by field of robot.yaml
@@ -128,8 +130,18 @@ def _turns_alone(urdf: UrdfFile, joint: Any) -> bool:
 
 
 def _is_across(urdf: UrdfFile, joint: Any) -> bool:
-    """Return whether a joint's axis is lateral, up to about 18 degrees."""
-    return bool(abs(urdf.axis(joint)[1]) > 0.95)
+    """Return whether a joint's axis is lateral."""
+    _, y, _ = urdf.axis(joint)
+    return bool(abs(y) > LEAST_ACROSS_COS)
+
+
+def _is_steered(urdf: UrdfFile, joint: Any) -> bool:
+    """Return whether a joint hangs below another one with a vertical axis."""
+    for above in urdf.moving[joint.child][1:]:
+        _, _, z = urdf.axis(above)
+        if abs(z) > LEAST_UPRIGHT_COS:
+            return True
+    return False
 
 
 def _why_no_wheels(urdf: UrdfFile, joints: List[Any]) -> str:
@@ -137,14 +149,13 @@ def _why_no_wheels(urdf: UrdfFile, joints: List[Any]) -> str:
     sideways = _sideways_name(urdf, joints)
     if sideways:
         return f"{sideways} belongs to a base that also drives sideways, which is not supported"
-    for joint in joints:
-        # A steered wheel hangs below a joint with a vertical axis.
-        above = urdf.moving[joint.child][1:]
-        is_steered = any(abs(urdf.axis(other)[2]) > 0.7 for other in above)
-        if joint.type != "continuous" or not _is_across(urdf, joint) or is_steered:
+    places = np.empty((len(joints), 3))
+    for row, joint in enumerate(joints):
+        is_across = joint.type == "continuous" and _is_across(urdf, joint)
+        if not is_across or _is_steered(urdf, joint):
             return f"{joint.name} is steered, or not continuous about a lateral axis"
+        places[row] = urdf.pose(joint.child)[:3, 3]
     # The wheels of both sides, from rear to front, mirror each other.
-    places = np.array([urdf.pose(joint.child)[:3, 3] for joint in joints]).reshape(-1, 3)
     places = places[np.argsort(places[:, 0])]
     left = places[places[:, 1] > 0]
     right = places[places[:, 1] < 0]
@@ -163,7 +174,8 @@ def _sideways_name(urdf: UrdfFile, joints: List[Any]) -> str:
     for joint in joints:
         names += [joint.name, joint.child]
     if len(joints) != 2:  # Two wheels cannot drive sideways, whatever plugins the file has.
-        names += [str(plugin.get("filename")) for plugin in urdf.xml.iter("plugin")]
+        for plugin in urdf.xml.iter("plugin"):
+            names.append(str(plugin.get("filename")))
     return next(filter(_SIDEWAYS.search, names), "")
 
 
