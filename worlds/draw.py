@@ -1,7 +1,4 @@
-"""Plots of worlds: `python -m worlds.draw generated:7 out.png`.
-
-Reports and the demo use `draw` for their maps.
-"""
+"""Plots of worlds: `python -m worlds.draw generated:7 out.png`."""
 
 from __future__ import annotations
 
@@ -24,13 +21,12 @@ MOVER_COLOUR = "#aa3377"
 HEADING_M = 0.5  # length of the arrow at the start [m]
 
 
-def draw(axes: Any, world: World, path: bool = True) -> None:
+def draw(axes: Any, world: World) -> None:
     """Draw obstacles, reference path, start and goal into matplotlib Axes in metres.
 
     Args:
         axes: Axes to draw into.
         world: World to draw; moving obstacles appear at their start, with their paths.
-        path: Whether to draw the reference path.
     """
     # matplotlib takes .7 s to import, and most commands that import this module draw nothing.
     from matplotlib.collections import PatchCollection
@@ -56,9 +52,8 @@ def draw(axes: Any, world: World, path: bool = True) -> None:
         axes.add_patch(disc)
 
     course = world.course
-    if path:
-        x_path, y_path = course.path.T
-        axes.plot(x_path, y_path, color=PATH_COLOUR, lw=1.2, ls="--", label="reference path")
+    x_path, y_path = course.path.T
+    axes.plot(x_path, y_path, color=PATH_COLOUR, lw=1.2, ls="--", label="reference path")
     x, y, yaw = course.start
     axes.plot([x], [y], "o", color=START_COLOUR, ms=6, label="start")
     tip = x + HEADING_M * math.cos(yaw), y + HEADING_M * math.sin(yaw)

@@ -11,7 +11,7 @@ OURS = ("applr_ros1", "sim_bridge", "training", "worlds")
 TRAINING = ("torch", "tensorboard", "cma", "ruptures", "rosbags", "lz4", "minari", "h5py")
 # package: extra of `pip install` that installs it, as in pyproject.toml
 EXTRAS = {
-    "matplotlib": "report",
+    "matplotlib": "draw",
     **dict.fromkeys(TRAINING, "train"),
     **dict.fromkeys(("yourdfpy", "xacrodoc"), "urdf"),
     "pybullet": "pybullet",

@@ -4,36 +4,9 @@ let world =
 let trial = 0;
 const hidden = new Set(); // methods that are not shown
 const isSingle = D.worlds.length === 1 && world.drives.length === 1;
-const [length, width] = D.body;
-const outline = [
-  [length / 2, width / 2],
-  [length / 2, -width / 2],
-  [-length / 2, -width / 2],
-  [-length / 2, width / 2],
-];
+const outline = outlineOf(D.body);
 
-for (const one of D.worlds) one.drives.forEach(unpack);
-
-// Poses [m, m, rad], speeds [m/s] and times [s] from differences in centimetres and hundredths of a
-// radian.
-function unpack(drive) {
-  const sum = [0, 0, 0];
-  drive.poses = drive.p.map(step => {
-    step.forEach((value, n) => {
-      sum[n] += value;
-    });
-    return sum.map(value => value / 100);
-  });
-  drive.speeds = drive.v.map(value => value / 100);
-  drive.times = drive.p.map((_, n) => n * D.period);
-  drive.end = drive.times[drive.times.length - 1];
-  drive.decided = (drive.at || []).map(time => time / 100);
-  drive.length = drive.poses.reduce(
-    (way, pose, n, all) =>
-      n ? way + Math.hypot(pose[0] - all[n - 1][0], pose[1] - all[n - 1][1]) : 0,
-    0,
-  );
-}
+for (const {drives, period} of D.worlds) drives.forEach(drive => unpack(drive, period));
 
 function drivesNow() {
   return world.drives.filter(drive => drive.k === trial && !hidden.has(drive.m));
@@ -53,14 +26,14 @@ function colorOf(drive) {
   return `method-${D.methods[drive.m].color}`;
 }
 
-function poseAt(drive, time) {
-  const at = Math.min(time / D.period, drive.poses.length - 1);
-  const first = Math.floor(at);
-  const a = drive.poses[first];
-  const b = drive.poses[Math.min(first + 1, drive.poses.length - 1)];
-  const share = at - first;
-  const turn = Math.atan2(Math.sin(b[2] - a[2]), Math.cos(b[2] - a[2]));
-  return [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]), a[2] + share * turn];
+function dashOf(drive) {
+  return DASHES[D.methods[drive.m].color];
+}
+
+// Colour and dashes of a drive's lines. A single drive has the colour of its speed.
+function lineOf(drive, drives) {
+  if (drives.length === 1) return {color: "var(--fast)"};
+  return {color: `var(--${colorOf(drive)})`, dash: dashOf(drive)};
 }
 
 function resultOf(drive) {
@@ -71,7 +44,7 @@ function resultOf(drive) {
 // -- map ------------------------------------------------------------------------------------------
 
 function paint(view) {
-  paintWorld(view);
+  paintWorld(view, world, clock.time);
   const drives = drivesNow();
   const isAlone = drives.length === 1;
   const top = topSpeed();
@@ -82,93 +55,30 @@ function paint(view) {
     const pose = poseAt(drive, clock.time);
     view.c.globalAlpha = isUntouched ? 1 : 0.35;
     if (isAlone) view.trail(points, drive.speeds, top);
-    else view.line(points, color(colorOf(drive)));
+    else view.line(points, color(colorOf(drive)), 2, dashOf(drive));
     view.c.globalAlpha = 1;
     const driven = [...points.slice(0, last + 1), pose.slice(0, 2)];
     const speeds = [...drive.speeds.slice(0, last + 1), drive.speeds[last]];
     if (isAlone) view.trail(driven, speeds, top);
-    else view.line(driven, color(colorOf(drive)), 3);
+    else view.line(driven, color(colorOf(drive)), 3, dashOf(drive));
     view.robot(outline, pose, isAlone ? color("brand") : color(colorOf(drive)), color("paper"));
     if (!drive.ok) cross(view, drive.poses[drive.poses.length - 1]);
   }
-  paintCourse(view);
+  paintCourse(view, world);
 }
 
 function cross(view, [x, y]) {
   const r = 7 / view.scale;
-  view.line(
-    [
-      [x - r, y - r],
-      [x + r, y + r],
-    ],
-    color("bad"),
-    3,
-  );
-  view.line(
-    [
-      [x - r, y + r],
-      [x + r, y - r],
-    ],
-    color("bad"),
-    3,
-  );
-}
-
-function paintWorld(view) {
-  const fill = color("obstacle");
-  for (const [x, y, r] of world.circles) view.disc(x / 1000, y / 1000, r / 1000, fill);
-  for (const [x, y, yaw, a, b] of world.boxes) {
-    view.c.save();
-    view.c.translate(x / 100, y / 100);
-    view.c.rotate(yaw / 100);
-    view.c.fillStyle = fill;
-    view.c.fillRect(-a / 200, -b / 200, a / 100, b / 100);
-    view.c.restore();
-  }
-  for (const [radius, places] of world.movers) paintMover(view, radius / 100, places);
-}
-
-function paintCourse(view) {
-  const [left, , right] = world.view.map(value => value / 100);
-  if (world.finish !== null) {
+  for (const side of [r, -r]) {
     view.line(
       [
-        [left, world.finish / 100],
-        [right, world.finish / 100],
+        [x - r, y - side],
+        [x + r, y + side],
       ],
-      color("goal"),
-      2,
-      [7, 6],
+      color("bad"),
+      3,
     );
-    view.label((left + right) / 2, world.finish / 100, "finish line");
-  } else {
-    view.goal([world.goal[0] / 100, world.goal[1] / 100], world.goal[2] / 100);
   }
-  view.start([world.start[0] / 100, world.start[1] / 100]);
-}
-
-// A moving obstacle, with its path in the next second at its present speed, and its predicted
-// discs.
-function paintMover(view, radius, places) {
-  const n = Math.min(Math.round(clock.time / D.period), places.length - 1);
-  const [x, y] = places[n].map(value => value / 100);
-  view.disc(x, y, radius, color("mover"));
-  if (n + 1 >= places.length) return;
-  const [u, v] = places[n + 1].map((value, axis) => (value - places[n][axis]) / 100 / D.period);
-  const speed = Math.hypot(u, v);
-  // It stands, or starts again elsewhere.
-  if (speed < 0.05 || speed > 10) return;
-  view.line(
-    [
-      [x, y],
-      [x + u, y + v],
-    ],
-    color("mover"),
-    2,
-  );
-  if (D.marked)
-    for (const time of [0.3, 0.6, 0.9])
-      view.disc(x + u * time, y + v * time, radius, null, color("mover"));
 }
 
 function topSpeed() {
@@ -194,7 +104,7 @@ if (D.parameters.length && D.worlds.some(one => one.drives.some(drive => drive.t
 }
 const view = new TopView(
   figure,
-  world.view.map(value => value / 100),
+  viewOf(world),
   paint,
   "Map with obstacles, start, goal and the driven paths",
 );
@@ -203,7 +113,7 @@ let charts = [];
 function showWorld() {
   const drives = drivesNow();
   history.replaceState(null, "", `#${encodeURIComponent(world.name)}`);
-  view.show(world.view.map(value => value / 100));
+  view.show(viewOf(world));
   notes.replaceChildren(legendNow(drives));
   charts = [];
   showSpeeds(drives);
@@ -233,7 +143,11 @@ function legendNow(drives) {
   return list;
 }
 
-// A method's colour, and whether its drives are shown.
+function methodSwatch({color: index}) {
+  return swatchOf({swatch: "line", color: methodColor(index), dash: DASHES[index]});
+}
+
+// A method's line, and whether its drives are shown.
 function methodBox(method, m) {
   const box = make("input", {type: "checkbox", checked: !hidden.has(m)});
   box.onchange = () => {
@@ -241,11 +155,7 @@ function methodBox(method, m) {
     else hidden.add(m);
     showWorld();
   };
-  const swatch = make("span", {
-    class: "swatch line",
-    style: `--swatch: ${methodColor(method.color)}`,
-  });
-  return make("li", {}, make("label", {}, box, swatch, method.name));
+  return make("li", {}, make("label", {}, box, methodSwatch(method), method.name));
 }
 
 function showSpeeds(drives) {
@@ -258,7 +168,7 @@ function showSpeeds(drives) {
     x: [0, endOf(drives)],
     y: [low, 1.05 * high],
     lines: drives.map(drive => ({
-      color: isAlone ? "var(--fast)" : `var(--${colorOf(drive)})`,
+      ...lineOf(drive, drives),
       points: drive.times.map((time, n) => [time, drive.speeds[n]]),
     })),
     marks: isAlone ? drives[0].decided.map(x => ({x})) : [],
@@ -276,68 +186,12 @@ function showSpeeds(drives) {
     speedBox.append(make("p", {class: "note"}, "Ticks on the time axis: decisions of the method."));
 }
 
-// A line for each parameter that changes, those that change most first.
 function showParameters(drives) {
   const decided = drives.filter(drive => drive.theta);
-  const end = endOf(drives);
-  const changes = D.parameters.map((parameter, n) => ({
-    parameter,
-    n,
-    amount: changeOf(n, decided) / (parameter.high - parameter.low || 1),
-  }));
-  changes.sort((a, b) => b.amount - a.amount);
-  parameterBox.replaceChildren();
-  const constant = [];
-  for (const {parameter, n, amount} of decided.length ? changes : []) {
-    if (amount > 1e-9) {
-      addParameter(parameter, n, decided, end);
-    } else {
-      const value = short(decided[0].theta[0][n]);
-      constant.push(`${parameter.name} ${value} ${parameter.unit}`.trim());
-    }
-  }
-  unchanged.textContent = constant.length ? `Unchanged: ${constant.join(", ")}.` : "";
-}
-
-// How much the n-th parameter changes in some drives, and differs between their beginnings.
-function changeOf(n, drives) {
-  let sum = 0;
-  for (const {theta} of drives) {
-    for (let row = 1; row < theta.length; row++) {
-      sum += Math.abs(theta[row][n] - theta[row - 1][n]);
-    }
-  }
-  const [least, most] = rangeOf(drives.map(drive => drive.theta[0][n]));
-  return sum + most - least;
-}
-
-function addParameter(parameter, n, drives, end) {
-  const isAlone = drives.length === 1;
-  const unit = parameter.unit ? ` ${parameter.unit}` : "";
-  const box = make("div");
-  parameterBox.append(box);
-  const chart = new Chart(box, {
-    title: parameter.name,
-    height: 74,
-    ticks: [0, 2],
-    x: [0, end],
-    y: [parameter.low, parameter.high],
-    hasEnds: true,
-    lines: drives.map(drive => ({
-      color: isAlone ? "var(--fast)" : `var(--${colorOf(drive)})`,
-      isStep: true,
-      points: [
-        ...drive.decided.map((time, row) => [time, drive.theta[row][n]]),
-        [drive.end, drive.theta[drive.theta.length - 1][n]],
-      ],
-    })),
-    onpick: goTo,
-  });
-  const words = time => {
-    const values = drives.map(drive => short(drive.theta[indexAt(drive.decided, time)][n]));
-    return `${parameter.name}: ${values.join(" · ")}${unit}`;
-  };
-  charts.push({chart, words});
+  if (!decided.length) return;
+  const lines = decided.map(drive => lineOf(drive, decided));
+  const options = {x: [0, endOf(drives)], onpick: goTo};
+  charts.push(...parameterCharts(parameterBox, unchanged, D.parameters, decided, lines, options));
 }
 
 function showResults(drives) {
@@ -349,15 +203,8 @@ function showResults(drives) {
     const cells = [fixed(drive.t, 1), fixed(drive.length, 1), fixed(drive.length / drive.t, 2)].map(
       words => make("td", {}, words),
     );
-    const name = make(
-      "td",
-      {},
-      make("span", {
-        class: "swatch line",
-        style: `--swatch: var(--${colorOf(drive)}); display: inline-block; margin: 0 .5rem .2rem 0`,
-      }),
-      D.methods[drive.m].name,
-    );
+    const method = D.methods[drive.m];
+    const name = make("td", {}, make("span", {class: "named"}, methodSwatch(method), method.name));
     return make(
       "tr",
       {},
@@ -470,7 +317,7 @@ async function compare(file) {
       1;
     if (!isSameSpace) delete drive.theta;
     drive.k = trial;
-    unpack(drive);
+    unpack(drive, world.period);
     world.drives.push(drive);
   }
   message.textContent = "";
@@ -494,6 +341,11 @@ if (isSingle) {
   );
 }
 
+document.addEventListener("keydown", event => {
+  if (event.key !== " " || event.target.closest("button, select, input, summary, a")) return;
+  event.preventDefault();
+  clock.toggle();
+});
 clock.listeners.push(time => {
   view.draw();
   for (const {chart, words} of charts) chart.cursor(time, words(time));

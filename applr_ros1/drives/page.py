@@ -1,7 +1,7 @@
 """Self-contained web page that animates drives, world by world, those of all methods in one map.
 
 The page of an evaluation's report shows all drives whose paths were recorded, and the page of the
-demo its single drive. The script in page.js draws the drives. Lengths, times and speeds are
+demo its single drive. The scripts scene.js and page.js draw the drives. Lengths, times and speeds are
 integers, to keep the file small.
 """
 
@@ -14,12 +14,15 @@ from typing import Any, Dict, List, Mapping, NamedTuple, Sequence, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import transform_point
-from applr_ros1.common.pages.page import Page, color_indices
+from applr_ros1.common.pages.colors import color_indices
+from applr_ros1.common.pages.page import Page
 from applr_ros1.drives.drive import REACHED, Drive
 from applr_ros1.policy.parameter_space import Space
 from worlds.world import World, clearance
 
-SCRIPT = Path(__file__).with_name("page.js")
+HERE = Path(__file__).parent
+SCENE = HERE / "scene.js"  # script that draws what scene_values returns
+SCRIPTS = (SCENE, HERE / "page.js")
 POSE_PERIOD_S = 0.2  # interval between two poses of a drive [s]
 MARGIN_M = 1.2  # margin of the view before and behind the driven path [m]
 # Distance beside the driven path up to which obstacles are shown [m]; BARN's fields are 4.5 m wide
@@ -81,18 +84,13 @@ def page(
         measured: Sentences that say how it was measured.
     """
     colors = color_indices(methods)
-    parameters = []
-    for name, low, high in zip(space.names, space.low.tolist(), space.high.tolist()):
-        parameters.append({"name": name, "low": low, "high": high, "unit": units.get(name, "")})
     values = {
         "methods": [{"name": name, "color": colors[name]} for name in methods],
-        "parameters": parameters,
-        "period": POSE_PERIOD_S,
+        "parameters": parameter_values(space, units),
         "body": list(body),
-        "marked": marked,
-        "worlds": [_scene(scene) for scene in scenes],
+        "worlds": [scene_values(scene, marked) for scene in scenes],
     }
-    return Page("drives", title, verdict, SCRIPT, values, back, measured).html()
+    return Page("drives", title, verdict, SCRIPTS, values, back, measured).html()
 
 
 def verdict_of(drive: Drive, world: World, body: Sequence[float], begins: float = 0.0) -> str:
@@ -119,7 +117,7 @@ def verdict_of(drive: Drive, world: World, body: Sequence[float], begins: float 
 
 def nearest_obstacle(drive: Drive, world: World, body: Sequence[float], begins: float) -> float:
     """Return the smallest distance [m] between the robot's outline and an obstacle, at least 0."""
-    poses, _ = _sampled(drive)
+    poses, _ = sampled(drive)
     outline = _outline(body)
     nearest = np.inf
     for row, (x, y, yaw) in enumerate(poses.tolist()):
@@ -141,8 +139,33 @@ def _outline(body: Sequence[float]) -> np.ndarray:
     return np.concatenate(edges)
 
 
-def _scene(scene: Scene) -> Dict[str, Any]:
-    """Return a scene as the page's script reads it. Lengths are in cm, those of circles in mm."""
+def parameter_values(space: Space, units: Mapping[str, str] = {}) -> List[Dict[str, Any]]:
+    """Return names, ranges, default values and units of parameters as JSON values.
+
+    Args:
+        space: Space of the parameters.
+        units: {name: unit} of the parameters, as far as they are known.
+    """
+    parameters = []
+    for i, name in enumerate(space.names):
+        values = {
+            "name": name,
+            "unit": units.get(name, ""),
+            "low": float(space.low[i]),
+            "high": float(space.high[i]),
+            "default": float(space.theta0[i]),
+        }
+        parameters.append(values)
+    return parameters
+
+
+def scene_values(scene: Scene, marked: bool = False) -> Dict[str, Any]:
+    """Return a scene as SCENE reads it. Lengths are in cm, those of circles in mm.
+
+    Args:
+        scene: World with its drives.
+        marked: Whether the planner used predicted obstacle points.
+    """
     world = scene.world
     course = world.course
     drives = [_drive(shown) for shown in scene.drives]
@@ -150,7 +173,7 @@ def _scene(scene: Scene) -> Dict[str, Any]:
     # Only obstacles near a driven path are shown: a world may be much larger.
     places = [np.array([course.start[:2]])]
     for shown in scene.drives:
-        poses, _ = _sampled(shown.drive)
+        poses, _ = sampled(shown.drive)
         places.append(poses[:, :2])
     driven = np.concatenate(places)
     low = driven.min(axis=0)
@@ -172,6 +195,8 @@ def _scene(scene: Scene) -> Dict[str, Any]:
         movers.append([round(100 * mover.radius), _whole(positions, 100)])
     return {
         "name": scene.name,
+        "period": POSE_PERIOD_S,
+        "marked": marked,
         "view": _whole(view, 100),
         "circles": _whole(circles, 1000),
         "boxes": _whole(boxes, 100),
@@ -187,7 +212,7 @@ def _drive(shown: Shown) -> Dict[str, Any]:
     """Return a drive as the page's script reads it."""
     drive = shown.drive
     goal = drive.goals[-1]
-    poses, speeds = _sampled(drive)
+    poses, speeds = sampled(drive)
     values: Dict[str, Any] = {
         "m": shown.method,
         "k": shown.trial,
@@ -211,7 +236,7 @@ def _short(parameters: Mapping[str, float]) -> List[float]:
     return [float(f"{value:.{DIGITS}g}") for value in parameters.values()]
 
 
-def _sampled(drive: Drive) -> Tuple[np.ndarray, np.ndarray]:
+def sampled(drive: Drive) -> Tuple[np.ndarray, np.ndarray]:
     """Return poses (n, 3) and speeds (n,) of a drive, one per POSE_PERIOD_S and the last one."""
     drive.require("truth")
     assert drive.truth is not None

@@ -5,14 +5,15 @@ methods.
 import json
 import re
 
-from applr_ros1.common.pages.page import METHOD_COLORS, Page, color_indices
+from applr_ros1.common.pages.colors import METHOD_COLORS, color_indices
+from applr_ros1.common.pages.page import Page
 
 
 def test_text_and_data_neither_end_a_script_nor_count_as_a_mark(tmp_path):
     script = tmp_path / "script.js"
     script.write_text("D.words;")
     words = "</script><!-- <script> @VERDICT@"
-    page = Page("kind", "<b>title", words, script, {"words": words}, measured=["a < b"]).html()
+    page = Page("kind", "<b>title", words, [script], {"words": words}, measured=["a < b"]).html()
     text = page.decode()
     data = re.search(r'<script type="application/json" id="data">(.*?)</script>', text).group(1)
     assert json.loads(data) == {"words": words}
@@ -25,7 +26,7 @@ def test_text_and_data_neither_end_a_script_nor_count_as_a_mark(tmp_path):
 def test_a_number_is_not_parted_from_its_unit(tmp_path):
     script = tmp_path / "script.js"
     script.write_text("")
-    page = Page("kind", "title", "Reached in 5.3 s, 6.8 m", script, {}).html().decode()
+    page = Page("kind", "title", "Reached in 5.3 s, 6.8 m", [script], {}).html().decode()
     assert "5.3&nbsp;s, 6.8&nbsp;m" in page
 
 

@@ -1,5 +1,6 @@
-"""The viewer's page in a real browser with the whole stack: sliders, methods, a goal by a click,
-stop.
+"""The viewer's page in a real browser with the whole stack.
+
+Look, sliders, methods, a goal by a click, stop.
 """
 
 import re
@@ -10,6 +11,7 @@ import pytest
 import rospy
 from std_srvs.srv import Empty
 
+from tests.support.browser import faults_of
 from tests.support.ros import free_port, session, wait_for
 
 playwright = pytest.importorskip("playwright.sync_api")
@@ -49,6 +51,7 @@ window.cancelAnimationFrame = clearTimeout;
 def page():
     ros = session()
     complaints = []
+    requests = []
     rospy.set_param("/use_sim_time", True)
     nodes = {name: ros.node(name, "_robot:=jackal", *NODES[name]) for name in NODES}
     try:
@@ -57,11 +60,14 @@ def page():
         with playwright.sync_playwright() as started:
             browser = started.chromium.launch(executable_path=PROGRAM, args=OPTIONS)
             page = browser.new_page(
-                viewport={"width": 1000, "height": 640}, device_scale_factor=0.5
+                viewport={"width": 1000, "height": 640},
+                device_scale_factor=0.5,
+                color_scheme="dark",
             )
             page.set_default_timeout(60000.0)
             page.add_init_script(TEN_FRAMES_A_SECOND)
             page.on("pageerror", lambda error: complaints.append(str(error)))
+            page.on("request", lambda request: requests.append(request.url))
             page.on(
                 "console",
                 lambda message: message.type == "error" and complaints.append(message.text),
@@ -71,6 +77,8 @@ def page():
             reads(page, "parameters by policy")
             yield page
             assert complaints == []
+            served = (address, "data:", "blob:")
+            assert [url for url in requests if not url.startswith(served)] == []
             browser.close()
     finally:
         for node in reversed(nodes.values()):
@@ -80,6 +88,20 @@ def page():
         rospy.set_param("/use_sim_time", False)
 
 
+def test_the_page_has_the_look_of_all_pages_and_shuts_nobody_out(page):
+    assert page.title() == "applr_ros1: jackal"
+    ground = "getComputedStyle(document.querySelector('[data-dock-region=right]')).backgroundColor"
+    assert page.evaluate(ground) == "rgb(19, 20, 22)", "the paper of dark pages"
+    ink = page.locator(".status .verdict").evaluate("element => getComputedStyle(element).color")
+    assert ink == "rgb(207, 208, 208)"
+    assert page.get_by_role("slider", name="max_vel_x [m/s]").count() == 1
+    page.get_by_role("tab", name="View").click()
+    page.get_by_text("trajectories, cheap to dear").wait_for()
+    assert faults_of(page) == []
+    page.get_by_role("tab", name="Drive").click()
+    assert faults_of(page) == []
+
+
 def reads(page, words):
     """Wait until the page shows these words."""
     page.get_by_text(words).last.wait_for()
@@ -87,8 +109,7 @@ def reads(page, words):
 
 def test_a_slider_moved_on_the_page_changes_the_parameter_in_move_base(page):
     assert rospy.get_param(SPEED) == 0.5
-    label = page.get_by_text("max_vel_x [m/s]", exact=True).last
-    label.locator("xpath=ancestor::*[.//*[@role='slider']][1]//*[@role='slider']").press("End")
+    page.get_by_role("slider", name="max_vel_x [m/s]").press("End")
     wait_for(lambda: rospy.get_param(SPEED) == 2.0, "the parameter")
     reads(page, "parameters by hand")
 

@@ -1,4 +1,4 @@
-"""Web pages in a headless browser, which may neither complain nor ask the network for anything."""
+"""Web pages in a headless browser: it may neither complain nor ask the network for anything, and axe finds nothing."""
 
 import contextlib
 import shutil
@@ -14,7 +14,9 @@ needs_browser = pytest.mark.skipif(PROGRAM is None, reason="no headless Chromium
 
 @contextlib.contextmanager
 def opened(path):
-    """Open a file as a page. Afterwards the console must be empty, and the file the only request.
+    """Open a file as a page.
+
+    Afterwards the console must be empty, the file the only request, and axe must find no fault.
 
     Nothing moves by itself: the page is told that its reader wants little motion.
     """
@@ -31,6 +33,7 @@ def opened(path):
         page.on("request", lambda request: requests.append(request.url))
         page.goto(path.as_uri())
         yield page
+        faults = faults_of(page)
         page.set_viewport_size({"width": NARROW_PX, "height": 640})
         # Charts are drawn anew in the frames after the change of size.
         fits = f"document.documentElement.scrollWidth <= {NARROW_PX}"
@@ -40,7 +43,19 @@ def opened(path):
         browser.close()
     assert complaints == []
     assert [request for request in requests if not request.startswith("data:")] == [path.as_uri()]
+    assert faults == []
     assert is_narrow, "a narrow screen scrolls sideways"
+
+
+def faults_of(page):
+    """Return the serious faults that axe finds on a page: those that shut some readers out."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    faults = []
+    for violation in axe.Axe().run(page).response["violations"]:
+        if violation["impact"] in ("serious", "critical"):
+            places = [node["html"] for node in violation["nodes"]]
+            faults.append(f"{violation['id']}: {places[:3]}")
+    return faults
 
 
 def focused(page, role, name):

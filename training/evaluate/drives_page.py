@@ -36,7 +36,7 @@ def write(results: Results, out: Path, title: str, back: str = "index.html") -> 
     """
     scenes = []
     for world in results.worlds:
-        drives = _drives(results, world)
+        drives = shown_drives(results, world)
         if drives:
             scenes.append(Scene(world, results.load(world), drives))
     if not scenes:
@@ -64,7 +64,7 @@ def _arrivals(results: Results) -> str:
     return ", ".join(parts)
 
 
-def _drives(results: Results, world: str) -> List[Shown]:
+def shown_drives(results: Results, world: str) -> List[Shown]:
     """Return the drives in a world for which traces were kept, method by method."""
     shown = []
     # The page knows a method by its number.

@@ -1,11 +1,10 @@
-"""Report of an evaluation: each table as CSV, each figure as PNG, and index.html with all of them.
+"""Report of an evaluation: each table as CSV, and index.html with them and the paper's figures.
 
 The page begins with a line for each comparison with the baseline.
 """
 
 from __future__ import annotations
 
-import base64
 import html
 import os
 from pathlib import Path
@@ -13,12 +12,14 @@ from typing import TYPE_CHECKING, Any, Dict, List
 
 from tqdm import tqdm
 
-from applr_ros1.common.extras import absent
-from applr_ros1.common.files import read_bytes, write_bytes
-from applr_ros1.common.pages.page import Page, color_indices
+from applr_ros1.common.files import write_bytes
+from applr_ros1.common.pages.colors import color_indices
+from applr_ros1.common.pages.page import Page
+from applr_ros1.drives.page import SCENE
 from training.common.folders import make_folder
-from training.evaluate import drives_page, figures
+from training.evaluate import drives_page
 from training.evaluate.compare import LEVEL, Comparison
+from training.evaluate.profiles import profiles
 from training.evaluate.stored import SETS, TEST, Results
 from training.evaluate.tables import TABLES
 from training.evaluate.verdict import arrivals_of, compared, sentence
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 FOLDER = "report"
 
-SCRIPT = Path(__file__).with_name("report.js")
+SCRIPTS = (SCENE, Path(__file__).with_name("report.js"))
 FEWEST_POINTS = 2  # smallest number of worlds of which times are drawn
 
 
@@ -42,7 +43,8 @@ def write(folder: os.PathLike[str] | str) -> str:
     report_folder = make_folder(results.folder / FOLDER)
     title = f"Evaluation of {', '.join(results.methods)} in {len(results.worlds)} worlds"
     body = [f"<p>{html.escape(line)}</p>" for line in summary(results)]
-    body.append('<div id="times"></div>')  # The script draws the figure of times there.
+    # The scripts draw the figure of times and the parameter profiles there.
+    body.append('<div id="times"></div><div id="profiles"></div>')
     for make in TABLES:
         table = make(results)
         if table.rows.empty:
@@ -55,19 +57,19 @@ def write(folder: os.PathLike[str] | str) -> str:
     if has_drives:
         link = "All drives in motion, world by world"
         body.append(f'<h2>Drives</h2><p><a href="{drives_page.FILE}">{link}</a></p>')
-    body += _pictures(results, report_folder)
 
     values = {
         "baseline": results.baseline,
         "methods": color_indices(results.methods),
         "groups": _groups(results),
         "drives": drives_page.FILE if has_drives else "",
+        "profiles": profiles(results),
     }
     page = Page(
         kind="evaluation",
         title=title,
         verdict=headline(results),
-        script=SCRIPT,
+        scripts=SCRIPTS,
         data=values,
         body="\n".join(body),
         measured=facts(results),
@@ -75,23 +77,6 @@ def write(folder: os.PathLike[str] | str) -> str:
     page_file = report_folder / "index.html"
     write_bytes(page_file, page.html())
     return str(page_file)
-
-
-def _pictures(results: Results, folder: Path) -> List[str]:
-    """Write the parameter profiles into a folder, and return them as HTML."""
-    # matplotlib is an optional package.
-    missing = absent("matplotlib")
-    if missing:
-        print(f"the report has no parameter profiles: {missing}")
-        return []
-    parts = []
-    for figure in figures.write(results, folder):
-        # The page has its pictures in itself, so that it can be passed on.
-        picture = base64.b64encode(read_bytes(folder / figure.file)).decode()
-        caption = html.escape(figure.caption)
-        parts.append(f"<h2>{caption}</h2>")
-        parts.append(f'<img src="data:image/png;base64,{picture}" alt="{caption}">')
-    return parts
 
 
 def _groups(results: Results) -> List[Dict[str, Any]]:

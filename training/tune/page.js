@@ -56,26 +56,21 @@ function changeRow(row) {
   );
 }
 
-function axisOf() {
+// Row below plots with the values [s] of an axis, each at its place [%].
+function axisOf(values, place, emptyBefore) {
   const svg = make("svg", {"aria-hidden": "true"});
-  let last = -Infinity;
-  for (const value of [-100, -10, 0, 1, 10, 30, 100, 300, 1000]) {
-    if (value < low || value > high || place(value) - last < 9) continue;
-    last = place(value);
-    svg.append(
-      make(
-        "text",
-        {
-          x: `${last}%`,
-          y: 16,
-          "text-anchor": "middle",
-          style: "fill: var(--soft); font-size: 12px",
-        },
-        `${fixed(value, 0)} s`,
-      ),
-    );
+  let latest = -Infinity;
+  for (const value of values) {
+    const at = place(value);
+    // Numbers would lie on one another.
+    if (at - latest < 9) continue;
+    latest = at;
+    const style = "fill: var(--soft); font-size: 12px";
+    const text = {x: `${at}%`, y: 16, "text-anchor": "middle", style};
+    svg.append(make("text", text, `${fixed(value, 0)} s`));
   }
-  return make("div", {}, make("span"), make("span"), svg, make("span"));
+  const before = Array.from({length: emptyBefore}, () => make("span"));
+  return make("div", {}, ...before, svg, make("span"));
 }
 
 const changes = [...D.changes].sort(
@@ -85,7 +80,11 @@ const changeRows = make(
   "div",
   {class: "rows changes", style: `grid-template-columns: ${CHANGE_COLUMNS}`},
   ...changes.map(changeRow),
-  axisOf(),
+  axisOf(
+    [-100, -10, 0, 1, 10, 30, 100, 300, 1000].filter(value => value >= low && value <= high),
+    place,
+    2,
+  ),
 );
 content.append(
   make("h2", {}, "What changed"),
@@ -119,8 +118,8 @@ function groupOf({before, after}) {
 const GROUPS = [
   "Both arrive",
   "Only the tuned set arrives",
-  "Only the defaults arrive",
-  "Neither arrives",
+  "It fails, the defaults arrive",
+  "It fails, like the defaults",
 ];
 
 function courseRow(course, longest, drives) {
@@ -169,6 +168,26 @@ function wordsOf({before, after}) {
   return `${end(before)} → ${end(after)}${reason}`;
 }
 
+// Title and rows of each group of courses.
+function courseGroups({courses, drives}, longest) {
+  const ticks = ticksOf(0, longest, 5);
+  const parts = [];
+  GROUPS.forEach((title, group) => {
+    const members = courses.filter(course => groupOf(course) === group);
+    if (!members.length) return;
+    members.sort((a, b) => b.before.t - b.after.t - (a.before.t - a.after.t));
+    const rows = members.map(course => courseRow(course, longest, drives));
+    // Where neither arrives, there are no times.
+    if (members.some(course => course.before.ok || course.after.ok))
+      rows.push(axisOf(ticks, seconds => (100 * seconds) / longest, 1));
+    parts.push(
+      make("h3", {}, `${title}: ${members.length}`),
+      make("div", {class: "rows courses"}, ...rows),
+    );
+  });
+  return parts;
+}
+
 function verdictSection(verdict) {
   const {courses} = verdict;
   const arrived = key => courses.filter(course => course[key].ok).length;
@@ -205,16 +224,9 @@ function verdictSection(verdict) {
       {color: AFTER, words: "time with the tuned set"},
     ]),
   );
-  GROUPS.forEach((title, group) => {
-    const members = courses.filter(course => groupOf(course) === group);
-    if (!members.length) return;
-    members.sort((a, b) => b.before.t - b.after.t - (a.before.t - a.after.t));
-    const rows = members.map(course => courseRow(course, longest, verdict.drives));
-    section.append(
-      make("h3", {}, `${title}: ${members.length}`),
-      make("div", {class: "rows courses"}, ...rows),
-    );
-  });
+  const rows = courseGroups(verdict, longest);
+  if (verdict === D.verdicts[0]) section.append(...rows);
+  else section.append(make("details", {}, make("summary", {}, "Course by course"), ...rows));
   if (verdict.drives)
     section.append(make("p", {class: "note"}, "A click on a course shows both drives in motion."));
   return section;
@@ -241,6 +253,6 @@ content.append(
   ),
   make("details", {}, make("summary", {}, loaded.file), make("pre", {tabindex: 0}, D.yaml)),
   make("h2", {}, "What it was searched for"),
-  ...D.scope.split("\n").map(line => make("p", {}, line)),
+  ...D.scope.split("\n").map(line => make("p", {}, `${line[0].toUpperCase()}${line.slice(1)}`)),
   make("p", {}, D.not_tried),
 );

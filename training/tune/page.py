@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FILE = "index.html"
-SCRIPT = Path(__file__).with_name("page.js")
+SCRIPTS = (Path(__file__).with_name("page.js"),)
 NOT_TRIED = "All drives were simulated: try the set on the robot with a hand at its emergency stop."
 
 
@@ -73,7 +73,7 @@ def write(
         "yaml": read_bytes(drives / "tuned.yaml").decode(),
         "robot": robot.folder,
     }
-    page = Page(f"tune · {robot.name}", title, headline, SCRIPT, values, measured=measured)
+    page = Page(f"tune · {robot.name}", title, headline, SCRIPTS, values, measured=measured)
     write_bytes(drives / FILE, page.html())
     return drives / FILE
 

@@ -35,7 +35,7 @@ METHOD = (
     "world that the laser saw: a change is advised only if it is a tenth faster with seeds that "
     "did not choose it."
 )
-SCRIPT = Path(__file__).parent / "why.js"
+SCRIPTS = (Path(__file__).with_name("why.js"),)
 
 
 class WhyOptions(RecordedOptions):
@@ -83,7 +83,7 @@ def run(options: WhyOptions) -> None:
             kind=f"why · {first.drive.name}",
             title="Why did the robot stop?",
             verdict=values["happened"],
-            script=SCRIPT,
+            scripts=SCRIPTS,
             data=values,
             measured=[values["sure"], METHOD],
         )

@@ -14,6 +14,11 @@ const NAMES = {
   twirling: "turning",
   oscillation: "oscillation",
 };
+// Words of the command with the arrows of the page.
+function readable(words) {
+  return words.replaceAll(" -> ", " → ").replaceAll(" -0.", " −0.");
+}
+
 const footprint = D.footprint;
 const times = D.track.map(row => row[0]);
 const positions = D.track.map(row => [row[1], row[2]]);
@@ -119,7 +124,7 @@ const marks = D.events.map((_, n) => eventButton(n));
 const bandMarks = D.events.map((_, n) => eventButton(n));
 const overview = make("figure");
 content.append(
-  ...D.advice.map(line => make("p", {class: "advice"}, line)),
+  ...D.advice.map(line => make("p", {class: "advice"}, readable(line))),
   make("h2", {}, "The drive"),
   overview,
 );
@@ -151,7 +156,7 @@ const speedChart = new Chart(bands, {
   lines: [
     {
       color: "var(--line)",
-      dash: "4 4",
+      dash: [4, 4],
       points: [
         [times[0], D.top_speed],
         [times[times.length - 1], D.top_speed],
@@ -287,7 +292,7 @@ function show(n) {
   close.show([x - AROUND_M, y - AROUND_M, x + AROUND_M, y + AROUND_M]);
   costs.replaceChildren(
     make("h3", {}, "What the planner weighed"),
-    ...cycle.lines.map(line => make("p", {}, line)),
+    ...cycle.lines.map(line => make("p", {}, readable(line))),
     costBars(cycle),
     sampleTable(cycle),
   );
@@ -387,9 +392,13 @@ function sampleTable(cycle) {
 const tried = D.recorded ? [D.recorded, ...D.tried] : [];
 const shown = new Set(tried.length ? [0, 1] : []);
 
-// There are six colours; further rows have dashed paths.
+// Colours and dashes of methods, of which there are six.
 function tryColor(n) {
-  return `method-${n % 6}`;
+  return `method-${n % DASHES.length}`;
+}
+
+function tryDash(n) {
+  return DASHES[n % DASHES.length];
 }
 
 function paintTried(view) {
@@ -401,7 +410,7 @@ function paintTried(view) {
         path.map(row => [row[1], row[2]]),
         color(tryColor(n)),
         2.5,
-        n < 6 ? [] : [7, 5],
+        tryDash(n),
       );
   });
   paintEnds(view);
@@ -416,13 +425,10 @@ function triedRow(one, n) {
   };
   const label = make(
     "label",
-    {},
+    {class: "named"},
     box,
-    make("span", {
-      class: "swatch line",
-      style: `--swatch: var(--${tryColor(n)}); display: inline-block; margin: 0 .5rem .2rem`,
-    }),
-    one.words,
+    swatchOf({swatch: "line", color: `var(--${tryColor(n)})`, dash: tryDash(n)}),
+    readable(one.words),
   );
   return make("tr", {}, make("td", {}, label), make("td", {}, one.result));
 }
@@ -459,7 +465,7 @@ if (tried.length) {
 if (D.alternatives.length) {
   content.append(
     make("h3", {}, "Guesses of the replay, two seconds ahead"),
-    make("ul", {}, ...D.alternatives.map(line => make("li", {}, line))),
+    make("ul", {}, ...D.alternatives.map(line => make("li", {}, readable(line)))),
   );
 }
 content.append(

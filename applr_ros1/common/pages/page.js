@@ -52,20 +52,37 @@ function methodColor(index) {
   return `var(--method-${index})`;
 }
 
-// [{swatch: "line", color: "var(--goal)", words: "start"}, ...]
+// Outlines of the methods' dots, by the index of the method's colour: they are told apart without
+// colours, too.
+const DOTS = [
+  "M-4.5 0a4.5 4.5 0 1 0 9 0a4.5 4.5 0 1 0 -9 0z",
+  "M-4 -4h8v8h-8z",
+  "M0 -5L5.2 4.4h-10.4z",
+  "M0 -5.8L5.8 0L0 5.8L-5.8 0z",
+  "M0 5L5.2 -4.4h-10.4z",
+  "M-1.8 -5.4h3.6v3.6h3.6v3.6h-3.6v3.6h-3.6v-3.6h-3.6v-3.6h3.6z",
+];
+// Dashes [px] of the methods' lines, likewise.
+const DASHES = [[7, 4], [], [14, 4, 2, 4], [2, 3], [14, 5], [6, 2, 2, 2]];
+
+// [{swatch: "line", color: "var(--goal)", words: "start"}, ...]; dot: an outline instead of a swatch
 function legend(entries) {
-  const items = entries.map(entry =>
-    make(
-      "li",
-      {},
-      make("span", {
-        class: `swatch ${entry.swatch || ""}`,
-        style: `--swatch: ${entry.color || "none"}`,
-      }),
-      entry.words,
-    ),
-  );
+  const items = entries.map(entry => make("li", {}, swatchOf(entry), entry.words));
   return make("ul", {class: "legend"}, ...items);
+}
+
+function swatchOf({swatch = "", color: shade = "none", dot, dash}) {
+  if (dot) {
+    const path = make("path", {d: dot, transform: "translate(7 7)", style: `fill: ${shade}`});
+    return make("svg", {class: "dot", width: 14, height: 14, "aria-hidden": "true"}, path);
+  }
+  if (dash && dash.length) {
+    const [x2, y] = [28, 4];
+    const style = `stroke: ${shade}; stroke-width: 3; stroke-dasharray: ${dash.join(" ")}`;
+    const line = make("line", {x2, y1: y, y2: y, style});
+    return make("svg", {class: "dot", width: x2, height: 2 * y, "aria-hidden": "true"}, line);
+  }
+  return make("span", {class: `swatch ${swatch}`, style: `--swatch: ${shade}`});
 }
 
 // Round values within [low, high], about `count` of them.
@@ -135,11 +152,6 @@ class Clock {
       this.output,
       this.rate,
     );
-    document.addEventListener("keydown", event => {
-      if (event.key !== " " || event.target.closest("button, select, input, summary, a")) return;
-      event.preventDefault();
-      this.toggle();
-    });
     this.restart(end);
   }
 
@@ -193,10 +205,11 @@ class Clock {
 // Lines and points over a common axis.
 // options: title, height, x and y: [low, high]; xTitle; ticks: [count x, count y]; whole: only
 // whole numbers on x;
-//   lines: [{color, points: [[x, y], ...], isStep, dash}]; dots: [{color, points, isHollow}];
+//   lines: [{color, points: [[x, y], ...], isStep, dash: [px, px]}];
+//   dots: [{color, points, outline: one of DOTS}];
 //   marks: [{x, words}] on the x axis;
 //   hasEnds: the ends of y instead of round values;
-//   bands: [[low, high], ...]; onpick(x): called for a pointer at x; ondraw(): called after each
+//   bands: [[low, high, color], ...]; onpick(x): called for a pointer at x; ondraw(): called after each
 //   drawing
 class Chart {
   constructor(host, options) {
@@ -253,7 +266,7 @@ class Chart {
     [this.left, this.right, this.top] = [o.ticks[1] ? 40 : 2, 8, o.title ? 24 : 8];
     this.bottom = o.height - (o.ticks[0] ? 22 : 4) - (o.xTitle ? 18 : 0);
     const svg = make("svg", {height: o.height, "aria-hidden": "true"});
-    for (const [low, high] of o.bands) {
+    for (const [low, high, shade] of o.bands) {
       const width = Math.max(this.px(high) - this.px(low), 2);
       svg.append(
         make("rect", {
@@ -262,6 +275,7 @@ class Chart {
           y: this.top,
           width,
           height: this.bottom - this.top,
+          style: shade && `fill: ${shade}`,
         }),
       );
     }
@@ -344,17 +358,15 @@ class Chart {
       make("polyline", {
         points: words,
         style: `stroke: ${line.color}`,
-        "stroke-dasharray": line.dash,
+        "stroke-dasharray": line.dash && line.dash.join(" "),
       }),
     );
   }
 
   drawDots(svg, series) {
     for (const [x, y] of series.points) {
-      const style = series.isHollow
-        ? `fill: var(--paper); stroke: ${series.color}; stroke-width: 2`
-        : `fill: ${series.color}`;
-      svg.append(make("circle", {cx: this.px(x), cy: this.py(y), r: 4.5, style}));
+      const transform = `translate(${this.px(x)} ${this.py(y)})`;
+      svg.append(make("path", {d: series.outline, transform, style: `fill: ${series.color}`}));
     }
   }
 

@@ -1,7 +1,8 @@
 """Frame of all web pages: title, verdict in a sentence, content, and how it was measured.
 
-A page is one file that needs no network. Its style and its charts are in page.css and page.js. The
-script of each kind of page draws the content from the page's data.
+A page is one file that needs no network. Its colours are in colors.py, its style in words.css
+and page.css, its charts in page.js. The scripts of each kind of page draw the content from the
+page's data.
 """
 
 from __future__ import annotations
@@ -11,31 +12,12 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Dict, List, Sequence
+from typing import Any, Sequence
 
 from applr_ros1.common.files import read_bytes
+from applr_ros1.common.pages.colors import css
 
-HERE = Path(__file__).parent
-# Colours of methods on light and dark pages, after Okabe and Ito. Vermilion is kept for failures.
-METHOD_COLORS = (
-    ("#4a4a4a", "#c8c8c8"),
-    ("#009e73", "#1fbf8f"),
-    ("#0072b2", "#3d9be0"),
-    ("#b8578e", "#cc79a7"),
-    ("#b57c00", "#e69f00"),
-    ("#8a8300", "#f0e442"),
-)
-FIXED = {"dwa": 0, "applr": 1, "static": 2}  # colours of the methods that this package ships
-
-
-def color_indices(methods: Sequence[str]) -> Dict[str, int]:
-    """Return the index of each method's colour in METHOD_COLORS, the same on every page."""
-    free = [index for index in range(len(METHOD_COLORS)) if index not in FIXED.values()]
-    others = [method for method in methods if method not in FIXED]
-    indices = {method: free[n % len(free)] for n, method in enumerate(others)}
-    for method in methods:
-        indices.setdefault(method, FIXED.get(method, 0))
-    return indices
+PAGES = Path(__file__).parent  # folder of the style and the charts
 
 
 @dataclass
@@ -46,7 +28,8 @@ class Page:
         kind: What the page is about, beside the package's name.
         title: Title, in plain text.
         verdict: What the page says, in a sentence.
-        script: Script that draws the content. It finds `data` as D and the functions of page.js.
+        scripts: Scripts that draw the content, one after the other. They find `data` as D and the
+            functions of page.js.
         data: JSON values for the script.
         body: HTML above what the script draws.
         measured: Sentences that say how it was measured.
@@ -55,7 +38,7 @@ class Page:
     kind: str
     title: str
     verdict: str
-    script: Path
+    scripts: Sequence[Path]
     data: Any
     body: str = ""
     measured: Sequence[str] = ()
@@ -70,10 +53,11 @@ class Page:
             "VERDICT": re.sub(r"(\d) (m|s)\b", "\\1&nbsp;\\2", html.escape(self.verdict)),
             "BODY": self.body,
             "MEASURED": _folded(self.measured),
-            "PALETTE": _palette(),
+            "COLORS": css(),
+            "WORDS": _text("words.css"),
             "STYLE": _text("page.css"),
             "SHARED": _text("page.js"),
-            "SCRIPT": read_bytes(self.script).decode(),
+            "SCRIPTS": "\n".join(read_bytes(script).decode() for script in self.scripts),
             # A string in the data must not end the script.
             "DATA": data.replace("</", "<\\/").replace("<!--", "<\\u0021--"),
         }
@@ -83,7 +67,7 @@ class Page:
 
 
 def _text(name: str) -> str:
-    return read_bytes(HERE / name).decode()
+    return read_bytes(PAGES / name).decode()
 
 
 def _folded(sentences: Sequence[str]) -> str:
@@ -92,13 +76,3 @@ def _folded(sentences: Sequence[str]) -> str:
         return ""
     paragraphs = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in sentences)
     return f"<details><summary>How it was measured</summary>{paragraphs}</details>"
-
-
-def _palette() -> str:
-    """Return the colours of the methods as CSS."""
-    schemes: List[str] = []
-    for scheme in zip(*METHOD_COLORS):
-        colors = [f"--method-{index}: {color};" for index, color in enumerate(scheme)]
-        schemes.append(":root { " + " ".join(colors) + " }")
-    light, dark = schemes
-    return f"{light}\n@media (prefers-color-scheme: dark) {{ {dark} }}"

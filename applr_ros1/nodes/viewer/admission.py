@@ -1,4 +1,4 @@
-"""Access control of the page: a request needs a random token in its address and a local host name.
+"""Requests of the page: they need a random token in the address and a local host name.
 
 A browser sends the origin of the page that makes a request (Origin) and the host name under which
 it reached this computer (Host). Pages of other websites have another origin. A website whose name
@@ -14,9 +14,10 @@ import os
 import re
 import secrets
 from http import HTTPStatus
-from typing import Any, Iterator, Mapping, Optional
+from typing import Any, Callable, Iterator, Mapping, Optional
 
 TOKEN = "APPLR_VIEWER_TOKEN"  # environment variable that sets the token
+HTML = "text/html"  # type of viser's page
 
 
 def token() -> str:
@@ -47,8 +48,13 @@ def refusal(path: str, headers: Mapping[str, str], token: str) -> Optional[str]:
 
 
 @contextlib.contextmanager
-def guarded(token: str) -> Iterator[None]:
-    """Apply `refusal` to every request of a viser server that is started inside this context."""
+def guarded(token: str, dress: Callable[[bytes], bytes]) -> Iterator[None]:
+    """Guard a viser server that is started inside this context.
+
+    Args:
+        token: Token of `refusal`, which is applied to every request.
+        dress: Returns the page that is served, from viser's.
+    """
     # viser 1.1.1 (requirements/viewer.txt) cannot refuse requests itself, but process_request of
     # websockets.serve can. tests/live/test_viewer.py fails if another version of viser does not use
     # this function.
@@ -63,7 +69,16 @@ def guarded(token: str) -> Iterator[None]:
                 return connection.respond(HTTPStatus.FORBIDDEN, reason + "\n")
             # viser serves its files without the token in their addresses.
             request.path = request.path.replace("/" + token, "", 1) or "/"
-            return process_request(connection, request)
+            # Only a page that is not compressed can be dressed.
+            if "Accept-Encoding" in request.headers:
+                del request.headers["Accept-Encoding"]
+            response = process_request(connection, request)
+            # A websocket has no response here, and "not found" has no type.
+            if response is not None and response.headers.get("Content-Type") == HTML:
+                response.body = dress(response.body)
+                del response.headers["Content-Length"]
+                response.headers["Content-Length"] = str(len(response.body))
+            return response
 
         return serve(*arguments, process_request=process_admitted, **options)
 

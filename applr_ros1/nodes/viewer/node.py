@@ -14,7 +14,7 @@ import html
 import math
 import time
 from functools import partial
-from typing import Any
+from typing import Any, Sequence
 
 import rospy
 from actionlib_msgs.msg import GoalID
@@ -22,19 +22,30 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 
 from applr_ros1.common.arguments import number_within
+from applr_ros1.common.pages.colors import rgb
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.nodes.conversions import pose_stamped
 from applr_ros1.nodes.robot_parameters import named_robot
 from applr_ros1.nodes.sensors import Clock
 from applr_ros1.robots import Robot
 
-from . import admission, panel, scene
+from . import admission, look, panel, scene
 from .listening import Listener, by_hand, publish
 
 RATE_HZ = 10.0  # frame rate while a page is open, in wall time [Hz]
 IDLE_S = 0.2  # interval between checks for an open page [s]
-ACCENT = (28, 126, 214)  # brand colour of the page
 HOST = "127.0.0.1"
+LEGEND = look.legend(
+    ("square", "obstacle", "obstacle of the simulator"),
+    ("", "mover", "moving obstacle"),
+    ("", "slow", "scan"),
+    ("square", "part-5", "costmap near obstacles"),
+    ("square", "fast", "where the robot would touch"),
+    ("line", "line", "global plan"),
+    ("line costs", "", "trajectories, cheap to dear"),
+    ("line", "goal", "trajectory of the lowest cost"),
+    ("", "goal", "goal"),
+)
 HINT = "Cancel all goals (key S). A click on the ground sets a goal."
 STARTS = "starting: the first start on a computer compiles code, which takes about a minute"
 
@@ -55,13 +66,16 @@ class Viewer:
         self._robot = robot
         self.listener = Listener(fixed)
         token = admission.token()
-        with admission.guarded(token):
-            label = f"applr_ros1: {robot.name}"
+        label = f"applr_ros1: {robot.name}"
+        with admission.guarded(token, partial(look.dressed, title=label)):
             self.server = viser.ViserServer(HOST, port, label=label, verbose=False)
         self.address = f"http://{HOST}:{self.server.get_port()}/{token}/"
         gui = self.server.gui
         gui.configure_theme(
-            control_width="large", show_logo=False, show_share_button=False, brand_color=ACCENT
+            control_width="large",
+            show_logo=False,
+            show_share_button=False,
+            brand_color=rgb("brand"),
         )
         gui.main_panel.dock_right()  # The scene fills the rest of the window.
         self.scene = scene.Scene(self.server, robot, self.listener, prefix + robot.frames.base)
@@ -77,6 +91,7 @@ class Viewer:
         with tabs.add_tab("Drive"):
             self.panel = panel.Panel(gui, robot, self.listener, self.report)
         with tabs.add_tab("View"):
+            gui.add_html(LEGEND)
             for name, layer in self.scene.layers.items():
                 by_hand(gui.add_checkbox(name, layer.visible), partial(setattr, layer, "visible"))
         self.server.scene.on_click()(self.clicked)
@@ -149,29 +164,36 @@ class Viewer:
             silence.insert(0, "the clock has stopped")
         self._is_ready = self._is_ready or (self.scene.pose is not None and not silence)
 
-        lines = [self._robot.name]
-        if not self._is_ready:
-            lines.append(STARTS)
         if abs(speed) < panel.STANDING_M_S:
             speed = 0.0  # The noise of the odometry would make the line flicker.
-        lines.append(f"{self.panel.doing(goal)}, {speed:.2f} m/s")
-        lines.append(f"parameters by {self.panel.source}")
+        doing = f"{self.panel.doing(goal)}, {speed:.2f} m/s".replace("-", "−")
+        notes = [f"parameters by {self.panel.source}"]
         if is_driving:  # Without commands, the monitor always reports a stop.
-            lines.append(self.panel.monitor())
+            notes.append(self.panel.monitor())
+        if not self._is_ready:
+            notes.append(STARTS)
 
-        text = "\n".join([*lines, *silence])
+        text = "\n".join([doing, *notes, *silence])
         if text == self.text:
             return
         self.text = text
-        shown = [html.escape(line) for line in lines]
-        for line in silence:
-            shown.append(f'<span style="color: #c92a2a">{html.escape(line)}</span>')
-        self._status.content = f'<div style="padding: 4px 14px">{"<br>".join(shown)}</div>'
+        self._status.content = (
+            '<div class="status">'
+            + _paragraphs("verdict", [doing])
+            + _paragraphs("note", notes)
+            + _paragraphs("bad", silence)
+            + "</div>"
+        )
 
     def close(self) -> None:
         """Close the page."""
         self.listener.close()
         self.server.stop()
+
+
+def _paragraphs(style: str, lines: Sequence[str]) -> str:
+    """Return lines as paragraphs of a class of words.css."""
+    return "".join(f'<p class="{style}">{html.escape(line)}</p>' for line in lines)
 
 
 def main() -> int:

@@ -17,6 +17,7 @@ from sensor_msgs.msg import LaserScan, PointCloud2
 from visualization_msgs.msg import Marker, MarkerArray
 
 from applr_ros1.common.angles import compose, transform_point
+from applr_ros1.common.pages.colors import rgb
 from applr_ros1.nodes.conversions import pose_of
 from applr_ros1.robots import Robot
 
@@ -33,9 +34,7 @@ COSTMAPS = {
     "global costmap": "move_base/global_costmap/costmap",
 }
 # Topics of the simulator's obstacles, with the colours of their cylinders
-OBSTACLES = {"sim_bridge/obstacles": (150, 155, 165), "sim_bridge/movers": (205, 102, 51)}
-BOX = (158, 128, 90)  # colour of the simulator's boxes
-ROBOT = (235, 180, 40)  # colour of the robot's body
+OBSTACLES = {"sim_bridge/obstacles": rgb("obstacle"), "sim_bridge/movers": rgb("mover")}
 LAYERS = ("scan", *COSTMAPS, "global plan", "trajectories")
 HIDDEN = ("global costmap",)  # layers that are hidden at the start
 JUMP_M = 0.5  # distance between successive points above which a new trajectory begins [m]
@@ -71,27 +70,29 @@ class Scene:
             60.0,
             cell_size=1.0,
             section_size=5.0,
-            plane_opacity=1.0,
+            cell_color=rgb("line"),
+            cell_thickness=0.5,
+            section_color=rgb("line"),
             position=(0.0, 0.0, -0.01),  # below everything that is drawn on the ground
         )
         self.layers = {}
         for name in LAYERS:
             visible = name not in HIDDEN
             self.layers[name] = scene.add_frame(f"/{name}", show_axes=False, visible=visible)
-        self._model = Model(scene, "/robot", robot, ROBOT)
+        self._model = Model(scene, "/robot", robot, rgb("brand"))
         self._world = scene.add_frame("/world", show_axes=False)
         nothing = np.zeros((1, 3))
         self.scan = scene.add_point_cloud(
-            "/scan/points", nothing, (220, 40, 40), point_size=0.03, visible=False
+            "/scan/points", nothing, rgb("slow"), point_size=0.03, visible=False
         )
-        self._plan = Lines(scene, "/global plan/line", (60, 120, 230), 0.03)
-        self._chosen = Lines(scene, "/trajectories/chosen", (20, 160, 60), 0.06)
+        self._plan = Lines(scene, "/global plan/line", rgb("line"), 0.03)
+        self._chosen = Lines(scene, "/trajectories/chosen", rgb("goal"), 0.06)
         self._samples = Lines(scene, "/trajectories/samples", (0, 0, 0), 0.008)
         # The local costmap lies above the global one.
         self._costmaps = {}
         for name, z in zip(COSTMAPS, (0.006, 0.003)):
             self._costmaps[name] = Costmap(scene, f"/{name}/image", z)
-        self._goal = scene.add_icosphere("/goal", 0.12, color=(40, 170, 80), visible=False)
+        self._goal = scene.add_icosphere("/goal", 0.12, color=rgb("goal"), visible=False)
         self._of_goal = (self._plan.handle, self._chosen.handle, self._samples.handle, self._goal)
         self.pose: Any = None
         self._meshes = {
@@ -139,7 +140,7 @@ class Scene:
             boxes = [marker for marker in markers if marker.type == Marker.CUBE]
             name = f"/world/{topic.split('/')[1]}"
             self._draw_markers(f"{name}/cylinders", Marker.CYLINDER, cylinders, colour)
-            self._draw_markers(f"{name}/boxes", Marker.CUBE, boxes, BOX)
+            self._draw_markers(f"{name}/boxes", Marker.CUBE, boxes, colour)
 
     def _draw_markers(
         self, name: str, kind: int, markers: List[Any], colour: Tuple[int, int, int]

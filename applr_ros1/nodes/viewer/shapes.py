@@ -9,23 +9,23 @@ import numpy as np
 from nav_msgs.msg import MapMetaData
 
 from applr_ros1.common.angles import Pose, quaternion_of
+from applr_ros1.common.pages.colors import rgb
 from applr_ros1.robots import Robot
 from applr_ros1.robots.geometry import wheel_places
 
 from .listening import Listener
 
-# Colours from low to high
-RAMP = np.array([[40, 70, 200], [30, 170, 200], [60, 190, 80], [240, 190, 40], [220, 50, 40]])
+CHEAP = np.array(rgb("cheap"))  # colour of trajectories of low cost
+DEAR = np.array(rgb("obstacle"))  # colour of trajectories of high cost, seen on black and on white
 RUBBER = (40, 40, 45)  # colour of the wheels
 BLACK = (20, 20, 25)  # colour of the laser
 PICTURE_PERIOD_S = 0.5  # shortest wall time between two images of a costmap [s]
 
 
-def colours(share: Any) -> np.ndarray:
-    """Return colours (n, 3) uint8 for shares (n,) from 0 (blue) to 1 (red)."""
-    place = np.clip(np.asarray(share, np.float64), 0.0, 1.0) * (len(RAMP) - 1)
-    channels = [np.interp(place, range(len(RAMP)), channel) for channel in RAMP.T]
-    return np.stack(channels, axis=1).astype(np.uint8)
+def colours(costs: np.ndarray) -> np.ndarray:
+    """Return colours (n, 3) uint8 for costs (n,) from 0 to 1."""
+    share = np.clip(costs, 0.0, 1.0)[:, None]
+    return ((1.0 - share) * CHEAP + share * DEAR).astype(np.uint8)
 
 
 def lifted(points: np.ndarray, z: float) -> np.ndarray:
@@ -102,10 +102,10 @@ class Model:
 
 # Colour and opacity by occupancy, with -1 (unknown) last. Free and unknown cells are transparent.
 SHADES = np.zeros((256, 4), np.uint8)
-SHADES[1:99, :3] = colours(np.linspace(0.1, 0.75, 98))
-SHADES[1:99, 3] = np.linspace(50, 170, 98)
-SHADES[99] = (230, 80, 60, 190)  # inscribed
-SHADES[100] = (120, 20, 90, 220)  # lethal
+SHADES[1:99, :3] = rgb("part-5")
+SHADES[1:99, 3] = np.linspace(20, 150, 98)
+SHADES[99] = (*rgb("fast"), 170)  # inscribed
+SHADES[100] = (*rgb("fast"), 240)  # lethal
 
 
 class Costmap:

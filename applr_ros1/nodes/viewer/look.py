@@ -1,0 +1,38 @@
+"""Look of the viewer's page: viser's page in the colours and type of all pages, light or dark."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+from typing import Tuple
+
+from applr_ros1.common.files import read_bytes
+from applr_ros1.common.pages.colors import css
+from applr_ros1.common.pages.page import PAGES
+
+STYLE = Path(__file__).with_name("look.css")
+SCRIPT = Path(__file__).with_name("look.js")
+
+
+def dressed(page: bytes, title: str) -> bytes:
+    """Return viser's page with a title, and with the style and the scheme of all pages."""
+    styles = (css(), read_bytes(PAGES / "words.css").decode(), read_bytes(STYLE).decode())
+    # A page must say its encoding in its first kilobyte.
+    head = f'<head><meta charset="utf-8"><title>{html.escape(title)}</title>'
+    head += f"<script>{read_bytes(SCRIPT).decode()}</script>"
+    for style in styles:
+        head += f"<style>{style}</style>"
+    return page.replace(b"<head>", head.encode(), 1)
+
+
+def legend(*entries: Tuple[str, str, str]) -> str:
+    """Return a legend as HTML.
+
+    Args:
+        entries: Class of the swatch (words.css), name of its colour (colors.py), and words.
+    """
+    items = []
+    for swatch, color, words in entries:
+        style = f"--swatch: var(--{color})" if color else ""
+        items.append(f'<li><span class="swatch {swatch}" style="{style}"></span>{words}</li>')
+    return f'<ul class="legend">{"".join(items)}</ul>'
