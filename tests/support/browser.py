@@ -1,4 +1,7 @@
-"""Web pages in a headless browser: it may neither complain nor ask the network for anything, and axe finds nothing."""
+"""Web pages in a headless browser.
+
+It may neither complain nor ask the network for anything, and axe must find no fault.
+"""
 
 import contextlib
 import shutil

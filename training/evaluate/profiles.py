@@ -14,9 +14,9 @@ from worlds.world import clearance
 # Regions by the distance to the nearest obstacle, tightest first, with colours of the pages that
 # colour-blind people tell apart
 REGIONS = (
-    ("tight: under 0.5 m", "slow"),
-    ("between: 0.5 to 0.9 m", "line"),
-    ("open: over 0.9 m", "fast"),
+    ("tight (under 0.5 m)", "slow"),
+    ("between (0.5 to 0.9 m)", "line"),
+    ("open (over 0.9 m)", "fast"),
 )
 LIMITS = (0.5, 0.9)  # distances to the nearest obstacle between the regions [m]
 PROFILES = 3  # largest number of methods whose parameters are drawn per world

@@ -153,7 +153,10 @@ def sentence(name: str, other: str, is_better: bool, arrivals: Arrivals) -> str:
         arrivals: Arrivals of both.
     """
     words = "is better than" if is_better else "is not clearly better than"
-    counts = f"{arrivals.method} of {arrivals.drives} drives arrive instead of {arrivals.other}"
+    if arrivals.method == arrivals.other:
+        counts = f"as many drives arrive ({arrivals.method} of {arrivals.drives})"
+    else:
+        counts = f"{arrivals.method} of {arrivals.drives} drives arrive instead of {arrivals.other}"
     line = f"{name} {words} {other}: {counts}"
     if arrivals.both:
         line += f", in {arrivals.method_s:.1f} s instead of {arrivals.other_s:.1f} s"

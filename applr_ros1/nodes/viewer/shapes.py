@@ -25,7 +25,8 @@ PICTURE_PERIOD_S = 0.5  # shortest wall time between two images of a costmap [s]
 def colours(costs: np.ndarray) -> np.ndarray:
     """Return colours (n, 3) uint8 for costs (n,) from 0 to 1."""
     share = np.clip(costs, 0.0, 1.0)[:, None]
-    return ((1.0 - share) * CHEAP + share * DEAR).astype(np.uint8)
+    shades: np.ndarray = (1.0 - share) * CHEAP + share * DEAR
+    return shades.astype(np.uint8)
 
 
 def lifted(points: np.ndarray, z: float) -> np.ndarray:
