@@ -281,12 +281,12 @@ OLDER = {"min_in_place_rotational_vel": 0.7, "max_rotational_vel": 0.9, "acc_lim
 
 
 @pytest.mark.parametrize(
-    ("tree", "slowest", "fastest", "acceleration"),
-    [({}, 0.4, 1.0, 3.2), (DWA, 0.7, 0.9, 1.1)],
+    ("tree", "slowest", "fastest", "acceleration", "tolerance"),
+    [({}, 0.4, 1.0, 3.2, 0.05), (DWA, 0.7, 0.9, 1.1, 0.1)],
     ids=["TrajectoryPlannerROS", "another planner"],
 )
 def test_rotate_recovery_reads_older_names_beside_another_local_planner(
-    tree, slowest, fastest, acceleration
+    tree, slowest, fastest, acceleration, tolerance
 ):
     move_base = MoveBase(dict(tree, TrajectoryPlannerROS=OLDER))
     behaviours = {behaviour.name: behaviour for behaviour in move_base.recoveries}
@@ -294,7 +294,7 @@ def test_rotate_recovery_reads_older_names_beside_another_local_planner(
     assert rotation.slowest_turn == slowest
     assert rotation.fastest_turn == fastest
     assert rotation.acceleration == acceleration
-    assert rotation.tolerance == 0.1
+    assert rotation.tolerance == tolerance
 
 
 def test_the_planner_reads_an_older_name_only_to_turn_to_the_goals_heading():
