@@ -9,10 +9,8 @@ training/appld with `save_contexts`. Nothing is unpickled.
 from __future__ import annotations
 
 import json
-import math
 import os
-from collections import deque
-from typing import Any, Deque, Dict, List, Mapping, Optional, Tuple, Union
+from typing import Any, Dict, List, Mapping, Optional, Tuple, Union
 
 import numpy as np
 import safetensors.numpy
@@ -39,13 +37,6 @@ from applr_ros1.robots import JACKAL, Robot
 # Format names in the files of both policies
 FORMAT = "applr-actor-2"
 CONTEXTS_FORMAT = "applr-appld-1"
-# Stall of a robot of the Jackal's size: it is less than 0.85 m from its position 8 s ago.
-STALL_DISTANCE_M = 0.85
-STALL_TIME_S = 8.0
-TIME_TOLERANCE_S = 1e-6  # tolerance of times that are sums of periods [s]
-# Distance [m] and rotation [rad] for which TrajectoryPlannerROS backs out of a dead end in half of
-# a stall's decisions.
-BACKING_OUT = {"escape_reset_dist": 0.5, "escape_reset_theta": 3.14}
 # Metadata in plain text instead of JSON; only older files have sha256.
 PLAIN_ENTRIES = ("format", "sha256")
 Weights = Mapping[str, Array32]
@@ -63,6 +54,7 @@ class _FromFile(Method):
     """
 
     per_cell = True
+    redraws_stalled = False
     path = ""
     metadata: Dict[str, Any] = {}
 
@@ -75,51 +67,8 @@ class _FromFile(Method):
         return description
 
 
-class Stall:
-    """Detector of a robot without progress.
-
-    An example is a robot whose planner keeps turning and backing in a dead end.
-
-    In training a stall ends the episode as a failure if `end_on_stall` is set
-    (training/env/episode.py).
-
-    Args:
-        scale: Size of the robot relative to the Jackal (Robot.world_scale); scales the distance.
-
-    Attributes:
-        share: Displacement during the last STALL_TIME_S, divided by the required displacement; at
-            most 1, and 1 during the first STALL_TIME_S.
-    """
-
-    def __init__(self, scale: float):
-        self._required = STALL_DISTANCE_M * scale  # displacement without a stall [m]
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all positions at the start of a course."""
-        self.share = 1.0
-        # Time [s], x [m] and y [m] of the latest decisions
-        self._past: Deque[Tuple[float, float, float]] = deque()
-
-    def update(self, time: float, x: float, y: float) -> bool:
-        """Add the position (x, y) [m] at `time` [s], and return whether the robot has stalled."""
-        self._past.append((time, x, y))
-        begin = time - STALL_TIME_S + TIME_TOLERANCE_S
-        # The first entry becomes the latest position that is old enough.
-        while len(self._past) > 1 and self._past[1][0] <= begin:
-            self._past.popleft()
-        oldest_time, *oldest = self._past[0]
-        if oldest_time <= begin:
-            self.share = min(1.0, math.dist(oldest, (x, y)) / self._required)
-        return self.share < 1.0
-
-
 class Policy(_FromFile):
     """Deterministic policy network for one robot: ReLU layers, and tanh at the output.
-
-    Once the robot has stalled, the network's decisions have failed. With an encoding that has
-    `redraws_stalled`, each decision then draws random parameters, seeded by the course, half of the
-    time with BACKING_OUT.
 
     Args:
         encoding: Encoding of observations and actions.
@@ -136,7 +85,7 @@ class Policy(_FromFile):
         self.period = float(encoding.period)
         self.space = encoding.space
         self.layout = encoding.layout
-        self._stall = Stall(encoding.robot.world_scale)
+        self.redraws_stalled = encoding.redraws_stalled
         self.reset(0)
 
     @classmethod
@@ -175,11 +124,9 @@ class Policy(_FromFile):
         }
 
     def reset(self, seed: int) -> None:
-        """Forget the previous decisions at the start of a course, and seed the random draws."""
+        """Forget the previous decisions at the start of a course."""
         self.encoding.period = self.period  # The node's ~period may have changed the period.
         self.encoding.reset()
-        self._stall.reset()
-        self._draws = np.random.default_rng([seed, 0x57A1])
 
     def action(self, observation: Any) -> Array32:
         """Return the action (m,) or (k, m) float32 in [-1, 1] for observations (n,) or (k, n).
@@ -196,20 +143,7 @@ class Policy(_FromFile):
         """
         if context is None:
             raise ApplrError("a policy needs an observation to decide on")
-        action = self.action(self.encoding.observe(context))
-        if self.encoding.redraws_stalled and self._stall.update(context.time, *context.pose[:2]):
-            self.stalls += 1
-            return self._drawn(len(action))
-        return self.encoding.theta(action)
-
-    def _drawn(self, actions: int) -> Array:
-        """Return random parameters (n,) from `actions` entries; half of them back out."""
-        theta = self.encoding.theta(self._draws.uniform(-1.0, 1.0, actions))
-        if self._draws.random() < 0.5:
-            for name, value in BACKING_OUT.items():
-                if name in self.space.names:
-                    theta[self.space.names.index(name)] = value
-        return self.space.clip(theta)
+        return self.encoding.theta(self.action(self.encoding.observe(context)))
 
     def predict(
         self,

@@ -127,7 +127,8 @@ class Method:
         per_cell: Whether path and goal distance biases are per costmap cell instead of per metre,
             as in all parameter sets learned here. The applr node rescales them for a planner that
             needs biases per metre (nodes/applr/meter_scoring.py).
-        stalls: Number of decisions changed because the robot had stalled.
+        redraws_stalled: Whether parameters are drawn at random while the robot has stalled
+            (policy/stall.py).
     """
 
     name = ""
@@ -136,7 +137,7 @@ class Method:
     space: Space = SPACE
     layout: Layout = LAYOUT
     per_cell: bool = False
-    stalls: int = 0
+    redraws_stalled: bool = True
 
     def reset(self, seed: int) -> None:
         """Prepare for a new course, and seed all random draws."""

@@ -56,11 +56,19 @@ class FixedParameters(Method):
         values: (n,) parameters within the ranges.
         space: Parameter space.
         per_cell: Whether the distance biases are per costmap cell (Method.per_cell).
+        redraws_stalled: Whether other parameters are drawn in a stall (Method.redraws_stalled).
     """
 
     static = True
 
-    def __init__(self, values: Array, space: Space = SPACE, per_cell: bool = False):
+    def __init__(
+        self,
+        values: Array,
+        space: Space = SPACE,
+        per_cell: bool = False,
+        redraws_stalled: bool = True,
+    ):
+        self.redraws_stalled = redraws_stalled
         self.values = np.array(values, dtype=np.float64)
         self.space = space
         self.per_cell = per_cell
@@ -81,6 +89,8 @@ class RandomParameters(Method):
         space: Parameter space.
         around: Mean of a normal distribution; None for a uniform distribution over the ranges.
     """
+
+    redraws_stalled = False
 
     def __init__(self, space: Space = SPACE, around: Optional[FixedParameters] = None) -> None:
         self.space = space
@@ -159,7 +169,8 @@ def _explored(robot: Robot) -> Method:
 
 def _default(robot: Robot) -> FixedParameters:
     space = space_of(robot)
-    return FixedParameters(space.from_dict({}), space)
+    # The baseline: the planner as it is, throughout.
+    return FixedParameters(space.from_dict({}), space, redraws_stalled=False)
 
 
 def _auto(robot: Robot) -> Method:

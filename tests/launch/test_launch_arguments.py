@@ -159,6 +159,9 @@ def test_method_and_meter_scoring_reach_their_nodes():
     )
     assert launched["/move_base/TrajectoryPlannerROS/meter_scoring"] is False
     assert launched["/applr/seed"] == launched["/sim_bridge/seed"] == 3
+    # Without a seed the simulator repeats its noise, but the node draws a seed of its own.
+    launched = loaded("jackal_applr.launch").parameters
+    assert (launched["/applr/seed"], launched["/sim_bridge/seed"]) == ("auto", 0)
     launched = loaded("jackal_applr.launch", "method:=/own.py:Own", "meter_scoring:=true")
     assert launched.environment["applr"] == {"APPLR_METHOD": "/own.py:Own"}
     launched = launched.parameters
@@ -236,6 +239,7 @@ def test_the_demo_passes_files_on_with_absolute_paths(tmp_path, monkeypatch):
         "method": f"{tmp_path}/set.json",
         "record": f"{tmp_path}/a.bag",
         "goal": "none",
+        "seed": 0,
     }
 
 

@@ -63,7 +63,15 @@ def stack(robot, tmp_path):
         fake.until("all up")
         return fake
 
-    def start(method="applr", policy="", fake=(), weights=None, ready=True, **parameters):
+    def start(
+        method="applr",
+        policy="",
+        fake=(),
+        weights=None,
+        ready=True,
+        constants=HURRIED,
+        **parameters,
+    ):
         move_base = start_fake(*fake) if fake is not None else None
         if method == "applr":
             save(
@@ -72,7 +80,9 @@ def stack(robot, tmp_path):
             )
             method = str(policy or tmp_path / "actor.safetensors")
         parameters = dict({"method": method, "period": PERIOD}, **parameters)
-        node = ros.node("applr", *[f"_{k}:={v}" for k, v in parameters.items()], constants=HURRIED)
+        node = ros.node(
+            "applr", *[f"_{k}:={v}" for k, v in parameters.items()], constants=constants
+        )
         started.append(node)
         if not ready:
             return node, move_base, None
@@ -499,6 +509,32 @@ def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robo
         "theta_0 of the others",
     )
     rospy.delete_param("/fake/hang")
+
+
+def test_a_stalled_robot_leaves_its_constant_set_and_gets_it_back_when_it_has_come_out(
+    robot, stack, monkeypatch
+):
+    node, _, client = stack(
+        "static", constants={**HURRIED, "applr_ros1.policy.stall.STALL_TIME_S": 0.5}
+    )
+    best = SPACE.clip(methods.make("static").theta(None))
+    is_in_force(client, best)
+    robot.goal = "one"
+    wait_for(lambda: robot.count("stalls") > 1, "two decisions in a stall")
+    wait_for(lambda: not np.array_equal(client.theta(), best), "random parameters")
+    monkeypatch.setattr(robot.robot, "twist", (0.5, 0.0))
+    is_in_force(client, best)
+    count = robot.count("stalls")
+    # Afterwards a value set by hand stays as during any course.
+    client.apply(SPACE.theta0)
+    decides_again(robot)
+    assert np.array_equal(client.theta(), SPACE.theta0)
+    assert robot.count("stalls") == count
+    monkeypatch.undo()
+    wait_for(lambda: robot.count("stalls") > count, "another stall")
+    robot.goal = None
+    is_in_force(client, best)
+    assert node.text.count("goal has ended") == 1
 
 
 def test_a_user_defined_method_gets_the_same_context_as_in_evaluation(robot, stack, tmp_path):

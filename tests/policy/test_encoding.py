@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from applr_ros1.policy import methods
-from applr_ros1.policy.actor import Policy, Stall, save
 from applr_ros1.policy.actor import load as load_policy
+from applr_ros1.policy.actor import save
 from applr_ros1.policy.decision import Context
 from applr_ros1.policy.dimensionless import SIZE, DimensionlessEncoding
 from applr_ros1.policy.encoding import with_mirror_images
@@ -151,42 +151,6 @@ def test_a_scene_of_twice_the_size_gives_the_same_observation():
     )
     large = encoding._scan(2.0 * near.ranges)
     np.testing.assert_allclose(small, large, atol=1e-6)
-
-
-def test_a_stalled_robot_gets_random_parameters_from_the_courses_seed():
-    method = Policy.of(network(np.random.default_rng(0)), DimensionlessEncoding(JACKAL, 1.0))
-    still = context(JACKAL, np.random.default_rng(1))
-
-    def at(t, speed):  # The robot drives slowly ahead, or at 0.5 m/s one metre ahead and back.
-        return (speed * t, 0.0) if speed < 0.5 else (0.5 * min(t % 4, 4 - t % 4), 0.0)
-
-    def course(seed, speed):
-        method.reset(seed)
-        before = method.stalls
-        scenes = [replace(still, time=float(t), pose=(*at(t, speed), 0.0)) for t in range(24)]
-        return [method.theta(scene).tolist() for scene in scenes], method.stalls - before
-
-    standing, stalls = course(3, 0.10)
-    driving, none = course(3, 0.11)
-    assert (stalls, none) == (16, 0)  # The stalls are at 8, 9 ... 23 s.
-    assert len({tuple(theta) for theta in driving[1:]}) < 24
-    assert len({tuple(theta) for theta in standing[8:]}) == 16
-    assert all(theta not in driving for theta in standing[8:])
-    # escape_reset_dist, escape_reset_theta.
-    backing_out = [theta[-2:] for theta in standing]
-    assert backing_out[:8] == [[0.1, 0.1]] * 8
-    assert 4 <= backing_out[8:].count([0.5, 3.14]) == 16 - backing_out[8:].count([0.1, 0.1]) <= 12
-    assert course(3, 0.5)[1] == 16
-    assert course(3, 0.10)[0] == standing
-    assert course(4, 0.10)[0][:8] == standing[:8]
-    assert course(4, 0.10)[0][8:] != standing[8:]
-
-
-def test_the_stall_distance_scales_with_the_robot():
-    """1.6 m in 8 s are enough for the Jackal, but not for a robot of twice its size."""
-    for scale, stalled in ((1.0, False), (2.0, True)):
-        stall = Stall(scale)
-        assert [stall.update(float(t), 0.2 * t, 0.0) for t in range(9)][-1] is stalled
 
 
 def test_parameters_that_an_action_does_not_choose_have_the_policys_base(tmp_path):

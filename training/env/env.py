@@ -38,7 +38,7 @@ class ApplrEnv(gymnasium.Env):
         worlds: Worlds to drive in: a list of World, or a specification ("generated:train", a file,
             a folder; several are separated by commas).
         end_on_collision: Whether a collision terminates the episode as a failure.
-        end_on_stall: Whether a stall (policy/actor.py) terminates the episode as a failure.
+        end_on_stall: Whether a stall (policy/stall.py) terminates the episode as a failure.
         critics_know_more: Whether the observation ends with inputs for the critics alone
             (privileged.py).
         settings: Fields of TrialSettings (settings.py): robot, simulator, planner, randomisation,

@@ -32,10 +32,10 @@ from applr_ros1.planner.costmap.static_layer import StaticMap
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.settings import send
 from applr_ros1.planner.state_machine import Cycle
-from applr_ros1.policy.actor import Stall
 from applr_ros1.policy.decision import Context, Seen
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.stall import Stall
 from applr_ros1.robots import JACKAL, Robot
 from applr_ros1.stack.stack import Stack, Step
 from sim_bridge.simulator import RobotState, Simulator
@@ -76,7 +76,7 @@ class Episode:
         end_on_collision: Whether a collision ends the trial, as under the BARN Challenge's
             protocol.
         monitor: Whether the robot's collision monitor stands between the planner and the base.
-        end_on_stall: Whether a stall (policy/actor.py) ends the trial as a failure.
+        end_on_stall: Whether a stall (policy/stall.py) ends the trial as a failure.
         escapes: Whether the monitor makes the escape motions that a planner of fidelity cpp-like
             lacks.
         ends_at_tolerance: Whether a course ends as soon as the robot is within the planner's goal
@@ -201,7 +201,7 @@ class Episode:
         self._courses += 1
         self.began = state.time
         self.stall.reset()
-        self.stall.update(0.0, *state.pose[:2])
+        self.stall.update(0.0, *state.pose[:2], state.twist[0])
         self.stack.set_goal(self.goal, state.time)
         self._recorder.moved(0.0, state.pose, state.twist)
         frame = self.robot.frames.odom if self._to_map is None else self.robot.frames.map
@@ -237,7 +237,7 @@ class Episode:
         state = self.simulator.state
         number = len(self._recorder.decisions)
         if (
-            self.stall.update(self.seconds, *state.pose[:2])
+            self.stall.update(self.seconds, *state.pose[:2], state.twist[0])
             and self.end_on_stall
             and not self._goal.status
         ):

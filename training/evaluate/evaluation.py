@@ -110,7 +110,12 @@ def settings(
     described = {}
     for name, specification in chosen:
         method = methods.make(specification, robot)
-        described[name] = {**method.describe(), "period_s": method.period}
+        is_loaded = options.loaded and method.static
+        described[name] = {
+            **method.describe(),
+            "period_s": method.period,
+            "redraws_stalled": method.redraws_stalled and not is_loaded,
+        }
     names = []
     specifications = []
     with_movers = []

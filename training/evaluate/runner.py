@@ -24,6 +24,7 @@ from applr_ros1.policy import methods
 from applr_ros1.policy.actor import Policy
 from applr_ros1.policy.decision import PERIOD, Method
 from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.stall import StallRule
 from applr_ros1.robots import Robot
 from applr_ros1.robots.geometry import radius
 from training.env.episode import Episode
@@ -137,6 +138,7 @@ class TrialRunner:
         self.space = space_of(self.robot)
         self.encoding = settings.encoding()
         self.loadable = loadable_space(self.robot)
+        self.stall_rule = StallRule(self.robot)
         self.simulator = sim_bridge.make(
             settings.simulator, robot=self.robot, **settings.randomisation
         )
@@ -157,11 +159,13 @@ class TrialRunner:
         if self.settings.period is not None:
             method.period = self.settings.period
         method.reset(task.seed)
+        self.stall_rule.reset(task.seed)
         loaded = None
         if self.settings.loaded and method.static:
             # Parameters that act differently when loaded keep their defaults.
             loaded = self.loadable.fill(self.loadable.pick(method.theta(None)))
-            method = self._fixed(loaded)
+            # A parameter file drives without the applr node, and so without its rule for stalls.
+            method = self._fixed(loaded, redraws_stalled=False)
             episode = self.starting_with(loaded)
         else:
             episode = self.episode
@@ -174,7 +178,9 @@ class TrialRunner:
         while not outcome.over:
             context = episode.context()
             action_before = self.space.to_action(outcome.theta)
-            outcome = episode.decide(method.theta(context))
+            theta = method.theta(context)
+            redrawn = self.stall_rule.instead(method, context, theta)
+            outcome = episode.decide(theta if redrawn is None else redrawn)
             change = self.space.to_action(outcome.theta) - action_before
             changes.append(float(np.abs(change).mean()))
             reward, _ = self.settings.reward(outcome, episode.limit, episode.period, self.encoding)
@@ -222,6 +228,7 @@ class TrialRunner:
             return Policy(self.encoding, policy_layers(weights))
         return self._made(task.method_spec)
 
-    def _fixed(self, theta: Array) -> Method:
+    def _fixed(self, theta: Array, redraws_stalled: bool = True) -> Method:
         """Return the method that sets a parameter set (n,) of the robot."""
-        return methods.for_robot(methods.FixedParameters(theta, space=self.space), self.robot)
+        method = methods.FixedParameters(theta, self.space, redraws_stalled=redraws_stalled)
+        return methods.for_robot(method, self.robot)

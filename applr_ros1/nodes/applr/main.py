@@ -1,10 +1,11 @@
 """Main program of the applr node: connects method, inputs and topics, and runs the node.
 
 Started as `rosrun applr_ros1 applr.py`; node.py has the node itself. Parameters: ~method (default:
-auto), ~robot (name or folder of a description; default: jackal), ~seed, ~period (decision period
-[s]; 0 means the method's own), ~max_speed ([m/s]; 0 means no limit), ~meter_scoring (auto, true or
-false: see meter_scoring.py), ~tf_prefix, and ~move_base (name of the move_base node). Topic:
-~set_parameters (applr_ros1/Parameters). Services: ~enable (std_srvs/SetBool) and ~set_method
+auto), ~robot (name or folder of a description; default: jackal), ~seed (a number; auto, the
+default, draws another one at each start), ~period (decision period [s]; 0 means the method's own),
+~max_speed ([m/s]; 0 means no limit), ~meter_scoring (auto, true or false: see meter_scoring.py),
+~tf_prefix, and ~move_base (name of the move_base node). Topic: ~set_parameters
+(applr_ros1/Parameters). Services: ~enable (std_srvs/SetBool) and ~set_method
 (applr_ros1/SetMethod). See docs/reference/topics.md.
 """
 
@@ -13,6 +14,7 @@ from __future__ import annotations
 import gc
 import math
 import os
+import secrets
 import sys
 from functools import partial
 from typing import Any, Tuple
@@ -99,7 +101,11 @@ def main() -> int:
     init_node("applr")
     given = rospy.get_param("~", {})
     period = number_within("period", given.get("period", 0), 0, 60.0)
-    seed = number_within("seed", given.get("seed", 0), 0, 2**31 - 1)
+    seed = given.get("seed", AUTO)
+    # Draws that are the same in every drive would repeat a failed drive for ever.
+    if seed == AUTO:
+        seed = secrets.randbelow(2**31)
+    seed = number_within("seed", seed, 0, 2**31 - 1)
     max_speed = number_within("max_speed", given.get("max_speed", 0), 0, math.inf)
     namespace = rospy.resolve_name(str(given.get("move_base", "move_base")))
     robot, prefix = named_robot(given)
@@ -135,7 +141,8 @@ def main() -> int:
     if trouble:
         rospy.logerr(f"applr: {trouble}; driving with the default parameters")
         node.degraded = trouble
-    rospy.loginfo("applr: ready, method %s, a decision every %g s", method.name, node.period)
+    ready = "applr: ready, method %s, a decision every %g s, seed %d"
+    rospy.loginfo(ready, method.name, node.period, node.seed)
     # Objects that are loaded by now are permanent: the garbage collector can skip them.
     gc.collect()
     gc.freeze()

@@ -25,6 +25,7 @@ from applr_ros1.nodes.sensors import Clock
 from applr_ros1.policy.decision import PERIOD, Context, Method
 from applr_ros1.policy.layout import ObservationError
 from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.stall import StallRule
 from applr_ros1.robots import JACKAL, Robot
 
 TICK_S = 0.05  # interval between two readings of the clock, in ROS time [s]
@@ -49,8 +50,8 @@ class ApplrNode:
         period: ROS time between decisions [s], None for the method's period.
         namespace: Namespace of move_base.
         max_speed: Upper limit of max_vel_x [m/s] for every method.
-        seed: Seed of the method's random numbers in the first course; further courses use seed + 1,
-            seed + 2 ...
+        seed: Seed of the random numbers in the first course, of the method and in a stall; further
+            courses use seed + 1, seed + 2 ...
         meter_scoring: Whether the planner's distance biases count per metre
             (meter_scoring.CHOICES).
         robot: Description of the robot.
@@ -87,6 +88,8 @@ class ApplrNode:
         self._began: Any = None  # ROS time of the start of the course
         self._last: Any = None  # ROS time of the last decision
         self._failures = 0  # number of successive periods without a decision
+        self._stall_rule = StallRule(robot)
+        self._is_redrawn = False  # whether the last decision was that of the stall rule
         self._base_set = False  # whether the parameters for the time between goals have been sent
         self._deciding = threading.Lock()  # guards method, enabled and the state of the course
         space = self.space.below("max_vel_x", max_speed)
@@ -106,8 +109,10 @@ class ApplrNode:
     def _begin_course(self, now: rospy.Time) -> None:
         """Reset the method for a new goal. Its first decision is due at once."""
         self.method.period = self.period  # The observation may depend on the period.
+        seed = self.seed + self.counts["courses"]
+        self._stall_rule.reset(seed)
         try:
-            self.method.reset(self.seed + self.counts["courses"])
+            self.method.reset(seed)
         except Exception as problem:  # A method may be user code, as in _choose.
             self._note_trouble(one_line(problem))
         self.counts["courses"] += 1
@@ -299,16 +304,28 @@ class ApplrNode:
 
         Return (theta, "") as requested, or (None, reason) if the method failed.
 
-        During a course, the choice of a static method is not requested, because other parameters
-        may have been set by hand since.
+        During a course, the choice of a static method is requested only after a stall, because
+        other parameters may have been set by hand since.
         """
         try:
             theta = self.method.theta(context)
-            if self.method.static and context is not None:
+            redrawn = None
+            if context is not None:
+                redrawn = self._stall_rule.instead(self.method, context, theta)
+            is_in_force = self.method.static and context is not None and not self._is_redrawn
+            self._note_redrawn(redrawn is not None)
+            if redrawn is not None:
+                return self.client.request(redrawn), ""
+            if is_in_force:
                 return self.client.space.clip(theta), ""
             return self.client.request(theta), ""
         except Exception as problem:  # A method may be user code: the node goes on in any case.
             return None, one_line(problem)
+
+    def _note_redrawn(self, is_redrawn: bool) -> None:
+        """Record whether the parameters are those of the stall rule, whose biases are per cell."""
+        self._is_redrawn = is_redrawn
+        self.client.per_cell = self.method.per_cell or is_redrawn
 
     def _fail(self, kind: str, line: str) -> None:
         """Count a period without a decision. After LOST_PERIODS of them, request theta_0."""
@@ -321,6 +338,7 @@ class ApplrNode:
 
     def _base(self) -> None:
         """Request, between goals, those set by hand, a static method's, or theta_0."""
+        self._note_redrawn(False)
         if self._by_hand is not None:
             self.client.request(self._by_hand)
             return
@@ -395,7 +413,7 @@ class ApplrNode:
             **{name: self.counts[name] for name in COUNTS},
             "method": self.method.name if self.enabled else "off",
             "driving": self.in_force,
-            "stalls": self.method.stalls,
+            "stalls": self._stall_rule.count,
             "max_speed": f"{self._max_speed:g}",
             "meter_scoring": self.meter_scoring.line(now) or "not known before the first goal",
             "goal": self._goal or "none",

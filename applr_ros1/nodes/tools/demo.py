@@ -119,7 +119,8 @@ def prepare(words: Sequence[str]) -> Setup:
     """
     defaults = launch_arguments()
     given = given_arguments(words, (*defaults, *EXTRA))
-    values = {**defaults, **EXTRA, **given}
+    # A demo can be repeated.
+    values = {**defaults, **EXTRA, "seed": "0", **given}
     is_simulated = boolean("sim", values["sim"])
     if not is_simulated or values["move_base"] != "python" or values["goal"] == "none":
         needs = "the demo needs sim:=true, move_base:=python and a goal"
@@ -147,7 +148,7 @@ def prepare(words: Sequence[str]) -> Setup:
         world = _with_goal(world, values["sent"])
 
     # The demo sends the goal itself, when it has begun to record.
-    passed = {name: values[name] for name in {"method", *given} & set(defaults)}
+    passed = {name: values[name] for name in {"method", "seed", *given} & set(defaults)}
     return Setup(values, {**passed, "goal": "none"}, robot, world)
 
 

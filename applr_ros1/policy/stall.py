@@ -1,0 +1,166 @@
+"""Stalls: when a robot makes no progress, and what it drives with then, whatever its method.
+
+Simulated trials (training/evaluate/runner.py) and the applr node share this rule.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Deque, Dict, Optional, Tuple
+
+import numpy as np
+
+from applr_ros1.common.arrays import Array
+from applr_ros1.policy.decision import PERIOD, Context, Method
+from applr_ros1.policy.dimensionless import DimensionlessEncoding
+from applr_ros1.robots import Robot
+
+# Stall of a robot of the Jackal's size: it is less than 0.85 m from its position 8 s ago.
+STALL_DISTANCE_M = 0.85
+STALL_TIME_S = 8.0
+# A robot whose present speed ahead would take it that far in this time has come out [s].
+OUT_TIME_S = 2.0
+TIME_TOLERANCE_S = 1e-6  # tolerance of times that are sums of periods [s]
+# While it backs out, TrajectoryPlannerROS drives back for a distance within BACKING_M [m], or for a
+# rotation [rad]. It begins as soon as no way ahead is free for `sim_time` [s]. The distance is drawn,
+# because the same one can end each time a little before the place where the robot could turn.
+BACKING_M = (0.5, 1.0)
+BACKING_OUT = {"escape_reset_theta": 3.14, "sim_time": 3.0}
+BACKING_S = 8.0  # longest time in which the robot must have backed out [s]
+DRIVING_S = 3.0  # time for which the robot then drives with other parameters [s]
+BACKWARDS_M_S = 0.02  # speed backwards at which the robot backs out, not merely slips [m/s]
+SEED = 0x57A1  # first number of the draws' seed, so that methods with the same seed draw others
+
+
+class Stall:
+    """Detector of a robot without progress.
+
+    An example is a robot whose planner keeps turning and backing in a dead end.
+
+    In training a stall ends the episode as a failure if `end_on_stall` is set
+    (training/env/episode.py).
+
+    Args:
+        scale: Size of the robot relative to the Jackal (Robot.world_scale); scales the distance.
+
+    Attributes:
+        share: Displacement during the last STALL_TIME_S, divided by the required displacement; at
+            most 1, and 1 during the first STALL_TIME_S.
+    """
+
+    def __init__(self, scale: float):
+        self._required = STALL_DISTANCE_M * scale  # displacement without a stall [m]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all positions at the start of a course."""
+        self.share = 1.0
+        # Time [s], x [m] and y [m] of the latest decisions
+        self._past: Deque[Tuple[float, float, float]] = deque()
+
+    def update(self, time: float, x: float, y: float, v: float) -> bool:
+        """Add a position, and return whether the robot has stalled.
+
+        Args:
+            time: Time [s].
+            x: Position [m].
+            y: Position [m].
+            v: Speed ahead [m/s].
+        """
+        self._past.append((time, x, y))
+        begin = time - STALL_TIME_S + TIME_TOLERANCE_S
+        # The first entry becomes the latest position that is old enough.
+        while len(self._past) > 1 and self._past[1][0] <= begin:
+            self._past.popleft()
+        oldest_time, *oldest = self._past[0]
+        if oldest_time <= begin:
+            self.share = min(1.0, math.dist(oldest, (x, y)) / self._required)
+        has_come_out = v * OUT_TIME_S >= self._required
+        return self.share < 1.0 and not has_come_out
+
+
+class StallRule:
+    """Parameters of a robot that has stalled, in place of those of its method.
+
+    The method's decisions have failed there. The robot backs out (BACKING_OUT) until it has driven
+    backwards, then drives for DRIVING_S, and so on. Each of these phases has random values of the
+    parameters that a policy chooses; others stay as the method has them. A phase keeps its values,
+    because a robot needs some seconds to back out of a dead end and to turn. A method refuses with
+    `redraws_stalled` (Method).
+
+    Args:
+        robot: Description of the robot.
+
+    Attributes:
+        count: Number of decisions changed so far.
+    """
+
+    def __init__(self, robot: Robot):
+        self.count = 0
+        self._encoding = DimensionlessEncoding(robot, PERIOD)
+        self._stall = Stall(robot.world_scale)
+        self.reset(0)
+
+    def reset(self, seed: int) -> None:
+        """Forget the positions at the start of a course, and seed the draws."""
+        self._stall.reset()
+        self._draws = np.random.default_rng([seed, SEED])
+        self._phase: Optional[_Phase] = None
+
+    def instead(self, method: Method, context: Context, theta: Array) -> Optional[Array]:
+        """Return parameters (n,) in place of the method's `theta` (n,), or None to keep these."""
+        x, y, _ = context.pose
+        v, _ = context.twist
+        has_stalled = self._stall.update(context.time, x, y, v)
+        if not has_stalled or not method.redraws_stalled:
+            self._phase = None
+            return None
+        self.count += 1
+        phase = self._phase
+        if phase is None or phase.has_ended(context.time, v):
+            # A stall begins with backing out.
+            backs_out = phase is None or not phase.backs_out
+            phase = _Phase(context.time, backs_out, self._values(backs_out))
+            self._phase = phase
+        space = self._encoding.space
+        values = {**space.as_dict(theta), **phase.values}
+        return space.clip([values[name] for name in space.names])
+
+    def _values(self, backs_out: bool) -> Dict[str, float]:
+        """Draw the values {name: value} of a phase."""
+        space = self._encoding.space
+        action = self._draws.uniform(-1.0, 1.0, self._encoding.actions)
+        distance = self._draws.uniform(*BACKING_M)
+        drawn = space.as_dict(self._encoding.theta(action))
+        values = {name: drawn[name] for name in self._encoding.chosen}
+        # Only TrajectoryPlannerROS backs out.
+        if backs_out and "escape_reset_dist" in space.names:
+            values.update(BACKING_OUT, escape_reset_dist=distance)
+        return values
+
+
+class _Phase:
+    """Part of a stall in which the parameters stay.
+
+    Args:
+        began: Time of its beginning [s].
+        backs_out: Whether the robot backs out in it.
+        values: {name: value} of the parameters that it changes.
+    """
+
+    def __init__(self, began: float, backs_out: bool, values: Dict[str, float]):
+        self.backs_out = backs_out
+        self.values = values
+        self._began = began
+        self._has_driven_back = False
+
+    def has_ended(self, time: float, v: float) -> bool:
+        """Return whether the phase is over at a decision at `time` [s] and speed v ahead [m/s]."""
+        duration = time - self._began + TIME_TOLERANCE_S
+        if not self.backs_out:
+            return duration >= DRIVING_S
+        drives_back = v < -BACKWARDS_M_S
+        self._has_driven_back |= drives_back
+        has_backed_out = self._has_driven_back and not drives_back
+        return has_backed_out or duration >= BACKING_S

@@ -1,0 +1,138 @@
+"""Tests of stalls: when a robot counts as stalled, and which parameters it then gets in place of its method's."""
+
+import numpy as np
+
+from applr_ros1.policy import methods
+from applr_ros1.policy.decision import Context
+from applr_ros1.policy.methods import FixedParameters, Method
+from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.stall import BACKING_M, BACKING_OUT, Stall, StallRule
+from applr_ros1.robots import JACKAL, load
+
+SPACE = space_of(JACKAL)
+SET = FixedParameters(SPACE.theta0)
+SLOW = 0.10  # m/s: 0.8 m in 8 s, which is a stall
+FAST = 0.11  # m/s: 0.88 m in 8 s
+BACK_AND_FORTH = 0.5  # m/s: one metre ahead, and back
+BACKING = [SPACE.names.index(name) for name in ("escape_reset_dist", *BACKING_OUT)]
+
+
+def place(time, speed):
+    """Return x [m] of a robot that drives ahead at up to 0.11 m/s, or else one metre ahead and back."""
+    if speed < BACK_AND_FORTH:
+        return speed * time
+    return speed * min(time % 4, 4 - time % 4)
+
+
+def scene(time, x=0.0, v=0.0, robot=JACKAL):
+    space = space_of(robot)
+    pose = (x, 0.0, 0.0)
+    return Context(np.ones(720, np.float32), 0.0, space.theta0, time, pose, (v, 0.0), space=space)
+
+
+def course(seed=3, speed=SLOW, method=SET, robot=JACKAL, rule=None, backwards=()):
+    """Return the parameters in place of the method's at 0, 1, ... 31 s, None where they stay.
+
+    The robot measures a speed backwards at the times `backwards` [s].
+    """
+    rule = rule or StallRule(robot)
+    rule.reset(seed)
+    theta = space_of(robot).theta0
+    replaced = []
+    for time in range(32):
+        v = -0.3 if time in backwards else 0.0
+        seen = scene(float(time), place(time, speed), v, robot)
+        replaced.append(rule.instead(method, seen, theta))
+    return replaced
+
+
+def test_a_stalled_robot_gets_random_parameters_from_the_seed_of_the_course():
+    standing = course()
+    assert standing[:8] == [None] * 8
+    assert course(speed=FAST) == [None] * 32
+    drawn = np.array(standing[8:])
+    assert np.array_equal(SPACE.clip(drawn), drawn)
+    # What no policy chooses stays as the method has it, here min_in_place_vel_theta and the padding.
+    kept = [SPACE.names.index(name) for name in ("min_in_place_vel_theta", "footprint_padding")]
+    assert (drawn[:, kept] == SPACE.theta0[kept]).all()
+    assert np.array_equal(course()[8:], drawn)
+    assert not np.isin(np.array(course(seed=4)[8:])[:, 0], drawn[:, 0]).any()
+    assert np.array_equal(course(speed=BACK_AND_FORTH)[8:], drawn)
+
+
+def is_backing_out(theta):
+    """Return whether parameters back out, which sets three of them together."""
+    distance, *others = theta[BACKING]
+    if distance == SPACE.theta0[BACKING[0]]:
+        return False
+    assert BACKING_M[0] <= distance <= BACKING_M[1]
+    assert others == list(BACKING_OUT.values())
+    return True
+
+
+def phases(replaced):
+    """Return (whether the robot backs out, number of decisions) of each phase from 8 s on."""
+    found = []
+    for theta in replaced[8:]:
+        backs_out = is_backing_out(theta)
+        if not found or not np.array_equal(found[-1][0], theta):
+            found.append((theta, backs_out, 0))
+        found[-1] = (theta, backs_out, found[-1][2] + 1)
+    return [(backs_out, count) for _, backs_out, count in found]
+
+
+def test_a_stalled_robot_backs_out_and_drives_by_turns_with_other_parameters_each_time():
+    # Standing, it tries to back out for 8 s, and drives for 3 s.
+    assert phases(course()) == [(True, 8), (False, 3), (True, 8), (False, 3), (True, 2)]
+    # It drives back from 10 to 12 s, and at 17 s.
+    replaced = course(backwards=(10, 11, 12, 17))
+    backing_and_driving = [(True, 5), (False, 3), (True, 2), (False, 3), (True, 8), (False, 3)]
+    assert phases(replaced) == backing_and_driving
+    distances = {theta[BACKING[0]] for theta in replaced[8:] if is_backing_out(theta)}
+    assert len(distances) == 3
+
+
+def test_each_stall_begins_with_backing_out():
+    rule = StallRule(JACKAL)
+    for time in range(18):  # It drives since 16 s.
+        rule.instead(SET, scene(float(time)), SPACE.theta0)
+    assert rule.instead(SET, scene(18.0, v=0.5), SPACE.theta0) is None
+    assert is_backing_out(rule.instead(SET, scene(19.0), SPACE.theta0))
+
+
+def test_a_robot_that_has_just_come_out_has_not_stalled():
+    """It passes near its place 8 s ago, but so fast ahead that it is soon away."""
+    for v, count in ((0.4, 1), (0.45, 0), (-0.45, 1)):
+        rule = StallRule(JACKAL)
+        for time in range(8):
+            rule.instead(SET, scene(float(time)), SPACE.theta0)
+        rule.instead(SET, scene(8.0, v=v), SPACE.theta0)
+        assert rule.count == count
+
+
+def test_distance_and_speed_of_a_stall_scale_with_the_robot():
+    """1.6 m in 8 s are enough for the Jackal, but not for a robot of twice its size; neither is 0.8 m/s."""
+    for scale, stalled in ((1.0, False), (2.0, True)):
+        stall = Stall(scale)
+        assert [stall.update(float(t), 0.2 * t, 0.0, 0.0) for t in range(9)][-1] is stalled
+        assert stall.update(9.0, 1.6, 0.0, 0.8) is stalled
+
+
+def test_a_robot_whose_planner_cannot_back_out_gets_random_parameters_only():
+    burger = load("turtlebot3_burger")
+    slow = course(robot=burger, speed=0.01)
+    assert np.array(slow[8:]).shape == (24, len(space_of(burger)))
+
+
+def test_every_method_gets_them_that_does_not_refuse():
+    class Own(Method):
+        pass
+
+    assert course(method=Own())[8] is not None
+    refusing = {"dwa", "random", "explore", "appld"}
+    for name in methods.METHODS:
+        method = methods.make(name)
+        rule = StallRule(JACKAL)
+        after = course(method=method, rule=rule)
+        assert all(theta is None for theta in after) == (name in refusing), name
+        assert rule.count == (0 if name in refusing else 24)
