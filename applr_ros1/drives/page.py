@@ -90,7 +90,9 @@ def page(
         "body": list(body),
         "worlds": [scene_values(scene, marked) for scene in scenes],
     }
-    return Page("drives", title, verdict, SCRIPTS, values, back, measured).html()
+    is_single = len(scenes) == 1 and len(scenes[0].drives) == 1
+    kind = "drive" if is_single else "drives"
+    return Page(kind, title, verdict, SCRIPTS, values, back, measured).html()
 
 
 def verdict_of(drive: Drive, world: World, body: Sequence[float], begins: float = 0.0) -> str:
@@ -224,10 +226,16 @@ def _drive(shown: Shown) -> Dict[str, Any]:
         "p": np.diff(np.rint(poses * 100.0).astype(int), axis=0, prepend=0).tolist(),
         "v": _whole(speeds, 100),
     }
-    if drive.decisions:
-        times = [decision.time for decision in drive.decisions]
-        values["at"] = _whole(times, 100)
-        values["theta"] = [_short(decision.after) for decision in drive.decisions]
+    # When a goal has ended, the defaults are set again. The observation there has no parameters.
+    assert drive.truth is not None
+    end = drive.truth.time[-1]
+    decisions = []
+    for decision in drive.decisions:
+        if decision.after and decision.time <= end:
+            decisions.append(decision)
+    if decisions:
+        values["at"] = _whole([decision.time for decision in decisions], 100)
+        values["theta"] = [_short(decision.after) for decision in decisions]
     return values
 
 

@@ -84,6 +84,17 @@ def test_keys_move_the_clock_and_what_shows_it(tmp_path):
         view.get_by_text("3.0 of 3.0 s").wait_for()
 
 
+def test_what_is_set_after_the_end_of_a_drive_is_left_out(tmp_path):
+    drive = straight()
+    drive.decisions.append(drive.decisions[0]._replace(time=3.4))
+    drive.decisions.append(drive.decisions[0]._replace(time=2.9, after={}))
+    text = written(tmp_path / "a.html", drive).read_text()
+    data = json.loads(re.search(r'id="data">(.*?)</script>', text).group(1))
+    (shown,) = data["worlds"][0]["drives"]
+    assert shown["at"] == [0, 100]
+    assert len(shown["theta"]) == 2
+
+
 @needs_browser
 def test_another_drive_is_shown_beside_the_first_one(tmp_path):
     other = written(tmp_path / "slow.html", straight(speed=0.5), "dwa")
