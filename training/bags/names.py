@@ -33,13 +33,16 @@ def names_in(kinds: Mapping[str, str], wanted: TopicNames, given: Collection[str
             raise ApplrError(f"plans of {' and of '.join(spaces)}: give --move-base")
         if spaces:
             move_base = spaces[0]
-    around = move_base.rpartition("/")[0]
-    found = {"move_base": move_base}
+
+    # /robot1/move_base drives a robot whose scans are on /robot1/scan, if there is such a topic.
+    namespace = move_base.rpartition("/")[0]
+    topics = {"move_base": move_base}
     for field in fields(wanted):
-        topic = around + getattr(wanted, field.name)
-        if field.name not in (*given, "move_base") and topic in kinds:
-            found[field.name] = topic
-    return replace(wanted, **found)
+        topic = namespace + getattr(wanted, field.name)
+        is_open = field.name != "move_base" and field.name not in given
+        if is_open and topic in kinds:
+            topics[field.name] = topic
+    return replace(wanted, **topics)
 
 
 def _spaces_of_move_base(kinds: Mapping[str, str]) -> List[str]:
@@ -47,6 +50,7 @@ def _spaces_of_move_base(kinds: Mapping[str, str]) -> List[str]:
     followed = set()
     planned = set()
     for topic, kind in kinds.items():
+        # A plan's topic is MOVE_BASE/PLANNER/NAME.
         if not CHANNELS["plans"].accepts(kind) or topic.count("/") < 3:
             continue
         space, planner, name = topic.rsplit("/", 2)
@@ -58,11 +62,16 @@ def _spaces_of_move_base(kinds: Mapping[str, str]) -> List[str]:
 
 
 def missing(channel: str, names: TopicNames, kinds: Mapping[str, str]) -> str:
-    """Return what is said of a channel without messages: its topic, its option, and the bag's topics of its type."""
+    """Return what is said of a channel without messages.
+
+    It names the channel's topic and option, and the bag's topics of its type.
+    """
     topic = topic_of(channel, names)
     option = CHANNELS[channel].topic.strip("{}")
-    name = CHANNELS[channel].type.rpartition("/")[2]
-    several = name if name.endswith("y") else f"{name}s"
+    several = CHANNELS[channel].type.rpartition("/")[2]
+    # Odometry has no plural.
+    if not several.endswith("y"):
+        several += "s"
     others = _topics_of(channel, kinds)
     if topic in kinds and topic not in others:
         return f"{topic} has messages of {kinds[topic]}, not {several}: give --{option}"
@@ -83,4 +92,5 @@ def missing_plans(planner: str, names: TopicNames, kinds: Mapping[str, str]) -> 
 
 
 def _topics_of(channel: str, kinds: Mapping[str, str]) -> List[str]:
+    """Return the bag's topics whose type a channel takes."""
     return sorted(topic for topic, kind in kinds.items() if CHANNELS[channel].accepts(kind))

@@ -15,6 +15,7 @@ from training.bags import SECOND
 # MD5 sum of the definition of nav_msgs/Path, by which a bag tells that it has no other definition.
 DIGEST = "6227e2b7e9cce15051f669a5e197bbf7"
 HEAD_BYTES = 16  # sequence number, stamp (two numbers), and length of the frame's name
+COUNT_BYTES = 4  # number of an array's entries, or of a text's characters
 
 
 def path_of(raw: bytes) -> Optional[Tuple[int, str, np.ndarray]]:
@@ -22,35 +23,41 @@ def path_of(raw: bytes) -> Optional[Tuple[int, str, np.ndarray]]:
 
     None if its poses are not equally long, or if it is damaged.
     """
+    # Header: sequence number, stamp, and a text with its length in front
     data = bytes(raw)
     if len(data) < HEAD_BYTES:
         return None
     _, seconds, nanoseconds, length = np.frombuffer(data, "<u4", 4).tolist()
-    begin = HEAD_BYTES + length
-    if len(data) < begin + 4:
+    frame_end = HEAD_BYTES + length
+    body_begin = frame_end + COUNT_BYTES
+    if len(data) < body_begin:
         return None
-    frame = data[HEAD_BYTES:begin]
-    count = int.from_bytes(data[begin : begin + 4], "little")
-    body = data[begin + 4 :]
+    stamp = seconds * SECOND + nanoseconds
+    frame = data[HEAD_BYTES:frame_end].decode(errors="replace").lstrip("/")
+
+    # Array of poses with their number in front
+    count = int.from_bytes(data[frame_end:body_begin], "little")
     if count == 0:
-        poses = np.zeros((0, 3))
-    elif len(body) % count or len(body) < count * HEAD_BYTES:
+        return stamp, frame, np.zeros((0, 3))
+    body = data[body_begin:]
+    if len(body) % count or len(body) < count * HEAD_BYTES:
         return None
-    else:
-        poses_or_none = _poses(body, count)
-        if poses_or_none is None:
-            return None
-        poses = poses_or_none
-    return seconds * SECOND + nanoseconds, frame.decode(errors="replace").lstrip("/"), poses
+    poses = _poses(body, count)
+    if poses is None:
+        return None
+    return stamp, frame, poses
 
 
 def _poses(body: bytes, count: int) -> Optional[np.ndarray]:
     """Return the poses (n, 3) of serialised PoseStamped messages whose frames are equally long."""
-    length = int.from_bytes(body[HEAD_BYTES - 4 : HEAD_BYTES], "little")
-    if len(body) != count * (HEAD_BYTES + length + 7 * 8):
+    length = int.from_bytes(body[HEAD_BYTES - COUNT_BYTES : HEAD_BYTES], "little")
+    layout = np.dtype(
+        [("head", "<u4", 3), ("length", "<u4"), ("frame", "u1", length), ("pose", "<f8", 7)]
+    )
+    if len(body) != count * layout.itemsize:
         return None
-    layout = [("head", "<u4", 3), ("length", "<u4"), ("frame", "u1", length), ("pose", "<f8", 7)]
-    rows = np.frombuffer(body, np.dtype(layout))
+    rows = np.frombuffer(body, layout)
+    # Frames of different lengths may add up to the same number of bytes.
     if (rows["length"] != length).any():
         return None
     x, y, _, qx, qy, qz, qw = rows["pose"].T

@@ -1,7 +1,7 @@
 """Reader of ROS 1 and ROS 2 bags: the drive of a robot with move_base, in columns.
 
-rosbags reads the messages. Nothing in a bag is executed: rosbags takes only names, types and numbers from message
-definitions.
+rosbags reads the messages. Nothing in a bag is executed: rosbags takes only names, types and
+numbers from message definitions.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 
 
 
 class BagError(ApplrError):
-    """Error of a bag that cannot be used at all. The message has the bag and the reason, in one line."""
+    """Error of a bag that cannot be used at all. Its message is one line with bag and reason."""
 
 
 class Row(NamedTuple):
@@ -82,7 +82,8 @@ def read(
         path: A .bag file, a ROS 2 folder with metadata.yaml, or a single .mcap or .db3 file.
         robot: Robot that drove.
         topics: Names of the recorded topics.
-        channels: Channels to read (topics.CHANNELS). Times count from the first message on one of their topics.
+        channels: Channels to read (topics.CHANNELS). Times count from the first message on one of
+            their topics.
     """
     rows, begin = _rows(Path(path), topics, channels)
 
@@ -105,12 +106,17 @@ def read(
         contacts=np.array([row.time for row in rows["contacts"] if row.fields[0]]),
         recoveries=np.array([row.time for row in rows["recoveries"]]),
     )
-    drive.planners = sorted({row.topic.split("/")[-2] for row in rows["plans"]})
-    # Of several local planners' plans, the robot's followed its own.
-    followed = [row for row in rows["plans"] if row.topic.split("/")[-2] == robot.local_planner]
-    if followed:
-        drive.plans = _plans(followed)
-    rows["plans"] = followed
+    # Topics of plans are MOVE_BASE/PLANNER/global_plan. If several planners are recorded, the
+    # robot followed the plans of its own.
+    by_planner: DefaultDict[str, List[Row]] = defaultdict(list)
+    for row in rows["plans"]:
+        by_planner[row.topic.split("/")[-2]].append(row)
+    drive.planners = sorted(by_planner)
+    rows["plans"] = by_planner[robot.local_planner]
+    if rows["plans"]:
+        drive.plans = _plans(rows["plans"])
+
+    # Rows of these channels begin with stamp and frame.
     for column in ("odometry", "scans", "plans", "routes"):
         frames = [row.fields[1] for row in rows[column]]
         drive.frames[column] = list(dict.fromkeys(frames))
@@ -134,34 +140,47 @@ def _rows(
     path: Path, topics: TopicNames, channels: Collection[str]
 ) -> Tuple[DefaultDict[str, List[Row]], int]:
     """Return the messages by channel in order of recording, and the time of the first one [ns]."""
-    patterns = {topic_of(channel, topics): channel for channel in channels}
-    found: List[Tuple[int, str, str, Any]] = []
+    recorded: List[Tuple[int, str, str, Any]] = []
+    # A ROS 2 bag without message definitions has those of this release.
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        channel_of_topic = {}
+        channel_of_topic = _channel_of_topic(reader, topics, channels)
+        wanted = []
         for connection in reader.connections:
-            for pattern, channel in patterns.items():
-                is_named = fnmatchcase(connection.topic, pattern)
-                if is_named and CHANNELS[channel].accepts(connection.msgtype):
-                    channel_of_topic[connection.topic] = channel
-        wanted = [
-            connection for connection in reader.connections if connection.topic in channel_of_topic
-        ]
+            if connection.topic in channel_of_topic:
+                wanted.append(connection)
         # Without connections, rosbags would return every message.
-        for connection, at, raw in reader.messages(wanted) if wanted else ():
+        for connection, time, raw in reader.messages(wanted) if wanted else ():
             channel = channel_of_topic[connection.topic]
-            fields = paths.path_of(raw) if connection.digest == paths.DIGEST else None
+            fields = None
+            if connection.digest == paths.DIGEST:
+                fields = paths.path_of(raw)
             if fields is None:
                 message = reader.deserialize(raw, connection.msgtype)
                 fields = CHANNELS[channel].unpack(message)
-            found.append((at, channel, connection.topic, fields))
-    begin = min((at for at, *_ in found), default=0)
+            recorded.append((time, channel, connection.topic, fields))
+
+    begin = min((time for time, *_ in recorded), default=0)
     rows: DefaultDict[str, List[Row]] = defaultdict(list)
-    for at, channel, topic, fields in found:
-        rows[channel].append(Row((at - begin) / SECOND, topic, fields))
+    for time, channel, topic, fields in recorded:
+        rows[channel].append(Row((time - begin) / SECOND, topic, fields))
     return rows, begin
 
 
-# -- columns -----------------------------------------------------------------------------------------------------------
+def _channel_of_topic(
+    reader: AnyReader, topics: TopicNames, channels: Collection[str]
+) -> Dict[str, str]:
+    """Return {topic: channel} of the topics of a bag that are read."""
+    patterns = {topic_of(channel, topics): channel for channel in channels}
+    channel_of_topic = {}
+    for connection in reader.connections:
+        for pattern, channel in patterns.items():
+            is_named = fnmatchcase(connection.topic, pattern)
+            if is_named and CHANNELS[channel].accepts(connection.msgtype):
+                channel_of_topic[connection.topic] = channel
+    return channel_of_topic
+
+
+# -- columns ---------------------------------------------------------------------------------------
 def _times(rows: Sequence[Row]) -> np.ndarray:
     return np.array([row.time for row in rows], np.float64)
 
@@ -183,16 +202,17 @@ def _scans(rows: Sequence[Row], seconds: Any) -> Optional[Scans]:
 
 
 def _clearances(scans: Any, robot: Robot) -> Clearances:
-    """Return the smallest range of each scan, in order of the stamps. Some lasers report 0 for beams without a return.
-
-    An empty scan has no return.
-    """
+    """Return the smallest range of each scan, in order of the stamps."""
     order = np.argsort(scans.stamp, kind="stable")
     smallest = []
     for index in order:
         ranges = scans.ranges[index]
+        if not len(ranges):
+            smallest.append(np.inf)
+            continue
+        # Some lasers report 0 for beams without a return.
         measured = np.where(ranges == 0.0, np.nan, ranges)
-        smallest.append(nearest(measured, robot.laser.range_min) if len(measured) else np.inf)
+        smallest.append(nearest(measured, robot.laser.range_min))
     return Clearances(scans.stamp[order], np.array(smallest))
 
 
@@ -213,9 +233,8 @@ def _routes(rows: Sequence[Row]) -> Optional[Plans]:
     have one stamp; the second is the one that the local planner gets.
     """
     whole = []
-    for index, row in enumerate(rows):
-        is_last = index + 1 == len(rows)
-        if is_last or rows[index + 1].fields[0] != row.fields[0]:
+    for row, next_row in zip(rows, [*rows[1:], None]):
+        if next_row is None or next_row.fields[0] != row.fields[0]:
             whole.append(row)
     return _plans(whole) if whole else None
 
@@ -266,7 +285,8 @@ def _goals(status_rows: Sequence[Row], result_rows: Sequence[Row]) -> List[Goal]
     previous = ""
     for row in status_rows:
         (running,) = row.fields
-        if previous:  # The goal was pursued until now.
+        # The goal was pursued until this message.
+        if previous:
             pursued[-1] = pursued[-1]._replace(end=row.time)
         if running and running != previous:
             pursued.append(Goal(running, row.time, row.time))
@@ -282,21 +302,23 @@ def _goals(status_rows: Sequence[Row], result_rows: Sequence[Row]) -> List[Goal]
     return goals
 
 
-# -- files -------------------------------------------------------------------------------------------------------------
+# -- files -----------------------------------------------------------------------------------------
 @contextmanager
 def refused(path: os.PathLike[str] | str) -> Iterator[None]:
     """Convert errors of rosbags, and ApplrErrors, to a BagError that names the bag."""
     try:
         yield
     except (ApplrError, AnyReaderError, *ReaderErrors) as error:
-        remedy = (
-            ": if its recording was cut short, run rosbag reindex" if "index" in str(error) else ""
-        )
-        raise BagError(f"{path}: {reason(error)}{remedy}") from None
+        line = f"{path}: {reason(error)}"
+        if "index" in str(error):
+            line += ": if its recording was cut short, run rosbag reindex"
+        raise BagError(line) from None
 
 
 def bags_in(paths: Sequence[os.PathLike[str] | str]) -> List[Path]:
-    """Return the bags among files and folders, sorted: .bag files, ROS 2 folders, and single .mcap or .db3 files.
+    """Return the bags among files and folders, those of a folder sorted.
+
+    A bag is a .bag file, a ROS 2 folder, or a single .mcap or .db3 file.
 
     Raises:
         BagError: A path does not exist, or there is no bag.
@@ -309,8 +331,9 @@ def bags_in(paths: Sequence[os.PathLike[str] | str]) -> List[Path]:
         if path.is_file() or (path / METADATA).exists():
             bags.append(path)
         else:
-            inside = sorted(path.rglob("*"))
-            bags += [one for one in inside if one.suffix == ".bag" or (one / METADATA).exists()]
+            for inside in sorted(path.rglob("*")):
+                if inside.suffix == ".bag" or (inside / METADATA).exists():
+                    bags.append(inside)
     if not bags:
         raise BagError(f"{', '.join(map(str, paths))}: no bags there: {kinds}")
     return bags

@@ -1,4 +1,4 @@
-"""World that a robot's laser saw during a drive: cells that a good share of the beams end in, as walls of a World.
+"""World that a robot's laser saw during a drive: its walls are cells in which many beams end.
 
 What no beam has reached is free: a planner that explores may find out there what it likes.
 """
@@ -44,6 +44,18 @@ class Rays(NamedTuple):
     hits: np.ndarray
 
 
+class Raster(NamedTuple):
+    """Cells of a map.
+
+    Attributes:
+        corner: (2,) lower left corner x, y [m].
+        shape: Numbers of rows and columns.
+    """
+
+    corner: np.ndarray
+    shape: Tuple[int, int]
+
+
 def seen_grid(drive: Drive, robot: Robot) -> Grid:
     """Return the map that the laser saw, in the odometry frame.
 
@@ -55,22 +67,24 @@ def seen_grid(drive: Drive, robot: Robot) -> Grid:
     laser_pose = drive.laser_pose or robot.laser.pose
     rays = _rays(drive.scans, drive.odometry, laser_pose)
     ends = rays.origins + rays.lengths[:, None] * rays.directions
-    places = np.vstack([ends[rays.hits], drive.odometry.pose[:, :2]])
-    low = np.floor((places.min(axis=0) - MARGIN_M) / RESOLUTION_M) * RESOLUTION_M
-    columns, rows = np.ceil((places.max(axis=0) + MARGIN_M - low) / RESOLUTION_M).astype(int)
-    shape = int(rows), int(columns)
+    hits = ends[rays.hits]
+    raster = _raster_around(np.vstack([hits, drive.odometry.pose[:, :2]]))
 
-    ended = _counts(ends[rays.hits], low, shape)
-    passed = _passed(rays, low, shape)
+    # A cell is occupied if enough of the beams that reach it end there: single beams end in free
+    # space at edges, and an obstacle that moved on is seen through later.
+    ended = _counts(hits, raster)
+    passed = _passed(rays, raster)
     share = ended / np.maximum(ended + passed, 1)
-    occupied = (ended >= HITS) & (share >= HIT_SHARE)
-    occupied &= ~_driven_over(drive.odometry, robot, low, shape)
-    cells = np.where(occupied, OCCUPIED, FREE).astype(np.int8)
-    return Grid(cells, RESOLUTION_M, (float(low[0]), float(low[1]), 0.0))
+    is_occupied = (ended >= HITS) & (share >= HIT_SHARE)
+    # The robot was there, so that nothing else was.
+    is_occupied &= ~_driven_over(drive.odometry, robot, raster)
+    cells = np.where(is_occupied, OCCUPIED, FREE).astype(np.int8)
+    x, y = raster.corner.tolist()
+    return Grid(cells, RESOLUTION_M, (x, y, 0.0))
 
 
 def seen_world(grid: Grid, name: str, start: Pose, goal: Pose) -> World:
-    """Return a map that seen_grid() made as a world with a course, which the planner's report ends."""
+    """Return a map that seen_grid() made as a world whose course ends when the planner says so."""
     path = np.array([start[:2], goal[:2]])
     course = Course(start, goal, None, NO_CIRCLE_M, path, planner_ends=True)
     return World(name, np.zeros((0, 3)), boxes(grid), course)
@@ -78,9 +92,11 @@ def seen_world(grid: Grid, name: str, start: Pose, goal: Pose) -> World:
 
 def write_map(grid: Grid, path: str) -> None:
     """Write a map as map_saver does: path.yaml and, beside it, path.pgm."""
-    image = Path(path).with_suffix(".pgm")
-    pixels = np.where(grid.cells[::-1] == OCCUPIED, 0, 254).astype(np.uint8)
     from PIL import Image  # slow, and needed only here
+
+    image = Path(path).with_suffix(".pgm")
+    # An image begins at the top, a map at the bottom.
+    pixels = np.where(grid.cells[::-1] == OCCUPIED, 0, 254).astype(np.uint8)
 
     encoded = io.BytesIO()
     Image.fromarray(pixels).save(encoded, "PPM")
@@ -98,60 +114,96 @@ def write_map(grid: Grid, path: str) -> None:
 
 def _rays(scans: Scans, odometry: Motion, laser_pose: Pose) -> Rays:
     """Return beams of scans that are evenly spread over a drive."""
-    chosen = np.unique(np.linspace(0, len(scans) - 1, SCANS).astype(int))
-    laser_x, laser_y, laser_yaw = laser_pose
+    chosen = np.linspace(0, len(scans) - 1, SCANS).astype(int)
     parts = []
-    for row in chosen:
-        first_angle, increment, range_min, range_max = scans.fan[row]
-        step = max(1, len(scans.ranges[row]) // BEAMS)
-        ranges = scans.ranges[row][::step].astype(float)
-        pose = odometry.pose_at(scans.stamp[row])
-        origin = transform_point(pose, laser_x, laser_y)
-        angles = pose[2] + laser_yaw + first_angle + increment * step * np.arange(len(ranges))
-        is_free = ~np.isfinite(ranges) | (ranges >= range_max)
-        is_return = ~is_free & (ranges >= range_min)
-        # Some lasers report 0 for beams without a return; others are too near to measure.
-        is_valid = is_free | is_return
-        directions = np.column_stack([np.cos(angles), np.sin(angles)])
-        lengths = np.where(is_return, ranges, range_max)
-        origins = np.broadcast_to(origin, directions.shape)
-        parts.append(
-            Rays(origins[is_valid], directions[is_valid], lengths[is_valid], is_return[is_valid])
-        )
-    return Rays(*(np.concatenate(column) for column in zip(*parts)))
+    for row in np.unique(chosen):
+        parts.append(_rays_of(scans, int(row), odometry, laser_pose))
+    return Rays(
+        origins=np.concatenate([rays.origins for rays in parts]),
+        directions=np.concatenate([rays.directions for rays in parts]),
+        lengths=np.concatenate([rays.lengths for rays in parts]),
+        hits=np.concatenate([rays.hits for rays in parts]),
+    )
 
 
-def _passed(rays: Rays, low: np.ndarray, shape: Tuple[int, int]) -> np.ndarray:
+def _rays_of(scans: Scans, row: int, odometry: Motion, laser_pose: Pose) -> Rays:
+    """Return beams of one scan."""
+    first_angle, increment, range_min, range_max = scans.fan[row]
+    # Neighbouring beams of a fine scan end in the same cells.
+    step = max(1, len(scans.ranges[row]) // BEAMS)
+    ranges = scans.ranges[row][::step].astype(float)
+
+    # Some lasers report 0 for beams without a return, and some obstacles are too near to measure:
+    # beams below the smallest range prove nothing.
+    is_free = ~np.isfinite(ranges) | (ranges >= range_max)
+    is_return = ~is_free & (ranges >= range_min)
+    is_valid = is_free | is_return
+
+    x, y, yaw = odometry.pose_at(scans.stamp[row])
+    laser_x, laser_y, laser_yaw = laser_pose
+    origin = transform_point((x, y, yaw), laser_x, laser_y)
+    angles = yaw + laser_yaw + first_angle + increment * step * np.arange(len(ranges))
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    lengths = np.where(is_return, ranges, range_max)
+    origins = np.broadcast_to(origin, directions.shape)
+    return Rays(
+        origins=origins[is_valid],
+        directions=directions[is_valid],
+        lengths=lengths[is_valid],
+        hits=is_return[is_valid],
+    )
+
+
+def _raster_around(points: np.ndarray) -> Raster:
+    """Return the cells of a map that holds points (n, 2) [m] and a margin around them.
+
+    Corners lie on multiples of the resolution, so that maps of one place have the same cells.
+    """
+    low = points.min(axis=0) - MARGIN_M
+    high = points.max(axis=0) + MARGIN_M
+    corner = np.floor(low / RESOLUTION_M) * RESOLUTION_M
+    columns, rows = np.ceil((high - corner) / RESOLUTION_M).astype(int).tolist()
+    return Raster(corner, (rows, columns))
+
+
+def _passed(rays: Rays, raster: Raster) -> np.ndarray:
     """Return how many beams pass through each cell (ny, nx) before they end."""
-    total = np.zeros(shape, int)
+    total = np.zeros(raster.shape, int)
     # The last cell belongs to the end of a beam.
     reach = rays.lengths - RESOLUTION_M
-    for distance in np.arange(0.0, float(reach.max(initial=0.0)), RESOLUTION_M):
+    farthest = float(reach.max(initial=0.0))
+    for distance in np.arange(0.0, farthest, RESOLUTION_M):
         goes_on = reach > distance
         points = rays.origins[goes_on] + distance * rays.directions[goes_on]
-        total += _counts(points, low, shape)
+        total += _counts(points, raster)
     return total
 
 
-def _counts(points: np.ndarray, low: np.ndarray, shape: Tuple[int, int]) -> np.ndarray:
-    """Return the number of points (n, 2) in each cell (ny, nx) of a grid with its lower left corner at low (2,)."""
-    columns, rows = np.floor((points - low) / RESOLUTION_M).astype(int).T
-    is_inside = (columns >= 0) & (rows >= 0) & (columns < shape[1]) & (rows < shape[0])
-    cells = rows[is_inside] * shape[1] + columns[is_inside]
-    return np.bincount(cells, minlength=shape[0] * shape[1]).reshape(shape)
+def _counts(points: np.ndarray, raster: Raster) -> np.ndarray:
+    """Return the number of points (n, 2) [m] in each cell (ny, nx)."""
+    rows_count, columns_count = raster.shape
+    columns, rows = np.floor((points - raster.corner) / RESOLUTION_M).astype(int).T
+    is_inside = (columns >= 0) & (columns < columns_count)
+    is_inside &= (rows >= 0) & (rows < rows_count)
+    # One number for each cell, row after row
+    cells = rows[is_inside] * columns_count + columns[is_inside]
+    counts = np.bincount(cells, minlength=rows_count * columns_count)
+    return counts.reshape(raster.shape)
 
 
-def _driven_over(
-    odometry: Motion, robot: Robot, low: np.ndarray, shape: Tuple[int, int]
-) -> np.ndarray:
+def _driven_over(odometry: Motion, robot: Robot, raster: Raster) -> np.ndarray:
     """Return the cells (ny, nx) within the body of the robot at one of its poses."""
+    # Points on the body at half of a cell's distance, so that no cell between them is missed
     length, width = robot.body.size[:2]
     centre_x, centre_y = robot.body.centre
-    along = np.arange(-length / 2, length / 2 + 1e-9, RESOLUTION_M / 2) + centre_x
-    across = np.arange(-width / 2, width / 2 + 1e-9, RESOLUTION_M / 2) + centre_y
-    x, y = (offsets.ravel() for offsets in np.meshgrid(along, across))
-    over = np.zeros(shape, bool)
+    spacing = RESOLUTION_M / 2
+    along = np.arange(-length / 2, length / 2 + 1e-9, spacing) + centre_x
+    across = np.arange(-width / 2, width / 2 + 1e-9, spacing) + centre_y
+    grid_x, grid_y = np.meshgrid(along, across)
+
+    over = np.zeros(raster.shape, bool)
+    # A robot that stands repeats its pose in every message.
     for pose in np.unique(odometry.pose.round(2), axis=0).tolist():
-        points = np.column_stack(transform_point(pose, x, y))
-        over |= _counts(points, low, shape) > 0
+        x, y = transform_point(pose, grid_x.ravel(), grid_y.ravel())
+        over |= _counts(np.column_stack([x, y]), raster) > 0
     return over

@@ -1,4 +1,4 @@
-"""Topics of a recorded drive: one table of names, message types and conversions, for the reader and the writer."""
+"""Topics of a recorded drive: one table of names, types and conversions, to read and to write."""
 
 from __future__ import annotations
 
@@ -25,7 +25,8 @@ MESSAGES = Path(applr_ros1.__file__).parents[1] / "msg"  # definitions of this p
 DEFINITIONS = {
     "move_base_msgs/msg/MoveBaseResult": "",
     "move_base_msgs/msg/MoveBaseActionResult": (
-        "std_msgs/Header header\nactionlib_msgs/GoalStatus status\nmove_base_msgs/MoveBaseResult result\n"
+        "std_msgs/Header header\nactionlib_msgs/GoalStatus status\n"
+        "move_base_msgs/MoveBaseResult result\n"
     ),
     "move_base_msgs/msg/RecoveryStatus": (
         "geometry_msgs/PoseStamped pose_stamped\nuint16 current_recovery_number\n"
@@ -179,7 +180,7 @@ def pose_of(message: Any) -> Pose:
     return message.position.x, message.position.y, yaw_of(message.orientation)
 
 
-# -- sensors and commands ----------------------------------------------------------------------------------------------
+# -- sensors and commands --------------------------------------------------------------------------
 def _unpack_scan(m: Any) -> Tuple[Any, ...]:
     """Return stamp [ns], frame, fan and ranges of a sensor_msgs/LaserScan."""
     fan = m.angle_min, m.angle_increment, m.range_min, m.range_max
@@ -258,7 +259,7 @@ def _pack_command(maker: Maker, time: float, command: Twist) -> Any:
     return maker.twist(command)
 
 
-# -- planner -----------------------------------------------------------------------------------------------------------
+# -- planner ---------------------------------------------------------------------------------------
 def _unpack_plan(m: Any) -> Tuple[Any, ...]:
     """Return stamp [ns], frame and poses (n, 3) of a nav_msgs/Path."""
     poses = [pose_of(stamped.pose) for stamped in m.poses]
@@ -301,8 +302,9 @@ def _pack_recovery(maker: Maker, time: float, frame: str) -> Any:
 
 
 def _unpack_status(m: Any) -> Tuple[Any, ...]:
-    """Return the id of the running goal of an actionlib_msgs/GoalStatusArray, or "" if no goal is running."""
+    """Return the id of the running goal of an actionlib_msgs/GoalStatusArray, or ""."""
     running = [status.goal_id.id for status in m.status_list if status.status in RUNNING]
+    # A goal that replaces another one comes after it.
     return (running[-1] if running else "",)
 
 
@@ -317,9 +319,8 @@ def _unpack_result(m: Any) -> Tuple[Any, ...]:
 
 
 def _pack_result(maker: Maker, time: float, goal: str, code: int) -> Any:
-    nothing = maker.make(
-        "move_base_msgs/msg/MoveBaseResult", 0
-    )  # rosbags gives an empty type one field.
+    # rosbags gives an empty type one field.
+    nothing = maker.make("move_base_msgs/msg/MoveBaseResult", 0)
     status = maker.goal_status(goal, code)
     return maker.make(
         "move_base_msgs/msg/MoveBaseActionResult", maker.header(time, ""), status, nothing
@@ -335,33 +336,41 @@ def _pack_goal(maker: Maker, time: float, pose: Pose, frame: str) -> Any:
     return maker.stamped_pose(time, frame, pose)
 
 
-# -- decisions and contacts --------------------------------------------------------------------------------------------
+# -- decisions and contacts ------------------------------------------------------------------------
 def _unpack_decision(m: Any) -> Tuple[Any, ...]:
-    """Return goal, stamps [ns] of decision and scan, parameters before and after, and the inputs of a decision."""
+    """Return the fields of a Decision: goal, stamps [ns], parameters, inputs.
+
+    The stamps are those of the decision and of its scan. The parameters are those before and after.
+    """
     before = dict(zip(m.before.names, m.before.values.tolist()))
     after = dict(zip(m.after.names, m.after.values.tolist()))
-    if not hasattr(
-        m, "ranges"
-    ):  # Decisions of older versions had a finished observation instead of its inputs.
-        return m.goal, nanoseconds_of(m.header.stamp), nanoseconds_of(m.scan), before, after, None
-    scan = m.ranges.astype(np.float32), m.angle_min, m.angle_increment
-    movers = np.column_stack(
-        [np.float64(getattr(m.movers, name)) for name in ("x", "y", "vx", "vy")]
-    )
-    pose = m.x, m.y, m.yaw
-    goal = m.goal_x, m.goal_y, m.goal_yaw
-    plan = np.column_stack([m.plan_x, m.plan_y])
-    seen = Seen(scan, m.elapsed, pose, (m.v, m.w), goal, plan, movers)
+    # Decisions of older versions had a finished observation instead of its inputs.
+    seen = _unpack_seen(m) if hasattr(m, "ranges") else None
     return m.goal, nanoseconds_of(m.header.stamp), nanoseconds_of(m.scan), before, after, seen
+
+
+def _unpack_seen(m: Any) -> Seen:
+    """Return the inputs of a decision."""
+    movers = np.column_stack([m.movers.x, m.movers.y, m.movers.vx, m.movers.vy])
+    return Seen(
+        scan=(m.ranges.astype(np.float32), m.angle_min, m.angle_increment),
+        time=m.elapsed,
+        pose=(m.x, m.y, m.yaw),
+        twist=(m.v, m.w),
+        goal=(m.goal_x, m.goal_y, m.goal_yaw),
+        plan=np.column_stack([m.plan_x, m.plan_y]),
+        movers=movers.astype(np.float64),
+    )
 
 
 def _pack_decision(
     maker: Maker, time: float, frame: str, number: int, decision: Decision, scale: float
 ) -> Any:
-    """Return msg/Decision.msg. `scale` is the robot's size relative to the Jackal's: how far a policy looks."""
+    """Return msg/Decision.msg. `scale` is the robot's size relative to the Jackal's."""
     header = maker.header(time, frame)
     seen = decision.seen
     assert seen is not None
+    # A policy looks along the plan for a distance in its robot's size.
     plan_x, plan_y = beginning(seen.plan, seen.pose, FARTHEST_M * scale).T.copy()
     movers = maker.make(
         "applr_ros1/msg/Movers", header, *seen.movers.T.copy(), np.zeros(len(seen.movers))

@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Dict, List, NamedTuple, Optional
+from typing import TYPE_CHECKING, Dict, List, NamedTuple, Optional
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from applr_ros1.drives.drive import Transforms
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+NO_TURN = (0.0, 0.0, 0.0, 1.0)  # quaternion of no rotation
+
+
+def rotations(quaternions: np.ndarray) -> Rotation:
+    """Return the rotations of quaternions (n, 4) x, y, z, w."""
+    # The import takes half a second, and only bags with tf need it.
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_quat(quaternions)
 
 
 class Placement(NamedTuple):
@@ -25,7 +37,9 @@ class Placement(NamedTuple):
     def planar(self) -> np.ndarray:
         """Poses (n, 3) x, y [m], yaw [rad], the yaw as in common.angles.yaw_of."""
         x, y, z, w = self.rotation.as_quat().T
-        yaw = np.arctan2(2.0 * (x * y + w * z), w * w + x * x - y * y - z * z)
+        sine = 2.0 * (x * y + w * z)
+        cosine = w * w + x * x - y * y - z * z
+        yaw = np.arctan2(sine, cosine)
         return np.column_stack([self.position[:, :2], yaw])
 
     def compose(self, inner: Placement) -> Placement:
@@ -60,19 +74,23 @@ class Link:
         self._place = transforms.place[order].copy()
 
         # A quaternion and its opposite are one rotation; neighbours get one sign for interpolation.
-        turns = self._place[:, 3:]
-        dots = (turns[1:] * turns[:-1]).sum(axis=1)
-        signs = np.cumprod(np.concatenate([[1.0], np.where(dots < 0.0, -1.0, 1.0)]))
-        turns *= signs[:, None]
+        quaternions = self._place[:, 3:]
+        products = (quaternions[1:] * quaternions[:-1]).sum(axis=1)
+        changes_of_sign = np.where(products < 0.0, -1.0, 1.0)
+        signs = np.cumprod(np.concatenate([[1.0], changes_of_sign]))
+        quaternions *= signs[:, None]
 
     def at(self, stamps: np.ndarray) -> Placement:
-        """Return the places at some times (n,) [s], interpolated, and outside of the record the nearest."""
+        """Return the places at some times (n,) [s], interpolated.
+
+        Outside of the record, the nearest one holds.
+        """
         if self.is_static:
             place = np.repeat(self._place[-1:], len(stamps), axis=0)
         else:
             columns = [np.interp(stamps, self.stamp, column) for column in self._place.T]
             place = np.column_stack(columns)
-        return Placement(place[:, :3], Rotation.from_quat(place[:, 3:]))
+        return Placement(place[:, :3], rotations(place[:, 3:]))
 
 
 class Tree:
@@ -102,18 +120,20 @@ class Tree:
         return self._below(common, outer, stamps).inverse().compose(place_of_inner)
 
     def busiest(self, outer: str, inner: str) -> Optional[Link]:
-        """Return the link with the most messages between two frames; None if nothing moves there."""
+        """Return the link with the most messages between two frames, or None if nothing moves."""
         common = self._common(outer, inner)
         if common is None:
             return None
-        moving = []
+        moving_links = []
         for end in (outer, inner):
             for frame in self._upwards(end):
+                # Above the common frame, links place both frames alike.
                 if frame == common:
                     break
-                if not self._links[frame].is_static:
-                    moving.append(self._links[frame])
-        return max(moving, key=lambda link: len(link.stamp), default=None)
+                link = self._links[frame]
+                if not link.is_static:
+                    moving_links.append(link)
+        return max(moving_links, key=lambda link: len(link.stamp), default=None)
 
     def _common(self, outer: str, inner: str) -> Optional[str]:
         """Return the lowest frame below which both frames are."""
@@ -136,7 +156,7 @@ class Tree:
     def _below(self, outer: str, inner: str, stamps: np.ndarray) -> Placement:
         """Return the places of a frame in one of those above it."""
         count = len(stamps)
-        place = Placement(np.zeros((count, 3)), Rotation.identity(count))
+        place = Placement(np.zeros((count, 3)), rotations(np.tile(NO_TURN, (count, 1))))
         frame = inner
         while frame != outer:
             link = self._links[frame]

@@ -26,9 +26,8 @@ from training.bags.topics import (
 BEGIN_S = 1.0  # ROS time of a bag's first drive, because 0 means "no time" [s]
 PAUSE_S = 5.0  # time between two drives of a bag [s]
 
-Entry = Tuple[
-    float, str, Tuple[Any, ...], str
-]  # time [s], channel, fields of its `pack`, planner or server
+# Time [s], channel, fields of its `pack`, and planner or server
+Entry = Tuple[float, str, Tuple[Any, ...], str]
 
 
 class BagWriter:
@@ -79,7 +78,10 @@ class BagWriter:
         self._begin = offset + entries[-1][0] + PAUSE_S
 
     def put(self, channel: str, time: float, *fields: Any, part: str = "*") -> None:
-        """Write a message of a channel (topics.CHANNELS) at `time` [s]. `part` names its planner or server."""
+        """Write a message of a channel (topics.CHANNELS) at `time` [s].
+
+        `part` names its planner or server.
+        """
         kind = CHANNELS[channel].type
         message = CHANNELS[channel].pack(self._maker, time, *fields)
         topic = topic_of(channel, self.topics, part)
@@ -97,7 +99,10 @@ def write(
     robot: Robot = JACKAL,
     topics: TopicNames | None = None,
 ) -> Path:
-    """Write drives as a bag, one after the other, each with the columns that it has. Return the path."""
+    """Write drives as a bag, one after the other, with the columns that they have.
+
+    Return the path.
+    """
     with BagWriter(path, robot, topics or TopicNames.of(robot)) as writer:
         for drive in drives:
             writer.write(drive)
@@ -105,7 +110,7 @@ def write(
 
 
 def _entries(drive: Drive, robot: Robot) -> List[Entry]:
-    """Return the messages of a drive, those of one time in the order in which a stack would publish them."""
+    """Return the messages of a drive, those of one time in the order of a stack."""
     entries: List[Entry] = []
 
     def add(channel: str, time: float, *fields: Any, part: str = "*") -> None:

@@ -11,18 +11,17 @@ DWAPlannerROS does so with its default parameters.
 from __future__ import annotations
 
 import math
-from typing import Any, Dict, Iterator, List, Sequence, Tuple
+from typing import Any, Dict, List, Sequence, Tuple
 
 import numpy as np
 
 import sim_bridge
-from applr_ros1.common.trees import branch
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import Robot, check
 from applr_ros1.robots.check import Remark
 from training.env.episode import Episode, counting_cells
+from training.why.candidates import single_candidates, with_changes
 from training.why.reasons import STANDS, failure_of
 from worlds import Course, World
 from worlds.world import NO_CIRCLE_M
@@ -37,17 +36,6 @@ NO_REMEDY = (
     "compare footprint, body, laser and base in robot.yaml"
 )
 SEED = 1
-FACTORS = (  # (parameter, factor on its value), in the order of the attempts
-    ("occdist_scale", 0.1),
-    ("occdist_scale", 0.01),
-    ("sim_time", 1.5),
-    ("sim_time", 0.6),
-    ("max_vel_x", 0.5),
-    ("goal_distance_bias", 3.0),
-    ("path_distance_bias", 0.3),
-    ("vx_samples", 3.0),
-)
-GOAL_TOLERANCE = 0.2  # tried tolerance of the goal [m, rad]
 
 
 def courses(robot: Robot) -> List[World]:
@@ -164,9 +152,12 @@ def remedy(robot: Robot, known: Sequence[Remark], failed: Sequence[str]) -> str:
             return f"{_lines(attempt)}; once this is corrected, all four courses succeed"
 
     faults = f"{_lines(known)}; once this is corrected, " if known else ""
-    for change, changed in changes(corrected(robot, known)):
-        if succeeds(changed):
-            return f"{faults}all four courses succeed if you {change.advice}"
+    without_faults = corrected(robot, known)
+    for candidate in single_candidates(without_faults):
+        name = f"{without_faults.name} with {candidate}"
+        if succeeds(with_changes(without_faults, candidate.changes, name)):
+            advice = candidate.changes[0].advice
+            return f"{faults}all four courses succeed if you {advice}"
     return faults + NO_REMEDY
 
 
@@ -185,39 +176,3 @@ def _is_within_space(robot: Robot) -> bool:
 
 def _lines(remarks: Sequence[Remark]) -> str:
     return "; ".join(remark.line for remark in remarks)
-
-
-def changes(robot: Robot) -> Iterator[Tuple[Change, Robot]]:
-    """Yield changes of a single parameter: the change, and the robot with this change."""
-    tree = robot.all_parameters()
-    for places, wanted in _values(robot, tree):
-        server, name = places[0]
-        default = branch(tree, server)[name]
-        change = Change(server, name, default, type(default)(wanted))
-        if change.after == change.before:
-            continue
-        # A parameter of the space may stand in several places, which follow it together.
-        made: Dict[str, Any] = {}
-        for place, alias in places:
-            branch(made, place, create=True)[alias] = change.after
-        yield change, robot.with_parameters(made, f"{robot.name} with {change}")
-
-
-def _values(robot: Robot, tree: Dict[str, Any]) -> Iterator[Tuple[List[Tuple[str, str]], float]]:
-    """Yield the values to try, each with all its places [(server, name), ...] in move_base."""
-    space = {parameter.name: parameter for parameter in robot.space}
-    for name, factor in FACTORS:
-        if name not in space:
-            continue
-        parameter = space[name]
-        places = [(setting.server, alias) for setting in parameter.sets for alias in setting.names]
-        server, first = places[0]
-        value = float(f"{factor * branch(tree, server)[first]:.2g}")
-        yield places, min(max(value, parameter.low), parameter.high)
-
-    planner, base = robot.local_planner, robot.base
-    yield [(planner, "acc_lim_x")], base.max_acceleration
-    yield [(planner, "acc_lim_theta")], base.max_yaw_acceleration
-    yield [(planner, "yaw_goal_tolerance")], GOAL_TOLERANCE
-    yield [(planner, "xy_goal_tolerance")], GOAL_TOLERANCE
-    yield [("", "planner_frequency")], 1.0

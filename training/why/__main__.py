@@ -1,4 +1,4 @@
-"""Explains why a robot stopped: what happened, why, and what helps, which was driven before it is said.
+"""Explains why a robot stopped: what happened, why, and what helps when it is driven.
 
 Run it as `./applr why BAG` or `python -m training.why BAG`. The recorded drive is replayed through
 move_base's local planner, cycle by cycle. Changes of parameters are then driven in simulation, in
@@ -30,10 +30,10 @@ with extra(__name__):
     from training.workers.pool import Pool
 
 METHOD = (
-    "The recorded drive was replayed through the local planner, cycle by cycle, on the map that the "
-    "laser built. Changes were driven from the recorded start to the goal in simulation, in the "
-    "world that the laser saw: a change is advised only if it is a tenth faster with seeds that "
-    "did not choose it."
+    "The recorded drive was replayed through the local planner, cycle by cycle, on the map that "
+    "the laser built. Changes were driven from the recorded start to the goal in simulation, in "
+    "the world that the laser saw: a change is advised only if it is a tenth faster with seeds "
+    "that did not choose it."
 )
 SCRIPTS = (Path(__file__).with_name("why.js"),)
 
@@ -41,31 +41,31 @@ SCRIPTS = (Path(__file__).with_name("why.js"),)
 class WhyOptions(RecordedOptions):
     """Options of a replay."""
 
-    # fmt: off
-    bag: List[str] = argument("Bag of a drive, of ROS 1 or ROS 2. Further bags are compared with the first.")
-    at: Optional[float] = option(None, "Time in the bag to explain, whatever happened then [s].", ge=0)
-    out: str = option("", "HTML page to write, with map, path, events and the trajectories of their cycles.")
-    quick: bool = option(False, "Leave out the drives in simulation: only the replay ranks changes of parameters.")
-    map: str = option("", "Map to write of what the laser saw, MAP.yaml, in which demo, evaluate and tune can drive.")
-    workers: int = option(2, "Number of processes that drive in simulation; 0 uses this one.", ge=0, le=64)
+    bag: List[str] = argument(
+        "Bag of a drive, of ROS 1 or ROS 2. Further bags are compared with the first."
+    )
+    at: Optional[float] = option(
+        None, "Time in the bag to explain, whatever happened then [s].", ge=0
+    )
+    out: str = option(
+        "", "HTML page to write, with map, path, events and the trajectories of their cycles."
+    )
+    quick: bool = option(
+        False, "Leave out the drives in simulation: only the replay ranks changes of parameters."
+    )
+    map: str = option(
+        "",
+        "Map to write of what the laser saw, MAP.yaml, in which demo, evaluate and tune can drive.",
+    )
+    workers: int = option(
+        2, "Number of processes that drive in simulation; 0 uses this one.", ge=0, le=64
+    )
     json_: bool = option(False, "Print a JSON object instead of text.")
-    # fmt: on
 
 
 def run(options: WhyOptions) -> None:
     """Replay the bags and print the diagnosis."""
-    replays = []
-    for path in bags_in(options.bag):
-        replays.append(Replay(options.robot))
-        drive = drive_of(path, options)
-        for note in drive.notes:
-            print(f"{path}: {note}", file=sys.stderr)
-        replays[-1].run(drive)
-        if not replays[-1].cycles:
-            raise ApplrError(
-                f"{path}: no command has a plan, a scan and odometry: record the drive from its beginning"
-            )
-    first = replays[0]
+    first, *others = [_replayed(path, options) for path in bags_in(options.bag)]
     if options.map:
         write_map(seen_grid(first.drive, options.robot), options.map)
     if options.quick:
@@ -73,8 +73,9 @@ def run(options: WhyOptions) -> None:
     else:
         with Pool(options.workers) as pool:
             diagnosis = diagnose(first, options.at, pool)
+
     lines = lines_of(diagnosis)
-    for other in replays[1:]:
+    for other in others:
         lines += compared(first, other)
     values = {**values_of(diagnosis), "lines": lines}
     print(json.dumps(values) if options.json_ else "\n".join(lines))
@@ -88,6 +89,23 @@ def run(options: WhyOptions) -> None:
             measured=[values["sure"], METHOD],
         )
         write_bytes(options.out, page.html())
+
+
+def _replayed(path: Path, options: WhyOptions) -> Replay:
+    """Return the replay of the drive in a bag."""
+    # A robot whose files are wrong is reported before a long bag is read.
+    replay = Replay(options.robot)
+    drive = drive_of(path, options)
+    # On stderr, so that --json prints nothing but the object
+    for note in drive.notes:
+        print(f"{path}: {note}", file=sys.stderr)
+    replay.run(drive)
+    if not replay.cycles:
+        raise ApplrError(
+            f"{path}: no command has a plan, a scan and odometry: "
+            "record the drive from its beginning"
+        )
+    return replay
 
 
 def main(arguments: Optional[List[str]] = None) -> int:

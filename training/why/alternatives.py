@@ -1,4 +1,4 @@
-"""Alternatives: how the planner would have driven on from recorded cycles with another value of one parameter.
+"""Alternatives: how the planner would have driven on with another value of one parameter.
 
 From each cycle, the planner drives on for AHEAD control cycles on the recorded map; its commands
 are followed exactly.
@@ -27,13 +27,27 @@ FEW = 2  # step between the cycles from which a value is tried first
 ELSEWHERE = 4  # number of alternatives that are also driven from cycles outside the events
 LITTLE = 0.01  # gain of speed up to which an alternative does not count [m/s]
 WITHIN = 0.8  # share of the largest gain from which on alternatives are nearly equal
-# Parameters that are not tried, because they set the speed that is wanted, forbid to be slow, or
-# cannot free a robot
+# Parameters that are not tried
 LEFT_OUT = (
-    "restore_defaults", "enabled", "acc_lim_y", "vy_samples", "holonomic_robot", "max_vel_x", "min_vel_x",
-    "max_vel_trans", "min_vel_trans", "escape_vel", "dwa", "use_dwa", "prune_plan", "xy_goal_tolerance",
+    # They set the speed that is wanted, or forbid to be slow.
+    "max_vel_x",
+    "max_vel_trans",
+    "min_vel_x",
+    "min_vel_trans",
+    "escape_vel",
+    # The owner says when a goal is reached.
+    "xy_goal_tolerance",
     "yaw_goal_tolerance",
-)  # fmt: skip
+    # They cannot free a robot with differential drive.
+    "restore_defaults",
+    "enabled",
+    "acc_lim_y",
+    "vy_samples",
+    "holonomic_robot",
+    "dwa",
+    "use_dwa",
+    "prune_plan",
+)
 
 
 class Result(NamedTuple):
@@ -97,12 +111,14 @@ class Alternative:
 
 
 def _distance(a: float, b: float) -> float:
-    """Return the logarithm of the ratio of two values; their difference if one is 0 or the signs differ."""
-    return abs(math.log(a / b)) if a * b > 0 else abs(a - b)
+    """Return the logarithm of the ratio of two values, or their difference if they have none."""
+    if a * b > 0:
+        return abs(math.log(a / b))
+    return abs(a - b)
 
 
 def changes_to_try(replay: Replay) -> List[Change]:
-    """Return changes of the local planner's parameters and of those of the local inflation layers."""
+    """Return changes of parameters of the local planner and of the local inflation layers."""
     layers = [f"local_costmap/{layer.name}" for layer in replay.costmap.inflation_layers]
     changes = []
     for server in (replay.server, *layers):
@@ -116,16 +132,21 @@ def changes_to_try(replay: Replay) -> List[Change]:
 
 
 def _others(parameter: Parameter, value: Any) -> List[Any]:
-    """Return the values to try instead of one: C++'s default, and twice and half the value, not beyond the default."""
-    others = {parameter.default}
+    """Return the values to try instead of one: C++'s default, twice and half the value.
+
+    None of them lies beyond the default, where a change that helps is rarely found first.
+    """
+    default = parameter.default
+    others = {default}
     if not isinstance(value, bool):
         for factor in FACTORS:
             other = parameter.convert(value * factor)
-            if min(value, other) < parameter.default < max(value, other):
-                other = parameter.default
+            if min(value, other) < default < max(value, other):
+                other = default
             others.add(parameter.clamp(other))
     if isinstance(value, float):
-        others = {other for other in others if abs(other - value) >= LEAST_CHANGE * abs(value)}
+        least = LEAST_CHANGE * abs(value)
+        others = {other for other in others if abs(other - value) >= least}
     return sorted(others - {value})
 
 
@@ -147,8 +168,12 @@ def drive_on(
         replay.costmap.restore(cycle.map, cycle.pose)
         replay.begin(cycle)
         track = _track(replay, cycle)
-        distances = np.hypot(*(track[::4, None] - lethal_points(replay)).T)
-        results.append((_speed_along(cycle.plan, track, replay), distances.min(initial=np.inf)))
+        # Every fourth position is near enough to the next one: 0.1 m at 0.5 m/s.
+        offsets = track[::4, None] - lethal_points(replay)
+        distances = np.hypot(offsets[..., 0], offsets[..., 1])
+        speed = _speed_along(cycle.plan, track, replay)
+        results.append((speed, distances.min(initial=np.inf)))
+    # Without cycles there are no rows, but two columns.
     return np.array(results).reshape(-1, 2)
 
 
@@ -157,6 +182,7 @@ def _track(replay: Replay, cycle: Cycle) -> np.ndarray:
     poses = [cycle.pose]
     twist = cycle.twist
     while len(poses) <= AHEAD:
+        # The base is taken to reach each command at once.
         twist = replay.local.compute_velocity(poses[-1], twist, replay.costmap)[1]
         v, w = twist
         poses.append(arc(poses[-1], v, w, replay.period))
@@ -166,22 +192,28 @@ def _track(replay: Replay, cycle: Cycle) -> np.ndarray:
 def _speed_along(plan: np.ndarray, track: np.ndarray, replay: Replay) -> float:
     """Return the mean speed of a track along a plan (n, 3) [m/s]."""
     points = plan[:, :2]
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    way = np.concatenate([[0.0], steps.cumsum()])  # way along the plan to each of its poses [m]
-    begin = np.hypot(*(points - track[0]).T).argmin()
-    end = np.hypot(*(points - track[-1]).T).argmin()
+    steps = np.diff(points, axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    way = np.concatenate([[0.0], lengths.cumsum()])  # way along the plan to each of its poses [m]
+
+    # Way between the poses of the plan that are nearest to both ends of the track
+    from_begin = points - track[0]
+    from_end = points - track[-1]
+    begin = np.hypot(from_begin[:, 0], from_begin[:, 1]).argmin()
+    end = np.hypot(from_end[:, 0], from_end[:, 1]).argmin()
     gained = float(way[end] - way[begin])
     speed: float = gained / (AHEAD * replay.period)
     return speed
 
 
 def together(settings: Settings, change: Change) -> Tuple[Change, ...]:
-    """Return a change with the one that belongs to it: symmetric limits of the turn rate stay so."""
+    """Return a change with the one that belongs to it: symmetric limits of turns stay symmetric."""
     if change.name != "max_vel_theta":
         return (change,)
     values = settings[change.server]
-    low, high = values["min_vel_theta"], values["max_vel_theta"]
-    if low != -high:
+    # DWAPlannerROS has a least turn rate of this name, which is positive.
+    low = values["min_vel_theta"]
+    if low != -values["max_vel_theta"]:
         return (change,)
     return change, Change(change.server, "min_vel_theta", low, -change.after)
 
@@ -192,10 +224,15 @@ def best_changes(
     cycles: Sequence[Cycle],
     others: Sequence[Cycle],
 ) -> List[Alternative]:
-    """Return, of each parameter, the best change with which the planner would have driven on faster from some cycles.
+    """Return the best change of each parameter with which the planner drives on faster.
 
     Changes that bring the robot nearer to obstacles than its inscribed circle are left out.
-    `others` are cycles outside the events.
+
+    Args:
+        replay: Replayed drive.
+        changes_tried: Changes to try.
+        cycles: Cycles from which the planner drives on.
+        others: Cycles outside the events, where a change should do no harm.
     """
     if not len(cycles):
         return []
@@ -209,6 +246,7 @@ def best_changes(
         in_force = cycles[0].settings[tried.server][tried.name]
         change = tried._replace(before=in_force)
         with suppress(ApplrError):  # The value may contradict that of another parameter.
+            # Most changes do nothing, which some of the cycles show.
             after = drive_on(replay, cycles[::FEW], change)
             if (after[:, 0] - before[::FEW, 0]).mean() <= LITTLE:
                 continue

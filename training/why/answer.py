@@ -1,4 +1,4 @@
-"""Answer of `./applr why` in the words of a person: what happened and why, what to change, and how sure that is."""
+"""Answer of `./applr why` in words: what happened, why, what to change, and how sure that is."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ STOPS_M = 0.05  # motion within it [m]
 
 
 def lines_of(diagnosis: Diagnosis) -> List[str]:
-    """Return the answer for a terminal: what happened, what to change, how sure, and then the rest."""
+    """Return the answer for a terminal: what happened, what to change, how sure, then the rest."""
     lines = [what_happened(diagnosis), *advice(diagnosis), how_sure(diagnosis)]
-    others = [event for event in diagnosis.events if event is not diagnosis.longest]
+    longest = diagnosis.longest
+    others = [event for event in diagnosis.events if event is not longest]
     others.sort(key=lambda event: -event.seconds)
     if others:
         lines.append("Other events:")
@@ -42,9 +43,12 @@ def what_happened(diagnosis: Diagnosis) -> str:
     if diagnosis.longest is not None:
         return sentence(diagnosis.longest)
     odometry = diagnosis.replay.odometry
-    top = float(diagnosis.replay.limits().speed.mean())
-    mean = float(np.abs(odometry.twist[:, 0]).mean())
-    return f"The robot did not stop: its mean speed is {mean:.2f} m/s, max_vel_x {top:.2f} m/s."
+    top_speed = diagnosis.replay.top_speed
+    mean_speed = float(np.abs(odometry.twist[:, 0]).mean())
+    return (
+        f"The robot did not stop: its mean speed is {mean_speed:.2f} m/s, "
+        f"max_vel_x {top_speed:.2f} m/s."
+    )
 
 
 def headline(diagnosis: Diagnosis) -> str:
@@ -62,7 +66,10 @@ def sentence(event: Event) -> str:
 
 
 def advice(diagnosis: Diagnosis) -> List[str]:
-    """Return what to change, and what that did when it was driven; nothing for a drive without events."""
+    """Return what to change, and what that did when it was driven.
+
+    There is none for a drive without events, and for one that was nearly as fast as possible.
+    """
     if diagnosis.longest is None or diagnosis.part is not None:
         return []
     trials = diagnosis.trials
@@ -71,13 +78,22 @@ def advice(diagnosis: Diagnosis) -> List[str]:
     if trials is not None and trials.remedy is not None:
         remedy = trials.remedy
         return [f"Try {remedy.candidate}: {remedy}; with the recorded values {trials.recorded}."]
-    guess = ""
-    top = float(diagnosis.replay.limits().speed.mean())
-    if diagnosis.guesses and diagnosis.guesses[0].gain >= GUESS_SHARE * top:
-        guess = f" The replay's guess: {diagnosis.guesses[0].change}."
+    sentences = []
     if trials is not None:
-        return [f"Nothing that was tried helped.{guess}"]
-    return [guess.strip()] if guess else []
+        sentences.append("Nothing that was tried helped.")
+    guess = _guess(diagnosis)
+    if guess:
+        sentences.append(f"The replay's guess: {guess}.")
+    return [" ".join(sentences)] if sentences else []
+
+
+def _guess(diagnosis: Diagnosis) -> str:
+    """Return the change that the replay ranks first, or "" if it gains too little."""
+    if not diagnosis.guesses:
+        return ""
+    first = diagnosis.guesses[0]
+    is_worth_a_try = first.gain >= GUESS_SHARE * diagnosis.replay.top_speed
+    return str(first.change) if is_worth_a_try else ""
 
 
 def how_sure(diagnosis: Diagnosis) -> str:
@@ -101,15 +117,26 @@ def how_sure(diagnosis: Diagnosis) -> str:
 def stops_near(tried: Tried, event: Event, reach: float) -> bool:
     """Return whether one of the simulated drives stands within reach [m] of an event."""
     for drive in tried.drives:
+        # Where the robot is at each time, and STOPS_S later
         times = drive.path[:, 0]
         places = drive.path[:, 1:]
-        later = np.searchsorted(times, times + STOPS_S)
-        is_inside = later < len(times)
-        moved = np.hypot(*(places[later[is_inside]] - places[is_inside]).T)
-        stands = places[is_inside][moved < STOPS_M]
-        if len(stands) and np.hypot(*(stands - event.place).T).min() <= reach:
+        later_rows = np.searchsorted(times, times + STOPS_S)
+        has_later = later_rows < len(times)
+        begins = places[has_later]
+        ends = places[later_rows[has_later]]
+
+        moved = _distances(ends, begins)
+        stops = begins[moved < STOPS_M]
+        if (_distances(stops, np.array(event.place)) <= reach).any():
             return True
     return False
+
+
+def _distances(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return the distances (n,) [m] of points (n, 2) from others (n, 2), or from one (2,)."""
+    offsets = points - others
+    distances: np.ndarray = np.hypot(offsets[:, 0], offsets[:, 1])
+    return distances
 
 
 def tried_rows(diagnosis: Diagnosis) -> List[str]:
@@ -132,7 +159,9 @@ def values_of(diagnosis: Diagnosis) -> Dict[str, Any]:
     assert scans is not None
     chosen = np.linspace(0, len(scans) - 1, SCANS).astype(int)
     points = np.concatenate([replay.cloud(index).points[:, :2] for index in chosen])
+    cells = np.unique(np.rint(points / CELL_M), axis=0)
     # The measured motion, not the commands: a robot that stands may be told to drive.
+    # Columns: time [s], x, y [m] in the odometry frame, forward speed [m/s]
     odometry = replay.odometry
     track = np.column_stack([odometry.time, odometry.pose[:, :2], odometry.twist[:, 0]])
     goal = goal_of(replay.drive)
@@ -146,9 +175,9 @@ def values_of(diagnosis: Diagnosis) -> Dict[str, Any]:
         **_trials_values(diagnosis.trials),
         "alternatives": [str(alternative) for alternative in diagnosis.guesses],
         "events": [_event_values(diagnosis, row) for row in range(len(diagnosis.events))],
-        "map": (np.unique(np.rint(points / CELL_M), axis=0) * CELL_M).round(2).tolist(),
+        "map": (cells * CELL_M).round(2).tolist(),
         "track": _thinned(track),
-        "top_speed": float(replay.limits().speed.mean()),
+        "top_speed": replay.top_speed,
         "plan": np.round(_first_plan(replay.drive)[:, :2], 2).tolist(),
         "goal": goal[:2] if goal is not None else None,
         "footprint": replay.costmap.footprint.round(3).tolist(),
@@ -183,10 +212,12 @@ def _tried_values(tried: Tried) -> Dict[str, Any]:
 
 
 def _thinned(track: np.ndarray) -> List[List[float]]:
-    """Return rows of a track (n, k), whose first column is the time [s], at least TRACK_S apart."""
+    """Return rows of a track (n, k), whose first column is the time [s], one in each TRACK_S."""
     steps = np.floor(track[:, 0] / TRACK_S)
-    _, first = np.unique(steps, return_index=True)
-    rows: List[List[float]] = np.round(track[first].astype(np.float64), 2).tolist()
+    _, first_rows = np.unique(steps, return_index=True)
+    # float32 rows of a simulated path would be printed with all their digits.
+    thinned = track[first_rows].astype(np.float64)
+    rows: List[List[float]] = np.round(thinned, 2).tolist()
     return rows
 
 

@@ -1,4 +1,4 @@
-"""Candidates for a remedy: changes of values that can be set while move_base runs, and of values in its files."""
+"""Candidates for a remedy: changes of move_base's values, live and in files, worth a drive."""
 
 from __future__ import annotations
 
@@ -11,13 +11,29 @@ from applr_ros1.common.files import yaml_value
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.robots import Robot
-from applr_ros1.robots.geometry import bounding_box
+from applr_ros1.robots.geometry import Box, bounding_box
 
 COSTMAPS = ("local_costmap", "global_costmap")
 LEAST_CHANGE = 0.1  # smallest relative change that is tried
 CPP_PADDING_M = 0.01  # default of the C++ costmap
 CPP_RATE_HZ = 20.0  # default of the C++ move_base
+CPP_OBSTACLE_RANGE_M = 2.5  # defaults of C++'s obstacle layer
+CPP_RAYTRACE_RANGE_M = 3.0
+CPP_INFLATION_M = 0.55  # default of C++'s inflation layer
 LARGER_M = 0.05  # excess of a footprint over the body from which on the body's outline is tried [m]
+# Changes of single parameters that are tried if no drive tells more: (parameter of the robot's
+# space, factor on its value), in the order of the attempts. The first ones free most robots.
+FACTORS = (
+    ("occdist_scale", 0.1),
+    ("occdist_scale", 0.01),
+    ("sim_time", 1.5),
+    ("sim_time", 0.6),
+    ("max_vel_x", 0.5),
+    ("goal_distance_bias", 3.0),
+    ("path_distance_bias", 0.3),
+    ("vx_samples", 3.0),
+)
+GOAL_TOLERANCE = 0.2  # tolerance of the goal that is tried [m, rad]
 
 
 class Candidate(NamedTuple):
@@ -35,9 +51,12 @@ class Candidate(NamedTuple):
     def __str__(self) -> str:
         if self.words:
             return self.words
+        # The same change of both costmaps is said once.
         distinct = dict.fromkeys(map(str, self.changes))
-        both = len(distinct) < len(self.changes)
-        return ", ".join(distinct) + " in both costmaps" * both
+        words = ", ".join(distinct)
+        if len(distinct) < len(self.changes):
+            words += " in both costmaps"
+        return words
 
     @property
     def departure(self) -> float:
@@ -54,17 +73,21 @@ def with_changes(robot: Robot, changes: Sequence[Change], name: str) -> Robot:
     """Return the robot under another name, with changed values in its files."""
     tree: Dict[str, Any] = {}
     for change in changes:
-        branch(tree, _section(robot, change.server), create=True)[change.name] = change.after
+        section = branch(tree, _section(robot, change.server), create=True)
+        section[change.name] = change.after
     return robot.with_parameters(tree, name)
 
 
 def _section(robot: Robot, server: str) -> str:
-    """Return where the files have the values of a server.
+    """Return the section of the robot's files that has the values of a server.
 
-    Without a list of layers, a costmap makes its layers itself, from values beside its own.
+    A costmap whose files do not list layers makes the usual ones. They read their values from the
+    costmap's own section, and a section of their own would have no effect.
     """
     costmap, _, layer = server.partition("/")
-    if layer and "plugins" not in branch(robot.parameters(), costmap):
+    # Not all_parameters(): it gives every costmap a list of layers, whatever the files have.
+    in_files = branch(robot.parameters(), costmap)
+    if layer and "plugins" not in in_files:
         return costmap
     return server
 
@@ -74,46 +97,69 @@ def recorded_changes(robot: Robot, settings: Settings) -> List[Change]:
     in_files = Settings.from_tree(robot.all_parameters())
     changes = []
     for change in in_files.differences(settings):
+        # A server that the drive does not tell about keeps the files' values, and so do texts,
+        # such as frames: they are not set while a robot drives.
         if change.after is not None and not isinstance(change.after, str):
             changes.append(change)
     return changes
 
 
+class Rated(NamedTuple):
+    """Candidate with its departure from the usual value, as the natural logarithm of a ratio."""
+
+    departure: float
+    candidate: Candidate
+
+
 def file_candidates(robot: Robot) -> List[Candidate]:
-    """Return changes of values in the robot's files, those that depart most from the usual value first.
+    """Return changes of values in the robot's files, those farthest from the usual value first.
 
     Never less padding than C++'s default, nor a footprint smaller than the body.
     """
     tree = robot.all_parameters()
-    found = [*_footprints(robot, tree), *_paddings(tree), *_ranges(tree)]
-    found += [*_windows(tree), *_inflations(tree), *_rates(tree)]
-    found.sort(key=lambda pair: -pair[0])
-    return [candidate for _, candidate in found]
-
-
-Rated = Tuple[float, Candidate]  # departure from the usual value as a logarithm, and the candidate
+    found = [
+        *_footprints(robot, tree),
+        *_paddings(tree),
+        *_ranges(tree),
+        *_windows(tree),
+        *_inflations(tree),
+        *_rates(tree),
+    ]
+    found.sort(key=lambda rated: -rated.departure)
+    return [rated.candidate for rated in found]
 
 
 def _footprints(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
     """Yield the outline of the body in place of a larger footprint."""
-    back, front, right, left = bounding_box(robot)
-    outline = [[back, right], [back, left], [front, left], [front, right]]
+    box = bounding_box(robot)
+    body = np.array([box.front - box.back, box.left - box.right])
     changes = []
-    excess = 0.0
+    largest_ratio = 0.0
     for costmap in COSTMAPS:
         footprint = yaml_value(tree[costmap].get("footprint", "[]"), "footprint")
+        # Without a polygon, the footprint is a circle (robot_radius).
         if len(footprint) < 3:
             continue
         size = np.ptp(np.array(footprint, float), axis=0)
-        body = (front - back, left - right)
-        beyond = float((size - body).max())
-        if beyond > LARGER_M:
-            excess = max(excess, float((size / body).max()))
-            changes.append(Change(costmap, "footprint", str(footprint), str(outline)))
+        excess = float((size - body).max())
+        if excess > LARGER_M:
+            ratio = float((size / body).max())
+            largest_ratio = max(largest_ratio, ratio)
+            changes.append(Change(costmap, "footprint", str(footprint), str(_outline(box))))
     if changes:
-        length, width = front - back, left - right
+        length, width = body.tolist()
         words = f"footprint -> the outline of the body, {length:.2f} x {width:.2f} m"
-        yield float(np.log(excess)), Candidate(tuple(changes), words)
+        yield Rated(float(np.log(largest_ratio)), Candidate(tuple(changes), words))
+
+
+def _outline(box: Box) -> List[List[float]]:
+    """Return the corners of a box as a footprint has them [m]."""
+    return [
+        [box.back, box.right],
+        [box.back, box.left],
+        [box.front, box.left],
+        [box.front, box.right],
+    ]
 
 
 def _paddings(tree: Dict[str, Any]) -> Iterator[Rated]:
@@ -125,31 +171,36 @@ def _paddings(tree: Dict[str, Any]) -> Iterator[Rated]:
             changes.append(Change(costmap, "footprint_padding", padding, CPP_PADDING_M))
     if changes:
         largest = max(change.before for change in changes)
-        # A centimetre of padding weighs little in itself.
-        yield float(np.log(1.0 + largest / 0.1)), Candidate(tuple(changes))
+        # A ratio of paddings says little, because the usual one is so small: 10 cm count as twice.
+        yield Rated(float(np.log(1.0 + largest / 0.1)), Candidate(tuple(changes)))
 
 
 def _ranges(tree: Dict[str, Any]) -> Iterator[Rated]:
     """Yield C++'s ranges of obstacles and of clearing in place of shorter ones."""
-    for name, usual in (("obstacle_range", 2.5), ("raytrace_range", 3.0)):
+    usual_ranges = {
+        "obstacle_range": CPP_OBSTACLE_RANGE_M,
+        "raytrace_range": CPP_RAYTRACE_RANGE_M,
+    }
+    for name, usual in usual_ranges.items():
         changes = []
         for path, section in _sections_with(tree, name):
             if section[name] < usual:
                 changes.append(Change(path, name, section[name], usual))
         if changes:
             smallest = min(change.before for change in changes)
-            departure = float(np.log(usual / max(smallest, 0.01)))
-            yield departure, Candidate(tuple(changes))
+            # A range of 0 has no ratio.
+            ratio = usual / max(smallest, 0.01)
+            yield Rated(float(np.log(ratio)), Candidate(tuple(changes)))
 
 
 def _windows(tree: Dict[str, Any]) -> Iterator[Rated]:
-    """Yield a larger local costmap."""
-    local = tree["local_costmap"]
+    """Yield a local costmap of twice the size. No size is usual, so that it comes last."""
+    local_costmap = tree["local_costmap"]
     changes = []
     for side in ("width", "height"):
-        size = local[side]
+        size = local_costmap[side]
         changes.append(Change("local_costmap", side, size, type(size)(2 * size)))
-    yield 0.0, Candidate(tuple(changes))
+    yield Rated(0.0, Candidate(tuple(changes)))
 
 
 def _inflations(tree: Dict[str, Any]) -> Iterator[Rated]:
@@ -158,9 +209,11 @@ def _inflations(tree: Dict[str, Any]) -> Iterator[Rated]:
     for path, section in _sections_with(tree, "inflation_radius"):
         radius = section["inflation_radius"]
         changes.append(Change(path, "inflation_radius", radius, radius / 2))
+    # The inflation of one costmap alone is among the changes that the replay ranks.
     if len(changes) > 1:
         largest = max(change.before for change in changes)
-        yield abs(float(np.log(max(largest, 0.01) / 0.55))), Candidate(tuple(changes))
+        ratio = max(largest, 0.01) / CPP_INFLATION_M
+        yield Rated(abs(float(np.log(ratio))), Candidate(tuple(changes)))
 
 
 def _sections_with(
@@ -193,4 +246,45 @@ def _rates(tree: Dict[str, Any]) -> Iterator[Rated]:
     rate = tree["controller_frequency"]
     if rate < CPP_RATE_HZ * (1.0 - LEAST_CHANGE):
         change = Change("", "controller_frequency", rate, CPP_RATE_HZ)
-        yield float(np.log(CPP_RATE_HZ / max(rate, 0.1))), Candidate((change,))
+        ratio = CPP_RATE_HZ / max(rate, 0.1)
+        yield Rated(float(np.log(ratio)), Candidate((change,)))
+
+
+def single_candidates(robot: Robot) -> Iterator[Candidate]:
+    """Yield changes of a single parameter of the planner for a robot that does not drive at all.
+
+    A parameter of the robot's space may stand in several places, which change together.
+    """
+    tree = robot.all_parameters()
+    space = {parameter.name: parameter for parameter in robot.space}
+    for name, factor in FACTORS:
+        parameter = space.get(name)
+        if parameter is not None:
+            first = parameter.sets[0]
+            value = float(f"{factor * branch(tree, first.server)[first.names[0]]:.2g}")
+            value = min(max(value, parameter.low), parameter.high)
+            places = []
+            for target in parameter.sets:
+                places += [(target.server, alias) for alias in target.names]
+            yield from _single(tree, places, value)
+
+    # The planner must know what the base can do, and a goal must be reachable.
+    planner = robot.local_planner
+    base = robot.base
+    yield from _single(tree, [(planner, "acc_lim_x")], base.max_acceleration)
+    yield from _single(tree, [(planner, "acc_lim_theta")], base.max_yaw_acceleration)
+    yield from _single(tree, [(planner, "yaw_goal_tolerance")], GOAL_TOLERANCE)
+    yield from _single(tree, [(planner, "xy_goal_tolerance")], GOAL_TOLERANCE)
+    yield from _single(tree, [("", "planner_frequency")], 1.0)
+
+
+def _single(
+    tree: Dict[str, Any], places: Sequence[Tuple[str, str]], value: float
+) -> Iterator[Candidate]:
+    """Yield a value for a parameter in all its places (server, name), unless it is in force."""
+    server, name = places[0]
+    in_force = branch(tree, server)[name]
+    # A number of samples stays whole.
+    wanted = type(in_force)(value)
+    if wanted != in_force:
+        yield Candidate(tuple(Change(*place, in_force, wanted) for place in places))

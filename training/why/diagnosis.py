@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import List, Optional, Sequence, Tuple
+from typing import List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -95,15 +95,20 @@ class Diagnosis:
 
     @property
     def wants_remedy(self) -> bool:
-        """True if the events took much of the drive, and it was not nearly as fast as it could be."""
+        """True if events took much of the drive, and it was not nearly as fast as possible."""
         odometry = self.replay.odometry
-        rows = np.flatnonzero(events.pursued(self.drive, odometry))
-        if len(rows) < 2:
+        pursued_rows = np.flatnonzero(events.pursued(self.drive, odometry))
+        if len(pursued_rows) < 2:
             return False
-        first, last = rows[0], rows[-1]
+        first = pursued_rows[0]
+        last = pursued_rows[-1]
         seconds = float(odometry.time[last] - odometry.time[first])
+
+        # Time that a straight drive at top speed would take
         dx, dy, _ = odometry.pose[last] - odometry.pose[first]
-        shortest = float(np.hypot(dx, dy) / self.replay.limits().speed[rows].mean())
+        top_speed = self.replay.limits().speed[pursued_rows].mean()
+        shortest = float(np.hypot(dx, dy) / top_speed)
+
         lost = sum(event.seconds for event in self.events)
         return lost >= LOST_SHARE * seconds and seconds > FAST * shortest
 
@@ -116,12 +121,22 @@ def diagnose(replay: Replay, at: Optional[float] = None, pool: Optional[Pool] = 
         at: Time to explain instead of the events [s].
         pool: Workers that drive whole drives; None to leave them out.
     """
-    found = events.find(replay.drive, replay.limits()) if at is None else [_moment(replay, at)]
+    # What happened
+    if at is None:
+        found = events.find(replay.drive, replay.limits())
+    else:
+        found = [_moment(replay, at)]
     diagnosis = Diagnosis(replay, found)
-    diagnosis.explained = [_explanations(replay, event) for event in found]
-    for event, explained in zip(found, diagnosis.explained):
+
+    # Why it happened
+    for event in found:
+        explained = _explanations(replay, event)
         event.reason = _reason(replay, event, explained)
-    diagnosis.part = part_of_robot(replay) if found else None
+        diagnosis.explained.append(explained)
+    if found:
+        diagnosis.part = part_of_robot(replay)
+
+    # What would help: no parameter, if the robot stops for a part of itself
     if not found or diagnosis.part:
         return diagnosis
     diagnosis.guesses = _guesses(replay, found)
@@ -133,7 +148,8 @@ def diagnose(replay: Replay, at: Optional[float] = None, pool: Optional[Pool] = 
 def _moment(replay: Replay, at: float) -> Event:
     """Return the time around a moment as an event."""
     odometry = replay.odometry
-    begin, end = float(odometry.time[0]), last_time(replay.drive)
+    begin = float(odometry.time[0])
+    end = last_time(replay.drive)
     if not begin <= at <= end:
         raise ApplrError(f"--at {at:g}: outside the drive, give {begin:.1f} to {end:.1f} s")
     x, y, _ = odometry.pose[max(odometry.latest(at), 0)].tolist()
@@ -145,9 +161,10 @@ def _explanations(replay: Replay, event: Event) -> List[Explanation]:
     cycles = replay.between(event.begin, event.end)
     if not cycles:
         return []
-    middle = np.median([cycle.command[0] for cycle in cycles])
-    slowest = [cycle for cycle in cycles if cycle.command[0] <= middle]
-    return [explain(replay, cycle) for cycle in some(slowest, EXPLAINED)]
+    # The fast cycles of an event, as when a robot swings, do not show what slows it.
+    median_speed = np.median([cycle.command[0] for cycle in cycles])
+    slow_cycles = [cycle for cycle in cycles if cycle.command[0] <= median_speed]
+    return [explain(replay, cycle) for cycle in some(slow_cycles, EXPLAINED)]
 
 
 def _reason(replay: Replay, event: Event, explained: Sequence[Explanation]) -> str:
@@ -156,68 +173,91 @@ def _reason(replay: Replay, event: Event, explained: Sequence[Explanation]) -> s
     words = first_of(OUTSIDE, stretch)
     if words:
         return words
-    middle = explained[len(explained) // 2] if explained else None
-    if event.kind == AT_GOAL and not (middle and middle.is_blocked):
+    if not explained:
+        return late(stretch) if event.kind != AT_GOAL else ""
+    # The middle one of the explained cycles stands for the event.
+    middle = explained[len(explained) // 2]
+    if event.kind == AT_GOAL and not middle.is_blocked:
         cycles = replay.between(event.begin, event.end)
-        return at_goal(replay, cycles[-1]) if cycles else ""
-    return (middle.words if middle else "") or late(stretch)
+        return at_goal(replay, cycles[-1])
+    return middle.words or late(stretch)
 
 
 def _guesses(replay: Replay, found: Sequence[Event]) -> List[Alternative]:
-    """Return alternatives of one parameter, ranked by the speed with which the planner would have driven on."""
-    in_events = [replay.between(event.begin, event.end) for event in found]
-    count = sum(map(len, in_events))
+    """Return alternatives, those with which the planner drives on fastest first."""
+    cycles_by_event = [replay.between(event.begin, event.end) for event in found]
+    count = sum(map(len, cycles_by_event))
     if not count:
         return []
-    slow = {id(cycle) for cycles in in_events for cycle in cycles}
-    others = [cycle for cycle in replay.cycles if id(cycle) not in slow]
+    slow_cycles: Set[int] = set()
+    for cycles in cycles_by_event:
+        slow_cycles.update(map(id, cycles))
+    others = [cycle for cycle in replay.cycles if id(cycle) not in slow_cycles]
+
+    # Longer events count more, but each of them a little.
     tried_from: List[Cycle] = []
-    for event, cycles in zip(found, in_events):
+    for event, cycles in zip(found, cycles_by_event):
         lead = replay.between(event.begin - LEAD_S, event.end)
-        tried_from += some(lead, max(LEAST, round(CYCLES * len(cycles) / count)), EARLY)
+        share = len(cycles) / count
+        tried_from += some(lead, max(LEAST, round(CYCLES * share)), EARLY)
     return best_changes(replay, changes_to_try(replay), tried_from, some(others, CYCLES))
 
 
 def some(cycles: Sequence[Cycle], count: int, power: float = 1.0) -> List[Cycle]:
-    """Return at most `count` cycles, only reproduced ones if there are any; a power above 1 prefers early ones."""
-    cycles = [cycle for cycle in cycles if cycle.reproduced] or list(cycles)
-    if not cycles:
+    """Return at most `count` cycles, only reproduced ones if there are any.
+
+    With a power of 1 they are evenly spread; a larger one prefers early cycles.
+    """
+    reproduced = [cycle for cycle in cycles if cycle.reproduced]
+    # A replay that reproduces nothing still shows what the planner may have weighed.
+    preferred = reproduced or list(cycles)
+    if not preferred:
         return []
     shares = np.linspace(0.0, 1.0, count) ** power
-    rows = np.unique((shares * (len(cycles) - 1)).round().astype(int))
-    return [cycles[row] for row in rows]
+    rows = (shares * (len(preferred) - 1)).round().astype(int)
+    return [preferred[row] for row in np.unique(rows)]
 
 
 # -- whole drives ----------------------------------------------------------------------------------
 def _trials(diagnosis: Diagnosis, pool: Pool) -> Optional[Trials]:
     """Drive with the recorded values and with candidates; None if the drive's goal is unknown."""
-    replay, longest = diagnosis.replay, diagnosis.longest
+    replay = diagnosis.replay
+    drive = replay.drive
+    longest = diagnosis.longest
     assert longest is not None
-    goal = goal_of(replay.drive)
+    goal = goal_of(drive)
     if goal is None:
         return None
+    # The settings at the longest event: if they change on the way, no drive can have all of them.
     settings = replay.in_force(longest.begin)
     robot = with_changes(replay.robot, recorded_changes(replay.robot, settings), replay.robot.name)
+
+    # From where the robot was sent to its goal
     odometry = replay.odometry
-    is_pursued = events.pursued(replay.drive, odometry)
+    is_pursued = events.pursued(drive, odometry)
     first = int(np.argmax(is_pursued))
     x, y, yaw = odometry.pose[first].tolist()
     seconds = float(odometry.time[is_pursued][-1] - odometry.time[first])
-    world = seen_world(seen_grid(replay.drive, replay.robot), replay.drive.name, (x, y, yaw), goal)
-    has_monitor = replay.drive.planned is not replay.drive.commands
-    course = Course(robot, world, has_monitor, limit_of(seconds), longest.kind != AT_GOAL)
+    course = Course(
+        robot=robot,
+        world=seen_world(seen_grid(drive, replay.robot), drive.name, (x, y, yaw), goal),
+        has_monitor=drive.planned is not drive.commands,
+        limit=limit_of(seconds),
+        ends_at_tolerance=longest.kind != AT_GOAL,
+    )
     return try_out(course, candidates(diagnosis, robot), pool)
 
 
 def candidates(diagnosis: Diagnosis, robot: Robot) -> List[Candidate]:
-    """Return the candidates that are driven: those that the replay ranks first, and values of files."""
+    """Return the candidates that are driven: the replay's first ones, and values of files."""
     replay = diagnosis.replay
     live: List[Candidate] = []
     for guess in diagnosis.guesses[:LIVE]:
         live += milder(replay, guess)
         live.append(Candidate(guess.changes))
     live += escape_candidates(replay.server, replay.settings[replay.server])
-    return (live + file_candidates(robot))[:CANDIDATES]
+    every = live + file_candidates(robot)
+    return every[:CANDIDATES]
 
 
 def milder(replay: Replay, guess: Alternative) -> List[Candidate]:
@@ -231,7 +271,7 @@ def milder(replay: Replay, guess: Alternative) -> List[Candidate]:
 
 
 def goal_of(drive: Drive) -> Optional[Pose]:
-    """Return the last goal of a drive (x, y, yaw) in the odometry frame, or None if it is not known."""
+    """Return the last goal (x, y, yaw) of a drive in the odometry frame, or None if unknown."""
     for plans in (drive.routes, drive.plans):
         if plans is None:
             continue
@@ -244,6 +284,7 @@ def goal_of(drive: Drive) -> Optional[Pose]:
         if ends and is_whole:
             x, y, yaw = ends[-1].tolist()
             return x, y, yaw
+    # Goals are sent in any frame, often that of a map.
     for sent in reversed(drive.sent):
         if sent.frame == drive.frame:
             return sent.pose
@@ -252,25 +293,35 @@ def goal_of(drive: Drive) -> Optional[Pose]:
 
 # -- two drives ------------------------------------------------------------------------------------
 def compared(first: Replay, second: Replay) -> List[str]:
-    """Return lines about a second drive: where it differs, and what its parameters would have done in the first."""
-    track = np.array([cycle.pose[:2] for cycle in second.cycles])
-    routes = "same route"
-    for cycle in first.cycles:
-        offsets = track - cycle.pose[:2]
-        if np.hypot(offsets[:, 0], offsets[:, 1]).min() > APART_M:
-            routes = f"routes diverge at {cycle.at:.1f} s"
-            break
+    """Return lines about a second drive: where its route differs, and whether its parameters help.
+
+    The first line begins with the share of the second drive that is reproduced.
+    """
+    # The replay runs the local planner alone, which does not read the global costmap. Texts, such
+    # as names of frames, are no values that slow a robot.
     changes = []
     for change in first.settings.differences(second.settings):
-        if not change.server.startswith("global_costmap") and not isinstance(change.before, str):
+        is_text = isinstance(change.before, str)
+        if not is_text and not change.server.startswith("global_costmap"):
             changes.append(change)
-    slow: List[Cycle] = []
+    slow_cycles: List[Cycle] = []
     for event in events.find(first.drive, first.limits()):
-        slow += first.between(event.begin, event.end)
-    tried = best_changes(first, changes, some(slow or first.cycles, CYCLES), [])
+        slow_cycles += first.between(event.begin, event.end)
+    tried = best_changes(first, changes, some(slow_cycles or first.cycles, CYCLES), [])
+
     differing = ", ".join(map(str, changes)) or "none"
-    lines = [f"{second}; {routes}; differing parameters: {differing}"]
+    lines = [f"{second}; {_parting(first, second)}; differing parameters: {differing}"]
     if tried:
         lines.append("Changes of the first drive to a value of this one:")
         lines += [f"   {alternative}" for alternative in tried]
     return lines
+
+
+def _parting(first: Replay, second: Replay) -> str:
+    """Return in words when the first drive leaves the route of the second one."""
+    route = np.array([cycle.pose[:2] for cycle in second.cycles])
+    for cycle in first.cycles:
+        offsets = route - cycle.pose[:2]
+        if np.hypot(offsets[:, 0], offsets[:, 1]).min() > APART_M:
+            return f"routes diverge at {cycle.at:.1f} s"
+    return "same route"

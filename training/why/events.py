@@ -1,4 +1,4 @@
-"""Events of a drive: time in which the robot had a goal and stood, crept, turned, swung, or went to and fro.
+"""Events of a drive: time in which a robot with a goal stood, crept, turned, or went to and fro.
 
 Events are seen in the measured motion alone, whatever was commanded. Their reasons are found
 afterwards (reasons.py, diagnosis.py).
@@ -18,6 +18,11 @@ from training.why.reasons import SILENT_S, STILL_SPEED, STILL_TURN, last_time
 # Shares of the top speed below which a robot creeps, and is slow.
 CREEPS = 0.25
 SLOW = 0.5
+# Shortest durations that count as an event [s]. A robot that turns, swings or backs out for a
+# moment drives as it should, and even a sound drive is slow for some seconds beside an obstacle.
+STOOD_S = 1.0
+TURNED_S = 2.0
+SLOW_S = 5.0
 # A robot swings if a turn rate above this share of the top one changes its sign at this rate.
 SWINGS = 0.25
 SWINGS_HZ = 1.0
@@ -79,6 +84,20 @@ class Event:
         return f"{self.begin:.1f} to {self.end:.1f} s: {self.kind} at ({x:.2f}, {y:.2f})"
 
 
+class Kind(NamedTuple):
+    """Kind of event that is seen in the motion.
+
+    Attributes:
+        words: What the robot did.
+        shortest: Shortest duration that counts [s].
+        happens: (n,) whether it is so at each odometry message.
+    """
+
+    words: str
+    shortest: float
+    happens: np.ndarray
+
+
 def find(drive: Drive, limits: Limits) -> List[Event]:
     """Return the events of a drive in order of time. Those at one place are one event, a trap."""
     drive.require("odometry")
@@ -86,74 +105,103 @@ def find(drive: Drive, limits: Limits) -> List[Event]:
     assert odometry is not None
     at_goal = distances_to_goal(drive, odometry) <= limits.tolerance
     is_pursued = pursued(drive, odometry)
+    is_under_way = is_pursued & ~at_goal
+
     taken = np.zeros(len(odometry), bool)
     events: List[Event] = []
-    for kind, shortest_s, happens in _kinds(odometry, limits):
-        for part in _runs(odometry.time, happens & is_pursued & ~at_goal):
-            seconds = odometry.time[part][-1] - odometry.time[part][0]
+    for kind in _kinds(odometry, limits):
+        for part in _runs(odometry.time, kind.happens & is_under_way):
+            event = _event(kind.words, odometry, part)
             # An event that lies within one of a more special kind says nothing new.
-            if seconds >= shortest_s and taken[part].mean() < 0.5:
+            is_known = taken[part].mean() >= 0.5
+            if event.seconds >= kind.shortest and not is_known:
                 taken[part] = True
-                events.append(_event(kind, odometry, part))
+                events.append(event)
+
+    # At the goal the robot may stop and turn, if it does not take long.
     for part in _runs(odometry.time, at_goal & is_pursued):
-        if odometry.time[part][-1] - odometry.time[part][0] >= AT_GOAL_S:
-            events.append(_event(AT_GOAL, odometry, part))
+        event = _event(AT_GOAL, odometry, part)
+        if event.seconds >= AT_GOAL_S:
+            events.append(event)
+
     events += _unheard(drive, odometry)
     events.sort(key=lambda event: event.begin)
     return list(_traps(events, TRAP_M * limits.scale))
 
 
-def _kinds(odometry: Motion, limits: Limits) -> Iterator[Tuple[str, float, np.ndarray]]:
-    """Yield kinds of events, the special ones first: words, shortest duration [s], rows (n,) in which it is so."""
+def _kinds(odometry: Motion, limits: Limits) -> Iterator[Kind]:
+    """Yield kinds of events, the special ones first, because each row belongs to one event."""
     v, w = odometry.twist.T
-    stands = np.abs(v) < np.minimum(STILL_SPEED, 0.5 * CREEPS * limits.speed)
+    speed = np.abs(v)
+    # A robot whose top speed is very low drives at speeds at which others stand.
+    standing_speed = np.minimum(STILL_SPEED, 0.5 * CREEPS * limits.speed)
+    stands = speed < standing_speed
     turns = np.abs(w) >= STILL_TURN
-    yield "went to and fro", FRO_S / 2, _to_and_fro(odometry, limits)
-    yield "stood", 1.0, stands & ~turns
-    yield "turned on the spot", 2.0, stands & turns
-    yield "drove backwards", 2.0, (v < 0) & ~stands
-    yield "crept", 1.0, np.abs(v) < CREEPS * limits.speed
-    yield "swung from side to side", 2.0, _swings(odometry, limits)
-    yield "was slow", 5.0, np.abs(v) < SLOW * limits.speed
+    backs = (v < 0.0) & ~stands
+    yield Kind("went to and fro", FRO_S / 2, _to_and_fro(odometry, limits))
+    yield Kind("stood", STOOD_S, stands & ~turns)
+    yield Kind("turned on the spot", TURNED_S, stands & turns)
+    yield Kind("drove backwards", TURNED_S, backs)
+    yield Kind("crept", STOOD_S, speed < CREEPS * limits.speed)
+    yield Kind("swung from side to side", TURNED_S, _swings(odometry, limits))
+    yield Kind("was slow", SLOW_S, speed < SLOW * limits.speed)
 
 
 def _swings(odometry: Motion, limits: Limits) -> np.ndarray:
     """Return the rows (n,) around which the turn rate changes its sign often."""
     w = odometry.twist[:, 1]
-    strong = np.flatnonzero(np.abs(w) > SWINGS * limits.turn)
-    changes = odometry.time[strong[1:]][np.diff(np.sign(w[strong])) != 0]
-    before = np.searchsorted(changes, odometry.time - 1.0)
-    after = np.searchsorted(changes, odometry.time + 1.0)
-    often: np.ndarray = (after - before) / 2.0 > SWINGS_HZ
+    # Slow turns do not count: a robot that drives straight on corrects its heading all the time.
+    turning_rows = np.flatnonzero(np.abs(w) > SWINGS * limits.turn)
+    is_change = np.diff(np.sign(w[turning_rows])) != 0
+    change_times = odometry.time[turning_rows[1:]][is_change]
+
+    # Changes within a second on both sides of each row
+    count_until_begin = np.searchsorted(change_times, odometry.time - 1.0)
+    count_until_end = np.searchsorted(change_times, odometry.time + 1.0)
+    changes_per_second = (count_until_end - count_until_begin) / 2.0
+    often: np.ndarray = changes_per_second > SWINGS_HZ
     return often
 
 
 def _to_and_fro(odometry: Motion, limits: Limits) -> np.ndarray:
-    """Return the rows (n,) around which the robot drives forwards and backwards and gains little way."""
-    v = odometry.twist[:, 0]
-    first = np.searchsorted(odometry.time, odometry.time - FRO_S / 2)
-    last = np.searchsorted(odometry.time, odometry.time + FRO_S / 2) - 1
-    steps = np.hypot(*np.diff(odometry.pose[:, :2], axis=0).T)
-    way = np.concatenate([[0.0], np.cumsum(steps)])
+    """Return the rows (n,) around which the robot drives to and fro and gains little way."""
+    times = odometry.time
+    first = np.searchsorted(times, times - FRO_S / 2)
+    last = np.searchsorted(times, times + FRO_S / 2) - 1
+
+    # Way along the path, and distance between its ends
+    places = odometry.pose[:, :2]
+    steps = np.diff(places, axis=0)
+    lengths = np.hypot(steps[:, 0], steps[:, 1])
+    way = np.concatenate([[0.0], np.cumsum(lengths)])
     driven = way[last] - way[first]
-    ends = odometry.pose[last, :2] - odometry.pose[first, :2]
-    gained = np.hypot(ends[:, 0], ends[:, 1])
-    back = np.concatenate([[0], np.cumsum(v < -STILL_SPEED)])
-    forth = np.concatenate([[0], np.cumsum(v > STILL_SPEED)])
-    drives_both = (back[last] > back[first]) & (forth[last] > forth[first])
+    offsets = places[last] - places[first]
+    gained = np.hypot(offsets[:, 0], offsets[:, 1])
+
+    # Numbers of rows until each one in which the robot drives backwards, and forwards
+    v = odometry.twist[:, 0]
+    backward_rows = np.concatenate([[0], np.cumsum(v < -STILL_SPEED)])
+    forward_rows = np.concatenate([[0], np.cumsum(v > STILL_SPEED)])
+    drives_back = backward_rows[last] > backward_rows[first]
+    drives_on = forward_rows[last] > forward_rows[first]
+
     is_long = driven > TRAP_M * limits.scale
-    rows: np.ndarray = drives_both & is_long & (gained < FRO_SHARE * driven)
+    is_in_vain = gained < FRO_SHARE * driven
+    rows: np.ndarray = drives_back & drives_on & is_long & is_in_vain
     return rows
 
 
 def pursued(drive: Drive, odometry: Motion) -> np.ndarray:
     """Return the rows (n,) of the odometry at which the robot had a goal."""
     spans = [(goal.begin, goal.end) for goal in drive.goals]
-    if not spans and drive.planned is not None and len(drive.planned):
+    planned = drive.planned
+    if not spans and planned:
         # Without move_base's status: the planner commands only while it has a goal.
-        moves = np.flatnonzero(drive.planned.twist.any(axis=1))
-        if len(moves):
-            spans = [(float(drive.planned.time[moves[0]]), float(drive.planned.time[-1]))]
+        moving_rows = np.flatnonzero(planned.twist.any(axis=1))
+        if len(moving_rows):
+            begin = float(planned.time[moving_rows[0]])
+            end = float(planned.time[-1])
+            spans = [(begin, end)]
     rows = np.zeros(len(odometry), bool)
     for begin, end in spans:
         rows |= (odometry.time >= begin) & (odometry.time <= end)
@@ -161,27 +209,36 @@ def pursued(drive: Drive, odometry: Motion) -> np.ndarray:
 
 
 def distances_to_goal(drive: Drive, odometry: Motion) -> np.ndarray:
-    """Return the distance (n,) [m] of each odometry pose to the end of the plan in force; inf without a plan."""
+    """Return distances (n,) [m] of the odometry poses from the end of the plan; inf without one."""
     distances = np.full(len(odometry), np.inf)
     if drive.plans is None:
         return distances
     for row, time in enumerate(odometry.time):
-        plan = drive.plans.latest(time)
-        if plan >= 0 and len(drive.plans.path[plan]):
-            dx, dy = drive.plans.path[plan][-1, :2] - odometry.pose[row, :2]
+        index = drive.plans.latest(time)
+        if index < 0:
+            continue
+        plan = drive.plans.path[index]
+        if len(plan):
+            dx, dy = plan[-1, :2] - odometry.pose[row, :2]
             distances[row] = np.hypot(dx, dy)
     return distances
 
 
 def _unheard(drive: Drive, odometry: Motion) -> List[Event]:
-    """Return the gaps of the odometry while the robot had a goal."""
+    """Return the gaps of the odometry above SILENT_S [s] that begin while the robot has a goal.
+
+    The last gap may last from the last odometry message to the last message of the drive.
+    """
     events = []
     times = np.append(odometry.time, last_time(drive))
     is_pursued = pursued(drive, odometry)
     for row in np.flatnonzero(np.diff(times) > SILENT_S):
+        # Before its first goal and after its last one, nobody waits for the robot.
         if is_pursued[row]:
             x, y, _ = odometry.pose[row].tolist()
-            events.append(Event(UNHEARD, float(times[row]), float(times[row + 1]), (x, y)))
+            begin = float(times[row])
+            end = float(times[row + 1])
+            events.append(Event(UNHEARD, begin, end, (x, y)))
     return events
 
 
@@ -190,29 +247,41 @@ def _runs(times: np.ndarray, happens: np.ndarray) -> List[slice]:
     rows = np.flatnonzero(happens)
     if not len(rows):
         return []
-    breaks = np.flatnonzero(np.diff(times[rows]) > GAP_S) + 1
-    return [slice(int(part[0]), int(part[-1]) + 1) for part in np.split(rows, breaks)]
+    is_gap = np.diff(times[rows]) > GAP_S
+    breaks = np.flatnonzero(is_gap) + 1
+    parts = []
+    for part in np.split(rows, breaks):
+        parts.append(slice(int(part[0]), int(part[-1]) + 1))
+    return parts
 
 
 def _event(kind: str, odometry: Motion, part: slice) -> Event:
+    """Return the event of a kind that lasts for some rows of the odometry."""
     x, y = odometry.pose[part, :2].mean(axis=0).tolist()
-    return Event(kind, float(odometry.time[part][0]), float(odometry.time[part][-1]), (x, y))
+    times = odometry.time[part]
+    return Event(kind, float(times[0]), float(times[-1]), (x, y))
 
 
 def _traps(events: List[Event], reach: float) -> Iterator[Event]:
-    """Yield events, those that follow each other at one place as one, of the kind that lasts longest."""
+    """Yield events. Those at one place are one, of the kind that lasts longest."""
     while events:
         trap = [events.pop(0)]
         while events and _is_same_place(trap[-1], events[0], reach):
             trap.append(events.pop(0))
         longest = max(trap, key=lambda event: event.seconds)
+        # Events may overlap, so that the last one to begin need not be the last one to end.
         end = max(event.end for event in trap)
         yield Event(longest.kind, trap[0].begin, end, longest.place)
 
 
 def _is_same_place(first: Event, second: Event, reach: float) -> bool:
     """Return whether a second event follows a first one at the same place."""
-    if AT_GOAL in (first.kind, second.kind) or UNHEARD in (first.kind, second.kind):
+    kinds = (first.kind, second.kind)
+    # These two have reasons of their own.
+    if AT_GOAL in kinds or UNHEARD in kinds:
         return False
-    distance = np.hypot(second.place[0] - first.place[0], second.place[1] - first.place[1])
-    return bool(distance <= reach and second.begin - first.end <= TRAP_S)
+    dx = second.place[0] - first.place[0]
+    dy = second.place[1] - first.place[1]
+    is_near = np.hypot(dx, dy) <= reach
+    pause = second.begin - first.end
+    return bool(is_near and pause <= TRAP_S)

@@ -1,7 +1,8 @@
-"""Explanation of a replayed cycle from the planner's own numbers: what outbid or refused the samples that drive on."""
+"""Explanation of a replayed cycle: what outbid or refused the samples that drive on."""
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import asdict, dataclass, field
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
 
@@ -130,9 +131,8 @@ def explain(replay: Replay, cycle: Cycle) -> Explanation:
     if leads_back(replay, cycle):
         words = ["the plan leads back, behind the robot", explanation.words]
         explanation.words = "; ".join(filter(None, words))
-    explanation.points = (
-        replay.local.trajectory_cloud(replay.costmap)[:, [0, 1, 4]].round(2).tolist()
-    )
+    x, y, _, _, cost = replay.local.trajectory_cloud(replay.costmap).T
+    explanation.points = np.column_stack([x, y, cost]).round(2).tolist()
     explanation.table = _table(samples)
     if samples.best is not None:
         # The command comes first, so that the sample follows it, or is the command itself.
@@ -144,10 +144,13 @@ def explain(replay: Replay, cycle: Cycle) -> Explanation:
 def samples_of(replay: Replay, cycle: Cycle, command: Sequence[float]) -> Samples:
     """Return what the planner compared in the cycle that it has just run."""
     velocities, costs, parts = replay.local.planner.sample_costs(replay.costmap, command)
-    top = cycle.settings[replay.server]["max_vel_x"]
-    fast = velocities[:, 0] >= min(SLOW * top, FASTEST * velocities[:, 0].max())
-    winner = int(np.abs(velocities - command).sum(axis=1).argmin())
-    return Samples(velocities, costs, parts, fast, winner)
+    top_speed = cycle.settings[replay.server]["max_vel_x"]
+    fastest = velocities[:, 0].max()
+    drives_on = velocities[:, 0] >= min(SLOW * top_speed, FASTEST * fastest)
+    # The command is one of the samples, or was rounded a little.
+    differences = np.abs(velocities - command).sum(axis=1)
+    winner = int(differences.argmin())
+    return Samples(velocities, costs, parts, drives_on, winner)
 
 
 def _nothing_faster(samples: Samples, values: Mapping[str, Any]) -> str:
@@ -163,8 +166,10 @@ def _explain_outbid(
     explanation: Explanation, samples: Samples, best: int, values: Mapping[str, Any]
 ) -> None:
     """Add why the cheapest sample that drives on was not chosen."""
-    costs, winner = samples.costs, samples.winner
+    costs = samples.costs
+    winner = samples.winner
     driving = f"Driving on {samples.in_words(best)}"
+    # A planner that had compared both would have taken the cheaper one.
     if not 0.0 <= costs[winner] <= costs[best]:
         explanation.words = (
             "the planner is escaping: it samples no forward speed until it has moved by "
@@ -172,14 +177,18 @@ def _explain_outbid(
         )
         explanation.lines.append(f"{driving} was not sampled, because {explanation.words}.")
         return
+    # The part of the costs that sets the two samples apart most is the reason.
     gaps = {name: part[best] - part[winner] for name, part in samples.parts.items()}
     name = max(gaps, key=lambda part: gaps[part])
     parameter, objection = OBJECTIONS[name]
-    weight = f"{parameter} {values[parameter]:g}" if parameter in values else parameter
+    weight = parameter
+    if parameter in values:
+        weight = f"{parameter} {values[parameter]:g}"
     explanation.words = f"every faster way {objection.format(weight)}"
     part = samples.parts[name]
     explanation.lines.append(
-        f"{driving} costs {costs[best]:.1f}, the command {samples.in_words(winner)} {costs[winner]:.1f}: "
+        f"{driving} costs {costs[best]:.1f}, "
+        f"the command {samples.in_words(winner)} {costs[winner]:.1f}: "
         f"{weight} counts {part[best]:.1f} against {part[winner]:.1f}."
     )
 
@@ -188,36 +197,46 @@ def _explain_illegal(
     explanation: Explanation, replay: Replay, cycle: Cycle, samples: Samples
 ) -> None:
     """Add what refused the faster samples that are illegal, from the straightest one."""
-    illegal = np.flatnonzero(samples.drives_on & (samples.costs < 0))
-    row = int(illegal[np.abs(samples.velocities[illegal, 1]).argmin()])
+    illegal_rows = np.flatnonzero(samples.drives_on & (samples.costs < 0))
+    turn_rates = np.abs(samples.velocities[illegal_rows, 1])
+    row = int(illegal_rows[turn_rates.argmin()])
+    objection = _refusal(explanation, replay, cycle, samples, row)
+    count = int(samples.drives_on.sum())
+    if len(illegal_rows) == count and not samples.drives_on[samples.winner]:
+        explanation.words = f"every faster way {objection}"
+        explanation.is_blocked = True
+    explanation.lines.append(
+        f"{len(illegal_rows)} of {count} faster samples are illegal; "
+        f"{samples.in_words(row)} {objection}."
+    )
+
+
+def _refusal(
+    explanation: Explanation, replay: Replay, cycle: Cycle, samples: Samples, row: int
+) -> str:
+    """Return why a sample is illegal, and set the obstacle that it meets."""
     v, w = samples.velocities[row].tolist()
     values = cycle.settings[replay.server]
     explanation.obstacle = _obstacle(replay, cycle.pose, v, w, values["sim_time"])
-    refusing = [name for name, part in samples.parts.items() if part[row] < 0]
     if explanation.obstacle:
-        why = f"meets {_place(replay, cycle, explanation.obstacle)}"
-    elif refusing:
-        why = f"is refused by the critic {refusing[0]}"
-    elif "min_vel_trans" in values:
-        why = "is below min_vel_trans ({:g}) and min_vel_theta ({:g})".format(
-            values["min_vel_trans"], values["min_vel_theta"]
-        )
-    else:
-        why = "leaves the map or the reach of the plan"
-    every = int(samples.drives_on.sum())
-    if len(illegal) == every and not samples.drives_on[samples.winner]:
-        explanation.words = f"every faster way {why}"
-        explanation.is_blocked = True
-    explanation.lines.append(
-        f"{len(illegal)} of {every} faster samples are illegal; {samples.in_words(row)} {why}."
-    )
+        return f"meets {_place(replay, cycle, explanation.obstacle)}"
+    refusing = [name for name, part in samples.parts.items() if part[row] < 0]
+    if refusing:
+        return f"is refused by the critic {refusing[0]}"
+    # DWAPlannerROS compares speeds that are below both of its least speeds with no others.
+    if "min_vel_trans" in values:
+        slowest = values["min_vel_trans"]
+        slowest_turn = values["min_vel_theta"]
+        return f"is below min_vel_trans ({slowest:g}) and min_vel_theta ({slowest_turn:g})"
+    return "leaves the map or the reach of the plan"
 
 
 def _place(replay: Replay, cycle: Cycle, obstacle: Sequence[float]) -> str:
     """Return in words where an obstacle cell is, and which scan shows it."""
     ahead, left = transform_point(inverse(cycle.pose), *obstacle)
-    points = replay.cloud(cycle.scan).points[:, :2]
-    gap = np.hypot(*(points - obstacle).T).min(initial=np.inf)
+    offsets = replay.cloud(cycle.scan).points[:, :2] - obstacle
+    gap = np.hypot(offsets[:, 0], offsets[:, 1]).min(initial=np.inf)
+    # What the latest scan does not show stays in the map until a beam clears it.
     source = "the latest scan" if gap < NEAR_M else "earlier scans"
     return f"the obstacle {beside(ahead, left)}, from {source}"
 
@@ -230,10 +249,11 @@ def beside(ahead: float, left: float, digits: int = 2) -> str:
 
 
 def _table(samples: Samples) -> List[List[Any]]:
-    """Return names and rows of the command, of the cheapest sample that drives on, and of the cheapest ones."""
+    """Return names and rows of the command, the cheapest sample that drives on, and others."""
     columns = [samples.velocities, samples.costs, *samples.parts.values()]
     rows = np.column_stack(columns).round(2)
-    cheapest = [int(row) for row in samples.costs.argsort() if samples.costs[row] >= 0]
+    order = samples.costs.argsort()
+    cheapest = order[samples.costs[order] >= 0].tolist()
     shown = [samples.winner]
     if samples.best is not None:
         shown.append(samples.best)
@@ -243,17 +263,19 @@ def _table(samples: Samples) -> List[List[Any]]:
 
 
 def leads_back(replay: Replay, cycle: Cycle) -> bool:
-    """Return whether the plan of a cycle begins by more than a right angle off the robot's heading."""
+    """Return whether the plan begins by more than a right angle off the robot's heading."""
     x, y, yaw = cycle.pose
     offsets = cycle.plan[:, :2] - (x, y)
     distances = np.hypot(offsets[:, 0], offsets[:, 1])
     reach = PLAN_AHEAD_M * replay.robot.world_scale
+    # The first point at some distance shows the way: those beside the robot lie anywhere.
     begin = int(distances.argmin())
-    beyond = np.flatnonzero(distances[begin:] >= reach)
-    if not len(beyond):
+    rows_beyond = np.flatnonzero(distances[begin:] >= reach)
+    if not len(rows_beyond):
         return False
-    dx, dy = offsets[begin + beyond[0]]
-    return abs(float(normalize_angle_modulo(np.arctan2(dy, dx) - yaw))) > BACK
+    dx, dy = offsets[begin + rows_beyond[0]]
+    angle = float(normalize_angle_modulo(np.arctan2(dy, dx) - yaw))
+    return abs(angle) > BACK
 
 
 def at_goal(replay: Replay, cycle: Cycle) -> str:
@@ -261,8 +283,12 @@ def at_goal(replay: Replay, cycle: Cycle) -> str:
     # Some planners read their tolerances only once.
     values = {**replay.move_base.parameters[replay.server], **cycle.settings[replay.server]}
     tolerance = values["yaw_goal_tolerance"]
-    slowest = "min_in_place_vel_theta" if "min_in_place_vel_theta" in values else "min_vel_theta"
+    # The slowest turn on the spot has a parameter of its own in TrajectoryPlannerROS.
+    slowest = "min_in_place_vel_theta"
+    if slowest not in values:
+        slowest = "min_vel_theta"
     turn = abs(values[slowest]) * replay.period
+    # Each cycle then turns past the tolerance on both sides of the goal's heading.
     if turn > 2.0 * tolerance:
         return (
             f"yaw_goal_tolerance {tolerance:g} is smaller than the turn of one cycle "
@@ -274,24 +300,29 @@ def at_goal(replay: Replay, cycle: Cycle) -> str:
 
 
 def part_of_robot(replay: Replay) -> Optional[Tuple[float, float]]:
-    """Return the place (x, y) beside the robot where nearly all scans have a point although it moved, or None.
+    """Return where (x, y) [m] beside the moving robot nearly all scans have a point, or None.
 
     A standing robot proves nothing, so that each pose counts once.
     """
-    outline = replay.costmap.footprint
-    reach = float(np.hypot(*outline.T).max()) + BESIDE_M
+    x, y = replay.costmap.footprint.T
+    reach = float(np.hypot(x, y).max()) + BESIDE_M
     poses = _distinct_poses(replay.cycles)
     if len(poses) < POSES:
         return None
-    counts: Dict[Tuple[float, float], int] = {}
+
+    # Scans with a point in each cell beside the robot
+    counts: Counter[Tuple[float, float]] = Counter()
     for cycle in poses:
-        points = replay.cloud(cycle.scan).points[:, :2]
-        beside = np.column_stack(transform_point(inverse(cycle.pose), *points.T))
-        beside = beside[np.hypot(beside[:, 0], beside[:, 1]) <= reach]
-        cells = np.unique(np.rint(beside / NEAR_M), axis=0) * NEAR_M
-        for x, y in cells.tolist():
-            counts[x, y] = counts.get((x, y), 0) + 1
-    place, count = max(counts.items(), key=lambda item: item[1], default=((0.0, 0.0), 0))
+        x, y = replay.cloud(cycle.scan).points[:, :2].T
+        ahead, left = transform_point(inverse(cycle.pose), x, y)
+        is_beside = np.hypot(ahead, left) <= reach
+        points = np.column_stack([ahead, left])[is_beside]
+        cells = np.unique(np.rint(points / NEAR_M), axis=0) * NEAR_M
+        for cell_x, cell_y in cells.tolist():
+            counts[cell_x, cell_y] += 1
+    if not counts:
+        return None
+    place, count = counts.most_common(1)[0]
     return place if count > CARRIED * len(poses) else None
 
 
@@ -299,21 +330,28 @@ def _distinct_poses(cycles: Sequence[Cycle]) -> List[Cycle]:
     """Return cycles between which the robot has moved or turned."""
     distinct: List[Cycle] = []
     for cycle in cycles:
-        if distinct:
-            x, y, yaw = distinct[-1].pose
-            moved = np.hypot(cycle.pose[0] - x, cycle.pose[1] - y) >= MOVED_M
-            turned = abs(normalize_angle_modulo(cycle.pose[2] - yaw)) >= MOVED_TURN
-            if not (moved or turned):
-                continue
-        distinct.append(cycle)
+        if not distinct or _has_moved(distinct[-1].pose, cycle.pose):
+            distinct.append(cycle)
     return distinct
 
 
+def _has_moved(before: Pose, after: Pose) -> bool:
+    """Return whether two poses are so far apart that the laser sees obstacles elsewhere."""
+    moved = np.hypot(after[0] - before[0], after[1] - before[1])
+    turned = abs(normalize_angle_modulo(after[2] - before[2]))
+    return bool(moved >= MOVED_M or turned >= MOVED_TURN)
+
+
 def arc(pose: Pose, v: float, w: float, seconds: float) -> Pose:
-    """Return the pose after some time of driving with a constant command (v, w)."""
+    """Return the pose after some time of driving with a constant command: v [m/s], w [rad/s].
+
+    The chord of a circular arc points into half of the turn.
+    """
     turn = w * seconds
-    chord = v * seconds * np.sinc(0.5 * turn / np.pi)
-    return compose(pose, (chord * np.cos(0.5 * turn), chord * np.sin(0.5 * turn), turn))
+    half = 0.5 * turn
+    # numpy's sinc(x) is sin(pi x) / (pi x).
+    chord = v * seconds * np.sinc(half / np.pi)
+    return compose(pose, (chord * np.cos(half), chord * np.sin(half), turn))
 
 
 def lethal_points(replay: Replay) -> np.ndarray:
@@ -326,18 +364,23 @@ def lethal_points(replay: Replay) -> np.ndarray:
 def _obstacle(
     replay: Replay, start: Pose, v: float, w: float, seconds: float
 ) -> Optional[List[float]]:
-    """Return the lethal cell (x, y) that is nearest to the footprint where it first meets an obstacle, or None."""
+    """Return the lethal cell (x, y) [m] that the footprint meets first on its way, or None."""
     lethal = lethal_points(replay)
     if not len(lethal):
         return None
-    outline = replay.costmap.footprint
-    low, high = outline.min(axis=0), outline.max(axis=0)
     for time in np.arange(0.0, seconds, STEP_S):
         pose = arc(start, v, w, time)
         if replay.costmap.footprint_cost(*pose) < 0:
-            inside = np.column_stack(transform_point(inverse(pose), *lethal.T))
-            beyond = inside - np.clip(inside, low, high)
-            nearest = np.hypot(beyond[:, 0], beyond[:, 1]).argmin()
+            nearest = _nearest_to_footprint(replay.costmap.footprint, pose, lethal)
             cell: List[float] = lethal[nearest].round(3).tolist()
             return cell
     return None
+
+
+def _nearest_to_footprint(outline: np.ndarray, pose: Pose, points: np.ndarray) -> int:
+    """Return the index of the point (n, 2) [m] nearest to the box around a footprint at a pose."""
+    x, y = points.T
+    ahead, left = transform_point(inverse(pose), x, y)
+    inside = np.column_stack([ahead, left])
+    beyond = inside - np.clip(inside, outline.min(axis=0), outline.max(axis=0))
+    return int(np.hypot(beyond[:, 0], beyond[:, 1]).argmin())

@@ -1,4 +1,4 @@
-"""Reasons why a robot does not drive, read from the columns of a drive, whether it was simulated or recorded in a bag.
+"""Reasons why a robot does not drive, read from the columns of a simulated or recorded drive.
 
 Causes come before what follows from them: without a scan the planner sends nothing, without a plan
 nothing is commanded, and a command that the collision monitor stops moves nothing.
@@ -32,7 +32,7 @@ PASSED = 0.2  # share of the planner's command above which it counts as passed o
 # Wheels slip if the commanded distance exceeds this ratio of the driven one by this much [m].
 SLIP_RATIO = 2.0
 SLIP_M = 1.0
-# A robot is held if its odometry moves by this much [m] and the ranges change by less than this [m].
+# A robot is held if its odometry moves by this much [m] and its ranges change by less [m].
 HELD_M = 0.5
 SAME_SCAN_M = 0.03
 # The pose jumps if it moves or turns by this much beyond the measured speed [m, rad].
@@ -80,9 +80,9 @@ Finder = Callable[[Stretch], str]  # Returns a reason in words, or "".
 
 
 def failure_of(drive: Drive) -> str:
-    """Return in words why the last goal of a drive was not reached without a contact, or "" if it was.
+    """Return in words why the last goal of a drive was not reached without a contact.
 
-    The drive needs goals, truth, routes, refusals and commands.
+    The result is "" if it was. The drive needs goals, truth, routes, refusals and commands.
     """
     drive.require("goals", "truth")
     goal = drive.goals[-1]
@@ -154,10 +154,13 @@ def jumping(stretch: Stretch) -> str:
     around = odometry.between(stretch.begin - BEFORE_S, stretch.begin + BEFORE_S)
     if len(around) < 2:
         return ""
+    # What the pose changes by beyond the measured velocity
     seconds = np.diff(around.stamp)
     steps = np.diff(around.pose, axis=0)
-    jumps = np.hypot(steps[:, 0], steps[:, 1]) - np.abs(around.twist[1:, 0]) * seconds
-    turns = np.abs(normalize_angle_modulo(steps[:, 2])) - np.abs(around.twist[1:, 1]) * seconds
+    moved = np.hypot(steps[:, 0], steps[:, 1])
+    turned = np.abs(normalize_angle_modulo(steps[:, 2]))
+    jumps = moved - np.abs(around.twist[1:, 0]) * seconds
+    turns = turned - np.abs(around.twist[1:, 1]) * seconds
     if jumps.max() > JUMP_M:
         return f"the pose jumped by {jumps.max():.1f} m"
     if turns.max() > JUMP_TURN:
@@ -174,7 +177,8 @@ def no_plan(stretch: Stretch) -> str:
     # Until the first plan comes, and from each empty plan to the next plan, there is none.
     starts = np.append(-np.inf, routes.time)
     ends = np.append(routes.time, np.inf)
-    is_missing = [True] + [not len(path) for path in routes.path]
+    is_missing = [True]
+    is_missing += [not len(path) for path in routes.path]
     overlaps = np.minimum(ends, stretch.end) - np.maximum(starts, stretch.begin)
     without = float(np.maximum(overlaps, 0.0)[is_missing].sum())
     return "the global planner finds no path" if stretch.is_reason(without) else ""
@@ -194,20 +198,24 @@ def recovering(stretch: Stretch) -> str:
 
 
 def refused(stretch: Stretch) -> str:
-    """Return the critic that rejected most velocities in cycles in which the local planner rejected all, or ""."""
+    """Return that the local planner rejected every velocity, and by which critic, or ""."""
     cycles = stretch.part(stretch.drive.refusals)
     if cycles is None:
         return ""
-    empty_handed = [critics for critics in cycles.critics if critics]
-    share = len(empty_handed) / len(cycles)
+    # Of cycles with a valid velocity, no critics are recorded.
+    rejecting = [critics for critics in cycles.critics if critics]
+    share = len(rejecting) / len(cycles)
     if share <= stretch.share:
         return ""
     rejected: Counter[str] = Counter()
-    for critics in empty_handed:
+    for critics in rejecting:
         rejected.update(critics)
     del rejected["samples"]  # It counts the velocities themselves.
     critic = rejected.most_common(1)[0][0]
-    return f"the planner rejects every velocity in {100 * share:.0f} % of its cycles, mostly by {critic}"
+    return (
+        f"the planner rejects every velocity in {100 * share:.0f} % of its cycles, "
+        f"mostly by {critic}"
+    )
 
 
 def late(stretch: Stretch) -> str:
@@ -255,7 +263,10 @@ def stopped(stretch: Stretch) -> str:
     if not stretch.is_reason(float(seconds[is_stopped].sum())):
         return ""
     speed = _in_words(planned.twist[is_stopped])
-    return f"move_base commanded {speed}, but nothing of it reached the base (collision monitor, mux or emergency stop)"
+    return (
+        f"move_base commanded {speed}, but nothing of it reached the base "
+        "(collision monitor, mux or emergency stop)"
+    )
 
 
 def unmoved(stretch: Stretch) -> str:
@@ -299,10 +310,13 @@ def stuck(stretch: Stretch) -> str:
     first = scans.ranges[0]
     changes: List[float] = []
     for ranges in scans.ranges[1:]:
-        if len(ranges) == len(first):
-            is_return = np.isfinite(ranges) & np.isfinite(first)
-            if is_return.any():
-                changes.append(float(np.median(np.abs(ranges[is_return] - first[is_return]))))
+        # Some lasers vary the number of their beams.
+        if len(ranges) != len(first):
+            continue
+        is_return = np.isfinite(ranges) & np.isfinite(first)
+        if is_return.any():
+            differences = np.abs(ranges[is_return] - first[is_return])
+            changes.append(float(np.median(differences)))
     if not changes or np.median(changes) >= SAME_SCAN_M:
         return ""
     unseen = f"the scans stay the same while the odometry moves {motion.length:.1f} m"
@@ -311,14 +325,18 @@ def stuck(stretch: Stretch) -> str:
 
 def _asks_for_motion(twist: np.ndarray) -> np.ndarray:
     """Return for commands (n, 2) whether they ask for motion."""
-    asks: np.ndarray = (np.abs(twist[:, 0]) >= DRIVES_SPEED) | (np.abs(twist[:, 1]) >= DRIVES_TURN)
+    drives = np.abs(twist[:, 0]) >= DRIVES_SPEED
+    turns = np.abs(twist[:, 1]) >= DRIVES_TURN
+    asks: np.ndarray = drives | turns
     return asks
 
 
 def _in_words(twist: np.ndarray) -> str:
     """Return the usual one of commands (n, 2) for people."""
     v, w = np.median(twist, axis=0)
-    return f"{v:.2f} m/s" if abs(v) >= DRIVES_SPEED else f"{w:.2f} rad/s"
+    if abs(v) >= DRIVES_SPEED:
+        return f"{v:.2f} m/s"
+    return f"{w:.2f} rad/s"
 
 
 def _durations(rows: Rows, end: float) -> np.ndarray:

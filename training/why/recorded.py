@@ -53,9 +53,7 @@ TILTED = 0.996  # cosine of the tilt from which on a laser is not level (5 degre
 class RecordedOptions(BagOptions):
     """Options of a recorded drive."""
 
-    # fmt: off
     move_base: str = option("", "Namespace of move_base in the bag. Default: that of its plans.")
-    # fmt: on
 
 
 def drive_of(path: Path, options: RecordedOptions) -> Drive:
@@ -90,9 +88,11 @@ def fitted(drive: Drive, options: RecordedOptions) -> Drive:
         frames = drive.frames[column]
         if len(frames) > 1:
             raise ApplrError(f"{column} in {' and in '.join(frames)}: they must be in one frame")
+    # The caller's drive keeps its columns and notes.
     drive = replace(drive, notes=list(drive.notes))
     _place_laser(drive, tree, options)
     _take_poses(drive, tree, robot)
+    # Without plans that were followed, they are cut out of the global planner's.
     frame = "".join(drive.frames.get("plans", []))
     if frame and drive.frame and frame != drive.frame:
         raise ApplrError(
@@ -106,11 +106,13 @@ def fitted(drive: Drive, options: RecordedOptions) -> Drive:
 
 
 def _names(kinds: Mapping[str, str], options: RecordedOptions) -> TopicNames:
+    """Return the topics of the drive in a bag; those that are options are not looked for."""
     given = [name for name, value in options if value and hasattr(TopicNames, name)]
     return names_in(kinds, options.topics(), given)
 
 
 def _check_planner(drive: Drive, options: RecordedOptions) -> None:
+    """Raise ApplrError if another local planner drove."""
     robot = options.robot
     if drive.planners and robot.local_planner not in drive.planners:
         has = f"{drive.planners[0]} drove, {robot.name} has {robot.local_planner}"
@@ -118,14 +120,17 @@ def _check_planner(drive: Drive, options: RecordedOptions) -> None:
 
 
 def _other_robot(differs: str, options: RecordedOptions, remedy: str) -> str:
-    """Return what is said of a bag of another robot; a robot that was given is not asked for again."""
+    """Return what is said of a bag of another robot."""
+    # Who gave the robot is not asked to give it.
     if "robot" in options.model_fields_set:
         return f"{differs}: {remedy}"
     return f"{differs}: give the robot as --robot"
 
 
 def _check_columns(drive: Drive, robot: Robot, names: TopicNames, kinds: Mapping[str, str]) -> None:
-    for column, channel in (("odometry", "odometry"), ("scans", "scans"), ("planned", "commands")):
+    """Raise ApplrError if a column is missing that the replay needs."""
+    channels = {"odometry": "odometry", "scans": "scans", "planned": "commands"}
+    for column, channel in channels.items():
         if not getattr(drive, column):
             raise ApplrError(missing(channel, names, kinds))
     if not drive.plans and not drive.routes:
@@ -133,7 +138,7 @@ def _check_columns(drive: Drive, robot: Robot, names: TopicNames, kinds: Mapping
 
 
 def _without_prefix(drive: Drive) -> Drive:
-    """Return a drive without the prefix that odometry and scans share, such as robot1/ (tf_prefix)."""
+    """Return a drive without the prefix of its frames, such as robot1/ (tf_prefix)."""
     # Plans may be in a map frame that several robots share, which has no prefix.
     frames = [*drive.frames["odometry"], *drive.frames["scans"]]
     prefixes: Set[str] = {name.rpartition("/")[0] for name in frames}
@@ -169,10 +174,11 @@ def _place_laser(drive: Drive, tree: Tree, options: RecordedOptions) -> None:
             remedy = "give --scan, or record /tf and /tf_static"
             raise ApplrError(_other_robot(differs, options, remedy))
         return
-    upright = float(place.rotation.as_matrix()[0, 2, 2])
-    x_axis = place.rotation.as_matrix()[0, :, 0]
+    rotation = place.rotation.as_matrix()[0]
+    # The laser's x axis gives its heading, also upside down; its z axis shows how it is mounted.
+    yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+    upright = float(rotation[2, 2])
     x, y = place.position[0, :2].tolist()
-    yaw = float(np.arctan2(x_axis[1], x_axis[0]))
     if upright < 0.0:
         drive.scans = _mirrored(drive.scans)
         drive.notes.append("the laser is mounted upside down (tf): its beams are taken in reverse")
@@ -191,14 +197,18 @@ def _place_laser(drive: Drive, tree: Tree, options: RecordedOptions) -> None:
 
 
 def _mirrored(scans: Scans) -> Scans:
-    """Return the scans of a laser upside down as those of an upright one: beams from right to left."""
+    """Return the scans of a laser upside down as those of an upright one.
+
+    Its beams turn from left to right, so that the last one becomes the first.
+    """
     fans = scans.fan.copy()
-    ranges = []
-    for index, row in enumerate(scans.ranges):
-        last_angle = fans[index, 0] + fans[index, 1] * (len(row) - 1)
+    mirrored = []
+    for index, ranges in enumerate(scans.ranges):
+        first_angle, increment = fans[index, :2]
+        last_angle = first_angle + increment * (len(ranges) - 1)
         fans[index, 0] = -last_angle
-        ranges.append(row[::-1].copy())
-    return replace(scans, fan=fans, ranges=ranges)
+        mirrored.append(ranges[::-1].copy())
+    return replace(scans, fan=fans, ranges=mirrored)
 
 
 # -- poses -----------------------------------------------------------------------------------------
@@ -208,14 +218,15 @@ def _take_poses(drive: Drive, tree: Tree, robot: Robot) -> None:
     link = tree.busiest(drive.frame, robot.frames.base)
     if link is None:
         return
-    beside = tree.place(drive.frame, robot.frames.base, drive.odometry.stamp)
-    at_messages = tree.place(drive.frame, robot.frames.base, link.stamp)
-    assert beside is not None
-    assert at_messages is not None
-    offsets = drive.odometry.pose - beside.planar
+    # tf at the messages of the topic, to compare them, and at its own messages, to take them
+    at_topic = tree.place(drive.frame, robot.frames.base, drive.odometry.stamp)
+    at_link = tree.place(drive.frame, robot.frames.base, link.stamp)
+    assert at_topic is not None
+    assert at_link is not None
+    offsets = drive.odometry.pose - at_topic.planar
     apart = float(np.hypot(offsets[:, 0], offsets[:, 1]).max())
     turned = float(np.abs(normalize_angle_modulo(offsets[:, 2])).max())
-    drive.odometry = _joined(drive.odometry, link.time, link.stamp, at_messages.planar)
+    drive.odometry = _joined(drive.odometry, link.time, link.stamp, at_link.planar)
     if apart > POSE_OFF_M or turned > POSE_OFF_RAD:
         drive.notes.append(
             f"the odometry topic is not what tf shows: up to {apart:.2f} m and {turned:.2f} rad "
@@ -229,7 +240,8 @@ def _joined(motion: Motion, times: np.ndarray, stamps: np.ndarray, poses: np.nda
     The planner takes the latest message of each. So a row is a message of the more frequent one,
     with the message of the other whose stamp is nearest; nothing is interpolated.
     """
-    if len(stamps) > 1.2 * len(motion):  # Two of one rate may differ by some at the ends.
+    # Two of one rate may differ by some messages at the ends.
+    if len(stamps) > 1.2 * len(motion):
         nearest = _nearest(motion.stamp, stamps)
         return Motion(np.maximum.accumulate(times), stamps, poses, motion.twist[nearest])
     nearest = _nearest(stamps, motion.stamp)
@@ -240,9 +252,11 @@ def _nearest(stamps: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     """Return the indices of the stamps nearest to some times (n,)."""
     if len(stamps) == 1:
         return np.zeros(len(wanted), int)
+    # Of the stamps on both sides of a time, the nearer one
     right = np.clip(np.searchsorted(stamps, wanted), 1, len(stamps) - 1)
-    is_left = wanted - stamps[right - 1] <= stamps[right] - wanted
-    return np.asarray(right - is_left)
+    left = right - 1
+    is_left_nearer = wanted - stamps[left] <= stamps[right] - wanted
+    return np.where(is_left_nearer, left, right)
 
 
 # -- plans -----------------------------------------------------------------------------------------
@@ -273,15 +287,12 @@ def followed_plans(drive: Drive, tree: Tree, robot: Robot) -> Plans:
     limit = half_size(move_base.local_costmap)
     prunes = bool(move_base.parameters[move_base.local_planner_name]["prune_plan"])
 
-    def by_odometry(path: np.ndarray, index: int) -> np.ndarray:
-        if origins is None:
-            return path
-        return transformed(path, inverse(tuple(origins[index].tolist())))
-
-    kept_times: List[float] = []
-    kept_paths: List[np.ndarray] = []
+    followed_times: List[float] = []
+    followed_paths: List[np.ndarray] = []
     latest = -1
-    stored = previous = np.zeros((0, 3))
+    # What is left of the latest plan, and what was left of the one before it
+    stored = np.zeros((0, 3))
+    previous = stored
     for index, time in enumerate(times.tolist()):
         if drive.routes.latest(time) != latest:
             latest = drive.routes.latest(time)
@@ -290,20 +301,22 @@ def followed_plans(drive: Drive, tree: Tree, robot: Robot) -> Plans:
         row = drive.odometry.latest(time)
         if latest < 0 or row < 0 or not len(stored) or not _has_goal(drive, time):
             continue
+        choices = [stored]
         if len(previous) and time - drive.routes.time[latest] < CYCLE_S:
-            kept_times.append(time)
-            kept_paths.append(by_odometry(previous, index))
-        path = by_odometry(stored, index)
-        kept_times.append(time)
-        kept_paths.append(path)
+            choices.insert(0, previous)
+        # Frames move in each other, so that a stored plan is transformed anew in each cycle.
+        if origins is not None:
+            choices = [_seen_from(origins[index], path) for path in choices]
+        followed_times += [time] * len(choices)
+        followed_paths += choices
         x, y, _ = drive.odometry.pose[row].tolist()
-        _, dropped = cut_plan(path, x, y, limit, prunes)
+        _, dropped = cut_plan(choices[-1], x, y, limit, prunes)
         stored = stored[dropped:]
-    return Plans(np.array(kept_times), kept_paths)
+    return Plans(np.array(followed_times), followed_paths)
 
 
 def _routes_by_odometry(drive: Drive, tree: Tree) -> Optional[Plans]:
-    """Return the global planner's plans in the odometry frame, or None if tf does not connect it."""
+    """Return the global planner's plans in the odometry frame, or None if tf lacks it."""
     if drive.routes is None or drive.frames["routes"] == [drive.frame]:
         return drive.routes
     frame = drive.frames["routes"][0]
@@ -311,12 +324,19 @@ def _routes_by_odometry(drive: Drive, tree: Tree) -> Optional[Plans]:
     if place is None:
         return None
     paths = []
-    for path, origin in zip(drive.routes.path, place.planar.tolist()):
-        paths.append(transformed(path, inverse(tuple(origin))))
+    for path, origin in zip(drive.routes.path, place.planar):
+        paths.append(_seen_from(origin, path))
     return Plans(drive.routes.time, paths)
+
+
+def _seen_from(origin: np.ndarray, path: np.ndarray) -> np.ndarray:
+    """Return a path (n, 3) in the frame that lies at `origin` (3,) x, y [m], yaw [rad]."""
+    x, y, yaw = origin.tolist()
+    return transformed(path, inverse((x, y, yaw)))
 
 
 def _has_goal(drive: Drive, time: float) -> bool:
     """Return whether a goal was pursued at a time, or whether nobody knows."""
-    pursued = [goal for goal in drive.goals if goal.begin - STATUS_S <= time <= goal.end]
-    return bool(pursued or not drive.goals)
+    if not drive.goals:
+        return True
+    return any(goal.begin - STATUS_S <= time <= goal.end for goal in drive.goals)

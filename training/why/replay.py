@@ -1,4 +1,4 @@
-"""Replay of a recorded drive: every control cycle of the local planner again, at the recorded pose and speed.
+"""Replay of a recorded drive: every control cycle of the local planner at its pose and speed.
 
 A bag does not contain which odometry message, scan and map update a cycle used. A cycle is
 reproduced if a likely choice gives the recorded command. The replay continues from the map and the
@@ -95,11 +95,14 @@ class Replay:
 
     @override
     def __str__(self) -> str:
-        count = f"{sum(cycle.reproduced for cycle in self.cycles):,} of {len(self.cycles):,} commands reproduced"
-        note = (
-            "" if self.drive.changes else "; no parameter_updates: the folder's values are assumed"
+        reproduced = sum(cycle.reproduced for cycle in self.cycles)
+        words = (
+            f"{self.drive.name}: {self.cycles[-1].at:.1f} s, {reproduced:,} of "
+            f"{len(self.cycles):,} commands reproduced ({self.share:.1%})"
         )
-        return f"{self.drive.name}: {self.cycles[-1].at:.1f} s, {count} ({self.share:.1%}){note}"
+        if not self.drive.changes:
+            words += "; no parameter_updates: the folder's values are assumed"
+        return words
 
     def run(self, drive: Drive) -> None:
         """Replay all cycles of a drive.
@@ -114,21 +117,29 @@ class Replay:
             changes = self.settings.differences({server: values})
             self.settings = self.settings.with_(*changes)
             self.history.append((at, self.settings))
-        rows = list(zip(drive.planned.time.tolist(), drive.planned.twist.tolist()))
-        for at, command in tqdm(rows, drive.name, leave=False, disable=None):
+        commands = list(zip(drive.planned.time.tolist(), drive.planned.twist.tolist()))
+        for at, (v, w) in tqdm(commands, drive.name, leave=False, disable=None):
             settings = self.in_force(at)
             self.put_in_force(settings)
             odometry = self.odometry.latest(at)
             scan = self._scans.latest(at)
             plan = self._plan(at)
-            if odometry >= 0 and scan >= 0 and plan is not None:
-                pose, twist = self._message(odometry)
-                memory = self.local.planner.state
-                known = self.costmap.snapshot()
-                cycle = Cycle(
-                    at, tuple(command), pose, twist, plan, known, memory, False, settings, scan
-                )
-                self.cycles.append(self._replayed(cycle, odometry))
+            if odometry < 0 or scan < 0 or plan is None:
+                continue
+            pose, twist = self._message(odometry)
+            cycle = Cycle(
+                at=at,
+                command=(v, w),
+                pose=pose,
+                twist=twist,
+                plan=plan,
+                map=self.costmap.snapshot(),
+                memory=self.local.planner.state,
+                is_new=False,
+                settings=settings,
+                scan=scan,
+            )
+            self.cycles.append(self._replayed(cycle, odometry))
 
     def in_force(self, at: float) -> Settings:
         """Return the parameters in force at a time [s]."""
@@ -148,6 +159,11 @@ class Replay:
             tolerance=self.move_base.goal_tolerance,
             scale=self.robot.world_scale,
         )
+
+    @property
+    def top_speed(self) -> float:
+        """Mean top speed that the planner allows [m/s]."""
+        return float(self.limits().speed.mean())
 
     @property
     def odometry(self) -> Motion:
@@ -187,7 +203,7 @@ class Replay:
         return None
 
     def _paths(self, asked: Cycle) -> List[np.ndarray]:
-        """Return the plan of a cycle, and the one before it if a bag leaves open which was followed."""
+        """Return the plan of a cycle, and the one before it if either may have been followed."""
         assert self.drive.plans is not None
         plans = self.drive.plans
         last = plans.latest(asked.at)
@@ -205,18 +221,25 @@ class Replay:
         return observe(self.scan(index), self.costmap.obstacles.buffers[0].source.inf_is_valid)
 
     def scan(self, index: int) -> LaserScan:
-        """Return a scan at the laser's place in the odometry frame, by odometry at the time of its stamp."""
+        """Return a scan at the laser's place in the odometry frame at the time of its stamp."""
         laser = self.robot.laser
         stamp = self._scans.stamp[index]
         first_angle, increment, range_min, range_max = self._scans.fan[index].tolist()
         place = compose(self.odometry.pose_at(stamp), self.drive.laser_pose or laser.pose)
         ranges = self._scans.ranges[index]
         return LaserScan(
-            0.0, first_angle, increment, range_min, range_max, ranges, place, laser.height
+            stamp=0.0,
+            angle_min=first_angle,
+            angle_increment=increment,
+            range_min=range_min,
+            range_max=range_max,
+            ranges=ranges,
+            sensor_pose=place,
+            sensor_height=laser.height,
         )
 
     def command(self, cycle: Cycle) -> Command:
-        """Return the planner's command in a cycle, on the present map and with the parameters in force."""
+        """Return the planner's command in a cycle, on the present map, with the present values."""
         self.begin(cycle)
         command: Command = self.local.compute_velocity(cycle.pose, cycle.twist, self.costmap)[1]
         return command
@@ -224,48 +247,63 @@ class Replay:
     def begin(self, cycle: Cycle) -> None:
         """Give the planner the plan and the flags of a cycle."""
         self.local.planner.state = cycle.memory
+        # A new plan may clear flags. The same plan, given again, must not.
         self.local.set_plan(cycle.plan)
         if not cycle.is_new:
             self.local.planner.state = cycle.memory
 
     def _replayed(self, asked: Cycle, odometry: int) -> Cycle:
-        """Return a cycle with the first choice that reproduces it, else with the first choice and the least error.
+        """Return a cycle with the first choice that reproduces it, else with the first choice.
 
-        The planner keeps the flags after the recorded command, and the map of the choice is shown.
+        The error is the least one of all choices. The planner keeps the flags after the recorded
+        command, and the costmap shows the map of the choice.
         """
-        first, least = None, np.inf
+        first: Optional[Cycle] = None
+        least_error = np.inf
         for cycle in self._choices(asked, odometry):
             v, w = self.command(cycle)
             cycle.error = abs(v - asked.command[0]) + abs(w - asked.command[1])
             if cycle.reproduced:
                 return cycle
-            first, least = first or cycle, min(least, cycle.error)
+            first = first or cycle
+            least_error = min(least_error, cycle.error)
         assert first is not None
         self.costmap.restore(first.map)
+        # The robot did what was recorded, whatever the replay would have done.
         self.local.planner.state = first.memory
         self.local.planner.remember(first.pose, *first.command)
-        return replace(first, error=least)
+        return replace(first, error=least_error)
 
     def _choices(self, asked: Cycle, odometry: int) -> Iterator[Cycle]:
-        """Yield the choices of a cycle's messages and map, the likely ones first, with the map shown."""
-        count = len(self.odometry)
-        self.begin(replace(asked, is_new=True))
-        plans = (False,) if self.local.planner.state == asked.memory else (False, True)
+        """Yield the choices of a cycle's messages and map, the likely ones first.
+
+        The costmap shows the map of the yielded choice.
+        """
+        news = self._choices_of_new(asked)
         paths = self._paths(asked)
-        for behind, late in UPDATES:
-            if asked.scan >= (behind or 0) and odometry >= late:
-                self.costmap.restore(asked.map)
-                if behind is not None:
-                    self._update(asked.scan - behind, odometry - late)
-                shown = self.costmap.snapshot()
-                for lag, shift, is_new, path in product(LAGS, POSE_LAGS, plans, paths):
-                    row = odometry - lag
-                    if 0 <= row < count and 0 <= row + shift < count:
-                        pose, _ = self._message(row + shift)
-                        _, twist = self._message(row)
-                        yield replace(
-                            asked, pose=pose, twist=twist, map=shown, plan=path, is_new=is_new
-                        )
+        for scan_age, odometry_age in UPDATES:
+            if asked.scan < (scan_age or 0) or odometry < odometry_age:
+                continue
+            self.costmap.restore(asked.map)
+            if scan_age is not None:
+                self._update(asked.scan - scan_age, odometry - odometry_age)
+            shown = self.costmap.snapshot()
+            for lag, shift, is_new, path in product(LAGS, POSE_LAGS, news, paths):
+                twist_row = odometry - lag
+                pose_row = twist_row + shift
+                if min(twist_row, pose_row) < 0:
+                    continue
+                if max(twist_row, pose_row) >= len(self.odometry):
+                    continue
+                pose, _ = self._message(pose_row)
+                _, twist = self._message(twist_row)
+                yield replace(asked, pose=pose, twist=twist, map=shown, plan=path, is_new=is_new)
+
+    def _choices_of_new(self, asked: Cycle) -> Tuple[bool, ...]:
+        """Return whether the plan of a cycle may have been new, if that makes a difference."""
+        self.begin(replace(asked, is_new=True))
+        clears_flags = self.local.planner.state != asked.memory
+        return (False, True) if clears_flags else (False,)
 
 
 def changes_of(drive: Drive, robot: Robot) -> List[Tuple[float, str, Dict[str, Any]]]:

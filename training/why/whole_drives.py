@@ -1,4 +1,4 @@
-"""Whole drives in the world that the laser saw: with the recorded values, and with each candidate for a remedy.
+"""Whole drives in the world that the laser saw: with the recorded values, and with candidates.
 
 A candidate is believed only if it drives better from the recorded start to the recorded goal, with
 seeds that did not choose it.
@@ -107,8 +107,10 @@ class Tried(NamedTuple):
         slow = sum(drive.is_slow for drive in self.drives)
         if slow:
             return f"not faster in {slow} of {len(self.drives)}"
-        counts = f"{len(arrived)} of {len(self.drives)}"
-        return f"arrives {counts} in {np.mean(arrived):.0f} s" if arrived else f"arrives {counts}"
+        words = f"arrives {len(arrived)} of {len(self.drives)}"
+        if arrived:
+            words += f" in {np.mean(arrived):.0f} s"
+        return words
 
 
 class Trials(NamedTuple):
@@ -159,11 +161,13 @@ def drive_once(course: Course, changes: Sequence[Change], seed: int, to_beat: fl
     assert truth is not None
     success = outcome.success and not outcome.collided
     is_timeout = episode.drive.goals[-1].status == TIMED_OUT
+    # Paths are sent between processes.
+    path = np.column_stack([truth.time, truth.pose[:, :2]]).astype(np.float32)
     return Arrival(
-        success,
-        outcome.time_s if success else course.limit,
-        is_timeout and limit < course.limit,
-        np.column_stack([truth.time, truth.pose[:, :2]]).astype(np.float32),
+        success=success,
+        seconds=outcome.time_s if success else course.limit,
+        is_slow=is_timeout and limit < course.limit,
+        path=path,
     )
 
 
@@ -174,23 +178,31 @@ def try_out(course: Course, candidates: Sequence[Candidate], pool: Pool) -> Tria
     seeds that chose nothing. A drive that is not faster than with the recorded values is broken
     off.
     """
-    first = CHOOSING[:1]
     recorded = Tried(None, _drive(course, [None], CHOOSING, pool)[None])
-    to_beat = {seed: drive.seconds for seed, drive in zip(CHOOSING, recorded.drives)}
-    drives = _drive(course, candidates, first, pool, to_beat)
+    to_beat = {}
+    for seed, arrival in zip(CHOOSING, recorded.drives):
+        to_beat[seed] = arrival.seconds
+
+    # All candidates drive once, the best ones with the other seeds.
+    drives = _drive(course, candidates, CHOOSING[:1], pool, to_beat)
     best = _ranked(drives)[:CHOSEN]
-    for candidate, more in _drive(course, best, CHOOSING[1:], pool, to_beat).items():
-        drives[candidate] += more
+    for candidate, arrivals in _drive(course, best, CHOOSING[1:], pool, to_beat).items():
+        drives[candidate] += arrivals
     tried = [Tried(candidate, drives[candidate]) for candidate in _ranked(drives)]
-    chosen = [one for one in tried if len(one.drives) == len(CHOOSING)]
-    if not chosen or not _is_better(chosen[0], recorded):
+    finalists = [entry for entry in tried if len(entry.drives) == len(CHOOSING)]
+    if not finalists or not _is_better(finalists[0], recorded):
         return Trials(recorded, None, tried)
-    candidate = _mildest(chosen).candidate
+
+    # The best of several looks better than it is, so that other seeds judge it.
+    candidate = _mildest(finalists).candidate
     judged = _drive(course, [None, candidate], CONFIRMING, pool)
     recorded = Tried(None, judged[None])
-    if candidate not in judged or not _is_better(Tried(candidate, judged[candidate]), recorded):
+    if candidate not in judged:
         return Trials(recorded, None, tried)
-    return Trials(recorded, Tried(candidate, judged[candidate]), tried)
+    remedy = Tried(candidate, judged[candidate])
+    if not _is_better(remedy, recorded):
+        return Trials(recorded, None, tried)
+    return Trials(recorded, remedy, tried)
 
 
 Drives = Dict[Optional[Candidate], List[Arrival]]
@@ -212,6 +224,7 @@ def _drive(
         pool: Workers.
         to_beat: Time [s] by seed after which a drive is broken off.
     """
+    # All calls first, so that the workers are busy while the results are collected.
     calls = []
     for candidate in candidates:
         changes = candidate.changes if candidate else ()
@@ -223,6 +236,7 @@ def _drive(
         try:
             arrival = call.result()
         except CallFailed:
+            # Values may contradict each other, such as a footprint without an area.
             if candidate is None:
                 raise ApplrError("the recorded values cannot be driven in simulation") from None
             drives.pop(candidate, None)
@@ -243,8 +257,8 @@ def _ranked(drives: Drives) -> List[Optional[Candidate]]:
 
 def _mildest(chosen: Sequence[Tried]) -> Tried:
     """Return the smallest change among those that drive about as fast as the first one."""
-    near = [one for one in chosen if one.seconds <= NEARLY * chosen[0].seconds]
-    return min(near, key=lambda one: one.candidate.departure if one.candidate else 1.0)
+    near = [tried for tried in chosen if tried.seconds <= NEARLY * chosen[0].seconds]
+    return min(near, key=lambda tried: tried.candidate.departure if tried.candidate else 1.0)
 
 
 def _is_better(tried: Tried, recorded: Tried) -> bool:

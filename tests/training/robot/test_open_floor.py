@@ -12,7 +12,8 @@ from applr_ros1.robots.folder import forget, read
 from applr_ros1.robots.geometry import bounding_box
 from training.robot import check as check_robot
 from training.robot import open_floor
-from training.robot.open_floor import Floor, changes, courses
+from training.robot.open_floor import Floor, courses
+from training.why.candidates import single_candidates, with_changes
 from training.why.reasons import STANDS, failure_of
 
 BURGER = load("turtlebot3_burger")
@@ -139,7 +140,9 @@ def test_a_change_counts_in_all_places_and_keeps_to_the_range():
     space = space_of(BURGER)
     defaults = space_of(BURGER).theta0
     robots = {}
-    for change, robot in changes(BURGER):
+    for candidate in single_candidates(BURGER):
+        robot = with_changes(BURGER, candidate.changes, f"burger with {candidate}")
+        change = candidate.changes[0]
         robots[change.advice] = robot
         theta = space_of(robot).theta0
         changed_names = [space.names[index] for index in np.flatnonzero(theta != defaults)]
@@ -170,7 +173,7 @@ def test_a_monitor_that_stops_it_before_the_door_is_an_error(tmp_path, monkeypat
     text = (folder / "robot.yaml").read_text()
     (folder / "robot.yaml").write_text(text.replace("margin: 0.02", "margin: 0.2"))
     robot = read(str(folder))
-    monkeypatch.setattr(open_floor, "changes", lambda robot: ())
+    monkeypatch.setattr(open_floor, "single_candidates", lambda robot: ())
     leave_out(monkeypatch, 2)
     drives, (*_, door, error) = open_floor.try_out(robot)
     assert (drives, "door of 0.53 m: the collision monitor intervenes" in door) == (False, True), (
@@ -182,7 +185,9 @@ def test_a_monitor_that_stops_it_before_the_door_is_an_error(tmp_path, monkeypat
 
 def test_a_footprint_that_is_too_small_is_the_cause_and_no_parameter_is_proposed(monkeypatch):
     """The monitor stops the body, which the planner takes for smaller than it is."""
-    monkeypatch.setattr(open_floor, "changes", lambda robot: pytest.fail("the cause is known"))
+    monkeypatch.setattr(
+        open_floor, "single_candidates", lambda robot: pytest.fail("the cause is known")
+    )
     leave_out(monkeypatch, 2)
     drives, (*_, error) = open_floor.try_out(scaled_footprint(JACKAL, 0.2))
     assert not drives
@@ -212,7 +217,7 @@ def test_a_correction_outside_the_parameter_space_is_no_attempt(monkeypatch):
     """The correction sets a speed above the range that parameter_space gives it."""
     outside = Remark("a fault", {"DWAPlannerROS": {"max_vel_x": 9.0}})
     monkeypatch.setattr(open_floor.check, "remarks", lambda robot: [outside])
-    monkeypatch.setattr(open_floor, "changes", lambda robot: ())
+    monkeypatch.setattr(open_floor, "single_candidates", lambda robot: ())
     drives, (*_, error) = open_floor.try_out(
         BURGER.with_parameters(CANNOT_TURN, "burger with a fault")
     )
