@@ -40,8 +40,8 @@ FRESH_SEEDS = (101, 102, 103)
 # Ratios of the mean times after and before
 HELPED = 0.9
 HARMED = 1.1
-# Worlds of the table. Rules were chosen with 3, 7, 11, 17 and 40.
-JUDGING = (5, 23, 28, 45, 61, 76, 88, 104, 131, 152)
+# Worlds of the table. Rules were chosen with 3, 7, 11, 17, 23 and 40.
+JUDGING = (5, 28, 45, 61, 76, 88, 104, 131, 152)
 ROBOTS = ("jackal", "turtlebot3_burger", "husky")
 DRIVES_PER_FAULT = 4  # so that no parameter counts much more than another
 SOUND_EVERY = 5  # one drive without a fault for so many rows with one
@@ -228,7 +228,8 @@ def _random_change(robot: Robot, rng: np.random.Generator) -> Candidate:
             names.append(name)
     name = names[int(rng.integers(len(names)))]
     change = Change(server, name, values[name], values[name] * float(rng.choice([0.5, 2.0])))
-    choices = [Candidate((change,)), *file_candidates(robot)]
+    choices = [Candidate((change,))]
+    choices += [rated.candidate for rated in file_candidates(robot)]
     return choices[int(rng.integers(2))]
 
 

@@ -86,7 +86,7 @@ def run(options: WhyOptions) -> None:
             verdict=values["happened"],
             scripts=SCRIPTS,
             data=values,
-            measured=[values["sure"], METHOD],
+            measured=[values["sure"], *first.drive.notes, METHOD],
         )
         write_bytes(options.out, page.html())
 

@@ -145,7 +145,7 @@ def tried_rows(diagnosis: Diagnosis) -> List[str]:
     trials = diagnosis.trials
     if trials is not None:
         rows.append(f"Driven in simulation ({trials.recorded} with the recorded values):")
-        rows += [f"   {one.candidate}: {one}" for one in trials.tried[:LISTED]]
+        rows += [f"   {tried.candidate}: {tried}" for tried in trials.tried[:LISTED]]
     if diagnosis.guesses:
         rows.append("Guesses of the replay, two seconds ahead:")
         rows += [f"   {alternative}" for alternative in diagnosis.guesses[:LISTED]]
@@ -172,6 +172,7 @@ def values_of(diagnosis: Diagnosis) -> Dict[str, Any]:
         "advice": advice(diagnosis),
         "sure": how_sure(diagnosis),
         "reproduced": replay.share,
+        "notes": replay.drive.notes,
         **_trials_values(diagnosis.trials),
         "alternatives": [str(alternative) for alternative in diagnosis.guesses],
         "events": [_event_values(diagnosis, row) for row in range(len(diagnosis.events))],
@@ -189,7 +190,7 @@ def _trials_values(trials: Optional[Trials]) -> Dict[str, Any]:
     if trials is None:
         return {"remedies": [], "tried": [], "recorded": None}
     remedies = [str(trials.remedy.candidate)] if trials.remedy else []
-    tried = [_tried_values(one) for one in trials.tried]
+    tried = [_tried_values(driven) for driven in trials.tried]
     return {"remedies": remedies, "tried": tried, "recorded": _tried_values(trials.recorded)}
 
 

@@ -20,6 +20,7 @@ CPP_RATE_HZ = 20.0  # default of the C++ move_base
 CPP_OBSTACLE_RANGE_M = 2.5  # defaults of C++'s obstacle layer
 CPP_RAYTRACE_RANGE_M = 3.0
 CPP_INFLATION_M = 0.55  # default of C++'s inflation layer
+UNUSUAL = 0.4  # logarithm of the ratio to the usual value from which on a value is unusual (1.5)
 LARGER_M = 0.05  # excess of a footprint over the body from which on the body's outline is tried [m]
 # Changes of single parameters that are tried if no drive tells more: (parameter of the robot's
 # space, factor on its value), in the order of the attempts. The first ones free most robots.
@@ -110,8 +111,13 @@ class Rated(NamedTuple):
     departure: float
     candidate: Candidate
 
+    @property
+    def is_unusual(self) -> bool:
+        """True if the present value is far from the usual one."""
+        return self.departure >= UNUSUAL
 
-def file_candidates(robot: Robot) -> List[Candidate]:
+
+def file_candidates(robot: Robot) -> List[Rated]:
     """Return changes of values in the robot's files, those farthest from the usual value first.
 
     Never less padding than C++'s default, nor a footprint smaller than the body.
@@ -126,7 +132,7 @@ def file_candidates(robot: Robot) -> List[Candidate]:
         *_rates(tree),
     ]
     found.sort(key=lambda rated: -rated.departure)
-    return [rated.candidate for rated in found]
+    return found
 
 
 def _footprints(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
@@ -194,13 +200,16 @@ def _ranges(tree: Dict[str, Any]) -> Iterator[Rated]:
 
 
 def _windows(tree: Dict[str, Any]) -> Iterator[Rated]:
-    """Yield a local costmap of twice the size. No size is usual, so that it comes last."""
+    """Yield a local costmap of twice the size."""
     local_costmap = tree["local_costmap"]
     changes = []
     for side in ("width", "height"):
         size = local_costmap[side]
         changes.append(Change("local_costmap", side, size, type(size)(2 * size)))
-    yield Rated(0.0, Candidate(tuple(changes)))
+    smallest = min(change.before for change in changes)
+    # A smaller window than this lacks obstacles that the laser layers would take up.
+    ratio = 2.0 * CPP_OBSTACLE_RANGE_M / max(smallest, 0.1)
+    yield Rated(max(0.0, float(np.log(ratio))), Candidate(tuple(changes)))
 
 
 def _inflations(tree: Dict[str, Any]) -> Iterator[Rated]:

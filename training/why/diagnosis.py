@@ -39,7 +39,7 @@ from training.why.reasons import (
     unmoved,
 )
 from training.why.replay import Cycle, Replay
-from training.why.whole_drives import Course, Trials, limit_of, try_out
+from training.why.whole_drives import ROUND, Course, Trials, limit_of, try_out
 from training.workers.pool import Pool
 
 # Alternatives drive on from so many cycles of all events, and at least so many of each event.
@@ -52,7 +52,7 @@ EVENT_SHARE = 0.5  # share of an event from which on an observation is its reaso
 LOST_SHARE = 0.1  # share of a drive that events take from which on remedies are sought
 # A drive that takes less than this ratio of a straight drive at top speed needs no remedy.
 FAST = 1.25
-CANDIDATES = 9  # number of candidates that are driven
+CANDIDATES = 12  # number of candidates that are driven
 MUCH = 4.0  # factor of a change beyond which a factor of 2 is tried, too
 LIVE = 5  # number of candidates among them that the replay ranks
 AROUND_S = 0.5  # time around a moment that is asked about [s]
@@ -256,7 +256,13 @@ def candidates(diagnosis: Diagnosis, robot: Robot) -> List[Candidate]:
         live += milder(replay, guess)
         live.append(Candidate(guess.changes))
     live += escape_candidates(replay.server, replay.settings[replay.server])
-    every = live + file_candidates(robot)
+
+    # The replay does not see what values of files would do: unusual ones come before guesses that
+    # it ranks low, the others last.
+    in_files = file_candidates(robot)
+    unusual = [rated.candidate for rated in in_files if rated.is_unusual]
+    usual = [rated.candidate for rated in in_files if not rated.is_unusual]
+    every = live[:ROUND] + unusual + live[ROUND:] + usual
     return every[:CANDIDATES]
 
 
@@ -312,7 +318,7 @@ def compared(first: Replay, second: Replay) -> List[str]:
     differing = ", ".join(map(str, changes)) or "none"
     lines = [f"{second}; {_parting(first, second)}; differing parameters: {differing}"]
     if tried:
-        lines.append("Changes of the first drive to a value of this one:")
+        lines.append("Changes of the first drive to a value of the second:")
         lines += [f"   {alternative}" for alternative in tried]
     return lines
 

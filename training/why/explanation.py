@@ -29,9 +29,10 @@ BACK = np.pi / 2  # angle between plan and heading from which on the plan leads 
 # A part of the robot stays beside it in this share of the scans, at so many poses or more.
 CARRIED = 0.9
 POSES = 5
-BESIDE_M = 0.3  # how far beyond the circumscribed circle it may lie [m]
-MOVED_M = 0.3  # distance between two poses that are compared [m], or
-MOVED_TURN = 0.2  # turn between them [rad]
+BESIDE_M = 0.3  # how far beyond the circumscribed circle it may lie [m, for the Jackal]
+# Poses that are compared are this far from each other [m, for the Jackal], or turned [rad].
+MOVED_M = 0.3
+MOVED_TURN = 0.2
 
 # What weighs against faster samples: the parameter, and the words, by the planner's name for this
 # part of the costs.
@@ -40,12 +41,24 @@ OBJECTIONS = {
     "obstacle": ("occdist_scale", "passes nearer to obstacles than {} allows"),
     "path_distance_bias": ("path_distance_bias", "leaves the plan farther than {} allows"),
     "path": ("path_distance_bias", "leaves the plan farther than {} allows"),
-    "goal_distance_bias": ("goal_distance_bias", "ends too far from the local goal for {}"),
-    "goal": ("goal_distance_bias", "ends too far from the local goal for {}"),
-    "alignment": ("path_distance_bias", "turns the robot's front away from the plan ({})"),
-    "goal_front": ("goal_distance_bias", "turns the robot's front away from the goal ({})"),
+    "goal_distance_bias": (
+        "goal_distance_bias",
+        "ends farther from the local goal than {} allows",
+    ),
+    "goal": ("goal_distance_bias", "ends farther from the local goal than {} allows"),
+    "alignment": (
+        "path_distance_bias",
+        "takes the robot's front farther from the plan than {} allows",
+    ),
+    "goal_front": (
+        "goal_distance_bias",
+        "takes the robot's front farther from the local goal than {} allows",
+    ),
     "twirling": ("twirling_scale", "turns more than {} allows"),
-    "oscillation": ("oscillation_reset_dist", "is barred after an oscillation ({})"),
+    "oscillation": (
+        "oscillation_reset_dist",
+        "is barred after an oscillation, until the robot has moved by {}",
+    ),
 }
 
 
@@ -305,8 +318,9 @@ def part_of_robot(replay: Replay) -> Optional[Tuple[float, float]]:
     A standing robot proves nothing, so that each pose counts once.
     """
     x, y = replay.costmap.footprint.T
-    reach = float(np.hypot(x, y).max()) + BESIDE_M
-    poses = _distinct_poses(replay.cycles)
+    scale = replay.robot.world_scale
+    reach = float(np.hypot(x, y).max()) + BESIDE_M * scale
+    poses = _distinct_poses(replay.cycles, MOVED_M * scale)
     if len(poses) < POSES:
         return None
 
@@ -326,20 +340,22 @@ def part_of_robot(replay: Replay) -> Optional[Tuple[float, float]]:
     return place if count > CARRIED * len(poses) else None
 
 
-def _distinct_poses(cycles: Sequence[Cycle]) -> List[Cycle]:
-    """Return cycles between which the robot has moved or turned."""
+def _distinct_poses(cycles: Sequence[Cycle], distance: float) -> List[Cycle]:
+    """Return cycles whose poses are a distance [m] or MOVED_TURN apart from each other.
+
+    A robot that goes to and fro comes back to the same poses, at which walls look like a part of
+    it.
+    """
     distinct: List[Cycle] = []
+    poses = np.empty((0, 3))
     for cycle in cycles:
-        if not distinct or _has_moved(distinct[-1].pose, cycle.pose):
+        offsets = poses - cycle.pose
+        is_near = np.hypot(offsets[:, 0], offsets[:, 1]) < distance
+        is_alike = np.abs(normalize_angle_modulo(offsets[:, 2])) < MOVED_TURN
+        if not (is_near & is_alike).any():
             distinct.append(cycle)
+            poses = np.vstack([poses, cycle.pose])
     return distinct
-
-
-def _has_moved(before: Pose, after: Pose) -> bool:
-    """Return whether two poses are so far apart that the laser sees obstacles elsewhere."""
-    moved = np.hypot(after[0] - before[0], after[1] - before[1])
-    turned = abs(normalize_angle_modulo(after[2] - before[2]))
-    return bool(moved >= MOVED_M or turned >= MOVED_TURN)
 
 
 def arc(pose: Pose, v: float, w: float, seconds: float) -> Pose:

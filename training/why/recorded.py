@@ -1,8 +1,9 @@
 """Reads a recorded drive for the replay, and makes its columns fit on each other.
 
 As in C++, the pose is tf's and the velocity that of the odometry topic, the laser is where tf has
-it, and the local planner follows its cut of the global planner's latest plan. What cannot be laid
-over another is refused; what differs from the robot's files is said in a note.
+it, and the local planner follows its cut of the global planner's latest plan. Its plan is in the
+frame of the local costmap, in which the drive is replayed. What cannot be laid over another is
+refused; what differs from the robot's files is said in a note.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ def drive_of(path: Path, options: RecordedOptions) -> Drive:
 
 
 def fitted(drive: Drive, options: RecordedOptions) -> Drive:
-    """Return a drive whose poses, scans and plans are in one frame.
+    """Return a drive whose poses, scans and plans are in one frame, that of the local costmap.
 
     Raises:
         ApplrError: Frames differ, and tf does not connect them.
@@ -91,14 +92,14 @@ def fitted(drive: Drive, options: RecordedOptions) -> Drive:
     # The caller's drive keeps its columns and notes.
     drive = replace(drive, notes=list(drive.notes))
     _place_laser(drive, tree, options)
+    # The plans that were followed are in the frame of the local costmap.
+    for frame in drive.frames.get("plans", []):
+        if frame != drive.frame:
+            if tree.place(frame, robot.frames.base, np.zeros(1)) is None:
+                raise _unconnected(frame, drive)
+            drive.frame = frame
     _take_poses(drive, tree, robot)
     # Without plans that were followed, they are cut out of the global planner's.
-    frame = "".join(drive.frames.get("plans", []))
-    if frame and drive.frame and frame != drive.frame:
-        raise ApplrError(
-            f"the plan is in {frame}, the odometry in {drive.frame}: "
-            "the local costmap must be in the odometry frame"
-        )
     if drive.plans is None:
         drive.plans = followed_plans(drive, tree, robot)
     drive.routes = _routes_by_odometry(drive, tree)
@@ -215,11 +216,12 @@ def _mirrored(scans: Scans) -> Scans:
 def _take_poses(drive: Drive, tree: Tree, robot: Robot) -> None:
     """Take the poses from tf, if it has them, as Costmap2DROS::getRobotPose does."""
     assert drive.odometry is not None
+    (topic_frame,) = drive.frames["odometry"]
     link = tree.busiest(drive.frame, robot.frames.base)
     if link is None:
         return
     # tf at the messages of the topic, to compare them, and at its own messages, to take them
-    at_topic = tree.place(drive.frame, robot.frames.base, drive.odometry.stamp)
+    at_topic = tree.place(topic_frame, robot.frames.base, drive.odometry.stamp)
     at_link = tree.place(drive.frame, robot.frames.base, link.stamp)
     assert at_topic is not None
     assert at_link is not None
@@ -279,9 +281,7 @@ def followed_plans(drive: Drive, tree: Tree, robot: Robot) -> Plans:
     if frame != drive.frame:
         place = tree.place(frame, drive.frame, times)
         if place is None:
-            raise ApplrError(
-                f"the plan is in {frame}, the odometry in {drive.frame}: record /tf and /tf_static"
-            )
+            raise _unconnected(frame, drive)
         origins = place.planar
     move_base = MoveBase(counting_cells(robot.parameters()))
     limit = half_size(move_base.local_costmap)
@@ -327,6 +327,13 @@ def _routes_by_odometry(drive: Drive, tree: Tree) -> Optional[Plans]:
     for path, origin in zip(drive.routes.path, place.planar):
         paths.append(_seen_from(origin, path))
     return Plans(drive.routes.time, paths)
+
+
+def _unconnected(frame: str, drive: Drive) -> ApplrError:
+    """Return the error of plans in a frame that tf does not connect with the odometry's."""
+    return ApplrError(
+        f"the plan is in {frame}, the odometry in {drive.frame}: record /tf and /tf_static"
+    )
 
 
 def _seen_from(origin: np.ndarray, path: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
+from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import product
 from operator import itemgetter
@@ -29,6 +30,9 @@ from applr_ros1.robots import Robot
 from training.env.episode import counting_cells
 from training.why.events import Limits
 
+# Reasons why a command is no cycle of the local planner
+WITHOUT_PLAN = "without a plan (stops and recoveries of move_base)"
+TOO_EARLY = "before the first scan or odometry"
 EQUAL = 1e-6  # largest difference between equal commands [m/s + rad/s]
 SAME_CYCLE_S = 0.01  # longest time between a command and the plan that its cycle published [s]
 # Ages of a velocity in messages, counted from the latest before the command, the likely ones first.
@@ -78,6 +82,7 @@ class Replay:
         self.robot = robot
         self.drive = Drive()
         self.cycles: List[Cycle] = []
+        self.left_out: Counter[str] = Counter()  # numbers of commands that are no cycles, by reason
         self.move_base = MoveBase(counting_cells(robot.parameters()))
         self.local: Any = self.move_base.local_planner
         self.costmap = self.move_base.local_costmap
@@ -89,17 +94,29 @@ class Replay:
         self.history = [(-math.inf, self.settings)]  # (time [s], settings in force from then on)
 
     @property
+    def reproduced(self) -> int:
+        """Number of reproduced commands."""
+        return sum(cycle.reproduced for cycle in self.cycles)
+
+    @property
+    def commands(self) -> int:
+        """Number of all commands of the drive."""
+        return len(self.cycles) + self.left_out.total()
+
+    @property
     def share(self) -> float:
-        """Share of the cycles that are reproduced."""
-        return float(np.mean([cycle.reproduced for cycle in self.cycles]))
+        """Share of all commands that are reproduced."""
+        return self.reproduced / self.commands
 
     @override
     def __str__(self) -> str:
-        reproduced = sum(cycle.reproduced for cycle in self.cycles)
         words = (
-            f"{self.drive.name}: {self.cycles[-1].at:.1f} s, {reproduced:,} of "
-            f"{len(self.cycles):,} commands reproduced ({self.share:.1%})"
+            f"{self.drive.name}: {self.cycles[-1].at:.1f} s, {self.reproduced:,} of "
+            f"{self.commands:,} commands reproduced ({self.share:.1%})"
         )
+        left_out = [f"{count:,} {reason}" for reason, count in self.left_out.items()]
+        if left_out:
+            words += f"; left out: {', '.join(left_out)}"
         if not self.drive.changes:
             words += "; no parameter_updates: the folder's values are assumed"
         return words
@@ -124,7 +141,11 @@ class Replay:
             odometry = self.odometry.latest(at)
             scan = self._scans.latest(at)
             plan = self._plan(at)
-            if odometry < 0 or scan < 0 or plan is None:
+            if plan is None:
+                self.left_out[WITHOUT_PLAN] += 1
+                continue
+            if odometry < 0 or scan < 0:
+                self.left_out[TOO_EARLY] += 1
                 continue
             pose, twist = self._message(odometry)
             cycle = Cycle(

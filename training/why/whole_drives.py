@@ -26,12 +26,14 @@ from training.workers.calls import CallFailed
 from training.workers.pool import Pool
 from worlds import World
 
-CHOOSING = 1, 2, 3  # seeds that choose a candidate
-CONFIRMING = 4, 5, 6  # seeds that judge the chosen one
+CHOOSING = 1, 2  # seeds that choose a candidate
+CONFIRMING = 3, 4, 5  # seeds that judge the chosen one
+ROUND = 3  # number of candidates that drive before the best of them sets the time for others
 CHOSEN = 3  # number of candidates that drive with more than one seed
 BETTER = 0.9  # share of the time with the recorded values below which a candidate is better
 NEARLY = 1.1  # ratio of times up to which a smaller change is preferred
-SLOWEST = 2.0  # longest duration of a drive in durations of the recorded one
+BEHIND = 1.25  # ratio to the best time of a seed from which on a drive is broken off
+SLOWEST = 1.5  # longest duration of a drive in durations of the recorded one
 # Bounds of the time limit of a drive [s].
 SHORTEST_LIMIT_S = 20.0
 LONGEST_LIMIT_S = 60.0
@@ -70,7 +72,7 @@ class Arrival(NamedTuple):
         success: Whether the robot arrived without a contact.
         seconds: Time to the goal [s]; the limit if the drive failed.
         is_slow: Whether the drive was broken off, because it was not faster than with the recorded
-            values.
+            values, or much slower than with another candidate.
         path: (k, 3) time [s] and position (x, y) [m] in the odometry frame of the recorded drive.
     """
 
@@ -106,7 +108,7 @@ class Tried(NamedTuple):
         arrived = [drive.seconds for drive in self.drives if drive.success]
         slow = sum(drive.is_slow for drive in self.drives)
         if slow:
-            return f"not faster in {slow} of {len(self.drives)}"
+            return f"too slow in {slow} of {len(self.drives)}"
         words = f"arrives {len(arrived)} of {len(self.drives)}"
         if arrived:
             words += f" in {np.mean(arrived):.0f} s"
@@ -175,16 +177,25 @@ def try_out(course: Course, candidates: Sequence[Candidate], pool: Pool) -> Tria
     """Drive with the recorded values and with candidates.
 
     All candidates drive once, the best ones with more seeds, and the best of these is judged with
-    seeds that chose nothing. A drive that is not faster than with the recorded values is broken
-    off.
+    seeds that chose nothing. A drive that is not faster than with the recorded values, or much
+    slower than with another candidate, is broken off.
     """
     recorded = Tried(None, _drive(course, [None], CHOOSING, pool)[None])
     to_beat = {}
     for seed, arrival in zip(CHOOSING, recorded.drives):
         to_beat[seed] = arrival.seconds
 
-    # All candidates drive once, the best ones with the other seeds.
-    drives = _drive(course, candidates, CHOOSING[:1], pool, to_beat)
+    # All candidates drive once, in rounds, because the best of a round shortens the next one.
+    drives: Drives = {}
+    first_seed = CHOOSING[0]
+    fastest = to_beat[first_seed]
+    for begin in range(0, len(candidates), ROUND):
+        group = candidates[begin : begin + ROUND]
+        drives.update(_drive(course, group, [first_seed], pool, {first_seed: fastest}))
+        for (arrival,) in drives.values():
+            fastest = min(fastest, BEHIND * arrival.seconds)
+
+    # The best ones drive with the other seeds.
     best = _ranked(drives)[:CHOSEN]
     for candidate, arrivals in _drive(course, best, CHOOSING[1:], pool, to_beat).items():
         drives[candidate] += arrivals
@@ -195,10 +206,8 @@ def try_out(course: Course, candidates: Sequence[Candidate], pool: Pool) -> Tria
 
     # The best of several looks better than it is, so that other seeds judge it.
     candidate = _mildest(finalists).candidate
-    judged = _drive(course, [None, candidate], CONFIRMING, pool)
+    judged = _drive(course, [candidate, None], CONFIRMING, pool)
     recorded = Tried(None, judged[None])
-    if candidate not in judged:
-        return Trials(recorded, None, tried)
     remedy = Tried(candidate, judged[candidate])
     if not _is_better(remedy, recorded):
         return Trials(recorded, None, tried)

@@ -292,10 +292,30 @@ def test_a_plan_in_another_frame_than_the_odometry_is_refused(driven, tmp_path):
         writer.put("plans", 1.5, "map", driven.plans.path[0], part="TrajectoryPlannerROS")
     with pytest.raises(BagError) as refused:
         read_back(tmp_path / "a.bag")
-    words = (
-        "the plan is in map, the odometry in odom: the local costmap must be in the odometry frame"
-    )
+    words = "the plan is in map, the odometry in odom: record /tf and /tf_static"
     assert str(refused.value).endswith(words)
+
+
+def test_a_local_costmap_in_another_frame_than_the_odometry_is_placed_by_tf(driven, tmp_path):
+    """The map lies a whole number of cells away, so that the costmap has the same cells."""
+    place = (-3.2, 1.6, 0.0)
+    short = replace(until(driven, 3.0), routes=None)
+    plans = [np.add(path, (*place[:2], 0.0)) for path in short.plans.path]
+    moved = joined(
+        robots_links(short.odometry),
+        links([(0.0, "map", "odom", place)], is_static=True),
+    )
+    with BagWriter(tmp_path / "a.bag", JACKAL, names()) as writer:
+        writer.write(replace(short, plans=None, transforms=moved))
+        # The writer begins a bag at 1 s of ROS time.
+        for time, path in zip(short.plans.time, plans, strict=True):
+            first = short.odometry.time[0]
+            writer.put("plans", 1.0 + time - first, "map", path, part="TrajectoryPlannerROS")
+    made = read_back(tmp_path / "a.bag")
+    assert made.frame == "map"
+    assert np.allclose(made.odometry.pose, short.odometry.pose + place)
+    assert np.allclose(made.plans.path[3], plans[3])
+    assert share(made) > 0.9
 
 
 def test_a_prefix_that_all_frames_share_is_taken_off(driven, tmp_path):

@@ -210,6 +210,25 @@ def test_scans_of_another_laser_are_refused(bag):
         read_back(bag, other)
 
 
+def test_the_share_is_of_all_commands_and_says_what_was_left_out(spoilt):
+    """move_base stops twice without a plan, and one command comes before the first scan."""
+    robot, driven = spoilt
+    driven = until(driven, 2.0)
+    count = len(driven.planned)
+    kept = np.r_[0:10, 12 : len(driven.plans)]
+    plans = Plans(driven.plans.time[kept], [driven.plans.path[row] for row in kept])
+    after_first = driven.scans.time > driven.planned.time[0]
+    scans = driven.scans.part(slice(int(np.argmax(after_first)), None))
+    replay = replayed(robot, replace(driven, plans=plans, scans=scans))
+    assert len(replay.cycles) == count - 3
+    assert replay.share == pytest.approx(replay.reproduced / count)
+    assert (
+        f"of {count} commands reproduced ({replay.share:.1%}); "
+        "left out: 1 before the first scan or odometry, "
+        "2 without a plan (stops and recoveries of move_base)" in str(replay)
+    )
+
+
 def test_a_late_velocity_is_found(spoilt):
     robot, driven = spoilt
     replay = replayed(robot, replace(until(driven, 3.0), odometry=delayed(driven.odometry)))
@@ -311,6 +330,15 @@ def test_a_point_beside_a_robot_that_stands_is_no_part_of_it():
     replay = driven_with_post(0.5, 0.0)
     assert part_of_robot(replay) is not None
     replay.cycles = [replay.cycles[0]] * 300
+    assert part_of_robot(replay) is None
+
+
+def test_a_point_beside_a_robot_that_turns_to_and_fro_is_no_part_of_it():
+    """It comes back to two headings, at which the same wall is seen each time."""
+    replay = driven_with_post(0.5, 0.0)
+    x, y, yaw = replay.cycles[0].pose
+    turned = replace(replay.cycles[0], pose=(x, y, yaw + 0.3))
+    replay.cycles = [replay.cycles[0], turned] * 50
     assert part_of_robot(replay) is None
 
 
@@ -498,6 +526,7 @@ def test_the_command_answers_in_its_first_line_and_writes_a_page(bag, folder, ca
     data = json.loads(page.partition('id="data">')[2].partition("</script>")[0])
     assert data["events"][0]["cycles"][0]["points"]
     assert data["lines"] == out.splitlines()
+    assert data["notes"] == []
 
 
 @needs_browser
