@@ -1,9 +1,10 @@
-"""Figures of `./applr why` for docs/explanation/results.md: `python -m tests.benchmarks.why [BAG ...]`.
+"""Figures of `./applr why` for docs/explanation/results.md: `python -m tests.benchmarks.why`.
 
-With bags of the Jackal, print the share of their commands that the replay reproduces. Without, plant one
-fault at a time in a simulated robot, ask `./applr why` about each drive that the fault makes fail or take
-1.5 times as long, follow the advice, and drive before and after with fresh seeds. Each drive is a row of
-docs/results/planted.csv, where the next call goes on; docs/results/advice.csv counts them.
+With bags of the Jackal, print the share of their commands that the replay reproduces. Without,
+plant one fault at a time in a simulated robot, ask `./applr why` about each drive that the fault
+makes fail or take 1.5 times as long, follow the advice, and drive before and after with fresh
+seeds. Each drive is a row of docs/results/planted.csv, where the next call goes on;
+docs/results/advice.csv counts them.
 """
 
 from __future__ import annotations
@@ -115,8 +116,8 @@ class Planted(NamedTuple):
         parameters: Names of the spoilt parameters, joined by "+".
         usual: Time of the sound drive [s].
         recorded: Time of the recorded drive [s]; LIMIT_S if it failed.
-        advised: 1 if advice was given that was driven; "" in the following columns, too, for a fault
-            that changes little.
+        advised: 1 if advice was given that was driven. For a fault that changes little, this and
+            the following columns are "".
         named: 1 if the first parameter that the answer names is the spoilt one or its equal.
         before: Mean time with the fault and fresh seeds [s].
         after: Mean time after following the advice [s]; `before` without advice.
@@ -240,7 +241,7 @@ def _deviating(robot: Robot) -> KinematicSimulator:
 
 
 def mean_time(robot: Robot, world: int) -> float:
-    """Return the mean time of drives with fresh seeds [s]; a failure or a contact counts LIMIT_S."""
+    """Return the mean time with fresh seeds [s]; a failure or a contact counts LIMIT_S."""
     times = []
     for seed in FRESH_SEEDS:
         _, outcome = simulated(

@@ -210,7 +210,10 @@ def test_a_base_that_does_not_follow_is_a_reason(stopped):
 def test_scans_that_stay_the_same_while_the_odometry_moves_are_a_reason(stopped):
     times = np.arange(0.0, 9.0, 0.1)
     same = replace(stopped, scans=scans_of(times, np.full(90, 2.0)))
-    words = "the scans stay the same while the odometry moves 1.5 m: the robot is held, or its wheels slip"
+    words = (
+        "the scans stay the same while the odometry moves 1.5 m: "
+        "the robot is held, or its wheels slip"
+    )
     assert reasons.stuck(stretch_of(same, 6.0, 9.0)) == words
     assert reasons.stuck(stretch_of(same)) == ""  # It stands.
     assert reasons.stuck(stretch_of(replace(stopped, scans=scans_of(times, times)), 6.0, 9.0)) == ""

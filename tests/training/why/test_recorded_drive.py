@@ -167,7 +167,7 @@ def test_a_path_read_at_once_equals_that_of_rosbags(driven, tmp_path, monkeypatc
 
 
 def serialised(frames, turns):
-    """Return a path (its message, and as bytes) with poses of some frames and quaternions (n, 4)."""
+    """Return a path with poses of some frames and quaternions (n, 4): its message, and as bytes."""
     maker = Maker()
     poses = []
     for frame, turn in zip(frames, turns, strict=True):
@@ -415,7 +415,7 @@ def test_the_lasers_place_is_tfs(driven, tmp_path):
 
 
 def test_a_laser_upside_down_has_its_beams_in_reverse(driven, tmp_path):
-    """A rotation by pi about x: beam k of n points where beam n - 1 - k of an upright laser does."""
+    """Rotated by pi about x, beam k of n points as beam n - 1 - k of an upright laser."""
     short = until(driven, 2.0)
     short.scans = replace(short.scans, fan=short.scans.fan + [0.3, 0.0, 0.0, 0.0])  # not symmetric
     reversed_scans = [ranges[::-1].copy() for ranges in short.scans.ranges]
