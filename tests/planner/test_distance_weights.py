@@ -1,11 +1,10 @@
-"""Tests that the unit of a planner's distance biases is detected from cost_cloud, and compensated
-without effect.
-"""
+"""Tests of the unit of a planner's distance biases: detected from cost_cloud, and compensated."""
 
 import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import worlds
 from applr_ros1 import robots
@@ -19,67 +18,84 @@ from tests.support.robots import ToyRobot, quick, ring, run
 
 # Upper bounds of TrajectoryPlannerROS for its biases.
 LARGEST = np.full(len(SPACE), 5.0)
+# Columns of the three weights in a parameter set: of the path, of the goal, of obstacles
+WEIGHTS = [5, 6, 4]
+CELL_M = 0.05  # edge of a cell of the local costmap [m]
+# Factor by which a planner's weights differ from weights per cell
+FACTORS = {"per_cell": 1.0, "per_metre": CELL_M}
+PADDING = np.zeros((500, 7), np.float32)  # C++ pads its clouds with zeros.
 
 
 def tree(weights):
+    """Return parameters of move_base with weights "per_cell" or "per_metre"."""
     tree = quick()
-    tree["TrajectoryPlannerROS"] = dict(
-        tree["TrajectoryPlannerROS"], meter_scoring=weights == "per_metre"
-    )
+    planner = dict(tree["TrajectoryPlannerROS"], meter_scoring=weights == "per_metre")
+    tree["TrajectoryPlannerROS"] = planner
     return tree
 
 
 def cloud(weights, seed):
-    """Return the MoveBase of a robot that has just set out among posts, its cost_cloud and its
-    random parameters.
-    """
+    """Return the cost_cloud of a robot that has just set out among posts, and its parameters."""
     draw = np.random.default_rng(seed)
     move_base = MoveBase(tree(weights))
-    robot = ToyRobot(circles=ring(0.0, 0.0, draw.uniform(1.0, 2.0), posts=int(draw.integers(0, 7))))
+    radius = draw.uniform(1.0, 2.0)
+    posts = int(draw.integers(0, 7))
+    robot = ToyRobot(circles=ring(0.0, 0.0, radius, posts=posts))
     theta = SPACE.to_theta(draw.uniform(-1.0, 1.0, len(SPACE)))
     send(SPACE.settings(theta), move_base)
-    move_base.set_goal((*draw.uniform(-4.0, 4.0, 2), 0.0), 0.0)
+    goal_x, goal_y = draw.uniform(-4.0, 4.0, 2)
+    move_base.set_goal((goal_x, goal_y, 0.0), 0.0)
     run(move_base, robot, 0.15)
-    return move_base, move_base.local_planner.cost_cloud(move_base.local_costmap), theta
+    return move_base.local_planner.cost_cloud(move_base.local_costmap), theta
 
 
-def test_the_unit_of_the_weights_is_detected_in_20_of_20_starts():
-    for seed in range(20):
-        unit = ("per_cell", "per_metre")[seed % 2]
-        made, rows, theta = cloud(unit, seed)
-        weights = theta[[5, 6, 4]]
-        # C++ pads its clouds with zeros.
-        cells = np.vstack([rows, np.zeros((500, 7), np.float32)])
-        assert factor_of(cells, weights, 0.05) == {"per_cell": 1.0, "per_metre": 0.05}[unit]
-        for k in range(2):  # The cloud is older than a change of the weights.
-            assert factor_of(cells, weights * np.where(np.arange(3) == k, 1.1, 1.0), 0.05) is None
-    # Five cells are too few.
-    assert factor_of(np.vstack([rows[:5], cells[-500:]]), weights, 0.05) is None
-    rows[:, 6] = weights[2] * rows[:, 5]
-    assert factor_of(rows, weights, 0.05) is None, (
-        "a cloud with obstacle costs only does not reveal the unit"
-    )
+@pytest.mark.parametrize("unit", FACTORS)
+@pytest.mark.parametrize("seed", range(10))
+def test_the_unit_of_the_weights_is_detected_in_every_start(unit, seed):
+    rows, theta = cloud(unit, seed)
+    weights = theta[WEIGHTS]
+    cells = np.vstack([rows, PADDING])
+
+    assert factor_of(cells, weights, CELL_M) == FACTORS[unit]
+    for changed in ((1.1, 1.0, 1.0), (1.0, 1.1, 1.0)):
+        factor = factor_of(cells, weights * changed, CELL_M)
+        assert factor is None, "the cloud is older than a change of the weights"
+
+
+def test_a_cloud_of_few_cells_or_of_obstacle_costs_only_does_not_reveal_the_unit():
+    rows, theta = cloud("per_metre", seed=19)
+    weights = theta[WEIGHTS]
+    few = np.vstack([rows[:5], PADDING])
+    obstacles = rows.copy()
+    # Columns 5 and 6 are the cost of the cell and the total cost.
+    obstacles[:, 6] = weights[2] * obstacles[:, 5]
+
+    assert factor_of(few, weights, CELL_M) is None
+    assert factor_of(obstacles, weights, CELL_M) is None
 
 
 def test_a_compensated_drive_equals_a_drive_without_need_of_compensation():
     from sim_bridge import make
     from training.env.episode import Episode
 
-    unbounded = replace(SPACE, low=np.full(len(SPACE), -np.inf), high=np.full(len(SPACE), np.inf))
+    infinite = np.full(len(SPACE), np.inf)
+    unbounded = replace(SPACE, low=-infinite, high=infinite)
 
     class Rescaled(Episode):
-        """Episode that sends parameters converted for a planner with weights per metre, as the
-        applr node does.
-        """
+        """Episode that converts parameters for weights per metre, as the applr node does."""
 
         def apply(self, theta):
-            send(unbounded.settings(theta * multipliers_of(SPACE, 0.05, LARGEST)), self.move_base)
+            sent = theta * multipliers_of(SPACE, CELL_M, LARGEST)
+            send(unbounded.settings(sent), self.move_base)
             return theta
 
     draw = np.random.default_rng(2)
-    rows = []
-    sets = [SPACE.theta0] + [SPACE.to_theta(draw.uniform(-1.0, 1.0, len(SPACE))) for _ in range(3)]
-    for weights, kind in (("per_cell", Episode), ("per_metre", Rescaled), ("per_metre", Episode)):
+    sets = [SPACE.theta0]
+    for _ in range(3):
+        sets.append(SPACE.to_theta(draw.uniform(-1.0, 1.0, len(SPACE))))
+
+    def driven(kind, weights):
+        """Return the true motion of a drive with all parameter sets: time, pose and twist."""
         parameters = robots.JACKAL.parameters()
         parameters["TrajectoryPlannerROS"]["meter_scoring"] = weights == "per_metre"
         episode = kind(make("kinematic"), MoveBase(parameters), period=2.0)
@@ -87,9 +103,12 @@ def test_a_compensated_drive_equals_a_drive_without_need_of_compensation():
         for theta in sets:
             assert np.array_equal(episode.decide(theta).theta, theta)
         truth = episode.drive.truth
-        rows.append(np.column_stack([truth.time, truth.pose, truth.twist]))
-    assert np.allclose(rows[0], rows[1], rtol=0.0, atol=1e-9)
-    assert not np.array_equal(rows[2], rows[0]), "without compensation the drive must differ"
+        return np.column_stack([truth.time, truth.pose, truth.twist])
+
+    wanted = driven(Episode, "per_cell")
+    assert np.allclose(driven(Rescaled, "per_metre"), wanted, rtol=0.0, atol=1e-9)
+    uncompensated = driven(Episode, "per_metre")
+    assert not np.array_equal(uncompensated, wanted), "without compensation the drive must differ"
 
 
 def test_every_parameter_set_of_the_space_is_within_the_planners_bounds():
@@ -97,19 +116,25 @@ def test_every_parameter_set_of_the_space_is_within_the_planners_bounds():
         factors = multipliers_of(SPACE, factor, LARGEST)
         for theta in (SPACE.low, SPACE.high, SPACE.theta0):
             sent = theta * factors
-            assert sent[4:7].min() > 0.0
-            assert sent[4:7].max() <= 5.0
-            assert np.array_equal(np.delete(sent, (4, 5, 6)), np.delete(theta, (4, 5, 6)))
-    assert (multipliers_of(SPACE, 1.0, LARGEST) == 1.0).all()
+            assert sent[WEIGHTS].min() > 0.0
+            assert sent[WEIGHTS].max() <= 5.0
+            assert np.array_equal(np.delete(sent, WEIGHTS), np.delete(theta, WEIGHTS))
+    unchanged = multipliers_of(SPACE, 1.0, LARGEST)
+    assert (unchanged == 1.0).all()
 
 
 def test_learned_parameter_sets_count_per_cell_and_a_users_set_is_sent_unchanged(tmp_path):
     path = tmp_path / "set.json"
     path.write_text(json.dumps({"meter_scoring": False, "parameters": {"max_vel_x": 0.7}}))
     method = methods.make(str(path))
-    assert (method.per_cell, method.theta(None)[0]) == (True, 0.7)
+    max_vel_x, *_ = method.theta(None)
+    assert max_vel_x == 0.7
+    assert method.per_cell
+
     path.write_text(json.dumps({"max_vel_x": 0.7}))
     assert not methods.make(str(path)).per_cell
-    learned = {"applr", "static", "appld"}
-    names = learned | {"dwa", "random"}
-    assert {name for name in names if methods.make(name).per_cell} == learned
+
+    for learned in ("applr", "static", "appld"):
+        assert methods.make(learned).per_cell, learned
+    for default in ("dwa", "random"):
+        assert not methods.make(default).per_cell, default

@@ -1,32 +1,42 @@
-"""Tests of TrajectoryLocalPlanner: cut of the plan, behaviour at the goal, fixed parameters, state
-between cycles.
-"""
+"""Tests of TrajectoryLocalPlanner: cut of the plan, behaviour at the goal, parameters, state."""
 
 import math
 
 import numpy as np
 import pytest
 
+from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.plan_cut import cut_plan, half_size
 from applr_ros1.planner.trajectory.local_planner import TrajectoryLocalPlanner
 from tests.support.robots import JACKAL_FOOTPRINT, JACKAL_PARAMETERS
 from tests.support.scenes import open_map, straight
 
-PARAMS = dict(
-    complete(JACKAL_PARAMETERS)["TrajectoryPlannerROS"], prune_plan=True, max_rotational_vel=1.0
-)
+JACKALS = complete(JACKAL_PARAMETERS)["TrajectoryPlannerROS"]
+PARAMS = dict(JACKALS, prune_plan=True, max_rotational_vel=1.0)
+ORIGIN = (0.0, 0.0, 0.0)
+AT_GOAL = (0.9, 0.0, 0.0)  # within the tolerance of a goal at x = 1 m
+HALF_SIZE = 5.0  # half the side of the map at which plans are cut [m]
+NO_COMMAND = (False, (0.0, 0.0))
 
 
 def local_planner(plan=None, **changes):
+    """Return the Jackal's local planner with a plan, by default 3 m straight ahead."""
+    if plan is None:
+        plan = straight()
     planner = TrajectoryLocalPlanner(dict(PARAMS, **changes), JACKAL_FOOTPRINT)
-    planner.set_plan(straight() if plan is None else plan)
+    planner.set_plan(plan)
     return planner
 
 
-def command(made, pose, twist=(0.0, 0.0)):
+def command(planner, pose, twist=(0.0, 0.0)):
     """Return (ok, (v, w)) on an empty map."""
-    return made.compute_velocity(pose, twist, open_map())
+    return planner.compute_velocity(pose, twist, open_map())
+
+
+def plan_along(*places):
+    """Return a plan through places x [m]."""
+    return [[x, 0.0, 0.0] for x in places]
 
 
 # -- cut of the plan -------------------------------------------------------------------------------
@@ -35,30 +45,29 @@ def command(made, pose, twist=(0.0, 0.0)):
 @pytest.mark.parametrize(
     ("plan", "cut", "dropped"),
     [
-        (
-            straight(9.0, step=0.5),
-            np.arange(0, 5.6, 0.5),
-            0,
-        ),  # The cut ends with the first point beyond the map.
-        (
-            [[0.0, 0, 0], [3.0, 4.0, 0], [9.0, 0, 0], [1.0, 0, 0]],
-            [0.0, 3.0, 9.0],
-            0,
-        ),  # A point on the limit is inside.
+        # The cut ends with the first point beyond the map.
+        (straight(9.0, step=0.5), np.arange(0, 5.6, 0.5), 0),
+        # A point on the limit is inside.
+        ([[0.0, 0, 0], [3.0, 4.0, 0], [9.0, 0, 0], [1.0, 0, 0]], [0.0, 3.0, 9.0], 0),
         # The cut skips 9 and 8, and prunes 3: the stored plan loses one point
         # (docs/explanation/planner.md, 7.2).
-        ([[9.0, 0, 0], [8.0, 0, 0], [3.0, 0, 0], [0.5, 0, 0]], [0.5], 1),
+        (plan_along(9.0, 8.0, 3.0, 0.5), [0.5], 1),
     ],
 )
 def test_the_cut_ends_beyond_the_map_and_skips_points_beyond_it(plan, cut, dropped):
-    cropped, far = cut_plan(np.array(plan), 0.0, 0.0, 5.0, True)
-    assert (cropped[:, 0].tolist(), far) == (list(cut), dropped)
+    cropped, dropped_count = cut_plan(np.array(plan), 0.0, 0.0, HALF_SIZE, True)
+    assert cropped[:, 0].tolist() == list(cut)
+    assert dropped_count == dropped
 
 
 def test_leading_points_1_m_away_or_more_are_dropped_for_good():
     plan = straight(3.0, step=0.5)
-    cut, dropped = cut_plan(plan, 2.0, 0.0, 5.0, True)
-    assert (dropped, cut[0, 0], cut_plan(plan, 2.0, 0.0, 5.0, False)[0][0, 0]) == (3, 1.5, 0.0)
+    cut, dropped = cut_plan(plan, 2.0, 0.0, HALF_SIZE, True)
+    assert dropped == 3
+    assert cut[0, 0] == 1.5
+    unpruned, _ = cut_plan(plan, 2.0, 0.0, HALF_SIZE, False)
+    assert unpruned[0, 0] == 0.0
+
     planner = local_planner(plan)
     command(planner, (2.0, 0.0, 0.0))
     # From x = 1.2 m the points at 0.5 and 1.0 m are near enough, but the first cycle has dropped
@@ -71,55 +80,51 @@ def test_leading_points_1_m_away_or_more_are_dropped_for_good():
 
 
 def test_control_fails_when_all_points_are_pruned_until_the_next_plan():
-    planner = local_planner(np.array([[2.0, 0.0, 0.0], [3.0, 0.0, 0.0]]))
-    assert command(planner, (0, 0, 0)) == (False, (0.0, 0.0))
-    assert command(planner, (2, 0, 0)) == (False, (0.0, 0.0))
+    planner = local_planner(np.array(plan_along(2.0, 3.0)))
+    assert command(planner, ORIGIN) == NO_COMMAND
+    assert command(planner, (2, 0, 0)) == NO_COMMAND
     planner.set_plan(straight(3.0))
-    assert command(planner, (0, 0, 0))[0]
+    ok, _ = command(planner, ORIGIN)
+    assert ok
 
 
 # -- driving ---------------------------------------------------------------------------------------
 
 
 def test_stops_before_it_turns():
-    planner = local_planner(straight(1.0, 1.5), acc_lim_x=2.0, acc_lim_theta=2.0)
-    assert command(planner, (0.9, 0, 0), (0.5, 0.3)) == (
-        True,
-        (0.4, pytest.approx(0.2)),
-    )
-    assert command(planner, (0.9, 0, 0), (-0.05, 0.0)) == (True, (-0.0, 0.0))
-    ok, (v, w) = command(planner, (0.9, 0, 0))
-    assert ok
-    assert (v, w) == (0.0, 0.314)
+    planner = local_planner(straight(1.0, yaw=1.5), acc_lim_x=2.0, acc_lim_theta=2.0)
+    assert command(planner, AT_GOAL, (0.5, 0.3)) == (True, (0.4, pytest.approx(0.2)))
+    assert command(planner, AT_GOAL, (-0.05, 0.0)) == (True, (-0.0, 0.0))
+    assert command(planner, AT_GOAL) == (True, (0.0, 0.314))
     # Once the robot turns, its motion does not make it stop again.
-    assert command(planner, (0.9, 0, 0.1), (0.0, 0.5))[1][1] == pytest.approx(0.6)
+    _, (_, w) = command(planner, (0.9, 0, 0.1), (0.0, 0.5))
+    assert w == pytest.approx(0.6)
 
 
 def test_turning_obeys_max_rotational_vel_and_not_the_server():
-    planner = local_planner(straight(1.0, 3.0), max_rotational_vel=0.8)
-    assert command(planner, (0.9, 0, 0))[1] == (0.0, 0.8)
-    planner.reconfigure(
-        dict(PARAMS, max_vel_theta=0.4, min_in_place_vel_theta=0.6, acc_lim_theta=0.1)
-    )
-    assert command(planner, (0.9, 0, 0))[1] == (0.0, 0.8)
+    planner = local_planner(straight(1.0, yaw=3.0), max_rotational_vel=0.8)
+    assert command(planner, AT_GOAL) == (True, (0.0, 0.8))
+    slower = dict(PARAMS, max_vel_theta=0.4, min_in_place_vel_theta=0.6, acc_lim_theta=0.1)
+    planner.reconfigure(slower)
+    assert command(planner, AT_GOAL) == (True, (0.0, 0.8))
 
 
 def test_turns_no_faster_than_it_can_stop_and_never_too_slowly():
-    planner = local_planner(straight(1.0, 0.2), acc_lim_theta=0.5)
-    assert command(planner, (0.9, 0, 0))[1] == (0.0, 0.314)
-    planner = local_planner(straight(1.0, -0.3), acc_lim_theta=0.5)
-    command(planner, (0.9, 0, 0))  # The robot has stopped and turns.
-    assert command(planner, (0.9, 0, 0), (0.0, -2.0))[1][1] == pytest.approx(
-        -math.sqrt(2 * 0.5 * 0.3)
-    )
+    planner = local_planner(straight(1.0, yaw=0.2), acc_lim_theta=0.5)
+    assert command(planner, AT_GOAL) == (True, (0.0, 0.314))
+
+    planner = local_planner(straight(1.0, yaw=-0.3), acc_lim_theta=0.5)
+    command(planner, AT_GOAL)  # The robot has stopped and turns.
+    _, (_, w) = command(planner, AT_GOAL, (0.0, -2.0))
+    assert w == pytest.approx(-math.sqrt(2 * 0.5 * 0.3))
 
 
 def test_an_illegal_turn_is_refused():
     wall = open_map()
-    planner = local_planner(straight(1.0, 1.5))
+    planner = local_planner(straight(1.0, yaw=1.5))
     # The corners would hit this wall 0.4 m to the left.
-    wall.cells[100 + 8, 100:140] = 254
-    assert planner.compute_velocity((0.9, 0, 0), (0.0, 0.0), wall) == (False, (0.0, 0.0))
+    wall.cells[100 + 8, 100:140] = LETHAL
+    assert planner.compute_velocity(AT_GOAL, (0.0, 0.0), wall) == NO_COMMAND
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(80, 40), (40, 80)])
@@ -128,36 +133,38 @@ def test_a_plan_is_cut_at_half_of_the_longer_side_of_the_map(columns, rows):
 
 
 def test_the_goal_is_reported_in_the_cycle_that_reaches_it_although_plans_keep_coming():
-    """In C++ each new plan clears the latch before the latch is read, and the robot stands at the
-    goal for seconds.
-    """
+    """In C++ each new plan clears the latch before it is read: the robot stands for seconds."""
     planner = local_planner(straight(1.0))
     for _ in range(3):
         planner.set_plan(straight(1.0))
         assert not planner.goal_reached
-        assert command(planner, (0.9, 0, 0), (0.5, 0.0)) == (True, (0.0, 0.0))
+        assert command(planner, AT_GOAL, (0.5, 0.0)) == (True, (0.0, 0.0))
         assert planner.goal_reached
 
 
-def test_the_latch_keeps_the_position_reached():
-    for latches in (False, True):
-        planner = local_planner(straight(1.0, 2.0), latch_xy_goal_tolerance=latches)
-        command(planner, (0.9, 0, 0))
-        v, w = command(planner, (0.5, 0, 0))[1]
-        assert (v == 0.0 and w > 0) is latches
-        planner.set_plan(straight(1.0, 2.0))
-        assert command(planner, (0.5, 0, 0))[1][0] > 0
+@pytest.mark.parametrize("latches", [False, True])
+def test_the_latch_keeps_the_position_reached(latches):
+    before = (0.5, 0.0, 0.0)
+    planner = local_planner(straight(1.0, yaw=2.0), latch_xy_goal_tolerance=latches)
+    command(planner, AT_GOAL)
+    _, (v, w) = command(planner, before)
+    turns_in_place = v == 0.0 and w > 0
+    assert turns_in_place is latches
+    planner.set_plan(straight(1.0, yaw=2.0))
+    _, (v, _) = command(planner, before)
+    assert v > 0
 
 
 def test_flags_survive_plans_and_not_a_reset():
-    planner = local_planner(straight(1.0, 2.0))
-    command(planner, (0.9, 0, 0))
-    planner.planner.state = [1] * 5 + [0.9, 0, 0.9, 0, 0]
-    planner.set_plan(straight(1.0, 2.0))
-    assert planner.planner.state[:5] == [1] * 5
+    planner = local_planner(straight(1.0, yaw=2.0))
+    command(planner, AT_GOAL)
+    flags = [1, 1, 1, 1, 1]
+    planner.planner.state = [*flags, 0.9, 0, 0.9, 0, 0]
+    planner.set_plan(straight(1.0, yaw=2.0))
+    assert planner.planner.state[:5] == flags
     planner.reset()
     assert planner.planner.state == [0] * 10
-    assert command(planner, (0, 0, 0)) == (False, (0.0, 0.0))
+    assert command(planner, ORIGIN) == NO_COMMAND
 
 
 def test_the_control_period_is_the_inverse_of_the_frequency():

@@ -1,5 +1,6 @@
-"""Tests of the trajectory planner besides its golden vectors: closed forms, parameters, single
-samples.
+"""Tests of the trajectory planner: closed forms, parameters, single samples.
+
+Golden vectors are in test_golden.py.
 """
 
 import math
@@ -7,22 +8,29 @@ import math
 import numpy as np
 import pytest
 
+from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.sampling_planner import Velocity, heading_of, start_record
 from applr_ros1.planner.trajectory import forward, scoring
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
+from applr_ros1.planner.trajectory.records import STATE
 from tests.planner.replay_golden import sampled_window
 from tests.support.robots import JACKAL_FOOTPRINT, JACKAL_PARAMETERS
 from tests.support.scenes import open_map
 
 PARAMS = complete(JACKAL_PARAMETERS)["TrajectoryPlannerROS"]
+PLAN = ((0.0, 0.0), (3.0, 0.0))  # 3 m straight ahead
+ORIGIN = (0.0, 0.0, 0.0)
+STANDING = (0.0, 0.0, 0.0)  # vx, vy, w
+DRIVING = (0.3, 0.0, 0.0)
+NO_MEMORY = [0] * len(STATE.names)
 
 
-def make_planner(
-    plan=((0.0, 0.0), (3.0, 0.0)), foot=JACKAL_FOOTPRINT, period=0.05, meter_scoring=True, **changes
-):
-    planner = TrajectoryPlanner(foot, dict(PARAMS, **changes), period, meter_scoring)
-    planner.set_plan(np.array(plan, dtype=np.float64).reshape(-1, 2))
+def make_planner(plan=PLAN, meter_scoring=True, **changes):
+    """Return the Jackal's planner with a plan and some changed parameters."""
+    parameters = dict(PARAMS, **changes)
+    planner = TrajectoryPlanner(JACKAL_FOOTPRINT, parameters, meter_scoring=meter_scoring)
+    planner.set_plan(np.array(plan, dtype=np.float64))
     return planner
 
 
@@ -30,92 +38,99 @@ def test_closed_forms_end_at_the_pose_of_the_steps():
     random = np.random.default_rng(0)
     params = make_planner(acc_lim_x=2.0, acc_lim_theta=5.0).in_force
     for _ in range(300):
-        start = start_record([*random.uniform(-3, 3, 3), *random.uniform(-1, 1, 3)])
+        pose = random.uniform(-3, 3, 3)
+        velocity = random.uniform(-1, 1, 3)
+        start = start_record([*pose, *velocity])
         vx = random.uniform(-0.5, 2)
-        sample = Velocity(vx, 0.0, random.choice([0.0, 1e-9, random.uniform(-3.14, 3.14)]))
+        w = random.choice([0.0, 1e-9, random.uniform(-3.14, 3.14)])
+        sample = Velocity(vx, 0.0, w)
         steps = scoring.step_count(params, sample)
-        dt = 2.0 / steps
+        dt = params["sim_time"] / steps
+        heading = heading_of(start["theta"])
+
         exact = forward.exact_end(params, start, sample, steps)
-        ramp = forward.ramp(params, start, heading_of(start["theta"]), sample, dt, steps - 1)
-        ours = forward.along_arc(ramp, vx * dt, sample.w * dt, steps - 1 - ramp.moves)
+        ramp = forward.ramp(params, start, heading, sample, dt, steps - 1)
+        ours = forward.along_arc(ramp, vx * dt, w * dt, steps - 1 - ramp.moves)
+
         assert np.allclose(ours, exact, rtol=0, atol=1e-11)
 
 
 def test_one_sample_is_one_value():
     """C++ divides by zero. This package's planner does not, but chooses the same velocity."""
     planner = make_planner(vx_samples=0, vtheta_samples=-3)
-    result = planner.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0.1))
+    result = planner.find_best_path(open_map(), ORIGIN, (0.3, 0, 0.1))
     window = sampled_window(planner)
     assert result.cost >= 0
-    assert all(math.isfinite(v) for v in window.values())
+    assert all(map(math.isfinite, window.values()))
     assert window["dvx"] == window["dvtheta"] == 0
 
 
 def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
-    costmap = open_map(resolution=0.1)
+    resolution = 0.1
+    costmap = open_map(resolution=resolution)
     planner = make_planner()
-    planner.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
+    planner.find_best_path(costmap, ORIGIN, STANDING)
     for _ in range(2):
-        assert (
-            planner.in_force["path_distance_bias"],
-            planner.in_force["goal_distance_bias"],
-        ) == (
-            0.75 * 0.1,
-            0.1,
-        )
+        assert planner.in_force["path_distance_bias"] == 0.75 * resolution
+        assert planner.in_force["goal_distance_bias"] == 1.0 * resolution
         assert planner.in_force["occdist_scale"] == 0.1
         planner.reconfigure(PARAMS)
+
     unscaled = make_planner(meter_scoring=False)
-    unscaled.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
+    unscaled.find_best_path(costmap, ORIGIN, STANDING)
     assert unscaled.in_force["path_distance_bias"] == 0.75
 
 
 @pytest.mark.parametrize("heading_scoring", [False, True])
 def test_the_cell_under_the_centre_counts_beside_the_outline(heading_scoring):
+    pose = (0.02, 0.02, 0.0)
     costmap = open_map()
-    free = make_planner(heading_scoring=heading_scoring).find_best_path(
-        costmap, (0.02, 0.02, 0.0), (0.3, 0.0, 0.0)
-    )
-    costmap.cells[100, 100] = 100
-    costly = make_planner(heading_scoring=heading_scoring).find_best_path(
-        costmap, (0.02, 0.02, 0.0), (0.3, 0.0, 0.0)
-    )
+    planner = make_planner(heading_scoring=heading_scoring)
+    free = planner.find_best_path(costmap, pose, DRIVING)
+
+    costmap.cells[100, 100] = 100  # the cell at 0 to 0.05 m along both axes
+    planner = make_planner(heading_scoring=heading_scoring)
+    costly = planner.find_best_path(costmap, pose, DRIVING)
+
     assert costly.cost == pytest.approx(free.cost + 100 * PARAMS["occdist_scale"])
 
 
 def test_a_map_of_another_size_is_adopted():
     planner = make_planner()
-    first = planner.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
-    planner.find_best_path(open_map(80, 120, 0.1), (0, 0, 0), (0.3, 0, 0))
-    planner.state = [0] * 10
-    again = planner.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
+    first = planner.find_best_path(open_map(), ORIGIN, DRIVING)
+    planner.find_best_path(open_map(80, 120, 0.1), ORIGIN, DRIVING)
+    planner.state = NO_MEMORY
+    again = planner.find_best_path(open_map(), ORIGIN, DRIVING)
     assert (again.cost, again.vx, again.w) == (first.cost, first.vx, first.w)
 
 
 def test_earlier_results_keep_their_points():
     planner = make_planner()
-    first = planner.find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0))
-    wanted = make_planner().find_best_path(open_map(), (0, 0, 0), (0.3, 0, 0)).points
+    first = planner.find_best_path(open_map(), ORIGIN, DRIVING)
+    wanted = first.points.copy()
     planner.reconfigure(dict(PARAMS, sim_time=1.0))
     planner.find_best_path(open_map(), (1, 1, 1), (0.1, 0, 0))
     assert np.array_equal(first.points, wanted)
 
 
 def test_cost_cloud_leaves_out_robot_walls_and_unreached_cells():
-    costmap = open_map(40, 30, 0.1, (-1.0, -1.0))
-    costmap.cells[:, 30] = 254
+    costmap = open_map(nx=40, ny=30, resolution=0.1, origin=(-1.0, -1.0))
+    costmap.cells[:, 30] = LETHAL  # a wall, behind which no cell is reached
     costmap.cells[5, 5] = 77
     planner = make_planner([(0, 0), (1, 0)])
     assert planner.cost_cloud(costmap).shape == (0, 7)
-    planner.find_best_path(costmap, (0, 0, 0), (0, 0, 0))
+
+    planner.find_best_path(costmap, ORIGIN, STANDING)
     cloud = planner.cost_cloud(costmap)
     path, goal, within = planner.grids()
+
     assert cloud.dtype == np.float32
     assert len(cloud) == 30 * 30 - int(within.sum())
-    row = cloud[(np.abs(cloud[:, 0] + 0.45) < 1e-4) & (np.abs(cloud[:, 1] + 0.45) < 1e-4)][0]
-    assert np.allclose(
-        row[3:], [path[5, 5], goal[5, 5], 77, 0.075 * path[5, 5] + 0.1 * goal[5, 5] + 7.7]
-    )
+    # Columns: x, y, z [m], costs of path, goal and cell, total cost
+    is_costly_cell = np.abs(cloud[:, :2] + 0.45).max(axis=1) < 1e-4
+    (row,) = cloud[is_costly_cell]
+    total = 0.075 * path[5, 5] + 0.1 * goal[5, 5] + 0.1 * 77
+    assert row[3:] == pytest.approx([path[5, 5], goal[5, 5], 77, total])
 
 
 @pytest.mark.parametrize(
@@ -126,17 +141,22 @@ def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sig
     target, expected
 ):
     """If the robot is on the target, the direction is 0, as for atan2(0, 0) in C++."""
-    cells = np.zeros((40, 40), np.uint8)
-    plan = np.array([[0.025, 0.025, 0.0], [*target, 0.0]])
+    x, y, theta = (0.025, 0.025, 0.7)  # in the centre of cell (0, 0)
     scene = scoring.Scene(
-        cells, 0.0, 0.0, 0.05, np.zeros((0, 2)), np.zeros((1, 1, 1), np.int32), plan
+        cells=np.zeros((40, 40), np.uint8),
+        ox=0.0,
+        oy=0.0,
+        resolution=0.05,
+        footprint=np.zeros((0, 2)),
+        lines=np.zeros((1, 1, 1), np.int32),
+        plan=np.array([(x, y, 0.0), (*target, 0.0)]),
     )
-    difference = scoring._heading_difference(scene, 0, 0, 0.025, 0.025, 0.7)
+    difference = scoring._heading_difference(scene, 0, 0, x, y, theta)
     assert difference == pytest.approx(expected)
 
 
 def test_an_escape_can_be_ended():
     planner = make_planner()
-    planner.state = [0] * 4 + [1] + [0] * 5
+    planner.state = [int(name == "escaping") for name in STATE.names]
     planner.end_escape()
-    assert planner.state == [0] * 10
+    assert planner.state == NO_MEMORY
