@@ -1,6 +1,4 @@
-"""Tests of predicted obstacle points: positions, removal, and no effect without moving
-obstacles.
-"""
+"""Tests of predicted obstacle points: positions, removal, no effect without moving obstacles."""
 
 import copy
 import math
@@ -49,47 +47,47 @@ def test_predicted_points_lie_on_the_visible_sides_of_the_future_discs(stubbed):
     robot = ToyRobot((0.3, -0.2, 0.4), [*WALL, (1.8, -0.4, 0.3)])
     tracker.rows = [(1.8, -0.4, -0.2, 1.2, 0.3)]
     cloud = prediction.add_scan(replace(robot.scan(), sensor_height=0.4))
-    points = prediction.points.astype(float)
+    places = prediction.points[:, :2].copy()
+    x, y = places.astype(float).T
+
+    # Rows are times, columns points.
     times = STEP_S * np.arange(1, 1 + HORIZON_S // STEP_S)
-    off = np.array(
-        [
-            np.hypot(points[:, 0] - 1.8 + 0.2 * time, points[:, 1] + 0.4 - 1.2 * time) - 0.3
-            for time in times
-        ]
-    )
-    assert np.abs(off).min(axis=0).max() < 1e-4, "each on the edge of a disc"
-    assert (np.abs(off) < 1e-4).sum(axis=1).min() > 10, "each disc is seen"
     assert times[-1] == pytest.approx(0.9)
-    place = np.array(robot.sensor_pose()[:2])
-    assert cloud.origin == (*place, 0.4)
+    disc_x = 1.8 - 0.2 * times[:, np.newaxis]
+    disc_y = -0.4 + 1.2 * times[:, np.newaxis]
+    from_edge = np.abs(np.hypot(x - disc_x, y - disc_y) - 0.3)
+    assert from_edge.min(axis=0).max() < 1e-4, "each on the edge of a disc"
+    assert (from_edge < 1e-4).sum(axis=1).min() > 10, "each disc is seen"
+
+    laser_x, laser_y, _ = robot.sensor_pose()
+    assert cloud.origin == (laser_x, laser_y, 0.4)
     assert np.array_equal(cloud.points, prediction.points), "every beam has a return"
-    towards = points[:, :2] - place
-    far = np.hypot(*(points[:, :2] - place).T)
-    bearings = np.arctan2(towards[:, 1], towards[:, 0]) - robot.pose[2]
-    beams = robot.scan().angle_min + robot.scan().angle_increment * np.arange(720)
-    for bearing, distance in zip(bearings, far):
-        assert distance < robot.ranges()[np.abs(beams - bearing).argmin()], (
-            "in front of the current range"
-        )
-    # Always behind the robot.
-    tracker.rows.append((*(2.0 * place - tracker.rows[0][:2]), 0.2, -1.2, 0.3))
+    _, _, robot_yaw = robot.pose
+    bearings = np.arctan2(y - laser_y, x - laser_x) - robot_yaw
+    distances = np.hypot(x - laser_x, y - laser_y)
+    scan = robot.scan()
+    beams = scan.angle_min + scan.angle_increment * np.arange(720)
+    for bearing, distance in zip(bearings, distances):
+        beam = np.abs(beams - bearing).argmin()
+        assert distance < robot.ranges()[beam], "in front of the current range"
+
+    behind = (2.0 * laser_x - 1.8, 2.0 * laser_y + 0.4, 0.2, -1.2, 0.3)
+    tracker.rows.append(behind)
     prediction.add_scan(robot.scan())
-    assert np.array_equal(prediction.points[:, :2], points[:, :2].astype(np.float32))
+    assert np.array_equal(prediction.points[:, :2], places), "always behind the robot"
 
 
-def test_nothing_is_predicted_out_of_the_lasers_sight(stubbed):
+@pytest.mark.parametrize(
+    ("measured", "marked"),
+    [(np.nan, False), (-np.inf, False), (1.2, False), (1.9, True), (np.inf, True)],
+)
+def test_nothing_is_predicted_out_of_the_lasers_sight(stubbed, measured, marked):
     prediction, tracker = stubbed
     tracker.rows = [(2.0, 0.0, 0.0, 0.4, 0.3)]
     scan = ToyRobot(circles=WALL).scan()
-    for ranges, marked in (
-        (np.nan, False),
-        (-np.inf, False),
-        (1.2, False),
-        (1.9, True),
-        (np.inf, True),
-    ):
-        prediction.add_scan(replace(scan, ranges=np.full(720, ranges, np.float32)))
-        assert (len(prediction.points) > 50) == marked, ranges
+    ranges = np.full(720, measured, np.float32)
+    prediction.add_scan(replace(scan, ranges=ranges))
+    assert (len(prediction.points) > 50) == marked
 
 
 @pytest.mark.parametrize(
@@ -109,98 +107,129 @@ def test_no_disc_is_predicted_on_the_robot(name, room, monkeypatch):
     assert np.hypot(*prediction.points[:, :2].T).min() >= prediction.room
 
 
+class Planners:
+    """Two planners of a robot that see the same scans, one of them predicted points as well."""
+
+    def __init__(self, prediction, robot):
+        self.prediction = prediction
+        self.robot = robot
+        self.with_points = MoveBase(quick(applr={"movers": True}))
+        self.without_points = MoveBase(quick())
+
+    def step(self, predicts=True):
+        """Make one step of 0.05 s. `predicts` is whether predicted points arrive."""
+        robot = self.robot
+        scan = robot.scan()
+        sensed = {"front/scan": scan}
+        if predicts:
+            sensed[PREDICTED] = self.prediction.add_scan(scan)
+        self.with_points.step(robot.time, robot.pose, robot.twist, sensed)
+        self.without_points.step(robot.time, robot.pose, robot.twist, scan)
+        robot.time += 0.05
+
+    def marked_more(self):
+        """Return how many lethal cells of the local costmap come from predicted points."""
+        lethal = self.with_points.local_costmap.cells == LETHAL
+        lethal_without = self.without_points.local_costmap.cells == LETHAL
+        return int(lethal.sum()) - int(lethal_without.sum())
+
+
 @pytest.mark.parametrize("walls", [WALL, []], ids=["walls", "beams without return"])
 def test_predicted_points_are_cleared_with_the_next_scan(stubbed, walls):
     prediction, tracker = stubbed
-    with_marks = MoveBase(quick(applr={"movers": True}))
-    without = MoveBase(quick())
     robot = ToyRobot()
-    lethal = []
-    for k in range(60):  # An obstacle crosses from right to left, 1.6 m ahead, and vanishes.
-        y = -2.0 + 0.08 * k
-        there = k < 50
-        robot.circles = np.array([*walls, (1.6, y, 0.25)] if there else walls).reshape(-1, 3)
-        tracker.rows = [(1.6, y, 0.0, 1.6, 0.25)] if there else []
-        scan = robot.scan()
-        for made, sensed in (
-            (with_marks, {"front/scan": scan, PREDICTED: prediction.add_scan(scan)}),
-            (without, scan),
-        ):
-            made.step(robot.time, robot.pose, robot.twist, sensed)
-        robot.time += 0.05
-        lethal.append(
-            [(made.local_costmap.cells == LETHAL).sum() for made in (with_marks, without)]
-        )
-        if k == 25:
-            # Position .9 s ahead.
-            x, y = with_marks.local_costmap.world_to_map(1.6 - 0.25, 0.9)
-            ahead = slice(y - 2, y + 3), slice(x - 1, x + 2)
-            assert (
-                with_marks.local_costmap.cells[ahead].max()
-                == LETHAL
-                > without.local_costmap.cells[ahead].max()
-            )
-    # Without returns from walls, the planner without predictions does not clear the cells that the
-    # obstacle has left.
-    assert lethal[25][0] > lethal[25][1] + 20 or not walls
+    planners = Planners(prediction, robot)
+
+    # An obstacle crosses from right to left, 1.6 m ahead.
+    for y in np.arange(-2.0, 1.99, 0.08):
+        robot.circles = np.array([*walls, (1.6, y, 0.25)])
+        tracker.rows = [(1.6, y, 0.0, 1.6, 0.25)]
+        planners.step()
+        if y == pytest.approx(0.0):
+            assert_marked_ahead(planners)
+            # Without returns from walls, the planner without predictions does not clear the cells
+            # that the obstacle has left.
+            assert planners.marked_more() > 20 or not walls
+
+    # It vanishes.
+    robot.circles = np.array(walls).reshape(-1, 3)
+    tracker.rows = []
+    for _ in range(10):
+        planners.step()
     for name in ("local_costmap", "global_costmap"):
-        here, there = (made.costmaps[name].cells for made in (with_marks, without))
-        assert np.array_equal(here, there) if walls else not here.any(), name
+        cells = planners.with_points.costmaps[name].cells
+        if walls:
+            assert np.array_equal(cells, planners.without_points.costmaps[name].cells), name
+        else:
+            assert not cells.any(), name
     for seconds, clears in ((2.4, not walls), (2.6, False)):  # last detected 0.5 s ago
         points = prediction.add_scan(replace(robot.scan(), stamp=robot.time + seconds)).points
-        assert np.allclose(np.hypot(*points[:, :2].T), 100.0, atol=1.0), (
-            "beyond every obstacle_range"
-        )
+        x, y, _ = points.T
+        assert np.allclose(np.hypot(x, y), 100.0, atol=1.0), "beyond every obstacle_range"
         assert (len(points) > 0) == clears
+
+
+def assert_marked_ahead(planners):
+    """The place of the obstacle in .9 s is lethal only with predicted points."""
+    costmap = planners.with_points.local_costmap
+    column, row = costmap.world_to_map(1.6 - 0.25, 0.9)
+    ahead = slice(row - 2, row + 3), slice(column - 1, column + 2)
+    assert costmap.cells[ahead].max() == LETHAL
+    assert planners.without_points.local_costmap.cells[ahead].max() < LETHAL
 
 
 def test_predicted_points_are_cleared_if_their_source_dies(stubbed):
     """The movers node has died while predicted points surround the robot."""
     prediction, tracker = stubbed
-    with_marks = MoveBase(quick(applr={"movers": True}))
-    without = MoveBase(quick())
-    robot = ToyRobot(circles=WALL)
-    around = [(1.2 * math.cos(a), 1.2 * math.sin(a)) for a in np.linspace(-1.8, 1.8, 8)]
-    tracker.rows = [(x, y, 0.01, 0.0, 0.3) for x, y in around]
-    lethal = []
-    for k in range(40):
-        scan = robot.scan()
-        with_points = {
-            "front/scan": scan,
-            **({PREDICTED: prediction.add_scan(scan)} if k < 5 else {}),
-        }
-        for made, sensed in ((with_marks, with_points), (without, scan)):
-            made.step(robot.time, robot.pose, robot.twist, sensed)
-        robot.time += 0.05
-        lethal.append(
-            [(made.local_costmap.cells == LETHAL).sum() for made in (with_marks, without)]
-        )
-    assert lethal[4][0] > lethal[4][1] + 20
-    assert lethal[20][0] > lethal[20][1] + 20, "the points stay until the source counts as silent"
-    assert lethal[-1][0] == lethal[-1][1]
+    planners = Planners(prediction, ToyRobot(circles=WALL))
+    tracker.rows = []
+    for angle in np.linspace(-1.8, 1.8, 8):
+        tracker.rows.append((1.2 * math.cos(angle), 1.2 * math.sin(angle), 0.01, 0.0, 0.3))
+
+    for _ in range(5):
+        planners.step()
+    assert planners.marked_more() > 20
+
+    for _ in range(16):
+        planners.step(predicts=False)
+    assert planners.marked_more() > 20, "the points stay until the source counts as silent"
+
+    for _ in range(19):
+        planners.step(predicts=False)
+    assert planners.marked_more() == 0
 
 
-def test_without_moving_obstacles_planners_are_bit_identical(stubbed):
+@pytest.fixture
+def free_drive(stubbed):
+    """Return a function that drives past a post, with or without movers, and what came of it."""
     prediction, _ = stubbed
-    drives = []
-    for movers in (False, True):
+
+    def drive(movers):
+        """Return the commands of the drive, and the local costmap at its end."""
         move_base = MoveBase(quick(applr={"movers": movers}))
         robot = ToyRobot(circles=[(1.5, 0.5, 0.15)])
         step = move_base.step
 
-        def step_with_points(now, pose, twist, scan, step=step):
-            return step(
-                now, pose, twist, {"front/scan": scan, PREDICTED: prediction.add_scan(scan)}
-            )
+        def step_with_points(now, pose, twist, scan):
+            sensed = {"front/scan": scan, PREDICTED: prediction.add_scan(scan)}
+            return step(now, pose, twist, sensed)
 
-        move_base.step = step_with_points if movers else step
+        if movers:
+            move_base.step = step_with_points
         run(move_base, robot, 0.1)
         move_base.set_goal((3.0, 0.0, 0.0), robot.time)
         cycles = []
         run(move_base, robot, 6.0, cycles=cycles)
-        assert robot.pose[0] > 1.5
-        drives.append(([c.command for _, c in cycles], move_base.local_costmap.cells.tobytes()))
-    assert drives[0] == drives[1]
+        x, _, _ = robot.pose
+        assert x > 1.5
+        commands = [cycle.command for _, cycle in cycles]
+        return commands, move_base.local_costmap.cells.tobytes()
+
+    return drive
+
+
+def test_without_moving_obstacles_planners_are_bit_identical(free_drive):
+    assert free_drive(movers=True) == free_drive(movers=False)
 
 
 # -- observation source of the costmaps ------------------------------------------------------------
@@ -212,28 +241,37 @@ def test_each_layer_with_a_laser_gets_the_source_and_no_robot_file_changes(name)
     assert move_base.sources[PREDICTED] == "PointCloud2"
     for costmap in move_base.costmaps.values():
         (layer,) = costmap.obstacle_layers
-        laser, marks = (buffer.source for buffer in layer.buffers)
-        assert (marks.marking, marks.clearing, marks.observation_persistence) == (True, True, 0.0)
-        assert marks.obstacle_range == laser.obstacle_range < laser.raytrace_range
+        laser_buffer, predicted_buffer = layer.buffers
+        laser = laser_buffer.source
+        predicted = predicted_buffer.source
+        assert predicted.marking
+        assert predicted.clearing
+        assert predicted.observation_persistence == 0.0
+        assert predicted.obstacle_range == laser.obstacle_range < laser.raytrace_range
         # Without it, ranges would count from the origin of the odometry.
-        assert marks.sensor_frame
+        assert predicted.sensor_frame
 
 
-def test_the_parameters_for_a_cpp_costmap_mean_the_same_here():
+@pytest.mark.parametrize("movers", [False, True])
+def test_the_parameters_for_a_cpp_costmap_mean_the_same_here(movers):
     tree = copy.deepcopy(robots.load("jackal").parameters())
+    predicted = {
+        "data_type": "PointCloud2",
+        "topic": "/applr/predicted",
+        "sensor_frame": "front_laser",
+        "marking": True,
+        "clearing": True,
+    }
+    changes = {"observation_sources": "scan predicted", "predicted": predicted}
     for costmap in ("local_costmap", "global_costmap"):
-        predicted = dict(
-            data_type="PointCloud2", topic="/applr/predicted", sensor_frame="front_laser"
-        )
-        predicted.update(marking=True, clearing=True)
-        tree[costmap]["obstacles_layer"].update(
-            observation_sources="scan predicted", predicted=predicted
-        )
+        tree[costmap]["obstacles_layer"].update(changes)
     assert check(tree) == []
-    for movers in (False, True):
-        sources = MoveBase(dict(tree, applr={"movers": movers})).sources
-        assert [topic.lstrip("/") for topic in sources] == ["front/scan", PREDICTED]
-    twice = complete(complete(dict(robots.load("jackal").parameters(), applr={"movers": True})))
-    assert (
-        twice["local_costmap"]["obstacles_layer"]["observation_sources"] == "scan applr_predicted"
-    )
+    sources = MoveBase(dict(tree, applr={"movers": movers})).sources
+    assert [topic.lstrip("/") for topic in sources] == ["front/scan", PREDICTED]
+
+
+def test_the_source_is_added_once():
+    tree = dict(robots.load("jackal").parameters(), applr={"movers": True})
+    twice = complete(complete(tree))
+    layer = twice["local_costmap"]["obstacles_layer"]
+    assert layer["observation_sources"] == "scan applr_predicted"

@@ -69,6 +69,7 @@ def test_a_point_is_seen_through_if_the_beams_around_it_continue(beams, value, t
 )
 def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, moved):
     """The points are in free space of the earlier scan, or were in that of the latest scan."""
+    # Given: three points at 2 m, and a scan that sees through the place of the first `free` ones
     beams = np.array([50, 100, 150])
     angles = SCAN["yaw"] + SCAN["angle_min"] + SCAN["increment"] * beams
     x = SCAN["x"] + 2.0 * np.cos(angles)
@@ -81,14 +82,16 @@ def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, move
     fan = record(FAN, swept=swept, **SCAN)
     ranges = np.zeros((SCANS, 201), np.float32)
     fans = np.zeros(SCANS, FAN)
-    fans["stamp"] = -np.inf
+    fans["stamp"] = -np.inf  # no scan
     fans[0] = record(FAN, **SCAN)
     earlier = tracks.Scans(ranges, fans)
     history = np.full((SCANS, POINTS, 2), np.nan)
 
+    # The earlier scan sees through.
     ranges[0] = through
     assert tracks.has_moved(points, history, earlier, wall, fan) == moved
 
+    # The latest scan sees through the points of the earlier one.
     history[0] = points
     ranges[0] = wall
     assert tracks.has_moved(points, history, earlier, through, fan) == moved
@@ -106,15 +109,15 @@ def test_the_centre_of_a_disc_follows_from_its_visible_edge(hidden, increment):
     cluster = record(CLUSTER, near=distance - radius, start=bearing - half, end=bearing + half)
     if hidden == "start":
         cluster["start"] = bearing - 0.2 * half
+        cluster["start_hidden"] = True
     elif hidden == "end":
         cluster["end"] = bearing + 0.2 * half
-    if hidden:
-        cluster[f"{hidden}_hidden"] = True
+        cluster["end_hidden"] = True
 
     x, y, sigma = clusters.centre(cluster, radius, fan)
 
-    centre = (1.0 + distance * math.cos(bearing), -1.0 + distance * math.sin(bearing))
-    assert (x, y) == pytest.approx(centre, abs=1e-6)
+    assert x == pytest.approx(1.0 + distance * math.cos(bearing), abs=1e-6)
+    assert y == pytest.approx(-1.0 + distance * math.sin(bearing), abs=1e-6)
     assert (sigma > 0.05) == bool(hidden)
 
 
@@ -138,40 +141,50 @@ def test_static_tracks_correct_the_pose():
     error = Correction(0.02, -0.03, 0.02)
     nothing = Correction(0.0, 0.0, 0.0)
     places = (5.0, -3.0) + np.random.default_rng(0).uniform(-4.0, 4.0, (8, 2))
+    x, y = places.T
     voters = np.zeros(8, VOTER)
-    voters["x"] = places[:, 0]
-    voters["y"] = places[:, 1]
+    voters["x"] = x
+    voters["y"] = y
     voters["variance"] = 1e-5
     voters["cluster"] = np.arange(8)
     found = seen_from(fan, error, places, outliers=1)
+    half_wrong = seen_from(fan, error, places, outliers=4)
 
     np.testing.assert_allclose(slip(voters, found, fan), error, atol=0.004)
     assert slip(voters[:2], found, fan) == nothing, "two are too few"
-    assert slip(voters, seen_from(fan, error, places, outliers=4), fan) == nothing
+    assert slip(voters, half_wrong, fan) == nothing
 
     shift(found, fan, error)
-    np.testing.assert_allclose(found["x"][1:], places[1:, 0], atol=1e-9)
-    np.testing.assert_allclose(found["y"][1:], places[1:, 1], atol=1e-9)
+    # The first one is the outlier.
+    np.testing.assert_allclose(found["x"][1:], x[1:], atol=1e-9)
+    np.testing.assert_allclose(found["y"][1:], y[1:], atol=1e-9)
     np.testing.assert_allclose(found["start"], error.turn)
-    assert [fan["x"], fan["y"], fan["yaw"]] == pytest.approx([5.02, -3.03, 0.62])
+    assert fan["x"] == pytest.approx(5.02)
+    assert fan["y"] == pytest.approx(-3.03)
+    assert fan["yaw"] == pytest.approx(0.62)
 
 
-@pytest.mark.parametrize(
-    ("moves", "begun"), [(True, [(4.0, 0.0)]), (False, [(2.2, 0.3), (4.0, 0.0)])]
-)
+PART = (2.2, 0.3)
+OTHER = (4.0, 0.0)
+
+
+@pytest.mark.parametrize(("moves", "begun"), [(True, [OTHER]), (False, [PART, OTHER])])
 def test_a_part_of_a_moving_obstacle_gets_no_track(moves, begun):
     known = np.zeros(8, TRACK)
     known[0] = record(TRACK, id=5, x=2.0, radius=0.3, moves=moves)
+    part_x, part_y = PART
+    other_x, other_y = OTHER
     found = np.zeros(3, CLUSTER)
-    found[0] = record(CLUSTER, x=2.2, y=0.3, radius=0.1)
+    found[0] = record(CLUSTER, x=part_x, y=part_y, radius=0.1)
     found[1] = record(CLUSTER, x=2.0, y=0.0, radius=0.3)
-    found[2] = record(CLUSTER, x=4.0, y=0.0, radius=0.3)
+    found[2] = record(CLUSTER, x=other_x, y=other_y, radius=0.3)
     has_track = np.array([False, True, False])
+    next_id = 7
 
-    next_id = tracks.begin(known, found, has_track, 1.0, 7)
+    id_after = tracks.begin(known, found, has_track, 1.0, next_id)
 
-    new = known[known["id"] >= 7]
-    assert next_id == 7 + len(begun)
+    new = known[known["id"] >= next_id]
+    assert id_after == next_id + len(begun)
     assert list(zip(new["x"], new["y"])) == begun
 
 
@@ -236,7 +249,9 @@ def test_a_cluster_within_three_deviations_of_position_and_size_is_associated(
     interval = 0.05
     known = np.zeros(MAX_TRACKS, TRACK)
     known[0] = record(TRACK, id=1, x=3.0, radius=0.3, pp=0.1**2)
-    deviation = math.sqrt(0.1**2 + 0.02**2 + (tracks.SUDDEN_M_S * interval) ** 2)
+    # Of the track, of the cluster, and of a sudden motion since the last scan
+    variance = 0.1**2 + 0.02**2 + (tracks.SUDDEN_M_S * interval) ** 2
+    deviation = math.sqrt(variance)
     found = np.zeros(1, CLUSTER)
     found[0] = disc(3.0 + deviations * deviation)
     found["radius"] += larger * tracks.RESIZED_M

@@ -1,6 +1,4 @@
-"""Tests that METHODS, the built-in methods, are reproducible with a seed and return parameters
-within their bounds.
-"""
+"""Tests of the built-in METHODS: reproducible with a seed, parameters within their bounds."""
 
 import json
 
@@ -11,22 +9,35 @@ from applr_ros1.policy import methods
 
 
 def scenes(method, count=8):
-    """Return typical contexts: open and narrow, with missing returns, with any current
-    parameters.
-    """
+    """Return contexts from narrow to open, with missing returns and any current parameters."""
+    space = method.space
+    layout = method.layout
     draw = np.random.default_rng(0)
+    x_goal = 10.0
     contexts = []
-    for k in range(count):
-        ranges = draw.uniform(0.1, 0.4 + k, method.layout.beams).astype(np.float32)
-        ranges[draw.random(method.layout.beams) < k / count] = np.inf
+    for number in range(count):
+        ranges = draw.uniform(0.1, 0.4 + number, layout.beams).astype(np.float32)
+        ranges[draw.random(layout.beams) < number / count] = np.inf
         phi = draw.uniform(-np.pi, np.pi)
-        theta = method.space.to_theta(draw.uniform(-1.0, 1.0, len(method.space)))
-        pose = (0.5 * k, 0.0, phi)
-        goal = (10.0, 0.0, 0.0)
-        plan = np.linspace(pose[:2], goal[:2], 40)[: 40 * (k > 0)]
-        movers = draw.normal(0.0, 2.0, (k // 2, 4))
-        shown = (0.1 * k, 0.0), goal, plan, movers, method.space, method.layout
-        contexts.append(methods.Context(ranges, phi, theta, 2.0 * k, pose, *shown))
+        theta = space.to_theta(draw.uniform(-1.0, 1.0, len(space)))
+        x = 0.5 * number
+        plan = np.zeros((0, 2))
+        if number > 0:  # The first decision comes before the first plan.
+            plan = np.linspace((x, 0.0), (x_goal, 0.0), 40)
+        context = methods.Context(
+            ranges=ranges,
+            phi=phi,
+            theta=theta,
+            time=2.0 * number,
+            pose=(x, 0.0, phi),
+            twist=(0.1 * number, 0.0),
+            goal=(x_goal, 0.0, 0.0),
+            plan=plan,
+            movers=draw.normal(0.0, 2.0, (number // 2, 4)),
+            space=space,
+            layout=layout,
+        )
+        contexts.append(context)
     return contexts
 
 
@@ -35,13 +46,14 @@ def test_methods_of_the_package(spec):
     method = methods.make(spec)
     contexts = scenes(method)
 
-    def course(seed, seen):
+    def decisions(seed, contexts):
+        """Return the parameters of all decisions of a course."""
         method.reset(seed)
-        return [method.theta(context).tolist() for context in seen]
+        return [method.theta(context).tolist() for context in contexts]
 
-    first = course(7, contexts)
-    course(8, contexts[::-1])
-    assert course(7, contexts) == first
+    first = decisions(7, contexts)
+    decisions(8, contexts[::-1])
+    assert decisions(7, contexts) == first
     assert np.array_equal(method.space.clip(first), first)
     for context, fresh in zip(contexts, scenes(method)):
         for name in ("observation", "ranges", "theta", "plan", "movers"):
@@ -56,11 +68,15 @@ def test_exploration_draws_around_the_robots_set():
     space = method.space
     centre = methods.make("static").values
     method.reset(1)
-    actions = np.array([space.to_action(method.theta(None)) for _ in range(4000)])
-    # Parameters far from the ends of their ranges.
-    free = ~space.integer & (np.abs(space.to_action(centre)) < 0.1)
-    assert free.any()
-    away = actions[:, free] - space.to_action(centre)[free]
-    assert away.mean(axis=0) == pytest.approx(0.0, abs=0.06)
+    actions = []
+    for _ in range(4000):
+        actions.append(space.to_action(method.theta(None)))
+    central_action = space.to_action(centre)
+
+    # Parameters far from the ends of their ranges
+    is_free = ~space.integer & (np.abs(central_action) < 0.1)
+    assert is_free.any()
+    changes = (np.array(actions) - central_action)[:, is_free]
+    assert changes.mean(axis=0) == pytest.approx(0.0, abs=0.06)
     # 0.5 before clipping to [-1, 1]
-    assert away.std(axis=0) == pytest.approx(0.48, abs=0.03)
+    assert changes.std(axis=0) == pytest.approx(0.48, abs=0.03)

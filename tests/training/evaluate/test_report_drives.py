@@ -1,9 +1,8 @@
-"""Tests of the page of drives: it draws the driven paths, needs no other file, and escapes all
-names.
-"""
+"""Tests of the page of drives: driven paths, no other file needed, all names escaped."""
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,68 +18,81 @@ from training.evaluate.table import Trials
 from training.evaluate.trial import Result, plan_trials
 
 TIME = 0.05 * np.arange(1, 123)
-# [m, m, rad]
+SPEED = 0.3 + 0.01 * TIME
+# x, y, yaw [m, m, rad]
 POSE = np.column_stack([-2.25 + np.sin(TIME), 4.0 + TIME, 3.0 + 0.1 * TIME])
 TRACE = driven(
     TIME,
     POSE,
-    np.column_stack([0.3 + 0.01 * TIME, 0.0 * TIME]),
-    [SPACE.theta0, SPACE.high],
-    [0.0, 1.0],
+    twist=np.column_stack([SPEED, np.zeros(len(TIME))]),
+    theta=[SPACE.theta0, SPACE.high],
+    decided=[0.0, 1.0],
 )
 METHODS = ("dwa", "mine", "quiet")
+WORLD = "generated:7"
 
 
 @pytest.fixture
 def folder(tmp_path):
-    """Return the folder of an evaluation of three methods in a built-in world. The last method has
-    no traces.
-    """
-    plan = plan_trials(
-        [("generated:7", "generated:7")], [(m, m) for m in METHODS], 2, seed=0, traces=2
-    )
-    older = {name: value for name, value in SETTINGS["robot"].items() if name != "radius"}
-    settings = dict(SETTINGS, worlds=["generated:7"], world_specs=["generated:7"], robot=older)
+    """Return the folder of an evaluation in a built-in world. The method "quiet" has no traces."""
+    methods = list(zip(METHODS, METHODS))
+    plan = plan_trials([(WORLD, WORLD)], methods, trials=2, seed=0, traces=2)
+    # An older version of this package did not write the radius.
+    robot = dict(SETTINGS["robot"])
+    del robot["radius"]
+    settings = dict(SETTINGS, worlds=[WORLD], world_specs=[WORLD], robot=robot)
     store = Trials(tmp_path, settings)
-    for task in plan:
-        good = task.method == "dwa"
-        result = Result(
-            good, not good, False, 6.1, 3, 6.0, "finished" if good else "</script>", 7.0
-        )
-        store.add(task, result, TRACE.pack() if task.method != "quiet" else b"")
+    for trial in plan:
+        result = Result(time_s=6.1, decisions=3, path_length_m=6.0, route_m=7.0)
+        if trial.method == "dwa":
+            result = replace(result, success=True, reason="finished")
+        else:
+            result = replace(result, collided=True, reason="</script>")
+        trace = b"" if trial.method == "quiet" else TRACE.pack()
+        store.add(trial, result, trace)
     return tmp_path
+
+
+def data_of(text):
+    """Return the data in a page of drives."""
+    pattern = r'<script type="application/json" id="data">(.*?)</script>'
+    return json.loads(re.search(pattern, text, re.DOTALL).group(1))
 
 
 def test_the_page_has_the_driven_paths(folder):
     index = write(folder)
     text = (folder / "report" / drives_page.FILE).read_text(encoding="utf-8")
     assert 'href="drives.html"' in Path(index).read_text()
-    assert not re.search(r'src=|@import|url\(|href="https?:', text)
     assert 'href="index.html"' in text  # link back to the report
-    page = json.loads(
-        re.search(
-            r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL
-        ).group(1)
-    )
-    assert [m["name"] for m in page["methods"]] == list(METHODS)
+    assert not re.search(r'src=|@import|url\(|href="https?:', text)
+    page = data_of(text)
+    assert [method["name"] for method in page["methods"]] == list(METHODS)
     (world,) = page["worlds"]
-    assert world["name"] == "generated:7"
-    assert [(d["m"], d["k"]) for d in world["drives"]] == [(0, 0), (0, 1), (1, 0), (1, 1)]
-    ends = [(d["ok"], d["hit"], d["why"]) for d in world["drives"][1:3]]
-    assert ends == [(True, False, "finished"), (False, True, "</script>")]
-    drive = world["drives"][0]
-    poses = np.cumsum(drive["p"], axis=0) / 100.0
+    assert world["name"] == WORLD
+
+    # Methods and trials by number
+    drives = world["drives"]
+    assert [(drive["m"], drive["k"]) for drive in drives] == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    of_dwa, _, of_mine, _ = drives
+    assert (of_dwa["ok"], of_dwa["hit"], of_dwa["why"]) == (True, False, "finished")
+    assert (of_mine["ok"], of_mine["hit"], of_mine["why"]) == (False, True, "</script>")
+
+    # The page has every fourth row, and the last one. Poses are changes in hundredths.
     rows = [*range(0, 121, 4), 121]
+    poses = np.cumsum(of_dwa["p"], axis=0) / 100.0
     np.testing.assert_allclose(poses, POSE[rows], atol=0.0051)
-    np.testing.assert_allclose(drive["v"], 100 * TRACE.truth.twist[rows, 0], atol=0.6)
-    assert drive["at"] == [0, 100]
-    assert drive["theta"][1] == SPACE.high.tolist()
+    np.testing.assert_allclose(of_dwa["v"], 100 * SPEED[rows], atol=0.6)
+    assert of_dwa["at"] == [0, 100]
+    assert of_dwa["theta"][1] == SPACE.high.tolist()
+
     left, bottom, right, top = np.array(world["view"]) / 100.0
-    assert left < poses[:, 0].min() < poses[:, 0].max() < right
-    assert bottom < poses[:, 1].min() < poses[:, 1].max() < top
+    x, y, _ = poses.T
+    assert left < x.min() < x.max() < right
+    assert bottom < y.min() < y.max() < top
     circles = np.array(world["circles"]) / 1000.0
     assert len(circles) > 50
-    assert circles[:, 2] == pytest.approx(0.075, abs=0.001)
+    _, _, radius = circles.T
+    assert radius == pytest.approx(0.075, abs=0.001)
     assert world["finish"] == 1000
 
 
@@ -97,9 +109,17 @@ def test_keys_choose_a_trial_play_and_hide_a_method(folder):
     with opened(folder / "report" / drives_page.FILE) as view:
         assert view.get_by_text("0.0 of 6.2 s").count()
         focused(view, "combobox", "Trial").press("ArrowDown")
-        rows = view.get_by_role("row")
-        assert [row.inner_text().split()[0] for row in rows.all()[1:]] == ["dwa", "mine"]
+        assert shown_methods(view) == ["dwa", "mine"]
         focused(view, "checkbox", "mine").press("Space")
-        assert [row.inner_text().split()[0] for row in rows.all()[1:]] == ["dwa"]
+        assert shown_methods(view) == ["dwa"]
         view.locator("body").press("Space")
         view.get_by_role("button", name="Pause").wait_for()
+
+
+def shown_methods(view):
+    """Return the first words of the table's rows below its header."""
+    methods = []
+    for row in view.get_by_role("row").all()[1:]:
+        name, *_ = row.inner_text().split()
+        methods.append(name)
+    return methods

@@ -1,10 +1,9 @@
-"""Tests of the report: statistics by hand, the paper's tables from synthetic trials, every output
-file.
-"""
+"""Tests of the report: statistics by hand, the paper's tables of synthetic trials, all files."""
 
 import html
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,54 +28,88 @@ from worlds import load as load_world
 from worlds.world import clearance
 
 METHODS = ("dwa", "applr", "other")
+# Shares of successful trials, and mean times relative to dwa
+SUCCESS_RATES = {"dwa": 0.95, "applr": 0.99, "other": 0.99}
+RELATIVE_TIMES = {"dwa": 1.0, "applr": 0.75, "other": 0.85}
+TIME_LIMIT_S = 100.0
+HARD_WORLD = "generated:3"  # world in which all methods fail
+TRACED_WORLD = "generated:20"
+SESSION = {
+    "date": "2026-01-02",
+    "commit": "abc",
+    "cpu": "a processor",
+    "cores": 4,
+    "command": "evaluate.py",
+    "versions": {"numpy": "2"},
+}
 
-
+# x, y, yaw [m, m, rad]
 POSE = np.column_stack([np.full(200, -2.0), np.linspace(4.1, 10.0, 200), np.full(200, 1.57)])
-TRACE = driven(
-    np.arange(200) * 0.05,
-    POSE,
-    theta=[SPACE.theta0, SPACE.high, SPACE.theta0, SPACE.theta0, SPACE.high],
-    decided=np.arange(5) * 2.0,
+TIME = 0.05 * np.arange(200)
+SETS = [SPACE.theta0, SPACE.high, SPACE.theta0, SPACE.theta0, SPACE.high]
+TRACE = driven(TIME, POSE, theta=SETS, decided=2.0 * np.arange(5))
+# A result of a trial without measurements, as of a robot whose drives have none
+NOT_MEASURED = Result(
+    decisions=2,
+    path_length_m=6.0,
+    route_m=math.nan,
+    min_clearance_m=math.nan,
+    mean_jerk=math.nan,
+    mean_turn=math.nan,
+    switching=math.nan,
 )
+
+
+def named(*names):
+    """Return [(name, specification), ...] of worlds or methods."""
+    return [(name, name) for name in names]
+
+
+def random_result(method, world, mean_s, rng):
+    """Return the result of a trial, with a time around `mean_s` [s] if it succeeds."""
+    success = rng.random() < SUCCESS_RATES[method] and world != HARD_WORLD
+    seconds = TIME_LIMIT_S
+    reason = "time limit"
+    if success:
+        seconds = round(mean_s * math.exp(rng.normal(0, 0.08)), 4)
+        reason = "finished"
+    return Result(
+        success=success,
+        timeout=not success,
+        time_s=seconds,
+        decisions=math.ceil(seconds / 2),
+        path_length_m=6.5,
+        reason=reason,
+        route_m=7.0,
+        min_clearance_m=0.3,
+        mean_jerk=5.0,
+        mean_turn=1.0,
+        switching=0.1,
+    )
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Return an evaluation of three methods, six trials in each of 40 worlds. applr is 25 % faster,
-    dwa may fail.
-    """
+    """Return an evaluation of three methods, six trials in each of 40 worlds."""
     out = tmp_path_factory.mktemp("evaluation")
-    worlds = ["generated:%d" % n for n in range(0, 39)] + ["physical_course"]
-    plan = plan_trials([(w, w) for w in worlds], [(m, m) for m in METHODS], 6, seed=0)
+    worlds = [f"generated:{number}" for number in range(39)]
+    worlds.append("physical_course")
     settings = dict(
         SETTINGS, worlds=worlds, world_specs=worlds, simulator="kinematic", protocol="paper", seed=0
     )
-    learnt = {"applr": {"class": "Actor"}, METHODS[2]: {"class": "Actor"}}
-    settings["methods"] = {"dwa": {"parameters": {"max_vel_x": 0.5}}, **learnt}
+    settings["methods"] = {
+        "dwa": {"parameters": {"max_vel_x": 0.5}},
+        "applr": {"class": "Actor"},
+        "other": {"class": "Actor"},
+    }
     store = Trials(out, settings)
     rng = np.random.default_rng(1)
-    for task in plan:
-        mean = 20.0 + 0.4 * worlds.index(task.world)
-        mean *= {"dwa": 1.0, "applr": 0.75}.get(task.method, 0.85)
-        good = (
-            rng.random() < (0.95 if task.method == "dwa" else 0.99) and task.world != "generated:3"
-        )
-        seconds = round(mean * math.exp(rng.normal(0, 0.08)), 4) if good else 100.0
-        reason = "finished" if good else "time limit"
-        decisions = math.ceil(seconds / 2)
-        result = Result(
-            good, False, not good, seconds, decisions, 6.5, reason, 7.0, 0.3, 5.0, 1.0, 0.1
-        )
-        traced = task.trace and task.world in ("generated:20",)
-        store.add(task, result, TRACE.pack() if traced else b"")
-    session = {
-        "date": "2026-01-02",
-        "commit": "abc",
-        "cpu": "a processor",
-        "cores": 4,
-        "command": "evaluate.py",
-    }
-    store.note(wall_s=75.0, provenance=[dict(session, versions={"numpy": "2"})], workers=2)
+    for trial in plan_trials(named(*worlds), named(*METHODS), trials=6, seed=0):
+        mean_s = RELATIVE_TIMES[trial.method] * (20.0 + 0.4 * worlds.index(trial.world))
+        result = random_result(trial.method, trial.world, mean_s, rng)
+        has_trace = trial.trace and trial.world == TRACED_WORLD
+        store.add(trial, result, TRACE.pack() if has_trace else b"")
+    store.note(wall_s=75.0, provenance=[SESSION], workers=2)
     return out
 
 
@@ -88,24 +121,29 @@ def results(folder):
 # -- statistics ------------------------------------------------------------------------------------
 def test_welch_is_scipys_with_nan_in_edge_cases():
     rng = np.random.default_rng(0)
-    a = rng.normal(20, 3, 20)
-    b = rng.normal(23, 5, 18)
-    equal = np.full(2, 5.05), np.full(20, 5.05)  # The two means differ in the last bit.
+    fast = rng.normal(20, 3, 20)
+    slow = rng.normal(23, 5, 18)
+    single = fast[:1]
+    # The means of these differ in the last bit.
+    two_equal = np.full(2, 5.05)
+    twenty_equal = np.full(20, 5.05)
 
-    def trials(*times):
-        rows = [
-            (world, n, time, True)
-            for world, of_world in enumerate(times)
-            for n, time in enumerate(of_world)
-        ]
-        return pd.DataFrame(
-            [*rows, (0, 99, 1.0, False)], columns=["world", "trial", "time_s", "success"]
-        )
+    def trials(*worlds):
+        """Return successful trials with the times [s] of each world, and a failure."""
+        rows = [(0, 99, 1.0, False)]
+        for world, times in enumerate(worlds):
+            for number, time_s in enumerate(times):
+                rows.append((world, number, time_s, True))
+        return pd.DataFrame(rows, columns=["world", "trial", "time_s", "success"])
 
-    tests = tables.welch(trials(a, a[:1], equal[0]), trials(b, b, equal[1], b))
-    assert tests.p[0] == pytest.approx(stats.ttest_ind(a, b, equal_var=False).pvalue)
-    assert np.isnan(tests.p).tolist() == np.isnan(tests.holm).tolist() == [False, True, True]
-    assert (tables.significant(tests), tables.significant(tests, "holm")) == ((1, 0), (1, 0))
+    tests = tables.welch(trials(fast, single, two_equal), trials(slow, slow, twenty_equal, slow))
+
+    scipys = stats.ttest_ind(fast, slow, equal_var=False)
+    assert tests.p[0] == pytest.approx(scipys.pvalue)
+    assert np.isnan(tests.p).tolist() == [False, True, True]
+    assert np.isnan(tests.holm).tolist() == [False, True, True]
+    assert tables.significant(tests) == (1, 0)
+    assert tables.significant(tests, "holm") == (1, 0)
 
 
 def test_holm_by_hand():
@@ -130,9 +168,7 @@ def test_equal_trials_of_a_world_count_as_one():
 
 
 def test_the_bootstrap_resamples_worlds_not_trials():
-    """Ten worlds with 100 equal trials each have the interval of ten trials: 1.96 standard
-    errors.
-    """
+    """Ten worlds with 100 equal trials each have the interval of ten trials, 1.96 deviations."""
     means = np.linspace(10.0, 30.0, 10)
     half = 1.96 * means.std() / math.sqrt(10)
     estimate = over_worlds(means * 100, np.full(10, 100.0))
@@ -141,14 +177,19 @@ def test_the_bootstrap_resamples_worlds_not_trials():
 
 
 def test_the_paired_test_is_of_the_mean_by_hand():
-    """Eight of the 16 sign patterns of 9, 5, -1 and -1 have a sum of at least 12 or at most -12;
-    ranks give .625.
+    """The differences are 9, 5, -1 and -1, whose sum is 12.
+
+    Eight of the 16 sign patterns have a sum of at least 12 or at most -12. Ranks give .625.
     """
     comparison = compare([29.0, 25.0, 19.0, 19.0], [20.0] * 4)
-    assert (comparison.worlds, comparison.p) == (4, 8 / 16)
-    assert (comparison.difference.value, comparison.gain.value) == (3.0, -0.15)
+    assert comparison.worlds == 4
+    assert comparison.p == 8 / 16
+    assert comparison.difference.value == 3.0
+    assert comparison.gain.value == -0.15
+
     alone = compare([10.0], [20.0])
-    assert (alone.worlds, alone.gain.value) == (1, 0.5)
+    assert alone.worlds == 1
+    assert alone.gain.value == 0.5
     assert np.isnan([alone.p, alone.gain.low, alone.difference.high]).all()
 
 
@@ -163,13 +204,15 @@ def test_better_is_a_smaller_mean_with_a_significant_difference():
 
 def test_a_line_of_the_report_names_arrivals_times_and_the_test(results):
     line, _ = summary(results)
-    test = results.of_set("Test")
-    trials = results.trials[results.trials.world.isin(test)].set_index(["world", "trial"])
-    success = {name: trials.success[trials.method == name] for name in METHODS[:2]}
-    both = success["dwa"] & success["applr"]
-    times = [trials.time_s[trials.method == name][both].mean() for name in ("applr", "dwa")]
-    arrive = f"{success['applr'].sum()} of {len(both)} arrive (dwa: {success['dwa'].sum()})"
-    change = f"{times[0]:.1f} s instead of {times[1]:.1f} s where both arrive ({both.sum()} drives)"
+    is_tested = results.trials.world.isin(results.of_set("Test"))
+    trials = results.trials[is_tested].set_index(["world", "trial"])
+    dwa = trials[trials.method == "dwa"]
+    applr = trials[trials.method == "applr"]
+    both = dwa.success & applr.success
+    dwa_s = dwa.time_s[both].mean()
+    applr_s = applr.time_s[both].mean()
+    arrive = f"{applr.success.sum()} of {len(both)} arrive (dwa: {dwa.success.sum()})"
+    change = f"{applr_s:.1f} s instead of {dwa_s:.1f} s where both arrive ({both.sum()} drives)"
     assert line.startswith(f"applr better: yes, {arrive}; {change}; p = ")
 
 
@@ -179,56 +222,54 @@ def test_a_line_of_the_report_names_arrivals_times_and_the_test(results):
 def test_table_4_names_failures(results):
     table = tables.table_4(results)
     assert table.rows.method.tolist() == list(METHODS)
-    assert (
-        table.rows.failures.str.contains("time limit") != table.rows.successes.str.startswith("6")
-    ).all()
+    names_failures = table.rows.failures.str.contains("time limit")
+    succeeds_always = table.rows.successes.str.startswith("6")
+    assert (names_failures != succeeds_always).all()
     assert table.rows["paper [s]"][0].startswith("72.8")
 
 
 def test_a_failure_counts_as_the_time_limit_however_early_it_is(tmp_path):
-    """A method that hits something after 3 s in every trial does not beat one that arrives after 20
-    s.
-    """
-    worlds = ["generated:%d" % n for n in range(1, 7)]
-    plan = plan_trials([(w, w) for w in worlds], [("dwa", "dwa"), ("crash", "dwa")], 2, seed=0)
+    """A method that hits something after 3 s does not beat one that arrives after 20 s."""
+    worlds = [f"generated:{number}" for number in range(1, 7)]
+    hard, *easy = worlds  # The baseline fails in the first world, too.
+    methods = [("dwa", "dwa"), ("crash", "dwa")]
     store = Trials(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"))
-    for trial in plan:
-        # The baseline fails in the first world, too.
-        good = trial.method == "dwa" and trial.world != worlds[0]
-        seconds, reason = (
-            (20.0 + worlds.index(trial.world), "finished") if good else (3.0, "contact")
-        )
-        result = Result(good, not good, False, seconds, 2, 6.0, reason, *[math.nan] * 5)
+    for trial in plan_trials(named(*worlds), methods, trials=2, seed=0):
+        result = replace(NOT_MEASURED, collided=True, time_s=3.0, reason="contact")
+        if trial.method == "dwa" and trial.world in easy:
+            seconds = 20.0 + worlds.index(trial.world)
+            result = replace(NOT_MEASURED, success=True, time_s=seconds, reason="finished")
         store.add(trial, result)
     results = Results(tmp_path)
-    comparison = results.compare("crash", "dwa", worlds[1:])
-    assert comparison.difference.value == pytest.approx(100.0 - 23.0)
+
+    comparison = results.compare("crash", "dwa", easy)
+    assert comparison.difference.value == pytest.approx(TIME_LIMIT_S - 23.0)
     # Two of all sign patterns have such a large difference.
     assert comparison.p == 2 / 2**5
-    assert results.by_difficulty(worlds) == [*worlds[1:], "generated:1"]
+    assert results.by_difficulty(worlds) == [*easy, hard]
     rows = tables.table_3(results).rows.set_index("worlds")
-    # Mean of 25 s and 100 s.
+    # Mean of 25 s and 100 s
     assert rows["dwa mean time, all trials [s]"]["Difficult All"] == "62.50"
 
 
 def test_means_are_compared_over_the_same_worlds(folder):
     """One of the methods was driven in only some of the worlds."""
-    joined = Results(folder)
-    easy = joined.of_set("Test")[:4]
-    joined.trials = joined.trials[
-        (joined.trials.method != METHODS[2]) | joined.trials.world.isin(easy)
-    ]
-    base, other = (joined.of(method, easy).score.mean() for method in ("dwa", METHODS[2]))
-    rows = tables.table_1(joined).rows.set_index(["worlds", "method"])
-    assert float(rows["faster than dwa [s]"]["Test", METHODS[2]]) == pytest.approx(
-        base - other, abs=0.006
-    )
+    results = Results(folder)
+    easy = results.of_set("Test")[:4]
+    trials = results.trials
+    results.trials = trials[(trials.method != "other") | trials.world.isin(easy)]
+    baseline = results.of("dwa", easy).score.mean()
+    other = results.of("other", easy).score.mean()
+
+    rows = tables.table_1(results).rows.set_index(["worlds", "method"])
+
+    faster = float(rows["faster than dwa [s]"]["Test", "other"])
+    assert faster == pytest.approx(baseline - other, abs=0.006)
 
 
 def test_text_is_escaped_in_html():
-    text = Table(
-        "t", "a & b", pd.DataFrame([{"x_1": "50 %", "y": "<b> | ±" * 20}]), ["note: θ"]
-    ).html()
+    rows = pd.DataFrame([{"x_1": "50 %", "y": "<b> | ±" * 20}])
+    text = Table("t", "a & b", rows, ["note: θ"]).html()
     assert "&lt;b&gt; | ±" * 20 in text
     assert "a &amp; b" in text
 
@@ -239,27 +280,25 @@ def test_the_report_is_complete(folder):
     out = folder / "report"
     text = Path(page).read_text(encoding="utf-8")
     for name in ("table_1", "table_2", "table_3", "table_4", "pairs", "rates", "methods"):
-        assert (out / ("%s.csv" % name)).stat().st_size > 0
-    assert "Wall time 01:15; base seed 0" in text
-    assert "kinematic" in text
+        assert (out / f"{name}.csv").stat().st_size > 0
     assert "nan" not in text
-    assert len(re.findall(r'<div class="wide[^>]*><table', text)) == text.count("<table") == 7
-    lines = [html.unescape(text).index(line) for line in summary(Results(folder))]
-    assert lines == sorted(lines)
-    assert (
-        text.index('class="verdict"')
-        < lines[0]
-        < lines[-1]
-        < text.index('<div id="times">')
-        < text.index('<div id="profiles">')
-        < text.index("<table")
-        < text.index('<a href="drives.html">')
-    )
-    assert "Planner: ours." in text
-    assert (
-        "Driven on 2026-01-02 with commit abc on a processor (4 cores); numpy 2. Command: "
-        "evaluate.py" in text
-    )
+    assert text.count("<table") == 7
+    assert len(re.findall(r'<div class="wide[^>]*><table', text)) == 7
+
+    # Order of the parts
+    parts = ['class="verdict"', *map(html.escape, summary(Results(folder)))]
+    parts += ['<div id="times">', '<div id="profiles">', "<table", '<a href="drives.html">']
+    places = list(map(text.index, parts))
+    assert places == sorted(places)
+
+    driven_on = "Driven on 2026-01-02 with commit abc on a processor (4 cores); numpy 2."
+    for sentence in (
+        "Wall time 01:15; base seed 0",
+        "kinematic",
+        "Planner: ours.",
+        f"{driven_on} Command: evaluate.py",
+    ):
+        assert sentence in text
 
 
 @needs_browser
@@ -272,7 +311,8 @@ def test_the_figure_of_the_report_says_by_keyboard_what_each_point_is(folder):
         second = words.inner_text()
     assert first != second
     for text in (first, second):
-        assert all(re.search(rf"{method} (\d+\.\d s|never arrives)", text) for method in METHODS)
+        for method in METHODS:
+            assert re.search(rf"{method} (\d+\.\d s|never arrives)", text)
 
 
 def test_a_profile_has_the_room_around_each_pose(folder):
@@ -304,17 +344,19 @@ def test_keys_choose_a_profile_and_move_along_it(folder):
 
 
 def test_without_traces_there_is_no_profile(tmp_path):
-    plan = plan_trials([("house", "generated:7")], [("mine", "dwa")], 1, seed=0)
+    (trial,) = plan_trials([("house", "generated:7")], [("mine", "dwa")], trials=1, seed=0)
     store = Trials(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["generated:7"]))
-    store.add(plan[0], Result(True, False, False, 9.0, 5, 3.0, "", *[math.nan] * 5))
+    store.add(trial, replace(NOT_MEASURED, success=True, time_s=9.0))
     assert profiles(Results(tmp_path)) == {}
 
 
 def test_report_of_one_method_and_one_world(tmp_path):
-    plan = plan_trials([("house", "generated:7")], [("mine", "dwa")], 1, seed=0)
+    (trial,) = plan_trials([("house", "generated:7")], [("mine", "dwa")], trials=1, seed=0)
     store = Trials(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["generated:7"]))
-    result = Result(False, True, True, 100.0, 50, 3.0, "time limit", *[math.nan] * 5)
-    store.add(plan[0], result, TRACE.pack())
+    result = replace(
+        NOT_MEASURED, collided=True, timeout=True, time_s=TIME_LIMIT_S, reason="time limit"
+    )
+    store.add(trial, result, TRACE.pack())
     text = Path(write(tmp_path)).read_text(encoding="utf-8")
     assert "paper [" not in text
     assert "paper&#x27;s numbers" not in text
@@ -327,7 +369,9 @@ def test_nothing_to_report_is_one_line(tmp_path):
 
 def test_clearance_of_a_world():
     world = load_world("generated:7")
-    assert clearance(world, np.array([[-2.25, 12.0]]))[0] > 1.0
-    post = world.cylinders[np.argmin(world.cylinders[:, 1])]
-    near = post[:2] + (0.0, -0.35 - post[2])  # .35 m from the foremost post's surface
-    assert clearance(world, near[None])[0] == pytest.approx(0.35)
+    x, y, radius = world.cylinders[np.argmin(world.cylinders[:, 1])]  # the foremost post
+    far_away = (-2.25, 12.0)
+    near_the_post = (x, y - radius - 0.35)
+    far, near = clearance(world, np.array([far_away, near_the_post]))
+    assert far > 1.0
+    assert near == pytest.approx(0.35)

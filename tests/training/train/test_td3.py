@@ -26,7 +26,7 @@ def tensor(values):
 
 
 def _batch(rng, size, n, m):
-    """Return random transitions with n observed numbers and m actions; a fifth of them are final."""
+    """Return random transitions with n observed numbers and m actions, a fifth of them final."""
     # The order of the draws decides their values.
     is_final = rng.random(size) < 0.2
     return Batch(
