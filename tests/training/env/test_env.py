@@ -1,6 +1,4 @@
-"""Tests of the episode loop, the reward and the environment: the paper's MDP, Gymnasium's checker,
-repeatability.
-"""
+"""Tests of episodes, reward and environment: the paper's MDP, Gymnasium's check, same seeds."""
 
 import math
 from dataclasses import replace
@@ -23,10 +21,15 @@ from training.env.reward import Reward, failed
 from worlds import Course, Mover, World
 from worlds.occupancy import occupancy
 
+NORTH = math.pi / 2
+PERIOD = 2.0  # time between two decisions [s]
+CYCLE_S = 0.05  # time between two commands [s]
+
 
 class FakeMoveBase:
-    """Planner stub: gives each command (v, w) for a second, the last one forever, and `result`
-    after `end` cycles.
+    """Planner stub that gives each command (v, w) for a second, and the last one forever.
+
+    After `end` cycles it gives its `result`, and the robot stands.
     """
 
     goal = None
@@ -44,7 +47,8 @@ class FakeMoveBase:
         self.parameters = {"applr": {"movers": False}}
         self.goal_tolerance = 0.25
         self.variant = variant
-        self.global_plan = np.array([(0.1 * i, 0.1 * i, 0.0) for i in range(40)])
+        diagonal = 0.1 * np.arange(40)
+        self.global_plan = np.column_stack([diagonal, diagonal, np.zeros(40)])
 
     def reset(self, now, seed=None):
         self.steps.clear()
@@ -61,8 +65,9 @@ class FakeMoveBase:
 
     def reconfigure(self, server, values):
         self.requests.append((server, values))
-        # The server changes this value.
-        return {**values, "vx_samples": 7} if "vx_samples" in values else values
+        if "vx_samples" in values:
+            return {**values, "vx_samples": 7}  # The server changes this value.
+        return values
 
     def report_held(self, held):
         self.held.append(held)
@@ -70,37 +75,45 @@ class FakeMoveBase:
     def step(self, now, pose, twist, scan, local_origin):
         self.steps.append((now, pose, twist))
         self.scans.append(scan)
-        over = self.end is not None and len(self.steps) > self.end
-        command = self.commands[min((len(self.steps) - 2) // 20, len(self.commands) - 1)]
-        command = (0.0 if over else command[0], command[1]) if self.goals else None
-        result = self.result if over and len(self.steps) == self.end + 1 else None
-        return SimpleNamespace(command=command, result=result, new_plan=len(self.steps) % 10 == 1)
+        count = len(self.steps)
+        command = None
+        if self.goals:
+            second = (count - 2) // 20
+            v, w = self.commands[min(second, len(self.commands) - 1)]
+            has_ended = self.end is not None and count > self.end
+            command = (0.0 if has_ended else v, w)
+        result = None
+        if self.end is not None and count == self.end + 1:
+            result = self.result
+        return SimpleNamespace(command=command, result=result, new_plan=count % 10 == 1)
 
 
 def straight(obstacle=None):
     """Return a world with a course of 4 m to the north."""
-    cylinders = np.array([obstacle]) if obstacle else np.zeros((0, 3))
-    path = np.array([(1.0, 2.0), (1.0, 6.0)])
-    course = Course((1.0, 2.0, math.pi / 2), (1.0, 10.0, math.pi / 2), 6.0, 0.4, path)
-    return World("straight", cylinders, np.zeros((0, 5)), course)
+    cylinders = np.array(obstacle or [], dtype=float).reshape(-1, 3)
+    course = Course(
+        start=(1.0, 2.0, NORTH),
+        goal=(1.0, 10.0, NORTH),
+        finish_y=6.0,
+        goal_tolerance=0.4,
+        path=np.array([(1.0, 2.0), (1.0, 6.0)]),
+    )
+    return World("straight", cylinders, boxes=np.zeros((0, 5)), course=course)
 
 
 def trial(
     obstacle=None, v=1.0, end=None, result=None, world=None, variant="ours", limit=50, **options
 ):
+    """Return the episode of a robot that drives at v [m/s], with a limit on its decisions."""
     planner = FakeMoveBase((v, 0.0), end=end, result=result, variant=variant)
-    episode = Episode(
-        sim_bridge.make("kinematic", slip=0.0),
-        planner,
-        period=2.0,
-        time_limit=2.0 * limit,
-        **options,
-    )
+    simulator = sim_bridge.make("kinematic", slip=0.0)
+    episode = Episode(simulator, planner, period=PERIOD, time_limit=PERIOD * limit, **options)
     episode.reset(world or straight(obstacle), 0)
     return episode
 
 
 def drive(episode, theta=SPACE.theta0, most=60):
+    """Drive to the end of an episode, and return the outcomes of all decisions."""
     outcomes = []
     while not episode.outcome.over and len(outcomes) < most:
         outcomes.append(episode.decide(theta))
@@ -109,20 +122,23 @@ def drive(episode, theta=SPACE.theta0, most=60):
 
 def test_a_course_takes_the_time_it_takes_to_a_control_cycle():
     episode = trial()
-    outcomes = drive(episode)
-    last = outcomes[-1]
-    assert (last.success, failed(last), last.timeout) == (True, False, False)
+    first, second, last = drive(episode)
+    assert last.success
+    assert not failed(last)
+    assert not last.timeout
     assert last.time_s == pytest.approx(4.1, abs=0.15)
-    assert (last.time_s / 0.05) % 1 == pytest.approx(0, abs=1e-6)
-    assert last.decisions == len(outcomes) == 3
-    assert [o.seconds for o in outcomes[:2]] == pytest.approx([2.0, 2.0])
-    assert (last.seconds, last.path_length_m) == (
-        pytest.approx(last.time_s - 4.0),
-        pytest.approx(4.0, abs=0.1),
-    )
-    assert sum(o.progress for o in outcomes) == pytest.approx(4.0, abs=0.1)
-    assert sum(o.progress_y for o in outcomes) == pytest.approx(4.0, abs=0.1)
-    assert len(episode.drive.truth) == round(last.time_s / 0.05) + 1
+    cycles = last.time_s / CYCLE_S
+    assert cycles == pytest.approx(round(cycles), abs=1e-6)
+    assert last.decisions == 3
+    assert first.seconds == pytest.approx(PERIOD)
+    assert second.seconds == pytest.approx(PERIOD)
+    assert last.seconds == pytest.approx(last.time_s - 2 * PERIOD)
+    assert last.path_length_m == pytest.approx(4.0, abs=0.1)
+    progress = first.progress + second.progress + last.progress
+    progress_y = first.progress_y + second.progress_y + last.progress_y
+    assert progress == pytest.approx(4.0, abs=0.1)
+    assert progress_y == pytest.approx(4.0, abs=0.1)
+    assert len(episode.drive.truth) == round(cycles) + 1
     assert len(episode.drive.decisions) == 3
     with pytest.raises(RuntimeError, match="reset"):
         episode.decide(SPACE.theta0)
@@ -138,34 +154,38 @@ def test_each_course_of_an_episode_has_a_goal_of_its_own():
 
 def test_a_planner_without_a_static_layer_also_drives_in_a_world_with_a_map():
     world = straight()
-    mapped = replace(world, map=occupancy(world, 0.05))
-    last = drive(trial(world=mapped))[-1]
-    assert (last.success, last.time_s) == (True, drive(trial(world=world))[-1].time_s)
+    *_, without_map = drive(trial(world=world))
+    *_, with_map = drive(trial(world=replace(world, map=occupancy(world, 0.05))))
+    assert with_map.success
+    assert with_map.time_s == without_map.time_s
 
 
 def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
     episode = trial()
     drive(episode)
-    base = episode.move_base
-    assert (len(base.goals), base.goals[0][0]) == (1, pytest.approx((0.0, 8.0, math.pi / 2)))
-    assert {s for s, _ in base.requests} == set(SPACE.servers)
-    planner = dict(base.requests)["TrajectoryPlannerROS"]
-    assert (planner["max_vel_theta"], planner["min_vel_theta"], planner["vx_samples"]) == (
-        1.57,
-        -1.57,
-        6,
-    )
-    # Value in force in the planner.
-    assert episode.outcome.theta[SPACE.names.index("vx_samples")] == 7
-    assert np.array_equal(np.delete(episode.outcome.theta, 2), np.delete(SPACE.theta0, 2))
-    assert base.steps[1][1] == pytest.approx((0.0, 0.0, math.pi / 2), abs=0.01)
-    laser = base.scans[1].sensor_pose
-    observation = PaperEncoding(robots.JACKAL).observe(episode.context())
-    assert (laser, observation.shape) == (
-        pytest.approx((0.0, 0.055, math.pi / 2), abs=0.01),
-        (729,),
-    )
-    assert observation[720] == pytest.approx(episode.context().phi / math.pi)
+    move_base = episode.move_base
+    ((goal, _),) = move_base.goals
+    assert goal == pytest.approx((0.0, 8.0, NORTH))
+
+    requests = dict(move_base.requests)
+    assert set(requests) == set(SPACE.servers)
+    planner = requests["TrajectoryPlannerROS"]
+    assert planner["max_vel_theta"] == 1.57
+    assert planner["min_vel_theta"] == -1.57
+    assert planner["vx_samples"] == 6
+    # The outcome has the value in force in the planner.
+    samples = SPACE.names.index("vx_samples")
+    theta = episode.outcome.theta
+    assert theta[samples] == 7
+    assert np.array_equal(np.delete(theta, samples), np.delete(SPACE.theta0, samples))
+
+    _, pose, _ = move_base.steps[1]
+    assert pose == pytest.approx((0.0, 0.0, NORTH), abs=0.01)
+    assert move_base.scans[1].sensor_pose == pytest.approx((0.0, 0.055, NORTH), abs=0.01)
+    context = episode.context()
+    observation = PaperEncoding(robots.JACKAL).observe(context)
+    assert observation.shape == (729,)
+    assert observation[720] == pytest.approx(context.phi / math.pi)
 
 
 def test_the_local_goal_is_relative_to_the_robot():
@@ -237,10 +257,14 @@ GIVEN_UP = {
 def test_each_end_of_a_trial_is_recorded(options, fails, ends):
     outcomes = drive(trial(**options))
     last = outcomes[-1]
-    assert {name: getattr(last, name) for name in ends} == ends
-    assert (failed(last), last.decisions) == (fails, len(outcomes))
-    assert "obstacle" not in options or last.min_clearance_m < 0.2
-    assert "end_on_collision" not in options or last.time_s < 4
+    for name, value in ends.items():
+        assert getattr(last, name) == value, name
+    assert failed(last) == fails
+    assert last.decisions == len(outcomes)
+    if "obstacle" in options:
+        assert last.min_clearance_m < 0.2
+    if "end_on_collision" in options:
+        assert last.time_s < 4
 
 
 @pytest.mark.parametrize(
@@ -262,18 +286,35 @@ def test_a_course_without_a_finish_line_ends_when_the_planner_has_arrived(
 
     The robot drives over its goal, 4 m ahead, at 0.5 m/s. The planner's tolerance is .25 m.
     """
-    goal = (1.0, 6.0, math.pi / 2)
-    more = {"finish_y": None, "goal_tolerance": 0.25, "planner_ends": planner_ends}
-    world = replace(straight(), course=replace(straight().course, goal=goal, **more))
-    end = round((4.0 - left) / 0.5 / 0.05) if result else None
-    episode = trial(v=0.5, limit=6, world=world, end=end, result=result)
+    tolerance = 0.25
+    speed = 0.5
+    world = straight()
+    course = replace(
+        world.course,
+        goal=(1.0 + off, 6.0, NORTH),
+        finish_y=None,
+        goal_tolerance=tolerance,
+        planner_ends=planner_ends,
+    )
+    end = None
+    if result:
+        end = round((4.0 - left) / speed / CYCLE_S)
+    episode = trial(v=speed, limit=6, end=end, result=result)
     to_odom = episode.simulator.to_odom
-    episode.simulator.to_odom = lambda pose: to_odom((pose[0] - off, *pose[1:]))
-    episode.reset(replace(world, course=replace(world.course, goal=(1.0 + off, *goal[1:]))), 0)
-    last = drive(episode)[-1]
-    assert (last.success, last.reason) == (reason == "finished", reason)
+
+    def to_odom_with_an_error(pose):
+        x, y, yaw = pose
+        return to_odom((x - off, y, yaw))
+
+    episode.simulator.to_odom = to_odom_with_an_error
+    episode.reset(replace(world, course=course), 0)
+
+    *_, last = drive(episode)
+
+    assert last.reason == reason
+    assert last.success == (reason == "finished")
     if last.success and off:  # The course ends as soon as the robot is within the tolerance.
-        assert last.time_s == pytest.approx((4.0 - 0.25) / 0.5, abs=0.4)
+        assert last.time_s == pytest.approx((4.0 - tolerance) / speed, abs=0.4)
 
 
 def test_a_laser_of_5_hz_scans_in_every_fourth_cycle():
@@ -282,8 +323,9 @@ def test_a_laser_of_5_hz_scans_in_every_fourth_cycle():
     episode = Episode(sim_bridge.make("kinematic", robot=robot), planner, robot, period=2.0)
     episode.reset(straight(), 0)
     episode.decide(episode.space.theta0)
-    seen = [scan is not None for scan in planner.scans]
-    assert seen == [k % 4 == 0 for k in range(41)]
+    assert len(planner.scans) == 41
+    for cycle, scan in enumerate(planner.scans):
+        assert (scan is not None) == (cycle % 4 == 0), cycle
 
 
 FIELDS = (
@@ -295,8 +337,6 @@ FIELDS = (
     "contact",
     "collided",
     "seconds",
-)
-FIELDS += (
     "time_s",
     "path_length_m",
     "min_clearance_m",
@@ -338,37 +378,34 @@ def test_a_contact_at_the_very_beginning_belongs_to_the_course_before(contact, c
 
 
 def test_outcome_of_each_decision_of_a_drive():
-    """In one decision each, the robot passes a post, touches another, backs off, and turns. The
-    goal is to the left.
+    """In one decision each, the robot passes a post, touches another, backs off, and turns.
+
+    The goal is to the left.
     """
-    course = straight().course
-    course = replace(course, goal=(-3.0, 10.0, math.pi / 2))
-    world = World("posts", np.array([(1.55, 2.6, 0.1), (1.1, 4.5, 0.2)]), np.zeros((0, 5)), course)
+    posts = straight([(1.55, 2.6, 0.1), (1.1, 4.5, 0.2)])
+    world = replace(posts, course=replace(posts.course, goal=(-3.0, 10.0, NORTH)))
     planner = FakeMoveBase((1.0, 0.0), (1.5, 0.0), (-0.8, 0.0), (-0.3, 0.8))
     episode = Episode(sim_bridge.make("kinematic", slip=0.0), planner, period=1.0)
     episode.reset(world, 0)
     for row in GOLDEN:
         outcome = episode.decide(SPACE.theta0)
-        seen = episode.context()
-        values = {
-            **vars(outcome),
-            "phi": seen.phi,
-            "mean_range": np.minimum(seen.ranges, 5.0).mean(),
-        }
-        assert {name: float(values[name]) for name in FIELDS} == pytest.approx(
-            dict(zip(FIELDS, row)), abs=6e-3
-        )
+        context = episode.context()
+        mean_range = np.minimum(context.ranges, 5.0).mean()
+        values = {**vars(outcome), "phi": context.phi, "mean_range": mean_range}
+        for name, expected in zip(FIELDS, row):
+            assert float(values[name]) == pytest.approx(expected, abs=6e-3), name
 
 
 def test_the_monitor_gets_the_scans_and_the_planner_is_informed_of_blocked_commands():
-    """The monitor does not affect a free course. Before a wall it stops the robot and informs the
-    planner.
-    """
+    """The monitor does not affect a free course. Before a wall it stops the robot."""
     free = trial(monitor=True)
-    assert drive(free)[-1].success
+    *_, last = drive(free)
+    assert last.success
     assert not any(free.move_base.held[1:])
+
     before_wall = trial(WALL, monitor=True, limit=3)
-    assert not drive(before_wall)[-1].collided
+    *_, last = drive(before_wall)
+    assert not last.collided
     assert before_wall.move_base.held[-1]
 
 
@@ -381,16 +418,15 @@ def test_the_monitor_moves_the_robot_if_a_cpp_like_planner_finds_no_command(
 ):
     """The planner `ours` makes its escape motions itself."""
     episode = trial(v=0.0, monitor=True, limit=2, variant=variant, escapes=escapes)
-    given = []
     judge = episode.stack.monitor.filter
-    episode.stack.monitor.filter = lambda *a, creeps: (
-        given.append((a[3], creeps)),
-        judge(*a, creeps=creeps),
-    )[1]
+
+    def checked_filter(time, pose, twist, command, *ages, creeps):
+        is_planners = command == (0.0, 0.0)
+        assert creeps == is_planners, "only the planner's commands may creep"
+        return judge(time, pose, twist, command, *ages, creeps=creeps)
+
+    episode.stack.monitor.filter = checked_filter
     drive(episode)
-    assert all(creeps == (command == (0.0, 0.0)) for command, creeps in given), (
-        "only the planner's commands may creep"
-    )
     twists = episode.drive.truth.twist
     assert twists.any() == moves
     assert not twists[:40].any(), "the monitor waits two seconds for the planner"
@@ -408,59 +444,68 @@ STEP = replace(STEP, contact=True, seconds=2.0, decisions=3)
 TERMS = ("time", "progress", "clearance", "collision")
 
 
-def earned(reward, outcome, limit=50, period=2.0, scale=1.0, pace=1.0):
-    return reward(outcome, limit, period, SimpleNamespace(scale=scale, pace=pace))
+def terms_of(reward, outcome, scale=1.0, pace=1.0, limit=50):
+    """Return the terms of a reward by name, for a robot of some size and pace."""
+    total, terms = reward(outcome, limit, PERIOD, SimpleNamespace(scale=scale, pace=pace))
+    assert total == pytest.approx(sum(terms.values()))
+    assert set(terms) == set(TERMS)
+    return terms
+
+
+def approx_terms(time, progress, clearance, collision):
+    """Return terms for a comparison."""
+    return pytest.approx(dict(zip(TERMS, (time, progress, clearance, collision))))
 
 
 def test_the_reward_has_the_papers_terms():
-    total, terms = earned(Reward(c_f=1.0, c_p=2.0, c_c=0.1), STEP)
-    assert terms == pytest.approx(dict(zip(TERMS, (-1.0, 1.8, -0.25, 0.0))))
-    assert total == pytest.approx(0.55)
+    terms = terms_of(Reward(c_f=1.0, c_p=2.0, c_c=0.1), STEP)
+    assert terms == approx_terms(time=-1.0, progress=1.8, clearance=-0.25, collision=0.0)
+
     everything = Reward(along_y=True, exact_time=True, lowest=True, c_collision=3.0)
-    _, terms = earned(everything, replace(STEP, seconds=0.5, success=True))
-    assert terms == pytest.approx(dict(zip(TERMS, (-0.25, 0.8, -0.25, -3.0))))
-    # R_f is 0 at the goal.
-    assert earned(Reward(), replace(STEP, success=True))[1]["time"] == 0.0
+    terms = terms_of(everything, replace(STEP, seconds=0.5, success=True))
+    assert terms == approx_terms(time=-0.25, progress=0.8, clearance=-0.25, collision=-3.0)
+
+    at_the_goal = replace(STEP, success=True)
+    assert terms_of(Reward(), at_the_goal)["time"] == 0.0, "R_f is 0 at the goal"
     with pytest.raises(ValueError, match="should be a finite number"):
         Reward(c_p=float("nan"))
 
 
-def test_distance_is_bounded_both_ways():
-    clear = Reward(c_c=1.0)
-    assert earned(clear, replace(STEP, last_scan_min=math.inf))[1]["clearance"] == -0.5
-    for lowest in (0.1, 0.0):  # A laser whose range_min is 0 may report 0.
-        assert earned(clear, replace(STEP, last_scan_min=lowest))[1]["clearance"] == pytest.approx(
-            -10.0
-        )
+# A laser whose range_min is 0 may report 0.
+@pytest.mark.parametrize(("lowest", "clearance"), [(math.inf, -0.5), (0.1, -10.0), (0.0, -10.0)])
+def test_distance_is_bounded_both_ways(lowest, clearance):
+    outcome = replace(STEP, last_scan_min=lowest)
+    assert terms_of(Reward(c_c=1.0), outcome)["clearance"] == pytest.approx(clearance)
 
 
 def test_a_failure_pays_for_the_time_until_the_limit():
-    fallen = replace(STEP, flipped=True, decisions=45)
-    assert earned(Reward(), fallen)[1]["time"] == -6.0
-    assert earned(Reward(), replace(fallen, decisions=3))[1]["time"] == -1.0 - 20.0
-    assert (
-        earned(Reward(failure_seconds=11.0), replace(fallen, decisions=3))[1]["time"] == -1.0 - 5.5
-    )
-    assert earned(Reward(), replace(STEP, timeout=True))[1]["time"] == -1.0
+    late = replace(STEP, flipped=True, decisions=45)
+    early = replace(STEP, flipped=True, decisions=3)
+    assert terms_of(Reward(), late)["time"] == -6.0
+    assert terms_of(Reward(), early)["time"] == -1.0 - 20.0
+    assert terms_of(Reward(failure_seconds=11.0), early)["time"] == -1.0 - 5.5
+    assert terms_of(Reward(), replace(STEP, timeout=True))["time"] == -1.0
 
 
 def test_times_are_scaled_by_the_pace_of_the_robot():
-    """For a robot four times slower than the Jackal, a course and a failure have the same relative
-    cost.
-    """
+    """For a robot four times slower, a course and a failure have the same relative cost."""
     everything = Reward(exact_time=True, c_c=0.1)
-    _, terms = earned(everything, STEP, pace=4.0)
-    assert terms == pytest.approx(dict(zip(TERMS, (-0.25, 0.9, -0.0625, 0.0))))
-    once, twice = (earned(Reward(), STEP, scale=scale)[1]["progress"] for scale in (1.0, 2.0))
-    assert once == 2.0 * twice != 0.0
-    assert earned(Reward(), STEP, pace=4.0)[1]["time"] == -0.25
+    terms = terms_of(everything, STEP, pace=4.0)
+    assert terms == approx_terms(time=-0.25, progress=0.9, clearance=-0.0625, collision=0.0)
+
+    small = terms_of(Reward(), STEP, scale=1.0)["progress"]
+    large = terms_of(Reward(), STEP, scale=2.0)["progress"]
+    assert small == 2.0 * large != 0.0
+
     fallen = replace(STEP, flipped=True, decisions=3)
-    assert earned(Reward(failure_seconds=11.0), fallen, pace=4.0)[1]["time"] == -0.25 - 5.5
-    # Limited by the time left.
-    assert earned(Reward(), fallen, pace=4.0)[1]["time"] == -0.25 - 47 / 4
+    assert terms_of(Reward(), STEP, pace=4.0)["time"] == -0.25
+    assert terms_of(Reward(failure_seconds=11.0), fallen, pace=4.0)["time"] == -0.25 - 5.5
+    # Limited by the time left
+    assert terms_of(Reward(), fallen, pace=4.0)["time"] == -0.25 - 47 / 4
+
     husky = DimensionlessEncoding(robots.load("husky"), 1.0)  # .68 m wide, 1 m/s
-    judged = Reward(exact_time=True)(STEP, 50, 2.0, husky)
-    assert judged[1]["time"] == pytest.approx(-1.0 / (0.68 / 0.53 * 2.0))
+    _, terms = Reward(exact_time=True)(STEP, 50, PERIOD, husky)
+    assert terms["time"] == pytest.approx(-1.0 / (0.68 / 0.53 * 2.0))
 
 
 # -- the environment -------------------------------------------------------------------------------
@@ -486,68 +531,82 @@ def test_the_environment_made_by_name_passes_gymnasiums_check():
 
 def test_the_same_seed_gives_the_same_episode(env):
     def run(seed):
+        """Return all numbers of an episode with random actions, and its last info."""
         rng = np.random.default_rng(0)
         observation, info = env.reset(seed=seed)
-        rows = [observation]
-        while True:
-            observation, reward, terminated, truncated, info = env.step(
-                rng.uniform(-1, 1, 8).astype(np.float32)
-            )
-            rows.append(np.append(observation, reward))
-            if terminated or truncated:
-                return np.concatenate(rows), info, terminated, truncated
+        numbers = [observation]
+        terminated = truncated = False
+        while not truncated:
+            action = rng.uniform(-1, 1, 8).astype(np.float32)
+            observation, reward, terminated, truncated, info = env.step(action)
+            assert not terminated
+            numbers += [observation, [reward]]
+        return np.concatenate(numbers), info
 
-    a, info, *ended = run(5)
-    b, again, *_ = run(5)
-    assert np.array_equal(a, b)
-    assert info["world"] == again["world"]
-    assert (*ended, info["timeout"], info["decisions"]) == (False, True, True, 3)
-    assert not np.array_equal(a, run(6)[0])
-    assert {env.reset(seed=s)[1]["world"] for s in range(12)} == {"generated:0", "generated:1"}
-    assert {env.reset(seed=s, options={"world": 1})[1]["world"] for s in range(6)} == {
-        "generated:1"
-    }
+    numbers, info = run(5)
+    again, info_again = run(5)
+    other, _ = run(6)
+    assert np.array_equal(again, numbers)
+    assert info_again["world"] == info["world"]
+    assert info["timeout"]
+    assert info["decisions"] == 3
+    assert not np.array_equal(other, numbers)
+
+
+def test_the_seed_or_an_option_chooses_the_world(env):
+    drawn = set()
+    for seed in range(12):
+        _, info = env.reset(seed=seed)
+        drawn.add(info["world"])
+    assert drawn == {"generated:0", "generated:1"}
+    for seed in range(6):
+        _, info = env.reset(seed=seed, options={"world": 1})
+        assert info["world"] == "generated:1"
 
 
 def test_theta_in_the_observation_is_in_force_in_the_planner(env):
     env.reset(seed=0)
     action = np.array([0.3, -0.2, 0.13, 0.4, -0.9, 1.0, -1.0, 0.5], np.float32)
     observation, _, _, _, info = env.step(action)
-    theta = PaperEncoding(robots.JACKAL).theta(action)
+    encoding = PaperEncoding(robots.JACKAL)
+    theta = encoding.theta(action)
     assert np.allclose(info["theta"], theta)
-    np.testing.assert_allclose(
-        observation[721:], PaperEncoding(robots.JACKAL).action(theta), atol=1e-6
-    )
+    np.testing.assert_allclose(observation[721:], encoding.action(theta), atol=1e-6)
     configuration = env.unwrapped.episode.move_base.configuration("TrajectoryPlannerROS")
-    assert (configuration["max_vel_x"], configuration["vx_samples"]) == (
-        pytest.approx(theta[0]),
-        theta[2],
-    )
-    assert configuration["min_vel_theta"] == pytest.approx(-theta[1])
+    max_vel_x, max_vel_theta, vx_samples, *_ = theta
+    assert configuration["max_vel_x"] == pytest.approx(max_vel_x)
+    assert configuration["min_vel_theta"] == pytest.approx(-max_vel_theta)
+    assert configuration["vx_samples"] == vx_samples
     assert set(info["reward"]) == set(TERMS)
 
 
-def test_the_decision_period_changes_the_steps_but_not_the_cost_of_a_second():
+@pytest.mark.parametrize(("period", "limit"), [(2.0, 50), (0.5, 200)])
+def test_the_decision_period_changes_the_steps_but_not_the_cost_of_a_second(period, limit):
     from training.env.env import ApplrEnv
 
-    for period, limit in ((2.0, 50), (0.5, 200)):
-        env = ApplrEnv(worlds="generated:0", period=period, reward={"exact_time": True})
-        env.reset(seed=1)
-        action = env.encoding.action(env.space.theta0)
-        cost = 0.0
-        info = {"time_s": 0.0}
-        over = False
-        before = 0.0
-        while not over:
-            before = info["time_s"]
-            _, _, terminated, truncated, info = env.step(action)
-            cost = cost + info["reward"]["time"]
-            over = terminated or truncated
-            assert over or info["time_s"] - before == pytest.approx(period)
-        env.close()
-        assert (terminated, truncated, info["success"]) == (True, False, True)
-        assert (env.episode.limit, cost) == (limit, pytest.approx(-info["time_s"] / 2.0))
-        assert info["decisions"] - 1 < info["time_s"] / period <= info["decisions"] + 1e-6
+    env = ApplrEnv(worlds="generated:0", period=period, reward={"exact_time": True})
+    env.reset(seed=1)
+    action = env.encoding.action(env.space.theta0)
+    cost = 0.0
+    time_s = 0.0
+    terminated = False
+    while not terminated:
+        before = time_s
+        _, _, terminated, truncated, info = env.step(action)
+        assert not truncated
+        time_s = info["time_s"]
+        cost += info["reward"]["time"]
+        assert terminated or time_s - before == pytest.approx(period)
+    env.close()
+    assert info["success"]
+    assert env.episode.limit == limit
+    assert cost == pytest.approx(-time_s / 2.0)
+    assert info["decisions"] - 1 < time_s / period <= info["decisions"] + 1e-6
+
+
+def test_the_decision_period_is_a_multiple_of_the_control_cycle():
+    from training.env.env import ApplrEnv
+
     with pytest.raises(ValueError, match="multiple of 0.05"):
         ApplrEnv(worlds="generated:0", period=0.07)
 
@@ -557,8 +616,14 @@ def test_the_costmaps_get_predicted_obstacle_points_if_the_settings_request_them
     from training.env.env import ApplrEnv
 
     def marked():
+        """Return the number of points of all sources besides the laser."""
         (layer,) = env.episode.move_base.local_costmap.obstacle_layers
-        return sum(len(cloud.points) for buffer in layer.buffers[1:] for cloud in buffer.clouds)
+        _, *others = layer.buffers
+        count = 0
+        for buffer in others:
+            for cloud in buffer.clouds:
+                count += len(cloud.points)
+        return count
 
     env = ApplrEnv("dynamic:401", period=1.0, movers=movers)
     for _ in range(2):
@@ -574,19 +639,19 @@ def test_a_course_begins_without_a_scan_of_the_previous_course():
     settings = {"simulator": "kinematic", "observation": "dimensionless", "period": 1.0}
     env = gymnasium.make("training.env:applr_ros1/Navigation-v0", worlds="generated:7", **settings)
     env.reset(seed=0)
-    seen = [env.step(np.zeros(env.action_space.shape, np.float32))[0], env.reset(seed=1)[0]]
-    # Now and earlier.
-    scans = [np.split(observation[: env.unwrapped.encoding.scan], 2) for observation in seen]
-    assert [np.array_equal(*pair) for pair in scans] == [False, True]
+    during, *_ = env.step(np.zeros(env.action_space.shape, np.float32))
+    at_begin, _ = env.reset(seed=1)
+    count = env.unwrapped.encoding.scan
+    for observation, is_repeated in ((during, False), (at_begin, True)):
+        scan, earlier_scan = np.split(observation[:count], 2)
+        assert np.array_equal(scan, earlier_scan) == is_repeated
     env.close()
 
 
 def test_the_observation_has_moving_obstacles_relative_to_a_robot_that_turns():
-    """The robot starts at (1, 2) in the world, the origin of its odometry, and turns by more than 2
-    rad.
-    """
-    # Across the course at 1.25 m/s.
-    walker = Mover(0.25, ((0.0, -1.5, 4.0), (4.0, 3.5, 4.0)))
+    """The robot starts at (1, 2), the origin of its odometry, and turns by more than 2 rad."""
+    # Across the course at 1.25 m/s
+    walker = Mover(radius=0.25, waypoints=((0.0, -1.5, 4.0), (4.0, 3.5, 4.0)))
     simulator = sim_bridge.make("kinematic", slip=0.0)
     planner = FakeMoveBase((0.0, 0.6))
     planner.parameters = {"applr": {"movers": True}}
@@ -594,16 +659,24 @@ def test_the_observation_has_moving_obstacles_relative_to_a_robot_that_turns():
     episode = Episode(simulator, planner, period=0.5)
     encoding = DimensionlessEncoding(robots.JACKAL, 0.5)
     episode.layout = encoding.layout
-    entries = {}
-    for movers in ((), (walker,)):
+
+    def seen_after_three_decisions(*movers):
+        """Return x, y, vx, vy of three moving obstacles, as the observation has them."""
         episode.reset(replace(straight(), movers=movers), 0)
         drive(episode, most=3)
-        entries[len(movers)] = encoding.observe(episode.context())[-12:]
-    assert entries[0].tolist() == [1.0, 0.0, 0.0, 0.0] * 3
-    assert entries[1][4:].tolist() == [1.0, 0.0, 0.0, 0.0] * 2
+        return encoding.observe(episode.context())[-12:].reshape(3, 4)
+
+    nobody = [1.0, 0.0, 0.0, 0.0]
+    assert seen_after_three_decisions().tolist() == [nobody, nobody, nobody]
+    first, second, third = seen_after_three_decisions(walker)
+    assert second.tolist() == nobody
+    assert third.tolist() == nobody
+
     state = simulator.state
-    assert state.pose[2] > 2.0
+    _, _, yaw = state.pose
+    assert yaw > 2.0
     x, y = transform_point(inverse(state.pose), *walker.position(state.time))
-    vx, vy = transform_point((0.0, 0.0, -state.pose[2]), 1.25, 0.0)
-    seen = entries[1][:4] * ([15.0 * encoding.width] * 2 + [robots.JACKAL.base.max_speed] * 2)
-    np.testing.assert_allclose(seen, [x, y, vx, vy], atol=0.2)
+    vx, vy = transform_point((0.0, 0.0, -yaw), 1.25, 0.0)
+    length = 15.0 * encoding.width
+    speed = robots.JACKAL.base.max_speed
+    np.testing.assert_allclose(first * (length, length, speed, speed), (x, y, vx, vy), atol=0.2)
