@@ -13,7 +13,7 @@ from training.why.events import Event
 from training.why.explanation import beside
 from training.why.whole_drives import SAME_PLACE_M, Trials, Tried
 
-POOR = 0.8  # share of reproduced commands below which a replay is not to be trusted
+POOR = 0.8  # share of reproduced cycles below which a replay is not to be trusted
 GUESS_SHARE = 0.1  # share of the top speed that a guess gains at least
 LISTED = 4  # number of further events, and of rows of what was tried
 SCANS = 60  # number of scans in a page's map
@@ -100,7 +100,8 @@ def how_sure(diagnosis: Diagnosis) -> str:
     """Return how far replay and simulated drives agree with the recorded one."""
     replay = diagnosis.replay
     words = str(replay)
-    if replay.share < POOR:
+    # Stops of move_base itself say nothing about the replay of the local planner.
+    if replay.share_of_cycles < POOR:
         words += (
             "; few, so the planner's reasons are not to be trusted: "
             "parameters of the folder differ, or topics or scans are missing"

@@ -108,6 +108,11 @@ class Replay:
         """Share of all commands that are reproduced."""
         return self.reproduced / self.commands
 
+    @property
+    def share_of_cycles(self) -> float:
+        """Share of the local planner's commands that are reproduced."""
+        return self.reproduced / len(self.cycles)
+
     @override
     def __str__(self) -> str:
         words = (

@@ -227,6 +227,7 @@ def test_the_share_is_of_all_commands_and_says_what_was_left_out(spoilt):
         "left out: 1 before the first scan or odometry, "
         "2 without a plan (stops and recoveries of move_base)" in str(replay)
     )
+    assert replay.share_of_cycles == replay.reproduced / (count - 3)
 
 
 def test_a_late_velocity_is_found(spoilt):
