@@ -57,6 +57,7 @@ MUCH = 4.0  # factor of a change beyond which a factor of 2 is tried, too
 LIVE = 5  # number of candidates among them that the replay ranks
 AROUND_S = 0.5  # time around a moment that is asked about [s]
 NEAR_GOAL_M = 2.0  # distance of the last pose from the plan's end below which this is the goal [m]
+ARRIVED_M = 1.5  # distance from the goal at the end of a drive that arrived [m, for the Jackal]
 APART_M = 0.3  # distance from which on two drives differ [m]
 ASKED = "the moment asked about"
 # Reasons that are seen from outside the planner, causes before what follows from them.
@@ -238,6 +239,10 @@ def _trials(diagnosis: Diagnosis, pool: Pool) -> Optional[Trials]:
     first = int(np.argmax(is_pursued))
     x, y, yaw = odometry.pose[first].tolist()
     seconds = float(odometry.time[is_pursued][-1] - odometry.time[first])
+    # A drive that ended on its way does not tell how long the whole way takes.
+    dx, dy = odometry.pose[is_pursued][-1, :2] - goal[:2]
+    if np.hypot(dx, dy) > ARRIVED_M * replay.robot.world_scale:
+        seconds = np.inf
     course = Course(
         robot=robot,
         world=seen_world(seen_grid(drive, replay.robot), drive.name, (x, y, yaw), goal),

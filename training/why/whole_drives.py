@@ -130,7 +130,10 @@ class Trials(NamedTuple):
 
 
 def limit_of(seconds: float) -> float:
-    """Return the time limit of whole drives for a recorded drive of a duration [s]."""
+    """Return the time limit of whole drives [s] for the duration of the recorded way to the goal.
+
+    It is inf if the recorded drive did not arrive.
+    """
     return min(max(SLOWEST * seconds, SHORTEST_LIMIT_S), LONGEST_LIMIT_S)
 
 

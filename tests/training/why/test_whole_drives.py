@@ -2,6 +2,7 @@
 that follows.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -311,6 +312,27 @@ def test_a_doubtful_replay_is_called_so(replayed):
 def test_the_goal_of_a_drive_is_known_from_its_route_or_from_the_end_of_its_plan(door):
     drive, world = door
     assert diagnosis.goal_of(drive) == pytest.approx(world.course.goal)
+
+
+def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
+    replayed, monkeypatch
+):
+    limits = []
+    monkeypatch.setattr(diagnosis, "try_out", lambda course, *rest: limits.append(course.limit))
+    drive = replayed.drive
+    x, y, _ = drive.odometry.pose[-1]
+    for end in ((x, y + 3.0), (x, y + 1.0)):
+        path = np.array([[0.0, 0.0, np.pi / 2], [*end, np.pi / 2]])
+        routes = replace(drive.routes, path=[path] * len(drive.routes))
+        short = Replay(replayed.robot)
+        short.run(replace(drive, routes=routes))
+        with Pool(0) as pool:
+            diagnosis.diagnose(short, None, pool)
+    seconds = drive.odometry.time[-1]
+    assert limits == [
+        whole_drives.LONGEST_LIMIT_S,
+        pytest.approx(whole_drives.SLOWEST * seconds, abs=1.0),
+    ]
 
 
 def test_a_moment_outside_the_drive_is_refused(replayed):
