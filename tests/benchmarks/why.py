@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import csv
 import sys
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 from time import perf_counter, process_time
@@ -25,9 +26,11 @@ from applr_ros1.robots import JACKAL, Robot, load
 from applr_ros1.robots.geometry import bounding_box
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import simulated
+from training.bags.transforms import Tree
 from training.why import __main__ as why
 from training.why.candidates import Candidate, file_candidates, with_changes
-from training.why.diagnosis import diagnose
+from training.why.diagnosis import Diagnosis, diagnose
+from training.why.recorded import plans_of
 from training.why.replay import Replay
 from training.why.whole_drives import RANDOM
 from training.workers.pool import Pool
@@ -293,11 +296,16 @@ class Bench:
     ) -> Planted:
         began = process_time()
         replay = Replay(robot)
-        replay.run(drive)
-        with Pool(0) as pool:
-            diagnosis = diagnose(replay, None, pool)
+        in_odometry = replace(drive, frames={"routes": [drive.frame]})
+        replay.run(replace(drive, plans=plans_of(in_odometry, Tree(None), robot)))
+        if replay.cycles:
+            with Pool(0) as pool:
+                diagnosis = diagnose(replay, None, pool)
+            answer = " | ".join(why.lines_of(diagnosis)[:3])
+        else:  # The planner never had a path, and the command says so.
+            diagnosis = Diagnosis(replay, [])
+            answer = "no command has a plan"
         answered = process_time() - began
-        lines = why.lines_of(diagnosis)
 
         before = mean_time(robot, row.world)
         after = before
@@ -319,7 +327,7 @@ class Bench:
             random=before,
             undone=before,
             answered=round(answered, 1),
-            answer=" | ".join(lines[:3]),
+            answer=answer,
         )
         if fault is None:
             return row

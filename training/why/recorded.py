@@ -99,9 +99,7 @@ def fitted(drive: Drive, options: RecordedOptions) -> Drive:
                 raise _unconnected(frame, drive)
             drive.frame = frame
     _take_poses(drive, tree, robot)
-    # Without plans that were followed, they are cut out of the global planner's.
-    if drive.plans is None:
-        drive.plans = followed_plans(drive, tree, robot)
+    drive.plans = plans_of(drive, tree, robot)
     drive.routes = _routes_by_odometry(drive, tree)
     return drive
 
@@ -262,6 +260,20 @@ def _nearest(stamps: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 
 # -- plans -----------------------------------------------------------------------------------------
+def plans_of(drive: Drive, tree: Tree, robot: Robot) -> Plans:
+    """Return the plans that were followed, or the parts of the global planner's that may have been.
+
+    DWAPlannerROS publishes empty plans as long as it finds no command.
+
+    Raises:
+        ApplrError: As followed_plans.
+    """
+    plans = drive.plans
+    if plans and (not drive.routes or any(map(len, plans.path))):
+        return plans
+    return followed_plans(drive, tree, robot)
+
+
 def followed_plans(drive: Drive, tree: Tree, robot: Robot) -> Plans:
     """Return the plan that the local planner has in the cycle of each command.
 

@@ -16,7 +16,7 @@ from training.bags.read import BagError, read
 from training.bags.topics import CHANNELS, Maker, TopicNames
 from training.bags.transforms import Tree
 from training.bags.write import BagWriter, write
-from training.why.recorded import RecordedOptions, drive_of, followed_plans
+from training.why.recorded import RecordedOptions, drive_of, followed_plans, plans_of
 from training.why.replay import Replay
 
 UPRIGHT = quaternion_of(0.0)
@@ -133,6 +133,16 @@ def test_points_that_were_pruned_stay_away_when_the_robot_drives_back():
     plans = followed_plans(drive, Tree(None), JACKAL)
     assert plans.path[0][0, 0] == 0.0
     assert plans.path[-1][0, 0] == pytest.approx(3.75, abs=0.3)
+
+
+def test_empty_plans_alone_are_replaced_by_parts_of_the_global_planners(driven):
+    drive = replace(until(driven, 2.0), frames={"routes": ["odom"]})
+    assert plans_of(drive, Tree(None), JACKAL) is drive.plans
+    empty = replace(drive.plans, path=[np.zeros((0, 3))] * len(drive.plans))
+    made = plans_of(replace(drive, plans=empty), Tree(None), JACKAL)
+    assert len(made)
+    assert all(map(len, made.path))
+    assert plans_of(replace(drive, plans=empty, routes=None), Tree(None), JACKAL) is empty
 
 
 def test_a_plan_in_another_frame_is_moved_by_tf_and_refused_without(driven):
