@@ -28,7 +28,8 @@ TIME_TOLERANCE_S = 1e-6  # tolerance of times that are sums of periods [s]
 BACKING_M = (0.5, 1.0)
 BACKING_OUT = {"escape_reset_theta": 3.14, "sim_time": 3.0}
 BACKING_S = 8.0  # longest time in which the robot must have backed out [s]
-DRIVING_S = 3.0  # time for which the robot then drives with other parameters [s]
+DRIVING_S = 3.0  # duration of any other phase [s]
+PLAN_M = 0.3  # length of the plan whose direction says whether the way out is behind [m]
 BACKWARDS_M_S = 0.02  # speed backwards at which the robot backs out, not merely slips [m/s]
 SEED = 0x57A1  # first number of the draws' seed, so that methods with the same seed draw others
 
@@ -83,11 +84,13 @@ class Stall:
 class StallRule:
     """Parameters of a robot that has stalled, in place of those of its method.
 
-    The method's decisions have failed there. The robot backs out (BACKING_OUT) until it has driven
-    backwards, then drives for DRIVING_S, and so on. Each of these phases has random values of the
-    parameters that a policy chooses; others stay as the method has them. A phase keeps its values,
-    because a robot needs some seconds to back out of a dead end and to turn. A method refuses with
-    `redraws_stalled` (Method).
+    The method's decisions have failed there. Each phase of a stall has random values of the parameters that
+    a policy chooses; others stay as the method has them. A phase keeps its values, because a robot
+    needs some seconds to back out of a dead end and to turn. If the plan leads back, the robot backs
+    out (BACKING_OUT) until it has driven backwards, and drives for DRIVING_S, by turns. If the plan
+    leads ahead, it drives with random parameters and with those of its method, by turns. The method
+    comes first where the robot has turned, because it has failed in another direction. A method
+    refuses with `redraws_stalled` (Method).
 
     Args:
         robot: Description of the robot.
@@ -116,16 +119,28 @@ class StallRule:
         if not has_stalled or not method.redraws_stalled:
             self._phase = None
             return None
-        self.count += 1
+        leads_back = _leads_back(context)
         phase = self._phase
-        if phase is None or phase.has_ended(context.time, v):
-            # A stall begins with backing out.
-            backs_out = phase is None or not phase.backs_out
-            phase = _Phase(context.time, backs_out, self._values(backs_out))
-            self._phase = phase
+        if phase is None:
+            phase = self._begin(context.time, leads_back, is_first=True)
+        elif phase.leads_back != leads_back:
+            phase = self._begin(context.time, leads_back, is_first=leads_back)
+        elif phase.has_ended(context.time, v):
+            phase = self._begin(context.time, leads_back, is_first=not phase.is_first)
+        if not phase.values:
+            return None
+        self.count += 1
         space = self._encoding.space
         values = {**space.as_dict(theta), **phase.values}
         return space.clip([values[name] for name in space.names])
+
+    def _begin(self, time: float, leads_back: bool, is_first: bool) -> _Phase:
+        """Begin a phase at a time [s]."""
+        values: Dict[str, float] = {}
+        if leads_back or is_first:
+            values = self._values(backs_out=leads_back and is_first)
+        self._phase = _Phase(time, leads_back, is_first, values)
+        return self._phase
 
     def _values(self, backs_out: bool) -> Dict[str, float]:
         """Draw the values {name: value} of a phase."""
@@ -145,12 +160,15 @@ class _Phase:
 
     Args:
         began: Time of its beginning [s].
-        backs_out: Whether the robot backs out in it.
-        values: {name: value} of the parameters that it changes.
+        leads_back: Whether the plan leads back.
+        is_first: Whether it is the first of the two kinds of phases that alternate: backing out, or
+            random parameters where the plan leads ahead.
+        values: {name: value} of the parameters that it changes; empty if the method decides.
     """
 
-    def __init__(self, began: float, backs_out: bool, values: Dict[str, float]):
-        self.backs_out = backs_out
+    def __init__(self, began: float, leads_back: bool, is_first: bool, values: Dict[str, float]):
+        self.leads_back = leads_back
+        self.is_first = is_first
         self.values = values
         self._began = began
         self._has_driven_back = False
@@ -158,9 +176,22 @@ class _Phase:
     def has_ended(self, time: float, v: float) -> bool:
         """Return whether the phase is over at a decision at `time` [s] and speed v ahead [m/s]."""
         duration = time - self._began + TIME_TOLERANCE_S
-        if not self.backs_out:
+        if not (self.leads_back and self.is_first):
             return duration >= DRIVING_S
         drives_back = v < -BACKWARDS_M_S
         self._has_driven_back |= drives_back
         has_backed_out = self._has_driven_back and not drives_back
         return has_backed_out or duration >= BACKING_S
+
+
+def _leads_back(context: Context) -> bool:
+    """Return whether the plan begins behind the robot. Without a plan, it does."""
+    plan = np.asarray(context.plan)[:, :2]
+    x, y, yaw = context.pose
+    ways = np.hypot(plan[:, 0] - x, plan[:, 1] - y)
+    reached = np.flatnonzero(ways >= PLAN_M)
+    if not len(reached):
+        return True
+    ahead_x, ahead_y = plan[reached[0]]
+    forward = math.cos(yaw) * (ahead_x - x) + math.sin(yaw) * (ahead_y - y)
+    return bool(forward < 0.0)

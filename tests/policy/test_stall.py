@@ -1,5 +1,7 @@
 """Tests of stalls: when a robot counts as stalled, and which parameters it then gets in place of its method's."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from applr_ros1.policy import methods
@@ -14,6 +16,8 @@ SET = FixedParameters(SPACE.theta0)
 SLOW = 0.10  # m/s: 0.8 m in 8 s, which is a stall
 FAST = 0.11  # m/s: 0.88 m in 8 s
 BACK_AND_FORTH = 0.5  # m/s: one metre ahead, and back
+BACK = -1.0
+AHEAD = 1.0
 BACKING = [SPACE.names.index(name) for name in ("escape_reset_dist", *BACKING_OUT)]
 
 
@@ -24,16 +28,20 @@ def place(time, speed):
     return speed * min(time % 4, 4 - time % 4)
 
 
-def scene(time, x=0.0, v=0.0, robot=JACKAL):
+def scene(time, x=0.0, v=0.0, robot=JACKAL, way=BACK):
+    """Return the context of a robot at x [m] with a plan of 3 m back or ahead."""
     space = space_of(robot)
     pose = (x, 0.0, 0.0)
-    return Context(np.ones(720, np.float32), 0.0, space.theta0, time, pose, (v, 0.0), space=space)
+    plan = np.column_stack([x + way * np.linspace(0.0, 3.0, 60), np.zeros(60)])
+    ranges = np.ones(720, np.float32)
+    return Context(ranges, 0.0, space.theta0, time, pose, (v, 0.0), plan=plan, space=space)
 
 
-def course(seed=3, speed=SLOW, method=SET, robot=JACKAL, rule=None, backwards=()):
+def course(seed=3, speed=SLOW, method=SET, robot=JACKAL, rule=None, backwards=(), ahead=()):
     """Return the parameters in place of the method's at 0, 1, ... 31 s, None where they stay.
 
-    The robot measures a speed backwards at the times `backwards` [s].
+    The robot measures a speed backwards at the times `backwards` [s]. Its plan leads ahead at the
+    times `ahead`, and else back.
     """
     rule = rule or StallRule(robot)
     rule.reset(seed)
@@ -41,7 +49,8 @@ def course(seed=3, speed=SLOW, method=SET, robot=JACKAL, rule=None, backwards=()
     replaced = []
     for time in range(32):
         v = -0.3 if time in backwards else 0.0
-        seen = scene(float(time), place(time, speed), v, robot)
+        way = AHEAD if time in ahead else BACK
+        seen = scene(float(time), place(time, speed), v, robot, way)
         replaced.append(rule.instead(method, seen, theta))
     return replaced
 
@@ -61,7 +70,9 @@ def test_a_stalled_robot_gets_random_parameters_from_the_seed_of_the_course():
 
 
 def is_backing_out(theta):
-    """Return whether parameters back out, which sets three of them together."""
+    """Return whether parameters back out, which sets three of them together; None without any."""
+    if theta is None:
+        return None
     distance, *others = theta[BACKING]
     if distance == SPACE.theta0[BACKING[0]]:
         return False
@@ -92,12 +103,27 @@ def test_a_stalled_robot_backs_out_and_drives_by_turns_with_other_parameters_eac
     assert len(distances) == 3
 
 
+def test_where_the_plan_leads_ahead_random_parameters_and_the_methods_alternate():
+    assert phases(course(ahead=range(32))) == [(False, 3), (None, 3)] * 4
+
+
+def test_a_robot_that_has_turned_gets_its_method_and_backs_out_where_the_plan_turns_back():
+    replaced = course(ahead=range(11, 18))
+    assert phases(replaced)[:5] == [(True, 3), (None, 3), (False, 3), (None, 1), (True, 8)]
+
+
+def test_without_a_plan_it_backs_out():
+    rule = StallRule(JACKAL)
+    bare = [replace(scene(float(time)), plan=np.zeros((0, 2))) for time in range(9)]
+    assert is_backing_out([rule.instead(SET, seen, SPACE.theta0) for seen in bare][-1])
+
+
 def test_each_stall_begins_with_backing_out():
     rule = StallRule(JACKAL)
-    for time in range(18):  # It drives since 16 s.
+    for time in range(17):  # It drives since 16 s.
         rule.instead(SET, scene(float(time)), SPACE.theta0)
-    assert rule.instead(SET, scene(18.0, v=0.5), SPACE.theta0) is None
-    assert is_backing_out(rule.instead(SET, scene(19.0), SPACE.theta0))
+    assert rule.instead(SET, scene(17.0, v=0.5), SPACE.theta0) is None
+    assert is_backing_out(rule.instead(SET, scene(18.0), SPACE.theta0))
 
 
 def test_a_robot_that_has_just_come_out_has_not_stalled():
