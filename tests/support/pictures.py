@@ -15,7 +15,7 @@ from tests.support.browser import OPTIONS, PROGRAM
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 FRAME_S = 0.25  # interval between two frames of the animation
 PAUSE_MS = 3000  # time for which its last frame stays
-COLORS = 64  # number of colours of a picture
+COLORS = 64  # number of colours of the animation
 MARGIN_PX = 6  # margin of a picture
 
 
@@ -27,7 +27,7 @@ def main(drives: str, why: str) -> None:
         page = opened(browser, why, 1000)
         page.wait_for_function("close.scale > 0")
         picture = part(page, edge(page, "h1", "top"), edge(page, "section", "bottom"))
-        picture.quantize(COLORS, dither=Image.Dither.NONE).save(IMAGES / "why.png", optimize=True)
+        picture.quantize(dither=Image.Dither.NONE).save(IMAGES / "why.png", optimize=True)
         browser.close()
 
 
@@ -41,7 +41,9 @@ def opened(browser, file: str, width: int):
 def animate(page, path: Path) -> None:
     """Write the drives on a page, from the map to the speeds, as an animation."""
     page.wait_for_function("view.scale > 0")
-    page.evaluate("clock.isPlaying = true; clock.button.textContent = 'Pause'")
+    # The animation looks like a page that plays in real time.
+    page.evaluate("clock.isPlaying = true; clock.rate.value = 1")
+    page.evaluate("clock.button.textContent = 'Pause'")
     top = edge(page, ".view", "top")
     bottom = edge(page, ".chart", "bottom")
     end = page.evaluate("clock.end")

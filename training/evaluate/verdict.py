@@ -159,8 +159,8 @@ def sentence(name: str, other: str, is_better: bool, arrivals: Arrivals) -> str:
         counts = f"{arrivals.method} of {arrivals.drives} drives arrive instead of {arrivals.other}"
     line = f"{name} {words} {other}: {counts}"
     if arrivals.both:
-        line += f", in {arrivals.method_s:.1f} s instead of {arrivals.other_s:.1f} s"
-        line += " where both arrive"
+        # Drives in which only one arrives have no times to compare.
+        line += f"; where both arrive, {arrivals.method_s:.1f} s instead of {arrivals.other_s:.1f} s"
     return line
 
 

@@ -4,6 +4,8 @@ const BEFORE = "var(--method-0)";
 const AFTER = "var(--method-2)";
 const CHANGE_COLUMNS = "minmax(9rem, max-content) max-content minmax(7rem, 1fr) max-content";
 
+const NARROW_PX = 640; // width of a page with room for few numbers on an axis
+
 // -- what changed ---------------------------------------------------------------------------------
 
 const saving = "without it [s]";
@@ -38,7 +40,10 @@ function dotOf(row) {
       }),
     );
   }
-  svg.append(make("circle", {cx: `${at}%`, cy: 14, r: 5.5, style: `fill: ${fill}`}));
+  // An unclear effect is hollow: colours alone do not tell everybody.
+  const inside = row.effect === "saves" ? fill : "var(--paper)";
+  const style = `fill: ${inside}; stroke: ${fill}; stroke-width: 2`;
+  svg.append(make("circle", {cx: `${at}%`, cy: 14, r: 5, style}));
   return svg;
 }
 
@@ -50,7 +55,7 @@ function changeRow(row) {
     "div",
     {},
     make("span", {title: row.meaning}, make("b", {}, row.parameter)),
-    make("span", {}, `${row.default} → ${row.tuned}`),
+    make("span", {}, `${row.default} → ${row.tuned}`.replaceAll("-", "−")),
     dotOf(row),
     make("span", {class: "right"}, `${words}, ${short(row[saving])} s${interval}`),
   );
@@ -93,7 +98,7 @@ content.append(
     "p",
     {class: "note"},
     "Dots: by how much the cost of a course rises if only this parameter is reverted to its " +
-      "default, with the 95 % interval. Green: the interval lies above 0.",
+      "default, with the 95 % interval. Filled: the interval lies above 0, the change saves something.",
   ),
   make(
     "details",
@@ -170,7 +175,7 @@ function wordsOf({before, after}) {
 
 // Title and rows of each group of courses.
 function courseGroups({courses, drives}, longest) {
-  const ticks = ticksOf(0, longest, 5);
+  const ticks = ticksOf(0, longest, innerWidth < NARROW_PX ? 2 : 5);
   const parts = [];
   GROUPS.forEach((title, group) => {
     const members = courses.filter(course => groupOf(course) === group);
@@ -185,6 +190,8 @@ function courseGroups({courses, drives}, longest) {
       make("div", {class: "rows courses"}, ...rows),
     );
   });
+  if (drives)
+    parts.push(make("p", {class: "note"}, "A click on a course shows both drives in motion."));
   return parts;
 }
 
@@ -227,8 +234,6 @@ function verdictSection(verdict) {
   const rows = courseGroups(verdict, longest);
   if (verdict === D.verdicts[0]) section.append(...rows);
   else section.append(make("details", {}, make("summary", {}, "Course by course"), ...rows));
-  if (verdict.drives)
-    section.append(make("p", {class: "note"}, "A click on a course shows both drives in motion."));
   return section;
 }
 
@@ -252,7 +257,7 @@ content.append(
     `./applr demo robot:=${D.robot} method:=${applied.is_better ? "static" : applied.path}`,
   ),
   make("details", {}, make("summary", {}, loaded.file), make("pre", {tabindex: 0}, D.yaml)),
-  make("h2", {}, "What it was searched for"),
+  make("h2", {}, "What it was tried for, and what not"),
   ...D.scope.split("\n").map(line => make("p", {}, `${line[0].toUpperCase()}${line.slice(1)}`)),
   make("p", {}, D.not_tried),
 );

@@ -1,6 +1,7 @@
 // Page of ./applr why: the answer, the whole drive, one of its events, and what was tried. D is
 // values_of() of answer.py.
 const MARK_PX = 26; // distance of two marks on the map, at least
+const PLAN_DASH = [6, 5]; // dashes of a plan [px]
 const AROUND_M = 2.5; // half of the side of the map of a moment
 const NAMES = {
   path_distance_bias: "distance to the plan",
@@ -56,7 +57,7 @@ function paintEnds(view) {
 
 function paintDrive(view) {
   paintMap(view);
-  view.line(D.plan, color("soft"), 1.5, [6, 5]);
+  view.line(D.plan, color("soft"), 1.5, PLAN_DASH);
   view.trail(positions, speeds, D.top_speed);
   paintEnds(view);
   placeMarks(view);
@@ -138,7 +139,7 @@ drive.element.append(...marks);
 overview.append(
   legend([
     {swatch: "line scale", words: `driven path, standing to ${short(D.top_speed)} m/s`},
-    {swatch: "line", color: "var(--soft)", words: "first plan"},
+    {dash: PLAN_DASH, color: "var(--soft)", words: "first plan"},
     {swatch: "square", color: "var(--obstacle)", words: "seen by the laser"},
     {color: "var(--ink)", words: "event"},
   ]),
@@ -226,7 +227,7 @@ detail.append(
   legend([
     {swatch: "line costs", words: "trajectories, cheap to dear"},
     {swatch: "ring", color: "var(--bad)", words: "obstacle in the way"},
-    {swatch: "line", color: "var(--soft)", words: "plan"},
+    {dash: PLAN_DASH, color: "var(--soft)", words: "plan"},
   ]),
 );
 
@@ -238,7 +239,7 @@ function paintMoment(view) {
   const cycle = cycleOf();
   if (!cycle) return;
   paintMap(view);
-  view.line(cycle.plan, color("soft"), 1.5, [6, 5]);
+  view.line(cycle.plan, color("soft"), 1.5, PLAN_DASH);
   const [low, high] = rangeOf(cycle.points.map(point => point[2]));
   // The cheap ones are drawn last, over the dear ones.
   for (const [x, y, cost] of [...cycle.points].sort((a, b) => b[2] - a[2])) {
@@ -464,8 +465,13 @@ if (tried.length) {
 }
 if (D.alternatives.length) {
   content.append(
-    make("h3", {}, "Guesses of the replay, two seconds ahead"),
-    make("ul", {}, ...D.alternatives.map(line => make("li", {}, readable(line)))),
+    make(
+      "details",
+      // Whole drives say more than guesses.
+      {open: !tried.length},
+      make("summary", {}, "Guesses of the replay, two seconds ahead"),
+      make("ul", {}, ...D.alternatives.map(line => make("li", {}, readable(line)))),
+    ),
   );
 }
 content.append(

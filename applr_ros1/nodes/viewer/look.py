@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import Tuple
 
 from applr_ros1.common.files import read_bytes
-from applr_ros1.common.pages.colors import css
+from applr_ros1.common.pages.colors import COLORS, css
 from applr_ros1.common.pages.page import PAGES
 
 STYLE = Path(__file__).with_name("look.css")
 SCRIPT = Path(__file__).with_name("look.js")
+# Colours of trajectories of low and of high cost, which are seen on black and on white
+CHEAP = "cheap"
+DEAR = "obstacle"
 
 
 def dressed(page: bytes, title: str) -> bytes:
@@ -26,13 +29,14 @@ def dressed(page: bytes, title: str) -> bytes:
 
 
 def legend(*entries: Tuple[str, str, str]) -> str:
-    """Return a legend as HTML.
+    """Return a legend of the scene as HTML. A scene has the colours of light pages in dark ones, too.
 
     Args:
         entries: Class of the swatch (words.css), name of its colour (colors.py), and words.
     """
     items = []
     for swatch, color, words in entries:
-        style = f"--swatch: var(--{color})" if color else ""
+        style = f"--swatch: {COLORS[color].light}"
         items.append(f'<li><span class="swatch {swatch}" style="{style}"></span>{words}</li>')
-    return f'<ul class="legend">{"".join(items)}</ul>'
+    costs = f"--cheap: {COLORS[CHEAP].light}; --dear: {COLORS[DEAR].light}"
+    return f'<ul class="legend" style="{costs}">{"".join(items)}</ul>'

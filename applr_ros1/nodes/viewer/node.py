@@ -42,7 +42,7 @@ LEGEND = look.legend(
     ("square", "part-5", "costmap near obstacles"),
     ("square", "fast", "where the robot would touch"),
     ("line", "line", "global plan"),
-    ("line costs", "", "trajectories, cheap to dear"),
+    ("line costs", look.CHEAP, "trajectories, cheap to dear"),
     ("line", "goal", "trajectory of the lowest cost"),
     ("", "goal", "goal"),
 )

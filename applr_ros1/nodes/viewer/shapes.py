@@ -14,9 +14,8 @@ from applr_ros1.robots import Robot
 from applr_ros1.robots.geometry import wheel_places
 
 from .listening import Listener
+from .look import CHEAP, DEAR
 
-CHEAP = np.array(rgb("cheap"))  # colour of trajectories of low cost
-DEAR = np.array(rgb("obstacle"))  # colour of trajectories of high cost, seen on black and on white
 RUBBER = (40, 40, 45)  # colour of the wheels
 BLACK = (20, 20, 25)  # colour of the laser
 PICTURE_PERIOD_S = 0.5  # shortest wall time between two images of a costmap [s]
@@ -25,7 +24,7 @@ PICTURE_PERIOD_S = 0.5  # shortest wall time between two images of a costmap [s]
 def colours(costs: np.ndarray) -> np.ndarray:
     """Return colours (n, 3) uint8 for costs (n,) from 0 to 1."""
     share = np.clip(costs, 0.0, 1.0)[:, None]
-    shades: np.ndarray = (1.0 - share) * CHEAP + share * DEAR
+    shades: np.ndarray = (1.0 - share) * rgb(CHEAP) + share * rgb(DEAR)
     return shades.astype(np.uint8)
 
 

@@ -162,7 +162,7 @@ def test_half_driven_courses_are_left_out_and_further_trials_of_a_world_are_aver
 def test_equal_numbers_of_arrivals_are_said_once():
     equal = judging.Arrivals(6, 5, 5, 4, 4.5, 18.8)
     words = judging.sentence("applr", "dwa", False, equal)
-    counts = "as many drives arrive (5 of 6), in 4.5 s instead of 18.8 s where both arrive"
+    counts = "as many drives arrive (5 of 6); where both arrive, 4.5 s instead of 18.8 s"
     assert words == f"applr is not clearly better than dwa: {counts}"
     more = judging.sentence("applr", "dwa", True, equal._replace(method=6))
-    assert more.startswith("applr is better than dwa: 6 of 6 drives arrive instead of 5, in 4.5 s")
+    assert more.startswith("applr is better than dwa: 6 of 6 drives arrive instead of 5; where both")

@@ -63,9 +63,8 @@ def data_of(path):
 
 def test_the_sentence_has_arrivals_first_and_is_that_of_a_file_that_was_written(drives):
     text = page_of(drives, False, True).read_text()
-    sentence = (
-        "2 of 3 drives arrive instead of 1, in 12.0&nbsp;s instead of 20.0&nbsp;s where both arrive"
-    )
+    times = "where both arrive, 12.0&nbsp;s instead of 20.0&nbsp;s"
+    sentence = f"2 of 3 drives arrive instead of 1; {times}"
     assert f'<p class="verdict">static.json is better than the defaults: {sentence}</p>' in text
     text = page_of(drives, False, False).read_text()
     assert f"tuned.yaml is not clearly better than the defaults: {sentence}" in text
