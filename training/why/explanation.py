@@ -141,9 +141,9 @@ def explain(replay: Replay, cycle: Cycle) -> Explanation:
         _explain_outbid(explanation, samples, samples.best, values)
     if (samples.drives_on & (samples.costs < 0)).any():
         _explain_illegal(explanation, replay, cycle, samples)
+    # Nothing ahead is wanted then, so that what outbids or refuses it does not matter.
     if leads_back(replay, cycle):
-        words = ["the plan leads back, behind the robot", explanation.words]
-        explanation.words = "; ".join(filter(None, words))
+        explanation.words = "the plan leads back, behind the robot"
     x, y, _, _, cost = replay.local.trajectory_cloud(replay.costmap).T
     explanation.points = np.column_stack([x, y, cost]).round(2).tolist()
     explanation.table = _table(samples)

@@ -392,6 +392,14 @@ def test_a_cheaper_sample_that_the_escaping_planner_did_not_try_is_said(sound):
     assert explain(sound, cycle).lines[0].startswith("The planner drives on (")
 
 
+def test_a_plan_that_leads_back_is_the_whole_reason(sound):
+    cycle = sound.cycles[40]
+    x, y, yaw = cycle.pose
+    turned = replace(cycle, pose=(x, y, yaw + np.pi))
+    assert explain(sound, turned).words == "the plan leads back, behind the robot"
+    assert "leads back" not in explain(sound, cycle).words
+
+
 def test_samples_that_dwa_refuses_are_explained():
     """The speed of a waffle_pi that backs out slowly is below min_vel_trans, and it turns slower
     than min_vel_theta.
