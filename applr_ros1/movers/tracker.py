@@ -57,6 +57,7 @@ class MoverTracker:
         self.max_yaw_rate = float(max_yaw_rate)
         self.period = float(period)
         self._tracks = np.zeros(tracks.MAX_TRACKS, tracks.TRACK)
+        # Points (x, y) [m] of each track in the latest SCANS scans, NaN where there is none.
         self._history = np.empty((SCANS, tracks.MAX_TRACKS, clusters.POINTS, 2))
         self._clusters = np.zeros(clusters.MAX_CLUSTERS, clusters.CLUSTER)
         self._free = FreeSpace()

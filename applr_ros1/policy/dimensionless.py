@@ -318,9 +318,10 @@ def _layout(robot: Robot, width: float) -> Layout:
 def _default(tree: Dict[str, Any], planner: str, output: str) -> float:
     """Return the value of a policy output in a complete parameter tree, or 0.0 without one."""
     values = branch(tree, planner)
-    for name, key in NAMES.items():
-        if key == output and name in values:
-            return float(values[name])
+    # Planners name the same value differently: any parameter that the output sets will do.
+    for parameter, set_by in NAMES.items():
+        if set_by == output and parameter in values:
+            return float(values[parameter])
     for layer in branch(tree, "local_costmap").values():
         if isinstance(layer, dict) and output in layer:
             return float(layer[output])

@@ -226,9 +226,10 @@ class Episode:
         seen = self.seen()
         before = self.outcome.theta
         theta = self.apply(theta)
-        values = self.space.as_dict
+        values_before = self.space.as_dict(before)
+        values_after = self.space.as_dict(theta)
         self._recorder.decisions.append(
-            Decision(self._goal.id, begin, begin, values(before), values(theta), seen)
+            Decision(self._goal.id, begin, begin, values_before, values_after, seen)
         )
         for _ in range(self.cycles):
             self._drive_one()
@@ -259,7 +260,7 @@ class Episode:
         )
         if self.outcome.over:
             last = Decision(
-                self._goal.id, self.seconds, self.seconds, values(theta), {}, self.seen()
+                self._goal.id, self.seconds, self.seconds, values_after, {}, self.seen()
             )
             self._recorder.ends.append(last)
         return self.outcome

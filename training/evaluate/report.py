@@ -167,6 +167,7 @@ def headline(results: Results) -> str:
     made = comparisons(results)
     if not made:
         return f"{results.baseline} alone was driven."
+    # A difference is a method's mean score less the baseline's [s]: the lowest is the best.
     method = min(made, key=lambda rival: made[rival].difference.value)
     arrivals = arrivals_of(judged_trials(results), method, results.baseline)
     return sentence(method, results.baseline, made[method].better(LEVEL), arrivals)

@@ -100,7 +100,17 @@ def plan_sets(
         for i in block:
             name, specification = worlds[i]
             drawn_seed = seed_of(CHOOSING + seed, name, trial=0)
-            trials.append(Trial(name, method, 0, drawn_seed, specification, "", theta=theta))
+            trials.append(
+                Trial(
+                    world=name,
+                    method=method,
+                    trial=0,
+                    seed=drawn_seed,
+                    world_spec=specification,
+                    method_spec="",  # The set is driven instead of a method.
+                    theta=theta,
+                )
+            )
         plan.append(trials)
     return plan
 

@@ -82,7 +82,7 @@ def run(options: WhyOptions) -> None:
     if options.out:
         page = Page(
             kind=f"why · {first.drive.name}",
-            title="Why did the robot stop?",
+            title="Why did the robot stop or slow down?",
             verdict=values["happened"],
             scripts=SCRIPTS,
             data=values,

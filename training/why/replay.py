@@ -37,7 +37,7 @@ EQUAL = 1e-6  # largest difference between equal commands [m/s + rad/s]
 SAME_CYCLE_S = 0.01  # longest time between a command and the plan that its cycle published [s]
 # Ages of a velocity in messages, counted from the latest before the command, the likely ones first.
 LAGS = 0, 1, 2, -1, 3, 4
-POSE_LAGS = 0, 1, -1, 2, -2  # ages of a pose relative to the velocity
+POSE_SHIFTS = 0, 1, -1, 2, -2  # messages by which a pose is newer than the velocity
 # Choices of a cycle's map update: ages of the scan and of the odometry message, None for no update.
 UPDATES: Tuple[Tuple[Optional[int], int], ...] = (
     (0, 1),
@@ -314,7 +314,7 @@ class Replay:
             if scan_age is not None:
                 self._update(asked.scan - scan_age, odometry - odometry_age)
             shown = self.costmap.snapshot()
-            for lag, shift, is_new, path in product(LAGS, POSE_LAGS, news, paths):
+            for lag, shift, is_new, path in product(LAGS, POSE_SHIFTS, news, paths):
                 twist_row = odometry - lag
                 pose_row = twist_row + shift
                 if min(twist_row, pose_row) < 0:

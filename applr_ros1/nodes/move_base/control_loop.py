@@ -58,10 +58,12 @@ class ControlLoop:
         is_stalled = False
         while not rospy.is_shutdown():
             last = clock.now
+            # This reads the clock anew.
             if clock.went_back():
                 with self.lock:
                     self._went_back()
             now = clock.now
+            # A wall clock that was set back a little counts as no jump.
             if now < last:
                 due = None  # Otherwise the loop would wait until the clock is there again.
             had_stalled = is_stalled
