@@ -90,11 +90,11 @@ def build_obstacles(client: Any, world: World) -> Tuple[List[int], Array]:
     look = client.createVisualShape(client.GEOM_BOX, halfExtents=(0.1, 0.1, 0.1))
     bodies = []
     circles = []
-    for k, group in enumerate(_groups(world)):
+    for number, group in enumerate(_groups(world)):
         bodies.append(_compound(client, group, look))
         for obstacle in group:
             radius = obstacle.radius or math.hypot(*obstacle.half_sizes[:2])
-            circles.append((obstacle.x, obstacle.y, radius, k))
+            circles.append((obstacle.x, obstacle.y, radius, number))
     return bodies, np.array(circles, dtype=float).reshape(-1, 4)
 
 

@@ -218,7 +218,7 @@ def _box_contact(
     normal_y = 0.0
     own_side = True  # whether the smallest overlap is along an axis of the part, not of the box
     directions = ((1.0, 0.0), (0.0, 1.0), (axis_x, axis_y), (-axis_y, axis_x))
-    for k, (direction_x, direction_y) in enumerate(directions):
+    for number, (direction_x, direction_y) in enumerate(directions):
         distance = x * direction_x + y * direction_y
         if distance < 0.0:  # The direction points from the part to the box.
             direction_x = -direction_x
@@ -233,7 +233,7 @@ def _box_contact(
             depth = reach - distance
             normal_x = -direction_x
             normal_y = -direction_y
-            own_side = k < 2
+            own_side = number < 2
     if own_side:
         # A corner of the box touches a side of the part: the corner farthest along the normal.
         sign_x = 1.0 if normal_x * axis_x + normal_y * axis_y > 0.0 else -1.0
@@ -291,28 +291,30 @@ def _find_contacts(
     """
     count = 0
     reach = reach + _MARGIN_M
-    for i in range(circles.shape[0]):
-        offset_x = circles[i, 0] - x
-        offset_y = circles[i, 1] - y
-        radius = circles[i, 2]
+    for row in range(circles.shape[0]):
+        offset_x = circles[row, 0] - x
+        offset_y = circles[row, 1] - y
+        radius = circles[row, 2]
         distance = radius + reach
         if offset_x * offset_x + offset_y * offset_y >= distance * distance:
             continue
         # Place and velocity in the body frame
         body_x = cos_yaw * offset_x + sin_yaw * offset_y
         body_y = cos_yaw * offset_y - sin_yaw * offset_x
-        forward = cos_yaw * circles[i, 3] + sin_yaw * circles[i, 4]
-        leftward = cos_yaw * circles[i, 4] - sin_yaw * circles[i, 3]
-        for k in range(parts.shape[0]):
-            touch = _circle_contact(body_x, body_y, radius, parts[k])
-            count = _add_contact(contacts, count, touch, k, (forward, leftward))
-    for i in range(boxes.shape[0]):
-        offset_x = boxes[i, 0] - x
-        offset_y = boxes[i, 1] - y
-        half_x = 0.5 * boxes[i, 3]
-        half_y = 0.5 * boxes[i, 4]
-        cos_box = cos(boxes[i, 2])
-        sin_box = sin(boxes[i, 2])
+        velocity_x = circles[row, 3]
+        velocity_y = circles[row, 4]
+        forward = cos_yaw * velocity_x + sin_yaw * velocity_y
+        leftward = cos_yaw * velocity_y - sin_yaw * velocity_x
+        for part in range(parts.shape[0]):
+            touch = _circle_contact(body_x, body_y, radius, parts[part])
+            count = _add_contact(contacts, count, touch, part, (forward, leftward))
+    for row in range(boxes.shape[0]):
+        offset_x = boxes[row, 0] - x
+        offset_y = boxes[row, 1] - y
+        half_x = 0.5 * boxes[row, 3]
+        half_y = 0.5 * boxes[row, 4]
+        cos_box = cos(boxes[row, 2])
+        sin_box = sin(boxes[row, 2])
         # Distance beyond the sides of the box, along its axes
         along = abs(cos_box * offset_x + sin_box * offset_y) - half_x
         across = abs(cos_box * offset_y - sin_box * offset_x) - half_y
@@ -320,10 +322,12 @@ def _find_contacts(
             continue
         body_x = cos_yaw * offset_x + sin_yaw * offset_y
         body_y = cos_yaw * offset_y - sin_yaw * offset_x
-        axis = cos_yaw * cos_box + sin_yaw * sin_box, cos_yaw * sin_box - sin_yaw * cos_box
-        for k in range(parts.shape[0]):
-            touch = _box_contact(body_x, body_y, axis, half_x, half_y, parts[k])
-            count = _add_contact(contacts, count, touch, k, (0.0, 0.0))
+        axis_x = cos_yaw * cos_box + sin_yaw * sin_box
+        axis_y = cos_yaw * sin_box - sin_yaw * cos_box
+        axis = axis_x, axis_y
+        for part in range(parts.shape[0]):
+            touch = _box_contact(body_x, body_y, axis, half_x, half_y, parts[part])
+            count = _add_contact(contacts, count, touch, part, (0.0, 0.0))
     return count
 
 
@@ -345,8 +349,8 @@ def _press(velocity: Triple, contacts: Records, vehicle: Vehicle) -> Triple:
     # Sequential impulses: each contact corrects the velocity that the contacts before it have left.
     # The sums of the impulses stay non-negative and within friction, single impulses need not.
     for _ in range(_SWEEPS):
-        for i in range(contacts.shape[0]):
-            contact = contacts[i]
+        for row in range(contacts.shape[0]):
+            contact = contacts[row]
             x = contact.x
             y = contact.y
 
@@ -475,11 +479,11 @@ def drive(
         if count > 0:
             velocity = (forward, leftward, yaw_rate)
             forward, leftward, yaw_rate = _press(velocity, contacts[:count], vehicle)
-            for i in range(count):
-                touched |= contacts[i].push > 0.0
-        for i in range(circles.shape[0]):
-            circles[i, 0] += STEP * circles[i, 3]
-            circles[i, 1] += STEP * circles[i, 4]
+            for row in range(count):
+                touched |= contacts[row].push > 0.0
+        for row in range(circles.shape[0]):
+            circles[row, 0] += STEP * circles[row, 3]
+            circles[row, 1] += STEP * circles[row, 4]
 
         x += STEP * (cos_yaw * forward - sin_yaw * leftward)
         y += STEP * (sin_yaw * forward + cos_yaw * leftward)

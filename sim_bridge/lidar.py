@@ -112,13 +112,13 @@ def box_edges(boxes: Array) -> Array:
     """Return the sides (4 m, 4) x0, y0, x1, y1 of boxes (m, 5), counter-clockwise [m]."""
     unit_corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
     edges = np.empty((4 * len(boxes), 4))
-    for i, (x, y, yaw, size_x, size_y) in enumerate(boxes):
+    for number, (x, y, yaw, size_x, size_y) in enumerate(boxes):
         cos_yaw = np.cos(yaw)
         sin_yaw = np.sin(yaw)
         rotation = np.array([(cos_yaw, sin_yaw), (-sin_yaw, cos_yaw)])
         corners = unit_corners * (size_x / 2, size_y / 2) @ rotation + (x, y)
-        edges[4 * i : 4 * i + 4, :2] = corners
-        edges[4 * i : 4 * i + 4, 2:] = np.roll(corners, -1, axis=0)
+        edges[4 * number : 4 * number + 4, :2] = corners
+        edges[4 * number : 4 * number + 4, 2:] = np.roll(corners, -1, axis=0)
     return edges
 
 
@@ -241,9 +241,9 @@ def _sort(order: Ints, keys: Array) -> None:
 
     This is fast, because the order of the last scan is nearly right.
     """
-    for i in range(1, order.shape[0]):
-        moved = order[i]
-        place = i - 1
+    for rank in range(1, order.shape[0]):
+        moved = order[rank]
+        place = rank - 1
         while place >= 0 and keys[order[place]] > keys[moved]:
             order[place + 1] = order[place]
             place -= 1
@@ -300,11 +300,11 @@ def _scan(
     # Boxes, four sides each
     for index in range(0, edges.shape[0], 4):
         inside = True
-        for i in range(index, index + 4):
-            x0 = edges[i, 0] - x
-            y0 = edges[i, 1] - y
-            x1 = edges[i, 2] - x
-            y1 = edges[i, 3] - y
+        for row in range(index, index + 4):
+            x0 = edges[row, 0] - x
+            y0 = edges[row, 1] - y
+            x1 = edges[row, 2] - x
+            y1 = edges[row, 3] - y
             if x0 * y1 - y0 * x1 > 0.0:  # The laser is on the inner side of this edge.
                 continue
             inside = False  # Only sides that face the laser are visible.

@@ -262,9 +262,9 @@ def _pull(
     axes = _axes(attitude)
     cos_yaw = axes.cos_yaw
     sin_yaw = axes.sin_yaw
-    for i in range(supports.shape[0]):
+    for row in range(supports.shape[0]):
         # A wheel off the ground transmits no force, nor does any wheel of a robot on its side.
-        support = supports[i]
+        support = supports[row]
         axle = position[2] + axes.up_x * support.body_x + axes.up_y * support.body_y
         height = axle + axes.up_z * constants.axle_z - constants.wheel_radius
         if axes.up_z > 0.5:

@@ -118,8 +118,8 @@ def turn_wheels(
     drivetrain.right_noise = keep * drivetrain.right_noise + draw * noise[1]
     keep = constants.keep_grip
     draw = constants.draw_grip * surface.slip
-    for i in range(supports.shape[0]):
-        supports[i].grip_noise = keep * supports[i].grip_noise + draw * noise[SIDES + i]
+    for row in range(supports.shape[0]):
+        supports[row].grip_noise = keep * supports[row].grip_noise + draw * noise[SIDES + row]
 
     mean_speed, half_difference = _rims(drivetrain.ramp_v, drivetrain.ramp_w, table, constants)
     shake = 0.0  # Wheels at rest do not shake.
@@ -153,26 +153,26 @@ def _rims(v: float, w: float, table: Array, constants: Constants) -> Pair:
     """
     row = min(abs(v) * constants.intervals_per_speed, table.shape[0] - 1.001)
     column = min(abs(w) * constants.intervals_per_turn, table.shape[1] - 1.001)
-    i = int(row)
-    j = int(column)
+    first_row = int(row)
+    first_column = int(column)
     # Bilinear interpolation: each weight is the area of the rectangle opposite its entry.
-    row -= i
-    column -= j
+    row -= first_row
+    column -= first_column
     weight_00 = (1.0 - row) * (1.0 - column)
     weight_01 = (1.0 - row) * column
     weight_10 = row * (1.0 - column)
     weight_11 = row * column
     addition = (
-        weight_00 * table[i, j, 0]
-        + weight_01 * table[i, j + 1, 0]
-        + weight_10 * table[i + 1, j, 0]
-        + weight_11 * table[i + 1, j + 1, 0]
+        weight_00 * table[first_row, first_column, 0]
+        + weight_01 * table[first_row, first_column + 1, 0]
+        + weight_10 * table[first_row + 1, first_column, 0]
+        + weight_11 * table[first_row + 1, first_column + 1, 0]
     )
     multiplier = (
-        weight_00 * table[i, j, 1]
-        + weight_01 * table[i, j + 1, 1]
-        + weight_10 * table[i + 1, j, 1]
-        + weight_11 * table[i + 1, j + 1, 1]
+        weight_00 * table[first_row, first_column, 1]
+        + weight_01 * table[first_row, first_column + 1, 1]
+        + weight_10 * table[first_row + 1, first_column, 1]
+        + weight_11 * table[first_row + 1, first_column + 1, 1]
     )
     if v <= 0.0:  # The table holds forward speeds.
         addition = -addition
@@ -231,8 +231,8 @@ def _tyres(n: int, vehicle: Vehicle, supports: Records, velocity: Triple) -> Tri
         impulse_v = 0.0
         impulse_s = 0.0
         impulse_w = 0.0
-        for i in range(n):
-            support = supports[i]
+        for row in range(n):
+            support = supports[row]
             x = support.x
             y = support.y
             rim = 0.0  # rim speed of a caster
@@ -340,10 +340,10 @@ def _pyramid(
 def rim_table(robot: Robot) -> Array:
     """Return the table (17, 17, 2) of rim speeds that realise a command on even, plain ground.
 
-    Entry (i, j) holds the addition to the speed and the multiplier of the track for i/16 of the
-    maximum speed and j/16 of the maximum yaw rate. Curves beyond the tyres' friction limit (v w
-    above grip_limit) take the multiplier of the tightest feasible curve at that speed. The table is
-    computed by simulated driving in about 50 ms.
+    The entry in row i and column j holds the addition to the speed and the multiplier of the track,
+    for i/16 of the maximum speed and j/16 of the maximum yaw rate. Curves beyond the tyres'
+    friction limit (v w above grip_limit) take the multiplier of the tightest feasible curve at that
+    speed. The table is computed by simulated driving in about 50 ms.
     """
     base = robot.base
     robot_mechanics = mechanics(robot)
@@ -352,18 +352,17 @@ def rim_table(robot: Robot) -> Array:
     even = Surface(slip=0.0, friction=base.wheel_friction, ground=0.0)
     entries = TABLE_INTERVALS + 1
     table = np.zeros((entries, entries, 2))
-    for i in range(entries):
-        for j in range(entries):
-            v = i * v_step
-            w = (
-                max(j, 1e-3) * w_step
-            )  # The multiplier of a straight drive is that of a small yaw rate.
+    for row in range(entries):
+        for column in range(entries):
+            v = row * v_step
+            # The multiplier of a straight drive is that of a small yaw rate.
+            w = max(column, 1e-3) * w_step
             # Beyond the friction limit, no rim speed would make the body follow.
             if v * w > robot.simulation.grip_limit:
-                table[i, j] = table[i, j - 1]
+                table[row, column] = table[row, column - 1]
                 continue
             vehicle = record(Vehicle(robot_mechanics.constants, even, Drivetrain()))
-            table[i, j] = _settle(v, w, vehicle, robot_mechanics.supports)
+            table[row, column] = _settle(v, w, vehicle, robot_mechanics.supports)
     return table
 
 

@@ -115,9 +115,9 @@ def _row(y: float, low: float, high: float) -> List[Tuple[float, ...]]:
     count = max(1, int(round((high - low) / BOX_LENGTH_M)))
     length = (high - low) / count
     boxes: List[Tuple[float, ...]] = []
-    for n in range(count):
-        yaw = LARGEST_TILT * math.sin(7.0 * n + 3.0 * y + low)
-        x = low + (n + 0.5) * length
+    for number in range(count):
+        yaw = LARGEST_TILT * math.sin(7.0 * number + 3.0 * y + low)
+        x = low + (number + 0.5) * length
         boxes.append((x, y + 0.5 * yaw, yaw, length, BOX_WIDTH_M))
     return boxes
 

@@ -53,15 +53,15 @@ def write(world: World, path: str) -> None:
 def text(world: World) -> str:
     """Return the text of the .world file. Numbers are written without loss of precision."""
     models: List[str] = []
-    for n, (x, y, radius) in enumerate(world.cylinders.tolist()):
-        models.append(_model(f"cylinder_{n}", x, y, _cylinder(radius)))
-    for n, (x, y, yaw, size_x, size_y) in enumerate(world.boxes.tolist()):
+    for number, (x, y, radius) in enumerate(world.cylinders.tolist()):
+        models.append(_model(f"cylinder_{number}", x, y, _cylinder(radius)))
+    for number, (x, y, yaw, size_x, size_y) in enumerate(world.boxes.tolist()):
         box = f"<box><size>{size_x!r} {size_y!r} {HEIGHT_M!r}</size></box>"
-        models.append(_model(f"box_{n}", x, y, box, yaw))
-    for n, mover in enumerate(world.movers):
+        models.append(_model(f"box_{number}", x, y, box, yaw))
+    for number, mover in enumerate(world.movers):
         _, x, y = mover.waypoints[0]
         shape = _cylinder(mover.radius)
-        models.append(_model(f"mover_{n}", x, y, shape, extra=_waypoints(mover)))
+        models.append(_model(f"mover_{number}", x, y, shape, extra=_waypoints(mover)))
 
     course = world.course
     finish = ""

@@ -1,8 +1,8 @@
 """Self-contained web page that animates drives, world by world, those of all methods in one map.
 
 The page of an evaluation's report shows all drives whose paths were recorded, and the page of the
-demo its single drive. The scripts scene.js and page.js draw the drives. Lengths, times and speeds are
-integers, to keep the file small.
+demo its single drive. The scripts scene.js and page.js draw the drives. Lengths, times and speeds
+are integers, to keep the file small.
 """
 
 from __future__ import annotations

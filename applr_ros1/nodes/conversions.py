@@ -363,8 +363,8 @@ def polygon(vertices: np.ndarray, frame: str, stamp: Any) -> PolygonStamped:
 def cloud(rows: np.ndarray, names: Sequence[str], frame: str, stamp: Any) -> PointCloud2:
     """Return rows (n, len(names)) as a sensor_msgs/PointCloud2 of FLOAT32 fields."""
     message = PointCloud2(header=Header(0, stamp, frame), height=1, width=len(rows), is_dense=True)
-    for i, name in enumerate(names):
-        message.fields.append(PointField(name, 4 * i, PointField.FLOAT32, 1))
+    for index, name in enumerate(names):
+        message.fields.append(PointField(name, 4 * index, PointField.FLOAT32, 1))
     message.point_step = 4 * len(names)
     message.row_step = message.point_step * len(rows)
     message.data = np.ascontiguousarray(rows, dtype="<f4").tobytes()

@@ -1,6 +1,4 @@
-"""Tests of static maps, layers in any order, several sources, and localisation that moves the
-costmaps relatively.
-"""
+"""Tests of static maps, layers in any order, several sources, and localisation that drifts."""
 
 import copy
 import itertools
@@ -36,27 +34,30 @@ from tests.support.scenes import inflate, wall_with_a_door
 
 HERE = (0.0, 0.0, 0.0)
 N = 40
+CELL_M = 0.1
+CORNER = (-2.0, -2.0)  # of the costmaps [m]
+LETHAL = 254
+STATIC_LAYER = {"name": "static", "type": "costmap_2d::StaticLayer"}
 
 
 def make_costmap(*layers, rolling=False, track_unknown=False):
     """Return a costmap of 40 x 40 cells of 0.1 m, centred at the origin."""
-    side = (N + 0.5) * 0.1
+    side = (N + 0.5) * CELL_M
     return Costmap(
-        side,
-        side,
-        0.1,
-        (-2.0, -2.0),
-        rolling,
-        JACKAL_FOOTPRINT,
-        track_unknown,
-        layers=layers,
+        side, side, CELL_M, CORNER, rolling, JACKAL_FOOTPRINT, track_unknown, layers=layers
     )
 
 
 def grid(rng, share=0.03):
+    """Return a map of random cells, a share of them occupied and some unknown."""
     cells = np.where(rng.random((N, N)) < share, 100, 0)
     cells[rng.random((N, N)) < 0.05] = -1
-    return StaticMap(cells.astype(np.int8), 0.1, (-2.0, -2.0), "map")
+    return StaticMap(cells.astype(np.int8), CELL_M, CORNER, "map")
+
+
+def free_map(rows, columns, resolution, corner, frame="map"):
+    """Return a map without obstacles."""
+    return StaticMap(np.zeros((rows, columns), np.int8), resolution, corner, frame)
 
 
 # -- interpretation of maps ------------------------------------------------------------------------
@@ -314,64 +315,80 @@ def test_an_observation_older_than_the_latest_on_its_topic_is_dropped():
     assert router.silent(100.41) == ("other", 0.5)
 
 
-def test_points_of_tilted_sensors_and_in_moving_frames_are_exact():
-    ranges = np.array([1.0, 2.0, math.inf], np.float32)
-    level = LaserScan(0.0, 0.2, 0.5, 0.1, 10.0, ranges, (1.0, 2.0, 0.3), 0.4)
-    half = math.sin(0.15), math.cos(0.15)
-    flat = LaserScan(0.0, 0.2, 0.5, 0.1, 10.0, ranges, (1.0, 2.0, 9.9), 0.4, (0.0, 0.0, *half))
-    np.testing.assert_allclose(project(flat).points, project(level).points, atol=1e-6)
-    # Roll pi.
-    hanging = LaserScan(
-        0.0, 0.2, 0.5, 0.1, 10.0, ranges, (1.0, 2.0, 0.0), 0.4, (half[1], half[0], 0.0, 0.0)
-    )
+SINE = math.sin(0.15)
+COSINE = math.cos(0.15)
+LEVEL = LaserScan(
+    stamp=0.0,
+    angle_min=0.2,
+    angle_increment=0.5,
+    range_min=0.1,
+    range_max=10.0,
+    ranges=np.array([1.0, 2.0, math.inf], np.float32),
+    sensor_pose=(1.0, 2.0, 0.3),
+    sensor_height=0.4,
+)
+# Rolled by pi
+HANGING = replace(LEVEL, sensor_pose=(1.0, 2.0, 0.0), rotation=(COSINE, SINE, 0.0, 0.0))
+# Pitched by 0.4 rad
+CAMERA = SensorCloud(
+    0.0,
+    np.array([[1.0, 0.0, 0.5], [math.nan, 0.0, 0.0]], np.float32),
+    (0.1, 0.2, 0.3),
+    (0.0, math.sin(0.2), 0.0, math.cos(0.2)),
+    (0.0, 0.0, 1.0),
+)
+
+
+def test_points_of_tilted_sensors_are_exact():
+    # A rotation by the yaw alone gives the same points as the pose of a level sensor.
+    flat = replace(LEVEL, sensor_pose=(1.0, 2.0, 9.9), rotation=(0.0, 0.0, SINE, COSINE))
+    np.testing.assert_allclose(project(flat).points, project(LEVEL).points, atol=1e-6)
+
+    # A sensor that hangs upside down sees its beams clockwise.
+    distances = LEVEL.ranges[:2]
     angles = 0.3 - np.array([0.2, 0.7])
-    expected = np.stack(
-        [1.0 + ranges[:2] * np.cos(angles), 2.0 + ranges[:2] * np.sin(angles), [0.4, 0.4]], axis=1
-    )
-    np.testing.assert_allclose(project(hanging).points, expected, atol=1e-6)
+    x = 1.0 + distances * np.cos(angles)
+    y = 2.0 + distances * np.sin(angles)
+    expected = np.column_stack([x, y, [0.4, 0.4]])
+    np.testing.assert_allclose(project(HANGING).points, expected, atol=1e-6)
+
+    # The camera's first point is 1 m ahead of it and 0.5 m above.
+    x, _, z = observe(CAMERA).points[0] - CAMERA.position
+    assert x == pytest.approx(math.cos(0.4) + 0.5 * math.sin(0.4), abs=1e-6)
+    assert z == pytest.approx(0.5 * math.cos(0.4) - math.sin(0.4), abs=1e-6)
+
+
+@pytest.mark.parametrize("sensed", [LEVEL, HANGING, CAMERA], ids=["level", "hanging", "camera"])
+def test_observations_can_be_moved_to_another_frame(sensed):
     frame = (5.0, -1.0, 1.1)
-    points = np.array([[1.0, 0.0, 0.5], [math.nan, 0.0, 0.0]], np.float32)
-    cloud = SensorCloud(
-        0.0, points, (0.1, 0.2, 0.3), (0.0, math.sin(0.2), 0.0, math.cos(0.2)), (0.0, 0.0, 1.0)
-    )
-    for given in (level, hanging, cloud):
-        before = observe(given)
-        after = observe(moved(given, frame))
-        assert len(after.points) == len(before.points) > 0
-        np.testing.assert_allclose(
-            after.points[:, :2].T, transform_point(frame, *before.points[:, :2].T), atol=1e-5
-        )
-        np.testing.assert_allclose(
-            after.origin,
-            (*transform_point(frame, *before.origin[:2]), before.origin[2]),
-            atol=1e-12,
-        )
-    x, _, z = observe(cloud).points[0] - (0.1, 0.2, 0.3)  # pitch of 0.4 rad
-    assert (x, z) == pytest.approx(
-        (math.cos(0.4) + 0.5 * math.sin(0.4), 0.5 * math.cos(0.4) - math.sin(0.4)), abs=1e-6
-    )
+    before = observe(sensed)
+    after = observe(moved(sensed, frame))
+    assert len(after.points) == len(before.points) > 0
+    x, y, _ = before.points.T
+    after_x, after_y, _ = after.points.T
+    np.testing.assert_allclose((after_x, after_y), transform_point(frame, x, y), atol=1e-5)
+    x, y, z = before.origin
+    np.testing.assert_allclose(after.origin, (*transform_point(frame, x, y), z), atol=1e-12)
 
 
 def test_obstacles_under_the_robot_are_also_cleared_with_a_map():
     seen = LayerDescription("seen", ObstacleParameters(), (Source(),))
     costmap = make_costmap(LayerDescription("static", StaticParameters()), seen)
-    costmap.set_map("map", StaticMap(np.zeros((N, N), np.int8), 0.1, (-2.0, -2.0)))
-    points = np.array([(0.05, 0.05, 0.0), (1.05, 0.05, 0.0)], np.float32)
+    costmap.set_map("map", map_of(0))
+    under_the_robot = (0.05, 0.05, 0.0)
+    beside = (1.05, 0.05, 0.0)
+    points = np.array([under_the_robot, beside], np.float32)
     costmap.update(HERE, PointCloud((1.5, 1.5, 0.3), points, 0.0))
-    costs = [costmap.cells[costmap.world_to_map(x, 0.05)[::-1]] for x in (0.05, 1.05)]
-    assert costs == [0, 254]
+    assert costmap.cells[20, 20] == 0
+    assert costmap.cells[20, 30] == LETHAL
 
 
 # -- move_base on a map ----------------------------------------------------------------------------
 def on_a_map(planner, **changes):
-    """Return MoveBase with small costmaps and a static layer, whose global costmap is in the frame
-    map.
-    """
+    """Return MoveBase with small costmaps, the global one with a static layer in the frame map."""
     tree = copy.deepcopy(quick(**changes))
     tree["global_costmap"]["global_frame"] = "map"
-    tree["global_costmap"]["plugins"].insert(
-        0, {"name": "static", "type": "costmap_2d::StaticLayer"}
-    )
+    tree["global_costmap"]["plugins"].insert(0, STATIC_LAYER)
     if planner == "DWAPlannerROS":
         tree["base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
         tree["DWAPlannerROS"] = DWA_PARAMETERS
@@ -383,28 +400,35 @@ def test_a_goal_in_the_map_while_localisation_drifts(planner):
     """The odometry frame rotates and drifts in the map. A post on the way is missing in the map."""
     move_base = on_a_map(planner)
     goal = (4.0, 0.0, 0.0)
-    posts = [(2.1, y, 0.05) for y in np.arange(-2.5, 3.0, 0.1) if not 0.9 < y < 2.1] + [
-        (0.6, 0.3, 0.15)
-    ]
+    posts = [(0.6, 0.3, 0.15)]
+    for y in np.arange(-2.5, 3.0, 0.1):
+        if not 0.9 < y < 2.1:  # the door
+            posts.append((2.1, y, 0.05))
+    post_x, post_y, radius = np.transpose(posts)
     robot = ToyRobot(HERE, posts)
     move_base.set_map(wall_with_a_door())
     move_base.set_goal(goal, 0.0)
-    for k in range(1600):
-        frame = (1.0 + 0.01 * robot.time, -2.0 - 0.006 * robot.time, 0.7 + 0.004 * robot.time)
-        back = inverse(frame)
-        scan = moved(robot.scan(), back)
-        cycle = move_base.step(
-            robot.time, compose(back, robot.pose), robot.twist, scan if k % 2 == 0 else None, frame
-        )
+    for number in range(1600):
+        time = robot.time
+        odometry = (1.0 + 0.01 * time, -2.0 - 0.006 * time, 0.7 + 0.004 * time)
+        to_odometry = inverse(odometry)
+        pose = compose(to_odometry, robot.pose)
+        scan = None
+        if number % 2 == 0:
+            scan = moved(robot.scan(), to_odometry)
+        cycle = move_base.step(time, pose, robot.twist, scan, odometry)
         robot.drive(cycle.command, 0.05)
         x, y, _ = robot.pose
-        assert min(np.hypot(x - px, y - py) - r for px, py, r in posts) > 0.15
+        distances = np.hypot(post_x - x, post_y - y) - radius
+        assert distances.min() > 0.15
         if cycle.result:
             break
     assert cycle.result == ("succeeded", "Goal reached.")
-    assert math.hypot(robot.pose[0] - goal[0], robot.pose[1] - goal[1]) < 0.4
-    assert abs(math.remainder(robot.pose[2] - goal[2], 2 * math.pi)) < 0.3
-    assert (move_base.global_costmap.size, move_base.local_costmap.size) == ((200, 120), (120, 120))
+    away_x, away_y, away_yaw = compose(inverse(goal), robot.pose)
+    assert math.hypot(away_x, away_y) < 0.4
+    assert abs(math.remainder(away_yaw, 2 * math.pi)) < 0.3
+    assert move_base.global_costmap.size == (200, 120)
+    assert move_base.local_costmap.size == (120, 120)
 
 
 def test_a_map_survives_a_reset():
@@ -413,55 +437,57 @@ def test_a_map_survives_a_reset():
     assert move_base.map_topics == {"map": False}
     move_base.set_map(wall_with_a_door())
     move_base.reset(5.0)
-    assert (move_base.missing_map, move_base.global_costmap.size) == ("", (200, 120))
+    assert move_base.missing_map == ""
+    assert move_base.global_costmap.size == (200, 120)
+
     robot = ToyRobot(HERE)
     move_base.set_goal((5.0, 0.0, 0.0), 0.0)
     move_base.step(0.0, robot.pose, robot.twist, robot.scan())
-    plan = move_base.global_plan
-    at_wall = plan[np.argmin(abs(plan[:, 0] - 2.1))]
-    assert 0.9 < at_wall[1] < 2.1  # The plan leads through the door.
+    x, y, _ = move_base.global_plan.T
+    y_at_wall = y[np.argmin(np.abs(x - 2.1))]
+    assert 0.9 < y_at_wall < 2.1, "the plan does not lead through the door"
 
 
-def test_unknown_space_blocks_plans_only_if_it_is_not_allowed():
-    cells = np.zeros((120, 200), np.int8)
-    cells[:, 100:103] = -1
-    for allowed, reachable in ((True, True), (False, False)):
-        tree = on_a_map("TrajectoryPlannerROS", NavfnROS={"allow_unknown": allowed}).parameters
-        tree["global_costmap"]["track_unknown_space"] = (
-            True  # Otherwise free cells replace unknown.
-        )
-        move_base = MoveBase(tree)
-        move_base.set_map(StaticMap(cells, 0.05, (-3.0, -3.0), "map"))
-        move_base.step(0.0, HERE, (0.0, 0.0))
-        assert bool(len(move_base.plan(HERE, (5.0, 0.0, 0.0)))) is reachable
+@pytest.mark.parametrize("allowed", [True, False])
+def test_unknown_space_blocks_plans_only_if_it_is_not_allowed(allowed):
+    unknown_band = free_map(120, 200, 0.05, (-3.0, -3.0))
+    unknown_band.cells[:, 100:103] = -1
+    tree = on_a_map("TrajectoryPlannerROS", NavfnROS={"allow_unknown": allowed}).parameters
+    # Otherwise free cells replace unknown.
+    tree["global_costmap"]["track_unknown_space"] = True
+    move_base = MoveBase(tree)
+    move_base.set_map(unknown_band)
+    move_base.step(0.0, HERE, (0.0, 0.0))
+    plan = move_base.plan(HERE, (5.0, 0.0, 0.0))
+    assert (len(plan) > 0) is allowed
 
 
 def test_a_rolling_costmap_refuses_a_map_in_a_third_frame():
     tree = quick()
-    tree["local_costmap"]["plugins"].insert(
-        0, {"name": "static", "type": "costmap_2d::StaticLayer"}
-    )
+    tree["local_costmap"]["plugins"].insert(0, STATIC_LAYER)
     move_base = MoveBase(tree)
-    with pytest.raises(
-        ApplrError, match="frame cellar, which the rolling local_costmap cannot use: publish it in"
-    ):
-        move_base.set_map(StaticMap(np.zeros((5, 5), np.int8), 0.1, (0.0, 0.0), "cellar"))
+    refusal = "frame cellar, which the rolling local_costmap cannot use: publish it in"
+    with pytest.raises(ApplrError, match=refusal):
+        move_base.set_map(free_map(5, 5, 0.1, (0.0, 0.0), "cellar"))
     move_base.reset(1.0)  # The rejected map was not kept.
     tree["local_costmap"]["global_frame"] = "/odom"
-    MoveBase(tree).set_map(StaticMap(np.zeros((5, 5), np.int8), 0.1, (0.0, 0.0), "odom"))
+    MoveBase(tree).set_map(free_map(5, 5, 0.1, (0.0, 0.0), "odom"))
 
 
 def test_observations_of_a_robot_without_a_pose_do_not_enter_the_map():
     move_base = on_a_map("TrajectoryPlannerROS")
     robot = ToyRobot(HERE, [(1.0, 0.0, 0.15)])
-    move_base.set_map(StaticMap(np.zeros((120, 240), np.int8), 0.05, (-3.0, -3.0), "map"))
+    move_base.set_map(free_map(120, 240, 0.05, (-3.0, -3.0)))
+    origin = (5.0, 0.0, 0.0)  # pose of the odometry's frame in the map's
     move_base.step(0.0, None, (0.0, 0.0), robot.scan())
-    move_base.step(0.1, HERE, (0.0, 0.0), local_origin=(5.0, 0.0, 0.0))
-    assert (move_base.local_costmap.cells == 254).any()
-    assert not (move_base.global_costmap.cells == 254).any()
+    move_base.step(0.1, HERE, (0.0, 0.0), local_origin=origin)
+    assert (move_base.local_costmap.cells == LETHAL).any()
+    assert not (move_base.global_costmap.cells == LETHAL).any()
+
     robot.time = 0.2
-    move_base.step(0.2, HERE, (0.0, 0.0), robot.scan(), local_origin=(5.0, 0.0, 0.0))
-    x = np.argwhere(move_base.global_costmap.cells == 254)[:, 1] * 0.05 - 3.0
+    move_base.step(0.2, HERE, (0.0, 0.0), robot.scan(), local_origin=origin)
+    _, columns = np.nonzero(move_base.global_costmap.cells == LETHAL)
+    x = columns * 0.05 - 3.0
     assert 5.7 < x.min() <= x.max() < 6.3
 
 
@@ -480,42 +506,51 @@ def test_an_unexpectedly_silent_source_stops_the_robot():
     }
     move_base.set_goal((3.0, 0.0, 0.0), 0.0)
     depth = SensorCloud(0.0, np.array([[1.0, 1.0, 0.3]], np.float32), HERE, (0.0, 0.0, 0.0, 1.0))
-    cycle = move_base.step(
-        0.0, robot.pose, robot.twist, {"front/scan": robot.scan(), "points": depth}
-    )
+    sensed = {"front/scan": robot.scan(), "points": depth}
+    cycle = move_base.step(0.0, robot.pose, robot.twist, sensed)
     assert not cycle.stale
-    assert (
-        move_base.local_costmap.cells[move_base.local_costmap.world_to_map(1.0, 1.0)[::-1]] == 254
-    )
-    for k in range(1, 12):
-        robot.time = 0.05 * k
+    column, row = move_base.local_costmap.world_to_map(1.0, 1.0)
+    assert move_base.local_costmap.cells[row, column] == LETHAL
+
+    for number in range(1, 12):
+        robot.time = 0.05 * number
         cycle = move_base.step(robot.time, robot.pose, robot.twist, {"front/scan": robot.scan()})
-        assert cycle.stale is (k > 6)
-    assert (cycle.silent, cycle.command) == (("points", 0.32), (0.0, 0.0))
+        assert cycle.stale is (number > 6)
+    assert cycle.silent == ("points", 0.32)
+    assert cycle.command == (0.0, 0.0)
 
 
 def test_the_map_of_a_world_matches_the_laser():
-    """Every laser hit is in or next to an occupied cell, and no cell on the course's path is
-    occupied.
-    """
+    """Laser hits are in or next to an occupied cell, and no cell on the path is occupied."""
     import worlds
     from sim_bridge.lidar import Lidar
     from worlds.occupancy import occupancy
 
+    resolution = 0.05
+    yaw = 0.3
     world = worlds.load("physical_course")
-    cells, _, origin = occupancy(world, 0.05)
-    near = cells.copy()
-    for dy, dx in itertools.product((-1, 0, 1), repeat=2):
-        near |= np.roll(cells, (dy, dx), axis=(0, 1))
-    lidar = Lidar(JACKAL.laser, world.cylinders, world.boxes)
-    angles = JACKAL.laser.first_angle + JACKAL.laser.increment * np.arange(JACKAL.laser.beams)
-    for x, y in world.course.path[:: max(1, len(world.course.path) // 20)]:
-        ranges = lidar.scan(x, y, 0.3)
-        hit = np.isfinite(ranges)
-        mx = ((x + ranges * np.cos(angles + 0.3))[hit] - origin[0]) / 0.05
-        my = ((y + ranges * np.sin(angles + 0.3))[hit] - origin[1]) / 0.05
-        assert (near[my.astype(int), mx.astype(int)] == 100).all()
-        assert cells[int((y - origin[1]) / 0.05), int((x - origin[0]) / 0.05)] == 0
+    cells, _, (origin_x, origin_y, _) = occupancy(world, resolution)
+    near_occupied = cells.copy()
+    for rows, columns in itertools.product((-1, 0, 1), repeat=2):
+        near_occupied |= np.roll(cells, (rows, columns), axis=(0, 1))
+    laser = JACKAL.laser
+    lidar = Lidar(laser, world.cylinders, world.boxes)
+    angles = yaw + laser.first_angle + laser.increment * np.arange(laser.beams)
+
+    def cell_of(x, y):
+        """Return row and column of the cells that contain points."""
+        column = (x - origin_x) / resolution
+        row = (y - origin_y) / resolution
+        return np.asarray(row).astype(int), np.asarray(column).astype(int)
+
+    stride = max(1, len(world.course.path) // 20)
+    for x, y in world.course.path[::stride]:
+        ranges = lidar.scan(x, y, yaw)
+        is_hit = np.isfinite(ranges)
+        hit_x = x + ranges[is_hit] * np.cos(angles[is_hit])
+        hit_y = y + ranges[is_hit] * np.sin(angles[is_hit])
+        assert (near_occupied[cell_of(hit_x, hit_y)] == 100).all()
+        assert cells[cell_of(x, y)] == 0
     assert 0.02 < (cells == 100).mean() < 0.2
 
 

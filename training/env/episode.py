@@ -42,15 +42,16 @@ from sim_bridge.simulator import RobotState, Simulator
 from training.env.outcome import Leg, Outcome, nearest, outcome_of
 from worlds import World
 
-CONTROL_PERIOD = 0.05  # duration of a control cycle [s], 20 Hz as on the Jackal; slower parts of MoveBase skip cycles
+# duration of a control cycle [s], 20 Hz as on the Jackal; slower parts of MoveBase skip cycles
+CONTROL_PERIOD = 0.05
 TIME_LIMIT = 100.0  # duration after which a trial counts as failed [s]
 
 
 def counting_cells(parameters: Dict[str, Any]) -> Dict[str, Any]:
-    """Return move_base's parameter tree with `meter_scoring` false: distance biases learned here are per costmap cell.
+    """Return move_base's parameter tree with `meter_scoring` false.
 
-    The applr node rescales them for a planner that needs biases per metre
-    (applr_ros1/nodes/applr/meter_scoring.py).
+    Distance biases learned here are per costmap cell. The applr node rescales them for a planner
+    that needs biases per metre (applr_ros1/nodes/applr/meter_scoring.py).
     """
     planner = dict(parameters.get("TrajectoryPlannerROS", {}), meter_scoring=False)
     return dict(parameters, TrajectoryPlannerROS=planner)
@@ -108,17 +109,14 @@ class Episode:
         ]
         self.stack = self._stacks[0]
         self.simulator = simulator
-        self._to_map: Optional[Pose] = (
-            None  # pose of the world's frame in the map's, if the planner has the map
-        )
+        # pose of the world's frame in the map's, if the planner has the map
+        self._to_map: Optional[Pose] = None
         self.robot = robot
         self.space = space_of(robot)
-        self.layout = layout_of(
-            robot
-        )  # beams of the policy's scans; may be replaced between two trials
-        self._scan_period = robot.laser.period_in(
-            CONTROL_PERIOD
-        )  # scan interval [s]; 0: one scan per cycle
+        # beams of the policy's scans; may be replaced between two trials
+        self.layout = layout_of(robot)
+        # scan interval [s]; 0: one scan per cycle
+        self._scan_period = robot.laser.period_in(CONTROL_PERIOD)
         self.end_on_collision = end_on_collision
         self.end_on_stall = end_on_stall
         self.ends_at_tolerance = ends_at_tolerance
@@ -131,16 +129,15 @@ class Episode:
         self._recorder = Recorder()
 
     def set_period(self, period: float) -> None:
-        """Change the decision period [s], a whole number of control cycles, from the next decision on.
+        """Change the decision period [s] from the next decision on.
 
         Raises:
             ApplrError: The period is not a whole number of control cycles, or is longer than 10 s.
         """
         cycles = round(period / CONTROL_PERIOD)
         if not 1 <= cycles <= 200 or abs(cycles * CONTROL_PERIOD - period) > 1e-9:
-            raise ApplrError(
-                f"decision period is {period:g} s: give a multiple of {CONTROL_PERIOD} s, at most 10 s"
-            )
+            remedy = f"give a multiple of {CONTROL_PERIOD} s, at most 10 s"
+            raise ApplrError(f"decision period is {period:g} s: {remedy}")
         self.period = float(period)
         self.cycles = cycles
 
@@ -161,9 +158,14 @@ class Episode:
 
     @property
     def place(self) -> Pose:
-        """Pose of the robot in the frame of plan and goal: the true pose on a map, or the odometry's without a map."""
+        """Pose of the robot in the frame of plan and goal.
+
+        It is the true pose on a map, or the odometry's without a map.
+        """
         state = self.simulator.state
-        return state.odom_pose if self._to_map is None else compose(self._to_map, state.pose)
+        if self._to_map is None:
+            return state.odom_pose
+        return compose(self._to_map, state.pose)
 
     # -- the trial ---------------------------------------------------------------------------------
     def reset(self, world: World, seed: int, theta: Optional[np.ndarray] = None) -> Outcome:
@@ -174,11 +176,14 @@ class Episode:
         counts from the sending of the goal.
         """
         self.world = world
-        self.stack = self._stacks[-1 if world.map is not None else 0]
+        self.stack = self._stacks[0]
+        if world.map is not None:
+            self.stack = self._stacks[-1]
         self._to_map = None
         if world.map is not None and self.move_base.map_topics:
             self._to_map = inverse(world.map.origin)
-            self.move_base.set_map(StaticMap(*world.map[:2], (0.0, 0.0), self.robot.frames.map))
+            cells, resolution, _ = world.map
+            self.move_base.set_map(StaticMap(cells, resolution, (0.0, 0.0), self.robot.frames.map))
         state = self.simulator.reset(world, seed)
         # Because the seed includes the name, a random planner fidelity differs from world to world.
         self.stack.reset(state.time, seed=[seed, zlib.crc32(world.name.encode())])
@@ -186,7 +191,9 @@ class Episode:
         self._ranges = np.empty(0, np.float32)  # latest scan of the control cycles
         self._recorder = Recorder(world, self._record)
         self.began = state.time + CONTROL_PERIOD  # time at which the goal is sent [s]
-        theta = self.apply(self.space.theta0 if theta is None else theta)
+        if theta is None:
+            theta = self.space.theta0
+        theta = self.apply(theta)
         self._tolerance = self.move_base.goal_tolerance
         self._cycle()
         return self._send_goal(theta)
@@ -194,9 +201,12 @@ class Episode:
     def _send_goal(self, theta: np.ndarray) -> Outcome:
         """Send the goal of the course, and return the outcome before the first decision."""
         sent = self.world.course.sent_goal
-        self.goal = (
-            self.simulator.to_odom(sent) if self._to_map is None else compose(self._to_map, sent)
-        )
+        if self._to_map is None:
+            self.goal = self.simulator.to_odom(sent)
+            frame = self.robot.frames.odom
+        else:
+            self.goal = compose(self._to_map, sent)
+            frame = self.robot.frames.map
         state = self.simulator.state
         self._courses += 1
         self.began = state.time
@@ -204,21 +214,21 @@ class Episode:
         self.stall.update(0.0, *state.pose[:2], state.twist[0])
         self.stack.set_goal(self.goal, state.time)
         self._recorder.moved(0.0, state.pose, state.twist)
-        frame = self.robot.frames.odom if self._to_map is None else self.robot.frames.map
         self._recorder.sent.append(SentGoal(0.0, self.goal, frame))
-        self._recorder.goals.append(
-            Goal(f"course {self._courses} in {self.world.name}", 0.0, math.inf)
-        )
-        self._plan = self.move_base.make_plan(
-            self.place, self.goal, 0.0
-        )  # plan of the next decision
+        name = f"course {self._courses} in {self.world.name}"
+        self._recorder.goals.append(Goal(name, 0.0, math.inf))
+        # plan of the next decision
+        self._plan = self.move_base.make_plan(self.place, self.goal, tolerance=0.0)
         self._scanned = self.simulator.scan()
         near = self._observe()
         self.outcome = Outcome(theta, last_scan_min=near, decision_min=near, min_clearance_m=near)
         return self.outcome
 
     def decide(self, theta: np.ndarray) -> Outcome:
-        """Drive one decision period, or less if the course ends, with parameters theta (n,); return the outcome."""
+        """Drive one decision period with parameters theta (n,), and return the outcome.
+
+        The drive is shorter if the course ends.
+        """
         if self.outcome is None or self.outcome.over:
             raise RuntimeError("the trial is over: call reset() before decide()")
         begin = self.seconds
@@ -237,11 +247,8 @@ class Episode:
                 break
         state = self.simulator.state
         number = len(self._recorder.decisions)
-        if (
-            self.stall.update(self.seconds, *state.pose[:2], state.twist[0])
-            and self.end_on_stall
-            and not self._goal.status
-        ):
+        has_stalled = self.stall.update(self.seconds, *state.pose[:2], state.twist[0])
+        if has_stalled and self.end_on_stall and not self._goal.status:
             self._end(STALLED, "stalled")
         if not self._goal.status and number >= self.limit:
             self._end(TIMED_OUT, "time limit")
@@ -287,7 +294,10 @@ class Episode:
 
     # -- parameters --------------------------------------------------------------------------------
     def apply(self, theta: np.ndarray) -> np.ndarray:
-        """Set parameters theta (n,) through the same reconfigure servers as over ROS; return the resulting values."""
+        """Set parameters theta (n,), and return the resulting values.
+
+        They go through the same reconfigure servers as over ROS.
+        """
         in_force = send(self.space.settings(theta), self.move_base)
         if self._record:
             for server, values in in_force.items():
@@ -298,8 +308,13 @@ class Episode:
     def _cycle(self) -> Tuple[Cycle, RobotState]:
         """Scan, plan, command and drive; return the planner's cycle and the new state."""
         state = self.simulator.state
-        scan = self._scan() if state.time + 1e-6 >= self._scan_due else None
-        origin = None if self._to_map is None else compose(self.place, inverse(state.odom_pose))
+        scan: Optional[LaserScan] = None
+        if state.time + 1e-6 >= self._scan_due:
+            scan = self._scan()
+        # pose of the odometry's frame in the map's
+        origin: Optional[Pose] = None
+        if self._to_map is not None:
+            origin = compose(self.place, inverse(state.odom_pose))
         step = self.stack.step(state.time, state.odom_pose, state.odom_twist, scan, origin)
         if self._record:
             self._record_step(state, scan, step)
@@ -359,12 +374,16 @@ class Episode:
         `place` is within the tolerance although the robot has still to stop and turn. If the goal
         is occupied (default_tolerance), only the report counts.
         """
-        place = self.place
-        distance = math.hypot(self.goal[0] - place[0], self.goal[1] - place[1])
+        x, y, _ = self.place
+        goal_x, goal_y, _ = self.goal
+        distance = math.hypot(goal_x - x, goal_y - y)
         is_reached = self.ends_at_tolerance and distance <= self._tolerance
         is_reported = cycle.result is not None and cycle.result[0] == "succeeded"
-        tolerance = self._tolerance if is_reached or is_reported else None
-        if self.world.course.arrived(state.pose[0], state.pose[1], tolerance):
+        tolerance: Optional[float] = None
+        if is_reached or is_reported:
+            tolerance = self._tolerance
+        true_x, true_y, _ = state.pose
+        if self.world.course.arrived(true_x, true_y, tolerance):
             self._end(REACHED, "finished")
         elif state.flipped:
             self._end(FLIPPED, "flipped")
@@ -372,7 +391,7 @@ class Episode:
             self._end(TOUCHED, "contact")
         elif cycle.result is not None:
             status, text = cycle.result
-            self._end(ABORTED, "planner %s: %s" % (status, text))
+            self._end(ABORTED, f"planner {status}: {text}")
 
     @property
     def _goal(self) -> Goal:

@@ -126,7 +126,9 @@ def outcome_of(
     outcome.aborted = goal.status == ABORTED
     # After an abort, the robot would stand until the time limit.
     outcome.timeout = goal.status in (TIMED_OUT, ABORTED)
-    outcome.time_s = time_limit if outcome.timeout else leg.end - goal.begin
+    outcome.time_s = leg.end - goal.begin
+    if outcome.timeout:
+        outcome.time_s = time_limit
     return outcome
 
 
@@ -208,4 +210,6 @@ def nearest(ranges: np.ndarray, lowest: float) -> float:
     """
     # fmin skips NaN, the range of a beam that measures nothing. It is left only if all beams do so.
     smallest = float(np.fmin.reduce(ranges))
-    return math.inf if math.isnan(smallest) else max(lowest, smallest)
+    if math.isnan(smallest):
+        return math.inf
+    return max(lowest, smallest)

@@ -91,8 +91,12 @@ class Reward(RewardOptions):
             standing = (limit - outcome.decisions) * share
             time -= min(self.failure_seconds / PERIOD, standing)
 
-        progress = outcome.progress_y if self.along_y else outcome.progress
-        near = outcome.decision_min if self.lowest else outcome.last_scan_min
+        progress = outcome.progress
+        if self.along_y:
+            progress = outcome.progress_y
+        near = outcome.last_scan_min
+        if self.lowest:
+            near = outcome.decision_min
         clearance = min(max(near / encoding.scale, self.NEAREST), self.FARTHEST)
         terms = {
             "time": self.c_f * time,

@@ -265,7 +265,7 @@ def transferred(theta: np.ndarray, from_robot: Robot, to_robot: Robot) -> np.nda
     # Places within the ranges, from -1 to 1.
     unscaled = dict(zip(from_space.names, from_action))
     action = np.array(scaled)
-    for i, name in enumerate(to_space.names):
+    for index, name in enumerate(to_space.names):
         if name not in to_encoding.chosen and name in unscaled:
-            action[i] = unscaled[name]
+            action[index] = unscaled[name]
     return action

@@ -97,8 +97,8 @@ def plan_sets(
         theta = tuple(map(float, space.clip(values)))
         method = f"{simulator}-{sha256(repr(theta))[:16]}"
         trials = []
-        for i in block:
-            name, specification = worlds[i]
+        for index in block:
+            name, specification = worlds[index]
             drawn_seed = seed_of(CHOOSING + seed, name, trial=0)
             trials.append(
                 Trial(
@@ -156,9 +156,9 @@ def search(
         candidates = strategy.ask()
         sets = np.array([space.to_theta(action) for action in candidates])
         if generation == 0:
-            for i, theta in enumerate(starts[: len(candidates)]):
-                candidates[i] = space.to_action(theta)
-                sets[i] = space.clip(theta)
+            for index, theta in enumerate(starts[: len(candidates)]):
+                candidates[index] = space.to_action(theta)
+                sets[index] = space.clip(theta)
 
         # Few worlds leave a quarter empty.
         quarter = math.ceil(len(drawn) / 4)
@@ -202,11 +202,11 @@ def prune_parameters(
     theta = space.clip(theta)
     effects: Dict[str, Effect] = {}
     distances = np.abs(space.to_action(theta) - space.to_action(space.theta0))
-    for i in np.argsort(distances, kind="stable").tolist():
-        if theta[i] == space.theta0[i]:
+    for index in np.argsort(distances, kind="stable").tolist():
+        if theta[index] == space.theta0[index]:
             continue
         reverted = theta.copy()
-        reverted[i] = space.theta0[i]
+        reverted[index] = space.theta0[index]
         ranking = race(run, np.array([reverted, theta]), blocks(), cost)
         without, changed = sorted(ranking, key=lambda raced: raced.place)
         rises = without.costs - changed.costs
@@ -215,7 +215,7 @@ def prune_parameters(
         if max(mean.value, median) < LEAST:
             theta = reverted
         else:
-            effects[space.names[i]] = Effect(*mean, median)
+            effects[space.names[index]] = Effect(*mean, median)
     return theta, effects
 
 
@@ -281,4 +281,4 @@ def _divided(racing: Sequence[Raced], halve: bool) -> Tuple[List[Raced], List[Ra
 def blocks_of(worlds: int, seed: int) -> List[Block]:
     """Return the indices of all worlds, shuffled with the seed, in blocks of BLOCK."""
     order = np.random.default_rng(seed).permutation(worlds).tolist()
-    return [order[i : i + BLOCK] for i in range(0, len(order), BLOCK)]
+    return [order[first : first + BLOCK] for first in range(0, len(order), BLOCK)]

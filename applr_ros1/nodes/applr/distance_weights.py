@@ -23,9 +23,9 @@ WEIGHTS = ("path_distance_bias", "goal_distance_bias", "occdist_scale")
 def weights_at(space: Space) -> Optional[List[int]]:
     """Return the indices in theta of the three WEIGHTS, or None if the space lacks one."""
     indices = {}
-    for i, target in space.addresses:
+    for index, target in space.addresses:
         if target.server == PLANNER:
-            indices.update(dict.fromkeys(target.names, i))
+            indices.update(dict.fromkeys(target.names, index))
     if not set(WEIGHTS) <= set(indices):
         return None
     return [indices[name] for name in WEIGHTS]

@@ -324,10 +324,10 @@ class ReconfigureClient:
         """Return the smallest and the largest values (n,) that all servers accept."""
         low = np.full(len(self.space), -np.inf)
         high = np.full(len(self.space), np.inf)
-        for i, target in self.space.addresses:
+        for index, target in self.space.addresses:
             least, most = self.servers[target.server].bounds_of(target)
-            low[i] = max(low[i], least)
-            high[i] = min(high[i], most)
+            low[index] = max(low[index], least)
+            high[index] = min(high[index], most)
         return low, high
 
     def apply(self, theta: np.ndarray, seconds: float = DEADLINE_S) -> str:

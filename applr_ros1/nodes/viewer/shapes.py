@@ -80,9 +80,9 @@ class Model:
 
         middle = (*body.centre, body.bottom + body.size[2] / 2)
         scene.add_box(f"{name}/body", color=colour, dimensions=body.size, position=middle)
-        for i, (x, y) in enumerate(wheel_places(base)):
+        for number, (x, y) in enumerate(wheel_places(base)):
             scene.add_cylinder(
-                f"{name}/wheel{i}",
+                f"{name}/wheel{number}",
                 base.wheel_radius,
                 base.wheel_width,
                 color=RUBBER,

@@ -1,6 +1,4 @@
-"""Tests of the pool of workers: child processes and Ray, replacement of dead workers, trainings
-that lose workers.
-"""
+"""Tests of the pool of workers: child processes, Ray, dead workers, trainings that lose workers."""
 
 import os
 import signal
@@ -31,52 +29,55 @@ LAYOUT = TransitionLayout(0, 1, 1)
 SMALL = ["--net-arch=16", "--batch-size=16", "--actors=2"]
 
 
-def weights(seed=0, units=(8,)):
-    return safetensors.numpy.save(
-        TD3(1, 1, TD3Options(net_arch=list(units)), seed=seed).actor_weights()
-    )
+def weights_of_a_still_robot():
+    """Return the weights of a network whose actions are all 0, as the bytes of a file."""
+    weights = TD3(1, 1, TD3Options(net_arch=[8]), seed=0).actor_weights()
+    for name, array in weights.items():
+        weights[name] = np.zeros_like(array)
+    return safetensors.numpy.save(weights)
 
 
 def results(pool, numbers, seconds=0.0):
     """Return {number: (number, process id), or the error of its call}."""
     answers = {}
     for number, future in pool.unordered(partial(answer, seconds=seconds), numbers):
-        answers[number] = str(future.exception()) if future.exception() else future.result()
+        error = future.exception()
+        answers[number] = str(error) if error else future.result()
     return answers
 
 
-def test_an_episode_depends_only_on_run_and_number_and_noise_has_its_standard_deviation():
-    env = Line, "{}"
-    still = {
-        name: np.zeros_like(array) for name, array in safetensors.numpy.load(weights()).items()
-    }
-    for sigma in (0.0, 0.1):
-        tasks = [Collect(episode, 0, sigma, False) for episode in range(40)]
-        driven = [collect(*env, task, safetensors.numpy.save(still)) for task in [*tasks, tasks[3]]]
-        *trajectories, again = driven
-        assert np.array_equal(again.action, trajectories[3].action)
-        assert np.array_equal(again.rest, trajectories[3].rest)
-        assert (
-            0.9 * sigma
-            <= np.concatenate([time.action for time in trajectories]).std()
-            <= 1.1 * sigma
-        )
+@pytest.mark.parametrize("sigma", [0.0, 0.1])
+def test_an_episode_depends_only_on_run_and_number_and_noise_has_its_deviation(sigma):
+    weights = weights_of_a_still_robot()
+
+    def drive(episode):
+        task = Collect(episode, 0, sigma, False)
+        return collect(Line, "{}", task, weights)
+
+    trajectories = list(map(drive, range(40)))
+    again = drive(3)
+    assert np.array_equal(again.action, trajectories[3].action)
+    assert np.array_equal(again.rest, trajectories[3].rest)
+    actions = np.concatenate([trajectory.action for trajectory in trajectories])
+    assert 0.9 * sigma <= actions.std() <= 1.1 * sigma
 
 
 @pytest.mark.parametrize("workers", [0, 2])
 def test_every_call_has_one_answer(workers):
-    """A call whose worker dies is repeated, and fails after several deaths. Other calls are not
-    affected.
-    """
-    numbers = [number for number in range(12) if workers or number != 3]
+    """A call whose worker dies is repeated, and fails after several deaths."""
+    numbers = list(range(12))
+    if not workers:
+        numbers.remove(3)  # The call 3 would end this process.
     with Pool(workers) as pool:
         answers = results(pool, numbers)
+
     assert answers.pop(4) == "this trial cannot be driven"
     if workers:
         assert "its worker died 3 times" in answers.pop(3)
         assert pool.replaced == 3
-    assert [number for number, _ in answers.values()] == list(answers)
-    assert (os.getpid() in {pid for _, pid in answers.values()}) == (workers == 0)
+    for number, (answered_number, pid) in answers.items():
+        assert answered_number == number
+        assert (pid == os.getpid()) == (workers == 0)
 
 
 def test_shutdown_ends_busy_processes():
@@ -86,9 +87,8 @@ def test_shutdown_ends_busy_processes():
         time.sleep(1.0)
         begun = time.monotonic()
     assert time.monotonic() - begun < 50
-    assert all(
-        future.cancelled() or isinstance(future.exception(), CallFailed) for future in futures
-    )
+    for future in futures:
+        assert future.cancelled() or isinstance(future.exception(), CallFailed)
     assert not any(map(is_alive, pids))
 
 
@@ -118,7 +118,9 @@ def test_a_killed_and_a_stopped_process_are_replaced():
         threading.Timer(0.5, killed.send_signal, [signal.SIGKILL]).start()
         threading.Timer(0.5, stopped.send_signal, [signal.SIGSTOP]).start()
         answers = results(pool, range(5, 13), seconds=0.3)
-        assert [number for number, _ in sorted(answers.values())] == list(range(5, 13))
+        assert set(answers) == set(range(5, 13))
+        for number, (answered_number, _) in answers.items():
+            assert answered_number == number
         assert pool.replaced == 2
 
 
@@ -129,10 +131,9 @@ def test_workers_end_when_the_process_that_started_them_is_killed():
         "pool = Pool(2); [pool.submit(time.sleep, 0.1).result() for _ in range(4)]\n"
         "print(*[worker.process.pid for worker in pool.workers], flush=True); time.sleep(60)"
     )
-    process = subprocess.Popen(
-        [sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, cwd=ROOT
-    )
-    pids = [int(word) for word in process.stdout.readline().split()]
+    command = [sys.executable, "-c", code]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    pids = list(map(int, process.stdout.readline().split()))
     process.kill()
     process.wait()
     end = time.monotonic() + 50
@@ -187,9 +188,8 @@ ray.shutdown()
 @pytest.mark.fault("20b")
 def test_ray_on_this_machine_listens_on_loopback_only():
     pytest.importorskip("ray")
-    done = subprocess.run(
-        [sys.executable, "-c", LISTENS], cwd=ROOT, capture_output=True, text=True, timeout=120
-    )
+    command = [sys.executable, "-c", LISTENS]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
     # /proc/net's notation of 127.0.0.1 in IPv4 and IPv6.
     addresses = done.stdout.splitlines()[-1].split()
     assert addresses, done.stderr
@@ -198,17 +198,14 @@ def test_ray_on_this_machine_listens_on_loopback_only():
 
 @pytest.mark.slow
 def test_a_run_on_two_nodes_survives_the_loss_of_one(tmp_path):
-    """A training on two Ray nodes loses one of them while both drive, and completes on the other
-    node.
-    """
+    """A training on two Ray nodes loses one of them while both drive, and completes."""
     ray = pytest.importorskip("ray")
     from ray.cluster_utils import Cluster
 
-    cluster = Cluster(
-        initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False}
-    )
+    node = {"num_cpus": 1, "include_dashboard": False}
+    cluster = Cluster(initialize_head=True, head_node_args=node)
     try:
-        victim = cluster.add_node(num_cpus=1, include_dashboard=False)
+        victim = cluster.add_node(**node)
         options = ["--total-timesteps=400", "--eval-worlds=none"]
         words = [*SMALL, *options, "--ray-address", cluster.address, "--out", str(tmp_path / "run")]
         run = toy_run(parse(words), Slow)

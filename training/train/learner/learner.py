@@ -224,12 +224,12 @@ def policy_network(path: str) -> Weights:
         ApplrError: The file is not a policy.
     """
     weights = {}
-    for i, (weight, bias) in enumerate(load(path).layers):
+    for layer, (weight, bias) in enumerate(load(path).layers):
         if weight.ndim == 3:  # (networks, out, in)
             weight = weight[0]
             bias = bias[0]
-        weights[f"{i}.weight"] = weight
-        weights[f"{i}.bias"] = bias
+        weights[f"{layer}.weight"] = weight
+        weights[f"{layer}.bias"] = bias
     return weights
 
 
