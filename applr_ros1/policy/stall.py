@@ -23,8 +23,9 @@ STALL_TIME_S = 8.0
 OUT_TIME_S = 2.0
 TIME_TOLERANCE_S = 1e-6  # tolerance of times that are sums of periods [s]
 # While it backs out, TrajectoryPlannerROS drives back for a distance within BACKING_M [m], or for a
-# rotation [rad]. It begins as soon as no way ahead is free for `sim_time` [s]. The distance is drawn,
-# because the same one can end each time a little before the place where the robot could turn.
+# rotation [rad]. It begins as soon as no way ahead is free for `sim_time` [s]. The distance is
+# drawn, because the same one can end each time a little before the place where the robot could
+# turn.
 BACKING_M = (0.5, 1.0)
 BACKING_OUT = {"escape_reset_theta": 3.14, "sim_time": 3.0}
 BACKING_S = 8.0  # longest time in which the robot must have backed out [s]
@@ -84,13 +85,13 @@ class Stall:
 class StallRule:
     """Parameters of a robot that has stalled, in place of those of its method.
 
-    The method's decisions have failed there. Each phase of a stall has random values of the parameters that
-    a policy chooses; others stay as the method has them. A phase keeps its values, because a robot
-    needs some seconds to back out of a dead end and to turn. If the plan leads back, the robot backs
-    out (BACKING_OUT) until it has driven backwards, and drives for DRIVING_S, by turns. If the plan
-    leads ahead, it drives with random parameters and with those of its method, by turns. The method
-    comes first where the robot has turned, because it has failed in another direction. A method
-    refuses with `redraws_stalled` (Method).
+    The method's decisions have failed there. Each phase of a stall has random values of the
+    parameters that a policy chooses; others stay as the method has them. A phase keeps its values,
+    because a robot needs some seconds to back out of a dead end and to turn. If the plan leads
+    back, the robot backs out (BACKING_OUT) until it has driven backwards, and drives for DRIVING_S,
+    by turns. If the plan leads ahead, it drives with random parameters and with those of its
+    method, by turns. The method comes first where the robot has turned, because it has failed in
+    another direction. A method refuses with `redraws_stalled` (Method).
 
     Args:
         robot: Description of the robot.

@@ -1,4 +1,6 @@
-"""Drives out of dead ends, for docs/explanation/results.md: `python -m tests.benchmarks.dead_ends --out DIR`.
+"""Drives out of dead ends: `python -m tests.benchmarks.dead_ends --out DIR`.
+
+The figures are for docs/explanation/results.md.
 
 The Jackal starts in a made-up pocket: posts stand 10 to 12 cm from its sides and its front, and the
 way out is behind it. In the other made-up pockets the gaps differ, the walls are uneven and may
@@ -26,7 +28,8 @@ from training.evaluate.table import TRIALS, read_trials
 from worlds import Course, World, sdf_writer
 
 POST_M = 0.075  # radius of a post, as in BARN's worlds [m]
-SPACING_M = 0.13  # distance between the centres of neighbouring posts: no gap shows the laser what is behind [m]
+# distance between the centres of neighbouring posts: no gap shows the laser what is behind [m]
+SPACING_M = 0.13
 GOAL_M = 10.0  # distance of the goal ahead of the start [m]
 # Numbers of the worlds of each set
 SETS: Dict[str, Tuple[str, range]] = {
@@ -178,10 +181,10 @@ def lines(folder: Path) -> Iterator[str]:
     """Yield the results of an evaluation: a line for each method."""
     trials = read_trials(folder / TRIALS)
     for method, rows in trials.groupby("method", sort=False):
-        yield (
-            f"{method}: {int(rows.success.sum())} of {len(rows)} arrive, {int(rows.collided.sum())} contacts, "
-            f"{float(np.mean(seconds(rows))):.1f} s with failures as 100 s"
-        )
+        arrivals = f"{int(rows.success.sum())} of {len(rows)} arrive"
+        contacts = f"{int(rows.collided.sum())} contacts"
+        mean_s = float(np.mean(seconds(rows)))
+        yield f"{method}: {arrivals}, {contacts}, {mean_s:.1f} s with failures as 100 s"
 
 
 def main() -> None:

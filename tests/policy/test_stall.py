@@ -1,4 +1,4 @@
-"""Tests of stalls: when a robot counts as stalled, and which parameters it then gets in place of its method's."""
+"""Tests of stalls: when a robot counts as stalled, and which parameters it then gets."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ BACKING = [SPACE.names.index(name) for name in ("escape_reset_dist", *BACKING_OU
 
 
 def place(time, speed):
-    """Return x [m] of a robot that drives ahead at up to 0.11 m/s, or else one metre ahead and back."""
+    """Return x [m] of a robot that drives ahead at up to 0.11 m/s, or else 1 m ahead and back."""
     if speed < BACK_AND_FORTH:
         return speed * time
     return speed * min(time % 4, 4 - time % 4)
@@ -61,7 +61,7 @@ def test_a_stalled_robot_gets_random_parameters_from_the_seed_of_the_course():
     assert course(speed=FAST) == [None] * 32
     drawn = np.array(standing[8:])
     assert np.array_equal(SPACE.clip(drawn), drawn)
-    # What no policy chooses stays as the method has it, here min_in_place_vel_theta and the padding.
+    # What no policy chooses stays as the method has it: min_in_place_vel_theta and the padding.
     kept = [SPACE.names.index(name) for name in ("min_in_place_vel_theta", "footprint_padding")]
     assert (drawn[:, kept] == SPACE.theta0[kept]).all()
     assert np.array_equal(course()[8:], drawn)
@@ -137,10 +137,12 @@ def test_a_robot_that_has_just_come_out_has_not_stalled():
 
 
 def test_distance_and_speed_of_a_stall_scale_with_the_robot():
-    """1.6 m in 8 s are enough for the Jackal, but not for a robot of twice its size; neither is 0.8 m/s."""
+    """For the Jackal, 1.6 m in 8 s or 0.8 m/s are enough, but not for a robot of twice its size."""
     for scale, stalled in ((1.0, False), (2.0, True)):
         stall = Stall(scale)
-        assert [stall.update(float(t), 0.2 * t, 0.0, 0.0) for t in range(9)][-1] is stalled
+        for second in range(9):
+            is_stalled = stall.update(float(second), 0.2 * second, 0.0, 0.0)
+        assert is_stalled is stalled
         assert stall.update(9.0, 1.6, 0.0, 0.8) is stalled
 
 

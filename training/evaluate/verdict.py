@@ -160,9 +160,8 @@ def sentence(name: str, other: str, is_better: bool, arrivals: Arrivals) -> str:
     line = f"{name} {words} {other}: {counts}"
     if arrivals.both:
         # Drives in which only one arrives have no times to compare.
-        line += (
-            f"; where both arrive, {arrivals.method_s:.1f} s instead of {arrivals.other_s:.1f} s"
-        )
+        times = f"{arrivals.method_s:.1f} s instead of {arrivals.other_s:.1f} s"
+        line += f"; where both arrive, {times}"
     return line
 
 

@@ -29,7 +29,9 @@ def dressed(page: bytes, title: str) -> bytes:
 
 
 def legend(*entries: Tuple[str, str, str]) -> str:
-    """Return a legend of the scene as HTML. A scene has the colours of light pages in dark ones, too.
+    """Return a legend of the scene as HTML.
+
+    A scene has the colours of light pages in dark ones, too.
 
     Args:
         entries: Class of the swatch (words.css), name of its colour (colors.py), and words.

@@ -164,5 +164,5 @@ def test_equal_numbers_of_arrivals_are_said_once():
     words = judging.sentence("applr", "dwa", False, equal)
     counts = "as many drives arrive (5 of 6); where both arrive, 4.5 s instead of 18.8 s"
     assert words == f"applr is not clearly better than dwa: {counts}"
-    more = judging.sentence("applr", "dwa", True, equal._replace(method=6))
-    assert more.startswith("applr is better than dwa: 6 of 6 drives arrive instead of 5; where both")
+    words = judging.sentence("applr", "dwa", True, equal._replace(method=6))
+    assert words.startswith("applr is better than dwa: 6 of 6 drives arrive instead of 5; where")
