@@ -156,27 +156,24 @@ def make(tmp_path, capsys):
         name="crate.urdf",
         whole="<robot name='crate'>{}</robot>",
     ):
-        for path, text in {**FILES, **(files or {}), name: whole.format(urdf)}.items():
+        texts = {**FILES, **(files or {}), name: whole.format(urdf)}
+        for path, text in texts.items():
             (tmp_path / path).write_text(text)
-        return run(
-            tmp_path / name,
-            [tmp_path / place for place in places],
-            tmp_path / "my_robot",
-            capsys,
-            words,
-        )
+        parameter_files = [tmp_path / place for place in places]
+        return run(tmp_path / name, parameter_files, tmp_path / "my_robot", capsys, words)
 
     return write
 
 
 def fill(folder, **values):
     """Fill in values in robot.yaml, and accept the proposals for all other fields."""
-    text = (folder / "robot.yaml").read_text()
-    for name, value in {"mass": 6.0, "wheel_mass": 0.4, **values}.items():
+    path = folder / "robot.yaml"
+    text = path.read_text()
+    filled = {"mass": 6.0, "wheel_mass": 0.4, **values}
+    for name, value in filled.items():
         text = re.sub(rf"^  # {name}: .*", f"  {name}: {value}", text, flags=re.MULTILINE)
-    (folder / "robot.yaml").write_text(
-        re.sub(r"^  # (\w+: \S+)", r"  \1", text, flags=re.MULTILINE)
-    )
+    text = re.sub(r"^  # (\w+: \S+)", r"  \1", text, flags=re.MULTILINE)
+    path.write_text(text)
     robots.folder.forget()
 
 
@@ -230,24 +227,24 @@ MAKERS = {  # arguments, parameter files in the folder of the included robot, fi
     ),
 }
 FILLED = {
-    **{
-        "casters": "[[-0.177, 0.064], [-0.177, -0.064]]",
-        "mass": 40.0,
-        "wheel_mass": 0.5,
-        "beams": 720,
-        "rate": 50.0,
-    },
-    **{"first_angle": -2.35619, "last_angle": 2.35619, "range_min": 0.1, "range_max": 30.0},
+    "casters": "[[-0.177, 0.064], [-0.177, -0.064]]",
+    "mass": 40.0,
+    "wheel_mass": 0.5,
+    "beams": 720,
+    "rate": 50.0,
+    "first_angle": -2.35619,
+    "last_angle": 2.35619,
+    "range_min": 0.1,
+    "range_max": 30.0,
 }
 
 
 @pytest.mark.parametrize("name", MAKERS)
 def test_robots_of_makers_are_read_to_the_number(name, tmp_path, capsys):
     words, parameters, wanted = MAKERS[name]
-    urdf = next((OWNERS / f"{name}_description/urdf").iterdir())
-    status, output, values = run(
-        urdf, [FOLDERS[name] / file for file in parameters], tmp_path, capsys, words
-    )
+    (urdf,) = (OWNERS / f"{name}_description/urdf").iterdir()
+    files = [FOLDERS[name] / file for file in parameters]
+    status, output, values = run(urdf, files, tmp_path, capsys, words)
     assert status == 0, output
     assert asked(output) == wanted
     included = yaml.safe_load((FOLDERS[name] / "robot.yaml").read_text())
@@ -261,25 +258,27 @@ def test_robots_of_makers_are_read_to_the_number(name, tmp_path, capsys):
 
 
 def test_a_dump_of_roslaunch_is_one_parameter_file(make):
-    tree = {"move_base": {"local_costmap": {**yaml.safe_load(COMMON), **yaml.safe_load(LOCAL)}}}
-    tree["move_base"]["global_costmap"] = yaml.safe_load(COMMON)
+    common = yaml.safe_load(COMMON)
+    local = {**common, **yaml.safe_load(LOCAL)}
     flat = {
-        f"/two/move_base/{place}/{name}": v
-        for place, s in tree["move_base"].items()
-        for name, v in s.items()
+        "/rosdistro": "noetic",
+        "/two/crate/left_wheel": "left_joint",
+        "/two/crate/right_wheel": "right_joint",
+        "/two/move_base/base_local_planner": "dwa_local_planner/DWAPlannerROS",
     }
-    flat.update(
-        {f"/two/crate/{side}_wheel": f"{side}_joint" for side in ("left", "right")},
-        **{"/rosdistro": "noetic"},
-    )
-    flat["/two/move_base/base_local_planner"] = "dwa_local_planner/DWAPlannerROS"
-    status, output, values = make(
-        CART, files={"dump.yaml": yaml.safe_dump(flat)}, places=["dump.yaml"]
-    )
+    for name, value in local.items():
+        flat[f"/two/move_base/local_costmap/{name}"] = value
+    for name, value in common.items():
+        flat[f"/two/move_base/global_costmap/{name}"] = value
+    dump = yaml.safe_dump(flat)
+
+    status, output, values = make(CART, files={"dump.yaml": dump}, places=["dump.yaml"])
+
     assert status == 0, output
     assert "left_joint, right_joint, according to the controller's file" in output
     assert values["move_base"]["files"] == [{"file": "dump.yaml"}]
-    assert (values["frames"]["odom"], values["topics"]["scan"]) == ("odom_comb", "scan")
+    assert values["frames"]["odom"] == "odom_comb"
+    assert values["topics"]["scan"] == "scan"
 
 
 def test_the_folder_of_a_cart_has_the_values_of_its_files(make, tmp_path, capsys):
@@ -288,47 +287,38 @@ def test_the_folder_of_a_cart_has_the_values_of_its_files(make, tmp_path, capsys
     wheels = {"wheel_radius": 0.05, "wheel_width": 0.02, "track": 0.24, "axle_height": 0.05}
     assert values["base"] == {"drive": "two_wheel", **wheels}
     assert values["body"] == {"size": [0.3, 0.2, 0.16], "centre": [-0.05, 0.0], "bottom": 0.06}
-    laser = {
+    assert values["laser"] == {
         "frame": "scanner",
         "pose": [0.05, 0.0, 0.0],
         "height": 0.2,
         "rate": 20.0,
         "noise": 0.005,
-    }
-    beams = {
         "beams": 722,
         "first_angle": -1.5,
         "last_angle": 1.4,
         "range_min": 0.1,
         "range_max": 8.0,
     }
-    assert values["laser"] == {**laser, **beams}
     assert values["frames"] == {"base": "base_footprint", "odom": "odom_comb", "map": "map"}
     assert asked(output) == [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING]
     text = (tmp_path / "my_robot/robot.yaml").read_text()
-    assert re.search(
-        r"  # max_speed: 0.45 +# \[m/s\] largest speed .*; proposal: the planner's max_vel_trans\n",
-        text,
-    )
+    proposal = r"\[m/s\] largest speed .*; proposal: the planner's max_vel_trans\n"
+    assert re.search(rf"  # max_speed: 0.45 +# {proposal}", text)
     assert check_robot.main([str(tmp_path / "my_robot")]) == 1
     assert "base.max_speed is missing" in capsys.readouterr().err
     fill(tmp_path / "my_robot", casters="[[-0.15, 0.0]]")
     assert check_robot.main([str(tmp_path / "my_robot")]) == 0, capsys.readouterr()
     robot = robots.load(str(tmp_path / "my_robot"))
     assert robot.parameters()["DWAPlannerROS"]["max_vel_theta"] == pytest.approx(np.pi / 2)
-    layers = [
-        [layer["name"] for layer in robot.parameters(at)["global_costmap"]["plugins"]]
-        for at in (True, False)
-    ]
-    assert layers == [["map", "seen", "margin"], ["seen", "margin"]]
-    sources = [
-        robot.parameters(at)["local_costmap"]["seen"]["observation_sources"] for at in (True, False)
-    ]
-    assert sources == ["bumper scan", "scan"]
-    assert [robot.parameters(at)["NavfnROS"]["allow_unknown"] for at in (True, False)] == [
-        False,
-        True,
-    ]
+    for with_map, names, sources in (
+        (True, ["map", "seen", "margin"], "bumper scan"),
+        (False, ["seen", "margin"], "scan"),
+    ):
+        parameters = robot.parameters(with_map)
+        plugins = parameters["global_costmap"]["plugins"]
+        assert [layer["name"] for layer in plugins] == names
+        assert parameters["local_costmap"]["seen"]["observation_sources"] == sources
+        assert parameters["NavfnROS"]["allow_unknown"] is not with_map
     bare = robot.parameters()["global_costmap"]
     assert (bare["global_frame"], bare["width"], bare["origin_x"]) == ("odom_comb", 23, -11.5)
     assert "only the laser scan, without bumps: correct it before" in output
@@ -371,17 +361,19 @@ DRIVE = """
 )
 def test_driven_wheels_are_identified_by_controller_plugin_or_pairs(make, urdf, more, by):
     _, output, values = make(urdf, **more)
-    assert re.search(
-        f"the driven wheels are (left|right)_joint, (left|right)_joint, according to {by}", output
-    )
+    wheels = "(left|right)_joint, (left|right)_joint"
+    assert re.search(f"the driven wheels are {wheels}, according to {by}", output)
     base = values["base"]
-    assert [base[name] for name in ("drive", "track", "wheel_radius")] == ["two_wheel", 0.24, 0.05]
+    assert base["drive"] == "two_wheel"
+    assert base["track"] == 0.24
+    assert base["wheel_radius"] == 0.05
     if more:
-        assert [
-            base[name] for name in ("max_speed", "max_yaw_acceleration", "command_timeout")
-        ] == [0.6, 25.0, 0.5]
+        assert base["max_speed"] == 0.6
+        assert base["max_yaw_acceleration"] == 25.0
+        assert base["command_timeout"] == 0.5
         assert "base.max_yaw_rate" in asked(output)
-        assert "control.yaml" not in [one["file"] for one in values["move_base"]["files"]]
+        for entry in values["move_base"]["files"]:
+            assert entry["file"] != "control.yaml"
         assert values["monitor"] == {"deceleration": 1.5, "yaw_deceleration": 12.0}
 
 

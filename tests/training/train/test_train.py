@@ -26,6 +26,7 @@ from training.evaluate.trial import Result
 from training.train.learner.config import parse
 from training.train.learner.learner import Learner, LearnerOptions
 from training.train.learner.run import TrainingRun
+from training.train.replay.buffer import NO_ACTION
 from training.workers.pool import Pool
 
 
@@ -36,7 +37,14 @@ def networks_of(folder):
 
 
 def rounds_of(run):
-    return [json.loads(line) for line in (run / "evaluations.jsonl").read_text().splitlines()]
+    """Return the rounds of evaluation that a run has recorded."""
+    lines = (run / "evaluations.jsonl").read_text().splitlines()
+    return list(map(json.loads, lines))
+
+
+def numbers_of(rounds):
+    """Return the numbers of rounds; -1 is that of the default parameters."""
+    return [recorded["round"] for recorded in rounds]
 
 
 @pytest.fixture(scope="module")
@@ -49,24 +57,29 @@ def whole(tmp_path_factory):
 
 def test_a_run_learns_and_writes_all_its_files(whole):
     rounds = rounds_of(whole)
-    assert [r["round"] for r in rounds] == [-1, 1, 2, 3, 4]
-    # The first policy stands still.
-    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0
-    files = {"config.json", "checkpoint.json", "actor.safetensors", "best.safetensors"}
-    assert {p.name for p in whole.iterdir()} >= files
+    assert numbers_of(rounds) == [-1, 1, 2, 3, 4]
+    first, *_, last = rounds
+    assert last["return"] > first["return"] + 1.0, "the first policy stands still"
+    for name in ("config.json", "checkpoint.json", "actor.safetensors", "best.safetensors"):
+        assert (whole / name).is_file(), name
     best = (whole / "best.safetensors").read_bytes()
-    # Nodes and evaluations use the same period.
-    assert unpack(best, "best")[1]["period_s"] == "0.5"
+    _, metadata = unpack(best, "best")
+    assert metadata["period_s"] == "0.5", "nodes and evaluations use the same period"
     policy = network(best)
-    assert policy(np.array([0.9]))[0] < -0.2 < 0.2 < policy(np.array([-0.9]))[0]
+    (towards_left,) = policy(np.array([0.9]))
+    (towards_right,) = policy(np.array([-0.9]))
+    assert towards_left < -0.2
+    assert towards_right > 0.2
 
 
 def test_resume_continues(tmp_path):
     out = tmp_path / "run"
     assert main(toy(out, "--total-timesteps", "300")) == 0
     assert main(["--resume", "--out", str(out), "--total-timesteps", "600"]) == 0
-    assert (Learner.saved(out)["transitions"], Learner.saved(out)["updates"]) == (600, 300)
-    assert [r["round"] for r in rounds_of(out)] == [-1, 1, 2, 3]
+    saved = Learner.saved(out)
+    assert saved["transitions"] == 600
+    assert saved["updates"] == 300
+    assert numbers_of(rounds_of(out)) == [-1, 1, 2, 3]
     assert len(json.loads((out / "config.json").read_text())["provenance"]) == 2
 
 
@@ -81,15 +94,19 @@ def test_an_overwritten_ring_is_restored_from_its_checkpoints(tmp_path):
             learner.update()
         learner.save()
     again = Learner(layout, options.model_copy(update={"utd_ratio": 2.0}), tmp_path, 50)
-    actions = [
-        sorted(row.tobytes() for row in made.replay.action[made.replay.end != 3])
-        for made in (learner, again)
-    ]
-    assert actions[0] == actions[1]
+    assert actions_in(again.replay) == actions_in(learner.replay)
     assert len(list(tmp_path.glob("replay-*"))) == 5
-    assert (again.transitions, again.td3.updates, again.updates_due) == (120, 115, 0)
+    assert again.transitions == 120
+    assert again.td3.updates == 115
+    assert again.updates_due == 0
     again.take(episode(layout, 12, 10))
     assert again.updates_due == 20
+
+
+def actions_in(replay):
+    """Return all actions of a replay memory as bytes, sorted."""
+    actions = replay.action[replay.end != NO_ACTION]
+    return sorted(row.tobytes() for row in actions)
 
 
 @pytest.mark.parametrize(("seeds", "at_the_end"), [("1", [(-1, 250), (1, 250)]), ("2", [(1, 250)])])
@@ -97,8 +114,10 @@ def test_the_last_policy_within_the_minutes_is_compared_with_the_default(
     seeds, at_the_end, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(TrainingRun, "elapsed", property(lambda run: 60.0 * (run.steps >= 250)))
-    assert main(toy(tmp_path / "run", "--minutes", "1", "--seeds", seeds)) == 0
-    assert [(r["round"], r["step"]) for r in rounds_of(tmp_path / "run")] == [(1, 200), *at_the_end]
+    out = tmp_path / "run"
+    assert main(toy(out, "--minutes", "1", "--seeds", seeds)) == 0
+    rounds = [(recorded["round"], recorded["step"]) for recorded in rounds_of(out)]
+    assert rounds == [(1, 200), *at_the_end]
 
 
 OFTEN_SAVED = """
@@ -292,37 +311,50 @@ def test_a_run_whose_episodes_all_fail_ends_in_one_line(tmp_path, capsys):
 
 
 def test_rounds_are_continued_and_the_lowest_score_is_the_best(tmp_path):
-    def made():
+    def evaluation():
+        """Return an evaluation every 100 steps, which continues with what the folder has."""
         return PeriodicEvaluation(tmp_path, [("w0", "w0"), ("w1", "w1")], 100, 0)
 
     def drive(rounds, step, seconds):
+        """Drive the round that is due, with trials of some duration, and return its summary."""
+
         def run(trial, weights):
-            touched = trial.world == "w1"
-            return Result(
-                seconds < 100, touched, False, seconds, decisions=5, total_reward=-seconds
-            ), b""
+            result = Result(
+                success=seconds < 100,
+                collided=trial.world == "w1",
+                time_s=seconds,
+                decisions=5,
+                total_reward=-seconds,
+            )
+            return result, b""
 
-        for number in iter(lambda: rounds.due(step), None):
-            yield rounds.drive(number, Pool(0), run, bytes([step % 251]), step=step, version=step)
+        number = rounds.due(step)
+        weights = bytes([step % 251])
+        summary = rounds.drive(number, Pool(0), run, weights, step=step, version=step)
+        assert rounds.due(step) is None
+        return summary
 
-    first = made()
-    assert [s["round"] for s in drive(first, 0, 20.0)] == [-1]
-    (summary,) = drive(first, 130, 10.0)
-    assert (summary["round"], summary["score"], summary["best"]) == (1, 10.0, True)
-    assert [s["best"] for s in drive(first, 210, 11.0)] == [False]
-    again = made()
+    first = evaluation()
+    assert drive(first, 0, 20.0)["round"] == -1
+    summary = drive(first, 130, 10.0)
+    assert summary["round"] == 1
+    assert summary["score"] == 10.0
+    assert summary["best"]
+    assert not drive(first, 210, 11.0)["best"]
+
+    again = evaluation()
     assert again.best["step"] == 130
     assert again.default["time_s"] == 20.0
     assert again.due(299) is None
     again.every = 150  # A --resume has changed the interval since the earlier rounds.
-    assert [again.due(step) for step in (299, 300)] == [None, 2]
-    (summary,) = drive(made(), 310, 100.0)
-    assert (summary["round"], summary["best"], summary["time_s"], summary["score"]) == (
-        3,
-        False,
-        None,
-        100.0,
-    )
+    assert again.due(299) is None
+    assert again.due(300) == 2
+
+    summary = drive(evaluation(), 310, 100.0)
+    assert summary["round"] == 3
+    assert not summary["best"]
+    assert summary["time_s"] is None
+    assert summary["score"] == 100.0
 
 
 def test_ctrl_c_ends_an_evaluation_whose_trials_are_kept(tmp_path):
@@ -352,12 +384,16 @@ def test_tensorboard_shows_terms_of_the_reward(tmp_path):
     out = tmp_path / "run"
     assert main(toy(out, *NO_EVALUATION, "--total-timesteps", "100"), TwoTerms) == 0
     assert main(["--resume", "--out", str(out), "--total-timesteps", "140"], TwoTerms) == 0
-    sessions = [EventAccumulator(str(file)).Reload() for file in (out / "tensorboard").iterdir()]
-    tags = "reward/near", "reward/far", "episode/return"
-    near, far, total = (
-        [event for session in sessions for event in session.Scalars(tag)] for tag in tags
-    )
+    near = []
+    far = []
+    total = []
+    for file in (out / "tensorboard").iterdir():
+        session = EventAccumulator(str(file)).Reload()
+        near += session.Scalars("reward/near")
+        far += session.Scalars("reward/far")
+        total += session.Scalars("episode/return")
     assert len(near) == len(total) == 14
-    for a, b, c in zip(near, far, total):
-        assert a.value == pytest.approx(0.25 * c.value, abs=1e-4)
-        assert a.value + b.value == pytest.approx(c.value, abs=1e-4)
+    for near_event, far_event, total_event in zip(near, far, total):
+        value = total_event.value
+        assert near_event.value == pytest.approx(0.25 * value, abs=1e-4)
+        assert near_event.value + far_event.value == pytest.approx(value, abs=1e-4)
