@@ -49,7 +49,8 @@ def read_table(path: str) -> Dict[str, Animation]:
             time = float(row["time"])
             x = float(row["x"])
             y = float(row["y"])
-            frames.setdefault(plugin, []).append((time, x, y))
+            waypoints = frames.setdefault(plugin, [])
+            waypoints.append((time, x, y))
 
     animations: Dict[str, Animation] = {}
     for plugin, waypoints in frames.items():

@@ -289,8 +289,9 @@ class Building:
         opposite = free.reshape(len(free), 2, len(RAYS) // 2)
         lines = opposite.sum(axis=1) + 1
         longest_line = 2 * len(steps) + 1
-        narrowest = lines.min(initial=longest_line)
-        return min(WIDEST_M, resolution * float(narrowest))
+        narrowest = float(lines.min(initial=longest_line))
+        width = resolution * narrowest
+        return min(WIDEST_M, width)
 
 
 def closed_floor(grid: Grid, radius: float) -> Tuple[Cells, bool]:

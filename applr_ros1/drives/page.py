@@ -170,13 +170,14 @@ def scene_values(scene: Scene, marked: bool = False) -> Dict[str, Any]:
     """
     world = scene.world
     course = world.course
-    drives = [_drive(shown) for shown in scene.drives]
-
-    # Only obstacles near a driven path are shown: a world may be much larger.
+    drives = []
     places = [np.array([course.start[:2]])]
     for shown in scene.drives:
+        drives.append(_drive(shown))
         poses, _ = sampled(shown.drive)
         places.append(poses[:, :2])
+
+    # Only obstacles near a driven path are shown: a world may be much larger.
     driven = np.concatenate(places)
     low = driven.min(axis=0)
     high = driven.max(axis=0)
@@ -193,7 +194,7 @@ def scene_values(scene: Scene, marked: bool = False) -> Dict[str, Any]:
     times = (scene.begins + POSE_PERIOD_S * np.arange(pose_count)).tolist()
     movers = []
     for mover in world.movers:
-        positions = [mover.position(time) for time in times]
+        positions = list(map(mover.position, times))
         movers.append([round(100 * mover.radius), _whole(positions, 100)])
     return {
         "name": scene.name,
@@ -229,13 +230,15 @@ def _drive(shown: Shown) -> Dict[str, Any]:
     # When a goal has ended, the defaults are set again. The observation there has no parameters.
     assert drive.truth is not None
     end = drive.truth.time[-1]
-    decisions = []
+    times = []
+    sets = []
     for decision in drive.decisions:
         if decision.after and decision.time <= end:
-            decisions.append(decision)
-    if decisions:
-        values["at"] = _whole([decision.time for decision in decisions], 100)
-        values["theta"] = [_short(decision.after) for decision in decisions]
+            times.append(decision.time)
+            sets.append(_short(decision.after))
+    if times:
+        values["at"] = _whole(times, 100)
+        values["theta"] = sets
     return values
 
 
