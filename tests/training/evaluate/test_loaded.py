@@ -8,6 +8,7 @@ import pytest
 from applr_ros1 import robots
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import SPACE, space_of
+from applr_ros1.policy.stall import StallRule
 from training.env.settings import TrialSettings
 from training.evaluate.loaded import loadable_space
 from training.evaluate.runner import TrialRunner
@@ -49,6 +50,25 @@ def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robot
     assert sides.tolist() == pytest.approx([0.21 + 0.1, 0.165 + 0.1])
     assert np.ptp(base.local_costmap.footprint, axis=0)[0] == pytest.approx(0.42 + 2 * in_maps)
     assert base.local_planner.slowest_turn == slowest
+
+
+@pytest.mark.parametrize("loaded", [True, False])
+def test_a_set_that_is_set_by_reconfigure_gives_way_in_a_stall_and_a_loaded_one_stays(
+    loaded, monkeypatch
+):
+    slow = SPACE.from_dict({**SET, "max_vel_x": 0.2})
+    seeds = []
+
+    def instead(self, method, context, theta):
+        return slow if method.redraws_stalled else None
+
+    monkeypatch.setattr(StallRule, "instead", instead)
+    monkeypatch.setattr(StallRule, "reset", lambda self, seed: seeds.append(seed))
+    drives = TrialRunner(TrialSettings(loaded=loaded, time_limit=2.0))
+    theta = tuple(SPACE.from_dict(SET).tolist())
+    drives.run(Trial("generated:7", "m", 0, 5, "generated:7", "", theta=theta))
+    assert drives.drive.decisions[-1].after["max_vel_x"] == (0.9 if loaded else 0.2)
+    assert seeds[-1] == 5
 
 
 def test_a_search_leaves_out_parameters_that_act_differently_by_reconfigure():
