@@ -346,10 +346,10 @@ def reproduced(path: str) -> None:
     began = process_time()
     replay = Replay(JACKAL)
     replay.run(why.drive_of(Path(path), why.WhyOptions(bag=[path], robot=JACKAL)))
-    near = sum(cycle.error < 0.1 for cycle in replay.cycles) / len(replay.cycles)
+    near = sum(cycle.error < 0.1 for cycle in replay.cycles) / replay.commands
     spent = process_time() - began
     print(
-        f"{path}: {len(replay.cycles)} cycles, {replay.share:.1%} to 1e-6, "
+        f"{path}: {replay.commands} commands, {replay.share:.1%} to 1e-6, "
         f"{near:.1%} within 0.1, {spent:.1f} s of one core"
     )
 
