@@ -19,7 +19,8 @@ CPP_PADDING_M = 0.01  # default of the C++ costmap
 CPP_RATE_HZ = 20.0  # default of the C++ move_base
 CPP_OBSTACLE_RANGE_M = 2.5  # defaults of C++'s obstacle layer
 CPP_RAYTRACE_RANGE_M = 3.0
-CPP_INFLATION_M = 0.55  # default of C++'s inflation layer
+CPP_INFLATION_M = 0.55  # defaults of C++'s inflation layer
+CPP_SCALING = 10.0
 UNUSUAL = 0.4  # logarithm of the ratio to the usual value from which on a value is unusual (1.5)
 LARGER_M = 0.05  # excess of a footprint over the body from which on the body's outline is tried [m]
 # Changes of single parameters that are tried if no drive tells more: (parameter of the robot's
@@ -129,6 +130,7 @@ def file_candidates(robot: Robot) -> List[Rated]:
         *_ranges(tree),
         *_windows(tree),
         *_inflations(tree),
+        *_scalings(tree),
         *_rates(tree),
     ]
     found.sort(key=lambda rated: -rated.departure)
@@ -223,6 +225,22 @@ def _inflations(tree: Dict[str, Any]) -> Iterator[Rated]:
         largest = max(change.before for change in changes)
         ratio = max(largest, 0.01) / CPP_INFLATION_M
         yield Rated(abs(float(np.log(ratio))), Candidate(tuple(changes)))
+
+
+def _scalings(tree: Dict[str, Any]) -> Iterator[Rated]:
+    """Yield C++'s decline of the inflation in both costmaps in place of a slower one.
+
+    With a slow decline, costs are high all over narrow places, and plans prefer any other way.
+    """
+    changes = []
+    for path, section in _sections_with(tree, "cost_scaling_factor"):
+        factor = section["cost_scaling_factor"]
+        if factor < CPP_SCALING:
+            changes.append(Change(path, "cost_scaling_factor", factor, CPP_SCALING))
+    if len(changes) > 1:
+        smallest = min(change.before for change in changes)
+        ratio = CPP_SCALING / max(smallest, 0.1)
+        yield Rated(float(np.log(ratio)), Candidate(tuple(changes)))
 
 
 def _sections_with(

@@ -110,6 +110,10 @@ FAULTS = {
     "obstacle_range": [Change("local_costmap", "obstacle_range", 3.0, 0.5)],
     "raytrace_range": [Change("local_costmap", "raytrace_range", 3.5, 0.5)],
     "controller_frequency": [Change("", "controller_frequency", 10.0, 2.0)],
+    "cost_scaling_factor": [
+        Change(f"{costmap}_costmap/inflation_layer", "cost_scaling_factor", 3.0, 0.2)
+        for costmap in ("local", "global")
+    ],
 }
 
 
