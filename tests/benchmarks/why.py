@@ -232,9 +232,8 @@ def _random_change(robot: Robot, rng: np.random.Generator) -> Candidate:
             names.append(name)
     name = names[int(rng.integers(len(names)))]
     change = Change(server, name, values[name], values[name] * float(rng.choice([0.5, 2.0])))
-    choices = [Candidate((change,))]
-    choices += [rated.candidate for rated in file_candidates(robot)]
-    return choices[int(rng.integers(2))]
+    choices = [Candidate((change,)), *file_candidates(robot)]
+    return choices[int(rng.integers(min(2, len(choices))))]
 
 
 # -- drives ----------------------------------------------------------------------------------------

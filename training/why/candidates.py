@@ -112,14 +112,9 @@ class Rated(NamedTuple):
     departure: float
     candidate: Candidate
 
-    @property
-    def is_unusual(self) -> bool:
-        """True if the present value is far from the usual one."""
-        return self.departure >= UNUSUAL
 
-
-def file_candidates(robot: Robot) -> List[Rated]:
-    """Return changes of values in the robot's files, those farthest from the usual value first.
+def file_candidates(robot: Robot) -> List[Candidate]:
+    """Return changes of unusual values in the robot's files, the most unusual ones first.
 
     Never less padding than C++'s default, nor a footprint smaller than the body.
     """
@@ -133,8 +128,10 @@ def file_candidates(robot: Robot) -> List[Rated]:
         *_scalings(tree),
         *_rates(tree),
     ]
-    found.sort(key=lambda rated: -rated.departure)
-    return found
+    # Another value in place of a usual one may help by chance, and explains nothing.
+    unusual = [rated for rated in found if rated.departure >= UNUSUAL]
+    unusual.sort(key=lambda rated: -rated.departure)
+    return [rated.candidate for rated in unusual]
 
 
 def _footprints(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:

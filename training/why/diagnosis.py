@@ -263,11 +263,8 @@ def candidates(diagnosis: Diagnosis, robot: Robot) -> List[Candidate]:
     live += escape_candidates(replay.server, replay.settings[replay.server])
 
     # The replay does not see what values of files would do: unusual ones come before guesses that
-    # it ranks low, the others last.
-    in_files = file_candidates(robot)
-    unusual = [rated.candidate for rated in in_files if rated.is_unusual]
-    usual = [rated.candidate for rated in in_files if not rated.is_unusual]
-    every = live[:ROUND] + unusual + live[ROUND:] + usual
+    # it ranks low.
+    every = live[:ROUND] + file_candidates(robot) + live[ROUND:]
     return every[:CANDIDATES]
 
 

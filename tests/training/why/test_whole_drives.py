@@ -120,16 +120,24 @@ FAULTS = {
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_value_of_a_file_that_departs_most_is_the_first_candidate(name):
     robot = with_changes(BURGER, FAULTS[name], "burger with a fault")
-    (_, candidate), *_ = file_candidates(robot)
+    candidate, *_ = file_candidates(robot)
     assert candidate.names == [name]
     MoveBase(with_changes(robot, candidate.changes, "mended").parameters())
 
 
 def test_no_footprint_below_the_body_and_no_padding_below_the_default_is_a_candidate():
-    for _, candidate in file_candidates(BURGER):
+    for candidate in file_candidates(BURGER):
         assert not {"footprint", "footprint_padding"} & {*candidate.names}
-    words = [str(candidate) for _, candidate in file_candidates(JACKAL)]
+    words = [str(candidate) for candidate in file_candidates(JACKAL)]
     assert "footprint_padding 0.1 -> 0.01 in both costmaps" in words
+
+
+def test_a_usual_value_of_a_file_is_not_tried():
+    """The Jackal's local costmap of 10 m is large enough; one of 3 m is not."""
+    assert not any("width" in candidate.names for candidate in file_candidates(JACKAL))
+    small = [Change("local_costmap", side, 10.0, 3.0) for side in ("width", "height")]
+    found = file_candidates(with_changes(JACKAL, small, "jackal with a small window"))
+    assert any(candidate.names == ["width", "height"] for candidate in found)
 
 
 # -- whole drives
