@@ -28,6 +28,7 @@ from training.common.command_line import continuable, parsed, robot_name
 from training.common.folders import make_folder
 from training.env.settings import CHALLENGE
 from training.evaluate.runner import content, content_of_worlds, world_list
+from training.evaluate.score import AIMS
 from training.evaluate.table import Trials
 from training.evaluate.verdict import SET
 from training.robot import open_floor
@@ -99,7 +100,8 @@ def run(options: TuneOptions) -> int:
         from training.tune import page
 
         judgements = [judge(options, unseen, drives, file) for file, _ in JUDGED]
-        show(f"page: {page.write(robot, drives, changed, judgements, context)}")
+        rule = AIMS[options.for_].rule
+        show(f"page: {page.write(robot, drives, changed, judgements, context, rule)}")
         is_written = any(judgement.is_better for judgement in judgements)
     return 0 if is_written else 1
 

@@ -98,7 +98,8 @@ content.append(
     "p",
     {class: "note"},
     "Dots: by how much the cost of a course rises if only this parameter is reverted to its " +
-      "default, with the 95 % interval. Filled: the interval lies above 0, the change saves something.",
+      "default, with the 95 % interval, on an axis of square roots. Filled: the interval lies " +
+      `above 0, the change saves something. The cost of a course is its time; ${D.rule}.`,
   ),
   make(
     "details",

@@ -30,6 +30,7 @@ def write(
     changed: pd.DataFrame,
     judgements: Sequence[Judgement],
     scope: str,
+    rule: str,
 ) -> Path:
     """Write the page into the folder `drives`, and return its path.
 
@@ -41,6 +42,7 @@ def write(
         changed: Table of the changed parameters, from changes().
         judgements: Verdicts on the set.
         scope: Where the set was searched and is judged, in words.
+        rule: What else than time a course costs, in words (score.Aim.rule).
     """
     title = f"Tuned parameters of {robot.name}"
     verdicts: List[Dict[str, Any]] = []
@@ -69,6 +71,7 @@ def write(
         "changes": json.loads(changed.to_json(orient="records")),
         "verdicts": verdicts,
         "scope": scope,
+        "rule": rule,
         "not_tried": NOT_TRIED,
         "yaml": read_bytes(drives / "tuned.yaml").decode(),
         "robot": robot.folder,

@@ -13,6 +13,7 @@ from training.evaluate.trial import Result, plan_trials
 from training.tune.found_set import Judgement
 from training.tune.page import write
 
+RULE = "a failure or contact costs 10 times the course's shortest time"
 WORLDS = ["generated:1", "generated:2", "generated:3"]
 TIMES = {"dwa": (20.0, None, None), "static": (12.0, 14.0, None)}  # None: a failure
 CHANGED = pd.DataFrame(
@@ -54,7 +55,9 @@ def page_of(drives, *are_better):
     judgements = []
     for file, monitor, is_better in zip(files, ("without", "with"), are_better):
         judgements.append(Judgement(file, monitor, ["table", "line"], is_better, drives / file))
-    return write(JACKAL, drives, CHANGED, judgements, "searched on 9 courses\nfor a building: MAP")
+    return write(
+        JACKAL, drives, CHANGED, judgements, "searched on 9 courses\nfor a building: MAP", RULE
+    )
 
 
 def data_of(path):
@@ -73,7 +76,7 @@ def test_the_sentence_has_arrivals_first_and_is_that_of_a_file_that_was_written(
 def test_each_course_has_both_drives_and_an_effect_of_one_course_no_interval(drives):
     of_one_course = CHANGED.assign(**{"95 % low": float("nan"), "95 % high": float("nan")})
     judgement = Judgement("tuned.yaml", "without", ["table"], True, drives / "tuned.yaml")
-    data = data_of(write(JACKAL, drives, of_one_course, [judgement], "searched"))
+    data = data_of(write(JACKAL, drives, of_one_course, [judgement], "searched", RULE))
     assert [row["95 % low"] for row in data["changes"]] == [None, None]
     (verdict,) = data["verdicts"]
     ends = [(course["before"]["ok"], course["after"]["ok"]) for course in verdict["courses"]]
@@ -84,6 +87,7 @@ def test_each_course_has_both_drives_and_an_effect_of_one_course_no_interval(dri
 @needs_browser
 def test_the_page_shows_changes_and_failures_and_opens_its_details_by_keyboard(drives):
     with opened(page_of(drives, True, False)) as view:
+        assert view.get_by_text(RULE).count() == 1
         changes = view.locator(".changes b").all_inner_texts()
         assert changes == ["max_vel_x", "sim_time"], "what saves something comes first"
         assert view.get_by_text("fails → fails: no way", exact=True).count() == 2
