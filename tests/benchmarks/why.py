@@ -399,7 +399,7 @@ def all_planted(worlds: Sequence[int], robots: Sequence[str], count: int, path: 
     known = {(row.robot, row.world, row.fault) for row in rows}
     if not path.exists():
         with path.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerow(Planted._fields)
+            csv.writer(file, lineterminator="\n").writerow(Planted._fields)
     bench = Bench()
     for name, world, fault in attempts(worlds):
         planted = [row for row in rows if row.counts and row.fault]
@@ -418,7 +418,7 @@ def all_planted(worlds: Sequence[int], robots: Sequence[str], count: int, path: 
         rows.append(row)
         known.add((name, world, words))
         with path.open("a", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerow(row)
+            csv.writer(file, lineterminator="\n").writerow(row)
         print(f"{len(planted)} {perf_counter() - began:.0f} s: {row}", flush=True)
     table(rows)
 
