@@ -196,7 +196,7 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
     assert printed.index(f"\n{searched}") < printed.index("\ntuned.yaml, without")
     assert f"\nfor a building and its doors: ./applr tune {jackal} --worlds MAP.yaml\n" in printed
     assert f"page: {drives}/index.html\n" in printed
-    assert "tuned.yaml is better than the defaults: 12 of 12 drives arrive instead of 12" in page
+    assert "tuned.yaml is better than the defaults: as many drives arrive (12 of 12); where" in page
     data = json.loads(page.partition('id="data">')[2].partition("</script>")[0])
     assert [row["parameter"] for row in data["changes"]] == list(tuned_set)
     assert [verdict["file"] for verdict in data["verdicts"]] == ["tuned.yaml", "static.json"]
