@@ -15,6 +15,7 @@ import numpy as np
 from typing_extensions import override
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.paths import travelled
 from applr_ros1.planner.parameters.parameter import Parameter
 from applr_ros1.planner.parameters.settings import Change, Settings
 from training.why.candidates import LEAST_CHANGE
@@ -192,9 +193,7 @@ def _track(replay: Replay, cycle: Cycle) -> np.ndarray:
 def _speed_along(plan: np.ndarray, track: np.ndarray, replay: Replay) -> float:
     """Return the mean speed of a track along a plan (n, 3) [m/s]."""
     points = plan[:, :2]
-    steps = np.diff(points, axis=0)
-    lengths = np.hypot(steps[:, 0], steps[:, 1])
-    way = np.concatenate([[0.0], lengths.cumsum()])  # way along the plan to each of its poses [m]
+    way = travelled(points)
 
     # Way between the poses of the plan that are nearest to both ends of the track
     from_begin = points - track[0]

@@ -12,6 +12,7 @@ from typing import Iterator, List, NamedTuple, Tuple
 import numpy as np
 from typing_extensions import override
 
+from applr_ros1.common.paths import travelled
 from applr_ros1.drives.drive import Drive, Motion
 from training.why.reasons import SILENT_S, STILL_SPEED, STILL_TURN, last_time
 
@@ -171,9 +172,7 @@ def _to_and_fro(odometry: Motion, limits: Limits) -> np.ndarray:
 
     # Way along the path, and distance between its ends
     places = odometry.pose[:, :2]
-    steps = np.diff(places, axis=0)
-    lengths = np.hypot(steps[:, 0], steps[:, 1])
-    way = np.concatenate([[0.0], np.cumsum(lengths)])
+    way = travelled(places)
     driven = way[last] - way[first]
     offsets = places[last] - places[first]
     gained = np.hypot(offsets[:, 0], offsets[:, 1])
