@@ -10,6 +10,7 @@ import os
 from collections import defaultdict
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
+from operator import itemgetter
 from pathlib import Path
 from typing import (
     Any,
@@ -103,23 +104,22 @@ def read(
         ends=_decisions(rows["ends"], seconds),
         sent=[SentGoal(row.time, *row.fields) for row in rows["sent"]],
         goals=_goals(rows["status"], rows["results"]),
-        contacts=np.array([row.time for row in rows["contacts"] if row.fields[0]]),
-        recoveries=np.array([row.time for row in rows["recoveries"]]),
+        contacts=_contacts(rows["contacts"]),
+        recoveries=_times(rows["recoveries"]),
     )
-    # Topics of plans are MOVE_BASE/PLANNER/global_plan. If several planners are recorded, the
-    # robot followed the plans of its own.
-    by_planner: DefaultDict[str, List[Row]] = defaultdict(list)
-    for row in rows["plans"]:
-        by_planner[row.topic.split("/")[-2]].append(row)
+    # If several planners are recorded, the robot followed the plans of its own.
+    by_planner = _by_planner(rows["plans"])
     drive.planners = sorted(by_planner)
     rows["plans"] = by_planner[robot.local_planner]
     if rows["plans"]:
         drive.plans = _plans(rows["plans"])
 
-    # Rows of these channels begin with stamp and frame.
     for column in ("odometry", "scans", "plans", "routes"):
-        frames = [row.fields[1] for row in rows[column]]
-        drive.frames[column] = list(dict.fromkeys(frames))
+        if rows[column]:
+            _, frames, *_ = _columns(rows[column])  # after the stamps
+            drive.frames[column] = list(dict.fromkeys(frames))
+        else:
+            drive.frames[column] = []
     if rows["odometry"]:
         drive.frame = drive.frames["odometry"][0]
     if rows["scans"]:
@@ -131,9 +131,13 @@ def read(
 
 def topics_in(path: os.PathLike[str] | str) -> Dict[str, str]:
     """Return {topic: type} of the messages in a bag."""
+    types = {}
     with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        recorded = [connection for connection in reader.connections if connection.msgcount]
-        return {connection.topic: connection.msgtype for connection in recorded}
+        for connection in reader.connections:
+            # ROS 2's recorder also lists topics without messages.
+            if connection.msgcount:
+                types[connection.topic] = connection.msgtype
+    return types
 
 
 def _rows(
@@ -185,20 +189,52 @@ def _times(rows: Sequence[Row]) -> np.ndarray:
     return np.array([row.time for row in rows], np.float64)
 
 
+def _columns(rows: Sequence[Row]) -> List[Tuple[Any, ...]]:
+    """Return each field of some messages, at least one, as its channel's `unpack` orders them."""
+    return list(zip(*(row.fields for row in rows)))
+
+
+def _by_planner(rows: Sequence[Row]) -> DefaultDict[str, List[Row]]:
+    """Return plans by the name of their planner. Their topics are MOVE_BASE/PLANNER/NAME."""
+    by_planner: DefaultDict[str, List[Row]] = defaultdict(list)
+    for row in rows:
+        planner = row.topic.split("/")[-2]
+        by_planner[planner].append(row)
+    return by_planner
+
+
+def _contacts(rows: Sequence[Row]) -> np.ndarray:
+    """Return the times (n,) [s] of messages that tell of a contact."""
+    times = []
+    for row in rows:
+        (touches,) = row.fields
+        if touches:
+            times.append(row.time)
+    return np.array(times)
+
+
 def _motion(rows: Sequence[Row], seconds: Any) -> Optional[Motion]:
     if not rows:
         return None
-    stamps, _, poses, twists = zip(*(row.fields for row in rows))
-    stamp = np.array([seconds(stamp) for stamp in stamps])
-    return Motion(_times(rows), stamp, np.array(poses, np.float64), np.array(twists, np.float64))
+    stamps, _, poses, twists = _columns(rows)
+    return Motion(
+        time=_times(rows),
+        stamp=np.array(list(map(seconds, stamps))),
+        pose=np.array(poses, np.float64),
+        twist=np.array(twists, np.float64),
+    )
 
 
 def _scans(rows: Sequence[Row], seconds: Any) -> Optional[Scans]:
     if not rows:
         return None
-    stamps, _, fans, ranges = zip(*(row.fields for row in rows))
-    stamp = np.array([seconds(stamp) for stamp in stamps])
-    return Scans(_times(rows), stamp, np.array(fans, np.float64), list(ranges))
+    stamps, _, fans, ranges = _columns(rows)
+    return Scans(
+        time=_times(rows),
+        stamp=np.array(list(map(seconds, stamps))),
+        fan=np.array(fans, np.float64),
+        ranges=list(ranges),
+    )
 
 
 def _clearances(scans: Any, robot: Robot) -> Clearances:
@@ -219,11 +255,13 @@ def _clearances(scans: Any, robot: Robot) -> Clearances:
 def _commands(rows: Sequence[Row]) -> Optional[Commands]:
     if not rows:
         return None
-    return Commands(_times(rows), np.array([row.fields[0] for row in rows], np.float64))
+    (twists,) = _columns(rows)
+    return Commands(_times(rows), np.array(twists, np.float64))
 
 
 def _plans(rows: Sequence[Row]) -> Plans:
-    return Plans(_times(rows), [row.fields[2] for row in rows])
+    _, _, paths = _columns(rows)
+    return Plans(_times(rows), list(paths))
 
 
 def _routes(rows: Sequence[Row]) -> Optional[Plans]:
@@ -232,27 +270,33 @@ def _routes(rows: Sequence[Row]) -> Optional[Plans]:
     Navfn publishes each plan twice, first without the goal's pose (navfn_ros.cpp, makePlan). Both
     have one stamp; the second is the one that the local planner gets.
     """
-    whole = []
-    for row, next_row in zip(rows, [*rows[1:], None]):
-        if next_row is None or next_row.fields[0] != row.fields[0]:
-            whole.append(row)
-    return _plans(whole) if whole else None
+    if not rows:
+        return None
+    stamps, _, _ = _columns(rows)
+    complete = []
+    for index, row in enumerate(rows):
+        is_last_of_stamp = index + 1 == len(rows) or stamps[index + 1] != stamps[index]
+        if is_last_of_stamp:
+            complete.append(row)
+    return _plans(complete)
 
 
 def _transforms(rows: Mapping[str, Sequence[Row]], seconds: Any) -> Optional[Transforms]:
     """Return the places of frames in tf's messages. Rotations of no length are left out."""
-    columns: List[Tuple[Any, ...]] = []
+    links: List[Tuple[Any, ...]] = []
     for channel in ("transforms", "static_transforms"):
         is_static = channel == "static_transforms"
         for row in rows[channel]:
-            for stamp, parent, child, place in row.fields[0]:
-                length = float(np.linalg.norm(place[3:]))
-                if np.isfinite(place).all() and length > 0.0:
-                    columns.append((row.time, seconds(stamp), parent, child, place, is_static))
-    if not columns:
+            (placed,) = row.fields
+            for stamp, parent, child, place in placed:
+                quaternion = place[3:]
+                if np.isfinite(place).all() and np.linalg.norm(quaternion) > 0.0:
+                    links.append((row.time, seconds(stamp), parent, child, place, is_static))
+    if not links:
         return None
-    columns.sort(key=lambda column: column[0])
-    times, stamps, parents, children, places, statics = zip(*columns)
+    # Both channels, in order of recording
+    links.sort(key=itemgetter(0))
+    times, stamps, parents, children, places, statics = zip(*links)
     return Transforms(
         time=np.array(times, np.float64),
         stamp=np.array(stamps, np.float64),
@@ -266,16 +310,26 @@ def _transforms(rows: Mapping[str, Sequence[Row]], seconds: Any) -> Optional[Tra
 def _changes(rows: Sequence[Row], topics: TopicNames) -> Optional[Changes]:
     if not rows:
         return None
-    before, after = topic_of("changes", topics).split("*")
-    servers = [row.topic[len(before) : -len(after)] for row in rows]
-    return Changes(_times(rows), servers, [row.fields[0] for row in rows])
+    # A topic is MOVE_BASE/SERVER/parameter_updates, and a server's name may hold slashes.
+    prefix, suffix = topic_of("changes", topics).split("*")
+    servers = [row.topic[len(prefix) : -len(suffix)] for row in rows]
+    (values,) = _columns(rows)
+    return Changes(_times(rows), servers, list(values))
 
 
 def _decisions(rows: Sequence[Row], seconds: Any) -> List[Decision]:
     decisions = []
     for row in rows:
         goal, stamp, scan_stamp, before, after, seen = row.fields
-        decisions.append(Decision(goal, seconds(stamp), seconds(scan_stamp), before, after, seen))
+        decision = Decision(
+            goal=goal,
+            time=seconds(stamp),
+            scan_time=seconds(scan_stamp),
+            before=before,
+            after=after,
+            seen=seen,
+        )
+        decisions.append(decision)
     return decisions
 
 
@@ -323,11 +377,11 @@ def bags_in(paths: Sequence[os.PathLike[str] | str]) -> List[Path]:
     Raises:
         BagError: A path does not exist, or there is no bag.
     """
-    kinds = "give .bag, .mcap or .db3 files or ROS 2 bag folders"
+    remedy = "give .bag, .mcap or .db3 files or ROS 2 bag folders"
     bags: List[Path] = []
     for path in map(Path, paths):
         if not path.exists():
-            raise BagError(f"{path}: there is no such file or folder: {kinds}")
+            raise BagError(f"{path}: there is no such file or folder: {remedy}")
         if path.is_file() or (path / METADATA).exists():
             bags.append(path)
         else:
@@ -335,5 +389,5 @@ def bags_in(paths: Sequence[os.PathLike[str] | str]) -> List[Path]:
                 if inside.suffix == ".bag" or (inside / METADATA).exists():
                     bags.append(inside)
     if not bags:
-        raise BagError(f"{', '.join(map(str, paths))}: no bags there: {kinds}")
+        raise BagError(f"{', '.join(map(str, paths))}: no bags there: {remedy}")
     return bags

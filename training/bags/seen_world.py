@@ -68,7 +68,8 @@ def seen_grid(drive: Drive, robot: Robot) -> Grid:
     rays = _rays(drive.scans, drive.odometry, laser_pose)
     ends = rays.origins + rays.lengths[:, None] * rays.directions
     hits = ends[rays.hits]
-    raster = _raster_around(np.vstack([hits, drive.odometry.pose[:, :2]]))
+    driven_path = drive.odometry.pose[:, :2]
+    raster = _raster_around(np.vstack([hits, driven_path]))
 
     # A cell is occupied if enough of the beams that reach it end there: single beams end in free
     # space at edges, and an obstacle that moved on is seen through later.
@@ -95,9 +96,9 @@ def write_map(grid: Grid, path: str) -> None:
     from PIL import Image  # slow, and needed only here
 
     image = Path(path).with_suffix(".pgm")
-    # An image begins at the top, a map at the bottom.
-    pixels = np.where(grid.cells[::-1] == OCCUPIED, 0, 254).astype(np.uint8)
-
+    # An image begins at the top, a map at the bottom. map_saver writes black and near white.
+    is_occupied = grid.cells[::-1] == OCCUPIED
+    pixels = np.where(is_occupied, 0, 254).astype(np.uint8)
     encoded = io.BytesIO()
     Image.fromarray(pixels).save(encoded, "PPM")
     write_bytes(str(image), encoded.getvalue())
@@ -118,12 +119,9 @@ def _rays(scans: Scans, odometry: Motion, laser_pose: Pose) -> Rays:
     parts = []
     for row in np.unique(chosen):
         parts.append(_rays_of(scans, int(row), odometry, laser_pose))
-    return Rays(
-        origins=np.concatenate([rays.origins for rays in parts]),
-        directions=np.concatenate([rays.directions for rays in parts]),
-        lengths=np.concatenate([rays.lengths for rays in parts]),
-        hits=np.concatenate([rays.hits for rays in parts]),
-    )
+    # The beams of all scans, one after the other
+    origins, directions, lengths, hits = map(np.concatenate, zip(*parts))
+    return Rays(origins, directions, lengths, hits)
 
 
 def _rays_of(scans: Scans, row: int, odometry: Motion, laser_pose: Pose) -> Rays:
@@ -182,12 +180,13 @@ def _passed(rays: Rays, raster: Raster) -> np.ndarray:
 def _counts(points: np.ndarray, raster: Raster) -> np.ndarray:
     """Return the number of points (n, 2) [m] in each cell (ny, nx)."""
     rows_count, columns_count = raster.shape
-    columns, rows = np.floor((points - raster.corner) / RESOLUTION_M).astype(int).T
+    cells = np.floor((points - raster.corner) / RESOLUTION_M).astype(int)
+    columns, rows = cells.T
     is_inside = (columns >= 0) & (columns < columns_count)
     is_inside &= (rows >= 0) & (rows < rows_count)
     # One number for each cell, row after row
-    cells = rows[is_inside] * columns_count + columns[is_inside]
-    counts = np.bincount(cells, minlength=rows_count * columns_count)
+    numbers = rows[is_inside] * columns_count + columns[is_inside]
+    counts = np.bincount(numbers, minlength=rows_count * columns_count)
     return counts.reshape(raster.shape)
 
 

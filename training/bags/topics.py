@@ -78,7 +78,10 @@ class BagOptions(Options):
 
     def topics(self) -> TopicNames:
         """Return the robot's topics, replaced by those that are given as options."""
-        given = {name: value for name, value in self if value and hasattr(TopicNames, name)}
+        given = {}
+        for name, value in self:
+            if value and hasattr(TopicNames, name):
+                given[name] = value
         return replace(TopicNames.of(self.robot), **given)
 
 
@@ -87,14 +90,14 @@ class Maker:
 
     def __init__(self) -> None:
         self.store = get_typestore(Stores.ROS1_NOETIC)
-        for kind, definition in DEFINITIONS.items():
-            self.store.register(get_types_from_msg(definition, kind))
+        for message_type, definition in DEFINITIONS.items():
+            self.store.register(get_types_from_msg(definition, message_type))
 
-    def make(self, kind: str, *fields: Any) -> Any:
+    def make(self, message_type: str, *fields: Any) -> Any:
         """Return a message of a type with its fields in order."""
-        if kind.startswith("applr_ros1/") and kind not in self.store.types:
+        if message_type.startswith("applr_ros1/") and message_type not in self.store.types:
             self._register_own()
-        return self.store.types[kind](*fields)
+        return self.store.types[message_type](*fields)
 
     def _register_own(self) -> None:
         for name in ("Parameters", "Movers", "Decision"):
@@ -120,8 +123,8 @@ class Maker:
         """Return a geometry_msgs/Pose of (x, y, yaw) [m, m, rad]."""
         x, y, yaw = map(float, pose)
         position = self.make("geometry_msgs/msg/Point", x, y, 0.0)
-        turn = self.make("geometry_msgs/msg/Quaternion", *quaternion_of(yaw))
-        return self.make("geometry_msgs/msg/Pose", position, turn)
+        orientation = self.make("geometry_msgs/msg/Quaternion", *quaternion_of(yaw))
+        return self.make("geometry_msgs/msg/Pose", position, orientation)
 
     def stamped_pose(self, seconds: float, frame: str, pose: Pose) -> Any:
         """Return a geometry_msgs/PoseStamped."""
@@ -150,14 +153,14 @@ class Channel(NamedTuple):
     unpack: Callable[[Any], Tuple[Any, ...]]
     pack: Callable[..., Any]
 
-    def accepts(self, kind: str) -> bool:
+    def accepts(self, message_type: str) -> bool:
         """Return whether `unpack` takes messages of a type.
 
         Twists come with and without a stamp, and tf's messages had a package of their own in older
         versions of ROS 1 (tf/tfMessage).
         """
         name = self.type.rpartition("/")[2].lower()
-        return kind.rpartition("/")[2].lower() in (name, f"{name}stamped")
+        return message_type.rpartition("/")[2].lower() in (name, f"{name}stamped")
 
 
 def nanoseconds(seconds: float) -> int:
@@ -181,15 +184,18 @@ def pose_of(message: Any) -> Pose:
 
 
 # -- sensors and commands --------------------------------------------------------------------------
-def _unpack_scan(m: Any) -> Tuple[Any, ...]:
+def _unpack_scan(message: Any) -> Tuple[Any, ...]:
     """Return stamp [ns], frame, fan and ranges of a sensor_msgs/LaserScan."""
-    fan = m.angle_min, m.angle_increment, m.range_min, m.range_max
-    return nanoseconds_of(m.header.stamp), frame_of(m), fan, np.array(m.ranges, np.float32)
+    stamp = nanoseconds_of(message.header.stamp)
+    fan = message.angle_min, message.angle_increment, message.range_min, message.range_max
+    return stamp, frame_of(message), fan, np.array(message.ranges, np.float32)
 
 
 def _pack_scan(maker: Maker, time: float, frame: str, fan: Any, ranges: Any) -> Any:
     angle_min, increment, range_min, range_max = map(float, fan)
     angle_max = angle_min + increment * (len(ranges) - 1)
+    time_increment = 0.0
+    scan_time = 0.0
     intensities = np.empty(0, np.float32)
     return maker.make(
         "sensor_msgs/msg/LaserScan",
@@ -197,8 +203,8 @@ def _pack_scan(maker: Maker, time: float, frame: str, fan: Any, ranges: Any) -> 
         angle_min,
         angle_max,
         increment,
-        0.0,
-        0.0,
+        time_increment,
+        scan_time,
         range_min,
         range_max,
         np.ascontiguousarray(ranges, np.float32),
@@ -206,17 +212,19 @@ def _pack_scan(maker: Maker, time: float, frame: str, fan: Any, ranges: Any) -> 
     )
 
 
-def _unpack_odometry(m: Any) -> Tuple[Any, ...]:
+def _unpack_odometry(message: Any) -> Tuple[Any, ...]:
     """Return stamp [ns], frame, pose (x, y, yaw) and twist (v, w) of a nav_msgs/Odometry."""
-    twist = m.twist.twist
-    pose = pose_of(m.pose.pose)
-    return nanoseconds_of(m.header.stamp), frame_of(m), pose, (twist.linear.x, twist.angular.z)
+    stamp = nanoseconds_of(message.header.stamp)
+    pose = pose_of(message.pose.pose)
+    velocity = message.twist.twist
+    twist = velocity.linear.x, velocity.angular.z
+    return stamp, frame_of(message), pose, twist
 
 
 def _pack_odometry(
     maker: Maker, time: float, frame: str, base_frame: str, pose: Pose, twist: Twist
 ) -> Any:
-    unknown = np.zeros(36)
+    unknown = np.zeros(36)  # a covariance (6, 6), row by row
     return maker.make(
         "nav_msgs/msg/Odometry",
         maker.header(time, frame),
@@ -226,33 +234,35 @@ def _pack_odometry(
     )
 
 
-def _unpack_transforms(m: Any) -> Tuple[Any, ...]:
+def _unpack_transforms(message: Any) -> Tuple[Any, ...]:
     """Return a list of (stamp [ns], parent, child, place) of a tf2_msgs/TFMessage."""
-    placed = []
-    for link in m.transforms:
+    places = []
+    for link in message.transforms:
         position = link.transform.translation
-        turn = link.transform.rotation
-        place = position.x, position.y, position.z, turn.x, turn.y, turn.z, turn.w
+        rotation = link.transform.rotation
+        quaternion = rotation.x, rotation.y, rotation.z, rotation.w
+        place = (position.x, position.y, position.z, *quaternion)
         stamp = nanoseconds_of(link.header.stamp)
-        placed.append((stamp, frame_of(link), str(link.child_frame_id.lstrip("/")), place))
-    return (placed,)
+        child = str(link.child_frame_id.lstrip("/"))
+        places.append((stamp, frame_of(link), child, place))
+    return (places,)
 
 
 def _pack_transform(maker: Maker, time: float, parent: str, child: str, place: Any) -> Any:
     """Return a tf2_msgs/TFMessage with the place (7,) of one frame."""
     numbers = [float(number) for number in place]
-    position = maker.make("geometry_msgs/msg/Vector3", *numbers[:3])
-    turn = maker.make("geometry_msgs/msg/Quaternion", *numbers[3:])
-    moved = maker.make("geometry_msgs/msg/Transform", position, turn)
-    kind = "geometry_msgs/msg/TransformStamped"
-    link = maker.make(kind, maker.header(time, parent), child, moved)
+    translation = maker.make("geometry_msgs/msg/Vector3", *numbers[:3])
+    rotation = maker.make("geometry_msgs/msg/Quaternion", *numbers[3:])
+    transform = maker.make("geometry_msgs/msg/Transform", translation, rotation)
+    header = maker.header(time, parent)
+    link = maker.make("geometry_msgs/msg/TransformStamped", header, child, transform)
     return maker.make("tf2_msgs/msg/TFMessage", [link])
 
 
-def _unpack_command(m: Any) -> Tuple[Any, ...]:
+def _unpack_command(message: Any) -> Tuple[Any, ...]:
     """Return (v, w) of a geometry_msgs/Twist or TwistStamped."""
-    m = getattr(m, "twist", m)
-    return ((m.linear.x, m.angular.z),)
+    twist = getattr(message, "twist", message)
+    return ((twist.linear.x, twist.angular.z),)
 
 
 def _pack_command(maker: Maker, time: float, command: Twist) -> Any:
@@ -260,10 +270,12 @@ def _pack_command(maker: Maker, time: float, command: Twist) -> Any:
 
 
 # -- planner ---------------------------------------------------------------------------------------
-def _unpack_plan(m: Any) -> Tuple[Any, ...]:
+def _unpack_plan(message: Any) -> Tuple[Any, ...]:
     """Return stamp [ns], frame and poses (n, 3) of a nav_msgs/Path."""
-    poses = [pose_of(stamped.pose) for stamped in m.poses]
-    return nanoseconds_of(m.header.stamp), frame_of(m), np.array(poses).reshape(-1, 3)
+    poses = [pose_of(stamped.pose) for stamped in message.poses]
+    # A path without poses also has three columns.
+    path = np.array(poses).reshape(-1, 3)
+    return nanoseconds_of(message.header.stamp), frame_of(message), path
 
 
 def _pack_plan(maker: Maker, time: float, frame: str, path: Any) -> Any:
@@ -271,28 +283,33 @@ def _pack_plan(maker: Maker, time: float, frame: str, path: Any) -> Any:
     return maker.make("nav_msgs/msg/Path", maker.header(time, frame), poses)
 
 
-def _unpack_change(m: Any) -> Tuple[Any, ...]:
+def _unpack_change(message: Any) -> Tuple[Any, ...]:
     """Return {name: value} of a dynamic_reconfigure/Config."""
-    return ({field.name: field.value for field in (*m.bools, *m.ints, *m.strs, *m.doubles)},)
+    values = {}
+    for field in (*message.bools, *message.ints, *message.strs, *message.doubles):
+        values[field.name] = field.value
+    return (values,)
 
 
 def _pack_change(maker: Maker, time: float, values: Dict[str, Any]) -> Any:
     """Return a dynamic_reconfigure/Config, with numbers as doubles."""
-    kind = "dynamic_reconfigure/msg/"
+    package = "dynamic_reconfigure/msg"
     flags = []
     texts = []
     numbers = []
     for name, value in values.items():
+        # A bool is a number to Python, so that it is asked first.
         if isinstance(value, bool):
-            flags.append(maker.make(kind + "BoolParameter", name, value))
+            flags.append(maker.make(f"{package}/BoolParameter", name, value))
         elif isinstance(value, str):
-            texts.append(maker.make(kind + "StrParameter", name, value))
+            texts.append(maker.make(f"{package}/StrParameter", name, value))
         else:
-            numbers.append(maker.make(kind + "DoubleParameter", name, float(value)))
-    return maker.make(kind + "Config", flags, [], texts, numbers, [])
+            numbers.append(maker.make(f"{package}/DoubleParameter", name, float(value)))
+    # Whole numbers and groups of parameters are left empty.
+    return maker.make(f"{package}/Config", flags, [], texts, numbers, [])
 
 
-def _unpack_nothing(m: Any) -> Tuple[Any, ...]:
+def _unpack_nothing(message: Any) -> Tuple[Any, ...]:
     return ()
 
 
@@ -301,21 +318,24 @@ def _pack_recovery(maker: Maker, time: float, frame: str) -> Any:
     return maker.make("move_base_msgs/msg/RecoveryStatus", pose, 0, 0, "")
 
 
-def _unpack_status(m: Any) -> Tuple[Any, ...]:
+def _unpack_status(message: Any) -> Tuple[Any, ...]:
     """Return the id of the running goal of an actionlib_msgs/GoalStatusArray, or ""."""
-    running = [status.goal_id.id for status in m.status_list if status.status in RUNNING]
-    # A goal that replaces another one comes after it.
-    return (running[-1] if running else "",)
+    running = ""
+    for status in message.status_list:
+        # A goal that replaces another one comes after it.
+        if status.status in RUNNING:
+            running = status.goal_id.id
+    return (running,)
 
 
 def _pack_status(maker: Maker, time: float, goal: str, code: int = ACTIVE) -> Any:
-    listed = [maker.goal_status(goal, code)] if goal else []
-    return maker.make("actionlib_msgs/msg/GoalStatusArray", maker.header(time, ""), listed)
+    statuses = [maker.goal_status(goal, code)] if goal else []
+    return maker.make("actionlib_msgs/msg/GoalStatusArray", maker.header(time, ""), statuses)
 
 
-def _unpack_result(m: Any) -> Tuple[Any, ...]:
+def _unpack_result(message: Any) -> Tuple[Any, ...]:
     """Return goal and how it ended of a MoveBaseActionResult."""
-    return m.status.goal_id.id, END_OF_CODE.get(int(m.status.status), CANCELLED)
+    return message.status.goal_id.id, END_OF_CODE.get(int(message.status.status), CANCELLED)
 
 
 def _pack_result(maker: Maker, time: float, goal: str, code: int) -> Any:
@@ -327,9 +347,9 @@ def _pack_result(maker: Maker, time: float, goal: str, code: int) -> Any:
     )
 
 
-def _unpack_goal(m: Any) -> Tuple[Any, ...]:
+def _unpack_goal(message: Any) -> Tuple[Any, ...]:
     """Return pose and frame of a geometry_msgs/PoseStamped."""
-    return pose_of(m.pose), frame_of(m)
+    return pose_of(message.pose), frame_of(message)
 
 
 def _pack_goal(maker: Maker, time: float, pose: Pose, frame: str) -> Any:
@@ -337,28 +357,31 @@ def _pack_goal(maker: Maker, time: float, pose: Pose, frame: str) -> Any:
 
 
 # -- decisions and contacts ------------------------------------------------------------------------
-def _unpack_decision(m: Any) -> Tuple[Any, ...]:
+def _unpack_decision(message: Any) -> Tuple[Any, ...]:
     """Return the fields of a Decision: goal, stamps [ns], parameters, inputs.
 
     The stamps are those of the decision and of its scan. The parameters are those before and after.
     """
-    before = dict(zip(m.before.names, m.before.values.tolist()))
-    after = dict(zip(m.after.names, m.after.values.tolist()))
+    before = dict(zip(message.before.names, message.before.values.tolist()))
+    after = dict(zip(message.after.names, message.after.values.tolist()))
     # Decisions of older versions had a finished observation instead of its inputs.
-    seen = _unpack_seen(m) if hasattr(m, "ranges") else None
-    return m.goal, nanoseconds_of(m.header.stamp), nanoseconds_of(m.scan), before, after, seen
+    seen = _unpack_seen(message) if hasattr(message, "ranges") else None
+    stamp = nanoseconds_of(message.header.stamp)
+    scan_stamp = nanoseconds_of(message.scan)
+    return message.goal, stamp, scan_stamp, before, after, seen
 
 
-def _unpack_seen(m: Any) -> Seen:
+def _unpack_seen(message: Any) -> Seen:
     """Return the inputs of a decision."""
-    movers = np.column_stack([m.movers.x, m.movers.y, m.movers.vx, m.movers.vy])
+    tracked = message.movers
+    movers = np.column_stack([tracked.x, tracked.y, tracked.vx, tracked.vy])
     return Seen(
-        scan=(m.ranges.astype(np.float32), m.angle_min, m.angle_increment),
-        time=m.elapsed,
-        pose=(m.x, m.y, m.yaw),
-        twist=(m.v, m.w),
-        goal=(m.goal_x, m.goal_y, m.goal_yaw),
-        plan=np.column_stack([m.plan_x, m.plan_y]),
+        scan=(message.ranges.astype(np.float32), message.angle_min, message.angle_increment),
+        time=message.elapsed,
+        pose=(message.x, message.y, message.yaw),
+        twist=(message.v, message.w),
+        goal=(message.goal_x, message.goal_y, message.goal_yaw),
+        plan=np.column_stack([message.plan_x, message.plan_y]),
         movers=movers.astype(np.float64),
     )
 
@@ -372,17 +395,21 @@ def _pack_decision(
     assert seen is not None
     # A policy looks along the plan for a distance in its robot's size.
     plan_x, plan_y = beginning(seen.plan, seen.pose, FARTHEST_M * scale).T.copy()
-    movers = maker.make(
-        "applr_ros1/msg/Movers", header, *seen.movers.T.copy(), np.zeros(len(seen.movers))
-    )
+    x, y, vx, vy = seen.movers.T.copy()
+    radii = np.zeros(len(seen.movers))
+    movers = maker.make("applr_ros1/msg/Movers", header, x, y, vx, vy, radii)
     ranges, first_angle, increment = seen.scan
+    stamp = maker.time(time)
+    refused = ""  # reason why the node would not apply the decision
     return maker.make(
         "applr_ros1/msg/Decision",
         header,
         number,
         decision.goal,
         float(seen.time),
-        *[maker.time(time)] * 3,  # stamps of scan, odometry and plan
+        stamp,  # of the scan
+        stamp,  # of the odometry
+        stamp,  # of the plan
         *map(float, (*seen.pose, *seen.twist, *seen.goal)),
         float(first_angle),
         float(increment),
@@ -392,7 +419,7 @@ def _pack_decision(
         movers,
         _pack_parameters(maker, header, decision.before),
         _pack_parameters(maker, header, decision.after),
-        "",
+        refused,
     )
 
 
@@ -405,16 +432,16 @@ def _pack_parameters(maker: Maker, header: Any, values: Dict[str, float]) -> Any
     )
 
 
-def _unpack_contact(m: Any) -> Tuple[Any, ...]:
-    return (bool(m.data),)
+def _unpack_contact(message: Any) -> Tuple[Any, ...]:
+    return (bool(message.data),)
 
 
 def _pack_contact(maker: Maker, time: float, touches: bool) -> Any:
     return maker.make("std_msgs/msg/Bool", touches)
 
 
-def _unpack_source(m: Any) -> Tuple[Any, ...]:
-    return (json.loads(m.data),)
+def _unpack_source(message: Any) -> Tuple[Any, ...]:
+    return (json.loads(message.data),)
 
 
 def _pack_source(maker: Maker, time: float, source: Dict[str, Any]) -> Any:

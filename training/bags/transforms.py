@@ -37,6 +37,7 @@ class Placement(NamedTuple):
     def planar(self) -> np.ndarray:
         """Poses (n, 3) x, y [m], yaw [rad], the yaw as in common.angles.yaw_of."""
         x, y, z, w = self.rotation.as_quat().T
+        # Sine and cosine of the yaw, both multiplied by the cosine of the pitch
         sine = 2.0 * (x * y + w * z)
         cosine = w * w + x * x - y * y - z * z
         yaw = np.arctan2(sine, cosine)
@@ -67,7 +68,8 @@ class Link:
         # If a frame is placed in two others, tf takes the latest.
         self.parent = transforms.parent[rows[-1]]
         rows = [row for row in rows if transforms.parent[row] == self.parent]
-        order = np.array(rows)[np.argsort(transforms.stamp[rows], kind="stable")]
+        by_stamp = np.argsort(transforms.stamp[rows], kind="stable")
+        order = np.array(rows)[by_stamp]
         self.is_static = transforms.is_static[order[-1]]
         self.time = transforms.time[order]
         self.stamp = transforms.stamp[order]
@@ -156,7 +158,9 @@ class Tree:
     def _below(self, outer: str, inner: str, stamps: np.ndarray) -> Placement:
         """Return the places of a frame in one of those above it."""
         count = len(stamps)
-        place = Placement(np.zeros((count, 3)), rotations(np.tile(NO_TURN, (count, 1))))
+        # From the inner frame itself upwards, one link after the other
+        no_rotations = rotations(np.tile(NO_TURN, (count, 1)))
+        place = Placement(np.zeros((count, 3)), no_rotations)
         frame = inner
         while frame != outer:
             link = self._links[frame]

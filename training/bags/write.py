@@ -82,14 +82,14 @@ class BagWriter:
 
         `part` names its planner or server.
         """
-        kind = CHANNELS[channel].type
+        message_type = CHANNELS[channel].type
         message = CHANNELS[channel].pack(self._maker, time, *fields)
         topic = topic_of(channel, self.topics, part)
         if topic not in self._connections:
             self._connections[topic] = self._writer.add_connection(
-                topic, kind, typestore=self._maker.store
+                topic, message_type, typestore=self._maker.store
             )
-        raw = self._maker.store.serialize_ros1(message, kind)
+        raw = self._maker.store.serialize_ros1(message, message_type)
         self._writer.write(self._connections[topic], nanoseconds(time), raw)
 
 
