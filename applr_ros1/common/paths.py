@@ -1,4 +1,4 @@
-"""Lengths along paths, which are lines through points (n, 2) x, y [m]."""
+"""Distances of points, and lengths along paths, which are lines through points (n, 2) x, y [m]."""
 
 from __future__ import annotations
 
@@ -7,11 +7,16 @@ import numpy as np
 from applr_ros1.common.arrays import Array
 
 
+def distances(points: np.ndarray, others: np.ndarray) -> Array:
+    """Return the distances [m] of points (..., 2) from other points, whose shapes broadcast."""
+    offsets = points - others
+    lengths: Array = np.hypot(offsets[..., 0], offsets[..., 1])
+    return lengths
+
+
 def step_lengths(points: np.ndarray) -> Array:
     """Return the distances (n - 1,) [m] from each of the points (n, 2) to the next one."""
-    steps = np.diff(points, axis=0)
-    lengths: Array = np.hypot(steps[:, 0], steps[:, 1])
-    return lengths
+    return distances(points[1:], points[:-1])
 
 
 def travelled(points: Array) -> Array:

@@ -25,7 +25,7 @@ from training.env.episode import TIME_LIMIT
 from training.env.settings import CHALLENGE, TrialSettings
 from training.evaluate.drive import drive
 from training.evaluate.loaded import loadable_space
-from training.evaluate.runner import run
+from training.evaluate.runner import TrialWorld, run
 from training.evaluate.score import AIMS, Baseline
 from training.evaluate.table import Trials
 from training.evaluate.trial import Result, Trial
@@ -42,7 +42,6 @@ from training.tune.search import (
     search,
 )
 from training.workers.pool import Pool
-from worlds import World
 
 # Ends of the stages as shares of the time. The verdicts take the rest. The kinematic simulator
 # takes less time for a drive, so that the search begins in it.
@@ -50,7 +49,8 @@ COARSE_SHARE = 0.25  # search in the kinematic simulator
 SEARCH_SHARE = 0.62  # search in pybullet
 RACE_SHARE = 0.74  # race of the best parameter sets
 PRUNE_SHARE = 0.86  # pruning
-SEARCH: Dict[str, Any] = {  # arguments of search()
+# Arguments of search(), which explains them.
+SEARCH: Dict[str, Any] = {
     "sigma": 0.3,
     "population": 12,
     "worlds_per_set": 20,
@@ -76,9 +76,9 @@ DRAWN: Dict[str, Any] = {  # randomisation of the drives, except of the ground
 show = partial(print, flush=True)
 
 
-def drives_of(robot: Robot, worlds: Sequence[Tuple[str, str, World]]) -> TrialSettings:
+def drives_of(robot: Robot, worlds: Sequence[TrialWorld]) -> TrialSettings:
     """Return the trial settings of a search in these worlds; best_set() adds the simulator."""
-    longest_m = max(world.course.route_m for _, _, world in worlds)
+    longest_m = max(listed.world.course.route_m for listed in worlds)
     optimal_s = longest_m / robot.base.max_speed
     rules: Dict[str, Any] = {"protocol": CHALLENGE, "planner": CPP_LIKE}
     return TrialSettings(
@@ -136,7 +136,7 @@ class Driver:
 def best_set(
     options: TuneOptions,
     settings: TrialSettings,
-    worlds: Sequence[Tuple[str, str, World]],
+    worlds: Sequence[TrialWorld],
     first: np.ndarray,
     table: Trials,
     clock: Clock,
@@ -146,7 +146,7 @@ def best_set(
     Args:
         options: Options of the command.
         settings: Trial settings from drives_of().
-        worlds: [(name, specification, world), ...].
+        worlds: Worlds of the search, from world_list().
         first: Parameter sets (k, n) with which the search begins, from warm_starts().
         table: Table that keeps the trials.
         clock: Clock that ends each stage.
@@ -158,7 +158,7 @@ def best_set(
     seed = options.seed
     whole = loadable_space(robot)
     space = whole.chosen
-    names = [world[:2] for world in worlds]
+    names = [(listed.name, listed.specification) for listed in worlds]
     blocks = blocks_of(len(worlds), seed)
     simulators: List[str] = []  # simulator of each generation
     means: List[Array] = []  # mean of the distribution after each generation
@@ -180,7 +180,8 @@ def best_set(
                 share_spent = clock.spent()
 
         # Costs of pace, jerk and turning are relative to the drives with the default parameters.
-        (results,) = coarse(space.theta0[None], sum(blocks[:2], []), seed)
+        first_worlds = sum(blocks[:2], [])
+        (results,) = coarse(space.theta0[None], first_worlds, seed)
         baseline = Baseline.of(results, robot)
         cost = partial(AIMS[options.for_].cost, robot=robot, baseline=baseline)
 
@@ -194,12 +195,13 @@ def best_set(
 
         # Defaults, starting sets and the means of the last generations race in the fine simulator.
         finalists = [space.theta0, *map(space.clip, starts), *means[-FINALISTS:]]
-        distinct = dict.fromkeys(map(tuple, finalists))
+        distinct = np.array(list(dict.fromkeys(map(tuple, finalists))))
         race_blocks = clock.until(RACE_SHARE, blocks)
-        best, *_ = race(partial(fine, seed=seed), np.array(list(distinct)), race_blocks, cost)
+        best, *_ = race(partial(fine, seed=seed), distinct, race_blocks, cost)
         report(f"best of the last race: {best}")
         if not any(result.success for result in best.results):
-            demo = f"./applr demo robot:={robot.folder} method:=dwa world:={names[0][1]}"
+            specification = worlds[0].specification
+            demo = f"./applr demo robot:={robot.folder} method:=dwa world:={specification}"
             raise ApplrError(
                 f"no set arrives on any course, so there is nothing to compare: {demo} shows why"
             )
@@ -225,9 +227,8 @@ def best_set(
 def warm_starts(robot: Robot) -> np.ndarray:
     """Return initial parameter sets (k, n).
 
-    They are the defaults, the robot's static.json, and the sets of included robots.
-
-    Each parameter set is also tried half-way to the robot's defaults.
+    They are the defaults, the robot's static.json, and the sets of included robots. Each set is
+    also tried half-way to the robot's defaults.
     """
     space = space_of(robot)
     defaults = space.to_action(space.theta0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Dict, Mapping, NamedTuple, Sequence, Tuple
+from typing import TYPE_CHECKING, Any, Dict, Mapping, NamedTuple, Sequence
 
 import numpy as np
 import yaml
@@ -19,18 +19,17 @@ from training.common.command_line import robot_name
 from training.env.settings import CHALLENGE
 from training.evaluate.evaluation import EvaluationOptions, evaluate
 from training.evaluate.loaded import move_base_parameters
+from training.evaluate.runner import TrialWorld
 from training.evaluate.score import AIMS, Baseline
 from training.evaluate.trial import BASELINE
 from training.evaluate.verdict import SET, Verdict, paired_trials, verdict
 from training.tune.options import TuneOptions
 from training.tune.search import Effect
-from worlds import World
 from worlds.world import clearance
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Worlds = Sequence[Tuple[str, str, World]]  # [(name, specification, world), ...], from world_list()
 
 HEAD = """# Parameters of move_base for {robot}, to be loaded after the robot's own files:
 #   <rosparam file="{file}" command="load" ns="move_base"/>
@@ -95,12 +94,17 @@ def judged(options: TuneOptions, worlds: str, drives: Path, monitor: str) -> Ver
     )
     results = evaluate(evaluation)
     # The costs of both methods are relative to the drives with the default parameters.
-    by_default = [result for trial, result in results.items() if trial.method == BASELINE]
+    by_default = []
+    for trial, result in results.items():
+        if trial.method == BASELINE:
+            by_default.append(result)
     cost = partial(aim.cost, robot=robot, baseline=Baseline.of(by_default, robot))
     return verdict(paired_trials(results, (BASELINE, SET), cost), aim.rule)
 
 
-def scope(options: TuneOptions, searched: Worlds, unseen: Worlds) -> str:
+def scope(
+    options: TuneOptions, searched: Sequence[TrialWorld], unseen: Sequence[TrialWorld]
+) -> str:
     """Return a line: in which worlds the set was searched and is judged, and how narrow they are.
 
     Args:
@@ -109,7 +113,8 @@ def scope(options: TuneOptions, searched: Worlds, unseen: Worlds) -> str:
         unseen: Worlds of the verdicts.
     """
     robot = options.robot
-    width = np.ptp(MoveBase(robot.parameters()).local_costmap.footprint, axis=0)[1]
+    footprint = MoveBase(robot.parameters()).local_costmap.footprint
+    _, width = np.ptp(footprint, axis=0)
     line = (
         f"searched on {len(searched)} courses of {options.worlds}, {_narrowest(searched)}; judged "
         f"on {len(unseen)} others, {_narrowest(unseen)}; "
@@ -122,9 +127,12 @@ def scope(options: TuneOptions, searched: Worlds, unseen: Worlds) -> str:
     )
 
 
-def _narrowest(worlds: Worlds) -> str:
+def _narrowest(worlds: Sequence[TrialWorld]) -> str:
     """Return in words how wide [m] the narrowest places of the reference paths are."""
-    widths = [2.0 * clearance(world, world.course.path).min() for _, _, world in worlds]
+    widths = []
+    for _, _, world in worlds:
+        clearances = clearance(world, world.course.path)
+        widths.append(2.0 * clearances.min())
     return f"{min(widths):.2f} to {max(widths):.2f} m wide at the narrowest place"
 
 

@@ -160,10 +160,11 @@ def search(
                 candidates[index] = space.to_action(theta)
                 sets[index] = space.clip(theta)
 
-        # Few worlds leave a quarter empty.
         quarter = math.ceil(len(drawn) / 4)
         half = math.ceil(len(drawn) / 2)
-        blocks = filter(None, [drawn[:quarter], drawn[quarter:half], drawn[half:]])
+        rounds_of_race = [drawn[:quarter], drawn[quarter:half], drawn[half:]]
+        # Few worlds leave a quarter empty.
+        blocks = filter(None, rounds_of_race)
         drive = partial(run, seed=seed + SEEDS_APART + generation)
         ranking = race(drive, sets, blocks, cost, halve=True)
 

@@ -15,7 +15,7 @@ import numpy as np
 from typing_extensions import override
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.paths import travelled
+from applr_ros1.common.paths import distances, travelled
 from applr_ros1.planner.parameters.parameter import Parameter
 from applr_ros1.planner.parameters.settings import Change, Settings
 from training.why.candidates import LEAST_CHANGE
@@ -127,28 +127,32 @@ def changes_to_try(replay: Replay) -> List[Change]:
             value = replay.settings[server].get(parameter.name, "")
             if parameter.name in LEFT_OUT or isinstance(value, str):
                 continue
-            for other in _others(parameter, value):
+            for other in _other_values(parameter, value):
                 changes.append(Change(server, parameter.name, value, other))
     return changes
 
 
-def _others(parameter: Parameter, value: Any) -> List[Any]:
+def _other_values(parameter: Parameter, value: Any) -> List[Any]:
     """Return the values to try instead of one: C++'s default, twice and half the value.
 
     None of them lies beyond the default, where a change that helps is rarely found first.
     """
     default = parameter.default
-    others = {default}
+    values = {default}
     if not isinstance(value, bool):
         for factor in FACTORS:
             other = parameter.convert(value * factor)
             if min(value, other) < default < max(value, other):
                 other = default
-            others.add(parameter.clamp(other))
+            values.add(parameter.clamp(other))
+    least_change = 0.0
     if isinstance(value, float):
-        least = LEAST_CHANGE * abs(value)
-        others = {other for other in others if abs(other - value) >= least}
-    return sorted(others - {value})
+        least_change = LEAST_CHANGE * abs(value)
+    others = []
+    for other in sorted(values):
+        if other != value and abs(other - value) >= least_change:
+            others.append(other)
+    return others
 
 
 def drive_on(
@@ -170,10 +174,9 @@ def drive_on(
         replay.begin(cycle)
         track = _track(replay, cycle)
         # Every fourth position is near enough to the next one: 0.1 m at 0.5 m/s.
-        offsets = track[::4, None] - lethal_points(replay)
-        distances = np.hypot(offsets[..., 0], offsets[..., 1])
+        clearances = distances(track[::4, None], lethal_points(replay))
         speed = _speed_along(cycle.plan, track, replay)
-        results.append((speed, distances.min(initial=np.inf)))
+        results.append((speed, clearances.min(initial=np.inf)))
     # Without cycles there are no rows, but two columns.
     return np.array(results).reshape(-1, 2)
 
@@ -196,10 +199,8 @@ def _speed_along(plan: np.ndarray, track: np.ndarray, replay: Replay) -> float:
     way = travelled(points)
 
     # Way between the poses of the plan that are nearest to both ends of the track
-    from_begin = points - track[0]
-    from_end = points - track[-1]
-    begin = np.hypot(from_begin[:, 0], from_begin[:, 1]).argmin()
-    end = np.hypot(from_end[:, 0], from_end[:, 1]).argmin()
+    begin = distances(points, track[0]).argmin()
+    end = distances(points, track[-1]).argmin()
     gained = float(way[end] - way[begin])
     speed: float = gained / (AHEAD * replay.period)
     return speed
@@ -236,35 +237,41 @@ def best_changes(
     if not len(cycles):
         return []
     before = drive_on(replay, cycles)
-    usual = drive_on(replay, others)
+    speeds_before, clearances_before = before.T
     # No change may bring the robot nearer to obstacles than it was, or than it fits.
-    nearest_before = before[:, 1].min(initial=np.inf)
+    nearest_before = clearances_before.min(initial=np.inf)
     nearest = min(nearest_before, replay.costmap.inscribed_radius - replay.costmap.resolution)
-    gains: Dict[Tuple[str, str], List[Alternative]] = {}
+    settings = cycles[0].settings
+    by_parameter: Dict[Tuple[str, str], List[Alternative]] = {}
     for tried in changes_tried:
-        in_force = cycles[0].settings[tried.server][tried.name]
+        in_force = settings[tried.server][tried.name]
         change = tried._replace(before=in_force)
         with suppress(ApplrError):  # The value may contradict that of another parameter.
             # Most changes do nothing, which some of the cycles show.
-            after = drive_on(replay, cycles[::FEW], change)
-            if (after[:, 0] - before[::FEW, 0]).mean() <= LITTLE:
+            speeds, _ = drive_on(replay, cycles[::FEW], change).T
+            if (speeds - speeds_before[::FEW]).mean() <= LITTLE:
                 continue
             after = drive_on(replay, cycles, change)
+            _, clearances = after.T
             declared = replay.move_base.servers[change.server].declared(change.name)
             assert declared is not None
             alternative = Alternative(
-                together(cycles[0].settings, change),
+                together(settings, change),
                 declared.default,
                 before=Result(*before.mean(axis=0).tolist()),
                 after=Result(*after.mean(axis=0).tolist()),
             )
-            if alternative.gain > LITTLE and after[:, 1].min() >= nearest:
-                gains.setdefault((change.server, change.name), []).append(alternative)
-    best = ranked([ranked(of_parameter)[0] for of_parameter in gains.values()])
+            if alternative.gain > LITTLE and clearances.min() >= nearest:
+                by_parameter.setdefault((change.server, change.name), []).append(alternative)
+    best_of_each = [ranked(alternatives)[0] for alternatives in by_parameter.values()]
+    best = ranked(best_of_each)
+
+    # What the best ones do outside the events
     if len(others):
+        usual_speeds, _ = drive_on(replay, others).T
         for alternative in best[:ELSEWHERE]:
-            speeds = drive_on(replay, others, alternative.change)[:, 0]
-            alternative.elsewhere = float((speeds - usual[:, 0]).mean())
+            speeds, _ = drive_on(replay, others, alternative.change).T
+            alternative.elsewhere = float((speeds - usual_speeds).mean())
     return best
 
 
@@ -274,11 +281,15 @@ def ranked(alternatives: Sequence[Alternative]) -> List[Alternative]:
     Among nearly equal ones, changes towards the default come first, of the parameter that is
     farthest from it, and small ones.
     """
-    left = list(alternatives)
+    remaining = list(alternatives)
     order: List[Alternative] = []
-    while left:
-        largest = max(alternative.gain for alternative in left)
-        nearly_equal = [alternative for alternative in left if alternative.gain >= WITHIN * largest]
-        order.append(min(nearly_equal, key=lambda alternative: alternative.departure))
-        left.remove(order[-1])
+    while remaining:
+        largest = max(alternative.gain for alternative in remaining)
+        nearly_equal = []
+        for alternative in remaining:
+            if alternative.gain >= WITHIN * largest:
+                nearly_equal.append(alternative)
+        best = min(nearly_equal, key=lambda alternative: alternative.departure)
+        order.append(best)
+        remaining.remove(best)
     return order

@@ -6,11 +6,12 @@ from typing import Any, Dict, List, Optional, Sequence
 
 import numpy as np
 
+from applr_ros1.common.paths import distances
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.parameters.settings import Change
 from training.why.diagnosis import Diagnosis, goal_of
 from training.why.events import Event
-from training.why.explanation import beside
+from training.why.explanation import Explanation, beside
 from training.why.whole_drives import SAME_PLACE_M, Trials, Tried
 
 POOR = 0.8  # share of reproduced cycles below which a replay is not to be trusted
@@ -126,18 +127,11 @@ def stops_near(tried: Tried, event: Event, reach: float) -> bool:
         begins = places[has_later]
         ends = places[later_rows[has_later]]
 
-        moved = _distances(ends, begins)
+        moved = distances(ends, begins)
         stops = begins[moved < STOPS_M]
-        if (_distances(stops, np.array(event.place)) <= reach).any():
+        if (distances(stops, np.array(event.place)) <= reach).any():
             return True
     return False
-
-
-def _distances(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the distances (n,) [m] of points (n, 2) from others (n, 2), or from one (2,)."""
-    offsets = points - others
-    distances: np.ndarray = np.hypot(offsets[:, 0], offsets[:, 1])
-    return distances
 
 
 def tried_rows(diagnosis: Diagnosis) -> List[str]:
@@ -158,14 +152,21 @@ def values_of(diagnosis: Diagnosis) -> Dict[str, Any]:
     replay = diagnosis.replay
     scans = replay.drive.scans
     assert scans is not None
+    # The map: points of some scans, one for each cell
     chosen = np.linspace(0, len(scans) - 1, SCANS).astype(int)
-    points = np.concatenate([replay.cloud(index).points[:, :2] for index in chosen])
-    cells = np.unique(np.rint(points / CELL_M), axis=0)
+    clouds = [replay.cloud(index).points[:, :2] for index in chosen]
+    cells = np.unique(np.rint(np.concatenate(clouds) / CELL_M), axis=0)
+
     # The measured motion, not the commands: a robot that stands may be told to drive.
     # Columns: time [s], x, y [m] in the odometry frame, forward speed [m/s]
     odometry = replay.odometry
     track = np.column_stack([odometry.time, odometry.pose[:, :2], odometry.twist[:, 0]])
+
+    event_values = []
+    for event, explained in zip(diagnosis.events, diagnosis.explained):
+        event_values.append(_event_values(event, explained))
     goal = goal_of(replay.drive)
+    plan = _first_plan(replay.drive)
     return {
         "name": replay.drive.name,
         "answer": lines_of(diagnosis),
@@ -176,11 +177,11 @@ def values_of(diagnosis: Diagnosis) -> Dict[str, Any]:
         "notes": replay.drive.notes,
         **_trials_values(diagnosis.trials),
         "alternatives": [str(alternative) for alternative in diagnosis.guesses],
-        "events": [_event_values(diagnosis, row) for row in range(len(diagnosis.events))],
+        "events": event_values,
         "map": (cells * CELL_M).round(2).tolist(),
         "track": _thinned(track),
         "top_speed": replay.top_speed,
-        "plan": np.round(_first_plan(replay.drive)[:, :2], 2).tolist(),
+        "plan": plan[:, :2].round(2).tolist(),
         "goal": goal[:2] if goal is not None else None,
         "footprint": replay.costmap.footprint.round(3).tolist(),
     }
@@ -233,9 +234,8 @@ def _first_plan(drive: Drive) -> np.ndarray:
     return np.empty((0, 3))
 
 
-def _event_values(diagnosis: Diagnosis, row: int) -> Dict[str, Any]:
-    """Return an event as JSON values."""
-    event = diagnosis.events[row]
+def _event_values(event: Event, explained: Sequence[Explanation]) -> Dict[str, Any]:
+    """Return an event and the explanations of its cycles as JSON values."""
     return {
         "title": str(event),
         "kind": event.kind,
@@ -243,5 +243,5 @@ def _event_values(diagnosis: Diagnosis, row: int) -> Dict[str, Any]:
         "end": round(event.end, 2),
         "reason": event.reason,
         "place": [round(coordinate, 3) for coordinate in event.place],
-        "cycles": [explanation.values() for explanation in diagnosis.explained[row]],
+        "cycles": [explanation.values() for explanation in explained],
     }

@@ -113,6 +113,16 @@ class Rated(NamedTuple):
     candidate: Candidate
 
 
+def _rated(ratio: float, changes: Sequence[Change], words: str = "") -> Rated:
+    """Return changes as a candidate whose values depart by a ratio from the usual ones."""
+    return Rated(float(np.log(ratio)), Candidate(tuple(changes), words))
+
+
+def _values_before(changes: Sequence[Change]) -> List[float]:
+    """Return the values that the changes replace."""
+    return [change.before for change in changes]
+
+
 def file_candidates(robot: Robot) -> List[Candidate]:
     """Return changes of unusual values in the robot's files, the most unusual ones first.
 
@@ -129,9 +139,8 @@ def file_candidates(robot: Robot) -> List[Candidate]:
         *_rates(tree),
     ]
     # Another value in place of a usual one may help by chance, and explains nothing.
-    unusual = [rated for rated in found if rated.departure >= UNUSUAL]
-    unusual.sort(key=lambda rated: -rated.departure)
-    return [rated.candidate for rated in unusual]
+    found.sort(key=lambda rated: -rated.departure)
+    return [rated.candidate for rated in found if rated.departure >= UNUSUAL]
 
 
 def _footprints(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
@@ -154,7 +163,7 @@ def _footprints(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
     if changes:
         length, width = body.tolist()
         words = f"footprint -> the outline of the body, {length:.2f} x {width:.2f} m"
-        yield Rated(float(np.log(largest_ratio)), Candidate(tuple(changes), words))
+        yield _rated(largest_ratio, changes, words)
 
 
 def _outline(box: Box) -> List[List[float]]:
@@ -175,9 +184,9 @@ def _paddings(tree: Dict[str, Any]) -> Iterator[Rated]:
         if padding > CPP_PADDING_M:
             changes.append(Change(costmap, "footprint_padding", padding, CPP_PADDING_M))
     if changes:
-        largest = max(change.before for change in changes)
         # A ratio of paddings says little, because the usual one is so small: 10 cm count as twice.
-        yield Rated(float(np.log(1.0 + largest / 0.1)), Candidate(tuple(changes)))
+        ratio = 1.0 + max(_values_before(changes)) / 0.1
+        yield _rated(ratio, changes)
 
 
 def _ranges(tree: Dict[str, Any]) -> Iterator[Rated]:
@@ -192,10 +201,9 @@ def _ranges(tree: Dict[str, Any]) -> Iterator[Rated]:
             if section[name] < usual:
                 changes.append(Change(path, name, section[name], usual))
         if changes:
-            smallest = min(change.before for change in changes)
             # A range of 0 has no ratio.
-            ratio = usual / max(smallest, 0.01)
-            yield Rated(float(np.log(ratio)), Candidate(tuple(changes)))
+            smallest = max(min(_values_before(changes)), 0.01)
+            yield _rated(usual / smallest, changes)
 
 
 def _windows(tree: Dict[str, Any]) -> Iterator[Rated]:
@@ -205,10 +213,10 @@ def _windows(tree: Dict[str, Any]) -> Iterator[Rated]:
     for side in ("width", "height"):
         size = local_costmap[side]
         changes.append(Change("local_costmap", side, size, type(size)(2 * size)))
-    smallest = min(change.before for change in changes)
     # A smaller window than this lacks obstacles that the laser layers would take up.
-    ratio = 2.0 * CPP_OBSTACLE_RANGE_M / max(smallest, 0.1)
-    yield Rated(max(0.0, float(np.log(ratio))), Candidate(tuple(changes)))
+    usual = 2.0 * CPP_OBSTACLE_RANGE_M
+    smallest = max(min(_values_before(changes)), 0.1)
+    yield _rated(max(1.0, usual / smallest), changes)
 
 
 def _inflations(tree: Dict[str, Any]) -> Iterator[Rated]:
@@ -219,9 +227,9 @@ def _inflations(tree: Dict[str, Any]) -> Iterator[Rated]:
         changes.append(Change(path, "inflation_radius", radius, radius / 2))
     # The inflation of one costmap alone is among the changes that the replay ranks.
     if len(changes) > 1:
-        largest = max(change.before for change in changes)
-        ratio = max(largest, 0.01) / CPP_INFLATION_M
-        yield Rated(abs(float(np.log(ratio))), Candidate(tuple(changes)))
+        ratio = max(*_values_before(changes), 0.01) / CPP_INFLATION_M
+        # A smaller inflation than the usual one departs from it as well.
+        yield _rated(max(ratio, 1.0 / ratio), changes)
 
 
 def _scalings(tree: Dict[str, Any]) -> Iterator[Rated]:
@@ -235,9 +243,8 @@ def _scalings(tree: Dict[str, Any]) -> Iterator[Rated]:
         if factor < CPP_SCALING:
             changes.append(Change(path, "cost_scaling_factor", factor, CPP_SCALING))
     if len(changes) > 1:
-        smallest = min(change.before for change in changes)
-        ratio = CPP_SCALING / max(smallest, 0.1)
-        yield Rated(float(np.log(ratio)), Candidate(tuple(changes)))
+        smallest = max(min(_values_before(changes)), 0.1)
+        yield _rated(CPP_SCALING / smallest, changes)
 
 
 def _sections_with(
@@ -270,8 +277,7 @@ def _rates(tree: Dict[str, Any]) -> Iterator[Rated]:
     rate = tree["controller_frequency"]
     if rate < CPP_RATE_HZ * (1.0 - LEAST_CHANGE):
         change = Change("", "controller_frequency", rate, CPP_RATE_HZ)
-        ratio = CPP_RATE_HZ / max(rate, 0.1)
-        yield Rated(float(np.log(ratio)), Candidate((change,)))
+        yield _rated(CPP_RATE_HZ / max(rate, 0.1), [change])
 
 
 def single_candidates(robot: Robot) -> Iterator[Candidate]:
@@ -283,14 +289,16 @@ def single_candidates(robot: Robot) -> Iterator[Candidate]:
     space = {parameter.name: parameter for parameter in robot.space}
     for name, factor in FACTORS:
         parameter = space.get(name)
-        if parameter is not None:
-            first = parameter.sets[0]
-            value = float(f"{factor * branch(tree, first.server)[first.names[0]]:.2g}")
-            value = min(max(value, parameter.low), parameter.high)
-            places = []
-            for target in parameter.sets:
-                places += [(target.server, alias) for alias in target.names]
-            yield from _single(tree, places, value)
+        if parameter is None:
+            continue
+        places = []
+        for target in parameter.sets:
+            places += [(target.server, alias) for alias in target.names]
+        server, name_at_server = places[0]
+        in_force = branch(tree, server)[name_at_server]
+        short_value = float(f"{factor * in_force:.2g}")
+        value = min(max(short_value, parameter.low), parameter.high)
+        yield from _single(tree, places, value)
 
     # The planner must know what the base can do, and a goal must be reachable.
     planner = robot.local_planner
@@ -310,5 +318,9 @@ def _single(
     in_force = branch(tree, server)[name]
     # A number of samples stays whole.
     wanted = type(in_force)(value)
-    if wanted != in_force:
-        yield Candidate(tuple(Change(*place, in_force, wanted) for place in places))
+    if wanted == in_force:
+        return
+    changes = []
+    for server, name in places:
+        changes.append(Change(server, name, in_force, wanted))
+    yield Candidate(tuple(changes))

@@ -9,6 +9,7 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.paths import distances
 from applr_ros1.drives.drive import Drive
 from applr_ros1.robots import Robot
 from training.bags.seen_world import seen_grid, seen_world
@@ -163,8 +164,9 @@ def _explanations(replay: Replay, event: Event) -> List[Explanation]:
     if not cycles:
         return []
     # The fast cycles of an event, as when a robot swings, do not show what slows it.
-    median_speed = np.median([cycle.command[0] for cycle in cycles])
-    slow_cycles = [cycle for cycle in cycles if cycle.command[0] <= median_speed]
+    speeds = np.array([cycle.command[0] for cycle in cycles])
+    slow_rows = np.flatnonzero(speeds <= np.median(speeds))
+    slow_cycles = [cycles[row] for row in slow_rows]
     return [explain(replay, cycle) for cycle in some(slow_cycles, EXPLAINED)]
 
 
@@ -186,20 +188,21 @@ def _reason(replay: Replay, event: Event, explained: Sequence[Explanation]) -> s
 
 def _guesses(replay: Replay, found: Sequence[Event]) -> List[Alternative]:
     """Return alternatives, those with which the planner drives on fastest first."""
-    cycles_by_event = [replay.between(event.begin, event.end) for event in found]
-    count = sum(map(len, cycles_by_event))
+    count = 0
+    cycles_of_events: Set[int] = set()
+    for event in found:
+        cycles = replay.between(event.begin, event.end)
+        count += len(cycles)
+        cycles_of_events.update(map(id, cycles))
     if not count:
         return []
-    slow_cycles: Set[int] = set()
-    for cycles in cycles_by_event:
-        slow_cycles.update(map(id, cycles))
-    others = [cycle for cycle in replay.cycles if id(cycle) not in slow_cycles]
+    others = [cycle for cycle in replay.cycles if id(cycle) not in cycles_of_events]
 
     # Longer events count more, but each of them a little.
     tried_from: List[Cycle] = []
-    for event, cycles in zip(found, cycles_by_event):
+    for event in found:
+        share = len(replay.between(event.begin, event.end)) / count
         lead = replay.between(event.begin - LEAD_S, event.end)
-        share = len(cycles) / count
         tried_from += some(lead, max(LEAST, round(CYCLES * share)), EARLY)
     return best_changes(replay, changes_to_try(replay), tried_from, some(others, CYCLES))
 
@@ -237,10 +240,11 @@ def _trials(diagnosis: Diagnosis, pool: Pool) -> Optional[Trials]:
     odometry = replay.odometry
     is_pursued = events.pursued(drive, odometry)
     first = int(np.argmax(is_pursued))
+    last = int(np.flatnonzero(is_pursued)[-1])
     x, y, yaw = odometry.pose[first].tolist()
-    seconds = float(odometry.time[is_pursued][-1] - odometry.time[first])
+    seconds = float(odometry.time[last] - odometry.time[first])
     # A drive that ended on its way does not tell how long the whole way takes.
-    dx, dy = odometry.pose[is_pursued][-1, :2] - goal[:2]
+    dx, dy = odometry.pose[last, :2] - goal[:2]
     if np.hypot(dx, dy) > ARRIVED_M * replay.robot.world_scale:
         seconds = np.inf
     course = Course(
@@ -283,14 +287,17 @@ def goal_of(drive: Drive) -> Optional[Pose]:
     for plans in (drive.routes, drive.plans):
         if plans is None:
             continue
-        ends = [path[-1] for path in plans.path if len(path)]
+        not_empty = [path for path in plans.path if len(path)]
+        if not not_empty:
+            continue
+        end = not_empty[-1][-1]
         is_whole = plans is drive.routes
-        if ends and not is_whole and drive.odometry is not None:
+        if not is_whole and drive.odometry is not None:
             # The followed part of a plan ends at the goal only near it.
-            dx, dy = ends[-1][:2] - drive.odometry.pose[-1, :2]
+            dx, dy = end[:2] - drive.odometry.pose[-1, :2]
             is_whole = bool(np.hypot(dx, dy) <= NEAR_GOAL_M)
-        if ends and is_whole:
-            x, y, yaw = ends[-1].tolist()
+        if is_whole:
+            x, y, yaw = end.tolist()
             return x, y, yaw
     # Goals are sent in any frame, often that of a map.
     for sent in reversed(drive.sent):
@@ -329,7 +336,7 @@ def _parting(first: Replay, second: Replay) -> str:
     """Return in words when the first drive leaves the route of the second one."""
     route = np.array([cycle.pose[:2] for cycle in second.cycles])
     for cycle in first.cycles:
-        offsets = route - cycle.pose[:2]
-        if np.hypot(offsets[:, 0], offsets[:, 1]).min() > APART_M:
+        position = np.array(cycle.pose[:2])
+        if distances(route, position).min() > APART_M:
             return f"routes diverge at {cycle.at:.1f} s"
     return "same route"

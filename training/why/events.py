@@ -12,7 +12,7 @@ from typing import Iterator, List, NamedTuple, Tuple
 import numpy as np
 from typing_extensions import override
 
-from applr_ros1.common.paths import travelled
+from applr_ros1.common.paths import distances, travelled
 from applr_ros1.drives.drive import Drive, Motion
 from training.why.reasons import SILENT_S, STILL_SPEED, STILL_TURN, last_time
 
@@ -174,8 +174,7 @@ def _to_and_fro(odometry: Motion, limits: Limits) -> np.ndarray:
     places = odometry.pose[:, :2]
     way = travelled(places)
     driven = way[last] - way[first]
-    offsets = places[last] - places[first]
-    gained = np.hypot(offsets[:, 0], offsets[:, 1])
+    gained = distances(places[last], places[first])
 
     # Numbers of rows until each one in which the robot drives backwards, and forwards
     v = odometry.twist[:, 0]
@@ -209,9 +208,9 @@ def pursued(drive: Drive, odometry: Motion) -> np.ndarray:
 
 def distances_to_goal(drive: Drive, odometry: Motion) -> np.ndarray:
     """Return distances (n,) [m] of the odometry poses from the end of the plan; inf without one."""
-    distances = np.full(len(odometry), np.inf)
+    to_goal = np.full(len(odometry), np.inf)
     if drive.plans is None:
-        return distances
+        return to_goal
     for row, time in enumerate(odometry.time):
         index = drive.plans.latest(time)
         if index < 0:
@@ -219,8 +218,8 @@ def distances_to_goal(drive: Drive, odometry: Motion) -> np.ndarray:
         plan = drive.plans.path[index]
         if len(plan):
             dx, dy = plan[-1, :2] - odometry.pose[row, :2]
-            distances[row] = np.hypot(dx, dy)
-    return distances
+            to_goal[row] = np.hypot(dx, dy)
+    return to_goal
 
 
 def _unheard(drive: Drive, odometry: Motion) -> List[Event]:
@@ -249,8 +248,10 @@ def _runs(times: np.ndarray, happens: np.ndarray) -> List[slice]:
     is_gap = np.diff(times[rows]) > GAP_S
     breaks = np.flatnonzero(is_gap) + 1
     parts = []
-    for part in np.split(rows, breaks):
-        parts.append(slice(int(part[0]), int(part[-1]) + 1))
+    for rows_of_part in np.split(rows, breaks):
+        first = int(rows_of_part[0])
+        last = int(rows_of_part[-1])
+        parts.append(slice(first, last + 1))
     return parts
 
 

@@ -15,6 +15,7 @@ from applr_ros1.common.angles import (
     normalize_angle_modulo,
     transform_point,
 )
+from applr_ros1.common.paths import distances
 from applr_ros1.planner.costmap.grid import LETHAL
 from training.why.events import SLOW
 from training.why.replay import Cycle, Replay
@@ -134,6 +135,8 @@ def explain(replay: Replay, cycle: Cycle) -> Explanation:
     samples = samples_of(replay, cycle, command)
     explanation = Explanation(cycle.at, cycle.pose)
     values = cycle.settings[replay.server]
+
+    # What kept the planner from a sample that drives on
     if samples.drives_on[samples.winner]:
         explanation.words = _nothing_faster(samples, values)
         explanation.lines.append(f"The planner drives on {samples.in_words(samples.winner)}.")
@@ -144,6 +147,8 @@ def explain(replay: Replay, cycle: Cycle) -> Explanation:
     # Nothing ahead is wanted then, so that what outbids or refuses it does not matter.
     if leads_back(replay, cycle):
         explanation.words = "the plan leads back, behind the robot"
+
+    # What the page shows
     x, y, _, _, cost = replay.local.trajectory_cloud(replay.costmap).T
     explanation.points = np.column_stack([x, y, cost]).round(2).tolist()
     explanation.table = _table(samples)
@@ -247,10 +252,11 @@ def _refusal(
 def _place(replay: Replay, cycle: Cycle, obstacle: Sequence[float]) -> str:
     """Return in words where an obstacle cell is, and which scan shows it."""
     ahead, left = transform_point(inverse(cycle.pose), *obstacle)
-    offsets = replay.cloud(cycle.scan).points[:, :2] - obstacle
-    gap = np.hypot(offsets[:, 0], offsets[:, 1]).min(initial=np.inf)
+    points = replay.cloud(cycle.scan).points[:, :2]
+    gaps = distances(points, np.array(obstacle))
     # What the latest scan does not show stays in the map until a beam clears it.
-    source = "the latest scan" if gap < NEAR_M else "earlier scans"
+    is_in_scan = gaps.min(initial=np.inf) < NEAR_M
+    source = "the latest scan" if is_in_scan else "earlier scans"
     return f"the obstacle {beside(ahead, left)}, from {source}"
 
 
@@ -278,15 +284,15 @@ def _table(samples: Samples) -> List[List[Any]]:
 def leads_back(replay: Replay, cycle: Cycle) -> bool:
     """Return whether the plan begins by more than a right angle off the robot's heading."""
     x, y, yaw = cycle.pose
-    offsets = cycle.plan[:, :2] - (x, y)
-    distances = np.hypot(offsets[:, 0], offsets[:, 1])
+    points = cycle.plan[:, :2]
+    from_robot = distances(points, np.array([x, y]))
     reach = PLAN_AHEAD_M * replay.robot.world_scale
     # The first point at some distance shows the way: those beside the robot lie anywhere.
-    begin = int(distances.argmin())
-    rows_beyond = np.flatnonzero(distances[begin:] >= reach)
+    begin = int(from_robot.argmin())
+    rows_beyond = np.flatnonzero(from_robot[begin:] >= reach)
     if not len(rows_beyond):
         return False
-    dx, dy = offsets[begin + rows_beyond[0]]
+    dx, dy = points[begin + rows_beyond[0]] - (x, y)
     angle = float(normalize_angle_modulo(np.arctan2(dy, dx) - yaw))
     return abs(angle) > BACK
 
@@ -349,9 +355,9 @@ def _distinct_poses(cycles: Sequence[Cycle], distance: float) -> List[Cycle]:
     distinct: List[Cycle] = []
     poses = np.empty((0, 3))
     for cycle in cycles:
-        offsets = poses - cycle.pose
-        is_near = np.hypot(offsets[:, 0], offsets[:, 1]) < distance
-        is_alike = np.abs(normalize_angle_modulo(offsets[:, 2])) < MOVED_TURN
+        is_near = distances(poses[:, :2], np.array(cycle.pose[:2])) < distance
+        turns = normalize_angle_modulo(poses[:, 2] - cycle.pose[2])
+        is_alike = np.abs(turns) < MOVED_TURN
         if not (is_near & is_alike).any():
             distinct.append(cycle)
             poses = np.vstack([poses, cycle.pose])
@@ -397,6 +403,7 @@ def _nearest_to_footprint(outline: np.ndarray, pose: Pose, points: np.ndarray) -
     """Return the index of the point (n, 2) [m] nearest to the box around a footprint at a pose."""
     x, y = points.T
     ahead, left = transform_point(inverse(pose), x, y)
-    inside = np.column_stack([ahead, left])
-    beyond = inside - np.clip(inside, outline.min(axis=0), outline.max(axis=0))
-    return int(np.hypot(beyond[:, 0], beyond[:, 1]).argmin())
+    in_robot_frame = np.column_stack([ahead, left])
+    # The point of the box that is nearest to each point
+    in_box = np.clip(in_robot_frame, outline.min(axis=0), outline.max(axis=0))
+    return int(distances(in_robot_frame, in_box).argmin())

@@ -133,8 +133,9 @@ def _longest_gap(rows: Optional[Rows], stretch: Stretch) -> float:
     gaps = np.diff(times)
     usual = float(np.median(gaps))
     is_long = gaps > max(SILENT_S, SILENT_PERIODS * usual)
-    overlaps = (times[:-1] < stretch.end) & (times[1:] > stretch.begin - BEFORE_S)
-    return float(gaps[is_long & overlaps].max(initial=0.0))
+    begins_in_time = times[:-1] < stretch.end
+    ends_in_time = times[1:] > stretch.begin - BEFORE_S
+    return float(gaps[is_long & begins_in_time & ends_in_time].max(initial=0.0))
 
 
 def last_time(drive: Drive) -> float:
@@ -159,8 +160,9 @@ def jumping(stretch: Stretch) -> str:
     steps = np.diff(around.pose, axis=0)
     moved = np.hypot(steps[:, 0], steps[:, 1])
     turned = np.abs(normalize_angle_modulo(steps[:, 2]))
-    jumps = moved - np.abs(around.twist[1:, 0]) * seconds
-    turns = turned - np.abs(around.twist[1:, 1]) * seconds
+    speeds, turn_rates = np.abs(around.twist[1:]).T
+    jumps = moved - speeds * seconds
+    turns = turned - turn_rates * seconds
     if jumps.max() > JUMP_M:
         return f"the pose jumped by {jumps.max():.1f} m"
     if turns.max() > JUMP_TURN:
@@ -177,8 +179,8 @@ def no_plan(stretch: Stretch) -> str:
     # Until the first plan comes, and from each empty plan to the next plan, there is none.
     starts = np.append(-np.inf, routes.time)
     ends = np.append(routes.time, np.inf)
-    is_missing = [True]
-    is_missing += [not len(path) for path in routes.path]
+    pose_counts = [0, *map(len, routes.path)]
+    is_missing = np.equal(pose_counts, 0)
     overlaps = np.minimum(ends, stretch.end) - np.maximum(starts, stretch.begin)
     without = float(np.maximum(overlaps, 0.0)[is_missing].sum())
     return "the global planner finds no path" if stretch.is_reason(without) else ""
@@ -258,7 +260,8 @@ def stopped(stretch: Stretch) -> str:
     # What reaches the base may come a little later than the planner's command.
     rows = [drive.commands.latest(time + PASS_ON_S) for time in planned.time]
     passed = np.abs(drive.commands.twist[np.maximum(rows, 0)])
-    is_stopped = asks & (passed <= PASSED * np.abs(planned.twist)).all(axis=1)
+    is_little = passed <= PASSED * np.abs(planned.twist)
+    is_stopped = asks & is_little.all(axis=1)
     seconds = _durations(planned, stretch.end)
     if not stretch.is_reason(float(seconds[is_stopped].sum())):
         return ""
@@ -294,7 +297,8 @@ def slipping(stretch: Stretch) -> str:
     motion = stretch.part(stretch.drive.truth)
     if commands is None or motion is None:
         return ""
-    commanded = float(np.abs(commands.twist[:, 0]) @ _durations(commands, stretch.end))
+    speeds = np.abs(commands.twist[:, 0])
+    commanded = float(speeds @ _durations(commands, stretch.end))
     driven = motion.length
     if commanded <= SLIP_M + SLIP_RATIO * driven:
         return ""

@@ -44,8 +44,10 @@ CHANNELS = (
     "sent",
 )
 # Difference from which on a place in tf is another one: of a pose by odometry, and of a laser.
-POSE_OFF_M, POSE_OFF_RAD = 0.02, 0.02
-LASER_OFF_M, LASER_OFF_RAD = 0.01, 0.01
+POSE_OFF_M = 0.02
+POSE_OFF_RAD = 0.02
+LASER_OFF_M = 0.01
+LASER_OFF_RAD = 0.01
 CYCLE_S = 0.1  # longest time from the beginning of a cycle to its command [s]
 STATUS_S = 0.3  # longest time between the sending of a goal and its first status (5 Hz) [s]
 TILTED = 0.996  # cosine of the tilt from which on a laser is not level (5 degrees)
@@ -66,13 +68,13 @@ def drive_of(path: Path, options: RecordedOptions) -> Drive:
     """
     robot = options.robot
     with refused(path):
-        kinds = topics_in(path)
-        names = _names(kinds, options)
+        types = topics_in(path)
+        names = _names(types, options)
         drive = read(path, robot, names, CHANNELS)
         if drive.planned is None:  # Without a monitor, the planner's commands reach the base.
             drive.planned = drive.commands
         _check_planner(drive, options)
-        _check_columns(drive, robot, names, kinds)
+        _check_columns(drive, robot, names, types)
         return fitted(drive, options)
 
 
@@ -104,10 +106,10 @@ def fitted(drive: Drive, options: RecordedOptions) -> Drive:
     return drive
 
 
-def _names(kinds: Mapping[str, str], options: RecordedOptions) -> TopicNames:
+def _names(types: Mapping[str, str], options: RecordedOptions) -> TopicNames:
     """Return the topics of the drive in a bag; those that are options are not looked for."""
     given = [name for name, value in options if value and hasattr(TopicNames, name)]
-    return names_in(kinds, options.topics(), given)
+    return names_in(types, options.topics(), given)
 
 
 def _check_planner(drive: Drive, options: RecordedOptions) -> None:
@@ -126,34 +128,35 @@ def _other_robot(differs: str, options: RecordedOptions, remedy: str) -> str:
     return f"{differs}: give the robot as --robot"
 
 
-def _check_columns(drive: Drive, robot: Robot, names: TopicNames, kinds: Mapping[str, str]) -> None:
+def _check_columns(drive: Drive, robot: Robot, names: TopicNames, types: Mapping[str, str]) -> None:
     """Raise ApplrError if a column is missing that the replay needs."""
     channels = {"odometry": "odometry", "scans": "scans", "planned": "commands"}
     for column, channel in channels.items():
         if not getattr(drive, column):
-            raise ApplrError(missing(channel, names, kinds))
+            raise ApplrError(missing(channel, names, types))
     if not drive.plans and not drive.routes:
-        raise ApplrError(missing_plans(robot.local_planner, names, kinds))
+        raise ApplrError(missing_plans(robot.local_planner, names, types))
 
 
 def _without_prefix(drive: Drive) -> Drive:
     """Return a drive without the prefix of its frames, such as robot1/ (tf_prefix)."""
     # Plans may be in a map frame that several robots share, which has no prefix.
-    frames = [*drive.frames["odometry"], *drive.frames["scans"]]
-    prefixes: Set[str] = {name.rpartition("/")[0] for name in frames}
+    prefixes: Set[str] = set()
+    for name in (*drive.frames["odometry"], *drive.frames["scans"]):
+        prefixes.add(name.rpartition("/")[0])
     if len(prefixes) != 1 or "" in prefixes:
         return drive
     prefix = f"{prefixes.pop()}/"
-    shortened = {}
-    for column, names in drive.frames.items():
-        shortened[column] = [name.removeprefix(prefix) for name in names]
+
+    def shortened(names: List[str]) -> List[str]:
+        return [name.removeprefix(prefix) for name in names]
+
+    frames_of = {column: shortened(names) for column, names in drive.frames.items()}
     links = drive.transforms
     if links is not None:
-        parents = [name.removeprefix(prefix) for name in links.parent]
-        children = [name.removeprefix(prefix) for name in links.child]
-        links = replace(links, parent=parents, child=children)
+        links = replace(links, parent=shortened(links.parent), child=shortened(links.child))
     frame = drive.frame.removeprefix(prefix)
-    return replace(drive, frame=frame, frames=shortened, transforms=links)
+    return replace(drive, frame=frame, frames=frames_of, transforms=links)
 
 
 # -- laser -----------------------------------------------------------------------------------------
@@ -225,7 +228,8 @@ def _take_poses(drive: Drive, tree: Tree, robot: Robot) -> None:
     assert at_link is not None
     offsets = drive.odometry.pose - at_topic.planar
     apart = float(np.hypot(offsets[:, 0], offsets[:, 1]).max())
-    turned = float(np.abs(normalize_angle_modulo(offsets[:, 2])).max())
+    turns = normalize_angle_modulo(offsets[:, 2])
+    turned = float(np.abs(turns).max())
     drive.odometry = _joined(drive.odometry, link.time, link.stamp, at_link.planar)
     if apart > POSE_OFF_M or turned > POSE_OFF_RAD:
         drive.notes.append(

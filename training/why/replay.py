@@ -13,7 +13,7 @@ from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import product
 from operator import itemgetter
-from typing import Any, Dict, Iterator, List, Optional, Tuple
+from typing import Any, Dict, Iterator, List, Optional, Set, Tuple
 
 import numpy as np
 from tqdm import tqdm
@@ -135,10 +135,14 @@ class Replay:
         self.drive = drive
         drive.require("planned", "odometry", "scans", "plans")
         assert drive.planned is not None
+
+        # Parameters in force from each change on
         for at, server, values in changes_of(drive, self.robot):
             changes = self.settings.differences({server: values})
             self.settings = self.settings.with_(*changes)
             self.history.append((at, self.settings))
+
+        # Cycles in order: each one continues from the map and the flags of the one before
         commands = list(zip(drive.planned.time.tolist(), drive.planned.twist.tolist()))
         for at, (v, w) in tqdm(commands, drive.name, leave=False, disable=None):
             settings = self.in_force(at)
@@ -178,10 +182,15 @@ class Replay:
 
     def limits(self) -> Limits:
         """Return what the drive is measured by."""
-        values = [self.in_force(at)[self.server] for at in self.odometry.time.tolist()]
+        speeds = []
+        turn_rates = []
+        for at in self.odometry.time.tolist():
+            values = self.in_force(at)[self.server]
+            speeds.append(values["max_vel_x"])
+            turn_rates.append(values["max_vel_theta"])
         return Limits(
-            speed=np.array([of_server["max_vel_x"] for of_server in values]),
-            turn=np.array([of_server["max_vel_theta"] for of_server in values]),
+            speed=np.array(speeds),
+            turn=np.array(turn_rates),
             tolerance=self.move_base.goal_tolerance,
             scale=self.robot.world_scale,
         )
@@ -288,7 +297,8 @@ class Replay:
         least_error = np.inf
         for cycle in self._choices(asked, odometry):
             v, w = self.command(cycle)
-            cycle.error = abs(v - asked.command[0]) + abs(w - asked.command[1])
+            recorded_v, recorded_w = asked.command
+            cycle.error = abs(v - recorded_v) + abs(w - recorded_w)
             if cycle.reproduced:
                 return cycle
             first = first or cycle
@@ -338,12 +348,13 @@ def changes_of(drive: Drive, robot: Robot) -> List[Tuple[float, str, Dict[str, A
     Of servers without recorded updates, the values come from the decisions.
     """
     changes: List[Tuple[float, str, Dict[str, Any]]] = []
+    recorded_servers: Set[str] = set()
     if drive.changes is not None:
         changes += zip(drive.changes.time.tolist(), drive.changes.server, drive.changes.values)
-    servers = {server for _, server, _ in changes}
+        recorded_servers.update(drive.changes.server)
     for decision in drive.decisions:
         for server, values in space_of(robot).settings_of(decision.after).items():
-            if server not in servers:
+            if server not in recorded_servers:
                 changes.append((decision.time, server, dict(values)))
-    changes.sort(key=lambda change: change[0])
+    changes.sort(key=itemgetter(0))
     return changes
