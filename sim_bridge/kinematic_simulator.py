@@ -447,7 +447,8 @@ def drive(
     # Only obstacles that the robot can reach in this drive are tested in each step.
     distance = constants.reach + _MARGIN_M + steps * STEP * (constants.max_speed + _PUSHED_M_S)
     circles = _near(circles, circles[:, 2], body.x, body.y, distance)
-    boxes = _near(boxes, 0.5 * np.hypot(boxes[:, 3], boxes[:, 4]), body.x, body.y, distance)
+    box_radii = 0.5 * np.hypot(boxes[:, 3], boxes[:, 4])
+    boxes = _near(boxes, box_radii, body.x, body.y, distance)
     contacts = np.empty(_MOST_CONTACTS, CONTACT)
 
     # Local variables, because the compiler keeps them in registers

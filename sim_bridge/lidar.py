@@ -23,6 +23,8 @@ _JUMP_M = 0.5  # displacement of the laser above which the last order of the cir
 # [rad]
 _CIRCLE_MARGIN = 0.0005
 _EDGE_MARGIN = 0.001
+# Sum of the coefficients of arcsin's series after the second one: pi / 2 - 7 / 6, rounded up
+_ARCSINE_REST = 0.4041297
 
 
 class Fan(NamedTuple):
@@ -111,15 +113,15 @@ def _fan(laser: Laser) -> Array:
 def box_edges(boxes: Array) -> Array:
     """Return the sides (4 m, 4) x0, y0, x1, y1 of boxes (m, 5), counter-clockwise [m]."""
     unit_corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    edges = np.empty((4 * len(boxes), 4))
-    for number, (x, y, yaw, size_x, size_y) in enumerate(boxes):
+    edges = [np.empty((0, 4))]
+    for x, y, yaw, size_x, size_y in boxes:
         cos_yaw = np.cos(yaw)
         sin_yaw = np.sin(yaw)
         rotation = np.array([(cos_yaw, sin_yaw), (-sin_yaw, cos_yaw)])
         corners = unit_corners * (size_x / 2, size_y / 2) @ rotation + (x, y)
-        edges[4 * number : 4 * number + 4, :2] = corners
-        edges[4 * number : 4 * number + 4, 2:] = np.roll(corners, -1, axis=0)
-    return edges
+        next_corners = np.roll(corners, -1, axis=0)
+        edges.append(np.hstack([corners, next_corners]))
+    return np.concatenate(edges)
 
 
 @kernel
@@ -166,35 +168,35 @@ def _cut_circle(
     if square <= radius * radius:
         return True
     distance = sqrt(square)
-    # A circle beyond the range, or behind what all its beams have already hit, changes nothing.
     gap = distance - radius
     if gap > fan.range_max:
         return False
 
-    # Beams within the angle that the circle covers. The half angle is an upper bound of the
-    # arcsine.
+    # Beams within the angle that the circle covers, from an upper bound of arcsin(radius /
+    # distance): its series is ratio (1 + ratio^2 / 6 + ...), where all further terms together are
+    # at most _ARCSINE_REST ratio^4.
     ratio = radius / distance
-    series = 1.0 + ratio * ratio * (0.1666667 + ratio * ratio * 0.4041297)
+    series = 1.0 + ratio * ratio * (0.1666667 + ratio * ratio * _ARCSINE_REST)
     half_angle = ratio * series + _CIRCLE_MARGIN
     middle = _bearing(y, x)
     beams = nearest.shape[0]
     lowest = int((middle - half_angle - fan.first_angle) / fan.increment)
     highest = int((middle + half_angle - fan.first_angle) / fan.increment) + 1
     beams_per_turn = int(fan.beams_per_turn)
-    excess = square - radius * radius
+    squared_tangent = square - radius * radius  # of the length from the laser to the circle [m^2]
     for turn in range(-1, 2):  # An obstacle behind the laser may reach into either end of the fan.
         first = lowest + turn * beams_per_turn
         last = highest + turn * beams_per_turn + 1
         if last < 0 or first >= beams:
             continue
         for beam in range(max(first - 1, 0), min(last + 1, beams - 1) + 1):
+            # A beam that has already hit something nearer than the circle stays as it is.
             if gap < nearest[beam]:
-                along = (
-                    x * rays.cosines[beam] + y * rays.sines[beam]
-                )  # to the foot of the perpendicular
-                inside = along * along - excess  # squared half chord, negative for a miss
-                if inside >= 0.0 and along > 0.0:
-                    reach = along - sqrt(inside)
+                # Distance to the foot of the perpendicular from the centre
+                along = x * rays.cosines[beam] + y * rays.sines[beam]
+                squared_half_chord = along * along - squared_tangent  # negative for a miss
+                if squared_half_chord >= 0.0 and along > 0.0:
+                    reach = along - sqrt(squared_half_chord)
                     if reach < nearest[beam]:
                         nearest[beam] = reach
     return False
@@ -228,9 +230,8 @@ def _cut_edge(x0: float, y0: float, x1: float, y1: float, rays: Rays, nearest: A
             across = cosine * edge_y - sine * edge_x
             if across != 0.0:
                 reach = cross / across
-                share = (
-                    x0 * sine - y0 * cosine
-                ) / across  # place of the hit: 0 first end, 1 second
+                # Place of the hit along the side: 0 at the first end, 1 at the second
+                share = (x0 * sine - y0 * cosine) / across
                 if 0.0 < reach < nearest[beam] and -1e-12 <= share <= 1.0 + 1e-12:
                     nearest[beam] = reach
 

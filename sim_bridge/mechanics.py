@@ -157,7 +157,9 @@ def mechanics(robot: Robot) -> Mechanics:
     base_height = base.wheel_radius - base.axle_height
     moment_of_heights = body.mass * body_com[2] + wheels * base.wheel_mass * base.axle_height
     supports, levers = _supports(robot, com, loads)
-    parts = np.array(geometry.parts(robot)) - np.array([com[0], com[1], 0.0, 0.0])
+    # The parts move relative to the centre of mass, and keep their sizes.
+    com_x, com_y = com
+    parts = np.array(geometry.parts(robot)) - np.array([com_x, com_y, 0.0, 0.0])
     back, front, right, left = geometry.bounding_box(robot)
     keep_wheel = exp(-STEP / simulation.wheel_time)
     keep_grip = exp(-STEP / simulation.grip_time)

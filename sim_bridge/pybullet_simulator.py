@@ -106,11 +106,12 @@ class PybulletSimulator(Simulator):
                 placement,
                 motion,
             )
-            change = abs(rims[0] - self._rims[0]) + abs(rims[1] - self._rims[1])
+            left, right = rims
+            shown_left, shown_right = self._rims
             # Bullet's wheels only rub on obstacles: they need not follow every small change.
-            if change > self._spin_step:
+            if abs(left - shown_left) + abs(right - shown_right) > self._spin_step:
                 self._spin(rims)
-            rolled += 0.5 * (rims[0] + rims[1])
+            rolled += 0.5 * (left + right)
             apply_force(body, -1, force, point, world_frame)
             apply_torque(body, -1, torque, world_frame)
             self._steps += 1
@@ -148,8 +149,9 @@ class PybulletSimulator(Simulator):
         for body, mover, start, end in zip(self._movers, self.world.movers, starts, ends):
             scene.put_mover(self._client, body, end[0], end[1])
             # An obstacle passes on a path of unknown form between both positions.
-            distance = min(dist(start[:2], position[:2]), dist(end[:2], position[:2]))
-            if distance < reach + mover.radius:
+            from_start = dist(start[:2], position[:2])
+            from_end = dist(end[:2], position[:2])
+            if min(from_start, from_end) < reach + mover.radius:
                 nearby.append(NearbyMover(body, mover))
         return nearby
 

@@ -41,12 +41,10 @@ from .ros_topics import BridgeTopics
 from .simulator import warm_up
 
 TICK_S = 0.01  # simulated time between two clock messages [s]
-BASE_TIME_S = (
-    1.0  # ROS time at the start of the first world, not 0 because ROS reads 0 as "no time" [s]
-)
-CONTROL_FREQUENCY_HZ = (
-    20.0  # default frequency of commands in the lock-step of real_time_factor 0 [Hz]
-)
+# ROS time at the start of the first world, not 0 because ROS reads 0 as "no time" [s]
+BASE_TIME_S = 1.0
+# Default frequency of commands in the lock-step of real_time_factor 0 [Hz]
+CONTROL_FREQUENCY_HZ = 20.0
 PATIENCE_S = 0.25  # longest wall time for which the lock-step waits for a command [s]
 MOVERS_HZ = 10.0  # rate of ~movers [Hz]
 LARGEST_DELAY_S = 0.2  # largest delay of simulated time that is caught up by running faster [s]
@@ -95,9 +93,8 @@ class Bridge:
         self.simulator.reset(world, self.seed, self.start)
         self.topics.publish_world(self.simulator, self.stamp())
         if rospy.get_param("~gazebo", False):
-            from .ros_gazebo import (
-                GazeboInterface,
-            )  # needs gazebo_msgs, which a robot does not have
+            # Needs gazebo_msgs, which a robot does not have.
+            from .ros_gazebo import GazeboInterface
 
             GazeboInterface(self)
         self._connect()
@@ -326,7 +323,6 @@ def main() -> int:
     spinning = threading.Thread(target=bridge.spin, daemon=True)
     spinning.start()
     while spinning.is_alive():
-        spinning.join(
-            0.5
-        )  # Python handles a signal delivered to another thread only between two calls.
+        # Python handles a signal delivered to another thread only between two calls.
+        spinning.join(0.5)
     return 0 if rospy.core.is_shutdown_requested() else 1

@@ -378,9 +378,8 @@ def _settle(v: float, w: float, vehicles: Records, supports: Records) -> Pair:
     drivetrain = vehicle.drivetrain
     half_track = 0.5 * constants.track
     mean_speed = v
-    half_difference = (
-        1.3 * half_track * w
-    )  # multiplier between those of two and of four driven wheels
+    # The search begins with a multiplier between those of two and of four driven wheels.
+    half_difference = 1.3 * half_track * w
     forward = v + w * constants.com_y
     leftward = w * constants.com_x
     yaw_rate = w

@@ -71,6 +71,7 @@ def occupancy(world: World, resolution: float) -> Grid:
 
 def extent(world: World) -> Tuple[Array, Array]:
     """Return the corners with the lowest and highest x, y (2,) [m] around obstacles and course."""
+    # Half the sides of the boxes' bounding boxes along x and y
     x, y, yaw, size_x, size_y = world.boxes.T
     cosine = np.abs(np.cos(yaw))
     sine = np.abs(np.sin(yaw))
@@ -101,6 +102,7 @@ def window_of(
     """
     slices = []
     offsets = []
+    # x first: it counts the columns, which are the second axis of the cells.
     for low, centre, count in zip(origin, place, cells.shape[::-1]):
         first = int((centre - reach - low) / resolution)
         last = int((centre + reach - low) / resolution)

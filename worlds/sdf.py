@@ -40,10 +40,10 @@ def parse(path: str) -> Element:
     return root
 
 
-def numbers(text: Optional[str], count: int, what: str) -> List[float]:
+def numbers(text: Optional[str], count: int, element: str) -> List[float]:
     """Return `count` finite numbers from an element's text.
 
-    `what` names the element in the message.
+    `element` names the element in the message.
     """
     words = (text or "").split()
     try:
@@ -51,8 +51,8 @@ def numbers(text: Optional[str], count: int, what: str) -> List[float]:
     except ValueError:
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
-        shown = " ".join(words)[:60]
-        raise ApplrError(f"{what} is {shown!r}: give {count} finite numbers")
+        given_text = " ".join(words)[:60]
+        raise ApplrError(f"{element} is {given_text!r}: give {count} finite numbers")
     return values
 
 

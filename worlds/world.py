@@ -109,9 +109,10 @@ def tangents_of(points: List[Point]) -> List[Point]:
 
     tangents: List[Point] = []
     extended = [previous, *points, following]
-    for before, after in zip(extended, extended[2:]):
-        dx = after[0] - before[0]
-        dy = after[1] - before[1]
+    # The tangent at a point is parallel to the line between its neighbours.
+    for (before_x, before_y), (after_x, after_y) in zip(extended, extended[2:]):
+        dx = after_x - before_x
+        dy = after_y - before_y
         tangents.append((0.5 * dx, 0.5 * dy))
     return tangents
 

@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import traceback
-from typing import Any, Callable, Iterable, Optional
+from typing import Any, Callable, Iterable, Mapping, Optional
 
 from applr_ros1.common.extras import absent
 
@@ -23,6 +23,21 @@ def did_you_mean(name: Any, known: Iterable[str]) -> str:
     """Return "did you mean NAME?" with the known name closest to `name`, or "" if none is close."""
     close = difflib.get_close_matches(str(name), list(known), 1, LEAST_LIKENESS)
     return f"did you mean {close[0]}?" if close else ""
+
+
+def remedy_of(problem: Mapping[str, Any]) -> str:
+    """Return what to give instead of a value that pydantic refused, in this project's words.
+
+    Rules of this project, which name problem and remedy themselves, are returned as they are.
+
+    Args:
+        problem: Entry of ValidationError.errors().
+    """
+    message = str(problem["msg"])
+    for prefix, words in (("Value error, ", ""), ("Input should be ", "give ")):
+        if message.startswith(prefix):
+            return words + message[len(prefix) :]
+    return message
 
 
 def reason(error: BaseException) -> str:

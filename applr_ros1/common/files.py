@@ -38,8 +38,8 @@ def write_bytes(path: Any, data: bytes) -> None:
     except OSError as problem:
         if os.path.exists(partial):
             os.unlink(partial)
-        what = f"cannot be written ({reason(problem)}); the file there is untouched"
-        raise ApplrError(f"{path}: {what}") from None
+        failure = f"cannot be written ({reason(problem)}); the file there is untouched"
+        raise ApplrError(f"{path}: {failure}") from None
 
 
 def write_json(path: Any, value: Any) -> None:
@@ -53,8 +53,8 @@ def read_bytes(path: Any) -> bytes:
     try:
         return Path(path).read_bytes()
     except OSError as problem:
-        what = f"cannot be read ({reason(problem)}); give an existing file"
-        raise ApplrError(f"{path}: {what}") from None
+        failure = f"cannot be read ({reason(problem)}); give an existing file"
+        raise ApplrError(f"{path}: {failure}") from None
 
 
 def read_json(path: Any) -> Any:
@@ -62,8 +62,8 @@ def read_json(path: Any) -> Any:
     try:
         return json.loads(read_bytes(path))
     except (json.JSONDecodeError, UnicodeDecodeError) as problem:
-        what = f"not JSON ({reason(problem)}); the file is damaged or of another kind"
-        raise ApplrError(f"{path}: {what}") from None
+        failure = f"not JSON ({reason(problem)}); the file is damaged or of another kind"
+        raise ApplrError(f"{path}: {failure}") from None
 
 
 def read_yaml(path: Any) -> Any:
@@ -104,11 +104,11 @@ def plain_xml(data: bytes) -> str:
 
 def _without_comments(text: str) -> str:
     """Return XML without comments, with their line breaks, so that errors name the right line."""
-    plain, *others = text.split("<!--")
-    for part in others:
-        comment, _, rest = part.partition("-->")
-        plain += "\n" * comment.count("\n") + rest
-    return plain
+    kept, *parts = text.split("<!--")
+    for part in parts:
+        comment, _, following = part.partition("-->")
+        kept += "\n" * comment.count("\n") + following
+    return kept
 
 
 def sha256(*values: Any) -> str:

@@ -222,5 +222,5 @@ def _is_private(folder: str) -> bool:
 def _remove_unused() -> None:
     """Remove the least recently used files beyond KEPT_FILES. Runs once per process."""
     files = sorted(os.scandir(cache_folder()), key=lambda entry: -entry.stat().st_mtime)
-    for old in files[KEPT_FILES:]:
-        os.unlink(old.path)
+    for unused in files[KEPT_FILES:]:
+        os.unlink(unused.path)

@@ -27,19 +27,19 @@ def announced(
         first: Time before the first line [s].
         every: Interval between further lines [s].
     """
-    short = work.split(" (")[0]
+    work_name = work.split(" (")[0]
     began = time.monotonic()
-    done = threading.Event()
+    has_ended = threading.Event()
     is_announced = False
 
     def repeat() -> None:
         nonlocal is_announced
-        if done.wait(first):
+        if has_ended.wait(first):
             return
         report(work)
         is_announced = True
-        while not done.wait(every):
-            report(f"still {short}: {round(time.monotonic() - began)} s")
+        while not has_ended.wait(every):
+            report(f"still {work_name}: {round(time.monotonic() - began)} s")
 
     reporter = threading.Thread(target=repeat, name="progress", daemon=True)
     reporter.start()
@@ -49,7 +49,7 @@ def announced(
         is_announced = False  # "done" would be wrong about work that failed.
         raise
     finally:
-        done.set()
+        has_ended.set()
         reporter.join()
         if is_announced:
-            report(f"done {short}: took {time.monotonic() - began:.0f} s")
+            report(f"done {work_name}: took {time.monotonic() - began:.0f} s")

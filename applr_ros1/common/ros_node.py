@@ -60,10 +60,10 @@ def init_node(name: str, **options: Any) -> None:
 
 def _master_answers() -> bool:
     """Return whether the ROS master answers within PATIENCE_S."""
-    usual = socket.getdefaulttimeout()
+    usual_timeout = socket.getdefaulttimeout()
     socket.setdefaulttimeout(PATIENCE_S)
     answers: bool = rosgraph.is_master_online()
-    socket.setdefaulttimeout(usual)
+    socket.setdefaulttimeout(usual_timeout)
     return answers
 
 

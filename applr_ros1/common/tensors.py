@@ -22,8 +22,8 @@ def unpack(data: bytes, name: str) -> Tuple[Dict[str, np.ndarray], Dict[str, str
     try:
         tensors = safetensors.numpy.load(data)
     except safetensors.SafetensorError as problem:
-        what = f"cut short, or no safetensors file ({reason(problem)}); copy it again"
-        raise ApplrError(f"{name}: {what}") from None
+        failure = f"cut short, or no safetensors file ({reason(problem)}); copy it again"
+        raise ApplrError(f"{name}: {failure}") from None
     # load() has checked the header but returns no metadata.
     length = int.from_bytes(data[:LENGTH_BYTES], "little")
     header = json.loads(data[LENGTH_BYTES : LENGTH_BYTES + length])

@@ -67,6 +67,20 @@ class Rows:
         return type(self)(**columns)
 
 
+def nearest_rows(stamps: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return the indices (k,) of the stamps (n,) [s] that are nearest to times (k,) [s].
+
+    The stamps ascend. Of two equally near ones, the earlier counts.
+    """
+    if len(stamps) == 1:
+        return np.zeros(len(times), int)
+    # The stamps on both sides of each time; beyond the ends, the two last ones
+    later = np.clip(np.searchsorted(stamps, times), 1, len(stamps) - 1)
+    earlier = later - 1
+    is_earlier_nearer = times - stamps[earlier] <= stamps[later] - times
+    return np.where(is_earlier_nearer, earlier, later)
+
+
 @dataclass
 class Motion(Rows):
     """Poses and velocities of the robot.

@@ -132,13 +132,21 @@ def nearest_obstacle(drive: Drive, world: World, body: Sequence[float], begins: 
 def _outline(body: Sequence[float]) -> np.ndarray:
     """Return points (n, 2) along the edges of a rectangle (length, width) [m] around the origin."""
     length, width = body
-    along = np.linspace(-length / 2.0, length / 2.0, 1 + int(np.ceil(length / OUTLINE_M)))
-    across = np.linspace(-width / 2.0, width / 2.0, 1 + int(np.ceil(width / OUTLINE_M)))
+    along = _centred(length)
+    across = _centred(width)
     edges = []
     for sign in (-1.0, 1.0):
-        edges.append(np.column_stack([along, np.full(len(along), sign * width / 2.0)]))
-        edges.append(np.column_stack([np.full(len(across), sign * length / 2.0), across]))
+        side = np.full(len(along), sign * width / 2.0)
+        end = np.full(len(across), sign * length / 2.0)
+        edges.append(np.column_stack([along, side]))
+        edges.append(np.column_stack([end, across]))
     return np.concatenate(edges)
+
+
+def _centred(length: float) -> np.ndarray:
+    """Return coordinates (n,) [m] from -length / 2 to length / 2, at most OUTLINE_M apart."""
+    steps = int(np.ceil(length / OUTLINE_M))
+    return np.linspace(-length / 2.0, length / 2.0, steps + 1)
 
 
 def parameter_values(space: Space, units: Mapping[str, str] = {}) -> List[Dict[str, Any]]:
@@ -182,13 +190,14 @@ def scene_values(scene: Scene, marked: bool = False) -> Dict[str, Any]:
     low = driven.min(axis=0)
     high = driven.max(axis=0)
     circles = _near(world.cylinders, world.cylinders[:, 2], low, high)
-    boxes = _near(world.boxes, np.hypot(world.boxes[:, 3], world.boxes[:, 4]) / 2.0, low, high)
+    size_x, size_y = world.boxes[:, 3:].T
+    boxes = _near(world.boxes, np.hypot(size_x, size_y) / 2.0, low, high)
 
     # The view has margins before and behind the path, and the obstacles at its sides.
-    sides = np.concatenate([driven[:, 0], circles[:, 0], boxes[:, 0]])
-    is_along_x = np.ptp(driven[:, 0]) > np.ptp(driven[:, 1])
-    margin = ASIDE_M if is_along_x else MARGIN_M
-    view = [sides.min() - SIDE_M, low[1] - margin, sides.max() + SIDE_M, high[1] + margin]
+    x = np.concatenate([driven[:, 0], circles[:, 0], boxes[:, 0]])
+    extent_x, extent_y = high - low
+    margin = ASIDE_M if extent_x > extent_y else MARGIN_M
+    view = [x.min() - SIDE_M, low[1] - margin, x.max() + SIDE_M, high[1] + margin]
 
     pose_count = max(len(drive["p"]) for drive in drives)
     times = (scene.begins + POSE_PERIOD_S * np.arange(pose_count)).tolist()

@@ -219,8 +219,10 @@ class Recorder:
 def _motion(rows: np.ndarray) -> Motion:
     """Return rows of time, x, y, yaw, v, w as a Motion."""
     time = rows[:, 0]
+    pose = rows[:, 1:4]
+    twist = rows[:, 4:6]
     # A simulator's rows hold for the time at which they come.
-    return Motion(time=time, stamp=time, pose=rows[:, 1:4], twist=rows[:, 4:6])
+    return Motion(time=time, stamp=time, pose=pose, twist=twist)
 
 
 def _commands(rows: np.ndarray) -> Commands:

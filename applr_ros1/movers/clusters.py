@@ -45,9 +45,8 @@ Clusters = Any  # an array (n,) of them
 # Extraction in 2D Range Images for Mobile Robotics", J. Int. Rob. Sys. 2004).
 GRAZING_RAD = 0.2
 FINEST_RAD = 0.02  # smallest value of this angle less an increment [rad]
-APART_M = (
-    0.08  # gap between neighbouring points that never splits a cluster, to allow for noise [m]
-)
+# Gap between neighbouring points that never splits a cluster, to allow for noise [m]
+APART_M = 0.08
 GAP_BEAMS = 3  # maximum number of beams from one point of a cluster to the next
 FEWEST_POINTS = 3  # minimum number of points per cluster
 # Standard deviation of a centre [m]: a constant part, a part of the spacing of the beams, and

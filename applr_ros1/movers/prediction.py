@@ -54,7 +54,10 @@ class Prediction:
         """Forget all scans and moving obstacles."""
         self._tracker.reset()
         self._clears_until = -math.inf  # stamp until which beams without return clear [s]
-        self.movers = Movers(*(np.empty(0) for _ in Movers._fields))
+        nothing = np.empty(0)
+        self.movers = Movers(
+            id=nothing, x=nothing, y=nothing, vx=nothing, vy=nothing, radius=nothing
+        )
         self.points = np.empty((0, 3), np.float32)
 
     def add_scan(self, scan: LaserScan) -> SensorCloud:
@@ -97,7 +100,8 @@ class Prediction:
         movers = self.movers
         x = movers.x + time * movers.vx
         y = movers.y + time * movers.vy
-        is_clear = np.hypot(x - robot[0], y - robot[1]) > movers.radius + self.room
+        robot_x, robot_y, _ = robot
+        is_clear = np.hypot(x - robot_x, y - robot_y) > movers.radius + self.room
         to_laser = inverse(scan.sensor_pose)
         centres = np.stack(transform_point(to_laser, x[is_clear], y[is_clear]))
 
@@ -106,7 +110,8 @@ class Prediction:
         # the disc.
         beams = beam_directions(scan.angle_min, scan.angle_increment, len(scan.ranges))
         along = beams @ centres
-        half_chord2 = movers.radius[is_clear] ** 2 - (centres**2).sum(axis=0) + along**2
+        squared_distance = (centres**2).sum(axis=0)
+        half_chord2 = movers.radius[is_clear] ** 2 - squared_distance + along**2
         entry = along - np.sqrt(np.maximum(half_chord2, 0.0))
         is_met = (half_chord2 > 0.0) & (along > 0.0)
         nearest = np.where(is_met, entry, np.inf).min(axis=1, initial=np.inf)

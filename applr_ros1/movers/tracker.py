@@ -137,11 +137,11 @@ class MoverTracker:
         ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
         fans = self._fans(scan, pose)
         depth = depths(ranges, float(scan.range_min), float(scan.range_max))
-        found = self._find_clusters(scan, ranges, fans)
+        scan_clusters = self._find_clusters(scan, ranges, fans)
         cluster_of, taken = tracks.follow(
             self._tracks,
             self._history,
-            found,
+            scan_clusters,
             depth,
             fans,
             tracks.Scans(self._free.ranges, self._free.fans),
@@ -151,10 +151,10 @@ class MoverTracker:
         fan = fans[0]
         corrected: Pose = (float(fan["x"]), float(fan["y"]), float(fan["yaw"]))
         self._correction = compose(corrected, inverse(pose))
-        self._next_id = tracks.begin(self._tracks, found, taken, scan.stamp, self._next_id)
+        self._next_id = tracks.begin(self._tracks, scan_clusters, taken, scan.stamp, self._next_id)
         if self._free.due(scan.stamp):
             self._free.take(depth, fan)
-            tracks.remember(self._history, self._free.newest, cluster_of, found)
+            tracks.remember(self._history, self._free.newest, cluster_of, scan_clusters)
 
     def _fans(self, scan: LaserScan, pose: Pose) -> np.ndarray:
         """Return the FAN of a scan as array (1,), which the kernels correct in place."""

@@ -89,9 +89,12 @@ class Reading(NamedTuple):
 
 def reading_of(message: Any) -> Reading:
     """Convert a nav_msgs/Odometry."""
-    twist = message.twist.twist
-    pose = pose_of(message.pose.pose)
-    return Reading(message.header.stamp.to_sec(), pose, (twist.linear.x, twist.angular.z))
+    velocity = message.twist.twist
+    return Reading(
+        time=message.header.stamp.to_sec(),
+        pose=pose_of(message.pose.pose),
+        twist=(velocity.linear.x, velocity.angular.z),
+    )
 
 
 def pose_stamped(pose: Pose, frame: str, stamp: Any) -> PoseStamped:
@@ -158,7 +161,8 @@ def points_of(message: Any) -> np.ndarray:
         TypeError: A size is no number.
     """
     if hasattr(message, "points"):
-        return np.array([(p.x, p.y, p.z) for p in message.points], np.float32).reshape(-1, 3)
+        points = [(point.x, point.y, point.z) for point in message.points]
+        return np.array(points, np.float32).reshape(-1, 3)
     if message.width * message.height == 0:
         return np.zeros((0, 3), np.float32)
 
@@ -172,7 +176,7 @@ def points_of(message: Any) -> np.ndarray:
         problem = f"has the fields {', '.join(names)}" if names else "has no fields"
         raise MessageError(f"{problem}: give x, y and z as FLOAT32")
     number = ">f4" if message.is_bigendian else "<f4"
-    point = np.dtype(
+    point_layout = np.dtype(
         {
             "names": ["x", "y", "z"],
             "formats": [number] * 3,
@@ -185,8 +189,12 @@ def points_of(message: Any) -> np.ndarray:
     row_step = message.row_step
     if message.height == 1:
         row_step = message.width * message.point_step
-    shape = (message.height, message.width)
-    table = np.ndarray(shape, point, message.data, 0, (row_step, message.point_step))
+    table = np.ndarray(
+        shape=(message.height, message.width),
+        dtype=point_layout,
+        buffer=message.data,
+        strides=(row_step, message.point_step),
+    )
     columns = [table[axis].ravel() for axis in "xyz"]
     return np.stack(columns, axis=1).astype(np.float32)
 
@@ -245,7 +253,9 @@ def from_above(message: Any, ranges: np.ndarray, hangs: bool) -> Tuple[np.ndarra
     """
     if not hangs:
         return ranges, message.angle_min
-    return ranges[::-1], -(message.angle_min + (len(ranges) - 1) * message.angle_increment)
+    # Left and right are exchanged, so that the last beam becomes the first.
+    last_angle = message.angle_min + (len(ranges) - 1) * message.angle_increment
+    return ranges[::-1], -last_angle
 
 
 def sensor_cloud(message: Any, transform: Any, origin: Optional[Point] = None) -> SensorCloud:
@@ -273,9 +283,9 @@ def static_map(message: Any) -> StaticMap:
     cell_count = len(message.data)
     if info.width * info.height != cell_count or cell_count == 0:
         raise MessageError(f"has {cell_count} cells for {info.width} x {info.height}")
-    turn = info.origin.orientation  # Some publishers leave the orientation all zero.
-    if is_upright(turn) and abs(yaw_of(turn)) > 1e-3:
-        problem = f"has an origin with a yaw of {yaw_of(turn):.3g} rad"
+    orientation = info.origin.orientation  # Some publishers leave it all zero.
+    if is_upright(orientation) and abs(yaw_of(orientation)) > 1e-3:
+        problem = f"has an origin with a yaw of {yaw_of(orientation):.3g} rad"
         raise MessageError(f"{problem}: give an origin without yaw")
     cells = np.array(message.data, dtype=np.int8).reshape(info.height, info.width)
     origin = (float(info.origin.position.x), float(info.origin.position.y))
@@ -340,8 +350,9 @@ def path(poses: np.ndarray, frame: str, stamp: Any) -> PackedMessage:
     """Return poses (n, 3) x, y, yaw, or points (n, 2) without rotation, as a nav_msgs/Path."""
     # A row has the layout of a serialized geometry_msgs/PoseStamped.
     name = frame.encode()
-    row = [("header", "<u4", 4), ("frame", f"S{max(1, len(name))}"), ("pose", "<f8", 7)]
-    rows = np.zeros(len(poses), row)
+    name_length = max(1, len(name))  # numpy has no texts of length 0.
+    row_layout = [("header", "<u4", 4), ("frame", f"S{name_length}"), ("pose", "<f8", 7)]
+    rows = np.zeros(len(poses), row_layout)
     rows["header"] = (0, stamp.secs, stamp.nsecs, len(name))
     rows["frame"] = name
     rows["pose"][:, :2] = poses[:, :2]

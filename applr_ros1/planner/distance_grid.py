@@ -35,7 +35,9 @@ def allocate(nx: int, ny: int) -> Grid:
     distance = np.full((nx + 2) * (ny + 2) + 1, nx * ny, np.int32)
     distance[-1] = nx * ny + 1
     # The queue has room for every cell of the map and for start cells that are walls.
-    return Grid(distance, np.zeros(nx * ny + 8, np.uint32), np.zeros(2, np.int64), nx, ny)
+    queue = np.zeros(nx * ny + 8, np.uint32)
+    ends = np.zeros(2, np.int64)
+    return Grid(distance, queue, ends, nx, ny)
 
 
 @kernel

@@ -24,7 +24,16 @@ TRIES = 24  # number of unsuccessful motions after which a recovery is due
 V = 0.1  # speed of the motions [m/s]
 W = 0.4  # turn rate of the motions [rad/s]
 # Turning comes first, because it needs the least room; the ways back come before the ways ahead.
-MOTIONS = ((0.0, W), (0.0, -W), (-V, W), (-V, -W), (V, W), (V, -W), (V, 0.0), (-V, 0.0))
+MOTIONS = (
+    (0.0, W),
+    (0.0, -W),
+    (-V, W),
+    (-V, -W),
+    (V, W),
+    (V, -W),
+    (V, 0.0),
+    (-V, 0.0),
+)
 
 
 class Escape:

@@ -21,7 +21,9 @@ def half_size(costmap: Any) -> float:
     """Return half of the longer side of the map [m]."""
     rows, columns = costmap.cells.shape
     # As in C++, each side is halved before the comparison.
-    return float(max(columns * costmap.resolution / 2.0, rows * costmap.resolution / 2.0))
+    half_width = columns * costmap.resolution / 2.0
+    half_height = rows * costmap.resolution / 2.0
+    return float(max(half_width, half_height))
 
 
 def cut_plan(
@@ -102,11 +104,12 @@ def transformed(poses: np.ndarray, local_origin: Optional[Pose]) -> np.ndarray:
     Angles pass through quaternions, as in tf.
     """
     moved = poses.copy()
+    x, y, yaw = moved.T  # views, which are changed in place
     turn = 0.0
     if local_origin is not None:
-        moved[:, 0], moved[:, 1] = transform_point(local_origin, poses[:, 0], poses[:, 1])
+        x[:], y[:] = transform_point(local_origin, x, y)
         turn = local_origin[2]
-    _through_matrix(moved[:, 2], turn)
+    _through_matrix(yaw, turn)
     return moved
 
 

@@ -227,19 +227,26 @@ class DimensionlessEncoding(Encoding):
     def _motion(self, context: Context, previous: Context) -> np.ndarray:
         """Return the entries (MOVING,) for route and motion since the `previous` decision."""
         base = self.robot.base
-        pose = context.pose
-        goal_x = context.goal[0] - pose[0]
-        goal_y = context.goal[1] - pose[1]
-        goal_distance = math.hypot(goal_x, goal_y) / (GOAL_CAP * self.width)
-        goal_bearing = math.atan2(goal_y, goal_x) - pose[2]
+        x, y, yaw = context.pose
+
+        # Route: the goal, and a farther point of the plan than the local goal
+        goal_x, goal_y, _ = context.goal
+        goal_dx = goal_x - x
+        goal_dy = goal_y - y
+        goal_distance = math.hypot(goal_dx, goal_dy) / (GOAL_CAP * self.width)
+        goal_bearing = math.atan2(goal_dy, goal_dx) - yaw
         far_bearing = goal_bearing
         if len(context.plan):
-            far_bearing = goal_angle(local_goal(context.plan, pose, FAR_POINT * self.width))
+            far_point = local_goal(context.plan, context.pose, FAR_POINT * self.width)
+            far_bearing = goal_angle(far_point)
+
+        # Motion, in shares of what the base can do
         v = context.twist[0] / base.max_speed
         w = context.twist[1] / base.max_yaw_rate
         previous_v = previous.twist[0] / base.max_speed
         previous_w = previous.twist[1] / base.max_yaw_rate
-        way = math.hypot(pose[0] - previous.pose[0], pose[1] - previous.pose[1])
+        previous_x, previous_y, _ = previous.pose
+        way = math.hypot(x - previous_x, y - previous_y)
         driven = way / (base.max_speed * self.period)
         return np.array(
             [

@@ -43,7 +43,8 @@ class Mirror(NamedTuple):
         """
         # Each scan is reversed for itself.
         order = np.arange(beams + rest)
-        order[:beams] = order[:beams].reshape(scans, -1)[:, ::-1].ravel()
+        by_scan = order[:beams].reshape(scans, -1)
+        order[:beams] = by_scan[:, ::-1].ravel()
         sign = np.ones(beams + rest, np.float32)
         sign[beams + np.asarray(mirror_sign, dtype=np.int64)] = -1.0
         return cls(order, sign)
@@ -225,7 +226,7 @@ class PaperEncoding(Encoding):
 
         Values beyond the ranges, which a user may set, are clipped.
         """
-        return self.space.chosen.to_action(self.space.pick(theta))
+        return self.space.chosen.to_action(self.space.chosen_of(theta))
 
 
 def check_robot(metadata: Mapping[str, Any], robot: Robot) -> None:

@@ -17,12 +17,10 @@ import numpy as np
 from applr_ros1.common.arrays import Array, Array32, Ints
 from applr_ros1.common.errors import ApplrError
 
-ANGLE_TOLERANCE_RAD = (
-    0.02  # angle by which a scan may be narrower than the layout, on each side [rad]
-)
-COARSEST_RAD = math.radians(
-    3.0
-)  # largest angle between two beams [rad]; a post of 0.15 m spans 4 degrees at 2 m
+# Angle by which a scan may be narrower than the layout, on each side [rad]
+ANGLE_TOLERANCE_RAD = 0.02
+# Largest angle between two beams [rad]; a post of 0.15 m spans 4 degrees at 2 m.
+COARSEST_RAD = math.radians(3.0)
 TURN_RAD = 2.0 * math.pi  # full turn [rad]
 FIELDS_IN_FILES = {  # names of a layout's fields by their keys in files
     "beams": "beams",

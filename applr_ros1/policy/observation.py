@@ -85,7 +85,7 @@ def observe(
         raise ObservationError(
             f"angle of the local goal is {phi}: check the pose and the global plan"
         )
-    parameters = space.chosen.to_action(space.pick(theta_prev))
+    parameters = space.chosen.to_action(space.chosen_of(theta_prev))
     observation = np.empty(beams + 1 + len(parameters), dtype=np.float32)
     observation[:beams] = np.clip(ranges, 0.0, layout.range_cap) * (2.0 / layout.range_cap) - 1.0
     observation[beams] = np.clip(phi / pi, -1.0, 1.0)
@@ -138,15 +138,17 @@ def local_goal(plan: Any, pose: Any, lookahead: float = LAYOUT.lookahead) -> Tup
         raise ObservationError(
             "global plan is empty: there is no local goal until the planner finds a path"
         )
-    if not (np.all(np.isfinite(plan[:, :2])) and np.all(np.isfinite(pose))):
+    points = plan[:, :2]
+    if not (np.isfinite(points).all() and np.isfinite(pose).all()):
         raise ObservationError("global plan or pose is not finite: check odometry and planner")
-    points = smooth(plan[:, :2])
-    dx = points[:, 0] - pose[0]
-    dy = points[:, 1] - pose[1]
+    x, y, yaw = pose
+    smooth_x, smooth_y = smooth(points).T
+    dx = smooth_x - x
+    dy = smooth_y - y
     beyond = np.flatnonzero(np.hypot(dx, dy) > lookahead)
     index = beyond[0] if len(beyond) else -1
-    x, y = transform_point((0.0, 0.0, -pose[2]), dx[index], dy[index])
-    return float(x), float(y)
+    ahead, left = transform_point((0.0, 0.0, -yaw), dx[index], dy[index])
+    return float(ahead), float(left)
 
 
 def beginning(plan: Any, pose: Any, distance: float) -> Array:

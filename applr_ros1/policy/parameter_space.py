@@ -82,8 +82,11 @@ class Space:
     def _chosen_at(self) -> List[int]:
         return [index for index, name in enumerate(self.names) if name not in self.fixed]
 
-    def pick(self, theta: Any) -> Array:
-        """Return the parameters (..., k) of the subspace `chosen` out of parameters (..., n)."""
+    def chosen_of(self, theta: Any) -> Array:
+        """Return the parameters (..., k) that a method may choose out of parameters (..., n).
+
+        They are those of the subspace `chosen`; fill() is the way back.
+        """
         chosen: Array = np.asarray(theta, dtype=np.float64)[..., self._chosen_at]
         return chosen
 

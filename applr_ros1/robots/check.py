@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from applr_ros1.common.arrays import Array
-from applr_ros1.common.errors import did_you_mean
+from applr_ros1.common.errors import did_you_mean, remedy_of
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters import check as parameters
 from applr_ros1.planner.parameters.declarations import (
@@ -137,16 +137,12 @@ def refused(error: ValidationError) -> List[str]:
             else:
                 field += f".{part}"
         field = field[1:]
-        if problem["type"] == "value_error":  # robot.py raised this error.
-            reason = str(problem["ctx"]["error"])
-            if field:
-                reason = f"{field}: {reason}"
-            lines.append(reason)
+        if problem["type"] == "value_error":  # robot.py raised this error, which names its values.
+            lines.append(f"{field}: {remedy_of(problem)}" if field else remedy_of(problem))
         elif problem["type"] == "missing":
             lines.append(f"{field} is missing: give it")
         else:
-            remedy = problem["msg"].replace("Input should be", "give")
-            lines.append(f"{field} is {problem['input']!r:.60}: {remedy}")
+            lines.append(f"{field} is {problem['input']!r:.60}: {remedy_of(problem)}")
     return lines
 
 

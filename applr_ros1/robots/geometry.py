@@ -14,10 +14,23 @@ import numpy as np
 from applr_ros1.robots.robot import Base, Robot
 
 GRAVITY = 9.8  # gravitational acceleration [m/s^2]
-# Shares of a round body's size in four rectangles. Their corners form a 16-sided polygon around the
-# ellipse.
-ROUND_TURNS = [pi / 16 * turn for turn in (1, 3, 5, 7)]
-ROUND_SHARES = [(cos(turn) / cos(pi / 16), sin(turn) / cos(pi / 16)) for turn in ROUND_TURNS]
+
+
+def _round_shares() -> List[Tuple[float, float]]:
+    """Return the shares of a round body's size in four rectangles.
+
+    Their corners form a 16-sided polygon around the ellipse, whose sides touch it.
+    """
+    half_side = pi / 16  # angle that half a side covers [rad]
+    inner = cos(half_side)  # distance of a side's middle from the centre; that of a corner is 1
+    shares = []
+    for corner in (1, 3, 5, 7):
+        angle = half_side * corner
+        shares.append((cos(angle) / inner, sin(angle) / inner))
+    return shares
+
+
+ROUND_SHARES = _round_shares()
 
 
 class Rectangle(NamedTuple):
@@ -115,7 +128,8 @@ def bounding_box(robot: Robot) -> Box:
 
 def radius(robot: Robot) -> float:
     """Return the radius of the circle around the base frame that contains all parts [m]."""
-    return float(np.hypot(*corners(robot).T).max())
+    x, y = corners(robot).T
+    return float(np.hypot(x, y).max())
 
 
 def supports(base: Base) -> np.ndarray:
@@ -141,6 +155,7 @@ def balance(robot: Robot) -> Balance:
         return Balance(mass, (x, y), 0.25 * mass * GRAVITY * along * across)
     # Equilibrium of forces and moments, with the smallest loads if there are more than three
     # supports
-    equilibrium = np.array([np.ones(len(places)), places[:, 0], places[:, 1]])
+    place_x, place_y = places.T
+    equilibrium = np.array([np.ones(len(places)), place_x, place_y])
     weight = mass * GRAVITY * np.array([1.0, x, y])
     return Balance(mass, (x, y), np.linalg.pinv(equilibrium) @ weight)

@@ -196,7 +196,9 @@ class Laser(Section):
 
     def pose_at(self, base: Pose) -> Pose:
         """Return the pose (x, y, yaw) of the scanner if the base frame is at a pose."""
-        return (*transform_point(base, self.pose[0], self.pose[1]), base[2] + self.pose[2])
+        x_in_base, y_in_base, yaw_in_base = self.pose
+        x, y = transform_point(base, x_in_base, y_in_base)
+        return x, y, base[2] + yaw_in_base
 
     def period_in(self, cycle: float) -> float:
         """Return the time between two scans [s]; 0 if every control cycle has one.

@@ -28,7 +28,8 @@ def urdf(robot: Robot) -> str:
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(robot.name)}>"]
     for colour, rgba in _COLOURS:
         lines.append(f'  <material name="{colour}"><color rgba="{rgba}"/></material>')
-    lines += _link(robot.frames.base, [_body(robot.body), *_wheels(robot.base), *_casters(robot)])
+    visuals = [_body(robot.body), *_wheels(robot.base), *_casters(robot)]
+    lines += _link(robot.frames.base, visuals)
     lines += _link(laser.frame, [_visual((0.0, 0.0, 0.0), laser_cylinder, "black")])
     x, y, yaw = laser.pose
     lines += [
@@ -80,7 +81,9 @@ def _visual(place: Tuple[float, float, float], shape: str, colour: str, turn: st
     """Return the line of a shape at a place (x, y, z) [m]; `turn` is roll, pitch, yaw [rad]."""
     x, y, z = place
     origin = f'<origin xyz="{x:g} {y:g} {z:g}" rpy="{turn}"/>'
-    return f'    <visual>{origin}<geometry>{shape}</geometry><material name="{colour}"/></visual>'
+    geometry_tag = f"<geometry>{shape}</geometry>"
+    material = f'<material name="{colour}"/>'
+    return f"    <visual>{origin}{geometry_tag}{material}</visual>"
 
 
 def _cylinder(radius: float, length: float) -> str:

@@ -52,14 +52,13 @@ class CommandChain:
 
     def judged(self, command: Twist, motion: Optional[Twist], judge: Judge) -> Verdict:
         """Return the verdict on a planner's command, or on the escape motion that replaces it."""
-        wanted = command
+        judged_command = command
         may_creep = True
         if motion is not None:
-            wanted = motion
-            may_creep = (
-                False  # An escape motion is small: slowed to a creep, it would free nothing.
-            )
-        verdict = judge(wanted, may_creep)
+            judged_command = motion
+            # An escape motion is small: slowed to a creep, it would free nothing.
+            may_creep = False
+        verdict = judge(judged_command, may_creep)
         if self.escapes is not None:
             self.escapes.report_held(verdict.blocked)
         return verdict

@@ -135,8 +135,8 @@ class Stack:
     ) -> Verdict:
         """Return the verdict on the planner's command, or on an escape motion in its place."""
 
-        def judge(wanted: Twist, may_creep: bool) -> Verdict:
-            return monitor.filter(now, pose, twist, wanted, creeps=may_creep)
+        def judge(judged_command: Twist, may_creep: bool) -> Verdict:
+            return monitor.filter(now, pose, twist, judged_command, creeps=may_creep)
 
         motion = self._command_chain.escape(now, command, self._progress())
         verdict = self._command_chain.judged(command, motion, judge)

@@ -54,7 +54,7 @@ def test_auto_is_a_robots_policy_else_its_set_else_its_parameters(tmp_path):
 def test_a_set_loaded_after_the_robots_own_files_is_in_force(name):
     robot = robots.load(name)
     space = loadable_space(robot)
-    theta = space.clip(space.fill(space.pick(0.5 * (space.low + space.high))))
+    theta = space.clip(space.fill(space.chosen_of(0.5 * (space.low + space.high))))
     tree = arranged(merged(robot.parameters(), move_base_parameters(robot, space.as_dict(theta))))
     for index, target in space.addresses:
         assert number_at(tree, target.server, target.names) == target.signed(theta[index])

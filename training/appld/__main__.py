@@ -88,7 +88,8 @@ def run(arguments: List[str]) -> None:
     by_context = _stretches_by_context(demonstrations, split, robot)
     for name, mean, parts in zip(split.names, split.means, by_context):
         best = fit(parts, options.evaluations, options.seed + len(contexts))
-        sets[name] = space.pick(best.theta)
+        # The policy's file holds only the parameters that the paper's encoding sets.
+        sets[name] = space.chosen_of(best.theta)
         contexts.append(_described(name, mean, best, space))
 
     # Classifier of the context

@@ -77,8 +77,8 @@ def _fit(
     rng = np.random.default_rng(seed)
     net = MLP(layout.beams, [HIDDEN], contexts)
     # A rare context counts as much as a frequent one.
-    counts = np.bincount(labels, minlength=contexts)
-    balance = torch.tensor(len(labels) / np.maximum(1, counts) / contexts, dtype=torch.float32)
+    counts = np.maximum(1, np.bincount(labels, minlength=contexts))
+    balance = torch.tensor(len(labels) / counts / contexts, dtype=torch.float32)
     criterion = torch.nn.CrossEntropyLoss(weight=balance, label_smoothing=0.05)
     optimiser = torch.optim.AdamW(net.parameters(), lr=1e-3, weight_decay=1e-2)
     for _ in range(STEPS):

@@ -10,7 +10,7 @@ import os
 
 import numpy as np
 
-from applr_ros1.drives.drive import Commands, Drive, Motion, Scans, SentGoal
+from applr_ros1.drives.drive import Commands, Drive, Motion, Scans, SentGoal, nearest_rows
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.robots import JACKAL, Robot
 from training.bags.read import BagError, read, refused
@@ -55,7 +55,7 @@ def instants(drive: Drive) -> Drive:
     # The instants are those of scans: odometry and commands are more frequent.
     scan_rows = _beats(drive.scans.stamp)
     times = drive.scans.stamp[scan_rows]
-    motion_rows = _nearest_rows(motion.stamp, times)
+    motion_rows = nearest_rows(motion.stamp, times)
     is_located = np.abs(motion.stamp[motion_rows] - times) < NEAR_S
     commands = _commands(drive.commands, times)
 
@@ -105,13 +105,6 @@ def policy_scans(drive: Drive, robot: Robot) -> np.ndarray:
     direction = first_angle + robot.laser.pose[2]
     scans = [layout.resample(ranges, direction, increment) for ranges in drive.scans.ranges]
     return np.array(scans)
-
-
-def _nearest_rows(stamps: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Return the indices of the stamps nearest to some times; of two equally near, the earlier."""
-    rows = np.clip(np.searchsorted(stamps, times), 1, len(stamps) - 1)
-    is_earlier = np.abs(stamps[rows - 1] - times) <= np.abs(stamps[rows] - times)
-    return np.asarray(rows - is_earlier)
 
 
 def _beats(stamps: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from typing import Any, List, Tuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose, normalize_angle, outside_box, transform_point
-from applr_ros1.common.paths import points_at, travelled
+from applr_ros1.common.paths import distances, points_at, travelled
 from applr_ros1.robots import Robot
 from training.env.episode import CONTROL_PERIOD
 from worlds import World
@@ -78,9 +78,8 @@ class Demonstrator:
         """
         # Target. The search goes forwards only: the route may pass the same place twice.
         x, y, yaw = pose
-        offsets = self.route[self._nearest : self._nearest + SEARCHED] - (x, y)
-        distances = np.hypot(offsets[:, 0], offsets[:, 1])
-        self._nearest += int(np.argmin(distances))
+        searched = self.route[self._nearest : self._nearest + SEARCHED]
+        self._nearest += int(np.argmin(distances(searched, np.array([x, y]))))
         lookahead = self.lookahead + LOOKAHEAD_S * self._v
         target = self._nearest + int(lookahead / SPACING)
         target_x, target_y = self.route[min(len(self.route) - 1, target)]
@@ -112,12 +111,11 @@ class Demonstrator:
         It is the smaller of the free distance ahead, in a band slightly wider than the robot, and
         twice the free distance to the sides.
         """
-        distances = np.nan_to_num(
-            np.asarray(ranges, np.float64), nan=OPEN_M, posinf=OPEN_M, neginf=TOO_NEAR_M
-        )
+        measured = np.asarray(ranges, np.float64)
+        lengths = np.nan_to_num(measured, nan=OPEN_M, posinf=OPEN_M, neginf=TOO_NEAR_M)
         angles = self._beams - bearing
-        along = distances * np.cos(angles)
-        across = np.abs(distances * np.sin(angles))
+        along = lengths * np.cos(angles)
+        across = np.abs(lengths * np.sin(angles))
         is_ahead = (across < self.band) & (along > 0.0)
         is_beside = np.abs(along) < self.beside
         ahead = along[is_ahead].min(initial=OPEN_M)
@@ -171,24 +169,24 @@ def _pushes(world: World, points: np.ndarray, wanted: float) -> np.ndarray:
 
     They point away from the nearest obstacle and have the length max(0, wanted - distance).
     """
-    # From the nearest spot on each obstacle to each point: offsets (k, 2) and distances (k,)
+    # From the nearest spot on each obstacle to each point: offsets (k, 2) and gaps (k,)
     x, y = points.T
-    from_centres = points - world.cylinders[:, np.newaxis, :2]  # (cylinders, k, 2)
-    centre_distances = np.hypot(from_centres[..., 0], from_centres[..., 1])
-    offsets = list(from_centres)
-    distances = list(centre_distances - world.cylinders[:, 2:])
+    centres = world.cylinders[:, np.newaxis, :2]  # (cylinders, 1, 2)
+    radii = world.cylinders[:, 2:]
+    offsets = list(points - centres)
+    gaps = list(distances(points, centres) - radii)
     for centre_x, centre_y, yaw, size_x, size_y in world.boxes:
         along, across = outside_box(x - centre_x, y - centre_y, yaw, size_x, size_y)
         offset_x, offset_y = transform_point((0.0, 0.0, yaw), along, across)
         offsets.append(np.column_stack([offset_x, offset_y]))
-        distances.append(np.hypot(along, across))
+        gaps.append(np.hypot(along, across))
 
     # The nearest obstacle of each point
-    nearest = np.argmin(distances, axis=0)
+    nearest = np.argmin(gaps, axis=0)
     rows = np.arange(len(points))
     offset = np.array(offsets)[nearest, rows]
-    distance = np.array(distances)[nearest, rows]
+    gap = np.array(gaps)[nearest, rows]
     length = np.hypot(offset[:, 0], offset[:, 1])
     length = np.maximum(length, 1e-9)  # 0 inside a box
-    push = np.clip(wanted - distance, 0.0, wanted)
+    push = np.clip(wanted - gap, 0.0, wanted)
     return np.asarray(offset / length[:, None] * push[:, None])

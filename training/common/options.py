@@ -13,7 +13,7 @@ from typing import Any, Dict, Literal, Mapping, Set, Type, TypeVar, get_args, ge
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, remedy_of
 
 PLACE: Dict[str, Any] = {"place": True}  # marks a positional argument in a field's JSON schema
 
@@ -117,16 +117,18 @@ def checked(model: Type[O], values: Mapping[str, Any], where: str = "") -> O:
     try:
         return model.model_validate(values)
     except ValidationError as refused:
-        problem = refused.errors()[0]
-        prefix = ""
-        if where:
-            prefix = f"{where}: "
-        text = problem["msg"].removeprefix("Value error, ")
-        if problem["type"] == "extra_forbidden":
-            raise ApplrError(f"{prefix}unknown option {problem['loc'][0]!r}") from None
-        if problem["loc"]:  # Else a rule about several options, whose message names them
-            name = str(problem["loc"][0])
-            if not where and model.model_fields[name].json_schema_extra != PLACE:
-                name = dashed(name)
-            text = f"{name} is {problem['input']!r:.80}: {text}"
-        raise ApplrError(prefix + text) from None
+        text = _refusal(model, refused.errors()[0], where)
+    raise ApplrError(f"{where}: {text}" if where else text)
+
+
+def _refusal(model: Type[O], problem: Mapping[str, Any], where: str) -> str:
+    """Return an entry of ValidationError.errors() about options, in words."""
+    # A rule about several options names them in its message.
+    if not problem["loc"]:
+        return remedy_of(problem)
+    name = str(problem["loc"][0])
+    if problem["type"] == "extra_forbidden":
+        return f"unknown option {name!r}"
+    if not where and model.model_fields[name].json_schema_extra != PLACE:
+        name = dashed(name)
+    return f"{name} is {problem['input']!r:.80}: {remedy_of(problem)}"

@@ -8,6 +8,5 @@ from gymnasium.envs.registration import register
 from applr_ros1.policy.decision import PERIOD
 
 ID = "applr_ros1/Navigation-v0"
-register(
-    ID, entry_point="training.env.env:ApplrEnv", kwargs={"period": PERIOD}
-)  # the paper's decision period
+# By default the policy decides at the paper's period.
+register(ID, entry_point="training.env.env:ApplrEnv", kwargs={"period": PERIOD})

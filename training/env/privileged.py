@@ -13,7 +13,7 @@ from typing import List, NamedTuple
 import numpy as np
 
 from applr_ros1.common.angles import Pose, inverse, transform_point
-from applr_ros1.common.paths import points_at, step_lengths
+from applr_ros1.common.paths import distances, points_at, step_lengths
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.robots.check import WIDTH
 from training.env.episode import Episode
@@ -64,16 +64,16 @@ def privileged(episode: Episode, scale: float) -> np.ndarray:
 
     # The true course from the point that is nearest to the robot
     route = np.vstack([world.course.path, world.course.goal[:2]])
-    offsets = route - state.pose[:2]
-    distances = np.hypot(offsets[:, 0], offsets[:, 1])
-    nearest = int(np.argmin(distances))
+    position = np.array(state.pose[:2])
+    from_robot = distances(route, position)
+    nearest = int(np.argmin(from_robot))
     route_left = route[nearest:]
     length_left = step_lengths(route_left).sum() / width
     along_route = _along(route_left, width)
     route_clearance = clearance(world, along_route, state.time)
     rows = [min(len(along_route) - 1, round(distance / STEP)) for distance in AHEAD]
-    ahead = along_route[rows] - state.pose[:2]
-    bearings = np.arctan2(ahead[:, 1], ahead[:, 0]) - state.pose[2]
+    dx, dy = (along_route[rows] - position).T
+    bearings = np.arctan2(dy, dx) - state.pose[2]
 
     lateral: List[float] = []
     forward: List[float] = []
@@ -87,7 +87,7 @@ def privileged(episode: Episode, scale: float) -> np.ndarray:
         *_clearances(route_clearance, width),
         _centred(free / STATIONS[-1]),
         _centred(length_left / LONG),
-        _centred(distances[nearest] / (FAR * width)),
+        _centred(from_robot[nearest] / (FAR * width)),
         *np.cos(bearings),
         *forward,
         1.0 if episode.move_base.variant == CPP_LIKE else -1.0,

@@ -24,9 +24,8 @@ LEVEL = 0.05  # significance level of the tests
 # two (the observed signs and their opposites) are as extreme as the observed difference.
 FEWEST_WORLDS = 1 + math.ceil(-math.log2(LEVEL))
 RESAMPLES = 2000  # number of bootstrap resamples
-EXCHANGES = (
-    19999  # largest number of sign flips in a test: all if there are fewer, else random ones
-)
+# Largest number of sign flips in a test: all if there are fewer, else random ones
+EXCHANGES = 19999
 
 
 class Estimate(NamedTuple):
@@ -164,7 +163,8 @@ def wilson(share: float, n: float) -> Tuple[float, float]:
     """Return Wilson's 95 % interval of a share of n independent trials; n may be fractional."""
     z = float(scipy.stats.norm.ppf(0.975))
     middle = share + z * z / (2.0 * n)
-    half = z * math.sqrt(share * (1.0 - share) / n + (z / (2.0 * n)) ** 2)
+    variance = share * (1.0 - share) / n
+    half = z * math.sqrt(variance + (z / (2.0 * n)) ** 2)
     scale = 1.0 + z * z / n
     low = max(0.0, middle - half) / scale  # max avoids a rounded -0.
     return low, (middle + half) / scale

@@ -163,7 +163,7 @@ class TrialRunner:
         loaded = None
         if self.settings.loaded and method.static:
             # Parameters that act differently when loaded keep their defaults.
-            loaded = self.loadable.fill(self.loadable.pick(method.theta(None)))
+            loaded = self.loadable.fill(self.loadable.chosen_of(method.theta(None)))
             # A parameter file drives without the applr node, and so without its rule for stalls.
             method = self._fixed(loaded, redraws_stalled=False)
             episode = self.starting_with(loaded)

@@ -69,7 +69,8 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     file = options.out / FILE
     if file.exists():
         raise ApplrError(f"{file} already exists: remove it, or give another folder with --out")
-    # What the files say
+
+    # What the files say. The first scan source of the costmaps names the laser's frame.
     parameters = read_parameter_files(list(map(str, options.parameters)))
     scan = next(iter(parameters.scans()), {})
     urdf = UrdfFile(str(options.urdf), arguments, parameters.frames()["base"])
@@ -77,14 +78,17 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     described = describe(urdf, parameters.driven, parameters.footprint(), options.laser, frame)
     add_parameters(described, parameters)
 
-    # robot.yaml, which is written last: a command that fails before it can be repeated.
+    # Content of robot.yaml. Worlds are scaled by how much wider the robot is than the Jackal.
     scale = round(parameters.padded_width() / WIDTH, 3)
     move_base, notes = move_base_section(parameters, described.values, ceil(COURSE * scale))
     hints = {**described.hints, **limits(parameters.planner)}
     text, missing = robot_yaml(options.urdf.name, described.values, scale, move_base, hints)
+
+    # robot.yaml is written last: a command that fails before it can be repeated.
     for path, name in copies_of(parameters).items():
-        (options.out / name).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(path, options.out / name)
+        copy = options.out / name
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, copy)
     write_bytes(file, text.encode())
 
     lines = [f"wrote {file} from {options.urdf} and {len(options.parameters)} parameter files"]
@@ -106,6 +110,7 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:
     """Run the command. Return 0, or 1 after a one-line error if the folder cannot be written."""
+    # Words with := are arguments of the xacro file, which parsed() leaves out.
     words = sys.argv[1:] if arguments is None else arguments
     xacro_arguments = {}
     for word in words:

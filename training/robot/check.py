@@ -61,13 +61,15 @@ def doors(described: Robot, path: str) -> str:
     """Return a line on the narrowest passage of all courses through the building of a map."""
     courses = Building(path, radius(described))
     narrowest = min(map(courses.passage, range(courses.count)))
-    width = np.ptp(MoveBase(described.parameters()).local_costmap.footprint, axis=0)[1]
+    # The planner drives with the padded footprint, which is wider than the body.
+    footprint = MoveBase(described.parameters()).local_costmap.footprint
+    _, width = np.ptp(footprint, axis=0)
     if narrowest > width:
         fits = f"passes with {(narrowest - width) / 2:.2f} m on each side"
     else:
         fits = "does not pass: reduce footprint_padding"
-    footprint = f"the padded footprint of {width:.2f} m"
-    return f"narrowest passage of {path}: {narrowest:.2f} m; {footprint} {fits}"
+    subject = f"the padded footprint of {width:.2f} m"
+    return f"narrowest passage of {path}: {narrowest:.2f} m; {subject} {fits}"
 
 
 def check(name_or_folder: str, path: str = "") -> int:
@@ -98,6 +100,7 @@ def check(name_or_folder: str, path: str = "") -> int:
             remarks.append(doors(described, path))
     for line in [*lines, *dict.fromkeys(remarks)]:
         print(line, flush=True)
+    # A robot with errors may not even start.
     if errors:
         return 1
     drives, drive_lines = open_floor.try_out(described)

@@ -58,10 +58,18 @@ def courses(robot: Robot) -> List[World]:
     right_wall = (wall_x, distance / 2, 0.0, wall_length, WALL_THICKNESS_M)
 
     def course(name: str, boxes: Sequence[Any], y: float, yaw: float) -> World:
-        path = np.array([(0.0, 0.0), (0.0, y)])
         # A course with a circle would end before the robot has turned to the goal's heading.
-        way = Course((0.0, 0.0, ahead), (0.0, y, yaw), None, NO_CIRCLE_M, path, planner_ends=True)
-        return World(name, np.zeros((0, 3)), np.array(boxes, np.float64).reshape(-1, 5), way)
+        way = Course(
+            start=(0.0, 0.0, ahead),
+            goal=(0.0, y, yaw),
+            finish_y=None,
+            goal_tolerance=NO_CIRCLE_M,
+            path=np.array([(0.0, 0.0), (0.0, y)]),
+            planner_ends=True,
+        )
+        no_cylinders = np.zeros((0, 3))
+        obstacles = np.array(boxes, np.float64).reshape(-1, 5)
+        return World(name, no_cylinders, obstacles, way)
 
     return [
         course("drive straight on", [], distance, ahead),
@@ -114,25 +122,25 @@ def try_out(robot: Robot) -> Tuple[bool, List[str]]:
         return True, lines
 
     # A fault that is known explains the failure better than a parameter that happens to avoid it.
-    known = []
+    known_faults = []
     for remark in check.remarks(robot):
         if remark.correction and _is_within_space(corrected(robot, [remark])):
-            known.append(remark)
-    advice = remedy(robot, known, list(failures))
+            known_faults.append(remark)
+    advice = remedy(robot, known_faults, list(failures))
     course, reason = next(iter(failures.items()))
     only_at_the_door = course.startswith("drive through a door")
     if only_at_the_door and reason.startswith(STANDS):
-        as_in_cpp = "" if known else "like the C++ planner, "
+        as_in_cpp = "" if known_faults else "like the C++ planner, "
         return True, [*lines, f"remark: {as_in_cpp}it does not {course}: {advice}"]
     return False, [*lines, f"error: it does not {course}: {advice}"]
 
 
-def remedy(robot: Robot, known: Sequence[Remark], failed: Sequence[str]) -> str:
+def remedy(robot: Robot, known_faults: Sequence[Remark], failed: Sequence[str]) -> str:
     """Return in words with what all four courses succeed: corrections, or another value.
 
     Args:
         robot: Robot that does not drive all courses.
-        known: Remarks on the robot that name a correction.
+        known_faults: Remarks on the robot that name a correction.
         failed: Names of the courses that failed, which are driven first.
     """
 
@@ -144,15 +152,17 @@ def remedy(robot: Robot, known: Sequence[Remark], failed: Sequence[str]) -> str:
         first = sorted(courses(changed), key=lambda world: world.name not in failed)
         return not any(failure_of(floor.drive(world)) for world in first)
 
-    attempts = [[remark] for remark in known]
-    if len(known) > 1:
-        attempts.append([*known])
+    # Each fault alone, and all together
+    attempts = [[remark] for remark in known_faults]
+    if len(known_faults) > 1:
+        attempts.append([*known_faults])
     for attempt in attempts:
         if succeeds(corrected(robot, attempt)):
             return f"{_lines(attempt)}; once this is corrected, all four courses succeed"
 
-    faults = f"{_lines(known)}; once this is corrected, " if known else ""
-    without_faults = corrected(robot, known)
+    # A single parameter, on top of all corrections
+    faults = f"{_lines(known_faults)}; once this is corrected, " if known_faults else ""
+    without_faults = corrected(robot, known_faults)
     for candidate in single_candidates(without_faults):
         name = f"{without_faults.name} with {candidate}"
         if succeeds(with_changes(without_faults, candidate.changes, name)):

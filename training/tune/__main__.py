@@ -56,6 +56,7 @@ def run(options: TuneOptions) -> int:
     unseen_worlds = world_list(unseen, CHALLENGE, robot)
     out = make_folder(options.out or os.path.join("tune", robot.name))
 
+    # A search could only find out slowly that a robot's description is wrong.
     compiling = "driving on open floor (compiles kernels the first time, about a minute)"
     with announced(compiling, show, *LINES_S):
         drives_there, lines = open_floor.try_out(robot)
@@ -77,6 +78,8 @@ def run(options: TuneOptions) -> int:
     with continuable(), Trials(table_folder, identity) as table:
         clock = Clock(table, f"readings_{options.for_}", 60.0 * options.minutes)
         theta, effects = best_set(options, settings, worlds, starts, table, clock)
+
+        # A set consists of the parameters that differ from the defaults.
         values = {}
         for name, value in space_of(robot).as_dict(theta).items():
             if name in effects:
@@ -85,6 +88,7 @@ def run(options: TuneOptions) -> int:
             show("better: no, no changed parameter saves anything")
             return 1
 
+        # The verdicts' drives belong to the set and to the worlds, as the search's table does.
         drives_name = sha256(repr((values, identity, unseen)).encode())[:8]
         drives = make_folder(out / f"{options.for_}_{drives_name}")
         write_set(robot, values, drives / "static.json", drives / "tuned.yaml")

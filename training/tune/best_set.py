@@ -186,7 +186,7 @@ def best_set(
         cost = partial(AIMS[options.for_].cost, robot=robot, baseline=baseline)
 
         # The starting sets race. The search begins around the best one.
-        started = race(partial(coarse, seed=seed), whole.pick(first), blocks[:2], cost)
+        started = race(partial(coarse, seed=seed), whole.chosen_of(first), blocks[:2], cost)
         report(f"best of {len(started)} starting sets: {started[0]}")
         starts = [raced.theta for raced in started]
         for winner, mean in search(space, len(names), rounds(), starts, cost, seed=seed, **SEARCH):

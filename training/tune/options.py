@@ -64,6 +64,7 @@ def check_maps(worlds: str, robot: Robot) -> None:
         path = part.strip()
         if not path.endswith(".yaml"):
             continue
+        # The search takes one half of the building, the verdicts the other.
         halves = building(path, radius(robot)).halves
         searched = len(halves[HALVES[0]])
         judged = len(halves[HALVES[1]])

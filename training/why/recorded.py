@@ -16,7 +16,7 @@ import numpy as np
 
 from applr_ros1.common.angles import inverse, normalize_angle_modulo
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.drives.drive import Drive, Motion, Plans, Scans
+from applr_ros1.drives.drive import Drive, Motion, Plans, Scans, nearest_rows
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.plan_cut import cut_plan, half_size, transformed
 from applr_ros1.robots import Robot
@@ -246,21 +246,10 @@ def _joined(motion: Motion, times: np.ndarray, stamps: np.ndarray, poses: np.nda
     """
     # Two of one rate may differ by some messages at the ends.
     if len(stamps) > 1.2 * len(motion):
-        nearest = _nearest(motion.stamp, stamps)
+        nearest = nearest_rows(motion.stamp, stamps)
         return Motion(np.maximum.accumulate(times), stamps, poses, motion.twist[nearest])
-    nearest = _nearest(stamps, motion.stamp)
+    nearest = nearest_rows(stamps, motion.stamp)
     return replace(motion, stamp=stamps[nearest], pose=poses[nearest])
-
-
-def _nearest(stamps: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Return the indices of the stamps nearest to some times (n,)."""
-    if len(stamps) == 1:
-        return np.zeros(len(wanted), int)
-    # Of the stamps on both sides of a time, the nearer one
-    right = np.clip(np.searchsorted(stamps, wanted), 1, len(stamps) - 1)
-    left = right - 1
-    is_left_nearer = wanted - stamps[left] <= stamps[right] - wanted
-    return np.where(is_left_nearer, left, right)
 
 
 # -- plans -----------------------------------------------------------------------------------------

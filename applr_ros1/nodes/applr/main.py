@@ -48,13 +48,13 @@ def started_with(spec: str) -> str:
     return ""
 
 
-def make_method(spec: str, robot: Robot, given: str) -> Tuple[Any, str]:
+def make_method(spec: str, robot: Robot, started_spec: str) -> Tuple[Any, str]:
     """Return (method, ""), or (default parameters, reason) if the method cannot be created.
 
-    given: Result of started_with().
+    started_spec: Result of started_with().
     """
     try:
-        return methods.make(spec, robot, user_code=spec == given), ""
+        return methods.make(spec, robot, user_code=spec == started_spec), ""
     except (ApplrError, OSError) as problem:
         return methods.make("dwa", robot), str(problem)
 
@@ -74,7 +74,7 @@ def set_parameters(node: ApplrNode, message: Parameters) -> None:
         rospy.logerr("applr: parameters were not set by hand: %s", problem)
 
 
-def set_method(node: ApplrNode, given: str, request: Any) -> SetMethodResponse:
+def set_method(node: ApplrNode, started_spec: str, request: Any) -> SetMethodResponse:
     """Handle the service ~set_method. given: Result of started_with().
 
     Anybody who reaches the ROS master can call this service. The service therefore imports no code,
@@ -83,7 +83,7 @@ def set_method(node: ApplrNode, given: str, request: Any) -> SetMethodResponse:
     # An empty name asks for the method in use to be made anew, such as after a new policy file.
     spec = request.method or node.method.name
     try:
-        method = methods.make(spec, node.robot, user_code=spec == given)
+        method = methods.make(spec, node.robot, user_code=spec == started_spec)
     except (ValueError, OSError) as problem:
         rospy.logerr("applr: method remains %s: %s", node.method.name, problem)
         return SetMethodResponse(False, str(problem))
@@ -99,16 +99,16 @@ def main() -> int:
         ApplrError: A private parameter is invalid.
     """
     init_node("applr")
-    given = rospy.get_param("~", {})
-    period = number_within("period", given.get("period", 0), 0, 60.0)
-    seed = given.get("seed", AUTO)
+    parameters = rospy.get_param("~", {})
+    period = number_within("period", parameters.get("period", 0), 0, 60.0)
+    seed = parameters.get("seed", AUTO)
     # Draws that are the same in every drive would repeat a failed drive for ever.
     if seed == AUTO:
         seed = secrets.randbelow(2**31)
     seed = number_within("seed", seed, 0, 2**31 - 1)
-    max_speed = number_within("max_speed", given.get("max_speed", 0), 0, math.inf)
-    namespace = rospy.resolve_name(str(given.get("move_base", "move_base")))
-    robot, prefix = named_robot(given)
+    max_speed = number_within("max_speed", parameters.get("max_speed", 0), 0, math.inf)
+    namespace = rospy.resolve_name(str(parameters.get("move_base", "move_base")))
+    robot, prefix = named_robot(parameters)
     space = space_of(robot)
 
     # The methods choose max_vel_x within its range, whose begin a limit cannot undercut.
@@ -116,8 +116,8 @@ def main() -> int:
     if 0 < max_speed < slowest:
         advice = f"give at least {slowest:g} m/s, or 0 for no limit"
         raise ApplrError(f"max_speed is {max_speed:g}: {advice}")
-    spec = str(given.get("method", "auto"))
-    meter_scoring = str(given.get("meter_scoring", AUTO)).lower()  # ROS parses true as a bool.
+    spec = str(parameters.get("method", "auto"))
+    meter_scoring = str(parameters.get("meter_scoring", AUTO)).lower()  # ROS parses true as a bool.
     if meter_scoring not in CHOICES:
         advice = f"give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}"
         raise ApplrError(f"meter_scoring is {meter_scoring}: {advice}")

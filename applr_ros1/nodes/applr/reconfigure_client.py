@@ -325,9 +325,9 @@ class ReconfigureClient:
         low = np.full(len(self.space), -np.inf)
         high = np.full(len(self.space), np.inf)
         for index, target in self.space.addresses:
-            least, most = self.servers[target.server].bounds_of(target)
-            low[index] = max(low[index], least)
-            high[index] = min(high[index], most)
+            smallest, largest = self.servers[target.server].bounds_of(target)
+            low[index] = max(low[index], smallest)
+            high[index] = min(high[index], largest)
         return low, high
 
     def apply(self, theta: np.ndarray, seconds: float = DEADLINE_S) -> str:

@@ -323,12 +323,13 @@ def settings_from(parameters: Dict[str, Any], robot: Robot) -> MonitorSettings:
     Raises:
         ApplrError: A parameter is unknown or has an invalid value.
     """
-    known = {field.name for field in fields(MonitorSettings)} - {"body"}
-    others = {*NAMING, "more_scans", "escape"}
-    unknown = ", ".join(sorted(set(parameters) - known - others))
+    known_settings = {field.name for field in fields(MonitorSettings)} - {"body"}
+    other_parameters = {*NAMING, "more_scans", "escape"}
+    unknown = ", ".join(sorted(set(parameters) - known_settings - other_parameters))
     if unknown:
-        raise ApplrError(f"unknown parameter {unknown}: give some of {', '.join(sorted(known))}")
-    overrides = {name: parameters[name] for name in known & set(parameters)}
+        names = ", ".join(sorted(known_settings))
+        raise ApplrError(f"unknown parameter {unknown}: give some of {names}")
+    overrides = {name: parameters[name] for name in known_settings & set(parameters)}
     return replace(MonitorSettings.of(robot), **overrides)
 
 

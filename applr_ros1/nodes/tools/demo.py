@@ -126,9 +126,10 @@ def prepare(words: Sequence[str]) -> Setup:
         needs = "the demo needs sim:=true, move_base:=python and a goal"
         raise ApplrError(f"{needs}: for a real robot use roslaunch applr_ros1 jackal_applr.launch")
     # The launch file's defaults are texts; what is no number is reported as it was given.
-    for name, kind, low, high in (("limit", float, 1.0, 3600.0), ("seed", int, 0, 2**31 - 1)):
+    numbers = (("limit", float, 1.0, 3600.0), ("seed", int, 0, 2**31 - 1))
+    for name, number_type, low, high in numbers:
         with contextlib.suppress(ValueError):
-            values[name] = kind(values[name])
+            values[name] = number_type(values[name])
         number_within(name, values[name], low, high)
     # A drive of minutes must not end with a page that cannot be written.
     if values["page"] != "none":
@@ -141,7 +142,8 @@ def prepare(words: Sequence[str]) -> Setup:
     # An invalid robot, method or world is an error before anything starts.
     robot = load(values["robot"])
     values["method"] = methods.make(values["method"], robot).name
-    world = worlds.scaled(worlds.load(values["world"], geometry.radius(robot)), robot.world_scale)
+    world = worlds.load(values["world"], geometry.radius(robot))
+    world = worlds.scaled(world, robot.world_scale)
     values["sent"] = course_goal(world.course)
     if values["goal"] != "auto":
         values["sent"] = pose("goal", values["goal"])

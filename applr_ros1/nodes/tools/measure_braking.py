@@ -76,27 +76,27 @@ def stop_of(readings: List[Reading], braked: float, command: float, is_turn: boo
         ApplrError: There are too few readings.
     """
     speeds_before = []
-    after = [reading for reading in readings if reading.time >= braked]
+    readings_after = [reading for reading in readings if reading.time >= braked]
     for reading in readings:
         if braked - STANDING_S < reading.time <= braked:
             speeds_before.append(_speed(reading, is_turn))
-    if not speeds_before or len(after) < 2:
+    if not speeds_before or len(readings_after) < 2:
         problem = "too few odometry messages during the run"
         raise ApplrError(f"{problem}: check that the robot's clock is synchronised")
     speed = sum(speeds_before) / len(speeds_before)
 
     # A base that never slowed down reacts at the end of the readings.
-    slowed = after[-1].time
-    for reading in after:
+    slowed = readings_after[-1].time
+    for reading in readings_after:
         if _speed(reading, is_turn) < FELL * speed:
             slowed = reading.time
             break
 
     # The sum of the steps, not the distance of the ends: a wheel slips, and a turn may exceed pi.
-    way = 0.0
-    for last, reading in zip(after, after[1:]):
-        way += _distance(last, reading, is_turn)
-    return Stop(speed, speed / abs(command), slowed - braked, way)
+    distance = 0.0
+    for previous, reading in zip(readings_after, readings_after[1:]):
+        distance += _distance(previous, reading, is_turn)
+    return Stop(speed, speed / abs(command), slowed - braked, distance)
 
 
 def _speed(reading: Reading, is_turn: bool) -> float:
@@ -257,9 +257,9 @@ def dead_band(base: Base, is_turn: bool) -> float:
     return command if command > step else 0.0
 
 
-def fastest(free: float) -> float:
-    """Return the largest speed [m/s] of a run within `free` metres, if it brakes at 1 m/s^2."""
-    return math.sqrt(DRIVING_S**2 + 2.0 * (free - ROOM_M)) - DRIVING_S
+def fastest(room: float) -> float:
+    """Return the largest speed [m/s] of a run within `room` metres, if it brakes at 1 m/s^2."""
+    return math.sqrt(DRIVING_S**2 + 2.0 * (room - ROOM_M)) - DRIVING_S
 
 
 def parser() -> argparse.ArgumentParser:

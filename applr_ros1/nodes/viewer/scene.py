@@ -258,7 +258,9 @@ class Scene:
         aim_x = ahead * math.cos(yaw)
         aim_y = ahead * math.sin(yaw)
         self._aims[client.client_id] = (aim_x, aim_y)
-        camera.position = (x - back * math.cos(yaw), y - back * math.sin(yaw), height)
+        camera_x = x - back * math.cos(yaw)
+        camera_y = y - back * math.sin(yaw)
+        camera.position = (camera_x, camera_y, height)
         camera.look_at = (x + aim_x, y + aim_y, 0.0)
 
 

@@ -23,6 +23,7 @@ PICTURE_PERIOD_S = 0.5  # shortest wall time between two images of a costmap [s]
 
 def colours(costs: np.ndarray) -> np.ndarray:
     """Return colours (n, 3) uint8 for costs (n,) from 0 to 1."""
+    # Each channel goes from the cheap colour to the dear one with the cost.
     share = np.clip(costs, 0.0, 1.0)[:, None]
     shades: np.ndarray = (1.0 - share) * rgb(CHEAP) + share * rgb(DEAR)
     return shades.astype(np.uint8)
@@ -78,7 +79,8 @@ class Model:
         # Height of the base frame above the ground [m]
         self._height = base.wheel_radius - base.axle_height
 
-        middle = (*body.centre, body.bottom + body.size[2] / 2)
+        height = body.size[2]
+        middle = (*body.centre, body.bottom + height / 2)
         scene.add_box(f"{name}/body", color=colour, dimensions=body.size, position=middle)
         for number, (x, y) in enumerate(wheel_places(base)):
             scene.add_cylinder(
@@ -157,16 +159,20 @@ class Costmap:
         if not len(rows):
             return
 
-        # viser places an image by its middle.
-        low = np.array([columns[0], rows[0]])
-        high = np.array([columns[-1], rows[-1]]) + 1
-        width, height = (high - low) * self._info.resolution
-        middle = (low + high) / 2.0 * self._info.resolution
-        corner = self._info.origin.position
+        # The window around all cells that are not free
+        left = columns[0]
+        right = columns[-1] + 1
+        bottom = rows[0]
+        top = rows[-1] + 1
+        resolution = self._info.resolution
         self.handle.visible = True
-        self.handle.image = SHADES[self._cells[low[1] : high[1], low[0] : high[0]]]
-        self.handle.render_width = float(width)
-        self.handle.render_height = float(height)
-        x = pose[0] + corner.x + middle[0]
-        y = pose[1] + corner.y + middle[1]
+        self.handle.image = SHADES[self._cells[bottom:top, left:right]]
+        self.handle.render_width = float((right - left) * resolution)
+        self.handle.render_height = float((top - bottom) * resolution)
+
+        # viser places an image by its middle.
+        corner = self._info.origin.position
+        frame_x, frame_y, _ = pose
+        x = frame_x + corner.x + (left + right) / 2.0 * resolution
+        y = frame_y + corner.y + (bottom + top) / 2.0 * resolution
         self.handle.position = (x, y, self._z)

@@ -76,7 +76,9 @@ def tables(reach: int) -> Tuple[np.ndarray, Tuple[float, ...]]:
     inner = slice(1, side + 1)
     # One more cell on each side lets a step from the edge of the table end in the arrays.
     for direction, (dx, dy) in enumerate(DIRECTIONS):
-        ahead = slice(1 + dy, side + 1 + dy), slice(1 + dx, side + 1 + dx)
+        rows_ahead = slice(1 + dy, side + 1 + dy)
+        columns_ahead = slice(1 + dx, side + 1 + dx)
+        ahead = (rows_ahead, columns_ahead)
         is_further = distance[ahead] > distance[inner, inner]
         step_level[:, :, direction] = np.where(is_further, level[ahead], 0)
     return step_level.reshape(-1), tuple(distances.tolist())
@@ -215,24 +217,24 @@ def _is_earlier(
     steps: Steps,
     cell: int,
     direction: int,
-    other: int,
+    other_cell: int,
     other_direction: int,
 ) -> bool:
-    """Return whether C++ enqueued a step from `cell` before one from `other`, to the same level.
+    """Return whether C++ enqueued a step from `cell` before one from `other_cell` to its level.
 
     The order of two steps is that of the steps which led to their cells, and finally of the seeds.
     """
     while True:
-        if cell == other:
+        if cell == other_cell:
             return direction < other_direction
-        if level[cell] != level[other]:
-            return bool(level[cell] < level[other])
+        if level[cell] != level[other_cell]:
+            return bool(level[cell] < level[other_cell])
         if level[cell] == SEED:
-            return cell < other
+            return cell < other_cell
         direction = link[cell] >> DIRECTION_BIT
-        other_direction = link[other] >> DIRECTION_BIT
+        other_direction = link[other_cell] >> DIRECTION_BIT
         cell -= steps[direction]
-        other -= steps[other_direction]
+        other_cell -= steps[other_direction]
 
 
 @kernel
@@ -298,13 +300,13 @@ def repair(changed: Data, count: int, spread: Spread, queue: Data, lost: Data) -
             cost[cell] = level_cost[SEED]
             queued = _enqueue_around(queue, queued, level, step_level, steps, cell, centre)
 
-    done = 0
+    next_lost = 0
     next_level = SEED + 1
     while True:
         # Each neighbour that still has a source may reach the lost cell again.
-        while done < lost_count:
-            cell = lost[done]
-            done += 1
+        while next_lost < lost_count:
+            cell = lost[next_lost]
+            next_lost += 1
             if level[cell] != NONE:
                 continue
             if queued > room:
@@ -341,9 +343,9 @@ def repair(changed: Data, count: int, spread: Spread, queue: Data, lost: Data) -
         if level[cell] != NONE:
             if level[cell] == next_level:
                 other_direction = link[cell] >> DIRECTION_BIT
-                other = cell - steps[other_direction]
+                other_cell = cell - steps[other_direction]
                 if other_direction == direction or not _is_earlier(
-                    level, link, steps, previous, direction, other, other_direction
+                    level, link, steps, previous, direction, other_cell, other_direction
                 ):
                     continue
             if lost_count > lost_room:

@@ -64,7 +64,8 @@ def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray
 
     if points.size == 0:
         return np.zeros((0, 2))
-    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3 or not np.isfinite(points).all():
+    is_polygon = points.ndim == 2 and points.shape[1] == 2 and len(points) >= 3
+    if not is_polygon or not np.isfinite(points).all():
         raise problem
     return points.astype(np.float64)
 
@@ -95,11 +96,13 @@ def padded(values: Mapping[str, Any]) -> np.ndarray:
 def transform(vertices: np.ndarray, x: float, y: float, yaw: float) -> np.ndarray:
     """Return the vertices (n, 2) [m] placed at the pose x, y [m], yaw [rad]. footprint.cpp:106."""
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 2)
+    vertex_x, vertex_y = vertices.T
     placed = np.empty_like(vertices)
     cos_yaw = math.cos(yaw)
     sin_yaw = math.sin(yaw)
-    placed[:, 0] = x + (vertices[:, 0] * cos_yaw - vertices[:, 1] * sin_yaw)
-    placed[:, 1] = y + (vertices[:, 0] * sin_yaw + vertices[:, 1] * cos_yaw)
+    # The parentheses are C++'s: they decide how the sums round.
+    placed[:, 0] = x + (vertex_x * cos_yaw - vertex_y * sin_yaw)
+    placed[:, 1] = y + (vertex_x * sin_yaw + vertex_y * cos_yaw)
     return placed
 
 

@@ -45,7 +45,8 @@ def line_offsets(footprint: np.ndarray, resolution: float, columns: int) -> np.n
         longest = float(np.max(np.hypot(edges[:, 0], edges[:, 1])))
     # Rounding both ends to cells may lengthen an edge by up to two cells.
     reach = int(min(longest / resolution + 2, LONGEST_TABLE))
-    table = np.zeros((2 * reach + 1, 2 * reach + 1, reach + 1), np.int32)
+    side = 2 * reach + 1
+    table = np.zeros((side, side, reach + 1), np.int32)
     _fill_offsets(table, reach, columns)
     return table
 

@@ -134,7 +134,13 @@ def walk_line(x0: int, y0: int, x1: int, y1: int, cells_x: Data, cells_y: Data) 
 
 def union(a: Rectangle, b: Rectangle) -> Rectangle:
     """Return the smallest rectangle around two windows or bounds."""
-    return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
+    a_left, a_bottom, a_right, a_top = a
+    b_left, b_bottom, b_right, b_top = b
+    left = min(a_left, b_left)
+    bottom = min(a_bottom, b_bottom)
+    right = max(a_right, b_right)
+    top = max(a_top, b_top)
+    return left, bottom, right, top
 
 
 def roll(

@@ -261,11 +261,11 @@ class InflationLayer:
         )
         seeds = self._changed
         if last_window is not None:
-            both = union(last_window, window)
-            count = brushfire.seed_changes(base, self._level, window, both, seeds)
+            around_both = union(last_window, window)
+            count = brushfire.seed_changes(base, self._level, window, around_both, seeds)
             if count >= 0 and brushfire.repair(seeds, count, spread, self._queue, self._lost):
                 return
-            _wipe(self._level, self._cost, self._around(both, self.reach))
+            _wipe(self._level, self._cost, self._around(around_both, self.reach))
 
         # Scratch memory grows until it suffices.
         while True:

@@ -224,10 +224,10 @@ class ObstacleLayer:
         min_x, min_y = self.origin.tolist()
         max_x = min_x + grid.size_in_meters(columns, self.resolution)
         max_y = min_y + grid.size_in_meters(rows, self.resolution)
-        whole: Bounds = (min_x, min_y, max_x, max_y)
+        written_bounds: Bounds = (min_x, min_y, max_x, max_y)
         if self._cleared_bounds is not None:
-            whole = union(self._cleared_bounds, whole)
-        self._cleared_bounds = whole
+            written_bounds = union(self._cleared_bounds, written_bounds)
+        self._cleared_bounds = written_bounds
 
     def _strictly_inside(self, count: int, centre: float, side: float, axis: int) -> np.ndarray:
         """Return (count,) bool: cells along an axis strictly between the sides of a square [m]."""

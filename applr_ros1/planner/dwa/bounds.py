@@ -34,14 +34,12 @@ from applr_ros1.planner.sampling_planner import (
     turned,
 )
 
-ROUNDING = (
-    1.01 * 2.0**-24
-)  # relative error of one float32 value, plus a margin for the closed forms
+# Relative error of one float32 value, plus a margin for the closed forms
+ROUNDING = 1.01 * 2.0**-24
 FORMULA = 1e-9  # error bound of the closed forms, whose actual error is about 1e-12 [m]
 CELL_FORMULA = 1e-9  # error bound of a division by the resolution [cells]
-AT_BORDER = -(
-    1 << 40
-)  # index of a cell that is uncertain because the pose is too close to a border
+# Index of a cell that is uncertain because the pose is too close to a border
+AT_BORDER = -(1 << 40)
 
 
 class MapVelocity(NamedTuple):
@@ -400,7 +398,9 @@ def _limits_from_here(
 
     # A diagonal metre is up to 1.42 m of 4-connected steps, and detours around obstacles are
     # longer.
-    speed = max(abs(p.max_vel_x), abs(p.min_vel_x)) + max(abs(p.max_vel_y), abs(p.min_vel_y))
+    speed_x = max(abs(p.max_vel_x), abs(p.min_vel_x))
+    speed_y = max(abs(p.max_vel_y), abs(p.min_vel_y))
+    speed = speed_x + speed_y
     if p.max_vel_trans >= 0:
         speed = min(speed, p.max_vel_trans)
     travel = (speed * p.sim_time + 2 * abs(ahead)) / scene.resolution

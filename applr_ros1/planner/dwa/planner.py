@@ -119,8 +119,9 @@ class DWAPlanner(SamplingPlanner):
         super().reset()
         self._aligned_plan = NO_PLAN
         if self._grids is not None:
+            # Until the next cycle floods the grids, no row of them is read.
             self._grids.facts["flooded"] = 0
-            self._grids.facts["alignment_row"] = 0
+            self._grids.facts["alignment_row"] = PATH
 
     def remember(self, pose: Sequence[float], v: float, w: float) -> None:
         """Update the flags as if the last search had chosen (v, w) at a pose (x, y, yaw)."""

@@ -101,7 +101,9 @@ def begin_floods(p: Record, grids: Grids, start: Record, scene: Scene, is_aligne
     # The nose's goal lies beyond the plan's end, seen from the robot.
     nose_plan = plan.copy()
     last = plan.shape[0] - 1
-    angle = math.atan2(plan[last, 1] - start.y, plan[last, 0] - start.x)
+    end_x = plan[last, 0]
+    end_y = plan[last, 1]
+    angle = math.atan2(end_y - start.y, end_x - start.x)
     nose_plan[last, 0] += p.forward_point_distance * math.cos(angle)
     nose_plan[last, 1] += p.forward_point_distance * math.sin(angle)
     start_at_plan(grid_of(grids, FRONT), scene, nose_plan, False)

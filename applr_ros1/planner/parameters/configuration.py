@@ -61,24 +61,24 @@ class Configuration:
         # All values are read before any is used: a request is accepted as a whole or not at all.
         parameters = self._by_name.get(server, {})
         current = self[server]
-        wanted = {}
+        requested = {}
         for name, value in values.items():
             if name not in parameters:
                 raise ParameterError(f"{name}: no such parameter of server {server!r}")
-            wanted[name] = parameters[name].taken(value)
-        if wanted.get("restore_defaults"):
+            requested[name] = parameters[name].taken(value)
+        if requested.get("restore_defaults"):
             return dict(self._start[server])
 
         # Clients such as rqt_reconfigure send all values, so that an older name comes with each
         # newer one.
         for p in self._declared[server]:
-            names = [name for name in p.names if name in wanted]
-            changed = [name for name in names if wanted[name] != current[p.name]]
+            names = [name for name in p.names if name in requested]
+            changed = [name for name in names if requested[name] != current[p.name]]
             if names:
                 deciding = (changed or names)[0]
-                wanted.update(dict.fromkeys(p.names, wanted[deciding]))
+                requested.update(dict.fromkeys(p.names, requested[deciding]))
 
-        result = {**current, **wanted}
+        result = {**current, **requested}
         if server in CONTRADICTIONS:
             for line in CONTRADICTIONS[server](result):
                 raise ParameterError(f"{server}/{line}")  # Only the first conflict is reported.

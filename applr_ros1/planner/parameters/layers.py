@@ -212,16 +212,16 @@ def _with_older_names(tree: Dict[str, Any]) -> Any:
     TrajectoryPlannerROS reads an older name only for the slowest turn to the goal heading
     (trajectory_planner_ros.cpp) and writes the newer names before recovery reads them.
     """
-    given = tree.get("TrajectoryPlannerROS", {})
-    if not isinstance(given, dict):
-        return given
+    planner_values = tree.get("TrajectoryPlannerROS", {})
+    if not isinstance(planner_values, dict):
+        return planner_values
     slowest = "min_in_place_vel_theta"
     older_slowest = "min_in_place_rotational_vel"
     planner = str(tree.get("base_local_planner", "TrajectoryPlannerROS"))
     if planner.endswith("TrajectoryPlannerROS"):
-        if slowest not in given:
-            return given
-        return {**given, older_slowest: given[slowest]}
+        if slowest not in planner_values:
+            return planner_values
+        return {**planner_values, older_slowest: planner_values[slowest]}
 
     values = {"yaw_goal_tolerance": 0.1}  # default of rotate_recovery.cpp
     older_names = {
@@ -230,9 +230,9 @@ def _with_older_names(tree: Dict[str, Any]) -> Any:
         "acc_lim_theta": "acc_lim_th",
     }
     for name, older_name in older_names.items():
-        if older_name in given:
-            values[name] = given[older_name]
-    return {**values, **given}
+        if older_name in planner_values:
+            values[name] = planner_values[older_name]
+    return {**values, **planner_values}
 
 
 def _add_predicted(layer: Dict[str, Any], base: str) -> None:

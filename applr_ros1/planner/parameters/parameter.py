@@ -189,27 +189,27 @@ def too_many_points(
 
 
 def real(
-    name: str, default: Any, low: float, high: float, unit: str, doc: str, **more: Any
+    name: str, default: Any, low: float, high: float, unit: str, doc: str, **options: Any
 ) -> Parameter:
     """Declare a double."""
-    return Parameter(name, "double", default, low, high, unit, doc, **more)
+    return Parameter(name, "double", default, low, high, unit, doc, **options)
 
 
 def whole(
-    name: str, default: Any, low: float, high: float, unit: str, doc: str, **more: Any
+    name: str, default: Any, low: float, high: float, unit: str, doc: str, **options: Any
 ) -> Parameter:
     """Declare an int."""
-    return Parameter(name, "int", default, low, high, unit, doc, **more)
+    return Parameter(name, "int", default, low, high, unit, doc, **options)
 
 
-def flag(name: str, default: Any, doc: str, **more: Any) -> Parameter:
+def flag(name: str, default: Any, doc: str, **options: Any) -> Parameter:
     """Declare a bool."""
-    return Parameter(name, "bool", default, False, True, "", doc, **more)
+    return Parameter(name, "bool", default, False, True, "", doc, **options)
 
 
-def text(name: str, default: Any, doc: str, **more: Any) -> Parameter:
+def text(name: str, default: Any, doc: str, **options: Any) -> Parameter:
     """Declare a str."""
-    return Parameter(name, "str", default, "", "", "", doc, **more)
+    return Parameter(name, "str", default, "", "", "", doc, **options)
 
 
 def listing(name: str, default: Any, doc: str) -> Parameter:

@@ -295,7 +295,8 @@ def _bound(
     # Flood to what the robot can reach in sim_time: a diagonal metre is up to 1.42 m of 4-connected
     # steps, and detours around obstacles are longer.
     heading = heading_of(start.theta)
-    speed = max(abs(start.vx), abs(vs[0]), abs(vs[-1])) + abs(start.vy)
+    fastest_sample = max(abs(vs[0]), abs(vs[-1]))  # The speeds are in ascending order.
+    speed = max(abs(start.vx), fastest_sample) + abs(start.vy)
     travel = speed * p.sim_time / scene.resolution
     reach = int(min(3.0 * travel, float(cell_count))) + 8
     cell_x = int((start.x - scene.ox) / scene.resolution)

@@ -319,7 +319,9 @@ def velocity_window(p: Record, plan: Data, start: Record) -> Window:
     max_vx = p.max_vel_x
     if plan.shape[0] > 0:
         last = plan.shape[0] - 1
-        distance = math.hypot(plan[last, 0] - start.x, plan[last, 1] - start.y)
+        end_x = plan[last, 0]
+        end_y = plan[last, 1]
+        distance = math.hypot(end_x - start.x, end_y - start.y)
         max_vx = min(max_vx, distance / p.sim_time)
     period = p.sim_period if p.dwa else p.sim_time
     change = p.acc_lim_x * period

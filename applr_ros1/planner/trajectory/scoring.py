@@ -234,13 +234,16 @@ def _heading_difference(
     cells, ox, oy, resolution, _, _, plan = scene
     rows, columns = cells.shape
     for i in range(plan.shape[0] - 1, -1, -1):
-        point_x, point_y = world_to_map(plan[i, 0], plan[i, 1], ox, oy, resolution, columns, rows)
+        plan_x = plan[i, 0]
+        plan_y = plan[i, 1]
+        point_x, point_y = world_to_map(plan_x, plan_y, ox, oy, resolution, columns, rows)
         if point_x < 0:
             continue
         if not 0 <= line_cost(cells, cell_x, cell_y, point_x, point_y) < INSCRIBED:
             continue
         centre_x, centre_y = map_to_world(point_x, point_y, ox, oy, resolution)
-        return abs(angle_difference(theta, math.atan2(centre_y - y, centre_x - x)))
+        bearing = math.atan2(centre_y - y, centre_x - x)
+        return abs(angle_difference(theta, bearing))
     return HUGE
 
 
@@ -250,7 +253,10 @@ POINTS = 12
 
 @kernel
 def forward_sample(vs: Data, ws: Data, speed_number: int, turn_number: int) -> Velocity:
-    """Return a forward sample. Turn 0 is straight ahead, turn i has the value i - 1 of `ws`."""
+    """Return a forward sample of the speeds `vs` [m/s] and turn rates `ws` [rad/s] of a cycle.
+
+    Turn 0 is straight ahead, turn i has the value i - 1 of `ws`.
+    """
     w = 0.0
     if turn_number > 0:
         w = ws[turn_number - 1]

@@ -17,9 +17,8 @@ from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, did_you_mean
 from applr_ros1.robots.urdf_import.urdf import UrdfFile
 
-_SIDEWAYS = re.compile(
-    r"mecanum|omni|planar_move|force_based_move", re.IGNORECASE
-)  # names of wheels and plugins of omnidirectional bases
+# Names of wheels and plugins of omnidirectional bases
+_SIDEWAYS = re.compile(r"mecanum|omni|planar_move|force_based_move", re.IGNORECASE)
 _DRIVEN_TAG = re.compile("(left|right).*joint", re.IGNORECASE)  # tags of such a plugin
 _DRIVE_PLUGIN = re.compile(r"diff_drive|skid_steer_drive")  # files of Gazebo's drive plugins
 _RAYS = ("ray", "gpu_ray", "lidar", "gpu_lidar")  # types of laser scanners in Gazebo
@@ -191,23 +190,23 @@ def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
         radii.append(wheel.radius)
         widths.append(wheel.width)
         centres.append(wheel.centre)
-    places = np.array(centres)
+    x, y, z = np.array(centres).T
     base = description.values["base"]
     half = len(joints) // 2  # The left side comes first.
     base["drive"] = "two_wheel"
-    base["track"] = float(places[:half, 1].mean() - places[half:, 1].mean())
-    base["axle_height"] = float(places[:, 2].mean())
+    base["track"] = float(y[:half].mean() - y[half:].mean())
+    base["axle_height"] = float(z.mean())
     if half == 2:
         base["drive"] = "skid_steer"
-        base["wheelbase"] = float(np.ptp(places[:, 0]))
+        base["wheelbase"] = float(np.ptp(x))
     # Wheels of different sizes are asked for: the model has one radius and one width.
     for name, values in (("wheel_radius", radii), ("wheel_width", widths)):
         if all(values) and np.ptp(values) < SAME_M:
             base[name] = float(np.mean(values))
-    x = float(places[:, 0].mean())
-    if abs(x) > SAME_M:
+    middle = float(x.mean())
+    if abs(middle) > SAME_M:
         description.notes.append(
-            f"the centre of the wheels is at x = {x:.3f} m in {urdf.base}, but the simulators "
+            f"the centre of the wheels is at x = {middle:.3f} m in {urdf.base}, but the simulators "
             "place it at the origin: give base.casters and body.com relative to the centre of the "
             "wheels"
         )
@@ -329,15 +328,18 @@ def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Descripti
         description.notes.append(note)
         return
     pose = urdf.pose(link)
-    if abs(pose[2, 2]) < LEAST_LEVEL_COS:
+    rotation = pose[:3, :3]
+    x, y, z = pose[:3, 3].tolist()
+    cos_tilt = rotation[2, 2]
+    if abs(cos_tilt) < LEAST_LEVEL_COS:
         problem = f"{link} is tilted, but scans must be level"
         raise ApplrError(f"{urdf.path}: {problem}; give another link with --laser")
     values["frame"] = link
-    values["pose"] = [*pose[:2, 3].tolist(), atan2(pose[1, 0], pose[0, 0])]
-    values["height"] = float(pose[2, 3])
+    values["pose"] = [x, y, atan2(rotation[1, 0], rotation[0, 0])]
+    values["height"] = z
     # With several sensors at one link, it is unknown which of them publishes the scans.
     if len(sensors.get(link, [])) == 1:
-        values.update(_sensor_values(sensors[link][0], is_upside_down=pose[2, 2] < 0.0))
+        values.update(_sensor_values(sensors[link][0], is_upside_down=cos_tilt < 0.0))
 
 
 def _ray_sensors(urdf: UrdfFile) -> Dict[str, List[Any]]:

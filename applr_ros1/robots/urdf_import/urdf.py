@@ -151,7 +151,8 @@ class UrdfFile:
 
     def axis(self, joint: Any) -> Array:
         """Return the direction (3,) of a joint's axis in the base frame."""
-        direction: Array = self.pose(joint.child)[:3, :3] @ np.asarray(joint.axis, dtype=float)
+        rotation = self.pose(joint.child)[:3, :3]
+        direction: Array = rotation @ np.asarray(joint.axis, dtype=float)
         return direction
 
     def parts(self, joint: Any) -> List[str]:
@@ -170,7 +171,9 @@ class UrdfFile:
             if collision.origin is not None:
                 pose = pose @ collision.origin
             if len(vertices):
-                shapes.append(vertices @ pose[:3, :3].T + pose[:3, 3])
+                rotation = pose[:3, :3]
+                position = pose[:3, 3]
+                shapes.append(vertices @ rotation.T + position)
         return shapes
 
     def _vertices(self, shape: Any) -> Any:

@@ -120,11 +120,11 @@ def _asked(section: str, known: Mapping[str, Any]) -> Dict[str, Any]:
     """Return the fields to fill in of a section of robot.yaml, with their declarations by name."""
     model: Any = RobotFile.model_fields[section].annotation
     also_asked = _ALSO_ASKED.get(section, ())
-    asked = {}
+    asked_fields = {}
     for name, field in model.model_fields.items():
         if name not in known and (field.is_required() or name in also_asked):
-            asked[name] = field
-    return asked
+            asked_fields[name] = field
+    return asked_fields
 
 
 def flow(value: Any) -> str:

@@ -76,7 +76,7 @@ def test_a_search_leaves_out_parameters_that_act_differently_by_reconfigure():
     assert jackal.fixed == ("footprint_padding",)
     assert jackal.chosen.names == tuple(name for name in SPACE.names if name != "footprint_padding")
     sets = np.array([SPACE.from_dict(SET), SPACE.theta0])
-    filled = [jackal.fill(theta) for theta in jackal.pick(sets)]
+    filled = [jackal.fill(theta) for theta in jackal.chosen_of(sets)]
     assert jackal.as_dict(filled[0])["footprint_padding"] == 0.1
     assert filled[1].tolist() == SPACE.theta0.tolist()
     waffle = robots.load("turtlebot3_waffle_pi")

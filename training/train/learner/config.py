@@ -58,9 +58,9 @@ docs/explanation/learning_problem.md describes the learning problem and each dev
 SPANS = ("scan_noise", "latency", "slip", "friction", "ground", "odometry")
 
 
-def span(default: float, help: str, more: str = "") -> Any:
+def span(default: float, help: str, remark: str = "") -> Any:
     """Declare an option of SPANS: a number, or two between which each reset draws a value."""
-    text = f"{help} Two numbers: a value between them is drawn at each reset{more}."
+    text = f"{help} Two numbers: a value between them is drawn at each reset{remark}."
     return option([default], text, min_length=1, max_length=2)
 
 

@@ -27,9 +27,11 @@ class Replay:
         self.layout = layout
         self.capacity = int(capacity)
         self.mirror = layout.mirror
-        # Bytes of a row: uint8 beams and end, float32 numbers. Zeros take memory only when they are
-        # written, so a buffer that is too large would fail after days.
-        _check_memory(self.capacity, layout.scan + 4 * (layout.rest + layout.action) + 5)
+        # Zeros take memory only when they are written, so a buffer that is too large would fail
+        # after days.
+        uint8_bytes = layout.scan + 1  # beams and end, uint8
+        float32_bytes = 4 * (layout.rest + layout.action + 1)  # with the reward, float32
+        _check_memory(self.capacity, uint8_bytes + float32_bytes)
         self.scan = np.zeros((capacity, layout.scan), np.uint8)
         self.rest = np.zeros((capacity, layout.rest), np.float32)
         self.action = np.zeros((capacity, layout.action), np.float32)
@@ -123,7 +125,8 @@ class Replay:
         rest = self.rest[rows]
         if mirrored and self.mirror is not None:
             beams = self.layout.scan
-            scan[:mirrored] = scan[:mirrored][:, self.mirror.order[:beams]]
+            mirrored_order = self.mirror.order[:beams]
+            scan[:mirrored] = scan[:mirrored, mirrored_order]
             rest[:mirrored] *= self.mirror.sign[beams:]
         return scan, rest
 
