@@ -82,6 +82,7 @@ def find_clusters(ranges: Array32, directions: Array, fans: Any, clusters: Clust
     """
     beam_count = ranges.shape[0]
     step = abs(fans[0].increment)
+    # Law of sines in the triangle of the laser and two neighbouring points
     split_factor = math.sin(step) / math.sin(max(GRAZING_RAD - step, FINEST_RAD))
     scan = Scan(ranges, directions, fans[0], split_factor)
     is_full_turn = full_turn(beam_count, step)

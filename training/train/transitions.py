@@ -348,8 +348,10 @@ def _trajectory(encoding: Encoding, run: List[State], reward: Reward) -> Traject
     for before, after in zip(run, run[1:]):
         actions.append(encoding.action(before.theta))
         outcome = after.outcome
+        # A recorded drive may take longer than a trial: nothing is left of the limit then.
         limit = max(round(TIME_LIMIT / encoding.period), outcome.decisions)
-        rewards.append(reward(outcome, limit, encoding.period, encoding)[0])
+        total, _ = reward(outcome, limit, encoding.period, encoding)
+        rewards.append(total)
     observations = [state.observation for state in run]
     terminated = outcome.success or failed(outcome)
     return Trajectory.of(TransitionLayout.of(encoding), observations, actions, rewards, terminated)

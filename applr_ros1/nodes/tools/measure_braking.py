@@ -30,6 +30,7 @@ BRAKING_S = 6.0  # longest time for a base to come to rest [s]
 # Speeds of the runs as shares of the largest speed, or of half the largest turn rate
 SHARES = (0.25, 0.5, 1.0)
 BACK_MPS = 0.5  # largest speed on the way back [m/s]
+BACK_M = 0.2  # distance ahead of the start at which the way back ends [m]
 LEAST_WAY_M = 2.0  # smallest free distance ahead [m]
 ROOM_M = 0.5  # part of the free distance that is kept in reserve [m]
 # Time over which the speed before braking is averaged, and time without motion at rest [s]
@@ -325,15 +326,17 @@ def main() -> None:
     straight = []
     for share in SHARES:
         for _ in range(options.repeats):
-            straight.append(base.run(share * top_speed, 0.0))
-            base.drive(-min(BACK_MPS, share * top_speed), 0.0, lambda: base.ahead() < 0.2)
+            speed = share * top_speed
+            straight.append(base.run(speed, 0.0))
+            base.drive(-min(BACK_MPS, speed), 0.0, lambda: base.ahead() < BACK_M)
             base.stop()
     # Slow turns stop within the noise of the odometry.
     turns = []
     for share in SHARES[1:]:
         for _ in range(options.repeats):
-            turns.append(base.run(0.0, 0.5 * share * robot.base.max_yaw_rate))
-            turns.append(base.run(0.0, -0.5 * share * robot.base.max_yaw_rate))
+            turn_rate = 0.5 * share * robot.base.max_yaw_rate
+            turns.append(base.run(0.0, turn_rate))
+            turns.append(base.run(0.0, -turn_rate))
 
     reaction_s = reaction(straight, turns)
     brake = deceleration(straight, reaction_s)
@@ -345,9 +348,10 @@ def main() -> None:
 
     # The last command and scan may be a period old. All limits are rounded to the safe side.
     total_s = reaction_s + 1.0 / RATE_HZ + 1.0 / robot.laser.rate
+    safe_time = math.ceil(100.0 * total_s) / 100.0
+    safe_brake = math.floor(10.0 * brake) / 10.0
+    safe_turn_brake = math.floor(10.0 * turn_brake) / 10.0
     print(
-        f"monitor: {{margin: {robot.monitor.margin:g}, "
-        f"reaction_time: {math.ceil(100.0 * total_s) / 100.0:.2f}, "
-        f"deceleration: {math.floor(10.0 * brake) / 10.0:.1f}, "
-        f"yaw_deceleration: {math.floor(10.0 * turn_brake) / 10.0:.1f}}}"
+        f"monitor: {{margin: {robot.monitor.margin:g}, reaction_time: {safe_time:.2f}, "
+        f"deceleration: {safe_brake:.1f}, yaw_deceleration: {safe_turn_brake:.1f}}}"
     )

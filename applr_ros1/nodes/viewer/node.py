@@ -206,11 +206,11 @@ def main() -> int:
     parameters = rospy.get_param("~", {})
     robot, prefix = named_robot(parameters)
     # All robots share the frame of the map, so that it has no prefix.
-    fixed = prefix + robot.frames.odom
+    fixed_frame = prefix + robot.frames.odom
     if parameters.get("map"):
-        fixed = robot.frames.map
+        fixed_frame = robot.frames.map
     port = int(number_within("port", parameters.get("port", 8080), 1, 65535))
-    viewer = Viewer(robot, prefix, fixed, port)
+    viewer = Viewer(robot, prefix, fixed_frame, port)
     rospy.set_param("~address", viewer.address)
     rospy.loginfo("viewer: the page is at %s", viewer.address)
     with until_shutdown():

@@ -465,4 +465,5 @@ def _reach(footprint: Data) -> float:
     reach = 0.0
     for i in range(footprint.shape[0]):
         reach = max(reach, abs(footprint[i, 0]), abs(footprint[i, 1]))
+    # A vertex is at most sqrt(2) times as far as its larger coordinate.
     return 2.0 * reach

@@ -47,16 +47,16 @@ WEIGHT = _int(1)
 NEXT = _int(2)
 LINE = 16  # number of potentials in a line
 LINE_BITS = _int(5)  # binary digits of the index of a potential within its line
-# Layout of `before`: eight float32 for each improved cell, the old potentials of its neighbours
+# Layout of `changes`: eight float32 for each improved cell, the old potentials of its neighbours
 # left, right, below and above, and its new potential.
-BEFORE_BITS = _int(3)
+CHANGE_BITS = _int(3)
 RIGHT = _int(1)
 BELOW = _int(2)
 ABOVE = _int(3)
 NEW = _int(4)
 ROOM = 4  # entries of a list beyond its capacity, which the fast pushes may overwrite
 
-Work = Tuple[Data, Data, Data, Data]  # field, lines, lists (flat) and before of flood()
+Work = Tuple[Data, Data, Data, Data]  # field, lines, lists (flat) and changes of flood()
 # Index of the first entry of the lists current, following and waiting.
 Starts = Tuple[np.uint64, np.uint64, np.uint64]
 
@@ -71,7 +71,7 @@ def make_field(cells: int) -> np.ndarray:
 
 
 def scratch(list_size: int = LIST_SIZE) -> Tuple[np.ndarray, np.ndarray]:
-    """Return the working arrays `lists` and `before` of flood()."""
+    """Return the working arrays `lists` and `changes` of flood()."""
     entries = list_size + ROOM
     return np.empty((3, entries), np.uint32), np.empty(entries * 8, np.float32)
 
@@ -93,15 +93,20 @@ def reset(field: Data, lines: Data) -> None:
 
 @kernel
 def _push(
-    field: Data, lists: Data, end: _int, cell: _int, old: np.float32, new: np.float32
+    field: Data,
+    lists: Data,
+    end: _int,
+    cell: _int,
+    old_potential: np.float32,
+    new_potential: np.float32,
 ) -> _int:
-    """Push a cell to a list if its neighbour's `new` potential may lower its `old` potential.
+    """Push a cell to a list if its neighbour's new potential may lower its old potential.
 
     The cell is written in any case, and the list's end, which is returned, moves past it only if
     it is pushed: this spares a branch.
     """
     weight = field[cell + WEIGHT]
-    is_pushed = old > new + weight
+    is_pushed = old_potential > new_potential + weight
     lists[end] = cell
     field[cell + WEIGHT] = weight * LISTED if is_pushed else weight
     return end + _int(is_pushed)
@@ -112,7 +117,7 @@ def flood(
     field: Data,
     lines: Data,
     lists_: Data,
-    before: Data,
+    changes: Data,
     columns: int,
     rows: int,
     robot_: int,
@@ -125,7 +130,7 @@ def flood(
             map's border.
         lines: uint8 zeros, one per LINE cells.
         lists_: (3, m + 4) uint32, scratch memory for lists of m cells.
-        before: (8 m + 32,) float32, scratch memory.
+        changes: (8 m + 32,) float32, scratch memory.
         columns: columns of the map.
         rows: rows of the map.
         robot_: number of the robot's cell.
@@ -159,17 +164,17 @@ def flood(
     for _ in range(max(columns * rows // 20, columns + rows)):
         if current_count == _int(0):
             break
-        improved = _lower(field, lists, before, current, current_count, row)
-        work = (field, lines, lists, before)
+        improved_count = _lower(field, lists, changes, current, current_count, row)
+        work = (field, lines, lists, changes)
         starts = (current, following, waiting)
         # Each improved cell pushes up to four neighbours, to either list.
         if _int(4) * current_count + waiting_count > capacity:
             current_count, waiting_count = _push_carefully(
-                work, starts, improved, threshold, row, waiting_count, capacity
+                work, starts, improved_count, threshold, row, waiting_count, capacity
             )
         else:
             current_count, waiting_count = _push_all(
-                work, starts, improved, threshold, row, waiting_count
+                work, starts, improved_count, threshold, row, waiting_count
             )
         current, following = following, current
 
@@ -190,20 +195,20 @@ def flood(
 
 
 @kernel(error_model="numpy")
-def _lower(field: Data, lists: Data, before: Data, current: _int, count: _int, row: _int) -> _int:
+def _lower(field: Data, lists: Data, changes: Data, current: _int, count: _int, row: _int) -> _int:
     """Lower the potentials of the listed cells, where possible, and take the cells off the list.
 
-    Improved cells are moved to the front of the list and described in `before`. Returns their
+    Improved cells are moved to the front of the list and described in `changes`. Returns their
     number. navfn.cpp:440.
     """
-    improved = _int(0)
+    improved_count = _int(0)
     for index in range(count):
         cell = _int(lists[current + index])
         left = field[cell - NEXT]
         right = field[cell + NEXT]
         below = field[cell - row]
         above = field[cell + row]
-        old = field[cell]
+        old_potential = field[cell]
         weight = field[cell + WEIGHT]
         field[cell + WEIGHT] = weight * UNLISTED
 
@@ -215,26 +220,26 @@ def _lower(field: Data, lists: Data, before: Data, current: _int, count: _int, r
         difference = max(lower_x, lower_y) - lowest
         ratio = np.float64(difference / cost)
         share = np.float32(((-0.2301 * ratio) * ratio + 0.5307 * ratio) + 0.7040)
-        new = lowest + (cost if difference >= cost else cost * share)
+        new_potential = lowest + (cost if difference >= cost else cost * share)
 
         # The next cell overwrites the description unless this one has improved.
-        field[cell] = min(new, old)
-        slot = improved << BEFORE_BITS
-        before[slot] = left
-        before[slot + RIGHT] = right
-        before[slot + BELOW] = below
-        before[slot + ABOVE] = above
-        before[slot + NEW] = new
-        lists[current + improved] = cell
-        improved += _int(new < old)
-    return improved
+        field[cell] = min(new_potential, old_potential)
+        slot = improved_count << CHANGE_BITS
+        changes[slot] = left
+        changes[slot + RIGHT] = right
+        changes[slot + BELOW] = below
+        changes[slot + ABOVE] = above
+        changes[slot + NEW] = new_potential
+        lists[current + improved_count] = cell
+        improved_count += _int(new_potential < old_potential)
+    return improved_count
 
 
 @kernel
 def _push_all(
     work: Work,
     starts: Starts,
-    improved: _int,
+    improved_count: _int,
     threshold: np.float32,
     row: _int,
     waiting_count: _int,
@@ -243,21 +248,21 @@ def _push_all(
 
     Cells below the threshold go to the list `following`, the others to the list that waits.
     """
-    field, lines, lists, before = work
+    field, lines, lists, changes = work
     current, following, waiting = starts
     following_end = following
     waiting_end = waiting + waiting_count
-    for index in range(improved):
+    for index in range(improved_count):
         cell = _int(lists[current + index])
         lines[cell >> LINE_BITS] = 1
-        slot = _int(index) << BEFORE_BITS
-        new = before[slot + NEW]
-        is_below = new < threshold
+        slot = _int(index) << CHANGE_BITS
+        new_potential = changes[slot + NEW]
+        is_below = new_potential < threshold
         list_end = following_end if is_below else waiting_end
-        list_end = _push(field, lists, list_end, cell - NEXT, before[slot], new)
-        list_end = _push(field, lists, list_end, cell + NEXT, before[slot + RIGHT], new)
-        list_end = _push(field, lists, list_end, cell - row, before[slot + BELOW], new)
-        list_end = _push(field, lists, list_end, cell + row, before[slot + ABOVE], new)
+        list_end = _push(field, lists, list_end, cell - NEXT, changes[slot], new_potential)
+        list_end = _push(field, lists, list_end, cell + NEXT, changes[slot + RIGHT], new_potential)
+        list_end = _push(field, lists, list_end, cell - row, changes[slot + BELOW], new_potential)
+        list_end = _push(field, lists, list_end, cell + row, changes[slot + ABOVE], new_potential)
         following_end = list_end if is_below else following_end
         waiting_end = waiting_end if is_below else list_end
     return following_end - following, waiting_end - waiting
@@ -267,25 +272,25 @@ def _push_all(
 def _push_carefully(
     work: Work,
     starts: Starts,
-    improved: _int,
+    improved_count: _int,
     threshold: np.float32,
     row: _int,
     waiting_count: _int,
     capacity: _int,
 ) -> Tuple[_int, _int]:
     """Do the same as _push_all when a list may become full; pushes to a full list are lost."""
-    field, lines, lists, before = work
+    field, lines, lists, changes = work
     current, following, waiting = starts
     following_count = _int(0)
-    for index in range(improved):
+    for index in range(improved_count):
         cell = _int(lists[current + index])
         lines[cell >> LINE_BITS] = 1
-        slot = _int(index) << BEFORE_BITS
-        new = before[slot + NEW]
+        slot = _int(index) << CHANGE_BITS
+        new_potential = changes[slot + NEW]
         for side, neighbour in enumerate((cell - NEXT, cell + NEXT, cell - row, cell + row)):
-            if before[slot + _int(side)] <= new + field[neighbour + WEIGHT]:
+            if changes[slot + _int(side)] <= new_potential + field[neighbour + WEIGHT]:
                 continue
-            if new < threshold:
+            if new_potential < threshold:
                 if following_count < capacity:
                     lists[following + following_count] = neighbour
                     following_count += _int(1)

@@ -182,19 +182,19 @@ class TD3:
             last_layer.weight.mul_(SMALL_START)
             last_layer.bias.copy_(bias)
 
-    def begin_with(self, weights: Weights, what: str) -> None:
+    def begin_with(self, weights: Weights, source: str) -> None:
         """Take over a policy's weights, and freeze the policy for the critic warm-up.
 
         Args:
             weights: Weights of the policy, named as by actor_weights().
-            what: Source of the weights, for the error message.
+            source: Source of the weights, for the error message.
 
         Raises:
             ApplrError: The layers differ.
         """
         tensors = {name: torch.from_numpy(array) for name, array in weights.items()}
         for network in {self.actor, self.actor_target, self.policy}:
-            _fill(network, tensors, what)
+            _fill(network, tensors, source)
         self.policy_starts = CRITIC_WARM_UP
 
     # -- learning ----------------------------------------------------------------------------------
@@ -295,8 +295,8 @@ class TD3:
             "policy_starts": self.policy_starts,
         }
 
-    def load(self, state: Dict[str, Any], what: str = "checkpoint") -> None:
-        """Restore the state of a checkpoint from `what`, but keep this run's learning rates.
+    def load(self, state: Dict[str, Any], source: str = "checkpoint") -> None:
+        """Restore the state of a checkpoint from `source`, but keep this run's learning rates.
 
         Raises:
             ApplrError: The layers differ.
@@ -311,7 +311,7 @@ class TD3:
                 tensors[name] = saved[name]
             elif policy_name in saved:
                 tensors[name] = saved[policy_name]
-        _fill(self.networks, tensors, what)
+        _fill(self.networks, tensors, source)
         for name, optimizer in self.optimizers.items():
             restored = {**optimizer.state_dict(), "state": state["optimizers"][name]}
             optimizer.load_state_dict(restored)
@@ -319,16 +319,16 @@ class TD3:
         self.policy_starts = state["policy_starts"]
 
 
-def _fill(network: nn.Module, tensors: Dict[str, torch.Tensor], what: str) -> None:
+def _fill(network: nn.Module, tensors: Dict[str, torch.Tensor], source: str) -> None:
     """Load tensors into a network.
 
-    Errors name their source `what`.
+    Errors name their `source`.
     """
     try:
         network.load_state_dict(tensors)
     except RuntimeError:
         remedy = "give the same --net-arch and --observation"
-        raise ApplrError(f"{what}: its networks differ: {remedy}") from None
+        raise ApplrError(f"{source}: its networks differ: {remedy}") from None
 
 
 def _mix(target: nn.Module, source: nn.Module, share: float) -> None:
