@@ -79,10 +79,16 @@ def step(planner: MoveBase, demonstration: Drive, robot: Robot, i: int) -> Tuple
     pose = tuple(demonstration.odometry.pose[i].tolist())
     twist = tuple(demonstration.odometry.twist[i].tolist())
     first_angle, increment, range_min, range_max = demonstration.scans.fan[0].tolist()
-    ranges = demonstration.scans.ranges[i]
-    place = robot.laser.pose_at(pose)
-    height = robot.laser.height
-    scan = LaserScan(time, first_angle, increment, range_min, range_max, ranges, place, height)
+    scan = LaserScan(
+        stamp=time,
+        angle_min=first_angle,
+        angle_increment=increment,
+        range_min=range_min,
+        range_max=range_max,
+        ranges=demonstration.scans.ranges[i],
+        sensor_pose=robot.laser.pose_at(pose),
+        sensor_height=robot.laser.height,
+    )
     cycle = planner.step(time, pose, twist, scan)
     return cycle.command or (0.0, 0.0)
 
@@ -131,8 +137,10 @@ def replay(stretch: Stretch, theta: np.ndarray) -> np.ndarray:
     rows = range(stretch.first, stretch.last)
     planned = [step(planner, demonstration, stretch.robot, i) for i in rows]
     errors = np.array(planned) - demonstration.commands.twist[rows]
+    # Errors count where the demonstrator drives, and once the planner has taken its parameters up.
     counts = is_driving(demonstration)[rows]
-    counts[: min(SETTLE, len(counts) // 2)] = False
+    ignored = min(SETTLE, len(counts) // 2)
+    counts[:ignored] = False
     return np.asarray(errors[counts])
 
 
@@ -189,7 +197,9 @@ def fit(parts: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
         for candidate in candidates:
             theta = encoding.theta(candidate)
             tried = loss(parts, theta)
-            values.append(tried.value + PULL * float(np.mean((candidate - home) ** 2)))
+            # Sets that drive alike are kept near the defaults.
+            distance = float(np.mean((candidate - home) ** 2))
+            values.append(tried.value + PULL * distance)
             if tried.value < best.loss:
                 best.theta = theta
                 best.loss = tried.value

@@ -143,17 +143,22 @@ def route(world: World, wanted: float = WANTED) -> np.ndarray:
     parts: List[Any] = [course.start[:2], course.path]
     # The paper's goal lies far beyond the finish line: the route then ends a metre past the line.
     last_point = course.path[-1]
-    if math.dist(last_point, course.goal[:2]) < 3.0:
-        parts.append(course.goal[:2])
+    goal_point = course.goal[:2]
+    if math.dist(last_point, goal_point) < 3.0:
+        parts.append(goal_point)
     elif course.finish_y is not None:
-        parts.append((last_point[0], course.finish_y + 1.0))
+        last_x, _ = last_point
+        parts.append((last_x, course.finish_y + 1.0))
 
     points = _resampled(np.vstack(parts))
     for _ in range(ITERATIONS):
-        # Both ends stay where they are.
+        # Both ends stay where they are: only the view of the points between them changes.
         inner = points[1:-1]
-        inner += STRAIGHTEN * (points[:-2] + points[2:] - 2.0 * inner)
-        inner += PUSH * _pushes(world, points, wanted)[1:-1]
+        before = points[:-2]
+        after = points[2:]
+        inner += STRAIGHTEN * (before + after - 2.0 * inner)
+        pushes = _pushes(world, points, wanted)
+        inner += PUSH * pushes[1:-1]
     return _resampled(points)
 
 

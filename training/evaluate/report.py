@@ -164,10 +164,10 @@ def summary(results: Results) -> List[str]:
 
 def headline(results: Results) -> str:
     """Return the comparison of the best rival in a sentence."""
-    made = comparisons(results)
-    if not made:
+    comparison_of = comparisons(results)
+    if not comparison_of:
         return f"{results.baseline} alone was driven."
     # A difference is a method's mean score less the baseline's [s]: the lowest is the best.
-    method = min(made, key=lambda rival: made[rival].difference.value)
+    method = min(comparison_of, key=lambda rival: comparison_of[rival].difference.value)
     arrivals = arrivals_of(judged_trials(results), method, results.baseline)
-    return sentence(method, results.baseline, made[method].better(LEVEL), arrivals)
+    return sentence(method, results.baseline, comparison_of[method].better(LEVEL), arrivals)

@@ -122,9 +122,13 @@ def _flags(
     """Return the four flags of one axis after a search chose the velocity v, zero for none."""
     # After a reversal only the new direction is allowed.
     if v < 0:
-        return pos_only, 1 if pos else neg_only, 0, 1
+        if pos:
+            neg_only = 1.0
+        return pos_only, neg_only, 0.0, 1.0
     if v > 0:
-        return 1 if neg else pos_only, neg_only, 1, 0
+        if neg:
+            pos_only = 1.0
+        return pos_only, neg_only, 1.0, 0.0
     return pos_only, neg_only, pos, neg
 
 

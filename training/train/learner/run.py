@@ -347,8 +347,10 @@ class TrainingRun:
         self._shown = time.monotonic()
         learner = self.learner
         values: Dict[str, Any] = {}
-        # Without time_s, in whose mean failed episodes would count with their time limits
-        for name in EPISODE[:-1]:
+        for name in EPISODE:
+            # In the mean time, failed episodes would count with their time limits.
+            if name == "time_s":
+                continue
             latest = [info.get(name, np.nan) for info in learner.infos]
             values[name] = np.mean(latest or [np.nan])
         values["sigma"] = self.config.noise(learner.transitions)
