@@ -154,9 +154,9 @@ def route(world: World, wanted: float = WANTED) -> np.ndarray:
     for _ in range(ITERATIONS):
         # Both ends stay where they are: only the view of the points between them changes.
         inner = points[1:-1]
-        before = points[:-2]
-        after = points[2:]
-        inner += STRAIGHTEN * (before + after - 2.0 * inner)
+        previous = points[:-2]
+        following = points[2:]
+        inner += STRAIGHTEN * (previous + following - 2.0 * inner)
         pushes = _pushes(world, points, wanted)
         inner += PUSH * pushes[1:-1]
     return _resampled(points)
