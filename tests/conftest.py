@@ -2,8 +2,7 @@
 of faults.
 
 A test that takes more than a quarter of an hour fails, but tests marked `long` may take hours.
-Failed tests are not
-repeated: a test that fails only on a busy machine is defective.
+Failed tests are not repeated: a test that fails only on a busy machine is defective.
 
 `./applr test` runs pytest-xdist. Because rospy supports one master per process, tests of one file
 that start ROS nodes run in one process (`--dist loadgroup`), as do all files of a folder whose
@@ -33,16 +32,13 @@ import pytest
 
 from tests.support import seeds
 
-for number in (
-    signal.SIGTERM,
-    signal.SIGHUP,
-):  # A cancelled job or closed terminal must act like Ctrl-C,
-    if (
-        signal.getsignal(number) == signal.SIG_DFL
-    ):  # so that processes started by tests end as well.
-        signal.signal(number, signal.default_int_handler)
-if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # A shell ignores SIGINT in background jobs.
-    # Children would inherit the ignored SIGINT.
+# A cancelled job or closed terminal must act like Ctrl-C, so that processes started by tests end as
+# well.
+for signal_number in (signal.SIGTERM, signal.SIGHUP):
+    if signal.getsignal(signal_number) == signal.SIG_DFL:
+        signal.signal(signal_number, signal.default_int_handler)
+# A shell ignores SIGINT in background jobs. Children would inherit this, and Ctrl-C end none.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 # On a busy machine, threads of torch or BLAS wait for each other, and take 20 times as long as a
 # single thread.
@@ -106,16 +102,17 @@ def pytest_itemcollected(item):
 
 def pytest_collection_modifyitems(config, items):
     wanted = config.option.markexpr + " slow" * config.option.all
-    left = [mark for mark in ("slow", "long") if mark not in wanted]
-    items[:] = [item for item in items if not any(map(item.get_closest_marker, left))]
+    left_out = [mark for mark in ("slow", "long") if mark not in wanted]
+    items[:] = [item for item in items if not any(map(item.get_closest_marker, left_out))]
 
 
 def spent(last=[0.0]):  # noqa: B006 - the list stores the last reading
     """Return the processor time [s] of this process and its finished children since the last
     call.
     """
-    since, last[0] = last[0], sum(os.times()[:4])
-    return last[0] - since
+    earlier = last[0]
+    last[0] = sum(os.times()[:4])
+    return last[0] - earlier
 
 
 def pytest_runtest_logstart():
@@ -139,14 +136,14 @@ def pytest_runtest_teardown(item, nextitem):
     try:
         return (yield)
     finally:
+        # Imported here, it would need ROS for tests without ROS.
         harness = sys.modules.get("tests.support.ros")
         failed = item.has_failed
         if harness:
             harness.forget_ended()
             if failed and item.get_closest_marker("ros"):
-                with contextlib.suppress(
-                    Exception, pytest.fail.Exception
-                ):  # The failure is already reported.
+                # The test's failure is reported already, and may make its fixtures fail, too.
+                with contextlib.suppress(Exception, pytest.fail.Exception):
                     item.session._setupstate.teardown_exact(None)
             if failed or nextitem is None or group_of(nextitem.path) != group_of(item.path):
                 harness.close_session()
@@ -168,21 +165,27 @@ def write_figures(path, reports):
     """Write measurements into the column `measured` of the table of faults, for each fault that
     tests provoked.
     """
-    rows = {}  # number: {(what, unit): the largest value}
-    for properties in [report.user_properties for report in reports]:
-        figures = [value for name, value in properties if name == "figure"]
-        for number in [value for name, value in properties if name == "fault"]:
-            row = rows.setdefault(number, {})
+    largest = {}  # number of the fault: {(what, unit): value}
+    for report in reports:
+        figures = [value for name, value in report.user_properties if name == "figure"]
+        faults = [value for name, value in report.user_properties if name == "fault"]
+        for number in faults:
+            measurements = largest.setdefault(number, {})
             for what, value, unit in figures:
-                row[what, unit] = max(value, row.get((what, unit), value))
+                # A table of faults promises what holds in the worst case.
+                measurements[what, unit] = max(value, measurements.get((what, unit), value))
+
     with open(path, encoding="utf-8", newline="") as file:
         table = list(csv.DictReader(file))
-    for entry in [entry for entry in table if entry["number"] in rows]:
-        measurements = rows[entry["number"]].items()
-        texts = [
-            ("%s: %.3g %s" % (what, value, unit)).rstrip() for (what, unit), value in measurements
-        ]
-        entry["measured"] = "; ".join(texts) or "passes"
+    for fault_row in table:
+        # Faults of tests that were left out in this run keep their figures.
+        if fault_row["number"] not in largest:
+            continue
+        texts = []
+        for (what, unit), value in largest[fault_row["number"]].items():
+            texts.append(("%s: %.3g %s" % (what, value, unit)).rstrip())
+        fault_row["measured"] = "; ".join(texts) or "passes"
+
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(table[0]), lineterminator="\n")
         writer.writeheader()
@@ -190,23 +193,28 @@ def write_figures(path, reports):
 
 
 def pytest_terminal_summary(terminalreporter):
-    tests = collections.defaultdict(lambda: [0.0, 0.0])
-    rooms = collections.Counter()
-    for report in [report for reports in terminalreporter.stats.values() for report in reports]:
-        if hasattr(report, "processor_s"):
-            tests[report.nodeid][0] += report.processor_s
-            tests[report.nodeid][1] += report.duration
-            rooms[report.nodeid.partition("::")[0]] += report.processor_s
-    most = sorted([cost + [name] for name, cost in tests.items() if cost[0] >= 1.0], reverse=True)[
-        :20
-    ]
-    if most:
-        terminalreporter.section(
-            "processor time: %.0f s, tests %.0f s" % (sum(os.times()[:4]), sum(rooms.values()))
-        )
-        terminalreporter.line(", ".join("%s %.0f s" % room for room in rooms.most_common(5)))
-        for processor, wall, name in most:
-            terminalreporter.line("%6.1f s in %5.1f s  %s" % (processor, wall, name))
+    """List the files and tests that took the most processor time [s]."""
+    processor_s = collections.Counter()  # by test
+    duration_s = collections.Counter()  # by test
+    file_s = collections.Counter()  # processor time by file
+    # A test has up to three reports: of its fixtures' beginning, of itself, and of their end.
+    for reports in terminalreporter.stats.values():
+        for report in reports:
+            if hasattr(report, "processor_s"):
+                processor_s[report.nodeid] += report.processor_s
+                duration_s[report.nodeid] += report.duration
+                file_s[report.nodeid.partition("::")[0]] += report.processor_s
+
+    expensive = [pair for pair in processor_s.most_common(20) if pair[1] >= 1.0]
+    if not expensive:
+        return
+    whole_run = sum(os.times()[:4])
+    terminalreporter.section(
+        "processor time: %.0f s, tests %.0f s" % (whole_run, sum(file_s.values()))
+    )
+    terminalreporter.line(", ".join("%s %.0f s" % pair for pair in file_s.most_common(5)))
+    for name, seconds in expensive:
+        terminalreporter.line("%6.1f s in %5.1f s  %s" % (seconds, duration_s[name], name))
 
 
 def pytest_sessionfinish(session, exitstatus):
@@ -216,5 +224,6 @@ def pytest_sessionfinish(session, exitstatus):
     passed = reporter.stats.get("passed", [])
     if session.config.option.faults_table:
         write_figures(session.config.option.faults_table, passed)
+    # Else a run that skipped all files, because a package is missing, would be green.
     if exitstatus == 0 and not session.config.option.collectonly and not passed:
         session.exitstatus = pytest.ExitCode.NO_TESTS_COLLECTED

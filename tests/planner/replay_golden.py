@@ -19,8 +19,11 @@ from applr_ros1.planner.trajectory.sampling import fill_evenly, velocity_window
 from tests.planner import replay_dwa
 from tests.support.scenes import paint
 
+# Format of tests/golden, as in its manifest.json.
 FORMAT = "planner-golden-1"
+# Ranges and steps of the sampled velocities, as the C++ planner names them.
 WINDOW = ("min_vel_x", "max_vel_x", "min_vel_theta", "max_vel_theta", "dvx", "dvtheta")
+# First five values of the planner's state, in its order.
 FLAGS = ("stuck_left", "stuck_right", "rotating_left", "rotating_right", "escaping")
 
 
@@ -61,37 +64,49 @@ def sampled_window(planner):
     """Return ranges and steps of a TrajectoryPlanner's last samples: {"min_vel_x", "max_vel_x",
     "dvx", ...}.
     """
-    x0, x1, w0, w1 = velocity_window(planner.in_force, planner._plan, planner._scratch.start[0])
-    dvx = fill_evenly(x0, x1, planner._scratch.vs)
-    dw = fill_evenly(w0, w1, planner._scratch.ws)
-    names = "min_vel_x", "max_vel_x", "dvx", "min_vel_theta", "max_vel_theta", "dvtheta"
-    return dict(zip(names, (x0, x1, dvx, w0, w1, dw)))
+    slowest, fastest, lowest_turn, highest_turn = velocity_window(
+        planner.in_force, planner._plan, planner._scratch.start[0]
+    )
+    speed_step = fill_evenly(slowest, fastest, planner._scratch.vs)
+    turn_step = fill_evenly(lowest_turn, highest_turn, planner._scratch.ws)
+    return {
+        "min_vel_x": slowest,
+        "max_vel_x": fastest,
+        "dvx": speed_step,
+        "min_vel_theta": lowest_turn,
+        "max_vel_theta": highest_turn,
+        "dvtheta": turn_step,
+    }
 
 
 def make_costmap(scenario):
     """Return the costmap of a scenario, inflated by this package's layer."""
-    given = scenario.inputs
-    nx, ny = given["size"]
-    resolution = given["resolution"]
+    inputs = scenario.inputs
+    columns, rows = inputs["size"]
+    resolution = inputs["resolution"]
+    inflation_parameters = InflationParameters(
+        inputs["inflation_radius"],
+        inputs["cost_scaling_factor"],
+        True,
+        bool(inputs["inflate_unknown"]),
+    )
+    # Costmap divides the size by the resolution and rounds down. Half a cell more keeps a rounding
+    # error from taking a column.
     costmap = Costmap(
-        (nx + 0.5) * resolution,
-        (ny + 0.5) * resolution,
+        (columns + 0.5) * resolution,
+        (rows + 0.5) * resolution,
         resolution,
-        given["origin"],
-        footprint=pad(given["footprint"], given["footprint_padding"]),
-        track_unknown=bool(given["track_unknown"]),
-        inflation=InflationParameters(
-            given["inflation_radius"],
-            given["cost_scaling_factor"],
-            True,
-            bool(given["inflate_unknown"]),
-        ),
+        inputs["origin"],
+        footprint=pad(inputs["footprint"], inputs["footprint_padding"]),
+        track_unknown=bool(inputs["track_unknown"]),
+        inflation=inflation_parameters,
     )
     paint(costmap, scenario.array("cells"))
     return costmap
 
 
 def compare_costmap(scenario, costmap):
+    """Compare the costs of the cells, and the radii [m] of the footprint that they come from."""
     if "costmap" in scenario:
         yield "costmap", costmap.cells, scenario.array("costmap")
     for name, radius in zip(("inscribed_radius", "circumscribed_radius"), radii(costmap.footprint)):
@@ -100,18 +115,25 @@ def compare_costmap(scenario, costmap):
 
 
 def inflation(scenario):
+    """Compare the inflated costmap alone."""
     yield from compare_costmap(scenario, make_costmap(scenario))
 
 
 def navfn(scenario):
-    given = scenario.inputs
+    """Compare the global plan, and the potential that it descends."""
+    inputs = scenario.inputs
     expected = scenario.expected
     costmap = make_costmap(scenario)
     yield from compare_costmap(scenario, costmap)
-    planner = Navfn(given.get("list_size", LIST_SIZE))
-    sx, sy, gx, gy = given["nav"]
-    tolerance = given.get("tolerance", 0.0)
-    plan = planner.plan(costmap, (sx, sy), (gx, gy, 0.0), tolerance, bool(given["allow_unknown"]))
+    planner = Navfn(inputs.get("list_size", LIST_SIZE))
+    start_x, start_y, goal_x, goal_y = inputs["nav"]
+    plan = planner.plan(
+        costmap,
+        (start_x, start_y),
+        (goal_x, goal_y, 0.0),
+        inputs.get("tolerance", 0.0),
+        bool(inputs["allow_unknown"]),
+    )
     if expected.get("navfn") is None:
         yield "plan", len(plan), 0
         return
@@ -119,56 +141,56 @@ def navfn(scenario):
     potential = planner.potential
     if "potential" in scenario:
         yield "potential", potential, scenario.array("potential")
+    # Of a large map the set has every fourth cell, a patch with all cells, and a hash of the whole.
     if "potential_stride4" in scenario:
         x, y = expected["patch_origin"]
         patch = scenario.array("potential_patch")
+        height, width = patch.shape
         yield "potential_stride4", potential[::4, ::4], scenario.array("potential_stride4")
-        yield "potential_patch", potential[y : y + patch.shape[0], x : x + patch.shape[1]], patch
-    for name, array in (
-        ("potential_sha256", potential.astype("<f4")),
-        ("costarr_sha256", planner.costs),
-    ):
+        yield "potential_patch", potential[y : y + height, x : x + width], patch
+    hashed = {"potential_sha256": potential.astype("<f4"), "costarr_sha256": planner.costs}
+    for name, array in hashed.items():
         if name in expected:
-            same = (
-                hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest() == expected[name]
-            )
-            yield name, int(same), 1
+            digest = hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()
+            yield name, int(digest == expected[name]), 1
 
 
 def make_planner(scenario, costmap):
-    given = scenario.inputs
+    """Return a planner with the parameters of a scenario."""
+    inputs = scenario.inputs
     return TrajectoryPlanner(
-        costmap.footprint, given["params"], given["sim_period"], bool(given["meter_scoring"])
+        costmap.footprint, inputs["params"], inputs["sim_period"], bool(inputs["meter_scoring"])
     )
 
 
 def dwa(scenario):
-    given = scenario.inputs
+    """Compare one control cycle: its command, state, grids, and the score of each sample."""
+    inputs = scenario.inputs
     expected = scenario.expected
     costmap = make_costmap(scenario)
     yield from compare_costmap(scenario, costmap)
     planner = make_planner(scenario, costmap)
     planner.set_plan(scenario.array("plan"))
-    planner.state = given.get("flags_in", [0] * 10)
-    result = planner.find_best_path(costmap, given["pose"], given["vel"])
+    planner.state = inputs.get("flags_in", [0] * 10)
+    result = planner.find_best_path(costmap, inputs["pose"], inputs["vel"])
+
+    # The trajectory that won, the command, and the state for the next cycle.
     best = expected["best"]
-    yield (
-        "best",
-        (result.cost, result.vx, 0, result.w, result.count),
-        [best[name] for name in ("cost", "xv", "yv", "thetav", "points")],
-    )
+    winner = (result.cost, result.vx, 0, result.w, result.count)
+    yield "best", winner, [best[name] for name in ("cost", "xv", "yv", "thetav", "points")]
     yield "drive", result.drive, best["drive"]
     yield "best_traj", result.points, scenario.array("best_traj").reshape(-1, 3)
     yield "state_after", planner.state, expected["state_after"]
     yield "flags_after", planner.state[:5], [expected["flags_after"][name] for name in FLAGS]
+
+    # The weights in force, after C++'s scaling by the resolution.
     weights = expected["effective"]
-    yield (
-        "effective",
-        [planner.in_force[name].item() for name in sorted(weights)],
-        [weights[w] for w in sorted(weights)],
-    )
+    in_force = [planner.in_force[name].item() for name in weights]
+    yield "effective", in_force, list(weights.values())
     if not expected.get("has_samples", True):
         return
+
+    # The start of the simulated trajectories, and the velocities that are sampled.
     used = list(expected["pose_used"]) + list(expected["vel_used"])
     yield "pose_used, vel_used", planner.start, used
     yield "footprint_cost_here", costmap.footprint_cost(*used[:3]), expected["footprint_cost_here"]
@@ -177,6 +199,8 @@ def dwa(scenario):
     names = [name for name in WINDOW if window[name] is not None]
     ours = sampled_window(planner)
     yield "window", [ours[name] for name in names], [window[name] for name in names]
+
+    # Each sample by itself: a wrong score can hide behind a better sample.
     yield from compare_grids(scenario, planner)
     rows = scenario.array("samples")
     scored = [planner.score(costmap, used[:3], used[3:], row[:3]) for row in rows]
@@ -184,55 +208,50 @@ def dwa(scenario):
 
 
 def compare_grids(scenario, planner):
+    """Compare the grids of distances to path and goal, and the local goal."""
     for name, ours in zip(("path_dist", "goal_dist", "within_robot"), planner.grids()):
         yield name, ours, scenario.array(name)
         if name == "goal_dist" and "local_goal" in scenario.expected:
-            yield (
-                "local_goal",
-                local_goal(scenario.inputs, ours),
-                scenario.expected["local_goal"] or [],
-            )
+            centre = local_goal(scenario.inputs, ours)
+            yield "local_goal", centre, scenario.expected["local_goal"] or []
 
 
-def local_goal(given, goal_dist):
-    """Return the centre [m] of the cell with goal distance 0, or [] if there is none."""
-    return [
-        given["origin"][index] + (cell[1 - index] + 0.5) * given["resolution"]
-        for cell in np.argwhere(goal_dist == 0)[:1]
-        for index in range(2)
-    ]
+def local_goal(inputs, goal_distance):
+    """Return the centre (x, y) [m] of the first cell with goal distance 0, or [] without one."""
+    goal_cells = np.argwhere(goal_distance == 0)
+    if len(goal_cells) == 0:
+        return []
+    row, column = goal_cells[0]
+    x = inputs["origin"][0] + (column + 0.5) * inputs["resolution"]
+    y = inputs["origin"][1] + (row + 0.5) * inputs["resolution"]
+    return [x, y]
 
 
 def rollout(scenario):
     """Compare each control cycle of a drive with C++, starting from the pose, velocity and state of
     the C++ run.
     """
-    given = scenario.inputs
     costmap = make_costmap(scenario)
     yield from compare_costmap(scenario, costmap)
     planner = make_planner(scenario, costmap)
     planner.set_plan(scenario.array("plan"))
-    rows, states, used = (
-        scenario.array(name) for name in ("rollout", "rollout_state", "rollout_used")
-    )
-    wanted = np.hstack([rows[:, 3:6], scenario.array("rollout_best"), states, used])
-    ours = []
-    for index, row in enumerate(rows):
-        velocity = (rows[index - 1, 3], 0.0, rows[index - 1, 4]) if index else given["vel"]
-        planner.state = states[index - 1] if index else [0] * 10
+    rows = scenario.array("rollout")  # x, y, yaw, commanded v and w, cost
+    states = scenario.array("rollout_state")
+    starts = scenario.array("rollout_used")
+    expected = np.hstack([rows[:, 3:6], scenario.array("rollout_best"), states, starts])
+    cycles = []
+    # The robot drives as it was commanded one cycle ago.
+    velocity = scenario.inputs["vel"]
+    state = [0] * 10
+    for row, state_after in zip(rows, states):
+        planner.state = state
         result = planner.find_best_path(costmap, row[:3], velocity)
-        ours.append(
-            [
-                *result.drive[::2],
-                result.cost,
-                result.vx,
-                result.w,
-                result.count,
-                *planner.state,
-                *planner.start,
-            ]
-        )
-    yield "commands, costs, winners, states, poses used", np.array(ours).reshape(-1, 22), wanted
+        winner = (result.cost, result.vx, result.w, result.count)
+        cycles.append([*result.drive[::2], *winner, *planner.state, *planner.start])
+        velocity = (row[3], 0.0, row[4])
+        state = state_after
+    ours = np.array(cycles).reshape(-1, 22)
+    yield "commands, costs, winners, states, poses used", ours, expected
 
 
 FORMATS = {
@@ -251,22 +270,24 @@ def difference(ours, expected):
     """Return the largest absolute difference, or infinity if the shapes differ or only one value is
     a number.
     """
-    a = np.asarray(ours, dtype=np.float64)
-    b = np.asarray(expected, dtype=np.float64)
-    if a.shape != b.shape:
+    ours = np.asarray(ours, dtype=np.float64)
+    expected = np.asarray(expected, dtype=np.float64)
+    if ours.shape != expected.shape:
         return np.inf
-    unequal = (a != b) & ~(np.isnan(a) & np.isnan(b))
+    # Equal infinities are no difference, although their difference is not a number.
+    unequal = (ours != expected) & ~(np.isnan(ours) & np.isnan(expected))
     if not unequal.any():
         return 0.0
-    worst = np.max(np.abs(a[unequal] - b[unequal]))
-    return np.inf if np.isnan(worst) else float(worst)
+    largest = np.max(np.abs(ours[unequal] - expected[unequal]))
+    return np.inf if np.isnan(largest) else float(largest)
 
 
 def replay(scenario):
     """Return {quantity: largest difference} for all quantities that differ in the scenario."""
     differences = {}
     for quantity, ours, expected, *tolerance in scenario.compare(scenario):
-        worst = difference(ours, expected)
-        if worst > (tolerance[0] if tolerance else 0.0):
-            differences[quantity] = worst
+        largest = difference(ours, expected)
+        # Without a tolerance, equal means bit for bit.
+        if largest > (tolerance[0] if tolerance else 0.0):
+            differences[quantity] = largest
     return differences

@@ -93,29 +93,31 @@ class FakeJackal:
         self._odometry = self._publisher("/odometry/filtered", Odometry)
         self._scan = self._publisher("/front/scan", LaserScan)
         self._clock = self._publisher("/clock", Clock)
-        mounted = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
-        mounted.publish(
-            TFMessage([transform("base_link", "front_laser", (LASER_X, 0.0, 0.0), self.now())])
-        )
-        self._ends += [
-            mounted,
-            rospy.Subscriber("/cmd_vel", Twist, self._take, queue_size=50, tcp_nodelay=True),
-        ]
+        mount = transform("base_link", "front_laser", (LASER_X, 0.0, 0.0), self.now())
+        static_tf = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
+        static_tf.publish(TFMessage([mount]))
+        # Without tcp_nodelay, Nagle's algorithm can delay a command by 40 ms.
+        command = rospy.Subscriber("/cmd_vel", Twist, self._take, queue_size=50, tcp_nodelay=True)
+        self._ends += [static_tf, command]
+        # Last, because the thread uses all of the above.
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _publisher(self, topic, kind):
-        self._ends.append(rospy.Publisher(topic, kind, queue_size=50))
-        return self._ends[-1]
+        publisher = rospy.Publisher(topic, kind, queue_size=50)
+        self._ends.append(publisher)
+        return publisher
 
     def close(self):
+        """End the thread and the robot's topics."""
         self._over.set()
         self._thread.join(2.0)
         for end in self._ends:
             end.unregister()
 
     def now(self):
+        """Return the time of stamps: that of /clock, or wall time."""
         return rospy.Time.from_sec(time.time() if self.clock is None else self.clock)
 
     def put(self, pose, circles=None):
@@ -131,6 +133,8 @@ class FakeJackal:
     def _run(self):
         due = time.time()
         for n in itertools.count(1):
+            # Wall time paces the simulation. A late step is made up for by shorter pauses, so
+            # that the scans keep their 20 Hz on a busy machine.
             due += TICK
             if self._over.wait(max(0.0, due - time.time())):
                 return
@@ -143,6 +147,7 @@ class FakeJackal:
     def _tick(self, n, stamp):
         fresh = self.commands and time.time() - self.commands[-1][0] < COMMAND_TIMEOUT
         self.robot.drive(self._command if fresh else None, TICK)
+        # Odometry comes at 50 Hz and scans at 20 Hz, as from the real robot.
         if n % 2 == 0:
             self._publish_pose(stamp)
         if n % 5 == 0 and self.scans:
@@ -161,12 +166,14 @@ class FakeJackal:
         self._scan.publish(self.bend(scan))
 
     def _publish_pose(self, stamp):
-        placed = transform("odom", "base_link", compose((0.0, 0.0, 0.0), self.robot.pose), stamp)
+        odom_to_base = transform(
+            "odom", "base_link", compose((0.0, 0.0, 0.0), self.robot.pose), stamp
+        )
         if self.transforms:
-            self._tf.publish(TFMessage([placed]))
+            self._tf.publish(TFMessage([odom_to_base]))
         odometry = Odometry(child_frame_id="base_link")
-        odometry.header = placed.header
-        odometry.pose.pose.orientation = placed.transform.rotation
+        odometry.header = odom_to_base.header
+        odometry.pose.pose.orientation = odom_to_base.transform.rotation
         odometry.pose.pose.position.x, odometry.pose.pose.position.y = self.robot.pose[:2]
         odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = self.robot.twist
         self._odometry.publish(odometry)
@@ -184,17 +191,18 @@ class Standing(FakeJackal):
         self.robot.twist = self.twist
         self._plan = self._publisher("/move_base/NavfnROS/plan", Path)
         self._status = self._publisher("/move_base/status", GoalStatusArray)
-        for topic, kind, callback in (
-            ("/applr/decision", Decision, self._on_decision),
-            ("/applr/course_end", Decision, lambda m: self.ends.append(m)),
-            ("/applr/heartbeat", Time, lambda m: self.beats.append(m.data.to_sec())),
-            ("/applr/parameters", Parameters, lambda m: self.parameters.append(list(m.values))),
-            ("/diagnostics", DiagnosticArray, self._on_diagnostics),
-        ):
-            self._ends.append(rospy.Subscriber(topic, kind, callback, queue_size=50))
+        self._subscribe("/applr/decision", Decision, self._on_decision)
+        self._subscribe("/applr/course_end", Decision, lambda end: self.ends.append(end))
+        self._subscribe("/applr/heartbeat", Time, self._on_heartbeat)
+        self._subscribe("/applr/parameters", Parameters, self._on_parameters)
+        self._subscribe("/diagnostics", DiagnosticArray, self._on_diagnostics)
         self.ticking = True
 
+    def _subscribe(self, topic, kind, callback):
+        self._ends.append(rospy.Subscriber(topic, kind, callback, queue_size=50))
+
     def reset(self):
+        """Restore the initial pose, scan and plan, and forget all messages."""
         self.ranges = np.random.default_rng(0).uniform(0.3, 4.0, 720).astype(np.float32)
         self.pose = (0.5, -0.25, 0.4)
         self.twist = (0.3, -0.1)
@@ -209,29 +217,34 @@ class Standing(FakeJackal):
         self.values = {}
 
     def count(self, key):
+        """Return a count of /diagnostics, 0 before the first message."""
         return int(self.values.get(key, 0))
 
     def _on_decision(self, message):
         self.decisions.append(decided(message))
         self.messages.append(message)
 
+    def _on_heartbeat(self, message):
+        self.beats.append(message.data.to_sec())
+
+    def _on_parameters(self, message):
+        self.parameters.append(list(message.values))
+
     def _on_diagnostics(self, message):
         status = message.status[0]
-        self.values = {
-            **{v.key: v.value for v in status.values},
-            "level": status.level,
-            "message": status.message,
-        }
+        values = {pair.key: pair.value for pair in status.values}
+        # Replaced at once, because a test may read while this callback runs.
+        self.values = {**values, "level": status.level, "message": status.message}
 
     def _tick(self, n, stamp):
         if n % 2:
             return
+        # Read once, because the test's thread may change it meanwhile.
         goal = self.goal
         if self.statuses:
-            active = (
-                [GoalStatus(GoalID(id=goal), GoalStatus.ACTIVE, "")] if goal is not None else []
-            )
-            status = GoalStatusArray(status_list=active)
+            status = GoalStatusArray()
+            if goal is not None:
+                status.status_list = [GoalStatus(GoalID(id=goal), GoalStatus.ACTIVE, "")]
             status.header.stamp = stamp
             self._status.publish(status)
         self._publish_pose(stamp)
@@ -246,16 +259,18 @@ def decided(message):
     """Return an applr_ros1/Decision as a dict. "theta" is empty if the method's output was
     rejected.
     """
-    sets = {
-        key: dict(zip(of.names, of.values))
-        for key, of in (("theta_prev", message.before), ("theta", message.after))
+    return {
+        "theta_prev": dict(zip(message.before.names, message.before.values)),
+        "theta": dict(zip(message.after.names, message.after.values)),
+        "stamp": str(message.header.stamp),
+        "refused": message.refused,
     }
-    return dict(sets, stamp=str(message.header.stamp), refused=message.refused)
 
 
 def observed(message):
     """Return the paper's observation (729,) from an applr_ros1/Decision of a Jackal."""
     scan = np.array(message.ranges, np.float32), message.angle_min, message.angle_increment
+    # The message has the poses of plan and robot in one frame, so one pose serves for both.
     pose = (message.x, message.y, message.yaw)
     plan = np.column_stack([message.plan_x, message.plan_y])
     seen = Seen(scan, message.elapsed, pose, (message.v, message.w), pose, plan, np.zeros((0, 4)))
@@ -264,14 +279,19 @@ def observed(message):
 
 def transform(parent, child, pose, stamp):
     """Return the geometry_msgs/TransformStamped of a frame at a pose (x, y, yaw) in its parent."""
-    placed = pose_stamped(pose, parent, stamp)
-    place = Vector3(pose[0], pose[1], 0.0)
-    return TransformStamped(placed.header, child, Transform(place, placed.pose.orientation))
+    stamped_pose = pose_stamped(pose, parent, stamp)
+    translation = Vector3(pose[0], pose[1], 0.0)
+    return TransformStamped(
+        stamped_pose.header, child, Transform(translation, stamped_pose.pose.orientation)
+    )
 
 
 # The stack of move_base and the Jackal
 
+# Codes of actionlib's GoalStatus, in its order.
 PENDING, ACTIVE, PREEMPTED, SUCCEEDED, ABORTED = range(5)
+# Two round posts left of the way along x, (x, y, radius) [m]: the robot passes, but its scans are
+# not empty.
 POSTS = [(1.5, 0.8, 0.15), (1.5, 1.4, 0.15)]
 PLANNER = "/move_base/TrajectoryPlannerROS"
 
@@ -282,23 +302,28 @@ def start(master, parameters=None, sim_time=False, name="move_base"):
     rospy.set_param("/use_sim_time", sim_time)
     child = master.node("move_base", "odom:=odometry/filtered")
     child.until("ready")
+    # Nodes read the parameter at their start. This process, and nodes that start later, use wall
+    # time.
     rospy.set_param("/use_sim_time", False)
     return child
 
 
 @pytest.fixture(scope="module")
 def master():
+    """Return the master of this process's tests."""
     return ros.session()
 
 
 @pytest.fixture(scope="module")
 def stack(master):
+    """Start move_base and a Jackal for all tests of a file; return them with move_base's client."""
     jackal = FakeJackal(POSTS)
     node = start(master)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     assert client.wait_for_server(rospy.Duration(ros.LONGEST))
     yield SimpleNamespace(node=node, jackal=jackal, client=client)
     jackal.close()
+    # A crash at the end would pass unseen otherwise.
     assert node.end() == 0, node.text
 
 
@@ -314,8 +339,11 @@ def idle(stack):
         finish(stack.client)
     wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "standstill")
     jackal.put((0.0, 0.0, 0.0), POSTS)
+    # Scans of the old place are on their way. They must not mark the costmaps after these have
+    # been cleared.
     time.sleep(0.2)
     rospy.ServiceProxy("/move_base/clear_costmaps", Empty)()
+    # Commands that move_base sent before are on their way, too.
     time.sleep(0.15)
     jackal.commands.clear()
     return stack
@@ -325,10 +353,10 @@ def goal(x, y=0.0, yaw=0.0, frame="odom", quaternion=None):
     """Return a goal of move_base. A quaternion (x, y, z, w) replaces the yaw, whether valid or
     not.
     """
-    target = pose_stamped((x, y, yaw), frame, rospy.Time())
+    target_pose = pose_stamped((x, y, yaw), frame, rospy.Time())
     if quaternion is not None:
-        target.pose.orientation = Quaternion(*quaternion)
-    return MoveBaseGoal(target_pose=target)
+        target_pose.pose.orientation = Quaternion(*quaternion)
+    return MoveBaseGoal(target_pose=target_pose)
 
 
 def collect(topic, kind):
@@ -344,24 +372,27 @@ def collect(topic, kind):
 
 def node_api(master):
     """Return a proxy of the XML-RPC server of the move_base node."""
+    # The master answers (status, message, URI of the node).
     uri = xmlrpc.client.ServerProxy(master.uri).lookupNode("/test", "/move_base")[2]
     return xmlrpc.client.ServerProxy(uri)
 
 
 def connected(master, topic, node):
     """Return whether move_base and `node` are connected by a topic."""
-    return any(
-        (line[1], line[4]) == (node, topic) for line in node_api(master).getBusInfo("/test")[2]
-    )
+    # A connection is (id, node, direction, transport, topic, ...).
+    connections = node_api(master).getBusInfo("/test")[2]
+    return any((link[1], link[4]) == (node, topic) for link in connections)
 
 
 def finish(client):
+    """Wait for the end of the client's goal; return its state and text."""
     assert client.wait_for_result(rospy.Duration(ros.LONGEST)), "no result"
     return client.get_state(), client.get_goal_status_text()
 
 
 # The stand-in for move_base
 
+# Names of the two weights in ROS Kinetic's move_base.
 KINETIC = {"path_distance_bias": "pdist_scale", "goal_distance_bias": "gdist_scale"}
 
 
@@ -371,45 +402,49 @@ def config_type(parameters, code=""):
 
     With `code`, max_vel_x is a string whose choices the server describes by this Python code.
     """
-    always = {"level": 0, "edit_method": ""}
-    rows = [
-        dict(
-            always,
-            name=name,
-            type=p.type,
-            default=p.default,
-            description=p.doc,
-            min=p.min,
-            max=p.max,
-        )
-        for name, p in parameters
-    ]
-    for row in (row for row in rows if code and row["name"] == "max_vel_x"):
-        row.update(type="str", edit_method=code)
-    names = {
+    rows = []
+    for name, parameter in parameters:
+        row = {
+            "name": name,
+            "type": parameter.type,
+            "default": parameter.default,
+            "description": parameter.doc,
+            "min": parameter.min,
+            "max": parameter.max,
+            "level": 0,
+            "edit_method": "",
+        }
+        if code and name == "max_vel_x":
+            row.update(type="str", edit_method=code)
+        rows.append(row)
+    # The fields that dynamic_reconfigure's generator gives the group around all parameters.
+    group = {
         "name": "Default",
         "parentname": "Default",
         "upper": "DEFAULT",
         "lower": "groups",
         "field": "default",
-    }
-    kinds = {"type": "", "class": "DEFAULT", "parentclass": "", "cstate": "true"}
-    group = {
-        **names,
-        **kinds,
+        "type": "",
+        "class": "DEFAULT",
+        "parentclass": "",
+        "cstate": "true",
         "id": 0,
         "parent": 0,
         "state": True,
         "groups": [],
         "parameters": rows,
     }
+
+    def column(key):
+        return {row["name"]: row[key] for row in rows}
+
     return SimpleNamespace(
         config_description=group,
-        min={r["name"]: r["min"] for r in rows},
-        max={r["name"]: r["max"] for r in rows},
-        defaults={r["name"]: r["default"] for r in rows},
-        level={r["name"]: 0 for r in rows},
-        type={r["name"]: r["type"] for r in rows},
+        min=column("min"),
+        max=column("max"),
+        defaults=column("default"),
+        level=column("level"),
+        type=column("type"),
     )
 
 
@@ -419,18 +454,21 @@ class Liar(Server):
     """
 
     def _set_callback(self, request):
-        if self.ns.rstrip("/") in rospy.get_param("/fake/late", []):
+        server = self.ns.rstrip("/")
+        if server in rospy.get_param("/fake/late", []):
             topic = self.update_topic
-            late = SimpleNamespace(
-                publish=lambda message: threading.Timer(0.2, topic.publish, [message]).start()
-            )
-            self.update_topic = late
+
+            def publish_late(message):
+                threading.Timer(0.2, topic.publish, [message]).start()
+
+            self.update_topic = SimpleNamespace(publish=publish_late)
             try:
                 return super()._set_callback(request)
             finally:
                 self.update_topic = topic
-        if self.ns.rstrip("/") not in rospy.get_param("/fake/lie", []):
+        if server not in rospy.get_param("/fake/lie", []):
             return super()._set_callback(request)
+        # Only the answer claims the new values: the topic still has the old ones.
         asked = decode_config(request.config, self.type.config_description)
         self.update_topic.publish(encode_config(self.config))
         return ReconfigureResponse(encode_config({**self.config, **asked}))
@@ -438,16 +476,18 @@ class Liar(Server):
 
 def serve(name, parameters, code=""):
     """Start the server `name`."""
-    begun = []
+    latest = {}  # Values in force, empty until the server has its first ones.
 
     def callback(config, level):
-        while begun and name in rospy.get_param("/fake/hang", []):
-            rospy.rostime.wallsleep(0.05)
-        if begun and name in rospy.get_param("/fake/refuse", []):
-            raise RuntimeError("refused on request")
-        if begun and name in rospy.get_param("/fake/hold", []):
-            return begun[-1].copy()
-        begun[:] = [config.copy()]
+        # The first call comes from the server's constructor, which must not fail.
+        if latest:
+            while name in rospy.get_param("/fake/hang", []):
+                rospy.rostime.wallsleep(0.05)
+            if name in rospy.get_param("/fake/refuse", []):
+                raise RuntimeError("refused on request")
+            if name in rospy.get_param("/fake/hold", []):
+                return latest["config"].copy()
+        latest["config"] = config.copy()
         return config
 
     return Liar(config_type(parameters, code), callback, name)
@@ -464,29 +504,28 @@ def main():
     parser.add_argument(
         "--text", default="", metavar="CODE", help="code of the choices of max_vel_x, a string"
     )
-    args = parser.parse_args(rospy.myargv()[1:])
+    arguments = parser.parse_args(rospy.myargv()[1:])
     rospy.init_node("move_base")
-    if args.robot:
-        declared = servers(check.complete(load(args.robot).parameters()))
+    if arguments.robot:
+        declared = servers(check.complete(load(arguments.robot).parameters()))
         served = {name: server.parameters for name, server in declared.items()}
     else:
+        planner = SERVERS["TrajectoryPlannerROS"]
         served = {
-            "TrajectoryPlannerROS": [
-                p for p in SERVERS["TrajectoryPlannerROS"] if p.name != args.without
-            ]
+            "TrajectoryPlannerROS": [each for each in planner if each.name != arguments.without]
         }
         for costmap in ("local_costmap", "global_costmap"):
             served[costmap] = SERVERS[costmap]
-            served[costmap + "/" + args.layer] = SERVERS["local_costmap/inflater_layer"]
+            served[costmap + "/" + arguments.layer] = SERVERS["local_costmap/inflater_layer"]
+            # Another layer, which the client must not mistake for that of the inflation.
             served[costmap + "/a_layer"] = SERVERS["local_costmap/obstacles_layer"]
-    renamed = KINETIC if args.spelling == "kinetic" else {}
-    named = {
-        rospy.get_name() + ("/" + name if name else ""): parameters
-        for name, parameters in served.items()
-    }
-    for full, parameters in named.items():
-        serve(full, [(renamed.get(p.name, p.name), p) for p in parameters], args.text)
-    print("all up", flush=True)
+    renamed = KINETIC if arguments.spelling == "kinetic" else {}
+    for server, parameters in served.items():
+        # The server of move_base itself has no name of its own.
+        name = rospy.get_name() + "/" + server if server else rospy.get_name()
+        spelled = [(renamed.get(each.name, each.name), each) for each in parameters]
+        serve(name, spelled, arguments.text)
+    print("all up", flush=True)  # Tests wait for this line.
     rospy.spin()
 
 
