@@ -26,7 +26,8 @@ from training.why.explanation import explain, part_of_robot
 from training.why.replay import Replay, changes_of
 
 PLANNER = "TrajectoryPlannerROS"
-FAULT = {PLANNER: {"vx_samples": 1}}  # only the slowest speed is sampled
+# The fault of the `spoilt` drive: the planner samples only its slowest speed, 0.1 m/s.
+FAULT = {PLANNER: {"vx_samples": 1}}
 JACKAL = robots.JACKAL
 WAFFLE = robots.load("turtlebot3_waffle_pi")
 
@@ -46,11 +47,13 @@ def sound():
 
 @pytest.fixture(scope="module")
 def bag(sound, tmp_path_factory):
+    """Return the bag of the drive without a fault."""
     return write(tmp_path_factory.mktemp("why") / "drive.bag", sound.drive)
 
 
 @pytest.fixture(scope="module")
 def replay(spoilt):
+    """Return a replay of the drive with the fault."""
     return replayed(*spoilt)
 
 
@@ -66,10 +69,21 @@ def read_back(path, robot=JACKAL):
     return why.drive_of(path, why.WhyOptions(bag=[str(path)], robot=robot))
 
 
+def values_in(cycles, server, name):
+    """Return all values that a parameter had in some cycles."""
+    return {cycle.settings[server][name] for cycle in cycles}
+
+
 def updates(*rows):
     """Return changes of parameters (time, server, values)."""
     times, servers, values = zip(*rows)
     return Changes(np.array(times), list(servers), list(values))
+
+
+def without_rows(plans, first, last):
+    """Return plans without those from row `first` to before row `last`."""
+    kept = np.r_[0:first, last : len(plans)]
+    return Plans(plans.time[kept], [plans.path[row] for row in kept])
 
 
 def delayed(motion):
@@ -82,8 +96,10 @@ def delayed(motion):
 def test_every_command_is_reproduced_with_the_parameters_that_drove_and_few_with_others(
     replay, spoilt
 ):
+    # Twelve seconds at 20 Hz.
     assert len(replay.cycles) > 200
     assert replay.share == 1.0
+    # The same drive with a sound Jackal's parameters, which command more than the slowest speed.
     other = replayed(JACKAL, until(spoilt[1], 2.0))
     assert other.share < 0.5
 
@@ -91,6 +107,8 @@ def test_every_command_is_reproduced_with_the_parameters_that_drove_and_few_with
 def test_a_dwa_drive_is_reproduced_and_a_new_plan_clears_its_flags():
     replay = replayed(WAFFLE, simulated(WAFFLE, "generated:3", limit=8)[0])
     assert replay.share == 1.0
+    # The first twelve fields of DWA's state are flags of its oscillation critic. C++ clears them
+    # with each new plan.
     flags = [1] * 12 + [0.0] * (len(replay.cycles[0].memory) - 12)
     cycle = replace(replay.cycles[20], memory=flags)
     replay.begin(cycle)
@@ -104,13 +122,10 @@ def test_the_replay_goes_on_after_messages_that_are_missing(spoilt):
     robot, driven = spoilt
     replay = Replay(robot)
     sparse = slice(0, 100, 5)
-    replay.run(
-        replace(
-            until(driven, 5.0),
-            odometry=driven.odometry.part(sparse),
-            scans=driven.scans.part(sparse),
-        )
-    )
+    odometry = driven.odometry.part(sparse)
+    scans = driven.scans.part(sparse)
+    replay.run(replace(until(driven, 5.0), odometry=odometry, scans=scans))
+    # Cycles with old messages differ, those right after a message do not.
     assert 0.2 < replay.share < 1.0
     assert all(cycle.error < np.inf for cycle in replay.cycles)
 
@@ -119,10 +134,11 @@ def test_a_bag_gives_the_drive_that_was_written(bag, sound):
     driven = sound.drive
     recorded = read_back(bag)
     begin = driven.odometry.time[0]
+    # A read drive begins at 0 s. Stamps of ROS have whole nanoseconds.
     for column in ("odometry", "planned", "scans", "plans"):
-        assert np.allclose(
-            getattr(recorded, column).time, getattr(driven, column).time - begin, atol=1e-6
-        )
+        recorded_times = getattr(recorded, column).time
+        driven_times = getattr(driven, column).time
+        assert np.allclose(recorded_times, driven_times - begin, atol=1e-6)
     assert np.allclose(recorded.planned.twist, driven.planned.twist)
     assert np.allclose(recorded.odometry.pose, driven.odometry.pose)
     assert np.allclose(recorded.odometry.twist, driven.odometry.twist)
@@ -133,16 +149,14 @@ def test_a_bag_gives_the_drive_that_was_written(bag, sound):
 
 def test_parameters_in_force_come_from_the_updates_in_the_bag(spoilt, tmp_path):
     robot, driven = spoilt
-    given = replace(
-        until(driven, 1.0), changes=updates((0.5, PLANNER, {"sim_time": 1.25, "unknown": 3.0}))
-    )
-    replay = replayed(robot, read_back(write(tmp_path / "updated.bag", given), robot))
-    assert {cycle.settings[PLANNER]["sim_time"] for cycle in replay.cycles if cycle.at < 0.5} == {
-        2.0
-    }
-    assert {cycle.settings[PLANNER]["sim_time"] for cycle in replay.cycles if cycle.at > 0.5} == {
-        1.25
-    }
+    update = updates((0.5, PLANNER, {"sim_time": 1.25, "unknown": 3.0}))
+    bag_path = write(tmp_path / "updated.bag", replace(until(driven, 1.0), changes=update))
+    replay = replayed(robot, read_back(bag_path, robot))
+    earlier = [cycle for cycle in replay.cycles if cycle.at < 0.5]
+    later = [cycle for cycle in replay.cycles if cycle.at > 0.5]
+    assert values_in(earlier, PLANNER, "sim_time") == {2.0}
+    assert values_in(later, PLANNER, "sim_time") == {1.25}
+    # Servers of other versions have parameters that this planner has not.
     assert "unknown" not in replay.settings[PLANNER]
 
 
@@ -150,9 +164,9 @@ def test_a_drive_without_updates_is_reproduced_with_the_parameters_of_its_decisi
     """One parameter of a policy limits turns to both sides: min_vel_theta has the opposite sign."""
     robot = changed(JACKAL, {PLANNER: {"max_vel_theta": 0.8, "min_vel_theta": -0.8}})
     driven = simulated(robot, "generated:40", limit=8)[0]
-    given = replace(driven, decisions=[decided({"max_vel_theta": 0.8})])
-    replay = replayed(JACKAL, read_back(write(tmp_path / "decided.bag", given)))
-    assert {cycle.settings[PLANNER]["min_vel_theta"] for cycle in replay.cycles} == {-0.8}
+    recorded = replace(driven, decisions=[decided({"max_vel_theta": 0.8})])
+    replay = replayed(JACKAL, read_back(write(tmp_path / "decided.bag", recorded)))
+    assert values_in(replay.cycles, PLANNER, "min_vel_theta") == {-0.8}
     assert replay.share > 0.98
 
 
@@ -162,44 +176,50 @@ def test_parameters_of_servers_without_updates_come_from_decisions(spoilt, tmp_p
     """
     robot, driven = spoilt
     decision = decided({"sim_time": 9.0, "footprint_padding": 0.14})
-    given = replace(
+    driven = replace(
         until(driven, 1.0),
         changes=updates((0.5, PLANNER, {"sim_time": 1.25})),
         decisions=[decision],
     )
-    recorded = read_back(write(tmp_path / "decided.bag", given), robot)
-    changes = [(server, values) for _, server, values in changes_of(recorded, robot)]
-    costmaps = [(f"{name}_costmap", {"footprint_padding": 0.14}) for name in ("local", "global")]
-    assert changes == [*costmaps, (PLANNER, {"sim_time": 1.25})]
+    recorded = read_back(write(tmp_path / "decided.bag", driven), robot)
+    # The planner's own update is what it did: the decision's 9.0 was not accepted.
+    padding = {"footprint_padding": 0.14}
+    assert [(server, values) for _, server, values in changes_of(recorded, robot)] == [
+        ("local_costmap", padding),
+        ("global_costmap", padding),
+        (PLANNER, {"sim_time": 1.25}),
+    ]
+
+    # The file's padding is 0.10 m, so the outline grows by 0.04 m.
     replay = Replay(robot)
-    outline = replay.costmap.footprint.max()
+    half_length = replay.costmap.footprint.max()
     replay.run(recorded)
-    assert replay.costmap.footprint.max() == pytest.approx(outline + 0.04)
-    assert {cycle.settings["local_costmap"]["footprint_padding"] for cycle in replay.cycles} == {
-        0.14
-    }
+    assert replay.costmap.footprint.max() == pytest.approx(half_length + 0.04)
+    assert values_in(replay.cycles, "local_costmap", "footprint_padding") == {0.14}
 
 
 def test_a_scan_is_placed_between_two_headings_across_the_back(spoilt):
     robot, driven = spoilt
-    motion = driven.odometry.part(slice(0, 4, 2))
-    turned = replace(motion, pose=np.array([(0.0, 0.0, 3.1), (0.0, 0.0, -3.1)]))
+    two_messages = driven.odometry.part(slice(0, 4, 2))
+    # From 3.1 to -3.1 rad the short way is 0.08 rad across the back. The mean of both numbers
+    # would turn the laser to the front.
+    turned = replace(two_messages, pose=np.array([(0.0, 0.0, 3.1), (0.0, 0.0, -3.1)]))
     replay = Replay(robot)
     replay.drive = replace(driven, odometry=turned)
-    laser = replay.scan(1).sensor_pose
-    assert abs(laser[2]) == pytest.approx(3.1, abs=0.05)
-    assert laser[0] == pytest.approx(-robot.laser.pose[0], abs=0.01)
+    laser_pose = replay.scan(1).sensor_pose
+    assert abs(laser_pose[2]) == pytest.approx(3.1, abs=0.05)
+    assert laser_pose[0] == pytest.approx(-robot.laser.pose[0], abs=0.01)
 
 
 def test_commands_before_a_collision_monitor_are_taken(spoilt, tmp_path):
     robot, driven = spoilt
-    given = until(driven, 1.0)
-    recorded = read_back(write(tmp_path / "limited.bag", before_a_monitor(given)), robot)
-    assert np.array_equal(recorded.planned.twist, given.planned.twist)
+    driven_second = until(driven, 1.0)
+    recorded = read_back(write(tmp_path / "limited.bag", before_a_monitor(driven_second)), robot)
+    assert np.array_equal(recorded.planned.twist, driven_second.planned.twist)
     assert not recorded.commands.twist.any()
-    unlimited = replace(given, planned=None)
+    unlimited = replace(driven_second, planned=None)
     recorded = read_back(write(tmp_path / "alone.bag", unlimited), robot)
-    assert np.array_equal(recorded.planned.twist, given.commands.twist)
+    assert np.array_equal(recorded.planned.twist, driven_second.commands.twist)
 
 
 def test_scans_of_another_laser_are_refused(bag):
@@ -215,24 +235,25 @@ def test_the_share_is_of_all_commands_and_says_what_was_left_out(spoilt):
     robot, driven = spoilt
     driven = until(driven, 2.0)
     count = len(driven.planned)
-    kept = np.r_[0:10, 12 : len(driven.plans)]
-    plans = Plans(driven.plans.time[kept], [driven.plans.path[row] for row in kept])
+    plans = without_rows(driven.plans, 10, 12)
     after_first = driven.scans.time > driven.planned.time[0]
     scans = driven.scans.part(slice(int(np.argmax(after_first)), None))
     replay = replayed(robot, replace(driven, plans=plans, scans=scans))
     assert len(replay.cycles) == count - 3
     assert replay.share == pytest.approx(replay.reproduced / count)
-    assert (
+    text = (
         f"of {count} commands reproduced ({replay.share:.1%}); "
         "left out: 1 before the first scan or odometry, "
-        "2 without a plan (stops and recoveries of move_base)" in str(replay)
+        "2 without a plan (stops and recoveries of move_base)"
     )
+    assert text in str(replay)
     assert replay.share_of_cycles == replay.reproduced / (count - 3)
 
 
 def test_a_late_velocity_is_found(spoilt):
     robot, driven = spoilt
     replay = replayed(robot, replace(until(driven, 3.0), odometry=delayed(driven.odometry)))
+    # The replay knows that a planner may have had a velocity one message older.
     assert replay.share > 0.9
 
 
@@ -251,32 +272,35 @@ def test_the_flags_after_a_command_that_is_not_reproduced_are_those_of_this_comm
     twist = driven.planned.twist.copy()
     twist[20] = -0.1, 0.0  # The planner backs out.
     replay = replayed(robot, replace(driven, planned=replace(driven.planned, twist=twist)))
+    # The replay's planner would drive on. Its memory must follow the robot, which backed out.
     assert not replay.cycles[20].reproduced
     planner = replay.local.planner
     planner.state = replay.cycles[20].memory
     planner.remember(replay.cycles[20].pose, -0.1, 0.0)
+    # Backing out sets the flag of an escape.
     assert replay.cycles[21].memory == planner.state != replay.cycles[20].memory
-    names = planner.STATE.names
-    assert dict(zip(names, planner.state))["escaping"] == 1
+    state_names = planner.STATE.names
+    assert dict(zip(state_names, planner.state))["escaping"] == 1
+    # A drive ahead from the same state does not.
     planner.state = replay.cycles[20].memory
     planner.remember(replay.cycles[20].pose, 0.1, 0.0)
-    assert dict(zip(names, planner.state))["escaping"] == 0
+    assert dict(zip(state_names, planner.state))["escaping"] == 0
 
 
 def test_a_map_is_restored_with_its_layers_and_inflated_anew(spoilt):
     robot, driven = spoilt
     replay = replayed(robot, driven)
     costmap = replay.costmap
-    old = replay.cycles[10]
+    earlier_cycle = replay.cycles[10]
     pose = driven.odometry.pose[12].tolist()
-    assert tuple(costmap.origin) != tuple(old.map[0])
+    assert tuple(costmap.origin) != tuple(earlier_cycle.map[0])
     updated = []
+    # Restored alone, the map stays at its old place. With a pose, it is inflated anew.
     for place in (None, pose):
         costmap.update(driven.odometry.pose[-1].tolist())
-        costmap.restore(old.map, place)
-        assert all(
-            tuple(layer.origin) == tuple(costmap.origin) for layer in costmap.obstacle_layers
-        )
+        costmap.restore(earlier_cycle.map, place)
+        for layer in costmap.obstacle_layers:
+            assert tuple(layer.origin) == tuple(costmap.origin)
         costmap.update(pose, replay.cloud(12))
         updated.append(costmap.cells.copy())
     assert np.array_equal(*updated)
@@ -285,7 +309,9 @@ def test_a_map_is_restored_with_its_layers_and_inflated_anew(spoilt):
 # -- explanations and alternatives -----------------------------------------------------------------
 def driven_with_post(ahead, left, since=0.0):
     """Return a replay of a drive in which the laser sees a post at a place relative to the robot
-    from a time on.
+    [m] from a time [s] on.
+
+    The post moves with the robot, as a part of the robot would.
     """
     laser = JACKAL.laser
     metres = np.hypot(ahead - laser.pose[0], left)
@@ -306,30 +332,38 @@ def driven_with_post(ahead, left, since=0.0):
 
 def test_the_obstacle_in_the_way_is_named():
     replay = driven_with_post(0.5, 0.15, since=3.0)
-    why = explain(replay, replay.cycles[66])
-    number, of = (int(word) for word in why.lines[-1].split(" faster samples")[0].split(" of "))
-    assert of > 20
-    assert number > 0.9 * of
-    assert transform_point(inverse(replay.cycles[66].pose), *why.obstacle) == pytest.approx(
-        (0.5, 0.15), abs=0.1
-    )
-    assert "m to the left, from the latest scan" in why.lines[-1]
+    cycle = replay.cycles[66]  # 0.3 s after the post appeared
+    explanation = explain(replay, cycle)
+    # "28 of 30 faster samples ..."
+    numbers = explanation.lines[-1].split(" faster samples")[0]
+    blocked, faster = map(int, numbers.split(" of "))
+    assert faster > 20
+    assert blocked > 0.9 * faster
+    place = transform_point(inverse(cycle.pose), *explanation.obstacle)
+    # A cell has 0.05 m, and the robot moved a little since the scan.
+    assert place == pytest.approx((0.5, 0.15), abs=0.1)
+    assert "m to the left, from the latest scan" in explanation.lines[-1]
+
+    # If the latest scan does not have the post, the costmap knows it from those before.
     ranges = replay.drive.scans.ranges
-    ranges[replay.cycles[66].scan] = ranges[40]  # before the post
-    assert "from earlier scans" in explain(replay, replay.cycles[66]).lines[-1]
+    before_the_post = ranges[40]
+    ranges[cycle.scan] = before_the_post
+    assert "from earlier scans" in explain(replay, cycle).lines[-1]
 
 
 def test_a_part_of_the_robot_in_the_scans_is_in_the_answer():
-    found = diagnosis.diagnose(driven_with_post(0.5, 0.0))
-    answer, *_ = lines_of(found)
+    diagnosed = diagnosis.diagnose(driven_with_post(0.5, 0.0))
+    answer, *_ = lines_of(diagnosed)
     place = r"0.5 m ahead and 0.0 m to the (left|right) of its centre."
     assert re.match(rf"The laser sees a part of the robot, {place}", answer)
-    assert not found.guesses
+    # Nothing about the planner is guessed from scans that show the robot itself.
+    assert not diagnosed.guesses
 
 
 def test_a_point_beside_a_robot_that_stands_is_no_part_of_it():
     replay = driven_with_post(0.5, 0.0)
     assert part_of_robot(replay) is not None
+    # At one place, a post of the world and a part of the robot look the same.
     replay.cycles = [replay.cycles[0]] * 300
     assert part_of_robot(replay) is None
 
@@ -351,41 +385,40 @@ def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
     robot = changed(JACKAL, {PLANNER: {"occdist_scale": 0.8}})
     replay = replayed(robot, simulated(robot, "generated:7", limit=8)[0])
     assert part_of_robot(replay) is None
-    why = explain(replay, replay.cycles[-20])
-    command = replay.command(replay.cycles[-20])
+    cycle = replay.cycles[-20]
+    explanation = explain(replay, cycle)
+
+    # The planner's own costs: their parts add up, and the command, in the last row, is cheapest.
+    command = replay.command(cycle)
     velocities, costs, parts = replay.local.planner.sample_costs(replay.costmap, command)
     legal = costs >= 0
     assert np.allclose(sum(parts.values())[legal], costs[legal])
     assert all((part[~legal] == 0.0).all() for part in parts.values())
     assert velocities[-1].tolist() == list(command)
     assert costs[-1] == pytest.approx(costs[legal].min())
-    assert why.table[0] == [
-        "v",
-        "w",
-        "cost",
-        "path_distance_bias",
-        "goal_distance_bias",
-        "occdist_scale",
-    ]
-    assert why.table[1][2] == pytest.approx(costs[-1], abs=0.01)
-    assert why.points
+
+    # The table begins with the command.
+    weights = ["path_distance_bias", "goal_distance_bias", "occdist_scale"]
+    assert explanation.table[0] == ["v", "w", "cost", *weights]
+    assert explanation.table[1][2] == pytest.approx(costs[-1], abs=0.01)
+    assert explanation.points
+
+    # The sentence compares it with the cheapest sample of at least half the top speed.
     fast = legal & (velocities[:, 0] >= 0.25)
     best = np.flatnonzero(fast)[costs[fast].argmin()]
-    command = "({:.2f} m/s, {:.2f} rad/s)".format(*command)
-    assert (
-        f"costs {costs[best]:.1f}, the command {command} {costs[-1]:.1f}: occdist_scale 0.8 "
-        in why.lines[0]
-    )
-    assert (
-        f"counts {parts['occdist_scale'][best]:.1f} against {parts['occdist_scale'][-1]:.1f}"
-        in why.lines[0]
-    )
+    words = "({:.2f} m/s, {:.2f} rad/s)".format(*command)
+    occdist = parts["occdist_scale"]
+    (line, *_) = explanation.lines
+    assert f"costs {costs[best]:.1f}, the command {words} {costs[-1]:.1f}: " in line
+    assert ": occdist_scale 0.8 " in line
+    assert f"counts {occdist[best]:.1f} against {occdist[-1]:.1f}" in line
 
 
 def test_a_cheaper_sample_that_the_escaping_planner_did_not_try_is_said(sound):
     cycle = sound.cycles[40]
     state = dict(zip(sound.local.planner.STATE.names, cycle.memory))
     x, y, yaw = cycle.pose
+    # The planner began to escape here, and escapes until it is some way off.
     state.update(escaping=1, escape_x=x, escape_y=y, escape_theta=yaw)
     escaping = replace(cycle, memory=list(state.values()))
     assert "was not sampled, because the planner is escaping" in explain(sound, escaping).lines[0]
@@ -395,8 +428,8 @@ def test_a_cheaper_sample_that_the_escaping_planner_did_not_try_is_said(sound):
 def test_a_plan_that_leads_back_is_the_whole_reason(sound):
     cycle = sound.cycles[40]
     x, y, yaw = cycle.pose
-    turned = replace(cycle, pose=(x, y, yaw + np.pi))
-    assert explain(sound, turned).words == "the plan leads back, behind the robot"
+    turned_round = replace(cycle, pose=(x, y, yaw + np.pi))
+    assert explain(sound, turned_round).words == "the plan leads back, behind the robot"
     assert "leads back" not in explain(sound, cycle).words
 
 
@@ -405,41 +438,49 @@ def test_samples_that_dwa_refuses_are_explained():
     than min_vel_theta.
     """
     replay = replayed(WAFFLE, simulated(WAFFLE, "generated:3", limit=3)[0])
+    # With this velocity, the samples reach from backing out to a slow turn.
     cycle = replace(replay.cycles[10], twist=(-0.2, 0.0))
     assert (
         "0.00 rad/s) is below min_vel_trans (0.13) and min_vel_theta (0.9)"
         in explain(replay, cycle).lines[-1]
     )
+    # All flags of the oscillation critic set: no direction is left.
     cycle = replace(replay.cycles[-1], memory=[1.0] * len(replay.cycles[-1].memory))
     assert "is refused by the critic oscillation" in explain(replay, cycle).lines[-1]
 
 
 def test_the_spoilt_parameter_is_the_first_guess_and_every_guess_gains_speed(replay, monkeypatch):
+    # Fewer cycles than people get, because each takes the time of a drive.
     monkeypatch.setattr(diagnosis, "CYCLES", 4)
-    found = diagnosis.diagnose(replay)
-    assert found.guesses[0].change.name == "vx_samples"
-    assert all(guess.gain > 0.0 for guess in found.guesses)
-    assert found.trials is None
+    diagnosed = diagnosis.diagnose(replay)
+    assert diagnosed.guesses[0].change.name == "vx_samples"
+    assert all(guess.gain > 0.0 for guess in diagnosed.guesses)
+    assert diagnosed.trials is None
 
 
 def test_reproduced_cycles_are_preferred(replay):
-    good = replay.cycles[0]
-    bad = replace(replay.cycles[1], error=1.0)
-    assert all(cycle is good for cycle in diagnosis.some([good] * 20 + [bad] * 10, 30))
-    assert diagnosis.some([bad], 3) == [bad]
+    reproduced = replay.cycles[0]
+    not_reproduced = replace(replay.cycles[1], error=1.0)
+    assert all(
+        cycle is reproduced
+        for cycle in diagnosis.some([reproduced] * 20 + [not_reproduced] * 10, 30)
+    )
+    assert diagnosis.some([not_reproduced], 3) == [not_reproduced]
     assert diagnosis.some([], 3) == []
 
 
 def test_alternatives_begin_on_the_way_into_an_event(sound, monkeypatch):
-    begun = []
-    monkeypatch.setattr(
-        diagnosis,
-        "best_changes",
-        lambda replay, changes, cycles, others: begun.extend(cycles) or [],
-    )
+    begins = []
+
+    def best_changes(replay, changes, cycles, others):
+        begins.extend(cycle.at for cycle in cycles)
+        return []
+
+    monkeypatch.setattr(diagnosis, "best_changes", best_changes)
     diagnosis.diagnose(sound, at=5.0)
-    assert min(cycle.at for cycle in begun) == pytest.approx(2.5, abs=0.1)
-    assert max(cycle.at for cycle in begun) == pytest.approx(5.5, abs=0.1)
+    # The event of a moment is half a second around it. The way into it counts from 2 s before.
+    assert min(begins) == pytest.approx(2.5, abs=0.1)
+    assert max(begins) == pytest.approx(5.5, abs=0.1)
 
 
 def test_driving_on_follows_the_commands(replay):
@@ -449,13 +490,13 @@ def test_driving_on_follows_the_commands(replay):
     assert 0.2 < distance < 3.0
     ((faster, _),) = alternatives.drive_on(replay, [cycle], Change(PLANNER, "vx_samples", 1, 20))
     assert faster > 0.2
+
     turn = Change(PLANNER, "max_vel_theta", 1.57, 1.0)
     alternatives.drive_on(replay, [cycle], turn)
     # Symmetric limits stay so.
     assert replay.move_base.configuration(PLANNER)["min_vel_theta"] == -1.0
-    skewed = replace(
-        cycle, settings=cycle.settings.with_(Change(PLANNER, "min_vel_theta", -1.57, -0.5))
-    )
+    right_turns_slow = Change(PLANNER, "min_vel_theta", -1.57, -0.5)
+    skewed = replace(cycle, settings=cycle.settings.with_(right_turns_slow))
     alternatives.drive_on(replay, [cycle, skewed], turn)
     # Others stay as they are.
     assert replay.move_base.configuration(PLANNER)["min_vel_theta"] == -0.5
@@ -464,111 +505,107 @@ def test_driving_on_follows_the_commands(replay):
 def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(replay):
     server = replay.move_base.servers[PLANNER]
 
-    def one(name, before, after, gain):
+    def alternative(name, before, after, gain):
         changes = (Change(PLANNER, name, before, after),)
-        return Alternative(
-            changes, server.declared(name).default, Result(0.0, 0.0), Result(gain, 0.0)
-        )
+        default = server.declared(name).default
+        return Alternative(changes, default, Result(0.0, 0.0), Result(gain, 0.0))
 
-    nearer = one("sim_time", 2.0, 1.7, 0.92)
-    farther = one("occdist_scale", 0.1, 0.01, 0.95)
-    smaller = one("occdist_scale", 0.1, 0.05, 0.93)
+    # The first four gain about as much (at least WITHIN of the best), so that small changes are
+    # preferred. vx_samples gains too little for that.
     tried = [
-        one("sim_time", 2.0, 8.0, 1.0),
-        nearer,
-        farther,
-        smaller,
-        one("vx_samples", 1, 20, 0.5),
+        alternative("sim_time", 2.0, 8.0, 1.0),
+        alternative("sim_time", 2.0, 1.7, 0.92),
+        alternative("occdist_scale", 0.1, 0.01, 0.95),
+        alternative("occdist_scale", 0.1, 0.05, 0.93),
+        alternative("vx_samples", 1, 20, 0.5),
     ]
-    assert [each.change.after for each in alternatives.ranked(tried)] == [0.05, 0.01, 1.7, 8.0, 20]
+    order = [each.change.after for each in alternatives.ranked(tried)]
+    assert order == [0.05, 0.01, 1.7, 8.0, 20]
 
 
 def test_changes_that_pass_obstacles_too_closely_are_left_out(replay, monkeypatch):
-    # Speed and distance by sim_time.
-    results = {
-        None: (0.1, 0.5),
-        1.0: (0.5, 0.05),
-        4.0: (0.3, 0.5),
-    }
+    fast_but_close = Change(PLANNER, "sim_time", 2.0, 1.0)
+    slower = Change(PLANNER, "sim_time", 2.0, 4.0)
+    # Speed [m/s] and smallest distance of obstacles [m]
+    results = {None: (0.1, 0.5), fast_but_close: (0.5, 0.05), slower: (0.3, 0.5)}
 
     def drive_on(replay, cycles, change=None):
-        return np.array([results[change and change.after]] * len(cycles))
+        return np.array([results[change]] * len(cycles))
 
     monkeypatch.setattr(alternatives, "drive_on", drive_on)
-    changes = [Change(PLANNER, "sim_time", 2.0, after) for after in (1.0, 4.0)]
-    (found,) = alternatives.best_changes(replay, changes, replay.cycles[:4], replay.cycles[4:6])
-    assert found.change == Change(PLANNER, "sim_time", 2.0, 4.0)
-    assert found.gain == pytest.approx(0.2)
-    assert found.elsewhere == pytest.approx(0.2)
+    (best,) = alternatives.best_changes(
+        replay, [fast_but_close, slower], replay.cycles[:4], replay.cycles[4:6]
+    )
+    assert best.change == slower
+    assert best.gain == pytest.approx(0.2)
+    assert best.elsewhere == pytest.approx(0.2)
 
 
 def test_another_inflation_applies_to_the_recorded_map(replay):
     layer = "local_costmap/inflater_layer"
     cycle = replay.cycles[100]
-    sizes = []
+    inflated_cells = []
     for radius in (0.1, 1.0):
         alternatives.drive_on(replay, [cycle], Change(layer, "inflation_radius", 0.3, radius))
-        sizes.append(np.count_nonzero(replay.costmap.cells))
-    assert sizes[1] > 1.2 * sizes[0]
+        inflated_cells.append(np.count_nonzero(replay.costmap.cells))
+    assert inflated_cells[1] > 1.2 * inflated_cells[0]
 
 
 # -- the command -----------------------------------------------------------------------------------
 def ran(capsys, *arguments):
+    """Run the command; return its exit status, output and errors."""
     status = why.main([str(argument) for argument in arguments])
-    out, err = capsys.readouterr()
-    return status, out, err
+    output, errors = capsys.readouterr()
+    return status, output, errors
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
+    """Return an empty folder, and let the command try little, so that it is fast."""
     monkeypatch.setattr(diagnosis, "CYCLES", 2)
     monkeypatch.setattr(alternatives, "FACTORS", ())
     return tmp_path
 
 
 def test_the_command_answers_in_its_first_line_and_writes_a_page(bag, folder, capsys):
-    status, out, err = ran(
+    status, output, errors = ran(
         capsys, bag, "--robot", "jackal", "--at", 3, "--quick", "--out", folder / "why.html"
     )
-    assert status == 0, err
+    assert status == 0, errors
     page = (folder / "why.html").read_text()
     data = json.loads(page.partition('id="data">')[2].partition("</script>")[0])
     assert data["events"][0]["cycles"][0]["points"]
-    assert data["lines"] == out.splitlines()
+    assert data["lines"] == output.splitlines()
     assert data["notes"] == []
 
 
 @needs_browser
 def test_keys_choose_an_event_a_moment_and_the_paths_on_the_page(bag, folder, capsys):
     ran(capsys, bag, "--robot", "jackal", "--at", 3, "--quick", "--out", folder / "why.html")
-    with opened(folder / "why.html") as view:
-        focused(view, "button", "Event 1").press("Enter")
-        slider = focused(view, "slider", "Moment of the event")
+    with opened(folder / "why.html") as page:
+        focused(page, "button", "Event 1").press("Enter")
+        slider = focused(page, "slider", "Moment of the event")
         slider.press("Home")
-        first = slider.get_attribute("aria-valuetext")
+        first_moment = slider.get_attribute("aria-valuetext")
         slider.press("End")
-        assert slider.get_attribute("aria-valuetext") != first
-        assert view.get_by_role("img", name="command").count()
+        assert slider.get_attribute("aria-valuetext") != first_moment
+        assert page.get_by_role("img", name="command").count()
 
 
 def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder, capsys):
-    given = replace(
-        until(sound.drive, 2.0),
-        changes=updates((0.0, PLANNER, {"sim_time": 1.5, "max_vel_x": 0.4})),
-    )
-    other = write(folder / "other.bag", given)
-    status, out, err = ran(capsys, bag, other, "--json", "--at", 2, "--quick")
-    assert status == 0, err
-    lines = [line for line in json.loads(out)["lines"] if "; routes" in line]
-    assert (
-        "; routes diverge at 2.7 s; differing parameters: max_vel_x 0.5 -> 0.4, sim_time 2 -> 1.5"
-        in lines[0]
-    )
-    assert "no parameter_updates" not in lines[0]
+    update = updates((0.0, PLANNER, {"sim_time": 1.5, "max_vel_x": 0.4}))
+    other = write(folder / "other.bag", replace(until(sound.drive, 2.0), changes=update))
+    status, output, errors = ran(capsys, bag, other, "--json", "--at", 2, "--quick")
+    assert status == 0, errors
+    line, *_ = [line for line in json.loads(output)["lines"] if "; routes" in line]
+    # The other drive ends after 2 s; the routes are apart once the first is 0.3 m farther.
+    assert "; routes diverge at 2.7 s; differing parameters: max_vel_x 0.5 -> 0.4, " in line
+    assert "sim_time 2 -> 1.5" in line
+    assert "no parameter_updates" not in line
 
 
 @pytest.mark.parametrize(
-    ("recorded", "words"),
+    ("columns", "problem"),
     [
         ({"scans": None}, "no messages on /front/scan"),
         ({"odometry": None}, "no messages on /odometry/filtered"),
@@ -584,40 +621,40 @@ def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder,
         ({"planners": ["DWAPlannerROS"]}, "DWAPlannerROS drove"),
     ],
 )
-def test_what_a_bag_lacks_is_named_in_one_line(spoilt, folder, capsys, recorded, words):
+def test_what_a_bag_lacks_is_named_in_one_line(spoilt, folder, capsys, columns, problem):
     robot, driven = spoilt
-    path = write(folder / "drive.bag", replace(until(driven, 0.5), **recorded))
-    status, out, err = ran(capsys, path, "--quick")
-    assert (status, out) == (1, "")
-    assert words in err
-    assert len(err.splitlines()) == 1
+    path = write(folder / "drive.bag", replace(until(driven, 0.5), **columns))
+    status, output, errors = ran(capsys, path, "--quick")
+    assert (status, output) == (1, "")
+    assert problem in errors
+    assert len(errors.splitlines()) == 1
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "problem"),
     [
         (["none.bag"], "none.bag: there is no such file"),
         (["BAG", "--at", "500"], "--at 500: outside the drive, give "),
         (["BAG", "--robot", "nobody"], "nobody"),
     ],
 )
-def test_mistakes_on_the_command_line_are_one_line(bag, folder, capsys, arguments, words):
-    status, out, err = ran(capsys, *(str(bag) if one == "BAG" else one for one in arguments))
-    assert (status, out) == (1, "")
-    assert words in err.splitlines()[-1]
+def test_mistakes_on_the_command_line_are_one_line(bag, folder, capsys, arguments, problem):
+    named = [str(bag) if word == "BAG" else word for word in arguments]
+    status, output, errors = ran(capsys, *named)
+    assert (status, output) == (1, "")
+    assert problem in errors.splitlines()[-1]
 
 
 def test_half_a_drive_is_replayed_as_far_as_it_goes(spoilt, folder):
     robot, driven = spoilt
-    given = replace(driven, planned=driven.planned.part(slice(100, 150)))
-    replay = replayed(robot, given)
+    part = replace(driven, planned=driven.planned.part(slice(100, 150)))
+    replay = replayed(robot, part)
     assert len(replay.cycles) == 50
+    # The first cycles lack the costmap that the robot had built up before.
     assert replay.share > 0.5
+
     # A command without a plan of its time is no cycle of the local planner.
-    without = Replay(robot)
-    kept = np.r_[0:110, 120 : len(driven.plans)]
-    without.run(
-        replace(given, plans=Plans(driven.plans.time[kept], [driven.plans.path[i] for i in kept]))
-    )
-    assert len(without.cycles) == 40
-    assert without.cycles[15].reproduced
+    fewer_plans = replace(part, plans=without_rows(driven.plans, 110, 120))
+    replay_with_gap = replayed(robot, fewer_plans)
+    assert len(replay_with_gap.cycles) == 40
+    assert replay_with_gap.cycles[15].reproduced
