@@ -29,6 +29,7 @@ from tests.support.robots import make_weights
 from tests.support.ros import LONGEST, session, wait_for
 
 pytestmark = pytest.mark.ros
+# Ten times as often as on the robot, so that tests are fast [s].
 PERIOD = 0.2
 PLANNER = "/move_base/TrajectoryPlannerROS"
 HURRIED = {  # constants of the node that are replaced for tests
@@ -38,11 +39,13 @@ HURRIED = {  # constants of the node that are replaced for tests
     # The fake robot stands: on a busy machine it would stall before a test ends.
     "applr_ros1.policy.stall.STALL_TIME_S": 3600.0,
 }
+# Servers of the inflation in both costmaps.
 LAYERS = ["/move_base/local_costmap/inflater_layer", "/move_base/global_costmap/inflater_layer"]
 
 
 @pytest.fixture(scope="module")
 def robot():
+    """Return a Jackal at rest for all tests of this file."""
     session()
     robot = Standing()
     yield robot
@@ -76,15 +79,12 @@ def stack(robot, tmp_path):
     ):
         move_base = start_fake(*fake) if fake is not None else None
         if method == "applr":
-            save(
-                tmp_path / "actor.safetensors",
-                make_weights(hidden=(16,)) if weights is None else weights,
-            )
-            method = str(policy or tmp_path / "actor.safetensors")
-        parameters = dict({"method": method, "period": PERIOD}, **parameters)
-        node = ros.node(
-            "applr", *[f"_{k}:={v}" for k, v in parameters.items()], constants=constants
-        )
+            actor = tmp_path / "actor.safetensors"
+            save(actor, make_weights(hidden=(16,)) if weights is None else weights)
+            method = str(policy or actor)
+        parameters = {"method": method, "period": PERIOD, **parameters}
+        arguments = [f"_{name}:={value}" for name, value in parameters.items()]
+        node = ros.node("applr", *arguments, constants=constants)
         started.append(node)
         if not ready:
             return node, move_base, None
@@ -99,6 +99,7 @@ def stack(robot, tmp_path):
     robot.goal = None
     for client in clients:
         client.close()
+    # Killed, because an orderly end would take seconds for each test.
     for child in reversed(started):
         child.kill()
     # Killed nodes are still registered.
@@ -109,6 +110,7 @@ def stack(robot, tmp_path):
 
 
 def reports(robot, message):
+    """Wait until the node's diagnostics have a message."""
     wait_for(lambda: robot.values.get("message") == message, "diagnostics: " + message)
 
 
@@ -118,6 +120,7 @@ def as_set(robot, client):
 
 
 def is_in_force(client, theta):
+    """Wait until a parameter set (n,) is in force."""
     wait_for(lambda: np.array_equal(client.theta(), theta), f"the set {theta}")
 
 
@@ -132,15 +135,19 @@ def decides_again(robot, as_set_in=None, since=None):
     force.
     """
     count = len(robot.decisions) if since is None else since
-    wait_for(
-        lambda: (
-            len(robot.decisions) >= count + 2 and (as_set_in is None or as_set(robot, as_set_in))
-        ),
-        "decisions",
-    )
+
+    def has_decided():
+        # Two, because the first may have been under way already.
+        if len(robot.decisions) < count + 2:
+            return False
+        return as_set_in is None or as_set(robot, as_set_in)
+
+    wait_for(has_decided, "decisions")
 
 
 def another_client_sets(robot, client, max_vel_x):
+    """Set theta_0 with another speed, as rqt_reconfigure would, and wait until it is in force."""
+    # The node's own start must not come later.
     wait_for(lambda: robot.count("applied"), "theta_0, set once the servers are connected")
     theta = SPACE.from_dict({"max_vel_x": max_vel_x})
     wait_for(lambda: not client.apply(theta), "a value set by another client")
@@ -169,27 +176,36 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     wait_for(
         lambda: begins_with_the_last_set(robot), "a decision that begins with the set in force"
     )
-    periods = np.diff([float(decision["stamp"]) for decision in robot.decisions[:5]]) / 1e9 / PERIOD
-    assert periods.sum() > 3.0
-    assert periods.min() < 1.25  # Other decisions may be late on a busy machine.
+    stamps_ns = [float(decision["stamp"]) for decision in robot.decisions[:5]]
+    intervals = np.diff(stamps_ns) / 1e9 / PERIOD
+    assert intervals.sum() > 3.0
+    assert intervals.min() < 1.25  # Other decisions may be late on a busy machine.
+
+    # The first decision saw what the robot published.
     expected = observe(robot.ranges, goal_angle(local_goal(robot.path, robot.pose)), THETA_0)
     np.testing.assert_allclose(observed(robot.messages[0]), expected, atol=1e-6)
-    planner = client.servers[PLANNER.split("/")[-1]].values
+
+    # One parameter of the policy sets several of the servers.
+    planner = client.servers["TrajectoryPlannerROS"].values
     assert planner["min_vel_theta"] == -planner["max_vel_theta"]
     inflaters = [server for role, server in client.servers.items() if "inflater" in role]
     wait_for(
         lambda: {s.values["inflation_radius"] for s in inflaters} == {client.theta()[7]} != {0.3},
         "both costmaps'",
     )
+
+    # What the node reports
     wait_for(lambda: len(robot.beats) >= 4, "heartbeats")
     wait_for(lambda: robot.count("applied") >= 5 and robot.values["goal"] == "one", "diagnostics")
     wait_for(lambda: robot.parameters[-1] == client.theta().tolist(), "the parameters in force")
-    failed = [line for line in node.text.splitlines() if "parameters not changed" in line]
-    # As on a busy machine.
+    failures = [line for line in node.text.splitlines() if "parameters not changed" in line]
+    # On a busy machine, servers are late.
     late = re.compile("does not answer|busy with an earlier call")
-    assert not [line for line in failed if not late.search(line)]
+    assert all(late.search(line) for line in failures)
+
+    # The course is over. The next course starts with theta_0.
     wait_for(lambda: as_set(robot, client), "the last decision in force")
-    robot.goal = None  # The course is over. The next course starts with theta_0.
+    robot.goal = None
     is_in_force(client, THETA_0)
     wait_for(lambda: robot.ends, "the observation at the end of the course")
     (end,) = robot.ends
@@ -221,9 +237,10 @@ def test_another_local_planner_is_named_in_one_line(robot, stack):
 
 @pytest.mark.fault("1")
 def test_fault_1_outputs_that_are_not_finite_are_refused_and_counted(robot, stack):
+    # The first layer's outputs are infinite, and the second subtracts them: not a number.
     weights = make_weights(hidden=(4,))
-    # Inf - inf.
-    weights["0.weight"][:], weights["1.weight"][:] = 1e38, np.array([1, -1, 1, -1])
+    weights["0.weight"][:] = 1e38
+    weights["1.weight"][:] = np.array([1, -1, 1, -1])
     node, _, client = stack(weights=weights, period=0.6)
     reports(robot, "idle: no goal")
     another_client_sets(robot, client, 0.7)
@@ -238,19 +255,20 @@ def test_fault_1_outputs_that_are_not_finite_are_refused_and_counted(robot, stac
 
 @pytest.mark.fault("9")
 def test_fault_9_an_unusable_policy_leaves_theta_0(robot, stack, tmp_path):
-    path = tmp_path / "bad.safetensors"
-    save(path, make_weights())
-    path.write_bytes(path.read_bytes()[:1000])
-    node, _, client = stack(policy=str(path))
+    cut_file = tmp_path / "bad.safetensors"
+    save(cut_file, make_weights())
+    # As a copy over a bad connection leaves it.
+    cut_file.write_bytes(cut_file.read_bytes()[:1000])
+    node, _, client = stack(policy=str(cut_file))
     starts_deciding(robot)
     assert robot.decisions[-1]["theta"] == SPACE.as_dict(THETA_0)
     assert np.array_equal(client.theta(), THETA_0)
     errors = [line for line in node.text.splitlines() if "ERROR" in line]
     assert len(errors) == 1
-    assert str(path) in errors[0]
+    assert str(cut_file) in errors[0]
     assert "default parameters" in errors[0]
     wait_for(
-        lambda: robot.values.get("level") == 2 and str(path) in robot.values["message"],
+        lambda: robot.values.get("level") == 2 and str(cut_file) in robot.values["message"],
         "diagnostics",
     )
 
@@ -260,22 +278,25 @@ def test_fault_11_invalid_scans(robot, stack):
     node, _, client = stack()
     good = robot.ranges
     robot.goal = "one"
-    for odd in (
-        np.full(720, np.inf, np.float32),
-        np.where(np.arange(720) % 2, good, np.nan).astype(np.float32),
-    ):
-        robot.ranges = odd
+    # Free space all around, and NaN for every second beam, as some lasers report no return
+    nothing_near = np.full(720, np.inf, np.float32)
+    half_nan = np.where(np.arange(720) % 2, good, np.nan).astype(np.float32)
+    for usable in (nothing_near, half_nan):
+        robot.ranges = usable
         decides_again(robot)
         assert np.all(np.isfinite(observed(robot.messages[-1])))
-    for odd, line in (
-        (np.full(720, np.nan, np.float32), "is all NaN"),
+
+    blind = np.full(720, np.nan, np.float32)
+    for unusable, line in (
+        (blind, "is all NaN"),
         (good[:360], "360 beams"),
         (good[:0], "has 0 beams"),
     ):
-        robot.ranges = odd
+        robot.ranges = unusable
         node.until(line)
     is_in_force(client, THETA_0)
     wait_for(lambda: robot.count("unusable") >= 1, "diagnostics")
+
     robot.ranges = good
     decides_again(robot, client)
     assert "Traceback" not in node.text
@@ -292,6 +313,7 @@ def test_dwa_sets_no_parameters_while_driving(robot, stack):
 
 # -- run-time services, speed limit and diagnostics ------------------------------------------------
 def service(name, kind, *arguments):
+    """Call a service of the node, and return its answer."""
     rospy.wait_for_service("/applr/" + name, LONGEST)
     return rospy.ServiceProxy("/applr/" + name, kind)(*arguments)
 
@@ -303,6 +325,7 @@ def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
     reports(robot, "deciding")
     assert robot.values["driving"] == "the parameters of method random"
     defaults = "the robot's default parameters"
+    # Off, theta_0 is set once, and stays without decisions.
     assert service("enable", SetBool, False).message == f"off: {defaults} drive now"
     is_in_force(client, THETA_0)
     reports(robot, f"switched off: {defaults} drive now")
@@ -311,6 +334,7 @@ def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
     two_periods(robot)
     assert len(robot.decisions) == count
     assert np.array_equal(client.theta(), THETA_0)
+    # On again, the course goes on.
     answer = service("enable", SetBool, True)
     assert answer.message == f"on, method random: {defaults} drive now"
     decides_again(robot, client)
@@ -332,18 +356,20 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stac
     def by_hand(**values):
         publisher.publish(Parameters(names=list(values), values=list(values.values())))
 
-    for values, line in (
-        ({"speed": 1.0}, "unknown parameter 'speed'"),
-        ({"max_vel_x": np.nan}, "max_vel_x is nan, not finite"),
-    ):
-        by_hand(**values)
-        node.until(line)
+    # Refused values do not stop the method.
+    by_hand(speed=1.0)
+    node.until("unknown parameter 'speed'")
+    by_hand(max_vel_x=np.nan)
+    node.until("max_vel_x is nan, not finite")
     decides_again(robot)
+
     by_hand(sim_time=1.25)
-    at = SPACE.names.index("sim_time")
-    wait_for(lambda: client.theta()[at] == 1.25, "the value by hand")
+    column = SPACE.names.index("sim_time")
+    wait_for(lambda: client.theta()[column] == 1.25, "the value by hand")
     reports(robot, "switched off: the parameters set by hand drive now")
     two_periods(robot)  # An earlier request may still be under way.
+
+    # max_speed caps the speed, and numbers of samples are whole. The others stay.
     kept = client.theta()
     count = len(robot.decisions)
     by_hand(max_vel_x=9.0, vx_samples=6.4)
@@ -353,27 +379,31 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stac
     two_periods(robot)
     assert np.array_equal(np.delete(client.theta(), [0, 2]), np.delete(kept, [0, 2]))
     assert len(robot.decisions) == count
+
     assert service("enable", SetBool, True).success
     decides_again(robot, client)
 
 
 def test_method_and_file_change_while_driving(robot, stack, tmp_path):
-    (tmp_path / "set.json").write_text('{"max_vel_x": 1.5}')
+    fixed_set = tmp_path / "set.json"
+    fixed_set.write_text('{"max_vel_x": 1.5}')
     _, _, client = stack("random", max_speed=1.9)
     starts_deciding(robot)
-    answer = service("set_method", SetMethod, str(tmp_path / "set.json"))
-    assert (answer.success, answer.message) == (True, "method %s" % (tmp_path / "set.json"))
+    answer = service("set_method", SetMethod, str(fixed_set))
+    assert (answer.success, answer.message) == (True, f"method {fixed_set}")
     wait_for(lambda: client.theta()[0] == 1.5, "the fixed set")
+
+    # A method that cannot be had leaves the one that drives.
     (tmp_path / "own.py").write_text("open(%r, 'w').close()" % str(tmp_path / "it_ran"))
-    own = str(tmp_path / "own.py") + ":Class"
-    for method, words in (
+    user_defined = str(tmp_path / "own.py") + ":Class"
+    for method, problem in (
         (str(tmp_path / "none.safetensors"), "none.safetensors"),
         ("fast", "method 'fast' is unknown"),
-        (own, "start the node with _method:="),
+        (user_defined, "start the node with _method:="),
     ):
         answer = service("set_method", SetMethod, method)
         assert not answer.success
-        assert words in answer.message
+        assert problem in answer.message
         assert "\n" not in answer.message
     # Anybody can call the service, so it must not import code.
     assert not (tmp_path / "it_ran").exists()
@@ -410,10 +440,10 @@ def test_rare_decisions_come_with_heartbeats_that_move_base_waits_for(robot, sta
     """This package's move_base expects a heartbeat every 2 s, even if there is a decision only
     every 6 s.
     """
-    before = len(robot.beats)
+    count = len(robot.beats)
     stack("random", period=6.0)
-    wait_for(lambda: len(robot.beats) >= before + 3, "a third heartbeat")
-    assert 1.5 < min(np.diff(robot.beats[before : before + 3])) < 2.3
+    wait_for(lambda: len(robot.beats) >= count + 3, "a third heartbeat")
+    assert 1.5 < min(np.diff(robot.beats[count : count + 3])) < 2.3
 
 
 def test_a_late_move_base_leaves_no_warning(robot, stack):
@@ -444,6 +474,8 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
         """Publish a cost cloud with the current parameters, and return whether the node has
         detected the unit.
         """
+        # The total cost of a planner per metre on cells of 0.05 m: the unit can be told from it
+        # alone.
         rows[:, 6] = rows[:, 3:6] @ (client.values()[[5, 6, 4]] * [0.05, 0.05, 1.0])
         publisher.publish(
             conversions.cloud(rows, conversions.COST_FIELDS, "odom", rospy.Time.now())
@@ -452,15 +484,13 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
         return "pdist_scale x 2.5" in robot.values["meter_scoring"]
 
     wait_for(detected, "the factors in diagnostics")
-    factors = [
-        {"pdist_scale": 2.5, "gdist_scale": 2.5, "occdist_scale": 0.125}.get(n, 1.0)
-        for n in SPACE.names
-    ]
+    rescaling = {"pdist_scale": 2.5, "gdist_scale": 2.5, "occdist_scale": 0.125}
+    factors = np.array([rescaling.get(name, 1.0) for name in SPACE.names])
 
     def rescaled():
-        return np.allclose(
-            client.values(), np.array(factors) * list(robot.decisions[-1]["theta"].values())
-        )
+        """Return whether the servers have the latest decision times the factors."""
+        theta = list(robot.decisions[-1]["theta"].values())
+        return np.allclose(client.values(), factors * theta)
 
     count = len(robot.decisions)
     wait_for(lambda: len(robot.decisions) > count + 1 and rescaled(), "rescaled sets")
@@ -472,6 +502,7 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
     robot.goal = None
     wait_for(lambda: client.values()[5] == 0.75 * 2.5, "rescaled theta_0")
     assert node.end() == 0
+    # At its end the node restores theta_0 in the robot's own unit.
     is_in_force(client, THETA_0)
 
 
@@ -484,12 +515,13 @@ def test_another_robots_restarted_servers_get_the_set_again_and_the_defaults_at_
     node, fake, _ = stack("static", fake=("--robot", "husky"), ready=False, robot="husky")
     client = ReconfigureClient(space=space)
     wait_for(lambda: not client.connect(), "servers")
-    best = space.clip(methods.make("static", husky).theta(None))
-    is_in_force(client, best)
+    tuned_set = space.clip(methods.make("static", husky).theta(None))
+    is_in_force(client, tuned_set)
+    # A crash: new servers have the values of the files.
     fake.kill()
     stack.fake("--robot", "husky")
     wait_for(lambda: robot.count("restarts") == len(space.servers), "every server again")
-    is_in_force(client, best)
+    is_in_force(client, tuned_set)
     assert node.end() == 0, node.text
     is_in_force(client, space.theta0)
     assert "Traceback" not in node.text
@@ -498,18 +530,21 @@ def test_another_robots_restarted_servers_get_the_set_again_and_the_defaults_at_
 
 def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robot, stack):
     node, fake, client = stack("static")
-    best = SPACE.clip(methods.make("static").theta(None))
-    is_in_force(client, best)
+    tuned_set = SPACE.clip(methods.make("static").theta(None))
+    is_in_force(client, tuned_set)
     rospy.set_param("/fake/hang", LAYERS[:1])
     assert service("set_method", SetMethod, "dwa").success
     node.until("does not answer")
     assert node.end() == 0, node.text
-    default = SPACE.settings(THETA_0)
-    others = [(name, server) for name, server in client.servers.items() if server.name != LAYERS[0]]
-    wait_for(
-        lambda: all(each.has(each.request(default[name])) for name, each in others),
-        "theta_0 of the others",
-    )
+    defaults = SPACE.settings(THETA_0)
+
+    def others_have_defaults():
+        for name, server in client.servers.items():
+            if server.name != LAYERS[0] and not server.has(server.request(defaults[name])):
+                return False
+        return True
+
+    wait_for(others_have_defaults, "theta_0 of the others")
     rospy.delete_param("/fake/hang")
 
 
@@ -519,13 +554,14 @@ def test_a_stalled_robot_leaves_its_constant_set_and_gets_it_back_when_it_has_co
     node, _, client = stack(
         "static", constants={**HURRIED, "applr_ros1.policy.stall.STALL_TIME_S": 0.5}
     )
-    best = SPACE.clip(methods.make("static").theta(None))
-    is_in_force(client, best)
+    tuned_set = SPACE.clip(methods.make("static").theta(None))
+    is_in_force(client, tuned_set)
     robot.goal = "one"
     wait_for(lambda: robot.count("stalls") > 1, "two decisions in a stall")
-    wait_for(lambda: not np.array_equal(client.theta(), best), "random parameters")
+    wait_for(lambda: not np.array_equal(client.theta(), tuned_set), "random parameters")
+    # Its odometry says that it drives at 0.5 m/s: the stall is over.
     monkeypatch.setattr(robot.robot, "twist", (0.5, 0.0))
-    is_in_force(client, best)
+    is_in_force(client, tuned_set)
     count = robot.count("stalls")
     # Afterwards a value set by hand stays as during any course.
     client.apply(SPACE.theta0)
@@ -535,21 +571,28 @@ def test_a_stalled_robot_leaves_its_constant_set_and_gets_it_back_when_it_has_co
     monkeypatch.undo()
     wait_for(lambda: robot.count("stalls") > count, "another stall")
     robot.goal = None
-    is_in_force(client, best)
+    is_in_force(client, tuned_set)
     assert node.text.count("goal has ended") == 1
 
 
+PRINTER = """\
+import json
+from applr_ros1.policy.methods import Method
+
+class Printer(Method):
+    def theta(self, context):
+        ends = [*context.goal, *context.plan[-1]]
+        print(json.dumps([*context.pose, *context.twist, *ends, *context.movers.flat]), flush=True)
+        return context.theta
+"""
+
+
 def test_a_user_defined_method_gets_the_same_context_as_in_evaluation(robot, stack, tmp_path):
-    (tmp_path / "printer.py").write_text(
-        "import json\nfrom applr_ros1.policy.methods import Method\n\n\nclass Printer(Method):\n   "
-        " def theta(self, context):\n        seen = [*context.pose, *context.twist, *context.goal, "
-        "*context.plan[-1], *context.movers.flat]\n        print(json.dumps(seen), flush=True)\n   "
-        "     return context.theta\n"
-    )
+    (tmp_path / "printer.py").write_text(PRINTER)
     node, _, _ = stack("%s:Printer" % (tmp_path / "printer.py"))
     starts_deciding(robot)
     # The node started after the goal was published, and uses the plan's end instead.
-    end = robot.path[-1]
+    plan_end = robot.path[-1]
     tracked = rospy.Publisher("/applr/tracked", Movers, queue_size=1)
 
     def observed_with(*movers):
@@ -559,13 +602,16 @@ def test_a_user_defined_method_gets_the_same_context_as_in_evaluation(robot, sta
         x, y, vx, vy = np.reshape(movers, (-1, 4)).T
         tracked.publish(Movers(Header(stamp=rospy.Time.now(), frame_id="odom"), x, y, vx, vy, x))
         lines = [json.loads(line) for line in node.text.splitlines() if line.startswith("[0.5,")]
-        return lines[-1] == pytest.approx([*robot.pose, *robot.twist, *end, 0.0, *end, *movers])
+        return lines[-1] == pytest.approx(
+            [*robot.pose, *robot.twist, *plan_end, 0.0, *plan_end, *movers]
+        )
 
     for movers in ((), (1.0, 2.0, 0.5, -0.5, 3.0, 0.0, 0.0, 1.0), ()):
         wait_for(lambda movers=movers: observed_with(*movers), "the moving obstacles")
     assert node.text.count("decision refused") == 0
 
 
+# Careless says that it is a constant set, so theta is called without a context.
 FAULTY = """\
 from applr_ros1.policy.methods import Method
 

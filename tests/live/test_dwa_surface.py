@@ -32,6 +32,7 @@ OTHER = "/move_base/TrajectoryPlannerROS"
 
 @pytest.fixture(scope="module")
 def node():
+    """Start a move_base with DWAPlannerROS for all tests of this file."""
     master = ros.session()
     parameters = copy.deepcopy(dwa_parameters())
     parameters["DWAPlannerROS"].update(
@@ -47,16 +48,17 @@ def node():
 def test_topics_and_services_are_those_of_the_cpp_node(node):
     published, subscribed = rostopic.get_topic_list()
     ours = {name: kind for name, kind, nodes in published if "/move_base" in nodes}
-    assert {name: kind for name, kind in ours.items() if name.startswith(SERVER)} == SURFACE[
-        "publishes"
-    ]
-    assert any(name == "/wheels/odom" and "/move_base" in nodes for name, _, nodes in subscribed)
-    assert not any(name.startswith(OTHER) for name in ours)
-    assert not any(
-        name.startswith(OTHER) for name in rosservice.get_service_list(node="/move_base")
-    )
+    of_planner = {name: kind for name, kind in ours.items() if name.startswith(SERVER)}
+    assert of_planner == SURFACE["publishes"]
+    # The planner's parameter odom_topic renames its subscription.
+    of_odometry = [nodes for name, _, nodes in subscribed if name == "/wheels/odom"]
+    assert any("/move_base" in nodes for nodes in of_odometry)
     for name, kind in SURFACE["services"].items():
         assert rosservice.get_service_type(name) == kind
+
+    # The planner that move_base has by default is not there.
+    services = rosservice.get_service_list(node="/move_base")
+    assert not any(name.startswith(OTHER) for name in [*ours, *services])
 
 
 def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_clouds(node):
@@ -67,10 +69,15 @@ def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_cl
     space = space_of(load("husky"))
     decisions = []
     in_force = []
-    rospy.Subscriber("/applr/decision", Decision, lambda m: decisions.append(decided(m)["theta"]))
-    rospy.Subscriber(
-        SERVER + "/parameter_updates", Config, lambda m: in_force.append(decode_config(m))
-    )
+
+    def on_decision(message):
+        decisions.append(decided(message)["theta"])
+
+    def on_update(message):
+        in_force.append(decode_config(message))
+
+    rospy.Subscriber("/applr/decision", Decision, on_decision)
+    rospy.Subscriber(SERVER + "/parameter_updates", Config, on_update)
 
     def has(theta):
         """Return whether the parameter set theta was in force at any time."""
@@ -83,13 +90,10 @@ def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_cl
         lambda: connected(master, "/move_base/NavfnROS/plan", "/applr"),
         "the connection, because the plan is published once",
     )
-    kinds = dict(
-        global_plan=PathMessage,
-        local_plan=PathMessage,
-        cost_cloud=PointCloud2,
-        trajectory_cloud=PointCloud2,
-    )
-    seen = {topic: collect(SERVER + "/" + topic, kind)[1] for topic, kind in kinds.items()}
+    _, global_plans = collect(SERVER + "/global_plan", PathMessage)
+    _, local_plans = collect(SERVER + "/local_plan", PathMessage)
+    _, cost_clouds = collect(SERVER + "/cost_cloud", PointCloud2)
+    _, trajectory_clouds = collect(SERVER + "/trajectory_cloud", PointCloud2)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     assert client.wait_for_server(rospy.Duration(ros.LONGEST))
     client.send_goal(goal(1.0))
@@ -98,12 +102,15 @@ def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_cl
     for theta in decisions[:-1]:  # The latest decision may not be in force yet.
         assert has(space.from_dict(theta)), applr.text
     assert applr.end() == 0
-    warned = [line for line in applr.text.splitlines() if "WARN" in line]
+    warnings = [line for line in applr.text.splitlines() if "WARN" in line]
     # Servers may be slow on a busy machine.
-    assert all("does not answer" in line for line in warned), applr.text
-    wait_for(lambda: all(seen.values()), "plans and clouds")
-    cloud = seen["trajectory_cloud"][0]
-    assert [f.name for f in cloud.fields] == ["x", "y", "z", "theta", "cost"]
+    assert all("does not answer" in line for line in warnings), applr.text
+
+    wait_for(lambda: global_plans and local_plans, "plans")
+    wait_for(lambda: cost_clouds and trajectory_clouds, "clouds")
+    cloud = trajectory_clouds[0]
+    assert [field.name for field in cloud.fields] == ["x", "y", "z", "theta", "cost"]
     assert cloud.header.frame_id == "odom"
     assert cloud.width > 20
-    assert seen["cost_cloud"][0].point_step == 28
+    # Seven floats: x, y, z and four costs, as C++'s MapGridCostPoint
+    assert cost_clouds[0].point_step == 28

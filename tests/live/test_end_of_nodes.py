@@ -24,6 +24,7 @@ NODES = {
     "applr": ("_method:=dwa",),
     "movers": (),
 }
+# Topics with callbacks of the nodes, whose threads may run while the node ends.
 SENT = {
     "/cmd_vel_in": Twist,
     "/cmd_vel": Twist,
@@ -40,16 +41,17 @@ def test_a_node_that_is_interrupted_while_messages_come_prints_no_traceback(time
     ros = session()
     rospy.set_param("/use_sim_time", True)
     rospy.set_param("/move_base", JACKAL_PARAMETERS)
-    publishers = {
-        topic: rospy.Publisher(topic, kind, queue_size=10) for topic, kind in SENT.items()
-    }
+    publishers = []
+    for topic, kind in SENT.items():
+        publishers.append(rospy.Publisher(topic, kind, queue_size=10))
     up = threading.Event()
     over = threading.Event()
 
     def send():
-        for topic, publisher in itertools.cycle(publishers.items()):
+        """Publish a message on each topic, a thousand times per second, while the nodes are up."""
+        for publisher in itertools.cycle(publishers):
             up.wait()
-            publisher.publish(SENT[topic]())
+            publisher.publish(publisher.data_class())
             if over.wait(1e-3 / len(publishers)):
                 return
 
@@ -59,22 +61,23 @@ def test_a_node_that_is_interrupted_while_messages_come_prints_no_traceback(time
         nodes = [ros.node(name, *arguments) for name, arguments in NODES.items()]
         for node in nodes[:2]:
             node.until("ready")
-        wait_for(lambda: all(p.get_num_connections() for p in publishers.values()), "subscribers")
+        for publisher in publishers:
+            wait_for(publisher.get_num_connections, publisher.name)
         wait_for(lambda: "/applr/tracked" in dict(rospy.get_published_topics()), "movers")
         up.set()
         over.wait(0.3)
         for node in nodes:
             os.kill(node.pid, signal.SIGINT)
-        ended = [node.process.wait(LONGEST) for node in nodes]
-        text = "".join(node.text for node in nodes)
-        if "Traceback" in text or any(ended):
+        statuses = [node.process.wait(LONGEST) for node in nodes]
+        printed = "".join(node.text for node in nodes)
+        if "Traceback" in printed or any(statuses):
             break
         up.clear()
     up.set()
     over.set()
     sender.join()
-    for publisher in publishers.values():
+    for publisher in publishers:
         publisher.unregister()
     rospy.set_param("/use_sim_time", False)
-    assert "Traceback" not in text, text
-    assert ended == [0] * len(nodes), text
+    assert "Traceback" not in printed, printed
+    assert statuses == [0] * len(nodes), printed

@@ -26,7 +26,9 @@ from tests.support.ros import LONGEST, session, wait_for
 
 pytestmark = pytest.mark.ros
 
-START, GOAL = (-2.25, 3.0, 1.57), (0.0, 10.0)  # start and goal of the BARN Challenge
+# Start (x, y, yaw) and goal (x, y) of the BARN Challenge, relative to the start [m, rad]
+START = (-2.25, 3.0, 1.57)
+GOAL = (0.0, 10.0)
 
 
 class Training:
@@ -63,11 +65,12 @@ class Training:
         simulation.pause()
         end = simulation.place()
         simulation.unpause()
-        points = [(p.pose.position.x, p.pose.position.y) for p in plan]
-        planned = sum(math.dist(a, b) for a, b in zip(points, points[1:]))
+        points = [(pose.pose.position.x, pose.pose.position.y) for pose in plan]
+        planned = sum(map(math.dist, points, points[1:]))
         return planned, math.dist(began, end), taken["max_vel_x"]
 
     def make_plan(self):
+        """Return the poses of a plan to the target."""
         start = goal(0.0, 0.0).target_pose
         end = goal(*self.target).target_pose
         deadline = time.monotonic() + 180.0
@@ -122,6 +125,7 @@ def test_starts_at_the_challenges_start_and_explains_refusals(gazebo):
 
 
 def odometry():
+    """Return the next odometry message."""
     return rospy.wait_for_message("/odometry/filtered", Odometry, LONGEST)
 
 
@@ -131,6 +135,7 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
     wait_for(publisher.get_num_connections, "connection")
 
     def speed(v):
+        """Command a speed, and return that along y in the world a moment later [m/s]."""
         publisher.publish(twist(v, 0.0))
         time.sleep(0.05)
         return simulation.state().twist.linear.y
@@ -140,13 +145,13 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
         "the speed along +y, the robot's heading in the world",
     )
     wait_for(lambda: abs(speed(0.0)) < 0.02, "standstill")
-    before = odometry().pose.pose.position
+    earlier = odometry().pose.pose.position
     clock = rospy.wait_for_message("/clock", Clock, LONGEST).clock
     assert simulation.reset().success
     assert simulation.place() == pytest.approx(START[:2], abs=0.01)
     assert abs(simulation.state().twist.linear.y) < 0.02
-    after = odometry().pose.pose.position
-    assert (after.x, after.y) == pytest.approx((before.x, before.y), abs=0.03)
+    later = odometry().pose.pose.position
+    assert (later.x, later.y) == pytest.approx((earlier.x, earlier.y), abs=0.03)
     assert rospy.wait_for_message("/clock", Clock, LONGEST).clock > clock
     publisher.unregister()
 
@@ -170,7 +175,7 @@ def test_the_collision_monitor_does_not_block_a_teleported_robot(gazebo):
 
     actions = []
     subscriber = rospy.Subscriber(
-        "/collision_monitor/action", String, lambda m: actions.append(m.data)
+        "/collision_monitor/action", String, lambda message: actions.append(message.data)
     )
     # The robot faces the side wall.
     assert set_state(model_state(-3.7, 3.0, 0.0, math.pi)).success
@@ -195,12 +200,18 @@ def test_time_pauses_and_resumes(gazebo):
     subscriber = rospy.Subscriber("/clock", Clock, lambda message: clocks.append(message.clock))
     wait_for(lambda: clocks, "the clock")
     simulation.pause()
-    wait_for(lambda: (clocks[-1], time.sleep(0.5))[0] == clocks[-1], "the clock to stop")
-    stands = clocks[-1]
+
+    def stands():
+        latest = clocks[-1]
+        time.sleep(0.5)
+        return clocks[-1] == latest
+
+    wait_for(stands, "the clock to stop")
+    paused_at = clocks[-1]
     assert simulation.reset().success  # Services still answer.
     assert simulation.place() == pytest.approx(START[:2], abs=0.01)
     simulation.unpause()
-    wait_for(lambda: clocks[-1] > stands, "the clock")
+    wait_for(lambda: clocks[-1] > paused_at, "the clock")
     subscriber.unregister()
 
 
@@ -237,10 +248,10 @@ def test_move_base_stops_without_warnings_while_time_is_paused(gazebo, move_base
 def test_the_training_loop_of_the_authors(gazebo, move_base, count):
     """Every episode drives with its own parameter value, and no call fails."""
     training = Training(GazeboSimulation(START), GOAL)
-    for n in range(count):
-        speed = 0.3 + 0.1 * (n % 5)
-        planned, driven, taken = training.episode(speed)
-        assert taken == pytest.approx(speed)
-        assert 9.5 < planned < 16.0, n
-        assert driven > 0.05, n
+    for number in range(count):
+        speed = 0.3 + 0.1 * (number % 5)
+        planned, driven, accepted = training.episode(speed)
+        assert accepted == pytest.approx(speed)
+        assert 9.5 < planned < 16.0, number
+        assert driven > 0.05, number
     assert "Traceback" not in move_base.text

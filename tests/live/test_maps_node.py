@@ -46,33 +46,33 @@ class Localisation:
         self._thread.start()
 
     def _run(self):
-        tf = rospy.Publisher("/tf", TFMessage, queue_size=5)
-        then = time.monotonic()
+        publisher = rospy.Publisher("/tf", TFMessage, queue_size=5)
+        latest = time.monotonic()
         while not self._over.wait(0.05):
-            passed = time.monotonic() - then
-            then = time.monotonic()
+            passed = time.monotonic() - latest
+            latest += passed
             if self.drifts:
                 x, y, yaw = self.pose
                 self.pose = x + 0.04 * passed, y - 0.02 * passed, yaw + 0.01 * passed
-            now = self._jackal.now()
+            stamp = self._jackal.now()
             ahead = rospy.Duration(1.0)
-            door = transform("map", "door", (2.1, 1.5, math.pi / 2), now)
-            tf.publish(TFMessage([transform("map", "odom", self.pose, now + ahead), door]))
-        tf.unregister()
+            door = transform("map", "door", (2.1, 1.5, math.pi / 2), stamp)
+            publisher.publish(TFMessage([transform("map", "odom", self.pose, stamp + ahead), door]))
+        publisher.unregister()
 
     def close(self):
         self._over.set()
         self._thread.join(2.0)
 
 
-def served(given):
+def served(static_map):
     """Publish a StaticMap on /map, latched, like map_server. Return the publisher."""
     message = OccupancyGrid()
-    message.header.frame_id = given.frame
-    message.info.resolution = given.resolution
-    message.info.height, message.info.width = given.cells.shape
-    message.info.origin.position.x, message.info.origin.position.y = given.origin
-    message.data = given.cells.ravel().tolist()
+    message.header.frame_id = static_map.frame
+    message.info.resolution = static_map.resolution
+    message.info.height, message.info.width = static_map.cells.shape
+    message.info.origin.position.x, message.info.origin.position.y = static_map.origin
+    message.data = static_map.cells.ravel().tolist()
     publisher = rospy.Publisher("/map", OccupancyGrid, queue_size=1, latch=True)
     publisher.publish(message)
     return publisher
@@ -82,26 +82,24 @@ def served(given):
 def test_a_goal_in_the_map_is_reached_while_localisation_drifts():
     master = ros.session()
     tree = copy.deepcopy(JACKAL_PARAMETERS)
-    world = tree["global_costmap"]
-    world.update(
+    global_costmap = tree["global_costmap"]
+    global_costmap.update(
         global_frame="map",
-        plugins=[{"name": "static", "type": "costmap_2d::StaticLayer"}, *world["plugins"]],
+        plugins=[{"name": "static", "type": "costmap_2d::StaticLayer"}, *global_costmap["plugins"]],
     )
     jackal = FakeJackal([(1.2, 1.6, 0.15)])  # a post that is not in the map
     localisation = Localisation(jackal)
     node = start(master, tree)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     assert client.wait_for_server(rospy.Duration(ros.LONGEST))
+    # The goal comes before the map, as when map_server starts late.
     client.send_goal(goal(4.0, 1.0, frame="map"))
     node.until("standing still: no map on /map yet: start map_server")
     publisher = served(wall_with_a_door())
     subscriptions = [
-        collect("/move_base/" + topic, kind)
-        for topic, kind in (
-            ("global_costmap/costmap", OccupancyGrid),
-            ("NavfnROS/plan", Path),
-            ("TrajectoryPlannerROS/global_plan", Path),
-        )
+        collect("/move_base/global_costmap/costmap", OccupancyGrid),
+        collect("/move_base/NavfnROS/plan", Path),
+        collect("/move_base/TrajectoryPlannerROS/global_plan", Path),
     ]
     localisation.drifts = True
     assert finish(client) == (SUCCEEDED, "Goal reached.")
@@ -109,9 +107,9 @@ def test_a_goal_in_the_map_is_reached_while_localisation_drifts():
     assert math.hypot(x - 4.0, y - 1.0) < 0.35
     assert abs(yaw) < 0.25
     assert localisation.pose[0] > 0.5  # The odometry has drifted by 0.2 m.
-    shown = [messages[-1] for _, messages in subscriptions]
-    assert (shown[0].info.width, shown[0].info.height) == (200, 120)
-    assert [message.header.frame_id for message in shown] == ["map", "map", "odom"]
+    latest_messages = [messages[-1] for _, messages in subscriptions]
+    assert (latest_messages[0].info.width, latest_messages[0].info.height) == (200, 120)
+    assert [message.header.frame_id for message in latest_messages] == ["map", "map", "odom"]
     localisation.drifts = False
 
     # A metre beyond the door, along the frame's y axis.
@@ -124,8 +122,8 @@ def test_a_goal_in_the_map_is_reached_while_localisation_drifts():
     status, text = finish(client)
     assert status == ABORTED
     assert text.startswith("frame 'attic' cannot be transformed to map: ")
-    for end in (publisher, *(subscriber for subscriber, _ in subscriptions)):
-        end.unregister()
+    for endpoint in (publisher, *(subscriber for subscriber, _ in subscriptions)):
+        endpoint.unregister()
     localisation.close()
     jackal.close()
     assert node.end() == 0, node.text

@@ -23,7 +23,14 @@ def measure(*options):
     """
     kept = Kept()
     child = session().node("measure_braking", *options)
-    wait_for(lambda: (kept.waiting(), time.sleep(0.1), child.alive())[2] is False, "its end")
+
+    def has_ended():
+        # An ended thread keeps its last waiting time, which must be read before its end.
+        kept.waiting()
+        time.sleep(0.1)
+        return not child.alive()
+
+    wait_for(has_ended, "its end")
     return child.process.returncode, child.text, kept.waiting()
 
 
@@ -33,11 +40,12 @@ def stop(speed, began, brakes):
 
 
 def test_a_late_stop_is_not_mistaken_for_weak_brakes():
+    # The first of the straight runs had a late reaction, and weak brakes, too.
     straight = [stop(0.4, 0.4, 0.8), stop(0.9, 0.1, 1.5), stop(1.8, 0.1, 2.0)]
     turns = [stop(1.0, 0.1, 3.0)] * 4
     assert deceleration(straight, 0.1) < 0.4
-    late = reaction(straight, turns)
-    assert (late, deceleration(straight, late)) == pytest.approx((0.4, 0.8))
+    reaction_time = reaction(straight, turns)
+    assert (reaction_time, deceleration(straight, reaction_time)) == pytest.approx((0.4, 0.8))
 
 
 def test_of_equivalent_reaction_times_the_least_from_the_median_up_is_chosen():

@@ -15,6 +15,7 @@ from tests.support.robots import ring
 from tests.support.ros import session, wait_for
 
 pytestmark = pytest.mark.ros
+# A round room of 3.5 m, so that the person walks in front of something.
 WALL = ring(0.0, 0.0, 3.5, posts=250, size=0.06)
 
 
@@ -52,19 +53,27 @@ def test_a_walker_is_predicted_and_nothing_is_published_at_rest():
         assert {(message.header.frame_id, len(message.x)) for message in tracked} == {("odom", 0)}
         jackal.walks = True
 
-        def met():
+        def shows_the_walk():
             """Return whether cloud, markers and tracked obstacles all show the person walking to
             the left.
             """
-            marked, (points, *arrows) = points_of(clouds[-1]), shown[-1]
-            ways = [arrow.points[1].y - arrow.points[0].y for arrow in arrows]
-            ahead = [point for point in points.points if point.y > jackal.y + 0.5]
-            rows = zip(*(getattr(tracked[-1], name) for name in ("x", "vx", "vy", "radius")))
-            known = [row for row in rows if row == pytest.approx((1.8, 0.0, 1.0, 0.25), abs=0.3)]
-            marks = len(marked) and marked[:, 1].max() > jackal.y + 0.5 and ahead
-            return known and marks and 0.6 < max(ways, default=0.0) < 1.4
+            # Where the person is, its velocity [m/s] and radius [m]
+            message = tracked[-1]
+            person = pytest.approx((1.8, 0.0, 1.0, 0.25), abs=0.3)
+            rows = zip(message.x, message.vx, message.vy, message.radius)
+            is_tracked = any(row == person for row in rows)
 
-        wait_for(met, "the predicted obstacle points")
+            # Predicted points reach as far as the person walks in a second.
+            marked = points_of(clouds[-1])
+            is_predicted = len(marked) > 0 and marked[:, 1].max() > jackal.y + 0.5
+
+            # RViz shows the same points, and an arrow as long as the person walks in a second.
+            points, *arrows = shown[-1]
+            is_shown = any(point.y > jackal.y + 0.5 for point in points.points)
+            lengths = [arrow.points[1].y - arrow.points[0].y for arrow in arrows]
+            return is_tracked and is_predicted and is_shown and 0.6 < max(lengths, default=0) < 1.4
+
+        wait_for(shows_the_walk, "the predicted obstacle points")
         jackal.walks = False
         wait_for(lambda: not clouds[-1].width, "an empty cloud")
         assert "Traceback" not in node.text

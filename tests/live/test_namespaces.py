@@ -17,8 +17,10 @@ from tests.support import ROOT
 from tests.support.ros import session, wait_for
 
 pytestmark = pytest.mark.ros
+# Names that all robots share, in the root namespace.
 SHARED = {"/clock", "/tf", "/tf_static", "/diagnostics", "/rosout", "/use_sim_time"}
 NODES = ("applr", "move_base", "sim_bridge", "collision_monitor", "movers")
+# A start that is not the world's: the parameter must have come through the namespace [m, rad].
 START = -3.0, 1.2, 1.57
 LAUNCH = """<launch>
   <group ns="robot1">
@@ -36,12 +38,8 @@ LAUNCH = """<launch>
 def names_of(node):
     """Return the topics and services of a node, as the master lists them."""
     publishers, subscribers, services = rosgraph.Master("/pytest").getSystemState()
-    return {
-        name
-        for group in (publishers, subscribers, services)
-        for name, nodes in group
-        if node in nodes
-    }
+    rows = [*publishers, *subscribers, *services]
+    return {name for name, nodes in rows if node in nodes}
 
 
 class Watched:
@@ -57,9 +55,8 @@ class Watched:
         rospy.Subscriber("/robot1/applr/decision", rospy.AnyMsg, self.decided.append)
 
     def keep_frames(self, message):
-        self.frames.update(
-            name for t in message.transforms for name in (t.header.frame_id, t.child_frame_id)
-        )
+        for transform in message.transforms:
+            self.frames |= {transform.header.frame_id, transform.child_frame_id}
 
     def keep_place(self, message):
         self.places.append((message.pose.pose.position.x, message.pose.pose.position.y))
@@ -68,19 +65,21 @@ class Watched:
 @pytest.mark.slow
 def test_a_stack_in_a_namespace(tmp_path):
     master = session()
-    bag = tmp_path / "a.bag"
-    file = tmp_path / "robot1.launch"
-    stack = ROOT / "applr_ros1" / "launch" / "jackal_applr.launch"
-    file.write_text(LAUNCH.format(file=stack, bag=bag, start="%g %g %g" % START))
+    bag_path = tmp_path / "a.bag"
+    launch_file = tmp_path / "robot1.launch"
+    whole_stack = ROOT / "applr_ros1" / "launch" / "jackal_applr.launch"
+    launch_file.write_text(LAUNCH.format(file=whole_stack, bag=bag_path, start="%g %g %g" % START))
     watched = Watched()
     rospy.set_param("/use_sim_time", True)
-    launched = master.spawn("roslaunch", file)
+    launched = master.spawn("roslaunch", launch_file)
     try:
         launched.until(lambda: len(watched.decided) >= 2)
         launched.until(lambda: math.dist(watched.places[-1], START[:2]) > 2.2)
         for name in NODES:
-            outside = {n for n in names_of("/robot1/" + name) if not n.startswith("/robot1/")}
+            names = names_of("/robot1/" + name)
+            outside = {each for each in names if not each.startswith("/robot1/")}
             assert outside <= SHARED, (name, outside - SHARED)
+        # The world is one for all robots.
         assert {name for name in watched.frames if not name.startswith("robot1/")} == {"world"}
         assert rospy.ServiceProxy("/robot1/applr/enable", SetBool)(False).success
         assert "no heartbeat of the applr node" not in launched.text
@@ -88,48 +87,33 @@ def test_a_stack_in_a_namespace(tmp_path):
         launched.end()
         rospy.set_param("/use_sim_time", False)
     assert "Traceback" not in launched.text
-    wait_for(bag.exists, "the bag")
-    with rosbag.Bag(str(bag)) as recorded:
-        topics = recorded.get_type_and_topic_info().topics
-        stamps = [
-            stamp.to_sec() for _, _, stamp in recorded.read_messages("/robot1/applr/decision")
-        ]
-    assert {
-        "/robot1/front/scan",
-        "/robot1/move_base/TrajectoryPlannerROS/local_plan",
-        "/tf",
-    } <= set(topics)
-    assert len(stamps) >= 1
-    replayed(master, bag, start=0.5)
+    wait_for(bag_path.exists, "the bag")
+    with rosbag.Bag(str(bag_path)) as recorded:
+        topics = set(recorded.get_type_and_topic_info().topics)
+        assert recorded.get_message_count("/robot1/applr/decision") >= 1
+    assert {"/robot1/front/scan", "/robot1/move_base/TrajectoryPlannerROS/local_plan"} <= topics
+    assert "/tf" in topics
+    replayed(master, bag_path, start=0.5)
 
 
 def replayed(master, bag, start):
     """Check that replay.launch publishes the recorded messages, including latched ones from before
     its start.
     """
-    shown = {}
-    clock = []
-    for topic, kind in (
-        ("/tf_static", TFMessage),
-        ("/robot1/sim_bridge/obstacles", MarkerArray),
-        ("/robot1/applr/parameters", Parameters),
-    ):
-        rospy.Subscriber(
-            topic, kind, lambda message, topic=topic: shown.__setitem__(topic, message)
-        )
-    rospy.Subscriber("/clock", Clock, lambda message: clock.append(message.clock.to_sec()))
-    player = master.spawn(
-        "roslaunch",
-        "applr_ros1",
-        "replay.launch",
-        "rviz:=false",
-        "bag:=%s" % bag,
-        "options:=--clock -s %g" % start,
-    )
+    static_tf = []
+    obstacles = []
+    parameters = []
+    times = []
+    rospy.Subscriber("/tf_static", TFMessage, static_tf.append)
+    rospy.Subscriber("/robot1/sim_bridge/obstacles", MarkerArray, obstacles.append)
+    rospy.Subscriber("/robot1/applr/parameters", Parameters, parameters.append)
+    rospy.Subscriber("/clock", Clock, lambda message: times.append(message.clock.to_sec()))
+    options = "rviz:=false", "bag:=%s" % bag, "options:=--clock -s %g" % start
+    player = master.spawn("roslaunch", "applr_ros1", "replay.launch", *options)
     try:
-        player.until(lambda: len(shown) == 3 and len(clock) > 50)
-        assert clock == sorted(clock)
-        assert len(shown["/robot1/sim_bridge/obstacles"].markers) > 50
+        player.until(lambda: static_tf and obstacles and parameters and len(times) > 50)
+        assert times == sorted(times)
+        assert len(obstacles[-1].markers) > 50
     finally:
         player.end()
         rospy.set_param("/use_sim_time", False)

@@ -24,6 +24,7 @@ COSTMAPS = [layer.rpartition("/")[0] for layer in LAYERS]
 
 @pytest.fixture(scope="module")
 def fake():
+    """Return a fake move_base for all tests of this file."""
     child = session().node("tests.support.nodes")
     child.until("all up")
     yield child
@@ -33,6 +34,7 @@ def fake():
 
 @pytest.fixture(scope="module")
 def connected(fake):
+    """Return a client that has found all servers."""
     client = ReconfigureClient()
     wait_for(lambda: not client.connect(), "servers")
     yield client
@@ -41,6 +43,8 @@ def connected(fake):
 
 @pytest.fixture
 def client(connected, monkeypatch):
+    """Return the client with theta_0 in force on well-behaved servers."""
+    # Time for a server's parameter_updates: on a busy machine, its usual limit can pass.
     monkeypatch.setattr(reconfigure_client, "ANNOUNCED_S", 5.0)
     if rospy.has_param("/fake"):
         rospy.delete_param("/fake")
@@ -56,9 +60,10 @@ def applied(client, theta):
 
 
 def set_by_another_client(server, **values):
-    other = Client(server, LONGEST)
-    other.update_configuration(values)
-    other.close()
+    """Set parameters of a server as rqt_reconfigure does."""
+    another = Client(server, LONGEST)
+    another.update_configuration(values)
+    another.close()
 
 
 @contextmanager
@@ -77,9 +82,10 @@ def test_an_idle_client_waits_without_using_the_processor(fake):
     with started() as client:
         client.request(THETA_0)
         wait_for(lambda: not client.busy, "parameters in force")
-        before = time.process_time()
+        began = time.process_time()
+        # A thread that polls would use a good part of this second.
         time.sleep(1.0)
-        assert time.process_time() - before < 0.2
+        assert time.process_time() - began < 0.2
 
 
 def test_values_are_read_back(client):
@@ -97,37 +103,40 @@ def calls(client):
     """Provide a function that returns the servers called since its last call, as seen on
     parameter_updates.
     """
-    seen = Counter()
+    updated = Counter()
 
     def listen(name):
-        return rospy.Subscriber(
-            name + "/parameter_updates", Config, lambda message: seen.update([name])
-        )
+        topic = name + "/parameter_updates"
+        return rospy.Subscriber(topic, Config, lambda message: updated.update([name]))
 
-    topics = [listen(server.name) for server in client.servers.values()]
+    subscribers = [listen(server.name) for server in client.servers.values()]
 
     def poll():
+        # A server publishes within its call; the message takes a moment.
         time.sleep(0.2)
-        called = set(seen)
-        seen.clear()
+        called = set(updated)
+        updated.clear()
         return called
 
-    wait_for(lambda: len(seen) == len(topics), "the latched messages")
+    wait_for(lambda: len(updated) == len(subscribers), "the latched messages")
     poll()
     yield poll
-    for topic in topics:
-        topic.unregister()
+    for subscriber in subscribers:
+        subscriber.unregister()
 
 
 def test_a_server_whose_values_are_in_force_is_not_called(client, calls):
     theta = THETA_0.copy()
     theta[0] = 1.5
+    # The second request has nothing to set.
     for expected in ({PLANNER}, set()):
         assert applied(client, theta)
         assert calls() == expected
-    local = client.servers["local_costmap"]
-    set_by_another_client(local.name, footprint_padding=0.02)
-    wait_for(lambda: local.values["footprint_padding"] == 0.02, "the value set by another client")
+    local_costmap = client.servers["local_costmap"]
+    set_by_another_client(local_costmap.name, footprint_padding=0.02)
+    wait_for(
+        lambda: local_costmap.values["footprint_padding"] == 0.02, "the value set by another client"
+    )
     assert calls() == {COSTMAPS[0]}
     assert applied(client, theta)
     assert calls() == {COSTMAPS[0]}
@@ -145,6 +154,8 @@ def test_a_new_client_calls_no_server_whose_values_are_in_force(client, calls):
 
 def test_a_restarted_server_is_called_with_any_last_values(client, calls):
     description = client.servers["local_costmap"]._client.param_description
+    # A server publishes its description at its start alone: a second one is that of a new
+    # process.
     client.servers["local_costmap"]._on_description(description)
     for expected in ({COSTMAPS[0]}, set()):
         assert applied(client, THETA_0)
@@ -155,6 +166,7 @@ def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_wit
     client, monkeypatch
 ):
     index = SPACE.names.index("pdist_scale")
+    # A planner with weights per metre, on cells of 0.05 m: they get 0.05 / 0.02 of those per cell.
     monkeypatch.setattr(client, "per_cell", True)
     monkeypatch.setattr(client, "factor", 0.05)
     assert applied(client, THETA_0)
@@ -170,15 +182,15 @@ def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_wit
 
 def test_a_restarted_server_gets_the_last_request(client):
     reports = []
-    with started(reports.append) as asking:
-        asking.reapply()
-        assert not asking.busy, "nothing was requested yet"
-        asking.request(SPACE.high)
-        wait_for(lambda: not asking.busy, "the request")
+    with started(reports.append) as requester:
+        requester.reapply()
+        assert not requester.busy, "nothing was requested yet"
+        requester.request(SPACE.high)
+        wait_for(lambda: not requester.busy, "the request")
         attempts = len(reports)
-        asking.reapply()
-        wait_for(lambda: len(reports) > attempts and not asking.busy, "the same request again")
-        assert np.array_equal(asking.theta(), SPACE.high)
+        requester.reapply()
+        wait_for(lambda: len(reports) > attempts and not requester.busy, "the same request again")
+        assert np.array_equal(requester.theta(), SPACE.high)
 
 
 @pytest.mark.parametrize("values", [{}, {"max_vel_x": "fast"}], ids=["nothing", "a text"])
@@ -192,6 +204,7 @@ def test_a_value_that_is_not_a_number_is_unknown_and_set_again(client, monkeypat
 
 
 def test_an_answer_counts_when_the_server_has_published_the_values(client):
+    # The values are published after the answer: an answer alone may be a lie (fault 5).
     rospy.set_param("/fake/late", [PLANNER])
     assert applied(client, SPACE.high)
     assert np.array_equal(client.theta(), SPACE.high)
@@ -205,10 +218,12 @@ def test_an_answer_counts_when_the_server_has_published_the_values(client):
 
 def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake):
     fake.freeze()
+    # Each call waits anew: one that was given up must not make the next one wait longer.
     for _ in range(3):
         began = time.monotonic()
         kept = Kept()
         assert "does not answer" in client.apply(SPACE.low)
+        # The servers are called at the same time, so that one time limit holds for all.
         assert time.monotonic() - began < 1.2 + kept.waiting()
     fake.thaw()
     wait_for(lambda: applied(client, SPACE.high), "the set after the calls that were given up")
@@ -220,20 +235,19 @@ def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake)
 def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
     assert applied(client, np.full(len(SPACE), 1e9))
     assert np.array_equal(client.theta(), SPACE.high)
-    assert applied(
-        client, np.array([-1e9, 0.5, 6.9, 20.4, 0.1, 0.75, 1.0, 0.3, 2.0, 0.3, 0.1, 0.1, 0.1])
-    )
+    theta = THETA_0.copy()
+    theta[:4] = -1e9, 0.5, 6.9, 20.4
+    assert applied(client, theta)
     assert client.theta()[:4].tolist() == [0.2, 0.5, 7, 20]
+
+    # If the space of parameters allows more than the servers, the servers' bounds apply.
     wide = ReconfigureClient(space=replace(SPACE, low=-1e3 * SPACE.high, high=1e3 * SPACE.high))
     wait_for(lambda: not wide.connect(), "servers")
-    for theta, end in (
-        (wide.space.low, "min"),
-        (wide.space.high, "max"),
-    ):  # The servers' bounds apply, too.
+    for theta, bound in ((wide.space.low, "min"), (wide.space.high, "max")):
         assert applied(wide, theta)
         planner = wide.servers["TrajectoryPlannerROS"]
         for name in ("max_vel_x", "vx_samples", "occdist_scale"):
-            assert planner.values[name] == planner.declared[name][end]
+            assert planner.values[name] == planner.declared[name][bound]
     wide.close()
 
 
@@ -262,9 +276,10 @@ def test_fault_5_one_refusal_is_read_back_and_the_next_attempt_sets_the_missing_
     error = client.apply(SPACE.high, LONGEST)
     assert server in error
     assert "\n" not in error
-    for name, each in client.servers.items():
-        theta = THETA_0 if each.name == server else SPACE.high
-        assert each.has(each.request(SPACE.settings(theta)[name])), name
+    # The others took the set; this one has what it had.
+    for role, checked in client.servers.items():
+        theta = THETA_0 if checked.name == server else SPACE.high
+        assert checked.has(checked.request(SPACE.settings(theta)[role])), role
     rospy.delete_param("/fake/" + fault)
     assert applied(client, SPACE.high)
 
@@ -273,26 +288,26 @@ def test_no_text_of_a_server_is_executed(tmp_path):
     """The client of dynamic_reconfigure would evaluate the edit_method of a parameter that is set
     to a text.
     """
-    mark = tmp_path / "ran"
-    evil = session().node(
-        "tests.support.nodes", "__name:=evil", "--text", f"open({str(mark)!r}, 'w')"
+    proof = tmp_path / "ran"
+    malicious = session().node(
+        "tests.support.nodes", "__name:=evil", "--text", f"open({str(proof)!r}, 'w')"
     )
-    evil.until("all up")
+    malicious.until("all up")
     client = ReconfigureClient("/evil")
     wait_for(lambda: not client.connect(), "the servers")
     with suppress(TypeError):  # The bounds are texts.
         client.apply(SPACE.high)
-    evil.kill()
-    assert not mark.exists()
+    malicious.kill()
+    assert not proof.exists()
 
 
 def test_dead_servers_are_named_and_the_request_is_kept(client, fake):
     reports = []
-    with started(reports.append) as asking:
+    with started(reports.append) as requester:
         fake.kill()
-        asking.request(SPACE.high)
+        requester.request(SPACE.high)
         wait_for(lambda: len(reports) >= 5, "attempts")
-        assert asking.busy
+        assert requester.busy
     error = client.apply(SPACE.high)
     assert all(server in error for server in (PLANNER, *LAYERS))
     assert "\n" not in error

@@ -39,9 +39,8 @@ TOPICS = {
 
 def start(name, parameters):
     """Start the bridge in a child process, and return its Child."""
-    return session().node(
-        "sim_bridge", "__name:=" + name, *("_%s:=%s" % item for item in parameters.items())
-    )
+    arguments = ["_%s:=%s" % pair for pair in parameters.items()]
+    return session().node("sim_bridge", "__name:=" + name, *arguments)
 
 
 class Robot:
@@ -51,10 +50,12 @@ class Robot:
 
     def __init__(self, **parameters):
         self.received = {topic: [] for topic in TOPICS}
-        self.subscribers = [
-            rospy.Subscriber(topic, kind, self._keep, (topic,), queue_size=200, buff_size=2**22)
-            for topic, kind in TOPICS.items()
-        ]
+        self.subscribers = []
+        for topic, kind in TOPICS.items():
+            # Queue and buffer hold some seconds of scans, because tests look at each message.
+            self.subscribers.append(
+                rospy.Subscriber(topic, kind, self._keep, (topic,), queue_size=200, buff_size=2**22)
+            )
         self.command = rospy.Publisher("/cmd_vel", Twist, queue_size=1)
         self.process = start("sim_bridge", parameters)
         self.wait(lambda: self.received["/front/scan"] and self.command.get_num_connections())
@@ -63,6 +64,7 @@ class Robot:
         self.received[where[0]].append(message)
 
     def wait(self, condition):
+        """Wait for condition(), and return its value; fail at once if the bridge ends."""
         return self.process.until(condition)
 
     def forget(self):
@@ -70,8 +72,9 @@ class Robot:
             messages.clear()
 
     def next(self, topic):
-        seen = len(self.received[topic])
-        return self.wait(lambda: len(self.received[topic]) > seen and self.received[topic][-1])
+        """Wait for the next message of a topic and return it."""
+        count = len(self.received[topic])
+        return self.wait(lambda: len(self.received[topic]) > count and self.received[topic][-1])
 
     def drive(self, v, w, until):
         """Publish commands at 20 Hz of wall time until a condition holds."""
@@ -109,6 +112,7 @@ class Robot:
 
 @pytest.fixture(scope="module")
 def robot():
+    """Return a bridge for all tests of this file, in their order: the last one ends it."""
     session()
     running = Robot(world="generated:0", seed=3)
     yield running
@@ -116,6 +120,7 @@ def robot():
 
 
 def position(message):
+    """Return the position (x, y) [m] of an Odometry message."""
     return message.pose.pose.position.x, message.pose.pose.position.y
 
 
@@ -128,22 +133,26 @@ def test_reports_when_it_is_ready(robot):
 
 def test_topics_have_their_rates_and_frames(robot):
     began = time.monotonic()
-    simulated = robot.now
+    simulated_begin = robot.now
     kept = Kept()
     robot.forget()
     topics = ("/front/scan", "/odometry/filtered", "/imu/data", "/sim_bridge/ground_truth")
     robot.wait(lambda: min(len(robot.received[topic]) for topic in topics) > 60)
     received = {topic: list(messages) for topic, messages in robot.received.items()}
-    for topic in topics:  # A busy machine loses some messages.
-        between = np.diff([message.header.stamp.to_sec() for message in received[topic]])
-        assert between.min() > 0.01
-        assert np.median(between) == pytest.approx(0.02, abs=0.002), topic
-    assert np.median(np.diff([c.clock.to_sec() for c in received["/clock"]])) == pytest.approx(
-        0.01, abs=0.003
-    )
-    simulated = robot.now - simulated
+
+    # Medians, because a busy machine loses some messages.
+    for topic in topics:
+        intervals = np.diff([message.header.stamp.to_sec() for message in received[topic]])
+        assert intervals.min() > 0.01
+        assert np.median(intervals) == pytest.approx(0.02, abs=0.002), topic
+    clock_intervals = np.diff([message.clock.to_sec() for message in received["/clock"]])
+    assert np.median(clock_intervals) == pytest.approx(0.01, abs=0.003)
+
+    # The simulation runs in real time, less what the machine had for others.
+    simulated = robot.now - simulated_begin
     real = time.monotonic() - began
     assert real - 0.3 - kept.waiting() < simulated < 1.3 * real + 0.3
+
     scan = received["/front/scan"][-1]
     odometry = received["/odometry/filtered"][-1]
     assert scan.header.frame_id == "front_laser"
@@ -171,40 +180,50 @@ def test_frames_of_laser_odometry_and_world_are_published(robot):
 def test_obstacles_are_shown(robot):
     world = worlds.load("generated:0")
     markers = rospy.wait_for_message("/sim_bridge/obstacles", MarkerArray, LONGEST).markers
-    cylinders = [m for m in markers if m.type == Marker.CYLINDER and m.action == Marker.ADD]
+    cylinders = [
+        marker
+        for marker in markers
+        if marker.type == Marker.CYLINDER and marker.action == Marker.ADD
+    ]
     assert len(cylinders) == len(world.cylinders)
+    # RViz keeps markers of the world before otherwise.
     assert markers[0].action == Marker.DELETEALL
-    assert len({m.id for m in cylinders}) == len(cylinders)
+    assert len({marker.id for marker in cylinders}) == len(cylinders)
 
 
 @pytest.mark.fault("14")
 @pytest.mark.parametrize("topic", ["/cmd_vel", "/jackal_velocity_controller/cmd_vel"])
 def test_drives_on_either_topic_and_stops_when_commands_do(robot, topic):
-    publisher = (
-        robot.command if topic == "/cmd_vel" else rospy.Publisher(topic, Twist, queue_size=1)
-    )
-    wait_for(publisher.get_num_connections, "connection")
-    robot.command, kept = publisher, robot.command
+    on_cmd_vel = robot.command
+    if topic != "/cmd_vel":
+        robot.command = rospy.Publisher(topic, Twist, queue_size=1)
+    wait_for(robot.command.get_num_connections, "connection")
     robot.drive(0.5, 0.0, lambda: robot.speed == pytest.approx(0.5, abs=0.05))
-    robot.command = kept
+    robot.command = on_cmd_vel
+
+    # The base stops 0.25 s after the last command, and needs some time to brake.
     silent_from = robot.now
-    waits = Kept()
+    kept = Kept()
     robot.wait(lambda: abs(robot.speed) < 0.02)
-    assert robot.now - silent_from < 0.5 + waits.waiting()
+    assert robot.now - silent_from < 0.5 + kept.waiting()
 
 
 def test_commands_that_are_not_finite_are_refused(robot):
     robot.drive(float("nan"), 0.0, lambda: "rejected: send finite numbers" in robot.process.text)
-    later = robot.now + 0.3
-    robot.drive(0.3, float("inf"), lambda: robot.now > later)
+    end = robot.now + 0.3
+    robot.drive(0.3, float("inf"), lambda: robot.now > end)
     assert abs(robot.speed) < 0.02
 
 
 def test_reset_returns_robot_and_odometry_to_the_start_and_clears_the_costmaps(robot):
     cleared = []
-    service = rospy.Service(
-        "/move_base/clear_costmaps", Empty, lambda _: cleared.append(1) or EmptyResponse()
-    )
+
+    def clear(request):
+        cleared.append(request)
+        return EmptyResponse()
+
+    # Stands for move_base, whose costmaps have obstacles of the old place.
+    service = rospy.Service("/move_base/clear_costmaps", Empty, clear)
     robot.drive(0.5, 0.3, lambda: hypot(*robot.place) > 0.2)
     robot.forget()
     reset = rospy.ServiceProxy("/sim_bridge/reset", Empty)
@@ -222,9 +241,9 @@ def test_contact_is_reported(robot):
     robot.forget()
     robot.wait(lambda: len(robot.received["/collision"]) > 10)
     assert not any(message.data for message in robot.received["/collision"])
-    turned = robot.now + 1.0
+    turn_end = robot.now + 1.0
     # The robot turns to the side wall and drives into it.
-    robot.drive(0.0, 1.57, lambda: robot.now > turned)
+    robot.drive(0.0, 1.57, lambda: robot.now > turn_end)
     robot.drive(1.0, 0.0, lambda: any(message.data for message in robot.received["/collision"]))
 
 
@@ -234,11 +253,9 @@ def test_changes_the_world_without_a_restart(robot):
     answer = load()
     assert answer.success
     assert answer.message == "world physical_course"
-    kinds = {
-        m.type
-        for m in rospy.wait_for_message("/sim_bridge/obstacles", MarkerArray, LONGEST).markers[1:]
-    }
-    assert Marker.CUBE in kinds
+    shown = rospy.wait_for_message("/sim_bridge/obstacles", MarkerArray, LONGEST).markers
+    # The generated worlds have cylinders only.
+    assert Marker.CUBE in {marker.type for marker in shown[1:]}
     start = worlds.load("physical_course").course.start
     robot.wait(lambda: robot.true_place == pytest.approx(start[:2], abs=1e-3))
     rospy.set_param("/sim_bridge/world", "generated:5000")
@@ -273,13 +290,10 @@ def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, he
     )
     period = 1.0 / hertz
     cycles = itertools.count(1)
-
-    def wait_for(condition, patience):
-        """Return whether the planner has answered. It answers when its cycle is due."""
-        bridge.waits.append((bridge.simulator.state.time, plan()))
-        return bridge.waits[-1][1]
+    due = [0.0]  # time of the planner's next cycle [s]
 
     def plan():
+        """Let the planner command if its cycle is due; return whether a command has arrived."""
         # A scan may arrive a tick before the cycle is due.
         early = 0.01 if len(bridge.commands) % 2 else 0.0
         if bridge.simulator.state.time >= due[0] - early - 1e-6:
@@ -287,13 +301,20 @@ def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, he
             ros_bridge.Bridge.on_command(bridge, Twist())
         return bridge.newest is not None
 
-    due = [0.0]
+    def wait_for(condition, patience):
+        """Stand for the wait for a command, and remember whether one came."""
+        answered = plan()
+        bridge.waits.append(answered)
+        return answered
+
     bridge.arrived.wait_for = wait_for
+    # Four seconds in ticks of 0.01 s
     for _ in range(400):
         ros_bridge.Bridge._take_command(bridge)
         bridge.simulator.state.time += 0.01
         if not bridge.driven:
             plan()
         ros_bridge.Bridge._lock_step(bridge)
-    assert all(answered for _, answered in bridge.waits)
+    # A wait in vain would cost its whole patience in wall time.
+    assert all(bridge.waits)
     assert len(bridge.commands) == pytest.approx(4.0 * hertz, abs=2)

@@ -24,6 +24,7 @@ from tests.support.ros import LONGEST, Kept, session, wait_for
 
 pytestmark = pytest.mark.ros
 INPUTS = "scan:=front/scan", "odom:=odometry/filtered"
+# A thin post 1 m ahead: (x, y, radius) [m].
 POST = (1.0, 0.0, 0.06)
 ACTIVE = GoalStatus.ACTIVE
 CANCELLED = GoalStatus.PREEMPTING
@@ -45,17 +46,23 @@ class MoveBase:
         self._timer = rospy.Timer(rospy.Duration(0.05), self._tick)
 
     def ready(self):
-        return all(p.get_num_connections() for p in (self._commands, self._statuses, self._plans))
+        """Return whether the monitor has subscribed to all topics."""
+        return all(
+            publisher.get_num_connections()
+            for publisher in (self._commands, self._statuses, self._plans)
+        )
 
     def _tick(self, _):
         if self.status is not None:
             goals = [GoalStatus(GoalID(id="earlier"), GoalStatus.SUCCEEDED, "")]
             goals.append(GoalStatus(GoalID(id=self.goal), self.status, ""))
             self._statuses.publish(GoalStatusArray(status_list=goals))
-        ends = [(1.0, 2.0), (0.0, 9.0), (1.0, 2.0 + self.left)] if self.left else []
-        self._plans.publish(
-            Path(poses=[pose_stamped((x, y, 0.0), "odom", rospy.Time(0)) for x, y in ends])
-        )
+        # A plan that ends `left` metres from its begin, on a detour
+        points = []
+        if self.left:
+            points = [(1.0, 2.0), (0.0, 9.0), (1.0, 2.0 + self.left)]
+        poses = [pose_stamped((x, y, 0.0), "odom", rospy.Time(0)) for x, y in points]
+        self._plans.publish(Path(poses=poses))
         if self.command is not None:
             self._commands.publish(twist(*self.command))
 
@@ -71,20 +78,22 @@ def monitor(escape):
     child = session().node("applr_ros1.nodes.monitor.node", *INPUTS, *names)
     actions = []
     statuses = []
-    action = rospy.Subscriber("/collision_monitor/action", String, lambda m: actions.append(m.data))
-    diagnostics = rospy.Subscriber(
-        "/diagnostics", DiagnosticArray, lambda m: statuses.append(m.status[0])
+    subscribers = (
+        rospy.Subscriber(
+            "/collision_monitor/action", String, lambda message: actions.append(message.data)
+        ),
+        rospy.Subscriber(
+            "/diagnostics", DiagnosticArray, lambda message: statuses.append(message.status[0])
+        ),
     )
-    return SimpleNamespace(
-        node=child, actions=actions, statuses=statuses, subscribers=(action, diagnostics)
-    )
+    return SimpleNamespace(node=child, actions=actions, statuses=statuses, subscribers=subscribers)
 
 
-def end(*things):
-    for thing in things:
-        for subscriber in thing.subscribers:
-            subscriber.unregister()
-        thing.node.end()
+def end(watched):
+    """End a monitor of monitor()."""
+    for subscriber in watched.subscribers:
+        subscriber.unregister()
+    watched.node.end()
 
 
 @pytest.mark.fault("17c")
@@ -98,35 +107,41 @@ def test_a_robot_too_close_to_a_post_for_its_planner_escapes(escape):
     watched = monitor(escape)
     teleop = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1)
     watched.node.until(lambda: teleop.get_num_connections())
-    wait_for(
-        lambda: teleop.publish(twist(0.3, 0.0)) or time.sleep(0.05) or jackal.robot.pose[0] > 0.65,
-        "the post",
-    )
+
+    def is_at_the_post():
+        teleop.publish(twist(0.3, 0.0))
+        time.sleep(0.05)
+        return jackal.robot.pose[0] > 0.65
+
+    # A person drives the robot to where the monitor stops it.
+    wait_for(is_at_the_post, "the post")
     wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "a stop")
     teleop.unregister()
+    # move_base neither recovers nor gives up, so that only the monitor can free the robot.
     parameters = dwa_parameters(recovery_behavior_enabled=False, controller_patience=60.0)
     rospy.set_param("/move_base", parameters)
     names = "cmd_vel:=move_base/cmd_vel", "collision_monitor/held_back:=nobody/held_back"
-    node = ros.node("move_base", "odom:=odometry/filtered", *names)
-    node.until("ready")
+    move_base = ros.node("move_base", "odom:=odometry/filtered", *names)
+    move_base.until("ready")
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     assert client.wait_for_server(rospy.Duration(LONGEST))
     client.send_goal(goal(2.0))
     if escape:
-        assert finish(client)[1] == "Goal reached.", (node.text, watched.actions)
+        assert finish(client)[1] == "Goal reached.", (move_base.text, watched.actions)
     else:
         time.sleep(1.0)
-        stood = jackal.robot.pose
+        standing_pose = jackal.robot.pose
         time.sleep(4.0)
-        assert jackal.robot.pose == pytest.approx(stood, abs=0.01)
+        assert jackal.robot.pose == pytest.approx(standing_pose, abs=0.01)
         client.cancel_goal()
-    node.end()
+    move_base.end()
     jackal.close()
     end(watched)
 
 
 @pytest.fixture(scope="module")
 def whole():
+    """Return a Jackal, a fake move_base and the monitor, for all tests of this file."""
     session()
     jackal = FakeJackal()
     planner = MoveBase()
@@ -158,7 +173,9 @@ def stack(whole):
 
 
 def moved(jackal, since):
-    return [(at, v, w) for at, v, w in jackal.commands if at > since and (v, w) != (0.0, 0.0)]
+    """Return the commands (time, v, w) since a time that are not zero."""
+    later = [command for command in jackal.commands if command[0] > since]
+    return [command for command in later if command[1:] != (0.0, 0.0)]
 
 
 def test_the_monitor_makes_escape_motions_for_a_stuck_planner_until_it_commands(stack):
@@ -166,21 +183,25 @@ def test_the_monitor_makes_escape_motions_for_a_stuck_planner_until_it_commands(
     began = time.time()
     planner.status = ACTIVE
     wait_for(lambda: moved(jackal, began), "a motion")
-    (at, v, w), *_ = moved(jackal, began)
-    assert at - began > 1.9
+    # A planner that stands for 2 s is stuck. The motions are small and slow.
+    (first_motion, v, w), *_ = moved(jackal, began)
+    assert first_motion - began > 1.9
     assert abs(v) <= 0.1
     assert abs(w) <= 0.4
-    wait_for(lambda: any("makes no progress" in s.message for s in watched.statuses), "diagnostics")
-    status = next(s for s in watched.statuses if "makes no progress" in s.message)
-    assert status.level == DiagnosticStatus.WARN
-    assert any(
-        action.startswith("escape: move_base makes no progress") for action in watched.actions
-    )
+
+    def warnings():
+        return [status for status in watched.statuses if "makes no progress" in status.message]
+
+    wait_for(warnings, "diagnostics")
+    assert warnings()[0].level == DiagnosticStatus.WARN
+    words = "escape: move_base makes no progress"
+    assert any(action.startswith(words) for action in watched.actions)
+
     planner.command = (0.3, 0.0)
     kept = Kept()
-    now = time.time()
+    began = time.time()
     wait_for(lambda: jackal.commands[-1][1] == 0.3, "the planner's command")
-    others = [c for c in moved(jackal, now) if c[1] != 0.3]
+    others = [command for command in moved(jackal, began) if command[1] != 0.3]
     assert len(others) <= 2 + kept.waiting() / 0.05, "a command ends the escape motion at once"
     assert watched.node.text.count("trying small escape motions") == 1
 
@@ -204,9 +225,10 @@ def test_an_escape_motion_ends_with_its_cause(stack, change):
     kept = Kept()
     while time.time() < changed + 4.0:
         time.sleep(0.3)
-        planner.goal = str(time.time()) if "goal" in change else planner.goal
-    last = max((at for at, *_ in moved(jackal, changed)), default=changed)
-    assert last - changed < 1.5 + kept.waiting(), (
+        if "goal" in change:
+            planner.goal = str(time.time())
+    last_motion = max((stamp for stamp, _, _ in moved(jackal, changed)), default=changed)
+    assert last_motion - changed < 1.5 + kept.waiting(), (
         "a status is usable for 1 s; a new motion would begin after 2.5 s"
     )
     assert jackal.commands[-1][1:] == (0.0, 0.0)

@@ -24,11 +24,13 @@ pytestmark = pytest.mark.ros
 
 @pytest.fixture(scope="module")
 def ros():
+    """Return the master of this process's tests."""
     return session()
 
 
 @pytest.fixture
 def viewer(ros):
+    """Return a viewer of the Jackal on a free port."""
     viewer = Viewer(JACKAL, "", "odom", free_port())
     yield viewer
     viewer.close()
@@ -61,41 +63,52 @@ def test_page_and_websocket_require_the_token_and_refuse_other_websites(
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
 
-    where = viewer.address.split("/")
-    port = int(where[2].rpartition(":")[2])
-    path, host, origin = (
-        t and t.replace("TOKEN", where[3]).replace("PORT", str(port)) for t in (path, host, origin)
-    )
+    _, _, server, token, *_ = viewer.address.split("/")
+    port = int(server.rpartition(":")[2])
+
+    def filled(text):
+        return text.replace("TOKEN", token).replace("PORT", str(port))
+
+    path = filled(path)
+    host = filled(host)
+    headers = {"Host": host}
+    if origin is not None:
+        origin = filled(origin)
+        headers["Origin"] = origin
+
+    # The page
     page = http.client.HTTPConnection("127.0.0.1", port, timeout=LONGEST)
-    page.request("GET", path, headers={"Host": host, **({"Origin": origin} if origin else {})})
+    page.request("GET", path, headers=headers)
     answer = page.getresponse()
     assert answer.status == (403 if reason else 200)
     assert (reason or "<html") in answer.read().decode()
     page.close()
+
+    # The websocket. A socket of its own, because a name such as evil.example leads nowhere here.
     with pytest.raises(InvalidStatus, match="403") if reason else contextlib.nullcontext():
-        raw = socket.create_connection(("127.0.0.1", port))
-        connect(
-            "ws://" + host + path,
-            sock=raw,
-            origin=origin,
-            subprotocols=["viser-v" + viser.__version__],
-        ).close()
+        connection = socket.create_connection(("127.0.0.1", port))
+        protocol = "viser-v" + viser.__version__
+        url = "ws://" + host + path
+        connect(url, sock=connection, origin=origin, subprotocols=[protocol]).close()
 
 
 @pytest.mark.parametrize("header", ["Origin", "Host"])
 def test_a_duplicate_header_is_refused(viewer, header):
-    _, _, where, token, _ = viewer.address.split("/")
-    page = http.client.HTTPConnection("127.0.0.1", int(where.rpartition(":")[2]), timeout=LONGEST)
+    _, _, server, token, _ = viewer.address.split("/")
+    page = http.client.HTTPConnection("127.0.0.1", int(server.rpartition(":")[2]), timeout=LONGEST)
     page.putrequest("GET", f"/{token}/", skip_host=True)
-    for name, value in {"Host": where, "Origin": "http://" + where}.items():
-        for _ in range(1 + (name == header)):
-            page.putheader(name, value)
+    headers = {"Host": server, "Origin": "http://" + server}
+    for name, value in headers.items():
+        page.putheader(name, value)
+    # Of two headers, the check and the server could each read another one.
+    page.putheader(header, headers[header])
     page.endheaders()
     assert page.getresponse().status >= 400
     page.close()
 
 
 def state(viewer):
+    """Draw, and return the text of the page's status."""
     viewer.draw()
     return viewer.text
 
@@ -113,10 +126,10 @@ def test_a_click_on_the_ground_sets_a_goal(ros, viewer):
     # A goal is lost until the publisher knows of the subscriber, too.
     wait_for(click, "the goal")
     subscriber.unregister()
-    target = goals[0]
-    assert target.header.frame_id == "odom"
-    assert (target.pose.position.x, target.pose.position.y) == (2.0, 1.0)
-    assert target.pose.orientation.z == pytest.approx(0.0)  # away from the robot
+    target_pose = goals[0]
+    assert target_pose.header.frame_id == "odom"
+    assert (target_pose.pose.position.x, target_pose.pose.position.y) == (2.0, 1.0)
+    assert target_pose.pose.orientation.z == pytest.approx(0.0)  # away from the robot
 
 
 def by_hand(element, value):
@@ -143,26 +156,26 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
     try:
         wait_for(lambda: "default parameters" in state(viewer), "the method")
         slider = viewer.panel.sliders["inflation_radius"]
-        at = viewer.panel.space.names.index("inflation_radius")
+        column = viewer.panel.space.names.index("inflation_radius")
         wait_for(
             lambda: state(viewer) and viewer.panel.theta() is not None and slider.value == 0.3,
             "the parameters",
         )
         by_hand(slider, 0.45)
-        radius = "/move_base/%s_costmap/inflater_layer/inflation_radius"
+        for costmap in ("local_costmap", "global_costmap"):
+            radius = f"/move_base/{costmap}/inflater_layer/inflation_radius"
+            wait_for(lambda radius=radius: rospy.get_param(radius) == 0.45, radius)
         wait_for(
-            lambda: {rospy.get_param(radius % c) for c in ("local", "global")} == {0.45},
-            "both costmaps'",
-        )
-        wait_for(
-            lambda: state(viewer) and viewer.panel.theta()[at] == 0.45,
+            lambda: state(viewer) and viewer.panel.theta()[column] == 0.45,
             "the value as the applr node read it",
         )
         wait_for(lambda: "parameters by hand" in state(viewer), "the parameters by hand")
+
         by_hand(viewer.panel.dropdown, "tuned set")
-        best = viewer.panel.space.theta0
+        defaults = viewer.panel.space.theta0
         wait_for(
-            lambda: state(viewer) and not np.array_equal(viewer.panel.theta(), best), "its values"
+            lambda: state(viewer) and not np.array_equal(viewer.panel.theta(), defaults),
+            "its values",
         )
         wait_for(lambda: "tuned set" in state(viewer), "the method")
         wait_for(lambda: state(viewer) and slider.value != 0.45, "the slider follows")
@@ -178,10 +191,11 @@ def test_robot_and_scan_are_drawn_while_a_page_is_open(ros):
     try:
         odometry = rospy.Publisher("/odometry/filtered", Odometry, queue_size=1)
         node.until("the page is at")
-        alone = odometry.get_num_connections()
+        without_page = odometry.get_num_connections()
         wait_for(lambda: state(viewer) and viewer.scene.pose, "the robot")
         wait_for(
-            lambda: odometry.get_num_connections() == alone + 1, "the page's subscription alone"
+            lambda: odometry.get_num_connections() == without_page + 1,
+            "the page's subscription alone",
         )
         wait_for(lambda: state(viewer) and viewer.scene.scan.visible, "the scan")
         x, y, _ = viewer.scene.scan.points.T

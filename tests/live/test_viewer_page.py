@@ -49,6 +49,9 @@ window.cancelAnimationFrame = clearTimeout;
 
 @pytest.fixture(scope="module")
 def page():
+    """Start the stack, and return the viewer's page in a browser; at its end, check that the page
+    had no errors and loaded nothing from elsewhere.
+    """
     ros = session()
     complaints = []
     requests = []

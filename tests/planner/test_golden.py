@@ -7,9 +7,10 @@ import pytest
 from tests.planner import replay_golden
 from tests.support import ROOT
 
-GOLDEN, GOLDEN_DWA, DRAWN = (
-    str(ROOT / "tests" / name) for name in ("golden", "golden_dwa", "golden_drawn")
-)
+GOLDEN = str(ROOT / "tests" / "golden")
+GOLDEN_DWA = str(ROOT / "tests" / "golden_dwa")
+DRAWN = str(ROOT / "tests" / "golden_drawn")
+# Number of scenarios of each kind: a set that is cut short must not pass.
 COUNTS = {
     GOLDEN: {"dwa": 150, "dwa_edge": 54, "inflation": 30, "navfn": 30, "rollout": 15},
     GOLDEN_DWA: dict(
@@ -21,6 +22,7 @@ COUNTS = {
 
 @pytest.fixture(scope="module")
 def scenarios():
+    """Return the scenarios of each folder, which are read once."""
     return {folder: replay_golden.load(folder) for folder in COUNTS}
 
 
@@ -28,7 +30,11 @@ def scenarios():
     ("folder", "kind"), [(folder, kind) for folder in COUNTS for kind in COUNTS[folder]]
 )
 def test_every_number_equals_the_cpp_one(folder, kind, scenarios):
-    mine = [scenario for scenario in scenarios[folder] if scenario.kind == kind]
-    assert len(mine) == COUNTS[folder][kind]
-    replayed = {scenario.id: replay_golden.replay(scenario) for scenario in mine}
-    assert not {name: differences for name, differences in replayed.items() if differences}
+    of_kind = [scenario for scenario in scenarios[folder] if scenario.kind == kind]
+    assert len(of_kind) == COUNTS[folder][kind]
+    differing = {}
+    for scenario in of_kind:
+        differences = replay_golden.replay(scenario)
+        if differences:
+            differing[scenario.id] = differences
+    assert differing == {}

@@ -93,11 +93,13 @@ def test_control_fails_when_all_points_are_pruned_until_the_next_plan():
 
 def test_stops_before_it_turns():
     planner = local_planner(straight(1.0, yaw=1.5), acc_lim_x=2.0, acc_lim_theta=2.0)
+    # In a cycle of 0.05 s, 2 m/s^2 take 0.1 m/s off the speed.
     assert command(planner, AT_GOAL, (0.5, 0.3)) == (True, (0.4, pytest.approx(0.2)))
     assert command(planner, AT_GOAL, (-0.05, 0.0)) == (True, (-0.0, 0.0))
     assert command(planner, AT_GOAL) == (True, (0.0, 0.314))
     # Once the robot turns, its motion does not make it stop again.
     _, (_, w) = command(planner, (0.9, 0, 0.1), (0.0, 0.5))
+    # 0.5 rad/s, and 2 rad/s^2 for a cycle.
     assert w == pytest.approx(0.6)
 
 
@@ -144,14 +146,15 @@ def test_the_goal_is_reported_in_the_cycle_that_reaches_it_although_plans_keep_c
 
 @pytest.mark.parametrize("latches", [False, True])
 def test_the_latch_keeps_the_position_reached(latches):
-    before = (0.5, 0.0, 0.0)
+    before_the_goal = (0.5, 0.0, 0.0)
     planner = local_planner(straight(1.0, yaw=2.0), latch_xy_goal_tolerance=latches)
     command(planner, AT_GOAL)
-    _, (v, w) = command(planner, before)
+    _, (v, w) = command(planner, before_the_goal)
     turns_in_place = v == 0.0 and w > 0
     assert turns_in_place is latches
+    # A new plan clears the latch, as in C++.
     planner.set_plan(straight(1.0, yaw=2.0))
-    _, (v, _) = command(planner, before)
+    _, (v, _) = command(planner, before_the_goal)
     assert v > 0
 
 

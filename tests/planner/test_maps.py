@@ -32,7 +32,9 @@ from tests.support.refusals import refused
 from tests.support.robots import DWA_PARAMETERS, JACKAL_FOOTPRINT, ToyRobot, quick
 from tests.support.scenes import inflate, wall_with_a_door
 
+# Pose of the robot, or of a sensor, at the origin.
 HERE = (0.0, 0.0, 0.0)
+# Cells along each side of the costmaps.
 N = 40
 CELL_M = 0.1
 CORNER = (-2.0, -2.0)  # of the costmaps [m]
@@ -42,6 +44,7 @@ STATIC_LAYER = {"name": "static", "type": "costmap_2d::StaticLayer"}
 
 def make_costmap(*layers, rolling=False, track_unknown=False):
     """Return a costmap of 40 x 40 cells of 0.1 m, centred at the origin."""
+    # Half a cell more, because the size is divided by the resolution and rounded down.
     side = (N + 0.5) * CELL_M
     return Costmap(
         side, side, CELL_M, CORNER, rolling, JACKAL_FOOTPRINT, track_unknown, layers=layers
@@ -87,6 +90,7 @@ def test_a_fixed_costmap_takes_size_and_origin_of_the_map_and_a_rolling_costmap_
     rolling = make_costmap(LayerDescription("static", StaticParameters()), rolling=True)
     occupied = StaticMap(np.full((30, 70), 100, np.int8), float(np.float32(0.05)), (-1.0, 3.0))
     for costmap in (fixed, rolling):
+        # A map on a topic that no layer reads
         costmap.set_map("elsewhere", occupied)
         assert costmap.size == (N, N)
         costmap.set_map("map", occupied)
@@ -110,9 +114,10 @@ def test_a_map_without_cells_or_resolution_is_refused(shape, resolution):
 
 
 def test_a_map_is_written_again_after_the_map_of_a_disabled_layer_has_resized_the_costmap():
-    first = LayerDescription("first", StaticParameters())
-    second = LayerDescription("second", StaticParameters(map_topic="other", enabled=False))
-    costmap = make_costmap(first, second)
+    # C++ resizes the costmap even for the map of a layer that is switched off.
+    first_layer = LayerDescription("first", StaticParameters())
+    second_layer = LayerDescription("second", StaticParameters(map_topic="other", enabled=False))
+    costmap = make_costmap(first_layer, second_layer)
     costmap.set_map("map", map_of(100))
     costmap.update(HERE)
     costmap.set_map("other", map_of(0, side=N + 5))
@@ -133,6 +138,7 @@ FREE_CELL = np.zeros((1, 1), np.int8)
 def test_first_map_only_ignores_later_maps():
     costmap = make_costmap(LayerDescription("static", StaticParameters(first_map_only=True)))
     costmap.set_map("map", map_of(0))
+    # Each of these would leave a mark.
     costmap.set_map("map", map_of(100))
     costmap.update_map("map", 3, 5, UNKNOWN_CELLS)
     costmap.update(HERE)
@@ -160,6 +166,7 @@ def test_updates_of_a_map_are_applied():
     costmap.clear()
     costmap.update(HERE)
     assert costmap.cells[6, 6] == 255
+    # Columns 38 to 40, of which the last is not on the map.
     beyond = np.zeros((1, 3), np.int8)
     refused(lambda: costmap.update_map("map", 38, 0, beyond), "not on the map")
 
@@ -167,10 +174,10 @@ def test_updates_of_a_map_are_applied():
 def test_a_rolling_costmap_shows_the_part_of_the_map_below_it():
     # Given: a map in a frame of its own, and a costmap around the robot
     static_map = grid(np.random.default_rng(3), 0.3)
-    frame = (0.4, -0.3, 0.5)
+    placement = (0.4, -0.3, 0.5)
     costmap = make_costmap(LayerDescription("static", StaticParameters()), rolling=True)
     costmap.set_map("map", static_map)
-    costmap.static_layers[0].placement = frame
+    costmap.static_layers[0].placement = placement
     costmap.update((0.7, 0.5, 1.0))
 
     # Then: each cell has the cost of the map's cell at its centre, and 0 beyond the map
@@ -178,7 +185,7 @@ def test_a_rolling_costmap_shows_the_part_of_the_map_below_it():
     count_on_map = 0
     for row, column in itertools.product(range(N), range(N)):
         centre = costmap.origin + (np.array((column, row)) + 0.5) * 0.1
-        x, y = transform_point(frame, *centre)
+        x, y = transform_point(placement, *centre)
         map_column = math.floor((x + 2.0) / 0.1)
         map_row = math.floor((y + 2.0) / 0.1)
         cost = 0
@@ -194,6 +201,7 @@ def test_layers_in_any_order_equal_the_plain_ones():
     """Letters: s static, m static with use_maximum, o obstacles, i inflation. The whole map is
     updated twice.
     """
+    # Layers twice, some alone, and none.
     orders = [*itertools.permutations("som"), "ois", "sioi", "iso", "so", "s", "smoi", "oio", ""]
     for order, track_unknown in itertools.product(orders, (False, True)):
         compare_layers(order, track_unknown)
@@ -260,6 +268,7 @@ def test_all_sources_clear_before_any_marks():
     costmap.update(HERE)
     assert costmap.cells[20, 30] == 254
     assert costmap.cells[20, 37] == 0  # The second source does not mark.
+    # Now only the ray to (1.75, 0.05) passes the marked cell.
     marking.clouds = []
     costmap.update(HERE)
     assert costmap.cells[20, 30] == 0
@@ -270,51 +279,51 @@ def test_observation_persistence_and_silence_of_a_source():
     assert not buffer.is_current(0.0)
     for stamp in (0.0, 0.4, 0.8, 1.2, 1.6, 2.0):
         buffer.take(PointCloud(HERE, np.zeros((0, 3), np.float32), stamp), stamp)
+    # Up to one second old; the latest first.
     assert [cloud.stamp for cloud in buffer.clouds] == [2.0, 1.6, 1.2]
     assert buffer.is_current(2.5)
     assert not buffer.is_current(2.51)
     assert ObservationBuffer(Source()).is_current(99.0)
 
 
-@pytest.mark.parametrize("step", [0.05, 0.45, 30.0])
-def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(step):
-    source = SimpleNamespace(
-        obstacle_layers=[SimpleNamespace(parameters=SimpleNamespace(enabled=True))]
-    )
+def router_of(*buffers):
+    """Return a router to the buffers of one obstacle layer, with a patience of 0.5 s."""
+    layer = SimpleNamespace(parameters=SimpleNamespace(enabled=True), buffers=list(buffers))
+    local_costmap = SimpleNamespace(obstacle_layers=[layer])
+    global_costmap = SimpleNamespace(obstacle_layers=[])
+    return ObservationRouter(local_costmap, global_costmap, 0.5)
+
+
+@pytest.mark.parametrize("step_back", [0.05, 0.45, 30.0])
+def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(step_back):
     buffer = ObservationBuffer(Source(expected_update_rate=0.5, observation_persistence=9.0))
-    source.obstacle_layers[0].buffers = [buffer]
-    router = ObservationRouter(source, SimpleNamespace(obstacle_layers=[]), 0.5)
+    router = router_of(buffer)
     scan = LaserScan(100.0, 0.0, 0.2, 0.1, 10.0, np.array([1.0], np.float32), HERE)
     router.take({"scan": scan}, 100.0, None)
     assert router.silent(100.4) is None
-    now = 100.4 - step
+    earlier = 100.4 - step_back
     # The source counts as silent for a step back of any size.
-    assert router.silent(now) == ("scan", 0.5)
-    router.take({"scan": replace(scan, stamp=now)}, now, None)
-    assert [cloud.stamp for cloud in buffer.clouds] == [now]
-    assert router.silent(now) is None
+    assert router.silent(earlier) == ("scan", 0.5)
+    router.take({"scan": replace(scan, stamp=earlier)}, earlier, None)
+    assert [cloud.stamp for cloud in buffer.clouds] == [earlier]
+    assert router.silent(earlier) is None
 
 
 def test_an_observation_older_than_the_latest_on_its_topic_is_dropped():
-    layer = SimpleNamespace(parameters=SimpleNamespace(enabled=True))
     of_scan = ObservationBuffer(Source(topic="scan", observation_persistence=9.0))
     of_other = ObservationBuffer(Source(topic="other", observation_persistence=9.0))
-    layer.buffers = [of_scan, of_other]
-    costmap = SimpleNamespace(obstacle_layers=[layer])
-    router = ObservationRouter(costmap, SimpleNamespace(obstacle_layers=[]), 0.5)
+    router = router_of(of_scan, of_other)
     scan = LaserScan(100.0, 0.0, 0.2, 0.1, 10.0, np.array([1.0], np.float32), HERE)
     older = replace(scan, stamp=99.9)
-    for sensed in (
-        {"scan": scan},
-        {"scan": older, "other": older},
-        {"scan": replace(scan, stamp=100.1)},
-    ):
+    newer = replace(scan, stamp=100.1)
+    for sensed in ({"scan": scan}, {"scan": older, "other": older}, {"scan": newer}):
         router.take(sensed, 100.1, None)
     assert [cloud.stamp for cloud in of_scan.clouds] == [100.1, 100.0]
     assert [cloud.stamp for cloud in of_other.clouds] == [99.9]
     assert router.silent(100.41) == ("other", 0.5)
 
 
+# Of half the yaw of LEVEL, for quaternions
 SINE = math.sin(0.15)
 COSINE = math.cos(0.15)
 LEVEL = LaserScan(
@@ -327,7 +336,7 @@ LEVEL = LaserScan(
     sensor_pose=(1.0, 2.0, 0.3),
     sensor_height=0.4,
 )
-# Rolled by pi
+# Rolled by pi, at the yaw of LEVEL
 HANGING = replace(LEVEL, sensor_pose=(1.0, 2.0, 0.0), rotation=(COSINE, SINE, 0.0, 0.0))
 # Pitched by 0.4 rad
 CAMERA = SensorCloud(
@@ -361,14 +370,16 @@ def test_points_of_tilted_sensors_are_exact():
 @pytest.mark.parametrize("sensed", [LEVEL, HANGING, CAMERA], ids=["level", "hanging", "camera"])
 def test_observations_can_be_moved_to_another_frame(sensed):
     frame = (5.0, -1.0, 1.1)
-    before = observe(sensed)
-    after = observe(moved(sensed, frame))
-    assert len(after.points) == len(before.points) > 0
-    x, y, _ = before.points.T
-    after_x, after_y, _ = after.points.T
-    np.testing.assert_allclose((after_x, after_y), transform_point(frame, x, y), atol=1e-5)
-    x, y, z = before.origin
-    np.testing.assert_allclose(after.origin, (*transform_point(frame, x, y), z), atol=1e-12)
+    in_sensor_frame = observe(sensed)
+    in_other_frame = observe(moved(sensed, frame))
+    assert len(in_other_frame.points) == len(in_sensor_frame.points) > 0
+    x, y, _ = in_sensor_frame.points.T
+    moved_x, moved_y, _ = in_other_frame.points.T
+    np.testing.assert_allclose((moved_x, moved_y), transform_point(frame, x, y), atol=1e-5)
+    x, y, z = in_sensor_frame.origin
+    np.testing.assert_allclose(
+        in_other_frame.origin, (*transform_point(frame, x, y), z), atol=1e-12
+    )
 
 
 def test_obstacles_under_the_robot_are_also_cleared_with_a_map():
@@ -378,6 +389,7 @@ def test_obstacles_under_the_robot_are_also_cleared_with_a_map():
     under_the_robot = (0.05, 0.05, 0.0)
     beside = (1.05, 0.05, 0.0)
     points = np.array([under_the_robot, beside], np.float32)
+    # The sensor is elsewhere, so that no ray clears the cell under the robot.
     costmap.update(HERE, PointCloud((1.5, 1.5, 0.3), points, 0.0))
     assert costmap.cells[20, 20] == 0
     assert costmap.cells[20, 30] == LETHAL
@@ -408,15 +420,16 @@ def test_a_goal_in_the_map_while_localisation_drifts(planner):
     robot = ToyRobot(HERE, posts)
     move_base.set_map(wall_with_a_door())
     move_base.set_goal(goal, 0.0)
+    # 80 s in cycles of 0.05 s; scans come in every second one.
     for number in range(1600):
         time = robot.time
-        odometry = (1.0 + 0.01 * time, -2.0 - 0.006 * time, 0.7 + 0.004 * time)
-        to_odometry = inverse(odometry)
-        pose = compose(to_odometry, robot.pose)
+        odom_in_map = (1.0 + 0.01 * time, -2.0 - 0.006 * time, 0.7 + 0.004 * time)
+        map_in_odom = inverse(odom_in_map)
+        odom_pose = compose(map_in_odom, robot.pose)
         scan = None
         if number % 2 == 0:
-            scan = moved(robot.scan(), to_odometry)
-        cycle = move_base.step(time, pose, robot.twist, scan, odometry)
+            scan = moved(robot.scan(), map_in_odom)
+        cycle = move_base.step(time, odom_pose, robot.twist, scan, odom_in_map)
         robot.drive(cycle.command, 0.05)
         x, y, _ = robot.pose
         distances = np.hypot(post_x - x, post_y - y) - radius
@@ -436,6 +449,7 @@ def test_a_map_survives_a_reset():
     assert move_base.missing_map == "map"
     assert move_base.map_topics == {"map": False}
     move_base.set_map(wall_with_a_door())
+    # As after a jump of the clock: map_server will not publish the map again.
     move_base.reset(5.0)
     assert move_base.missing_map == ""
     assert move_base.global_costmap.size == (200, 120)
@@ -470,6 +484,7 @@ def test_a_rolling_costmap_refuses_a_map_in_a_third_frame():
     with pytest.raises(ApplrError, match=refusal):
         move_base.set_map(free_map(5, 5, 0.1, (0.0, 0.0), "cellar"))
     move_base.reset(1.0)  # The rejected map was not kept.
+    # The name of the rolling costmap's own frame; C++ takes the leading slash off.
     tree["local_costmap"]["global_frame"] = "/odom"
     MoveBase(tree).set_map(free_map(5, 5, 0.1, (0.0, 0.0), "odom"))
 
@@ -479,6 +494,7 @@ def test_observations_of_a_robot_without_a_pose_do_not_enter_the_map():
     robot = ToyRobot(HERE, [(1.0, 0.0, 0.15)])
     move_base.set_map(free_map(120, 240, 0.05, (-3.0, -3.0)))
     origin = (5.0, 0.0, 0.0)  # pose of the odometry's frame in the map's
+    # This scan has come before the place of the odometry in the map is known.
     move_base.step(0.0, None, (0.0, 0.0), robot.scan())
     move_base.step(0.1, HERE, (0.0, 0.0), local_origin=origin)
     assert (move_base.local_costmap.cells == LETHAL).any()
@@ -488,6 +504,7 @@ def test_observations_of_a_robot_without_a_pose_do_not_enter_the_map():
     move_base.step(0.2, HERE, (0.0, 0.0), robot.scan(), local_origin=origin)
     _, columns = np.nonzero(move_base.global_costmap.cells == LETHAL)
     x = columns * 0.05 - 3.0
+    # The post 1 m ahead of the odometry's origin, which is at 5 m in the map.
     assert 5.7 < x.min() <= x.max() < 6.3
 
 
@@ -515,6 +532,7 @@ def test_an_unexpectedly_silent_source_stops_the_robot():
     for number in range(1, 12):
         robot.time = 0.05 * number
         cycle = move_base.step(robot.time, robot.pose, robot.twist, {"front/scan": robot.scan()})
+        # Silent from 0.35 s on; the depth camera's expected_update_rate is 0.32 s.
         assert cycle.stale is (number > 6)
     assert cycle.silent == ("points", 0.32)
     assert cycle.command == (0.0, 0.0)
@@ -530,6 +548,7 @@ def test_the_map_of_a_world_matches_the_laser():
     yaw = 0.3
     world = worlds.load("physical_course")
     cells, _, (origin_x, origin_y, _) = occupancy(world, resolution)
+    # Rounding may put a hit into the neighbouring cell.
     near_occupied = cells.copy()
     for rows, columns in itertools.product((-1, 0, 1), repeat=2):
         near_occupied |= np.roll(cells, (rows, columns), axis=(0, 1))
@@ -556,23 +575,19 @@ def test_the_map_of_a_world_matches_the_laser():
 
 def test_the_latest_observation_of_each_sensor_on_a_topic_counts_between_two_updates():
     buffer = ObservationBuffer(Source())
-    for k in range(8):
-        cloud = PointCloud(
-            HERE, np.zeros((0, 3), np.float32), 0.1 * k, frame="rear" if k % 2 else "front"
-        )
-        buffer.take(cloud, 0.1 * k)
-    assert [(cloud.frame, cloud.stamp) for cloud in buffer.clouds] == [
-        ("rear", 0.1 * 7),
-        ("front", 0.1 * 6),
-    ]
-    buffer.take(PointCloud(HERE, np.zeros((0, 3), np.float32), 2.0, frame="rear"), 2.0)
+    no_points = np.zeros((0, 3), np.float32)
+    # Two sensors in turn, as drivers of two lasers publish on one topic
+    for number in range(4):
+        for frame, stamp in (("front", 0.2 * number), ("rear", 0.2 * number + 0.1)):
+            buffer.take(PointCloud(HERE, no_points, stamp, frame=frame), stamp)
+    latest = [(cloud.frame, cloud.stamp) for cloud in buffer.clouds]
+    assert latest == [("rear", pytest.approx(0.7)), ("front", pytest.approx(0.6))]
+    buffer.take(PointCloud(HERE, no_points, 2.0, frame="rear"), 2.0)
     assert [cloud.stamp for cloud in buffer.clouds] == [2.0], "the front sensor has fallen silent"
 
 
 def test_an_observation_keeps_its_sensors_frame():
     scan = LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.ones(3, np.float32), (0.0, 0.0, 0.0), frame="rear")
     cloud = SensorCloud(0.0, np.ones((1, 3), np.float32), HERE, (0.0, 0.0, 0.0, 1.0), frame="depth")
-    assert [observe(moved(one, (1.0, 0.0, 0.0))).frame for one in (scan, cloud)] == [
-        "rear",
-        "depth",
-    ]
+    assert observe(moved(scan, (1.0, 0.0, 0.0))).frame == "rear"
+    assert observe(moved(cloud, (1.0, 0.0, 0.0))).frame == "depth"

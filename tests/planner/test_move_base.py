@@ -30,6 +30,7 @@ def sealed(tree=None):
     """
     robot = ToyRobot(circles=ring(0.0, 0.0, 0.85, posts=60, size=0.05))
     move_base = MoveBase(tree or quick())
+    # The laser does not see behind the robot: three headings close the ring in the costmaps.
     for yaw in (2.0, 4.0, 0.0):
         robot.pose = (0.0, 0.0, yaw)
         run(move_base, robot, 0.1)
@@ -63,12 +64,8 @@ def count(cycles, name):
 
 
 STOP = (0.0, 0.0)
-ALL_RECOVERIES = [
-    "conservative_reset",
-    "rotate_recovery",
-    "aggressive_reset",
-    "rotate_recovery",
-]
+# Default recoveries of move_base.cpp, in its order.
+ALL_RECOVERIES = ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
 
 
 # -- reaching a goal -------------------------------------------------------------------------------
@@ -76,15 +73,17 @@ def test_reaches_a_goal_among_obstacles():
     move_base, robot = start((4.0, 0.0, 0.5), ToyRobot(circles=SLALOM))
     cycles = []
     assert run(move_base, robot, 60.0, cycles=cycles) == ("succeeded", "Goal reached.")
+    # The Jackal's tolerances of 0.25 m and 0.157 rad.
     assert math.hypot(robot.pose[0] - 4.0, robot.pose[1]) <= 0.26
     assert abs(robot.pose[2] - 0.5) <= 0.16
-    _, first = cycles[0]
-    assert first.state == "controlling"
-    assert first.new_plan
-    assert first.command is not None
-    _, last = cycles[-1]
-    assert last.command == STOP
-    assert last.state == "idle"
+    _, first_cycle = cycles[0]
+    assert first_cycle.state == "controlling"
+    assert first_cycle.new_plan
+    assert first_cycle.command is not None
+    _, last_cycle = cycles[-1]
+    assert last_cycle.command == STOP
+    assert last_cycle.state == "idle"
+    # No command is beyond max_vel_x and max_vel_theta.
     v, w = np.transpose(commands_of(cycles))
     assert v.max() <= 0.5 + 1e-9
     assert np.abs(w).max() <= 1.57 + 1e-9
@@ -117,15 +116,16 @@ def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
     result = run(move_base, robot, 60.0, cycles=cycles)
     text = "Failed to find a valid plan. Even after executing recovery behaviors."
     assert result == ("aborted", text)
-    begun = recoveries(cycles)
-    assert [recovery for _, recovery in begun] == [
+    begins = recoveries(cycles)
+    assert [recovery for _, recovery in begins] == [
         (0, 4, "conservative_reset"),
         (1, 4, "rotate_recovery"),
         (2, 4, "aggressive_reset"),
         (3, 4, "rotate_recovery"),
     ]
-    first_time, _ = begun[0]
-    assert first_time - 0.3 == pytest.approx(1.0, abs=0.11)  # planner_patience
+    # planner_patience is 1 s, from the goal at 0.3 s on.
+    first_time, _ = begins[0]
+    assert first_time - 0.3 == pytest.approx(1.0, abs=0.11)
 
     # Rotations turn, and end with a zero command before anything else happens.
     clearing = [(time, cycle) for time, cycle in cycles if cycle.state == "clearing"]
@@ -151,7 +151,9 @@ def to_an_enclosed_goal(recovery_rounds):
 def test_a_sealed_goal_is_aborted_if_recovery_rounds_are_limited():
     """Each reset recovery clears the maps. Without a limit, as in C++, this repeats."""
     result, begun_count = to_an_enclosed_goal(recovery_rounds=0)
+    # The drive's 60 s were over first.
     assert result is None
+    # Each time the recoveries begin anew with the first one.
     assert begun_count > 4
 
     result, begun_count = to_an_enclosed_goal(recovery_rounds=2)
@@ -185,6 +187,7 @@ def test_a_blocked_robot_tries_escape_motions_and_then_recovers(planner, free):
         robot.time += 0.05
 
     def commands_within(begin, end):
+        """Return the distinct commands between two times [s]."""
         return {command for time, command in commands if begin < time < end}
 
     # Then: C++ has no such input, and this planner tries an escape motion after half a second
@@ -210,6 +213,7 @@ def test_a_blocked_robot_tries_escape_motions_and_then_recovers(planner, free):
 def test_a_robot_without_a_command_tries_escape_motions_only_with_a_monitor_and_never_in_cpp(
     watched, planner
 ):
+    # A patience longer than the 4 s here, so that no recovery interferes.
     move_base = MoveBase(quick(controller_patience=15.0), planner=planner)
     robot = ToyRobot()
     run(move_base, robot, 0.1)
@@ -231,6 +235,7 @@ def test_max_planning_retries_counts_and_recoveries_can_be_switched_off():
     status, _ = run(move_base, robot, 5.0, cycles=cycles)
     assert status == "aborted"
     assert recoveries(cycles) == []
+    # The first attempt, and three retries.
     assert count(cycles, "planned") == 4
 
 
@@ -255,9 +260,9 @@ def test_goals_that_are_not_finite_are_aborted_at_once():
     assert cycle.command == STOP
     # If nothing was under way, there is no command, as in C++.
     move_base.set_goal(goal, robot.time)
-    again = step(move_base, robot)
-    assert again.result == cycle.result
-    assert again.command is None
+    second_cycle = step(move_base, robot)
+    assert second_cycle.result == cycle.result
+    assert second_cycle.command is None
     # C++ would keep driving.
     assert move_base.step(robot.time + 0.05, robot.pose, robot.twist).command is None
 
@@ -280,6 +285,7 @@ def test_missing_control_and_oscillation_recover_and_abort_with_their_own_texts(
     cycles = []
     assert run(move_base, robot, 20.0, cycles=cycles) == ("aborted", text)
     assert recovery_names(cycles) == ["conservative_reset", "aggressive_reset"]
+    # The goal came at 0.1 s; both patiences are 1 s.
     first_time, _ = recoveries(cycles)[0]
     assert first_time - 0.1 == pytest.approx(1.0, abs=late)
     assert set(commands_of(cycles)) == {STOP}
@@ -287,6 +293,7 @@ def test_missing_control_and_oscillation_recover_and_abort_with_their_own_texts(
 
 def test_a_valid_command_starts_the_recoveries_over():
     move_base, robot = start((3.0, 0.0, 0.0))
+    # Calls 24 to 27 have a command: after the first two recoveries, and before the third.
     move_base.local_planner = Scripted(lambda n: (24 <= n <= 27, STOP))
     cycles = []
     run(move_base, robot, 20.0, cycles=cycles)
@@ -309,9 +316,9 @@ def test_a_start_in_collision_is_left_or_ends_in_recoveries(kind):
     the other cannot.
     """
     robot = kind(circles=[(0.0, 0.46, 0.3), (0.0, -0.46, 0.3)])
-    points = robot.ranges() * np.sin(ANGLE_MIN + INCREMENT * np.arange(BEAMS))
+    lateral_offsets = robot.ranges() * np.sin(ANGLE_MIN + INCREMENT * np.arange(BEAMS))
     # Half the width of the footprint.
-    assert np.abs(points[np.isfinite(points)]).min() < 0.165
+    assert np.abs(lateral_offsets[np.isfinite(lateral_offsets)]).min() < 0.165
     move_base, robot = start((3.0, 0.0, 0.0), robot, quick(oscillation_timeout=1.0))
     cycles = []
     result = run(move_base, robot, 60.0, cycles=cycles)
@@ -340,6 +347,7 @@ def test_cancel_during_a_rotation_takes_effect_at_once():
     while not (move_base.state == "clearing" and robot.twist[1] > 1.0):
         robot.drive(step(move_base, robot).command, 0.05)
         assert robot.time < 5.0
+    # The rotation would last for another half turn.
     move_base.cancel(robot.time)
     assert move_base.step(robot.time, robot.pose, robot.twist).result == ("preempted", "")
 
@@ -377,6 +385,7 @@ def test_a_new_goal_begins_with_the_first_recovery():
 
 def test_a_cancelled_goal_does_not_cancel_the_next():
     move_base, robot = start((4.0, 0.0, 0.0))
+    # The cancellation is noticed at the next step only, when another goal is there.
     move_base.cancel(robot.time)
     move_base.set_goal((1.0, 0.0, 0.0), robot.time)
     assert run(move_base, robot, 20.0) == ("succeeded", "Goal reached.")
@@ -392,9 +401,10 @@ def test_the_robot_stops_after_a_second_without_scans_and_resumes_with_them():
     first_time, _ = cycles[0]
     stale_cycles = [(time, cycle) for time, cycle in cycles if cycle.stale]
     stale_time, _ = stale_cycles[0]
+    # The last scan came one cycle of 0.05 s before the first one without.
     assert stale_time - first_time == pytest.approx(0.95, abs=0.11)
-    after = [cycle.command for time, cycle in cycles if time >= stale_time]
-    assert set(after) == {STOP}
+    stale_commands = [cycle.command for time, cycle in cycles if time >= stale_time]
+    assert set(stale_commands) == {STOP}
     assert run(move_base, robot, 20.0) == ("succeeded", "Goal reached.")
 
 
@@ -412,6 +422,7 @@ def test_the_robot_stops_without_a_pose():
 @pytest.mark.parametrize(("planner", "expected"), [(20.0, 40), (4.0, 8), (0.0, 1)])
 def test_plans_are_made_at_planner_frequency(planner, expected):
     move_base, robot = start((4.0, 0.0, 0.0), tree=quick(planner_frequency=planner))
+    # In two seconds; frequency 0 plans once for each goal.
     cycles = []
     run(move_base, robot, 2.0, cycles=cycles)
     assert abs(count(cycles, "planned") - expected) <= 1
@@ -435,9 +446,11 @@ def test_timer_keeps_its_phase_tolerates_jitter_and_restarts():
     timer.set_frequency(20.0)
     assert timer.due(0.0)
     assert not timer.due(0.02)
+    # A cycle that is a little early counts for its own time, so that jitter loses none.
     assert timer.due(0.049)
     assert not timer.due(0.05)
     assert timer.due(0.101)
+    # The phase is that of the first call: 0.101 does not shift it.
     assert timer.due(0.149)
     # A gap, and a clock that jumps back
     assert timer.due(10.0)

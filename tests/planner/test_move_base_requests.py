@@ -28,23 +28,18 @@ def test_reset_equals_a_fresh_object():
     fresh = MoveBase(tree)
     assert not used.global_costmap.cells.any()
     assert len(used.global_plan) == 0
+    # Both drive the same course: every cycle and every cell must be the same.
     drives = []
-    for made in (used, fresh):
+    for move_base in (used, fresh):
         robot = ToyRobot(circles=SLALOM)
         cycles = []
-        run(made, robot, 0.1)
-        made.set_goal((3.5, 0.0, 0.0), robot.time)
-        run(made, robot, 5.0, cycles=cycles)
-        drives.append(
-            (
-                [c for _, c in cycles],
-                made.global_costmap.cells.copy(),
-                made.local_costmap.cells.copy(),
-            )
-        )
-    assert drives[0][0] == drives[1][0]
-    assert (drives[0][1] == drives[1][1]).all()
-    assert (drives[0][2] == drives[1][2]).all()
+        run(move_base, robot, 0.1)
+        move_base.set_goal((3.5, 0.0, 0.0), robot.time)
+        run(move_base, robot, 5.0, cycles=cycles)
+        drives.append([cycle for _, cycle in cycles])
+    assert drives[0] == drives[1]
+    assert (used.global_costmap.cells == fresh.global_costmap.cells).all()
+    assert (used.local_costmap.cells == fresh.local_costmap.cells).all()
 
 
 def test_a_reset_may_keep_reconfigured_values():
@@ -67,9 +62,9 @@ def test_a_reset_may_keep_reconfigured_values():
 )
 def test_reconfigure_refuses_whole_requests(server, values):
     move_base = MoveBase(quick())
-    before = move_base.configuration(server)
+    earlier = move_base.configuration(server)
     refused(lambda: move_base.reconfigure(server, values), kind=ParameterError)
-    assert move_base.configuration(server) == before
+    assert move_base.configuration(server) == earlier
 
 
 LOCAL = "local_costmap"
@@ -80,11 +75,8 @@ GLOBAL = "global_costmap"
     ("server", "values", "emptied"),
     [
         (LOCAL, {}, {LOCAL}),
-        (
-            LOCAL,
-            {"footprint_padding": 0.1},
-            {LOCAL},
-        ),  # a value in force, as rqt sends it after a click
+        # a value in force, as rqt sends it after a click
+        (LOCAL, {"footprint_padding": 0.1}, {LOCAL}),
         (LOCAL, {"footprint_padding": 0.14}, {LOCAL}),
         (GLOBAL, {"publish_frequency": 1.0}, {GLOBAL}),
         ("local_costmap/inflater_layer", {"inflation_radius": 0.6}, set()),
@@ -102,13 +94,15 @@ def test_only_calls_of_a_costmaps_own_server_clear_it(server, values, emptied):
     lethal = {name: costmap.cells == 254 for name, costmap in move_base.costmaps.items()}
     robot.circles = robot.circles[:0]  # The next scans cannot clear the removed posts.
     move_base.reconfigure(server, values)
-    assert {
-        name for name, costmap in move_base.costmaps.items() if not costmap.cells.any()
-    } == emptied
+    costmaps = move_base.costmaps.items()
+    assert {name for name, costmap in costmaps if not costmap.cells.any()} == emptied
+
+    # The cleared costmap stays without the posts, the other one keeps them.
     run(move_base, robot, 0.1)
-    for name, costmap in move_base.costmaps.items():
+    for name, costmap in costmaps:
         assert lethal[name].any()
-        assert ((costmap.cells == 254) == (lethal[name] & (name not in emptied))).all(), name
+        expected = lethal[name] & (name not in emptied)
+        assert ((costmap.cells == 254) == expected).all(), name
 
 
 def test_a_cleared_map_is_updated_at_once_and_shows_the_last_scan():
@@ -118,6 +112,7 @@ def test_a_cleared_map_is_updated_at_once_and_shows_the_last_scan():
     robot = ToyRobot(circles=[(1.5, 0.0, 0.2)])
     run(move_base, robot, 0.2)
     lethal = (move_base.global_costmap.cells == 254).sum()
+    # At 0.5 Hz the next update is not due yet.
     assert not move_base.step(robot.time, robot.pose, (0.0, 0.0)).updated[1]
     move_base.reconfigure(GLOBAL, {"width": 20})
     assert move_base.step(robot.time, robot.pose, (0.0, 0.0)).updated[1]
@@ -126,19 +121,17 @@ def test_a_cleared_map_is_updated_at_once_and_shows_the_last_scan():
 
 def test_a_map_whose_size_a_static_layer_determines_is_not_cleared():
     tree = quick()
-    tree[GLOBAL]["plugins"] = [
-        {"name": "static", "type": "costmap_2d::StaticLayer"},
-        *tree[GLOBAL]["plugins"],
-    ]
+    static_layer = {"name": "static", "type": "costmap_2d::StaticLayer"}
+    tree[GLOBAL]["plugins"] = [static_layer, *tree[GLOBAL]["plugins"]]
     tree[GLOBAL]["static"] = {"use_maximum": True}
     move_base = MoveBase(tree)
     robot = ToyRobot(circles=[(1.5, 0.0, 0.2)])
     move_base.set_map(StaticMap(np.zeros((200, 200), np.int8), 0.05, (-5.0, -5.0)))
     run(move_base, robot, 0.2)
-    before = move_base.global_costmap.cells.copy()
+    earlier = move_base.global_costmap.cells.copy()
     move_base.reconfigure(GLOBAL, {"footprint_padding": 0.1})
-    assert before.any()
-    assert (move_base.global_costmap.cells == before).all()
+    assert earlier.any()
+    assert (move_base.global_costmap.cells == earlier).all()
 
 
 def test_send_calls_no_server_whose_values_are_in_force():
@@ -147,13 +140,12 @@ def test_send_calls_no_server_whose_values_are_in_force():
     theta = SPACE.theta0.copy()
     run(move_base, robot, 0.2)
     theta[SPACE.names.index("inflation_radius")] = 0.5
+    # 0.1 m is in force. A call with 0.14 m clears the costmaps, a second one is not made.
     for padding, kept in ((0.1, True), (0.14, False), (0.14, True)):
         theta[SPACE.names.index("footprint_padding")] = padding
         in_force = send(SPACE.settings(theta), move_base)
-        assert (move_base.local_costmap.cells.any(), move_base.global_costmap.cells.any()) == (
-            kept,
-            kept,
-        )
+        assert move_base.local_costmap.cells.any() == kept
+        assert move_base.global_costmap.cells.any() == kept
         assert SPACE.read_back(in_force).tolist() == theta.tolist()
         run(move_base, robot, 0.1)
 
@@ -168,10 +160,9 @@ def test_maps_may_be_resized_while_driving():
     ):
         run(move_base, robot, 0.5)
         move_base.reconfigure(server, values)
-    assert (move_base.local_costmap.cells.shape, move_base.global_costmap.cells.shape) == (
-        (70, 50),
-        (320, 400),
-    )
+    # 5 m by 7 m in cells of 0.1 m, and 20 m by 16 m in cells of 0.05 m
+    assert move_base.local_costmap.cells.shape == (70, 50)
+    assert move_base.global_costmap.cells.shape == (320, 400)
     assert run(move_base, robot, 20.0) == ("succeeded", "Goal reached.")
 
 
@@ -196,12 +187,12 @@ def test_footprint_follows_its_server_and_its_topic():
 
 def test_parameters_read_once_keep_their_start_up_values_after_a_reset():
     move_base = MoveBase(quick())
-    begun = move_base.local_planner.accelerations, move_base.local_planner.slowest_turn
+    at_start = move_base.local_planner.accelerations, move_base.local_planner.slowest_turn
     move_base.reconfigure(
         PLANNER, {"acc_lim_theta": 1.0, "min_in_place_vel_theta": 0.05, "max_vel_x": 1.3}
     )
     move_base.reset(0.0, restore=False)
-    assert (move_base.local_planner.accelerations, move_base.local_planner.slowest_turn) == begun
+    assert (move_base.local_planner.accelerations, move_base.local_planner.slowest_turn) == at_start
     assert move_base.local_planner.planner.in_force["max_vel_x"] == 1.3
 
 
@@ -211,12 +202,14 @@ def test_make_plan_frees_the_robots_square_and_searches_near_the_goal():
     run(move_base, robot, 0.2)
     # The goal is in the obstacle.
     assert len(move_base.make_plan(robot.pose, (2.0, 0.0, 0.0))) == 0
-    near = move_base.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)
-    assert tuple(near[-1, :2]) == (2.0, 0.0)  # make_plan_add_unreachable_goal
-    assert 0.2 < math.hypot(*(near[-2, :2] - (2.0, 0.0))) < 1.0
+    near_plan = move_base.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)
+    # The plan leads to the free place nearest the goal, and then, as
+    # make_plan_add_unreachable_goal says, to the goal itself.
+    assert tuple(near_plan[-1, :2]) == (2.0, 0.0)
+    assert 0.2 < math.hypot(*(near_plan[-2, :2] - (2.0, 0.0))) < 1.0
     move_base.reconfigure("", {"make_plan_add_unreachable_goal": False})
     assert tuple(move_base.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)[-1, :2]) == tuple(
-        near[-2, :2]
+        near_plan[-2, :2]
     )
     assert len(move_base.make_plan(robot.pose, (math.nan, 0.0, 0.0), 1.0)) == 0
     # The search must end.
@@ -259,7 +252,5 @@ def test_a_goal_that_replaces_another_during_a_rotation_stops_the_base():
         run(move_base, robot, 0.05, cycles=cycles)
     assert cycles[-1][1].state == "clearing"
     move_base.set_goal((41.0, 0.0, 0.0), robot.time)
-    assert move_base.step(robot.time + 0.05, robot.pose, robot.twist, robot.scan()).command == (
-        0.0,
-        0.0,
-    )
+    cycle = move_base.step(robot.time + 0.05, robot.pose, robot.twist, robot.scan())
+    assert cycle.command == (0.0, 0.0)

@@ -17,37 +17,47 @@ from tests.support.seeds import seeds
 
 
 def make_costmap():
+    """Return a costmap with an obstacle 2 m ahead, and one 1.15 m away at (0.81, 0.81)."""
     costmap = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=JACKAL_FOOTPRINT)
-    points = np.array([[2.0, 0.0, 0.0], [0.81, 0.81, 0.0]], np.float32)
-    costmap.update((0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), points))
+    costmap.update(ORIGIN, cloud_of((2.0, 0.0), (0.81, 0.81)))
     return costmap
 
 
-def lethal(made, x, y):
-    mx, my = made.world_to_map(x, y)
-    return made.cells[my, mx] == 254
+def lethal(costmap, x, y):
+    """Return whether the cell at (x, y) [m] is lethal."""
+    column, row = costmap.world_to_map(x, y)
+    return costmap.cells[row, column] == 254
 
 
 def rotate(pose=(0.0, 0.0, 0.0), **limits):
     """Return a rotation that has just begun."""
-    turn = recovery.RotateRecovery(
-        "rotate_recovery", dict(complete(JACKAL_PARAMETERS)["TrajectoryPlannerROS"], **limits)
-    )
-    turn.start(0.0, pose)
-    return turn
+    parameters = dict(complete(JACKAL_PARAMETERS)["TrajectoryPlannerROS"], **limits)
+    rotation = recovery.RotateRecovery("rotate_recovery", parameters)
+    rotation.start(0.0, pose)
+    return rotation
 
 
+def cloud_of(*points):
+    """Return a cloud of points (x, y) [m] seen from the origin."""
+    heights = np.zeros(len(points))
+    xyz = np.column_stack([np.reshape(points, (-1, 2)), heights])
+    return PointCloud((0.0, 0.0, 0.0), xyz.astype(np.float32))
+
+
+ORIGIN = (0.0, 0.0, 0.0)
+# A costmap without obstacles
 OPEN = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=JACKAL_FOOTPRINT)
-
-
+# Default recoveries of move_base.cpp, in its order
 USUAL = ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
 
 
 def test_default_recoveries_have_their_order_and_sizes():
     built = recovery.build(complete(JACKAL_PARAMETERS))
-    assert [b.name for b in built] == USUAL
+    assert [behaviour.name for behaviour in built] == USUAL
     assert built[1] is built[3]
-    assert (built[0].side, built[2].side) == (3.0, 1.84)
+    # 1.84 m is four times the circumscribed radius of the Jackal's footprint, as C++ sets it.
+    assert built[0].side == 3.0
+    assert built[2].side == 1.84
 
 
 def test_listed_recoveries_replace_the_defaults():
@@ -55,131 +65,141 @@ def test_listed_recoveries_replace_the_defaults():
         {"name": "turn", "type": RECOVERY_TYPES[1]},
         {"name": "wide", "type": RECOVERY_TYPES[0]},
     ]
-    built = recovery.build(
-        complete(dict(JACKAL_PARAMETERS, recovery_behaviors=listed, wide={"reset_distance": 6.0}))
-    )
-    assert [type(b) for b in built] == [recovery.RotateRecovery, recovery.ClearCostmapRecovery]
-    assert built[1].side == 6.0
+    tree = dict(JACKAL_PARAMETERS, recovery_behaviors=listed, wide={"reset_distance": 6.0})
+    rotation, clearing = recovery.build(complete(tree))
+    assert type(rotation) is recovery.RotateRecovery
+    assert type(clearing) is recovery.ClearCostmapRecovery
+    assert clearing.side == 6.0
     # As in C++, there are none.
     assert recovery.build(complete(dict(JACKAL_PARAMETERS, recovery_behaviors=[]))) == []
 
 
 def test_a_name_given_twice_leads_to_the_default_recoveries_as_in_cpp():
     """loadRecoveryBehaviors in move_base.cpp logs an error and loads the default behaviours."""
+    clearing, rotation = RECOVERY_TYPES
     listed = [
-        {"name": name, "type": RECOVERY_TYPES[kind]}
-        for name, kind in (("own", 0), ("own", 1), ("last", 1))
+        {"name": "own", "type": clearing},
+        {"name": "own", "type": rotation},
+        {"name": "last", "type": rotation},
     ]
     tree = dict(JACKAL_PARAMETERS, recovery_behaviors=listed, own={"reset_distance": 6.0})
     assert check(tree) == []
     (line,) = remarks(tree)
     assert line.startswith("recovery_behaviors has {'name': 'own', ")
     built = recovery.build(complete(tree))
-    assert [b.name for b in built] == USUAL
+    assert [behaviour.name for behaviour in built] == USUAL
 
 
 def test_clearing_removes_obstacles_only_outside_the_square():
-    local = make_costmap()
-    world = make_costmap()
-    assert lethal(local, 2.0, 0.0)
-    assert lethal(local, 0.81, 0.81)
-    clear = recovery.ClearCostmapRecovery("conservative_reset", 3.0)
-    assert clear.step(0.0, (0.0, 0.0, 0.0), local, world) is None
-    empty = PointCloud((0.0, 0.0, 0.0), local.obstacles.cloud.points[:0])
-    for made in (local, world):
-        made.update((0.0, 0.0, 0.0), empty)
-        assert not lethal(made, 2.0, 0.0)
-        assert lethal(made, 0.81, 0.81)
+    local_costmap = make_costmap()
+    global_costmap = make_costmap()
+    assert lethal(local_costmap, 2.0, 0.0)
+    assert lethal(local_costmap, 0.81, 0.81)
+    behaviour = recovery.ClearCostmapRecovery("conservative_reset", 3.0)
+    assert behaviour.step(0.0, ORIGIN, local_costmap, global_costmap) is None
+    # A scan without returns, because the last scan would mark the obstacles again
+    for costmap in (local_costmap, global_costmap):
+        costmap.update(ORIGIN, cloud_of())
+        assert not lethal(costmap, 2.0, 0.0)
+        assert lethal(costmap, 0.81, 0.81)
 
 
 def test_the_global_map_is_cleared_around_the_pose_in_its_own_frame():
-    local = make_costmap()
-    world = make_costmap()
-    clear = recovery.ClearCostmapRecovery("conservative_reset", 3.0)
-    clear.step(0.0, (0.0, 0.0, 0.0), local, world, (2.3, -1.0, 0.0))
-    for made, near, far in ((local, (0.81, 0.81), (2.0, 0.0)), (world, (2.0, 0.0), (0.81, 0.81))):
-        made.update((0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), made.obstacles.cloud.points[:0]))
-        assert lethal(made, *near)
-        assert not lethal(made, *far)
+    local_costmap = make_costmap()
+    global_costmap = make_costmap()
+    behaviour = recovery.ClearCostmapRecovery("conservative_reset", 3.0)
+    # In the global map's frame the robot is at (2.3, -1.0): there the other obstacle is near.
+    behaviour.step(0.0, ORIGIN, local_costmap, global_costmap, (2.3, -1.0, 0.0))
+    for costmap in (local_costmap, global_costmap):
+        costmap.update(ORIGIN, cloud_of())
+    assert lethal(local_costmap, 0.81, 0.81)
+    assert not lethal(local_costmap, 2.0, 0.0)
+    assert lethal(global_costmap, 2.0, 0.0)
+    assert not lethal(global_costmap, 0.81, 0.81)
 
 
 def test_rotation_is_one_full_turn_anticlockwise():
     robot = ToyRobot((0.0, 0.0, 0.7))
-    turn = rotate((0.0, 0.0, 0.7))
+    rotation = rotate((0.0, 0.0, 0.7))
     turned = 0.0
     commands = []
     while True:
-        command = turn.step(robot.time, robot.pose, OPEN, OPEN)
+        command = rotation.step(robot.time, robot.pose, OPEN, OPEN)
         if command is None:
             break
         commands.append(command)
         robot.drive(command, 0.05)
         turned += command[1] * 0.05
         assert turned < 7.0
+    # It ends within yaw_goal_tolerance, which it may pass by one cycle at full speed.
     assert turned == pytest.approx(2 * math.pi, abs=0.157 + 1.57 * 0.05)
+    # From min_in_place_vel_theta to max_rotational_vel of the Jackal.
     assert all(v == 0.0 and 0.314 <= w <= 1.57 for v, w in commands)
     assert commands[0][1] == 1.57
 
 
 @seeds(8)
 def test_rotation_is_one_turn_at_slow_control_rates_too(seed):
-    draw = np.random.default_rng(seed)
-    turn = rotate((0.0, 0.0, 0.7), yaw_goal_tolerance=0.05)
+    rng = np.random.default_rng(seed)
+    rotation = rotate((0.0, 0.0, 0.7), yaw_goal_tolerance=0.05)
     robot = ToyRobot((0.0, 0.0, 0.7))
     turned = 0.0
     command = (0.0, 0.0)
     while command is not None:
         robot.drive(command, 0.2)
         turned += command[1] * 0.2
-        command = turn.step(robot.time, robot.pose, OPEN, OPEN)
-        command = command and (0.0, command[1] * draw.normal(1.0, 0.03))
+        command = rotation.step(robot.time, robot.pose, OPEN, OPEN)
+        # Wheels slip: the base turns a few percent more or less than commanded.
+        command = command and (0.0, command[1] * rng.normal(1.0, 0.03))
     assert turned == pytest.approx(2 * math.pi, abs=0.4)
 
 
 def test_rotation_is_refused_next_to_an_obstacle():
     costmap = make_costmap()
-    costmap.update(
-        (0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), np.array([[0.0, 0.36, 0.0]], np.float32))
-    )
-    assert rotate().step(0.0, (0.0, 0.0, 0.0), costmap, costmap) is None
+    # Outside the padded footprint, whose half width is 0.265 m, but within reach of its corners
+    costmap.update(ORIGIN, cloud_of((0.0, 0.36)))
+    assert rotate().step(0.0, ORIGIN, costmap, costmap) is None
 
 
 def test_rotation_does_not_begin_if_its_second_half_is_blocked():
     """The long front of the robot would hit a post after three quarters of the turn."""
-    costmap = Costmap(
-        10, 10, 0.05, (-5.0, -5.0), footprint=[(-0.2, -0.2), (-0.2, 0.2), (0.5, 0.2), (0.5, -0.2)]
-    )
-    for y, free in ((-0.4, False), (-0.8, True)):
+    long_front = [(-0.2, -0.2), (-0.2, 0.2), (0.5, 0.2), (0.5, -0.2)]
+    costmap = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=long_front)
+    for y, is_free in ((-0.4, False), (-0.8, True)):
         costmap.clear()
-        costmap.update(
-            (0.0, 0.0, 0.0), PointCloud((0.0, 0.0, 0.0), np.array([[0.0, y, 0.0]], np.float32))
-        )
-        assert (rotate().step(0.0, (0.0, 0.0, 0.0), costmap, costmap) is not None) == free
+        costmap.update(ORIGIN, cloud_of((0.0, y)))
+        begins = rotate().step(0.0, ORIGIN, costmap, costmap) is not None
+        assert begins == is_free
 
 
 def test_rotation_of_a_robot_that_cannot_turn_ends():
-    turn = rotate()
-    now = 0.0
-    while turn.step(now, (0.0, 0.0, 0.0), OPEN, OPEN) is not None:
-        now += 0.05
-        assert now < 30.0
-    assert now == pytest.approx(recovery.PATIENCE * 2 * math.pi / 1.57, abs=0.1)
+    rotation = rotate()
+    seconds = 0.0
+    while rotation.step(seconds, ORIGIN, OPEN, OPEN) is not None:
+        seconds += 0.05
+        assert seconds < 30.0
+    # A turn at 1.57 rad/s, and the patience for slow ones
+    assert seconds == pytest.approx(recovery.PATIENCE * 2 * math.pi / 1.57, abs=0.1)
 
 
 def test_a_rotation_slows_down_within_its_acceleration_limit():
-    turn = rotate(acc_lim_theta=1.0)
-    commands = [turn.step(0.0, (0.0, 0.0, yaw), OPEN, OPEN) for yaw in (0.0, 3.1, -0.2)]
-    assert commands[-1] == (0.0, pytest.approx(math.sqrt(2.0 * 1.0 * 0.2)))
+    rotation = rotate(acc_lim_theta=1.0)
+    # Halfway round first: from 0 straight to -0.2 rad would be a turn to the other side.
+    for yaw in (0.0, 3.1, -0.2):
+        command = rotation.step(0.0, (0.0, 0.0, yaw), OPEN, OPEN)
+    # The turn rate that 1 rad/s^2 brakes within the last 0.2 rad
+    assert command == (0.0, pytest.approx(math.sqrt(2.0 * 1.0 * 0.2)))
 
 
 def test_the_angle_difference_is_the_shorter_way():
     pi = math.pi
-    for a, b, want in [
+    for begin, end, expected in [
         (0, 1, 1),
         (1, 0, -1),
-        (3, -3, 2 * pi - 6),
+        (3, -3, 2 * pi - 6),  # across the back
         (0, pi, pi),
-        (0, -pi, pi),
+        (0, -pi, pi),  # half a turn is one to the left
         (10, 10, 0),
     ]:
-        assert recovery.angle_difference(a, b) == pytest.approx(want, abs=1e-12), (a, b)
+        difference = recovery.angle_difference(begin, end)
+        assert difference == pytest.approx(expected, abs=1e-12), (begin, end)

@@ -18,6 +18,7 @@ JACKAL_PARAMETERS = JACKAL.parameters()
 JACKAL_FOOTPRINT = footprints.pad(
     footprints.parse("[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"), 0.1
 )
+# Values that TrajectoryPlannerROS of the Jackal has, under the names of DWAPlannerROS.
 DWA_PARAMETERS = dict(
     max_vel_trans=0.5,
     max_vel_x=0.5,
@@ -52,11 +53,14 @@ def dwa_parameters(**changes):
 
 
 LASER = JACKAL.laser
-BEAMS, ANGLE_MIN, ANGLE_MAX = LASER.beams, LASER.first_angle, LASER.last_angle
+BEAMS = LASER.beams
+ANGLE_MIN = LASER.first_angle
+ANGLE_MAX = LASER.last_angle
 INCREMENT = LASER.increment
 RANGE_MIN = LASER.range_min
 RANGE_MAX = LASER.range_max
-LASER_X = 0.12
+LASER_X = 0.12  # distance of the laser ahead of the robot's centre [m]
+# Two posts on the left, then two on the right, (x, y, radius) [m].
 SLALOM = [(1.5, 0.3, 0.15), (1.5, 0.9, 0.15), (2.6, -0.6, 0.15), (2.6, -1.2, 0.15)]
 
 
@@ -70,6 +74,7 @@ class ToyRobot:
         self.circles = np.array(circles, dtype=np.float64).reshape(-1, 3)
 
     def sensor_pose(self):
+        """Return the laser's pose (x, y, yaw) [m, rad]."""
         x, y, yaw = self.pose
         return x + LASER_X * math.cos(yaw), y + LASER_X * math.sin(yaw), yaw
 
@@ -86,21 +91,23 @@ class ToyRobot:
         """Drive for `duration` [s]. Without a command, the robot stands still."""
         v, w = command or (0.0, 0.0)
         x, y, yaw = self.pose
+        # Steps so short that their straight lines follow the arc.
+        step = duration / 10
         for _ in range(10):
-            x += v * math.cos(yaw) * duration / 10
-            y += v * math.sin(yaw) * duration / 10
-            yaw += w * duration / 10
+            x += v * math.cos(yaw) * step
+            y += v * math.sin(yaw) * step
+            yaw += w * step
         self.pose = (x, y, math.remainder(yaw, 2 * math.pi))
         self.twist = (v, w)
         self.time += duration
 
 
 def ring(x, y, radius, posts=40, size=0.1):
-    """Return posts (n, 3) on a circle around a point."""
-    return [
-        (x + radius * math.cos(a), y + radius * math.sin(a), size)
-        for a in np.linspace(0, 2 * math.pi, posts, endpoint=False)
-    ]
+    """Return posts (n, 3) of x, y, radius [m] on a circle around a point."""
+    circle = []
+    for angle in np.linspace(0, 2 * math.pi, posts, endpoint=False):
+        circle.append((x + radius * math.cos(angle), y + radius * math.sin(angle), size))
+    return circle
 
 
 def run(move_base, robot, seconds, period=0.05, scans=True, until_result=True, cycles=None):
@@ -163,9 +170,11 @@ def start(goal, robot=None, tree=None, before=0.1):
 def make_weights(seed=0, hidden=(32, 32), inputs=729, outputs=8):
     """Return random weights of a policy's network."""
     rng = np.random.default_rng(seed)
-    widths = (inputs,) + tuple(hidden) + (outputs,)
+    widths = (inputs, *hidden, outputs)
     weights = {}
-    for index, (a, b) in enumerate(zip(widths, widths[1:])):
-        weights[f"{index}.weight"] = (rng.normal(size=(b, a)) / np.sqrt(a)).astype(np.float32)
-        weights[f"{index}.bias"] = rng.normal(size=b).astype(np.float32)
+    for index, (fan_in, fan_out) in enumerate(zip(widths, widths[1:])):
+        # Scaled so that the layers neither blow up nor die.
+        weight = rng.normal(size=(fan_out, fan_in)) / np.sqrt(fan_in)
+        weights[f"{index}.weight"] = weight.astype(np.float32)
+        weights[f"{index}.bias"] = rng.normal(size=fan_out).astype(np.float32)
     return weights

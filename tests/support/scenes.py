@@ -20,6 +20,7 @@ def small_world(cylinders=(), boxes=(), movers=(), start=(0.0, 0.0, 0.0)):
     """Return a world of cylinders (x, y, radius), boxes (x, y, yaw, size_x, size_y) and moving
     obstacles [m, rad].
     """
+    # A course needs a path; no test of these worlds follows it.
     path = np.array([start[:2], (start[0] + 1.0, start[1])])
     return World(
         name="scene",
@@ -142,15 +143,15 @@ def as_barn(world):
     """Return the text of a BARN-style file for a world of cylinders: models, then their poses as a
     saved state.
     """
-    xy = world.cylinders[:, :2]
-    models = "".join(cylinder(x, y, name="unit_cylinder_%d" % n) for n, (x, y) in enumerate(xy))
-    states = "".join(
-        "<model name='unit_cylinder_{0}'><pose frame=''>{1:f} {2:f} 0 0 0 "
-        "0</pose><scale>1 1 1</scale><link name='link'><pose frame=''>{1:f} {2:f} "
-        "0 0 0 0</pose></link></model>".format(n, x, y)
-        for n, (x, y) in enumerate(xy)
-    )
-    return sdf(models + "<state world_name='default'>%s</state>" % states, "")
+    models = ""
+    states = ""
+    for number, (x, y, _) in enumerate(world.cylinders):
+        name = "unit_cylinder_%d" % number
+        models += cylinder(x, y, name=name)
+        pose = "<pose frame=''>%f %f 0 0 0 0</pose>" % (x, y)
+        link = f"<link name='link'>{pose}</link>"
+        states += f"<model name='{name}'>{pose}<scale>1 1 1</scale>{link}</model>"
+    return sdf(models + f"<state world_name='default'>{states}</state>", "")
 
 
 def write_world(folder, text, name="world_7.world", cells=None):
@@ -168,22 +169,28 @@ def write_world(folder, text, name="world_7.world", cells=None):
 
 # Floor plans of buildings, as maps in map_server's format
 
-RESOLUTION = 0.05
-FREE, WALL, UNKNOWN = 254, 0, 205
+RESOLUTION = 0.05  # [m]
+FREE, WALL, UNKNOWN = 254, 0, 205  # brightness of a cell, as map_saver writes it
 
 
 def blank(width, height):
     """Return a floor with outer walls [m] within unknown cells, and functions that draw walls and
     clear doors.
     """
-    pixels = np.full(
-        (round(height / RESOLUTION) + 20, round(width / RESOLUTION) + 20), UNKNOWN, np.uint8
-    )
+    margin = 10  # unknown cells around the building, as in maps of gmapping
+    rows = round(height / RESOLUTION) + 2 * margin
+    columns = round(width / RESOLUTION) + 2 * margin
+    pixels = np.full((rows, columns), UNKNOWN, np.uint8)
+
+    def cells(begin, size):
+        """Return the cells between two coordinates [m]."""
+        return slice(
+            margin + round(begin / RESOLUTION), margin + round((begin + size) / RESOLUTION)
+        )
 
     def fill(x, y, size_x, size_y, value=WALL):
-        low = [10 + round(v / RESOLUTION) for v in (y, x)]
-        high = [10 + round(v / RESOLUTION) for v in (y + size_y, x + size_x)]
-        pixels[low[0] : high[0], low[1] : high[1]] = value
+        """Fill a rectangle with a corner at (x, y) [m]."""
+        pixels[cells(y, size_y), cells(x, size_x)] = value
 
     fill(0, 0, width, height)
     fill(0.2, 0.2, width - 0.4, height - 0.4, FREE)
@@ -195,16 +202,21 @@ def office():
     14 m.
     """
     pixels, fill = blank(36.0, 14.0)
+    # Both walls of the corridor
     for y in (6.0, 8.1):
         fill(0.0, y - 0.1, 36.0, 0.1)
     for room in range(6):
+        left = 6.0 * room
+        # On each side: the wall to the room before, and two desks
         for y, desk in ((0.2, 1.0), (8.1, 11.6)):
             if room:
-                fill(6.0 * room, y, 0.1, 5.7)
-            fill(6.0 * room + 1.2, desk, 1.6, 0.8)
-            fill(6.0 * room + 4.0, desk + 0.6, 0.6, 0.6)
-        fill(6.0 * room + 2.6, 5.9, 0.9, 0.1, FREE)
-        fill(6.0 * room + 3.6, 8.0, 0.9, 0.1, FREE)
+                fill(left, y, 0.1, 5.7)
+            fill(left + 1.2, desk, 1.6, 0.8)
+            fill(left + 4.0, desk + 0.6, 0.6, 0.6)
+        # Doors to the corridor, not opposite each other
+        fill(left + 2.6, 5.9, 0.9, 0.1, FREE)
+        fill(left + 3.6, 8.0, 0.9, 0.1, FREE)
+    # A door between two rooms, which makes a loop
     fill(12.0, 3.0, 0.1, 0.9, FREE)
     return pixels
 
@@ -221,14 +233,17 @@ def warehouse():
 def house():
     """Return six rooms with doors of .85 m and furniture, 12 x 10 m."""
     pixels, fill = blank(12.0, 10.0)
+    # Walls of the hall, and between the rooms on both sides of it
     fill(0.0, 4.2, 12.0, 0.1)
     fill(0.0, 5.7, 12.0, 0.1)
     for x in (4.0, 8.0):
         fill(x, 0.2, 0.1, 4.0)
         fill(x, 5.8, 0.1, 4.0)
+    # A door of each room
     for x in (1.5, 5.5, 9.5):
         fill(x, 4.2, 0.85, 0.1, FREE)
         fill(x + 0.6, 5.7, 0.85, 0.1, FREE)
+    # Furniture
     fill(0.2, 0.2, 1.6, 2.0)
     fill(5.2, 1.2, 1.2, 0.8)
     fill(9.0, 8.0, 2.0, 0.9)
@@ -243,14 +258,19 @@ def write_plan(folder, name, pixels=None, suffix="pgm", **changes):
     """Write a plan, or other pixels, as NAME.yaml with its image, and return the path of the file
     as text.
     """
-    Image.fromarray(PLANS[name]() if pixels is None else pixels).save(folder / f"{name}.{suffix}")
+    image = f"{name}.{suffix}"
+    Image.fromarray(PLANS[name]() if pixels is None else pixels).save(folder / image)
+    # map_server's default thresholds, as map_saver writes them
     values = {
-        "image": f"{name}.{suffix}",
+        "image": image,
         "resolution": RESOLUTION,
         "origin": [-5.0, -3.0, 0.0],
         "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+        **changes,
     }
-    values.update({"occupied_thresh": 0.65, "free_thresh": 0.196, **changes})
-    text = "".join(f"{key}: {value}\n" for key, value in values.items() if value is not None)
-    (folder / f"{name}.yaml").write_text(text)
-    return str(folder / f"{name}.yaml")
+    path = folder / f"{name}.yaml"
+    lines = [f"{key}: {value}\n" for key, value in values.items() if value is not None]
+    path.write_text("".join(lines))
+    return str(path)

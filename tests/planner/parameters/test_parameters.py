@@ -23,10 +23,15 @@ from tests.support import ROOT
 from tests.support.refusals import refused
 from tests.support.robots import JACKAL_PARAMETERS
 
-SURFACE, DWA_SURFACE, MAP_SURFACE = (
-    json.loads((ROOT / "tests" / "data" / name).read_text())
-    for name in ("move_base_surface.json", "dwa_surface.json", "turtlebot3_surface.json")
-)
+
+def surface(name):
+    """Return the names, types and values of a running C++ node."""
+    return json.loads((ROOT / "tests" / "data" / f"{name}_surface.json").read_text())
+
+
+SURFACE = surface("move_base")
+DWA_SURFACE = surface("dwa")
+MAP_SURFACE = surface("turtlebot3")
 DWA = {
     "base_local_planner": "dwa_local_planner/DWAPlannerROS",
     "DWAPlannerROS": {"min_vel_y": 0, "max_vel_y": 0},
@@ -36,25 +41,21 @@ PLANNER = "TrajectoryPlannerROS"
 
 TURN = "rotate_recovery/RotateRecovery"
 CLEAR = "clear_costmap_recovery/ClearCostmapRecovery"
-NOT_ZERO = [
-    (server, p)
-    for server in ("", PLANNER, "local_costmap")
-    for p in SERVERS[server]
-    if p.not_zero and p.min <= 0
-]
 
 
 def changed(path, value):
+    """Return the Jackal's parameters with another value at a path ("local_costmap/width")."""
     tree = copy.deepcopy(JACKAL_PARAMETERS)
     *folders, name = path.split("/")
-    here = tree
+    section = tree
     for folder in folders:
-        here = here.setdefault(folder, {})
-    here[name] = value
+        section = section.setdefault(folder, {})
+    section[name] = value
     return tree
 
 
 def number(value):
+    """Return a bound of a JSON file, which has no infinity."""
     return float(value) if value in ("inf", "-inf") else value
 
 
@@ -109,12 +110,12 @@ def test_only_the_servers_of_the_planner_in_use_exist(tree, used, other):
 
 
 def test_the_control_period_is_searched_upwards():
+    """As searchParam does: from the planner's own namespace to that of move_base."""
     for tree, planner in itertools.product(({}, DWA), ("DWAPlannerROS", PLANNER)):
-        assert (
-            complete(dict(tree, controller_frequency=10.0))[planner]["controller_frequency"] == 10.0
-        )
-    own = complete({"controller_frequency": 10.0, "DWAPlannerROS": {"controller_frequency": 5.0}})
-    assert own["DWAPlannerROS"]["controller_frequency"] == 5.0
+        completed = complete(dict(tree, controller_frequency=10.0))
+        assert completed[planner]["controller_frequency"] == 10.0
+    nearer = {"controller_frequency": 10.0, "DWAPlannerROS": {"controller_frequency": 5.0}}
+    assert complete(nearer)["DWAPlannerROS"]["controller_frequency"] == 5.0
 
 
 @pytest.mark.parametrize("planner", ["DWAPlannerROS", PLANNER])
@@ -124,8 +125,9 @@ def test_a_control_rate_below_one_hertz_is_taken_as_in_cpp(planner):
 
 
 def test_files_without_sideways_speeds_get_a_warning_with_the_defaults_of_the_planner():
-    (line,) = (line for line in remarks({**DWA, "DWAPlannerROS": {}}) if "sideways" in line)
-    assert "(-0.1, 0.1)" in line
+    lines = [line for line in remarks({**DWA, "DWAPlannerROS": {}}) if "sideways" in line]
+    assert len(lines) == 1
+    assert "(-0.1, 0.1)" in lines[0]
 
 
 SEEN = "local_costmap/obstacles_layer/"
@@ -155,7 +157,7 @@ def test_jackal_is_clean_and_complete_is_stable_and_equals_the_running_tree():
 
 
 @pytest.mark.parametrize(
-    ("path", "value", "words"),
+    ("path", "value", "pattern"),
     [
         (PLANNER + "/xy_goal_tolerance", -0.1, "is -0.1: give a value from 0.0 to inf"),
         (PLANNER + "/world_model", "freespace", "give costmap"),
@@ -177,30 +179,34 @@ def test_jackal_is_clean_and_complete_is_stable_and_equals_the_running_tree():
         ),
     ],
 )
-def test_check_reports_problem_value_and_remedy(path, value, words):
+def test_check_reports_problem_value_and_remedy(path, value, pattern):
     name = path.rpartition("/")[2]
     lines = check(changed(path, value))
-    assert any(re.search(words, line) and name in line for line in lines), lines
+    assert any(re.search(pattern, line) and name in line for line in lines), lines
     assert all("\n" not in line for line in lines)
 
 
 def test_values_are_read_as_roscpp_reads_them():
-    tree = dict(
-        JACKAL_PARAMETERS, footprint=[[0.27, 0.21], [0.27, -0.21], [-0.27, 0.0]], obstacle_range=2.0
-    )
-    local = tree["local_costmap"] = copy.deepcopy(JACKAL_PARAMETERS["local_costmap"])
-    del local["footprint"], local["obstacles_layer"]["scan"]["obstacle_range"]
-    local["obstacles_layer"].pop("obstacle_range", None), local.pop("obstacle_range", None)
-    tree[PLANNER] = dict(JACKAL_PARAMETERS[PLANNER], vx_samples=6.5, vtheta_samples=20.4)
+    # Given: values that stand above the costmap alone, and numbers of samples that are not whole
+    tree = copy.deepcopy(JACKAL_PARAMETERS)
+    tree["footprint"] = [[0.27, 0.21], [0.27, -0.21], [-0.27, 0.0]]
+    tree["obstacle_range"] = 2.0
+    local_costmap = tree["local_costmap"]
+    del local_costmap["footprint"]
+    layer = local_costmap["obstacles_layer"]
+    for section in (local_costmap, layer, layer["scan"]):
+        section.pop("obstacle_range", None)
+    tree[PLANNER].update(vx_samples=6.5, vtheta_samples=20.4)
+    # The section of a planner that is not in use is not read.
     tree["DWAPlannerROS"] = {"max_vel_x": "fast", "unread": 1}
+
+    # Then: all are taken without a word
     assert check(tree) == []
     assert remarks(tree) == []
     full = complete(tree)
     # 0.5 is rounded up.
-    assert [full[PLANNER][name] for name in ("vx_samples", "vtheta_samples")] == [
-        7,
-        20,
-    ]
+    assert full[PLANNER]["vx_samples"] == 7
+    assert full[PLANNER]["vtheta_samples"] == 20
     # A list in the enclosing namespace is converted to text.
     assert full["local_costmap"]["footprint"] == "[[0.27, 0.21], [0.27, -0.21], [-0.27, 0.0]]"
     assert full["local_costmap"]["obstacles_layer"]["scan"]["obstacle_range"] == 2.0
@@ -247,12 +253,8 @@ KEPT = [{"name": "turn", "type": TURN}]
             KEPT,
             "has move_slow_and_clear/MoveSlowAndClear: this type is not",
         ),
-        (
-            "recovery_behaviors",
-            [{"name": "turn", "type": "RotateRecovery"}],
-            KEPT,
-            "",
-        ),  # type without its package
+        # type without its package
+        ("recovery_behaviors", [{"name": "turn", "type": "RotateRecovery"}], KEPT, ""),
         ("controller_frequency", "10", 20.0, "is '10': the default 20.0 is used"),
         (
             "local_costmap/robot_base_frame",
@@ -327,14 +329,16 @@ def test_values_out_of_bounds_are_clamped_as_in_cpp():
 
 def test_unavailable_layer_types_are_reported_and_the_other_layers_used():
     tree = copy.deepcopy(JACKAL_PARAMETERS)
-    local = tree["local_costmap"]
-    local["plugins"][:0] = [
+    local_costmap = tree["local_costmap"]
+    # Layers of packages that are not here. Of the second, the sources tell that it marks
+    # obstacles.
+    local_costmap["plugins"][:0] = [
         {"name": "a", "type": "lab::SonarLayer"},
         {"name": "c", "type": "stvl/TemporalVoxelLayer"},
     ]
-    local["c"] = {"observation_sources": "scan", "voxel_decay": 15.0}
-    local["plugins"].append({"name": "b", "type": "costmap_2d::VoxelLayer"})
-    local["b"] = {
+    local_costmap["c"] = {"observation_sources": "scan", "voxel_decay": 15.0}
+    local_costmap["plugins"].append({"name": "b", "type": "costmap_2d::VoxelLayer"})
+    local_costmap["b"] = {
         "z_voxels": 8,
         "observation_sources": "scan",
         "scan": {"topic": "low", "data_type": "LaserScan"},
@@ -358,10 +362,7 @@ def test_unavailable_layer_types_are_reported_and_the_other_layers_used():
 
 def test_a_layer_may_have_the_name_of_a_parameter_without_plugins():
     plugins = [{"name": "static_map", "type": "costmap_2d::StaticLayer"}]
-    tree = {
-        name: {"plugins": plugins, "static_map": {"first_map_only": True}}
-        for name in ("global_costmap",)
-    }
+    tree = {"global_costmap": {"plugins": plugins, "static_map": {"first_map_only": True}}}
     assert check(tree) == []
     assert complete(tree)["global_costmap"]["static_map"]["first_map_only"] is True
     tree["global_costmap"]["plugins"] = []  # A section instead of a flag is ignored.
@@ -376,16 +377,18 @@ def test_an_invalid_tree_is_not_completed():
 def test_scan_source_may_have_any_name():
     tree = copy.deepcopy(JACKAL_PARAMETERS)
     layer = tree["local_costmap"]["obstacles_layer"]
-    layer["observation_sources"], layer["laser"] = "laser", layer.pop("scan")
+    layer["observation_sources"] = "laser"
+    layer["laser"] = layer.pop("scan")
     layer["laser"]["raytrace_range"] = 4.5
     assert check(tree) == []
     assert complete(tree)["local_costmap"]["obstacles_layer"]["laser"]["raytrace_range"] == 4.5
     layer["observation_sources"] = "laser bump"
     assert check(tree) == []
-    # Defaults of C++, and the layer's ranges.
+    # A source without a section of its own has the defaults of C++.
     bump = complete(tree)["local_costmap"]["obstacles_layer"]["bump"]
     assert (bump["topic"], bump["data_type"], bump["clearing"]) == ("bump", "PointCloud", False)
-    assert (bump["obstacle_range"], bump["min_obstacle_height"]) == (2.5, 0.0)
+    assert bump["obstacle_range"] == 2.5
+    assert bump["min_obstacle_height"] == 0.0
     layer["bump"] = "no section"
     assert complete(tree)["local_costmap"]["obstacles_layer"]["bump"] == bump
 
@@ -440,39 +443,41 @@ def test_values_at_the_costmap_replace_those_of_the_layers():
     tree = copy.deepcopy(JACKAL_PARAMETERS)
     tree["local_costmap"].update(inflation_radius=0.7, raytrace_range=5.0)
     full = complete(tree)["local_costmap"]
-    assert (
-        full["inflater_layer"]["inflation_radius"],
-        full["obstacles_layer"]["raytrace_range"],
-    ) == (0.7, 5.0)
+    assert full["inflater_layer"]["inflation_radius"] == 0.7
+    assert full["obstacles_layer"]["raytrace_range"] == 5.0
     # A value of the source itself takes precedence.
     assert full["obstacles_layer"]["scan"]["raytrace_range"] == 3.0
 
 
 def test_a_value_clamped_to_an_invalid_zero_is_rejected():
     config = Configuration(complete(JACKAL_PARAMETERS))
-    assert len(NOT_ZERO) > 5
-    for server, parameter in NOT_ZERO:
-        for value in (0, -1):
-            with pytest.raises(
-                ParameterError, match="%s is .*: give a number above 0" % parameter.name
-            ):
-                config.request(server, {parameter.name: value})
-        (line,) = check(changed(server + "/" + parameter.name if server else parameter.name, -1))
-        assert "give a number above 0" in line, parameter.name
+    checked = 0
+    for server in ("", PLANNER, "local_costmap"):
+        for parameter in SERVERS[server]:
+            # Only bounds of 0 or less clamp to a zero.
+            if not parameter.not_zero or parameter.min > 0:
+                continue
+            name = parameter.name
+            for value in (0, -1):
+                with pytest.raises(ParameterError, match=f"{name} is .*: give a number above 0"):
+                    config.request(server, {name: value})
+            (line,) = check(changed(f"{server}/{name}" if server else name, -1))
+            assert "give a number above 0" in line, name
+            checked += 1
+    assert checked > 5
 
 
 def test_a_costmap_without_cells_is_rejected_before_anything_changes():
     move_base = MoveBase(JACKAL_PARAMETERS)
     name = "global_costmap"
-    before = dict(move_base.configuration(name))
+    earlier = dict(move_base.configuration(name))
     size = move_base.global_costmap.size
     with pytest.raises(ParameterError, match="%s/width, height are .* no cells" % name):
         move_base.reconfigure(name, {"width": 1, "resolution": 1.5})
-    assert (dict(move_base.configuration(name)), move_base.global_costmap.size) == (before, size)
-    assert (
-        move_base.reconfigure(name, {"width": 1, "height": 1, "resolution": 1.0})["resolution"]
-        == 1.0
-    )
+    assert dict(move_base.configuration(name)) == earlier
+    assert move_base.global_costmap.size == size
+    one_cell = {"width": 1, "height": 1, "resolution": 1.0}
+    assert move_base.reconfigure(name, one_cell)["resolution"] == 1.0
 
 
 def test_a_costmap_with_a_static_map_starts_with_its_usual_values():
@@ -489,13 +494,11 @@ def test_a_request_for_endless_trajectories_is_rejected():
         config.request(PLANNER, {name: 1e-9})
     slow = {"max_vel_x": 0.0, "min_vel_x": 0.0, "escape_vel": 0.0, "sim_granularity": 1e-9}
     config.request(PLANNER, slow)
-    refused(
-        lambda: config.request(PLANNER, dict(slow, heading_scoring=True)),
-        "heading_scoring",
-        kind=ParameterError,
-    )
+    scoring = dict(slow, heading_scoring=True)
+    refused(lambda: config.request(PLANNER, scoring), "heading_scoring", kind=ParameterError)
 
 
+# Parameters of clear_costmap_recovery that later versions of C++ have
 CLEARING = {"layer_names": ["obstacles_layer"], "affected_maps": "both", "force_updating": True}
 
 
@@ -512,48 +515,50 @@ def test_recovery_parameters_of_cpp_files_are_taken():
     assert check(tree) == []
     assert remarks(tree) == []
     full = complete(tree)
-    assert (
-        full["conservative_reset"]["layer_names"]
-        == full["wide"]["layer_names"]
-        == ["obstacles_layer"]
-    )
+    assert full["conservative_reset"]["layer_names"] == ["obstacles_layer"]
+    assert full["wide"]["layer_names"] == ["obstacles_layer"]
     assert complete(full) == full
 
 
 class TestConfiguration:
     @pytest.fixture
     def config(self):
+        """Return the Jackal's configuration at its start."""
         return Configuration(complete(JACKAL_PARAMETERS))
 
     def test_clamps_and_keeps_the_rest(self, config):
-        new = config.request(PLANNER, {"max_vel_x": 1e9, "vx_samples": -5})
-        assert (new["max_vel_x"], new["vx_samples"], new["sim_time"]) == (20.0, 1, 2.0)
+        accepted = config.request(PLANNER, {"max_vel_x": 1e9, "vx_samples": -5})
+        assert (accepted["max_vel_x"], accepted["vx_samples"], accepted["sim_time"]) == (
+            20.0,
+            1,
+            2.0,
+        )
         # A request changes nothing before it is accepted.
         assert config[PLANNER]["max_vel_x"] == 0.5
 
     def test_rejects_the_whole_request(self, config):
-        for bad in (math.nan, math.inf, None, "1", True):
+        for invalid in (math.nan, math.inf, None, "1", True):
             with pytest.raises(ParameterError, match="max_vel_x"):
-                config.request(PLANNER, {"sim_time": 1.0, "max_vel_x": bad})
+                config.request(PLANNER, {"sim_time": 1.0, "max_vel_x": invalid})
 
     def test_older_names_always_follow(self, config):
-        for name, other in (
+        for name, older in (
             ("pdist_scale", "path_distance_bias"),
             ("goal_distance_bias", "gdist_scale"),
         ):
             config.accept(PLANNER, config.request(PLANNER, {name: 0.33}))
-            assert config[PLANNER][name] == config[PLANNER][other] == 0.33
+            assert config[PLANNER][name] == config[PLANNER][older] == 0.33
         # rqt_reconfigure sends all values after one changes.
         everything = dict(config[PLANNER], pdist_scale=0.5)
-        new = config.request(PLANNER, everything)
-        assert new["path_distance_bias"] == new["pdist_scale"] == 0.5
+        accepted = config.request(PLANNER, everything)
+        assert accepted["path_distance_bias"] == accepted["pdist_scale"] == 0.5
 
     def test_restore_defaults_is_the_start_up_state(self, config):
         config.accept(PLANNER, config.request(PLANNER, {"max_vel_x": 1.5}))
-        new = config.request(PLANNER, {"restore_defaults": True, "max_vel_x": 1.7})
-        assert new == config.start_up(PLANNER)
-        assert new["max_vel_x"] == 0.5
-        assert new["restore_defaults"] is False
+        accepted = config.request(PLANNER, {"restore_defaults": True, "max_vel_x": 1.7})
+        assert accepted == config.start_up(PLANNER)
+        assert accepted["max_vel_x"] == 0.5
+        assert accepted["restore_defaults"] is False
 
     def test_refuses_unknown_names(self, config):
         refused(
@@ -562,31 +567,29 @@ class TestConfiguration:
         refused(lambda: config.request("nowhere", {}), "no server", kind=ParameterError)
 
     def test_another_planner_cannot_be_loaded(self, config):
-        assert (
-            config.request("", {"base_global_planner": "x/Y"})["base_global_planner"]
-            == "navfn/NavfnROS"
-        )
+        accepted = config.request("", {"base_global_planner": "x/Y"})
+        assert accepted["base_global_planner"] == "navfn/NavfnROS"
 
 
 def test_cfg_files_are_generated_without_numpy(tmp_path):
-    prefixes = [
-        path
-        for path in ("/usr", "/opt/ros/noetic")
-        if os.path.isdir(path + "/share/dynamic_reconfigure")
-    ]
-    if not prefixes:
+    shares = [f"{prefix}/share/dynamic_reconfigure" for prefix in ("/usr", "/opt/ros/noetic")]
+    shares = [share for share in shares if os.path.isdir(share)]
+    if not shares:
         pytest.skip("no dynamic_reconfigure here")
     cfg = ROOT / "applr_ros1" / "cfg" / "TrajectoryPlanner.cfg"
-    there = str(tmp_path)
+    folder = str(tmp_path)
     (tmp_path / "numpy.py").write_text("raise ImportError('numpy is not there at build time')")
-    done = subprocess.run(
-        [sys.executable, cfg, prefixes[0] + "/share/dynamic_reconfigure", there, there, there],
-        env=dict(os.environ, PYTHONPATH=there + ":" + os.environ.get("PYTHONPATH", "")),
+
+    # As catkin runs the file: with folders for C++, documentation and Python
+    generated = subprocess.run(
+        [sys.executable, cfg, shares[0], folder, folder, folder],
+        env=dict(os.environ, PYTHONPATH=folder + ":" + os.environ.get("PYTHONPATH", "")),
         capture_output=True,
         text=True,
     )
-    assert done.returncode == 0, done.stderr
-    made = {}
-    exec((tmp_path / "cfg" / "TrajectoryPlannerConfig.py").read_text(), made)
-    assert (made["defaults"]["vx_samples"], made["max"]["pdist_scale"]) == (20, 5.0)
-    assert made["min"]["min_vel_theta"] == -20.0
+    assert generated.returncode == 0, generated.stderr
+    module = {}
+    exec((tmp_path / "cfg" / "TrajectoryPlannerConfig.py").read_text(), module)
+    assert module["defaults"]["vx_samples"] == 20
+    assert module["max"]["pdist_scale"] == 5.0
+    assert module["min"]["min_vel_theta"] == -20.0
