@@ -65,6 +65,11 @@ class Drive:
         scan: scan(ranges, k) returns the scan to write in step k, or None for no scan.
         after: after(drive, t, k) is called after each step.
         recorded: recorded(number, seen) returns the inputs to write in a decision.
+
+    Attributes:
+        observations: Observation (729,) of each decision, as the node had it.
+        thetas: Parameter set of each decision.
+        pose, latest: Pose (x, y, yaw) and ranges (720,) of the latest odometry and scan.
     """
 
     def __init__(
@@ -105,35 +110,38 @@ class Drive:
             writer.status(end, goal, running=False)
 
     def step(self, t, k):
-        w = self.writer
+        """Write the messages of step k at time t [s]."""
+        # The status comes at 5 Hz, as from move_base.
         if k % 10 == 0 and "status" not in self.without:
-            w.status(t, self.goal)
+            self.writer.status(t, self.goal)
+        # 0.5 m/s along x; the heading swings.
         self.pose = (0.01 * k, 0.1, 0.2 * np.sin(0.01 * k))
         if "odometry" not in self.without:
-            w.odometry(t, self.pose, (0.5, 0.0))
+            self.writer.odometry(t, self.pose, (0.5, 0.0))
+        # Random ranges: an observation with a scan of another step would differ.
         self.ranges = self.rng.uniform(0.3, 3.0, 720).astype(np.float32)
         scan = self.scan(self.ranges, k)
         if scan is not None:
             self.latest = self.ranges
             if "scan" not in self.without:
-                w.scan(t, scan)
+                self.writer.scan(t, scan)
         if k % self.every == 0:
             self.decide(t)
 
     def end(self, t):
-        pass
+        """Do nothing: this node does not publish what it sees at the end."""
 
     def seen(self):
         """Return the inputs of a decision. The plan turns left by .01 rad at each decision."""
         laser = robots.JACKAL.laser
         bearing = self.pose[2] + 0.01 * self.number
-        way = (
-            np.linspace(0.0, 5.0, 100)[:, None] * [np.cos(bearing), np.sin(bearing)] + self.pose[:2]
-        )
+        direction = [np.cos(bearing), np.sin(bearing)]
+        plan = np.linspace(0.0, 5.0, 100)[:, None] * direction + self.pose[:2]
         scan = self.latest, laser.first_angle, laser.increment
-        return Seen(scan, 0.0, self.pose, (0.5, 0.0), (10.0, 0.1, 0.0), way, np.zeros((0, 4)))
+        return Seen(scan, 0.0, self.pose, (0.5, 0.0), (10.0, 0.1, 0.0), plan, np.zeros((0, 4)))
 
     def decide(self, t):
+        """Make a random decision, keep it, and write it."""
         seen = self.seen()
         before = self.theta
         self.observations.append(Context.of(before, seen, SPACE, LAYOUT).observation)
@@ -146,11 +154,13 @@ class Drive:
 
 
 def record(path, kind=Drive, **options):
+    """Write a bag with one drive, and return the drive."""
     with Messages(path) as writer:
         return kind(writer, **options)
 
 
 def rebuild(path, robot=robots.JACKAL, **options):
+    """Return the transitions of a bag, and {reason: number of courses that were skipped}."""
     return transitions(read(path, robot), robot, **options)
 
 
@@ -158,11 +168,14 @@ def assert_equal(trajectory, drive, count=None, ends=True):
     """Compare a trajectory with a drive. With `ends`, the course ends with the observation of the
     last decision.
     """
-    count = len(drive.thetas) if count is None else count
+    if count is None:
+        count = len(drive.thetas)
     assert len(trajectory) == count
     expected = np.array([*drive.observations, drive.observations[-1]][: count + 1])
-    actions = [PaperEncoding(robots.JACKAL).action(theta) for theta in drive.thetas[:count]]
+    encoding = PaperEncoding(robots.JACKAL)
+    actions = [encoding.action(theta) for theta in drive.thetas[:count]]
     if ends:
+        # Scan and goal angle of the last decision, after its action
         expected[-1] = np.concatenate([expected[-2, :721], actions[-1]])
     np.testing.assert_array_equal(trajectory.scan, TransitionLayout().quantise(expected))
     np.testing.assert_allclose(trajectory.rest, expected[:, 720:], atol=1e-6)
@@ -203,11 +216,16 @@ def whole_drive(robot):
 def assert_same_columns(read_back, written, columns):
     """Compare columns of two drives. Headings pass through quaternions, and become rounded."""
     for name in columns:
-        ours, expected = vars(getattr(read_back, name)), vars(getattr(written, name))
-        assert list(ours) == list(expected)
-        for part in ours:
-            for mine, theirs in zip(ours[part], expected[part], strict=True):
-                np.testing.assert_allclose(mine, theirs, atol=1e-9, err_msg=f"{name}.{part}")
+        our_columns = vars(getattr(read_back, name))
+        expected_columns = vars(getattr(written, name))
+        assert list(our_columns) == list(expected_columns)
+        for column in our_columns:
+            for our_value, expected_value in zip(
+                our_columns[column], expected_columns[column], strict=True
+            ):
+                np.testing.assert_allclose(
+                    our_value, expected_value, atol=1e-9, err_msg=f"{name}.{column}"
+                )
 
 
 def test_a_drive_that_is_written_and_read_back_is_the_same(tmp_path):
@@ -225,13 +243,12 @@ def test_a_drive_that_is_written_and_read_back_is_the_same(tmp_path):
     for sent, expected in zip(read_back.sent, drive.sent, strict=True):
         assert sent.frame == expected.frame
         np.testing.assert_allclose([sent.time, *sent.pose], [expected.time, *expected.pose])
-    made = zip(
-        [*read_back.decisions, *read_back.ends], [*drive.decisions, *drive.ends], strict=True
-    )
-    for decision, expected in made:
+    written = [*drive.decisions, *drive.ends]
+    for decision, expected in zip([*read_back.decisions, *read_back.ends], written, strict=True):
+        # The last field is what the method saw, which has arrays.
         assert decision[:-1] == expected[:-1]
-        for mine, theirs in zip(decision.seen, expected.seen, strict=True):
-            np.testing.assert_equal(mine, theirs)
+        for our_input, expected_input in zip(decision.seen, expected.seen, strict=True):
+            np.testing.assert_equal(our_input, expected_input)
 
 
 def test_a_written_bag_has_plans_of_the_planner_that_drove_and_twists_along_x_alone(tmp_path):
@@ -239,11 +256,10 @@ def test_a_written_bag_has_plans_of_the_planner_that_drove_and_twists_along_x_al
     path = write(tmp_path / "a.bag", drive)
     assert read(path).planners == ["DWAPlannerROS"]
     with AnyReader([path]) as reader:
-        twists = [
-            reader.deserialize(raw, connection.msgtype)
-            for connection, _, raw in reader.messages()
-            if connection.msgtype == "geometry_msgs/msg/Twist"
-        ]
+        twists = []
+        for connection, _, raw in reader.messages():
+            if connection.msgtype == "geometry_msgs/msg/Twist":
+                twists.append(reader.deserialize(raw, connection.msgtype))
     assert twists
     for twist in twists:
         unused = (twist.linear.y, twist.linear.z, twist.angular.x, twist.angular.y)
@@ -258,6 +274,7 @@ def test_the_clearance_of_a_recorded_drive_is_the_smallest_range_of_each_scan(tm
 def test_the_drives_of_a_bag_follow_each_other_with_a_pause(tmp_path):
     drive = whole_drive(robots.JACKAL)
     read_back = read(write(tmp_path / "a.bag", drive, drive))
+    # The second drive begins 5 s after the end of the first, at 2.5 s.
     begins = [goal.begin for goal in read_back.goals]
     assert begins == pytest.approx([0.0, 2.0, 7.5, 9.5])
     np.testing.assert_allclose(read_back.odometry.time, [0.0, 1.0, 2.5, 7.5, 8.5, 10.0])
@@ -278,11 +295,11 @@ def test_transitions_equal_the_nodes_observations_and_decisions(tmp_path):
     assert skipped == {}
     # R_f = -1 until the goal, R_p is the distance driven towards it, R_c = -.05 / nearest range of
     # the last scan.
-    nearest = [*(trajectory.scan[1:-1].min(axis=1) * TransitionLayout().step), drive.latest.min()]
-    expected = (
-        np.array([-1, -1, -1, -1, 0]) + np.array([1, 1, 1, 1, 0.5]) - 0.05 / np.array(nearest)
-    )
-    np.testing.assert_allclose(trajectory.reward, expected, atol=0.02)
+    ranges = trajectory.scan[1:-1] * TransitionLayout().step
+    nearest = np.array([*ranges.min(axis=1), drive.latest.min()])
+    r_f = np.array([-1, -1, -1, -1, 0])
+    r_p = np.array([1, 1, 1, 1, 0.5])
+    np.testing.assert_allclose(trajectory.reward, r_f + r_p - 0.05 / nearest, atol=0.02)
 
 
 def test_a_decision_was_made_at_its_recorded_pose(tmp_path):
@@ -315,24 +332,17 @@ def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
     """Rewards scale with the period, as in training. A course of two decisions uses the period of
     the other course.
     """
+    every = int(50 * seconds)
     with Messages(tmp_path / "a.bag") as writer:
-        drives = [
-            Drive(
-                writer,
-                begin=begin,
-                seconds=(count - 0.5) * seconds,
-                goal="g%d" % count,
-                every=int(50 * seconds),
-            )
-            for begin, count in ((10.0, 4), (60.0, 2))
-        ]
+        four = Drive(writer, begin=10.0, seconds=3.5 * seconds, goal="g4", every=every)
+        two = Drive(writer, begin=60.0, seconds=1.5 * seconds, goal="g2", every=every)
     rebuilt, skipped = rebuild(tmp_path / "a.bag", reward=Reward(c_p=0.0, c_c=0.0))
     assert skipped == {}
-    for drive, trajectory, count in zip(drives, rebuilt, (4, 2)):
+    for drive, trajectory, count in zip((four, two), rebuilt, (4, 2), strict=True):
         assert_equal(trajectory, drive, count)
-        np.testing.assert_allclose(
-            trajectory.reward, [-seconds / 2] * (count - 1) + [0.0], atol=1e-6
-        )
+        # A reward of -1 is that of the paper's 2 s. Arriving costs no time.
+        rewards = [-seconds / 2] * (count - 1) + [0.0]
+        np.testing.assert_allclose(trajectory.reward, rewards, atol=1e-6)
 
 
 class PublishesEnd(Drive):
@@ -340,9 +350,11 @@ class PublishesEnd(Drive):
 
     def end(self, t):
         self.observations.append(Context.of(self.theta, self.seen(), SPACE, LAYOUT).observation)
-        self.writer.decision(
-            t + 0.2, self.number, self.goal, self.seen(), SPACE.as_dict(self.theta)
-        )
+        theta = SPACE.as_dict(self.theta)
+        self.writer.decision(t + 0.2, self.number, self.goal, self.seen(), theta)
+
+
+INTERRUPTED = "a course was interrupted soon after a decision"
 
 
 @pytest.mark.parametrize(
@@ -353,27 +365,12 @@ class PublishesEnd(Drive):
         (Drive, PREEMPTED, 9.0, None, 4, False, {}),
         (Drive, PREEMPTED, 9.98, None, 4, False, {}),
         (Drive, None, 9.0, None, 4, False, {}),
-        (
-            Drive,
-            PREEMPTED,
-            9.0,
-            3.5,
-            4,
-            True,
-            {},
-        ),  # The finish line is reached before the goal, at 0.5 m/s after 7 s.
+        # The finish line is reached before the goal, at 0.5 m/s after 7 s.
+        (Drive, PREEMPTED, 9.0, 3.5, 4, True, {}),
         (PublishesEnd, SUCCEEDED, 9.0, None, 5, True, {}),
         (PublishesEnd, SUCCEEDED, 8.4, None, 5, True, {}),
         (PublishesEnd, PREEMPTED, 9.8, None, 5, False, {}),
-        (
-            PublishesEnd,
-            PREEMPTED,
-            8.4,
-            None,
-            4,
-            False,
-            {"a course was interrupted soon after a decision": 1},
-        ),
+        (PublishesEnd, PREEMPTED, 8.4, None, 4, False, {INTERRUPTED: 1}),
         (PublishesEnd, None, 9.8, None, 5, False, {}),  # The node was switched off.
     ],
 )
@@ -383,9 +380,10 @@ def test_each_end_of_a_course_gives_its_transitions(
     """If the node does not publish its observation at the end, the observation of the last decision
     is used.
     """
+    # Decisions come every 2 s: the fifth at 8 s, of which a course of 9 s has the half.
     drive = record(tmp_path / "a.bag", kind, status=status, seconds=seconds)
-    (trajectory,), why = rebuild(tmp_path / "a.bag", finish=finish)
-    assert (trajectory.terminated, why) == (terminated, skipped)
+    (trajectory,), reasons = rebuild(tmp_path / "a.bag", finish=finish)
+    assert (trajectory.terminated, reasons) == (terminated, skipped)
     assert_equal(trajectory, drive, count, ends=terminated and kind is Drive)
     # No time cost at the goal.
     assert (trajectory.reward[-1] > 0.0) == (status == SUCCEEDED or finish is not None)
@@ -407,8 +405,8 @@ def test_a_course_ends_with_its_result_or_with_its_status_whichever_is_earlier(t
 
 def test_a_goal_that_is_being_cancelled_is_still_pursued(tmp_path):
     with Messages(tmp_path / "a.bag") as writer:
-        for at, code in ((10.0, ACTIVE), (11.0, PREEMPTING), (12.0, PREEMPTED)):
-            writer.status(at, "g", running=False, ended=code)
+        for stamp, code in ((10.0, ACTIVE), (11.0, PREEMPTING), (12.0, PREEMPTED)):
+            writer.status(stamp, "g", running=False, ended=code)
     (goal,) = read(tmp_path / "a.bag").goals
     assert (goal.begin, goal.end) == (0.0, 2.0)
 
@@ -430,17 +428,17 @@ def test_a_node_that_is_switched_off_and_on_leaves_a_gap(tmp_path):
 
     class Switched(Drive):
         def decide(self, t):
-            if t == pytest.approx(14.0):
-                self.writer.decision(
-                    t - 0.2, self.number, self.goal, self.seen(), SPACE.as_dict(self.theta)
-                )
-            else:
+            if t != pytest.approx(14.0):
                 super().decide(t)
+                return
+            # Instead of the third decision, the node published the end of a course.
+            theta = SPACE.as_dict(self.theta)
+            self.writer.decision(t - 0.2, self.number, self.goal, self.seen(), theta)
 
     record(tmp_path / "a.bag", Switched)
     rebuilt, skipped = rebuild(tmp_path / "a.bag")
-    assert [len(t) for t in rebuilt] == [2, 2]
-    assert [t.terminated for t in rebuilt] == [False, True]
+    assert list(map(len, rebuilt)) == [2, 2]
+    assert [trajectory.terminated for trajectory in rebuilt] == [False, True]
     assert skipped == {}
 
 
@@ -449,23 +447,18 @@ def test_a_bag_converted_by_rosbags_convert_gives_the_same_transitions(tmp_path,
     drive = record(tmp_path / "a.bag")
     command = Path(sys.executable).with_name("rosbags-convert")
     for source, destination in (("a.bag", "ros2"), ("ros2", "back.bag")):
-        words = [
-            "--src",
-            tmp_path / source,
-            "--dst",
-            tmp_path / destination,
-            "--dst-storage",
-            storage,
-        ]
-        subprocess.run([command, *words], check=True)
+        paths = ["--src", tmp_path / source, "--dst", tmp_path / destination]
+        subprocess.run([command, *paths, "--dst-storage", storage], check=True)
     # One bag, although the folder has several files.
-    assert bags_in([tmp_path / "ros2"]) == [tmp_path / "ros2"]
-    assert bags_in([tmp_path]) == [tmp_path / name for name in ("a.bag", "back.bag", "ros2")]
-    (lone,) = (file for file in (tmp_path / "ros2").iterdir() if file.name != "metadata.yaml")
-    shutil.copy(lone, tmp_path)
+    ros2 = tmp_path / "ros2"
+    assert bags_in([ros2]) == [ros2]
+    assert bags_in([tmp_path]) == [tmp_path / "a.bag", tmp_path / "back.bag", ros2]
+    # ROS 2's file of messages alone, without metadata.yaml, as people send it by mail
+    (messages_alone,) = [file for file in ros2.iterdir() if file.name != "metadata.yaml"]
+    shutil.copy(messages_alone, tmp_path)
     (expected,), _ = rebuild(tmp_path / "a.bag")
     assert_equal(expected, drive)
-    for number, name in enumerate(["ros2", "back.bag", lone.name]):
+    for number, name in enumerate(["ros2", "back.bag", messages_alone.name]):
         out = tmp_path / ("out%d" % number)
         assert bags_to_dataset.main([str(tmp_path / name), "--out", str(out)]) == 0
         (stored,) = Dataset(out).trajectories()
@@ -476,9 +469,8 @@ def test_a_bag_converted_by_rosbags_convert_gives_the_same_transitions(tmp_path,
 def test_code_in_a_message_definition_is_not_run(tmp_path):
     """ROS's own rosbag generates Python code from the name of such a constant."""
     code = f"uint8 {{0:open('{tmp_path}/ran','w')}}[0]=5\nbool data\n"
-    for number, definition in enumerate(
-        (code, code.replace("[0]=5", "=5"), f"string A={code[6:]}")
-    ):
+    definitions = (code, code.replace("[0]=5", "=5"), f"string A={code[6:]}")
+    for number, definition in enumerate(definitions):
         with Writer(tmp_path / f"{number}.bag") as writer:
             scan = writer.add_connection(
                 "/front/scan", "std_msgs/msg/Bool", msgdef=definition, md5sum="1" * 32
@@ -533,21 +525,31 @@ def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, cap
 
 def test_only_the_courses_around_a_clock_jump_are_lost(tmp_path):
     with Messages(tmp_path / "a.bag") as writer:
-        first = Drive(writer, begin=10.0, goal="before", seed=1)
+        before = Drive(writer, begin=10.0, goal="before", seed=1)
         Drive(writer, begin=40.0, goal="torn", seed=2, seconds=9.0)
         # The clock jumped back to 43 s.
         Drive(writer, begin=43.0, goal="again", seed=3, seconds=9.0)
     (trajectory,), skipped = rebuild(tmp_path / "a.bag")
-    assert_equal(trajectory, first)
+    assert_equal(trajectory, before)
     assert "the odometry jumped" in skipped
 
 
+# The third decision is in force from step 200 to 300.
+
+
+def gap(ranges, k):
+    """Return no scan for more than a second."""
+    return None if 230 < k < 290 else ranges
+
+
 def person(drive, t, k):
-    if k == 275:  # A person changes a parameter in the middle of the third decision.
+    """Change a parameter, as a person with rqt_reconfigure."""
+    if k == 275:
         drive.theta = SPACE.from_dict({"max_vel_x": 1.23})
 
 
 def jump(drive, t, k):
+    """Write odometry that is metres away."""
     if k == 250:
         drive.writer.odometry(t + 0.001, (5.0, 5.0, 0.0), (0.0, 0.0))
 
@@ -562,12 +564,8 @@ class Misses(Drive):
 
 @pytest.mark.parametrize(
     ("changes", "lengths", "reason"),
-    [  # Each change happens during the third decision.
-        (
-            {"scan": lambda ranges, k: None if 230 < k < 290 else ranges},
-            [2, 2],
-            "scans are missing",
-        ),
+    [
+        ({"scan": gap}, [2, 2], "scans are missing"),
         ({"after": jump}, [], "the odometry jumped"),
         ({"after": person}, [2, 2], "parameters were changed"),
         ({"kind": Misses}, [1, 2], "a decision's period differs from the others"),
@@ -577,9 +575,11 @@ class Misses(Drive):
 def test_gaps_jumps_and_changes_cut_an_episode(tmp_path, changes, lengths, reason):
     record(tmp_path / "a.bag", **changes)
     rebuilt, skipped = rebuild(tmp_path / "a.bag")
-    assert [len(t) for t in rebuilt] == lengths, skipped
+    assert list(map(len, rebuilt)) == lengths, skipped
     assert any(reason in text for text in skipped), skipped
-    assert [t.terminated for t in rebuilt] == [False, True][: len(rebuilt)]
+    # Only the end of the course is an end of an episode; a cut is not.
+    ends = [trajectory.terminated for trajectory in rebuilt]
+    assert ends == [False, True][: len(rebuilt)]
 
 
 @pytest.mark.parametrize(
@@ -597,11 +597,15 @@ def test_odometry_jumps_if_it_moves_more_than_thirty_centimetres_beyond_five_met
 
 
 def test_a_contact_is_charged_in_its_decision(tmp_path):
-    record(
-        tmp_path / "a.bag", after=lambda drive, t, k: k in (250, 260) and drive.writer.contact(t)
-    )
+
+    def touch(drive, t, k):
+        if k in (250, 260):
+            drive.writer.contact(t)
+
+    record(tmp_path / "a.bag", after=touch)
     (plain,), _ = rebuild(tmp_path / "a.bag")
     (charged,), _ = rebuild(tmp_path / "a.bag", reward=Reward(c_collision=3.0))
+    # Two contacts in the third decision cost as much as one.
     np.testing.assert_allclose(charged.reward - plain.reward, [0, 0, -3, 0, 0], atol=1e-6)
 
 
@@ -616,34 +620,25 @@ def test_rewards_have_the_scale_and_pace_of_the_encoding(tmp_path):
 
 
 def test_a_recipe_sets_encoding_and_reward_and_training_refuses_others(tmp_path, capsys):
-    record(tmp_path / "a.bag")
+    # Given: a dataset of a recipe that differs from the Jackal's in one value
+    bag = str(tmp_path / "a.bag")
+    record(bag)
     data = str(tmp_path / "data")
     recipe = tmp_path / "own.yaml"
     recipe.write_text(RECIPES["jackal"].read_text().replace("lowest: true", "lowest: false"))
-    assert (
-        bags_to_dataset.main([str(tmp_path / "a.bag"), "--out", data, "--recipe", str(recipe)]) == 0
-    )
+    assert bags_to_dataset.main([bag, "--out", data, "--recipe", str(recipe)]) == 0
     source = Dataset(data).about
-    assert (source["observation"], source["robot"], source["decision_period"]) == (
-        "dimensionless",
-        "jackal",
-        2.0,
-    )
-    assert (source["failure_seconds"], source["exact_time"], source["lowest"]) == (
-        11.0,
-        True,
-        False,
-    )
-    base = [
-        "--dataset",
-        data,
-        "--recipe",
-        "jackal",
-        "--decision-period",
-        "2",
-        "--out",
-        str(tmp_path / "run"),
-    ]
+    assert source["observation"] == "dimensionless"
+    assert source["robot"] == "jackal"
+    assert source["decision_period"] == 2.0
+    assert source["failure_seconds"] == 11.0
+    assert source["exact_time"] is True
+    assert source["lowest"] is False
+
+    # Then: training with the Jackal's recipe refuses it. Bags have nothing for critics that know
+    # more, which that recipe wants, too.
+    base = ["--dataset", data, "--recipe", "jackal", "--decision-period", "2"]
+    base += ["--out", str(tmp_path / "run")]
     known = [*base, "--no-critics-know-more"]
     for options, line in (
         (base, "critics_know_more is True, but the .*data was driven with False: give the same"),
@@ -659,8 +654,9 @@ def zeros(ranges, k):
     """Return 0 for beams without a return, as some lasers do, and only zeros between the third and
     fourth decision.
     """
-    ranges = np.where(np.arange(720) % 7, 1.6, 0.0)
-    return np.zeros(720) if 210 < k < 390 and k % 100 else ranges
+    if 210 < k < 390 and k % 100:
+        return np.zeros(720)
+    return np.where(np.arange(720) % 7, 1.6, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -699,9 +695,9 @@ def driven(path, observation, world, time_limit, **settings):
     is sent.
     """
     settings.update(observation=observation, period=1.0, movers=True)
-    loaded = worlds.load(world)
-    near = replace(loaded.course, goal=loaded.course.sent_goal)
-    env = ApplrEnv([replace(loaded, course=near)], **settings)
+    loaded_world = worlds.load(world)
+    near_course = replace(loaded_world.course, goal=loaded_world.course.sent_goal)
+    env = ApplrEnv([replace(loaded_world, course=near_course)], **settings)
     simulator = ExactOdometry(scan_noise=0.0)
     env.episode = Episode(
         simulator, env.episode.move_base, period=1.0, time_limit=time_limit, record=True
@@ -713,24 +709,25 @@ def driven(path, observation, world, time_limit, **settings):
     trajectories = []
     drives = []
     moving = 0
+    default_action = env.encoding.action(env.space.theta0)
     for course in range(2):
-        seen = [env.reset(seed=course)[0]]
-        over = False
+        observation, _ = env.reset(seed=course)
+        observations = [observation]
         actions = []
         rewards = []
-        while not over:
-            wanted = env.encoding.action(env.space.theta0) + rng.uniform(
-                -0.4, 0.8, env.encoding.actions
-            )
-            observed, reward, terminated, truncated, _ = env.step(wanted)
-            seen = [*seen, observed]
-            rewards = [*rewards, reward]
-            over = terminated or truncated
+        terminated = truncated = False
+        while not (terminated or truncated):
+            # Mostly faster than the defaults, so that the drives end soon
+            action = default_action + rng.uniform(-0.4, 0.8, env.encoding.actions)
+            observation, reward, terminated, truncated, _ = env.step(action)
+            observations.append(observation)
+            rewards.append(reward)
+            # What is in force: parameters are rounded, and clipped to their bounds.
             actions.append(env.encoding.action(env.episode.outcome.theta))
             moving += len(env.episode.seen().movers)
-        trajectories.append(Trajectory.of(layout, seen, actions, rewards, terminated))
+        trajectories.append(Trajectory.of(layout, observations, actions, rewards, terminated))
         drives.append(env.episode.drive)
-    assert moving or "dynamic" not in world
+    assert moving or "dynamic" not in world, "no moving obstacle was seen"
     write(path, *drives)
     return trajectories
 
@@ -742,9 +739,9 @@ def assert_same(rebuilt, expected):
     assert (len(rebuilt), rebuilt.terminated) == (len(expected), expected.terminated)
     assert np.abs(rebuilt.scan.astype(int) - expected.scan).max() <= 1
     assert (rebuilt.scan != expected.scan).mean() < 1e-4
-    for name, most in (("rest", 1e-6), ("action", 1e-6), ("reward", 1e-5)):
+    for name, largest in (("rest", 1e-6), ("action", 1e-6), ("reward", 1e-5)):
         np.testing.assert_allclose(
-            getattr(rebuilt, name), getattr(expected, name), rtol=0.0, atol=most, err_msg=name
+            getattr(rebuilt, name), getattr(expected, name), rtol=0.0, atol=largest, err_msg=name
         )
 
 
@@ -762,13 +759,13 @@ def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observat
     dataset = Dataset(tmp_path / "data")
     assert dataset.about["observation"] == observation
     assert dataset.about["skipped"] == {}
-    for rebuilt, whole in zip(dataset.trajectories(), expected, strict=True):
-        assert_same(rebuilt, whole)
+    for rebuilt, trajectory in zip(dataset.trajectories(), expected, strict=True):
+        assert_same(rebuilt, trajectory)
 
 
 @pytest.mark.fault("23a")
 @pytest.mark.parametrize(
-    ("command", "arguments", "word"),
+    ("command", "arguments", "named"),
     [
         (appld, ["x.bag", "--out", "x.safetensors", "--seed", "-1"], "--seed"),
         (appld, ["nowhere.bag", "--out", "x.safetensors"], "nowhere.bag"),
@@ -780,11 +777,11 @@ def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observat
     ],
 )
 def test_mistakes_on_the_other_command_lines_are_one_line(
-    command, arguments, word, tmp_path, monkeypatch, capsys
+    command, arguments, named, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.chdir(tmp_path)
     assert command.main(arguments) == 1
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert word in error
+    assert named in error
     assert not list(tmp_path.iterdir())

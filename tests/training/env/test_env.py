@@ -50,11 +50,11 @@ class FakeMoveBase:
         diagonal = 0.1 * np.arange(40)
         self.global_plan = np.column_stack([diagonal, diagonal, np.zeros(40)])
 
-    def reset(self, now, seed=None):
+    def reset(self, time, seed=None):
         self.steps.clear()
 
-    def set_goal(self, goal, now):
-        self.goals.append((goal, now))
+    def set_goal(self, goal, time):
+        self.goals.append((goal, time))
         self.goal = goal
 
     def make_plan(self, start, goal, tolerance=0.0):
@@ -72,8 +72,8 @@ class FakeMoveBase:
     def report_held(self, held):
         self.held.append(held)
 
-    def step(self, now, pose, twist, scan, local_origin):
-        self.steps.append((now, pose, twist))
+    def step(self, time, pose, twist, scan, local_origin):
+        self.steps.append((time, pose, twist))
         self.scans.append(scan)
         count = len(self.steps)
         command = None
@@ -126,6 +126,7 @@ def test_a_course_takes_the_time_it_takes_to_a_control_cycle():
     assert last.success
     assert not failed(last)
     assert not last.timeout
+    # 4 m at 1 m/s, and some acceleration at the start.
     assert last.time_s == pytest.approx(4.1, abs=0.15)
     cycles = last.time_s / CYCLE_S
     assert cycles == pytest.approx(round(cycles), abs=1e-6)
@@ -146,10 +147,10 @@ def test_a_course_takes_the_time_it_takes_to_a_control_cycle():
 
 def test_each_course_of_an_episode_has_a_goal_of_its_own():
     episode = trial()
-    (first,) = episode.drive.goals
+    (first_goal,) = episode.drive.goals
     episode.reset(straight(), 1)
-    (second,) = episode.drive.goals
-    assert first.id != second.id
+    (second_goal,) = episode.drive.goals
+    assert first_goal.id != second_goal.id
 
 
 def test_a_planner_without_a_static_layer_also_drives_in_a_world_with_a_map():
@@ -323,11 +324,13 @@ def test_a_laser_of_5_hz_scans_in_every_fourth_cycle():
     episode = Episode(sim_bridge.make("kinematic", robot=robot), planner, robot, period=2.0)
     episode.reset(straight(), 0)
     episode.decide(episode.space.theta0)
+    # One at the reset, and 40 cycles in two seconds.
     assert len(planner.scans) == 41
     for cycle, scan in enumerate(planner.scans):
         assert (scan is not None) == (cycle % 4 == 0), cycle
 
 
+# Columns of GOLDEN
 FIELDS = (
     "phi",
     "progress",
@@ -345,6 +348,8 @@ FIELDS = (
     "mean_turn",
     "mean_range",
 )
+# A contact lasts into the decision in which the robot backs off. The clearance of a decision is the
+# least of its scans, and that of a drive the least so far.
 GOLDEN = (
     (-1.48, 0.73, 0.82, 0.51, 0.45, 0, 0, 1, 1, 0.82, 0.45, 0.54, 9.74, 0.44, 4.50),
     (-2.86, 1.15, 1.30, 0.15, 0.15, 1, 1, 1, 2, 2.13, 0.15, 0.55, 34.91, 2.47, 3.77),
@@ -398,14 +403,14 @@ def test_outcome_of_each_decision_of_a_drive():
 
 def test_the_monitor_gets_the_scans_and_the_planner_is_informed_of_blocked_commands():
     """The monitor does not affect a free course. Before a wall it stops the robot."""
-    free = trial(monitor=True)
-    *_, last = drive(free)
-    assert last.success
-    assert not any(free.move_base.held[1:])
+    free_course = trial(monitor=True)
+    *_, outcome = drive(free_course)
+    assert outcome.success
+    assert not any(free_course.move_base.held[1:])
 
     before_wall = trial(WALL, monitor=True, limit=3)
-    *_, last = drive(before_wall)
-    assert not last.collided
+    *_, outcome = drive(before_wall)
+    assert not outcome.collided
     assert before_wall.move_base.held[-1]
 
 
@@ -479,11 +484,12 @@ def test_distance_is_bounded_both_ways(lowest, clearance):
 
 
 def test_a_failure_pays_for_the_time_until_the_limit():
-    late = replace(STEP, flipped=True, decisions=45)
-    early = replace(STEP, flipped=True, decisions=3)
-    assert terms_of(Reward(), late)["time"] == -6.0
-    assert terms_of(Reward(), early)["time"] == -1.0 - 20.0
-    assert terms_of(Reward(failure_seconds=11.0), early)["time"] == -1.0 - 5.5
+    late_failure = replace(STEP, flipped=True, decisions=45)
+    early_failure = replace(STEP, flipped=True, decisions=3)
+    assert terms_of(Reward(), late_failure)["time"] == -6.0
+    # Of the 47 decisions left, only those within failure_seconds count.
+    assert terms_of(Reward(), early_failure)["time"] == -1.0 - 20.0
+    assert terms_of(Reward(failure_seconds=11.0), early_failure)["time"] == -1.0 - 5.5
     assert terms_of(Reward(), replace(STEP, timeout=True))["time"] == -1.0
 
 
@@ -511,6 +517,7 @@ def test_times_are_scaled_by_the_pace_of_the_robot():
 # -- the environment -------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def env():
+    """Return an environment of two worlds with episodes of three decisions."""
     import training.env.env
 
     environment = gymnasium.make(
@@ -544,13 +551,13 @@ def test_the_same_seed_gives_the_same_episode(env):
         return np.concatenate(numbers), info
 
     numbers, info = run(5)
-    again, info_again = run(5)
-    other, _ = run(6)
-    assert np.array_equal(again, numbers)
+    repeated, info_again = run(5)
+    of_other_seed, _ = run(6)
+    assert np.array_equal(repeated, numbers)
     assert info_again["world"] == info["world"]
     assert info["timeout"]
     assert info["decisions"] == 3
-    assert not np.array_equal(other, numbers)
+    assert not np.array_equal(of_other_seed, numbers)
 
 
 def test_the_seed_or_an_option_chooses_the_world(env):
@@ -591,12 +598,12 @@ def test_the_decision_period_changes_the_steps_but_not_the_cost_of_a_second(peri
     time_s = 0.0
     terminated = False
     while not terminated:
-        before = time_s
+        earlier = time_s
         _, _, terminated, truncated, info = env.step(action)
         assert not truncated
         time_s = info["time_s"]
         cost += info["reward"]["time"]
-        assert terminated or time_s - before == pytest.approx(period)
+        assert terminated or time_s - earlier == pytest.approx(period)
     env.close()
     assert info["success"]
     assert env.episode.limit == limit

@@ -115,14 +115,14 @@ def test_a_mirrored_world_gives_the_mirrored_numbers(movers):
 
 def test_privileged_numbers_follow_the_observation():
     layout = ApplrEnv(**OPTIONS, critics_know_more=True).layout
-    plain = ApplrEnv(**OPTIONS).layout
+    without = ApplrEnv(**OPTIONS).layout
     assert layout.hidden == SIZE
-    assert layout.seen == plain.size
-    assert layout.size == plain.size + SIZE
+    assert layout.seen == without.size
+    assert layout.size == without.size + SIZE
     # The policy's part is mirrored as without them.
-    assert np.array_equal(layout.policy_mirror.order, plain.mirror.order)
-    assert np.array_equal(layout.policy_mirror.sign, plain.mirror.sign)
-    hidden_signs = layout.mirror.sign[plain.size :]
+    assert np.array_equal(layout.policy_mirror.order, without.mirror.order)
+    assert np.array_equal(layout.policy_mirror.sign, without.mirror.sign)
+    hidden_signs = layout.mirror.sign[without.size :]
     assert np.flatnonzero(hidden_signs < 0).tolist() == list(ODD)
 
 

@@ -26,30 +26,39 @@ def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robot
     """A footprint padding that is loaded would also change the planner's outline, so a YAML file
     leaves it out.
     """
-    bases = []
-    called = []
-    reconfigure = MoveBase.reconfigure
+    # Given: a runner whose MoveBase and reconfigure requests are watched
+    created = []
+    requested_servers = []
+    original = MoveBase.reconfigure
 
-    def made(*how, **more):
-        bases.append(MoveBase(*how, **more))
-        return bases[-1]
+    def create(*arguments, **keywords):
+        created.append(MoveBase(*arguments, **keywords))
+        return created[-1]
 
-    monkeypatch.setattr(
-        MoveBase, "reconfigure", lambda *how: called.append(how[1]) or reconfigure(*how)
-    )
-    monkeypatch.setattr("training.env.settings.MoveBase", made)
-    drives = TrialRunner(TrialSettings(planner="cpp-like", loaded=loaded, time_limit=2.0))
+    def reconfigure(move_base, server, values):
+        requested_servers.append(server)
+        return original(move_base, server, values)
+
+    monkeypatch.setattr(MoveBase, "reconfigure", reconfigure)
+    monkeypatch.setattr("training.env.settings.MoveBase", create)
+    runner = TrialRunner(TrialSettings(planner="cpp-like", loaded=loaded, time_limit=2.0))
+
+    # When: it drives a trial with a set
     theta = SPACE.from_dict(SET)
-    drives.run(Trial("generated:7", "m", 0, 1, "generated:7", "", theta=tuple(theta.tolist())))
-    (base,) = bases
-    wanted = {**SPACE.as_dict(theta), "footprint_padding": in_maps}
-    assert drives.drive.decisions[-1].after == wanted
-    assert bool(called) != loaded
-    assert drives.episode.stack.escapes != loaded
-    sides = np.abs(base.local_planner.planner._footprint).max(axis=0)
-    assert sides.tolist() == pytest.approx([0.21 + 0.1, 0.165 + 0.1])
-    assert np.ptp(base.local_costmap.footprint, axis=0)[0] == pytest.approx(0.42 + 2 * in_maps)
-    assert base.local_planner.slowest_turn == slowest
+    runner.run(Trial("generated:7", "m", 0, 1, "generated:7", "", theta=tuple(theta.tolist())))
+
+    # Then: a loaded set needs no requests, and the stall rule does not change it
+    (move_base,) = created
+    in_force = {**SPACE.as_dict(theta), "footprint_padding": in_maps}
+    assert runner.drive.decisions[-1].after == in_force
+    assert bool(requested_servers) != loaded
+    assert runner.episode.stack.escapes != loaded
+    # The planner has the outline of the robot's files, and reads its slowest turn at the start.
+    half_sides = np.abs(move_base.local_planner.planner._footprint).max(axis=0)
+    assert half_sides.tolist() == pytest.approx([0.21 + 0.1, 0.165 + 0.1])
+    length = np.ptp(move_base.local_costmap.footprint, axis=0)[0]
+    assert length == pytest.approx(0.42 + 2 * in_maps)
+    assert move_base.local_planner.slowest_turn == slowest
 
 
 @pytest.mark.parametrize("loaded", [True, False])
@@ -64,10 +73,10 @@ def test_a_set_that_is_set_by_reconfigure_gives_way_in_a_stall_and_a_loaded_one_
 
     monkeypatch.setattr(StallRule, "instead", instead)
     monkeypatch.setattr(StallRule, "reset", lambda self, seed: seeds.append(seed))
-    drives = TrialRunner(TrialSettings(loaded=loaded, time_limit=2.0))
+    runner = TrialRunner(TrialSettings(loaded=loaded, time_limit=2.0))
     theta = tuple(SPACE.from_dict(SET).tolist())
-    drives.run(Trial("generated:7", "m", 0, 5, "generated:7", "", theta=theta))
-    assert drives.drive.decisions[-1].after["max_vel_x"] == (0.9 if loaded else 0.2)
+    runner.run(Trial("generated:7", "m", 0, 5, "generated:7", "", theta=theta))
+    assert runner.drive.decisions[-1].after["max_vel_x"] == (0.9 if loaded else 0.2)
     assert seeds[-1] == 5
 
 
@@ -76,9 +85,10 @@ def test_a_search_leaves_out_parameters_that_act_differently_by_reconfigure():
     assert jackal.fixed == ("footprint_padding",)
     assert jackal.chosen.names == tuple(name for name in SPACE.names if name != "footprint_padding")
     sets = np.array([SPACE.from_dict(SET), SPACE.theta0])
-    filled = [jackal.fill(theta) for theta in jackal.chosen_of(sets)]
-    assert jackal.as_dict(filled[0])["footprint_padding"] == 0.1
-    assert filled[1].tolist() == SPACE.theta0.tolist()
+    # A search knows the chosen parameters only; the others are filled in with their defaults.
+    of_set, of_defaults = [jackal.fill(theta) for theta in jackal.chosen_of(sets)]
+    assert jackal.as_dict(of_set)["footprint_padding"] == 0.1
+    assert of_defaults.tolist() == SPACE.theta0.tolist()
     waffle = robots.load("turtlebot3_waffle_pi")
     assert loadable_space(waffle).chosen.names == space_of(waffle).names
     burger = robots.load("turtlebot3_burger")

@@ -19,6 +19,7 @@ from training.evaluate.table import read_trace, read_trials
 from worlds import sdf_writer
 from worlds.dynabarn import COLUMNS, NAME
 
+# Wall along x at a y, 24 m long, as models in DynaBARN's files
 WALL = (
     "<model name='wall_{0}'><pose>0 {0} .5 0 0 0</pose><link name='l'><collision "
     "name='c'><geometry><box><size>24 .5 1</size></box></geometry></collision></link></model>"
@@ -78,11 +79,13 @@ def test_dynabarn_is_driven(tmp_path):
     (row,) = drive(out, *arguments, "--no-report")
     assert row["world"] == "world_3"
     assert row["success"], row
+    # 20 m, less the goal tolerance, and a detour around the cylinder.
     assert 18.0 < row["path_length_m"] < 26.0
     assert row["time_s"] > 18.0
     motion = read_trace(out, "world_3", "fast", 0).truth
     assert np.allclose(np.abs(motion.pose[0]), [11.0, 0.0, np.pi], atol=0.1)
     crossing, _ = worlds.load(path).movers
+    # The cylinder was where its table says: it came near, and was passed.
     assert 0.1 < gap_to(crossing, motion) < 3.0
 
     # The report does not take it for BARN's world with the same number.
@@ -92,8 +95,16 @@ def test_dynabarn_is_driven(tmp_path):
 
 def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):
     """Under the paper's rules the trial goes on, and its row records the contact."""
-    path = dynabarn(tmp_path, ((0, 11, -4), (2, 11, 3), (30, 11, 3.5)))
-    arguments = ["--worlds", path, "--methods", "dwa", "--simulator", "kinematic", "--no-report"]
+    world_path = dynabarn(tmp_path, ((0, 11, -4), (2, 11, 3), (30, 11, 3.5)))
+    arguments = [
+        "--worlds",
+        world_path,
+        "--methods",
+        "dwa",
+        "--simulator",
+        "kinematic",
+        "--no-report",
+    ]
     (row,) = drive(tmp_path / "out", *arguments)
     assert row["collided"]
     assert row["decisions"] > 3

@@ -42,10 +42,10 @@ def test_the_score_is_the_time_and_100_s_after_any_failure(result, seconds):
 
 
 def test_the_summary_of_trials_has_their_mean_score_and_the_mean_time_of_successes():
-    means = score.summary([ARRIVED_WITH_A_CONTACT, FAILED_EARLY])
-    assert means["score"] == 60.0
-    assert means["time_s"] == 20.0
-    assert means["success"] == means["collided"] == 0.5
+    summary = score.summary([ARRIVED_WITH_A_CONTACT, FAILED_EARLY])
+    assert summary["score"] == 60.0
+    assert summary["time_s"] == 20.0
+    assert summary["success"] == summary["collided"] == 0.5
     assert score.summary([FAILED_EARLY])["time_s"] is None
 
 
@@ -62,9 +62,8 @@ def test_reports_verdicts_and_periodic_evaluations_have_the_same_score(tmp_path)
     table = Trials(tmp_path, settings)
     for trial, result in driven.items():
         table.add(trial, result)
-    assert score.mean_scores(Results(tmp_path).trials).loc["generated:1", "dwa"] == pytest.approx(
-        expected
-    )
+    reported = score.mean_scores(Results(tmp_path).trials).loc["generated:1", "dwa"]
+    assert reported == pytest.approx(expected)
 
     assert paired_trials(driven, ["dwa"]).score.mean() == pytest.approx(expected)
     assert score.summary(results)["score"] == pytest.approx(expected)
@@ -74,9 +73,10 @@ def test_barn_metric_by_hand():
     success = np.array([True, True, True, False])
     collided = np.array([False, False, True, False])
     seconds = np.array([6.0, 30.0, 20.0, 100.0])
-    assert score.barn_metric(success, collided, seconds, np.full(4, 7.0)) == pytest.approx(
-        [0.5, 3.5 / 28.0, 0.0, 0.0]
-    )
+    # 7 m take 3.5 s at the Jackal's largest speed of 2 m/s. Times count as at least 2 and at most
+    # 8 of these.
+    metric = score.barn_metric(success, collided, seconds, np.full(4, 7.0))
+    assert metric == pytest.approx([0.5, 3.5 / 28.0, 0.0, 0.0])
 
 
 def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
@@ -85,9 +85,9 @@ def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
     """
     worlds = [("generated:8", "generated:8")]
     (trial,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
-    assert trial.seed not in {
-        time.seed for seed in range(200) for time in plan_trials(worlds, [("dwa", "dwa")], 20, seed)
-    }
+    for seed in range(200):
+        evaluated = plan_trials(worlds, [("dwa", "dwa")], 20, seed)
+        assert trial.seed not in {other.seed for other in evaluated}
     result = runner.TrialRunner(TrialSettings()).run(trial)
     # The decision period of a training.
     faster = runner.TrialRunner(TrialSettings(period=1.0)).run(trial)
@@ -97,9 +97,8 @@ def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
         assert task == trial
         return result, b""
 
-    line = PeriodicEvaluation(tmp_path, worlds, 100, 3).drive(
-        THETA0, Pool(0), run, b"", step=0, version=0
-    )
+    periodic = PeriodicEvaluation(tmp_path, worlds, 100, 3)
+    line = periodic.drive(THETA0, Pool(0), run, b"", step=0, version=0)
     assert line["score"] == pytest.approx(result.time_s, abs=1e-4)
     assert line["score"] < 100.0
 
@@ -134,8 +133,8 @@ def test_the_environments_rewards_add_up_to_the_evaluations_total(monkeypatch):
     driver = runner.TrialRunner(TrialSettings(robot="husky", time_limit=6.0, **options))
     total = driver.run(task, learnt).total_reward
     env = ApplrEnv(worlds="generated:8", robot="husky", time_limit=6.0, **options)
-    begin = env.episode.reset
-    monkeypatch.setattr(env.episode, "reset", lambda world, drawn: begin(world, task.seed))
+    reset = env.episode.reset
+    monkeypatch.setattr(env.episode, "reset", lambda world, drawn: reset(world, task.seed))
     observation, _ = env.reset()
     rewards = []
     for _ in range(6):
@@ -150,16 +149,18 @@ def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
     not.
     """
     hashes = []
-    for name, file, was, then in (
+    for name, file, before, after in (
         ("same", "robot.yaml", "", ""),
         ("laser", "robot.yaml", "noise: 0.001", "noise: 0.002"),
         ("planner", "base_local_planner_params.yaml", "max_vel_x: 0.5", "max_vel_x: 0.6"),
     ):
         folder = tmp_path / name / "jackal"
         shutil.copytree(JACKAL.folder, folder)
-        text = (folder / file).read_text()
-        assert was in text
-        (folder / file).write_text(text.replace(was, then) if was else text)
+        path = folder / file
+        text = path.read_text()
+        assert before in text
+        if before:
+            path.write_text(text.replace(before, after))
         hashes.append(runner.content(load(str(folder))))
     assert hashes[0] == runner.content(JACKAL)
     assert len(set(hashes)) == 3
@@ -167,16 +168,19 @@ def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
 
 def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
     periodic = PeriodicEvaluation(tmp_path, [("w", "w")], 100, 0)
+    # (step, whether it is the run's last one, number of the evaluation that is due): theta_0 at the
+    # beginning, one every 100 steps, and one at the end
     due = (0, False, THETA0), (0, True, None), (130, False, 1), (170, False, None), (170, True, 1)
-    for step, last, number in due:
-        assert periodic.due(step, last) == number
-        if number is not None:
-            result = Result(True, time_s=1.0 + step), b""
-            run = partial(lambda result, trial, weights: result, result)
-            assert (
-                periodic.drive(number, Pool(0), run, b"%d" % step, step=step, version=0)["score"]
-                == 1.0 + step
-            )
+    for step, is_last, number in due:
+        assert periodic.due(step, is_last) == number
+        if number is None:
+            continue
+        result = Result(True, time_s=1.0 + step), b""
+        run = partial(lambda result, trial, weights: result, result)
+        line = periodic.drive(number, Pool(0), run, b"%d" % step, step=step, version=0)
+        assert line["score"] == 1.0 + step
     assert periodic.due(170, True) is None
+
+    # Without an evaluation of theta_0
     other = PeriodicEvaluation(tmp_path / "other", [("w", "w")], 100, 0)
     assert [other.due(step, default=False) for step in (0, 99, 100)] == [None, None, 1]

@@ -1,7 +1,7 @@
 """Test that the report of the evaluation in tests/golden/evaluation equals the stored report letter
 by letter.
 
-After a deliberate change, `python -m tests.training.evaluation.test_stored_evaluation` rewrites
+After a deliberate change, `python -m tests.training.evaluate.test_stored_evaluation` rewrites
 report.txt.
 """
 
@@ -20,10 +20,10 @@ def report(folder):
     """Return the sentences above the tables, and the tables, as text."""
     copy = Path(shutil.copytree(STORED, folder / "evaluation"))
     write(copy)
-    tables = sorted((copy / "report").glob("*.csv"))
-    return "\n".join(
-        [*summary(Results(copy)), *(f"\n{path.name}\n{path.read_text()}" for path in tables)]
-    )
+    parts = [*summary(Results(copy))]
+    for table in sorted((copy / "report").glob("*.csv")):
+        parts.append(f"\n{table.name}\n{table.read_text()}")
+    return "\n".join(parts)
 
 
 def test_the_report_of_a_stored_evaluation_is_the_stored_one(tmp_path):

@@ -5,6 +5,7 @@ A toy runner replaces the drives. The last tests use the real runner.
 """
 
 import csv
+import itertools
 import json
 import math
 import os
@@ -33,25 +34,17 @@ from training.evaluate.evaluation import EvaluationOptions
 from training.evaluate.table import Trials, read_trace, read_trials
 from training.evaluate.trial import Result, Trial, plan_trials, seed_of
 
+# Columns that scripts of users rely on: new ones come after these.
 HEADER = "world,method,trial,seed,success,collided,timeout,time_s,decisions,path_length_m,"
 
 
 def command(out, *more, worlds="generated:0,generated:7,generated:64", chosen="dwa,random"):
-    given = (
-        "--worlds",
-        worlds,
-        "--methods",
-        chosen,
-        "--trials",
-        "4",
-        "--out",
-        out,
-        "--no-report",
-        *more,
-    )
-    return list(map(str, given))
+    """Return the arguments of an evaluation of four trials in each world, and more of them."""
+    plan = ["--worlds", worlds, "--methods", chosen, "--trials", "4"]
+    return list(map(str, [*plan, "--out", out, "--no-report", *more]))
 
 
+# evaluate.py in a process of its own, with the toy runner
 TOY = """
 import sys
 from tests.support.runs import (draw_result)
@@ -100,12 +93,13 @@ def refused(run, capsys):
 def test_every_method_gets_the_same_seeds_in_any_evaluation():
     both = plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 3, seed=5)
     alone = plan_trials([("b", "b")], [("y", "y")], 3, seed=5)
-    seeds = {(time.world, time.trial, time.method): time.seed for time in both}
-    assert all(seeds[w, n, "x"] == seeds[w, n, "y"] for w in "ab" for n in range(3))
-    assert [time.seed for time in alone] == [seeds["b", n, "y"] for n in range(3)]
-    assert len({time.seed for time in both}) == 6
+    seeds = {(trial.world, trial.trial, trial.method): trial.seed for trial in both}
+    for world, number in itertools.product("ab", range(3)):
+        assert seeds[world, number, "x"] == seeds[world, number, "y"]
+    assert [trial.seed for trial in alone] == [seeds["b", number, "y"] for number in range(3)]
+    assert len(set(seeds.values())) == 6
     assert seeds["a", 0, "x"] != seed_of(6, "a", 0)
-    # Appended rows.
+    # A fourth trial only appends rows.
     assert both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]
 
 
@@ -116,13 +110,15 @@ def test_csv_begins_with_the_pinned_columns(tmp_path, run):
     assert lines[0].startswith(HEADER)
     assert len(lines) == 1 + 3 * 2 * 4
     rows = list(csv.DictReader(lines))
-    first = [
+    # Trials, then worlds, then methods, so that a stopped run has all methods in some worlds.
+    assert [(row["trial"], row["world"], row["method"]) for row in rows[:3]] == [
         ("0", "generated:0", "dwa"),
         ("0", "generated:0", "random"),
         ("0", "generated:7", "dwa"),
     ]
-    assert [(r["trial"], r["world"], r["method"]) for r in rows[:3]] == first
-    assert {r["success"] for r in rows} <= {"True", "False"}
+    assert {row["success"] for row in rows} <= {"True", "False"}
+
+    # What a reader of the table must know to repeat it
     settings = json.loads((tmp_path / "evaluation.json").read_text())
     assert settings["methods"]["dwa"]["parameters"]["max_vel_x"] == 0.5
     assert isinstance(settings["wall_s"], float)
@@ -142,19 +138,20 @@ def test_killed_and_started_again_gives_the_same_rows(tmp_path, run):
     whole = tmp_path / "whole"
     killed = tmp_path / "killed"
     assert run(command(whole)) == 0
-    for signal_ in (signal.SIGINT, signal.SIGKILL):
+    for signal_number, status in ((signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)):
         process = subprocess.Popen(
             [sys.executable, "-c", TOY, *command(killed, "--workers", 1)],
             cwd=ROOT,
             env=dict(os.environ, PYTHONPATH=str(ROOT), TOY_SECONDS="0.2"),
             stderr=subprocess.DEVNULL,
         )
+        # Three trials, and then the signal
         deadline = time.monotonic() + HANGS
-        before = _rows(killed)
-        while _rows(killed) < before + 3 and process.poll() is None and time.monotonic() < deadline:
+        count = _rows(killed) + 3
+        while _rows(killed) < count and process.poll() is None and time.monotonic() < deadline:
             time.sleep(0.05)
-        process.send_signal(signal_)
-        assert process.wait(HANGS) == (130 if signal_ == signal.SIGINT else -signal.SIGKILL)
+        process.send_signal(signal_number)
+        assert process.wait(HANGS) == status
     assert 0 < _rows(killed) < 24
     assert run(command(killed)) == 0
     assert (killed / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
@@ -175,36 +172,42 @@ def test_tables_have_the_order_of_the_plan_for_any_order_of_trials(tmp_path):
             table.order(plan)
             assert table.added == 3
     rows = read_trials(tmp_path / "trials.csv").to_dict("records")
-    assert [(row["world"], row["trial"]) for row in rows] == [
-        (task.world, task.trial) for task in plan
-    ]
+    order = [(task.world, task.trial) for task in plan]
+    assert [(row["world"], row["trial"]) for row in rows] == order
+    # Numbers of a table have four places.
     assert (rows[0]["time_s"], rows[0]["path_length_m"], rows[0]["success"]) == (3.1416, 1.0, False)
 
 
 def test_a_trial_with_an_incomplete_row_is_driven_again_and_others_are_unchanged(tmp_path):
     plan = plan_trials([("w", "w")], [("m", "m")], 2, seed=0)
-    given = Result(
+    first, second = plan
+    # Text and numbers that a careless reader of the table would take for others
+    driven_result = Result(
         True, time_s=math.pi, reason='planner aborted: "no way", NA', min_clearance_m=math.inf
     )
+    stored = replace(driven_result, time_s=3.1416)
     with Trials(tmp_path, {}) as table:
-        assert [table.add(task, given) for task in plan] == 2 * [replace(given, time_s=3.1416)]
+        assert table.add(first, driven_result) == stored
+        assert table.add(second, driven_result) == stored
         table.note(looks=[0.1])
+
+    # The end of the last row is missing, as after a loss of power.
     path = tmp_path / "trials.csv"
     path.write_bytes(path.read_bytes()[:-3])
     with Trials(tmp_path, {}) as table:
         assert table.notes == {"looks": [0.1]}
-        assert table.result(plan[0]) == replace(given, time_s=3.1416)
-        assert table.missing(plan) == [plan[1]]
-        assert table.add(plan[1], given) == table.result(plan[1])
+        assert table.result(first) == stored
+        assert table.missing(plan) == [second]
+        assert table.add(second, driven_result) == table.result(second)
     with Trials(tmp_path, {}) as table:
-        assert table.result(plan[1]) == replace(given, time_s=3.1416)
+        assert table.result(second) == stored
 
 
 def test_more_trials_only_append(tmp_path, run, refused):
     assert run(command(tmp_path, "--trials", 2)) == 0
-    few = (tmp_path / "trials.csv").read_bytes()
+    two_trials = (tmp_path / "trials.csv").read_bytes()
     assert run(command(tmp_path)) == 0
-    assert (tmp_path / "trials.csv").read_bytes().startswith(few)
+    assert (tmp_path / "trials.csv").read_bytes().startswith(two_trials)
     refused(command(tmp_path, "--seed", 3), "another seed", "--out")
     refused(command(tmp_path, "--monitor"), "another monitor", "--out")
     refused(command(tmp_path, "--movers"), "another movers", "--out")
@@ -216,14 +219,16 @@ def test_a_table_is_read_as_pandas_reads_it(tmp_path):
     with Trials(tmp_path, {"seed": 0}) as table:
         for task in plan:
             table.add(task, Result(time_s=1.0))
-    plain = pd.read_csv(tmp_path / "trials.csv", keep_default_na=False)
-    pd.testing.assert_frame_equal(plain, read_trials(tmp_path / "trials.csv"), check_dtype=False)
+    as_pandas_reads = pd.read_csv(tmp_path / "trials.csv", keep_default_na=False)
+    pd.testing.assert_frame_equal(
+        as_pandas_reads, read_trials(tmp_path / "trials.csv"), check_dtype=False
+    )
 
 
 def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path, refused, monkeypatch):
     (tmp_path / "bad.json").write_text("{}")
-    bad = command(tmp_path, chosen=f"dwa,{tmp_path}/bad.json")
-    refused(bad, "trial 0 of bad in generated:", " failed: the toy will not")
+    arguments = command(tmp_path, chosen=f"dwa,{tmp_path}/bad.json")
+    refused(arguments, "trial 0 of bad in generated:", " failed: the toy will not")
     monkeypatch.setenv("TOY_BROKEN", "1")
     refused(command(tmp_path / "b"), " failed: the toy is broken; mend it")
 
@@ -242,18 +247,14 @@ def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path, refus
     ],
 )
 def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
-    assert (
-        evaluate.main(
-            ["--out", str(tmp_path / "o"), "--worlds", "generated:0", "--methods", "dwa"]
-            + arguments
-        )
-        == 1
-    )
-    line = capsys.readouterr().err
-    assert line.count("\n") == 1
-    assert line.startswith("evaluate.py: ")
+    # Options that come twice count the second time.
+    usual = ["--out", str(tmp_path / "o"), "--worlds", "generated:0", "--methods", "dwa"]
+    assert evaluate.main([*usual, *arguments]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert error.startswith("evaluate.py: ")
     for word in words:
-        assert word in line, line
+        assert word in error, error
     assert not (tmp_path / "o" / "trials.csv").exists()
 
 
@@ -268,15 +269,24 @@ CONTEXT = methods.Context(
 )
 
 
+MY_MODULE = """
+from applr_ros1.policy.methods import Method
+from applr_ros1.policy.parameter_space import SPACE
+
+class Cautious(Method):
+    def reset(self, seed):
+        self.seed = seed
+
+    def theta(self, context):
+        return SPACE.from_dict({'max_vel_x': 0.7})
+
+class Nothing:
+    pass
+"""
+
+
 def test_a_method_from_a_users_class(tmp_path, monkeypatch):
-    (tmp_path / "my_module.py").write_text(
-        "from applr_ros1.policy.methods import Method\n"
-        "from applr_ros1.policy.parameter_space import SPACE\n"
-        "class Cautious(Method):\n"
-        "    def reset(self, seed): self.seed = seed\n"
-        "    def theta(self, context):\n        return SPACE.from_dict({'max_vel_x': 0.7})\n"
-        "class Nothing: pass\n"
-    )
+    (tmp_path / "my_module.py").write_text(MY_MODULE)
     monkeypatch.syspath_prepend(str(tmp_path))
     method = methods.make("my_module:Cautious")
     method.reset(3)
@@ -295,18 +305,19 @@ def test_trial_depends_on_its_task_only():
     """A trial driven first, or after another world and method, has the same result to the last
     digit.
     """
-    tmp_set = "static"
-    other = "generated:64"
-    task = Trial("generated:19", "m", 0, 11, "generated:19", tmp_set)
+    task = Trial("generated:19", "m", 0, 11, "generated:19", "static")
     fresh = runner.TrialRunner(TrialSettings()).run(task)
+
+    # The other trial lasts 6 s only, to save time.
     used = runner.TrialRunner(TrialSettings())
-    before = replace(task, world=other, world_spec=other, method_spec="random", seed=3)
     used.episode.time_limit = 6.0
-    used.run(before)
+    other = "generated:64"
+    used.run(replace(task, world=other, world_spec=other, method_spec="random", seed=3))
     used.episode.time_limit = TIME_LIMIT
     assert used.run(task) == fresh
-    theta = tuple(methods.make(tmp_set).theta(CONTEXT))
-    # A parameter set, as from a search.
+
+    # The same set as numbers, as from a search
+    theta = tuple(methods.make("static").theta(CONTEXT))
     assert used.run(replace(task, theta=theta)) == fresh
 
 

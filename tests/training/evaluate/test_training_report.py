@@ -115,6 +115,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def results(folder):
+    """Return the stored evaluation as the report reads it."""
     return Results(folder)
 
 
@@ -163,8 +164,8 @@ def test_wilson_by_known_values():
 def test_equal_trials_of_a_world_count_as_one():
     worlds = pd.Series(np.repeat(np.arange(20), 6))
     assert rate(worlds % 2 == 0, worlds) == pytest.approx((0.5, *wilson(0.5, 19)))
-    apart = pd.Series(np.arange(120) % 2 == 0)
-    assert rate(apart, worlds) == pytest.approx((0.5, *wilson(0.5, 120)))
+    unequal = pd.Series(np.arange(120) % 2 == 0)
+    assert rate(unequal, worlds) == pytest.approx((0.5, *wilson(0.5, 120)))
 
 
 def test_the_bootstrap_resamples_worlds_not_trials():
@@ -303,44 +304,45 @@ def test_the_report_is_complete(folder):
 
 @needs_browser
 def test_the_figure_of_the_report_says_by_keyboard_what_each_point_is(folder):
-    with opened(Path(write(folder))) as view:
-        slider = focused(view, "slider", "World of the group Test")
-        words = view.locator("#times figure").last.locator("p")
-        first = words.inner_text()
+    with opened(Path(write(folder))) as page:
+        slider = focused(page, "slider", "World of the group Test")
+        description = page.locator("#times figure").last.locator("p")
+        first_text = description.inner_text()
         slider.press("ArrowRight")
-        second = words.inner_text()
-    assert first != second
-    for text in (first, second):
+        second_text = description.inner_text()
+    assert first_text != second_text
+    for text in (first_text, second_text):
         for method in METHODS:
             assert re.search(rf"{method} (\d+\.\d s|never arrives)", text)
 
 
 def test_a_profile_has_the_room_around_each_pose(folder):
-    (first, second) = profiles(Results(folder))["drawn"]
-    assert [first["method"], second["method"]] == ["applr", "other"], "dwa's set is constant"
-    (drive,) = first["world"]["drives"]
-    assert first["world"]["name"] == "generated:20"
+    (of_applr, of_other) = profiles(Results(folder))["drawn"]
+    assert [of_applr["method"], of_other["method"]] == ["applr", "other"], "dwa's set is constant"
+    (drive,) = of_applr["world"]["drives"]
+    assert of_applr["world"]["name"] == "generated:20"
     poses = np.cumsum(drive["p"], axis=0) / 100.0
-    room = clearance(load_world("generated:20"), poses[:, :2])
-    is_sure = np.abs(room[:, None] - np.array(LIMITS)).min(axis=1) > 0.01
-    regions = np.array(first["regions"])
-    assert regions[is_sure].tolist() == np.digitize(room, LIMITS)[is_sure].tolist()
-    assert len(set(first["regions"])) > 1
+    clearances = clearance(load_world("generated:20"), poses[:, :2])
+    # Poses on the page have hundredths of a metre, which may change the region near its limits.
+    is_sure = np.abs(clearances[:, None] - np.array(LIMITS)).min(axis=1) > 0.01
+    regions = np.array(of_applr["regions"])
+    assert regions[is_sure].tolist() == np.digitize(clearances, LIMITS)[is_sure].tolist()
+    assert len(set(of_applr["regions"])) > 1
 
 
 @needs_browser
 def test_keys_choose_a_profile_and_move_along_it(folder):
-    with opened(Path(write(folder))) as view:
-        box = view.locator("#profiles")
-        chosen = focused(view, "combobox", "Method and world of the profile")
-        options = chosen.get_by_role("option").all_inner_texts()
+    with opened(Path(write(folder))) as page:
+        profile_box = page.locator("#profiles")
+        chooser = focused(page, "combobox", "Method and world of the profile")
+        options = chooser.get_by_role("option").all_inner_texts()
         assert options == ["applr in generated:20", "other in generated:20"]
-        chosen.press("ArrowDown")
-        assert box.get_by_text("max_vel_x: 0.5").count()
-        slider = focused(view, "slider", "Time in seconds")
+        chooser.press("ArrowDown")
+        assert profile_box.get_by_text("max_vel_x: 0.5").count()
+        slider = focused(page, "slider", "Time in seconds")
         slider.press("End")
-        assert box.get_by_text("10.0 of 10.0 s").count()
-        assert box.get_by_text("max_vel_x: 2").count()
+        assert profile_box.get_by_text("10.0 of 10.0 s").count()
+        assert profile_box.get_by_text("max_vel_x: 2").count()
 
 
 def test_without_traces_there_is_no_profile(tmp_path):
@@ -369,9 +371,9 @@ def test_nothing_to_report_is_one_line(tmp_path):
 
 def test_clearance_of_a_world():
     world = load_world("generated:7")
-    x, y, radius = world.cylinders[np.argmin(world.cylinders[:, 1])]  # the foremost post
+    post_x, post_y, radius = world.cylinders[np.argmin(world.cylinders[:, 1])]  # the foremost post
     far_away = (-2.25, 12.0)
-    near_the_post = (x, y - radius - 0.35)
-    far, near = clearance(world, np.array([far_away, near_the_post]))
-    assert far > 1.0
-    assert near == pytest.approx(0.35)
+    near_the_post = (post_x, post_y - radius - 0.35)
+    far_clearance, near_clearance = clearance(world, np.array([far_away, near_the_post]))
+    assert far_clearance > 1.0
+    assert near_clearance == pytest.approx(0.35)

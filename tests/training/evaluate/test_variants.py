@@ -15,16 +15,16 @@ from tests.support.robots import Scripted, ToyRobot, quick, ring, run
 
 
 def test_the_random_planner_fidelity_depends_only_on_the_seed():
-    both = [draw("drawn", seed) for seed in range(200)]
-    assert both == [draw("drawn", [seed]) for seed in range(200)]
-    assert set(both) == {"ours", "cpp-like"}
-    assert 70 < both.count("ours") < 130
+    drawn = [draw("drawn", seed) for seed in range(200)]
+    assert drawn == [draw("drawn", [seed]) for seed in range(200)]
+    assert set(drawn) == {"ours", "cpp-like"}
+    assert 70 < drawn.count("ours") < 130
     move_base = MoveBase(quick(), "drawn")
     for seed in range(8):
         move_base.reset(0.0, seed=seed)
-        assert move_base.variant == both[seed]
+        assert move_base.variant == drawn[seed]
         move_base.reset(0.0)
-        assert move_base.variant == both[seed], "without a seed the planner stays"
+        assert move_base.variant == drawn[seed], "without a seed the planner stays"
     with pytest.raises(ApplrError, match=r"^planner 'cpp' is unknown: use .* or drawn$"):
         MoveBase(quick(), "cpp")
 
@@ -33,6 +33,9 @@ def test_the_random_planner_fidelity_depends_only_on_the_seed():
 
 
 def first_recovery(planner, seed, **changes):
+    """Return the time from the goal to the first recovery [s], of a robot that stands with valid
+    commands.
+    """
     tree = quick(oscillation_timeout=1.0, clearing_rotation_allowed=False, **changes)
     move_base = MoveBase(tree, planner=planner, seed=seed)
     robot = ToyRobot()
@@ -43,10 +46,14 @@ def first_recovery(planner, seed, **changes):
     move_base.local_planner = Scripted(lambda n: (True, (0.0, 0.0)))
     result = run(move_base, robot, 60.0, cycles=cycles)
     assert result in (("aborted", OSCILLATING), None)
-    return next((time for time, c in cycles if c.recovery), math.inf) - 0.1
+    recovery_times = [time for time, cycle in cycles if cycle.recovery]
+    # The goal was set at 0.1 s.
+    return min(recovery_times, default=math.inf) - 0.1
 
 
 def test_a_due_recovery_is_skipped_while_plans_succeed():
+    # oscillation_timeout is 1 s. In C++ each plan that succeeds restarts the state machine, so that
+    # the recovery comes when a cycle happens to fall between two plans.
     assert first_recovery("ours", 0) == pytest.approx(1.0, abs=0.16)
     late = [first_recovery("cpp-like", seed) for seed in range(3)]
     assert len(set(late)) == 3
@@ -72,12 +79,15 @@ def test_clearing_recoveries_find_no_layer_of_their_name():
         robot.circles = robot.circles[:0]
         move_base.set_goal((4.0, 0.0, 0.0), robot.time)
         results[planner] = run(move_base, robot, 60.0, cycles=cycles)
-    after_turn = [
-        b.command for (_, a), (_, b) in zip(cycles, cycles[1:]) if a.state == "clearing" != b.state
-    ]
-    assert after_turn[0] is None, (
-        "C++ keeps the last command of the rotation in force; for ours see test_move_base.py"
-    )
+
+    # C++ keeps the last command of the rotation in force; for ours see test_move_base.py.
+    commands_after_turns = []
+    for (_, cycle), (_, following) in zip(cycles, cycles[1:]):
+        if cycle.state == "clearing" and following.state != "clearing":
+            commands_after_turns.append(following.command)
+    assert commands_after_turns[0] is None
+
+    # The layers of the Jackal's files are called otherwise than C++'s recoveries expect.
     assert results == {"ours": ("succeeded", "Goal reached."), "cpp-like": ("aborted", NO_PATH)}
 
 
@@ -104,15 +114,20 @@ def test_the_planner_reaches_training_and_evaluation():
     from training.train.learner.config import TrainConfig
     from training.train.learner.prepare import prepare
 
-    more = dict(end_on_collision=True, monitor=True, movers=True, ground=[0, 2])
-    config = TrainConfig(worlds="generated:0", eval_worlds="generated:1", planner="drawn", **more)
-    made = prepare(config)
-    env = ApplrEnv(**json.loads(made.collect.args[1]))
-    held_out = TrialRunner(made.drive.args[0]).episode
-    kinds = [env.reset(seed=seed) and env.episode.move_base.variant for seed in range(8)]
-    assert set(kinds) == {"ours", "cpp-like"}
+    changes = dict(end_on_collision=True, monitor=True, movers=True, ground=[0, 2])
+    config = TrainConfig(
+        worlds="generated:0", eval_worlds="generated:1", planner="drawn", **changes
+    )
+    prepared = prepare(config)
+    env = ApplrEnv(**json.loads(prepared.collect.args[1]))
+    held_out = TrialRunner(prepared.drive.args[0]).episode
+    variants = []
+    for seed in range(8):
+        env.reset(seed=seed)
+        variants.append(env.episode.move_base.variant)
+    assert set(variants) == {"ours", "cpp-like"}
     env.reset(seed=0)
-    assert env.episode.move_base.variant == kinds[0]
+    assert env.episode.move_base.variant == variants[0]
     assert 0.0 < env.episode.simulator.drawn.ground < 2.0
     held_out.reset(worlds.load("generated:1"), 0)
     assert held_out.move_base.variant == "ours"

@@ -16,9 +16,10 @@ def trials_of(world, seconds, trial=0):
     """Return {Trial: Result} of one course from {method: time [s], or the reason of a failure}."""
     results = {}
     for method, value in seconds.items():
-        failed = isinstance(value, str)
-        result = Result(success=not failed, timeout=failed, time_s=100.0 if failed else value)
-        result = Result(**{**vars(result), "reason": value if failed else "finished"})
+        if isinstance(value, str):
+            result = Result(timeout=True, time_s=100.0, reason=value)
+        else:
+            result = Result(success=True, time_s=value, reason="finished")
         results[Trial(world, method, trial, 1, world, method)] = result
     return results
 
@@ -45,7 +46,7 @@ def rows_of(judged):
 
 
 # Courses with a difference of p = .1
-UNCLEAR = [(20.0 + d, 20.0) for d in (3.0, -1.0, 2.0, 1.0, 4.0, -1.0, 1.0, 1.5)]
+UNCLEAR = [(20.0 + slower, 20.0) for slower in (3.0, -1.0, 2.0, 1.0, 4.0, -1.0, 1.0, 1.5)]
 ALL_ARRIVE = "12 of 12 arrive (dwa: 12)"
 IN_BOTH = "where both arrive (12 drives)"
 
@@ -72,14 +73,14 @@ IN_BOTH = "where both arrive (12 drives)"
     ],
 )
 def test_a_verdict_has_a_method_a_table_and_a_line_per_comparison(courses, methods, method, lines):
-    judged = judging.verdict(pairs_of(*courses, methods=methods))
-    assert judged.method == method
-    _, *comparisons = judged.lines[: len(methods)]
+    judgement = judging.verdict(pairs_of(*courses, methods=methods))
+    assert judgement.method == method
+    _, *comparisons = judgement.lines[: len(methods)]
     assert len(comparisons) == len(lines)
     for line, start in zip(comparisons, lines):
         assert line.startswith(start)
     count = str(len(courses))
-    for row, name in zip(rows_of(judged), methods):
+    for row, name in zip(rows_of(judgement), methods):
         assert row[:4] == [name, count, count, "0"]
 
 
@@ -92,16 +93,16 @@ def test_a_difference_that_is_not_significant_says_that_the_courses_are_too_few(
 
 def test_arrivals_come_first_and_times_are_of_the_drives_in_which_both_arrive():
     """It arrives on harder courses, which take longer: a mean over all drives is slower."""
-    easy = [(30.0 + index, 20.0 + index) for index in range(6)]
-    hard = [("time limit", 60.0 + index) for index in range(10)]
-    judged = judging.verdict(pairs_of(*easy, *hard))
-    _, line, *_ = judged.lines
-    assert judged.method == "applr"
-    arrivals, times_of_both, test = line.split("; ")
+    easy_courses = [(30.0 + index, 20.0 + index) for index in range(6)]
+    hard_courses = [("time limit", 60.0 + index) for index in range(10)]
+    judgement = judging.verdict(pairs_of(*easy_courses, *hard_courses))
+    _, line, *_ = judgement.lines
+    assert judgement.method == "applr"
+    arrivals, times_of_both, p_value = line.split("; ")
     assert arrivals == "applr better: yes, 16 of 16 arrive (dwa: 6)"
     assert times_of_both == "22.5 s instead of 32.5 s where both arrive (6 drives)"
-    assert test.startswith("p = ")
-    dwa, applr = rows_of(judged)
+    assert p_value.startswith("p = ")
+    dwa, applr = rows_of(judgement)
     assert dwa[4] == "32.5"
     assert applr[4] == "22.5"
 
@@ -115,10 +116,12 @@ def test_without_a_course_on_which_both_arrive_no_times_are_compared():
 
 def test_the_courses_that_still_fail_are_named_by_reason():
     courses = [(30.0, 20.0), (30.0, "contact"), ("time limit", "time limit"), (30.0, "contact")]
-    *_, last = judging.verdict(pairs_of(*courses)).lines
-    assert last == "applr fails on 3 of 4 courses: contact (world1, world3); time limit (world2)"
-    *_, last = judging.verdict(pairs_of((30.0, 20.0), ("contact", 20.0))).lines
-    assert last == "applr fails on none of 2 courses"
+    *_, last_line = judging.verdict(pairs_of(*courses)).lines
+    assert (
+        last_line == "applr fails on 3 of 4 courses: contact (world1, world3); time limit (world2)"
+    )
+    *_, last_line = judging.verdict(pairs_of((30.0, 20.0), ("contact", 20.0))).lines
+    assert last_line == "applr fails on none of 2 courses"
 
 
 def test_the_lines_say_what_the_test_counts():
@@ -127,22 +130,24 @@ def test_the_lines_say_what_the_test_counts():
 
 
 def test_a_policy_that_is_better_on_average_and_creeps_in_the_worst_tenth_is_not_better():
+    # 20 courses: the worst tenth is two, of which one takes 45 s.
     courses = [*around(30, 20, count=19), (30.0, 45.0)]
-    judged = judging.verdict(pairs_of(*courses))
-    _, line, *_ = judged.lines
-    assert judged.method == "dwa"
+    judgement = judging.verdict(pairs_of(*courses))
+    _, line, *_ = judgement.lines
+    assert judgement.method == "dwa"
     assert line.startswith("applr better: no, ")
     assert line.endswith("; its worst tenth is worse")
-    dwa, applr = rows_of(judged)
+    dwa, applr = rows_of(judgement)
     assert float(applr[-1]) > float(dwa[-1])
 
 
 def test_a_policy_that_is_faster_but_fails_more_often_is_not_better():
+    # Five seconds faster on nine courses, and no arrival on seven.
     courses = [*around(30, 25, count=9), *[(30.0 + index, "time limit") for index in range(7)]]
-    judged = judging.verdict(pairs_of(*courses))
-    _, line, *_ = judged.lines
-    assert judged.method == "dwa"
-    dwa, applr = rows_of(judged)
+    judgement = judging.verdict(pairs_of(*courses))
+    _, line, *_ = judgement.lines
+    assert judgement.method == "dwa"
+    dwa, applr = rows_of(judgement)
     assert dwa[1:3] == ["16", "16"]
     assert applr[1:3] == ["16", "9"]
     assert line.startswith("applr better: no, 9 of 16 arrive (dwa: 16); ")
@@ -151,6 +156,7 @@ def test_a_policy_that_is_faster_but_fails_more_often_is_not_better():
 def test_half_driven_courses_are_left_out_and_further_trials_of_a_world_are_averaged():
     results = trials_of("a", {"dwa": 20.0, "applr": 10.0})
     results.update(trials_of("a", {"dwa": 30.0, "applr": 20.0}, trial=1))
+    # World b lacks a drive of applr.
     results.update(trials_of("b", {"dwa": 20.0}))
     trials = paired_trials(results, BOTH)
     scores = mean_scores(trials)
@@ -160,9 +166,9 @@ def test_half_driven_courses_are_left_out_and_further_trials_of_a_world_are_aver
 
 
 def test_equal_numbers_of_arrivals_are_said_once():
-    equal = judging.Arrivals(6, 5, 5, 4, 4.5, 18.8)
-    words = judging.sentence("applr", "dwa", False, equal)
+    arrivals = judging.Arrivals(6, 5, 5, 4, 4.5, 18.8)
+    sentence = judging.sentence("applr", "dwa", False, arrivals)
     counts = "as many drives arrive (5 of 6); where both arrive, 4.5 s instead of 18.8 s"
-    assert words == f"applr is not clearly better than dwa: {counts}"
-    words = judging.sentence("applr", "dwa", True, equal._replace(method=6))
-    assert words.startswith("applr is better than dwa: 6 of 6 drives arrive instead of 5; where")
+    assert sentence == f"applr is not clearly better than dwa: {counts}"
+    sentence = judging.sentence("applr", "dwa", True, arrivals._replace(method=6))
+    assert sentence.startswith("applr is better than dwa: 6 of 6 drives arrive instead of 5; where")

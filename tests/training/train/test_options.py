@@ -37,19 +37,20 @@ def test_bad_options_are_one_line_and_leave_no_folder(arguments, pattern, tmp_pa
 
 
 def test_a_file_of_options_has_the_names_of_the_command_line(tmp_path):
-    own = tmp_path / "own.yaml"
-    own.write_text("batch_size: 64\ndecision_period: 1.0\nslip: [0.7, 1.4]\n")
-    chosen = parse(["--recipe", str(own), "--decision-period", "0.5"])
-    assert (chosen.batch_size, chosen.decision_period, chosen.slip) == (64, 0.5, [0.7, 1.4])
-    for text, pattern in (
+    # Options of the command line take precedence over the file.
+    recipe_file = tmp_path / "own.yaml"
+    recipe_file.write_text("batch_size: 64\ndecision_period: 1.0\nslip: [0.7, 1.4]\n")
+    config = parse(["--recipe", str(recipe_file), "--decision-period", "0.5"])
+    assert (config.batch_size, config.decision_period, config.slip) == (64, 0.5, [0.7, 1.4])
+    for content, pattern in (
         ("batchsize: 64\n", "own.yaml: unknown option 'batchsize'"),
         ("gamma: fast\n", "own.yaml: gamma is 'fast': give a valid number"),
         ("- 3\n", "own.yaml: give a valid dictionary"),
         ("a: [\n", "not readable as YAML"),
     ):
-        own.write_text(text)
+        recipe_file.write_text(content)
         with pytest.raises(ApplrError, match=pattern):
-            parse(["--recipe", str(own)])
+            parse(["--recipe", str(recipe_file)])
 
 
 @pytest.mark.parametrize("name", ["paper", "jackal", "offline"])
@@ -60,13 +61,13 @@ def test_each_recipe_consists_of_valid_options(name):
 
 def test_defaults_and_noise_are_the_documented_ones():
     paper = TrainConfig()
-    assert (paper.gamma, paper.n_step, paper.critic_lr, ACTOR_LR, TAU) == (
-        0.95,
-        4,
-        1e-3,
-        3e-4,
-        0.005,
-    )
+    assert paper.gamma == 0.95
+    assert paper.n_step == 4
+    assert paper.critic_lr == 1e-3
+    assert ACTOR_LR == 3e-4
+    assert TAU == 0.005
+
+    # The noise falls over 3.84 of 5 million steps, and over that share of other runs.
     assert paper.noise(0) == 0.5
     assert paper.noise(1_000_000) == pytest.approx(0.375)
     assert paper.noise(3_840_000) == pytest.approx(0.02)
@@ -75,16 +76,20 @@ def test_defaults_and_noise_are_the_documented_ones():
     rising = TrainConfig(
         exploration_noise_initial=0.0, exploration_noise_final=0.1, exploration_noise_steps=100
     )
-    assert [round(rising.noise(n), 9) for n in (0, 50, 400)] == [0.0, 0.05, 0.1]
+    assert rising.noise(0) == 0.0
+    assert rising.noise(50) == pytest.approx(0.05)
+    assert rising.noise(400) == pytest.approx(0.1)
 
 
 def test_a_run_starts_at_a_parameter_set(tmp_path):
-    given = tmp_path / "set.json"
-    given.write_text('{"max_vel_x": 1.0, "min_in_place_vel_theta": 0.7}')
-    for name in (str(given), "dwa"):
+    # min_in_place_vel_theta is no parameter of the policy: it is set once, before the drives.
+    file = tmp_path / "set.json"
+    file.write_text('{"max_vel_x": 1.0, "min_in_place_vel_theta": 0.7}')
+    for name in (str(file), "dwa"):
         action, base = parse(["--init-from", name]).start
-        assert (len(action), base) == (8, {})
-    action, base = parse(["--init-from", str(given), "--observation", "dimensionless"]).start
+        assert len(action) == 8
+        assert base == {}
+    action, base = parse(["--init-from", str(file), "--observation", "dimensionless"]).start
     assert len(action) == 12
     fixed = {"footprint_padding": 0.1, "escape_reset_dist": 0.1, "escape_reset_theta": 0.1}
     assert base == {"min_in_place_vel_theta": 0.7, **fixed}

@@ -25,17 +25,17 @@ def tensor(values):
     return torch.from_numpy(np.asarray(values, np.float32))
 
 
-def _batch(rng, size, n, m):
+def _batch(rng, size, observed, actions):
     """Return random transitions with n observed numbers and m actions, a fifth of them final."""
     # The order of the draws decides their values.
     is_final = rng.random(size) < 0.2
     return Batch(
-        observation=tensor(rng.uniform(-1, 1, (size, n))),
-        action=tensor(rng.uniform(-1, 1, (size, m))),
+        observation=tensor(rng.uniform(-1, 1, (size, observed))),
+        action=tensor(rng.uniform(-1, 1, (size, actions))),
         reward=tensor(rng.uniform(-1, 1, size)),
         discount=tensor(np.where(is_final, 0.0, 0.95**4)),
-        next_observation=tensor(rng.uniform(-1, 1, (size, n))),
-        noise=tensor(rng.standard_normal((size, m))),
+        next_observation=tensor(rng.uniform(-1, 1, (size, observed))),
+        noise=tensor(rng.standard_normal((size, actions))),
     )
 
 
@@ -52,14 +52,14 @@ def first_weight(td3):
     return td3.actor_weights()["0.weight"]
 
 
-def _sb3(n, m, hidden, batch_size):
+def _sb3(observed, actions, hidden, batch_size):
     """Return stable-baselines3's learner for n observed numbers and m actions."""
     gym = pytest.importorskip("gymnasium")
     sb3 = pytest.importorskip("stable_baselines3")
 
     class Spaces(gym.Env):
-        observation_space = gym.spaces.Box(-1, 1, (n,), np.float32)
-        action_space = gym.spaces.Box(-1, 1, (m,), np.float32)
+        observation_space = gym.spaces.Box(-1, 1, (observed,), np.float32)
+        action_space = gym.spaces.Box(-1, 1, (actions,), np.float32)
 
     model = sb3.TD3(
         "MlpPolicy",
@@ -131,9 +131,9 @@ def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, m
         # Some actions are near 1 or -1, so that noise leaves [-1, 1].
         td3.actor_target[-1].bias += torch.linspace(-2.0, 2.0, m, dtype=precision)
         for ours, theirs in _pairs(td3, model):
-            for mine, other in zip(ours.parameters(), theirs.parameters()):
-                other.copy_(mine)
-    start = td3.actor[0].weight.clone()
+            for our_parameter, their_parameter in zip(ours.parameters(), theirs.parameters()):
+                their_parameter.copy_(our_parameter)
+    initial_weights = td3.actor[0].weight.clone()
     for index in range(10):
         batch = _converted(_batch(rng, size, n, m), lambda values: values.to(precision))
         torch.manual_seed(index)
@@ -141,9 +141,9 @@ def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, m
         td3.update(batch)
         _sb3_update(model, batch, index)
     for ours, theirs in _pairs(td3, model):
-        for mine, other in zip(ours.parameters(), theirs.parameters()):
-            torch.testing.assert_close(mine.data, other.data, atol=1e-5, rtol=0)
-    change = td3.actor[0].weight - start
+        for our_parameter, their_parameter in zip(ours.parameters(), theirs.parameters()):
+            torch.testing.assert_close(our_parameter.data, their_parameter.data, atol=1e-5, rtol=0)
+    change = td3.actor[0].weight - initial_weights
     assert change.abs().max() > 1e-3, "the policy has not changed"
 
 
@@ -178,18 +178,18 @@ def test_layer_norm_is_on_the_hidden_layers_of_the_critics():
     observation = torch.rand(7, 10)
     critics_input = torch.cat((observation, torch.rand(7, 3)), 1)
     _, critic = td3.critics
-    first, second, last = critic
+    first_layer, second_layer, last_layer = critic
     hidden = critics_input
-    for layer in (first, second):
+    for layer in (first_layer, second_layer):
         hidden = layer(hidden)
         mean = hidden.mean(1, keepdim=True)
         variance = hidden.var(1, correction=0, keepdim=True)
         hidden = ((hidden - mean) / (variance + 1e-5).sqrt()).relu()
-    torch.testing.assert_close(critic(critics_input), last(hidden))
+    torch.testing.assert_close(critic(critics_input), last_layer(hidden))
 
-    first, second, last = td3.actor
-    hidden = second(first(observation).relu()).relu()
-    torch.testing.assert_close(td3.actor(observation), last(hidden))
+    first_layer, second_layer, last_layer = td3.actor
+    hidden = second_layer(first_layer(observation).relu()).relu()
+    torch.testing.assert_close(td3.actor(observation), last_layer(hidden))
 
 
 def test_actors_get_the_running_average_and_the_state_contains_it():
@@ -207,13 +207,13 @@ def test_actors_get_the_running_average_and_the_state_contains_it():
     assert torch.equal(td3.actor[0].weight, plain.actor[0].weight), "the average affects learning"
     np.testing.assert_allclose(first_weight(td3), expected, atol=1e-6)
 
-    again = TD3(10, 2, averaged, seed=8)
-    again.load(td3.state())
-    np.testing.assert_array_equal(first_weight(again), first_weight(td3))
+    resumed = TD3(10, 2, averaged, seed=8)
+    resumed.load(td3.state())
+    np.testing.assert_array_equal(first_weight(resumed), first_weight(td3))
 
-    late = TD3(10, 2, averaged, seed=8)
-    late.load(plain.state())  # state of a run without an average
-    np.testing.assert_array_equal(first_weight(late), first_weight(plain))
+    from_plain = TD3(10, 2, averaged, seed=8)
+    from_plain.load(plain.state())  # state of a run without an average
+    np.testing.assert_array_equal(first_weight(from_plain), first_weight(plain))
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
@@ -258,28 +258,28 @@ def test_a_policy_can_start_at_a_parameter_set_and_learns_from_there():
     observations = np.random.default_rng(0).uniform(-1, 1, (5, 10)).astype(np.float32)
     td3 = TD3(10, 3, TD3Options(net_arch=[64], policy_ema_decay=0.75), seed=7)
     td3.begin_at([0.5, -0.25, 1.0])
-    first = action_of(td3, observations)
-    np.testing.assert_allclose(first, np.tile([0.5, -0.25, 0.95], (5, 1)), atol=0.01)
+    first_actions = action_of(td3, observations)
+    np.testing.assert_allclose(first_actions, np.tile([0.5, -0.25, 0.95], (5, 1)), atol=0.01)
     for seed in range(10):
         td3.update(_batch(np.random.default_rng(seed), 64, 10, 3))
-    assert (action_of(td3, observations) != first).all()
+    assert (action_of(td3, observations) != first_actions).all()
 
 
 def test_a_policy_that_is_taken_over_is_frozen_during_the_critic_warm_up(monkeypatch):
     monkeypatch.setattr("training.train.td3.td3.CRITIC_WARM_UP", 2)
     monkeypatch.setattr("training.train.td3.td3.POLICY_DELAY", 1)
     options = TD3Options(net_arch=[8])
-    begun = TD3(5, 2, options, seed=1)
+    source = TD3(5, 2, options, seed=1)
     td3 = TD3(5, 2, options, seed=2)
-    td3.begin_with(begun.actor_weights(), "it")
-    moved = []
+    td3.begin_with(source.actor_weights(), "it")
+    has_moved = []
     for _ in range(3):
         state = td3.state()
         td3 = TD3(5, 2, options, seed=3)
         td3.load(state)  # A run continues from its last checkpoint.
         td3.update(_batch(np.random.default_rng(0), 8, 5, 2))
-        moved.append(not np.array_equal(first_weight(td3), first_weight(begun)))
-    assert moved == [False, False, True]
+        has_moved.append(not np.array_equal(first_weight(td3), first_weight(source)))
+    assert has_moved == [False, False, True]
 
 
 def test_only_critics_receive_the_hidden_numbers():
@@ -290,12 +290,12 @@ def test_only_critics_receive_the_hidden_numbers():
     batch = _batch(np.random.default_rng(0), 32, 8, 2)
     for _ in range(2):
         td3.update(batch)
-    other = batch.observation.clone()
-    other[:, -hidden:] += 1.0
+    other_observation = batch.observation.clone()
+    other_observation[:, -hidden:] += 1.0
 
     critic, _ = td3.critics
     value = critic(torch.cat((batch.observation, batch.action), 1))
-    value_of_other = critic(torch.cat((other, batch.action), 1))
+    value_of_other = critic(torch.cat((other_observation, batch.action), 1))
 
     assert (value - value_of_other).abs().min() > 1e-4
 
@@ -313,11 +313,11 @@ def test_smoothness_weights_the_change_of_each_parameter_between_two_observation
         after = action_of(td3, batch.next_observation)
         return np.abs(after - before).mean(axis=0)
 
-    free = change([0.0])
-    assert (change([100.0]) < 0.5 * free).all()
+    free_change = change([0.0])
+    assert (change([100.0]) < 0.5 * free_change).all()
     first, second = change([0.0, 100.0])
-    assert first > 0.6 * free[0]
-    assert second < 0.5 * free[1]
+    assert first > 0.6 * free_change[0]
+    assert second < 0.5 * free_change[1]
 
 
 def test_smoothness_has_one_weight_or_one_for_each_parameter():

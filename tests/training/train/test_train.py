@@ -73,14 +73,14 @@ def test_a_run_learns_and_writes_all_its_files(whole):
 
 
 def test_resume_continues(tmp_path):
-    out = tmp_path / "run"
-    assert main(toy(out, "--total-timesteps", "300")) == 0
-    assert main(["--resume", "--out", str(out), "--total-timesteps", "600"]) == 0
-    saved = Learner.saved(out)
-    assert saved["transitions"] == 600
-    assert saved["updates"] == 300
-    assert numbers_of(rounds_of(out)) == [-1, 1, 2, 3]
-    assert len(json.loads((out / "config.json").read_text())["provenance"]) == 2
+    run_folder = tmp_path / "run"
+    assert main(toy(run_folder, "--total-timesteps", "300")) == 0
+    assert main(["--resume", "--out", str(run_folder), "--total-timesteps", "600"]) == 0
+    checkpoint = Learner.saved(run_folder)
+    assert checkpoint["transitions"] == 600
+    assert checkpoint["updates"] == 300
+    assert numbers_of(rounds_of(run_folder)) == [-1, 1, 2, 3]
+    assert len(json.loads((run_folder / "config.json").read_text())["provenance"]) == 2
 
 
 def test_an_overwritten_ring_is_restored_from_its_checkpoints(tmp_path):
@@ -93,14 +93,16 @@ def test_an_overwritten_ring_is_restored_from_its_checkpoints(tmp_path):
         while learner.updates_due:
             learner.update()
         learner.save()
-    again = Learner(layout, options.model_copy(update={"utd_ratio": 2.0}), tmp_path, 50)
-    assert actions_in(again.replay) == actions_in(learner.replay)
+    # A ring of 50 rows holds the last five episodes, each with its observation at the end.
+    resumed = Learner(layout, options.model_copy(update={"utd_ratio": 2.0}), tmp_path, 50)
+    assert actions_in(resumed.replay) == actions_in(learner.replay)
     assert len(list(tmp_path.glob("replay-*"))) == 5
-    assert again.transitions == 120
-    assert again.td3.updates == 115
-    assert again.updates_due == 0
-    again.take(episode(layout, 12, 10))
-    assert again.updates_due == 20
+    # One update for each transition after the first five; none is made up for later.
+    assert resumed.transitions == 120
+    assert resumed.td3.updates == 115
+    assert resumed.updates_due == 0
+    resumed.take(episode(layout, 12, 10))
+    assert resumed.updates_due == 20
 
 
 def actions_in(replay):
@@ -113,13 +115,15 @@ def actions_in(replay):
 def test_the_last_policy_within_the_minutes_is_compared_with_the_default(
     seeds, at_the_end, tmp_path, monkeypatch
 ):
+    # The minute is over once 250 steps are driven, between two evaluations.
     monkeypatch.setattr(TrainingRun, "elapsed", property(lambda run: 60.0 * (run.steps >= 250)))
-    out = tmp_path / "run"
-    assert main(toy(out, "--minutes", "1", "--seeds", seeds)) == 0
-    rounds = [(recorded["round"], recorded["step"]) for recorded in rounds_of(out)]
+    run_folder = tmp_path / "run"
+    assert main(toy(run_folder, "--minutes", "1", "--seeds", seeds)) == 0
+    rounds = [(recorded["round"], recorded["step"]) for recorded in rounds_of(run_folder)]
     assert rounds == [(1, 200), *at_the_end]
 
 
+# Program that saves ten times a second, so that a test need not wait for a checkpoint.
 OFTEN_SAVED = """
 import sys
 from training.train.learner import run
@@ -136,6 +140,7 @@ def start(arguments):
 
 
 def wait_for_a_checkpoint(out, process):
+    """Wait until a run has saved some transitions."""
     deadline = time.monotonic() + HANGS
     while not (Learner.saved(out) or {}).get("transitions"):
         assert process.poll() is None
@@ -145,13 +150,24 @@ def wait_for_a_checkpoint(out, process):
 
 @pytest.mark.fault("19")
 def test_a_killed_run_continues_from_its_last_checkpoint(tmp_path):
-    out = tmp_path / "run"
-    with start(toy(out, "--total-timesteps", "100000")) as process:
-        wait_for_a_checkpoint(out, process)
+    run_folder = tmp_path / "run"
+    with start(toy(run_folder, "--total-timesteps", "100000")) as process:
+        wait_for_a_checkpoint(run_folder, process)
         process.send_signal(signal.SIGKILL)
-    before = Learner.saved(out)["transitions"]
-    assert main(["--resume", "--out", str(out), "--total-timesteps", str(before + 100)]) == 0
-    assert Learner.saved(out)["transitions"] == before + 100
+    saved_transitions = Learner.saved(run_folder)["transitions"]
+    assert (
+        main(
+            [
+                "--resume",
+                "--out",
+                str(run_folder),
+                "--total-timesteps",
+                str(saved_transitions + 100),
+            ]
+        )
+        == 0
+    )
+    assert Learner.saved(run_folder)["transitions"] == saved_transitions + 100
 
 
 def left_at_each_write(command, folder, copies, monkeypatch):
@@ -163,12 +179,13 @@ def left_at_each_write(command, folder, copies, monkeypatch):
     names = []
 
     def copying(name):
-        real = getattr(os, name)
+        original = getattr(os, name)
 
-        def write(*args, **more):
-            folder.exists() and shutil.copytree(folder, copies / str(len(names)))
+        def write(*arguments, **options):
+            if folder.exists():
+                shutil.copytree(folder, copies / str(len(names)))
             names.append(name)
-            return real(*args, **more)
+            return original(*arguments, **options)
 
         return write
 
@@ -185,93 +202,81 @@ def test_a_run_killed_at_any_write_continues(tmp_path, monkeypatch):
     monkeypatch.setattr("training.train.learner.run.CHECKPOINT_SECONDS", 0.0)
     whole = tmp_path / "whole"
     options = ["--total-timesteps=20", "--eval-freq=20", "--net-arch=8"]
-    for number, name in enumerate(
-        left_at_each_write(lambda: main(toy(whole, *options)), whole, tmp_path, monkeypatch)
-    ):
-        out = tmp_path / str(number)
-        again = (
-            ["--resume", "--out", str(out)]
-            if (out / "config.json").exists()
-            else toy(out, *options)
-        )
-        assert main(again) == 0
-        assert Learner.saved(out)["transitions"] == 20, f"killed at write {number}, {name}"
+    names = left_at_each_write(lambda: main(toy(whole, *options)), whole, tmp_path, monkeypatch)
+    for number, name in enumerate(names):
+        run_folder = tmp_path / str(number)
+        # Before its first file, a run is started again as it was.
+        if (run_folder / "config.json").exists():
+            arguments = ["--resume", "--out", str(run_folder)]
+        else:
+            arguments = toy(run_folder, *options)
+        assert main(arguments) == 0
+        saved = Learner.saved(run_folder)
+        assert saved["transitions"] == 20, f"killed at write {number}, {name}"
 
 
 @pytest.mark.fault("23")
 def test_ctrl_c_saves_and_stops(tmp_path):
-    out = tmp_path / "run"
-    process = start([*toy(out, "--total-timesteps", "1000000"), "__name:=train"])
-    wait_for_a_checkpoint(out, process)
+    run_folder = tmp_path / "run"
+    process = start([*toy(run_folder, "--total-timesteps", "1000000"), "__name:=train"])
+    wait_for_a_checkpoint(run_folder, process)
     process.send_signal(signal.SIGINT)
-    text, _ = process.communicate(timeout=HANGS)
+    printed, _ = process.communicate(timeout=HANGS)
     assert process.returncode == 130
-    assert "Stopped by SIGINT and saved" in text
-    assert Learner.saved(out)["transitions"] > 0
+    assert "Stopped by SIGINT and saved" in printed
+    assert Learner.saved(run_folder)["transitions"] > 0
 
 
 def test_a_run_starts_with_the_networks_of_another_run(whole, tmp_path, capsys):
+    # Given: a run that takes over the networks of a copy, and learns nothing at first
     source = tmp_path / "source"
     out = tmp_path / "run"
     shutil.copytree(whole, source)
-    first = toy(
-        out,
-        "--init-from",
-        source,
-        "--total-timesteps",
-        "50",
-        "--learning-starts",
-        "40",
-        "--gamma",
-        "0.9",
-    )
-    assert main([*first, "--utd-ratio", "0"]) == 0
+    options = ["--total-timesteps", "50", "--learning-starts", "40", "--gamma", "0.9"]
+    assert main([*toy(out, "--init-from", source, *options), "--utd-ratio", "0"]) == 0
+
+    # Then: its networks are those of the other run, and so is its policy
     assert networks_of(out) == networks_of(whole)
-    assert (Learner.saved(out)["updates"], Learner.saved(out)["transitions"]) == (0, 50)
+    saved = Learner.saved(out)
+    assert saved["updates"] == 0
+    assert saved["transitions"] == 50
     policy = network((out / "actor.safetensors").read_bytes())
-    # The policy is that of the other run.
     assert policy(np.array([0.9]))[0] < -0.2 < 0.2 < policy(np.array([-0.9]))[0]
-    shutil.rmtree(source)  # The run needs its source only until its first checkpoint.
-    assert (
-        main(["--resume", "--out", str(out), "--total-timesteps", "100", "--utd-ratio", "1"]) == 0
-    )
+
+    # The run needs its source only until its first checkpoint. Unlike the file of a policy, a run
+    # has trained critics, so its policy is not frozen at first.
+    shutil.rmtree(source)
+    options = ["--total-timesteps", "100", "--utd-ratio", "1"]
+    assert main(["--resume", "--out", str(out), *options]) == 0
     assert Learner.saved(out)["updates"] == 50
-    # Unlike the file of a policy, a run has trained critics, so its policy is not frozen at first.
-    assert network((out / "actor.safetensors").read_bytes())(np.array([0.9])) != policy(
-        np.array([0.9])
-    )
-    one_line(
-        capsys,
-        toy(tmp_path / "b", "--init-from", whole, "--net-arch", "8"),
-        "give the same --net-arch",
-    )
-    one_line(
-        capsys,
-        toy(tmp_path / "c", "--init-from", whole, "--layer-norm"),
-        "its critics have layer_norm False",
-    )
+    later_policy = network((out / "actor.safetensors").read_bytes())
+    assert later_policy(np.array([0.9])) != policy(np.array([0.9]))
+
+    # Networks of another shape are refused, and names that are no run.
+    other_shape = toy(tmp_path / "b", "--init-from", whole, "--net-arch", "8")
+    one_line(capsys, other_shape, "give the same --net-arch")
+    other_critics = toy(tmp_path / "c", "--init-from", whole, "--layer-norm")
+    one_line(capsys, other_critics, "its critics have layer_norm False")
     for name in (tmp_path, "random"):
-        one_line(
-            capsys,
-            toy(tmp_path / "d", "--init-from", name),
-            "--init-from is .*: give static, dwa, a JSON",
-        )
+        no_run = toy(tmp_path / "d", "--init-from", name)
+        one_line(capsys, no_run, "--init-from is .*: give static, dwa, a JSON")
 
 
 def test_a_run_is_not_overwritten_and_not_mixed_up(whole, tmp_path, capsys):
-    before = networks_of(whole)
+    networks_before = networks_of(whole)
     one_line(capsys, toy(whole), "already holds a run: continue it with --resume")
-    for option in (["--net-arch", "64"], ["--simulator", "pybullet"]):
-        one_line(
-            capsys, ["--resume", "--out", whole, *option], f"{option[0]}: .* cannot be changed"
-        )
-    run = toy_run(parse(toy(tmp_path / "busy", "--total-timesteps", "10")))
+    for option, value in (("--net-arch", "64"), ("--simulator", "pybullet")):
+        arguments = ["--resume", "--out", whole, option, value]
+        one_line(capsys, arguments, f"{option}: .* cannot be changed")
+    busy_run = toy_run(parse(toy(tmp_path / "busy", "--total-timesteps", "10")))
     one_line(capsys, ["--resume", "--out", tmp_path / "busy"], "another train.py works")
-    run.lock.close()
-    assert networks_of(whole) == before
+    busy_run.lock.close()
+    assert networks_of(whole) == networks_before
 
 
 class Bomb:
+    """Object whose pickle makes a folder when it is read."""
+
     def __reduce__(self):
         return os.mkdir, ("executed",)
 
@@ -286,28 +291,28 @@ def test_a_pickle_in_a_checkpoint_is_not_executed(whole, tmp_path, capsys, monke
 
 @pytest.mark.fault("21")
 def test_a_full_disk_leaves_the_last_checkpoint(whole, tmp_path, monkeypatch, capsys):
-    copy = tmp_path / "copy"
-    shutil.copytree(whole, copy)
-    before = Learner.saved(copy)
-    real = os.fsync
+    run_folder = tmp_path / "copy"
+    shutil.copytree(whole, run_folder)
+    checkpoint = Learner.saved(run_folder)
+    original = os.fsync
 
     def full(descriptor):
         if "learner" in os.readlink("/proc/self/fd/%d" % descriptor):
             raise OSError(28, "No space left on device")
-        return real(descriptor)
+        return original(descriptor)
 
     monkeypatch.setattr(os, "fsync", full)
-    one_line(capsys, ["--resume", "--out", copy, "--total-timesteps", "900"], "No space left")
+    one_line(capsys, ["--resume", "--out", run_folder, "--total-timesteps", "900"], "No space left")
     monkeypatch.undo()
-    assert Learner.saved(copy) == before
-    assert not list(copy.glob("*.partial"))
-    assert main(["--resume", "--out", str(copy), "--total-timesteps", "900"]) == 0
+    assert Learner.saved(run_folder) == checkpoint
+    assert not list(run_folder.glob("*.partial"))
+    assert main(["--resume", "--out", str(run_folder), "--total-timesteps", "900"]) == 0
 
 
 def test_a_run_whose_episodes_all_fail_ends_in_one_line(tmp_path, capsys):
     broken = functools.partial(main, env=Broken)
-    words = "20 episodes in a row failed: RuntimeError: the wheels came off"
-    one_line(capsys, toy(tmp_path / "a", *NO_EVALUATION), words, broken)
+    problem = "20 episodes in a row failed: RuntimeError: the wheels came off"
+    one_line(capsys, toy(tmp_path / "a", *NO_EVALUATION), problem, broken)
 
 
 def test_rounds_are_continued_and_the_lowest_score_is_the_best(tmp_path):
@@ -381,17 +386,18 @@ class TwoTerms(Line):
 
 
 def test_tensorboard_shows_terms_of_the_reward(tmp_path):
-    out = tmp_path / "run"
-    assert main(toy(out, *NO_EVALUATION, "--total-timesteps", "100"), TwoTerms) == 0
-    assert main(["--resume", "--out", str(out), "--total-timesteps", "140"], TwoTerms) == 0
+    run_folder = tmp_path / "run"
+    assert main(toy(run_folder, *NO_EVALUATION, "--total-timesteps", "100"), TwoTerms) == 0
+    assert main(["--resume", "--out", str(run_folder), "--total-timesteps", "140"], TwoTerms) == 0
     near = []
     far = []
     total = []
-    for file in (out / "tensorboard").iterdir():
+    for file in (run_folder / "tensorboard").iterdir():
         session = EventAccumulator(str(file)).Reload()
         near += session.Scalars("reward/near")
         far += session.Scalars("reward/far")
         total += session.Scalars("episode/return")
+    # Episodes of ten steps, of both sessions.
     assert len(near) == len(total) == 14
     for near_event, far_event, total_event in zip(near, far, total):
         value = total_event.value

@@ -25,6 +25,7 @@ class RecordedRace:
     """
 
     def __init__(self, worse_by, blocks, halve=False, noise=3.0):
+        # Seconds of a world, and of a candidate in it, for up to 1,000 worlds.
         rng = np.random.default_rng(1)
         self._worse_by = np.array(worse_by)
         self._world_times = rng.uniform(10.0, 100.0, 1000)
@@ -45,6 +46,7 @@ class RecordedRace:
 
 def test_clearly_worse_candidates_drop_out_and_close_ones_stay():
     blocks = np.arange(50).reshape(5, 10)
+    # Candidates 0 and 2 differ by less than the noise of 3 s.
     raced = RecordedRace([0.2, 30.0, 0.0, 12.0], blocks)
     assert raced.racing[0] == [0, 1, 2, 3]
     for racing in raced.racing[1:]:
@@ -68,21 +70,22 @@ def test_halving_keeps_the_better_half_after_each_block():
 
 
 def test_the_next_block_is_requested_when_the_last_is_driven():
-    begun = []
+    begun_blocks = []
 
     def blocks():
         for number in range(9):
-            begun.append(number)
+            begun_blocks.append(number)
             yield [number]
             if number == 2:
                 return
 
     raced = RecordedRace([0.0, 0.1], blocks())
-    assert begun == [0, 1, 2]
+    assert begun_blocks == [0, 1, 2]
     assert list(map(len, raced.results)) == [3, 3]
 
 
 def time_of(result):
+    """Return the cost of a trial, its time [s]."""
     return result.time_s
 
 
@@ -122,6 +125,7 @@ def test_parameters_without_a_saving_are_reverted_to_their_defaults():
             results[trial] = Result(True, time_s=seconds)
         return results
 
+    # Halfway from the defaults to the middle of each range: every parameter is changed.
     theta = SPACE.to_theta(SPACE.to_action(SPACE.theta0) * 0.5)
     pruned, effects = prune_parameters(SPACE, run_with(drive), theta, lambda: BLOCKS, time_of)
     assert changed_names(pruned) == set(effects)
@@ -175,5 +179,6 @@ def test_the_test_is_paired_one_sided_and_needs_some_trials():
 def test_a_search_never_uses_the_seeds_of_evaluate():
     ((searched,),) = plan_sets(SPACE, [("w", "w")], [SPACE.theta0], [0], 3, "kinematic")
     assert searched.seed == seed_of(CHOOSING + 3, "w", 0)
+    # Seeds and trials that people use.
     for seed, trial in itertools.product(range(2000), range(20)):
         assert searched.seed != seed_of(seed, "w", trial)

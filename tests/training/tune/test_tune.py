@@ -63,10 +63,12 @@ DRIVEN = []  # each trial takes a second
 
 
 def searched_tasks():
+    """Return the trials that the search drove."""
     return [driven.task for driven in DRIVEN if driven.is_searched]
 
 
 def judged_tasks():
+    """Return the trials that the verdicts drove."""
     return [driven.task for driven in DRIVEN if not driven.is_searched]
 
 
@@ -85,11 +87,13 @@ def toy(settings, task, gain=12.0):
     for name in PAY:
         index = space.names.index(name)
         distance += float(abs(action[index] - best_action[index]))
+    # Courses differ by up to 2 s, and in how much the set gains on them, as real ones do.
     seconds = 12.0 + task.seed % 3 + gain * (1.0 + (task.seed % 7) / 40.0) * distance
     return Result(success=True, time_s=seconds, reason="finished", decisions=5, route_m=10.0), b""
 
 
 def none_better(settings, task):
+    """Return results of drives that no parameter changes."""
     return toy(settings, task, 0.0)
 
 
@@ -99,6 +103,7 @@ def only_in_search(settings, task):
 
 
 def better_without_monitor(settings, task):
+    """Return results that the parameter set improves only without the monitor."""
     return toy(settings, task, 0.0 if settings.monitor else 12.0)
 
 
@@ -110,6 +115,7 @@ def better_with_monitor(settings, task):
 
 
 def none_arrives(settings, task):
+    """Return results of drives that all end with the time limit."""
     result, trace = toy(settings, task)
     return replace(result, success=False, timeout=True), trace
 
@@ -130,21 +136,22 @@ def few(monkeypatch):
 @pytest.fixture
 def jackal(tmp_path, few):
     """Return a robot folder with the Jackal's description only."""
-    left_out = shutil.ignore_patterns("static.json", "*.safetensors")
-    return shutil.copytree(robots.JACKAL.folder, tmp_path / "jackal", ignore=left_out)
+    without_sets = shutil.ignore_patterns("static.json", "*.safetensors")
+    return shutil.copytree(robots.JACKAL.folder, tmp_path / "jackal", ignore=without_sets)
 
 
 def tune(folder, runner, *more):
+    """Run the command with a function above as runner, and return its exit status."""
     robot_folder.forget()  # A command would start in a new process.
-    words = [str(folder), "--out", str(Path(folder).parent / "out"), "--minutes", "6", *more]
     best_set.run = evaluation.run = globals()[runner]
-    return tune_robot.main([*words, *FEW])
+    output = str(Path(folder).parent / "out")
+    return tune_robot.main([str(folder), "--out", output, "--minutes", "6", *more, *FEW])
 
 
 def test_the_verdicts_lie_in_the_half_of_a_building_that_the_search_did_not_use(jackal, tmp_path):
     office = scenes.write_plan(tmp_path, "office")
-    words = f"{jackal} --out {tmp_path}/out --minutes 6 --workers 0 --worlds {office}"
-    assert tune_robot.main(words.split()) == 0
+    arguments = f"{jackal} --out {tmp_path}/out --minutes 6 --workers 0 --worlds {office}"
+    assert tune_robot.main(arguments.split()) == 0
     (drives,) = (tmp_path / "out").glob("fast_*")
     searched = {task.world_spec for task in searched_tasks()}
     judged = set()
@@ -154,10 +161,11 @@ def test_the_verdicts_lie_in_the_half_of_a_building_that_the_search_did_not_use(
 
     def x_of_paths(specifications):
         """Return the x [m] of all points of the paths through some worlds."""
-        x = []
+        places = []
         for specification in specifications:
-            x.extend(worlds.load(specification, radius(robots.JACKAL)).course.path[:, 0])
-        return x
+            course = worlds.load(specification, radius(robots.JACKAL)).course
+            places.extend(course.path[:, 0])
+        return places
 
     assert max(x_of_paths(searched)) < min(x_of_paths(judged))
 
@@ -166,19 +174,19 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
     assert tune(jackal, "toy", "--minutes", "12") == 0
     printed = capsys.readouterr().out
     # Progress lines count down.
-    left = re.findall(r"^reverting .*: (\d+) left$", printed, re.MULTILINE)
-    assert left
-    assert list(map(int, left)) == list(range(len(left), 0, -1))
+    left_counts = re.findall(r"^reverting .*: (\d+) left$", printed, re.MULTILINE)
+    assert left_counts
+    assert list(map(int, left_counts)) == list(range(len(left_counts), 0, -1))
 
     # The verdict on each file
-    for file, monitor in (("tuned.yaml", "without"), ("static.json", "with")):
-        _, table = printed.split(f"\n{file}, {monitor} the collision monitor:\n")
+    for file_name, monitor in (("tuned.yaml", "without"), ("static.json", "with")):
+        _, table = printed.split(f"\n{file_name}, {monitor} the collision monitor:\n")
         _, baseline, tuned, line, _, failures, written = table.splitlines()[:7]
         assert baseline.split()[:4] == ["dwa", "12", "12", "0"]
         assert tuned.split()[:4] == ["static", "12", "12", "0"]
         assert line.startswith("static better: yes, 12 of 12 arrive (dwa: 12); ")
         assert failures == "static fails on none of 12 courses"
-        assert written == f"written: {jackal}/{file}"
+        assert written == f"written: {jackal}/{file_name}"
     # The set has the parameters that pay, and few others.
     robot = robots.load(str(jackal))
     space = space_of(robot)
@@ -233,31 +241,35 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
 def test_a_clock_yields_blocks_until_their_share_has_passed_and_continues_after_a_stop(
     tmp_path, monkeypatch
 ):
-    now = [7.0]
-    monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    seconds = [7.0]
+    monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: seconds[0]))
 
-    def begun(clock):
+    def driven_blocks(clock):
+        """Return the blocks that begin within half of the 100 s. Each takes 20 s."""
         blocks = []
         for block in clock.until(0.5, range(10)):
             blocks.append(block)
-            now[0] += 20.0
+            seconds[0] += 20.0
         return blocks
 
+    # The third block begins at 40 s. Once the time is over, one block is driven all the same.
     table = Trials(tmp_path, {})
     clock = clocks.Clock(table, "readings", 100.0)
-    assert begun(clock) == [0, 1, 2]
-    assert begun(clock) == [0]
-    now[0] = 1000.0
-    again = clocks.Clock(table, "readings", 100.0)
-    assert list(again.until(0.5, range(10))) == [0, 1, 2]
-    assert list(again.until(0.5, range(10))) == [0]
-    now[0] += 3.0
-    assert again.spent() == pytest.approx(0.83)
+    assert driven_blocks(clock) == [0, 1, 2]
+    assert driven_blocks(clock) == [0]
+
+    # A run that was stopped goes on at the readings it wrote, whatever the computer's clock shows.
+    seconds[0] = 1000.0
+    continued = clocks.Clock(table, "readings", 100.0)
+    assert list(continued.until(0.5, range(10))) == [0, 1, 2]
+    assert list(continued.until(0.5, range(10))) == [0]
+    seconds[0] += 3.0
+    assert continued.spent() == pytest.approx(0.83)
 
 
 @pytest.mark.parametrize("runner", ["none_better", "only_in_search"])
 def test_if_nothing_is_better_the_robots_folder_is_unchanged(runner, jackal, capsys):
-    before = sorted(jackal.iterdir())
+    files_before = sorted(jackal.iterdir())
     assert tune(jackal, runner) == 1
     printed = capsys.readouterr().out
     assert "better: no, " in printed
@@ -266,7 +278,7 @@ def test_if_nothing_is_better_the_robots_folder_is_unchanged(runner, jackal, cap
         "\nnothing written: the set is in " in printed
         or "no changed parameter saves anything" in printed
     )
-    assert sorted(jackal.iterdir()) == before
+    assert sorted(jackal.iterdir()) == files_before
 
 
 @pytest.mark.parametrize(
@@ -276,12 +288,13 @@ def test_if_nothing_is_better_the_robots_folder_is_unchanged(runner, jackal, cap
 def test_tuned_yaml_is_searched_and_judged_without_the_monitor_and_static_json_judged_with_it(
     runner, files, jackal
 ):
-    before = {path.name for path in jackal.iterdir()}
+    files_before = {path.name for path in jackal.iterdir()}
     assert tune(jackal, runner) == 0
-    assert {path.name for path in jackal.iterdir()} - before == files
+    assert {path.name for path in jackal.iterdir()} - files_before == files
     searched = [driven.monitor for driven in DRIVEN if driven.is_searched]
     judged = [driven.monitor for driven in DRIVEN if not driven.is_searched]
     assert not any(searched)
+    # Two methods on twelve courses, for tuned.yaml and then for static.json.
     assert judged == [False] * 24 + [True] * 24
 
 
@@ -305,6 +318,7 @@ def test_a_robot_that_fails_on_open_floor_is_tuned_only_with_anyway(jackal, caps
 
 @pytest.mark.fault("19")
 def test_a_stopped_run_continues_and_drives_nothing_twice(jackal, monkeypatch):
+    # Ctrl-C after the sixth reading of the clock, in the middle of the search.
     note = Trials.note
 
     def stop(table, **values):
@@ -327,8 +341,9 @@ def test_a_stopped_run_continues_and_drives_nothing_twice(jackal, monkeypatch):
 def test_a_finished_run_searches_on_from_its_result(jackal, capsys):
     for _ in range(2):
         assert tune(jackal, "toy", "--minutes", "4") == 0
-        begun = re.search(r"best of (\d+) starting sets: ", capsys.readouterr().out)
-    assert int(begun[1]) == len(best_set.warm_starts(robots.load(str(jackal))))
+        line = re.search(r"best of (\d+) starting sets: ", capsys.readouterr().out)
+    # The robot's new set is among the starting sets of the second run.
+    assert int(line[1]) == len(best_set.warm_starts(robots.load(str(jackal))))
 
 
 def test_an_included_robots_folder_is_not_written_to(tmp_path, few):
@@ -349,6 +364,7 @@ def test_each_objective_charges_the_quantity_in_its_name():
     def cost(aim, **values):
         return AIMS[aim].cost(result(**values), robot, Baseline(4.0, 8.0, 1.0))
 
+    # A usual drive costs its time with each objective.
     assert cost("fast") == 12.0
     assert cost("fast", success=False, time_s=60.0) == 100.0
     assert cost("fast", collided=True) == cost("fast", success=False), (
@@ -356,6 +372,8 @@ def test_each_objective_charges_the_quantity_in_its_name():
     )
     assert cost("fast", time_s=40.0, mean_clearance_m=0.1, mean_jerk=9.0, mean_turn=2.0) == 40.0
     assert cost("careful") == pytest.approx(cost("smooth")) == pytest.approx(12.0)
+    # Weights of score.AIMS times the optimal time times what is worse: a tenth of a width of
+    # clearance below three widths, and jerk and turning relative to the baseline's 8 and 1.
     assert cost("careful", mean_clearance_m=2.9 * WIDTH) == pytest.approx(12.0 + 5.0 * 0.1 * 60.0)
     assert cost("careful", mean_jerk=6.0, mean_turn=2.0) == pytest.approx(12.0)
     assert cost("smooth", mean_jerk=6.0) == pytest.approx(12.0 + 5.0 * 15.0 * 0.75)
@@ -384,18 +402,18 @@ def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_sp
     assert starts[jackals_row, space.names.index("sim_time")] == pytest.approx(1.113)
 
 
+JACKALS_SEARCHED = [
+    "min_in_place_vel_theta",
+    "escape_reset_dist",
+    "escape_reset_theta",
+    "footprint_padding",
+]
+
+
 @pytest.mark.parametrize(
     ("name", "searched"),
     [
-        (
-            "jackal",
-            [
-                "min_in_place_vel_theta",
-                "escape_reset_dist",
-                "escape_reset_theta",
-                "footprint_padding",
-            ],
-        ),
+        ("jackal", JACKALS_SEARCHED),
         ("husky", ["footprint_padding", "planner_frequency"]),  # its move_base plans only once
         ("turtlebot3_burger", ["footprint_padding"]),
     ],
@@ -419,33 +437,35 @@ def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
     folder = shutil.copytree(robots.load(name).folder, tmp_path / name)
     robot = robots.load(str(folder))
     space = space_of(robot)
-    theta = space.clip(0.7 * space.low + 0.3 * space.high)
-    values = {
-        name: value
-        for name, value in space.as_dict(theta).items()
-        if name not in ("sim_time", "vx_samples")
-    }
+    # A set that leaves two parameters at their defaults, which the file must not have.
+    values = space.as_dict(space.clip(0.7 * space.low + 0.3 * space.high))
+    for left_out in ("sim_time", "vx_samples"):
+        values.pop(left_out, None)
     found_set.write_set(robot, values, folder / "static.json", folder / "tuned.yaml")
     wanted = space.from_dict(values)
     assert methods.make("static", robot).theta(None).tolist() == wanted.tolist()
     if name == "jackal":  # the padding would change the outline of the planner, too
         wanted = space.from_dict({**values, "footprint_padding": 0.1})
-    ((loaded, namespace),) = rosparam.load_file(
-        str(folder / "tuned.yaml"), default_namespace="move_base"
-    )
+
+    # rosparam reads it.
+    tuned_yaml = str(folder / "tuned.yaml")
+    ((loaded, namespace),) = rosparam.load_file(tuned_yaml, default_namespace="move_base")
     assert namespace.strip("/") == "move_base"
     assert loaded == move_base_parameters(robot, values)
-    assert loaded.get("TrajectoryPlannerROS", {}).get("meter_scoring") is (
-        False if name == "jackal" else None
-    )
-    assert "sim_time" not in (folder / "tuned.yaml").read_text()
-    unit = "costmap cell" if name == "jackal" else "metre"
-    assert (
-        f"# The distance biases below are per {unit}, as in C++"
-        in (folder / "tuned.yaml").read_text()
-    )
+    # The weights are in the unit of the robot's own files, which the file says.
+    meter_scoring = loaded.get("TrajectoryPlannerROS", {}).get("meter_scoring")
+    text = (folder / "tuned.yaml").read_text()
+    if name == "jackal":
+        assert meter_scoring is False
+        assert "# The distance biases below are per costmap cell, as in C++" in text
+    else:
+        assert meter_scoring is None
+        assert "# The distance biases below are per metre, as in C++" in text
+    assert "sim_time" not in text
+
+    # This package reads it, as one more file of robot.yaml.
     described = yaml.safe_load((folder / "robot.yaml").read_text())
     described["move_base"]["without_map"].setdefault("files", []).append({"file": "tuned.yaml"})
-    other = shutil.copytree(folder, tmp_path / "other" / name)
-    (other / "robot.yaml").write_text(yaml.safe_dump(described, sort_keys=False))
-    assert space_of(robots.folder.read(str(other))).theta0.tolist() == wanted.tolist()
+    with_file = shutil.copytree(folder, tmp_path / "other" / name)
+    (with_file / "robot.yaml").write_text(yaml.safe_dump(described, sort_keys=False))
+    assert space_of(robots.folder.read(str(with_file))).theta0.tolist() == wanted.tolist()

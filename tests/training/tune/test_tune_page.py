@@ -16,6 +16,7 @@ from training.tune.page import write
 RULE = "a failure or contact costs 10 times the course's shortest time"
 WORLDS = ["generated:1", "generated:2", "generated:3"]
 TIMES = {"dwa": (20.0, None, None), "static": (12.0, 14.0, None)}  # None: a failure
+# As found_set writes changes.csv: one parameter whose effect is unclear, and one that saves time.
 CHANGED = pd.DataFrame(
     {
         "parameter": ["sim_time", "max_vel_x"],
@@ -38,34 +39,42 @@ def drives(tmp_path):
     """
     (tmp_path / "tuned.yaml").write_text("DWAPlannerROS: {}\n")
     for monitor in ("with", "without"):
-        plan = plan_trials([(w, w) for w in WORLDS], [(m, m) for m in TIMES], 1, seed=0)
+        plan = plan_trials(list(zip(WORLDS, WORLDS)), list(zip(TIMES, TIMES)), 1, seed=0)
         settings = dict(SETTINGS, worlds=WORLDS, world_specs=WORLDS)
         with Trials(tmp_path / monitor, settings) as store:
             for trial in plan:
-                time = TIMES[trial.method][WORLDS.index(trial.world)]
-                reason = "finished" if time else "no way. Even after recovery"
-                store.add(
-                    trial, Result(bool(time), False, False, time or 100.0, 3, 6.0, reason, 7.0)
+                seconds = TIMES[trial.method][WORLDS.index(trial.world)]
+                success = seconds is not None
+                result = Result(
+                    success,
+                    time_s=seconds if success else 100.0,
+                    decisions=3,
+                    path_length_m=6.0,
+                    reason="finished" if success else "no way. Even after recovery",
+                    route_m=7.0,
                 )
+                store.add(trial, result)
     return tmp_path
 
 
 def page_of(drives, *are_better):
+    """Write the page, with a judgement on each file, and return its path."""
     files = ("tuned.yaml", "static.json")
     judgements = []
     for file, monitor, is_better in zip(files, ("without", "with"), are_better):
         judgements.append(Judgement(file, monitor, ["table", "line"], is_better, drives / file))
-    return write(
-        JACKAL, drives, CHANGED, judgements, "searched on 9 courses\nfor a building: MAP", RULE
-    )
+    scope = "searched on 9 courses\nfor a building: MAP"
+    return write(JACKAL, drives, CHANGED, judgements, scope, RULE)
 
 
 def data_of(path):
+    """Return the data that a page's script draws."""
     return json.loads(path.read_text().partition('id="data">')[2].partition("</script>")[0])
 
 
 def test_the_sentence_has_arrivals_first_and_is_that_of_a_file_that_was_written(drives):
     text = page_of(drives, False, True).read_text()
+    # Of the course on which both arrive, the first one.
     times = "where both arrive, 12.0&nbsp;s instead of 20.0&nbsp;s"
     sentence = f"2 of 3 drives arrive instead of 1; {times}"
     assert f'<p class="verdict">static.json is better than the defaults: {sentence}</p>' in text
@@ -86,13 +95,13 @@ def test_each_course_has_both_drives_and_an_effect_of_one_course_no_interval(dri
 
 @needs_browser
 def test_the_page_shows_changes_and_failures_and_opens_its_details_by_keyboard(drives):
-    with opened(page_of(drives, True, False)) as view:
-        assert view.get_by_text(RULE).count() == 1
-        changes = view.locator(".changes b").all_inner_texts()
+    with opened(page_of(drives, True, False)) as page:
+        assert page.get_by_text(RULE).count() == 1
+        changes = page.locator(".changes b").all_inner_texts()
         assert changes == ["max_vel_x", "sim_time"], "what saves something comes first"
-        assert view.get_by_text("fails → fails: no way", exact=True).count() == 2
-        assert not view.get_by_text("Largest velocity.").is_visible()
-        summary = view.locator("summary", has_text="What the parameters mean")
+        assert page.get_by_text("fails → fails: no way", exact=True).count() == 2
+        assert not page.get_by_text("Largest velocity.").is_visible()
+        summary = page.locator("summary", has_text="What the parameters mean")
         summary.focus()
         summary.press("Enter")
-        assert view.get_by_text("Largest velocity.").is_visible()
+        assert page.get_by_text("Largest velocity.").is_visible()

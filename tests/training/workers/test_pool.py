@@ -55,9 +55,9 @@ def test_an_episode_depends_only_on_run_and_number_and_noise_has_its_deviation(s
         return collect(Line, "{}", task, weights)
 
     trajectories = list(map(drive, range(40)))
-    again = drive(3)
-    assert np.array_equal(again.action, trajectories[3].action)
-    assert np.array_equal(again.rest, trajectories[3].rest)
+    repeated = drive(3)
+    assert np.array_equal(repeated.action, trajectories[3].action)
+    assert np.array_equal(repeated.rest, trajectories[3].rest)
     actions = np.concatenate([trajectory.action for trajectory in trajectories])
     assert 0.9 * sigma <= actions.std() <= 1.1 * sigma
 
@@ -85,13 +85,15 @@ def test_shutdown_ends_busy_processes():
         pids = [worker.process.pid for worker in pool.workers]
         futures = [pool.submit(time.sleep, 60) for _ in range(5)]
         time.sleep(1.0)
-        begun = time.monotonic()
-    assert time.monotonic() - begun < 50
+        began = time.monotonic()
+    # Far less than the 60 s that the calls would sleep.
+    assert time.monotonic() - began < 50
     for future in futures:
         assert future.cancelled() or isinstance(future.exception(), CallFailed)
     assert not any(map(is_alive, pids))
 
 
+# Code that Python runs at its start, and that keeps a worker from reading for a while
 SLOW_START = "import sys, time\nif 'workers.pool' in str(sys.orig_argv):\n    time.sleep(1.5)\n"
 
 
@@ -105,8 +107,8 @@ def test_a_worker_that_starts_slowly_gets_arguments_larger_than_the_socket_holds
         assert pool.replaced == 0
     with Pool(1) as pool:  # A message that is never read does not block the shutdown.
         future = pool.submit(len, bytes(3_000_000))
-        begun = time.monotonic()
-    assert time.monotonic() - begun < 50
+        began = time.monotonic()
+    assert time.monotonic() - began < 50
     assert future.exception()
 
 
@@ -157,11 +159,11 @@ def test_training_with_processes_some_of_which_die(tmp_path, capsys):
 
 
 def test_an_unusable_ray_address_is_reported_soon_and_in_one_line():
-    begun = time.monotonic()
+    began = time.monotonic()
     for address in ("127.0.0.1:1", "nowhere", "ray://127.0.0.1:1"):
         with pytest.raises(ApplrError, match="no Ray answers at"):
             connect(address, 1)
-    assert time.monotonic() - begun < 15
+    assert time.monotonic() - began < 15
     with pytest.raises(ApplrError, match="--ray-address is 127.0.0.1:1, but there are no workers"):
         Pool(0, "127.0.0.1:1")
 
@@ -189,10 +191,10 @@ ray.shutdown()
 def test_ray_on_this_machine_listens_on_loopback_only():
     pytest.importorskip("ray")
     command = [sys.executable, "-c", LISTENS]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    finished = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
     # /proc/net's notation of 127.0.0.1 in IPv4 and IPv6.
-    addresses = done.stdout.splitlines()[-1].split()
-    assert addresses, done.stderr
+    addresses = finished.stdout.splitlines()[-1].split()
+    assert addresses, finished.stderr
     assert set(addresses) <= {"0100007F", "0000000000000000FFFF00000100007F"}
 
 
@@ -207,14 +209,14 @@ def test_a_run_on_two_nodes_survives_the_loss_of_one(tmp_path):
     try:
         victim = cluster.add_node(**node)
         options = ["--total-timesteps=400", "--eval-worlds=none"]
-        words = [*SMALL, *options, "--ray-address", cluster.address, "--out", str(tmp_path / "run")]
-        run = toy_run(parse(words), Slow)
-        seen = []
+        address = ["--ray-address", cluster.address]
+        run = toy_run(parse([*SMALL, *options, *address, "--out", str(tmp_path / "run")]), Slow)
+        lost_at = []  # number of steps when the node is lost
 
         def lose_a_node():
             while run.steps < 50 or ray.available_resources().get("CPU"):
                 time.sleep(0.05)
-            seen.append(run.steps)
+            lost_at.append(run.steps)
             cluster.remove_node(victim)
 
         losing = threading.Thread(target=lose_a_node)
@@ -224,5 +226,5 @@ def test_a_run_on_two_nodes_survives_the_loss_of_one(tmp_path):
     finally:
         cluster.shutdown()
     assert status == 0
-    assert seen[0] < 300
+    assert lost_at[0] < 300
     assert run.learner.transitions >= 400
