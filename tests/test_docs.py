@@ -13,18 +13,9 @@ from tests.support import HANGS, ROOT
     sys.version_info < (3, 11), reason="requirements/docs.txt is for Python 3.11 and later"
 )
 def test_the_site_builds(tmp_path):
-    command = [
-        sys.executable,
-        "-m",
-        "sphinx",
-        "-q",
-        "-W",
-        "--keep-going",
-        "-d",
-        tmp_path / "trees",
-        "docs",
-        tmp_path,
-    ]
+    # -W: warnings are errors; --keep-going shows all of them.
+    options = ["-q", "-W", "--keep-going", "-d", tmp_path / "trees"]
+    command = [sys.executable, "-m", "sphinx", *options, "docs", tmp_path]
     built = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=HANGS
     )

@@ -26,7 +26,7 @@ from tests.support.refusals import refused
 
 
 @pytest.mark.parametrize(
-    ("end", "status", "line"),
+    ("outcome", "status", "line"),
     [
         (None, 0, ""),
         (3, 3, ""),
@@ -40,8 +40,8 @@ from tests.support.refusals import refused
         (FileNotFoundError(2, "No such file", "none"), 1, "p: [Errno 2] No such file: 'none'\n"),
     ],
 )
-def test_a_command_ends_in_one_line_and_a_status(capsys, end, status, line):
-    assert run_main(Mock(side_effect=[end]), "p") == status
+def test_a_command_ends_in_one_line_and_a_status(capsys, outcome, status, line):
+    assert run_main(Mock(side_effect=[outcome]), "p") == status
     assert capsys.readouterr().err == line
 
 
@@ -59,6 +59,7 @@ def test_files_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
     files.write_json(path, {"a": 1})
     assert files.read_json(path) == {"a": 1}
 
+    # The disk is full before the new file has its name.
     monkeypatch.setattr(os, "fsync", Mock(side_effect=OSError(28, "No space left on device")))
     with pytest.raises(ApplrError, match=r"file.json: .*No space left on device.* untouched"):
         files.write_bytes(path, b"other")
@@ -80,16 +81,16 @@ def test_only_regular_files_are_written_and_mistakes_are_one_line(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("content", "problem"),
     [
         ("a: [", "not readable as YAML"),
         ("a: 2001-99-99", "not readable as YAML"),
         ("a: !!python/object/apply:os.getcwd []", "could not determine a constructor"),
     ],
 )
-def test_yaml_is_plain_values(tmp_path, text, words):
-    (tmp_path / "a.yaml").write_text(text)
-    refused(lambda: files.read_yaml(tmp_path / "a.yaml"), f"a.yaml: .*{words}")
+def test_yaml_is_plain_values(tmp_path, content, problem):
+    (tmp_path / "a.yaml").write_text(content)
+    refused(lambda: files.read_yaml(tmp_path / "a.yaml"), f"a.yaml: .*{problem}")
 
 
 def test_numbers_beyond_their_bounds_are_refused():
@@ -102,16 +103,18 @@ def test_numbers_beyond_their_bounds_are_refused():
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -3.0, 3.1415])
 def test_quaternions_and_poses_agree_with_complex_numbers(yaw):
-    q = SimpleNamespace(**dict(zip("xyzw", (3.0 * part for part in angles.quaternion_of(yaw)))))
-    assert angles.yaw_of(q) == pytest.approx(yaw)
+    # A quaternion's length does not matter.
+    x, y, z, w = 3.0 * np.array(angles.quaternion_of(yaw))
+    assert angles.yaw_of(SimpleNamespace(x=x, y=y, z=z, w=w)) == pytest.approx(yaw)
+
     x, y, turned = angles.compose((1.0, 2.0, yaw), (2.0, 0.5, 3.0))
     moved = complex(1.0, 2.0) + complex(2.0, 0.5) * complex(math.cos(yaw), math.sin(yaw))
     assert complex(x, y) == pytest.approx(moved)
     assert abs(turned) <= math.pi
     assert math.sin(turned) == pytest.approx(math.sin(yaw + 3.0))
-    np.testing.assert_allclose(
-        angles.normalize_angle_modulo(np.array([yaw + 4 * math.pi])), [yaw], atol=1e-12
-    )
+
+    two_turns_on = np.array([yaw + 4 * math.pi])
+    np.testing.assert_allclose(angles.normalize_angle_modulo(two_turns_on), [yaw], atol=1e-12)
     assert angles.normalize_angle(yaw - 2 * math.pi) == pytest.approx(yaw)
 
 
@@ -120,10 +123,12 @@ def test_distances_outside_a_box_equal_those_of_its_raster():
     yaw = 0.7
     size = (2.0, 1.0)
     edge = np.linspace(-0.5, 0.5, 101)
-    # A raster of the box.
-    inside = np.stack(np.meshgrid(edge * size[0], edge * size[1]), -1).reshape(-1, 2)
-    turned = inside @ np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
-    nearest = np.hypot(dx[:, None] - turned[:, 0], dy[:, None] - turned[:, 1]).min(1)
+    # A raster of the box; its points are up to 0.02 m apart.
+    raster = np.stack(np.meshgrid(edge * size[0], edge * size[1]), -1).reshape(-1, 2)
+    turned_raster = raster @ np.array(
+        [[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]]
+    )
+    nearest = np.hypot(dx[:, None] - turned_raster[:, 0], dy[:, None] - turned_raster[:, 1]).min(1)
     distances = np.hypot(*angles.outside_box(dx, dy, yaw, *size))
     assert np.all(np.abs(distances - nearest) < 0.015)
     assert np.any(distances == 0.0)
@@ -150,7 +155,8 @@ def test_long_work_is_announced_and_never_silent_for_long():
 
     def take(line):
         lines.append(line)
-        len(lines) == 3 and third.set()
+        if len(lines) == 3:
+            third.set()
 
     with announced("compiling kernels (about a minute)", take, first=0.01, every=0.01):
         assert third.wait(HANGS)
@@ -165,21 +171,21 @@ def test_publishing_to_a_closed_topic_at_shutdown_is_not_an_error(monkeypatch, r
     rospy = pytest.importorskip("rospy")
     from applr_ros1.common.ros_node import until_shutdown
 
-    kind = getattr(rospy, raised, None) or getattr(builtins, raised)
-    with pytest.raises(kind), until_shutdown():
-        raise kind("publish() to a closed topic")
+    error = getattr(rospy, raised, None) or getattr(builtins, raised)
+    with pytest.raises(error), until_shutdown():
+        raise error("publish() to a closed topic")
     monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: True)
     with until_shutdown():
-        raise kind("publish() to a closed topic")
+        raise error("publish() to a closed topic")
 
 
 def test_extras_are_those_of_pyproject():
     tomllib = pytest.importorskip("tomllib")
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
-        "optional-dependencies"
-    ]
-    brought = {(package, name) for name, packages in extras.items() for package in packages}
-    assert brought | {("lz4", "train")} == set(EXTRAS.items())
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    declared = {"lz4": "train"}  # rosbags brings it along.
+    for extra, packages in project["optional-dependencies"].items():
+        declared.update(dict.fromkeys(packages, extra))
+    assert declared == EXTRAS
 
 
 WITHOUT_EXTRAS = """
@@ -215,11 +221,11 @@ def test_without_extras_policies_and_evaluation_work_and_other_commands_end_in_o
     commands = ("appld", "train.bags_to_dataset", "appld.demonstrate", "train")
     program = [sys.executable, "-c", WITHOUT_EXTRAS, *commands]
     environment = dict(os.environ, PYTHONPATH=str(ROOT))
-    done = subprocess.run(
+    finished = subprocess.run(
         program, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=HANGS
     )
-    assert done.returncode == 0, done.stderr
-    lines = done.stdout.splitlines()
+    assert finished.returncode == 0, finished.stderr
+    lines = finished.stdout.splitlines()
     assert (tmp_path / "results/report/table_1.csv").exists()
     for line in lines[-len(commands) :]:
         assert re.match("ended with: (train.py: )?Python's ", line), line

@@ -15,6 +15,8 @@ from applr_ros1.common.errors import ApplrError
 from applr_ros1.nodes.tools import compile_kernels
 from tests.support import HANGS, ROOT
 
+# Modules of the temporary package: a kernel that calls a kernel of another file, and one call of it
+# each with an integer and a float
 OUTER = """
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner import (  # The names of a long import stand on lines of their own.
@@ -37,6 +39,8 @@ RUN = """
 from applr_ros1.planner.outer import outer
 print(outer(5), outer(5.5), sum(outer.stats.cache_misses.values()))
 """
+# Program that compiles what the set-up compiles, drives, and prints which kernels got new
+# signatures
 DRIVE = """
 import sys
 from numba.core.dispatcher import Dispatcher
@@ -50,8 +54,12 @@ for _, compile_part in (*PARTS, *DRIVES):
 
 def kernels():
     modules = [module for name, module in sys.modules.items() if name.startswith(OURS)]
-    values = [value for module in modules for value in vars(module).values()]
-    return {str(value): value for value in values if isinstance(value, Dispatcher)}
+    found = {}
+    for module in modules:
+        for value in vars(module).values():
+            if isinstance(value, Dispatcher):
+                found[str(value)] = value
+    return found
 
 OURS = "applr_ros1", "sim_bridge", "worlds"
 before = {name: len(kernel.signatures) for name, kernel in kernels().items()}
@@ -68,8 +76,8 @@ def test_after_the_setup_a_drive_compiles_nothing(robot):
     """The first drive would otherwise stand still for each kernel that it needs, .4 s and more."""
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-c", DRIVE, robot]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=HANGS)
-    assert done.stdout.strip() == "[]", done.stdout + done.stderr
+    driven = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=HANGS)
+    assert driven.stdout.strip() == "[]", driven.stdout + driven.stderr
 
 
 @pytest.fixture
@@ -80,21 +88,21 @@ def start(tmp_path):
     """
 
     def start(folder, **options):
-        planner, common = (
-            tmp_path / folder / "applr_ros1" / name for name in ("planner", "common")
-        )
+        planner = tmp_path / folder / "applr_ros1" / "planner"
+        common = tmp_path / folder / "applr_ros1" / "common"
         if not planner.exists():
             planner.mkdir(parents=True)
             common.mkdir()
             shutil.copy(kernels.__file__, common)
             (planner / "outer.py").write_text(OUTER)
             (planner / "inner.py").write_text(INNER)
-        folders = {
-            "PYTHONPATH": tmp_path / folder,
-            "XDG_CACHE_HOME": tmp_path / "cache",
-            "TMPDIR": tmp_path,
-        }
-        environment = dict(os.environ, **{name: str(path) for name, path in folders.items()})
+        environment = dict(
+            os.environ,
+            PYTHONPATH=str(tmp_path / folder),
+            XDG_CACHE_HOME=str(tmp_path / "cache"),
+            TMPDIR=str(tmp_path),
+        )
+        # The cache's own folder is under test.
         environment.pop("NUMBA_CACHE_DIR", None)
         command = [sys.executable, "-B", "-c", RUN]
         return subprocess.Popen(
@@ -106,9 +114,9 @@ def start(tmp_path):
 
 def result(process):
     """Return the results of `outer` for 5 and 5.5, and how many of the two calls had to compile."""
-    out = process.communicate(timeout=HANGS)[0]
+    output, _ = process.communicate(timeout=HANGS)
     assert process.returncode == 0
-    return [float(word) for word in out.split()]
+    return list(map(float, output.split()))
 
 
 def test_a_copy_starts_warm_and_a_change_in_another_file_is_noticed(start, tmp_path):
@@ -118,20 +126,21 @@ def test_a_copy_starts_warm_and_a_change_in_another_file_is_noticed(start, tmp_p
     inner.write_text(INNER.replace("OFFSET = 1", "OFFSET = 2"))
     assert result(start("new")) == [7, 7.5, 2]
     # Both are in the cache.
-    assert [result(start(name)) for name in ("new", "old")] == [
-        [7, 7.5, 0],
-        [6, 6.5, 0],
-    ]
+    assert result(start("new")) == [7, 7.5, 0]
+    assert result(start("old")) == [6, 6.5, 0]
 
 
 def test_processes_fill_one_folder_together_and_one_open_to_others_is_not_used(start, tmp_path):
-    together = [result(process) for process in [start("code") for _ in range(4)]]
-    assert [values[:2] for values in together] == [[6, 6.5]] * 4
+    processes = [start("code") for _ in range(4)]
+    for process in processes:
+        assert result(process)[:2] == [6, 6.5]
     assert result(start("code")) == [6, 6.5, 0]
-    # Anybody could have put machine code there.
+
+    # Anybody could have put machine code there, so another folder is filled.
     (tmp_path / "cache" / "applr_ros1").chmod(0o777)
-    assert [result(start("code")) for _ in range(2)] == [[6, 6.5, 2], [6, 6.5, 0]]
-    # Two kernels for two types.
+    assert result(start("code")) == [6, 6.5, 2]
+    assert result(start("code")) == [6, 6.5, 0]
+    # Two kernels for two types
     assert len(list(tmp_path.glob("applr_ros1-*/applr_ros1.*"))) == 4
 
 

@@ -12,15 +12,17 @@ from applr_ros1.common.pages.page import Page
 def test_text_and_data_neither_end_a_script_nor_count_as_a_mark(tmp_path):
     script = tmp_path / "script.js"
     script.write_text("D.words;")
-    words = "</script><!-- <script> @VERDICT@"
-    page = Page("kind", "<b>title", words, [script], {"words": words}, measured=["a < b"]).html()
-    text = page.decode()
-    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', text).group(1)
-    assert json.loads(data) == {"words": words}
+    hostile = "</script><!-- <script> @VERDICT@"
+    page = Page(
+        "kind", "<b>title", hostile, [script], {"words": hostile}, measured=["a < b"]
+    ).html()
+    source = page.decode()
+    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', source).group(1)
+    assert json.loads(data) == {"words": hostile}
     assert "<!--" not in data
-    assert text.count("</script>") == 2
-    assert "<b>title" not in text
-    assert "a &lt; b" in text
+    assert source.count("</script>") == 2
+    assert "<b>title" not in source
+    assert "a &lt; b" in source
 
 
 def test_a_number_is_not_parted_from_its_unit(tmp_path):

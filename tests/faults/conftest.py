@@ -10,6 +10,7 @@ from tests.support.ros import LONGEST, session
 
 @pytest.fixture(scope="package")
 def running(tmp_path_factory):
+    """Start the stack for all tests of the folder; at its end, check that all nodes end well."""
     import rospy
 
     from tests.faults.stack import Stack
@@ -18,9 +19,8 @@ def running(tmp_path_factory):
     yield stack
     stack.relay.close()
     rospy.set_param("/use_sim_time", False)
-    for (
-        child
-    ) in stack.nodes.values():  # Interrupt all nodes before waiting for any, as roslaunch does.
+    # All nodes are interrupted before any is waited for, as roslaunch does.
+    for child in stack.nodes.values():
         child.thaw()
         os.kill(child.pid, signal.SIGINT)
     for name, child in stack.nodes.items():

@@ -52,30 +52,34 @@ class Relay:
         self.clear_faults()
         self.shift = BEGIN
         self.touched = False
-        self.now = self.x = self.speed = self.driven = 0.0
+        self.now = 0.0
+        self.x = 0.0
+        self.speed = 0.0
+        self.driven = 0.0
         self.aside = (0.0, 0.0)
         self.commands = []
         self.planned = []
         self.truth = deque(maxlen=500)
+        # The relay must add little to the delay of messages, which tests measure.
         fast = {"queue_size": 20, "tcp_nodelay": True}
-        self._publishers = {
-            name: rospy.Publisher(to, kind, **fast) for name, (kind, _, to) in STREAMS.items()
-        }
-        self._subscribers = [
-            rospy.Subscriber(source, kind, self._pass, name, buff_size=2**22, **fast)
-            for name, (kind, source, _) in STREAMS.items()
-        ] + [
-            rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_truth, **fast),
-            rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, **fast),
-            rospy.Subscriber(
-                "/move_base/cmd_vel", Twist, lambda command: _keep(command, self.planned), **fast
-            ),
-        ]
+        self._publishers = {}
+        self._subscribers = []
+        for name, (kind, source, destination) in STREAMS.items():
+            self._publishers[name] = rospy.Publisher(destination, kind, **fast)
+            self._subscribers.append(
+                rospy.Subscriber(source, kind, self._pass, name, buff_size=2**22, **fast)
+            )
+        for topic, kind, callback in (
+            ("/sim_bridge/ground_truth", Odometry, self._on_truth),
+            ("/sim_bridge/collision", Bool, self._on_contact),
+            ("/move_base/cmd_vel", Twist, self._on_planned),
+        ):
+            self._subscribers.append(rospy.Subscriber(topic, kind, callback, **fast))
 
     def close(self):
         """Stop relaying. A new stack has a new relay."""
-        for end in (*self._subscribers, *self._publishers.values()):
-            end.unregister()
+        for endpoint in (*self._subscribers, *self._publishers.values()):
+            endpoint.unregister()
 
     def clear_faults(self):
         """Pass all messages unchanged."""
@@ -85,15 +89,18 @@ class Relay:
         shift = rospy.Duration.from_sec(self.shift)
         if name == "clock":
             message.clock += shift
+        elif name == "tf":
+            for transform in message.transforms:
+                transform.header.stamp += shift
         elif name != "command":
-            for stamped in message.transforms if name == "tf" else [message]:
-                stamped.header.stamp += shift
+            message.header.stamp += shift
         message = self.faults[name](message)
         if message is None:
             return
         if name == "command":
             _keep(message, self.commands)
-            self.driven = self.now if message.linear.x or message.angular.z else self.driven
+            if message.linear.x or message.angular.z:
+                self.driven = self.now
         with contextlib.suppress(rospy.ROSException):  # The publisher may have been closed.
             self._publishers[name].publish(message)
 
@@ -106,7 +113,11 @@ class Relay:
         self.now, self.x, self.speed = self.truth[-1]
 
     def _on_contact(self, message):
+        # A contact stays one, until a test takes it back.
         self.touched |= message.data
+
+    def _on_planned(self, message):
+        _keep(message, self.planned)
 
 
 def _keep(command, where):

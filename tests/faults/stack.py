@@ -25,14 +25,14 @@ GOAL = 17.0  # distance of the goal from the start [m]
 CREEP = 0.2
 PERIOD = 0.5  # decision period of the applr node [s]
 NODES = {
+    # All streams of the simulator go through the relay.
     "sim_bridge": (
-        *(
-            "/clock:=/sim/clock",
-            "/tf:=/sim/tf",
-            "front/scan:=/sim/scan",
-            "odometry/filtered:=/sim/odometry",
-        ),
-        *("cmd_vel:=/sim/cmd_vel", "_simulator:=kinematic"),
+        "/clock:=/sim/clock",
+        "/tf:=/sim/tf",
+        "front/scan:=/sim/scan",
+        "odometry/filtered:=/sim/odometry",
+        "cmd_vel:=/sim/cmd_vel",
+        "_simulator:=kinematic",
     ),
     "move_base": ("odom:=odometry/filtered", "cmd_vel:=move_base/cmd_vel"),
     "collision_monitor": (
@@ -50,12 +50,14 @@ def alley(path):
     """Write a .world file with a straight way between two rows of posts and a wall at its end.
     Return its path.
     """
-    rows = [(at, side * 2.2, 0.1) for at in np.arange(-1.0, LENGTH, 0.5) for side in (-1.0, 1.0)]
-    wall = [(LENGTH, y, 0.1) for y in np.arange(-2.2, 2.25, 0.2)]
-    course = Course(
-        (0.0, 0.0, 0.0), (GOAL, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [GOAL, 0.0]])
-    )
-    write(World("alley", np.array(rows + wall), np.empty((0, 5)), course), path)
+    posts = []
+    for x in np.arange(-1.0, LENGTH, 0.5):
+        posts += [(x, -2.2, 0.1), (x, 2.2, 0.1)]
+    for y in np.arange(-2.2, 2.25, 0.2):
+        posts.append((LENGTH, y, 0.1))
+    way = np.array([[0.0, 0.0], [GOAL, 0.0]])
+    course = Course((0.0, 0.0, 0.0), (GOAL, 0.0, 0.0), None, 0.5, way)
+    write(World("alley", np.array(posts), np.empty((0, 5)), course), path)
     return path
 
 
@@ -73,8 +75,8 @@ class Stack:
         self.actions = []
         rospy.set_param("/use_sim_time", True)
         rospy.set_param("/sim_bridge/world", alley(str(folder / "alley.world")))
-        rospy.Subscriber("/applr/decision", Decision, lambda m: self.decisions.append(decided(m)))
-        rospy.Subscriber("/collision_monitor/action", String, lambda m: self.actions.append(m.data))
+        rospy.Subscriber("/applr/decision", Decision, self._on_decision)
+        rospy.Subscriber("/collision_monitor/action", String, self._on_action)
         self.relay = Relay()
         for name in NODES:
             self.start(name, wait=False)
@@ -83,6 +85,12 @@ class Stack:
         self.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
         assert self.client.wait_for_server(rospy.Duration(LONGEST))
         wait_for(lambda: self.relay.truth, "the robot")
+
+    def _on_decision(self, message):
+        self.decisions.append(decided(message))
+
+    def _on_action(self, message):
+        self.actions.append(message.data)
 
     def start(self, name, wait=True):
         """Start or restart a node of NODES, with the parameters that a launch file would set."""
@@ -93,23 +101,23 @@ class Stack:
             self.wait_until_up(name)
 
     def wait_until_up(self, name):
+        """Wait until a node works: it has printed "ready", or has its topic."""
         child = self.nodes[name]
 
-        def up():
-            if name in READY:
-                return any(
-                    topic == READY[name]
-                    for topic, _ in rosgraph.Master("/up").getPublishedTopics("")
-                )
-            return "ready" in child.text
+        def is_up():
+            if name not in READY:
+                return "ready" in child.text
+            published = dict(rosgraph.Master("/up").getPublishedTopics(""))
+            return READY[name] in published
 
-        child.until(up)
+        child.until(is_up)
 
     def output(self, name):
         """Return the output of a node so far."""
         return self.nodes[name].text
 
     def back_to_the_start(self):
+        """Cancel the goal, and put the robot back."""
         self.cancel_goal()
         rospy.ServiceProxy("/sim_bridge/reset", Empty)()
         wait_for(lambda: abs(self.relay.x) < 0.1, "the start")
@@ -117,6 +125,7 @@ class Stack:
 
     @property
     def goal_is_over(self):
+        """Whether there is no goal that move_base pursues."""
         return not self.client.gh or self.client.get_state() not in (
             GoalStatus.PENDING,
             GoalStatus.ACTIVE,
@@ -131,6 +140,7 @@ class Stack:
             self.until(lambda: self.goal_is_over, "the end of the goal")
 
     def send(self, x=GOAL):
+        """Send a goal x [m] down the alley."""
         self.client.send_goal(goal(x))
 
     def under_way(self, speed=0.6, room=7.0):
@@ -154,27 +164,34 @@ class Stack:
         lock instead of braking gently and may slip for seconds, so that only the commands are
         checked.
         """
-        broken = self.relay.now
+        broken_at = self.relay.now
         kept = Kept()
         break_it()
-        self.until(lambda: abs(self.relay.speed) < 0.01 and self.relay.now > broken, "standstill")
-        now = self.relay.now  # Later states are from before a reset of the simulator.
-        slow, stood = (
-            next(
-                time
-                for time, _, v in list(self.relay.truth)
-                if broken < time <= now and abs(v) < most
-            )
-            - broken
-            for most in (CREEP, 0.01)
+        self.until(
+            lambda: abs(self.relay.speed) < 0.01 and self.relay.now > broken_at, "standstill"
         )
-        took = max(0.0 if locks else slow, self.relay.driven - broken)
+        stood_at = self.relay.now  # Later states are from before a reset of the simulator.
+
+        def slower_than(speed):
+            """Return the time from the fault until the robot was slower than a speed [m/s]."""
+            for stamp, _, v in list(self.relay.truth):
+                if broken_at < stamp <= stood_at and abs(v) < speed:
+                    return stamp - broken_at
+            raise AssertionError("the robot was not seen at rest")
+
+        creeps_after = slower_than(CREEP)
+        rests_after = slower_than(0.01)
+        last_command_after = self.relay.driven - broken_at
+        stopped_after = last_command_after if locks else max(creeps_after, last_command_after)
         waited = kept.waiting()
-        message = "%.2f s (slow %.2f s, at rest %.2f s), kept waiting for %.2f s; %s"
-        assert took < within + waited, message % (took, slow, stood, waited, self.actions[-9:])
-        return stood
+        assert max(0.0, stopped_after) < within + waited, (
+            f"{stopped_after:.2f} s (slow {creeps_after:.2f} s, at rest {rests_after:.2f} s), "
+            f"kept waiting for {waited:.2f} s; {self.actions[-9:]}"
+        )
+        return rests_after
 
     def drives_again(self, speed=0.3):
+        """Wait until the robot is faster than `speed` [m/s]."""
         self.until(lambda: self.relay.speed > speed, "motion")
 
     def until(self, condition, what):
@@ -186,17 +203,15 @@ class Stack:
         except AssertionError as late:
             relay = self.relay
             client = self.client
-            ended = (
-                "goal: state %d %s" % (client.get_state(), client.get_goal_status_text())
-                if client.gh
-                else "no goal"
-            )
+            goal_state = "no goal"
+            if client.gh:
+                goal_state = f"goal: state {client.get_state()} {client.get_goal_status_text()}"
             lines = [
                 "%s; x %.2f, aside %s, %.2f m/s; planned %s"
                 % (late, relay.x, relay.aside, relay.speed, relay.planned[-3:]),
                 "%.2f, in simulated time %.2f; sent on %s"
                 % (time.time(), relay.now, relay.commands[-3:]),
-                "%s; %s" % (self.actions[-3:], ended),
+                "%s; %s" % (self.actions[-3:], goal_state),
                 *self.output("move_base").splitlines()[-10:],
             ]
             raise AssertionError("\n".join(lines)) from None

@@ -19,16 +19,16 @@ from applr_ros1.robots import JACKAL
 from worlds import Course, World
 
 LASER = JACKAL.laser
-WALL = 6.0
-SPEED = 2.0
-PERIOD = 0.05
+WALL = 6.0  # distance of the wall from the start [m]
+SPEED = 2.0  # the Jackal's largest speed [m/s]
+PERIOD = 0.05  # time between two commands [s]
 COURSE = Course((0.0, 0.0, 0.0), (5.0, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [5.0, 0.0]]))
-BLOCKED = World(
-    "blocked", np.array([(WALL, y, 0.1) for y in np.arange(-3, 3, 0.15)]), np.empty((0, 5)), COURSE
-)
+POSTS = np.array([(WALL, y, 0.1) for y in np.arange(-3, 3, 0.15)])
+BLOCKED = World("blocked", POSTS, np.empty((0, 5)), COURSE)
 
 
 def ranges_of(value):
+    """Return a fault in which all beams have one range [m]."""
     return lambda scan, _: replace(scan, ranges=np.full(len(scan.ranges), value, np.float32))
 
 
@@ -70,34 +70,47 @@ def drive(fault, blind_from, monitor, late=0.0, late_twist=0.0):
     """
     simulator = sim_bridge.make("kinematic")
     state = simulator.reset(BLOCKED, 0)
-    first = None
+    frozen_ranges = None
     blind_since = None
     stood = None
-    known = []
+    scans = []
+    poses = []
+    twists = []
+
+    def delayed(values, delay):
+        """Return the value of `delay` [s] ago, or the first one."""
+        return values[max(0, len(values) - 1 - round(delay / PERIOD))]
+
+    # Eight seconds; without a stop the robot would be at the wall after three.
     for _ in range(160):
         beams = LASER.first_angle, LASER.increment, LASER.range_min, LASER.range_max
         scan = LaserScan(state.time, *beams, simulator.scan(), compose(state.odom_pose, LASER.pose))
         if state.pose[0] >= blind_from:
-            first = scan.ranges if first is None else first
-            blind_since = state.time if blind_since is None else blind_since
-            scan = fault(scan, first)
+            if blind_since is None:
+                blind_since = state.time
+                frozen_ranges = scan.ranges
+            scan = fault(scan, frozen_ranges)
+
         command = (SPEED, 0.0)
         if monitor is not None:
-            known.append((scan, state.odom_pose, state.odom_twist))
-            then, twist_then = (
-                known[max(0, len(known) - 1 - round(age / PERIOD))] for age in (late, late_twist)
-            )
-            if then[0] is not None:
-                monitor.add_scan(then[0])
-            command = monitor.filter(
-                state.time, then[1], twist_then[2], command, (late, late_twist)
-            ).command
+            scans.append(scan)
+            poses.append(state.odom_pose)
+            twists.append(state.odom_twist)
+            latest_scan = delayed(scans, late)
+            if latest_scan is not None:
+                monitor.add_scan(latest_scan)
+            pose = delayed(poses, late)
+            twist = delayed(twists, late_twist)
+            verdict = monitor.filter(state.time, pose, twist, command, (late, late_twist))
+            command = verdict.command
         simulator.command(*command)
+
         state = simulator.advance(PERIOD)
         if state.contact:
             return True, None
-        if blind_since is not None and abs(state.twist[0]) < 0.01:
-            stood = state.time - blind_since if stood is None else stood
+        is_at_rest = abs(state.twist[0]) < 0.01
+        if blind_since is not None and is_at_rest and stood is None:
+            stood = state.time - blind_since
     return False, stood
 
 
@@ -115,7 +128,8 @@ def test_a_robot_with_a_blind_scanner_stops_before_the_wall(kind, measured):
 @pytest.mark.parametrize(("late", "late_twist"), [(0.15, 0.0), (0.3, 0.0), (0.3, 0.3)])
 def test_late_transforms_and_odometry_cause_no_contact(late, late_twist):
     """Each of these drives would hit the wall if the monitor ignored the ages of its inputs."""
-    assert not drive(None, math.inf, CollisionMonitor(), late, late_twist)[0]
+    contact, _ = drive(None, math.inf, CollisionMonitor(), late, late_twist)
+    assert not contact
 
 
 @pytest.mark.fault("11b")

@@ -35,8 +35,8 @@ def has_what_was_decided(stack, client):
     may differ.
     """
     decided = stack.decisions[-1]["theta"]
-    there = SPACE.as_dict(client.values())
-    return all(decided[name] == there[name] for name in decided if not name.endswith("_scale"))
+    in_force = SPACE.as_dict(client.values())
+    return all(decided[name] == in_force[name] for name in decided if not name.endswith("_scale"))
 
 
 @pytest.mark.fault("3")
@@ -67,11 +67,11 @@ def test_the_base_stops_and_a_restarted_planner_gets_the_current_parameters(stac
     stack.send()
     stack.drives_again()
     wait_for(lambda: len(stack.decisions) > count + 2, "decisions")
-    anew = ReconfigureClient()
-    wait_for(lambda: not anew.connect(), "servers")
-    wait_for(lambda: has_what_was_decided(stack, anew), "the current parameters")
+    new_client = ReconfigureClient()
+    wait_for(lambda: not new_client.connect(), "servers")
+    wait_for(lambda: has_what_was_decided(stack, new_client), "the current parameters")
     measured("current parameters after", time.monotonic() - began, "s")
-    anew.close()
+    new_client.close()
 
 
 @pytest.mark.fault("8")
@@ -81,17 +81,17 @@ def test_theta_0_returns_if_the_applr_node_is_killed(stack, client, measured):
     wait_for(lambda: not np.array_equal(client.values(), THETA_0), "parameters of the policy")
     del stack.relay.planned[:-1]
     kept = Kept()
-    killed = stack.relay.now
+    killed_at = stack.relay.now
 
     def on_theta_0():
         return np.array_equal(client.values(), THETA_0)
 
     stack.nodes["applr"].kill()
     wait_for(on_theta_0, "theta_0")
-    periods = (stack.relay.now - killed) / stack.PERIOD
+    periods = (stack.relay.now - killed_at) / stack.PERIOD
     measured("on theta_0 after", periods, "periods")
     assert periods < PERIODS + 0.2 + kept.waiting() / stack.PERIOD
-    gap = np.diff([at for at, _, _ in stack.relay.planned]).max()
+    gap = np.diff([stamp for stamp, _, _ in stack.relay.planned]).max()
     measured("longest gap of commands", 1e3 * gap, "ms")
     assert gap < 0.25 + kept.waiting()
     stack.start("applr")
@@ -106,16 +106,15 @@ def test_theta_0_returns_if_the_applr_node_is_killed(stack, client, measured):
 def test_the_base_stops_if_commands_no_longer_reach_it(stack, measured, killed):
     """The base stops, and drives again once the monitor is restarted or commands arrive again."""
     stack.under_way()
-    cut = (
-        stack.nodes["collision_monitor"].kill
-        if killed
-        else lambda: stack.relay.faults.update(command=lambda _: None)
-    )
+
+    def lose_commands():
+        stack.relay.faults["command"] = lambda command: None
+
+    cut = stack.nodes["collision_monitor"].kill if killed else lose_commands
     measured("stands after", stack.stands_after(cut, 0.5, locks=True), "s")
     if killed:
-        assert stack.relay.commands[-1][1:] == (0.0, 0.0), (
-            "a base without a time-out must stand, too"
-        )
+        # A base without a time-out must stand, too.
+        assert stack.relay.commands[-1][1:] == (0.0, 0.0)
         stack.start("collision_monitor")
     stack.relay.clear_faults()
     stack.drives_again()
@@ -126,10 +125,13 @@ def test_a_change_by_another_client_is_in_the_next_observation(stack):
     stack.under_way(room=10.0)
     person = Client(PLANNER, timeout=LONGEST)
 
-    def changed():
-        person.update_configuration({"max_vel_x": 0.77})
-        return any(d["theta_prev"]["max_vel_x"] == 0.77 for d in stack.decisions[count:])
-
     count = len(stack.decisions)
-    wait_for(changed, "theta(t-1)")
+
+    def is_observed():
+        # Again and again, because the next decision sets the policy's value.
+        person.update_configuration({"max_vel_x": 0.77})
+        observed = [decision["theta_prev"]["max_vel_x"] for decision in stack.decisions[count:]]
+        return 0.77 in observed
+
+    wait_for(is_observed, "theta(t-1)")
     person.close()

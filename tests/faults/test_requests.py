@@ -19,7 +19,7 @@ pytestmark = pytest.mark.ros
 
 @pytest.mark.fault("15")
 @pytest.mark.parametrize(
-    ("bad", "words"),
+    ("invalid", "problem"),
     [
         (dict(x=1.0, quaternion=(0.0, 0.0, 0.0, 0.0)), "invalid quaternion"),
         (dict(x=1.0, quaternion=(1.0, 0.0, 0.0, 0.0)), "invalid quaternion"),
@@ -29,14 +29,14 @@ pytestmark = pytest.mark.ros
         (dict(x=1.0, frame=""), "frame_id"),
     ],
 )
-def test_invalid_goals_are_aborted_with_the_reason(stack, measured, bad, words):
+def test_invalid_goals_are_aborted_with_the_reason(stack, measured, invalid, problem):
     stack.cancel_goal()
     began = time.monotonic()
-    stack.client.send_goal(goal(**bad))
+    stack.client.send_goal(goal(**invalid))
     state, text = finish(stack.client)
     measured("aborted after", time.monotonic() - began, "s")
     assert state == ABORTED
-    assert words in text
+    assert problem in text
     assert "\n" not in text
 
 
@@ -47,18 +47,25 @@ def mad(stack):
     if stack.relay.x > 9.0:
         stack.back_to_the_start()
     publisher = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1)
-    command = [0.0]
+    speed = {"v": 0.0}
     over = threading.Event()
     wait_for(publisher.get_num_connections, "connection")
 
     def publish():
         while not over.wait(0.04):
+            # Steer back to the straight line: a little to one side, the robot would hit the posts
+            # beside the alley instead of its end.
             y, yaw = stack.relay.aside
-            publisher.publish(twist(command[0], -(y + 2.0 * yaw) * max(1.0, abs(command[0]) / 2.0)))
+            gain = max(1.0, abs(speed["v"]) / 2.0)
+            publisher.publish(twist(speed["v"], -(y + 2.0 * yaw) * gain))
 
     thread = threading.Thread(target=publish)
     thread.start()
-    yield lambda v: command.__setitem__(0, v)
+
+    def command(v):
+        speed["v"] = v
+
+    yield command
     over.set()
     thread.join()
     publisher.unregister()
@@ -78,9 +85,9 @@ def test_a_frozen_image_stops_the_robot_at_full_speed(stack, mad, measured):
         scan.ranges = image[0]
         return scan
 
-    took = stack.stands_after(lambda: stack.relay.faults.__setitem__("scan", freeze))
+    duration = stack.stands_after(lambda: stack.relay.faults.__setitem__("scan", freeze))
     assert any("frozen" in action for action in stack.actions)
-    measured("stands after", took, "s")
+    measured("stands after", duration, "s")
 
 
 @pytest.mark.fault("14b")
@@ -96,15 +103,15 @@ def test_a_faulty_planner_is_stopped_before_the_wall(stack, mad, measured):
     mad(2.0)
     stack.until(lambda: stack.relay.speed > 1.8, "speed")
     mad(1e9)
+    # Where the robot's front touches the posts at the end of the alley [m]
     wall = 19.0 - 0.1 - 0.229
     stack.until(
         lambda: stack.relay.x > wall - 0.3 and stack.relay.speed < 0.01, "standstill at the wall"
     )
     measured("stands before the wall by", wall - stack.relay.x, "m")
-    late = np.diff([at for at, *_ in stack.relay.commands[-75:]]).max()
-    if (
-        late > load("jackal").monitor.reaction_time
-    ):  # The promise holds for commands within the reaction time.
+    # The promise holds for commands that reach the base within the reaction time.
+    delay = np.diff([stamp for stamp, _, _ in stack.relay.commands[-75:]]).max()
+    if delay > load("jackal").monitor.reaction_time:
         stack.relay.touched = False
-        pytest.skip(f"the machine is too busy: a command reached the base after {late:.2f} s")
+        pytest.skip(f"the machine is too busy: a command reached the base after {delay:.2f} s")
     assert stack.relay.x < wall

@@ -20,10 +20,8 @@ LIBRARIES = (stable_baselines3, torch)
 
 
 def test_the_page_lists_all_examples():
-    listed = re.findall(
-        r"^\| `(\w+)` \|", (ROOT / "examples" / "README.md").read_text(), re.MULTILINE
-    )
-    assert listed == EXAMPLES
+    page = (ROOT / "examples" / "README.md").read_text()
+    assert re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE) == EXAMPLES
 
 
 def test_foreign_learner(tmp_path, monkeypatch, capsys):
@@ -31,19 +29,15 @@ def test_foreign_learner(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [path, "--steps", "60", "--out", "a.safetensors"])
     runpy.run_path(path, run_name="__main__")
-    last = capsys.readouterr().out.splitlines()[-1]
-    assert re.match(r"a.safetensors: (goal reached|not reached) after \d+", last)
+    last_line = capsys.readouterr().out.splitlines()[-1]
+    assert re.match(r"a.safetensors: (goal reached|not reached) after \d+", last_line)
     assert load(tmp_path / "a.safetensors").metadata["training"]["learner"] == "stable-baselines3"
 
 
 def test_own_method(tmp_path):
     methods = f"dwa,{ROOT}/examples/02_own_method/cautious.py:Cautious"
-    assert (
-        evaluate.main(
-            ["--worlds=generated:7", "--trials=1", "--methods", methods, "--out", str(tmp_path)]
-        )
-        == 0
-    )
+    options = ["--worlds=generated:7", "--trials=1", "--methods", methods, "--out", str(tmp_path)]
+    assert evaluate.main(options) == 0
     dwa, cautious = csv.DictReader((tmp_path / "trials.csv").read_text().splitlines())
     assert (dwa["success"], cautious["success"]) == ("True", "True")
     assert float(cautious["time_s"]) < float(dwa["time_s"])

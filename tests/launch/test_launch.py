@@ -50,16 +50,23 @@ def test_other_robots_bring_their_files_names_and_frames(name):
     tree, _ = with_robot(dict(on_top, robot=name, map=True, tf_prefix="robot1"))
     assert check(tree) == []
     full = complete(tree)
-    world = full["global_costmap"]
-    local = full["local_costmap"]
-    assert (world["global_frame"], local["global_frame"]) == ("map", "robot1/" + robot.frames.odom)
-    assert world["robot_base_frame"] == local["robot_base_frame"] == "robot1/" + robot.frames.base
-    assert local["publish_frequency"] == 1.5
+    global_costmap = full["global_costmap"]
+    local_costmap = full["local_costmap"]
+    assert (global_costmap["global_frame"], local_costmap["global_frame"]) == (
+        "map",
+        "robot1/" + robot.frames.odom,
+    )
+    assert (
+        global_costmap["robot_base_frame"]
+        == local_costmap["robot_base_frame"]
+        == "robot1/" + robot.frames.base
+    )
+    assert local_costmap["publish_frequency"] == 1.5
     assert MoveBase(tree).missing_map.lstrip("/") == "map"
-    without, _ = with_robot({"robot": name})
-    move_base = MoveBase(without)
+    without_map, _ = with_robot({"robot": name})
+    move_base = MoveBase(without_map)
     assert (move_base.missing_map, list(move_base.sources)) == ("", [robot.topics.scan])
-    assert complete(without)["global_costmap"]["global_frame"] == robot.frames.odom
+    assert complete(without_map)["global_costmap"]["global_frame"] == robot.frames.odom
 
 
 def test_a_robot_without_files_for_a_map():
@@ -75,18 +82,16 @@ def test_rviz_shows_topics_that_robots_and_local_planners_publish():
     tree = yaml.safe_load((ROOT / "applr_ros1" / "rviz" / "applr.rviz").read_text())
     displays = tree["Visualization Manager"]["Displays"]
     topics = [display["Topic"] for display in displays if "Topic" in display]
-    # The C++ planner has no such topic.
-    added = {"move_base/TrajectoryPlannerROS/trajectory_cloud"}
-    assert {topic for topic in topics if "/" + topic not in published} == added | {
-        "applr/local_goal"
-    }
-    assert [sum(planner in topic for topic in topics) for planner in ("Trajectory", "DWA")] == [
-        4,
-        4,
-    ]
-    keys = [display[key] for display in displays for key in display if key.endswith("Topic")]
+    # The C++ planner, whose topics the files list, has no such topics.
+    ours_alone = {"move_base/TrajectoryPlannerROS/trajectory_cloud", "applr/local_goal"}
+    assert {topic for topic in topics if "/" + topic not in published} == ours_alone
+    # Each planner has four displays, of which one planner's stay empty.
+    assert sum("Trajectory" in topic for topic in topics) == 4
+    assert sum("DWA" in topic for topic in topics) == 4
     # Relative names follow the namespace.
-    assert not any(topic.startswith("/") for topic in keys)
+    for display in displays:
+        for key, value in display.items():
+            assert not (key.endswith("Topic") and value.startswith("/")), value
 
 
 @pytest.mark.slow
@@ -110,54 +115,53 @@ def test_install_space(tmp_path):
         python -c "import applr_ros1.msg, applr_ros1.srv"
         python -c "import worlds, training; print(worlds.__file__)"
     """.format(ws=tmp_path, root=ROOT)
-    done = inside("bash", "-c", build)
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
-    tail = done.stdout.splitlines()[-9:]
-    # Independent of PATH.
-    assert tail.pop(0) == "#!" + os.path.join(ROOT, ".applr", "venv", "bin", "python"), tail
-    assert tail[0].startswith(str(tmp_path / "install")), tail
-    assert {
-        "/sim_bridge",
-        "/move_base",
-        "/collision_monitor",
-        "/movers",
-        "/applr",
-        "/send_goal",
-    } <= set(tail)
-    assert tail[-1].startswith(str(tmp_path / "install"))
+    built = inside("bash", "-c", build)
+    assert built.returncode == 0, built.stdout[-2000:] + built.stderr[-2000:]
+
+    # What the last commands printed: the first line of all programs (the interpreter, whatever is
+    # on PATH), the launch file, the names of its nodes, and the module `worlds`.
+    interpreter, launch_file, *nodes, module = built.stdout.splitlines()[-9:]
+    install = str(tmp_path / "install")
+    assert interpreter == "#!" + os.path.join(ROOT, ".applr", "venv", "bin", "python")
+    assert launch_file.startswith(install)
+    assert {"/sim_bridge", "/move_base", "/collision_monitor"} <= set(nodes)
+    assert {"/movers", "/applr", "/send_goal"} <= set(nodes)
+    assert module.startswith(install)
 
 
 def demo(tmp_path, *arguments):
+    """Start ./applr demo, with its page and its temporary files in a folder."""
     page = "page:=%s" % (tmp_path / "drive.html")
-    pipes = {
-        "stdout": subprocess.PIPE,
-        "stderr": subprocess.PIPE,
-        "text": True,
-        "start_new_session": True,
-    }
     return subprocess.Popen(
-        [APPLR, "demo", *arguments, page], env=dict(os.environ, TMPDIR=str(tmp_path)), **pipes
+        [APPLR, "demo", *arguments, page],
+        env=dict(os.environ, TMPDIR=str(tmp_path)),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
 
 
 def test_demo_reaches_the_goal(tmp_path):
     running = demo(tmp_path, "world:=generated:41", "real_time_factor:=0")
-    out, err = running.communicate(timeout=HANGS)
-    assert running.returncode == 0, out + err
-    result = json.loads(out.splitlines()[-1])
+    printed, errors = running.communicate(timeout=HANGS)
+    assert running.returncode == 0, printed + errors
+    result = json.loads(printed.splitlines()[-1])
     assert (result["world"], result["method"], result["success"]) == ("generated:41", "applr", True)
     assert isinstance(result["collided"], bool)
     assert 2.0 < result["time_s"] < 300.0
-    for words in ("simulator.*up after", "move_base.*up after", "applr.*up after", "m to go"):
-        assert re.search(words, out), out
-    assert "m to the finish line at y = 10 m" in out
+    for pattern in ("simulator.*up after", "move_base.*up after", "applr.*up after", "m to go"):
+        assert re.search(pattern, printed), printed
+    assert "m to the finish line at y = 10 m" in printed
     page = (tmp_path / "drive.html").read_text(encoding="utf-8")
-    drawn = json.loads(
-        re.search(r'<script type="application/json" id="data">(.*?)</script>', page).group(1)
-    )
-    ((drive,),) = (world["drives"] for world in drawn["worlds"])
+
+    # The page has this drive, at 5 Hz, up to the finish line at 10 m. Poses are changes in cm.
+    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page).group(1)
+    drawn = json.loads(data)
+    (world,) = drawn["worlds"]
+    (drive,) = world["drives"]
     assert len(drive["p"]) == pytest.approx(result["time_s"] / 0.2, abs=2)
-    assert np.cumsum(drive["p"], axis=0)[-1][1] >= 1000  # the finish line [cm]
+    assert np.cumsum(drive["p"], axis=0)[-1][1] >= 1000
     assert len(drive["theta"]) == len(drive["at"]) >= 2
     assert len(drive["theta"][0]) == len(drawn["parameters"])
     seconds = "{:.1f}&nbsp;s".format(result["time_s"])
@@ -185,14 +189,9 @@ def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
         (0.5, 99.0, "auto", "timed out", 2.0),
         (0.5, 1.0, "auto", "move_base gave up: no way", 1.0),
         (8.0, 99.0, "auto", "goal reached", 0.9),
-        (
-            0.5,
-            1.0,
-            "0.6 0.5 0",
-            "goal reached",
-            1.0,
-        ),  # the planner reports success 0.6 m from the goal
-        (0.5, 1.0, "1.2 0.5 0", "move_base gave up: no way", 1.0),  # .86 m from the goal
+        # The planner reports success 0.6 m from the goal, and 0.86 m from another.
+        (0.5, 1.0, "0.6 0.5 0", "goal reached", 1.0),
+        (0.5, 1.0, "1.2 0.5 0", "move_base gave up: no way", 1.0),
     ],
 )
 def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, time, monkeypatch):
@@ -220,10 +219,13 @@ def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, tim
         return GoalStatus.ABORTED if goal == "auto" else GoalStatus.SUCCEEDED
 
     move_to(1.0, setup.world.course.start, (speed, 0.0))
-    observer.client = client = Mock(get_state=state, get_goal_status_text=lambda: "no way")
+    client = Mock(get_state=state, get_goal_status_text=lambda: "no way")
+    observer.client = client
     drive = observer.drive(setup.values["sent"], 2.0, check)
-    assert (drive.goals[-1].end, drive.goals[-1].reason) == (pytest.approx(time, abs=0.11), reason)
-    assert drive.truth.length == pytest.approx(speed * drive.goals[-1].end)
+    last_goal = drive.goals[-1]
+    assert last_goal.end == pytest.approx(time, abs=0.11)
+    assert last_goal.reason == reason
+    assert drive.truth.length == pytest.approx(speed * last_goal.end)
     assert client.send_goal.call_args.args[0].target_pose.header.frame_id == "odom"
     client.cancel_goal.assert_called_once_with()
 
@@ -231,8 +233,8 @@ def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, tim
 def test_a_failed_demo_says_how_to_ask_why():
     robot = load("husky")
     assert "record:=$PWD/drive.bag" in demo_tool.how_to_ask_why("none", robot)
-    words = demo_tool.how_to_ask_why("/tmp/husky.bag", robot)
-    assert words == f"for the reason: ./applr why /tmp/husky.bag --robot {robot.folder}"
+    hint = demo_tool.how_to_ask_why("/tmp/husky.bag", robot)
+    assert hint == f"for the reason: ./applr why /tmp/husky.bag --robot {robot.folder}"
 
 
 def test_a_demo_that_does_not_arrive_ends_with_1(monkeypatch, capsys):
@@ -255,16 +257,22 @@ def test_an_interrupted_demo_leaves_no_process(tmp_path, measured):
     for line in running.stdout:
         if "goal sent" in line:
             break
-    below = [process.pid for process in psutil.Process(running.pid).children(recursive=True)]
-    assert len(below) >= 5
+    started = [process.pid for process in psutil.Process(running.pid).children(recursive=True)]
+    assert len(started) >= 5
     kept = Kept()
     began = time.monotonic()
     running.send_signal(signal.SIGINT)
-    wait_for(lambda: (kept.waiting(), running.poll())[1] is not None, "the end")
+
+    def has_ended():
+        # The waiting time of a process is known only while it lives.
+        kept.waiting()
+        return running.poll() is not None
+
+    wait_for(has_ended, "the end")
     assert running.returncode == 130
-    took = time.monotonic() - began
-    measured("everything has ended after", took, "s")
-    assert took < 5.0 + kept.waiting()
-    assert not [pid for pid in below if is_alive(pid)]
+    duration = time.monotonic() - began
+    measured("everything has ended after", duration, "s")
+    assert duration < 5.0 + kept.waiting()
+    assert not [pid for pid in started if is_alive(pid)]
     assert not (tmp_path / "drive.html").exists()
     assert not list(tmp_path.glob("applr_demo_*"))  # the log is deleted, too

@@ -33,20 +33,17 @@ def each_command_once():
     """Cache the output of the command with which launch files read a robot, because many tests need
     it.
     """
-    whole = roslaunch.loader.Loader.param_value
-    kept = {}
+    original = roslaunch.loader.Loader.param_value
+    outputs = {}
 
-    def param_value(self, *given):
-        """Return the value of a parameter. `given` is (verbose, name, type, value, textfile,
-        binfile, command).
-        """
-        if given[-1] is None:
-            return whole(self, *given)
-        return (
-            kept[given[-1]]
-            if given[-1] in kept
-            else kept.setdefault(given[-1], whole(self, *given))
-        )
+    def param_value(self, verbose, name, kind, value, textfile, binfile, command):
+        """Return the value of a parameter: that of `command`, if it is not None."""
+        arguments = (verbose, name, kind, value, textfile, binfile, command)
+        if command is None:
+            return original(self, *arguments)
+        if command not in outputs:
+            outputs[command] = original(self, *arguments)
+        return outputs[command]
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(roslaunch.loader.Loader, "param_value", param_value)
@@ -69,24 +66,27 @@ def loaded(file, *words):
 
 
 def test_parameter_files_are_the_jackals():
-    given = loaded("jackal_applr.launch").parameters
-    given = {name[11:]: value for name, value in given.items() if name.startswith("/move_base/")}
+    # What the launch file sets itself: everything else comes from the robot's folder.
+    of_move_base = {}
+    for name, value in loaded("jackal_applr.launch").parameters.items():
+        if name.startswith("/move_base/"):
+            of_move_base[name[len("/move_base/") :]] = value
     common = {"robot": "jackal", "map": False, "tf_prefix": "none"}
-    more = {
+    assert of_move_base == {
+        **common,
         "TrajectoryPlannerROS/meter_scoring": False,
         "applr/max_speed": 0.0,
         "applr/movers": True,
     }
-    assert given == {**common, **more}
-    tree, robot = with_robot(
-        dict(common, TrajectoryPlannerROS={"meter_scoring": False}, applr={"max_speed": 0.0})
-    )
+
+    # With these, the node takes the Jackal's files.
+    own = dict(common, TrajectoryPlannerROS={"meter_scoring": False}, applr={"max_speed": 0.0})
+    tree, robot = with_robot(own)
     assert robot.name == "jackal"
     assert check(tree) == []
     del tree["applr"]  # the C++ move_base has no such parameters
-    assert complete(tree) == complete(
-        dict(robot.parameters(), TrajectoryPlannerROS=tree["TrajectoryPlannerROS"])
-    )
+    files = dict(robot.parameters(), TrajectoryPlannerROS=tree["TrajectoryPlannerROS"])
+    assert complete(tree) == complete(files)
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_names_clock_and_cap_reach_the_nodes():
     assert values["/applr/max_speed"] == values["/move_base/applr/max_speed"] == 0.3
     assert values["/collision_monitor/tf_prefix"] == values["/move_base/tf_prefix"] == "robot1"
     assert all(["front/scan", "/lidar/scan"] in node.remap_args for node in launched.config.nodes)
-    # Gazebo sets it.
+    # On a robot without its own simulator, Gazebo sets it, or nobody.
     assert "/use_sim_time" not in loaded("jackal_applr.launch", "sim:=false").parameters
     assert loaded("jackal_applr.launch").parameters["/use_sim_time"] is True
 
@@ -140,11 +140,8 @@ def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
     )
     for node in ("sim_bridge", "move_base", "collision_monitor", "movers", "applr", "send_goal"):
         assert launched.parameters["/%s/robot" % node] == robot
-    assert (
-        launched.parameters["/sim_bridge/world"]
-        == launched.parameters["/send_goal/world"]
-        == "/a b.world"
-    )
+    assert launched.parameters["/sim_bridge/world"] == "/a b.world"
+    assert launched.parameters["/send_goal/world"] == "/a b.world"
     assert launched.words["record"][2:4] == ["-O", bag]
     assert launched.words["rviz"][1].endswith("/applr_ros1/applr_ros1/rviz/applr.rviz")
     launched = loaded("replay.launch", "bag:=" + bag, "robot:=" + robot)
@@ -152,34 +149,38 @@ def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
 
 
 def test_method_and_meter_scoring_reach_their_nodes():
-    launched = loaded("jackal_applr.launch", "method:=/a.safetensors", "seed:=3").parameters
-    assert (launched["/applr/method"], launched["/applr/meter_scoring"]) == (
-        "/a.safetensors",
-        "auto",
-    )
-    assert launched["/move_base/TrajectoryPlannerROS/meter_scoring"] is False
-    assert launched["/applr/seed"] == launched["/sim_bridge/seed"] == 3
+    values = loaded("jackal_applr.launch", "method:=/a.safetensors", "seed:=3").parameters
+    assert values["/applr/method"] == "/a.safetensors"
+    assert values["/applr/meter_scoring"] == "auto"
+    assert values["/move_base/TrajectoryPlannerROS/meter_scoring"] is False
+    assert values["/applr/seed"] == values["/sim_bridge/seed"] == 3
+
     # Without a seed the simulator repeats its noise, but the node draws a seed of its own.
-    launched = loaded("jackal_applr.launch").parameters
-    assert (launched["/applr/seed"], launched["/sim_bridge/seed"]) == ("auto", 0)
+    values = loaded("jackal_applr.launch").parameters
+    assert values["/applr/method"] == "auto"
+    assert values["/applr/seed"] == "auto"
+    assert values["/sim_bridge/seed"] == 0
+
+    # The code of a method comes in the environment, which no other user can write to.
     launched = loaded("jackal_applr.launch", "method:=/own.py:Own", "meter_scoring:=true")
     assert launched.environment["applr"] == {"APPLR_METHOD": "/own.py:Own"}
-    launched = launched.parameters
-    assert (launched["/applr/method"], launched["/applr/meter_scoring"]) == ("/own.py:Own", "true")
-    assert launched["/move_base/TrajectoryPlannerROS/meter_scoring"] is True
-    assert loaded("jackal_applr.launch").parameters["/applr/method"] == "auto"
+    assert launched.parameters["/applr/method"] == "/own.py:Own"
+    assert launched.parameters["/applr/meter_scoring"] == "true"
+    assert launched.parameters["/move_base/TrajectoryPlannerROS/meter_scoring"] is True
 
 
 def test_one_argument_switches_the_prediction_off():
-    for words, on in (((), True), (("movers:=false",), False), (("move_base:=cpp",), None)):
+    for words, is_on in (((), True), (("movers:=false",), False), (("move_base:=cpp",), None)):
         launched = loaded("jackal_applr.launch", *words)
-        assert ("movers" in launched.words) == (on is not False)
-        assert launched.parameters.get("/move_base/applr/movers") is on
+        assert ("movers" in launched.words) == (is_on is not False)
+        assert launched.parameters.get("/move_base/applr/movers") is is_on
 
 
 def test_the_monitor_makes_escape_motions_only_with_a_cpp_move_base():
-    for words, on in (((), False), (("move_base:=cpp",), True)):
-        assert loaded("jackal_applr.launch", *words).parameters["/collision_monitor/escape"] is on
+    for words, is_on in (((), False), (("move_base:=cpp",), True)):
+        assert (
+            loaded("jackal_applr.launch", *words).parameters["/collision_monitor/escape"] is is_on
+        )
 
 
 def test_launch_files_clear_the_parameters_of_an_earlier_launch():
@@ -192,9 +193,8 @@ def test_launch_files_clear_the_parameters_of_an_earlier_launch():
         launched = loaded(name, *words)
         ours = [entry for entry in launched.parameters if re.match(r"/(?!roslaunch)\w+/", entry)]
         assert ours
-        assert [entry for entry in ours if not entry.startswith(tuple(launched.cleared))] == [], (
-            name
-        )
+        for entry in ours:
+            assert entry.startswith(tuple(launched.cleared)), f"{name}: {entry}"
         if name.startswith("barn"):  # Parameters outside of nodes are set after the clearing.
             assert launched.parameters["/move_base/global_costmap/width"] == 60
 
@@ -246,7 +246,7 @@ def test_the_demo_passes_files_on_with_absolute_paths(tmp_path, monkeypatch):
 def test_files_of_a_method_get_absolute_paths(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").touch()
-    for spec, becomes in (
+    for spec, expected in (
         ("applr", "applr"),
         ("mine.safetensors", "{0}/mine.safetensors"),
         ("set.json", "{0}/set.json"),
@@ -255,11 +255,9 @@ def test_files_of_a_method_get_absolute_paths(tmp_path, monkeypatch):
         ("json:Own", "json:Own"),
         ("package.own:Own", "package.own:Own"),
     ):
-        assert (
-            methods.absolute(spec)
-            == methods.absolute(methods.absolute(spec))
-            == becomes.format(tmp_path)
-        )
+        once = methods.absolute(spec)
+        assert once == expected.format(tmp_path)
+        assert methods.absolute(once) == once
 
 
 def test_the_demos_master_listens_on_loopback_only(monkeypatch):
@@ -276,32 +274,34 @@ def test_the_demos_master_listens_on_loopback_only(monkeypatch):
 
 def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
     """Any local user, and any website in a browser, can write to the parameter server."""
-    opened = []
-    there = []
+    opened_pages = []
+    waited_for = []
 
     class Stack:
         def wait(self, part, condition, *_, **__):
-            there.append(part)
+            waited_for.append(part)
             if part == "the page":
                 assert not condition()
-                written["/viewer/address"] = f"http://127.0.0.1:8081/{os.environ[admission.TOKEN]}/"
+                parameter_server["/viewer/address"] = (
+                    f"http://127.0.0.1:8081/{os.environ[admission.TOKEN]}/"
+                )
                 assert condition()
-                written["/viewer/address"] = "http://evil.example/"
+                parameter_server["/viewer/address"] = "http://evil.example/"
 
         def check(self):
             raise KeyboardInterrupt
 
-    written = {"/viewer/address": "file:///etc/passwd"}
+    parameter_server = {"/viewer/address": "file:///etc/passwd"}
     monkeypatch.setenv(admission.TOKEN, "secret")
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr(play.rospy, "get_param", lambda name, default=None: written[name])
+    monkeypatch.setattr(play.rospy, "get_param", lambda name, default=None: parameter_server[name])
     monkeypatch.setattr(play, "private_nodes", lambda given: contextlib.nullcontext(Stack()))
-    monkeypatch.setattr(play.webbrowser, "open", opened.append)
+    monkeypatch.setattr(play.webbrowser, "open", opened_pages.append)
     monkeypatch.setattr("sys.argv", ["play.py"])
     with pytest.raises(KeyboardInterrupt):
         play.main()
-    assert opened == ["http://127.0.0.1:8081/secret/"]
-    assert there == ["the page", "move_base"]
+    assert opened_pages == ["http://127.0.0.1:8081/secret/"]
+    assert waited_for == ["the page", "move_base"]
 
 
 def test_the_demo_ends_when_a_node_has_died(monkeypatch):
@@ -321,24 +321,17 @@ def test_the_demo_ends_when_a_node_has_died(monkeypatch):
 
 def test_poses_and_switches_are_read_as_launch_files_write_them():
     assert arguments.pose("goal", "-3.0,1.2, 1.57") == (-3.0, 1.2, 1.57)
-    assert [arguments.boolean("map", text) for text in ("true", "False", "1", "0")] == [
-        True,
-        False,
-        True,
-        False,
-    ]
-    for read, text in (
-        (arguments.pose, "1 nan 0"),
-        (arguments.pose, ""),
-        (arguments.boolean, "perhaps"),
+    for text, value in (("true", True), ("False", False), ("1", True), ("0", False)):
+        assert arguments.boolean("map", text) is value
+    for read, text, named in (
+        (arguments.pose, "1 nan 0", "1 nan 0"),
+        (arguments.pose, "", "empty"),
+        (arguments.boolean, "perhaps", "perhaps"),
     ):
-        with pytest.raises(ApplrError, match=r"^a is (1 nan 0|empty|perhaps): give"):
+        with pytest.raises(ApplrError, match=f"^a is {named}: give"):
             read("a", text)
-    assert [arguments.frame_prefix(text) for text in ("", "none", "robot1", "/robot1/")] == [
-        "",
-        "",
-        *["robot1/"] * 2,
-    ]
+    for text, prefix in (("", ""), ("none", ""), ("robot1", "robot1/"), ("/robot1/", "robot1/")):
+        assert arguments.frame_prefix(text) == prefix
 
 
 def test_no_goal_is_sent_if_the_goal_is_none(monkeypatch):

@@ -37,6 +37,9 @@ class Clone:
             )
 
     def start(self, *words, stand_ins=(), before=(), stderr=subprocess.PIPE, **environment):
+        """Start ./applr with stand-ins {program: body of a shell script}, and `before` in front of
+        the command.
+        """
         for name, body in dict(stand_ins).items():
             (self.programs / name).write_text("#!/bin/sh\n" + body + "\n")
             (self.programs / name).chmod(0o755)
@@ -71,6 +74,7 @@ class Clone:
 
 @pytest.fixture
 def clone(tmp_path):
+    """Return a clone that has not been set up."""
     return Clone(tmp_path)
 
 
@@ -94,8 +98,8 @@ def test_help_and_wrong_commands(clone, tmp_path):
     for words in (["--help"], ["packages", "--help"], ["exec", "--help"]):
         assert clone(*words) == (0, [])
         assert clone.stdout.startswith("usage: ./applr COMMAND")
-    for words, word in ((["dance"], "setup"), (["packages", "--force"], "omit --force")):
-        assert word in clone.refusal(*words)
+    for words, remedy in ((["dance"], "setup"), (["packages", "--force"], "omit --force")):
+        assert remedy in clone.refusal(*words)
     assert not (tmp_path / ".applr").exists()
 
 
@@ -104,9 +108,8 @@ def test_a_path_in_which_catkin_cannot_build_is_refused_at_once(clone, tmp_path,
     (tmp_path / name).mkdir()
     shutil.move(tmp_path / "applr", tmp_path / name / "applr")
     os.symlink(tmp_path / name / "applr", tmp_path / "applr")
-    assert "this clone lies in %s: catkin" % (tmp_path / name) in clone.refusal(
-        "setup", stand_ins=QUICK
-    )
+    line = clone.refusal("setup", stand_ins=QUICK)
+    assert f"this clone lies in {tmp_path / name}: catkin" in line
     assert os.listdir(tmp_path / name) == ["applr"]
 
 
@@ -118,7 +121,7 @@ def test_missing_parts_of_a_set_up_are_made_again(clone, tmp_path):
     assert clone.quick("exec", "true") == (0, [VENV])
     shutil.rmtree(state / "catkin_ws")
     assert clone.quick("exec", "true") == (0, [WORKSPACE])
-    # State after a set-up that was stopped while making the venv.
+    # As after a set-up that was stopped while making the venv
     (state / "venv.stamp").unlink()
     (state / "venv" / "bin" / "no-pip").touch()
     assert clone.quick("exec", "true") == (0, [VENV])
@@ -144,7 +147,8 @@ def test_packages_of_another_workspace_do_not_count(clone, tmp_path):
 def test_a_read_only_clone_with_a_complete_set_up_is_used(clone, tmp_path):
     """A container image built by root contains such a clone."""
     how = f'mount --bind {tmp_path} {tmp_path}; mount -o remount,ro,bind {tmp_path}; exec "$0" "$@"'
-    read_only = ["unshare", "--mount", *["--map-root-user"] * (os.getuid() != 0), "sh", "-ec", how]
+    as_root = [] if os.getuid() == 0 else ["--map-root-user"]
+    read_only = ["unshare", "--mount", *as_root, "sh", "-ec", how]
     if subprocess.run([*read_only, "true"], capture_output=True).returncode:
         pytest.skip("no namespaces for mounts here")
     clone.start("--help", stand_ins=QUICK).communicate(timeout=HANGS)
@@ -165,30 +169,25 @@ def test_a_stopped_set_up_continues_the_next_time(clone, tmp_path):
     log = tmp_path / ".applr" / "setup.log"
     wait_for(lambda: log.exists() and "pip sees" in log.read_text(), "pip")
     os.killpg(stopped.pid, signal.SIGINT)  # as Ctrl-C in a terminal
-    _, err = stopped.communicate(timeout=HANGS)
-    assert (stopped.returncode, err.splitlines()[1:]) == (
-        130,
-        ["applr: stopped; the same command continues from here"],
-    )
+    _, errors = stopped.communicate(timeout=HANGS)
+    assert stopped.returncode == 130
+    assert errors.splitlines()[1:] == ["applr: stopped; the same command continues from here"]
     assert clone.quick("exec", "true") == (0, [VENV, WORKSPACE])
 
 
 def test_exec_starts_programs_and_has_no_options(clone):
     assert clone.quick("exec", "--", "echo", "-c")[0] == 0
     assert clone.stdout == "-c\n"
-    for word in (
-        "-c",
-        "usage",
-    ):  # not an option of the shell's exec, and not a function of the script
+    # Not an option of the shell's exec, and not a function of the script
+    for word in ("-c", "usage"):
         line = "applr: exec %s: there is no such program, or it is not executable" % word
         assert clone.quick("exec", word) == (127, [line])
 
 
 def test_without_root_the_missing_packages_are_named(clone, tmp_path):
     stand_ins = dict(NOTHING, id="echo 1000", sudo="exit 1")
-    assert re.search(
-        "apt-get install.* (python3|ros-noetic)-rospy", clone.refusal("setup", stand_ins=stand_ins)
-    )
+    line = clone.refusal("setup", stand_ins=stand_ins)
+    assert re.search("apt-get install.* (python3|ros-noetic)-rospy", line)
     script = tmp_path / "applr"  # Now python3 itself is missing, too.
     script.write_text(script.read_text().replace("/usr/bin/python3", str(tmp_path / "python3")))
     line = clone.refusal("setup", stand_ins=stand_ins)
@@ -220,31 +219,33 @@ def test_missing_or_changed_kernels_are_compiled_before_a_drive(clone, tmp_path)
         lines = clone(*words, stand_ins=stand_ins, APPLR_PYTHON=python, **environment)[1]
         return "compiling" in lines
 
-    assert [compiles("exec", "true"), compiles("setup"), compiles("setup")] == [False, True, False]
+    # exec runs any command, most of which need no kernels.
+    assert not compiles("exec", "true")
+    assert compiles("setup")
+    assert not compiles("setup")
+
+    # Missing machine code, and a file that has changed
     shutil.rmtree(machine_code)
-    assert [compiles(word) for word in ("demo", "demo", "play", "tune")] == [
-        True,
-        False,
-        False,
-        False,
-    ]
+    assert compiles("demo")
+    for command in ("demo", "play", "tune"):
+        assert not compiles(command)
     (tmp_path / "sim_bridge" / "wheels.py").write_text("A = 2")
-    assert [compiles("tune"), compiles("tune")] == [True, False]
+    assert compiles("tune")
+    assert not compiles("tune")
     assert compiles("setup", XDG_CACHE_HOME=str(tmp_path))  # another folder
 
 
 def test_an_old_and_a_missing_python_are_refused(clone):
-    for python, words in (
+    stand_ins = {"old-python": "echo 3.7"}
+    for python, problem in (
         (str(clone.programs / "old-python"), "3.7: 3.8 or later"),
         ("/no/such", "no /no/such"),
     ):
-        assert words in clone.refusal(
-            "setup", stand_ins={"old-python": "echo 3.7"}, APPLR_PYTHON=python
-        )
+        assert problem in clone.refusal("setup", stand_ins=stand_ins, APPLR_PYTHON=python)
 
 
-@pytest.mark.parametrize("root", [True, False])
-def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, root):
+@pytest.mark.parametrize("is_root", [True, False])
+def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, is_root):
     """As in a Debian container, apt installs python3, as root or through sudo. The set-up then goes
     on.
     """
@@ -255,17 +256,17 @@ def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, root):
     installs_python = f"*' python3') ln -s {sys.executable} {python} ;;"
     fails = "*rospy*) echo E: full >&2; exit 100 ;;"
     stand_ins = {
-        "id": "echo %d" % (0 if root else 1000),
+        "id": "echo %d" % (0 if is_root else 1000),
         "apt-get": f"echo $* >>{calls}; case $* in -s*) ;; {installs_python} {fails} esac",
         "sudo": 'if [ "$2" = true ]; then exit 0; fi; echo as root >>%s; shift; exec "$@"' % calls,
     }
     code, lines = clone("setup", stand_ins=dict(NOTHING, **stand_ins))
-    done = calls.read_text().splitlines()
-    assert ("as root" in done) is not root
-    installed = [line for line in done if line.startswith("install")]
-    assert installed[0].split()[-1] == "python3"
+    called = calls.read_text().splitlines()
+    assert ("as root" in called) is not is_root
+    installations = [line for line in called if line.startswith("install")]
+    assert installations[0].split()[-1] == "python3"
     # The next packages.
-    assert "python3-rospy" in installed[1] or "ros-noetic-rospy" in installed[1]
+    assert "python3-rospy" in installations[1] or "ros-noetic-rospy" in installations[1]
     assert code == 1
     assert lines[-1].startswith("applr: apt-get could not install")
 
@@ -275,5 +276,5 @@ def test_a_second_run_does_nothing():
         pytest.skip("set-up has not been done here")
     setup = [os.path.join(ROOT, "applr"), "setup"]
     subprocess.run(setup, capture_output=True, timeout=HANGS, check=True)
-    done = subprocess.run(setup, capture_output=True, text=True, timeout=HANGS, check=False)
-    assert (done.returncode, done.stderr) == (0, "applr: ready\n")
+    finished = subprocess.run(setup, capture_output=True, text=True, timeout=HANGS, check=False)
+    assert (finished.returncode, finished.stderr) == (0, "applr: ready\n")

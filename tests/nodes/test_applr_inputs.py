@@ -22,8 +22,9 @@ from tests.support.refusals import refused
 PLAN = "/move_base/NavfnROS/plan"
 
 
-def stamped(message, now, frame):
-    message.header.stamp = now
+def stamped(message, stamp, frame):
+    """Return a message with a stamp and a frame in its header."""
+    message.header.stamp = stamp
     message.header.frame_id = frame
     return message
 
@@ -59,33 +60,41 @@ class Beside:
         return rospy.Time.from_sec(self.now)
 
     def goal(self, name, x):
+        """Send a goal x [m] ahead, and the status that has it."""
         message = stamped(PoseStamped(), self.time, "odom")
         message.pose.position.x = x
         self.callbacks["/move_base/current_goal"](message)
         self.status(name)
 
     def status(self, name):
+        """Send a status in which a goal is active."""
         status = GoalStatus(status=GoalStatus.ACTIVE)
         status.goal_id.id = name
         self.callbacks["/move_base/status"](GoalStatusArray(status_list=[status]))
 
     def place(self, parent, child, pose, stamp):
-        placed = transform(parent, child, pose, stamp)
+        """Publish a transform; without a stamp, it is static."""
+        link = transform(parent, child, pose, stamp)
         if stamp.is_zero():
-            self.buffer.set_transform_static(placed, "test")
+            self.buffer.set_transform_static(link, "test")
         else:
-            self.buffer.set_transform(placed, "test")
+            self.buffer.set_transform(link, "test")
 
     def mount(self, roll, yaw):
-        placed = transform("base_link", "front_laser", (0.1, 0.0, 0.0), rospy.Time(0))
-        x = math.sin(roll / 2)
-        w = math.cos(roll / 2)
-        z = math.sin(yaw / 2)
-        u = math.cos(yaw / 2)
-        placed.transform.rotation = Quaternion(x * u, x * z, w * z, w * u)
-        self.buffer.set_transform_static(placed, "test")
+        """Mount the laser with a roll, turned by a yaw [rad]."""
+        link = transform("base_link", "front_laser", (0.1, 0.0, 0.0), rospy.Time(0))
+        # Product of the quaternions of the rotation about z and of the one about x before it
+        roll_x = math.sin(roll / 2)
+        roll_w = math.cos(roll / 2)
+        yaw_z = math.sin(yaw / 2)
+        yaw_w = math.cos(yaw / 2)
+        link.transform.rotation = Quaternion(
+            roll_x * yaw_w, roll_x * yaw_z, roll_w * yaw_z, roll_w * yaw_w
+        )
+        self.buffer.set_transform_static(link, "test")
 
     def plan(self, end, frame="odom"):
+        """Send a plan along x from 0 to `end` [m]."""
         message = stamped(Path(), self.time, frame)
         for x in np.linspace(0.0, end, 5):
             message.poses.append(PoseStamped())
@@ -93,6 +102,8 @@ class Beside:
         self.callbacks[PLAN](message)
 
     def snapshot(self, scanned=None, odometer=True):
+        """Send a scan, by default of now, and odometry, and return what the node has then."""
+        # The last beam differs, so that a test sees where it goes.
         scan = LaserScan(
             angle_min=-2.5,
             angle_increment=0.01,
@@ -100,9 +111,8 @@ class Beside:
             range_max=30.0,
             ranges=[1.0] * 500 + [2.0],
         )
-        self.callbacks["front/scan"](
-            stamped(scan, self.time if scanned is None else scanned, "front_laser")
-        )
+        stamp = self.time if scanned is None else scanned
+        self.callbacks["front/scan"](stamped(scan, stamp, "front_laser"))
         odometry = stamped(Odometry(child_frame_id="wheels"), self.time, "odom")
         odometry.pose.pose.position.x = 9.0
         odometry.twist.twist.linear.x = 0.5
@@ -113,6 +123,7 @@ class Beside:
 
 @pytest.fixture
 def beside(monkeypatch):
+    """Return RobotInputs and what is around them."""
     return Beside(monkeypatch)
 
 
@@ -150,15 +161,11 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
 def test_a_goal_ends_when_move_base_has_been_silent_for_two_seconds(beside):
     beside.goal("one", 5.0)
     beside.now += 1.9
-    assert (beside.inputs.goal(beside.time), beside.inputs.has_lost_move_base(beside.time)) == (
-        "one",
-        False,
-    )
+    assert beside.inputs.goal(beside.time) == "one"
+    assert not beside.inputs.has_lost_move_base(beside.time)
     beside.now += 0.2
-    assert (beside.inputs.goal(beside.time), beside.inputs.has_lost_move_base(beside.time)) == (
-        None,
-        True,
-    )
+    assert beside.inputs.goal(beside.time) is None
+    assert beside.inputs.has_lost_move_base(beside.time)
 
 
 def test_the_pose_is_from_tf_at_the_scans_stamp_and_the_twist_from_the_odometry(beside):
@@ -166,6 +173,8 @@ def test_the_pose_is_from_tf_at_the_scans_stamp_and_the_twist_from_the_odometry(
     for x in (1.0, 2.0):
         beside.place("world", "odom", (x, 0.0, 0.25), beside.time)
         beside.now += 0.2
+    # Poses at 1 m and 2 m, 0.4 s and 0.2 s ago: a scan between them has the pose in between, and a
+    # later one the latest.
     for ago, x in ((0.3, 1.5), (0.2, 2.0), (0.0, 2.0)):
         for frame in ("world", "/world"):
             beside.plan(5.0, frame)
@@ -193,10 +202,8 @@ def test_a_silent_odometry_prevents_decisions(beside):
 
 def test_a_static_transform_has_no_age(beside):
     beside.place("map", "base_link", (0.0, 0.0, 0.0), rospy.Time(0))
-    assert (
-        beside.inputs._transforms.latest("map", "base_link", beside.time, 1.0).transform.rotation.w
-        == 1.0
-    )
+    latest = beside.inputs._transforms.latest("map", "base_link", beside.time, 1.0)
+    assert latest.transform.rotation.w == 1.0
 
 
 def test_moving_obstacles_are_in_the_plans_frame_and_dropped_when_stale(beside):
@@ -211,28 +218,30 @@ def test_moving_obstacles_are_in_the_plans_frame_and_dropped_when_stale(beside):
         ("map", [(-2.0, 1.5, 0.0, 0.5), (0.0, 3.5, 1.0, 0.0)]),
     ):
         beside.plan(5.0, frame)
-        seen = beside.snapshot()
-        np.testing.assert_allclose(seen.seen.movers, moving, atol=1e-9)
-        assert seen.movers_stamp == beside.time
+        snapshot = beside.snapshot()
+        np.testing.assert_allclose(snapshot.seen.movers, moving, atol=1e-9)
+        assert snapshot.movers_stamp == beside.time
     beside.now += 1.1
     beside.plan(5.0)
-    seen = beside.snapshot()
-    assert (seen.seen.movers.shape, seen.movers_stamp) == ((0, 4), rospy.Time())
+    snapshot = beside.snapshot()
+    assert (snapshot.seen.movers.shape, snapshot.movers_stamp) == ((0, 4), rospy.Time())
     beside.callbacks["applr/tracked"](stamped(Movers(), beside.time, "odom"))
     assert beside.snapshot().seen.movers.shape == (0, 4)
 
 
 @pytest.mark.parametrize(
-    ("turn", "first", "last_range"),
+    ("mounting", "first_angle", "last_range"),
     [((0.0, 0.25), -2.25, 2.0), ((math.pi, 0.25), -2.25, 1.0), ((math.pi - 0.1, 0.0), -2.5, 1.0)],
     ids=["level", "upside down", "upside down and tilted"],
 )
-def test_beams_are_ordered_as_seen_from_above_in_the_robots_frame(beside, turn, first, last_range):
+def test_beams_are_ordered_as_seen_from_above_in_the_robots_frame(
+    beside, mounting, first_angle, last_range
+):
     beside.goal("one", 5.0)
     beside.plan(5.0)
-    beside.mount(*turn)
+    beside.mount(*mounting)
     ranges, start, step = beside.snapshot().seen.scan
-    assert (start, step, ranges[-1]) == (pytest.approx(first), 0.01, last_range)
+    assert (start, step, ranges[-1]) == (pytest.approx(first_angle), 0.01, last_range)
 
 
 def test_a_laser_that_is_mounted_at_a_tilt_is_refused(beside):

@@ -23,29 +23,33 @@ STAMP = genpy.Time(12, 345)
 
 
 def written(message):
-    buff = io.BytesIO()
-    message.serialize(buff)
-    return buff.getvalue()
+    """Return the bytes of a message."""
+    buffer = io.BytesIO()
+    message.serialize(buffer)
+    return buffer.getvalue()
 
 
-def costmap(ny=6, nx=9):
-    cells = np.random.default_rng(0).integers(0, 256, (ny, nx)).astype(np.uint8)
+def costmap(rows=6, columns=9):
+    """Return a costmap of random costs; the first four are free, inscribed, lethal and unknown."""
+    cells = np.random.default_rng(0).integers(0, 256, (rows, columns)).astype(np.uint8)
     cells[0, :4] = 0, 253, 254, 255
     return SimpleNamespace(
-        cells=cells, size=(nx, ny), resolution=0.05, origin=np.array([-1.5, 2.0])
+        cells=cells, size=(columns, rows), resolution=0.05, origin=np.array([-1.5, 2.0])
     )
 
 
 def test_grid_equals_the_generated_message():
     prepared = conversions.grid(costmap(), "odom", STAMP)
     plain = prepared.message
-    plain.data = [int(conversions.OCCUPANCY[c]) for c in costmap().cells.ravel()]
+    plain.data = conversions.OCCUPANCY[costmap().cells.ravel()].tolist()
     assert plain.data[:4] == [0, 99, 100, -1]
-    by_itself = written(plain)
+    generated = written(plain)
     plain.data = []  # `prepared` writes its payload instead.
-    assert written(prepared) == by_itself
-    back = OccupancyGrid().deserialize(by_itself)
-    assert (back.info.width, back.info.height, back.info.origin.position.y) == (9, 6, 2.0)
+    assert written(prepared) == generated
+    grid = OccupancyGrid().deserialize(generated)
+    assert grid.info.width == 9
+    assert grid.info.height == 6
+    assert grid.info.origin.position.y == 2.0
 
 
 def test_update_is_the_window():
@@ -55,17 +59,17 @@ def test_update_is_the_window():
     assert prepared.payload == conversions.OCCUPANCY[costmap().cells[1:4, 2:5]].tobytes()
 
 
-@pytest.mark.parametrize("n", [0, 50])
-def test_path_equals_the_generated_message(n):
+@pytest.mark.parametrize("count", [0, 50])
+def test_path_equals_the_generated_message(count):
     frame = "a_longer/frame"
-    poses = np.random.default_rng(1).normal(size=(n, 3))
+    poses = np.random.default_rng(1).normal(size=(count, 3))
     plain = Path(header=Header(0, STAMP, frame))
-    plain.poses = [conversions.pose_stamped(p, frame, STAMP) for p in poses.tolist()]
+    plain.poses = [conversions.pose_stamped(pose, frame, STAMP) for pose in poses.tolist()]
     assert written(conversions.path(poses, frame, STAMP)) == written(plain)
 
 
 @pytest.mark.parametrize(
-    ("q", "upright"),
+    ("quaternion", "upright"),
     [
         ((0, 0, 3, 4), True),
         ((0, 0, 0, 0), False),
@@ -74,12 +78,12 @@ def test_path_equals_the_generated_message(n):
         ((0.01, 0, 0, 1), True),
     ],
 )
-def test_only_upright_quaternions_are_accepted(q, upright):
-    assert conversions.is_upright(Quaternion(*map(float, q))) is upright
+def test_only_upright_quaternions_are_accepted(quaternion, upright):
+    assert conversions.is_upright(Quaternion(*map(float, quaternion))) is upright
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "problem"),
     [
         (dict(ranges=[]), "0 beams"),
         (dict(ranges=[math.nan] * 4), "all NaN"),
@@ -87,13 +91,13 @@ def test_only_upright_quaternions_are_accepted(q, upright):
         (dict(angle_increment=0.0), "increment"),
     ],
 )
-def test_scans_that_cannot_be_used(change, words):
+def test_scans_that_cannot_be_used(change, problem):
     scan = LaserScan(angle_min=-1.0, angle_increment=0.5, range_min=0.1, range_max=30.0)
     scan.ranges = [1.0, 2.0, math.inf, math.nan]
     assert conversions.check_scan(scan).dtype == np.float32
     for name, value in change.items():
         setattr(scan, name, value)
-    refused(lambda: conversions.check_scan(scan), words, kind=MessageError)
+    refused(lambda: conversions.check_scan(scan), problem, kind=MessageError)
 
 
 def test_scans_of_a_laser_upside_down_or_tilted_have_the_true_points():
@@ -105,6 +109,8 @@ def test_scans_of_a_laser_upside_down_or_tilted_have_the_true_points():
     )
     angles = -0.4 + 0.5 * np.arange(3)
     ranges = np.array([1.0, 2.0, 3.0], np.float32)
+
+    # Upside down, the beams are taken in reverse, and the sensor counts as level.
     place = Transform(Vector3(1.0, 2.0, 0.5), Quaternion(math.cos(0.15), math.sin(0.15), 0.0, 0.0))
     hanging = conversions.laser_scan(message, ranges, place)
     assert hanging.rotation is None
@@ -112,16 +118,16 @@ def test_scans_of_a_laser_upside_down_or_tilted_have_the_true_points():
     message.time_increment = -0.01
     assert conversions.laser_scan(message, ranges, place).sweep == pytest.approx(0.02)
     points = sorted(project(hanging).points.tolist())
-    expected = [
-        (1.0 + r * math.cos(0.3 - a), 2.0 + r * math.sin(0.3 - a), 0.5)
-        for r, a in zip(ranges, angles)
-    ]
-    np.testing.assert_allclose(points, sorted(expected), atol=1e-5)
+    x = 1.0 + ranges * np.cos(0.3 - angles)
+    y = 2.0 + ranges * np.sin(0.3 - angles)
+    expected = np.column_stack([x, y, np.full(3, 0.5)])
+    np.testing.assert_allclose(points, sorted(expected.tolist()), atol=1e-5)
+
+    # Pitched down, the points ahead are lower, and their lateral positions as before.
     place.rotation = Quaternion(0.0, math.sin(0.1), 0.0, math.cos(0.1))
     points = project(conversions.laser_scan(message, ranges, place)).points
-    np.testing.assert_allclose(
-        points[:, 2], 0.5 - ranges * np.cos(angles) * math.sin(0.2), atol=1e-5
-    )
+    heights = 0.5 - ranges * np.cos(angles) * math.sin(0.2)
+    np.testing.assert_allclose(points[:, 2], heights, atol=1e-5)
     np.testing.assert_allclose(points[:, 1], 2.0 + ranges * np.sin(angles), atol=1e-5)
 
 
@@ -129,31 +135,29 @@ def test_points_of_clouds():
     """Fields may be in any order, rows padded, and bytes in either order. PointCloud is accepted,
     too.
     """
-    kind = np.dtype(
-        {"names": list("izxy"), "formats": [">f4"] * 4, "offsets": [0, 4, 12, 20], "itemsize": 24}
-    )
-    table = np.zeros((2, 3), kind)
-    table["x"], table["y"], table["z"] = np.arange(6).reshape(2, 3), 10.0, -1.5
+    # Six points in two rows; each point has 24 bytes with gaps, and each row ends with 3 more.
+    layout = {"names": list("izxy"), "formats": [">f4"] * 4, "offsets": [0, 4, 12, 20]}
+    table = np.zeros((2, 3), np.dtype({**layout, "itemsize": 24}))
+    table["x"] = np.arange(6).reshape(2, 3)
+    table["y"] = 10.0
+    table["z"] = -1.5
     rows = b"".join(row.tobytes() + b"pad" for row in table)
     message = PointCloud2(
         height=2, width=3, point_step=24, row_step=75, is_bigendian=True, data=rows
     )
-    message.fields = [
-        PointField(name, offset, PointField.FLOAT32, 1) for name, offset in zip("zxy", (4, 12, 20))
-    ]
-    points = conversions.points_of(message)
-    np.testing.assert_array_equal(points, [(k, 10.0, -1.5) for k in range(6)])
-    np.testing.assert_array_equal(
-        conversions.points_of(PointCloud(points=[Point32(1.0, 2.0, 3.0)])), [(1.0, 2.0, 3.0)]
-    )
+    for name, offset in (("z", 4), ("x", 12), ("y", 20)):
+        message.fields.append(PointField(name, offset, PointField.FLOAT32, 1))
+    expected = np.column_stack([np.arange(6), np.full(6, 10.0), np.full(6, -1.5)])
+    np.testing.assert_array_equal(conversions.points_of(message), expected)
+
+    older_cloud = PointCloud(points=[Point32(1.0, 2.0, 3.0)])
+    np.testing.assert_array_equal(conversions.points_of(older_cloud), [(1.0, 2.0, 3.0)])
+
+    # Without y it is refused; a cloud without points needs no fields.
     message.fields = message.fields[:2]
     with pytest.raises(MessageError, match="give x, y and z as FLOAT32"):
         conversions.points_of(message)
-    # A cloud without points needs no fields.
-    assert conversions.points_of(PointCloud2()).shape == (
-        0,
-        3,
-    )
+    assert conversions.points_of(PointCloud2()).shape == (0, 3)
 
 
 def test_maps_are_converted_and_rotated_or_incomplete_ones_refused():
@@ -163,21 +167,16 @@ def test_maps_are_converted_and_rotated_or_incomplete_ones_refused():
     message.info.height = 2
     message.info.resolution = 0.05
     static_map = conversions.static_map(message)
-    assert (static_map.cells.tolist(), static_map.frame, static_map.origin) == (
-        [[0, 100, -1], [50, 0, 0]],
-        "map",
-        (0.0, 0.0),
-    )
+    assert static_map.cells.tolist() == [[0, 100, -1], [50, 0, 0]]
+    assert static_map.frame == "map"
+    assert static_map.origin == (0.0, 0.0)
+
     message.info.origin.orientation.z = 1.0
-    refused(
-        lambda: conversions.static_map(message),
-        "a yaw of 3.14 rad: give an origin without yaw",
-        kind=MessageError,
-    )
+    problem = "a yaw of 3.14 rad: give an origin without yaw"
+    refused(lambda: conversions.static_map(message), problem, kind=MessageError)
+    incomplete = OccupancyGrid(data=message.data, info=MapMetaData(width=4, height=2))
     with pytest.raises(MessageError, match="has 6 cells for 4 x 2"):
-        conversions.static_map(
-            OccupancyGrid(data=message.data, info=MapMetaData(width=4, height=2))
-        )
+        conversions.static_map(incomplete)
 
 
 def test_a_drivers_range_for_no_return_becomes_infinity():
@@ -191,10 +190,10 @@ def test_range_max_may_be_infinite_but_not_nan():
     scan = LaserScan(
         angle_increment=0.5, range_min=0.1, range_max=math.inf, ranges=[2.0, math.inf, 3.0]
     )
-    for valid in (False, True):
-        level = Transform(rotation=Quaternion(0.0, 0.0, 0.0, 1.0))
-        planners = conversions.laser_scan(scan, conversions.check_scan(scan), level)
-        points = project(planners, valid).points
-        assert len(points) == 2
+    level = Transform(rotation=Quaternion(0.0, 0.0, 0.0, 1.0))
+    # Whether infinite ranges clear (inf_is_valid), they are no points here.
+    for inf_is_valid in (False, True):
+        converted = conversions.laser_scan(scan, conversions.check_scan(scan), level)
+        assert len(project(converted, inf_is_valid).points) == 2
     scan.range_max = math.nan
     refused(lambda: conversions.check_scan(scan), "finite", kind=MessageError)

@@ -27,11 +27,17 @@ NOW = rospy.Time(100)
     ],
 )
 def test_max_speed_bounds_commands_ahead_and_back_and_keeps_their_arcs(command, sent):
-    out = []
-    publisher = SimpleNamespace(publish=lambda m: out.append((m.linear.x, m.angular.z)))
+    published = []
+
+    def publish(message):
+        published.append((message.linear.x, message.angular.z))
+
+    publisher = SimpleNamespace(publish=publish)
     MoveBaseNode._send(SimpleNamespace(_command=publisher, _max_speed=0.4), *command)
     MoveBaseNode._send(SimpleNamespace(_command=publisher, _max_speed=math.inf), *command)
-    assert out == [pytest.approx(sent), command]
+    limited, unlimited = published
+    assert limited == pytest.approx(sent)
+    assert unlimited == command
 
 
 @pytest.mark.parametrize("pose", [None, (1.0, 2.0, 0.5)])
@@ -43,10 +49,11 @@ def test_feedback_has_the_pose_if_it_is_known(pose):
     node.watchdog.is_lost.return_value = False
     node.frame = "odom"
     MoveBaseNode._cycle(node, NOW)
-    sent = [
-        call.args[0].base_position.pose.position for call in node.goals.publish_feedback.mock_calls
-    ]
-    assert [(place.x, place.y) for place in sent] == ([] if pose is None else [(1.0, 2.0)])
+    places = []
+    for call in node.goals.publish_feedback.mock_calls:
+        place = call.args[0].base_position.pose.position
+        places.append((place.x, place.y))
+    assert places == ([] if pose is None else [(1.0, 2.0)])
 
 
 def test_diagnostics_report_which_critics_refused_the_samples():
@@ -60,22 +67,28 @@ def test_diagnostics_report_which_critics_refused_the_samples():
     node.sensors.ages.return_value = {}
     node._refusals = {}
     node.loop.missed = 0
-    reports = []
-    for cycles in (1, 2, 0):
-        for _ in range(cycles):  # Refusals are kept until they are reported.
+
+    def reported(cycles):
+        """Return level, message and values of the report after some cycles."""
+        for _ in range(cycles):
             MoveBaseNode._cycle(node, NOW)
-        node._report_from = 0.0
+        node._report_from = 0.0  # A report is due.
         node._diagnostics.publish.reset_mock()
         MoveBaseNode._report(node, NOW)
         status = node._diagnostics.publish.mock_calls[1].args[0].status[0]
-        reports.append((status.level, status.message, {v.key: v.value for v in status.values}))
-    fine = (0, "", {})
-    assert reports == [fine, (1, "no legal command", {"samples": "3", "obstacle": "3"}), fine]
+        return status.level, status.message, {pair.key: pair.value for pair in status.values}
+
+    # The second of three cycles has refusals, which are kept until they are reported, and only so
+    # long.
+    assert reported(1) == (0, "", {})
+    assert reported(2) == (1, "no legal command", {"samples": "3", "obstacle": "3"})
+    assert reported(0) == (0, "", {})
 
 
 def test_cycles_that_were_missed_are_counted():
     loop = ControlLoop(*[MagicMock()] * 5)
     due = rospy.Time.from_sec(100.0)
+    # A cycle that is later than its period of 0.05 s begins a new phase, and the others are lost.
     for late, missed, next_due in (
         (0.0, 0, 0.05),
         (0.04, 0, 0.05),
@@ -83,8 +96,9 @@ def test_cycles_that_were_missed_are_counted():
         (0.46, 9, 0.51),
     ):
         loop.missed = 0
-        later = loop.next_due(due, due + rospy.Duration.from_sec(late), 0.05)
-        assert (loop.missed, (later - due).to_sec()) == (missed, pytest.approx(next_due))
+        following = loop.next_due(due, due + rospy.Duration.from_sec(late), 0.05)
+        assert loop.missed == missed
+        assert (following - due).to_sec() == pytest.approx(next_due)
 
 
 def test_cycles_wait_for_the_lock_and_go_on_after_one_that_failed(monkeypatch):

@@ -4,6 +4,7 @@ that jump back.
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import rospy
 from nav_msgs.msg import Odometry
@@ -22,9 +23,10 @@ def robot(monkeypatch):
     callbacks = {}
     clock = [rospy.Time(100)]
 
-    monkeypatch.setattr(
-        rospy, "Subscriber", lambda topic, kind, callback, **_: callbacks.update({topic: callback})
-    )
+    def subscribe(topic, kind, callback, **options):
+        callbacks[topic] = callback
+
+    monkeypatch.setattr(rospy, "Subscriber", subscribe)
     monkeypatch.setattr(rospy, "get_rostime", lambda: clock[0])
     monkeypatch.setattr(rospy, "logerr_throttle", lambda *_: None)
     monkeypatch.setattr(transforms.tf2_ros, "TransformListener", lambda *_, **__: "listens")
@@ -55,26 +57,33 @@ def robot(monkeypatch):
     return SimpleNamespace(sensors=sensors, time=time, scan=scan, tf=tf, odometry=odometry)
 
 
+def stamps_of(robot):
+    """Return the stamps [s] of the scans that are new."""
+    return [scan.stamp for scan in robot.sensors.observations().values()]
+
+
 def test_no_scan_is_lost_while_tf_is_late(robot):
     """Scans come at 25 Hz, tf at 50 Hz and 30 ms late. With a poll every 10 ms, each scan is used
     once, in order.
     """
     used = []
-    for k in range(200):
-        now = 100.0 + 0.01 * k
-        robot.time(now)
-        if k % 2 == 0:
-            robot.tf(now - 0.03)
-        if k % 4 == 0:
-            robot.scan(now)
-        used += [scan.stamp for scan in robot.sensors.observations().values()]
-    assert used == pytest.approx([100.0 + 0.04 * k for k in range(len(used))])
+    for poll in range(200):
+        seconds = 100.0 + 0.01 * poll
+        robot.time(seconds)
+        if poll % 2 == 0:
+            robot.tf(seconds - 0.03)
+        if poll % 4 == 0:
+            robot.scan(seconds)
+        used += stamps_of(robot)
+    # All of the 50 scans, but perhaps the last one, whose transform is under way.
+    assert used == pytest.approx(100.0 + 0.04 * np.arange(len(used)))
     assert len(used) >= 49
 
 
 def test_a_publisher_ahead_of_the_clock_gives_the_pose_of_now(robot):
-    for k in range(20):
-        robot.tf(100.5 + 0.05 * k)
+    # The latest transform is 0.45 s ahead of the clock.
+    for number in range(20):
+        robot.tf(100.5 + 0.05 * number)
     pose = robot.sensors.pose(robot.time(101.0), 0.3)
     assert pose is not None, robot.sensors.pose_trouble
     assert pose[0] == pytest.approx(1.0)
@@ -86,22 +95,20 @@ def test_the_latest_scan_with_a_transform_is_used_and_later_ones_wait(robot):
     robot.time(101.0)
     robot.tf(100.0)
     robot.tf(100.95)
-    for time in (100.9, 100.94, 100.98):
-        robot.scan(time)
-    assert [scan.stamp for scan in robot.sensors.observations().values()] == pytest.approx([100.94])
+    for stamp in (100.9, 100.94, 100.98):
+        robot.scan(stamp)
+    assert stamps_of(robot) == pytest.approx([100.94])
     robot.tf(101.0)
-    assert [scan.stamp for scan in robot.sensors.observations().values()] == pytest.approx([100.98])
-    assert robot.sensors.observations() == {}
+    assert stamps_of(robot) == pytest.approx([100.98])
+    assert stamps_of(robot) == []
 
 
 def test_scans_without_stamps_get_their_arrival_times(robot):
-    for now in (100.5, 100.6):
-        robot.time(now)
-        robot.tf(now)
+    for seconds in (100.5, 100.6):
+        robot.time(seconds)
+        robot.tf(seconds)
         robot.scan(0.0)
-        assert [scan.stamp for scan in robot.sensors.observations().values()] == [
-            pytest.approx(now)
-        ]
+        assert stamps_of(robot) == pytest.approx([seconds])
 
 
 def test_a_line_about_a_scan_has_stamp_age_and_reason(robot):
@@ -114,8 +121,8 @@ def test_a_line_about_a_scan_has_stamp_age_and_reason(robot):
     assert robot.sensors.describe_latest("scan").startswith(begin)
 
 
-@pytest.mark.parametrize("step", [0.05, 0.45, 30.0])
-def test_after_a_clock_jump_back_the_next_messages_are_used(robot, step, monkeypatch):
+@pytest.mark.parametrize("jump", [0.05, 0.45, 30.0])
+def test_after_a_clock_jump_back_the_next_messages_are_used(robot, jump, monkeypatch):
     monkeypatch.setattr(module, "is_wallclock", lambda: False)
     robot.time(100.5)
     clock = module.Clock()
@@ -126,19 +133,20 @@ def test_after_a_clock_jump_back_the_next_messages_are_used(robot, step, monkeyp
     assert robot.sensors.observations()
     assert robot.sensors.pose(rospy.Time.from_sec(100.49), 0.3)[0] == pytest.approx(0.5)
     robot.scan(100.51)  # This scan waits for its transform.
-    now = robot.time(100.5 - step)
+    stamp = robot.time(100.5 - jump)
     assert clock.went_back()
     robot.sensors.forget()
-    assert robot.sensors.pose(now, 0.3) is None
+    # Messages of the old time would count as new for the whole step.
+    assert robot.sensors.pose(stamp, 0.3) is None
     assert robot.sensors.observations() == {}
-    assert robot.sensors.odometry_trouble(now, 0.5)
-    now = robot.time(100.52 - step)
-    robot.tf(100.52 - step)
-    robot.odometry(100.52 - step)
-    robot.scan(100.52 - step)
-    assert robot.sensors.pose(now, 0.3)[0] == pytest.approx(0.52 - step)
+    assert robot.sensors.odometry_trouble(stamp, 0.5)
+    stamp = robot.time(100.52 - jump)
+    robot.tf(100.52 - jump)
+    robot.odometry(100.52 - jump)
+    robot.scan(100.52 - jump)
+    assert robot.sensors.pose(stamp, 0.3)[0] == pytest.approx(0.52 - jump)
     assert robot.sensors.observations()
-    assert not robot.sensors.odometry_trouble(now, 0.5)
+    assert not robot.sensors.odometry_trouble(stamp, 0.5)
 
 
 def test_ages_are_those_of_the_messages_in_use(robot):
@@ -146,32 +154,32 @@ def test_ages_are_those_of_the_messages_in_use(robot):
     robot.tf(100.4)
     robot.tf(100.48)
     robot.odometry(100.45)
-    for time in (100.42, 100.49):  # The second scan has no transform yet.
-        robot.scan(time)
-    now = robot.time(100.5)
-    robot.sensors.pose(now, 0.3)
+    for stamp in (100.42, 100.49):  # The second scan has no transform yet.
+        robot.scan(stamp)
+    clock = robot.time(100.5)
+    robot.sensors.pose(clock, 0.3)
     robot.sensors.observations()
-    assert robot.sensors.ages(now) == pytest.approx(
+    assert robot.sensors.ages(clock) == pytest.approx(
         {"scan_age_s": 0.08, "pose_age_s": 0.02, "twist_age_s": 0.05}
     )
 
 
-@pytest.mark.parametrize("later", [0.0, 0.02])
-def test_lasers_that_share_a_topic_are_distinguished_by_their_frames(robot, later):
+@pytest.mark.parametrize("delay", [0.0, 0.02])
+def test_lasers_that_share_a_topic_are_distinguished_by_their_frames(robot, delay):
     """The rear laser has fewer beams and equal or later stamps, and is used as often as the front
     laser.
     """
     used = []
-    for k in range(10):
-        now = 100.0 + 0.1 * k
-        robot.time(now + later)
+    for number in range(10):
+        front_stamp = 100.0 + 0.1 * number
+        robot.time(front_stamp + delay)
         for frame, child in (("odom", "base"), ("base", "rear")):
-            placed = transform(frame, child, (0.0, 0.0, 0.0), rospy.Time.from_sec(now))
-            for stamp in (now, now + later):
-                placed.header.stamp = rospy.Time.from_sec(stamp)
-                robot.sensors.transforms.buffer.set_transform(placed, "test")
-        robot.scan(now)
-        robot.scan(now + later, "rear", (1.0, 2.0))
+            link = transform(frame, child, (0.0, 0.0, 0.0), rospy.Time.from_sec(front_stamp))
+            for stamp in (front_stamp, front_stamp + delay):
+                link.header.stamp = rospy.Time.from_sec(stamp)
+                robot.sensors.transforms.buffer.set_transform(link, "test")
+        robot.scan(front_stamp)
+        robot.scan(front_stamp + delay, "rear", (1.0, 2.0))
         used += [(scan.frame, len(scan.ranges)) for scan in robot.sensors.observations().values()]
         assert not robot.sensors._topics["scan"].trouble
     assert len(used) == 10
@@ -186,9 +194,10 @@ def test_a_silent_laser_does_not_affect_the_other_on_its_topic(robot):
     )
     robot.scan(100.0, "rear")
     assert robot.sensors.observations()
-    for k in range(1, 40):
-        robot.time(100.0 + 0.1 * k)
-        robot.tf(100.0 + 0.1 * k)
-        robot.scan(100.0 + 0.1 * k)
+    for seconds in 100.0 + 0.1 * np.arange(1, 40):
+        robot.time(seconds)
+        robot.tf(seconds)
+        robot.scan(seconds)
         (scan,) = robot.sensors.observations().values()
-        assert (scan.frame, scan.stamp) == ("base", pytest.approx(100.0 + 0.1 * k))
+        assert scan.frame == "base"
+        assert scan.stamp == pytest.approx(seconds)

@@ -20,6 +20,7 @@ pytest.importorskip("rospy")
 
 
 def start(*arguments):
+    """Start Python without a ROS master at the address that it gets, and return the process."""
     paths = [str(ros.ROOT), str(ros.GENERATED), os.environ.get("PYTHONPATH", "")]
     return subprocess.Popen(
         [sys.executable, *arguments],
@@ -58,26 +59,25 @@ def test_invalid_arguments_start_nothing(name):
     """Otherwise `send_goal.py 1 0 0` and `send_goal.py --help` would send the robot to the default
     goal.
     """
-    wrong, helped = (
-        start("-m", "applr_ros1.scripts", name, *words)
-        for words in (("1", "0", "0", "_a:=b"), ("-h",))
-    )
-    assert ended(wrong, 1).startswith(
-        name + ": unexpected arguments 1 0 0: give parameters as _NAME:=VALUE"
-    )
-    assert "~robot" in ended(helped, 0)
+    # Both at the same time, because each takes seconds to import its libraries.
+    with_a_pose = start("-m", "applr_ros1.scripts", name, "1", "0", "0", "_a:=b")
+    asked_for_help = start("-m", "applr_ros1.scripts", name, "-h")
+    line = name + ": unexpected arguments 1 0 0: give parameters as _NAME:=VALUE"
+    assert ended(with_a_pose, 1).startswith(line)
+    assert "~robot" in ended(asked_for_help, 0)
+
+
+WITHOUT_NUMBA = """
+import sys
+sys.modules['numba'] = None
+from applr_ros1.common.errors import run_script
+sys.argv[1:] = ['--help']
+run_script('applr_ros1.nodes.move_base.node')
+"""
 
 
 def test_a_missing_python_package_is_one_line_with_the_remedy():
-    begin = (
-        "import sys; sys.modules['numba'] = None; from applr_ros1.common.errors import run_script;"
-    )
-    text = ended(
-        start(
-            "-c", begin + "sys.argv[1:] = ['--help']; run_script('applr_ros1.nodes.move_base.node')"
-        ),
-        1,
-    )
+    text = ended(start("-c", WITHOUT_NUMBA), 1)
     assert "numba" in text
     assert "./applr packages" in text
 
@@ -88,12 +88,11 @@ BRIDGE = "sim_bridge.ros_bridge"
 
 
 @pytest.mark.parametrize(
-    ("module", "given", "line"),
+    ("module", "own_parameters", "line"),
     [
-        *[
-            (module, "a robot with errors", "controller_frequency")
-            for module in (APPLR, MONITOR, BRIDGE)
-        ],
+        (APPLR, "a robot with errors", "controller_frequency"),
+        (MONITOR, "a robot with errors", "controller_frequency"),
+        (BRIDGE, "a robot with errors", "controller_frequency"),
         (MONITOR, {"more_scans": "rear"}, "give a list of topics"),
         (
             MONITOR,
@@ -107,15 +106,18 @@ BRIDGE = "sim_bridge.ros_bridge"
         (BRIDGE, {"world": "physical_course", "simulator": "gazebo"}, "give pybullet or kinematic"),
     ],
 )
-def test_invalid_parameters_are_one_line(module, given, line, tmp_path, monkeypatch):
-    if given == "a robot with errors":
+def test_invalid_parameters_are_one_line(module, own_parameters, line, tmp_path, monkeypatch):
+    if own_parameters == "a robot with errors":
         shutil.copytree(ros.ROOT / "applr_ros1/robots/husky", tmp_path / "mine")
         with open(tmp_path / "mine" / "planner.yaml", "a") as file:
             file.write("\ncontroller_frequency: 0\n")
-        given = {"robot": str(tmp_path / "mine")}
+        own_parameters = {"robot": str(tmp_path / "mine")}
     node = importlib.import_module(module)
     monkeypatch.setattr(node, "init_node", lambda name: None)
-    parameters = {"": given, **given}  # "~" stands for all parameters of the node.
+    parameters = {
+        "": own_parameters,
+        **own_parameters,
+    }  # "~" stands for all parameters of the node.
     monkeypatch.setattr(
         "rospy.get_param", lambda name, *default: parameters.get(name[1:], *default)
     )
@@ -128,36 +130,43 @@ def test_invalid_parameters_are_one_line(module, given, line, tmp_path, monkeypa
 
 def test_code_is_imported_only_for_the_method_given_at_the_start(tmp_path, monkeypatch):
     """Any local user, and a website in a browser, can write to the parameter server."""
-    main = importlib.import_module("applr_ros1.nodes.applr.main")
+    node = importlib.import_module("applr_ros1.nodes.applr.main")
     robot = load("jackal")
     spec = f"{tmp_path}/own.py:Own"
-    text = f"open('{tmp_path}/ran', 'w')\nfrom applr_ros1.policy.methods import Method as Own\n"
-    (tmp_path / "own.py").write_text(text)
+    code = f"open('{tmp_path}/ran', 'w')\nfrom applr_ros1.policy.methods import Method as Own\n"
+    (tmp_path / "own.py").write_text(code)
     monkeypatch.setattr(sys, "argv", ["applr.py"])
     monkeypatch.setenv("APPLR_METHOD", "applr")
-    method, trouble = main.make_method(spec, robot, main.started_with(spec))
+    method, trouble = node.make_method(spec, robot, node.started_with(spec))
     assert (method.name, (tmp_path / "ran").exists()) == ("dwa", False)
     assert "start the node with _method:=" in trouble
     sys.argv.append("_method:=" + spec)
-    assert main.make_method(spec, robot, main.started_with(spec))[0].name == spec
+    assert node.make_method(spec, robot, node.started_with(spec))[0].name == spec
     assert (tmp_path / "ran").exists()
     monkeypatch.setattr(sys, "argv", ["applr.py"])
     monkeypatch.setenv("APPLR_METHOD", spec)
-    assert main.make_method(spec, robot, main.started_with(spec))[0].name == spec
+    assert node.make_method(spec, robot, node.started_with(spec))[0].name == spec
+
+
+# Program that reports the beginning of the import of training.train
+TRAIN = """
+import sys
+from applr_ros1.common.errors import run_script
+
+class Begun:
+    def find_spec(self, name, *more):
+        if name == 'training':
+            print('begun', flush=True)
+
+sys.meta_path.insert(0, Begun())
+sys.argv[1:] = ['--help']
+run_script('training.train')
+"""
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.3])
 def test_ctrl_c_during_the_import(delay):
-    begin = (
-        "import sys\n"
-        "from applr_ros1.common.errors import run_script\n"
-        "class Begun:  # reports the beginning of the import\n"
-        "    def find_spec(self, name, *_):\n"
-        "        if name == 'training': print('begun', flush=True)\n"
-        "sys.meta_path.insert(0, Begun())\n"
-        "sys.argv[1:] = ['--help']\n"
-    )
-    process = start("-c", begin + "run_script('training.train')")
+    process = start("-c", TRAIN)
     assert process.stdout.readline() == "begun\n"
     time.sleep(delay)
     process.send_signal(signal.SIGINT)
@@ -166,6 +175,7 @@ def test_ctrl_c_during_the_import(delay):
     assert len(text.splitlines()) <= 1, text
 
 
+# Node whose main thread holds a lock that its shutdown needs
 NODE = """
 import threading, time, rospy
 from applr_ros1.common import ros_node
