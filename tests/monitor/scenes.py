@@ -20,6 +20,7 @@ from applr_ros1.monitor.stopping import (
 from applr_ros1.robots import JACKAL
 from sim_bridge.lidar import Lidar
 
+# Braking limits, outline and margins as the node has them for a Jackal.
 SETTINGS = MonitorSettings.of(JACKAL)
 BRAKES_WELL = replace(SETTINGS, deceleration=4.0, yaw_deceleration=12.0)
 HERE = (0.0, 0.0, 0.0)
@@ -32,13 +33,15 @@ LASER = 0.12  # distance of the laser ahead of the robot's centre [m]
 # Full turn of a TurtleBot3's laser, whose ends meet straight ahead.
 TURN = {"angle_min": 0.0, "angle_increment": 2 * math.pi / 359}
 
-# Body of the Jackal, and distances of its front and its side from the centre [m].
+# Body of the Jackal with its margin, and distances of its front and its side from the centre [m].
 BODY = Body(half_planes(SETTINGS.body), edge_points(SETTINGS.body), margin=0.03)
 FRONT = 0.229
 SIDE = 0.208
 
+# 4 m/s^2 and 12 rad/s^2: with weak ones, most scenes here would be blocked.
 STRONG_BRAKES = Braking(4.0, 12.0)
 
+# Wall 3 cm behind the body, whose rear is at -0.229 m, less the discs' radius.
 CLOSE_BEHIND = [(-0.32, y) for y in np.arange(-0.2, 0.21, 0.05)]
 
 

@@ -31,6 +31,7 @@ from tests.monitor.scenes import (
 )
 from tests.support.seeds import examples
 
+# The Jackal's limits, m/s^2 and rad/s^2, without its turn gain and its centre of rotation.
 BRAKING = Braking(1.9, 3.3)
 STEP_S = 0.05  # time between two commands [s]
 # Largest change of the turn rate of a braking base in a tenth of a second [rad/s].
@@ -40,9 +41,9 @@ TURN_CHANGE = 0.33
 def test_creeping_and_stopping_follow_the_arc_of_the_command():
     """The values are from a drive in which the robot left a turn straight ahead and hit a wall."""
     monitor = CollisionMonitor()
-    turning = SETTINGS.turn_gain * -1.457  # exactly as commanded
+    measured_w = SETTINGS.turn_gain * -1.457  # exactly as commanded
     assert monitor.braked(0.0, 1.67, (1.853, -1.457)) == (1.853, -1.457)
-    v, w = monitor.braked(0.05, 1.67, (0.1, -0.078), turning)
+    v, w = monitor.braked(0.05, 1.67, (0.1, -0.078), measured_w)
     assert (v, w) == pytest.approx((1.575, -0.078 * 15.75))
     stopped = monitor.braked(0.1, 1.6)
     assert stopped == pytest.approx((1.48, w / v * 1.48))
@@ -61,16 +62,16 @@ def test_a_braking_base_turns_no_faster_than_commanded_now_or_before(command):
 
 
 @pytest.mark.parametrize(
-    ("turning", "asked", "expected"),
+    ("measured_w", "asked_w", "expected"),
     [(0.0, 4.0, 0.33), (1.35, 4.0, 1.33), (-1.35, 4.0, 0.0), (2.7, 0.5, 1.67)],
 )
-def test_a_braking_base_gets_only_reachable_turn_rates(turning, asked, expected):
+def test_a_braking_base_gets_only_reachable_turn_rates(measured_w, asked_w, expected):
     """The turn rate changes by at most 3.3 rad/s^2 for a tenth of a second, and never reverses."""
     monitor = CollisionMonitor()
-    monitor.braked(0.0, 2.0, (2.0, asked))
-    braked = monitor.braked(0.05, 2.0, (1.0, asked), turning)
+    monitor.braked(0.0, 2.0, (2.0, asked_w))
+    braked = monitor.braked(0.05, 2.0, (1.0, asked_w), measured_w)
     assert braked == pytest.approx((1.905, expected))
-    assert monitor.braked(0.1, 2.0, (2.0, asked)) == (2.0, asked), "the base no longer brakes"
+    assert monitor.braked(0.1, 2.0, (2.0, asked_w)) == (2.0, asked_w), "the base no longer brakes"
 
 
 def test_a_rare_command_is_judged_by_the_time_it_stays_in_force():
@@ -78,18 +79,18 @@ def test_a_rare_command_is_judged_by_the_time_it_stays_in_force():
 
     Braking shortens `silence`.
     """
-    reached = {}
+    allowed_speeds = {}
     for period, silence in ((0.05, 0.1), (0.2, 0.15)):
         monitor = seen_all_around(wall(1.4))
         for step in range(4):
             monitor.add_scan(scan_of(wall(1.4), HERE, step * period))
             verdict = verdict_on(monitor, 2.0, step * period)
         assert monitor.silence == pytest.approx(silence)
-        reached[period] = verdict.command[0]
+        allowed_speeds[period] = verdict.command[0]
 
     # Both stop within the same distance: the command applies for .2 or .15 s, then the base brakes.
-    rare_distance = reached[0.2] * 0.2 + reached[0.2] ** 2 / 3.8
-    distance = reached[0.05] * 0.15 + reached[0.05] ** 2 / 3.8
+    rare_distance = allowed_speeds[0.2] * 0.2 + allowed_speeds[0.2] ** 2 / 3.8
+    distance = allowed_speeds[0.05] * 0.15 + allowed_speeds[0.05] ** 2 / 3.8
     assert rare_distance == pytest.approx(distance, abs=0.06)
     monitor.braked(1.0, 2.0, (2.0, 0.0))
     assert monitor.silence == pytest.approx(0.15)
@@ -103,8 +104,9 @@ def test_the_swept_area_of_a_turn_about_a_point_far_ahead_counts(y, action):
 
     A rear corner then reaches .7 m.
     """
-    changed = replace(SETTINGS, turn_gain=3.0, turn_ahead=0.5)
-    monitor = seen_all_around([(0.17, y)], changed)
+    settings = replace(SETTINGS, turn_gain=3.0, turn_ahead=0.5)
+    # 0.7 m to the side: far outside the circle that the body needs to turn about its own centre.
+    monitor = seen_all_around([(0.17, y)], settings)
     assert monitor.filter(0.0, HERE, AT_REST, (0.0, 1.0)).action == action
 
 
@@ -112,6 +114,7 @@ def test_a_braking_base_may_leave_its_turn_outwards():
     """In a steady left turn, a post ahead is outside the path, and that of a faster turn."""
     motion = Motion(1.0, 1.5, commanded_w=1.5)
     braking = Braking(1.9, 3.3, turn_gain=1.35, turn_ahead=0.13)
+    # 10 cm decide: the nearer post is in the outer edge of the turn.
     assert 0.0 < safe_scale_of([(0.65, -0.2)], motion, (1.0, 1.5), braking) < 1.0
     assert safe_scale_of([(0.65, -0.3)], motion, (1.0, 1.5), braking) == 1.0
 
@@ -256,6 +259,8 @@ def test_points_are_cleared_only_from_a_distance_at_which_they_are_visible(beams
     memory = ObstacleMemory()
     geometry = dict(angle_increment=2 * ANGLE / (beams - 1), range_max=range_max)
     counts = []
+    # The post is measured, then looked for from 4 m away, where a beam may miss it or not reach
+    # it, and then from nearby.
     for stamp, x in enumerate((0.0, -4.0, 0.5)):
         ranges = np.full(beams, np.inf, np.float32)
         if stamp == 0:
@@ -294,6 +299,7 @@ def test_a_scan_without_returns_observes_the_space_within_its_reach_on_all_sides
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_post_in_the_path_of_lateral_slip_limits_the_command(side):
     """At 1 m/s forward and .6 m/s of slip the body touches a post that it would pass otherwise."""
+    # 6 cm beside the body: more than the margin, less than it slips.
     post = [(0.5, side * (SIDE + 0.06))]
     assert safe_scale_of(post, Motion(1.0, 0.0), (1.0, 0.0), BRAKING) == 1.0
     assert safe_scale_of(post, Motion(1.0, 0.0, side * 0.6), (1.0, 0.0), BRAKING) < 1.0
@@ -302,15 +308,18 @@ def test_a_post_in_the_path_of_lateral_slip_limits_the_command(side):
 
 def test_turn_ahead_and_turn_gain_change_the_swept_area():
     """In a left turn about a point ahead the body moves right, out of its circumscribed circle."""
-    post = [(-0.2, -0.33)]
+    post_behind = [(-0.2, -0.33)]
     turning = Motion(0.0, 1.5)
-    assert safe_scale_of(post, turning, (0.0, 1.5), BRAKING) == 1.0
-    assert safe_scale_of(post, turning, (0.0, 1.5), BRAKING._replace(turn_ahead=0.3)) < 1.0
-    corner = [(0.29, -0.17)]
+    assert safe_scale_of(post_behind, turning, (0.0, 1.5), BRAKING) == 1.0
+    assert safe_scale_of(post_behind, turning, (0.0, 1.5), BRAKING._replace(turn_ahead=0.3)) < 1.0
+    post_at_the_corner = [(0.29, -0.17)]
     braking = Braking(1.9, 12.0)
-    scale = safe_scale_of(corner, Motion(0.0, 0.0), (0.0, 1.0), braking, reaction=0.1)
+    scale = safe_scale_of(post_at_the_corner, Motion(0.0, 0.0), (0.0, 1.0), braking, reaction=0.1)
     faster = braking._replace(turn_gain=3.0)
-    assert safe_scale_of(corner, Motion(0.0, 0.0), (0.0, 1.0), faster, reaction=0.1) <= scale
+    assert (
+        safe_scale_of(post_at_the_corner, Motion(0.0, 0.0), (0.0, 1.0), faster, reaction=0.1)
+        <= scale
+    )
 
 
 def test_the_swept_area_of_a_turn_about_a_point_ahead_is_exact():

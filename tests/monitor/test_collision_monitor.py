@@ -48,6 +48,7 @@ def test_a_command_limited_to_almost_zero_is_blocked(command, action, blocked):
 
 def test_without_obstacles_commands_pass_unchanged():
     monitor = CollisionMonitor()
+    # 4 m is far beyond the way to stop from 2 m/s.
     assert monitor.add_scan(scan_of([(4.0, 0.0)] * 2, HERE)) == ""
     assert monitor.filter(0.0, HERE, (1.9, 0.0), (2.0, 0.3)).command == (2.0, 0.3)
 
@@ -61,6 +62,7 @@ def test_without_obstacles_commands_pass_unchanged():
     ],
 )
 def test_braking_stays_within_the_friction_limit(sign, post_x, asked, expected):
+    # 2 m/s^2 take 0.2 m/s off in a tenth of a second, and 0.1 m/s in half of it.
     settings = replace(SETTINGS, deceleration=2.0, memory_radius=8.0)
     monitor = seen_all_around([(sign * post_x, 0.0)], settings)
     monitor.output = Output(0.0, 2.0 * sign, 0.0)
@@ -76,6 +78,7 @@ def test_a_base_slower_than_commanded_is_braked_from_its_measured_speed(sign):
     monitor = CollisionMonitor(replace(SETTINGS, deceleration=2.0))
     monitor.output = Output(0.25, 1.5 * sign, 0.0)
     assert monitor.braked(0.35, 1.0 * sign)[0] == pytest.approx(0.8 * sign)
+    # It rolls back already: a command ahead would drive it on. Nor does it gain speed again.
     assert monitor.braked(0.40, -0.5 * sign) == (0.0, 0.0)
     assert monitor.braked(0.41, 2.0 * sign) == (0.0, 0.0)
 
@@ -121,6 +124,7 @@ def test_the_robot_drives_up_to_a_wall_and_stops_before_it(speed):
         verdict = monitor.filter(time, pose, (v, 0.0), (speed, 0.0))
         v = max(verdict.command[0], v - largest_drop)
         x += 0.05 * v
+    # Discs of 5 cm radius at 2 m
     surface = 2.0 - 0.05
     assert surface - 0.15 < x + FRONT < surface
     assert verdict.action == STOP
@@ -128,6 +132,7 @@ def test_the_robot_drives_up_to_a_wall_and_stops_before_it(speed):
 
 
 def test_a_tighter_turn_passes_if_straight_on_is_blocked():
+    # A narrow wall 0.5 m ahead, out of reach of the corners of a turning body.
     monitor = seen_all_around(wall(0.55, 0.1), BRAKES_WELL)
     assert monitor.filter(0.0, HERE, (1.0, 0.0), (1.0, 0.0)).action == SLOW
     assert monitor.filter(0.0, HERE, AT_REST, (0.0, 2.0)).action == PASS
@@ -136,12 +141,13 @@ def test_a_tighter_turn_passes_if_straight_on_is_blocked():
 def test_backing_up_a_long_way_stops_before_remembered_obstacles():
     """An obstacle three metres behind is remembered until the robot has backed up to it."""
     monitor = CollisionMonitor()
-    behind = [(-0.6, y) for y in np.arange(-0.3, 0.31, 0.03)]
-    monitor.add_scan(scan_of(behind, BEHIND))
+    wall_behind = [(-0.6, y) for y in np.arange(-0.3, 0.31, 0.03)]
+    monitor.add_scan(scan_of(wall_behind, BEHIND))
     there_and_back = [*np.arange(0.0, 3.0, 0.2), *np.arange(3.0, -0.3, -0.1)]
     for step, x in enumerate(there_and_back):
         pose = (float(x), 0.0, 0.0)
         time = 0.1 * (step + 1)
+        # Each scan differs from the one before: identical scans would count as frozen.
         ranges = np.full(BEAMS, 20.0 + time, np.float32)
         monitor.add_scan(scan_of([], pose, time, ranges=ranges))
         verdict = monitor.filter(time, pose, AT_REST, (-0.5, 0.0))
@@ -159,6 +165,7 @@ def test_noisy_edges_do_not_fill_the_memory():
         noisy = clean.ranges + rng.normal(0.0, 0.002, BEAMS).astype(np.float32)
         monitor.add_scan(scan_of([], HERE, 0.05 * step, ranges=noisy))
         counts.append(len(monitor.memory.points))
+    # Each point of an edge that moved by more than the tolerance would be one more obstacle.
     assert counts[-1] < 1.5 * counts[0]
 
 
@@ -192,46 +199,48 @@ def updated_memory(*scans):
 
 def test_obstacles_gone_at_the_ends_of_a_scan_are_cleared():
     # The wall is slightly more than TOLERANCE_M behind the post.
-    empty = np.full(360, 1.2, np.float32)
-    post = empty.copy()
-    post[[-2, -1, 0, 1]] = 1.0
-    assert np.sum(distances_from_laser(updated_memory(post)) < 1.1) == 4
-    assert np.sum(distances_from_laser(updated_memory(post, empty)) < 1.1) == 0
+    without_post = np.full(360, 1.2, np.float32)
+    with_post = without_post.copy()
+    with_post[[-2, -1, 0, 1]] = 1.0
+    assert np.sum(distances_from_laser(updated_memory(with_post)) < 1.1) == 4
+    assert np.sum(distances_from_laser(updated_memory(with_post, without_post)) < 1.1) == 0
 
 
 def test_occluded_points_are_kept():
-    far = np.full(360, 1.0, np.float32)
-    near = np.full(360, 0.85, np.float32)
-    distances = distances_from_laser(updated_memory(far, near))
+    far_wall = np.full(360, 1.0, np.float32)
+    near_wall = np.full(360, 0.85, np.float32)
+    distances = distances_from_laser(updated_memory(far_wall, near_wall))
     assert np.sum(distances > 0.95) == 360
     # Points at this distance are nearer to each other than SPACING_M, so every second one is kept.
     assert np.sum(distances < 0.95) == 180
 
 
-@pytest.mark.parametrize(("beside", "left"), [(-1, 1), (1, 1), (2, 0)])
-def test_a_point_is_cleared_only_if_the_neighbouring_beams_pass_too(beside, left):
-    post = np.full(360, 1.4, np.float32)
-    nearer = post.copy()
-    post[180] = 1.0
-    nearer[180 + beside] = 0.5
-    distances = distances_from_laser(updated_memory(post, nearer))
-    assert np.sum(np.abs(distances - 1.0) < 0.01) == left
+@pytest.mark.parametrize(("beside", "kept"), [(-1, 1), (1, 1), (2, 0)])
+def test_a_point_is_cleared_only_if_the_neighbouring_beams_pass_too(beside, kept):
+    # A beam may pass beside a thin post, so both of its neighbours must pass, too.
+    with_post = np.full(360, 1.4, np.float32)
+    nearer_beside = with_post.copy()
+    with_post[180] = 1.0
+    nearer_beside[180 + beside] = 0.5
+    distances = distances_from_laser(updated_memory(with_post, nearer_beside))
+    assert np.sum(np.abs(distances - 1.0) < 0.01) == kept
 
 
 def test_a_full_memory_forgets_the_oldest_points(monkeypatch):
     monkeypatch.setattr("applr_ros1.monitor.known_space.CAPACITY_POINTS", 1000)
     memory = ObstacleMemory()
-    newest = ObstacleMemory()
+    newest_alone = ObstacleMemory()
     for x in (0.0, 2.0, 4.0, 6.0, 8.0):
         # Each pose is outside the space observed by the previous scan.
         scan = scan_of([], (x, 0.0, 0.0), x, ranges=np.full(BEAMS, 0.9, np.float32))
         memory.update(scan)
-    newest.update(scan)
-    assert len(newest.points) < len(memory.points) <= 1000
-    assert np.array_equal(memory.points[-len(newest.points) :], newest.points)
+    newest_alone.update(scan)
+    assert len(newest_alone.points) < len(memory.points) <= 1000
+    assert np.array_equal(memory.points[-len(newest_alone.points) :], newest_alone.points)
 
 
 def test_a_robot_in_contact_may_only_drive_away():
+    # The front is at 0.229 m, and the posts have 0.05 m: with its margin the body touches them.
     monitor = seen_all_around([(0.30, y) for y in np.arange(-0.2, 0.2, 0.03)])
     assert verdict_on(monitor, 0.3).action == STOP
     assert verdict_on(monitor, -0.3).action == PASS
@@ -239,15 +248,15 @@ def test_a_robot_in_contact_may_only_drive_away():
 
 def test_a_blind_scanner_stops_the_robot_and_a_good_scan_frees_it():
     monitor = CollisionMonitor()
-    driving = (1.0, 0.0)
-    good = scan_of(wall(5.0, 2.0), HERE)
-    monitor.add_scan(good)
-    assert monitor.filter(0.0, HERE, driving, driving).action == PASS
-    blind = scan_of([], HERE, 0.1, ranges=np.full(BEAMS, np.nan, np.float32))
-    assert "scanner" in monitor.add_scan(blind)
-    assert monitor.filter(0.1, HERE, driving, driving).action == STOP
-    monitor.add_scan(replace(good, stamp=0.2))
-    assert monitor.filter(0.2, HERE, driving, driving).action == PASS
+    straight_on = (1.0, 0.0)
+    good_scan = scan_of(wall(5.0, 2.0), HERE)
+    monitor.add_scan(good_scan)
+    assert monitor.filter(0.0, HERE, straight_on, straight_on).action == PASS
+    blind_scan = scan_of([], HERE, 0.1, ranges=np.full(BEAMS, np.nan, np.float32))
+    assert "scanner" in monitor.add_scan(blind_scan)
+    assert monitor.filter(0.1, HERE, straight_on, straight_on).action == STOP
+    monitor.add_scan(replace(good_scan, stamp=0.2))
+    assert monitor.filter(0.2, HERE, straight_on, straight_on).action == PASS
 
 
 def test_a_frozen_image_with_new_stamps_stops_a_moving_robot():
@@ -280,18 +289,18 @@ def test_a_frozen_image_of_a_standing_robot_is_no_fault():
 )
 def test_an_identical_image_is_a_repeat_if_the_robot_has_moved_by_5_mm_or_mrad(motion, is_repeat):
     """A scan with repeated ranges contains old data, and does not become the latest scan."""
-    first = scan_of(wall(2.0), HERE)
-    x, y, yaw = first.sensor_pose
+    first_scan = scan_of(wall(2.0), HERE)
+    x, y, yaw = first_scan.sensor_pose
     dx, dy, turn = motion
-    second = replace(first, stamp=0.1, sensor_pose=(x + dx, y + dy, yaw + turn))
+    second_scan = replace(first_scan, stamp=0.1, sensor_pose=(x + dx, y + dy, yaw + turn))
     check = ScannerCheck()
     monitor = CollisionMonitor()
-    assert not check.fault(first)
+    assert not check.fault(first_scan)
     assert not check.repeats
-    assert not check.fault(second)
+    assert not check.fault(second_scan)
     assert check.repeats == is_repeat
-    monitor.add_scan(first)
-    monitor.add_scan(second)
+    monitor.add_scan(first_scan)
+    monitor.add_scan(second_scan)
     verdict_on(monitor, 0.5, 0.2)
     assert monitor.ages.scan == pytest.approx(0.2 if is_repeat else 0.1)
 
@@ -299,6 +308,7 @@ def test_an_identical_image_is_a_repeat_if_the_robot_has_moved_by_5_mm_or_mrad(m
 def test_a_scan_older_than_the_latest_is_ignored():
     monitor = seen_all_around(wall(1.0))
     assert monitor.add_scan(scan_of(wall(5.0, 4.0), HERE, -0.05)) == ""
+    # The older scan had the wall at 5 m, so far away that the command would pass.
     assert verdict_on(monitor, 1.5).action == SLOW
 
 
@@ -311,13 +321,14 @@ def doubted_beams(check, scan, ranges):
 
 def test_a_failed_sector_recovers_once_its_beams_return():
     check = ScannerCheck()
-    good = np.full(BEAMS, 1.5, np.float32)
-    scan = scan_of([], HERE, ranges=good)
-    failed = good.copy()
+    complete = np.full(BEAMS, 1.5, np.float32)
+    scan = scan_of([], HERE, ranges=complete)
+    failed = complete.copy()
     failed[200:400] = np.inf
-    assert doubted_beams(check, scan, good) == []
+    assert doubted_beams(check, scan, complete) == []
     assert doubted_beams(check, scan, failed) == [*range(200, 400)]
-    assert doubted_beams(check, scan, good - np.float32(0.01)) == []
+    # A centimetre nearer, or the scan would be a repeat of the first one.
+    assert doubted_beams(check, scan, complete - np.float32(0.01)) == []
     assert doubted_beams(check, scan, failed) == [*range(200, 400)]
     failed[200:300] = 1.5
     assert doubted_beams(check, scan, failed) == [*range(300, 400)]
@@ -334,9 +345,10 @@ def test_missing_and_stale_inputs_and_invalid_commands_stop_the_robot():
     assert "pose is 0.60 s old" in old_pose.reason
     old_twist = monitor.filter(0.1, HERE, AT_REST, command, (0.0, 0.6))
     assert "odometry is 0.60 s old" in old_twist.reason
-    ahead = monitor.filter(-0.45, HERE, AT_REST, command)
-    assert "0.45 s ahead of the clock" in ahead.reason
+    future_scan = monitor.filter(-0.45, HERE, AT_REST, command)
+    assert "0.45 s ahead of the clock" in future_scan.reason
     assert verdict_on(monitor, math.nan, 0.1).command == (0.0, 0.0)
+    # Numbers so small are zero, as a filter's remainders are.
     assert monitor.filter(0.1, HERE, AT_REST, (1e-7, -1e-7)) == Verdict((0.0, 0.0))
 
 
@@ -356,6 +368,7 @@ def test_absurd_commands_are_limited_to_a_speed_that_can_be_stopped():
     assert abs(v) <= fastest_v + 1e-9
     assert abs(w) <= fastest_w + 1e-9
     assert verdict.command != (0.0, 0.0)
+    # The memory reaches 2 m, so the base must stop within them.
     assert stopping_distance(fastest_v, 0.15) == pytest.approx(2.0)
     # The odometry is .3 s old.
     v, _ = monitor.filter(0.0, HERE, AT_REST, (1e3, 0.0), (0.0, 0.3)).command
@@ -389,6 +402,7 @@ def test_the_scale_is_the_largest_safe_one():
         larger = min(1.0, scale + 0.05)
         is_larger_safe = safe_scale_of(points, motion, (larger * v, larger * w)) == 1.0
         assert scale == 1.0 or not is_larger_safe
+    # Among the 60 are both, or the comparison would be of one kind.
     assert 0 < sum(scale < 1.0 for scale in scales) < 60
 
 
@@ -429,10 +443,11 @@ def test_another_place_clears_the_memory(place, scene):
     sensor_pose = compose(place, (LASER, 0.0, 0.0))
     scan = scan_of(around, (0.01, 0.0, 0.0), 4.0, sensor_pose=sensor_pose)
     monitor.add_scan(scan)
-    only = ObstacleMemory()
-    only.update(scan)
-    assert len(monitor.memory.points) == len(only.points)
+    this_scan_alone = ObstacleMemory()
+    this_scan_alone.update(scan)
+    assert len(monitor.memory.points) == len(this_scan_alone.points)
     assert "another place" in monitor.filter(4.0, place, AT_REST, (-0.5, 0.0)).reason
+    # A second scan from there makes it the place.
     monitor.add_scan(replace(scan, stamp=4.1))
     creeping = monitor.filter(4.1, place, AT_REST, (-0.5, 0.0))
     assert creeping.command == pytest.approx((-0.1, 0.0)), "the space behind is unknown"
@@ -440,6 +455,7 @@ def test_another_place_clears_the_memory(place, scene):
 
 def test_alternating_scans_of_two_robots_stop_the_robot():
     monitor = CollisionMonitor()
+    # Two robots publish on one topic: no robot can be at both places in turn.
     for step in range(10):
         monitor.add_scan(scan_of(posts(step % 2), HERE, 0.05 * step))
         verdict = verdict_on(monitor, 1.0, 0.05 * step)
@@ -458,6 +474,7 @@ def test_alternating_scans_of_two_robots_stop_the_robot():
 def test_a_constant_pose_with_nonzero_velocity_is_a_stop(twist, steps, action):
     """A base at rest with constant encoders and a drifting gyroscope must not be stopped for it."""
     monitor = seen_all_around([(9.0, 0.0)])
+    # Odometry that repeats its pose, although the twist says that the robot drives.
     for step in range(steps):
         monitor.add_scan(scan_of([(9.0, 0.0)], HERE, 0.05 * step))
         verdict = monitor.filter(0.05 * step, HERE, twist, (0.5, 0.1))
@@ -469,14 +486,16 @@ def test_space_between_widely_spaced_beams_is_unknown():
     """Nine beams have no return."""
     monitor = CollisionMonitor()
     no_returns = np.full(9, np.inf, np.float32)
-    few = scan_of([], HERE, angle_increment=math.radians(34), ranges=no_returns)
-    assert monitor.add_scan(few) == ""
+    # Between beams 34 degrees apart fits everything.
+    thin_scan = scan_of([], HERE, angle_increment=math.radians(34), ranges=no_returns)
+    assert monitor.add_scan(thin_scan) == ""
     assert "creeping" in verdict_on(monitor, 1.0).reason
 
 
 def test_a_scan_with_more_beams_than_the_memory_has_points_is_refused():
-    many = scan_of([], HERE, 0.1, angle_increment=1e-4, ranges=np.full(20000, 3.0, np.float32))
-    assert "20000 beams" in CollisionMonitor().add_scan(many)
+    # More than CAPACITY_POINTS: each scan would push the one before out of the memory.
+    huge_scan = scan_of([], HERE, 0.1, angle_increment=1e-4, ranges=np.full(20000, 3.0, np.float32))
+    assert "20000 beams" in CollisionMonitor().add_scan(huge_scan)
 
 
 @pytest.mark.parametrize(
@@ -496,6 +515,7 @@ def test_remembered_obstacles_block_the_robot_until_a_scan_clears_them():
     """
     obstacles = [*posts(0), *CLOSE_BEHIND]
     monitor = turned_away_from(obstacles)
+    # Points are forgotten by new ones only, not by time that passes at rest.
     for time in np.arange(4.0, 104.0, 1.0):
         monitor.add_scan(scan_of(obstacles, HERE, time))
         assert verdict_on(monitor, -0.5, time).blocked
@@ -540,7 +560,7 @@ def test_the_robot_creeps_no_faster_than_a_remembered_obstacle_allows():
 def test_the_whole_way_to_the_stop_must_be_observed():
     monitor = seen_all_around([(9.0, 0.0)])
     assert verdict_on(monitor, 1.8).action == PASS
-    # A strip of 5 cm far before the stopping point.
+    # One row of cells is unknown, far before the stopping point.
     monitor.seen.cells[int(0.5 / CELL_M)] = 0
     assert verdict_on(monitor, 1.8).action == SLOW
 
@@ -565,9 +585,9 @@ def test_obstacles_in_a_failed_sector_are_kept(value):
     """A quarter turn ahead, with a wall 1.4 m away, loses all returns from one scan to the next."""
     monitor = seen_all_around(wall(1.4, 2.0))
     for stamp in (0.1, 0.2):
-        failed = scan_of(wall(1.4, 2.0), HERE, stamp)
-        failed.ranges[AHEAD] = value
-        monitor.add_scan(failed)
+        failed_scan = scan_of(wall(1.4, 2.0), HERE, stamp)
+        failed_scan.ranges[AHEAD] = value
+        monitor.add_scan(failed_scan)
     assert verdict_on(monitor, 2.0, 0.2).action == SLOW
     monitor.add_scan(scan_of(wall(5.0, 4.0), HERE, 0.3))
     assert verdict_on(monitor, 1.5, 0.3).action == PASS
@@ -579,6 +599,7 @@ def test_a_failed_sector_is_detected_even_if_less_than_half_had_an_obstacle():
     Everything else is 28 m away, too far for a return to be expected.
     """
     monitor = CollisionMonitor()
+    # range_max is 30 m; returns from nearly there may be lost without a fault.
     clean = np.minimum(scan_of(wall(1.4, 0.35), HERE).ranges, np.float32(28.0))
     failed = clean.copy()
     failed[AHEAD] = math.inf
@@ -594,6 +615,7 @@ def test_a_failed_sector_may_lie_across_the_ends_of_a_full_turn():
     failed = clean.copy()
     failed[: BEAMS // 12] = math.inf
     failed[-BEAMS // 12 :] = math.inf
+    # A scanner that never saw anything there may have free space in the sector.
     open_ahead = CollisionMonitor()
     open_ahead.add_scan(scan_of([], HERE, 0.0, ranges=failed, **turn))
     assert open_ahead.filter(0.0, HERE, AT_REST, (1.5, 0.0)).action == PASS
@@ -610,12 +632,12 @@ def test_a_failed_sector_may_lie_across_the_ends_of_a_full_turn():
 def test_stale_poses_shorten_the_free_distance(pose_age, twist_age, is_slower):
     """A wall is 1.1 m ahead of the body. With a pose or twist 300 ms old, v is limited more."""
     v = 1.6
-    fresh = seen_all_around(wall(1.379)).filter(0.0, HERE, (v, 0.0), (2.0, 0.0))
+    with_fresh_inputs = seen_all_around(wall(1.379)).filter(0.0, HERE, (v, 0.0), (2.0, 0.0))
     # The robot has driven on since its pose was measured.
     pose = (-v * pose_age, 0.0, 0.0)
     monitor = seen_all_around(wall(1.379))
-    stale = monitor.filter(0.0, pose, (v, 0.0), (2.0, 0.0), (pose_age, twist_age))
+    with_stale_inputs = monitor.filter(0.0, pose, (v, 0.0), (2.0, 0.0), (pose_age, twist_age))
     if is_slower:
-        assert stale.command[0] < fresh.command[0] - 0.2
+        assert with_stale_inputs.command[0] < with_fresh_inputs.command[0] - 0.2
     else:
-        assert stale.command == fresh.command
+        assert with_stale_inputs.command == with_fresh_inputs.command

@@ -53,7 +53,7 @@ def drive(commands, seed, late=0.0, robot=JACKAL, cylinders=WALLS, seconds=7.0):
     last_command = 0.0
     fastest = 0.0
     on_the_way = []  # states and scans that have not arrived yet
-    known = None  # latest state that has
+    known_state = None  # latest state that has
     while state.time < seconds:
         scan = LaserScan(
             state.time,
@@ -65,20 +65,22 @@ def drive(commands, seed, late=0.0, robot=JACKAL, cylinders=WALLS, seconds=7.0):
             compose(state.odom_pose, laser.pose),
         )
         on_the_way.append((state, scan))
+        # Scan and pose arrive together, after `late`.
         while on_the_way and on_the_way[0][1].stamp <= state.time - late + 1e-9:
-            known, scan = on_the_way.pop(0)
+            known_state, scan = on_the_way.pop(0)
             monitor.add_scan(scan)
 
-        if known is not None and state.time >= due - 1e-9:
-            age = state.time - known.time
+        if known_state is not None and state.time >= due - 1e-9:
+            age = state.time - known_state.time
             verdict = monitor.filter(
-                state.time, known.odom_pose, known.odom_twist, command, (age, age)
+                state.time, known_state.odom_pose, known_state.odom_twist, command, (age, age)
             )
             simulator.command(*verdict.command)
             last_command = state.time
             due, command = next(commands)
-        elif known is not None and state.time - last_command > monitor.silence:
-            simulator.command(*monitor.braked(state.time, known.odom_twist[0]))
+        # No command for so long: the node's timer brakes the base.
+        elif known_state is not None and state.time - last_command > monitor.silence:
+            simulator.command(*monitor.braked(state.time, known_state.odom_twist[0]))
 
         speed = abs(state.twist[0])
         state = simulator.advance(STEP_S)
@@ -129,8 +131,9 @@ def alternating(period):
 )
 def test_no_command_sequence_hits_a_wall(commands, late, seeds):
     drives = [drive(commands(seed), seed, late) for seed in seeds]
-    assert max(made.contact_speed for made in drives) <= TOUCHED_M_S
-    assert min(made.fastest for made in drives) > 0.6, "it drives"
+    assert max(driven.contact_speed for driven in drives) <= TOUCHED_M_S
+    # A monitor that lets nothing pass would hit nothing, either.
+    assert min(driven.fastest for driven in drives) > 0.6
 
 
 @pytest.mark.parametrize("beams", [60, 90])
@@ -141,5 +144,5 @@ def test_a_leg_between_the_beams_of_a_coarse_laser_is_not_hit(beams):
     for number in range(4):
         leg = (1.0, 0.11 * (number - 1) + 0.013, 0.01)
         straight_on = in_turn(0.05, (1.5, 0.0))
-        made = drive(straight_on, 0, robot=robot, cylinders=[leg, *WALLS], seconds=9.0)
-        assert made.contact_speed <= TOUCHED_M_S
+        driven = drive(straight_on, 0, robot=robot, cylinders=[leg, *WALLS], seconds=9.0)
+        assert driven.contact_speed <= TOUCHED_M_S

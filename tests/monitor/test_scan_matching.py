@@ -56,6 +56,7 @@ def test_slip_and_heading_errors_are_corrected(seed):
     matcher = ScanMatcher()
     true = ORIGIN
     believed = ORIGIN
+    # Four seconds on a winding way
     for step in range(80):
         forward = 0.03 * math.cos(0.05 * step)
         turn = 0.04 * math.sin(0.11 * step)
@@ -86,6 +87,7 @@ def test_a_scan_without_noise_is_matched_to_a_fraction_of_a_millimetre(yaw):
             (2.0, 1.5, 0.6, 1.0, 0.1),
         ]
     )
+    # A random generator whose noise is zero
     silent = Mock(normal=lambda *shape: np.zeros(JACKAL.laser.beams))
     start = (0.0, 0.0, yaw)
     true = compose(start, (0.08, 0.06, 0.05))
@@ -136,6 +138,7 @@ def test_along_a_bare_corridor_the_odometry_decides():
         odometry = (true_x, 0.0, 0.0)
         matcher.add_scan(scan(true, odometry, STEP_S * step, rng, walls=walls))
         x, y, _ = matcher.corrected(odometry)
+        # Across the corridor the walls decide; along it they look the same everywhere.
         assert abs(y - true_y) < 0.01
         assert abs(x - true_x) < 0.05
 
@@ -145,8 +148,8 @@ def test_a_passing_person_does_not_shift_the_pose():
     matcher = ScanMatcher()
     discs = pillars(rng, 20)
     for step in range(60):
-        person = (1.0, -1.5 + 0.05 * step, 0.25)
-        crowd = np.vstack((discs, person))
+        walker = (1.0, -1.5 + 0.05 * step, 0.25)
+        crowd = np.vstack((discs, walker))
         matcher.add_scan(scan(ORIGIN, ORIGIN, STEP_S * step, rng, crowd))
         distance, _ = error_of(matcher, ORIGIN, ORIGIN)
         assert distance < 0.01
@@ -194,14 +197,14 @@ def test_backing_up_uses_the_corrected_pose():
     ("first", "increment", "count"), [(-2.356, 0.00654, 721), (2.0, -0.05, 60), (0.0, 0.0175, 359)]
 )
 def test_the_beam_search_does_not_depend_on_its_start(first, increment, count):
-    random = np.random.default_rng(count)
+    rng = np.random.default_rng(count)
     surface = lines(np.full(count, 2.0, np.float32), first, increment)
     for _ in range(300):
-        bearing = random.uniform(-np.pi, np.pi)
-        distance = random.uniform(0.2, 8.0)
+        bearing = rng.uniform(-np.pi, np.pi)
+        distance = rng.uniform(0.2, 8.0)
         expected = beam_at(first, increment, bearing)
-        anywhere = random.integers(-1, count + 1)
-        nearby = int(expected) + random.integers(-9, 10)
+        anywhere = rng.integers(-1, count + 1)
+        nearby = int(expected) + rng.integers(-9, 10)
         x = distance * np.cos(bearing)
         y = distance * np.sin(bearing)
         for start in (anywhere, nearby):

@@ -9,6 +9,7 @@ from applr_ros1.monitor.stalled_planner import StalledPlanner
 from applr_ros1.planner.escape import MOTIONS, TRIES
 from tests.monitor.scenes import AT_REST, HERE, scan_of, verdict_on, wall
 
+# Commands of the planner (v, w) [m/s, rad/s].
 STOP = (0.0, 0.0)
 GO = (0.5, 0.1)
 TOLERANCE = 0.3  # distance from the goal at which the planner stops [m]
@@ -35,6 +36,7 @@ class Drive:
 
 def test_a_planner_stalled_for_two_seconds_gets_escape_motions_until_it_drives():
     drive = Drive()
+    # The patience is 2 s.
     assert set(drive(1.95)) == {None}
     assert not drive.planner.has_stalled
     motions = drive(0.3)
@@ -58,8 +60,8 @@ def test_a_planner_stalled_for_two_seconds_gets_escape_motions_until_it_drives()
     ids=["no goal", "no plan", "arrived", "absurd"],
 )
 def test_a_planner_without_need_to_drive_is_not_overridden(state):
-    blocked = Drive(is_held=lambda driven: driven != STOP)
-    assert set(blocked(9.0, **state)) == {None}
+    blocked_drive = Drive(is_held=lambda driven: driven != STOP)
+    assert set(blocked_drive(9.0, **state)) == {None}
     drive = Drive()
     assert drive(2.2)[-1] is not None
     assert set(drive(9.0, **state)) == {None}
@@ -96,6 +98,7 @@ def test_a_blocked_planner_gets_escape_motions_after_half_a_second():
 
 def test_escape_motions_end_after_a_number_of_tries_until_the_planner_drives():
     drive = Drive(is_held=lambda driven: driven != STOP)
+    # A motion that is blocked, too, is given up after 0.2 s; TRIES of them are made.
     drive(TRIES * 0.2 + 1.0, GO)
     assert set(drive(60.0, GO)) == {None}
     drive.is_held = lambda driven: False

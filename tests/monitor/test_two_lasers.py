@@ -21,6 +21,7 @@ from tests.monitor.scenes import (
     wall,
 )
 
+# Commands (v, w) [m/s, rad/s].
 BACK = (-0.5, 0.0)
 AHEAD = (0.5, 0.0)
 WALL_BEHIND = [(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)]
@@ -32,6 +33,7 @@ def behind(points, stamp=0.0, **changes):
 
 
 def seen_both(ahead, back):
+    """Return a monitor that has a scan of each laser."""
     monitor = CollisionMonitor(more_scans=["rear"])
     assert monitor.add_scan(scan_of(ahead, HERE)) == ""
     assert monitor.add_scan(behind(back), "rear") == ""
@@ -39,13 +41,13 @@ def seen_both(ahead, back):
 
 
 def test_the_robot_backs_up_as_far_as_the_second_laser_observes():
-    alone = CollisionMonitor()
-    alone.add_scan(scan_of(wall(3.0), HERE))
-    assert "creeping" in alone.filter(0.0, HERE, AT_REST, BACK).reason
-    free = seen_both(wall(3.0), [(-3.0, 0.0), (-3.0, 0.1)])
-    assert free.filter(0.0, HERE, AT_REST, BACK).action == PASS
-    near = seen_both(wall(3.0), WALL_BEHIND)
-    verdict = near.filter(0.0, HERE, AT_REST, BACK)
+    front_alone = CollisionMonitor()
+    front_alone.add_scan(scan_of(wall(3.0), HERE))
+    assert "creeping" in front_alone.filter(0.0, HERE, AT_REST, BACK).reason
+    free_behind = seen_both(wall(3.0), [(-3.0, 0.0), (-3.0, 0.1)])
+    assert free_behind.filter(0.0, HERE, AT_REST, BACK).action == PASS
+    wall_behind = seen_both(wall(3.0), WALL_BEHIND)
+    verdict = wall_behind.filter(0.0, HERE, AT_REST, BACK)
     assert "obstacle" in verdict.reason
     assert verdict.action in (SLOW, STOP)
 
@@ -121,7 +123,7 @@ def test_an_infinite_range_max_is_valid():
     monitor = CollisionMonitor()
     assert monitor.add_scan(scan_of(wall(1.0), HERE, range_max=math.inf)) == ""
     assert verdict_on(monitor, 2.0).action == SLOW
-    no_minimum = scan_of(wall(1.0), HERE, 0.1, range_min=math.nan)
-    assert "not finite" in monitor.add_scan(no_minimum)
-    no_maximum = scan_of(wall(1.0), HERE, 0.2, range_max=math.nan)
-    assert "the scan has range_min" in monitor.add_scan(no_maximum)
+    without_minimum = scan_of(wall(1.0), HERE, 0.1, range_min=math.nan)
+    assert "not finite" in monitor.add_scan(without_minimum)
+    without_maximum = scan_of(wall(1.0), HERE, 0.2, range_max=math.nan)
+    assert "the scan has range_min" in monitor.add_scan(without_maximum)

@@ -35,6 +35,7 @@ from tests.monitor.scenes import (
     wall,
 )
 
+# Closed forms are simple for a base that turns as commanded, about its own centre.
 SETTINGS = replace(scenes.SETTINGS, turn_gain=1.0, turn_ahead=0.0)
 MARGIN = BODY.margin
 # Tolerance of a stopping distance [m], from the step between poses at 2 m/s.
@@ -43,12 +44,15 @@ TOLERANCE = 0.045
 
 def braking_distance(speed, deceleration):
     """Return the braking distance [m] of a base that brakes gently below .3 m/s."""
-    last = min(speed, 0.3)
-    return (speed**2 - last**2) / (2 * deceleration) + last**2 / (2 * 0.6)
+    gentle_speed = min(speed, 0.3)
+    hard = (speed**2 - gentle_speed**2) / (2 * deceleration)
+    gentle = gentle_speed**2 / (2 * 0.6)
+    return hard + gentle
 
 
 def smallest_passing(low, high, passes):
     """Return the smallest number for which the monotone predicate `passes` is true."""
+    # Ten halvings: a thousandth of the interval.
     for _ in range(10):
         middle = 0.5 * (low + high)
         if passes(middle):
@@ -76,6 +80,7 @@ def smallest_passing(low, high, passes):
 def test_the_stopping_distance(measured, commanded, age, expected, side):
     def passes(distance):
         x = side * (FRONT + MARGIN + distance)
+        # Three points across the way: the body's front is straight.
         points = [(x, y) for y in (-0.2, 0.0, 0.2)]
         motion = Motion(side * measured, 0.0)
         return safe_scale_of(points, motion, (side * commanded, 0.0), pose_age=age) == 1.0
@@ -189,6 +194,7 @@ def test_the_previous_turn_rate_limits_the_arc_of_a_slower_command():
     assert motion.commanded_w == 2.0
     turned_less = motion._replace(commanded_w=1.0)
     braking = Braking(1.9, 3.3)
+    # For some posts the turn before matters, for others it does not.
     is_same = set()
     for x in np.arange(0.2, 0.7, 0.05):
         for y in np.arange(0.2, 0.7, 0.05):
@@ -266,12 +272,12 @@ def test_turning_into_unobserved_space_is_limited_to_creep_speed():
 
 def test_points_in_the_body_are_those_of_the_scalar_computation():
     """The kernel, which handles all points plane by plane, is equal to the last bit."""
-    random = np.random.default_rng(3)
+    rng = np.random.default_rng(3)
     outcomes = set()
     for _ in range(300):
-        x, y, yaw = random.uniform(-0.3, 0.3, 3)
-        points = random.uniform(-0.6, 0.6, (20, 2))
-        limits = random.uniform(0.0, 0.3, 20)
+        x, y, yaw = rng.uniform(-0.3, 0.3, 3)
+        points = rng.uniform(-0.6, 0.6, (20, 2))
+        limits = rng.uniform(0.0, 0.3, 20)
         place = Placement(x, y, math.cos(yaw), math.sin(yaw))
         expected = False
         for (point_x, point_y), limit in zip(points, limits):
@@ -286,16 +292,16 @@ def test_points_in_the_body_are_those_of_the_scalar_computation():
 
 def test_the_body_is_seen_if_all_cells_under_its_edge_are():
     """The kernel, which avoids modulo, is compared with the definition of the cells."""
-    random = np.random.default_rng(3)
-    n = 60
+    rng = np.random.default_rng(3)
+    side = 60
     outcomes = set()
     for _ in range(300):
-        x, y, yaw = random.uniform(-0.3, 0.3, 3)
+        x, y, yaw = rng.uniform(-0.3, 0.3, 3)
         place = Placement(x, y, math.cos(yaw), math.sin(yaw))
-        cells = (random.random((n, n)) > 0.002).astype(np.uint8)
-        corner = random.integers(-200, 200, 2)
-        robot_x, robot_y = CELL_M * (corner + random.uniform(8.0, n - 8.0, 2))
-        robot_yaw = random.uniform(-3.0, 3.0)
+        cells = (rng.random((side, side)) > 0.002).astype(np.uint8)
+        corner = rng.integers(-200, 200, 2)
+        robot_x, robot_y = CELL_M * (corner + rng.uniform(8.0, side - 8.0, 2))
+        robot_yaw = rng.uniform(-3.0, 3.0)
         cos_robot = math.cos(robot_yaw)
         sin_robot = math.sin(robot_yaw)
         expected = True
@@ -304,8 +310,8 @@ def test_the_body_is_seen_if_all_cells_under_its_edge_are():
             aside = y + place.sin_yaw * edge_x + place.cos_yaw * edge_y
             cell_x = math.floor((robot_x + cos_robot * ahead - sin_robot * aside) / CELL_M)
             cell_y = math.floor((robot_y + sin_robot * ahead + cos_robot * aside) / CELL_M)
-            is_in_window = 0 <= cell_x - corner[0] < n and 0 <= cell_y - corner[1] < n
-            expected = expected and is_in_window and bool(cells[cell_x % n, cell_y % n])
+            is_in_window = 0 <= cell_x - corner[0] < side and 0 <= cell_y - corner[1] < side
+            expected = expected and is_in_window and bool(cells[cell_x % side, cell_y % side])
         seen = Seen(cells, int(corner[0]), int(corner[1]), robot_x, robot_y, robot_yaw)
         assert _is_seen(seen, BODY.edge, place) == expected
         outcomes.add(expected)
@@ -313,11 +319,11 @@ def test_the_body_is_seen_if_all_cells_under_its_edge_are():
 
 
 def test_the_beam_towards_a_bearing_is_that_of_the_modulo():
-    random = np.random.default_rng(3)
+    rng = np.random.default_rng(3)
     for _ in range(300):
-        first = random.uniform(-3.2, 3.2)
-        step = random.choice([-1.0, 1.0]) * 0.01
-        bearing = random.uniform(-20.0, 20.0)
+        first = rng.uniform(-3.2, 3.2)
+        step = rng.choice([-1.0, 1.0]) * 0.01
+        bearing = rng.uniform(-20.0, 20.0)
         turn = (bearing - first) % (2.0 * math.pi)
         if step < 0.0:
             turn = -((first - bearing) % (2.0 * math.pi))

@@ -27,9 +27,11 @@ class Perfect:
         self.rows = np.zeros((0, 5))
 
     def reset(self):
+        """Forget all obstacles."""
         self.rows = np.zeros((0, 5))
 
     def update(self, scan):
+        """Return the rows as tracked obstacles."""
         x, y, vx, vy, radius = np.array(self.rows, dtype=float).reshape(-1, 5).T
         return Movers(np.arange(len(x)), x, y, vx, vy, radius)
 
@@ -47,8 +49,8 @@ def test_predicted_points_lie_on_the_visible_sides_of_the_future_discs(stubbed):
     robot = ToyRobot((0.3, -0.2, 0.4), [*WALL, (1.8, -0.4, 0.3)])
     tracker.rows = [(1.8, -0.4, -0.2, 1.2, 0.3)]
     cloud = prediction.add_scan(replace(robot.scan(), sensor_height=0.4))
-    places = prediction.points[:, :2].copy()
-    x, y = places.astype(float).T
+    point_places = prediction.points[:, :2].copy()
+    x, y = point_places.astype(float).T
 
     # Rows are times, columns points.
     times = STEP_S * np.arange(1, 1 + HORIZON_S // STEP_S)
@@ -74,20 +76,21 @@ def test_predicted_points_lie_on_the_visible_sides_of_the_future_discs(stubbed):
     behind = (2.0 * laser_x - 1.8, 2.0 * laser_y + 0.4, 0.2, -1.2, 0.3)
     tracker.rows.append(behind)
     prediction.add_scan(robot.scan())
-    assert np.array_equal(prediction.points[:, :2], places), "always behind the robot"
+    assert np.array_equal(prediction.points[:, :2], point_places), "always behind the robot"
 
 
 @pytest.mark.parametrize(
-    ("measured", "marked"),
+    ("measured", "is_marked"),
     [(np.nan, False), (-np.inf, False), (1.2, False), (1.9, True), (np.inf, True)],
 )
-def test_nothing_is_predicted_out_of_the_lasers_sight(stubbed, measured, marked):
+def test_nothing_is_predicted_out_of_the_lasers_sight(stubbed, measured, is_marked):
     prediction, tracker = stubbed
+    # The near edge of the obstacle is at 1.7 m: a range of 1.2 m hides it, one of 1.9 m does not.
     tracker.rows = [(2.0, 0.0, 0.0, 0.4, 0.3)]
     scan = ToyRobot(circles=WALL).scan()
     ranges = np.full(720, measured, np.float32)
     prediction.add_scan(replace(scan, ranges=ranges))
-    assert (len(prediction.points) > 50) == marked
+    assert (len(prediction.points) > 50) == is_marked
 
 
 @pytest.mark.parametrize(
@@ -190,6 +193,7 @@ def test_predicted_points_are_cleared_if_their_source_dies(stubbed):
         planners.step()
     assert planners.marked_more() > 20
 
+    # 0.8 s; the source counts as silent after a second.
     for _ in range(16):
         planners.step(predicts=False)
     assert planners.marked_more() > 20, "the points stay until the source counts as silent"

@@ -1,10 +1,9 @@
 """Tests of the tracker on recorded scenes of simulated robots, stored in files beside this one.
 
 A file has these arrays. limits: first angle, increment, range_min, range_max. times: (n,) [s].
-poses: (n, 3) poses of
-the laser by odometry. steps: (n, beams) differences of the ranges to those of the previous beam, in
-5 mm; a range of -1 is +inf, 0 is too near. truth: (n, 8, 5) x, y, radius, vx, vy of the nearest
-moving obstacles in the odometry's frame.
+poses: (n, 3) poses of the laser by odometry. steps: (n, beams) differences of the ranges to those
+of the previous beam, in 5 mm; a range of -1 is +inf, 0 is too near. truth: (n, 8, 5) x, y, radius,
+vx, vy of the nearest moving obstacles in the odometry's frame.
 """
 
 import math
@@ -22,71 +21,77 @@ from applr_ros1.movers.tracker import MoverTracker
 VIEW = 5.0
 NEAR = 0.4  # maximum distance of a track from the edge of its true disc [m]
 # Speeds between which obstacles should be tracked; faster ones jumped back to their start [m/s]
-SPEEDS = (
-    0.3,
-    5.0,
-)
+SLOWEST = 0.3
+FASTEST = 5.0
 
 
 class Comparison:
-    """Errors of a tracker in a recorded scene: position and velocity [m, m/s] of tracks, times and
-    counts.
+    """Errors of a tracker in a recorded scene.
+
+    Attributes:
+        seconds: Duration of the scene [s].
+        in_view: Time for which obstacles should be tracked, summed over obstacles [s].
+        known: Part of it for which they are [s].
+        position, velocity: Errors of these tracks [m, m/s].
+        tracked, wrong: Number of tracks in all scans, and of those without an obstacle.
     """
 
     def __init__(self, robot, name):
         self.tracker = MoverTracker.of(robots.load(robot))
-        self.last = math.nan
+        self.stamp = None
         self.position = []
         self.velocity = []
-        self.seconds = self.in_view = self.known = 0.0
-        self.tracked = self.wrong = (
-            0  # numbers of tracked obstacles in all scans, and of false detections
-        )
+        self.seconds = 0.0
+        self.in_view = 0.0
+        self.known = 0.0
+        self.tracked = 0
+        self.wrong = 0
         with np.load(Path(__file__).parent / f"{name}.npz") as scene:
-            for stamp, pose, steps, truth in zip(
-                *(scene[key] for key in ("times", "poses", "steps", "truth"))
-            ):
+            limits = scene["limits"].tolist()
+            rows = zip(scene["times"], scene["poses"], scene["steps"], scene["truth"])
+            for stamp, pose, steps, truth in rows:
                 ranges = np.cumsum(steps).astype(np.float32)
                 ranges = np.where(ranges < 0, np.float32(np.inf), np.float32(0.005) * ranges)
-                self.add(
-                    LaserScan(
-                        float(stamp), *scene["limits"].tolist(), ranges, tuple(pose.tolist())
-                    ),
-                    truth,
-                )
+                self.add(LaserScan(float(stamp), *limits, ranges, tuple(pose.tolist())), truth)
 
     def add(self, scan, truth):
+        """Update the tracker with a scan, and compare it with the true obstacles (8, 5)."""
         movers = self.tracker.update(scan)
-        dt = scan.stamp - self.last
-        self.last = scan.stamp
-        dt = 0.0 if math.isnan(dt) else dt
-        self.seconds += dt
-        points = hits(scan)
-        wrong = np.ones(len(movers.id), bool)
-        for x, y, r, vx, vy in truth.tolist():
+        interval = 0.0 if self.stamp is None else scan.stamp - self.stamp
+        self.stamp = scan.stamp
+        self.seconds += interval
+        has_no_obstacle = np.ones(len(movers.id), bool)
+        for x, y, radius, vx, vy in truth.tolist():
             distances = np.hypot(movers.x - x, movers.y - y)
-            wrong &= distances > r + NEAR
-            on = np.abs(np.hypot(points[:, 0] - x, points[:, 1] - y) - r) < 0.04
-            away = math.hypot(x - scan.sensor_pose[0], y - scan.sensor_pose[1])
-            if on.sum() < 3 or away > VIEW or not SPEEDS[0] < math.hypot(vx, vy) < SPEEDS[1]:
+            has_no_obstacle &= distances > radius + NEAR
+            if not should_be_tracked(scan, x, y, radius, math.hypot(vx, vy)):
                 continue
-            self.in_view += dt
-            if len(distances) and distances.min() <= r + NEAR:
-                k = int(distances.argmin())
-                self.known += dt
-                self.position.append(distances[k])
-                self.velocity.append(math.hypot(movers.vx[k] - vx, movers.vy[k] - vy))
-        self.tracked += len(wrong)
-        self.wrong += int(wrong.sum())
+            self.in_view += interval
+            if len(distances) and distances.min() <= radius + NEAR:
+                nearest = int(distances.argmin())
+                self.known += interval
+                self.position.append(distances[nearest])
+                self.velocity.append(math.hypot(movers.vx[nearest] - vx, movers.vy[nearest] - vy))
+        self.tracked += len(has_no_obstacle)
+        self.wrong += int(has_no_obstacle.sum())
+
+
+def should_be_tracked(scan, x, y, radius, speed):
+    """Return whether an obstacle of some speed [m/s] is near, hit by three beams, and moves."""
+    point_x, point_y = hits(scan).T
+    from_edge = np.abs(np.hypot(point_x - x, point_y - y) - radius)
+    laser_x, laser_y, _ = scan.sensor_pose
+    distance = math.hypot(x - laser_x, y - laser_y)
+    return (from_edge < 0.04).sum() >= 3 and distance <= VIEW and SLOWEST < speed < FASTEST
 
 
 def hits(scan):
     """Return the points (n, 2) of a scan [m], in its frame."""
     angles = scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
-    hit = (scan.ranges >= scan.range_min) & (scan.ranges < scan.range_max)
-    r = scan.ranges[hit]
-    a = angles[hit]
-    return np.column_stack(transform_point(scan.sensor_pose, r * np.cos(a), r * np.sin(a)))
+    is_hit = (scan.ranges >= scan.range_min) & (scan.ranges < scan.range_max)
+    ahead = scan.ranges[is_hit] * np.cos(angles[is_hit])
+    leftward = scan.ranges[is_hit] * np.sin(angles[is_hit])
+    return np.column_stack(transform_point(scan.sensor_pose, ahead, leftward))
 
 
 def test_wheel_slip_causes_no_false_detections():
@@ -103,6 +108,8 @@ def test_wheel_slip_causes_no_false_detections():
 def test_moving_obstacles_of_a_room_are_tracked(robot, scene):
     """Medium and fast obstacles of DynaBARN cross, and occlude each other."""
     result = Comparison(robot, scene)
+    # The limits have some distance from what the tracker reaches, so that a change of its rules
+    # shows here before it matters.
     assert result.in_view > 4.0
     assert result.known / result.in_view > 0.7
     assert np.median(result.position) < 0.06

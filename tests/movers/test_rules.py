@@ -34,7 +34,7 @@ AT_ORIGIN = record(FAN)
 
 
 @pytest.mark.parametrize(
-    ("beams", "value", "through"),
+    ("beams", "value", "sees_it_through"),
     [
         ([], 0.0, True),
         ([100], 2.10, False),
@@ -49,7 +49,7 @@ AT_ORIGIN = record(FAN)
         (range(94, 107), np.inf, True),
     ],
 )
-def test_a_point_is_seen_through_if_the_beams_around_it_continue(beams, value, through):
+def test_a_point_is_seen_through_if_the_beams_around_it_continue(beams, value, sees_it_through):
     fan = record(FAN, **SCAN)
     ranges = np.full(201, 4.0, np.float32)
     ranges[list(beams)] = value
@@ -60,14 +60,15 @@ def test_a_point_is_seen_through_if_the_beams_around_it_continue(beams, value, t
     ahead = sees_through(depth, fan, fan["x"] + offset_x, fan["y"] + offset_y, 0.0)
     behind = sees_through(depth, fan, fan["x"] - offset_x, fan["y"] - offset_y, 0.0)
 
-    assert ahead == through
+    assert ahead == sees_it_through
     assert not behind
 
 
 @pytest.mark.parametrize(
-    ("free", "swept", "moved"), [(1, 0.0, False), (2, 0.0, True), (3, 0.14, True), (3, 0.16, False)]
+    ("free", "swept", "has_moved"),
+    [(1, 0.0, False), (2, 0.0, True), (3, 0.14, True), (3, 0.16, False)],
 )
-def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, moved):
+def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, has_moved):
     """The points are in free space of the earlier scan, or were in that of the latest scan."""
     # Given: three points at 2 m, and a scan that sees through the place of the first `free` ones
     beams = np.array([50, 100, 150])
@@ -76,9 +77,9 @@ def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, move
     y = SCAN["y"] + 2.0 * np.sin(angles)
     points = np.column_stack([x, y])
     wall = np.full(201, 2.0, np.float32)
-    through = wall.copy()
+    ranges_through = wall.copy()
     for beam in beams[:free]:
-        through[beam - 22 : beam + 23] = 4.0
+        ranges_through[beam - 22 : beam + 23] = 4.0
     fan = record(FAN, swept=swept, **SCAN)
     ranges = np.zeros((SCANS, 201), np.float32)
     fans = np.zeros(SCANS, FAN)
@@ -88,13 +89,13 @@ def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, move
     history = np.full((SCANS, POINTS, 2), np.nan)
 
     # The earlier scan sees through.
-    ranges[0] = through
-    assert tracks.has_moved(points, history, earlier, wall, fan) == moved
+    ranges[0] = ranges_through
+    assert tracks.has_moved(points, history, earlier, wall, fan) == has_moved
 
     # The latest scan sees through the points of the earlier one.
     history[0] = points
     ranges[0] = wall
-    assert tracks.has_moved(points, history, earlier, through, fan) == moved
+    assert tracks.has_moved(points, history, earlier, ranges_through, fan) == has_moved
 
 
 @pytest.mark.parametrize("increment", [0.01, -0.01])
@@ -127,19 +128,19 @@ def seen_from(fan, error, places, outliers=0):
     sin_turn = math.sin(error.turn)
     x = places[:, 0] - fan["x"] - error.dx
     y = places[:, 1] - fan["y"] - error.dy
-    found = np.zeros(len(places), CLUSTER)
-    found["x"] = fan["x"] + cos_turn * x + sin_turn * y
-    found["y"] = fan["y"] - sin_turn * x + cos_turn * y
-    found["x"][:outliers] += 0.8
-    found["sigma"] = 0.02
-    return found
+    clusters_seen = np.zeros(len(places), CLUSTER)
+    clusters_seen["x"] = fan["x"] + cos_turn * x + sin_turn * y
+    clusters_seen["y"] = fan["y"] - sin_turn * x + cos_turn * y
+    clusters_seen["x"][:outliers] += 0.8
+    clusters_seen["sigma"] = 0.02
+    return clusters_seen
 
 
 def test_static_tracks_correct_the_pose():
     """One of eight tracks is an outlier. If half of the tracks are, nothing is corrected."""
     fan = record(FAN, x=5.0, y=-3.0, yaw=0.6)
     error = Correction(0.02, -0.03, 0.02)
-    nothing = Correction(0.0, 0.0, 0.0)
+    no_correction = Correction(0.0, 0.0, 0.0)
     places = (5.0, -3.0) + np.random.default_rng(0).uniform(-4.0, 4.0, (8, 2))
     x, y = places.T
     voters = np.zeros(8, VOTER)
@@ -147,18 +148,18 @@ def test_static_tracks_correct_the_pose():
     voters["y"] = y
     voters["variance"] = 1e-5
     voters["cluster"] = np.arange(8)
-    found = seen_from(fan, error, places, outliers=1)
-    half_wrong = seen_from(fan, error, places, outliers=4)
+    clusters_seen = seen_from(fan, error, places, outliers=1)
+    half_outliers = seen_from(fan, error, places, outliers=4)
 
-    np.testing.assert_allclose(slip(voters, found, fan), error, atol=0.004)
-    assert slip(voters[:2], found, fan) == nothing, "two are too few"
-    assert slip(voters, half_wrong, fan) == nothing
+    np.testing.assert_allclose(slip(voters, clusters_seen, fan), error, atol=0.004)
+    assert slip(voters[:2], clusters_seen, fan) == no_correction, "two are too few"
+    assert slip(voters, half_outliers, fan) == no_correction
 
-    shift(found, fan, error)
+    shift(clusters_seen, fan, error)
     # The first one is the outlier.
-    np.testing.assert_allclose(found["x"][1:], x[1:], atol=1e-9)
-    np.testing.assert_allclose(found["y"][1:], y[1:], atol=1e-9)
-    np.testing.assert_allclose(found["start"], error.turn)
+    np.testing.assert_allclose(clusters_seen["x"][1:], x[1:], atol=1e-9)
+    np.testing.assert_allclose(clusters_seen["y"][1:], y[1:], atol=1e-9)
+    np.testing.assert_allclose(clusters_seen["start"], error.turn)
     assert fan["x"] == pytest.approx(5.02)
     assert fan["y"] == pytest.approx(-3.03)
     assert fan["yaw"] == pytest.approx(0.62)
@@ -168,61 +169,61 @@ PART = (2.2, 0.3)
 OTHER = (4.0, 0.0)
 
 
-@pytest.mark.parametrize(("moves", "begun"), [(True, [OTHER]), (False, [PART, OTHER])])
-def test_a_part_of_a_moving_obstacle_gets_no_track(moves, begun):
+@pytest.mark.parametrize(("moves", "begun_at"), [(True, [OTHER]), (False, [PART, OTHER])])
+def test_a_part_of_a_moving_obstacle_gets_no_track(moves, begun_at):
     known = np.zeros(8, TRACK)
     known[0] = record(TRACK, id=5, x=2.0, radius=0.3, moves=moves)
     part_x, part_y = PART
     other_x, other_y = OTHER
-    found = np.zeros(3, CLUSTER)
-    found[0] = record(CLUSTER, x=part_x, y=part_y, radius=0.1)
-    found[1] = record(CLUSTER, x=2.0, y=0.0, radius=0.3)
-    found[2] = record(CLUSTER, x=other_x, y=other_y, radius=0.3)
+    clusters_seen = np.zeros(3, CLUSTER)
+    clusters_seen[0] = record(CLUSTER, x=part_x, y=part_y, radius=0.1)
+    clusters_seen[1] = record(CLUSTER, x=2.0, y=0.0, radius=0.3)
+    clusters_seen[2] = record(CLUSTER, x=other_x, y=other_y, radius=0.3)
     has_track = np.array([False, True, False])
     next_id = 7
 
-    id_after = tracks.begin(known, found, has_track, 1.0, next_id)
+    id_after = tracks.begin(known, clusters_seen, has_track, 1.0, next_id)
 
-    new = known[known["id"] >= next_id]
-    assert id_after == next_id + len(begun)
-    assert list(zip(new["x"], new["y"])) == begun
+    new_tracks = known[known["id"] >= next_id]
+    assert id_after == next_id + len(begun_at)
+    assert list(zip(new_tracks["x"], new_tracks["y"])) == begun_at
 
 
 def test_a_new_track_has_nothing_of_the_track_that_had_its_row():
     """Rows of ended tracks keep their values; what a new track needs is set."""
-    known = np.zeros(1, TRACK)
+    old_row = np.zeros(1, TRACK)
     for name in TRACK.names:
-        known[0][name] = 9
-    known["id"] = 0
-    known["moves"] = False
-    found = np.zeros(1, CLUSTER)
-    found[0] = record(CLUSTER, x=2.0, y=1.0, radius=0.3)
-    fresh = np.zeros(1, TRACK)
+        old_row[0][name] = 9
+    old_row["id"] = 0
+    old_row["moves"] = False
+    clusters_seen = np.zeros(1, CLUSTER)
+    clusters_seen[0] = record(CLUSTER, x=2.0, y=1.0, radius=0.3)
+    empty_row = np.zeros(1, TRACK)
 
-    tracks.begin(known, found, np.array([False]), 1.0, 7)
-    tracks.begin(fresh, found, np.array([False]), 1.0, 7)
+    tracks.begin(old_row, clusters_seen, np.array([False]), 1.0, 7)
+    tracks.begin(empty_row, clusters_seen, np.array([False]), 1.0, 7)
 
-    assert known[0] == fresh[0]
+    assert old_row[0] == empty_row[0]
 
 
 def test_a_track_is_predicted_with_constant_velocity_and_white_acceleration():
     """The state follows F = [[1, dt], [0, 1]], the covariance F P F' plus the acceleration's."""
-    known = np.zeros(2, TRACK)
-    known[0] = record(TRACK, id=1, x=2.0, y=-1.0, vx=0.5, vy=-0.4, pp=0.02, pv=0.03, vv=0.5)
+    track_rows = np.zeros(2, TRACK)
+    track_rows[0] = record(TRACK, id=1, x=2.0, y=-1.0, vx=0.5, vy=-0.4, pp=0.02, pv=0.03, vv=0.5)
     dt = 0.3
-    tracks.predict(known, dt)
+    tracks.predict(track_rows, dt)
 
     transition = np.array([[1.0, dt], [0.0, 1.0]])
-    before = np.array([[0.02, 0.03], [0.03, 0.5]])
+    covariance = np.array([[0.02, 0.03], [0.03, 0.5]])
     noise = tracks.ACCELERATION * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-    after = transition @ before @ transition.T + noise
-    track = known[0]
-    assert track["pp"] == pytest.approx(after[0, 0])
-    assert track["pv"] == pytest.approx(after[0, 1])
-    assert track["vv"] == pytest.approx(after[1, 1])
+    predicted_covariance = transition @ covariance @ transition.T + noise
+    track = track_rows[0]
+    assert track["pp"] == pytest.approx(predicted_covariance[0, 0])
+    assert track["pv"] == pytest.approx(predicted_covariance[0, 1])
+    assert track["vv"] == pytest.approx(predicted_covariance[1, 1])
     assert track["x"] == pytest.approx(2.15)
     assert track["y"] == pytest.approx(-1.12)
-    assert known[1] == record(TRACK), "an empty row"
+    assert track_rows[1] == record(TRACK), "an empty row"
 
 
 def disc(x, radius=0.3, sigma=0.02):
@@ -247,19 +248,19 @@ def test_a_cluster_within_three_deviations_of_position_and_size_is_associated(
     deviations, larger, number
 ):
     interval = 0.05
-    known = np.zeros(MAX_TRACKS, TRACK)
-    known[0] = record(TRACK, id=1, x=3.0, radius=0.3, pp=0.1**2)
+    track_rows = np.zeros(MAX_TRACKS, TRACK)
+    track_rows[0] = record(TRACK, id=1, x=3.0, radius=0.3, pp=0.1**2)
     # Of the track, of the cluster, and of a sudden motion since the last scan
     variance = 0.1**2 + 0.02**2 + (tracks.SUDDEN_M_S * interval) ** 2
     deviation = math.sqrt(variance)
-    found = np.zeros(1, CLUSTER)
-    found[0] = disc(3.0 + deviations * deviation)
-    found["radius"] += larger * tracks.RESIZED_M
+    clusters_seen = np.zeros(1, CLUSTER)
+    clusters_seen[0] = disc(3.0 + deviations * deviation)
+    clusters_seen["radius"] += larger * tracks.RESIZED_M
 
-    cluster_of, taken = tracks.associate(known, found, AT_ORIGIN, interval)
+    cluster_of, is_taken = tracks.associate(track_rows, clusters_seen, AT_ORIGIN, interval)
 
     assert cluster_of[0] == number
-    assert taken[0] == (number == 0)
+    assert is_taken[0] == (number == 0)
     assert cluster_of[1:].max() == -1
 
 
@@ -270,6 +271,7 @@ def test_a_cluster_within_three_deviations_of_position_and_size_is_associated(
 def test_the_mean_position_of_a_static_track_averages_half_a_second(hits, interval, share):
     track = record(TRACK, id=1, x=3.0, radius=0.3, pp=0.01, hits=hits, mean_x=3.0, mean_y=1.0)
 
+    # The cluster is 0.4 m and 1 m from the mean.
     tracks.correct(track, disc(3.4), AT_ORIGIN, interval)
 
     assert track["mean_x"] == pytest.approx(3.0 + 0.4 * share)

@@ -19,9 +19,11 @@ BURGER = robots.load("turtlebot3_burger").laser
 NARROW = JACKAL.laser.model_copy(
     update=dict(beams=121, first_angle=-0.6, last_angle=0.6, rate=15.0)
 )
+# Walls 6 m to the left, to the right and ahead: x, y, yaw, length, thickness [m, rad]
 ROOM = np.array(
     [[0.0, 6.0, 0.0, 12.0, 0.2], [0.0, -6.0, 0.0, 12.0, 0.2], [6.0, 0.0, 0.0, 0.2, 12.0]]
 )
+# x, y, radius [m]
 PILLARS = np.array(
     [
         [2.0, 1.0, 0.1],
@@ -68,14 +70,14 @@ class Scene:
         pose=lambda time: ORIGIN,
         movers=lambda time: (),
         believed=None,
-        seen=lambda scan: scan,
+        distort=lambda scan: scan,
     ):
         """Return [(time, Movers)] for all scans within `seconds`."""
         watched = []
         for time in np.arange(0.0, seconds, 1.0 / min(self.laser.rate, 20.0)).tolist():
             odometry_pose = believed(time) if believed else pose(time)
             scan = self.scan(time, pose(time), movers(time), odometry_pose)
-            watched.append((time, self.tracker.update(seen(scan))))
+            watched.append((time, self.tracker.update(distort(scan))))
         return watched
 
 
@@ -100,6 +102,7 @@ def velocity_of(movers):
 
 
 def as_measured(scan):
+    """Return a scan as it is."""
     return scan
 
 
@@ -118,7 +121,7 @@ def vary(scan):
 
 
 @pytest.mark.parametrize(
-    ("laser", "seen"),
+    ("laser", "distort"),
     [
         pytest.param(JACKAL.laser, as_measured, id="jackal"),
         pytest.param(BURGER, as_measured, id="burger"),
@@ -128,7 +131,7 @@ def vary(scan):
     ],
 )
 @pytest.mark.parametrize("velocity", [(0.0, 1.0), (1.0, 0.0), (-1.0, 0.0)])
-def test_a_moving_obstacle_is_detected_soon_with_its_velocity(laser, seen, velocity):
+def test_a_moving_obstacle_is_detected_soon_with_its_velocity(laser, distort, velocity):
     """The obstacle crosses, leaves or approaches, for any kind of laser."""
     vx, vy = velocity
 
@@ -136,17 +139,17 @@ def test_a_moving_obstacle_is_detected_soon_with_its_velocity(laser, seen, veloc
         """The obstacle is 2.4 m ahead after one second."""
         return 2.4 + vx * (time - 1.0), vy * (time - 1.0)
 
-    watched = Scene(laser).watch(1.9, movers=lambda time: [(*place(time), 0.3)], seen=seen)
+    watched = Scene(laser).watch(1.9, movers=lambda time: [(*place(time), 0.3)], distort=distort)
 
     # It is found within .65 s, once, and keeps its number up to the end.
     assert times_with_movers(watched)[0] <= 0.65
     assert max(counts(watched)) == 1
     assert len({number for _, movers in watched for number in movers.id.tolist()}) == 1
-    time, last = watched[-1]
+    time, last_movers = watched[-1]
     assert times_with_movers(watched)[-1] == time
-    assert math.dist(place_of(last), place(time)) < 0.12
-    assert math.dist(velocity_of(last), velocity) < 0.25
-    assert last.radius[0] == pytest.approx(0.3, abs=0.08)
+    assert math.dist(place_of(last_movers), place(time)) < 0.12
+    assert math.dist(velocity_of(last_movers), velocity) < 0.25
+    assert last_movers.radius[0] == pytest.approx(0.3, abs=0.08)
 
 
 @pytest.mark.parametrize(("x", "is_tracked"), [(7.0, True), (8.5, False)])
@@ -205,7 +208,7 @@ def test_an_obstacle_without_evidence_for_a_second_is_no_longer_moving():
     def spins(scan):
         return replace(scan, sweep=0.01)
 
-    numbers = counts(Scene(BURGER).watch(4.0, pose, crosses, seen=spins))
+    numbers = counts(Scene(BURGER).watch(4.0, pose, crosses, distort=spins))
     assert numbers[10:15] == [1] * 5
     assert sum(numbers[16:]) == 0
 
@@ -263,12 +266,12 @@ def test_slipping_wheels_leave_a_moving_obstacle_its_velocity(speed, turn_rate, 
     assert counts(watched)[-1] == 1
 
     # Place and velocity are those in the world, in the frame of the slipping odometry.
-    time, last = watched[-1]
+    time, last_movers = watched[-1]
     _, _, yaw = slips(time)
     velocity = compose((0.0, 0.0, yaw), (0.0, 1.0, 0.0))[:2]
     place = compose(slips(time), (2.8, -0.8 + time, 0.0))[:2]
-    assert velocity_of(last) == pytest.approx(velocity, abs=0.15)
-    assert place_of(last) == pytest.approx(place, abs=0.1)
+    assert velocity_of(last_movers) == pytest.approx(velocity, abs=0.15)
+    assert place_of(last_movers) == pytest.approx(place, abs=0.1)
 
 
 @pytest.mark.parametrize("code", [np.inf, np.nan, -np.inf, 0.0])
@@ -276,12 +279,12 @@ def test_failing_beams_cause_no_false_detections(code):
     """Random single beams fail, and sometimes a sector. Some posts are so thin that beams sometimes
     miss them.
     """
-    random = np.random.default_rng(2)
+    rng = np.random.default_rng(2)
     number = np.arange(6)
     thin_posts = np.column_stack([2.0 + 0.4 * number, -1.5 + 0.6 * number, np.full(6, 0.012)])
 
     def fail(scan):
-        fails = random.random(len(scan.ranges)) < 0.1
+        fails = rng.random(len(scan.ranges)) < 0.1
         ranges = np.where(fails, np.float32(code), scan.ranges)
         if scan.stamp % 0.5 < 0.2:
             ranges[len(ranges) // 3 : len(ranges) // 2] = code
@@ -291,7 +294,7 @@ def test_failing_beams_cause_no_false_detections(code):
         return 0.2 * time, 0.0, 0.5 * math.sin(time)
 
     for laser in (JACKAL.laser, BURGER):
-        watched = Scene(laser, np.vstack([PILLARS, thin_posts])).watch(4.0, pose, seen=fail)
+        watched = Scene(laser, np.vstack([PILLARS, thin_posts])).watch(4.0, pose, distort=fail)
         assert sum(counts(watched)) == 0
 
 
@@ -299,6 +302,7 @@ def test_an_occluded_obstacle_is_extrapolated_and_then_forgotten():
     """The obstacle passes behind a wall. A track whose predicted position is visibly free ends at
     once.
     """
+    # It hides the way from y = 0.5 m on, as seen from the origin.
     wall = np.array([[1.5, 2.0, 0.0, 0.2, 3.0]])
 
     def crosses(time):
@@ -307,8 +311,8 @@ def test_an_occluded_obstacle_is_extrapolated_and_then_forgotten():
     watched = Scene(boxes=wall).watch(4.0, movers=crosses)
     last_time = times_with_movers(watched)[-1]
     assert 0.8 <= last_time - 1.5 <= 1.2, "the obstacle is out of sight after about 1.5 s"
-    last = dict(watched)[last_time]
-    assert place_of(last) == pytest.approx((2.5, -1.2 + 1.2 * last_time), abs=0.3)
+    last_movers = dict(watched)[last_time]
+    assert place_of(last_movers) == pytest.approx((2.5, -1.2 + 1.2 * last_time), abs=0.3)
 
     # It vanishes in full view.
     watched = Scene(boxes=wall).watch(2.0, movers=lambda time: crosses(time) if time < 1.0 else ())
@@ -320,6 +324,7 @@ def test_obstacles_that_stop_are_dropped_and_obstacles_that_start_are_detected()
     def moves_from_one_and_a_half_to_three_seconds(time):
         return [(2.0, max(0.0, min(time, 3.0) - 1.5), 0.3)]
 
+    # Scans come at 20 Hz: rows 30 and 60 are the beginning and the end of the motion.
     numbers = counts(Scene().watch(5.0, movers=moves_from_one_and_a_half_to_three_seconds))
     assert sum(numbers[:31]) == 0
     assert all(numbers[42:60])
@@ -345,9 +350,9 @@ def test_older_and_tilted_scans_are_ignored():
         replace(scene.scan(time + 0.05), rotation=(0.0, 0.2, 0.0, 0.98)),
     ]
     for scan in unusable:
-        after = scene.tracker.update(scan)
-        assert after.id.tolist() == known.id.tolist()
-        assert after.x.tolist() == known.x.tolist()
+        movers = scene.tracker.update(scan)
+        assert movers.id.tolist() == known.id.tolist()
+        assert movers.x.tolist() == known.x.tolist()
 
 
 @pytest.mark.parametrize(
@@ -376,7 +381,7 @@ def test_a_reset_restarts_the_tracker():
 
 def test_positions_are_in_the_odometry_frame():
     """The laser drives and turns in a frame far from its origin."""
-    frame = (40.0, -30.0, 2.0)
+    odometry_frame = (40.0, -30.0, 2.0)
 
     def pose(time):
         return 0.5 * time, 0.0, 0.3 * time
@@ -385,8 +390,10 @@ def test_positions_are_in_the_odometry_frame():
         return [(2.5, -1.0 + time, 0.3)]
 
     scene = Scene(cylinders=PILLARS)
-    watched = scene.watch(1.5, pose, crosses, believed=lambda time: compose(frame, pose(time)))
-    time, last = watched[-1]
-    place = compose(frame, (2.5, -1.0 + time, 0.0))[:2]
-    assert place_of(last) == pytest.approx(place, abs=0.1)
-    assert velocity_of(last) == pytest.approx((-math.sin(2.0), math.cos(2.0)), abs=0.2)
+    watched = scene.watch(
+        1.5, pose, crosses, believed=lambda time: compose(odometry_frame, pose(time))
+    )
+    time, last_movers = watched[-1]
+    place = compose(odometry_frame, (2.5, -1.0 + time, 0.0))[:2]
+    assert place_of(last_movers) == pytest.approx(place, abs=0.1)
+    assert velocity_of(last_movers) == pytest.approx((-math.sin(2.0), math.cos(2.0)), abs=0.2)

@@ -26,9 +26,10 @@ from training.env.outcome import Outcome
 from training.env.reward import Reward
 
 FILE = Path(__file__).resolve().parents[1] / "data" / "encoding.npz"
-PERIOD = 1.0
-SCENES = 4
-PLAN = 24
+PERIOD = 1.0  # time between two decisions [s]
+SCENES = 4  # number of decisions of the course
+PLAN = 24  # number of points of a plan
+# The default reward, and one that differs in every option
 REWARDS = (
     Reward(),
     Reward(c_p=2.0, c_c=0.1, along_y=True, exact_time=True, lowest=True, c_collision=5.0),
@@ -44,73 +45,82 @@ def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
     layout = encoding.layout
     scale = encoding.scale
     poses = np.cumsum(rng.uniform(-0.2, 0.4, (SCENES, 3)) * scale, axis=0)
-    ways = np.cumsum(rng.uniform(-0.05, 0.3, (SCENES, PLAN, 2)) * scale, axis=1)
+    from_robot = np.cumsum(rng.uniform(-0.05, 0.3, (SCENES, PLAN, 2)) * scale, axis=1)
+    # The order of the draws decides their values. From very near to beyond every cap:
+    ranges = np.exp(rng.normal(0.5, 1.0, (SCENES, layout.beams))).astype(np.float32)
+    largest_speed = robot.base.max_speed
+    mover_units = [6.0 * scale, 6.0 * scale, largest_speed, largest_speed]  # x, y, vx, vy
     return {
-        "ranges": np.exp(rng.normal(0.5, 1.0, (SCENES, layout.beams))).astype(np.float32)
-        * np.float32(scale),
+        "ranges": ranges * np.float32(scale),
         "poses": poses,
-        "twists": rng.uniform(-0.3, 1.0, (SCENES, 2)) * robot.base.max_speed,
+        "twists": rng.uniform(-0.3, 1.0, (SCENES, 2)) * largest_speed,
         "phis": rng.uniform(-3.0, 3.0, SCENES),
         "goal": np.array([8.0 * scale, 5.0 * scale, 0.0]),
-        "plans": poses[:, None, :2] + ways,
+        "plans": poses[:, None, :2] + from_robot,
         "actions": rng.uniform(-1.0, 1.0, (SCENES, len(OUTPUTS))).astype(np.float32),
         "numbers": rng.uniform(0.05, 1.5, (SCENES, len(NUMBERS))) * scale,
         "flags": np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], bool),
         "seconds": np.array([1.0, 1.0, 0.35, 0.6]),
-        "movers": rng.normal(0.0, 0.5, (SCENES, 5, 4))
-        * ([6.0 * scale] * 2 + [robot.base.max_speed] * 2),
+        "movers": rng.normal(0.0, 0.5, (SCENES, 5, 4)) * mover_units,
     }
 
 
-def outputs(robot: Robot, given: Arrays) -> Arrays:
+def outputs(robot: Robot, scenes: Arrays) -> Arrays:
     """Return the outputs of the encoding. The parameters of one decision are the current ones at
     the next.
     """
     encoding = DimensionlessEncoding(robot, PERIOD)
-    thetas = np.array([encoding.theta(action) for action in given["actions"]])
+    thetas = np.array([encoding.theta(action) for action in scenes["actions"]])
     before = np.vstack([encoding.space.theta0, thetas[:-1]])
+    actions = [encoding.action(theta) for theta in thetas]
+
+    # Observations have memory: their order is that of the course.
     encoding.reset()
-    seen = [
-        encoding.observe(_context(encoding, given, index, before[index])) for index in range(SCENES)
-    ]
+    observations = []
+    for index in range(SCENES):
+        context = _context(encoding, scenes, index, before[index])
+        observations.append(encoding.observe(context))
+
+    rewards = []
+    for reward in REWARDS:
+        rows = []
+        for index, theta in enumerate(thetas):
+            rows.append(_reward(encoding, reward, scenes, index, theta))
+        rewards.append(rows)
     return {
-        "observations": np.array(seen),
+        "observations": np.array(observations),
         "thetas": thetas.astype(np.float32),
-        "meant": np.array([encoding.action(theta) for theta in thetas], np.float32),
-        "rewards": np.array(
-            [
-                [_reward(encoding, reward, given, index, thetas[index]) for index in range(SCENES)]
-                for reward in REWARDS
-            ],
-            np.float32,
-        ),
+        "meant": np.array(actions, np.float32),
+        "rewards": np.array(rewards, np.float32),
     }
 
 
 def _context(
-    encoding: DimensionlessEncoding, given: Arrays, index: int, theta: np.ndarray
+    encoding: DimensionlessEncoding, scenes: Arrays, index: int, theta: np.ndarray
 ) -> Context:
-    rows = (given["poses"][index], given["twists"][index], given["goal"])
-    pose, twist, goal = (tuple(row.tolist()) for row in rows)
-    phi = float(given["phis"][index])
-    # None at first, later more than fit into an observation.
-    seen = (
-        given["plans"][index],
-        given["movers"][index, : 2 * index],
-    )
+    """Return what a method sees at a decision."""
     return Context(
-        given["ranges"][index], phi, theta, PERIOD * index, pose, twist, goal, *seen, encoding.space
+        ranges=scenes["ranges"][index],
+        phi=float(scenes["phis"][index]),
+        theta=theta,
+        time=PERIOD * index,
+        pose=tuple(scenes["poses"][index].tolist()),
+        twist=tuple(scenes["twists"][index].tolist()),
+        goal=tuple(scenes["goal"].tolist()),
+        plan=scenes["plans"][index],
+        # None at first, later more than fit into an observation
+        movers=scenes["movers"][index, : 2 * index],
+        space=encoding.space,
     )
 
 
-def _reward(encoding: Any, reward: Reward, given: Arrays, index: int, theta: np.ndarray) -> list:
+def _reward(encoding: Any, reward: Reward, scenes: Arrays, index: int, theta: np.ndarray) -> list:
     """Return the terms of the reward for a decision 10 s before the time limit."""
-    values: Dict[str, Any] = {
-        name: float(value) for name, value in zip(NUMBERS, given["numbers"][index])
-    }
-    values.update({name: bool(value) for name, value in zip(FLAGS, given["flags"][index])})
-    outcome = Outcome(theta, seconds=float(given["seconds"][index]), decisions=90, **values)
-    return list(reward(outcome, 100, PERIOD, encoding)[1].values())
+    values: Dict[str, Any] = dict(zip(NUMBERS, scenes["numbers"][index].tolist()))
+    values.update(zip(FLAGS, scenes["flags"][index].tolist()))
+    outcome = Outcome(theta, seconds=float(scenes["seconds"][index]), decisions=90, **values)
+    _, terms = reward(outcome, 100, PERIOD, encoding)
+    return list(terms.values())
 
 
 def main() -> None:
@@ -118,10 +128,9 @@ def main() -> None:
     arrays: Arrays = {}
     for number, name in enumerate(NAMES):
         robot = load(name)
-        given = inputs(robot, np.random.default_rng(number))
-        arrays.update(
-            {f"{name}/{key}": array for key, array in {**given, **outputs(robot, given)}.items()}
-        )
+        scenes = inputs(robot, np.random.default_rng(number))
+        for key, array in {**scenes, **outputs(robot, scenes)}.items():
+            arrays[f"{name}/{key}"] = array
     np.savez_compressed(FILE, **arrays)
     print(f"{FILE}: {FILE.stat().st_size} bytes")
 

@@ -98,17 +98,19 @@ def assert_comes_back(encoding, action, theta):
 @pytest.mark.parametrize("robot", ROBOTS, ids=NAMES)
 def test_an_observation_is_mirrored_as_the_scene_is(robot):
     encoding = DimensionlessEncoding(robot, PERIOD)
-    image = DimensionlessEncoding(robot, PERIOD)
+    mirror_encoding = DimensionlessEncoding(robot, PERIOD)
     for seed in range(3):  # Later observations also contain changes since the previous one.
-        seen = encoding.observe(context(robot, np.random.default_rng(seed)))
-        mirrored = image.observe(context(robot, np.random.default_rng(seed), side=-1.0))
-        assert seen.shape == (SIZE,)
-        assert np.abs(seen).max() <= 1.0
-        np.testing.assert_allclose(seen[MIRROR.order] * MIRROR.sign, mirrored, atol=2e-6)
+        observation = encoding.observe(context(robot, np.random.default_rng(seed)))
+        mirrored = mirror_encoding.observe(context(robot, np.random.default_rng(seed), side=-1.0))
+        assert observation.shape == (SIZE,)
+        assert np.abs(observation).max() <= 1.0
+        np.testing.assert_allclose(observation[MIRROR.order] * MIRROR.sign, mirrored, atol=2e-6)
     encoding.reset()
-    first = encoding.observe(context(robot, np.random.default_rng(5)))
+    first_observation = encoding.observe(context(robot, np.random.default_rng(5)))
     # Without a previous decision the scan is repeated.
-    np.testing.assert_array_equal(first[: SIZE // 4], np.roll(first, -SCAN)[: SIZE // 4])
+    np.testing.assert_array_equal(
+        first_observation[: SIZE // 4], np.roll(first_observation, -SCAN)[: SIZE // 4]
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -134,27 +136,27 @@ def test_the_nearest_moving_obstacles_are_in_the_robots_frame():
     farthest = (9.0, 9.0, 0.0, 0.0)
     approaching = (1.0, 4.0, 0.0, -0.5)
     movers = np.array([on_the_right, on_the_left, farthest, approaching])
-    here = replace(context(JACKAL, rng), pose=(1.0, 2.0, np.pi / 2), movers=movers)
+    scene = replace(context(JACKAL, rng), pose=(1.0, 2.0, np.pi / 2), movers=movers)
     length = 15.0 * encoding.width
     fast = JACKAL.base.max_speed
     ahead = (2.0 / length, 0.0, -0.5 / fast, 0.0)
     left = (0.0, 3.0 / length, 0.0, 1.0 / fast)
     right = (0.0, -1.0, 0.3 / fast, -0.3 / fast)  # 8 m away, where positions are capped
-    seen = encoding.observe(here)[-MOVERS:]
-    np.testing.assert_allclose(seen, [*ahead, *left, *right], atol=1e-6)
+    observed = encoding.observe(scene)[-MOVERS:]
+    np.testing.assert_allclose(observed, [*ahead, *left, *right], atol=1e-6)
 
-    alone = encoding.observe(replace(here, movers=np.empty((0, 4))))[-MOVERS:]
+    alone = encoding.observe(replace(scene, movers=np.empty((0, 4))))[-MOVERS:]
     np.testing.assert_array_equal(alone, [1.0, 0.0, 0.0, 0.0] * 3)
 
 
 def test_a_scene_of_twice_the_size_gives_the_same_observation():
     encoding = DimensionlessEncoding(JACKAL, PERIOD)
-    near = context(JACKAL, np.random.default_rng(0))
-    small = encoding.observe(near)[:SCAN]
+    scene = context(JACKAL, np.random.default_rng(0))
+    observation = encoding.observe(scene)[:SCAN]
     layout = encoding.layout
     encoding.layout = replace(layout, beams=180, range_cap=2 * layout.range_cap, lookahead=1.0)
-    large = encoding._scan(2.0 * near.ranges)
-    np.testing.assert_allclose(small, large, atol=1e-6)
+    of_larger_scene = encoding._scan(2.0 * scene.ranges)
+    np.testing.assert_allclose(observation, of_larger_scene, atol=1e-6)
 
 
 def test_parameters_that_an_action_does_not_choose_have_the_policys_base(tmp_path):
@@ -197,8 +199,8 @@ def test_one_file_drives_every_robot(tmp_path):
     save(str(path), with_mirror_images(weights, MIRROR), encoding=encoding)
     first_weights, *_ = load_policy(str(path)).layers[0]
     assert len(first_weights) == 2, "the network and its mirror image"
-    size = sum(tensor.nbytes for tensor in weights.values())
-    assert path.stat().st_size < 1.2 * size, "mirror images are not stored"
+    network_bytes = sum(tensor.nbytes for tensor in weights.values())
+    assert path.stat().st_size < 1.2 * network_bytes, "mirror images are not stored"
     for robot in ROBOTS:
         method = methods.make(str(path), robot)
         method.reset(0)

@@ -14,6 +14,7 @@ from applr_ros1.policy.methods import make
 from tests.support.refusals import refused
 
 PAPER = Layout()
+# Bearing of the Jackal's last beam [rad].
 WIDE = 2.3562
 SCANNERS = {  # first and last angle, number of ranges
     "541": (-WIDE, WIDE, 541),

@@ -12,14 +12,14 @@ def scenes(method, count=8):
     """Return contexts from narrow to open, with missing returns and any current parameters."""
     space = method.space
     layout = method.layout
-    draw = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     x_goal = 10.0
     contexts = []
     for number in range(count):
-        ranges = draw.uniform(0.1, 0.4 + number, layout.beams).astype(np.float32)
-        ranges[draw.random(layout.beams) < number / count] = np.inf
-        phi = draw.uniform(-np.pi, np.pi)
-        theta = space.to_theta(draw.uniform(-1.0, 1.0, len(space)))
+        ranges = rng.uniform(0.1, 0.4 + number, layout.beams).astype(np.float32)
+        ranges[rng.random(layout.beams) < number / count] = np.inf
+        phi = rng.uniform(-np.pi, np.pi)
+        theta = space.to_theta(rng.uniform(-1.0, 1.0, len(space)))
         x = 0.5 * number
         plan = np.zeros((0, 2))
         if number > 0:  # The first decision comes before the first plan.
@@ -33,7 +33,7 @@ def scenes(method, count=8):
             twist=(0.1 * number, 0.0),
             goal=(x_goal, 0.0, 0.0),
             plan=plan,
-            movers=draw.normal(0.0, 2.0, (number // 2, 4)),
+            movers=rng.normal(0.0, 2.0, (number // 2, 4)),
             space=space,
             layout=layout,
         )
@@ -51,15 +51,17 @@ def test_methods_of_the_package(spec):
         method.reset(seed)
         return [method.theta(context).tolist() for context in contexts]
 
-    first = decisions(7, contexts)
+    first_course = decisions(7, contexts)
+    # Another course in between must leave no trace.
     decisions(8, contexts[::-1])
-    assert decisions(7, contexts) == first
-    assert np.array_equal(method.space.clip(first), first)
-    for context, fresh in zip(contexts, scenes(method)):
+    assert decisions(7, contexts) == first_course
+    assert np.array_equal(method.space.clip(first_course), first_course)
+    for context, unused in zip(contexts, scenes(method)):
         for name in ("observation", "ranges", "theta", "plan", "movers"):
-            assert np.array_equal(getattr(context, name), getattr(fresh, name)), name
+            assert np.array_equal(getattr(context, name), getattr(unused, name)), name
+    # A static method decides without looking.
     if method.static:
-        assert first == [method.theta(None).tolist()] * len(contexts)
+        assert first_course == [method.theta(None).tolist()] * len(contexts)
     assert json.loads(json.dumps(method.describe()))
 
 

@@ -41,6 +41,7 @@ from worlds import barn
 PLANNER = "TrajectoryPlannerROS"
 COSTMAPS = ("local_costmap", "global_costmap")
 INFLATION = ("local_costmap/inflater_layer", "global_costmap/inflater_layer")
+# Policy with random weights.
 DRAWN = Policy.of(make_weights())
 SHIPPED_DRIVES = ("generated:8", "generated:35", "generated:123")
 
@@ -61,13 +62,13 @@ def test_theta_0_is_clearpaths_and_survives_a_round_trip():
 
 
 def test_actions_reach_the_ranges_and_never_leave_them_and_counts_are_rounded():
-    for size, reached in (
+    for entry, reached in (
         (1.0, SPACE.high),
         (1e9, SPACE.high),
         (-1.0, SPACE.low),
         (-1e9, SPACE.low),
     ):
-        np.testing.assert_allclose(SPACE.to_theta(np.full(len(SPACE), size)), reached)
+        np.testing.assert_allclose(SPACE.to_theta(np.full(len(SPACE), entry)), reached)
     assert SPACE.clip([*THETA_0[:2], 6.9, *THETA_0[3:]])[2] == 7
     assert SPACE.from_dict({"max_vel_x": 1.5})[0] == 1.5
 
@@ -91,8 +92,8 @@ def test_any_action_gives_valid_parameters_or_is_rejected(values):
 
 def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
     weights = {"0.weight": np.zeros((1, 720), np.float32), "0.bias": np.zeros(1, np.float32)}
-    given = SPACE.chosen.theta0 + np.array([9.0, 0.0, 0.4, 0.6, 0.0, 0.0, 0.0, 0.0])
-    (theta,) = actor_module.ContextPolicy({"open": given}, weights, SPACE, LAYOUT).sets
+    wanted = SPACE.chosen.theta0 + np.array([9.0, 0.0, 0.4, 0.6, 0.0, 0.0, 0.0, 0.0])
+    (theta,) = actor_module.ContextPolicy({"open": wanted}, weights, SPACE, LAYOUT).sets
     assert theta[:4].tolist() == [2.0, 1.57, 6.0, 21.0]
     assert SPACE.to_theta(np.full(len(SPACE), 0.123))[2] == 13.0
 
@@ -137,10 +138,9 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
     ],
 )
 def test_errors_are_one_line(call, line):
-    kind = (
-        ObservationError if {"local_goal", "observe"} & set(call.__code__.co_names) else ApplrError
-    )
-    refused(call, line, kind=kind)
+    # What comes from sensors is an error of the observation: the next one may be right.
+    is_of_sensors = {"local_goal", "observe"} & set(call.__code__.co_names)
+    refused(call, line, kind=ObservationError if is_of_sensors else ApplrError)
 
 
 def test_ranges_lie_within_the_servers_bounds():
@@ -150,26 +150,26 @@ def test_ranges_lie_within_the_servers_bounds():
         assert declared.min <= low < high <= declared.max
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 6, 18, 19, 20, 37, 200])
-def test_smoothing_equals_scipy_and_keeps_short_plans(n):
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 6, 18, 19, 20, 37, 200])
+def test_smoothing_equals_scipy_and_keeps_short_plans(count):
     from scipy.signal import savgol_filter
 
-    points = np.cumsum(np.random.default_rng(n).normal(size=(n, 2)), axis=0)
-    window = min(19, n if n % 2 else n - 1)
-    if n < 5:
+    points = np.cumsum(np.random.default_rng(count).normal(size=(count, 2)), axis=0)
+    if count < 5:
         np.testing.assert_array_equal(smooth(points), points)
-    else:
-        np.testing.assert_allclose(
-            smooth(points), savgol_filter(points, window, 3, axis=0), atol=1e-9
-        )
+        return
+    # A filter's window has an odd number of points.
+    window = min(19, count if count % 2 else count - 1)
+    expected = savgol_filter(points, window, 3, axis=0)
+    np.testing.assert_allclose(smooth(points), expected, atol=1e-9)
 
 
 def test_local_goal_is_the_first_point_beyond_a_metre_in_the_robots_frame():
     # Straight line along +y.
     plan = np.column_stack([np.zeros(200), np.arange(200) * 0.025, np.zeros(200)])
-    gx, gy = local_goal(plan, (0.0, 0.0, np.pi / 2))
-    assert gx == pytest.approx(1.025)
-    assert gy == pytest.approx(0.0, abs=1e-9)
+    goal_x, goal_y = local_goal(plan, (0.0, 0.0, np.pi / 2))
+    assert goal_x == pytest.approx(1.025)
+    assert goal_y == pytest.approx(0.0, abs=1e-9)
     assert goal_angle(local_goal(plan, (0.0, 0.0, 0.0))) == pytest.approx(np.pi / 2)
     # Last point of a short plan.
     assert local_goal(plan[:11], (0.0, 0.0, 0.0))[1] == pytest.approx(0.25)
@@ -177,22 +177,26 @@ def test_local_goal_is_the_first_point_beyond_a_metre_in_the_robots_frame():
 
 def test_an_observation_has_its_layout_and_scale():
     ranges = np.full(720, 1.5, dtype=np.float32)
-    ranges[0], ranges[1], ranges[2], ranges[3] = np.inf, 30.0, -np.inf, 0.1
-    obs = observe(ranges, np.pi / 2, THETA_0)
-    assert obs.shape == (729,)
-    assert obs.dtype == np.float32
-    np.testing.assert_allclose(obs[:5], [1.0, 1.0, -1.0, -0.9, 0.5], atol=1e-6)
-    assert obs[720] == pytest.approx(0.5)
-    np.testing.assert_allclose(obs[721:], SPACE.to_action(THETA_0)[:8], atol=1e-6)
-    beyond = [5.0, *THETA_0[1:]]  # value that a user has set
+    ranges[:4] = np.inf, 30.0, -np.inf, 0.1
+    observation = observe(ranges, np.pi / 2, THETA_0)
+    assert observation.shape == (729,)
+    assert observation.dtype == np.float32
+
+    # Ranges from 0 to 2 m, the angle in units of pi, and the parameters as actions
+    np.testing.assert_allclose(observation[:5], [1.0, 1.0, -1.0, -0.9, 0.5], atol=1e-6)
+    assert observation[720] == pytest.approx(0.5)
+    np.testing.assert_allclose(observation[721:], SPACE.to_action(THETA_0)[:8], atol=1e-6)
+
+    # A person may have set a value out of the policy's range.
+    beyond = [5.0, *THETA_0[1:]]
     assert observe(np.ones(720), 0.0, beyond)[721] == 1.0
 
 
 def test_nan_beams_are_interpolated():
     ranges = np.linspace(0.2, 1.8, 720)
-    holes = ranges.copy()
-    holes[[0, 100, 101, 719]] = np.nan
-    np.testing.assert_allclose(observe(holes, 0.0, THETA_0)[:720], ranges - 1, atol=3e-3)
+    with_holes = ranges.copy()
+    with_holes[[0, 100, 101, 719]] = np.nan
+    np.testing.assert_allclose(observe(with_holes, 0.0, THETA_0)[:720], ranges - 1, atol=3e-3)
 
 
 @examples(100)
@@ -200,12 +204,13 @@ def test_nan_beams_are_interpolated():
 def test_observation_is_always_finite_and_in_the_box(seed, share, phi):
     rng = np.random.default_rng(seed)
     ranges = rng.uniform(-5, 40, 720)
-    invalid = rng.random(720) < share
-    invalid[360] = False
-    ranges[invalid] = rng.choice([np.nan, np.inf, -np.inf, 1e38, 0.0], invalid.sum())
-    obs = observe(ranges, phi, rng.normal(size=len(SPACE)) * 100)
-    assert np.all(np.isfinite(obs))
-    assert np.all(np.abs(obs) <= 1.0)
+    is_invalid = rng.random(720) < share
+    # A scan without any valid beam is refused.
+    is_invalid[360] = False
+    ranges[is_invalid] = rng.choice([np.nan, np.inf, -np.inf, 1e38, 0.0], is_invalid.sum())
+    observation = observe(ranges, phi, rng.normal(size=len(SPACE)) * 100)
+    assert np.all(np.isfinite(observation))
+    assert np.all(np.abs(observation) <= 1.0)
 
 
 def test_actor_round_trip_and_equality_with_torch(tmp_path):
@@ -214,50 +219,52 @@ def test_actor_round_trip_and_equality_with_torch(tmp_path):
     save(tmp_path / "a.safetensors", weights, {"training": {"steps": 3}})
     actor = load(tmp_path / "a.safetensors")
     assert actor.metadata["training"] == {"steps": 3}
-    obs = np.random.default_rng(1).uniform(-1, 1, (16, 729)).astype(np.float32)
-    x = torch.from_numpy(obs)
+    observations = np.random.default_rng(1).uniform(-1, 1, (16, 729)).astype(np.float32)
+    values = torch.from_numpy(observations)
     for index in range(4):
-        x = x @ torch.from_numpy(weights[f"{index}.weight"]).T + torch.from_numpy(
-            weights[f"{index}.bias"]
-        )
-        x = torch.relu(x) if index < 3 else torch.tanh(x)
-    np.testing.assert_allclose(actor.action(obs), x.numpy(), atol=1e-5)
-    np.testing.assert_allclose(actor.action(obs[0]), actor.action(obs)[0], atol=1e-5)
-    theta = actor.encoding.theta(actor.action(obs[0]))
-    np.testing.assert_array_equal(
-        theta[:8], SPACE.to_theta([*actor.action(obs[0]), *[0] * (len(SPACE) - 8)])[:8]
-    )
+        weight = torch.from_numpy(weights[f"{index}.weight"])
+        bias = torch.from_numpy(weights[f"{index}.bias"])
+        values = values @ weight.T + bias
+        values = torch.relu(values) if index < 3 else torch.tanh(values)
+    np.testing.assert_allclose(actor.action(observations), values.numpy(), atol=1e-5)
+
+    # One observation by itself; its action chooses the paper's eight parameters.
+    action = actor.action(observations[0])
+    np.testing.assert_allclose(action, actor.action(observations)[0], atol=1e-5)
+    theta = actor.encoding.theta(action)
+    filled = [*action, *[0] * (len(SPACE) - 8)]
+    np.testing.assert_array_equal(theta[:8], SPACE.to_theta(filled)[:8])
     np.testing.assert_array_equal(theta[8:], THETA_0[8:])
 
 
 class Bomb:
+    """Object whose pickle leaves a mark when it is read."""
+
     def __reduce__(self):
         return (exec, ("import builtins; builtins.applr_bomb = True",))
 
 
 def _raw(weights, **metadata):
+    """Return a file of weights with any metadata, as bytes."""
     return safetensors.numpy.save(weights, metadata=metadata)
 
 
 def _wrong_files():
+    """Return {case: (bytes of a file, what its error says)}."""
     good = make_weights()
     space = json.dumps(SPACE.chosen.to_dict())
     layout = json.dumps(LAYOUT.to_dict())
     header = dict(robot='"jackal"', format=actor_module.FORMAT, space=space, layout=layout)
     whole = _raw(good, **header)
-    other = json.loads(space)
-    other["high"][0] = 1.0
+    other_space = json.loads(space)
+    other_space["high"][0] = 1.0
+    of_other_space = _raw(good, **dict(header, space=json.dumps(other_space)))
+    of_other_shape = _raw(make_weights(inputs=721), **header)
     return {
         "truncated": (whole[: len(whole) // 2], "cut short"),
         "pickle": (pickle.dumps(Bomb()), "no safetensors file"),
-        "space": (
-            _raw(good, **dict(header, space=json.dumps(other))),
-            "another parameter space: high",
-        ),
-        "shapes": (
-            _raw(make_weights(inputs=721), **header),
-            "721, 8.* inputs and outputs: .*729, 8",
-        ),
+        "space": (of_other_space, "another parameter space: high"),
+        "shapes": (of_other_shape, "721, 8.* inputs and outputs: .*729, 8"),
     }
 
 
@@ -296,18 +303,18 @@ def test_one_request_for_each_server():
 
 
 def test_named_methods_and_files_give_their_parameters(tmp_path):
-    obs = observe(np.ones(720), 0.0, THETA_0)
-    here = Context(np.ones(720, np.float32), 0.0, THETA_0, 0.0)
+    observation = observe(np.ones(720), 0.0, THETA_0)
+    context = Context(np.ones(720, np.float32), 0.0, THETA_0, 0.0)
     assert methods.make("dwa").static
     assert methods.make("dwa").theta(None).tolist() == THETA_0.tolist()
     save(tmp_path / "a.safetensors", make_weights(), {"period_s": 1.0})
     applr = methods.make(str(tmp_path / "a.safetensors"))
-    np.testing.assert_array_equal(applr.theta(here), Policy.of(make_weights()).theta(here))
-    np.testing.assert_array_equal(here.observation, obs)
+    np.testing.assert_array_equal(applr.theta(context), Policy.of(make_weights()).theta(context))
+    np.testing.assert_array_equal(context.observation, observation)
     assert applr.period == 1.0
     (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "vx_samples": 12}')
     fixed = methods.make(str(tmp_path / "set.json"))
-    assert fixed.theta(here)[:3].tolist() == [1.5, 1.57, 12]
+    assert fixed.theta(context)[:3].tolist() == [1.5, 1.57, 12]
 
 
 @pytest.mark.parametrize("text", ["", "{", '{"speed": 1}', '{"max_vel_x": 9}'])
@@ -318,53 +325,53 @@ def test_errors_of_parameter_files_are_one_line(text, tmp_path):
 
 
 def test_mirror_images_are_stored_once(tmp_path):
-    pairs = [make_weights(seed) for seed in (1, 2)]
-    pairs = {name: np.stack([pair[name] for pair in pairs]) for name in pairs[0]}
+    # Given: two networks and their mirror images, whose mean is the same in a mirrored scene
+    first = make_weights(1)
+    second = make_weights(2)
+    pairs = {name: np.stack([first[name], second[name]]) for name in first}
     weights = with_mirror_images(pairs, Mirror.of(720, 9))
-    obs = np.random.default_rng(0).uniform(-1, 1, 729).astype(np.float32)
-    seen = np.concatenate([obs[719::-1], -obs[720:721], obs[721:]])
-    assert Policy.of(weights).action(obs) == pytest.approx(
-        Policy.of(weights).action(seen), abs=1e-6
-    )
+    observation = np.random.default_rng(0).uniform(-1, 1, 729).astype(np.float32)
+    mirrored = np.concatenate([observation[719::-1], -observation[720:721], observation[721:]])
+    action = Policy.of(weights).action(observation)
+    assert action == pytest.approx(Policy.of(weights).action(mirrored), abs=1e-6)
+
+    # When: they are stored, and again after one of the four has changed
     save(tmp_path / "a", weights)
     weights["2.bias"] = weights["2.bias"] + np.float32([[0], [1e-3], [0], [0]])
     save(tmp_path / "b", weights)
+
+    # Then: the first file has half the networks, and each drives as what was stored
     assert (tmp_path / "a").stat().st_size < 0.6 * (tmp_path / "b").stat().st_size
-    assert np.array_equal(
-        load(tmp_path / "a").action(obs),
-        Policy.of(with_mirror_images(pairs, Mirror.of(720, 9))).action(obs),
-    )
-    assert np.array_equal(load(tmp_path / "b").action(obs), Policy.of(weights).action(obs))
+    assert np.array_equal(load(tmp_path / "a").action(observation), action)
+    changed_action = Policy.of(weights).action(observation)
+    assert np.array_equal(load(tmp_path / "b").action(observation), changed_action)
 
 
 def test_the_shipped_policy_has_metadata_and_beats_the_defaults():
     """method:=applr uses the Jackal's file, and drives three test worlds faster than theta_0."""
     method = methods.make("applr")
-    assert (method.period, method.path) == (
-        1.0,
-        methods.shipped(methods.POLICY, robots.load("jackal")),
-    )
-    metadata = method.metadata
-    assert metadata["training"]["transitions"] > 10_000
-    trained_in = [
-        spec
-        for part in metadata["training"]["options"]["worlds"].split(",")
-        for spec in worlds.specs(part)
-    ]
+    assert method.period == 1.0
+    assert method.path == methods.shipped(methods.POLICY, robots.load("jackal"))
+
+    # It was trained in other worlds than those that it is tested in.
+    training = method.metadata["training"]
+    assert training["transitions"] > 10_000
+    trained_in = set()
+    for part in training["options"]["worlds"].split(","):
+        trained_in.update(worlds.specs(part))
     assert len(trained_in) > 200
-    assert not {"generated:%d" % n for n in barn.TEST} & set(trained_in)
+    for number in barn.TEST:
+        assert f"generated:{number}" not in trained_in
+
+    # A quarter less time than with theta_0
     driver = runner.TrialRunner(TrialSettings())
-    times = {}
-    for task in plan_trials(
-        [(w, w) for w in SHIPPED_DRIVES], [("dwa", "dwa"), ("applr", "applr")], 1, seed=0
-    ):
+    seconds = {"dwa": 0.0, "applr": 0.0}
+    tested_worlds = list(zip(SHIPPED_DRIVES, SHIPPED_DRIVES))
+    for task in plan_trials(tested_worlds, [("dwa", "dwa"), ("applr", "applr")], 1, seed=0):
         result = driver.run(task)
         assert result.success, result
-        times[task.world, task.method] = result.time_s
-    applr, dwa = (
-        sum(times[world, method] for world in SHIPPED_DRIVES) for method in ("applr", "dwa")
-    )
-    assert applr < 0.75 * dwa, times
+        seconds[task.method] += result.time_s
+    assert seconds["applr"] < 0.75 * seconds["dwa"]
 
 
 @pytest.mark.parametrize("name", ["jackal", "turtlebot3_waffle_pi"])
@@ -372,18 +379,20 @@ def test_a_loaded_policy_predicts_its_methods_decision(name):
     gymnasium = pytest.importorskip("gymnasium")
     from training.env import ID
 
-    file = methods.shipped(methods.POLICY, robots.JACKAL)
-    policy = applr_ros1.load_policy(name, file)
+    policy_file = methods.shipped(methods.POLICY, robots.JACKAL)
+    policy = applr_ros1.load_policy(name, policy_file)
     environment = gymnasium.make(ID, worlds="generated:7", **policy.environment)
-    seen, _ = environment.reset(seed=1)
+    observation, _ = environment.reset(seed=1)
     action, state = policy.predict(
-        seen, state=("kept",), episode_start=np.ones(1, bool), deterministic=False
+        observation, state=("kept",), episode_start=np.ones(1, bool), deterministic=False
     )
     assert environment.action_space.contains(action)
     assert state == ("kept",)
-    # Float32 sums.
-    np.testing.assert_allclose(policy.predict(np.stack([-seen, seen]))[0][1], action, atol=1e-5)
-    method = methods.make(file, robots.load(name))
+    # Sums in single precision depend on the number of rows.
+    np.testing.assert_allclose(
+        policy.predict(np.stack([-observation, observation]))[0][1], action, atol=1e-5
+    )
+    method = methods.make(policy_file, robots.load(name))
     method.reset(0)
     decided = method.theta(environment.unwrapped.episode.context())
     np.testing.assert_allclose(environment.unwrapped.encoding.theta(action), decided, rtol=1e-6)

@@ -81,6 +81,7 @@ def test_scans_equal_brute_force(seed):
     generator = np.random.default_rng(seed)
     circle_count = generator.integers(0, 60)
     box_count = generator.integers(0, 8)
+    # From crowded to so wide that most is out of range.
     spread = generator.choice([3.0, 8.0, 25.0])
     circle_centres = generator.uniform(-spread, spread, (circle_count, 2))
     radii = generator.uniform(0.02, 1.5, circle_count)
