@@ -295,7 +295,9 @@ class CollisionMonitor:
         return time - oldest
 
     def motions(self, twist: Twist) -> List[Motion]:
-        """Return the motion from the odometry, and that from the poses if they contradict it.
+        """Return the motion from the odometry, and that from the poses.
+
+        Wheels show a change of speed at once. Poses show it later, but also when the body slides.
 
         The lateral slip is the leftward speed that a turn about the point at turn_ahead does not
         explain. Both terms of the slip come from the poses, so that they have the same age.
@@ -303,10 +305,10 @@ class CollisionMonitor:
         moved = self.motion.velocity
         slip = moved.leftward + self.settings.turn_ahead * moved.w
         v, w = twist
-        motions = [Motion(v, w, slip, self.output.w)]
-        if self.motion.contradicts(twist):
-            motions.append(Motion(moved.v, moved.w, slip, self.output.w))
-        return motions
+        return [
+            Motion(v, w, slip, self.output.w),
+            Motion(moved.v, moved.w, slip, self.output.w),
+        ]
 
     def braked(
         self,

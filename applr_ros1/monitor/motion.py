@@ -1,4 +1,4 @@
-"""Velocity of the base derived from its poses, to cross-check the velocity in the odometry message.
+"""Velocity of the base derived from its poses, beside the velocity in the odometry message.
 
 CollisionMonitor holds one PoseMotion. The poses are corrected by ScanMatcher. They therefore show
 lateral slip, and the true motion if the sign or size of the odometry's velocity is wrong.
@@ -13,11 +13,6 @@ from applr_ros1.common.angles import Pose, compose, inverse
 Twist = Tuple[float, float]  # v [m/s], w [rad/s]
 SPAN_S = 0.25  # time baseline of a velocity estimate [s]
 SHORTEST_S = 0.08  # minimum time baseline of a velocity estimate [s]
-# Tolerance for an accelerating base: a constant part plus a fraction of the velocity from the
-# poses.
-DIFFERENCE_M_S = 0.15
-DIFFERENCE_RAD_S = 0.4
-DIFFERENCE_SHARE = 0.2
 
 
 class Velocity(NamedTuple):
@@ -68,20 +63,3 @@ class PoseMotion:
         forward = cos_half * x + sin_half * y
         leftward = cos_half * y - sin_half * x
         self.velocity = Velocity(forward / baseline, turned / baseline, leftward / baseline)
-
-    def contradicts(self, twist: Twist) -> bool:
-        """Return whether the base moves opposite to the measured (v, w), or much faster."""
-        v, w = twist
-        moved = self.velocity
-        if _differs(moved.v, v, DIFFERENCE_M_S):
-            return True
-        return _differs(moved.w, w, DIFFERENCE_RAD_S)
-
-
-def _differs(moved: float, measured: float, tolerance: float) -> bool:
-    """Return whether a speed has another sign than the measured one, or is much larger."""
-    if abs(moved) <= tolerance:
-        return False
-    if moved * measured < 0.0:
-        return True
-    return abs(moved) > abs(measured) + tolerance + DIFFERENCE_SHARE * abs(moved)

@@ -161,8 +161,9 @@ def moving(velocity, **changes):
 def test_lateral_slip_excludes_the_turn_of_the_poses():
     """The turn is about a point .13 m ahead. The twist's turn rate, which is newer, is not used."""
     monitor = moving(Velocity(1.0, 1.0, 0.2), turn_ahead=0.13)
-    (motion,) = monitor.motions((1.0, 1.3))
-    assert motion == (1.0, 1.3, pytest.approx(0.33), 0.0)
+    by_wheels, by_poses = monitor.motions((1.0, 1.3))
+    assert by_wheels == (1.0, 1.3, pytest.approx(0.33), 0.0)
+    assert by_poses == (1.0, 1.0, pytest.approx(0.33), 0.0)
 
 
 @pytest.mark.parametrize("reported", [0.2, -0.1])
@@ -190,7 +191,7 @@ def test_the_previous_turn_rate_limits_the_arc_of_a_slower_command():
     """
     monitor = CollisionMonitor(SETTINGS)
     monitor.output = Output(0.0, 1.0, 2.0)
-    (motion,) = monitor.motions((1.0, 0.0))
+    motion, _ = monitor.motions((1.0, 0.0))
     assert motion.commanded_w == 2.0
     turned_less = motion._replace(commanded_w=1.0)
     braking = Braking(1.9, 3.3)
