@@ -30,6 +30,10 @@ BACKING_M = (0.5, 1.0)
 BACKING_OUT = {"escape_reset_theta": 3.14, "sim_time": 3.0}
 BACKING_S = 8.0  # longest time in which the robot must have backed out [s]
 DRIVING_S = 3.0  # duration of any other phase [s]
+# Interval between two clearings of the costmaps [s], of which the first is at the beginning of a
+# stall. A body that slides and turns hard spoils the odometry by decimetres. What the robot saw
+# before then stands twice in the costmaps, and closes the way out.
+CLEARING_S = 8.0
 PLAN_M = 0.3  # length of the plan whose direction says whether the way out is behind [m]
 BACKWARDS_M_S = 0.02  # speed backwards at which the robot backs out, not merely slips [m/s]
 SEED = 0x57A1  # first number of the draws' seed, so that methods with the same seed draw others
@@ -91,13 +95,16 @@ class StallRule:
     back, the robot backs out (BACKING_OUT) until it has driven backwards, and drives for DRIVING_S,
     by turns. If the plan leads ahead, it drives with random parameters and with those of its
     method, by turns. The method comes first where the robot has turned, because it has failed in
-    another direction. A method refuses with `redraws_stalled` (Method).
+    another direction. The costmaps are cleared every CLEARING_S. A method refuses with
+    `redraws_stalled` (Method).
 
     Args:
         robot: Description of the robot.
 
     Attributes:
         count: Number of decisions changed so far.
+        clears_costmaps: Whether the costmaps are to be cleared before the last decision takes
+            effect.
     """
 
     def __init__(self, robot: Robot):
@@ -110,7 +117,13 @@ class StallRule:
         """Forget the positions at the start of a course, and seed the draws."""
         self._stall.reset()
         self._draws = np.random.default_rng([seed, SEED])
+        self._end()
+
+    def _end(self) -> None:
+        """Forget the last stall."""
         self._phase: Optional[_Phase] = None
+        self._last_clearing = -math.inf  # time of the last clearing of the costmaps [s]
+        self.clears_costmaps = False
 
     def instead(self, method: Method, context: Context, theta: Array) -> Optional[Array]:
         """Return parameters (n,) in place of the method's `theta` (n,), or None to keep these."""
@@ -118,8 +131,12 @@ class StallRule:
         v, _ = context.twist
         has_stalled = self._stall.update(context.time, x, y, v)
         if not has_stalled or not method.redraws_stalled:
-            self._phase = None
+            self._end()
             return None
+        since_clearing = context.time - self._last_clearing
+        self.clears_costmaps = since_clearing + TIME_TOLERANCE_S >= CLEARING_S
+        if self.clears_costmaps:
+            self._last_clearing = context.time
         leads_back = _leads_back(context)
         phase = self._phase
         if phase is None:

@@ -15,7 +15,7 @@ from applr_ros1.msg import Movers, Parameters
 from applr_ros1.srv import SetMethod
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
-from std_srvs.srv import SetBool
+from std_srvs.srv import Empty, EmptyResponse, SetBool
 
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
@@ -559,6 +559,7 @@ def test_a_stalled_robot_leaves_its_constant_set_and_gets_it_back_when_it_has_co
     robot.goal = "one"
     wait_for(lambda: robot.count("stalls") > 1, "two decisions in a stall")
     wait_for(lambda: not np.array_equal(client.theta(), tuned_set), "random parameters")
+    node.until("costmaps not cleared: service [/move_base/clear_costmaps] unavailable")
     # Its odometry says that it drives at 0.5 m/s: the stall is over.
     monkeypatch.setattr(robot.robot, "twist", (0.5, 0.0))
     is_in_force(client, tuned_set)
@@ -568,8 +569,14 @@ def test_a_stalled_robot_leaves_its_constant_set_and_gets_it_back_when_it_has_co
     decides_again(robot)
     assert np.array_equal(client.theta(), SPACE.theta0)
     assert robot.count("stalls") == count
+    cleared = []
+    clearing = rospy.Service(
+        "/move_base/clear_costmaps", Empty, lambda request: cleared.append(1) or EmptyResponse()
+    )
     monkeypatch.undo()
     wait_for(lambda: robot.count("stalls") > count, "another stall")
+    wait_for(lambda: cleared, "cleared costmaps")
+    clearing.shutdown()
     robot.goal = None
     is_in_force(client, tuned_set)
     assert node.text.count("goal has ended") == 1

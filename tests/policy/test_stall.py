@@ -126,6 +126,19 @@ def test_each_stall_begins_with_backing_out():
     assert is_backing_out(rule.instead(SET, scene(18.0), SPACE.theta0))
 
 
+def test_the_costmaps_are_cleared_at_the_beginning_of_each_stall_and_every_8_seconds():
+    """The first stall is from 8 to 25 s, and the next one begins at 30 s."""
+    for method, cleared in ((SET, [8, 16, 24, 30]), (methods.make("dwa"), [])):
+        rule = StallRule(JACKAL)
+        times = []
+        for time in range(32):
+            v = 0.5 if 26 <= time < 30 else 0.0
+            rule.instead(method, scene(float(time), v=v), SPACE.theta0)
+            if rule.clears_costmaps:
+                times.append(time)
+        assert times == cleared
+
+
 def test_a_robot_that_has_just_come_out_has_not_stalled():
     """It passes near its place 8 s ago, but so fast ahead that it is soon away."""
     for v, count in ((0.4, 1), (0.45, 0), (-0.45, 1)):

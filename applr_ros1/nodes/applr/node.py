@@ -17,6 +17,7 @@ import numpy as np
 import rospy
 
 from applr_ros1.common.errors import ApplrError, one_line
+from applr_ros1.nodes.applr.costmaps import Costmaps
 from applr_ros1.nodes.applr.inputs import RobotInputs, Snapshot
 from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
 from applr_ros1.nodes.applr.reconfigure_client import RESTORE_S, ReconfigureClient, Server
@@ -89,6 +90,7 @@ class ApplrNode:
         self._last: Any = None  # ROS time of the last decision
         self._failures = 0  # number of successive periods without a decision
         self._stall_rule = StallRule(robot)
+        self._costmaps = Costmaps(namespace)
         self._is_redrawn = False  # whether the last decision was that of the stall rule
         self._base_set = False  # whether the parameters for the time between goals have been sent
         self._deciding = threading.Lock()  # guards method, enabled and the state of the course
@@ -312,6 +314,8 @@ class ApplrNode:
             redrawn = None
             if context is not None:
                 redrawn = self._stall_rule.instead(self.method, context, theta)
+                if self._stall_rule.clears_costmaps:
+                    self._costmaps.clear()
             is_in_force = self.method.static and context is not None and not self._is_redrawn
             self._note_redrawn(redrawn is not None)
             if redrawn is not None:

@@ -67,17 +67,24 @@ def test_a_set_that_is_set_by_reconfigure_gives_way_in_a_stall_and_a_loaded_one_
 ):
     slow = SPACE.from_dict({**SET, "max_vel_x": 0.2})
     seeds = []
+    cleared = []
+    reset = StallRule.reset
 
     def instead(self, method, context, theta):
+        self.clears_costmaps = method.redraws_stalled
         return slow if method.redraws_stalled else None
 
     monkeypatch.setattr(StallRule, "instead", instead)
-    monkeypatch.setattr(StallRule, "reset", lambda self, seed: seeds.append(seed))
+    monkeypatch.setattr(
+        StallRule, "reset", lambda self, seed: seeds.append(seed) or reset(self, seed)
+    )
+    monkeypatch.setattr(MoveBase, "clear_costmaps", lambda self: cleared.append(self))
     runner = TrialRunner(TrialSettings(loaded=loaded, time_limit=2.0))
     theta = tuple(SPACE.from_dict(SET).tolist())
     runner.run(Trial("generated:7", "m", 0, 5, "generated:7", "", theta=theta))
     assert runner.drive.decisions[-1].after["max_vel_x"] == (0.9 if loaded else 0.2)
     assert seeds[-1] == 5
+    assert bool(cleared) != loaded
 
 
 def test_a_search_leaves_out_parameters_that_act_differently_by_reconfigure():
