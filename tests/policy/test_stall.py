@@ -3,18 +3,22 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from applr_ros1.policy import methods
-from applr_ros1.policy.decision import Context
+from applr_ros1.policy.decision import PERIOD, Context
+from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.policy.methods import FixedParameters, Method
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.policy.stall import BACKING_M, BACKING_OUT, Stall, StallRule
+from applr_ros1.policy.stall import BACKING_OUT, Stall, StallRule
 from applr_ros1.robots import JACKAL, load
 
 SPACE = space_of(JACKAL)
 SET = FixedParameters(SPACE.theta0)
-SLOW = 0.10  # m/s: 0.8 m in 8 s, which is a stall
-FAST = 0.11  # m/s: 0.88 m in 8 s
+SLOW = 0.106  # m/s: 0.848 m in 8 s, which is a stall
+FAST = 0.107  # m/s: 0.856 m in 8 s
+SLIPS = -0.01  # speed of a robot that stands and slips back [m/s]
+BACKS = -0.03  # speed of a robot that backs out [m/s]
 BACK_AND_FORTH = 0.5  # m/s: one metre ahead, and back
 BACK = -1.0
 AHEAD = 1.0
@@ -48,7 +52,7 @@ def course(seed=3, speed=SLOW, method=SET, robot=JACKAL, rule=None, backwards=()
     theta = space_of(robot).theta0
     replaced = []
     for time in range(32):
-        v = -0.3 if time in backwards else 0.0
+        v = BACKS if time in backwards else SLIPS
         way = AHEAD if time in ahead else BACK
         seen = scene(float(time), place(time, speed), v, robot, way)
         replaced.append(rule.instead(method, seen, theta))
@@ -65,6 +69,11 @@ def test_a_stalled_robot_gets_random_parameters_from_the_seed_of_the_course():
     kept = [SPACE.names.index(name) for name in ("min_in_place_vel_theta", "footprint_padding")]
     assert (drawn[:, kept] == SPACE.theta0[kept]).all()
     assert np.array_equal(course()[8:], drawn)
+    rule = StallRule(JACKAL)
+    for _ in range(2):
+        again = course(rule=rule)
+        assert again[:8] == [None] * 8
+        assert np.array_equal(again[8:], drawn)
     assert not np.isin(np.array(course(seed=4)[8:])[:, 0], drawn[:, 0]).any()
     assert np.array_equal(course(speed=BACK_AND_FORTH)[8:], drawn)
 
@@ -76,9 +85,21 @@ def is_backing_out(theta):
     distance, *others = theta[BACKING]
     if distance == SPACE.theta0[BACKING[0]]:
         return False
-    assert BACKING_M[0] <= distance <= BACKING_M[1]
-    assert others == list(BACKING_OUT.values())
+    assert 0.5 <= distance <= 1.0
+    assert others == [3.14, 3.0]
     return True
+
+
+def test_a_method_with_the_same_seed_draws_others():
+    encoding = DimensionlessEncoding(JACKAL, PERIOD)
+    action = np.random.default_rng(3).uniform(-1.0, 1.0, encoding.actions)
+    assert course(seed=3)[8][0] != encoding.theta(action)[0]
+
+
+def test_the_distance_backwards_is_between_half_a_metre_and_one():
+    distances = [course(seed)[8][BACKING[0]] for seed in range(100)]
+    assert 0.5 <= min(distances) < 0.52
+    assert 0.98 < max(distances) <= 1.0
 
 
 def phases(replaced):
@@ -110,6 +131,34 @@ def test_where_the_plan_leads_ahead_random_parameters_and_the_methods_alternate(
 def test_a_robot_that_has_turned_gets_its_method_and_backs_out_where_the_plan_turns_back():
     replaced = course(ahead=range(11, 18))
     assert phases(replaced)[:5] == [(True, 3), (None, 3), (False, 3), (None, 1), (True, 8)]
+
+
+def backs_out(pose, points):
+    """Return whether a stalled robot backs out with a plan through points (n, 2) ahead and left."""
+    x, y, yaw = pose
+    ahead, left = np.transpose(points)
+    xs = x + np.cos(yaw) * ahead - np.sin(yaw) * left
+    ys = y + np.sin(yaw) * ahead + np.cos(yaw) * left
+    rule = StallRule(JACKAL)
+    for time in range(9):
+        seen = replace(scene(float(time)), pose=pose, plan=np.column_stack([xs, ys]))
+        theta = rule.instead(SET, seen, SPACE.theta0)
+    return is_backing_out(theta)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 2.0, -2.5])
+def test_the_plan_leads_back_if_it_begins_in_the_half_plane_behind_the_robot(yaw):
+    for angle in (0.0, 1.4, -1.4, 1.75, -1.75, 3.0):
+        ways = np.linspace(0.0, 2.0, 40)
+        straight = np.column_stack([np.cos(angle) * ways, np.sin(angle) * ways])
+        assert backs_out((30.0, -20.0, yaw), straight) == (abs(angle) > 1.5)
+
+
+def test_the_first_third_of_a_metre_of_the_plan_counts():
+    for turn_back, leads_back in ((-0.28, False), (-0.33, True)):
+        there_and_ahead = [*np.arange(0.0, turn_back, -0.01), *np.arange(turn_back, 3.0, 0.01)]
+        points = np.column_stack([there_and_ahead, np.zeros(len(there_and_ahead))])
+        assert backs_out((0.0, 0.0, 0.0), points) == leads_back
 
 
 def test_without_a_plan_it_backs_out():
@@ -149,6 +198,22 @@ def test_a_robot_that_has_just_come_out_has_not_stalled():
         assert rule.count == count
 
 
+def test_times_that_are_sums_of_periods_count_as_reached():
+    """Ten sums of 0.1 s are less than 1 s."""
+    rule = StallRule(JACKAL)
+    time = 0.0
+    replaced = []
+    cleared = []
+    for number in range(200):
+        replaced.append(rule.instead(SET, scene(time), SPACE.theta0))
+        if rule.clears_costmaps:
+            cleared.append(number)
+        time += 0.1
+    assert [theta is None for theta in replaced] == [True] * 80 + [False] * 120
+    assert phases(replaced[72:]) == [(True, 80), (False, 30), (True, 10)]
+    assert cleared == [80, 160]
+
+
 def test_distance_and_speed_of_a_stall_scale_with_the_robot():
     """For the Jackal, 1.6 m in 8 s or 0.8 m/s are enough, but not for a robot of twice its size."""
     for scale, stalled in ((1.0, False), (2.0, True)):
@@ -157,6 +222,7 @@ def test_distance_and_speed_of_a_stall_scale_with_the_robot():
             is_stalled = stall.update(float(second), 0.2 * second, 0.0, 0.0)
         assert is_stalled is stalled
         assert stall.update(9.0, 1.6, 0.0, 0.8) is stalled
+        assert stall.share == pytest.approx(1.4 / 1.7) if stalled else stall.share == 1.0
 
 
 def test_a_robot_whose_planner_cannot_back_out_gets_random_parameters_only():
