@@ -99,7 +99,7 @@ class Alternative:
         """
         before = self.change.before
         after = self.change.after
-        is_away = abs(after - self.default) > abs(before - self.default)
+        is_away = self.change.leads_away(self.default)
         return is_away, -_distance(before, self.default), _distance(before, after)
 
     @override

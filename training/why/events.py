@@ -18,7 +18,7 @@ from training.why.reasons import SILENT_S, STILL_SPEED, STILL_TURN, last_time
 
 # Shares of the top speed below which a robot creeps, and is slow.
 CREEPS = 0.25
-SLOW = 0.5
+SLOW = 0.6
 # Shortest durations that count as an event [s]. A robot that turns, swings or backs out for a
 # moment drives as it should, and even a sound drive is slow for some seconds beside an obstacle.
 STOOD_S = 1.0

@@ -55,6 +55,16 @@ class Change(NamedTuple):
             return math.inf
         return max(before / after, after / before)
 
+    def leads_away(self, default: Any) -> bool:
+        """Return whether a number becomes less like the C++ default.
+
+        Such a change may help, but what it makes up for is another value.
+        """
+        values = self.before, self.after, default
+        if any(isinstance(value, (bool, str)) for value in values):
+            return False
+        return abs(self.after - default) > abs(self.before - default)
+
     @property
     def advice(self) -> str:
         """The change as an instruction, such as "set planner_frequency to 1 instead of 0"."""

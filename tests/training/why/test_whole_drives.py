@@ -227,6 +227,36 @@ def test_a_candidate_is_a_remedy_only_if_it_is_better_by_a_tenth_with_seeds_that
     assert trials_of(course, 1.0).remedy is None
 
 
+def test_a_candidate_that_is_slower_with_one_seed_is_no_remedy(course, monkeypatch):
+    drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, 4: 20.5}})
+    assert trials_of(course, 1.0).remedy is None
+    drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, 4: 20.0}})
+    assert trials_of(course, 1.0).remedy is not None
+
+
+def test_the_second_best_is_judged_if_the_best_is_no_remedy(course, monkeypatch):
+    seconds = {"": {0: 20.0}, 1.0: {0: 10.0, 4: 21.0}, 1.5: {0: 11.0}, 0.5: {0: 10.5, 4: 21.0}}
+    calls = drives_as(monkeypatch, seconds)
+    trials = trials_of(course, 1.0, 1.5)
+    assert trials.remedy.candidate.changes[0].after == 1.5
+    # The recorded values are judged once.
+    assert calls.count(("", 4)) == 1
+
+    # The third best is not: of many, one is better by chance.
+    drives_as(monkeypatch, {**seconds, 1.5: {0: 12.0}})
+    assert trials_of(course, 1.0, 0.5, 1.5).remedy is None
+
+
+def test_a_change_towards_the_default_is_preferred_to_a_smaller_one_away_from_it(
+    course, monkeypatch
+):
+    """The default of sim_time is 1.7 s; 2.0 s is in force."""
+    drives_as(monkeypatch, {"": {0: 20.0}, 2.5: {0: 14.5}, 1.5: {0: 15.0}})
+    assert trials_of(course, 2.5, 1.5).remedy.candidate.changes[0].after == 1.5
+    drives_as(monkeypatch, {"": {0: 20.0}, 2.5: {0: 10.0}, 1.5: {0: 15.0}})
+    assert trials_of(course, 2.5, 1.5).remedy.candidate.changes[0].after == 2.5
+
+
 def test_the_smaller_of_two_changes_that_are_about_as_fast_is_the_remedy(course, monkeypatch):
     # sim_time was 2: 0.2 is a tenth of it, and 1.0 half. Half a second's gain is not worth the
     # larger change, five seconds' is.

@@ -22,6 +22,7 @@ from training.why import __main__ as why
 from training.why import alternatives, diagnosis
 from training.why.alternatives import Alternative, Result
 from training.why.answer import lines_of
+from training.why.events import SLOW
 from training.why.explanation import explain, part_of_robot
 from training.why.replay import Replay, changes_of
 
@@ -403,8 +404,8 @@ def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
     assert explanation.table[1][2] == pytest.approx(costs[-1], abs=0.01)
     assert explanation.points
 
-    # The sentence compares it with the cheapest sample of at least half the top speed.
-    fast = legal & (velocities[:, 0] >= 0.25)
+    # The sentence compares it with the cheapest sample that is not slow.
+    fast = legal & (velocities[:, 0] >= SLOW * 0.5)
     best = np.flatnonzero(fast)[costs[fast].argmin()]
     words = "({:.2f} m/s, {:.2f} rad/s)".format(*command)
     occdist = parts["occdist_scale"]
