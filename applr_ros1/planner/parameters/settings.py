@@ -63,7 +63,8 @@ class Change(NamedTuple):
         values = self.before, self.after, default
         if any(isinstance(value, (bool, str)) for value in values):
             return False
-        return abs(self.after - default) > abs(self.before - default)
+        is_away: bool = abs(self.after - default) > abs(self.before - default)
+        return is_away
 
     @property
     def advice(self) -> str:
