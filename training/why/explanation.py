@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import asdict, dataclass, field
 from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Sequence, Tuple
@@ -27,13 +28,11 @@ STEP_S = 0.1  # interval between the poses at which an illegal sample is checked
 NEAR_M = 0.1  # distance from an obstacle cell within which a point of a scan shows it [m]
 PLAN_AHEAD_M = 1.0  # point of the plan that shows where it leads [m, for the Jackal]
 BACK = np.pi / 2  # angle between plan and heading from which on the plan leads back [rad]
-# A part of the robot stays beside it in this share of the scans, at so many poses or more.
+# A part of the robot stays beside it in this share of the scans, at so many headings or more.
 CARRIED = 0.9
-POSES = 5
+HEADINGS = 5
+TURNED = 0.2  # least difference of these headings [rad]
 BESIDE_M = 0.3  # how far beyond the circumscribed circle it may lie [m, for the Jackal]
-# Poses that are compared are this far from each other [m, for the Jackal], or turned [rad].
-MOVED_M = 0.3
-MOVED_TURN = 0.2
 
 # What weighs against faster samples: the parameter, and the words, by the planner's name for this
 # part of the costs.
@@ -319,15 +318,14 @@ def at_goal(replay: Replay, cycle: Cycle) -> str:
 
 
 def part_of_robot(replay: Replay) -> Optional[Tuple[float, float]]:
-    """Return where (x, y) [m] beside the moving robot nearly all scans have a point, or None.
+    """Return where (x, y) [m] beside the turning robot nearly all scans have a point, or None.
 
-    A standing robot proves nothing, so that each pose counts once.
+    A robot that stands or drives straight on proves nothing: a wall along its way stays beside it.
     """
     x, y = replay.costmap.footprint.T
-    scale = replay.robot.world_scale
-    reach = float(np.hypot(x, y).max()) + BESIDE_M * scale
-    poses = _distinct_poses(replay.cycles, MOVED_M * scale)
-    if len(poses) < POSES:
+    reach = float(np.hypot(x, y).max()) + BESIDE_M * replay.robot.world_scale
+    poses = _distinct_headings(replay.cycles)
+    if len(poses) < HEADINGS:
         return None
 
     # Scans with a point in each cell beside the robot
@@ -346,21 +344,16 @@ def part_of_robot(replay: Replay) -> Optional[Tuple[float, float]]:
     return place if count > CARRIED * len(poses) else None
 
 
-def _distinct_poses(cycles: Sequence[Cycle], distance: float) -> List[Cycle]:
-    """Return cycles whose poses are a distance [m] or MOVED_TURN apart from each other.
-
-    A robot that goes to and fro comes back to the same poses, at which walls look like a part of
-    it.
-    """
+def _distinct_headings(cycles: Sequence[Cycle]) -> List[Cycle]:
+    """Return cycles whose headings are at least TURNED apart from each other."""
     distinct: List[Cycle] = []
-    poses = np.empty((0, 3))
+    headings = np.empty(0)
     for cycle in cycles:
-        is_near = distances(poses[:, :2], np.array(cycle.pose[:2])) < distance
-        turns = normalize_angle_modulo(poses[:, 2] - cycle.pose[2])
-        is_alike = np.abs(turns) < MOVED_TURN
-        if not (is_near & is_alike).any():
+        yaw = cycle.pose[2]
+        turns = np.abs(normalize_angle_modulo(headings - yaw))
+        if not (turns < TURNED).any():
             distinct.append(cycle)
-            poses = np.vstack([poses, cycle.pose])
+            headings = np.append(headings, yaw)
     return distinct
 
 
@@ -371,9 +364,10 @@ def arc(pose: Pose, v: float, w: float, seconds: float) -> Pose:
     """
     turn = w * seconds
     half = 0.5 * turn
-    # numpy's sinc(x) is sin(pi x) / (pi x).
-    chord = v * seconds * np.sinc(half / np.pi)
-    return compose(pose, (chord * np.cos(half), chord * np.sin(half), turn))
+    chord = v * seconds
+    if half != 0.0:
+        chord *= math.sin(half) / half
+    return compose(pose, (chord * math.cos(half), chord * math.sin(half), turn))
 
 
 def lethal_points(replay: Replay) -> np.ndarray:
