@@ -369,6 +369,19 @@ def test_a_point_beside_a_robot_that_stands_is_no_part_of_it():
     assert part_of_robot(replay) is None
 
 
+def test_a_point_beside_a_robot_that_drives_straight_on_is_no_part_of_it():
+    """A wall along its way stays beside it, however far it drives."""
+    replay = driven_with_post(0.5, 0.0)
+    first_yaw = replay.cycles[0].pose[2]
+    straight = []
+    for cycle in replay.cycles:
+        if abs(cycle.pose[2] - first_yaw) < 0.3:
+            straight.append(cycle)
+    assert len(straight) > 40
+    replay.cycles = straight
+    assert part_of_robot(replay) is None
+
+
 def test_a_point_beside_a_robot_that_turns_to_and_fro_is_no_part_of_it():
     """It comes back to two headings, at which the same wall is seen each time."""
     replay = driven_with_post(0.5, 0.0)
