@@ -183,7 +183,7 @@ def _cut_circle(
     lowest = int((middle - half_angle - fan.first_angle) / fan.increment)
     highest = int((middle + half_angle - fan.first_angle) / fan.increment) + 1
     beams_per_turn = int(fan.beams_per_turn)
-    squared_tangent = square - radius * radius  # of the length from the laser to the circle [m^2]
+    squared_tangent = square - radius * radius  # length from the laser to the circle, squared [m^2]
     for turn in range(-1, 2):  # An obstacle behind the laser may reach into either end of the fan.
         first = lowest + turn * beams_per_turn
         last = highest + turn * beams_per_turn + 1

@@ -151,7 +151,7 @@ def test_predicted_points_are_cleared_with_the_next_scan(stubbed, walls):
         if y == pytest.approx(0.0):
             assert_marked_ahead(planners)
             # Without returns from walls, the planner without predictions does not clear the cells
-            # that the obstacle has left.
+            # behind the obstacle.
             assert planners.marked_more() > 20 or not walls
 
     # It vanishes.

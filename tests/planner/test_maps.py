@@ -37,7 +37,7 @@ HERE = (0.0, 0.0, 0.0)
 # Cells along each side of the costmaps.
 N = 40
 CELL_M = 0.1
-CORNER = (-2.0, -2.0)  # of the costmaps [m]
+CORNER = (-2.0, -2.0)  # lower left corner of the costmaps [m]
 LETHAL = 254
 STATIC_LAYER = {"name": "static", "type": "costmap_2d::StaticLayer"}
 

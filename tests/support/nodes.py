@@ -133,8 +133,8 @@ class FakeJackal:
     def _run(self):
         due = time.time()
         for n in itertools.count(1):
-            # Wall time paces the simulation. A late step is made up for by shorter pauses, so
-            # that the scans keep their 20 Hz on a busy machine.
+            # Wall time paces the simulation. A late step is made up for by shorter pauses: the
+            # scans keep their 20 Hz on a busy machine.
             due += TICK
             if self._over.wait(max(0.0, due - time.time())):
                 return

@@ -407,9 +407,9 @@ def _pack_decision(
         number,
         decision.goal,
         float(seen.time),
-        stamp,  # of the scan
-        stamp,  # of the odometry
-        stamp,  # of the plan
+        stamp,  # scan
+        stamp,  # odometry
+        stamp,  # plan
         *map(float, (*seen.pose, *seen.twist, *seen.goal)),
         float(first_angle),
         float(increment),

@@ -156,7 +156,7 @@ def test_a_plan_in_another_frame_is_moved_by_tf_and_refused_without(driven):
     drive.frames["routes"] = ["map"]
     with pytest.raises(Exception, match="the plan is in map, the odometry in odom: record /tf"):
         followed_plans(drive, Tree(None), JACKAL)
-    origin = (3.0, 0.0, 0.6)  # of odom in map
+    origin = (3.0, 0.0, 0.6)  # pose of odom in map
     tree = Tree(links([(0.0, "map", "odom", origin)], is_static=True))
     plans = followed_plans(drive, tree, JACKAL)
     x, y, yaw = compose(inverse(origin), (4.0, 0.0, 0.0))
