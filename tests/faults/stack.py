@@ -125,7 +125,7 @@ class Stack:
 
     @property
     def goal_is_over(self):
-        """Whether there is no goal that move_base pursues."""
+        """True if there is no goal that move_base pursues."""
         return not self.client.gh or self.client.get_state() not in (
             GoalStatus.PENDING,
             GoalStatus.ACTIVE,

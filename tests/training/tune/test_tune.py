@@ -55,7 +55,7 @@ class Driven(NamedTuple):
 
     @property
     def is_searched(self):
-        """Whether the search drives it, not the verdict."""
+        """True if the search drives it, not the verdict."""
         return bool(self.task.theta)
 
 
