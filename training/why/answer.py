@@ -63,7 +63,9 @@ def headline(diagnosis: Diagnosis) -> str:
 
 def sentence(event: Event) -> str:
     """Return an event with its reason."""
-    return f"{event}, because {event.reason}." if event.reason else f"{event}."
+    if not event.reason:
+        return f"{event}."
+    return f"{event}, because {event.reason}."
 
 
 def advice(diagnosis: Diagnosis) -> List[str]:

@@ -118,7 +118,10 @@ class Samples(NamedTuple):
     def best(self) -> Optional[int]:
         """Row of the cheapest legal sample that drives on, or None."""
         legal = np.flatnonzero(self.drives_on & (self.costs >= 0))
-        return int(legal[self.costs[legal].argmin()]) if len(legal) else None
+        if not len(legal):
+            return None
+        cheapest = self.costs[legal].argmin()
+        return int(legal[cheapest])
 
     def in_words(self, row: int) -> str:
         """Return a velocity for people."""

@@ -121,7 +121,9 @@ def silent(stretch: Stretch) -> str:
 def silent_planner(stretch: Stretch) -> str:
     """Return that move_base sent no command, or ""."""
     gap = _longest_gap(stretch.drive.planned, stretch)
-    return f"move_base sent no command for {gap:.1f} s" if stretch.is_reason(gap) else ""
+    if not stretch.is_reason(gap):
+        return ""
+    return f"move_base sent no command for {gap:.1f} s"
 
 
 def _longest_gap(rows: Optional[Rows], stretch: Stretch) -> float:
@@ -193,8 +195,11 @@ def recovering(stretch: Stretch) -> str:
     for begin in stretch.drive.recoveries:
         if stretch.begin - BEFORE_S <= begin < stretch.end:
             # A recovery behaviour is over when the local planner follows a plan again.
-            later = plans.between(begin, stretch.end).time if plans is not None else np.empty(0)
-            end = float(later[0]) if len(later) else stretch.end
+            end = stretch.end
+            if plans is not None:
+                later_plans = plans.between(begin, stretch.end)
+                if len(later_plans):
+                    end = float(later_plans.time[0])
             ran += end - max(begin, stretch.begin)
     return "a recovery behaviour ran" if stretch.is_reason(ran) else ""
 
