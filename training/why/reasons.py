@@ -13,6 +13,7 @@ from typing import Callable, List, Optional, Sequence, TypeVar
 import numpy as np
 
 from applr_ros1.common.angles import normalize_angle_modulo
+from applr_ros1.common.paths import distances
 from applr_ros1.drives.drive import ABORTED, REACHED, Drive, Rows
 
 SomeRows = TypeVar("SomeRows", bound=Rows)
@@ -314,7 +315,12 @@ def stuck(stretch: Stretch) -> str:
     """Return that the odometry moves and the scans do not, or ""."""
     motion = stretch.part(stretch.drive.odometry)
     scans = stretch.part(stretch.drive.scans)
-    if motion is None or scans is None or motion.length < HELD_M:
+    if motion is None or scans is None:
+        return ""
+    # Not the length of its way: a robot that goes to and fro sees the same all the time.
+    places = motion.pose[:, :2]
+    moved = float(distances(places, places[0]).max())
+    if moved < HELD_M:
         return ""
     first = scans.ranges[0]
     changes: List[float] = []
@@ -328,7 +334,7 @@ def stuck(stretch: Stretch) -> str:
             changes.append(float(np.median(differences)))
     if not changes or np.median(changes) >= SAME_SCAN_M:
         return ""
-    unseen = f"the scans stay the same while the odometry moves {motion.length:.1f} m"
+    unseen = f"the scans stay the same while the odometry moves {moved:.1f} m"
     return f"{unseen}: the robot is held, or its wheels slip"
 
 

@@ -219,6 +219,20 @@ def test_scans_that_stay_the_same_while_the_odometry_moves_are_a_reason(stopped)
     assert reasons.stuck(stretch_of(replace(stopped, scans=scans_of(times, times)), 6.0, 9.0)) == ""
 
 
+def test_scans_that_stay_the_same_while_the_robot_goes_to_and_fro_are_no_reason(stopped):
+    times = np.arange(0.0, 9.0, 0.1)
+    pose = stopped.odometry.pose.copy()
+    pose[1::2] = pose[0]  # It comes back each time.
+    pose[::2] = pose[0] + (0.1, 0.0, 0.0)
+    swinging = replace(
+        stopped,
+        odometry=replace(stopped.odometry, pose=pose),
+        scans=scans_of(times, np.full(90, 2.0)),
+    )
+    assert swinging.odometry.length > 3.0
+    assert reasons.stuck(stretch_of(swinging, 6.0, 9.0)) == ""
+
+
 def test_a_recovery_lasts_until_the_next_plan_is_followed(stopped):
     recovers = replace(stopped, recoveries=np.array([3.1]))
     # Plans were followed all the time.
