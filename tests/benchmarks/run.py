@@ -54,21 +54,15 @@ def planner_cycle_max():
 
 
 def _trajectory_planner(changes, velocity=None):
+    """Return the median time of one choice over twenty scenarios of the golden set."""
     times = []
     for scenario in _of_samples("golden", vx_samples=6, vtheta_samples=20)[:20]:
         costmap = replay_golden.make_costmap(scenario)
         planner = replay_golden.make_planner(scenario, costmap)
         planner.reconfigure(changes)
         planner.set_plan(scenario.array("plan"))
-        times.append(
-            _choice(
-                planner,
-                [0] * 10,
-                costmap,
-                scenario.inputs["pose"],
-                velocity or scenario.inputs["vel"],
-            )
-        )
+        scene = costmap, scenario.inputs["pose"], velocity or scenario.inputs["vel"]
+        times.append(_choice(planner, [0] * 10, *scene))
     return median(times), "us (median of %d scenarios)" % len(times)
 
 
@@ -78,36 +72,36 @@ def dwa_planner_cycle():
     """
     times = []
     for scenario in _of_samples("golden_dwa", vx_samples=20, vy_samples=1, vth_samples=40):
-        if (
-            scenario.robot == "burger" and scenario.expected["best"]["index"] >= 0
-        ):  # A legal command exists.
-            costmap = replay_dwa.make_costmap(scenario)
-            planner = replay_dwa.make_planner(scenario)
-            scene = costmap, scenario.array("plan"), scenario.inputs["pose"], scenario.inputs["vel"]
-            times.append(_choice(planner, replay_dwa.flags_in(scenario), *scene))
+        has_legal_command = scenario.expected["best"]["index"] >= 0
+        if scenario.robot != "burger" or not has_legal_command:
+            continue
+        costmap = replay_dwa.make_costmap(scenario)
+        planner = replay_dwa.make_planner(scenario)
+        scene = costmap, scenario.array("plan"), scenario.inputs["pose"], scenario.inputs["vel"]
+        times.append(_choice(planner, replay_dwa.flags_in(scenario), *scene))
     return median(times), "us (median of %d scenarios)" % len(times)
 
 
 def _of_samples(name, **samples):
     """Return the scenarios of a golden set with these numbers of samples."""
-    scenarios = [
-        scenario for scenario in replay_golden.load(ROOT / "tests" / name) if scenario.kind == "dwa"
-    ]
-    return [
-        scenario for scenario in scenarios if samples.items() <= scenario.inputs["params"].items()
-    ]
+    chosen = []
+    for scenario in replay_golden.load(ROOT / "tests" / name):
+        if scenario.kind == "dwa" and samples.items() <= scenario.inputs["params"].items():
+            chosen.append(scenario)
+    return chosen
 
 
 def _choice(planner, state, *scene):
     """Return the median processor time of findBestPath [us]."""
-    planner.find_best_path(*scene)
-    took = []
+    planner.find_best_path(*scene)  # The first call loads the kernels.
+    times = []
     for _ in range(30):
+        # Flags of the cycle before would change what is sampled.
         planner.state = state
         began = time.thread_time()
         planner.find_best_path(*scene)
-        took.append(time.thread_time() - began)
-    return 1e6 * median(took)
+        times.append(time.thread_time() - began)
+    return 1e6 * median(times)
 
 
 def control_cycle():
@@ -136,20 +130,18 @@ def decision():
     networks.
     """
     policy = methods.make("applr", robots.JACKAL)
-    driven = _episode("kinematic", MoveBase(JACKAL_PARAMETERS), monitor=True)
-    driven.layout = policy.layout
-    driven.reset(worlds.load("generated:140"), seed=0)
-    context = driven.context()
-    took = 1e3 / _rate(lambda: policy.theta(context))
-    return took, "ms (%.2f %% of a core at 1 Hz)" % (0.1 * took)
+    episode = _episode("kinematic", MoveBase(JACKAL_PARAMETERS), monitor=True)
+    episode.layout = policy.layout
+    episode.reset(worlds.load("generated:140"), seed=0)
+    context = episode.context()
+    milliseconds = 1e3 / _rate(lambda: policy.theta(context))
+    return milliseconds, "ms (%.2f %% of a core at 1 Hz)" % (0.1 * milliseconds)
 
 
 def _share(mean, count):
     """Return a mean time [s] in ms, and its unit with the share of a core at 20 Hz."""
-    return 1e3 * mean, "ms (mean over %d cycles; %.1f %% of a core at 20 Hz)" % (
-        count,
-        100.0 * 20.0 * mean,
-    )
+    percent = 100.0 * 20.0 * mean
+    return 1e3 * mean, "ms (mean over %d cycles; %.1f %% of a core at 20 Hz)" % (count, percent)
 
 
 def inflation():
@@ -175,25 +167,25 @@ def _time_in_drives(kind, name, counts, monitor=False, **parameters):
     """
     warm_up()
     method = getattr(kind, name)
-    took = []
+    times = []
     means = []
 
-    def timed(made, *arguments, **more):
+    def timed(instance, *arguments, **keywords):
+        """Call the method, and note its time if it counts."""
         began = time.process_time()
-        result = method(made, *arguments, **more)
-        if counts(made, result):
-            took.append(time.process_time() - began)
+        result = method(instance, *arguments, **keywords)
+        if counts(instance, result):
+            times.append(time.process_time() - began)
         return result
 
     with patch.object(kind, name, timed):
         for _ in range(3):
-            took.clear()
-            _drive(
-                _episode("kinematic", MoveBase({**JACKAL_PARAMETERS, **parameters}), monitor),
-                lambda _: SPACE.theta0,
-            )
-            means.append(np.mean(took))
-    return min(means), len(took)
+            times.clear()
+            move_base = MoveBase({**JACKAL_PARAMETERS, **parameters})
+            _drive(_episode("kinematic", move_base, monitor), lambda rng: SPACE.theta0)
+            means.append(np.mean(times))
+    # Other programs can only add to a time.
+    return min(means), len(times)
 
 
 def sim_speed_kinematic():
@@ -202,36 +194,43 @@ def sim_speed_kinematic():
 
 
 def sim_speed_pybullet():
+    """Measure the same with PyBullet."""
     return _speed("pybullet")
 
 
 def _speed(simulator):
+    """Return the highest of three speeds, and its unit."""
     warm_up()
-    driven = _episode(simulator, MoveBase(dict(JACKAL_PARAMETERS, planner_frequency=20.0)))
+    episode = _episode(simulator, MoveBase(dict(JACKAL_PARAMETERS, planner_frequency=20.0)))
+
+    def random_theta(rng):
+        """Return a parameter set drawn evenly from the whole space."""
+        return SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE)))
+
     best = 0.0
+    # A short drive first, which loads what the others need.
     for seconds in (2, SECONDS, SECONDS, SECONDS):
         began = time.process_time()
-        simulated = _drive(
-            driven, lambda rng: SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE))), seconds
-        )
+        simulated = _drive(episode, random_theta, seconds)
         best = max(best, simulated / (time.process_time() - began))
     return best, "simulated s per processor s"
 
 
 def _episode(simulator, move_base, monitor=False):
+    """Return an episode with two seconds between decisions."""
     return Episode(sim_bridge.make(simulator), move_base, period=2.0, monitor=monitor)
 
 
-def _drive(driven, theta, seconds=SECONDS):
+def _drive(episode, theta, seconds=SECONDS):
     """Drive the courses with theta(random generator) at each decision, and return the simulated
     seconds.
     """
     rng = np.random.default_rng(0)
     simulated = 0.0
     for number in COURSES:
-        driven.reset(worlds.load("generated:%d" % number), seed=number)
-        for _ in range(round(seconds / driven.period)):
-            outcome = driven.decide(theta(rng))
+        episode.reset(worlds.load("generated:%d" % number), seed=number)
+        for _ in range(round(seconds / episode.period)):
+            outcome = episode.decide(theta(rng))
             simulated += outcome.seconds
             if outcome.over:
                 break
@@ -278,10 +277,20 @@ def sb3_td3_updates():
         policy_kwargs={"net_arch": list(HIDDEN)},
     )
     model.set_logger(stable_baselines3.common.logger.Logger(None, []))
-    x = [torch.rand(BATCH, n) * 2 - 1 for n in (OBSERVATIONS, ACTIONS, 1, OBSERVATIONS, 1, 1)]
-    names = "observations", "actions", "rewards", "next_observations", "dones", "discounts"
-    data = SimpleNamespace(**dict(zip(names, x), dones=torch.zeros(BATCH, 1)))
-    model.replay_buffer.sample = lambda *a, **k: data
+
+    def random(columns):
+        return torch.rand(BATCH, columns) * 2 - 1
+
+    batch = SimpleNamespace(
+        observations=random(OBSERVATIONS),
+        actions=random(ACTIONS),
+        rewards=random(1),
+        next_observations=random(OBSERVATIONS),
+        dones=torch.zeros(BATCH, 1),
+        discounts=random(1),
+    )
+    model.replay_buffer.sample = lambda *arguments, **options: batch
+    # train(2) makes two updates, one of them with the policy's.
     return _rate(lambda: model.train(2, BATCH)) * 2, "updates/s"
 
 
@@ -300,16 +309,17 @@ def _rate(step, rounds=5, seconds=0.6):
     """Return the best rate of `rounds` rounds of `seconds` [s], in steps per second of wall
     time.
     """
+    # The first steps compile and load.
     for _ in range(8):
         step()
     best = 0.0
     for _ in range(rounds):
-        begun = time.perf_counter()
-        n = 0
-        while n < 4 or time.perf_counter() - begun < seconds:
+        began = time.perf_counter()
+        count = 0
+        while count < 4 or time.perf_counter() - began < seconds:
             step()
-            n += 1
-        best = max(best, n / (time.perf_counter() - begun))
+            count += 1
+        best = max(best, count / (time.perf_counter() - began))
     return best
 
 
@@ -322,7 +332,7 @@ def reconfigure_all():
 
     node = session().node("move_base", "cmd_vel:=/cmd_vel")
     client = ReconfigureClient()
-    took = []
+    times_ms = []
     wait_for(
         lambda: client.connected or not node.alive() or not client.connect(), "parameter servers"
     )
@@ -330,11 +340,11 @@ def reconfigure_all():
     for _ in range(200):
         began = time.monotonic()
         error = client.apply(SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE))))
-        took.append(1e3 * (time.monotonic() - began))
+        times_ms.append(1e3 * (time.monotonic() - began))
         assert not error, error
-        time.sleep(max(0.0, 0.05 - 1e-3 * took[-1]))
+        time.sleep(max(0.0, 0.05 - 1e-3 * times_ms[-1]))
     client.close()
-    return np.percentile(took, 95), "ms (p95)"
+    return np.percentile(times_ms, 95), "ms (p95)"
 
 
 FIGURES = (
@@ -344,9 +354,9 @@ FIGURES = (
     inflation,
     navfn,
     control_cycle,
-)
-FIGURES += (monitor, tracker, decision)
-FIGURES += (
+    monitor,
+    tracker,
+    decision,
     sim_speed_kinematic,
     sim_speed_pybullet,
     td3_updates,

@@ -32,24 +32,31 @@ def straight(status=REACHED, speed=1.0):
 
 
 def written(path, drive, method="applr"):
-    made = page(
-        "title", "verdict", [method], SPACE, BODY, [Scene("lane", WORLD, [Shown(0, 0, drive)])]
-    )
-    path.write_bytes(made)
+    """Write the page of a drive, and return its path."""
+    scene = Scene("lane", WORLD, [Shown(0, 0, drive)])
+    path.write_bytes(page("title", "verdict", [method], SPACE, BODY, [scene]))
     return path
 
 
+def drives_on(path):
+    """Return the drives in a page's data, and the data."""
+    data = json.loads(re.search(r'id="data">(.*?)</script>', path.read_text()).group(1))
+    return data["worlds"][0]["drives"], data
+
+
 def test_the_verdict_says_time_length_and_the_nearest_obstacle():
-    words = verdict_of(straight(), WORLD, BODY)
-    assert words == "Reached the goal in 3.0 s, 3.0 m, nearest obstacle 0.40 m"
+    # 0.5 m from the path, less half of the robot's width
+    verdict = verdict_of(straight(), WORLD, BODY)
+    assert verdict == "Reached the goal in 3.0 s, 3.0 m, nearest obstacle 0.40 m"
     failed = straight(TIMED_OUT)
     failed.contacts = np.array([1.0])
-    words = verdict_of(failed, WORLD, BODY)
-    assert words.startswith("Did not reach the goal: timed out after 3.0 s")
-    assert words.endswith("touched something")
+    verdict = verdict_of(failed, WORLD, BODY)
+    assert verdict.startswith("Did not reach the goal: timed out after 3.0 s")
+    assert verdict.endswith("touched something")
 
 
 def test_the_outline_is_compared_with_obstacles_that_move():
+    # The cylinder comes near the path at 2 s, when the robot is there; a second later, it is not.
     mover = worlds.Mover(0.1, ((0.0, 9.0, 9.0), (2.0, 2.0, 0.25), (4.0, 9.0, 9.0)))
     world = worlds.World("lane", np.empty((0, 3)), np.empty((0, 5)), COURSE, (mover,))
     assert nearest_obstacle(straight(), world, BODY, 0.0) == pytest.approx(0.05, abs=0.01)
@@ -57,13 +64,10 @@ def test_the_outline_is_compared_with_obstacles_that_move():
 
 
 def test_parameters_have_their_values_in_their_own_units(tmp_path):
-    text = written(tmp_path / "a.html", straight()).read_text()
-    data = json.loads(re.search(r'id="data">(.*?)</script>', text).group(1))
-    (drive,) = data["worlds"][0]["drives"]
-    assert drive["theta"] == [
-        pytest.approx(SPACE.theta0, rel=1e-3),
-        pytest.approx(SPACE.high, rel=1e-3),
-    ]
+    (drive,), data = drives_on(written(tmp_path / "a.html", straight()))
+    first_set, second_set = drive["theta"]
+    assert first_set == pytest.approx(SPACE.theta0, rel=1e-3)
+    assert second_set == pytest.approx(SPACE.high, rel=1e-3)
     assert [parameter["name"] for parameter in data["parameters"]] == list(SPACE.names)
 
 
@@ -88,9 +92,7 @@ def test_what_is_set_after_the_end_of_a_drive_is_left_out(tmp_path):
     drive = straight()
     drive.decisions.append(drive.decisions[0]._replace(time=3.4))
     drive.decisions.append(drive.decisions[0]._replace(time=2.9, after={}))
-    text = written(tmp_path / "a.html", drive).read_text()
-    data = json.loads(re.search(r'id="data">(.*?)</script>', text).group(1))
-    (shown,) = data["worlds"][0]["drives"]
+    (shown,), _ = drives_on(written(tmp_path / "a.html", drive))
     assert shown["at"] == [0, 100]
     assert len(shown["theta"]) == 2
 
@@ -103,9 +105,15 @@ def test_another_drive_is_shown_beside_the_first_one(tmp_path):
         chooser.set_input_files(other)
         view.get_by_role("checkbox", name="dwa").wait_for()
         assert view.get_by_text("0.0 of 6.0 s").count()
-        assert [row.inner_text().split()[0] for row in view.get_by_role("row").all()[1:]] == [
-            "applr",
-            "dwa",
-        ]
+        assert shown_methods(view) == ["applr", "dwa"]
         focused(view, "checkbox", "applr").press("Space")
-        assert [row.inner_text().split()[0] for row in view.get_by_role("row").all()[1:]] == ["dwa"]
+        assert shown_methods(view) == ["dwa"]
+
+
+def shown_methods(view):
+    """Return the first words of the table's rows below its header."""
+    methods = []
+    for row in view.get_by_role("row").all()[1:]:
+        name, *_ = row.inner_text().split()
+        methods.append(name)
+    return methods

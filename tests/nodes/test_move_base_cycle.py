@@ -12,6 +12,7 @@ import rospy
 from applr_ros1.nodes.move_base.control_loop import ControlLoop
 from applr_ros1.nodes.move_base.node import MoveBaseNode
 from applr_ros1.planner.state_machine import Cycle
+from tests.support.nodes import values_of
 
 NOW = rospy.Time(100)
 
@@ -76,7 +77,7 @@ def test_diagnostics_report_which_critics_refused_the_samples():
         node._diagnostics.publish.reset_mock()
         MoveBaseNode._report(node, NOW)
         status = node._diagnostics.publish.mock_calls[1].args[0].status[0]
-        return status.level, status.message, {pair.key: pair.value for pair in status.values}
+        return status.level, status.message, values_of(status)
 
     # The second of three cycles has refusals, which are kept until they are reported, and only so
     # long.

@@ -36,14 +36,14 @@ def tree(weights):
 
 def cloud(weights, seed):
     """Return the cost_cloud of a robot that has just set out among posts, and its parameters."""
-    draw = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     move_base = MoveBase(tree(weights))
-    radius = draw.uniform(1.0, 2.0)
-    posts = int(draw.integers(0, 7))
+    radius = rng.uniform(1.0, 2.0)
+    posts = int(rng.integers(0, 7))
     robot = ToyRobot(circles=ring(0.0, 0.0, radius, posts=posts))
-    theta = SPACE.to_theta(draw.uniform(-1.0, 1.0, len(SPACE)))
+    theta = SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE)))
     send(SPACE.settings(theta), move_base)
-    goal_x, goal_y = draw.uniform(-4.0, 4.0, 2)
+    goal_x, goal_y = rng.uniform(-4.0, 4.0, 2)
     move_base.set_goal((goal_x, goal_y, 0.0), 0.0)
     run(move_base, robot, 0.15)
     return move_base.local_planner.cost_cloud(move_base.local_costmap), theta
@@ -65,13 +65,13 @@ def test_the_unit_of_the_weights_is_detected_in_every_start(unit, seed):
 def test_a_cloud_of_few_cells_or_of_obstacle_costs_only_does_not_reveal_the_unit():
     rows, theta = cloud("per_metre", seed=19)
     weights = theta[WEIGHTS]
-    few = np.vstack([rows[:5], PADDING])
-    obstacles = rows.copy()
+    few_cells = np.vstack([rows[:5], PADDING])
+    obstacle_costs = rows.copy()
     # Columns 5 and 6 are the cost of the cell and the total cost.
-    obstacles[:, 6] = weights[2] * obstacles[:, 5]
+    obstacle_costs[:, 6] = weights[2] * obstacle_costs[:, 5]
 
-    assert factor_of(few, weights, CELL_M) is None
-    assert factor_of(obstacles, weights, CELL_M) is None
+    assert factor_of(few_cells, weights, CELL_M) is None
+    assert factor_of(obstacle_costs, weights, CELL_M) is None
 
 
 def test_a_compensated_drive_equals_a_drive_without_need_of_compensation():
@@ -89,10 +89,10 @@ def test_a_compensated_drive_equals_a_drive_without_need_of_compensation():
             send(unbounded.settings(sent), self.move_base)
             return theta
 
-    draw = np.random.default_rng(2)
+    rng = np.random.default_rng(2)
     sets = [SPACE.theta0]
     for _ in range(3):
-        sets.append(SPACE.to_theta(draw.uniform(-1.0, 1.0, len(SPACE))))
+        sets.append(SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE))))
 
     def driven(kind, weights):
         """Return the true motion of a drive with all parameter sets: time, pose and twist."""
@@ -105,10 +105,10 @@ def test_a_compensated_drive_equals_a_drive_without_need_of_compensation():
         truth = episode.drive.truth
         return np.column_stack([truth.time, truth.pose, truth.twist])
 
-    wanted = driven(Episode, "per_cell")
-    assert np.allclose(driven(Rescaled, "per_metre"), wanted, rtol=0.0, atol=1e-9)
+    expected = driven(Episode, "per_cell")
+    assert np.allclose(driven(Rescaled, "per_metre"), expected, rtol=0.0, atol=1e-9)
     uncompensated = driven(Episode, "per_metre")
-    assert not np.array_equal(uncompensated, wanted), "without compensation the drive must differ"
+    assert not np.array_equal(uncompensated, expected), "without compensation the drive must differ"
 
 
 def test_every_parameter_set_of_the_space_is_within_the_planners_bounds():

@@ -29,12 +29,8 @@ def test_reconfigure_reaches_the_planner_and_no_other_server():
     move_base, robot = start((4.0, 0.0, 0.0), tree=dwa_parameters())
     assert move_base.local_planner_name == DWA
     assert "TrajectoryPlannerROS" not in move_base.servers
-    assert (
-        move_base.reconfigure(DWA, {"max_vel_x": 0.2, "max_vel_trans": 0.2, "acc_lim_x": 99.0})[
-            "acc_lim_x"
-        ]
-        == 20.0
-    )
+    slow = {"max_vel_x": 0.2, "max_vel_trans": 0.2, "acc_lim_x": 99.0}
+    assert move_base.reconfigure(DWA, slow)["acc_lim_x"] == 20.0, "the largest allowed value"
     run(move_base, robot, 1.0)
     assert 0.15 < robot.twist[0] <= 0.2 + 1e-6
     with pytest.raises(ParameterError, match="at most 1000000 together"):
@@ -50,14 +46,14 @@ def test_the_latch_is_read_from_the_namespace_of_move_base():
     """As in C++, latch_xy_goal_tolerance in the section DWAPlannerROS of TurtleBot3's file has no
     effect.
     """
-    for own, nested in ((True, False), (False, True)):
-        params = dwa_parameters(latch_xy_goal_tolerance=own, planner_frequency=0.0)
-        params[DWA]["latch_xy_goal_tolerance"] = nested
-        move_base, robot = start((1.0, 0.0, 2.0), tree=params)
+    for of_move_base, of_planner in ((True, False), (False, True)):
+        tree = dwa_parameters(latch_xy_goal_tolerance=of_move_base, planner_frequency=0.0)
+        tree[DWA]["latch_xy_goal_tolerance"] = of_planner
+        move_base, robot = start((1.0, 0.0, 2.0), tree=tree)
         while math.hypot(robot.pose[0] - 1.0, robot.pose[1]) > 0.25:
             assert run(move_base, robot, 0.05) is None
         run(move_base, robot, 0.1)
         robot.pose = (0.7, 0.0, 0.0)  # The robot is pushed out of the tolerance.
         robot.twist = (0.0, 0.0)
         run(move_base, robot, 0.1)
-        assert (robot.twist[0] == 0.0) is own
+        assert (robot.twist[0] == 0.0) is of_move_base

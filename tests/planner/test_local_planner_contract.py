@@ -28,6 +28,7 @@ DWA = dict(
 
 
 def make(plugin, **changes):
+    """Return a local planner with the Jackal's other parameters."""
     tree = copy.deepcopy(JACKAL_PARAMETERS)
     tree["base_local_planner"] = plugin
     tree["DWAPlannerROS"] = dict(DWA)
@@ -37,6 +38,7 @@ def make(plugin, **changes):
 
 
 def costmap(*lethal):
+    """Return a map of 6 x 6 m around the origin with lethal cells at points [m]."""
     costmap = Costmap(
         6.0, 6.0, 0.05, (-3.0, -3.0), footprint=JACKAL_FOOTPRINT, inflation=InflationParameters(0.3)
     )
@@ -49,20 +51,22 @@ def costmap(*lethal):
 
 @pytest.fixture(params=LOCAL_PLANNERS)
 def plugin(request):
+    """Return each local planner in turn."""
     return request.param
 
 
 @pytest.fixture
 def planner(plugin):
-    made = make(plugin)
-    made.set_plan(straight(2.0))
-    return made
+    """Return a planner with a plan 2 m straight ahead."""
+    local_planner = make(plugin)
+    local_planner.set_plan(straight(2.0))
+    return local_planner
 
 
 def test_drives_along_the_plan_and_shows_the_chosen_trajectory(planner):
-    here = costmap()
-    cells = here.cells.copy()
-    ok, (v, w) = planner.compute_velocity((0.0, 0.0, 0.0), STANDING, here)
+    free_map = costmap()
+    cells = free_map.cells.copy()
+    ok, (v, w) = planner.compute_velocity((0.0, 0.0, 0.0), STANDING, free_map)
     assert ok
     assert v > 0.1
     assert abs(w) < 1.5
@@ -70,27 +74,27 @@ def test_drives_along_the_plan_and_shows_the_chosen_trajectory(planner):
     assert planner.local_plan[0].tolist() == [0.0, 0.0, 0.0]
     assert planner.local_plan.shape[1] == planner.cropped_plan.shape[1] == 3
     assert len(planner.cropped_plan) > 10
-    costs = planner.cost_cloud(here)
+    costs = planner.cost_cloud(free_map)
     assert costs.shape[1] == 7
     assert len(costs) > 1000
-    assert costs.dtype == planner.trajectory_cloud(here).dtype == np.float32
+    assert costs.dtype == planner.trajectory_cloud(free_map).dtype == np.float32
     # The cloud has only legal trajectories, and the chosen one has the least cost.
-    x, y, _, _, trajectory_cost = planner.trajectory_cloud(here).T
+    x, y, _, _, trajectory_cost = planner.trajectory_cloud(free_map).T
     assert trajectory_cost.min() >= 0.0
     is_best = trajectory_cost == trajectory_cost.min()
     end_x, end_y, _ = planner.local_plan[-1]
     assert np.hypot(x - end_x, y - end_y)[is_best].min() < 1e-5
-    assert np.array_equal(here.cells, cells)
+    assert np.array_equal(free_map.cells, cells)
 
 
-def drive(planner, here, pose=(0.0, 0.0, 0.0), seconds=20.0):
+def drive(planner, local_costmap, pose=(0.0, 0.0, 0.0), seconds=20.0):
     """Follow the commands exactly at 20 Hz, and return the final pose and whether the goal was
     reached.
     """
     x, y, yaw = pose
     twist = STANDING
     for _ in range(int(20 * seconds)):
-        ok, (v, w) = planner.compute_velocity((x, y, yaw), twist, here)
+        ok, (v, w) = planner.compute_velocity((x, y, yaw), twist, local_costmap)
         assert ok
         if planner.goal_reached:
             assert (v, w) == STANDING
@@ -103,7 +107,8 @@ def drive(planner, here, pose=(0.0, 0.0, 0.0), seconds=20.0):
 def moved(pose, v, w):
     """Return the pose of an ideal robot after a command of .05 s."""
     x, y, yaw = pose
-    return x + v * math.cos(yaw) / 20, y + v * math.sin(yaw) / 20, yaw + w / 20
+    way = v / 20
+    return x + way * math.cos(yaw), y + way * math.sin(yaw), yaw + w / 20
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.5])
@@ -145,19 +150,19 @@ def test_no_forward_command_into_an_obstacle(planner):
 
 
 def test_a_reset_planner_equals_a_new_one(plugin, planner):
-    here = costmap((1.0, 0.35), (1.4, -0.4))
-    drive(planner, here, seconds=1.0)
+    slalom = costmap((1.0, 0.35), (1.4, -0.4))
+    drive(planner, slalom, seconds=1.0)
     planner.reset()
-    assert planner.compute_velocity((0, 0, 0), STANDING, here) == (False, STANDING)
+    assert planner.compute_velocity((0, 0, 0), STANDING, slalom) == (False, STANDING)
     planner.reset()
-    fresh = make(plugin)
+    new_planner = make(plugin)
     planner.set_plan(straight(2.0))
-    fresh.set_plan(straight(2.0))
+    new_planner.set_plan(straight(2.0))
     pose = (0.0, 0.0, 0.0)
     twist = STANDING
     for _ in range(30):
-        answer = planner.compute_velocity(pose, twist, here)
-        assert answer == fresh.compute_velocity(pose, twist, here)
+        answer = planner.compute_velocity(pose, twist, slalom)
+        assert answer == new_planner.compute_velocity(pose, twist, slalom)
         _, twist = answer
         pose = moved(pose, *twist)
 

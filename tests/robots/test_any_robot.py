@@ -93,6 +93,7 @@ def crate(tmp_path):
 
 
 def rows(out):
+    """Return the rows of an evaluation's table by method."""
     return {row["method"]: row for row in read_trials(out / "trials.csv").to_dict("records")}
 
 
@@ -109,7 +110,10 @@ def test_space_and_layout_follow_the_description(crate):
         "inflation": 0.3,
         "patience": 5.0,
     }
-    assert (layout.beams, layout.angle_min, layout.range_cap) == (241, -2.0, pytest.approx(1.7))
+    assert layout.beams == 241
+    assert layout.angle_min == -2.0
+    # The Jackal's cap of 2 m at 0.85 of its size
+    assert layout.range_cap == pytest.approx(1.7)
     planner = MoveBase(robot.parameters())
     theta = space.high
     in_force = send(space.settings(theta), planner)
@@ -122,9 +126,8 @@ def test_obstacles_count_at_the_lasers_height_in_simulation_too(crate):
     """An observation source that drops points near the ground must still mark the laser's points in
     simulation.
     """
-    (crate / "costmap.yaml").write_text(
-        COSTMAP.replace("topic: scan,", "topic: scan, min_obstacle_height: 0.2,")
-    )
+    costmap = COSTMAP.replace("topic: scan,", "topic: scan, min_obstacle_height: 0.2,")
+    (crate / "costmap.yaml").write_text(costmap)
     robot = robots.load(str(crate))
     planner = MoveBase(robot.parameters())
     episode = Episode(sim_bridge.make("kinematic", robot=robot), planner, robot, period=1.0)
@@ -133,6 +136,7 @@ def test_obstacles_count_at_the_lasers_height_in_simulation_too(crate):
 
 
 def test_a_robot_is_trained_and_driven_from_its_folder(crate, tmp_path, capsys):
+    # Given: a tuned set, and a policy that was trained a little
     run = tmp_path / "run"
     out = tmp_path / "out"
     tuned = {"speed": 0.7, "sim_time": 1.0}
@@ -141,35 +145,33 @@ def test_a_robot_is_trained_and_driven_from_its_folder(crate, tmp_path, capsys):
     training += ["--eval-worlds", "generated:3", "--eval-freq", "12", "--out", str(run)]
     assert train.main(["--robot", str(crate), *SMALL, *training]) == 0
     policy = run / "best.safetensors"
-    methods = f"dwa,static,{policy}"
-    drive = [
-        *SMALL,
-        "--methods",
-        methods,
-        "--trials",
-        "1",
-        "--workers",
-        "0",
-        "--monitor",
-        "--out",
-        str(out),
-    ]
-    assert evaluate.main(["--robot", str(crate), *drive]) == 0
+
+    # Then: the robot drives with the defaults, with the set and with the policy
+    driving = ["--robot", str(crate), *SMALL, "--out", str(out)]
+    methods = ["--methods", f"dwa,static,{policy}"]
+    plan = ["--trials", "1", "--workers", "0", "--monitor"]
+    assert evaluate.main([*driving, *methods, *plan]) == 0
     driven = rows(out)
     assert driven["dwa"]["success"]
+    # The course of 5.925 m at 0.85 of its size
     assert driven["dwa"]["path_length_m"] == pytest.approx(0.85 * 5.925, rel=0.35)
     assert driven["static"]["time_s"] != driven["dwa"]["time_s"]
+
+    # The policy is for this robot alone.
     robot = robots.load(str(crate))
     actor = load_policy(policy, robot)
-    assert (actor.layout, actor.metadata["robot"]) == (layout_of(robot), "crate")
+    assert actor.layout == layout_of(robot)
+    assert actor.metadata["robot"] == "crate"
     with pytest.raises(ApplrError, match="for the robot crate: this robot is jackal"):
         load_policy(policy)
+
+    # A method that the robot has no file for is refused.
     capsys.readouterr()
-    assert (
-        evaluate.main(["--robot", str(crate), *drive[:4], "--methods", "appld", "--out", str(out)])
-        == 1
-    )
+    assert evaluate.main([*driving, "--methods", "appld"]) == 1
     assert capsys.readouterr().err.count("\n") == 1
-    # Parameter set for move_base.
+
+    # tuned.yaml has the set under move_base's names.
     planner = yaml.safe_load((crate / "tuned.yaml").read_text())["DWAPlannerROS"]
-    assert (planner["max_vel_x"], planner["max_vel_trans"], planner["sim_time"]) == (0.7, 0.7, 1.0)
+    assert planner["max_vel_x"] == 0.7
+    assert planner["max_vel_trans"] == 0.7
+    assert planner["sim_time"] == 1.0

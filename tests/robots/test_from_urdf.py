@@ -40,6 +40,7 @@ def link(name, shape="", mass=0.0, at="0 0 0"):
 
 
 def joint(child, at, parent="base_link", kind="fixed", axis="0 1 0", turn="0 0 0", more=""):
+    """Return a joint between two links, with its place and axis."""
     links = f'<parent link="{parent}"/><child link="{child}"/>'
     place = f'<origin xyz="{at}" rpy="{turn}"/><axis xyz="{axis}"/>'
     return f'<joint name="{child}_joint" type="{kind}">{links}{place}{more}</joint>'
@@ -51,6 +52,7 @@ def wheel(name, at, axis="0 0 1", turn="-1.5707963 0 0", radius=".05", kind="con
     return link(name, shape, 0.4) + joint(name, at, kind=kind, axis=axis, turn=turn, **more)
 
 
+# Laser of 361 rays at a resolution of 2, which Gazebo's sensor interpolates to 722
 RAYS = """
 <gazebo reference="scanner">
   <sensor name="rays" type="gpu_ray">
@@ -69,6 +71,7 @@ RAYS = """
     </ray>
   </sensor>
 </gazebo>"""
+# The outline of the cart: 0.3 x 0.2 m around a centre 5 cm behind base_link
 HULL = link("base_link", '<box size=".3 .2 .1"/>', 5.0, at="-.05 0 .06")
 SCANNER = link("scanner", '<cylinder radius=".03" length=".04"/>', 0.8) + joint(
     "scanner", ".05 0 .15"
@@ -86,6 +89,7 @@ CASTER += link("roller", '<sphere radius=".03"/>', 0.2) + joint(
 )
 WHEELS = wheel("left", "0 .12 0") + wheel("right", "0 -.12 0")
 CART = BODY + WHEELS + CASTER
+# Costmaps with a map, and with a bumper that is no laser: without a map, neither remains.
 COMMON = """\
 robot_base_frame: base_footprint
 footprint: [[-0.2, -0.13], [-0.2, 0.13], [0.1, 0.13], [0.1, -0.13]]
@@ -101,12 +105,14 @@ seen:
 margin: {inflation_radius: 0.3}
 """
 LOCAL = "{global_frame: odom_comb, rolling_window: true, width: 5, height: 5}\n"
+# Angles in both notations of roslaunch's YAML
 PLANNER = """\
 NavfnROS: {allow_unknown: false}
 DWAPlannerROS:
   {max_vel_x: 0.4, max_vel_trans: 0.45, min_vel_y: 0.0, max_vel_y: 0.0, max_vel_theta: rad(pi/2),
    acc_lim_x: 1.0, acc_lim_theta: 3.0, min_vel_theta: !degrees 6.0}
 """
+# Joints alone and in a list. A limit counts only where its has_ is true: here not the turn rate.
 CONTROLLER = """\
 joint_publisher: {type: joint_state_controller/JointStateController, publish_rate: 50}
 crate_controller:
@@ -132,16 +138,12 @@ CONTROLLED = {"files": {"control.yaml": CONTROLLER}, "places": [*PLACES, "contro
 
 def run(urdf, parameters, out, capsys, words=()):
     """Write the robot's folder, and return (exit status, output, values of robot.yaml)."""
-    status = new_robot.main(
-        [str(urdf), *words, "--out", str(out), "--parameters", *map(str, parameters)]
-    )
+    files = list(map(str, parameters))
+    status = new_robot.main([str(urdf), *words, "--out", str(out), "--parameters", *files])
     output = capsys.readouterr()
-    file = out / "robot.yaml"
-    return (
-        status,
-        output.out + output.err,
-        yaml.safe_load(file.read_text()) if file.exists() else {},
-    )
+    robot_yaml = out / "robot.yaml"
+    values = yaml.safe_load(robot_yaml.read_text()) if robot_yaml.exists() else {}
+    return status, output.out + output.err, values
 
 
 @pytest.fixture
@@ -178,9 +180,11 @@ def fill(folder, **values):
 
 
 def asked(output):
+    """Return the fields that the command asks its user to fill in."""
     return re.findall(r"^  (\w+\.\w+) ", output, re.MULTILINE)
 
 
+# What no URDF has
 LIMITS = [
     "base.max_speed",
     "base.max_yaw_rate",
@@ -195,9 +199,11 @@ MAKERS = {  # arguments, parameter files in the folder of the included robot, fi
         [
             "costmap_common_params_waffle_pi.yaml:global_costmap",
             "costmap_common_params_waffle_pi.yaml:local_costmap",
-        ]
-        + ["local_costmap_params.yaml", "global_costmap_params.yaml", "move_base_params.yaml"]
-        + ["dwa_local_planner_params_waffle_pi.yaml"],
+            "local_costmap_params.yaml",
+            "global_costmap_params.yaml",
+            "move_base_params.yaml",
+            "dwa_local_planner_params_waffle_pi.yaml",
+        ],
         [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING],
     ),
     "husky": (
@@ -206,12 +212,10 @@ MAKERS = {  # arguments, parameter files in the folder of the included robot, fi
             "planner.yaml",
             "costmap_common.yaml:global_costmap",
             "costmap_common.yaml:move_base/local_costmap",
-        ]
-        + [
             "costmap_local.yaml:/move_base/local_costmap",
             "costmap_global_static.yaml:global_costmap",
-        ]
-        + [HUSKY_CONTROLLER],
+            HUSKY_CONTROLLER,
+        ],
         ["base.wheel_mass", "body.mass"],
     ),
     "jackal": (
@@ -220,12 +224,14 @@ MAKERS = {  # arguments, parameter files in the folder of the included robot, fi
             "move_base_params.yaml",
             "base_local_planner_params.yaml",
             "costmap_common_params.yaml:global_costmap",
-        ]
-        + ["costmap_common_params.yaml:local_costmap", "odom_nav_params/global_costmap_params.yaml"]
-        + ["odom_nav_params/local_costmap_params.yaml"],
+            "costmap_common_params.yaml:local_costmap",
+            "odom_nav_params/global_costmap_params.yaml",
+            "odom_nav_params/local_costmap_params.yaml",
+        ],
         [*LIMITS, "base.wheel_mass", "body.mass", *(f"laser.{name}" for name in SCAN), *BRAKING],
     ),
 }
+# What the user fills in for these robots
 FILLED = {
     "casters": "[[-0.177, 0.064], [-0.177, -0.064]]",
     "mass": 40.0,
@@ -243,6 +249,7 @@ FILLED = {
 def test_robots_of_makers_are_read_to_the_number(name, tmp_path, capsys):
     words, parameters, wanted = MAKERS[name]
     (urdf,) = (OWNERS / f"{name}_description/urdf").iterdir()
+    # An absolute path, such as that of the controller's file, replaces the folder.
     files = [FOLDERS[name] / file for file in parameters]
     status, output, values = run(urdf, files, tmp_path, capsys, words)
     assert status == 0, output
@@ -250,6 +257,7 @@ def test_robots_of_makers_are_read_to_the_number(name, tmp_path, capsys):
     included = yaml.safe_load((FOLDERS[name] / "robot.yaml").read_text())
     for section in ("base", "body", "laser"):
         for key, value in values[section].items():
+            # A URDF has the noise of its simulation. Not all included robots give the other two.
             if key not in ("noise", "centre", "bottom"):
                 assert value == pytest.approx(included[section][key], abs=2e-3), key
     assert values["world_scale"] == included["world_scale"]
@@ -319,15 +327,20 @@ def test_the_folder_of_a_cart_has_the_values_of_its_files(make, tmp_path, capsys
         assert [layer["name"] for layer in plugins] == names
         assert parameters["local_costmap"]["seen"]["observation_sources"] == sources
         assert parameters["NavfnROS"]["allow_unknown"] is not with_map
+    # Without a map, the global costmap is a square around the start.
     bare = robot.parameters()["global_costmap"]
-    assert (bare["global_frame"], bare["width"], bare["origin_x"]) == ("odom_comb", 23, -11.5)
+    assert bare["global_frame"] == "odom_comb"
+    assert bare["width"] == 23
+    assert bare["origin_x"] == -11.5
     assert "only the laser scan, without bumps: correct it before" in output
 
 
 @pytest.mark.parametrize("frame", ["odom", "map"])
 def test_both_costmaps_may_be_in_one_frame_of_any_name(make, frame):
+    # Without a static layer, the frame is that of the odometry.
     common = COMMON + "global_frame: any\n"
-    common = common if frame == "map" else re.sub("  - {name: map.*\n", "", common)
+    if frame == "odom":
+        common = re.sub("  - {name: map.*\n", "", common)
     files = {"common.yaml": common, "local.yaml": LOCAL.replace("global_frame: odom_comb, ", "")}
     assert make(CART, files=files)[2]["frames"] == {"base": "base_footprint", frame: "any"}
 
@@ -430,17 +443,21 @@ def test_wheels_with_a_missing_mesh_have_a_track_and_no_size(make):
     )
     _, output, values = make(bare)
     base = values["base"]
-    assert (base["drive"], base["track"], "wheel_radius" in base) == ("two_wheel", 0.24, False)
+    assert base["drive"] == "two_wheel"
+    assert base["track"] == 0.24
+    assert "wheel_radius" not in base
     assert {"base.wheel_radius", "base.wheel_width"} <= set(asked(output))
 
 
 def test_the_outline_is_that_of_fixed_shapes_above_the_axles(make):
+    # A sticker on the ground and an arm, each one metre wide, are no part of the outline.
     mark = link("mark", '<box size="1 1 .001"/>') + joint("mark", "0 0 -.05")
     arm = link("arm", '<box size="1 .1 .1"/>') + joint(
         "arm", "0 0 .2", kind="revolute", axis="0 0 1", more=LIMIT
     )
     _, output, values = make(CART + mark + arm)
-    assert (values["body"]["size"], values["body"]["bottom"]) == ([0.3, 0.2, 0.16], 0.06)
+    assert values["body"]["size"] == [0.3, 0.2, 0.16]
+    assert values["body"]["bottom"] == 0.06
     assert "the outline excludes moving links: roller, arm" in output
 
 
@@ -477,37 +494,31 @@ def test_a_collada_mesh_has_its_own_unit(make, tmp_path):
     assert values["body"]["size"] == pytest.approx([0.3, 0.2, 0.16])
 
 
+# Second laser, upside down and turned
+REAR_LASER = link("rear") + joint("rear", "-.2 0 .15", turn="3.14159265 0 0.5")
+REAR_LASER += RAYS.replace("scanner", "rear")
+
+
 def test_a_laser_that_no_file_names_is_asked_for(make):
-    rear = (
-        link("rear")
-        + joint("rear", "-.2 0 .15", turn="3.14159265 0 0.5")
-        + RAYS.replace("scanner", "rear")
-    )
-    _, output, values = make(CART + rear)
+    _, output, values = make(CART + REAR_LASER)
     assert (values["laser"] or {}) == {}
-    assert (
-        "laser not identified: no file names it; give it with --laser LINK; these links have ray"
-        in output
-    )
+    remedy = "no file names it; give it with --laser LINK; these links have ray"
+    assert f"laser not identified: {remedy}" in output
     assert {"laser.frame", "laser.pose", "laser.beams"} <= set(asked(output))
 
 
 @pytest.mark.parametrize("by", ["option", "sensor_frame"])
 def test_a_laser_upside_down(make, by):
-    rear = (
-        link("rear")
-        + joint("rear", "-.2 0 .15", turn="3.14159265 0 0.5")
-        + RAYS.replace("scanner", "rear")
-    )
-    named = {"common.yaml": COMMON.replace("topic: scan,", "topic: scan, sensor_frame: rear,")}
-    words, files = (("--laser", "rear"), {}) if by == "option" else ((), named)
-    _, output, values = make(CART + rear, *words, files=files)
+    if by == "option":
+        _, output, values = make(CART + REAR_LASER, "--laser", "rear")
+    else:
+        common = COMMON.replace("topic: scan,", "topic: scan, sensor_frame: rear,")
+        _, output, values = make(CART + REAR_LASER, files={"common.yaml": common})
     laser = values["laser"]
-    assert (laser["pose"], laser["first_angle"], laser["last_angle"]) == (
-        [-0.2, 0.0, 0.5],
-        -1.4,
-        1.5,
-    ), output
+    assert laser["pose"] == [-0.2, 0.0, 0.5], output
+    # Seen from above, its beams are in reverse.
+    assert laser["first_angle"] == -1.4
+    assert laser["last_angle"] == 1.5
 
 
 def test_a_frame_of_the_laser_that_the_urdf_lacks_is_asked_for(make):
@@ -578,10 +589,15 @@ def test_xacro_tags_count_in_a_urdf_but_not_in_comments(make):
 
 def test_a_missing_link_and_an_existing_folder_are_refused(make):
     status, output, _ = make(CART, "--laser", "scaner")
-    assert (status, "has no link scaner: did you mean scanner?\n" in output) == (1, True)
-    assert make(CART)[0] == 0
+    assert status == 1
+    assert "has no link scaner: did you mean scanner?\n" in output
+
+    status, _, _ = make(CART)
+    assert status == 0
     status, output, _ = make(CART)
-    assert (status, output.count("\n"), "robot.yaml already exists" in output) == (1, 1, True)
+    assert status == 1
+    assert output.count("\n") == 1
+    assert "robot.yaml already exists" in output
 
 
 def test_a_round_body_is_no_box(make, tmp_path):
@@ -590,9 +606,12 @@ def test_a_round_body_is_no_box(make, tmp_path):
     file = tmp_path / "my_robot/robot.yaml"
     file.write_text(re.sub("size: .*", "size: [0.3, 0.3, 0.16]\n  round: true", file.read_text()))
     robot = robots.load(str(tmp_path / "my_robot"))
+
+    # Planner, monitor and RViz have a circle of 0.15 m radius instead of a square.
     ends = robots.geometry.corners(robot) - robot.body.centre
     parts = np.array(robots.geometry.parts(robot))
     assert parts[:4, 2:].max(axis=0).tolist() == pytest.approx([0.15, 0.15])
     assert np.hypot(*ends[:16].T).max() == pytest.approx(0.15, rel=0.02)
-    assert (ends[:, 0].max(), len(MonitorSettings.of(robot).body)) == (pytest.approx(0.15), 24)
+    assert ends[:, 0].max() == pytest.approx(0.15)
+    assert len(MonitorSettings.of(robot).body) == 24
     assert 'cylinder radius="0.15"' in urdf_of(robot)

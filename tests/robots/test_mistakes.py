@@ -26,7 +26,9 @@ LOCAL = "local_costmap_params.yaml"
 OUTLINE = '"[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"'
 BURGER_OUTLINE = "footprint: [[-0.105, -0.105], [-0.105, 0.105], [0.041, 0.105], [0.041, -0.105]]"
 
-# (file of the robot, original text, mistake, regular expression of the message)
+# Rows are (file, original text, mistake, regular expression of the message); without file here.
+# Each one holds one rule of the check: spelling, kinds of values, ranges, and how robot.yaml agrees
+# with the parameter files. Expressions end where the remedy is unmistakable.
 IN_ROBOT_YAML = [
     ("wheel_radius:", "wheel_raduis:", "base: wheel_raduis is unknown: did you mean wheel_radius"),
     ("laser:\n", "lasre:\n", "^lasre is unknown: did you mean laser"),
@@ -102,6 +104,7 @@ IN_ROBOT_YAML = [
         r"parameter_space.max_vel_x.range is \[0.2, 2.5\], but .* is 2: stay",
     ),
 ]
+# Errors in the parameter files, with which move_base would not drive
 OF_JACKAL = [
     (
         MOVE_BASE,
@@ -175,6 +178,7 @@ OF_BURGER = [
     ),
     (ROBOT, "static_map: false, ", "", "global_costmap/plugins has static_layer, but "),
 ]
+# Remarks: move_base drives with these, but hardly as intended
 REMARKS_OF_JACKAL = [
     (
         COSTMAPS,
@@ -244,13 +248,20 @@ REMARKS_OF_BURGER = [
 
 
 def of_both(jackals, burgers):
+    """Return the rows of two lists with the name of their robot in front."""
     return [("jackal", *row) for row in jackals] + [("turtlebot3_burger", *row) for row in burgers]
+
+
+def matching(pattern, lines):
+    """Return the lines in which a regular expression is found."""
+    return [line for line in lines if re.search(pattern, line)]
 
 
 def changed(folder, robot, file, old, new):
     """Copy a robot's folder, put a mistake into one of its files, and return the path."""
     shutil.copytree(load(robot).folder, folder)
     text = (folder / file).read_text()
+    # Without the text the folder would stay right, and a test that expects no line would pass.
     assert old in text
     (folder / file).write_text(text.replace(old, new))
     return str(folder)
@@ -261,11 +272,13 @@ def changed(folder, robot, file, old, new):
     of_both([*((ROBOT, *row) for row in IN_ROBOT_YAML), *OF_JACKAL], OF_BURGER),
 )
 def test_an_error_is_one_line_with_the_remedy(tmp_path, robot, file, old, new, line):
-    with pytest.raises(ApplrError) as refused:
+    with pytest.raises(ApplrError) as refusal:
         load(changed(tmp_path / "mine", robot, file, old, new))
-    assert [one for one in refused.value.lines if re.search(line, one)], refused.value.lines
-    assert not [one for one in refused.value.lines if "\n" in one]
-    assert str(refused.value).startswith(f"{tmp_path}/mine: ")
+    lines = refusal.value.lines
+    # One mistake may have more lines than one, of which one is about it.
+    assert matching(line, lines), lines
+    assert "\n" not in "".join(lines)
+    assert str(refusal.value).startswith(f"{tmp_path}/mine: ")
 
 
 @pytest.mark.parametrize(
@@ -274,9 +287,12 @@ def test_an_error_is_one_line_with_the_remedy(tmp_path, robot, file, old, new, l
 def test_a_remark_stops_nothing(tmp_path, robot, file, old, new, line):
     described = folders.read(changed(tmp_path / "mine", robot, file, old, new))
     lines = [remark.line for remark in remarks(described)]
-    assert [one for one in lines if re.search(line, one)], lines
+    assert matching(line, lines), lines
 
 
+# A base ignores commands below its dead band (v [m/s], w [rad/s]). A planner's smallest velocity,
+# and its first command from rest, which its acceleration and a period of 0.1 s allow, must lie
+# above it.
 @pytest.mark.parametrize(
     ("robot", "dead_band", "lines"),
     [
@@ -306,17 +322,22 @@ def test_a_remark_stops_nothing(tmp_path, robot, file, old, new, line):
 def test_a_dead_band_names_the_parameters_that_are_too_small(robot, dead_band, lines):
     described = load(robot)
     base = described.base.model_copy(update={"dead_band": dead_band})
-    given = [remark.line for remark in remarks(replace(described, base=base))]
-    assert len(given) == len(lines), given
-    assert all(re.search(pattern, line) for pattern, line in zip(lines, given)), given
+    remarked = [remark.line for remark in remarks(replace(described, base=base))]
+    assert len(remarked) == len(lines), remarked
+    for pattern, line in zip(lines, remarked):
+        assert re.search(pattern, line), line
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_included_robots_have_no_errors_and_no_remarks(name):
     robot = load(name)
-    setups = [False] if robot.move_base.with_map is None else [False, True]
-    assert [line for with_map in setups for line in check(robot, with_map)] == []
-    assert [line for with_map in setups for line in remarks(robot, with_map)] == []
+    # Some robots also come with the files for a drive on a map.
+    cases = [False]
+    if robot.move_base.with_map is not None:
+        cases.append(True)
+    for with_map in cases:
+        assert check(robot, with_map) == []
+        assert remarks(robot, with_map) == []
 
 
 def test_all_errors_in_robot_yaml_are_reported_at_once_before_those_of_parameters(tmp_path, capsys):
@@ -326,32 +347,32 @@ def test_all_errors_in_robot_yaml_are_reported_at_once_before_those_of_parameter
     Path(folder, PLANNER).write_text(
         "TrajectoryPlannerROS: {sim_time: .nan, max_vel_x: .inf, max_vel_xx: 1.0}"
     )
-    for words in (("base.max_speed", "laser.beams"), ("sim_time", "max_vel_x")):
+
+    def assert_checked(errors, remarks):
+        """Check the folder: it has these errors, in this order, and remarks."""
         folders.forget()
         assert check_robot.main([folder]) == 1
-        remarks, printed = (text.splitlines() for text in capsys.readouterr())
-        assert remarks == (
-            ["remark: TrajectoryPlannerROS/max_vel_xx: unknown, ignored"]
-            if "sim_time" in words
-            else []
-        )
-        assert len(printed) == len(words), printed
-        assert all(
-            line.startswith("error: ") and word in line for line, word in zip(printed, words)
-        ), printed
-        file.write_text(
-            file.read_text()
-            .replace("max_speed: fast", "max_speed: 2.0")
-            .replace("beams: 1", "beams: 720")
-        )
+        output = capsys.readouterr()
+        assert output.out.splitlines() == remarks
+        lines = output.err.splitlines()
+        assert len(lines) == len(errors), lines
+        for line, field in zip(lines, errors):
+            assert line.startswith("error: ")
+            assert field in line
+
+    # Parameters are compared with robot.yaml, so this must be right first.
+    assert_checked(["base.max_speed", "laser.beams"], [])
+    text = file.read_text().replace("max_speed: fast", "max_speed: 2.0")
+    file.write_text(text.replace("beams: 1", "beams: 720"))
+    unknown = "remark: TrajectoryPlannerROS/max_vel_xx: unknown, ignored"
+    assert_checked(["sim_time", "max_vel_x"], [unknown])
 
 
 def test_a_parameter_file_that_cannot_be_read_is_one_line(tmp_path):
     old = "file: base_local_planner_params.yaml"
     folder = changed(tmp_path / "mine", "jackal", ROBOT, old, "file: planner.yaml")
-    with pytest.raises(
-        ApplrError, match=r"mine/planner.yaml: cannot be read .*give an existing file"
-    ):
+    line = r"mine/planner.yaml: cannot be read .*give an existing file"
+    with pytest.raises(ApplrError, match=line):
         load(folder)
 
 
@@ -364,4 +385,5 @@ def test_commands_stop_at_the_same_line(tmp_path, capsys, command):
     folder = changed(tmp_path / "mine", *WRONG)
     assert command.main(["--robot", folder, "--out", str(tmp_path / "out")]) == 1
     assert LINE in capsys.readouterr().err
+    # Nothing has begun: a run that cannot be driven leaves no folder behind.
     assert not (tmp_path / "out").exists()

@@ -21,32 +21,35 @@ from training.evaluate.trial import plan_trials
 @pytest.mark.parametrize("name", robots.NAMES)
 def test_auto_drives_in_two_test_worlds(name):
     """Each robot arrives without a collision."""
-    names = [(world, world) for world in ("generated:8", "generated:35")]
     driver = runner.TrialRunner(TrialSettings(robot=name, monitor=True))
-    results = [driver.run(task) for task in plan_trials(names, [("auto", "auto")], 1, seed=0)]
-    assert all(result.success and not result.collided for result in results), results
+    names = [("generated:8", "generated:8"), ("generated:35", "generated:35")]
+    for task in plan_trials(names, [("auto", "auto")], 1, seed=0):
+        result = driver.run(task)
+        assert result.success, result
+        assert not result.collided, result
 
 
 def test_auto_is_a_robots_policy_else_its_set_else_its_parameters(tmp_path):
-    assert [methods.auto(robots.load(name)) for name in robots.NAMES] == [
-        "static",
-        "applr",
-        "dwa",
-        "static",
-    ]
+    chosen = {name: methods.auto(robots.load(name)) for name in robots.NAMES}
+    assert list(chosen.values()) == ["static", "applr", "dwa", "static"], chosen
     folder = tmp_path / "mine"
     shutil.copytree(robots.load("husky").folder, folder)
     shutil.copy(methods.shipped(methods.POLICY, robots.JACKAL), folder / "applr.safetensors")
     robot = robots.load(str(folder))
-    for file, name in (("applr.safetensors", "applr"), ("static.json", "static"), ("", "dwa")):
-        assert methods.auto(robot) == methods.make("auto", robot).name == name
-        if name == "applr":
-            assert methods.make("applr", robot).path == str(folder / file)
-        (folder / file).unlink() if file else None
-    with pytest.raises(
-        ApplrError,
-        match=r"there is no .*applr.safetensors: .*`./applr tune .*/mine`, .*--robot .*/mine`$",
-    ):
+
+    def assert_auto(name):
+        assert methods.auto(robot) == name
+        assert methods.make("auto", robot).name == name
+
+    # One file after the other goes.
+    assert_auto("applr")
+    assert methods.make("applr", robot).path == str(folder / "applr.safetensors")
+    (folder / "applr.safetensors").unlink()
+    assert_auto("static")
+    (folder / "static.json").unlink()
+    assert_auto("dwa")
+    line = r"there is no .*applr.safetensors: .*`./applr tune .*/mine`, .*--robot .*/mine`$"
+    with pytest.raises(ApplrError, match=line):
         methods.make("applr", robot)
 
 

@@ -9,6 +9,7 @@ import yaml
 
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.trees import merged
 from applr_ros1.robots.check import fields
 from applr_ros1.robots.robot import number_at
 from tests.support.robots import JACKAL_PARAMETERS
@@ -28,15 +29,10 @@ def test_shipped_robot_is_whole(name):
 
 
 def test_jackal_has_the_files_of_the_authors():
-    def covers(large, small):
-        return all(
-            covers(large[k], v) if isinstance(v, dict) else large[k] == v for k, v in small.items()
-        )
-
     jackal = robots.load("jackal")
-    given = jackal.parameters()
-    given["TrajectoryPlannerROS"].pop("y_vels", None)
-    assert covers(JACKAL_PARAMETERS, given)
+    of_files = jackal.parameters()
+    of_files["TrajectoryPlannerROS"].pop("y_vels", None)
+    assert merged(JACKAL_PARAMETERS, of_files) == JACKAL_PARAMETERS
     with pytest.raises(ApplrError, match="no move_base.with_map"):
         jackal.parameters(with_map=True)
 
@@ -65,21 +61,23 @@ def test_an_empty_section_of_a_file_holds_nothing(tmp_path):
 def test_values_that_rqt_reconfigure_saved_are_read(tmp_path):
     tag = "!!python/object/new:dynamic_reconfigure.encoding.Config"
     text = f"{tag}\ndictitems:\n  max_vel_x: 0.7\n  groups: {tag}\n    state: []\nstate: []\n"
-    tree = robots.load(
-        with_files(tmp_path / "mine", saved=(text, "TrajectoryPlannerROS"))
-    ).parameters()
-    assert tree["TrajectoryPlannerROS"]["max_vel_x"] == 0.7
+    saved = with_files(tmp_path / "mine", saved=(text, "TrajectoryPlannerROS"))
+    assert robots.load(saved).parameters()["TrajectoryPlannerROS"]["max_vel_x"] == 0.7
+    # Only this one tag of Python's is read.
+    evil = with_files(tmp_path / "evil", evil=("x: !!python/name:os.system\n", ""))
     with pytest.raises(ApplrError, match="could not determine a constructor"):
-        robots.load(with_files(tmp_path / "evil", evil=("x: !!python/name:os.system\n", "")))
+        robots.load(evil)
 
 
 def test_a_robot_whose_mass_lies_right_above_its_axle_stands():
     burger = robots.load("turtlebot3_burger")
+    # Two centimetres ahead of the axle, where no caster carries it, it tips over.
     for x, tips in ((0.0, False), (0.02, True)):
         body = burger.body.model_copy(update={"com": (x, 0.0, 0.1)})
-        assert [line.startswith("body.com is ") for line in fields(replace(burger, body=body))] == [
-            True
-        ] * tips
+        problems = list(fields(replace(burger, body=body)))
+        assert len(problems) == int(tips)
+        for problem in problems:
+            assert problem.startswith("body.com is ")
 
 
 def test_a_space_that_robot_yaml_does_not_state_follows_from_base_and_body():
@@ -92,23 +90,22 @@ def test_a_space_that_robot_yaml_does_not_state_follows_from_base_and_body():
         "max_vel_x": (0.1 * speed, speed),
         "max_vel_theta": (0.1 * turn, turn),
         "sim_time": (0.8, 3.0),
+        "path_distance_bias": (0.5, 64.0),
+        "inflation_radius": (0.15 * width, 3.0 * width),
+        "vth_samples": (4.0, 60.0),
     }
-    ranges.update(
-        path_distance_bias=(0.5, 64.0),
-        inflation_radius=(0.15 * width, 3.0 * width),
-        vth_samples=(4.0, 60.0),
-    )
-    for name, ends in ranges.items():
-        start = number_at(
-            burger.all_parameters(), space[name].sets[0].server, space[name].sets[0].names
-        )
-        assert space[name].range == (min(ends[0], start), max(ends[1], start)), name
-    assert [one.name for one in space["max_vel_x"].sets] == ["max_vel_x", "max_vel_trans"]
-    assert (space["vth_samples"].integer, space["footprint_padding"].paper) == (True, False)
+    for name, (low, high) in ranges.items():
+        # A range is widened to the value of the robot's files.
+        target = space[name].sets[0]
+        of_files = number_at(burger.all_parameters(), target.server, target.names)
+        assert space[name].range == (min(low, of_files), max(high, of_files)), name
+    targets = [target.name for target in space["max_vel_x"].sets]
+    assert targets == ["max_vel_x", "max_vel_trans"]
+    assert space["vth_samples"].integer
+    assert not space["footprint_padding"].paper
 
 
 def test_unknown_name_lists_the_robots():
-    with pytest.raises(
-        ApplrError, match="robot roomba: give husky, jackal, .* or a folder with robot.yaml"
-    ):
+    line = "robot roomba: give husky, jackal, .* or a folder with robot.yaml"
+    with pytest.raises(ApplrError, match=line):
         robots.load("roomba")

@@ -12,6 +12,11 @@ DATA = ROOT / "tests" / "data"
 HANGS = 600.0
 
 
+def lines_with(text, words):
+    """Return the lines of a text that contain some words."""
+    return [line for line in text.splitlines() if words in line]
+
+
 def is_alive(pid):
     """Return whether a process runs. A zombie does not count."""
     try:

@@ -21,6 +21,7 @@ from training.bags.write import BagWriter
 from training.env.episode import Episode, counting_cells
 from training.env.outcome import Outcome
 
+# Inputs of a decision that no test reads.
 NOTHING_SEEN = Seen(
     (np.zeros(3, np.float32), 0.0, 1.0),
     0.0,
@@ -37,11 +38,12 @@ def driven(time, pose, twist=None, theta=(), decided=()):
     decided (k,) on.
     """
     time = np.asarray(time, float)
-    twist = np.zeros((len(time), 2)) if twist is None else np.asarray(twist, float)
-    decisions = [
-        Decision("goal", at, at, {}, dict(enumerate(values)), None)
-        for at, values in zip(decided, theta)
-    ]
+    if twist is None:
+        twist = np.zeros((len(time), 2))
+    decisions = []
+    for stamp, values in zip(decided, theta):
+        decisions.append(Decision("goal", stamp, stamp, {}, dict(enumerate(values)), None))
+    twist = np.asarray(twist, float)
     return Drive(truth=Motion(time, time, np.asarray(pose, float), twist), decisions=decisions)
 
 
@@ -72,12 +74,12 @@ def simulated(
     episode = Episode(
         simulator(robot), move_base, fixed, period=1.0, time_limit=limit, escapes=False, record=True
     )
-    world = (
-        worlds.scaled(worlds.load(world), robot.world_scale) if isinstance(world, str) else world
-    )
+    if isinstance(world, str):
+        world = worlds.scaled(worlds.load(world), robot.world_scale)
     outcome = episode.reset(world, seed)
     while not outcome.over:
         outcome = episode.decide(np.zeros(0))
+    # As a bag of move_base alone, without an applr node
     return replace(episode.drive, decisions=[], ends=[], changes=None), outcome
 
 

@@ -24,8 +24,11 @@ from std_srvs.srv import Empty
 
 
 def model_state(x, y, z, angle):
+    """Return the state of a Jackal at a place [m] with a yaw [rad], at rest."""
     state = ModelState(model_name="jackal", reference_frame="world")
-    state.pose.position.x, state.pose.position.y, state.pose.position.z = x, y, z
+    state.pose.position.x = x
+    state.pose.position.y = y
+    state.pose.position.z = z
     state.pose.orientation = Quaternion(0, 0, math.sin(angle / 2), math.cos(angle / 2))
     return state
 
@@ -52,22 +55,27 @@ class GazeboSimulation:
         return collided
 
     def reset(self):
+        """Put the robot back to its start."""
         rospy.wait_for_service("/gazebo/set_model_state")
         return self._set(self.start)
 
     def state(self):
+        """Return the robot's state in the world."""
         rospy.wait_for_service("/gazebo/get_model_state")
         return self._get("jackal", "world")
 
     def place(self):
+        """Return the robot's position (x, y) [m] in the world."""
         position = self.state().pose.position
         return position.x, position.y
 
 
 def goal(x, y):
+    """Return a goal of move_base in the odometry frame, along x."""
     message = MoveBaseGoal()
     message.target_pose.header.frame_id = "odom"
-    message.target_pose.pose.position.x, message.target_pose.pose.position.y = x, y
+    message.target_pose.pose.position.x = x
+    message.target_pose.pose.position.y = y
     message.target_pose.pose.orientation = Quaternion(0, 0, 0, 1)
     return message
 
@@ -87,21 +95,21 @@ def main():
         name = "DynaBARN/world_%d.world" % (number - 300)
         start = (11, 0, 3.14)
         target = (-20, 0)
+
+    # Start the simulation.
     base = rospkg.RosPack().get_path("jackal_helper")
     os.environ["GAZEBO_PLUGIN_PATH"] = os.path.join(base, "plugins")
-    gazebo = subprocess.Popen(
-        [
-            "roslaunch",
-            os.path.join(base, "launch", "gazebo_launch.launch"),
-            "world_name:=" + os.path.join(base, "worlds", name),
-            "gui:=" + ("true" if arguments.gui else "false"),
-        ]
-    )
+    launch_file = os.path.join(base, "launch", "gazebo_launch.launch")
+    world = "world_name:=" + os.path.join(base, "worlds", name)
+    gui = "gui:=" + ("true" if arguments.gui else "false")
+    gazebo = subprocess.Popen(["roslaunch", launch_file, world, gui])
     time.sleep(5)
     rospy.init_node("gym", anonymous=True)
     rospy.set_param("/use_sim_time", True)
     simulation = GazeboSimulation(start)
     end = (start[0] + target[0], start[1] + target[1])
+
+    # Put the robot to the start until it stands there without a contact.
     place = simulation.place()
     collided = True
     while math.dist(start[:2], place) > 0.1 or collided:
@@ -109,9 +117,10 @@ def main():
         place = simulation.place()
         collided = simulation.collided()
         time.sleep(1)
-    stack = subprocess.Popen(
-        ["roslaunch", os.path.join(base, "..", "jackal_helper/launch/move_base_DWA.launch")]
-    )
+
+    # Start the stack, and send the goal. The time counts from the robot's first motion on.
+    launch_file = os.path.join(base, "..", "jackal_helper/launch/move_base_DWA.launch")
+    stack = subprocess.Popen(["roslaunch", launch_file])
     client = actionlib.SimpleActionClient("/move_base", MoveBaseAction)
     client.wait_for_server()
     client.send_goal(goal(*target))
@@ -129,21 +138,22 @@ def main():
         collided = simulation.collided()
         while rospy.get_time() - now < 0.1:
             time.sleep(0.01)
-    success = not collided and now - began < 100
+
+    # Metric: the optimal time, at 2 m/s along the reference path, over 2 to 8 times this time
+    seconds = now - began
+    success = not collided and seconds < 100
     if number < 300:
         cells = np.load(os.path.join(base, "worlds/BARN/path_files", "path_%d.npy" % number))
         points = [(0.15 * x - 0.075 - 4.5, 0.15 * y + 0.075 + 5.0) for x, y in cells]
         points = [start[:2], *points, end]
-        length = sum(math.dist(a, b) for a, b in zip(points, points[1:]))
+        length = sum(map(math.dist, points, points[1:]))
     else:
         length = 20.0
-    best = length / 2
-    metric = success * best / np.clip(now - began, 2 * best, 8 * best)
+    optimal = length / 2
+    metric = success * optimal / np.clip(seconds, 2 * optimal, 8 * optimal)
+    row = (number, success, collided, seconds >= 100, seconds, metric)
     with open(arguments.out, "a") as file:
-        file.write(
-            "%d %d %d %d %.4f %.4f\n"
-            % (number, success, collided, now - began >= 100, now - began, metric)
-        )
+        file.write("%d %d %d %d %.4f %.4f\n" % row)
     for process in (gazebo, stack):
         process.terminate()
         process.wait()

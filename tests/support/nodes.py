@@ -206,7 +206,8 @@ class Standing(FakeJackal):
         self.ranges = np.random.default_rng(0).uniform(0.3, 4.0, 720).astype(np.float32)
         self.pose = (0.5, -0.25, 0.4)
         self.twist = (0.3, -0.1)
-        self.path = np.column_stack([np.linspace(0.5, 5.0, 180), np.sin(np.linspace(0, 2, 180))])
+        along = np.linspace(0.5, 5.0, 180)
+        self.path = np.column_stack([along, np.sin(np.linspace(0, 2, 180))])
         self.goal = self.clock = None
         self.statuses = True  # whether move_base's status is published
         self.decisions = []
@@ -232,9 +233,8 @@ class Standing(FakeJackal):
 
     def _on_diagnostics(self, message):
         status = message.status[0]
-        values = {pair.key: pair.value for pair in status.values}
         # Replaced at once, because a test may read while this callback runs.
-        self.values = {**values, "level": status.level, "message": status.message}
+        self.values = {**values_of(status), "level": status.level, "message": status.message}
 
     def _tick(self, n, stamp):
         if n % 2:
@@ -275,6 +275,11 @@ def observed(message):
     plan = np.column_stack([message.plan_x, message.plan_y])
     seen = Seen(scan, message.elapsed, pose, (message.v, message.w), pose, plan, np.zeros((0, 4)))
     return Context.of(np.array(message.before.values), seen, SPACE, LAYOUT).observation
+
+
+def values_of(status):
+    """Return the values {key: text} of a diagnostic_msgs/DiagnosticStatus."""
+    return {pair.key: pair.value for pair in status.values}
 
 
 def transform(parent, child, pose, stamp):

@@ -32,6 +32,7 @@ PARTS = {  # kernels (nodes/tools/compile_kernels.py) that the first start of ea
 
 
 def prctl(option, value):
+    """Call Linux's prctl for this process."""
     ctypes.CDLL(None).prctl(option, ctypes.c_ulong(value), 0, 0, 0)
 
 
@@ -43,13 +44,20 @@ class Forked:
         self.returncode = None
 
     def poll(self):
-        if self.returncode is None and (ended := os.waitpid(self.pid, os.WNOHANG))[0]:
-            self.returncode = (
-                -os.WTERMSIG(ended[1]) if os.WIFSIGNALED(ended[1]) else os.WEXITSTATUS(ended[1])
-            )
+        """Return the exit status, minus the number of a signal that ended it, or None."""
+        if self.returncode is not None:
+            return self.returncode
+        pid, status = os.waitpid(self.pid, os.WNOHANG)
+        if pid == 0:
+            return None
+        if os.WIFSIGNALED(status):
+            self.returncode = -os.WTERMSIG(status)
+        else:
+            self.returncode = os.WEXITSTATUS(status)
         return self.returncode
 
     def wait(self, timeout):
+        """Wait for the end, at most `timeout` [s], and return the exit status."""
         until = time.monotonic() + timeout
         while self.poll() is None:
             if time.monotonic() > until:
@@ -118,6 +126,7 @@ def main():
         part = parts.pop(PARTS.get(order["words"][0]), None)
         if part:
             part()
+        # Objects that the collector does not touch stay shared with the forked processes.
         gc.freeze()
         child = os.fork()
         if child:
@@ -134,14 +143,17 @@ def become(order, parent):
     """Run a program in this process, as its command would."""
     import rospy
 
+    # The tests' process must be the parent before the signal of its death is asked for.
     while os.getppid() != parent:
         time.sleep(0.001)
     prctl(DIES_WITH_PARENT, signal.SIGINT)
     os.setsid()
+
+    # The process ID is the nursery's answer; from then on the output goes to the log.
     log = os.open(order["log"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
     os.write(1, b"%d\n" % os.getpid())
-    for here in (1, 2):
-        os.dup2(log, here)
+    for descriptor in (1, 2):
+        os.dup2(log, descriptor)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.environ.clear()
     os.environ.update(order["env"])
@@ -149,9 +161,9 @@ def become(order, parent):
     # Rospy read the nursery's arguments at its import.
     rospy.names.reload_mappings(sys.argv)
     rospy.names._set_caller_id(rospy.names.get_ros_namespace() + "unnamed")
-    for place, value in order["constants"].items():
-        module, _, name = place.rpartition(".")
-        assert hasattr(importlib.import_module(module), name), place
+    for constant, value in order["constants"].items():
+        module, _, name = constant.rpartition(".")
+        assert hasattr(importlib.import_module(module), name), constant
         setattr(sys.modules[module], name, value)
     name = sys.argv[0]
     run_script({**NODES, **COMMANDS}.get(name, name), node=name in NODES)

@@ -25,11 +25,7 @@ from tests.support import ROOT
 from tests.support.nursery import Nursery
 
 # Prefix that interrupts a child even if this process is killed.
-INTERRUPTED_WITH_US = (
-    "setpriv",
-    "--pdeathsig",
-    "INT",
-)
+INTERRUPTED_WITH_US = ("setpriv", "--pdeathsig", "INT")
 VARIABLES = ("ROS_MASTER_URI", "ROS_IP", "ROS_LOG_DIR")
 GENERATED = ROOT / ".applr" / "catkin_ws" / "devel" / "lib" / "python3" / "dist-packages"
 
@@ -44,9 +40,11 @@ class Child:
 
     @property
     def text(self):
+        """Output of the process so far."""
         return self.log.read_text(errors="replace")
 
     def alive(self):
+        """Return whether the process has not ended."""
         return self.process.poll() is None
 
     def until(self, condition):
@@ -56,20 +54,25 @@ class Child:
         Raises:
             AssertionError: The process ended first, or hangs; the message has its output.
         """
-        holds = condition if callable(condition) else lambda: condition in self.text
+        if callable(condition):
+            holds = condition
+            what = "it"
+        else:
+            holds = lambda: condition in self.text  # noqa: E731
+            what = condition
         try:
-            value = wait_for(
-                lambda: not self.alive() or holds(), "it" if callable(condition) else condition
-            )
+            value = wait_for(lambda: not self.alive() or holds(), what)
             assert self.alive(), "it has ended"
         except AssertionError as late:
             raise AssertionError("%s\n%s" % (late, self.text)) from None
         return value
 
     def freeze(self):
+        """Stop the process with SIGSTOP: it lives, and answers nobody."""
         os.kill(self.pid, signal.SIGSTOP)
 
     def thaw(self):
+        """Let a frozen process go on."""
         if self.alive():
             os.kill(self.pid, signal.SIGCONT)
 
@@ -135,7 +138,9 @@ class RosMaster:
         """Start a program that uses the master, with additional environment variables `env`, and
         return its Child.
         """
-        return self._keep(started, args, env, str(args[-1 if len(args) == 1 else 1]))
+        # A program of `rosrun` or `roslaunch` is named by what follows it.
+        name = args[0] if len(args) == 1 else args[1]
+        return self._keep(started, args, env, str(name))
 
     def node(self, script, *args, constants=None, **env):
         """Fork a program of `rosrun applr_ros1`, named without ".py", or the main() of a module;
@@ -146,12 +151,16 @@ class RosMaster:
         child = self._keep(
             functools.partial(forked, constants=constants or {}), (script, *args), env, script
         )
-        self._nodes.append(
-            (next((a[8:] for a in map(str, args) if a.startswith("__name:=")), script), child)
-        )
+        # A remapping of __name renames the node.
+        name = script
+        for argument in map(str, args):
+            if argument.startswith("__name:="):
+                name = argument[len("__name:=") :]
+        self._nodes.append((name, child))
         return child
 
     def _keep(self, start, args, env, name):
+        """Return start(args, environment, log file), a Child that close() will end."""
         log = self.folder / f"{len(self._children)}_{Path(name).name}.log"
         self._children.append(start(args, dict(self.env, **env), log))
         return self._children[-1]
@@ -162,13 +171,16 @@ class RosMaster:
         """
         import rospy
 
-        living = {name for name, child in self._nodes if child.alive()}
-        for name in {name for name, _ in self._nodes} - living:
+        # Two nodes may have had one name, one after the other.
+        living = [(name, child) for name, child in self._nodes if child.alive()]
+        ended_names = {name for name, _ in self._nodes} - {name for name, _ in living}
+        for name in ended_names:
             if rospy.has_param("/" + name):
                 rospy.delete_param("/" + name)
-        self._nodes = [(name, child) for name, child in self._nodes if child.alive()]
+        self._nodes = living
 
     def close(self):
+        """End the programs, the latest first, and the master."""
         for child in reversed(self._children):
             child.end()
         self._master.end()
@@ -263,14 +275,14 @@ use_generated()
 
 
 def free_port():
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
+    """Return a TCP port that nobody listens on now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
 
 
-LONGEST = (
-    300.0  # time after which a process counts as hanging; includes compilation of the kernels [s]
-)
+# Time after which a process counts as hanging; includes compilation of the kernels [s]
+LONGEST = 300.0
 
 
 class Kept:
@@ -298,9 +310,8 @@ class Kept:
         its last value.
         """
         self._latest = {**self._latest, **self._delays()}
-        return 1e-9 * max(
-            delay - self._since.get(thread, 0) for thread, delay in self._latest.items()
-        )
+        waits = [delay - self._since.get(thread, 0) for thread, delay in self._latest.items()]
+        return 1e-9 * max(waits)
 
 
 def wait_for(condition, what):
@@ -318,6 +329,7 @@ def wait_for(condition, what):
 
 
 def _answers(port):
-    with socket.socket() as s:
-        s.settimeout(0.5)
-        return s.connect_ex(("127.0.0.1", port)) == 0
+    """Return whether somebody listens on a port of this machine."""
+    with socket.socket() as probe:
+        probe.settimeout(0.5)
+        return probe.connect_ex(("127.0.0.1", port)) == 0

@@ -15,6 +15,7 @@ import safetensors.numpy
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import write_bytes
 from applr_ros1.policy.actor import forward
+from tests.support import lines_with
 from tests.support.training import Line
 from training.evaluate.evaluation import EvaluationOptions, settings
 from training.evaluate.trial import POLICY, Result
@@ -23,6 +24,7 @@ from training.train.learner.prepare import Preparation
 from training.train.learner.run import TrainingRun
 from training.workers.collect import collect, environment, policy_layers
 
+# A small network that learns in seconds, and an evaluation every 200 steps
 TOY = [
     *("--net-arch", "32", "32", "--batch-size", "32", "--utd-ratio", "0.5"),
     *("--eval-freq", "200", "--decision-period=0.5"),
@@ -37,19 +39,18 @@ def network(weights):
 
 def drive_line(env, task, weights):
     """Drive one episode. Only the learned policy moves; all other methods stand still."""
-    policy = (
-        network(weights)
-        if task.method_spec == POLICY
-        else lambda observation: np.zeros(1, np.float32)
-    )
-    made = environment(env, "{}")
+
+    def stands_still(observation):
+        return np.zeros(1, np.float32)
+
+    policy = network(weights) if task.method_spec == POLICY else stands_still
+    line = environment(env, "{}")
     total = 0.0
-    ended = False
-    observation, _ = made.reset(seed=task.seed)
-    while not ended:
-        observation, reward, terminated, truncated, _ = made.step(policy(observation))
-        total = total + float(reward)
-        ended = terminated or truncated
+    terminated = truncated = False
+    observation, _ = line.reset(seed=task.seed)
+    while not (terminated or truncated):
+        observation, reward, terminated, truncated, _ = line.step(policy(observation))
+        total += float(reward)
     return Result(True, time_s=-total, decisions=10, route_m=1.0, total_reward=total), b""
 
 
@@ -59,17 +60,15 @@ def toy_run(config, env=Line):
     class ToyRun(TrainingRun):
         @staticmethod
         def prepare(config):
-            held_out = [("environment", "")] * (config.eval_worlds != "none")
+            held_out = [] if config.eval_worlds == "none" else [("environment", "")]
             layout = environment(env, "{}").layout
-            return Preparation(
-                partial(collect, env, "{}"), partial(drive_line, env), held_out, layout
-            )
+            drive = partial(drive_line, env)
+            return Preparation(partial(collect, env, "{}"), drive, held_out, layout)
 
         def write_policy(self, path, weights, metadata):
-            write_bytes(
-                path,
-                safetensors.numpy.save(weights, {k: json.dumps(v) for k, v in metadata.items()}),
-            )
+            # The toy's network has another shape than those of robots, which save() checks.
+            texts = {name: json.dumps(value) for name, value in metadata.items()}
+            write_bytes(path, safetensors.numpy.save(weights, texts))
 
     return ToyRun(config)
 
@@ -87,8 +86,8 @@ def toy(out, *more):
 def one_line(capsys, arguments, pattern, main=main):
     """Assert that train.py ends with one line on stderr that matches the pattern."""
     capsys.readouterr()
-    assert main([str(a) for a in arguments]) > 0
-    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("train.py: ")]
+    assert main(list(map(str, arguments))) > 0
+    lines = lines_with(capsys.readouterr().err, "train.py: ")
     assert len(lines) == 1, lines
     assert re.search(pattern, lines[0]), lines[0]
 
@@ -103,6 +102,7 @@ def draw_result(settings, task):
     """Return a drawn result, with the interface of training.evaluate.runner.run."""
     if os.environ.get("TOY_BROKEN"):
         raise ValueError("the toy is broken; mend it")
+    # The result depends on the trial alone, in whatever order or process it is driven.
     rng = np.random.default_rng([task.seed, zlib.crc32(task.method.encode())])
     time.sleep(float(os.environ.get("TOY_SECONDS", "0.01")) * rng.uniform(0.2, 1.8))
     if task.method.startswith("bad"):

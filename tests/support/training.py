@@ -25,12 +25,14 @@ class Line(gymnasium.Env):
     worlds = ["line"]
 
     def reset(self, *, seed=None, options=None):
+        """Begin at a random place."""
         super().reset(seed=seed)
         self.x = self.np_random.uniform(-1, 1)
         self.t = 0
         return self._observation(), {}
 
     def step(self, action):
+        """Move by the action."""
         self.x += 0.3 * float(np.clip(action[0], -1, 1))
         self.t += 1
         return self._observation(), -abs(self.x), False, self.t == 10, {}
@@ -50,6 +52,8 @@ class Slow(Line):
 
 
 class Broken(Line):
+    """Environment that fails in its first step."""
+
     def step(self, action):
         raise RuntimeError("the wheels came off")
 

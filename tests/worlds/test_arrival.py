@@ -21,28 +21,29 @@ def course(length, finish_y=None, planner_ends=True):
     )
 
 
-@pytest.mark.parametrize(("length", "off"), [(4.0, 0.5), (10.0, 0.8), (20.0, 1.6)])
-def test_the_planners_report_counts_within_the_error_of_odometry(length, off):
+@pytest.mark.parametrize(("length", "odometry_error"), [(4.0, 0.5), (10.0, 0.8), (20.0, 1.6)])
+def test_the_planners_report_counts_within_the_error_of_odometry(length, odometry_error):
     """The allowed error is 0.5 m, or 8 % of a longer route, beyond the planner's tolerance."""
-    there = course(length)
-    limit = TOLERANCE_M + off
+    straight_course = course(length)
+    limit = TOLERANCE_M + odometry_error
+    # A goal beyond the planner's map is sent 19.7 m ahead.
     sent_y = min(length, 19.7)
     for side in (-1.0, 1.0):
         inside = side * (limit - 0.01)
         outside = side * (limit + 0.01)
-        assert there.arrived(inside, sent_y, TOLERANCE_M)
-        assert not there.arrived(outside, sent_y, TOLERANCE_M)
-        assert not there.arrived(inside, sent_y), "the planner reports nothing"
-    assert there.arrived(0.29, length)
+        assert straight_course.arrived(inside, sent_y, TOLERANCE_M)
+        assert not straight_course.arrived(outside, sent_y, TOLERANCE_M)
+        assert not straight_course.arrived(inside, sent_y), "the planner reports nothing"
+    assert straight_course.arrived(0.29, length)
     assert not course(length, planner_ends=False).arrived(0.31, length, TOLERANCE_M)
 
 
 def test_the_planners_report_refers_to_the_goal_that_was_sent():
     """A goal 20 m ahead is moved to 19.7 m, inside the planner's map."""
-    there = course(20.0)
+    straight_course = course(20.0)
     limit = TOLERANCE_M + 1.6
-    assert there.arrived(0.0, 19.7 - limit + 0.01, TOLERANCE_M)
-    assert not there.arrived(0.0, 19.7 - limit - 0.01, TOLERANCE_M)
+    assert straight_course.arrived(0.0, 19.7 - limit + 0.01, TOLERANCE_M)
+    assert not straight_course.arrived(0.0, 19.7 - limit - 0.01, TOLERANCE_M)
 
 
 def test_a_course_with_a_finish_of_its_own_ignores_the_planner():

@@ -2,9 +2,9 @@
 mistakes.
 """
 
-import dataclasses
 import itertools
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from PIL import Image
 
 import worlds
 from applr_ros1 import robots
-from applr_ros1.common.angles import compose, inverse
+from applr_ros1.common.angles import compose, inverse, transform_point
 from applr_ros1.common.paths import step_lengths
 from applr_ros1.common.trees import merged
 from applr_ros1.robots.geometry import radius
@@ -79,22 +79,20 @@ def plan(request, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def office(tmp_path_factory):
+    """Return the path of the office's map."""
     return scenes.write_plan(tmp_path_factory.mktemp("office"), "office")
 
 
 def cells(folder, pixels, **changes):
     """Return the cells of a map with some pixels, as lists with the lowest y first."""
-    return map_reader.read_map(
-        scenes.write_plan(folder, "small", np.array(pixels, np.uint8), "png", **changes)
-    ).cells.tolist()
+    path = scenes.write_plan(folder, "small", np.array(pixels, np.uint8), "png", **changes)
+    return map_reader.read_map(path).cells.tolist()
 
 
 # -- map_server's format
 def test_the_radius_is_that_of_the_farthest_corner():
-    assert (pytest.approx(np.hypot(0.229, 0.208), abs=1e-3), pytest.approx(0.249, abs=1e-3)) == (
-        JACKAL_RADIUS_M,
-        WAFFLE_RADIUS_M,
-    )
+    radii = [JACKAL_RADIUS_M, WAFFLE_RADIUS_M]
+    assert radii == pytest.approx([np.hypot(0.229, 0.208), 0.249], abs=1e-3)
 
 
 def test_modes_give_the_values_that_map_server_publishes(tmp_path):
@@ -103,13 +101,12 @@ def test_modes_give_the_values_that_map_server_publishes(tmp_path):
     assert cells(tmp_path, grey) == [[100, 100, -1, -1, -1, -1, 0, 0]]
     assert cells(tmp_path, grey, negate=1) == [[0, -1, -1, -1, 100, 100, 100, 100]]
     assert cells(tmp_path, grey, mode="scale") == [[100, 100, 98, 66, 1, 1, 0, 0]]
-    # .2 exactly.
-    assert cells(tmp_path, [[204, 203, 205]], free_thresh=0.2, occupied_thresh=0.2) == [
-        [-1, 100, 0]
-    ]
-    assert cells(tmp_path, [[0, 37, 100, 127, 128, 255]], mode="raw") == [
-        [0, 37, 100, 127, -128, -1]
-    ]
+    # 204 is a share of 0.2 exactly: neither above the one threshold nor below the other.
+    equal_thresholds = {"free_thresh": 0.2, "occupied_thresh": 0.2}
+    assert cells(tmp_path, [[204, 203, 205]], **equal_thresholds) == [[-1, 100, 0]]
+    # Bytes are taken as signed ones.
+    levels = [[0, 37, 100, 127, 128, 255]]
+    assert cells(tmp_path, levels, mode="raw") == [[0, 37, 100, 127, -128, -1]]
     raw = np.array([0, 99, 100, 127, -128, -1], np.int8)
     assert map_reader.is_occupied(raw).tolist() == [False, False, True, True, True, False]
 
@@ -147,12 +144,12 @@ def test_an_image_whose_indexes_map_server_would_take_as_grey_is_refused(tmp_pat
     colours = Image.fromarray(scenes.office()).convert("RGB").quantize(3)
     picture = colours if mode == "P" else colours.convert("1")
     picture.save(tmp_path / f"office.{suffix}")
-    words = (
+    problems = (
         f"office.{suffix} has indexed colours",
         "map_server takes the indexes as grey",
         "save it as a grey",
     )
-    refused(lambda: map_reader.read_map(path), *words)
+    refused(lambda: map_reader.read_map(path), *problems)
 
 
 def test_an_image_of_more_than_16_bits_is_refused(tmp_path):
@@ -191,19 +188,17 @@ def test_each_field_of_a_map_is_checked(tmp_path, field, value, line):
 
 
 def test_rows_go_up_and_the_origin_turns_the_map(tmp_path):
-    path = scenes.write_plan(
-        tmp_path,
-        "small",
-        np.array([[254, 254, 254], [254, 0, 0]], np.uint8),
-        origin=[1.0, 2.0, 0.5],
-    )
+    # Given: an image whose lowest row has two occupied cells on the right
+    pixels = np.array([[254, 254, 254], [254, 0, 0]], np.uint8)
+    origin = (1.0, 2.0, 0.5)
+    path = scenes.write_plan(tmp_path, "small", pixels, origin=list(origin))
+
+    # Then: they are in the first row of the grid, and one box of 0.1 x 0.05 m
     grid = map_reader.read_map(path)
     assert grid.cells.tolist() == [[0, 100, 100], [0, 0, 0]]
     (box,) = map_reader.boxes(grid)
-    c, s = np.cos(0.5), np.sin(0.5)
-    assert box == pytest.approx(
-        [1.0 + 0.1 * c - 0.025 * s, 2.0 + 0.1 * s + 0.025 * c, 0.5, 0.1, 0.05]
-    )
+    x, y = transform_point(origin, 0.1, 0.025)  # the box's centre in the map
+    assert box == pytest.approx([x, y, 0.5, 0.1, 0.05])
 
 
 # -- obstacles
@@ -211,11 +206,11 @@ def test_boxes_cover_the_occupied_cells_and_nothing_else():
     marked = np.random.default_rng(0).random((40, 50)) < 0.3
     grid = worlds.world.Grid(np.where(marked, 100, -1).astype(np.int8), 1.0, (0.0, 0.0, 0.0))
     covered = np.zeros(marked.shape, int)
-    for x, y, _, across, along in map_reader.boxes(grid):
-        covered[
-            round(y - along / 2) : round(y + along / 2),
-            round(x - across / 2) : round(x + across / 2),
-        ] += 1
+    for x, y, _, size_x, size_y in map_reader.boxes(grid):
+        rows = slice(round(y - size_y / 2), round(y + size_y / 2))
+        columns = slice(round(x - size_x / 2), round(x + size_x / 2))
+        covered[rows, columns] += 1
+    # Each occupied cell once
     assert (covered == marked).all()
 
 
@@ -225,7 +220,7 @@ def test_walls_are_few_boxes_and_a_course_keeps_those_within_12_m(plan):
     assert len(everything) < 60
     world = worlds.load(f"{path}:3", JACKAL_RADIUS_M)
     for box in everything:
-        only_box = dataclasses.replace(world, boxes=box[None], map=None)
+        only_box = replace(world, boxes=box[None], map=None)
         distance = clearance(only_box, world.course.path).min()
         is_kept = (box == world.boxes).all(axis=1).any()
         # The distance is taken from every tenth point of the path.
@@ -277,10 +272,10 @@ def test_there_are_courses_in_all_rooms(plan):
 
 
 def test_courses_are_the_same_every_time(office):
-    first = worlds.load(f"{office}:7", JACKAL_RADIUS_M)
+    course_world = worlds.load(f"{office}:7", JACKAL_RADIUS_M)
     loading.building.cache_clear()
-    again = worlds.load(f"{office}:7", JACKAL_RADIUS_M)
-    assert np.array_equal(again.course.path, first.course.path)
+    reloaded = worlds.load(f"{office}:7", JACKAL_RADIUS_M)
+    assert np.array_equal(reloaded.course.path, course_world.course.path)
 
 
 def test_courses_of_a_wide_robot_lead_through_no_door(office):
@@ -312,11 +307,13 @@ def test_courses_lie_inside_where_unknown_cells_are_free(tmp_path):
     path = ros2_house(tmp_path)
     assert (map_reader.read_map(path).cells[0] == map_reader.FREE).all()
     (tmp_path / "known").mkdir()
-    known = scenes.write_plan(tmp_path / "known", "house")
-    made = zip(worlds.Worlds(path, JACKAL_RADIUS_M), worlds.Worlds(known, JACKAL_RADIUS_M))
-    shift = 100 * scenes.RESOLUTION
-    for inside, expected in made:
-        np.testing.assert_allclose(inside.course.path - shift, expected.course.path, atol=1e-9)
+    known_path = scenes.write_plan(tmp_path / "known", "house")
+    both_worlds = zip(
+        worlds.Worlds(path, JACKAL_RADIUS_M), worlds.Worlds(known_path, JACKAL_RADIUS_M)
+    )
+    margin_m = 100 * scenes.RESOLUTION
+    for inside, expected in both_worlds:
+        np.testing.assert_allclose(inside.course.path - margin_m, expected.course.path, atol=1e-9)
     assert check_robot.doors(robots.load("jackal"), path).startswith(
         f"narrowest passage of {path}: 0.80 m; "
     )
@@ -324,11 +321,11 @@ def test_courses_lie_inside_where_unknown_cells_are_free(tmp_path):
 
 def test_a_building_that_is_open_to_the_edge_of_the_image_has_no_courses(tmp_path):
     path = ros2_house(tmp_path, outer_door=True)
-    words = (
+    problems = (
         "no closed room with a path of 5 m",
         "if it is unknown space, give free_thresh 0.196, otherwise close",
     )
-    refused(lambda: worlds.load(f"{path}:0", JACKAL_RADIUS_M), *words)
+    refused(lambda: worlds.load(f"{path}:0", JACKAL_RADIUS_M), *problems)
 
 
 @pytest.mark.parametrize("size", [(4.4, 4.4), (5.4, 4.4), (10.4, 2.4), (12.4, 6.4)])
@@ -348,10 +345,10 @@ def test_a_small_room_has_shorter_courses_and_enough_in_each_half(tmp_path, size
 
     # A worker loads a course by its number alone.
     last = max(*lower, *upper)
-    again = worlds.load(f"{path}:{last}", JACKAL_RADIUS_M)
-    assert np.array_equal(again.course.path, building.course(last).course.path)
-    beyond = last + len(upper) + 1
-    refused(lambda: worlds.load(f"{path}:{beyond}", JACKAL_RADIUS_M), "no worlds")
+    reloaded = worlds.load(f"{path}:{last}", JACKAL_RADIUS_M)
+    assert np.array_equal(reloaded.course.path, building.course(last).course.path)
+    unknown_number = last + len(upper) + 1
+    refused(lambda: worlds.load(f"{path}:{unknown_number}", JACKAL_RADIUS_M), "no worlds")
 
 
 def test_paths_are_shortest(tmp_path):
@@ -436,34 +433,29 @@ def test_tune_refuses_a_map_with_too_few_courses_before_it_drives(tmp_path, caps
 
     monkeypatch.setattr(tune_robot.open_floor, "try_out", refuse)
     path = scenes.write_plan(tmp_path, "small", scenes.blank(3.4, 2.4)[0])
-    for worlds_given, line in (
-        (
-            path,
-            "small.yaml has 0 courses in the half of the floor for the search and 0 in the half "
-            "for the verdict",
-        ),
+    counts = "has 0 courses in the half of the floor for the search and 0 in the half for the"
+    for specification, problem in (
+        (path, f"small.yaml {counts} verdict"),
         (str(tmp_path / "gone.yaml"), "gone.yaml: cannot be read"),
         ("generated:400", "no worlds 'generated:400'"),
     ):
-        assert (
-            tune_robot.main(["jackal", "--worlds", worlds_given, "--out", str(tmp_path / "out")])
-            == 1
-        )
+        arguments = ["jackal", "--worlds", specification, "--out", str(tmp_path / "out")]
+        assert tune_robot.main(arguments) == 1
         error = capsys.readouterr().err
-        assert line in error
+        assert problem in error
         assert error.count("\n") == 1
+        # The person gave a map, not one of its halves.
         assert ":choose" not in error.partition("; give")[0]
-    line = refused(
-        lambda: check_maps(path, robots.load("jackal")), "a radius of 0.31 m; each needs 6, because"
-    )
+
+    needs = "a radius of 0.31 m; each needs 6, because"
+    line = refused(lambda: check_maps(path, robots.load("jackal")), needs)
     assert "choose" not in line
-    refused(
-        lambda: worlds.specs(f"{path}:report", JACKAL_RADIUS_M),
-        "small.yaml: none of its 15 courses stays in one half",
-    )
+    none_in_half = "small.yaml: none of its 15 courses stays in one half"
+    refused(lambda: worlds.specs(f"{path}:report", JACKAL_RADIUS_M), none_in_half)
 
 
 def test_six_courses_are_the_fewest_that_can_be_significant():
+    # All differences have one sign: two of 64 sign patterns are so clear, with five courses of 32.
     better = np.full(FEWEST_WORLDS, -1.0)
     assert FEWEST_WORLDS == 6
     assert exchanged(better) < LEVEL <= exchanged(better[1:])
@@ -479,21 +471,27 @@ def test_the_simulated_robot_knows_the_map_and_its_place(tmp_path, yaw):
     world = replace(world, course=replace(world.course, goal_tolerance=0.0))
     episode = runner.episode
     outcome = episode.reset(world, 0)
+
+    # The first plan avoids walls that no scan has shown.
     free = map_reader.read_map(path).cells == map_reader.FREE
     column, row = (episode.context().plan[:, :2] / 0.05).astype(int).T
-    # The first plan avoids walls that no scan has shown.
     assert free[row, column].all()
     assert episode.context().plan[0, :2] == pytest.approx(episode.place[:2], abs=0.1)
+
+    # On its way it knows its true place in the map, as localisation would tell it.
     while not outcome.over:
         outcome = episode.decide(outcome.theta)
-        assert episode.context().pose == compose(
-            inverse(world.map.origin), episode.simulator.state.pose
-        )
-        assert np.hypot(*(episode.move_base.global_plan[0, :2] - episode.place[:2])) < 1.0
-    assert (outcome.reason, outcome.collided, outcome.time_s < 60.0) == ("finished", False, True)
-    left = np.hypot(*np.subtract(episode.goal, episode.place)[:2])
+        pose_in_map = compose(inverse(world.map.origin), episode.simulator.state.pose)
+        assert episode.context().pose == pose_in_map
+        assert math.dist(episode.move_base.global_plan[0, :2], episode.place[:2]) < 1.0
+    assert outcome.reason == "finished"
+    assert not outcome.collided
+    assert outcome.time_s < 60.0
     # The robot has still to stop.
-    assert left == pytest.approx(runner.robot.goal_tolerance, abs=0.02)
+    distance = math.dist(episode.goal[:2], episode.place[:2])
+    assert distance == pytest.approx(runner.robot.goal_tolerance, abs=0.02)
+
+    # In a world without a map it drives by odometry again; another parameter set has the map, too.
     episode.reset(worlds.load("generated:3"), 0)
     assert episode.place == episode.simulator.state.odom_pose
     changed = runner.starting_with(runner.space.theta0 * 0.9)
@@ -506,14 +504,18 @@ def test_a_robot_without_simulated_sensors_for_its_map_explores():
     obstacles = {"observation_sources": "scan camera", "camera": camera}
     waffle = robots.load("turtlebot3_waffle_pi")
     settings = TrialSettings(period=2.0)
-    more = merged(
-        waffle.move_base.with_map, {"local_costmap": {"obstacle_layer": obstacles, **obstacles}}
-    )
-    other = replace(waffle, move_base=waffle.move_base._replace(with_map=more))
-    for robot, knows in ((waffle, True), (other, False), (robots.load("jackal"), False)):
+    with_camera = {"local_costmap": {"obstacle_layer": obstacles, **obstacles}}
+    files = merged(waffle.move_base.with_map, with_camera)
+    waffle_with_camera = replace(waffle, move_base=waffle.move_base._replace(with_map=files))
+    # The simulation has no camera, and the Jackal no files for a map.
+    for robot, knows_map in (
+        (waffle, True),
+        (waffle_with_camera, False),
+        (robots.load("jackal"), False),
+    ):
         without_map, with_map = settings.planners(robot)
         assert not without_map.map_topics
-        assert (with_map is not without_map) == knows
+        assert (with_map is not without_map) == knows_map
 
 
 def test_a_parameter_set_changes_both_setups():
@@ -539,8 +541,9 @@ def test_the_narrowest_passage_is_the_door(tmp_path, width):
     building = map_courses.Building(path, JACKAL_RADIUS_M)
     passages = []
     for number in range(building.count):
-        way = building.course(number).course.path[25:-25, 0] + 4.5
-        if way.min() < 5.0 < way.max():
+        # x in the plan's frame, without 1 m at both ends of the course
+        x = building.course(number).course.path[25:-25, 0] + 4.5
+        if x.min() < 5.0 < x.max():
             passages.append(building.passage(number))
     assert len(passages) > 3
     assert passages == pytest.approx([width] * len(passages))
@@ -565,25 +568,20 @@ def test_mistakes_are_one_line(office, tmp_path):
         return refused(lambda: worlds.load(spec), *words)
 
     refusal(str(tmp_path / "none.yaml"), "none.yaml", "give an existing file")
+    known = "office.yaml:0 to .*office.yaml:99; give"
     for part in ("100", "1-100", "-1", "x", "choose:3"):
-        refused(
-            lambda part=part: worlds.specs(f"{office}:{part}"),
-            "no worlds",
-            "office.yaml:0 to .*office.yaml:99; give",
-        )
+        refused(lambda part=part: worlds.specs(f"{office}:{part}"), "no worlds", known)
     refusal(office, "names 100 worlds, but one is needed; give one of them: .*office.yaml:0")
-    refusal(
-        scenes.write_plan(tmp_path, "office", resolution=None),
-        "office.yaml is no map: give a file with .*resolution",
-    )
+    no_resolution = scenes.write_plan(tmp_path, "office", resolution=None)
+    refusal(no_resolution, "office.yaml is no map: give a file with .*resolution")
+
+    # Maps on which no robot finds a course
     no_room = "no closed room with a path of 2 m .* radius of 0.31 m"
     no_room += ": check resolution, thresholds and negate"
     refusal(scenes.write_plan(tmp_path, "office", negate=1), no_room)
     refusal(scenes.write_plan(tmp_path, "shut", np.zeros((50, 50), np.uint8)), no_room)
-    refusal(
-        scenes.write_plan(tmp_path, "white", np.full((200, 200), 254, np.uint8)),
-        "white.yaml has no occupied cell: check its thresholds and negate",
-    )
+    white = scenes.write_plan(tmp_path, "white", np.full((200, 200), 254, np.uint8))
+    refusal(white, "white.yaml has no occupied cell: check its thresholds and negate")
     (tmp_path / "text.yaml").write_text("office")
     refusal(str(tmp_path / "text.yaml"), "text.yaml is no map")
     with pytest.raises(OSError, match="gone.pgm"):

@@ -41,9 +41,9 @@ def test_positions_over_time_equal_gazebos(tmp_path):
     assert mover.position(2.0) == (4.0, 0.0)
     # Halfway: mean of the ends + 1/8 of the difference of their tangents, (2, 0) at the first and
     # (2, 2) at the next
-    assert mover.position(1.0) == pytest.approx((2.0 + (2.0 - 2.0) / 8, 0.0 + (0.0 - 2.0) / 8))
+    assert mover.position(1.0) == pytest.approx((2.0, 0.0 + (0.0 - 2.0) / 8))
     assert mover.position(3.0) == pytest.approx((4.0 + (2.0 - -2.0) / 8, 2.0 + (2.0 - 4.0) / 8))
-    assert mover.position(6.0) == pytest.approx((2.0 + (-2.0 - -2.0) / 8, 6.0 + (4.0 - 2.0) / 8))
+    assert mover.position(6.0) == pytest.approx((2.0, 6.0 + (4.0 - 2.0) / 8))
     # It stands after its last key frame, and begins again.
     assert mover.position(9.0) == (0.0, 8.0)
     assert mover.position(13.0) == pytest.approx(mover.position(3.0))
@@ -57,14 +57,16 @@ def test_a_plugin_without_rows_in_the_table_is_refused(tmp_path):
 
 
 def test_a_closed_path_has_no_corner_where_it_closes():
-    closed = worlds.Mover(0.5, ((0.0, 0.0, 0.0), (1.0, 2.0, 0.0), (2.0, 2.0, 2.0), (3.0, 0.0, 0.0)))
+    key_frames = (0.0, 0.0, 0.0), (1.0, 2.0, 0.0), (2.0, 2.0, 2.0), (3.0, 0.0, 0.0)
+    closed = worlds.Mover(0.5, key_frames)
     # The tangent at the first point is half the chord from the last point but one to the second
     # point.
     assert closed.position(0.5) == pytest.approx((1.0 + (0.0 - 1.0) / 8, 0.0 + (-1.0 - 1.0) / 8))
 
 
 def test_two_key_frames_at_one_time_are_a_jump():
-    jump = worlds.Mover(0.5, ((0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 5.0, 5.0), (2.0, 6.0, 5.0)))
+    key_frames = (0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 5.0, 5.0), (2.0, 6.0, 5.0)
+    jump = worlds.Mover(0.5, key_frames)
     assert jump.position(1.0) == (1.0, 0.0)
     assert jump.position(1.0 + 1e-9) == pytest.approx((5.0, 5.0))
 
@@ -96,8 +98,8 @@ def test_the_course_is_the_challenges_even_beside_a_path_file(tmp_path):
 @pytest.mark.parametrize("number", range(6))
 def test_movers_cross_the_room_at_the_pace_of_their_kind(number):
     world = worlds.load(f"dynamic:{number}")
-    again = worlds.load(f"dynamic:{number}")
-    assert again.movers == world.movers
+    reloaded = worlds.load(f"dynamic:{number}")
+    assert reloaded.movers == world.movers
 
     kind = number % 3
     slowest, fastest = dynabarn.SPEEDS_M_S[kind]

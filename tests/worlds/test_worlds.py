@@ -11,6 +11,7 @@ from tests.support.scenes import refused_world
 from worlds import draw, dynabarn, sdf_writer
 from worlds.world import clearance
 
+# Narrowest gap of BARN's worlds over the Jackal's padded width [m / m].
 JACKAL_RATIO = 0.75 / 0.53
 
 
@@ -62,19 +63,19 @@ def test_gaps_keep_their_ratio_to_the_padded_width(name):
 @pytest.mark.parametrize("spec", ["fresh:3", "physical_course", "dynamic:0"])
 def test_everything_of_a_world_scales(spec):
     world = worlds.load(spec)
-    half = worlds.scaled(world, 0.5)
+    half_size = worlds.scaled(world, 0.5)
     assert worlds.scaled(world, 1.0) is world
-    assert np.allclose(half.cylinders, 0.5 * world.cylinders)
+    assert np.allclose(half_size.cylinders, 0.5 * world.cylinders)
     factors = (0.5, 0.5, 1.0, 0.5, 0.5)  # x, y, yaw, size_x, size_y
-    assert np.allclose(half.boxes, world.boxes * factors)
-    for half_mover, mover in zip(half.movers, world.movers):
+    assert np.allclose(half_size.boxes, world.boxes * factors)
+    for half_mover, mover in zip(half_size.movers, world.movers):
         assert half_mover.radius == 0.5 * mover.radius
 
-    assert np.allclose(half.course.path, 0.5 * world.course.path)
-    assert half.course.length_m == pytest.approx(0.5 * world.course.length_m)
+    assert np.allclose(half_size.course.path, 0.5 * world.course.path)
+    assert half_size.course.length_m == pytest.approx(0.5 * world.course.length_m)
     for half_pose, pose in (
-        (half.course.start, world.course.start),
-        (half.course.goal, world.course.goal),
+        (half_size.course.start, world.course.start),
+        (half_size.course.goal, world.course.goal),
     ):
         x, y, yaw = pose
         assert half_pose == (0.5 * x, 0.5 * y, yaw)

@@ -109,12 +109,12 @@ def test_barn_path_keeps_its_rule_on_turns_and_its_obstacle_penalty():
 
 def test_fresh_worlds_are_the_recipes_and_none_of_the_built_in_ones():
     names = ["fresh:5", "fresh:6", "fresh:7"]
-    fresh = worlds.Worlds("fresh:5-7")
+    fresh_worlds = worlds.Worlds("fresh:5-7")
     assert worlds.specs("fresh:5-7") == names
-    assert [world.name for world in fresh] == names
-    again = worlds.load("fresh:6")
-    np.testing.assert_array_equal(fresh[1].cylinders, again.cylinders)
-    np.testing.assert_array_equal(fresh[1].course.path, again.course.path)
+    assert [world.name for world in fresh_worlds] == names
+    reloaded = worlds.load("fresh:6")
+    np.testing.assert_array_equal(fresh_worlds[1].cylinders, reloaded.cylinders)
+    np.testing.assert_array_equal(fresh_worlds[1].course.path, reloaded.course.path)
     assert not fields_of("fresh:0-39") & fields_of("generated:test,generated:train")
     refused(lambda: worlds.load("fresh:5-7"), "names 3 worlds")
 
@@ -144,11 +144,11 @@ def test_fresh_worlds_are_generated_when_asked_for(monkeypatch):
         return generate(number)
 
     monkeypatch.setattr(loading.barn, "generate", note)
-    many = worlds.Worlds("generated:3, fresh:0-9999")
-    assert len(many) == 10_001
+    lazy_worlds = worlds.Worlds("generated:3, fresh:0-9999")
+    assert len(lazy_worlds) == 10_001
     assert generated == []
-    assert many[0].name == "generated:3"
-    assert many[5].name == "fresh:4"
+    assert lazy_worlds[0].name == "generated:3"
+    assert lazy_worlds[5].name == "fresh:4"
     assert len(generated) == 1
     with pytest.raises(IndexError):
-        many[10_001]
+        lazy_worlds[10_001]

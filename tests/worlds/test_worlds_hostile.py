@@ -45,18 +45,24 @@ def test_missing_files_and_folders_are_one_line(tmp_path):
 def test_sealed_worlds_have_no_passage(tmp_path):
     world = worlds.load("generated:7")
     _, path = barn.fields()[7]
-    row = "".join(cylinder(-4.425 + 0.15 * r, 7.425, name="seal_%d" % r) for r in range(30))
+    # A row of 30 cylinders across the field
+    row = ""
+    for column in range(30):
+        row += cylinder(-4.425 + 0.15 * column, 7.425, name=f"seal_{column}")
     sealed = as_barn(world).replace("</world>", row + "</world>")
     refused(write_world(tmp_path, sealed, cells=path), "no passage")
 
 
 class Evil:
+    """Object whose pickle makes a file when it is read."""
+
     def __reduce__(self):
         return os.system, ("touch evil-was-here",)
 
 
 def test_a_pickle_in_place_of_a_path_is_not_loaded(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    # numpy would unpickle an array of objects if it were allowed to.
     cells = np.array([Evil(), Evil()], dtype=object)
     with pytest.raises(ValueError, match="Object arrays"):
         worlds.load(write_world(tmp_path, as_barn(worlds.load("generated:7")), cells=cells))
@@ -65,9 +71,9 @@ def test_a_pickle_in_place_of_a_path_is_not_loaded(tmp_path, monkeypatch):
 
 def test_an_invalid_course_in_a_file_is_one_line(tmp_path):
     text = sdf_writer.text(worlds.load("generated:7"))
-    for old, new, word in (
+    for old, new, field in (
         ("<applr:start>", "<applr:start>nan ", "start"),
         ("<applr:goal>", "<applr:goal>x ", "goal"),
         ("<applr:path>", "<applr:path>1 ", "path"),
     ):
-        refused(write_world(tmp_path, text.replace(old, new), "w.world"), word)
+        refused(write_world(tmp_path, text.replace(old, new), "w.world"), field)

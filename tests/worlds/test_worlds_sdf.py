@@ -13,15 +13,21 @@ from tests.support.scenes import as_barn, box, cylinder, model, refused_world, s
 from worlds import barn, sdf_writer
 
 
+def world_of(folder, body):
+    """Return the world that is read from an SDF file with these elements."""
+    return worlds.load(write_world(folder, sdf(body), "w.world"))
+
+
 def test_barn_file_with_its_path_file(tmp_path):
     world = worlds.load("generated:7")
     _, path = barn.fields()[7]
     cells = np.concatenate([path[:1], path])  # The first point occurs twice.
-    read = worlds.load(write_world(tmp_path, as_barn(world), cells=cells))
-    assert read.name == "world_7"
-    assert np.allclose(read.cylinders, world.cylinders, atol=1e-6)
-    assert (read.course.start, read.course.goal) == (world.course.start, world.course.goal)
-    assert np.array_equal(read.course.path, world.course.path)
+    read_world = worlds.load(write_world(tmp_path, as_barn(world), cells=cells))
+    assert read_world.name == "world_7"
+    assert np.allclose(read_world.cylinders, world.cylinders, atol=1e-6)
+    assert read_world.course.start == world.course.start
+    assert read_world.course.goal == world.course.goal
+    assert np.array_equal(read_world.course.path, world.course.path)
 
 
 def test_poses_of_model_link_and_collision_are_composed(tmp_path):
@@ -39,16 +45,15 @@ def test_poses_of_model_link_and_collision_are_composed(tmp_path):
             </visual>
           </link>
         </model>"""
-    world = worlds.load(write_world(tmp_path, sdf(body), "w.world"))
+    world = world_of(tmp_path, body)
     # The model is rotated by 90 degrees, so the link is at (1, 3) and the collision at (0, 3).
     assert np.allclose(world.boxes, [[0.0, 3.0, math.pi / 2 + 0.5, 2.0, 1.0]])
 
 
 def test_a_slab_under_the_start_is_floor_and_the_foot_of_a_barrier_is_an_obstacle(tmp_path):
     barrier = box("barrier", 0, 0, 0.15, 4, 0.65, 0.3) + box("foot", 0, 0, 0.03, 4, 0.81, 0.06)
-    world = worlds.load(
-        write_world(tmp_path, sdf(barrier + box("slab", 0, 0, 0.0, 20, 20, 0.1)), "w.world")
-    )
+    slab = box("slab", 0, 0, 0.0, 20, 20, 0.1)  # Its top is 5 cm above the ground.
+    world = world_of(tmp_path, barrier + slab)
     assert world.boxes.tolist() == [[0.0, 0.0, 0.0, 4.0, 0.65], [0.0, 0.0, 0.0, 4.0, 0.81]]
 
 
@@ -64,7 +69,8 @@ def test_a_saved_state_determines_the_poses_of_its_models(tmp_path, caplog):
           <model name='b'><pose>2 2 0 0 0 0</pose><scale>2 2 1</scale></model>
         </state>"""
     )
-    cylinders = worlds.load(write_world(tmp_path, sdf(body), "w.world")).cylinders
+    # Gazebo saves the poses of a running simulation beside those of its start.
+    cylinders = world_of(tmp_path, body).cylinders
     assert np.allclose(cylinders, [(5, 5, 0.075), (2, 2, 0.075)])
     assert "not supported: the scale of model 'b'; ignored" in caplog.text
 
@@ -77,9 +83,11 @@ def test_lying_shapes_are_read_and_shapes_overhead_are_not(tmp_path):
         + model("ball", "3 3 0.3 0 0 0", "<sphere><radius>0.3</radius></sphere>")
         + model("on its side", "6 0 0.5 0 1.5707963267948966 0", "<box><size>1 2 0.5</size></box>")
     )
-    world = worlds.load(write_world(tmp_path, sdf(body), "w.world"))
+    world = world_of(tmp_path, body)
     assert np.allclose(world.cylinders, [[3, 3, 0.3]])
     assert len(world.boxes) == 2
+    # The roller, 2 m long and 0.4 m thick, and the box, 0.5 m by 2 m on its side. A box may be
+    # turned by a quarter, so that only its longer edge has a direction.
     lying, side = world.boxes
     assert sorted(lying[3:]) == pytest.approx([0.4, 2.0])
     assert abs(math.sin(lying[2])) * lying[3] == pytest.approx(2.0)
@@ -92,9 +100,8 @@ def test_poses_in_degrees_empty_and_of_five_numbers_are_read(tmp_path):
         "<collision name='c'><pose degrees='true'>1 1 0 0 0 90</pose>"
         "<geometry><box><size>2 1 1</size></box></geometry></collision></link></model>"
     )
-    assert np.allclose(
-        worlds.load(write_world(tmp_path, sdf(body), "w.world")).boxes, [[1, 1, math.pi / 2, 2, 1]]
-    )
+    world = world_of(tmp_path, body)
+    assert np.allclose(world.boxes, [[1, 1, math.pi / 2, 2, 1]])
 
 
 MOVER = worlds.Mover(0.5, ((0.0, 1.0, 2.0), (1.5, 2.0, 2.5), (3.25, 3.0, 1.0 / 3.0)))
@@ -107,24 +114,27 @@ def test_written_and_read_back_is_the_same_world(tmp_path, spec, movers):
     world = replace(world, course=replace(world.course, planner_ends=bool(movers)))
     path = str(tmp_path / "copy.world")
     sdf_writer.write(world, path)
-    read = worlds.load(path)
-    assert np.array_equal(world.cylinders, read.cylinders)
-    assert np.allclose(world.boxes, read.boxes, rtol=0, atol=1e-12)
-    assert world.movers == read.movers
-    assert np.array_equal(world.course.path, read.course.path)
-    assert {**vars(world.course), "path": None} == {**vars(read.course), "path": None}
-    assert worlds.scaled(read, 0.5) is read  # A world from a file keeps its size.
+    read_back = worlds.load(path)
+    assert np.array_equal(world.cylinders, read_back.cylinders)
+    assert np.allclose(world.boxes, read_back.boxes, rtol=0, atol=1e-12)
+    assert world.movers == read_back.movers
+    assert np.array_equal(world.course.path, read_back.course.path)
+    assert {**vars(world.course), "path": None} == {**vars(read_back.course), "path": None}
+    assert worlds.scaled(read_back, 0.5) is read_back  # A world from a file keeps its size.
 
 
 def test_folder_in_the_order_of_numbers(tmp_path):
     for number in (10, 9, 2):
         write_world(tmp_path, sdf(cylinder(0, 0)), "world_%d.world" % number)
-    assert [w.name for w in worlds.Worlds(str(tmp_path))] == ["world_2", "world_9", "world_10"]
+    names = [world.name for world in worlds.Worlds(str(tmp_path))]
+    assert names == ["world_2", "world_9", "world_10"]
 
 
 def named(tag, name, frame="", inside="", x=0):
-    pose = "<pose%s>%d 0 0 0 0 0</pose>" % (" relative_to='%s'" % frame if frame else "", x)
-    return "<%s name='%s'>%s%s</%s>" % (tag, name, pose, inside, tag)
+    """Return an element with a pose x [m] ahead in a frame, by default that of its parent."""
+    relative_to = f" relative_to='{frame}'" if frame else ""
+    pose = f"<pose{relative_to}>{x} 0 0 0 0 0</pose>"
+    return f"<{tag} name='{name}'>{pose}{inside}</{tag}>"
 
 
 DISC = named("collision", "c", inside="<geometry><sphere><radius>0.3</radius></sphere></geometry>")
@@ -135,9 +145,9 @@ DISC = named("collision", "c", inside="<geometry><sphere><radius>0.3</radius></s
 )
 def test_a_pose_may_name_the_frame_that_it_is_in(tmp_path, model, link, inner):
     nested = named("model", "inner", inner, named("link", "l", link, DISC, 1), 2)
-    (disc,) = worlds.load(
-        write_world(tmp_path, sdf(named("model", "m", model, nested, 4)), "w.world")
-    ).cylinders
+    outer = named("model", "m", model, nested, 4)
+    (disc,) = world_of(tmp_path, outer).cylinders
+    # 4 m, 2 m and 1 m ahead of each other
     assert np.allclose(disc, (7, 0, 0.3))
 
 
@@ -169,7 +179,8 @@ OTHER = named("model", "other", "", LINK, 9)
 def test_unsupported_elements_are_named_in_one_line_and_the_rest_is_read(
     tmp_path, caplog, body, unread
 ):
-    (disc,) = worlds.load(write_world(tmp_path, sdf(body + OTHER), "w.world")).cylinders
+    (disc,) = world_of(tmp_path, body + OTHER).cylinders
+    # The other model is read.
     assert np.allclose(disc, (9, 0, 0.3))
     (record,) = caplog.records
     assert unread in record.getMessage()

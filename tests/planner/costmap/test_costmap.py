@@ -33,14 +33,14 @@ def local(**arguments):
 
 
 def fixed(n=80, **arguments):
+    """Return a fixed costmap of n x n cells, centred at the origin."""
     size = (n + 0.5) * 0.05
-    arguments = dict(
-        dict(footprint=JACKAL_FOOTPRINT, inflation=InflationParameters(0.3)), **arguments
-    )
-    return Costmap(size, size, 0.05, (-n * 0.025, -n * 0.025), **arguments)
+    usual = {"footprint": JACKAL_FOOTPRINT, "inflation": InflationParameters(0.3)}
+    return Costmap(size, size, 0.05, (-n * 0.025, -n * 0.025), **{**usual, **arguments})
 
 
 def hit(x, y):
+    """Return a cloud of one point [m], seen from the origin."""
     return PointCloud((0.0, 0.0, 0.0), np.array([[x, y, 0.0]], np.float32))
 
 
@@ -71,18 +71,21 @@ def test_drives_equal_the_recorded_ones(drive):
         cells = costmap.cells.copy()
         origin = costmap.origin.copy()
         costmap.update(step["pose"], seen)
-        checksums = [
-            zlib.crc32(grid.tobytes()) for grid in (costmap.cells, costmap.obstacles.cells)
-        ]
-        assert [*checksums, costmap.origin.tolist()] == step["expected"]
+        master_checksum = zlib.crc32(costmap.cells.tobytes())
+        obstacle_checksum = zlib.crc32(costmap.obstacles.cells.tobytes())
+        recorded = [master_checksum, obstacle_checksum, costmap.origin.tolist()]
+        assert recorded == step["expected"]
+
+        # The reported rectangle contains all changes; None means that there are none.
         differs = cells != costmap.cells
-        rect = costmap.changed_since(version)
-        if rect is None:
+        window = costmap.changed_since(version)
+        if window is None:
             assert costmap.version == version
             assert not differs.any()
             assert (origin == costmap.origin).all()
         else:
-            differs[rect[1] : rect[3], rect[0] : rect[2]] = False
+            left, bottom, right, top = window
+            differs[bottom:top, left:right] = False
             assert not differs.any()
 
 
@@ -107,25 +110,32 @@ def test_windows_and_versions_report_changes():
     assert costmap.window == (0, 0, 80, 80)  # The first pass is a full one.
     version = costmap.version
     costmap.update(HERE)
-    x0, y0, xn, yn = costmap.window
-    assert (x0, xn) == (int((-0.31 - 0.3 + 2) / 0.05), int((1.02 + 0.3 + 2) / 0.05) + 1)
+    # From the rear of the padded footprint to the obstacle, each with the inflation radius
+    left, _, right, _ = costmap.window
+    assert left == int((-0.31 - 0.3 + 2) / 0.05)
+    assert right == int((1.02 + 0.3 + 2) / 0.05) + 1
     assert costmap.version == version
     assert costmap.changed_since(version) is None
     costmap.update(HERE, hit(1.07, 0.02))
     assert costmap.version > version
     assert costmap.changed_since(version) is not None
-    assert costmap.changed_since(-1) == (0, 0, 80, 80) == costmap.changed_since(version + 99)
+    # Of versions that it never had, the costmap only knows that everything may differ.
+    assert costmap.changed_since(-1) == (0, 0, 80, 80)
+    assert costmap.changed_since(version + 99) == (0, 0, 80, 80)
 
 
 def test_changes_are_remembered_for_a_while():
     costmap = fixed()
     versions = []
+    # One of three cells in a row changes at a time.
     for index in range(100):
         versions.append(costmap.version)
-        costmap.cells[5, 5 + index % 3] = 7
-        costmap.set_free(5 + index % 3, 5, 6 + index % 3, 6)
+        column = 5 + index % 3
+        costmap.cells[5, column] = 7
+        costmap.set_free(column, 5, column + 1, 6)
     assert costmap.changed_since(versions[-1]) == (5, 5, 6, 6)
     assert costmap.changed_since(versions[-3]) == (5, 5, 8, 6)
+    # The earliest changes are forgotten: the whole map may differ.
     assert costmap.changed_since(versions[0]) == (0, 0, 80, 80)
     costmap.set_free(5, 5, 8, 6)  # All of these cells are free already.
     assert costmap.changed_since(versions[-1]) == (5, 5, 6, 6)
@@ -134,6 +144,7 @@ def test_changes_are_remembered_for_a_while():
 def test_without_bounds_nothing_happens():
     costmap = fixed(obstacles=ObstacleParameters(footprint_clearing_enabled=False))
     costmap.update(HERE)
+    # No layer has anything to change, so that even a cell that somebody else changed stays.
     costmap.cells[3, 3] = 9
     costmap.update(HERE)
     assert costmap.window is None

@@ -12,14 +12,16 @@ from tests.support.scenes import inflate
 from tests.support.seeds import examples
 
 
-def make(nx, ny, parameters):
-    layer = InflationLayer(nx, ny, 0.05, parameters)
+def make(columns, rows, parameters):
+    """Return a layer with the Jackal's inscribed radius."""
+    layer = InflationLayer(columns, rows, 0.05, parameters)
     layer.set_inscribed_radius(0.265)
     return layer
 
 
-def blank(nx, ny):
-    return np.zeros((ny, nx), np.uint8)
+def blank(columns, rows):
+    """Return free cells (ny, nx)."""
+    return np.zeros((rows, columns), np.uint8)
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from((0.1, 0.3, 0.6, 1.25)), st.floats(0.005, 0.3))
@@ -95,12 +97,13 @@ def test_short_queues_are_survived():
     """If many obstacles change at once, the queue grows or the spread starts anew."""
     rng = np.random.default_rng(3)
     layer = make(150, 150, InflationParameters(0.3, 3.0))
-    plain = blank(150, 150)
+    spread_anew = blank(150, 150)
+    # Too short for what comes, so that they must grow.
     layer._queue = np.empty((4, 75), np.int32)
     layer._lost = np.empty(250, np.int64)
     master = blank(150, 150)
     for fill in (0.02, 0.1, 0.0, 0.05):
-        plain[:] = np.where(rng.random(plain.shape) < fill, 254, 0)
-        layer.update(master, plain.copy(), (0, 0, 150, 150))
-        inflate(plain, (0, 0, 150, 150), 0.05, 0.265, layer.parameters)
-        np.testing.assert_array_equal(master, plain)
+        spread_anew[:] = np.where(rng.random(spread_anew.shape) < fill, 254, 0)
+        layer.update(master, spread_anew.copy(), (0, 0, 150, 150))
+        inflate(spread_anew, (0, 0, 150, 150), 0.05, 0.265, layer.parameters)
+        np.testing.assert_array_equal(master, spread_anew)

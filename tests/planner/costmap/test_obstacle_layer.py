@@ -80,6 +80,8 @@ def test_a_scan_without_ranges_has_no_points():
 @examples(100)
 def test_projection_rounds_like_the_cpp_code(ranges, x, y, yaw):
     cloud = project(scan(ranges, (x, y, yaw), increment=0.0065, height=0.3))
+    # tf rotates by a matrix of floats that it makes of the quaternion, one rounding after the
+    # other.
     f = np.float32
     z = f(math.sin(0.5 * yaw))
     w = f(math.cos(0.5 * yaw))

@@ -25,6 +25,7 @@ NO_FLOOD = 1e300  # costs above it are of grids that count as not flooded
 
 
 def small_map():
+    """Return a map of 3 x 3 m around the origin."""
     return open_map(60, 60, origin=(-1.5, -1.5), foot=BURGER_FOOT)
 
 
@@ -65,6 +66,7 @@ def test_refusals_count_the_rejected_samples_by_critic():
     twist = (0.15, 0, 0)
 
     # Only turns to the left are allowed.
+    # The flag of the oscillation critic that forbids turns to the right.
     planner.state = [0] * 4 + [1] + [0] * 10
     planner.find_best_path(costmap, AHEAD, ORIGIN, twist)
     assert counted(planner) == {"samples": 6, "oscillation": 2}
@@ -84,7 +86,7 @@ def test_a_reset_planner_equals_a_new_one():
     costmap = small_map()
     plan = [(0, 0), (1, 0.3)]
     planner = DWAPlanner(BURGER, 0.1)
-    first = planner.find_best_path(costmap, plan, ORIGIN, AT_REST)
+    first_choice = planner.find_best_path(costmap, plan, ORIGIN, AT_REST)
     first_state = planner.state
     for x in (0.1, 0.2, 0.9):
         planner.find_best_path(costmap, plan, (x, 0, 0), (-0.1, 0, 0.4))
@@ -93,7 +95,7 @@ def test_a_reset_planner_equals_a_new_one():
     planner.prepare(costmap, plan, ORIGIN, AT_REST)
     cost, _ = planner.check((0.2, 0, 0))
     assert cost > NO_FLOOD
-    again = planner.find_best_path(costmap, plan, ORIGIN, AT_REST)
-    assert again.cost == first.cost
-    assert again.sample == first.sample
+    choice_after_reset = planner.find_best_path(costmap, plan, ORIGIN, AT_REST)
+    assert choice_after_reset.cost == first_choice.cost
+    assert choice_after_reset.sample == first_choice.sample
     assert planner.state == first_state

@@ -17,15 +17,16 @@ from tests.support import scenes
 from tests.support.robots import JACKAL_FOOTPRINT
 from tests.support.seeds import examples
 
+# Edge of a cell [m].
 RES = 0.05
 EIGHT_NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
 
 
 def costmap_of(cells, origin=(0.0, 0.0)):
     """Return a costmap with exactly these cells (ny, nx)."""
-    ny, nx = cells.shape
+    rows, columns = cells.shape
     costmap = Costmap(
-        (nx + 0.5) * RES, (ny + 0.5) * RES, RES, origin, inflation=InflationParameters(0.0)
+        (columns + 0.5) * RES, (rows + 0.5) * RES, RES, origin, inflation=InflationParameters(0.0)
     )
     scenes.paint(costmap, cells)
     return costmap
@@ -109,7 +110,9 @@ def test_one_planner_on_a_changing_map(seed, list_size):
         compare(planner, costmap, robot, goal, 0.0, allow_unknown, list_size)
         if rng.random() < 0.7:  # The map changes around one point, as around a robot.
             x, y = rng.integers(0, (nx, ny)).tolist()
-            block = cells[max(0, y - 4) : y + 5, max(0, x - 4) : x + 5]
+            bottom = max(0, y - 4)
+            left = max(0, x - 4)
+            block = cells[bottom : y + 5, left : x + 5]
             rows, columns = block.shape
             block[:] = world(rng, 9, 9, "arbitrary")[:rows, :columns]
             costmap.clear()

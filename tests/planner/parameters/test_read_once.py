@@ -19,10 +19,7 @@ from applr_ros1.planner.parameters.parameter import GOAL, OUTLINE, PERIOD, RECOV
 PLANNERS = {"jackal": "TrajectoryPlannerROS", "turtlebot3_waffle_pi": "DWAPlannerROS"}
 FILED = {"footprint": "[[0.3, 0.2], [0.3, -0.2], [-0.3, -0.2], [-0.3, 0.2]]", "y_vels": "-0.2,0.2"}
 # Parameters that name plugins, which MoveBase cannot change.
-PLUGINS = (
-    "base_global_planner",
-    "base_local_planner",
-)
+PLUGINS = ("base_global_planner", "base_local_planner")
 # Code that reads parameters only once in C++: move_base.cpp:93 to 180 and loadRecoveryBehaviors,
 # trajectory_planner_ros.cpp:103 to 270, rotate_recovery.cpp:60, dwa_planner_ros.cpp:92 with
 # latched_stop_rotate_controller.h. DWAPlannerROS reads the footprint in every cycle.
@@ -45,6 +42,7 @@ CPP = {
         ("local_costmap", "footprint_padding"): {OUTLINE},
     },
 }
+# Part of a path in MoveBase's state: who keeps the value of the start there
 KEPT = {
     "recoveries": RECOVERY,
     "_footprint": OUTLINE,
@@ -69,25 +67,28 @@ def state(thing, path="", above=()):
         parts = vars(thing).items()
     elif hasattr(type(thing), "__slots__"):
         parts = [(name, getattr(thing, name)) for name in type(thing).__slots__]
+    elif isinstance(thing, (bool, int, float, str, np.generic, type(None))):
+        values[path] = repr(thing)
     else:
-        values[path] = (
-            repr(thing)
-            if isinstance(thing, (bool, int, float, str, np.generic, type(None)))
-            else ""
-        )
+        values[path] = ""  # a function, or another object without state
+    # An object above itself would never end.
     if not values and id(thing) not in above:
         for name, part in parts:
-            here = f"{path}.{name}"
-            if here not in (".parameters", "._config") and name != "version":
-                values.update(state(part, here, (*above, id(thing))))
+            part_path = f"{path}.{name}"
+            if part_path not in (".parameters", "._config") and name != "version":
+                values.update(state(part, part_path, (*above, id(thing))))
     return values
 
 
 def other(parameter, value):
     """Return another valid value of the parameter."""
-    if parameter.type in ("bool", "str"):
-        return FILED[parameter.name] if parameter.type == "str" else not value
-    moved = value + 1 if parameter.type == "int" else 0.8 * value or 0.1
+    if parameter.type == "str":
+        return FILED[parameter.name]
+    if parameter.type == "bool":
+        return not value
+    moved = value + 1
+    if parameter.type != "int":
+        moved = 0.8 * value or 0.1
     return moved if parameter.min <= moved <= parameter.max else value - 1
 
 
@@ -103,46 +104,64 @@ def test_parameters_read_once_are_the_same_in_tables_move_base_and_cpp(name, mon
     # The value of move_base itself then applies, as in most files.
     plain[planner].pop("controller_frequency", None)
     plain["global_costmap"].update(width=4, height=4)
-    round_ = copy.deepcopy(plain)
-    round_["local_costmap"].pop("footprint")
+    # robot_radius counts only without a footprint.
+    without_footprint = copy.deepcopy(plain)
+    without_footprint["local_costmap"].pop("footprint")
     for server, (_, parameters) in MoveBase(plain).servers.items():
-        for p in parameters:
-            if p.name == "restore_defaults" or p.name in PLUGINS:
+        for parameter in parameters:
+            name = parameter.name
+            if name == "restore_defaults" or name in PLUGINS:
                 continue
-            tree = round_ if p.name == "robot_radius" else plain
+
+            # Another value: once by a request, once from the files
+            tree = without_footprint if name == "robot_radius" else plain
             reconfigured = MoveBase(tree)
-            value = other(p, reconfigured.configuration(server)[p.name])
-            given = copy.deepcopy(tree)
-            place = server if server in plain else server.rpartition("/")[0]
-            branch(given, place, create=True)[p.name] = value
-            if "/" in server:  # C++ reads the parameter of a layer from the layer's own section.
-                branch(given, server, create=True)[p.name] = value
-                branch(given, server.rpartition("/")[0]).pop(p.name, None)
-            loaded = MoveBase(given)
-            reconfigured.reconfigure(server, {p.name: value})
-            assert reconfigured.configuration(server) == loaded.configuration(server), (
-                server,
-                p.name,
-            )
-            one = state(loaded)
-            two = state(reconfigured)
-            differ = [path for path in {*one, *two} if one.get(path) != two.get(path)]
-            for path in differ:
-                reader = next((who for part, who in KEPT.items() if part in path), path)
-                readers.setdefault((server, p.name), set()).add(reader)
-            if (
-                p.once
-                and (server != "global_costmap")
-                and (server != "local_costmap" or planner in p.once)
-            ):
-                declared[server, p.name] = set(p.once)
+            value = other(parameter, reconfigured.configuration(server)[name])
+            loaded = MoveBase(with_value(tree, server, name, value))
+            reconfigured.reconfigure(server, {name: value})
+            assert reconfigured.configuration(server) == loaded.configuration(server), name
+
+            # What differs has kept the value of the start.
+            of_files = state(loaded)
+            of_request = state(reconfigured)
+            for path in {*of_files, *of_request}:
+                if of_files.get(path) != of_request.get(path):
+                    readers.setdefault((server, name), set()).add(reader_of(path))
+            if is_declared_once(parameter, server, planner):
+                declared[server, name] = set(parameter.once)
     assert readers == CPP[planner]
     assert declared == readers
 
 
+def with_value(tree, server, name, value):
+    """Return parameters with another value of a server, where C++ reads it."""
+    changed = copy.deepcopy(tree)
+    section = server if server in tree else server.rpartition("/")[0]
+    branch(changed, section, create=True)[name] = value
+    # C++ reads the parameter of a layer from the layer's own section.
+    if "/" in server:
+        branch(changed, server, create=True)[name] = value
+        branch(changed, server.rpartition("/")[0]).pop(name, None)
+    return changed
+
+
+def reader_of(path):
+    """Return who keeps a part of MoveBase's state, or the path if nobody should."""
+    for part, reader in KEPT.items():
+        if part in path:
+            return reader
+    return path
+
+
+def is_declared_once(parameter, server, planner):
+    """Return whether the tables say that a parameter is read only at start-up."""
+    if server == "global_costmap" or not parameter.once:
+        return False
+    return server != "local_costmap" or planner in parameter.once
+
+
 def test_only_the_outline_of_trajectoryplannerros_keeps_its_start_up_value():
-    there = "local_costmap", "footprint_padding"
-    assert shapes_at_start("TrajectoryPlannerROS", *there)
-    assert not shapes_at_start("DWAPlannerROS", *there)
+    assert shapes_at_start("TrajectoryPlannerROS", "local_costmap", "footprint_padding")
+    assert not shapes_at_start("DWAPlannerROS", "local_costmap", "footprint_padding")
     assert not shapes_at_start("TrajectoryPlannerROS", "global_costmap", "footprint_padding")
     assert not shapes_at_start("TrajectoryPlannerROS", "TrajectoryPlannerROS", "max_vel_theta")

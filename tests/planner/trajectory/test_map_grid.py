@@ -27,6 +27,7 @@ def prepared(cells, plan):
 
 
 def scene(cells, plan):
+    """Return the scene of a search with a plan (n, 2)."""
     return Scene(
         cells=cells,
         ox=0.0,
@@ -44,13 +45,15 @@ def completed(grids):
 
 
 def random_world(seed):
-    random = np.random.default_rng(seed)
-    cells = random.choice(
+    """Return random cells of all kinds, and a plan that begins or ends on or off the map."""
+    rng = np.random.default_rng(seed)
+    # From 253 on, a cell is a wall for the flood: a third of them, which cut off some others.
+    cells = rng.choice(
         np.array([0, 100, 252, 253, 254, 255], np.uint8),
         (NY, NX),
         p=[0.5, 0.1, 0.05, 0.15, 0.15, 0.05],
     )
-    plan = random.uniform((-0.3, -0.3), (2.6, 2.0), (random.integers(1, 6), 2))
+    plan = rng.uniform((-0.3, -0.3), (2.6, 2.0), (rng.integers(1, 6), 2))
     return cells, plan
 
 
@@ -58,12 +61,13 @@ def random_world(seed):
 def test_settled_cells_are_final_and_all_others_exceed_the_limit(seed):
     cells, plan = random_world(seed)
     final_values, _ = completed(prepared(cells, plan))
+    # One grid is flooded step by step, for cells and limits in any order.
     grid = prepared(cells, plan).path
-    random = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     for _ in range(60):
-        x = int(random.integers(NX))
-        y = int(random.integers(NY))
-        limit = int(random.integers(12))
+        x = int(rng.integers(NX))
+        y = int(rng.integers(NY))
+        limit = int(rng.integers(12))
         value = distance_grid.settle(grid, distance_grid.place(grid, x, y), limit)
         final_value = final_values[y, x]
         has_cells_left = grid.ends[0] < grid.ends[1]
@@ -72,8 +76,10 @@ def test_settled_cells_are_final_and_all_others_exceed_the_limit(seed):
         elif value == WALL:
             assert final_value >= WALL
         elif has_cells_left:
+            # The flood stopped at the limit before it came here.
             assert final_value > limit
         else:
+            # The flood is over: nothing leads here.
             assert final_value == WALL + 1
 
 
@@ -82,5 +88,6 @@ def test_grids_can_be_used_again():
     second_world = random_world(2)
     grids = prepared(*first_world)
     completed(grids)
+    # The memory still has all values of the first world.
     prepare(grids, scene(*second_world), *POSE)
     assert np.array_equal(completed(grids), completed(prepared(*second_world)))

@@ -35,24 +35,26 @@ def make_planner(plan=PLAN, meter_scoring=True, **changes):
 
 
 def test_closed_forms_end_at_the_pose_of_the_steps():
-    random = np.random.default_rng(0)
-    params = make_planner(acc_lim_x=2.0, acc_lim_theta=5.0).in_force
+    rng = np.random.default_rng(0)
+    parameters = make_planner(acc_lim_x=2.0, acc_lim_theta=5.0).in_force
     for _ in range(300):
-        pose = random.uniform(-3, 3, 3)
-        velocity = random.uniform(-1, 1, 3)
+        pose = rng.uniform(-3, 3, 3)
+        velocity = rng.uniform(-1, 1, 3)
         start = start_record([*pose, *velocity])
-        vx = random.uniform(-0.5, 2)
-        w = random.choice([0.0, 1e-9, random.uniform(-3.14, 3.14)])
+        vx = rng.uniform(-0.5, 2)
+        # The closed form divides by w: straight on, hardly a curve, and a curve
+        w = rng.choice([0.0, 1e-9, rng.uniform(-3.14, 3.14)])
         sample = Velocity(vx, 0.0, w)
-        steps = scoring.step_count(params, sample)
-        dt = params["sim_time"] / steps
+        steps = scoring.step_count(parameters, sample)
+        dt = parameters["sim_time"] / steps
         heading = heading_of(start["theta"])
 
-        exact = forward.exact_end(params, start, sample, steps)
-        ramp = forward.ramp(params, start, heading, sample, dt, steps - 1)
-        ours = forward.along_arc(ramp, vx * dt, w * dt, steps - 1 - ramp.moves)
+        # The robot accelerates for some steps, and then moves on an arc, which has a closed form.
+        end_of_steps = forward.exact_end(parameters, start, sample, steps)
+        after_ramp = forward.ramp(parameters, start, heading, sample, dt, steps - 1)
+        end_on_arc = forward.along_arc(after_ramp, vx * dt, w * dt, steps - 1 - after_ramp.moves)
 
-        assert np.allclose(ours, exact, rtol=0, atol=1e-11)
+        assert np.allclose(end_on_arc, end_of_steps, rtol=0, atol=1e-11)
 
 
 def test_one_sample_is_one_value():
@@ -70,6 +72,7 @@ def test_meter_scoring_multiplies_two_weights_in_every_reconfigure():
     costmap = open_map(resolution=resolution)
     planner = make_planner()
     planner.find_best_path(costmap, ORIGIN, STANDING)
+    # A reconfigure sets the server's values again, which are per metre.
     for _ in range(2):
         assert planner.in_force["path_distance_bias"] == 0.75 * resolution
         assert planner.in_force["goal_distance_bias"] == 1.0 * resolution
@@ -86,31 +89,34 @@ def test_the_cell_under_the_centre_counts_beside_the_outline(heading_scoring):
     pose = (0.02, 0.02, 0.0)
     costmap = open_map()
     planner = make_planner(heading_scoring=heading_scoring)
-    free = planner.find_best_path(costmap, pose, DRIVING)
+    free_result = planner.find_best_path(costmap, pose, DRIVING)
 
     costmap.cells[100, 100] = 100  # the cell at 0 to 0.05 m along both axes
     planner = make_planner(heading_scoring=heading_scoring)
-    costly = planner.find_best_path(costmap, pose, DRIVING)
+    costly_result = planner.find_best_path(costmap, pose, DRIVING)
 
-    assert costly.cost == pytest.approx(free.cost + 100 * PARAMS["occdist_scale"])
+    assert costly_result.cost == pytest.approx(free_result.cost + 100 * PARAMS["occdist_scale"])
 
 
 def test_a_map_of_another_size_is_adopted():
     planner = make_planner()
-    first = planner.find_best_path(open_map(), ORIGIN, DRIVING)
+    first_result = planner.find_best_path(open_map(), ORIGIN, DRIVING)
     planner.find_best_path(open_map(80, 120, 0.1), ORIGIN, DRIVING)
+    # Only the grids are at stake, not what the planner remembers of its own commands.
     planner.state = NO_MEMORY
-    again = planner.find_best_path(open_map(), ORIGIN, DRIVING)
-    assert (again.cost, again.vx, again.w) == (first.cost, first.vx, first.w)
+    result_again = planner.find_best_path(open_map(), ORIGIN, DRIVING)
+    assert result_again.cost == first_result.cost
+    assert result_again.vx == first_result.vx
+    assert result_again.w == first_result.w
 
 
 def test_earlier_results_keep_their_points():
     planner = make_planner()
-    first = planner.find_best_path(open_map(), ORIGIN, DRIVING)
-    wanted = first.points.copy()
+    first_result = planner.find_best_path(open_map(), ORIGIN, DRIVING)
+    points_before = first_result.points.copy()
     planner.reconfigure(dict(PARAMS, sim_time=1.0))
     planner.find_best_path(open_map(), (1, 1, 1), (0.1, 0, 0))
-    assert np.array_equal(first.points, wanted)
+    assert np.array_equal(first_result.points, points_before)
 
 
 def test_cost_cloud_leaves_out_robot_walls_and_unreached_cells():
@@ -125,10 +131,13 @@ def test_cost_cloud_leaves_out_robot_walls_and_unreached_cells():
     path, goal, within = planner.grids()
 
     assert cloud.dtype == np.float32
+    # The 30 columns before the wall, less the cells within the robot
     assert len(cloud) == 30 * 30 - int(within.sum())
-    # Columns: x, y, z [m], costs of path, goal and cell, total cost
+    # Columns: x, y, z [m], costs of path, goal and cell, total cost. The centre of cell (5, 5) is
+    # at -1 + 5.5 * 0.1 m along both axes.
     is_costly_cell = np.abs(cloud[:, :2] + 0.45).max(axis=1) < 1e-4
     (row,) = cloud[is_costly_cell]
+    # The weights 0.75 and 1 of path and goal are per metre, and a cell has 0.1 m.
     total = 0.075 * path[5, 5] + 0.1 * goal[5, 5] + 0.1 * 77
     assert row[3:] == pytest.approx([path[5, 5], goal[5, 5], 77, total])
 
@@ -141,7 +150,8 @@ def test_the_heading_is_compared_with_the_direction_of_the_farthest_point_in_sig
     target, expected
 ):
     """If the robot is on the target, the direction is 0, as for atan2(0, 0) in C++."""
-    x, y, theta = (0.025, 0.025, 0.7)  # in the centre of cell (0, 0)
+    x = y = 0.025  # the centre of cell (0, 0)
+    theta = 0.7
     scene = scoring.Scene(
         cells=np.zeros((40, 40), np.uint8),
         ox=0.0,

@@ -23,7 +23,7 @@ import pytest
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE
-from tests.support import HANGS, ROOT, runs
+from tests.support import HANGS, ROOT, lines_with, runs
 from tests.support.drives import driven
 from training.common.command_line import parsed
 from training.env.episode import TIME_LIMIT
@@ -80,7 +80,7 @@ def refused(run, capsys):
         capsys.readouterr()
         assert run(arguments) == 1
         text = capsys.readouterr().err
-        lines = [line for line in text.splitlines() if line.startswith("evaluate.py: ")]
+        lines = lines_with(text, "evaluate.py: ")
         assert len(lines) == 1, text
         assert "Traceback" not in text, text
         for word in words:
