@@ -124,11 +124,15 @@ def test_distances_outside_a_box_equal_those_of_its_raster():
     size = (2.0, 1.0)
     edge = np.linspace(-0.5, 0.5, 101)
     # A raster of the box; its points are up to 0.02 m apart.
-    raster = np.stack(np.meshgrid(edge * size[0], edge * size[1]), -1).reshape(-1, 2)
-    turned_raster = raster @ np.array(
-        [[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]]
-    )
-    nearest = np.hypot(dx[:, None] - turned_raster[:, 0], dy[:, None] - turned_raster[:, 1]).min(1)
+    along, across = np.meshgrid(edge * size[0], edge * size[1])
+    raster = np.stack([along, across], -1).reshape(-1, 2)
+    rotation = [[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]]
+    turned_raster = raster @ np.array(rotation)
+
+    # Distances (200, 10201) of the points from those of the raster; those inside have 0.
+    offsets_x = dx[:, None] - turned_raster[:, 0]
+    offsets_y = dy[:, None] - turned_raster[:, 1]
+    nearest = np.hypot(offsets_x, offsets_y).min(axis=1)
     distances = np.hypot(*angles.outside_box(dx, dy, yaw, *size))
     assert np.all(np.abs(distances - nearest) < 0.015)
     assert np.any(distances == 0.0)

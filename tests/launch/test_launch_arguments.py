@@ -33,6 +33,7 @@ def each_command_once():
     """Cache the output of the command with which launch files read a robot, because many tests need
     it.
     """
+    # It starts Python and reads the robot's folder each time.
     original = roslaunch.loader.Loader.param_value
     outputs = {}
 
@@ -170,6 +171,7 @@ def test_method_and_meter_scoring_reach_their_nodes():
 
 
 def test_one_argument_switches_the_prediction_off():
+    # The C++ move_base has no such parameter, but the applr node observes moving obstacles.
     for words, is_on in (((), True), (("movers:=false",), False), (("move_base:=cpp",), None)):
         launched = loaded("jackal_applr.launch", *words)
         assert ("movers" in launched.words) == (is_on is not False)
@@ -278,7 +280,10 @@ def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
     waited_for = []
 
     class Stack:
+        """Nodes of which nothing runs: others write to the parameter server meanwhile."""
+
         def wait(self, part, condition, *_, **__):
+            """Check the condition for the page: with a foreign address, and with ours."""
             waited_for.append(part)
             if part == "the page":
                 assert not condition()
@@ -289,6 +294,7 @@ def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
                 parameter_server["/viewer/address"] = "http://evil.example/"
 
         def check(self):
+            """End the program, as Ctrl-C does."""
             raise KeyboardInterrupt
 
     parameter_server = {"/viewer/address": "file:///etc/passwd"}
@@ -305,6 +311,7 @@ def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
 
 
 def test_the_demo_ends_when_a_node_has_died(monkeypatch):
+    # Lines of roslaunch, some of them in colour. A window that is closed ends nothing.
     lines = [
         "[rviz-7] process has finished cleanly\n",
         "\x1b[31m[applr-5] process has died [pid 1, exit code 1, cmd\n",

@@ -41,9 +41,6 @@ SIDE = 0.208
 # 4 m/s^2 and 12 rad/s^2: with weak ones, most scenes here would be blocked.
 STRONG_BRAKES = Braking(4.0, 12.0)
 
-# Wall 3 cm behind the body, whose rear is at -0.229 m, less the discs' radius.
-CLOSE_BEHIND = [(-0.32, y) for y in np.arange(-0.2, 0.21, 0.05)]
-
 
 def scan_of(points, pose, stamp=0.0, **changes):
     """Return the scan of a Jackal among discs of 5 cm radius.
@@ -59,9 +56,18 @@ def scan_of(points, pose, stamp=0.0, **changes):
     return replace(scan, **changes)
 
 
+def across(x, right, left, spacing):
+    """Return points (x, y) [m] across the robot's way, from y = right to below y = left."""
+    return [(x, y) for y in np.arange(right, left, spacing)]
+
+
 def wall(x, half_width=1.0):
     """Return discs across the way of the robot, whose front is 5 cm nearer than x [m]."""
-    return [(x, y) for y in np.arange(-half_width, half_width, 0.04)]
+    return across(x, -half_width, half_width, 0.04)
+
+
+# Wall 3 cm behind the body, whose rear is at -0.229 m, less the discs' radius.
+CLOSE_BEHIND = across(-0.32, -0.2, 0.21, 0.05)
 
 
 def posts(seed):

@@ -23,6 +23,7 @@ from tests.monitor.scenes import (
     LASER,
     SETTINGS,
     TURN,
+    across,
     posts,
     safe_scale_of,
     scan_of,
@@ -141,7 +142,7 @@ def test_a_tighter_turn_passes_if_straight_on_is_blocked():
 def test_backing_up_a_long_way_stops_before_remembered_obstacles():
     """An obstacle three metres behind is remembered until the robot has backed up to it."""
     monitor = CollisionMonitor()
-    wall_behind = [(-0.6, y) for y in np.arange(-0.3, 0.31, 0.03)]
+    wall_behind = across(-0.6, -0.3, 0.31, 0.03)
     monitor.add_scan(scan_of(wall_behind, BEHIND))
     there_and_back = [*np.arange(0.0, 3.0, 0.2), *np.arange(3.0, -0.3, -0.1)]
     for step, x in enumerate(there_and_back):
@@ -158,7 +159,7 @@ def test_backing_up_a_long_way_stops_before_remembered_obstacles():
 def test_noisy_edges_do_not_fill_the_memory():
     rng = np.random.default_rng(0)
     monitor = CollisionMonitor()
-    discs = [(0.8, y) for y in np.arange(-0.9, 0.9, 0.18)]
+    discs = across(0.8, -0.9, 0.9, 0.18)
     clean = scan_of(discs + wall(1.6, 1.5), HERE)
     counts = []
     for step in range(200):
@@ -241,7 +242,7 @@ def test_a_full_memory_forgets_the_oldest_points(monkeypatch):
 
 def test_a_robot_in_contact_may_only_drive_away():
     # The front is at 0.229 m, and the posts have 0.05 m: with its margin the body touches them.
-    monitor = seen_all_around([(0.30, y) for y in np.arange(-0.2, 0.2, 0.03)])
+    monitor = seen_all_around(across(0.30, -0.2, 0.2, 0.03))
     assert verdict_on(monitor, 0.3).action == STOP
     assert verdict_on(monitor, -0.3).action == PASS
 

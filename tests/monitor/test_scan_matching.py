@@ -69,6 +69,7 @@ def test_slip_and_heading_errors_are_corrected(seed):
         reported = (x, y, yaw + float(rng.normal(0.0, 0.003)))
         matcher.add_scan(scan(true, reported, STEP_S * step, rng, discs))
         distance, angle = error_of(matcher, true, reported)
+        # Five times the noise of a range
         assert distance < 0.015
         assert angle < 0.01
     away_x, away_y, _ = compose(inverse(true), believed)
@@ -115,6 +116,7 @@ def test_a_sliding_base_is_tracked_while_its_wheels_turn_backwards(seed):
     for step in range(22):
         wheels_m = step_m
         if step >= 12:
+            # 4.8 m/s^2 take 0.24 m/s, 12 mm of the way from scan to scan.
             step_m = max(0.0, step_m - 0.012)
             wheels_m = -0.025
         true_x += step_m
@@ -161,6 +163,7 @@ def test_a_completely_changed_scene_does_not_change_the_pose():
     matcher = ScanMatcher()
     discs = pillars(rng)
     walls = np.array([[0.0, -0.7, -0.1, 4.0, 0.01], [1.35, 0.5, 1.63, 5.0, 0.01]])
+    # A scan is matched (True) if it fits the one before.
     assert not matcher.add_scan(scan(ORIGIN, ORIGIN, 0.0, rng, discs))
     assert matcher.add_scan(scan(ORIGIN, ORIGIN, 0.1, rng, discs))
     assert not matcher.add_scan(scan(ORIGIN, ORIGIN, 0.2, rng, walls=walls))
@@ -179,6 +182,8 @@ def verdict_after_slide(slide):
     turned_round = (0.0, 0.0, math.pi)
     backed_up = (-0.20, 0.0, 0.0)
     slid = (-0.20 - slide, 0.0, 0.0)
+    # The robot first looks back, then ahead, and backs up by 0.2 m. From its rear, 0.229 m behind
+    # its centre, to the row of discs 0.24 m are left, less the slide.
     monitor.add_scan(scan(turned_round, turned_round, 0.0, rng, discs))
     monitor.add_scan(scan(ORIGIN, ORIGIN, 0.1, rng, discs))
     monitor.add_scan(scan(backed_up, backed_up, 0.2, rng, discs))

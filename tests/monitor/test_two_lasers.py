@@ -15,6 +15,7 @@ from tests.monitor.scenes import (
     BEHIND,
     CLOSE_BEHIND,
     HERE,
+    across,
     posts,
     scan_of,
     verdict_on,
@@ -24,7 +25,7 @@ from tests.monitor.scenes import (
 # Commands (v, w) [m/s, rad/s].
 BACK = (-0.5, 0.0)
 AHEAD = (0.5, 0.0)
-WALL_BEHIND = [(-0.4, y) for y in np.arange(-0.3, 0.31, 0.03)]
+WALL_BEHIND = across(-0.4, -0.3, 0.31, 0.03)
 
 
 def behind(points, stamp=0.0, **changes):
@@ -41,11 +42,14 @@ def seen_both(ahead, back):
 
 
 def test_the_robot_backs_up_as_far_as_the_second_laser_observes():
+    # Behind the robot, no scan of the front laser has looked.
     front_alone = CollisionMonitor()
     front_alone.add_scan(scan_of(wall(3.0), HERE))
     assert "creeping" in front_alone.filter(0.0, HERE, AT_REST, BACK).reason
+
     free_behind = seen_both(wall(3.0), [(-3.0, 0.0), (-3.0, 0.1)])
     assert free_behind.filter(0.0, HERE, AT_REST, BACK).action == PASS
+
     wall_behind = seen_both(wall(3.0), WALL_BEHIND)
     verdict = wall_behind.filter(0.0, HERE, AT_REST, BACK)
     assert "obstacle" in verdict.reason
@@ -72,8 +76,11 @@ def test_each_silent_or_blind_laser_stops_the_robot(name, other, old, blind):
     assert "no scan has arrived yet" in monitor.filter(0.0, HERE, AT_REST, AHEAD).reason
     monitor.add_scan(laser_scan(name, 0.0), name)
     assert monitor.filter(0.0, HERE, AT_REST, AHEAD).action == PASS
+
+    # Scans of the other laser are no substitute.
     monitor.add_scan(laser_scan(other, 0.6), other)
     assert old in monitor.filter(0.6, HERE, AT_REST, AHEAD).reason
+
     invalid = np.full(BEAMS, np.nan, np.float32)
     monitor.add_scan(laser_scan(name, 0.6, ranges=invalid), name)
     verdict = monitor.filter(0.6, HERE, AT_REST, AHEAD)
@@ -85,6 +92,7 @@ def test_a_laser_does_not_clear_the_memory_of_another():
     """A low step ahead is in the scan plane of the first laser only."""
     monitor = CollisionMonitor(more_scans=["high"])
     monitor.add_scan(scan_of(wall(1.0), HERE))
+    # The high laser looks over the step to a wall 4 m ahead.
     for stamp in (0.0, 0.1):
         monitor.add_scan(scan_of(wall(4.0, 3.0), HERE, stamp), "high")
     monitor.add_scan(scan_of(wall(1.0), HERE, 0.1))
@@ -92,6 +100,7 @@ def test_a_laser_does_not_clear_the_memory_of_another():
 
 
 def test_another_place_clears_the_memories_of_all_lasers():
+    # The posts of another seed: no motion explains the change.
     monitor = seen_both(posts(0), CLOSE_BEHIND)
     assert "another place" in monitor.add_scan(scan_of(posts(1), HERE, 0.05))
     monitor.add_scan(scan_of(posts(1), HERE, 0.1))
@@ -120,6 +129,7 @@ def test_a_laser_may_be_added_later():
 
 
 def test_an_infinite_range_max_is_valid():
+    # Some drivers give no largest range. Without any number, the scan would mean nothing.
     monitor = CollisionMonitor()
     assert monitor.add_scan(scan_of(wall(1.0), HERE, range_max=math.inf)) == ""
     assert verdict_on(monitor, 2.0).action == SLOW

@@ -187,7 +187,9 @@ def test_predicted_points_are_cleared_if_their_source_dies(stubbed):
     planners = Planners(prediction, ToyRobot(circles=WALL))
     tracker.rows = []
     for angle in np.linspace(-1.8, 1.8, 8):
-        tracker.rows.append((1.2 * math.cos(angle), 1.2 * math.sin(angle), 0.01, 0.0, 0.3))
+        x = 1.2 * math.cos(angle)
+        y = 1.2 * math.sin(angle)
+        tracker.rows.append((x, y, 0.01, 0.0, 0.3))
 
     for _ in range(5):
         planners.step()

@@ -33,10 +33,12 @@ def robot(monkeypatch):
     sensors = module.Sensors(("odom", "odom", "base"), {"scan": "LaserScan"}, {}, "odom")
 
     def time(t):
+        """Set the clock, and return its time."""
         clock[0] = rospy.Time.from_sec(t)
         return clock[0]
 
     def scan(t, frame="base", ranges=(1.0, 2.0, 3.0)):
+        """Send a scan, by default of a laser in the robot's centre."""
         message = LaserScan(
             angle_min=-1.0, angle_increment=1.0, range_min=0.1, range_max=9.0, ranges=list(ranges)
         )
@@ -45,10 +47,12 @@ def robot(monkeypatch):
         callbacks["scan"](message)
 
     def tf(t):
+        """Send the transform of a robot that drives at 1 m/s: its place tells the stamp."""
         placed = transform("odom", "base", (t - 100.0, 0.0, 0.0), rospy.Time.from_sec(t))
         sensors.transforms.buffer.set_transform(placed, "test")
 
     def odometry(t):
+        """Send the velocity."""
         message = Odometry()
         message.header.stamp = rospy.Time.from_sec(t)
         message.twist.twist.linear.x = 0.5
@@ -81,7 +85,7 @@ def test_no_scan_is_lost_while_tf_is_late(robot):
 
 
 def test_a_publisher_ahead_of_the_clock_gives_the_pose_of_now(robot):
-    # The latest transform is 0.45 s ahead of the clock.
+    # The latest transform is 0.45 s ahead of the clock. The pose is that of 101 s, one metre on.
     for number in range(20):
         robot.tf(100.5 + 0.05 * number)
     pose = robot.sensors.pose(robot.time(101.0), 0.3)
@@ -95,6 +99,7 @@ def test_the_latest_scan_with_a_transform_is_used_and_later_ones_wait(robot):
     robot.time(101.0)
     robot.tf(100.0)
     robot.tf(100.95)
+    # tf knows the pose until 100.95 s, so that the last scan must wait.
     for stamp in (100.9, 100.94, 100.98):
         robot.scan(stamp)
     assert stamps_of(robot) == pytest.approx([100.94])

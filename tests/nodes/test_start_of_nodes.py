@@ -114,15 +114,14 @@ def test_invalid_parameters_are_one_line(module, own_parameters, line, tmp_path,
         own_parameters = {"robot": str(tmp_path / "mine")}
     node = importlib.import_module(module)
     monkeypatch.setattr(node, "init_node", lambda name: None)
-    parameters = {
-        "": own_parameters,
-        **own_parameters,
-    }  # "~" stands for all parameters of the node.
+    # "~" stands for all parameters of the node.
+    parameters = {"": own_parameters, **own_parameters}
     monkeypatch.setattr(
         "rospy.get_param", lambda name, *default: parameters.get(name[1:], *default)
     )
     monkeypatch.setattr("rospy.get_name", lambda: "/node")
     monkeypatch.setattr("rospy.resolve_name", lambda name: "/" + name)
+    # A node that went on in spite of the error would come to its topics.
     for name in ("Publisher", "Subscriber"):
         monkeypatch.setattr("rospy." + name, lambda *_, **__: pytest.fail("the node goes on"))
     refused(node.main, line)
@@ -135,17 +134,27 @@ def test_code_is_imported_only_for_the_method_given_at_the_start(tmp_path, monke
     spec = f"{tmp_path}/own.py:Own"
     code = f"open('{tmp_path}/ran', 'w')\nfrom applr_ros1.policy.methods import Method as Own\n"
     (tmp_path / "own.py").write_text(code)
+    ran = tmp_path / "ran"  # file that the code makes
+
+    # The method comes from the parameter server alone.
     monkeypatch.setattr(sys, "argv", ["applr.py"])
     monkeypatch.setenv("APPLR_METHOD", "applr")
     method, trouble = node.make_method(spec, robot, node.started_with(spec))
-    assert (method.name, (tmp_path / "ran").exists()) == ("dwa", False)
+    assert method.name == "dwa"
+    assert not ran.exists()
     assert "start the node with _method:=" in trouble
+
+    # It is given on the command line.
     sys.argv.append("_method:=" + spec)
-    assert node.make_method(spec, robot, node.started_with(spec))[0].name == spec
-    assert (tmp_path / "ran").exists()
+    method, _ = node.make_method(spec, robot, node.started_with(spec))
+    assert method.name == spec
+    assert ran.exists()
+
+    # It is given by a launch file, in the environment.
     monkeypatch.setattr(sys, "argv", ["applr.py"])
     monkeypatch.setenv("APPLR_METHOD", spec)
-    assert node.make_method(spec, robot, node.started_with(spec))[0].name == spec
+    method, _ = node.make_method(spec, robot, node.started_with(spec))
+    assert method.name == spec
 
 
 # Program that reports the beginning of the import of training.train
@@ -168,6 +177,7 @@ run_script('training.train')
 def test_ctrl_c_during_the_import(delay):
     process = start("-c", TRAIN)
     assert process.stdout.readline() == "begun\n"
+    # At once, or while the libraries of training are imported
     time.sleep(delay)
     process.send_signal(signal.SIGINT)
     _, text = process.communicate(timeout=HANGS)

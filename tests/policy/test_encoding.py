@@ -40,6 +40,7 @@ def context(robot, rng, side=1.0):
     ranges = rng.uniform(0.1, 6.0, encoding.layout.beams).astype(np.float32)
     if side < 0.0:
         ranges = ranges[::-1]
+    # The mirror axis is the x axis: y, yaw, turn rate and angles change their signs.
     yaw, turn, phi, x, y = rng.uniform(-1.0, 1.0, 5)
     plan_x = np.linspace(x, x + 5.0, 60)
     plan_y = side * np.linspace(y, 2.0, 60)
@@ -175,6 +176,7 @@ def test_parameters_that_an_action_does_not_choose_have_the_policys_base(tmp_pat
     decided = method.space.as_dict(theta)
     assert decided["min_in_place_vel_theta"] == 0.9
     assert decided["footprint_padding"] == 0.14, "the largest padding of the Jackal's space"
+    # An action chooses max_vel_x itself.
     assert decided["max_vel_x"] != 0.3
 
 
@@ -187,6 +189,7 @@ def test_a_parameter_with_a_range_out_of_reach_is_not_chosen():
     robot = replace(JACKAL, space=(*JACKAL.space, ahead))
     encoding = DimensionlessEncoding(robot, PERIOD)
     assert set(encoding.chosen) == {*JACKAL_CHOSEN, "sim_time"}
+    # The lowest action leaves it at the value of the Jackal's file.
     theta = encoding.theta(np.full(len(OUTPUTS), -1.0))
     assert theta[-1] == 0.1
 

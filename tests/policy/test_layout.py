@@ -63,6 +63,7 @@ def test_resampling_equals_the_reference_implementation(kind, layout):
 def test_a_scan_with_the_layouts_geometry_is_unchanged():
     random_ranges, _, _ = scan_of("541", 1)
     ranges = random_ranges.repeat(2)[:720]
+    # LaserScan has angles in single precision, which lie beside the borders of the sectors.
     first = np.float32(PAPER.angle_min)
     step = np.float32(PAPER.step)
     assert PAPER.resample(ranges, first, step).tobytes() == ranges.tobytes()
@@ -101,6 +102,7 @@ def test_a_scan_that_does_not_cover_the_layout_is_rejected(count, first, last, l
 
 
 def test_an_actor_has_its_own_layout(tmp_path):
+    # An observation has 60 beams, the goal's angle and 8 parameters.
     layout = Layout(60, -1.5, 1.5, 3.0, 0.5)
     rng = np.random.default_rng(0)
     weights = {

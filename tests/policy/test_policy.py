@@ -331,7 +331,10 @@ def test_mirror_images_are_stored_once(tmp_path):
     pairs = {name: np.stack([first[name], second[name]]) for name in first}
     weights = with_mirror_images(pairs, Mirror.of(720, 9))
     observation = np.random.default_rng(0).uniform(-1, 1, 729).astype(np.float32)
-    mirrored = np.concatenate([observation[719::-1], -observation[720:721], observation[721:]])
+    # Mirrored are the beams, of which there are 720, and the goal's angle.
+    scan = observation[719::-1]
+    goal_angle = -observation[720:721]
+    mirrored = np.concatenate([scan, goal_angle, observation[721:]])
     action = Policy.of(weights).action(observation)
     assert action == pytest.approx(Policy.of(weights).action(mirrored), abs=1e-6)
 

@@ -51,7 +51,8 @@ def test_the_robot_turns_faster_than_commanded_about_a_point_ahead(simulator):
     ahead.
     """
     for v, w, gain in ((0.25, 1.57, 1.31), (0.5, 1.2, 1.31), (1.0, 1.57, 1.48)):
-        ratio, ahead = np.mean([turning(simulator, v, w, seed) for seed in range(4)], axis=0)
+        turns = [turning(simulator, v, w, seed) for seed in range(4)]
+        ratio, ahead = np.mean(turns, axis=0)
         assert ratio == pytest.approx(gain, abs=0.1)
         assert ahead == pytest.approx(0.133, abs=0.03)
 

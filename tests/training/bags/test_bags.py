@@ -136,7 +136,8 @@ class Drive:
         laser = robots.JACKAL.laser
         bearing = self.pose[2] + 0.01 * self.number
         direction = [np.cos(bearing), np.sin(bearing)]
-        plan = np.linspace(0.0, 5.0, 100)[:, None] * direction + self.pose[:2]
+        along = np.linspace(0.0, 5.0, 100)
+        plan = self.pose[:2] + along[:, None] * direction
         scan = self.latest, laser.first_angle, laser.increment
         return Seen(scan, 0.0, self.pose, (0.5, 0.0), (10.0, 0.1, 0.0), plan, np.zeros((0, 4)))
 
@@ -176,7 +177,8 @@ def assert_equal(trajectory, drive, count=None, ends=True):
     actions = [encoding.action(theta) for theta in drive.thetas[:count]]
     if ends:
         # Scan and goal angle of the last decision, after its action
-        expected[-1] = np.concatenate([expected[-2, :721], actions[-1]])
+        scan_and_goal = expected[-2, :721]
+        expected[-1] = np.concatenate([scan_and_goal, actions[-1]])
     np.testing.assert_array_equal(trajectory.scan, TransitionLayout().quantise(expected))
     np.testing.assert_allclose(trajectory.rest, expected[:, 720:], atol=1e-6)
     np.testing.assert_allclose(trajectory.action, actions, atol=1e-6)

@@ -11,17 +11,19 @@ def test_the_commit_is_found_through_a_catkin_workspaces_link(tmp_path):
     (tmp_path / "applr_ros1").symlink_to(ROOT)
 
     def commit(path):
+        """Return the commit that a process names which imports the package from this path."""
         script = (
             "import sys; sys.path.insert(0, %r); "
             "from training.common import provenance; print(provenance.commit())"
         )
-        done = subprocess.run(
+        finished = subprocess.run(
             [sys.executable, "-c", script % str(path)],
+            # Outside the repository, so that it is not found by the folder of the process.
             cwd=tmp_path,
             capture_output=True,
             text=True,
             check=True,
         )
-        return done.stdout.strip()
+        return finished.stdout.strip()
 
     assert commit(tmp_path / "applr_ros1") == commit(ROOT)

@@ -20,6 +20,7 @@ BATCH = LearnerOptions(batch_size=64, n_step=1, gamma=0.9)
 
 
 def episode(length, number=0, terminated=False):
+    """Return an episode of `length` transitions, drawn with the seed `number`."""
     return training.episode(SMALL, number, length, terminated=terminated)
 
 
@@ -76,6 +77,8 @@ def test_every_transition_is_drawn_equally_often():
     replay = Replay(SMALL, 100)
     for number, length in enumerate((1, 2, 10)):
         replay.add(episode(length, number))
+    # Each of the 13 transitions is drawn 10,000 times, with a standard deviation of 96. The rows
+    # with the last observations of the three episodes begin no transition.
     counts = np.bincount(replay.draw(np.random.default_rng(0), 130_000), minlength=16)
     assert np.count_nonzero(counts) == 13
     assert counts[counts > 0].min() > 9_600
@@ -89,6 +92,7 @@ def test_a_batch_has_the_transitions_of_its_rows():
     batch = draw_batch(replay, np.random.default_rng(0), BATCH, torch.device("cpu"))
     observations = SMALL.restore(trajectory.scan, trajectory.rest)
     for row in range(64):
+        # The step of the episode whose observation this is
         differences = np.abs(observations - batch.observation[row].numpy())
         step = int(np.argmin(differences.sum(1)))
         np.testing.assert_allclose(batch.observation[row], observations[step], atol=1e-6)

@@ -27,7 +27,8 @@ def tensor(values):
 
 def _batch(rng, size, observed, actions):
     """Return random transitions with n observed numbers and m actions, a fifth of them final."""
-    # The order of the draws decides their values.
+    # The order of the draws decides their values. The discount is that of returns over four
+    # decisions, 0 after a final one.
     is_final = rng.random(size) < 0.2
     return Batch(
         observation=tensor(rng.uniform(-1, 1, (size, observed))),
@@ -104,6 +105,7 @@ def _sb3_update(model, batch, seed):
         dones=torch.zeros(len(batch.reward), 1),
         discounts=batch.discount[:, None],
     )
+    # Our batch instead of a drawn one. Its discounts already tell which transitions are final.
     model.replay_buffer.sample = lambda *a, **k: data
     torch.manual_seed(seed)
     model.train(1, len(batch.reward))
@@ -259,6 +261,7 @@ def test_a_policy_can_start_at_a_parameter_set_and_learns_from_there():
     td3 = TD3(10, 3, TD3Options(net_arch=[64], policy_ema_decay=0.75), seed=7)
     td3.begin_at([0.5, -0.25, 1.0])
     first_actions = action_of(td3, observations)
+    # tanh reaches 1 only without a gradient, so that 1 becomes 0.95.
     np.testing.assert_allclose(first_actions, np.tile([0.5, -0.25, 0.95], (5, 1)), atol=0.01)
     for seed in range(10):
         td3.update(_batch(np.random.default_rng(seed), 64, 10, 3))
@@ -315,6 +318,8 @@ def test_smoothness_weights_the_change_of_each_parameter_between_two_observation
 
     free_change = change([0.0])
     assert (change([100.0]) < 0.5 * free_change).all()
+    # Only the second parameter is weighted. The first one shares layers with it, and changes a
+    # little.
     first, second = change([0.0, 100.0])
     assert first > 0.6 * free_change[0]
     assert second < 0.5 * free_change[1]

@@ -51,15 +51,20 @@ def drive_of(twists, goal=(100.0, 0.0)):
 
 
 def found(drive):
+    """Return the events of a robot as large as the Jackal, whose goal has a tolerance of 0.25 m."""
     count = len(drive.odometry)
     return events.find(drive, Limits(np.full(count, TOP), np.full(count, TURN), 0.25, 1.0))
 
 
 def kinds(drive):
+    """Return the kinds of the events in order of time."""
     return [event.kind for event in found(drive)]
 
 
 # -- events
+# Velocities (v, w) of one event each, longer than the shortest one that counts: 0.1 m/s lie below a
+# quarter of the top speed, 0.2 m/s below half of it, and the last turn rate changes its sign four
+# times a second.
 SEEN = {
     "stood": STANDS,
     "turned on the spot": [(0.0, 0.4)] * 60,
@@ -73,10 +78,11 @@ SEEN = {
 @pytest.mark.parametrize("kind", SEEN)
 def test_each_kind_of_event_is_seen_in_the_measured_motion_with_begin_and_end(kind):
     drive = drive_of(DRIVES + SEEN[kind] + DRIVES)
-    drive.planned = drive.commands = Commands(
-        drive.odometry.time, np.full((len(drive.odometry), 2), 0.5)
-    )
+    # Full commands all the time: what is commanded decides on no event.
+    full = np.full((len(drive.odometry), 2), 0.5)
+    drive.planned = drive.commands = Commands(drive.odometry.time, full)
     (event,) = found(drive)
+    # Changes of sign are counted within a second on both sides of a row. Otherwise a row decides.
     slack = 1.0 if kind.startswith("swung") else 0.06
     assert event.kind == kind
     assert event.begin == pytest.approx(3.0, abs=slack)
@@ -87,52 +93,70 @@ def test_a_robot_that_gains_no_way_goes_to_and_fro():
     there_and_back = [(0.4, 0.0)] * 30 + [(-0.4, 0.0)] * 30
     (event,) = found(drive_of(DRIVES + there_and_back * 4 + DRIVES))
     assert event.kind == "went to and fro"
-    assert kinds(drive_of(DRIVES + [(-0.4, 0.0)] * 10 + DRIVES * 3)) == []
+    # Half a second backwards, after which the robot goes on, is no trap.
+    backs_out = [(-0.4, 0.0)] * 10
+    assert kinds(drive_of(DRIVES + backs_out + DRIVES * 3)) == []
 
 
 def test_short_stops_and_an_arrival_are_no_events():
-    assert kinds(drive_of(DRIVES + STANDS[:15] + DRIVES)) == []
-    at_goal = drive_of(DRIVES + STANDS, goal=(1.5, 0.0))
-    assert kinds(at_goal) == []
-    assert kinds(drive_of(DRIVES + STANDS * 2, goal=(1.5, 0.0))) == [AT_GOAL]
+    stop = STANDS[:15]  # 0.75 s
+    assert kinds(drive_of(DRIVES + stop + DRIVES)) == []
+    # Three seconds at 0.5 m/s end at this goal. Three more seconds are usual there, six are not.
+    goal = (1.5, 0.0)
+    assert kinds(drive_of(DRIVES + STANDS, goal)) == []
+    assert kinds(drive_of(DRIVES + STANDS * 2, goal)) == [AT_GOAL]
 
 
 def test_there_are_no_events_without_a_goal():
     drive = drive_of(DRIVES + STANDS + DRIVES)
-    assert kinds(replace(drive, goals=[Goal("one", 0.0, 3.0)])) == []
+    ends_before_the_stop = [Goal("one", 0.0, 3.0)]
+    assert kinds(replace(drive, goals=ends_before_the_stop)) == []
+    # A bag need not hold move_base's status. Then the planner's commands tell until when there was
+    # a goal: here until the end, and with the commands of the first three seconds not any longer.
     without_status = replace(drive, goals=[])
-    assert kinds(without_status) == ["stood"]  # The planner commanded until the end.
+    assert kinds(without_status) == ["stood"]
     moves = Commands(drive.odometry.time[:60], drive.odometry.twist[:60])
     assert kinds(replace(without_status, planned=moves)) == []
 
 
 def test_events_that_follow_each_other_at_one_place_are_one_trap():
-    (trap,) = found(drive_of(DRIVES + STANDS + [(0.3, 0.0)] * 20 + STANDS * 2 + DRIVES))
-    assert (trap.kind, trap.begin, trap.end) == ("stood", pytest.approx(3.0), pytest.approx(12.95))
+    a_little_on = [(0.3, 0.0)] * 20  # 0.3 m in a second
+    (trap,) = found(drive_of(DRIVES + STANDS + a_little_on + STANDS * 2 + DRIVES))
+    assert trap.kind == "stood"
+    assert trap.begin == pytest.approx(3.0)
+    assert trap.end == pytest.approx(12.95)
+    # 1.5 m lie between these stops, more than the 0.5 m of one trap.
     assert len(found(drive_of(DRIVES + STANDS + DRIVES + STANDS + DRIVES))) == 2
 
 
 def test_a_gap_of_the_odometry_is_an_event():
     drive = drive_of(DRIVES * 3)
-    rows = np.r_[0:60, 100:180]
+    heard = np.r_[0:60, 100:180]
     odometry = drive.odometry
     drive.odometry = Motion(
-        odometry.time[rows], odometry.stamp[rows], odometry.pose[rows], odometry.twist[rows]
+        odometry.time[heard], odometry.stamp[heard], odometry.pose[heard], odometry.twist[heard]
     )
     (gap,) = found(drive)
-    assert (gap.kind, gap.begin, gap.end) == (UNHEARD, pytest.approx(2.95), pytest.approx(5.0))
+    assert gap.kind == UNHEARD
+    # From the last message before the gap, row 59, to the first one after it, row 100
+    assert gap.begin == pytest.approx(2.95)
+    assert gap.end == pytest.approx(5.0)
 
 
 # -- reasons
 def stretch_of(drive, begin=3.0, end=6.0, share=0.5):
+    """Return a part of a drive, by default the three seconds in which it stands."""
     return Stretch(drive, begin, end, share, 1.0 / RATE_HZ)
 
 
 def scans_of(times, metres):
-    """Return scans of three beams at these ranges [m]."""
+    """Return scans of three beams at times (n,) [s], of which scan i has only the range metres[i].
+
+    The ranges of all scans differ if the times themselves are given for them.
+    """
     times = np.array(times, float)
     fan = np.tile([-1.0, 1.0, 0.1, 30.0], (len(times), 1))
-    return Scans(times, times, fan, [np.full(3, each, np.float32) for each in metres])
+    return Scans(times, times, fan, [np.full(3, distance, np.float32) for distance in metres])
 
 
 @pytest.fixture
@@ -144,52 +168,56 @@ def stopped():
 
 
 def test_a_silent_laser_is_the_reason_also_if_it_stays_silent(stopped):
+    def silence(times):
+        """Return the reason if scans come only at these times [s]."""
+        return reasons.silent(stretch_of(replace(stopped, scans=scans_of(times, times))))
+
     every = np.arange(0.0, 9.0, 0.1)
-    silent = every[(every < 2.8) | (every > 6.2)]
-    assert reasons.silent(stretch_of(replace(stopped, scans=scans_of(every, every)))) == ""
-    words = "there was no scan for 3.6 s"
-    assert reasons.silent(stretch_of(replace(stopped, scans=scans_of(silent, silent)))) == words
-    ended = every[every < 2.8]
-    assert (
-        reasons.silent(stretch_of(replace(stopped, scans=scans_of(ended, ended))))
-        == "there was no scan for 6.2 s"
-    )
+    assert silence(every) == ""
+    # The scans at 2.7 and 6.3 s are the last ones beside the stop.
+    pauses = every[(every < 2.8) | (every > 6.2)]
+    assert silence(pauses) == "there was no scan for 3.6 s"
+    # A laser that fails for good leaves no scan after its gap: it lasts until the drive's end.
+    ends = every[every < 2.8]
+    assert silence(ends) == "there was no scan for 6.2 s"
 
 
 def test_a_planner_that_sends_nothing_is_silent(stopped):
-    keeps = stopped.planned.time < 2.5
-    drive = replace(
-        stopped, planned=Commands(stopped.planned.time[keeps], stopped.planned.twist[keeps])
-    )
-    assert reasons.silent_planner(stretch_of(drive)) == "move_base sent no command for 6.5 s"
+    is_sent = stopped.planned.time < 2.5
+    sent = Commands(stopped.planned.time[is_sent], stopped.planned.twist[is_sent])
+    # The odometry goes on until 8.95 s.
+    words = reasons.silent_planner(stretch_of(replace(stopped, planned=sent)))
+    assert words == "move_base sent no command for 6.5 s"
     assert reasons.silent_planner(stretch_of(stopped)) == ""
 
 
 def test_the_time_without_a_plan_is_a_reason(stopped):
     path = np.zeros((5, 3))
     empty = np.zeros((0, 3))
+    nothing = "the global planner finds no path"
     for times, paths, words in (
         ([0.0], [path], ""),  # One plan serves the whole drive.
-        ([0.0, 3.2], [path, empty], "the global planner finds no path"),
-        ([0.0, 3.2, 4.0], [path, empty, path], ""),
-        ([8.0], [path], "the global planner finds no path"),
+        ([0.0, 3.2], [path, empty], nothing),
+        ([0.0, 3.2, 4.0], [path, empty, path], ""),  # 0.8 s are less than half of the stretch.
+        ([8.0], [path], nothing),  # The first plan comes after the stretch.
     ):
         drive = replace(stopped, routes=Plans(np.array(times), paths))
-        assert reasons.no_plan(stretch_of(drive)) == words
+        assert reasons.no_plan(stretch_of(drive)) == words, times
 
 
 def test_a_jump_of_the_pose_at_the_begin_is_a_reason(stopped):
-    assert reasons.jumping(stretch_of(stopped)) == ""
-    moved = stopped.odometry.pose + np.where(
-        stopped.odometry.time[:, None] > 2.9, [0.8, 0.0, 0.0], 0.0
-    )
-    drive = replace(stopped, odometry=replace(stopped.odometry, pose=moved))
-    assert reasons.jumping(stretch_of(drive)) == "the pose jumped by 0.8 m"
-    turned = stopped.odometry.pose + np.where(
-        stopped.odometry.time[:, None] > 2.9, [0.0, 0.0, -1.0], 0.0
-    )
-    drive = replace(stopped, odometry=replace(stopped.odometry, pose=turned))
-    assert reasons.jumping(stretch_of(drive)) == "the heading jumped by 1.0 rad"
+    def jump(offset):
+        """Return the reason if poses shift by (x, y, yaw) just before the robot stands."""
+        poses = stopped.odometry.pose.copy()
+        poses[stopped.odometry.time > 2.9] += offset
+        return reasons.jumping(
+            stretch_of(replace(stopped, odometry=replace(stopped.odometry, pose=poses)))
+        )
+
+    # The way at the measured speed, 2.5 cm a row, is no jump.
+    assert jump([0.0, 0.0, 0.0]) == ""
+    assert jump([0.8, 0.0, 0.0]) == "the pose jumped by 0.8 m"
+    assert jump([0.0, 0.0, -1.0]) == "the heading jumped by 1.0 rad"
 
 
 def test_commands_that_do_not_reach_the_base_are_a_reason(stopped):
@@ -197,6 +225,7 @@ def test_commands_that_do_not_reach_the_base_are_a_reason(stopped):
     nothing = Commands(stopped.planned.time, np.zeros_like(stopped.planned.twist))
     words = reasons.stopped(stretch_of(replace(stopped, commands=nothing)))
     assert words.startswith("move_base commanded 0.50 m/s, but nothing of it reached the base")
+    # A monitor that slows the robot down is no reason why it stands.
     half = Commands(stopped.planned.time, 0.5 * stopped.planned.twist)
     assert reasons.stopped(stretch_of(replace(stopped, commands=half))) == ""
 
@@ -204,6 +233,7 @@ def test_commands_that_do_not_reach_the_base_are_a_reason(stopped):
 def test_a_base_that_does_not_follow_is_a_reason(stopped):
     words = "the base did not follow its commands of 0.50 m/s"
     assert reasons.unmoved(stretch_of(stopped)) == words
+    # From 6 s on the robot drives as it is told.
     assert reasons.unmoved(stretch_of(stopped, 6.0, 9.0)) == ""
 
 
@@ -237,11 +267,10 @@ def test_a_recovery_lasts_until_the_next_plan_is_followed(stopped):
     recovers = replace(stopped, recoveries=np.array([3.1]))
     # Plans were followed all the time.
     assert reasons.recovering(stretch_of(recovers)) == ""
-    without = Plans(np.array([0.0, 8.0]), [np.zeros((1, 3))] * 2)
-    assert (
-        reasons.recovering(stretch_of(replace(recovers, plans=without)))
-        == "a recovery behaviour ran"
-    )
+    # The next plan comes after the stretch, at 8 s.
+    seldom = Plans(np.array([0.0, 8.0]), [np.zeros((1, 3))] * 2)
+    words = reasons.recovering(stretch_of(replace(recovers, plans=seldom)))
+    assert words == "a recovery behaviour ran"
 
 
 def test_late_commands_are_a_reason(stopped):
@@ -252,6 +281,7 @@ def test_late_commands_are_a_reason(stopped):
 
 # -- failures of simulated drives
 def failed(drive, status=TIMED_OUT, reason="time limit", **columns):
+    """Return in words why a drive failed whose goal ended like this, with these other columns."""
     return failure_of(replace(drive, goals=[Goal("one", 0.0, 9.0, status, reason)], **columns))
 
 
@@ -266,23 +296,25 @@ def test_failures_are_worded_by_their_causes_first(stopped):
     aborts = failed(stopped, ABORTED, "planner aborted: no way")
     assert aborts == "move_base ends with no way"
 
-    some = [{"samples": 90, "obstacle": 80, "path": 1}] * 30 + [{}] * 150
-    rejects = {"refusals": Refusals(times, some)}
+    # 30 of 180 cycles are 17 %. 10 of them are 6 %, less than the tenth that counts as a reason.
+    rejecting = [{"samples": 90, "obstacle": 80, "path": 1}]
+    accepting = [{}]
+    rejects = {"refusals": Refusals(times, rejecting * 30 + accepting * 150)}
     assert (
         failed(stopped, **rejects)
         == "the planner rejects every velocity in 17 % of its cycles, mostly by obstacle"
     )
-    assert failed(stopped, refusals=Refusals(times, [{}] * 170 + some[:10])).startswith(
-        reasons.STANDS
-    )
+    seldom = Refusals(times, accepting * 170 + rejecting * 10)
+    assert failed(stopped, refusals=seldom).startswith(reasons.STANDS)
 
-    blocked = [time > 6.0 for time in times]
-    holds = Verdicts(times, ["stop"] * 180, ["a wall"] * 180, blocked)
+    # In the last three of nine seconds
+    holds = Verdicts(times, ["stop"] * 180, ["a wall"] * 180, list(times > 6.0))
     intervenes = "the collision monitor intervenes 33 % of the time: a wall"
     assert failed(stopped, verdicts=holds) == intervenes
     # What the planner rejects never reaches the monitor.
     assert failed(stopped, verdicts=holds, **rejects).startswith("the planner rejects")
 
+    # 2 m/s for nine seconds, while the robot drives for six seconds at 0.5 m/s
     fast = Commands(times, np.tile([2.0, 0.0], (180, 1)))
     assert failed(stopped, commands=fast) == "it moves 3.0 m although 18.0 m are commanded"
     lost = failed(stopped, routes=Plans(np.empty(0), []), **rejects)

@@ -32,6 +32,11 @@ def read_back(path, **options):
     return drive_of(path, RecordedOptions(**options))
 
 
+def through_a_bag(path, drive):
+    """Return a drive as it is read from the bag that it is written to."""
+    return read_back(write(path, drive))
+
+
 def share(drive):
     """Return the share of the drive's commands that the replay reproduces."""
     replayed = Replay(JACKAL)
@@ -62,9 +67,10 @@ def joined(*parts):
 
 def robots_links(motion, parent="odom", child="base_link"):
     """Return transforms of a robot with the poses of a motion."""
-    count = len(motion.time)
-    rows = zip(motion.time.tolist(), [parent] * count, [child] * count, motion.pose.tolist())
-    return links(list(rows))
+    rows = []
+    for time, pose in zip(motion.time.tolist(), motion.pose.tolist()):
+        rows.append((time, parent, child, pose))
+    return links(rows)
 
 
 def laser_link(pose, rotation=None, frame="front_laser"):
@@ -86,11 +92,11 @@ def drifting(motion):
 def test_the_plan_comes_from_the_global_planner_where_the_local_planners_is_missing(
     driven, tmp_path
 ):
-    with_routes_alone = read_back(write(tmp_path / "navfn.bag", replace(driven, plans=None)))
+    with_routes_alone = through_a_bag(tmp_path / "navfn.bag", replace(driven, plans=None))
     assert with_routes_alone.planners == []
     assert share(with_routes_alone) > 0.97
     # A bag with both has the local planner's plan, not one that is rebuilt.
-    with_both = read_back(write(tmp_path / "both.bag", driven))
+    with_both = through_a_bag(tmp_path / "both.bag", driven)
     assert np.allclose(with_both.plans.path[5], driven.plans.path[5])
 
 
@@ -159,10 +165,12 @@ def test_a_plan_in_another_frame_is_moved_by_tf_and_refused_without(driven):
     origin = (3.0, 0.0, 0.6)  # pose of odom in map
     tree = Tree(links([(0.0, "map", "odom", origin)], is_static=True))
     plans = followed_plans(drive, tree, JACKAL)
+    # A point of the route in map lies on the plan in odom, with its heading there.
     x, y, yaw = compose(inverse(origin), (4.0, 0.0, 0.0))
-    distances = np.hypot(plans.path[0][:, 0] - x, plans.path[0][:, 1] - y)
+    plan = plans.path[0]
+    distances = np.hypot(plan[:, 0] - x, plan[:, 1] - y)
     assert distances.min() < 1e-9
-    assert plans.path[0][distances.argmin(), 2] == pytest.approx(yaw)
+    assert plan[distances.argmin(), 2] == pytest.approx(yaw)
 
 
 def test_commands_without_a_plan_or_after_the_goal_have_none():
@@ -359,9 +367,9 @@ def test_a_prefix_that_all_frames_share_is_taken_off(driven, tmp_path):
 # -- poses -----------------------------------------------------------------------------------------
 def test_the_pose_is_tfs_and_the_velocity_the_topics(driven, tmp_path):
     drive = replace(driven, odometry=drifting(driven.odometry), transforms=None)
-    without_tf = read_back(write(tmp_path / "a.bag", drive))
+    without_tf = through_a_bag(tmp_path / "a.bag", drive)
     drive.transforms = robots_links(driven.odometry)
-    with_tf = read_back(write(tmp_path / "b.bag", drive))
+    with_tf = through_a_bag(tmp_path / "b.bag", drive)
     # The drift puts the robot 5 % of its way from where its planner had it.
     assert share(without_tf) < 0.8
     assert share(with_tf) > 0.97
@@ -372,9 +380,9 @@ def test_the_pose_is_tfs_and_the_velocity_the_topics(driven, tmp_path):
 
 
 def test_tf_that_equals_the_topic_changes_nothing(driven, tmp_path):
-    without_tf = read_back(write(tmp_path / "a.bag", driven))
+    without_tf = through_a_bag(tmp_path / "a.bag", driven)
     drive = replace(driven, transforms=robots_links(driven.odometry))
-    with_tf = read_back(write(tmp_path / "b.bag", drive))
+    with_tf = through_a_bag(tmp_path / "b.bag", drive)
     assert with_tf.notes == []
     assert np.allclose(with_tf.odometry.pose, without_tf.odometry.pose, rtol=0.0, atol=1e-12)
     assert np.array_equal(with_tf.odometry.twist, without_tf.odometry.twist)
@@ -391,7 +399,7 @@ def test_poses_are_composed_along_a_chain_of_links(driven, tmp_path):
         links([(0.0, "base_footprint", "base_link", offset)], is_static=True),
         robots_links(of_footprint, child="base_footprint"),
     )
-    read_back_drive = read_back(write(tmp_path / "a.bag", replace(driven, transforms=chain)))
+    read_back_drive = through_a_bag(tmp_path / "a.bag", replace(driven, transforms=chain))
     assert np.allclose(read_back_drive.odometry.pose, driven.odometry.pose)
 
 
@@ -409,7 +417,7 @@ def test_more_frequent_poses_of_tf_are_all_taken(driven, tmp_path):
     short = until(driven, 2.0)
     every_second = short.odometry.part(slice(0, None, 2))
     drive = replace(short, odometry=every_second, transforms=robots_links(short.odometry))
-    read_back_drive = read_back(write(tmp_path / "a.bag", drive))
+    read_back_drive = through_a_bag(tmp_path / "a.bag", drive)
     assert np.allclose(read_back_drive.odometry.pose, short.odometry.pose)
     assert np.allclose(read_back_drive.odometry.twist[::2], every_second.twist)
 
@@ -419,14 +427,14 @@ def test_frames_in_a_circle_and_rotations_of_no_length_are_no_pose(driven, tmp_p
         links([(0.0, "b", "base_link", (0, 0, 0))]), links([(0.0, "base_link", "b", (0, 0, 0))])
     )
     short = until(driven, 1.0)
-    read_back_drive = read_back(write(tmp_path / "a.bag", replace(short, transforms=circle)))
+    read_back_drive = through_a_bag(tmp_path / "a.bag", replace(short, transforms=circle))
     assert np.allclose(read_back_drive.odometry.pose, short.odometry.pose)
 
     # These would move the robot, if they were taken.
     without_length = robots_links(drifting(short.odometry))
     without_length.place[:, 3:] = 0.0
     drive = replace(short, transforms=without_length)
-    read_back_drive = read_back(write(tmp_path / "b.bag", drive))
+    read_back_drive = through_a_bag(tmp_path / "b.bag", drive)
     assert np.allclose(read_back_drive.odometry.pose, short.odometry.pose)
 
 
@@ -434,12 +442,12 @@ def test_frames_in_a_circle_and_rotations_of_no_length_are_no_pose(driven, tmp_p
 def test_the_lasers_place_is_tfs(driven, tmp_path):
     short = until(driven, 1.0)
     as_in_robot_yaml = replace(short, transforms=laser_link(JACKAL.laser.pose))
-    unmoved = read_back(write(tmp_path / "a.bag", as_in_robot_yaml))
+    unmoved = through_a_bag(tmp_path / "a.bag", as_in_robot_yaml)
     assert (unmoved.laser_pose, unmoved.notes) == (None, [])
 
     elsewhere = (0.2, 0.1, 0.5)
     drive = replace(short, transforms=laser_link(elsewhere))
-    moved = read_back(write(tmp_path / "b.bag", drive))
+    moved = through_a_bag(tmp_path / "b.bag", drive)
     assert moved.laser_pose == pytest.approx(elsewhere)
     (note,) = moved.notes
     assert note.startswith("tf has the laser at (0.20, 0.10) m, 0.50 rad, robot.yaml at (0.06")
@@ -457,14 +465,17 @@ def test_a_laser_upside_down_has_its_beams_in_reverse(driven, tmp_path):
     # A symmetric fan would be the same in reverse.
     short.scans = replace(short.scans, fan=short.scans.fan + [0.3, 0.0, 0.0, 0.0])
     reversed_scans = [ranges[::-1].copy() for ranges in short.scans.ranges]
+    # The fan begins where the upright one ends, on the other side.
     fan = short.scans.fan.copy()
-    fan[:, 0] = -(fan[:, 0] + fan[:, 1] * (len(reversed_scans[0]) - 1))
+    steps = len(reversed_scans[0]) - 1
+    last_angles = fan[:, 0] + steps * fan[:, 1]
+    fan[:, 0] = -last_angles
     drive = replace(
         short,
         scans=replace(short.scans, fan=fan, ranges=reversed_scans),
         transforms=laser_link(JACKAL.laser.pose, rotation=(1.0, 0.0, 0.0, 0.0)),
     )
-    read_back_drive = read_back(write(tmp_path / "a.bag", drive))
+    read_back_drive = through_a_bag(tmp_path / "a.bag", drive)
     assert read_back_drive.notes == [
         "the laser is mounted upside down (tf): its beams are taken in reverse"
     ]
@@ -475,7 +486,7 @@ def test_a_laser_upside_down_has_its_beams_in_reverse(driven, tmp_path):
 def test_a_tilted_laser_is_said(driven, tmp_path):
     tilted = (0.0, np.sin(0.1), 0.0, np.cos(0.1))  # by .2 rad
     drive = replace(until(driven, 1.0), transforms=laser_link(JACKAL.laser.pose, rotation=tilted))
-    read_back_drive = read_back(write(tmp_path / "a.bag", drive))
+    read_back_drive = through_a_bag(tmp_path / "a.bag", drive)
     assert read_back_drive.notes == ["tf tilts the laser by 11 degrees: it is taken as level"]
 
 

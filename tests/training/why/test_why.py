@@ -459,7 +459,8 @@ def test_samples_that_dwa_refuses_are_explained():
         in explain(replay, cycle).lines[-1]
     )
     # All flags of the oscillation critic set: no direction is left.
-    cycle = replace(replay.cycles[-1], memory=[1.0] * len(replay.cycles[-1].memory))
+    last_cycle = replay.cycles[-1]
+    cycle = replace(last_cycle, memory=[1.0] * len(last_cycle.memory))
     assert "is refused by the critic oscillation" in explain(replay, cycle).lines[-1]
 
 

@@ -51,13 +51,16 @@ def test_an_episode_depends_only_on_run_and_number_and_noise_has_its_deviation(s
     weights = weights_of_a_still_robot()
 
     def drive(episode):
+        """Return the trajectory of an episode."""
         task = Collect(episode, 0, sigma, False)
         return collect(Line, "{}", task, weights)
 
     trajectories = list(map(drive, range(40)))
+    # Driven again after others, as another worker would drive it.
     repeated = drive(3)
     assert np.array_equal(repeated.action, trajectories[3].action)
     assert np.array_equal(repeated.rest, trajectories[3].rest)
+    # The policy's own actions are 0, so that noise alone deviates from it.
     actions = np.concatenate([trajectory.action for trajectory in trajectories])
     assert 0.9 * sigma <= actions.std() <= 1.1 * sigma
 
@@ -71,6 +74,7 @@ def test_every_call_has_one_answer(workers):
     with Pool(workers) as pool:
         answers = results(pool, numbers)
 
+    # Call 4 raises an error, which costs no worker. Call 3 ends each worker that takes it.
     assert answers.pop(4) == "this trial cannot be driven"
     if workers:
         assert "its worker died 3 times" in answers.pop(3)
@@ -83,6 +87,7 @@ def test_every_call_has_one_answer(workers):
 def test_shutdown_ends_busy_processes():
     with Pool(2) as pool:
         pids = [worker.process.pid for worker in pool.workers]
+        # Two of these calls run after a second, the others wait.
         futures = [pool.submit(time.sleep, 60) for _ in range(5)]
         time.sleep(1.0)
         began = time.monotonic()
@@ -102,11 +107,13 @@ def test_a_worker_that_starts_slowly_gets_arguments_larger_than_the_socket_holds
 ):
     (tmp_path / "sitecustomize.py").write_text(SLOW_START)
     monkeypatch.syspath_prepend(tmp_path)  # Workers inherit this module search path.
+    # A socket holds some hundred kB, so that sending waits until the worker reads.
+    large = bytes(3_000_000)
     with Pool(1) as pool:
-        assert pool.submit(len, bytes(3_000_000)).result(30) == 3_000_000
+        assert pool.submit(len, large).result(30) == 3_000_000
         assert pool.replaced == 0
     with Pool(1) as pool:  # A message that is never read does not block the shutdown.
-        future = pool.submit(len, bytes(3_000_000))
+        future = pool.submit(len, large)
         began = time.monotonic()
     assert time.monotonic() - began < 50
     assert future.exception()
@@ -115,8 +122,10 @@ def test_a_worker_that_starts_slowly_gets_arguments_larger_than_the_socket_holds
 @pytest.mark.fault("20")
 def test_a_killed_and_a_stopped_process_are_replaced():
     with Pool(2, seconds=10.0) as pool:
+        # Calls 3 and 4 are the ones that fail. These here have answers, and show that both live.
         assert len(results(pool, range(5, 9))) == 4
         killed, stopped = [worker.process for worker in pool.workers]
+        # While calls run. A stopped process keeps its socket open: only its time is up.
         threading.Timer(0.5, killed.send_signal, [signal.SIGKILL]).start()
         threading.Timer(0.5, stopped.send_signal, [signal.SIGSTOP]).start()
         answers = results(pool, range(5, 13), seconds=0.3)
@@ -136,6 +145,7 @@ def test_workers_end_when_the_process_that_started_them_is_killed():
     command = [sys.executable, "-c", code]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
     pids = list(map(int, process.stdout.readline().split()))
+    # No code of the parent runs after this signal, so that it cannot end its workers.
     process.kill()
     process.wait()
     end = time.monotonic() + 50
@@ -148,17 +158,18 @@ def test_workers_end_when_the_process_that_started_them_is_killed():
 def test_training_with_processes_some_of_which_die(tmp_path, capsys):
     out = tmp_path / "run"
     options = ["--total-timesteps=200", "--eval-worlds=none"]
-    env = Dying
-    assert main([*SMALL, *options, "--out", str(out)], env) == 0
+    assert main([*SMALL, *options, "--out", str(out)], Dying) == 0
     saved = Learner.saved(out)
+    # Lost episodes are driven again: neither transitions nor updates are missing.
     assert saved["transitions"] >= 200
     assert saved["updates"] == saved["transitions"] // 10
     assert "died: replaced by a new one" in capsys.readouterr().err
-    assert main(["--resume", "--out", str(out), "--total-timesteps", "250"], env) == 0
+    assert main(["--resume", "--out", str(out), "--total-timesteps", "250"], Dying) == 0
     assert Learner.saved(out)["transitions"] >= 250
 
 
 def test_an_unusable_ray_address_is_reported_soon_and_in_one_line():
+    # Ray itself would wait for minutes.
     began = time.monotonic()
     for address in ("127.0.0.1:1", "nowhere", "ray://127.0.0.1:1"):
         with pytest.raises(ApplrError, match="no Ray answers at"):
@@ -168,6 +179,8 @@ def test_an_unusable_ray_address_is_reported_soon_and_in_one_line():
         Pool(0, "127.0.0.1:1")
 
 
+# Code that starts Ray and prints the addresses at which its processes listen: the sockets that the
+# processes of this session have open, looked up in the kernel's tables (state 0A is LISTEN).
 LISTENS = """
 import os
 from training.workers.ray import connect
@@ -214,6 +227,7 @@ def test_a_run_on_two_nodes_survives_the_loss_of_one(tmp_path):
         lost_at = []  # number of steps when the node is lost
 
         def lose_a_node():
+            """Remove the second node once both nodes drive: no processor is left."""
             while run.steps < 50 or ray.available_resources().get("CPU"):
                 time.sleep(0.05)
             lost_at.append(run.steps)
@@ -226,5 +240,6 @@ def test_a_run_on_two_nodes_survives_the_loss_of_one(tmp_path):
     finally:
         cluster.shutdown()
     assert status == 0
+    # The node was lost long before the end, so that the rest was driven without it.
     assert lost_at[0] < 300
     assert run.learner.transitions >= 400
