@@ -335,7 +335,9 @@ class CollisionMonitor:
         # Otherwise the base stands still or already moves the other way.
         if previous.v * measured_v > 0.0 and time >= previous.time:
             speed = min(abs(previous.v), abs(measured_v))
-            slowest = speed - self.settings.deceleration * (time - previous.time)
+            # Wheels that are slowed down faster lock, and the body slides farther than was checked.
+            deceleration = stopping.deceleration_at(speed, self.settings.deceleration)
+            slowest = speed - deceleration * (time - previous.time)
             if slowest > 0.0 and v * math.copysign(1.0, previous.v) < slowest:
                 if v == 0.0 and w == 0.0:
                     w = previous.w * slowest / abs(previous.v)

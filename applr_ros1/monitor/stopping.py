@@ -258,6 +258,13 @@ def _obstacles(points: Array, body: Body) -> Obstacles:
     return obstacles
 
 
+def deceleration_at(speed: float, deceleration: float) -> float:
+    """Return how fast the base brakes at a speed [m/s^2], from its measured `deceleration`."""
+    if speed <= LAST_SPEED_M_S:
+        return min(deceleration, LAST_DECELERATION_M_S2)
+    return deceleration
+
+
 def braking_time(speed: float, deceleration: float) -> float:
     """Return the time [s] to brake from a speed >= 0 [m/s].
 

@@ -143,13 +143,25 @@ def test_the_outline_may_swing_at_the_end_of_a_stop(side):
     assert free_gap(0.15, side) < 0.04
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("speed", "deceleration", "used"), [(0.5, 1.9, 1.9), (0.3, 1.9, 0.6), (0.3, 0.2, 0.2)]
+)
+def test_a_slow_base_is_braked_gently(sign, speed, deceleration, used):
+    """Slowed down at 1.9 m/s^2 from .3 m/s, wheels locked, and the body slid into posts."""
+    monitor = CollisionMonitor(replace(SETTINGS, deceleration=deceleration))
+    monitor.braked(0.0, sign * speed, (sign * speed, 0.0))
+    v, _ = monitor.braked(STEP_S, sign * speed)
+    assert v == pytest.approx(sign * (speed - used * STEP_S))
+
+
 def test_a_stop_in_a_turn_follows_its_arc_to_the_end():
     """Neither a command nor odometry arrives, so that the current turn rate is unknown."""
     monitor = CollisionMonitor()
     monitor.filter(0.0, HERE, (1.0, 1.35 * 1.5), (1.0, 1.5))
     monitor.braked(0.0, 1.0, (1.0, 1.5))
     speed = 1.0
-    for step in range(1, 10):
+    for step in range(1, 14):
         v, w = monitor.braked(STEP_S * step, speed)
         assert w == pytest.approx(1.5 * v), step
         speed = v
