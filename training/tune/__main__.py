@@ -103,7 +103,10 @@ def run(options: TuneOptions) -> int:
         show(context)
         from training.tune import page
 
-        judgements = [judge(options, unseen, drives, file) for file, _ in JUDGED]
+        # Each verdict drives its own courses, which takes minutes.
+        judgements = []
+        for file, _ in JUDGED:
+            judgements.append(judge(options, unseen, drives, file))
         rule = AIMS[options.for_].rule
         show(f"page: {page.write(robot, drives, changed, judgements, context, rule)}")
         is_written = any(judgement.is_better for judgement in judgements)

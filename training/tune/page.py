@@ -64,8 +64,12 @@ def write(
         arrivals = arrivals_of(results.trials, SET, BASELINE)
         sentences.append(sentence(judgement.file, "the defaults", judgement.is_better, arrivals))
         measured += [f"{judgement.file}:", *judgement.lines[1:], *facts(results)]
-    is_better = [judgement.is_better for judgement in judgements]
-    headline = sentences[is_better.index(True) if any(is_better) else 0]
+    # The first file that is written, or the first one if none is
+    headline = sentences[0]
+    for judgement, text in zip(judgements, sentences):
+        if judgement.is_better:
+            headline = text
+            break
     values = {
         # Pandas writes null for an interval that a single course does not have.
         "changes": json.loads(changed.to_json(orient="records")),

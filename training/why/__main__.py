@@ -65,7 +65,10 @@ class WhyOptions(RecordedOptions):
 
 def run(options: WhyOptions) -> None:
     """Replay the bags and print the diagnosis."""
-    first, *others = [_replayed(path, options) for path in bags_in(options.bag)]
+    replays = []
+    for path in bags_in(options.bag):
+        replays.append(_replayed(path, options))
+    first, *others = replays
     if options.map:
         write_map(seen_grid(first.drive, options.robot), options.map)
     if options.quick:

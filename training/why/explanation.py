@@ -240,9 +240,9 @@ def _refusal(
     explanation.obstacle = _obstacle(replay, cycle.pose, v, w, values["sim_time"])
     if explanation.obstacle:
         return f"meets {_place(replay, cycle, explanation.obstacle)}"
-    refusing = [name for name, part in samples.parts.items() if part[row] < 0]
-    if refusing:
-        return f"is refused by the critic {refusing[0]}"
+    for critic, part in samples.parts.items():
+        if part[row] < 0:
+            return f"is refused by the critic {critic}"
     # DWAPlannerROS compares speeds that are below both of its least speeds with no others.
     if "min_vel_trans" in values:
         slowest = values["min_vel_trans"]

@@ -119,7 +119,9 @@ class Replay:
             f"{self.drive.name}: {self.cycles[-1].at:.1f} s, {self.reproduced:,} of "
             f"{self.commands:,} commands reproduced ({self.share:.1%})"
         )
-        left_out = [f"{count:,} {reason}" for reason, count in self.left_out.items()]
+        left_out = []
+        for reason, count in self.left_out.items():
+            left_out.append(f"{count:,} {reason}")
         if left_out:
             words += f"; left out: {', '.join(left_out)}"
         if not self.drive.changes:
