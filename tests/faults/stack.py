@@ -78,6 +78,7 @@ class Stack:
         rospy.Subscriber("/applr/decision", Decision, self._on_decision)
         rospy.Subscriber("/collision_monitor/action", String, self._on_action)
         self.relay = Relay()
+        # The nodes import for seconds, all of them at once.
         for name in NODES:
             self.start(name, wait=False)
         for name in NODES:
@@ -149,6 +150,7 @@ class Stack:
         """
 
         def drives():
+            """Return whether the robot is fast enough. Send the goal again if it needs one."""
             if self.goal_is_over or self.relay.x > GOAL - room:
                 if self.relay.x > 2.0:
                     self.back_to_the_start()
@@ -181,6 +183,7 @@ class Stack:
 
         creeps_after = slower_than(CREEP)
         rests_after = slower_than(0.01)
+        # `driven` is when the latest command other than zero came.
         last_command_after = self.relay.driven - broken_at
         stopped_after = last_command_after if locks else max(creeps_after, last_command_after)
         waited = kept.waiting()

@@ -117,6 +117,7 @@ def drive(fault, blind_from, monitor, late=0.0, late_twist=0.0):
 @pytest.mark.fault("11b")
 @pytest.mark.parametrize("kind", BLIND)
 def test_a_robot_with_a_blind_scanner_stops_before_the_wall(kind, measured):
+    # From 6 m to 1 m before the wall
     for blind_from in BLIND_FROM[kind in NEEDS_A_SCAN_BEFORE :]:
         contact, stood = drive(BLIND[kind], blind_from, CollisionMonitor())
         assert not contact, "contact, blind from x = %g" % blind_from

@@ -14,13 +14,23 @@ pytestmark = pytest.mark.ros
 
 
 def beams(change):
-    """Return a fault that replaces the ranges by change(ranges)."""
+    """Return a fault that replaces the ranges (720,) [m] by change(ranges)."""
 
     def fault(scan):
         scan.ranges = change(list(scan.ranges))
         return scan
 
     return fault
+
+
+def all_nan(ranges):
+    """Return as many ranges, none of which is a number."""
+    return [math.nan] * len(ranges)
+
+
+def some_invalid(ranges):
+    """Return ranges of which the first 30 are no distances."""
+    return [math.nan, math.inf, -math.inf, 0.0, 1e30, -1.0] * 5 + ranges[30:]
 
 
 def stamped(seconds):
@@ -45,13 +55,12 @@ def silent(message):
 
 @pytest.mark.parametrize(
     ("stream", "fault", "problem"),
-    [  # tests/nodes/test_conversions.py has further unusable scans.
+    [
+        # tests/nodes/test_conversions.py has further unusable scans.
         pytest.param(
             "scan", silent, "no usable scan on /front/scan", marks=pytest.mark.fault("10")
         ),
-        pytest.param(
-            "scan", beams(lambda r: [math.nan] * 720), "is all NaN", marks=pytest.mark.fault("11")
-        ),
+        pytest.param("scan", beams(all_nan), "is all NaN", marks=pytest.mark.fault("11")),
         pytest.param("scan", stamped(-5.0), "no usable scan", marks=pytest.mark.fault("12")),
         pytest.param("scan", stamped(5.0), "no usable scan", marks=pytest.mark.fault("12")),
         pytest.param("scan", renamed, "front_lazer", marks=pytest.mark.fault("12")),
@@ -79,6 +88,7 @@ def test_the_robot_stops_reports_the_reason_and_goes_on(stack, measured, stream,
     # Without a clock nobody brakes: the bridge stops the base as one without commands.
     measured("stands after", stack.stands_after(break_it, locks=stream == "clock"), "s")
     wait_for(lambda: problem in stack.output("move_base")[printed:], problem)
+    # The monitor alone would stop the base, too: move_base must not rely on it.
     wait_for(
         lambda: stack.relay.planned[-1][1:] == (0.0, 0.0), "zero velocity from move_base itself"
     )
@@ -92,14 +102,14 @@ def test_the_robot_stops_reports_the_reason_and_goes_on(stack, measured, stream,
 @pytest.mark.fault("11")
 def test_single_invalid_beams_do_not_stop_the_robot(stack):
     stack.under_way()
-    stack.relay.faults["scan"] = beams(
-        lambda r: [math.nan, math.inf, -math.inf, 0.0, 1e30, -1.0] * 5 + r[30:]
-    )
+    stack.relay.faults["scan"] = beams(some_invalid)
     count = len(stack.decisions)
     since = stack.relay.now
+    # Longer than a decision period, so that a decision sees only scans with such beams.
     wait_for(lambda: stack.relay.now > since + 1.2 and len(stack.decisions) > count, "decisions")
     stack.drives_again()
-    assert all(math.isfinite(value) for value in stack.decisions[-1]["theta"].values())
+    # One NaN in an observation would make the whole action NaN.
+    assert all(map(math.isfinite, stack.decisions[-1]["theta"].values()))
 
 
 @pytest.mark.fault("12a")
@@ -108,11 +118,13 @@ def test_a_transform_stamped_far_ahead_stops_the_robot_only_briefly(stack, measu
     stack.under_way()
 
     def ahead(message):
+        """Shift the transforms of one message by half a minute, and leave later ones alone."""
         for transform in message.transforms:
             transform.header.stamp += rospy.Duration(30.0)
         stack.relay.clear_faults()
         return message
 
+    # tf's buffer rejects all transforms older than this one until it is cleared.
     since = stack.relay.now
     stack.relay.faults["tf"] = ahead
     wait_for(lambda: stack.relay.now > since + 1.0, "time")
@@ -148,7 +160,9 @@ def test_a_clock_jump_back_stops_the_robot_and_aborts_the_goal(stack, measured):
     measured("stands after", stack.stands_after(set_clock_back), "s")
     assert finish(stack.client) == (ABORTED, "Aborting because the clock jumped back.")
     wait_for(lambda: "jumped back" in stack.output("applr"), "the applr node's line")
+    # All nodes live on with the earlier time: a goal is driven, and the policy decides.
     stack.back_to_the_start()
     stack.send(1.5)
-    assert finish(stack.client)[0] == SUCCEEDED
+    state, _ = finish(stack.client)
+    assert state == SUCCEEDED
     assert len(stack.decisions) > count

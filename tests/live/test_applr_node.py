@@ -24,6 +24,7 @@ from applr_ros1.policy.actor import save
 from applr_ros1.policy.observation import goal_angle, local_goal, observe
 from applr_ros1.policy.parameter_space import SPACE, THETA_0, space_of
 from applr_ros1.robots import load
+from tests.support import lines_with
 from tests.support.nodes import Standing, decided, observed
 from tests.support.robots import make_weights
 from tests.support.ros import LONGEST, session, wait_for
@@ -198,10 +199,10 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     wait_for(lambda: len(robot.beats) >= 4, "heartbeats")
     wait_for(lambda: robot.count("applied") >= 5 and robot.values["goal"] == "one", "diagnostics")
     wait_for(lambda: robot.parameters[-1] == client.theta().tolist(), "the parameters in force")
-    failures = [line for line in node.text.splitlines() if "parameters not changed" in line]
     # On a busy machine, servers are late.
     late = re.compile("does not answer|busy with an earlier call")
-    assert all(late.search(line) for line in failures)
+    for line in lines_with(node.text, "parameters not changed"):
+        assert late.search(line), line
 
     # The course is over. The next course starts with theta_0.
     wait_for(lambda: as_set(robot, client), "the last decision in force")
@@ -263,10 +264,9 @@ def test_fault_9_an_unusable_policy_leaves_theta_0(robot, stack, tmp_path):
     starts_deciding(robot)
     assert robot.decisions[-1]["theta"] == SPACE.as_dict(THETA_0)
     assert np.array_equal(client.theta(), THETA_0)
-    errors = [line for line in node.text.splitlines() if "ERROR" in line]
-    assert len(errors) == 1
-    assert str(cut_file) in errors[0]
-    assert "default parameters" in errors[0]
+    (error,) = lines_with(node.text, "ERROR")
+    assert str(cut_file) in error
+    assert "default parameters" in error
     wait_for(
         lambda: robot.values.get("level") == 2 and str(cut_file) in robot.values["message"],
         "diagnostics",
@@ -475,8 +475,9 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
         detected the unit.
         """
         # The total cost of a planner per metre on cells of 0.05 m: the unit can be told from it
-        # alone.
-        rows[:, 6] = rows[:, 3:6] @ (client.values()[[5, 6, 4]] * [0.05, 0.05, 1.0])
+        # alone. Columns 3 to 5 are the path, goal and occupancy costs.
+        path_goal_and_occupancy = client.values()[[5, 6, 4]]
+        rows[:, 6] = rows[:, 3:6] @ (path_goal_and_occupancy * [0.05, 0.05, 1.0])
         publisher.publish(
             conversions.cloud(rows, conversions.COST_FIELDS, "odom", rospy.Time.now())
         )

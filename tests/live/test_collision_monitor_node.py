@@ -17,7 +17,7 @@ from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Bool, String
 
 from applr_ros1.nodes.conversions import twist
-from tests.support.nodes import FakeJackal
+from tests.support.nodes import FakeJackal, values_of
 from tests.support.ros import Kept, session, wait_for
 
 pytestmark = pytest.mark.ros
@@ -194,7 +194,7 @@ def test_diagnostics_have_the_ages_of_the_inputs(stack):
     def ages_of_a_silent_laser():
         send(stack, 0.0)  # The monitor looks up the pose only for a command.
         for report in reports:
-            values = {pair.key: pair.value for pair in report.status[0].values}
+            values = values_of(report.status[0])
             scan_age = float(values["scan_age_s"])
             pose_age = float(values["pose_age_s"])
             twist_age = float(values["twist_age_s"])

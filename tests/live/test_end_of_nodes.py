@@ -59,17 +59,20 @@ def test_a_node_that_is_interrupted_while_messages_come_prints_no_traceback(time
     sender.start()
     for _ in range(times):
         nodes = [ros.node(name, *arguments) for name, arguments in NODES.items()]
+        # The bridge and move_base say when they are ready; the others have subscribed or published.
         for node in nodes[:2]:
             node.until("ready")
         for publisher in publishers:
             wait_for(publisher.get_num_connections, publisher.name)
         wait_for(lambda: "/applr/tracked" in dict(rospy.get_published_topics()), "movers")
+        # Messages come for a while before the interrupt, and go on until the nodes have ended.
         up.set()
         over.wait(0.3)
         for node in nodes:
             os.kill(node.pid, signal.SIGINT)
         statuses = [node.process.wait(LONGEST) for node in nodes]
         printed = "".join(node.text for node in nodes)
+        # Asserted below, when the thread has ended.
         if "Traceback" in printed or any(statuses):
             break
         up.clear()

@@ -67,7 +67,8 @@ class Training:
         simulation.unpause()
         points = [(pose.pose.position.x, pose.pose.position.y) for pose in plan]
         planned = sum(map(math.dist, points, points[1:]))
-        return planned, math.dist(began, end), taken["max_vel_x"]
+        driven = math.dist(began, end)
+        return planned, driven, taken["max_vel_x"]
 
     def make_plan(self):
         """Return the poses of a plan to the target."""
@@ -83,6 +84,7 @@ class Training:
 
     @staticmethod
     def _wait(seconds):
+        """Wait in simulated time [s]."""
         until = rospy.get_time() + seconds
         deadline = time.monotonic() + 180.0
         while rospy.get_time() < until:
@@ -114,6 +116,7 @@ def test_starts_at_the_challenges_start_and_explains_refusals(gazebo):
     answer = get("jackal", "world")
     assert answer.success
     assert (answer.pose.position.x, answer.pose.position.y) == pytest.approx(START[:2], abs=0.02)
+    # Only this model and this frame exist.
     assert not get("turtle", "world").success
     assert not get("jackal", "turtle").success
     for field, value in (("model_name", "turtle"), ("reference_frame", "moon")):
@@ -145,6 +148,7 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
         "the speed along +y, the robot's heading in the world",
     )
     wait_for(lambda: abs(speed(0.0)) < 0.02, "standstill")
+    # A jump of odometry or clock would make planner and monitor start anew.
     earlier = odometry().pose.pose.position
     clock = rospy.wait_for_message("/clock", Clock, LONGEST).clock
     assert simulation.reset().success
@@ -169,6 +173,7 @@ def test_the_collision_monitor_does_not_block_a_teleported_robot(gazebo):
     simulation = GazeboSimulation(START)
 
     def send(v, w):
+        """Command a velocity through the monitor, and return the robot's state a moment later."""
         publisher.publish(twist(v, w))
         time.sleep(0.05)
         return simulation.state()
@@ -177,7 +182,7 @@ def test_the_collision_monitor_does_not_block_a_teleported_robot(gazebo):
     subscriber = rospy.Subscriber(
         "/collision_monitor/action", String, lambda message: actions.append(message.data)
     )
-    # The robot faces the side wall.
+    # The robot faces the side wall. Its laser must see the wall before the wall is behind it.
     assert set_state(model_state(-3.7, 3.0, 0.0, math.pi)).success
     wait_for(lambda: abs(yaw_of(send(0.0, 1.0).pose.orientation)) < 0.1, "a turn by 180 degrees")
     wait_for(
@@ -202,6 +207,7 @@ def test_time_pauses_and_resumes(gazebo):
     simulation.pause()
 
     def stands():
+        """Return whether no clock message with a later time comes within half a second."""
         latest = clocks[-1]
         time.sleep(0.5)
         return clocks[-1] == latest
@@ -252,6 +258,7 @@ def test_the_training_loop_of_the_authors(gazebo, move_base, count):
         speed = 0.3 + 0.1 * (number % 5)
         planned, driven, accepted = training.episode(speed)
         assert accepted == pytest.approx(speed)
+        # The goal is 10 m ahead, and obstacles make the way longer.
         assert 9.5 < planned < 16.0, number
         assert driven > 0.05, number
     assert "Traceback" not in move_base.text

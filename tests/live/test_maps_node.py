@@ -70,8 +70,12 @@ def served(static_map):
     message = OccupancyGrid()
     message.header.frame_id = static_map.frame
     message.info.resolution = static_map.resolution
-    message.info.height, message.info.width = static_map.cells.shape
-    message.info.origin.position.x, message.info.origin.position.y = static_map.origin
+    rows, columns = static_map.cells.shape
+    message.info.height = rows
+    message.info.width = columns
+    x, y = static_map.origin
+    message.info.origin.position.x = x
+    message.info.origin.position.y = y
     message.data = static_map.cells.ravel().tolist()
     publisher = rospy.Publisher("/map", OccupancyGrid, queue_size=1, latch=True)
     publisher.publish(message)

@@ -240,11 +240,16 @@ def test_contact_is_reported(robot):
     rospy.ServiceProxy("/sim_bridge/reset", Empty)()
     robot.forget()
     robot.wait(lambda: len(robot.received["/collision"]) > 10)
-    assert not any(message.data for message in robot.received["/collision"])
+
+    def touched():
+        """Return whether a contact was reported."""
+        return any(message.data for message in robot.received["/collision"])
+
+    assert not touched()
     turn_end = robot.now + 1.0
     # The robot turns to the side wall and drives into it.
     robot.drive(0.0, 1.57, lambda: robot.now > turn_end)
-    robot.drive(1.0, 0.0, lambda: any(message.data for message in robot.received["/collision"]))
+    robot.drive(1.0, 0.0, touched)
 
 
 def test_changes_the_world_without_a_restart(robot):

@@ -53,7 +53,9 @@ def patience(monkeypatch):
         ("/x/TOKEN", "127.0.0.1:PORT", None, "lacks the token"),
         ("/TOKEN", "127.0.0.1:PORT", "http://evil.example", "another website"),
         ("/TOKEN", "127.0.0.1:PORT", "http://127.0.0.1:1", "another website"),
+        # A page in a sandboxed frame
         ("/TOKEN", "127.0.0.1:PORT", "null", "another website"),
+        # A website whose name has been made to lead to this computer
         ("/TOKEN", "evil.example:PORT", "http://evil.example:PORT", "not a name of this computer"),
     ],
 )
@@ -67,6 +69,7 @@ def test_page_and_websocket_require_the_token_and_refuse_other_websites(
     port = int(server.rpartition(":")[2])
 
     def filled(text):
+        """Return a text with this viewer's token and port."""
         return text.replace("TOKEN", token).replace("PORT", str(port))
 
     path = filled(path)
@@ -120,6 +123,7 @@ def test_a_click_on_the_ground_sets_a_goal(ros, viewer):
     viewer.scene.pose = (1.0, 1.0, 0.0)
 
     def click():
+        """Click where a ray from above meets the ground, at (2, 1), and return the goals so far."""
         viewer.clicked(SimpleNamespace(ray_origin=(1.0, 0.0, 2.0), ray_direction=(0.5, 0.5, -1.0)))
         return goals
 
