@@ -95,6 +95,19 @@ def test_a_publisher_ahead_of_the_clock_gives_the_pose_of_now(robot):
     assert "0.55 s old" in robot.sensors.pose_trouble
 
 
+@pytest.mark.parametrize(("ahead", "is_used"), [(0.95, True), (1.05, False)])
+def test_a_scan_may_be_stamped_a_second_ahead_of_the_clock(robot, ahead, is_used):
+    """The clocks of two computers differ a little. Further ahead, a stamp is an error."""
+    robot.time(101.0)
+    robot.tf(101.0 + ahead)
+    robot.scan(101.0 + ahead)
+    assert bool(robot.sensors.observations()) is is_used
+    # A scan that was used is the latest one. One that was refused keeps no other out.
+    robot.tf(101.0)
+    robot.scan(101.0)
+    assert len(stamps_of(robot)) == (0 if is_used else 1)
+
+
 def test_the_latest_scan_with_a_transform_is_used_and_later_ones_wait(robot):
     robot.time(101.0)
     robot.tf(100.0)

@@ -166,6 +166,9 @@ def test_equal_trials_of_a_world_count_as_one():
     assert rate(worlds % 2 == 0, worlds) == pytest.approx((0.5, *wilson(0.5, 19)))
     unequal = pd.Series(np.arange(120) % 2 == 0)
     assert rate(unequal, worlds) == pytest.approx((0.5, *wilson(0.5, 120)))
+    # Every trial counts once, however many its world has.
+    one_and_three = pd.Series([0, 1, 1, 1])
+    assert rate(one_and_three == 0, one_and_three).value == 0.25
 
 
 def test_the_bootstrap_resamples_worlds_not_trials():

@@ -413,6 +413,15 @@ def test_a_quaternion_and_its_opposite_are_one_rotation():
     assert between.planar[0, 2] == pytest.approx(0.3)
 
 
+def test_a_frame_is_placed_in_one_of_another_branch():
+    """As a laser on the body, beside a base frame that is on the body as well."""
+    base = (2.0, -1.0, 0.5)
+    laser = (0.5, 1.0, -2.0)
+    tree = Tree(links([(0.0, "body", "base", base), (0.0, "body", "laser", laser)], is_static=True))
+    between = tree.place("base", "laser", np.zeros(1))
+    assert between.planar[0] == pytest.approx(compose(inverse(base), laser))
+
+
 def test_more_frequent_poses_of_tf_are_all_taken(driven, tmp_path):
     short = until(driven, 2.0)
     every_second = short.odometry.part(slice(0, None, 2))
