@@ -28,6 +28,7 @@ from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import simulated
 from training.bags.transforms import Tree
 from training.why import __main__ as why
+from training.why.answer import guess_of
 from training.why.candidates import Candidate, file_candidates, with_changes
 from training.why.diagnosis import Diagnosis, diagnose
 from training.why.recorded import plans_of
@@ -308,13 +309,13 @@ class Bench:
 
         before = mean_time(robot, row.world)
         after = before
-        named: List[str] = []
         remedy = diagnosis.trials.remedy if diagnosis.trials else None
         if remedy is not None and remedy.candidate is not None:
             named = remedy.candidate.names
             after = mean_time(with_changes(robot, remedy.candidate.changes, "followed"), row.world)
-        elif diagnosis.guesses:
-            named = [diagnosis.guesses[0].change.name]
+        else:
+            guess = guess_of(diagnosis)
+            named = [guess.change.name] if guess is not None else []
         spoilt = set(fault.names) if fault else set()
         for parameter in list(spoilt):
             spoilt |= set(EQUAL.get(parameter, ()))

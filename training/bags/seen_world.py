@@ -92,12 +92,18 @@ def seen_world(grid: Grid, name: str, start: Pose, goal: Pose) -> World:
 
 
 def write_map(grid: Grid, path: str) -> None:
-    """Write a map as map_saver does: path.yaml and, beside it, path.pgm."""
+    """Write a map as map_saver does: path.yaml and, beside it, path.pgm.
+
+    Its edge is occupied. Cells that no beam has reached are free, and floor that reaches the edge
+    of a map counts as outside, where no courses begin.
+    """
     from PIL import Image  # slow, and needed only here
 
     image = Path(path).with_suffix(".pgm")
     # An image begins at the top, a map at the bottom. map_saver writes black and near white.
     is_occupied = grid.cells[::-1] == OCCUPIED
+    is_occupied[[0, -1]] = True
+    is_occupied[:, [0, -1]] = True
     pixels = np.where(is_occupied, 0, 254).astype(np.uint8)
     encoded = io.BytesIO()
     Image.fromarray(pixels).save(encoded, "PPM")

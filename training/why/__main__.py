@@ -29,11 +29,14 @@ with extra(__name__):
     from training.why.replay import Replay
     from training.workers.pool import Pool
 
-METHOD = (
+REPLAYED = (
     "The recorded drive was replayed through the local planner, cycle by cycle, on the map that "
-    "the laser built. Changes were driven from the recorded start to the goal in simulation, in "
+    "the laser built."
+)
+DRIVEN = (
+    "Changes were driven from the recorded start to the goal in simulation, in "
     "the world that the laser saw: a change is advised only if it is a tenth faster with seeds "
-    "that did not choose it."
+    "that did not choose it, and slower with none of them."
 )
 SCRIPTS = (Path(__file__).with_name("why.js"),)
 
@@ -83,13 +86,14 @@ def run(options: WhyOptions) -> None:
     values = {**values_of(diagnosis), "lines": lines}
     print(json.dumps(values) if options.json_ else "\n".join(lines))
     if options.out:
+        driven = [DRIVEN] if diagnosis.trials is not None else []
         page = Page(
             kind=f"why · {first.drive.name}",
             title="Why did the robot stop or slow down?",
             verdict=values["happened"],
             scripts=SCRIPTS,
             data=values,
-            measured=[values["sure"], *first.drive.notes, METHOD],
+            measured=[values["sure"], *first.drive.notes, REPLAYED, *driven],
         )
         write_bytes(options.out, page.html())
 

@@ -9,7 +9,8 @@ import numpy as np
 from applr_ros1.common.paths import distances
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.parameters.settings import Change
-from training.why.diagnosis import Diagnosis, goal_of
+from training.why.alternatives import Alternative
+from training.why.diagnosis import ASKED, Diagnosis, goal_of
 from training.why.events import Event
 from training.why.explanation import Explanation, beside
 from training.why.whole_drives import SAME_PLACE_M, Trials, Tried
@@ -71,32 +72,38 @@ def sentence(event: Event) -> str:
 def advice(diagnosis: Diagnosis) -> List[str]:
     """Return what to change, and what that did when it was driven.
 
-    There is none for a drive without events, and for one that was nearly as fast as possible.
+    There is none for a drive without events, and for a moment that somebody asks about.
     """
-    if diagnosis.longest is None or diagnosis.part is not None:
+    longest = diagnosis.longest
+    if longest is None or longest.kind == ASKED or diagnosis.part is not None:
         return []
     trials = diagnosis.trials
     if trials is None and not diagnosis.wants_remedy:
-        return []
+        return ["No change was tried: the robot lost little time."]
     if trials is not None and trials.remedy is not None:
         remedy = trials.remedy
         return [f"Try {remedy.candidate}: {remedy}; with the recorded values {trials.recorded}."]
     sentences = []
     if trials is not None:
-        sentences.append("Nothing that was tried helped.")
-    guess = _guess(diagnosis)
-    if guess:
-        sentences.append(f"The replay's guess: {guess}.")
+        often = " with each seed" if trials.judged else ""
+        sentences.append(f"Nothing that was tried helped{often}.")
+    guess = guess_of(diagnosis)
+    if guess is not None:
+        sentences.append(f"The replay's guess: {guess.change}.")
     return [" ".join(sentences)] if sentences else []
 
 
-def _guess(diagnosis: Diagnosis) -> str:
-    """Return the change that the replay ranks first, or "" if it gains too little."""
+def guess_of(diagnosis: Diagnosis) -> Optional[Alternative]:
+    """Return what the replay ranks first, or None if it was driven in vain or gains too little."""
     if not diagnosis.guesses:
-        return ""
+        return None
     first = diagnosis.guesses[0]
+    if diagnosis.trials is not None:
+        for tried in diagnosis.trials.tried:
+            if tried.candidate is not None and tried.candidate.changes == first.changes:
+                return None
     is_worth_a_try = first.gain >= GUESS_SHARE * diagnosis.replay.top_speed
-    return str(first.change) if is_worth_a_try else ""
+    return first if is_worth_a_try else None
 
 
 def how_sure(diagnosis: Diagnosis) -> str:
@@ -142,7 +149,12 @@ def tried_rows(diagnosis: Diagnosis) -> List[str]:
     trials = diagnosis.trials
     if trials is not None:
         rows.append(f"Driven in simulation ({trials.recorded} with the recorded values):")
-        rows += [f"   {tried.candidate}: {tried}" for tried in trials.tried[:LISTED]]
+        judged = {entry.candidate: entry for entry in trials.judged}
+        for tried in trials.tried[:LISTED]:
+            row = f"   {tried.candidate}: {tried}"
+            if tried.candidate in judged:
+                row += f"; with other seeds {judged[tried.candidate]}"
+            rows.append(row)
     if diagnosis.guesses:
         rows.append("Guesses of the replay, two seconds ahead:")
         rows += [f"   {alternative}" for alternative in diagnosis.guesses[:LISTED]]

@@ -124,11 +124,13 @@ class Trials(NamedTuple):
         recorded: Drives with the recorded values, of the seeds that judge.
         remedy: The candidate that is better with the seeds that judge, or None.
         tried: All candidates with the seeds that chose, the best first.
+        judged: Candidates with the seeds that judge, the remedy last.
     """
 
     recorded: Tried
     remedy: Optional[Tried]
     tried: Sequence[Tried]
+    judged: Sequence[Tried] = ()
 
 
 def limit_of(seconds: float) -> float:
@@ -211,15 +213,17 @@ def try_out(course: Course, candidates: Sequence[Candidate], pool: Pool) -> Tria
             finalists.append(entry)
 
     # The best of several looks better than it is, so that other seeds judge it.
-    judged: Drives = {}
+    confirming: Drives = {}
+    judged = []
     for candidate in _preferred(finalists, course.robot)[:JUDGED]:
-        unjudged = [entry for entry in (candidate, None) if entry not in judged]
-        judged.update(_drive(course, unjudged, CONFIRMING, pool))
-        recorded = Tried(None, judged[None])
-        remedy = Tried(candidate, judged[candidate])
+        undriven = [entry for entry in (candidate, None) if entry not in confirming]
+        confirming.update(_drive(course, undriven, CONFIRMING, pool))
+        recorded = Tried(None, confirming[None])
+        remedy = Tried(candidate, confirming[candidate])
+        judged.append(remedy)
         if _is_better(remedy, recorded) and _is_never_slower(remedy, recorded):
-            return Trials(recorded, remedy, tried)
-    return Trials(recorded, None, tried)
+            return Trials(recorded, remedy, tried, judged)
+    return Trials(recorded, None, tried, judged)
 
 
 Drives = Dict[Optional[Candidate], List[Arrival]]

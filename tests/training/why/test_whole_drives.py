@@ -27,6 +27,7 @@ from training.why.events import Event
 from training.why.replay import Replay
 from training.why.whole_drives import Arrival, Course, Trials, Tried, try_out
 from training.workers.pool import Pool
+from worlds.loading import load
 from worlds.map_reader import is_occupied, read_map
 
 PLANNER = "TrajectoryPlannerROS"
@@ -81,8 +82,17 @@ def test_a_written_map_is_read_as_it_was_seen(door, tmp_path):
     grid = seen_grid(door[0], JACKAL)
     write_map(grid, str(tmp_path / "seen.yaml"))
     read_back = read_map(str(tmp_path / "seen.yaml"))
-    assert np.array_equal(is_occupied(read_back.cells), is_occupied(grid.cells))
+    written = is_occupied(read_back.cells)
+    assert np.array_equal(written[1:-1, 1:-1], is_occupied(grid.cells)[1:-1, 1:-1])
     assert (read_back.resolution, read_back.origin) == (grid.resolution, pytest.approx(grid.origin))
+
+
+def test_a_robot_can_drive_in_a_written_map(door, tmp_path):
+    """Without an edge, all free cells would be outside of the building."""
+    path = str(tmp_path / "seen.yaml")
+    write_map(seen_grid(door[0], JACKAL), path)
+    world = load(f"{path}:0")
+    assert len(world.boxes)
 
 
 # -- candidates
@@ -353,9 +363,10 @@ def test_the_answer_says_what_happened_what_helped_when_it_was_driven_and_how_su
 
 def test_without_a_remedy_only_a_guess_that_gains_much_is_said(replayed):
     trials = Trials(tried(None, 12.0), None, [tried(MENDED, 12.0)])
+    change = Change(PLANNER, "sim_time", 2.0, 1.0)
 
     def guess(gain):
-        return SimpleNamespace(gain=gain, change="sim_time 2 -> 1")
+        return SimpleNamespace(gain=gain, change=change, changes=(change,))
 
     _, second, *_ = answer.lines_of(diagnosed(replayed, trials, [guess(0.2)]))
     assert second == "Nothing that was tried helped. The replay's guess: sim_time 2 -> 1."
@@ -363,6 +374,32 @@ def test_without_a_remedy_only_a_guess_that_gains_much_is_said(replayed):
     assert second == "Nothing that was tried helped."
     _, second, *_ = answer.lines_of(diagnosed(replayed, None, [guess(0.2)]))
     assert second == "The replay's guess: sim_time 2 -> 1."
+
+    # A guess that was driven in vain is none.
+    in_vain = Trials(tried(None, 12.0), None, [tried(Candidate((change,)), 12.0)])
+    _, second, *_ = answer.lines_of(diagnosed(replayed, in_vain, [guess(0.2)]))
+    assert second == "Nothing that was tried helped."
+
+
+def test_what_other_seeds_did_is_said_of_a_candidate_that_looked_better(replayed):
+    chosen = tried(MENDED, 8.0, 8.0)
+    judged = tried(MENDED, 12.0, 12.0, 9.0)
+    trials = Trials(tried(None, 12.0), None, [chosen], [judged])
+    lines = answer.lines_of(diagnosed(replayed, trials))
+    assert lines[1] == "Nothing that was tried helped with each seed."
+    assert lines[-1] == (
+        "   vx_samples 1 -> 6: arrives 2 of 2 in 8 s; with other seeds arrives 3 of 3 in 11 s"
+    )
+
+
+def test_a_drive_that_lost_little_time_says_why_nothing_was_tried(replayed):
+    short = diagnosed(replayed)
+    short.events[0].end = short.events[0].begin + 0.1
+    line = "No change was tried: the robot lost little time."
+    assert answer.advice(short) == [line]
+    # A moment that somebody asks about is short, too.
+    short.events[0].kind = diagnosis.ASKED
+    assert answer.advice(short) == []
 
 
 def test_a_stop_of_the_simulated_drive_elsewhere_is_another_one(replayed):
