@@ -128,7 +128,8 @@ def box_edges(boxes: Array) -> Array:
 def _bearing(y: float, x: float) -> float:
     """Approximate atan2(y, x) with an error below .0003 rad.
 
-    The result only selects the beams to test, and two more beams are tested on either side.
+    The result only selects the beams to test. It needs no more accuracy, because the margins of the
+    covered angle are larger, and at least one more beam is tested on either side.
     """
     abs_x = abs(x)
     abs_y = abs(y)

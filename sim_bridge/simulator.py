@@ -127,7 +127,7 @@ class Simulator(ABC):
     def reset(self, world: World, seed: int, start: Optional[Sequence[float]] = None) -> RobotState:
         """Place the robot at rest at `start`, by default that of the course, and set time to 0.
 
-        `start` is a pose (x, y, yaw) in the world frame.         The same world, seed and commands
+        `start` is a pose (x, y, yaw) in the world frame. The same world, seed and commands
         give bit-identical states and scans.
         """
         # Start pose and randomised values

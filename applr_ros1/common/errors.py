@@ -8,7 +8,7 @@ import os
 import signal
 import sys
 import traceback
-from typing import Any, Callable, Iterable, Mapping, Optional
+from typing import Any, Callable, Iterable, Mapping, NoReturn, Optional
 
 from applr_ros1.common.extras import absent
 
@@ -102,7 +102,7 @@ def _line_of(error: Exception) -> str:
     return one_line(error)
 
 
-def run_script(module: str, node: bool = False) -> None:
+def run_script(module: str, node: bool = False) -> NoReturn:
     """Import the module of a command, run its main() and exit the process, for scripts/__main__.py.
 
     Ctrl-C during the import, which takes seconds, exits silently. A missing Python package is

@@ -193,7 +193,8 @@ def scene_values(scene: Scene, marked: bool = False) -> Dict[str, Any]:
     size_x, size_y = world.boxes[:, 3:].T
     boxes = _near(world.boxes, np.hypot(size_x, size_y) / 2.0, low, high)
 
-    # The view has margins before and behind the path, and the obstacles at its sides.
+    # In x the view holds all obstacles that are shown. In y it has room for those beside a drive
+    # along x, and a margin before and behind a drive along y.
     x = np.concatenate([driven[:, 0], circles[:, 0], boxes[:, 0]])
     extent_x, extent_y = high - low
     margin = ASIDE_M if extent_x > extent_y else MARGIN_M

@@ -82,8 +82,8 @@ class Recorder:
 
     Args:
         world: World of the drive.
-        everything: Whether to keep scans, odometry, plans, refusals, commands, verdicts and
-            changes of parameters, too.
+        everything: Whether `drive` has scans, odometry, plans, refusals, commands, verdicts and
+            changes of parameters, too. The caller appends them.
     """
 
     def __init__(self, world: Optional[World] = None, everything: bool = False):

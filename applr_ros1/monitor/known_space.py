@@ -302,11 +302,17 @@ def _centre_of(cell: int) -> float:
 
 @kernel
 def _follow(cells: np.ndarray, corner: np.ndarray, x: float, y: float) -> None:
-    """Move the window to the robot, and mark the cells that enter it as unknown."""
+    """Move the window of `cells` (n, n) to a place x, y [m], and mark entering cells as unknown.
+
+    Cell i of an axis is stored in slot i modulo n, so that a cell that enters takes the slot of one
+    that leaves.
+    """
     side_cells = cells.shape[0]
     for axis, coordinate in enumerate((x, y)):
         old_corner = corner[axis]
         new_corner = cell_of(coordinate) - side_cells // 2
+        # Up to the first n cells between both corners: those that leave if the window moves up,
+        # those that enter if it moves down. Their slots are the same.
         low = min(old_corner, new_corner)
         high = max(old_corner, new_corner)
         for cell in range(low, min(high, low + side_cells)):

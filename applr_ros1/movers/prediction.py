@@ -35,8 +35,7 @@ class Prediction:
 
     Attributes:
         movers: moving obstacles in the latest scan.
-        points: (n, 3) float32, predicted obstacle points in the frame of the latest scan's pose
-            [m].
+        points: (n, 3) float32, predicted obstacle points in the frame of the costmap [m].
         room: minimum gap between a predicted disc and the robot's centre [m]. Nearer discs would
             only block the robot.
     """
@@ -64,7 +63,7 @@ class Prediction:
         """Track and predict with a scan, and return the points for the costmaps.
 
         The points are the predicted obstacle points and, for CLEARED_S, the ends of beams without
-        return, which clear old predictions. The cloud is in the frame of the scan's pose, and empty
+        return, which clear old predictions. The cloud is in the frame of the costmap, and empty
         if no obstacle has moved within this time.
         """
         self.movers = self._tracker.update(scan)
@@ -79,11 +78,13 @@ class Prediction:
         if origin is None:
             x, y, _ = scan.sensor_pose
             origin = (x, y, scan.sensor_height)
+        # The points are in the costmap's frame already.
         no_rotation = (0.0, 0.0, 0.0, 1.0)
-        return SensorCloud(scan.stamp, points, (0.0, 0.0, 0.0), no_rotation, origin)
+        no_offset = (0.0, 0.0, 0.0)
+        return SensorCloud(scan.stamp, points, no_offset, no_rotation, origin)
 
     def _predicted(self, scan: LaserScan) -> Array32:
-        """Return the predicted points (n, 3) float32 [m] in the frame of the scan's pose."""
+        """Return the predicted points (n, 3) float32 [m] in the frame of the costmap."""
         robot = compose(scan.sensor_pose, self._robot_in_laser)
         points = []
         for time in np.arange(STEP_S, HORIZON_S + 1e-9, STEP_S):

@@ -5,14 +5,19 @@ A user-defined method is a subclass of Method in any module:
     from applr_ros1.policy.methods import Method
     from applr_ros1.policy.parameter_space import SPACE
 
-    class Cautious(Method):                      # evaluate.py --methods my_module:Cautious;
-        method:=my_module:Cautious def reset(self, seed): ...               # optional, called at
-        the start of a course; seed all random draws def theta(self, context):                #
-        called at every decision; see Context
-            slow = context.ranges.min() < 0.4 return SPACE.from_dict({"max_vel_x": 0.3 if slow else
-            1.0})     # other parameters keep theta_0
+    class Cautious(Method):
+        # Called at the start of a course, to seed all random draws; may be left out.
+        def reset(self, seed):
+            pass
 
-The class may also be in a file: `my_methods.py:Cautious`. The returned parameters are clipped to
+        # Called at every decision; see Context.
+        def theta(self, context):
+            is_near = context.ranges.min() < 0.4
+            # Other parameters keep their values of theta_0.
+            return SPACE.from_dict({"max_vel_x": 0.3 if is_near else 1.0})
+
+It is named as `evaluate.py --methods my_module:Cautious`, and as `method:=my_module:Cautious`. The
+class may also be in a file: `my_methods.py:Cautious`. The returned parameters are clipped to
 the space's bounds, and NaN is rejected.
 """
 

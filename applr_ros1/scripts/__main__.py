@@ -45,7 +45,7 @@ def main() -> None:
         sys.argv.pop(0)
     name = Path(sys.argv[0]).stem if sys.argv else "--help"
     if name in programs:
-        run_script(programs[name], node=name in NODES)
+        run_script(programs[name], node=name in NODES)  # exits the process
     usage = f"applr-ros1 NAME [ARGUMENT ...]; NAME is one of {', '.join(programs)}"
     texts = {"--help": usage, "--version": f"applr_ros1 {applr_ros1.__version__}"}
     print(texts[name]) if name in texts else sys.exit(f"unknown program {name}: {usage}")

@@ -138,8 +138,8 @@ def file_candidates(robot: Robot) -> List[Candidate]:
         *_scalings(tree),
         *_rates(tree),
     ]
-    # Another value in place of a usual one may help by chance, and explains nothing.
     found.sort(key=lambda rated: -rated.departure)
+    # Another value in place of a usual one may help by chance, and explains nothing.
     return [rated.candidate for rated in found if rated.departure >= UNUSUAL]
 
 

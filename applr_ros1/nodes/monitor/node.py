@@ -123,7 +123,9 @@ class CollisionMonitorNode:
                     self._break_silence()
                 except Exception as problem:
                     self._fail(problem)
-            if not heartbeat.beat():
+            # Without heartbeats the guard process takes over, and publishes zeros itself.
+            guard_lives = heartbeat.beat()
+            if not guard_lives:
                 with self._lock:  # Held until rospy has shut down: no command may follow the zeros.
                     publish_zeros(self._commands, LAST_ZEROS)
                     rospy.signal_shutdown("the guard process has ended")

@@ -154,7 +154,9 @@ class DWAPlanner(SamplingPlanner):
         """Store pose, velocity and weights of a cycle that only stops or turns."""
         self._update_scene(costmap, plan)
         plan = self._scene.plan
-        if prepare(self._params, self._scratch, plan, floats(pose), floats(velocity)):
+        is_aligned = prepare(self._params, self._scratch, plan, floats(pose), floats(velocity))
+        if is_aligned:
+            # The grid of the nose-on-path critic stays that of this plan while the critic is off.
             self._aligned_plan = plan
 
     def find_best_path(
@@ -207,7 +209,8 @@ class DWAPlanner(SamplingPlanner):
         if steps:
             roll_out(p, start, sample, points)
             stored = commanded(p, start, sample, steps)
-        cost, _ = total_cost(p, self._state[0], self._scene, self._grids, points, stored, -1.0)
+        no_best = -1.0  # no other cost ends the summation early
+        cost, _ = total_cost(p, self._state[0], self._scene, self._grids, points, stored, no_best)
         return cost, steps
 
     def score_all_samples(self) -> Samples:

@@ -81,12 +81,12 @@ class Configuration:
         result = {**current, **requested}
         if server in CONTRADICTIONS:
             for line in CONTRADICTIONS[server](result):
-                raise ParameterError(f"{server}/{line}")  # Only the first conflict is reported.
+                # Only the first conflict is reported.
+                raise ParameterError(f"{server}/{line}")
         if server == "":
+            # No other planner can be loaded at run time.
             for name in ("base_global_planner", "base_local_planner"):
-                result[name] = self._start[server][
-                    name
-                ]  # No other planner can be loaded at run time.
+                result[name] = self._start[server][name]
         return result
 
     def accept(self, server: str, values: Dict[str, Any]) -> None:
