@@ -231,6 +231,13 @@ def test_a_robot_whose_planner_cannot_back_out_gets_random_parameters_only():
     assert np.array(slow[8:]).shape == (24, len(space_of(burger)))
 
 
+def test_a_small_robot_stalls_at_a_smaller_speed():
+    """At 0.07 m/s a Jackal stalls, but not a burger, whose `world_scale` is 0.43."""
+    burger = load("turtlebot3_burger")
+    assert course(robot=burger, speed=0.07) == [None] * 32
+    assert course(robot=JACKAL, speed=0.07)[8] is not None
+
+
 def test_every_method_gets_them_that_does_not_refuse():
     class Own(Method):
         pass
