@@ -102,6 +102,13 @@ def test_the_distance_backwards_is_between_half_a_metre_and_one():
     assert 0.98 < max(distances) <= 1.0
 
 
+def test_parameters_are_drawn_on_both_sides_of_the_middle():
+    encoding = DimensionlessEncoding(JACKAL, PERIOD)
+    middle = encoding.theta(np.zeros(encoding.actions))[0]
+    speeds = [course(seed)[8][0] for seed in range(20)]
+    assert min(speeds) < middle < max(speeds)
+
+
 def phases(replaced):
     """Return (whether the robot backs out, number of decisions) of each phase from 8 s on."""
     found = []
