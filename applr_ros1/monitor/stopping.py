@@ -271,7 +271,7 @@ def braking_time(speed: float, deceleration: float) -> float:
     The deceleration [m/s^2] is gentler below LAST_SPEED_M_S.
     """
     last_speed = min(speed, LAST_SPEED_M_S)
-    last_deceleration = min(deceleration, LAST_DECELERATION_M_S2)
+    last_deceleration = deceleration_at(last_speed, deceleration)
     return (speed - last_speed) / deceleration + last_speed / last_deceleration
 
 

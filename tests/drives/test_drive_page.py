@@ -12,7 +12,7 @@ import worlds
 from applr_ros1.drives.drive import REACHED, TIMED_OUT, Goal
 from applr_ros1.drives.page import Scene, Shown, nearest_obstacle, page, verdict_of
 from applr_ros1.policy.parameter_space import SPACE
-from tests.support.browser import focused, needs_browser, opened
+from tests.support.browser import focused, needs_browser, opened, shown_methods
 from tests.support.drives import driven
 
 BODY = (0.4, 0.2)  # length and width [m]
@@ -108,12 +108,3 @@ def test_another_drive_is_shown_beside_the_first_one(tmp_path):
         assert shown_methods(view) == ["applr", "dwa"]
         focused(view, "checkbox", "applr").press("Space")
         assert shown_methods(view) == ["dwa"]
-
-
-def shown_methods(view):
-    """Return the first words of the table's rows below its header."""
-    methods = []
-    for row in view.get_by_role("row").all()[1:]:
-        name, *_ = row.inner_text().split()
-        methods.append(name)
-    return methods

@@ -67,3 +67,12 @@ def focused(page, role, name):
     element.focus()
     assert element.evaluate("element => element === document.activeElement")
     return element
+
+
+def shown_methods(view):
+    """Return the first words of the table's rows below its header."""
+    methods = []
+    for row in view.get_by_role("row").all()[1:]:
+        name, *_ = row.inner_text().split()
+        methods.append(name)
+    return methods

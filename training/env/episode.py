@@ -42,7 +42,7 @@ from sim_bridge.simulator import RobotState, Simulator
 from training.env.outcome import Leg, Outcome, nearest, outcome_of
 from worlds import World
 
-# duration of a control cycle [s], 20 Hz as on the Jackal; slower parts of MoveBase skip cycles
+# Duration of a control cycle [s], 20 Hz as on the Jackal; slower parts of MoveBase skip cycles
 CONTROL_PERIOD = 0.05
 TIME_LIMIT = 100.0  # duration after which a trial counts as failed [s]
 
@@ -109,13 +109,13 @@ class Episode:
         ]
         self.stack = self._stacks[0]
         self.simulator = simulator
-        # pose of the world's frame in the map's, if the planner has the map
+        # Pose of the world's frame in the map's, if the planner has the map
         self._to_map: Optional[Pose] = None
         self.robot = robot
         self.space = space_of(robot)
-        # beams of the policy's scans; may be replaced between two trials
+        # Beams of the policy's scans; may be replaced between two trials
         self.layout = layout_of(robot)
-        # scan interval [s]; 0: one scan per cycle
+        # Scan interval [s]; 0: one scan per cycle
         self._scan_period = robot.laser.period_in(CONTROL_PERIOD)
         self.end_on_collision = end_on_collision
         self.end_on_stall = end_on_stall
@@ -217,7 +217,7 @@ class Episode:
         self._recorder.sent.append(SentGoal(0.0, self.goal, frame))
         name = f"course {self._courses} in {self.world.name}"
         self._recorder.goals.append(Goal(name, 0.0, math.inf))
-        # plan of the next decision
+        # Plan of the next decision
         self._plan = self.move_base.make_plan(self.place, self.goal, tolerance=0.0)
         self._scanned = self.simulator.scan()
         near = self._observe()
@@ -311,7 +311,7 @@ class Episode:
         scan: Optional[LaserScan] = None
         if state.time + 1e-6 >= self._scan_due:
             scan = self._scan()
-        # pose of the odometry's frame in the map's
+        # Pose of the odometry's frame in the map's
         origin: Optional[Pose] = None
         if self._to_map is not None:
             origin = compose(self.place, inverse(state.odom_pose))

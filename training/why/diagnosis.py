@@ -188,20 +188,21 @@ def _reason(replay: Replay, event: Event, explained: Sequence[Explanation]) -> s
 
 def _guesses(replay: Replay, found: Sequence[Event]) -> List[Alternative]:
     """Return alternatives, those with which the planner drives on fastest first."""
-    count = 0
+    counts = []
     cycles_of_events: Set[int] = set()
     for event in found:
         cycles = replay.between(event.begin, event.end)
-        count += len(cycles)
+        counts.append(len(cycles))
         cycles_of_events.update(map(id, cycles))
-    if not count:
+    total = sum(counts)
+    if not total:
         return []
     others = [cycle for cycle in replay.cycles if id(cycle) not in cycles_of_events]
 
     # Longer events count more, but each of them a little.
     tried_from: List[Cycle] = []
-    for event in found:
-        share = len(replay.between(event.begin, event.end)) / count
+    for event, count in zip(found, counts):
+        share = count / total
         lead = replay.between(event.begin - LEAD_S, event.end)
         tried_from += some(lead, max(LEAST, round(CYCLES * share)), EARLY)
     return best_changes(replay, changes_to_try(replay), tried_from, some(others, CYCLES))

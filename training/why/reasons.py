@@ -13,7 +13,7 @@ from typing import Callable, List, Optional, Sequence, TypeVar
 import numpy as np
 
 from applr_ros1.common.angles import normalize_angle_modulo
-from applr_ros1.common.paths import distances
+from applr_ros1.common.paths import distances, step_lengths
 from applr_ros1.drives.drive import ABORTED, REACHED, Drive, Rows
 
 SomeRows = TypeVar("SomeRows", bound=Rows)
@@ -160,9 +160,8 @@ def jumping(stretch: Stretch) -> str:
         return ""
     # What the pose changes by beyond the measured velocity
     seconds = np.diff(around.stamp)
-    steps = np.diff(around.pose, axis=0)
-    moved = np.hypot(steps[:, 0], steps[:, 1])
-    turned = np.abs(normalize_angle_modulo(steps[:, 2]))
+    moved = step_lengths(around.pose[:, :2])
+    turned = np.abs(normalize_angle_modulo(np.diff(around.pose[:, 2])))
     speeds, turn_rates = np.abs(around.twist[1:]).T
     jumps = moved - speeds * seconds
     turns = turned - turn_rates * seconds

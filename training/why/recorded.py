@@ -16,6 +16,7 @@ import numpy as np
 
 from applr_ros1.common.angles import inverse, normalize_angle_modulo
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.paths import distances
 from applr_ros1.drives.drive import Drive, Motion, Plans, Scans, nearest_rows
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.plan_cut import cut_plan, half_size, transformed
@@ -226,9 +227,10 @@ def _take_poses(drive: Drive, tree: Tree, robot: Robot) -> None:
     at_link = tree.place(drive.frame, robot.frames.base, link.stamp)
     assert at_topic is not None
     assert at_link is not None
-    offsets = drive.odometry.pose - at_topic.planar
-    apart = float(np.hypot(offsets[:, 0], offsets[:, 1]).max())
-    turns = normalize_angle_modulo(offsets[:, 2])
+    by_topic = drive.odometry.pose
+    by_tf = at_topic.planar
+    apart = float(distances(by_topic[:, :2], by_tf[:, :2]).max())
+    turns = normalize_angle_modulo(by_topic[:, 2] - by_tf[:, 2])
     turned = float(np.abs(turns).max())
     drive.odometry = _joined(drive.odometry, link.time, link.stamp, at_link.planar)
     if apart > POSE_OFF_M or turned > POSE_OFF_RAD:

@@ -75,7 +75,7 @@ def set_parameters(node: ApplrNode, message: Parameters) -> None:
 
 
 def set_method(node: ApplrNode, started_spec: str, request: Any) -> SetMethodResponse:
-    """Handle the service ~set_method. given: Result of started_with().
+    """Handle the service ~set_method. started_spec: Result of started_with().
 
     Anybody who reaches the ROS master can call this service. The service therefore imports no code,
     except for the user-defined method with which the node was started.

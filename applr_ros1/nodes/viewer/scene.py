@@ -18,6 +18,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from applr_ros1.common.angles import compose, transform_point
 from applr_ros1.common.pages.colors import rgb
+from applr_ros1.common.paths import step_lengths
 from applr_ros1.nodes.conversions import pose_of
 from applr_ros1.robots import Robot
 
@@ -221,8 +222,7 @@ class Scene:
         costs = rows[:, -1]
 
         # The cloud has no numbers of trajectories. Points of one have the same cost and are close.
-        steps = points[1:] - points[:-1]
-        is_near = np.hypot(steps[:, 0], steps[:, 1]) < JUMP_M
+        is_near = step_lengths(points[:, :2]) < JUMP_M
         is_joined = (costs[1:] == costs[:-1]) & is_near
 
         # The highest costs would leave the others without a difference of colour.

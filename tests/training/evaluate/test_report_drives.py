@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.policy.parameter_space import SPACE
-from tests.support.browser import focused, needs_browser, opened
+from tests.support.browser import focused, needs_browser, opened, shown_methods
 from tests.support.drives import driven
 from tests.support.runs import SETTINGS
 from training.evaluate import drives_page
@@ -115,12 +115,3 @@ def test_keys_choose_a_trial_play_and_hide_a_method(folder):
         assert shown_methods(page) == ["dwa"]
         page.locator("body").press("Space")
         page.get_by_role("button", name="Pause").wait_for()
-
-
-def shown_methods(page):
-    """Return the first words of the table's rows below its header."""
-    methods = []
-    for row in page.get_by_role("row").all()[1:]:
-        name, *_ = row.inner_text().split()
-        methods.append(name)
-    return methods
