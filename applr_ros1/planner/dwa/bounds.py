@@ -45,9 +45,9 @@ AT_BORDER = -(1 << 40)
 class MapVelocity(NamedTuple):
     """Velocity of the base in the axes of the map, at the heading of the start."""
 
-    dx: float  # [m/s]
-    dy: float  # [m/s]
-    speed: float  # norm of (dx, dy) [m/s]
+    vx: float  # [m/s]
+    vy: float  # [m/s]
+    speed: float  # norm of (vx, vy) [m/s]
     w: float  # [rad/s]
 
 
@@ -83,9 +83,9 @@ NO_SAMPLE = Limits(-1, -1, -1)
 @kernel
 def in_map(vx: float, vy: float, w: float, speed: float, heading: Heading) -> MapVelocity:
     """Return a velocity of the base in the axes of the map. speed: its speed over ground [m/s]."""
-    dx = vx * heading.cos - vy * heading.sin
-    dy = vx * heading.sin + vy * heading.cos
-    return MapVelocity(dx, dy, speed, w)
+    map_vx = vx * heading.cos - vy * heading.sin
+    map_vy = vx * heading.sin + vy * heading.cos
+    return MapVelocity(map_vx, map_vy, speed, w)
 
 
 @kernel
@@ -96,20 +96,20 @@ def arc(velocity: MapVelocity, turn: float, dt: float, moves: int) -> Arc:
     """
     # The positions are corners of a regular polygon with the exterior angle `turn`. The chord over
     # several sides has the direction of the middle side, and by the law of sines the length
-    # side * sin(moves * half) / sin(half).
-    half = 0.5 * turn
-    half_cos, half_sin = small_turn(half)
-    middle_cos = math.cos((moves - 1) * half)
-    middle_sin = math.sin((moves - 1) * half)
-    # sine and cosine of moves * half, half the change of heading
+    # side * sin(moves * half_turn) / sin(half_turn).
+    half_turn = 0.5 * turn
+    half_cos, half_sin = small_turn(half_turn)
+    middle_cos = math.cos((moves - 1) * half_turn)
+    middle_sin = math.sin((moves - 1) * half_turn)
+    # sine and cosine of moves * half_turn, half the change of heading
     sin = middle_sin * half_cos + middle_cos * half_sin
     cos = middle_cos * half_cos - middle_sin * half_sin
-    sides = float(moves)
-    if half != 0.0:
-        sides = sin / half_sin
-    time = dt * sides
-    x = time * (velocity.dx * middle_cos - velocity.dy * middle_sin)
-    y = time * (velocity.dy * middle_cos + velocity.dx * middle_sin)
+    chord_sides = float(moves)
+    if half_turn != 0.0:
+        chord_sides = sin / half_sin
+    chord_time = dt * chord_sides
+    x = chord_time * (velocity.vx * middle_cos - velocity.vy * middle_sin)
+    y = chord_time * (velocity.vy * middle_cos + velocity.vx * middle_sin)
     return Arc(x, y, Heading(1 - 2 * sin * sin, 2 * sin * cos))
 
 
@@ -122,10 +122,10 @@ def arc_errors(
     The reference is the float32 trajectory of C++, which rounds in each of its `steps` moves.
     speed, w: speed over ground [m/s] and turn rate [rad/s].
     """
-    length = speed * sim_time
+    path_length = speed * sim_time
     turn_error = steps * ROUNDING * (abs(start.theta) + abs(w) * sim_time)
-    farthest = max(abs(start.x), abs(start.y)) + length
-    return steps * ROUNDING * farthest + length * turn_error + FORMULA, turn_error
+    farthest_coordinate = max(abs(start.x), abs(start.y)) + path_length
+    return steps * ROUNDING * farthest_coordinate + path_length * turn_error + FORMULA, turn_error
 
 
 @kernel
@@ -142,9 +142,9 @@ def sure_end_cells(
     p: Record,
     start: Record,
     heading: Heading,
-    ox: float,
-    oy: float,
-    per_cell: float,
+    origin_x: float,
+    origin_y: float,
+    cells_per_metre: float,
     velocity: MapVelocity,
     steps: int,
 ) -> Cells:
@@ -152,27 +152,27 @@ def sure_end_cells(
 
     Uncertain indices are AT_BORDER.
 
-    heading: direction at the start. ox, oy: origin of the map [m]. per_cell: 1 / resolution [1/m].
-    velocity: velocity at the start, which must be constant (use_dwa).
+    heading: direction at the start. origin_x, origin_y: origin of the map [m]. cells_per_metre:
+    1 / resolution [1/m]. velocity: velocity at the start, which must be constant (use_dwa).
     """
     dt = p.sim_time / steps
     turn = velocity.w * dt
     if abs(turn) > LARGEST_TURN:
         return UNCERTAIN
-    way = arc(velocity, turn, dt, steps - 1)
-    error, turn_error = arc_errors(start, velocity.speed, velocity.w, p.sim_time, steps)
-    margin = error * per_cell + CELL_FORMULA
-    x = (start.x + way.x - ox) * per_cell
-    y = (start.y + way.y - oy) * per_cell
-    end_x = sure_cell(x, margin)
-    end_y = sure_cell(y, margin)
+    motion = arc(velocity, turn, dt, steps - 1)
+    position_error, turn_error = arc_errors(start, velocity.speed, velocity.w, p.sim_time, steps)
+    margin = position_error * cells_per_metre + CELL_FORMULA
+    x_in_cells = (start.x + motion.x - origin_x) * cells_per_metre
+    y_in_cells = (start.y + motion.y - origin_y) * cells_per_metre
+    end_x = sure_cell(x_in_cells, margin)
+    end_y = sure_cell(y_in_cells, margin)
 
     # An error of the heading moves the nose, too.
-    ahead = p.forward_point_distance
-    margin += abs(ahead) * turn_error * per_cell
-    end = turned(heading, way.turn)
-    nose_x = sure_cell(x + ahead * end.cos * per_cell, margin)
-    nose_y = sure_cell(y + ahead * end.sin * per_cell, margin)
+    nose_offset = p.forward_point_distance
+    margin += abs(nose_offset) * turn_error * cells_per_metre
+    end_heading = turned(heading, motion.turn)
+    nose_x = sure_cell(x_in_cells + nose_offset * end_heading.cos * cells_per_metre, margin)
+    nose_y = sure_cell(y_in_cells + nose_offset * end_heading.sin * cells_per_metre, margin)
     return Cells(end_x, end_y, nose_x, nose_y)
 
 
@@ -191,12 +191,12 @@ def exact_end_cells(p: Record, scene: Scene, start: Record, sample: Velocity, st
         if not p.use_dwa:
             velocity = samples.ramped(p, sample, velocity, dt)
         x, y, theta = samples.move(x, y, theta, velocity, dt)
-    ahead = p.forward_point_distance
+    nose_offset = p.forward_point_distance
     front_x = x
     front_y = y
-    if ahead != 0.0:
-        front_x = x + ahead * math.cos(theta)
-        front_y = y + ahead * math.sin(theta)
+    if nose_offset != 0.0:
+        front_x = x + nose_offset * math.cos(theta)
+        front_y = y + nose_offset * math.sin(theta)
     end_x, end_y = _cell(scene, x, y)
     nose_x, nose_y = _cell(scene, front_x, front_y)
     return Cells(end_x, end_y, nose_x, nose_y)
@@ -216,34 +216,34 @@ def fill_bounds(
     grids: Grids,
     scratch: Scratch,
     scene: Scene,
-    counts: SampleCounts,
+    axis_counts: SampleCounts,
     heading: Heading,
-    scaled: Data,
+    scaled_footprint: Data,
 ) -> int:
     """Fill bounds, keys and heap of `scratch`, and return how many samples may win.
 
-    heading: direction at the start. scaled: buffer for the footprint (n, 2).
+    heading: direction at the start. scaled_footprint: buffer for the footprint (n, 2).
     """
     # Members of tuples are taken out of the loops, because numba counts references at each access.
-    xs = scratch.xs
-    ys = scratch.ys
-    ws = scratch.ws
+    sampled_vx = scratch.sampled_vx
+    sampled_vy = scratch.sampled_vy
+    sampled_w = scratch.sampled_w
     keys = scratch.keys
     bounds = scratch.bounds
     heap = scratch.heap
-    probed = scratch.probed
+    is_probed = scratch.is_probed
     start = scratch.start[0]
     path_grid = grid_of(grids, PATH)
     goal_grid = grid_of(grids, GOAL)
     front_grid = grid_of(grids, FRONT)
     alignment_grid = grid_of(grids, grids.facts[0].alignment_row)
     footprint = scene.footprint
-    ox = scene.ox
-    oy = scene.oy
-    per_cell = 1.0 / scene.resolution
+    origin_x = scene.ox
+    origin_y = scene.oy
+    cells_per_metre = 1.0 / scene.resolution
     rows, columns = scene.cells.shape
     cell_count = rows * columns  # grid value of a wall; a distance is smaller
-    stride = columns + 2  # The grids have a border of walls.
+    row_stride = columns + 2  # The grids have a border of walls.
 
     # Critics of weight 0 reject nothing.
     by_obstacle = p.occdist_scale != 0.0
@@ -260,34 +260,34 @@ def fill_bounds(
         return 0
     cell_x, cell_y = _cell(scene, start.x, start.y)
     centre_cost = int(scene.cells[cell_y, cell_x]) if by_obstacle else 0
-    outline_cost_here = obstacle = centre_cost
+    outline_cost_here = obstacle_cost = centre_cost
     scale_here = -1.0
-    outline = outline_of(scene, scaled)
+    outline = outline_of(scene, scaled_footprint)
 
-    count = 0
-    for ix in range(counts.vx):
-        for iy in range(counts.vy):
-            vx = xs[ix]
-            vy = ys[iy]
+    sample_count = 0
+    for ix in range(axis_counts.vx):
+        for iy in range(axis_counts.vy):
+            vx = sampled_vx[ix]
+            vy = sampled_vy[iy]
             speed = ground_speed(vx, vy)
             if samples.is_too_fast(p, speed):
                 continue
             slowest_turn = samples.slowest_turn(p, speed)
-            linear = samples.linear_steps(p, speed)
-            for iw in range(counts.w):
+            linear_steps = samples.linear_steps(p, speed)
+            for iw in range(axis_counts.w):
                 # Critics that look at the sample alone
-                w = ws[iw]
+                w = sampled_w[iw]
                 if abs(w) + SLACK < slowest_turn:
                     continue
-                steps = int(math.ceil(max(linear, samples.angular_steps(p, w))))
+                steps = int(math.ceil(max(linear_steps, samples.angular_steps(p, w))))
                 if steps == 0:
                     continue
-                stored = Velocity(vx, vy, w)
+                stored_velocity = Velocity(vx, vy, w)
                 stored_speed = speed
                 if not p.use_dwa:
-                    stored = commanded(p, start, stored, steps)
-                    stored_speed = ground_speed(stored.vx, stored.vy)
-                if is_barred(state, stored):
+                    stored_velocity = commanded(p, start, stored_velocity, steps)
+                    stored_speed = ground_speed(stored_velocity.vx, stored_velocity.vy)
+                if is_barred(state, stored_velocity):
                     continue
 
                 # The obstacle critic at the current pose
@@ -295,7 +295,7 @@ def fill_bounds(
                     scale = footprint_scale(p, stored_speed)
                     if scale != scale_here:
                         scale_here = scale
-                        scale_footprint(footprint, scale, scaled)
+                        scale_footprint(footprint, scale, scaled_footprint)
                         outline_cost_here = outline_cost(
                             outline,
                             start.x,
@@ -306,62 +306,66 @@ def fill_bounds(
                             cell_y,
                             NO_MARGIN,
                         )
-                        obstacle = max(outline_cost_here, centre_cost)
+                        obstacle_cost = max(outline_cost_here, centre_cost)
                     if outline_cost_here < 0:
                         continue
 
                 # The grids' critics at the last point and its nose. A value above the number of
                 # cells means that the flood has not come that far.
-                front = alignment = path = goal = 0
+                front_distance = alignment_distance = path_distance = goal_distance = 0
                 if by_end or by_nose:
                     cells = UNCERTAIN
                     if p.use_dwa:
                         velocity = in_map(vx, vy, w, speed, heading)
-                        cells = sure_end_cells(p, start, heading, ox, oy, per_cell, velocity, steps)
+                        cells = sure_end_cells(
+                            p, start, heading, origin_x, origin_y, cells_per_metre, velocity, steps
+                        )
                     if min(cells.end_x, cells.end_y, cells.nose_x, cells.nose_y) == AT_BORDER:
                         cells = exact_end_cells(p, scene, start, Velocity(vx, vy, w), steps)
                     if by_end:
                         if not (0 <= cells.end_x < columns and 0 <= cells.end_y < rows):
                             continue
-                        index = (cells.end_y + 1) * stride + cells.end_x + 1
+                        end_index = (cells.end_y + 1) * row_stride + cells.end_x + 1
                         if by_path:
-                            path = path_grid.distance[index]
-                            if path > cell_count:
-                                path = at_least(path_grid, index, limits.path)
-                            if path >= cell_count:
+                            path_distance = path_grid.distance[end_index]
+                            if path_distance > cell_count:
+                                path_distance = at_least(path_grid, end_index, limits.path)
+                            if path_distance >= cell_count:
                                 continue
                         if by_goal:
-                            goal = goal_grid.distance[index]
-                            if goal > cell_count:
-                                goal = at_least(goal_grid, index, limits.goal)
-                            if goal >= cell_count:
+                            goal_distance = goal_grid.distance[end_index]
+                            if goal_distance > cell_count:
+                                goal_distance = at_least(goal_grid, end_index, limits.goal)
+                            if goal_distance >= cell_count:
                                 continue
                     if by_nose:
                         if not (0 <= cells.nose_x < columns and 0 <= cells.nose_y < rows):
                             continue
-                        index = (cells.nose_y + 1) * stride + cells.nose_x + 1
+                        nose_index = (cells.nose_y + 1) * row_stride + cells.nose_x + 1
                         if by_goal:
-                            front = front_grid.distance[index]
-                            if front > cell_count:
-                                front = at_least(front_grid, index, limits.front)
+                            front_distance = front_grid.distance[nose_index]
+                            if front_distance > cell_count:
+                                front_distance = at_least(front_grid, nose_index, limits.front)
                         if by_alignment:
-                            alignment = alignment_grid.distance[index]
-                            if alignment > cell_count:
-                                alignment = at_least(alignment_grid, index, limits.path)
+                            alignment_distance = alignment_grid.distance[nose_index]
+                            if alignment_distance > cell_count:
+                                alignment_distance = at_least(
+                                    alignment_grid, nose_index, limits.path
+                                )
 
-                number = (ix * counts.vy + iy) * counts.w + iw
-                bound = bounds[number]
-                bound.front = front
-                bound.alignment = alignment
-                bound.path = path
-                bound.goal = goal
-                bound.obstacle = obstacle
-                keys[number] = weighted_sum(p, obstacle, bound, stored.w)
-                probed[number] = 0
-                heap[count] = number
-                count += 1
-    order_heap(heap, keys, count)
-    return count
+                sample_number = (ix * axis_counts.vy + iy) * axis_counts.w + iw
+                bound = bounds[sample_number]
+                bound.front = front_distance
+                bound.alignment = alignment_distance
+                bound.path = path_distance
+                bound.goal = goal_distance
+                bound.obstacle = obstacle_cost
+                keys[sample_number] = weighted_sum(p, obstacle_cost, bound, stored_velocity.w)
+                is_probed[sample_number] = 0
+                heap[sample_count] = sample_number
+                sample_count += 1
+    order_heap(heap, keys, sample_count)
+    return sample_count
 
 
 @kernel
@@ -378,7 +382,7 @@ def _limits_from_here(
     cell_count = columns * rows
     by_path = p.path_scale != 0.0
     by_goal = p.goal_scale != 0.0
-    ahead = p.forward_point_distance
+    nose_offset = p.forward_point_distance
     path_grid = grid_of(grids, PATH)
     goal_grid = grid_of(grids, GOAL)
 
@@ -386,13 +390,15 @@ def _limits_from_here(
     cell_x, cell_y = _cell(scene, start.x, start.y)
     if cell_x < 0 and (by_path or by_goal or p.occdist_scale != 0.0):
         return NO_SAMPLE
-    index = place(path_grid, cell_x, cell_y)
-    path = final_distance(path_grid, index) if by_path else 0
-    goal = final_distance(goal_grid, index) if by_goal else 0
-    if path >= cell_count or goal >= cell_count:
+    start_index = place(path_grid, cell_x, cell_y)
+    path_distance = final_distance(path_grid, start_index) if by_path else 0
+    goal_distance = final_distance(goal_grid, start_index) if by_goal else 0
+    if path_distance >= cell_count or goal_distance >= cell_count:
         return NO_SAMPLE
-    if ahead != 0.0 and (by_goal or p.alignment_scale != 0.0):
-        nose_x, _ = _cell(scene, start.x + ahead * heading.cos, start.y + ahead * heading.sin)
+    if nose_offset != 0.0 and (by_goal or p.alignment_scale != 0.0):
+        nose_x, _ = _cell(
+            scene, start.x + nose_offset * heading.cos, start.y + nose_offset * heading.sin
+        )
         if nose_x < 0:
             return NO_SAMPLE
 
@@ -403,67 +409,71 @@ def _limits_from_here(
     speed = speed_x + speed_y
     if p.max_vel_trans >= 0:
         speed = min(speed, p.max_vel_trans)
-    travel = (speed * p.sim_time + 2 * abs(ahead)) / scene.resolution
-    reach = int(min(3.0 * travel, float(cell_count))) + 8
-    front = 0
+    travel_cells = (speed * p.sim_time + 2 * abs(nose_offset)) / scene.resolution
+    reach = int(min(3.0 * travel_cells, float(cell_count))) + 8
+    front_distance = 0
     if by_goal:
-        front = min(at_least(grid_of(grids, FRONT), index, goal + reach), cell_count)
-    return Limits(path + reach, goal + reach, front + reach)
+        front_distance = min(
+            at_least(grid_of(grids, FRONT), start_index, goal_distance + reach), cell_count
+        )
+    return Limits(path_distance + reach, goal_distance + reach, front_distance + reach)
 
 
 @kernel(error_model="numpy")
 def probe(
     p: Record,
     scene: Scene,
-    scaled: Data,
+    scaled_footprint: Data,
     start: Record,
     heading: Heading,
     sample: Velocity,
-    obstacle: int,
-    allowed: int,
+    obstacle_cost: int,
+    cost_limit: int,
 ) -> int:
     """Return a lower bound of the obstacle cost from a few poses, or -1 if one is illegal.
 
     The poses are the last one, then those at halves, quarters and eighths of the way: a sample that
-    fails does so most often at its end. The bound starts from `obstacle`, and the probe ends once
-    it exceeds `allowed`. scaled: footprint (n, 2) at the sample's speed. heading: direction at the
-    start.
+    fails does so most often at its end. The bound starts from `obstacle_cost`, and the probe ends
+    once it exceeds `cost_limit`. scaled_footprint: footprint (n, 2) at the sample's speed.
+    heading: direction at the start.
     """
     steps = samples.step_count(p, sample)
     dt = p.sim_time / steps
     turn = sample.w * dt
-    if not p.use_dwa or abs(turn) > LARGEST_TURN or scaled.shape[0] < 3:
-        return obstacle
+    if not p.use_dwa or abs(turn) > LARGEST_TURN or scaled_footprint.shape[0] < 3:
+        return obstacle_cost
     speed = ground_speed(sample.vx, sample.vy)
-    error, turn_error = arc_errors(start, speed, sample.w, p.sim_time, steps)
-    margin = (error + turn_error * _reach(scaled)) / scene.resolution + CELL_FORMULA
+    position_error, turn_error = arc_errors(start, speed, sample.w, p.sim_time, steps)
+    reach = _reach(scaled_footprint)
+    margin = (position_error + turn_error * reach) / scene.resolution + CELL_FORMULA
     velocity = in_map(sample.vx, sample.vy, sample.w, speed, heading)
-    outline = outline_of(scene, scaled)
+    outline = outline_of(scene, scaled_footprint)
     moves = steps - 1
-    parts = 1
-    while parts <= 8 and moves // parts >= 3:
-        for i in range(1, parts + 1, 2):  # The even parts belong to the coarser division before.
-            way = arc(velocity, turn, dt, moves * i // parts)
-            x = start.x + way.x
-            y = start.y + way.y
-            end = turned(heading, way.turn)
-            cost = outline_cost(outline, x, y, end.cos, end.sin, 0, 0, margin)
+    part_count = 1
+    while part_count <= 8 and moves // part_count >= 3:
+        # The even parts belong to the coarser division before.
+        for i in range(1, part_count + 1, 2):
+            motion = arc(velocity, turn, dt, moves * i // part_count)
+            x = start.x + motion.x
+            y = start.y + motion.y
+            probed_heading = turned(heading, motion.turn)
+            cost = outline_cost(outline, x, y, probed_heading.cos, probed_heading.sin, 0, 0, margin)
             if cost == UNSURE:
                 continue
             if cost < 0:
                 return -1
-            obstacle = max(obstacle, cost)
-            if obstacle > allowed:
-                return obstacle
-        parts *= 2
-    return obstacle
+            obstacle_cost = max(obstacle_cost, cost)
+            if obstacle_cost > cost_limit:
+                return obstacle_cost
+        part_count *= 2
+    return obstacle_cost
 
 
 @kernel
 def _reach(footprint: Data) -> float:
     """Return an upper bound of the vertices' distances from the centre [m]."""
-    reach = 0.0
+    largest_coordinate = 0.0
     for i in range(footprint.shape[0]):
-        reach = max(reach, abs(footprint[i, 0]), abs(footprint[i, 1]))
+        largest_coordinate = max(largest_coordinate, abs(footprint[i, 0]), abs(footprint[i, 1]))
     # A vertex is at most sqrt(2) times as far as its larger coordinate.
-    return 2.0 * reach
+    return 2.0 * largest_coordinate

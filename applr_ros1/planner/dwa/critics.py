@@ -59,7 +59,7 @@ def remember(p: Record, state: Record, start: Record, velocity: Velocity) -> Non
     """
     # 1. The signs of the chosen velocity. Sideways motion and turns count only while the robot
     # hardly drives (oscillation_cost_function.cpp, setOscillationFlags).
-    reversed_ = _reverses(velocity.vx, state.forward_pos, state.forward_neg)
+    has_reversed = _reverses(velocity.vx, state.forward_pos, state.forward_neg)
     (state.forward_pos_only, state.forward_neg_only, state.forward_pos, state.forward_neg) = _flags(
         velocity.vx,
         state.forward_pos_only,
@@ -68,7 +68,7 @@ def remember(p: Record, state: Record, start: Record, velocity: Velocity) -> Non
         state.forward_neg,
     )
     if abs(velocity.vx) <= p.min_vel_trans:
-        reversed_ |= _reverses(velocity.vy, state.strafing_pos, state.strafing_neg)
+        has_reversed |= _reverses(velocity.vy, state.strafing_pos, state.strafing_neg)
         (state.strafe_pos_only, state.strafe_neg_only, state.strafing_pos, state.strafing_neg) = (
             _flags(
                 velocity.vy,
@@ -78,7 +78,7 @@ def remember(p: Record, state: Record, start: Record, velocity: Velocity) -> Non
                 state.strafing_neg,
             )
         )
-        reversed_ |= _reverses(velocity.w, state.rotating_pos, state.rotating_neg)
+        has_reversed |= _reverses(velocity.w, state.rotating_pos, state.rotating_neg)
         (state.rot_pos_only, state.rot_neg_only, state.rotating_pos, state.rotating_neg) = _flags(
             velocity.w,
             state.rot_pos_only,
@@ -88,7 +88,7 @@ def remember(p: Record, state: Record, start: Record, velocity: Velocity) -> Non
         )
 
     # 2. A reversal starts the distance anew after which all flags are cleared.
-    if reversed_:
+    if has_reversed:
         state.prev_x = start.x
         state.prev_y = start.y
         state.prev_theta = start.theta
@@ -192,16 +192,16 @@ def footprint_scale(p: Record, speed: float) -> float:
     # ObstacleCostFunction::getScalingFactor: a fast robot needs more room for errors.
     if speed <= p.scaling_speed:
         return 1.0
-    share = (speed - p.scaling_speed) / (p.max_vel_trans - p.scaling_speed)
-    return p.max_scaling_factor * share + 1.0
+    speed_share = (speed - p.scaling_speed) / (p.max_vel_trans - p.scaling_speed)
+    return p.max_scaling_factor * speed_share + 1.0
 
 
 @kernel
-def scale_footprint(footprint: Data, scale: float, scaled: Data) -> None:
-    """Write the vertices (n, 2), multiplied by `scale`, to `scaled`."""
+def scale_footprint(footprint: Data, scale: float, scaled_footprint: Data) -> None:
+    """Write the vertices (n, 2), multiplied by `scale`, to `scaled_footprint`."""
     for i in range(footprint.shape[0]):
-        scaled[i, 0] = footprint[i, 0] * scale
-        scaled[i, 1] = footprint[i, 1] * scale
+        scaled_footprint[i, 0] = footprint[i, 0] * scale
+        scaled_footprint[i, 1] = footprint[i, 1] * scale
 
 
 @kernel
@@ -226,9 +226,9 @@ def critique(
     if critic == NUMBERS.goal_front:
         return _on_grid(scene, grids, FRONT, points, p.forward_point_distance, False)
     if critic == NUMBERS.alignment:
-        facts = grids.facts[0]
-        row = facts.alignment_row if facts.flooded else ALIGNMENT
-        return _on_grid(scene, grids, row, points, p.forward_point_distance, False)
+        grid_facts = grids.facts[0]
+        grid_row = grid_facts.alignment_row if grid_facts.flooded else ALIGNMENT
+        return _on_grid(scene, grids, grid_row, points, p.forward_point_distance, False)
     if critic == NUMBERS.path:
         return _on_grid(scene, grids, PATH, points, 0.0, True)
     if critic == NUMBERS.goal:
@@ -244,29 +244,29 @@ def total_cost(
     grids: Grids,
     points: Data,
     velocity: Velocity,
-    best: float,
+    best_cost: float,
 ) -> Tuple[float, int]:
     """Return (cost, critic): the critics' weighted sum, and the critic that ended the summation.
 
     A critic that rejects the trajectory ends the summation, and its value is the cost. A sum above
-    a positive `best` also ends the summation, and the cost is this partial sum. The second result
-    is ALL if no critic ended the summation. points, velocity: see critique.
+    a positive `best_cost` also ends the summation, and the cost is this partial sum. The second
+    result is ALL if no critic ended the summation. points, velocity: see critique.
     """
-    total = 0.0
-    weight = weights(p)
+    cost_sum = 0.0
+    critic_weights = weights(p)
     for critic in range(ALL):
-        if weight[critic] == 0:
+        if critic_weights[critic] == 0:
             continue
-        value = critique(p, state, scene, grids, points, velocity, critic)
-        if value < 0:
-            return value, critic
+        critic_value = critique(p, state, scene, grids, points, velocity, critic)
+        if critic_value < 0:
+            return critic_value, critic
         # An infinite weight times zero would be NaN.
-        if value != 0:
-            value *= weight[critic]
-        total += value
-        if best > 0 and total > best:
-            return total, critic
-    return total, ALL
+        if critic_value != 0:
+            critic_value *= critic_weights[critic]
+        cost_sum += critic_value
+        if best_cost > 0 and cost_sum > best_cost:
+            return cost_sum, critic
+    return cost_sum, ALL
 
 
 @kernel
@@ -276,13 +276,13 @@ def weighted_sum(p: Record, obstacle: float, bound: Record, w: float) -> float:
     obstacle: value of the obstacle critic. bound: BOUNDS record with the values of the grids'
     critics.
     """
-    weight = weights(p)
-    cost = obstacle * weight.obstacle
-    cost += bound.front * weight.goal_front
-    cost += bound.alignment * weight.alignment
-    cost += bound.path * weight.path
-    cost += bound.goal * weight.goal
-    return cost + abs(w) * weight.twirling
+    critic_weights = weights(p)
+    cost = obstacle * critic_weights.obstacle
+    cost += bound.front * critic_weights.goal_front
+    cost += bound.alignment * critic_weights.alignment
+    cost += bound.path * critic_weights.path
+    cost += bound.goal * critic_weights.goal
+    return cost + abs(w) * critic_weights.twirling
 
 
 @kernel
@@ -294,10 +294,10 @@ def _obstacle(p: Record, scene: Scene, points: Data, speed: float) -> float:
     """
     cells = scene.cells
     rows, columns = cells.shape
-    scaled = np.empty_like(scene.footprint)
-    scale_footprint(scene.footprint, footprint_scale(p, speed), scaled)
-    outline = outline_of(scene, scaled)
-    largest = total = 0
+    scaled_footprint = np.empty_like(scene.footprint)
+    scale_footprint(scene.footprint, footprint_scale(p, speed), scaled_footprint)
+    outline = outline_of(scene, scaled_footprint)
+    largest_cost = cost_sum = 0
     for i in range(points.shape[0]):
         x = points[i, 0]
         y = points[i, 1]
@@ -312,41 +312,41 @@ def _obstacle(p: Record, scene: Scene, points: Data, speed: float) -> float:
             return COLLIDES
         # The centre may lie on a lethal cell as long as the outline does not touch one, as in C++.
         cost = max(cost, int(cells[cell_y, cell_x]))
-        largest = max(largest, cost)
-        total += cost
-    return float(total if p.sum_scores else largest)
+        largest_cost = max(largest_cost, cost)
+        cost_sum += cost
+    return float(cost_sum if p.sum_scores else largest_cost)
 
 
 @kernel
 def _on_grid(
-    scene: Scene, grids: Grids, row: int, points: Data, ahead: float, tests_all: bool
+    scene: Scene, grids: Grids, grid_row: int, points: Data, nose_offset: float, tests_all: bool
 ) -> float:
-    """Return the distance on a grid `ahead` [m] in front of the last of the points (k, 3).
+    """Return the distance on a grid `nose_offset` [m] in front of the last of the points (k, 3).
 
     A negative result rejects the trajectory: OFF_MAP if any point is off the map and, with
     `tests_all`, IN_OBSTACLE or UNREACHED if any point cannot be reached. Before the first search
     the result is HUGE.
     """
     rows, columns = scene.cells.shape
-    grid = grid_of(grids, row)
-    value = 0.0
+    grid = grid_of(grids, grid_row)
+    last_distance = 0.0
     for i in range(points.shape[0]):
         x = points[i, 0]
         y = points[i, 1]
-        if ahead != 0.0:
-            x = x + ahead * math.cos(points[i, 2])
-            y = y + ahead * math.sin(points[i, 2])
+        if nose_offset != 0.0:
+            x = x + nose_offset * math.cos(points[i, 2])
+            y = y + nose_offset * math.sin(points[i, 2])
         cell_x, cell_y = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, columns, rows)
         if cell_x < 0:
             return OFF_MAP
         if not grids.facts[0].flooded:
-            value = HUGE
+            last_distance = HUGE
         elif tests_all or i == points.shape[0] - 1:
             distance = final_distance(grid, place(grid, cell_x, cell_y))
             if tests_all and distance >= columns * rows:
                 return IN_OBSTACLE if distance == columns * rows else UNREACHED
-            value = float(distance)
-    return value
+            last_distance = float(distance)
+    return last_distance
 
 
 class Samples(NamedTuple):
@@ -375,47 +375,59 @@ def score_all_samples(
     p = params[0]
     state = flags[0]
     start = scratch.start[0]
-    axes = sample_axes(p, scratch, scene.plan)
-    m = axes.vx * axes.vy * axes.w
-    velocities = np.zeros((m, 3))
-    stored = np.zeros((m, 3))
-    counts = np.zeros(m, np.int64)
-    ends = np.zeros((m, 3))
-    critics = np.zeros((m, ALL))
-    costs = np.full(m, REFUSED)
-    shown = np.full(m, REFUSED)
-    ended = np.full(m, ALL, np.int64)
+    axis_counts = sample_axes(p, scratch, scene.plan)
+    sample_count = axis_counts.vx * axis_counts.vy * axis_counts.w
+    velocities = np.zeros((sample_count, 3))
+    stored_velocities = np.zeros((sample_count, 3))
+    point_counts = np.zeros(sample_count, np.int64)
+    end_points = np.zeros((sample_count, 3))
+    critic_values = np.zeros((sample_count, ALL))
+    costs = np.full(sample_count, REFUSED)
+    shown_costs = np.full(sample_count, REFUSED)
+    ending_critics = np.full(sample_count, ALL, np.int64)
 
     # Score the samples in the order of C++, where the best cost so far ends a summation.
-    best = -1.0
-    for i in range(m):
-        sample = sample_of(scratch, axes, i)
+    best_cost = -1.0
+    for i in range(sample_count):
+        sample = sample_of(scratch, axis_counts, i)
         velocities[i] = sample
         steps = step_count(p, sample)
-        counts[i] = steps
+        point_counts[i] = steps
         if steps == 0:
             continue
         velocity = commanded(p, start, sample, steps)
-        stored[i] = velocity
+        stored_velocities[i] = velocity
         points = np.empty((steps, 3))
         roll_out(p, start, sample, points)
-        ends[i] = points[steps - 1]
+        end_points[i] = points[steps - 1]
         for critic in range(ALL):
-            critics[i, critic] = critique(p, state, scene, grids, points, velocity, critic)
+            critic_values[i, critic] = critique(p, state, scene, grids, points, velocity, critic)
         costs[i], _ = total_cost(p, state, scene, grids, points, velocity, -1.0)
-        shown[i], ended[i] = total_cost(p, state, scene, grids, points, velocity, best)
-        if shown[i] >= 0 and (best < 0 or shown[i] < best):
-            best = shown[i]
+        shown_costs[i], ending_critics[i] = total_cost(
+            p, state, scene, grids, points, velocity, best_cost
+        )
+        if shown_costs[i] >= 0 and (best_cost < 0 or shown_costs[i] < best_cost):
+            best_cost = shown_costs[i]
 
     # Roll out the legal samples again, now that the number of their points is known.
-    cloud = np.empty((counts[shown >= 0].sum(), 4))
-    first = 0
-    for i in range(m):
-        if shown[i] >= 0:
-            behind = first + counts[i]
-            points = np.empty((counts[i], 3))
-            roll_out(p, start, sample_of(scratch, axes, i), points)
-            cloud[first:behind, :3] = points
-            cloud[first:behind, 3] = shown[i]
-            first = behind
-    return Samples(velocities, stored, counts, ends, critics, costs, shown, ended, cloud)
+    trajectory_points = np.empty((point_counts[shown_costs >= 0].sum(), 4))
+    first_point = 0
+    for i in range(sample_count):
+        if shown_costs[i] >= 0:
+            end_point = first_point + point_counts[i]
+            points = np.empty((point_counts[i], 3))
+            roll_out(p, start, sample_of(scratch, axis_counts, i), points)
+            trajectory_points[first_point:end_point, :3] = points
+            trajectory_points[first_point:end_point, 3] = shown_costs[i]
+            first_point = end_point
+    return Samples(
+        velocities,
+        stored_velocities,
+        point_counts,
+        end_points,
+        critic_values,
+        costs,
+        shown_costs,
+        ending_critics,
+        trajectory_points,
+    )

@@ -24,14 +24,14 @@ from applr_ros1.planner.sampling_planner import (
     turn_speed,
 )
 
-EMPTY = np.zeros((0, 3))
+NO_POSES = np.zeros((0, 3))
 
 
 class LocalPlan:
     """Stored global plan, cut anew in every cycle. Pruning removes its first poses for good."""
 
     def __init__(self) -> None:
-        self.poses = EMPTY
+        self.poses = NO_POSES
 
     def set(self, plan: np.ndarray) -> None:
         """Store a plan (n, 3) x, y [m], yaw [rad]. n may be 0."""
@@ -62,12 +62,12 @@ class LocalPlan:
             local_origin: pose (x, y, yaw) of the costmap's frame in the plan's frame, None for the
                 same frame.
         """
-        cut, dropped = cut_plan(self.poses, x, y, limit, prune, local_origin)
-        self.poses = self.poses[dropped:]
+        cropped_plan, dropped_count = cut_plan(self.poses, x, y, limit, prune, local_origin)
+        self.poses = self.poses[dropped_count:]
         # C++ applies the identity if both frames are the same, which may change last bits.
         if local_origin is None:
-            return transformed(cut, None)
-        return cut
+            return transformed(cropped_plan, None)
+        return cropped_plan
 
 
 # Phases of a cycle
@@ -78,7 +78,7 @@ TURNING = "turning"
 TURNED = "turned"
 
 STANDING = (0.0, 0.0, 0.0)
-LIMITS = ("acc_lim_x", "acc_lim_y", "acc_lim_theta")
+ACCELERATION_LIMITS = ("acc_lim_x", "acc_lim_y", "acc_lim_theta")
 
 
 class StopRotate:
@@ -100,7 +100,9 @@ class StopRotate:
         """Apply the server's parameter values {name: value}."""
         # C++ keeps the limits as Eigen::Vector3f.
         self._params = params
-        self._accelerations = [float(np.float32(params[name])) for name in LIMITS]
+        self._accelerations = [
+            float(np.float32(params[limit_name])) for limit_name in ACCELERATION_LIMITS
+        ]
 
     def reset(self) -> None:
         """Clear the latch and the turning phase. A new plan clears only the latch."""
@@ -159,18 +161,18 @@ class StopRotate:
         if not self.rotating and not self.is_stopped(velocity):
             return STOPPING, braked((vx, vy, w), self._accelerations, self._period)
         self.rotating = True
-        error = angle_difference(pose[2], goal[2])
-        return TURNING, (0.0, 0.0, self._turn(error, w))
+        yaw_error = angle_difference(pose[2], goal[2])
+        return TURNING, (0.0, 0.0, self._turn(yaw_error, w))
 
-    def _turn(self, error: float, w: float) -> float:
+    def _turn(self, yaw_error: float, w: float) -> float:
         """Return a turn rate [rad/s] towards the goal's yaw that lets the robot stop there.
 
-        error: angle to the goal's yaw [rad]. w: measured turn rate [rad/s].
+        yaw_error: angle to the goal's yaw [rad]. w: measured turn rate [rad/s].
         """
-        wanted = self._clamped(abs(error))
-        speed = turn_speed(error, wanted, w, self._accelerations[2], self._period)
+        wanted_speed = self._clamped(abs(yaw_error))
+        speed = turn_speed(yaw_error, wanted_speed, w, self._accelerations[2], self._period)
         speed = self._clamped(speed)
-        return -speed if error < 0 else speed
+        return -speed if yaw_error < 0 else speed
 
     def _clamped(self, w: float) -> float:
         """Clamp a turn rate; as in C++, the upper limit wins if the limits are crossed."""
@@ -202,15 +204,15 @@ class DWALocalPlanner(LocalPlanner):
     """
 
     def __init__(self, params: Mapping[str, Any]):
-        frequency = params["controller_frequency"]
-        period = 1.0 / frequency if frequency > 0 else 0.05
+        control_frequency = params["controller_frequency"]
+        control_period = 1.0 / control_frequency if control_frequency > 0 else 0.05
         self.planner = DWAPlanner(
             params,
-            sim_period=period,
+            sim_period=control_period,
             sum_scores=params["sum_scores"],
             cheat_factor=params["cheat_factor"],
         )
-        self.stop_rotate = StopRotate(params, period, params["latch_xy_goal_tolerance"])
+        self.stop_rotate = StopRotate(params, control_period, params["latch_xy_goal_tolerance"])
         self._params = dict(params)
         self.stored_plan = LocalPlan()
         self.reset()
@@ -222,14 +224,14 @@ class DWALocalPlanner(LocalPlanner):
         """
         self.planner.reset()
         self.stop_rotate.reset()
-        self.set_plan(EMPTY)
+        self.set_plan(NO_POSES)
         self._forget_cycle()
 
     def _forget_cycle(self) -> None:
         """Clear the state that belongs to a single cycle."""
         self.goal_reached = False
         self._searched = False
-        self.cropped_plan = EMPTY
+        self.cropped_plan = NO_POSES
         self._choice: Optional[Choice] = None
 
     def reconfigure(self, params: Mapping[str, Any]) -> None:
@@ -238,10 +240,10 @@ class DWALocalPlanner(LocalPlanner):
         Flags, latches and the plan stay.
         """
         # The values that are missing stay as they are.
-        wanted = dict(self._params, **params)
-        self.planner.reconfigure(wanted)
-        self.stop_rotate.reconfigure(wanted)
-        self._params = wanted
+        merged_params = dict(self._params, **params)
+        self.planner.reconfigure(merged_params)
+        self.stop_rotate.reconfigure(merged_params)
+        self._params = merged_params
 
     def set_plan(self, plan: np.ndarray) -> None:
         """Follow the global plan (n, 3) x, y [m], yaw [rad] from now on."""
@@ -255,7 +257,7 @@ class DWALocalPlanner(LocalPlanner):
     def local_plan(self) -> np.ndarray:
         """Points (k, 3) of this cycle's trajectory, empty while stopping or turning at the goal."""
         if self._choice is None:
-            return EMPTY
+            return NO_POSES
         return self._choice.points
 
     def cost_cloud(self, costmap: Any) -> np.ndarray:
@@ -291,17 +293,17 @@ class DWALocalPlanner(LocalPlanner):
         As in C++, the goal is tested before any command.
         """
         self._forget_cycle()
-        place = floats(pose)
+        robot_pose = floats(pose)
         v, w = twist
         velocity = floats((v, 0.0, w))
         # NaN would spread to the flags, which outlive the cycle.
-        if not all(math.isfinite(value) for value in (*place, *velocity)):
+        if not all(math.isfinite(component) for component in (*robot_pose, *velocity)):
             return False, STANDING[:2]
-        self.goal_reached = self.is_goal_reached(place, velocity, local_origin)
+        self.goal_reached = self.is_goal_reached(robot_pose, velocity, local_origin)
         if self.goal_reached:
             return True, STANDING[:2]
-        step = self.command(place, velocity, costmap, local_origin)
-        return step.ok, (step.command[0], step.command[2])
+        outcome = self.command(robot_pose, velocity, costmap, local_origin)
+        return outcome.ok, (outcome.command[0], outcome.command[2])
 
     def is_goal_reached(
         self, pose: Triple, velocity: Triple, local_origin: Optional[Triple] = None
@@ -310,10 +312,10 @@ class DWALocalPlanner(LocalPlanner):
 
         May set the latch. pose, velocity, local_origin: see command.
         """
-        goal = self.stored_plan.goal(local_origin)
-        if goal is None:
+        goal_pose = self.stored_plan.goal(local_origin)
+        if goal_pose is None:
             return False
-        return self.stop_rotate.is_goal_reached(_wrapped(pose), velocity, goal)
+        return self.stop_rotate.is_goal_reached(_wrapped(pose), velocity, goal_pose)
 
     def command(
         self, pose: Triple, velocity: Triple, costmap: Any, local_origin: Optional[Triple] = None
@@ -326,30 +328,30 @@ class DWALocalPlanner(LocalPlanner):
         self._forget_cycle()
         x, y, _ = pose
         prunes = bool(self._params["prune_plan"])
-        cut = self.stored_plan.cut(x, y, half_size(costmap), prunes, local_origin)
-        goal = self.stored_plan.goal(local_origin)
-        if goal is None or len(cut) == 0:
-            return Step(False, STANDING, NO_PLAN, cut)
+        cropped_plan = self.stored_plan.cut(x, y, half_size(costmap), prunes, local_origin)
+        goal_pose = self.stored_plan.goal(local_origin)
+        if goal_pose is None or len(cropped_plan) == 0:
+            return Step(False, STANDING, NO_PLAN, cropped_plan)
 
-        if not self.stop_rotate.is_position_reached(pose, goal):
-            choice = self.planner.find_best_path(costmap, cut, pose, velocity)
+        if not self.stop_rotate.is_position_reached(pose, goal_pose):
+            choice = self.planner.find_best_path(costmap, cropped_plan, pose, velocity)
             self._searched = True
             is_legal = choice.cost >= 0
             if is_legal:
-                self.cropped_plan = cut
+                self.cropped_plan = cropped_plan
                 self._choice = choice
-            return Step(is_legal, choice.drive, DRIVING, cut, choice.cost, choice.count)
+            return Step(is_legal, choice.drive, DRIVING, cropped_plan, choice.cost, choice.count)
 
         # At the goal's position there is no search. The command is checked on the last search's
         # grids.
-        self.planner.prepare(costmap, cut, pose, velocity)
-        phase, wanted = self.stop_rotate.command(_wrapped(pose), velocity, goal)
+        self.planner.prepare(costmap, cropped_plan, pose, velocity)
+        phase, goal_command = self.stop_rotate.command(_wrapped(pose), velocity, goal_pose)
         if phase == TURNED:
-            return Step(True, STANDING, phase, cut)
-        cost, point_count = self.planner.check(wanted)
+            return Step(True, STANDING, phase, cropped_plan)
+        cost, point_count = self.planner.check(goal_command)
         is_legal = cost >= 0
-        command = wanted if is_legal else STANDING
-        return Step(is_legal, command, phase, cut, cost, point_count, checked=wanted)
+        command = goal_command if is_legal else STANDING
+        return Step(is_legal, command, phase, cropped_plan, cost, point_count, checked=goal_command)
 
 
 def _wrapped(pose: Triple) -> Triple:

@@ -99,8 +99,8 @@ class DWAPlanner(SamplingPlanner):
         record["sim_period"] = self._sim_period
         record["sum_scores"] = self._sum_scores
         record["cheat_factor"] = self._cheat_factor
-        for name in ("acc_lim_x", "acc_lim_y", "acc_lim_theta"):
-            record[name] = np.float32(self._values[name])
+        for parameter_name in ("acc_lim_x", "acc_lim_y", "acc_lim_theta"):
+            record[parameter_name] = np.float32(self._values[parameter_name])
         resolution = 1.0 if resolution is None else resolution
         record["path_scale"] = resolution * self._values["path_distance_bias"]
         record["goal_scale"] = resolution * self._values["goal_distance_bias"]
@@ -137,12 +137,12 @@ class DWAPlanner(SamplingPlanner):
             v, w (m, 2), total costs (m,), and by critic its weighted part of the costs (m,).
         """
         samples = self.score_all_samples()
-        parts = {}
-        for i, name in enumerate(CRITICS):
-            parts[name] = samples.critics[:, i] * self.scales[i]
+        cost_parts = {}
+        for i, critic_name in enumerate(CRITICS):
+            cost_parts[critic_name] = samples.critics[:, i] * self.scales[i]
         # A sample that the generator rejects has no trajectory whose velocity could be given.
         velocities = np.where(samples.counts[:, None] > 0, samples.stored, samples.velocities)
-        return velocities[:, [0, 2]], samples.costs, parts
+        return velocities[:, [0, 2]], samples.costs, cost_parts
 
     def clear_flags(self) -> None:
         """Clear the barred directions, as every new plan does."""
@@ -205,12 +205,14 @@ class DWAPlanner(SamplingPlanner):
         sample = Velocity(*floats(np.array(velocity, np.float32)))
         steps = step_count(p, sample)
         points = np.empty((steps, 3))
-        stored = Velocity(0.0, 0.0, 0.0)
+        stored_velocity = Velocity(0.0, 0.0, 0.0)
         if steps:
             roll_out(p, start, sample, points)
-            stored = commanded(p, start, sample, steps)
+            stored_velocity = commanded(p, start, sample, steps)
         no_best = -1.0  # no other cost ends the summation early
-        cost, _ = total_cost(p, self._state[0], self._scene, self._grids, points, stored, no_best)
+        cost, _ = total_cost(
+            p, self._state[0], self._scene, self._grids, points, stored_velocity, no_best
+        )
         return cost, steps
 
     def score_all_samples(self) -> Samples:
@@ -225,12 +227,12 @@ class DWAPlanner(SamplingPlanner):
         "velocity limits" are the samples that the generator rejected.
         """
         samples = self.score_all_samples()
-        rejected = (samples.counts > 0) & (samples.costs < 0)
-        by_critic = np.bincount(samples.ended[rejected], minlength=len(CRITICS))
+        is_rejected = (samples.counts > 0) & (samples.costs < 0)
+        counts_by_critic = np.bincount(samples.ended[is_rejected], minlength=len(CRITICS))
         return {
             "samples": len(samples.costs),
             "velocity limits": int((samples.counts == 0).sum()),
-            **{name: int(n) for name, n in zip(CRITICS, by_critic)},
+            **{critic_name: int(count) for critic_name, count in zip(CRITICS, counts_by_critic)},
         }
 
     def grids(self) -> List[np.ndarray]:
@@ -239,8 +241,8 @@ class DWAPlanner(SamplingPlanner):
         The grids are (ny, nx) int32. With N cells on the map, N is an obstacle and N + 1 a cell
         that no flood has reached.
         """
-        rows = (PATH, GOAL, FRONT, int(self._grids.facts["alignment_row"][0]))
-        return [complete(grid_of(self._grids, row)) for row in rows]
+        grid_rows = (PATH, GOAL, FRONT, int(self._grids.facts["alignment_row"][0]))
+        return [complete(grid_of(self._grids, grid_row)) for grid_row in grid_rows]
 
     def cost_cloud(self, costmap: Any) -> np.ndarray:
         """Return costs (k, 7) of the cells free for the robot's centre, for display.
@@ -252,10 +254,12 @@ class DWAPlanner(SamplingPlanner):
             return np.zeros((0, 7), np.float32)
         if not self._grids.facts["flooded"][0]:
             return np.zeros((0, 7), np.float32)
-        path, goal, *_ = self.grids()
+        path_distances, goal_distances, *_ = self.grids()
         p = self._params[0]
-        scales = (p["path_scale"], p["goal_scale"], p["occdist_scale"])
-        return cost_cloud(costmap, path, goal, np.ones(self._shape, bool), scales)
+        cost_weights = (p["path_scale"], p["goal_scale"], p["occdist_scale"])
+        return cost_cloud(
+            costmap, path_distances, goal_distances, np.ones(self._shape, bool), cost_weights
+        )
 
     def trajectory_cloud(self) -> np.ndarray:
         """Return points (k, 5) of all legal trajectories of the last search, for display.

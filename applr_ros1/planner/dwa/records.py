@@ -72,13 +72,13 @@ class Grids(NamedTuple):
 class Scratch(NamedTuple):
     """Scratch memory of one cycle. Arrays over samples are indexed by the number of a sample."""
 
-    xs: Data  # sampled values of vx [m/s]
-    ys: Data  # sampled values of vy [m/s]
-    ws: Data  # sampled values of w [rad/s]
+    sampled_vx: Data  # sampled values of vx [m/s]
+    sampled_vy: Data  # sampled values of vy [m/s]
+    sampled_w: Data  # sampled values of w [rad/s]
     keys: Data  # lower bounds of the samples' costs
     bounds: Data  # BOUNDS of the samples
     heap: Data  # numbers of the samples, lowest key first
-    probed: Data  # whether bounds.probe has tested a sample
+    is_probed: Data  # whether bounds.probe has tested a sample
     start: Data  # array of one START record: pose and velocity, rounded to float32
 
 
@@ -106,17 +106,17 @@ def allocate_scratch(vx_samples: int, vy_samples: int, vth_samples: int) -> Scra
 
     An axis has at least two values and maybe an extra zero.
     """
-    xs = np.zeros(max(vx_samples, 2) + 1)
-    ys = np.zeros(max(vy_samples, 2) + 1)
-    ws = np.zeros(max(vth_samples, 2) + 1)
-    sample_count = len(xs) * len(ys) * len(ws)
+    sampled_vx = np.zeros(max(vx_samples, 2) + 1)
+    sampled_vy = np.zeros(max(vy_samples, 2) + 1)
+    sampled_w = np.zeros(max(vth_samples, 2) + 1)
+    sample_count = len(sampled_vx) * len(sampled_vy) * len(sampled_w)
     return Scratch(
-        xs=xs,
-        ys=ys,
-        ws=ws,
+        sampled_vx=sampled_vx,
+        sampled_vy=sampled_vy,
+        sampled_w=sampled_w,
         keys=np.zeros(sample_count),
         bounds=np.zeros(sample_count, BOUNDS),
         heap=np.zeros(sample_count, np.int64),
-        probed=np.zeros(sample_count, np.uint8),
+        is_probed=np.zeros(sample_count, np.uint8),
         start=np.zeros(1, START),
     )

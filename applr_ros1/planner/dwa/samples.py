@@ -39,31 +39,31 @@ def sample_axes(p: Record, scratch: Scratch, plan: Data) -> SampleCounts:
     period = p.sim_period
     if not p.use_dwa:
         # C++ subtracts float32 values here, and rounds each difference before hypot.
-        last = plan.shape[0] - 1
-        dx = np.float32(plan[last, 0]) - np.float32(start.x)
-        dy = np.float32(plan[last, 1]) - np.float32(start.y)
+        last_point = plan.shape[0] - 1
+        dx = np.float32(plan[last_point, 0]) - np.float32(start.x)
+        dy = np.float32(plan[last_point, 1]) - np.float32(start.y)
         arrival_speed = math.hypot(np.float64(dx), np.float64(dy)) / p.sim_time
         max_vx = max(min(max_vx, arrival_speed), p.min_vel_x)
         max_vy = max(min(max_vy, arrival_speed), p.min_vel_y)
         period = p.sim_time
 
     change = p.acc_lim_x * period
-    nx = _fill_window(p.min_vel_x, max_vx, start.vx, change, p.vx_samples, scratch.xs)
+    vx_count = _fill_window(p.min_vel_x, max_vx, start.vx, change, p.vx_samples, scratch.sampled_vx)
     change = p.acc_lim_y * period
-    ny = _fill_window(p.min_vel_y, max_vy, start.vy, change, p.vy_samples, scratch.ys)
+    vy_count = _fill_window(p.min_vel_y, max_vy, start.vy, change, p.vy_samples, scratch.sampled_vy)
     # As in C++, min_vel_theta does not bound the window: turns go both ways.
     max_w = p.max_vel_theta
     change = p.acc_lim_theta * period
-    nw = _fill_window(-max_w, max_w, start.w, change, p.vth_samples, scratch.ws)
-    return SampleCounts(nx, ny, nw)
+    w_count = _fill_window(-max_w, max_w, start.w, change, p.vth_samples, scratch.sampled_w)
+    return SampleCounts(vx_count, vy_count, w_count)
 
 
 @kernel
-def sample_of(scratch: Scratch, counts: SampleCounts, number: int) -> Velocity:
+def sample_of(scratch: Scratch, axis_counts: SampleCounts, number: int) -> Velocity:
     """Return the sample with this number."""
-    vx = scratch.xs[number // (counts.w * counts.vy)]
-    vy = scratch.ys[number // counts.w % counts.vy]
-    return Velocity(vx, vy, scratch.ws[number % counts.w])
+    vx = scratch.sampled_vx[number // (axis_counts.w * axis_counts.vy)]
+    vy = scratch.sampled_vy[number // axis_counts.w % axis_counts.vy]
+    return Velocity(vx, vy, scratch.sampled_w[number % axis_counts.w])
 
 
 @kernel
@@ -93,18 +93,18 @@ def spread(bottom: float, top: float, n: float, values: Data) -> int:
         return 1
     n = max(int(n), 2)
     step = (top - bottom) / (n - 1)
-    following = bottom
-    count = 0
+    next_velocity = bottom
+    value_count = 0
     for _ in range(n - 1):
-        current = following
-        following += step
-        values[count] = single(current)
-        count += 1
-        if current < 0 and following > 0:
-            values[count] = 0.0
-            count += 1
-    values[count] = single(top)
-    return count + 1
+        velocity = next_velocity
+        next_velocity += step
+        values[value_count] = single(velocity)
+        value_count += 1
+        if velocity < 0 and next_velocity > 0:
+            values[value_count] = 0.0
+            value_count += 1
+    values[value_count] = single(top)
+    return value_count + 1
 
 
 @kernel
@@ -194,9 +194,9 @@ def move(
     # Without a sideways speed, the terms below would add zeros.
     if vy == 0.0:
         return single(x + vx * cos * dt), single(y + vx * sin * dt), following_theta
-    side = math.pi / 2 + theta
-    dx = (vx * cos + vy * math.cos(side)) * dt
-    dy = (vx * sin + vy * math.sin(side)) * dt
+    side_angle = math.pi / 2 + theta
+    dx = (vx * cos + vy * math.cos(side_angle)) * dt
+    dy = (vx * sin + vy * math.sin(side_angle)) * dt
     return single(x + dx), single(y + dy), following_theta
 
 

@@ -59,11 +59,11 @@ def prepare(params: Data, scratch: Scratch, plan: Data, pose: Triple, velocity: 
     start = scratch.start[0]
     take_start(start, pose, velocity)
     # DWAPlanner::updatePlanAndLocalCosts compares squares.
-    last = plan.shape[0] - 1
-    dx = start.x - plan[last, 0]
-    dy = start.y - plan[last, 1]
-    ahead = p.forward_point_distance
-    is_aligned = dx * dx + dy * dy > ahead * ahead * p.cheat_factor
+    last_point = plan.shape[0] - 1
+    dx = start.x - plan[last_point, 0]
+    dy = start.y - plan[last_point, 1]
+    nose_offset = p.forward_point_distance
+    is_aligned = dx * dx + dy * dy > nose_offset * nose_offset * p.cheat_factor
     p.alignment_scale = p.path_scale if is_aligned else 0.0
     return bool(is_aligned)
 
@@ -85,11 +85,11 @@ def begin_floods(p: Record, grids: Grids, start: Record, scene: Scene, is_aligne
 
     # The nose-on-path critic reads the path's grid. While it is off, its grid has the plan of the
     # last cycle in which it was on; that is what C++ publishes.
-    facts = grids.facts[0]
-    facts.flooded = 1
-    facts.alignment_row = PATH
+    grid_facts = grids.facts[0]
+    grid_facts.flooded = 1
+    grid_facts.alignment_row = PATH
     if not is_aligned:
-        facts.alignment_row = ALIGNMENT
+        grid_facts.alignment_row = ALIGNMENT
         distances[ALIGNMENT] = distances[PATH]
         start_at_plan(grid_of(grids, ALIGNMENT), scene, scene.aligned_plan, True)
 
@@ -100,12 +100,12 @@ def begin_floods(p: Record, grids: Grids, start: Record, scene: Scene, is_aligne
 
     # The nose's goal lies beyond the plan's end, seen from the robot.
     nose_plan = plan.copy()
-    last = plan.shape[0] - 1
-    end_x = plan[last, 0]
-    end_y = plan[last, 1]
-    angle = math.atan2(end_y - start.y, end_x - start.x)
-    nose_plan[last, 0] += p.forward_point_distance * math.cos(angle)
-    nose_plan[last, 1] += p.forward_point_distance * math.sin(angle)
+    last_point = plan.shape[0] - 1
+    end_x = plan[last_point, 0]
+    end_y = plan[last_point, 1]
+    end_bearing = math.atan2(end_y - start.y, end_x - start.x)
+    nose_plan[last_point, 0] += p.forward_point_distance * math.cos(end_bearing)
+    nose_plan[last_point, 1] += p.forward_point_distance * math.sin(end_bearing)
     start_at_plan(grid_of(grids, FRONT), scene, nose_plan, False)
 
 
@@ -143,18 +143,20 @@ def find_best(
     is_aligned = prepare(params, scratch, scene.plan, pose, velocity)
     start = scratch.start[0]
     begin_floods(p, grids, start, scene, is_aligned)
-    counts = sample_axes(p, scratch, scene.plan)
-    best = _lowest(p, state[0], grids, scratch, scene, counts)
-    if best.number < 0:
-        standing = Velocity(0.0, 0.0, 0.0)
-        return Winner(NOTHING_LEGAL, -1, 0, standing, standing, 0.0, is_aligned)
+    axis_counts = sample_axes(p, scratch, scene.plan)
+    best_sample = _lowest(p, state[0], grids, scratch, scene, axis_counts)
+    if best_sample.number < 0:
+        standstill = Velocity(0.0, 0.0, 0.0)
+        return Winner(NOTHING_LEGAL, -1, 0, standstill, standstill, 0.0, is_aligned)
 
-    sample = sample_of(scratch, counts, best.number)
+    sample = sample_of(scratch, axis_counts, best_sample.number)
     steps = step_count(p, sample)
-    stored = commanded(p, start, sample, steps)
-    critics.remember(p, state[0], start, stored)
-    command_w = through_quaternion(stored.w)
-    return Winner(best.cost, best.number, steps, sample, stored, command_w, is_aligned)
+    stored_velocity = commanded(p, start, sample, steps)
+    critics.remember(p, state[0], start, stored_velocity)
+    command_w = through_quaternion(stored_velocity.w)
+    return Winner(
+        best_sample.cost, best_sample.number, steps, sample, stored_velocity, command_w, is_aligned
+    )
 
 
 class Best(NamedTuple):
@@ -171,48 +173,58 @@ def _lowest(
     grids: Grids,
     scratch: Scratch,
     scene: Scene,
-    counts: SampleCounts,
+    axis_counts: SampleCounts,
 ) -> Best:
     """Return the first sample of lowest cost."""
     keys = scratch.keys
     heap = scratch.heap
     start = scratch.start[0]
     heading = heading_of(start.theta)
-    scaled = np.empty_like(scene.footprint)
-    waiting = fill_bounds(p, state, grids, scratch, scene, counts, heading, scaled)
-    best = Best(HUGE, -1)
-    while waiting > 0:
-        number = heap[0]
+    scaled_footprint = np.empty_like(scene.footprint)
+    waiting_count = fill_bounds(
+        p, state, grids, scratch, scene, axis_counts, heading, scaled_footprint
+    )
+    best_sample = Best(HUGE, -1)
+    while waiting_count > 0:
+        sample_number = heap[0]
         # All other samples have higher bounds, or equal ones and higher numbers.
-        if keys[number] > best.cost or (keys[number] == best.cost and number > best.number):
+        if keys[sample_number] > best_sample.cost or (
+            keys[sample_number] == best_sample.cost and sample_number > best_sample.number
+        ):
             break
-        sample = sample_of(scratch, counts, number)
+        sample = sample_of(scratch, axis_counts, sample_number)
         steps = step_count(p, sample)
-        stored = commanded(p, start, sample, steps)
+        stored_velocity = commanded(p, start, sample, steps)
 
         # Raise the bound with a few poses before the whole trajectory is rolled out.
         is_legal = True
-        if p.occdist_scale != 0.0 and not scratch.probed[number]:
-            scratch.probed[number] = 1
-            bound = scratch.bounds[number]
-            allowed = NO_LIMIT
-            if best.cost < HUGE:
-                other_critics = weighted_sum(p, 0.0, bound, stored.w)
-                allowed = int(min((best.cost - other_critics) / p.occdist_scale, 1e9)) + 1
-            scale = critics.footprint_scale(p, ground_speed(stored.vx, stored.vy))
-            critics.scale_footprint(scene.footprint, scale, scaled)
-            obstacle = probe(p, scene, scaled, start, heading, sample, bound.obstacle, allowed)
-            if obstacle > bound.obstacle:
-                keys[number] = weighted_sum(p, obstacle, bound, stored.w)
-                sift_down(heap, keys, waiting, 0)
+        if p.occdist_scale != 0.0 and not scratch.is_probed[sample_number]:
+            scratch.is_probed[sample_number] = 1
+            bound = scratch.bounds[sample_number]
+            cost_limit = NO_LIMIT
+            if best_sample.cost < HUGE:
+                other_critics = weighted_sum(p, 0.0, bound, stored_velocity.w)
+                cost_limit = int(min((best_sample.cost - other_critics) / p.occdist_scale, 1e9)) + 1
+            scale = critics.footprint_scale(p, ground_speed(stored_velocity.vx, stored_velocity.vy))
+            critics.scale_footprint(scene.footprint, scale, scaled_footprint)
+            obstacle_cost = probe(
+                p, scene, scaled_footprint, start, heading, sample, bound.obstacle, cost_limit
+            )
+            if obstacle_cost > bound.obstacle:
+                keys[sample_number] = weighted_sum(p, obstacle_cost, bound, stored_velocity.w)
+                sift_down(heap, keys, waiting_count, 0)
                 continue
-            is_legal = obstacle >= 0
+            is_legal = obstacle_cost >= 0
 
         if is_legal:
             points = np.empty((steps, 3))
             roll_out(p, start, sample, points)
-            cost, _ = critics.total_cost(p, state, scene, grids, points, stored, best.cost)
-            if 0 <= cost < best.cost or (cost == best.cost and number < best.number):
-                best = Best(cost, number)
-        waiting = drop_first(heap, keys, waiting)
-    return best
+            cost, _ = critics.total_cost(
+                p, state, scene, grids, points, stored_velocity, best_sample.cost
+            )
+            if 0 <= cost < best_sample.cost or (
+                cost == best_sample.cost and sample_number < best_sample.number
+            ):
+                best_sample = Best(cost, sample_number)
+        waiting_count = drop_first(heap, keys, waiting_count)
+    return best_sample
