@@ -105,18 +105,18 @@ def along_arc(from_: Ramp, length: float, turn: float, n: int) -> Tuple[float, f
     """
     # The positions are corners of a regular polygon with the exterior angle `turn`. The chord over
     # n sides has the direction of the middle side, and by the law of sines the length length *
-    # sin(n * half) / sin(half).
-    half = 0.5 * turn
-    half_cos, half_sin = small_turn(half)
-    middle_cos = math.cos((n - 1) * half)
-    middle_sin = math.sin((n - 1) * half)
-    sides = float(n)
-    if half != 0.0:
-        sides = (middle_sin * half_cos + middle_cos * half_sin) / half_sin
-    chord = length * sides
+    # sin(n * half_turn) / sin(half_turn).
+    half_turn = 0.5 * turn
+    half_cos, half_sin = small_turn(half_turn)
+    middle_cos = math.cos((n - 1) * half_turn)
+    middle_sin = math.sin((n - 1) * half_turn)
+    chord_sides = float(n)
+    if half_turn != 0.0:
+        chord_sides = (middle_sin * half_cos + middle_cos * half_sin) / half_sin
+    chord_length = length * chord_sides
     heading = from_.heading
-    x = from_.x + chord * (heading.cos * middle_cos - heading.sin * middle_sin)
-    y = from_.y + chord * (heading.sin * middle_cos + heading.cos * middle_sin)
+    x = from_.x + chord_length * (heading.cos * middle_cos - heading.sin * middle_sin)
+    y = from_.y + chord_length * (heading.sin * middle_cos + heading.cos * middle_sin)
     return x, y
 
 
@@ -143,7 +143,7 @@ def end_cell(
 
     heading: direction at the start.
     """
-    ox, oy, resolution, columns, rows = ground
+    origin_x, origin_y, resolution, columns, rows = ground
     steps = step_count(p, sample)
     dt = p.sim_time / steps
     turn = sample.w * dt
@@ -151,13 +151,13 @@ def end_cell(
     # Near the border of a cell, a closed form may fall into the neighbouring one.
     is_sure = abs(turn) <= LARGEST_TURN
     if is_sure:
-        ramped = ramp(p, start, heading, sample, dt, steps - 1)
-        x, y = along_arc(ramped, sample.vx * dt, turn, steps - 1 - ramped.moves)
-        at_border = on_border((x - ox) / resolution, MARGIN)
-        is_sure = not (at_border or on_border((y - oy) / resolution, MARGIN))
+        ramp_end = ramp(p, start, heading, sample, dt, steps - 1)
+        x, y = along_arc(ramp_end, sample.vx * dt, turn, steps - 1 - ramp_end.moves)
+        x_at_border = on_border((x - origin_x) / resolution, MARGIN)
+        is_sure = not (x_at_border or on_border((y - origin_y) / resolution, MARGIN))
     if not is_sure:
         x, y = exact_end(p, start, sample, steps)
-    return world_to_map(x, y, ox, oy, resolution, columns, rows)
+    return world_to_map(x, y, origin_x, origin_y, resolution, columns, rows)
 
 
 @kernel(error_model="numpy")
@@ -168,13 +168,13 @@ def probe(
     heading: Heading,
     sample: Velocity,
     obstacle_cost: int,
-    allowed: float,
+    cost_limit: float,
 ) -> int:
     """Return a lower bound of the obstacle cost from a few poses, or -1 if one is illegal.
 
     The poses are the last one, then those at halves, quarters and eighths of the way: a sample that
     fails does so most often at its end. The bound starts from `obstacle_cost`, and the probe ends
-    once it exceeds `allowed`. heading: direction at the start.
+    once it exceeds `cost_limit`. heading: direction at the start.
     """
     steps = step_count(p, sample)
     dt = p.sim_time / steps
@@ -182,24 +182,25 @@ def probe(
     # Round robots have no outline, and their centre costs little to test in the roll-out.
     if abs(turn) > LARGEST_TURN or scene.footprint.shape[0] < 3:
         return obstacle_cost
-    ramped = ramp(p, start, heading, sample, dt, steps - 1)
+    ramp_end = ramp(p, start, heading, sample, dt, steps - 1)
     outline = outline_of(scene, scene.footprint)
-    moves = steps - 1 - ramped.moves  # moves at the sample's velocity
-    parts = 1
-    while parts <= 8 and moves // parts >= 8:
-        for i in range(1, parts + 1, 2):  # The even parts belong to the coarser division before.
-            n = moves * i // parts
-            x, y = along_arc(ramped, sample.vx * dt, turn, n)
-            end = turned(ramped.heading, heading_of(n * turn))
-            cost = outline_cost(outline, x, y, end.cos, end.sin, 0, 0, MARGIN)
+    moves = steps - 1 - ramp_end.moves  # moves at the sample's velocity
+    part_count = 1
+    while part_count <= 8 and moves // part_count >= 8:
+        # The even parts belong to the coarser division before.
+        for i in range(1, part_count + 1, 2):
+            probed_moves = moves * i // part_count
+            x, y = along_arc(ramp_end, sample.vx * dt, turn, probed_moves)
+            probed_heading = turned(ramp_end.heading, heading_of(probed_moves * turn))
+            cost = outline_cost(outline, x, y, probed_heading.cos, probed_heading.sin, 0, 0, MARGIN)
             if cost == UNSURE:
                 continue
             if cost < 0:
                 return -1
             obstacle_cost = max(obstacle_cost, cost)
-            if obstacle_cost > allowed:
+            if obstacle_cost > cost_limit:
                 return obstacle_cost
-        parts *= 2
+        part_count *= 2
     return obstacle_cost
 
 
@@ -210,55 +211,68 @@ def best_forward(
     grids: Grids,
     scratch: Scratch,
     start: Record,
-    vs: Data,
-    ws: Data,
+    speeds: Data,
+    turn_rates: Data,
     obstacle_cost: int,
 ) -> Best:
     """Return the best forward sample. Among equal costs, the first sample wins.
 
-    Each speed in `vs` is combined first with w = 0, then with all values of `ws` but the last, as
-    in C++. obstacle_cost: cost at the first pose, which all samples share.
+    Each speed is combined first with w = 0, then with all turn rates but the last, as in C++.
+    obstacle_cost: cost at the first pose, which all samples share.
     """
-    bases = scratch.bases
+    base_costs = scratch.base_costs
     keys = scratch.keys
     heap = scratch.heap
-    probed = scratch.probed
-    nw = ws.shape[0]
+    is_probed = scratch.is_probed
+    turn_count = turn_rates.shape[0]
     heading = heading_of(start.theta)
-    waiting = _bound(p, scene, grids, scratch, start, vs, ws, obstacle_cost)
-    best = Best(HUGE, 0.0, 0.0, 0)
+    waiting_count = _bound(p, scene, grids, scratch, start, speeds, turn_rates, obstacle_cost)
+    best_sample = Best(HUGE, 0.0, 0.0, 0)
     best_number = 0
-    while waiting > 0:
-        number = heap[0]
+    while waiting_count > 0:
+        sample_number = heap[0]
         # All other samples have higher bounds, or equal ones and higher numbers.
-        if keys[number] > best.cost or (keys[number] == best.cost and number > best_number):
+        if keys[sample_number] > best_sample.cost or (
+            keys[sample_number] == best_sample.cost and sample_number > best_number
+        ):
             break
-        sample = scoring.forward_sample(vs, ws, number // nw, number % nw)
+        sample = scoring.forward_sample(
+            speeds, turn_rates, sample_number // turn_count, sample_number % turn_count
+        )
 
         # Raise the bound with a few poses before the whole trajectory is rolled out.
         is_legal = True
-        if not probed[number]:
-            probed[number] = 1
-            allowed = float(NO_CEILING)
-            if best.cost < HUGE:
-                allowed = (best.cost - bases[number]) / p.occdist_scale + 1.0
-            raised = probe(p, scene, start, heading, sample, obstacle_cost, allowed)
-            if raised > obstacle_cost:
-                keys[number] = bases[number] + p.occdist_scale * raised
-                sift_down(heap, keys, waiting, 0)
+        if not is_probed[sample_number]:
+            is_probed[sample_number] = 1
+            cost_limit = float(NO_CEILING)
+            if best_sample.cost < HUGE:
+                cost_limit = (best_sample.cost - base_costs[sample_number]) / p.occdist_scale + 1.0
+            raised_cost = probe(p, scene, start, heading, sample, obstacle_cost, cost_limit)
+            if raised_cost > obstacle_cost:
+                keys[sample_number] = base_costs[sample_number] + p.occdist_scale * raised_cost
+                sift_down(heap, keys, waiting_count, 0)
                 continue
-            is_legal = raised >= 0
+            is_legal = raised_cost >= 0
 
         if is_legal:
-            result = scoring.score_below(
-                p, scene, grids, start, sample, NO_CEILING, bases[number], best.cost
+            sample_score = scoring.score_below(
+                p,
+                scene,
+                grids,
+                start,
+                sample,
+                NO_CEILING,
+                base_costs[sample_number],
+                best_sample.cost,
             )
-            cost = result.cost
-            if 0 <= cost < best.cost or (cost == best.cost and number < best_number):
-                best = Best(cost, sample.vx, sample.w, result.point_count)
-                best_number = number
-        waiting = drop_first(heap, keys, waiting)
-    return best
+            cost = sample_score.cost
+            if 0 <= cost < best_sample.cost or (
+                cost == best_sample.cost and sample_number < best_number
+            ):
+                best_sample = Best(cost, sample.vx, sample.w, sample_score.point_count)
+                best_number = sample_number
+        waiting_count = drop_first(heap, keys, waiting_count)
+    return best_sample
 
 
 @kernel(error_model="numpy")
@@ -268,20 +282,20 @@ def _bound(
     grids: Grids,
     scratch: Scratch,
     start: Record,
-    vs: Data,
-    ws: Data,
+    speeds: Data,
+    turn_rates: Data,
     obstacle_cost: int,
 ) -> int:
-    """Fill bases, keys and heap of `scratch`, and return the number of samples that may win.
+    """Fill base_costs, keys and heap of `scratch`, and return the number of samples that may win.
 
     The floods continue until they reach the samples' last cells, but only little beyond the robot's
     range, because cells behind walls might require a flood of the whole map.
     """
     # Members of tuples are taken out of the loops, because numba counts references at each access.
-    bases = scratch.bases
+    base_costs = scratch.base_costs
     keys = scratch.keys
     heap = scratch.heap
-    probed = scratch.probed
+    is_probed = scratch.is_probed
     path_grid = grids.path
     goal_grid = grids.goal
     path_distances = path_grid.distance
@@ -295,41 +309,41 @@ def _bound(
     # Flood to what the robot can reach in sim_time: a diagonal metre is up to 1.42 m of 4-connected
     # steps, and detours around obstacles are longer.
     heading = heading_of(start.theta)
-    fastest_sample = max(abs(vs[0]), abs(vs[-1]))  # The speeds are in ascending order.
+    fastest_sample = max(abs(speeds[0]), abs(speeds[-1]))  # The speeds are in ascending order.
     speed = max(abs(start.vx), fastest_sample) + abs(start.vy)
     travel = speed * p.sim_time / scene.resolution
     reach = int(min(3.0 * travel, float(cell_count))) + 8
     cell_x = int((start.x - scene.ox) / scene.resolution)
     cell_y = int((start.y - scene.oy) / scene.resolution)
-    index = place(path_grid, cell_x, cell_y)
-    path_limit = min(int(path_distances[index]), cell_count) + reach
-    goal_limit = min(int(goal_distances[index]), cell_count) + reach
+    start_index = place(path_grid, cell_x, cell_y)
+    path_limit = min(int(path_distances[start_index]), cell_count) + reach
+    goal_limit = min(int(goal_distances[start_index]), cell_count) + reach
 
-    count = 0
-    for i in range(vs.shape[0]):
-        for j in range(ws.shape[0]):
-            base = 0.0
+    sample_count = 0
+    for speed_number in range(speeds.shape[0]):
+        for turn_number in range(turn_rates.shape[0]):
+            base_cost = 0.0
             if by_distances:
-                sample = scoring.forward_sample(vs, ws, i, j)
+                sample = scoring.forward_sample(speeds, turn_rates, speed_number, turn_number)
                 cell_x, cell_y = end_cell(p, ground, start, heading, sample)
                 if cell_x < 0:
                     continue
-                index = place(path_grid, cell_x, cell_y)
-                path_distance = int(path_distances[index])
-                goal_distance = int(goal_distances[index])
+                end_index = place(path_grid, cell_x, cell_y)
+                path_distance = int(path_distances[end_index])
+                goal_distance = int(goal_distances[end_index])
                 # A value above the number of cells means that the flood has not come that far.
                 if path_distance > cell_count:
-                    path_distance = at_least(path_grid, index, path_limit)
+                    path_distance = at_least(path_grid, end_index, path_limit)
                 if goal_distance > cell_count:
-                    goal_distance = at_least(goal_grid, index, goal_limit)
+                    goal_distance = at_least(goal_grid, end_index, goal_limit)
                 if path_distance >= cell_count or goal_distance >= cell_count:
                     continue
-                base = scoring.terms(p, float(path_distance), float(goal_distance))
-            number = i * ws.shape[0] + j
-            bases[number] = base
-            keys[number] = base + p.occdist_scale * obstacle_cost
-            probed[number] = 0
-            heap[count] = number
-            count += 1
-    order_heap(heap, keys, count)
-    return count
+                base_cost = scoring.terms(p, float(path_distance), float(goal_distance))
+            sample_number = speed_number * turn_rates.shape[0] + turn_number
+            base_costs[sample_number] = base_cost
+            keys[sample_number] = base_cost + p.occdist_scale * obstacle_cost
+            is_probed[sample_number] = 0
+            heap[sample_count] = sample_number
+            sample_count += 1
+    order_heap(heap, keys, sample_count)
+    return sample_count

@@ -26,9 +26,9 @@ from applr_ros1.planner.sampling_planner import (
 )
 from applr_ros1.planner.trajectory.planner import TrajectoryPlanner
 
-STOPPED = 0.01  # velocity up to which the robot counts as stopped [m/s, rad/s]
+STOPPED_VELOCITY = 0.01  # velocity up to which the robot counts as stopped [m/s, rad/s]
 STANDING = (0.0, 0.0)
-EMPTY = np.zeros((0, 3))
+NO_POSES = np.zeros((0, 3))
 NO_TRAJECTORIES = np.zeros((0, 5), np.float32)
 
 
@@ -47,8 +47,8 @@ class TrajectoryLocalPlanner(LocalPlanner):
     remembers_reached = True
 
     def __init__(self, params: Mapping[str, Any], footprint: np.ndarray):
-        frequency = params.get("controller_frequency", 20.0)
-        self._period = 1.0 / frequency if frequency > 0 else 0.05
+        control_frequency = params.get("controller_frequency", 20.0)
+        self._period = 1.0 / control_frequency if control_frequency > 0 else 0.05
         self._xy_tolerance = params["xy_goal_tolerance"]
         self._yaw_tolerance = params["yaw_goal_tolerance"]
         self._latches = params["latch_xy_goal_tolerance"]
@@ -67,11 +67,11 @@ class TrajectoryLocalPlanner(LocalPlanner):
         self.planner.reset()
         self._rotating = False
         self._forget_cycle()
-        self.set_plan(EMPTY)
+        self.set_plan(NO_POSES)
 
     def _forget_cycle(self) -> None:
         """Clear the state that belongs to a single cycle."""
-        self.cropped_plan = EMPTY
+        self.cropped_plan = NO_POSES
         self._choice: Optional[Choice] = None
         self._is_blocked = False  # whether the search found no legal command
 
@@ -98,7 +98,7 @@ class TrajectoryLocalPlanner(LocalPlanner):
     def local_plan(self) -> np.ndarray:
         """Points (k, 3) of this cycle's trajectory, empty while stopping or turning at the goal."""
         if self._choice is None:
-            return EMPTY
+            return NO_POSES
         return self._choice.points
 
     def cost_cloud(self, costmap: Costmap) -> np.ndarray:
@@ -140,14 +140,16 @@ class TrajectoryLocalPlanner(LocalPlanner):
         # NaN would spread to the flags, which outlive the cycle.
         if not math.isfinite(x + y + yaw + v + w):
             return False, STANDING
-        cut, dropped = cut_plan(self._plan, x, y, half_size(costmap), self._prunes, local_origin)
-        if dropped:
-            self._plan = self._plan[dropped:]
-        if len(cut) == 0:
+        cropped_plan, dropped_count = cut_plan(
+            self._plan, x, y, half_size(costmap), self._prunes, local_origin
+        )
+        if dropped_count:
+            self._plan = self._plan[dropped_count:]
+        if len(cropped_plan) == 0:
             return False, STANDING
 
-        # The goal is the end of the cut, even while the plan goes on beyond it.
-        goal_x, goal_y, goal_yaw = cut[-1].tolist()
+        # The goal is the end of the cropped plan, even while the plan goes on beyond it.
+        goal_x, goal_y, goal_yaw = cropped_plan[-1].tolist()
         goal_yaw = through_quaternion(goal_yaw)
         heading = through_quaternion(yaw)
         at_goal = self._latched or np.hypot(goal_x - x, goal_y - y) <= self._xy_tolerance
@@ -157,13 +159,13 @@ class TrajectoryLocalPlanner(LocalPlanner):
             self._rotating = False
             self._latched = False
             self.goal_reached = True
-            self.cropped_plan = cut
+            self.cropped_plan = cropped_plan
             return True, STANDING
 
-        self.planner.set_plan(cut)
+        self.planner.set_plan(cropped_plan)
         choice = self.planner.find_best_path(costmap, (x, y, yaw), (v, 0.0, w))
         if not at_goal:
-            self.cropped_plan = cut
+            self.cropped_plan = cropped_plan
             self._is_blocked = choice.cost < 0
             if not self._is_blocked:
                 self._choice = choice
@@ -171,17 +173,17 @@ class TrajectoryLocalPlanner(LocalPlanner):
 
         # The choice is ignored, but its floods are used below, and the flags change as in C++.
         velocity = (v, 0.0, through_quaternion(w))
-        ok, command = self._stop_or_turn((x, y, heading), velocity, goal_yaw, costmap)
-        if ok:
-            self.cropped_plan = cut
-        return ok, command
+        is_legal, command = self._stop_or_turn((x, y, heading), velocity, goal_yaw, costmap)
+        if is_legal:
+            self.cropped_plan = cropped_plan
+        return is_legal, command
 
     def _stop_or_turn(
         self, pose: Triple, velocity: Triple, goal_yaw: float, costmap: Costmap
     ) -> Tuple[bool, Command]:
         """Return (ok, (v, w)) that stops the robot, then turns it to the goal's yaw."""
         # Once the robot turns, it does not stand, and must not be stopped again.
-        is_standing = max(abs(v) for v in velocity) <= STOPPED
+        is_standing = max(abs(component) for component in velocity) <= STOPPED_VELOCITY
         if not self._rotating and not is_standing:
             command = braked(velocity, self.accelerations, self._period)
         else:
@@ -196,10 +198,10 @@ class TrajectoryLocalPlanner(LocalPlanner):
 
         yaw, goal_yaw: headings of robot and goal [rad]. w: measured turn rate [rad/s].
         """
-        error = angle_difference(yaw, goal_yaw)
-        wanted = self._clamped(error)
-        speed = turn_speed(error, abs(wanted), w, self.accelerations[2], self._period)
-        return self._clamped(-speed if wanted < 0 else speed)
+        yaw_error = angle_difference(yaw, goal_yaw)
+        wanted_rate = self._clamped(yaw_error)
+        speed = turn_speed(yaw_error, abs(wanted_rate), w, self.accelerations[2], self._period)
+        return self._clamped(-speed if wanted_rate < 0 else speed)
 
     def _clamped(self, w: float) -> float:
         """Clamp the turn rate w between the slowest and the fastest one of its sign."""

@@ -122,10 +122,10 @@ class TrajectoryPlanner(SamplingPlanner):
 
         # A part is the cost when only its weight is not 0.
         costs = self._costs(costmap, samples, WEIGHTS)
-        parts = {}
-        for name in WEIGHTS:
-            parts[name] = np.maximum(self._costs(costmap, samples, (name,)), 0.0)
-        return np.array(samples), costs, parts
+        cost_parts = {}
+        for weight_name in WEIGHTS:
+            cost_parts[weight_name] = np.maximum(self._costs(costmap, samples, (weight_name,)), 0.0)
+        return np.array(samples), costs, cost_parts
 
     def _costs(
         self, costmap: Costmap, samples: Sequence[Tuple[float, float]], weights: Sequence[str]
@@ -134,9 +134,9 @@ class TrajectoryPlanner(SamplingPlanner):
         scene = self._scene_of(costmap)
         start = self._scratch.start[0]
         params = self._params.copy()
-        for name in WEIGHTS:
-            if name not in weights:
-                params[name] = 0.0
+        for weight_name in WEIGHTS:
+            if weight_name not in weights:
+                params[weight_name] = 0.0
         costs = []
         for v, w in samples:
             costs.append(score(params, scene, self._grids, start, Velocity(v, 0.0, w)).cost)
@@ -211,10 +211,10 @@ class TrajectoryPlanner(SamplingPlanner):
         # Before the first cycle and after a resize there are no distances for these cells.
         if self._grids is None or self._shape != costmap.cells.shape:
             return np.zeros((0, 7), np.float32)
-        path, goal, within = self.grids()
+        path_distances, goal_distances, within_robot = self.grids()
         p = self._params[0]
-        weights = (p["path_distance_bias"], p["goal_distance_bias"], p["occdist_scale"])
-        return cost_cloud(costmap, path, goal, within == 0, weights)
+        cost_weights = (p["path_distance_bias"], p["goal_distance_bias"], p["occdist_scale"])
+        return cost_cloud(costmap, path_distances, goal_distances, within_robot == 0, cost_weights)
 
     def trajectory_cloud(self, costmap: Costmap) -> np.ndarray:
         """Return points (k, 5) of all legal forward samples of the last cycle, for display.

@@ -53,10 +53,10 @@ class Scratch(NamedTuple):
 
     vs: Data  # sampled values of vx (vx_samples,) [m/s]
     ws: Data  # sampled values of w (vtheta_samples,) [rad/s]
-    bases: Data  # lower bounds of the path and goal terms of the samples' costs
+    base_costs: Data  # lower bounds of the path and goal terms of the samples' costs
     keys: Data  # lower bounds of the samples' costs
     heap: Data  # numbers of the samples, lowest key first
-    probed: Data  # whether forward.probe has tested a sample
+    is_probed: Data  # whether forward.probe has tested a sample
     start: Data  # array of one START record: pose and velocity at which all samples start
 
 
@@ -75,9 +75,9 @@ def allocate_scratch(vx_samples: int, vtheta_samples: int) -> Scratch:
     return Scratch(
         vs=np.zeros(vx_samples),
         ws=np.zeros(vtheta_samples),
-        bases=np.zeros(sample_count),
+        base_costs=np.zeros(sample_count),
         keys=np.zeros(sample_count),
         heap=np.zeros(sample_count, np.int64),
-        probed=np.zeros(sample_count, np.uint8),
+        is_probed=np.zeros(sample_count, np.uint8),
         start=np.zeros(1, START),
     )

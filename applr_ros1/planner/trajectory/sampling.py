@@ -69,29 +69,29 @@ def prepare(grids: Grids, scene: Scene, x: float, y: float, yaw: float) -> Tuple
 @kernel
 def _open_under_robot(grids: Grids, scene: Scene, x: float, y: float, yaw: float) -> None:
     """Mark the cells under the footprint (`within`) and make them passable in the path grid."""
-    _, ox, oy, resolution, footprint, _, _ = scene
+    _, origin_x, origin_y, resolution, footprint, _, _ = scene
     rows, columns = grids.within.shape
-    unseen = columns * rows + 1
+    unseen_value = columns * rows + 1
     grids.within[:] = 0
-    fill_footprint(grids.within, 1, ox, oy, resolution, footprint, (x, y, yaw), False)
+    fill_footprint(grids.within, 1, origin_x, origin_y, resolution, footprint, (x, y, yaw), False)
 
     # Only a square around the robot can have marked cells. The robot may be off the map.
-    side = int(min(_farthest(footprint) / resolution, float(columns + rows))) + 2
-    cell_x = int(min(max((x - ox) / resolution, 0.0), columns - 1.0))
-    cell_y = int(min(max((y - oy) / resolution, 0.0), rows - 1.0))
-    for row in range(max(0, cell_y - side), min(rows, cell_y + side + 1)):
-        for column in range(max(0, cell_x - side), min(columns, cell_x + side + 1)):
+    half_width = int(min(_farthest(footprint) / resolution, float(columns + rows))) + 2
+    cell_x = int(min(max((x - origin_x) / resolution, 0.0), columns - 1.0))
+    cell_y = int(min(max((y - origin_y) / resolution, 0.0), rows - 1.0))
+    for row in range(max(0, cell_y - half_width), min(rows, cell_y + half_width + 1)):
+        for column in range(max(0, cell_x - half_width), min(columns, cell_x + half_width + 1)):
             if grids.within[row, column]:
-                grids.path.distance[place(grids.path, column, row)] = unseen
+                grids.path.distance[place(grids.path, column, row)] = unseen_value
 
 
 @kernel
 def _farthest(footprint: Data) -> float:
     """Return the largest distance [m] of the vertices (n, 2) from the robot's centre."""
-    farthest = 0.0
+    largest_distance = 0.0
     for i in range(footprint.shape[0]):
-        farthest = max(farthest, math.hypot(footprint[i, 0], footprint[i, 1]))
-    return farthest
+        largest_distance = max(largest_distance, math.hypot(footprint[i, 0], footprint[i, 1]))
+    return largest_distance
 
 
 @kernel(error_model="numpy")
@@ -101,26 +101,27 @@ def best_in_place(
     scene: Scene,
     grids: Grids,
     start: Record,
-    ws: Data,
-    dw: float,
+    turn_rates: Data,
+    turn_rate_step: float,
     obstacle_cost: int,
-    best: Best,
+    best_sample: Best,
 ) -> Best:
     """Return the turn in place that replaces the best forward sample, or that sample if none does.
 
-    A turn must not cost more than the best sample or turn so far, must be faster than the step `dw`
-    [rad/s] of `ws`, and must not be barred by `state`. The cell heading_lookahead ahead of the
+    A turn must not cost more than the best sample or turn so far, must be faster than the step of
+    the turn rates, and must not be barred by `state`. The cell heading_lookahead ahead of the
     turned robot must be on the map and nearer to the goal than for all turns accepted before.
-    obstacle_cost: cost at the first pose, which all turns share.
+    turn_rates, turn_rate_step: turn rates and their step [rad/s]. obstacle_cost: cost at the first
+    pose, which all turns share. best_sample: best forward sample.
     """
     rows, columns = scene.cells.shape
-    wall = columns * rows  # grid value of an obstacle; larger ones are unreached
+    wall_value = columns * rows  # grid value of an obstacle; larger ones are unreached
     nearest_ahead = HUGE
     ceiling = -1
-    for i in range(ws.shape[0]):
+    for i in range(turn_rates.shape[0]):
         # Turns that are too slow, or barred because the robot has turned to and fro
-        w = ws[i]
-        if not (w > dw or w < -dw) or w == 0.0:
+        w = turn_rates[i]
+        if not (w > turn_rate_step or w < -turn_rate_step) or w == 0.0:
             continue
         if (state.stuck_left and w < 0) or (state.stuck_right and w > 0):
             continue
@@ -129,32 +130,34 @@ def best_in_place(
 
         # A lower bound of the cost from the last point
         x, y, theta = _end(p, start, w)
-        base = 0.0
+        base_cost = 0.0
         if not p.simple_attractor and not p.heading_scoring:
             cell_x, cell_y = world_to_map(x, y, scene.ox, scene.oy, scene.resolution, columns, rows)
             if cell_x < 0:
                 continue
-            index = place(grids.path, cell_x, cell_y)
-            path_distance = settle(grids.path, index, wall + 1)
-            goal_distance = settle(grids.goal, index, wall + 1)
-            if path_distance >= wall or goal_distance >= wall:
+            end_index = place(grids.path, cell_x, cell_y)
+            path_distance = settle(grids.path, end_index, wall_value + 1)
+            goal_distance = settle(grids.goal, end_index, wall_value + 1)
+            if path_distance >= wall_value or goal_distance >= wall_value:
                 continue
-            base = scoring.terms(p, float(path_distance), float(goal_distance))
-        if base + p.occdist_scale * obstacle_cost > best.cost:
+            base_cost = scoring.terms(p, float(path_distance), float(goal_distance))
+        if base_cost + p.occdist_scale * obstacle_cost > best_sample.cost:
             continue
 
         # The distance from the goal ahead of the turned robot, then the whole cost
-        ahead = _distance_ahead(p, scene, grids, x, y, theta, nearest_ahead)
-        if not 0 <= ahead < nearest_ahead:
+        distance_ahead = _distance_ahead(p, scene, grids, x, y, theta, nearest_ahead)
+        if not 0 <= distance_ahead < nearest_ahead:
             continue
         if ceiling < 0:
             ceiling = _surroundings(p, scene, start)
         sample = Velocity(0.0, 0.0, w)
-        turn = score_below(p, scene, grids, start, sample, ceiling, base, best.cost)
-        if 0 <= turn.cost <= best.cost:
-            best = Best(turn.cost, 0.0, w, turn.point_count)
-            nearest_ahead = float(ahead)
-    return best
+        turn_score = score_below(
+            p, scene, grids, start, sample, ceiling, base_cost, best_sample.cost
+        )
+        if 0 <= turn_score.cost <= best_sample.cost:
+            best_sample = Best(turn_score.cost, 0.0, w, turn_score.point_count)
+            nearest_ahead = float(distance_ahead)
+    return best_sample
 
 
 @kernel(error_model="numpy")
@@ -187,7 +190,7 @@ def _distance_ahead(
     The result is -1 if that point is off the map or its distance not below `limit`.
     """
     rows, columns = scene.cells.shape
-    wall = columns * rows
+    wall_value = columns * rows
     ahead_x = x + p.heading_lookahead * math.cos(theta)
     ahead_y = y + p.heading_lookahead * math.sin(theta)
     cell_x, cell_y = world_to_map(
@@ -195,18 +198,18 @@ def _distance_ahead(
     )
     if cell_x < 0:
         return -1
-    goal = grids.goal
-    index = place(goal, cell_x, cell_y)
+    goal_grid = grids.goal
+    ahead_index = place(goal_grid, cell_x, cell_y)
     # A flood that has stopped at the limit has cells left in its queue.
-    value = settle(goal, index, int(min(limit, wall + 1.0)))
-    if value > wall and goal.ends[0] < goal.ends[1]:
+    distance = settle(goal_grid, ahead_index, int(min(limit, wall_value + 1.0)))
+    if distance > wall_value and goal_grid.ends[0] < goal_grid.ends[1]:
         return -1
-    if value == wall and limit > wall:
-        return final_distance(goal, index)
-    return value
+    if distance == wall_value and limit > wall_value:
+        return final_distance(goal_grid, ahead_index)
+    return distance
 
 
-WIDEST = 40  # largest radius around the robot that is searched for costs [cells]
+WIDEST_REACH = 40  # largest radius around the robot that is searched for costs [cells]
 
 
 @kernel(error_model="numpy")
@@ -221,20 +224,20 @@ def _surroundings(p: Record, scene: Scene, start: Record) -> int:
     braking_x = start.vx * start.vx / (2 * p.acc_lim_x)
     braking_y = start.vy * start.vy / (2 * p.acc_lim_y)
     reach = (braking_x + braking_y + _farthest(scene.footprint)) / scene.resolution
-    if not reach < WIDEST:
+    if not reach < WIDEST_REACH:
         return NO_CEILING
     # One cell for the part that int() cuts off, one because the robot is anywhere in its cell.
-    side = int(reach) + 2
+    half_width = int(reach) + 2
     cell_x, cell_y = world_to_map(
         start.x, start.y, scene.ox, scene.oy, scene.resolution, columns, rows
     )
-    if min(cell_x, cell_y, columns - 1 - cell_x, rows - 1 - cell_y) < side:
+    if min(cell_x, cell_y, columns - 1 - cell_x, rows - 1 - cell_y) < half_width:
         return NO_CEILING
-    highest = np.uint8(0)
-    for row in range(cell_y - side, cell_y + side + 1):
-        for column in range(cell_x - side, cell_x + side + 1):
-            highest = max(highest, scene.cells[row, column])
-    return int(highest) if highest < LETHAL else NO_CEILING
+    highest_cost = np.uint8(0)
+    for row in range(cell_y - half_width, cell_y + half_width + 1):
+        for column in range(cell_x - half_width, cell_x + half_width + 1):
+            highest_cost = max(highest_cost, scene.cells[row, column])
+    return int(highest_cost) if highest_cost < LETHAL else NO_CEILING
 
 
 class Winner(NamedTuple):
@@ -269,36 +272,42 @@ def find_best_path(
     take_start(start, pose, velocity)
     prepare(grids, scene, start.x, start.y, start.theta)
     window = velocity_window(p, scene.plan, start)
-    vs = scratch.vs[: p.vx_samples]
-    ws = scratch.ws[: p.vtheta_samples]
-    fill_evenly(window.min_vx, window.max_vx, vs)
-    dw = fill_evenly(window.min_w, window.max_w, ws)
-    if ws.shape[0] == 1:
+    speeds = scratch.vs[: p.vx_samples]
+    turn_rates = scratch.ws[: p.vtheta_samples]
+    fill_evenly(window.min_vx, window.max_vx, speeds)
+    turn_rate_step = fill_evenly(window.min_w, window.max_w, turn_rates)
+    if turn_rates.shape[0] == 1:
         # C++ divides by zero here. A single turn passes its test only if the window is inverted.
-        dw = -np.inf if window.max_w < window.min_w else np.inf
+        turn_rate_step = -np.inf if window.max_w < window.min_w else np.inf
 
     # Forward samples, except during an escape, then turns in place
-    best = Best(HUGE, 0.0, 0.0, 0)
+    best_sample = Best(HUGE, 0.0, 0.0, 0)
     obstacle_cost = first_pose(p, scene, grids, start)
     if obstacle_cost >= 0:
         if not state[0].escaping:
-            best = best_forward(p, scene, grids, scratch, start, vs, ws, obstacle_cost)
-        best = best_in_place(p, state[0], scene, grids, start, ws, dw, obstacle_cost, best)
+            best_sample = best_forward(
+                p, scene, grids, scratch, start, speeds, turn_rates, obstacle_cost
+            )
+        best_sample = best_in_place(
+            p, state[0], scene, grids, start, turn_rates, turn_rate_step, obstacle_cost, best_sample
+        )
 
     # If nothing is legal, the robot backs out, even into an obstacle.
-    is_legal = best.point_count > 0
+    is_legal = best_sample.point_count > 0
     if not is_legal:
-        back = Velocity(p.escape_vel, 0.0, 0.0)
-        escape = score_below(p, scene, grids, start, back, NO_CEILING, 0.0, np.inf)
-        best = Best(escape.cost, back.vx, 0.0, escape.point_count)
-    remember(p, state[0], start, best.cost, best.vx, best.w, is_legal)
-    cost = best.cost
+        escape_velocity = Velocity(p.escape_vel, 0.0, 0.0)
+        escape_score = score_below(p, scene, grids, start, escape_velocity, NO_CEILING, 0.0, np.inf)
+        best_sample = Best(escape_score.cost, escape_velocity.vx, 0.0, escape_score.point_count)
+    remember(p, state[0], start, best_sample.cost, best_sample.vx, best_sample.w, is_legal)
+    cost = best_sample.cost
     if cost == COLLISION:
         cost = 1.0
     if cost < 0:
-        return Winner(cost, best.vx, best.w, best.point_count, 0.0, 0.0)
-    command_w = through_quaternion(best.w)
-    return Winner(cost, best.vx, best.w, best.point_count, best.vx, command_w)
+        return Winner(cost, best_sample.vx, best_sample.w, best_sample.point_count, 0.0, 0.0)
+    command_w = through_quaternion(best_sample.w)
+    return Winner(
+        cost, best_sample.vx, best_sample.w, best_sample.point_count, best_sample.vx, command_w
+    )
 
 
 class Window(NamedTuple):
@@ -318,9 +327,9 @@ def velocity_window(p: Record, plan: Data, start: Record) -> Window:
     """
     max_vx = p.max_vel_x
     if plan.shape[0] > 0:
-        last = plan.shape[0] - 1
-        end_x = plan[last, 0]
-        end_y = plan[last, 1]
+        last_point = plan.shape[0] - 1
+        end_x = plan[last_point, 0]
+        end_y = plan[last_point, 1]
         distance = math.hypot(end_x - start.x, end_y - start.y)
         max_vx = min(max_vx, distance / p.sim_time)
     period = p.sim_period if p.dwa else p.sim_time
@@ -371,12 +380,12 @@ def first_pose(p: Record, scene: Scene, grids: Grids, start: Record) -> int:
         return int(COLLISION)
     if not p.simple_attractor and not p.heading_scoring:
         # Values of the grids; with the second as its limit, a flood goes as far as it must.
-        wall = columns * rows
-        unseen = wall + 1
-        index = place(grids.goal, cell_x, cell_y)
-        if settle(grids.goal, index, unseen) >= wall:
+        wall_value = columns * rows
+        unseen_value = wall_value + 1
+        start_index = place(grids.goal, cell_x, cell_y)
+        if settle(grids.goal, start_index, unseen_value) >= wall_value:
             return int(NO_PATH)
-        if settle(grids.path, index, unseen) >= wall:
+        if settle(grids.path, start_index, unseen_value) >= wall_value:
             return int(NO_PATH)
     return max(cost, int(scene.cells[cell_y, cell_x]))
 
@@ -400,8 +409,8 @@ def remember(
             state.rotating_left = 1
         state.prev_x = start.x
         state.prev_y = start.y
-    moved = math.hypot(start.x - state.prev_x, start.y - state.prev_y)
-    if moved > p.oscillation_reset_dist:
+    moved_distance = math.hypot(start.x - state.prev_x, start.y - state.prev_y)
+    if moved_distance > p.oscillation_reset_dist:
         state.stuck_left = state.stuck_right = 0
         state.rotating_left = state.rotating_right = 0
 
@@ -411,7 +420,7 @@ def remember(
         state.escape_y = start.y
         state.escape_theta = start.theta
         state.escaping = 1
-    backed = math.hypot(start.x - state.escape_x, start.y - state.escape_y)
+    backed_distance = math.hypot(start.x - state.escape_x, start.y - state.escape_y)
     escape_turn = abs(angle_difference(state.escape_theta, start.theta))
-    if backed > p.escape_reset_dist or escape_turn > p.escape_reset_theta:
+    if backed_distance > p.escape_reset_dist or escape_turn > p.escape_reset_theta:
         state.escaping = 0

@@ -69,9 +69,9 @@ def advance(
     # Without a sideways speed, the terms below would add zeros.
     if vy == 0.0:
         return x + vx * heading.cos * dt, y + vx * heading.sin * dt
-    side = math.pi / 2 + theta
-    dx = (vx * heading.cos + vy * math.cos(side)) * dt
-    dy = (vx * heading.sin + vy * math.sin(side)) * dt
+    side_angle = math.pi / 2 + theta
+    dx = (vx * heading.cos + vy * math.cos(side_angle)) * dt
+    dy = (vx * heading.sin + vy * math.sin(side_angle)) * dt
     return x + dx, y + dy
 
 
@@ -111,12 +111,12 @@ def score_below(
     start: Record,
     sample: Velocity,
     ceiling: int,
-    base: float,
+    base_cost: float,
     bound: float,
 ) -> Score:
     """Score a sample whose trajectory begins at the pose and the velocity of `start`.
 
-    The cost is PRUNED as soon as `base` plus the obstacle term exceeds `bound`.
+    The cost is PRUNED as soon as `base_cost` plus the obstacle term exceeds `bound`.
 
     Args:
         p: record of PARAMETERS.
@@ -126,10 +126,10 @@ def score_below(
         sample: target velocity.
         ceiling: upper bound of the costs under the footprint on its way, which saves tests;
             NO_CEILING if unknown.
-        base: lower bound of the path and goal terms.
+        base_cost: lower bound of the path and goal terms.
         bound: cost above which the sample cannot win.
     """
-    cells, ox, oy, resolution, footprint, _, plan = scene
+    cells, origin_x, origin_y, resolution, footprint, _, plan = scene
     outline = outline_of(scene, footprint)
     # Members of tuples are taken out of the loop, because numba counts references at each access.
     path_grid = grids.path
@@ -137,8 +137,8 @@ def score_below(
     path_distances = path_grid.distance
     goal_distances = goal_grid.distance
     rows, columns = cells.shape
-    wall = columns * rows  # grid value of an obstacle; larger ones are unreached
-    unseen = wall + 1
+    wall_value = columns * rows  # grid value of an obstacle; larger ones are unreached
+    unseen_value = wall_value + 1
 
     steps = step_count(p, sample)
     dt = p.sim_time / steps
@@ -146,11 +146,11 @@ def score_below(
     y = start.y
     theta = start.theta
     velocity = Velocity(start.vx, start.vy, start.w)
-    end_x = end_y = end_theta = time = 0.0
+    end_x = end_y = end_theta = elapsed = 0.0
     obstacle_cost = 0
     path_distance = goal_distance = heading_difference = 0.0
     for i in range(steps):
-        cell_x, cell_y = world_to_map(x, y, ox, oy, resolution, columns, rows)
+        cell_x, cell_y = world_to_map(x, y, origin_x, origin_y, resolution, columns, rows)
         if cell_x < 0:
             return Score(COLLISION, i, end_x, end_y, end_theta)
         heading = heading_of(theta)
@@ -161,7 +161,7 @@ def score_below(
             if cost < 0:
                 return Score(COLLISION, i, end_x, end_y, end_theta)
             obstacle_cost = max(obstacle_cost, cost, int(cells[cell_y, cell_x]))
-            if base + p.occdist_scale * obstacle_cost > bound:
+            if base_cost + p.occdist_scale * obstacle_cost > bound:
                 return Score(PRUNED, i, end_x, end_y, end_theta)
 
         # Path and goal terms: the last values count, but every point has to be reachable. With
@@ -173,16 +173,16 @@ def score_below(
                 goal_distance = dx * dx + dy * dy
         elif (
             not p.heading_scoring
-            or p.heading_scoring_timestep <= time < p.heading_scoring_timestep + dt
+            or p.heading_scoring_timestep <= elapsed < p.heading_scoring_timestep + dt
         ):
-            index = place(path_grid, cell_x, cell_y)
-            goal_steps = int(goal_distances[index])
-            path_steps = int(path_distances[index])
-            if goal_steps == unseen:
-                goal_steps = settle(goal_grid, index, unseen)
-            if path_steps == unseen:
-                path_steps = settle(path_grid, index, unseen)
-            if goal_steps >= wall or path_steps >= wall:
+            grid_index = place(path_grid, cell_x, cell_y)
+            goal_steps = int(goal_distances[grid_index])
+            path_steps = int(path_distances[grid_index])
+            if goal_steps == unseen_value:
+                goal_steps = settle(goal_grid, grid_index, unseen_value)
+            if path_steps == unseen_value:
+                path_steps = settle(path_grid, grid_index, unseen_value)
+            if goal_steps >= wall_value or path_steps >= wall_value:
                 return Score(NO_PATH, i, end_x, end_y, end_theta)
             path_distance = float(path_steps)
             goal_distance = float(goal_steps)
@@ -196,13 +196,13 @@ def score_below(
         velocity = accelerated(p, velocity, sample, dt)
         x, y = advance(x, y, theta, heading, velocity, dt)
         theta = theta + velocity.w * dt
-        time += dt
+        elapsed += dt
 
-    total = terms(p, path_distance, goal_distance) + p.occdist_scale * obstacle_cost
+    total_cost = terms(p, path_distance, goal_distance) + p.occdist_scale * obstacle_cost
     if p.heading_scoring:  # C++ adds the terms in another order here.
-        total = p.occdist_scale * obstacle_cost + p.path_distance_bias * path_distance
-        total = total + 0.3 * heading_difference + goal_distance * p.goal_distance_bias
-    return Score(total, steps, end_x, end_y, end_theta)
+        total_cost = p.occdist_scale * obstacle_cost + p.path_distance_bias * path_distance
+        total_cost = total_cost + 0.3 * heading_difference + goal_distance * p.goal_distance_bias
+    return Score(total_cost, steps, end_x, end_y, end_theta)
 
 
 @kernel
@@ -231,17 +231,19 @@ def _heading_difference(
     The result is HUGE if no point is in sight. A point is in sight if the cells between it and the
     robot's cell cost less than 253 (trajectory_planner.cpp, headingDiff).
     """
-    cells, ox, oy, resolution, _, _, plan = scene
+    cells, origin_x, origin_y, resolution, _, _, plan = scene
     rows, columns = cells.shape
     for i in range(plan.shape[0] - 1, -1, -1):
         plan_x = plan[i, 0]
         plan_y = plan[i, 1]
-        point_x, point_y = world_to_map(plan_x, plan_y, ox, oy, resolution, columns, rows)
+        point_x, point_y = world_to_map(
+            plan_x, plan_y, origin_x, origin_y, resolution, columns, rows
+        )
         if point_x < 0:
             continue
         if not 0 <= line_cost(cells, cell_x, cell_y, point_x, point_y) < INSCRIBED:
             continue
-        centre_x, centre_y = map_to_world(point_x, point_y, ox, oy, resolution)
+        centre_x, centre_y = map_to_world(point_x, point_y, origin_x, origin_y, resolution)
         bearing = math.atan2(centre_y - y, centre_x - x)
         return abs(angle_difference(theta, bearing))
     return HUGE
@@ -252,15 +254,15 @@ POINTS = 12
 
 
 @kernel
-def forward_sample(vs: Data, ws: Data, speed_number: int, turn_number: int) -> Velocity:
-    """Return a forward sample of the speeds `vs` [m/s] and turn rates `ws` [rad/s] of a cycle.
+def forward_sample(speeds: Data, turn_rates: Data, speed_number: int, turn_number: int) -> Velocity:
+    """Return a forward sample of the speeds [m/s] and turn rates [rad/s] of a cycle.
 
-    Turn 0 is straight ahead, turn i has the value i - 1 of `ws`.
+    Turn 0 is straight ahead, turn i has the value i - 1 of `turn_rates`.
     """
     w = 0.0
     if turn_number > 0:
-        w = ws[turn_number - 1]
-    return Velocity(vs[speed_number], 0.0, w)
+        w = turn_rates[turn_number - 1]
+    return Velocity(speeds[speed_number], 0.0, w)
 
 
 @kernel
@@ -277,24 +279,26 @@ def score_all_samples(
     """
     p = params[0]
     start = scratch.start[0]
-    turns = scratch.ws.shape[0] + 1  # Each speed is also tried straight ahead.
-    sample_count = scratch.vs.shape[0] * turns
+    turn_count = scratch.ws.shape[0] + 1  # Each speed is also tried straight ahead.
+    sample_count = scratch.vs.shape[0] * turn_count
     cloud = np.empty((sample_count * POINTS, 4))
-    refused = np.zeros(2, np.int64)
-    n = 0
-    for number in range(sample_count):
-        sample = forward_sample(scratch.vs, scratch.ws, number // turns, number % turns)
-        result = score_below(p, scene, grids, start, sample, NO_CEILING, 0.0, np.inf)
-        if result.cost < 0:
-            refused[0 if result.cost == COLLISION else 1] += 1
+    refused_counts = np.zeros(2, np.int64)
+    shown_count = 0
+    for sample_number in range(sample_count):
+        sample = forward_sample(
+            scratch.vs, scratch.ws, sample_number // turn_count, sample_number % turn_count
+        )
+        sample_score = score_below(p, scene, grids, start, sample, NO_CEILING, 0.0, np.inf)
+        if sample_score.cost < 0:
+            refused_counts[0 if sample_score.cost == COLLISION else 1] += 1
             continue
-        count = result.point_count
-        points = np.empty((count, 3))
+        point_count = sample_score.point_count
+        points = np.empty((point_count, 3))
         roll_out(p, start, sample, points)
         # Counted from the end, which is shown in any case.
-        step = (count + POINTS - 1) // POINTS
-        for i in range((count - 1) % step, count, step):
-            cloud[n, :3] = points[i]
-            cloud[n, 3] = result.cost
-            n += 1
-    return cloud[:n], refused
+        point_step = (point_count + POINTS - 1) // POINTS
+        for i in range((point_count - 1) % point_step, point_count, point_step):
+            cloud[shown_count, :3] = points[i]
+            cloud[shown_count, 3] = sample_score.cost
+            shown_count += 1
+    return cloud[:shown_count], refused_counts
