@@ -48,13 +48,13 @@ def reset(grid: Grid, cells: Data) -> None:
     """
     rows, columns = cells.shape
     distance = grid.distance
-    wall = np.int32(columns * rows)
-    unseen = np.int32(columns * rows + 1)
+    wall_value = np.int32(columns * rows)
+    unseen_value = np.int32(columns * rows + 1)
     for row in range(rows):
         row_start = (row + 1) * (columns + 2) + 1
         for column in range(columns):
             is_wall = cells[row, column] >= INSCRIBED
-            distance[row_start + column] = wall if is_wall else unseen
+            distance[row_start + column] = wall_value if is_wall else unseen_value
     grid.ends[0] = 0
     grid.ends[1] = 0
 
@@ -86,7 +86,7 @@ def start_at_plan(grid: Grid, scene: Any, plan: Data, whole: bool) -> Tuple[int,
     """
     cells = scene.cells
     resolution = scene.resolution
-    last_x = last_y = -1
+    last_cell_x = last_cell_y = -1
     is_usable = True
     for i in range(plan.shape[0]):
         # Steps of at most one resolution from the previous point; the first point is its own.
@@ -95,31 +95,31 @@ def start_at_plan(grid: Grid, scene: Any, plan: Data, whole: bool) -> Tuple[int,
         dx = plan[i, 0] - from_x
         dy = plan[i, 1] - from_y
         squared_length = dx * dx + dy * dy
-        steps = 1
+        step_count = 1
         if squared_length > resolution * resolution:
-            steps = int(math.ceil(math.sqrt(squared_length) / resolution))
-        for step in range(1, steps + 1):
+            step_count = int(math.ceil(math.sqrt(squared_length) / resolution))
+        for step in range(1, step_count + 1):
             # As in C++, the last step is the plan's point itself, without rounding.
             x = plan[i, 0]
             y = plan[i, 1]
-            if step < steps:
-                x = from_x + step * (dx / steps)
-                y = from_y + step * (dy / steps)
+            if step < step_count:
+                x = from_x + step * (dx / step_count)
+                y = from_y + step * (dy / step_count)
             cell_x, cell_y = world_to_map(x, y, scene.ox, scene.oy, resolution, grid.nx, grid.ny)
             if cell_x >= 0 and cells[cell_y, cell_x] != UNKNOWN:
-                last_x = cell_x
-                last_y = cell_y
+                last_cell_x = cell_x
+                last_cell_y = cell_y
                 cell = place(grid, cell_x, cell_y)
                 if whole and grid.distance[cell] != 0:
                     start_at(grid, cell)
-            elif last_x >= 0:
+            elif last_cell_x >= 0:
                 is_usable = False
                 break
         if not is_usable:
             break
-    if last_x >= 0 and not whole:
-        start_at(grid, place(grid, last_x, last_y))
-    return last_x, last_y
+    if last_cell_x >= 0 and not whole:
+        start_at(grid, place(grid, last_cell_x, last_cell_y))
+    return last_cell_x, last_cell_y
 
 
 @kernel
@@ -133,50 +133,50 @@ def settle(grid: Grid, cell: int, limit: int) -> int:
         exceeds `limit` (then ends[0] < ends[1]) or if the complete flood does not reach it.
     """
     distance, queue, ends, columns, rows = grid
-    unseen = columns * rows + 1
+    unseen_value = columns * rows + 1
     # Unsigned indices spare numba the wrap-around of negative ones.
     one = np.uintp(1)
-    width = np.uintp(columns + 2)
-    wanted = np.uintp(cell)
-    head = np.uintp(ends[0])
-    tail = np.uintp(ends[1])
-    while head < tail and distance[wanted] == unseen:
-        nearest = np.uintp(queue[head])
-        value = distance[nearest]
-        if value >= limit:
+    row_step = np.uintp(columns + 2)
+    target_cell = np.uintp(cell)
+    queue_head = np.uintp(ends[0])
+    queue_tail = np.uintp(ends[1])
+    while queue_head < queue_tail and distance[target_cell] == unseen_value:
+        nearest_cell = np.uintp(queue[queue_head])
+        step_count = distance[nearest_cell]
+        if step_count >= limit:
             break
-        head += one
-        value += np.int32(1)
+        queue_head += one
+        step_count += np.int32(1)
         # Unrolled, because a loop over the four neighbours takes longer.
-        if distance[nearest - one] == unseen:
-            distance[nearest - one] = value
-            queue[tail] = nearest - one
-            tail += one
-        if distance[nearest + one] == unseen:
-            distance[nearest + one] = value
-            queue[tail] = nearest + one
-            tail += one
-        if distance[nearest - width] == unseen:
-            distance[nearest - width] = value
-            queue[tail] = nearest - width
-            tail += one
-        if distance[nearest + width] == unseen:
-            distance[nearest + width] = value
-            queue[tail] = nearest + width
-            tail += one
-    ends[0] = head
-    ends[1] = tail
-    return int(distance[wanted])
+        if distance[nearest_cell - one] == unseen_value:
+            distance[nearest_cell - one] = step_count
+            queue[queue_tail] = nearest_cell - one
+            queue_tail += one
+        if distance[nearest_cell + one] == unseen_value:
+            distance[nearest_cell + one] = step_count
+            queue[queue_tail] = nearest_cell + one
+            queue_tail += one
+        if distance[nearest_cell - row_step] == unseen_value:
+            distance[nearest_cell - row_step] = step_count
+            queue[queue_tail] = nearest_cell - row_step
+            queue_tail += one
+        if distance[nearest_cell + row_step] == unseen_value:
+            distance[nearest_cell + row_step] = step_count
+            queue[queue_tail] = nearest_cell + row_step
+            queue_tail += one
+    ends[0] = queue_head
+    ends[1] = queue_tail
+    return int(distance[target_cell])
 
 
 @kernel
 def at_least(grid: Grid, cell: int, limit: int) -> int:
     """Return the value of `cell` (N for a wall), or limit + 1 if it is further than `limit`."""
-    value = settle(grid, cell, limit)
+    cell_value = settle(grid, cell, limit)
     # An unseen cell of a complete flood keeps its N + 1.
-    if value > grid.nx * grid.ny and grid.ends[0] < grid.ends[1]:
+    if cell_value > grid.nx * grid.ny and grid.ends[0] < grid.ends[1]:
         return limit + 1
-    return value
+    return cell_value
 
 
 @kernel
@@ -185,16 +185,16 @@ def final_distance(grid: Grid, cell: int) -> int:
 
     It is the distance, N for a wall touched by the flood, or N + 1 if the flood never reaches it.
     """
-    count = grid.nx * grid.ny
-    width = grid.nx + 2
-    value = settle(grid, cell, count + 1)
-    if value == count:
+    wall_value = grid.nx * grid.ny
+    row_step = grid.nx + 2
+    cell_value = settle(grid, cell, wall_value + 1)
+    if cell_value == wall_value:
         # The flood touches a wall only if it reaches a neighbour of the wall.
-        for neighbour in (cell - 1, cell + 1, cell - width, cell + width):
-            if settle(grid, neighbour, count + 1) < count:
+        for neighbour in (cell - 1, cell + 1, cell - row_step, cell + row_step):
+            if settle(grid, neighbour, wall_value + 1) < wall_value:
                 break
-        value = _final_value(grid.distance, cell, width, count)
-    return value
+        cell_value = _final_value(grid.distance, cell, row_step, wall_value)
+    return cell_value
 
 
 @kernel
@@ -204,24 +204,24 @@ def complete(grid: Grid) -> Data:
     Walls that the flood touched are N. Cells and walls that it never reached are N + 1.
     """
     distance, _, _, columns, rows = grid
-    count = columns * rows
+    wall_value = columns * rows
     # The extra cell is never reached.
-    settle(grid, distance.shape[0] - 1, count + 1)
+    settle(grid, distance.shape[0] - 1, wall_value + 1)
     values = np.empty((rows, columns), np.int32)
     for row in range(rows):
         for column in range(columns):
             cell = place(grid, column, row)
-            values[row, column] = _final_value(distance, cell, columns + 2, count)
+            values[row, column] = _final_value(distance, cell, columns + 2, wall_value)
     return values
 
 
 @kernel
-def _final_value(distance: Data, cell: int, width: int, count: int) -> int:
+def _final_value(distance: Data, cell: int, row_step: int, wall_value: int) -> int:
     """Return the C++ value of a cell after the cell and its four neighbours are settled."""
-    value = int(distance[cell])
-    if value != count:
-        return value
-    for neighbour in (cell - 1, cell + 1, cell - width, cell + width):
-        if distance[neighbour] < count:
-            return value
-    return count + 1
+    cell_value = int(distance[cell])
+    if cell_value != wall_value:
+        return cell_value
+    for neighbour in (cell - 1, cell + 1, cell - row_step, cell + row_step):
+        if distance[neighbour] < wall_value:
+            return cell_value
+    return wall_value + 1

@@ -77,24 +77,32 @@ def reachable_near(
     if tolerance < step:
         step = np.float32(tolerance)
     diagonal = math.hypot(*costmap.size) * costmap.resolution
-    furthest = min(tolerance, diagonal + math.dist(goal[:2], costmap.origin))
+    map_limit = diagonal + math.dist(goal[:2], costmap.origin)
+    limit = min(tolerance, map_limit)
     # Two steps more than fit: the quotient is cut off, and float32 sums may stay below the product.
-    count = int(min(furthest / step + 2, MOST_STEPS))
-    distances = np.cumsum(np.full(count, step), dtype=np.float32)
-    distances = distances[distances <= furthest].astype(np.float64)
+    step_count = int(min(limit / step + 2, MOST_STEPS))
+    distances = np.cumsum(np.full(step_count, step), dtype=np.float32)
+    distances = distances[distances <= limit].astype(np.float64)
 
-    x = _on_map(goal, distances, costmap, axis=0)
-    y = _on_map(goal, distances, costmap, axis=1)
-    reached = _reachable(costmap.cells, start_x, start_y, allow_unknown)
-    rows, columns = np.nonzero(reached[np.ix_(y.cells, x.cells)])
+    x_candidates = _on_map(goal, distances, costmap, axis=0)
+    y_candidates = _on_map(goal, distances, costmap, axis=1)
+    is_reached = _reachable(costmap.cells, start_x, start_y, allow_unknown)
+    candidate_cells = np.ix_(y_candidates.cells, x_candidates.cells)
+    y_indices, x_indices = np.nonzero(is_reached[candidate_cells])
+    x_squares = x_candidates.squares[x_indices]
+    y_squares = y_candidates.squares[y_indices]
+    x_signs = x_candidates.signs[x_indices]
+    y_signs = y_candidates.signs[y_indices]
 
     # C++ tries square by square. Within one, y is the outer loop, and the coordinate below the goal
-    # comes before the one above. Square 0 is the goal itself, which has been tried already.
-    squares = np.maximum(y.squares[rows], x.squares[columns])
-    keys = (squares, y.squares[rows], x.squares[columns], y.signs[rows], x.signs[columns])
-    order = np.lexsort(keys[::-1])  # The primary key of lexsort is its last one.
+    # comes before the one above. The primary key of lexsort is its last one.
+    squares = np.maximum(y_squares, x_squares)
+    order = np.lexsort((x_signs, y_signs, x_squares, y_squares, squares))
+    # Square 0 is the goal itself, which has been tried already.
     order = order[squares[order] > 0]
-    return np.stack([x.values[columns[order]], y.values[rows[order]]], axis=1)
+    x = x_candidates.values[x_indices[order]]
+    y = y_candidates.values[y_indices[order]]
+    return np.stack([x, y], axis=1)
 
 
 def _on_map(goal: Sequence[float], distances: np.ndarray, costmap: Any, axis: int) -> _Coordinates:
@@ -110,11 +118,11 @@ def _on_map(goal: Sequence[float], distances: np.ndarray, costmap: Any, axis: in
     squares = np.concatenate([numbers, [0], numbers])
     signs = np.repeat([-1.0, 1.0], [len(below), 1 + len(above)])
 
-    low = costmap.origin[axis]
-    high = low + costmap.size[axis] * costmap.resolution
-    is_on_map = (values >= low) & (values < high)
+    map_start = costmap.origin[axis]
+    map_end = map_start + costmap.size[axis] * costmap.resolution
+    is_on_map = (values >= map_start) & (values < map_end)
     values = values[is_on_map]
-    cells = ((values - low) / costmap.resolution).astype(np.int64)
+    cells = ((values - map_start) / costmap.resolution).astype(np.int64)
     # Rounding may put a coordinate just below the end into the cell after the last.
     cells = np.minimum(cells, costmap.size[axis] - 1)
     return _Coordinates(values, cells, squares[is_on_map], signs[is_on_map])
@@ -127,23 +135,23 @@ def _reachable(cells: Data, start_x: int, start_y: int, allow_unknown: bool) -> 
     As in navfn, the map's border is closed.
     """
     rows, columns = cells.shape
-    reached = np.zeros((rows, columns), np.bool_)
+    is_reached = np.zeros((rows, columns), np.bool_)
     stack = np.empty(columns * rows, np.int64)
-    reached[start_y, start_x] = True
+    is_reached[start_y, start_x] = True
     stack[0] = start_y * columns + start_x
-    count = 1
-    while count > 0:
-        count -= 1
-        cell = stack[count]
+    stack_size = 1
+    while stack_size > 0:
+        stack_size -= 1
+        cell = stack[stack_size]
         for neighbour in (cell - 1, cell + 1, cell - columns, cell + columns):
             row = neighbour // columns
             column = neighbour % columns
             is_inside = 0 < column < columns - 1 and 0 < row < rows - 1
-            if not is_inside or reached[row, column]:
+            if not is_inside or is_reached[row, column]:
                 continue
             cost = cells[row, column]
             if cost < INSCRIBED or (allow_unknown and cost == UNKNOWN):
-                reached[row, column] = True
-                stack[count] = neighbour
-                count += 1
-    return reached
+                is_reached[row, column] = True
+                stack[stack_size] = neighbour
+                stack_size += 1
+    return is_reached

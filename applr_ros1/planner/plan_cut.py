@@ -51,44 +51,45 @@ def cut_plan(
             frames are the same.
     """
     if local_origin is None:
-        first, end = within(plan, x, y, limit)
-        cut = plan[first:end]
+        first_point, end_point = within(plan, x, y, limit)
+        plan_part = plan[first_point:end_point]
     else:
         plan_x, plan_y = transform_point(local_origin, x, y)
-        first, end = within(plan, plan_x, plan_y, limit)
-        cut = transformed(plan[first:end], inverse(local_origin))
-    dropped = 0
+        first_point, end_point = within(plan, plan_x, plan_y, limit)
+        plan_part = transformed(plan[first_point:end_point], inverse(local_origin))
+    dropped_count = 0
     if prune:
-        dropped = leading_far(cut, x, y)
-    return cut[dropped:].copy(), dropped
+        dropped_count = leading_far(plan_part, x, y)
+    return plan_part[dropped_count:].copy(), dropped_count
 
 
 @kernel
 def within(plan: Data, x: float, y: float, limit: float) -> Tuple[int, int]:
-    """Return (first, end) of the part of the plan from the first point within `limit` [m].
+    """Return (first_point, end_point) of the part of the plan near x, y.
 
-    plan[first:end] ends with the first point beyond the limit that follows.
+    The part begins with the first point within `limit` [m] and ends with the first later point
+    beyond the limit: plan[first_point:end_point].
     """
-    count = plan.shape[0]
+    point_count = plan.shape[0]
     squared_limit = limit * limit
-    first = 0
-    while first < count and _squared_distance(plan, first, x, y) > squared_limit:
-        first += 1
-    end = first
-    while end < count:
-        end += 1
-        if _squared_distance(plan, end - 1, x, y) > squared_limit:
+    first_point = 0
+    while first_point < point_count and _squared_distance(plan, first_point, x, y) > squared_limit:
+        first_point += 1
+    end_point = first_point
+    while end_point < point_count:
+        end_point += 1
+        if _squared_distance(plan, end_point - 1, x, y) > squared_limit:
             break
-    return first, end
+    return first_point, end_point
 
 
 @kernel
 def leading_far(plan: Data, x: float, y: float) -> int:
     """Count the leading points at a distance of at least NEAR."""
-    count = 0
-    while count < plan.shape[0] and _squared_distance(plan, count, x, y) >= NEAR * NEAR:
-        count += 1
-    return count
+    far_count = 0
+    while far_count < plan.shape[0] and _squared_distance(plan, far_count, x, y) >= NEAR * NEAR:
+        far_count += 1
+    return far_count
 
 
 @kernel
@@ -103,14 +104,14 @@ def transformed(poses: np.ndarray, local_origin: Optional[Pose]) -> np.ndarray:
 
     Angles pass through quaternions, as in tf.
     """
-    moved = poses.copy()
-    x, y, yaw = moved.T  # views, which are changed in place
+    moved_poses = poses.copy()
+    x, y, yaw = moved_poses.T  # views, which are changed in place
     turn = 0.0
     if local_origin is not None:
         x[:], y[:] = transform_point(local_origin, x, y)
         turn = local_origin[2]
     _through_matrix(yaw, turn)
-    return moved
+    return moved_poses
 
 
 @kernel

@@ -39,30 +39,30 @@ def around(extent: np.ndarray, robot: int, goal: int, columns: int, rows: int) -
         columns: columns of the map.
         rows: rows of the map.
     """
-    left, bottom, right, top = extent.tolist()
+    first_column, first_row, last_column, last_row = extent.tolist()
     for cell in (robot, goal):
         row, column = divmod(cell, columns)
-        left = min(left, column)
-        right = max(right, column)
-        bottom = min(bottom, row)
-        top = max(top, row)
-    left = max(0, left - MARGIN)
-    bottom = max(0, bottom - MARGIN)
-    right = min(columns - 1, right + MARGIN)
-    top = min(rows - 1, top + MARGIN)
-    if (right - left) * (top - bottom) >= LARGEST * columns * rows:
+        first_column = min(first_column, column)
+        last_column = max(last_column, column)
+        first_row = min(first_row, row)
+        last_row = max(last_row, row)
+    first_column = max(0, first_column - MARGIN)
+    first_row = max(0, first_row - MARGIN)
+    last_column = min(columns - 1, last_column + MARGIN)
+    last_row = min(rows - 1, last_row + MARGIN)
+    if (last_column - first_column) * (last_row - first_row) >= LARGEST * columns * rows:
         return None
-    return left, bottom, right, top
+    return first_column, first_row, last_column, last_row
 
 
 @kernel
 def set_fence(field: Data, costs: Data, columns: int, fence: Window, closed: bool) -> None:
     """Make the fence's cells obstacles if `closed`, otherwise restore their weights from costs."""
-    left, bottom, right, top = fence
-    for row in range(bottom, top + 1):
+    first_column, first_row, last_column, last_row = fence
+    for row in range(first_row, last_row + 1):
         # All cells of the first and last row, only both ends of the others.
-        step = 1 if row in (bottom, top) else right - left
-        for column in range(left, right + 1, step):
+        column_step = 1 if row in (first_row, last_row) else last_column - first_column
+        for column in range(first_column, last_column + 1, column_step):
             cell = row * columns + column
             weight = np.float32(np.inf)
             if not closed:
@@ -76,16 +76,16 @@ def keeps_inside(path: Data, count: int, columns: int, rows: int, fence: Window)
 
     Sides of the fence on the map's border do not count, because nothing lies beyond them.
     """
-    left, bottom, right, top = fence
+    first_column, first_row, last_column, last_row = fence
     for point in range(count):
         x = path[point, 0]
         y = path[point, 1]
-        if left > 0 and x < left + INNER:
+        if first_column > 0 and x < first_column + INNER:
             return False
-        if bottom > 0 and y < bottom + INNER:
+        if first_row > 0 and y < first_row + INNER:
             return False
-        if right < columns - 1 and x > right - INNER:
+        if last_column < columns - 1 and x > last_column - INNER:
             return False
-        if top < rows - 1 and y > top - INNER:
+        if last_row < rows - 1 and y > last_row - INNER:
             return False
     return True
