@@ -68,19 +68,19 @@ def tables(reach: int) -> Tuple[np.ndarray, Tuple[float, ...]]:
     distances: distance [cells] by level, SEED first.
     """
     side = 2 * reach + 1
-    axis = np.arange(-reach - 1, reach + 2, dtype=np.float64)
-    distance = np.hypot(axis[:, None], axis[None, :])
+    offsets = np.arange(-reach - 1, reach + 2, dtype=np.float64)
+    distance = np.hypot(offsets[:, None], offsets[None, :])
     distances = np.unique(distance[distance <= reach])
     level = np.where(distance <= reach, np.searchsorted(distances, distance) + SEED, 0)
     step_level = np.zeros((side, side, 4), np.uint8)
-    inner = slice(1, side + 1)
+    inner_cells = slice(1, side + 1)
     # One more cell on each side lets a step from the edge of the table end in the arrays.
     for direction, (dx, dy) in enumerate(DIRECTIONS):
         rows_ahead = slice(1 + dy, side + 1 + dy)
         columns_ahead = slice(1 + dx, side + 1 + dx)
-        ahead = (rows_ahead, columns_ahead)
-        is_further = distance[ahead] > distance[inner, inner]
-        step_level[:, :, direction] = np.where(is_further, level[ahead], 0)
+        cells_ahead = (rows_ahead, columns_ahead)
+        is_further = distance[cells_ahead] > distance[inner_cells, inner_cells]
+        step_level[:, :, direction] = np.where(is_further, level[cells_ahead], 0)
     return step_level.reshape(-1), tuple(distances.tolist())
 
 
@@ -100,25 +100,25 @@ def seed_changes(base: Data, level: Data, rect: Window, around: Window, changed:
     count = 0
     for row in range(bottom, top):
         # Columns in which this row may have seeds: none above and below `rect`.
-        begin = right
-        end = right
+        first_column = right
+        end_column = right
         if rect_bottom <= row < rect_top:
-            begin = rect_left
-            end = rect_right
+            first_column = rect_left
+            end_column = rect_right
 
         # Most rows are unchanged. This test has no branches and compiles to vector instructions.
-        differs = np.uint8(0)
-        levels = level[row + 1, begin + 1 : end + 1]
-        values = base[row, begin:end]
-        for index in range(values.shape[0]):
-            differs |= np.uint8((values[index] == LETHAL) != (levels[index] == SEED))
-        differs |= _any_seed(level[row + 1, left + 1 : begin + 1])
-        differs |= _any_seed(level[row + 1, end + 1 : right + 1])
-        if differs == 0:
+        row_differs = np.uint8(0)
+        levels = level[row + 1, first_column + 1 : end_column + 1]
+        base_row = base[row, first_column:end_column]
+        for index in range(base_row.shape[0]):
+            row_differs |= np.uint8((base_row[index] == LETHAL) != (levels[index] == SEED))
+        row_differs |= _any_seed(level[row + 1, left + 1 : first_column + 1])
+        row_differs |= _any_seed(level[row + 1, end_column + 1 : right + 1])
+        if row_differs == 0:
             continue
 
         for column in range(left, right):
-            is_seed = begin <= column < end and base[row, column] == LETHAL
+            is_seed = first_column <= column < end_column and base[row, column] == LETHAL
             if is_seed != (level[row + 1, column + 1] == SEED):
                 if count == changed.shape[0]:
                     return -1
@@ -178,7 +178,7 @@ def rebuild(seeds: Data, count: int, spread: Spread, queue: Data) -> bool:
     centre = reach * side + reach
     queue[FIRST, :256] = -1
     queued = 0
-    room = queue.shape[1] - 4  # A cell has at most four entries to append.
+    queue_room = queue.shape[1] - 4  # A cell has at most four entries to append.
 
     # All seeds are set before the first neighbour is enqueued, so that no seed enters the queue.
     for index in range(count):
@@ -187,20 +187,20 @@ def rebuild(seeds: Data, count: int, spread: Spread, queue: Data) -> bool:
         link[cell] = centre
         cost[cell] = level_cost[SEED]
     for index in range(count):
-        if queued > room:
+        if queued > queue_room:
             return False
         queued = _enqueue_around(queue, queued, level, step_level, steps, seeds[index], centre)
 
     # The first entry that leads to a cell decides its source, later ones are skipped.
     for next_level in range(SEED + 1, NONE):
-        number = queue[FIRST, next_level]
-        while number >= 0:
-            cell = queue[ENTRY, number] >> 2
-            direction = queue[ENTRY, number] & 3
-            number = queue[NEXT, number]
+        entry_number = queue[FIRST, next_level]
+        while entry_number >= 0:
+            cell = queue[ENTRY, entry_number] >> 2
+            direction = queue[ENTRY, entry_number] & 3
+            entry_number = queue[NEXT, entry_number]
             if level[cell] != NONE:
                 continue
-            if queued > room:
+            if queued > queue_room:
                 return False
             code = (link[cell - steps[direction]] & CODE) + code_steps[direction]
             level[cell] = next_level
@@ -280,20 +280,20 @@ def repair(changed: Data, count: int, spread: Spread, queue: Data, lost: Data) -
     queued = 0
     # Each step below appends at most as many entries as these margins leave. A subtree lies within
     # the reach of its seed.
-    room = queue.shape[1] - 8
+    queue_room = queue.shape[1] - 8
     lost_count = 0
     lost_room = lost.shape[0] - 4 * side * side
 
     # A cell that becomes or ceases to be a seed loses its source, and so do all cells behind it.
     for index in range(count):
         cell = changed[index]
-        begins = level[cell] != SEED
+        becomes_seed = level[cell] != SEED
         if level[cell] != NONE:
             if lost_count > lost_room:
                 return False
             lost_count = _remove_subtree(level, link, cost, steps, cell, lost, lost_count)
-        if begins:
-            if queued > room:
+        if becomes_seed:
+            if queued > queue_room:
                 return False
             level[cell] = SEED
             link[cell] = centre
@@ -309,33 +309,33 @@ def repair(changed: Data, count: int, spread: Spread, queue: Data, lost: Data) -
             next_lost += 1
             if level[cell] != NONE:
                 continue
-            if queued > room:
+            if queued > queue_room:
                 return False
             for direction in range(4):
-                previous = cell - steps[direction]
-                if level[previous] == WALL or level[previous] == NONE:
+                previous_cell = cell - steps[direction]
+                if level[previous_cell] == WALL or level[previous_cell] == NONE:
                     continue
-                reached = step_level[4 * (link[previous] & CODE) + direction]
-                if reached != 0:
-                    next_level = min(next_level, reached)
-                    queued = _enqueue(queue, queued, 4 * cell + direction, reached)
+                reached_level = step_level[4 * (link[previous_cell] & CODE) + direction]
+                if reached_level != 0:
+                    next_level = min(next_level, reached_level)
+                    queued = _enqueue(queue, queued, 4 * cell + direction, reached_level)
 
         # Take the first entry of the lowest level.
         while next_level < NONE and queue[FIRST, next_level] < 0:
             next_level += 1
         if next_level == NONE:
             return True
-        number = queue[FIRST, next_level]
-        queue[FIRST, next_level] = queue[NEXT, number]
-        cell = queue[ENTRY, number] >> 2
-        direction = queue[ENTRY, number] & 3
+        entry_number = queue[FIRST, next_level]
+        queue[FIRST, next_level] = queue[NEXT, entry_number]
+        cell = queue[ENTRY, entry_number] >> 2
+        direction = queue[ENTRY, entry_number] & 3
 
         # Skip the entry if the cell has a nearer source, or if the entry is outdated because the
         # cell from which it leads has lost its source or has been evaluated again.
-        previous = cell - steps[direction]
-        if level[cell] < next_level or level[previous] == WALL or level[previous] == NONE:
+        previous_cell = cell - steps[direction]
+        if level[cell] < next_level or level[previous_cell] == WALL or level[previous_cell] == NONE:
             continue
-        code = link[previous] & CODE
+        code = link[previous_cell] & CODE
         if step_level[4 * code + direction] != next_level:
             continue
 
@@ -345,13 +345,13 @@ def repair(changed: Data, count: int, spread: Spread, queue: Data, lost: Data) -
                 other_direction = link[cell] >> DIRECTION_BIT
                 other_cell = cell - steps[other_direction]
                 if other_direction == direction or not _is_earlier(
-                    level, link, steps, previous, direction, other_cell, other_direction
+                    level, link, steps, previous_cell, direction, other_cell, other_direction
                 ):
                     continue
             if lost_count > lost_room:
                 return False
             lost_count = _remove_subtree(level, link, cost, steps, cell, lost, lost_count)
-        if queued > room:
+        if queued > queue_room:
             return False
         code += code_steps[direction]
         level[cell] = next_level

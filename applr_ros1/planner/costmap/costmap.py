@@ -138,12 +138,12 @@ class Costmap:
     def _make_layer(self, description: LayerDescription) -> Layer:
         """Return the layer that a description asks for, of the size of the map."""
         columns, rows = self.size
-        name = description.name
+        layer_name = description.name
         parameters = description.parameters
         if isinstance(parameters, InflationParameters):
-            return InflationLayer(columns, rows, self.resolution, parameters, name)
+            return InflationLayer(columns, rows, self.resolution, parameters, layer_name)
         if isinstance(parameters, StaticParameters):
-            layer = StaticLayer(self.rolling, parameters, name)
+            layer = StaticLayer(self.rolling, parameters, layer_name)
             layer.match_size(columns, rows, self.resolution, self.origin)
             return layer
         return ObstacleLayer(
@@ -155,7 +155,7 @@ class Costmap:
             self.default if description.default is None else description.default,
             parameters,
             description.sources,
-            name,
+            layer_name,
         )
 
     def resize(
@@ -295,41 +295,43 @@ class Costmap:
 
         # Inflation reads obstacles outside the window, and writes beyond them.
         margin = 2 * sum(layer.reach for layer in self.inflation_layers)
-        written = (
+        written_window = (
             max(0, left - margin),
             max(0, bottom - margin),
             min(columns, right + margin),
             min(rows, top + margin),
         )
-        around = slice(written[1], written[3]), slice(written[0], written[2])
+        written_rows = slice(written_window[1], written_window[3])
+        written_columns = slice(written_window[0], written_window[2])
+        written_cells = (written_rows, written_columns)
         # As in C++, the layers start from the default value inside the window. Outside, the master
         # keeps its costs, which inflation may raise and never lowers.
         grid = self._base
-        grid[around] = self.cells[around]
+        grid[written_cells] = self.cells[written_cells]
         grid[bottom:top, left:right] = self.default
 
         top_layer = self.layers[-1] if self.layers else None
-        changed = None
+        changed_window = None
         for layer in self.layers:
             if not isinstance(layer, InflationLayer):
                 if layer.parameters.enabled:
                     layer.write(grid, window, pose, self.footprint)
             elif layer is top_layer:
-                changed = layer.update(self.cells, grid, window)
+                changed_window = layer.update(self.cells, grid, window)
             else:
                 # The layers above write over the inflated costs.
-                inflated = grid.copy()
-                layer.update(inflated, grid, window)
-                grid = inflated
+                inflated_cells = grid.copy()
+                layer.update(inflated_cells, grid, window)
+                grid = inflated_cells
 
         # Only an inflation layer on top has written the master itself.
         if top_layer not in self.inflation_layers:
-            is_equal = np.array_equal(self.cells[around], grid[around])
+            is_equal = np.array_equal(self.cells[written_cells], grid[written_cells])
             if not is_equal:
-                self.cells[around] = grid[around]
-                changed = written
-        if changed is not None:
-            self._changed(changed)
+                self.cells[written_cells] = grid[written_cells]
+                changed_window = written_window
+        if changed_window is not None:
+            self._changed(changed_window)
 
     def snapshot(self) -> Tuple[np.ndarray, ...]:
         """Return copies of the origin, the master and the grids of obstacle layers, to restore."""
@@ -393,11 +395,11 @@ class Costmap:
         # The version is too old, or that of another costmap.
         if version < self.version - len(self._changes) or version > self.version:
             return self._whole
-        first, *later = list(self._changes)[version - self.version :]
-        changed = first
-        for window in later:
-            changed = union(changed, window)
-        return changed
+        first_window, *later_windows = list(self._changes)[version - self.version :]
+        changed_window = first_window
+        for window in later_windows:
+            changed_window = union(changed_window, window)
+        return changed_window
 
     def _changed(self, window: Window) -> None:
         self.version += 1

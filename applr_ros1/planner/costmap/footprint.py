@@ -47,18 +47,18 @@ def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray
         f"footprint is {text!r:.60}: give at least three points in metres, [[x, y], [x, y], ...]"
     )
     # A string is split by its form alone. Nothing in a parameter file is evaluated.
-    value = text
+    point_list = text
     if isinstance(text, str):
-        listed = re.fullmatch(r"\s*(?:\[((?:[\s,]*\[[^][]*\])*)[\s,]*\]\s*)?", text)
-        if listed is None:
+        list_match = re.fullmatch(r"\s*(?:\[((?:[\s,]*\[[^][]*\])*)[\s,]*\]\s*)?", text)
+        if list_match is None:
             raise problem
-        points_text = re.findall(r"\[([^]]*)\]", listed[1] or "")
-        value = [re.findall(r"[^\s,'\"]+", point) for point in points_text]
+        point_texts = re.findall(r"\[([^]]*)\]", list_match[1] or "")
+        point_list = [re.findall(r"[^\s,'\"]+", point) for point in point_texts]
 
     # C++ prints the parameter with "%g" and reads it into float32.
     try:
-        rounded = [[float("%g" % float(number)) for number in point] for point in value]
-        points = np.array(rounded, dtype=np.float32)
+        rounded_points = [[float("%g" % float(number)) for number in point] for point in point_list]
+        points = np.array(rounded_points, dtype=np.float32)
     except (TypeError, ValueError, OverflowError):
         raise problem from None
 
@@ -146,9 +146,9 @@ def radii(vertices: np.ndarray) -> Tuple[float, float]:
         return inscribed, circumscribed
     for i, (start_x, start_y) in enumerate(corners):
         end_x, end_y = corners[(i + 1) % len(corners)]
-        to_vertex = float(np.hypot(start_x, start_y))
-        to_edge = _distance_to_edge(start_x, start_y, end_x, end_y)
-        for distance in (to_vertex, to_edge):
+        vertex_distance = float(np.hypot(start_x, start_y))
+        edge_distance = _distance_to_edge(start_x, start_y, end_x, end_y)
+        for distance in (vertex_distance, edge_distance):
             # In this order of the arguments, min and max ignore the NaN of an edge of length zero.
             inscribed = min(inscribed, distance)
             circumscribed = max(circumscribed, distance)
@@ -171,8 +171,8 @@ def footprint_cost(
         return OFF_MAP
 
     # Without an area, the robot is its centre.
-    count = vertices.shape[0]
-    if count < 3:
+    vertex_count = vertices.shape[0]
+    if vertex_count < 3:
         cost = int(cells[centre_y, centre_x])
         if cost == UNKNOWN:
             return ON_UNKNOWN
@@ -183,9 +183,9 @@ def footprint_cost(
     # Edges are walked in the order of C++, because the first illegal one decides the code.
     cos_yaw = math.cos(yaw)
     sin_yaw = math.sin(yaw)
-    start_x = start_y = largest = 0
-    for corner in range(count + 1):
-        vertex_x, vertex_y = vertex_at(vertices, corner % count, x, y, cos_yaw, sin_yaw)
+    start_x = start_y = largest_cost = 0
+    for corner in range(vertex_count + 1):
+        vertex_x, vertex_y = vertex_at(vertices, corner % vertex_count, x, y, cos_yaw, sin_yaw)
         end_x, end_y = world_to_map(
             vertex_x, vertex_y, origin_x, origin_y, resolution, columns, rows
         )
@@ -195,10 +195,10 @@ def footprint_cost(
             cost = line_cost(cells, start_x, start_y, end_x, end_y)
             if cost < 0:
                 return float(cost)
-            largest = max(largest, cost)
+            largest_cost = max(largest_cost, cost)
         start_x = end_x
         start_y = end_y
-    return float(largest)
+    return float(largest_cost)
 
 
 @kernel
@@ -211,14 +211,14 @@ def line_cost(cells: Data, x0: int, y0: int, x1: int, y1: int) -> int:
     counter = line.major // 2
     cell_x = x0
     cell_y = y0
-    largest = 0
+    largest_cost = 0
     for _ in range(line.major + 1):
         cost = int(cells[cell_y, cell_x])
         if cost == UNKNOWN:
             return -2
         if cost == LETHAL:
             return -1
-        largest = max(largest, cost)
+        largest_cost = max(largest_cost, cost)
         counter += line.minor
         if counter >= line.major:
             counter -= line.major
@@ -227,7 +227,7 @@ def line_cost(cells: Data, x0: int, y0: int, x1: int, y1: int) -> int:
         else:
             cell_x += line.along_x
             cell_y += line.along_y
-    return largest
+    return largest_cost
 
 
 @kernel(error_model="numpy")
@@ -253,10 +253,10 @@ def fill_footprint(
     """
     x, y, yaw = pose
     rows, columns = grid.shape
-    count = vertices.shape[0]
-    if count < 3 and whole:
+    vertex_count = vertices.shape[0]
+    if vertex_count < 3 and whole:
         return False
-    if count <= 1:
+    if vertex_count <= 1:
         centre_x, centre_y = world_to_map(x, y, origin_x, origin_y, resolution, columns, rows)
         if centre_x >= 0:
             grid[centre_y, centre_x] = value
@@ -265,25 +265,25 @@ def fill_footprint(
     # Cells of the vertices up to the first one off the map.
     cos_yaw = math.cos(yaw)
     sin_yaw = math.sin(yaw)
-    corners_x = np.empty(count, np.int64)
-    corners_y = np.empty(count, np.int64)
-    on_map = 0
-    while on_map < count:
-        vertex_x, vertex_y = vertex_at(vertices, on_map, x, y, cos_yaw, sin_yaw)
+    corners_x = np.empty(vertex_count, np.int64)
+    corners_y = np.empty(vertex_count, np.int64)
+    corner_count = 0
+    while corner_count < vertex_count:
+        vertex_x, vertex_y = vertex_at(vertices, corner_count, x, y, cos_yaw, sin_yaw)
         cell_x, cell_y = world_to_map(
             vertex_x, vertex_y, origin_x, origin_y, resolution, columns, rows
         )
         if cell_x < 0:
             break
-        corners_x[on_map] = cell_x
-        corners_y[on_map] = cell_y
-        on_map += 1
+        corners_x[corner_count] = cell_x
+        corners_y[corner_count] = cell_y
+        corner_count += 1
 
-    if on_map == count:
+    if corner_count == vertex_count:
         _fill_polygon(grid, value, corners_x, corners_y)
     elif not whole:
-        _draw_edges(grid, value, corners_x[:on_map], corners_y[:on_map])
-    is_on_map: bool = on_map == count
+        _draw_edges(grid, value, corners_x[:corner_count], corners_y[:corner_count])
+    is_on_map: bool = corner_count == vertex_count
     return is_on_map
 
 
@@ -305,23 +305,23 @@ def _draw_edges(grid: Data, value: int, corners_x: Data, corners_y: Data) -> Non
 def _fill_polygon(grid: Data, value: int, corners_x: Data, corners_y: Data) -> None:
     """Write `value` into all cells between the lowest and highest outline cell of each column."""
     # Range of rows by column.
-    count = corners_x.shape[0]
-    left = corners_x.min()
-    width = corners_x.max() - left + 1
-    lowest = np.full(width, grid.shape[0], np.int64)
-    highest = np.full(width, -1, np.int64)
+    corner_count = corners_x.shape[0]
+    first_column = corners_x.min()
+    column_count = corners_x.max() - first_column + 1
+    lowest_row = np.full(column_count, grid.shape[0], np.int64)
+    highest_row = np.full(column_count, -1, np.int64)
     line_x = np.empty(grid.shape[0] + grid.shape[1], np.int64)
     line_y = np.empty_like(line_x)
-    for corner in range(count):
-        end_x = corners_x[(corner + 1) % count]
-        end_y = corners_y[(corner + 1) % count]
+    for corner in range(corner_count):
+        end_x = corners_x[(corner + 1) % corner_count]
+        end_y = corners_y[(corner + 1) % corner_count]
         for visited in range(
             walk_line(corners_x[corner], corners_y[corner], end_x, end_y, line_x, line_y)
         ):
-            column = line_x[visited] - left
-            lowest[column] = min(lowest[column], line_y[visited])
-            highest[column] = max(highest[column], line_y[visited])
+            column = line_x[visited] - first_column
+            lowest_row[column] = min(lowest_row[column], line_y[visited])
+            highest_row[column] = max(highest_row[column], line_y[visited])
     # For a closed outline, this is the filling of C++, which sorts the outline cells by column.
-    for column in range(width):
-        for row in range(lowest[column], highest[column] + 1):
-            grid[row, left + column] = value
+    for column in range(column_count):
+        for row in range(lowest_row[column], highest_row[column] + 1):
+            grid[row, first_column + column] = value

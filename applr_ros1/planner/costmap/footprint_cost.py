@@ -39,12 +39,12 @@ def line_offsets(footprint: np.ndarray, resolution: float, columns: int) -> np.n
     longest edge + 2 [cells], at most LONGEST_TABLE. Row [dy + r, dx + r] describes the line to the
     cell (dx, dy) away: flat offsets of its cells from its first cell.
     """
-    longest = 0.0
+    longest_edge = 0.0
     if len(footprint):
         edges = footprint - np.roll(footprint, -1, axis=0)
-        longest = float(np.max(np.hypot(edges[:, 0], edges[:, 1])))
+        longest_edge = float(np.max(np.hypot(edges[:, 0], edges[:, 1])))
     # Rounding both ends to cells may lengthen an edge by up to two cells.
-    reach = int(min(longest / resolution + 2, LONGEST_TABLE))
+    reach = int(min(longest_edge / resolution + 2, LONGEST_TABLE))
     side = 2 * reach + 1
     table = np.zeros((side, side, reach + 1), np.int32)
     _fill_offsets(table, reach, columns)
@@ -73,8 +73,8 @@ def on_border(coordinate: float, margin: float) -> bool:
 def outline_of(scene: Any, footprint: Data) -> Outline:
     """Bundle a footprint (n, 2) [m] and the scene's map, which saves time for each pose."""
     cells = scene.cells
-    flat = cells.reshape(cells.shape[0] * cells.shape[1])
-    return Outline(cells, flat, scene.ox, scene.oy, scene.resolution, footprint, scene.lines)
+    flat_cells = cells.reshape(cells.shape[0] * cells.shape[1])
+    return Outline(cells, flat_cells, scene.ox, scene.oy, scene.resolution, footprint, scene.lines)
 
 
 @kernel
@@ -94,22 +94,22 @@ def outline_cost(
     border. Costs of legal poses equal those of footprint.footprint_cost. With fewer than three
     vertices, only the centre's cell (centre_x, centre_y) is tested.
     """
-    cells, flat, origin_x, origin_y, resolution, footprint, lines = outline
+    cells, flat_cells, origin_x, origin_y, resolution, footprint, lines = outline
     rows, columns = cells.shape
-    count = footprint.shape[0]
-    if count < 3:
+    vertex_count = footprint.shape[0]
+    if vertex_count < 3:
         cost = int(cells[centre_y, centre_x])
         return cost if cost < INSCRIBED else -1
 
     # Stop at the first illegal edge: most illegal poses need only a part of the outline.
     reach = lines.shape[2] - 1
-    largest = np.uint8(0)
+    largest_cost = np.uint8(0)
     first_x = first_y = start_x = start_y = 0
-    for corner in range(count + 1):
+    for corner in range(vertex_count + 1):
         # The last edge returns to the first vertex, whose cell is known.
         end_x = first_x
         end_y = first_y
-        if corner < count:
+        if corner < vertex_count:
             vertex_x, vertex_y = vertex_at(footprint, corner, x, y, cos_yaw, sin_yaw)
             # Closed forms of a trajectory differ from C++'s sums in their last bits.
             if margin > 0.0 and (
@@ -128,20 +128,20 @@ def outline_cost(
         else:
             offset_x = end_x - start_x
             offset_y = end_y - start_y
-            steps = max(abs(offset_x), abs(offset_y))
-            if steps <= reach:
+            step_count = max(abs(offset_x), abs(offset_y))
+            if step_count <= reach:
                 start_cell = start_y * columns + start_x
                 # Unsigned indices spare numba the wrap-around of negative ones.
-                row = np.uintp(offset_y + reach)
-                column = np.uintp(offset_x + reach)
-                for visited in range(steps + 1):
-                    cell = np.uintp(start_cell + lines[row, column, np.uintp(visited)])
-                    largest = max(largest, flat[cell])
+                table_row = np.uintp(offset_y + reach)
+                table_column = np.uintp(offset_x + reach)
+                for visited in range(step_count + 1):
+                    cell = np.uintp(start_cell + lines[table_row, table_column, np.uintp(visited)])
+                    largest_cost = max(largest_cost, flat_cells[cell])
             else:
                 cost = line_cost(cells, start_x, start_y, end_x, end_y)
-                largest = max(largest, np.uint8(cost if cost >= 0 else LETHAL))
-            if largest >= LETHAL:
+                largest_cost = max(largest_cost, np.uint8(cost if cost >= 0 else LETHAL))
+            if largest_cost >= LETHAL:
                 return -1
         start_x = end_x
         start_y = end_y
-    return int(largest)
+    return int(largest_cost)

@@ -173,12 +173,12 @@ def shift(cells: np.ndarray, shift_x: int, shift_y: int, default: int) -> None:
         return
 
     # A shift of the flat array takes cells from neighbouring rows, which the default then replaces.
-    flat = cells.reshape(-1)
+    flat_cells = cells.reshape(-1)
     flat_shift = shift_y * columns + shift_x
     if flat_shift > 0:
-        flat[:-flat_shift] = flat[flat_shift:]
+        flat_cells[:-flat_shift] = flat_cells[flat_shift:]
     elif flat_shift < 0:
-        flat[-flat_shift:] = flat[:flat_shift].copy()
+        flat_cells[-flat_shift:] = flat_cells[:flat_shift].copy()
 
     if shift_y > 0:
         cells[rows - shift_y :] = default
@@ -201,16 +201,16 @@ def merge(
     """
     unknown = np.uint8(UNKNOWN)
     for row in range(bottom, top):
-        values = layer[row, left:right]
-        targets = base[row, left:right]
+        costs = layer[row, left:right]
+        base_costs = base[row, left:right]
         if maximum:
-            for index in range(values.shape[0]):
-                value = values[index]
-                target = targets[index]
+            for index in range(costs.shape[0]):
+                cost = costs[index]
+                base_cost = base_costs[index]
                 # An unknown cell of the layer changes nothing. An unknown cell of the base is lower
                 # than any value.
-                raises = value != unknown and (target == unknown or target < value)
-                targets[index] = value if raises else target
+                raises = cost != unknown and (base_cost == unknown or base_cost < cost)
+                base_costs[index] = cost if raises else base_cost
         else:
-            for index in range(values.shape[0]):
-                targets[index] = values[index] if values[index] != unknown else targets[index]
+            for index in range(costs.shape[0]):
+                base_costs[index] = costs[index] if costs[index] != unknown else base_costs[index]

@@ -129,8 +129,8 @@ class InflationLayer:
         if self._is_incremental:
             self._step_level, distances = brushfire.tables(self.reach)
         else:
-            axis = np.arange(self.reach + 2, dtype=np.float64)
-            distance = np.hypot(axis[:, None], axis[None, :])
+            offsets = np.arange(self.reach + 2, dtype=np.float64)
+            distance = np.hypot(offsets[:, None], offsets[None, :])
             # Equal distances share a queue, which is first in, first out.
             distances = tuple(np.unique(distance[distance <= self.reach]).tolist())
             ranks = np.searchsorted(distances, distance)
@@ -185,24 +185,24 @@ class InflationLayer:
 
         # Shift only the padded rows that the spread covers before or after the shift.
         width = self._columns + 2
-        first = min(bottom, bottom - shift_y) - self.reach + 1
-        last = max(top, top - shift_y) + self.reach + 1
+        first_row = min(bottom, bottom - shift_y) - self.reach + 1
+        end_row = max(top, top - shift_y) + self.reach + 1
         flat_shift = shift_y * width + shift_x
-        link = self._link.reshape(-1, width)
-        for grid, empty in ((self._level, brushfire.NONE), (self._cost, 0), (link, 0)):
-            rows = grid[first:last].reshape(-1)
+        links = self._link.reshape(-1, width)
+        for grid, empty_value in ((self._level, brushfire.NONE), (self._cost, 0), (links, 0)):
+            flat_rows = grid[first_row:end_row].reshape(-1)
             if flat_shift > 0:
-                rows[:-flat_shift] = rows[flat_shift:]
-                rows[-flat_shift:] = empty
+                flat_rows[:-flat_shift] = flat_rows[flat_shift:]
+                flat_rows[-flat_shift:] = empty_value
             else:
-                rows[-flat_shift:] = rows[:flat_shift].copy()
-                rows[:-flat_shift] = empty
+                flat_rows[-flat_shift:] = flat_rows[:flat_shift].copy()
+                flat_rows[:-flat_shift] = empty_value
 
         # The padding moved along, into cells on both sides.
-        levels = self._level[first:last]
-        moved = abs(shift_x)
-        levels[:, 1 : moved + 1] = brushfire.NONE
-        levels[:, width - 1 - moved :] = brushfire.NONE
+        levels = self._level[first_row:end_row]
+        moved_columns = abs(shift_x)
+        levels[:, 1 : moved_columns + 1] = brushfire.NONE
+        levels[:, width - 1 - moved_columns :] = brushfire.NONE
         levels[:, 0] = levels[:, -1] = brushfire.WALL
         self._spread_window = (left - shift_x, bottom - shift_y, right - shift_x, top - shift_y)
 
@@ -239,11 +239,11 @@ class InflationLayer:
             return self._update_anew(master, base, window)
 
         # Obstacles within the reach of the window spread into it, and out of it on the other side.
-        seeds_in = self._around(window, self.reach)
-        self._spread_obstacles(base, seeds_in)
-        written = self._around(seeds_in, self.reach)
+        seed_window = self._around(window, self.reach)
+        self._spread_obstacles(base, seed_window)
+        written_window = self._around(seed_window, self.reach)
         inflate_unknown = self.parameters.inflate_unknown
-        return _apply(master, base, self._cost, self._touched, inflate_unknown, written)
+        return _apply(master, base, self._cost, self._touched, inflate_unknown, written_window)
 
     def _spread_obstacles(self, base: np.ndarray, window: Window) -> None:
         """Spread the obstacles of `base` within the window, if possible by repairing the spread."""
@@ -262,17 +262,20 @@ class InflationLayer:
         seeds = self._changed
         if last_window is not None:
             around_both = union(last_window, window)
-            count = brushfire.seed_changes(base, self._level, window, around_both, seeds)
-            if count >= 0 and brushfire.repair(seeds, count, spread, self._queue, self._lost):
+            change_count = brushfire.seed_changes(base, self._level, window, around_both, seeds)
+            is_repaired = False
+            if change_count >= 0:
+                is_repaired = brushfire.repair(seeds, change_count, spread, self._queue, self._lost)
+            if is_repaired:
                 return
             _wipe(self._level, self._cost, self._around(around_both, self.reach))
 
         # Scratch memory grows until it suffices.
         while True:
-            count = brushfire.seed_changes(base, self._level, window, window, seeds)
-            if count < 0:
+            change_count = brushfire.seed_changes(base, self._level, window, window, seeds)
+            if change_count < 0:
                 seeds = np.empty(2 * len(seeds), np.int64)
-            elif brushfire.rebuild(seeds, count, spread, self._queue):
+            elif brushfire.rebuild(seeds, change_count, spread, self._queue):
                 return
             else:
                 self._queue = np.empty((4, 2 * self._queue.shape[1]), np.int32)
@@ -282,8 +285,8 @@ class InflationLayer:
         self, master: np.ndarray, base: np.ndarray, window: Window
     ) -> Optional[Window]:
         """Update with a reach beyond MAX_REACH: spread everything anew, as C++ always does."""
-        written = self._around(window, 2 * self.reach)
-        left, bottom, right, top = written
+        written_window = self._around(window, 2 * self.reach)
+        left, bottom, right, top = written_window
         cells = master[bottom:top, left:right]
         old_cells = cells.copy()
         cells[:] = base[bottom:top, left:right]
@@ -299,7 +302,7 @@ class InflationLayer:
             self.parameters.inflate_unknown,
             self._around(window, self.reach),
         )
-        return None if np.array_equal(old_cells, cells) else written
+        return None if np.array_equal(old_cells, cells) else written_window
 
 
 @kernel
@@ -324,26 +327,26 @@ def _apply(
     unknown = np.uint8(UNKNOWN)
     # An unknown cell takes only costs above this one.
     threshold = np.uint8(0 if inflate_unknown else 252)
-    changed = touched[left:right]
-    changed[:] = 0
+    changed_columns = touched[left:right]
+    changed_columns[:] = 0
     first_row = -1
     last_row = -1
     for row in range(bottom, top):
         base_row = base[row, left:right]
         cost_row = cost[row + 1, left + 1 : right + 1]
         master_row = master[row, left:right]
-        differs = np.uint8(0)
+        row_difference = np.uint8(0)
         for index in range(master_row.shape[0]):
             # Inflation raises known cells only, and unknown cells if it is meant to.
-            old = base_row[index]
-            spread = cost_row[index]
-            over_unknown = spread if spread > threshold else unknown
-            inflated = over_unknown if old == unknown else max(old, spread)
-            difference = np.uint8(inflated ^ master_row[index])
-            differs |= difference
-            changed[index] |= difference
-            master_row[index] = inflated
-        if differs != 0:
+            old_cost = base_row[index]
+            spread_cost = cost_row[index]
+            cost_over_unknown = spread_cost if spread_cost > threshold else unknown
+            inflated_cost = cost_over_unknown if old_cost == unknown else max(old_cost, spread_cost)
+            cell_difference = np.uint8(inflated_cost ^ master_row[index])
+            row_difference |= cell_difference
+            changed_columns[index] |= cell_difference
+            master_row[index] = inflated_cost
+        if row_difference != 0:
             if first_row < 0:
                 first_row = row
             last_row = row
@@ -352,10 +355,10 @@ def _apply(
 
     # A row differs, so both searches end.
     first_column = 0
-    while changed[first_column] == 0:
+    while changed_columns[first_column] == 0:
         first_column += 1
-    end_column = changed.shape[0]
-    while changed[end_column - 1] == 0:
+    end_column = changed_columns.shape[0]
+    while changed_columns[end_column - 1] == 0:
         end_column -= 1
     return left + first_column, first_row, left + end_column, last_row + 1
 
@@ -377,9 +380,9 @@ def _inflate(
     """
     rows, columns = master.shape
     left, bottom, right, top = window
-    ranks = level_cost.shape[0] - 1
-    first_entry = np.full(ranks, -1, np.int64)
-    last_entry = np.full(ranks, -1, np.int64)
+    rank_count = level_cost.shape[0] - 1
+    first_entry = np.full(rank_count, -1, np.int64)
+    last_entry = np.full(rank_count, -1, np.int64)
     # The seeds, row by row as in C++.
     queued = 0
     for row in range(bottom, top):
@@ -389,22 +392,22 @@ def _inflate(
                     entries, queued, column, row, row * columns + column, 0, first_entry, last_entry
                 )
 
-    for distance in range(ranks):
-        number = first_entry[distance]
-        while number >= 0:
-            column = entries[number, 0]
-            row = entries[number, 1]
-            source = entries[number, 2]
+    for entry_rank in range(rank_count):
+        entry = first_entry[entry_rank]
+        while entry >= 0:
+            column = entries[entry, 0]
+            row = entries[entry, 1]
+            source = entries[entry, 2]
             # The first entry of a cell decides its source.
             if seen[row, column] == 0:
                 seen[row, column] = 1
-                new = level_cost[distance + 1]
-                old = master[row, column]
-                if old == UNKNOWN:
-                    if new >= INSCRIBED or (inflate_unknown and new > 0):
-                        master[row, column] = new
-                elif new > old:
-                    master[row, column] = new
+                new_cost = level_cost[entry_rank + 1]
+                old_cost = master[row, column]
+                if old_cost == UNKNOWN:
+                    if new_cost >= INSCRIBED or (inflate_unknown and new_cost > 0):
+                        master[row, column] = new_cost
+                elif new_cost > old_cost:
+                    master[row, column] = new_cost
 
                 for direction in range(4):
                     next_column = column - (direction == 0) + (direction == 2)
@@ -414,25 +417,25 @@ def _inflate(
                         or seen[next_row, next_column] != 0
                     ):
                         continue
-                    further = rank[
+                    next_rank = rank[
                         abs(next_row - source // columns), abs(next_column - source % columns)
                     ]
-                    if further > distance:
+                    if next_rank > entry_rank:
                         queued = _append(
                             entries,
                             queued,
                             next_column,
                             next_row,
                             source,
-                            further,
+                            next_rank,
                             first_entry,
                             last_entry,
                         )
             # Read only now, because the loop above may have appended to the same distance.
-            number = entries[number, 3]
+            entry = entries[entry, 3]
 
-    for number in range(queued):
-        seen[entries[number, 1], entries[number, 0]] = 0
+    for entry in range(queued):
+        seen[entries[entry, 1], entries[entry, 0]] = 0
 
 
 @kernel

@@ -126,35 +126,43 @@ class ObstacleLayer:
         if self.rolling:
             grid.roll(self.cells, self.origin, self.resolution, x, y, self.default)
 
-        touched = self._bounds
-        touched[:] = bounds
+        touched_bounds = self._bounds
+        touched_bounds[:] = bounds
         if self._cleared_bounds is not None:
-            touched[:] = union(bounds, self._cleared_bounds)
+            touched_bounds[:] = union(bounds, self._cleared_bounds)
             self._cleared_bounds = None
 
         if len(self.buffers) == 1 and len(self.buffers[0].clouds) == 1:
             # The usual single cloud is handled by one call.
             source = self.buffers[0].source
             cloud = self.buffers[0].clouds[0]
-            self._observe(source, cloud, source.clearing, source.marking, touched)
+            self._observe(source, cloud, source.clearing, source.marking, touched_bounds)
         else:
             # All rays of all sources clear before any point marks.
             for buffer in self.buffers:
                 if buffer.source.clearing:
                     for cloud in buffer.clouds:
                         self._observe(
-                            buffer.source, cloud, clearing=True, marking=False, touched=touched
+                            buffer.source,
+                            cloud,
+                            clearing=True,
+                            marking=False,
+                            touched=touched_bounds,
                         )
             for buffer in self.buffers:
                 if buffer.source.marking:
                     for cloud in buffer.clouds:
                         self._observe(
-                            buffer.source, cloud, clearing=False, marking=True, touched=touched
+                            buffer.source,
+                            cloud,
+                            clearing=False,
+                            marking=True,
+                            touched=touched_bounds,
                         )
 
         if self.parameters.footprint_clearing_enabled:
-            _touch_footprint(footprint, pose, touched)
-        min_x, min_y, max_x, max_y = touched.tolist()
+            _touch_footprint(footprint, pose, touched_bounds)
+        min_x, min_y, max_x, max_y = touched_bounds.tolist()
         return min_x, min_y, max_x, max_y
 
     def _observe(
@@ -215,10 +223,10 @@ class ObstacleLayer:
         clear_costmap_recovery.cpp:351, costmap_layer.cpp:21.
         """
         rows, columns = self.cells.shape
-        inside_x = self._strictly_inside(columns, pose[0], side, axis=0)
-        inside_y = self._strictly_inside(rows, pose[1], side, axis=1)
-        inside = inside_y[:, None] & inside_x[None, :]
-        self.cells[~inside] = UNKNOWN
+        columns_inside = self._strictly_inside(columns, pose[0], side, axis=0)
+        rows_inside = self._strictly_inside(rows, pose[1], side, axis=1)
+        cells_inside = rows_inside[:, None] & columns_inside[None, :]
+        self.cells[~cells_inside] = UNKNOWN
 
         # The next update writes the whole map.
         min_x, min_y = self.origin.tolist()
@@ -231,11 +239,11 @@ class ObstacleLayer:
 
     def _strictly_inside(self, count: int, centre: float, side: float, axis: int) -> np.ndarray:
         """Return (count,) bool: cells along an axis strictly between the sides of a square [m]."""
-        low = centre - side / 2
-        first = grid.truncated_cell(low, self.origin[axis], self.resolution)
-        last = grid.truncated_cell(low + side, self.origin[axis], self.resolution)
-        index = np.arange(count)
-        return (index > first) & (index < last)
+        lower_side = centre - side / 2
+        first_cell = grid.truncated_cell(lower_side, self.origin[axis], self.resolution)
+        last_cell = grid.truncated_cell(lower_side + side, self.origin[axis], self.resolution)
+        cell_indices = np.arange(count)
+        return (cell_indices > first_cell) & (cell_indices < last_cell)
 
 
 @kernel
@@ -337,8 +345,8 @@ def _clear_rays(
     )
     if start_x < 0:
         return
-    right = origin_x + columns * resolution
-    top = origin_y + rows * resolution
+    map_right = origin_x + columns * resolution
+    map_top = origin_y + rows * resolution
     # Nearer ends are not shortened and need no square root. The factor is a margin for rounding.
     squared_range = rays.raytrace_range * rays.raytrace_range * (1.0 - 1e-9)
     last_cell = -1
@@ -355,9 +363,9 @@ def _clear_rays(
         point_x = float(points[index, 0])
         point_y = float(points[index, 1])
         end_cell = rays.hits[index]
-        if point_x < origin_x or point_y < origin_y or point_x > right or point_y > top:
+        if point_x < origin_x or point_y < origin_y or point_x > map_right or point_y > map_top:
             point_x, point_y = _clipped(
-                point_x, point_y, sensor_x, sensor_y, origin_x, origin_y, right, top
+                point_x, point_y, sensor_x, sensor_y, origin_x, origin_y, map_right, map_top
             )
             end_x, end_y = world_to_map(
                 point_x, point_y, origin_x, origin_y, resolution, columns, rows
@@ -440,10 +448,10 @@ def _clear_line(
 ) -> None:
     """Free the line of cells from (x0, y0) towards (x1, y1), at most `reach` cells far."""
     line = line_between(x0, y0, x1, y1)
-    steps = line.major
+    step_count = line.major
     if line.major * line.major + line.minor * line.minor > reach * reach:
         fraction = min(1.0, reach / math.hypot(float(line.major), float(line.minor)))
-        steps = min(int(fraction * line.major), line.major)
+        step_count = min(int(fraction * line.major), line.major)
     step_along = line.along_y * columns + line.along_x
     step_diagonal = line.diagonal_y * columns + line.diagonal_x
     # The part of the line within reach, as the raytracer in costmap_2d.h computes it. The cell of
@@ -451,7 +459,7 @@ def _clear_line(
     # Without branches, and with the counter below 0, the loop takes two thirds of the time.
     counter = line.major // 2 - line.major
     cell = y0 * columns + x0
-    for _ in range(steps + 1):
+    for _ in range(step_count + 1):
         flat_cells[cell] = FREE
         counter += line.minor
         cell += step_diagonal if counter >= 0 else step_along

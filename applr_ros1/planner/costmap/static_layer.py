@@ -175,10 +175,10 @@ class StaticLayer:
             )
         occupancies = np.ascontiguousarray(cells, dtype=np.int8).view(np.uint8)
         self.cells[y:top, x:right] = self._costs[occupancies]
-        updated = (x, y, right, top)
+        updated_window = (x, y, right, top)
         if self._unwritten is not None:
-            updated = union(self._unwritten, updated)
-        self._unwritten = updated
+            updated_window = union(self._unwritten, updated_window)
+        self._unwritten = updated_window
 
     def reset(self) -> None:
         """Write the whole map again, if there is one, after the costmap has been cleared."""
@@ -206,13 +206,13 @@ class StaticLayer:
             return bounds
         # As in C++, from the centre of the first cell to that of the one after the last.
         left, bottom, right, top = window
-        written = (
+        written_bounds = (
             origin_x + (left + 0.5) * resolution,
             origin_y + (bottom + 0.5) * resolution,
             origin_x + (right + 0.5) * resolution,
             origin_y + (top + 0.5) * resolution,
         )
-        return union(bounds, written)
+        return union(bounds, written_bounds)
 
     def write(self, base: np.ndarray, window: Window, pose: Pose, footprint: np.ndarray) -> None:
         """Write the map into the window of `base` (rows, columns)."""
@@ -222,10 +222,10 @@ class StaticLayer:
         # A rolling costmap shows a part of the map, cell by cell.
         # Another layer's map may have set the costmap's size.
         if self.rolling or self.cells.shape != base.shape:
-            place = (*self.origin, self.resolution)
+            map_place = (*self.origin, self.resolution)
             master_place = (*self._master_origin.tolist(), self._master_resolution)
             placement = self.placement or (0.0, 0.0, 0.0)
-            _write_part(self.cells, place, base, master_place, placement, use_maximum, window)
+            _write_part(self.cells, map_place, base, master_place, placement, use_maximum, window)
         elif use_maximum:
             merge(self.cells, base, True, *window)
         else:
@@ -273,7 +273,7 @@ def _write_part(
             )
             if cell_x < 0:
                 continue
-            value = cells[cell_y, cell_x]
+            cost = cells[cell_y, cell_x]
             if use_maximum:
-                value = max(value, base[row, column])
-            base[row, column] = value
+                cost = max(cost, base[row, column])
+            base[row, column] = cost
