@@ -31,26 +31,28 @@ def generate(server: str, node: str, name: str) -> Optional[int]:
     # All layers of a type share one generated type, whatever their names.
     parameters = TYPES[server].live if server in TYPES else SERVERS[server]
     generator = catkin.ParameterGenerator()
-    for p in parameters:
-        doc = p.about
-        if p.unit:
-            doc += f" Unit: {p.unit}."
+    for parameter in parameters:
+        description = parameter.about
+        if parameter.unit:
+            description += f" Unit: {parameter.unit}."
         edit_method = ""
-        if p.enum:
-            choices = [generator.const(key, catkin.int_t, *rest) for key, *rest in p.enum]
-            edit_method = generator.enum(choices, doc)
-        for key in p.names:
-            text = doc
-            if key != p.name:
-                text = f"Older name of {p.name}; both always have the same value."
+        if parameter.enum:
+            choices = []
+            for choice_name, number, explanation in parameter.enum:
+                choices.append(generator.const(choice_name, catkin.int_t, number, explanation))
+            edit_method = generator.enum(choices, description)
+        for parameter_name in parameter.names:
+            entry_text = description
+            if parameter_name != parameter.name:
+                entry_text = f"Older name of {parameter.name}; both always have the same value."
             generator.add(
-                key,
-                types[p.type],
+                parameter_name,
+                types[parameter.type],
                 0,
-                text,
-                p.default,
-                _bound(p, p.min),
-                _bound(p, p.max),
+                entry_text,
+                parameter.default,
+                _bound(parameter, parameter.min),
+                _bound(parameter, parameter.max),
                 edit_method,
             )
     status: Optional[int] = generator.generate("applr_ros1", node, name)

@@ -58,22 +58,22 @@ def check(tree: Dict[str, Any]) -> List[str]:
 
 def remarks(tree: Dict[str, Any]) -> List[str]:
     """Return warnings about a tree without errors: values that are ignored, replaced or risky."""
-    _, lines = _recoveries(tree)
-    lines = [*lines, *replaced(tree)]
+    _, messages = _recoveries(tree)
+    messages = [*messages, *replaced(tree)]
     inspection = _Inspection(arranged(tree))
-    lines += inspection.warnings
+    messages += inspection.warnings
     if inspection.unknown:
-        lines.append(f"{', '.join(inspection.unknown)}: unknown, ignored")
+        messages.append(f"{', '.join(inspection.unknown)}: unknown, ignored")
 
     # The defaults of DWAPlannerROS are those of a base that can strafe; the ones here cannot.
     planner = _local_planner(tree)
     if planner == "DWAPlannerROS":
         values = _completed(tree)[planner]
-        sideways = (values["min_vel_y"], values["max_vel_y"])
-        if any(sideways):
-            problem = f"{planner}/min_vel_y, max_vel_y are {sideways}"
-            lines.append(f"{problem}: the base cannot drive sideways, give 0 for both")
-    return lines + list(_risks(arranged(tree)))
+        sideways_limits = (values["min_vel_y"], values["max_vel_y"])
+        if any(sideways_limits):
+            problem = f"{planner}/min_vel_y, max_vel_y are {sideways_limits}"
+            messages.append(f"{problem}: the base cannot drive sideways, give 0 for both")
+    return messages + list(_risks(arranged(tree)))
 
 
 def _risks(tree: Dict[str, Any]) -> Iterator[str]:
@@ -83,8 +83,8 @@ def _risks(tree: Dict[str, Any]) -> Iterator[str]:
     if global_frame != local_frame:
         problem = f"local_costmap/robot_base_frame is {local_frame}"
         yield f"{problem}: both costmaps use {global_frame} of global_costmap, give {global_frame}"
-    observing = layers("local_costmap", branch(tree, "local_costmap"), OBSTACLE_LAYER)
-    if not any(sources(branch(tree, layer.path)) for layer in observing):
+    observing_layers = layers("local_costmap", branch(tree, "local_costmap"), OBSTACLE_LAYER)
+    if not any(sources(branch(tree, layer.path)) for layer in observing_layers):
         problem = "local_costmap has no observation source"
         yield f"{problem}: the robot will not detect obstacles, give a source"
 
@@ -104,9 +104,9 @@ class _Inspection:
         self.unknown: List[str] = []
         self._declared = tables(tree)
         self._sections = [*self._declared, *_behaviours(tree)]
-        idle = _idle_planners(tree)
-        used = {name: value for name, value in tree.items() if name not in idle}
-        self._walk(used, "")
+        idle_planners = _idle_planners(tree)
+        used_entries = {name: value for name, value in tree.items() if name not in idle_planners}
+        self._walk(used_entries, "")
 
     def _walk(self, section: Dict[str, Any], path: str) -> None:
         """Inspect a section, "" for the tree, and all sections below it."""
@@ -131,9 +131,9 @@ class _Inspection:
         if path in COSTMAPS:
             return {**INHERITED, **parameters}
         if not path:
-            for p in COSTMAP + STATIC_COSTMAP:
-                if p.name in FOUND_ABOVE:
-                    parameters[p.name] = p
+            for parameter in COSTMAP + STATIC_COSTMAP:
+                if parameter.name in FOUND_ABOVE:
+                    parameters[parameter.name] = parameter
         return parameters
 
     def _report_unread(self, section: Dict[str, Any], path: str, key: str) -> None:
@@ -152,8 +152,8 @@ class _Inspection:
             advice = f"give {newer_names[key]}"
         else:
             # Only a name of the same kind, section or parameter, that is not yet in use was meant.
-            known = self._subsections(path) if is_section else list(parameters)
-            advice = did_you_mean(key, [name for name in known if not section.get(name)])
+            known_names = self._subsections(path) if is_section else list(parameters)
+            advice = did_you_mean(key, [name for name in known_names if not section.get(name)])
         if advice:
             self.warnings.append(f"{label} is ignored: {advice}")
         elif not is_section:
@@ -213,38 +213,40 @@ def complete(tree: Dict[str, Any]) -> Dict[str, Any]:
     Raises:
         ParameterError: A value is invalid, or values conflict; the message is one line.
     """
-    full = _completed(tree)
-    for line in _contradictions(full):
-        raise ParameterError(line)  # Only the first conflict is reported.
-    return full
+    full_tree = _completed(tree)
+    for conflict in _contradictions(full_tree):
+        raise ParameterError(conflict)  # Only the first conflict is reported.
+    return full_tree
 
 
 def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
     """Return the same as `complete`, without checking for conflicts between values."""
-    full: Dict[str, Any] = {}
+    full_tree: Dict[str, Any] = {}
     tree = arranged(tree)
-    declared = tables(tree)
-    idle = _idle_planners(tree)
-    for path, parameters in declared.items():
-        section = branch(full, path, create=True)
-        for p in parameters:
-            if f"{path}/{p.name}" in declared:
+    declared_sections = tables(tree)
+    idle_planners = _idle_planners(tree)
+    for path, parameters in declared_sections.items():
+        section = branch(full_tree, path, create=True)
+        for parameter in parameters:
+            if f"{path}/{parameter.name}" in declared_sections:
                 continue  # A layer has this name, so nothing reads the parameter.
-            values = _given_values(tree, path, p)
+            given_values = _given_values(tree, path, parameter)
             # Inherited parameters are completed at the layers. The costmap itself reads only one.
-            is_read_here = bool(values) and p.name == "track_unknown_space"
-            if path in COSTMAPS and p.name in INHERITED and not is_read_here:
+            is_read_here = bool(given_values) and parameter.name == "track_unknown_space"
+            if path in COSTMAPS and parameter.name in INHERITED and not is_read_here:
                 continue
-            label = _label(path, p.name)
+            label = _label(path, parameter.name)
+            value = given_values[0] if given_values else parameter.default
             try:
-                value = p.taken(values[0] if values else p.default, label)
+                value = parameter.taken(value, label)
             except ParameterError:
-                if path not in idle:
+                # Nothing reads the values of a planner that is not chosen.
+                if path not in idle_planners:
                     raise
-                value = p.default  # Nothing reads the values of a planner that is not chosen.
-            section.update(dict.fromkeys(p.names, value))
-    _complete_behaviours(tree, full)
-    return full
+                value = parameter.default
+            section.update(dict.fromkeys(parameter.names, value))
+    _complete_behaviours(tree, full_tree)
+    return full_tree
 
 
 def _given_values(tree: Dict[str, Any], path: str, p: Parameter) -> List[Any]:
@@ -258,23 +260,25 @@ def _given_values(tree: Dict[str, Any], path: str, p: Parameter) -> List[Any]:
 
 def _complete_behaviours(tree: Dict[str, Any], full: Dict[str, Any]) -> None:
     """Add the active recovery behaviours and the parameters of each listed behaviour."""
-    names = _behaviours(tree)
+    behaviour_names = _behaviours(tree)
     full["recovery_behaviors"], _ = _recoveries(tree)
-    for name in names:
-        if name in full and name not in USUAL:
-            problem = f"recovery_behaviors has the name {name!r}, which is already in use"
+    for behaviour_name in behaviour_names:
+        if behaviour_name in full and behaviour_name not in USUAL:
+            problem = f"recovery_behaviors has the name {behaviour_name!r}, which is already in use"
             raise ParameterError(f"{problem}: give another one")
 
     # As in move_base.cpp, the default behaviours take their distances from other parameters.
     full["conservative_reset"]["reset_distance"] = full["conservative_reset_dist"]
     full["aggressive_reset"]["reset_distance"] = 4 * full["local_costmap"]["circumscribed_radius"]
-    for name in names:
-        section = {**full.get(name, {}), **branch(tree, name)}
+    for behaviour_name in behaviour_names:
+        section = {**full.get(behaviour_name, {}), **branch(tree, behaviour_name)}
         values = {}
-        for p in BEHAVIOUR:
-            value = section[p.name] if p.reads(section.get(p.name)) else p.default
-            values[p.name] = p.taken(value, f"{name}/{p.name}")
-        full[name] = values
+        for parameter in BEHAVIOUR:
+            value = parameter.default
+            if parameter.reads(section.get(parameter.name)):
+                value = section[parameter.name]
+            values[parameter.name] = parameter.taken(value, f"{behaviour_name}/{parameter.name}")
+        full[behaviour_name] = values
 
 
 def _contradictions(full: Dict[str, Any]) -> Iterator[str]:
@@ -288,23 +292,23 @@ def _contradictions(full: Dict[str, Any]) -> Iterator[str]:
     planner = namespace(full["base_local_planner"])
     sections = [name for name in (planner, *COSTMAPS) if name in full]
     for section in sections:
-        for line in CONTRADICTIONS[section](full[section]):
-            yield f"{section}/{line}"
+        for conflict in CONTRADICTIONS[section](full[section]):
+            yield f"{section}/{conflict}"
 
     # Rotations check a pose every sim_granularity of a full turn.
     for behaviour in dict.fromkeys(["rotate_recovery", *_behaviours(full)]):
-        turn = {"sim_granularity": math.inf, **full[behaviour], "a turn of": 2 * math.pi}
-        for line in too_many_points(turn, "sim_granularity", ["a turn of"]):
-            yield f"{behaviour}/{line}"
+        full_turn = {"sim_granularity": math.inf, **full[behaviour], "a turn of": 2 * math.pi}
+        for conflict in too_many_points(full_turn, "sim_granularity", ["a turn of"]):
+            yield f"{behaviour}/{conflict}"
 
     # Sources of messages that can be read
     for name in COSTMAPS:
         for layer in layers(name, full[name], OBSTACLE_LAYER):
             for source in sources(branch(full, layer.path)):
-                path = f"{layer.path}/{source}"
-                kind = branch(full, path)["data_type"]
-                if kind not in DATA_TYPES:
-                    yield f"{path}/data_type is {kind}: give {' or '.join(DATA_TYPES)}"
+                source_path = f"{layer.path}/{source}"
+                data_type = branch(full, source_path)["data_type"]
+                if data_type not in DATA_TYPES:
+                    yield f"{source_path}/data_type is {data_type}: give {' or '.join(DATA_TYPES)}"
 
 
 def _recoveries(tree: Dict[str, Any]) -> Tuple[List[Dict[str, str]], List[str]]:
@@ -313,33 +317,33 @@ def _recoveries(tree: Dict[str, Any]) -> Tuple[List[Dict[str, str]], List[str]]:
     As in move_base.cpp, loadRecoveryBehaviors, the default behaviours replace an invalid list, and
     a type may be given without its package. Types that are not available are left out.
     """
-    listed = tree.get("recovery_behaviors", DEFAULT_RECOVERIES)
-    entries = listed if isinstance(listed, list) else [listed]
-    names = []
+    given_list = tree.get("recovery_behaviors", DEFAULT_RECOVERIES)
+    entries = given_list if isinstance(given_list, list) else [given_list]
+    behaviour_names = []
     for entry in entries:
         is_typed = isinstance(entry, dict) and isinstance(entry.get("type"), str)
-        names.append(entry.get("name") if is_typed else None)
+        behaviour_names.append(entry.get("name") if is_typed else None)
 
     # One wrong entry makes C++ ignore the list. The default list has one name twice.
-    for entry, name in zip(entries, names):
-        is_repeated = names.count(name) > 1 and listed != DEFAULT_RECOVERIES
-        if is_repeated or not isinstance(name, str):
+    for entry, behaviour_name in zip(entries, behaviour_names):
+        is_repeated = behaviour_names.count(behaviour_name) > 1 and given_list != DEFAULT_RECOVERIES
+        if is_repeated or not isinstance(behaviour_name, str):
             problem = f"recovery_behaviors has {entry!r}"
             advice = "give each behaviour a unique name and a type"
             line = f"{problem}: the default behaviours are used, as in C++; {advice}"
             return DEFAULT_RECOVERIES, [line]
 
     full_types = {namespace(kind): kind for kind in RECOVERY_TYPES}
-    active = []
+    active_behaviours = []
     warnings = []
     for entry in entries:
         kind = full_types.get(namespace(entry["type"]), entry["type"])
         if kind in RECOVERY_TYPES:
-            active.append(dict(entry, type=kind))
+            active_behaviours.append(dict(entry, type=kind))
         else:
             problem = f"recovery_behaviors has {kind}"
             warnings.append(f"{problem}: this type is not available, the others are used")
-    return active, warnings
+    return active_behaviours, warnings
 
 
 def _behaviours(tree: Dict[str, Any]) -> List[str]:

@@ -29,7 +29,9 @@ class Configuration:
             parameters = by_name(declaration.parameters)
             self._declared[server] = declaration.parameters
             self._by_name[server] = parameters
-            self._start[server] = {name: p.clamp(section[name]) for name, p in parameters.items()}
+            self._start[server] = {}
+            for name, parameter in parameters.items():
+                self._start[server][name] = parameter.clamp(section[name])
         self.restore()
 
     def restore(self) -> None:
@@ -41,8 +43,8 @@ class Configuration:
         try:
             return self._current[server]
         except KeyError:
-            known = ", ".join(map(repr, self._start))
-            raise ParameterError(f"no server {server!r}: give one of {known}") from None
+            known_servers = ", ".join(map(repr, self._start))
+            raise ParameterError(f"no server {server!r}: give one of {known_servers}") from None
 
     def start_up(self, server: str) -> Dict[str, Any]:
         """Return a copy of the start-up values of one server."""
@@ -71,18 +73,23 @@ class Configuration:
 
         # Clients such as rqt_reconfigure send all values, so that an older name comes with each
         # newer one.
-        for p in self._declared[server]:
-            names = [name for name in p.names if name in requested]
-            changed = [name for name in names if requested[name] != current[p.name]]
-            if names:
-                deciding = (changed or names)[0]
-                requested.update(dict.fromkeys(p.names, requested[deciding]))
+        for parameter in self._declared[server]:
+            given_names = [name for name in parameter.names if name in requested]
+            if not given_names:
+                continue
+            # The newest name comes first, so that it decides if several values have changed.
+            deciding_name = given_names[0]
+            for name in given_names:
+                if requested[name] != current[parameter.name]:
+                    deciding_name = name
+                    break
+            requested.update(dict.fromkeys(parameter.names, requested[deciding_name]))
 
         result = {**current, **requested}
         if server in CONTRADICTIONS:
-            for line in CONTRADICTIONS[server](result):
+            for conflict in CONTRADICTIONS[server](result):
                 # Only the first conflict is reported.
-                raise ParameterError(f"{server}/{line}")
+                raise ParameterError(f"{server}/{conflict}")
         if server == "":
             # No other planner can be loaded at run time.
             for name in ("base_global_planner", "base_local_planner"):

@@ -91,9 +91,9 @@ def of_kind(kind: str) -> Tuple[str, ...]:
     """
     names: Dict[str, None] = {}  # a set that keeps the order
     for planner in ("TrajectoryPlannerROS", "DWAPlannerROS"):
-        for p in SERVERS[planner] + STATIC[planner]:
-            if p.kind == kind:
-                names.update(dict.fromkeys((*p.names, *p.older)))
+        for parameter in SERVERS[planner] + STATIC[planner]:
+            if parameter.kind == kind:
+                names.update(dict.fromkeys((*parameter.names, *parameter.older)))
     return tuple(names)
 
 
@@ -107,7 +107,9 @@ def shapes_at_start(planner: str, server: str, name: str) -> bool:
     # Of the values that a local planner keeps, only those of its costmap have a server elsewhere.
     if server != "local_costmap" or planner != OUTLINE:
         return False
-    return any(name in p.names and OUTLINE in p.once for p in SERVERS[server])
+    return any(
+        name in parameter.names and OUTLINE in parameter.once for parameter in SERVERS[server]
+    )
 
 
 class Server(NamedTuple):
@@ -135,36 +137,36 @@ def servers(tree: Dict[str, Any]) -> Dict[str, Server]:
         {name: Server}; the name of move_base's own server is "".
     """
     planner = namespace(tree["base_local_planner"])
-    declared = {
+    declared_servers = {
         "": Server("MoveBase", MOVE_BASE),
         planner: Server(planner[: -len("ROS")], SERVERS[planner]),
     }
-    for name in COSTMAPS:
-        declared[name] = Server("Costmap2D", SERVERS[name])
-        for layer in layers(name, tree[name]):
-            kind = TYPES[layer.kind]
-            declared[layer.path] = Server(kind.config, kind.live)
-    return declared
+    for costmap_name in COSTMAPS:
+        declared_servers[costmap_name] = Server("Costmap2D", SERVERS[costmap_name])
+        for layer in layers(costmap_name, tree[costmap_name]):
+            layer_type = TYPES[layer.kind]
+            declared_servers[layer.path] = Server(layer_type.config, layer_type.live)
+    return declared_servers
 
 
 def tables(tree: Dict[str, Any]) -> Dict[str, Tuple[Parameter, ...]]:
     """Return the parameters of each section of an arranged tree (layers.arranged)."""
     # SERVERS and STATIC have the layers of the Jackal; a tree may have others.
-    declared = {}
+    declared_sections = {}
     for path in dict.fromkeys([*SERVERS, *STATIC]):
         if "costmap/" not in path:
-            declared[path] = SERVERS.get(path, ()) + STATIC.get(path, ())
-    for name in COSTMAPS:
-        costmap = tree.get(name, {})
+            declared_sections[path] = SERVERS.get(path, ()) + STATIC.get(path, ())
+    for costmap_name in COSTMAPS:
+        costmap = tree.get(costmap_name, {})
         if not isinstance(costmap, dict):
             continue
-        for layer in layers(name, costmap):
-            kind = TYPES[layer.kind]
-            declared[layer.path] = kind.live + kind.static
+        for layer in layers(costmap_name, costmap):
+            layer_type = TYPES[layer.kind]
+            declared_sections[layer.path] = layer_type.live + layer_type.static
             if layer.kind == OBSTACLE_LAYER:
                 for source in sources(branch(costmap, layer.name)):
-                    declared[f"{layer.path}/{source}"] = STATIC_SOURCE
-    return declared
+                    declared_sections[f"{layer.path}/{source}"] = STATIC_SOURCE
+    return declared_sections
 
 
 def namespace(plugin: str) -> str:

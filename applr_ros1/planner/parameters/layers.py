@@ -66,10 +66,10 @@ TYPES: Dict[str, LayerType] = {
 def _inherited() -> Dict[str, Parameter]:
     """Return the declarations of all parameters that layers inherit from their costmap."""
     inherited = {}
-    for kind in TYPES.values():
-        for p in kind.live + kind.static:
-            if p.name in kind.inherited:
-                inherited[p.name] = p
+    for layer_type in TYPES.values():
+        for parameter in layer_type.live + layer_type.static:
+            if parameter.name in layer_type.inherited:
+                inherited[parameter.name] = parameter
     return inherited
 
 
@@ -102,7 +102,7 @@ def layers(name: str, costmap: Dict[str, Any], kind: str = "") -> List[Layer]:
     Raises:
         ParameterError: `plugins` is not a list of names and types, or a name occurs twice.
     """
-    declared: List[Layer] = []
+    available_layers: List[Layer] = []
     plugins = costmap.get("plugins", [])
     for entry in plugins if isinstance(plugins, list) else [plugins]:
         # C++ stops with an exception of XmlRpc here.
@@ -110,13 +110,13 @@ def layers(name: str, costmap: Dict[str, Any], kind: str = "") -> List[Layer]:
             advice = f"give a name and a type of {', '.join(sorted(TYPES))}"
             raise ParameterError(f"{name}/plugins has {entry!r}: {advice}")
         layer_name = entry["name"]
-        if any(layer.name == layer_name for layer in declared):
+        if any(layer.name == layer_name for layer in available_layers):
             problem = f"{name}/plugins has two layers named {layer_name}"
             raise ParameterError(f"{problem}: give each a unique name")
         layer_kind = _kind(entry, costmap)
         if layer_kind:
-            declared.append(Layer(f"{name}/{layer_name}", layer_name, layer_kind))
-    return [layer for layer in declared if kind in ("", layer.kind)]
+            available_layers.append(Layer(f"{name}/{layer_name}", layer_name, layer_kind))
+    return [layer for layer in available_layers if kind in ("", layer.kind)]
 
 
 def _is_named_and_typed(entry: Any) -> bool:
@@ -129,10 +129,10 @@ def _is_named_and_typed(entry: Any) -> bool:
 
 def replaced(tree: Dict[str, Any]) -> Iterator[str]:
     """Yield a warning for each costmap layer whose type is not available, with its replacement."""
-    for name in COSTMAPS:
-        costmap = branch(tree, name)
+    for costmap_name in COSTMAPS:
+        costmap = branch(tree, costmap_name)
         if costmap.get("map_type") == "voxel" and "plugins" not in costmap:
-            yield f"{name}/map_type is voxel: an obstacle layer replaces the voxel layer"
+            yield f"{costmap_name}/map_type is voxel: an obstacle layer replaces the voxel layer"
         plugins = costmap.get("plugins")
         for entry in plugins if isinstance(plugins, list) else ():
             kind = entry.get("type") if isinstance(entry, dict) else None
@@ -141,7 +141,7 @@ def replaced(tree: Dict[str, Any]) -> Iterator[str]:
             result = "it is left out"
             if _kind(entry, costmap):
                 result = "an obstacle layer replaces it"
-            yield f"{name}/plugins has {kind}: this layer type is not available, {result}"
+            yield f"{costmap_name}/plugins has {kind}: this layer type is not available, {result}"
 
 
 def _kind(entry: Dict[str, Any], costmap: Dict[str, Any]) -> str:
@@ -175,9 +175,9 @@ def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
     """
     result = dict(tree)
     result["TrajectoryPlannerROS"] = _with_older_names(tree)
-    for name in COSTMAPS:
-        if isinstance(tree.get(name, {}), dict):
-            result[name] = _arranged_costmap(name, tree)
+    for costmap_name in COSTMAPS:
+        if isinstance(tree.get(costmap_name, {}), dict):
+            result[costmap_name] = _arranged_costmap(costmap_name, tree)
     return result
 
 
@@ -242,8 +242,8 @@ def _add_predicted(layer: Dict[str, Any], base: str) -> None:
     """
     lasers = []
     is_given = False
-    for name in sources(layer):
-        source = branch(layer, name)
+    for source_name in sources(layer):
+        source = branch(layer, source_name)
         is_laser = source.get("data_type") == "LaserScan"
         if is_laser and source.get("clearing") and source.get("marking", True):
             lasers.append(source)
@@ -266,26 +266,27 @@ def _add_predicted(layer: Dict[str, Any], base: str) -> None:
 def _move_to_layers(costmap: Dict[str, Any]) -> None:
     """Add the layers of files without `plugins` and move their parameters to them."""
     # Costmap2DROS::loadOldParameters does the same on the parameter server.
-    keys = {layer: TYPES[kind].inherited for layer, kind in BEFORE_HYDRO}
-    keys["obstacle_layer"] += ("observation_sources", *sources(costmap))
+    moved_names = {layer_name: TYPES[kind].inherited for layer_name, kind in BEFORE_HYDRO}
+    moved_names["obstacle_layer"] += ("observation_sources", *sources(costmap))
 
     # Two layers may take the same parameter, so it is removed only after all have it.
     plugins = []
     sections = {}
-    for layer, kind in BEFORE_HYDRO:
-        if layer == "static_layer" and costmap.get("static_map", False) is not True:
+    for layer_name, kind in BEFORE_HYDRO:
+        if layer_name == "static_layer" and costmap.get("static_map", False) is not True:
             continue
-        values = costmap.get(layer)
+        values = costmap.get(layer_name)
         section = dict(values) if isinstance(values, dict) else {}
-        for key in keys[layer]:
-            if key in costmap:
-                section[key] = costmap[key]
-        plugins.append({"name": layer, "type": kind})
-        sections[layer] = section
-    for names in keys.values():
-        for key in names:
-            if key != "track_unknown_space":  # The costmap itself reads this parameter, too.
-                costmap.pop(key, None)
+        for parameter_name in moved_names[layer_name]:
+            if parameter_name in costmap:
+                section[parameter_name] = costmap[parameter_name]
+        plugins.append({"name": layer_name, "type": kind})
+        sections[layer_name] = section
+    for names in moved_names.values():
+        for parameter_name in names:
+            # The costmap itself reads this parameter, too.
+            if parameter_name != "track_unknown_space":
+                costmap.pop(parameter_name, None)
     costmap["plugins"] = plugins
     costmap.update(sections)
 
@@ -295,12 +296,14 @@ def _arrange_sources(layer: Dict[str, Any], sections: Sequence[Dict[str, Any]]) 
 
     A missing range comes from the first of the sections that has it: the layer and those above it.
     """
-    for name in sources(layer):
-        values = layer.get(name)
+    for source_name in sources(layer):
+        values = layer.get(source_name)
         source = dict(values) if isinstance(values, dict) else {}
-        layer[name] = source
-        source.setdefault("topic", name)
-        for key in ("obstacle_range", "raytrace_range"):
-            inherited = next((section[key] for section in sections if key in section), None)
+        layer[source_name] = source
+        source.setdefault("topic", source_name)
+        for range_name in ("obstacle_range", "raytrace_range"):
+            inherited = next(
+                (section[range_name] for section in sections if range_name in section), None
+            )
             if inherited is not None:
-                source.setdefault(key, inherited)
+                source.setdefault(range_name, inherited)

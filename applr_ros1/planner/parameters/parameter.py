@@ -158,8 +158,8 @@ class Parameter:
 def by_name(parameters: Iterable[Parameter]) -> Dict[str, Parameter]:
     """Return declarations by name; those with aliases occur under each of their names."""
     declared = {}
-    for p in parameters:
-        declared.update(dict.fromkeys(p.names, p))
+    for parameter in parameters:
+        declared.update(dict.fromkeys(parameter.names, parameter))
     return declared
 
 
@@ -174,9 +174,9 @@ def too_many_points(
         names: names of the values, which are lengths, or speeds if a time is given.
         time: duration of a trajectory [s].
     """
-    for name in names:
-        length = abs(values[name])
-        cause = f"{name} {values[name]:g}"
+    for parameter_name in names:
+        length = abs(values[parameter_name])
+        cause = f"{parameter_name} {values[parameter_name]:g}"
         if time is not None:
             length *= time
             cause += f" and sim_time {time:g} s"

@@ -50,10 +50,11 @@ class Change(NamedTuple):
         """
         if isinstance(self.before, (bool, str)) or isinstance(self.after, (bool, str)):
             return 1.0
-        before, after = float(self.before), float(self.after)
-        if before * after <= 0.0:
+        old_value = float(self.before)
+        new_value = float(self.after)
+        if old_value * new_value <= 0.0:
             return math.inf
-        return max(before / after, after / before)
+        return max(old_value / new_value, new_value / old_value)
 
     def leads_away(self, default: Any) -> bool:
         """Return whether a number becomes less like the C++ default.
@@ -88,8 +89,8 @@ class Settings(Mapping[str, Mapping[str, Any]]):
 
     def __init__(self, values: Mapping[str, Mapping[str, Any]]):
         self._values = {}
-        for server, of_server in values.items():
-            self._values[server] = MappingProxyType(dict(of_server))
+        for server, server_values in values.items():
+            self._values[server] = MappingProxyType(dict(server_values))
 
     def __getitem__(self, server: str) -> Mapping[str, Any]:
         return self._values[server]
@@ -110,12 +111,12 @@ class Settings(Mapping[str, Mapping[str, Any]]):
         They are under their latest names.
         """
         values: Dict[str, Dict[str, Any]] = {}
-        for server, declared in servers(tree).items():
+        for server, declaration in servers(tree).items():
             section = branch(tree, server)
             values[server] = {}
-            for p in declared.parameters:
-                if p is not RESTORE:  # It is a command, which has no lasting value.
-                    values[server][p.name] = section[p.name]
+            for parameter in declaration.parameters:
+                if parameter is not RESTORE:  # It is a command, which has no lasting value.
+                    values[server][parameter.name] = section[parameter.name]
         return cls(values)
 
     def to_tree(self) -> Dict[str, Any]:
@@ -128,7 +129,7 @@ class Settings(Mapping[str, Mapping[str, Any]]):
 
     def with_(self, *changes: Change) -> Settings:
         """Return the settings after some changes, whatever the values before."""
-        values = {server: dict(of_server) for server, of_server in self.items()}
+        values = {server: dict(server_values) for server, server_values in self.items()}
         for change in changes:
             values.setdefault(change.server, {})[change.name] = change.after
         return Settings(values)
@@ -141,10 +142,10 @@ class Settings(Mapping[str, Mapping[str, Any]]):
         # Both sides may know servers that the other lacks, such as those of another planner.
         changes = []
         for server, values in self.items():
-            after = other.get(server, {})
+            other_values = other.get(server, {})
             for name, value in values.items():
-                if after.get(name, value) != value:
-                    changes.append(Change(server, name, value, after[name]))
+                if other_values.get(name, value) != value:
+                    changes.append(Change(server, name, value, other_values[name]))
         return changes
 
 
