@@ -20,7 +20,7 @@ BLOCKED = 2.0  # time for which the planner finds no command before a motion [s]
 TRIED = 0.15  # time after which a blocked motion gives way to the next one [s]
 MOVED = 0.5  # duration of a motion that is not blocked [s]
 PASSED = 1.0  # time of unblocked planner commands after which the robot counts as free [s]
-TRIES = 24  # number of unsuccessful motions after which a recovery is due
+TRIES = 24  # number of unsuccessful motions after which a recovery is due: each of MOTIONS thrice
 V = 0.1  # speed of the motions [m/s]
 W = 0.4  # turn rate of the motions [rad/s]
 # Turning comes first, because it needs the least room; the ways back come before the ways ahead.
@@ -47,7 +47,9 @@ class Escape:
 
     def __init__(self) -> None:
         self._held: Optional[bool] = None  # latest report of the monitor, None if there is none
-        self._motion_number = 0  # number of the next motion
+        # Number of the next motion. `restart` keeps it: a new blockage does not begin with the
+        # motion that was tried last.
+        self._motion_number = 0
         self.is_held = False
         self.restart()
 
@@ -83,6 +85,7 @@ class Escape:
         Returns:
             (v [m/s], w [rad/s]).
         """
+        # Without a monitor, nothing would keep the motions from hitting an obstacle.
         if self._held is None:
             return None
         if self._motion is not None:
@@ -96,15 +99,18 @@ class Escape:
     def _continue(self, now: float) -> None:
         """End or replace the motion under way if it has lasted long enough."""
         duration = now - self._began
+        # A motion that moves the robot may open a way, so the planner then chooses again.
         if self._held and duration >= TRIED:
             self._begin(now)
         elif duration >= MOVED:
             self.give_way()
 
     def _record_free(self, now: float) -> None:
+        """Count the robot as free if the planner's commands have passed for long enough."""
         self._since = None
         if self._free_since is None:
             self._free_since = now
+        # One command that passes proves little: the next one may be blocked by the same obstacle.
         if now - self._free_since >= PASSED:
             self._tries = 0
             self.is_held = False
@@ -114,6 +120,7 @@ class Escape:
         self._free_since = None
         if self._since is None:
             self._since = now
+        # A planner without a command plans anew and may thus find one by itself.
         patience = HELD if self._held else BLOCKED
         if now - self._since >= patience:
             self._begin(now)

@@ -28,6 +28,7 @@ from applr_ros1.planner.trajectory.local_planner import TrajectoryLocalPlanner
 
 LOCAL_PLANNERS: Dict[str, Callable[[Dict[str, Any], np.ndarray], LocalPlanner]] = {
     "base_local_planner/TrajectoryPlannerROS": TrajectoryLocalPlanner,
+    # DWAPlannerROS takes the footprint from the costmap in each cycle.
     "dwa_local_planner/DWAPlannerROS": lambda params, footprint: DWALocalPlanner(params),
 }
 
@@ -50,6 +51,7 @@ def make_local_planner(full: Dict[str, Any], config: Configuration) -> LocalPlan
         parameters["latch_xy_goal_tolerance"] = full["latch_xy_goal_tolerance"]
     outline = footprint.padded(config.start_up("local_costmap"))
     planner = LOCAL_PLANNERS[plugin](parameters, outline)
+    # After a reset that keeps the parameters, values changed at run time differ from these.
     if config[server] != config.start_up(server):
         planner.reconfigure(config[server])
     return planner
@@ -67,6 +69,8 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
     descriptions = [
         _describe(layer, static[layer.name], config[layer.path]) for layer in layers(name, static)
     ]
+    # A costmap has its own track_unknown_space only if the files give one (check.complete).
+    track_unknown = static.get("track_unknown_space", False)
     return Costmap(
         current["width"],
         current["height"],
@@ -74,7 +78,7 @@ def make_costmap(name: str, static: Dict[str, Any], config: Configuration) -> Co
         (current["origin_x"], current["origin_y"]),
         rolling=static["rolling_window"],
         footprint=footprint.padded(current),
-        track_unknown=static.get("track_unknown_space", False),
+        track_unknown=track_unknown,
         layers=descriptions,
     )
 

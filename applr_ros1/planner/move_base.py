@@ -96,8 +96,8 @@ class MoveBase:
             self.plan,
             self.parameters["applr"]["recovery_rounds"],
         )
-        random = generator(self._seed, LATENESS_STREAM) if is_like_cpp else None
-        self._machine = StateMachine(self._components, random)
+        random_source = generator(self._seed, LATENESS_STREAM) if is_like_cpp else None
+        self._machine = StateMachine(self._components, random_source)
         self._timers = {name: Timer() for name in COSTMAPS}
         self._take_frequencies()
         self._router = ObservationRouter(
@@ -124,9 +124,9 @@ class MoveBase:
     def frequency(self) -> float:
         """Rate at which step() must be called [Hz]: the highest rate of its components."""
         settings = self._config[""]
-        updates = [self._config[name]["update_frequency"] for name in COSTMAPS]
-        turns = [settings["controller_frequency"], settings["planner_frequency"]]
-        return float(max(turns + updates))
+        update_frequencies = [self._config[name]["update_frequency"] for name in COSTMAPS]
+        turn_frequencies = [settings["controller_frequency"], settings["planner_frequency"]]
+        return float(max(turn_frequencies + update_frequencies))
 
     @property
     def local_planner(self) -> LocalPlanner:
@@ -140,9 +140,9 @@ class MoveBase:
     @property
     def goal_tolerance(self) -> float:
         """Distance to the goal within which the local planner counts it as reached [m]."""
-        name = self.local_planner_name
+        planner_name = self.local_planner_name
         # Not every planner has this parameter on its server.
-        values = dict(self.parameters[name], **self._config[name])
+        values = dict(self.parameters[planner_name], **self._config[planner_name])
         return float(values["xy_goal_tolerance"])
 
     # -- requests between steps --------------------------------------------------------------------
@@ -473,19 +473,19 @@ class MoveBase:
         """
         old_values = self._config[server]
         new_values = self._config.request(server, values)
-        changed = {name for name in new_values if new_values[name] != old_values[name]}
+        changed_names = {name for name in new_values if new_values[name] != old_values[name]}
         # The planner may refuse, so it is asked before anything is changed.
         if server == self.local_planner_name:
             self.local_planner.reconfigure(new_values)
         self._config.accept(server, new_values)
 
-        name, _, layer = server.partition("/")
-        if server == "" and changed:
+        costmap_name, _, layer_name = server.partition("/")
+        if server == "" and changed_names:
             self._take_frequencies()
         elif server in COSTMAPS:
-            self._reconfigure_costmap(server, changed)
-        elif name in COSTMAPS and changed:
-            self.costmaps[name].configure(layer, **new_values)
+            self._reconfigure_costmap(server, changed_names)
+        elif costmap_name in COSTMAPS and changed_names:
+            self.costmaps[costmap_name].configure(layer_name, **new_values)
         return dict(new_values)
 
     def start_up_configuration(self, server: str) -> Dict[str, Any]:

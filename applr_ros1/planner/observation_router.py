@@ -93,8 +93,8 @@ class ObservationRouter:
                 self._hand_on(topic, observation, now, local_origin, placed)
 
         # A tracker that has died would otherwise leave its last obstacles in the maps.
-        predicted = self._stamps.get(PREDICTED, now)
-        if 0.0 < self._timeout < now - predicted:
+        predicted_stamp = self._stamps.get(PREDICTED, now)
+        if 0.0 < self._timeout < now - predicted_stamp:
             del self._stamps[PREDICTED]
             for listener in self._listeners[PREDICTED]:
                 listener.buffer.forget()

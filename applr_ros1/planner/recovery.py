@@ -99,8 +99,8 @@ class RotateRecovery:
         self._last_yaw = pose[2]
         self._turned = 0.0
         self._is_past_half = False
-        unhindered = 2.0 * math.pi / max(self.fastest_turn, 1e-3)
-        self._deadline = now + self._patience * unhindered
+        unhindered_time = 2.0 * math.pi / max(self.fastest_turn, 1e-3)
+        self._deadline = now + self._patience * unhindered_time
 
     def step(
         self,
@@ -117,8 +117,8 @@ class RotateRecovery:
         x, y, yaw = pose
 
         # As in C++, the end is recognised in the cycle after the yaw was reached.
-        to_start = abs(angle_difference(self._last_yaw, self._start_yaw))
-        is_complete = self._is_past_half and to_start <= self.tolerance
+        angle_to_start = abs(angle_difference(self._last_yaw, self._start_yaw))
+        is_complete = self._is_past_half and angle_to_start <= self.tolerance
         self._turned += angle_difference(self._last_yaw, yaw)
         if is_complete or now > self._deadline or self._turned >= 2.0 * math.pi:
             return None
@@ -126,22 +126,22 @@ class RotateRecovery:
 
         # Until half a turn is done, the way leads through the opposite yaw.
         if self._is_past_half:
-            left = abs(angle_difference(yaw, self._start_yaw))
+            remaining_turn = abs(angle_difference(yaw, self._start_yaw))
         else:
-            to_half = abs(angle_difference(yaw, self._start_yaw + math.pi))
-            left = math.pi + to_half
-            self._is_past_half = to_half < self.tolerance or self._turned > math.pi
+            angle_to_half = abs(angle_difference(yaw, self._start_yaw + math.pi))
+            remaining_turn = math.pi + angle_to_half
+            self._is_past_half = angle_to_half < self.tolerance or self._turned > math.pi
 
         # The whole rest of the rotation must be free.
-        ahead = 0.0
-        while ahead < left:
-            if local_costmap.footprint_cost(x, y, yaw + ahead) < 0.0:
+        turn_ahead = 0.0
+        while turn_ahead < remaining_turn:
+            if local_costmap.footprint_cost(x, y, yaw + turn_ahead) < 0.0:
                 return None
-            ahead += self.granularity
+            turn_ahead += self.granularity
 
         # The fastest turn that can still stop after the rest.
-        braking = math.sqrt(2.0 * self.acceleration * left)
-        return 0.0, min(max(braking, self.slowest_turn), self.fastest_turn)
+        braking_speed = math.sqrt(2.0 * self.acceleration * remaining_turn)
+        return 0.0, min(max(braking_speed, self.slowest_turn), self.fastest_turn)
 
 
 Behaviour = Union[ClearCostmapRecovery, RotateRecovery]
@@ -162,13 +162,13 @@ def build(parameters: Dict[str, Any], like_cpp: bool = False) -> List[Behaviour]
     behaviours: Dict[str, Behaviour] = {}
     sequence = []
     for entry in entries:
-        name = entry["name"]
+        behaviour_name = entry["name"]
         clears = entry["type"] == RECOVERY_TYPES[0]
         if omits_rotations and not clears:
             continue
-        if name not in behaviours:
-            behaviours[name] = _make(name, clears, parameters, like_cpp)
-        sequence.append(behaviours[name])
+        if behaviour_name not in behaviours:
+            behaviours[behaviour_name] = _make(behaviour_name, clears, parameters, like_cpp)
+        sequence.append(behaviours[behaviour_name])
     return sequence
 
 

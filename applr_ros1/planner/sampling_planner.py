@@ -117,11 +117,11 @@ def braked(velocity: Triple, accelerations: Sequence[float], period: float) -> T
 
     accelerations: limits (3,) [m/s^2, m/s^2, rad/s^2]. period: control period [s].
     """
-    slower = []
+    slower_velocity = []
     for speed, limit in zip(velocity, accelerations):
         sign = -1.0 if speed < 0 else 1.0
-        slower.append(sign * max(0.0, abs(speed) - limit * period))
-    return floats(slower)
+        slower_velocity.append(sign * max(0.0, abs(speed) - limit * period))
+    return floats(slower_velocity)
 
 
 def turn_speed(error: float, wanted: float, w: float, acceleration: float, period: float) -> float:
@@ -135,9 +135,9 @@ def turn_speed(error: float, wanted: float, w: float, acceleration: float, perio
         period: Control period [s].
     """
     # Within the dynamic window, and able to stop at the goal's yaw: v^2 = 2 a s
-    change = acceleration * period
-    reachable = min(max(wanted, abs(w) - change), abs(w) + change)
-    return min(math.sqrt(2 * acceleration * abs(error)), reachable)
+    largest_change = acceleration * period
+    reachable_speed = min(max(wanted, abs(w) - largest_change), abs(w) + largest_change)
+    return min(math.sqrt(2 * acceleration * abs(error)), reachable_speed)
 
 
 @kernel
@@ -193,8 +193,8 @@ def record(reals: str, integers: str, after: str = "") -> np.dtype:
     Names are separated by blanks.
     """
     fields = []
-    for names, kind in ((reals, np.float64), (integers, np.int64), (after, np.float64)):
-        fields += [(name, kind) for name in names.split()]
+    for field_names, field_type in ((reals, np.float64), (integers, np.int64), (after, np.float64)):
+        fields += [(field_name, field_type) for field_name in field_names.split()]
     return np.dtype(fields)
 
 
@@ -293,23 +293,23 @@ class SamplingPlanner:
         Call it between two cycles.
         """
         # A new dict, because a failure must leave the old values in force.
-        values = dict(self._values)
+        new_values = dict(self._values)
         for name in self.PARAMETERS.names or ():
             if name in params and name not in self.DERIVED:
-                values[name] = params[name]
+                new_values[name] = params[name]
         for name in self.SAMPLES:
-            values[name] = max(int(values[name]), 1)
-        self._values = values
-        self._scratch = self._allocate_scratch(*(values[name] for name in self.SAMPLES))
+            new_values[name] = max(int(new_values[name]), 1)
+        self._values = new_values
+        self._scratch = self._allocate_scratch(*(new_values[name] for name in self.SAMPLES))
         self._take_parameters()
 
     def _take_parameters(self) -> None:
         # A new record, because choices of earlier cycles keep the old one.
-        record = np.zeros(1, self.PARAMETERS)
+        new_record = np.zeros(1, self.PARAMETERS)
         for name, value in self._values.items():
-            record[name] = value
-        self._derive(record, self._resolution)
-        self._params = record
+            new_record[name] = value
+        self._derive(new_record, self._resolution)
+        self._params = new_record
 
     def _derive(self, record: np.ndarray, resolution: Optional[float]) -> None:
         """Compute the derived fields from the others and the map's resolution [m].
@@ -379,8 +379,8 @@ def cost_cloud(
         (k, 7) float32: x, y, z [m], path, goal, obstacle and total cost of a cell, column by column
         (MapGridVisualizer::publishCostCloud).
     """
-    shown = inside & (path < costmap.cells.size) & (costmap.cells < INSCRIBED)
-    columns, rows = np.nonzero(shown.T)
+    shown_cells = inside & (path < costmap.cells.size) & (costmap.cells < INSCRIBED)
+    columns, rows = np.nonzero(shown_cells.T)
     path_costs = path[rows, columns]
     goal_costs = goal[rows, columns]
     obstacle_costs = costmap.cells[rows, columns]

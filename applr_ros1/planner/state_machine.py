@@ -410,8 +410,8 @@ class StateMachine:
         # have cleared it.
         local_planner = self._components.local_planner
         if local_planner.goal_reached:
-            waits = self._like_cpp and local_planner.remembers_reached
-            if not waits:
+            waits_for_cycle = self._like_cpp and local_planner.remembers_reached
+            if not waits_for_cycle:
                 self._end(cycle, "succeeded", REACHED)
 
     def _miss_command(self, inputs: CycleInput, cycle: Cycle) -> None:
@@ -453,8 +453,8 @@ class StateMachine:
                 texts = {CONTROLLING: NO_CONTROL, PLANNING: NO_PATH, OSCILLATION: OSCILLATING}
                 self._end(cycle, "aborted", texts[self._trigger])
                 return
-            count = len(self._components.recoveries)
-            cycle.recovery = (self._index, count, self._behaviour.name)
+            recovery_count = len(self._components.recoveries)
+            cycle.recovery = (self._index, recovery_count, self._behaviour.name)
             self._behaviour.start(inputs.time, pose)
 
         command = self._behaviour.step(

@@ -31,8 +31,8 @@ def draw(planner: str, seed: Union[int, Sequence[int]]) -> str:
     if planner == DRAWN:
         return generator(seed, FIDELITY_STREAM).choice(PLANNERS)
     if planner not in PLANNERS:
-        known = ", ".join(PLANNERS)
-        raise ApplrError(f"planner {planner!r} is unknown: use {known} or {DRAWN}")
+        known_planners = ", ".join(PLANNERS)
+        raise ApplrError(f"planner {planner!r} is unknown: use {known_planners} or {DRAWN}")
     return planner
 
 

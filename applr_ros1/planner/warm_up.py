@@ -26,8 +26,8 @@ def warm_up(base_local_planner: str = LOCAL_PLANNERS[0]) -> None:
     It drives with a laser and predicted obstacle points. Its parameters change on the way, as under
     a policy.
     """
-    dwa = {"min_vel_y": 0.0, "max_vel_y": 0.0, "prune_plan": True}
-    costmap = {
+    dwa_parameters = {"min_vel_y": 0.0, "max_vel_y": 0.0, "prune_plan": True}
+    costmap_parameters = {
         "observation_sources": "scan",
         "scan": {"data_type": "LaserScan"},
         "footprint": FOOTPRINT,
@@ -36,10 +36,15 @@ def warm_up(base_local_planner: str = LOCAL_PLANNERS[0]) -> None:
         {
             "base_local_planner": base_local_planner,
             "applr": {"movers": True},
-            "DWAPlannerROS": dwa,
-            "local_costmap": dict(costmap, rolling_window=True, static_map=False),
+            "DWAPlannerROS": dwa_parameters,
+            "local_costmap": dict(costmap_parameters, rolling_window=True, static_map=False),
             "global_costmap": dict(
-                costmap, width=40, height=40, origin_x=-20.0, origin_y=-20.0, static_map=False
+                costmap_parameters,
+                width=40,
+                height=40,
+                origin_x=-20.0,
+                origin_y=-20.0,
+                static_map=False,
             ),
         }
     )

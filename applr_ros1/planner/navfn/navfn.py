@@ -148,26 +148,27 @@ class Navfn:
             self._attach(costmap, allow_unknown)
 
         columns, rows = costmap.size
-        changed: Optional[Window] = (0, 0, columns, rows)
+        changed_window: Optional[Window] = (0, 0, columns, rows)
         if self._version is not None:
-            changed = costmap.changed_since(self._version)
+            changed_window = costmap.changed_since(self._version)
         self._version = costmap.version
         is_stale = False
-        if changed is not None:
+        if changed_window is not None:
             is_stale = _convert(
-                costmap.cells, self._costs, self._field, allow_unknown, self._extent, changed
+                costmap.cells, self._costs, self._field, allow_unknown, self._extent, changed_window
             )
 
         # A tolerance reads potentials around the goal, and short lists lose pushes: both get no
         # fence.
-        is_whole = tolerance > 0 or self._list_size < LIST_SIZE
-        is_same = self._flooded == (robot, goal) and not (is_whole and self._fence is not None)
-        if is_same and not is_stale:
+        needs_whole_map = tolerance > 0 or self._list_size < LIST_SIZE
+        covers_enough = self._fence is None or not needs_whole_map
+        is_reusable = covers_enough and self._flooded == (robot, goal)
+        if is_reusable and not is_stale:
             return
         self._flooded = (robot, goal)
         self._question = None
         fence = None
-        if not is_whole:
+        if not needs_whole_map:
             fence = window.around(self._extent, robot, goal, columns, rows)
         self._flood_within(fence)
 
@@ -187,7 +188,7 @@ class Navfn:
         columns, rows = costmap.size
         origin_x, origin_y = costmap.origin.tolist()
         resolution = costmap.resolution
-        target, target_x, target_y = _target(
+        target_cell, target_x, target_y = _target(
             self._potential,
             origin_x,
             origin_y,
@@ -198,24 +199,24 @@ class Navfn:
             float(goal[1]),
             float(tolerance),
         )
-        if target < 0:
+        if target_cell < 0:
             return _NO_PLAN
         robot = self._flooded[0]
-        count = trace(self._potential, columns, rows, target, robot, self._path)
+        point_count = trace(self._potential, columns, rows, target_cell, robot, self._path)
 
         # Beside the fence, the potential may differ from that of the whole map.
         fence = self._fence
         if fence is not None:
-            is_inside = window.keeps_inside(self._path, count, columns, rows, fence)
-            if count == 0 or not is_inside:
+            is_inside = window.keeps_inside(self._path, point_count, columns, rows, fence)
+            if point_count == 0 or not is_inside:
                 self._flood_within()
                 return self._trace(costmap, goal, tolerance)
 
-        if count == 0:
+        if point_count == 0:
             return _NO_PLAN
-        plan = np.zeros((count + 1, 3))
-        _to_world(self._path, count, origin_x, origin_y, resolution, plan)
-        plan[count] = target_x, target_y, goal[2]
+        plan = np.zeros((point_count + 1, 3))
+        _to_world(self._path, point_count, origin_x, origin_y, resolution, plan)
+        plan[point_count] = target_x, target_y, goal[2]
         return plan
 
 
@@ -252,27 +253,27 @@ def _convert(
     left = max(1, first_column)
     right = max(left, min(columns - 1, end_column))
     for row in range(max(1, first_row), min(rows - 1, end_row)):
-        values = cells[row, left:right]
+        costmap_row = cells[row, left:right]
         old_costs = costs[row * columns + left : row * columns + right]
 
         # Most rows are unchanged. The test has no branches and compiles to vector instructions:
         # (205 v) >> 8 equals (4 v) // 5 for v < 253.
-        differs = np.uint16(0)
-        for index in range(values.shape[0]):
-            value = np.uint16(values[index])
-            scaled = np.uint16(np.uint16(value * np.uint16(205)) >> np.uint16(8))
-            cost = np.uint16(np.uint16(FREE_COST) + scaled)
-            beyond = unknown_cost if value == np.uint16(UNKNOWN) else np.uint16(OBSTACLE)
-            new_cost = cost if value < np.uint16(INSCRIBED) else beyond
-            differs |= np.uint16(new_cost ^ np.uint16(old_costs[index]))
-        if differs == 0:
+        row_differs = np.uint16(0)
+        for index in range(costmap_row.shape[0]):
+            value = np.uint16(costmap_row[index])
+            scaled_value = np.uint16(np.uint16(value * np.uint16(205)) >> np.uint16(8))
+            scaled_cost = np.uint16(np.uint16(FREE_COST) + scaled_value)
+            special_cost = unknown_cost if value == np.uint16(UNKNOWN) else np.uint16(OBSTACLE)
+            new_cost = scaled_cost if value < np.uint16(INSCRIBED) else special_cost
+            row_differs |= np.uint16(new_cost ^ np.uint16(old_costs[index]))
+        if row_differs == 0:
             continue
 
-        for index in range(values.shape[0]):
+        for index in range(costmap_row.shape[0]):
             navfn_cost = OBSTACLE
-            if values[index] < INSCRIBED:
-                navfn_cost = FREE_COST + (4 * int(values[index])) // 5
-            elif values[index] == UNKNOWN:
+            if costmap_row[index] < INSCRIBED:
+                navfn_cost = FREE_COST + (4 * int(costmap_row[index])) // 5
+            elif costmap_row[index] == UNKNOWN:
                 navfn_cost = int(unknown_cost)
             if navfn_cost == old_costs[index]:
                 continue

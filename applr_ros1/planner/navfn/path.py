@@ -40,30 +40,30 @@ def trace(potential: Data, columns: int, rows: int, start: int, robot: int, path
         The number of points, or 0 if there is no path or it has more than 4 columns points.
     """
     # A point is a cell with an offset of up to one cell, so that steps add small numbers.
-    count = columns * rows
+    cell_count = columns * rows
     cell = start
     offset_x = ZERO
     offset_y = ZERO
     gradient_cell = -1  # cell whose four gradients are known
     centre_x = centre_y = right_x = right_y = above_x = above_y = corner_x = corner_y = ZERO
-    for number in range(path.shape[0]):
+    for point in range(path.shape[0]):
         # Finished: the nearest cell is the robot's.
-        nearest = cell + _round(offset_x) + columns * _round(offset_y)
-        nearest = min(max(nearest, 0), count - 1)
-        if potential[nearest] < AT_ROBOT:
-            path[number, 0] = F32(robot % columns)
-            path[number, 1] = F32(robot // columns)
-            return number + 1
+        nearest_cell = cell + _round(offset_x) + columns * _round(offset_y)
+        nearest_cell = min(max(nearest_cell, 0), cell_count - 1)
+        if potential[nearest_cell] < AT_ROBOT:
+            path[point, 0] = F32(robot % columns)
+            path[point, 1] = F32(robot // columns)
+            return point + 1
 
-        if cell < columns or cell > count - columns:
+        if cell < columns or cell > cell_count - columns:
             return 0
-        path[number, 0] = F32(cell % columns) + offset_x
-        path[number, 1] = F32(cell // columns) + offset_y
+        path[point, 0] = F32(cell % columns) + offset_x
+        path[point, 1] = F32(cell // columns) + offset_y
 
         # Beside unreached cells there is no gradient, and a path that swings between two points
         # makes no progress: go on from the lowest neighbour instead.
-        if _swings(path, number) or _is_beside_unreached(potential, columns, count, cell):
-            cell = _lowest_around(potential, columns, count, cell)
+        if _swings(path, point) or _is_beside_unreached(potential, columns, cell_count, cell):
+            cell = _lowest_around(potential, columns, cell_count, cell)
             offset_x = ZERO
             offset_y = ZERO
             if potential[cell] >= FAR:
@@ -74,10 +74,10 @@ def trace(potential: Data, columns: int, rows: int, start: int, robot: int, path
         # half step often stays in the same cell.
         if cell != gradient_cell:
             gradient_cell = cell
-            centre_x, centre_y = _gradient(potential, columns, count, cell)
-            right_x, right_y = _gradient(potential, columns, count, cell + 1)
-            above_x, above_y = _gradient(potential, columns, count, cell + columns)
-            corner_x, corner_y = _gradient(potential, columns, count, cell + columns + 1)
+            centre_x, centre_y = _gradient(potential, columns, cell_count, cell)
+            right_x, right_y = _gradient(potential, columns, cell_count, cell + 1)
+            above_x, above_y = _gradient(potential, columns, cell_count, cell + columns)
+            corner_x, corner_y = _gradient(potential, columns, cell_count, cell + columns + 1)
         slope_x = _blend(centre_x, right_x, above_x, corner_x, offset_x, offset_y)
         slope_y = _blend(centre_y, right_y, above_y, corner_y, offset_x, offset_y)
         if slope_x == 0 and slope_y == 0:
@@ -115,8 +115,8 @@ def _swings(path: Data, number: int) -> bool:
 @kernel
 def _is_beside_unreached(potential: Data, columns: int, count: int, cell: int) -> bool:
     """Return whether a cell or one of its eight neighbours is unreached or beyond the arrays."""
-    for middle in (cell - columns, cell, cell + columns):
-        for neighbour in (middle - 1, middle, middle + 1):
+    for middle_cell in (cell - columns, cell, cell + columns):
+        for neighbour in (middle_cell - 1, middle_cell, middle_cell + 1):
             if neighbour < 0 or neighbour >= count or potential[neighbour] >= FAR:
                 return True
     return False
@@ -130,11 +130,11 @@ def _lowest_around(potential: Data, columns: int, count: int, cell: int) -> int:
     """
     below = cell - columns
     above = cell + columns
-    lowest = _truncate(potential[cell])
+    lowest_potential = _truncate(potential[cell])
     lowest_cell = cell
     for neighbour in (below - 1, below, below + 1, cell - 1, cell + 1, above - 1, above, above + 1):
-        if 0 <= neighbour < count and potential[neighbour] < F32(lowest):
-            lowest = _truncate(potential[neighbour])
+        if 0 <= neighbour < count and potential[neighbour] < F32(lowest_potential):
+            lowest_potential = _truncate(potential[neighbour])
             lowest_cell = neighbour
     return lowest_cell
 
