@@ -17,7 +17,7 @@ from applr_ros1.robots import JACKAL
 from tests.support.robots import ToyRobot, quick, ring, run
 
 WALL = ring(0.0, 0.0, 4.0, posts=300, size=0.06)  # closed ring that every beam hits
-LETHAL = 254
+LETHAL = 254  # cost of an occupied cell, as in costmap_2d
 
 
 class Perfect:
@@ -57,7 +57,8 @@ def test_predicted_points_lie_on_the_visible_sides_of_the_future_discs(stubbed):
     assert times[-1] == pytest.approx(0.9)
     disc_x = 1.8 - 0.2 * times[:, np.newaxis]
     disc_y = -0.4 + 1.2 * times[:, np.newaxis]
-    from_edge = np.abs(np.hypot(x - disc_x, y - disc_y) - 0.3)
+    from_centre = np.hypot(x - disc_x, y - disc_y)
+    from_edge = np.abs(from_centre - 0.3)
     assert from_edge.min(axis=0).max() < 1e-4, "each on the edge of a disc"
     assert (from_edge < 1e-4).sum(axis=1).min() > 10, "each disc is seen"
 
@@ -73,6 +74,7 @@ def test_predicted_points_lie_on_the_visible_sides_of_the_future_discs(stubbed):
         beam = np.abs(beams - bearing).argmin()
         assert distance < robot.ranges()[beam], "in front of the current range"
 
+    # The second obstacle is the first one mirrored at the laser, where no beam points.
     behind = (2.0 * laser_x - 1.8, 2.0 * laser_y + 0.4, 0.2, -1.2, 0.3)
     tracker.rows.append(behind)
     prediction.add_scan(robot.scan())
@@ -81,7 +83,13 @@ def test_predicted_points_lie_on_the_visible_sides_of_the_future_discs(stubbed):
 
 @pytest.mark.parametrize(
     ("measured", "is_marked"),
-    [(np.nan, False), (-np.inf, False), (1.2, False), (1.9, True), (np.inf, True)],
+    [
+        (np.nan, False),
+        (-np.inf, False),
+        (1.2, False),
+        (1.9, True),
+        (np.inf, True),
+    ],
 )
 def test_nothing_is_predicted_out_of_the_lasers_sight(stubbed, measured, is_marked):
     prediction, tracker = stubbed
@@ -94,20 +102,29 @@ def test_nothing_is_predicted_out_of_the_lasers_sight(stubbed, measured, is_mark
 
 
 @pytest.mark.parametrize(
-    ("name", "room"), [("jackal", 0.45), ("husky", 0.81), ("turtlebot3_burger", 0.21)]
+    ("name", "room"),
+    [
+        ("jackal", 0.45),
+        ("husky", 0.81),
+        ("turtlebot3_burger", 0.21),
+    ],
 )
 def test_no_disc_is_predicted_on_the_robot(name, room, monkeypatch):
     tracker = Perfect()
     robot = robots.load(name)
     monkeypatch.setattr(MoverTracker, "of", lambda robot: tracker)
     prediction = Prediction(robot)
-    # Measured (docs/explanation/movers.md)
+    # The radii are those of docs/explanation/movers.md.
     assert prediction.room == pytest.approx(room, abs=0.005)
+
     scan = replace(ToyRobot(circles=WALL).scan(), sensor_pose=robot.laser.pose)
-    tracker.rows = [(1.6, 0.0, -2.0, 0.0, 0.2)]  # path through the robot
+    # The predicted path leads through the robot.
+    tracker.rows = [(1.6, 0.0, -2.0, 0.0, 0.2)]
     prediction.add_scan(scan)
+
     assert len(prediction.points) > 10
-    assert np.hypot(*prediction.points[:, :2].T).min() >= prediction.room
+    x, y, _ = prediction.points.T
+    assert np.hypot(x, y).min() >= prediction.room
 
 
 class Planners:
@@ -165,8 +182,10 @@ def test_predicted_points_are_cleared_with_the_next_scan(stubbed, walls):
             assert np.array_equal(cells, planners.without_points.costmaps[name].cells), name
         else:
             assert not cells.any(), name
-    for seconds, clears in ((2.4, not walls), (2.6, False)):  # last detected 0.5 s ago
-        points = prediction.add_scan(replace(robot.scan(), stamp=robot.time + seconds)).points
+    # Clearing points follow for 3 s after the last detection, which was 0.5 s ago.
+    for seconds, clears in ((2.4, not walls), (2.6, False)):
+        later_scan = replace(robot.scan(), stamp=robot.time + seconds)
+        points = prediction.add_scan(later_scan).points
         x, y, _ = points.T
         assert np.allclose(np.hypot(x, y), 100.0, atol=1.0), "beyond every obstacle_range"
         assert (len(points) > 0) == clears
@@ -175,10 +194,12 @@ def test_predicted_points_are_cleared_with_the_next_scan(stubbed, walls):
 def assert_marked_ahead(planners):
     """The place of the obstacle in .9 s is lethal only with predicted points."""
     costmap = planners.with_points.local_costmap
+    costmap_without = planners.without_points.local_costmap
     column, row = costmap.world_to_map(1.6 - 0.25, 0.9)
-    ahead = slice(row - 2, row + 3), slice(column - 1, column + 2)
-    assert costmap.cells[ahead].max() == LETHAL
-    assert planners.without_points.local_costmap.cells[ahead].max() < LETHAL
+    rows = slice(row - 2, row + 3)
+    columns = slice(column - 1, column + 2)
+    assert costmap.cells[rows, columns].max() == LETHAL
+    assert costmap_without.cells[rows, columns].max() < LETHAL
 
 
 def test_predicted_points_are_cleared_if_their_source_dies(stubbed):
@@ -195,7 +216,7 @@ def test_predicted_points_are_cleared_if_their_source_dies(stubbed):
         planners.step()
     assert planners.marked_more() > 20
 
-    # 0.8 s; the source counts as silent after a second.
+    # The source counts as silent after a second. These steps take 0.8 s.
     for _ in range(16):
         planners.step(predicts=False)
     assert planners.marked_more() > 20, "the points stay until the source counts as silent"
@@ -272,6 +293,7 @@ def test_the_parameters_for_a_cpp_costmap_mean_the_same_here(movers):
     for costmap in ("local_costmap", "global_costmap"):
         tree[costmap]["obstacles_layer"].update(changes)
     assert check(tree) == []
+    # With movers on, the package adds no second source of the same topic.
     sources = MoveBase(dict(tree, applr={"movers": movers})).sources
     assert [topic.lstrip("/") for topic in sources] == ["front/scan", PREDICTED]
 

@@ -53,7 +53,7 @@ def test_a_point_is_seen_through_if_the_beams_around_it_continue(beams, value, s
     fan = record(FAN, **SCAN)
     ranges = np.full(201, 4.0, np.float32)
     ranges[list(beams)] = value
-    depth = depths(ranges, 0.1, 10.0)
+    depth = depths(ranges, range_min=0.1, range_max=10.0)
     offset_x = 2.0 * math.cos(fan["yaw"])
     offset_y = 2.0 * math.sin(fan["yaw"])
 
@@ -66,7 +66,12 @@ def test_a_point_is_seen_through_if_the_beams_around_it_continue(beams, value, s
 
 @pytest.mark.parametrize(
     ("free", "swept", "has_moved"),
-    [(1, 0.0, False), (2, 0.0, True), (3, 0.14, True), (3, 0.16, False)],
+    [
+        (1, 0.0, False),
+        (2, 0.0, True),
+        (3, 0.14, True),
+        (3, 0.16, False),  # over BENT_RAD [rad], a distorted scan proves nothing
+    ],
 )
 def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, has_moved):
     """The points are in free space of the earlier scan, or were in that of the latest scan."""
@@ -88,11 +93,11 @@ def test_two_of_three_points_prove_motion_in_undistorted_scans(free, swept, has_
     earlier = tracks.Scans(ranges, fans)
     history = np.full((SCANS, POINTS, 2), np.nan)
 
-    # The earlier scan sees through.
+    # When the earlier scan sees through
     ranges[0] = ranges_through
     assert tracks.has_moved(points, history, earlier, wall, fan) == has_moved
 
-    # The latest scan sees through the points of the earlier one.
+    # When the latest scan sees through the points of the earlier one
     history[0] = points
     ranges[0] = wall
     assert tracks.has_moved(points, history, earlier, ranges_through, fan) == has_moved
@@ -105,14 +110,20 @@ def test_the_centre_of_a_disc_follows_from_its_visible_edge(hidden, increment):
     radius = 0.3
     distance = 2.0
     bearing = 0.7
-    half = math.copysign(math.asin(radius / distance), increment)
+    # The sign is that of the beams' order: `start` is the edge that is measured first.
+    half_angle = math.copysign(math.asin(radius / distance), increment)
     fan = record(FAN, x=1.0, y=-1.0, yaw=0.4)
-    cluster = record(CLUSTER, near=distance - radius, start=bearing - half, end=bearing + half)
+    cluster = record(
+        CLUSTER,
+        near=distance - radius,
+        start=bearing - half_angle,
+        end=bearing + half_angle,
+    )
     if hidden == "start":
-        cluster["start"] = bearing - 0.2 * half
+        cluster["start"] = bearing - 0.2 * half_angle
         cluster["start_hidden"] = True
     elif hidden == "end":
-        cluster["end"] = bearing + 0.2 * half
+        cluster["end"] = bearing + 0.2 * half_angle
         cluster["end_hidden"] = True
 
     x, y, sigma = clusters.centre(cluster, radius, fan)
@@ -138,10 +149,12 @@ def seen_from(fan, error, places, outliers=0):
 
 def test_static_tracks_correct_the_pose():
     """One of eight tracks is an outlier. If half of the tracks are, nothing is corrected."""
+    # Given: eight static tracks around a laser whose pose is wrong by some centimetres
     fan = record(FAN, x=5.0, y=-3.0, yaw=0.6)
-    error = Correction(0.02, -0.03, 0.02)
-    no_correction = Correction(0.0, 0.0, 0.0)
-    places = (5.0, -3.0) + np.random.default_rng(0).uniform(-4.0, 4.0, (8, 2))
+    error = Correction(dx=0.02, dy=-0.03, turn=0.02)
+    no_correction = Correction(dx=0.0, dy=0.0, turn=0.0)
+    rng = np.random.default_rng(0)
+    places = (5.0, -3.0) + rng.uniform(-4.0, 4.0, (8, 2))
     x, y = places.T
     voters = np.zeros(8, VOTER)
     voters["x"] = x
@@ -151,12 +164,14 @@ def test_static_tracks_correct_the_pose():
     clusters_seen = seen_from(fan, error, places, outliers=1)
     half_outliers = seen_from(fan, error, places, outliers=4)
 
+    # Then: the error follows from the tracks
     np.testing.assert_allclose(slip(voters, clusters_seen, fan), error, atol=0.004)
     assert slip(voters[:2], clusters_seen, fan) == no_correction, "two are too few"
     assert slip(voters, half_outliers, fan) == no_correction
 
+    # When the laser's pose is corrected, the clusters lie on their tracks, except for the first
+    # one, which is the outlier.
     shift(clusters_seen, fan, error)
-    # The first one is the outlier.
     np.testing.assert_allclose(clusters_seen["x"][1:], x[1:], atol=1e-9)
     np.testing.assert_allclose(clusters_seen["y"][1:], y[1:], atol=1e-9)
     np.testing.assert_allclose(clusters_seen["start"], error.turn)
@@ -165,11 +180,18 @@ def test_static_tracks_correct_the_pose():
     assert fan["yaw"] == pytest.approx(0.62)
 
 
+# Positions of two clusters [m]: one overlaps a track at (2, 0), the other is far from it.
 PART = (2.2, 0.3)
 OTHER = (4.0, 0.0)
 
 
-@pytest.mark.parametrize(("moves", "begun_at"), [(True, [OTHER]), (False, [PART, OTHER])])
+@pytest.mark.parametrize(
+    ("moves", "begun_at"),
+    [
+        (True, [OTHER]),
+        (False, [PART, OTHER]),
+    ],
+)
 def test_a_part_of_a_moving_obstacle_gets_no_track(moves, begun_at):
     known = np.zeros(8, TRACK)
     known[0] = record(TRACK, id=5, x=2.0, radius=0.3, moves=moves)
@@ -192,8 +214,8 @@ def test_a_part_of_a_moving_obstacle_gets_no_track(moves, begun_at):
 def test_a_new_track_has_nothing_of_the_track_that_had_its_row():
     """Rows of ended tracks keep their values; what a new track needs is set."""
     old_row = np.zeros(1, TRACK)
-    for name in TRACK.names:
-        old_row[0][name] = 9
+    for field_name in TRACK.names:
+        old_row[0][field_name] = 9
     old_row["id"] = 0
     old_row["moves"] = False
     clusters_seen = np.zeros(1, CLUSTER)
@@ -209,13 +231,41 @@ def test_a_new_track_has_nothing_of_the_track_that_had_its_row():
 def test_a_track_is_predicted_with_constant_velocity_and_white_acceleration():
     """The state follows F = [[1, dt], [0, 1]], the covariance F P F' plus the acceleration's."""
     track_rows = np.zeros(2, TRACK)
-    track_rows[0] = record(TRACK, id=1, x=2.0, y=-1.0, vx=0.5, vy=-0.4, pp=0.02, pv=0.03, vv=0.5)
+    track_rows[0] = record(
+        TRACK,
+        id=1,
+        x=2.0,
+        y=-1.0,
+        vx=0.5,
+        vy=-0.4,
+        pp=0.02,
+        pv=0.03,
+        vv=0.5,
+    )
     dt = 0.3
+
     tracks.predict(track_rows, dt)
 
-    transition = np.array([[1.0, dt], [0.0, 1.0]])
-    covariance = np.array([[0.02, 0.03], [0.03, 0.5]])
-    noise = tracks.ACCELERATION * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    transition = np.array(
+        [
+            [1.0, dt],
+            [0.0, 1.0],
+        ]
+    )
+    covariance = np.array(
+        [
+            [0.02, 0.03],
+            [0.03, 0.5],
+        ]
+    )
+    # Covariance of position and speed after white acceleration of spectral density 1
+    noise_covariance = np.array(
+        [
+            [dt**3 / 3, dt**2 / 2],
+            [dt**2 / 2, dt],
+        ]
+    )
+    noise = tracks.ACCELERATION * noise_covariance
     predicted_covariance = transition @ covariance @ transition.T + noise
     track = track_rows[0]
     assert track["pp"] == pytest.approx(predicted_covariance[0, 0])
@@ -228,9 +278,16 @@ def test_a_track_is_predicted_with_constant_velocity_and_white_acceleration():
 
 def disc(x, radius=0.3, sigma=0.02):
     """Return the CLUSTER of a fully visible disc on the x axis for a laser at the origin."""
-    half = math.asin(radius / x)
-    near = x - radius
-    return record(CLUSTER, x=x, radius=radius, near=near, sigma=sigma, start=-half, end=half)
+    half_angle = math.asin(radius / x)
+    return record(
+        CLUSTER,
+        x=x,
+        radius=radius,
+        near=x - radius,
+        sigma=sigma,
+        start=-half_angle,
+        end=half_angle,
+    )
 
 
 @pytest.mark.parametrize(
@@ -250,8 +307,9 @@ def test_a_cluster_within_three_deviations_of_position_and_size_is_associated(
     interval = 0.05
     track_rows = np.zeros(MAX_TRACKS, TRACK)
     track_rows[0] = record(TRACK, id=1, x=3.0, radius=0.3, pp=0.1**2)
-    # Of the track, of the cluster, and of a sudden motion since the last scan
-    variance = 0.1**2 + 0.02**2 + (tracks.SUDDEN_M_S * interval) ** 2
+    # Three causes of a deviation: the track, the cluster, and a sudden motion since the last scan
+    sudden_motion = tracks.SUDDEN_M_S * interval
+    variance = 0.1**2 + 0.02**2 + sudden_motion**2
     deviation = math.sqrt(variance)
     clusters_seen = np.zeros(1, CLUSTER)
     clusters_seen[0] = disc(3.0 + deviations * deviation)
@@ -266,10 +324,26 @@ def test_a_cluster_within_three_deviations_of_position_and_size_is_associated(
 
 @pytest.mark.parametrize(
     ("hits", "interval", "share"),
-    [(0, 0.05, 1 / 2), (3, 0.05, 1 / 5), (200, 0.05, 0.1), (200, 5.0, 0.5)],
+    [
+        # The first hits are averaged with equal weights.
+        (0, 0.05, 1 / 2),
+        (3, 0.05, 1 / 5),
+        # Later ones count as much as their share of half a second, but at most half.
+        (200, 0.05, 0.1),
+        (200, 5.0, 0.5),
+    ],
 )
 def test_the_mean_position_of_a_static_track_averages_half_a_second(hits, interval, share):
-    track = record(TRACK, id=1, x=3.0, radius=0.3, pp=0.01, hits=hits, mean_x=3.0, mean_y=1.0)
+    track = record(
+        TRACK,
+        id=1,
+        x=3.0,
+        radius=0.3,
+        pp=0.01,
+        hits=hits,
+        mean_x=3.0,
+        mean_y=1.0,
+    )
 
     # The cluster is 0.4 m and 1 m from the mean.
     tracks.correct(track, disc(3.4), AT_ORIGIN, interval)
