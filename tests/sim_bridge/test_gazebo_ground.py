@@ -4,6 +4,7 @@ in Gazebo 11.
 
 from dataclasses import replace
 from math import dist
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -26,10 +27,17 @@ def simulator(request):
     simulator.close()
 
 
-def turning(simulator, v, w, seed):
-    """Return (ratio of yaw rate to command, distance of the centre of rotation ahead of base_link
-    [m]) in a turn.
+class Turn(NamedTuple):
+    """A steady turn: ratio of yaw rate to command, and distance of the centre of rotation ahead of
+    base_link [m].
     """
+
+    gain: float
+    centre_ahead: float
+
+
+def turning(simulator, v, w, seed):
+    """Return the Turn that a command (v, w) [m/s, rad/s] causes."""
     simulator.reset(OPEN, seed)
     # The turn is steady after a while.
     earlier_x, earlier_y, earlier_yaw = drive(simulator, v, w, 1.5).pose
@@ -38,23 +46,33 @@ def turning(simulator, v, w, seed):
     for _ in range(40):
         x, y, yaw = drive(simulator, v, w, STEP).pose
         middle_yaw = earlier_yaw + 0.5 * normalize_angle(yaw - earlier_yaw)
-        leftward = (y - earlier_y) * np.cos(middle_yaw) - (x - earlier_x) * np.sin(middle_yaw)
+        dx = x - earlier_x
+        dy = y - earlier_y
+        leftward = dy * np.cos(middle_yaw) - dx * np.sin(middle_yaw)
         lateral_speeds.append(leftward / STEP)
         yaw_rates.append(simulator.state.twist[1])
         earlier_x, earlier_y, earlier_yaw = x, y, yaw
+    yaw_rate = np.mean(yaw_rates)
     # base_link moves to the right if the base turns left about a point ahead of it.
-    return np.mean(yaw_rates) / w, -np.mean(lateral_speeds) / np.mean(yaw_rates)
+    return Turn(
+        gain=yaw_rate / w,
+        centre_ahead=-np.mean(lateral_speeds) / yaw_rate,
+    )
 
 
 def test_the_robot_turns_faster_than_commanded_about_a_point_ahead(simulator):
     """In Gazebo, the ratio is 1.21 to 1.48, larger in faster curves, about a point .129 to .137 m
     ahead.
     """
-    for v, w, gain in ((0.25, 1.57, 1.31), (0.5, 1.2, 1.31), (1.0, 1.57, 1.48)):
+    for v, w, gain in (
+        (0.25, 1.57, 1.31),
+        (0.5, 1.2, 1.31),
+        (1.0, 1.57, 1.48),
+    ):
         turns = [turning(simulator, v, w, seed) for seed in range(4)]
-        ratio, ahead = np.mean(turns, axis=0)
-        assert ratio == pytest.approx(gain, abs=0.1)
-        assert ahead == pytest.approx(0.133, abs=0.03)
+        mean_turn = Turn(*np.mean(turns, axis=0))
+        assert mean_turn.gain == pytest.approx(gain, abs=0.1)
+        assert mean_turn.centre_ahead == pytest.approx(0.133, abs=0.03)
 
 
 def test_the_stopping_distance_depends_on_the_wheels_angles_and_odometry_misses_the_slide(
@@ -70,8 +88,9 @@ def test_the_stopping_distance_depends_on_the_wheels_angles_and_odometry_misses_
         fast = drive(simulator, 1.5, 0.0, 1.5)
         stopped = drive(simulator, 0.0, 0.0, 2.5)
         distance = dist(stopped.pose[:2], fast.pose[:2])
+        odom_distance = dist(stopped.odom_pose[:2], fast.odom_pose[:2])
         distances.append(distance)
-        missed.append(distance - dist(stopped.odom_pose[:2], fast.odom_pose[:2]))
+        missed.append(distance - odom_distance)
     assert 0.18 < min(distances) < 0.3
     assert 0.6 < max(distances) < 2.0
     assert 0.35 < np.mean(distances) < 0.6
@@ -82,7 +101,7 @@ def set_motion(simulator, twist, ramp, angles):
     """Set the motion of a kinematic simulator's robot at its current pose.
 
     Args:
-        made: Simulator.
+        simulator: Kinematic simulator.
         twist: Forward and leftward speed of base_link [m/s], and yaw rate [rad/s].
         ramp: Command within the acceleration limits (v, w) [m/s, rad/s].
         angles: Angles of the left and right wheels [rad].
@@ -114,14 +133,22 @@ def test_the_robot_yaws_while_its_wheels_stop():
     simulator = sim_bridge.make("kinematic")
     swings = []
     distances = []
-    for left_angle in np.arange(0.0, 6.2, 0.4):
-        for right_angle in np.arange(0.0, 6.2, 0.4):
+    # The angles of Gazebo's wheels are not known: a grid over a full turn of both sides.
+    wheel_angles = np.arange(0.0, 6.2, 0.4)
+    for left_angle in wheel_angles:
+        for right_angle in wheel_angles:
             simulator.reset(OPEN, 0)
-            set_motion(simulator, (0.692, 0.0, -0.002), (0.481, 0.75), (left_angle, right_angle))
+            set_motion(
+                simulator,
+                twist=(0.692, 0.0, -0.002),
+                ramp=(0.481, 0.75),
+                angles=(left_angle, right_angle),
+            )
             for command in commands:
                 drive(simulator, *command, STEP)
-            swings.append(simulator.state.pose[2])
-            distances.append(simulator.state.pose[0])
+            x, _, yaw = simulator.state.pose
+            swings.append(yaw)
+            distances.append(x)
     assert min(swings) < -0.1
     assert max(swings) > 0.1
     assert min(distances) < 0.1 < 0.135 < max(distances)
@@ -142,51 +169,72 @@ PLAIN = (
 )
 
 
-@pytest.mark.parametrize(("ground", "places"), [(1.0, GAZEBO), (0.0, PLAIN)])
-def test_a_drive_equals_the_recorded_one(ground, places):
+@pytest.mark.parametrize(
+    ("ground", "poses"),
+    [
+        (1.0, GAZEBO),
+        (0.0, PLAIN),
+    ],
+)
+def test_a_drive_equals_the_recorded_one(ground, poses):
     """Any change of the equations or their constants moves these poses by millimetres."""
     simulator = sim_bridge.make("kinematic", ground=ground)
     simulator.reset(OPEN, 3)
-    commands = ((1.5, 0.0, 0.6), (1.0, 1.0, 0.6), (0.5, -1.5, 0.6), (0.0, 0.0, 0.5))
-    for (v, w, seconds), place in zip(commands, places):
-        assert drive(simulator, v, w, seconds).pose == pytest.approx(place, abs=5e-4)
+    # Straight on, a left curve, a right curve, and a stop
+    commands = (
+        (1.5, 0.0, 0.6),
+        (1.0, 1.0, 0.6),
+        (0.5, -1.5, 0.6),
+        (0.0, 0.0, 0.5),
+    )
+    for (v, w, seconds), recorded_pose in zip(commands, poses):
+        state = drive(simulator, v, w, seconds)
+        assert state.pose == pytest.approx(recorded_pose, abs=5e-4)
 
 
 def test_grounds_may_be_drawn_in_between():
     """Half of the draws from (0, 2) give Gazebo's ground. On ground 0, the robot turns as
     commanded.
     """
-    drawn = sim_bridge.make("kinematic", ground=(0.0, 2.0))
+    on_drawn_ground = sim_bridge.make("kinematic", ground=(0.0, 2.0))
     gains = []
     for seed in range(12):
-        gain, _ = turning(drawn, 0.5, 1.2, seed)
-        gains.append(gain)
+        gains.append(turning(on_drawn_ground, 0.5, 1.2, seed).gain)
     assert min(gains) < 1.2 < 1.28 < max(gains)
-    gain, _ = turning(sim_bridge.make("kinematic", ground=0.0), 0.5, 1.2, 0)
-    assert gain == pytest.approx(1.0, abs=0.05)
+
+    on_plain_ground = sim_bridge.make("kinematic", ground=0.0)
+    turn = turning(on_plain_ground, 0.5, 1.2, 0)
+    assert turn.gain == pytest.approx(1.0, abs=0.05)
 
 
 def test_odometry_lags_by_its_filter():
     simulator = sim_bridge.make("kinematic", slip=0.0, odometry=0.0)
     simulator.reset(OPEN, 0)
+    # When the robot has reached 1 m/s, and gets the command to stop
     state = drive(simulator, 1.0, 0.0, 3.0)
-    ahead = state.odom_pose[0]
+    x, _, _ = state.odom_pose
     assert state.odom_twist[0] == pytest.approx(1.0, abs=0.01)
-    # Command and filter delay by .03 s each.
-    assert drive(simulator, 0.0, 0.0, 0.05).odom_twist[0] > 0.6
-    rolled = drive(simulator, 0.0, 0.0, 1.0).odom_pose[0] - ahead
-    # Delay, lag, and braking of the wheels.
-    assert rolled == pytest.approx(0.03 + 0.03 + 0.5 * 1.0 / 20.0, abs=0.01)
+    braking_state = drive(simulator, 0.0, 0.0, 0.05)
+    stopped_x, _, _ = drive(simulator, 0.0, 0.0, 1.0).odom_pose
+
+    # Then command and filter delay by .03 s each.
+    assert braking_state.odom_twist[0] > 0.6
+    # Delay and lag at 1 m/s, and braking of the wheels with 20 m/s^2
+    stopping_distance = 0.03 + 0.03 + 0.5 * 1.0 / 20.0
+    assert stopped_x - x == pytest.approx(stopping_distance, abs=0.01)
 
 
 @pytest.mark.parametrize("name", ["turtlebot3_burger", "husky"])
 def test_a_ground_that_a_robot_cannot_have_is_one_line(name):
     robot = robots.load(name)
-    changed = replace(robot, simulation=robot.simulation.model_copy(update={"ground": "gazebo"}))
+    simulation = robot.simulation.model_copy(update={"ground": "gazebo"})
+    changed_robot = replace(robot, simulation=simulation)
     problem = "ground is gazebo, which needs a skid_steer base with simulation.track_multiplier"
-    assert f"{problem}: give plain" in "\n".join(check.fields(changed))
+    assert f"{problem}: give plain" in "\n".join(check.fields(changed_robot))
 
 
+# Random robots. limits: speed, yaw rate and their accelerations [m/s, rad/s, m/s^2, rad/s^2].
+# ground: its name and the track multiplier.
 @pytest.mark.parametrize(
     ("seed", "width", "length", "limits", "friction", "ground"),
     [
@@ -216,21 +264,27 @@ def test_a_tyre_of_high_friction_jams_and_does_not_push(
         centre=(0.0, 0.0),
         com=(0.0, 0.0, 0.2 * width),
     )
-    motor = dict(
-        grip_limit=6.0 * friction, motor_torque=60.0 * width**2, wheel_shake=0.005 * limits[0]
+    ground_name, track_multiplier = ground
+    simulation = Simulation(
+        grip_limit=6.0 * friction,
+        motor_torque=60.0 * width**2,
+        wheel_shake=0.005 * base.max_speed,
+        ground=ground_name,
+        track_multiplier=track_multiplier,
     )
-    simulation = Simulation(**motor, ground=ground[0], track_multiplier=ground[1])
     robot = replace(robots.JACKAL, base=base, body=body, simulation=simulation)
     simulator = sim_bridge.make("kinematic", robot=robot, friction=1.2)
-    fastest = 0.0
+    highest_speed = 0.0
     rng = np.random.default_rng(seed)
     for trial in range(4):
-        earlier = simulator.reset(OPEN, trial).pose
+        earlier_pose = simulator.reset(OPEN, trial).pose
+        # Ten random commands of 0.4 s each
         for _ in range(10):
-            v = rng.choice([0.0, 0.3, 1.0]) * robot.base.max_speed
-            w = rng.choice([-1.0, 0.0, 0.5, 1.0]) * robot.base.max_yaw_rate
+            v = rng.choice([0.0, 0.3, 1.0]) * base.max_speed
+            w = rng.choice([-1.0, 0.0, 0.5, 1.0]) * base.max_yaw_rate
             for _ in range(8):
                 pose = drive(simulator, v, w, STEP).pose
-                fastest = max(fastest, dist(pose[:2], earlier[:2]) / STEP)
-                earlier = pose
-    assert fastest < 4.0 * robot.base.max_speed
+                speed = dist(pose[:2], earlier_pose[:2]) / STEP
+                highest_speed = max(highest_speed, speed)
+                earlier_pose = pose
+    assert highest_speed < 4.0 * base.max_speed

@@ -12,8 +12,15 @@ NO_BOXES = np.empty((0, 5))
 AHEAD = 360  # index of LASER's beam straight ahead
 LASER = robots.load("jackal").laser
 FULL_TURN = robots.load("turtlebot3_burger").laser  # full turn from 0
-# Fan to the right.
-ABOVE_PI = LASER.model_copy(update=dict(beams=90, first_angle=4.0, last_angle=6.2, range_max=8.0))
+# Fan to the right, whose angles exceed pi.
+ABOVE_PI = LASER.model_copy(
+    update=dict(
+        beams=90,
+        first_angle=4.0,
+        last_angle=6.2,
+        range_max=8.0,
+    )
+)
 LASERS = [LASER, FULL_TURN, ABOVE_PI]
 
 
@@ -28,8 +35,9 @@ def distances_to_circle(directions, offset_x, offset_y, radius):
     centre_distance = np.hypot(offset_x, offset_y)
     # Square of half the chord; negative if the beam misses the circle.
     half_chord_2 = along**2 - (centre_distance**2 - radius**2)
-    hits = (half_chord_2 >= 0) & (along > 0)
-    return np.where(hits, along - np.sqrt(np.maximum(half_chord_2, 0)), np.inf)
+    is_hit = (half_chord_2 >= 0) & (along > 0)
+    half_chord = np.sqrt(np.maximum(half_chord_2, 0))
+    return np.where(is_hit, along - half_chord, np.inf)
 
 
 def distances_to_edge(directions, start, end):
@@ -41,8 +49,8 @@ def distances_to_edge(directions, start, end):
     determinant = cosine * edge_y - sine * edge_x
     distance = (start_x * edge_y - start_y * edge_x) / determinant
     share_of_edge = (start_x * sine - start_y * cosine) / determinant
-    hits = (distance > 0) & (share_of_edge >= 0) & (share_of_edge <= 1)
-    return np.where(hits, distance, np.inf)
+    is_hit = (distance > 0) & (share_of_edge >= 0) & (share_of_edge <= 1)
+    return np.where(is_hit, distance, np.inf)
 
 
 def brute_force(laser, circles, edges, x, y, yaw):
@@ -51,7 +59,9 @@ def brute_force(laser, circles, edges, x, y, yaw):
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
     nearest = np.full(laser.beams, np.inf)
     for centre_x, centre_y, radius in circles:
-        distances = distances_to_circle(directions, centre_x - x, centre_y - y, radius)
+        offset_x = centre_x - x
+        offset_y = centre_y - y
+        distances = distances_to_circle(directions, offset_x, offset_y, radius)
         nearest = np.minimum(nearest, distances)
     for edge in edges:
         start, end = np.reshape(edge, (2, 2)) - (x, y)
@@ -83,13 +93,16 @@ def test_scans_equal_brute_force(seed):
     box_count = generator.integers(0, 8)
     # From crowded to so wide that most is out of range.
     spread = generator.choice([3.0, 8.0, 25.0])
+
     circle_centres = generator.uniform(-spread, spread, (circle_count, 2))
     radii = generator.uniform(0.02, 1.5, circle_count)
     circles = np.column_stack([circle_centres, radii])
+
     box_centres = generator.uniform(-spread, spread, (box_count, 2))
     box_yaws = generator.uniform(-4, 4, box_count)
     box_sizes = generator.uniform(0.02, 5, (box_count, 2))
     boxes = np.column_stack([box_centres, box_yaws, box_sizes])
+
     laser = LASERS[seed % len(LASERS)]
     lidar = Lidar(laser, circles, boxes)
     for _ in range(4):
@@ -97,7 +110,8 @@ def test_scans_equal_brute_force(seed):
         x, y = generator.uniform(-spread, spread, 2)
         yaw = generator.uniform(-7, 7)
         ranges = lidar.scan(x, y, yaw)
-        if np.isneginf(ranges).all():  # The laser is inside an obstacle.
+        # Inside an obstacle, all beams are too near.
+        if np.isneginf(ranges).all():
             continue
 
         # Then: ranges differ only where rounding decides
@@ -117,13 +131,21 @@ def test_an_obstacle_behind_reaches_into_both_ends_of_the_fan():
     assert ranges[0] == pytest.approx(ranges[-1], abs=1e-5)
 
 
-@pytest.mark.parametrize("circles", [NO_CIRCLES, [(40.0, 0.0, 1.0)]], ids=["none", "out of range"])
+@pytest.mark.parametrize(
+    "circles",
+    [
+        pytest.param(NO_CIRCLES, id="none"),
+        pytest.param([(40.0, 0.0, 1.0)], id="out of range"),
+    ],
+)
 def test_beams_that_meet_nothing_are_infinite(circles):
-    assert np.isposinf(Lidar(LASER, circles, []).scan(0, 0, 0)).all()
+    ranges = Lidar(LASER, circles, []).scan(0, 0, 0)
+    assert np.isposinf(ranges).all()
 
 
 def test_a_range_below_the_smallest_is_too_near():
-    ranges = Lidar(LASER, [(0.15, 0.0, 0.1)], []).scan(0, 0, 0)
+    near_post = (0.15, 0.0, 0.1)
+    ranges = Lidar(LASER, [near_post], []).scan(0, 0, 0)
     assert ranges[AHEAD] == -np.inf
 
 
@@ -135,11 +157,14 @@ def test_a_range_below_the_smallest_is_too_near():
     ],
 )
 def test_all_beams_inside_an_obstacle_are_too_near(circles, boxes):
-    assert np.isneginf(Lidar(LASER, circles, boxes).scan(0.3, 0, 0)).all()
+    ranges = Lidar(LASER, circles, boxes).scan(0.3, 0, 0)
+    assert np.isneginf(ranges).all()
 
 
 def test_moving_circles_are_in_the_scan_they_are_given_for():
     lidar = Lidar(LASER, NO_CIRCLES, NO_BOXES)
     mover = np.array([(2.0, 0.0, 0.5)])
-    assert lidar.scan(0, 0, 0, mover)[AHEAD] == pytest.approx(1.5, abs=1e-3)
-    assert lidar.scan(0, 0, 0)[AHEAD] == np.inf
+    ranges_with_mover = lidar.scan(0, 0, 0, mover)
+    assert ranges_with_mover[AHEAD] == pytest.approx(1.5, abs=1e-3)
+    ranges_without = lidar.scan(0, 0, 0)
+    assert ranges_without[AHEAD] == np.inf

@@ -6,7 +6,7 @@ import itertools
 import subprocess
 import sys
 from dataclasses import replace
-from math import cos, dist, hypot, isfinite, pi, sin
+from math import cos, hypot, isfinite, pi, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -68,10 +68,13 @@ def test_a_reset_stands_at_the_start_with_odometry_parallel_to_the_world(simulat
 
 
 def test_a_reset_to_another_start_drives_in_its_direction(simulator):
-    start_x, start_y, heading = start = (1.0, 2.0, 0.5)
-    assert simulator.reset(small_world(), 0, start).pose == start
+    start_pose = (1.0, 2.0, 0.5)
+    assert simulator.reset(small_world(), 0, start_pose).pose == start_pose
     x, y, _ = drive(simulator, 0.5, 0.0, 2.0).pose
-    across = np.cos(heading) * (y - start_y) - np.sin(heading) * (x - start_x)
+    start_x, start_y, heading = start_pose
+    dx = x - start_x
+    dy = y - start_y
+    across = np.cos(heading) * dy - np.sin(heading) * dx
     assert across == pytest.approx(0.0, abs=0.05)
     assert x > 1.4
 
@@ -79,15 +82,16 @@ def test_a_reset_to_another_start_drives_in_its_direction(simulator):
 @pytest.mark.parametrize("name", NAMES)
 def test_randomised_starts_stay_within_their_bounds_and_follow_the_seed(name):
     simulator = sim_bridge.make(name, start_xy=0.2, start_yaw=0.3)
-    start = (1.0, 2.0, 0.5)
-    scene = small_world(start=start)
+    start_pose = (1.0, 2.0, 0.5)
+    scene = small_world(start=start_pose)
     poses = []
     for seed in range(20):
         poses.append(simulator.reset(scene, seed).pose)
-    furthest = np.abs(np.subtract(poses, start)).max(axis=0)
-    assert (furthest <= (0.2, 0.2, 0.3)).all()
-    assert (furthest > (0.1, 0.1, 0.15)).all()
+    largest_offset = np.abs(np.subtract(poses, start_pose)).max(axis=0)
+    assert (largest_offset <= (0.2, 0.2, 0.3)).all()
+    assert (largest_offset > (0.1, 0.1, 0.15)).all()
     assert simulator.reset(scene, 5).pose == poses[5]
+    # A second close does nothing.
     simulator.close()
     simulator.close()
 
@@ -103,14 +107,17 @@ def test_a_teleported_robot_stands_while_time_and_odometry_go_on(simulator):
     assert simulator.to_odom(teleported.pose) == pytest.approx(teleported.odom_pose)
     x, y, _ = simulator.advance(1.0).pose
     assert hypot(x + 1.0, y - 2.0) < 0.2
-    assert drive(simulator, 0.5, 0.0, 2.0).pose[1] > 2.5
+    _, y, _ = drive(simulator, 0.5, 0.0, 2.0).pose
+    assert y > 2.5
 
 
 # -- speeds ----------------------------------------------------------------------------------------
 # Shares of the robot's largest speed and yaw rate: straight on, turns in place, and curves
 SPEEDS = (0.05, 0.1, 0.25, 0.5, 0.75, 1.0, -0.05, -0.25)
+# 0.785 is 3.14 rad/s, the largest turn rate of the Jackal's planners, of its 4 rad/s.
 TURNS = (0.0785, 0.15, 0.25, 0.3925, 0.5, 0.625, 0.785, -0.0785, -0.3925, -0.785)
-CURVES = ((0.05, 0.125, 0.25, 0.5, 0.75, 1.0), (0.05, 0.15, -0.25, 0.3925, 0.785))
+CURVE_SPEEDS = (0.05, 0.125, 0.25, 0.5, 0.75, 1.0)
+CURVE_TURNS = (0.05, 0.15, -0.25, 0.3925, 0.785)
 
 
 def commands(robot):
@@ -123,7 +130,7 @@ def commands(robot):
         yield max_speed * share, 0.0
     for share in TURNS:
         yield 0.0, max_yaw_rate * share
-    for speed_share, turn_share in itertools.product(*CURVES):
+    for speed_share, turn_share in itertools.product(CURVE_SPEEDS, CURVE_TURNS):
         v = max_speed * speed_share
         w = max_yaw_rate * turn_share
         if abs(v * w) <= robot.simulation.grip_limit:
@@ -145,24 +152,28 @@ def driven(simulator, v, w, seconds=6.0, seeds=1):
     runs = []
     for seed in range(seeds):
         simulator.reset(small_world(), seed)
-        earlier = drive(simulator, v, w, 1.0)
-        start = earlier.pose[:2]
-        ahead = 0.0
+        start_x, start_y, start_yaw = drive(simulator, v, w, 1.0).pose
+        earlier_x = start_x
+        earlier_y = start_y
+        earlier_yaw = start_yaw
+        distance_ahead = 0.0
         turned = 0.0
         drift = 0.0
         for _ in range(int(round(seconds / STEP))):
-            state = drive(simulator, v, w, STEP)
-            turn = normalize_angle(state.pose[2] - earlier.pose[2])
-            middle_yaw = earlier.pose[2] + turn / 2
-            dx, dy = np.subtract(state.pose[:2], earlier.pose[:2])
+            x, y, yaw = drive(simulator, v, w, STEP).pose
+            # The robot moves on an arc, whose chord has the heading of its middle.
+            turn = normalize_angle(yaw - earlier_yaw)
+            middle_yaw = earlier_yaw + turn / 2
+            dx = x - earlier_x
+            dy = y - earlier_y
             chord = dx * cos(middle_yaw) + dy * sin(middle_yaw)
             arc_per_chord = turn / 2 / sin(turn / 2) if turn else 1.0
-            ahead += chord * arc_per_chord
+            distance_ahead += chord * arc_per_chord
             turned += turn
             if abs(turned) <= 2 * pi:
-                drift = max(drift, dist(state.pose[:2], start))
-            earlier = state
-        runs.append((ahead / seconds, turned / seconds, drift))
+                drift = max(drift, hypot(x - start_x, y - start_y))
+            earlier_x, earlier_y, earlier_yaw = x, y, yaw
+        runs.append((distance_ahead / seconds, turned / seconds, drift))
     return Driven(*np.mean(runs, axis=0))
 
 
@@ -179,12 +190,15 @@ def error(simulator, v, w, **options):
 
 @pytest.mark.parametrize(
     ("name", "robot"),
-    [("pybullet", "jackal"), *itertools.product(["kinematic"], robots.NAMES)],
+    [
+        ("pybullet", "jackal"),
+        *itertools.product(["kinematic"], robots.NAMES),
+    ],
 )
 def test_driven_speeds_are_the_commanded_ones_within_five_percent(name, robot):
-    even = sim_bridge.make(name, robot=robot, slip=0.0, ground=0.0)
-    for v, w in commands(even.robot):
-        assert error(even, v, w, seconds=3.0) < 0.05, (v, w)
+    on_even_ground = sim_bridge.make(name, robot=robot, slip=0.0, ground=0.0)
+    for v, w in commands(on_even_ground.robot):
+        assert error(on_even_ground, v, w, seconds=3.0) < 0.05, (v, w)
 
 
 def test_speeds_on_uneven_ground_are_the_commanded_ones_on_average(on_plain_ground):
@@ -210,7 +224,8 @@ def test_stops_a_quarter_second_after_the_last_command(simulator, v, w):
     drive(simulator, v, w, 1.0)
     # The last command is still in force.
     assert hypot(*simulator.advance(0.20).twist) > 0.1
-    simulator.advance(0.55)  # Braking from 2 m/s takes .41 s at the friction limit.
+    # Braking from 2 m/s takes .41 s at the friction limit.
+    simulator.advance(0.55)
     assert hypot(*simulator.state.twist) < 0.01
     pose = simulator.state.pose
     simulator.advance(1.0)
@@ -218,68 +233,105 @@ def test_stops_a_quarter_second_after_the_last_command(simulator, v, w):
 
 
 def test_latency_delays_the_response():
-    speeds = {}
-    for latency in (0.0, 0.1):
-        simulator = sim_bridge.make("kinematic", latency=latency)
-        simulator.reset(small_world(), 0)
-        speeds[latency] = [drive(simulator, 0.5, 0.0, 0.05).twist[0] for _ in range(12)]
+    prompt_speeds = speeds_with_latency(0.0)
+    late_speeds = speeds_with_latency(0.1)
     # .1 s are two steps.
-    assert speeds[0.1][:2] == [0.0, 0.0]
-    assert np.allclose(speeds[0.0][:10], speeds[0.1][2:], atol=0.01)
+    assert late_speeds[:2] == [0.0, 0.0]
+    assert np.allclose(prompt_speeds[:10], late_speeds[2:], atol=0.01)
+
+
+def speeds_with_latency(latency):
+    """Return the speeds (12,) [m/s] of a robot that accelerates for 0.6 s."""
+    simulator = sim_bridge.make("kinematic", latency=latency)
+    simulator.reset(small_world(), 0)
+    speeds = []
+    for _ in range(12):
+        speed, _ = drive(simulator, 0.5, 0.0, STEP).twist
+        speeds.append(speed)
+    return speeds
 
 
 # -- contact ---------------------------------------------------------------------------------------
 def test_a_wall_stops_the_robot_and_is_reported(simulator):
-    simulator.reset(small_world(boxes=[(1.0, 0.0, 0.0, 0.2, 4.0)]), 0)
+    wall = (1.0, 0.0, 0.0, 0.2, 4.0)
+    simulator.reset(small_world(boxes=[wall]), 0)
     assert not drive(simulator, 0.5, 0.0, 0.8).contact
+
     state = drive(simulator, 0.5, 0.0, 3.0)
+
     assert state.contact
     assert not state.flipped
-    assert state.pose[0] == pytest.approx(0.9 - geometry.bounding_box(JACKAL)[1], abs=0.02)
+    x, _, _ = state.pose
+    front = geometry.bounding_box(JACKAL).front
+    assert x == pytest.approx(0.9 - front, abs=0.02)
     assert abs(state.twist[0]) < 0.05
-    assert not drive(simulator, -0.5, 0.0, 1.0).contact  # The contact ends in reverse.
-    assert state.odom_pose[0] > 1.2  # The wheels kept turning at the wall.
+    # The contact ends in reverse.
+    assert not drive(simulator, -0.5, 0.0, 1.0).contact
+    # The wheels kept turning at the wall.
+    assert state.odom_pose[0] > 1.2
 
 
 def test_the_robot_slides_along_a_wall_that_it_hits_at_a_low_angle(simulator):
-    simulator.reset(small_world(boxes=[(2.0, -0.15, 0.12, 4.0, 0.2)]), 2)
+    wall = (2.0, -0.15, 0.12, 4.0, 0.2)
+    simulator.reset(small_world(boxes=[wall]), 2)
     contacts = [drive(simulator, 0.5, 0.0, STEP).contact for _ in range(120)]
     assert sum(contacts) > 60
-    assert simulator.state.pose[0] > 2.8
-    assert simulator.state.pose[2] == pytest.approx(0.12, abs=0.01)
+    x, _, yaw = simulator.state.pose
+    assert x > 2.8
+    assert yaw == pytest.approx(0.12, abs=0.01)
 
 
 def test_the_robot_turns_flat_onto_a_wall_that_it_hits_at_a_high_angle(simulator):
-    simulator.reset(small_world(boxes=[(1.5, 0.0, 0.5, 4.0, 0.2)]), 2)
+    wall = (1.5, 0.0, 0.5, 4.0, 0.2)
+    simulator.reset(small_world(boxes=[wall]), 2)
     state = drive(simulator, 0.5, 0.0, 6.0)
-    assert state.pose[2] == pytest.approx(0.5 - pi / 2, abs=0.01)
+    _, _, yaw = state.pose
+    assert yaw == pytest.approx(0.5 - pi / 2, abs=0.01)
     assert abs(state.twist[0]) < 0.02
 
 
 def test_a_moving_cylinder_is_seen_and_pushes_the_robot(simulator):
+    # Given: a cylinder that comes from ahead at 0.5 m/s: time, x, y
     mover = Mover(0.5, ((0.0, 3.0, 0.0), (20.0, -7.0, 0.0)))
     simulator.reset(small_world(movers=[mover]), 0)
+
+    # Then: its position and the beam straight ahead agree, and again after a second
+    laser_x, _, _ = JACKAL.laser.pose
     for _ in range(2):
         x, y, radius = simulator.mover_circles()[0]
         assert (x, y) == pytest.approx(mover.position(simulator.state.time))
-        assert simulator.scan()[360] == pytest.approx(x - radius - JACKAL.laser.pose[0], abs=0.02)
+        assert simulator.scan()[360] == pytest.approx(x - radius - laser_x, abs=0.02)
         simulator.advance(1.0)
+
+    # When: the robot stands in its way
     contacts = [drive(simulator, 0.0, 0.0, STEP).contact for _ in range(120)]
+
+    # Then: it is pushed along or aside
     assert any(contacts)
     assert not any(contacts[:60])
     x, y, _ = simulator.state.pose
-    assert x < -0.3 or abs(y) > 0.3  # The robot is pushed along or aside.
+    assert x < -0.3 or abs(y) > 0.3
     assert hypot(x, y) > 0.68
 
 
 def test_random_commands_enter_no_obstacle(simulator):
     rng = np.random.default_rng(5)
     angles = np.linspace(0, 2 * pi, 40)
-    ring = np.column_stack([0.9 * np.cos(angles), 0.9 * np.sin(angles), np.full(40, 0.075)])
-    simulator.reset(small_world(ring), 0)
+    # A ring of posts without a gap that the robot fits through
+    ring_posts = np.column_stack(
+        [
+            0.9 * np.cos(angles),
+            0.9 * np.sin(angles),
+            np.full(40, 0.075),
+        ]
+    )
+    simulator.reset(small_world(ring_posts), 0)
     for _ in range(30):
-        state = drive(simulator, rng.uniform(-0.5, 2.0), rng.uniform(-3, 3), 0.5)
-        assert hypot(*state.pose[:2]) < 0.85
+        v = rng.uniform(-0.5, 2.0)
+        w = rng.uniform(-3, 3)
+        state = drive(simulator, v, w, 0.5)
+        x, y, _ = state.pose
+        assert hypot(x, y) < 0.85
         assert all(map(isfinite, state.pose))
 
 
@@ -289,9 +341,12 @@ def test_odometry_errs_by_per_cents(simulator):
     for seed in range(5):
         simulator.reset(small_world(), seed)
         state = drive(simulator, 1.0, 0.1, 10.0)
-        errors.append(dist(state.odom_pose[:2], state.pose[:2]))
-        assert abs(normalize_angle(state.pose[2] - state.odom_pose[2])) < 0.02
-    assert 0.01 < max(errors) < 0.5  # after 10 m
+        x, y, yaw = state.pose
+        odom_x, odom_y, odom_yaw = state.odom_pose
+        errors.append(hypot(odom_x - x, odom_y - y))
+        assert abs(normalize_angle(yaw - odom_yaw)) < 0.02
+    # The errors are those after 10 m.
+    assert 0.01 < max(errors) < 0.5
 
 
 def test_odometry_can_be_set(simulator):
@@ -308,10 +363,15 @@ def test_the_imu_measures_acceleration_and_turn_rate(on_plain_ground):
     simulator.command(1.0, 0.0)
     simulator.advance(0.05)
     # The friction of 0.5 limits the acceleration to half of that of gravity.
-    assert simulator.advance(0.05).imu[0] == pytest.approx(4.9, abs=0.5)
+    acceleration, _ = simulator.advance(0.05).imu
+    assert acceleration == pytest.approx(4.9, abs=0.5)
+
     state = drive(simulator, 0.0, 1.0, 1.0)
-    assert state.imu[1] == pytest.approx(state.twist[1], abs=5 * JACKAL.odometry.gyro_noise)
-    assert state.imu[1] == pytest.approx(1.0, abs=0.2)  # The ground is uneven.
+    _, measured_yaw_rate = state.imu
+    _, yaw_rate = state.twist
+    assert measured_yaw_rate == pytest.approx(yaw_rate, abs=5 * JACKAL.odometry.gyro_noise)
+    # The ground is uneven, so that the robot turns a little faster or slower than commanded.
+    assert measured_yaw_rate == pytest.approx(1.0, abs=0.2)
 
 
 # -- laser -----------------------------------------------------------------------------------------
@@ -320,14 +380,17 @@ def test_scan_is_taken_at_the_laser_with_its_noise(simulator):
     scans = np.array([simulator.scan() for _ in range(200)])
     assert scans.dtype == np.float32
     assert scans.shape == (200, 720)
-    assert scans[:, 359:361].mean() == pytest.approx(2.0 - 0.5 - JACKAL.laser.pose[0], abs=1e-3)
+    # Both beams in the middle point straight ahead, where the cylinder's rim is.
+    laser_x, _, _ = JACKAL.laser.pose
+    assert scans[:, 359:361].mean() == pytest.approx(2.0 - 0.5 - laser_x, abs=1e-3)
     assert scans[:, 360].std() == pytest.approx(JACKAL.laser.noise, rel=0.2)
     assert np.isposinf(scans[:, 0]).all()
 
 
 def test_angles_of_beams_increase_anticlockwise(simulator):
     simulator.reset(small_world([(0.0, 3.0, 0.4)]), 0)
-    left_beam = round((pi / 2 - JACKAL.laser.first_angle) / JACKAL.laser.increment)
+    angle_to_the_left = pi / 2 - JACKAL.laser.first_angle
+    left_beam = round(angle_to_the_left / JACKAL.laser.increment)
     assert simulator.scan()[left_beam] == pytest.approx(2.6, abs=0.05)
 
 
@@ -335,12 +398,15 @@ def test_angles_of_beams_increase_anticlockwise(simulator):
 def trace(simulator, scene, seed):
     """Return all states and scans of a random drive, as bytes."""
     rng = np.random.default_rng(9)
-    rows = []
+    samples = []
     simulator.reset(scene, seed)
     for _ in range(40):
-        state = drive(simulator, rng.uniform(-0.5, 1.5), rng.uniform(-2.0, 2.0), 0.1)
-        rows.append(np.array(numbers(state)).tobytes() + simulator.scan().tobytes())
-    return rows
+        v = rng.uniform(-0.5, 1.5)
+        w = rng.uniform(-2.0, 2.0)
+        state = drive(simulator, v, w, 0.1)
+        state_bytes = np.array(numbers(state)).tobytes()
+        samples.append(state_bytes + simulator.scan().tobytes())
+    return samples
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -350,8 +416,10 @@ def test_the_same_world_seed_and_commands_repeat_to_the_last_bit(name):
     rng = np.random.default_rng(1)
     x = rng.uniform(0.5, 3.0, 30)
     y = rng.uniform(-2.0, 2.0, 30)
-    scene = small_world(np.column_stack([x, y, np.full(30, 0.075)]))
+    posts = np.column_stack([x, y, np.full(30, 0.075)])
+    scene = small_world(posts)
     first_trace = trace(simulator, scene, 7)
+    # A drive elsewhere leaves nothing behind.
     trace(simulator, small_world(start=(1.0, 1.0, 1.0)), 8)
     assert first_trace == trace(simulator, scene, 7) == trace(other_simulator, scene, 7)
     assert first_trace != trace(simulator, scene, 8)
@@ -407,7 +475,9 @@ def test_kinematic_drives_like_pybullet():
     pybullet = sim_bridge.make("pybullet")
     kinematic = sim_bridge.make("kinematic")
     for v, w in ((1.0, 0.0), (0.0, 1.57), (0.5, 1.0), (-0.5, 0.0)):
-        differences = np.subtract(twists(pybullet, v, w), twists(kinematic, v, w))
+        pybullet_twists = twists(pybullet, v, w)
+        kinematic_twists = twists(kinematic, v, w)
+        differences = np.subtract(pybullet_twists, kinematic_twists)
         assert np.abs(differences).max() < 0.05
     pybullet.close()
 
@@ -415,21 +485,24 @@ def test_kinematic_drives_like_pybullet():
 def twists(simulator, v, w):
     """Return the twists (26, 2) while a robot accelerates for a second, and then brakes."""
     simulator.reset(small_world(), 3)
-    accelerating = [drive(simulator, v, w, 0.05).twist for _ in range(20)]
-    braking = [drive(simulator, 0.0, 0.0, 0.05).twist for _ in range(6)]
-    return accelerating + braking
+    commands = [(v, w)] * 20 + [(0.0, 0.0)] * 6
+    return [drive(simulator, *command, STEP).twist for command in commands]
 
 
 def obstacles_of(rng, seed):
     """Return a world of random posts, or in every third case of one long box ahead."""
     posts = []
     for x, y in rng.uniform(-1.1, 1.1, (16, 2)):
-        if max(abs(x) - 0.35, abs(y) - 0.32) > 0:  # outside the robot
+        # A post must not begin within the robot: half its size and the post's radius.
+        if abs(x) > 0.35 or abs(y) > 0.32:
             posts.append((x, y, 0.075))
     if seed % 3 != 0:
         return small_world(posts)
+    # The more the box is turned, the nearer its corner: it is farther away then.
     yaw = rng.uniform(-0.7, 0.7)
-    return small_world(boxes=[(0.8 + abs(yaw) * 0.5, rng.uniform(-0.4, 0.4), yaw, 0.3, 2.0)])
+    box_x = 0.8 + abs(yaw) * 0.5
+    box_y = rng.uniform(-0.4, 0.4)
+    return small_world(boxes=[(box_x, box_y, yaw, 0.3, 2.0)])
 
 
 def among_obstacles(simulator, seed):
@@ -442,8 +515,14 @@ def among_obstacles(simulator, seed):
     for _ in range(2):
         v = rng.uniform(0.1, 1.2)
         w = rng.uniform(-0.6, 0.6)
+        # A quarter of the commands are special: backwards, or a turn in place.
         if rng.random() < 0.25:
-            v, w = (-0.5, 0.0) if rng.random() < 0.3 else (0.0, rng.uniform(-0.8, 0.8))
+            if rng.random() < 0.3:
+                v = -0.5
+                w = 0.0
+            else:
+                v = 0.0
+                w = rng.uniform(-0.8, 0.8)
         for _ in range(30):
             has_touched |= drive(simulator, v, w, STEP).contact
     return simulator.state.pose, has_touched
@@ -461,8 +540,9 @@ def test_kinematic_contacts_end_like_pybullets():
         kinematic_pose, kinematic_touched = among_obstacles(kinematic, seed)
         equal_count += bullet_touched == kinematic_touched
         if bullet_touched:
-            distances.append(dist(kinematic_pose[:2], bullet_pose[:2]))
-            turns.append(abs(normalize_angle(kinematic_pose[2] - bullet_pose[2])))
+            dx, dy, turn = np.subtract(kinematic_pose, bullet_pose)
+            distances.append(hypot(dx, dy))
+            turns.append(abs(normalize_angle(turn)))
     pybullet.close()
     assert len(distances) > 8
     assert np.median(distances) < 0.06
@@ -479,23 +559,25 @@ def test_other_robots_drive_and_meet_a_wall_alike_in_both(name):
     # The robot reaches the wall in less than 3 s.
     wall_x = 1.5 * front + v
     wall = (wall_x + 0.1, 0.0, 0.0, 0.2, 4.0)
-    ends = []
+    end_poses = []
     for simulator in (
         sim_bridge.make("kinematic", robot=robot),
         sim_bridge.make("pybullet", robot=name),
     ):
         simulator.reset(small_world(), 3)
-        ends.append(drive(simulator, v, w, 2.0).pose)
+        end_poses.append(drive(simulator, v, w, 2.0).pose)
 
         simulator.reset(small_world(boxes=[wall]), 3)
         assert not drive(simulator, v, 0.0, 0.5).contact
         state = drive(simulator, v, 0.0, 4.0)
         assert state.contact
         assert not state.flipped
-        assert state.pose[0] == pytest.approx(wall_x - front, abs=0.02)
+        x, _, _ = state.pose
+        assert x == pytest.approx(wall_x - front, abs=0.02)
         assert simulator.scan().shape == (robot.laser.beams,)
         simulator.close()
-    assert np.allclose(ends[0], ends[1], atol=0.01)
+    kinematic_end, pybullet_end = end_poses
+    assert np.allclose(kinematic_end, pybullet_end, atol=0.01)
 
 
 WITHOUT_PYBULLET = """
@@ -512,7 +594,10 @@ except ModuleNotFoundError as error:
 
 def test_kinematic_needs_no_pybullet():
     finished = subprocess.run(
-        [sys.executable, "-c", WITHOUT_PYBULLET], capture_output=True, text=True, timeout=HANGS
+        [sys.executable, "-c", WITHOUT_PYBULLET],
+        capture_output=True,
+        text=True,
+        timeout=HANGS,
     )
     assert finished.returncode == 0
     assert finished.stdout == "pybullet\n"
@@ -543,14 +628,15 @@ def test_a_base_with_a_dead_band_takes_smaller_speeds_and_turn_rates_as_0(name):
 def test_the_slow_error_of_the_heading_has_its_size_and_its_correlation_time():
     errors = OdometryErrors(heading_drift=0.02, heading_time=10.0, heading_noise=0.0)
     odometry = Odometry(errors, 0.0, np.random.default_rng(0))
-    heading = np.empty(40_000)
-    for second in range(len(heading)):
+    # 4,000 correlation times are enough for two digits.
+    headings = np.empty(40_000)
+    for second in range(len(headings)):
         odometry.update(1.0, 0.0, 0.0, 0.0, 0.0)
-        heading[second] = odometry.pose[2]
-    assert heading.std() == pytest.approx(0.02, rel=0.1)
+        _, _, headings[second] = odometry.pose
+    assert headings.std() == pytest.approx(0.02, rel=0.1)
     # After one correlation time, 1/e of the correlation is left.
-    correlation = np.corrcoef(heading[:-10], heading[10:])[0, 1]
-    assert correlation == pytest.approx(np.exp(-1.0), abs=0.1)
+    correlations = np.corrcoef(headings[:-10], headings[10:])
+    assert correlations[0, 1] == pytest.approx(np.exp(-1.0), abs=0.1)
 
 
 def test_the_noise_of_the_measured_speed_has_its_size():
@@ -559,14 +645,16 @@ def test_the_noise_of_the_measured_speed_has_its_size():
     speeds = np.empty(4_000)
     for sample in range(len(speeds)):
         odometry.update(0.05, 0.5, 0.0, 0.0, 0.0)
-        speeds[sample] = odometry.twist[0]
+        speeds[sample], _ = odometry.twist
     assert speeds.mean() == pytest.approx(0.5, abs=0.01)
     assert speeds.std() == pytest.approx(0.03, rel=0.1)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0], ids=["left", "right"])
 def test_a_robot_that_drives_against_a_post_turns_towards_the_side_of_the_post(simulator, side):
-    simulator.reset(small_world(cylinders=[(0.7, side * 0.12, 0.05)]), 0)
+    post = (0.7, side * 0.12, 0.05)
+    simulator.reset(small_world(cylinders=[post]), 0)
     state = drive(simulator, 0.5, 0.0, 3.0)
     assert state.contact
-    assert side * state.pose[2] > 0.1
+    _, _, yaw = state.pose
+    assert side * yaw > 0.1
