@@ -32,7 +32,14 @@ PLAN = 24  # number of points of a plan
 # The default reward, and one that differs in every option
 REWARDS = (
     Reward(),
-    Reward(c_p=2.0, c_c=0.1, along_y=True, exact_time=True, lowest=True, c_collision=5.0),
+    Reward(
+        c_p=2.0,
+        c_c=0.1,
+        along_y=True,
+        exact_time=True,
+        lowest=True,
+        c_collision=5.0,
+    ),
 )
 FLAGS = ("contact", "success", "flipped")
 NUMBERS = ("progress", "progress_y", "last_scan_min", "decision_min")
@@ -44,10 +51,14 @@ def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
     encoding = DimensionlessEncoding(robot, PERIOD)
     layout = encoding.layout
     scale = encoding.scale
-    poses = np.cumsum(rng.uniform(-0.2, 0.4, (SCENES, 3)) * scale, axis=0)
-    from_robot = np.cumsum(rng.uniform(-0.05, 0.3, (SCENES, PLAN, 2)) * scale, axis=1)
-    # The order of the draws decides their values. From very near to beyond every cap:
-    ranges = np.exp(rng.normal(0.5, 1.0, (SCENES, layout.beams))).astype(np.float32)
+    # The order of the draws decides their values.
+    steps = rng.uniform(-0.2, 0.4, (SCENES, 3)) * scale
+    poses = np.cumsum(steps, axis=0)
+    plan_steps = rng.uniform(-0.05, 0.3, (SCENES, PLAN, 2)) * scale
+    from_robot = np.cumsum(plan_steps, axis=1)
+    # From very near to beyond every cap
+    logarithms = rng.normal(0.5, 1.0, (SCENES, layout.beams))
+    ranges = np.exp(logarithms).astype(np.float32)
     largest_speed = robot.base.max_speed
     mover_units = [6.0 * scale, 6.0 * scale, largest_speed, largest_speed]  # x, y, vx, vy
     return {
@@ -59,7 +70,16 @@ def inputs(robot: Robot, rng: np.random.Generator) -> Arrays:
         "plans": poses[:, None, :2] + from_robot,
         "actions": rng.uniform(-1.0, 1.0, (SCENES, len(OUTPUTS))).astype(np.float32),
         "numbers": rng.uniform(0.05, 1.5, (SCENES, len(NUMBERS))) * scale,
-        "flags": np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], bool),
+        # Without any flag, and with each of them
+        "flags": np.array(
+            [
+                (0, 0, 0),
+                (1, 0, 0),
+                (0, 1, 0),
+                (0, 0, 1),
+            ],
+            bool,
+        ),
         "seconds": np.array([1.0, 1.0, 0.35, 0.6]),
         "movers": rng.normal(0.0, 0.5, (SCENES, 5, 4)) * mover_units,
     }
@@ -71,22 +91,22 @@ def outputs(robot: Robot, scenes: Arrays) -> Arrays:
     """
     encoding = DimensionlessEncoding(robot, PERIOD)
     thetas = np.array([encoding.theta(action) for action in scenes["actions"]])
-    before = np.vstack([encoding.space.theta0, thetas[:-1]])
+    current_thetas = np.vstack([encoding.space.theta0, thetas[:-1]])
     actions = [encoding.action(theta) for theta in thetas]
 
     # Observations have memory: their order is that of the course.
     encoding.reset()
     observations = []
     for index in range(SCENES):
-        context = _context(encoding, scenes, index, before[index])
+        context = _context(encoding, scenes, index, current_thetas[index])
         observations.append(encoding.observe(context))
 
     rewards = []
     for reward in REWARDS:
-        rows = []
+        reward_terms = []
         for index, theta in enumerate(thetas):
-            rows.append(_reward(encoding, reward, scenes, index, theta))
-        rewards.append(rows)
+            reward_terms.append(_reward(encoding, reward, scenes, index, theta))
+        rewards.append(reward_terms)
     return {
         "observations": np.array(observations),
         "thetas": thetas.astype(np.float32),
@@ -118,7 +138,13 @@ def _reward(encoding: Any, reward: Reward, scenes: Arrays, index: int, theta: np
     """Return the terms of the reward for a decision 10 s before the time limit."""
     values: Dict[str, Any] = dict(zip(NUMBERS, scenes["numbers"][index].tolist()))
     values.update(zip(FLAGS, scenes["flags"][index].tolist()))
-    outcome = Outcome(theta, seconds=float(scenes["seconds"][index]), decisions=90, **values)
+    # 90 of 100 decisions of 1 s are used up.
+    outcome = Outcome(
+        theta,
+        seconds=float(scenes["seconds"][index]),
+        decisions=90,
+        **values,
+    )
     _, terms = reward(outcome, 100, PERIOD, encoding)
     return list(terms.values())
 
@@ -126,11 +152,11 @@ def _reward(encoding: Any, reward: Reward, scenes: Arrays, index: int, theta: np
 def main() -> None:
     """Write the golden file."""
     arrays: Arrays = {}
-    for number, name in enumerate(NAMES):
-        robot = load(name)
-        scenes = inputs(robot, np.random.default_rng(number))
+    for seed, robot_name in enumerate(NAMES):
+        robot = load(robot_name)
+        scenes = inputs(robot, np.random.default_rng(seed))
         for key, array in {**scenes, **outputs(robot, scenes)}.items():
-            arrays[f"{name}/{key}"] = array
+            arrays[f"{robot_name}/{key}"] = array
     np.savez_compressed(FILE, **arrays)
     print(f"{FILE}: {FILE.stat().st_size} bytes")
 

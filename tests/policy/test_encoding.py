@@ -44,8 +44,8 @@ def context(robot, rng, side=1.0):
     yaw, turn, phi, x, y = rng.uniform(-1.0, 1.0, 5)
     plan_x = np.linspace(x, x + 5.0, 60)
     plan_y = side * np.linspace(y, 2.0, 60)
-    count = rng.integers(1, 6)
-    movers = rng.uniform(-4.0, 4.0, (count, 4))
+    mover_count = rng.integers(1, 6)
+    movers = rng.uniform(-4.0, 4.0, (mover_count, 4))
     movers *= (1.0, side, 1.0, side)  # x, y, vx, vy
     return Context(
         ranges=ranges,
@@ -72,45 +72,61 @@ def network(rng):
     return weights
 
 
-@pytest.mark.parametrize("robot", ROBOTS + WIDE, ids=[*NAMES, *map("{} by default".format, NAMES)])
+@pytest.mark.parametrize(
+    "robot",
+    ROBOTS + WIDE,
+    ids=[*NAMES, *map("{} by default".format, NAMES)],
+)
 def test_actions_encode_parameters_within_the_robots_ranges(robot):
     encoding = DimensionlessEncoding(robot, PERIOD)
     rng = np.random.default_rng(0)
     for action in rng.uniform(-1.0, 1.0, (50, len(OUTPUTS))):
         theta = encoding.theta(action)
         assert np.array_equal(theta, encoding.space.clip(theta))
-        if robot in WIDE:  # Default bounds contain the parameters of every action.
+        # Default bounds contain the parameters of every action.
+        if robot in WIDE:
             assert_comes_back(encoding, action, theta)
-    refused(lambda: encoding.theta(np.full(len(OUTPUTS), np.nan)), "finite")
+    without_numbers = np.full(len(OUTPUTS), np.nan)
+    refused(lambda: encoding.theta(without_numbers), "finite")
 
 
 def assert_comes_back(encoding, action, theta):
     """The action of the parameters is the one that chose them, where no bound or rounding did."""
     space = encoding.space
     is_free = (theta > space.low + 1e-9) & (theta < space.high - 1e-9)
-    back = encoding.action(theta)
+    encoded_action = encoding.action(theta)
     for index, name in enumerate(OUTPUTS):
+        # Counts of samples are rounded, and inflation_radius has another range than its output.
         if "samples" in name or "inflation" in name or name not in space.names:
             continue
         if is_free[space.names.index(name)]:
-            assert back[index] == pytest.approx(action[index], abs=1e-6), name
+            assert encoded_action[index] == pytest.approx(action[index], abs=1e-6), name
 
 
 @pytest.mark.parametrize("robot", ROBOTS, ids=NAMES)
 def test_an_observation_is_mirrored_as_the_scene_is(robot):
     encoding = DimensionlessEncoding(robot, PERIOD)
     mirror_encoding = DimensionlessEncoding(robot, PERIOD)
-    for seed in range(3):  # Later observations also contain changes since the previous one.
-        observation = encoding.observe(context(robot, np.random.default_rng(seed)))
-        mirrored = mirror_encoding.observe(context(robot, np.random.default_rng(seed), side=-1.0))
+    # Later observations also contain changes since the previous one.
+    for seed in range(3):
+        scene = context(robot, np.random.default_rng(seed))
+        mirrored_scene = context(robot, np.random.default_rng(seed), side=-1.0)
+        observation = encoding.observe(scene)
+        mirrored = mirror_encoding.observe(mirrored_scene)
         assert observation.shape == (SIZE,)
         assert np.abs(observation).max() <= 1.0
-        np.testing.assert_allclose(observation[MIRROR.order] * MIRROR.sign, mirrored, atol=2e-6)
+        np.testing.assert_allclose(
+            observation[MIRROR.order] * MIRROR.sign,
+            mirrored,
+            atol=2e-6,
+        )
+
     encoding.reset()
     first_observation = encoding.observe(context(robot, np.random.default_rng(5)))
     # Without a previous decision the scan is repeated.
     np.testing.assert_array_equal(
-        first_observation[: SIZE // 4], np.roll(first_observation, -SCAN)[: SIZE // 4]
+        first_observation[: SIZE // 4],
+        np.roll(first_observation, -SCAN)[: SIZE // 4],
     )
 
 
@@ -118,8 +134,8 @@ def test_an_observation_is_mirrored_as_the_scene_is(robot):
 def test_observations_parameters_and_rewards_equal_the_golden_file(name):
     golden = {}
     with np.load(golden_encoding.FILE) as arrays:
-        for path, array in arrays.items():
-            robot_name, _, key = path.partition("/")
+        for array_name, array in arrays.items():
+            robot_name, _, key = array_name.partition("/")
             if robot_name == name:
                 golden[key] = array
     for key, output in golden_encoding.outputs(load(name), golden).items():
@@ -138,16 +154,24 @@ def test_the_nearest_moving_obstacles_are_in_the_robots_frame():
     approaching = (1.0, 4.0, 0.0, -0.5)
     movers = np.array([on_the_right, on_the_left, farthest, approaching])
     scene = replace(context(JACKAL, rng), pose=(1.0, 2.0, np.pi / 2), movers=movers)
-    length = 15.0 * encoding.width
-    fast = JACKAL.base.max_speed
-    ahead = (2.0 / length, 0.0, -0.5 / fast, 0.0)
-    left = (0.0, 3.0 / length, 0.0, 1.0 / fast)
-    right = (0.0, -1.0, 0.3 / fast, -0.3 / fast)  # 8 m away, where positions are capped
-    observed = encoding.observe(scene)[-MOVERS:]
-    np.testing.assert_allclose(observed, [*ahead, *left, *right], atol=1e-6)
 
-    alone = encoding.observe(replace(scene, movers=np.empty((0, 4))))[-MOVERS:]
-    np.testing.assert_array_equal(alone, [1.0, 0.0, 0.0, 0.0] * 3)
+    # Positions are in units of 15 widths, and velocities in units of the largest speed.
+    length = 15.0 * encoding.width
+    max_speed = JACKAL.base.max_speed
+    mover_ahead = (2.0 / length, 0.0, -0.5 / max_speed, 0.0)
+    mover_left = (0.0, 3.0 / length, 0.0, 1.0 / max_speed)
+    # 8 m away, where positions are capped
+    mover_right = (0.0, -1.0, 0.3 / max_speed, -0.3 / max_speed)
+    observed = encoding.observe(scene)[-MOVERS:]
+    np.testing.assert_allclose(
+        observed,
+        [*mover_ahead, *mover_left, *mover_right],
+        atol=1e-6,
+    )
+
+    empty_scene = replace(scene, movers=np.empty((0, 4)))
+    observed_alone = encoding.observe(empty_scene)[-MOVERS:]
+    np.testing.assert_array_equal(observed_alone, [1.0, 0.0, 0.0, 0.0] * 3)
 
 
 def test_a_scene_of_twice_the_size_gives_the_same_observation():
@@ -155,7 +179,12 @@ def test_a_scene_of_twice_the_size_gives_the_same_observation():
     scene = context(JACKAL, np.random.default_rng(0))
     observation = encoding.observe(scene)[:SCAN]
     layout = encoding.layout
-    encoding.layout = replace(layout, beams=180, range_cap=2 * layout.range_cap, lookahead=1.0)
+    encoding.layout = replace(
+        layout,
+        beams=180,
+        range_cap=2 * layout.range_cap,
+        lookahead=1.0,
+    )
     of_larger_scene = encoding._scan(2.0 * scene.ranges)
     np.testing.assert_allclose(observation, of_larger_scene, atol=1e-6)
 

@@ -2,6 +2,8 @@
 beam.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
@@ -26,6 +28,14 @@ SCANNERS = {  # first and last angle, number of ranges
 }
 
 
+class Scan(NamedTuple):
+    """Ranges (n,) float32 [m], first angle and angle between two ranges [rad]."""
+
+    ranges: np.ndarray
+    first: float
+    step: float
+
+
 def plain(layout, ranges, first, step):
     """Return for each beam of the layout the smallest range in its sector, or the range nearest in
     angle.
@@ -44,44 +54,55 @@ def plain(layout, ranges, first, step):
 
 
 def scan_of(kind, seed=0):
-    """Return random ranges of a kind of scanner, its first angle and the angle between ranges."""
-    first, last, count = SCANNERS[kind]
+    """Return a random Scan of a kind of scanner, with 30 % invalid ranges."""
+    first_angle, last_angle, beam_count = SCANNERS[kind]
     rng = np.random.default_rng(seed)
-    ranges = rng.uniform(0.1, 30.0, count).astype(np.float32)
-    invalid = rng.random(count) < 0.3
-    ranges[invalid] = rng.choice([np.inf, -np.inf, np.nan], invalid.sum())
-    return ranges, first, (last - first) / (count - 1)
+    ranges = rng.uniform(0.1, 30.0, beam_count).astype(np.float32)
+    is_invalid = rng.random(beam_count) < 0.3
+    ranges[is_invalid] = rng.choice([np.inf, -np.inf, np.nan], is_invalid.sum())
+    step = (last_angle - first_angle) / (beam_count - 1)
+    return Scan(ranges, first_angle, step)
 
 
 @pytest.mark.parametrize("kind", SCANNERS)
-@pytest.mark.parametrize("layout", [PAPER, Layout(90, -2.3, 2.3, 3.0)], ids=["720", "90"])
+@pytest.mark.parametrize(
+    "layout",
+    [
+        pytest.param(PAPER, id="720"),
+        pytest.param(Layout(90, -2.3, 2.3, 3.0), id="90"),
+    ],
+)
 def test_resampling_equals_the_reference_implementation(kind, layout):
     scan = scan_of(kind)
     np.testing.assert_array_equal(layout.resample(*scan), plain(layout, *scan))
 
 
 def test_a_scan_with_the_layouts_geometry_is_unchanged():
-    random_ranges, _, _ = scan_of("541", 1)
-    ranges = random_ranges.repeat(2)[:720]
+    ranges = scan_of("541", 1).ranges.repeat(2)[:720]
     # LaserScan has angles in single precision, which lie beside the borders of the sectors.
-    first = np.float32(PAPER.angle_min)
+    first_angle = np.float32(PAPER.angle_min)
     step = np.float32(PAPER.step)
-    assert PAPER.resample(ranges, first, step).tobytes() == ranges.tobytes()
-    assert PAPER.resample(ranges[::-1], -first, -step).tobytes() == ranges.tobytes()
+    resampled = PAPER.resample(ranges, first_angle, step)
+    assert resampled.tobytes() == ranges.tobytes()
+    resampled_clockwise = PAPER.resample(ranges[::-1], -first_angle, -step)
+    assert resampled_clockwise.tobytes() == ranges.tobytes()
 
 
 @pytest.mark.parametrize("kind", SCANNERS)
 def test_zero_ranges_of_older_drivers_count_as_nan(kind):
-    ranges, first, step = scan_of(kind)
-    with_zeros = np.where(np.isnan(ranges), np.float32(0.0), ranges)
-    expected = PAPER.resample(ranges, first, step)
-    np.testing.assert_array_equal(PAPER.resample(with_zeros, first, step), expected)
+    scan = scan_of(kind)
+    with_zeros = np.where(np.isnan(scan.ranges), np.float32(0.0), scan.ranges)
+    np.testing.assert_array_equal(
+        PAPER.resample(with_zeros, scan.first, scan.step),
+        PAPER.resample(*scan),
+    )
 
 
 def test_a_single_zero_range_is_nan():
     ranges = np.ones(720)
     ranges[5] = 0.0
-    assert np.isnan(PAPER.resample(ranges, PAPER.angle_min, PAPER.step)[5])
+    resampled = PAPER.resample(ranges, PAPER.angle_min, PAPER.step)
+    assert np.isnan(resampled[5])
 
 
 @pytest.mark.parametrize(
@@ -98,18 +119,30 @@ def test_a_single_zero_range_is_nan():
 )
 def test_a_scan_that_does_not_cover_the_layout_is_rejected(count, first, last, line):
     step = (last - first) / max(1, count - 1)
-    refused(lambda: PAPER.resample(np.ones(count), first, step), line, kind=ObservationError)
+    ranges = np.ones(count)
+    refused(
+        lambda: PAPER.resample(ranges, first, step),
+        line,
+        kind=ObservationError,
+    )
 
 
 def test_an_actor_has_its_own_layout(tmp_path):
     # An observation has 60 beams, the goal's angle and 8 parameters.
-    layout = Layout(60, -1.5, 1.5, 3.0, 0.5)
+    layout = Layout(
+        beams=60,
+        angle_min=-1.5,
+        angle_max=1.5,
+        range_cap=3.0,
+        lookahead=0.5,
+    )
     rng = np.random.default_rng(0)
     weights = {
         "0.weight": rng.normal(size=(8, 69)).astype(np.float32),
         "0.bias": np.zeros(8, np.float32),
     }
-    save(tmp_path / "a.safetensors", weights, encoding=PaperEncoding(robots.JACKAL, layout=layout))
-    assert load(tmp_path / "a.safetensors").layout == layout
-    assert make(str(tmp_path / "a.safetensors")).layout == layout
+    policy_file = tmp_path / "a.safetensors"
+    save(policy_file, weights, encoding=PaperEncoding(robots.JACKAL, layout=layout))
+    assert load(policy_file).layout == layout
+    assert make(str(policy_file)).layout == layout
     assert make("dwa").layout == PAPER

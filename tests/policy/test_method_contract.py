@@ -13,17 +13,19 @@ def scenes(method, count=8):
     space = method.space
     layout = method.layout
     rng = np.random.default_rng(0)
-    x_goal = 10.0
+    goal_x = 10.0
     contexts = []
     for number in range(count):
         ranges = rng.uniform(0.1, 0.4 + number, layout.beams).astype(np.float32)
-        ranges[rng.random(layout.beams) < number / count] = np.inf
+        has_no_return = rng.random(layout.beams) < number / count
+        ranges[has_no_return] = np.inf
         phi = rng.uniform(-np.pi, np.pi)
         theta = space.to_theta(rng.uniform(-1.0, 1.0, len(space)))
         x = 0.5 * number
         plan = np.zeros((0, 2))
-        if number > 0:  # The first decision comes before the first plan.
-            plan = np.linspace((x, 0.0), (x_goal, 0.0), 40)
+        # The first decision comes before the first plan.
+        if number > 0:
+            plan = np.linspace((x, 0.0), (goal_x, 0.0), 40)
         context = methods.Context(
             ranges=ranges,
             phi=phi,
@@ -31,7 +33,7 @@ def scenes(method, count=8):
             time=2.0 * number,
             pose=(x, 0.0, phi),
             twist=(0.1 * number, 0.0),
-            goal=(x_goal, 0.0, 0.0),
+            goal=(goal_x, 0.0, 0.0),
             plan=plan,
             movers=rng.normal(0.0, 2.0, (number // 2, 4)),
             space=space,
@@ -56,9 +58,12 @@ def test_methods_of_the_package(spec):
     decisions(8, contexts[::-1])
     assert decisions(7, contexts) == first_course
     assert np.array_equal(method.space.clip(first_course), first_course)
+    # A method changes nothing in what it sees.
     for context, unused in zip(contexts, scenes(method)):
-        for name in ("observation", "ranges", "theta", "plan", "movers"):
-            assert np.array_equal(getattr(context, name), getattr(unused, name)), name
+        for field_name in ("observation", "ranges", "theta", "plan", "movers"):
+            field = getattr(context, field_name)
+            unused_field = getattr(unused, field_name)
+            assert np.array_equal(field, unused_field), field_name
     # A static method decides without looking.
     if method.static:
         assert first_course == [method.theta(None).tolist()] * len(contexts)

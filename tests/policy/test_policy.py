@@ -54,7 +54,8 @@ def test_a_robot_without_parameters_for_policies_has_an_empty_space():
 
 def test_theta_0_is_clearpaths_and_survives_a_round_trip():
     assert THETA_0.tolist() == [0.5, 1.57, 6, 20, 0.1, 0.75, 1.0, 0.30, 2.0, 0.314, 0.1, 0.1, 0.1]
-    np.testing.assert_allclose(SPACE.to_theta(SPACE.to_action(THETA_0)), THETA_0)
+    action = SPACE.to_action(THETA_0)
+    np.testing.assert_allclose(SPACE.to_theta(action), THETA_0)
     with pytest.raises(ValueError, match="read-only"):
         THETA_0[0] = 1.0
     assert SPACE.as_dict(THETA_0)["vx_samples"] == 6
@@ -68,7 +69,9 @@ def test_actions_reach_the_ranges_and_never_leave_them_and_counts_are_rounded():
         (-1.0, SPACE.low),
         (-1e9, SPACE.low),
     ):
-        np.testing.assert_allclose(SPACE.to_theta(np.full(len(SPACE), entry)), reached)
+        action = np.full(len(SPACE), entry)
+        np.testing.assert_allclose(SPACE.to_theta(action), reached)
+    # The third parameter is vx_samples.
     assert SPACE.clip([*THETA_0[:2], 6.9, *THETA_0[3:]])[2] == 7
     assert SPACE.from_dict({"max_vel_x": 1.5})[0] == 1.5
 
@@ -76,7 +79,9 @@ def test_actions_reach_the_ranges_and_never_leave_them_and_counts_are_rounded():
 @examples(200)
 @given(
     st.lists(
-        st.floats(allow_nan=True, allow_infinity=True), min_size=len(SPACE), max_size=len(SPACE)
+        st.floats(allow_nan=True, allow_infinity=True),
+        min_size=len(SPACE),
+        max_size=len(SPACE),
     )
 )
 def test_any_action_gives_valid_parameters_or_is_rejected(values):
@@ -86,14 +91,21 @@ def test_any_action_gives_valid_parameters_or_is_rejected(values):
     theta = SPACE.to_theta(values)
     assert np.all(theta >= SPACE.low)
     assert np.all(theta <= SPACE.high)
+    # vx_samples and vtheta_samples
     assert theta[2] == round(theta[2])
     assert theta[3] == round(theta[3])
 
 
 def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
-    weights = {"0.weight": np.zeros((1, 720), np.float32), "0.bias": np.zeros(1, np.float32)}
-    wanted = SPACE.chosen.theta0 + np.array([9.0, 0.0, 0.4, 0.6, 0.0, 0.0, 0.0, 0.0])
-    (theta,) = actor_module.ContextPolicy({"open": wanted}, weights, SPACE, LAYOUT).sets
+    weights = {
+        "0.weight": np.zeros((1, 720), np.float32),
+        "0.bias": np.zeros(1, np.float32),
+    }
+    # The speed is over its bound, and both counts lie between two numbers.
+    offsets = np.array([9.0, 0.0, 0.4, 0.6, 0.0, 0.0, 0.0, 0.0])
+    unclipped_theta = SPACE.chosen.theta0 + offsets
+    policy = actor_module.ContextPolicy({"open": unclipped_theta}, weights, SPACE, LAYOUT)
+    (theta,) = policy.sets
     assert theta[:4].tolist() == [2.0, 1.57, 6.0, 21.0]
     assert SPACE.to_theta(np.full(len(SPACE), 0.123))[2] == 13.0
 
@@ -105,17 +117,26 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
             lambda: SPACE.to_theta(np.zeros(7)),
             r"action vector has shape \(7,\): 13 values are needed",
         ),
-        (lambda: SPACE.from_dict({"speed": 1.0}), "unknown parameter 'speed': use max_vel_x, "),
+        (
+            lambda: SPACE.from_dict({"speed": 1.0}),
+            "unknown parameter 'speed': use max_vel_x, ",
+        ),
         (
             lambda: SPACE.from_dict({"max_vel_x": 3.0}),
             "max_vel_x is 3.0: give a number from 0.2 to 2",
         ),
-        (lambda: SPACE.from_dict({"max_vel_x": "fast"}), "max_vel_x is 'fast': give a number"),
+        (
+            lambda: SPACE.from_dict({"max_vel_x": "fast"}),
+            "max_vel_x is 'fast': give a number",
+        ),
         (
             lambda: DRAWN.encoding.theta(DRAWN.action(np.full(729, np.nan, np.float32))),
             "not finite",
         ),
-        (lambda: methods.make("fast"), "method 'fast' is unknown: give dwa, "),
+        (
+            lambda: methods.make("fast"),
+            "method 'fast' is unknown: give dwa, ",
+        ),
         (
             lambda: methods.make("/nowhere/actor.safetensors"),
             "/nowhere/actor.safetensors: cannot be read",
@@ -124,7 +145,10 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
             lambda: methods.make("static", robots.load("turtlebot3_burger")),
             "no .*static.json: run `./applr tune",
         ),
-        (lambda: local_goal(np.empty((0, 3)), (0.0, 0.0, 0.0)), "global plan is empty"),
+        (
+            lambda: local_goal(np.empty((0, 3)), (0.0, 0.0, 0.0)),
+            "global plan is empty",
+        ),
         (
             lambda: local_goal(np.full((5, 2), np.nan), (0.0, 0.0, 0.0)),
             "global plan or pose is not finite",
@@ -133,8 +157,14 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
             lambda: observe(np.full(720, np.nan), 0.0, THETA_0),
             "all 720 beams of the scan are NaN or 0",
         ),
-        (lambda: observe(np.ones(719), 0.0, THETA_0), "scan has 719 beams: the policy takes 720"),
-        (lambda: observe(np.ones(720), np.nan, THETA_0), "angle of the local goal is nan"),
+        (
+            lambda: observe(np.ones(719), 0.0, THETA_0),
+            "scan has 719 beams: the policy takes 720",
+        ),
+        (
+            lambda: observe(np.ones(720), np.nan, THETA_0),
+            "angle of the local goal is nan",
+        ),
     ],
 )
 def test_errors_are_one_line(call, line):
@@ -146,15 +176,17 @@ def test_errors_are_one_line(call, line):
 def test_ranges_lie_within_the_servers_bounds():
     for index, target in SPACE.addresses:
         declared = robots.JACKAL.servers[target.server].declared(target.name)
-        low, high = sorted(map(target.signed, (SPACE.low[index], SPACE.high[index])))
-        assert declared.min <= low < high <= declared.max
+        # min_vel_theta is negated, so that its bounds change places.
+        bounds = (target.signed(SPACE.low[index]), target.signed(SPACE.high[index]))
+        assert declared.min <= min(bounds) < max(bounds) <= declared.max
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 6, 18, 19, 20, 37, 200])
 def test_smoothing_equals_scipy_and_keeps_short_plans(count):
     from scipy.signal import savgol_filter
 
-    points = np.cumsum(np.random.default_rng(count).normal(size=(count, 2)), axis=0)
+    rng = np.random.default_rng(count)
+    points = np.cumsum(rng.normal(size=(count, 2)), axis=0)
     if count < 5:
         np.testing.assert_array_equal(smooth(points), points)
         return
@@ -166,13 +198,21 @@ def test_smoothing_equals_scipy_and_keeps_short_plans(count):
 
 def test_local_goal_is_the_first_point_beyond_a_metre_in_the_robots_frame():
     # Straight line along +y.
-    plan = np.column_stack([np.zeros(200), np.arange(200) * 0.025, np.zeros(200)])
+    plan = np.zeros((200, 3))
+    plan[:, 1] = np.arange(200) * 0.025
+
+    # The robot faces along the plan.
     goal_x, goal_y = local_goal(plan, (0.0, 0.0, np.pi / 2))
     assert goal_x == pytest.approx(1.025)
     assert goal_y == pytest.approx(0.0, abs=1e-9)
-    assert goal_angle(local_goal(plan, (0.0, 0.0, 0.0))) == pytest.approx(np.pi / 2)
-    # Last point of a short plan.
-    assert local_goal(plan[:11], (0.0, 0.0, 0.0))[1] == pytest.approx(0.25)
+
+    # The plan is on its left.
+    goal_on_the_left = local_goal(plan, (0.0, 0.0, 0.0))
+    assert goal_angle(goal_on_the_left) == pytest.approx(np.pi / 2)
+
+    # A short plan gives its last point.
+    _, last_y = local_goal(plan[:11], (0.0, 0.0, 0.0))
+    assert last_y == pytest.approx(0.25)
 
 
 def test_an_observation_has_its_layout_and_scale():
@@ -185,18 +225,21 @@ def test_an_observation_has_its_layout_and_scale():
     # Ranges from 0 to 2 m, the angle in units of pi, and the parameters as actions
     np.testing.assert_allclose(observation[:5], [1.0, 1.0, -1.0, -0.9, 0.5], atol=1e-6)
     assert observation[720] == pytest.approx(0.5)
-    np.testing.assert_allclose(observation[721:], SPACE.to_action(THETA_0)[:8], atol=1e-6)
+    action = SPACE.to_action(THETA_0)[:8]
+    np.testing.assert_allclose(observation[721:], action, atol=1e-6)
 
     # A person may have set a value out of the policy's range.
-    beyond = [5.0, *THETA_0[1:]]
-    assert observe(np.ones(720), 0.0, beyond)[721] == 1.0
+    out_of_range = [5.0, *THETA_0[1:]]
+    assert observe(np.ones(720), 0.0, out_of_range)[721] == 1.0
 
 
 def test_nan_beams_are_interpolated():
     ranges = np.linspace(0.2, 1.8, 720)
     with_holes = ranges.copy()
     with_holes[[0, 100, 101, 719]] = np.nan
-    np.testing.assert_allclose(observe(with_holes, 0.0, THETA_0)[:720], ranges - 1, atol=3e-3)
+    scan = observe(with_holes, 0.0, THETA_0)[:720]
+    # Ranges from 0 to 2 m are entries from -1 to 1.
+    np.testing.assert_allclose(scan, ranges - 1, atol=3e-3)
 
 
 @examples(100)
@@ -207,33 +250,40 @@ def test_observation_is_always_finite_and_in_the_box(seed, share, phi):
     is_invalid = rng.random(720) < share
     # A scan without any valid beam is refused.
     is_invalid[360] = False
-    ranges[is_invalid] = rng.choice([np.nan, np.inf, -np.inf, 1e38, 0.0], is_invalid.sum())
-    observation = observe(ranges, phi, rng.normal(size=len(SPACE)) * 100)
+    invalid_ranges = [np.nan, np.inf, -np.inf, 1e38, 0.0]
+    ranges[is_invalid] = rng.choice(invalid_ranges, is_invalid.sum())
+    theta = rng.normal(size=len(SPACE)) * 100
+    observation = observe(ranges, phi, theta)
     assert np.all(np.isfinite(observation))
     assert np.all(np.abs(observation) <= 1.0)
 
 
 def test_actor_round_trip_and_equality_with_torch(tmp_path):
     torch = pytest.importorskip("torch")
+    # Given: a stored actor of the paper's size
     weights = make_weights(hidden=(512, 512, 512))
     save(tmp_path / "a.safetensors", weights, {"training": {"steps": 3}})
     actor = load(tmp_path / "a.safetensors")
     assert actor.metadata["training"] == {"steps": 3}
-    observations = np.random.default_rng(1).uniform(-1, 1, (16, 729)).astype(np.float32)
-    values = torch.from_numpy(observations)
-    for index in range(4):
-        weight = torch.from_numpy(weights[f"{index}.weight"])
-        bias = torch.from_numpy(weights[f"{index}.bias"])
-        values = values @ weight.T + bias
-        values = torch.relu(values) if index < 3 else torch.tanh(values)
-    np.testing.assert_allclose(actor.action(observations), values.numpy(), atol=1e-5)
+    rng = np.random.default_rng(1)
+    observations = rng.uniform(-1, 1, (16, 729)).astype(np.float32)
+
+    # Then: its actions are those of the same layers in torch
+    activations = torch.from_numpy(observations)
+    for layer in range(4):
+        weight = torch.from_numpy(weights[f"{layer}.weight"])
+        bias = torch.from_numpy(weights[f"{layer}.bias"])
+        activations = activations @ weight.T + bias
+        activations = torch.relu(activations) if layer < 3 else torch.tanh(activations)
+    actions = actor.action(observations)
+    np.testing.assert_allclose(actions, activations.numpy(), atol=1e-5)
 
     # One observation by itself; its action chooses the paper's eight parameters.
     action = actor.action(observations[0])
-    np.testing.assert_allclose(action, actor.action(observations)[0], atol=1e-5)
+    np.testing.assert_allclose(action, actions[0], atol=1e-5)
     theta = actor.encoding.theta(action)
-    filled = [*action, *[0] * (len(SPACE) - 8)]
-    np.testing.assert_array_equal(theta[:8], SPACE.to_theta(filled)[:8])
+    whole_action = [*action, *[0] * (len(SPACE) - 8)]
+    np.testing.assert_array_equal(theta[:8], SPACE.to_theta(whole_action)[:8])
     np.testing.assert_array_equal(theta[8:], THETA_0[8:])
 
 
@@ -251,17 +301,24 @@ def _raw(weights, **metadata):
 
 def _wrong_files():
     """Return {case: (bytes of a file, what its error says)}."""
-    good = make_weights()
+    weights = make_weights()
     space = json.dumps(SPACE.chosen.to_dict())
     layout = json.dumps(LAYOUT.to_dict())
-    header = dict(robot='"jackal"', format=actor_module.FORMAT, space=space, layout=layout)
-    whole = _raw(good, **header)
+    header = dict(
+        robot='"jackal"',
+        format=actor_module.FORMAT,
+        space=space,
+        layout=layout,
+    )
+    whole_file = _raw(weights, **header)
     other_space = json.loads(space)
     other_space["high"][0] = 1.0
-    of_other_space = _raw(good, **dict(header, space=json.dumps(other_space)))
+    other_header = dict(header, space=json.dumps(other_space))
+    of_other_space = _raw(weights, **other_header)
+    # With one of the eight parameters in the observation
     of_other_shape = _raw(make_weights(inputs=721), **header)
     return {
-        "truncated": (whole[: len(whole) // 2], "cut short"),
+        "truncated": (whole_file[: len(whole_file) // 2], "cut short"),
         "pickle": (pickle.dumps(Bomb()), "no safetensors file"),
         "space": (of_other_space, "another parameter space: high"),
         "shapes": (of_other_shape, "721, 8.* inputs and outputs: .*729, 8"),
@@ -272,75 +329,101 @@ def _wrong_files():
 def test_invalid_policy_files_are_rejected_in_one_line(case, tmp_path):
     import builtins
 
-    data, expected = _wrong_files()[case]
-    path = tmp_path / "actor.safetensors"
-    path.write_bytes(data)
-    refused(lambda: load(path), expected, str(path))
+    file_bytes, expected_error = _wrong_files()[case]
+    policy_file = tmp_path / "actor.safetensors"
+    policy_file.write_bytes(file_bytes)
+    refused(lambda: load(policy_file), expected_error, str(policy_file))
     assert not hasattr(builtins, "applr_bomb")
 
 
 def test_saving_is_atomic(tmp_path):
     for path in (tmp_path / "none.safetensors", tmp_path):
         refused(lambda path=path: load(path), str(path))
-    refused(lambda: save(tmp_path / "a.safetensors", make_weights(outputs=7)), "its network has")
     refused(
-        lambda: save(tmp_path / "nowhere" / "a.safetensors", make_weights()), "cannot be written"
+        lambda: save(tmp_path / "a.safetensors", make_weights(outputs=7)),
+        "its network has",
     )
+    refused(
+        lambda: save(tmp_path / "nowhere" / "a.safetensors", make_weights()),
+        "cannot be written",
+    )
+    # No part of a file is left.
     assert list(tmp_path.iterdir()) == []
 
 
 def test_one_request_for_each_server():
     theta = SPACE.from_dict(
-        {"max_vel_theta": 2.0, "pdist_scale": 0.5, "vx_samples": 9, "inflation_radius": 0.4}
+        {
+            "max_vel_theta": 2.0,
+            "pdist_scale": 0.5,
+            "vx_samples": 9,
+            "inflation_radius": 0.4,
+        }
     )
     requests = SPACE.settings(theta)
     assert list(requests) == [PLANNER, *INFLATION, *COSTMAPS]
-    assert requests[PLANNER]["min_vel_theta"] == -requests[PLANNER]["max_vel_theta"] == -2.0
-    assert requests[PLANNER]["path_distance_bias"] == 0.5
-    assert isinstance(requests[PLANNER]["vx_samples"], int)
-    assert requests[INFLATION[0]] == requests[INFLATION[1]] == {"inflation_radius": 0.4}
+    of_planner = requests[PLANNER]
+    assert of_planner["min_vel_theta"] == -of_planner["max_vel_theta"] == -2.0
+    assert of_planner["path_distance_bias"] == 0.5
+    assert isinstance(of_planner["vx_samples"], int)
+    for server in INFLATION:
+        assert requests[server] == {"inflation_radius": 0.4}
     assert SPACE.read_back(requests).tolist() == theta.tolist()
 
 
 def test_named_methods_and_files_give_their_parameters(tmp_path):
     observation = observe(np.ones(720), 0.0, THETA_0)
     context = Context(np.ones(720, np.float32), 0.0, THETA_0, 0.0)
-    assert methods.make("dwa").static
-    assert methods.make("dwa").theta(None).tolist() == THETA_0.tolist()
-    save(tmp_path / "a.safetensors", make_weights(), {"period_s": 1.0})
-    applr = methods.make(str(tmp_path / "a.safetensors"))
-    np.testing.assert_array_equal(applr.theta(context), Policy.of(make_weights()).theta(context))
+    # A method of the package
+    dwa = methods.make("dwa")
+    assert dwa.static
+    assert dwa.theta(None).tolist() == THETA_0.tolist()
+
+    # A policy file
+    policy_file = tmp_path / "a.safetensors"
+    save(policy_file, make_weights(), {"period_s": 1.0})
+    applr = methods.make(str(policy_file))
+    theta = Policy.of(make_weights()).theta(context)
+    np.testing.assert_array_equal(applr.theta(context), theta)
     np.testing.assert_array_equal(context.observation, observation)
     assert applr.period == 1.0
-    (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "vx_samples": 12}')
-    fixed = methods.make(str(tmp_path / "set.json"))
+
+    # A file of parameters, which has only some of them
+    parameter_file = tmp_path / "set.json"
+    parameter_file.write_text('{"max_vel_x": 1.5, "vx_samples": 12}')
+    fixed = methods.make(str(parameter_file))
     assert fixed.theta(context)[:3].tolist() == [1.5, 1.57, 12]
 
 
 @pytest.mark.parametrize("text", ["", "{", '{"speed": 1}', '{"max_vel_x": 9}'])
 def test_errors_of_parameter_files_are_one_line(text, tmp_path):
-    path = tmp_path / "set.json"
-    path.write_text(text)
-    refused(lambda: methods.make(str(path)), str(path))
+    parameter_file = tmp_path / "set.json"
+    parameter_file.write_text(text)
+    refused(lambda: methods.make(str(parameter_file)), str(parameter_file))
 
 
 def test_mirror_images_are_stored_once(tmp_path):
     # Given: two networks and their mirror images, whose mean is the same in a mirrored scene
-    first = make_weights(1)
-    second = make_weights(2)
-    pairs = {name: np.stack([first[name], second[name]]) for name in first}
+    first_network = make_weights(1)
+    second_network = make_weights(2)
+    pairs = {}
+    for tensor_name, tensor in first_network.items():
+        pairs[tensor_name] = np.stack([tensor, second_network[tensor_name]])
     weights = with_mirror_images(pairs, Mirror.of(720, 9))
-    observation = np.random.default_rng(0).uniform(-1, 1, 729).astype(np.float32)
+    rng = np.random.default_rng(0)
+    observation = rng.uniform(-1, 1, 729).astype(np.float32)
     # Mirrored are the beams, of which there are 720, and the goal's angle.
     scan = observation[719::-1]
     goal_angle = -observation[720:721]
     mirrored = np.concatenate([scan, goal_angle, observation[721:]])
-    action = Policy.of(weights).action(observation)
-    assert action == pytest.approx(Policy.of(weights).action(mirrored), abs=1e-6)
+    policy = Policy.of(weights)
+    action = policy.action(observation)
+    assert action == pytest.approx(policy.action(mirrored), abs=1e-6)
 
     # When: they are stored, and again after one of the four has changed
     save(tmp_path / "a", weights)
-    weights["2.bias"] = weights["2.bias"] + np.float32([[0], [1e-3], [0], [0]])
+    change = np.float32([[0], [1e-3], [0], [0]])
+    weights["2.bias"] = weights["2.bias"] + change
     save(tmp_path / "b", weights)
 
     # Then: the first file has half the networks, and each drives as what was stored
@@ -359,18 +442,19 @@ def test_the_shipped_policy_has_metadata_and_beats_the_defaults():
     # It was trained in other worlds than those that it is tested in.
     training = method.metadata["training"]
     assert training["transitions"] > 10_000
-    trained_in = set()
-    for part in training["options"]["worlds"].split(","):
-        trained_in.update(worlds.specs(part))
-    assert len(trained_in) > 200
+    training_worlds = set()
+    for spec in training["options"]["worlds"].split(","):
+        training_worlds.update(worlds.specs(spec))
+    assert len(training_worlds) > 200
     for number in barn.TEST:
-        assert f"generated:{number}" not in trained_in
+        assert f"generated:{number}" not in training_worlds
 
     # A quarter less time than with theta_0
     driver = runner.TrialRunner(TrialSettings())
     seconds = {"dwa": 0.0, "applr": 0.0}
     tested_worlds = list(zip(SHIPPED_DRIVES, SHIPPED_DRIVES))
-    for task in plan_trials(tested_worlds, [("dwa", "dwa"), ("applr", "applr")], 1, seed=0):
+    compared_methods = [("dwa", "dwa"), ("applr", "applr")]
+    for task in plan_trials(tested_worlds, compared_methods, 1, seed=0):
         result = driver.run(task)
         assert result.success, result
         seconds[task.method] += result.time_s
@@ -386,17 +470,22 @@ def test_a_loaded_policy_predicts_its_methods_decision(name):
     policy = applr_ros1.load_policy(name, policy_file)
     environment = gymnasium.make(ID, worlds="generated:7", **policy.environment)
     observation, _ = environment.reset(seed=1)
+    # Its arguments are those of stable-baselines3.
     action, state = policy.predict(
-        observation, state=("kept",), episode_start=np.ones(1, bool), deterministic=False
+        observation,
+        state=("kept",),
+        episode_start=np.ones(1, bool),
+        deterministic=False,
     )
     assert environment.action_space.contains(action)
     assert state == ("kept",)
     # Sums in single precision depend on the number of rows.
-    np.testing.assert_allclose(
-        policy.predict(np.stack([-observation, observation]))[0][1], action, atol=1e-5
-    )
+    actions, _ = policy.predict(np.stack([-observation, observation]))
+    np.testing.assert_allclose(actions[1], action, atol=1e-5)
+
     method = methods.make(policy_file, robots.load(name))
     method.reset(0)
-    decided = method.theta(environment.unwrapped.episode.context())
-    np.testing.assert_allclose(environment.unwrapped.encoding.theta(action), decided, rtol=1e-6)
-    assert environment.unwrapped.episode.period == method.period
+    unwrapped = environment.unwrapped
+    theta = method.theta(unwrapped.episode.context())
+    np.testing.assert_allclose(unwrapped.encoding.theta(action), theta, rtol=1e-6)
+    assert unwrapped.episode.period == method.period

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from applr_ros1.common.angles import transform_point
 from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD, Context
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
@@ -22,7 +23,10 @@ BACKS = -0.03  # speed of a robot that backs out [m/s]
 BACK_AND_FORTH = 0.5  # m/s: one metre ahead, and back
 BACK = -1.0
 AHEAD = 1.0
+# Indices of the parameters that make TrajectoryPlannerROS back out, first the distance
 BACKING = [SPACE.names.index(name) for name in ("escape_reset_dist", *BACKING_OUT)]
+DISTANCE = BACKING[0]
+MAX_VEL_X = SPACE.names.index("max_vel_x")
 
 
 def place(time, speed):
@@ -36,12 +40,29 @@ def scene(time, x=0.0, v=0.0, robot=JACKAL, way=BACK):
     """Return the context of a robot at x [m] with a plan of 3 m back or ahead."""
     space = space_of(robot)
     pose = (x, 0.0, 0.0)
-    plan = np.column_stack([x + way * np.linspace(0.0, 3.0, 60), np.zeros(60)])
-    ranges = np.ones(720, np.float32)
-    return Context(ranges, 0.0, space.theta0, time, pose, (v, 0.0), plan=plan, space=space)
+    plan_x = x + way * np.linspace(0.0, 3.0, 60)
+    plan = np.column_stack([plan_x, np.zeros(60)])
+    return Context(
+        ranges=np.ones(720, np.float32),
+        phi=0.0,
+        theta=space.theta0,
+        time=time,
+        pose=pose,
+        twist=(v, 0.0),
+        plan=plan,
+        space=space,
+    )
 
 
-def course(seed=3, speed=SLOW, method=SET, robot=JACKAL, rule=None, backwards=(), ahead=()):
+def course(
+    seed=3,
+    speed=SLOW,
+    method=SET,
+    robot=JACKAL,
+    rule=None,
+    backwards=(),
+    ahead=(),
+):
     """Return the parameters in place of the method's at 0, 1, ... 31 s, None where they stay.
 
     The robot measures a speed backwards at the times `backwards` [s]. Its plan leads ahead at the
@@ -54,129 +75,170 @@ def course(seed=3, speed=SLOW, method=SET, robot=JACKAL, rule=None, backwards=()
     for time in range(32):
         v = BACKS if time in backwards else SLIPS
         way = AHEAD if time in ahead else BACK
-        seen = scene(float(time), place(time, speed), v, robot, way)
-        replaced.append(rule.instead(method, seen, theta))
+        context = scene(float(time), place(time, speed), v, robot, way)
+        replaced.append(rule.instead(method, context, theta))
     return replaced
 
 
 def test_a_stalled_robot_gets_random_parameters_from_the_seed_of_the_course():
+    # A stall is known after 8 s.
     standing = course()
     assert standing[:8] == [None] * 8
     assert course(speed=FAST) == [None] * 32
     drawn = np.array(standing[8:])
     assert np.array_equal(SPACE.clip(drawn), drawn)
+
     # What no policy chooses stays as the method has it: min_in_place_vel_theta and the padding.
-    kept = [SPACE.names.index(name) for name in ("min_in_place_vel_theta", "footprint_padding")]
-    assert (drawn[:, kept] == SPACE.theta0[kept]).all()
+    for parameter_name in ("min_in_place_vel_theta", "footprint_padding"):
+        index = SPACE.names.index(parameter_name)
+        assert (drawn[:, index] == SPACE.theta0[index]).all()
+
+    # The same seed gives the same parameters, with a new rule or the one of an earlier course.
     assert np.array_equal(course()[8:], drawn)
     rule = StallRule(JACKAL)
     for _ in range(2):
-        again = course(rule=rule)
-        assert again[:8] == [None] * 8
-        assert np.array_equal(again[8:], drawn)
-    assert not np.isin(np.array(course(seed=4)[8:])[:, 0], drawn[:, 0]).any()
+        repeated = course(rule=rule)
+        assert repeated[:8] == [None] * 8
+        assert np.array_equal(repeated[8:], drawn)
     assert np.array_equal(course(speed=BACK_AND_FORTH)[8:], drawn)
+
+    # Another seed gives others.
+    of_other_seed = np.array(course(seed=4)[8:])
+    assert not np.isin(of_other_seed[:, MAX_VEL_X], drawn[:, MAX_VEL_X]).any()
 
 
 def is_backing_out(theta):
     """Return whether parameters back out, which sets three of them together; None without any."""
     if theta is None:
         return None
-    distance, *others = theta[BACKING]
-    if distance == SPACE.theta0[BACKING[0]]:
+    distance, rotation, sim_time = theta[BACKING]
+    if distance == SPACE.theta0[DISTANCE]:
         return False
     assert 0.5 <= distance <= 1.0
-    assert others == [3.14, 3.0]
+    assert (rotation, sim_time) == (3.14, 3.0)
     return True
 
 
 def test_a_method_with_the_same_seed_draws_others():
     encoding = DimensionlessEncoding(JACKAL, PERIOD)
-    action = np.random.default_rng(3).uniform(-1.0, 1.0, encoding.actions)
-    assert course(seed=3)[8][0] != encoding.theta(action)[0]
+    rng = np.random.default_rng(3)
+    action = rng.uniform(-1.0, 1.0, encoding.actions)
+    theta = encoding.theta(action)
+    drawn = course(seed=3)[8]
+    assert drawn[MAX_VEL_X] != theta[MAX_VEL_X]
 
 
 def test_the_distance_backwards_is_between_half_a_metre_and_one():
-    distances = [course(seed)[8][BACKING[0]] for seed in range(100)]
+    distances = [course(seed)[8][DISTANCE] for seed in range(100)]
     assert 0.5 <= min(distances) < 0.52
     assert 0.98 < max(distances) <= 1.0
 
 
 def test_parameters_are_drawn_on_both_sides_of_the_middle():
     encoding = DimensionlessEncoding(JACKAL, PERIOD)
-    middle = encoding.theta(np.zeros(encoding.actions))[0]
-    speeds = [course(seed)[8][0] for seed in range(20)]
-    assert min(speeds) < middle < max(speeds)
+    middle_theta = encoding.theta(np.zeros(encoding.actions))
+    speeds = [course(seed)[8][MAX_VEL_X] for seed in range(20)]
+    assert min(speeds) < middle_theta[MAX_VEL_X] < max(speeds)
 
 
 def phases(replaced):
     """Return (whether the robot backs out, number of decisions) of each phase from 8 s on."""
-    found = []
+    kinds = []
+    decision_counts = []
+    phase_theta = np.empty(0)
     for theta in replaced[8:]:
         backs_out = is_backing_out(theta)
-        if not found or not np.array_equal(found[-1][0], theta):
-            found.append((theta, backs_out, 0))
-        found[-1] = (theta, backs_out, found[-1][2] + 1)
-    return [(backs_out, count) for _, backs_out, count in found]
+        # A phase keeps its parameters, and the next one draws others.
+        if not np.array_equal(phase_theta, theta):
+            kinds.append(backs_out)
+            decision_counts.append(0)
+            phase_theta = theta
+        decision_counts[-1] += 1
+    return list(zip(kinds, decision_counts))
 
 
 def test_a_stalled_robot_backs_out_and_drives_by_turns_with_other_parameters_each_time():
     # Standing, it tries to back out for 8 s, and drives for 3 s.
-    assert phases(course()) == [(True, 8), (False, 3), (True, 8), (False, 3), (True, 2)]
+    assert phases(course()) == [
+        (True, 8),
+        (False, 3),
+        (True, 8),
+        (False, 3),
+        (True, 2),
+    ]
     # It drives back from 10 to 12 s, and at 17 s.
     replaced = course(backwards=(10, 11, 12, 17))
-    backing_and_driving = [(True, 5), (False, 3), (True, 2), (False, 3), (True, 8), (False, 3)]
-    assert phases(replaced) == backing_and_driving
-    distances = {theta[BACKING[0]] for theta in replaced[8:] if is_backing_out(theta)}
+    assert phases(replaced) == [
+        (True, 5),
+        (False, 3),
+        (True, 2),
+        (False, 3),
+        (True, 8),
+        (False, 3),
+    ]
+    # Each of the three times, it backs out by another distance.
+    distances = {theta[DISTANCE] for theta in replaced[8:] if is_backing_out(theta)}
     assert len(distances) == 3
 
 
 def test_where_the_plan_leads_ahead_random_parameters_and_the_methods_alternate():
-    assert phases(course(ahead=range(32))) == [(False, 3), (None, 3)] * 4
+    replaced = course(ahead=range(32))
+    assert phases(replaced) == [(False, 3), (None, 3)] * 4
 
 
 def test_a_robot_that_has_turned_gets_its_method_and_backs_out_where_the_plan_turns_back():
     replaced = course(ahead=range(11, 18))
-    assert phases(replaced)[:5] == [(True, 3), (None, 3), (False, 3), (None, 1), (True, 8)]
+    assert phases(replaced)[:5] == [
+        (True, 3),
+        (None, 3),
+        (False, 3),
+        (None, 1),
+        (True, 8),
+    ]
 
 
 def backs_out(pose, points):
     """Return whether a stalled robot backs out with a plan through points (n, 2) ahead and left."""
-    x, y, yaw = pose
-    ahead, left = np.transpose(points)
-    xs = x + np.cos(yaw) * ahead - np.sin(yaw) * left
-    ys = y + np.sin(yaw) * ahead + np.cos(yaw) * left
+    forward, leftward = np.transpose(points)
+    plan = np.column_stack(transform_point(pose, forward, leftward))
     rule = StallRule(JACKAL)
     for time in range(9):
-        seen = replace(scene(float(time)), pose=pose, plan=np.column_stack([xs, ys]))
-        theta = rule.instead(SET, seen, SPACE.theta0)
+        context = replace(scene(float(time)), pose=pose, plan=plan)
+        theta = rule.instead(SET, context, SPACE.theta0)
     return is_backing_out(theta)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 2.0, -2.5])
 def test_the_plan_leads_back_if_it_begins_in_the_half_plane_behind_the_robot(yaw):
+    distances = np.linspace(0.0, 2.0, 40)
     for angle in (0.0, 1.4, -1.4, 1.75, -1.75, 3.0):
-        ways = np.linspace(0.0, 2.0, 40)
-        straight = np.column_stack([np.cos(angle) * ways, np.sin(angle) * ways])
-        assert backs_out((30.0, -20.0, yaw), straight) == (abs(angle) > 1.5)
+        direction = (np.cos(angle), np.sin(angle))
+        straight_plan = np.outer(distances, direction)
+        assert backs_out((30.0, -20.0, yaw), straight_plan) == (abs(angle) > 1.5)
 
 
 def test_the_first_third_of_a_metre_of_the_plan_counts():
     for turn_back, leads_back in ((-0.28, False), (-0.33, True)):
-        there_and_ahead = [*np.arange(0.0, turn_back, -0.01), *np.arange(turn_back, 3.0, 0.01)]
+        there_and_ahead = [
+            *np.arange(0.0, turn_back, -0.01),
+            *np.arange(turn_back, 3.0, 0.01),
+        ]
         points = np.column_stack([there_and_ahead, np.zeros(len(there_and_ahead))])
         assert backs_out((0.0, 0.0, 0.0), points) == leads_back
 
 
 def test_without_a_plan_it_backs_out():
     rule = StallRule(JACKAL)
-    bare = [replace(scene(float(time)), plan=np.zeros((0, 2))) for time in range(9)]
-    assert is_backing_out([rule.instead(SET, seen, SPACE.theta0) for seen in bare][-1])
+    for time in range(9):
+        context = replace(scene(float(time)), plan=np.zeros((0, 2)))
+        theta = rule.instead(SET, context, SPACE.theta0)
+    assert is_backing_out(theta)
 
 
 def test_each_stall_begins_with_backing_out():
     rule = StallRule(JACKAL)
-    for time in range(17):  # It drives since 16 s.
+    # From 16 s on, it would drive.
+    for time in range(17):
         rule.instead(SET, scene(float(time)), SPACE.theta0)
     assert rule.instead(SET, scene(17.0, v=0.5), SPACE.theta0) is None
     assert is_backing_out(rule.instead(SET, scene(18.0), SPACE.theta0))
@@ -184,7 +246,10 @@ def test_each_stall_begins_with_backing_out():
 
 def test_the_costmaps_are_cleared_at_the_beginning_of_each_stall_and_every_8_seconds():
     """The first stall is from 8 to 25 s, and the next one begins at 30 s."""
-    for method, cleared in ((SET, [8, 16, 24, 30]), (methods.make("dwa"), [])):
+    for method, clearing_times in (
+        (SET, [8, 16, 24, 30]),
+        (methods.make("dwa"), []),
+    ):
         rule = StallRule(JACKAL)
         times = []
         for time in range(32):
@@ -192,12 +257,17 @@ def test_the_costmaps_are_cleared_at_the_beginning_of_each_stall_and_every_8_sec
             rule.instead(method, scene(float(time), v=v), SPACE.theta0)
             if rule.clears_costmaps:
                 times.append(time)
-        assert times == cleared
+        assert times == clearing_times
 
 
 def test_a_robot_that_has_just_come_out_has_not_stalled():
     """It passes near its place 8 s ago, but so fast ahead that it is soon away."""
-    for v, count in ((0.4, 1), (0.45, 0), (-0.45, 1)):
+    # OUT_TIME_S is 2 s: 0.425 m/s would take it 0.85 m.
+    for v, count in (
+        (0.4, 1),
+        (0.45, 0),
+        (-0.45, 1),
+    ):
         rule = StallRule(JACKAL)
         for time in range(8):
             rule.instead(SET, scene(float(time)), SPACE.theta0)
@@ -210,15 +280,15 @@ def test_times_that_are_sums_of_periods_count_as_reached():
     rule = StallRule(JACKAL)
     time = 0.0
     replaced = []
-    cleared = []
-    for number in range(200):
+    clearing_decisions = []
+    for decision in range(200):
         replaced.append(rule.instead(SET, scene(time), SPACE.theta0))
         if rule.clears_costmaps:
-            cleared.append(number)
+            clearing_decisions.append(decision)
         time += 0.1
     assert [theta is None for theta in replaced] == [True] * 80 + [False] * 120
     assert phases(replaced[72:]) == [(True, 80), (False, 30), (True, 10)]
-    assert cleared == [80, 160]
+    assert clearing_decisions == [80, 160]
 
 
 def test_distance_and_speed_of_a_stall_scale_with_the_robot():
@@ -229,13 +299,15 @@ def test_distance_and_speed_of_a_stall_scale_with_the_robot():
             is_stalled = stall.update(float(second), 0.2 * second, 0.0, 0.0)
         assert is_stalled is stalled
         assert stall.update(9.0, 1.6, 0.0, 0.8) is stalled
-        assert stall.share == pytest.approx(1.4 / 1.7) if stalled else stall.share == 1.0
+        # It is 1.4 m away from its place 8 s ago, of 1.7 m that the large robot needs.
+        expected_share = pytest.approx(1.4 / 1.7) if stalled else 1.0
+        assert stall.share == expected_share
 
 
 def test_a_robot_whose_planner_cannot_back_out_gets_random_parameters_only():
     burger = load("turtlebot3_burger")
-    slow = course(robot=burger, speed=0.01)
-    assert np.array(slow[8:]).shape == (24, len(space_of(burger)))
+    replaced = course(robot=burger, speed=0.01)
+    assert np.array(replaced[8:]).shape == (24, len(space_of(burger)))
 
 
 def test_a_small_robot_stalls_at_a_smaller_speed():
@@ -251,9 +323,10 @@ def test_every_method_gets_them_that_does_not_refuse():
 
     assert course(method=Own())[8] is not None
     refusing = {"dwa", "random", "explore", "appld"}
-    for name in methods.METHODS:
-        method = methods.make(name)
+    for method_name in methods.METHODS:
+        method = methods.make(method_name)
         rule = StallRule(JACKAL)
-        after = course(method=method, rule=rule)
-        assert all(theta is None for theta in after) == (name in refusing), name
-        assert rule.count == (0 if name in refusing else 24)
+        replaced = course(method=method, rule=rule)
+        is_refusing = method_name in refusing
+        assert all(theta is None for theta in replaced) == is_refusing, method_name
+        assert rule.count == (0 if is_refusing else 24)
