@@ -49,14 +49,14 @@ class Rows:
 
     def latest(self, time: float) -> int:
         """Return the index of the latest row until `time` [s], or -1."""
-        following = int(np.searchsorted(self.time, time, side="right"))
-        return following - 1
+        next_row = int(np.searchsorted(self.time, time, side="right"))
+        return next_row - 1
 
     def between(self: SelfRows, begin: float, end: float) -> SelfRows:
         """Return the rows with begin <= time <= end [s]."""
-        first = int(np.searchsorted(self.time, begin, side="left"))
-        last = int(np.searchsorted(self.time, end, side="right"))
-        return self.part(slice(first, last))
+        first_row = int(np.searchsorted(self.time, begin, side="left"))
+        end_row = int(np.searchsorted(self.time, end, side="right"))
+        return self.part(slice(first_row, end_row))
 
     def part(self: SelfRows, rows: slice) -> SelfRows:
         """Return a slice of the rows."""
@@ -75,10 +75,10 @@ def nearest_rows(stamps: np.ndarray, times: np.ndarray) -> np.ndarray:
     if len(stamps) == 1:
         return np.zeros(len(times), int)
     # The stamps on both sides of each time; beyond the ends, the two last ones
-    later = np.clip(np.searchsorted(stamps, times), 1, len(stamps) - 1)
-    earlier = later - 1
-    is_earlier_nearer = times - stamps[earlier] <= stamps[later] - times
-    return np.where(is_earlier_nearer, earlier, later)
+    later_rows = np.clip(np.searchsorted(stamps, times), 1, len(stamps) - 1)
+    earlier_rows = later_rows - 1
+    is_earlier_nearer = times - stamps[earlier_rows] <= stamps[later_rows] - times
+    return np.where(is_earlier_nearer, earlier_rows, later_rows)
 
 
 @dataclass
@@ -356,8 +356,8 @@ class Drive:
         }
         # float32 halves the file, and pictures need no more.
         arrays: Dict[str, Any] = {}
-        for name, column in columns.items():
-            arrays[name] = np.asarray(column, np.float32)
+        for column_name, column in columns.items():
+            arrays[column_name] = np.asarray(column, np.float32)
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **arrays)
         return buffer.getvalue()
@@ -369,23 +369,28 @@ class Drive:
         The parameters of its decisions have numbers as names.
         """
         with np.load(io.BytesIO(packed)) as arrays:
-            stamp = arrays["time"]
-            truth = Motion(stamp, stamp, arrays["pose"], arrays["twist"])
+            times = arrays["time"]
+            truth = Motion(times, times, arrays["pose"], arrays["twist"])
             thetas = arrays["theta"]
-            decided = arrays["decided"]
+            decision_times = arrays["decided"]
         decisions = []
-        for time, theta in zip(decided.tolist(), thetas.tolist()):
+        for decision_time, theta in zip(decision_times.tolist(), thetas.tolist()):
             # The names were not packed.
-            values = dict(zip(map(str, range(len(theta))), theta))
+            parameters = dict(zip(map(str, range(len(theta))), theta))
             decision = Decision(
-                goal="", time=time, scan_time=time, before={}, after=values, seen=None
+                goal="",
+                time=decision_time,
+                scan_time=decision_time,
+                before={},
+                after=parameters,
+                seen=None,
             )
             decisions.append(decision)
         return cls(truth=truth, decisions=decisions)
 
     def require(self, *columns: str) -> None:
         """Raise DriveError if one of the named columns is missing or empty."""
-        for name in columns:
+        for column_name in columns:
             # The length of rows is their truth value.
-            if not getattr(self, name):
-                raise DriveError(f"{self.name}: no {name} was recorded")
+            if not getattr(self, column_name):
+                raise DriveError(f"{self.name}: no {column_name} was recorded")

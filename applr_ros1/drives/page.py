@@ -85,14 +85,14 @@ def page(
     """
     colors = color_indices(methods)
     values = {
-        "methods": [{"name": name, "color": colors[name]} for name in methods],
+        "methods": [{"name": method_name, "color": colors[method_name]} for method_name in methods],
         "parameters": parameter_values(space, units),
         "body": list(body),
         "worlds": [scene_values(scene, marked) for scene in scenes],
     }
     is_single = len(scenes) == 1 and len(scenes[0].drives) == 1
-    kind = "drive" if is_single else "drives"
-    return Page(kind, title, verdict, SCRIPTS, values, back, measured).html()
+    page_kind = "drive" if is_single else "drives"
+    return Page(page_kind, title, verdict, SCRIPTS, values, back, measured).html()
 
 
 def verdict_of(drive: Drive, world: World, body: Sequence[float], begins: float = 0.0) -> str:
@@ -107,46 +107,48 @@ def verdict_of(drive: Drive, world: World, body: Sequence[float], begins: float 
     drive.require("truth", "goals")
     assert drive.truth is not None
     goal = drive.goals[-1]
-    seconds = f"{goal.end - goal.begin:.1f} s"
+    duration = f"{goal.end - goal.begin:.1f} s"
     if goal.status == REACHED:
-        end = f"Reached the goal in {seconds}"
+        ending = f"Reached the goal in {duration}"
     else:
-        end = f"Did not reach the goal: {goal.reason} after {seconds}"
-    nearest = nearest_obstacle(drive, world, body, begins)
-    contact = ", touched something" if len(drive.contacts) else ""
-    return f"{end}, {drive.truth.length:.1f} m, nearest obstacle {nearest:.2f} m{contact}"
+        ending = f"Did not reach the goal: {goal.reason} after {duration}"
+    nearest_distance = nearest_obstacle(drive, world, body, begins)
+    contact_note = ", touched something" if len(drive.contacts) else ""
+    distances = f"{drive.truth.length:.1f} m, nearest obstacle {nearest_distance:.2f} m"
+    return f"{ending}, {distances}{contact_note}"
 
 
 def nearest_obstacle(drive: Drive, world: World, body: Sequence[float], begins: float) -> float:
     """Return the smallest distance [m] between the robot's outline and an obstacle, at least 0."""
     poses, _ = sampled(drive)
     outline = _outline(body)
-    nearest = np.inf
-    for row, (x, y, yaw) in enumerate(poses.tolist()):
-        points = np.column_stack(transform_point((x, y, yaw), *outline.T))
-        gaps = clearance(world, points, begins + POSE_PERIOD_S * row)
-        nearest = min(nearest, float(gaps.min()))
-    return max(nearest, 0.0)
+    nearest_distance = np.inf
+    for index, (x, y, yaw) in enumerate(poses.tolist()):
+        outline_points = np.column_stack(transform_point((x, y, yaw), *outline.T))
+        world_time = begins + POSE_PERIOD_S * index
+        distances = clearance(world, outline_points, world_time)
+        nearest_distance = min(nearest_distance, float(distances.min()))
+    return max(nearest_distance, 0.0)
 
 
 def _outline(body: Sequence[float]) -> np.ndarray:
     """Return points (n, 2) along the edges of a rectangle (length, width) [m] around the origin."""
     length, width = body
-    along = _centred(length)
-    across = _centred(width)
+    side_x = _centred(length)
+    end_y = _centred(width)
     edges = []
     for sign in (-1.0, 1.0):
-        side = np.full(len(along), sign * width / 2.0)
-        end = np.full(len(across), sign * length / 2.0)
-        edges.append(np.column_stack([along, side]))
-        edges.append(np.column_stack([end, across]))
+        side_y = np.full(len(side_x), sign * width / 2.0)
+        end_x = np.full(len(end_y), sign * length / 2.0)
+        edges.append(np.column_stack([side_x, side_y]))
+        edges.append(np.column_stack([end_x, end_y]))
     return np.concatenate(edges)
 
 
 def _centred(length: float) -> np.ndarray:
     """Return coordinates (n,) [m] from -length / 2 to length / 2, at most OUTLINE_M apart."""
-    steps = int(np.ceil(length / OUTLINE_M))
-    return np.linspace(-length / 2.0, length / 2.0, steps + 1)
+    step_count = int(np.ceil(length / OUTLINE_M))
+    return np.linspace(-length / 2.0, length / 2.0, step_count + 1)
 
 
 def parameter_values(space: Space, units: Mapping[str, str] = {}) -> List[Dict[str, Any]]:
@@ -157,15 +159,15 @@ def parameter_values(space: Space, units: Mapping[str, str] = {}) -> List[Dict[s
         units: {name: unit} of the parameters, as far as they are known.
     """
     parameters = []
-    for i, name in enumerate(space.names):
-        values = {
-            "name": name,
-            "unit": units.get(name, ""),
+    for i, parameter_name in enumerate(space.names):
+        parameter = {
+            "name": parameter_name,
+            "unit": units.get(parameter_name, ""),
             "low": float(space.low[i]),
             "high": float(space.high[i]),
             "default": float(space.theta0[i]),
         }
-        parameters.append(values)
+        parameters.append(parameter)
     return parameters
 
 
@@ -179,33 +181,34 @@ def scene_values(scene: Scene, marked: bool = False) -> Dict[str, Any]:
     world = scene.world
     course = world.course
     drives = []
-    places = [np.array([course.start[:2]])]
+    driven_paths = [np.array([course.start[:2]])]
     for shown in scene.drives:
         drives.append(_drive(shown))
         poses, _ = sampled(shown.drive)
-        places.append(poses[:, :2])
+        driven_paths.append(poses[:, :2])
 
     # Only obstacles near a driven path are shown: a world may be much larger.
-    driven = np.concatenate(places)
-    low = driven.min(axis=0)
-    high = driven.max(axis=0)
-    circles = _near(world.cylinders, world.cylinders[:, 2], low, high)
+    driven_points = np.concatenate(driven_paths)
+    lowest = driven_points.min(axis=0)
+    highest = driven_points.max(axis=0)
+    circles = _near(world.cylinders, world.cylinders[:, 2], lowest, highest)
     size_x, size_y = world.boxes[:, 3:].T
-    boxes = _near(world.boxes, np.hypot(size_x, size_y) / 2.0, low, high)
+    box_radii = np.hypot(size_x, size_y) / 2.0
+    boxes = _near(world.boxes, box_radii, lowest, highest)
 
     # In x the view holds all obstacles that are shown. In y it has room for those beside a drive
     # along x, and a margin before and behind a drive along y.
-    x = np.concatenate([driven[:, 0], circles[:, 0], boxes[:, 0]])
-    extent_x, extent_y = high - low
+    shown_x = np.concatenate([driven_points[:, 0], circles[:, 0], boxes[:, 0]])
+    extent_x, extent_y = highest - lowest
     margin = ASIDE_M if extent_x > extent_y else MARGIN_M
-    view = [x.min() - SIDE_M, low[1] - margin, x.max() + SIDE_M, high[1] + margin]
+    view = [shown_x.min() - SIDE_M, lowest[1] - margin, shown_x.max() + SIDE_M, highest[1] + margin]
 
     pose_count = max(len(drive["p"]) for drive in drives)
-    times = (scene.begins + POSE_PERIOD_S * np.arange(pose_count)).tolist()
+    pose_times = (scene.begins + POSE_PERIOD_S * np.arange(pose_count)).tolist()
     movers = []
     for mover in world.movers:
-        positions = list(map(mover.position, times))
-        movers.append([round(100 * mover.radius), _whole(positions, 100)])
+        mover_positions = list(map(mover.position, pose_times))
+        movers.append([round(100 * mover.radius), _whole(mover_positions, 100)])
     return {
         "name": scene.name,
         "period": POSE_PERIOD_S,
@@ -239,16 +242,16 @@ def _drive(shown: Shown) -> Dict[str, Any]:
     }
     # When a goal has ended, the defaults are set again. The observation there has no parameters.
     assert drive.truth is not None
-    end = drive.truth.time[-1]
-    times = []
-    sets = []
+    end_time = drive.truth.time[-1]
+    decision_times = []
+    parameter_sets = []
     for decision in drive.decisions:
-        if decision.after and decision.time <= end:
-            times.append(decision.time)
-            sets.append(_short(decision.after))
-    if times:
-        values["at"] = _whole(times, 100)
-        values["theta"] = sets
+        if decision.after and decision.time <= end_time:
+            decision_times.append(decision.time)
+            parameter_sets.append(_short(decision.after))
+    if decision_times:
+        values["at"] = _whole(decision_times, 100)
+        values["theta"] = parameter_sets
     return values
 
 
@@ -262,9 +265,10 @@ def sampled(drive: Drive) -> Tuple[np.ndarray, np.ndarray]:
     drive.require("truth")
     assert drive.truth is not None
     motion = drive.truth
-    begin = motion.time[0]
-    end = motion.time[-1]
-    times = np.unique(np.append(np.arange(begin, end, POSE_PERIOD_S), end))
+    begin_time = motion.time[0]
+    end_time = motion.time[-1]
+    whole_periods = np.arange(begin_time, end_time, POSE_PERIOD_S)
+    times = np.unique(np.append(whole_periods, end_time))
     x = np.interp(times, motion.time, motion.pose[:, 0])
     y = np.interp(times, motion.time, motion.pose[:, 1])
     yaw = np.interp(times, motion.time, np.unwrap(motion.pose[:, 2]))
@@ -273,19 +277,19 @@ def sampled(drive: Drive) -> Tuple[np.ndarray, np.ndarray]:
 
 
 def _near(
-    obstacles: np.ndarray, radius: np.ndarray, low: np.ndarray, high: np.ndarray
+    obstacles: np.ndarray, radius: np.ndarray, lowest: np.ndarray, highest: np.ndarray
 ) -> np.ndarray:
-    """Return the obstacles within ASIDE_M of the box from `low` to `high`.
+    """Return the obstacles within ASIDE_M of the box from `lowest` to `highest`.
 
     Args:
         obstacles: (n, ...) x, y [m] and further columns.
         radius: (n,) radius of each obstacle [m].
-        low: (2,) least x, y [m].
-        high: (2,) largest x, y [m].
+        lowest: (2,) least x, y [m].
+        highest: (2,) largest x, y [m].
     """
     reach = ASIDE_M + radius[:, None]
-    places = obstacles[:, :2]
-    is_near = (places > low - reach) & (places < high + reach)
+    positions = obstacles[:, :2]
+    is_near = (positions > lowest - reach) & (positions < highest + reach)
     return obstacles[is_near.all(axis=1)]
 
 

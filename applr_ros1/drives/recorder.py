@@ -218,11 +218,11 @@ class Recorder:
 
 def _motion(rows: np.ndarray) -> Motion:
     """Return rows of time, x, y, yaw, v, w as a Motion."""
-    time = rows[:, 0]
-    pose = rows[:, 1:4]
-    twist = rows[:, 4:6]
+    times = rows[:, 0]
+    poses = rows[:, 1:4]
+    twists = rows[:, 4:6]
     # A simulator's rows hold for the time at which they come.
-    return Motion(time=time, stamp=time, pose=pose, twist=twist)
+    return Motion(time=times, stamp=times, pose=poses, twist=twists)
 
 
 def _commands(rows: np.ndarray) -> Commands:
