@@ -43,12 +43,16 @@ def main() -> None:
     programs = {**NODES, **COMMANDS}
     if Path(sys.argv[0]).stem not in programs:
         sys.argv.pop(0)
-    name = Path(sys.argv[0]).stem if sys.argv else "--help"
-    if name in programs:
-        run_script(programs[name], node=name in NODES)  # exits the process
+    program_name = "--help"
+    if sys.argv:
+        program_name = Path(sys.argv[0]).stem
+    if program_name in programs:
+        run_script(programs[program_name], node=program_name in NODES)  # exits the process
     usage = f"applr-ros1 NAME [ARGUMENT ...]; NAME is one of {', '.join(programs)}"
-    texts = {"--help": usage, "--version": f"applr_ros1 {applr_ros1.__version__}"}
-    print(texts[name]) if name in texts else sys.exit(f"unknown program {name}: {usage}")
+    answers = {"--help": usage, "--version": f"applr_ros1 {applr_ros1.__version__}"}
+    if program_name not in answers:
+        sys.exit(f"unknown program {program_name}: {usage}")
+    print(answers[program_name])
 
 
 if __name__ == "__main__":
