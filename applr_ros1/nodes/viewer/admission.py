@@ -28,13 +28,13 @@ def token() -> str:
 def refusal(path: str, headers: Mapping[str, str], token: str) -> Optional[str]:
     """Return the reason why a request is refused, or None if it is admitted."""
     host = headers.get("Host", "")
-    name = re.sub(r":\d*$", "", host).strip("[]").lower()
+    host_name = re.sub(r":\d*$", "", host).strip("[]").lower()
     try:
-        ipaddress.ip_address(name)  # Unlike a name, an address cannot be rebound.
+        ipaddress.ip_address(host_name)  # Unlike a name, an address cannot be rebound.
     except ValueError:
-        if name != "localhost":
+        if host_name != "localhost":
             advice = "open the page by its address, such as 127.0.0.1"
-            return f"{name!r} is not a name of this computer: {advice}"
+            return f"{host_name!r} is not a name of this computer: {advice}"
 
     # Programs other than browsers send no origin. They still need the token.
     if "Origin" in headers and headers["Origin"].partition("://")[2] != host:

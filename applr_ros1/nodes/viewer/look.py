@@ -19,12 +19,12 @@ DEAR = "obstacle"
 
 def dressed(page: bytes, title: str) -> bytes:
     """Return viser's page with a title, and with the style and the scheme of all pages."""
-    styles = (css(), read_bytes(PAGES / "words.css").decode(), read_bytes(STYLE).decode())
+    stylesheets = (css(), read_bytes(PAGES / "words.css").decode(), read_bytes(STYLE).decode())
     # A page must say its encoding in its first kilobyte.
     head = f'<head><meta charset="utf-8"><title>{html.escape(title)}</title>'
     head += f"<script>{read_bytes(SCRIPT).decode()}</script>"
-    for style in styles:
-        head += f"<style>{style}</style>"
+    for stylesheet in stylesheets:
+        head += f"<style>{stylesheet}</style>"
     return page.replace(b"<head>", head.encode(), 1)
 
 
@@ -37,8 +37,9 @@ def legend(*entries: Tuple[str, str, str]) -> str:
         entries: Class of the swatch (words.css), name of its colour (colors.py), and words.
     """
     items = []
-    for swatch, color, words in entries:
-        style = f"--swatch: {COLORS[color].light}"
-        items.append(f'<li><span class="swatch {swatch}" style="{style}"></span>{words}</li>')
-    costs = f"--cheap: {COLORS[CHEAP].light}; --dear: {COLORS[DEAR].light}"
-    return f'<ul class="legend" style="{costs}">{"".join(items)}</ul>'
+    for swatch_class, color_name, words in entries:
+        swatch_style = f"--swatch: {COLORS[color_name].light}"
+        swatch = f'<span class="swatch {swatch_class}" style="{swatch_style}"></span>'
+        items.append(f"<li>{swatch}{words}</li>")
+    cost_style = f"--cheap: {COLORS[CHEAP].light}; --dear: {COLORS[DEAR].light}"
+    return f'<ul class="legend" style="{cost_style}">{"".join(items)}</ul>'

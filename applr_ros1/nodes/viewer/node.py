@@ -66,9 +66,9 @@ class Viewer:
         self._robot = robot
         self.listener = Listener(fixed)
         token = admission.token()
-        label = f"applr_ros1: {robot.name}"
-        with admission.guarded(token, partial(look.dressed, title=label)):
-            self.server = viser.ViserServer(HOST, port, label=label, verbose=False)
+        page_title = f"applr_ros1: {robot.name}"
+        with admission.guarded(token, partial(look.dressed, title=page_title)):
+            self.server = viser.ViserServer(HOST, port, label=page_title, verbose=False)
         self.address = f"http://{HOST}:{self.server.get_port()}/{token}/"
         gui = self.server.gui
         gui.configure_theme(
@@ -92,8 +92,9 @@ class Viewer:
             self.panel = panel.Panel(gui, robot, self.listener, self.report)
         with tabs.add_tab("View"):
             gui.add_html(LEGEND)
-            for name, layer in self.scene.layers.items():
-                by_hand(gui.add_checkbox(name, layer.visible), partial(setattr, layer, "visible"))
+            for layer_name, layer in self.scene.layers.items():
+                checkbox = gui.add_checkbox(layer_name, layer.visible)
+                by_hand(checkbox, partial(setattr, layer, "visible"))
         self.server.scene.on_click()(self.clicked)
 
     def clicked(self, ray: Any) -> None:
@@ -101,17 +102,18 @@ class Viewer:
 
         Its heading is that of the way from the robot to it.
         """
-        x, y, z = ray.ray_origin
+        eye_x, eye_y, eye_z = ray.ray_origin
         dx, dy, dz = ray.ray_direction
         if dz >= -1e-3:
             return  # The ray points above the horizon.
-        x -= z / dz * dx
-        y -= z / dz * dy
-        yaw = 0.0
+        goal_x = eye_x - eye_z / dz * dx
+        goal_y = eye_y - eye_z / dz * dy
+        goal_yaw = 0.0
         if self.scene.pose is not None:
             robot_x, robot_y, _ = self.scene.pose
-            yaw = math.atan2(y - robot_y, x - robot_x)
-        goal = pose_stamped((x, y, yaw), self.listener.fixed, rospy.Time.now())
+            goal_yaw = math.atan2(goal_y - robot_y, goal_x - robot_x)
+        goal_pose = (goal_x, goal_y, goal_yaw)
+        goal = pose_stamped(goal_pose, self.listener.fixed, rospy.Time.now())
         publish(self.report, self._goal, goal)
 
     def stop(self) -> None:
@@ -127,7 +129,7 @@ class Viewer:
     def spin(self) -> None:
         """Draw until shutdown, at RATE_HZ while a page is open."""
         while not rospy.is_shutdown():
-            next_frame = time.monotonic() + 1.0 / RATE_HZ
+            next_frame_time = time.monotonic() + 1.0 / RATE_HZ
             if not self.server.get_clients():
                 self.listener.close()
                 time.sleep(IDLE_S)
@@ -137,7 +139,7 @@ class Viewer:
                     self.draw()
             except Exception as problem:  # The page must survive a message that cannot be drawn.
                 rospy.logerr_throttle(10.0, f"viewer: {type(problem).__name__}: {problem}")
-            time.sleep(max(0.0, next_frame - time.monotonic()))
+            time.sleep(max(0.0, next_frame_time - time.monotonic()))
 
     def draw(self) -> None:
         """Update the page."""
@@ -148,13 +150,13 @@ class Viewer:
         speed = 0.0
         if odometry is not None:
             speed = odometry.twist.twist.linear.x
-        goal = panel.goal_status(self.listener)
-        is_driving = goal is not None and goal.status in panel.UNDER_WAY
+        goal_status = panel.goal_status(self.listener)
+        is_driving = goal_status is not None and goal_status.status in panel.UNDER_WAY
         self.panel.update()
         self.scene.draw(is_driving)
         for client in self.server.get_clients().values():
             self.scene.follow(client)
-        self._write_status(goal, speed, is_driving)
+        self._write_status(goal_status, speed, is_driving)
 
     def _write_status(self, goal: Any, speed: float, is_driving: bool) -> None:
         """Update the lines above the tabs."""
@@ -166,20 +168,20 @@ class Viewer:
 
         if abs(speed) < panel.STANDING_M_S:
             speed = 0.0  # The noise of the odometry would make the line flicker.
-        doing = f"{self.panel.doing(goal)}, {speed:.2f} m/s".replace("-", "−")
+        activity = f"{self.panel.doing(goal)}, {speed:.2f} m/s".replace("-", "−")
         notes = [f"parameters by {self.panel.source}"]
         if is_driving:  # Without commands, the monitor always reports a stop.
             notes.append(self.panel.monitor())
         if not self._is_ready:
             notes.append(STARTS)
 
-        text = "\n".join([doing, *notes, *silence])
-        if text == self.text:
+        status_text = "\n".join([activity, *notes, *silence])
+        if status_text == self.text:
             return
-        self.text = text
+        self.text = status_text
         self._status.content = (
             '<div class="status">'
-            + _paragraphs("verdict", [doing])
+            + _paragraphs("verdict", [activity])
             + _paragraphs("note", notes)
             + _paragraphs("bad", silence)
             + "</div>"

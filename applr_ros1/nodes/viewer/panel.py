@@ -48,8 +48,8 @@ STANDING_M_S = 0.02  # speed below which the robot counts as at rest [m/s]
 def goal_status(listener: Listener) -> Any:
     """Return the actionlib_msgs/GoalStatus of move_base's latest goal, or None if there is none."""
     message = listener.latest(STATUS, GoalStatusArray)
-    goals = message.status_list if message is not None else []
-    return max(goals, key=lambda goal: goal.goal_id.stamp.to_sec(), default=None)
+    goal_statuses = message.status_list if message is not None else []
+    return max(goal_statuses, key=lambda goal: goal.goal_id.stamp.to_sec(), default=None)
 
 
 class Panel:
@@ -74,12 +74,14 @@ class Panel:
         self._values = rospy.Publisher("applr/set_parameters", Parameters, queue_size=10)
         self._asked = 0.0  # wall time of the last request
         self._methods = {}  # methods by their names on the page
-        for name, title in METHODS.items():
-            if name not in FILES or os.path.exists(shipped(FILES[name], robot)):
-                self._methods[title] = name
+        for method_name, title in METHODS.items():
+            if method_name not in FILES or os.path.exists(shipped(FILES[method_name], robot)):
+                self._methods[title] = method_name
         self.dropdown = gui.add_dropdown("parameters by", tuple(self._methods))
         by_hand(self.dropdown, lambda title: self._choose(self._methods[title]))
-        self.sliders = {name: self._slider(gui, i) for i, name in enumerate(self.space.names)}
+        self.sliders = {}
+        for i, parameter_name in enumerate(self.space.names):
+            self.sliders[parameter_name] = self._slider(gui, i)
 
     def _slider(self, gui: Any, i: int) -> Any:
         """Return the slider of the i-th parameter.
@@ -87,25 +89,26 @@ class Panel:
         Unit and description come from the planner's declaration.
         """
         space = self.space
-        name = space.names[i]
-        declared = declaration(self._robot, name)
-        title = f"{name} [{declared.unit}]" if declared.unit else name
+        parameter_name = space.names[i]
+        declared = declaration(self._robot, parameter_name)
+        title = f"{parameter_name} [{declared.unit}]" if declared.unit else parameter_name
 
         # viser shows decimals unless all numbers of a slider are integers.
-        number = int if space.integer[i] else float
-        low = number(space.low[i])
-        high = number(space.high[i])
-        default = number(space.theta0[i])
+        is_integer = space.integer[i]
+        number_type = int if is_integer else float
+        lowest = number_type(space.low[i])
+        highest = number_type(space.high[i])
+        default = number_type(space.theta0[i])
         slider = gui.add_slider(
             title,
-            low,
-            high,
-            1 if space.integer[i] else 0.01,
-            initial_value=min(max(default, low), high),
+            lowest,
+            highest,
+            1 if is_integer else 0.01,
+            initial_value=min(max(default, lowest), highest),
             marks=((default, "default"),),
             hint=declared.doc,
         )
-        by_hand(slider, lambda value: self._take_over(**{name: float(value)}))
+        by_hand(slider, lambda value: self._take_over(**{parameter_name: float(value)}))
         return slider
 
     @property
@@ -163,9 +166,9 @@ class Panel:
 
     def _ask(self, *request: Any) -> bool:
         """Call a service as `call` does, and return whether it succeeded."""
-        done = call(self.report, *request)
+        has_succeeded = call(self.report, *request)
         self._asked = time.monotonic()
-        return done
+        return has_succeeded
 
     def doing(self, goal: Any) -> str:
         """Return the state of move_base as text. goal: GoalStatus of the latest goal, or None."""
@@ -187,9 +190,9 @@ class Panel:
         topics = self._robot.topics
         sources = {"move_base": STATUS, "scan": topics.scan, "odometry": topics.odometry}
         lines = []
-        for name, topic in sources.items():
+        for source_name, topic in sources.items():
             if self._listener.age(topic) > SILENT_S:
-                lines.append(f"no {name}: nothing on {rospy.resolve_name(topic)}")
+                lines.append(f"no {source_name}: nothing on {rospy.resolve_name(topic)}")
             elif topic == STATUS and self.trouble:
                 lines.append(self.trouble)
         if not self.method:

@@ -77,22 +77,23 @@ class Scene:
             position=(0.0, 0.0, -0.01),  # below everything that is drawn on the ground
         )
         self.layers = {}
-        for name in LAYERS:
-            visible = name not in HIDDEN
-            self.layers[name] = scene.add_frame(f"/{name}", show_axes=False, visible=visible)
+        for layer_name in LAYERS:
+            is_visible = layer_name not in HIDDEN
+            layer = scene.add_frame(f"/{layer_name}", show_axes=False, visible=is_visible)
+            self.layers[layer_name] = layer
         self._model = Model(scene, "/robot", robot, rgb("brand"))
         self._world = scene.add_frame("/world", show_axes=False)
-        nothing = np.zeros((1, 3))
+        hidden_point = np.zeros((1, 3))
         self.scan = scene.add_point_cloud(
-            "/scan/points", nothing, rgb("slow"), point_size=0.03, visible=False
+            "/scan/points", hidden_point, rgb("slow"), point_size=0.03, visible=False
         )
         self._plan = Lines(scene, "/global plan/line", rgb("line"), 0.03)
         self._chosen = Lines(scene, "/trajectories/chosen", rgb("goal"), 0.06)
         self._samples = Lines(scene, "/trajectories/samples", (0, 0, 0), 0.008)
         # The local costmap lies above the global one.
         self._costmaps = {}
-        for name, z in zip(COSTMAPS, (0.006, 0.003)):
-            self._costmaps[name] = Costmap(scene, f"/{name}/image", z)
+        for costmap_name, z in zip(COSTMAPS, (0.006, 0.003)):
+            self._costmaps[costmap_name] = Costmap(scene, f"/{costmap_name}/image", z)
         self._goal = scene.add_icosphere("/goal", 0.12, color=rgb("goal"), visible=False)
         self._of_goal = (self._plan.handle, self._chosen.handle, self._samples.handle, self._goal)
         self.pose: Any = None
@@ -128,10 +129,11 @@ class Scene:
 
     def _draw_world(self) -> None:
         """Draw the simulator's obstacles. A robot has no frame `world`."""
-        pose = self._listener.frame_pose("world")
-        if pose is None:
+        world_pose = self._listener.frame_pose("world")
+        if world_pose is None:
             return
-        put(self._world, pose)  # The world moves in the odometry frame when the robot is reset.
+        # The world moves in the odometry frame when the robot is reset.
+        put(self._world, world_pose)
         for topic, colour in OBSTACLES.items():
             message = self._listener.news(topic, MarkerArray)
             if message is None:
@@ -139,32 +141,31 @@ class Scene:
             markers = [marker for marker in message.markers if marker.action == Marker.ADD]
             cylinders = [marker for marker in markers if marker.type == Marker.CYLINDER]
             boxes = [marker for marker in markers if marker.type == Marker.CUBE]
-            name = f"/world/{topic.split('/')[1]}"
-            self._draw_markers(f"{name}/cylinders", Marker.CYLINDER, cylinders, colour)
-            self._draw_markers(f"{name}/boxes", Marker.CUBE, boxes, colour)
+            topic_name = topic.split("/")[1]
+            cylinders_name = f"/world/{topic_name}/cylinders"
+            boxes_name = f"/world/{topic_name}/boxes"
+            self._draw_markers(cylinders_name, Marker.CYLINDER, cylinders, colour)
+            self._draw_markers(boxes_name, Marker.CUBE, boxes, colour)
 
     def _draw_markers(
         self, name: str, kind: int, markers: List[Any], colour: Tuple[int, int, int]
     ) -> None:
         """Draw the markers of one kind as scaled copies of a unit shape."""
-        places = []
-        turns = []
-        sizes = []
-        for marker in markers:
+        positions = np.zeros((len(markers), 3), np.float32)
+        quaternions = np.zeros((len(markers), 4), np.float32)  # w first, as viser has them
+        scales = np.zeros((len(markers), 3), np.float32)
+        for i, marker in enumerate(markers):
             position = marker.pose.position
-            turn = marker.pose.orientation
-            places.append((position.x, position.y, position.z))
-            turns.append((turn.w, turn.x, turn.y, turn.z))
-            sizes.append((marker.scale.x, marker.scale.y, marker.scale.z))
-        positions = np.array(places, np.float32)
-        wxyzs = np.array(turns, np.float32)
-        scales = np.array(sizes, np.float32)
+            rotation = marker.pose.orientation
+            positions[i] = (position.x, position.y, position.z)
+            quaternions[i] = (rotation.w, rotation.x, rotation.y, rotation.z)
+            scales[i] = (marker.scale.x, marker.scale.y, marker.scale.z)
 
         # The same shapes only move. Others need a new mesh.
         handle = self._standing.get(name)
         if handle is not None and np.array_equal(handle.batched_scales, scales):
             handle.batched_positions = positions
-            handle.batched_wxyzs = wxyzs
+            handle.batched_wxyzs = quaternions
             return
         if handle is not None:
             self._standing.pop(name).remove()
@@ -174,7 +175,7 @@ class Scene:
                 name,
                 mesh.vertices,
                 mesh.faces,
-                wxyzs,
+                quaternions,
                 positions,
                 batched_scales=scales,
                 batched_colors=colour,
@@ -183,42 +184,48 @@ class Scene:
             )
 
     def _draw_scan(self) -> None:
-        message, mounted = self._listener.placed(self._robot.topics.scan, LaserScan)
+        message, laser_pose = self._listener.placed(self._robot.topics.scan, LaserScan)
         if message is None:
             return
         ranges = np.asarray(message.ranges)
-        hits = np.flatnonzero((ranges >= message.range_min) & (ranges < message.range_max))
-        angles = message.angle_min + hits * message.angle_increment
-        x = ranges[hits] * np.cos(angles)
-        y = ranges[hits] * np.sin(angles)
-        points = _moved(mounted, np.column_stack([x, y]))
+        is_hit = (ranges >= message.range_min) & (ranges < message.range_max)
+        hit_beams = np.flatnonzero(is_hit)
+        angles = message.angle_min + hit_beams * message.angle_increment
+        x = ranges[hit_beams] * np.cos(angles)
+        y = ranges[hit_beams] * np.sin(angles)
+        points = _moved(laser_pose, np.column_stack([x, y]))
         self.scan.points = lifted(points, self._robot.laser.height)
-        self.scan.visible = len(hits) > 0
+        self.scan.visible = len(hit_beams) > 0
 
     def _draw_plans(self) -> None:
         # The chosen trajectory lies above the plan that it follows.
         self._draw_path(PLAN, self._plan, 0.02)
         self._draw_path(self._planner + CHOSEN, self._chosen, 0.04)
-        message, frame = self._listener.placed(GOAL, PoseStamped)
+        message, frame_pose = self._listener.placed(GOAL, PoseStamped)
         if message is not None:
-            x, y, _ = compose(frame, pose_of(message.pose))
-            self._goal.position = (x, y, 0.12)
+            goal_x, goal_y, _ = compose(frame_pose, pose_of(message.pose))
+            self._goal.position = (goal_x, goal_y, 0.12)
             self._goal.visible = True
 
     def _draw_path(self, topic: str, line: Lines, z: float) -> None:
         """Draw the latest nav_msgs/Path of a topic at height z [m]."""
-        message, frame = self._listener.placed(topic, Path)
-        if message is not None:
-            points = [(place.pose.position.x, place.pose.position.y) for place in message.poses]
-            line.path(_moved(frame, np.array(points).reshape(-1, 2)), z)
+        message, frame_pose = self._listener.placed(topic, Path)
+        if message is None:
+            return
+        points = []
+        for stamped_pose in message.poses:
+            position = stamped_pose.pose.position
+            points.append((position.x, position.y))
+        line.path(_moved(frame_pose, np.array(points).reshape(-1, 2)), z)
 
     def _draw_samples(self) -> None:
         """Draw the trajectories of the local planner's samples."""
-        message, frame = self._listener.placed(self._planner + SAMPLES, PointCloud2)
+        message, frame_pose = self._listener.placed(self._planner + SAMPLES, PointCloud2)
         if message is None or message.width < 2:
             return
         rows = np.frombuffer(message.data, "<f4").reshape(-1, message.point_step // 4)
-        points = lifted(_moved(frame, rows[:, :2].astype(np.float64)), 0.03)
+        positions = rows[:, :2].astype(np.float64)
+        points = lifted(_moved(frame_pose, positions), 0.03)
         costs = rows[:, -1]
 
         # The cloud has no numbers of trajectories. Points of one have the same cost and are close.
@@ -226,19 +233,21 @@ class Scene:
         is_joined = (costs[1:] == costs[:-1]) & is_near
 
         # The highest costs would leave the others without a difference of colour.
-        low, high = np.percentile(costs, (0, 90))
-        shades = colours((costs - low) / max(high - low, 1e-9))
+        lowest_cost, high_cost = np.percentile(costs, (0, 90))
+        cost_span = max(high_cost - lowest_cost, 1e-9)
+        shades = colours((costs - lowest_cost) / cost_span)
         self._samples.segments(_pairs(points)[is_joined], _pairs(shades)[is_joined])
 
     def _draw_costmaps(self) -> None:
-        for name, costmap in self._costmaps.items():
+        for costmap_name, costmap in self._costmaps.items():
+            topic = COSTMAPS[costmap_name]
             # A hidden costmap takes its messages, too, so that it is complete once it is shown.
-            message = self._listener.news(COSTMAPS[name], OccupancyGrid)
+            message = self._listener.news(topic, OccupancyGrid)
             if message is not None:
                 costmap.take(message)
-            for update in self._listener.fresh(COSTMAPS[name] + "_updates", OccupancyGridUpdate):
+            for update in self._listener.fresh(topic + "_updates", OccupancyGridUpdate):
                 costmap.update(update)
-            if self.layers[name].visible:
+            if self.layers[costmap_name].visible:
                 costmap.draw(self._listener)
 
     def follow(self, client: Any) -> None:
@@ -247,21 +256,22 @@ class Scene:
             return
         x, y, yaw = self.pose
         camera = client.camera
-        aim = self._aims.get(client.client_id)
-        if aim is not None:
+        target_offset = self._aims.get(client.client_id)
+        if target_offset is not None:
             # The user may have turned or moved the camera: only the robot's motion is added.
-            moved_x = x + aim[0] - camera.look_at[0]
-            moved_y = y + aim[1] - camera.look_at[1]
+            offset_x, offset_y = target_offset
+            moved_x = x + offset_x - camera.look_at[0]
+            moved_y = y + offset_y - camera.look_at[1]
             camera.position = camera.position + (moved_x, moved_y, 0.0)
             return
-        back, height, ahead = np.multiply(self._robot.world_scale, VIEW)
-        aim_x = ahead * math.cos(yaw)
-        aim_y = ahead * math.sin(yaw)
-        self._aims[client.client_id] = (aim_x, aim_y)
-        camera_x = x - back * math.cos(yaw)
-        camera_y = y - back * math.sin(yaw)
+        distance_behind, height, distance_ahead = np.multiply(self._robot.world_scale, VIEW)
+        offset_x = distance_ahead * math.cos(yaw)
+        offset_y = distance_ahead * math.sin(yaw)
+        self._aims[client.client_id] = (offset_x, offset_y)
+        camera_x = x - distance_behind * math.cos(yaw)
+        camera_y = y - distance_behind * math.sin(yaw)
         camera.position = (camera_x, camera_y, height)
-        camera.look_at = (x + aim_x, y + aim_y, 0.0)
+        camera.look_at = (x + offset_x, y + offset_y, 0.0)
 
 
 def _pairs(rows: np.ndarray) -> np.ndarray:

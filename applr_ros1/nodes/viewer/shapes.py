@@ -24,14 +24,16 @@ PICTURE_PERIOD_S = 0.5  # shortest wall time between two images of a costmap [s]
 def colours(costs: np.ndarray) -> np.ndarray:
     """Return colours (n, 3) uint8 for costs (n,) from 0 to 1."""
     # Each channel goes from the cheap colour to the dear one with the cost.
-    share = np.clip(costs, 0.0, 1.0)[:, None]
-    shades: np.ndarray = (1.0 - share) * rgb(CHEAP) + share * rgb(DEAR)
+    dear_share = np.clip(costs, 0.0, 1.0)[:, None]
+    cheap_share = 1.0 - dear_share
+    shades: np.ndarray = cheap_share * rgb(CHEAP) + dear_share * rgb(DEAR)
     return shades.astype(np.uint8)
 
 
 def lifted(points: np.ndarray, z: float) -> np.ndarray:
     """Return points (n, 2) as (n, 3) float32 at height z [m]."""
-    return np.column_stack([points, np.full(len(points), z)]).astype(np.float32)
+    heights = np.full(len(points), z)
+    return np.column_stack([points, heights]).astype(np.float32)
 
 
 def put(handle: Any, pose: Pose, z: float = 0.0) -> None:
@@ -47,16 +49,18 @@ class Lines:
     def __init__(self, scene: Any, name: str, colour: Tuple[int, int, int], thickness: float):
         self._colour = np.array(colour, np.uint8)
         # viser refuses empty arrays, so that lines without points are hidden.
-        points = np.zeros((1, 2, 3))
-        shades = points.astype(np.uint8)
+        hidden_segment = np.zeros((1, 2, 3))
+        hidden_shades = hidden_segment.astype(np.uint8)
         self.handle = scene.add_line_segments(
-            name, points, shades, thickness=thickness, visible=False
+            name, hidden_segment, hidden_shades, thickness=thickness, visible=False
         )
 
     def path(self, points: np.ndarray, z: float) -> None:
         """Draw a line through points (n, 2) at height z [m]."""
-        flat = lifted(points, z)
-        self.segments(np.stack([flat[:-1], flat[1:]], axis=1))
+        lifted_points = lifted(points, z)
+        starts = lifted_points[:-1]
+        ends = lifted_points[1:]
+        self.segments(np.stack([starts, ends], axis=1))
 
     def segments(self, points: np.ndarray, shades: Optional[np.ndarray] = None) -> None:
         """Draw segments (n, 2, 3) [m] with optional colours `shades` (n, 2, 3) uint8."""
@@ -79,21 +83,25 @@ class Model:
         # Height of the base frame above the ground [m]
         self._height = base.wheel_radius - base.axle_height
 
-        height = body.size[2]
-        middle = (*body.centre, body.bottom + height / 2)
-        scene.add_box(f"{name}/body", color=colour, dimensions=body.size, position=middle)
+        # viser places a box and a cylinder by their middle.
+        body_height = body.size[2]
+        body_middle = (*body.centre, body.bottom + body_height / 2)
+        scene.add_box(f"{name}/body", color=colour, dimensions=body.size, position=body_middle)
+
+        turn_to_y = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)  # turns a cylinder's axis from z to y
         for number, (x, y) in enumerate(wheel_places(base)):
             scene.add_cylinder(
                 f"{name}/wheel{number}",
                 base.wheel_radius,
                 base.wheel_width,
                 color=RUBBER,
-                wxyz=(np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0),  # turns a cylinder's axis from z to y
+                wxyz=turn_to_y,
                 position=(x, y, base.axle_height),
             )
-        x, y, _ = robot.laser.pose
-        position = (x, y, robot.laser.height)
-        scene.add_cylinder(f"{name}/laser", 0.04, 0.06, color=BLACK, position=position)
+
+        laser_x, laser_y, _ = robot.laser.pose
+        laser_middle = (laser_x, laser_y, robot.laser.height)
+        scene.add_cylinder(f"{name}/laser", 0.04, 0.06, color=BLACK, position=laser_middle)
 
     def put(self, pose: Optional[Pose]) -> None:
         """Move the model to the pose (x, y, yaw), or hide it if the pose is None."""
@@ -123,8 +131,8 @@ class Costmap:
         self._frame = ""
         self._drawn = 0.0  # wall time of the last image [s]
         self._changed = False
-        nothing = np.zeros((1, 1, 4), np.uint8)
-        self.handle = scene.add_image(name, nothing, 1.0, 1.0, cast_shadow=False)
+        clear_image = np.zeros((1, 1, 4), np.uint8)
+        self.handle = scene.add_image(name, clear_image, 1.0, 1.0, cast_shadow=False)
 
     def take(self, message: Any) -> None:
         """Replace the costmap by a nav_msgs/OccupancyGrid."""
@@ -137,42 +145,48 @@ class Costmap:
     def update(self, message: Any) -> None:
         """Apply a map_msgs/OccupancyGridUpdate."""
         # An update may be for a map that has not arrived yet.
-        end_x = message.x + message.width
-        end_y = message.y + message.height
-        if self._cells is None or np.any(np.less(self._cells.shape, (end_y, end_x))):
+        if self._cells is None:
             return
-        cells = np.reshape(message.data, (message.height, message.width))
-        self._cells[message.y : end_y, message.x : end_x] = cells
+        row_count, column_count = self._cells.shape
+        end_row = message.y + message.height
+        end_column = message.x + message.width
+        if end_row > row_count or end_column > column_count:
+            return
+        new_cells = np.reshape(message.data, (message.height, message.width))
+        self._cells[message.y : end_row, message.x : end_column] = new_cells
         self._changed = True
 
     def draw(self, listener: Listener) -> None:
         """Draw the costmap if it has changed, at most once per PICTURE_PERIOD_S."""
         if not self._changed or time.monotonic() - self._drawn < PICTURE_PERIOD_S:
             return
-        pose = listener.frame_pose(self._frame)
-        if pose is None:
+        map_frame_pose = listener.frame_pose(self._frame)
+        if map_frame_pose is None:
             return
         self._drawn = time.monotonic()
         self._changed = False
-        rows = np.flatnonzero(self._cells.any(axis=1))
-        columns = np.flatnonzero(self._cells.any(axis=0))
-        if not len(rows):
+        shown_rows = np.flatnonzero(self._cells.any(axis=1))
+        shown_columns = np.flatnonzero(self._cells.any(axis=0))
+        if not len(shown_rows):
             return
 
         # The window around all cells that are not free
-        left = columns[0]
-        right = columns[-1] + 1
-        bottom = rows[0]
-        top = rows[-1] + 1
+        first_row = shown_rows[0]
+        end_row = shown_rows[-1] + 1
+        first_column = shown_columns[0]
+        end_column = shown_columns[-1] + 1
+        window = self._cells[first_row:end_row, first_column:end_column]
         resolution = self._info.resolution
         self.handle.visible = True
-        self.handle.image = SHADES[self._cells[bottom:top, left:right]]
-        self.handle.render_width = float((right - left) * resolution)
-        self.handle.render_height = float((top - bottom) * resolution)
+        self.handle.image = SHADES[window]
+        self.handle.render_width = float((end_column - first_column) * resolution)
+        self.handle.render_height = float((end_row - first_row) * resolution)
 
         # viser places an image by its middle.
-        corner = self._info.origin.position
-        frame_x, frame_y, _ = pose
-        x = frame_x + corner.x + (left + right) / 2.0 * resolution
-        y = frame_y + corner.y + (bottom + top) / 2.0 * resolution
-        self.handle.position = (x, y, self._z)
+        middle_row = (first_row + end_row) / 2.0
+        middle_column = (first_column + end_column) / 2.0
+        map_corner = self._info.origin.position
+        frame_x, frame_y, _ = map_frame_pose
+        image_x = frame_x + map_corner.x + middle_column * resolution
+        image_y = frame_y + map_corner.y + middle_row * resolution
+        self.handle.position = (image_x, image_y, self._z)
