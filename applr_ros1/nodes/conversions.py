@@ -27,7 +27,7 @@ from applr_ros1.common.scan import LaserScan, Point, SensorCloud
 from applr_ros1.planner.costmap.static_layer import StaticMap
 
 # Names of the states of a goal by their number, such as {3: "succeeded"}.
-GOAL_STATES = {value: name.lower() for name, value in vars(GoalStatus).items() if name.isupper()}
+GOAL_STATES = {number: name.lower() for name, number in vars(GoalStatus).items() if name.isupper()}
 LEVEL_COS = 1.0 - 2e-6  # smallest cosine of the tilt of a level sensor
 
 # Occupancy by costmap value c: 0 for free cells, 1 + 97 (c - 1) / 251 up to 252, 99 for inscribed,
@@ -48,11 +48,11 @@ def goal_in(message: GoalStatusArray, states: Container[int]) -> Optional[str]:
 
     The last of several is the one that is driven to.
     """
-    goal = None
-    for entry in message.status_list:
-        if entry.status in states:
-            goal = entry.goal_id.id
-    return goal
+    goal_id = None
+    for goal_status in message.status_list:
+        if goal_status.status in states:
+            goal_id = goal_status.goal_id.id
+    return goal_id
 
 
 def is_upright(q: Any) -> bool:
@@ -60,10 +60,11 @@ def is_upright(q: Any) -> bool:
 
     The tolerances are those of isQuaternionValid in move_base.cpp.
     """
-    length2 = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
-    if not math.isfinite(length2) or length2 < 1e-6:
+    squared_length = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
+    if not math.isfinite(squared_length) or squared_length < 1e-6:
         return False
-    return bool(2.0 * (q.x * q.x + q.y * q.y) / length2 <= 1e-3)
+    tilt = 2.0 * (q.x * q.x + q.y * q.y) / squared_length  # 1 - cosine of the z axis's tilt
+    return bool(tilt <= 1e-3)
 
 
 def pose_of(message: Any) -> Pose:
@@ -116,11 +117,11 @@ def diagnostics(
     name: str, level: int, text: str, values: Mapping[str, Any], stamp: Any
 ) -> DiagnosticArray:
     """Return a diagnostic_msgs/DiagnosticArray with one status and its {key: value} pairs."""
-    pairs = []
+    key_values = []
     for key, value in values.items():
-        shown = f"{value:.3f}" if isinstance(value, float) else str(value)
-        pairs.append(KeyValue(key, shown))
-    status = DiagnosticStatus(level, name, text, "none", pairs)
+        value_text = f"{value:.3f}" if isinstance(value, float) else str(value)
+        key_values.append(KeyValue(key, value_text))
+    status = DiagnosticStatus(level, name, text, "none", key_values)
     return DiagnosticArray(Header(0, stamp, ""), [status])
 
 
@@ -139,8 +140,9 @@ def check_scan(message: Any, no_return: Optional[float] = None) -> np.ndarray:
 
     # laser_geometry accepts an infinite range_max, too.
     geometry = (message.angle_min, message.angle_increment, message.range_min, message.range_max)
-    is_finite = all(map(math.isfinite, geometry[:3])) and not math.isnan(message.range_max)
-    if not is_finite or message.angle_increment == 0.0:
+    has_finite_beams = all(map(math.isfinite, geometry[:3]))
+    is_usable = has_finite_beams and not math.isnan(message.range_max)
+    if not is_usable or message.angle_increment == 0.0:
         problem = f"has angle_min, angle_increment, range_min, range_max = {geometry}"
         raise MessageError(f"{problem}: give finite numbers and an increment")
 
@@ -172,14 +174,13 @@ def points_of(message: Any) -> np.ndarray:
         if field.datatype == PointField.FLOAT32:
             offsets[field.name] = field.offset
     if not {"x", "y", "z"} <= set(offsets):
-        names = [f"{field.name} (datatype {field.datatype})" for field in message.fields]
-        problem = f"has the fields {', '.join(names)}" if names else "has no fields"
+        problem = _described_fields(message)
         raise MessageError(f"{problem}: give x, y and z as FLOAT32")
-    number = ">f4" if message.is_bigendian else "<f4"
+    float_format = ">f4" if message.is_bigendian else "<f4"
     point_layout = np.dtype(
         {
             "names": ["x", "y", "z"],
-            "formats": [number] * 3,
+            "formats": [float_format] * 3,
             "offsets": [offsets["x"], offsets["y"], offsets["z"]],
             "itemsize": message.point_step,
         }
@@ -189,14 +190,22 @@ def points_of(message: Any) -> np.ndarray:
     row_step = message.row_step
     if message.height == 1:
         row_step = message.width * message.point_step
-    table = np.ndarray(
+    grid_points = np.ndarray(
         shape=(message.height, message.width),
         dtype=point_layout,
         buffer=message.data,
         strides=(row_step, message.point_step),
     )
-    columns = [table[axis].ravel() for axis in "xyz"]
+    columns = [grid_points[axis].ravel() for axis in "xyz"]
     return np.stack(columns, axis=1).astype(np.float32)
+
+
+def _described_fields(cloud: Any) -> str:
+    """Return the fields of a sensor_msgs/PointCloud2 in words."""
+    descriptions = [f"{field.name} (datatype {field.datatype})" for field in cloud.fields]
+    if not descriptions:
+        return "has no fields"
+    return f"has the fields {', '.join(descriptions)}"
 
 
 def point_of(transform: Any) -> Point:
@@ -228,8 +237,11 @@ def laser_scan(
     """
     # A level laser needs no rotation: the planner computes with its pose alone, which is faster.
     quaternion = _rotation(transform)
-    upright = cos_tilt(quaternion)
-    ranges, first_angle = from_above(message, ranges, upright < -LEVEL_COS)
+    tilt_cosine = cos_tilt(quaternion)
+    rotation = None if abs(tilt_cosine) > LEVEL_COS else quaternion
+    hangs = tilt_cosine < -LEVEL_COS
+    ranges, first_angle = from_above(message, ranges, hangs)
+    beam_intervals = len(ranges) - 1
     return LaserScan(
         message.header.stamp.to_sec(),
         first_angle,
@@ -239,9 +251,9 @@ def laser_scan(
         ranges,
         pose_of(transform),
         transform.translation.z,
-        rotation=None if abs(upright) > LEVEL_COS else quaternion,
+        rotation=rotation,
         origin=origin,
-        sweep=abs(message.time_increment) * (len(ranges) - 1),
+        sweep=abs(message.time_increment) * beam_intervals,
         frame=message.header.frame_id,
     )
 
@@ -254,7 +266,8 @@ def from_above(message: Any, ranges: np.ndarray, hangs: bool) -> Tuple[np.ndarra
     if not hangs:
         return ranges, message.angle_min
     # Left and right are exchanged, so that the last beam becomes the first.
-    last_angle = message.angle_min + (len(ranges) - 1) * message.angle_increment
+    beam_intervals = len(ranges) - 1
+    last_angle = message.angle_min + beam_intervals * message.angle_increment
     return ranges[::-1], -last_angle
 
 
@@ -284,12 +297,14 @@ def static_map(message: Any) -> StaticMap:
     if info.width * info.height != cell_count or cell_count == 0:
         raise MessageError(f"has {cell_count} cells for {info.width} x {info.height}")
     orientation = info.origin.orientation  # Some publishers leave it all zero.
-    if is_upright(orientation) and abs(yaw_of(orientation)) > 1e-3:
-        problem = f"has an origin with a yaw of {yaw_of(orientation):.3g} rad"
+    yaw = yaw_of(orientation) if is_upright(orientation) else 0.0
+    if abs(yaw) > 1e-3:
+        problem = f"has an origin with a yaw of {yaw:.3g} rad"
         raise MessageError(f"{problem}: give an origin without yaw")
     cells = np.array(message.data, dtype=np.int8).reshape(info.height, info.width)
     origin = (float(info.origin.position.x), float(info.origin.position.y))
-    return StaticMap(cells, float(info.resolution), origin, message.header.frame_id.lstrip("/"))
+    frame = message.header.frame_id.lstrip("/")
+    return StaticMap(cells, float(info.resolution), origin, frame)
 
 
 # -- to messages -----------------------------------------------------------------------------------
@@ -326,11 +341,12 @@ def grid(costmap: Any, frame: str, stamp: Any) -> PackedMessage:
     message.info.map_load_time = stamp
     message.info.resolution = costmap.resolution
     message.info.width, message.info.height = costmap.size
-    x, y = costmap.origin
-    message.info.origin.position.x = float(x)
-    message.info.origin.position.y = float(y)
+    origin_x, origin_y = costmap.origin
+    message.info.origin.position.x = float(origin_x)
+    message.info.origin.position.y = float(origin_y)
     message.info.origin.orientation.w = 1.0
-    return PackedMessage(message, costmap.cells.size, OCCUPANCY[costmap.cells].tobytes())
+    occupancy = OCCUPANCY[costmap.cells]
+    return PackedMessage(message, occupancy.size, occupancy.tobytes())
 
 
 def grid_update(
@@ -343,25 +359,29 @@ def grid_update(
     message = OccupancyGridUpdate(header=Header(0, stamp, frame))
     message.x, message.y = corner
     message.height, message.width = cells.shape
-    return PackedMessage(message, cells.size, OCCUPANCY[cells].tobytes())
+    occupancy = OCCUPANCY[cells]
+    return PackedMessage(message, occupancy.size, occupancy.tobytes())
 
 
 def path(poses: np.ndarray, frame: str, stamp: Any) -> PackedMessage:
     """Return poses (n, 3) x, y, yaw, or points (n, 2) without rotation, as a nav_msgs/Path."""
     # A row has the layout of a serialized geometry_msgs/PoseStamped.
-    name = frame.encode()
-    name_length = max(1, len(name))  # numpy has no texts of length 0.
-    row_layout = [("header", "<u4", 4), ("frame", f"S{name_length}"), ("pose", "<f8", 7)]
+    frame_name = frame.encode()
+    field_length = max(1, len(frame_name))  # numpy has no texts of length 0.
+    row_layout = [("header", "<u4", 4), ("frame", f"S{field_length}"), ("pose", "<f8", 7)]
     rows = np.zeros(len(poses), row_layout)
-    rows["header"] = (0, stamp.secs, stamp.nsecs, len(name))
-    rows["frame"] = name
-    rows["pose"][:, :2] = poses[:, :2]
+    rows["header"] = (0, stamp.secs, stamp.nsecs, len(frame_name))
+    rows["frame"] = frame_name
+
+    # x, y, z, and the quaternion x, y, z, w of a rotation about z
     half_yaw = np.zeros(len(poses))
     if poses.shape[1] > 2:
         half_yaw = 0.5 * poses[:, 2]
+    rows["pose"][:, :2] = poses[:, :2]
     rows["pose"][:, 5] = np.sin(half_yaw)
     rows["pose"][:, 6] = np.cos(half_yaw)
-    return PackedMessage(Path(header=Header(0, stamp, frame)), len(poses), rows.tobytes())
+    message = Path(header=Header(0, stamp, frame))
+    return PackedMessage(message, len(poses), rows.tobytes())
 
 
 def polygon(vertices: np.ndarray, frame: str, stamp: Any) -> PolygonStamped:
@@ -374,8 +394,8 @@ def polygon(vertices: np.ndarray, frame: str, stamp: Any) -> PolygonStamped:
 def cloud(rows: np.ndarray, names: Sequence[str], frame: str, stamp: Any) -> PointCloud2:
     """Return rows (n, len(names)) as a sensor_msgs/PointCloud2 of FLOAT32 fields."""
     message = PointCloud2(header=Header(0, stamp, frame), height=1, width=len(rows), is_dense=True)
-    for index, name in enumerate(names):
-        message.fields.append(PointField(name, 4 * index, PointField.FLOAT32, 1))
+    for index, field_name in enumerate(names):
+        message.fields.append(PointField(field_name, 4 * index, PointField.FLOAT32, 1))
     message.point_step = 4 * len(names)
     message.row_step = message.point_step * len(rows)
     message.data = np.ascontiguousarray(rows, dtype="<f4").tobytes()

@@ -28,9 +28,10 @@ def named_robot(parameters: Dict[str, Any]) -> Tuple[Robot, str]:
         ApplrError: There is no such robot, or it has no files for driving on a map.
     """
     # The parameter server may hold a name such as 2 as a number.
-    name = str(parameters.get("robot", JACKAL.name))
-    robot = load(name, with_map=bool(parameters.get("map", False)))
-    return robot, frame_prefix(str(parameters.get("tf_prefix", "")))
+    robot_name = str(parameters.get("robot", JACKAL.name))
+    robot = load(robot_name, with_map=_drives_on_map(parameters))
+    prefix = str(parameters.get("tf_prefix", ""))
+    return robot, frame_prefix(prefix)
 
 
 def with_robot(parameters: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Robot]]:
@@ -44,14 +45,19 @@ def with_robot(parameters: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Rob
     Returns:
         The nested tree without NAMING, and the Robot, or None if no robot is named.
     """
-    tree = {name: value for name, value in parameters.items() if name not in NAMING}
+    overrides = {name: value for name, value in parameters.items() if name not in NAMING}
     if not parameters.get("robot"):
-        return tree, None
+        return overrides, None
     robot, prefix = named_robot(parameters)
-    files = robot.parameters(bool(parameters.get("map", False)))
+    file_parameters = robot.parameters(_drives_on_map(parameters))
     if prefix:
-        _prefix_frames(files, prefix)
-    return merged(files, tree), robot
+        _prefix_frames(file_parameters, prefix)
+    return merged(file_parameters, overrides), robot
+
+
+def _drives_on_map(parameters: Dict[str, Any]) -> bool:
+    """Return whether the private parameters select the robot's files for driving on a map."""
+    return bool(parameters.get("map", False))
 
 
 def _prefix_frames(tree: Dict[str, Any], prefix: str) -> None:
@@ -59,5 +65,9 @@ def _prefix_frames(tree: Dict[str, Any], prefix: str) -> None:
     for name, value in tree.items():
         if isinstance(value, dict):
             _prefix_frames(value, prefix)
-        elif name in FRAMES and value and value != "map":
-            tree[name] = prefix + str(value).lstrip("/")
+            continue
+        # An empty sensor_frame stands for the frame of the messages.
+        is_named_frame = name in FRAMES and bool(value)
+        if is_named_frame and value != "map":
+            frame = str(value).lstrip("/")
+            tree[name] = prefix + frame
