@@ -28,7 +28,7 @@ def weights_at(space: Space) -> Optional[List[int]]:
             indices.update(dict.fromkeys(target.names, index))
     if not set(WEIGHTS) <= set(indices):
         return None
-    return [indices[name] for name in WEIGHTS]
+    return [indices[weight_name] for weight_name in WEIGHTS]
 
 
 def multipliers_of(space: Space, factor: float, largest: np.ndarray) -> Array:

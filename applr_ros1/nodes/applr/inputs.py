@@ -61,14 +61,14 @@ class RobotInputs:
         self._scan_topic = robot.topics.scan
         self._sensors = Sensors.of_lasers(robot, prefix, self._base)
         self._transforms = self._sensors.transforms
-        plan = move_base + "/NavfnROS/plan"
-        goal = move_base + "/current_goal"
-        self._plan_topic = rospy.resolve_name(plan)
+        plan_topic = move_base + "/NavfnROS/plan"
+        goal_topic = move_base + "/current_goal"
+        self._plan_topic = rospy.resolve_name(plan_topic)
         self._lock = threading.Lock()  # guards the messages
         self.clear()
-        rospy.Subscriber(plan, Path, self._on_plan, queue_size=1, buff_size=LARGE_BUFFER)
+        rospy.Subscriber(plan_topic, Path, self._on_plan, queue_size=1, buff_size=LARGE_BUFFER)
         rospy.Subscriber(move_base + "/status", GoalStatusArray, self._on_status, queue_size=1)
-        rospy.Subscriber(goal, PoseStamped, self._on_current_goal, queue_size=1)
+        rospy.Subscriber(goal_topic, PoseStamped, self._on_current_goal, queue_size=1)
         rospy.Subscriber("applr/tracked", Movers, self._on_movers, queue_size=1)
 
     def clear(self) -> None:
@@ -109,26 +109,29 @@ class RobotInputs:
         # The inputs of one decision belong together: callbacks may replace them from here on.
         with self._lock:
             plan = self._plan
-            movers = self._movers
-            goal = self._current_goal
+            movers_message = self._movers
+            goal_pose = self._current_goal
             is_for_goal = self._plan_is_for_goal()
         beams = self._beams(now)
         if not is_for_goal:
             raise ObservationError(f"no global plan for this goal on {self._plan_topic} yet")
         stamps = self._sensors.stamps()
-        points = np.array([(place.pose.position.x, place.pose.position.y) for place in plan.poses])
+        plan_points = []
+        for stamped_pose in plan.poses:
+            position = stamped_pose.pose.position
+            plan_points.append((position.x, position.y))
         frame = plan.header.frame_id or plan.poses[0].header.frame_id
-        if goal is None:
-            goal = plan.poses[-1].pose
-        moving, movers_stamp = self._moving(movers, frame, now)
+        if goal_pose is None:
+            goal_pose = plan.poses[-1].pose
+        moving_obstacles, movers_stamp = self._moving(movers_message, frame, now)
         seen = Seen(
             beams,
             (now - began).to_sec(),
             self._pose(frame, stamps["scan"], now),
             self._sensors.twist,
-            conversions.pose_of(goal),
-            points,
-            moving,
+            conversions.pose_of(goal_pose),
+            np.array(plan_points),
+            moving_obstacles,
         )
         return Snapshot(
             seen, frame, stamps["scan"], stamps["twist"], plan.header.stamp, movers_stamp
@@ -143,14 +146,15 @@ class RobotInputs:
         if self._plan is None:
             return False
         if self._goal_since is None:
-            early = 0.0
+            plan_lead = 0.0
         else:
-            early = (self._goal_since - self._plan_time).to_sec()
-        if early > SIMULTANEOUS_S:
+            plan_lead = (self._goal_since - self._plan_time).to_sec()
+        if plan_lead > SIMULTANEOUS_S:
             return False
-        end = self._plan.poses[-1].pose
-        is_simultaneous = early > -SIMULTANEOUS_S
-        return not (is_simultaneous and _is_nearer(end, self._former_goal, self._current_goal))
+        end_pose = self._plan.poses[-1].pose
+        is_simultaneous = plan_lead > -SIMULTANEOUS_S
+        is_for_former = _is_nearer(end_pose, self._former_goal, self._current_goal)
+        return not (is_simultaneous and is_for_former)
 
     def _beams(self, now: rospy.Time) -> Tuple[np.ndarray, float, float]:
         """Return (ranges [m], first angle, increment [rad]) of the latest scan for the robot."""
@@ -168,11 +172,12 @@ class RobotInputs:
         ranges = scan.ranges
         first_angle = scan.angle_min
         if scan.rotation is not None:
-            upright = conversions.cos_tilt(scan.rotation)
-            if abs(upright) < LEAST_LEVEL_COS:
+            tilt_cosine = conversions.cos_tilt(scan.rotation)
+            if abs(tilt_cosine) < LEAST_LEVEL_COS:
                 problem = f"the laser in {scan.frame} is tilted"
                 raise ObservationError(f"{problem}: the policy needs a level laser")
-            ranges, first_angle = conversions.from_above(scan, ranges, upright < 0.0)
+            hangs = tilt_cosine < 0.0
+            ranges, first_angle = conversions.from_above(scan, ranges, hangs)
         return ranges, scan.sensor_pose[2] + first_angle, scan.angle_increment
 
     def _pose(self, frame: str, stamp: rospy.Time, now: rospy.Time) -> Pose:
@@ -218,12 +223,12 @@ class RobotInputs:
             self._current_goal = message.pose
 
     def _on_status(self, message: GoalStatusArray) -> None:
-        goal = conversions.goal_in(message, _RUNNING)
+        goal_id = conversions.goal_in(message, _RUNNING)
         with self._lock:
             self._status_time = rospy.Time.now()
-            if goal not in (None, self._goal):
+            if goal_id not in (None, self._goal):
                 self._goal_since = self._status_time
-            self._goal = goal
+            self._goal = goal_id
 
 
 def _is_nearer(pose: Any, former: Any, goal: Any) -> bool:
@@ -233,7 +238,7 @@ def _is_nearer(pose: Any, former: Any, goal: Any) -> bool:
     """
     if former is None or goal is None:
         return False
-    place = (pose.position.x, pose.position.y)
-    from_former = math.dist(place, (former.position.x, former.position.y))
-    from_goal = math.dist(place, (goal.position.x, goal.position.y))
+    position = (pose.position.x, pose.position.y)
+    from_former = math.dist(position, (former.position.x, former.position.y))
+    from_goal = math.dist(position, (goal.position.x, goal.position.y))
     return from_former < from_goal

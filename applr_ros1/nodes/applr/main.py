@@ -112,17 +112,17 @@ def main() -> int:
     space = space_of(robot)
 
     # The methods choose max_vel_x within its range, whose begin a limit cannot undercut.
-    slowest = space.as_dict(space.low).get("max_vel_x", 0.0)
-    if 0 < max_speed < slowest:
-        advice = f"give at least {slowest:g} m/s, or 0 for no limit"
+    lowest_limit = space.as_dict(space.low).get("max_vel_x", 0.0)
+    if 0 < max_speed < lowest_limit:
+        advice = f"give at least {lowest_limit:g} m/s, or 0 for no limit"
         raise ApplrError(f"max_speed is {max_speed:g}: {advice}")
     spec = str(parameters.get("method", "auto"))
     meter_scoring = str(parameters.get("meter_scoring", AUTO)).lower()  # ROS parses true as a bool.
     if meter_scoring not in CHOICES:
         advice = f"give {', '.join(CHOICES[:-1])} or {CHOICES[-1]}"
         raise ApplrError(f"meter_scoring is {meter_scoring}: {advice}")
-    code = started_with(spec)
-    method, trouble = make_method(spec, robot, code)
+    started_spec = started_with(spec)
+    method, trouble = make_method(spec, robot, started_spec)
     node = ApplrNode(
         method,
         RobotInputs(robot, namespace, prefix),
@@ -136,13 +136,13 @@ def main() -> int:
     )
     rospy.Subscriber("~set_parameters", Parameters, partial(set_parameters, node), queue_size=10)
     rospy.Service("~enable", SetBool, partial(enable, node))
-    rospy.Service("~set_method", SetMethod, partial(set_method, node, code))
+    rospy.Service("~set_method", SetMethod, partial(set_method, node, started_spec))
     # A robot whose policy cannot be read still drives to its goals.
     if trouble:
         rospy.logerr(f"applr: {trouble}; driving with the default parameters")
         node.degraded = trouble
-    ready = "applr: ready, method %s, a decision every %g s, seed %d"
-    rospy.loginfo(ready, method.name, node.period, node.seed)
+    ready_message = "applr: ready, method %s, a decision every %g s, seed %d"
+    rospy.loginfo(ready_message, method.name, node.period, node.seed)
     # Objects that are loaded by now are permanent: the garbage collector can skip them.
     gc.collect()
     gc.freeze()

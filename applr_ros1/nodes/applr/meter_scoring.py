@@ -48,9 +48,9 @@ def factor_of(rows: np.ndarray, weights: np.ndarray, resolution: float) -> Optio
     rows = rows[np.isfinite(rows).all(axis=1) & (rows[:, 6] > 0.0)]
     if len(rows) < FEWEST:
         return None
-    path, goal, occ = weights
-    distance_costs = path * rows[:, 3] + goal * rows[:, 4]
-    obstacle_costs = occ * rows[:, 5]
+    path_weight, goal_weight, obstacle_weight = weights
+    distance_costs = path_weight * rows[:, 3] + goal_weight * rows[:, 4]
+    obstacle_costs = obstacle_weight * rows[:, 5]
     totals = rows[:, 6]
     # With small biases both factors may fit.
     fitting = []
@@ -132,9 +132,9 @@ class MeterScoring:
         """Return a line about unit and multipliers, or "" before the first goal."""
         unit = self._unit(now)
         rescaled = []
-        for name, factor in zip(self._client.space.names, self._client.multipliers):
+        for parameter_name, factor in zip(self._client.space.names, self._client.multipliers):
             if factor != 1.0:
-                rescaled.append(f"{name} x {factor:.6g}")
+                rescaled.append(f"{parameter_name} x {factor:.6g}")
         if not rescaled:
             return unit
         effect = "the parameter set is for weights per cell and is sent as "
@@ -152,8 +152,8 @@ class MeterScoring:
             return f"the planner's distance weights count per {unit} ({source})"
         if self._since is None or self.waits(now):
             return ""
-        cloud = f"no cost_cloud on {self._topic()}"
-        return f"{UNCHANGED}: {cloud} shows the unit of distance weights"
+        missing_cloud = f"no cost_cloud on {self._topic()}"
+        return f"{UNCHANGED}: {missing_cloud} shows the unit of distance weights"
 
     def _topic(self) -> str:
         return self._client.servers[PLANNER].name + "/cost_cloud"

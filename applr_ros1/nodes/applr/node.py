@@ -154,9 +154,9 @@ class ApplrNode:
         The last tick before a decision is shorter, so that the decision is on time.
         """
         if self._due is not None:
-            left: float = (self._due - now).to_sec()
-            if 0.001 < left < TICK_S:
-                return left
+            seconds_left: float = (self._due - now).to_sec()
+            if 0.001 < seconds_left < TICK_S:
+                return seconds_left
         return TICK_S
 
     def _clock_jumped(self) -> None:
@@ -252,15 +252,15 @@ class ApplrNode:
     def _decide(self, now: rospy.Time, goal: str) -> None:
         """Make the decision that is due, unless its inputs are missing."""
         # Every course starts with theta_0, which may not be in force yet.
-        late: float = (now - self._due).to_sec()
+        delay: float = (now - self._due).to_sec()
         is_first = self._last is None
         is_unsettled = self.client.busy or self.meter_scoring.waits(now)
-        if is_first and is_unsettled and late < self.period:
+        if is_first and is_unsettled and delay < self.period:
             return
         try:
             snapshot, context = self._observe(now)
         except ObservationError as problem:
-            if late >= self.period:  # The observation has failed for a whole period.
+            if delay >= self.period:  # The observation has failed for a whole period.
                 self._due = now
                 self._fail("unusable", str(problem))
             return
@@ -268,10 +268,10 @@ class ApplrNode:
         # The first decision waits for the first plan. It sets the time of the later ones, of which
         # a late one does not delay the next one.
         if is_first:
-            late = 0.0
-        self.counts["late"] += late > LATE_SHARE * self.period
+            delay = 0.0
+        self.counts["late"] += delay > LATE_SHARE * self.period
         self.counts["decisions"] += 1
-        self._due = now + rospy.Duration(max(self.period - late, self.period / 2))
+        self._due = now + rospy.Duration(max(self.period - delay, self.period / 2))
         self._last = now
 
         theta, refused = self._choose(context)
@@ -409,9 +409,9 @@ class ApplrNode:
         if theta is None:
             is_lost = is_lost or bool(trouble)
             trouble = trouble or "waiting for the parameter servers of move_base"
-        age = math.nan
+        decision_age = math.nan
         if self._last is not None:
-            age = (now - self._last).to_sec()
+            decision_age = (now - self._last).to_sec()
         servers = sorted(server.name for server in self.client.servers.values())
         values = {
             **{name: self.counts[name] for name in COUNTS},
@@ -421,7 +421,7 @@ class ApplrNode:
             "max_speed": f"{self._max_speed:g}",
             "meter_scoring": self.meter_scoring.line(now) or "not known before the first goal",
             "goal": self._goal or "none",
-            "decision_age_s": f"{age:.2f}",
+            "decision_age_s": f"{decision_age:.2f}",
             "servers": ", ".join(servers) or "none",
         }
         self.topics.diagnostics(now, trouble, is_lost, self._doing(), values)

@@ -113,9 +113,9 @@ class Server:
         """Return the smallest and the largest number of a parameter that the server accepts."""
         # A sign of -1 exchanges the bounds.
         declared = self.declared[self.names[target.name]]
-        low = target.signed(declared["min"])
-        high = target.signed(declared["max"])
-        return min(low, high), max(low, high)
+        signed_min = target.signed(declared["min"])
+        signed_max = target.signed(declared["max"])
+        return min(signed_min, signed_max), max(signed_min, signed_max)
 
     def has(self, request: Mapping[str, Any]) -> bool:
         """Return whether a request's values are in force.
@@ -150,7 +150,8 @@ class Server:
                 time.sleep(0.002)
             for name, value in request.items():
                 if not self.has({name: value}):
-                    error = f"{self.name}: {name} is {self.values.get(name)} instead of {value}"
+                    present_value = self.values.get(name)
+                    error = f"{self.name}: {name} is {present_value} instead of {value}"
                     break
         except Exception as problem:
             # The library raises an error of its own in place of the server's.
@@ -236,46 +237,48 @@ class ReconfigureClient:
             running = find_reconfigure_services()
         except Exception as problem:  # rosservice has exceptions of its own.
             return f"no ROS master: {reason(problem)}"
-        for wanted in self.space.servers:
-            if wanted not in self.servers:
-                trouble = self._connect_server(wanted, running)
+        for wanted_server in self.space.servers:
+            if wanted_server not in self.servers:
+                trouble = self._connect_server(wanted_server, running)
                 if trouble:
                     return trouble
         return ""
 
-    def _connect_server(self, wanted: str, running: List[str]) -> str:
-        """Find the space's server `wanted` among the running ones.
+    def _connect_server(self, wanted_server: str, running: List[str]) -> str:
+        """Find the space's server `wanted_server` among the running ones.
 
         Return "", or one line if none is suitable.
         """
-        label = wanted or "move_base"
+        label = wanted_server or "move_base"
         trouble = f"no parameter server for {label} below {self.namespace}: is move_base up?"
-        targets = [target for _, target in self.space.addresses if target.server == wanted]
-        for name in self._candidates(wanted, running):
+        targets = [target for _, target in self.space.addresses if target.server == wanted_server]
+        for candidate in self._candidates(wanted_server, running):
             try:
-                self.servers[wanted] = Server(name, targets, self._on_restart)
+                self.servers[wanted_server] = Server(candidate, targets, self._on_restart)
                 return ""
             except rospy.ROSException as problem:
-                trouble = f"{name}: {reason(problem)}"
+                trouble = f"{candidate}: {reason(problem)}"
             except ApplrError as problem:
-                trouble = f"{name} {problem}, which the {label} of a {self.space.robot} needs"
+                trouble = f"{candidate} {problem}, which the {label} of a {self.space.robot} needs"
         return trouble
 
-    def _candidates(self, wanted: str, running: List[str]) -> List[str]:
-        """Return the running servers that may be the space's `wanted`, likeliest first.
+    def _candidates(self, wanted_server: str, running: List[str]) -> List[str]:
+        """Return the running servers that may be the space's `wanted_server`, likeliest first.
 
         The names of layers depend on move_base's parameter files. Every server in the same
         namespace is therefore a candidate, and those with the longest common prefix come first.
         """
-        place, _, last = f"{self.namespace}/{wanted}".rstrip("/").rpartition("/")
-        candidates = [name for name in running if name.rpartition("/")[0] == place]
-        if not wanted:
+        wanted_name = f"{self.namespace}/{wanted_server}".rstrip("/")
+        parent, _, wanted_base = wanted_name.rpartition("/")
+        candidates = [name for name in running if name.rpartition("/")[0] == parent]
+        if not wanted_server:
             return [name for name in candidates if name == self.namespace]
-        if "/" not in wanted and not wanted.endswith("_costmap"):
+        if "/" not in wanted_server and not wanted_server.endswith("_costmap"):
             candidates = [name for name in candidates if not name.endswith("_costmap")]
 
         def likeness(name: str) -> int:
-            return len(os.path.commonprefix([name.rpartition("/")[2].lower(), last.lower()]))
+            _, _, base_name = name.rpartition("/")
+            return len(os.path.commonprefix([base_name.lower(), wanted_base.lower()]))
 
         return sorted(candidates, key=lambda name: (-likeness(name), name))
 
@@ -289,8 +292,8 @@ class ReconfigureClient:
         if not self.connected:
             return None
         values = []
-        for name in self.space.names:
-            target = self.space.targets[name][0]
+        for parameter_name in self.space.names:
+            target = self.space.targets[parameter_name][0]
             value = self.servers[target.server].value_of(target)
             if not isinstance(value, (bool, int, float)):
                 return None
@@ -322,13 +325,13 @@ class ReconfigureClient:
 
     def bounds(self) -> Tuple[Array, Array]:
         """Return the smallest and the largest values (n,) that all servers accept."""
-        low = np.full(len(self.space), -np.inf)
-        high = np.full(len(self.space), np.inf)
+        lowest = np.full(len(self.space), -np.inf)
+        highest = np.full(len(self.space), np.inf)
         for index, target in self.space.addresses:
             smallest, largest = self.servers[target.server].bounds_of(target)
-            low[index] = max(low[index], smallest)
-            high[index] = min(high[index], largest)
-        return low, high
+            lowest[index] = max(lowest[index], smallest)
+            highest[index] = min(highest[index], largest)
+        return lowest, highest
 
     def apply(self, theta: np.ndarray, seconds: float = DEADLINE_S) -> str:
         """Set theta (n,) times `multipliers`, within the servers' bounds, and read the values back.
@@ -359,9 +362,9 @@ class ReconfigureClient:
 
             # Calls of all servers at once, but none beside an earlier call of the same server.
             requests = []
-            for name, of_server in settings.items():
-                server = self.servers[name]
-                request = server.request(of_server)
+            for server_name, server_values in settings.items():
+                server = self.servers[server_name]
+                request = server.request(server_values)
                 requests.append((server, request))
                 if server.call.done() and not server.has(request):
                     server.set(request)
@@ -372,8 +375,8 @@ class ReconfigureClient:
                 if not server.call.done():
                     errors.append(f"{server.name} does not answer")
                 elif not server.has(request):
-                    busy = f"{server.name} was busy with an earlier call"
-                    errors.append(server.call.result() or busy)
+                    busy_problem = f"{server.name} was busy with an earlier call"
+                    errors.append(server.call.result() or busy_problem)
             return "; ".join(errors)
 
     def start(self) -> None:
@@ -420,16 +423,16 @@ class ReconfigureClient:
 
     def _run(self) -> None:
         """Search for the servers, then apply each request until it is in force."""
-        searches = 0
+        search_count = 0
         while not self._is_stopped:
             pause = SEARCH_S
             theta = self._requested
             try:
                 if not self.connected:
                     trouble = self.connect()
-                    searches += 1
+                    search_count += 1
                     # move_base may be started after this node.
-                    if not trouble or searches >= MOST_SEARCHES:
+                    if not trouble or search_count >= MOST_SEARCHES:
                         self._on_trouble(trouble)
                     if not trouble:
                         pause = 0.0

@@ -57,11 +57,12 @@ class ApplrTopics:
         self._decision.publish(self._message(number, now, goal, snapshot, context, theta, refused))
 
         # Displays show the local goal as an arrow from the robot to it.
-        ahead, left = local_goal(context.plan, context.pose, context.layout.lookahead)
-        x, y = transform_point(context.pose, ahead, left)
-        yaw = context.pose[2] + atan2(left, ahead)
-        target = conversions.pose_stamped((x, y, yaw), snapshot.frame, snapshot.odom_stamp)
-        self._local_goal.publish(target)
+        goal_ahead, goal_left = local_goal(context.plan, context.pose, context.layout.lookahead)
+        arrow_x, arrow_y = transform_point(context.pose, goal_ahead, goal_left)
+        arrow_yaw = context.pose[2] + atan2(goal_left, goal_ahead)
+        arrow_pose = (arrow_x, arrow_y, arrow_yaw)
+        arrow = conversions.pose_stamped(arrow_pose, snapshot.frame, snapshot.odom_stamp)
+        self._local_goal.publish(arrow)
 
     def course_end(self, number: int, now: Any, goal: str, snapshot: Any, context: Any) -> None:
         """Publish the observation at the end of a course."""
@@ -134,9 +135,9 @@ def parameters_message(
 
     # The paper's parameters have fields of their own, which are easier to plot. They are NaN unless
     # the space has the parameter.
-    fields = set(message.__slots__) - {"header", "names", "values", "multipliers"}
-    for field in fields:
-        setattr(message, field, nan)
+    field_names = set(message.__slots__) - {"header", "names", "values", "multipliers"}
+    for field_name in field_names:
+        setattr(message, field_name, nan)
     if theta is None:
         return message
     if multipliers is None:
@@ -144,9 +145,10 @@ def parameters_message(
     message.names = list(space.names)
     message.values = np.asarray(theta, np.float64).tolist()
     message.multipliers = multipliers.tolist()
-    for name, value in zip(message.names, message.values):
-        for alias in (name, *space.targets[name][0].names):
-            if alias in fields:
+    for parameter_name, value in zip(message.names, message.values):
+        target = space.targets[parameter_name][0]
+        for alias in (parameter_name, *target.names):
+            if alias in field_names:
                 setattr(message, alias, value)
                 break
     return message
