@@ -46,12 +46,12 @@ def parser() -> argparse.ArgumentParser:
     )
     add = arguments.add_argument
     add("checkout", type=Path, metavar="CHECKOUT", help="Folder with run.py and jackal_helper/.")
-    worlds = "Worlds, such as 0-49,300: 0-299 are BARN's, 300-359 DynaBARN's."
-    add("--worlds", default="0-299", help=worlds)
+    worlds_help = "Worlds, such as 0-49,300: 0-299 are BARN's, 300-359 DynaBARN's."
+    add("--worlds", default="0-299", help=worlds_help)
     add("--trials", default=1, type=int, help="Number of runs of each world.")
     add("--out", default=Path("barn_results"), type=Path, help="Folder for the results.")
-    controller = "Launch file that replaces the checkout's launch/move_base_DWA.launch."
-    add("--controller", type=Path, help=controller)
+    controller_help = "Launch file that replaces the checkout's launch/move_base_DWA.launch."
+    add("--controller", type=Path, help=controller_help)
     return arguments
 
 
@@ -62,12 +62,12 @@ def numbers(text: str) -> List[int]:
         ApplrError: It is no list of numbers and ranges.
     """
     worlds: List[int] = []
-    for part in text.split(","):
+    for world_range in text.split(","):
         try:
-            span = [int(number) for number in part.split("-")]
+            bounds = [int(number) for number in world_range.split("-")]
         except ValueError:
             raise ApplrError(f"--worlds {text}: give numbers and ranges such as 0-49,300") from None
-        worlds += range(span[0], span[-1] + 1)
+        worlds += range(bounds[0], bounds[-1] + 1)
     return worlds
 
 
@@ -84,26 +84,27 @@ def link_package(checkout: Path, folder: Path, controller: Optional[Path]) -> Pa
     launch_files = {GAZEBO_LAUNCH: OURS / GAZEBO_LAUNCH}
     if controller is not None:
         launch_files[CONTROLLER_LAUNCH] = controller
-    for path in (checkout / "run.py", checkout / HELPER / "worlds", *launch_files.values()):
-        if not path.exists():
+    required_paths = (checkout / "run.py", checkout / HELPER / "worlds", *launch_files.values())
+    for required_path in required_paths:
+        if not required_path.exists():
             advice = "give a checkout of the BARN Challenge, and a launch file"
-            raise ApplrError(f"{path} does not exist: {advice}")
+            raise ApplrError(f"{required_path} does not exist: {advice}")
     # The runner finds everything below the package's name, so that links are enough.
     package = folder / HELPER
     shutil.rmtree(package, ignore_errors=True)
     shutil.copytree(checkout / HELPER, package, copy_function=os.symlink)
-    for name, file in launch_files.items():
-        link = package / "launch" / name
+    for launch_name, launch_file in launch_files.items():
+        link = package / "launch" / launch_name
         link.unlink(missing_ok=True)
-        link.symlink_to(file.resolve())
+        link.symlink_to(launch_file.resolve())
     return package
 
 
 def run(checkout: Path, package: Path, world: int, trial: int, out: Path) -> None:
     """Run run.py once. It appends its result to out.txt, and its output goes to the logs."""
     environment = dict(os.environ)
-    for name in ("ROS_HOSTNAME", "ROS_NAMESPACE"):  # These may be set for another robot.
-        environment.pop(name, None)
+    for variable_name in ("ROS_HOSTNAME", "ROS_NAMESPACE"):  # These may be set for another robot.
+        environment.pop(variable_name, None)
     environment.update(
         ROS_MASTER_URI=f"http://127.0.0.1:{free_port()}",
         ROS_IP="127.0.0.1",
@@ -113,12 +114,12 @@ def run(checkout: Path, package: Path, world: int, trial: int, out: Path) -> Non
     )
     command = [sys.executable, "run.py", "--world_idx", str(world), "--out", str(out / "out.txt")]
     # In a session of its own, the runner and all its nodes can be ended together.
-    with open(_log(out, world, trial), "wb") as log:
+    with open(_log(out, world, trial), "wb") as log_file:
         runner = subprocess.Popen(
             command,
             env=environment,
             cwd=checkout,
-            stdout=log,
+            stdout=log_file,
             stderr=subprocess.STDOUT,
             start_new_session=True,
         )
@@ -155,20 +156,20 @@ def main() -> None:
     """
     options = parser().parse_args()
     checkout = options.checkout.resolve()
-    out = options.out.resolve()
-    results = out / "out.txt"
+    out_folder = options.out.resolve()
+    results = out_folder / "out.txt"
     worlds = numbers(options.worlds)
     if results.exists():
         raise ApplrError(f"{results} exists already: give another --out")
-    package = link_package(checkout, out / "package", options.controller)
+    package = link_package(checkout, out_folder / "package", options.controller)
     for world in worlds:
-        name = f"BARN/world_{world}.world"
+        world_file = f"BARN/world_{world}.world"
         if world >= STATIC_WORLDS:
-            name = f"DynaBARN/world_{world - STATIC_WORLDS}.world"
-        if not (package / "worlds" / name).exists():
-            problem = f"the checkout has no world {world}, {name}"
+            world_file = f"DynaBARN/world_{world - STATIC_WORLDS}.world"
+        if not (package / "worlds" / world_file).exists():
+            problem = f"the checkout has no world {world}, {world_file}"
             raise ApplrError(f"--worlds {options.worlds}: {problem}")
-    (out / "logs").mkdir(exist_ok=True)
+    (out_folder / "logs").mkdir(exist_ok=True)
     # The runner's processes run in the checkout, where a relative path would not be found.
     if METHOD in os.environ:
         os.environ[METHOD] = methods.absolute(os.environ[METHOD])
@@ -177,14 +178,14 @@ def main() -> None:
     result_count = 0
     for trial in range(options.trials):
         for world in worlds:
-            run(checkout, package, world, trial, out)
-            lines = results.read_text().splitlines() if results.exists() else []
-            result = f"no result, see {_log(out, world, trial)}"
-            if len(lines) > result_count:
-                result = lines[-1]
-            result_count = len(lines)
+            run(checkout, package, world, trial, out_folder)
+            result_lines = results.read_text().splitlines() if results.exists() else []
+            result = f"no result, see {_log(out_folder, world, trial)}"
+            if len(result_lines) > result_count:
+                result = result_lines[-1]
+            result_count = len(result_lines)
             print(f"world {world} trial {trial}: {result}", flush=True)
     run_count = len(worlds) * options.trials
     if result_count < run_count:
         problem = f"{run_count - result_count} of {run_count} runs have no result"
-        raise ApplrError(f"{problem}: see the logs in {out}/logs")
+        raise ApplrError(f"{problem}: see the logs in {out_folder}/logs")

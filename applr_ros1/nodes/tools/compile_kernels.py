@@ -63,9 +63,9 @@ def main() -> int:
 def _compile() -> None:
     """Compile the parts, then the rest, in as many processes as there are processors."""
     fork = multiprocessing.get_context("fork")
-    processes = len(os.sched_getaffinity(0))
+    process_count = len(os.sched_getaffinity(0))
     # A process ends without a traceback at Ctrl-C.
-    pool = ProcessPoolExecutor(processes, fork, signal.signal, (signal.SIGINT, signal.SIG_DFL))
+    pool = ProcessPoolExecutor(process_count, fork, signal.signal, (signal.SIGINT, signal.SIG_DFL))
     with announced("compiling kernels", _report, first=QUIET_S), pool:
         # The drives begin when all parts are in the cache: they would otherwise compile the same
         # kernels again.
@@ -75,11 +75,13 @@ def _compile() -> None:
 
 
 def _compile_part(number: int) -> None:
-    PARTS[number][1]()
+    _, compile_part = PARTS[number]
+    compile_part()
 
 
 def _compile_drive(number: int) -> None:
-    DRIVES[number][1]()
+    _, run_drive = DRIVES[number]
+    run_drive()
 
 
 def _report(text: str) -> None:
@@ -88,8 +90,8 @@ def _report(text: str) -> None:
 
 def _simulators() -> None:
     world = worlds.load("generated:0")
-    for name in sim_bridge.NAMES:
-        simulator = sim_bridge.make(name)
+    for simulator_name in sim_bridge.NAMES:
+        simulator = sim_bridge.make(simulator_name)
         warm_up_simulator(simulator, world)
         simulator.close()
 
@@ -102,19 +104,19 @@ def drive(robot: Robot) -> None:
     parameters["applr"] = {**parameters.get("applr", {}), "movers": True}
     stack = Stack(robot, MoveBase(parameters), monitor=True)
     space = space_of(robot)
-    random = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
 
     state = simulator.reset(world, 0)
     stack.reset(state.time, 0)
     goal = simulator.to_odom(world.course.sent_goal)
     next_decision = scan_due = state.time
-    end = state.time + DRIVE_S
-    while state.time < end:
+    end_time = state.time + DRIVE_S
+    while state.time < end_time:
         if stack.move_base.goal is None:
             stack.set_goal(goal, state.time)
         if state.time >= next_decision:
             next_decision += DECISION_S
-            theta = space.to_theta(random.uniform(-1.0, 1.0, len(space)))
+            theta = space.to_theta(rng.uniform(-1.0, 1.0, len(space)))
             send(space.settings(theta), stack.move_base)
         scan = None
         if state.time + 1e-6 >= scan_due:

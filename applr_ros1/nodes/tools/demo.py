@@ -100,11 +100,11 @@ def main() -> int:
     }
     report("world {world}, robot {robot}, method {method}, simulator {simulator}".format(**result))
     # The line about ending the nodes is due after the drive and lasts until all have ended.
-    with contextlib.ExitStack() as ending:
+    with contextlib.ExitStack() as exit_stack:
         try:
             with private_nodes(setup.passed) as nodes:
                 _drive(nodes, setup, result)
-                ending.enter_context(announced("ending the nodes", report))
+                exit_stack.enter_context(announced("ending the nodes", report))
         except ApplrError as problem:
             report(result.setdefault("reason", str(problem)))
     print(json.dumps(result), flush=True)
@@ -118,19 +118,20 @@ def prepare(words: Sequence[str]) -> Setup:
         ApplrError: An argument is invalid.
     """
     defaults = launch_arguments()
-    given = given_arguments(words, (*defaults, *EXTRA))
+    given_values = given_arguments(words, (*defaults, *EXTRA))
     # A demo can be repeated.
-    values = {**defaults, **EXTRA, "seed": "0", **given}
+    values = {**defaults, **EXTRA, "seed": "0", **given_values}
     is_simulated = boolean("sim", values["sim"])
     if not is_simulated or values["move_base"] != "python" or values["goal"] == "none":
-        needs = "the demo needs sim:=true, move_base:=python and a goal"
-        raise ApplrError(f"{needs}: for a real robot use roslaunch applr_ros1 jackal_applr.launch")
+        requirement = "the demo needs sim:=true, move_base:=python and a goal"
+        advice = "for a real robot use roslaunch applr_ros1 jackal_applr.launch"
+        raise ApplrError(f"{requirement}: {advice}")
     # The launch file's defaults are texts; what is no number is reported as it was given.
     numbers = (("limit", float, 1.0, 3600.0), ("seed", int, 0, 2**31 - 1))
-    for name, number_type, low, high in numbers:
+    for argument_name, number_type, lowest, highest in numbers:
         with contextlib.suppress(ValueError):
-            values[name] = number_type(values[name])
-        number_within(name, values[name], low, high)
+            values[argument_name] = number_type(values[argument_name])
+        number_within(argument_name, values[argument_name], lowest, highest)
     # A drive of minutes must not end with a page that cannot be written.
     if values["page"] != "none":
         values["page"] = os.path.abspath(values["page"])
@@ -150,8 +151,9 @@ def prepare(words: Sequence[str]) -> Setup:
         world = _with_goal(world, values["sent"])
 
     # The demo sends the goal itself, when it has begun to record.
-    passed = {name: values[name] for name in {"method", "seed", *given} & set(defaults)}
-    return Setup(values, {**passed, "goal": "none"}, robot, world)
+    passed_names = {"method", "seed", *given_values} & set(defaults)
+    passed_values = {name: values[name] for name in passed_names}
+    return Setup(values, {**passed_values, "goal": "none"}, robot, world)
 
 
 def how_to_ask_why(bag: str, robot: Robot) -> str:
@@ -163,11 +165,11 @@ def how_to_ask_why(bag: str, robot: Robot) -> str:
 
 def _with_goal(world: worlds.World, goal: Pose) -> worlds.World:
     """Return a world with another goal, which is given in odom. The origin of odom is the start."""
-    x, y, yaw = goal
+    goal_x, goal_y, goal_yaw = goal
     start_x, start_y, _ = world.course.start
     course = dataclasses.replace(
         world.course,
-        goal=(start_x + x, start_y + y, yaw),
+        goal=(start_x + goal_x, start_y + goal_y, goal_yaw),
         finish_y=None,
         path=np.empty((0, 2)),
         planner_ends=True,
@@ -178,17 +180,17 @@ def _with_goal(world: worlds.World, goal: Pose) -> worlds.World:
 def _drive(nodes: LaunchedNodes, setup: Setup, result: Dict[str, Any]) -> None:
     """Drive the course, complete the result, and write the page."""
     values = setup.values
-    began = time.monotonic()
+    start_time = time.monotonic()
     observer = Observer(setup)
-    for part, is_up in observer.parts():
-        nodes.wait(part, is_up)
-        report(f"{part:12} up after {time.monotonic() - began:.1f} s")
+    for part_name, is_up in observer.parts():
+        nodes.wait(part_name, is_up)
+        report(f"{part_name:12} up after {time.monotonic() - start_time:.1f} s")
     drive = observer.drive(values["sent"], values["limit"], nodes.check)
     assert drive.truth is not None
     goal = drive.goals[-1]
     has_touched = bool(len(drive.contacts))
-    contact = ", with contact" if has_touched else ""
-    report(f"{goal.reason} after {goal.end:.1f} s and {drive.truth.length:.2f} m{contact}")
+    contact_note = ", with contact" if has_touched else ""
+    report(f"{goal.reason} after {goal.end:.1f} s and {drive.truth.length:.2f} m{contact_note}")
     if goal.status != REACHED:
         report(how_to_ask_why(values["record"], setup.robot))
     result.update(
@@ -211,18 +213,18 @@ def _page(drive: Drive, robot: Robot, begins: float, result: Dict[str, Any]) -> 
     """Return the page of a drive that begins at the world's time `begins` [s]."""
     world = drive.world
     assert world is not None
-    body = robot.body.size[:2]
+    body_size = robot.body.size[:2]
     space = space_of(robot)
-    ground = "distances are those of the robot's body in the simulated world"
+    distance_note = "distances are those of the robot's body in the simulated world"
     return page(
         title="{robot} in {world}, method {method}".format(**result),
-        verdict=verdict_of(drive, world, body, begins),
+        verdict=verdict_of(drive, world, body_size, begins),
         methods=[result["method"]],
         space=space,
-        body=body,
+        body=body_size,
         scenes=[Scene(world.name, world, [Shown(0, 0, drive)], begins)],
         units={name: declaration(robot, name).unit for name in space.names},
-        measured=["Simulator {simulator}, seed {seed}; ".format(**result) + ground + "."],
+        measured=["Simulator {simulator}, seed {seed}; ".format(**result) + distance_note + "."],
     )
 
 
@@ -257,11 +259,11 @@ class Observer:
         self._has_monitor = boolean("monitor", values["monitor"])
         self._has_movers = boolean("movers", values["movers"])
         # A process subscribes to a topic with one type only, and the action client to the status.
-        kinds = dict.fromkeys((self._scan, VERDICTS, MOVERS), rospy.AnyMsg)
-        kinds[STATUS] = GoalStatusArray
-        for topic, kind in kinds.items():
-            arrived = partial(self._on_message, topic)
-            rospy.Subscriber(topic, kind, arrived, queue_size=1, buff_size=LARGE_BUFFER)
+        message_types = dict.fromkeys((self._scan, VERDICTS, MOVERS), rospy.AnyMsg)
+        message_types[STATUS] = GoalStatusArray
+        for topic, message_type in message_types.items():
+            on_arrival = partial(self._on_message, topic)
+            rospy.Subscriber(topic, message_type, on_arrival, queue_size=1, buff_size=LARGE_BUFFER)
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
         rospy.Subscriber("/applr/parameters", Parameters, self._on_parameters, queue_size=50)
@@ -286,12 +288,12 @@ class Observer:
         recorder = self._begin()
         self.client.send_goal(MoveBaseGoal(pose_stamped(pose, self._frame, rospy.Time(0))))
         course = self.world.course
-        place = "ahead"
+        goal_place = "ahead"
         if course.finish_y is not None:
-            place = f"to the finish line at y = {course.finish_y:g} m"
-        report(f"goal sent   {course.length_m:.2f} m {place}")
+            goal_place = f"to the finish line at y = {course.finish_y:g} m"
+        report(f"goal sent   {course.length_m:.2f} m {goal_place}")
         # In simulated time, by the stamps of the true motion
-        printed = 0.0
+        progress_time = 0.0
         status = ""
         while not status:
             time.sleep(0.01)
@@ -299,8 +301,8 @@ class Observer:
             assert self._latest is not None
             seconds = self._latest.time - self.began
             status, reason = self._end(seconds, limit)
-            if seconds - printed >= PROGRESS_PERIOD_S:
-                printed += PROGRESS_PERIOD_S
+            if seconds - progress_time >= PROGRESS_PERIOD_S:
+                progress_time += PROGRESS_PERIOD_S
                 self._report_progress(seconds, recorder.drive)
         recorder.goals.append(Goal("demo", 0.0, seconds, status, reason))
         self.client.cancel_goal()
@@ -320,16 +322,16 @@ class Observer:
         """Return how the drive has ended, and why in words; ("", "") while it goes on."""
         assert self._latest is not None
         x, y, _ = self._latest.pose
-        state = self.client.get_state()
+        goal_state = self.client.get_state()
         # The planner may stop short of the course's goal by its own tolerance.
-        tolerance = self._tolerance if state == GoalStatus.SUCCEEDED else None
+        tolerance = self._tolerance if goal_state == GoalStatus.SUCCEEDED else None
         if self.world.course.arrived(x, y, tolerance):
             return REACHED, "goal reached"
         if seconds >= limit:
             return TIMED_OUT, "timed out"
-        if state not in (GoalStatus.PENDING, GoalStatus.ACTIVE):
-            text = self.client.get_goal_status_text() or GOAL_STATES[state]
-            return ABORTED, f"move_base gave up: {text}"
+        if goal_state not in (GoalStatus.PENDING, GoalStatus.ACTIVE):
+            status_text = self.client.get_goal_status_text() or GOAL_STATES[goal_state]
+            return ABORTED, f"move_base gave up: {status_text}"
         return "", ""
 
     def _report_progress(self, seconds: float, drive: Drive) -> None:
@@ -338,12 +340,12 @@ class Observer:
         x, y, _ = self._latest.pose
         speed, _ = self._latest.twist
         course = self.world.course
-        to_go = math.dist(course.goal[:2], (x, y))
+        distance_left = math.dist(course.goal[:2], (x, y))
         if course.finish_y is not None:
-            to_go = max(0.0, course.finish_y - y)
+            distance_left = max(0.0, course.finish_y - y)
         has_touched = (drive.contacts > seconds - PROGRESS_PERIOD_S).any()
-        contact = "   contact" if has_touched else ""
-        report(f"{seconds:6.1f} s    {to_go:5.2f} m to go   {speed:4.2f} m/s{contact}")
+        contact_note = "   contact" if has_touched else ""
+        report(f"{seconds:6.1f} s    {distance_left:5.2f} m to go   {speed:4.2f} m/s{contact_note}")
 
     def _on_message(self, topic: str, _: Any) -> None:
         self._up.add(topic)
@@ -352,9 +354,10 @@ class Observer:
         """Return whether move_base takes goals: a goal that is sent before would be lost."""
         if self.client is None:
             self.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
-        action = self.client.action_client
-        ends = (action.pub_goal, action.pub_cancel, action.result_sub)
-        return STATUS in self._up and all(end.get_num_connections() > 0 for end in ends)
+        action_client = self.client.action_client
+        connections = (action_client.pub_goal, action_client.pub_cancel, action_client.result_sub)
+        are_connected = all(connection.get_num_connections() > 0 for connection in connections)
+        return STATUS in self._up and are_connected
 
     def moved(self, reading: Reading) -> None:
         """Take the robot's true motion."""

@@ -48,8 +48,9 @@ def launch_arguments() -> Dict[str, Any]:
 
     The default is None if there is none.
     """
-    file, *_ = roslaunch.rlutil.resolve_launch_arguments(list(LAUNCH_FILE))
-    return {name: default for name, (_, default) in roslaunch.arg_dump.get_args([file]).items()}
+    launch_file, *_ = roslaunch.rlutil.resolve_launch_arguments(list(LAUNCH_FILE))
+    declarations = roslaunch.arg_dump.get_args([launch_file])  # {name: (doc, default)}
+    return {name: default for name, (_, default) in declarations.items()}
 
 
 def given_arguments(words: Sequence[str], known: Collection[str]) -> Dict[str, str]:
@@ -61,20 +62,20 @@ def given_arguments(words: Sequence[str], known: Collection[str]) -> Dict[str, s
         ApplrError: An argument is unknown or has no value.
     """
     for word in words:
-        name, separator, value = word.partition(":=")
-        is_known = name in known or name.startswith("_")
+        argument_name, separator, value = word.partition(":=")
+        is_known = argument_name in known or argument_name.startswith("_")
         if not separator or not is_known:
             advice = f"give ARG:=VALUE with one of {', '.join(known)}"
             raise ApplrError(f"{word} is not an argument: {advice}")
         if not value:  # load_mappings would silently drop it, and the default would be used.
-            raise ApplrError(f"{name} is empty: give a value or omit it")
+            raise ApplrError(f"{argument_name} is empty: give a value or omit it")
     # ROS's own parser, so that words mean the same as on roslaunch's command line.
     arguments: Dict[str, str] = load_mappings(words)
     if "method" in arguments:
         arguments["method"] = methods.absolute(arguments["method"])
-    for name in {"robot", "world", "record"} & set(arguments):
-        if _is_path(name, arguments[name]):
-            arguments[name] = os.path.abspath(arguments[name])
+    for argument_name in {"robot", "world", "record"} & set(arguments):
+        if _is_path(argument_name, arguments[argument_name]):
+            arguments[argument_name] = os.path.abspath(arguments[argument_name])
     return arguments
 
 
@@ -102,14 +103,15 @@ def private_nodes(arguments: Dict[str, str]) -> Iterator[LaunchedNodes]:
     """
     folder = tempfile.mkdtemp(prefix="applr_")
     port = free_port()
-    master = f"http://localhost:{port}"
-    os.environ.update(ROS_MASTER_URI=master, ROS_HOSTNAME="localhost", ROS_LOG_DIR=folder)
-    for name in ("ROS_IP", "ROS_NAMESPACE"):  # These variables may be set for another robot.
-        os.environ.pop(name, None)
-    report(f"for other ROS programs: ROS_MASTER_URI={master}")
+    master_address = f"http://localhost:{port}"
+    os.environ.update(ROS_MASTER_URI=master_address, ROS_HOSTNAME="localhost", ROS_LOG_DIR=folder)
+    # These variables may be set for another robot.
+    for variable_name in ("ROS_IP", "ROS_NAMESPACE"):
+        os.environ.pop(variable_name, None)
+    report(f"for other ROS programs: ROS_MASTER_URI={master_address}")
     # Without this, a closed terminal would leave all nodes running.
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, signal.default_int_handler)
+    for signal_number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(signal_number, signal.default_int_handler)
     try:
         nodes = LaunchedNodes(arguments, port, folder)
         try:
@@ -137,12 +139,12 @@ class LaunchedNodes:
     def __init__(self, arguments: Dict[str, str], port: int, folder: str):
         self._died = ""  # message about the first node that has died
         self._is_ending = False
-        words = [f"{name}:={value}" for name, value in arguments.items()]
+        assignments = [f"{argument_name}:={value}" for argument_name, value in arguments.items()]
         options = [f"--port={port}", "--sigint-timeout=2", "--sigterm-timeout=0.5"]
-        with open(os.path.join(folder, "roslaunch.log"), "w", encoding="utf-8") as log:
+        with open(os.path.join(folder, "roslaunch.log"), "w", encoding="utf-8") as log_file:
             self._process = subprocess.Popen(
-                ["roslaunch", *options, *LAUNCH_FILE, *words],
-                stdout=log,
+                ["roslaunch", *options, *LAUNCH_FILE, *assignments],
+                stdout=log_file,
                 stderr=subprocess.PIPE,
                 encoding="utf-8",
                 errors="replace",

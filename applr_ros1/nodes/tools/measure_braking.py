@@ -87,17 +87,17 @@ def stop_of(readings: List[Reading], braked: float, command: float, is_turn: boo
     speed = sum(speeds_before) / len(speeds_before)
 
     # A base that never slowed down reacts at the end of the readings.
-    slowed = readings_after[-1].time
+    slowed_time = readings_after[-1].time
     for reading in readings_after:
         if _speed(reading, is_turn) < FELL * speed:
-            slowed = reading.time
+            slowed_time = reading.time
             break
 
     # The sum of the steps, not the distance of the ends: a wheel slips, and a turn may exceed pi.
     distance = 0.0
     for previous, reading in zip(readings_after, readings_after[1:]):
         distance += _distance(previous, reading, is_turn)
-    return Stop(speed, speed / abs(command), slowed - braked, distance)
+    return Stop(speed, speed / abs(command), slowed_time - braked, distance)
 
 
 def _speed(reading: Reading, is_turn: bool) -> float:
@@ -106,11 +106,11 @@ def _speed(reading: Reading, is_turn: bool) -> float:
     return abs(w if is_turn else v)
 
 
-def _distance(last: Reading, reading: Reading, is_turn: bool) -> float:
+def _distance(previous: Reading, reading: Reading, is_turn: bool) -> float:
     """Return the distance between two readings [m], or the angle between them [rad] in a turn."""
     if is_turn:
-        return abs(normalize_angle(reading.pose[2] - last.pose[2]))
-    return math.dist(reading.pose[:2], last.pose[:2])
+        return abs(normalize_angle(reading.pose[2] - previous.pose[2]))
+    return math.dist(reading.pose[:2], previous.pose[:2])
 
 
 def deceleration(stops: List[Stop], reaction: float) -> float:
@@ -133,14 +133,14 @@ def reaction(straight: List[Stop], turns: List[Stop]) -> float:
     Candidates are the reaction times of the stops from their median up. A single late stop, as on a
     busy machine, is then not mistaken for weak brakes.
     """
-    times = sorted(stop.reaction for stop in straight + turns)
+    reaction_times = sorted(stop.reaction for stop in straight + turns)
     top_speed = max(stop.speed for stop in straight)
 
     def predicted_way(time: float) -> float:
         """Return the way of a stop from the largest speed [m]. Less than a mm is noise."""
         return round(top_speed * time + top_speed**2 / (2.0 * deceleration(straight, time)), 3)
 
-    return min(times[len(times) // 2 :], key=predicted_way)
+    return min(reaction_times[len(reaction_times) // 2 :], key=predicted_way)
 
 
 class Base:
@@ -189,8 +189,8 @@ class Base:
         Raises:
             ApplrError: The robot leaves the free way.
         """
-        end = rospy.get_time() + seconds
-        while not until() and rospy.get_time() < end:
+        end_time = rospy.get_time() + seconds
+        while not until() and rospy.get_time() < end_time:
             pose = self.readings[-1].pose
             distance = math.dist(pose[:2], self.start[:2])
             if rospy.is_shutdown() or distance > self.free:
@@ -199,16 +199,16 @@ class Base:
                 raise ApplrError(f"{problem}; only {self.free:g} m are free")
             turn_rate = w
             if v and not w:
-                error = normalize_angle(self.start[2] - pose[2])
-                turn_rate = max(-KEEP_RAD_S, min(KEEP_RAD_S, KEEP_GAIN * error))
+                heading_error = normalize_angle(self.start[2] - pose[2])
+                turn_rate = max(-KEEP_RAD_S, min(KEEP_RAD_S, KEEP_GAIN * heading_error))
             self._commands.publish(twist(v, turn_rate))
             self._rate.sleep()
 
     def is_at_rest(self) -> bool:
         """Return whether the base has stood still for STANDING_S seconds."""
-        begin = self.readings[-1].time - STANDING_S
-        recent = [reading.twist for reading in self.readings if reading.time > begin]
-        return all(abs(v) < STILL_M_S and abs(w) < STILL_RAD_S for v, w in recent)
+        begin_time = self.readings[-1].time - STANDING_S
+        recent_twists = [reading.twist for reading in self.readings if reading.time > begin_time]
+        return all(abs(v) < STILL_M_S and abs(w) < STILL_RAD_S for v, w in recent_twists)
 
     def stop(self) -> None:
         """Brake until the base stands still."""
@@ -216,17 +216,23 @@ class Base:
 
     def run(self, v: float, w: float) -> Stop:
         """Drive or turn, brake to rest, and print a line about the stop."""
-        first = len(self.readings)
-        end = rospy.get_time() + DRIVING_S
-        farthest = self.free - ROOM_M - v * v / 2.0  # It brakes with at least 1 m/s^2.
-        self.drive(v, w, lambda: rospy.get_time() > end or self.ahead() > farthest)
+        first_reading = len(self.readings)
+        end_time = rospy.get_time() + DRIVING_S
+        farthest_ahead = self.free - ROOM_M - v * v / 2.0  # It brakes with at least 1 m/s^2.
+        self.drive(v, w, lambda: rospy.get_time() > end_time or self.ahead() > farthest_ahead)
 
         # A base that the command did not move would count as stopped before the first reading.
-        braked = rospy.get_time()
-        settled = braked + STANDING_S
-        self.drive(0.0, 0.0, lambda: rospy.get_time() > settled and self.is_at_rest(), BRAKING_S)
-        stop = stop_of(self.readings[first:], braked, w or v, bool(w))
-        _print_stop(stop, w or v, bool(w))
+        brake_time = rospy.get_time()
+        settled_time = brake_time + STANDING_S
+
+        def has_settled() -> bool:
+            return rospy.get_time() > settled_time and self.is_at_rest()
+
+        self.drive(0.0, 0.0, has_settled, BRAKING_S)
+        command = w or v
+        is_turn = bool(w)
+        stop = stop_of(self.readings[first_reading:], brake_time, command, is_turn)
+        _print_stop(stop, command, is_turn)
         return stop
 
 
@@ -247,12 +253,12 @@ def dead_band(base: Base, is_turn: bool) -> float:
     """
     step = STEP_RAD_S if is_turn else STEP_M_S
     command = 0.0
-    for number in range(1, MOST_STEPS + 1):
-        command = step * number
-        last = base.readings[-1]
+    for step_number in range(1, MOST_STEPS + 1):
+        command = step * step_number
+        start_reading = base.readings[-1]
         v = 0.0 if is_turn else command
         base.drive(v, command - v, lambda: False, DRIVING_S)
-        way = _distance(last, base.readings[-1], is_turn)
+        way = _distance(start_reading, base.readings[-1], is_turn)
         if way > MOVED_SHARE * command * DRIVING_S:
             break
     return command if command > step else 0.0
@@ -311,8 +317,8 @@ def main() -> None:
         advice = "give --yes once its way is free and an emergency stop is at hand"
         raise ApplrError(f"the robot will drive: {advice}")
     if not options.free >= LEAST_WAY_M or options.repeats < 1:
-        wrong = f"--free {options.free:g} --repeats {options.repeats}"
-        raise ApplrError(f"{wrong}: give at least {LEAST_WAY_M:g} m and one run")
+        invalid_options = f"--free {options.free:g} --repeats {options.repeats}"
+        raise ApplrError(f"{invalid_options}: give at least {LEAST_WAY_M:g} m and one run")
     robot = load(options.robot)
     init_node("measure_braking", anonymous=True)
     base = Base(robot.topics.cmd_vel, options.odometry or robot.topics.odometry, options.free)

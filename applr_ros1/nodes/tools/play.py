@@ -38,11 +38,11 @@ def main() -> None:
     )
     add = parser.add_argument
     add("--no-browser", action="store_true", help="Only print the address of the page.")
-    words = (
+    words_help = (
         "Arguments of jackal_applr.launch, such as robot:=jackal and world:=generated:0; "
         "goal:=auto sends a goal."
     )
-    add("words", nargs="*", metavar="ARG:=VALUE", help=words)
+    add("words", nargs="*", metavar="ARG:=VALUE", help=words_help)
     options = parser.parse_intermixed_args()
     defaults = launch_arguments()
     arguments = {"viewer": "true", "goal": "none", **given_arguments(options.words, defaults)}

@@ -30,8 +30,8 @@ def course_goal(course: worlds.Course) -> Pose:
     This frame has the start as its origin, and the axes of the world.
     """
     start_x, start_y, _ = course.start
-    x, y, yaw = course.sent_goal
-    return x - start_x, y - start_y, yaw
+    goal_x, goal_y, goal_yaw = course.sent_goal
+    return goal_x - start_x, goal_y - start_y, goal_yaw
 
 
 def main() -> None:
@@ -42,12 +42,12 @@ def main() -> None:
         rospy.loginfo("goal is none: nothing is sent")
         return
     robot = load(str(rospy.get_param("~robot", "jackal")))
-    frame = arguments.frame_prefix(str(rospy.get_param("~tf_prefix", ""))) + robot.frames.odom
+    odom_frame = arguments.frame_prefix(str(rospy.get_param("~tf_prefix", ""))) + robot.frames.odom
     if goal_words == "auto":
         world = worlds.load(str(rospy.get_param("~world", "generated:0")), geometry.radius(robot))
-        pose = course_goal(worlds.scaled(world, robot.world_scale).course)
+        goal_pose = course_goal(worlds.scaled(world, robot.world_scale).course)
     else:
-        pose = arguments.pose("goal", goal_words)
+        goal_pose = arguments.pose("goal", goal_words)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     with announced("waiting for the action server of move_base", rospy.loginfo, first=10.0):
         client.wait_for_server()
@@ -56,9 +56,9 @@ def main() -> None:
             time.sleep(0.1)
     if rospy.is_shutdown():
         return
-    rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in %s", *pose, frame)
+    rospy.loginfo("goal sent: %.2f m, %.2f m, %.2f rad in %s", *goal_pose, odom_frame)
     # Stamp 0 means the latest transform: a stamp of now would lie ahead of tf.
-    client.send_goal(MoveBaseGoal(pose_stamped(pose, frame, rospy.Time(0))))
+    client.send_goal(MoveBaseGoal(pose_stamped(goal_pose, odom_frame, rospy.Time(0))))
     client.wait_for_result()
     if not rospy.is_shutdown():
         rospy.loginfo("goal %s: %s", GOAL_STATES[client.get_state()], client.get_goal_status_text())
