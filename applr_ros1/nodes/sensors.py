@@ -56,11 +56,11 @@ class Clock:
 
         A wall clock must jump by more than ADJUSTMENT_S.
         """
-        last = self.now
+        last_time = self.now
         self.now = rospy.get_rostime()
-        if self.now != last:
+        if self.now != last_time:
             self._changed = time.monotonic()
-        step_back = (last - self.now).to_sec()
+        step_back = (last_time - self.now).to_sec()
         return bool(step_back > (ADJUSTMENT_S if is_wallclock() else 0.0))
 
 
@@ -98,8 +98,8 @@ class Sensors:
         self._twist_stamp = rospy.Time(0)
         self.pose_trouble = ""
         self._topics = {}
-        for topic, kind in topics.items():
-            self._topics[topic] = _Topic(topic, kind, origins.get(topic, ""))
+        for topic, data_type in topics.items():
+            self._topics[topic] = _Topic(topic, data_type, origins.get(topic, ""))
         self._odometry = odometry
         rospy.Subscriber(
             odometry,
@@ -154,8 +154,8 @@ class Sensors:
         if source is None or source.stamp.is_zero():
             return "no message has arrived"
         age = (rospy.get_rostime() - source.stamp).to_sec()
-        text = f"the latest message has stamp {source.stamp.to_sec():.3f}, {age:.2f} s ago"
-        return f"{text}; {source.trouble}" if source.trouble else text
+        description = f"the latest message has stamp {source.stamp.to_sec():.3f}, {age:.2f} s ago"
+        return f"{description}; {source.trouble}" if source.trouble else description
 
     def clear_errors(self) -> None:
         """Clear the source errors."""
@@ -227,10 +227,10 @@ class Sensors:
             {topic: observation}
         """
         observations = {}
-        for name, topic in self._topics.items():
+        for topic_name, topic in self._topics.items():
             observation = topic.latest(self._observation)
             if observation is not None:
-                observations[name] = observation
+                observations[topic_name] = observation
         return observations
 
     def _observation(self, topic: _Topic, message: Any) -> Any:
@@ -241,9 +241,9 @@ class Sensors:
         """
         frame = message.header.frame_id
         stamp = message.header.stamp
-        ahead = (stamp - rospy.get_rostime()).to_sec()
-        if ahead > MAX_AGE_S:
-            raise MessageError(f"is stamped {ahead:.2f} s ahead of the clock")
+        stamp_lead = (stamp - rospy.get_rostime()).to_sec()
+        if stamp_lead > MAX_AGE_S:
+            raise MessageError(f"is stamped {stamp_lead:.2f} s ahead of the clock")
         try:
             transform = self.transforms.at(self.local, frame, stamp).transform
         except ObservationError as problem:
@@ -268,17 +268,17 @@ class Sensors:
         Raises:
             MessageError: tf cannot transform its frame.
         """
-        pose = conversions.pose_of(message.pose)
+        goal_pose = conversions.pose_of(message.pose)
         frame = message.header.frame_id.lstrip("/")
         if frame == self.globe:
-            return pose
+            return goal_pose
         # As in move_base.cpp, the latest transform: a goal is no measurement of its time.
         try:
             transform = self.transforms.at(self.globe, frame, rospy.Time(0)).transform
         except ObservationError as problem:
-            wrong = f"frame {message.header.frame_id!r} cannot be transformed to {self.globe}"
-            raise MessageError(f"{wrong}: {problem}") from None
-        return compose(conversions.pose_of(transform), pose)
+            failure = f"frame {message.header.frame_id!r} cannot be transformed to {self.globe}"
+            raise MessageError(f"{failure}: {problem}") from None
+        return compose(conversions.pose_of(transform), goal_pose)
 
 
 class _Topic:
@@ -347,7 +347,7 @@ class _Topic:
         with self._lock:
             waiting = sorted(self._waiting, key=lambda message: message.header.stamp, reverse=True)
         observation = None
-        refused = set()
+        refused_ids = set()
         for message in sorted(waiting, key=self.used_of):
             if message.header.stamp <= self.used_of(message):
                 continue
@@ -356,19 +356,19 @@ class _Topic:
             except (ValueError, TypeError) as problem:
                 self.trouble = f"{self.name} {problem}"
                 rospy.logerr_throttle(1.0, f"message ignored: {self.trouble}")
-                refused.add(id(message))
+                refused_ids.add(id(message))
             if observation is not None:
                 self.used[message.header.frame_id] = message.header.stamp
                 break
 
         # Messages may have arrived in the meantime, so that the queue is filtered, not replaced.
         with self._lock:
-            kept = []
+            kept_messages = []
             for message in self._waiting:
                 age = (rospy.get_rostime() - message.header.stamp).to_sec()
                 is_new = message.header.stamp > self.used_of(message)
-                if is_new and id(message) not in refused and abs(age) < RECENT_S:
-                    kept.append(message)
+                if is_new and id(message) not in refused_ids and abs(age) < RECENT_S:
+                    kept_messages.append(message)
             self._waiting.clear()
-            self._waiting.extend(kept)
+            self._waiting.extend(kept_messages)
         return observation

@@ -45,10 +45,10 @@ class Transforms:
         try:
             return self.buffer.lookup_transform(target.lstrip("/"), source.lstrip("/"), stamp)
         except tf2_ros.TransformException as error:
-            wanted = f"transform {target} <- {source}"
+            missing_transform = f"transform {target} <- {source}"
             if not stamp.is_zero():
-                wanted += f" at {stamp.to_sec():.3f}"
-            raise ObservationError(f"{wanted}: {reason(error)}") from None
+                missing_transform += f" at {stamp.to_sec():.3f}"
+            raise ObservationError(f"{missing_transform}: {reason(error)}") from None
 
     def latest(
         self,
@@ -77,10 +77,10 @@ class Transforms:
             self.buffer.clear()  # Otherwise tf would reject all transforms older than this one.
         if -most_ahead <= age <= oldest:
             return transform
-        limit = f"old; at most {oldest:g} s"
+        limit_phrase = f"old; at most {oldest:g} s"
         if age <= 0.0:
-            limit = f"ahead of the clock; at most {most_ahead:g} s"
-        problem = f"transform {target} <- {source} is {abs(age):.2f} s {limit} is allowed"
+            limit_phrase = f"ahead of the clock; at most {most_ahead:g} s"
+        problem = f"transform {target} <- {source} is {abs(age):.2f} s {limit_phrase} is allowed"
         raise ObservationError(f"{problem}: check localisation and transform_tolerance")
 
     def unsubscribe(self) -> None:

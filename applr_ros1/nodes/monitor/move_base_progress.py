@@ -37,10 +37,10 @@ class MoveBaseProgress:
 
     def progress(self, now: rospy.Time) -> Progress:
         """Return goal and plan at a time. A goal counts only while move_base repeats its status."""
-        status_time, goal = self._goal
+        status_time, goal_id = self._goal
         plan_time, distance = self._plan
         is_stale = (now - status_time).to_sec() > STATUS_AGE_S
-        return Progress(None if is_stale else goal, plan_time.to_sec(), distance)
+        return Progress(None if is_stale else goal_id, plan_time.to_sec(), distance)
 
     def _take_status(self, message: GoalStatusArray) -> None:
         # A goal being cancelled is not ACTIVE.
@@ -51,7 +51,7 @@ class MoveBaseProgress:
         # move_base publishes an empty plan if planning fails.
         distance = None
         if message.poses:
-            begin = message.poses[0].pose.position
-            end = message.poses[-1].pose.position
-            distance = math.hypot(end.x - begin.x, end.y - begin.y)
+            begin_point = message.poses[0].pose.position
+            end_point = message.poses[-1].pose.position
+            distance = math.hypot(end_point.x - begin_point.x, end_point.y - begin_point.y)
         self._plan = rospy.get_rostime(), distance

@@ -196,10 +196,10 @@ class CollisionMonitorNode:
     def _report_verdict(self, verdict: Verdict) -> None:
         """Publish action and reason of a verdict if they have changed."""
         if (verdict.action, verdict.reason) != (self._verdict.action, self._verdict.reason):
-            text = verdict.action
+            action_text = verdict.action
             if verdict.reason:
-                text += f": {verdict.reason}"
-            self._action.publish(text)
+                action_text += f": {verdict.reason}"
+            self._action.publish(action_text)
         self._verdict = verdict
 
     def _take_command(self, message: Twist) -> None:
@@ -315,8 +315,8 @@ class CollisionMonitorNode:
             **self._counts,
             **self.sensors.ages(now),
         }
-        name = (rospy.get_namespace() + "collision_monitor").lstrip("/") + ": commands"
-        self._diagnostics.publish(conversions.diagnostics(name, level, message, values, now))
+        status_name = (rospy.get_namespace() + "collision_monitor").lstrip("/") + ": commands"
+        self._diagnostics.publish(conversions.diagnostics(status_name, level, message, values, now))
 
 
 def settings_from(parameters: Dict[str, Any], robot: Robot) -> MonitorSettings:

@@ -53,19 +53,19 @@ class ControlLoop:
 
     def run(self) -> None:
         """Run cycles until the node is shut down."""
-        due: Optional[rospy.Time] = None  # None for a cycle that is due at once
+        due_time: Optional[rospy.Time] = None  # None for a cycle that is due at once
         clock = Clock()
         is_stalled = False
         while not rospy.is_shutdown():
-            last = clock.now
+            last_time = clock.now
             # This reads the clock anew.
             if clock.went_back():
                 with self.lock:
                     self._went_back()
             now = clock.now
             # A wall clock that was set back a little counts as no jump.
-            if now < last:
-                due = None  # Otherwise the loop would wait until the clock is there again.
+            if now < last_time:
+                due_time = None  # Otherwise the loop would wait until the clock is there again.
             had_stalled = is_stalled
             is_stalled = clock.stands(STALLED_S)
             if is_stalled and not had_stalled:
@@ -73,10 +73,10 @@ class ControlLoop:
                     self._stalled()
 
             # A simulated clock is 0 until the first message on /clock.
-            if now.is_zero() or (due is not None and due > now):
-                self._wait(due, now)
+            if now.is_zero() or (due_time is not None and due_time > now):
+                self._wait(due_time, now)
                 continue
-            due = self.next_due(due, now, 1.0 / self._frequency())
+            due_time = self.next_due(due_time, now, 1.0 / self._frequency())
             with self.lock:
                 try:
                     self._cycle(now)
@@ -89,10 +89,10 @@ class ControlLoop:
         if is_wallclock() and due is not None:
             seconds = min((due - now).to_sec(), LOOK_S)
         # Every message on /clock notifies this condition variable.
-        tick = get_rostime_cond()
-        with tick:
+        clock_condition = get_rostime_cond()
+        with clock_condition:
             if is_wallclock() or rospy.get_rostime() == now:
-                tick.wait(seconds)
+                clock_condition.wait(seconds)
 
     def next_due(self, due: Optional[rospy.Time], now: rospy.Time, period: float) -> rospy.Time:
         """Return when the next cycle is due.
@@ -100,11 +100,11 @@ class ControlLoop:
         This is a period [s] after this cycle was due, or a period from now if this cycle is late by
         more than a period, as in ros::Rate.
         """
-        step = rospy.Duration.from_sec(period)
+        whole_period = rospy.Duration.from_sec(period)
         if due is None:
-            return now + step
-        late = (now - due).to_sec()
-        if late <= period:
-            return due + step
-        self.missed += int(late / period)
-        return now + step
+            return now + whole_period
+        delay = (now - due).to_sec()
+        if delay <= period:
+            return due + whole_period
+        self.missed += int(delay / period)
+        return now + whole_period

@@ -83,18 +83,18 @@ class CostmapDisplay(rospy.SubscribeListener):  # type: ignore[misc]  # ROS has 
             return
 
         # A subscriber can apply an update only to a map of the same place and size.
-        shape = (tuple(costmap.origin), costmap.size, costmap.resolution)
-        if self._always_whole or shape != self._shape:
+        map_shape = (tuple(costmap.origin), costmap.size, costmap.resolution)
+        if self._always_whole or map_shape != self._shape:
             self._send_whole(self._whole.publish, stamp)
         elif self._window is not None:
             # The window may begin outside the map.
-            low_x, low_y, high_x, high_y = self._window
-            low_x = max(0, low_x)
-            low_y = max(0, low_y)
-            cells = costmap.cells[low_y:high_y, low_x:high_x]
-            update = conversions.grid_update(cells, (low_x, low_y), self._frame, stamp)
+            first_x, first_y, end_x, end_y = self._window
+            first_x = max(0, first_x)
+            first_y = max(0, first_y)
+            cells = costmap.cells[first_y:end_y, first_x:end_x]
+            update = conversions.grid_update(cells, (first_x, first_y), self._frame, stamp)
             self._updates.publish(update)
-        self._shape = shape
+        self._shape = map_shape
         self._window = None
 
     def _send_whole(self, publish: Callable[[Any], None], stamp: Any = None) -> None:
@@ -107,16 +107,18 @@ class PlanDisplay:
     """Topics of the plans: NavfnROS/plan, and the local planner's paths and clouds."""
 
     def __init__(self, move_base: MoveBase):
-        name = move_base.local_planner_name
+        planner_name = move_base.local_planner_name
         parameters = move_base.parameters
-        self._parameters = parameters[name]
+        self._parameters = parameters[planner_name]
         self._global_frame = parameters["global_costmap"]["global_frame"].lstrip("/")
         self._frame = parameters["local_costmap"]["global_frame"].lstrip("/")
         self._plan = rospy.Publisher("~NavfnROS/plan", Path, queue_size=1)
-        self._global = rospy.Publisher(f"~{name}/global_plan", Path, queue_size=1)
-        self._local = rospy.Publisher(f"~{name}/local_plan", Path, queue_size=1)
-        self._costs = rospy.Publisher(f"~{name}/cost_cloud", PointCloud2, queue_size=1)
-        self._trajectories = rospy.Publisher(f"~{name}/trajectory_cloud", PointCloud2, queue_size=1)
+        self._global = rospy.Publisher(f"~{planner_name}/global_plan", Path, queue_size=1)
+        self._local = rospy.Publisher(f"~{planner_name}/local_plan", Path, queue_size=1)
+        self._costs = rospy.Publisher(f"~{planner_name}/cost_cloud", PointCloud2, queue_size=1)
+        self._trajectories = rospy.Publisher(
+            f"~{planner_name}/trajectory_cloud", PointCloud2, queue_size=1
+        )
         self._sent = -math.inf  # time of the last trajectory_cloud [s]
 
     def planned(self, plan: np.ndarray, stamp: rospy.Time) -> None:

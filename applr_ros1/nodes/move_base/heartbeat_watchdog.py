@@ -57,13 +57,13 @@ def start_up_requests(
     Returns:
         {server: {name: value}}
     """
-    limit = max_speed if max_speed > 0.0 else math.inf
+    speed_limit = max_speed if max_speed > 0.0 else math.inf
     requests: Dict[str, Dict[str, Any]] = {}
     for server, names in space.settings(space.theta0).items():
         if server not in move_base.servers:
             continue  # The policy may also learn parameters of a planner that is not in use.
-        start = move_base.start_up_configuration(server)
-        requests[server] = {name: start[name] for name in names}
+        start_values = move_base.start_up_configuration(server)
+        requests[server] = {name: start_values[name] for name in names}
         for name in SPEED_LIMITS & set(names):
-            requests[server][name] = min(start[name], limit)
+            requests[server][name] = min(start_values[name], speed_limit)
     return requests

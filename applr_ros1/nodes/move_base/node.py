@@ -71,11 +71,11 @@ class MoveBaseNode:
 
     def __init__(self, tree: Dict[str, Any], robot: Optional[Robot] = None):
         self._space = SPACE
-        odometry = "odom"
+        odometry_topic = "odom"
         no_return = None
         if robot is not None:
             self._space = space_of(robot)
-            odometry = robot.topics.odometry
+            odometry_topic = robot.topics.odometry
             no_return = robot.laser.no_return
         self.move_base = MoveBase(tree)
         parameters = self.move_base.parameters
@@ -94,7 +94,7 @@ class MoveBaseNode:
             (self.local_frame, self.frame, base_frame),
             self.move_base.sources,
             self.move_base.ray_origins,
-            planner_values.get("odom_topic", odometry),
+            planner_values.get("odom_topic", odometry_topic),
             no_return,
         )
         self._report_from = 0.0  # time.monotonic() from which the next report is due
@@ -110,14 +110,17 @@ class MoveBaseNode:
         self.goals = SimpleActionServer("move_base", MoveBaseAction, auto_start=False)
         self._plans = PlanDisplay(self.move_base)
         self._maps = {}
-        for name in COSTMAPS:
-            self._maps[name] = CostmapDisplay(name, self.move_base, self.loop.lock)
+        for costmap_name in COSTMAPS:
+            costmap_display = CostmapDisplay(costmap_name, self.move_base, self.loop.lock)
+            self._maps[costmap_name] = costmap_display
         self.servers = {}
-        for name in self.move_base.servers:
-            self.servers[name] = ReconfigureServer(name, self.move_base, self.loop.lock)
+        for server_name in self.move_base.servers:
+            server = ReconfigureServer(server_name, self.move_base, self.loop.lock)
+            self.servers[server_name] = server
         # move_base.cpp sets these parameters, too, and other programs read them.
-        for name in ("conservative_reset", "aggressive_reset"):
-            rospy.set_param(f"~{name}/reset_distance", parameters[name]["reset_distance"])
+        for recovery in ("conservative_reset", "aggressive_reset"):
+            reset_distance = parameters[recovery]["reset_distance"]
+            rospy.set_param(f"~{recovery}/reset_distance", reset_distance)
         self._pose: Any = None  # latest pose (x, y, yaw) of the robot in the global frame
         rospy.on_shutdown(self._stop)
 
@@ -125,13 +128,16 @@ class MoveBaseNode:
         """Accept goals and requests until the node is shut down."""
         rospy.Subscriber("collision_monitor/held_back", Bool, self._take_held)
         rospy.Subscriber("applr/heartbeat", TimeMessage, self._take_heartbeat)
-        for name in COSTMAPS:
-            rospy.Subscriber(f"~{name}/footprint", Polygon, partial(self._take_footprint, name))
-        for topic, with_updates in self.move_base.map_topics.items():
-            rospy.Subscriber(topic, numpy_msg(OccupancyGrid), partial(self._take_map, topic))
+        for costmap_name in COSTMAPS:
+            take_footprint = partial(self._take_footprint, costmap_name)
+            rospy.Subscriber(f"~{costmap_name}/footprint", Polygon, take_footprint)
+        for map_topic, with_updates in self.move_base.map_topics.items():
+            take_map = partial(self._take_map, map_topic)
+            rospy.Subscriber(map_topic, numpy_msg(OccupancyGrid), take_map)
             if with_updates:
-                update = numpy_msg(OccupancyGridUpdate)
-                rospy.Subscriber(topic + "_updates", update, partial(self._take_map_update, topic))
+                take_update = partial(self._take_map_update, map_topic)
+                update_type = numpy_msg(OccupancyGridUpdate)
+                rospy.Subscriber(map_topic + "_updates", update_type, take_update)
         rospy.Subscriber("move_base_simple/goal", PoseStamped, self._relay_simple_goal)
         rospy.Service("~make_plan", GetPlan, self._ask(self._make_plan))
         rospy.Service("~NavfnROS/make_plan", GetPlan, self._ask(self._navfn_plan))
@@ -156,9 +162,10 @@ class MoveBaseNode:
         now = stamp.to_sec()
         move_base = self.move_base
         self._take_goals(stamp, now)
-        pose, frame = self._locate(stamp)
-        cycle = move_base.step(now, pose, self.sensors.twist, self.sensors.observations(), frame)
-        self._pose = None if pose is None else move_base.in_global_frame(pose)
+        robot_pose, frame_pose = self._locate(stamp)
+        observations = self.sensors.observations()
+        cycle = move_base.step(now, robot_pose, self.sensors.twist, observations, frame_pose)
+        self._pose = None if robot_pose is None else move_base.in_global_frame(robot_pose)
 
         # The command leaves before anything is shown or logged.
         if cycle.command is not None:
@@ -166,15 +173,15 @@ class MoveBaseNode:
         if cycle.controlled and not self._refusals:
             self._refusals = move_base.local_planner.refusals(move_base.local_costmap)
         if cycle.result is not None:
-            outcome, text = cycle.result
-            rospy.loginfo("goal %s%s", outcome, f": {text}" if text else "")
-            self._finish(outcome, text)
+            outcome, result_text = cycle.result
+            rospy.loginfo("goal %s%s", outcome, f": {result_text}" if result_text else "")
+            self._finish(outcome, result_text)
         if self.goals.is_active():
-            self._report_standstill(pose, cycle)
+            self._report_standstill(robot_pose, cycle)
             if self._pose is not None:
                 feedback = conversions.pose_stamped(self._pose, self.frame, stamp)
                 self.goals.publish_feedback(MoveBaseFeedback(feedback))
-        self._show(cycle, pose, stamp)
+        self._show(cycle, robot_pose, stamp)
 
         # A server takes its own lock before the loop's lock: in this thread they would deadlock.
         if self.watchdog.is_lost(now):
@@ -190,27 +197,28 @@ class MoveBaseNode:
         move_base = self.move_base
         sensors = self.sensors
         if move_base.missing_map:
-            topic = rospy.resolve_name(move_base.missing_map)
+            map_topic = rospy.resolve_name(move_base.missing_map)
             advice = "start map_server, or give static_map: false"
-            sensors.pose_trouble = f"no map on {topic} yet: {advice}"
+            sensors.pose_trouble = f"no map on {map_topic} yet: {advice}"
             return None, None
-        pose = sensors.pose(stamp, move_base.configuration("local_costmap")["transform_tolerance"])
-        if pose is None or self.frame == self.local_frame:
-            return pose, None
-        tolerance = move_base.configuration("global_costmap")["transform_tolerance"]
-        frame = sensors.frame(stamp, tolerance)
-        if frame is None:
+        local_tolerance = move_base.configuration("local_costmap")["transform_tolerance"]
+        robot_pose = sensors.pose(stamp, local_tolerance)
+        if robot_pose is None or self.frame == self.local_frame:
+            return robot_pose, None
+        global_tolerance = move_base.configuration("global_costmap")["transform_tolerance"]
+        frame_pose = sensors.frame(stamp, global_tolerance)
+        if frame_pose is None:
             return None, None
-        return pose, frame
+        return robot_pose, frame_pose
 
     def _take_goals(self, stamp: rospy.Time, now: float) -> None:
         """Pass a new goal, or the cancellation of the current goal, to the planner."""
         if self.goals.is_new_goal_available():
-            goal = self.goals.accept_new_goal().target_pose
+            requested_goal = self.goals.accept_new_goal().target_pose
             try:
-                pose = self._checked_goal(goal)
-                self.move_base.set_goal(pose, now)
-                self._current_goal.publish(conversions.pose_stamped(pose, self.frame, stamp))
+                goal_pose = self._checked_goal(requested_goal)
+                self.move_base.set_goal(goal_pose, now)
+                self._current_goal.publish(conversions.pose_stamped(goal_pose, self.frame, stamp))
             except MessageError as problem:
                 self.move_base.refuse_goal(str(problem))
 
@@ -227,10 +235,11 @@ class MoveBaseNode:
         """
         if not conversions.is_upright(goal.pose.orientation):
             raise MessageError(INVALID_GOAL)
-        pose = self.sensors.to_global(goal)
-        if not all(map(math.isfinite, pose)):
-            raise MessageError(f"Aborting on goal because its position {pose[:2]} is not finite")
-        return pose
+        goal_pose = self.sensors.to_global(goal)
+        if not all(map(math.isfinite, goal_pose)):
+            problem = f"its position {goal_pose[:2]} is not finite"
+            raise MessageError(f"Aborting on goal because {problem}")
+        return goal_pose
 
     def _finish(self, outcome: str, text: str) -> None:
         """End the current goal, if there is one, as "succeeded", "aborted" or "preempted"."""
@@ -250,17 +259,17 @@ class MoveBaseNode:
         if pose is None:
             rospy.logerr_throttle(1.0, f"standing still: {sensors.pose_trouble}")
         elif cycle.stale:
-            topic, seconds = cycle.silent
-            problem = f"no usable scan on {rospy.resolve_name(topic)} for {seconds:g} s"
-            latest = sensors.describe_latest(topic)
+            scan_topic, seconds = cycle.silent
+            problem = f"no usable scan on {rospy.resolve_name(scan_topic)} for {seconds:g} s"
+            latest = sensors.describe_latest(scan_topic)
             rospy.logerr_throttle(1.0, f"standing still: {problem}: {latest}")
         else:
             sensors.clear_errors()
         if cycle.recovery is not None and pose is not None:
-            index, total, name = cycle.recovery
-            rospy.logwarn("recovery %d of %d: %s", index + 1, total, name)
-            place = conversions.pose_stamped(self._pose, self.frame, rospy.Time.now())
-            self._recovery.publish(RecoveryStatus(place, index, total, name))
+            index, recovery_count, recovery = cycle.recovery
+            rospy.logwarn("recovery %d of %d: %s", index + 1, recovery_count, recovery)
+            stamped_pose = conversions.pose_stamped(self._pose, self.frame, rospy.Time.now())
+            self._recovery.publish(RecoveryStatus(stamped_pose, index, recovery_count, recovery))
 
     def _show(self, cycle: Any, pose: Any, stamp: rospy.Time) -> None:
         """Publish what a cycle has changed, for displays.
@@ -295,19 +304,20 @@ class MoveBaseNode:
             problem = f"control loop missed its rate of {self.move_base.frequency:g} Hz"
             rospy.logwarn(f"{problem}: {self.loop.missed} cycles skipped")
             self.loop.missed = 0
-        level = DiagnosticStatus.OK
-        text = ""
+        refusal_level = DiagnosticStatus.OK
+        refusal_text = ""
         if self._refusals:
-            level = DiagnosticStatus.WARN
-            text = "no legal command"
+            refusal_level = DiagnosticStatus.WARN
+            refusal_text = "no legal command"
         statuses = (
             ("ages of the inputs", DiagnosticStatus.OK, "", self.sensors.ages(stamp)),
-            ("samples that critics refused", level, text, self._refusals),
+            ("samples that critics refused", refusal_level, refusal_text, self._refusals),
         )
         self._refusals = {}
-        name = rospy.get_name().lstrip("/")
-        for about, level, text, values in statuses:
-            message = conversions.diagnostics(f"{name}: {about}", level, text, values, stamp)
+        node_name = rospy.get_name().lstrip("/")
+        for subject, level, status_text, values in statuses:
+            status_name = f"{node_name}: {subject}"
+            message = conversions.diagnostics(status_name, level, status_text, values, stamp)
             self._diagnostics.publish(message)
 
     # -- requests ----------------------------------------------------------------------------------
@@ -328,10 +338,10 @@ class MoveBaseNode:
 
     def _relay_simple_goal(self, message: PoseStamped) -> None:
         """Send a goal of a display to the node's own action server, as move_base.cpp does."""
-        goal = MoveBaseActionGoal()
-        goal.header.stamp = rospy.Time.now()
-        goal.goal.target_pose = message
-        self._goal_relay.publish(goal)
+        action_goal = MoveBaseActionGoal()
+        action_goal.header.stamp = rospy.Time.now()
+        action_goal.goal.target_pose = message
+        self._goal_relay.publish(action_goal)
 
     def _take_held(self, message: Bool) -> None:
         with self.loop.lock:
@@ -339,7 +349,7 @@ class MoveBaseNode:
 
     def _take_footprint(self, name: str, message: Polygon) -> None:
         with self.loop.lock, _refusals_of(f"{name}/footprint"):
-            self.move_base.set_footprint(name, [(p.x, p.y) for p in message.points])
+            self.move_base.set_footprint(name, [(vertex.x, vertex.y) for vertex in message.points])
 
     def _take_map(self, topic: str, message: OccupancyGrid) -> None:
         with _refusals_of(topic):
@@ -348,8 +358,8 @@ class MoveBaseNode:
             with self.loop.lock:
                 self.move_base.set_map(static_map, topic)
             info = message.info
-            size = f"{info.width} x {info.height} cells of {info.resolution:g} m"
-            rospy.loginfo("%s: a map of %s", topic, size)
+            map_size = f"{info.width} x {info.height} cells of {info.resolution:g} m"
+            rospy.loginfo("%s: a map of %s", topic, map_size)
 
     def _take_map_update(self, topic: str, message: OccupancyGridUpdate) -> None:
         with self.loop.lock, _refusals_of(topic + "_updates"):
@@ -362,24 +372,24 @@ class MoveBaseNode:
             problem = "move_base must be in an inactive state to make a plan for an external user"
             raise MessageError(problem)
         # A start without frame means the robot's pose.
-        start = self._pose
+        start_pose = self._pose
         if request.start.header.frame_id:
-            start = self.sensors.to_global(request.start)
-        if start is None:
+            start_pose = self.sensors.to_global(request.start)
+        if start_pose is None:
             reason = self.sensors.pose_trouble or "no robot pose"
             raise MessageError(f"move_base cannot make a plan: {reason}")
-        goal = self.sensors.to_global(request.goal)
-        plan = self.move_base.make_plan(start, goal, request.tolerance)
+        goal_pose = self.sensors.to_global(request.goal)
+        plan = self.move_base.make_plan(start_pose, goal_pose, request.tolerance)
         return GetPlanResponse(Path(poses=self._poses(plan)))  # C++ leaves the header empty.
 
     def _navfn_plan(self, request: Any) -> GetPlanResponse:
         """Handle the service ~NavfnROS/make_plan, whose answer to an invalid request is empty."""
         plan = NO_PLAN
         try:
-            start = self.sensors.to_global(request.start)
-            goal = self.sensors.to_global(request.goal)
-            if all(map(math.isfinite, start + goal)):
-                plan = self.move_base.plan(start, goal)
+            start_pose = self.sensors.to_global(request.start)
+            goal_pose = self.sensors.to_global(request.goal)
+            if all(map(math.isfinite, start_pose + goal_pose)):
+                plan = self.move_base.plan(start_pose, goal_pose)
         except MessageError as problem:
             rospy.logerr("NavfnROS/make_plan: %s", problem)
         header = Header(0, rospy.Time.now(), self.frame)
@@ -417,10 +427,10 @@ class MoveBaseNode:
         if rospy.is_shutdown():
             return
         self._send(0.0, 0.0)
-        lines = traceback.format_exception(type(error), error, error.__traceback__)
-        rospy.logerr("a cycle failed: %s", "".join(lines))
-        text = f"Aborting because of an internal error: {type(error).__name__}: {error}"
-        self._finish("aborted", text.replace("\n", " "))
+        traceback_lines = traceback.format_exception(type(error), error, error.__traceback__)
+        rospy.logerr("a cycle failed: %s", "".join(traceback_lines))
+        abort_message = f"Aborting because of an internal error: {type(error).__name__}: {error}"
+        self._finish("aborted", abort_message.replace("\n", " "))
         self.move_base.reset(rospy.get_time(), restore=False)
 
     def _stop(self) -> None:
@@ -443,9 +453,9 @@ def _is_not_of_footprint(record: logging.LogRecord) -> bool:
 
     The C++ move_base uses the same name for a publisher and a subscriber, so this node must, too.
     """
-    text = record.getMessage()
-    words = ("inbound connection", "Polygon", repr(rospy.get_name()))
-    return not all(word in text for word in words)
+    log_message = record.getMessage()
+    footprint_words = ("inbound connection", "Polygon", repr(rospy.get_name()))
+    return not all(word in log_message for word in footprint_words)
 
 
 def main() -> int:
@@ -461,12 +471,12 @@ def main() -> int:
         print(f"move_base: parameter {problem}", file=sys.stderr)
     if problems:
         return 1
-    for logger in ("rosout", "rospy.internal"):
-        logging.getLogger(logger).addFilter(_is_not_of_footprint)
-    for line in remarks(tree):
-        rospy.logwarn("parameter %s", line)
-    compiling = "compiling the planner's kernels (a minute or two, the first time on this machine)"
-    with announced(compiling, rospy.loginfo):
+    for logger_name in ("rosout", "rospy.internal"):
+        logging.getLogger(logger_name).addFilter(_is_not_of_footprint)
+    for remark in remarks(tree):
+        rospy.logwarn("parameter %s", remark)
+    activity = "compiling the planner's kernels (a minute or two, the first time on this machine)"
+    with announced(activity, rospy.loginfo):
         warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
     # Other programs, such as rqt and the applr node, read the parameters of the robot's files here.
     if robot is not None:

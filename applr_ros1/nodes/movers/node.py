@@ -94,12 +94,13 @@ def markers_of(prediction: Prediction, frame: str, stamp: rospy.Time) -> List[Ma
     An arrow ends at the obstacle's position in a second.
     """
     header = Header(0, stamp, frame)
-    marks = Marker(header=header, ns="marks", type=Marker.POINTS, scale=Vector3(0.04, 0.04, 0.0))
-    marks.points = [Point(*point) for point in prediction.points.tolist()]
-    markers = [marks]
+    points_marker = Marker(header=header, ns="marks", type=Marker.POINTS)
+    points_marker.scale = Vector3(0.04, 0.04, 0.0)  # width and height of a point [m]
+    points_marker.points = [Point(*point) for point in prediction.points.tolist()]
+    markers = [points_marker]
     movers = prediction.movers
-    for number, x, y, vx, vy in zip(movers.id, movers.x, movers.y, movers.vx, movers.vy):
-        arrow = Marker(header=header, ns="movers", id=int(number), type=Marker.ARROW)
+    for mover_id, x, y, vx, vy in zip(movers.id, movers.x, movers.y, movers.vx, movers.vy):
+        arrow = Marker(header=header, ns="movers", id=int(mover_id), type=Marker.ARROW)
         arrow.scale = Vector3(0.05, 0.12, 0.0)  # width of shaft and head [m]
         arrow.points = [Point(x, y, HEIGHT_M), Point(x + vx, y + vy, HEIGHT_M)]
         markers.append(arrow)
