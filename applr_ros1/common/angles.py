@@ -39,8 +39,8 @@ def yaw_of(q: Any) -> float:
 
 def quaternion_of(yaw: float) -> Tuple[float, float, float, float]:
     """Return the unit quaternion (x, y, z, w) of a rotation about z."""
-    half_turn = 0.5 * yaw
-    return 0.0, 0.0, math.sin(half_turn), math.cos(half_turn)
+    half_yaw = 0.5 * yaw
+    return 0.0, 0.0, math.sin(half_yaw), math.cos(half_yaw)
 
 
 def transform_point(pose: Pose, x: Any, y: Any) -> Tuple[Any, Any]:
@@ -88,9 +88,9 @@ def outside_box(dx: Any, dy: Any, yaw: float, size_x: float, size_y: float) -> T
     """
     cosine = math.cos(yaw)
     sine = math.sin(yaw)
-    along = cosine * dx + sine * dy
-    across = cosine * dy - sine * dx
-    return _beyond(along, 0.5 * size_x), _beyond(across, 0.5 * size_y)
+    x_in_box = cosine * dx + sine * dy
+    y_in_box = cosine * dy - sine * dx
+    return _beyond(x_in_box, 0.5 * size_x), _beyond(y_in_box, 0.5 * size_y)
 
 
 def _beyond(coordinate: Any, half_size: float) -> Any:

@@ -17,7 +17,7 @@ def without_remappings(arguments: Optional[Sequence[str]] = None) -> List[str]:
     """
     if arguments is None:
         arguments = sys.argv[1:]
-    return [word for word in arguments if ":=" not in word]
+    return [argument for argument in arguments if ":=" not in argument]
 
 
 def number_within(name: str, value: Any, low: float = -math.inf, high: float = math.inf) -> float:
@@ -25,33 +25,40 @@ def number_within(name: str, value: Any, low: float = -math.inf, high: float = m
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if is_number and low <= value <= high:
         return value  # type: ignore[no-any-return]  # an int stays an int
-    wanted = "a number"
+    requirement = "a number"
     if math.isfinite(low) or math.isfinite(high):
-        wanted += f" from {low:g} to {high:g}"
-    raise ApplrError(f"{name} is {value!r}: give {wanted}")
+        requirement += f" from {low:g} to {high:g}"
+    raise ApplrError(f"{name} is {value!r}: give {requirement}")
 
 
 def boolean(name: str, text: str) -> bool:
     """Parse a boolean in the spelling of launch files. Raise ApplrError for any other text."""
-    word = text.lower()
-    if word not in ("true", "false", "1", "0"):
+    spelling = text.lower()
+    if spelling not in ("true", "false", "1", "0"):
         raise ApplrError(f"{name} is {text or 'empty'}: give true or false")
-    return word in ("true", "1")
+    return spelling in ("true", "1")
 
 
 def pose(name: str, text: str) -> Pose:
-    """Parse "x y yaw" into a pose. Raise ApplrError unless these are three finite numbers."""
+    """Parse "x y yaw", also with commas, into a pose.
+
+    Raise ApplrError unless these are three finite numbers.
+    """
+    words = text.replace(",", " ").split()
+    # A wrong number of words is refused like a number that is not finite.
     try:
-        x, y, yaw = map(float, text.replace(",", " ").split())
+        x, y, yaw = map(float, words)
     except ValueError:
         x = y = yaw = math.nan
     if not all(map(math.isfinite, (x, y, yaw))):
-        wanted = "give three numbers 'x y yaw' in metres and radians"
-        raise ApplrError(f"{name} is {text or 'empty'}: {wanted}")
+        remedy = "give three numbers 'x y yaw' in metres and radians"
+        raise ApplrError(f"{name} is {text or 'empty'}: {remedy}")
     return x, y, yaw
 
 
 def frame_prefix(text: str) -> str:
     """Return the prefix of a robot's frames: "robot1/" for "robot1", "" for "none" or no text."""
-    name = text.strip("/")
-    return "" if name in ("", "none") else f"{name}/"
+    robot_name = text.strip("/")
+    if robot_name in ("", "none"):
+        return ""
+    return f"{robot_name}/"

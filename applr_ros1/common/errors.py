@@ -21,8 +21,8 @@ class ApplrError(ValueError):
 
 def did_you_mean(name: Any, known: Iterable[str]) -> str:
     """Return "did you mean NAME?" with the known name closest to `name`, or "" if none is close."""
-    close = difflib.get_close_matches(str(name), list(known), 1, LEAST_LIKENESS)
-    return f"did you mean {close[0]}?" if close else ""
+    close_names = difflib.get_close_matches(str(name), list(known), 1, LEAST_LIKENESS)
+    return f"did you mean {close_names[0]}?" if close_names else ""
 
 
 def remedy_of(problem: Mapping[str, Any]) -> str:
@@ -34,9 +34,9 @@ def remedy_of(problem: Mapping[str, Any]) -> str:
         problem: Entry of ValidationError.errors().
     """
     message = str(problem["msg"])
-    for prefix, words in (("Value error, ", ""), ("Input should be ", "give ")):
+    for prefix, replacement in (("Value error, ", ""), ("Input should be ", "give ")):
         if message.startswith(prefix):
-            return words + message[len(prefix) :]
+            return replacement + message[len(prefix) :]
     return message
 
 
@@ -57,13 +57,13 @@ def one_line(error: BaseException) -> str:
     """
     if isinstance(error, ApplrError):
         return str(error)
-    text = f"{type(error).__name__}: {error}".splitlines()[0]
-    frames = traceback.extract_tb(error.__traceback__)
+    description = f"{type(error).__name__}: {error}".splitlines()[0]
+    stack_frames = traceback.extract_tb(error.__traceback__)
     # The text of a SyntaxError already has file and line.
-    if not frames or isinstance(error, SyntaxError):
-        return text
-    raised_in = frames[-1]
-    return f"{text} ({os.path.basename(raised_in.filename)}, line {raised_in.lineno})"
+    if not stack_frames or isinstance(error, SyntaxError):
+        return description
+    raised_in = stack_frames[-1]
+    return f"{description} ({os.path.basename(raised_in.filename)}, line {raised_in.lineno})"
 
 
 def run_main(main: Callable[[], Optional[int]], program: str) -> int:
@@ -80,15 +80,15 @@ def run_main(main: Callable[[], Optional[int]], program: str) -> int:
     try:
         return main() or 0
     except KeyboardInterrupt as interrupt:
-        status = 128 + signal.SIGINT
+        exit_status = 128 + signal.SIGINT
         line = str(interrupt) or "stopped"
     except Exception as error:
-        status = 1
+        exit_status = 1
         line = _line_of(error)
         if os.environ.get("APPLR_DEBUG"):
             traceback.print_exc()
     print(f"{program}: {line}", file=sys.stderr)
-    return status
+    return exit_status
 
 
 def _line_of(error: Exception) -> str:
@@ -126,17 +126,17 @@ def _main_of(module: str, node: bool) -> Optional[int]:
     # A destructor of an imported library could swallow the KeyboardInterrupt.
     if usual_handler is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    loaded: Any = importlib.import_module(module)
+    loaded_module: Any = importlib.import_module(module)
     signal.signal(signal.SIGINT, usual_handler)
 
-    usage = getattr(loaded, "USAGE", loaded.__doc__ if node else None)
+    usage = getattr(loaded_module, "USAGE", loaded_module.__doc__ if node else None)
     if usage and {"-h", "--help"} & set(sys.argv[1:]):
         print(usage)
         return 0
 
-    words = [word for word in sys.argv[1:] if ":=" not in word]
-    if node and words:
+    arguments = [argument for argument in sys.argv[1:] if ":=" not in argument]
+    if node and arguments:
         remedy = "give parameters as _NAME:=VALUE; --help lists them"
-        raise ApplrError(f"unexpected arguments {' '.join(words)}: {remedy}")
-    status: Optional[int] = loaded.main()
-    return status
+        raise ApplrError(f"unexpected arguments {' '.join(arguments)}: {remedy}")
+    exit_status: Optional[int] = loaded_module.main()
+    return exit_status

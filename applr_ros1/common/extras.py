@@ -24,13 +24,13 @@ def absent(package: Optional[str]) -> str:
 
     Packages of this repository count as installed.
     """
-    name = (package or "").partition(".")[0]
-    if not name or name in OURS or find_spec(name):
+    package_name = (package or "").partition(".")[0]
+    if not package_name or package_name in OURS or find_spec(package_name):
         return ""
     command = "run ./applr packages in the clone of applr_ros1, then build this workspace again"
-    if name in EXTRAS:
-        command = f"in the clone of applr_ros1, pip install '.[{EXTRAS[name]}]'"
-    return f"Python's {name} is not installed for {sys.executable}: {command}"
+    if package_name in EXTRAS:
+        command = f"in the clone of applr_ros1, pip install '.[{EXTRAS[package_name]}]'"
+    return f"Python's {package_name} is not installed for {sys.executable}: {command}"
 
 
 @contextmanager
@@ -44,7 +44,7 @@ def extra(importer: str) -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as missing:
-        line = absent(missing.name)
-        if importer != "__main__" or not line:
+        message = absent(missing.name)
+        if importer != "__main__" or not message:
             raise
-        sys.exit(line)
+        sys.exit(message)

@@ -27,25 +27,25 @@ def write_bytes(path: Any, data: bytes) -> None:
     """Write a file atomically: a crash leaves the old file or the new one, never a partial one."""
     if os.path.lexists(path) and not os.path.isfile(path):  # Renaming would replace a device.
         raise ApplrError(f"{path}: a folder, pipe or device; give the path of a regular file")
-    partial = f"{path}.{os.getpid()}.partial"
+    partial_path = f"{path}.{os.getpid()}.partial"
     try:
-        with open(partial, "wb") as file:
-            file.write(data)
+        with open(partial_path, "wb") as partial_file:
+            partial_file.write(data)
             # Without fsync, a power failure after the renaming could leave an empty file.
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, path)
+            partial_file.flush()
+            os.fsync(partial_file.fileno())
+        os.replace(partial_path, path)
     except OSError as problem:
-        if os.path.exists(partial):
-            os.unlink(partial)
+        if os.path.exists(partial_path):
+            os.unlink(partial_path)
         failure = f"cannot be written ({reason(problem)}); the file there is untouched"
         raise ApplrError(f"{path}: {failure}") from None
 
 
 def write_json(path: Any, value: Any) -> None:
     """Write a value as indented JSON, atomically."""
-    text = json.dumps(value, indent=1) + "\n"
-    write_bytes(path, text.encode())
+    json_text = json.dumps(value, indent=1) + "\n"
+    write_bytes(path, json_text.encode())
 
 
 def read_bytes(path: Any) -> bytes:
@@ -89,26 +89,26 @@ def plain_xml(data: bytes) -> str:
     TinyXML allows any text before the declaration and in comments, a bare &, and undeclared name
     spaces.
     """
-    text = _without_comments(data.decode("utf-8-sig", "replace"))
-    text = BARE_AMPERSAND.sub("&amp;", NAMESPACE.sub("", text))
+    xml_text = _without_comments(data.decode("utf-8-sig", "replace"))
+    xml_text = BARE_AMPERSAND.sub("&amp;", NAMESPACE.sub("", xml_text))
 
     # <gazebo:plugin> becomes <gazebo_plugin> if no xmlns:gazebo declares the prefix.
-    bound = set(BOUND_PREFIX.findall(text))
+    bound_prefixes = set(BOUND_PREFIX.findall(xml_text))
 
     def without_undeclared_prefix(tag: re.Match[str]) -> str:
-        return tag[0] if tag[2] in bound else f"{tag[1]}{tag[2]}_"
+        return tag[0] if tag[2] in bound_prefixes else f"{tag[1]}{tag[2]}_"
 
-    text = PREFIXED_TAG.sub(without_undeclared_prefix, text)
-    return DECLARATION.sub("", text, count=1).lstrip()
+    xml_text = PREFIXED_TAG.sub(without_undeclared_prefix, xml_text)
+    return DECLARATION.sub("", xml_text, count=1).lstrip()
 
 
 def _without_comments(text: str) -> str:
     """Return XML without comments, with their line breaks, so that errors name the right line."""
-    kept, *parts = text.split("<!--")
-    for part in parts:
-        comment, _, following = part.partition("-->")
-        kept += "\n" * comment.count("\n") + following
-    return kept
+    kept_text, *remaining_parts = text.split("<!--")
+    for remaining_part in remaining_parts:
+        comment, _, following_text = remaining_part.partition("-->")
+        kept_text += "\n" * comment.count("\n") + following_text
+    return kept_text
 
 
 def sha256(*values: Any) -> str:
@@ -116,5 +116,9 @@ def sha256(*values: Any) -> str:
 
     Bytes are hashed as they are, other values as text.
     """
-    parts = [value if isinstance(value, bytes) else str(value).encode() for value in values]
-    return hashlib.sha256(b"\0".join(parts)).hexdigest()
+    encoded_values = []
+    for value in values:
+        if not isinstance(value, bytes):
+            value = str(value).encode()
+        encoded_values.append(value)
+    return hashlib.sha256(b"\0".join(encoded_values)).hexdigest()

@@ -90,49 +90,48 @@ class KernelCache(NullCache):
         target_context.refresh()
         if not cache_folder():
             return None
-        path = self._path(signature, target_context.codegen())
+        cache_file = self._path(signature, target_context.codegen())
         try:
-            parts = pickle.loads(path.read_bytes())
-            os.utime(path)  # _remove_unused sorts by the time of the last use.
+            result_parts = pickle.loads(cache_file.read_bytes())
+            os.utime(cache_file)  # _remove_unused sorts by the time of the last use.
         except Exception:  # Unpickling a damaged file may raise any exception.
             return None
-        return rebuild(target_context, *parts)
+        return rebuild(target_context, *result_parts)
 
     def save_overload(self, signature: Any, data: Any) -> None:
         """Write a compilation to the cache. Other processes see the file once it is complete."""
         # Code with addresses of this process (dynamic globals) is useless to any other process.
         if not cache_folder() or data.library.has_dynamic_globals:
             return
-        path = self._path(signature, data.library.codegen)
+        cache_file = self._path(signature, data.library.codegen)
         with contextlib.suppress(OSError):
-            partial = Path(f"{path}.{os.getpid()}")
-            partial.write_bytes(dumps(data._reduce()))
-            os.replace(partial, path)
+            partial_file = Path(f"{cache_file}.{os.getpid()}")
+            partial_file.write_bytes(dumps(data._reduce()))
+            os.replace(partial_file, cache_file)
             _remove_unused()
 
     def _path(self, signature: Any, codegen: Any) -> Path:
         """Return the file of the machine code for a signature on this processor."""
         function = self._function
-        types = [str(argument_type) for argument_type in getattr(signature, "args", signature)]
+        type_names = [str(argument_type) for argument_type in getattr(signature, "args", signature)]
         target = sys.version_info[:2], numba.__version__, codegen.magic_tuple()
-        key = repr((target, types, self._sources)).encode()
-        name = (
-            f"{function.__module__}.{function.__qualname__}-{hashlib.sha256(key).hexdigest()[:32]}"
-        )
-        return Path(cache_folder(), name)
+        cache_key = repr((target, type_names, self._sources)).encode()
+        checksum = hashlib.sha256(cache_key).hexdigest()[:32]
+        file_name = f"{function.__module__}.{function.__qualname__}-{checksum}"
+        return Path(cache_folder(), file_name)
 
 
 @functools.lru_cache(maxsize=None)
 def _hash_of_sources(module: str) -> str:
     """Return a hash of the sources of a module and of all modules on which it depends."""
-    hashes: Dict[str, str] = {}
-    waiting = [module]
-    while waiting:
-        name = waiting.pop()
-        if name not in hashes:
-            hashes[name], imported = _source(name)
-            waiting += imported
-    return hashlib.sha256(repr(sorted(hashes.items())).encode()).hexdigest()
+    source_hashes: Dict[str, str] = {}
+    waiting_modules = [module]
+    while waiting_modules:
+        module_name = waiting_modules.pop()
+        if module_name not in source_hashes:
+            source_hashes[module_name], imported_modules = _source(module_name)
+            waiting_modules += imported_modules
+    return hashlib.sha256(repr(sorted(source_hashes.items())).encode()).hexdigest()
 
 
 @functools.lru_cache(maxsize=None)
@@ -142,19 +141,19 @@ def _source(module: str) -> Tuple[str, List[str]]:
     Only modules of this repository count. Imported classes and plain functions do not, as kernels
     cannot use them.
     """
-    loaded = sys.modules[module]
-    text = Path(str(loaded.__file__)).read_text(encoding="utf-8")
-    imported = []
-    for relative, listed in IMPORT.findall(text):
-        names = COMMENT.sub("", listed).strip("()")
-        base = importlib.util.resolve_name(relative, loaded.__package__)
-        if base.partition(".")[0] not in OURS:
+    loaded_module = sys.modules[module]
+    source_text = Path(str(loaded_module.__file__)).read_text(encoding="utf-8")
+    imported_modules = []
+    for relative_name, listed_names in IMPORT.findall(source_text):
+        names = COMMENT.sub("", listed_names).strip("()")
+        base_module = importlib.util.resolve_name(relative_name, loaded_module.__package__)
+        if base_module.partition(".")[0] not in OURS:
             continue
         if names:
-            imported += _modules_of(base, names, vars(loaded))
+            imported_modules += _modules_of(base_module, names, vars(loaded_module))
         else:
-            imported.append(base)
-    return hashlib.sha256(text.encode()).hexdigest(), imported
+            imported_modules.append(base_module)
+    return hashlib.sha256(source_text.encode()).hexdigest(), imported_modules
 
 
 def _modules_of(base: str, names: str, namespace: Mapping[str, Any]) -> List[str]:
@@ -166,8 +165,8 @@ def _modules_of(base: str, names: str, namespace: Mapping[str, Any]) -> List[str
         namespace: Global names of the importing module.
     """
     modules = []
-    for name in names.split(","):
-        words = name.split()  # NAME or NAME as ALIAS
+    for import_item in names.split(","):
+        words = import_item.split()  # NAME or NAME as ALIAS
         if words and _is_taken(namespace.get(words[-1])):
             full_name = f"{base}.{words[0]}"
             modules.append(full_name if full_name in sys.modules else base)
@@ -185,11 +184,11 @@ def cache_folder() -> str:
 
     The folder is created if it is missing.
     """
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    temporary = os.environ.get("TMPDIR") or "/tmp"
+    cache_home = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
+    temporary_folder = os.environ.get("TMPDIR") or "/tmp"
     folders = [
-        os.path.join(home, "applr_ros1"),
-        os.path.join(temporary, f"applr_ros1-{os.getuid()}"),
+        os.path.join(cache_home, "applr_ros1"),
+        os.path.join(temporary_folder, f"applr_ros1-{os.getuid()}"),
     ]
     if os.environ.get("NUMBA_CACHE_DIR"):
         folders.insert(
@@ -209,8 +208,9 @@ def _is_private(folder: str) -> bool:
     """Return whether a folder exists or can be made, and only this user can write to it."""
     try:
         os.makedirs(folder, mode=0o700, exist_ok=True)
-        entry = os.stat(folder)
-        if entry.st_uid != os.getuid() or entry.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        folder_status = os.stat(folder)
+        others_may_write = folder_status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+        if folder_status.st_uid != os.getuid() or others_may_write:
             return False
         tempfile.TemporaryFile(dir=folder).close()  # The disk may be full or read-only.
     except OSError:
@@ -221,6 +221,6 @@ def _is_private(folder: str) -> bool:
 @functools.lru_cache(maxsize=None)
 def _remove_unused() -> None:
     """Remove the least recently used files beyond KEPT_FILES. Runs once per process."""
-    files = sorted(os.scandir(cache_folder()), key=lambda entry: -entry.stat().st_mtime)
-    for unused in files[KEPT_FILES:]:
-        os.unlink(unused.path)
+    cached_files = sorted(os.scandir(cache_folder()), key=lambda entry: -entry.stat().st_mtime)
+    for unused_file in cached_files[KEPT_FILES:]:
+        os.unlink(unused_file.path)

@@ -29,7 +29,7 @@ def points_at(points: Array, ways: Array) -> Array:
 
     Ways beyond the end of the path give its last point.
     """
-    way = travelled(points)
-    x = np.interp(ways, way, points[:, 0])
-    y = np.interp(ways, way, points[:, 1])
+    point_ways = travelled(points)
+    x = np.interp(ways, point_ways, points[:, 0])
+    y = np.interp(ways, point_ways, points[:, 1])
     return np.column_stack([x, y])

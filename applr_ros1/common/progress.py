@@ -28,7 +28,7 @@ def announced(
         every: Interval between further lines [s].
     """
     work_name = work.split(" (")[0]
-    began = time.monotonic()
+    start_time = time.monotonic()
     has_ended = threading.Event()
     is_announced = False
 
@@ -39,7 +39,7 @@ def announced(
         report(work)
         is_announced = True
         while not has_ended.wait(every):
-            report(f"still {work_name}: {round(time.monotonic() - began)} s")
+            report(f"still {work_name}: {round(time.monotonic() - start_time)} s")
 
     reporter = threading.Thread(target=repeat, name="progress", daemon=True)
     reporter.start()
@@ -52,4 +52,4 @@ def announced(
         has_ended.set()
         reporter.join()
         if is_announced:
-            report(f"done {work_name}: took {time.monotonic() - began:.0f} s")
+            report(f"done {work_name}: took {time.monotonic() - start_time:.0f} s")

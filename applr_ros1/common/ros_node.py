@@ -49,12 +49,12 @@ def init_node(name: str, **options: Any) -> None:
         raise KeyboardInterrupt from None
 
     def shut_down(number: int, _: Any) -> None:
-        ending = threading.Thread(target=rospy.signal_shutdown, args=[f"signal {number}"])
-        ending.start()
-        ending.join(STANDS_S)
+        shutdown_thread = threading.Thread(target=rospy.signal_shutdown, args=[f"signal {number}"])
+        shutdown_thread.start()
+        shutdown_thread.join(STANDS_S)
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, shut_down)
+    for signal_number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(signal_number, shut_down)
     _silence_tracebacks_of_the_shutdown()
 
 
@@ -62,9 +62,9 @@ def _master_answers() -> bool:
     """Return whether the ROS master answers within PATIENCE_S."""
     usual_timeout = socket.getdefaulttimeout()
     socket.setdefaulttimeout(PATIENCE_S)
-    answers: bool = rosgraph.is_master_online()
+    has_answered: bool = rosgraph.is_master_online()
     socket.setdefaulttimeout(usual_timeout)
-    return answers
+    return has_answered
 
 
 def _silence_tracebacks_of_the_shutdown() -> None:

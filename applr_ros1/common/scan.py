@@ -108,11 +108,11 @@ def moved(observation: Observation, frame: Pose) -> Observation:
     if origin is not None:
         origin = (*transform_point(frame, origin[0], origin[1]), origin[2])
     if isinstance(observation, LaserScan):
-        pose = compose(frame, observation.sensor_pose)
+        sensor_pose = compose(frame, observation.sensor_pose)
         rotation = observation.rotation
         if rotation is not None:
             rotation = _turned(rotation, frame[2])
-        return replace(observation, sensor_pose=pose, rotation=rotation, origin=origin)
+        return replace(observation, sensor_pose=sensor_pose, rotation=rotation, origin=origin)
     x, y, z = observation.position
     return replace(
         observation,
@@ -139,11 +139,11 @@ def _turned(q: Quaternion, yaw: float) -> Quaternion:
 def beam_directions(angle_min: float, angle_increment: float, count: int) -> Array:
     """Return cosine and sine (count, 2) of every beam. Tables of recent geometries are cached."""
     # The messages of ROS have float32 angles, from which laser_geometry computes in double.
-    first = float(np.float32(angle_min))
-    step = float(np.float32(angle_increment))
+    first_angle = float(np.float32(angle_min))
+    angle_step = float(np.float32(angle_increment))
     directions = np.empty((count, 2))
     for beam in range(count):
-        angle = first + beam * step
+        angle = first_angle + beam * angle_step
         # numpy's vectorised cosine may differ from the C library's in the last bit.
         directions[beam, 0] = math.cos(angle)
         directions[beam, 1] = math.sin(angle)
@@ -157,7 +157,7 @@ def project(scan: LaserScan, inf_is_valid: bool = False) -> PointCloud:
     short of range_max and therefore clears. NaN and -inf are always dropped.
     """
     ranges = np.ascontiguousarray(scan.ranges, dtype=np.float32)
-    table = beam_directions(float(scan.angle_min), float(scan.angle_increment), len(ranges))
+    directions = beam_directions(float(scan.angle_min), float(scan.angle_increment), len(ranges))
     points = np.empty((len(ranges), 3), np.float32)
     x, y, yaw = map(float, scan.sensor_pose)
     position = x, y, float(scan.sensor_height)
@@ -166,12 +166,16 @@ def project(scan: LaserScan, inf_is_valid: bool = False) -> PointCloud:
 
     # The points of a tilted laser are computed in its own frame, and then placed like a cloud.
     if scan.rotation is not None:
-        count = _project(ranges, table, bounds, inf_is_valid, (0.0, 0.0, 0.0), 0.0, points)
-        in_laser = points[:count]
-        return place_cloud(SensorCloud(scan.stamp, in_laser, position, scan.rotation, scan.origin))
+        point_count = _project(
+            ranges, directions, bounds, inf_is_valid, (0.0, 0.0, 0.0), 0.0, points
+        )
+        points_in_laser = points[:point_count]
+        return place_cloud(
+            SensorCloud(scan.stamp, points_in_laser, position, scan.rotation, scan.origin)
+        )
 
-    count = _project(ranges, table, bounds, inf_is_valid, position, yaw, points)
-    return PointCloud(scan.origin or position, points[:count], scan.stamp)
+    point_count = _project(ranges, directions, bounds, inf_is_valid, position, yaw, points)
+    return PointCloud(scan.origin or position, points[:point_count], scan.stamp)
 
 
 def place_cloud(cloud: SensorCloud) -> PointCloud:
@@ -210,13 +214,13 @@ def _place(
     yy = dy * qy
     yz = dz * qy
     zz = dz * qz
-    for row in range(points.shape[0]):
-        x = points[row, 0]
-        y = points[row, 1]
-        z = points[row, 2]
-        points[row, 0] = (((one - (yy + zz)) * x + (xy - zw) * y) + (xz + yw) * z) + tx
-        points[row, 1] = (((xy + zw) * x + (one - (xx + zz)) * y) + (yz - xw) * z) + ty
-        points[row, 2] = (((xz - yw) * x + (yz + xw) * y) + (one - (xx + yy)) * z) + tz
+    for point in range(points.shape[0]):
+        x = points[point, 0]
+        y = points[point, 1]
+        z = points[point, 2]
+        points[point, 0] = (((one - (yy + zz)) * x + (xy - zw) * y) + (xz + yw) * z) + tx
+        points[point, 1] = (((xy + zw) * x + (one - (xx + zz)) * y) + (yz - xw) * z) + ty
+        points[point, 2] = (((xz - yw) * x + (yz + xw) * y) + (one - (xx + yy)) * z) + tz
 
 
 @kernel
@@ -261,7 +265,7 @@ def _project(
     # observation_buffer replaces +inf by a range that still counts as valid, see costmap_2d's
     # laserScanValidInfCallback (epsilon).
     almost_max = range_max - np.float32(0.0001)
-    count = 0
+    point_count = 0
     for beam in range(ranges.shape[0]):
         distance = ranges[beam]
         if inf_is_valid and distance == np.inf:
@@ -270,11 +274,11 @@ def _project(
             # laser_geometry multiplies in double and stores float32.
             point_x = np.float32(np.float64(distance) * table[beam, 0])
             point_y = np.float32(np.float64(distance) * table[beam, 1])
-            points[count, 0] = (m00 * point_x + m01 * point_y) + tx
-            points[count, 1] = (m10 * point_x + m00 * point_y) + ty
-            points[count, 2] = tz
-            count += 1
-    return count
+            points[point_count, 0] = (m00 * point_x + m01 * point_y) + tx
+            points[point_count, 1] = (m10 * point_x + m00 * point_y) + ty
+            points[point_count, 2] = tz
+            point_count += 1
+    return point_count
 
 
 @dataclass
@@ -330,9 +334,9 @@ class ObservationBuffer:
         persistence = self.source.observation_persistence
         if persistence <= 0.0:
             latest_clouds = [cloud]
-            for other in self.clouds:
-                if other.frame != cloud.frame and now - other.stamp < SHARED_S:
-                    latest_clouds.append(other)
+            for other_cloud in self.clouds:
+                if other_cloud.frame != cloud.frame and now - other_cloud.stamp < SHARED_S:
+                    latest_clouds.append(other_cloud)
             self.clouds = latest_clouds
             return
         self.clouds.insert(0, cloud)
@@ -350,5 +354,7 @@ class ObservationBuffer:
 
     def is_current(self, now: float) -> bool:
         """Return whether the latest message is no older than expected_update_rate allows."""
-        longest = self.source.expected_update_rate
-        return longest <= 0.0 or (self.taken is not None and now - self.taken <= longest)
+        longest_interval = self.source.expected_update_rate
+        return longest_interval <= 0.0 or (
+            self.taken is not None and now - self.taken <= longest_interval
+        )

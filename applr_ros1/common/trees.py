@@ -11,11 +11,11 @@ def branch(tree: Dict[str, Any], path: str, create: bool = False) -> Dict[str, A
     If there is none, the result is {}, which is part of the tree only with `create`.
     """
     section: Dict[str, Any] = tree
-    for name in filter(None, path.split("/")):
+    for section_name in filter(None, path.split("/")):
         # An empty section of a YAML file is None.
-        if create and section.get(name) is None:
-            section[name] = {}
-        subsection = section.get(name)
+        if create and section.get(section_name) is None:
+            section[section_name] = {}
+        subsection = section.get(section_name)
         if not isinstance(subsection, dict):
             return {}
         section = subsection
@@ -29,10 +29,10 @@ def merged(below: Dict[str, Any], above: Dict[str, Any]) -> Dict[str, Any]:
     """
     tree = dict(below)
     for name, value in above.items():
-        replaced: Any = tree.get(name)
-        is_section = isinstance(replaced, dict)
+        replaced_value: Any = tree.get(name)
+        is_section = isinstance(replaced_value, dict)
         if isinstance(value, dict):
-            tree[str(name)] = merged(replaced if is_section else {}, value)
+            tree[str(name)] = merged(replaced_value if is_section else {}, value)
         elif value is not None or not is_section:
             tree[str(name)] = value
     return tree

@@ -56,9 +56,11 @@ FIXED = {"dwa": 0, "applr": 1, "static": 2}  # colours of the methods that this 
 
 def color_indices(methods: Sequence[str]) -> Dict[str, int]:
     """Return the index of each method's colour in METHOD_COLORS, the same on every page."""
-    free = [index for index in range(len(METHOD_COLORS)) if index not in FIXED.values()]
-    others = [method for method in methods if method not in FIXED]
-    indices = {method: free[n % len(free)] for n, method in enumerate(others)}
+    free_indices = [index for index in range(len(METHOD_COLORS)) if index not in FIXED.values()]
+    other_methods = [method for method in methods if method not in FIXED]
+    indices: Dict[str, int] = {}
+    for number, method in enumerate(other_methods):
+        indices[method] = free_indices[number % len(free_indices)]
     for method in methods:
         indices.setdefault(method, FIXED.get(method, 0))
     return indices
@@ -75,12 +77,12 @@ def css() -> str:
     colors = dict(COLORS)
     for index, color in enumerate(METHOD_COLORS):
         colors[f"method-{index}"] = color
-    light: List[str] = []
-    dark: List[str] = []
+    light_variables: List[str] = []
+    dark_variables: List[str] = []
     for name, color in colors.items():
-        light.append(f"--{name}: {color.light};")
-        dark.append(f"--{name}: {color.dark};")
+        light_variables.append(f"--{name}: {color.light};")
+        dark_variables.append(f"--{name}: {color.dark};")
     return (
-        f":root {{ {' '.join(light)} }}\n"
-        f"@media (prefers-color-scheme: dark) {{ :root {{ {' '.join(dark)} }} }}"
+        f":root {{ {' '.join(light_variables)} }}\n"
+        f"@media (prefers-color-scheme: dark) {{ :root {{ {' '.join(dark_variables)} }} }}"
     )

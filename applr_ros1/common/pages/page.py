@@ -45,8 +45,10 @@ class Page:
 
     def html(self) -> bytes:
         """Return the page, encoded in UTF-8."""
-        data = json.dumps(self.data, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
-        parts = {
+        json_data = json.dumps(
+            self.data, separators=(",", ":"), ensure_ascii=False, allow_nan=False
+        )
+        replacements = {
             "TITLE": html.escape(self.title),
             "KIND": html.escape(self.kind),
             # A number is not parted from its unit at the end of a line.
@@ -59,11 +61,13 @@ class Page:
             "SHARED": _text("page.js"),
             "SCRIPTS": "\n".join(read_bytes(script).decode() for script in self.scripts),
             # A string in the data must not end the script.
-            "DATA": data.replace("</", "<\\/").replace("<!--", "<\\u0021--"),
+            "DATA": json_data.replace("</", "<\\/").replace("<!--", "<\\u0021--"),
         }
         # All marks are replaced in one pass, so that a mark within the data stays as it is.
-        page = re.sub("@([A-Z]+)@", lambda mark: parts[mark.group(1)], _text("page.html"))
-        return page.encode()
+        page_html = re.sub(
+            "@([A-Z]+)@", lambda mark: replacements[mark.group(1)], _text("page.html")
+        )
+        return page_html.encode()
 
 
 def _text(name: str) -> str:
