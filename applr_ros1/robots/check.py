@@ -127,23 +127,24 @@ def remarks(robot: Robot, with_map: bool = False) -> List[Remark]:
 
 def refused(error: ValidationError) -> List[str]:
     """Return pydantic's errors about a robot.yaml, one line per value."""
-    lines = []
+    messages = []
     for problem in error.errors():
         # pydantic's location ("base", "casters", 0) is base.casters[0] in the file.
-        field = ""
-        for part in problem["loc"]:
-            if isinstance(part, int):
-                field += f"[{part}]"
+        field_path = ""
+        for key in problem["loc"]:
+            if isinstance(key, int):
+                field_path += f"[{key}]"
             else:
-                field += f".{part}"
-        field = field[1:]
+                field_path += f".{key}"
+        field_path = field_path[1:]
         if problem["type"] == "value_error":  # robot.py raised this error, which names its values.
-            lines.append(f"{field}: {remedy_of(problem)}" if field else remedy_of(problem))
+            rule = remedy_of(problem)
+            messages.append(f"{field_path}: {rule}" if field_path else rule)
         elif problem["type"] == "missing":
-            lines.append(f"{field} is missing: give it")
+            messages.append(f"{field_path} is missing: give it")
         else:
-            lines.append(f"{field} is {problem['input']!r:.60}: {remedy_of(problem)}")
-    return lines
+            messages.append(f"{field_path} is {problem['input']!r:.60}: {remedy_of(problem)}")
+    return messages
 
 
 # --- errors ---------------------------------------------------------------------------------------
@@ -157,23 +158,24 @@ def fields(robot: Robot) -> Iterator[str]:
     simulation = robot.simulation
     has_multiplier = base.drive == "skid_steer" and simulation.track_multiplier
     if simulation.ground == "gazebo" and not has_multiplier:
-        needed = "a skid_steer base with simulation.track_multiplier"
-        yield f"simulation.ground is gazebo, which needs {needed}: give plain"
-    for low, high in (("first_angle", "last_angle"), ("range_min", "range_max")):
-        smallest = getattr(laser, low)
-        largest = getattr(laser, high)
+        requirement = "a skid_steer base with simulation.track_multiplier"
+        yield f"simulation.ground is gazebo, which needs {requirement}: give plain"
+    for low_field, high_field in (("first_angle", "last_angle"), ("range_min", "range_max")):
+        smallest = getattr(laser, low_field)
+        largest = getattr(laser, high_field)
         if largest <= smallest:
-            yield f"laser.{high} is {largest:g}: give more than {low} ({smallest:g})"
-    for name, field in (
+            yield f"laser.{high_field} is {largest:g}: give more than {low_field} ({smallest:g})"
+    for monitor_field, base_field in (
         ("deceleration", "max_acceleration"),
         ("yaw_deceleration", "max_yaw_acceleration"),
     ):
         # The monitor would stop too late if the base brakes less than it assumes.
-        value = getattr(robot.monitor, name)
-        limit = getattr(base, field)
-        if value > limit:
-            larger = f"larger than base.{field} ({limit:g})"
-            yield f"monitor.{name} is {value:g}, {larger}: lower monitor.{name}"
+        deceleration = getattr(robot.monitor, monitor_field)
+        acceleration_limit = getattr(base, base_field)
+        if deceleration > acceleration_limit:
+            label = f"monitor.{monitor_field}"
+            comparison = f"larger than base.{base_field} ({acceleration_limit:g})"
+            yield f"{label} is {deceleration:g}, {comparison}: lower {label}"
     ground = base.axle_height - base.wheel_radius
     if robot.body.bottom < ground:
         problem = f"the ground is then at {ground:.3g} m, above body.bottom ({robot.body.bottom:g})"
@@ -181,11 +183,11 @@ def fields(robot: Robot) -> Iterator[str]:
         yield f"base.axle_height is {base.axle_height:g}: {problem}; {remedy}"
     box = geometry.bounding_box(robot)
     x, y, _ = laser.pose
-    beyond = max(box.back - x, x - box.front, box.right - y, y - box.left)
+    excess = max(box.back - x, x - box.front, box.right - y, y - box.left)
     # A laser farther from the robot than its size is given in another unit.
-    if beyond > max(box.front - box.back, box.left - box.right):
-        ends = f"body and wheels end at x {box.front:.3g} m, y {box.left:.3g} m"
-        yield f"laser.pose is {_list(laser.pose)}: {ends}; give metres"
+    if excess > max(box.front - box.back, box.left - box.right):
+        robot_extent = f"body and wheels end at x {box.front:.3g} m, y {box.left:.3g} m"
+        yield f"laser.pose is {_list(laser.pose)}: {robot_extent}; give metres"
 
 
 def _support_errors(robot: Robot) -> Iterator[str]:
@@ -212,12 +214,12 @@ def _support_errors(robot: Robot) -> Iterator[str]:
 def _planner_section(tree: Dict[str, Any]) -> Iterator[str]:
     """Yield an error if the files only hold parameters of a planner that is not in use."""
     plugins = {namespace(plugin): plugin for plugin in LOCAL_PLANNERS}
-    used = namespace(str(tree.get("base_local_planner", LOCAL_PLANNERS[0])))
-    present = [name for name in plugins if name in tree]
-    if used in plugins and present and used not in present:
-        problem = f"but the files only hold parameters of {present[0]}"
-        remedy = f"give {plugins[present[0]]}, or the section {used}"
-        yield f"base_local_planner is {plugins[used]}, {problem}: {remedy}"
+    used_planner = namespace(str(tree.get("base_local_planner", LOCAL_PLANNERS[0])))
+    present_planners = [planner for planner in plugins if planner in tree]
+    if used_planner in plugins and present_planners and used_planner not in present_planners:
+        problem = f"but the files only hold parameters of {present_planners[0]}"
+        remedy = f"give {plugins[present_planners[0]]}, or the section {used_planner}"
+        yield f"base_local_planner is {plugins[used_planner]}, {problem}: {remedy}"
 
 
 def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
@@ -230,8 +232,8 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
         for layer in layers(costmap, values, STATIC_LAYER):
             yield f"{costmap}/plugins has {layer.name}, but there is no map: remove this layer"
     problems = []
-    for path, name, source in observation_sources(setup.full, costmap):
-        problems.append(_blind(f"{path}/{name}", source, setup.robot))
+    for layer_path, source_name, source in observation_sources(setup.full, costmap):
+        problems.append(_blind(f"{layer_path}/{source_name}", source, setup.robot))
     if problems and all(problems):
         yield problems[0]
     if costmap == "local_costmap" and not problems:
@@ -243,12 +245,14 @@ def _start_errors(costmap: str, values: Dict[str, Any]) -> Iterator[str]:
     if values["rolling_window"]:
         return
     # Without a map, the robot starts at (0, 0).
-    for name, side in (("origin_x", "width"), ("origin_y", "height")):
-        size = values[side]
-        if not -size < values[name] < 0.0:
-            start = f"the costmap, {size:g} m long, does not contain the robot's start at 0"
-            remedy = f"give {-size / 2:g}, or rolling_window: true"
-            yield f"{costmap}/{name} is {values[name]:g}: {start}, {remedy}"
+    for origin_name, size_name in (("origin_x", "width"), ("origin_y", "height")):
+        side_length = values[size_name]
+        if not -side_length < values[origin_name] < 0.0:
+            problem = (
+                f"the costmap, {side_length:g} m long, does not contain the robot's start at 0"
+            )
+            remedy = f"give {-side_length / 2:g}, or rolling_window: true"
+            yield f"{costmap}/{origin_name} is {values[origin_name]:g}: {problem}, {remedy}"
 
 
 def _outline_errors(setup: _Setup, costmap: str) -> Iterator[str]:
@@ -262,29 +266,29 @@ def _outline_errors(setup: _Setup, costmap: str) -> Iterator[str]:
     # A wrong unit shows in any direction, and nothing that juts out of a robot widens it tenfold.
     is_in_metres = box_width / UNITS <= width <= box_width * UNITS
     if not is_in_metres:
-        names = f"{costmap}/footprint, robot_radius, footprint_padding"
-        size = f"the padded footprint is {length:.3g} x {width:.3g} m"
-        box_size = f"body and wheels are {box_length:.3g} x {box_width:.3g} m"
-        yield f"{names}: {size}; {box_size}; give all lengths in metres"
+        parameter_names = f"{costmap}/footprint, robot_radius, footprint_padding"
+        footprint_size = f"the padded footprint is {length:.3g} x {width:.3g} m"
+        robot_size = f"body and wheels are {box_length:.3g} x {box_width:.3g} m"
+        yield f"{parameter_names}: {footprint_size}; {robot_size}; give all lengths in metres"
 
 
 def _frame_errors(setup: _Setup, costmap: str) -> Iterator[str]:
     """Yield an error for each frame of a costmap that differs from the frames of robot.yaml."""
     # The global costmap's frame of the robot is also that of move_base.
     is_global = costmap == "global_costmap"
-    fields = {}
+    frame_fields = {}
     if is_global:
-        fields["robot_base_frame"] = "base"
+        frame_fields["robot_base_frame"] = "base"
     if not setup.with_map:
-        fields["global_frame"] = "odom"
+        frame_fields["global_frame"] = "odom"
     elif is_global:
-        fields["global_frame"] = "map"
-    for name, field in fields.items():
-        frame = setup.full[costmap][name]
-        expected = getattr(setup.robot.frames, field)
+        frame_fields["global_frame"] = "map"
+    for parameter_name, frame_field in frame_fields.items():
+        frame = setup.full[costmap][parameter_name]
+        expected = getattr(setup.robot.frames, frame_field)
         if _differ(frame, expected):
-            problem = f"but frames.{field} in robot.yaml is {expected}"
-            yield f"{costmap}/{name} is {frame}, {problem}: give {expected}"
+            problem = f"but frames.{frame_field} in robot.yaml is {expected}"
+            yield f"{costmap}/{parameter_name} is {frame}, {problem}: give {expected}"
 
 
 def _blind(path: str, source: Dict[str, Any], robot: Robot) -> str:
@@ -307,24 +311,24 @@ def _blind(path: str, source: Dict[str, Any], robot: Robot) -> str:
 def _space_limits(setup: _Setup) -> Iterator[str]:
     """Yield an error for each range of the space that exceeds a limit of the base."""
     for parameter in setup.robot.space:
-        names = {target.name for target in parameter.sets if target.server == setup.planner}
-        for field, limited_names in LIMITED.items():
-            if names.isdisjoint(limited_names):
+        target_names = {target.name for target in parameter.sets if target.server == setup.planner}
+        for base_field, limited_names in LIMITED.items():
+            if target_names.isdisjoint(limited_names):
                 continue
-            start = parameter.sets[0].value_in(setup.full) or 0.0
+            start_value = parameter.sets[0].value_in(setup.full) or 0.0
             # The range includes an initial value beyond the limit.
-            limit = max(getattr(setup.robot.base, field), abs(start))
+            limit = max(getattr(setup.robot.base, base_field), abs(start_value))
             if max(abs(parameter.low), abs(parameter.high)) > limit:
-                label = f"parameter_space.{parameter.name}.range"
-                problem = f"but base.{field} of this base is {limit:g}"
-                yield f"{label} is {_list(parameter.range)}, {problem}: stay within {limit:g}"
+                range_field = f"parameter_space.{parameter.name}.range"
+                problem = f"but base.{base_field} of this base is {limit:g}"
+                yield f"{range_field} is {_list(parameter.range)}, {problem}: stay within {limit:g}"
 
 
 def space_errors(robot: Robot, full: Dict[str, Any]) -> Iterator[str]:
     """Yield the first error of each parameter of a robot's space, compared with a complete tree."""
-    known = servers(full)
+    known_servers = servers(full)
     for parameter in robot.space:
-        problem = _space_problem(parameter, known, full)
+        problem = _space_problem(parameter, known_servers, full)
         if problem:
             yield f"parameter_space.{parameter.name}: {problem}"
 
@@ -337,33 +341,33 @@ def _space_problem(
         refusal = _refusal(parameter, target, known)
         if refusal:
             return refusal
-    start = parameter.sets[0].value_in(full)
-    if not parameter.low <= start <= parameter.high:
-        return f"move_base starts with {start:g}; include it in the range"
+    start_value = parameter.sets[0].value_in(full)
+    if not parameter.low <= start_value <= parameter.high:
+        return f"move_base starts with {start_value:g}; include it in the range"
     return ""
 
 
 def _refusal(parameter: SpaceParameter, target: Target, known: Dict[str, Server]) -> str:
     """Return why a parameter cannot set the value at an address; "" if there is no problem."""
-    server = "move_base's own server"
+    server_name = "move_base's own server"
     if target.server:
-        server = f"server {target.server} of move_base"
+        server_name = f"server {target.server} of move_base"
     if target.server not in known:
-        names = list(filter(None, known))
-        advice = did_you_mean(target.server, names) or "give " + ", ".join(names)
-        return f"there is no {server}; {advice}"
+        known_names = list(filter(None, known))
+        advice = did_you_mean(target.server, known_names) or "give " + ", ".join(known_names)
+        return f"there is no {server_name}; {advice}"
     declared = known[target.server].declared(target.name)
     if declared is None or declared.type not in ("double", "int"):
         advice = "docs/reference/parameters.md lists its parameters"
-        return f"{server} has no number {target.name}; {advice}"
+        return f"{server_name} has no number {target.name}; {advice}"
     is_count = declared.type == "int"
     if is_count != parameter.integer:
-        integer = f"integer is {str(parameter.integer).lower()}"
-        problem = f"but {target.name} of {server} is of type {declared.type}"
-        return f"{integer}, {problem}: give integer: {str(is_count).lower()}"
-    low, high = sorted(map(target.signed, parameter.range))
-    if not declared.min <= low <= high <= declared.max:
-        return f"{server} takes {declared.min:g} to {declared.max:g}; stay within it"
+        setting = f"integer is {str(parameter.integer).lower()}"
+        problem = f"but {target.name} of {server_name} is of type {declared.type}"
+        return f"{setting}, {problem}: give integer: {str(is_count).lower()}"
+    lowest, highest = sorted(map(target.signed, parameter.range))
+    if not declared.min <= lowest <= highest <= declared.max:
+        return f"{server_name} takes {declared.min:g} to {declared.max:g}; stay within it"
     return ""
 
 
@@ -374,20 +378,24 @@ def _planner_remarks(setup: _Setup) -> Iterator[Remark]:
     """Yield speeds that the base cannot reach, and inconsistent values of the local planner."""
     planner = setup.planner
     file_values = branch(setup.tree, planner)
-    for field, names in LIMITED.items():
-        limit = getattr(setup.robot.base, field)
-        for name in names:
-            value = file_values.get(name)
-            if isinstance(value, (int, float)) and abs(value) > limit:
-                problem = f"the base will not exceed base.{field} in robot.yaml ({limit:g})"
-                correction = {planner: {name: copysign(limit, value)}}
-                yield Remark(f"{planner}/{name} is {value:g}: {problem}", correction)
+    for base_field, limited_names in LIMITED.items():
+        base_limit = getattr(setup.robot.base, base_field)
+        for parameter_name in limited_names:
+            file_value = file_values.get(parameter_name)
+            if isinstance(file_value, (int, float)) and abs(file_value) > base_limit:
+                problem = (
+                    f"the base will not exceed base.{base_field} in robot.yaml ({base_limit:g})"
+                )
+                correction = {planner: {parameter_name: copysign(base_limit, file_value)}}
+                yield Remark(f"{planner}/{parameter_name} is {file_value:g}: {problem}", correction)
     values = setup.full[planner]
-    for low, high in (("min_vel_x", "max_vel_x"), ("min_vel_theta", "max_vel_theta")):
-        if values[low] > values[high]:
-            larger = f"larger than {high} ({values[high]:g})"
-            line = f"{planner}/{low} is {values[low]:g}, {larger}: lower {low}"
-            yield Remark(line, {planner: {low: values[high]}})
+    for min_name, max_name in (("min_vel_x", "max_vel_x"), ("min_vel_theta", "max_vel_theta")):
+        if values[min_name] > values[max_name]:
+            comparison = f"larger than {max_name} ({values[max_name]:g})"
+            message = (
+                f"{planner}/{min_name} is {values[min_name]:g}, {comparison}: lower {min_name}"
+            )
+            yield Remark(message, {planner: {min_name: values[max_name]}})
     yield from _dead_band_remarks(setup)
 
 
@@ -395,22 +403,24 @@ def _dead_band_remarks(setup: _Setup) -> Iterator[Remark]:
     """Yield parameters of the local planner with which it sends commands that the base ignores."""
     planner = setup.planner
     values = setup.full[planner]
-    rate = setup.full["controller_frequency"]
+    command_rate = setup.full["controller_frequency"]
     for slowest, dead_band in zip(SLOWEST[planner], setup.robot.base.dead_band):
-        ignored = f"the base ignores less than base.dead_band in robot.yaml ({dead_band:g})"
-        command = values[slowest.command]
-        if command < dead_band:
+        cause = f"the base ignores less than base.dead_band in robot.yaml ({dead_band:g})"
+        smallest_command = values[slowest.command]
+        if smallest_command < dead_band:
             label = f"{planner}/{slowest.command}"
-            line = f"{label} is {command:g}, but {ignored}: raise it to {dead_band:g}"
-            yield Remark(line, {planner: {slowest.command: dead_band}})
+            message = f"{label} is {smallest_command:g}, but {cause}: raise it to {dead_band:g}"
+            yield Remark(message, {planner: {slowest.command: dead_band}})
         if slowest.first_limit:
             limit = values[slowest.first_limit]
-            if limit < dead_band * rate:
+            if limit < dead_band * command_rate:
                 label = f"{planner}/{slowest.first_limit}"
-                first = f"the first command from rest is at most {limit / rate:.3g}"
-                enough = dead_band * rate
-                line = f"{label} is {limit:g}: {first}, but {ignored}; raise it to {enough:g}"
-                yield Remark(line, {planner: {slowest.first_limit: enough}})
+                consequence = f"the first command from rest is at most {limit / command_rate:.3g}"
+                enough = dead_band * command_rate
+                message = (
+                    f"{label} is {limit:g}: {consequence}, but {cause}; raise it to {enough:g}"
+                )
+                yield Remark(message, {planner: {slowest.first_limit: enough}})
 
 
 def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[Remark]:
@@ -420,31 +430,33 @@ def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[Remark]:
     outline = _box_outline(robot)
     if _has_no_footprint(setup, costmap):
         corners = ", ".join(map(_list, outline))
-        circle = f"a circle of {values['robot_radius']:g} m is used"
+        substitute = f"a circle of {values['robot_radius']:g} m is used"
         advice = f"body and wheels fill [{corners}]; give this outline"
-        line = f"{costmap}/footprint is missing: {circle}, but {advice}"
-        yield Remark(line, {costmap: {"footprint": outline}})
+        message = f"{costmap}/footprint is missing: {substitute}, but {advice}"
+        yield Remark(message, {costmap: {"footprint": outline}})
     elif costmap == "local_costmap":
         # Distances of both outlines in eight directions
-        reach = (geometry.corners(robot) @ DIRECTIONS).max(axis=0)
+        robot_reach = (geometry.corners(robot) @ DIRECTIONS).max(axis=0)
         footprint_reach = (_outline(values) @ DIRECTIONS).max(axis=0)
-        beyond = (reach - footprint_reach).max()
-        if beyond > OUTSIDE:
+        excess = (robot_reach - footprint_reach).max()
+        if excess > OUTSIDE:
             box_reach = "the box around body and wheels, at which the monitor stops, reaches"
-            problem = f"{box_reach} {beyond:.2f} m beyond it with padding"
+            problem = f"{box_reach} {excess:.2f} m beyond it with padding"
             advice = f"[{', '.join(map(_list, outline))}] contains them"
             # The global costmap needs the same footprint, or its plans lead through too narrow
             # gaps.
             correction = dict.fromkeys(COSTMAPS, {"footprint": outline})
             yield Remark(f"local_costmap/footprint is too small: {problem}; {advice}", correction)
     laser_frame = robot.laser.frame
-    for path, name, source in observation_sources(setup.full, costmap):
-        frame = source["sensor_frame"]
+    for layer_path, source_name, source in observation_sources(setup.full, costmap):
+        sensor_frame = source["sensor_frame"]
         is_scan = not _differ(source["topic"], robot.topics.scan)
-        if frame and is_scan and _differ(frame, laser_frame):
+        if sensor_frame and is_scan and _differ(sensor_frame, laser_frame):
             problem = f"but laser.frame in robot.yaml is {laser_frame}"
             remedy = f"give {laser_frame} or omit it"
-            yield Remark(f"{path}/{name}/sensor_frame is {frame}, {problem}: {remedy}")
+            yield Remark(
+                f"{layer_path}/{source_name}/sensor_frame is {sensor_frame}, {problem}: {remedy}"
+            )
 
 
 # --- helpers --------------------------------------------------------------------------------------
@@ -476,8 +488,8 @@ def _has_no_footprint(setup: _Setup, costmap: str) -> bool:
 
     A costmap finds both also at the top of the tree.
     """
-    names = {*branch(setup.tree, costmap), *setup.tree}
-    return "footprint" not in names and "robot_radius" not in names
+    parameter_names = {*branch(setup.tree, costmap), *setup.tree}
+    return "footprint" not in parameter_names and "robot_radius" not in parameter_names
 
 
 def _differ(name: str, expected: str) -> bool:

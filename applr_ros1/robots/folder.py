@@ -28,10 +28,10 @@ class RobotError(ApplrError):
 
     def __init__(self, folder: str, lines: Iterable[str]) -> None:
         self.lines: Tuple[str, ...] = tuple(lines)
-        first, *others = self.lines
-        message = f"{folder}: {first}"
-        if others:
-            message += f" ({len(others)} more: check_robot.py lists them)"
+        first_error, *other_errors = self.lines
+        message = f"{folder}: {first_error}"
+        if other_errors:
+            message += f" ({len(other_errors)} more: check_robot.py lists them)"
         super().__init__(message)
 
 
@@ -61,15 +61,14 @@ def read(name_or_folder: str) -> Robot:
 
     Raise the errors of `load`, but do not check consistency.
     """
-    name = str(name_or_folder)
-    if name in NAMES:
-        return _read(os.path.join(_HERE, name))
-    folder = os.path.abspath(name)
+    robot_name = str(name_or_folder)
+    if robot_name in NAMES:
+        return _read(os.path.join(_HERE, robot_name))
+    folder = os.path.abspath(robot_name)
     # Without a name, the path would be the current folder.
-    if not (name and os.path.isdir(folder)):
-        raise ApplrError(
-            f"robot {name or repr(name)}: give {', '.join(NAMES)}, or a folder with {FILE}"
-        )
+    if not (robot_name and os.path.isdir(folder)):
+        choices = f"{', '.join(NAMES)}, or a folder with {FILE}"
+        raise ApplrError(f"robot {robot_name or repr(robot_name)}: give {choices}")
     return _read(folder)
 
 

@@ -22,11 +22,11 @@ def _round_shares() -> List[Tuple[float, float]]:
     Their corners form a 16-sided polygon around the ellipse, whose sides touch it.
     """
     half_side = pi / 16  # angle that half a side covers [rad]
-    inner = cos(half_side)  # distance of a side's middle from the centre; that of a corner is 1
+    apothem = cos(half_side)  # distance of a side's middle from the centre; that of a corner is 1
     shares = []
     for corner in (1, 3, 5, 7):
         angle = half_side * corner
-        shares.append((cos(angle) / inner, sin(angle) / inner))
+        shares.append((cos(angle) / apothem, sin(angle) / apothem))
     return shares
 
 
@@ -70,10 +70,10 @@ def wheel_places(base: Base) -> List[Tuple[float, float]]:
     axles: Tuple[float, ...] = (0.0,)
     if base.wheels == 4:
         axles = (base.wheelbase / 2, -base.wheelbase / 2)
-    places = []
+    wheel_centres = []
     for x in axles:
-        places += [(x, base.track / 2), (x, -base.track / 2)]
-    return places
+        wheel_centres += [(x, base.track / 2), (x, -base.track / 2)]
+    return wheel_centres
 
 
 def parts(robot: Robot) -> List[Rectangle]:
@@ -85,8 +85,10 @@ def parts(robot: Robot) -> List[Rectangle]:
     if body.round:
         shares = ROUND_SHARES
     rectangles = []
-    for along, across in shares:
-        rectangles.append(Rectangle(*body.centre, along * length / 2, across * width / 2))
+    for length_share, width_share in shares:
+        half_length = length_share * length / 2
+        half_width = width_share * width / 2
+        rectangles.append(Rectangle(*body.centre, half_length, half_width))
     for x, y in wheel_places(base):
         rectangles.append(Rectangle(x, y, base.wheel_radius, base.wheel_width / 2))
     return rectangles
@@ -109,9 +111,9 @@ def corners(robot: Robot) -> np.ndarray:
             ]
         )
     vertices = []
-    for part in parts(robot):
-        for x in (part.x + part.half_length, part.x - part.half_length):
-            vertices += [(x, part.y + part.half_width), (x, part.y - part.half_width)]
+    for x, y, half_length, half_width in parts(robot):
+        for corner_x in (x + half_length, x - half_length):
+            vertices += [(corner_x, y + half_width), (corner_x, y - half_width)]
     return np.array(vertices)
 
 
@@ -145,17 +147,17 @@ def balance(robot: Robot) -> Balance:
     body_share = body.mass / mass  # The wheels' centre of mass is at the origin.
     x = body_share * body.centre_of_mass[0]
     y = body_share * body.centre_of_mass[1]
-    places = supports(base)
+    contact_points = supports(base)
     if base.wheels == 4:
         # Three equations of equilibrium do not determine four loads. This bilinear solution never
         # gives a wheel of the rectangle a negative load if the centre of mass is between the
         # wheels. The smallest loads, as below, may do so.
-        along = 1.0 + 2.0 * x / base.wheelbase * np.sign(places[:, 0])
-        across = 1.0 + 2.0 * y / base.track * np.sign(places[:, 1])
-        return Balance(mass, (x, y), 0.25 * mass * GRAVITY * along * across)
+        front_factor = 1.0 + 2.0 * x / base.wheelbase * np.sign(contact_points[:, 0])
+        left_factor = 1.0 + 2.0 * y / base.track * np.sign(contact_points[:, 1])
+        return Balance(mass, (x, y), 0.25 * mass * GRAVITY * front_factor * left_factor)
     # Equilibrium of forces and moments, with the smallest loads if there are more than three
     # supports
-    place_x, place_y = places.T
-    equilibrium = np.array([np.ones(len(places)), place_x, place_y])
+    contact_x, contact_y = contact_points.T
+    equilibrium = np.array([np.ones(len(contact_points)), contact_x, contact_y])
     weight = mass * GRAVITY * np.array([1.0, x, y])
     return Balance(mass, (x, y), np.linalg.pinv(equilibrium) @ weight)

@@ -160,23 +160,23 @@ def _space_parameter(
             Target.model_construct(server=server, name=row.name, aliases=declared.aliases)
         )
     if row.also:
-        name = row.also.lstrip("-")
+        second_name = row.also.lstrip("-")
         negated = row.also.startswith("-")
-        targets.append(Target.model_construct(server=servers[0], name=name, negated=negated))
+        targets.append(Target.model_construct(server=servers[0], name=second_name, negated=negated))
     unit = units.get(declared.kind, 1.0)
-    low = unit * row.low
-    high = unit * row.high
-    start = number_at(tree, servers[0], targets[0].names)
-    if start is None:
-        start = row.start
-    if start is not None:
+    lowest = unit * row.low
+    highest = unit * row.high
+    start_value = number_at(tree, servers[0], targets[0].names)
+    if start_value is None:
+        start_value = row.start
+    if start_value is not None:
         # move_base clamps its initial value, too.
-        start = min(max(start, declared.min), declared.max)
-        low = min(low, start)
-        high = max(high, start)
+        start_value = min(max(start_value, declared.min), declared.max)
+        lowest = min(lowest, start_value)
+        highest = max(highest, start_value)
     return SpaceParameter.model_construct(
         name=row.name,
-        range=(low, high),
+        range=(lowest, highest),
         integer=declared.kind == "count",
         sets=tuple(targets),
         paper=row.policy > 0,

@@ -51,10 +51,10 @@ def _angle(unit: float) -> Callable[[Any, Any], float]:
         match = _ANGLE.fullmatch(loader.construct_scalar(node).strip())
         if not match or not (match["number"] or match["pi"]):
             raise ValueError(f"{node.value[:40]} is no angle: give a number or a fraction of pi")
-        number = match["number"]
-        if number in ("", "-", "+"):  # "pi" and "-pi" have no digits.
-            number += "1"
-        angle = float(number)
+        number_text = match["number"]
+        if number_text in ("", "-", "+"):  # "pi" and "-pi" have no digits.
+            number_text += "1"
+        angle = float(number_text)
         if match["pi"]:
             angle *= math.pi
         return angle / float(match["divisor"] or 1.0) * unit
@@ -73,8 +73,9 @@ def read_yaml(path: Any) -> Dict[str, Any]:
 
     Raise ApplrError if it holds anything else.
     """
-    text = read_bytes(path).decode("utf-8-sig", "replace")  # Comments may have another encoding.
-    content = yaml_value(text, path, Loader)
+    # Comments may have another encoding.
+    yaml_text = read_bytes(path).decode("utf-8-sig", "replace")
+    content = yaml_value(yaml_text, path, Loader)
     if not isinstance(content or {}, dict):
         raise ApplrError(f"{path}: contains no mapping; give lines such as name: value")
     return content or {}
@@ -88,10 +89,10 @@ def nested(path: str) -> Dict[str, Any]:
 def of_move_base(tree: Dict[str, Any]) -> Dict[str, Any]:
     """Return the level named move_base in nested parameters, or all if there is none."""
     # A dump of the parameter server has the parameters of all nodes.
-    levels = list(_move_bases(tree))
-    if len(levels) > 1:
+    move_base_levels = list(_move_bases(tree))
+    if len(move_base_levels) > 1:
         raise ApplrError("the parameters contain more than one move_base: give those of one robot")
-    for level in levels:
+    for level in move_base_levels:
         return level
     return tree
 
@@ -102,17 +103,17 @@ def observation_sources(
     """Yield (path of the layer, name, values) of a costmap's observation sources."""
     for layer in layers(costmap, full[costmap], OBSTACLE_LAYER):
         section = branch(full, layer.path)
-        for name in sources(section):
-            yield layer.path, name, section[name]
+        for source_name in sources(section):
+            yield layer.path, source_name, section[source_name]
 
 
 def too_deep(tree: Dict[str, Any]) -> Iterator[str]:
     """Yield an error for each section that move_base does not read, inside another one."""
-    for outer in tree:
-        for name in PLACES:
-            if branch(tree, f"{outer}/{name}"):
-                remedy = f"remove the level {outer} from the parameter file, or from its namespace"
-                yield f"{outer}/{name} is one level too deep for move_base: {remedy}"
+    for parent in tree:
+        for section_name in PLACES:
+            if branch(tree, f"{parent}/{section_name}"):
+                remedy = f"remove the level {parent} from the parameter file, or from its namespace"
+                yield f"{parent}/{section_name} is one level too deep for move_base: {remedy}"
 
 
 def _move_bases(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
@@ -129,9 +130,9 @@ def _levels(content: Dict[str, Any]) -> Dict[str, Any]:
     tree: Dict[str, Any] = {}
     for name, value in content.items():
         # A file may have both a/b: 1 and a section a: both are merged.
-        path, _, last = str(name).strip("/").rpartition("/")
+        section_path, _, last_name = str(name).strip("/").rpartition("/")
         if isinstance(value, dict):
             value = _levels(value)
-        section = branch(tree, path, create=True)
-        section.update(merged({last: section.get(last)}, {last: value}))
+        section = branch(tree, section_path, create=True)
+        section.update(merged({last_name: section.get(last_name)}, {last_name: value}))
     return tree

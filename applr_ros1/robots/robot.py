@@ -402,13 +402,15 @@ class SpaceParameter(Section):
     @model_validator(mode="after")
     def _agrees(self) -> SpaceParameter:
         """Raise ValueError for a range without values, or one that its integers do not fit."""
-        low, high = self.range
-        if not low < high:
+        lowest, highest = self.range
+        if not lowest < highest:
             raise ValueError(
-                f"range is [{low:g}, {high:g}]: give a smaller number and a larger one"
+                f"range is [{lowest:g}, {highest:g}]: give a smaller number and a larger one"
             )
-        if self.integer and not (low.is_integer() and high.is_integer()):
-            raise ValueError(f"range is [{low:g}, {high:g}]: give whole numbers for an integer")
+        if self.integer and not (lowest.is_integer() and highest.is_integer()):
+            raise ValueError(
+                f"range is [{lowest:g}, {highest:g}]: give whole numbers for an integer"
+            )
         if self.sets[0].negated:
             raise ValueError(
                 "sets[0] is negated: first give a value with the sign of the parameter"
@@ -427,9 +429,9 @@ class ParameterFile(Section):
 
         Raise ApplrError if it cannot be read.
         """
-        values = of_move_base(nested(os.path.join(folder, self.file)))
+        file_parameters = of_move_base(nested(os.path.join(folder, self.file)))
         tree: Dict[str, Any] = {}
-        branch(tree, self.namespace, create=True).update(values)
+        branch(tree, self.namespace, create=True).update(file_parameters)
         return tree
 
 
@@ -444,8 +446,8 @@ class FileGroup(Section):
 
     def loaded_over(self, tree: Dict[str, Any], folder: str) -> Dict[str, Any]:
         """Return `tree` with the parameters of this group, read from `folder`, on top."""
-        for file in self.files:
-            tree = merged(tree, file.loaded(folder))
+        for parameter_file in self.files:
+            tree = merged(tree, parameter_file.loaded(folder))
         return merged(tree, self.parameters)
 
 

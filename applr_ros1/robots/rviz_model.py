@@ -26,11 +26,13 @@ def urdf(robot: Robot) -> str:
     laser_cylinder = _cylinder(laser_size / 2, laser_size)
 
     lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(robot.name)}>"]
-    for colour, rgba in _COLOURS:
-        lines.append(f'  <material name="{colour}"><color rgba="{rgba}"/></material>')
+    for colour_name, colour_value in _COLOURS:
+        lines.append(f'  <material name="{colour_name}"><color rgba="{colour_value}"/></material>')
     visuals = [_body(robot.body), *_wheels(robot.base), *_casters(robot)]
     lines += _link(robot.frames.base, visuals)
     lines += _link(laser.frame, [_visual((0.0, 0.0, 0.0), laser_cylinder, "black")])
+
+    # The joint places the laser's link on the base, at the height of the scans.
     x, y, yaw = laser.pose
     lines += [
         '  <joint name="laser_mount" type="fixed">',
@@ -46,30 +48,30 @@ def urdf(robot: Robot) -> str:
 def _body(body: Body) -> str:
     """Return the line of the body, a box or a cylinder."""
     length, width, height = body.size
-    shape = f'<box size="{length:g} {width:g} {height:g}"/>'
+    shape_tag = f'<box size="{length:g} {width:g} {height:g}"/>'
     if body.round:
         # URDF has no elliptic cylinder: an oval body is drawn with its mean radius.
-        shape = _cylinder((length + width) / 4, height)
+        shape_tag = _cylinder((length + width) / 4, height)
     x, y = body.centre
-    return _visual((x, y, body.bottom + height / 2), shape, "body")
+    return _visual((x, y, body.bottom + height / 2), shape_tag, "body")
 
 
 def _wheels(base: Base) -> Iterator[str]:
     """Yield the line of each driven wheel."""
-    wheel = _cylinder(base.wheel_radius, base.wheel_width)
+    wheel_tag = _cylinder(base.wheel_radius, base.wheel_width)
     for x, y in geometry.wheel_places(base):
         # A cylinder stands upright unless it is turned by 90 degrees.
-        yield _visual((x, y, base.axle_height), wheel, "black", turn="1.5708 0 0")
+        yield _visual((x, y, base.axle_height), wheel_tag, "black", turn="1.5708 0 0")
 
 
 def _casters(robot: Robot) -> Iterator[str]:
     """Yield the line of each caster, a ball that fills the space between ground and body."""
     base = robot.base
-    ground = base.axle_height - base.wheel_radius
-    radius = max((robot.body.bottom - ground) / 2, 0.1 * base.wheel_radius)
-    ball = f'<sphere radius="{radius:g}"/>'
+    ground_height = base.axle_height - base.wheel_radius
+    radius = max((robot.body.bottom - ground_height) / 2, 0.1 * base.wheel_radius)
+    ball_tag = f'<sphere radius="{radius:g}"/>'
     for x, y in base.casters:
-        yield _visual((x, y, ground + radius), ball, "black")
+        yield _visual((x, y, ground_height + radius), ball_tag, "black")
 
 
 def _link(name: str, visuals: List[str]) -> List[str]:
@@ -77,13 +79,15 @@ def _link(name: str, visuals: List[str]) -> List[str]:
     return [f"  <link name={quoteattr(name)}>", *visuals, "  </link>"]
 
 
-def _visual(place: Tuple[float, float, float], shape: str, colour: str, turn: str = "0 0 0") -> str:
-    """Return the line of a shape at a place (x, y, z) [m]; `turn` is roll, pitch, yaw [rad]."""
-    x, y, z = place
-    origin = f'<origin xyz="{x:g} {y:g} {z:g}" rpy="{turn}"/>'
+def _visual(
+    position: Tuple[float, float, float], shape: str, colour: str, turn: str = "0 0 0"
+) -> str:
+    """Return the line of a shape at a position (x, y, z) [m]; `turn` is roll, pitch, yaw [rad]."""
+    x, y, z = position
+    origin_tag = f'<origin xyz="{x:g} {y:g} {z:g}" rpy="{turn}"/>'
     geometry_tag = f"<geometry>{shape}</geometry>"
-    material = f'<material name="{colour}"/>'
-    return f"    <visual>{origin}{geometry_tag}{material}</visual>"
+    material_tag = f'<material name="{colour}"/>'
+    return f"    <visual>{origin_tag}{geometry_tag}{material_tag}</visual>"
 
 
 def _cylinder(radius: float, length: float) -> str:
@@ -93,5 +97,7 @@ def _cylinder(radius: float, length: float) -> str:
 def main() -> None:
     """Print the model of the robot named by the first argument, by default the Jackal."""
     arguments = without_remappings()
-    name = arguments[0] if arguments else "jackal"
-    sys.stdout.write(urdf(load(name)))
+    robot_name = "jackal"
+    if arguments:
+        robot_name = arguments[0]
+    sys.stdout.write(urdf(load(robot_name)))

@@ -79,20 +79,21 @@ def describe(
 def _wheels(urdf: UrdfFile, driven: List[str], notes: List[str]) -> List[Any]:
     """Return the joints of the driven wheels, left side first, or none if they are unknown."""
     # From the surest source to the least sure one
-    names = driven or _names_in_drive_plugins(urdf)
+    joint_names = driven or _names_in_drive_plugins(urdf)
     if driven:
         origin = "the controller's file"
-    elif names:
+    elif joint_names:
         origin = "the drive plugin"
     else:
         origin = "pairs of continuous joints"
-    absent = sorted(set(names) - set(urdf.joints))
-    if names:
-        joints = [urdf.joints[name] for name in dict.fromkeys(names) if name in urdf.joints]
+    missing_names = sorted(set(joint_names) - set(urdf.joints))
+    if joint_names:
+        unique_names = dict.fromkeys(joint_names)
+        joints = [urdf.joints[name] for name in unique_names if name in urdf.joints]
     else:
         joints = [joint for joint in urdf.joints.values() if _turns_alone(urdf, joint)]
-    if absent:
-        problem = f"{origin} names {', '.join(absent)}, which {urdf.path} does not have"
+    if missing_names:
+        problem = f"{origin} names {', '.join(missing_names)}, which {urdf.path} does not have"
     else:
         problem = _why_no_wheels(urdf, joints)
     if problem:
@@ -109,14 +110,14 @@ def _names_of(joints: List[Any]) -> str:
 
 def _names_in_drive_plugins(urdf: UrdfFile) -> List[str]:
     """Return the names of the driven joints in the tags of Gazebo's drive plugins."""
-    names: List[str] = []
+    joint_names: List[str] = []
     for plugin in urdf.xml.iter("plugin"):
         if not _DRIVE_PLUGIN.search(str(plugin.get("filename"))):
             continue
         for tag in plugin.iter():
             if _DRIVEN_TAG.match(tag.tag):
-                names += re.split(r"[\s,]+", (tag.text or "").strip())
-    return list(filter(None, names))
+                joint_names += re.split(r"[\s,]+", (tag.text or "").strip())
+    return list(filter(None, joint_names))
 
 
 def _turns_alone(urdf: UrdfFile, joint: Any) -> bool:
@@ -124,8 +125,8 @@ def _turns_alone(urdf: UrdfFile, joint: Any) -> bool:
     if joint.type != "continuous" or not _is_across(urdf, joint):
         return False
     # The wheel of a caster hangs below the caster's swivel, which is continuous, too.
-    above = urdf.moving[joint.child][1:]
-    return not any(other.type == "continuous" for other in above)
+    joints_above = urdf.moving[joint.child][1:]
+    return not any(joint_above.type == "continuous" for joint_above in joints_above)
 
 
 def _is_across(urdf: UrdfFile, joint: Any) -> bool:
@@ -136,8 +137,8 @@ def _is_across(urdf: UrdfFile, joint: Any) -> bool:
 
 def _is_steered(urdf: UrdfFile, joint: Any) -> bool:
     """Return whether a joint hangs below another one with a vertical axis."""
-    for above in urdf.moving[joint.child][1:]:
-        _, _, z = urdf.axis(above)
+    for joint_above in urdf.moving[joint.child][1:]:
+        _, _, z = urdf.axis(joint_above)
         if abs(z) > LEAST_UPRIGHT_COS:
             return True
     return False
@@ -148,19 +149,20 @@ def _why_no_wheels(urdf: UrdfFile, joints: List[Any]) -> str:
     sideways = _sideways_name(urdf, joints)
     if sideways:
         return f"{sideways} belongs to a base that also drives sideways, which is not supported"
-    places = np.empty((len(joints), 3))
+    wheel_centres = np.empty((len(joints), 3))
     for row, joint in enumerate(joints):
         is_across = joint.type == "continuous" and _is_across(urdf, joint)
         if not is_across or _is_steered(urdf, joint):
             return f"{joint.name} is steered, or not continuous about a lateral axis"
-        places[row] = urdf.pose(joint.child)[:3, 3]
+        wheel_centres[row] = urdf.pose(joint.child)[:3, 3]
     # The wheels of both sides, from rear to front, mirror each other.
-    places = places[np.argsort(places[:, 0])]
-    left = places[places[:, 1] > 0]
-    right = places[places[:, 1] < 0]
-    is_paired = len(left) == len(right) and len(joints) in (2, 4)
-    is_paired = is_paired and np.allclose(left, right * [1.0, -1.0, 1.0], atol=SAME_M)
-    is_one_axle = len(left) == 2 and np.ptp(left[:, 0]) < SAME_M
+    wheel_centres = wheel_centres[np.argsort(wheel_centres[:, 0])]
+    left_centres = wheel_centres[wheel_centres[:, 1] > 0]
+    right_centres = wheel_centres[wheel_centres[:, 1] < 0]
+    mirrored_centres = right_centres * [1.0, -1.0, 1.0]
+    is_paired = len(left_centres) == len(right_centres) and len(joints) in (2, 4)
+    is_paired = is_paired and np.allclose(left_centres, mirrored_centres, atol=SAME_M)
+    is_one_axle = len(left_centres) == 2 and np.ptp(left_centres[:, 0]) < SAME_M
     if not is_paired or is_one_axle:
         return f"the candidate joints ({_names_of(joints)}) do not form one or two pairs"
     return ""
@@ -169,13 +171,13 @@ def _why_no_wheels(urdf: UrdfFile, joints: List[Any]) -> str:
 def _sideways_name(urdf: UrdfFile, joints: List[Any]) -> str:
     """Return a name that belongs to an omnidirectional base, or ""."""
     # Nothing in a URDF says that a wheel has rollers, but its names do.
-    names = []
+    candidate_names = []
     for joint in joints:
-        names += [joint.name, joint.child]
+        candidate_names += [joint.name, joint.child]
     if len(joints) != 2:  # Two wheels cannot drive sideways, whatever plugins the file has.
         for plugin in urdf.xml.iter("plugin"):
-            names.append(str(plugin.get("filename")))
-    return next(filter(_SIDEWAYS.search, names), "")
+            candidate_names.append(str(plugin.get("filename")))
+    return next(filter(_SIDEWAYS.search, candidate_names), "")
 
 
 def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
@@ -192,23 +194,23 @@ def _base(urdf: UrdfFile, joints: List[Any], description: Description) -> None:
         centres.append(wheel.centre)
     x, y, z = np.array(centres).T
     base = description.values["base"]
-    half = len(joints) // 2  # The left side comes first.
+    wheels_per_side = len(joints) // 2  # The left side comes first.
     base["drive"] = "two_wheel"
-    base["track"] = float(y[:half].mean() - y[half:].mean())
+    base["track"] = float(y[:wheels_per_side].mean() - y[wheels_per_side:].mean())
     base["axle_height"] = float(z.mean())
-    if half == 2:
+    if wheels_per_side == 2:
         base["drive"] = "skid_steer"
         base["wheelbase"] = float(np.ptp(x))
     # Wheels of different sizes are asked for: the model has one radius and one width.
-    for name, values in (("wheel_radius", radii), ("wheel_width", widths)):
-        if all(values) and np.ptp(values) < SAME_M:
-            base[name] = float(np.mean(values))
-    middle = float(x.mean())
-    if abs(middle) > SAME_M:
+    for field_name, sizes in (("wheel_radius", radii), ("wheel_width", widths)):
+        if all(sizes) and np.ptp(sizes) < SAME_M:
+            base[field_name] = float(np.mean(sizes))
+    centre_x = float(x.mean())
+    if abs(centre_x) > SAME_M:
         description.notes.append(
-            f"the centre of the wheels is at x = {middle:.3f} m in {urdf.base}, but the simulators "
-            "place it at the origin: give base.casters and body.com relative to the centre of the "
-            "wheels"
+            f"the centre of the wheels is at x = {centre_x:.3f} m in {urdf.base}, but the "
+            "simulators place it at the origin: give base.casters and body.com relative to the "
+            "centre of the wheels"
         )
 
 
@@ -224,18 +226,18 @@ def _wheel(urdf: UrdfFile, joint: Any) -> _Wheel:
     """Return the wheel that turns with a joint, as its collision shapes define it."""
     shapes: List[Array] = []
     collision_count = 0
-    for name in urdf.parts(joint):
-        shapes += urdf.shapes(name)
-        collision_count += len(urdf.links[name].collisions)
+    for link_name in urdf.parts(joint):
+        shapes += urdf.shapes(link_name)
+        collision_count += len(urdf.links[link_name].collisions)
     # A mesh that was not found, or a box, says nothing about the radius.
-    low, high = _extent(shapes)
-    length, width, height = high - low
+    lowest, highest = _extent(shapes)
+    length, width, height = highest - lowest
     is_round = abs(length - height) < 0.1 * height
     if len(shapes) < collision_count or not is_round:
         return _Wheel(radius=0.0, width=0.0, centre=urdf.pose(joint.child)[:3, 3])
     if width >= 0.9 * height:  # A wheel modelled as a sphere has no known width.
         width = 0.0
-    return _Wheel(float(height / 2), float(width), (low + high) / 2)
+    return _Wheel(float(height / 2), float(width), (lowest + highest) / 2)
 
 
 def _extent(shapes: List[Array]) -> Tuple[Array, Array]:
@@ -259,28 +261,28 @@ def _body(
     # Without wheels nothing is above the axles, and the outline is asked for.
     axle_height = base.get("axle_height", inf)
     shapes = []
-    for name, moving_joints in urdf.moving.items():
+    for link_name, moving_joints in urdf.moving.items():
         if moving_joints:
             continue
-        for shape in urdf.shapes(name):
+        for shape in urdf.shapes(link_name):
             if shape[:, 2].max() > axle_height:
                 shapes.append(shape)
-    low, high = _extent(shapes)
-    ground = axle_height - base.get("wheel_radius", inf)
+    lowest, highest = _extent(shapes)
+    ground_height = axle_height - base.get("wheel_radius", inf)
     # A box that is too large stops the robot at doors, one that is too small lets it touch.
     if urdf.lost:
-        meshes = ", ".join(sorted(urdf.lost))
-        problem = f"{meshes} is missing (put its package beside the package of the URDF)"
+        mesh_names = ", ".join(sorted(urdf.lost))
+        problem = f"{mesh_names} is missing (put its package beside the package of the URDF)"
     elif not shapes:
         problem = "no fixed collision shapes above the axles are known"
-    elif low[2] < ground + CLEARANCE_M:
+    elif lowest[2] < ground_height + CLEARANCE_M:
         problem = "the fixed collision shapes reach down to the ground, as casters do"
-    elif high[1] - low[1] < base["track"] / 2:
+    elif highest[1] - lowest[1] < base["track"] / 2:
         problem = "the fixed collision shapes are narrower than half the track"
     else:
-        body["size"] = (high - low).tolist()
-        body["centre"] = ((low + high) / 2)[:2].tolist()
-        body["bottom"] = float(low[2])
+        body["size"] = (highest - lowest).tolist()
+        body["centre"] = ((lowest + highest) / 2)[:2].tolist()
+        body["bottom"] = float(lowest[2])
         _note_excluded_links(urdf, joints, description.notes)
         return
     description.notes.append(f"outline not identified: {problem}; fill it in")
@@ -292,14 +294,14 @@ def _body(
 
 def _note_excluded_links(urdf: UrdfFile, joints: List[Any], notes: List[str]) -> None:
     """Add a note about moving links with collision shapes that are no parts of wheels."""
-    driven = {joint.name for joint in joints}
-    excluded = []
-    for name, movable in urdf.moving.items():
-        is_wheel = any(joint.name in driven for joint in movable)
-        if movable and not is_wheel and urdf.links[name].collisions:
-            excluded.append(name)
-    if excluded:
-        notes.append(f"the outline excludes moving links: {', '.join(excluded)}")
+    driven_names = {joint.name for joint in joints}
+    excluded_links = []
+    for link_name, joints_above in urdf.moving.items():
+        is_wheel = any(joint.name in driven_names for joint in joints_above)
+        if joints_above and not is_wheel and urdf.links[link_name].collisions:
+            excluded_links.append(link_name)
+    if excluded_links:
+        notes.append(f"the outline excludes moving links: {', '.join(excluded_links)}")
 
 
 def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Description) -> None:
@@ -345,28 +347,28 @@ def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Descripti
 def _ray_sensors(urdf: UrdfFile) -> Dict[str, List[Any]]:
     """Return the tags of Gazebo's ray sensors by their links."""
     sensors: Dict[str, List[Any]] = {}
-    for holder in urdf.xml.findall("gazebo"):
-        for sensor in holder.findall("sensor"):
+    for gazebo_tag in urdf.xml.findall("gazebo"):
+        for sensor in gazebo_tag.findall("sensor"):
             if sensor.get("type") in _RAYS:
-                sensors.setdefault(str(holder.get("reference")), []).append(sensor)
+                sensors.setdefault(str(gazebo_tag.get("reference")), []).append(sensor)
     return sensors
 
 
 def _sensor_values(sensor: Any, is_upside_down: bool) -> Dict[str, Any]:
     """Return the values of a ray sensor by field of robot.yaml, without missing ones."""
-    numbers = {name: _number(sensor, tag) for name, tag in _TAGS.items()}
+    numbers = {field_name: _number(sensor, tag) for field_name, tag in _TAGS.items()}
     # Gazebo interpolates between rays: `resolution` times as many ranges are published.
     ranges_per_ray = _number(sensor, ".//horizontal/resolution")
     if isfinite(ranges_per_ray):
         numbers["beams"] *= ranges_per_ray
     if is_upside_down:  # Its angles run clockwise, seen from above.
-        first = numbers["first_angle"]
-        last = numbers["last_angle"]
-        numbers.update(first_angle=-last, last_angle=-first)
+        first_angle = numbers["first_angle"]
+        last_angle = numbers["last_angle"]
+        numbers.update(first_angle=-last_angle, last_angle=-first_angle)
     values: Dict[str, Any] = {}
-    for name, number in numbers.items():
+    for field_name, number in numbers.items():
         if isfinite(number):
-            values[name] = int(number) if name == "beams" else number
+            values[field_name] = int(number) if field_name == "beams" else number
     return values
 
 

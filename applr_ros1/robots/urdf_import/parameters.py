@@ -121,25 +121,25 @@ class Parameters:
             topics.
         """
         scan_topic = topic.strip("/")
-        kept: Dict[str, List[str]] = {}  # names of the sources on the scan's topic by layer
-        others: Dict[str, List[str]] = {}  # topics of the other sources by layer
-        for layer, name, source in self.sources():
+        kept_sources: Dict[str, List[str]] = {}  # names of the sources on the scan's topic by layer
+        other_topics: Dict[str, List[str]] = {}  # topics of the other sources by layer
+        for layer, source_name, source in self.sources():
             source_topic = source["topic"].strip("/")
-            kept.setdefault(layer, [])
+            kept_sources.setdefault(layer, [])
             if source_topic == scan_topic:
-                kept[layer].append(name)
+                kept_sources[layer].append(source_name)
             else:
-                others.setdefault(layer, []).append(source_topic)
+                other_topics.setdefault(layer, []).append(source_topic)
         # A simulated robot has one laser: a layer would wait for its other sources.
         changes: Dict[str, Any] = {}
-        for layer in sorted(others):
-            place = layer.partition("/")[0]
+        for layer in sorted(other_topics):
+            list_owner = layer.partition("/")[0]
             # Without the list `plugins`, C++ reads the sources of all layers at the costmap.
-            if "plugins" in branch(self.tree, place):
-                place = layer
-            section = branch(changes, place, create=True)
-            section["observation_sources"] = " ".join(kept[layer])
-        return changes, set().union(*others.values())
+            if "plugins" in branch(self.tree, list_owner):
+                list_owner = layer
+            section = branch(changes, list_owner, create=True)
+            section["observation_sources"] = " ".join(kept_sources[layer])
+        return changes, set().union(*other_topics.values())
 
     def without_map(self, odom: str, size: int) -> Dict[str, Any]:
         """Return the changes for a course without a map.
@@ -165,30 +165,30 @@ class Parameters:
 
     def _costmap_without_map(self, costmap: str, odom: str) -> Dict[str, Any]:
         """Return the changes of a costmap: the odometry's frame, and no layers with a map."""
-        tree = branch(self.tree, costmap)
+        costmap_values = branch(self.tree, costmap)
         change: Dict[str, Any] = {}
         # costmap_2d's default is the frame "map".
-        if tree.get("global_frame", "map") != odom:
+        if costmap_values.get("global_frame", "map") != odom:
             change["global_frame"] = odom
-        if tree.get("static_map") and "plugins" not in tree:
+        if costmap_values.get("static_map") and "plugins" not in costmap_values:
             change["static_map"] = False
-        map_layers = [layer.name for layer in layers(costmap, tree, STATIC_LAYER)]
+        map_layers = [layer.name for layer in layers(costmap, costmap_values, STATIC_LAYER)]
         if map_layers:
             change["plugins"] = []
             # A global costmap with only the map gets the obstacle layers of the local costmap.
             if not list(observation_sources(self.full, costmap)):
                 change["plugins"] += self._local_obstacle_layers()
-            for entry in tree["plugins"]:
+            for entry in costmap_values["plugins"]:
                 if entry["name"] not in map_layers:
                     change["plugins"].append(entry)
         return change
 
     def _local_obstacle_layers(self) -> List[Dict[str, Any]]:
         """Return the entries in `plugins` of the local costmap's layers that have sources."""
-        paths = {path for path, _, _ in observation_sources(self.full, "local_costmap")}
+        layer_paths = {path for path, _, _ in observation_sources(self.full, "local_costmap")}
         entries = []
         for entry in branch(self.tree, "local_costmap").get("plugins", []):
-            if f"local_costmap/{entry['name']}" in paths:
+            if f"local_costmap/{entry['name']}" in layer_paths:
                 entries.append(entry)
         return entries
 
@@ -207,24 +207,25 @@ def read_parameter_files(specifications: Sequence[str]) -> Parameters:
     """
     parameters = Parameters()
     controllers: List[Dict[str, Any]] = []
-    for text in specifications:
-        path, _, place = text.partition(":")
+    for specification in specifications:
+        file_path, _, namespace_below = specification.partition(":")
         # A namespace may be given as it stands in a launch file or on the parameter server.
-        place = re.sub("^/?(move_base(/|$))?", "", place.rstrip("/"))
-        content = nested(path)
-        in_file = list(_controllers(content))
-        controllers += in_file
+        namespace_below = re.sub("^/?(move_base(/|$))?", "", namespace_below.rstrip("/"))
+        content = nested(file_path)
+        file_controllers = list(_controllers(content))
+        controllers += file_controllers
         values = of_move_base(content)
-        if in_file and not place and not set(values) & {*_NAMES[""], *NAMESPACES}:
+        has_move_base = bool(set(values) & {*_NAMES[""], *NAMESPACES})
+        if file_controllers and not namespace_below and not has_move_base:
             continue  # The file has a controller alone.
-        _check_namespace(path, place, values)
-        parameters.files.append((path, place))
+        _check_namespace(file_path, namespace_below, values)
+        parameters.files.append((file_path, namespace_below))
         # As for roslaunch, later files override earlier ones.
         tree: Dict[str, Any] = {}
-        branch(tree, place, create=True).update(values)
+        branch(tree, namespace_below, create=True).update(values)
         parameters.tree = merged(parameters.tree, tree)
-    for line in too_deep(parameters.tree):
-        raise ApplrError(line)  # Only the first error is reported.
+    for error_message in too_deep(parameters.tree):
+        raise ApplrError(error_message)  # Only the first error is reported.
     if not branch(parameters.tree, "local_costmap"):
         remedy = "give all files that the launch file loads"
         raise ApplrError(f"the parameter files have no local_costmap: {remedy}")
@@ -236,27 +237,28 @@ def read_parameter_files(specifications: Sequence[str]) -> Parameters:
     elif controllers:
         parameters.limits = _limits(controllers[0])
         parameters.driven = _driven(controllers[0])
-    present = [plugin for plugin in LOCAL_PLANNERS if namespace(plugin) in parameters.tree]
+    present_planners = [plugin for plugin in LOCAL_PLANNERS if namespace(plugin) in parameters.tree]
     # The files do not name the planner: a launch file, which is not read, does.
-    if "base_local_planner" not in parameters.tree and present == [LOCAL_PLANNERS[1]]:
-        parameters.added["base_local_planner"] = present[0]
+    if "base_local_planner" not in parameters.tree and present_planners == [LOCAL_PLANNERS[1]]:
+        parameters.added["base_local_planner"] = present_planners[0]
     parameters.tree = merged(parameters.tree, parameters.added)
     parameters.full = complete(parameters.tree)
     return parameters
 
 
-def _check_namespace(path: str, place: str, values: Dict[str, Any]) -> None:
+def _check_namespace(path: str, namespace_below: str, values: Dict[str, Any]) -> None:
     """Raise ApplrError if a file of a costmap or local planner is given without its namespace."""
-    if place:
+    if namespace_below:
         return
     # At move_base itself, these parameters would have no effect, which nobody would notice.
-    for name in values:
-        places = [place for place in NAMESPACES if name in _NAMES[place]]
-        if places and "" not in places:
-            choices = " and ".join(f"{path}:{place}" for place in places)
+    for parameter_name in values:
+        owners = [owner for owner in NAMESPACES if parameter_name in _NAMES[owner]]
+        if owners and "" not in owners:
+            choices = " and ".join(f"{path}:{owner}" for owner in owners)
             raise ApplrError(
-                f"{path}: {name} is no parameter of move_base itself: give the namespace of the "
-                f"file in your launch file ({choices}), or omit a file of another node"
+                f"{path}: {parameter_name} is no parameter of move_base itself: give the "
+                f"namespace of the file in your launch file ({choices}), or omit a file of another "
+                "node"
             )
 
 
@@ -275,25 +277,27 @@ def _driven(controller: Dict[str, Any]) -> List[str]:
     """Return the joints driven by a controller."""
     joints: List[str] = []
     for side in ("left_wheel", "right_wheel"):
-        names = controller.get(side, [])
-        if not isinstance(names, list):  # A controller of two wheels may name one without a list.
-            names = [names]
-        joints += map(str, names)
+        side_joints = controller.get(side, [])
+        # A controller of two wheels may name one without a list.
+        if not isinstance(side_joints, list):
+            side_joints = [side_joints]
+        joints += map(str, side_joints)
     return joints
 
 
 def _limits(controller: Dict[str, Any]) -> Dict[str, float]:
     """Return the limits of a controller, by field of robot.yaml's section base."""
     limits: Dict[str, float] = {}
-    for axis, kind, field_name in (
+    for axis_path, limit_kind, field_name in (
         ("linear/x", "velocity", "max_speed"),
         ("linear/x", "acceleration", "max_acceleration"),
         ("angular/z", "velocity", "max_yaw_rate"),
         ("angular/z", "acceleration", "max_yaw_acceleration"),
     ):
-        limit = number_at(controller, axis, (f"max_{kind}",))
+        limit = number_at(controller, axis_path, (f"max_{limit_kind}",))
         # A limit counts only if its has_..._limits is true (diff_drive_controller).
-        if branch(controller, axis).get(f"has_{kind}_limits") is True and limit is not None:
+        counts = branch(controller, axis_path).get(f"has_{limit_kind}_limits") is True
+        if counts and limit is not None:
             limits[field_name] = limit
     # Another controller may wait without a limit.
     if "diff_drive_controller" in str(controller.get("type")):

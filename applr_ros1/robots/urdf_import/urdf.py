@@ -32,11 +32,11 @@ def _find_packages(path: str) -> None:
     if package is None:
         return
     # Packages beside this one, or beside its repository
-    for root in (package.parent.parent, package.parent):
+    for parent in (package.parent.parent, package.parent):
         packages = {}
-        for manifest in (*root.glob("*/package.xml"), *root.glob("*/*/package.xml")):
-            name = str(ElementTree.parse(manifest).findtext("name")).strip()
-            packages[name] = manifest.parent
+        for manifest in (*parent.glob("*/package.xml"), *parent.glob("*/*/package.xml")):
+            package_name = str(ElementTree.parse(manifest).findtext("name")).strip()
+            packages[package_name] = manifest.parent
         xacrodoc.packages.update_package_cache(packages)
 
 
@@ -102,9 +102,9 @@ class UrdfFile:
         content = read_bytes(path)
         _find_packages(path)
         is_xacro = path.endswith(".xacro")
-        text = _expanded(path, arguments) if is_xacro else plain_xml(content)
+        urdf_text = _expanded(path, arguments) if is_xacro else plain_xml(content)
         with _named(path):
-            self.xml = ElementTree.fromstring(text)
+            self.xml = ElementTree.fromstring(urdf_text)
         if not is_xacro:
             for element in self.xml.iter():
                 if "xacro}" in element.tag or "${" in str(element.attrib):
@@ -116,28 +116,29 @@ class UrdfFile:
         # yourdfpy warns about joints that mimic others.
         logging.getLogger("yourdfpy").setLevel(logging.ERROR)
         with _named(path):
-            file = io.BytesIO(ElementTree.tostring(self.xml))
-            self._urdf = yourdfpy.URDF.load(file, load_meshes=False)
+            xml_file = io.BytesIO(ElementTree.tostring(self.xml))
+            self._urdf = yourdfpy.URDF.load(xml_file, load_meshes=False)
         self.links = self._urdf.link_map
         self.joints = self._urdf.joint_map
         # A link has one parent.
         self._joint_to = {joint.child: joint for joint in self.joints.values()}
         self.base = base_frame
         if base_frame not in self.links:
-            usual = next((name for name in BASES if name in self.links), self._urdf.base_link)
+            usual_names = [name for name in BASES if name in self.links]
+            advised_name = usual_names[0] if usual_names else self._urdf.base_link
             raise ApplrError(
                 f"{path} has no link {base_frame}, the robot_base_frame of the parameter files: "
-                f"add it to the URDF with a fixed joint, or set robot_base_frame: {usual} in a "
-                "copy of the parameter file"
+                "add it to the URDF with a fixed joint, or set robot_base_frame: "
+                f"{advised_name} in a copy of the parameter file"
             )
         # Joints above the base frame move the robot as a whole.
         above_base = {joint.name for joint in self._above(base_frame)}
         self.moving: Dict[str, List[Any]] = {}
-        for name in self.links:
-            self.moving[name] = []
-            for joint in self._above(name):
+        for link_name in self.links:
+            self.moving[link_name] = []
+            for joint in self._above(link_name):
                 if joint.type != "fixed" and joint.name not in above_base:
-                    self.moving[name].append(joint)
+                    self.moving[link_name].append(joint)
 
     def _above(self, link: str) -> Iterator[Any]:
         """Yield the joints from a link to the root."""
@@ -157,7 +158,7 @@ class UrdfFile:
 
     def parts(self, joint: Any) -> List[str]:
         """Return the links that turn with a joint and do not move relative to its child."""
-        return [name for name, joints in self.moving.items() if joints[:1] == [joint]]
+        return [link_name for link_name, joints in self.moving.items() if joints[:1] == [joint]]
 
     def shapes(self, link: str) -> List[Array]:
         """Return the vertices (n, 3) [m] of each collision shape of a link in the base frame.
@@ -167,12 +168,12 @@ class UrdfFile:
         shapes = []
         for collision in self.links[link].collisions:
             vertices = self._vertices(collision.geometry)
-            pose = self.pose(link)
+            shape_pose = self.pose(link)
             if collision.origin is not None:
-                pose = pose @ collision.origin
+                shape_pose = shape_pose @ collision.origin
             if len(vertices):
-                rotation = pose[:3, :3]
-                position = pose[:3, 3]
+                rotation = shape_pose[:3, :3]
+                position = shape_pose[:3, 3]
                 shapes.append(vertices @ rotation.T + position)
         return shapes
 
@@ -189,11 +190,11 @@ class UrdfFile:
             return trimesh.creation.cylinder(shape.cylinder.radius, shape.cylinder.length).vertices
         if shape.sphere is not None:
             return trimesh.creation.icosphere(radius=shape.sphere.radius).vertices
-        file = self._mesh_file(shape.mesh.filename)
-        if not os.path.isfile(file):
+        mesh_file = self._mesh_file(shape.mesh.filename)
+        if not os.path.isfile(mesh_file):
             self.lost.add(shape.mesh.filename)
             return np.zeros((0, 3))
-        mesh: Any = trimesh.load(file, force="mesh", skip_materials=True)
+        mesh: Any = trimesh.load(mesh_file, force="mesh", skip_materials=True)
         vertices = mesh.vertices
         # RViz and Gazebo read Collada files in the file's own unit.
         if mesh.units:
@@ -206,11 +207,11 @@ class UrdfFile:
         """Return the path of a mesh, or "" if its package is missing."""
         import xacrodoc
 
-        package, _, inside = name.partition("package://")[2].partition("/")
+        package_name, _, inner_path = name.partition("package://")[2].partition("/")
         # Without package://, the path is relative to the URDF.
-        if not package:
+        if not package_name:
             return os.path.join(os.path.dirname(self.path), name.replace("file://", "", 1))
         try:
-            return os.path.join(xacrodoc.packages.get_path(package), inside)
+            return os.path.join(xacrodoc.packages.get_path(package_name), inner_path)
         except xacrodoc.packages.PackageNotFoundError:
             return ""

@@ -74,36 +74,36 @@ def robot_yaml(
     """
     units = "Lengths in m, masses in kg, angles in rad, times in s"
     lines = [f"# Made from {source}. {units}; positions in {values['frames']['base']}, x ahead."]
-    missing = []
+    missing_fields = []
     for section in _SECTIONS:
-        known = values.get(section, {})
-        asked = _asked(section, known)
+        known_values = values.get(section, {})
+        asked_fields = _asked(section, known_values)
         if values["base"].get("drive") == "skid_steer":
-            asked.pop("casters", None)
-        if known or asked:
+            asked_fields.pop("casters", None)
+        if known_values or asked_fields:
             lines.append(f"{section}:")
-        for name, value in known.items():
-            lines.append(f"  {name}: {flow(value)}")
+        for field_name, field_value in known_values.items():
+            lines.append(f"  {field_name}: {flow(field_value)}")
         # Unknown fields are comments, which the user completes.
-        for name, field in asked.items():
+        for field_name, field in asked_fields.items():
             unit = field.json_schema_extra["unit"]
-            about = field.description
+            meaning = field.description
             if unit:
-                about = f"[{unit}] {about}"
-            line = f"  # {name}: "
-            note = f"{section}.{name} {about}"
-            if (section, name) in hints:
-                value, origin = hints[section, name]
-                line += flow(value)
-                note += f"; {origin}: {flow(value)}"
+                meaning = f"[{unit}] {meaning}"
+            line = f"  # {field_name}: "
+            note = f"{section}.{field_name} {meaning}"
+            if (section, field_name) in hints:
+                field_value, origin = hints[section, field_name]
+                line += flow(field_value)
+                note += f"; {origin}: {flow(field_value)}"
                 source_of_value = f"proposal: {origin}"
             else:
-                source_of_value = _WHERE.get(name, _WHERE.get(section, ""))
-            line = f"{line.ljust(COMMENT_COLUMN)}  # {about}"
+                source_of_value = _WHERE.get(field_name, _WHERE.get(section, ""))
+            line = f"{line.ljust(COMMENT_COLUMN)}  # {meaning}"
             if source_of_value:
                 line += f"; {source_of_value}"
             lines.append(line)
-            missing.append(note)
+            missing_fields.append(note)
     move_base_lines = yaml.dump(
         {"move_base": move_base},
         None,
@@ -113,7 +113,7 @@ def robot_yaml(
         width=110,
     )
     lines += [f"world_scale: {flow(world_scale)}", move_base_lines]
-    return "\n".join(lines), missing
+    return "\n".join(lines), missing_fields
 
 
 def _asked(section: str, known: Mapping[str, Any]) -> Dict[str, Any]:
@@ -121,16 +121,17 @@ def _asked(section: str, known: Mapping[str, Any]) -> Dict[str, Any]:
     model: Any = RobotFile.model_fields[section].annotation
     also_asked = _ALSO_ASKED.get(section, ())
     asked_fields = {}
-    for name, field in model.model_fields.items():
-        if name not in known and (field.is_required() or name in also_asked):
-            asked_fields[name] = field
+    for field_name, field in model.model_fields.items():
+        if field_name not in known and (field.is_required() or field_name in also_asked):
+            asked_fields[field_name] = field
     return asked_fields
 
 
 def flow(value: Any) -> str:
     """Return a value as YAML on one line."""
-    text: str = yaml.dump(value, None, _Dumper, default_flow_style=True, width=1000)
-    return text.partition("\n...")[0].strip()  # YAML ends a document that is a scalar with "...".
+    yaml_text: str = yaml.dump(value, None, _Dumper, default_flow_style=True, width=1000)
+    # YAML ends a document that is a scalar with "...".
+    return yaml_text.partition("\n...")[0].strip()
 
 
 class _Dumper(yaml.SafeDumper):
@@ -163,12 +164,13 @@ def add_parameters(description: Description, parameters: Parameters) -> None:
     if odometry_topic:
         values["topics"]["odometry"] = odometry_topic
     # The monitor counts on no more than usual, even if the base's controller allows more.
-    base = values["base"]
-    usual = Monitoring()
+    base_values = values["base"]
+    defaults = Monitoring()
     values["monitor"] = {}
-    for limit, name in BRAKES.items():
-        if limit in base:
-            values["monitor"][name] = min(getattr(usual, name), base[limit])
+    for limit_field, monitor_field in BRAKES.items():
+        if limit_field in base_values:
+            usual_value = getattr(defaults, monitor_field)
+            values["monitor"][monitor_field] = min(usual_value, base_values[limit_field])
     values["simulation"] = {"grip_limit": GRIP}
 
 
@@ -182,27 +184,27 @@ def move_base_section(
         values: Known values of the robot, by section and field.
         size: Width of a global costmap [m] that covers the robot's courses.
     """
-    copies = copies_of(parameters)
+    copied_paths = copies_of(parameters)
     notes = []
-    files = []
-    for path, name in parameters.files:
-        file = {"file": copies[path]}
-        if name:
-            file["namespace"] = name
-        files.append(file)
-    section: Dict[str, Any] = {"files": files}
+    file_entries = []
+    for file_path, namespace in parameters.files:
+        file_entry = {"file": copied_paths[file_path]}
+        if namespace:
+            file_entry["namespace"] = namespace
+        file_entries.append(file_entry)
+    section: Dict[str, Any] = {"files": file_entries}
     if parameters.added:
         section["parameters"] = parameters.added
     # Courses of the simulators have no map.
     changes = parameters.without_map(values["frames"].get("odom", "odom"), size)
-    scan_alone, others = parameters.one_scan(values["topics"].get("scan", ""))
+    scan_alone, other_topics = parameters.one_scan(values["topics"].get("scan", ""))
     if changes:
         section["with_map"] = {}
-    if changes or others:
+    if changes or other_topics:
         section["without_map"] = {"parameters": merged(changes, scan_alone)}
         scan = "the laser scan"
-        if others:
-            scan += f", without {', '.join(sorted(others))}"
+        if other_topics:
+            scan += f", without {', '.join(sorted(other_topics))}"
         notes.append(
             "move_base.without_map, which applies on courses without a map, has a fixed global "
             f"costmap and only {scan}: correct it before your robot drives without a map"
@@ -215,21 +217,21 @@ def copies_of(parameters: Parameters) -> Dict[str, str]:
 
     Files that share a name are in subfolders.
     """
-    paths = dict(parameters.files)  # A file may be loaded into several namespaces.
-    counts = Counter(map(os.path.basename, paths))
-    copies = {}
-    for path in paths:
-        name = os.path.basename(path)
-        copies[path] = name
-        if counts[name] > 1:
-            copies[path] = f"{Path(path).resolve().parent.name}/{name}"
-    return copies
+    file_paths = dict(parameters.files)  # A file may be loaded into several namespaces.
+    name_counts = Counter(map(os.path.basename, file_paths))
+    copied_paths = {}
+    for file_path in file_paths:
+        file_name = os.path.basename(file_path)
+        copied_paths[file_path] = file_name
+        if name_counts[file_name] > 1:
+            copied_paths[file_path] = f"{Path(file_path).resolve().parent.name}/{file_name}"
+    return copied_paths
 
 
 def limits(planner: Dict[str, Any]) -> Dict[Tuple[str, str], Tuple[Any, str]]:
     """Return the local planner's limits as proposals for the base's, which are not lower."""
     hints: Dict[Tuple[str, str], Tuple[Any, str]] = {}
-    for field, names in (
+    for limit_field, parameter_names in (
         ("max_speed", ("max_vel_x", "max_vel_trans", "max_trans_vel")),
         ("max_yaw_rate", ("max_vel_theta", "max_rot_vel")),
         ("max_acceleration", ("acc_lim_x",)),
@@ -237,16 +239,16 @@ def limits(planner: Dict[str, Any]) -> Dict[Tuple[str, str], Tuple[Any, str]]:
     ):
         # Names of TrajectoryPlannerROS and DWAPlannerROS, in several versions
         proposals = []
-        for name in names:
-            limit = number_at(planner, "", (name,))
+        for parameter_name in parameter_names:
+            limit = number_at(planner, "", (parameter_name,))
             if limit is not None:
-                proposals.append((limit, f"the planner's {name}"))
+                proposals.append((limit, f"the planner's {parameter_name}"))
         if not proposals:
             continue
-        largest = max(proposals)
-        hints["base", field] = largest
-        if field in BRAKES:
-            default = getattr(Monitoring(), BRAKES[field])
-            usual = (default, "the default, which is below the planner's limit")
-            hints["monitor", BRAKES[field]] = min(largest, usual)
+        largest_proposal = max(proposals)
+        hints["base", limit_field] = largest_proposal
+        if limit_field in BRAKES:
+            default_deceleration = getattr(Monitoring(), BRAKES[limit_field])
+            default_hint = (default_deceleration, "the default, which is below the planner's limit")
+            hints["monitor", BRAKES[limit_field]] = min(largest_proposal, default_hint)
     return hints
