@@ -54,13 +54,13 @@ def to_cells(xy: ArrayLike) -> Ints:
 
 def fill_of(cylinders: ArrayLike) -> Cells:
     """Return the cells (30, 30) bool of the field that contain the centre of a cylinder (n, 3)."""
-    values = np.asarray(cylinders, dtype=np.float64).reshape(-1, 3)
-    cells = to_cells(values[:, :2])
+    circles = np.asarray(cylinders, dtype=np.float64).reshape(-1, 3)
+    cells = to_cells(circles[:, :2])
     # The cylinders of the corridor lie outside the field.
-    inside = np.all((cells >= 0) & (cells < (ROWS, COLS)), axis=1)
-    row, column = cells[inside].T
+    is_inside = np.all((cells >= 0) & (cells < (ROWS, COLS)), axis=1)
+    rows, columns = cells[is_inside].T
     filled = np.zeros((ROWS, COLS), dtype=bool)
-    filled[row, column] = True
+    filled[rows, columns] = True
     return filled
 
 
@@ -133,8 +133,8 @@ def kind(number: int) -> Tuple[float, int]:
 
     Each kind has 25 successive numbers.
     """
-    index = (number % COUNT) // WORLDS_PER_KIND
-    fill_index, rounds_index = divmod(index, len(SMOOTHING_ROUNDS))
+    kind_index = (number % COUNT) // WORLDS_PER_KIND
+    fill_index, rounds_index = divmod(kind_index, len(SMOOTHING_ROUNDS))
     return FILL_SHARES[fill_index], SMOOTHING_ROUNDS[rounds_index]
 
 
@@ -194,20 +194,20 @@ def draw_path(filled: Cells, rng: np.random.Generator) -> Optional[Ints]:
     The largest region that touches the first column must also be the largest that touches the last
     column. Return None if it is not, or if the search finds no path.
     """
-    free = search.free_space(filled, CLEARANCE_CELLS)
-    if not free.any(axis=0).all():
+    free_cells = search.free_space(filled, CLEARANCE_CELLS)
+    if not free_cells.any(axis=0).all():
         return None  # Most fields are rejected here, because a full column blocks every path.
-    regions, _ = scipy.ndimage.label(free)
-    sizes = np.bincount(regions.ravel())
-    sizes[0] = 0  # label of all blocked cells
+    regions, _ = scipy.ndimage.label(free_cells)
+    region_sizes = np.bincount(regions.ravel())
+    region_sizes[0] = 0  # label of all blocked cells
     first_column = regions[:, 0]
     last_column = regions[:, -1]
-    region = first_column[np.argmax(sizes[first_column])]
-    if region == 0 or region != last_column[np.argmax(sizes[last_column])]:
+    region = first_column[np.argmax(region_sizes[first_column])]
+    if region == 0 or region != last_column[np.argmax(region_sizes[last_column])]:
         return None
-    start = int(rng.choice(np.flatnonzero(first_column == region)))
-    goal = int(rng.choice(np.flatnonzero(last_column == region)))
-    return search.barn_path(free, (start, 0), (goal, COLS - 1))
+    start_row = int(rng.choice(np.flatnonzero(first_column == region)))
+    goal_row = int(rng.choice(np.flatnonzero(last_column == region)))
+    return search.barn_path(free_cells, (start_row, 0), (goal_row, COLS - 1))
 
 
 def generate_field(number: int, seed: int = SEED) -> Tuple[Cells, Ints]:
@@ -219,9 +219,9 @@ def generate_field(number: int, seed: int = SEED) -> Tuple[Cells, Ints]:
     rng = np.random.default_rng([seed, number])
     while True:
         filled = draw_field(fill, rounds, rng)
-        path = draw_path(filled, rng)
-        if path is not None:
-            return hollow(filled), path
+        path_cells = draw_path(filled, rng)
+        if path_cells is not None:
+            return hollow(filled), path_cells
 
 
 def generate(number: int, seed: int = SEED) -> World:
@@ -248,19 +248,19 @@ SPLITS = {"train": TRAIN, "test": TEST, "validation": VALIDATION, "learn": LEARN
 
 def world(number: int) -> World:
     """Return built-in world `number` (0 to 299)."""
-    filled, path = fields()[number]
-    return make_world(f"generated:{number}", filled, path)
+    filled, path_cells = fields()[number]
+    return make_world(f"generated:{number}", filled, path_cells)
 
 
 @functools.lru_cache(maxsize=1)
 def fields() -> Dict[int, Tuple[Cells, Ints]]:
     """Return all built-in worlds as {number: (filled (30, 30) bool, path (k, 2) int64 cells)}."""
-    with np.load(FILE, allow_pickle=False) as data:
-        bits = data["filled"]
-        path_ends = data["path_ends"]
-        path_cells = data["path_cells"].astype(np.int64).reshape(-1, 2)
+    with np.load(FILE, allow_pickle=False) as archive:
+        packed_fields = archive["filled"]
+        path_ends = archive["path_ends"]
+        path_cells = archive["path_cells"].astype(np.int64).reshape(-1, 2)
     # The bits of the last byte past the last cell are padding.
-    cells = np.unpackbits(bits, count=COUNT * ROWS * COLS)
-    filled = cells.reshape(COUNT, ROWS, COLS).astype(bool)
-    paths = np.split(path_cells, path_ends[:-1])
-    return dict(enumerate(zip(filled, paths)))
+    unpacked_cells = np.unpackbits(packed_fields, count=COUNT * ROWS * COLS)
+    filled = unpacked_cells.reshape(COUNT, ROWS, COLS).astype(bool)
+    cell_paths = np.split(path_cells, path_ends[:-1])
+    return dict(enumerate(zip(filled, cell_paths)))

@@ -31,8 +31,8 @@ def from_element(element: Element, path: str) -> Course:
     """Return the course that `sdf_writer` stored in a world file."""
 
     def get(tag: str, count: int) -> Any:
-        text = element.findtext(f"{{{NAMESPACE}}}{tag}")
-        return tuple(numbers(text, count, f"{tag} of the course in {path}"))
+        tag_text = element.findtext(f"{{{NAMESPACE}}}{tag}")
+        return tuple(numbers(tag_text, count, f"{tag} of the course in {path}"))
 
     def has(tag: str) -> bool:
         return element.find(f"{{{NAMESPACE}}}{tag}") is not None
@@ -56,13 +56,13 @@ def from_element(element: Element, path: str) -> Course:
 
 def beside(path: str, cylinders: Array, movers: Sequence[Mover]) -> Course:
     """Return the course of the world file `path`: the course of its path file, or DynaBARN's."""
-    folder, name = os.path.split(os.path.abspath(path))
-    number = re.search(r"(\d+)\.world$", name)
+    folder, file_name = os.path.split(os.path.abspath(path))
+    number_match = re.search(r"(\d+)\.world$", file_name)
     # DynaBARN reuses BARN's numbers, but all its cylinders move.
-    if number and len(cylinders):
-        file = os.path.join(folder, PATH_FOLDER, f"path_{number.group(1)}.npy")
-        if os.path.exists(file):
-            return _on_barns_grid(file, cylinders)
+    if number_match and len(cylinders):
+        path_file = os.path.join(folder, PATH_FOLDER, f"path_{number_match.group(1)}.npy")
+        if os.path.exists(path_file):
+            return _on_barns_grid(path_file, cylinders)
     if movers:
         return dynabarn.arena_course()
     raise ApplrError(f"{path} has no course; {COURSE_REMEDY.format(path)}")
@@ -77,13 +77,13 @@ def _on_barns_grid(file: str, cylinders: Array) -> Course:
     cells = np.load(file, allow_pickle=False).astype(np.int64)
     if len(cells) > 2 and np.array_equal(cells[0], cells[1]):
         cells = cells[1:]
-    row, column = cells.T
+    rows, columns = cells.T
     # BARN's paths keep two cells of clearance: one with less than one cell is of another world.
-    free = search.free_space(barn.fill_of(cylinders), clearance=1)
-    blocked = cells[~free[row, column]]
-    if len(blocked):
+    free_cells = search.free_space(barn.fill_of(cylinders), clearance=1)
+    blocked_cells = cells[~free_cells[rows, columns]]
+    if len(blocked_cells):
         raise ApplrError(
-            f"{file} runs into an obstacle at cell {tuple(blocked[0].tolist())}: there is no "
+            f"{file} runs into an obstacle at cell {tuple(blocked_cells[0].tolist())}: there is no "
             "passage; copy the path file of this world there, or remove the obstacle"
         )
     return barn.paper_course(barn.to_xy(cells))

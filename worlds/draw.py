@@ -42,22 +42,22 @@ def draw(axes: Any, world: World) -> None:
 
     for mover in world.movers:
         # At the end of its animation a moving obstacle would be at its start again.
-        times = np.linspace(0.0, mover.length * 0.999, 200)
-        track = []
-        for time in times:
-            track.append(mover.position(time))
-        x_track, y_track = np.array(track).T
-        axes.plot(x_track, y_track, color=MOVER_COLOUR, lw=0.8, alpha=0.6)
-        disc = Circle(track[0], mover.radius, facecolor=MOVER_COLOUR, alpha=0.6)
+        sample_times = np.linspace(0.0, mover.length * 0.999, 200)
+        track_points = []
+        for sample_time in sample_times:
+            track_points.append(mover.position(sample_time))
+        track_x, track_y = np.array(track_points).T
+        axes.plot(track_x, track_y, color=MOVER_COLOUR, lw=0.8, alpha=0.6)
+        disc = Circle(track_points[0], mover.radius, facecolor=MOVER_COLOUR, alpha=0.6)
         axes.add_patch(disc)
 
     course = world.course
-    x_path, y_path = course.path.T
-    axes.plot(x_path, y_path, color=PATH_COLOUR, lw=1.2, ls="--", label="reference path")
+    path_x, path_y = course.path.T
+    axes.plot(path_x, path_y, color=PATH_COLOUR, lw=1.2, ls="--", label="reference path")
     x, y, yaw = course.start
     axes.plot([x], [y], "o", color=START_COLOUR, ms=6, label="start")
-    tip = x + HEADING_M * math.cos(yaw), y + HEADING_M * math.sin(yaw)
-    axes.annotate("", tip, (x, y), arrowprops=dict(arrowstyle="->", color=START_COLOUR))
+    arrow_tip = x + HEADING_M * math.cos(yaw), y + HEADING_M * math.sin(yaw)
+    axes.annotate("", arrow_tip, (x, y), arrowprops=dict(arrowstyle="->", color=START_COLOUR))
     goal_x, goal_y, _ = course.goal
     axes.plot(goal_x, goal_y, "*", color=GOAL_COLOUR, ms=11, label="goal")
     if course.finish_y is not None:

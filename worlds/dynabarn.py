@@ -39,21 +39,21 @@ def read_table(path: str) -> Dict[str, Animation]:
     """Return the animations of a table by plugin."""
     lengths: Dict[str, float] = {}
     repeats: Dict[str, bool] = {}
-    frames: Dict[str, List[KeyFrame]] = {}
+    frames_by_plugin: Dict[str, List[KeyFrame]] = {}
     # Spreadsheets write a byte order mark, which utf-8-sig skips.
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        for row in csv.DictReader(file):
-            plugin = row["plugin"]
-            lengths[plugin] = float(row["length"])
-            repeats[plugin] = row["repeat"] == "1"
-            time = float(row["time"])
-            x = float(row["x"])
-            y = float(row["y"])
-            waypoints = frames.setdefault(plugin, [])
-            waypoints.append((time, x, y))
+    with open(path, newline="", encoding="utf-8-sig") as table_file:
+        for table_row in csv.DictReader(table_file):
+            plugin = table_row["plugin"]
+            lengths[plugin] = float(table_row["length"])
+            repeats[plugin] = table_row["repeat"] == "1"
+            frame_time = float(table_row["time"])
+            x = float(table_row["x"])
+            y = float(table_row["y"])
+            waypoints = frames_by_plugin.setdefault(plugin, [])
+            waypoints.append((frame_time, x, y))
 
     animations: Dict[str, Animation] = {}
-    for plugin, waypoints in frames.items():
+    for plugin, waypoints in frames_by_plugin.items():
         animations[plugin] = _animation(waypoints, lengths[plugin], repeats[plugin])
     return animations
 
@@ -69,34 +69,37 @@ def animation_of(model: Element, path: str) -> Optional[Animation]:
         ApplrError: The table beside the file has no rows of the plugin.
     """
     title = f"model {model.get('name')!r} in {path}"
-    stored = model.find(f"{{{NAMESPACE}}}waypoints")
-    if stored is not None:
+    stored_frames = model.find(f"{{{NAMESPACE}}}waypoints")
+    if stored_frames is not None:
         # Words that do not fill a key frame are left over, which `numbers` reports.
-        words = (stored.text or "").split()
-        count = len(words) // 3 * 3
-        values = numbers(stored.text, count, f"waypoints of {title}")
-        frames = list(zip(values[::3], values[1::3], values[2::3]))  # time, x, y
-        length = float(stored.get("length", 0.0))
-        return _animation(frames, length, repeat=stored.get("repeat") != "0")
+        words = (stored_frames.text or "").split()
+        number_count = len(words) // 3 * 3
+        frame_numbers = numbers(stored_frames.text, number_count, f"waypoints of {title}")
+        times = frame_numbers[::3]
+        x = frame_numbers[1::3]
+        y = frame_numbers[2::3]
+        key_frames = list(zip(times, x, y))
+        length = float(stored_frames.get("length", 0.0))
+        return _animation(key_frames, length, repeat=stored_frames.get("repeat") != "0")
 
     plugin = model.find("plugin")
     if plugin is None:
         return None
-    file = plugin.get("filename") or ""
-    name, _ = os.path.splitext(os.path.basename(file))
-    if name.startswith("libgazebo_ros_"):
+    plugin_file = plugin.get("filename") or ""
+    plugin_name, _ = os.path.splitext(os.path.basename(plugin_file))
+    if plugin_name.startswith("libgazebo_ros_"):
         return None  # These plugins move a model only on command.
-    table = os.path.join(os.path.dirname(os.path.abspath(path)), NAME)
+    table_path = os.path.join(os.path.dirname(os.path.abspath(path)), NAME)
     animations: Dict[str, Animation] = {}
-    if os.path.lexists(table):
-        animations = read_table(table)
-    if name not in animations:
+    if os.path.lexists(table_path):
+        animations = read_table(table_path)
+    if plugin_name not in animations:
         raise ApplrError(
-            f"{title} has the Gazebo plugin {file!r}, which has no rows in {NAME} beside the "
-            "world: if the plugin moves nothing, remove it from a copy of the world; otherwise "
+            f"{title} has the Gazebo plugin {plugin_file!r}, which has no rows in {NAME} beside "
+            "the world: if the plugin moves nothing, remove it from a copy of the world; otherwise "
             "make that table once, as docs/reference/worlds.md describes"
         )
-    return animations[name]
+    return animations[plugin_name]
 
 
 def arena_course(planner_ends: bool = False) -> Course:
@@ -138,10 +141,10 @@ def generate(number: int) -> World:
     """Return world `number` >= 0."""
     rng = np.random.default_rng([SEED, number])
     kind = number % len(SPEEDS_M_S)
-    fewest, most = MOVER_COUNTS[kind]
-    count = int(rng.integers(fewest, most + 1))
+    fewest_movers, most_movers = MOVER_COUNTS[kind]
+    mover_count = int(rng.integers(fewest_movers, most_movers + 1))
     movers = []
-    for _ in range(count):
+    for _ in range(mover_count):
         movers.append(_mover(rng, SPEEDS_M_S[kind]))
     return World(
         name=f"dynamic:{number}",
@@ -156,29 +159,29 @@ def _mover(rng: np.random.Generator, speeds: Tuple[float, float]) -> Mover:
     """Draw a cylinder that crosses the room from wall to wall, with a new speed on each leg."""
     # The order of the draws is part of the recipe: another order would make other worlds.
     first_wall, last_wall = rng.choice(4, 2, replace=False)
-    first = _at_a_wall(rng, first_wall)
-    last = _at_a_wall(rng, last_wall)
-    count = int(rng.integers(1, 6))
-    shares = np.sort(rng.uniform(0.1, 0.9, count))
-    points = [first]
-    for share in shares:
+    start_point = _at_a_wall(rng, first_wall)
+    end_point = _at_a_wall(rng, last_wall)
+    detour_count = int(rng.integers(1, 6))
+    detour_shares = np.sort(rng.uniform(0.1, 0.9, detour_count))
+    waypoints = [start_point]
+    for detour_share in detour_shares:
         detour = rng.normal(0.0, DETOUR_M, 2)
-        points.append(first + share * (last - first) + detour)
-    points.append(last)
-    corners = np.clip(points, -HALF_SIDE_M, HALF_SIDE_M)
+        waypoints.append(start_point + detour_share * (end_point - start_point) + detour)
+    waypoints.append(end_point)
+    corners = np.clip(waypoints, -HALF_SIDE_M, HALF_SIDE_M)
 
-    time = 0.0
+    arrival_time = 0.0
     x, y = corners[0].tolist()
-    frames: List[KeyFrame] = [(time, x, y)]
+    key_frames: List[KeyFrame] = [(arrival_time, x, y)]
     legs = np.diff(corners, axis=0)
     for corner, leg in zip(corners[1:], legs):
-        length = max(math.hypot(*leg), SHORTEST_LEG_M)
+        leg_length = max(math.hypot(*leg), SHORTEST_LEG_M)
         speed = rng.uniform(*speeds)
-        time += length / speed
+        arrival_time += leg_length / speed
         x, y = corner.tolist()
-        frames.append((time, x, y))
+        key_frames.append((arrival_time, x, y))
     radius = float(rng.uniform(*RADII_M))
-    return Mover(radius, tuple(frames))
+    return Mover(radius, tuple(key_frames))
 
 
 def _at_a_wall(rng: np.random.Generator, wall: int) -> Array:
@@ -186,10 +189,10 @@ def _at_a_wall(rng: np.random.Generator, wall: int) -> Array:
 
     Sides 0 and 1 are those with the lowest and the highest x, sides 2 and 3 those of y.
     """
-    along = rng.uniform(-0.9 * HALF_SIDE_M, 0.9 * HALF_SIDE_M)
-    across = -HALF_SIDE_M
+    along_wall = rng.uniform(-0.9 * HALF_SIDE_M, 0.9 * HALF_SIDE_M)
+    across_wall = -HALF_SIDE_M
     if wall in (1, 3):
-        across = HALF_SIDE_M
+        across_wall = HALF_SIDE_M
     if wall < 2:
-        return np.array([across, along])
-    return np.array([along, across])
+        return np.array([across_wall, along_wall])
+    return np.array([along_wall, across_wall])

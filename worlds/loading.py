@@ -64,12 +64,12 @@ class _Recipe(NamedTuple):
         match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", part, re.ASCII)
         if match is None:
             return self.split(part)
-        first = int(match.group(1))
-        last = int(match.group(2) or first)
+        first_number = int(match.group(1))
+        last_number = int(match.group(2) or first_number)
         # A range is refused as a whole: half of it would be evaluated as if it were complete.
-        if not self.has(last):
+        if not self.has(last_number):
             return None
-        return range(first, last + 1)
+        return range(first_number, last_number + 1)
 
 
 def _fresh(number: int) -> World:
@@ -115,26 +115,27 @@ def load(spec: str, radius: float = RADIUS_M) -> World:
     Raises:
         ApplrError: There is no such world, or it cannot be read.
     """
-    text = str(spec)
-    name, _, _ = text.partition(":")
-    recipe = _recipe(name, radius)
+    spec_text = str(spec)
+    recipe_name, _, _ = spec_text.partition(":")
+    recipe = _recipe(recipe_name, radius)
     if recipe:
-        names = specs(text, radius)
-        if len(names) > 1:
+        world_names = specs(spec_text, radius)
+        if len(world_names) > 1:
             raise ApplrError(
-                f"{text} names {len(names)} worlds, but one is needed; give one of them: {names[0]}"
+                f"{spec_text} names {len(world_names)} worlds, but one is needed; "
+                f"give one of them: {world_names[0]}"
             )
-        _, _, number = names[0].partition(":")
+        _, _, number = world_names[0].partition(":")
         return recipe.make(int(number))
-    if text == physical_course.NAME:
+    if spec_text == physical_course.NAME:
         return physical_course.world()
-    if text.endswith(".world"):
-        return sdf_reader.read_world(text)
-    if os.path.isdir(text):
+    if spec_text.endswith(".world"):
+        return sdf_reader.read_world(spec_text)
+    if os.path.isdir(spec_text):
         raise ApplrError(
-            f"{text} is a folder, but one world is needed; give one of its .world files"
+            f"{spec_text} is a folder, but one world is needed; give one of its .world files"
         )
-    raise ApplrError(f"unknown world {text!r}; give {SPECIFICATIONS}")
+    raise ApplrError(f"unknown world {spec_text!r}; give {SPECIFICATIONS}")
 
 
 class Worlds(Sequence[World]):
@@ -150,12 +151,12 @@ class Worlds(Sequence[World]):
 
     def __init__(self, spec: str, radius: float = RADIUS_M) -> None:
         self.specs: List[str] = []
-        for part in spec.split(","):
-            self.specs += specs(part.strip(), radius)
+        for single_spec in spec.split(","):
+            self.specs += specs(single_spec.strip(), radius)
         self._loaded: Dict[str, World] = {}
-        for name in self.specs:
-            if not name.startswith(MADE):
-                self._loaded[name] = load(name, radius)
+        for world_name in self.specs:
+            if not world_name.startswith(MADE):
+                self._loaded[world_name] = load(world_name, radius)
         self._made = functools.lru_cache(maxsize=256)(load)
 
     def __len__(self) -> int:
@@ -164,11 +165,11 @@ class Worlds(Sequence[World]):
     def __getitem__(self, index: Any) -> Any:
         """Return world number `index`, or a list of worlds for a slice."""
         if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        name = self.specs[index]
-        if name in self._loaded:
-            return self._loaded[name]
-        return self._made(name)
+            return [self[number] for number in range(*index.indices(len(self)))]
+        world_name = self.specs[index]
+        if world_name in self._loaded:
+            return self._loaded[world_name]
+        return self._made(world_name)
 
 
 def specs(spec: str, radius: float = RADIUS_M) -> List[str]:
@@ -177,39 +178,41 @@ def specs(spec: str, radius: float = RADIUS_M) -> List[str]:
     Raises:
         ApplrError: There are no such numbers, or a folder contains no .world files.
     """
-    text = str(spec)
-    name, _, part = text.partition(":")
-    recipe = _recipe(name, radius)
+    spec_text = str(spec)
+    recipe_name, _, numbers_text = spec_text.partition(":")
+    recipe = _recipe(recipe_name, radius)
     if recipe:
-        numbers = recipe.numbers(part)
-        if numbers == [] and part in map_courses.HALVES:
+        numbers = recipe.numbers(numbers_text)
+        if numbers == [] and numbers_text in map_courses.HALVES:
             raise ApplrError(
-                f"{name}: none of its {recipe.end} courses stays in one half of the floor; "
-                f"give {name}:0-{recipe.end - 1}, or a map with more floor"
+                f"{recipe_name}: none of its {recipe.end} courses stays in one half of the floor; "
+                f"give {recipe_name}:0-{recipe.end - 1}, or a map with more floor"
             )
         if not numbers:
-            last = f"{name}:{recipe.end - 1}"
-            raise ApplrError(f"no worlds {text!r} of {name}:0 to {last}; give {SPECIFICATIONS}")
-        return [f"{name}:{number}" for number in numbers]
-    if not os.path.isdir(text):
-        return [text]
-    names = sorted(os.listdir(text), key=_by_number)
-    files = [os.path.join(text, file) for file in names if file.endswith(".world")]
-    if not files:
-        raise ApplrError(f"{text} contains no .world files; give a folder with .world files")
-    return files
+            last_name = f"{recipe_name}:{recipe.end - 1}"
+            known_worlds = f"{recipe_name}:0 to {last_name}"
+            raise ApplrError(f"no worlds {spec_text!r} of {known_worlds}; give {SPECIFICATIONS}")
+        return [f"{recipe_name}:{number}" for number in numbers]
+    if not os.path.isdir(spec_text):
+        return [spec_text]
+    file_names = sorted(os.listdir(spec_text), key=_by_number)
+    world_names = [file_name for file_name in file_names if file_name.endswith(".world")]
+    world_files = [os.path.join(spec_text, world_name) for world_name in world_names]
+    if not world_files:
+        raise ApplrError(f"{spec_text} contains no .world files; give a folder with .world files")
+    return world_files
 
 
 def _by_number(name: str) -> List[Tuple[int, int, str]]:
     """Return a sorting key, by which numbers in names are compared as numbers."""
-    key = []
-    for part in re.split(r"(\d+)", name):
+    sorting_key = []
+    for name_part in re.split(r"(\d+)", name):
         # The first element keeps numbers from being compared with texts.
-        if part.isdigit():
-            key.append((0, int(part), ""))
+        if name_part.isdigit():
+            sorting_key.append((0, int(name_part), ""))
         else:
-            key.append((1, 0, part))
-    return key
+            sorting_key.append((1, 0, name_part))
+    return sorting_key
 
 
 def scaled(world: World, factor: float) -> World:
@@ -221,9 +224,9 @@ def scaled(world: World, factor: float) -> World:
     """
     if world.movers:
         factor = min(factor, 1.0)
-    recipe, colon, _ = world.name.partition(":")
+    recipe_name, colon, _ = world.name.partition(":")
     # The colon distinguishes generated:7 from a file with the name generated.world.
-    is_from_recipe = colon and recipe in _RECIPES or world.name == physical_course.NAME
+    is_from_recipe = colon and recipe_name in _RECIPES or world.name == physical_course.NAME
     if factor == 1.0 or not is_from_recipe:
         return world
     return dataclasses.replace(

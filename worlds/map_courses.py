@@ -78,51 +78,52 @@ class Floor:
             most: Largest number of courses, with those that exist already.
         """
         draws: List[Draw] = []
-        starts = np.empty((0, 2), np.int64)
-        for other in others:
-            starts = np.vstack([starts, other.start])
-        floor = np.argwhere(self.cells)
-        if not len(floor):
+        start_cells = np.empty((0, 2), np.int64)
+        for other_draw in others:
+            start_cells = np.vstack([start_cells, other_draw.start])
+        floor_cells = np.argwhere(self.cells)
+        if not len(floor_cells):
             return draws
         rng = np.random.default_rng(SEED)
-        drawn = rng.choice(floor, min(TRIES, len(floor)), replace=False)
+        drawn_cells = rng.choice(floor_cells, min(TRIES, len(floor_cells)), replace=False)
 
         # A path is at least as long as the floor's extent from its start along an axis, so the
         # floor has a goal for every start with such an extent.
-        below = drawn - floor.min(axis=0)
-        above = floor.max(axis=0) - drawn
-        reach = self._resolution * np.maximum(below, above).max(axis=1)
+        cells_below = drawn_cells - floor_cells.min(axis=0)
+        cells_above = floor_cells.max(axis=0) - drawn_cells
+        largest_extents = self._resolution * np.maximum(cells_below, cells_above).max(axis=1)
         for size in sizes:
-            for cell in drawn[reach >= size.shortest_m]:
-                if len(starts) >= most:
+            for start_cell in drawn_cells[largest_extents >= size.shortest_m]:
+                if len(start_cells) >= most:
                     return draws
-                away = self._resolution * np.hypot(*(starts - cell).T)
-                if (away >= size.apart_m).all():
-                    starts = np.vstack([starts, cell])
-                    draws.append(Draw(self, cell, size))
+                distances = self._resolution * np.hypot(*(start_cells - start_cell).T)
+                if (distances >= size.apart_m).all():
+                    start_cells = np.vstack([start_cells, start_cell])
+                    draws.append(Draw(self, start_cell, size))
         return draws
 
     def path(self, draw: Draw, number: int) -> Ints:
         """Draw the goal of course `number`, and return the cells (k, 2) of the way to it."""
-        shortest = draw.size.shortest_m / self._resolution
-        longest = draw.size.longest_m / self._resolution
-        start = np.ravel_multi_index(tuple(draw.start), self.cells.shape)
-        lengths, predecessors = scipy.sparse.csgraph.dijkstra(
+        shortest_length = draw.size.shortest_m / self._resolution
+        longest_length = draw.size.longest_m / self._resolution
+        start_index = np.ravel_multi_index(tuple(draw.start), self.cells.shape)
+        path_lengths, predecessors = scipy.sparse.csgraph.dijkstra(
             self._graph,
             directed=True,
-            indices=start,
+            indices=start_index,
             return_predecessors=True,
-            limit=longest,
+            limit=longest_length,
         )
-        goals = np.flatnonzero((lengths >= shortest) & (lengths <= longest))
+        has_length = (path_lengths >= shortest_length) & (path_lengths <= longest_length)
+        goal_indices = np.flatnonzero(has_length)
         # A course has random numbers of its own, so that it does not depend on other courses.
         rng = np.random.default_rng([SEED, number])
-        cell = rng.choice(goals)
-        cells = [cell]
-        while cell != start:
-            cell = predecessors[cell]
-            cells.append(cell)
-        rows, columns = np.unravel_index(cells[::-1], self.cells.shape)
+        cell_index = rng.choice(goal_indices)
+        path_indices = [cell_index]
+        while cell_index != start_index:
+            cell_index = predecessors[cell_index]
+            path_indices.append(cell_index)
+        rows, columns = np.unravel_index(path_indices[::-1], self.cells.shape)
         return np.column_stack([rows, columns])
 
 
@@ -170,14 +171,14 @@ class Building:
         self.count = len(self._draws)
         self._paths: Dict[int, Ints] = {}
         if not self.count:
-            way = f"a path of {shortest_m:g} m for a robot with a radius of {radius:.2f} m"
+            missing_path = f"a path of {shortest_m:g} m for a robot with a radius of {radius:.2f} m"
             remedy = "check resolution, thresholds and negate"
             if is_open:
                 remedy = (
                     "free space at the edge of the image is outside; if it is unknown space, "
                     "give free_thresh 0.196, otherwise close the outer doors in the image"
                 )
-            raise ApplrError(f"{path} has no closed room with {way}: {remedy}")
+            raise ApplrError(f"{path} has no closed room with {missing_path}: {remedy}")
 
     def path(self, number: int) -> Ints:
         """Return the cells (k, 2) of the shortest path from the start of a course to its goal."""
@@ -206,16 +207,16 @@ class Building:
     @functools.cached_property
     def halves(self) -> Dict[str, List[int]]:
         """Numbers of the courses that stay in one half of the floor, by the name of the half."""
-        floor = np.argwhere(self._floor.cells)
-        axis = int(np.argmax(np.ptp(floor, axis=0)))
-        line = np.median(floor[:, axis])  # crosses the longer side of the floor
+        floor_cells = np.argwhere(self._floor.cells)
+        long_axis = int(np.argmax(np.ptp(floor_cells, axis=0)))
+        dividing_line = np.median(floor_cells[:, long_axis])  # crosses the longer side of the floor
         # The cells of an axis, as a column or a row that numpy extends over the other axis.
-        places = np.arange(self._floor.cells.shape[axis])
-        places = np.expand_dims(places, 1 - axis)
-        lower, upper = HALVES
+        axis_cells = np.arange(self._floor.cells.shape[long_axis])
+        axis_cells = np.expand_dims(axis_cells, 1 - long_axis)
+        lower_name, upper_name = HALVES
         return {
-            lower: self._numbers_within(self._floor.cells & (places < line)),
-            upper: self._numbers_within(self._floor.cells & (places > line)),
+            lower_name: self._numbers_within(self._floor.cells & (axis_cells < dividing_line)),
+            upper_name: self._numbers_within(self._floor.cells & (axis_cells > dividing_line)),
         }
 
     def _numbers_within(self, cells: Cells) -> List[int]:
@@ -230,24 +231,24 @@ class Building:
                 numbers.append(number)
                 draws.append(self._draws[number])
         if len(numbers) < ENOUGH:
-            part = Floor(largest(cells), self._grid.resolution)
-            further_draws = part.draw(SIZES, draws, ENOUGH)
-            first = len(self._draws)
-            numbers += range(first, first + len(further_draws))
+            floor_part = Floor(largest(cells), self._grid.resolution)
+            further_draws = floor_part.draw(SIZES, draws, ENOUGH)
+            first_number = len(self._draws)
+            numbers += range(first_number, first_number + len(further_draws))
             self._draws += further_draws
         return numbers
 
     def course(self, number: int) -> World:
         """Return a course with the obstacles near its path."""
-        cells = self.path(number)
-        x, y = self._grid.resolution * (cells.T[::-1] + 0.5)
+        path_cells = self.path(number)
+        x, y = self._grid.resolution * (path_cells.T[::-1] + 0.5)
         points = np.column_stack(transform_point(self._grid.origin, x, y))
-        step = max(1, round(AHEAD_M / self._grid.resolution))
+        cells_ahead = max(1, round(AHEAD_M / self._grid.resolution))
         start_x, start_y = points[0].tolist()
         goal_x, goal_y = points[-1].tolist()
         course = Course(
-            start=(start_x, start_y, direction(points[0], points[step])),
-            goal=(goal_x, goal_y, direction(points[-1 - step], points[-1])),
+            start=(start_x, start_y, direction(points[0], points[cells_ahead])),
+            goal=(goal_x, goal_y, direction(points[-1 - cells_ahead], points[-1])),
             finish_y=None,
             goal_tolerance=barn.GOAL_TOLERANCE_M,
             path=points,
@@ -256,14 +257,14 @@ class Building:
 
         # Points of the path at intervals of AHEAD_M are close enough to find the visible boxes.
         box_x, box_y, _, size_x, size_y = self._boxes.T
-        dx = points[::step, :1] - box_x
-        dy = points[::step, 1:] - box_y
+        dx = points[::cells_ahead, :1] - box_x
+        dy = points[::cells_ahead, 1:] - box_y
         yaw = self._grid.origin[2]  # All boxes have the direction of the map.
-        along, across = outside_box(dx, dy, yaw, size_x, size_y)
-        distances = np.hypot(along, across).min(axis=0)
-        visible = self._boxes[distances <= VISIBLE_M]
-        name = f"{self._name}:{number}"
-        return World(name, np.zeros((0, 3)), visible, course, map=self._grid)
+        offset_along, offset_across = outside_box(dx, dy, yaw, size_x, size_y)
+        distances = np.hypot(offset_along, offset_across).min(axis=0)
+        visible_boxes = self._boxes[distances <= VISIBLE_M]
+        world_name = f"{self._name}:{number}"
+        return World(world_name, np.zeros((0, 3)), visible_boxes, course, map=self._grid)
 
     def passage(self, number: int) -> float:
         """Return the width [m] of a course's narrowest passage, at most WIDEST_M.
@@ -271,9 +272,9 @@ class Building:
         The width is the length of the shortest line of free cells across the path.
         """
         resolution = self._grid.resolution
-        ends = round(ENDS_M / resolution)
-        middle = self.path(number)[ends:-ends]
-        rows, columns = middle.T[:, :, np.newaxis, np.newaxis]
+        end_cells = round(ENDS_M / resolution)
+        middle_cells = self.path(number)[end_cells:-end_cells]
+        rows, columns = middle_cells.T[:, :, np.newaxis, np.newaxis]
 
         # From every cell of the path, rays are followed cell by cell: (cells, steps, directions).
         steps = np.arange(1, WIDEST_M / resolution)[:, np.newaxis]
@@ -282,15 +283,15 @@ class Building:
         occupied = map_reader.is_occupied(self._grid.cells)
         hits = scipy.ndimage.map_coordinates(occupied, (ray_rows, ray_columns), order=0)
         first_hits = hits.argmax(axis=1)
-        free = np.where(hits.any(axis=1), first_hits, len(steps))
+        free_counts = np.where(hits.any(axis=1), first_hits, len(steps))
 
         # Opposite rays and the cell itself make a line. A short course may have no cell but its
         # ends, and then no passage.
-        opposite = free.reshape(len(free), 2, len(RAYS) // 2)
-        lines = opposite.sum(axis=1) + 1
+        opposite_rays = free_counts.reshape(len(free_counts), 2, len(RAYS) // 2)
+        line_lengths = opposite_rays.sum(axis=1) + 1
         longest_line = 2 * len(steps) + 1
-        narrowest = float(lines.min(initial=longest_line))
-        width = resolution * narrowest
+        shortest_line = float(line_lengths.min(initial=longest_line))
+        width = resolution * shortest_line
         return min(WIDEST_M, width)
 
 
@@ -304,31 +305,31 @@ def closed_floor(grid: Grid, radius: float) -> Tuple[Cells, bool]:
         grid: Map with at least one cell that is not free.
         radius: Radius of the circle around the robot [m].
     """
-    free = grid.cells == map_reader.FREE
+    is_free = grid.cells == map_reader.FREE
     # distance to the nearest edge of an obstacle or an unknown cell [cells]
-    distance = scipy.ndimage.distance_transform_edt(free) - 0.5
-    reachable = grid.resolution * distance >= radius + CLEARANCE_M
-    regions, _ = scipy.ndimage.label(reachable)
-    is_border = np.ones(free.shape, bool)
+    edge_distance = scipy.ndimage.distance_transform_edt(is_free) - 0.5
+    is_reachable = grid.resolution * edge_distance >= radius + CLEARANCE_M
+    regions, _ = scipy.ndimage.label(is_reachable)
+    is_border = np.ones(is_free.shape, bool)
     is_border[1:-1, 1:-1] = False
-    outside = np.unique(regions[is_border & reachable])
-    closed = reachable & ~np.isin(regions, outside)
-    return largest(closed), len(outside) > 0
+    outside_regions = np.unique(regions[is_border & is_reachable])
+    is_closed = is_reachable & ~np.isin(regions, outside_regions)
+    return largest(is_closed), len(outside_regions) > 0
 
 
 def largest(cells: Cells) -> Cells:
     """Return the largest connected region of some cells."""
     regions, _ = scipy.ndimage.label(cells)
-    sizes = np.bincount(regions.ravel(), minlength=2)
-    sizes[0] = 0  # label of all other cells
-    region: Cells = regions == max(1, sizes.argmax())
+    region_sizes = np.bincount(regions.ravel(), minlength=2)
+    region_sizes[0] = 0  # label of all other cells
+    region: Cells = regions == max(1, region_sizes.argmax())
     return region
 
 
 def is_within(cells: Cells, path: Ints) -> bool:
     """Return whether a path (k, 2) stays on some cells."""
-    row, column = path.T
-    return bool(cells[row, column].all())
+    rows, columns = path.T
+    return bool(cells[rows, columns].all())
 
 
 def direction(first: Array, second: Array) -> float:

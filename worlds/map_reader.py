@@ -60,13 +60,13 @@ def read_fields(path: str) -> MapFile:
     except ValidationError as refusal:
         problem = refusal.errors()[0]
     fields = MapFile.model_fields.items()
-    required = [name for name, field in fields if field.is_required()]
-    if not isinstance(content, dict) or not content.keys() >= set(required):
-        names = ", ".join(required)
-        raise ApplrError(f"{path} is no map: give a file with {names}, as map_saver writes it")
-    name = str(problem["loc"][0])
-    wanted = MapFile.model_fields[name].description
-    raise ApplrError(f"{path}: {name} is {content[name]!r:.60}: give {wanted}")
+    required_names = [field_name for field_name, field in fields if field.is_required()]
+    if not isinstance(content, dict) or not content.keys() >= set(required_names):
+        field_list = ", ".join(required_names)
+        raise ApplrError(f"{path} is no map: give a file with {field_list}, as map_saver writes it")
+    field_name = str(problem["loc"][0])
+    description = MapFile.model_fields[field_name].description
+    raise ApplrError(f"{path}: {field_name} is {content[field_name]!r:.60}: give {description}")
 
 
 def read_pixels(path: str) -> NDArray[np.uint8]:
@@ -80,23 +80,23 @@ def read_pixels(path: str) -> NDArray[np.uint8]:
     """
     from PIL import Image  # The import is slow, and most commands need no map.
 
-    with Image.open(path) as picture:
+    with Image.open(path) as image:
         # SDL_image expands single bits to black and white for PNG only.
-        is_indexed = picture.mode == "1" and picture.format != "PNG"
-        if is_indexed or picture.mode in ("P", "PA"):
+        is_indexed = image.mode == "1" and image.format != "PNG"
+        if is_indexed or image.mode in ("P", "PA"):
             raise ApplrError(
                 f"{path} has indexed colours, and map_server takes the indexes as grey values: "
                 "save it as a grey image"
             )
-        if picture.mode.startswith(("I", "F")):
-            grey = np.asarray(picture)
-            if picture.mode == "F" or grey.max() > TWO_BYTES:
+        if image.mode.startswith(("I", "F")):
+            grey_values = np.asarray(image)
+            if image.mode == "F" or grey_values.max() > TWO_BYTES:
                 raise ApplrError(f"{path} has more than 16 bits per pixel: save it with 8 bits")
             # SDL_image keeps the upper 8 bits (png_set_strip_16). Pillow would clip at 255.
-            return (grey >> 8).astype(np.uint8)[:, :, np.newaxis]
-        has_opacity = "A" in picture.getbands() or "transparency" in picture.info
+            return (grey_values >> 8).astype(np.uint8)[:, :, np.newaxis]
+        has_opacity = "A" in image.getbands() or "transparency" in image.info
         channels = "RGBA" if has_opacity else "RGB"
-        return np.asarray(picture.convert(channels))
+        return np.asarray(image.convert(channels))
 
 
 def cells_of(pixels: NDArray[np.uint8], fields: MapFile) -> NDArray[np.int8]:
@@ -115,18 +115,18 @@ def cells_of(pixels: NDArray[np.uint8], fields: MapFile) -> NDArray[np.int8]:
         return brightness.astype(np.uint8).view(np.int8)
 
     darkness = (WHITE - brightness) / WHITE
-    free = fields.free_thresh
-    occupied = fields.occupied_thresh
+    free_limit = fields.free_thresh
+    occupied_limit = fields.occupied_thresh
     cells = np.full(darkness.shape, UNKNOWN, np.int8)
     if fields.mode == "scale":
-        between = (darkness >= free) & (darkness <= occupied)
+        is_between = (darkness >= free_limit) & (darkness <= occupied_limit)
         if has_opacity:
-            between &= pixels[:, :, 3] > 0
+            is_between &= pixels[:, :, 3] > 0
         # 1 to 99, because 0 and 100 are the values of free and of occupied cells
-        share = (darkness[between] - free) / (occupied - free)
-        cells[between] = 1 + 98 * share
-    cells[darkness < free] = FREE
-    cells[darkness > occupied] = OCCUPIED
+        darkness_share = (darkness[is_between] - free_limit) / (occupied_limit - free_limit)
+        cells[is_between] = 1 + 98 * darkness_share
+    cells[darkness < free_limit] = FREE
+    cells[darkness > occupied_limit] = OCCUPIED
     return cells
 
 
@@ -136,8 +136,8 @@ def is_occupied(cells: NDArray[np.int8]) -> NDArray[np.bool_]:
     Negative values of mode raw wrap to values above 127, as in C++.
     """
     is_high = cells.view(np.uint8) >= OCCUPIED
-    marked: NDArray[np.bool_] = is_high & (cells != UNKNOWN)
-    return marked
+    is_marked: NDArray[np.bool_] = is_high & (cells != UNKNOWN)
+    return is_marked
 
 
 def boxes(grid: Grid) -> Array:
@@ -147,27 +147,31 @@ def boxes(grid: Grid) -> Array:
     the same run. The boxes are in the frame of the map.
     """
     # A run begins where the occupancy along a row steps up, and ends where it steps down.
-    padded = np.pad(is_occupied(grid.cells), ((0, 0), (1, 1)))
-    steps = np.diff(padded.astype(np.int8), axis=1)
-    row, first = np.nonzero(steps == 1)
-    _, last = np.nonzero(steps == -1)
+    padded_cells = np.pad(is_occupied(grid.cells), ((0, 0), (1, 1)))
+    occupancy_steps = np.diff(padded_cells.astype(np.int8), axis=1)
+    run_row, run_start = np.nonzero(occupancy_steps == 1)
+    _, run_end = np.nonzero(occupancy_steps == -1)
 
     # Sorting by columns, then by row, places equal runs of neighbouring rows side by side. The
     # primary key of lexsort is its last one.
-    order = np.lexsort((row, last, first))
-    runs = np.column_stack([first, last, row])[order]
+    order = np.lexsort((run_row, run_end, run_start))
+    runs = np.column_stack([run_start, run_end, run_row])[order]
+
+    # A run continues a rectangle if it has the same columns one row higher. Nothing is before the
+    # first run, which `prepend` compares with cells that no map has.
     changes = np.diff(runs, axis=0, prepend=-2)
     continues = (changes == (0, 0, 1)).all(axis=1)
-    begins = np.flatnonzero(~continues)
-    ends = np.append(begins[1:], len(runs)) - 1
-    first, last, lowest = runs[begins].T
-    highest = runs[ends, 2] + 1
+    first_runs = np.flatnonzero(~continues)
+    last_runs = np.append(first_runs[1:], len(runs)) - 1
+    first_column, end_column, first_row = runs[first_runs].T
+    end_row = runs[last_runs, 2] + 1
 
+    # A rectangle's centre is halfway between its two edges.
     half_cell = 0.5 * grid.resolution
-    centre_x = half_cell * (first + last)
-    centre_y = half_cell * (lowest + highest)
+    centre_x = half_cell * (first_column + end_column)
+    centre_y = half_cell * (first_row + end_row)
     x, y = transform_point(grid.origin, centre_x, centre_y)
     yaw = np.full(len(x), grid.origin[2])
-    size_x = grid.resolution * (last - first)
-    size_y = grid.resolution * (highest - lowest)
+    size_x = grid.resolution * (end_column - first_column)
+    size_y = grid.resolution * (end_row - first_row)
     return np.column_stack([x, y, yaw, size_x, size_y])

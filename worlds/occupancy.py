@@ -46,32 +46,33 @@ def occupancy(world: World, resolution: float) -> Grid:
     """
     if world.map is not None:
         return world.map
-    low, high = extent(world)
+    lowest, highest = extent(world)
     # Corners on multiples of the resolution give neighbouring worlds the same grid.
-    low = np.floor((low - MARGIN_M) / resolution) * resolution
-    sides = (high + MARGIN_M - low) / resolution
-    nx, ny = np.ceil(sides).astype(int).tolist()
-    cells = np.zeros((ny, nx), np.int8)
+    corner = np.floor((lowest - MARGIN_M) / resolution) * resolution
+    side_cells = (highest + MARGIN_M - corner) / resolution
+    column_count, row_count = np.ceil(side_cells).astype(int).tolist()
+    cells = np.zeros((row_count, column_count), np.int8)
+    origin = corner.tolist()
 
-    origin = low.tolist()
     inner_radius = 0.5 * resolution  # radius of the circle in a cell [m]
     for x, y, radius in world.cylinders.tolist():
         reach = radius + inner_radius
         window = window_of(cells, origin, resolution, (x, y), reach)
         distance = np.hypot(window.dx, window.dy)
         window.cells[distance <= reach] = OCCUPIED
+
     for x, y, yaw, size_x, size_y in world.boxes.tolist():
         reach = 0.5 * math.hypot(size_x, size_y) + inner_radius
         window = window_of(cells, origin, resolution, (x, y), reach)
-        along, across = outside_box(window.dx, window.dy, yaw, size_x, size_y)
-        distance = np.hypot(along, across)
+        offset_along, offset_across = outside_box(window.dx, window.dy, yaw, size_x, size_y)
+        distance = np.hypot(offset_along, offset_across)
         window.cells[distance <= inner_radius] = OCCUPIED
     return Grid(cells, resolution, origin=(origin[0], origin[1], 0.0))
 
 
 def extent(world: World) -> Tuple[Array, Array]:
     """Return the corners with the lowest and highest x, y (2,) [m] around obstacles and course."""
-    # Half the sides of the boxes' bounding boxes along x and y
+    # A turned box reaches from its centre as far as half its bounding box along x and y.
     x, y, yaw, size_x, size_y = world.boxes.T
     cosine = np.abs(np.cos(yaw))
     sine = np.abs(np.sin(yaw))
@@ -79,38 +80,40 @@ def extent(world: World) -> Tuple[Array, Array]:
     half_y = 0.5 * (sine * size_x + cosine * size_y)
     box_centres = np.column_stack([x, y])
     box_reach = np.column_stack([half_x, half_y])
+
     cylinder_centres = world.cylinders[:, :2]
     cylinder_reach = world.cylinders[:, 2:]
-    ends = np.array([world.course.start[:2], world.course.goal[:2]])
+    course_ends = np.array([world.course.start[:2], world.course.goal[:2]])
 
-    lowest = np.vstack([cylinder_centres - cylinder_reach, box_centres - box_reach, ends])
-    highest = np.vstack([cylinder_centres + cylinder_reach, box_centres + box_reach, ends])
+    lowest = np.vstack([cylinder_centres - cylinder_reach, box_centres - box_reach, course_ends])
+    highest = np.vstack([cylinder_centres + cylinder_reach, box_centres + box_reach, course_ends])
     return lowest.min(axis=0), highest.max(axis=0)
 
 
 def window_of(
-    cells: NDArray[np.int8], origin: Point, resolution: float, place: Point, reach: float
+    cells: NDArray[np.int8], origin: Point, resolution: float, centre: Point, reach: float
 ) -> Window:
-    """Return the cells within `reach` [m] of a place (x, y) [m] along both axes.
+    """Return the cells within `reach` [m] of a point (x, y) [m] along both axes.
 
     Args:
         cells: Cells (ny, nx) of the grid.
         origin: Corner of the grid with the lowest x and y [m].
         resolution: Edge of a cell [m].
-        place: Point around which the window lies [m].
+        centre: Point around which the window lies [m].
         reach: Half the side of the window [m].
     """
     slices = []
     offsets = []
     # x first: it counts the columns, which are the second axis of the cells.
-    for low, centre, count in zip(origin, place, cells.shape[::-1]):
-        first = int((centre - reach - low) / resolution)
-        last = int((centre + reach - low) / resolution)
-        first = max(0, first)
-        end = min(count, last + 1)
-        slices.append(slice(first, end))
-        cell_centres = low + (np.arange(first, end) + 0.5) * resolution
-        offsets.append(cell_centres - centre)
+    for grid_edge, coordinate, cell_count in zip(origin, centre, cells.shape[::-1]):
+        first_cell = int((coordinate - reach - grid_edge) / resolution)
+        last_cell = int((coordinate + reach - grid_edge) / resolution)
+        first_cell = max(0, first_cell)
+        end_cell = min(cell_count, last_cell + 1)
+        slices.append(slice(first_cell, end_cell))
+
+        cell_centres = grid_edge + (np.arange(first_cell, end_cell) + 0.5) * resolution
+        offsets.append(cell_centres - coordinate)
     columns, rows = slices
     dx, dy = offsets
     return Window(

@@ -88,8 +88,8 @@ LOOSE = (
 def world() -> World:
     """Return the world, which is always the same."""
     boxes = _walls()
-    for y, low, high in ROWS:
-        boxes += _row(y, low, high)
+    for y, from_x, to_x in ROWS:
+        boxes += _row(y, from_x, to_x)
     boxes += LOOSE
     course = Course(START, GOAL, FINISH_Y_M, GOAL_TOLERANCE_M, _path())
     return World(NAME, np.zeros((0, 3)), np.array(boxes), course)
@@ -98,27 +98,27 @@ def world() -> World:
 def _walls() -> List[Tuple[float, ...]]:
     """Return the four walls as boxes; the lane lies between their inner faces."""
     half_wall = 0.5 * WALL_WIDTH_M
-    across = LANE_WIDTH_M + 2 * WALL_WIDTH_M
+    outer_width = LANE_WIDTH_M + 2 * WALL_WIDTH_M
     return [
         (-half_wall, 0.5 * LANE_LENGTH_M, 0.0, WALL_WIDTH_M, LANE_LENGTH_M),
         (LANE_WIDTH_M + half_wall, 0.5 * LANE_LENGTH_M, 0.0, WALL_WIDTH_M, LANE_LENGTH_M),
-        (0.5 * LANE_WIDTH_M, -half_wall, 0.0, across, WALL_WIDTH_M),
-        (0.5 * LANE_WIDTH_M, LANE_LENGTH_M + half_wall, 0.0, across, WALL_WIDTH_M),
+        (0.5 * LANE_WIDTH_M, -half_wall, 0.0, outer_width, WALL_WIDTH_M),
+        (0.5 * LANE_WIDTH_M, LANE_LENGTH_M + half_wall, 0.0, outer_width, WALL_WIDTH_M),
     ]
 
 
-def _row(y: float, low: float, high: float) -> List[Tuple[float, ...]]:
+def _row(y: float, from_x: float, to_x: float) -> List[Tuple[float, ...]]:
     """Return boxes of about .6 x .4 m side by side, each slightly rotated.
 
     The rotations come from a sine, so that the row looks irregular but is always the same.
     """
-    count = max(1, int(round((high - low) / BOX_LENGTH_M)))
-    length = (high - low) / count
+    box_count = max(1, int(round((to_x - from_x) / BOX_LENGTH_M)))
+    box_length = (to_x - from_x) / box_count
     boxes: List[Tuple[float, ...]] = []
-    for number in range(count):
-        yaw = LARGEST_TILT * math.sin(7.0 * number + 3.0 * y + low)
-        x = low + (number + 0.5) * length
-        boxes.append((x, y + 0.5 * yaw, yaw, length, BOX_WIDTH_M))
+    for number in range(box_count):
+        yaw = LARGEST_TILT * math.sin(7.0 * number + 3.0 * y + from_x)
+        x = from_x + (number + 0.5) * box_length
+        boxes.append((x, y + 0.5 * yaw, yaw, box_length, BOX_WIDTH_M))
     return boxes
 
 

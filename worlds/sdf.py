@@ -30,9 +30,9 @@ Shape = Tuple[float, ...]  # circle (x, y, radius) or rectangle (x, y, yaw, size
 def parse(path: str) -> Element:
     """Return the root element of an SDF file. Raise ApplrError if the file is malformed."""
     # DynaBARN's worlds contain <pose frame=>, which Gazebo's parser accepts.
-    text = re.sub(r"<(\w+) frame=>", r"<\1>", files.plain_xml(files.read_bytes(path)))
+    xml_text = re.sub(r"<(\w+) frame=>", r"<\1>", files.plain_xml(files.read_bytes(path)))
     try:
-        root: Element = fromstring(text, forbid_dtd=True)
+        root: Element = fromstring(xml_text, forbid_dtd=True)
     except (DefusedXmlException, ParseError) as error:
         raise ApplrError(
             f"{path} is not read ({error}): give a Gazebo world file without DOCTYPE"
@@ -47,13 +47,13 @@ def numbers(text: Optional[str], count: int, element: str) -> List[float]:
     """
     words = (text or "").split()
     try:
-        values = [float(word) for word in words]
+        parsed_numbers = [float(word) for word in words]
     except ValueError:
-        values = []
-    if len(values) != count or not all(map(math.isfinite, values)):
+        parsed_numbers = []
+    if len(parsed_numbers) != count or not all(map(math.isfinite, parsed_numbers)):
         given_text = " ".join(words)[:60]
         raise ApplrError(f"{element} is {given_text!r}: give {count} finite numbers")
-    return values
+    return parsed_numbers
 
 
 def in_the_way(low: float, high: float) -> bool:
@@ -69,15 +69,15 @@ def cylinder(pose: Array, radius: float, length: float) -> Optional[Shape]:
     x, y, z = pose[:3, 3].tolist()
     axis_x, axis_y, axis_z = pose[:3, 2].tolist()
     upright = abs(axis_z)  # cosine of the angle between axis and vertical
-    flat = math.hypot(axis_x, axis_y)  # sine of this angle
-    reach = 0.5 * length * upright + radius * flat
-    if not in_the_way(z - reach, z + reach):
+    horizontal_share = math.hypot(axis_x, axis_y)  # sine of this angle
+    half_height = 0.5 * length * upright + radius * horizontal_share
+    if not in_the_way(z - half_height, z + half_height):
         return None
     if upright >= UPRIGHT_COSINE:
         return x, y, radius
     # The side of a leaning cylinder and its two end discs, seen from above.
     yaw = math.atan2(axis_y, axis_x)
-    size_along = length * flat + 2.0 * radius * upright
+    size_along = length * horizontal_share + 2.0 * radius * upright
     size_across = 2.0 * radius
     return x, y, yaw, size_along, size_across
 
@@ -106,15 +106,15 @@ def box(pose: Array, *sizes: float) -> Optional[Shape]:
         return None
     # The most horizontal axis gives the direction of the rectangle, and the first axis wins a tie.
     axis_x, axis_y = pose[:2, :3]
-    flat = np.hypot(axis_x, axis_y)
-    main = int(np.argmax(flat > flat.max() - 1e-9))
-    yaw = math.atan2(axis_y[main], axis_x[main])
+    horizontal_shares = np.hypot(axis_x, axis_y)
+    main_axis = int(np.argmax(horizontal_shares > horizontal_shares.max() - 1e-9))
+    yaw = math.atan2(axis_y[main_axis], axis_x[main_axis])
     cosine = math.cos(yaw)
     sine = math.sin(yaw)
-    along = corner_x * cosine + corner_y * sine
-    across = corner_y * cosine - corner_x * sine
-    size_along = float(np.ptp(along))
-    size_across = float(np.ptp(across))
+    corner_along = corner_x * cosine + corner_y * sine
+    corner_across = corner_y * cosine - corner_x * sine
+    size_along = float(np.ptp(corner_along))
+    size_across = float(np.ptp(corner_across))
     return x, y, yaw, size_along, size_across
 
 
@@ -139,16 +139,16 @@ def pose_of(element: Element, what: str) -> Array:
     `what` names the element in the message.
     """
     matrix = np.eye(4)
-    pose = element.find("pose")
+    pose_element = element.find("pose")
     words = (element.findtext("pose") or "").split()
-    if pose is None or not words:
+    if pose_element is None or not words:
         return matrix
     words += ["0"] * 5  # sdformat pads with zeros, too.
-    padded = " ".join(words[:6])
-    values = numbers(padded, 6, f"pose, {what}")
-    matrix[:3, 3] = values[:3]
+    pose_text = " ".join(words[:6])
+    pose_numbers = numbers(pose_text, 6, f"pose, {what}")
+    matrix[:3, 3] = pose_numbers[:3]
     # Lower case means rotations about fixed axes, as in SDF: R = Rz Ry Rx.
-    degrees = pose.get("degrees") in ("true", "1")
-    rotation = scipy.spatial.transform.Rotation.from_euler("xyz", values[3:], degrees)
+    degrees = pose_element.get("degrees") in ("true", "1")
+    rotation = scipy.spatial.transform.Rotation.from_euler("xyz", pose_numbers[3:], degrees)
     matrix[:3, :3] = rotation.as_matrix()
     return matrix

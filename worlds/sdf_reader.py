@@ -41,7 +41,7 @@ def read_world(path: str, points: Optional[Array] = None) -> World:
     Raises:
         ApplrError: The file cannot be read or has no course.
     """
-    name, _ = os.path.splitext(os.path.basename(path))
+    world_name, _ = os.path.splitext(os.path.basename(path))
     root = parse(path)
     element: Optional[Element] = root
     if root.tag != "world":
@@ -53,22 +53,22 @@ def read_world(path: str, points: Optional[Array] = None) -> World:
 
     cylinders = as_array(reader.cylinders, 3)
     movers = tuple(reader.movers)
-    stored = element.find(f"{{{NAMESPACE}}}course")
+    stored_course = element.find(f"{{{NAMESPACE}}}course")
     if points is not None:
-        way = course.along(path, points)
-    elif stored is not None:
-        way = course.from_element(stored, path)
+        world_course = course.along(path, points)
+    elif stored_course is not None:
+        world_course = course.from_element(stored_course, path)
     else:
-        way = course.beside(path, cylinders, movers)
+        world_course = course.beside(path, cylinders, movers)
 
     # Low boxes are obstacles, except for the floor slabs on which the robot stands at the start.
-    x, y, _ = way.start
+    x, y, _ = world_course.start
     boxes = list(reader.boxes)
     for slab in reader.low_boxes:
         slab_x, slab_y, yaw, size_x, size_y = slab
         if outside_box(x - slab_x, y - slab_y, yaw, size_x, size_y) != (0.0, 0.0):
             boxes.append(slab)
-    return World(name, cylinders, as_array(boxes, 5), way, movers)
+    return World(world_name, cylinders, as_array(boxes, 5), world_course, movers)
 
 
 def as_array(shapes: List[Shape], columns: int) -> Array:
@@ -104,34 +104,34 @@ class _Reader:
         for tag in ("actor", "population", "road", "state/insertions/model"):
             self.unread += [f"<{tag}>"] * len(world.findall(tag))
         for include in world.iter("include"):
-            text = include.findtext("uri") or ""
-            uri = text.strip().rstrip("/")
-            if uri not in IGNORED_INCLUDES:
-                self.unread.append(f"the include {uri!r}")
-        saved = {model.get("name"): model for model in world.findall("state/model")}
+            uri_text = include.findtext("uri") or ""
+            include_uri = uri_text.strip().rstrip("/")
+            if include_uri not in IGNORED_INCLUDES:
+                self.unread.append(f"the include {include_uri!r}")
+        saved_models = {model.get("name"): model for model in world.findall("state/model")}
         for model in world.findall("model"):
-            state = saved.get(model.get("name"))
-            self._model(model, np.eye(4), state, ("", "world"))
+            saved_state = saved_models.get(model.get("name"))
+            self._model(model, np.eye(4), saved_state, ("", "world"))
         if self.unread:
-            names = ", ".join(self.unread[:MAX_NAMED])
+            element_names = ", ".join(self.unread[:MAX_NAMED])
             if len(self.unread) > MAX_NAMED:
-                names += f" and {len(self.unread) - MAX_NAMED} more"
-            log = logging.getLogger(__name__)
-            log.warning("%s: not supported: %s; ignored", self.path, names)
+                element_names += f" and {len(self.unread) - MAX_NAMED} more"
+            logger = logging.getLogger(__name__)
+            logger.warning("%s: not supported: %s; ignored", self.path, element_names)
 
     def _is_relative_to(self, element: Element, frames: Tuple[str, ...], what: str) -> bool:
         """Return True if an element's pose is relative to one of the names of its parent.
 
         Otherwise note the element as unsupported.
         """
-        pose = element.find("pose")
-        frame = element.get("placement_frame") or ""
-        if not frame and pose is not None:
-            frame = pose.get("relative_to") or pose.get("frame") or ""
-        if frame in frames:
+        pose_element = element.find("pose")
+        frame_name = element.get("placement_frame") or ""
+        if not frame_name and pose_element is not None:
+            frame_name = pose_element.get("relative_to") or pose_element.get("frame") or ""
+        if frame_name in frames:
             return True
         # Resolving other frames would need the whole frame graph of SDF.
-        self.unread.append(f"{what} (its pose is relative to {frame!r})")
+        self.unread.append(f"{what} (its pose is relative to {frame_name!r})")
         return False
 
     def _model(
@@ -145,35 +145,35 @@ class _Reader:
             saved: Element of the model in a <state>, or None.
             frames: Names by which a <pose> may refer to the parent.
         """
-        name = f"model {model.get('name')!r}"
-        title = f"{name} in {self.path}"
-        if not self._is_relative_to(model, frames, name):
+        model_name = f"model {model.get('name')!r}"
+        title = f"{model_name} in {self.path}"
+        if not self._is_relative_to(model, frames, model_name):
             return
-        pose = parent @ pose_of(model, title)
+        model_pose = parent @ pose_of(model, title)
         if saved is not None:
             if saved.find("pose") is not None:
-                pose = pose_of(saved, f"state of {title}")  # It is in the world frame.
+                model_pose = pose_of(saved, f"state of {title}")  # It is in the world frame.
             scale = numbers(saved.findtext("scale", "1 1 1"), 3, f"scale, state of {title}")
             if scale != [1.0, 1.0, 1.0]:
-                self.unread.append(f"the scale of {name}")
+                self.unread.append(f"the scale of {model_name}")
 
         animation = dynabarn.animation_of(model, self.path)
         for link in model.findall("link"):
             link_name = f"link {link.get('name')!r}"
-            if self._is_relative_to(link, ("", "__model__"), f"{link_name} of {name}"):
-                link_pose = pose @ pose_of(link, f"{link_name} of {title}")
-                self._link(link, link_pose, name, animation)
+            if self._is_relative_to(link, ("", "__model__"), f"{link_name} of {model_name}"):
+                link_pose = model_pose @ pose_of(link, f"{link_name} of {title}")
+                self._link(link, link_pose, model_name, animation)
         # The saved state of a model inside another model is not read.
-        for inner in model.findall("model"):
-            self._model(inner, pose, None, ("", "__model__"))
+        for inner_model in model.findall("model"):
+            self._model(inner_model, model_pose, None, ("", "__model__"))
 
     def _link(self, link: Element, pose: Array, model: str, animation: Optional[Animation]) -> None:
         """Read the collisions of a link at a pose (4, 4). `model` names its model in messages."""
         for collision in link.findall("collision"):
-            name = f"collision {collision.get('name')!r}"
-            if not self._is_relative_to(collision, ("", link.get("name", "")), name):
+            collision_name = f"collision {collision.get('name')!r}"
+            if not self._is_relative_to(collision, ("", link.get("name", "")), collision_name):
                 continue
-            title = f"{name} of {model}"
+            title = f"{collision_name} of {model}"
             collision_pose = pose @ pose_of(collision, f"{title} in {self.path}")
             for element in collision.iterfind("geometry/*"):
                 if element.tag in SHAPES:
@@ -185,26 +185,27 @@ class _Reader:
         self, element: Element, pose: Array, title: str, animation: Optional[Animation]
     ) -> None:
         """Add the outline of a shape at a pose (4, 4) to the obstacles of its kind."""
-        reader = SHAPES[element.tag]
+        shape_reader = SHAPES[element.tag]
         sizes: List[float] = []
-        for tag in reader.tags:
-            text = element.findtext(tag)
-            sizes += numbers(text, reader.numbers_per_tag, f"{tag}, {title}")
-        shape = reader.outline(pose, *sizes)
-        if shape is None:
+        for tag in shape_reader.tags:
+            size_text = element.findtext(tag)
+            sizes += numbers(size_text, shape_reader.numbers_per_tag, f"{tag}, {title}")
+        outline = shape_reader.outline(pose, *sizes)
+        if outline is None:
             return
         # Only round obstacles move, as in DynaBARN. A box with an animation stays where it starts.
-        if len(shape) == 3 and animation is not None:
-            self.movers.append(animation(shape[2]))
-        elif len(shape) == 3:
-            self.cylinders.append(shape)
+        if len(outline) == 3 and animation is not None:
+            self.movers.append(animation(outline[2]))
+        elif len(outline) == 3:
+            self.cylinders.append(outline)
         elif element.tag == "box" and top_of_box(pose, sizes) <= FLOOR_HEIGHT_M:
-            self.low_boxes.append(shape)
+            self.low_boxes.append(outline)
         else:
-            self.boxes.append(shape)
+            self.boxes.append(outline)
 
 
 def top_of_box(pose: Array, sizes: List[float]) -> float:
     """Return the height [m] of the highest corner of a box with three sizes [m] at a pose."""
-    *upward, z = pose[2]  # share of each axis of the box that points up, and height of the centre
-    return float(z + 0.5 * np.abs(upward) @ sizes)
+    # share of each axis of the box that points up, and height of the centre
+    *upward_shares, centre_z = pose[2]
+    return float(centre_z + 0.5 * np.abs(upward_shares) @ sizes)

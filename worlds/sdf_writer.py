@@ -52,30 +52,30 @@ def write(world: World, path: str) -> None:
 
 def text(world: World) -> str:
     """Return the text of the .world file. Numbers are written without loss of precision."""
-    models: List[str] = []
+    model_texts: List[str] = []
     for number, (x, y, radius) in enumerate(world.cylinders.tolist()):
-        models.append(_model(f"cylinder_{number}", x, y, _cylinder(radius)))
+        model_texts.append(_model(f"cylinder_{number}", x, y, _cylinder(radius)))
     for number, (x, y, yaw, size_x, size_y) in enumerate(world.boxes.tolist()):
-        box = f"<box><size>{size_x!r} {size_y!r} {HEIGHT_M!r}</size></box>"
-        models.append(_model(f"box_{number}", x, y, box, yaw))
+        box_tag = f"<box><size>{size_x!r} {size_y!r} {HEIGHT_M!r}</size></box>"
+        model_texts.append(_model(f"box_{number}", x, y, box_tag, yaw))
     for number, mover in enumerate(world.movers):
         _, x, y = mover.waypoints[0]
-        shape = _cylinder(mover.radius)
-        models.append(_model(f"mover_{number}", x, y, shape, extra=_waypoints(mover)))
+        shape_tag = _cylinder(mover.radius)
+        model_texts.append(_model(f"mover_{number}", x, y, shape_tag, extra=_waypoints(mover)))
 
     course = world.course
-    finish = ""
-    ends = ""
+    finish_tag = ""
+    ends_tag = ""
     if course.finish_y is not None:
-        finish = f"      <applr:finish_y>{float(course.finish_y)!r}</applr:finish_y>\n"
+        finish_tag = f"      <applr:finish_y>{float(course.finish_y)!r}</applr:finish_y>\n"
     if course.planner_ends:
-        ends = "      <applr:planner_ends/>\n"
+        ends_tag = "      <applr:planner_ends/>\n"
     return _WORLD.format(
-        models="".join(models),
+        models="".join(model_texts),
         start=_row(course.start),
         goal=_row(course.goal),
-        finish=finish,
-        ends=ends,
+        finish=finish_tag,
+        ends=ends_tag,
         tolerance=float(course.goal_tolerance),
         path=_row(course.path.ravel().tolist()),
     )
@@ -99,12 +99,12 @@ def _waypoints(mover: Mover) -> str:
         attributes += f' length="{mover.length!r}"'
     if not mover.repeat:
         attributes += ' repeat="0"'
-    frames = " ".join(_row(frame) for frame in mover.waypoints)
-    return f"\n      <applr:waypoints{attributes}>{frames}</applr:waypoints>"
+    frames_text = " ".join(_row(frame) for frame in mover.waypoints)
+    return f"\n      <applr:waypoints{attributes}>{frames_text}</applr:waypoints>"
 
 
 def _row(values: Iterable[float]) -> str:
-    return " ".join(repr(float(value)) for value in values)
+    return " ".join(repr(float(number)) for number in values)
 
 
 def main() -> int:

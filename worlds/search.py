@@ -38,8 +38,10 @@ def free_space(filled: Cells, clearance: int) -> Cells:
     Cells outside the grid count as empty.
     """
     width = 2 * clearance + 1
-    near: Cells = scipy.ndimage.maximum_filter(filled, size=width, mode="constant", cval=False)
-    return ~near
+    near_cells: Cells = scipy.ndimage.maximum_filter(
+        filled, size=width, mode="constant", cval=False
+    )
+    return ~near_cells
 
 
 def obstacle_penalty(free: Cells) -> Array:
@@ -51,17 +53,17 @@ def obstacle_penalty(free: Cells) -> Array:
         return np.zeros(free.shape)  # The distance to a blocked cell is undefined.
     distance = scipy.ndimage.distance_transform_edt(free)
     is_near = free & (distance <= SHY_CELLS)
-    cost = SHY_COST / np.maximum(distance, 1.0)
-    return np.where(is_near, cost, 0.0)
+    cell_penalty = SHY_COST / np.maximum(distance, 1.0)
+    return np.where(is_near, cell_penalty, 0.0)
 
 
 def _turns(heading: int) -> Tuple[int, ...]:
     """Return the moves within 45 degrees of a heading. Their order decides ties."""
     if heading == ANY_MOVE:
         return tuple(range(len(MOVES)))
-    right = (heading - 1) % len(MOVES)
-    left = (heading + 1) % len(MOVES)
-    return right, heading, left
+    right_turn = (heading - 1) % len(MOVES)
+    left_turn = (heading + 1) % len(MOVES)
+    return right_turn, heading, left_turn
 
 
 def barn_path(free: Cells, start: Cell, goal: Cell) -> Optional[Ints]:
@@ -73,7 +75,7 @@ def barn_path(free: Cells, start: Cell, goal: Cell) -> Optional[Ints]:
     headings, so the search may miss an existing path and return None.
     """
     penalty = obstacle_penalty(free)
-    rows, columns = free.shape
+    row_count, column_count = free.shape
     cost_to: Dict[Cell, float] = {start: 0.0}
     parent: Dict[Cell, Cell] = {}
     heading: Dict[Cell, int] = {start: ANY_MOVE}  # move by which the path enters a cell
@@ -82,8 +84,8 @@ def barn_path(free: Cells, start: Cell, goal: Cell) -> Optional[Ints]:
     queue: List[Tuple[float, int, Cell]] = [(0.0, 0, start)]
     closed = set()
     while queue:
-        value, _, cell = heapq.heappop(queue)
-        if cell in closed or value != rank[cell]:
+        queued_rank, _, cell = heapq.heappop(queue)
+        if cell in closed or queued_rank != rank[cell]:
             continue  # The entry is outdated: the cell has been reached at a lower cost since.
         closed.add(cell)
         # The goal ends the search when it is expanded, not when it is discovered, because a path
@@ -96,30 +98,30 @@ def barn_path(free: Cells, start: Cell, goal: Cell) -> Optional[Ints]:
         cell_row, cell_column = cell
         for move in _turns(heading[cell]):
             row_step, column_step = MOVES[move]
-            row = cell_row + row_step
-            column = cell_column + column_step
-            reached = row, column
-            is_inside = 0 <= row < rows and 0 <= column < columns
-            if not is_inside or not free[reached] or reached in closed:
+            next_row = cell_row + row_step
+            next_column = cell_column + column_step
+            next_cell = next_row, next_column
+            is_inside = 0 <= next_row < row_count and 0 <= next_column < column_count
+            if not is_inside or not free[next_cell] or next_cell in closed:
                 continue
-            in_row = cell_row, column
-            in_column = row, cell_column
-            if not free[in_row] and not free[in_column]:
+            beside_in_row = cell_row, next_column
+            beside_in_column = next_row, cell_column
+            if not free[beside_in_row] and not free[beside_in_column]:
                 continue  # A diagonal move must not pass between two blocked corners.
             cost = cost_to[cell] + LENGTHS[move]
             # A cell that is discovered has no heuristic yet (second deviation from A*).
-            if reached not in cost_to:
-                discovery[reached] = len(discovery)
-                rank[reached] = cost + penalty[reached]
-            elif cost < cost_to[reached]:
-                heuristic = math.hypot(row - goal[0], column - goal[1])
-                rank[reached] = cost + heuristic + penalty[reached]
+            if next_cell not in cost_to:
+                discovery[next_cell] = len(discovery)
+                rank[next_cell] = cost + penalty[next_cell]
+            elif cost < cost_to[next_cell]:
+                heuristic = math.hypot(next_row - goal[0], next_column - goal[1])
+                rank[next_cell] = cost + heuristic + penalty[next_cell]
             else:
                 continue
-            cost_to[reached] = cost
-            parent[reached] = cell
-            heading[reached] = move
-            heapq.heappush(queue, (rank[reached], discovery[reached], reached))
+            cost_to[next_cell] = cost
+            parent[next_cell] = cell
+            heading[next_cell] = move
+            heapq.heappush(queue, (rank[next_cell], discovery[next_cell], next_cell))
     return None
 
 
@@ -130,21 +132,21 @@ def grid_graph(free: Cells) -> Any:
     outermost cells must not be free, because a move from one of them would enter another row.
     """
     is_free = free.ravel()
-    cells = np.flatnonzero(free).astype(np.int32)
+    cell_indices = np.flatnonzero(free).astype(np.int32)
     lengths = []
     origins = []
     targets = []
-    for (row, column), length in zip(MOVES, LENGTHS):
+    for (row_step, column_step), length in zip(MOVES, LENGTHS):
         # A diagonal move passes one of the two cells beside it, as in barn_path.
-        in_row = cells + column
-        in_column = cells + row * free.shape[1]
-        target = in_column + column
-        passes = is_free[target] & (is_free[in_column] | is_free[in_row])
-        lengths.append(np.full(passes.sum(), length))
-        origins.append(cells[passes])
-        targets.append(target[passes])
-    ends = (np.concatenate(origins), np.concatenate(targets))
+        beside_in_row = cell_indices + column_step
+        beside_in_column = cell_indices + row_step * free.shape[1]
+        target_cells = beside_in_column + column_step
+        is_passable = is_free[target_cells] & (is_free[beside_in_column] | is_free[beside_in_row])
+        lengths.append(np.full(is_passable.sum(), length))
+        origins.append(cell_indices[is_passable])
+        targets.append(target_cells[is_passable])
+    edge_ends = (np.concatenate(origins), np.concatenate(targets))
     return scipy.sparse.csr_matrix(
-        (np.concatenate(lengths), ends),
+        (np.concatenate(lengths), edge_ends),
         shape=(free.size, free.size),
     )

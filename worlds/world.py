@@ -56,7 +56,7 @@ class Mover:
     @cached_property
     def _times(self) -> List[float]:
         """Times of the key frames [s]."""
-        return [time for time, _, _ in self.waypoints]
+        return [frame_time for frame_time, _, _ in self.waypoints]
 
     @cached_property
     def _tangents(self) -> List[Point]:
@@ -73,21 +73,21 @@ class Mover:
             time = math.fmod(time, self.length)
         time = min(time, self.length)
 
-        times = self._times
-        second = bisect_left(times, time)
-        if second == len(times):
+        frame_times = self._times
+        end_frame = bisect_left(frame_times, time)
+        if end_frame == len(frame_times):
             return self.waypoints[-1][1:]
-        end_time, x_end, y_end = self.waypoints[second]
-        if second == 0 or end_time == time:
-            return x_end, y_end
+        end_time, end_x, end_y = self.waypoints[end_frame]
+        if end_frame == 0 or end_time == time:
+            return end_x, end_y
 
-        first = second - 1
-        start_time, x_start, y_start = self.waypoints[first]
-        share = (time - start_time) / (end_time - start_time)
-        dx_start, dy_start = self._tangents[first]
-        dx_end, dy_end = self._tangents[second]
-        x = hermite(x_start, x_end, dx_start, dx_end, share)
-        y = hermite(y_start, y_end, dy_start, dy_end, share)
+        start_frame = end_frame - 1
+        start_time, start_x, start_y = self.waypoints[start_frame]
+        time_share = (time - start_time) / (end_time - start_time)
+        start_dx, start_dy = self._tangents[start_frame]
+        end_dx, end_dy = self._tangents[end_frame]
+        x = hermite(start_x, end_x, start_dx, end_dx, time_share)
+        y = hermite(start_y, end_y, start_dy, end_dy, time_share)
         return x, y
 
 
@@ -98,19 +98,19 @@ def tangents_of(points: List[Point]) -> List[Point]:
     the previous point to the next. At the ends of an open curve the point itself replaces the
     missing neighbour.
     """
-    last = len(points) - 1
-    previous = points[0]
-    following = points[last]
+    last_index = len(points) - 1
+    previous_point = points[0]
+    following_point = points[last_index]
     first_x, first_y = points[0]
-    last_x, last_y = points[last]
+    last_x, last_y = points[last_index]
     if max(abs(first_x - last_x), abs(first_y - last_y)) <= SAME_POINT_M:
-        previous = points[last - 1]
-        following = points[1]
+        previous_point = points[last_index - 1]
+        following_point = points[1]
 
     tangents: List[Point] = []
-    extended = [previous, *points, following]
+    extended_points = [previous_point, *points, following_point]
     # The tangent at a point is parallel to the line between its neighbours.
-    for (before_x, before_y), (after_x, after_y) in zip(extended, extended[2:]):
+    for (before_x, before_y), (after_x, after_y) in zip(extended_points, extended_points[2:]):
         dx = after_x - before_x
         dy = after_y - before_y
         tangents.append((0.5 * dx, 0.5 * dy))
@@ -175,14 +175,14 @@ class Course:
 
         BARN's metric derives its optimal time at 2 m/s from this length.
         """
-        path = np.vstack([self.start[:2], self.path])
-        end: Sequence[float] = self.goal[:2]
+        route_points = np.vstack([self.start[:2], self.path])
+        route_end: Sequence[float] = self.goal[:2]
         if self.finish_y is not None:
             # From its last point before the finish line, the route goes straight to the line.
-            is_start = np.arange(len(path)) == 0
-            path = path[is_start | (path[:, 1] < self.finish_y)]
-            end = path[-1, 0], self.finish_y
-        route = np.vstack([path, end])
+            is_start = np.arange(len(route_points)) == 0
+            route_points = route_points[is_start | (route_points[:, 1] < self.finish_y)]
+            route_end = route_points[-1, 0], self.finish_y
+        route = np.vstack([route_points, route_end])
         return float(step_lengths(route).sum())
 
     @property
@@ -271,9 +271,9 @@ def clearance(world: World, points: Array, time: float = 0.0) -> Array:
     The distance is negative inside a cylinder, 0 inside a box, and inf without obstacles.
     """
     moving_cylinders = np.empty((len(world.movers), 3))
-    for row, mover in enumerate(world.movers):
+    for mover_index, mover in enumerate(world.movers):
         x, y = mover.position(time)
-        moving_cylinders[row] = (x, y, mover.radius)
+        moving_cylinders[mover_index] = (x, y, mover.radius)
     cylinders = np.vstack([world.cylinders, moving_cylinders])
     centre_x, centre_y, radius = cylinders.T
     points_x, points_y = points.T
@@ -281,8 +281,10 @@ def clearance(world: World, points: Array, time: float = 0.0) -> Array:
     dy = points_y[:, np.newaxis] - centre_y
     distance = np.hypot(dx, dy) - radius
     # `initial` is the distance in a world without cylinders.
-    nearest: Array = np.min(distance, axis=1, initial=np.inf)
+    nearest_distance: Array = np.min(distance, axis=1, initial=np.inf)
     for box_x, box_y, yaw, size_x, size_y in world.boxes:
-        along, across = outside_box(points_x - box_x, points_y - box_y, yaw, size_x, size_y)
-        nearest = np.minimum(nearest, np.hypot(along, across))
-    return nearest
+        dx = points_x - box_x
+        dy = points_y - box_y
+        offset_along, offset_across = outside_box(dx, dy, yaw, size_x, size_y)
+        nearest_distance = np.minimum(nearest_distance, np.hypot(offset_along, offset_across))
+    return nearest_distance
