@@ -38,10 +38,8 @@ def free_space(filled: Cells, clearance: int) -> Cells:
     Cells outside the grid count as empty.
     """
     width = 2 * clearance + 1
-    near_cells: Cells = scipy.ndimage.maximum_filter(
-        filled, size=width, mode="constant", cval=False
-    )
-    return ~near_cells
+    is_near: Cells = scipy.ndimage.maximum_filter(filled, size=width, mode="constant", cval=False)
+    return ~is_near
 
 
 def obstacle_penalty(free: Cells) -> Array:

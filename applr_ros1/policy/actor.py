@@ -177,8 +177,8 @@ class ContextPolicy(_FromFile):
         self.names = list(contexts)
         self.space = space
         self.layout = layout
-        sets = [space.fill(space.chosen.clip(theta)) for theta in contexts.values()]
-        self.sets = np.array(sets)  # (contexts, n)
+        parameter_sets = [space.fill(space.chosen.clip(theta)) for theta in contexts.values()]
+        self.sets = np.array(parameter_sets)  # (contexts, n)
         self.layers = _fitting(weights, layout.beams, len(self.names))
 
     @classmethod
@@ -190,8 +190,8 @@ class ContextPolicy(_FromFile):
         space = space_of(robot)
         check_robot(metadata, robot)
         if metadata["names"] != list(space.chosen.names):
-            names = ", ".join(space.chosen.names)
-            raise ApplrError(f"its parameters are {metadata['names']}: {names} are needed")
+            needed_names = ", ".join(space.chosen.names)
+            raise ApplrError(f"its parameters are {metadata['names']}: {needed_names} are needed")
         contexts = {str(entry["name"]): entry["theta"] for entry in metadata["contexts"]}
         return cls(contexts, weights, space, Layout.from_dict(metadata["layout"]))
 
@@ -227,17 +227,17 @@ def load(
         problem = f"unknown policy format {file_format!r}"
         raise ApplrError(f"{path}: {problem}: give a file written by train.py or appld.py")
     metadata = {}
-    for key, text in header.items():
-        if key not in PLAIN_ENTRIES:
-            metadata[key] = json.loads(text)
+    for entry_name, json_text in header.items():
+        if entry_name not in PLAIN_ENTRIES:
+            metadata[entry_name] = json.loads(json_text)
     policy: Union[Policy, ContextPolicy]
     try:
         if file_format == CONTEXTS_FORMAT:
             policy = ContextPolicy.of(weights, metadata, robot)
         else:
             # Files in the paper's encoding have no entry for the version of their observation.
-            name = DIMENSIONLESS if "observation" in metadata else PAPER
-            encoding = ENCODINGS[name].of(metadata, robot)
+            encoding_name = DIMENSIONLESS if "observation" in metadata else PAPER
+            encoding = ENCODINGS[encoding_name].of(metadata, robot)
             policy = Policy.of(weights, encoding, metadata)
     except ValueError as error:
         raise ApplrError(f"{path}: {error}") from None
@@ -267,9 +267,9 @@ def save(
     weights = _float32(weights)
     Policy.of(weights, encoding)  # Raises ApplrError if the weights do not fit the encoding.
     metadata = {**(metadata or {}), **encoding.to_metadata()}
-    halves = _without_mirror_images(weights, encoding.mirror)
-    if halves is not None:
-        weights = halves
+    stored_weights = _without_mirror_images(weights, encoding.mirror)
+    if stored_weights is not None:
+        weights = stored_weights
         metadata["with_mirror_images"] = True
     _write(path, weights, FORMAT, metadata)
 
@@ -290,8 +290,8 @@ def save_contexts(
     # Raises ApplrError if the weights do not fit the contexts.
     ContextPolicy(contexts, weights, space, layout)
     entries = []
-    for name, theta in contexts.items():
-        entries.append({"name": name, "theta": list(map(float, theta))})
+    for context_name, theta in contexts.items():
+        entries.append({"name": context_name, "theta": list(map(float, theta))})
     metadata = {
         **(metadata or {}),
         "robot": space.robot,
@@ -306,25 +306,27 @@ def _without_mirror_images(weights: Weights, mirror: Mirror) -> Optional[Dict[st
     """Return every second network if the others are their mirror images, else None."""
     if weights["0.weight"].ndim != 3:
         return None
-    halves = {name: np.ascontiguousarray(tensor[::2]) for name, tensor in weights.items()}
-    for name, tensor in with_mirror_images(halves, mirror).items():
-        if not np.array_equal(tensor, weights[name]):
+    first_networks = {
+        tensor_name: np.ascontiguousarray(tensor[::2]) for tensor_name, tensor in weights.items()
+    }
+    for tensor_name, tensor in with_mirror_images(first_networks, mirror).items():
+        if not np.array_equal(tensor, weights[tensor_name]):
             return None
-    return halves
+    return first_networks
 
 
 def _write(
     path: Any, weights: Dict[str, Array32], file_format: str, metadata: Mapping[str, Any]
 ) -> None:
     """Write tensors and metadata to a file of a format."""
-    header = {key: json.dumps(value) for key, value in metadata.items()}
+    header = {entry_name: json.dumps(entry) for entry_name, entry in metadata.items()}
     header["format"] = file_format
     files.write_bytes(path, safetensors.numpy.save(weights, metadata=header))
 
 
 def _float32(weights: Weights) -> Dict[str, Array32]:
     """Return tensors as safetensors writes them: it takes the memory as it is, without strides."""
-    return {name: np.ascontiguousarray(array, np.float32) for name, array in weights.items()}
+    return {name: np.ascontiguousarray(tensor, np.float32) for name, tensor in weights.items()}
 
 
 def layers_of(weights: Weights) -> Layers:
@@ -346,10 +348,10 @@ def _fitting(weights: Weights, inputs: int, outputs: int) -> Layers:
     layers = layers_of(weights)
     first_weight, _ = layers[0]
     last_weight, _ = layers[-1]
-    sizes = (first_weight.shape[-1], last_weight.shape[-2])
-    if sizes != (inputs, outputs):
+    actual_sizes = (first_weight.shape[-1], last_weight.shape[-2])
+    if actual_sizes != (inputs, outputs):
         raise ApplrError(
-            f"its network has {sizes} inputs and outputs: {(inputs, outputs)} are needed"
+            f"its network has {actual_sizes} inputs and outputs: {(inputs, outputs)} are needed"
         )
     return layers
 
@@ -361,19 +363,19 @@ def forward(layers: Layers, x: Any) -> Array32:
     """
     x = np.asarray(x, dtype=np.float32)
     is_ensemble = layers[0][0].ndim == 3
-    units: Array32 = x
+    activations: Array32 = x
     if is_ensemble:
-        units = np.atleast_2d(x)
-    for number, (weight, bias) in enumerate(layers):
-        if number:
-            units = np.maximum(units, np.float32(0.0))
+        activations = np.atleast_2d(x)
+    for layer_index, (weight, bias) in enumerate(layers):
+        if layer_index:
+            activations = np.maximum(activations, np.float32(0.0))
         # In an ensemble, weight is (k, out, in) and bias (k, out), so that units become (k, n,
         # out).
         if is_ensemble:
             bias = bias[:, None, :]
-        units = units @ weight.swapaxes(-1, -2) + bias
+        activations = activations @ weight.swapaxes(-1, -2) + bias
     if not is_ensemble:
-        return units
+        return activations
     # The mean before tanh keeps a network and its mirror image symmetric.
-    outputs: Array32 = units.mean(axis=0)
+    outputs: Array32 = activations.mean(axis=0)
     return outputs.reshape(*x.shape[:-1], -1)

@@ -81,8 +81,8 @@ class Context:
         # A blind scan is refused here, before a method or a file gets the context.
         without_gaps(ranges, layout)
         # The first decision may come before the planner's first plan.
-        path = seen.plan if len(seen.plan) else [seen.goal[:2]]
-        phi = goal_angle(local_goal(path, seen.pose, layout.lookahead))
+        plan_points = seen.plan if len(seen.plan) else [seen.goal[:2]]
+        phi = goal_angle(local_goal(plan_points, seen.pose, layout.lookahead))
         return cls(
             ranges=ranges,
             phi=phi,

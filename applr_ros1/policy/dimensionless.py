@@ -75,8 +75,8 @@ class OutputScale:
         is_log = []
         for output in OUTPUTS.values():
             unit = units.get(output.declared.kind, 1.0)
-            low, high = output.output_range or (output.low, output.high)
-            ranges.append((unit * low, unit * high))
+            lowest, highest = output.output_range or (output.low, output.high)
+            ranges.append((unit * lowest, unit * highest))
             is_log.append(output.log)
         self.low, self.high = np.array(ranges).T
         self._is_log = np.array(is_log)
@@ -86,18 +86,18 @@ class OutputScale:
 
     def encode(self, values: Array) -> Array:
         """Return the action (m,) for values (m,), clipped to [-1, 1]."""
-        linear = (values - self.low) / (self.high - self.low)
+        linear_share = (values - self.low) / (self.high - self.low)
         # A logarithmic parameter may be set to 0, for which the action is -1.
-        logarithmic = np.log2(np.maximum(values, 1e-9) / self._first) / self._octaves
-        action: Array = 2.0 * np.where(self._is_log, logarithmic, linear) - 1.0
+        logarithmic_share = np.log2(np.maximum(values, 1e-9) / self._first) / self._octaves
+        action: Array = 2.0 * np.where(self._is_log, logarithmic_share, linear_share) - 1.0
         return np.clip(action, -1.0, 1.0)
 
     def decode(self, action: Array) -> Array:
         """Return the values (m,) for an action (m,), which is clipped to [-1, 1]."""
-        share = 0.5 * (np.clip(action, -1.0, 1.0) + 1.0)
-        linear = self.low + share * (self.high - self.low)
-        logarithmic: Array = self._first * 2.0 ** (self._octaves * share)
-        return np.where(self._is_log, logarithmic, linear)
+        range_share = 0.5 * (np.clip(action, -1.0, 1.0) + 1.0)
+        linear_values = self.low + range_share * (self.high - self.low)
+        logarithmic_values: Array = self._first * 2.0 ** (self._octaves * range_share)
+        return np.where(self._is_log, logarithmic_values, linear_values)
 
 
 class DimensionlessEncoding(Encoding):
@@ -156,22 +156,22 @@ class DimensionlessEncoding(Encoding):
         )
         # An output is of use if the robot has the parameter, with a range that overlaps the
         # output's.
-        names = [NAMES.get(name, name) for name in self.space.names]
+        output_names = [NAMES.get(name, name) for name in self.space.names]
         self._places: List[Tuple[int, int]] = []  # (index in theta, index of its output)
         self.chosen: Tuple[str, ...] = ()
-        for output, name in enumerate(OUTPUTS):
-            if name not in names:
+        for output_index, output_name in enumerate(OUTPUTS):
+            if output_name not in output_names:
                 continue
-            index = names.index(name)
-            begins_below = self._scale.low[output] < self.space.high[index]
-            ends_above = self._scale.high[output] > self.space.low[index]
+            theta_index = output_names.index(output_name)
+            begins_below = self._scale.low[output_index] < self.space.high[theta_index]
+            ends_above = self._scale.high[output_index] > self.space.low[theta_index]
             if begins_below and ends_above:
-                self._places.append((index, output))
-                self.chosen += (self.space.names[index],)
+                self._places.append((theta_index, output_index))
+                self.chosen += (self.space.names[theta_index],)
         base_values = {**self.space.as_dict(self.space.theta0), **self.base}
         self._base = self.space.clip([base_values[name] for name in self.space.names])
         # Values (m,) of OUTPUTS that are not of use
-        defaults = [_default(tree, robot.local_planner, name) for name in OUTPUTS]
+        defaults = [_default(tree, robot.local_planner, output_name) for output_name in OUTPUTS]
         self._defaults = np.array(defaults, dtype=np.float64)
         self._description = _description(robot, tree, self.width, resolution)
         self.reset()
@@ -193,20 +193,20 @@ class DimensionlessEncoding(Encoding):
 
     def action(self, theta: Any) -> np.ndarray:
         """Return the action (12,) in [-1, 1] that encodes parameters (n,) of the robot's space."""
-        values = self._defaults.copy()
-        for index, output in self._places:
-            values[output] = theta[index]
-        return self._scale.encode(values)
+        output_values = self._defaults.copy()
+        for theta_index, output_index in self._places:
+            output_values[output_index] = theta[theta_index]
+        return self._scale.encode(output_values)
 
     def theta(self, action: Any) -> np.ndarray:
         """Return the parameters (n,) of the robot's space for an action (12,)."""
         action = np.asarray(action, dtype=np.float64)
         if action.shape != (len(OUTPUTS),) or not np.isfinite(action).all():
             raise ApplrError(f"action {action!r:.80}: {len(OUTPUTS)} finite numbers are needed")
-        values = self._scale.decode(action)
+        output_values = self._scale.decode(action)
         theta = self._base.copy()
-        for index, output in self._places:
-            theta[index] = values[output]
+        for theta_index, output_index in self._places:
+            theta[theta_index] = output_values[output_index]
         return self.space.clip(theta)
 
     def observe(self, context: Context) -> np.ndarray:
@@ -221,8 +221,8 @@ class DimensionlessEncoding(Encoding):
             self._description,
             self._movers(context),
         ]
-        rest = np.clip(np.concatenate(entries), -1.0, 1.0)
-        return np.concatenate([scan, previous_scan, rest]).astype(np.float32)
+        other_entries = np.clip(np.concatenate(entries), -1.0, 1.0)
+        return np.concatenate([scan, previous_scan, other_entries]).astype(np.float32)
 
     def _motion(self, context: Context, previous: Context) -> np.ndarray:
         """Return the entries (MOVING,) for route and motion since the `previous` decision."""
@@ -246,8 +246,8 @@ class DimensionlessEncoding(Encoding):
         previous_v = previous.twist[0] / base.max_speed
         previous_w = previous.twist[1] / base.max_yaw_rate
         previous_x, previous_y, _ = previous.pose
-        way = math.hypot(x - previous_x, y - previous_y)
-        driven = way / (base.max_speed * self.period)
+        distance = math.hypot(x - previous_x, y - previous_y)
+        driven_share = distance / (base.max_speed * self.period)
         return np.array(
             [
                 math.sin(context.phi),
@@ -262,7 +262,7 @@ class DimensionlessEncoding(Encoding):
                 0.5 * (w - previous_w),
                 0.5 * (v - previous_v),
                 context.phi / math.pi,
-                2.0 * driven - 1.0,
+                2.0 * driven_share - 1.0,
             ]
         )
 
@@ -278,23 +278,24 @@ class DimensionlessEncoding(Encoding):
         x, y = transform_point(to_robot, x, y)
         vx, vy = transform_point((0.0, 0.0, to_robot[2]), vx, vy)  # Velocities are only rotated.
         order = np.argsort(np.hypot(x, y), kind="stable")
-        nearest = np.column_stack([x, y, vx, vy])[order][:MOVERS]
-        nearest[:, :2] /= MOVER_CAP * self.width
-        nearest[:, 2:] /= self.robot.base.max_speed
-        return np.concatenate([nearest.ravel(), np.tile(NO_MOVER, MOVERS - len(nearest))])
+        nearest_movers = np.column_stack([x, y, vx, vy])[order][:MOVERS]
+        nearest_movers[:, :2] /= MOVER_CAP * self.width
+        nearest_movers[:, 2:] /= self.robot.base.max_speed
+        missing_movers = np.tile(NO_MOVER, MOVERS - len(nearest_movers))
+        return np.concatenate([nearest_movers.ravel(), missing_movers])
 
     def _scan(self, ranges: np.ndarray) -> np.ndarray:
         """Return ranges (beams,) [m] as entries (SECTORS,) in [-1, 1].
 
         Short ranges have a higher resolution.
         """
-        cap = self.layout.range_cap
-        shares = np.clip(without_gaps(ranges, self.layout), 0.0, cap) / cap
+        range_cap = self.layout.range_cap
+        shares = np.clip(without_gaps(ranges, self.layout), 0.0, range_cap) / range_cap
         observed = 2.0 * np.sqrt(shares) - 1.0
         # What lies outside the field of view counts as free.
         unobserved = SECTORS - self.layout.beams
-        right = unobserved // 2
-        return np.concatenate([np.ones(right), observed, np.ones(unobserved - right)])
+        right_count = unobserved // 2
+        return np.concatenate([np.ones(right_count), observed, np.ones(unobserved - right_count)])
 
 
 def _layout(robot: Robot, width: float) -> Layout:
@@ -302,21 +303,20 @@ def _layout(robot: Robot, width: float) -> Layout:
 
     Its sectors are those of the laser's view that are symmetric about straight ahead.
     """
-    first, last = robot.laser.view
-    half_view = min(-first, last)
+    first_angle, last_angle = robot.laser.view
+    half_view = min(-first_angle, last_angle)
     if robot.laser.covers_full_turn:
         half_view = math.pi
-    step = TURN_RAD / SECTORS
-    beams = 2 * min(SECTORS // 2, int(half_view / step + 0.5))
+    sector_angle = TURN_RAD / SECTORS
+    beams = 2 * min(SECTORS // 2, int(half_view / sector_angle + 0.5))
     if beams < 2:
-        raise ApplrError(
-            f"robot {robot.name}: its laser covers {first:.3f} to {last:.3f} rad, not ahead"
-        )
-    outer = 0.5 * (beams - 1) * step  # direction of the last sector's centre [rad]
+        view = f"{first_angle:.3f} to {last_angle:.3f} rad"
+        raise ApplrError(f"robot {robot.name}: its laser covers {view}, not ahead")
+    last_centre = 0.5 * (beams - 1) * sector_angle  # direction of the last sector's centre [rad]
     return Layout(
         beams=beams,
-        angle_min=-outer,
-        angle_max=outer,
+        angle_min=-last_centre,
+        angle_max=last_centre,
         range_cap=CAP * width,
         lookahead=NEAR_POINT * width,
     )
@@ -324,11 +324,11 @@ def _layout(robot: Robot, width: float) -> Layout:
 
 def _default(tree: Dict[str, Any], planner: str, output: str) -> float:
     """Return the value of a policy output in a complete parameter tree, or 0.0 without one."""
-    values = branch(tree, planner)
+    planner_values = branch(tree, planner)
     # Planners name the same value differently: any parameter that the output sets will do.
-    for parameter, set_by in NAMES.items():
-        if set_by == output and parameter in values:
-            return float(values[parameter])
+    for parameter_name, output_name in NAMES.items():
+        if output_name == output and parameter_name in planner_values:
+            return float(planner_values[parameter_name])
     for layer in branch(tree, "local_costmap").values():
         if isinstance(layer, dict) and output in layer:
             return float(layer[output])
@@ -342,11 +342,11 @@ def _description(robot: Robot, tree: Dict[str, Any], width: float, resolution: f
     """
     base = robot.base
     laser = robot.laser
-    values = branch(tree, robot.local_planner)
+    planner_values = branch(tree, robot.local_planner)
     # The planner's limits apply, unless the base allows less.
-    acceleration = min(base.max_acceleration, values["acc_lim_x"])
-    yaw_acceleration = min(base.max_yaw_acceleration, values["acc_lim_theta"])
-    view = min(laser.last_angle - laser.first_angle + laser.increment, TURN_RAD) / TURN_RAD
+    acceleration = min(base.max_acceleration, planner_values["acc_lim_x"])
+    yaw_acceleration = min(base.max_yaw_acceleration, planner_values["acc_lim_theta"])
+    view_share = min(laser.last_angle - laser.first_angle + laser.increment, TURN_RAD) / TURN_RAD
     return np.array(
         [
             math.log2(width / 0.5),
@@ -358,7 +358,7 @@ def _description(robot: Robot, tree: Dict[str, Any], width: float, resolution: f
             0.3 * math.log2(base.max_yaw_rate / yaw_acceleration),
             0.5 * math.log2(tree["controller_frequency"] / 10.0),
             0.4 * math.log2(laser.rate / 15.0),
-            2.0 * view - 1.0,
+            2.0 * view_share - 1.0,
             0.5 * math.log2(width / resolution / 8.0),
             0.5 * math.log2(branch(tree, "local_costmap")["width"] / width / 10.0),
             1.0 if base.drive == "two_wheel" else -1.0,

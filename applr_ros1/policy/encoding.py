@@ -43,8 +43,8 @@ class Mirror(NamedTuple):
         """
         # Each scan is reversed for itself.
         order = np.arange(beams + rest)
-        by_scan = order[:beams].reshape(scans, -1)
-        order[:beams] = by_scan[:, ::-1].ravel()
+        scan_order = order[:beams].reshape(scans, -1)
+        order[:beams] = scan_order[:, ::-1].ravel()
         sign = np.ones(beams + rest, np.float32)
         sign[beams + np.asarray(mirror_sign, dtype=np.int64)] = -1.0
         return cls(order, sign)
@@ -61,15 +61,15 @@ def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dic
     """
     is_ensemble = weights["0.weight"].ndim == 3
     ensemble = {}
-    for name, networks in weights.items():
+    for tensor_name, networks in weights.items():
         if not is_ensemble:
             networks = networks[None]
-        images = networks
-        if name == "0.weight":  # Only the first layer takes the observation.
-            images = (networks * mirror.sign)[..., mirror.order]
+        mirror_images = networks
+        if tensor_name == "0.weight":  # Only the first layer takes the observation.
+            mirror_images = (networks * mirror.sign)[..., mirror.order]
         # Each network is followed by its image; policy files leave out every second one.
-        pairs = np.stack([networks, images], axis=1)
-        ensemble[name] = pairs.reshape(-1, *networks.shape[1:])
+        network_pairs = np.stack([networks, mirror_images], axis=1)
+        ensemble[tensor_name] = network_pairs.reshape(-1, *networks.shape[1:])
     return ensemble
 
 
@@ -204,10 +204,10 @@ class PaperEncoding(Encoding):
         # Actions are shares of the ranges: other ranges would give other parameters.
         space = space_of(robot).chosen
         check_robot(metadata, robot)
-        for key, value in space.to_dict().items():
-            stored = metadata["space"].get(key)
-            if key != "theta0" and stored != value:
-                difference = f"{key} is {stored}, here {value}"
+        for entry_name, needed_value in space.to_dict().items():
+            stored_value = metadata["space"].get(entry_name)
+            if entry_name != "theta0" and stored_value != needed_value:
+                difference = f"{entry_name} is {stored_value}, here {needed_value}"
                 raise ApplrError(
                     f"made for another parameter space: {difference}; train one for this"
                 )

@@ -80,8 +80,8 @@ class Layout:
     def sector(self, bearing: float, width: float) -> Ints:
         """Return the indices of the beams within width / 2 of a bearing [rad]."""
         # Differences of directions, wrapped: behind the robot, -pi and pi are the same.
-        offsets = (self.angles - bearing + math.pi) % TURN_RAD - math.pi
-        return np.flatnonzero(np.abs(offsets) <= 0.5 * width)
+        angle_offsets = (self.angles - bearing + math.pi) % TURN_RAD - math.pi
+        return np.flatnonzero(np.abs(angle_offsets) <= 0.5 * width)
 
     def resample(self, ranges: Any, angle_min: float, angle_increment: float) -> Array32:
         """Return a scan resampled to this layout, (beams,) float32 [m].
@@ -104,14 +104,14 @@ class Layout:
             ObservationError: The scan does not cover the layout, is coarser than COARSEST_RAD, or
                 has no geometry.
         """
-        measured: Array32 = np.asarray(ranges, dtype=np.float32)
-        is_zero = measured == 0.0
+        measured_ranges: Array32 = np.asarray(ranges, dtype=np.float32)
+        is_zero = measured_ranges == 0.0
         if is_zero.any():  # Zeros must be replaced before the minimum is taken.
-            measured = np.where(is_zero, np.float32(np.nan), measured)
-        sectors = _sectors(self, len(measured), float(angle_min), float(angle_increment))
+            measured_ranges = np.where(is_zero, np.float32(np.nan), measured_ranges)
+        sectors = _sectors(self, len(measured_ranges), float(angle_min), float(angle_increment))
         if sectors is None:
-            return measured
-        return np.fmin.reduceat(measured[sectors.source], sectors.starts)
+            return measured_ranges
+        return np.fmin.reduceat(measured_ranges[sectors.source], sectors.starts)
 
 
 class Sectors(NamedTuple):
@@ -139,46 +139,49 @@ def _sectors(layout: Layout, count: int, first: float, step: float) -> Optional[
     _check_geometry(count, first, step)
     last = first + step * (count - 1)
     half_sector = 0.5 * layout.step
-    is_aligned = (
-        abs(first - layout.angle_min) < half_sector and abs(last - layout.angle_max) < half_sector
-    )
-    if count == layout.beams and is_aligned:
+    begins_alike = abs(first - layout.angle_min) < half_sector
+    ends_alike = abs(last - layout.angle_max) < half_sector
+    if count == layout.beams and begins_alike and ends_alike:
         return None
 
     # The beams in order of their directions, repeated over all TURNS
-    angles = (first + step * np.arange(count) + TURNS[:, None]).ravel()
-    order = np.argsort(angles, kind="stable")
-    angles = angles[order]
+    directions = first + step * np.arange(count)
+    repeated_angles = (directions + TURNS[:, None]).ravel()
+    order = np.argsort(repeated_angles, kind="stable")
+    angles = repeated_angles[order]
     source = np.tile(np.arange(count), len(TURNS))[order]
 
-    # A sector is covered if a beam lies within half a beam of its centre, up to the tolerance.
+    # The beam nearest to a sector's centre is the one on its right or on its left.
     centres = layout.angles
-    right = np.clip(np.searchsorted(angles, centres), 1, len(angles) - 1)
-    is_left_nearer = centres - angles[right - 1] <= angles[right] - centres
-    nearest = right - is_left_nearer
-    is_covered = np.abs(angles[nearest] - centres) <= 0.5 * abs(step) + ANGLE_TOLERANCE_RAD
+    right_beam = np.clip(np.searchsorted(angles, centres), 1, len(angles) - 1)
+    is_left_nearer = centres - angles[right_beam - 1] <= angles[right_beam] - centres
+    nearest_beam = right_beam - is_left_nearer
+
+    # A sector is covered if this beam lies within half a beam of its centre, up to the tolerance.
+    largest_offset = 0.5 * abs(step) + ANGLE_TOLERANCE_RAD
+    is_covered = np.abs(angles[nearest_beam] - centres) <= largest_offset
     if not is_covered.all():
-        covers = (
-            f"scan of {count} beams covers {min(first, last):.3f} to {max(first, last):.3f} rad"
-        )
-        raise ObservationError(
-            f"{covers}: the policy needs {layout.angle_min:.3f} to {layout.angle_max:.3f}"
-        )
+        coverage = f"{min(first, last):.3f} to {max(first, last):.3f} rad"
+        need = f"{layout.angle_min:.3f} to {layout.angle_max:.3f}"
+        raise ObservationError(f"scan of {count} beams covers {coverage}: the policy needs {need}")
 
     # Sectors between two beams of a coarser scan are empty, and take the nearest beam.
-    begins = np.searchsorted(angles, centres - half_sector)
-    ends = np.searchsorted(angles, centres + half_sector)
-    is_empty = begins == ends
-    begins = np.where(is_empty, nearest, begins)
-    ends = np.where(is_empty, nearest + 1, ends)
-    starts = np.concatenate([[0], np.cumsum(ends - begins)[:-1]])
-    ranges = [source[begin:end] for begin, end in zip(begins, ends)]
+    first_beams = np.searchsorted(angles, centres - half_sector)
+    end_beams = np.searchsorted(angles, centres + half_sector)
+    is_empty = first_beams == end_beams
+    first_beams = np.where(is_empty, nearest_beam, first_beams)
+    end_beams = np.where(is_empty, nearest_beam + 1, end_beams)
+
+    beam_counts = end_beams - first_beams
+    starts = np.concatenate([[0], np.cumsum(beam_counts)[:-1]])
+    ranges = [source[begin:end] for begin, end in zip(first_beams, end_beams)]
     return Sectors(np.concatenate(ranges), starts)
 
 
 def _check_geometry(count: int, first: float, step: float) -> None:
     """Raise ObservationError if a scan has no geometry, or too few beams for its angle."""
-    if count < 2 or not (math.isfinite(first) and math.isfinite(step)) or step == 0.0:
+    is_finite = math.isfinite(first) and math.isfinite(step)
+    if count < 2 or not is_finite or step == 0.0:
         scan = f"scan has {count} beams from {first:g} rad every {step:g} rad"
         raise ObservationError(f"{scan}, no geometry: check the laser's driver")
     if abs(step) > COARSEST_RAD:

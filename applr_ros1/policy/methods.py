@@ -107,16 +107,16 @@ class RandomParameters(Method):
 
     def reset(self, seed: int) -> None:
         """Seed the draws of a new course."""
-        stream = UNIFORM_SEED if self.around is None else AROUND_SEED
-        self._draws = np.random.default_rng([seed, stream])
+        first_seed = UNIFORM_SEED if self.around is None else AROUND_SEED
+        self._draws = np.random.default_rng([seed, first_seed])
 
     def theta(self, context: Optional[Context]) -> Array:
         """Return a new random parameter set."""
         if self.around is None:
             return self.space.to_theta(self._draws.uniform(-1.0, 1.0, len(self.space)))
-        mean = self.space.to_action(self.around.values)
+        mean_action = self.space.to_action(self.around.values)
         noise = EXPLORED * self._draws.normal(size=len(self.space))
-        return self.space.to_theta(mean + noise)
+        return self.space.to_theta(mean_action + noise)
 
     def describe(self) -> Dict[str, Any]:
         """Return the distribution of the draws."""
@@ -132,9 +132,9 @@ def shipped(name: str, robot: Robot) -> str:
 
 def auto(robot: Robot) -> str:
     """Return the method for `auto`: policy, else tuned parameter set, else default parameters."""
-    for method, file in (("applr", POLICY), ("static", SET)):
-        if os.path.exists(shipped(file, robot)):
-            return method
+    for method_name, file_name in (("applr", POLICY), ("static", SET)):
+        if os.path.exists(shipped(file_name, robot)):
+            return method_name
     return "dwa"
 
 
@@ -158,18 +158,18 @@ def _existing(method: str, name: str, robot: Robot, next_step: str = "") -> str:
 
     Raise ApplrError if there is none.
     """
-    path = shipped(name, robot)
-    if not os.path.exists(path):
+    file_path = shipped(name, robot)
+    if not os.path.exists(file_path):
         remedy = f"run `./applr tune {robot.folder}`{next_step}"
-        raise ApplrError(f"{method}: there is no {path}: {remedy}")
-    return path
+        raise ApplrError(f"{method}: there is no {file_path}: {remedy}")
+    return file_path
 
 
 def _explored(robot: Robot) -> Method:
-    around = _default(robot)
+    parameters = _default(robot)
     if os.path.exists(shipped(SET, robot)):
-        around = _tuned(robot)
-    return RandomParameters(space_of(robot), around)
+        parameters = _tuned(robot)
+    return RandomParameters(space_of(robot), parameters)
 
 
 def _default(robot: Robot) -> FixedParameters:
@@ -249,18 +249,20 @@ def make(spec: str, robot: Robot = JACKAL, user_code: bool = True) -> Method:
 
 def for_robot(method: Method, robot: Robot) -> Method:
     """Return the method with the robot's space and layout, unless it defines its own."""
-    for name, value_of in (("space", space_of), ("layout", layout_of)):
+    for attribute_name, value_of in (("space", space_of), ("layout", layout_of)):
         # Own values are in the object or in its class.
-        if getattr(method, name) is getattr(Method, name) and name not in vars(method):
-            setattr(method, name, value_of(robot))
+        is_inherited = attribute_name not in vars(method)
+        default = getattr(Method, attribute_name)
+        if is_inherited and getattr(method, attribute_name) is default:
+            setattr(method, attribute_name, value_of(robot))
     return method
 
 
 def _reader(spec: str) -> Callable[[str, Robot], Method]:
-    ending = os.path.splitext(spec)[1]
-    if ending not in FILES:
+    file_ending = os.path.splitext(spec)[1]
+    if file_ending not in FILES:
         raise ApplrError(f"method {spec!r} is unknown: give {SPECIFICATIONS}")
-    return FILES[ending]
+    return FILES[file_ending]
 
 
 def absolute(spec: str) -> str:
@@ -274,12 +276,12 @@ def absolute(spec: str) -> str:
     if not user_class:
         _reader(spec)  # Raises ApplrError if the specification is not a method's file.
         return os.path.abspath(spec)
-    module, name = user_class.groups()
-    if module.endswith(".py"):
-        module = os.path.abspath(module)
-    elif os.path.isfile(module + ".py"):
-        module = os.path.abspath(module + ".py")
-    return f"{module}:{name}"
+    module_name, class_name = user_class.groups()
+    if module_name.endswith(".py"):
+        module_name = os.path.abspath(module_name)
+    elif os.path.isfile(module_name + ".py"):
+        module_name = os.path.abspath(module_name + ".py")
+    return f"{module_name}:{class_name}"
 
 
 def parse(text: str) -> List[Tuple[str, str]]:
@@ -297,15 +299,15 @@ def parse(text: str) -> List[Tuple[str, str]]:
     for spec in map(str.strip, text.split(",")):
         user_class = USER_METHOD.match(spec)
         if user_class:
-            name = user_class.group(2)
+            method_name = user_class.group(2)
         else:
-            name = os.path.splitext(os.path.basename(spec))[0]
-        if not NAME.match(name):
-            problem = f"method {spec[:80]!r} cannot be called {name[:80]!r}"
+            method_name = os.path.splitext(os.path.basename(spec))[0]
+        if not NAME.match(method_name):
+            problem = f"method {spec[:80]!r} cannot be called {method_name[:80]!r}"
             raise ApplrError(f"{problem}: use letters, digits and ._:+-")
-        if name in methods:
-            raise ApplrError(f"two methods are called {name!r}: rename one of the files")
-        methods[name] = spec
+        if method_name in methods:
+            raise ApplrError(f"two methods are called {method_name!r}: rename one of the files")
+        methods[method_name] = spec
     return list(methods.items())
 
 
@@ -319,9 +321,9 @@ def make_user_method(module: str, name: str) -> Method:
     except Exception as error:  # The code of a user may raise anything.
         raise ApplrError(f"method {module}:{name} cannot be made: {one_line(error)}") from error
     if not isinstance(method, Method):
-        base = "applr_ros1.policy.methods.Method"
+        base_class = "applr_ros1.policy.methods.Method"
         raise ApplrError(
-            f"method {module}:{name} is not a subclass of {base}: derive it from that class"
+            f"method {module}:{name} is not a subclass of {base_class}: derive it from that class"
         )
     return method
 
@@ -332,23 +334,23 @@ def load_module(module: str) -> ModuleType:
     It may import modules beside it.
     """
     is_file = module.endswith(".py")
-    path = os.path.realpath(module)
+    module_path = os.path.realpath(module)
     folder = os.getcwd()
     if is_file:
-        folder = os.path.dirname(path)
+        folder = os.path.dirname(module_path)
     # At the end: a user's file must not hide a package of the same name.
     if folder not in sys.path:
         sys.path.append(folder)
     if not is_file:
         return importlib.import_module(module)
     # The whole path makes the name unique.
-    name = path[: -len(".py")].replace(".", "_").replace(os.sep, "_")
-    if name not in sys.modules:
-        spec: Any = importlib.util.spec_from_file_location(name, path)
-        sys.modules[name] = importlib.util.module_from_spec(spec)
+    module_name = module_path[: -len(".py")].replace(".", "_").replace(os.sep, "_")
+    if module_name not in sys.modules:
+        import_spec: Any = importlib.util.spec_from_file_location(module_name, module_path)
+        sys.modules[module_name] = importlib.util.module_from_spec(import_spec)
         try:
-            spec.loader.exec_module(sys.modules[name])
+            import_spec.loader.exec_module(sys.modules[module_name])
         except BaseException:  # A half-loaded module must not be found by the next attempt.
-            del sys.modules[name]
+            del sys.modules[module_name]
             raise
-    return sys.modules[name]
+    return sys.modules[module_name]

@@ -39,12 +39,11 @@ def layout_of(robot: Robot) -> Layout:
     if laser.covers_full_turn:
         half_view = pi - pi / beams  # A beam at pi would be the same as one at -pi.
     else:
-        first, last = laser.view
-        half_view = min(-first, last)
+        first_angle, last_angle = laser.view
+        half_view = min(-first_angle, last_angle)
         if half_view <= laser.increment:
-            raise ObservationError(
-                f"robot {robot.name}: its laser covers {first:.3f} to {last:.3f} rad, not ahead"
-            )
+            view = f"{first_angle:.3f} to {last_angle:.3f} rad"
+            raise ObservationError(f"robot {robot.name}: its laser covers {view}, not ahead")
         beams = min(MOST_BEAMS, int(round(2.0 * half_view / laser.increment)) + 1)
     return Layout(
         beams=beams,
@@ -99,24 +98,24 @@ def without_gaps(ranges: Any, layout: Layout = LAYOUT) -> Array32:
     Raises:
         ObservationError: The number of beams is wrong, or no beam is valid.
     """
-    filled: Array32 = np.asarray(ranges, dtype=np.float32)
-    if filled.shape != (layout.beams,):
+    filled_ranges: Array32 = np.asarray(ranges, dtype=np.float32)
+    if filled_ranges.shape != (layout.beams,):
         raise ObservationError(
-            f"scan has {filled.size} beams: the policy takes {layout.beams}; resample it"
+            f"scan has {filled_ranges.size} beams: the policy takes {layout.beams}; resample it"
         )
-    is_missing = np.isnan(filled)
+    is_missing = np.isnan(filled_ranges)
     if not is_missing.any():
-        return filled
+        return filled_ranges
     if is_missing.all():
         raise ObservationError(
             f"all {layout.beams} beams of the scan are NaN or 0: check the laser"
         )
     # Capped first, because no value can be interpolated towards infinity.
-    filled = np.where(is_missing, 0.0, np.clip(filled, 0.0, layout.range_cap))
-    missing = np.flatnonzero(is_missing)
-    valid = np.flatnonzero(~is_missing)
-    filled[missing] = np.interp(missing, valid, filled[valid])
-    return filled
+    filled_ranges = np.where(is_missing, 0.0, np.clip(filled_ranges, 0.0, layout.range_cap))
+    missing_beams = np.flatnonzero(is_missing)
+    valid_beams = np.flatnonzero(~is_missing)
+    filled_ranges[missing_beams] = np.interp(missing_beams, valid_beams, filled_ranges[valid_beams])
+    return filled_ranges
 
 
 def local_goal(plan: Any, pose: Any, lookahead: float = LAYOUT.lookahead) -> Tuple[float, float]:
@@ -145,10 +144,10 @@ def local_goal(plan: Any, pose: Any, lookahead: float = LAYOUT.lookahead) -> Tup
     smooth_x, smooth_y = smooth(points).T
     dx = smooth_x - x
     dy = smooth_y - y
-    beyond = np.flatnonzero(np.hypot(dx, dy) > lookahead)
-    index = beyond[0] if len(beyond) else -1
-    ahead, left = transform_point((0.0, 0.0, -yaw), dx[index], dy[index])
-    return float(ahead), float(left)
+    points_beyond = np.flatnonzero(np.hypot(dx, dy) > lookahead)
+    goal_index = points_beyond[0] if len(points_beyond) else -1
+    goal_x, goal_y = transform_point((0.0, 0.0, -yaw), dx[goal_index], dy[goal_index])
+    return float(goal_x), float(goal_y)
 
 
 def beginning(plan: Any, pose: Any, distance: float) -> Array:
@@ -162,10 +161,10 @@ def beginning(plan: Any, pose: Any, distance: float) -> Array:
     """
     points = np.asarray(plan, dtype=np.float64)[:, :2]
     dx, dy = (smooth(points) - pose[:2]).T
-    beyond = np.flatnonzero(np.hypot(dx, dy) > distance)
-    if not len(beyond):
+    points_beyond = np.flatnonzero(np.hypot(dx, dy) > distance)
+    if not len(points_beyond):
         return points
-    return points[: beyond[0] + WINDOW]  # The filter looks ahead by less than WINDOW.
+    return points[: points_beyond[0] + WINDOW]  # The filter looks ahead by less than WINDOW.
 
 
 def goal_angle(goal: Tuple[float, float]) -> float:
@@ -185,19 +184,19 @@ def smooth(points: Array) -> Array:
         window -= 1  # The window has a point in its middle.
     if window <= ORDER:
         return np.array(points, dtype=np.float64)
-    hat = _hat(window)
-    half = window // 2
+    hat_matrix = _hat(window)
+    half_window = window // 2
     smoothed = np.empty(points.shape, dtype=np.float64)
     # In the middle, each point is the value of the cubic through its window. np.convolve reverses
     # the weights.
-    weights = hat[half][::-1]
+    middle_weights = hat_matrix[half_window][::-1]
     for column in range(points.shape[1]):
-        inner = np.convolve(points[:, column], weights, mode="valid")
-        smoothed[half : len(points) - half, column] = inner
+        middle_values = np.convolve(points[:, column], middle_weights, mode="valid")
+        smoothed[half_window : len(points) - half_window, column] = middle_values
     # Near the ends, the cubics of the first and the last whole window go on (savgol_filter's mode
     # "interp").
-    smoothed[:half] = hat[:half] @ points[:window]
-    smoothed[-half:] = hat[-half:] @ points[-window:]
+    smoothed[:half_window] = hat_matrix[:half_window] @ points[:window]
+    smoothed[-half_window:] = hat_matrix[-half_window:] @ points[-window:]
     return smoothed
 
 

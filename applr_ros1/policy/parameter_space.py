@@ -66,15 +66,15 @@ class Space:
     @cached_property
     def chosen(self) -> "Space":
         """Subspace that policies in the paper's encoding choose: eight for the Jackal."""
-        chosen = self._chosen_at
-        names = tuple(self.names[index] for index in chosen)
+        chosen_indices = self._chosen_at
+        chosen_names = tuple(self.names[index] for index in chosen_indices)
         return Space(
-            names=names,
-            low=self.low[chosen],
-            high=self.high[chosen],
-            integer=self.integer[chosen],
-            theta0=self.theta0[chosen],
-            targets={name: self.targets.get(name, ()) for name in names},
+            names=chosen_names,
+            low=self.low[chosen_indices],
+            high=self.high[chosen_indices],
+            integer=self.integer[chosen_indices],
+            theta0=self.theta0[chosen_indices],
+            targets={name: self.targets.get(name, ()) for name in chosen_names},
             robot=self.robot,
         )
 
@@ -87,8 +87,8 @@ class Space:
 
         They are those of the subspace `chosen`; fill() is the way back.
         """
-        chosen: Array = np.asarray(theta, dtype=np.float64)[..., self._chosen_at]
-        return chosen
+        chosen_values: Array = np.asarray(theta, dtype=np.float64)[..., self._chosen_at]
+        return chosen_values
 
     def fill(self, values: Any) -> Array:
         """Return parameters (n,): the subspace `chosen` from `values` (k,), others from theta_0."""
@@ -109,9 +109,9 @@ class Space:
 
         Raises ApplrError if the length is wrong or a value is not finite.
         """
-        inside: Array = np.clip(self._checked(theta, "parameter"), self.low, self.high)
+        clipped_values: Array = np.clip(self._checked(theta, "parameter"), self.low, self.high)
         # After clipping: the bounds of a count are whole numbers.
-        return np.where(self.integer, np.rint(inside), inside)
+        return np.where(self.integer, np.rint(clipped_values), clipped_values)
 
     def to_theta(self, action: Any) -> Array:
         """Return the parameters (n,) float64 for an action (n,) in [-1, 1].
@@ -128,17 +128,17 @@ class Space:
 
         Values beyond the ranges are clipped.
         """
-        shares = (self._checked(theta, "parameter") - self.low) / (self.high - self.low)
-        action: Array = np.clip(2.0 * shares - 1.0, -1.0, 1.0)
+        range_shares = (self._checked(theta, "parameter") - self.low) / (self.high - self.low)
+        action: Array = np.clip(2.0 * range_shares - 1.0, -1.0, 1.0)
         return action
 
     def as_dict(self, theta: Any) -> Dict[str, float]:
         """Return the parameters (n,) as {name: value}, with counts as int."""
-        values: Dict[str, float] = {}
+        parameters: Dict[str, float] = {}
         for name, value, is_count in zip(self.names, theta, self.integer):
             # dynamic_reconfigure refuses a float for an int_t, and numpy's types.
-            values[name] = int(value) if is_count else float(value)
-        return values
+            parameters[name] = int(value) if is_count else float(value)
+        return parameters
 
     def from_dict(self, values: Mapping[str, Any]) -> Array:
         """Return the parameters (n,) for {name: value} after a range check.
@@ -151,7 +151,10 @@ class Space:
                 raise ApplrError(f"unknown parameter {name!r}: use {', '.join(self.names)}")
             index = self.names.index(name)
             theta[index] = number_within(
-                f"parameter {name}", value, self.low[index], self.high[index]
+                f"parameter {name}",
+                value,
+                self.low[index],
+                self.high[index],
             )
         return self.clip(theta)
 
@@ -159,9 +162,9 @@ class Space:
     def addresses(self) -> List[Tuple[int, Target]]:
         """All values that the space sets: (index of the parameter in theta, address)."""
         addresses = []
-        for index, name in enumerate(self.names):
-            for target in self.targets[name]:
-                addresses.append((index, target))
+        for parameter_index, parameter_name in enumerate(self.names):
+            for target in self.targets[parameter_name]:
+                addresses.append((parameter_index, target))
         return addresses
 
     @property
@@ -176,20 +179,20 @@ class Space:
     def settings_of(self, values: Mapping[str, Any]) -> Settings:
         """Return the values that some parameters {name: value} set, not clipped."""
         settings: Dict[str, Dict[str, Any]] = {}
-        for index, target in self.addresses:
-            name = self.names[index]
+        for parameter_index, target in self.addresses:
+            name = self.names[parameter_index]
             if name in values:
                 settings.setdefault(target.server, {})[target.name] = target.signed(values[name])
         return Settings(settings)
 
     def read_back(self, settings: Mapping[str, Mapping[str, Any]]) -> Array:
         """Return the parameters (n,) float64 that are in force in the settings of the servers."""
-        theta = []
-        for name in self.names:
+        server_values = []
+        for parameter_name in self.names:
             # The other targets of a parameter follow the first one.
-            target = self.targets[name][0]
-            theta.append(settings[target.server][target.name])
-        return np.array(theta, dtype=np.float64)
+            target = self.targets[parameter_name][0]
+            server_values.append(settings[target.server][target.name])
+        return np.array(server_values, dtype=np.float64)
 
     def read(self, path: Any) -> ParameterSet:
         """Read a JSON file with a parameter set.
@@ -239,8 +242,10 @@ class Space:
                 f"{kind} vector has shape {vector.shape}: {len(self.names)} values are needed"
             )
         if not np.all(np.isfinite(vector)):
-            bad = np.argwhere(~np.isfinite(vector))[0]
-            raise ApplrError(f"{kind} {self.names[bad[-1]]} is {vector[tuple(bad)]}, not finite")
+            position = np.argwhere(~np.isfinite(vector))[0]
+            raise ApplrError(
+                f"{kind} {self.names[position[-1]]} is {vector[tuple(position)]}, not finite"
+            )
         return vector
 
 
@@ -251,31 +256,32 @@ def space_of(robot: Robot) -> Space:
     Raises ApplrError if its move_base does not accept the space.
     """
     tree = robot.all_parameters()
-    for line in space_errors(robot, tree):
-        raise ApplrError(f"robot {robot.name}: {line}")  # Only the first error is reported.
+    for error_message in space_errors(robot, tree):
+        # Only the first error is reported.
+        raise ApplrError(f"robot {robot.name}: {error_message}")
     bounds = []
     integer = []
     theta0 = []
     targets: Dict[str, Tuple[Target, ...]] = {}
-    fixed = []
+    fixed_names = []
     for parameter in robot.space:
         bounds.append((parameter.low, parameter.high))
         integer.append(parameter.integer)
         theta0.append(parameter.sets[0].value_in(tree))
         targets[parameter.name] = parameter.sets
         if not parameter.paper:
-            fixed.append(parameter.name)
+            fixed_names.append(parameter.name)
     # A robot without parameters for policies has an empty space.
-    low, high = np.array(bounds, dtype=np.float64).reshape(-1, 2).T
+    lowest, highest = np.array(bounds, dtype=np.float64).reshape(-1, 2).T
     space = Space(
         names=tuple(targets),
-        low=low,
-        high=high,
+        low=lowest,
+        high=highest,
         integer=np.array(integer),
         theta0=np.array(theta0, dtype=np.float64),
         targets=targets,
         robot=robot.name,
-        fixed=tuple(fixed),
+        fixed=tuple(fixed_names),
     )
     # All users of the robot share this space.
     for array in (space.low, space.high, space.integer, space.theta0):

@@ -75,13 +75,13 @@ class Stall:
             v: Speed ahead [m/s].
         """
         self._past.append((time, x, y))
-        begin = time - STALL_TIME_S + TIME_TOLERANCE_S
+        window_start = time - STALL_TIME_S + TIME_TOLERANCE_S
         # The first entry becomes the latest position that is old enough.
-        while len(self._past) > 1 and self._past[1][0] <= begin:
+        while len(self._past) > 1 and self._past[1][0] <= window_start:
             self._past.popleft()
-        oldest_time, *oldest = self._past[0]
-        if oldest_time <= begin:
-            self.share = min(1.0, math.dist(oldest, (x, y)) / self._required)
+        oldest_time, *oldest_position = self._past[0]
+        if oldest_time <= window_start:
+            self.share = min(1.0, math.dist(oldest_position, (x, y)) / self._required)
         has_come_out = v * OUT_TIME_S >= self._required
         return self.share < 1.0 and not has_come_out
 
@@ -149,15 +149,15 @@ class StallRule:
             return None
         self.count += 1
         space = self._encoding.space
-        values = {**space.as_dict(theta), **phase.values}
-        return space.clip([values[name] for name in space.names])
+        parameters = {**space.as_dict(theta), **phase.values}
+        return space.clip([parameters[name] for name in space.names])
 
     def _begin(self, time: float, leads_back: bool, is_first: bool) -> _Phase:
         """Begin a phase at a time [s]."""
-        values: Dict[str, float] = {}
+        phase_values: Dict[str, float] = {}
         if leads_back or is_first:
-            values = self._values(backs_out=leads_back and is_first)
-        self._phase = _Phase(time, leads_back, is_first, values)
+            phase_values = self._values(backs_out=leads_back and is_first)
+        self._phase = _Phase(time, leads_back, is_first, phase_values)
         return self._phase
 
     def _values(self, backs_out: bool) -> Dict[str, float]:
@@ -165,12 +165,12 @@ class StallRule:
         space = self._encoding.space
         action = self._draws.uniform(-1.0, 1.0, self._encoding.actions)
         distance = self._draws.uniform(*BACKING_M)
-        drawn = space.as_dict(self._encoding.theta(action))
-        values = {name: drawn[name] for name in self._encoding.chosen}
+        drawn_parameters = space.as_dict(self._encoding.theta(action))
+        drawn_values = {name: drawn_parameters[name] for name in self._encoding.chosen}
         # Only TrajectoryPlannerROS backs out.
         if backs_out and "escape_reset_dist" in space.names:
-            values.update(BACKING_OUT, escape_reset_dist=distance)
-        return values
+            drawn_values.update(BACKING_OUT, escape_reset_dist=distance)
+        return drawn_values
 
 
 class _Phase:
@@ -206,10 +206,10 @@ def _leads_back(context: Context) -> bool:
     """Return whether the plan begins behind the robot. Without a plan, it does."""
     plan = np.asarray(context.plan)[:, :2]
     x, y, yaw = context.pose
-    ways = np.hypot(plan[:, 0] - x, plan[:, 1] - y)
-    reached = np.flatnonzero(ways >= PLAN_M)
-    if not len(reached):
+    distances = np.hypot(plan[:, 0] - x, plan[:, 1] - y)
+    reached_points = np.flatnonzero(distances >= PLAN_M)
+    if not len(reached_points):
         return True
-    ahead_x, ahead_y = plan[reached[0]]
+    ahead_x, ahead_y = plan[reached_points[0]]
     forward = math.cos(yaw) * (ahead_x - x) + math.sin(yaw) * (ahead_y - y)
     return bool(forward < 0.0)
