@@ -67,30 +67,30 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 def run(arguments: List[str]) -> None:
     """Learn from the bags named in the arguments, and write the file and its log (OUT_log.json)."""
     options = parsed(AppldOptions, "appld.py", __doc__, arguments)
-    out = Path(options.out)
-    if out.suffix != ".safetensors":
-        raise ApplrError(f"--out {out}: give a name that ends in .safetensors")
-    began = time.monotonic()
+    policy_file = Path(options.out)
+    if policy_file.suffix != ".safetensors":
+        raise ApplrError(f"--out {policy_file}: give a name that ends in .safetensors")
+    start_time = time.monotonic()
     robot = options.robot
     topics = options.topics()
     demonstrations = []
     scans_of = []
-    for bag in bags_in(options.bags):
-        demonstration = read_demonstration(bag, topics, robot)
+    for bag_path in bags_in(options.bags):
+        demonstration = read_demonstration(bag_path, topics, robot)
         demonstrations.append(demonstration)
         scans_of.append(policy_scans(demonstration, robot))
     split = segmentation.find(demonstrations, robot, options.contexts, options.penalty)
 
     # Parameters of each context
     space = space_of(robot)
-    sets: Dict[str, np.ndarray] = {}
+    parameter_sets: Dict[str, np.ndarray] = {}
     contexts: List[Dict[str, Any]] = []
     by_context = _stretches_by_context(demonstrations, split, robot)
-    for name, mean, parts in zip(split.names, split.means, by_context):
-        best = fit(parts, options.evaluations, options.seed + len(contexts))
+    for context_name, mean_features, context_stretches in zip(split.names, split.means, by_context):
+        best_fit = fit(context_stretches, options.evaluations, options.seed + len(contexts))
         # The policy's file holds only the parameters that the paper's encoding sets.
-        sets[name] = space.chosen_of(best.theta)
-        contexts.append(_described(name, mean, best, space))
+        parameter_sets[context_name] = space.chosen_of(best_fit.theta)
+        contexts.append(_described(context_name, mean_features, best_fit, space))
 
     # Classifier of the context
     layout = layout_of(robot)
@@ -102,27 +102,28 @@ def run(arguments: List[str]) -> None:
     weights, quality = classifier.train(
         classifier.inputs(np.array(scans), layout),
         np.array(labels),
-        len(sets),
+        len(parameter_sets),
         options.seed,
         layout,
     )
     print(f"classifier: accuracy {quality['accuracy']}, on held-out instants {quality['held_out']}")
 
     # Files, without folders of this machine, because they are passed on
-    about = {
+    provenance = {
         "command": "python -m training.appld " + " ".join(map(without_folders, arguments)),
         "demonstrations": list(map(_source, demonstrations)),
         "classifier": quality,
     }
-    make_folder(out.parent)
-    actor.save_contexts(out, sets, weights, {"training": about}, space, layout)
+    make_folder(policy_file.parent)
+    metadata = {"training": provenance}
+    actor.save_contexts(policy_file, parameter_sets, weights, metadata, space, layout)
     segments = []
     for segment in split.segments:
         segments.append({**segment._asdict(), "context": split.names[segment.context]})
-    seconds = round(time.monotonic() - began, 1)
-    log = {**about, "segments": segments, "contexts": contexts, "seconds": seconds}
-    write_json(out.with_name(f"{out.stem}_log.json"), log)
-    print(f"{out}: {len(contexts)} contexts in {seconds:.0f} s")
+    seconds = round(time.monotonic() - start_time, 1)
+    log = {**provenance, "segments": segments, "contexts": contexts, "seconds": seconds}
+    write_json(policy_file.with_name(f"{policy_file.stem}_log.json"), log)
+    print(f"{policy_file}: {len(contexts)} contexts in {seconds:.0f} s")
 
 
 def _stretches_by_context(
@@ -130,14 +131,17 @@ def _stretches_by_context(
 ) -> List[List[Stretch]]:
     """Return the stretches of each context, and print the segments."""
     by_context: List[List[Stretch]] = [[] for _ in split.names]
-    for number, demonstration in enumerate(demonstrations):
+    for demonstration_index, demonstration in enumerate(demonstrations):
         assert demonstration.commands is not None
         times = demonstration.commands.time
-        segments = [segment for segment in split.segments if segment.demonstration == number]
+        segments = []
+        for segment in split.segments:
+            if segment.demonstration == demonstration_index:
+                segments.append(segment)
         for segment, stretch in zip(segments, stretches(demonstration, robot, segments)):
             by_context[segment.context].append(stretch)
-            span = f"{times[segment.first]:5.1f} to {times[segment.last - 1]:5.1f} s"
-            print(f"{demonstration.name} {span}: context {split.names[segment.context]}")
+            time_span = f"{times[segment.first]:5.1f} to {times[segment.last - 1]:5.1f} s"
+            print(f"{demonstration.name} {time_span}: context {split.names[segment.context]}")
     return by_context
 
 
@@ -158,14 +162,14 @@ def _described(name: str, mean: np.ndarray, best: Fit, space: Space) -> Dict[str
         f"rms error of commands {v_error:.2f} m/s, {w_error:.2f} rad/s, "
         f"{best.replays} sets tried on {best.instants} instants; best parameters: {rounded}"
     )
-    entry = {
+    log_entry = {
         "name": name,
         "features": dict(zip(segmentation.FEATURES, mean.round(3).tolist())),
         "parameters": parameters,
         **vars(best),
     }
-    del entry["theta"]  # The same values as the parameters
-    return entry
+    del log_entry["theta"]  # The same values as the parameters
+    return log_entry
 
 
 def _source(demonstration: Drive) -> Dict[str, Any]:

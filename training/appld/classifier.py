@@ -27,9 +27,12 @@ Weights = Dict[str, np.ndarray]
 
 def inputs(ranges: np.ndarray, layout: Layout = LAYOUT) -> np.ndarray:
     """Return ranges (n, beams) [m] scaled to [-1, 1] as float32, as in policy/observation.py."""
-    cap = layout.range_cap
-    known = np.nan_to_num(np.asarray(ranges, np.float32), nan=cap, posinf=cap, neginf=0.0)
-    return np.clip(known, 0.0, cap) * (2.0 / cap) - 1.0
+    range_cap = layout.range_cap
+    known_ranges = np.nan_to_num(
+        np.asarray(ranges, np.float32), nan=range_cap, posinf=range_cap, neginf=0.0
+    )
+    capped_ranges = np.clip(known_ranges, 0.0, range_cap)
+    return capped_ranges * (2.0 / range_cap) - 1.0
 
 
 def train(
@@ -53,8 +56,8 @@ def train(
     is_held_out = np.arange(len(labels)) // BLOCK % 5 == 4
     held_out = None
     if is_held_out.any() and not is_held_out.all() and contexts > 1:
-        probe = _fit(scans[~is_held_out], labels[~is_held_out], contexts, seed, layout)
-        held_out = _accuracy(probe, scans[is_held_out], labels[is_held_out])
+        probe_weights = _fit(scans[~is_held_out], labels[~is_held_out], contexts, seed, layout)
+        held_out = _accuracy(probe_weights, scans[is_held_out], labels[is_held_out])
     weights = _fit(scans, labels, contexts, seed, layout)
     return weights, {
         "accuracy": _accuracy(weights, scans, labels),
@@ -75,40 +78,50 @@ def _fit(
     torch.set_num_threads(1)  # Several threads are slower for such a small network.
     torch.manual_seed(seed)
     rng = np.random.default_rng(seed)
-    net = MLP(layout.beams, [HIDDEN], contexts)
+    network = MLP(layout.beams, [HIDDEN], contexts)
     # A rare context counts as much as a frequent one.
     counts = np.maximum(1, np.bincount(labels, minlength=contexts))
     balance = torch.tensor(len(labels) / counts / contexts, dtype=torch.float32)
-    criterion = torch.nn.CrossEntropyLoss(weight=balance, label_smoothing=0.05)
-    optimiser = torch.optim.AdamW(net.parameters(), lr=1e-3, weight_decay=1e-2)
+    criterion = torch.nn.CrossEntropyLoss(
+        weight=balance,
+        label_smoothing=0.05,
+    )
+    optimiser = torch.optim.AdamW(network.parameters(), lr=1e-3, weight_decay=1e-2)
     for _ in range(STEPS):
-        rows = rng.integers(0, len(labels), BATCH)
-        batch = torch.from_numpy(_varied(scans[rows], rng, layout))
-        loss = criterion(net(batch), torch.from_numpy(labels[rows]))
+        batch_rows = rng.integers(0, len(labels), BATCH)
+        scan_batch = torch.from_numpy(_varied(scans[batch_rows], rng, layout))
+        loss = criterion(network(scan_batch), torch.from_numpy(labels[batch_rows]))
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
     torch.set_num_threads(threads)
-    return {name: tensor.numpy().copy() for name, tensor in net.state_dict().items()}
+    weights = {}
+    for weight_name, tensor in network.state_dict().items():
+        weights[weight_name] = tensor.numpy().copy()
+    return weights
 
 
 def _varied(scans: np.ndarray, rng: np.random.Generator, layout: Layout) -> np.ndarray:
     """Return scans (n, beams), half of them mirrored, each rotated by up to SHIFT, with noise."""
     # Indices (n, beams) of the beams to take; at the ends, the last beam is repeated.
-    last = layout.beams - 1
+    last_beam = layout.beams - 1
     largest_shift = round(SHIFT / layout.step)
-    shift = rng.integers(-largest_shift, largest_shift + 1, (len(scans), 1))
-    beams = np.clip(np.arange(layout.beams) + shift, 0, last)
+    shifts = rng.integers(-largest_shift, largest_shift + 1, (len(scans), 1))
+    shifted_beams = np.arange(layout.beams) + shifts
+    beams = np.clip(shifted_beams, 0, last_beam)
     is_mirrored = rng.random((len(scans), 1)) < 0.5
-    beams = np.where(is_mirrored, last - beams, beams)
-    moved = np.take_along_axis(scans, beams, axis=1)
+    beams = np.where(is_mirrored, last_beam - beams, beams)
+    moved_scans = np.take_along_axis(scans, beams, axis=1)
 
     deviation = np.float32(NOISE * 2.0 / layout.range_cap)  # in the units of inputs()
     noise = rng.standard_normal(scans.shape, dtype=np.float32) * deviation
-    return np.asarray(np.clip(moved + noise, -1.0, 1.0), np.float32)
+    noisy_scans = np.clip(moved_scans + noise, -1.0, 1.0)
+    return np.asarray(noisy_scans, np.float32)
 
 
 def _accuracy(weights: Weights, scans: np.ndarray, labels: np.ndarray) -> float:
     """Return the share of scans (n, beams) whose label (n,) a network finds."""
-    found = np.argmax(forward(layers_of(weights), scans), axis=1)
-    return round(float((found == labels).mean()), 4)
+    scores = forward(layers_of(weights), scans)
+    found_labels = np.argmax(scores, axis=1)
+    share = float((found_labels == labels).mean())
+    return round(share, 4)

@@ -101,8 +101,12 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
 
     Return 0, or 1 after a one-line error if no bag was written.
     """
-    name = "demonstrate.py"
-    return run_main(lambda: demonstrate(parsed(DemonstrateOptions, name, __doc__, arguments)), name)
+    program_name = "demonstrate.py"
+
+    def run() -> None:
+        demonstrate(parsed(DemonstrateOptions, program_name, __doc__, arguments))
+
+    return run_main(run, program_name)
 
 
 if __name__ == "__main__":

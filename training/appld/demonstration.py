@@ -60,33 +60,33 @@ def instants(drive: Drive) -> Drive:
     commands = _commands(drive.commands, times)
 
     # The demonstration begins and ends with driving.
-    drives = np.abs(commands).max(axis=1) > DRIVING_SPEED
-    moving = np.flatnonzero(drives & is_located)
-    driven_s = len(moving) * CONTROL_PERIOD
+    has_motion = np.abs(commands).max(axis=1) > DRIVING_SPEED
+    moving_rows = np.flatnonzero(has_motion & is_located)
+    driven_s = len(moving_rows) * CONTROL_PERIOD
     if driven_s < SHORTEST_S:
         raise BagError(
             f"{driven_s:.1f} s of driving are too little: record {SHORTEST_S:g} s or more"
         )
-    chosen = np.arange(moving[0], moving[-1] + 1)
-    chosen = chosen[is_located[chosen]]
+    chosen_rows = np.arange(moving_rows[0], moving_rows[-1] + 1)
+    chosen_rows = chosen_rows[is_located[chosen_rows]]
 
-    time = times[chosen] - times[chosen[0]]
-    scan_rows = scan_rows[chosen]
-    ranges = [drive.scans.ranges[row] for row in scan_rows.tolist()]
-    motion_rows = motion_rows[chosen]
-    pose = motion.pose[motion_rows]
+    elapsed_times = times[chosen_rows] - times[chosen_rows[0]]
+    scan_rows = scan_rows[chosen_rows]
+    ranges = [drive.scans.ranges[scan_row] for scan_row in scan_rows.tolist()]
+    motion_rows = motion_rows[chosen_rows]
+    poses = motion.pose[motion_rows]
     # Without a goal, the planner of the fit drives to where the demonstration ended.
-    goal = tuple(pose[-1].tolist())
+    goal_pose = tuple(poses[-1].tolist())
     for sent in drive.sent:
         if sent.frame == drive.frame:
-            goal = sent.pose
+            goal_pose = sent.pose
     return Drive(
         name=drive.name,
         frame=drive.frame,
-        odometry=Motion(time, time, pose, motion.twist[motion_rows]),
-        scans=Scans(time, time, drive.scans.fan[scan_rows], ranges),
-        commands=Commands(time, commands[chosen]),
-        sent=[SentGoal(0.0, goal, drive.frame)],
+        odometry=Motion(elapsed_times, elapsed_times, poses, motion.twist[motion_rows]),
+        scans=Scans(elapsed_times, elapsed_times, drive.scans.fan[scan_rows], ranges),
+        commands=Commands(elapsed_times, commands[chosen_rows]),
+        sent=[SentGoal(0.0, goal_pose, drive.frame)],
         source=drive.source or {"demonstrator": "not stated"},
     )
 
@@ -112,14 +112,14 @@ def _beats(stamps: np.ndarray) -> np.ndarray:
 
     They are all scans, or one per planner cycle if the laser is faster than the planner.
     """
-    due = stamps[0]
-    rows = []
+    due_time = stamps[0]
+    used_rows = []
     for row, stamp in enumerate(stamps.tolist()):
         # A scan may come a little early. After a gap, the next one is due half a period later.
-        if stamp >= due - CONTROL_PERIOD / 5:
-            due = max(due + CONTROL_PERIOD, stamp + CONTROL_PERIOD / 2)
-            rows.append(row)
-    return np.array(rows)
+        if stamp >= due_time - CONTROL_PERIOD / 5:
+            due_time = max(due_time + CONTROL_PERIOD, stamp + CONTROL_PERIOD / 2)
+            used_rows.append(row)
+    return np.array(used_rows)
 
 
 def _commands(commands: Commands, times: np.ndarray) -> np.ndarray:
@@ -128,7 +128,7 @@ def _commands(commands: Commands, times: np.ndarray) -> np.ndarray:
     A base stops when its last command is older than HELD_S.
     """
     # The planner's command at an instant is that for the cycle after its scan.
-    last = np.searchsorted(commands.time, times + 0.9 * CONTROL_PERIOD, side="right") - 1
-    is_fresh = (last >= 0) & (times - commands.time[last] < HELD_S)
-    latest = commands.twist[last]
-    return np.where(is_fresh[:, None] & np.isfinite(latest), latest, 0.0)
+    last_rows = np.searchsorted(commands.time, times + 0.9 * CONTROL_PERIOD, side="right") - 1
+    is_fresh = (last_rows >= 0) & (times - commands.time[last_rows] < HELD_S)
+    latest_twists = commands.twist[last_rows]
+    return np.where(is_fresh[:, None] & np.isfinite(latest_twists), latest_twists, 0.0)

@@ -75,12 +75,12 @@ def step(planner: MoveBase, demonstration: Drive, robot: Robot, i: int) -> Tuple
     """
     assert demonstration.odometry is not None
     assert demonstration.scans is not None
-    time = clock(i)
+    planner_time = clock(i)
     pose = tuple(demonstration.odometry.pose[i].tolist())
     twist = tuple(demonstration.odometry.twist[i].tolist())
     first_angle, increment, range_min, range_max = demonstration.scans.fan[0].tolist()
     scan = LaserScan(
-        stamp=time,
+        stamp=planner_time,
         angle_min=first_angle,
         angle_increment=increment,
         range_min=range_min,
@@ -89,7 +89,7 @@ def step(planner: MoveBase, demonstration: Drive, robot: Robot, i: int) -> Tuple
         sensor_pose=robot.laser.pose_at(pose),
         sensor_height=robot.laser.height,
     )
-    cycle = planner.step(time, pose, twist, scan)
+    cycle = planner.step(planner_time, pose, twist, scan)
     return cycle.command or (0.0, 0.0)
 
 
@@ -104,25 +104,26 @@ def clock(i: int) -> float:
 def stretches(demonstration: Drive, robot: Robot, spans: Sequence[Segment]) -> List[Stretch]:
     """Return a Stretch for each segment, from a replay of the whole demonstration with theta_0."""
     assert demonstration.commands is not None
-    goal = demonstration.sent[-1].pose
+    goal_pose = demonstration.sent[-1].pose
     planner = MoveBase(counting_cells(robot.parameters()))
     space = space_of(robot)
     send(space.settings(space.theta0), planner)
     step(planner, demonstration, robot, i=0)
-    planner.set_goal(goal, clock(0))
+    planner.set_goal(goal_pose, clock(0))
 
-    parts = []
+    segment_stretches = []
     for i in range(len(demonstration.commands)):
-        for span in spans:
-            if span.first == i:
+        for segment in spans:
+            if segment.first == i:
                 # The costmap at its start depends on everything before.
-                last = min(span.last, i + LONGEST)
-                parts.append(Stretch(demonstration, robot, i, last, copy.deepcopy(planner)))
+                end_instant = min(segment.last, i + LONGEST)
+                stretch = Stretch(demonstration, robot, i, end_instant, copy.deepcopy(planner))
+                segment_stretches.append(stretch)
         step(planner, demonstration, robot, i)
         if planner.goal is None:
             # The planner gave up or arrived, but the demonstration continues.
-            planner.set_goal(goal, clock(i))
-    return parts
+            planner.set_goal(goal_pose, clock(i))
+    return segment_stretches
 
 
 def replay(stretch: Stretch, theta: np.ndarray) -> np.ndarray:
@@ -134,14 +135,14 @@ def replay(stretch: Stretch, theta: np.ndarray) -> np.ndarray:
     assert demonstration.commands is not None
     planner = copy.deepcopy(stretch.planner)
     send(space_of(stretch.robot).settings(theta), planner)
-    rows = range(stretch.first, stretch.last)
-    planned = [step(planner, demonstration, stretch.robot, i) for i in rows]
-    errors = np.array(planned) - demonstration.commands.twist[rows]
+    replayed_instants = range(stretch.first, stretch.last)
+    planned_commands = [step(planner, demonstration, stretch.robot, i) for i in replayed_instants]
+    errors = np.array(planned_commands) - demonstration.commands.twist[replayed_instants]
     # Errors count where the demonstrator drives, and once the planner has taken its parameters up.
-    counts = is_driving(demonstration)[rows]
-    ignored = min(SETTLE, len(counts) // 2)
-    counts[:ignored] = False
-    return np.asarray(errors[counts])
+    is_counted = is_driving(demonstration)[replayed_instants]
+    ignored = min(SETTLE, len(is_counted) // 2)
+    is_counted[:ignored] = False
+    return np.asarray(errors[is_counted])
 
 
 class Loss(NamedTuple):
@@ -162,8 +163,8 @@ def loss(parts: Sequence[Stretch], theta: np.ndarray) -> Loss:
     if not len(errors):
         return Loss(0.0, [0.0, 0.0])
     v_square, w_square = (errors**2).mean(axis=0)
-    rms = np.sqrt([v_square, w_square]).round(4)
-    return Loss(float(v_square + TURN_WEIGHT * w_square), rms.tolist())
+    rms_errors = np.sqrt([v_square, w_square]).round(4)
+    return Loss(float(v_square + TURN_WEIGHT * w_square), rms_errors.tolist())
 
 
 def fit(parts: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
@@ -178,32 +179,32 @@ def fit(parts: Sequence[Stretch], evaluations: int, seed: int) -> Fit:
 
     encoding = PaperEncoding(parts[0].robot)
     theta0 = encoding.space.theta0
-    home = encoding.action(theta0)
-    base = loss(parts, theta0)
-    best = Fit(
+    default_action = encoding.action(theta0)
+    default_loss = loss(parts, theta0)
+    best_fit = Fit(
         theta=theta0.copy(),
-        loss=base.value,
-        loss_theta0=base.value,
-        rms_v_w=base.rms_v_w,
-        rms_v_w_theta0=base.rms_v_w,
+        loss=default_loss.value,
+        loss_theta0=default_loss.value,
+        rms_v_w=default_loss.rms_v_w,
+        rms_v_w_theta0=default_loss.rms_v_w,
         replays=1,
         instants=sum(stretch.last - stretch.first for stretch in parts),
     )
     options = {"bounds": [-1, 1], "seed": seed + 1, "verbose": -9}  # cma draws a seed for 0.
-    strategy = cma.CMAEvolutionStrategy(home * INSIDE, SPREAD, options)
-    while best.replays < evaluations and not strategy.stop():
+    strategy = cma.CMAEvolutionStrategy(default_action * INSIDE, SPREAD, options)
+    while best_fit.replays < evaluations and not strategy.stop():
         candidates = strategy.ask()
-        values = []
+        penalised_losses = []
         for candidate in candidates:
             theta = encoding.theta(candidate)
-            tried = loss(parts, theta)
+            candidate_loss = loss(parts, theta)
             # Sets that drive alike are kept near the defaults.
-            distance = float(np.mean((candidate - home) ** 2))
-            values.append(tried.value + PULL * distance)
-            if tried.value < best.loss:
-                best.theta = theta
-                best.loss = tried.value
-                best.rms_v_w = tried.rms_v_w
-        strategy.tell(candidates, values)
-        best.replays += len(candidates)
-    return best
+            distance = float(np.mean((candidate - default_action) ** 2))
+            penalised_losses.append(candidate_loss.value + PULL * distance)
+            if candidate_loss.value < best_fit.loss:
+                best_fit.theta = theta
+                best_fit.loss = candidate_loss.value
+                best_fit.rms_v_w = candidate_loss.rms_v_w
+        strategy.tell(candidates, penalised_losses)
+        best_fit.replays += len(candidates)
+    return best_fit

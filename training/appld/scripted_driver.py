@@ -78,11 +78,13 @@ class Demonstrator:
         """
         # Target. The search goes forwards only: the route may pass the same place twice.
         x, y, yaw = pose
-        searched = self.route[self._nearest : self._nearest + SEARCHED]
-        self._nearest += int(np.argmin(distances(searched, np.array([x, y]))))
+        searched_points = self.route[self._nearest : self._nearest + SEARCHED]
+        searched_distances = distances(searched_points, np.array([x, y]))
+        self._nearest += int(np.argmin(searched_distances))
         lookahead = self.lookahead + LOOKAHEAD_S * self._v
         target = self._nearest + int(lookahead / SPACING)
-        target_x, target_y = self.route[min(len(self.route) - 1, target)]
+        last_point = len(self.route) - 1
+        target_x, target_y = self.route[min(last_point, target)]
         dx = target_x - x
         dy = target_y - y
 
@@ -111,16 +113,21 @@ class Demonstrator:
         It is the smaller of the free distance ahead, in a band slightly wider than the robot, and
         twice the free distance to the sides.
         """
-        measured = np.asarray(ranges, np.float64)
-        lengths = np.nan_to_num(measured, nan=OPEN_M, posinf=OPEN_M, neginf=TOO_NEAR_M)
+        measured_ranges = np.asarray(ranges, np.float64)
+        lengths = np.nan_to_num(
+            measured_ranges,
+            nan=OPEN_M,
+            posinf=OPEN_M,
+            neginf=TOO_NEAR_M,
+        )
         angles = self._beams - bearing
-        along = lengths * np.cos(angles)
-        across = np.abs(lengths * np.sin(angles))
-        is_ahead = (across < self.band) & (along > 0.0)
-        is_beside = np.abs(along) < self.beside
-        ahead = along[is_ahead].min(initial=OPEN_M)
-        beside = across[is_beside].min(initial=0.5 * OPEN_M)
-        return float(min(ahead, 2.0 * beside))
+        forward = lengths * np.cos(angles)
+        lateral = np.abs(lengths * np.sin(angles))
+        is_ahead = (lateral < self.band) & (forward > 0.0)
+        is_beside = np.abs(forward) < self.beside
+        distance_ahead = forward[is_ahead].min(initial=OPEN_M)
+        distance_beside = lateral[is_beside].min(initial=0.5 * OPEN_M)
+        return float(min(distance_ahead, 2.0 * distance_beside))
 
     def _smooth(self, v: float, w: float) -> Tuple[float, float]:
         """Return the command after a control cycle towards (v, w), as fast as the limits allow."""
@@ -140,33 +147,35 @@ def route(world: World, wanted: float = WANTED) -> np.ndarray:
     pushed away from obstacles nearer than `wanted` [m].
     """
     course = world.course
-    parts: List[Any] = [course.start[:2], course.path]
+    path_parts: List[Any] = [course.start[:2], course.path]
     # The paper's goal lies far beyond the finish line: the route then ends a metre past the line.
     last_point = course.path[-1]
     goal_point = course.goal[:2]
     if math.dist(last_point, goal_point) < 3.0:
-        parts.append(goal_point)
+        path_parts.append(goal_point)
     elif course.finish_y is not None:
         last_x, _ = last_point
-        parts.append((last_x, course.finish_y + 1.0))
+        path_parts.append((last_x, course.finish_y + 1.0))
 
-    points = _resampled(np.vstack(parts))
+    points = _resampled(np.vstack(path_parts))
     for _ in range(ITERATIONS):
         # Both ends stay where they are: only the view of the points between them changes.
-        inner = points[1:-1]
-        previous = points[:-2]
-        following = points[2:]
-        inner += STRAIGHTEN * (previous + following - 2.0 * inner)
+        inner_points = points[1:-1]
+        previous_points = points[:-2]
+        next_points = points[2:]
+        bends = previous_points + next_points - 2.0 * inner_points
+        inner_points += STRAIGHTEN * bends
         pushes = _pushes(world, points, wanted)
-        inner += PUSH * pushes[1:-1]
+        inner_points += PUSH * pushes[1:-1]
     return _resampled(points)
 
 
 def _resampled(points: np.ndarray) -> np.ndarray:
     """Return points (k, 2) every SPACING metres along the path through points (n, 2) [m]."""
-    length = travelled(points)[-1]
-    count = max(2, int(length / SPACING))
-    return points_at(points, np.linspace(0.0, length, count))
+    route_length = travelled(points)[-1]
+    point_count = max(2, int(route_length / SPACING))
+    lengths = np.linspace(0.0, route_length, point_count)
+    return points_at(points, lengths)
 
 
 def _pushes(world: World, points: np.ndarray, wanted: float) -> np.ndarray:
@@ -180,18 +189,19 @@ def _pushes(world: World, points: np.ndarray, wanted: float) -> np.ndarray:
     radii = world.cylinders[:, 2:]
     offsets = list(points - centres)
     gaps = list(distances(points, centres) - radii)
-    for centre_x, centre_y, yaw, size_x, size_y in world.boxes:
-        along, across = outside_box(x - centre_x, y - centre_y, yaw, size_x, size_y)
-        offset_x, offset_y = transform_point((0.0, 0.0, yaw), along, across)
+    for centre_x, centre_y, box_yaw, size_x, size_y in world.boxes:
+        outside_x, outside_y = outside_box(x - centre_x, y - centre_y, box_yaw, size_x, size_y)
+        offset_x, offset_y = transform_point((0.0, 0.0, box_yaw), outside_x, outside_y)
         offsets.append(np.column_stack([offset_x, offset_y]))
-        gaps.append(np.hypot(along, across))
+        gaps.append(np.hypot(outside_x, outside_y))
 
     # The nearest obstacle of each point
-    nearest = np.argmin(gaps, axis=0)
-    rows = np.arange(len(points))
-    offset = np.array(offsets)[nearest, rows]
-    gap = np.array(gaps)[nearest, rows]
-    length = np.hypot(offset[:, 0], offset[:, 1])
-    length = np.maximum(length, 1e-9)  # 0 inside a box
-    push = np.clip(wanted - gap, 0.0, wanted)
-    return np.asarray(offset / length[:, None] * push[:, None])
+    nearest_obstacles = np.argmin(gaps, axis=0)
+    point_rows = np.arange(len(points))
+    nearest_offsets = np.array(offsets)[nearest_obstacles, point_rows]
+    nearest_gaps = np.array(gaps)[nearest_obstacles, point_rows]
+    offset_lengths = np.hypot(nearest_offsets[:, 0], nearest_offsets[:, 1])
+    offset_lengths = np.maximum(offset_lengths, 1e-9)  # 0 inside a box
+    directions = nearest_offsets / offset_lengths[:, None]
+    push_lengths = np.clip(wanted - nearest_gaps, 0.0, wanted)
+    return np.asarray(directions * push_lengths[:, None])

@@ -61,19 +61,21 @@ def features(demonstration: Drive, robot: Robot) -> np.ndarray:
 
     # Beyond its cap, a range counts as open space, as it does for a policy.
     layout = layout_of(robot)
-    cap = layout.range_cap
+    range_cap = layout.range_cap
     measured = np.asarray(policy_scans(demonstration, robot), np.float64)
-    ranges = np.nan_to_num(measured, nan=cap, posinf=cap, neginf=0.0).clip(max=cap)
-    free = []
+    ranges = np.nan_to_num(measured, nan=range_cap, posinf=range_cap, neginf=0.0)
+    ranges = ranges.clip(max=range_cap)
+    free_distances = []
     for bearing, width in (AHEAD, RIGHT, LEFT):
-        free.append(ranges[:, layout.sector(bearing, width)].min(axis=1))
-    ahead, right, left = free
+        free_distances.append(ranges[:, layout.sector(bearing, width)].min(axis=1))
+    ahead, right, left = free_distances
 
     assert demonstration.commands is not None
     speeds = np.abs(demonstration.commands.twist)
     sides = np.sort(np.column_stack([right, left]), axis=1)
-    raw = np.column_stack([speeds, ahead, sides])
-    return np.asarray(pandas.DataFrame(raw).rolling(SMOOTHED, center=True, min_periods=1).mean())
+    raw_features = np.column_stack([speeds, ahead, sides])
+    windows = pandas.DataFrame(raw_features).rolling(SMOOTHED, center=True, min_periods=1)
+    return np.asarray(windows.mean())
 
 
 def find(
@@ -90,25 +92,25 @@ def find(
 
     # All features count equally, whatever their unit.
     by_drive = [features(demonstration, robot) for demonstration in demonstrations]
-    rows = np.concatenate(by_drive)
-    mean = rows.mean(axis=0)
-    spread = np.maximum(rows.std(axis=0), 1e-3)
+    all_features = np.concatenate(by_drive)
+    mean_features = all_features.mean(axis=0)
+    spread = np.maximum(all_features.std(axis=0), 1e-3)
 
     # Segments with their mean features; the context is not known yet.
     segments: List[Segment] = []
-    means = []
-    for number, raw in enumerate(by_drive):
-        scaled = (raw - mean) / spread
-        first = 0
-        for last in _cut(scaled, penalty):
-            segments.append(Segment(number, first, last, 0))
-            means.append(scaled[first:last].mean(axis=0))
-            first = last
+    segment_means = []
+    for demonstration_index, drive_features in enumerate(by_drive):
+        scaled_features = (drive_features - mean_features) / spread
+        first_instant = 0
+        for end_instant in _cut(scaled_features, penalty):
+            segments.append(Segment(demonstration_index, first_instant, end_instant, 0))
+            segment_means.append(scaled_features[first_instant:end_instant].mean(axis=0))
+            first_instant = end_instant
 
     labels = np.arange(len(segments))
     if most and len(segments) > most:
-        tree = scipy.cluster.hierarchy.linkage(np.array(means), "ward")
-        labels = scipy.cluster.hierarchy.fcluster(tree, most, "maxclust")
+        cluster_tree = scipy.cluster.hierarchy.linkage(np.array(segment_means), "ward")
+        labels = scipy.cluster.hierarchy.fcluster(cluster_tree, most, "maxclust")
     contexts = pandas.factorize(labels)[0].tolist()  # numbered by first appearance
     labelled = []
     lengths = []
@@ -116,7 +118,7 @@ def find(
         labelled.append(segment._replace(context=context))
         lengths.append(segment.last - segment.first)
 
-    by_context = pandas.DataFrame(rows).groupby(np.repeat(contexts, lengths))
+    by_context = pandas.DataFrame(all_features).groupby(np.repeat(contexts, lengths))
     context_means = by_context.mean().to_numpy()
     return Contexts(labelled, _names(context_means), context_means)
 
@@ -128,9 +130,9 @@ def _cut(scaled: np.ndarray, penalty: float) -> List[int]:
     shortest = int(SHORTEST / CONTROL_PERIOD)
     if len(scaled) < 2 * shortest:
         return [len(scaled)]  # ruptures refuses what it cannot cut.
-    price = penalty * scaled.shape[1] * np.log(len(scaled))
+    changepoint_cost = penalty * scaled.shape[1] * np.log(len(scaled))
     search = ruptures.KernelCPD("linear", min_size=shortest).fit(scaled)
-    return list(map(int, search.predict(pen=price)))
+    return list(map(int, search.predict(pen=changepoint_cost)))
 
 
 def _names(means: np.ndarray) -> List[str]:
