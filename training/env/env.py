@@ -90,17 +90,17 @@ class ApplrEnv(gymnasium.Env):
     ) -> Tuple[np.ndarray, Info]:
         """Begin a course in the world of index options["world"], or else in a random world."""
         super().reset(seed=seed)
-        index = (options or {}).get("world")
-        if index is None:
-            index = int(self.np_random.integers(len(self.worlds)))
-        world = self.worlds[index]
+        world_index = (options or {}).get("world")
+        if world_index is None:
+            world_index = int(self.np_random.integers(len(self.worlds)))
+        world = self.worlds[world_index]
         # The episode draws from a generator of its own, so that its seed says all about it.
-        draw = int(self.np_random.integers(2**31))
+        episode_seed = int(self.np_random.integers(2**31))
         protocol: str = self.settings.protocol
         if protocol == DRAWN:
             protocol = str(self.np_random.choice([PAPER, CHALLENGE]))
         world = worlds_package.scaled(under(protocol, world), self.episode.robot.world_scale)
-        outcome = self.episode.reset(world, draw)
+        outcome = self.episode.reset(world, episode_seed)
         self.encoding.reset()
         return self._observation(), self._info(outcome)
 
@@ -113,20 +113,20 @@ class ApplrEnv(gymnasium.Env):
         if self.episode.outcome is None:
             raise gymnasium.error.ResetNeeded("call reset() before step()")
         outcome = self.episode.decide(self.encoding.theta(action))
-        reward, terms = self.settings.reward(
+        reward, reward_terms = self.settings.reward(
             outcome, self.episode.limit, self.episode.period, self.encoding
         )
         terminated = outcome.success or failed(outcome)
         truncated = outcome.over and not terminated
         info = self._info(outcome)
-        info["reward"] = terms
+        info["reward"] = reward_terms
         return self._observation(), float(reward), terminated, truncated, info
 
     def _observation(self) -> np.ndarray:
-        seen = self.encoding.observe(self.episode.context())
+        policy_inputs = self.encoding.observe(self.episode.context())
         if not self.layout.hidden:
-            return seen
-        return np.append(seen, privileged.privileged(self.episode, self.encoding.scale))
+            return policy_inputs
+        return np.append(policy_inputs, privileged.privileged(self.episode, self.encoding.scale))
 
     @override
     def close(self) -> None:
@@ -139,6 +139,11 @@ class ApplrEnv(gymnasium.Env):
 
 def _with_hidden_inputs(layout: TransitionLayout) -> TransitionLayout:
     """Return a layout whose observations end with the inputs for the critics alone."""
-    odd = layout.odd + tuple(layout.rest + place for place in privileged.ODD)
-    more = privileged.SIZE
-    return dataclasses.replace(layout, rest=layout.rest + more, odd=odd, hidden=more)
+    mirror_sign = layout.odd + tuple(layout.rest + hidden_index for hidden_index in privileged.ODD)
+    hidden_count = privileged.SIZE
+    return dataclasses.replace(
+        layout,
+        rest=layout.rest + hidden_count,
+        odd=mirror_sign,
+        hidden=hidden_count,
+    )

@@ -134,12 +134,12 @@ class Episode:
         Raises:
             ApplrError: The period is not a whole number of control cycles, or is longer than 10 s.
         """
-        cycles = round(period / CONTROL_PERIOD)
-        if not 1 <= cycles <= 200 or abs(cycles * CONTROL_PERIOD - period) > 1e-9:
+        cycle_count = round(period / CONTROL_PERIOD)
+        if not 1 <= cycle_count <= 200 or abs(cycle_count * CONTROL_PERIOD - period) > 1e-9:
             remedy = f"give a multiple of {CONTROL_PERIOD} s, at most 10 s"
             raise ApplrError(f"decision period is {period:g} s: {remedy}")
         self.period = float(period)
-        self.cycles = cycles
+        self.cycles = cycle_count
 
     @property
     def limit(self) -> int:
@@ -200,12 +200,12 @@ class Episode:
 
     def _send_goal(self, theta: np.ndarray) -> Outcome:
         """Send the goal of the course, and return the outcome before the first decision."""
-        sent = self.world.course.sent_goal
+        sent_goal = self.world.course.sent_goal
         if self._to_map is None:
-            self.goal = self.simulator.to_odom(sent)
+            self.goal = self.simulator.to_odom(sent_goal)
             frame = self.robot.frames.odom
         else:
-            self.goal = compose(self._to_map, sent)
+            self.goal = compose(self._to_map, sent_goal)
             frame = self.robot.frames.map
         state = self.simulator.state
         self._courses += 1
@@ -215,13 +215,18 @@ class Episode:
         self.stack.set_goal(self.goal, state.time)
         self._recorder.moved(0.0, state.pose, state.twist)
         self._recorder.sent.append(SentGoal(0.0, self.goal, frame))
-        name = f"course {self._courses} in {self.world.name}"
-        self._recorder.goals.append(Goal(name, 0.0, math.inf))
+        goal_name = f"course {self._courses} in {self.world.name}"
+        self._recorder.goals.append(Goal(goal_name, 0.0, math.inf))
         # Plan of the next decision
         self._plan = self.move_base.make_plan(self.place, self.goal, tolerance=0.0)
         self._scanned = self.simulator.scan()
-        near = self._observe()
-        self.outcome = Outcome(theta, last_scan_min=near, decision_min=near, min_clearance_m=near)
+        smallest_range = self._observe()
+        self.outcome = Outcome(
+            theta,
+            last_scan_min=smallest_range,
+            decision_min=smallest_range,
+            min_clearance_m=smallest_range,
+        )
         return self.outcome
 
     def decide(self, theta: np.ndarray) -> Outcome:
@@ -231,45 +236,45 @@ class Episode:
         """
         if self.outcome is None or self.outcome.over:
             raise RuntimeError("the trial is over: call reset() before decide()")
-        begin = self.seconds
-        came_from = tuple(self.simulator.state.pose)
-        seen = self.seen()
-        before = self.outcome.theta
+        begin_time = self.seconds
+        start_place = tuple(self.simulator.state.pose)
+        inputs = self.seen()
+        theta_before = self.outcome.theta
         theta = self.apply(theta)
-        values_before = self.space.as_dict(before)
+        values_before = self.space.as_dict(theta_before)
         values_after = self.space.as_dict(theta)
         self._recorder.decisions.append(
-            Decision(self._goal.id, begin, begin, values_before, values_after, seen)
+            Decision(self._goal.id, begin_time, begin_time, values_before, values_after, inputs)
         )
         for _ in range(self.cycles):
             self._drive_one()
             if self._goal.status:
                 break
         state = self.simulator.state
-        number = len(self._recorder.decisions)
+        decision_count = len(self._recorder.decisions)
         has_stalled = self.stall.update(self.seconds, *state.pose[:2], state.twist[0])
         if has_stalled and self.end_on_stall and not self._goal.status:
             self._end(STALLED, "stalled")
-        if not self._goal.status and number >= self.limit:
+        if not self._goal.status and decision_count >= self.limit:
             self._end(TIMED_OUT, "time limit")
         self._scanned = self._ranges if self._scan_period else self.simulator.scan()
         self._plan = self.move_base.global_plan
         self._observe()
-        leg = Leg(begin, self.seconds, self.world.course.goal, came_from, state.pose)
+        leg = Leg(begin_time, self.seconds, self.world.course.goal, start_place, state.pose)
         self.outcome = outcome_of(
             self._recorder.course,
             self._goal,
             leg,
             theta,
-            number,
+            decision_count,
             body_width=self.robot.body.size[1],
             time_limit=self.time_limit,
         )
         if self.outcome.over:
-            last = Decision(
+            end_decision = Decision(
                 self._goal.id, self.seconds, self.seconds, values_after, {}, self.seen()
             )
-            self._recorder.ends.append(last)
+            self._recorder.ends.append(end_decision)
         return self.outcome
 
     def context(self) -> Context:
@@ -315,34 +320,34 @@ class Episode:
         origin: Optional[Pose] = None
         if self._to_map is not None:
             origin = compose(self.place, inverse(state.odom_pose))
-        step = self.stack.step(state.time, state.odom_pose, state.odom_twist, scan, origin)
+        stack_step = self.stack.step(state.time, state.odom_pose, state.odom_twist, scan, origin)
         if self._record:
-            self._record_step(state, scan, step)
-        if step.command is not None:
-            self.simulator.command(*step.command)
-        return step.cycle, self.simulator.advance(CONTROL_PERIOD)
+            self._record_step(state, scan, stack_step)
+        if stack_step.command is not None:
+            self.simulator.command(*stack_step.command)
+        return stack_step.cycle, self.simulator.advance(CONTROL_PERIOD)
 
     def _record_step(self, state: RobotState, scan: Optional[LaserScan], step: Step) -> None:
         """Record what a training episode does not need."""
         recorder = self._recorder
-        time = self.seconds
-        recorder.localised(time, state.odom_pose, state.odom_twist)
+        seconds = self.seconds
+        recorder.localised(seconds, state.odom_pose, state.odom_twist)
         if scan is not None:
-            recorder.scanned(time, scan)
+            recorder.scanned(seconds, scan)
         if step.cycle.recovery is not None:
-            recorder.recovered(time)
+            recorder.recovered(seconds)
         if step.cycle.new_plan:
-            recorder.routed(time, np.array(self.move_base.global_plan))
+            recorder.routed(seconds, np.array(self.move_base.global_plan))
         if step.cycle.controlled:
             planner = self.move_base.local_planner
-            recorder.refused(time, planner.refusals(self.move_base.local_costmap))
+            recorder.refused(seconds, planner.refusals(self.move_base.local_costmap))
         if step.cycle.command is not None and step.cycle.controlled:
             followed = np.array(self.move_base.local_planner.cropped_plan)
-            recorder.planned(time, step.cycle.command, followed)
+            recorder.planned(seconds, step.cycle.command, followed)
         if step.verdict is not None:
-            recorder.judged(time, step.verdict)
+            recorder.judged(seconds, step.verdict)
         if step.command is not None:
-            recorder.commanded(time, step.command)
+            recorder.commanded(seconds, step.command)
 
     def _scan(self) -> LaserScan:
         """Take a new scan of the simulated laser."""
@@ -353,15 +358,15 @@ class Episode:
 
     def _observe(self) -> float:
         """Record the scan of the next decision, and return its smallest range [m]."""
-        near = nearest(self._scanned, self.robot.laser.range_min)
-        self._recorder.observed(self.seconds, near)
-        return near
+        smallest_range = nearest(self._scanned, self.robot.laser.range_min)
+        self._recorder.observed(self.seconds, smallest_range)
+        return smallest_range
 
     def _drive_one(self) -> None:
         """Drive one control cycle, and end the goal if the course has ended."""
-        begin = self.seconds
+        begin_time = self.seconds
         cycle, state = self._cycle()
-        self._recorder.measured(begin, nearest(self._ranges, self.robot.laser.range_min))
+        self._recorder.measured(begin_time, nearest(self._ranges, self.robot.laser.range_min))
         self._recorder.moved(self.seconds, state.pose, state.twist)
         if state.contact:
             self._recorder.touched(self.seconds)
@@ -390,8 +395,8 @@ class Episode:
         elif self.end_on_collision and state.contact:
             self._end(TOUCHED, "contact")
         elif cycle.result is not None:
-            status, text = cycle.result
-            self._end(ABORTED, f"planner {status}: {text}")
+            status, message = cycle.result
+            self._end(ABORTED, f"planner {status}: {message}")
 
     @property
     def _goal(self) -> Goal:

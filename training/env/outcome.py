@@ -150,9 +150,9 @@ def _measure_clearance(
     in_leg = drive.clearances.between(leg.begin, leg.end)
     in_trial = drive.clearances.between(goal.begin, leg.end)
     # The scan that the next decision sees may have been taken for it alone, with other noise.
-    seen = drive.observed if drive.observed is not None else in_trial
-    seen_in_leg = seen.between(leg.begin, leg.end)
-    seen_in_trial = seen.between(goal.begin, leg.end)
+    observed = drive.observed if drive.observed is not None else in_trial
+    seen_in_leg = observed.between(leg.begin, leg.end)
+    seen_in_trial = observed.between(goal.begin, leg.end)
     if len(seen_in_leg):
         outcome.last_scan_min = float(seen_in_leg.nearest[-1])
     outcome.decision_min = float(in_leg.nearest.min(initial=outcome.last_scan_min))
@@ -197,10 +197,10 @@ def progress(
     goal_x = goal[0] - start[0]
     goal_y = goal[1] - start[1]
     distance = math.hypot(goal_x, goal_y)
-    along = 0.0  # On the goal itself, no direction leads to it.
+    progress_to_goal = 0.0  # On the goal itself, no direction leads to it.
     if distance > 0.0:
-        along = (driven_x * goal_x + driven_y * goal_y) / distance
-    return along, driven_y
+        progress_to_goal = (driven_x * goal_x + driven_y * goal_y) / distance
+    return progress_to_goal, driven_y
 
 
 def nearest(ranges: np.ndarray, lowest: float) -> float:

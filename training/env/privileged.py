@@ -59,8 +59,10 @@ def privileged(episode: Episode, scale: float) -> np.ndarray:
     # The global plan: its clearance, and how far it is wide enough for the robot
     along_plan = _along(_true_plan(episode), width)
     plan_clearance = clearance(world, along_plan, state.time)
-    blocked = np.flatnonzero(plan_clearance < 0.5 * episode.robot.body.size[1])
-    free = STEP * blocked[0] if len(blocked) else STATIONS[-1]
+    blocked_points = np.flatnonzero(plan_clearance < 0.5 * episode.robot.body.size[1])
+    free_length = STATIONS[-1]
+    if len(blocked_points):
+        free_length = STEP * blocked_points[0]
 
     # The true course from the point that is nearest to the robot
     route = np.vstack([world.course.path, world.course.goal[:2]])
@@ -71,30 +73,32 @@ def privileged(episode: Episode, scale: float) -> np.ndarray:
     length_left = step_lengths(route_left).sum() / width
     along_route = _along(route_left, width)
     route_clearance = clearance(world, along_route, state.time)
-    rows = [min(len(along_route) - 1, round(distance / STEP)) for distance in AHEAD]
-    dx, dy = (along_route[rows] - position).T
+    last_point = len(along_route) - 1
+    points_ahead = [min(last_point, round(distance / STEP)) for distance in AHEAD]
+    dx, dy = (along_route[points_ahead] - position).T
     bearings = np.arctan2(dy, dx) - state.pose[2]
 
+    farthest = FAR * width
     lateral: List[float] = []
     forward: List[float] = []
     for mover in _movers(episode, state.pose, state.time):
-        lateral += [mover.y / (FAR * width), mover.vy / FAST]
-        forward += [mover.x / (FAR * width), mover.vx / FAST]
-    values: List[float] = [
+        lateral += [mover.y / farthest, mover.vy / FAST]
+        forward += [mover.x / farthest, mover.vx / FAST]
+    inputs: List[float] = [
         *np.sin(bearings),
         *lateral,
         *_clearances(plan_clearance, width),
         *_clearances(route_clearance, width),
-        _centred(free / STATIONS[-1]),
+        _centred(free_length / STATIONS[-1]),
         _centred(length_left / LONG),
-        _centred(from_robot[nearest] / (FAR * width)),
+        _centred(from_robot[nearest] / farthest),
         *np.cos(bearings),
         *forward,
         1.0 if episode.move_base.variant == CPP_LIKE else -1.0,
         *_physics(episode),
         _centred(episode.stall.share),
     ]
-    return np.array(np.clip(values, -1.0, 1.0), np.float32)
+    return np.array(np.clip(inputs, -1.0, 1.0), np.float32)
 
 
 def _centred(share: float) -> float:
@@ -111,7 +115,8 @@ def _true_plan(episode: Episode) -> np.ndarray:
     if episode.move_base.global_plan is None:
         return np.array([true_pose[:2]])
     plan = np.asarray(episode.move_base.global_plan, np.float64)
-    seen_x, seen_y = transform_point(inverse(episode.place), plan[:, 0], plan[:, 1])
+    to_robot = inverse(episode.place)
+    seen_x, seen_y = transform_point(to_robot, plan[:, 0], plan[:, 1])
     x, y = transform_point(true_pose, seen_x, seen_y)
     return np.vstack([true_pose[:2], np.column_stack([x, y])])
 
@@ -135,8 +140,8 @@ def _along(points: np.ndarray, width: float) -> np.ndarray:
     A short path repeats its end.
     """
     # Half a step more, so that rounding does not drop the last point.
-    ways = np.arange(0.0, STATIONS[-1] + 0.5 * STEP, STEP)
-    return points_at(points, width * ways)
+    widths_along = np.arange(0.0, STATIONS[-1] + 0.5 * STEP, STEP)
+    return points_at(points, width * widths_along)
 
 
 def _clearances(clearances: np.ndarray, width: float) -> List[float]:
@@ -145,13 +150,14 @@ def _clearances(clearances: np.ndarray, width: float) -> List[float]:
     clearances: clearance [m] of the points of _along.
     """
     inputs = []
-    first = 0
+    first_point = 0
     for station in STATIONS:
-        last = round(station / STEP)
-        smallest = max(0.0, clearances[first : last + 1].min())
+        last_point = round(station / STEP)
+        smallest = max(0.0, clearances[first_point : last_point + 1].min())
         # The square root resolves narrow places.
-        inputs.append(_centred(math.sqrt(smallest / (CLEARANCE_CAP * width))))
-        first = last
+        share = math.sqrt(smallest / (CLEARANCE_CAP * width))
+        inputs.append(_centred(share))
+        first_point = last_point
     return inputs
 
 
@@ -170,7 +176,8 @@ def _movers(episode: Episode, pose: Pose, time: float) -> List[_Relative]:
     movers: List[_Relative] = []
     for mover in episode.world.movers:
         x, y = transform_point(to_robot, *mover.position(time))
-        later_x, later_y = transform_point(to_robot, *mover.position(time + 1.0 / POSITIONS_HZ))
+        later_position = mover.position(time + 1.0 / POSITIONS_HZ)
+        later_x, later_y = transform_point(to_robot, *later_position)
         vx = POSITIONS_HZ * (later_x - x)
         vy = POSITIONS_HZ * (later_y - y)
         movers.append(_Relative(x, y, vx, vy))

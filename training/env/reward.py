@@ -81,27 +81,27 @@ class Reward(RewardOptions):
                 robot has longer courses and wider gaps.
         """
         # Costs are per 2 s, so that a course costs the same for any period.
-        share = period / PERIOD / encoding.pace
+        period_share = period / PERIOD / encoding.pace
         if self.exact_time:
-            time = -outcome.seconds / PERIOD / encoding.pace
+            time_term = -outcome.seconds / PERIOD / encoding.pace
         else:
-            time = (float(outcome.success) - 1.0) * share
+            time_term = (float(outcome.success) - 1.0) * period_share
         if failed(outcome):
             # The robot would stand still until the limit, and gets the cost of this time at once.
-            standing = (limit - outcome.decisions) * share
-            time -= min(self.failure_seconds / PERIOD, standing)
+            standing = (limit - outcome.decisions) * period_share
+            time_term -= min(self.failure_seconds / PERIOD, standing)
 
         progress = outcome.progress
         if self.along_y:
             progress = outcome.progress_y
-        near = outcome.last_scan_min
+        nearest_obstacle = outcome.last_scan_min
         if self.lowest:
-            near = outcome.decision_min
-        clearance = min(max(near / encoding.scale, self.NEAREST), self.FARTHEST)
+            nearest_obstacle = outcome.decision_min
+        clearance = min(max(nearest_obstacle / encoding.scale, self.NEAREST), self.FARTHEST)
         terms = {
-            "time": self.c_f * time,
+            "time": self.c_f * time_term,
             "progress": self.c_p * progress / encoding.scale,
-            "clearance": -self.c_c * share / clearance,
+            "clearance": -self.c_c * period_share / clearance,
             "collision": -self.c_collision * float(outcome.contact),
         }
         return sum(terms.values()), terms

@@ -92,13 +92,15 @@ class TrialSettings(DriveSettings):
         Their distance biases are per costmap cell. Both planners are the same if robot.yaml has no
         setup with a map, or one with sensors that are not simulated.
         """
-        exploring = self._planner(robot, with_map=False)
+        exploring_planner = self._planner(robot, with_map=False)
         if robot.move_base.with_map is None:
-            return exploring, exploring
-        knowing = self._planner(robot, with_map=True)
+            return exploring_planner, exploring_planner
+        knowing_planner = self._planner(robot, with_map=True)
         # The simulator has the sensors of the setup without a map.
-        is_simulated = knowing.sources == exploring.sources
-        return exploring, knowing if is_simulated else exploring
+        is_simulated = knowing_planner.sources == exploring_planner.sources
+        if not is_simulated:
+            return exploring_planner, exploring_planner
+        return exploring_planner, knowing_planner
 
     def _planner(self, robot: Robot, with_map: bool) -> MoveBase:
         """Return the planner of one setup of a robot."""

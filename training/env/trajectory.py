@@ -73,9 +73,9 @@ class TransitionLayout:
 
     def quantise(self, observations: np.ndarray) -> np.ndarray:
         """Return the scans of observations (n, size) as (n, scan) uint8."""
-        beams = np.clip(observations[:, : self.scan], -1.0, 1.0)
-        steps: np.ndarray = np.rint((beams + 1.0) / self.step)
-        return steps.astype(np.uint8)
+        capped_beams = np.clip(observations[:, : self.scan], -1.0, 1.0)
+        beam_steps: np.ndarray = np.rint((capped_beams + 1.0) / self.step)
+        return beam_steps.astype(np.uint8)
 
     def restore(self, scan: np.ndarray, rest: np.ndarray) -> np.ndarray:
         """Return observations (n, size) float32 from quantised scans and the rest."""
@@ -124,10 +124,10 @@ class Trajectory:
         """
         observations = np.asarray(observations, dtype=np.float32).reshape(-1, layout.size)
         # A value that is not finite would spoil the networks without a trace of where it came from.
-        parts = {"an observation": observations, "an action": actions, "a reward": rewards}
-        for name, values in parts.items():
+        parts_by_name = {"an observation": observations, "an action": actions, "a reward": rewards}
+        for part_name, values in parts_by_name.items():
             if not np.isfinite(values).all():
-                raise ApplrError(f"{name} contains NaN or inf")
+                raise ApplrError(f"{part_name} contains NaN or inf")
         return cls(
             layout.quantise(observations),
             np.ascontiguousarray(observations[:, layout.scan :]),
