@@ -26,7 +26,9 @@ def robot_name(robot: Robot) -> str:
 
 def _loaded(value: Any) -> Robot:
     """Return a robot, or load the robot with a name or a folder."""
-    return value if isinstance(value, Robot) else load(value)
+    if isinstance(value, Robot):
+        return value
+    return load(value)
 
 
 # A command may add a default, and its own help text if the option has a special meaning there.

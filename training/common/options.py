@@ -56,42 +56,44 @@ def add_options(parser: argparse.ArgumentParser, model: Type[Options]) -> None:
     Options that are not given stay out of the namespace, so that a recipe or a resumed run keeps
     its own values.
     """
-    added: Set[str] = set()
-    for group in model.__mro__:
-        if not issubclass(group, Options):
+    added_names: Set[str] = set()
+    for option_group in model.__mro__:
+        if not issubclass(option_group, Options):
             continue
-        names = [name for name in group.__dict__.get("__annotations__", ()) if name not in added]
-        title = group.model_config.get("title")
+        # An option that a derived class overrides is listed there alone.
+        declared_names = option_group.__dict__.get("__annotations__", ())
+        names = [option_name for option_name in declared_names if option_name not in added_names]
+        group_title = option_group.model_config.get("title")
         section: argparse._ActionsContainer = parser
-        if title and names:
-            section = parser.add_argument_group(title)
-        for name in names:
-            _add(section, name, model.model_fields[name])
-        added.update(names)
+        if group_title and names:
+            section = parser.add_argument_group(group_title)
+        for option_name in names:
+            _add(section, option_name, model.model_fields[option_name])
+        added_names.update(names)
 
 
 def _add(section: argparse._ActionsContainer, name: str, field: FieldInfo) -> None:
     """Add the argument of a field to a section of the help text."""
-    kind = get_origin(field.annotation)
-    several = "+" if kind is list else None
+    type_origin = get_origin(field.annotation)
+    nargs = "+" if type_origin is list else None
     if field.json_schema_extra == PLACE:
-        section.add_argument(name, nargs=several, help=field.description)
+        section.add_argument(name, nargs=nargs, help=field.description)
         return
-    settings: Dict[str, Any] = {"metavar": name.upper(), "nargs": several}
+    settings: Dict[str, Any] = {"metavar": name.upper(), "nargs": nargs}
     if field.annotation is bool:
         settings = {"action": argparse.BooleanOptionalAction}
-    elif kind is Literal:
+    elif type_origin is Literal:
         settings = {"choices": get_args(field.annotation)}
-    text = str(field.description)
+    help_text = str(field.description)
     default = field.default
     if isinstance(default, list):
         default = " ".join(map(str, default))
     if not field.is_required() and default not in (None, ""):
-        text += f" Default: {default}."
+        help_text += f" Default: {default}."
     section.add_argument(
         dashed(name),
         dest=name,
-        help=text.replace("%", "%%"),  # argparse formats help texts.
+        help=help_text.replace("%", "%%"),  # argparse formats help texts.
         default=argparse.SUPPRESS,
         required=field.is_required(),
         **settings,
@@ -117,8 +119,8 @@ def checked(model: Type[O], values: Mapping[str, Any], where: str = "") -> O:
     try:
         return model.model_validate(values)
     except ValidationError as refused:
-        text = _refusal(model, refused.errors()[0], where)
-    raise ApplrError(f"{where}: {text}" if where else text)
+        refusal = _refusal(model, refused.errors()[0], where)
+    raise ApplrError(f"{where}: {refusal}" if where else refusal)
 
 
 def _refusal(model: Type[O], problem: Mapping[str, Any], where: str) -> str:
@@ -126,9 +128,9 @@ def _refusal(model: Type[O], problem: Mapping[str, Any], where: str) -> str:
     # A rule about several options names them in its message.
     if not problem["loc"]:
         return remedy_of(problem)
-    name = str(problem["loc"][0])
+    option_name = str(problem["loc"][0])
     if problem["type"] == "extra_forbidden":
-        return f"unknown option {name!r}"
-    if not where and model.model_fields[name].json_schema_extra != PLACE:
-        name = dashed(name)
-    return f"{name} is {problem['input']!r:.80}: {remedy_of(problem)}"
+        return f"unknown option {option_name!r}"
+    if not where and model.model_fields[option_name].json_schema_extra != PLACE:
+        option_name = dashed(option_name)
+    return f"{option_name} is {problem['input']!r:.80}: {remedy_of(problem)}"

@@ -26,9 +26,9 @@ def provenance(seed: int) -> Dict[str, Any]:
     It has date (UTC), commit, versions, processor, and the command.
     """
     versions = {"python": platform.python_version()}
-    for name in PACKAGES:
-        if find_spec(name):
-            versions[name] = metadata.version(name)
+    for package_name in PACKAGES:
+        if find_spec(package_name):
+            versions[package_name] = metadata.version(package_name)
     return {
         "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "commit": commit(),
@@ -47,11 +47,18 @@ def commit() -> str:
     """
     # Without tags, which would replace the commit. The ceiling keeps git from a checkout around a
     # package that pip installed.
-    describe = ["git", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty= and changes"]
+    git_command = [
+        "git",
+        "describe",
+        "--always",
+        "--abbrev=40",
+        "--exclude=*",
+        "--dirty= and changes",
+    ]
     environment = {**os.environ, "GIT_CEILING_DIRECTORIES": str(ROOT.parent)}
     try:
         answer = subprocess.run(
-            describe,
+            git_command,
             cwd=ROOT,
             env=environment,
             capture_output=True,
@@ -66,8 +73,8 @@ def commit() -> str:
 
 def _cpu() -> str:
     """Return the name of the processor, as reported by the system."""
-    with suppress(OSError), open("/proc/cpuinfo") as file:
-        for line in file:
+    with suppress(OSError), open("/proc/cpuinfo") as cpu_info:
+        for line in cpu_info:
             if line.startswith("model name"):
                 return line.partition(":")[2].strip()
     return platform.processor() or platform.machine()
@@ -75,4 +82,4 @@ def _cpu() -> str:
 
 def without_folders(option: str) -> str:
     """Return a text option, such as a list of worlds, with each path reduced to its base name."""
-    return ",".join(Path(part).name for part in option.split(","))
+    return ",".join(Path(listed_path).name for listed_path in option.split(","))
