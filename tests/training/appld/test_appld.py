@@ -49,17 +49,24 @@ def test_another_robot_is_demonstrated_at_its_size_and_speed(tmp_path):
     path = tmp_path / "waffle.bag"
     options = ["--world", "generated:3", "--simulator", "kinematic", "--robot", robot.name]
     assert demonstrate([str(path), *options]) == 0
+
     drive = demonstration.read_demonstration(path, TopicNames.of(robot), robot)
+
     assert drive.source["robot"] == robot.name
-    assert 0.2 < drive.commands.twist[:, 0].max() <= robot.base.max_speed
+    highest_speed = drive.commands.twist[:, 0].max()
+    assert 0.2 < highest_speed <= robot.base.max_speed
     assert len(drive.scans.ranges[0]) == robot.laser.beams
-    course = worlds.scaled(worlds.load("generated:3"), robot.world_scale).course
-    assert drive.sent[-1].pose[:2] == pytest.approx(from_start_to_goal(course))
-    # The laser is slower than the control cycle.
+    world = worlds.scaled(worlds.load("generated:3"), robot.world_scale)
+    assert drive.sent[-1].pose[:2] == pytest.approx(from_start_to_goal(world.course))
+
+    # The laser is slower than the control cycle of 0.05 s, in which the odometry comes.
+    message_counts = {}
     with AnyReader([path]) as reader:
-        counts = {connection.topic: connection.msgcount for connection in reader.connections}
-    scans_per_cycle = counts["/" + robot.topics.scan] / counts["/" + robot.topics.odometry]
-    assert scans_per_cycle == pytest.approx(robot.laser.rate * 0.05, rel=0.05)
+        for connection in reader.connections:
+            message_counts[connection.topic] = connection.msgcount
+    scan_count = message_counts["/" + robot.topics.scan]
+    cycle_count = message_counts["/" + robot.topics.odometry]
+    assert scan_count / cycle_count == pytest.approx(robot.laser.rate * 0.05, rel=0.05)
 
 
 def test_bag_is_read_as_it_was_driven(bag):
@@ -70,10 +77,12 @@ def test_bag_is_read_as_it_was_driven(bag):
     assert len(drive.scans.ranges[0]) == 720
     assert np.allclose(np.diff(drive.scans.time), 0.05)
     assert demonstration.is_driving(drive).all()
+
     # The base follows a command two cycles after it.
     measured_speed = drive.odometry.twist[5:, 0]
     commanded_speed = drive.commands.twist[3:-2, 0]
     assert np.abs(measured_speed - commanded_speed).mean() < 0.05
+
     course = worlds.load("generated:3").course
     assert drive.sent[-1].pose[:2] == pytest.approx(from_start_to_goal(course))
 
@@ -98,18 +107,30 @@ def test_changepoints_are_found_within_three_instants(speeds, of_two):
     count = 400
     speed = np.repeat(speeds, (150, 110, 140))
     rng = np.random.default_rng(0)
-    ranges = 3.0 * speed[:, None] - 0.4 + rng.normal(0, 0.01, (count, 720))
-    command = np.column_stack([speed, rng.normal(0, 0.02, count)])
+    range_noise = rng.normal(0, 0.01, (count, 720))
+    ranges = 3.0 * speed[:, None] - 0.4 + range_noise
+    yaw_rate = rng.normal(0, 0.02, count)
     time = np.arange(count) * 0.05
     laser = JACKAL.laser
-    fan = (laser.first_angle, laser.increment, laser.range_min, laser.range_max)
-    drive = Drive(
-        scans=Scans(time, time, np.tile(fan, (count, 1)), list(ranges.astype(np.float32))),
-        commands=Commands(time, command),
+    fan = (
+        laser.first_angle,
+        laser.increment,
+        laser.range_min,
+        laser.range_max,
     )
+    scans = Scans(
+        time,
+        time,
+        np.tile(fan, (count, 1)),
+        list(ranges.astype(np.float32)),
+    )
+    commands = Commands(time, np.column_stack([speed, yaw_rate]))
+    drive = Drive(scans=scans, commands=commands)
 
-    # Then: the segments begin and end there
+    # When: its contexts are sought
     segments = contexts.find([drive], JACKAL).segments
+
+    # Then: the segments begin and end at the changes
     assert len(segments) == 3
     for segment, first, last in zip(segments, (0, 150, 260), (150, 260, 400)):
         assert abs(segment.first - first) <= 3
@@ -127,7 +148,10 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
     """
     # Given: a stretch of the drive in which the commands are the planner's with other parameters
     drive = demonstration.read_demonstration(bag)
-    spans = [contexts.Segment(0, 30, 60, 0), contexts.Segment(0, 60, len(drive.commands), 0)]
+    spans = [
+        contexts.Segment(0, 30, 60, 0),
+        contexts.Segment(0, 60, len(drive.commands), 0),
+    ]
     stretch, longest = appld_fit.stretches(drive, JACKAL, spans)
     assert longest.last - longest.first == 100  # five seconds
     theta = SPACE.from_dict({"max_vel_x": 1.0, "gdist_scale": 1.4})
@@ -137,7 +161,8 @@ def test_search_finds_the_speed_of_a_demonstration(bag):
         drive.commands.twist[index] = appld_fit.step(planner, drive, JACKAL, index)
 
     # Then: these parameters have no loss, and the search comes near them
-    assert appld_fit.loss([stretch], theta)[0] == 0.0
+    loss_of_these = appld_fit.loss([stretch], theta)[0]
+    assert loss_of_these == 0.0
     fitted = appld_fit.fit([stretch], 30, seed=0)
     assert fitted.loss < 0.5 * fitted.loss_theta0
     assert fitted.replays <= 41
@@ -149,29 +174,40 @@ def test_the_classifier_distinguishes_scans_and_mirrored_scans(tmp_path, monkeyp
     monkeypatch.setattr(appld_classifier, "STEPS", 60)
     rng = np.random.default_rng(0)
     labels = np.repeat([0, 1], 200)
-    ranges = np.where(labels[:, None] == 1, 0.5, 2.0) * np.ones((400, 720), np.float32)
-    ranges[:, 500:] = 0.4  # A wall on one side is the same in both contexts.
-    scans = appld_classifier.inputs(ranges + rng.normal(0, 0.05, ranges.shape))
+    ranges = np.full((400, 720), 2.0)
+    ranges[labels == 1] = 0.5
+    # A wall on one side is the same in both contexts.
+    ranges[:, 500:] = 0.4
+    noise = rng.normal(0, 0.05, ranges.shape)
+    scans = appld_classifier.inputs(ranges + noise)
 
-    # Then: a trained classifier tells them apart
+    # When: a classifier is trained
     weights, scores = appld_classifier.train(scans, labels, 2)
+
+    # Then: it tells them apart
     assert scores["accuracy"] > 0.98
     assert scores["held_out"] > 0.98
 
     # The stored one also does so in mirror images.
     path = tmp_path / "contexts.safetensors"
-    actor.save_contexts(path, {"a": SPACE.chosen.theta0, "b": SPACE.chosen.high}, weights)
+    sets = {
+        "a": SPACE.chosen.theta0,
+        "b": SPACE.chosen.high,
+    }
+    actor.save_contexts(path, sets, weights)
     classifier = actor.load(path)
-    assert classifier.context(scans[0][::-1]) == 0
-    assert classifier.context(scans[399][::-1]) == 1
+    mirrored_wide = scans[0][::-1]
+    mirrored_narrow = scans[399][::-1]
+    assert classifier.context(mirrored_wide) == 0
+    assert classifier.context(mirrored_narrow) == 1
 
 
 def test_from_bag_to_a_file_that_drives(bag, tmp_path, monkeypatch):
     monkeypatch.setattr(appld_fit, "LONGEST", 10)
     monkeypatch.setattr(appld_classifier, "STEPS", 30)
-    out = tmp_path / "mine.safetensors"
-    short = ["--evaluations", "4", "--contexts", "2", "--penalty", "0.5"]
-    assert appld.main([str(bag), "--out", str(out), *short]) == 0
+    policy_file = tmp_path / "mine.safetensors"
+    short_search = ["--evaluations", "4", "--contexts", "2", "--penalty", "0.5"]
+    assert appld.main([str(bag), "--out", str(policy_file), *short_search]) == 0
 
     # The log says where the file comes from, and names no folder of this machine.
     log_text = (tmp_path / "mine_log.json").read_text()
@@ -182,13 +218,18 @@ def test_from_bag_to_a_file_that_drives(bag, tmp_path, monkeypatch):
     assert str(tmp_path) not in log_text
 
     # The method drives with one of the fitted sets.
-    method = methods.make(str(out))
+    method = methods.make(str(policy_file))
     drive = demonstration.read_demonstration(bag)
-    scans = appld_classifier.inputs(demonstration.policy_scans(drive, JACKAL)[:1])
-    observation = np.concatenate([scans[0], np.zeros(9, np.float32)])
+    first_ranges = demonstration.policy_scans(drive, JACKAL)[:1]
+    (scan,) = appld_classifier.inputs(first_ranges)
+    # A classifier of contexts does not read the numbers after the scan.
+    observation = np.concatenate([scan, np.zeros(9, np.float32)])
     theta = method.sets[method.context(observation)]
-    fitted_sets = [list(context["parameters"].values()) for context in log["contexts"]]
-    assert np.isclose(fitted_sets, theta).all(axis=1).any()
+    fitted_sets = []
+    for context in log["contexts"]:
+        fitted_sets.append(list(context["parameters"].values()))
+    is_fitted_set = np.isclose(fitted_sets, theta).all(axis=1)
+    assert is_fitted_set.any()
     assert method.describe()["file"] == "mine.safetensors"
 
 
@@ -197,6 +238,10 @@ def test_the_shipped_file_drives():
     path = methods.shipped("appld.safetensors", JACKAL)
     loaded = actor.load(path)
     assert 2 <= len(loaded.names) <= 8
-    assert "scripted" in loaded.metadata["training"]["demonstrations"][0]["demonstrator"]
-    refused(lambda: methods.make(path, load("husky")), "for the robot jackal: this robot is husky")
+    (first_demonstration, *_) = loaded.metadata["training"]["demonstrations"]
+    assert "scripted" in first_demonstration["demonstrator"]
+    refused(
+        lambda: methods.make(path, load("husky")),
+        "for the robot jackal: this robot is husky",
+    )
     assert np.array_equal(methods.make("appld").sets, loaded.sets)
