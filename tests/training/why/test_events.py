@@ -33,27 +33,36 @@ STANDS = [(0.0, 0.0)] * 60
 def drive_of(twists, goal=(100.0, 0.0)):
     """Return a drive with these measured velocities (v, w), which had a goal all the time."""
     twist = np.array(twists, float)
-    time = np.arange(len(twist)) / RATE_HZ
-    yaw = np.cumsum(twist[:, 1]) / RATE_HZ
-    x = np.cumsum(twist[:, 0] * np.cos(yaw)) / RATE_HZ
-    y = np.cumsum(twist[:, 0] * np.sin(yaw)) / RATE_HZ
-    odometry = Motion(time, time, np.column_stack([x, y, yaw]), twist)
-    plans = Plans(time, [np.array([(*goal, 0.0)])] * len(time))
-    commands = Commands(time, twist)
+    v, w = twist.T
+    times = np.arange(len(twist)) / RATE_HZ
+    yaw = np.cumsum(w) / RATE_HZ
+    x = np.cumsum(v * np.cos(yaw)) / RATE_HZ
+    y = np.cumsum(v * np.sin(yaw)) / RATE_HZ
+    odometry = Motion(times, times, np.column_stack([x, y, yaw]), twist)
+    # A plan of one pose, the goal's, in each row
+    plan = np.array([(*goal, 0.0)])
+    commands = Commands(times, twist)
+    last_time = float(times[-1])
     return Drive(
         odometry=odometry,
         truth=odometry,
-        plans=plans,
+        plans=Plans(times, [plan] * len(times)),
         planned=commands,
         commands=commands,
-        goals=[Goal("one", 0.0, float(time[-1]), TIMED_OUT)],
+        goals=[Goal("one", 0.0, last_time, TIMED_OUT)],
     )
 
 
 def found(drive):
     """Return the events of a robot as large as the Jackal, whose goal has a tolerance of 0.25 m."""
-    count = len(drive.odometry)
-    return events.find(drive, Limits(np.full(count, TOP), np.full(count, TURN), 0.25, 1.0))
+    row_count = len(drive.odometry)
+    limits = Limits(
+        speed=np.full(row_count, TOP),
+        turn=np.full(row_count, TURN),
+        tolerance=0.25,
+        scale=1.0,
+    )
+    return events.find(drive, limits)
 
 
 def kinds(drive):
@@ -79,32 +88,42 @@ SEEN = {
 def test_each_kind_of_event_is_seen_in_the_measured_motion_with_begin_and_end(kind):
     drive = drive_of(DRIVES + SEEN[kind] + DRIVES)
     # Full commands all the time: what is commanded decides on no event.
-    full = np.full((len(drive.odometry), 2), 0.5)
-    drive.planned = drive.commands = Commands(drive.odometry.time, full)
+    full_twists = np.full((len(drive.odometry), 2), 0.5)
+    full_commands = Commands(drive.odometry.time, full_twists)
+    drive.planned = full_commands
+    drive.commands = full_commands
+
     (event,) = found(drive)
+
     # Changes of sign are counted within a second on both sides of a row. Otherwise a row decides.
     slack = 1.0 if kind.startswith("swung") else 0.06
+    duration = len(SEEN[kind]) / RATE_HZ
     assert event.kind == kind
     assert event.begin == pytest.approx(3.0, abs=slack)
-    assert event.end == pytest.approx(3.0 + len(SEEN[kind]) / RATE_HZ, abs=slack)
+    assert event.end == pytest.approx(3.0 + duration, abs=slack)
 
 
 def test_a_robot_that_gains_no_way_goes_to_and_fro():
     there_and_back = [(0.4, 0.0)] * 30 + [(-0.4, 0.0)] * 30
-    (event,) = found(drive_of(DRIVES + there_and_back * 4 + DRIVES))
-    assert event.kind == "went to and fro"
+    trapped = drive_of(DRIVES + there_and_back * 4 + DRIVES)
+    assert kinds(trapped) == ["went to and fro"]
+
     # Half a second backwards, after which the robot goes on, is no trap.
-    backs_out = [(-0.4, 0.0)] * 10
-    assert kinds(drive_of(DRIVES + backs_out + DRIVES * 3)) == []
+    backing_out = [(-0.4, 0.0)] * 10
+    free = drive_of(DRIVES + backing_out + DRIVES * 3)
+    assert kinds(free) == []
 
 
 def test_short_stops_and_an_arrival_are_no_events():
-    stop = STANDS[:15]  # 0.75 s
-    assert kinds(drive_of(DRIVES + stop + DRIVES)) == []
+    short_stop = STANDS[:15]  # 0.75 s
+    assert kinds(drive_of(DRIVES + short_stop + DRIVES)) == []
+
     # Three seconds at 0.5 m/s end at this goal. Three more seconds are usual there, six are not.
     goal = (1.5, 0.0)
-    assert kinds(drive_of(DRIVES + STANDS, goal)) == []
-    assert kinds(drive_of(DRIVES + STANDS * 2, goal)) == [AT_GOAL]
+    arrives = drive_of(DRIVES + STANDS, goal)
+    waits = drive_of(DRIVES + STANDS * 2, goal)
+    assert kinds(arrives) == []
+    assert kinds(waits) == [AT_GOAL]
 
 
 def test_there_are_no_events_without_a_goal():
@@ -115,26 +134,33 @@ def test_there_are_no_events_without_a_goal():
     # a goal: here until the end, and with the commands of the first three seconds not any longer.
     without_status = replace(drive, goals=[])
     assert kinds(without_status) == ["stood"]
-    moves = Commands(drive.odometry.time[:60], drive.odometry.twist[:60])
-    assert kinds(replace(without_status, planned=moves)) == []
+    odometry = drive.odometry
+    early_commands = Commands(odometry.time[:60], odometry.twist[:60])
+    assert kinds(replace(without_status, planned=early_commands)) == []
 
 
 def test_events_that_follow_each_other_at_one_place_are_one_trap():
     a_little_on = [(0.3, 0.0)] * 20  # 0.3 m in a second
-    (trap,) = found(drive_of(DRIVES + STANDS + a_little_on + STANDS * 2 + DRIVES))
+    one_place = drive_of(DRIVES + STANDS + a_little_on + STANDS * 2 + DRIVES)
+    (trap,) = found(one_place)
     assert trap.kind == "stood"
     assert trap.begin == pytest.approx(3.0)
     assert trap.end == pytest.approx(12.95)
+
     # 1.5 m lie between these stops, more than the 0.5 m of one trap.
-    assert len(found(drive_of(DRIVES + STANDS + DRIVES + STANDS + DRIVES))) == 2
+    two_places = drive_of(DRIVES + STANDS + DRIVES + STANDS + DRIVES)
+    assert len(found(two_places)) == 2
 
 
 def test_a_gap_of_the_odometry_is_an_event():
     drive = drive_of(DRIVES * 3)
-    heard = np.r_[0:60, 100:180]
+    received_rows = np.r_[0:60, 100:180]
     odometry = drive.odometry
     drive.odometry = Motion(
-        odometry.time[heard], odometry.stamp[heard], odometry.pose[heard], odometry.twist[heard]
+        odometry.time[received_rows],
+        odometry.stamp[received_rows],
+        odometry.pose[received_rows],
+        odometry.twist[received_rows],
     )
     (gap,) = found(drive)
     assert gap.kind == UNHEARD
@@ -156,63 +182,70 @@ def scans_of(times, metres):
     """
     times = np.array(times, float)
     fan = np.tile([-1.0, 1.0, 0.1, 30.0], (len(times), 1))
-    return Scans(times, times, fan, [np.full(3, distance, np.float32) for distance in metres])
+    ranges = [np.full(3, distance, np.float32) for distance in metres]
+    return Scans(times, times, fan, ranges)
 
 
 @pytest.fixture
 def stopped():
     """Return a drive that stands from 3 to 6 s, although 0.5 m/s are commanded."""
     drive = drive_of(DRIVES + STANDS + DRIVES)
-    commands = Commands(drive.odometry.time, np.tile([0.5, 0.0], (len(drive.odometry), 1)))
+    twists = np.tile([0.5, 0.0], (len(drive.odometry), 1))
+    commands = Commands(drive.odometry.time, twists)
     return replace(drive, planned=commands, commands=commands)
 
 
 def test_a_silent_laser_is_the_reason_also_if_it_stays_silent(stopped):
     def silence(times):
         """Return the reason if scans come only at these times [s]."""
-        return reasons.silent(stretch_of(replace(stopped, scans=scans_of(times, times))))
+        drive = replace(stopped, scans=scans_of(times, times))
+        return reasons.silent(stretch_of(drive))
 
-    every = np.arange(0.0, 9.0, 0.1)
-    assert silence(every) == ""
+    all_times = np.arange(0.0, 9.0, 0.1)
+    assert silence(all_times) == ""
+
     # The scans at 2.7 and 6.3 s are the last ones beside the stop.
-    pauses = every[(every < 2.8) | (every > 6.2)]
-    assert silence(pauses) == "there was no scan for 3.6 s"
+    is_early = all_times < 2.8
+    is_late = all_times > 6.2
+    assert silence(all_times[is_early | is_late]) == "there was no scan for 3.6 s"
+
     # A laser that fails for good leaves no scan after its gap: it lasts until the drive's end.
-    ends = every[every < 2.8]
-    assert silence(ends) == "there was no scan for 6.2 s"
+    assert silence(all_times[is_early]) == "there was no scan for 6.2 s"
 
 
 def test_a_planner_that_sends_nothing_is_silent(stopped):
-    is_sent = stopped.planned.time < 2.5
-    sent = Commands(stopped.planned.time[is_sent], stopped.planned.twist[is_sent])
+    planned = stopped.planned
+    is_sent = planned.time < 2.5
+    sent_commands = Commands(planned.time[is_sent], planned.twist[is_sent])
+    drive = replace(stopped, planned=sent_commands)
     # The odometry goes on until 8.95 s.
-    words = reasons.silent_planner(stretch_of(replace(stopped, planned=sent)))
-    assert words == "move_base sent no command for 6.5 s"
+    assert reasons.silent_planner(stretch_of(drive)) == "move_base sent no command for 6.5 s"
     assert reasons.silent_planner(stretch_of(stopped)) == ""
 
 
 def test_the_time_without_a_plan_is_a_reason(stopped):
     path = np.zeros((5, 3))
     empty = np.zeros((0, 3))
-    nothing = "the global planner finds no path"
-    for times, paths, words in (
+    no_path = "the global planner finds no path"
+    for times, paths, reason in (
         ([0.0], [path], ""),  # One plan serves the whole drive.
-        ([0.0, 3.2], [path, empty], nothing),
+        ([0.0, 3.2], [path, empty], no_path),
         ([0.0, 3.2, 4.0], [path, empty, path], ""),  # 0.8 s are less than half of the stretch.
-        ([8.0], [path], nothing),  # The first plan comes after the stretch.
+        ([8.0], [path], no_path),  # The first plan comes after the stretch.
     ):
-        drive = replace(stopped, routes=Plans(np.array(times), paths))
-        assert reasons.no_plan(stretch_of(drive)) == words, times
+        routes = Plans(np.array(times), paths)
+        drive = replace(stopped, routes=routes)
+        assert reasons.no_plan(stretch_of(drive)) == reason, times
 
 
 def test_a_jump_of_the_pose_at_the_begin_is_a_reason(stopped):
     def jump(offset):
         """Return the reason if poses shift by (x, y, yaw) just before the robot stands."""
-        poses = stopped.odometry.pose.copy()
-        poses[stopped.odometry.time > 2.9] += offset
-        return reasons.jumping(
-            stretch_of(replace(stopped, odometry=replace(stopped.odometry, pose=poses)))
-        )
+        odometry = stopped.odometry
+        poses = odometry.pose.copy()
+        poses[odometry.time > 2.9] += offset
+        drive = replace(stopped, odometry=replace(odometry, pose=poses))
+        return reasons.jumping(stretch_of(drive))
 
     # The way at the measured speed, 2.5 cm a row, is no jump.
     assert jump([0.0, 0.0, 0.0]) == ""
@@ -221,13 +254,18 @@ def test_a_jump_of_the_pose_at_the_begin_is_a_reason(stopped):
 
 
 def test_commands_that_do_not_reach_the_base_are_a_reason(stopped):
+    planned = stopped.planned
+
+    def reason(share):
+        """Return the reason if a share of each command reaches the base."""
+        commands = Commands(planned.time, share * planned.twist)
+        return reasons.stopped(stretch_of(replace(stopped, commands=commands)))
+
     assert reasons.stopped(stretch_of(stopped)) == ""  # There is no monitor.
-    nothing = Commands(stopped.planned.time, np.zeros_like(stopped.planned.twist))
-    words = reasons.stopped(stretch_of(replace(stopped, commands=nothing)))
-    assert words.startswith("move_base commanded 0.50 m/s, but nothing of it reached the base")
+    nothing = "move_base commanded 0.50 m/s, but nothing of it reached the base"
+    assert reason(0.0).startswith(nothing)
     # A monitor that slows the robot down is no reason why it stands.
-    half = Commands(stopped.planned.time, 0.5 * stopped.planned.twist)
-    assert reasons.stopped(stretch_of(replace(stopped, commands=half))) == ""
+    assert reason(0.5) == ""
 
 
 def test_a_base_that_does_not_follow_is_a_reason(stopped):
@@ -239,24 +277,26 @@ def test_a_base_that_does_not_follow_is_a_reason(stopped):
 
 def test_scans_that_stay_the_same_while_the_odometry_moves_are_a_reason(stopped):
     times = np.arange(0.0, 9.0, 0.1)
-    same = replace(stopped, scans=scans_of(times, np.full(90, 2.0)))
+    same_scans = replace(stopped, scans=scans_of(times, np.full(90, 2.0)))
     words = (
         "the scans stay the same while the odometry moves 1.5 m: "
         "the robot is held, or its wheels slip"
     )
-    assert reasons.stuck(stretch_of(same, 6.0, 9.0)) == words
-    assert reasons.stuck(stretch_of(same)) == ""  # It stands.
-    assert reasons.stuck(stretch_of(replace(stopped, scans=scans_of(times, times)), 6.0, 9.0)) == ""
+    assert reasons.stuck(stretch_of(same_scans, 6.0, 9.0)) == words
+    assert reasons.stuck(stretch_of(same_scans)) == ""  # It stands.
+
+    other_scans = replace(stopped, scans=scans_of(times, times))
+    assert reasons.stuck(stretch_of(other_scans, 6.0, 9.0)) == ""
 
 
 def test_scans_that_stay_the_same_while_the_robot_goes_to_and_fro_are_no_reason(stopped):
     times = np.arange(0.0, 9.0, 0.1)
-    pose = stopped.odometry.pose.copy()
-    pose[1::2] = pose[0]  # It comes back each time.
-    pose[::2] = pose[0] + (0.1, 0.0, 0.0)
+    poses = stopped.odometry.pose.copy()
+    poses[1::2] = poses[0]  # It comes back each time.
+    poses[::2] = poses[0] + (0.1, 0.0, 0.0)
     swinging = replace(
         stopped,
-        odometry=replace(stopped.odometry, pose=pose),
+        odometry=replace(stopped.odometry, pose=poses),
         scans=scans_of(times, np.full(90, 2.0)),
     )
     assert swinging.odometry.length > 3.0
@@ -268,21 +308,23 @@ def test_a_recovery_lasts_until_the_next_plan_is_followed(stopped):
     # Plans were followed all the time.
     assert reasons.recovering(stretch_of(recovers)) == ""
     # The next plan comes after the stretch, at 8 s.
-    seldom = Plans(np.array([0.0, 8.0]), [np.zeros((1, 3))] * 2)
-    words = reasons.recovering(stretch_of(replace(recovers, plans=seldom)))
-    assert words == "a recovery behaviour ran"
+    two_plans = Plans(np.array([0.0, 8.0]), [np.zeros((1, 3))] * 2)
+    waits_for_a_plan = replace(recovers, plans=two_plans)
+    assert reasons.recovering(stretch_of(waits_for_a_plan)) == "a recovery behaviour ran"
 
 
 def test_late_commands_are_a_reason(stopped):
     assert reasons.late(stretch_of(stopped)) == ""
-    seldom = replace(stopped, planned=stopped.planned.part(slice(0, None, 4)))
-    assert reasons.late(stretch_of(seldom)) == "commands came every 0.20 s instead of every 0.05 s"
+    every_fourth = stopped.planned.part(slice(0, None, 4))
+    late = replace(stopped, planned=every_fourth)
+    assert reasons.late(stretch_of(late)) == "commands came every 0.20 s instead of every 0.05 s"
 
 
 # -- failures of simulated drives
 def failed(drive, status=TIMED_OUT, reason="time limit", **columns):
     """Return in words why a drive failed whose goal ended like this, with these other columns."""
-    return failure_of(replace(drive, goals=[Goal("one", 0.0, 9.0, status, reason)], **columns))
+    goal = Goal("one", begin=0.0, end=9.0, status=status, reason=reason)
+    return failure_of(replace(drive, goals=[goal], **columns))
 
 
 def test_a_drive_that_arrives_has_not_failed_unless_it_touches_something(stopped):
@@ -292,33 +334,44 @@ def test_a_drive_that_arrives_has_not_failed_unless_it_touches_something(stopped
 
 def test_failures_are_worded_by_their_causes_first(stopped):
     times = stopped.planned.time
-    assert failed(stopped).startswith(f"{reasons.STANDS}, and has not arrived after 9 s")
-    aborts = failed(stopped, ABORTED, "planner aborted: no way")
-    assert aborts == "move_base ends with no way"
+    late = failed(stopped)
+    assert late.startswith(f"{reasons.STANDS}, and has not arrived after 9 s")
+    aborted = failed(stopped, ABORTED, "planner aborted: no way")
+    assert aborted == "move_base ends with no way"
 
     # 30 of 180 cycles are 17 %. 10 of them are 6 %, less than the tenth that counts as a reason.
-    rejecting = [{"samples": 90, "obstacle": 80, "path": 1}]
-    accepting = [{}]
-    rejects = {"refusals": Refusals(times, rejecting * 30 + accepting * 150)}
-    assert (
-        failed(stopped, **rejects)
-        == "the planner rejects every velocity in 17 % of its cycles, mostly by obstacle"
-    )
-    seldom = Refusals(times, accepting * 170 + rejecting * 10)
-    assert failed(stopped, refusals=seldom).startswith(reasons.STANDS)
+    rejecting_cycle = {
+        "samples": 90,
+        "obstacle": 80,
+        "path": 1,
+    }
+    many_refusals = Refusals(times, [rejecting_cycle] * 30 + [{}] * 150)
+    rejects = "the planner rejects every velocity in 17 % of its cycles, mostly by obstacle"
+    assert failed(stopped, refusals=many_refusals) == rejects
+    few_refusals = Refusals(times, [{}] * 170 + [rejecting_cycle] * 10)
+    assert failed(stopped, refusals=few_refusals).startswith(reasons.STANDS)
 
     # In the last three of nine seconds
-    holds = Verdicts(times, ["stop"] * 180, ["a wall"] * 180, list(times > 6.0))
+    verdicts = Verdicts(
+        times,
+        action=["stop"] * 180,
+        reason=["a wall"] * 180,
+        blocked=list(times > 6.0),
+    )
     intervenes = "the collision monitor intervenes 33 % of the time: a wall"
-    assert failed(stopped, verdicts=holds) == intervenes
+    assert failed(stopped, verdicts=verdicts) == intervenes
     # What the planner rejects never reaches the monitor.
-    assert failed(stopped, verdicts=holds, **rejects).startswith("the planner rejects")
+    both = failed(stopped, verdicts=verdicts, refusals=many_refusals)
+    assert both.startswith("the planner rejects")
 
     # 2 m/s for nine seconds, while the robot drives for six seconds at 0.5 m/s
-    fast = Commands(times, np.tile([2.0, 0.0], (180, 1)))
-    assert failed(stopped, commands=fast) == "it moves 3.0 m although 18.0 m are commanded"
-    lost = failed(stopped, routes=Plans(np.empty(0), []), **rejects)
+    fast_commands = Commands(times, np.tile([2.0, 0.0], (180, 1)))
+    slips = failed(stopped, commands=fast_commands)
+    assert slips == "it moves 3.0 m although 18.0 m are commanded"
+
+    # A missing path and a contact are named before the planner's refusals.
+    no_routes = Plans(np.empty(0), [])
+    lost = failed(stopped, routes=no_routes, refusals=many_refusals)
     assert lost == "the global planner finds no path"
-    assert failed(stopped, contacts=np.array([1.0]), **rejects).startswith(
-        "it touches something, and the planner"
-    )
+    touches = failed(stopped, contacts=np.array([1.0]), refusals=many_refusals)
+    assert touches.startswith("it touches something, and the planner")

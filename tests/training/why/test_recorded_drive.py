@@ -23,7 +23,7 @@ from training.why.replay import Replay
 @pytest.fixture(scope="module")
 def driven():
     """Return a drive of six seconds, with the plans of both planners."""
-    drive = simulated(JACKAL, "generated:40", limit=6)[0]
+    drive, _ = simulated(JACKAL, "generated:40", limit=6)
     return replace(drive, frames={})
 
 
@@ -49,19 +49,32 @@ def links(rows, is_static=False):
     stamps, parents, children, poses = zip(*rows)
     times = np.array(stamps, float)
     places = [(x, y, 0.0, *quaternion_of(yaw)) for x, y, yaw in poses]
-    is_static = [is_static] * len(rows)
-    return Transforms(times, times, list(parents), list(children), np.array(places), is_static)
+    return Transforms(
+        times,
+        times,
+        parent=list(parents),
+        child=list(children),
+        place=np.array(places),
+        is_static=[is_static] * len(rows),
+    )
 
 
 def joined(*parts):
     """Return several transforms as one."""
+    parents = []
+    children = []
+    is_static = []
+    for transforms in parts:
+        parents += transforms.parent
+        children += transforms.child
+        is_static += transforms.is_static
     return Transforms(
-        np.concatenate([part.time for part in parts]),
-        np.concatenate([part.stamp for part in parts]),
-        [frame for part in parts for frame in part.parent],
-        [frame for part in parts for frame in part.child],
-        np.concatenate([part.place for part in parts]),
-        [flag for part in parts for flag in part.is_static],
+        np.concatenate([transforms.time for transforms in parts]),
+        np.concatenate([transforms.stamp for transforms in parts]),
+        parents,
+        children,
+        np.concatenate([transforms.place for transforms in parts]),
+        is_static,
     )
 
 
@@ -102,14 +115,14 @@ def test_the_plan_comes_from_the_global_planner_where_the_local_planners_is_miss
 
 def test_of_navfns_two_plans_of_one_stamp_the_second_is_followed(driven, tmp_path):
     """Navfn publishes each plan without the goal's pose first."""
+    published_paths = []
+    for path in driven.routes.path:
+        published_paths += [path[:-1], path]
     times = np.repeat(driven.routes.time, 2)
-    published = []
-    for bag_path in driven.routes.path:
-        published += [bag_path[:-1], bag_path]
-    bag_path = write(
-        tmp_path / "twice.bag", replace(driven, plans=None, routes=Plans(times, published))
-    )
-    read_back_drive = read(bag_path)
+    drive = replace(driven, plans=None, routes=Plans(times, published_paths))
+
+    read_back_drive = read(write(tmp_path / "twice.bag", drive))
+
     assert len(read_back_drive.routes) == len(driven.routes)
     assert np.allclose(read_back_drive.routes.path[3], driven.routes.path[3])
 
@@ -117,21 +130,22 @@ def test_of_navfns_two_plans_of_one_stamp_the_second_is_followed(driven, tmp_pat
 def test_a_plan_that_came_during_a_cycle_may_be_too_late_for_it(driven, tmp_path):
     """Each plan comes 5 ms before the command of the cycle before its own."""
     # Cycles are 50 ms apart, and the 5 ms are within the time that a cycle may take.
-    early = Plans(driven.routes.time - 0.055, driven.routes.path)
-    path = write(tmp_path / "early.bag", replace(driven, plans=None, routes=early))
-    assert share(read_back(path)) > 0.97
+    early_routes = Plans(driven.routes.time - 0.055, driven.routes.path)
+    drive = replace(driven, plans=None, routes=early_routes)
+    assert share(through_a_bag(tmp_path / "early.bag", drive)) > 0.97
 
 
 def straight(seconds, metres):
     """Return a drive along x that follows one route from 0 to 10 m."""
-    time = np.linspace(0.0, seconds, 21)
-    pose = np.zeros((21, 3))
-    pose[:, 0] = np.linspace(0.0, metres, 21)
-    route = np.column_stack([np.linspace(0.0, 10.0, 401), np.zeros((401, 2))])
-    twist = np.tile([0.5, 0.0], (21, 1))
+    times = np.linspace(0.0, seconds, 21)
+    poses = np.zeros((21, 3))
+    poses[:, 0] = np.linspace(0.0, metres, 21)
+    route = np.zeros((401, 3))
+    route[:, 0] = np.linspace(0.0, 10.0, 401)
+    twists = np.tile([0.5, 0.0], (21, 1))
     return Drive(
-        odometry=Motion(time, time, pose, twist),
-        planned=Commands(time, twist),
+        odometry=Motion(times, times, poses, twists),
+        planned=Commands(times, twists),
         routes=Plans(np.array([0.0]), [route]),
         frames={"routes": ["odom"]},
     )
@@ -142,19 +156,27 @@ def test_points_that_were_pruned_stay_away_when_the_robot_drives_back():
     # The last pose lies 4.25 m behind the one before it, at 4.75 m.
     drive.odometry.pose[-1, 0] = 0.5
     plans = followed_plans(drive, Tree(None), JACKAL)
-    assert plans.path[0][0, 0] == 0.0
+    first_plan = plans.path[0]
+    last_plan = plans.path[-1]
+    assert first_plan[0, 0] == 0.0
     # move_base pruned up to 1 m behind the robot, and pruned points do not come back.
-    assert plans.path[-1][0, 0] == pytest.approx(3.75, abs=0.3)
+    assert last_plan[0, 0] == pytest.approx(3.75, abs=0.3)
 
 
 def test_empty_plans_alone_are_replaced_by_parts_of_the_global_planners(driven):
     drive = replace(until(driven, 2.0), frames={"routes": ["odom"]})
     assert plans_of(drive, Tree(None), JACKAL) is drive.plans
-    empty = replace(drive.plans, path=[np.zeros((0, 3))] * len(drive.plans))
-    plans = plans_of(replace(drive, plans=empty), Tree(None), JACKAL)
+
+    empty_paths = [np.zeros((0, 3))] * len(drive.plans)
+    empty_plans = replace(drive.plans, path=empty_paths)
+    drive.plans = empty_plans
+    plans = plans_of(drive, Tree(None), JACKAL)
     assert len(plans)
     assert all(map(len, plans.path))
-    assert plans_of(replace(drive, plans=empty, routes=None), Tree(None), JACKAL) is empty
+
+    # Without the global planner's, there is nothing to replace them with.
+    drive.routes = None
+    assert plans_of(drive, Tree(None), JACKAL) is empty_plans
 
 
 def test_a_plan_in_another_frame_is_moved_by_tf_and_refused_without(driven):
@@ -162,11 +184,13 @@ def test_a_plan_in_another_frame_is_moved_by_tf_and_refused_without(driven):
     drive.frames["routes"] = ["map"]
     with pytest.raises(Exception, match="the plan is in map, the odometry in odom: record /tf"):
         followed_plans(drive, Tree(None), JACKAL)
-    origin = (3.0, 0.0, 0.6)  # pose of odom in map
-    tree = Tree(links([(0.0, "map", "odom", origin)], is_static=True))
+
+    odom_in_map = (3.0, 0.0, 0.6)
+    tree = Tree(links([(0.0, "map", "odom", odom_in_map)], is_static=True))
     plans = followed_plans(drive, tree, JACKAL)
+
     # A point of the route in map lies on the plan in odom, with its heading there.
-    x, y, yaw = compose(inverse(origin), (4.0, 0.0, 0.0))
+    x, y, yaw = compose(inverse(odom_in_map), (4.0, 0.0, 0.0))
     plan = plans.path[0]
     distances = np.hypot(plan[:, 0] - x, plan[:, 1] - y)
     assert distances.min() < 1e-9
@@ -179,18 +203,19 @@ def test_commands_without_a_plan_or_after_the_goal_have_none():
     # The route comes after 0.5 s, and the goal is reached after 1.5 s of the 2 s.
     drive.goals = [Goal("g", 0.0, 1.5)]
     times = followed_plans(drive, Tree(None), JACKAL).time
-    assert (times.min(), times.max()) == (pytest.approx(0.5), pytest.approx(1.5))
+    assert times.min() == pytest.approx(0.5)
+    assert times.max() == pytest.approx(1.5)
 
 
 def test_a_path_read_at_once_equals_that_of_rosbags(driven, tmp_path, monkeypatch):
-    path = write(tmp_path / "drive.bag", until(driven, 2.0))
-    quick = read(path)
+    bag_path = write(tmp_path / "drive.bag", until(driven, 2.0))
+    our_drive = read(bag_path)
     # None stands for a path that cannot be read at once.
     monkeypatch.setattr("training.bags.paths.path_of", lambda raw: None)
-    slow = read(path)
-    for ours, theirs in zip(quick.plans.path, slow.plans.path, strict=True):
+    rosbags_drive = read(bag_path)
+    for our_plan, rosbags_plan in zip(our_drive.plans.path, rosbags_drive.plans.path, strict=True):
         # Both compute the yaw from a quaternion; only the order of the operations may differ.
-        assert np.allclose(ours, theirs, rtol=0.0, atol=1e-15)
+        assert np.allclose(our_plan, rosbags_plan, rtol=0.0, atol=1e-15)
 
 
 def serialised(frames, turns):
@@ -198,33 +223,40 @@ def serialised(frames, turns):
     maker = Maker()
     poses = []
     for frame, turn in zip(frames, turns, strict=True):
-        stamped = maker.stamped_pose(2.0, frame, (1.0, 2.0, 0.0))
+        level_pose = maker.stamped_pose(2.0, frame, (1.0, 2.0, 0.0))
         quaternion = maker.make("geometry_msgs/msg/Quaternion", *turn)
-        pose = maker.make("geometry_msgs/msg/Pose", stamped.pose.position, quaternion)
-        poses.append(maker.make("geometry_msgs/msg/PoseStamped", stamped.header, pose))
+        pose = maker.make("geometry_msgs/msg/Pose", level_pose.pose.position, quaternion)
+        poses.append(maker.make("geometry_msgs/msg/PoseStamped", level_pose.header, pose))
     message_type = "nav_msgs/msg/Path"
-    message = maker.make(message_type, maker.header(2.0, "/map"), poses)
-    return message, maker.store.serialize_ros1(message, message_type)
+    header = maker.header(2.0, "/map")
+    message = maker.make(message_type, header, poses)
+    raw_message = maker.store.serialize_ros1(message, message_type)
+    return message, raw_message
 
 
 def test_a_path_read_at_once_has_the_yaws_of_rotations_that_are_not_level():
     turns = np.random.default_rng(0).normal(size=(9, 4))
-    message, raw = serialised(["map"] * 9, turns)
-    stamp, frame, poses = path_of(raw)
-    assert (stamp, frame) == (2_000_000_000, "map")
-    assert np.allclose(poses, CHANNELS["routes"].unpack(message)[2], rtol=0.0, atol=1e-15)
+    message, raw_message = serialised(["map"] * 9, turns)
+    stamp, frame, poses = path_of(raw_message)
+    assert stamp == 2_000_000_000
+    assert frame == "map"
+    _, _, rosbags_poses = CHANNELS["routes"].unpack(message)
+    assert np.allclose(poses, rosbags_poses, rtol=0.0, atol=1e-15)
 
 
 def test_poses_of_frames_of_unequal_lengths_are_left_to_rosbags():
     """Lengths of 3, 2 and 4 add up as three of 3 would."""
-    _, raw = serialised(["map", "ab", "odom"], np.ones((3, 4)))
-    assert path_of(raw) is None
+    _, raw_message = serialised(["map", "ab", "odom"], np.ones((3, 4)))
+    assert path_of(raw_message) is None
 
 
 def test_a_damaged_path_is_left_to_rosbags():
-    # Nothing, a cut header, absurd lengths, and a header before poses that are not there.
-    for raw in (b"", b"\0" * 12, b"\xff" * 40, b"\0" * 16 + b"\5\0\0\0" + b"\0" * 99):
-        assert path_of(raw) is None
+    nothing = b""
+    cut_header = b"\0" * 12
+    absurd_lengths = b"\xff" * 40
+    header_without_poses = b"\0" * 16 + b"\5\0\0\0" + b"\0" * 99
+    for raw_message in (nothing, cut_header, absurd_lengths, header_without_poses):
+        assert path_of(raw_message) is None
     # All zeros is a whole message: an empty path in a frame without a name.
     assert len(path_of(b"\0" * 20)[2]) == 0
 
@@ -241,9 +273,9 @@ def test_move_base_is_found_by_its_plans(driven, tmp_path):
     for number, namespace in enumerate(("/move_base_node", "/robot1/move_base")):
         topics = names(move_base=namespace)
         for kind, drive in (("both", with_both), ("routes", with_routes_alone)):
-            path = write(tmp_path / f"{kind}{number}.bag", drive, topics=topics)
+            bag_path = write(tmp_path / f"{kind}{number}.bag", drive, topics=topics)
             # One second at 20 Hz.
-            assert len(read_back(path).plans) > 10
+            assert len(read_back(bag_path).plans) > 10
 
 
 def test_topics_in_the_namespace_around_move_base_are_found(driven, tmp_path):
@@ -253,20 +285,21 @@ def test_topics_in_the_namespace_around_move_base_are_found(driven, tmp_path):
         odometry="/robot1/odometry/filtered",
         command="/robot1/cmd_vel",
     )
-    assert len(read_back(write(tmp_path / "a.bag", until(driven, 1.0), topics=topics)).scans) > 3
+    bag_path = write(tmp_path / "a.bag", until(driven, 1.0), topics=topics)
+    assert len(read_back(bag_path).scans) > 3
 
 
 def test_of_several_move_base_one_is_asked_for(driven, tmp_path):
-    path = tmp_path / "two.bag"
-    with BagWriter(path, JACKAL, names(move_base="/a/move_base")) as writer:
+    bag_path = tmp_path / "two.bag"
+    with BagWriter(bag_path, JACKAL, names(move_base="/a/move_base")) as writer:
         writer.write(until(driven, 1.0))
         writer.topics = names(move_base="/b/move_base")
         writer.put("plans", 9.0, "odom", driven.plans.path[0], part="TrajectoryPlannerROS")
-    with pytest.raises(
-        BagError, match="plans of /a/move_base and of /b/move_base: give --move-base"
-    ):
-        read_back(path)
-    assert len(read_back(path, move_base="/a/move_base").plans) > 10
+
+    problem = "plans of /a/move_base and of /b/move_base: give --move-base"
+    with pytest.raises(BagError, match=problem):
+        read_back(bag_path)
+    assert len(read_back(bag_path, move_base="/a/move_base").plans) > 10
 
 
 @pytest.mark.parametrize(
@@ -287,26 +320,28 @@ def test_a_missing_topic_is_named_with_its_option_and_the_bags_topics(
     driven, tmp_path, topics, problem
 ):
     drive = replace(until(driven, 1.0), planned=None)
-    path = write(tmp_path / "a.bag", drive, topics=names(**topics))
+    bag_path = write(tmp_path / "a.bag", drive, topics=names(**topics))
     with pytest.raises(BagError, match=f"no messages on {problem}"):
-        read_back(path)
-    assert len(read_back(path, **topics).plans) > 10
+        read_back(bag_path)
+    assert len(read_back(bag_path, **topics).plans) > 10
 
 
 def test_a_topic_of_another_type_is_not_read(driven, tmp_path):
     drive = replace(until(driven, 1.0), planned=None)
     # The topic of the commands has the name of the scan's; --command leads to the scan's Twists.
-    path = write(tmp_path / "a.bag", drive, topics=names(command="/front/scan", scan="/scan"))
+    topics = names(command="/front/scan", scan="/scan")
+    bag_path = write(tmp_path / "a.bag", drive, topics=topics)
     with pytest.raises(BagError, match="/front/scan has messages of geometry_msgs/msg/Twist"):
-        read_back(path, command="/front/scan")
+        read_back(bag_path, command="/front/scan")
 
 
 def test_a_robot_that_was_given_is_not_asked_for(driven, tmp_path):
-    path = write(tmp_path / "a.bag", replace(until(driven, 1.0), planners=["DWAPlannerROS"]))
+    drive = replace(until(driven, 1.0), planners=["DWAPlannerROS"])
+    bag_path = write(tmp_path / "a.bag", drive)
     with pytest.raises(BagError, match="give the robot as --robot"):
-        read_back(path)
+        read_back(bag_path)
     with pytest.raises(BagError, match="its base_local_planner is another"):
-        read_back(path, robot=JACKAL)
+        read_back(bag_path, robot=JACKAL)
 
 
 # -- frames ----------------------------------------------------------------------------------------
@@ -321,7 +356,8 @@ def in_frames(path, drive, **frames):
 
 def test_a_plan_in_another_frame_than_the_odometry_is_refused(driven, tmp_path):
     with BagWriter(tmp_path / "a.bag", JACKAL, names()) as writer:
-        writer.write(replace(until(driven, 1.0), plans=None, routes=None))
+        without_plans = replace(until(driven, 1.0), plans=None, routes=None)
+        writer.write(without_plans)
         writer.put("plans", 1.5, "map", driven.plans.path[0], part="TrajectoryPlannerROS")
     with pytest.raises(BagError) as refusal:
         read_back(tmp_path / "a.bag")
@@ -332,32 +368,38 @@ def test_a_plan_in_another_frame_than_the_odometry_is_refused(driven, tmp_path):
 def test_a_local_costmap_in_another_frame_than_the_odometry_is_placed_by_tf(driven, tmp_path):
     """The map lies a whole number of cells away, so that the costmap has the same cells."""
     odom_in_map = (-3.2, 1.6, 0.0)
-    short = replace(until(driven, 3.0), routes=None)
-    plans_in_map = [np.add(path, (*odom_in_map[:2], 0.0)) for path in short.plans.path]
+    three_seconds = replace(until(driven, 3.0), routes=None)
+    plans = three_seconds.plans
+    odometry = three_seconds.odometry
+    plans_in_map = [path + odom_in_map for path in plans.path]
     transforms = joined(
-        robots_links(short.odometry),
+        robots_links(odometry),
         links([(0.0, "map", "odom", odom_in_map)], is_static=True),
     )
     with BagWriter(tmp_path / "a.bag", JACKAL, names()) as writer:
-        writer.write(replace(short, plans=None, transforms=transforms))
+        writer.write(replace(three_seconds, plans=None, transforms=transforms))
         # The writer begins a bag at 1 s of ROS time.
-        for time, path in zip(short.plans.time, plans_in_map, strict=True):
-            first = short.odometry.time[0]
-            writer.put("plans", 1.0 + time - first, "map", path, part="TrajectoryPlannerROS")
+        stamps = 1.0 + plans.time - odometry.time[0]
+        for stamp, path in zip(stamps, plans_in_map, strict=True):
+            writer.put("plans", stamp, "map", path, part="TrajectoryPlannerROS")
+
     read_back_drive = read_back(tmp_path / "a.bag")
+
     assert read_back_drive.frame == "map"
-    assert np.allclose(read_back_drive.odometry.pose, short.odometry.pose + odom_in_map)
+    assert np.allclose(read_back_drive.odometry.pose, odometry.pose + odom_in_map)
     assert np.allclose(read_back_drive.plans.path[3], plans_in_map[3])
     assert share(read_back_drive) > 0.9
 
 
 def test_a_prefix_that_all_frames_share_is_taken_off(driven, tmp_path):
-    short = until(driven, 1.0)
-    transforms = robots_links(drifting(short.odometry), "robot1/odom", "robot1/base_link")
-    drive = replace(short, transforms=transforms)
+    one_second = until(driven, 1.0)
+    odometry_of_tf = drifting(one_second.odometry)
+    transforms = robots_links(odometry_of_tf, "robot1/odom", "robot1/base_link")
+    drive = replace(one_second, transforms=transforms)
     bag_path = in_frames(tmp_path / "a.bag", drive, odom="robot1/odom", laser="robot1/front_laser")
     read_back_drive = read_back(bag_path)
-    assert np.allclose(read_back_drive.odometry.pose, drifting(short.odometry).pose)
+    assert np.allclose(read_back_drive.odometry.pose, odometry_of_tf.pose)
+
     # A prefix of the scans alone is no prefix of the robot: it may be another robot's laser.
     bag_path = in_frames(tmp_path / "b.bag", drive, laser="robot1/front_laser")
     with pytest.raises(BagError, match="scans in robot1/front_laser, jackal has front_laser"):
@@ -390,14 +432,15 @@ def test_tf_that_equals_the_topic_changes_nothing(driven, tmp_path):
 
 def test_poses_are_composed_along_a_chain_of_links(driven, tmp_path):
     """odom -> base_footprint moves, base_footprint -> base_link is static."""
-    offset = (0.1, -0.2, 0.3)
+    base_in_footprint = (0.1, -0.2, 0.3)
+    footprint_in_base = inverse(base_in_footprint)
     footprint_poses = []
     for base_pose in driven.odometry.pose.tolist():
-        footprint_poses.append(compose(tuple(base_pose), inverse(offset)))
-    of_footprint = replace(driven.odometry, pose=np.array(footprint_poses))
+        footprint_poses.append(compose(tuple(base_pose), footprint_in_base))
+    footprint_motion = replace(driven.odometry, pose=np.array(footprint_poses))
     chain = joined(
-        links([(0.0, "base_footprint", "base_link", offset)], is_static=True),
-        robots_links(of_footprint, child="base_footprint"),
+        links([(0.0, "base_footprint", "base_link", base_in_footprint)], is_static=True),
+        robots_links(footprint_motion, child="base_footprint"),
     )
     read_back_drive = through_a_bag(tmp_path / "a.bag", replace(driven, transforms=chain))
     assert np.allclose(read_back_drive.odometry.pose, driven.odometry.pose)
@@ -405,107 +448,132 @@ def test_poses_are_composed_along_a_chain_of_links(driven, tmp_path):
 
 def test_a_quaternion_and_its_opposite_are_one_rotation():
     transforms = links(
-        [(0.0, "odom", "base_link", (0, 0, 0.2)), (1.0, "odom", "base_link", (0, 0, 0.4))]
+        [
+            (0.0, "odom", "base_link", (0, 0, 0.2)),
+            (1.0, "odom", "base_link", (0, 0, 0.4)),
+        ]
     )
     # Averaged as they are, both would cancel: the yaw in between would be noise.
     transforms.place[1, 3:] *= -1.0
-    between = Tree(transforms).place("odom", "base_link", np.array([0.5]))
-    assert between.planar[0, 2] == pytest.approx(0.3)
+    middle_place = Tree(transforms).place("odom", "base_link", np.array([0.5]))
+    assert middle_place.planar[0, 2] == pytest.approx(0.3)
 
 
 def test_a_frame_is_placed_in_one_of_another_branch():
     """As a laser on the body, beside a base frame that is on the body as well."""
-    base = (2.0, -1.0, 0.5)
-    laser = (0.5, 1.0, -2.0)
-    tree = Tree(links([(0.0, "body", "base", base), (0.0, "body", "laser", laser)], is_static=True))
-    between = tree.place("base", "laser", np.zeros(1))
-    assert between.planar[0] == pytest.approx(compose(inverse(base), laser))
+    base_pose = (2.0, -1.0, 0.5)
+    laser_pose = (0.5, 1.0, -2.0)
+    transforms = links(
+        [
+            (0.0, "body", "base", base_pose),
+            (0.0, "body", "laser", laser_pose),
+        ],
+        is_static=True,
+    )
+    laser_in_base = Tree(transforms).place("base", "laser", np.zeros(1))
+    assert laser_in_base.planar[0] == pytest.approx(compose(inverse(base_pose), laser_pose))
 
 
 def test_more_frequent_poses_of_tf_are_all_taken(driven, tmp_path):
-    short = until(driven, 2.0)
-    every_second = short.odometry.part(slice(0, None, 2))
-    drive = replace(short, odometry=every_second, transforms=robots_links(short.odometry))
+    two_seconds = until(driven, 2.0)
+    odometry = two_seconds.odometry
+    every_second = odometry.part(slice(0, None, 2))
+    drive = replace(
+        two_seconds,
+        odometry=every_second,
+        transforms=robots_links(odometry),
+    )
     read_back_drive = through_a_bag(tmp_path / "a.bag", drive)
-    assert np.allclose(read_back_drive.odometry.pose, short.odometry.pose)
+    assert np.allclose(read_back_drive.odometry.pose, odometry.pose)
     assert np.allclose(read_back_drive.odometry.twist[::2], every_second.twist)
 
 
 def test_frames_in_a_circle_and_rotations_of_no_length_are_no_pose(driven, tmp_path):
     circle = joined(
-        links([(0.0, "b", "base_link", (0, 0, 0))]), links([(0.0, "base_link", "b", (0, 0, 0))])
+        links([(0.0, "b", "base_link", (0, 0, 0))]),
+        links([(0.0, "base_link", "b", (0, 0, 0))]),
     )
-    short = until(driven, 1.0)
-    read_back_drive = through_a_bag(tmp_path / "a.bag", replace(short, transforms=circle))
-    assert np.allclose(read_back_drive.odometry.pose, short.odometry.pose)
+    one_second = until(driven, 1.0)
+    topic_poses = one_second.odometry.pose
+    in_circle = replace(one_second, transforms=circle)
+    read_back_drive = through_a_bag(tmp_path / "a.bag", in_circle)
+    assert np.allclose(read_back_drive.odometry.pose, topic_poses)
 
     # These would move the robot, if they were taken.
-    without_length = robots_links(drifting(short.odometry))
-    without_length.place[:, 3:] = 0.0
-    drive = replace(short, transforms=without_length)
-    read_back_drive = through_a_bag(tmp_path / "b.bag", drive)
-    assert np.allclose(read_back_drive.odometry.pose, short.odometry.pose)
+    no_rotations = robots_links(drifting(one_second.odometry))
+    no_rotations.place[:, 3:] = 0.0
+    without_rotations = replace(one_second, transforms=no_rotations)
+    read_back_drive = through_a_bag(tmp_path / "b.bag", without_rotations)
+    assert np.allclose(read_back_drive.odometry.pose, topic_poses)
 
 
 # -- laser -----------------------------------------------------------------------------------------
 def test_the_lasers_place_is_tfs(driven, tmp_path):
-    short = until(driven, 1.0)
-    as_in_robot_yaml = replace(short, transforms=laser_link(JACKAL.laser.pose))
+    one_second = until(driven, 1.0)
+    as_in_robot_yaml = replace(one_second, transforms=laser_link(JACKAL.laser.pose))
     unmoved = through_a_bag(tmp_path / "a.bag", as_in_robot_yaml)
-    assert (unmoved.laser_pose, unmoved.notes) == (None, [])
+    assert unmoved.laser_pose is None
+    assert unmoved.notes == []
 
-    elsewhere = (0.2, 0.1, 0.5)
-    drive = replace(short, transforms=laser_link(elsewhere))
+    laser_pose = (0.2, 0.1, 0.5)
+    drive = replace(one_second, transforms=laser_link(laser_pose))
     moved = through_a_bag(tmp_path / "b.bag", drive)
-    assert moved.laser_pose == pytest.approx(elsewhere)
+    assert moved.laser_pose == pytest.approx(laser_pose)
     (note,) = moved.notes
     assert note.startswith("tf has the laser at (0.20, 0.10) m, 0.50 rad, robot.yaml at (0.06")
 
     # The replay's costmaps get the scan from there. The robot moves a little until its first scan.
     replay = Replay(JACKAL)
     replay.drive = moved
-    x, y, yaw = compose(tuple(moved.odometry.pose[0]), elsewhere)
-    assert replay.scan(0).sensor_pose == pytest.approx((x, y, yaw), abs=0.02)
+    first_pose = tuple(moved.odometry.pose[0])
+    expected_pose = compose(first_pose, laser_pose)
+    assert replay.scan(0).sensor_pose == pytest.approx(expected_pose, abs=0.02)
 
 
 def test_a_laser_upside_down_has_its_beams_in_reverse(driven, tmp_path):
     """Rotated by pi about x, beam k of n points as beam n - 1 - k of an upright laser."""
-    short = until(driven, 2.0)
+    two_seconds = until(driven, 2.0)
     # A symmetric fan would be the same in reverse.
-    short.scans = replace(short.scans, fan=short.scans.fan + [0.3, 0.0, 0.0, 0.0])
-    reversed_scans = [ranges[::-1].copy() for ranges in short.scans.ranges]
+    upright_fan = two_seconds.scans.fan + [0.3, 0.0, 0.0, 0.0]
+    upright_scans = replace(two_seconds.scans, fan=upright_fan)
+    reversed_ranges = [ranges[::-1].copy() for ranges in upright_scans.ranges]
     # The fan begins where the upright one ends, on the other side.
-    fan = short.scans.fan.copy()
-    steps = len(reversed_scans[0]) - 1
-    last_angles = fan[:, 0] + steps * fan[:, 1]
-    fan[:, 0] = -last_angles
+    first_angles, increments, _, _ = upright_fan.T
+    step_count = len(reversed_ranges[0]) - 1
+    reversed_fan = upright_fan.copy()
+    reversed_fan[:, 0] = -(first_angles + step_count * increments)
     drive = replace(
-        short,
-        scans=replace(short.scans, fan=fan, ranges=reversed_scans),
+        two_seconds,
+        scans=replace(upright_scans, fan=reversed_fan, ranges=reversed_ranges),
         transforms=laser_link(JACKAL.laser.pose, rotation=(1.0, 0.0, 0.0, 0.0)),
     )
     read_back_drive = through_a_bag(tmp_path / "a.bag", drive)
     assert read_back_drive.notes == [
         "the laser is mounted upside down (tf): its beams are taken in reverse"
     ]
-    assert np.array_equal(read_back_drive.scans.ranges[3], short.scans.ranges[3])
-    assert np.allclose(read_back_drive.scans.fan, short.scans.fan, atol=1e-6)
+    assert np.array_equal(read_back_drive.scans.ranges[3], upright_scans.ranges[3])
+    assert np.allclose(read_back_drive.scans.fan, upright_fan, atol=1e-6)
 
 
 def test_a_tilted_laser_is_said(driven, tmp_path):
-    tilted = (0.0, np.sin(0.1), 0.0, np.cos(0.1))  # by .2 rad
-    drive = replace(until(driven, 1.0), transforms=laser_link(JACKAL.laser.pose, rotation=tilted))
+    # A quaternion has half of the angle: 0.2 rad are 11 degrees.
+    rotation = (0.0, np.sin(0.1), 0.0, np.cos(0.1))
+    tilted_link = laser_link(JACKAL.laser.pose, rotation=rotation)
+    drive = replace(until(driven, 1.0), transforms=tilted_link)
     read_back_drive = through_a_bag(tmp_path / "a.bag", drive)
     assert read_back_drive.notes == ["tf tilts the laser by 11 degrees: it is taken as level"]
 
 
 def test_another_laser_is_taken_if_tf_knows_its_place(driven, tmp_path):
-    short = until(driven, 1.0)
-    bag_path = in_frames(tmp_path / "a.bag", short, laser="rear_laser")
+    one_second = until(driven, 1.0)
+    bag_path = in_frames(tmp_path / "a.bag", one_second, laser="rear_laser")
     with pytest.raises(BagError, match="give the robot as --robot"):
         read_back(bag_path)
     with pytest.raises(BagError, match="jackal has front_laser: give --scan, or record /tf"):
         read_back(bag_path, robot=JACKAL)
-    known = replace(short, transforms=laser_link((-0.1, 0.0, 3.0), frame="rear_laser"))
-    read_back_drive = read_back(in_frames(tmp_path / "b.bag", known, laser="rear_laser"))
+
+    rear_link = laser_link((-0.1, 0.0, 3.0), frame="rear_laser")
+    with_link = replace(one_second, transforms=rear_link)
+    bag_path = in_frames(tmp_path / "b.bag", with_link, laser="rear_laser")
+    read_back_drive = read_back(bag_path)
     assert read_back_drive.laser_pose == pytest.approx((-0.1, 0.0, 3.0))

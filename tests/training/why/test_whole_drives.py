@@ -33,8 +33,8 @@ from worlds.map_reader import is_occupied, read_map
 PLANNER = "TrajectoryPlannerROS"
 JACKAL = robots.JACKAL
 BURGER = robots.load("turtlebot3_burger")
-# The fault of the recorded drive: the planner samples only its slowest speed. And its remedy.
-# The recorded drive's fault and its remedy. With vx_samples 1
+# The recorded drive's fault and its remedy. A planner with one sample knows only its slowest
+# speed.
 SPOILT = Change(PLANNER, "vx_samples", 6, 1)
 MENDED = Candidate((Change(PLANNER, "vx_samples", 1, 6),))
 
@@ -42,16 +42,19 @@ MENDED = Candidate((Change(PLANNER, "vx_samples", 1, 6),))
 @pytest.fixture(scope="module")
 def door():
     """Return the drive of a Jackal that drives very slowly through a door, and the world."""
-    *_, world = courses(JACKAL)
+    *_, door_world = courses(JACKAL)
     robot = with_changes(JACKAL, [SPOILT], "jackal")
-    return simulated(robot, world, limit=15)[0], world
+    drive, _ = simulated(robot, door_world, limit=15)
+    return drive, door_world
 
 
 # -- the world that the laser saw
 def cell_of(grid, x, y):
     """Return (row, column) of a point [m]."""
-    left, low, _ = grid.origin
-    return int((y - low) / grid.resolution), int((x - left) / grid.resolution)
+    origin_x, origin_y, _ = grid.origin
+    row = int((y - origin_y) / grid.resolution)
+    column = int((x - origin_x) / grid.resolution)
+    return row, column
 
 
 def test_walls_stand_where_the_laser_saw_them_and_the_door_stays_open(door):
@@ -63,61 +66,79 @@ def test_walls_stand_where_the_laser_saw_them_and_the_door_stays_open(door):
 
     # A wall on each side of the door. The laser saw the face towards the robot, 0.05 m before the
     # wall's middle. 0.2 m from the door is within the wall even if the edge is a cell off.
-    for x, _, _, length, _ in world.boxes:
-        side = np.sign(x)
-        edge_x = x - side * length / 2
+    for box in world.boxes:
+        wall_x = box[0]
+        length = box[3]
+        side = np.sign(wall_x)
+        edge_x = wall_x - side * length / 2
         row, column = cell_of(grid, edge_x + side * 0.2 + start_x, door_y - 0.05)
         assert occupied[row - 1 : row + 2, column - 1 : column + 2].any()
 
     # The door, the robot's way, and the floor between robot and door are free.
     row, column = cell_of(grid, start_x, door_y)
     assert not occupied[row, column - 3 : column + 4].any()
-    for pose in drive.odometry.pose[::20]:
-        assert not occupied[cell_of(grid, *pose[:2])]
+    for robot_pose in drive.odometry.pose[::20]:
+        assert not occupied[cell_of(grid, *robot_pose[:2])]
     row, column = cell_of(grid, start_x, start_y + 2.0)
     assert not occupied[row - 5 : row + 6, column - 5 : column + 6].any()
 
 
 def test_a_written_map_is_read_as_it_was_seen(door, tmp_path):
-    grid = seen_grid(door[0], JACKAL)
-    write_map(grid, str(tmp_path / "seen.yaml"))
-    read_back = read_map(str(tmp_path / "seen.yaml"))
-    written = is_occupied(read_back.cells)
-    assert np.array_equal(written[1:-1, 1:-1], is_occupied(grid.cells)[1:-1, 1:-1])
-    assert (read_back.resolution, read_back.origin) == (grid.resolution, pytest.approx(grid.origin))
+    drive, _ = door
+    grid = seen_grid(drive, JACKAL)
+    map_file = str(tmp_path / "seen.yaml")
+
+    write_map(grid, map_file)
+    read_back = read_map(map_file)
+
+    # The written map has an edge of occupied cells, so that its free cells are indoors.
+    occupied = is_occupied(grid.cells)
+    occupied_in_file = is_occupied(read_back.cells)
+    assert np.array_equal(occupied_in_file[1:-1, 1:-1], occupied[1:-1, 1:-1])
+    assert read_back.resolution == grid.resolution
+    assert read_back.origin == pytest.approx(grid.origin)
 
 
 def test_a_robot_can_drive_in_a_written_map(door, tmp_path):
     """Without an edge, all free cells would be outside of the building."""
-    path = str(tmp_path / "seen.yaml")
-    write_map(seen_grid(door[0], JACKAL), path)
-    world = load(f"{path}:0")
-    assert len(world.boxes)
+    drive, _ = door
+    map_file = str(tmp_path / "seen.yaml")
+    write_map(seen_grid(drive, JACKAL), map_file)
+    map_world = load(f"{map_file}:0")
+    assert len(map_world.boxes)
 
 
 # -- candidates
 def values(robot, server, name):
     """Return a parameter's value in a move_base of the robot's files."""
-    return Settings.from_tree(MoveBase(robot.parameters()).parameters)[server][name]
+    move_base = MoveBase(robot.parameters())
+    settings = Settings.from_tree(move_base.parameters)
+    return settings[server][name]
 
 
 def test_a_change_reaches_move_base_also_where_a_costmap_makes_its_layers_itself():
     # The Burger's files list the layers as plugins. The Jackal's do not, so that its costmap
     # makes layers with the names of old.
     layer = "local_costmap/inflation_layer"
-    changed_robot = with_changes(BURGER, [Change(layer, "inflation_radius", 1.0, 0.4)], "changed")
+    smaller = Change(layer, "inflation_radius", 1.0, 0.4)
+    changed_robot = with_changes(BURGER, [smaller], "changed")
     assert values(changed_robot, layer, "inflation_radius") == 0.4
+
     layer = "local_costmap/inflater_layer"
-    changed_robot = with_changes(JACKAL, [Change(layer, "inflation_radius", 0.3, 0.4)], "changed")
+    larger = Change(layer, "inflation_radius", 0.3, 0.4)
+    changed_robot = with_changes(JACKAL, [larger], "changed")
     assert values(changed_robot, layer, "inflation_radius") == 0.4
 
 
 def test_files_get_the_settings_of_the_recorded_drive():
-    of_files = Settings.from_tree(MoveBase(JACKAL.parameters()).parameters)
-    recorded = of_files.with_(SPOILT)
-    assert recorded_changes(JACKAL, of_files) == []
-    (change,) = recorded_changes(JACKAL, recorded)
-    assert (change.server, change.name, change.after) == (PLANNER, "vx_samples", 1)
+    move_base = MoveBase(JACKAL.parameters())
+    file_settings = Settings.from_tree(move_base.parameters)
+    recorded_settings = file_settings.with_(SPOILT)
+    assert recorded_changes(JACKAL, file_settings) == []
+    (change,) = recorded_changes(JACKAL, recorded_settings)
+    assert change.server == PLANNER
+    assert change.name == "vx_samples"
+    assert change.after == 1
 
 
 def in_both(servers, name, before, after):
@@ -127,7 +148,8 @@ def in_both(servers, name, before, after):
 
 COSTMAPS = ("local_costmap", "global_costmap")
 INFLATION_LAYERS = ("local_costmap/inflation_layer", "global_costmap/inflation_layer")
-SQUARE = str([[-1, -1], [-1, 1], [1, 1], [1, -1]])  # [m], five times as wide as a Burger
+# Footprint [m], about ten times as wide as a Burger
+SQUARE = str([[-1, -1], [-1, 1], [1, 1], [1, -1]])
 # Mistakes that people make in the Burger's files, each far from any usual value.
 FAULTS = {
     "footprint": in_both(COSTMAPS, "footprint", "", SQUARE),
@@ -150,19 +172,25 @@ def test_a_value_of_a_file_that_departs_most_is_the_first_candidate(name):
 
 def test_no_footprint_below_the_body_and_no_padding_below_the_default_is_a_candidate():
     for candidate in file_candidates(BURGER):
-        assert not {"footprint", "footprint_padding"} & {*candidate.names}
-    texts = [str(candidate) for candidate in file_candidates(JACKAL)]
-    assert "footprint_padding 0.1 -> 0.01 in both costmaps" in texts
+        assert "footprint" not in candidate.names
+        assert "footprint_padding" not in candidate.names
+    # The Jackal's files have a padding above the default of the C++ costmap.
+    jackals_candidates = list(map(str, file_candidates(JACKAL)))
+    assert "footprint_padding 0.1 -> 0.01 in both costmaps" in jackals_candidates
 
 
 def test_a_usual_value_of_a_file_is_not_tried():
     """The Jackal's local costmap of 10 m is large enough; one of 3 m is not."""
-    usual_names = [candidate.names for candidate in file_candidates(JACKAL)]
-    assert not any("width" in names for names in usual_names)
+    for candidate in file_candidates(JACKAL):
+        assert "width" not in candidate.names
 
-    small = [Change("local_costmap", side, 10.0, 3.0) for side in ("width", "height")]
-    small_candidates = file_candidates(with_changes(JACKAL, small, "jackal with a small window"))
-    assert ["width", "height"] in [candidate.names for candidate in small_candidates]
+    small_window = [
+        Change("local_costmap", "width", 10.0, 3.0),
+        Change("local_costmap", "height", 10.0, 3.0),
+    ]
+    robot = with_changes(JACKAL, small_window, "jackal with a small window")
+    candidate_names = [candidate.names for candidate in file_candidates(robot)]
+    assert ["width", "height"] in candidate_names
 
 
 # -- whole drives
@@ -171,9 +199,9 @@ def course(door):
     """Return the way through the door in the world that the laser saw, with the recorded fault."""
     drive, _ = door
     robot = with_changes(JACKAL, [SPOILT], "jackal")
-    world = seen_world(
-        seen_grid(drive, JACKAL), "seen", (0.0, 0.0, np.pi / 2), (0.0, 5.0, np.pi / 2)
-    )
+    start = (0.0, 0.0, np.pi / 2)
+    goal = (0.0, 5.0, np.pi / 2)
+    world = seen_world(seen_grid(drive, JACKAL), "seen", start, goal)
     return Course(robot, world, has_monitor=False, limit=25.0)
 
 
@@ -182,14 +210,18 @@ def test_the_fault_is_slow_in_the_world_that_was_seen_and_its_remedy_is_found(co
     monkeypatch.setattr(whole_drives, "CHOOSING", (1,))
     monkeypatch.setattr(whole_drives, "CONFIRMING", (2,))
     # move_base does not accept a footprint of one point, so this candidate cannot drive.
-    refused = Candidate((Change("local_costmap", "footprint", "", "[[0, 0]]"),))
+    one_point = Change("local_costmap", "footprint", "", "[[0, 0]]")
+    refused = Candidate((one_point,))
+
     with Pool(0) as pool:
         trials = try_out(course, [refused, MENDED], pool)
+
     assert trials.remedy is not None
     assert trials.remedy.candidate == MENDED
     assert trials.remedy.arrivals == 1
     assert trials.recorded.arrivals == 0
-    assert [tried_out.candidate for tried_out in trials.tried] == [MENDED]
+    (tried_out,) = trials.tried
+    assert tried_out.candidate == MENDED
 
 
 def drives_as(monkeypatch, seconds):
@@ -199,13 +231,16 @@ def drives_as(monkeypatch, seconds):
     calls = []
 
     def drive_once(course, changes, seed, to_beat):
-        value = changes[0].after if changes else ""
-        calls.append((value, seed))
-        taken = seconds[value].get(seed, seconds[value][0])
-        is_slow = taken > to_beat
-        success = taken < course.limit and not is_slow
-        place = np.zeros((1, 3))
-        return Arrival(success, taken if success else course.limit, is_slow, place)
+        sim_time = changes[0].after if changes else ""
+        calls.append((sim_time, seed))
+        # Seed 0 stands for all seeds that have no time of their own.
+        seconds_of_seed = seconds[sim_time]
+        duration = seconds_of_seed.get(seed, seconds_of_seed[0])
+        is_slow = duration > to_beat
+        success = duration < course.limit and not is_slow
+        if not success:
+            duration = course.limit
+        return Arrival(success, duration, is_slow, path=np.zeros((1, 3)))
 
     monkeypatch.setattr(whole_drives, "drive_once", drive_once)
     return calls
@@ -213,9 +248,22 @@ def drives_as(monkeypatch, seconds):
 
 def trials_of(course, *values):
     """Try values of sim_time out; return the trials."""
-    candidates = [Candidate((Change(PLANNER, "sim_time", 2.0, value),)) for value in values]
+    candidates = []
+    for sim_time in values:
+        change = Change(PLANNER, "sim_time", 2.0, sim_time)
+        candidates.append(Candidate((change,)))
     with Pool(0) as pool:
         return try_out(course, candidates, pool)
+
+
+def value_of(tried_out):
+    """Return the value of sim_time that a candidate tried."""
+    return tried_out.candidate.changes[0].after
+
+
+def seeds_of(calls, value):
+    """Return the seeds with which a value was driven."""
+    return {seed for called_value, seed in calls if called_value == value}
 
 
 def test_a_candidate_is_a_remedy_only_if_it_is_better_by_a_tenth_with_seeds_that_chose_nothing(
@@ -223,32 +271,40 @@ def test_a_candidate_is_a_remedy_only_if_it_is_better_by_a_tenth_with_seeds_that
 ):
     calls = drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 15.0}, 1.5: {0: 17.0}})
     trials = trials_of(course, 1.0, 1.5)
-    assert trials.remedy.candidate.changes[0].after == 1.0
+    assert value_of(trials.remedy) == 1.0
     assert str(trials.remedy) == "arrives 3 of 3 in 15 s"
-    assert {seed for value, seed in calls if value == 1.5} == set(whole_drives.CHOOSING)
-    assert {seed for value, seed in calls if value == 1.0} == {1, 2, 3, 4, 5}
+    assert seeds_of(calls, 1.5) == set(whole_drives.CHOOSING)
+    assert seeds_of(calls, 1.0) == {1, 2, 3, 4, 5}
 
+    # 18.5 s are less than a tenth better than 20 s.
     drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 18.5}})
     assert trials_of(course, 1.0).remedy is None
+
     # The seeds 1 and 2 choose. With the seeds that confirm, it is as slow as the recorded value.
-    lucky = {"": {0: 20.0}, 1.0: {0: 20.0, 1: 12.0, 2: 12.0}}
-    # 18.5 s are less than a tenth better than 20 s.
-    drives_as(monkeypatch, lucky)
+    drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 20.0, 1: 12.0, 2: 12.0}})
     assert trials_of(course, 1.0).remedy is None
 
 
 def test_a_candidate_that_is_slower_with_one_seed_is_no_remedy(course, monkeypatch):
+    # Seed 4 confirms. Slower by half a second is too slow, equally fast is not.
     drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, 4: 20.5}})
     assert trials_of(course, 1.0).remedy is None
+
     drives_as(monkeypatch, {"": {0: 20.0}, 1.0: {0: 5.0, 4: 20.0}})
     assert trials_of(course, 1.0).remedy is not None
 
 
 def test_the_second_best_is_judged_if_the_best_is_no_remedy(course, monkeypatch):
-    seconds = {"": {0: 20.0}, 1.0: {0: 10.0, 4: 21.0}, 1.5: {0: 11.0}, 0.5: {0: 10.5, 4: 21.0}}
+    # With 1.0 and 0.5 the drive of seed 4 is slower than with the recorded values.
+    seconds = {
+        "": {0: 20.0},
+        1.0: {0: 10.0, 4: 21.0},
+        1.5: {0: 11.0},
+        0.5: {0: 10.5, 4: 21.0},
+    }
     calls = drives_as(monkeypatch, seconds)
     trials = trials_of(course, 1.0, 1.5)
-    assert trials.remedy.candidate.changes[0].after == 1.5
+    assert value_of(trials.remedy) == 1.5
     # The recorded values are judged once.
     assert calls.count(("", 4)) == 1
 
@@ -262,29 +318,39 @@ def test_a_change_towards_the_default_is_preferred_to_a_smaller_one_away_from_it
 ):
     """The default of sim_time is 1.7 s; 2.0 s is in force."""
     drives_as(monkeypatch, {"": {0: 20.0}, 2.5: {0: 14.5}, 1.5: {0: 15.0}})
-    assert trials_of(course, 2.5, 1.5).remedy.candidate.changes[0].after == 1.5
+    trials = trials_of(course, 2.5, 1.5)
+    assert value_of(trials.remedy) == 1.5
+
+    # Five seconds are worth a change away from the default.
     drives_as(monkeypatch, {"": {0: 20.0}, 2.5: {0: 10.0}, 1.5: {0: 15.0}})
-    assert trials_of(course, 2.5, 1.5).remedy.candidate.changes[0].after == 2.5
+    trials = trials_of(course, 2.5, 1.5)
+    assert value_of(trials.remedy) == 2.5
 
 
 def test_the_smaller_of_two_changes_that_are_about_as_fast_is_the_remedy(course, monkeypatch):
     # sim_time was 2: 0.2 is a tenth of it, and 1.0 half. Half a second's gain is not worth the
     # larger change, five seconds' is.
     drives_as(monkeypatch, {"": {0: 20.0}, 0.2: {0: 14.5}, 1.0: {0: 15.0}})
-    assert trials_of(course, 0.2, 1.0).remedy.candidate.changes[0].after == 1.0
+    trials = trials_of(course, 0.2, 1.0)
+    assert value_of(trials.remedy) == 1.0
+
     drives_as(monkeypatch, {"": {0: 20.0}, 0.2: {0: 10.0}, 1.0: {0: 15.0}})
-    assert trials_of(course, 0.2, 1.0).remedy.candidate.changes[0].after == 0.2
+    trials = trials_of(course, 0.2, 1.0)
+    assert value_of(trials.remedy) == 0.2
 
 
 def test_a_guess_that_goes_far_is_also_tried_by_a_factor_of_two(replayed):
     def guess(before, after):
-        return SimpleNamespace(change=Change(PLANNER, "occdist_scale", before, after))
+        change = Change(PLANNER, "occdist_scale", before, after)
+        return SimpleNamespace(change=change)
 
-    # The guesses change by a factor of 40. One by a factor of 4 is mild already.
+    # These guesses change the parameter by a factor of 40.
     (mild,) = diagnosis.milder(replayed, guess(0.4, 0.01))
     assert mild.changes == (Change(PLANNER, "occdist_scale", 0.4, 0.2),)
     (mild,) = diagnosis.milder(replayed, guess(0.01, 0.4))
     assert mild.changes[0].after == 0.02
+
+    # One by a factor of 4 is mild already.
     assert diagnosis.milder(replayed, guess(0.4, 0.1)) == []
 
 
@@ -297,6 +363,7 @@ def test_a_faster_candidate_that_arrives_less_often_is_no_remedy(course, monkeyp
 
 
 def test_only_the_best_candidates_drive_with_more_seeds(course, monkeypatch):
+    # Eight values of sim_time [s], each of which takes as many seconds as its number says
     seconds_of = {float(number): {0: float(number)} for number in range(10, 18)}
     calls = drives_as(monkeypatch, {"": {0: 20.0}, **seconds_of})
     trials = trials_of(course, *seconds_of)
@@ -312,8 +379,8 @@ def test_a_candidate_much_slower_than_the_best_of_an_earlier_round_is_broken_off
     seconds_of = {float(number): {0: float(number)} for number in (16, 10, 17, 12, 13, 11)}
     drives_as(monkeypatch, {"": {0: 20.0}, **seconds_of})
     texts = {}
-    for tried in trials_of(course, *seconds_of).tried:
-        texts[tried.candidate.changes[0].after] = str(tried)
+    for tried_out in trials_of(course, *seconds_of).tried:
+        texts[value_of(tried_out)] = str(tried_out)
     # The first round has only the recorded values to beat.
     assert texts[17.0] == "arrives 1 of 1 in 17 s"
     assert texts[12.0] == "arrives 2 of 2 in 12 s"
@@ -324,15 +391,23 @@ def test_a_candidate_much_slower_than_the_best_of_an_earlier_round_is_broken_off
 @pytest.fixture(scope="module")
 def replayed(door):
     """Return the replay of the drive through the door."""
-    replay = Replay(with_changes(JACKAL, [SPOILT], "jackal"))
-    replay.run(door[0])
+    drive, _ = door
+    robot = with_changes(JACKAL, [SPOILT], "jackal")
+    replay = Replay(robot)
+    replay.run(drive)
     return replay
 
 
 def diagnosed(replay, trials=None, guesses=()):
     """Return a diagnosis of a replay with one event, at the door."""
-    event = Event("stood", 3.0, 9.0, (0.0, 0.3), "a reason")
-    return diagnosis.Diagnosis(replay, [event], [[]], None, list(guesses), trials)
+    event = Event("stood", begin=3.0, end=9.0, place=(0.0, 0.3), reason="a reason")
+    return diagnosis.Diagnosis(
+        replay,
+        [event],
+        explained=[[]],
+        guesses=list(guesses),
+        trials=trials,
+    )
 
 
 def tried(candidate, *seconds, limit=25.0):
@@ -341,44 +416,46 @@ def tried(candidate, *seconds, limit=25.0):
 
     All stop for five seconds at (0, 0.3), where the event of `diagnosed` is.
     """
-    path = np.column_stack([np.arange(100) * 0.05, np.zeros(100), np.full(100, 0.3)])
+    times = np.arange(100) * 0.05
+    path = np.column_stack([times, np.zeros(100), np.full(100, 0.3)])
     drives = []
-    for each in seconds:
-        drives.append(Arrival(each < limit, min(each, limit), False, path))
+    for duration in seconds:
+        success = duration < limit
+        drives.append(Arrival(success, min(duration, limit), is_slow=False, path=path))
     return Tried(candidate, drives)
 
 
 def test_the_answer_says_what_happened_what_helped_when_it_was_driven_and_how_sure_it_is(replayed):
     remedy = tried(MENDED, 12.0, 13.0, 14.0)
     trials = Trials(tried(None, 29.0, 29.0, 21.0), remedy, [remedy])
-    first, second, third, *_ = answer.lines_of(diagnosed(replayed, trials))
-    assert first == "3.0 to 9.0 s: stood at (0.00, 0.30), because a reason."
-    assert second == (
+    event_line, advice, certainty, *_ = answer.lines_of(diagnosed(replayed, trials))
+    assert event_line == "3.0 to 9.0 s: stood at (0.00, 0.30), because a reason."
+    assert advice == (
         "Try vx_samples 1 -> 6: arrives 3 of 3 in 13 s; "
         "with the recorded values arrives 1 of 3 in 21 s."
     )
-    assert "commands reproduced (100.0%)" in third
-    assert third.endswith("simulated with the recorded values, the robot stops there, too.")
+    assert "commands reproduced (100.0%)" in certainty
+    assert certainty.endswith("simulated with the recorded values, the robot stops there, too.")
 
 
 def test_without_a_remedy_only_a_guess_that_gains_much_is_said(replayed):
-    trials = Trials(tried(None, 12.0), None, [tried(MENDED, 12.0)])
+    no_remedy = Trials(tried(None, 12.0), None, [tried(MENDED, 12.0)])
     change = Change(PLANNER, "sim_time", 2.0, 1.0)
 
-    def guess(gain):
-        return SimpleNamespace(gain=gain, change=change, changes=(change,))
+    def advice(trials, gain):
+        """Return the line of advice, with one guess that gains some speed [m/s]."""
+        guess = SimpleNamespace(gain=gain, change=change, changes=(change,))
+        return answer.lines_of(diagnosed(replayed, trials, [guess]))[1]
 
-    _, second, *_ = answer.lines_of(diagnosed(replayed, trials, [guess(0.2)]))
-    assert second == "Nothing that was tried helped. The replay's guess: sim_time 2 -> 1."
-    _, second, *_ = answer.lines_of(diagnosed(replayed, trials, [guess(0.01)]))
-    assert second == "Nothing that was tried helped."
-    _, second, *_ = answer.lines_of(diagnosed(replayed, None, [guess(0.2)]))
-    assert second == "The replay's guess: sim_time 2 -> 1."
+    guess_line = "The replay's guess: sim_time 2 -> 1."
+    assert advice(no_remedy, gain=0.2) == f"Nothing that was tried helped. {guess_line}"
+    assert advice(no_remedy, gain=0.01) == "Nothing that was tried helped."
+    assert advice(None, gain=0.2) == guess_line
 
     # A guess that was driven in vain is none.
-    in_vain = Trials(tried(None, 12.0), None, [tried(Candidate((change,)), 12.0)])
-    _, second, *_ = answer.lines_of(diagnosed(replayed, in_vain, [guess(0.2)]))
-    assert second == "Nothing that was tried helped."
+    driven_guess = tried(Candidate((change,)), 12.0)
+    in_vain = Trials(tried(None, 12.0), None, [driven_guess])
+    assert advice(in_vain, gain=0.2) == "Nothing that was tried helped."
 
 
 def test_what_other_seeds_did_is_said_of_a_candidate_that_looked_better(replayed):
@@ -393,13 +470,14 @@ def test_what_other_seeds_did_is_said_of_a_candidate_that_looked_better(replayed
 
 
 def test_a_drive_that_lost_little_time_says_why_nothing_was_tried(replayed):
-    short = diagnosed(replayed)
-    short.events[0].end = short.events[0].begin + 0.1
+    short_event = diagnosed(replayed)
+    (event,) = short_event.events
+    event.end = event.begin + 0.1
     line = "No change was tried: the robot lost little time."
-    assert answer.advice(short) == [line]
+    assert answer.advice(short_event) == [line]
     # A moment that somebody asks about is short, too.
-    short.events[0].kind = diagnosis.ASKED
-    assert answer.advice(short) == []
+    event.kind = diagnosis.ASKED
+    assert answer.advice(short_event) == []
 
 
 def test_a_stop_of_the_simulated_drive_elsewhere_is_another_one(replayed):
@@ -413,11 +491,11 @@ def test_a_doubtful_replay_is_called_so(replayed):
     doubtful = Replay(JACKAL)
     doubtful.drive = replayed.drive
     # A third of the commands is not reproduced. Copies, because other tests use these cycles.
-    doubtful.cycles = [copy.copy(cycle) for cycle in replayed.cycles]
+    doubtful.cycles = list(map(copy.copy, replayed.cycles))
     for cycle in doubtful.cycles[::3]:
         cycle.error = 1.0
-    text = answer.how_sure(diagnosed(doubtful))
-    assert "few, so the planner's reasons are not to be trusted" in text
+    certainty = answer.how_sure(diagnosed(doubtful))
+    assert "few, so the planner's reasons are not to be trusted" in certainty
 
 
 def test_the_goal_of_a_drive_is_known_from_its_route_or_from_the_end_of_its_plan(door):
@@ -433,18 +511,20 @@ def test_a_drive_that_ended_on_its_way_does_not_limit_the_time_of_whole_drives(
     drive = replayed.drive
     x, y, _ = drive.odometry.pose[-1]
     # The drive ended 3 m before the end of its route, and then 1 m before it, as good as there.
-    for end in ((x, y + 3.0), (x, y + 1.0)):
-        path = np.array([[0.0, 0.0, np.pi / 2], [*end, np.pi / 2]])
+    for distance in (3.0, 1.0):
+        goal_pose = [x, y + distance, np.pi / 2]
+        path = np.array([[0.0, 0.0, np.pi / 2], goal_pose])
         routes = replace(drive.routes, path=[path] * len(drive.routes))
         replay = Replay(replayed.robot)
         replay.run(replace(drive, routes=routes))
         with Pool(0) as pool:
             diagnosis.diagnose(replay, None, pool)
-    seconds = drive.odometry.time[-1]
-    assert limits == [
-        whole_drives.LONGEST_LIMIT_S,
-        pytest.approx(whole_drives.SLOWEST * seconds, abs=1.0),
-    ]
+
+    limit_on_its_way, limit_at_its_goal = limits
+    assert limit_on_its_way == whole_drives.LONGEST_LIMIT_S
+    drive_duration = drive.odometry.time[-1]
+    longest = whole_drives.SLOWEST * drive_duration
+    assert limit_at_its_goal == pytest.approx(longest, abs=1.0)
 
 
 def test_a_moment_outside_the_drive_is_refused(replayed):
@@ -456,10 +536,15 @@ def test_nothing_is_sought_for_a_drive_that_is_nearly_as_fast_as_it_can_be(repla
     """The drive is slow, because it samples only the slowest speed; it would be fast if this were
     its top speed.
     """
-    event = Event("crept", 1.0, 12.0, (0.0, 0.3))
-    assert diagnosis.Diagnosis(replayed, [event]).wants_remedy
-    assert not diagnosis.Diagnosis(replayed, [Event("crept", 1.0, 2.0, (0.0, 0.3))]).wants_remedy
-    slow = Replay(with_changes(JACKAL, [SPOILT, Change(PLANNER, "max_vel_x", 0.5, 0.1)], "jackal"))
-    slow.drive = replayed.drive
-    slow.cycles = replayed.cycles
-    assert not diagnosis.Diagnosis(slow, [event]).wants_remedy
+    # An event of eleven seconds, and one of one second
+    long_event = Event("crept", 1.0, 12.0, (0.0, 0.3))
+    short_event = Event("crept", 1.0, 2.0, (0.0, 0.3))
+    assert diagnosis.Diagnosis(replayed, [long_event]).wants_remedy
+    assert not diagnosis.Diagnosis(replayed, [short_event]).wants_remedy
+
+    slow_top_speed = Change(PLANNER, "max_vel_x", 0.5, 0.1)
+    slow_robot = with_changes(JACKAL, [SPOILT, slow_top_speed], "jackal")
+    slow_replay = Replay(slow_robot)
+    slow_replay.drive = replayed.drive
+    slow_replay.cycles = replayed.cycles
+    assert not diagnosis.Diagnosis(slow_replay, [long_event]).wants_remedy

@@ -37,19 +37,22 @@ WAFFLE = robots.load("turtlebot3_waffle_pi")
 def spoilt():
     """Return a Jackal with a fault, and a recording of its drive."""
     robot = changed(JACKAL, FAULT)
-    return robot, simulated(robot, "generated:40", limit=12)[0]
+    drive, _ = simulated(robot, "generated:40", limit=12)
+    return robot, drive
 
 
 @pytest.fixture(scope="module")
 def sound():
     """Return a replay of a drive without a fault."""
-    return replayed(JACKAL, simulated(JACKAL, "generated:40", limit=8)[0])
+    drive, _ = simulated(JACKAL, "generated:40", limit=8)
+    return replayed(JACKAL, drive)
 
 
 @pytest.fixture(scope="module")
 def bag(sound, tmp_path_factory):
     """Return the bag of the drive without a fault."""
-    return write(tmp_path_factory.mktemp("why") / "drive.bag", sound.drive)
+    bag_path = tmp_path_factory.mktemp("why") / "drive.bag"
+    return write(bag_path, sound.drive)
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +70,8 @@ def replayed(robot, driven):
 
 def read_back(path, robot=JACKAL):
     """Return the drive that `./applr why` reads from a bag."""
-    return why.drive_of(path, why.WhyOptions(bag=[str(path)], robot=robot))
+    options = why.WhyOptions(bag=[str(path)], robot=robot)
+    return why.drive_of(path, options)
 
 
 def values_in(cycles, server, name):
@@ -83,8 +87,9 @@ def updates(*rows):
 
 def without_rows(plans, first, last):
     """Return plans without those from row `first` to before row `last`."""
-    kept = np.r_[0:first, last : len(plans)]
-    return Plans(plans.time[kept], [plans.path[row] for row in kept])
+    kept_rows = np.r_[0:first, last : len(plans)]
+    kept_paths = [plans.path[row] for row in kept_rows]
+    return Plans(plans.time[kept_rows], kept_paths)
 
 
 def delayed(motion):
@@ -101,19 +106,24 @@ def test_every_command_is_reproduced_with_the_parameters_that_drove_and_few_with
     assert len(replay.cycles) > 200
     assert replay.share == 1.0
     # The same drive with a sound Jackal's parameters, which command more than the slowest speed.
-    other = replayed(JACKAL, until(spoilt[1], 2.0))
-    assert other.share < 0.5
+    _, driven = spoilt
+    sound_replay = replayed(JACKAL, until(driven, 2.0))
+    assert sound_replay.share < 0.5
 
 
 def test_a_dwa_drive_is_reproduced_and_a_new_plan_clears_its_flags():
-    replay = replayed(WAFFLE, simulated(WAFFLE, "generated:3", limit=8)[0])
+    driven, _ = simulated(WAFFLE, "generated:3", limit=8)
+    replay = replayed(WAFFLE, driven)
     assert replay.share == 1.0
+
     # The first twelve fields of DWA's state are flags of its oscillation critic. C++ clears them
     # with each new plan.
-    flags = [1] * 12 + [0.0] * (len(replay.cycles[0].memory) - 12)
-    cycle = replace(replay.cycles[20], memory=flags)
+    field_count = len(replay.cycles[0].memory)
+    all_flags_set = [1] * 12 + [0.0] * (field_count - 12)
+    cycle = replace(replay.cycles[20], memory=all_flags_set)
     replay.begin(cycle)
-    assert replay.local.planner.state[:12] == flags[:12]
+    assert replay.local.planner.state[:12] == [1] * 12
+
     replay.begin(replace(cycle, is_new=True))
     assert replay.local.planner.state[:12] == [0] * 12
 
@@ -122,10 +132,15 @@ def test_the_replay_goes_on_after_messages_that_are_missing(spoilt):
     """Four of five scans and odometry messages are missing."""
     robot, driven = spoilt
     replay = Replay(robot)
-    sparse = slice(0, 100, 5)
-    odometry = driven.odometry.part(sparse)
-    scans = driven.scans.part(sparse)
-    replay.run(replace(until(driven, 5.0), odometry=odometry, scans=scans))
+    every_fifth = slice(0, 100, 5)
+    sparse_drive = replace(
+        until(driven, 5.0),
+        odometry=driven.odometry.part(every_fifth),
+        scans=driven.scans.part(every_fifth),
+    )
+
+    replay.run(sparse_drive)
+
     # Cycles with old messages differ, those right after a message do not.
     assert 0.2 < replay.share < 1.0
     assert all(cycle.error < np.inf for cycle in replay.cycles)
@@ -134,12 +149,12 @@ def test_the_replay_goes_on_after_messages_that_are_missing(spoilt):
 def test_a_bag_gives_the_drive_that_was_written(bag, sound):
     driven = sound.drive
     recorded = read_back(bag)
-    begin = driven.odometry.time[0]
     # A read drive begins at 0 s. Stamps of ROS have whole nanoseconds.
-    for column in ("odometry", "planned", "scans", "plans"):
-        recorded_times = getattr(recorded, column).time
-        driven_times = getattr(driven, column).time
-        assert np.allclose(recorded_times, driven_times - begin, atol=1e-6)
+    begin_time = driven.odometry.time[0]
+    for column_name in ("odometry", "planned", "scans", "plans"):
+        recorded_times = getattr(recorded, column_name).time
+        driven_times = getattr(driven, column_name).time
+        assert np.allclose(recorded_times, driven_times - begin_time, atol=1e-6)
     assert np.allclose(recorded.planned.twist, driven.planned.twist)
     assert np.allclose(recorded.odometry.pose, driven.odometry.pose)
     assert np.allclose(recorded.odometry.twist, driven.odometry.twist)
@@ -150,23 +165,38 @@ def test_a_bag_gives_the_drive_that_was_written(bag, sound):
 
 def test_parameters_in_force_come_from_the_updates_in_the_bag(spoilt, tmp_path):
     robot, driven = spoilt
+    # Given: a bag in which a parameter changes after half a second
     update = updates((0.5, PLANNER, {"sim_time": 1.25, "unknown": 3.0}))
-    bag_path = write(tmp_path / "updated.bag", replace(until(driven, 1.0), changes=update))
+    updated_drive = replace(until(driven, 1.0), changes=update)
+    bag_path = write(tmp_path / "updated.bag", updated_drive)
+
+    # When: its drive is replayed
     replay = replayed(robot, read_back(bag_path, robot))
-    earlier = [cycle for cycle in replay.cycles if cycle.at < 0.5]
-    later = [cycle for cycle in replay.cycles if cycle.at > 0.5]
-    assert values_in(earlier, PLANNER, "sim_time") == {2.0}
-    assert values_in(later, PLANNER, "sim_time") == {1.25}
+
+    # Then: the planner has the old value before, and the new one after
+    earlier_cycles = []
+    later_cycles = []
+    for cycle in replay.cycles:
+        if cycle.at < 0.5:
+            earlier_cycles.append(cycle)
+        elif cycle.at > 0.5:
+            later_cycles.append(cycle)
+    assert values_in(earlier_cycles, PLANNER, "sim_time") == {2.0}
+    assert values_in(later_cycles, PLANNER, "sim_time") == {1.25}
     # Servers of other versions have parameters that this planner has not.
     assert "unknown" not in replay.settings[PLANNER]
 
 
 def test_a_drive_without_updates_is_reproduced_with_the_parameters_of_its_decisions(tmp_path):
     """One parameter of a policy limits turns to both sides: min_vel_theta has the opposite sign."""
-    robot = changed(JACKAL, {PLANNER: {"max_vel_theta": 0.8, "min_vel_theta": -0.8}})
-    driven = simulated(robot, "generated:40", limit=8)[0]
-    recorded = replace(driven, decisions=[decided({"max_vel_theta": 0.8})])
-    replay = replayed(JACKAL, read_back(write(tmp_path / "decided.bag", recorded)))
+    turns_slowly = {"max_vel_theta": 0.8, "min_vel_theta": -0.8}
+    robot = changed(JACKAL, {PLANNER: turns_slowly})
+    driven, _ = simulated(robot, "generated:40", limit=8)
+    decision = decided({"max_vel_theta": 0.8})
+    bag_path = write(tmp_path / "decided.bag", replace(driven, decisions=[decision]))
+
+    replay = replayed(JACKAL, read_back(bag_path))
+
     assert values_in(replay.cycles, PLANNER, "min_vel_theta") == {-0.8}
     assert replay.share > 0.98
 
@@ -183,9 +213,12 @@ def test_parameters_of_servers_without_updates_come_from_decisions(spoilt, tmp_p
         decisions=[decision],
     )
     recorded = read_back(write(tmp_path / "decided.bag", driven), robot)
+    changes_in_order = []
+    for _, server, values in changes_of(recorded, robot):
+        changes_in_order.append((server, values))
     # The planner's own update is what it did: the decision's 9.0 was not accepted.
     padding = {"footprint_padding": 0.14}
-    assert [(server, values) for _, server, values in changes_of(recorded, robot)] == [
+    assert changes_in_order == [
         ("local_costmap", padding),
         ("global_costmap", padding),
         (PLANNER, {"sim_time": 1.25}),
@@ -204,56 +237,65 @@ def test_a_scan_is_placed_between_two_headings_across_the_back(spoilt):
     two_messages = driven.odometry.part(slice(0, 4, 2))
     # From 3.1 to -3.1 rad the short way is 0.08 rad across the back. The mean of both numbers
     # would turn the laser to the front.
-    turned = replace(two_messages, pose=np.array([(0.0, 0.0, 3.1), (0.0, 0.0, -3.1)]))
+    two_poses = np.array([(0.0, 0.0, 3.1), (0.0, 0.0, -3.1)])
     replay = Replay(robot)
-    replay.drive = replace(driven, odometry=turned)
-    laser_pose = replay.scan(1).sensor_pose
-    assert abs(laser_pose[2]) == pytest.approx(3.1, abs=0.05)
-    assert laser_pose[0] == pytest.approx(-robot.laser.pose[0], abs=0.01)
+    replay.drive = replace(driven, odometry=replace(two_messages, pose=two_poses))
+
+    laser_x, _, laser_yaw = replay.scan(1).sensor_pose
+
+    assert abs(laser_yaw) == pytest.approx(3.1, abs=0.05)
+    # The robot's heading is about pi, so that the laser, mounted ahead of its centre, is at -x.
+    assert laser_x == pytest.approx(-robot.laser.pose[0], abs=0.01)
 
 
 def test_commands_before_a_collision_monitor_are_taken(spoilt, tmp_path):
     robot, driven = spoilt
-    driven_second = until(driven, 1.0)
-    recorded = read_back(write(tmp_path / "limited.bag", before_a_monitor(driven_second)), robot)
-    assert np.array_equal(recorded.planned.twist, driven_second.planned.twist)
+    one_second = until(driven, 1.0)
+    limited_bag = write(tmp_path / "limited.bag", before_a_monitor(one_second))
+    recorded = read_back(limited_bag, robot)
+    assert np.array_equal(recorded.planned.twist, one_second.planned.twist)
     assert not recorded.commands.twist.any()
-    unlimited = replace(driven_second, planned=None)
-    recorded = read_back(write(tmp_path / "alone.bag", unlimited), robot)
-    assert np.array_equal(recorded.planned.twist, driven_second.commands.twist)
+
+    # Without a monitor a bag has only the commands that reach the base.
+    unlimited_bag = write(tmp_path / "alone.bag", replace(one_second, planned=None))
+    recorded = read_back(unlimited_bag, robot)
+    assert np.array_equal(recorded.planned.twist, one_second.commands.twist)
 
 
 def test_scans_of_another_laser_are_refused(bag):
-    other = replace(JACKAL, laser=JACKAL.laser.model_copy(update={"frame": "other_laser"}))
-    with pytest.raises(
-        BagError, match=f"scans in {JACKAL.laser.frame}, jackal has other_laser: give --scan"
-    ):
-        read_back(bag, other)
+    other_laser = JACKAL.laser.model_copy(update={"frame": "other_laser"})
+    problem = f"scans in {JACKAL.laser.frame}, jackal has other_laser: give --scan"
+    with pytest.raises(BagError, match=problem):
+        read_back(bag, replace(JACKAL, laser=other_laser))
 
 
 def test_the_share_is_of_all_commands_and_says_what_was_left_out(spoilt):
     """move_base stops twice without a plan, and one command comes before the first scan."""
     robot, driven = spoilt
     driven = until(driven, 2.0)
-    count = len(driven.planned)
+    command_count = len(driven.planned)
     plans = without_rows(driven.plans, 10, 12)
-    after_first = driven.scans.time > driven.planned.time[0]
-    scans = driven.scans.part(slice(int(np.argmax(after_first)), None))
+    is_after_first_command = driven.scans.time > driven.planned.time[0]
+    first_scan = int(np.argmax(is_after_first_command))
+    scans = driven.scans.part(slice(first_scan, None))
+
     replay = replayed(robot, replace(driven, plans=plans, scans=scans))
-    assert len(replay.cycles) == count - 3
-    assert replay.share == pytest.approx(replay.reproduced / count)
+
+    assert len(replay.cycles) == command_count - 3
+    assert replay.share == pytest.approx(replay.reproduced / command_count)
     text = (
-        f"of {count} commands reproduced ({replay.share:.1%}); "
+        f"of {command_count} commands reproduced ({replay.share:.1%}); "
         "left out: 1 before the first scan or odometry, "
         "2 without a plan (stops and recoveries of move_base)"
     )
     assert text in str(replay)
-    assert replay.share_of_cycles == replay.reproduced / (count - 3)
+    assert replay.share_of_cycles == replay.reproduced / (command_count - 3)
 
 
 def test_a_late_velocity_is_found(spoilt):
     robot, driven = spoilt
-    replay = replayed(robot, replace(until(driven, 3.0), odometry=delayed(driven.odometry)))
+    late_drive = replace(until(driven, 3.0), odometry=delayed(driven.odometry))
+    replay = replayed(robot, late_drive)
     # The replay knows that a planner may have had a velocity one message older.
     assert replay.share > 0.9
 
@@ -261,10 +303,11 @@ def test_a_late_velocity_is_found(spoilt):
 def test_an_empty_plan_stands_for_the_one_before(spoilt):
     robot, driven = spoilt
     driven = until(driven, 2.0)
-    paths = list(driven.plans.path)
-    paths[10] = np.zeros((0, 3))
-    replay = replayed(robot, replace(driven, plans=replace(driven.plans, path=paths)))
-    assert replay.cycles[10].plan is paths[9]
+    plan_paths = list(driven.plans.path)
+    plan_paths[10] = np.zeros((0, 3))
+    plans = replace(driven.plans, path=plan_paths)
+    replay = replayed(robot, replace(driven, plans=plans))
+    assert replay.cycles[10].plan is plan_paths[9]
 
 
 def test_the_flags_after_a_command_that_is_not_reproduced_are_those_of_this_command(spoilt):
@@ -272,20 +315,25 @@ def test_the_flags_after_a_command_that_is_not_reproduced_are_those_of_this_comm
     driven = until(driven, 2.0)
     twist = driven.planned.twist.copy()
     twist[20] = -0.1, 0.0  # The planner backs out.
-    replay = replayed(robot, replace(driven, planned=replace(driven.planned, twist=twist)))
+    commands = replace(driven.planned, twist=twist)
+
+    replay = replayed(robot, replace(driven, planned=commands))
+
     # The replay's planner would drive on. Its memory must follow the robot, which backed out.
-    assert not replay.cycles[20].reproduced
+    backs_out = replay.cycles[20]
+    assert not backs_out.reproduced
     planner = replay.local.planner
-    planner.state = replay.cycles[20].memory
-    planner.remember(replay.cycles[20].pose, -0.1, 0.0)
+    planner.state = backs_out.memory
+    planner.remember(backs_out.pose, -0.1, 0.0)
+    assert replay.cycles[21].memory == planner.state != backs_out.memory
+
     # Backing out sets the flag of an escape.
-    assert replay.cycles[21].memory == planner.state != replay.cycles[20].memory
-    state_names = planner.STATE.names
-    assert dict(zip(state_names, planner.state))["escaping"] == 1
+    escaping_field = planner.STATE.names.index("escaping")
+    assert planner.state[escaping_field] == 1
     # A drive ahead from the same state does not.
-    planner.state = replay.cycles[20].memory
-    planner.remember(replay.cycles[20].pose, 0.1, 0.0)
-    assert dict(zip(state_names, planner.state))["escaping"] == 0
+    planner.state = backs_out.memory
+    planner.remember(backs_out.pose, 0.1, 0.0)
+    assert planner.state[escaping_field] == 0
 
 
 def test_a_map_is_restored_with_its_layers_and_inflated_anew(spoilt):
@@ -295,16 +343,17 @@ def test_a_map_is_restored_with_its_layers_and_inflated_anew(spoilt):
     earlier_cycle = replay.cycles[10]
     pose = driven.odometry.pose[12].tolist()
     assert tuple(costmap.origin) != tuple(earlier_cycle.map[0])
-    updated = []
+    last_pose = driven.odometry.pose[-1].tolist()
+    updated_cells = []
     # Restored alone, the map stays at its old place. With a pose, it is inflated anew.
-    for place in (None, pose):
-        costmap.update(driven.odometry.pose[-1].tolist())
-        costmap.restore(earlier_cycle.map, place)
+    for inflated_at in (None, pose):
+        costmap.update(last_pose)
+        costmap.restore(earlier_cycle.map, inflated_at)
         for layer in costmap.obstacle_layers:
             assert tuple(layer.origin) == tuple(costmap.origin)
         costmap.update(pose, replay.cloud(12))
-        updated.append(costmap.cells.copy())
-    assert np.array_equal(*updated)
+        updated_cells.append(costmap.cells.copy())
+    assert np.array_equal(*updated_cells)
 
 
 # -- explanations and alternatives -----------------------------------------------------------------
@@ -315,15 +364,16 @@ def driven_with_post(ahead, left, since=0.0):
     The post moves with the robot, as a part of the robot would.
     """
     laser = JACKAL.laser
-    metres = np.hypot(ahead - laser.pose[0], left)
-    angle = np.arctan2(left, ahead - laser.pose[0])
+    ahead_of_laser = ahead - laser.pose[0]
+    post_distance = np.hypot(ahead_of_laser, left)
+    angle = np.arctan2(left, ahead_of_laser)
     beam = round((angle - laser.first_angle) / laser.increment)
 
     class Simulator(KinematicSimulator):
         def scan(self):
             ranges = np.array(super().scan())
             if self.state.time >= since:
-                ranges[beam - 15 : beam + 15] = metres
+                ranges[beam - 15 : beam + 15] = post_distance
             return ranges
 
     replay = replayed(JACKAL, simulated(JACKAL, "generated:40", limit=6, simulator=Simulator)[0])
@@ -336,14 +386,15 @@ def test_the_obstacle_in_the_way_is_named():
     cycle = replay.cycles[66]  # 0.3 s after the post appeared
     explanation = explain(replay, cycle)
     # "28 of 30 faster samples ..."
-    numbers = explanation.lines[-1].split(" faster samples")[0]
-    blocked, faster = map(int, numbers.split(" of "))
-    assert faster > 20
-    assert blocked > 0.9 * faster
-    place = transform_point(inverse(cycle.pose), *explanation.obstacle)
+    obstacle_line = explanation.lines[-1]
+    numbers = obstacle_line.split(" faster samples")[0]
+    blocked_count, faster_count = map(int, numbers.split(" of "))
+    assert faster_count > 20
+    assert blocked_count > 0.9 * faster_count
+    obstacle_from_robot = transform_point(inverse(cycle.pose), *explanation.obstacle)
     # A cell has 0.05 m, and the robot moved a little since the scan.
-    assert place == pytest.approx((0.5, 0.15), abs=0.1)
-    assert "m to the left, from the latest scan" in explanation.lines[-1]
+    assert obstacle_from_robot == pytest.approx((0.5, 0.15), abs=0.1)
+    assert "m to the left, from the latest scan" in obstacle_line
 
     # If the latest scan does not have the post, the costmap knows it from those before.
     ranges = replay.drive.scans.ranges
@@ -354,9 +405,9 @@ def test_the_obstacle_in_the_way_is_named():
 
 def test_a_part_of_the_robot_in_the_scans_is_in_the_answer():
     diagnosed = diagnosis.diagnose(driven_with_post(0.5, 0.0))
-    answer, *_ = lines_of(diagnosed)
-    place = r"0.5 m ahead and 0.0 m to the (left|right) of its centre."
-    assert re.match(rf"The laser sees a part of the robot, {place}", answer)
+    first_line, *_ = lines_of(diagnosed)
+    position = r"0.5 m ahead and 0.0 m to the (left|right) of its centre."
+    assert re.match(rf"The laser sees a part of the robot, {position}", first_line)
     # Nothing about the planner is guessed from scans that show the robot itself.
     assert not diagnosed.guesses
 
@@ -373,21 +424,22 @@ def test_a_point_beside_a_robot_that_drives_straight_on_is_no_part_of_it():
     """A wall along its way stays beside it, however far it drives."""
     replay = driven_with_post(0.5, 0.0)
     first_yaw = replay.cycles[0].pose[2]
-    straight = []
+    straight_cycles = []
     for cycle in replay.cycles:
         if abs(cycle.pose[2] - first_yaw) < 0.3:
-            straight.append(cycle)
-    assert len(straight) > 30
-    replay.cycles = straight
+            straight_cycles.append(cycle)
+    assert len(straight_cycles) > 30
+    replay.cycles = straight_cycles
     assert part_of_robot(replay) is None
 
 
 def test_a_point_beside_a_robot_that_turns_to_and_fro_is_no_part_of_it():
     """It comes back to two headings, at which the same wall is seen each time."""
     replay = driven_with_post(0.5, 0.0)
-    x, y, yaw = replay.cycles[0].pose
-    turned = replace(replay.cycles[0], pose=(x, y, yaw + 0.3))
-    replay.cycles = [replay.cycles[0], turned] * 50
+    first_cycle = replay.cycles[0]
+    x, y, yaw = first_cycle.pose
+    turned_cycle = replace(first_cycle, pose=(x, y, yaw + 0.3))
+    replay.cycles = [first_cycle, turned_cycle] * 50
     assert part_of_robot(replay) is None
 
 
@@ -397,7 +449,8 @@ def test_a_point_that_is_far_from_the_outline_is_no_part_of_the_robot():
 
 def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
     robot = changed(JACKAL, {PLANNER: {"occdist_scale": 0.8}})
-    replay = replayed(robot, simulated(robot, "generated:7", limit=8)[0])
+    driven, _ = simulated(robot, "generated:7", limit=8)
+    replay = replayed(robot, driven)
     assert part_of_robot(replay) is None
     cycle = replay.cycles[-20]
     explanation = explain(replay, cycle)
@@ -418,32 +471,44 @@ def test_the_costs_of_an_outbid_sample_are_those_of_the_planner():
     assert explanation.points
 
     # The sentence compares it with the cheapest sample that is not slow.
-    fast = legal & (velocities[:, 0] >= SLOW * 0.5)
-    best = np.flatnonzero(fast)[costs[fast].argmin()]
-    words = "({:.2f} m/s, {:.2f} rad/s)".format(*command)
+    is_fast = legal & (velocities[:, 0] >= SLOW * 0.5)
+    fast_samples = np.flatnonzero(is_fast)
+    outbid_sample = fast_samples[costs[is_fast].argmin()]
+    command_text = "({:.2f} m/s, {:.2f} rad/s)".format(*command)
+    costs_text = f"costs {costs[outbid_sample]:.1f}, the command {command_text} {costs[-1]:.1f}: "
     occdist = parts["occdist_scale"]
-    (line, *_) = explanation.lines
-    assert f"costs {costs[best]:.1f}, the command {words} {costs[-1]:.1f}: " in line
-    assert ": occdist_scale 0.8 " in line
-    assert f"counts {occdist[best]:.1f} against {occdist[-1]:.1f}" in line
+    (first_line, *_) = explanation.lines
+    assert costs_text in first_line
+    assert ": occdist_scale 0.8 " in first_line
+    assert f"counts {occdist[outbid_sample]:.1f} against {occdist[-1]:.1f}" in first_line
 
 
 def test_a_cheaper_sample_that_the_escaping_planner_did_not_try_is_said(sound):
     cycle = sound.cycles[40]
-    state = dict(zip(sound.local.planner.STATE.names, cycle.memory))
+    planner_state = dict(zip(sound.local.planner.STATE.names, cycle.memory))
     x, y, yaw = cycle.pose
     # The planner began to escape here, and escapes until it is some way off.
-    state.update(escaping=1, escape_x=x, escape_y=y, escape_theta=yaw)
-    escaping = replace(cycle, memory=list(state.values()))
-    assert "was not sampled, because the planner is escaping" in explain(sound, escaping).lines[0]
-    assert explain(sound, cycle).lines[0].startswith("The planner drives on (")
+    planner_state.update(
+        escaping=1,
+        escape_x=x,
+        escape_y=y,
+        escape_theta=yaw,
+    )
+    escaping_cycle = replace(cycle, memory=list(planner_state.values()))
+
+    line_if_escaping = explain(sound, escaping_cycle).lines[0]
+    line_otherwise = explain(sound, cycle).lines[0]
+
+    assert "was not sampled, because the planner is escaping" in line_if_escaping
+    assert line_otherwise.startswith("The planner drives on (")
 
 
 def test_a_plan_that_leads_back_is_the_whole_reason(sound):
     cycle = sound.cycles[40]
     x, y, yaw = cycle.pose
     turned_round = replace(cycle, pose=(x, y, yaw + np.pi))
-    assert explain(sound, turned_round).words == "the plan leads back, behind the robot"
+    words_if_turned = explain(sound, turned_round).words
+    assert words_if_turned == "the plan leads back, behind the robot"
     assert "leads back" not in explain(sound, cycle).words
 
 
@@ -451,17 +516,19 @@ def test_samples_that_dwa_refuses_are_explained():
     """The speed of a waffle_pi that backs out slowly is below min_vel_trans, and it turns slower
     than min_vel_theta.
     """
-    replay = replayed(WAFFLE, simulated(WAFFLE, "generated:3", limit=3)[0])
+    driven, _ = simulated(WAFFLE, "generated:3", limit=3)
+    replay = replayed(WAFFLE, driven)
     # With this velocity, the samples reach from backing out to a slow turn.
-    cycle = replace(replay.cycles[10], twist=(-0.2, 0.0))
-    assert (
-        "0.00 rad/s) is below min_vel_trans (0.13) and min_vel_theta (0.9)"
-        in explain(replay, cycle).lines[-1]
-    )
+    backs_out = replace(replay.cycles[10], twist=(-0.2, 0.0))
+    last_line = explain(replay, backs_out).lines[-1]
+    assert "0.00 rad/s) is below min_vel_trans (0.13) and min_vel_theta (0.9)" in last_line
+
     # All flags of the oscillation critic set: no direction is left.
     last_cycle = replay.cycles[-1]
-    cycle = replace(last_cycle, memory=[1.0] * len(last_cycle.memory))
-    assert "is refused by the critic oscillation" in explain(replay, cycle).lines[-1]
+    all_flags_set = [1.0] * len(last_cycle.memory)
+    oscillates = replace(last_cycle, memory=all_flags_set)
+    last_line = explain(replay, oscillates).lines[-1]
+    assert "is refused by the critic oscillation" in last_line
 
 
 def test_the_spoilt_parameter_is_the_first_guess_and_every_guess_gains_speed(replay, monkeypatch):
@@ -469,33 +536,35 @@ def test_the_spoilt_parameter_is_the_first_guess_and_every_guess_gains_speed(rep
     monkeypatch.setattr(diagnosis, "CYCLES", 4)
     diagnosed = diagnosis.diagnose(replay)
     assert diagnosed.guesses[0].change.name == "vx_samples"
-    assert all(guess.gain > 0.0 for guess in diagnosed.guesses)
+    for guess in diagnosed.guesses:
+        assert guess.gain > 0.0
     assert diagnosed.trials is None
 
 
 def test_reproduced_cycles_are_preferred(replay):
     reproduced = replay.cycles[0]
     not_reproduced = replace(replay.cycles[1], error=1.0)
-    assert all(
-        cycle is reproduced
-        for cycle in diagnosis.some([reproduced] * 20 + [not_reproduced] * 10, 30)
-    )
+    mixed_cycles = [reproduced] * 20 + [not_reproduced] * 10
+    for cycle in diagnosis.some(mixed_cycles, 30):
+        assert cycle is reproduced
+    # If no cycle is reproduced, others must do.
     assert diagnosis.some([not_reproduced], 3) == [not_reproduced]
     assert diagnosis.some([], 3) == []
 
 
 def test_alternatives_begin_on_the_way_into_an_event(sound, monkeypatch):
-    begins = []
+    begin_times = []
 
     def best_changes(replay, changes, cycles, others):
-        begins.extend(cycle.at for cycle in cycles)
+        for cycle in cycles:
+            begin_times.append(cycle.at)
         return []
 
     monkeypatch.setattr(diagnosis, "best_changes", best_changes)
     diagnosis.diagnose(sound, at=5.0)
     # The event of a moment is half a second around it. The way into it counts from 2 s before.
-    assert min(begins) == pytest.approx(2.5, abs=0.1)
-    assert max(begins) == pytest.approx(5.5, abs=0.1)
+    assert min(begin_times) == pytest.approx(2.5, abs=0.1)
+    assert max(begin_times) == pytest.approx(5.5, abs=0.1)
 
 
 def test_driving_on_follows_the_commands(replay):
@@ -503,17 +572,21 @@ def test_driving_on_follows_the_commands(replay):
     ((speed, distance),) = alternatives.drive_on(replay, [cycle])
     assert speed == pytest.approx(0.1, abs=0.03)  # the only speed
     assert 0.2 < distance < 3.0
-    ((faster, _),) = alternatives.drive_on(replay, [cycle], Change(PLANNER, "vx_samples", 1, 20))
-    assert faster > 0.2
 
-    turn = Change(PLANNER, "max_vel_theta", 1.57, 1.0)
-    alternatives.drive_on(replay, [cycle], turn)
+    more_samples = Change(PLANNER, "vx_samples", 1, 20)
+    ((higher_speed, _),) = alternatives.drive_on(replay, [cycle], more_samples)
+    assert higher_speed > 0.2
+
     # Symmetric limits stay so.
+    slower_turns = Change(PLANNER, "max_vel_theta", 1.57, 1.0)
+    alternatives.drive_on(replay, [cycle], slower_turns)
     assert replay.move_base.configuration(PLANNER)["min_vel_theta"] == -1.0
-    right_turns_slow = Change(PLANNER, "min_vel_theta", -1.57, -0.5)
-    skewed = replace(cycle, settings=cycle.settings.with_(right_turns_slow))
-    alternatives.drive_on(replay, [cycle, skewed], turn)
+
     # Others stay as they are.
+    slower_right_turns = Change(PLANNER, "min_vel_theta", -1.57, -0.5)
+    skewed_settings = cycle.settings.with_(slower_right_turns)
+    skewed_cycle = replace(cycle, settings=skewed_settings)
+    alternatives.drive_on(replay, [cycle, skewed_cycle], slower_turns)
     assert replay.move_base.configuration(PLANNER)["min_vel_theta"] == -0.5
 
 
@@ -521,9 +594,11 @@ def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(rep
     server = replay.move_base.servers[PLANNER]
 
     def alternative(name, before, after, gain):
-        changes = (Change(PLANNER, name, before, after),)
+        change = Change(PLANNER, name, before, after)
         default = server.declared(name).default
-        return Alternative(changes, default, Result(0.0, 0.0), Result(gain, 0.0))
+        stands = Result(0.0, 0.0)
+        gains = Result(gain, 0.0)
+        return Alternative((change,), default, stands, gains)
 
     # The first four gain about as much (at least WITHIN of the best), so that small changes are
     # preferred. vx_samples gains too little for that.
@@ -534,36 +609,45 @@ def test_nearly_equal_alternatives_are_ordered_by_departure_from_the_default(rep
         alternative("occdist_scale", 0.1, 0.05, 0.93),
         alternative("vx_samples", 1, 20, 0.5),
     ]
-    order = [each.change.after for each in alternatives.ranked(tried)]
-    assert order == [0.05, 0.01, 1.7, 8.0, 20]
+    values_in_order = [each.change.after for each in alternatives.ranked(tried)]
+    assert values_in_order == [0.05, 0.01, 1.7, 8.0, 20]
 
 
 def test_changes_that_pass_obstacles_too_closely_are_left_out(replay, monkeypatch):
     fast_but_close = Change(PLANNER, "sim_time", 2.0, 1.0)
     slower = Change(PLANNER, "sim_time", 2.0, 4.0)
     # Speed [m/s] and smallest distance of obstacles [m]
-    results = {None: (0.1, 0.5), fast_but_close: (0.5, 0.05), slower: (0.3, 0.5)}
+    results = {
+        None: (0.1, 0.5),
+        fast_but_close: (0.5, 0.05),
+        slower: (0.3, 0.5),
+    }
 
     def drive_on(replay, cycles, change=None):
         return np.array([results[change]] * len(cycles))
 
     monkeypatch.setattr(alternatives, "drive_on", drive_on)
-    (best,) = alternatives.best_changes(
-        replay, [fast_but_close, slower], replay.cycles[:4], replay.cycles[4:6]
+    (alternative,) = alternatives.best_changes(
+        replay,
+        [fast_but_close, slower],
+        replay.cycles[:4],
+        replay.cycles[4:6],
     )
-    assert best.change == slower
-    assert best.gain == pytest.approx(0.2)
-    assert best.elsewhere == pytest.approx(0.2)
+    assert alternative.change == slower
+    assert alternative.gain == pytest.approx(0.2)
+    assert alternative.elsewhere == pytest.approx(0.2)
 
 
 def test_another_inflation_applies_to_the_recorded_map(replay):
     layer = "local_costmap/inflater_layer"
     cycle = replay.cycles[100]
-    inflated_cells = []
+    cell_counts = []
     for radius in (0.1, 1.0):
-        alternatives.drive_on(replay, [cycle], Change(layer, "inflation_radius", 0.3, radius))
-        inflated_cells.append(np.count_nonzero(replay.costmap.cells))
-    assert inflated_cells[1] > 1.2 * inflated_cells[0]
+        change = Change(layer, "inflation_radius", 0.3, radius)
+        alternatives.drive_on(replay, [cycle], change)
+        cell_counts.append(np.count_nonzero(replay.costmap.cells))
+    count_if_small, count_if_large = cell_counts
+    assert count_if_large > 1.2 * count_if_small
 
 
 # -- the command -----------------------------------------------------------------------------------
@@ -583,21 +667,24 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_the_command_answers_in_its_first_line_and_writes_a_page(bag, folder, capsys):
-    status, output, errors = ran(
-        capsys, bag, "--robot", "jackal", "--at", 3, "--quick", "--out", folder / "why.html"
-    )
+    page_file = folder / "why.html"
+    options = ["--robot", "jackal", "--at", 3, "--quick", "--out", page_file]
+    status, output, errors = ran(capsys, bag, *options)
     assert status == 0, errors
-    page = (folder / "why.html").read_text()
-    data = json.loads(page.partition('id="data">')[2].partition("</script>")[0])
-    assert data["events"][0]["cycles"][0]["points"]
-    assert data["lines"] == output.splitlines()
-    assert data["notes"] == []
+
+    _, _, from_data_on = page_file.read_text().partition('id="data">')
+    page_data = json.loads(from_data_on.partition("</script>")[0])
+    first_event = page_data["events"][0]
+    assert first_event["cycles"][0]["points"]
+    assert page_data["lines"] == output.splitlines()
+    assert page_data["notes"] == []
 
 
 @needs_browser
 def test_keys_choose_an_event_a_moment_and_the_paths_on_the_page(bag, folder, capsys):
-    ran(capsys, bag, "--robot", "jackal", "--at", 3, "--quick", "--out", folder / "why.html")
-    with opened(folder / "why.html") as page:
+    page_file = folder / "why.html"
+    ran(capsys, bag, "--robot", "jackal", "--at", 3, "--quick", "--out", page_file)
+    with opened(page_file) as page:
         focused(page, "button", "Event 1").press("Enter")
         slider = focused(page, "slider", "Moment of the event")
         slider.press("Home")
@@ -609,14 +696,18 @@ def test_keys_choose_an_event_a_moment_and_the_paths_on_the_page(bag, folder, ca
 
 def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder, capsys):
     update = updates((0.0, PLANNER, {"sim_time": 1.5, "max_vel_x": 0.4}))
-    other = write(folder / "other.bag", replace(until(sound.drive, 2.0), changes=update))
-    status, output, errors = ran(capsys, bag, other, "--json", "--at", 2, "--quick")
+    other_drive = replace(until(sound.drive, 2.0), changes=update)
+    other_bag = write(folder / "other.bag", other_drive)
+
+    status, output, errors = ran(capsys, bag, other_bag, "--json", "--at", 2, "--quick")
+
     assert status == 0, errors
-    line, *_ = [line for line in json.loads(output)["lines"] if "; routes" in line]
+    answer_lines = json.loads(output)["lines"]
+    comparison, *_ = [line for line in answer_lines if "; routes" in line]
     # The other drive ends after 2 s; the routes are apart once the first is 0.3 m farther.
-    assert "; routes diverge at 2.7 s; differing parameters: max_vel_x 0.5 -> 0.4, " in line
-    assert "sim_time 2 -> 1.5" in line
-    assert "no parameter_updates" not in line
+    assert "; routes diverge at 2.7 s; differing parameters: max_vel_x 0.5 -> 0.4, " in comparison
+    assert "sim_time 2 -> 1.5" in comparison
+    assert "no parameter_updates" not in comparison
 
 
 @pytest.mark.parametrize(
@@ -638,9 +729,11 @@ def test_two_bags_are_compared_by_the_parameters_that_differ(bag, sound, folder,
 )
 def test_what_a_bag_lacks_is_named_in_one_line(spoilt, folder, capsys, columns, problem):
     robot, driven = spoilt
-    path = write(folder / "drive.bag", replace(until(driven, 0.5), **columns))
-    status, output, errors = ran(capsys, path, "--quick")
-    assert (status, output) == (1, "")
+    lacking_drive = replace(until(driven, 0.5), **columns)
+    bag_path = write(folder / "drive.bag", lacking_drive)
+    status, output, errors = ran(capsys, bag_path, "--quick")
+    assert status == 1
+    assert output == ""
     assert problem in errors
     assert len(errors.splitlines()) == 1
 
@@ -656,13 +749,15 @@ def test_what_a_bag_lacks_is_named_in_one_line(spoilt, folder, capsys, columns, 
 def test_mistakes_on_the_command_line_are_one_line(bag, folder, capsys, arguments, problem):
     named = [str(bag) if word == "BAG" else word for word in arguments]
     status, output, errors = ran(capsys, *named)
-    assert (status, output) == (1, "")
+    assert status == 1
+    assert output == ""
     assert problem in errors.splitlines()[-1]
 
 
 def test_half_a_drive_is_replayed_as_far_as_it_goes(spoilt, folder):
     robot, driven = spoilt
-    part = replace(driven, planned=driven.planned.part(slice(100, 150)))
+    fifty_commands = driven.planned.part(slice(100, 150))
+    part = replace(driven, planned=fifty_commands)
     replay = replayed(robot, part)
     assert len(replay.cycles) == 50
     # The first cycles lack the costmap that the robot had built up before.
