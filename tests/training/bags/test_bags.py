@@ -16,7 +16,6 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.rosbag1 import Writer
 
 import worlds
-from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import (
     Changes,
@@ -34,6 +33,7 @@ from applr_ros1.policy.dimensionless import DIMENSIONLESS
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.observation import LAYOUT
 from applr_ros1.policy.parameter_space import SPACE, THETA_0
+from applr_ros1.robots import JACKAL
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import Messages, decided
 from training.appld import __main__ as appld
@@ -101,13 +101,13 @@ class Drive:
         steps = int(round(seconds * 50))
         writer.goal(begin, (10.0, 0.1, 0.0))
         for k in range(steps + 1):
-            self.step(begin + 0.02 * k, k)
-            after(self, begin + 0.02 * k, k)
-        end = begin + 0.02 * steps
-        self.end(end)
+            t = begin + 0.02 * k
+            self.step(t, k)
+            after(self, t, k)
+        self.end(t)
         if status is not None:
-            writer.result(end, goal, status)
-            writer.status(end, goal, running=False)
+            writer.result(t, goal, status)
+            writer.status(t, goal, running=False)
 
     def step(self, t, k):
         """Write the messages of step k at time t [s]."""
@@ -133,24 +133,39 @@ class Drive:
 
     def seen(self):
         """Return the inputs of a decision. The plan turns left by .01 rad at each decision."""
-        laser = robots.JACKAL.laser
-        bearing = self.pose[2] + 0.01 * self.number
-        direction = [np.cos(bearing), np.sin(bearing)]
-        along = np.linspace(0.0, 5.0, 100)
-        plan = self.pose[:2] + along[:, None] * direction
-        scan = self.latest, laser.first_angle, laser.increment
-        return Seen(scan, 0.0, self.pose, (0.5, 0.0), (10.0, 0.1, 0.0), plan, np.zeros((0, 4)))
+        laser = JACKAL.laser
+        x, y, yaw = self.pose
+        bearing = yaw + 0.01 * self.number
+        distances = np.linspace(0.0, 5.0, 100)
+        plan_x = x + distances * np.cos(bearing)
+        plan_y = y + distances * np.sin(bearing)
+        return Seen(
+            scan=(self.latest, laser.first_angle, laser.increment),
+            time=0.0,
+            pose=self.pose,
+            twist=(0.5, 0.0),
+            goal=(10.0, 0.1, 0.0),
+            plan=np.column_stack([plan_x, plan_y]),
+            movers=np.zeros((0, 4)),
+        )
 
     def decide(self, t):
         """Make a random decision, keep it, and write it."""
         seen = self.seen()
-        before = self.theta
-        self.observations.append(Context.of(before, seen, SPACE, LAYOUT).observation)
+        theta_before = self.theta
+        context = Context.of(theta_before, seen, SPACE, LAYOUT)
+        self.observations.append(context.observation)
         self.number += 1
         self.theta = SPACE.to_theta(self.rng.uniform(-1, 1, len(SPACE)))
         if "decision" not in self.without:
-            sets = map(SPACE.as_dict, (before, self.theta))
-            self.writer.decision(t, self.number, self.goal, self.recorded(self.number, seen), *sets)
+            self.writer.decision(
+                t,
+                self.number,
+                self.goal,
+                self.recorded(self.number, seen),
+                SPACE.as_dict(theta_before),
+                SPACE.as_dict(self.theta),
+            )
         self.thetas.append(self.theta)
 
 
@@ -160,7 +175,7 @@ def record(path, kind=Drive, **options):
         return kind(writer, **options)
 
 
-def rebuild(path, robot=robots.JACKAL, **options):
+def rebuild(path, robot=JACKAL, **options):
     """Return the transitions of a bag, and {reason: number of courses that were skipped}."""
     return transitions(read(path, robot), robot, **options)
 
@@ -172,43 +187,85 @@ def assert_equal(trajectory, drive, count=None, ends=True):
     if count is None:
         count = len(drive.thetas)
     assert len(trajectory) == count
-    expected = np.array([*drive.observations, drive.observations[-1]][: count + 1])
-    encoding = PaperEncoding(robots.JACKAL)
-    actions = [encoding.action(theta) for theta in drive.thetas[:count]]
+    observations = [*drive.observations, drive.observations[-1]]
+    expected = np.array(observations[: count + 1])
+    encoding = PaperEncoding(JACKAL)
+    actions = list(map(encoding.action, drive.thetas[:count]))
     if ends:
         # Scan and goal angle of the last decision, after its action
         scan_and_goal = expected[-2, :721]
         expected[-1] = np.concatenate([scan_and_goal, actions[-1]])
-    np.testing.assert_array_equal(trajectory.scan, TransitionLayout().quantise(expected))
+    stored_scans = TransitionLayout().quantise(expected)
+    np.testing.assert_array_equal(trajectory.scan, stored_scans)
     np.testing.assert_allclose(trajectory.rest, expected[:, 720:], atol=1e-6)
     np.testing.assert_allclose(trajectory.action, actions, atol=1e-6)
 
 
 def whole_drive(robot):
     """Return a drive of three seconds with all columns that a bag has."""
-    time = np.array([0.0, 1.0, 2.5])
-    pose = np.array([[0.0, 0.0, 0.1], [1.0, -0.5, 0.4], [2.0, 0.5, -3.0]])
-    twist = np.array([[0.0, 0.5], [1.0, -0.5], [0.25, 0.0]])
+    # Motion and scans in three rows. A beam returns nothing, and a plan is empty.
+    times = np.array([0.0, 1.0, 2.5])
+    poses = np.array(
+        [
+            [0.0, 0.0, 0.1],
+            [1.0, -0.5, 0.4],
+            [2.0, 0.5, -3.0],
+        ]
+    )
+    twists = np.array([[0.0, 0.5], [1.0, -0.5], [0.25, 0.0]])
     fan = np.tile([-0.5, 0.5, 0.1, 30.0], (3, 1))
-    ranges = np.array([[1.0, 2.0, 3.0], [0.5, 2.0, np.inf], [3.0, 0.7, 2.0]], np.float32)
-    scan = ranges[1], -0.5, 0.5
-    movers = np.array([[1.0, 2.0, -0.5, 0.25], [3.0, 4.0, 0.0, 1.0]])
-    seen = Seen(scan, 1.0, (1.0, -0.5, 0.4), (1.0, -0.5), (5.0, 1.0, 0.2), pose[:, :2], movers)
+    ranges = np.array(
+        [
+            [1.0, 2.0, 3.0],
+            [0.5, 2.0, np.inf],
+            [3.0, 0.7, 2.0],
+        ],
+        np.float32,
+    )
+    plans = [poses, np.zeros((0, 3))]
+
+    # A person's changes: a number, a switch and a text
+    changed_values = [
+        {
+            "max_vel_x": 0.75,
+            "prune_plan": True,
+            "base_frame_id": "base_link",
+        },
+        {"width": 6.0},
+    ]
+
+    # A decision in the second row
+    seen = Seen(
+        scan=(ranges[1], -0.5, 0.5),
+        time=1.0,
+        pose=(1.0, -0.5, 0.4),
+        twist=(1.0, -0.5),
+        goal=(5.0, 1.0, 0.2),
+        plan=poses[:, :2],
+        movers=np.array([[1.0, 2.0, -0.5, 0.25], [3.0, 4.0, 0.0, 1.0]]),
+    )
     values = {"DWAPlannerROS/max_vel_x": 0.5, "inflation_radius": 0.25}
-    changed = {"max_vel_x": 0.75, "prune_plan": True, "base_frame_id": "base_link"}
+    decided_values = {**values, "inflation_radius": 0.5}
+
     return Recorded(
         frame="map",
         planners=[robot.local_planner],
-        odometry=Motion(time, time, pose, twist),
-        scans=Scans(time, time, fan, list(ranges)),
-        plans=Plans(time[:2], [pose, np.zeros((0, 3))]),
-        planned=Commands(time, twist),
-        commands=Commands(time[1:], 0.5 * twist[1:]),
-        changes=Changes(time[:2], ["DWAPlannerROS", "local_costmap"], [changed, {"width": 6.0}]),
-        decisions=[Decision("first", 1.0, 1.0, values, {**values, "inflation_radius": 0.5}, seen)],
+        odometry=Motion(times, times, poses, twists),
+        scans=Scans(times, times, fan, list(ranges)),
+        plans=Plans(times[:2], plans),
+        planned=Commands(times, twists),
+        commands=Commands(times[1:], 0.5 * twists[1:]),
+        changes=Changes(times[:2], ["DWAPlannerROS", "local_costmap"], changed_values),
+        decisions=[Decision("first", 1.0, 1.0, values, decided_values, seen)],
         ends=[Decision("first", 1.5, 1.5, values, {}, seen)],
-        sent=[SentGoal(0.0, (5.0, 1.0, 0.2), "odom"), SentGoal(2.0, (1.0, 1.0, 0.0), "map")],
-        goals=[Goal("first", 0.0, 1.5, "reached"), Goal("second", 2.0, 2.5, "aborted")],
+        sent=[
+            SentGoal(0.0, (5.0, 1.0, 0.2), "odom"),
+            SentGoal(2.0, (1.0, 1.0, 0.0), "map"),
+        ],
+        goals=[
+            Goal("first", 0.0, 1.5, "reached"),
+            Goal("second", 2.0, 2.5, "aborted"),
+        ],
         contacts=np.array([0.5, 2.25]),
         recoveries=np.array([0.75]),
         source={"driver": "a person", "course": 3},
@@ -217,36 +274,51 @@ def whole_drive(robot):
 
 def assert_same_columns(read_back, written, columns):
     """Compare columns of two drives. Headings pass through quaternions, and become rounded."""
-    for name in columns:
-        our_columns = vars(getattr(read_back, name))
-        expected_columns = vars(getattr(written, name))
+    for rows_name in columns:
+        our_columns = vars(getattr(read_back, rows_name))
+        expected_columns = vars(getattr(written, rows_name))
         assert list(our_columns) == list(expected_columns)
-        for column in our_columns:
-            for our_value, expected_value in zip(
-                our_columns[column], expected_columns[column], strict=True
-            ):
+        for column_name, our_column in our_columns.items():
+            expected_column = expected_columns[column_name]
+            for our_entry, expected_entry in zip(our_column, expected_column, strict=True):
                 np.testing.assert_allclose(
-                    our_value, expected_value, atol=1e-9, err_msg=f"{name}.{column}"
+                    our_entry,
+                    expected_entry,
+                    atol=1e-9,
+                    err_msg=f"{rows_name}.{column_name}",
                 )
 
 
 def test_a_drive_that_is_written_and_read_back_is_the_same(tmp_path):
-    drive = whole_drive(robots.JACKAL)
+    drive = whole_drive(JACKAL)
     read_back = read(write(tmp_path / "a.bag", drive))
+
+    # Measurements
     columns = ("odometry", "scans", "plans", "planned", "commands")
     assert_same_columns(read_back, drive, columns)
-    for name in ("frame", "planners", "source", "goals"):
-        assert getattr(read_back, name) == getattr(drive, name), name
-    assert read_back.changes.server == drive.changes.server
-    assert read_back.changes.values == drive.changes.values
-    assert read_back.changes.time.tolist() == drive.changes.time.tolist()
+    for field_name in ("frame", "planners", "source", "goals"):
+        assert getattr(read_back, field_name) == getattr(drive, field_name), field_name
     np.testing.assert_allclose(read_back.contacts, drive.contacts)
     np.testing.assert_allclose(read_back.recoveries, drive.recoveries)
-    for sent, expected in zip(read_back.sent, drive.sent, strict=True):
-        assert sent.frame == expected.frame
-        np.testing.assert_allclose([sent.time, *sent.pose], [expected.time, *expected.pose])
-    written = [*drive.decisions, *drive.ends]
-    for decision, expected in zip([*read_back.decisions, *read_back.ends], written, strict=True):
+
+    # Changes of parameters
+    changes = read_back.changes
+    assert changes.server == drive.changes.server
+    assert changes.values == drive.changes.values
+    assert changes.time.tolist() == drive.changes.time.tolist()
+
+    # Goals
+    for sent_goal, expected in zip(read_back.sent, drive.sent, strict=True):
+        assert sent_goal.frame == expected.frame
+        np.testing.assert_allclose(
+            [sent_goal.time, *sent_goal.pose],
+            [expected.time, *expected.pose],
+        )
+
+    # Decisions and the ends of courses
+    decisions = [*read_back.decisions, *read_back.ends]
+    written_decisions = [*drive.decisions, *drive.ends]
+    for decision, expected in zip(decisions, written_decisions, strict=True):
         # The last field is what the method saw, which has arrays.
         assert decision[:-1] == expected[:-1]
         for our_input, expected_input in zip(decision.seen, expected.seen, strict=True):
@@ -254,14 +326,14 @@ def test_a_drive_that_is_written_and_read_back_is_the_same(tmp_path):
 
 
 def test_a_written_bag_has_plans_of_the_planner_that_drove_and_twists_along_x_alone(tmp_path):
-    drive = replace(whole_drive(robots.JACKAL), planners=["DWAPlannerROS"])
-    path = write(tmp_path / "a.bag", drive)
-    assert read(path).planners == ["DWAPlannerROS"]
-    with AnyReader([path]) as reader:
-        twists = []
-        for connection, _, raw in reader.messages():
+    drive = replace(whole_drive(JACKAL), planners=["DWAPlannerROS"])
+    bag_path = write(tmp_path / "a.bag", drive)
+    assert read(bag_path).planners == ["DWAPlannerROS"]
+    twists = []
+    with AnyReader([bag_path]) as reader:
+        for connection, _, raw_message in reader.messages():
             if connection.msgtype == "geometry_msgs/msg/Twist":
-                twists.append(reader.deserialize(raw, connection.msgtype))
+                twists.append(reader.deserialize(raw_message, connection.msgtype))
     assert twists
     for twist in twists:
         unused = (twist.linear.y, twist.linear.z, twist.angular.x, twist.angular.y)
@@ -269,22 +341,22 @@ def test_a_written_bag_has_plans_of_the_planner_that_drove_and_twists_along_x_al
 
 
 def test_the_clearance_of_a_recorded_drive_is_the_smallest_range_of_each_scan(tmp_path):
-    read_back = read(write(tmp_path / "a.bag", whole_drive(robots.JACKAL)))
+    read_back = read(write(tmp_path / "a.bag", whole_drive(JACKAL)))
     assert read_back.clearances.nearest.tolist() == pytest.approx([1.0, 0.5, 0.7])
 
 
 def test_the_drives_of_a_bag_follow_each_other_with_a_pause(tmp_path):
-    drive = whole_drive(robots.JACKAL)
+    drive = whole_drive(JACKAL)
     read_back = read(write(tmp_path / "a.bag", drive, drive))
     # The second drive begins 5 s after the end of the first, at 2.5 s.
-    begins = [goal.begin for goal in read_back.goals]
-    assert begins == pytest.approx([0.0, 2.0, 7.5, 9.5])
+    begin_times = [goal.begin for goal in read_back.goals]
+    assert begin_times == pytest.approx([0.0, 2.0, 7.5, 9.5])
     np.testing.assert_allclose(read_back.odometry.time, [0.0, 1.0, 2.5, 7.5, 8.5, 10.0])
 
 
 def test_a_bag_that_could_not_be_completed_is_removed(tmp_path):
     with suppress(KeyError), BagWriter(tmp_path / "a.bag") as writer:
-        writer.write(whole_drive(robots.JACKAL))
+        writer.write(whole_drive(JACKAL))
         raise KeyError
     assert not list(tmp_path.iterdir())
 
@@ -298,10 +370,12 @@ def test_transitions_equal_the_nodes_observations_and_decisions(tmp_path):
     # R_f = -1 until the goal, R_p is the distance driven towards it, R_c = -.05 / nearest range of
     # the last scan.
     ranges = trajectory.scan[1:-1] * TransitionLayout().step
-    nearest = np.array([*ranges.min(axis=1), drive.latest.min()])
+    nearest_ranges = np.array([*ranges.min(axis=1), drive.latest.min()])
     r_f = np.array([-1, -1, -1, -1, 0])
     r_p = np.array([1, 1, 1, 1, 0.5])
-    np.testing.assert_allclose(trajectory.reward, r_f + r_p - 0.05 / nearest, atol=0.02)
+    r_c = -0.05 / nearest_ranges
+    # Stored ranges are exact to half a step only.
+    np.testing.assert_allclose(trajectory.reward, r_f + r_p + r_c, atol=0.02)
 
 
 def test_a_decision_was_made_at_its_recorded_pose(tmp_path):
@@ -309,7 +383,8 @@ def test_a_decision_was_made_at_its_recorded_pose(tmp_path):
 
     def behind(number, seen):
         x, y, yaw = seen.pose
-        return seen._replace(pose=(x - 0.05 * (number > 1), y, yaw))
+        offset = 0.05 if number > 1 else 0.0
+        return seen._replace(pose=(x - offset, y, yaw))
 
     record(tmp_path / "a.bag", recorded=behind)
     (trajectory,), _ = rebuild(tmp_path / "a.bag", reward=Reward(c_f=0.0, c_c=0.0))
@@ -323,7 +398,11 @@ def test_the_period_is_the_median_interval_in_whole_cycles():
 
 
 def test_a_bag_with_fewer_scans_than_the_node_got_has_the_nodes_observations(tmp_path):
-    drive = record(tmp_path / "a.bag", scan=lambda ranges, k: ranges if k % 2 or not k else None)
+    def every_other(ranges, k):
+        # The first decision, in step 0, needs a scan.
+        return ranges if k % 2 or not k else None
+
+    drive = record(tmp_path / "a.bag", scan=every_other)
     (trajectory,), skipped = rebuild(tmp_path / "a.bag")
     assert_equal(trajectory, drive)
     assert skipped == {}
@@ -334,13 +413,29 @@ def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
     """Rewards scale with the period, as in training. A course of two decisions uses the period of
     the other course.
     """
-    every = int(50 * seconds)
+    steps_per_decision = int(50 * seconds)
     with Messages(tmp_path / "a.bag") as writer:
-        four = Drive(writer, begin=10.0, seconds=3.5 * seconds, goal="g4", every=every)
-        two = Drive(writer, begin=60.0, seconds=1.5 * seconds, goal="g2", every=every)
-    rebuilt, skipped = rebuild(tmp_path / "a.bag", reward=Reward(c_p=0.0, c_c=0.0))
+        four_decisions = Drive(
+            writer,
+            begin=10.0,
+            seconds=3.5 * seconds,
+            goal="g4",
+            every=steps_per_decision,
+        )
+        two_decisions = Drive(
+            writer,
+            begin=60.0,
+            seconds=1.5 * seconds,
+            goal="g2",
+            every=steps_per_decision,
+        )
+    time_cost_alone = Reward(c_p=0.0, c_c=0.0)
+
+    rebuilt, skipped = rebuild(tmp_path / "a.bag", reward=time_cost_alone)
+
     assert skipped == {}
-    for drive, trajectory, count in zip((four, two), rebuilt, (4, 2), strict=True):
+    drives = (four_decisions, two_decisions)
+    for drive, trajectory, count in zip(drives, rebuilt, (4, 2), strict=True):
         assert_equal(trajectory, drive, count)
         # A reward of -1 is that of the paper's 2 s. Arriving costs no time.
         rewards = [-seconds / 2] * (count - 1) + [0.0]
@@ -351,9 +446,11 @@ class PublishesEnd(Drive):
     """Drive whose node publishes its observation at the end of the course."""
 
     def end(self, t):
-        self.observations.append(Context.of(self.theta, self.seen(), SPACE, LAYOUT).observation)
+        seen = self.seen()
+        context = Context.of(self.theta, seen, SPACE, LAYOUT)
+        self.observations.append(context.observation)
         theta = SPACE.as_dict(self.theta)
-        self.writer.decision(t + 0.2, self.number, self.goal, self.seen(), theta)
+        self.writer.decision(t + 0.2, self.number, self.goal, seen, theta)
 
 
 INTERRUPTED = "a course was interrupted soon after a decision"
@@ -385,32 +482,34 @@ def test_each_end_of_a_course_gives_its_transitions(
     # Decisions come every 2 s: the fifth at 8 s, of which a course of 9 s has the half.
     drive = record(tmp_path / "a.bag", kind, status=status, seconds=seconds)
     (trajectory,), reasons = rebuild(tmp_path / "a.bag", finish=finish)
-    assert (trajectory.terminated, reasons) == (terminated, skipped)
+    assert trajectory.terminated == terminated
+    assert reasons == skipped
     assert_equal(trajectory, drive, count, ends=terminated and kind is Drive)
     # No time cost at the goal.
     assert (trajectory.reward[-1] > 0.0) == (status == SUCCEEDED or finish is not None)
 
 
 def test_a_course_ends_with_its_result_or_with_its_status_whichever_is_earlier(tmp_path):
-    ends = []
-    for result in (8.0, 12.0):
-        path = tmp_path / f"{result}.bag"
-        with Messages(path) as writer:
+    # The course begins with its status at 1 s, and the status ends it at 11 s.
+    for result_stamp, end in ((8.0, 7.0), (12.0, 10.0)):
+        bag_path = tmp_path / f"{result_stamp}.bag"
+        with Messages(bag_path) as writer:
             writer.status(1.0, "g")
             writer.status(11.0, "g", running=False)
-            writer.result(result, "g", SUCCEEDED)
-        (goal,) = read(path).goals
+            writer.result(result_stamp, "g", SUCCEEDED)
+        (goal,) = read(bag_path).goals
         assert goal.status == "reached"
-        ends.append(goal.end)
-    assert ends == [7.0, 10.0]
+        assert goal.end == end
 
 
 def test_a_goal_that_is_being_cancelled_is_still_pursued(tmp_path):
     with Messages(tmp_path / "a.bag") as writer:
-        for stamp, code in ((10.0, ACTIVE), (11.0, PREEMPTING), (12.0, PREEMPTED)):
-            writer.status(stamp, "g", running=False, ended=code)
+        writer.status(10.0, "g", running=False, ended=ACTIVE)
+        writer.status(11.0, "g", running=False, ended=PREEMPTING)
+        writer.status(12.0, "g", running=False, ended=PREEMPTED)
     (goal,) = read(tmp_path / "a.bag").goals
-    assert (goal.begin, goal.end) == (0.0, 2.0)
+    assert goal.begin == 0.0
+    assert goal.end == 2.0
 
 
 def test_a_course_does_not_remember_the_one_before_it_that_never_ended(tmp_path):
@@ -438,48 +537,64 @@ def test_a_node_that_is_switched_off_and_on_leaves_a_gap(tmp_path):
             self.writer.decision(t - 0.2, self.number, self.goal, self.seen(), theta)
 
     record(tmp_path / "a.bag", Switched)
-    rebuilt, skipped = rebuild(tmp_path / "a.bag")
-    assert list(map(len, rebuilt)) == [2, 2]
-    assert [trajectory.terminated for trajectory in rebuilt] == [False, True]
+    (before_gap, after_gap), skipped = rebuild(tmp_path / "a.bag")
+    assert len(before_gap) == 2
+    assert len(after_gap) == 2
+    assert not before_gap.terminated
+    assert after_gap.terminated
     assert skipped == {}
 
 
 @pytest.mark.parametrize("storage", ["sqlite3", "mcap"])
 def test_a_bag_converted_by_rosbags_convert_gives_the_same_transitions(tmp_path, storage):
-    drive = record(tmp_path / "a.bag")
+    # Given: a bag, converted to ROS 2 and back
+    original = tmp_path / "a.bag"
+    ros2_bag = tmp_path / "ros2"
+    back = tmp_path / "back.bag"
+    drive = record(original)
     command = Path(sys.executable).with_name("rosbags-convert")
-    for source, destination in (("a.bag", "ros2"), ("ros2", "back.bag")):
-        paths = ["--src", tmp_path / source, "--dst", tmp_path / destination]
+    for source, destination in ((original, ros2_bag), (ros2_bag, back)):
+        paths = ["--src", source, "--dst", destination]
         subprocess.run([command, *paths, "--dst-storage", storage], check=True)
     # One bag, although the folder has several files.
-    ros2 = tmp_path / "ros2"
-    assert bags_in([ros2]) == [ros2]
-    assert bags_in([tmp_path]) == [tmp_path / "a.bag", tmp_path / "back.bag", ros2]
+    assert bags_in([ros2_bag]) == [ros2_bag]
+    assert bags_in([tmp_path]) == [original, back, ros2_bag]
     # ROS 2's file of messages alone, without metadata.yaml, as people send it by mail
-    (messages_alone,) = [file for file in ros2.iterdir() if file.name != "metadata.yaml"]
-    shutil.copy(messages_alone, tmp_path)
-    (expected,), _ = rebuild(tmp_path / "a.bag")
+    (messages_alone,) = [file for file in ros2_bag.iterdir() if file.name != "metadata.yaml"]
+    sent_by_mail = shutil.copy(messages_alone, tmp_path)
+
+    # Then: all of them have the transitions of the drive
+    (expected,), _ = rebuild(original)
     assert_equal(expected, drive)
-    for number, name in enumerate(["ros2", "back.bag", messages_alone.name]):
-        out = tmp_path / ("out%d" % number)
-        assert bags_to_dataset.main([str(tmp_path / name), "--out", str(out)]) == 0
-        (stored,) = Dataset(out).trajectories()
-        for array in ("scan", "rest", "action", "reward"):
-            assert getattr(stored, array).tobytes() == getattr(expected, array).tobytes()
+    for number, bag_path in enumerate([ros2_bag, back, sent_by_mail]):
+        dataset_folder = tmp_path / f"out{number}"
+        assert bags_to_dataset.main([str(bag_path), "--out", str(dataset_folder)]) == 0
+        (stored,) = Dataset(dataset_folder).trajectories()
+        for field_name in ("scan", "rest", "action", "reward"):
+            stored_bytes = getattr(stored, field_name).tobytes()
+            assert stored_bytes == getattr(expected, field_name).tobytes()
 
 
 def test_code_in_a_message_definition_is_not_run(tmp_path):
     """ROS's own rosbag generates Python code from the name of such a constant."""
     code = f"uint8 {{0:open('{tmp_path}/ran','w')}}[0]=5\nbool data\n"
-    definitions = (code, code.replace("[0]=5", "=5"), f"string A={code[6:]}")
+    definitions = (
+        code,
+        code.replace("[0]=5", "=5"),
+        f"string A={code[6:]}",
+    )
     for number, definition in enumerate(definitions):
-        with Writer(tmp_path / f"{number}.bag") as writer:
-            scan = writer.add_connection(
-                "/front/scan", "std_msgs/msg/Bool", msgdef=definition, md5sum="1" * 32
+        bag_path = tmp_path / f"{number}.bag"
+        with Writer(bag_path) as writer:
+            connection = writer.add_connection(
+                "/front/scan",
+                "std_msgs/msg/Bool",
+                msgdef=definition,
+                md5sum="1" * 32,
             )
-            writer.write(scan, SECOND, b"\1")
+            writer.write(connection, SECOND, b"\1")
         with pytest.raises(AnyReaderError):
-            read(tmp_path / f"{number}.bag")
+            read(bag_path)
     assert not (tmp_path / "ran").exists()
 
 
@@ -493,8 +608,10 @@ def test_a_stopped_demonstration_leaves_no_bag(tmp_path, monkeypatch):
 
 @pytest.mark.fault("18")
 def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, capsys):
-    record(tmp_path / "whole.bag")
-    (tmp_path / "cut_short.bag").write_bytes((tmp_path / "whole.bag").read_bytes()[:5000])
+    # Given: a folder with a whole bag and seven damaged ones
+    whole_bag = tmp_path / "whole.bag"
+    record(whole_bag)
+    (tmp_path / "cut_short.bag").write_bytes(whole_bag.read_bytes()[:5000])
     (tmp_path / "text.bag").write_text("no bag at all\n" * 100)
     with Messages(tmp_path / "nothing.bag"):
         pass
@@ -511,28 +628,38 @@ def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, cap
     ):
         record(tmp_path / f"no_{missing}.bag", without=(missing,))
         reasons[f"no_{missing}.bag"] = reason
-    assert bags_to_dataset.main([str(tmp_path), "--out", str(tmp_path / "out")]) == 0
+
+    # When: the folder is converted
+    arguments = [str(tmp_path), "--out", str(tmp_path / "out")]
+    assert bags_to_dataset.main(arguments) == 0
+
+    # Then: the whole bag is in the dataset, and each other one with its reason
     dataset = Dataset(tmp_path / "out")
     source = dataset.about
     bags = {bag["name"]: bag for bag in source["bags"]}
-    assert (source["robot"], source["decision_period"]) == ("jackal", 2.0)
-    assert (bags.pop("whole.bag")["transitions"], dataset.transitions) == (5, 5)
+    assert source["robot"] == "jackal"
+    assert source["decision_period"] == 2.0
+    assert dataset.transitions == 5
+    assert bags.pop("whole.bag")["transitions"] == 5
     assert bags.keys() == reasons.keys()
-    for name, reason in reasons.items():
-        assert any(reason in text for text in bags[name]["skipped"]), bags[name]
+    for bag_name, reason in reasons.items():
+        skipped = bags[bag_name]["skipped"]
+        assert any(reason in text for text in skipped), bags[bag_name]
     assert sum(source["skipped"].values()) >= len(reasons)
-    assert bags_to_dataset.main([str(tmp_path), "--out", str(tmp_path / "out")]) == 1
+
+    # A dataset is not overwritten.
+    assert bags_to_dataset.main(arguments) == 1
     assert "already" in capsys.readouterr().err
 
 
 def test_only_the_courses_around_a_clock_jump_are_lost(tmp_path):
     with Messages(tmp_path / "a.bag") as writer:
-        before = Drive(writer, begin=10.0, goal="before", seed=1)
+        undamaged = Drive(writer, begin=10.0, goal="before", seed=1)
         Drive(writer, begin=40.0, goal="torn", seed=2, seconds=9.0)
         # The clock jumped back to 43 s.
         Drive(writer, begin=43.0, goal="again", seed=3, seconds=9.0)
     (trajectory,), skipped = rebuild(tmp_path / "a.bag")
-    assert_equal(trajectory, before)
+    assert_equal(trajectory, undamaged)
     assert "the odometry jumped" in skipped
 
 
@@ -580,26 +707,33 @@ def test_gaps_jumps_and_changes_cut_an_episode(tmp_path, changes, lengths, reaso
     assert list(map(len, rebuilt)) == lengths, skipped
     assert any(reason in text for text in skipped), skipped
     # Only the end of the course is an end of an episode; a cut is not.
-    ends = [trajectory.terminated for trajectory in rebuilt]
-    assert ends == [False, True][: len(rebuilt)]
+    is_terminated = [trajectory.terminated for trajectory in rebuilt]
+    assert is_terminated == [False, True][: len(rebuilt)]
 
 
 @pytest.mark.parametrize(
     ("seconds", "moved", "jumps"),
-    [(0.1, 0.79, False), (0.1, 0.81, True), (2.0, 10.2, False), (2.0, 10.4, True)],
+    [
+        (0.1, 0.79, False),
+        (0.1, 0.81, True),
+        (2.0, 10.2, False),
+        (2.0, 10.4, True),
+    ],
 )
 def test_odometry_jumps_if_it_moves_more_than_thirty_centimetres_beyond_five_metres_a_second(
     seconds, moved, jumps
 ):
     stamps = np.array([0.0, seconds])
-    pose = np.array([[1.0, 2.0, 0.0], [1.0, 2.0 - moved, 0.0]])
-    recorded = Recorded(odometry=Motion(stamps, stamps, pose, np.zeros((2, 2))))
-    with pytest.raises(Skipped, match="the odometry jumped") if jumps else nullcontext():
-        check_motion(recorded, Goal("g", 0.0, seconds))
+    poses = np.array([[1.0, 2.0, 0.0], [1.0, 2.0 - moved, 0.0]])
+    odometry = Motion(stamps, stamps, poses, np.zeros((2, 2)))
+    expectation = nullcontext()
+    if jumps:
+        expectation = pytest.raises(Skipped, match="the odometry jumped")
+    with expectation:
+        check_motion(Recorded(odometry=odometry), Goal("g", 0.0, seconds))
 
 
 def test_a_contact_is_charged_in_its_decision(tmp_path):
-
     def touch(drive, t, k):
         if k in (250, 260):
             drive.writer.contact(t)
@@ -614,22 +748,29 @@ def test_a_contact_is_charged_in_its_decision(tmp_path):
 def test_rewards_have_the_scale_and_pace_of_the_encoding(tmp_path):
     """For a base of half the Jackal's speed, time costs half as much."""
     record(tmp_path / "a.bag")
-    slow = replace(robots.JACKAL, base=robots.JACKAL.base.model_copy(update={"max_speed": 1.0}))
-    for robot, cost in ((robots.JACKAL, -1.0), (slow, -0.5)):
-        options = {"observation": "dimensionless", "reward": Reward(c_p=0.0, c_c=0.0)}
-        (trajectory,), _ = rebuild(tmp_path / "a.bag", robot, **options)
+    slow_base = JACKAL.base.model_copy(update={"max_speed": 1.0})
+    slow_robot = replace(JACKAL, base=slow_base)
+    for robot, cost in ((JACKAL, -1.0), (slow_robot, -0.5)):
+        (trajectory,), _ = rebuild(
+            tmp_path / "a.bag",
+            robot,
+            observation="dimensionless",
+            reward=Reward(c_p=0.0, c_c=0.0),
+        )
         assert trajectory.reward.tolist() == pytest.approx([cost] * 4 + [0.0])
 
 
 def test_a_recipe_sets_encoding_and_reward_and_training_refuses_others(tmp_path, capsys):
     # Given: a dataset of a recipe that differs from the Jackal's in one value
-    bag = str(tmp_path / "a.bag")
-    record(bag)
-    data = str(tmp_path / "data")
-    recipe = tmp_path / "own.yaml"
-    recipe.write_text(RECIPES["jackal"].read_text().replace("lowest: true", "lowest: false"))
-    assert bags_to_dataset.main([bag, "--out", data, "--recipe", str(recipe)]) == 0
-    source = Dataset(data).about
+    bag_path = str(tmp_path / "a.bag")
+    record(bag_path)
+    dataset_folder = str(tmp_path / "data")
+    recipe_file = tmp_path / "own.yaml"
+    recipe = RECIPES["jackal"].read_text()
+    recipe_file.write_text(recipe.replace("lowest: true", "lowest: false"))
+    options = ["--out", dataset_folder, "--recipe", str(recipe_file)]
+    assert bags_to_dataset.main([bag_path, *options]) == 0
+    source = Dataset(dataset_folder).about
     assert source["observation"] == "dimensionless"
     assert source["robot"] == "jackal"
     assert source["decision_period"] == 2.0
@@ -639,17 +780,21 @@ def test_a_recipe_sets_encoding_and_reward_and_training_refuses_others(tmp_path,
 
     # Then: training with the Jackal's recipe refuses it. Bags have nothing for critics that know
     # more, which that recipe wants, too.
-    base = ["--dataset", data, "--recipe", "jackal", "--decision-period", "2"]
-    base += ["--out", str(tmp_path / "run")]
-    known = [*base, "--no-critics-know-more"]
-    for options, line in (
-        (base, "critics_know_more is True, but the .*data was driven with False: give the same"),
-        (known, "lowest is True, but the dataset .*data was driven with False: give the same"),
-    ):
-        config = config_of(options)
-        with pytest.raises(ApplrError, match=line):
-            dataset_of(config)
-    assert dataset_of(config_of([*known, "--no-lowest"])).transitions == 5
+    run_options = ["--dataset", dataset_folder, "--recipe", "jackal", "--decision-period", "2"]
+    run_options += ["--out", str(tmp_path / "run")]
+    line = "critics_know_more is True, but the .*data was driven with False: give the same"
+    config = config_of(run_options)
+    with pytest.raises(ApplrError, match=line):
+        dataset_of(config)
+
+    run_options.append("--no-critics-know-more")
+    line = "lowest is True, but the dataset .*data was driven with False: give the same"
+    config = config_of(run_options)
+    with pytest.raises(ApplrError, match=line):
+        dataset_of(config)
+
+    run_options.append("--no-lowest")
+    assert dataset_of(config_of(run_options)).transitions == 5
 
 
 def zeros(ranges, k):
@@ -672,9 +817,12 @@ def zeros(ranges, k):
 def test_the_clearance_term_uses_the_smallest_range(tmp_path, scan, lowest, nearest):
     """A range of -inf is too near to measure and counts as the laser's minimum range."""
     record(tmp_path / "a.bag", scan=scan)
-    robot = replace(robots.JACKAL, laser=robots.JACKAL.laser.model_copy(update={"range_min": 0.4}))
+    laser = JACKAL.laser.model_copy(update={"range_min": 0.4})
+    clearance_alone = Reward(c_f=0.0, c_p=0.0, lowest=lowest)
     (trajectory,), skipped = rebuild(
-        tmp_path / "a.bag", robot, reward=Reward(c_f=0.0, c_p=0.0, lowest=lowest)
+        tmp_path / "a.bag",
+        replace(JACKAL, laser=laser),
+        reward=clearance_alone,
     )
     assert skipped == {}
     np.testing.assert_allclose(trajectory.reward, -0.05 / nearest, rtol=1e-5)
@@ -698,11 +846,14 @@ def driven(path, observation, world, time_limit, **settings):
     """
     settings.update(observation=observation, period=1.0, movers=True)
     loaded_world = worlds.load(world)
-    near_course = replace(loaded_world.course, goal=loaded_world.course.sent_goal)
-    env = ApplrEnv([replace(loaded_world, course=near_course)], **settings)
-    simulator = ExactOdometry(scan_noise=0.0)
+    course = replace(loaded_world.course, goal=loaded_world.course.sent_goal)
+    env = ApplrEnv([replace(loaded_world, course=course)], **settings)
     env.episode = Episode(
-        simulator, env.episode.move_base, period=1.0, time_limit=time_limit, record=True
+        ExactOdometry(scan_noise=0.0),
+        env.episode.move_base,
+        period=1.0,
+        time_limit=time_limit,
+        record=True,
     )
     env.episode.layout = env.encoding.layout
     layout = TransitionLayout.of(env.encoding)
@@ -710,10 +861,10 @@ def driven(path, observation, world, time_limit, **settings):
     rng = np.random.default_rng(3)
     trajectories = []
     drives = []
-    moving = 0
+    mover_count = 0
     default_action = env.encoding.action(env.space.theta0)
-    for course in range(2):
-        observation, _ = env.reset(seed=course)
+    for seed in range(2):
+        observation, _ = env.reset(seed=seed)
         observations = [observation]
         actions = []
         rewards = []
@@ -726,10 +877,10 @@ def driven(path, observation, world, time_limit, **settings):
             rewards.append(reward)
             # What is in force: parameters are rounded, and clipped to their bounds.
             actions.append(env.encoding.action(env.episode.outcome.theta))
-            moving += len(env.episode.seen().movers)
+            mover_count += len(env.episode.seen().movers)
         trajectories.append(Trajectory.of(layout, observations, actions, rewards, terminated))
         drives.append(env.episode.drive)
-    assert moving or "dynamic" not in world, "no moving obstacle was seen"
+    assert mover_count or "dynamic" not in world, "no moving obstacle was seen"
     write(path, *drives)
     return trajectories
 
@@ -738,12 +889,18 @@ def assert_same(rebuilt, expected):
     """Compare transitions field by field. A beam between two steps of the scan's resolution may
     differ by one step.
     """
-    assert (len(rebuilt), rebuilt.terminated) == (len(expected), expected.terminated)
-    assert np.abs(rebuilt.scan.astype(int) - expected.scan).max() <= 1
-    assert (rebuilt.scan != expected.scan).mean() < 1e-4
-    for name, largest in (("rest", 1e-6), ("action", 1e-6), ("reward", 1e-5)):
+    assert len(rebuilt) == len(expected)
+    assert rebuilt.terminated == expected.terminated
+    difference = rebuilt.scan.astype(int) - expected.scan
+    assert np.abs(difference).max() <= 1
+    assert (difference != 0).mean() < 1e-4
+    for field_name, tolerance in (("rest", 1e-6), ("action", 1e-6), ("reward", 1e-5)):
         np.testing.assert_allclose(
-            getattr(rebuilt, name), getattr(expected, name), rtol=0.0, atol=largest, err_msg=name
+            getattr(rebuilt, field_name),
+            getattr(expected, field_name),
+            rtol=0.0,
+            atol=tolerance,
+            err_msg=field_name,
         )
 
 
@@ -751,13 +908,22 @@ def assert_same(rebuilt, expected):
 @pytest.mark.parametrize(("world", "limit"), [("generated:2", 100.0), ("dynamic:406", 9.0)])
 def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observation, world, limit):
     """Covers the command, both encodings, moving obstacles, and ends at goal and time limit."""
+    # Given: a drive in the environment, and its bag
     expected = driven(
-        tmp_path / "a.bag", observation, world, limit, reward={"lowest": True, "exact_time": True}
+        tmp_path / "a.bag",
+        observation,
+        world,
+        limit,
+        reward={"lowest": True, "exact_time": True},
     )
-    recipe = tmp_path / "own.yaml"
-    recipe.write_text(f"observation: {observation}\nlowest: true\nexact_time: true\n")
-    options = ["--recipe", str(recipe), "--out", str(tmp_path / "data")]
+
+    # When: the bag is converted with the environment's encoding and reward
+    recipe_file = tmp_path / "own.yaml"
+    recipe_file.write_text(f"observation: {observation}\nlowest: true\nexact_time: true\n")
+    options = ["--recipe", str(recipe_file), "--out", str(tmp_path / "data")]
     assert bags_to_dataset.main([str(tmp_path / "a.bag"), *options]) == 0
+
+    # Then: the dataset has the transitions of the environment
     dataset = Dataset(tmp_path / "data")
     assert dataset.about["observation"] == observation
     assert dataset.about["skipped"] == {}

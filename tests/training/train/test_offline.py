@@ -43,24 +43,34 @@ def data(tmp_path_factory):
 
 def test_td3bc_learns_from_a_dataset_and_is_resumed(tmp_path):
     """The policy learns from random drives."""
-    stands_still = {"0.weight": np.zeros((1, 1), np.float32), "0.bias": np.zeros(1, np.float32)}
+    # Given: a dataset of random drives
+    stands_still = {
+        "0.weight": np.zeros((1, 1), np.float32),
+        "0.bias": np.zeros(1, np.float32),
+    }
     weights = safetensors.numpy.save(stands_still)
     random_drives = []
     for number in range(80):
         task = Collect(number, 0, 0.0, True)
         random_drives.append(collect(Line, "{}", task, weights))
-    data = write(tmp_path / "data", trajectories=random_drives)
+    dataset_folder = write(tmp_path / "data", trajectories=random_drives)
+
+    # When: a run learns from it in two sessions
     run = tmp_path / "run"
-    offline = ["--dataset", data, "--bc-alpha", "2.5", "--eval-freq", "100"]
+    offline = ["--dataset", dataset_folder, "--bc-alpha", "2.5", "--eval-freq", "100"]
     assert main(toy(run, *offline, "--gradient-steps", "150")) == 0
     assert main(["--resume", "--out", str(run), "--gradient-steps", "400"]) == 0
+
+    # Then: it neither copies the dataset nor names its folder
     assert Learner.saved(run)["updates"] == 400
-    assert not list(run.glob("replay-*"))  # The dataset is not copied.
-    # The metadata contains no folders.
-    assert str(tmp_path).encode() not in (run / "actor.safetensors").read_bytes()
-    rounds = [json.loads(line) for line in (run / "evaluations.jsonl").read_text().splitlines()]
-    # The first policy stands still.
-    assert rounds[-1]["return"] > rounds[0]["return"] + 1.0
+    assert not list(run.glob("replay-*"))
+    policy_file = run / "actor.safetensors"
+    assert str(tmp_path).encode() not in policy_file.read_bytes()
+    # The first policy stands still, and the last one is better.
+    first_round, *_, last_round = (run / "evaluations.jsonl").read_text().splitlines()
+    first_return = json.loads(first_round)["return"]
+    last_return = json.loads(last_round)["return"]
+    assert last_return > first_return + 1.0
 
 
 def test_minari_reads_a_dataset(tmp_path, monkeypatch):
@@ -68,32 +78,49 @@ def test_minari_reads_a_dataset(tmp_path, monkeypatch):
     episodes = [episode(layout, number, 3, number % 2 == 0) for number in range(5)]
     write(tmp_path / "mine", {"robot": "jackal"}, layout=layout, trajectories=episodes)
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
-    loaded = minari.load_dataset("mine")
-    assert (loaded.total_episodes, loaded.total_steps) == (5, 15)
-    for minaris, ours, read_back in zip(
-        loaded, episodes, dataset.Dataset(tmp_path / "mine").trajectories(), strict=True
+
+    minaris_dataset = minari.load_dataset("mine")
+    our_dataset = dataset.Dataset(tmp_path / "mine")
+
+    assert minaris_dataset.total_episodes == 5
+    assert minaris_dataset.total_steps == 15
+    for written, by_minari, by_us in zip(
+        episodes,
+        minaris_dataset,
+        our_dataset.trajectories(),
+        strict=True,
     ):
-        np.testing.assert_array_equal(minaris.observations, layout.restore(ours.scan, ours.rest))
-        np.testing.assert_array_equal(minaris.actions, ours.action)
-        np.testing.assert_array_equal(minaris.rewards, ours.reward)
-        assert minaris.terminations.tolist() == [False, False, ours.terminated]
-        assert minaris.truncations.tolist() == [False, False, not ours.terminated]
-        for name in ("scan", "rest", "action", "reward", "terminated"):
-            np.testing.assert_array_equal(getattr(read_back, name), getattr(ours, name))
+        observations = layout.restore(written.scan, written.rest)
+        np.testing.assert_array_equal(by_minari.observations, observations)
+        np.testing.assert_array_equal(by_minari.actions, written.action)
+        np.testing.assert_array_equal(by_minari.rewards, written.reward)
+        assert by_minari.terminations.tolist() == [False, False, written.terminated]
+        assert by_minari.truncations.tolist() == [False, False, not written.terminated]
+        for field_name in ("scan", "rest", "action", "reward", "terminated"):
+            values = getattr(by_us, field_name)
+            np.testing.assert_array_equal(values, getattr(written, field_name))
 
 
 def test_the_environment_named_by_a_dataset_is_not_made(tmp_path):
     """If the metadata lack the spaces, Minari creates the environment, which may run any code. Our
     reader must not.
     """
-    path = Path(write(tmp_path / "mine")) / "data/metadata.json"
-    about = json.loads(path.read_text())
-    del about["observation_space"], about["action_space"]
-    # An environment whose constructor makes a folder
-    makes_a_folder = {"entry_point": "os:mkdir", "kwargs": {"path": str(tmp_path / "ran")}}
-    spec = gymnasium.envs.registration.EnvSpec("A-v0", **makes_a_folder)
-    path.write_text(json.dumps({**about, "env_spec": spec.to_json()}))
-    assert len(list(dataset.Dataset(tmp_path / "mine").trajectories())) == 40
+    # Given: a dataset that names an environment whose constructor makes a folder
+    metadata_file = Path(write(tmp_path / "mine")) / "data/metadata.json"
+    metadata = json.loads(metadata_file.read_text())
+    del metadata["observation_space"]
+    del metadata["action_space"]
+    spec = gymnasium.envs.registration.EnvSpec(
+        "A-v0",
+        entry_point="os:mkdir",
+        kwargs={"path": str(tmp_path / "ran")},
+    )
+    metadata["env_spec"] = spec.to_json()
+    metadata_file.write_text(json.dumps(metadata))
+
+    # Then: reading it does not make the folder
+    our_dataset = dataset.Dataset(tmp_path / "mine")
+    assert len(list(our_dataset.trajectories())) == 40
     assert not (tmp_path / "ran").exists()
 
 
@@ -109,25 +136,33 @@ def test_the_environment_named_by_a_dataset_is_not_made(tmp_path):
     ],
 )
 def test_a_dataset_driven_with_other_settings_is_refused(source, line, tmp_path):
-    data = write(tmp_path / "data", source, 1, layout=TransitionLayout())
+    data = write(tmp_path / "data", source, episodes=1, layout=TransitionLayout())
+    config = TrainConfig(dataset=data)
     with pytest.raises(ApplrError, match=line):
-        dataset_of(TrainConfig(dataset=data))
+        dataset_of(config)
 
 
 @pytest.mark.fault("18b")
 def test_a_dataset_driven_with_the_same_settings_is_taken(tmp_path):
-    source = {"decision_period": 2, "robot": "jackal", **Reward().model_dump(), "bags": ["a"]}
-    data = write(tmp_path / "data", source, 1, layout=TransitionLayout())
-    assert dataset_of(TrainConfig(dataset=data)).transitions == 10
+    source = {
+        "decision_period": 2,
+        "robot": "jackal",
+        **Reward().model_dump(),
+        "bags": ["a"],
+    }
+    data = write(tmp_path / "data", source, episodes=1, layout=TransitionLayout())
+    config = TrainConfig(dataset=data)
+    assert dataset_of(config).transitions == 10
 
 
 @pytest.mark.fault("18b")
 def test_a_run_with_a_dataset_that_does_not_fit_leaves_no_folder(tmp_path, capsys):
     toys = write(tmp_path / "toys", {"decision_period": 1.0})
-    one_line(capsys, toy(tmp_path / "run", "--dataset", toys), "decision_period is 0.5, but")
+    arguments = toy(tmp_path / "run", "--dataset", toys)
+    one_line(capsys, arguments, "decision_period is 0.5, but")
     assert not (tmp_path / "run").exists()
-    absent = toy(tmp_path / "run", "--dataset", tmp_path / "absent")
-    one_line(capsys, absent, "metadata.json: cannot be read")
+    arguments = toy(tmp_path / "run", "--dataset", tmp_path / "absent")
+    one_line(capsys, arguments, "metadata.json: cannot be read")
 
 
 def test_a_trial_that_fails_ends_a_run_after_saving_it(data, tmp_path, capsys):
@@ -139,14 +174,20 @@ def test_a_trial_that_fails_ends_a_run_after_saving_it(data, tmp_path, capsys):
 
 
 # The Jackal has a tuned set; the Burger does not, so that its defaults are explored.
-@pytest.mark.parametrize(("name", "around"), [("jackal", "static"), ("turtlebot3_burger", "dwa")])
+@pytest.mark.parametrize(
+    ("name", "around"),
+    [
+        ("jackal", "static"),
+        ("turtlebot3_burger", "dwa"),
+    ],
+)
 def test_the_method_explore_fits_the_recipe_offline(name, around, monkeypatch):
     # Without its random part, the method sets the centre of what it explores.
     monkeypatch.setattr("applr_ros1.policy.methods.EXPLORED", 0.0)
     robot = robots.load(name)
-    method = methods.make("explore", robot)
+    explore = methods.make("explore", robot)
     centre = methods.make(around, robot)
-    assert method.theta(None) == pytest.approx(centre.theta(None))
-    # Whether the distance biases are per cell.
-    assert method.per_cell == centre.per_cell
-    assert method.period == recipe("offline")["decision_period"]
+    assert explore.theta(None) == pytest.approx(centre.theta(None))
+    # Distance biases are per cell in both, or per metre in both.
+    assert explore.per_cell == centre.per_cell
+    assert explore.period == recipe("offline")["decision_period"]

@@ -67,7 +67,7 @@ def test_defaults_and_noise_are_the_documented_ones():
     assert ACTOR_LR == 3e-4
     assert TAU == 0.005
 
-    # The noise falls over 3.84 of 5 million steps, and over that share of other runs.
+    # The noise falls over 3.84 of the paper's 5 million steps, and over that share of other runs.
     assert paper.noise(0) == 0.5
     assert paper.noise(1_000_000) == pytest.approx(0.375)
     assert paper.noise(3_840_000) == pytest.approx(0.02)
@@ -83,16 +83,22 @@ def test_defaults_and_noise_are_the_documented_ones():
 
 def test_a_run_starts_at_a_parameter_set(tmp_path):
     # min_in_place_vel_theta is no parameter of the policy: it is set once, before the drives.
-    file = tmp_path / "set.json"
-    file.write_text('{"max_vel_x": 1.0, "min_in_place_vel_theta": 0.7}')
-    for name in (str(file), "dwa"):
-        action, base = parse(["--init-from", name]).start
+    set_file = tmp_path / "set.json"
+    set_file.write_text('{"max_vel_x": 1.0, "min_in_place_vel_theta": 0.7}')
+    for set_name in (str(set_file), "dwa"):
+        action, fixed_values = parse(["--init-from", set_name]).start
         assert len(action) == 8
-        assert base == {}
-    action, base = parse(["--init-from", str(file), "--observation", "dimensionless"]).start
+        assert fixed_values == {}
+
+    options = ["--init-from", str(set_file), "--observation", "dimensionless"]
+    action, fixed_values = parse(options).start
     assert len(action) == 12
-    fixed = {"footprint_padding": 0.1, "escape_reset_dist": 0.1, "escape_reset_theta": 0.1}
-    assert base == {"min_in_place_vel_theta": 0.7, **fixed}
+    assert fixed_values == {
+        "min_in_place_vel_theta": 0.7,
+        "footprint_padding": 0.1,
+        "escape_reset_dist": 0.1,
+        "escape_reset_theta": 0.1,
+    }
 
 
 def test_a_resumed_run_has_its_stored_options(tmp_path):

@@ -15,7 +15,6 @@ from training.train.learner.learner import draw_batch
 from training.train.replay.buffer import Replay
 
 SMALL = TransitionLayout(scan=4, rest=2, action=2)
-
 BATCH = LearnerOptions(batch_size=64, n_step=1, gamma=0.9)
 
 
@@ -26,12 +25,20 @@ def episode(length, number=0, terminated=False):
 
 def test_a_stored_scan_is_exact_to_half_a_step():
     layout = TransitionLayout()
-    observations = np.random.default_rng(0).uniform(-1, 1, (5, layout.size)).astype(np.float32)
-    back = layout.restore(layout.quantise(observations), observations[:, layout.scan :])
-    assert np.abs(back - observations)[:, :720].max() <= layout.step / 2 + 1e-6
-    assert np.array_equal(back[:, 720:], observations[:, 720:])
+    rng = np.random.default_rng(0)
+    observations = rng.uniform(-1, 1, (5, layout.size)).astype(np.float32)
+
+    stored_scans = layout.quantise(observations)
+    restored = layout.restore(stored_scans, observations[:, layout.scan :])
+
+    errors = np.abs(restored - observations)
+    # The remainder is that of single precision.
+    assert errors[:, :720].max() <= layout.step / 2 + 1e-6
+    assert np.array_equal(restored[:, 720:], observations[:, 720:])
+
+    # A value beyond the range is clipped, not wrapped.
     edges = np.zeros((1, layout.size), np.float32)
-    edges[0, :3] = -1, 1, 5  # A value beyond the range is clipped, not wrapped.
+    edges[0, :3] = -1, 1, 5
     assert layout.quantise(edges)[0, :3].tolist() == [0, 255, 255]
 
 
@@ -46,13 +53,16 @@ def test_samples_are_the_episodes_own_n_step_transitions(lengths, capacity, n):
     # Given: episodes in a buffer, and where each of their observations is
     gamma = 0.9
     replay = Replay(SMALL, capacity)
-    place_of = {}
+    origin_of = {}
+    transition_count = 0
     for number, (length, terminated) in enumerate(lengths):
         trajectory = episode(length, number, terminated)
         replay.add(trajectory)
+        transition_count += length
         for step in range(length):
-            place_of[trajectory.rest[step].tobytes()] = (trajectory, step)
-    assert replay.transitions == sum(length for length, _ in lengths)
+            # The random numbers beside the scan tell an observation from all others.
+            origin_of[trajectory.rest[step].tobytes()] = (trajectory, step)
+    assert replay.transitions == transition_count
 
     # When: transitions are drawn
     rows = replay.draw(np.random.default_rng(0), 200)
@@ -60,26 +70,35 @@ def test_samples_are_the_episodes_own_n_step_transitions(lengths, capacity, n):
 
     # Then: each is the transition of its episode over n steps, or up to its end
     for row, reward, discount, following in zip(rows, rewards, discounts, following_rows):
-        trajectory, step = place_of[replay.rest[row].tobytes()]
-        end = min(step + n, len(trajectory))
-        step_rewards = trajectory.reward[step:end]
-        factors = gamma ** np.arange(end - step)
-        assert reward == pytest.approx(float(factors @ step_rewards), abs=1e-5)
-        is_terminal = trajectory.terminated and end == len(trajectory)
-        assert discount == pytest.approx(0.0 if is_terminal else gamma ** (end - step))
+        trajectory, step = origin_of[replay.rest[row].tobytes()]
+        end_step = min(step + n, len(trajectory))
+
+        factors = gamma ** np.arange(end_step - step)
+        n_step_reward = float(factors @ trajectory.reward[step:end_step])
+        assert reward == pytest.approx(n_step_reward, abs=1e-5)
+
+        # Only a real end has no future; a time limit or a cut has one.
+        n_step_discount = gamma ** (end_step - step)
+        if trajectory.terminated and end_step == len(trajectory):
+            n_step_discount = 0.0
+        assert discount == pytest.approx(n_step_discount)
+
         assert np.array_equal(replay.scan[row], trajectory.scan[step])
         assert np.array_equal(replay.action[row], trajectory.action[step])
-        assert np.array_equal(replay.rest[following], trajectory.rest[end])
-        assert np.array_equal(replay.scan[following], trajectory.scan[end])
+        assert np.array_equal(replay.rest[following], trajectory.rest[end_step])
+        assert np.array_equal(replay.scan[following], trajectory.scan[end_step])
 
 
 def test_every_transition_is_drawn_equally_often():
     replay = Replay(SMALL, 100)
     for number, length in enumerate((1, 2, 10)):
         replay.add(episode(length, number))
+
+    rows = replay.draw(np.random.default_rng(0), 130_000)
+
     # Each of the 13 transitions is drawn 10,000 times, with a standard deviation of 96. The rows
     # with the last observations of the three episodes begin no transition.
-    counts = np.bincount(replay.draw(np.random.default_rng(0), 130_000), minlength=16)
+    counts = np.bincount(rows, minlength=16)
     assert np.count_nonzero(counts) == 13
     assert counts[counts > 0].min() > 9_600
     assert counts.max() < 10_400
@@ -89,7 +108,9 @@ def test_a_batch_has_the_transitions_of_its_rows():
     replay = Replay(SMALL, 50)
     trajectory = episode(5, terminated=True)
     replay.add(trajectory)
+
     batch = draw_batch(replay, np.random.default_rng(0), BATCH, torch.device("cpu"))
+
     observations = SMALL.restore(trajectory.scan, trajectory.rest)
     for row in range(64):
         # The step of the episode whose observation this is
@@ -97,8 +118,10 @@ def test_a_batch_has_the_transitions_of_its_rows():
         step = int(np.argmin(differences.sum(1)))
         np.testing.assert_allclose(batch.observation[row], observations[step], atol=1e-6)
         np.testing.assert_allclose(batch.next_observation[row], observations[step + 1], atol=1e-6)
-        is_last = step == 4
-        assert float(batch.discount[row]) == pytest.approx(0.0 if is_last else 0.9)
+        discount = 0.9
+        if step == 4:  # The episode ends with its fifth transition.
+            discount = 0.0
+        assert float(batch.discount[row]) == pytest.approx(discount)
 
 
 def batches(replay):
@@ -115,14 +138,15 @@ def test_mirror_exchanges_left_and_right_in_half_of_a_batch():
     replay.add(episode(5, terminated=True))
     plain, mirrored = batches(replay)
     scan = slice(0, SMALL.scan)
-    odd = SMALL.scan  # the entry that changes sign
-    other = slice(SMALL.scan + 1, None)
+    goal_angle = SMALL.scan  # the entry that changes its sign
+    parameters = slice(SMALL.scan + 1, None)
     for name in ("observation", "next_observation"):
         image = getattr(mirrored, name).numpy()
         original = getattr(plain, name).numpy()
+        # The first 32 of the 64 rows are mirrored.
         np.testing.assert_array_equal(image[:32, scan], original[:32, scan][:, ::-1])
-        np.testing.assert_array_equal(image[:32, odd], -original[:32, odd])
-        np.testing.assert_array_equal(image[:32, other], original[:32, other])
+        np.testing.assert_array_equal(image[:32, goal_angle], -original[:32, goal_angle])
+        np.testing.assert_array_equal(image[:32, parameters], original[:32, parameters])
         np.testing.assert_array_equal(image[32:], original[32:])
     for name in ("action", "reward", "discount", "noise"):
         np.testing.assert_array_equal(getattr(mirrored, name), getattr(plain, name))
@@ -148,8 +172,12 @@ def test_numbers_that_are_not_finite_are_refused(name):
 
 
 def test_a_replay_buffer_larger_than_memory_is_refused(monkeypatch):
-    pages = {"SC_PAGE_SIZE": 4096, "SC_PHYS_PAGES": 2**20}  # 4 GiB
-    monkeypatch.setattr("training.train.replay.buffer.os.sysconf", pages.__getitem__)
+    # A machine of 4 GiB
+    memory_pages = {
+        "SC_PAGE_SIZE": 4096,
+        "SC_PHYS_PAGES": 2**20,
+    }
+    monkeypatch.setattr("training.train.replay.buffer.os.sysconf", memory_pages.__getitem__)
     line = r"a replay buffer of 100000000 rows takes 79\.3 GB, this machine has 4\.3 GB: give"
     with pytest.raises(ValueError, match=line):
         Replay(TransitionLayout(), 10**8)

@@ -14,20 +14,27 @@ from training.train.learner import several
 from training.train.learner.config import parse
 from worlds import specs
 
-SECONDS = {"seed_3": 9.0, "seed_4": 7.0, "dwa": 20.0, "static": 10.0, "applr": 7.5}
+# Mean times of the methods in all worlds [s], about
+SECONDS = {
+    "seed_3": 9.0,
+    "seed_4": 7.0,
+    "dwa": 20.0,
+    "static": 10.0,
+    "applr": 7.5,
+}
 
 
 def fake(options):
     """Return the results of an evaluation, with the times in SECONDS."""
     worlds = specs(options.worlds)
-    names = [Path(text).stem for text in options.methods.split(",")]
     assert len(worlds) == 50
     results = {}
     for index, world in enumerate(worlds):
-        for name in names:
+        for method_spec in options.methods.split(","):
+            method_name = Path(method_spec).stem
             # Not all equal, or a test of differences could not be made.
-            seconds = SECONDS[name] + 0.1 * (index % 3)
-            trial = Trial(world, name, 0, 1, world, name)
+            seconds = SECONDS[method_name] + 0.1 * (index % 3)
+            trial = Trial(world, method_name, 0, 1, world, method_name)
             results[trial] = Result(success=True, time_s=seconds)
     return results
 
@@ -48,34 +55,35 @@ def evaluated(monkeypatch):
 def test_the_best_of_several_seeds_is_kept_and_compared_on_other_courses(
     tmp_path, evaluated, capsys
 ):
-    out = tmp_path / "runs"
+    runs = tmp_path / "runs"
     options = ["--total-timesteps", 40, "--seeds", 2, "--seed", 3, "--minutes", 30]
-    arguments = toy(out, *options, *NO_EVALUATION)
+    arguments = toy(runs, *options, *NO_EVALUATION)
     assert several.train(parse(arguments), toy_run) == 0
 
     # The runs share the time, and the faster one's policy is kept.
     for seed in (3, 4):
-        config = json.loads((out / f"seed_{seed}/config.json").read_text())
+        config = json.loads((runs / f"seed_{seed}/config.json").read_text())
         assert config["seed"] == seed
         assert config["minutes"] == 15.0
-    best_policy = (out / "best.safetensors").read_bytes()
-    assert best_policy == (out / "seed_4/actor.safetensors").read_bytes()
+    best_policy = (runs / "best.safetensors").read_bytes()
+    assert best_policy == (runs / "seed_4/actor.safetensors").read_bytes()
 
     # It was chosen on other courses than it is judged on.
     choice, verdict = evaluated
     assert choice.worlds != verdict.worlds
-    assert verdict.methods == f"dwa,static,{out}/verdict/applr.safetensors"
-    text = capsys.readouterr().out
-    assert "seed_3 9.1 s, seed_4 7.1 s" in text
-    assert "applr better: yes, " in text
-    assert f"drive with: applr; best policy: {out}/best.safetensors" in text
+    assert verdict.methods == f"dwa,static,{runs}/verdict/applr.safetensors"
+    printed = capsys.readouterr().out
+    assert "seed_3 9.1 s, seed_4 7.1 s" in printed
+    assert "applr better: yes, " in printed
+    assert f"drive with: applr; best policy: {runs}/best.safetensors" in printed
 
     # Finished runs are resumed without a further step.
-    checkpoint = json.loads((out / "seed_3/checkpoint.json").read_text())
+    checkpoint_file = runs / "seed_3/checkpoint.json"
+    checkpoint = json.loads(checkpoint_file.read_text())
     one_line(capsys, arguments, "already holds a run", train.main)
-    assert several.train(parse(["--resume", "--out", str(out)]), toy_run) == 0
-    resumed = json.loads((out / "seed_3/checkpoint.json").read_text())
-    assert resumed["transitions"] == checkpoint["transitions"]
+    assert several.train(parse(["--resume", "--out", str(runs)]), toy_run) == 0
+    resumed_checkpoint = json.loads(checkpoint_file.read_text())
+    assert resumed_checkpoint["transitions"] == checkpoint["transitions"]
 
 
 @pytest.mark.parametrize(
@@ -89,14 +97,18 @@ def test_the_best_of_several_seeds_is_kept_and_compared_on_other_courses(
 def test_the_policy_is_compared_with_default_and_tuned_parameters(
     seconds, method, tmp_path, evaluated, monkeypatch
 ):
-    for name, value in seconds.items():
-        monkeypatch.setitem(SECONDS, name, value)
-    policy = tmp_path / "seed_3/best.safetensors"
-    policy.parent.mkdir()
-    policy.write_bytes(b"a policy")
-    _, table, *_, last_line = several.choose(parse(toy(tmp_path, "--seeds", 2)), tmp_path, [policy])
-    # Mean times, 0.1 s above those in SECONDS
-    mean_times = [f"{SECONDS[name] + 0.1:.1f}" for name in ("dwa", "static", "applr")]
-    assert [row.split()[4] for row in table.splitlines()[1:]] == mean_times
+    for method_name, time_s in seconds.items():
+        monkeypatch.setitem(SECONDS, method_name, time_s)
+    policy_file = tmp_path / "seed_3/best.safetensors"
+    policy_file.parent.mkdir()
+    policy_file.write_bytes(b"a policy")
+
+    config = parse(toy(tmp_path, "--seeds", 2))
+    _, table, *_, last_line = several.choose(config, tmp_path, [policy_file])
+
+    _, *table_rows = table.splitlines()
+    for row, method_name in zip(table_rows, ("dwa", "static", "applr"), strict=True):
+        # Its mean time is 0.1 s above the one in SECONDS.
+        assert row.split()[4] == f"{SECONDS[method_name] + 0.1:.1f}"
     assert last_line.startswith(f"drive with: {method}; ")
     assert (tmp_path / "best.safetensors").read_bytes() == b"a policy"

@@ -15,7 +15,15 @@ WORLDS = ["--worlds", "generated:7,dynamic:100"]
 def test_a_policy_is_frozen_during_the_warm_up_of_new_critics(tmp_path, capsys):
     run = tmp_path / "jackal"
     other_run = tmp_path / "husky"
-    learning = [*ENCODING, *SHORT, *WORLDS, "--symmetric", "--mirror", "--learning-starts", "4"]
+    learning = [
+        *ENCODING,
+        *SHORT,
+        *WORLDS,
+        "--symmetric",
+        "--mirror",
+        "--learning-starts",
+        "4",
+    ]
     assert main([*learning, "--eval-worlds", "none", "--out", str(run)]) == 0
     policy = str(run / "actor.safetensors")
     assert load(policy).period == 1.0
@@ -24,10 +32,10 @@ def test_a_policy_is_frozen_during_the_warm_up_of_new_critics(tmp_path, capsys):
     warm_up = [*learning, "--robot", "husky", "--init-from", policy]
     evaluation = ["--eval-worlds", "generated:1", "--eval-freq", "12"]
     assert main([*warm_up, *evaluation, "--out", str(other_run)]) == 0
-    before = policy_network(policy)
-    after = policy_network(str(other_run / "actor.safetensors"))
-    for name, weights in before.items():
-        assert np.array_equal(weights, after[name]), name
+    network_before = policy_network(policy)
+    network_after = policy_network(str(other_run / "actor.safetensors"))
+    for layer_name, weights in network_before.items():
+        assert np.array_equal(weights, network_after[layer_name]), layer_name
 
     # Networks of another size, and of another encoding
     smaller = ["--init-from", policy, "--net-arch", "8", "--decision-period", "1"]

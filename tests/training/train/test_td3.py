@@ -43,8 +43,8 @@ def _batch(rng, size, observed, actions):
 def _converted(batch, convert):
     """Return a batch with all tensors converted by a function."""
     tensors = {}
-    for name, values in vars(batch).items():
-        tensors[name] = convert(values)
+    for field_name, values in vars(batch).items():
+        tensors[field_name] = convert(values)
     return Batch(**tensors)
 
 
@@ -83,13 +83,19 @@ def action_of(td3, observation):
 
 
 def _pairs(td3, model):
-    """Return pairs (our network, stable-baselines3's network)."""
-    return [
+    """Return pairs (our parameters, stable-baselines3's parameters) of all networks."""
+    critic = model.critic
+    critic_target = model.critic_target
+    networks = [
         (td3.actor, model.actor.mu),
         (td3.actor_target, model.actor_target.mu),
-        *zip(td3.critics, (model.critic.qf0, model.critic.qf1)),
-        *zip(td3.critic_targets, (model.critic_target.qf0, model.critic_target.qf1)),
+        *zip(td3.critics, (critic.qf0, critic.qf1)),
+        *zip(td3.critic_targets, (critic_target.qf0, critic_target.qf1)),
     ]
+    parameters = []
+    for our_network, their_network in networks:
+        parameters += zip(our_network.parameters(), their_network.parameters())
+    return parameters
 
 
 def _sb3_update(model, batch, seed):
@@ -97,7 +103,7 @@ def _sb3_update(model, batch, seed):
 
     It draws the smoothing noise from torch's generator.
     """
-    data = SimpleNamespace(
+    sb3_batch = SimpleNamespace(
         observations=batch.observation,
         actions=batch.action,
         rewards=batch.reward[:, None],
@@ -106,7 +112,7 @@ def _sb3_update(model, batch, seed):
         discounts=batch.discount[:, None],
     )
     # Our batch instead of a drawn one. Its discounts already tell which transitions are final.
-    model.replay_buffer.sample = lambda *a, **k: data
+    model.replay_buffer.sample = lambda *a, **k: sb3_batch
     torch.manual_seed(seed)
     model.train(1, len(batch.reward))
 
@@ -120,31 +126,44 @@ def test_equals_stable_baselines3_over_ten_updates(n, m, hidden, size, double, m
     # Stable-baselines3 has one learning rate for both.
     monkeypatch.setattr("training.train.td3.td3.ACTOR_LR", 1e-3)
     rng = np.random.default_rng(5)
-    td3 = TD3(n, m, TD3Options(net_arch=hidden, critic_lr=1e-3), seed=3)
+    options = TD3Options(net_arch=hidden, critic_lr=1e-3)
+    td3 = TD3(n, m, options, seed=3)
     model = _sb3(n, m, hidden, size)
     precision = torch.float64 if double else torch.float32
     td3.networks.to(precision)
     model.policy.to(precision)
     # stable-baselines3 would convert the observations to single precision.
     monkeypatch.setattr(
-        "stable_baselines3.common.policies.preprocess_obs", lambda seen, *_, **__: seen
+        "stable_baselines3.common.policies.preprocess_obs",
+        lambda observation, *_, **__: observation,
     )
+
+    # Given: the same networks in both
     with torch.no_grad():
         # Some actions are near 1 or -1, so that noise leaves [-1, 1].
         td3.actor_target[-1].bias += torch.linspace(-2.0, 2.0, m, dtype=precision)
-        for ours, theirs in _pairs(td3, model):
-            for our_parameter, their_parameter in zip(ours.parameters(), theirs.parameters()):
-                their_parameter.copy_(our_parameter)
+        for our_parameter, their_parameter in _pairs(td3, model):
+            their_parameter.copy_(our_parameter)
     initial_weights = td3.actor[0].weight.clone()
-    for index in range(10):
-        batch = _converted(_batch(rng, size, n, m), lambda values: values.to(precision))
-        torch.manual_seed(index)
+
+    # When: both are updated with the same batches and noise
+    for seed in range(10):
+        batch = _batch(rng, size, n, m)
+        batch = _converted(batch, lambda values: values.to(precision))
+        # stable-baselines3 draws noise of this deviation, and ours is scaled by it later.
+        torch.manual_seed(seed)
         batch.noise = torch.empty(size, m, dtype=precision).normal_(0, 0.2) / 0.2
         td3.update(batch)
-        _sb3_update(model, batch, index)
-    for ours, theirs in _pairs(td3, model):
-        for our_parameter, their_parameter in zip(ours.parameters(), theirs.parameters()):
-            torch.testing.assert_close(our_parameter.data, their_parameter.data, atol=1e-5, rtol=0)
+        _sb3_update(model, batch, seed)
+
+    # Then: their networks are still the same
+    for our_parameter, their_parameter in _pairs(td3, model):
+        torch.testing.assert_close(
+            our_parameter.data,
+            their_parameter.data,
+            atol=1e-5,
+            rtol=0,
+        )
     change = td3.actor[0].weight - initial_weights
     assert change.abs().max() > 1e-3, "the policy has not changed"
 
@@ -156,21 +175,29 @@ def test_the_policys_loss_has_the_terms_of_td3bc_and_of_the_preactivations(alpha
     options = TD3Options(net_arch=[16, 16], bc_alpha=alpha, preactivation_l2=penalty)
     td3 = TD3(12, 3, options, seed=1)
     batch = _batch(np.random.default_rng(0), 32, 12, 3)
+
+    # TD3+BC's loss (Fujimoto and Gu, 2021), and a penalty on what tanh gets
     before_tanh = td3.actor(batch.observation)
     action = torch.tanh(before_tanh)
     first_critic, _ = td3.critics
     value = first_critic(torch.cat((batch.observation, action), 1))
     loss = -value.mean()
     if alpha:
-        cloning = ((action - batch.action) ** 2).mean()
-        loss = loss * alpha / value.abs().mean().item() + cloning
+        cloning_loss = ((action - batch.action) ** 2).mean()
+        scale = alpha / value.abs().mean().item()
+        loss = loss * scale + cloning_loss
     loss = loss + penalty * (before_tanh**2).mean()
-    expected = torch.autograd.grad(loss, list(td3.actor.parameters()))
+    expected_gradients = torch.autograd.grad(loss, list(td3.actor.parameters()))
 
     td3.update_actor(batch)
 
-    for parameter, gradient in zip(td3.actor.parameters(), expected):
-        torch.testing.assert_close(parameter.grad, gradient, atol=1e-7, rtol=1e-5)
+    for parameter, gradient in zip(td3.actor.parameters(), expected_gradients):
+        torch.testing.assert_close(
+            parameter.grad,
+            gradient,
+            atol=1e-7,
+            rtol=1e-5,
+        )
     for parameter in td3.critics.parameters():
         assert parameter.grad is None
 
@@ -181,6 +208,8 @@ def test_layer_norm_is_on_the_hidden_layers_of_the_critics():
     critics_input = torch.cat((observation, torch.rand(7, 3)), 1)
     _, critic = td3.critics
     first_layer, second_layer, last_layer = critic
+
+    # Without gain and shift; 1e-5 is torch's default of epsilon.
     hidden = critics_input
     for layer in (first_layer, second_layer):
         hidden = layer(hidden)
@@ -189,31 +218,36 @@ def test_layer_norm_is_on_the_hidden_layers_of_the_critics():
         hidden = ((hidden - mean) / (variance + 1e-5).sqrt()).relu()
     torch.testing.assert_close(critic(critics_input), last_layer(hidden))
 
+    # The actor has none.
     first_layer, second_layer, last_layer = td3.actor
-    hidden = second_layer(first_layer(observation).relu()).relu()
+    hidden = first_layer(observation).relu()
+    hidden = second_layer(hidden).relu()
     torch.testing.assert_close(td3.actor(observation), last_layer(hidden))
 
 
 def test_actors_get_the_running_average_and_the_state_contains_it():
     rng = np.random.default_rng(0)
-    averaged = TD3Options(net_arch=[64], policy_ema_decay=0.75)
+    options = TD3Options(net_arch=[64], policy_ema_decay=0.75)
     plain = TD3(10, 2, TD3Options(net_arch=[64]), seed=7)
-    td3 = TD3(10, 2, averaged, seed=7)
-    expected = first_weight(td3)
+    averaged = TD3(10, 2, options, seed=7)
+
+    expected_average = first_weight(averaged)
     for _ in range(6):
         batch = _batch(rng, 64, 10, 2)
-        td3.update(batch)
+        averaged.update(batch)
         plain.update(batch)
-        if td3.updates % 2 == 0:  # Every second update is one of the policy as well.
-            expected = 0.75 * expected + 0.25 * first_weight(plain)
-    assert torch.equal(td3.actor[0].weight, plain.actor[0].weight), "the average affects learning"
-    np.testing.assert_allclose(first_weight(td3), expected, atol=1e-6)
+        if averaged.updates % 2 == 0:  # Every second update is one of the policy as well.
+            expected_average = 0.75 * expected_average + 0.25 * first_weight(plain)
 
-    resumed = TD3(10, 2, averaged, seed=8)
-    resumed.load(td3.state())
-    np.testing.assert_array_equal(first_weight(resumed), first_weight(td3))
+    learnt_weight = averaged.actor[0].weight
+    assert torch.equal(learnt_weight, plain.actor[0].weight), "the average affects learning"
+    np.testing.assert_allclose(first_weight(averaged), expected_average, atol=1e-6)
 
-    from_plain = TD3(10, 2, averaged, seed=8)
+    resumed = TD3(10, 2, options, seed=8)
+    resumed.load(averaged.state())
+    np.testing.assert_array_equal(first_weight(resumed), first_weight(averaged))
+
+    from_plain = TD3(10, 2, options, seed=8)
     from_plain.load(plain.state())  # state of a run without an average
     np.testing.assert_array_equal(first_weight(from_plain), first_weight(plain))
 
@@ -228,8 +262,13 @@ def test_a_gpu_gives_the_same_weights():
         batch = _batch(rng, 64, 40, 3)
         cpu.update(batch)
         gpu.update(_converted(batch, torch.Tensor.cuda))
-    for ours, theirs in zip(gpu.networks.parameters(), cpu.networks.parameters()):
-        torch.testing.assert_close(ours.cpu(), theirs, atol=2e-4, rtol=0)
+    for on_gpu, on_cpu in zip(gpu.networks.parameters(), cpu.networks.parameters()):
+        torch.testing.assert_close(
+            on_gpu.cpu(),
+            on_cpu,
+            atol=2e-4,
+            rtol=0,
+        )
 
 
 def test_a_symmetric_policy_is_the_mean_of_the_learnt_one_and_its_mirror_image():
@@ -237,11 +276,12 @@ def test_a_symmetric_policy_is_the_mean_of_the_learnt_one_and_its_mirror_image()
 
     options = TD3Options(net_arch=[32, 16], symmetric=True)
     td3 = TD3(729, 8, options, seed=3, mirror=Mirror.of(720, 9))
-    observations = np.random.default_rng(0).uniform(-1, 1, (20, 729)).astype(np.float32)
+    rng = np.random.default_rng(0)
+    observations = rng.uniform(-1, 1, (20, 729)).astype(np.float32)
     ranges = observations[:, :720]
-    angle = observations[:, 720:721]
+    goal_angle = observations[:, 720:721]
     parameters = observations[:, 721:]
-    mirrored = np.concatenate((ranges[:, ::-1], -angle, parameters), axis=1)
+    mirrored = np.concatenate((ranges[:, ::-1], -goal_angle, parameters), axis=1)
     # The mean is that of the outputs before tanh.
     output = np.arctanh(action_of(td3, observations).astype(float))
     output_of_mirrored = np.arctanh(action_of(td3, mirrored).astype(float))
@@ -250,19 +290,21 @@ def test_a_symmetric_policy_is_the_mean_of_the_learnt_one_and_its_mirror_image()
     actor = Policy.of(td3.actor_weights())
 
     actions = actor.action(observations)
-    mean = np.tanh((output + output_of_mirrored) / 2)
-    np.testing.assert_allclose(actions, mean, atol=1e-5)
+    mean_output = (output + output_of_mirrored) / 2
+    np.testing.assert_allclose(actions, np.tanh(mean_output), atol=1e-5)
     np.testing.assert_allclose(actor.action(mirrored), actions, atol=1e-6)
     np.testing.assert_allclose(actor.action(observations[0]), actions[0], atol=1e-6)
 
 
 def test_a_policy_can_start_at_a_parameter_set_and_learns_from_there():
-    observations = np.random.default_rng(0).uniform(-1, 1, (5, 10)).astype(np.float32)
+    rng = np.random.default_rng(0)
+    observations = rng.uniform(-1, 1, (5, 10)).astype(np.float32)
     td3 = TD3(10, 3, TD3Options(net_arch=[64], policy_ema_decay=0.75), seed=7)
     td3.begin_at([0.5, -0.25, 1.0])
     first_actions = action_of(td3, observations)
     # tanh reaches 1 only without a gradient, so that 1 becomes 0.95.
-    np.testing.assert_allclose(first_actions, np.tile([0.5, -0.25, 0.95], (5, 1)), atol=0.01)
+    expected_actions = np.tile([0.5, -0.25, 0.95], (5, 1))
+    np.testing.assert_allclose(first_actions, expected_actions, atol=0.01)
     for seed in range(10):
         td3.update(_batch(np.random.default_rng(seed), 64, 10, 3))
     assert (action_of(td3, observations) != first_actions).all()
@@ -287,14 +329,14 @@ def test_a_policy_that_is_taken_over_is_frozen_during_the_critic_warm_up(monkeyp
 
 def test_only_critics_receive_the_hidden_numbers():
     """The policy has no weights for the hidden numbers, and the critics' values depend on them."""
-    hidden = 3
-    td3 = TD3(8, 2, TD3Options(net_arch=[16]), hidden=hidden)
-    assert first_weight(td3).shape == (16, 8 - hidden)
+    hidden_count = 3
+    td3 = TD3(8, 2, TD3Options(net_arch=[16]), hidden=hidden_count)
+    assert first_weight(td3).shape == (16, 8 - hidden_count)
     batch = _batch(np.random.default_rng(0), 32, 8, 2)
     for _ in range(2):
         td3.update(batch)
     other_observation = batch.observation.clone()
-    other_observation[:, -hidden:] += 1.0
+    other_observation[:, -hidden_count:] += 1.0
 
     critic, _ = td3.critics
     value = critic(torch.cat((batch.observation, batch.action), 1))
@@ -309,20 +351,21 @@ def test_smoothness_weights_the_change_of_each_parameter_between_two_observation
 
     def change(weights):
         """Return the mean change (2,) of each parameter after 30 updates."""
-        td3 = TD3(6, 2, TD3Options(net_arch=[32], smoothness=weights), seed=1)
+        options = TD3Options(net_arch=[32], smoothness=weights)
+        td3 = TD3(6, 2, options, seed=1)
         for _ in range(30):
             td3.update_actor(batch)
-        before = action_of(td3, batch.observation)
-        after = action_of(td3, batch.next_observation)
-        return np.abs(after - before).mean(axis=0)
+        actions = action_of(td3, batch.observation)
+        next_actions = action_of(td3, batch.next_observation)
+        return np.abs(next_actions - actions).mean(axis=0)
 
     free_change = change([0.0])
     assert (change([100.0]) < 0.5 * free_change).all()
     # Only the second parameter is weighted. The first one shares layers with it, and changes a
     # little.
-    first, second = change([0.0, 100.0])
-    assert first > 0.6 * free_change[0]
-    assert second < 0.5 * free_change[1]
+    first_change, second_change = change([0.0, 100.0])
+    assert first_change > 0.6 * free_change[0]
+    assert second_change < 0.5 * free_change[1]
 
 
 def test_smoothness_has_one_weight_or_one_for_each_parameter():
