@@ -37,6 +37,7 @@ SETS: Dict[str, Tuple[str, range]] = {
     "choosing": ("other", range(100, 124)),
     "final": ("other", range(200, 240)),
 }
+# Seeds of the two kinds of pockets: published figures are of these worlds.
 TIGHT_SEED = 0x70C1
 OTHER_SEED = 0x70C2
 
@@ -68,20 +69,21 @@ class Pocket(NamedTuple):
 
 def tight(rng: np.random.Generator) -> Pocket:
     """Draw the measures of the pocket that leaves the robot 10 to 12 cm."""
-    left, right, front = rng.uniform(0.10, 0.12, 3)
-    return Pocket(left, right, front, depth=0.5)
+    left_gap, right_gap, front_gap = rng.uniform(0.10, 0.12, 3)
+    return Pocket(left_gap, right_gap, front_gap, depth=0.5)
 
 
 def other(rng: np.random.Generator) -> Pocket:
     """Draw the measures of another pocket."""
-    left, right, front = rng.uniform(0.10, 0.25, 3)
-    behind = math.inf
+    left_gap, right_gap, front_gap = rng.uniform(0.10, 0.25, 3)
+    # About half of the pockets have a wall behind the mouth.
+    distance_behind = math.inf
     if rng.random() < 0.5:
-        behind = rng.uniform(1.3, 2.5)
+        distance_behind = rng.uniform(1.3, 2.5)
     return Pocket(
-        left,
-        right,
-        front,
+        left_gap,
+        right_gap,
+        front_gap,
         depth=rng.uniform(0.4, 0.8),
         # The robot's corners keep at least 4 cm.
         yaw=rng.uniform(-0.1, 0.1),
@@ -89,60 +91,75 @@ def other(rng: np.random.Generator) -> Pocket:
         left_lean=rng.uniform(0.0, 0.3),
         right_lean=rng.uniform(0.0, 0.3),
         wings=tuple(rng.uniform(0.5, 2.5, 2)),
-        behind=behind,
+        behind=distance_behind,
     )
 
 
 def row(begin: Tuple[float, float], end: Tuple[float, float]) -> Array:
     """Return the centres (n, 2) of posts in a row [m]."""
-    count = max(2, round(math.dist(begin, end) / SPACING_M) + 1)
-    return np.linspace(begin, end, count)
+    post_count = max(2, round(math.dist(begin, end) / SPACING_M) + 1)
+    return np.linspace(begin, end, post_count)
 
 
 def posts(pocket: Pocket, rng: np.random.Generator) -> Array:
     """Return the posts (n, 3) of a pocket: x, y, radius [m]."""
     half_length, half_width = np.abs(corners(JACKAL)).max(axis=0).tolist()
-    ahead = half_length + pocket.front + POST_M
-    left = -(half_width + pocket.left + POST_M)
-    right = half_width + pocket.right + POST_M
+    front_y = half_length + pocket.front + POST_M
+    left_x = -(half_width + pocket.left + POST_M)
+    right_x = half_width + pocket.right + POST_M
     # Beside the robot the walls are straight, so that it starts with its gaps.
-    tail = -half_length - POST_M
-    left_mouth = left - pocket.left_lean * (pocket.depth + tail), -pocket.depth
-    right_mouth = right + pocket.right_lean * (pocket.depth + tail), -pocket.depth
+    tail_y = -half_length - POST_M
+    mouth_y = -pocket.depth
+    left_mouth_x = left_x - pocket.left_lean * (pocket.depth + tail_y)
+    right_mouth_x = right_x + pocket.right_lean * (pocket.depth + tail_y)
     left_wing, right_wing = pocket.wings
-    rows = [
-        row((left, ahead), (right, ahead)),
-        row((left, tail), (left, ahead)),
-        row((right, tail), (right, ahead)),
-        row(left_mouth, (left, tail)),
-        row(right_mouth, (right, tail)),
-        row((left_mouth[0] - left_wing, -pocket.depth), left_mouth),
-        row(right_mouth, (right_mouth[0] + right_wing, -pocket.depth)),
+    left_wing_x = left_mouth_x - left_wing
+    right_wing_x = right_mouth_x + right_wing
+
+    post_rows = [
+        # Around the robot
+        row((left_x, front_y), (right_x, front_y)),
+        row((left_x, tail_y), (left_x, front_y)),
+        row((right_x, tail_y), (right_x, front_y)),
+        # From behind the robot to the mouth
+        row((left_mouth_x, mouth_y), (left_x, tail_y)),
+        row((right_mouth_x, mouth_y), (right_x, tail_y)),
+        # On both sides of the mouth
+        row((left_wing_x, mouth_y), (left_mouth_x, mouth_y)),
+        row((right_mouth_x, mouth_y), (right_wing_x, mouth_y)),
     ]
     if math.isfinite(pocket.behind):
-        end = -pocket.depth - pocket.behind - 2.0 * POST_M
-        rows.append(row((left_mouth[0] - left_wing, end), (right_mouth[0] + right_wing, end)))
-    centres = np.concatenate(rows)
+        wall_y = mouth_y - pocket.behind - 2.0 * POST_M
+        post_rows.append(row((left_wing_x, wall_y), (right_wing_x, wall_y)))
+    centres = np.concatenate(post_rows)
     centres = centres + rng.uniform(-pocket.uneven, pocket.uneven, centres.shape)
     return np.column_stack([centres, np.full(len(centres), POST_M)])
 
 
 def world(name: str, kind: str, number: int) -> World:
     """Return a made-up world; the same number always gives the same one."""
-    seed, draw = {"tight": (TIGHT_SEED, tight), "other": (OTHER_SEED, other)}[kind]
-    rng = np.random.default_rng([seed, number])
+    kind_seed, draw = {"tight": (TIGHT_SEED, tight), "other": (OTHER_SEED, other)}[kind]
+    rng = np.random.default_rng([kind_seed, number])
     pocket = draw(rng)
     obstacles = posts(pocket, rng)
-    yaw = 0.5 * math.pi + pocket.yaw
-    beside = obstacles[:, 0].min() - 1.0
-    path = [(0.0, 0.0), (0.0, -pocket.depth - 0.6), (beside, -pocket.depth - 0.6)]
-    path += [(beside, 1.0), (0.0, GOAL_M)]
+
+    # The reference path leads backwards out of the pocket, and then around it on the left.
+    outside_y = -pocket.depth - 0.6
+    passing_x = obstacles[:, 0].min() - 1.0
+    reference_path = [
+        (0.0, 0.0),
+        (0.0, outside_y),
+        (passing_x, outside_y),
+        (passing_x, 1.0),
+        (0.0, GOAL_M),
+    ]
+    start_yaw = 0.5 * math.pi + pocket.yaw
     course = Course(
-        start=(0.0, 0.0, yaw),
+        start=(0.0, 0.0, start_yaw),
         goal=(0.0, GOAL_M, 0.5 * math.pi),
         finish_y=None,
         goal_tolerance=1.0,
-        path=np.array(path),
+        path=np.array(reference_path),
     )
     return World(name, obstacles, np.zeros((0, 5)), course)
 
@@ -152,8 +169,8 @@ def written(folder: Path, chosen: str) -> str:
     kind, numbers = SETS[chosen]
     folder.mkdir(parents=True, exist_ok=True)
     for number in numbers:
-        name = f"{chosen}_{number}"
-        sdf_writer.write(world(name, kind, number), str(folder / f"{name}.world"))
+        world_name = f"{chosen}_{number}"
+        sdf_writer.write(world(world_name, kind, number), str(folder / f"{world_name}.world"))
     return str(folder)
 
 
@@ -173,17 +190,17 @@ def drive(arguments: argparse.Namespace, name: str, worlds: str, trials: int) ->
         report=False,
     )
     evaluate(options)
-    for line in lines(arguments.out / name):
-        print(f"{name} {line}", flush=True)
+    for result_line in lines(arguments.out / name):
+        print(f"{name} {result_line}", flush=True)
 
 
 def lines(folder: Path) -> Iterator[str]:
     """Yield the results of an evaluation: a line for each method."""
     trials = read_trials(folder / TRIALS)
-    for method, rows in trials.groupby("method", sort=False):
-        arrivals = f"{int(rows.success.sum())} of {len(rows)} arrive"
-        contacts = f"{int(rows.collided.sum())} contacts"
-        mean_s = float(np.mean(seconds(rows)))
+    for method, method_trials in trials.groupby("method", sort=False):
+        arrivals = f"{int(method_trials.success.sum())} of {len(method_trials)} arrive"
+        contacts = f"{int(method_trials.collided.sum())} contacts"
+        mean_s = float(np.mean(seconds(method_trials)))
         yield f"{method}: {arrivals}, {contacts}, {mean_s:.1f} s with failures as 100 s"
 
 
@@ -200,19 +217,16 @@ def main() -> None:
     parser.add_argument("--traces", type=int, default=0)
     parser.add_argument("--out", type=Path, required=True)
     arguments = parser.parse_args()
-    files: List[str] = []
-    for chosen in arguments.sets:
-        if chosen in SETS:
-            drive(
-                arguments,
-                chosen,
-                written(arguments.out / "worlds" / chosen, chosen),
-                arguments.trials,
-            )
+    world_files: List[str] = []
+    for set_or_file in arguments.sets:
+        if set_or_file in SETS:
+            folder = written(arguments.out / "worlds" / set_or_file, set_or_file)
+            drive(arguments, set_or_file, folder, arguments.trials)
         else:
-            files.append(chosen)
-    if files:
-        drive(arguments, "files", ",".join(files), arguments.trials)
+            world_files.append(set_or_file)
+    # Files of all places make one evaluation, with one table.
+    if world_files:
+        drive(arguments, "files", ",".join(world_files), arguments.trials)
 
 
 if __name__ == "__main__":

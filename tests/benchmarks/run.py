@@ -34,6 +34,7 @@ from training.env.episode import Episode
 
 COURSES = (3, 60, 140, 250)  # numbers of built-in worlds, from sparse to dense
 SECONDS = 20  # maximum simulated time per course [s]
+# Sizes of the networks of the paper, for the Jackal
 BATCH = 256
 OBSERVATIONS = 729
 ACTIONS = 8
@@ -47,61 +48,62 @@ def planner_cycle_default():
 
 def planner_cycle_max():
     """Measure one choice among 12 x 40 samples at up to 2 m/s, driving at 1.6 m/s."""
-    fast = dict(
+    highest_parameters = dict(
         max_vel_x=2.0, max_vel_theta=3.14, min_vel_theta=-3.14, vx_samples=12, vtheta_samples=40
     )
-    return _trajectory_planner(fast, (1.6, 0.0, 0.3))
+    return _trajectory_planner(highest_parameters, velocity=(1.6, 0.0, 0.3))
 
 
 def _trajectory_planner(changes, velocity=None):
     """Return the median time of one choice over twenty scenarios of the golden set."""
-    times = []
+    choice_times = []
     for scenario in _of_samples("golden", vx_samples=6, vtheta_samples=20)[:20]:
         costmap = replay_golden.make_costmap(scenario)
         planner = replay_golden.make_planner(scenario, costmap)
         planner.reconfigure(changes)
         planner.set_plan(scenario.array("plan"))
         scene = costmap, scenario.inputs["pose"], velocity or scenario.inputs["vel"]
-        times.append(_choice(planner, [0] * 10, *scene))
-    return median(times), "us (median of %d scenarios)" % len(times)
+        choice_times.append(_choice(planner, [0] * 10, *scene))
+    return median(choice_times), "us (median of %d scenarios)" % len(choice_times)
 
 
 def dwa_planner_cycle():
     """Measure one choice with the TurtleBot3 burger's parameters: 861 samples of 1.5 s on a map of
     3 x 3 m.
     """
-    times = []
+    choice_times = []
     for scenario in _of_samples("golden_dwa", vx_samples=20, vy_samples=1, vth_samples=40):
+        # Without a legal command the planner ends early.
         has_legal_command = scenario.expected["best"]["index"] >= 0
         if scenario.robot != "burger" or not has_legal_command:
             continue
         costmap = replay_dwa.make_costmap(scenario)
         planner = replay_dwa.make_planner(scenario)
         scene = costmap, scenario.array("plan"), scenario.inputs["pose"], scenario.inputs["vel"]
-        times.append(_choice(planner, replay_dwa.flags_in(scenario), *scene))
-    return median(times), "us (median of %d scenarios)" % len(times)
+        choice_times.append(_choice(planner, replay_dwa.flags_in(scenario), *scene))
+    return median(choice_times), "us (median of %d scenarios)" % len(choice_times)
 
 
 def _of_samples(name, **samples):
     """Return the scenarios of a golden set with these numbers of samples."""
-    chosen = []
+    chosen_scenarios = []
     for scenario in replay_golden.load(ROOT / "tests" / name):
         if scenario.kind == "dwa" and samples.items() <= scenario.inputs["params"].items():
-            chosen.append(scenario)
-    return chosen
+            chosen_scenarios.append(scenario)
+    return chosen_scenarios
 
 
 def _choice(planner, state, *scene):
     """Return the median processor time of findBestPath [us]."""
     planner.find_best_path(*scene)  # The first call loads the kernels.
-    times = []
+    cycle_times = []
     for _ in range(30):
         # Flags of the cycle before would change what is sampled.
         planner.state = state
         began = time.thread_time()
         planner.find_best_path(*scene)
-        times.append(time.thread_time() - began)
-    return 1e6 * median(times)
+        cycle_times.append(time.thread_time() - began)
+    return 1e6 * median(cycle_times)
 
 
 def control_cycle():
@@ -167,25 +169,25 @@ def _time_in_drives(kind, name, counts, monitor=False, **parameters):
     """
     warm_up()
     method = getattr(kind, name)
-    times = []
-    means = []
+    call_times = []
+    mean_times = []
 
     def timed(instance, *arguments, **keywords):
         """Call the method, and note its time if it counts."""
         began = time.process_time()
         result = method(instance, *arguments, **keywords)
         if counts(instance, result):
-            times.append(time.process_time() - began)
+            call_times.append(time.process_time() - began)
         return result
 
     with patch.object(kind, name, timed):
         for _ in range(3):
-            times.clear()
+            call_times.clear()
             move_base = MoveBase({**JACKAL_PARAMETERS, **parameters})
             _drive(_episode("kinematic", move_base, monitor), lambda rng: SPACE.theta0)
-            means.append(np.mean(times))
+            mean_times.append(np.mean(call_times))
     # Other programs can only add to a time.
-    return min(means), len(times)
+    return min(mean_times), len(call_times)
 
 
 def sim_speed_kinematic():
@@ -201,19 +203,20 @@ def sim_speed_pybullet():
 def _speed(simulator):
     """Return the highest of three speeds, and its unit."""
     warm_up()
+    # At this frequency there is a new plan in every control cycle.
     episode = _episode(simulator, MoveBase(dict(JACKAL_PARAMETERS, planner_frequency=20.0)))
 
     def random_theta(rng):
         """Return a parameter set drawn evenly from the whole space."""
         return SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE)))
 
-    best = 0.0
+    highest_speed = 0.0
     # A short drive first, which loads what the others need.
     for seconds in (2, SECONDS, SECONDS, SECONDS):
         began = time.process_time()
-        simulated = _drive(episode, random_theta, seconds)
-        best = max(best, simulated / (time.process_time() - began))
-    return best, "simulated s per processor s"
+        simulated_s = _drive(episode, random_theta, seconds)
+        highest_speed = max(highest_speed, simulated_s / (time.process_time() - began))
+    return highest_speed, "simulated s per processor s"
 
 
 def _episode(simulator, move_base, monitor=False):
@@ -226,15 +229,15 @@ def _drive(episode, theta, seconds=SECONDS):
     seconds.
     """
     rng = np.random.default_rng(0)
-    simulated = 0.0
-    for number in COURSES:
-        episode.reset(worlds.load("generated:%d" % number), seed=number)
+    simulated_s = 0.0
+    for course_number in COURSES:
+        episode.reset(worlds.load("generated:%d" % course_number), seed=course_number)
         for _ in range(round(seconds / episode.period)):
             outcome = episode.decide(theta(rng))
-            simulated += outcome.seconds
+            simulated_s += outcome.seconds
             if outcome.over:
                 break
-    return simulated
+    return simulated_s
 
 
 def td3_updates():
@@ -251,8 +254,10 @@ def td3_updates():
     options = LearnerOptions(net_arch=list(HIDDEN), batch_size=BATCH)
     replay = Replay(layout, 7200)
     rng = np.random.default_rng(0)
-    for number in range(460):
-        replay.add(episode(layout, number, 13, terminated=number % 10 > 0, version=0))
+    for episode_number in range(460):
+        replay.add(
+            episode(layout, episode_number, 13, terminated=episode_number % 10 > 0, version=0)
+        )
     td3 = TD3(OBSERVATIONS, ACTIONS, options)
     return _rate(lambda: td3.update(draw_batch(replay, rng, options, td3.device))), "updates/s"
 
@@ -312,15 +317,16 @@ def _rate(step, rounds=5, seconds=0.6):
     # The first steps compile and load.
     for _ in range(8):
         step()
-    best = 0.0
+    highest_rate = 0.0
     for _ in range(rounds):
         began = time.perf_counter()
-        count = 0
-        while count < 4 or time.perf_counter() - began < seconds:
+        step_count = 0
+        # At least 4 steps, so that the clock's own call hardly counts.
+        while step_count < 4 or time.perf_counter() - began < seconds:
             step()
-            count += 1
-        best = max(best, count / (time.perf_counter() - began))
-    return best
+            step_count += 1
+        highest_rate = max(highest_rate, step_count / (time.perf_counter() - began))
+    return highest_rate
 
 
 def reconfigure_all():
@@ -333,15 +339,17 @@ def reconfigure_all():
     node = session().node("move_base", "cmd_vel:=/cmd_vel")
     client = ReconfigureClient()
     times_ms = []
+    # A node that has ended never has servers: the calls below then report the error.
     wait_for(
         lambda: client.connected or not node.alive() or not client.connect(), "parameter servers"
     )
     rng = np.random.default_rng(0)
     for _ in range(200):
         began = time.monotonic()
-        error = client.apply(SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE))))
+        error_message = client.apply(SPACE.to_theta(rng.uniform(-1.0, 1.0, len(SPACE))))
         times_ms.append(1e3 * (time.monotonic() - began))
-        assert not error, error
+        assert not error_message, error_message
+        # The rest of the period of 20 Hz
         time.sleep(max(0.0, 0.05 - 1e-3 * times_ms[-1]))
     client.close()
     return np.percentile(times_ms, 95), "ms (p95)"

@@ -12,8 +12,8 @@ from __future__ import annotations
 import argparse
 import csv
 import sys
+from collections import Counter
 from dataclasses import replace
-from itertools import cycle
 from pathlib import Path
 from time import perf_counter, process_time
 from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tuple
@@ -21,12 +21,14 @@ from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Sequence, Tu
 import numpy as np
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.parameters.settings import Change
 from applr_ros1.robots import JACKAL, Robot, load
 from applr_ros1.robots.geometry import bounding_box
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.drives import simulated
 from training.bags.transforms import Tree
+from training.env.outcome import Outcome
 from training.why import __main__ as why
 from training.why.answer import guess_of
 from training.why.candidates import Candidate, file_candidates, with_changes
@@ -48,11 +50,14 @@ HARMED = 1.1
 # Worlds of the table. Rules and sizes of faults were chosen with others.
 JUDGING = (9, 14, 31, 38, 52, 69, 83, 97, 112, 126, 143, 158)
 ROBOTS = ("jackal", "turtlebot3_burger", "husky")
-DRIVES_PER_FAULT = 4  # so that no parameter counts much more than another
-SOUND_EVERY = 5  # one drive without a fault for so many rows with one
+# Largest number of drives per fault, so that no parameter counts much more than another
+DRIVES_PER_FAULT = 4
+# One sound drive for this many turns through the robots: it shows what is advised without a fault.
+SOUND_EVERY = 5
 TRAJECTORY = "TrajectoryPlannerROS"
 DWA = "DWAPlannerROS"
-COUNTED = (  # columns of the table of counts
+# Columns of docs/results/advice.csv, in the order of `_summary`
+COUNTED = (
     "robot",
     "drives",
     "parameters",
@@ -65,7 +70,9 @@ COUNTED = (  # columns of the table of counts
     "undone helps",
 )
 COSTMAPS = ("local_costmap", "global_costmap")
-EQUAL = {  # equals on the page of the C++ planner
+# Parameters that the page of the C++ planner makes equals of each other: advice that names one of
+# them is as good as advice that names the spoilt one.
+EQUAL_PARAMETERS = {
     "inflation_radius": ("occdist_scale", "cost_scaling_factor"),
     "cost_scaling_factor": ("occdist_scale", "inflation_radius"),
     "occdist_scale": ("inflation_radius", "cost_scaling_factor"),
@@ -161,80 +168,115 @@ class Planted(NamedTuple):
 def faults(robot: Robot) -> List[Candidate]:
     """Return the faults that are planted in a robot."""
     planner = robot.local_planner
-    planted = []
-    for fault in PLANNER_FAULTS[planner]:
-        changes = [Change(planner, name, None, value) for name, value in fault.items()]
-        planted.append(_fault(changes))
-    return planted + faults_of_files(robot)
+    planted_faults = []
+    for spoilt_values in PLANNER_FAULTS[planner]:
+        changes = []
+        for parameter_name, spoilt_value in spoilt_values.items():
+            changes.append(Change(planner, parameter_name, None, spoilt_value))
+        planted_faults.append(_fault(changes))
+    return planted_faults + faults_of_files(robot)
 
 
 def faults_of_files(robot: Robot) -> List[Candidate]:
     """Return faults of values that stand in files, in both costmaps where they have them."""
     tree = robot.all_parameters()
     scale = robot.world_scale
-    box = bounding_box(robot)
+    outline = bounding_box(robot)
     corners = (
-        (box.back, box.right),
-        (box.back, box.left),
-        (box.front, box.left),
-        (box.front, box.right),
+        (outline.back, outline.right),
+        (outline.back, outline.left),
+        (outline.front, outline.left),
+        (outline.front, outline.right),
     )
-    wide = [[2.0 * x, 2.0 * y] for x, y in corners]
-    planted = []
-    for name, value in (("footprint", str(wide)), ("footprint_padding", 0.3 * scale)):
-        planted.append(_fault([Change(costmap, name, None, value) for costmap in COSTMAPS]))
-    for name, value in (("inflation_radius", 3.0 * scale), ("cost_scaling_factor", 0.3)):
-        layers = [path for costmap in COSTMAPS for path in _layers_with(tree, costmap, name)]
-        planted.append(_fault([Change(path, name, None, value) for path in layers]))
-    for name in ("obstacle_range", "raytrace_range"):
-        sources = [path for costmap in COSTMAPS for path in _sources_of(tree, costmap)]
-        planted.append(_fault([Change(path, name, None, 0.4 * scale) for path in sources]))
-    planted.append(_fault([Change("", "controller_frequency", None, 2.0)]))
-    size = 1.5 * scale
-    planted.append(
-        _fault([Change("local_costmap", side, None, size) for side in ("width", "height")])
+    doubled_footprint = [[2.0 * x, 2.0 * y] for x, y in corners]
+    planted_faults = []
+
+    # The robot takes itself for larger than it is.
+    planted_faults.append(_fault_in(COSTMAPS, "footprint", str(doubled_footprint)))
+    planted_faults.append(_fault_in(COSTMAPS, "footprint_padding", 0.3 * scale))
+
+    # The inflation reaches too far, or its cost falls too slowly.
+    for parameter_name, spoilt_value in (
+        ("inflation_radius", 3.0 * scale),
+        ("cost_scaling_factor", 0.3),
+    ):
+        layer_paths = []
+        for costmap in COSTMAPS:
+            layer_paths += _layers_with(tree, costmap, parameter_name)
+        planted_faults.append(_fault_in(layer_paths, parameter_name, spoilt_value))
+
+    # The costmaps hear only of obstacles that are close.
+    source_paths = []
+    for costmap in COSTMAPS:
+        source_paths += _sources_of(tree, costmap)
+    planted_faults.append(_fault_in(source_paths, "obstacle_range", 0.4 * scale))
+    planted_faults.append(_fault_in(source_paths, "raytrace_range", 0.4 * scale))
+
+    planted_faults.append(_fault_in([""], "controller_frequency", 2.0))
+
+    # The local costmap ends before the trajectories do.
+    window_size = 1.5 * scale
+    window_sides = ("width", "height")
+    planted_faults.append(
+        _fault(
+            [Change("local_costmap", side_name, None, window_size) for side_name in window_sides]
+        )
     )
-    return planted
+    return planted_faults
+
+
+def _fault_in(servers: Sequence[str], parameter_name: str, spoilt_value: Any) -> Candidate:
+    """Return the fault that spoils the same parameter below several servers."""
+    return _fault([Change(server, parameter_name, None, spoilt_value) for server in servers])
 
 
 def _fault(changes: Sequence[Change]) -> Candidate:
-    words = {change.name: change.after for change in changes}
-    return Candidate(tuple(changes), ", ".join(f"{name} {value}" for name, value in words.items()))
+    # A parameter of both costmaps is written once.
+    spoilt_values = {change.name: change.after for change in changes}
+    phrases = [f"{name} {spoilt_value}" for name, spoilt_value in spoilt_values.items()]
+    return Candidate(tuple(changes), ", ".join(phrases))
 
 
 def _layers_with(tree: Dict[str, Any], costmap: str, name: str) -> List[str]:
     """Return the paths of a costmap's layers that have a parameter."""
-    paths = []
-    for layer, section in tree[costmap].items():
+    layer_paths = []
+    for layer_name, section in tree[costmap].items():
         if isinstance(section, dict) and name in section:
-            paths.append(f"{costmap}/{layer}")
-    return paths
+            layer_paths.append(f"{costmap}/{layer_name}")
+    return layer_paths
 
 
 def _sources_of(tree: Dict[str, Any], path: str) -> List[str]:
     """Return the paths of the observation sources below a costmap."""
     section: Any = tree
-    for part in path.split("/"):
-        section = section[part]
-    found = [path] if "sensor_frame" in section or "marking" in section else []
-    for name, value in section.items():
-        if isinstance(value, dict):
-            found += _sources_of(tree, f"{path}/{name}")
-    return found
+    for section_name in path.split("/"):
+        section = section[section_name]
+    source_paths = []
+    # costmap_2d lets a source have any name: its parameters tell it from a layer.
+    if "sensor_frame" in section or "marking" in section:
+        source_paths.append(path)
+    for parameter_name, parameter_value in section.items():
+        if isinstance(parameter_value, dict):
+            source_paths += _sources_of(tree, f"{path}/{parameter_name}")
+    return source_paths
 
 
 def _random_change(robot: Robot, rng: np.random.Generator) -> Candidate:
     """Return half or twice one value of the planner, or a change of the files."""
     server = robot.local_planner
     values = robot.all_parameters()[server]
-    names = []
-    for name, value in sorted(values.items()):
-        if isinstance(value, float) and value > 0 and "vel_" not in name:
-            names.append(name)
-    name = names[int(rng.integers(len(names)))]
-    change = Change(server, name, values[name], values[name] * float(rng.choice([0.5, 2.0])))
-    choices = [Candidate((change,)), *file_candidates(robot)]
-    return choices[int(rng.integers(min(2, len(choices))))]
+    scalable_names = []
+    for parameter_name, parameter_value in sorted(values.items()):
+        is_scalable = isinstance(parameter_value, float) and parameter_value > 0
+        # They set the speed that is wanted: `./applr why` leaves them alone, too.
+        if is_scalable and "vel_" not in parameter_name:
+            scalable_names.append(parameter_name)
+    chosen_name = scalable_names[int(rng.integers(len(scalable_names)))]
+    earlier_value = values[chosen_name]
+    scaled_value = earlier_value * float(rng.choice([0.5, 2.0]))
+    change = Change(server, chosen_name, earlier_value, scaled_value)
+    candidates = [Candidate((change,)), *file_candidates(robot)]
+    return candidates[int(rng.integers(min(2, len(candidates))))]
 
 
 # -- drives ----------------------------------------------------------------------------------------
@@ -245,14 +287,26 @@ def _deviating(robot: Robot) -> KinematicSimulator:
 
 def mean_time(robot: Robot, world: int) -> float:
     """Return the mean time with fresh seeds [s]; a failure or a contact counts LIMIT_S."""
-    times = []
-    for seed in FRESH_SEEDS:
+    drive_times = []
+    for fresh_seed in FRESH_SEEDS:
         _, outcome = simulated(
-            robot, f"generated:{world}", limit=LIMIT_S, seed=seed, simulator=_deviating
+            robot, f"generated:{world}", limit=LIMIT_S, seed=fresh_seed, simulator=_deviating
         )
-        arrived = outcome.success and not outcome.collided
-        times.append(outcome.time_s if arrived else LIMIT_S)
-    return round(float(np.mean(times)), 2)
+        drive_times.append(_counted_time(outcome))
+    return round(float(np.mean(drive_times)), 2)
+
+
+def _counted_time(outcome: Outcome) -> float:
+    """Return the time of a drive [s]; a failure or a contact counts LIMIT_S."""
+    has_arrived = outcome.success and not outcome.collided
+    return outcome.time_s if has_arrived else LIMIT_S
+
+
+class RecordedDrive(NamedTuple):
+    """A drive of which `./applr why` is asked, and its time [s]; LIMIT_S if it failed."""
+
+    drive: Drive
+    seconds: float
 
 
 class Bench:
@@ -265,37 +319,46 @@ class Bench:
     def usual(self, name: str, world: int) -> float:
         """Return the time of the sound drive [s]; LIMIT_S if it fails."""
         if (name, world) not in self._usual:
-            self._usual[name, world] = self._recorded(load(name), world)[1]
+            self._usual[name, world] = self._recorded(load(name), world).seconds
         return self._usual[name, world]
 
     def judged(self, name: str, world: int, fault: Optional[Candidate]) -> Planted:
         """Return the row of one fault, or of the sound robot."""
-        sound = load(name)
-        usual = self.usual(name, world)
-        robot = sound
-        row = Planted(name, world, "", "", usual, usual)
+        sound_robot = load(name)
+        usual_time = self.usual(name, world)
+        robot = sound_robot
+        table_row = Planted(
+            robot=name,
+            world=world,
+            fault="",
+            parameters="",
+            usual=usual_time,
+            recorded=usual_time,
+        )
         if fault is not None:
-            robot = with_changes(sound, fault.changes, f"{name} with a fault")
-            row = row._replace(fault=str(fault), parameters="+".join(fault.names))
+            robot = with_changes(sound_robot, fault.changes, f"{name} with a fault")
+            table_row = table_row._replace(fault=str(fault), parameters="+".join(fault.names))
         try:
-            drive, seconds = self._recorded(robot, world)
+            recording = self._recorded(robot, world)
         except ApplrError as error:  # move_base refuses the value.
-            return row._replace(answer=str(error))
-        row = row._replace(recorded=seconds)
-        if fault is not None and seconds < SLOWER * usual:
-            return row
-        return self._answered(row, robot, drive, fault)
+            return table_row._replace(answer=str(error))
+        table_row = table_row._replace(recorded=recording.seconds)
+        # Nobody would ask about a drive that the fault hardly changes.
+        if fault is not None and recording.seconds < SLOWER * usual_time:
+            return table_row
+        return self._answered(table_row, robot, recording.drive, fault)
 
-    def _recorded(self, robot: Robot, world: int) -> Tuple[Any, float]:
+    def _recorded(self, robot: Robot, world: int) -> RecordedDrive:
         drive, outcome = simulated(robot, f"generated:{world}", limit=LIMIT_S, seed=RECORDED_SEED)
-        arrived = outcome.success and not outcome.collided
-        return drive, round(outcome.time_s, 2) if arrived else LIMIT_S
+        return RecordedDrive(drive, round(_counted_time(outcome), 2))
 
     def _answered(
-        self, row: Planted, robot: Robot, drive: Any, fault: Optional[Candidate]
+        self, table_row: Planted, robot: Robot, drive: Drive, fault: Optional[Candidate]
     ) -> Planted:
+        """Return the row with the answer to a drive, and with the drives that follow its advice."""
         began = process_time()
         replay = Replay(robot)
+        # The simulated drive has plans in the frame of the odometry alone, so no tf is needed.
         in_odometry = replace(drive, frames={"routes": [drive.frame]})
         replay.run(replace(drive, plans=plans_of(in_odometry, Tree(None), robot)))
         if replay.cycles:
@@ -305,39 +368,48 @@ class Bench:
         else:  # The planner never had a path, and the command says so.
             diagnosis = Diagnosis(replay, [])
             answer = "no command has a plan"
-        answered = process_time() - began
+        answer_time = process_time() - began
 
-        before = mean_time(robot, row.world)
-        after = before
+        # Follow the advice. Without a change to follow, the answer may still name a parameter.
+        time_before = mean_time(robot, table_row.world)
+        time_after = time_before
         remedy = diagnosis.trials.remedy if diagnosis.trials else None
         if remedy is not None and remedy.candidate is not None:
-            named = remedy.candidate.names
-            after = mean_time(with_changes(robot, remedy.candidate.changes, "followed"), row.world)
+            named_parameters = remedy.candidate.names
+            remedied_robot = with_changes(robot, remedy.candidate.changes, "followed")
+            time_after = mean_time(remedied_robot, table_row.world)
         else:
             guess = guess_of(diagnosis)
-            named = [guess.change.name] if guess is not None else []
-        spoilt = set(fault.names) if fault else set()
-        for parameter in list(spoilt):
-            spoilt |= set(EQUAL.get(parameter, ()))
-        row = row._replace(
+            named_parameters = [guess.change.name] if guess is not None else []
+
+        # Judge it.
+        spoilt_parameters = set(fault.names) if fault else set()
+        for parameter_name in list(spoilt_parameters):
+            spoilt_parameters |= set(EQUAL_PARAMETERS.get(parameter_name, ()))
+        table_row = table_row._replace(
             advised=int(remedy is not None),
-            named=int(bool(spoilt & set(named))),
-            before=before,
-            after=after,
-            random=before,
-            undone=before,
-            answered=round(answered, 1),
+            named=int(bool(spoilt_parameters & set(named_parameters))),
+            before=time_before,
+            after=time_after,
+            random=time_before,
+            undone=time_before,
+            answered=round(answer_time, 1),
             answer=answer,
         )
         if fault is None:
-            return row
-        rng = np.random.default_rng([row.world, *row.fault.encode()])
-        change = _random_change(robot, rng)
-        if (row.robot, row.world) not in self._sound:
-            self._sound[row.robot, row.world] = mean_time(load(row.robot), row.world)
-        return row._replace(
-            random=mean_time(with_changes(robot, change.changes, "random"), row.world),
-            undone=self._sound[row.robot, row.world],
+            return table_row
+
+        # Compare with a random change, and with the fault undone.
+        # Seeded by the row, so that a table that goes on has the same changes as one in a piece.
+        rng = np.random.default_rng([table_row.world, *table_row.fault.encode()])
+        random_change = _random_change(robot, rng)
+        randomly_changed = with_changes(robot, random_change.changes, "random")
+        world_of_robot = (table_row.robot, table_row.world)
+        if world_of_robot not in self._sound:
+            self._sound[world_of_robot] = mean_time(load(table_row.robot), table_row.world)
+        return table_row._replace(
+            random=mean_time(randomly_changed, table_row.world),
+            undone=self._sound[world_of_robot],
         )
 
 
@@ -346,112 +418,135 @@ def reproduced(path: str) -> None:
     began = process_time()
     replay = Replay(JACKAL)
     replay.run(why.drive_of(Path(path), why.WhyOptions(bag=[path], robot=JACKAL)))
-    near = sum(cycle.error < 0.1 for cycle in replay.cycles) / replay.commands
-    spent = process_time() - began
+    close_share = sum(cycle.error < 0.1 for cycle in replay.cycles) / replay.commands
+    processor_time = process_time() - began
     print(
         f"{path}: {replay.commands} commands, {replay.share:.1%} to 1e-6, "
-        f"{near:.1%} within 0.1, {spent:.1f} s of one core"
+        f"{close_share:.1%} within 0.1, {processor_time:.1f} s of one core"
     )
 
 
 # -- table -----------------------------------------------------------------------------------------
 def attempts(worlds: Sequence[int]) -> Iterator[Tuple[str, int, Optional[Candidate]]]:
     """Yield robots, worlds and faults in an order that spreads all three evenly."""
-    orders = {}
-    for index, name in enumerate(ROBOTS):
-        rng = np.random.default_rng(index)
-        planted = faults(load(name))
-        orders[name] = [planted[row] for row in rng.permutation(len(planted))]
-    robots = cycle(ROBOTS)
-    longest = max(map(len, orders.values()))
-    for turn in range(longest * len(worlds)):
-        for _ in ROBOTS:
-            name = next(robots)
-            planted = orders[name]
-            fault = planted[turn % len(planted)]
+    shuffled_faults = {}
+    for robot_index, robot_name in enumerate(ROBOTS):
+        rng = np.random.default_rng(robot_index)
+        robot_faults = faults(load(robot_name))
+        fault_order = rng.permutation(len(robot_faults))
+        shuffled_faults[robot_name] = [robot_faults[fault_index] for fault_index in fault_order]
+    most_faults = max(map(len, shuffled_faults.values()))
+    for turn in range(most_faults * len(worlds)):
+        for robot_name in ROBOTS:
+            robot_faults = shuffled_faults[robot_name]
+            fault = robot_faults[turn % len(robot_faults)]
             # Another world for each fault, and for each turn through all of them.
-            world = worlds[(turn + turn // len(planted)) % len(worlds)]
-            yield name, world, fault
+            world = worlds[(turn + turn // len(robot_faults)) % len(worlds)]
+            yield robot_name, world, fault
         if turn % SOUND_EVERY == 0:
-            index = turn // SOUND_EVERY
-            yield ROBOTS[index % len(ROBOTS)], worlds[index % len(worlds)], None
+            sound_index = turn // SOUND_EVERY
+            yield ROBOTS[sound_index % len(ROBOTS)], worlds[sound_index % len(worlds)], None
 
 
 def stored(path: Path) -> List[Planted]:
     """Return the rows of a table; none if there is no table yet."""
     if not path.exists():
         return []
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = []
-        for values in csv.DictReader(file):
-            row: Dict[str, Any] = dict(values)
-            row["world"] = int(row["world"])
-            for name in ("usual", "recorded"):
-                row[name] = float(row[name])
-            for name in ("advised", "named"):
-                row[name] = int(row[name]) if row[name] else ""
-            rows.append(Planted(**row))
-    return rows
+    table_rows = []
+    with path.open(newline="", encoding="utf-8") as table_file:
+        for texts in csv.DictReader(table_file):
+            fields: Dict[str, Any] = dict(texts)
+            fields["world"] = int(fields["world"])
+            for time_field in ("usual", "recorded"):
+                fields[time_field] = float(fields[time_field])
+            for flag_field in ("advised", "named"):
+                # "" stands for a drive about which nobody asked.
+                if fields[flag_field]:
+                    fields[flag_field] = int(fields[flag_field])
+            table_rows.append(Planted(**fields))
+    return table_rows
 
 
 def all_planted(worlds: Sequence[int], robots: Sequence[str], count: int, path: Path) -> None:
     """Append rows to a table until it has a number of drives with a fault that changes them."""
-    rows = stored(path)
-    known = {(row.robot, row.world, row.fault) for row in rows}
+    table_rows = stored(path)
+    known_drives = {(table_row.robot, table_row.world, table_row.fault) for table_row in table_rows}
     if not path.exists():
-        with path.open("w", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerow(Planted._fields)
+        _append(path, Planted._fields)
     bench = Bench()
-    for name, world, fault in attempts(worlds):
-        planted = [row for row in rows if row.counts and row.fault]
-        if len(planted) >= count:
+    for robot_name, world, fault in attempts(worlds):
+        planted_drives = Counter(row.fault for row in table_rows if row.counts and row.fault)
+        planted_count = sum(planted_drives.values())
+        if planted_count >= count:
             break
-        words = str(fault) if fault is not None else ""
-        same = [row for row in planted if row.fault == words]
-        if name not in robots or (name, world, words) in known:
+        fault_words = str(fault) if fault is not None else ""
+        if robot_name not in robots or (robot_name, world, fault_words) in known_drives:
             continue
-        if fault and len(same) >= DRIVES_PER_FAULT:
+        if planted_drives[fault_words] >= DRIVES_PER_FAULT:
             continue
-        if bench.usual(name, world) >= LIMIT_S:
+        # Where the sound robot fails, a failure says nothing about the fault.
+        if bench.usual(robot_name, world) >= LIMIT_S:
             continue
         began = perf_counter()
-        row = bench.judged(name, world, fault)
-        rows.append(row)
-        known.add((name, world, words))
-        with path.open("a", newline="", encoding="utf-8") as file:
-            csv.writer(file, lineterminator="\n").writerow(row)
-        print(f"{len(planted)} {perf_counter() - began:.0f} s: {row}", flush=True)
-    table(rows)
+        table_row = bench.judged(robot_name, world, fault)
+        table_rows.append(table_row)
+        known_drives.add((robot_name, world, fault_words))
+        # Written at once, because the next call goes on where this one is interrupted.
+        _append(path, table_row)
+        print(f"{planted_count} {perf_counter() - began:.0f} s: {table_row}", flush=True)
+    table(table_rows)
+
+
+def _append(path: Path, cells: Sequence[Any]) -> None:
+    """Append a line to a table."""
+    with path.open("a", newline="", encoding="utf-8") as table_file:
+        csv.writer(table_file, lineterminator="\n").writerow(cells)
 
 
 def table(rows: Sequence[Planted]) -> None:
     """Write docs/results/advice.csv: what the rows count."""
-    with (RESULTS / "advice.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
+    counted_rows = [row for row in rows if row.counts]
+    planted_rows = [row for row in counted_rows if row.fault]
+    sound_rows = [row for row in counted_rows if not row.fault]
+    advice_file = RESULTS / "advice.csv"
+    with advice_file.open("w", newline="", encoding="utf-8") as table_file:
+        writer = csv.writer(table_file, lineterminator="\n")
         writer.writerow(COUNTED)
-        for name in (*ROBOTS, ""):
-            planted = [row for row in rows if row.fault and row.robot.startswith(name)]
-            writer.writerow(_summary(name or "all", [row for row in planted if row.counts]))
-        sound = [row for row in rows if not row.fault and row.counts]
-        writer.writerow(_summary("all, without a fault", sound))
-    print((RESULTS / "advice.csv").read_text(encoding="utf-8"))
+        for robot_name in ROBOTS:
+            robot_rows = [row for row in planted_rows if row.robot == robot_name]
+            writer.writerow(_summary(robot_name, robot_rows))
+        writer.writerow(_summary("all", planted_rows))
+        writer.writerow(_summary("all, without a fault", sound_rows))
+    print(advice_file.read_text(encoding="utf-8"))
 
 
 def _summary(name: str, rows: Sequence[Planted]) -> List[Any]:
     """Return a line of the table."""
-    advised = [row for row in rows if row.advised]
-    random = [float(row.random) / float(row.before) for row in rows]
+    parameters = set()
+    advised_ratios = []
+    random_ratios = []
+    named_count = 0
+    undone_helps = 0
+    for table_row in rows:
+        parameters.update(table_row.parameters.split("+"))
+        if table_row.advised:
+            advised_ratios.append(table_row.ratio)
+        random_ratios.append(float(table_row.random) / float(table_row.before))
+        named_count += table_row.named
+        undone_helps += float(table_row.undone) <= HELPED * float(table_row.before)
+    # A sound drive has no spoilt parameter.
+    parameters.discard("")
     return [
         name,
         len(rows),
-        len({parameter for row in rows for parameter in row.parameters.split("+") if parameter}),
-        len(advised),
-        sum(row.ratio <= HELPED for row in advised),
-        sum(row.ratio >= HARMED for row in advised),
-        sum(row.named for row in rows),
-        sum(ratio <= HELPED for ratio in random),
-        sum(ratio >= HARMED for ratio in random),
-        sum(float(row.undone) <= HELPED * float(row.before) for row in rows),
+        len(parameters),
+        len(advised_ratios),
+        sum(ratio <= HELPED for ratio in advised_ratios),
+        sum(ratio >= HARMED for ratio in advised_ratios),
+        named_count,
+        sum(ratio <= HELPED for ratio in random_ratios),
+        sum(ratio >= HARMED for ratio in random_ratios),
+        undone_helps,
     ]
 
 
@@ -466,8 +561,8 @@ def main(arguments: Sequence[str]) -> None:
     parser.add_argument("--worlds", type=int, nargs="*", default=list(JUDGING))
     parser.add_argument("--table", type=Path, default=RESULTS / "planted.csv")
     options = parser.parse_args(arguments)
-    for bag in options.bags:
-        reproduced(bag)
+    for bag_path in options.bags:
+        reproduced(bag_path)
     if not options.bags:
         all_planted(options.worlds, options.robots, options.drives, options.table)
 

@@ -5,6 +5,7 @@ robots, methods.
 import json
 import re
 import time
+from typing import NamedTuple, Optional
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ from applr_ros1.robots import load
 from tests.support import lines_with
 from tests.support.nodes import Standing, decided, observed
 from tests.support.robots import make_weights
-from tests.support.ros import LONGEST, session, wait_for
+from tests.support.ros import LONGEST, Child, session, wait_for
 
 pytestmark = pytest.mark.ros
 # Ten times as often as on the robot, so that tests are fast [s].
@@ -53,19 +54,27 @@ def robot():
     robot.close()
 
 
+class Started(NamedTuple):
+    """The applr node, and a client of its move_base's parameters; None unless the node is ready."""
+
+    node: Child
+    client: Optional[ReconfigureClient]
+
+
 @pytest.fixture
 def stack(robot, tmp_path):
-    """Provide start(method, fake=[...], **private parameters) → (applr Child, move_base Child,
-    parameter client).
+    """Provide start(method, fake=[...], **private parameters) → Started.
+
+    start.fake(*arguments) starts a fake move_base alone, and returns its Child.
     """
     ros = session()
-    started = []
+    children = []
     clients = []
     robot.reset()
 
     def start_fake(*args):
         fake = ros.node("tests.support.nodes", *args)
-        started.append(fake)
+        children.append(fake)
         fake.until("all up")
         return fake
 
@@ -78,22 +87,23 @@ def stack(robot, tmp_path):
         constants=HURRIED,
         **parameters,
     ):
-        move_base = start_fake(*fake) if fake is not None else None
+        if fake is not None:
+            start_fake(*fake)
         if method == "applr":
-            actor = tmp_path / "actor.safetensors"
-            save(actor, make_weights(hidden=(16,)) if weights is None else weights)
-            method = str(policy or actor)
+            actor_file = tmp_path / "actor.safetensors"
+            save(actor_file, make_weights(hidden=(16,)) if weights is None else weights)
+            method = str(policy or actor_file)
         parameters = {"method": method, "period": PERIOD, **parameters}
         arguments = [f"_{name}:={value}" for name, value in parameters.items()]
         node = ros.node("applr", *arguments, constants=constants)
-        started.append(node)
+        children.append(node)
         if not ready:
-            return node, move_base, None
+            return Started(node, None)
         node.until(lambda: robot.values)
         client = ReconfigureClient()
         clients.append(client)
         wait_for(lambda: not client.connect(), "servers")
-        return node, move_base, client
+        return Started(node, client)
 
     start.fake = start_fake
     yield start
@@ -101,13 +111,13 @@ def stack(robot, tmp_path):
     for client in clients:
         client.close()
     # Killed, because an orderly end would take seconds for each test.
-    for child in reversed(started):
+    for child in reversed(children):
         child.kill()
     # Killed nodes are still registered.
     rosnode.cleanup_master_blacklist(rosgraph.Master("/test"), ["/move_base"])
-    for name in ("/fake", "/use_sim_time"):
-        if rospy.has_param(name):
-            rospy.delete_param(name)
+    for parameter_name in ("/fake", "/use_sim_time"):
+        if rospy.has_param(parameter_name):
+            rospy.delete_param(parameter_name)
 
 
 def reports(robot, message):
@@ -135,11 +145,11 @@ def decides_again(robot, as_set_in=None, since=None):
     """Wait until the number of decisions has grown by two, with a client until the latest is in
     force.
     """
-    count = len(robot.decisions) if since is None else since
+    earlier_decisions = len(robot.decisions) if since is None else since
 
     def has_decided():
         # Two, because the first may have been under way already.
-        if len(robot.decisions) < count + 2:
+        if len(robot.decisions) < earlier_decisions + 2:
             return False
         return as_set_in is None or as_set(robot, as_set_in)
 
@@ -156,18 +166,18 @@ def another_client_sets(robot, client, max_vel_x):
 
 def two_periods(robot):
     """Wait for two more periods of the node, which sends a heartbeat in each."""
-    count = len(robot.beats)
-    wait_for(lambda: len(robot.beats) > count + 2, "heartbeats")
+    earlier_beats = len(robot.beats)
+    wait_for(lambda: len(robot.beats) > earlier_beats + 2, "heartbeats")
 
 
 def begins_with_the_last_set(robot):
     """Return whether the latest decision began with the parameters of the one before it."""
-    before, latest = robot.decisions[-2:]
-    return latest["theta_prev"] == before["theta"]
+    previous_decision, latest_decision = robot.decisions[-2:]
+    return latest_decision["theta_prev"] == previous_decision["theta"]
 
 
 def test_a_decision_every_period_reaches_all_servers(robot, stack):
-    node, _, client = stack()
+    node, client = stack()
     two_periods(robot)
     assert not robot.decisions  # Without a goal there are no decisions.
     assert np.array_equal(client.theta(), THETA_0)
@@ -183,57 +193,66 @@ def test_a_decision_every_period_reaches_all_servers(robot, stack):
     assert intervals.min() < 1.25  # Other decisions may be late on a busy machine.
 
     # The first decision saw what the robot published.
-    expected = observe(robot.ranges, goal_angle(local_goal(robot.path, robot.pose)), THETA_0)
-    np.testing.assert_allclose(observed(robot.messages[0]), expected, atol=1e-6)
+    expected_observation = observe(
+        robot.ranges, goal_angle(local_goal(robot.path, robot.pose)), THETA_0
+    )
+    np.testing.assert_allclose(observed(robot.messages[0]), expected_observation, atol=1e-6)
 
     # One parameter of the policy sets several of the servers.
     planner = client.servers["TrajectoryPlannerROS"].values
     assert planner["min_vel_theta"] == -planner["max_vel_theta"]
-    inflaters = [server for role, server in client.servers.items() if "inflater" in role]
-    wait_for(
-        lambda: {s.values["inflation_radius"] for s in inflaters} == {client.theta()[7]} != {0.3},
-        "both costmaps'",
-    )
+
+    def both_costmaps_inflate():
+        """Return whether both costmaps have the decided inflation radius, not theta_0's 0.3 m."""
+        radii = set()
+        for role, server in client.servers.items():
+            if "inflater" in role:
+                radii.add(server.values["inflation_radius"])
+        return radii == {client.theta()[7]} != {0.3}
+
+    wait_for(both_costmaps_inflate, "both costmaps'")
 
     # What the node reports
     wait_for(lambda: len(robot.beats) >= 4, "heartbeats")
     wait_for(lambda: robot.count("applied") >= 5 and robot.values["goal"] == "one", "diagnostics")
     wait_for(lambda: robot.parameters[-1] == client.theta().tolist(), "the parameters in force")
     # On a busy machine, servers are late.
-    late = re.compile("does not answer|busy with an earlier call")
-    for line in lines_with(node.text, "parameters not changed"):
-        assert late.search(line), line
+    late_server = re.compile("does not answer|busy with an earlier call")
+    for warning in lines_with(node.text, "parameters not changed"):
+        assert late_server.search(warning), warning
 
     # The course is over. The next course starts with theta_0.
     wait_for(lambda: as_set(robot, client), "the last decision in force")
     robot.goal = None
     is_in_force(client, THETA_0)
     wait_for(lambda: robot.ends, "the observation at the end of the course")
-    (end,) = robot.ends
-    # Another decision may have been under way when the goal ended, in force or not yet.
-    wait_for(
-        lambda: decided(end)["theta_prev"] in [each["theta"] for each in robot.decisions[-2:]],
-        "the set in force at the end",
-    )
-    assert (end.goal, decided(end)["theta"]) == ("one", {})
-    assert observed(end)[:721] == pytest.approx(expected[:721], abs=1e-6)
-    count = len(robot.decisions)
+    (course_end,) = robot.ends
+
+    def is_of_a_latest_decision():
+        # Another decision may have been under way when the goal ended, in force or not yet.
+        latest_sets = [decision["theta"] for decision in robot.decisions[-2:]]
+        return decided(course_end)["theta_prev"] in latest_sets
+
+    wait_for(is_of_a_latest_decision, "the set in force at the end")
+    assert (course_end.goal, decided(course_end)["theta"]) == ("one", {})
+    assert observed(course_end)[:721] == pytest.approx(expected_observation[:721], abs=1e-6)
+    decision_count = len(robot.decisions)
     two_periods(robot)
-    assert len(robot.decisions) == count
+    assert len(robot.decisions) == decision_count
 
 
 def test_other_names_of_the_cpp_move_base(robot, stack):
-    _, _, client = stack(fake=("--spelling", "kinetic", "--layer", "inflation_layer"))
+    client = stack(fake=("--spelling", "kinetic", "--layer", "inflation_layer")).client
     starts_deciding(robot, client)
     assert client.servers["TrajectoryPlannerROS"].names["path_distance_bias"] == "pdist_scale"
     assert client.servers["local_costmap/inflater_layer"].name.endswith("inflation_layer")
 
 
 def test_another_local_planner_is_named_in_one_line(robot, stack):
-    node, _, _ = stack(fake=("--without", "vtheta_samples"), ready=False)
-    line = f"{PLANNER} has no parameter vtheta_samples"
-    node.until(line)
-    assert node.text.count(line) == 1
+    node = stack(fake=("--without", "vtheta_samples"), ready=False).node
+    warning = f"{PLANNER} has no parameter vtheta_samples"
+    node.until(warning)
+    assert node.text.count(warning) == 1
 
 
 @pytest.mark.fault("1")
@@ -242,7 +261,7 @@ def test_fault_1_outputs_that_are_not_finite_are_refused_and_counted(robot, stac
     weights = make_weights(hidden=(4,))
     weights["0.weight"][:] = 1e38
     weights["1.weight"][:] = np.array([1, -1, 1, -1])
-    node, _, client = stack(weights=weights, period=0.6)
+    node, client = stack(weights=weights, period=0.6)
     reports(robot, "idle: no goal")
     another_client_sets(robot, client, 0.7)
     starts_deciding(robot)
@@ -260,7 +279,7 @@ def test_fault_9_an_unusable_policy_leaves_theta_0(robot, stack, tmp_path):
     save(cut_file, make_weights())
     # As a copy over a bad connection leaves it.
     cut_file.write_bytes(cut_file.read_bytes()[:1000])
-    node, _, client = stack(policy=str(cut_file))
+    node, client = stack(policy=str(cut_file))
     starts_deciding(robot)
     assert robot.decisions[-1]["theta"] == SPACE.as_dict(THETA_0)
     assert np.array_equal(client.theta(), THETA_0)
@@ -275,35 +294,35 @@ def test_fault_9_an_unusable_policy_leaves_theta_0(robot, stack, tmp_path):
 
 @pytest.mark.fault("11")
 def test_fault_11_invalid_scans(robot, stack):
-    node, _, client = stack()
-    good = robot.ranges
+    node, client = stack()
+    good_ranges = robot.ranges
     robot.goal = "one"
     # Free space all around, and NaN for every second beam, as some lasers report no return
-    nothing_near = np.full(720, np.inf, np.float32)
-    half_nan = np.where(np.arange(720) % 2, good, np.nan).astype(np.float32)
-    for usable in (nothing_near, half_nan):
-        robot.ranges = usable
+    free_ranges = np.full(720, np.inf, np.float32)
+    half_nan = np.where(np.arange(720) % 2, good_ranges, np.nan).astype(np.float32)
+    for usable_ranges in (free_ranges, half_nan):
+        robot.ranges = usable_ranges
         decides_again(robot)
         assert np.all(np.isfinite(observed(robot.messages[-1])))
 
-    blind = np.full(720, np.nan, np.float32)
-    for unusable, line in (
-        (blind, "is all NaN"),
-        (good[:360], "360 beams"),
-        (good[:0], "has 0 beams"),
+    blind_ranges = np.full(720, np.nan, np.float32)
+    for unusable_ranges, warning in (
+        (blind_ranges, "is all NaN"),
+        (good_ranges[:360], "360 beams"),
+        (good_ranges[:0], "has 0 beams"),
     ):
-        robot.ranges = unusable
-        node.until(line)
+        robot.ranges = unusable_ranges
+        node.until(warning)
     is_in_force(client, THETA_0)
     wait_for(lambda: robot.count("unusable") >= 1, "diagnostics")
 
-    robot.ranges = good
+    robot.ranges = good_ranges
     decides_again(robot, client)
     assert "Traceback" not in node.text
 
 
 def test_dwa_sets_no_parameters_while_driving(robot, stack):
-    _, _, client = stack("dwa")
+    client = stack("dwa").client
     another_client_sets(robot, client, 0.9)
     robot.goal = "one"
     wait_for(lambda: "no cost_cloud" in robot.values["meter_scoring"], "the search to end")
@@ -319,7 +338,7 @@ def service(name, kind, *arguments):
 
 
 def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
-    node, _, client = stack("random")
+    node, client = stack("random")
     reports(robot, "idle: no goal")
     starts_deciding(robot, client)
     reports(robot, "deciding")
@@ -330,9 +349,9 @@ def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
     is_in_force(client, THETA_0)
     reports(robot, f"switched off: {defaults} drive now")
     assert robot.values["driving"] == defaults
-    count = len(robot.decisions)
+    decision_count = len(robot.decisions)
     two_periods(robot)
-    assert len(robot.decisions) == count
+    assert len(robot.decisions) == decision_count
     assert np.array_equal(client.theta(), THETA_0)
     # On again, the course goes on.
     answer = service("enable", SetBool, True)
@@ -348,7 +367,7 @@ def test_the_policy_is_switched_off_and_on_and_ends_on_theta_0(robot, stack):
 
 
 def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stack):
-    node, _, client = stack("random", max_speed=1.6)
+    node, client = stack("random", max_speed=1.6)
     starts_deciding(robot)
     publisher = rospy.Publisher("/applr/set_parameters", Parameters, queue_size=10)
     wait_for(publisher.get_num_connections, "the connection")
@@ -364,21 +383,22 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stac
     decides_again(robot)
 
     by_hand(sim_time=1.25)
-    column = SPACE.names.index("sim_time")
-    wait_for(lambda: client.theta()[column] == 1.25, "the value by hand")
+    sim_time_index = SPACE.names.index("sim_time")
+    wait_for(lambda: client.theta()[sim_time_index] == 1.25, "the value by hand")
     reports(robot, "switched off: the parameters set by hand drive now")
     two_periods(robot)  # An earlier request may still be under way.
 
     # max_speed caps the speed, and numbers of samples are whole. The others stay.
-    kept = client.theta()
-    count = len(robot.decisions)
+    earlier_theta = client.theta()
+    decision_count = len(robot.decisions)
     by_hand(max_vel_x=9.0, vx_samples=6.4)
     wait_for(
         lambda: client.theta()[[0, 2]].tolist() == [1.6, 6.0], "the capped and the rounded value"
     )
     two_periods(robot)
-    assert np.array_equal(np.delete(client.theta(), [0, 2]), np.delete(kept, [0, 2]))
-    assert len(robot.decisions) == count
+    other_parameters = np.delete(client.theta(), [0, 2])
+    assert np.array_equal(other_parameters, np.delete(earlier_theta, [0, 2]))
+    assert len(robot.decisions) == decision_count
 
     assert service("enable", SetBool, True).success
     decides_again(robot, client)
@@ -387,7 +407,7 @@ def test_parameters_set_by_hand_stay_until_the_method_is_switched_on(robot, stac
 def test_method_and_file_change_while_driving(robot, stack, tmp_path):
     fixed_set = tmp_path / "set.json"
     fixed_set.write_text('{"max_vel_x": 1.5}')
-    _, _, client = stack("random", max_speed=1.9)
+    client = stack("random", max_speed=1.9).client
     starts_deciding(robot)
     answer = service("set_method", SetMethod, str(fixed_set))
     assert (answer.success, answer.message) == (True, f"method {fixed_set}")
@@ -396,12 +416,12 @@ def test_method_and_file_change_while_driving(robot, stack, tmp_path):
     # A method that cannot be had leaves the one that drives.
     (tmp_path / "own.py").write_text("open(%r, 'w').close()" % str(tmp_path / "it_ran"))
     user_defined = str(tmp_path / "own.py") + ":Class"
-    for method, problem in (
+    for unusable_method, problem in (
         (str(tmp_path / "none.safetensors"), "none.safetensors"),
         ("fast", "method 'fast' is unknown"),
         (user_defined, "start the node with _method:="),
     ):
-        answer = service("set_method", SetMethod, method)
+        answer = service("set_method", SetMethod, unusable_method)
         assert not answer.success
         assert problem in answer.message
         assert "\n" not in answer.message
@@ -416,7 +436,7 @@ def test_method_and_file_change_while_driving(robot, stack, tmp_path):
 
 def test_max_speed_caps_the_parameter_set(robot, stack, tmp_path):
     (tmp_path / "set.json").write_text('{"max_vel_x": 1.5, "max_vel_theta": 3.0}')
-    node, _, client = stack(str(tmp_path / "set.json"), max_speed=0.3)
+    node, client = stack(str(tmp_path / "set.json"), max_speed=0.3)
     wait_for(lambda: client.theta()[:2].tolist() == [0.3, 3.0], "the capped set")
     assert node.end() == 0
     wait_for(
@@ -440,14 +460,15 @@ def test_rare_decisions_come_with_heartbeats_that_move_base_waits_for(robot, sta
     """This package's move_base expects a heartbeat every 2 s, even if there is a decision only
     every 6 s.
     """
-    count = len(robot.beats)
+    # The module's robot still has the heartbeats of earlier nodes.
+    earlier_beats = len(robot.beats)
     stack("random", period=6.0)
-    wait_for(lambda: len(robot.beats) >= count + 3, "a third heartbeat")
-    assert 1.5 < min(np.diff(robot.beats[count : count + 3])) < 2.3
+    wait_for(lambda: len(robot.beats) >= earlier_beats + 3, "a third heartbeat")
+    assert 1.5 < min(np.diff(robot.beats[earlier_beats : earlier_beats + 3])) < 2.3
 
 
 def test_a_late_move_base_leaves_no_warning(robot, stack):
-    node, _, _ = stack("dwa", fake=None, ready=False)
+    stack("dwa", fake=None, ready=False)
     wait_for(
         lambda: robot.values.get("level") == 2 and "parameter" in robot.values["message"], "trouble"
     )
@@ -461,14 +482,15 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
     planner per metre.
     """
     publisher = rospy.Publisher(PLANNER + "/cost_cloud", PointCloud2, queue_size=1)
-    node, _, client = stack(period=0.3)
+    node, client = stack(period=0.3)
     robot.goal = "one"
     wait_for(lambda: as_set(robot, client), "decisions")
     wait_for(
         lambda: "no cost_cloud on" in robot.values["meter_scoring"], "the report of an unknown unit"
     )
-    rows = np.random.default_rng(0).integers(0, 99, (400, 7)).astype(np.float64)
-    rows[:, 0] = 0.05 * rows[:, 0]
+    # A point a row: the position (x, y, z), then the costs.
+    cost_cloud = np.random.default_rng(0).integers(0, 99, (400, 7)).astype(np.float64)
+    cost_cloud[:, 0] = 0.05 * cost_cloud[:, 0]
 
     def detected():
         """Publish a cost cloud with the current parameters, and return whether the node has
@@ -477,9 +499,10 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
         # The total cost of a planner per metre on cells of 0.05 m: the unit can be told from it
         # alone. Columns 3 to 5 are the path, goal and occupancy costs.
         path_goal_and_occupancy = client.values()[[5, 6, 4]]
-        rows[:, 6] = rows[:, 3:6] @ (path_goal_and_occupancy * [0.05, 0.05, 1.0])
+        weights = path_goal_and_occupancy * [0.05, 0.05, 1.0]
+        cost_cloud[:, 6] = cost_cloud[:, 3:6] @ weights
         publisher.publish(
-            conversions.cloud(rows, conversions.COST_FIELDS, "odom", rospy.Time.now())
+            conversions.cloud(cost_cloud, conversions.COST_FIELDS, "odom", rospy.Time.now())
         )
         time.sleep(0.1)
         return "pdist_scale x 2.5" in robot.values["meter_scoring"]
@@ -493,8 +516,8 @@ def test_weights_per_metre_are_detected_and_rescaled(robot, stack, tmp_path):
         theta = list(robot.decisions[-1]["theta"].values())
         return np.allclose(client.values(), factors * theta)
 
-    count = len(robot.decisions)
-    wait_for(lambda: len(robot.decisions) > count + 1 and rescaled(), "rescaled sets")
+    earlier_decisions = len(robot.decisions)
+    wait_for(lambda: len(robot.decisions) > earlier_decisions + 1 and rescaled(), "rescaled sets")
     wait_for(
         lambda: begins_with_the_last_set(robot), "a decision that begins with the set in force"
     )
@@ -513,7 +536,9 @@ def test_another_robots_restarted_servers_get_the_set_again_and_the_defaults_at_
 ):
     husky = load("husky")
     space = space_of(husky)
-    node, fake, _ = stack("static", fake=("--robot", "husky"), ready=False, robot="husky")
+    fake = stack.fake("--robot", "husky")
+    node = stack("static", fake=None, ready=False, robot="husky").node
+    # The fixture's clients have the Jackal's parameters.
     client = ReconfigureClient(space=space)
     wait_for(lambda: not client.connect(), "servers")
     tuned_set = space.clip(methods.make("static", husky).theta(None))
@@ -530,7 +555,7 @@ def test_another_robots_restarted_servers_get_the_set_again_and_the_defaults_at_
 
 
 def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robot, stack):
-    node, fake, client = stack("static")
+    node, client = stack("static")
     tuned_set = SPACE.clip(methods.make("static").theta(None))
     is_in_force(client, tuned_set)
     rospy.set_param("/fake/hang", LAYERS[:1])
@@ -540,8 +565,8 @@ def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robo
     defaults = SPACE.settings(THETA_0)
 
     def others_have_defaults():
-        for name, server in client.servers.items():
-            if server.name != LAYERS[0] and not server.has(server.request(defaults[name])):
+        for role, server in client.servers.items():
+            if server.name != LAYERS[0] and not server.has(server.request(defaults[role])):
                 return False
         return True
 
@@ -552,9 +577,8 @@ def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robo
 def test_a_stalled_robot_leaves_its_constant_set_and_gets_it_back_when_it_has_come_out(
     robot, stack, monkeypatch
 ):
-    node, _, client = stack(
-        "static", constants={**HURRIED, "applr_ros1.policy.stall.STALL_TIME_S": 0.5}
-    )
+    hurried_stalls = {**HURRIED, "applr_ros1.policy.stall.STALL_TIME_S": 0.5}
+    node, client = stack("static", constants=hurried_stalls)
     tuned_set = SPACE.clip(methods.make("static").theta(None))
     is_in_force(client, tuned_set)
     robot.goal = "one"
@@ -564,20 +588,25 @@ def test_a_stalled_robot_leaves_its_constant_set_and_gets_it_back_when_it_has_co
     # Its odometry says that it drives at 0.5 m/s: the stall is over.
     monkeypatch.setattr(robot.robot, "twist", (0.5, 0.0))
     is_in_force(client, tuned_set)
-    count = robot.count("stalls")
+    stall_count = robot.count("stalls")
     # Afterwards a value set by hand stays as during any course.
     client.apply(SPACE.theta0)
     decides_again(robot)
     assert np.array_equal(client.theta(), SPACE.theta0)
-    assert robot.count("stalls") == count
-    cleared = []
-    clearing = rospy.Service(
-        "/move_base/clear_costmaps", Empty, lambda request: cleared.append(1) or EmptyResponse()
-    )
+    assert robot.count("stalls") == stall_count
+
+    # The next stall finds the service.
+    clear_requests = []
+
+    def clear_costmaps(request):
+        clear_requests.append(request)
+        return EmptyResponse()
+
+    clearing_service = rospy.Service("/move_base/clear_costmaps", Empty, clear_costmaps)
     monkeypatch.undo()
-    wait_for(lambda: robot.count("stalls") > count, "another stall")
-    wait_for(lambda: cleared, "cleared costmaps")
-    clearing.shutdown()
+    wait_for(lambda: robot.count("stalls") > stall_count, "another stall")
+    wait_for(lambda: clear_requests, "cleared costmaps")
+    clearing_service.shutdown()
     robot.goal = None
     is_in_force(client, tuned_set)
     assert node.text.count("goal has ended") == 1
@@ -597,7 +626,7 @@ class Printer(Method):
 
 def test_a_user_defined_method_gets_the_same_context_as_in_evaluation(robot, stack, tmp_path):
     (tmp_path / "printer.py").write_text(PRINTER)
-    node, _, _ = stack("%s:Printer" % (tmp_path / "printer.py"))
+    node = stack("%s:Printer" % (tmp_path / "printer.py")).node
     starts_deciding(robot)
     # The node started after the goal was published, and uses the plan's end instead.
     plan_end = robot.path[-1]
@@ -609,8 +638,9 @@ def test_a_user_defined_method_gets_the_same_context_as_in_evaluation(robot, sta
         """
         x, y, vx, vy = np.reshape(movers, (-1, 4)).T
         tracked.publish(Movers(Header(stamp=rospy.Time.now(), frame_id="odom"), x, y, vx, vy, x))
-        lines = [json.loads(line) for line in node.text.splitlines() if line.startswith("[0.5,")]
-        return lines[-1] == pytest.approx(
+        # The printer's lines start with the robot's x, 0.5 m.
+        printed_lines = [line for line in node.text.splitlines() if line.startswith("[0.5,")]
+        return json.loads(printed_lines[-1]) == pytest.approx(
             [*robot.pose, *robot.twist, *plan_end, 0.0, *plan_end, *movers]
         )
 
@@ -638,10 +668,10 @@ class Restless(Method):
 
 def test_user_defined_methods_that_raise_leave_the_planner_driving(robot, stack, tmp_path):
     (tmp_path / "faulty.py").write_text(FAULTY)
-    node, _, client = stack("%s:Careless" % (tmp_path / "faulty.py"))
+    node, client = stack("%s:Careless" % (tmp_path / "faulty.py"))
     wait_for(lambda: "AttributeError" in robot.values["message"], "diagnostics")
     assert np.array_equal(client.theta(), THETA_0)
     assert node.end() == 0
-    node, _, _ = stack("%s:Restless" % (tmp_path / "faulty.py"), fake=None)
+    node = stack("%s:Restless" % (tmp_path / "faulty.py"), fake=None).node
     starts_deciding(robot)
     assert "RuntimeError: no map" in node.text
