@@ -23,19 +23,18 @@ WORLD = "generated:0"
 @pytest.mark.slow
 def test_a_recorded_drive_gives_transitions(tmp_path):
     ros = session()
-    bag = tmp_path / "drive.bag"
+    bag_path = tmp_path / "drive.bag"
     rospy.set_param("/use_sim_time", True)
     rospy.set_param("/move_base", JACKAL_PARAMETERS)
-    robot = "_world:=" + WORLD, "_simulator:=kinematic"
     # The recorder as the launch file starts it, with its choice of topics
-    launch = ("roslaunch", "--args", "record", "applr_ros1", "jackal_applr.launch")
+    roslaunch = ("roslaunch", "--args", "record", "applr_ros1", "jackal_applr.launch")
     printed = subprocess.run(
-        [*launch, f"record:={bag}"], capture_output=True, text=True, check=True
+        [*roslaunch, f"record:={bag_path}"], capture_output=True, text=True, check=True
     )
     recorder = ros.spawn(*shlex.split(printed.stdout))
     nodes = [
         ros.node("move_base", "odom:=odometry/filtered"),
-        ros.node("sim_bridge", *robot),
+        ros.node("sim_bridge", "_world:=" + WORLD, "_simulator:=kinematic"),
         ros.node("applr", "_method:=random", "_seed:=3"),
     ]
     for node in nodes:
@@ -48,14 +47,14 @@ def test_a_recorded_drive_gives_transitions(tmp_path):
     for child in (goal, *reversed(nodes), recorder):
         child.end()
         assert "Traceback" not in child.text, child.text
-    wait_for(bag.exists, "the bag")
-    recorded = read(bag)
+    wait_for(bag_path.exists, "the bag")
+    recorded = read(bag_path)
     for observation in ("paper", "dimensionless"):
         episodes, skipped = transitions(recorded, observation=observation)
         assert sum(map(len, episodes)) >= 3, skipped
         assert len(episodes[0].rest[0]) == {"paper": 9, "dimensionless": 51}[observation]
-    first = recorded.decisions[0].seen
-    assert len(first.scan[0]) == 720
+    first_inputs = recorded.decisions[0].seen
+    assert len(first_inputs.scan[0]) == 720
     # The plan leads on by more than a metre.
-    along_x, along_y = first.plan[-1] - first.plan[0]
-    assert max(along_x, along_y) > 1.0
+    plan_dx, plan_dy = first_inputs.plan[-1] - first_inputs.plan[0]
+    assert max(plan_dx, plan_dy) > 1.0

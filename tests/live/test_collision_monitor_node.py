@@ -7,6 +7,7 @@ import re
 import signal
 import time
 import xmlrpc.client
+from typing import List, NamedTuple
 
 import pytest
 import rosgraph
@@ -25,6 +26,14 @@ INPUTS = "scan:=front/scan", "odom:=odometry/filtered"
 monitors = []  # nodes started so far, the last one running
 
 
+class Stack(NamedTuple):
+    """A Jackal in front of a wall, a publisher of commands, and the monitor's actions so far."""
+
+    jackal: FakeJackal
+    commands: rospy.Publisher
+    actions: List[str]
+
+
 def start():
     """Start a monitor, which counts as frozen after 1.5 s, and return its Child."""
     constants = {"applr_ros1.nodes.monitor.guard.FROZEN_S": 1.5}
@@ -34,12 +43,10 @@ def start():
 
 @pytest.fixture(scope="module")
 def stack():
-    """Return a Jackal in front of a wall, a publisher of commands, and a list of the monitor's
-    actions.
-    """
+    """Return the Jackal and its monitor for all tests of this file."""
     session()
     # A wall of posts, 1.6 m wide
-    jackal = FakeJackal(circles=[(1.5, y / 10, 0.075) for y in range(-8, 9)])
+    jackal = FakeJackal(circles=[(1.5, decimetres / 10, 0.075) for decimetres in range(-8, 9)])
     monitor = start()
     commands = rospy.Publisher("/cmd_vel_in", Twist, queue_size=1)
     actions = []
@@ -47,7 +54,7 @@ def stack():
         "/collision_monitor/action", String, lambda message: actions.append(message.data)
     )
     monitor.until(lambda: commands.get_num_connections())
-    yield jackal, commands, actions
+    yield Stack(jackal, commands, actions)
     monitors[-1].end()
     subscriber.unregister()
     jackal.close()
@@ -57,20 +64,19 @@ def send(stack, v):
     """Send a command, wait a twentieth of a second, and return the last speed commanded to the base
     [m/s].
     """
-    jackal, commands, _ = stack
-    commands.publish(twist(v, 0.0))
+    stack.commands.publish(twist(v, 0.0))
     time.sleep(0.05)
-    return jackal.commands[-1][1]
+    return stack.jackal.commands[-1].v
 
 
 def drive(stack, v):
     """Drive from a start far before the wall until the base has exactly the speed v [m/s]."""
-    jackal, _, _ = stack
 
     def drives():
-        if send(stack, v) == v == jackal.robot.twist[0]:
+        if send(stack, v) == v == stack.jackal.robot.twist[0]:
             return True
-        jackal.put((0.0, 0.0, 0.0))
+        # The space before the wall is short: the robot starts anew until it is as fast.
+        stack.jackal.put((0.0, 0.0, 0.0))
         return False
 
     wait_for(drives, "the speed")
@@ -78,23 +84,29 @@ def drive(stack, v):
 
 def time_to_zero(jackal, since):
     """Return the time from `since` until the base got its first zero command after it [s]."""
-    return min(stamp for stamp, v, _ in jackal.commands if v == 0.0 and stamp > since) - since
+    zeros = [command.stamp for command in jackal.commands if command.v == 0.0]
+    return min(stamp for stamp in zeros if stamp > since) - since
 
 
 def test_drives_to_the_wall_and_stops_before_it(stack):
-    jackal, _, actions = stack
+    jackal = stack.jackal
     wait_for(
         lambda: jackal.commands, "a stop before the first command, in case an earlier monitor died"
     )
-    assert {command[1:] for command in jackal.commands} == {(0.0, 0.0)}
-    _, subscribed, _ = rosgraph.Master("/test").getSystemState()
-    assert "/move_base/status" not in dict(subscribed), "no escape motions unless ~escape is set"
+    assert {command.velocity for command in jackal.commands} == {(0.0, 0.0)}
+    # The master answers (publishers, subscribers, services), each as pairs (name, nodes).
+    subscribed_topics = dict(rosgraph.Master("/test").getSystemState()[1])
+    assert "/move_base/status" not in subscribed_topics, "no escape motions unless ~escape is set"
     drive(stack, 1.0)
     # Where the front of the padded footprint would touch the posts [m]
-    wall = 1.5 - 0.075 - 0.229
-    wait_for(lambda: send(stack, 1.0) == 0.0 and jackal.robot.pose[0] > wall - 0.15, "the wall")
+    contact_x = 1.5 - 0.075 - 0.229
+
+    def stands_at_the_wall():
+        return send(stack, 1.0) == 0.0 and jackal.robot.pose[0] > contact_x - 0.15
+
+    wait_for(stands_at_the_wall, "the wall")
     wait_for(
-        lambda: send(stack, 1.0) == 0.0 and actions[-1].startswith("stop: an obstacle"),
+        lambda: send(stack, 1.0) == 0.0 and stack.actions[-1].startswith("stop: an obstacle"),
         "the reason of the stop",
     )
     blocked = []
@@ -105,7 +117,7 @@ def test_drives_to_the_wall_and_stops_before_it(stack):
         lambda: send(stack, 1.0) == 0.0 and blocked.count(True) > 3, "a message with each command"
     )
     subscriber.unregister()
-    assert jackal.robot.pose[0] < wall
+    assert jackal.robot.pose[0] < contact_x
 
 
 @pytest.mark.fault("14d")
@@ -113,25 +125,25 @@ def test_a_silent_planner_stops_the_base_until_it_commands_again(stack, measured
     """The monitor publishes zeros at its own rate, so that a base without a command time-out stops,
     too.
     """
-    jackal, _, actions = stack
+    jackal = stack.jackal
     drive(stack, 0.5)
-    kept = Kept()
-    wait_for(lambda: jackal.commands[-1][1:] == (0.0, 0.0), "zero")
-    last_command = max(stamp for stamp, v, _ in jackal.commands if v == 0.5)
-    delay = time_to_zero(jackal, last_command)
+    stopwatch = Kept()
+    wait_for(lambda: jackal.commands[-1].velocity == (0.0, 0.0), "zero")
+    silent_since = max(command.stamp for command in jackal.commands if command.v == 0.5)
+    delay = time_to_zero(jackal, silent_since)
     measured("zero after", delay, "s")
     # Silence is noticed after 0.15 s, at the next tick of 0.05 s. Then the base is braked by
     # 1.9 m/s^2 from 0.5 to 0.3 m/s, and by 0.6 m/s^2 to zero, at which slow wheels do not lock.
     braking_s = 0.2 / 1.9 + 0.3 / 0.6
-    assert delay < 0.15 + 0.05 + braking_s + kept.waiting()
-    wait_for(lambda: actions[-1].startswith("stop: no command for 0.1"), "why")
-    count = len(jackal.commands)
-    wait_for(lambda: len(jackal.commands) > count + 3, "more zeros")
+    assert delay < 0.15 + 0.05 + braking_s + stopwatch.waiting()
+    wait_for(lambda: stack.actions[-1].startswith("stop: no command for 0.1"), "why")
+    earlier_commands = len(jackal.commands)
+    wait_for(lambda: len(jackal.commands) > earlier_commands + 3, "more zeros")
 
     def is_silent():
-        count = len(jackal.commands)
+        command_count = len(jackal.commands)
         time.sleep(0.3)
-        return len(jackal.commands) == count
+        return len(jackal.commands) == command_count
 
     # Zeros for ever would fight a person with a remote control.
     wait_for(is_silent, "the end of zeros")
@@ -141,21 +153,28 @@ def test_a_silent_planner_stops_the_base_until_it_commands_again(stack, measured
 @pytest.mark.fault("14a")
 @pytest.mark.parametrize("kind", [signal.SIGKILL, signal.SIGSTOP], ids=["killed", "frozen"])
 def test_a_killed_or_frozen_monitor_stops_the_base_and_exits_for_a_restart(stack, kind, measured):
-    jackal, _, _ = stack
+    jackal = stack.jackal
     drive(stack, 0.5)
-    kept = Kept()
+    stopwatch = Kept()
     os.kill(node_pid("/collision_monitor"), kind)
     began = time.time()
-    wait_for(lambda: jackal.commands[-1][1] == 0.0 and jackal.commands[-1][0] > began, "zero")
+
+    def has_been_stopped():
+        latest_command = jackal.commands[-1]
+        return latest_command.v == 0.0 and latest_command.stamp > began
+
+    wait_for(has_been_stopped, "zero")
     delay = time_to_zero(jackal, began)
     measured("zero after", delay, "s")
-    assert delay < 0.5 + kept.waiting()
+    assert delay < 0.5 + stopwatch.waiting()
     wait_for(lambda: not monitors[-1].alive(), "the end of its guard")
     assert monitors[-1].process.poll() != 0
-    count = len(jackal.commands)
+
+    # The launch file restarts the monitor.
+    earlier_commands = len(jackal.commands)
     start()
-    wait_for(lambda: len(jackal.commands) > count, "a zero of the next one")
-    assert jackal.commands[count][1:] == (0.0, 0.0)
+    wait_for(lambda: len(jackal.commands) > earlier_commands, "a zero of the next one")
+    assert jackal.commands[earlier_commands].velocity == (0.0, 0.0)
     drive(stack, 0.3)
 
 
@@ -181,13 +200,13 @@ def test_a_guard_begins_with_a_zero_before_any_node_lives():
 
 def node_pid(name):
     """Return the process ID of a node."""
-    uri = rosgraph.Master("/test").lookupNode(name)
-    return xmlrpc.client.ServerProxy(uri).getPid("/test")[2]
+    node_uri = rosgraph.Master("/test").lookupNode(name)
+    return xmlrpc.client.ServerProxy(node_uri).getPid("/test")[2]
 
 
 def test_diagnostics_have_the_ages_of_the_inputs(stack):
     """Without scans, only the age of the latest scan grows, as fast as the clock."""
-    jackal, _, _ = stack
+    jackal = stack.jackal
     reports = []
     subscriber = rospy.Subscriber("/diagnostics", DiagnosticArray, reports.append)
     drive(stack, 0.3)
@@ -216,10 +235,10 @@ def test_diagnostics_have_the_ages_of_the_inputs(stack):
 def test_a_silent_second_laser_stops_the_base_until_its_scans_arrive(stack):
     """The second laser repeats the fake Jackal's scans on another topic."""
     # If it jumped later, an equal scan would count as frozen.
-    stack[0].put((0.0, 0.0, 0.0))
-    names = "__name:=monitor_of_two", "cmd_vel_in:=two_in", "cmd_vel:=two_out"
+    stack.jackal.put((0.0, 0.0, 0.0))
+    other_names = "__name:=monitor_of_two", "cmd_vel_in:=two_in", "cmd_vel:=two_out"
     child = session().node(
-        "applr_ros1.nodes.monitor.node", *INPUTS, "_more_scans:=[rear/scan]", *names
+        "applr_ros1.nodes.monitor.node", *INPUTS, "_more_scans:=[rear/scan]", *other_names
     )
     commands = rospy.Publisher("/two_in", Twist, queue_size=1)
     actions = []
@@ -234,13 +253,13 @@ def test_a_silent_second_laser_stops_the_base_until_its_scans_arrive(stack):
         return actions and words in actions[-1]
 
     wait_for(lambda: acts("rear/scan: no scan has arrived yet"), "a stop")
-    rear = rospy.Publisher("/rear/scan", LaserScan, queue_size=1)
-    relay = rospy.Subscriber("/front/scan", LaserScan, rear.publish)
+    rear_publisher = rospy.Publisher("/rear/scan", LaserScan, queue_size=1)
+    relay = rospy.Subscriber("/front/scan", LaserScan, rear_publisher.publish)
     wait_for(lambda: acts("pass"), "a command that passes")
     relay.unregister()
     wait_for(lambda: acts("stop: the latest scan on rear/scan is"), "a stop that names it")
-    age = re.search(r"has stamp [\d.]+, ([\d.]+) s ago", actions[-1])[1]
-    assert float(age) > 0.4, "the age is that of the silent laser"
-    for endpoint in (rear, subscriber, commands):
+    scan_age = re.search(r"has stamp [\d.]+, ([\d.]+) s ago", actions[-1])[1]
+    assert float(scan_age) > 0.4, "the age is that of the silent laser"
+    for endpoint in (rear_publisher, subscriber, commands):
         endpoint.unregister()
     child.end()

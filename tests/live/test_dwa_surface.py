@@ -27,7 +27,7 @@ from tests.support.ros import wait_for
 pytestmark = pytest.mark.ros
 SURFACE = json.loads((DATA / "dwa_surface.json").read_text())
 SERVER = "/move_base/DWAPlannerROS"
-OTHER = "/move_base/TrajectoryPlannerROS"
+DEFAULT_PLANNER = "/move_base/TrajectoryPlannerROS"
 
 
 @pytest.fixture(scope="module")
@@ -47,18 +47,24 @@ def node():
 
 def test_topics_and_services_are_those_of_the_cpp_node(node):
     published, subscribed = rostopic.get_topic_list()
-    ours = {name: kind for name, kind, nodes in published if "/move_base" in nodes}
-    of_planner = {name: kind for name, kind in ours.items() if name.startswith(SERVER)}
-    assert of_planner == SURFACE["publishes"]
+    published_kinds = {}  # {topic of move_base: its type}
+    for topic, message_kind, nodes in published:
+        if "/move_base" in nodes:
+            published_kinds[topic] = message_kind
+    planner_kinds = {}
+    for topic, message_kind in published_kinds.items():
+        if topic.startswith(SERVER):
+            planner_kinds[topic] = message_kind
+    assert planner_kinds == SURFACE["publishes"]
     # The planner's parameter odom_topic renames its subscription.
-    of_odometry = [nodes for name, _, nodes in subscribed if name == "/wheels/odom"]
-    assert any("/move_base" in nodes for nodes in of_odometry)
-    for name, kind in SURFACE["services"].items():
-        assert rosservice.get_service_type(name) == kind
+    subscribers = {topic: nodes for topic, message_kind, nodes in subscribed}
+    assert "/move_base" in subscribers["/wheels/odom"]
+    for service_name, service_kind in SURFACE["services"].items():
+        assert rosservice.get_service_type(service_name) == service_kind
 
     # The planner that move_base has by default is not there.
     services = rosservice.get_service_list(node="/move_base")
-    assert not any(name.startswith(OTHER) for name in [*ours, *services])
+    assert not any(name.startswith(DEFAULT_PLANNER) for name in [*published_kinds, *services])
 
 
 def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_clouds(node):
@@ -81,8 +87,8 @@ def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_cl
 
     def has(theta):
         """Return whether the parameter set theta was in force at any time."""
-        wanted = space.settings(theta)["DWAPlannerROS"].items()
-        return any(wanted <= values.items() for values in in_force)
+        settings = space.settings(theta)["DWAPlannerROS"].items()
+        return any(settings <= served_values.items() for served_values in in_force)
 
     applr = master.node("applr", "_robot:=husky", "_method:=static", "_period:=0.4")
     applr.until("ready")
@@ -90,27 +96,27 @@ def test_drives_to_a_goal_with_the_applr_nodes_parameters_and_shows_plans_and_cl
         lambda: connected(master, "/move_base/NavfnROS/plan", "/applr"),
         "the connection, because the plan is published once",
     )
-    _, global_plans = collect(SERVER + "/global_plan", PathMessage)
-    _, local_plans = collect(SERVER + "/local_plan", PathMessage)
-    _, cost_clouds = collect(SERVER + "/cost_cloud", PointCloud2)
-    _, trajectory_clouds = collect(SERVER + "/trajectory_cloud", PointCloud2)
+    global_plans = collect(SERVER + "/global_plan", PathMessage).messages
+    local_plans = collect(SERVER + "/local_plan", PathMessage).messages
+    cost_clouds = collect(SERVER + "/cost_cloud", PointCloud2).messages
+    trajectory_clouds = collect(SERVER + "/trajectory_cloud", PointCloud2).messages
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     assert client.wait_for_server(rospy.Duration(ros.LONGEST))
     client.send_goal(goal(1.0))
-    assert finish(client)[1] == "Goal reached.", node.text
+    assert finish(client).text == "Goal reached.", node.text
     assert len(decisions) >= 2, applr.text
     for theta in decisions[:-1]:  # The latest decision may not be in force yet.
         assert has(space.from_dict(theta)), applr.text
     assert applr.end() == 0
     # Servers may be slow on a busy machine.
-    for line in lines_with(applr.text, "WARN"):
-        assert "does not answer" in line, applr.text
+    for warning in lines_with(applr.text, "WARN"):
+        assert "does not answer" in warning, applr.text
 
     wait_for(lambda: global_plans and local_plans, "plans")
     wait_for(lambda: cost_clouds and trajectory_clouds, "clouds")
-    cloud = trajectory_clouds[0]
-    assert [field.name for field in cloud.fields] == ["x", "y", "z", "theta", "cost"]
-    assert cloud.header.frame_id == "odom"
-    assert cloud.width > 20
+    trajectory_cloud = trajectory_clouds[0]
+    assert [field.name for field in trajectory_cloud.fields] == ["x", "y", "z", "theta", "cost"]
+    assert trajectory_cloud.header.frame_id == "odom"
+    assert trajectory_cloud.width > 20
     # Seven floats: x, y, z and four costs, as C++'s MapGridCostPoint
     assert cost_clouds[0].point_step == 28

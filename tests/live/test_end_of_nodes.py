@@ -4,6 +4,7 @@ import itertools
 import os
 import signal
 import threading
+import time
 
 import pytest
 import rospy
@@ -25,7 +26,7 @@ NODES = {
     "movers": (),
 }
 # Topics with callbacks of the nodes, whose threads may run while the node ends.
-SENT = {
+SENT_TOPICS = {
     "/cmd_vel_in": Twist,
     "/cmd_vel": Twist,
     "/move_base/goal": MoveBaseActionGoal,
@@ -42,17 +43,17 @@ def test_a_node_that_is_interrupted_while_messages_come_prints_no_traceback(time
     rospy.set_param("/use_sim_time", True)
     rospy.set_param("/move_base", JACKAL_PARAMETERS)
     publishers = []
-    for topic, kind in SENT.items():
-        publishers.append(rospy.Publisher(topic, kind, queue_size=10))
-    up = threading.Event()
-    over = threading.Event()
+    for topic, message_kind in SENT_TOPICS.items():
+        publishers.append(rospy.Publisher(topic, message_kind, queue_size=10))
+    nodes_are_up = threading.Event()
+    test_is_over = threading.Event()
 
     def send():
         """Publish a message on each topic, a thousand times per second, while the nodes are up."""
         for publisher in itertools.cycle(publishers):
-            up.wait()
+            nodes_are_up.wait()
             publisher.publish(publisher.data_class())
-            if over.wait(1e-3 / len(publishers)):
+            if test_is_over.wait(1e-3 / len(publishers)):
                 return
 
     sender = threading.Thread(target=send)
@@ -66,21 +67,22 @@ def test_a_node_that_is_interrupted_while_messages_come_prints_no_traceback(time
             wait_for(publisher.get_num_connections, publisher.name)
         wait_for(lambda: "/applr/tracked" in dict(rospy.get_published_topics()), "movers")
         # Messages come for a while before the interrupt, and go on until the nodes have ended.
-        up.set()
-        over.wait(0.3)
+        nodes_are_up.set()
+        time.sleep(0.3)
         for node in nodes:
             os.kill(node.pid, signal.SIGINT)
-        statuses = [node.process.wait(LONGEST) for node in nodes]
-        printed = "".join(node.text for node in nodes)
+        exit_statuses = [node.process.wait(LONGEST) for node in nodes]
+        output = "".join(node.text for node in nodes)
         # Asserted below, when the thread has ended.
-        if "Traceback" in printed or any(statuses):
+        if "Traceback" in output or any(exit_statuses):
             break
-        up.clear()
-    up.set()
-    over.set()
+        nodes_are_up.clear()
+    # The thread may wait for nodes.
+    nodes_are_up.set()
+    test_is_over.set()
     sender.join()
     for publisher in publishers:
         publisher.unregister()
     rospy.set_param("/use_sim_time", False)
-    assert "Traceback" not in printed, printed
-    assert statuses == [0] * len(nodes), printed
+    assert "Traceback" not in output, output
+    assert exit_statuses == [0] * len(nodes), output

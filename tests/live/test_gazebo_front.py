@@ -4,6 +4,7 @@ programs.
 
 import math
 import time
+from typing import NamedTuple
 
 import actionlib
 import dynamic_reconfigure.client
@@ -31,6 +32,16 @@ START = (-2.25, 3.0, 1.57)
 GOAL = (0.0, 10.0)
 
 
+class Episode(NamedTuple):
+    """One episode: length of the plan [m], distance driven [m], and the speed that was set
+    [m/s].
+    """
+
+    planned: float
+    driven: float
+    max_vel_x: float
+
+
 class Training:
     """Client that drives episodes with the sequence of calls of the authors' training loop."""
 
@@ -46,38 +57,43 @@ class Training:
         assert self.action.wait_for_server(rospy.Duration(180.0))
 
     def episode(self, speed, seconds=1.0):
-        """Reset, plan, drive, with paused physics in between. Return (planned length [m], driven
-        length [m], speed).
-        """
+        """Reset, plan and drive, with paused physics in between."""
         simulation = self.simulation
+
+        # Reset the robot and set the parameter.
         self.action.cancel_all_goals()
         assert simulation.reset().success
         simulation.pause()
         simulation.unpause()
-        taken = self._parameters.update_configuration({"max_vel_x": speed})
+        configuration = self._parameters.update_configuration({"max_vel_x": speed})
         self._wait(0.1)
+
+        # Plan from cleared costmaps.
         self._clear()
-        plan = self.make_plan()
+        plan_poses = self.make_plan()
         self._clear()
+
+        # Drive for a while.
         self.action.send_goal(goal(*self.target))
-        began = simulation.place()
+        start_position = simulation.place()
         self._wait(seconds)
         simulation.pause()
-        end = simulation.place()
+        end_position = simulation.place()
         simulation.unpause()
-        points = [(pose.pose.position.x, pose.pose.position.y) for pose in plan]
-        planned = sum(map(math.dist, points, points[1:]))
-        driven = math.dist(began, end)
-        return planned, driven, taken["max_vel_x"]
+
+        points = [(pose.pose.position.x, pose.pose.position.y) for pose in plan_poses]
+        planned_length = sum(map(math.dist, points, points[1:]))
+        driven_length = math.dist(start_position, end_position)
+        return Episode(planned_length, driven_length, configuration["max_vel_x"])
 
     def make_plan(self):
         """Return the poses of a plan to the target."""
-        start = goal(0.0, 0.0).target_pose
-        end = goal(*self.target).target_pose
+        start_pose = goal(0.0, 0.0).target_pose
+        target_pose = goal(*self.target).target_pose
         deadline = time.monotonic() + 180.0
         while time.monotonic() < deadline:  # A goal that was just cancelled may still be active.
             try:
-                return self._plan(start, end, 0.5).plan.poses
+                return self._plan(start_pose, target_pose, 0.5).plan.poses
             except rospy.ServiceException:
                 time.sleep(0.02)
         raise AssertionError("no plan")
@@ -85,9 +101,9 @@ class Training:
     @staticmethod
     def _wait(seconds):
         """Wait in simulated time [s]."""
-        until = rospy.get_time() + seconds
+        end_time = rospy.get_time() + seconds
         deadline = time.monotonic() + 180.0
-        while rospy.get_time() < until:
+        while rospy.get_time() < end_time:
             assert time.monotonic() < deadline, "simulated time does not advance"
             time.sleep(0.01)
 
@@ -111,20 +127,20 @@ def gazebo():
 
 
 def test_starts_at_the_challenges_start_and_explains_refusals(gazebo):
-    get = rospy.ServiceProxy("/gazebo/get_model_state", GetModelState)
+    get_state = rospy.ServiceProxy("/gazebo/get_model_state", GetModelState)
     set_state = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState)
-    answer = get("jackal", "world")
+    answer = get_state("jackal", "world")
     assert answer.success
     assert (answer.pose.position.x, answer.pose.position.y) == pytest.approx(START[:2], abs=0.02)
     # Only this model and this frame exist.
-    assert not get("turtle", "world").success
-    assert not get("jackal", "turtle").success
-    for field, value in (("model_name", "turtle"), ("reference_frame", "moon")):
-        state = model_state(0, 0, 0, 0)
-        setattr(state, field, value)
-        answer = set_state(state)
+    assert not get_state("turtle", "world").success
+    assert not get_state("jackal", "turtle").success
+    for field, unknown_name in (("model_name", "turtle"), ("reference_frame", "moon")):
+        refused_state = model_state(0, 0, 0, 0)
+        setattr(refused_state, field, unknown_name)
+        answer = set_state(refused_state)
         assert not answer.success
-        assert value in answer.status_message
+        assert unknown_name in answer.status_message
 
 
 def odometry():
@@ -149,14 +165,15 @@ def test_teleport_stops_the_robot_while_clock_and_odometry_go_on(gazebo):
     )
     wait_for(lambda: abs(speed(0.0)) < 0.02, "standstill")
     # A jump of odometry or clock would make planner and monitor start anew.
-    earlier = odometry().pose.pose.position
-    clock = rospy.wait_for_message("/clock", Clock, LONGEST).clock
+    position_before = odometry().pose.pose.position
+    clock_before = rospy.wait_for_message("/clock", Clock, LONGEST).clock
     assert simulation.reset().success
     assert simulation.place() == pytest.approx(START[:2], abs=0.01)
     assert abs(simulation.state().twist.linear.y) < 0.02
-    later = odometry().pose.pose.position
-    assert (later.x, later.y) == pytest.approx((earlier.x, earlier.y), abs=0.03)
-    assert rospy.wait_for_message("/clock", Clock, LONGEST).clock > clock
+    position_after = odometry().pose.pose.position
+    assert position_after.x == pytest.approx(position_before.x, abs=0.03)
+    assert position_after.y == pytest.approx(position_before.y, abs=0.03)
+    assert rospy.wait_for_message("/clock", Clock, LONGEST).clock > clock_before
     publisher.unregister()
 
 
@@ -208,9 +225,9 @@ def test_time_pauses_and_resumes(gazebo):
 
     def stands():
         """Return whether no clock message with a later time comes within half a second."""
-        latest = clocks[-1]
+        latest_clock = clocks[-1]
         time.sleep(0.5)
-        return clocks[-1] == latest
+        return clocks[-1] == latest_clock
 
     wait_for(stands, "the clock to stop")
     paused_at = clocks[-1]
@@ -239,26 +256,26 @@ def test_move_base_stops_without_warnings_while_time_is_paused(gazebo, move_base
     training.action.send_goal(goal(*GOAL))
     wait_for(lambda: simulation.place()[1] > START[1] + 0.2, "the robot")
     simulation.pause()
-    printed = len(move_base.text)
-    place = simulation.place()
+    earlier_output = len(move_base.text)
+    paused_position = simulation.place()
     time.sleep(3.0)
-    assert simulation.place() == place
-    printed = move_base.text[printed:]
-    assert "WARN" not in printed, printed
-    assert "ERROR" not in printed, printed
+    assert simulation.place() == paused_position
+    output = move_base.text[earlier_output:]
+    assert "WARN" not in output, output
+    assert "ERROR" not in output, output
     simulation.unpause()
-    wait_for(lambda: math.dist(simulation.place(), place) > 0.2, "the robot")
+    wait_for(lambda: math.dist(simulation.place(), paused_position) > 0.2, "the robot")
 
 
 @pytest.mark.parametrize("count", [4, pytest.param(100, marks=pytest.mark.long)])
 def test_the_training_loop_of_the_authors(gazebo, move_base, count):
     """Every episode drives with its own parameter value, and no call fails."""
     training = Training(GazeboSimulation(START), GOAL)
-    for number in range(count):
-        speed = 0.3 + 0.1 * (number % 5)
-        planned, driven, accepted = training.episode(speed)
-        assert accepted == pytest.approx(speed)
+    for episode_number in range(count):
+        speed = 0.3 + 0.1 * (episode_number % 5)
+        episode = training.episode(speed)
+        assert episode.max_vel_x == pytest.approx(speed)
         # The goal is 10 m ahead, and obstacles make the way longer.
-        assert 9.5 < planned < 16.0, number
-        assert driven > 0.05, number
+        assert 9.5 < episode.planned < 16.0, episode_number
+        assert episode.driven > 0.05, episode_number
     assert "Traceback" not in move_base.text

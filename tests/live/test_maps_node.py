@@ -47,17 +47,18 @@ class Localisation:
 
     def _run(self):
         publisher = rospy.Publisher("/tf", TFMessage, queue_size=5)
-        latest = time.monotonic()
+        latest_time = time.monotonic()
         while not self._over.wait(0.05):
-            passed = time.monotonic() - latest
-            latest += passed
+            elapsed = time.monotonic() - latest_time
+            latest_time += elapsed
             if self.drifts:
                 x, y, yaw = self.pose
-                self.pose = x + 0.04 * passed, y - 0.02 * passed, yaw + 0.01 * passed
+                self.pose = x + 0.04 * elapsed, y - 0.02 * elapsed, yaw + 0.01 * elapsed
             stamp = self._jackal.now()
-            ahead = rospy.Duration(1.0)
-            door = transform("map", "door", (2.1, 1.5, math.pi / 2), stamp)
-            publisher.publish(TFMessage([transform("map", "odom", self.pose, stamp + ahead), door]))
+            tolerance = rospy.Duration(1.0)
+            map_to_odom = transform("map", "odom", self.pose, stamp + tolerance)
+            map_to_door = transform("map", "door", (2.1, 1.5, math.pi / 2), stamp)
+            publisher.publish(TFMessage([map_to_odom, map_to_door]))
         publisher.unregister()
 
     def close(self):
@@ -67,33 +68,33 @@ class Localisation:
 
 def served(static_map):
     """Publish a StaticMap on /map, latched, like map_server. Return the publisher."""
-    message = OccupancyGrid()
-    message.header.frame_id = static_map.frame
-    message.info.resolution = static_map.resolution
-    rows, columns = static_map.cells.shape
-    message.info.height = rows
-    message.info.width = columns
-    x, y = static_map.origin
-    message.info.origin.position.x = x
-    message.info.origin.position.y = y
-    message.data = static_map.cells.ravel().tolist()
+    grid = OccupancyGrid()
+    grid.header.frame_id = static_map.frame
+    grid.info.resolution = static_map.resolution
+    row_count, column_count = static_map.cells.shape
+    grid.info.height = row_count
+    grid.info.width = column_count
+    origin_x, origin_y = static_map.origin
+    grid.info.origin.position.x = origin_x
+    grid.info.origin.position.y = origin_y
+    grid.data = static_map.cells.ravel().tolist()
     publisher = rospy.Publisher("/map", OccupancyGrid, queue_size=1, latch=True)
-    publisher.publish(message)
+    publisher.publish(grid)
     return publisher
 
 
 @pytest.mark.slow
 def test_a_goal_in_the_map_is_reached_while_localisation_drifts():
     master = ros.session()
-    tree = copy.deepcopy(JACKAL_PARAMETERS)
-    global_costmap = tree["global_costmap"]
+    parameters = copy.deepcopy(JACKAL_PARAMETERS)
+    global_costmap = parameters["global_costmap"]
     global_costmap.update(
         global_frame="map",
         plugins=[{"name": "static", "type": "costmap_2d::StaticLayer"}, *global_costmap["plugins"]],
     )
     jackal = FakeJackal([(1.2, 1.6, 0.15)])  # a post that is not in the map
     localisation = Localisation(jackal)
-    node = start(master, tree)
+    node = start(master, parameters)
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     assert client.wait_for_server(rospy.Duration(ros.LONGEST))
     # The goal comes before the map, as when map_server starts late.
@@ -107,27 +108,31 @@ def test_a_goal_in_the_map_is_reached_while_localisation_drifts():
     ]
     localisation.drifts = True
     assert finish(client) == (SUCCEEDED, "Goal reached.")
-    x, y, yaw = compose(localisation.pose, jackal.robot.pose)
-    assert math.hypot(x - 4.0, y - 1.0) < 0.35
-    assert abs(yaw) < 0.25
+    end_x, end_y, end_yaw = compose(localisation.pose, jackal.robot.pose)
+    assert math.hypot(end_x - 4.0, end_y - 1.0) < 0.35
+    assert abs(end_yaw) < 0.25
     assert localisation.pose[0] > 0.5  # The odometry has drifted by 0.2 m.
-    latest_messages = [messages[-1] for _, messages in subscriptions]
-    assert (latest_messages[0].info.width, latest_messages[0].info.height) == (200, 120)
+    latest_messages = [collected.messages[-1] for collected in subscriptions]
+    costmap_info = latest_messages[0].info
+    assert (costmap_info.width, costmap_info.height) == (200, 120)
+    # The local planner works in the frame of the odometry, which does not jump.
     assert [message.header.frame_id for message in latest_messages] == ["map", "map", "odom"]
     localisation.drifts = False
 
     # A metre beyond the door, along the frame's y axis.
     client.send_goal(goal(0.0, -1.0, frame="door"))
     assert finish(client) == (SUCCEEDED, "Goal reached.")
-    x, y, _ = compose(localisation.pose, jackal.robot.pose)
-    assert math.hypot(x - 3.1, y - 1.5) < 0.35
+    end_position = compose(localisation.pose, jackal.robot.pose)[:2]
+    assert math.dist(end_position, (3.1, 1.5)) < 0.35
 
+    # Nobody publishes this frame.
     client.send_goal(goal(0.0, 0.0, frame="attic"))
-    status, text = finish(client)
-    assert status == ABORTED
-    assert text.startswith("frame 'attic' cannot be transformed to map: ")
-    for endpoint in (publisher, *(subscriber for subscriber, _ in subscriptions)):
-        endpoint.unregister()
+    finished = finish(client)
+    assert finished.state == ABORTED
+    assert finished.text.startswith("frame 'attic' cannot be transformed to map: ")
+    publisher.unregister()
+    for collected in subscriptions:
+        collected.subscriber.unregister()
     localisation.close()
     jackal.close()
     assert node.end() == 0, node.text

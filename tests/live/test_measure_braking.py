@@ -2,6 +2,7 @@
 
 import re
 import time
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -17,21 +18,29 @@ from worlds.sdf_writer import write
 pytestmark = pytest.mark.ros
 
 
-def measure(*options):
-    """Run the command. Return (exit status, output, time for which a busy machine let it wait
-    [s]).
+class Ended(NamedTuple):
+    """Exit status and output of the command, and the time for which a busy machine let it wait
+    [s].
     """
-    kept = Kept()
+
+    status: int
+    text: str
+    waited: float
+
+
+def measure(*options):
+    """Run the command until its end."""
+    stopwatch = Kept()
     child = session().node("measure_braking", *options)
 
     def has_ended():
         # An ended thread keeps its last waiting time, which must be read before its end.
-        kept.waiting()
+        stopwatch.waiting()
         time.sleep(0.1)
         return not child.alive()
 
     wait_for(has_ended, "its end")
-    return child.process.returncode, child.text, kept.waiting()
+    return Ended(child.process.returncode, child.text, stopwatch.waiting())
 
 
 def stop(speed, began, brakes):
@@ -41,16 +50,22 @@ def stop(speed, began, brakes):
 
 def test_a_late_stop_is_not_mistaken_for_weak_brakes():
     # The first of the straight runs had a late reaction, and weak brakes, too.
-    straight = [stop(0.4, 0.4, 0.8), stop(0.9, 0.1, 1.5), stop(1.8, 0.1, 2.0)]
-    turns = [stop(1.0, 0.1, 3.0)] * 4
-    assert deceleration(straight, 0.1) < 0.4
-    reaction_time = reaction(straight, turns)
-    assert (reaction_time, deceleration(straight, reaction_time)) == pytest.approx((0.4, 0.8))
+    straight_stops = [
+        stop(speed=0.4, began=0.4, brakes=0.8),
+        stop(speed=0.9, began=0.1, brakes=1.5),
+        stop(speed=1.8, began=0.1, brakes=2.0),
+    ]
+    turn_stops = [stop(speed=1.0, began=0.1, brakes=3.0)] * 4
+    assert deceleration(straight_stops, 0.1) < 0.4
+    reaction_time = reaction(straight_stops, turn_stops)
+    measured_braking = deceleration(straight_stops, reaction_time)
+    assert (reaction_time, measured_braking) == pytest.approx((0.4, 0.8))
 
 
 def test_of_equivalent_reaction_times_the_least_from_the_median_up_is_chosen():
-    turns = [stop(1.0, began, 3.0) for began in (0.0, 0.05, 0.1, 0.3)]
-    assert reaction([stop(1.8, 0.1, 2.0)], turns) == 0.1
+    turn_stops = [stop(speed=1.0, began=began, brakes=3.0) for began in (0.0, 0.05, 0.1, 0.3)]
+    straight_stop = stop(speed=1.8, began=0.1, brakes=2.0)
+    assert reaction([straight_stop], turn_stops) == 0.1
 
 
 class Ignoring:
@@ -65,33 +80,42 @@ class Ignoring:
             v = 0.0
         if abs(w) < self.band[1]:
             w = 0.0
-        last = self.readings[-1]
-        x, y, yaw = last.pose
+        latest_reading = self.readings[-1]
+        x, y, yaw = latest_reading.pose
+        # The dead band is measured by the distance, whatever its direction.
         pose = (x, y - v * seconds, normalize_angle(yaw + w * seconds))
-        self.readings.append(Reading(last.time + seconds, pose, (v, w)))
+        self.readings.append(Reading(latest_reading.time + seconds, pose, (v, w)))
 
 
 @pytest.mark.parametrize("band", [(0.0, 0.0), (0.075, 0.25), (0.155, 0.0), (0.0, 0.7)])
 def test_the_dead_band_is_the_smallest_command_that_moves_the_base(band):
-    v = dead_band(Ignoring(band), is_turn=False)
-    w = dead_band(Ignoring(band), is_turn=True)
-    assert v == pytest.approx(band[0], abs=0.01)
-    assert w == pytest.approx(band[1], abs=0.03)
-    assert v >= band[0]
-    assert w >= band[1]
+    speed_band, turn_band = band
+    measured_speed = dead_band(Ignoring(band), is_turn=False)
+    measured_turn = dead_band(Ignoring(band), is_turn=True)
+    assert measured_speed == pytest.approx(speed_band, abs=0.01)
+    assert measured_turn == pytest.approx(turn_band, abs=0.03)
+    # A smaller value would promise that the base moves at a command that it ignores.
+    assert measured_speed >= speed_band
+    assert measured_turn >= turn_band
 
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory):
     """Provide the simulated Jackal in an open world, with the kinematic simulator."""
-    path = tmp_path_factory.mktemp("open") / "open.world"
+    world_file = tmp_path_factory.mktemp("open") / "open.world"
     course = Course(
-        (0.0, 0.0, 0.0), (10.0, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [10.0, 0.0]])
+        start=(0.0, 0.0, 0.0),
+        goal=(10.0, 0.0, 0.0),
+        finish_y=None,
+        goal_tolerance=0.5,
+        path=np.array([[0.0, 0.0], [10.0, 0.0]]),
     )
-    write(World("open", np.array([(15.0, 0.0, 0.1)]), np.empty((0, 5)), course), str(path))
+    # A single post, far beyond every run
+    post = np.array([(15.0, 0.0, 0.1)])
+    write(World("open", post, np.empty((0, 5)), course), str(world_file))
     ros = session()
     rospy.set_param("/use_sim_time", True)
-    options = "_simulator:=kinematic", "_world:=%s" % path, "_real_time_factor:=1"
+    options = "_simulator:=kinematic", "_world:=%s" % world_file, "_real_time_factor:=1"
     child = ros.node("sim_bridge", *options)
     child.until("ready")
     yield child
@@ -100,29 +124,30 @@ def robot(tmp_path_factory):
 
 
 def test_the_command_does_not_drive_without_confirmation_that_the_way_is_free(robot):
-    for options, words in (((), "give --yes"), (("--yes", "--free", "1"), "--free 1 ")):
-        status, text, _ = measure("--free", "6", *options)
-        assert status == 1
-        assert words in text
-        assert len(text.splitlines()) == 1
+    for options, remedy in (((), "give --yes"), (("--yes", "--free", "1"), "--free 1 ")):
+        ended = measure("--free", "6", *options)
+        assert ended.status == 1
+        assert remedy in ended.text
+        assert len(ended.text.splitlines()) == 1
 
 
 @pytest.mark.slow
 def test_the_printed_braking_limits_hold_for_every_run(robot):
-    status, text, waited = measure(
+    ended = measure(
         "--free", "4", "--yes", "--repeats", "1", "--odometry", "sim_bridge/ground_truth"
     )
-    assert status == 0, text
-    *_, line = text.splitlines()
-    reaction, brake, turn_brake = map(
-        float, re.search("reaction_time: (.*), dec.*: (.*), yaw_dec.*: (.*)}", line).groups()
-    )
-    assert 0.10 < reaction < 0.35 + waited
+    assert ended.status == 0, ended.text
+    limits_line = ended.text.splitlines()[-1]
+    printed_limits = re.search("reaction_time: (.*), dec.*: (.*), yaw_dec.*: (.*)}", limits_line)
+    reaction_s, brake, turn_brake = map(float, printed_limits.groups())
+    assert 0.10 < reaction_s < 0.35 + ended.waited
     # It is rounded down, and depends on the angles at which the wheels lock.
     assert 0.3 <= brake < 7.0
     assert turn_brake > 2.0
-    assert "  dead_band: [0, 0]  # in the section base\n" in text
-    runs = re.findall(r"([0-9.]+) driven, .* within ([0-9.]+) m$", text, re.M)
+    assert "  dead_band: [0, 0]  # in the section base\n" in ended.text
+    runs = re.findall(r"([0-9.]+) driven, .* within ([0-9.]+) m$", ended.text, re.M)
     assert len(runs) == 3
-    for speed, way in ((float(a), float(b)) for a, b in runs):
-        assert way <= speed * reaction + speed**2 / (2.0 * brake)
+    for printed_speed, printed_distance in runs:
+        speed = float(printed_speed)
+        stopping_distance = float(printed_distance)
+        assert stopping_distance <= speed * reaction_s + speed**2 / (2.0 * brake)

@@ -28,12 +28,13 @@ def drive_on(idle):
 
 def stops(idle):
     """Wait until the latest command is zero."""
-    wait_for(lambda: idle.jackal.commands[-1][1:] == (0.0, 0.0), "zero")
+    wait_for(lambda: idle.jackal.commands[-1].velocity == (0.0, 0.0), "zero")
 
 
 def collect_all(topics):
     """Return the subscribers of topics {topic: kind}, and lists that collect their messages."""
-    return zip(*(collect(topic, kind) for topic, kind in topics.items()))
+    collected = [collect(topic, kind) for topic, kind in topics.items()]
+    return zip(*collected)
 
 
 # -- goals -----------------------------------------------------------------------------------------
@@ -45,8 +46,9 @@ def test_goal_is_reached_through_the_action(idle):
         PLANNER + "/local_plan": PathMessage,
         PLANNER + "/global_plan": PathMessage,
     }
-    subscribers, (current, feedback, plan, local, cut) = collect_all(topics)
-    kept = Kept()
+    subscribers, collected = collect_all(topics)
+    current_goals, feedback, plans, local_plans, global_plans = collected
+    stopwatch = Kept()
     idle.client.send_goal(goal(2.0, 0.0, 0.6))
     assert finish(idle.client) == (SUCCEEDED, "Goal reached.")
     commands = idle.jackal.commands
@@ -54,24 +56,24 @@ def test_goal_is_reached_through_the_action(idle):
     x, y, yaw = idle.jackal.robot.pose
     assert math.hypot(x - 2.0, y) < 0.3
     assert abs(yaw - 0.6) < 0.25
-    assert current[0].pose.position.x == 2.0
-    assert current[0].header.frame_id == "odom"
+    assert current_goals[0].pose.position.x == 2.0
+    assert current_goals[0].header.frame_id == "odom"
     assert len(feedback) > 20
     wait_for(
         lambda: abs(feedback[-1].feedback.base_position.pose.position.x - x) < 0.1, "the latest"
     )
     # The plan ends at the goal, with its heading: z of the quaternion is the sine of half of it.
-    first, *_, last = plan[0].poses
-    assert first.header.frame_id == "odom"
-    assert last.pose.position.x == 2.0
-    assert last.pose.orientation.z == pytest.approx(math.sin(0.3))
-    assert len(plan[0].poses) > 30
-    assert local
-    assert cut
+    plan_poses = plans[0].poses
+    assert plan_poses[0].header.frame_id == "odom"
+    assert plan_poses[-1].pose.position.x == 2.0
+    assert plan_poses[-1].pose.orientation.z == pytest.approx(math.sin(0.3))
+    assert len(plan_poses) > 30
+    assert local_plans
+    assert global_plans
     # Commands come at 20 Hz, and are late by no more than the processor was.
-    intervals = np.diff([time for time, _, _ in commands[:-1]])
+    intervals = np.diff([command.stamp for command in commands[:-1]])
     assert intervals.mean() > 0.045
-    assert intervals.sum() - kept.waiting() < 0.06 * len(intervals)
+    assert intervals.sum() - stopwatch.waiting() < 0.06 * len(intervals)
     for subscriber in subscribers:
         subscriber.unregister()
 
@@ -97,24 +99,27 @@ def test_a_goal_on_the_simple_topic_replaces_the_one_before(idle):
 # -- services --------------------------------------------------------------------------------------
 def test_make_plan_and_its_refusal_while_driving(idle):
     make_plan = rospy.ServiceProxy("/move_base/make_plan", GetPlan)
-    navfn = rospy.ServiceProxy("/move_base/NavfnROS/make_plan", GetPlan)
-    start = goal(0.0).target_pose
-    end = goal(2.0).target_pose
-    plan = make_plan(start, end, 0.0).plan
+    navfn_make_plan = rospy.ServiceProxy("/move_base/NavfnROS/make_plan", GetPlan)
+    start_pose = goal(0.0).target_pose
+    end_pose = goal(2.0).target_pose
+    plan = make_plan(start_pose, end_pose, 0.0).plan
     assert plan.header.frame_id == ""
     assert plan.poses[-1].pose.position.x == 2.0
     assert len(plan.poses) > 30
-    no_start = goal(0.0, frame="").target_pose
     # An empty frame means that the plan starts at the robot.
-    assert len(make_plan(no_start, end, 0.0).plan.poses) > 30
-    assert make_plan(start, goal(1.5, 0.7).target_pose, 0.0).plan.poses == []
-    assert len(make_plan(start, goal(1.5, 0.7).target_pose, 1.0).plan.poses) > 10
-    assert make_plan(start, goal(math.nan).target_pose, 1.0).plan.poses == []
-    assert navfn(start, goal(99.0).target_pose, 0.0).plan.poses == []
+    no_start = goal(0.0, frame="").target_pose
+    assert len(make_plan(no_start, end_pose, 0.0).plan.poses) > 30
+    # A pose at a post is reached with a tolerance alone.
+    pose_at_post = goal(1.5, 0.7).target_pose
+    assert make_plan(start_pose, pose_at_post, 0.0).plan.poses == []
+    assert len(make_plan(start_pose, pose_at_post, 1.0).plan.poses) > 10
+    # Not a pose, and a pose outside the map
+    assert make_plan(start_pose, goal(math.nan).target_pose, 1.0).plan.poses == []
+    assert navfn_make_plan(start_pose, goal(99.0).target_pose, 0.0).plan.poses == []
     drive_on(idle)
     with pytest.raises(rospy.ServiceException, match="inactive"):
-        make_plan(start, end, 0.0)
-    assert len(navfn(start, end, 0.0).plan.poses) > 30
+        make_plan(start_pose, end_pose, 0.0)
+    assert len(navfn_make_plan(start_pose, end_pose, 0.0).plan.poses) > 30
 
 
 # -- maps ------------------------------------------------------------------------------------------
@@ -126,51 +131,62 @@ def test_costmaps_footprints_and_cloud(idle):
         "/move_base/local_costmap/footprint": PolygonStamped,
         PLANNER + "/cost_cloud": PointCloud2,
     }
-    subscribers, (world, local, updates, outline, cloud) = collect_all(topics)
+    subscribers, collected = collect_all(topics)
+    global_maps, local_maps, updates, outlines, clouds = collected
 
     def updated():
         """Return the global costmap (800, 800) with its updates, as RViz shows it."""
-        cells = np.array(world[0].data, np.int8).reshape(800, 800)
+        cells = np.array(global_maps[0].data, np.int8).reshape(800, 800)
         for update in updates:
             rows = slice(update.y, update.y + update.height)
             columns = slice(update.x, update.x + update.width)
             cells[rows, columns] = np.reshape(update.data, (update.height, update.width))
         return cells
 
-    wait_for(
-        lambda: world and local and len(updates) > 2 and outline and updated().max() == 100, "maps"
-    )
-    assert world[0].info.origin.position.x == -20.0
-    assert world[0].info.resolution == pytest.approx(0.05)
+    def has_all_maps():
+        have_come = global_maps and local_maps and len(updates) > 2 and outlines
+        return have_come and updated().max() == 100
+
+    wait_for(has_all_maps, "maps")
+    assert global_maps[0].info.origin.position.x == -20.0
+    assert global_maps[0].info.resolution == pytest.approx(0.05)
     assert updated().min() == 0
     # The front of the posts at 1.5 m, whose radius is 0.15 m
     lethal_columns = np.argwhere(updated() == 100)[:, 1]
     assert (lethal_columns * 0.05 - 20.0).min() == pytest.approx(1.4, abs=0.15)
     # 10 m by 10 m
-    assert len(local[0].data) == 40000
+    assert len(local_maps[0].data) == 40000
     assert len(updates[0].data) == updates[0].width * updates[0].height
-    assert len(outline[0].polygon.points) == 4
+    assert len(outlines[0].polygon.points) == 4
     wait_for(
-        lambda: max(p.x for p in outline[-1].polygon.points) == pytest.approx(0.31),
+        lambda: max(corner.x for corner in outlines[-1].polygon.points) == pytest.approx(0.31),
         "the outline at the start",
     )
     idle.client.send_goal(goal(1.0))
-    wait_for(lambda: cloud, "cost cloud")
-    costs = ["path_cost", "goal_cost", "occ_cost", "total_cost"]
-    assert [field.name for field in cloud[0].fields][3:] == costs
-    assert len(cloud[0].data) == cloud[0].width * cloud[0].point_step
+    wait_for(lambda: clouds, "cost cloud")
+    cost_fields = ["path_cost", "goal_cost", "occ_cost", "total_cost"]
+    assert [field.name for field in clouds[0].fields][3:] == cost_fields
+    assert len(clouds[0].data) == clouds[0].width * clouds[0].point_step
     finish(idle.client)
+
     # As in C++, the node also subscribes to the topic of the footprint.
     publisher = rospy.Publisher("/move_base/local_costmap/footprint", Polygon, queue_size=1)
     wait_for(lambda: publisher.get_num_connections(), "connection")
-    for side in (0.4, 0.165):
-        corners = ((-0.21, -side), (-0.21, side), (0.21, side), (0.21, -side))
-        publisher.publish(Polygon([Point32(x, y, 0.0) for x, y in corners]))
-        width = pytest.approx(2.0 * (side + 0.1), abs=0.1)  # including the padding
-        wait_for(
-            lambda width=width: np.ptp([p.y for p in outline[-1].polygon.points]) == width,
-            "the outline",
-        )
+    # The second footprint is the Jackal's again, for the following tests.
+    for half_width in (0.4, 0.165):
+        corners = [
+            Point32(-0.21, -half_width, 0.0),
+            Point32(-0.21, half_width, 0.0),
+            Point32(0.21, half_width, 0.0),
+            Point32(0.21, -half_width, 0.0),
+        ]
+        publisher.publish(Polygon(corners))
+        padded_width = pytest.approx(2.0 * (half_width + 0.1), abs=0.1)
+
+        def has_changed(width=padded_width):
+            return np.ptp([corner.y for corner in outlines[-1].polygon.points]) == width
+
+        wait_for(has_changed, "the outline")
     publisher.unregister()
     for subscriber in subscribers:
         subscriber.unregister()

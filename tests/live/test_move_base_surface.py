@@ -44,43 +44,46 @@ def test_topics_are_those_of_the_cpp_node(stack, master, what, call):
 
 
 def test_services_are_those_of_the_cpp_node(stack):
-    services = {}
-    for name in rosservice.get_service_list(node="/move_base"):
+    service_types = {}
+    for service_name in rosservice.get_service_list(node="/move_base"):
         # rospy and roscpp have different services of logging.
-        if "logger" not in name:
-            services[name] = rosservice.get_service_type(name)
-    assert services == SURFACE["services"]
+        if "logger" not in service_name:
+            service_types[service_name] = rosservice.get_service_type(service_name)
+    assert service_types == SURFACE["services"]
 
 
 def test_a_server_describes_the_cpp_parameters(stack):
     """The tables of the other servers are compared in tests/planner/parameters."""
     client = Client(PLANNER, timeout=LONGEST)
     descriptions = client.get_parameter_descriptions(timeout=LONGEST)
-    ours = {description["name"]: description for description in descriptions}
-    values = client.get_configuration(timeout=LONGEST)
+    our_descriptions = {description["name"]: description for description in descriptions}
+    our_values = client.get_configuration(timeout=LONGEST)
     client.close()
 
     def number(bound):
         """Return a bound of the JSON file, which has no infinity."""
         return float(bound) if bound in ("inf", "-inf") else bound
 
-    for theirs in SURFACE["dynamic_reconfigure"][PLANNER]:
-        described = ours.pop(theirs["name"])
-        assert described["type"] == theirs["type"]
-        assert described["min"] == number(theirs["min"])
-        assert described["max"] == number(theirs["max"])
-        assert described["default"] == theirs["default"]
-        assert values[theirs["name"]] == theirs["jackal"]
+    for cpp_parameter in SURFACE["dynamic_reconfigure"][PLANNER]:
+        our_parameter = our_descriptions.pop(cpp_parameter["name"])
+        assert our_parameter["type"] == cpp_parameter["type"]
+        assert our_parameter["min"] == number(cpp_parameter["min"])
+        assert our_parameter["max"] == number(cpp_parameter["max"])
+        assert our_parameter["default"] == cpp_parameter["default"]
+        assert our_values[cpp_parameter["name"]] == cpp_parameter["jackal"]
     # Both spellings of the weights are served; a C++ node has one of them.
-    assert set(ours) <= {"pdist_scale", "gdist_scale"}
+    assert set(our_descriptions) <= {"pdist_scale", "gdist_scale"}
 
 
 def test_parameters_are_on_the_server(stack):
     for server, parameters in SURFACE["dynamic_reconfigure"].items():
         for parameter in parameters:
-            name = server + "/" + parameter["name"]
-            value = parameter["jackal"]
-            wait_for(lambda name=name, value=value: rospy.get_param(name, None) == value, name)
+            full_name = server + "/" + parameter["name"]
+
+            def is_served(full_name=full_name, jackal_value=parameter["jackal"]):
+                return rospy.get_param(full_name, None) == jackal_value
+
+            wait_for(is_served, full_name)
 
 
 # -- dynamic_reconfigure ---------------------------------------------------------------------------
@@ -102,24 +105,24 @@ def test_a_server_is_read_set_clamped_and_refuses_nan(
     idle, server, name, value, beyond, bound, others
 ):
     client = Client(server, timeout=LONGEST)
-    before = client.get_configuration(timeout=LONGEST)
+    values_before = client.get_configuration(timeout=LONGEST)
     try:
         assert client.update_configuration({name: value})[name] == value
         wait_for(lambda: client.get_configuration()[name] == value, "update")
         wait_for(lambda: rospy.get_param(server + "/" + name) == value, "mirror")
         assert client.update_configuration({name: beyond})[name] == bound
-        printed = len(idle.node.text)
+        earlier_output = len(idle.node.text)
         with pytest.raises(DynamicReconfigureCallbackException):
             client.update_configuration(dict(others, **{name: math.nan}))
-        assert "refused a change: %s is nan" % name in idle.node.text[printed:]
+        assert "refused a change: %s is nan" % name in idle.node.text[earlier_output:]
         time.sleep(0.05)
         # Of a refused request nothing is applied, neither the other parameter that it had.
-        after = client.get_configuration()
-        assert after[name] == bound
-        for unchanged in others:
-            assert after[unchanged] == before[unchanged]
+        values_after = client.get_configuration()
+        assert values_after[name] == bound
+        for other_name in others:
+            assert values_after[other_name] == values_before[other_name]
     finally:
-        client.update_configuration({name: before[name]})
+        client.update_configuration({name: values_before[name]})
         client.close()
 
 
@@ -140,7 +143,8 @@ def test_a_lost_heartbeat_is_reported_once():
     assert watchdog.is_lost(15.1)
 
     # What is set then: theta_0, below the robot's speed limit.
-    jackal = MoveBase(JACKAL_PARAMETERS)
-    capped = heartbeat_watchdog.start_up_requests(jackal, SPACE, max_speed=0.3)
-    assert capped["TrajectoryPlannerROS"]["max_vel_x"] == 0.3
-    assert heartbeat_watchdog.start_up_requests(jackal, SPACE) == SPACE.settings(SPACE.theta0)
+    move_base = MoveBase(JACKAL_PARAMETERS)
+    capped_requests = heartbeat_watchdog.start_up_requests(move_base, SPACE, max_speed=0.3)
+    assert capped_requests["TrajectoryPlannerROS"]["max_vel_x"] == 0.3
+    requests = heartbeat_watchdog.start_up_requests(move_base, SPACE)
+    assert requests == SPACE.settings(SPACE.theta0)

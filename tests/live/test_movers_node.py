@@ -25,13 +25,15 @@ class Walker(FakeJackal):
     """
 
     walks = False
-    y = -1.5
-    way = 1.0
+    y = -1.5  # position of the person [m]
+    vy = 1.0  # velocity of the person along y [m/s]
 
     def _publish_pose(self, stamp):
         if self.walks:
-            self.y += 0.02 * self.way  # This method is called every 20 ms.
-            self.way = -self.way if abs(self.y) > 1.5 else self.way
+            self.y += 0.02 * self.vy  # This method is called every 20 ms.
+            # The person turns round.
+            if abs(self.y) > 1.5:
+                self.vy = -self.vy
         self.robot.circles = np.array([*WALL, (1.8, self.y, 0.25)])
         super()._publish_pose(stamp)
 
@@ -41,13 +43,13 @@ def test_a_walker_is_predicted_and_nothing_is_published_at_rest():
     jackal = Walker(WALL)
     node = ros.node("movers")
     clouds = []
-    shown = []
+    marker_arrays = []
     tracked = []
     rospy.Subscriber("/applr/tracked", Movers, tracked.append)
     rospy.Subscriber("/applr/predicted", PointCloud2, clouds.append)
-    rospy.Subscriber("/applr/movers", MarkerArray, lambda message: shown.append(message.markers))
+    rospy.Subscriber("/applr/movers", MarkerArray, marker_arrays.append)
     try:
-        node.until(lambda: len(clouds) > 5 and shown and tracked)
+        node.until(lambda: len(clouds) > 5 and marker_arrays and tracked)
         assert {cloud.header.frame_id for cloud in clouds} == {"odom"}
         assert not any(cloud.width for cloud in clouds), "nothing moves"
         assert {(message.header.frame_id, len(message.x)) for message in tracked} == {("odom", 0)}
@@ -60,18 +62,21 @@ def test_a_walker_is_predicted_and_nothing_is_published_at_rest():
             # Where the person is, its velocity [m/s] and radius [m]
             message = tracked[-1]
             person = pytest.approx((1.8, 0.0, 1.0, 0.25), abs=0.3)
-            rows = zip(message.x, message.vx, message.vy, message.radius)
-            is_tracked = any(row == person for row in rows)
+            obstacles = zip(message.x, message.vx, message.vy, message.radius)
+            is_tracked = any(obstacle == person for obstacle in obstacles)
 
             # Predicted points reach as far as the person walks in a second.
-            marked = points_of(clouds[-1])
-            is_predicted = len(marked) > 0 and marked[:, 1].max() > jackal.y + 0.5
+            predicted_points = points_of(clouds[-1])
+            is_predicted = (
+                len(predicted_points) > 0 and predicted_points[:, 1].max() > jackal.y + 0.5
+            )
 
             # RViz shows the same points, and an arrow as long as the person walks in a second.
-            points, *arrows = shown[-1]
-            is_shown = any(point.y > jackal.y + 0.5 for point in points.points)
-            lengths = [arrow.points[1].y - arrow.points[0].y for arrow in arrows]
-            return is_tracked and is_predicted and is_shown and 0.6 < max(lengths, default=0) < 1.4
+            point_marker, *arrows = marker_arrays[-1].markers
+            has_points = any(point.y > jackal.y + 0.5 for point in point_marker.points)
+            arrow_lengths = [arrow.points[1].y - arrow.points[0].y for arrow in arrows]
+            has_arrow = 0.6 < max(arrow_lengths, default=0) < 1.4
+            return is_tracked and is_predicted and has_points and has_arrow
 
         wait_for(shows_the_walk, "the predicted obstacle points")
         jackal.walks = False

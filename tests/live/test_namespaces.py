@@ -38,8 +38,8 @@ LAUNCH = """<launch>
 def names_of(node):
     """Return the topics and services of a node, as the master lists them."""
     publishers, subscribers, services = rosgraph.Master("/pytest").getSystemState()
-    rows = [*publishers, *subscribers, *services]
-    return {name for name, nodes in rows if node in nodes}
+    registrations = [*publishers, *subscribers, *services]
+    return {name for name, nodes in registrations if node in nodes}
 
 
 class Watched:
@@ -75,12 +75,15 @@ def test_a_stack_in_a_namespace(tmp_path):
     try:
         launched.until(lambda: len(watched.decided) >= 2)
         launched.until(lambda: math.dist(watched.places[-1], START[:2]) > 2.2)
-        for name in NODES:
-            names = names_of("/robot1/" + name)
-            outside = {each for each in names if not each.startswith("/robot1/")}
-            assert outside <= SHARED, (name, outside - SHARED)
+        for node_name in NODES:
+            outside_names = set()
+            for name in names_of("/robot1/" + node_name):
+                if not name.startswith("/robot1/"):
+                    outside_names.add(name)
+            assert outside_names <= SHARED, (node_name, outside_names - SHARED)
         # The world is one for all robots.
-        assert {name for name in watched.frames if not name.startswith("robot1/")} == {"world"}
+        outside_frames = {frame for frame in watched.frames if not frame.startswith("robot1/")}
+        assert outside_frames == {"world"}
         assert rospy.ServiceProxy("/robot1/applr/enable", SetBool)(False).success
         assert "no heartbeat of the applr node" not in launched.text
     finally:
@@ -103,16 +106,16 @@ def replayed(master, bag, start):
     static_tf = []
     obstacles = []
     parameters = []
-    times = []
+    clock_times = []
     rospy.Subscriber("/tf_static", TFMessage, static_tf.append)
     rospy.Subscriber("/robot1/sim_bridge/obstacles", MarkerArray, obstacles.append)
     rospy.Subscriber("/robot1/applr/parameters", Parameters, parameters.append)
-    rospy.Subscriber("/clock", Clock, lambda message: times.append(message.clock.to_sec()))
+    rospy.Subscriber("/clock", Clock, lambda message: clock_times.append(message.clock.to_sec()))
     options = "rviz:=false", "bag:=%s" % bag, "options:=--clock -s %g" % start
     player = master.spawn("roslaunch", "applr_ros1", "replay.launch", *options)
     try:
-        player.until(lambda: static_tf and obstacles and parameters and len(times) > 50)
-        assert times == sorted(times)
+        player.until(lambda: static_tf and obstacles and parameters and len(clock_times) > 50)
+        assert clock_times == sorted(clock_times)
         assert len(obstacles[-1].markers) > 50
     finally:
         player.end()

@@ -114,9 +114,9 @@ def calls(client):
     def poll():
         # A server publishes within its call; the message takes a moment.
         time.sleep(0.2)
-        called = set(updated)
+        called_servers = set(updated)
         updated.clear()
-        return called
+        return called_servers
 
     wait_for(lambda: len(updated) == len(subscribers), "the latched messages")
     poll()
@@ -129,9 +129,9 @@ def test_a_server_whose_values_are_in_force_is_not_called(client, calls):
     theta = THETA_0.copy()
     theta[0] = 1.5
     # The second request has nothing to set.
-    for expected in ({PLANNER}, set()):
+    for expected_calls in ({PLANNER}, set()):
         assert applied(client, theta)
-        assert calls() == expected
+        assert calls() == expected_calls
     local_costmap = client.servers["local_costmap"]
     set_by_another_client(local_costmap.name, footprint_padding=0.02)
     wait_for(
@@ -157,24 +157,24 @@ def test_a_restarted_server_is_called_with_any_last_values(client, calls):
     # A server publishes its description at its start alone: a second one is that of a new
     # process.
     client.servers["local_costmap"]._on_description(description)
-    for expected in ({COSTMAPS[0]}, set()):
+    for expected_calls in ({COSTMAPS[0]}, set()):
         assert applied(client, THETA_0)
-        assert calls() == expected
+        assert calls() == expected_calls
 
 
 def test_a_value_set_by_hand_is_read_without_the_multiplier_that_it_was_sent_with(
     client, monkeypatch
 ):
-    index = SPACE.names.index("pdist_scale")
+    weight_index = SPACE.names.index("pdist_scale")
     # A planner with weights per metre, on cells of 0.05 m: they get 0.05 / 0.02 of those per cell.
     monkeypatch.setattr(client, "per_cell", True)
     monkeypatch.setattr(client, "factor", 0.05)
     assert applied(client, THETA_0)
-    assert client.values()[index] == 2.5 * THETA_0[index]
+    assert client.values()[weight_index] == 2.5 * THETA_0[weight_index]
     assert np.array_equal(client.theta(), THETA_0)
     set_by_another_client(PLANNER, path_distance_bias=2.0)
-    wait_for(lambda: client.values()[index] == 2.0, "the value set by another client")
-    assert client.theta()[index] == 0.8
+    wait_for(lambda: client.values()[weight_index] == 2.0, "the value set by another client")
+    assert client.theta()[weight_index] == 0.8
     monkeypatch.setattr(client, "per_cell", False)
     assert applied(client, THETA_0)
     assert np.array_equal(client.values(), THETA_0), "a set per metre is sent unchanged"
@@ -187,17 +187,22 @@ def test_a_restarted_server_gets_the_last_request(client):
         assert not requester.busy, "nothing was requested yet"
         requester.request(SPACE.high)
         wait_for(lambda: not requester.busy, "the request")
-        attempts = len(reports)
+        earlier_reports = len(reports)
         requester.reapply()
-        wait_for(lambda: len(reports) > attempts and not requester.busy, "the same request again")
+
+        def has_applied_again():
+            return len(reports) > earlier_reports and not requester.busy
+
+        wait_for(has_applied_again, "the same request again")
         assert np.array_equal(requester.theta(), SPACE.high)
 
 
 @pytest.mark.parametrize("values", [{}, {"max_vel_x": "fast"}], ids=["nothing", "a text"])
 def test_a_value_that_is_not_a_number_is_unknown_and_set_again(client, monkeypatch, values):
     planner = client.servers["TrajectoryPlannerROS"]
-    config = {name: value for name, value in planner.values.items() if name != "max_vel_x"}
-    monkeypatch.setattr(planner._client, "config", {**config, **values})
+    served_values = dict(planner.values)
+    del served_values["max_vel_x"]
+    monkeypatch.setattr(planner._client, "config", {**served_values, **values})
     assert client.theta() is None
     assert applied(client, THETA_0)
     assert np.array_equal(client.theta(), THETA_0)
@@ -221,10 +226,10 @@ def test_fault_3_a_frozen_server_is_abandoned_in_time_and_recovers(client, fake)
     # Each call waits anew: one that was given up must not make the next one wait longer.
     for _ in range(3):
         began = time.monotonic()
-        kept = Kept()
+        stopwatch = Kept()
         assert "does not answer" in client.apply(SPACE.low)
         # The servers are called at the same time, so that one time limit holds for all.
-        assert time.monotonic() - began < 1.2 + kept.waiting()
+        assert time.monotonic() - began < 1.2 + stopwatch.waiting()
     fake.thaw()
     wait_for(lambda: applied(client, SPACE.high), "the set after the calls that were given up")
     time.sleep(0.2)
@@ -241,14 +246,16 @@ def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
     assert client.theta()[:4].tolist() == [0.2, 0.5, 7, 20]
 
     # If the space of parameters allows more than the servers, the servers' bounds apply.
-    wide = ReconfigureClient(space=replace(SPACE, low=-1e3 * SPACE.high, high=1e3 * SPACE.high))
-    wait_for(lambda: not wide.connect(), "servers")
-    for theta, bound in ((wide.space.low, "min"), (wide.space.high, "max")):
-        assert applied(wide, theta)
-        planner = wide.servers["TrajectoryPlannerROS"]
-        for name in ("max_vel_x", "vx_samples", "occdist_scale"):
-            assert planner.values[name] == planner.declared[name][bound]
-    wide.close()
+    wide_space = replace(SPACE, low=-1e3 * SPACE.high, high=1e3 * SPACE.high)
+    wide_client = ReconfigureClient(space=wide_space)
+    wait_for(lambda: not wide_client.connect(), "servers")
+    for theta, bound in ((wide_space.low, "min"), (wide_space.high, "max")):
+        assert applied(wide_client, theta)
+        planner = wide_client.servers["TrajectoryPlannerROS"]
+        for parameter_name in ("max_vel_x", "vx_samples", "occdist_scale"):
+            served_bound = planner.declared[parameter_name][bound]
+            assert planner.values[parameter_name] == served_bound
+    wide_client.close()
 
 
 def test_fault_3_an_abandoned_call_never_overwrites_a_newer_one(client, fake):
@@ -273,13 +280,13 @@ def test_fault_5_one_refusal_is_read_back_and_the_next_attempt_sets_the_missing_
     client, server, fault
 ):
     rospy.set_param("/fake/" + fault, [server])
-    error = client.apply(SPACE.high, LONGEST)
-    assert server in error
-    assert "\n" not in error
+    error_message = client.apply(SPACE.high, LONGEST)
+    assert server in error_message
+    assert "\n" not in error_message
     # The others took the set; this one has what it had.
-    for role, checked in client.servers.items():
-        theta = THETA_0 if checked.name == server else SPACE.high
-        assert checked.has(checked.request(SPACE.settings(theta)[role])), role
+    for role, server_client in client.servers.items():
+        theta = THETA_0 if server_client.name == server else SPACE.high
+        assert server_client.has(server_client.request(SPACE.settings(theta)[role])), role
     rospy.delete_param("/fake/" + fault)
     assert applied(client, SPACE.high)
 
@@ -288,17 +295,17 @@ def test_no_text_of_a_server_is_executed(tmp_path):
     """The client of dynamic_reconfigure would evaluate the edit_method of a parameter that is set
     to a text.
     """
-    proof = tmp_path / "ran"
-    malicious = session().node(
-        "tests.support.nodes", "__name:=evil", "--text", f"open({str(proof)!r}, 'w')"
-    )
+    # The text would write a file.
+    written_file = tmp_path / "ran"
+    malicious_text = f"open({str(written_file)!r}, 'w')"
+    malicious = session().node("tests.support.nodes", "__name:=evil", "--text", malicious_text)
     malicious.until("all up")
     client = ReconfigureClient("/evil")
     wait_for(lambda: not client.connect(), "the servers")
     with suppress(TypeError):  # The bounds are texts.
         client.apply(SPACE.high)
     malicious.kill()
-    assert not proof.exists()
+    assert not written_file.exists()
 
 
 def test_dead_servers_are_named_and_the_request_is_kept(client, fake):
@@ -308,6 +315,6 @@ def test_dead_servers_are_named_and_the_request_is_kept(client, fake):
         requester.request(SPACE.high)
         wait_for(lambda: len(reports) >= 5, "attempts")
         assert requester.busy
-    error = client.apply(SPACE.high)
-    assert all(server in error for server in (PLANNER, *LAYERS))
-    assert "\n" not in error
+    error_message = client.apply(SPACE.high)
+    assert all(server in error_message for server in (PLANNER, *LAYERS))
+    assert "\n" not in error_message

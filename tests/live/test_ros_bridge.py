@@ -2,7 +2,6 @@
 errors, lock step.
 """
 
-import itertools
 import time
 from math import hypot
 from types import SimpleNamespace
@@ -73,8 +72,9 @@ class Robot:
 
     def next(self, topic):
         """Wait for the next message of a topic and return it."""
-        count = len(self.received[topic])
-        return self.wait(lambda: len(self.received[topic]) > count and self.received[topic][-1])
+        messages = self.received[topic]
+        earlier_messages = len(messages)
+        return self.wait(lambda: len(messages) > earlier_messages and messages[-1])
 
     def drive(self, v, w, until):
         """Publish commands at 20 Hz of wall time until a condition holds."""
@@ -134,7 +134,7 @@ def test_reports_when_it_is_ready(robot):
 def test_topics_have_their_rates_and_frames(robot):
     began = time.monotonic()
     simulated_begin = robot.now
-    kept = Kept()
+    stopwatch = Kept()
     robot.forget()
     topics = ("/front/scan", "/odometry/filtered", "/imu/data", "/sim_bridge/ground_truth")
     robot.wait(lambda: min(len(robot.received[topic]) for topic in topics) > 60)
@@ -149,9 +149,9 @@ def test_topics_have_their_rates_and_frames(robot):
     assert np.median(clock_intervals) == pytest.approx(0.01, abs=0.003)
 
     # The simulation runs in real time, less what the machine had for others.
-    simulated = robot.now - simulated_begin
-    real = time.monotonic() - began
-    assert real - 0.3 - kept.waiting() < simulated < 1.3 * real + 0.3
+    simulated_s = robot.now - simulated_begin
+    real_s = time.monotonic() - began
+    assert real_s - 0.3 - stopwatch.waiting() < simulated_s < 1.3 * real_s + 0.3
 
     scan = received["/front/scan"][-1]
     odometry = received["/odometry/filtered"][-1]
@@ -169,10 +169,11 @@ def test_frames_of_laser_odometry_and_world_are_published(robot):
     wait_for(lambda: buffer.can_transform("odom", "front_laser", rospy.Time(0)), "tf")
     laser = buffer.lookup_transform("base_link", "front_laser", rospy.Time(0)).transform.translation
     assert (laser.x, laser.y, laser.z) == (0.055, 0.0, 0.333)
-    start = worlds.load("generated:0").course.start
+    # The odometry begins at the course's start, without its yaw.
+    start_pose = worlds.load("generated:0").course.start
     wait_for(lambda: buffer.can_transform("world", "odom", rospy.Time(0)), "tf of the world")
     origin = buffer.lookup_transform("world", "odom", rospy.Time(0)).transform
-    assert (origin.translation.x, origin.translation.y) == pytest.approx(start[:2])
+    assert (origin.translation.x, origin.translation.y) == pytest.approx(start_pose[:2])
     assert origin.rotation.w == 1.0
     listener.unregister()
 
@@ -180,15 +181,15 @@ def test_frames_of_laser_odometry_and_world_are_published(robot):
 def test_obstacles_are_shown(robot):
     world = worlds.load("generated:0")
     markers = rospy.wait_for_message("/sim_bridge/obstacles", MarkerArray, LONGEST).markers
-    cylinders = [
-        marker
-        for marker in markers
-        if marker.type == Marker.CYLINDER and marker.action == Marker.ADD
-    ]
-    assert len(cylinders) == len(world.cylinders)
+    cylinder_ids = []
+    for marker in markers:
+        if marker.type == Marker.CYLINDER and marker.action == Marker.ADD:
+            cylinder_ids.append(marker.id)
+    assert len(cylinder_ids) == len(world.cylinders)
     # RViz keeps markers of the world before otherwise.
     assert markers[0].action == Marker.DELETEALL
-    assert len({marker.id for marker in cylinders}) == len(cylinders)
+    # Of two markers with the same ID, RViz would show one.
+    assert len(set(cylinder_ids)) == len(cylinder_ids)
 
 
 @pytest.mark.fault("14")
@@ -203,23 +204,23 @@ def test_drives_on_either_topic_and_stops_when_commands_do(robot, topic):
 
     # The base stops 0.25 s after the last command, and needs some time to brake.
     silent_from = robot.now
-    kept = Kept()
+    stopwatch = Kept()
     robot.wait(lambda: abs(robot.speed) < 0.02)
-    assert robot.now - silent_from < 0.5 + kept.waiting()
+    assert robot.now - silent_from < 0.5 + stopwatch.waiting()
 
 
 def test_commands_that_are_not_finite_are_refused(robot):
     robot.drive(float("nan"), 0.0, lambda: "rejected: send finite numbers" in robot.process.text)
-    end = robot.now + 0.3
-    robot.drive(0.3, float("inf"), lambda: robot.now > end)
+    end_time = robot.now + 0.3
+    robot.drive(0.3, float("inf"), lambda: robot.now > end_time)
     assert abs(robot.speed) < 0.02
 
 
 def test_reset_returns_robot_and_odometry_to_the_start_and_clears_the_costmaps(robot):
-    cleared = []
+    clear_requests = []
 
     def clear(request):
-        cleared.append(request)
+        clear_requests.append(request)
         return EmptyResponse()
 
     # Stands for move_base, whose costmaps have obstacles of the old place.
@@ -227,10 +228,10 @@ def test_reset_returns_robot_and_odometry_to_the_start_and_clears_the_costmaps(r
     robot.drive(0.5, 0.3, lambda: hypot(*robot.place) > 0.2)
     robot.forget()
     reset = rospy.ServiceProxy("/sim_bridge/reset", Empty)
-    robot.wait(lambda: reset() and cleared)
-    start = worlds.load("generated:0").course.start
+    robot.wait(lambda: reset() and clear_requests)
+    start_pose = worlds.load("generated:0").course.start
     robot.wait(lambda: robot.place == (0.0, 0.0))
-    robot.wait(lambda: robot.true_place == pytest.approx(start[:2], abs=1e-3))
+    robot.wait(lambda: robot.true_place == pytest.approx(start_pose[:2], abs=1e-3))
     clocks = [message.clock for message in robot.received["/clock"]]
     assert clocks == sorted(clocks)  # ROS time must not jump back.
     service.shutdown("done")
@@ -253,18 +254,20 @@ def test_contact_is_reported(robot):
 
 
 def test_changes_the_world_without_a_restart(robot):
-    load = rospy.ServiceProxy("/sim_bridge/load_world", Trigger)
+    load_world = rospy.ServiceProxy("/sim_bridge/load_world", Trigger)
     rospy.set_param("/sim_bridge/world", "physical_course")
-    answer = load()
+    answer = load_world()
     assert answer.success
     assert answer.message == "world physical_course"
-    shown = rospy.wait_for_message("/sim_bridge/obstacles", MarkerArray, LONGEST).markers
+    markers = rospy.wait_for_message("/sim_bridge/obstacles", MarkerArray, LONGEST).markers
     # The generated worlds have cylinders only.
-    assert Marker.CUBE in {marker.type for marker in shown[1:]}
-    start = worlds.load("physical_course").course.start
-    robot.wait(lambda: robot.true_place == pytest.approx(start[:2], abs=1e-3))
+    assert Marker.CUBE in {marker.type for marker in markers[1:]}
+    start_pose = worlds.load("physical_course").course.start
+    robot.wait(lambda: robot.true_place == pytest.approx(start_pose[:2], abs=1e-3))
+
+    # There is no such world.
     rospy.set_param("/sim_bridge/world", "generated:5000")
-    answer = load()
+    answer = load_world()
     assert not answer.success
     assert "generated:5000" in answer.message
     assert "\n" not in answer.message
@@ -272,9 +275,9 @@ def test_changes_the_world_without_a_restart(robot):
 
 def test_ends_on_interrupt(robot):
     began = time.monotonic()
-    kept = Kept()
+    stopwatch = Kept()
     assert robot.process.end() == 0
-    assert time.monotonic() - began < 3.0 + kept.waiting()
+    assert time.monotonic() - began < 3.0 + stopwatch.waiting()
     assert "Traceback" not in robot.process.text
 
 
@@ -294,23 +297,23 @@ def test_factor_zero_waits_for_commands_at_the_planners_own_rate(monkeypatch, he
         command=lambda *_: bridge.commands.append(bridge.simulator.state.time),
     )
     period = 1.0 / hertz
-    cycles = itertools.count(1)
-    due = [0.0]  # time of the planner's next cycle [s]
+    planner = SimpleNamespace(due=0.0, cycles=0)  # time of its next cycle [s], and cycles so far
 
     def plan():
         """Let the planner command if its cycle is due; return whether a command has arrived."""
         # A scan may arrive a tick before the cycle is due.
-        early = 0.01 if len(bridge.commands) % 2 else 0.0
-        if bridge.simulator.state.time >= due[0] - early - 1e-6:
-            due[0] = period * next(cycles)
+        earliness = 0.01 if len(bridge.commands) % 2 else 0.0
+        if bridge.simulator.state.time >= planner.due - earliness - 1e-6:
+            planner.cycles += 1
+            planner.due = period * planner.cycles
             ros_bridge.Bridge.on_command(bridge, Twist())
         return bridge.newest is not None
 
     def wait_for(condition, patience):
         """Stand for the wait for a command, and remember whether one came."""
-        answered = plan()
-        bridge.waits.append(answered)
-        return answered
+        has_come = plan()
+        bridge.waits.append(has_come)
+        return has_come
 
     bridge.arrived.wait_for = wait_for
     # Four seconds in ticks of 0.01 s

@@ -5,7 +5,7 @@ use a fake one.
 """
 
 import time
-from types import SimpleNamespace
+from typing import NamedTuple
 
 import actionlib
 import pytest
@@ -47,16 +47,15 @@ class MoveBase:
 
     def ready(self):
         """Return whether the monitor has subscribed to all topics."""
-        return all(
-            publisher.get_num_connections()
-            for publisher in (self._commands, self._statuses, self._plans)
-        )
+        publishers = (self._commands, self._statuses, self._plans)
+        return all(publisher.get_num_connections() for publisher in publishers)
 
     def _tick(self, _):
         if self.status is not None:
-            goals = [GoalStatus(GoalID(id="earlier"), GoalStatus.SUCCEEDED, "")]
-            goals.append(GoalStatus(GoalID(id=self.goal), self.status, ""))
-            self._statuses.publish(GoalStatusArray(status_list=goals))
+            # As actionlib does, it lists an ended goal for a while.
+            ended_goal = GoalStatus(GoalID(id="earlier"), GoalStatus.SUCCEEDED, "")
+            current_goal = GoalStatus(GoalID(id=self.goal), self.status, "")
+            self._statuses.publish(GoalStatusArray(status_list=[ended_goal, current_goal]))
         # A plan that ends `left` metres from its begin, on a detour
         points = []
         if self.left:
@@ -72,28 +71,29 @@ class MoveBase:
             publisher.unregister()
 
 
-def monitor(escape):
-    """Start the monitor's node. Return the node and lists of its actions and diagnostics."""
-    names = "cmd_vel_in:=move_base/cmd_vel", f"_escape:={str(escape).lower()}"
-    child = session().node("applr_ros1.nodes.monitor.node", *INPUTS, *names)
-    actions = []
-    statuses = []
-    subscribers = (
-        rospy.Subscriber(
-            "/collision_monitor/action", String, lambda message: actions.append(message.data)
-        ),
-        rospy.Subscriber(
-            "/diagnostics", DiagnosticArray, lambda message: statuses.append(message.status[0])
-        ),
-    )
-    return SimpleNamespace(node=child, actions=actions, statuses=statuses, subscribers=subscribers)
+class Watched:
+    """The monitor's node, with its actions and diagnostics so far."""
 
+    def __init__(self, escape):
+        options = "cmd_vel_in:=move_base/cmd_vel", f"_escape:={str(escape).lower()}"
+        self.node = session().node("applr_ros1.nodes.monitor.node", *INPUTS, *options)
+        self.actions = []
+        self.statuses = []
+        self._subscribers = (
+            rospy.Subscriber("/collision_monitor/action", String, self._on_action),
+            rospy.Subscriber("/diagnostics", DiagnosticArray, self._on_diagnostics),
+        )
 
-def end(watched):
-    """End a monitor of monitor()."""
-    for subscriber in watched.subscribers:
-        subscriber.unregister()
-    watched.node.end()
+    def _on_action(self, message):
+        self.actions.append(message.data)
+
+    def _on_diagnostics(self, message):
+        self.statuses.append(message.status[0])
+
+    def end(self):
+        for subscriber in self._subscribers:
+            subscriber.unregister()
+        self.node.end()
 
 
 @pytest.mark.fault("17c")
@@ -104,7 +104,7 @@ def test_a_robot_too_close_to_a_post_for_its_planner_escapes(escape):
     """
     ros = session()
     jackal = FakeJackal([POST])
-    watched = monitor(escape)
+    watched = Watched(escape)
     teleop = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1)
     watched.node.until(lambda: teleop.get_num_connections())
 
@@ -120,14 +120,14 @@ def test_a_robot_too_close_to_a_post_for_its_planner_escapes(escape):
     # move_base neither recovers nor gives up, so that only the monitor can free the robot.
     parameters = dwa_parameters(recovery_behavior_enabled=False, controller_patience=60.0)
     rospy.set_param("/move_base", parameters)
-    names = "cmd_vel:=move_base/cmd_vel", "collision_monitor/held_back:=nobody/held_back"
-    move_base = ros.node("move_base", "odom:=odometry/filtered", *names)
+    remappings = "cmd_vel:=move_base/cmd_vel", "collision_monitor/held_back:=nobody/held_back"
+    move_base = ros.node("move_base", "odom:=odometry/filtered", *remappings)
     move_base.until("ready")
     client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
     assert client.wait_for_server(rospy.Duration(LONGEST))
     client.send_goal(goal(2.0))
     if escape:
-        assert finish(client)[1] == "Goal reached.", (move_base.text, watched.actions)
+        assert finish(client).text == "Goal reached.", (move_base.text, watched.actions)
     else:
         time.sleep(1.0)
         standing_pose = jackal.robot.pose
@@ -136,21 +136,29 @@ def test_a_robot_too_close_to_a_post_for_its_planner_escapes(escape):
         client.cancel_goal()
     move_base.end()
     jackal.close()
-    end(watched)
+    watched.end()
+
+
+class Stack(NamedTuple):
+    """A Jackal, a fake move_base, and the monitor between them."""
+
+    jackal: FakeJackal
+    planner: MoveBase
+    watched: Watched
 
 
 @pytest.fixture(scope="module")
 def whole():
-    """Return a Jackal, a fake move_base and the monitor, for all tests of this file."""
+    """Return the stack for all tests of this file."""
     session()
     jackal = FakeJackal()
     planner = MoveBase()
-    watched = monitor(True)
+    watched = Watched(escape=True)
     watched.node.until(planner.ready)
-    yield jackal, planner, watched
+    yield Stack(jackal, planner, watched)
     planner.end()
     jackal.close()
-    end(watched)
+    watched.end()
 
 
 @pytest.fixture
@@ -163,8 +171,8 @@ def stack(whole):
     planner.left = 5.0
     planner.goal = str(time.time())
     planner.command = (0.3, 0.0)
-    x = jackal.robot.pose[0]
-    wait_for(lambda: jackal.robot.pose[0] > x + 0.5, "half a metre")
+    start_x = jackal.robot.pose[0]
+    wait_for(lambda: jackal.robot.pose[0] > start_x + 0.5, "half a metre")
     planner.command = (0.0, 0.0)
     wait_for(lambda: jackal.robot.twist == (0.0, 0.0), "a stop")
     watched.actions.clear()
@@ -173,9 +181,9 @@ def stack(whole):
 
 
 def moved(jackal, since):
-    """Return the commands (time, v, w) since a time that are not zero."""
-    later = [command for command in jackal.commands if command[0] > since]
-    return [command for command in later if command[1:] != (0.0, 0.0)]
+    """Return the commands since a time that are not zero."""
+    later_commands = [command for command in jackal.commands if command.stamp > since]
+    return [command for command in later_commands if command.velocity != (0.0, 0.0)]
 
 
 def test_the_monitor_makes_escape_motions_for_a_stuck_planner_until_it_commands(stack):
@@ -184,25 +192,28 @@ def test_the_monitor_makes_escape_motions_for_a_stuck_planner_until_it_commands(
     planner.status = ACTIVE
     wait_for(lambda: moved(jackal, began), "a motion")
     # A planner that stands for 2 s is stuck. The motions are small and slow.
-    (first_motion, v, w), *_ = moved(jackal, began)
-    assert first_motion - began > 1.9
-    assert abs(v) <= 0.1
-    assert abs(w) <= 0.4
+    first_motion = moved(jackal, began)[0]
+    assert first_motion.stamp - began > 1.9
+    assert abs(first_motion.v) <= 0.1
+    assert abs(first_motion.w) <= 0.4
 
     def warnings():
         return [status for status in watched.statuses if "makes no progress" in status.message]
 
     wait_for(warnings, "diagnostics")
     assert warnings()[0].level == DiagnosticStatus.WARN
-    words = "escape: move_base makes no progress"
-    assert any(action.startswith(words) for action in watched.actions)
+    escape_action = "escape: move_base makes no progress"
+    assert any(action.startswith(escape_action) for action in watched.actions)
 
+    # The planner commands again.
     planner.command = (0.3, 0.0)
-    kept = Kept()
+    stopwatch = Kept()
     began = time.time()
-    wait_for(lambda: jackal.commands[-1][1] == 0.3, "the planner's command")
-    others = [command for command in moved(jackal, began) if command[1] != 0.3]
-    assert len(others) <= 2 + kept.waiting() / 0.05, "a command ends the escape motion at once"
+    wait_for(lambda: jackal.commands[-1].v == 0.3, "the planner's command")
+    escape_commands = [command for command in moved(jackal, began) if command.v != 0.3]
+    # Two commands may have been under way.
+    most_commands = 2 + stopwatch.waiting() / 0.05
+    assert len(escape_commands) <= most_commands, "a command ends the escape motion at once"
     assert watched.node.text.count("trying small escape motions") == 1
 
 
@@ -221,15 +232,18 @@ def test_an_escape_motion_ends_with_its_cause(stack, change):
     began = time.time()
     wait_for(lambda: moved(jackal, began), "a motion although the planner is silent")
     vars(planner).update(change)
-    changed = time.time()
-    kept = Kept()
-    while time.time() < changed + 4.0:
+    changed_at = time.time()
+    stopwatch = Kept()
+    while time.time() < changed_at + 4.0:
         time.sleep(0.3)
+        # No goal lasts for the 2 s after which a planner counts as stuck.
         if "goal" in change:
             planner.goal = str(time.time())
-    last_motion = max((stamp for stamp, _, _ in moved(jackal, changed)), default=changed)
-    assert last_motion - changed < 1.5 + kept.waiting(), (
+    latest_motion = max(
+        (command.stamp for command in moved(jackal, changed_at)), default=changed_at
+    )
+    assert latest_motion - changed_at < 1.5 + stopwatch.waiting(), (
         "a status is usable for 1 s; a new motion would begin after 2.5 s"
     )
-    assert jackal.commands[-1][1:] == (0.0, 0.0)
+    assert jackal.commands[-1].velocity == (0.0, 0.0)
     assert not any("failed" in action for action in watched.actions), watched.node.text

@@ -6,6 +6,7 @@ import contextlib
 import http.client
 import socket
 from types import SimpleNamespace
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -65,8 +66,9 @@ def test_page_and_websocket_require_the_token_and_refuse_other_websites(
     from websockets.exceptions import InvalidStatus
     from websockets.sync.client import connect
 
-    _, _, server, token, *_ = viewer.address.split("/")
-    port = int(server.rpartition(":")[2])
+    address = urlsplit(viewer.address)
+    port = address.port
+    token = address.path.split("/")[1]
 
     def filled(text):
         """Return a text with this viewer's token and port."""
@@ -80,34 +82,34 @@ def test_page_and_websocket_require_the_token_and_refuse_other_websites(
         headers["Origin"] = origin
 
     # The page
-    page = http.client.HTTPConnection("127.0.0.1", port, timeout=LONGEST)
-    page.request("GET", path, headers=headers)
-    answer = page.getresponse()
+    page_connection = http.client.HTTPConnection("127.0.0.1", port, timeout=LONGEST)
+    page_connection.request("GET", path, headers=headers)
+    answer = page_connection.getresponse()
     assert answer.status == (403 if reason else 200)
     assert (reason or "<html") in answer.read().decode()
-    page.close()
+    page_connection.close()
 
     # The websocket. A socket of its own, because a name such as evil.example leads nowhere here.
     with pytest.raises(InvalidStatus, match="403") if reason else contextlib.nullcontext():
-        connection = socket.create_connection(("127.0.0.1", port))
+        own_socket = socket.create_connection(("127.0.0.1", port))
         protocol = "viser-v" + viser.__version__
-        url = "ws://" + host + path
-        connect(url, sock=connection, origin=origin, subprotocols=[protocol]).close()
+        websocket_url = "ws://" + host + path
+        connect(websocket_url, sock=own_socket, origin=origin, subprotocols=[protocol]).close()
 
 
 @pytest.mark.parametrize("header", ["Origin", "Host"])
 def test_a_duplicate_header_is_refused(viewer, header):
-    _, _, server, token, _ = viewer.address.split("/")
-    page = http.client.HTTPConnection("127.0.0.1", int(server.rpartition(":")[2]), timeout=LONGEST)
-    page.putrequest("GET", f"/{token}/", skip_host=True)
-    headers = {"Host": server, "Origin": "http://" + server}
-    for name, value in headers.items():
-        page.putheader(name, value)
+    address = urlsplit(viewer.address)
+    connection = http.client.HTTPConnection("127.0.0.1", address.port, timeout=LONGEST)
+    connection.putrequest("GET", address.path, skip_host=True)
+    headers = {"Host": address.netloc, "Origin": "http://" + address.netloc}
+    for header_name, header_text in headers.items():
+        connection.putheader(header_name, header_text)
     # Of two headers, the check and the server could each read another one.
-    page.putheader(header, headers[header])
-    page.endheaders()
-    assert page.getresponse().status >= 400
-    page.close()
+    connection.putheader(header, headers[header])
+    connection.endheaders()
+    assert connection.getresponse().status >= 400
+    connection.close()
 
 
 def state(viewer):
@@ -144,10 +146,10 @@ def by_hand(element, value):
 
 
 def test_silent_nodes_and_topics_are_reported(viewer):
-    text = state(viewer)
-    assert "no move_base: nothing on /move_base/status" in text
-    assert "no scan: nothing on /front/scan" in text
-    assert "no applr node" in text
+    status_text = state(viewer)
+    assert "no move_base: nothing on /move_base/status" in status_text
+    assert "no scan: nothing on /front/scan" in status_text
+    assert "no applr node" in status_text
     reports = []
     viewer.panel.report = reports.append
     by_hand(viewer.panel.sliders["max_vel_x"], 0.8)
@@ -159,22 +161,27 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
     applr = ros.node("applr", "_method:=dwa")
     try:
         wait_for(lambda: "default parameters" in state(viewer), "the method")
-        slider = viewer.panel.sliders["inflation_radius"]
-        column = viewer.panel.space.names.index("inflation_radius")
-        wait_for(
-            lambda: state(viewer) and viewer.panel.theta() is not None and slider.value == 0.3,
-            "the parameters",
-        )
-        by_hand(slider, 0.45)
+        radius_slider = viewer.panel.sliders["inflation_radius"]
+        radius_index = viewer.panel.space.names.index("inflation_radius")
+
+        def shows_the_default():
+            has_parameters = state(viewer) and viewer.panel.theta() is not None
+            return has_parameters and radius_slider.value == 0.3
+
+        wait_for(shows_the_default, "the parameters")
+
+        # The slider sets one parameter of the policy, which both costmaps have.
+        by_hand(radius_slider, 0.45)
         for costmap in ("local_costmap", "global_costmap"):
-            radius = f"/move_base/{costmap}/inflater_layer/inflation_radius"
-            wait_for(lambda radius=radius: rospy.get_param(radius) == 0.45, radius)
+            parameter = f"/move_base/{costmap}/inflater_layer/inflation_radius"
+            wait_for(lambda parameter=parameter: rospy.get_param(parameter) == 0.45, parameter)
         wait_for(
-            lambda: state(viewer) and viewer.panel.theta()[column] == 0.45,
+            lambda: state(viewer) and viewer.panel.theta()[radius_index] == 0.45,
             "the value as the applr node read it",
         )
         wait_for(lambda: "parameters by hand" in state(viewer), "the parameters by hand")
 
+        # A method takes over again.
         by_hand(viewer.panel.dropdown, "tuned set")
         defaults = viewer.panel.space.theta0
         wait_for(
@@ -182,7 +189,7 @@ def test_a_slider_takes_over_and_the_method_takes_back(ros, viewer):
             "its values",
         )
         wait_for(lambda: "tuned set" in state(viewer), "the method")
-        wait_for(lambda: state(viewer) and slider.value != 0.45, "the slider follows")
+        wait_for(lambda: state(viewer) and radius_slider.value != 0.45, "the slider follows")
     finally:
         applr.kill()
         move_base.kill()
@@ -202,8 +209,9 @@ def test_robot_and_scan_are_drawn_while_a_page_is_open(ros):
             "the page's subscription alone",
         )
         wait_for(lambda: state(viewer) and viewer.scene.scan.visible, "the scan")
-        x, y, _ = viewer.scene.scan.points.T
-        assert np.hypot(x - 1.5, y - 0.8).min() < 0.2
+        scan_x = viewer.scene.scan.points[:, 0]
+        scan_y = viewer.scene.scan.points[:, 1]
+        assert np.hypot(scan_x - 1.5, scan_y - 0.8).min() < 0.2
         assert "no scan" not in state(viewer)
         jackal.put((0.2, 0.0, 0.0))
         wait_for(lambda: state(viewer) and viewer.scene.pose[0] > 0.1, "the robot has moved")

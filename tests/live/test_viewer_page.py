@@ -80,14 +80,14 @@ def page():
             reads(page, "parameters by policy")
             yield page
             assert complaints == []
-            served = (address, "data:", "blob:")
-            assert [url for url in requests if not url.startswith(served)] == []
+            own_addresses = (address, "data:", "blob:")
+            assert [url for url in requests if not url.startswith(own_addresses)] == []
             browser.close()
     finally:
         for node in reversed(nodes.values()):
             node.end()
-        for name in NODES:
-            rospy.delete_param("/" + name)
+        for node_name in NODES:
+            rospy.delete_param("/" + node_name)
         rospy.set_param("/use_sim_time", False)
 
 
@@ -95,8 +95,9 @@ def test_the_page_has_the_look_of_all_pages_and_shuts_nobody_out(page):
     assert page.title() == "applr_ros1: jackal"
     ground = "getComputedStyle(document.querySelector('[data-dock-region=right]')).backgroundColor"
     assert page.evaluate(ground) == "rgb(19, 20, 22)", "the paper of dark pages"
-    ink = page.locator(".status .verdict").evaluate("element => getComputedStyle(element).color")
-    assert ink == "rgb(207, 208, 208)"
+    verdict = page.locator(".status .verdict")
+    text_color = verdict.evaluate("element => getComputedStyle(element).color")
+    assert text_color == "rgb(207, 208, 208)"
     assert page.get_by_role("slider", name="max_vel_x [m/s]").count() == 1
     page.get_by_role("tab", name="View").click()
     page.get_by_text("trajectories, cheap to dear").wait_for()

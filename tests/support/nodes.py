@@ -22,6 +22,7 @@ import threading
 import time
 import xmlrpc.client
 from types import SimpleNamespace
+from typing import List, NamedTuple, Tuple
 
 import actionlib
 import numpy as np
@@ -67,6 +68,19 @@ TICK = 0.01  # simulation step [s]
 COMMAND_TIMEOUT = 0.25  # age of a command after which the base stops [s]
 
 
+class Command(NamedTuple):
+    """Command that a base has received: wall time [s], speed [m/s] and turn rate [rad/s]."""
+
+    stamp: float
+    v: float
+    w: float
+
+    @property
+    def velocity(self) -> Tuple[float, float]:
+        """Speed and turn rate."""
+        return self.v, self.w
+
+
 class FakeJackal:
     """Robot that follows /cmd_vel among round obstacles and publishes scan, odometry, tf and
     optionally /clock.
@@ -86,19 +100,21 @@ class FakeJackal:
         self.scans = self.transforms = True
         # Function that alters each scan before publication.
         self.bend = lambda scan: scan
-        self.commands = []  # (wall time, v, w)
+        self.commands = []  # received Commands, the latest one last
         self._command = 0.0, 0.0
-        self._ends = []
+        self._endpoints = []
         self._tf = self._publisher("/tf", TFMessage)
         self._odometry = self._publisher("/odometry/filtered", Odometry)
         self._scan = self._publisher("/front/scan", LaserScan)
         self._clock = self._publisher("/clock", Clock)
-        mount = transform("base_link", "front_laser", (LASER_X, 0.0, 0.0), self.now())
+        laser_mount = transform("base_link", "front_laser", (LASER_X, 0.0, 0.0), self.now())
         static_tf = rospy.Publisher("/tf_static", TFMessage, queue_size=1, latch=True)
-        static_tf.publish(TFMessage([mount]))
+        static_tf.publish(TFMessage([laser_mount]))
         # Without tcp_nodelay, Nagle's algorithm can delay a command by 40 ms.
-        command = rospy.Subscriber("/cmd_vel", Twist, self._take, queue_size=50, tcp_nodelay=True)
-        self._ends += [static_tf, command]
+        command_subscriber = rospy.Subscriber(
+            "/cmd_vel", Twist, self._take, queue_size=50, tcp_nodelay=True
+        )
+        self._endpoints += [static_tf, command_subscriber]
         # Last, because the thread uses all of the above.
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -106,15 +122,15 @@ class FakeJackal:
 
     def _publisher(self, topic, kind):
         publisher = rospy.Publisher(topic, kind, queue_size=50)
-        self._ends.append(publisher)
+        self._endpoints.append(publisher)
         return publisher
 
     def close(self):
         """End the thread and the robot's topics."""
         self._over.set()
         self._thread.join(2.0)
-        for end in self._ends:
-            end.unregister()
+        for endpoint in self._endpoints:
+            endpoint.unregister()
 
     def now(self):
         """Return the time of stamps: that of /clock, or wall time."""
@@ -128,15 +144,15 @@ class FakeJackal:
 
     def _take(self, message):
         self._command = message.linear.x, message.angular.z
-        self.commands.append((time.time(),) + self._command)
+        self.commands.append(Command(time.time(), *self._command))
 
     def _run(self):
-        due = time.time()
+        due_time = time.time()
         for n in itertools.count(1):
             # Wall time paces the simulation. A late step is made up for by shorter pauses: the
             # scans keep their 20 Hz on a busy machine.
-            due += TICK
-            if self._over.wait(max(0.0, due - time.time())):
+            due_time += TICK
+            if self._over.wait(max(0.0, due_time - time.time())):
                 return
             if self.ticking:
                 if self.clock is not None:
@@ -145,8 +161,8 @@ class FakeJackal:
                 self._tick(n, self.now())
 
     def _tick(self, n, stamp):
-        fresh = self.commands and time.time() - self.commands[-1][0] < COMMAND_TIMEOUT
-        self.robot.drive(self._command if fresh else None, TICK)
+        is_fresh = self.commands and time.time() - self.commands[-1].stamp < COMMAND_TIMEOUT
+        self.robot.drive(self._command if is_fresh else None, TICK)
         # Odometry comes at 50 Hz and scans at 20 Hz, as from the real robot.
         if n % 2 == 0:
             self._publish_pose(stamp)
@@ -199,15 +215,15 @@ class Standing(FakeJackal):
         self.ticking = True
 
     def _subscribe(self, topic, kind, callback):
-        self._ends.append(rospy.Subscriber(topic, kind, callback, queue_size=50))
+        self._endpoints.append(rospy.Subscriber(topic, kind, callback, queue_size=50))
 
     def reset(self):
         """Restore the initial pose, scan and plan, and forget all messages."""
         self.ranges = np.random.default_rng(0).uniform(0.3, 4.0, 720).astype(np.float32)
         self.pose = (0.5, -0.25, 0.4)
         self.twist = (0.3, -0.1)
-        along = np.linspace(0.5, 5.0, 180)
-        self.path = np.column_stack([along, np.sin(np.linspace(0, 2, 180))])
+        path_x = np.linspace(0.5, 5.0, 180)
+        self.path = np.column_stack([path_x, np.sin(np.linspace(0, 2, 180))])
         self.goal = self.clock = None
         self.statuses = True  # whether move_base's status is published
         self.decisions = []
@@ -250,7 +266,8 @@ class Standing(FakeJackal):
         self._publish_pose(stamp)
         self._publish_scan(stamp, self.ranges)
         if goal is not None:
-            plan = Path(poses=[pose_stamped((x, y, 0.0), "odom", stamp) for x, y in self.path])
+            poses = [pose_stamped((x, y, 0.0), "odom", stamp) for x, y in self.path]
+            plan = Path(poses=poses)
             plan.header = plan.poses[0].header
             self._plan.publish(plan)
 
@@ -271,10 +288,12 @@ def observed(message):
     """Return the paper's observation (729,) from an applr_ros1/Decision of a Jackal."""
     scan = np.array(message.ranges, np.float32), message.angle_min, message.angle_increment
     # The message has the poses of plan and robot in one frame, so one pose serves for both.
-    pose = (message.x, message.y, message.yaw)
+    robot_pose = (message.x, message.y, message.yaw)
+    twist = (message.v, message.w)
     plan = np.column_stack([message.plan_x, message.plan_y])
-    seen = Seen(scan, message.elapsed, pose, (message.v, message.w), pose, plan, np.zeros((0, 4)))
-    return Context.of(np.array(message.before.values), seen, SPACE, LAYOUT).observation
+    no_movers = np.zeros((0, 4))
+    inputs = Seen(scan, message.elapsed, robot_pose, twist, robot_pose, plan, no_movers)
+    return Context.of(np.array(message.before.values), inputs, SPACE, LAYOUT).observation
 
 
 def values_of(status):
@@ -364,22 +383,27 @@ def goal(x, y=0.0, yaw=0.0, frame="odom", quaternion=None):
     return MoveBaseGoal(target_pose=target_pose)
 
 
+class Collected(NamedTuple):
+    """A subscriber, and the list that collects its messages."""
+
+    subscriber: rospy.Subscriber
+    messages: List[rospy.Message]
+
+
 def collect(topic, kind):
-    """Subscribe to a topic that has a publisher; return (subscriber, list that collects its
-    messages).
-    """
+    """Subscribe to a topic that has a publisher, and collect its messages."""
     messages = []
     subscriber = rospy.Subscriber(topic, kind, messages.append)
     wait_for(subscriber.get_num_connections, topic)
     time.sleep(0.2)  # The publisher learns of the connection a moment later.
-    return subscriber, messages
+    return Collected(subscriber, messages)
 
 
 def node_api(master):
     """Return a proxy of the XML-RPC server of the move_base node."""
     # The master answers (status, message, URI of the node).
-    uri = xmlrpc.client.ServerProxy(master.uri).lookupNode("/test", "/move_base")[2]
-    return xmlrpc.client.ServerProxy(uri)
+    node_uri = xmlrpc.client.ServerProxy(master.uri).lookupNode("/test", "/move_base")[2]
+    return xmlrpc.client.ServerProxy(node_uri)
 
 
 def connected(master, topic, node):
@@ -389,10 +413,17 @@ def connected(master, topic, node):
     return any((link[1], link[4]) == (node, topic) for link in connections)
 
 
+class Finished(NamedTuple):
+    """How a goal has ended: one of the codes of GoalStatus, and a text for people."""
+
+    state: int
+    text: str
+
+
 def finish(client):
-    """Wait for the end of the client's goal; return its state and text."""
+    """Wait for the end of the client's goal."""
     assert client.wait_for_result(rospy.Duration(ros.LONGEST)), "no result"
-    return client.get_state(), client.get_goal_status_text()
+    return Finished(client.get_state(), client.get_goal_status_text())
 
 
 # The stand-in for move_base
@@ -407,10 +438,10 @@ def config_type(parameters, code=""):
 
     With `code`, max_vel_x is a string whose choices the server describes by this Python code.
     """
-    rows = []
-    for name, parameter in parameters:
-        row = {
-            "name": name,
+    descriptions = []
+    for parameter_name, parameter in parameters:
+        description = {
+            "name": parameter_name,
             "type": parameter.type,
             "default": parameter.default,
             "description": parameter.doc,
@@ -419,9 +450,9 @@ def config_type(parameters, code=""):
             "level": 0,
             "edit_method": "",
         }
-        if code and name == "max_vel_x":
-            row.update(type="str", edit_method=code)
-        rows.append(row)
+        if code and parameter_name == "max_vel_x":
+            description.update(type="str", edit_method=code)
+        descriptions.append(description)
     # The fields that dynamic_reconfigure's generator gives the group around all parameters.
     group = {
         "name": "Default",
@@ -437,19 +468,20 @@ def config_type(parameters, code=""):
         "parent": 0,
         "state": True,
         "groups": [],
-        "parameters": rows,
+        "parameters": descriptions,
     }
 
-    def column(key):
-        return {row["name"]: row[key] for row in rows}
+    def by_name(field):
+        """Return a field of each parameter {name: value}."""
+        return {description["name"]: description[field] for description in descriptions}
 
     return SimpleNamespace(
         config_description=group,
-        min=column("min"),
-        max=column("max"),
-        defaults=column("default"),
-        level=column("level"),
-        type=column("type"),
+        min=by_name("min"),
+        max=by_name("max"),
+        defaults=by_name("default"),
+        level=by_name("level"),
+        type=by_name("type"),
     )
 
 
@@ -459,8 +491,8 @@ class Liar(Server):
     """
 
     def _set_callback(self, request):
-        server = self.ns.rstrip("/")
-        if server in rospy.get_param("/fake/late", []):
+        server_name = self.ns.rstrip("/")
+        if server_name in rospy.get_param("/fake/late", []):
             topic = self.update_topic
 
             def publish_late(message):
@@ -471,28 +503,28 @@ class Liar(Server):
                 return super()._set_callback(request)
             finally:
                 self.update_topic = topic
-        if server not in rospy.get_param("/fake/lie", []):
+        if server_name not in rospy.get_param("/fake/lie", []):
             return super()._set_callback(request)
         # Only the answer claims the new values: the topic still has the old ones.
-        asked = decode_config(request.config, self.type.config_description)
+        requested_values = decode_config(request.config, self.type.config_description)
         self.update_topic.publish(encode_config(self.config))
-        return ReconfigureResponse(encode_config({**self.config, **asked}))
+        return ReconfigureResponse(encode_config({**self.config, **requested_values}))
 
 
 def serve(name, parameters, code=""):
     """Start the server `name`."""
-    latest = {}  # Values in force, empty until the server has its first ones.
+    in_force = {}  # "config" are the values in force; empty until the server has its first ones
 
     def callback(config, level):
         # The first call comes from the server's constructor, which must not fail.
-        if latest:
+        if in_force:
             while name in rospy.get_param("/fake/hang", []):
                 rospy.rostime.wallsleep(0.05)
             if name in rospy.get_param("/fake/refuse", []):
                 raise RuntimeError("refused on request")
             if name in rospy.get_param("/fake/hold", []):
-                return latest["config"].copy()
-        latest["config"] = config.copy()
+                return in_force["config"].copy()
+        in_force["config"] = config.copy()
         return config
 
     return Liar(config_type(parameters, code), callback, name)
@@ -511,25 +543,31 @@ def main():
     )
     arguments = parser.parse_args(rospy.myargv()[1:])
     rospy.init_node("move_base")
+    served = {}  # {name of a server: its parameters}
     if arguments.robot:
         declared = servers(check.complete(load(arguments.robot).parameters()))
-        served = {name: server.parameters for name, server in declared.items()}
+        for role, server in declared.items():
+            served[role] = server.parameters
     else:
-        planner = SERVERS["TrajectoryPlannerROS"]
-        served = {
-            "TrajectoryPlannerROS": [each for each in planner if each.name != arguments.without]
-        }
+        served["TrajectoryPlannerROS"] = [
+            parameter
+            for parameter in SERVERS["TrajectoryPlannerROS"]
+            if parameter.name != arguments.without
+        ]
         for costmap in ("local_costmap", "global_costmap"):
             served[costmap] = SERVERS[costmap]
             served[costmap + "/" + arguments.layer] = SERVERS["local_costmap/inflater_layer"]
             # Another layer, which the client must not mistake for that of the inflation.
             served[costmap + "/a_layer"] = SERVERS["local_costmap/obstacles_layer"]
     renamed = KINETIC if arguments.spelling == "kinetic" else {}
-    for server, parameters in served.items():
+    for role, parameters in served.items():
         # The server of move_base itself has no name of its own.
-        name = rospy.get_name() + "/" + server if server else rospy.get_name()
-        spelled = [(renamed.get(each.name, each.name), each) for each in parameters]
-        serve(name, spelled, arguments.text)
+        server_name = rospy.get_name() + "/" + role if role else rospy.get_name()
+        named_parameters = []
+        for parameter in parameters:
+            served_name = renamed.get(parameter.name, parameter.name)
+            named_parameters.append((served_name, parameter))
+        serve(server_name, named_parameters, arguments.text)
     print("all up", flush=True)  # Tests wait for this line.
     rospy.spin()
 
