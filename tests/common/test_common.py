@@ -55,25 +55,25 @@ def test_any_other_error_is_one_line_with_a_traceback_on_request(capsys, monkeyp
 
 
 def test_files_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
-    path = tmp_path / "file.json"
-    files.write_json(path, {"a": 1})
-    assert files.read_json(path) == {"a": 1}
+    json_file = tmp_path / "file.json"
+    files.write_json(json_file, {"a": 1})
+    assert files.read_json(json_file) == {"a": 1}
 
     # The disk is full before the new file has its name.
     monkeypatch.setattr(os, "fsync", Mock(side_effect=OSError(28, "No space left on device")))
     with pytest.raises(ApplrError, match=r"file.json: .*No space left on device.* untouched"):
-        files.write_bytes(path, b"other")
-    assert files.read_json(path) == {"a": 1}
+        files.write_bytes(json_file, b"other")
+    assert files.read_json(json_file) == {"a": 1}
     assert os.listdir(tmp_path) == ["file.json"]
 
 
 @pytest.mark.fault("18c")
 def test_only_regular_files_are_written_and_mistakes_are_one_line(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    for name in ("pipe", ".", "/dev/zero"):
-        refused(
-            lambda name=name: files.write_bytes(tmp_path / name, b""), "a folder, pipe or device"
-        )
+    for file_name in ("pipe", ".", "/dev/zero"):
+        not_a_file = tmp_path / file_name
+        refused(lambda path=not_a_file: files.write_bytes(path, b""), "a folder, pipe or device")
+    # A file renamed to its name would have replaced the pipe.
     assert (tmp_path / "pipe").is_fifo()
     (tmp_path / "text").write_text("{")
     refused(lambda: files.read_json(tmp_path / "text"), "not JSON")
@@ -96,22 +96,25 @@ def test_yaml_is_plain_values(tmp_path, content, problem):
 def test_numbers_beyond_their_bounds_are_refused():
     assert number_within("speed", 2, 0.0, 2.0) == 2
     assert number_within("max_speed", math.inf, 0.2, math.inf) == math.inf
-    for value in (-0.1, 2.1, math.nan, math.inf, "1", True, None, [1]):
+    for refused_value in (-0.1, 2.1, math.nan, math.inf, "1", True, None, [1]):
         with pytest.raises(ApplrError, match="speed is .*: give a number from 0 to 2"):
-            number_within("speed", value, 0.0, 2.0)
+            number_within("speed", refused_value, 0.0, 2.0)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.0, -3.0, 3.1415])
 def test_quaternions_and_poses_agree_with_complex_numbers(yaw):
     # A quaternion's length does not matter.
-    x, y, z, w = 3.0 * np.array(angles.quaternion_of(yaw))
-    assert angles.yaw_of(SimpleNamespace(x=x, y=y, z=z, w=w)) == pytest.approx(yaw)
+    components = 3.0 * np.array(angles.quaternion_of(yaw))
+    quaternion = SimpleNamespace(**dict(zip("xyzw", components)))
+    assert angles.yaw_of(quaternion) == pytest.approx(yaw)
 
-    x, y, turned = angles.compose((1.0, 2.0, yaw), (2.0, 0.5, 3.0))
-    moved = complex(1.0, 2.0) + complex(2.0, 0.5) * complex(math.cos(yaw), math.sin(yaw))
-    assert complex(x, y) == pytest.approx(moved)
-    assert abs(turned) <= math.pi
-    assert math.sin(turned) == pytest.approx(math.sin(yaw + 3.0))
+    # A product with a complex number of length 1 is a rotation.
+    x, y, composed_yaw = angles.compose((1.0, 2.0, yaw), (2.0, 0.5, 3.0))
+    rotation = complex(math.cos(yaw), math.sin(yaw))
+    composed_position = complex(1.0, 2.0) + complex(2.0, 0.5) * rotation
+    assert complex(x, y) == pytest.approx(composed_position)
+    assert abs(composed_yaw) <= math.pi
+    assert math.sin(composed_yaw) == pytest.approx(math.sin(yaw + 3.0))
 
     two_turns_on = np.array([yaw + 4 * math.pi])
     np.testing.assert_allclose(angles.normalize_angle_modulo(two_turns_on), [yaw], atol=1e-12)
@@ -121,20 +124,21 @@ def test_quaternions_and_poses_agree_with_complex_numbers(yaw):
 def test_distances_outside_a_box_equal_those_of_its_raster():
     dx, dy = np.random.default_rng(0).uniform(-3, 3, (2, 200))
     yaw = 0.7
-    size = (2.0, 1.0)
-    edge = np.linspace(-0.5, 0.5, 101)
+    box_size = (2.0, 1.0)
+    shares = np.linspace(-0.5, 0.5, 101)
     # A raster of the box; its points are up to 0.02 m apart.
-    along, across = np.meshgrid(edge * size[0], edge * size[1])
-    raster = np.stack([along, across], -1).reshape(-1, 2)
+    raster_x, raster_y = np.meshgrid(shares * box_size[0], shares * box_size[1])
+    raster = np.stack([raster_x, raster_y], -1).reshape(-1, 2)
     rotation = [[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]]
     turned_raster = raster @ np.array(rotation)
 
     # Distances (200, 10201) of the points from those of the raster; those inside have 0.
     offsets_x = dx[:, None] - turned_raster[:, 0]
     offsets_y = dy[:, None] - turned_raster[:, 1]
-    nearest = np.hypot(offsets_x, offsets_y).min(axis=1)
-    distances = np.hypot(*angles.outside_box(dx, dy, yaw, *size))
-    assert np.all(np.abs(distances - nearest) < 0.015)
+    raster_distances = np.hypot(offsets_x, offsets_y).min(axis=1)
+    distances = np.hypot(*angles.outside_box(dx, dy, yaw, *box_size))
+    # Half the diagonal of the raster's cells of 0.02 x 0.01 m is 0.011 m.
+    assert np.all(np.abs(distances - raster_distances) < 0.015)
     assert np.any(distances == 0.0)
 
 
@@ -149,21 +153,23 @@ def test_an_error_names_the_line_that_raised_it(tmp_path):
 def test_failed_work_is_not_reported_as_done():
     lines = []
     with pytest.raises(IndexError), announced("compiling", lines.append, first=0.02):
+        # So long that the beginning is announced.
         [][time.sleep(0.1) or 0]
     assert lines == ["compiling"]
 
 
 def test_long_work_is_announced_and_never_silent_for_long():
     lines = []
-    third = threading.Event()
+    has_three_lines = threading.Event()
 
     def take(line):
         lines.append(line)
         if len(lines) == 3:
-            third.set()
+            has_three_lines.set()
 
     with announced("compiling kernels (about a minute)", take, first=0.01, every=0.01):
-        assert third.wait(HANGS)
+        assert has_three_lines.wait(HANGS)
+    # The beginning, the progress, and the end
     assert lines[0] == "compiling kernels (about a minute)"
     assert all(line.startswith("still compiling kernels: ") for line in lines[1:-1])
     assert re.fullmatch(r"done compiling kernels: took \d+ s", lines[-1])
@@ -175,12 +181,12 @@ def test_publishing_to_a_closed_topic_at_shutdown_is_not_an_error(monkeypatch, r
     rospy = pytest.importorskip("rospy")
     from applr_ros1.common.ros_node import until_shutdown
 
-    error = getattr(rospy, raised, None) or getattr(builtins, raised)
-    with pytest.raises(error), until_shutdown():
-        raise error("publish() to a closed topic")
+    error_kind = getattr(rospy, raised, None) or getattr(builtins, raised)
+    with pytest.raises(error_kind), until_shutdown():
+        raise error_kind("publish() to a closed topic")
     monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: True)
     with until_shutdown():
-        raise error("publish() to a closed topic")
+        raise error_kind("publish() to a closed topic")
 
 
 def test_extras_are_those_of_pyproject():
@@ -192,6 +198,8 @@ def test_extras_are_those_of_pyproject():
     assert declared == EXTRAS
 
 
+# Program that cannot import the extras' packages, although they are installed here: it drives, and
+# then prints how each command of its arguments ends
 WITHOUT_EXTRAS = """
 import contextlib, io, runpy, sys
 from importlib.machinery import PathFinder
@@ -229,11 +237,12 @@ def test_without_extras_policies_and_evaluation_work_and_other_commands_end_in_o
         program, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=HANGS
     )
     assert finished.returncode == 0, finished.stderr
-    lines = finished.stdout.splitlines()
+    printed_lines = finished.stdout.splitlines()
     assert (tmp_path / "results/report/table_1.csv").exists()
-    for line in lines[-len(commands) :]:
-        assert re.match("ended with: (train.py: )?Python's ", line), line
-        assert line.endswith("pip install '.[train]'"), line
+    # The evaluation prints lines before those of the commands.
+    for command_line in printed_lines[-len(commands) :]:
+        assert re.match("ended with: (train.py: )?Python's ", command_line), command_line
+        assert command_line.endswith("pip install '.[train]'"), command_line
 
 
 def test_a_path_is_created_through_an_empty_section():

@@ -35,7 +35,7 @@ OFFSET = 1
 def offset(x):
     return x + OFFSET
 """
-RUN = """
+CALLS = """
 from applr_ros1.planner.outer import outer
 print(outer(5), outer(5.5), sum(outer.stats.cache_misses.values()))
 """
@@ -104,7 +104,8 @@ def start(tmp_path):
         )
         # The cache's own folder is under test.
         environment.pop("NUMBA_CACHE_DIR", None)
-        command = [sys.executable, "-B", "-c", RUN]
+        # -B: bytecode is no part of the test, and would be written into the package.
+        command = [sys.executable, "-B", "-c", CALLS]
         return subprocess.Popen(
             command, env=environment, cwd=tmp_path, stdout=subprocess.PIPE, text=True, **options
         )
@@ -116,14 +117,14 @@ def result(process):
     """Return the results of `outer` for 5 and 5.5, and how many of the two calls had to compile."""
     output, _ = process.communicate(timeout=HANGS)
     assert process.returncode == 0
-    return list(map(float, output.split()))
+    return [float(number) for number in output.split()]
 
 
 def test_a_copy_starts_warm_and_a_change_in_another_file_is_noticed(start, tmp_path):
     assert result(start("old")) == [6, 6.5, 2]
     assert result(start("new")) == [6, 6.5, 0]
-    inner = tmp_path / "new" / "applr_ros1" / "planner" / "inner.py"
-    inner.write_text(INNER.replace("OFFSET = 1", "OFFSET = 2"))
+    inner_file = tmp_path / "new" / "applr_ros1" / "planner" / "inner.py"
+    inner_file.write_text(INNER.replace("OFFSET = 1", "OFFSET = 2"))
     assert result(start("new")) == [7, 7.5, 2]
     # Both are in the cache.
     assert result(start("new")) == [7, 7.5, 0]

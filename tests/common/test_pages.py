@@ -12,29 +12,37 @@ from applr_ros1.common.pages.page import Page
 def test_text_and_data_neither_end_a_script_nor_count_as_a_mark(tmp_path):
     script = tmp_path / "script.js"
     script.write_text("D.words;")
-    hostile = "</script><!-- <script> @VERDICT@"
+    # It would end the script, begin a comment, and be replaced as a mark of the frame.
+    hostile_text = "</script><!-- <script> @VERDICT@"
     page = Page(
-        "kind", "<b>title", hostile, [script], {"words": hostile}, measured=["a < b"]
-    ).html()
-    source = page.decode()
-    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', source).group(1)
-    assert json.loads(data) == {"words": hostile}
-    assert "<!--" not in data
-    assert source.count("</script>") == 2
-    assert "<b>title" not in source
-    assert "a &lt; b" in source
+        "kind",
+        "<b>title",
+        hostile_text,
+        [script],
+        {"words": hostile_text},
+        measured=["a < b"],
+    )
+    html = page.html().decode()
+    data_element = r'<script type="application/json" id="data">(.*?)</script>'
+    page_data = re.search(data_element, html).group(1)
+    assert json.loads(page_data) == {"words": hostile_text}
+    assert "<!--" not in page_data
+    # Those of the data and of the page's own script
+    assert html.count("</script>") == 2
+    assert "<b>title" not in html
+    assert "a &lt; b" in html
 
 
 def test_a_number_is_not_parted_from_its_unit(tmp_path):
     script = tmp_path / "script.js"
     script.write_text("")
-    page = Page("kind", "title", "Reached in 5.3 s, 6.8 m", [script], {}).html().decode()
-    assert "5.3&nbsp;s, 6.8&nbsp;m" in page
+    page = Page("kind", "title", "Reached in 5.3 s, 6.8 m", [script], {})
+    assert "5.3&nbsp;s, 6.8&nbsp;m" in page.html().decode()
 
 
 def test_a_method_has_the_same_colour_on_each_page_and_no_two_share_one():
-    alone = color_indices(["applr"])
-    among = color_indices(["mine", "dwa", "static", "other", "applr"])
-    assert alone["applr"] == among["applr"]
-    assert len(set(among.values())) == len(among)
-    assert max(among.values()) < len(METHOD_COLORS)
+    color_alone = color_indices(["applr"])
+    five_colors = color_indices(["mine", "dwa", "static", "other", "applr"])
+    assert color_alone["applr"] == five_colors["applr"]
+    assert len(set(five_colors.values())) == len(five_colors)
+    assert max(five_colors.values()) < len(METHOD_COLORS)

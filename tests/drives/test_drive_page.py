@@ -16,95 +16,133 @@ from tests.support.browser import focused, needs_browser, opened, shown_methods
 from tests.support.drives import driven
 
 BODY = (0.4, 0.2)  # length and width [m]
-COURSE = worlds.Course((0.0, 0.0, 0.0), (3.0, 0.0, 0.0), None, 0.5, np.empty((0, 2)))
+COURSE = worlds.Course(
+    start=(0.0, 0.0, 0.0),
+    goal=(3.0, 0.0, 0.0),
+    finish_y=None,
+    goal_tolerance=0.5,
+    path=np.empty((0, 2)),
+)
 # A cylinder beside the path: its surface is 0.5 m from the path.
-WORLD = worlds.World("lane", np.array([[1.5, 0.6, 0.1]]), np.empty((0, 5)), COURSE)
+CYLINDER = np.array([[1.5, 0.6, 0.1]])
+NO_BOXES = np.empty((0, 5))
+WORLD = worlds.World("lane", CYLINDER, NO_BOXES, COURSE)
 
 
 def straight(status=REACHED, speed=1.0):
     """Return a drive of three metres along the x axis, with two decisions."""
-    time = np.arange(0.0, 3.0 / speed + 0.01, 0.05)
-    pose = np.column_stack([speed * time, 0.0 * time, 0.0 * time])
-    twist = np.column_stack([np.full(len(time), speed), 0.0 * time])
-    drive = driven(time, pose, twist, [SPACE.theta0, SPACE.high], [0.0, 1.0])
-    drive.goals = [Goal("goal", 0.0, float(time[-1]), status, "timed out")]
+    times = np.arange(0.0, 3.0 / speed + 0.01, 0.05)
+    zeros = np.zeros(len(times))
+    drive = driven(
+        times,
+        pose=np.column_stack([speed * times, zeros, zeros]),
+        twist=np.column_stack([zeros + speed, zeros]),
+        theta=[SPACE.theta0, SPACE.high],
+        decided=[0.0, 1.0],
+    )
+    end_time = float(times[-1])
+    drive.goals = [Goal("goal", 0.0, end_time, status, "timed out")]
     return drive
 
 
 def written(path, drive, method="applr"):
     """Write the page of a drive, and return its path."""
-    scene = Scene("lane", WORLD, [Shown(0, 0, drive)])
-    path.write_bytes(page("title", "verdict", [method], SPACE, BODY, [scene]))
+    shown_drive = Shown(0, 0, drive)
+    scene = Scene("lane", WORLD, [shown_drive])
+    html = page("title", "verdict", [method], SPACE, BODY, [scene])
+    path.write_bytes(html)
     return path
 
 
-def drives_on(path):
-    """Return the drives in a page's data, and the data."""
-    data = json.loads(re.search(r'id="data">(.*?)</script>', path.read_text()).group(1))
-    return data["worlds"][0]["drives"], data
+def data_on(path):
+    """Return the data of a page."""
+    html = path.read_text()
+    data_element = re.search(r'id="data">(.*?)</script>', html)
+    return json.loads(data_element.group(1))
+
+
+def drive_on(page_data):
+    """Return the only drive in a page's data."""
+    (world,) = page_data["worlds"]
+    (drive,) = world["drives"]
+    return drive
 
 
 def test_the_verdict_says_time_length_and_the_nearest_obstacle():
     # 0.5 m from the path, less half of the robot's width
     verdict = verdict_of(straight(), WORLD, BODY)
     assert verdict == "Reached the goal in 3.0 s, 3.0 m, nearest obstacle 0.40 m"
-    failed = straight(TIMED_OUT)
-    failed.contacts = np.array([1.0])
-    verdict = verdict_of(failed, WORLD, BODY)
+    failed_drive = straight(TIMED_OUT)
+    failed_drive.contacts = np.array([1.0])
+    verdict = verdict_of(failed_drive, WORLD, BODY)
     assert verdict.startswith("Did not reach the goal: timed out after 3.0 s")
     assert verdict.endswith("touched something")
 
 
 def test_the_outline_is_compared_with_obstacles_that_move():
-    # The cylinder comes near the path at 2 s, when the robot is there; a second later, it is not.
-    mover = worlds.Mover(0.1, ((0.0, 9.0, 9.0), (2.0, 2.0, 0.25), (4.0, 9.0, 9.0)))
-    world = worlds.World("lane", np.empty((0, 3)), np.empty((0, 5)), COURSE, (mover,))
+    # The cylinder comes near the path at 2 s, when the robot is there.
+    waypoints = ((0.0, 9.0, 9.0), (2.0, 2.0, 0.25), (4.0, 9.0, 9.0))
+    moving_cylinder = worlds.Mover(0.1, waypoints)
+    no_cylinders = np.empty((0, 3))
+    world = worlds.World("lane", no_cylinders, NO_BOXES, COURSE, (moving_cylinder,))
+    # Its surface is 0.15 m from the path, and the robot's side 0.1 m.
     assert nearest_obstacle(straight(), world, BODY, 0.0) == pytest.approx(0.05, abs=0.01)
+    # A second later, it is not there.
     assert nearest_obstacle(straight(), world, BODY, 1.0) > 0.5
 
 
 def test_parameters_have_their_values_in_their_own_units(tmp_path):
-    (drive,), data = drives_on(written(tmp_path / "a.html", straight()))
-    first_set, second_set = drive["theta"]
+    page_data = data_on(written(tmp_path / "a.html", straight()))
+    first_set, second_set = drive_on(page_data)["theta"]
     assert first_set == pytest.approx(SPACE.theta0, rel=1e-3)
     assert second_set == pytest.approx(SPACE.high, rel=1e-3)
-    assert [parameter["name"] for parameter in data["parameters"]] == list(SPACE.names)
+    shown_names = [parameter["name"] for parameter in page_data["parameters"]]
+    assert shown_names == list(SPACE.names)
 
 
 @needs_browser
 def test_keys_move_the_clock_and_what_shows_it(tmp_path):
-    with opened(written(tmp_path / "a.html", straight())) as view:
-        assert not view.get_by_role("combobox", name="World").count()
-        assert view.get_by_text("max_vel_x: 0.5").count()
-        slider = focused(view, "slider", "Time in seconds")
-        slider.press("End")
-        assert view.get_by_text("3.0 of 3.0 s").count()
-        assert view.get_by_text("max_vel_x: 2").count()
-        slider.press("Home")
-        slider.press("ArrowRight")
-        assert view.get_by_text("0.1 of 3.0 s").count()
-        focused(view, "button", "Play").press("Enter")
-        view.get_by_role("button", name="Pause").wait_for()
-        view.get_by_text("3.0 of 3.0 s").wait_for()
+    with opened(written(tmp_path / "a.html", straight())) as browser_page:
+        # A page of one world lets nobody choose.
+        assert not browser_page.get_by_role("combobox", name="World").count()
+        assert browser_page.get_by_text("max_vel_x: 0.5").count()
+
+        # The slider's keys
+        time_slider = focused(browser_page, "slider", "Time in seconds")
+        time_slider.press("End")
+        assert browser_page.get_by_text("3.0 of 3.0 s").count()
+        assert browser_page.get_by_text("max_vel_x: 2").count()
+        time_slider.press("Home")
+        time_slider.press("ArrowRight")
+        assert browser_page.get_by_text("0.1 of 3.0 s").count()
+
+        # The button plays to the end.
+        focused(browser_page, "button", "Play").press("Enter")
+        browser_page.get_by_role("button", name="Pause").wait_for()
+        browser_page.get_by_text("3.0 of 3.0 s").wait_for()
 
 
 def test_what_is_set_after_the_end_of_a_drive_is_left_out(tmp_path):
     drive = straight()
-    drive.decisions.append(drive.decisions[0]._replace(time=3.4))
-    drive.decisions.append(drive.decisions[0]._replace(time=2.9, after={}))
-    (shown,), _ = drives_on(written(tmp_path / "a.html", drive))
-    assert shown["at"] == [0, 100]
-    assert len(shown["theta"]) == 2
+    first_decision = drive.decisions[0]
+    late_decision = first_decision._replace(time=3.4)
+    refused_decision = first_decision._replace(time=2.9, after={})
+    drive.decisions += [late_decision, refused_decision]
+    shown_drive = drive_on(data_on(written(tmp_path / "a.html", drive)))
+    # Times of the others [0.01 s]
+    assert shown_drive["at"] == [0, 100]
+    assert len(shown_drive["theta"]) == 2
 
 
 @needs_browser
 def test_another_drive_is_shown_beside_the_first_one(tmp_path):
-    other = written(tmp_path / "slow.html", straight(speed=0.5), "dwa")
-    with opened(written(tmp_path / "a.html", straight())) as view:
-        chooser = view.locator("input[type=file]")
-        chooser.set_input_files(other)
-        view.get_by_role("checkbox", name="dwa").wait_for()
-        assert view.get_by_text("0.0 of 6.0 s").count()
-        assert shown_methods(view) == ["applr", "dwa"]
-        focused(view, "checkbox", "applr").press("Space")
-        assert shown_methods(view) == ["dwa"]
+    slow_page = written(tmp_path / "slow.html", straight(speed=0.5), method="dwa")
+    with opened(written(tmp_path / "a.html", straight())) as browser_page:
+        file_input = browser_page.locator("input[type=file]")
+        file_input.set_input_files(slow_page)
+        browser_page.get_by_role("checkbox", name="dwa").wait_for()
+        # The clock goes on until the slower drive has ended.
+        assert browser_page.get_by_text("0.0 of 6.0 s").count()
+        assert shown_methods(browser_page) == ["applr", "dwa"]
+        focused(browser_page, "checkbox", "applr").press("Space")
+        assert shown_methods(browser_page) == ["dwa"]
