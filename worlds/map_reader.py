@@ -61,7 +61,8 @@ def read_fields(path: str) -> MapFile:
         problem = refusal.errors()[0]
     fields = MapFile.model_fields.items()
     required_names = [field_name for field_name, field in fields if field.is_required()]
-    if not isinstance(content, dict) or not content.keys() >= set(required_names):
+    has_fields = isinstance(content, dict) and content.keys() >= set(required_names)
+    if not has_fields:
         field_list = ", ".join(required_names)
         raise ApplrError(f"{path} is no map: give a file with {field_list}, as map_saver writes it")
     field_name = str(problem["loc"][0])
@@ -93,7 +94,8 @@ def read_pixels(path: str) -> NDArray[np.uint8]:
             if image.mode == "F" or grey_values.max() > TWO_BYTES:
                 raise ApplrError(f"{path} has more than 16 bits per pixel: save it with 8 bits")
             # SDL_image keeps the upper 8 bits (png_set_strip_16). Pillow would clip at 255.
-            return (grey_values >> 8).astype(np.uint8)[:, :, np.newaxis]
+            upper_bits = (grey_values >> 8).astype(np.uint8)
+            return upper_bits[:, :, np.newaxis]
         has_opacity = "A" in image.getbands() or "transparency" in image.info
         channels = "RGBA" if has_opacity else "RGB"
         return np.asarray(image.convert(channels))

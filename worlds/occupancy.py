@@ -102,22 +102,26 @@ def window_of(
         centre: Point around which the window lies [m].
         reach: Half the side of the window [m].
     """
-    slices = []
-    offsets = []
-    # x first: it counts the columns, which are the second axis of the cells.
-    for grid_edge, coordinate, cell_count in zip(origin, centre, cells.shape[::-1]):
-        first_cell = int((coordinate - reach - grid_edge) / resolution)
-        last_cell = int((coordinate + reach - grid_edge) / resolution)
-        first_cell = max(0, first_cell)
-        end_cell = min(cell_count, last_cell + 1)
-        slices.append(slice(first_cell, end_cell))
+    x, y = centre
+    origin_x, origin_y = origin
+    row_count, column_count = cells.shape
+    columns = _cells_between(x - reach - origin_x, x + reach - origin_x, resolution, column_count)
+    rows = _cells_between(y - reach - origin_y, y + reach - origin_y, resolution, row_count)
 
-        cell_centres = grid_edge + (np.arange(first_cell, end_cell) + 0.5) * resolution
-        offsets.append(cell_centres - coordinate)
-    columns, rows = slices
-    dx, dy = offsets
+    centres_x = origin_x + (np.arange(columns.start, columns.stop) + 0.5) * resolution
+    centres_y = origin_y + (np.arange(rows.start, rows.stop) + 0.5) * resolution
+    dx = centres_x - x
+    dy = centres_y - y
+    # Slices make a view, in which the caller marks cells.
     return Window(
-        cells=cells[rows, columns],
+        cells=cells[rows.start : rows.stop, columns.start : columns.stop],
         dx=dx[np.newaxis, :],
         dy=dy[:, np.newaxis],
     )
+
+
+def _cells_between(lowest: float, highest: float, resolution: float, cell_count: int) -> range:
+    """Return the cells of one axis between two distances [m] from the grid's edge."""
+    first_cell = int(lowest / resolution)
+    last_cell = int(highest / resolution)
+    return range(max(0, first_cell), min(cell_count, last_cell + 1))

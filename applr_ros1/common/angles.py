@@ -90,7 +90,9 @@ def outside_box(dx: Any, dy: Any, yaw: float, size_x: float, size_y: float) -> T
     sine = math.sin(yaw)
     x_in_box = cosine * dx + sine * dy
     y_in_box = cosine * dy - sine * dx
-    return _beyond(x_in_box, 0.5 * size_x), _beyond(y_in_box, 0.5 * size_y)
+    offset_along = _beyond(x_in_box, 0.5 * size_x)
+    offset_across = _beyond(y_in_box, 0.5 * size_y)
+    return offset_along, offset_across
 
 
 def _beyond(coordinate: Any, half_size: float) -> Any:

@@ -153,7 +153,8 @@ def _sectors(layout: Layout, count: int, first: float, step: float) -> Optional[
 
     # The beam nearest to a sector's centre is the one on its right or on its left.
     centres = layout.angles
-    right_beam = np.clip(np.searchsorted(angles, centres), 1, len(angles) - 1)
+    right_beam = np.searchsorted(angles, centres)
+    right_beam = np.clip(right_beam, 1, len(angles) - 1)
     is_left_nearer = centres - angles[right_beam - 1] <= angles[right_beam] - centres
     nearest_beam = right_beam - is_left_nearer
 
@@ -172,8 +173,9 @@ def _sectors(layout: Layout, count: int, first: float, step: float) -> Optional[
     first_beams = np.where(is_empty, nearest_beam, first_beams)
     end_beams = np.where(is_empty, nearest_beam + 1, end_beams)
 
+    # A sector's ranges start where those of the sectors before it end.
     beam_counts = end_beams - first_beams
-    starts = np.concatenate([[0], np.cumsum(beam_counts)[:-1]])
+    starts = np.cumsum(beam_counts) - beam_counts
     ranges = [source[begin:end] for begin, end in zip(first_beams, end_beams)]
     return Sectors(np.concatenate(ranges), starts)
 
