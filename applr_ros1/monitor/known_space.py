@@ -87,13 +87,14 @@ class ObstacleMemory:
 
         Points count within `reach` [m] of the robot's pose (x, y, yaw).
         """
-        near: Array = _around(self._points, self._count, tuple(map(float, pose)), float(reach))
-        return near
+        robot_pose = tuple(map(float, pose))
+        near_points: Array = _around(self._points, self._count, robot_pose, float(reach))
+        return near_points
 
 
 @kernel
 def _around(points: Array, count: int, pose: Pose, reach: float) -> Array:
-    near = np.empty((count, 2))
+    near_points = np.empty((count, 2))
     robot_x, robot_y, robot_yaw = pose
     cos_yaw = math.cos(robot_yaw)
     sin_yaw = math.sin(robot_yaw)
@@ -102,10 +103,10 @@ def _around(points: Array, count: int, pose: Pose, reach: float) -> Array:
         offset_x = points[index, 0] - robot_x
         offset_y = points[index, 1] - robot_y
         if offset_x * offset_x + offset_y * offset_y <= reach * reach:
-            near[near_count, 0] = cos_yaw * offset_x + sin_yaw * offset_y
-            near[near_count, 1] = cos_yaw * offset_y - sin_yaw * offset_x
+            near_points[near_count, 0] = cos_yaw * offset_x + sin_yaw * offset_y
+            near_points[near_count, 1] = cos_yaw * offset_y - sin_yaw * offset_x
             near_count += 1
-    return near[:near_count]
+    return near_points[:near_count]
 
 
 @kernel
@@ -313,9 +314,9 @@ def _follow(cells: np.ndarray, corner: np.ndarray, x: float, y: float) -> None:
         new_corner = cell_of(coordinate) - side_cells // 2
         # Up to the first n cells between both corners: those that leave if the window moves up,
         # those that enter if it moves down. Their slots are the same.
-        low = min(old_corner, new_corner)
-        high = max(old_corner, new_corner)
-        for cell in range(low, min(high, low + side_cells)):
+        lowest_corner = min(old_corner, new_corner)
+        highest_corner = max(old_corner, new_corner)
+        for cell in range(lowest_corner, min(highest_corner, lowest_corner + side_cells)):
             if axis == 0:
                 cells[cell % side_cells] = 0
             else:
@@ -360,15 +361,15 @@ def _observe(cells: np.ndarray, corner: np.ndarray, rays: Rays, shown: float) ->
 def _forget(cells: np.ndarray, corner: np.ndarray, points: Array) -> None:
     """Mark the cells within BEHIND_M of points (k, 2) [m] as unknown."""
     side_cells = cells.shape[0]
-    around = int(math.ceil(BEHIND_M / CELL_M))
+    reach_cells = int(math.ceil(BEHIND_M / CELL_M))
     for index in range(points.shape[0]):
         point_cell_x = cell_of(points[index, 0])
         point_cell_y = cell_of(points[index, 1])
         # A point may have left the window, whose cells then belong to other places.
-        first_x = max(point_cell_x - around, corner[0])
-        end_x = min(point_cell_x + around + 1, corner[0] + side_cells)
-        first_y = max(point_cell_y - around, corner[1])
-        end_y = min(point_cell_y + around + 1, corner[1] + side_cells)
+        first_x = max(point_cell_x - reach_cells, corner[0])
+        end_x = min(point_cell_x + reach_cells + 1, corner[0] + side_cells)
+        first_y = max(point_cell_y - reach_cells, corner[1])
+        end_y = min(point_cell_y + reach_cells + 1, corner[1] + side_cells)
         for cell_x in range(first_x, end_x):
             for cell_y in range(first_y, end_y):
                 cells[cell_x % side_cells, cell_y % side_cells] = 0
@@ -381,14 +382,14 @@ def _stand(cells: np.ndarray, corner: np.ndarray, planes: Array, reach: float, p
     _follow(cells, corner, robot_x, robot_y)
     side_cells = cells.shape[0]
     # One cell for the part that int() cuts off, one because the robot is anywhere in its cell.
-    around = int(reach / CELL_M) + 2
+    reach_cells = int(reach / CELL_M) + 2
     robot_cell_x = cell_of(robot_x)
     robot_cell_y = cell_of(robot_y)
     cos_yaw = math.cos(robot_yaw)
     sin_yaw = math.sin(robot_yaw)
-    for cell_x in range(robot_cell_x - around, robot_cell_x + around + 1):
+    for cell_x in range(robot_cell_x - reach_cells, robot_cell_x + reach_cells + 1):
         offset_x = _centre_of(cell_x) - robot_x
-        for cell_y in range(robot_cell_y - around, robot_cell_y + around + 1):
+        for cell_y in range(robot_cell_y - reach_cells, robot_cell_y + reach_cells + 1):
             offset_y = _centre_of(cell_y) - robot_y
             forward = cos_yaw * offset_x + sin_yaw * offset_y
             leftward = cos_yaw * offset_y - sin_yaw * offset_x

@@ -268,9 +268,9 @@ class CollisionMonitor:
             return Verdict.stop(self.braked(time, v), problem)
         pose = self.matcher.corrected(pose)
         self.motion.take(time - pose_age, pose)
-        moved = self.motion.velocity
-        if self._is_impossible(moved.v, moved.w):
-            speeds = f"{moved.v:g} m/s and {moved.w:g} rad/s"
+        pose_velocity = self.motion.velocity
+        if self._is_impossible(pose_velocity.v, pose_velocity.w):
+            speeds = f"{pose_velocity.v:g} m/s and {pose_velocity.w:g} rad/s"
             problem = f"the poses imply {speeds}, which is too fast: check the odometry"
             return Verdict.stop(self.braked(time, v), problem)
 
@@ -278,8 +278,8 @@ class CollisionMonitor:
         # Wheels that slip under-report the speed, so the larger of both speeds along the last
         # output counts.
         measured_v = v
-        if moved.v * self.output.v > v * self.output.v:
-            measured_v = moved.v
+        if pose_velocity.v * self.output.v > v * self.output.v:
+            measured_v = pose_velocity.v
         return replace(verdict, command=self.braked(time, measured_v, verdict.command, w))
 
     def _scan_age(self, time: float) -> float:
@@ -287,12 +287,12 @@ class CollisionMonitor:
 
         It is 0 if a laser has no scan yet, which is a fault of its own.
         """
-        oldest = math.inf
+        oldest_stamp = math.inf
         for laser in self._lasers.values():
             if laser.stamp is None:
                 return 0.0
-            oldest = min(oldest, laser.stamp)
-        return time - oldest
+            oldest_stamp = min(oldest_stamp, laser.stamp)
+        return time - oldest_stamp
 
     def motions(self, twist: Twist) -> List[Motion]:
         """Return the motion from the odometry, and that from the poses.
@@ -302,12 +302,12 @@ class CollisionMonitor:
         The lateral slip is the leftward speed that a turn about the point at turn_ahead does not
         explain. Both terms of the slip come from the poses, so that they have the same age.
         """
-        moved = self.motion.velocity
-        slip = moved.leftward + self.settings.turn_ahead * moved.w
+        pose_velocity = self.motion.velocity
+        slip = pose_velocity.leftward + self.settings.turn_ahead * pose_velocity.w
         v, w = twist
         return [
             Motion(v, w, slip, self.output.w),
-            Motion(moved.v, moved.w, slip, self.output.w),
+            Motion(pose_velocity.v, pose_velocity.w, slip, self.output.w),
         ]
 
     def braked(
@@ -337,13 +337,13 @@ class CollisionMonitor:
             speed = min(abs(previous.v), abs(measured_v))
             # Wheels that are slowed down faster lock, and the body slides farther than was checked.
             deceleration = stopping.deceleration_at(speed, self.settings.deceleration)
-            slowest = speed - deceleration * (time - previous.time)
-            if slowest > 0.0 and v * math.copysign(1.0, previous.v) < slowest:
+            slowest_speed = speed - deceleration * (time - previous.time)
+            if slowest_speed > 0.0 and v * math.copysign(1.0, previous.v) < slowest_speed:
                 if v == 0.0 and w == 0.0:
-                    w = previous.w * slowest / abs(previous.v)
+                    w = previous.w * slowest_speed / abs(previous.v)
                 elif v * previous.v > 0.0:
-                    w = stopping.on_arc(slowest, v, w, previous.w)
-                v = math.copysign(slowest, previous.v)
+                    w = stopping.on_arc(slowest_speed, v, w, previous.w)
+                v = math.copysign(slowest_speed, previous.v)
                 if measured_w is not None:
                     w = self._clamp_turn(w, measured_w)
         self._is_braking = v != command[0]
@@ -352,11 +352,11 @@ class CollisionMonitor:
 
     def _clamp_turn(self, w: float, measured_w: float) -> float:
         """Clamp w to the turn rates that are reachable within GRIPPING_S. Keep its sign."""
-        current = measured_w / self.settings.turn_gain
+        commanded_w = measured_w / self.settings.turn_gain
         largest_change = GRIPPING_S * self.settings.yaw_deceleration
-        reachable = min(max(w, current - largest_change), current + largest_change)
-        if reachable * w > 0.0:
-            return reachable
+        reachable_w = min(max(w, commanded_w - largest_change), commanded_w + largest_change)
+        if reachable_w * w > 0.0:
+            return reachable_w
         return 0.0
 
     def _judge(self, pose: Pose, motions: List[Motion], command: Twist, creeps: bool) -> Verdict:
@@ -371,24 +371,24 @@ class CollisionMonitor:
                 motions.append(motion._replace(v=0.0))
 
         delay = self._delay()
-        stoppable = self._stoppable_scale(command, delay.reaction)
-        command = stoppable * v, stoppable * w
+        stoppable_scale = self._stoppable_scale(command, delay.reaction)
+        command = stoppable_scale * v, stoppable_scale * w
         points = self._points_in_reach(pose, motions, command, delay)
         corner_i, corner_j = self.seen.corner.tolist()
         seen = Seen(self.seen.cells, corner_i, corner_j, *pose)
         scene = points, self._body, np.array(motions), command, delay, self._braking
-        safe = stopping.safe_scale(*scene, seen)
+        safe_limit = stopping.safe_scale(*scene, seen)
 
         # The robot may creep into unobserved space if no known obstacle is in the way.
         creep_scale = self._creep_scale(command)
-        if creeps and safe.scale < creep_scale:
-            known = stopping.safe_scale(*scene, stopping.EVERYTHING)
-            if known.scale > safe.scale:
-                scale = min(known.scale, creep_scale)
+        if creeps and safe_limit.scale < creep_scale:
+            known_limit = stopping.safe_scale(*scene, stopping.EVERYTHING)
+            if known_limit.scale > safe_limit.scale:
+                scale = min(known_limit.scale, creep_scale)
                 reason = "creeping: space within the stopping distance has not been observed"
-                return Verdict(_scaled(command, scale), SLOW, stoppable * scale, reason)
-            safe = known
-        return self._verdict(command, stoppable, safe)
+                return Verdict(_scaled(command, scale), SLOW, stoppable_scale * scale, reason)
+            safe_limit = known_limit
+        return self._verdict(command, stoppable_scale, safe_limit)
 
     def _verdict(self, command: Twist, stoppable: float, safe: SafeScale) -> Verdict:
         """Return the Verdict on a command with the largest scale that is safe.
@@ -416,9 +416,10 @@ class CollisionMonitor:
         """
         reaction_time = self.settings.reaction_time
         # A command applies until the next one, or until the base is braked after `silence`.
-        applies = min(reaction_time, max(self._intervals, default=0.0) + LATE_S)
-        oldest = max(map(abs, self.ages))
-        return Delay(max(0.0, self.ages.pose), max(reaction_time, applies + LATE_S) + oldest)
+        command_time = min(reaction_time, max(self._intervals, default=0.0) + LATE_S)
+        oldest_age = max(map(abs, self.ages))
+        reaction = max(reaction_time, command_time + LATE_S) + oldest_age
+        return Delay(max(0.0, self.ages.pose), reaction)
 
     def _stoppable_scale(self, command: Twist, reaction: float) -> float:
         """Return the factor, at most 1, that limits a command to the fastest one allowed."""
@@ -449,12 +450,12 @@ class CollisionMonitor:
             turn_rate = max(turn_rate, abs(motion.w))
         braking_time = stopping.braking_time(speed, settings.deceleration)
         braking_time = max(braking_time, turn_rate / settings.yaw_deceleration)
-        longest = delay.pose_age + delay.reaction + braking_time
+        longest_time = delay.pose_age + delay.reaction + braking_time
 
         # The origin orbits the centre of rotation.
-        chord = min(turn_rate * longest + stopping.SWING_RAD, LONGEST_CHORD)
+        chord = min(turn_rate * longest_time + stopping.SWING_RAD, LONGEST_CHORD)
         orbit = abs(settings.turn_ahead) * chord
-        reach = self._radius + settings.margin + speed * longest + orbit + REACH_SLACK_M
+        reach = self._radius + settings.margin + speed * longest_time + orbit + REACH_SLACK_M
         points = []
         for laser in self._lasers.values():
             points.append(laser.memory.around(pose, reach))
@@ -492,9 +493,9 @@ class CollisionMonitor:
         if self._is_impossible(v, w):
             speeds = f"{v:g} m/s and {w:g} rad/s"
             return f"the odometry reports {speeds}, which is too fast: check its source"
-        for name, laser in self._lasers.items():
+        for topic_name, laser in self._lasers.items():
             if laser.fault:
-                return f"{name}: {laser.fault}" if name else laser.fault
+                return f"{topic_name}: {laser.fault}" if topic_name else laser.fault
         return self._age_problem()
 
     def _age_problem(self) -> str:
@@ -543,8 +544,8 @@ def warm_up(settings: MonitorSettings) -> None:
     One scan has a wide empty sector.
     """
     monitor = CollisionMonitor(settings)
-    full = np.full(8, 0.6)
-    half_empty = np.where(np.arange(8) < 4, full, np.inf)
-    for stamp, ranges in ((0.0, full), (0.1, half_empty)):
+    full_ranges = np.full(8, 0.6)
+    half_empty = np.where(np.arange(8) < 4, full_ranges, np.inf)
+    for stamp, ranges in ((0.0, full_ranges), (0.1, half_empty)):
         monitor.add_scan(LaserScan(stamp, -1.0, 0.3, 0.1, 10.0, ranges, (0.1, 0.0, 0.0)))
         monitor.filter(stamp, (0.0, 0.0, 0.0), (0.5, 0.0), (1.0, 0.1))

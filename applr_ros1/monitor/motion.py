@@ -56,10 +56,10 @@ class PoseMotion:
             return
 
         x, y, yaw = compose(inverse(first_pose), pose)
-        turned = math.remainder(yaw, 2.0 * math.pi)
+        turn_angle = math.remainder(yaw, 2.0 * math.pi)
         # On an arc, the base moves along the heading halfway between both poses.
-        cos_half = math.cos(0.5 * turned)
-        sin_half = math.sin(0.5 * turned)
+        cos_half = math.cos(0.5 * turn_angle)
+        sin_half = math.sin(0.5 * turn_angle)
         forward = cos_half * x + sin_half * y
         leftward = cos_half * y - sin_half * x
-        self.velocity = Velocity(forward / baseline, turned / baseline, leftward / baseline)
+        self.velocity = Velocity(forward / baseline, turn_angle / baseline, leftward / baseline)

@@ -126,43 +126,44 @@ class ScanMatcher:
         Returns:
             True if the scan fits an earlier scan. Otherwise the correction does not change.
         """
-        measured = np.asarray(scan.ranges, dtype=np.float32)
-        longest = min(scan.range_max, REACH_M)
-        is_used = (measured >= scan.range_min) & (measured < longest)
-        used_ranges = np.where(is_used, measured, np.float32(np.nan))
+        measured_ranges = np.asarray(scan.ranges, dtype=np.float32)
+        longest_range = min(scan.range_max, REACH_M)
+        is_used = (measured_ranges >= scan.range_min) & (measured_ranges < longest_range)
+        used_ranges = np.where(is_used, measured_ranges, np.float32(np.nan))
         pose = self.corrected(scan.sensor_pose)
-        newest = _at(rays_of(scan), pose)._replace(ranges=used_ranges)
+        newest_rays = _at(rays_of(scan), pose)._replace(ranges=used_ranges)
         guesses = self._guesses(pose, scan.stamp)
-        nearest = self._nearest(pose)
+        nearest_index = self._nearest(pose)
 
-        matched: Optional[Pose] = None
+        matched_pose: Optional[Pose] = None
         self.lost = False
-        if nearest is not None:
-            matched = self._align(self._references[nearest], newest, guesses)
-            if matched is None:
+        if nearest_index is not None:
+            matched_pose = self._align(self._references[nearest_index], newest_rays, guesses)
+            if matched_pose is None:
                 assert self._last is not None
-                del self._references[nearest]
-                nearest = None
-                matched = self._align(self._last, newest, guesses)
-                self.lost = matched is None and self._is_elsewhere(measured, newest)
+                del self._references[nearest_index]
+                nearest_index = None
+                matched_pose = self._align(self._last, newest_rays, guesses)
+                if matched_pose is None:
+                    self.lost = self._is_elsewhere(measured_ranges, newest_rays)
         if self.lost:
             self._references.clear()
-        if matched is not None:
-            newest = _at(newest, matched)
-            self.correction = compose(matched, inverse(scan.sensor_pose))
+        if matched_pose is not None:
+            newest_rays = _at(newest_rays, matched_pose)
+            self.correction = compose(matched_pose, inverse(scan.sensor_pose))
 
-        if nearest is None or self._is_apart(self._references[nearest], newest):
-            self._references = [*self._references[1 - REFERENCES_KEPT :], newest]
-        self._speed = self._speed_to(newest, scan.stamp)
-        self._last = newest
+        if nearest_index is None or self._is_apart(self._references[nearest_index], newest_rays):
+            self._references = [*self._references[1 - REFERENCES_KEPT :], newest_rays]
+        self._speed = self._speed_to(newest_rays, scan.stamp)
+        self._last = newest_rays
         self._last_stamp = scan.stamp
-        self._last_ranges = measured
-        return matched is not None
+        self._last_ranges = measured_ranges
+        return matched_pose is not None
 
     def _is_apart(self, reference: Rays, newest: Rays) -> bool:
         """Return whether a scan is far enough from the nearest reference to become one."""
-        moved, turned = _difference(_pose_of(reference), _pose_of(newest))
-        return moved > APART_M or turned > APART_RAD
+        distance, angle = _difference(_pose_of(reference), _pose_of(newest))
+        return distance > APART_M or angle > APART_RAD
 
     def _speed_to(self, newest: Rays, stamp: float) -> Pose:
         """Return the mean speed since the last scan; zeros if it is unknown.
@@ -181,16 +182,16 @@ class ScanMatcher:
         Many points of each then lie in free space of the other.
         """
         assert self._last is not None
-        appeared = _seen_through(newest, self._last._replace(ranges=self._last_ranges))
-        if appeared.in_view < ENOUGH_POINTS:
+        new_view = _seen_through(newest, self._last._replace(ranges=self._last_ranges))
+        if new_view.in_view < ENOUGH_POINTS:
             return False
-        if not appeared.seen_through > ELSEWHERE_SHARE * appeared.in_view:
+        if not new_view.seen_through > ELSEWHERE_SHARE * new_view.in_view:
             return False
         # If few points of the last scan are in view, the scan cannot show that they are gone.
-        vanished = _seen_through(self._last, newest._replace(ranges=measured))
-        if vanished.in_view < ENOUGH_POINTS:
+        old_view = _seen_through(self._last, newest._replace(ranges=measured))
+        if old_view.in_view < ENOUGH_POINTS:
             return True
-        return vanished.seen_through > ELSEWHERE_SHARE * vanished.in_view
+        return old_view.seen_through > ELSEWHERE_SHARE * old_view.in_view
 
     def _guesses(self, pose: Pose, stamp: float) -> List[Pose]:
         """Return the odometry's pose, and the extrapolated pose if it differs."""
@@ -201,10 +202,10 @@ class ScanMatcher:
         forward = forward_speed * interval
         leftward = leftward_speed * interval
         turn = turn_rate * interval
-        extrapolated = compose(_pose_of(self._last), (forward, leftward, turn))
-        apart, _ = _difference(pose, extrapolated)
-        if apart > NARROW_M:
-            return [pose, extrapolated]
+        extrapolated_pose = compose(_pose_of(self._last), (forward, leftward, turn))
+        distance, _ = _difference(pose, extrapolated_pose)
+        if distance > NARROW_M:
+            return [pose, extrapolated_pose]
         return [pose]
 
     def _align(self, earlier: Rays, newest: Rays, guesses: List[Pose]) -> Optional[Pose]:
@@ -270,12 +271,12 @@ def _difference(first: Pose, second: Pose) -> Tuple[float, float]:
 
 def _is_valid(fit: Fit, guess: Pose) -> bool:
     """Return whether a match has enough fitting points, and a plausible pose."""
-    moved, turned = _difference(fit.pose, guess)
+    distance, angle = _difference(fit.pose, guess)
     return (
         fit.matches >= ENOUGH_POINTS
         and fit.weight >= FITTING_WEIGHT * fit.matches
-        and moved <= LARGEST_SHIFT_M
-        and turned <= LARGEST_TURN_RAD
+        and distance <= LARGEST_SHIFT_M
+        and angle <= LARGEST_TURN_RAD
     )
 
 
@@ -284,17 +285,17 @@ def _nearest(poses: Array, pose: Pose) -> int:
     """Return the row of poses (n, 3) that is nearest to a pose, by distance [m] plus angle."""
     x, y, yaw = pose
     smallest = np.inf
-    nearest = 0
-    for row in range(poses.shape[0]):
-        distance = math.hypot(poses[row, 0] - x, poses[row, 1] - y)
+    nearest_index = 0
+    for index in range(poses.shape[0]):
+        distance = math.hypot(poses[index, 0] - x, poses[index, 1] - y)
         # A turn beyond half a turn is a smaller one to the other side.
-        turned = abs(poses[row, 2] - yaw) % (2.0 * math.pi)
-        turned = min(turned, 2.0 * math.pi - turned)
-        apart = distance + turned
-        if apart < smallest:
-            smallest = apart
-            nearest = row
-    return nearest
+        angle = abs(poses[index, 2] - yaw) % (2.0 * math.pi)
+        angle = min(angle, 2.0 * math.pi - angle)
+        difference = distance + angle
+        if difference < smallest:
+            smallest = difference
+            nearest_index = index
+    return nearest_index
 
 
 @kernel
@@ -383,18 +384,19 @@ def _match(
             point_y = y + lever_y
             beam = _beam_near(surface, angle_min, increment, point_x, point_y, points[i, 2])
             points[i, 2] = beam
-            line = int(math.floor(beam))
-            if line < 0 or line + 1 >= surface.shape[0] or math.isnan(surface[line, 2]):
+            line_index = int(math.floor(beam))
+            is_outside = line_index < 0 or line_index + 1 >= surface.shape[0]
+            if is_outside or math.isnan(surface[line_index, 2]):
                 continue
 
             # Signed distance from the line, at the place where the beam meets it.
-            share = beam - line
-            normal_x = surface[line, 2]
-            normal_y = surface[line, 3]
-            start_x = surface[line, 0]
-            start_y = surface[line, 1]
-            line_x = start_x + share * (surface[line + 1, 0] - start_x)
-            line_y = start_y + share * (surface[line + 1, 1] - start_y)
+            line_share = beam - line_index
+            normal_x = surface[line_index, 2]
+            normal_y = surface[line_index, 3]
+            start_x = surface[line_index, 0]
+            start_y = surface[line_index, 1]
+            line_x = start_x + line_share * (surface[line_index + 1, 0] - start_x)
+            line_y = start_y + line_share * (surface[line_index + 1, 1] - start_y)
             distance = normal_x * (point_x - line_x) + normal_y * (point_y - line_y)
 
             # Weight of Geman and McClure: points far from any line, such as those of a person,
@@ -442,8 +444,8 @@ def _seen_through(old: Rays, new: Rays) -> View:
         offset_x = x - new.x
         offset_y = y - new.y
         bearing = math.atan2(offset_y, offset_x) - new.yaw
-        place = beam_at(new.angle_min, new.increment, bearing)
-        beam = int(place + 0.5)
+        fractional_beam = beam_at(new.angle_min, new.increment, bearing)
+        beam = int(fractional_beam + 0.5)
         if 0 < beam < last_beam:
             in_view += 1
             # The point is free if the beams around it reach clearly beyond it.
@@ -483,23 +485,27 @@ def lines(ranges: Array32, angle_min: float, increment: float) -> Array:
 
         # The normal is that of a line over neighbours to both sides, because one spacing is shorter
         # than the noise.
-        span = min(int(math.ceil(BASE_M / max(spacing, 1e-6))), BASE_BEAMS)
-        low = beam
-        high = beam + 1
-        while low > 0 and beam - low < span and abs(ranges[low - 1] - ranges[low]) < largest_step:
-            low -= 1
+        beam_span = min(int(math.ceil(BASE_M / max(spacing, 1e-6))), BASE_BEAMS)
+        first_beam = beam
+        last_beam = beam + 1
         while (
-            high < beam_count - 1
-            and high - beam - 1 < span
-            and abs(ranges[high + 1] - ranges[high]) < largest_step
+            first_beam > 0
+            and beam - first_beam < beam_span
+            and abs(ranges[first_beam - 1] - ranges[first_beam]) < largest_step
         ):
-            high += 1
-        offset_x = surface[high, 0] - surface[low, 0]
-        offset_y = surface[high, 1] - surface[low, 1]
-        length = math.sqrt(offset_x * offset_x + offset_y * offset_y)
-        if length >= 1e-6:
-            surface[beam, 2] = -offset_y / length
-            surface[beam, 3] = offset_x / length
+            first_beam -= 1
+        while (
+            last_beam < beam_count - 1
+            and last_beam - beam - 1 < beam_span
+            and abs(ranges[last_beam + 1] - ranges[last_beam]) < largest_step
+        ):
+            last_beam += 1
+        offset_x = surface[last_beam, 0] - surface[first_beam, 0]
+        offset_y = surface[last_beam, 1] - surface[first_beam, 1]
+        base_length = math.sqrt(offset_x * offset_x + offset_y * offset_y)
+        if base_length >= 1e-6:
+            surface[beam, 2] = -offset_y / base_length
+            surface[beam, 3] = offset_x / base_length
     return surface
 
 
@@ -519,12 +525,12 @@ def _beam_near(
             break
         cos_beam = surface[beam, 4]
         sin_beam = surface[beam, 5]
-        along = cos_beam * x + sin_beam * y
-        across = cos_beam * y - sin_beam * x
+        x_along_beam = cos_beam * x + sin_beam * y
+        y_across_beam = cos_beam * y - sin_beam * x
         # Below .1 rad the error of the series is at most .1^9 / 9 = 1e-10 rad.
-        if not abs(across) < 0.1 * along:
+        if not abs(y_across_beam) < 0.1 * x_along_beam:
             break
-        ratio = across / along
+        ratio = y_across_beam / x_along_beam
         square = ratio * ratio
         angle = ratio * (1.0 - square * (1.0 / 3.0 - square * (0.2 - square / 7.0)))
         beams_beyond = angle / increment

@@ -145,13 +145,13 @@ class ScannerCheck:
         self._equal_scans += 1
         first_x, first_y, first_yaw = self._image_pose
         x, y, yaw = pose
-        moved = math.hypot(x - first_x, y - first_y)
-        turned = abs(math.remainder(yaw - first_yaw, 2.0 * math.pi))
-        self.repeats = moved > REPEATED_M_RAD or turned > REPEATED_M_RAD
-        if self._equal_scans < FROZEN_SCANS or (moved < FROZEN_M and turned < FROZEN_RAD):
+        distance = math.hypot(x - first_x, y - first_y)
+        angle = abs(math.remainder(yaw - first_yaw, 2.0 * math.pi))
+        self.repeats = distance > REPEATED_M_RAD or angle > REPEATED_M_RAD
+        if self._equal_scans < FROZEN_SCANS or (distance < FROZEN_M and angle < FROZEN_RAD):
             return ""
         scans = f"{self._equal_scans + 1} scans with identical ranges"
-        motion = f"{moved:.2f} m and {turned:.2f} rad"
+        motion = f"{distance:.2f} m and {angle:.2f} rad"
         return f"the scanner is frozen: {scans} while the robot moved {motion}"
 
 
@@ -170,8 +170,8 @@ def geometry_fault(scan: LaserScan) -> str:
     if not FEWEST_BEAMS <= count <= CAPACITY_POINTS:
         return f"the scan has {count} beams: use a scanner with {FEWEST_BEAMS} to {CAPACITY_POINTS}"
     if increment < FINEST_RAD or increment * (count - 1) > 2.0 * math.pi + OVERLAP_RAD:
-        apart = f"{scan.angle_increment:g} rad apart"
-        return f"the scan has {count} beams {apart}: this is not a planar scan"
+        spacing = f"{scan.angle_increment:g} rad apart"
+        return f"the scan has {count} beams {spacing}: this is not a planar scan"
     if not 0.0 <= scan.range_min < scan.range_max:
         limits = f"range_min {scan.range_min:g} m and range_max {scan.range_max:g} m"
         return f"the scan has {limits}: give 0 <= min < max"
