@@ -44,8 +44,8 @@ class Prediction:
         self._tracker = MoverTracker.of(robot)
         self._robot_in_laser = inverse(robot.laser.pose)  # the robot's pose in the laser's frame
         length, width, _ = robot.body.size
-        ahead, aside = robot.body.centre
-        radius = math.hypot(length / 2 + abs(ahead), width / 2 + abs(aside))
+        centre_x, centre_y = robot.body.centre
+        radius = math.hypot(length / 2 + abs(centre_x), width / 2 + abs(centre_y))
         self.room = radius + ROOM_M * robot.world_scale
         self.reset()
 
@@ -85,10 +85,10 @@ class Prediction:
 
     def _predicted(self, scan: LaserScan) -> Array32:
         """Return the predicted points (n, 3) float32 [m] in the frame of the costmap."""
-        robot = compose(scan.sensor_pose, self._robot_in_laser)
+        robot_pose = compose(scan.sensor_pose, self._robot_in_laser)
         points = []
-        for time in np.arange(STEP_S, HORIZON_S + 1e-9, STEP_S):
-            ranges = self._ranges_to_discs(scan, robot, time)
+        for prediction_time in np.arange(STEP_S, HORIZON_S + 1e-9, STEP_S):
+            ranges = self._ranges_to_discs(scan, robot_pose, prediction_time)
             points.append(project(replace(scan, ranges=ranges)).points)
         return np.concatenate(points)
 
@@ -109,14 +109,14 @@ class Prediction:
         # Distance along each beam (rows) of the point nearest to each disc's centre (columns), and
         # square of half the chord that the beam cuts off the disc, which is negative if it misses
         # the disc.
-        beams = beam_directions(scan.angle_min, scan.angle_increment, len(scan.ranges))
-        along = beams @ centres
+        directions = beam_directions(scan.angle_min, scan.angle_increment, len(scan.ranges))
+        distance_along = directions @ centres
         squared_distance = (centres**2).sum(axis=0)
-        half_chord2 = movers.radius[is_clear] ** 2 - squared_distance + along**2
-        entry = along - np.sqrt(np.maximum(half_chord2, 0.0))
-        is_met = (half_chord2 > 0.0) & (along > 0.0)
-        nearest = np.where(is_met, entry, np.inf).min(axis=1, initial=np.inf)
-        return np.where(nearest < scan.ranges, nearest, np.inf).astype(np.float32)
+        half_chord2 = movers.radius[is_clear] ** 2 - squared_distance + distance_along**2
+        entry_distance = distance_along - np.sqrt(np.maximum(half_chord2, 0.0))
+        is_met = (half_chord2 > 0.0) & (distance_along > 0.0)
+        nearest_distance = np.where(is_met, entry_distance, np.inf).min(axis=1, initial=np.inf)
+        return np.where(nearest_distance < scan.ranges, nearest_distance, np.inf).astype(np.float32)
 
 
 def _ends_without_return(scan: LaserScan) -> Array32:

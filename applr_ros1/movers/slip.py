@@ -51,13 +51,13 @@ def slip(voters: Voters, clusters: Clusters, fan: Fan) -> Correction:
         clusters: (m,) CLUSTERs of the scan.
         fan: FAN of the scan, with the pose of the laser according to the odometry.
     """
-    count = voters.shape[0]
-    if count < VOTES:
+    voter_count = voters.shape[0]
+    if voter_count < VOTES:
         return NONE
     dx = 0.0
     dy = 0.0
     turn = 0.0
-    fitting = 0.0
+    fitting_sum = 0.0
     for _ in range(ROUNDS):
         # The odometry is a prior of zero correction.
         a00 = 1.0 / SHIFT_M**2
@@ -68,7 +68,7 @@ def slip(voters: Voters, clusters: Clusters, fan: Fan) -> Correction:
         b0 = 0.0
         b1 = 0.0
         b2 = 0.0
-        fitting = 0.0
+        fitting_sum = 0.0
         for voter in voters:
             cluster = clusters[voter.cluster]
             x = cluster.x - fan.x
@@ -80,7 +80,7 @@ def slip(voters: Voters, clusters: Clusters, fan: Fan) -> Correction:
 
             # Weight of Cauchy: outliers, such as obstacles that begin to move, count little.
             residual = (rest_x**2 + rest_y**2) / FITS_M**2
-            fitting += 1.0 / (1.0 + residual)
+            fitting_sum += 1.0 / (1.0 + residual)
             weight = 1.0 / ((voter.variance + cluster.sigma**2) * (1.0 + residual))
             a00 += weight
             a11 += weight
@@ -92,11 +92,11 @@ def slip(voters: Voters, clusters: Clusters, fan: Fan) -> Correction:
             b2 += weight * (x * error_y - y * error_x)
 
         # A has no entry for dx with dy, so both are eliminated from the last row.
-        numerator = b2 - a02 * b0 / a00 - a12 * b1 / a11
-        turn = numerator / (a22 - a02 * a02 / a00 - a12 * a12 / a11)
+        turn_moment = b2 - a02 * b0 / a00 - a12 * b1 / a11
+        turn = turn_moment / (a22 - a02 * a02 / a00 - a12 * a12 / a11)
         dx = (b0 - a02 * turn) / a00
         dy = (b1 - a12 * turn) / a11
-    if fitting < AGREE_SHARE * count:
+    if fitting_sum < AGREE_SHARE * voter_count:
         return NONE
     return Correction(dx, dy, turn)
 

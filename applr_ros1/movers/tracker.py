@@ -99,22 +99,22 @@ class MoverTracker:
         """
         x, y, yaw = map(float, scan.sensor_pose)
         interval = 0.0
-        moved = 0.0
-        turned = 0.0
+        distance = 0.0
+        turn_angle = 0.0
         if self._last is not None:
             last_stamp, (last_x, last_y, last_yaw) = self._last
             interval = scan.stamp - last_stamp
             if -PAUSE_S < interval <= 0.0:
                 return self._movers()
-            moved = math.hypot(x - last_x, y - last_y)
-            turned = normalize_angle(yaw - last_yaw)
-            if self._has_jumped(interval, moved, turned):
+            distance = math.hypot(x - last_x, y - last_y)
+            turn_angle = normalize_angle(yaw - last_yaw)
+            if self._has_jumped(interval, distance, turn_angle):
                 self.reset()
                 interval = 0.0
         if scan.rotation is not None:
             return self._movers()
         if self._last is not None:
-            self._filter_speeds(interval, moved, turned)
+            self._filter_speeds(interval, distance, turn_angle)
         self._last = scan.stamp, (x, y, yaw)
         self._follow(scan, (x, y, yaw), interval)
         return self._movers()
@@ -127,10 +127,10 @@ class MoverTracker:
 
     def _filter_speeds(self, interval: float, moved: float, turned: float) -> None:
         turn_rate = turned / interval
-        share = 1.0 - math.exp(-interval / SMOOTH_S)
+        gain = 1.0 - math.exp(-interval / SMOOTH_S)
         self._rates = self._rates[1], abs(turn_rate)
-        self._turn_rate += share * (turn_rate - self._turn_rate)
-        self._speed += share * (moved / interval - self._speed)
+        self._turn_rate += gain * (turn_rate - self._turn_rate)
+        self._speed += gain * (moved / interval - self._speed)
 
     def _follow(self, scan: LaserScan, pose: Pose, interval: float) -> None:
         """Update the tracks with a scan after `interval` [s], and the correction of its pose."""
@@ -138,7 +138,7 @@ class MoverTracker:
         fans = self._fans(scan, pose)
         depth = depths(ranges, float(scan.range_min), float(scan.range_max))
         scan_clusters = self._find_clusters(scan, ranges, fans)
-        cluster_of, taken = tracks.follow(
+        cluster_of, taken_clusters = tracks.follow(
             self._tracks,
             self._history,
             scan_clusters,
@@ -151,7 +151,9 @@ class MoverTracker:
         fan = fans[0]
         corrected: Pose = (float(fan["x"]), float(fan["y"]), float(fan["yaw"]))
         self._correction = compose(corrected, inverse(pose))
-        self._next_id = tracks.begin(self._tracks, scan_clusters, taken, scan.stamp, self._next_id)
+        self._next_id = tracks.begin(
+            self._tracks, scan_clusters, taken_clusters, scan.stamp, self._next_id
+        )
         if self._free.due(scan.stamp):
             self._free.take(depth, fan)
             tracks.remember(self._history, self._free.newest, cluster_of, scan_clusters)
@@ -159,9 +161,9 @@ class MoverTracker:
     def _fans(self, scan: LaserScan, pose: Pose) -> np.ndarray:
         """Return the FAN of a scan as array (1,), which the kernels correct in place."""
         # A laser whose beams are measured one after the other sees a turning robot's room bent.
-        swept = 0.0
+        swept_angle = 0.0
         if scan.sweep > 0.0:
-            swept = max(scan.sweep, self.period) * max(self._rates)
+            swept_angle = max(scan.sweep, self.period) * max(self._rates)
         fan = (
             scan.stamp,
             *compose(self._correction, pose),
@@ -171,25 +173,25 @@ class MoverTracker:
             scan.range_max,
             len(scan.ranges),
             self._turn_rate,
-            swept,
+            swept_angle,
         )
         return np.array([fan], FAN)
 
     def _find_clusters(self, scan: LaserScan, ranges: Array32, fans: np.ndarray) -> np.ndarray:
         """Return the CLUSTERs (n,) of a scan, in memory that the next scan overwrites."""
-        first = float(scan.angle_min)
+        first_angle = float(scan.angle_min)
         increment = float(scan.angle_increment)
-        directions = beam_directions(first, increment, len(ranges))
-        count = clusters.find_clusters(ranges, directions, fans, self._clusters)
-        return self._clusters[:count]
+        directions = beam_directions(first_angle, increment, len(ranges))
+        cluster_count = clusters.find_clusters(ranges, directions, fans, self._clusters)
+        return self._clusters[:cluster_count]
 
     def _movers(self) -> Movers:
-        rows = self._tracks[self._tracks["moves"]]
-        back = inverse(self._correction)
-        turn_back = (0.0, 0.0, back[2])
-        x, y = transform_point(back, rows["x"], rows["y"])
-        vx, vy = transform_point(turn_back, rows["vx"], rows["vy"])
-        return Movers(rows["id"], x, y, vx, vy, rows["radius"])
+        moving_tracks = self._tracks[self._tracks["moves"]]
+        to_odometry = inverse(self._correction)
+        turn_to_odometry = (0.0, 0.0, to_odometry[2])
+        x, y = transform_point(to_odometry, moving_tracks["x"], moving_tracks["y"])
+        vx, vy = transform_point(turn_to_odometry, moving_tracks["vx"], moving_tracks["vy"])
+        return Movers(moving_tracks["id"], x, y, vx, vy, moving_tracks["radius"])
 
 
 def warm_up() -> None:

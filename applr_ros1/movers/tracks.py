@@ -131,7 +131,7 @@ def associate(tracks: Tracks, clusters: Clusters, fan: Fan, interval: float) -> 
     # Pairs of a track and a cluster that pass the gate.
     costs = np.empty(4 * MAX_TRACKS)
     pairs = np.empty((4 * MAX_TRACKS, 2), np.int64)
-    count = 0
+    pair_count = 0
     for track_index in range(tracks.shape[0]):
         track = tracks[track_index]
         if track.id == 0:
@@ -141,20 +141,20 @@ def associate(tracks: Tracks, clusters: Clusters, fan: Fan, interval: float) -> 
             if abs(cluster.x - track.x) > FARTHEST_M or abs(cluster.y - track.y) > FARTHEST_M:
                 continue
             cost = _cost(track, cluster, fan, interval)
-            if cost < GATE and count < costs.shape[0]:
-                costs[count] = cost
-                pairs[count] = track_index, cluster_index
-                count += 1
+            if cost < GATE and pair_count < costs.shape[0]:
+                costs[pair_count] = cost
+                pairs[pair_count] = track_index, cluster_index
+                pair_count += 1
 
     cluster_of = np.full(MAX_TRACKS, -1)
-    taken = np.zeros(clusters.shape[0], np.bool_)
-    for pair in np.argsort(costs[:count]):
+    is_taken = np.zeros(clusters.shape[0], np.bool_)
+    for pair in np.argsort(costs[:pair_count]):
         track_index = pairs[pair, 0]
         cluster_index = pairs[pair, 1]
-        if cluster_of[track_index] < 0 and not taken[cluster_index]:
+        if cluster_of[track_index] < 0 and not is_taken[cluster_index]:
             cluster_of[track_index] = cluster_index
-            taken[cluster_index] = True
-    return Assignment(cluster_of, taken)
+            is_taken[cluster_index] = True
+    return Assignment(cluster_of, is_taken)
 
 
 @kernel
@@ -229,20 +229,20 @@ def has_moved(points: Array, history: Array, earlier: Scans, depth: Array32, fan
     """
     for number in range(SCANS):
         old_fan = earlier.fans[number]
-        swept = max(fan.swept, old_fan.swept)
-        if old_fan.stamp == -math.inf or swept > BENT_RAD:
+        swept_angle = max(fan.swept, old_fan.swept)
+        if old_fan.stamp == -math.inf or swept_angle > BENT_RAD:
             continue
-        turned = LATENCY_S * abs(fan.turn_rate - old_fan.turn_rate) + swept
+        turn_angle = LATENCY_S * abs(fan.turn_rate - old_fan.turn_rate) + swept_angle
         came_points = 0
         left_points = 0
         for index in range(POINTS):
             x = points[index, 0]
             y = points[index, 1]
-            came_points += sees_through(earlier.ranges[number], old_fan, x, y, turned)
+            came_points += sees_through(earlier.ranges[number], old_fan, x, y, turn_angle)
             old_x = history[number, index, 0]
             old_y = history[number, index, 1]
             if not math.isnan(old_x):
-                left_points += sees_through(depth, fan, old_x, old_y, turned)
+                left_points += sees_through(depth, fan, old_x, old_y, turn_angle)
         if came_points >= FEWEST_FREE_POINTS or left_points >= FEWEST_FREE_POINTS:
             return True
     return False
@@ -288,8 +288,8 @@ def follow(
             continue
         if cluster_of[track_index] < 0:
             track.gone += sees_through(depth, fan, track.x, track.y, 0.0)
-            longest = HIDDEN_S if track.moves else LOST_S
-            if track.gone >= GONE_SCANS or fan.stamp - track.seen > longest:
+            longest_time = HIDDEN_S if track.moves else LOST_S
+            if track.gone >= GONE_SCANS or fan.stamp - track.seen > longest_time:
                 track.id = 0
                 track.moves = False
                 history[:, track_index] = math.nan
@@ -317,10 +317,10 @@ def _become_static(track: Track) -> None:
 @kernel
 def _is_clearly_moving(track: Track, drift_x: float, drift_y: float) -> bool:
     """Return whether a track's velocity differs from zero and from the drift of static tracks."""
-    clear = max(SLOWEST_M_S, CLEAR_DEVIATIONS * math.sqrt(track.vv))
-    if math.hypot(track.vx, track.vy) <= clear:
+    clear_speed = max(SLOWEST_M_S, CLEAR_DEVIATIONS * math.sqrt(track.vv))
+    if math.hypot(track.vx, track.vy) <= clear_speed:
         return False
-    return math.hypot(track.vx - drift_x, track.vy - drift_y) > clear
+    return math.hypot(track.vx - drift_x, track.vy - drift_y) > clear_speed
 
 
 @kernel
@@ -366,17 +366,17 @@ def _drift(tracks: Tracks, cluster_of: Ints, speed: float) -> Tuple[float, float
     """
     vx = np.empty(MAX_TRACKS)
     vy = np.empty(MAX_TRACKS)
-    count = 0
+    track_count = 0
     for track_index in range(tracks.shape[0]):
         track = tracks[track_index]
         if cluster_of[track_index] >= 0 and not track.moves and track.hits >= SETTLED_HITS:
-            vx[count] = track.vx
-            vy[count] = track.vy
-            count += 1
-    if count < VOTES:
+            vx[track_count] = track.vx
+            vy[track_count] = track.vy
+            track_count += 1
+    if track_count < VOTES:
         return 0.0, 0.0
-    drift_x = np.median(vx[:count])
-    drift_y = np.median(vy[:count])
+    drift_x = np.median(vx[:track_count])
+    drift_y = np.median(vy[:track_count])
     if math.hypot(drift_x, drift_y) < speed + SLIDES_M_S:
         return drift_x, drift_y
     return 0.0, 0.0
