@@ -37,12 +37,12 @@ def names_in(types: Mapping[str, str], wanted: TopicNames, given: Collection[str
     # /robot1/move_base drives a robot whose scans are on /robot1/scan, if there is such a topic.
     robot_namespace = move_base.rpartition("/")[0]
     topics = {"move_base": move_base}
-    for field in fields(wanted):
-        if field.name == "move_base" or field.name in given:
+    for topic_field in fields(wanted):
+        if topic_field.name == "move_base" or topic_field.name in given:
             continue
-        topic = robot_namespace + getattr(wanted, field.name)
+        topic = robot_namespace + getattr(wanted, topic_field.name)
         if topic in types:
-            topics[field.name] = topic
+            topics[topic_field.name] = topic
     return replace(wanted, **topics)
 
 
@@ -54,10 +54,10 @@ def _namespaces_of_move_base(types: Mapping[str, str]) -> List[str]:
         # A plan's topic is MOVE_BASE/PLANNER/NAME.
         if not CHANNELS["plans"].accepts(message_type) or topic.count("/") < 3:
             continue
-        namespace, planner, name = topic.rsplit("/", 2)
-        if name == "global_plan":
+        namespace, planner, plan_name = topic.rsplit("/", 2)
+        if plan_name == "global_plan":
             followed.add(namespace)
-        elif name == "plan" and planner in GLOBAL_PLANNERS:
+        elif plan_name == "plan" and planner in GLOBAL_PLANNERS:
             planned.add(namespace)
     # A move_base whose local planner publishes no plan still shows the plans of its global one.
     return sorted(followed or planned)
@@ -87,10 +87,10 @@ def missing_plans(planner: str, names: TopicNames, types: Mapping[str, str]) -> 
     followed = topic_of("plans", names, planner)
     route = topic_of("routes", names, GLOBAL_PLANNERS[0])
     others = _topics_of("plans", types)
-    text = f"no messages on {followed}, nor on {route}: record one of them"
+    message = f"no messages on {followed}, nor on {route}: record one of them"
     if others:
-        text += f", or give --move-base; the bag has Paths on {', '.join(others)}"
-    return text
+        message += f", or give --move-base; the bag has Paths on {', '.join(others)}"
+    return message
 
 
 def _topics_of(channel: str, types: Mapping[str, str]) -> List[str]:

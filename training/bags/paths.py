@@ -24,25 +24,26 @@ def path_of(raw: bytes) -> Optional[Tuple[int, str, np.ndarray]]:
     None if its poses are not equally long, or if it is damaged.
     """
     # Header: sequence number, stamp, and a text with its length in front
-    data = bytes(raw)
-    if len(data) < HEAD_BYTES:
+    serialised = bytes(raw)
+    if len(serialised) < HEAD_BYTES:
         return None
-    _, seconds, nanoseconds, length = np.frombuffer(data, "<u4", 4).tolist()
-    frame_end = HEAD_BYTES + length
+    _, seconds, nanoseconds, frame_length = np.frombuffer(serialised, "<u4", 4).tolist()
+    frame_end = HEAD_BYTES + frame_length
     body_begin = frame_end + COUNT_BYTES
-    if len(data) < body_begin:
+    if len(serialised) < body_begin:
         return None
     stamp = seconds * SECOND + nanoseconds
-    frame = data[HEAD_BYTES:frame_end].decode(errors="replace").lstrip("/")
+    frame_name = serialised[HEAD_BYTES:frame_end].decode(errors="replace")
+    frame = frame_name.lstrip("/")
 
     # Array of poses with their number in front
-    count = int.from_bytes(data[frame_end:body_begin], "little")
-    if count == 0:
+    pose_count = int.from_bytes(serialised[frame_end:body_begin], "little")
+    if pose_count == 0:
         return stamp, frame, np.zeros((0, 3))
-    body = data[body_begin:]
-    if len(body) % count or len(body) < count * HEAD_BYTES:
+    pose_bytes = serialised[body_begin:]
+    if len(pose_bytes) % pose_count or len(pose_bytes) < pose_count * HEAD_BYTES:
         return None
-    poses = _poses(body, count)
+    poses = _poses(pose_bytes, pose_count)
     if poses is None:
         return None
     return stamp, frame, poses
@@ -50,18 +51,24 @@ def path_of(raw: bytes) -> Optional[Tuple[int, str, np.ndarray]]:
 
 def _poses(body: bytes, count: int) -> Optional[np.ndarray]:
     """Return the poses (n, 3) of serialised PoseStamped messages whose frames are equally long."""
-    length = int.from_bytes(body[HEAD_BYTES - COUNT_BYTES : HEAD_BYTES], "little")
-    layout = np.dtype(
-        [("head", "<u4", 3), ("length", "<u4"), ("frame", "u1", length), ("pose", "<f8", 7)]
+    frame_length = int.from_bytes(body[HEAD_BYTES - COUNT_BYTES : HEAD_BYTES], "little")
+    message_layout = np.dtype(
+        [
+            ("head", "<u4", 3),
+            ("length", "<u4"),
+            ("frame", "u1", frame_length),
+            ("pose", "<f8", 7),
+        ]
     )
-    if len(body) != count * layout.itemsize:
+    if len(body) != count * message_layout.itemsize:
         return None
-    rows = np.frombuffer(body, layout)
+    messages = np.frombuffer(body, message_layout)
     # Frames of different lengths may add up to the same number of bytes.
-    if (rows["length"] != length).any():
+    if (messages["length"] != frame_length).any():
         return None
-    x, y, _, qx, qy, qz, qw = rows["pose"].T
+    x, y, _, qx, qy, qz, qw = messages["pose"].T
     # Yaw as in common.angles.yaw_of.
     sine = 2.0 * (qx * qy + qw * qz)
     cosine = qw * qw + qx * qx - qy * qy - qz * qz
-    return np.column_stack([x, y, np.arctan2(sine, cosine)])
+    yaw = np.arctan2(sine, cosine)
+    return np.column_stack([x, y, yaw])

@@ -17,6 +17,7 @@ from typing import (
     Collection,
     DefaultDict,
     Dict,
+    Iterable,
     Iterator,
     List,
     Mapping,
@@ -86,10 +87,10 @@ def read(
         channels: Channels to read (topics.CHANNELS). Times count from the first message on one of
             their topics.
     """
-    rows, begin = _rows(Path(path), topics, channels)
+    rows, begin_time = _rows(Path(path), topics, channels)
 
     def seconds(nanoseconds: int) -> float:
-        return (nanoseconds - begin) / SECOND
+        return (nanoseconds - begin_time) / SECOND
 
     drive = Drive(
         name=Path(path).name,
@@ -131,43 +132,46 @@ def read(
 
 def topics_in(path: os.PathLike[str] | str) -> Dict[str, str]:
     """Return {topic: type} of the messages in a bag."""
-    types = {}
+    message_types = {}
     with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         for connection in reader.connections:
             # ROS 2's recorder also lists topics without messages.
             if connection.msgcount:
-                types[connection.topic] = connection.msgtype
-    return types
+                message_types[connection.topic] = connection.msgtype
+    return message_types
 
 
 def _rows(
     path: Path, topics: TopicNames, channels: Collection[str]
 ) -> Tuple[DefaultDict[str, List[Row]], int]:
     """Return the messages by channel in order of recording, and the time of the first one [ns]."""
-    recorded: List[Tuple[int, str, str, Any]] = []
+    recorded_messages: List[Tuple[int, str, str, Any]] = []
     # A ROS 2 bag without message definitions has those of this release.
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         channel_of_topic = _channel_of_topic(reader, topics, channels)
-        wanted = []
+        wanted_connections = []
         for connection in reader.connections:
             if connection.topic in channel_of_topic:
-                wanted.append(connection)
+                wanted_connections.append(connection)
         # Without connections, rosbags would return every message.
-        for connection, time, raw in reader.messages(wanted) if wanted else ():
+        messages: Iterable[Any] = ()
+        if wanted_connections:
+            messages = reader.messages(wanted_connections)
+        for connection, recording_time, raw_message in messages:
             channel = channel_of_topic[connection.topic]
             fields = None
             if connection.digest == paths.DIGEST:
-                fields = paths.path_of(raw)
+                fields = paths.path_of(raw_message)
             if fields is None:
-                message = reader.deserialize(raw, connection.msgtype)
+                message = reader.deserialize(raw_message, connection.msgtype)
                 fields = CHANNELS[channel].unpack(message)
-            recorded.append((time, channel, connection.topic, fields))
+            recorded_messages.append((recording_time, channel, connection.topic, fields))
 
-    begin = min((time for time, *_ in recorded), default=0)
+    begin_time = min((recording_time for recording_time, *_ in recorded_messages), default=0)
     rows: DefaultDict[str, List[Row]] = defaultdict(list)
-    for time, channel, topic, fields in recorded:
-        rows[channel].append(Row((time - begin) / SECOND, topic, fields))
-    return rows, begin
+    for recording_time, channel, topic, fields in recorded_messages:
+        rows[channel].append(Row((recording_time - begin_time) / SECOND, topic, fields))
+    return rows, begin_time
 
 
 def _channel_of_topic(
@@ -205,12 +209,12 @@ def _by_planner(rows: Sequence[Row]) -> DefaultDict[str, List[Row]]:
 
 def _contacts(rows: Sequence[Row]) -> np.ndarray:
     """Return the times (n,) [s] of messages that tell of a contact."""
-    times = []
+    contact_times = []
     for row in rows:
         (touches,) = row.fields
         if touches:
-            times.append(row.time)
-    return np.array(times)
+            contact_times.append(row.time)
+    return np.array(contact_times)
 
 
 def _motion(rows: Sequence[Row], seconds: Any) -> Optional[Motion]:
@@ -239,17 +243,17 @@ def _scans(rows: Sequence[Row], seconds: Any) -> Optional[Scans]:
 
 def _clearances(scans: Any, robot: Robot) -> Clearances:
     """Return the smallest range of each scan, in order of the stamps."""
-    order = np.argsort(scans.stamp, kind="stable")
-    smallest = []
-    for index in order:
-        ranges = scans.ranges[index]
+    rows_by_stamp = np.argsort(scans.stamp, kind="stable")
+    smallest_ranges = []
+    for scan_row in rows_by_stamp:
+        ranges = scans.ranges[scan_row]
         if not len(ranges):
-            smallest.append(np.inf)
+            smallest_ranges.append(np.inf)
             continue
         # Some lasers report 0 for beams without a return.
         measured = np.where(ranges == 0.0, np.nan, ranges)
-        smallest.append(nearest(measured, robot.laser.range_min))
-    return Clearances(scans.stamp[order], np.array(smallest))
+        smallest_ranges.append(nearest(measured, robot.laser.range_min))
+    return Clearances(scans.stamp[rows_by_stamp], np.array(smallest_ranges))
 
 
 def _commands(rows: Sequence[Row]) -> Optional[Commands]:
@@ -273,30 +277,31 @@ def _routes(rows: Sequence[Row]) -> Optional[Plans]:
     if not rows:
         return None
     stamps, _, _ = _columns(rows)
-    complete = []
-    for index, row in enumerate(rows):
-        is_last_of_stamp = index + 1 == len(rows) or stamps[index + 1] != stamps[index]
+    complete_plans = []
+    for row_index, row in enumerate(rows):
+        is_last_of_stamp = row_index + 1 == len(rows) or stamps[row_index + 1] != stamps[row_index]
         if is_last_of_stamp:
-            complete.append(row)
-    return _plans(complete)
+            complete_plans.append(row)
+    return _plans(complete_plans)
 
 
 def _transforms(rows: Mapping[str, Sequence[Row]], seconds: Any) -> Optional[Transforms]:
     """Return the places of frames in tf's messages. Rotations of no length are left out."""
-    links: List[Tuple[Any, ...]] = []
+    frame_links: List[Tuple[Any, ...]] = []
     for channel in ("transforms", "static_transforms"):
         is_static = channel == "static_transforms"
         for row in rows[channel]:
-            (placed,) = row.fields
-            for stamp, parent, child, place in placed:
-                quaternion = place[3:]
-                if np.isfinite(place).all() and np.linalg.norm(quaternion) > 0.0:
-                    links.append((row.time, seconds(stamp), parent, child, place, is_static))
-    if not links:
+            (placed_frames,) = row.fields
+            for stamp, parent, child, frame_place in placed_frames:
+                quaternion = frame_place[3:]
+                if np.isfinite(frame_place).all() and np.linalg.norm(quaternion) > 0.0:
+                    link = row.time, seconds(stamp), parent, child, frame_place, is_static
+                    frame_links.append(link)
+    if not frame_links:
         return None
     # Both channels, in order of recording
-    links.sort(key=itemgetter(0))
-    times, stamps, parents, children, places, statics = zip(*links)
+    frame_links.sort(key=itemgetter(0))
+    times, stamps, parents, children, places, statics = zip(*frame_links)
     return Transforms(
         time=np.array(times, np.float64),
         stamp=np.array(stamps, np.float64),
@@ -313,21 +318,21 @@ def _changes(rows: Sequence[Row], topics: TopicNames) -> Optional[Changes]:
     # A topic is MOVE_BASE/SERVER/parameter_updates, and a server's name may hold slashes.
     prefix, suffix = topic_of("changes", topics).split("*")
     servers = [row.topic[len(prefix) : -len(suffix)] for row in rows]
-    (values,) = _columns(rows)
-    return Changes(_times(rows), servers, list(values))
+    (changed_values,) = _columns(rows)
+    return Changes(_times(rows), servers, list(changed_values))
 
 
 def _decisions(rows: Sequence[Row], seconds: Any) -> List[Decision]:
     decisions = []
     for row in rows:
-        goal, stamp, scan_stamp, before, after, seen = row.fields
+        goal_id, stamp, scan_stamp, values_before, values_after, inputs = row.fields
         decision = Decision(
-            goal=goal,
+            goal=goal_id,
             time=seconds(stamp),
             scan_time=seconds(scan_stamp),
-            before=before,
-            after=after,
-            seen=seen,
+            before=values_before,
+            after=values_after,
+            seen=inputs,
         )
         decisions.append(decision)
     return decisions
@@ -336,23 +341,23 @@ def _decisions(rows: Sequence[Row], seconds: Any) -> List[Decision]:
 def _goals(status_rows: Sequence[Row], result_rows: Sequence[Row]) -> List[Goal]:
     """Return the goals that move_base pursued, by the status of its action, with their results."""
     pursued: List[Goal] = []
-    previous = ""
+    previous_goal = ""
     for row in status_rows:
-        (running,) = row.fields
+        (running_goal,) = row.fields
         # The goal was pursued until this message.
-        if previous:
+        if previous_goal:
             pursued[-1] = pursued[-1]._replace(end=row.time)
-        if running and running != previous:
-            pursued.append(Goal(running, row.time, row.time))
-        previous = running
-    results: Dict[str, Tuple[float, str]] = {}
+        if running_goal and running_goal != previous_goal:
+            pursued.append(Goal(running_goal, row.time, row.time))
+        previous_goal = running_goal
+    results_by_goal: Dict[str, Tuple[float, str]] = {}
     for row in result_rows:
-        identity, status = row.fields
-        results[identity] = row.time, status
+        goal_id, end_status = row.fields
+        results_by_goal[goal_id] = row.time, end_status
     goals = []
     for goal in pursued:
-        result_time, status = results.get(goal.id, (goal.end, ""))
-        goals.append(goal._replace(end=min(goal.end, result_time), status=status))
+        result_time, end_status = results_by_goal.get(goal.id, (goal.end, ""))
+        goals.append(goal._replace(end=min(goal.end, result_time), status=end_status))
     return goals
 
 
@@ -363,10 +368,10 @@ def refused(path: os.PathLike[str] | str) -> Iterator[None]:
     try:
         yield
     except (ApplrError, AnyReaderError, *ReaderErrors) as error:
-        line = f"{path}: {reason(error)}"
+        message = f"{path}: {reason(error)}"
         if "index" in str(error):
-            line += ": if its recording was cut short, run rosbag reindex"
-        raise BagError(line) from None
+            message += ": if its recording was cut short, run rosbag reindex"
+        raise BagError(message) from None
 
 
 def bags_in(paths: Sequence[os.PathLike[str] | str]) -> List[Path]:
@@ -379,15 +384,15 @@ def bags_in(paths: Sequence[os.PathLike[str] | str]) -> List[Path]:
     """
     remedy = "give .bag, .mcap or .db3 files or ROS 2 bag folders"
     bags: List[Path] = []
-    for path in map(Path, paths):
-        if not path.exists():
-            raise BagError(f"{path}: there is no such file or folder: {remedy}")
-        if path.is_file() or (path / METADATA).exists():
-            bags.append(path)
+    for given_path in map(Path, paths):
+        if not given_path.exists():
+            raise BagError(f"{given_path}: there is no such file or folder: {remedy}")
+        if given_path.is_file() or (given_path / METADATA).exists():
+            bags.append(given_path)
         else:
-            for inside in sorted(path.rglob("*")):
-                if inside.suffix == ".bag" or (inside / METADATA).exists():
-                    bags.append(inside)
+            for inner_path in sorted(given_path.rglob("*")):
+                if inner_path.suffix == ".bag" or (inner_path / METADATA).exists():
+                    bags.append(inner_path)
     if not bags:
         raise BagError(f"{', '.join(map(str, paths))}: no bags there: {remedy}")
     return bags

@@ -66,17 +66,18 @@ def seen_grid(drive: Drive, robot: Robot) -> Grid:
     assert drive.scans is not None
     laser_pose = drive.laser_pose or robot.laser.pose
     rays = _rays(drive.scans, drive.odometry, laser_pose)
-    ends = rays.origins + rays.lengths[:, None] * rays.directions
-    hits = ends[rays.hits]
+    beam_ends = rays.origins + rays.lengths[:, None] * rays.directions
+    hit_points = beam_ends[rays.hits]
     driven_path = drive.odometry.pose[:, :2]
-    raster = _raster_around(np.vstack([hits, driven_path]))
+    raster = _raster_around(np.vstack([hit_points, driven_path]))
 
     # A cell is occupied if enough of the beams that reach it end there: single beams end in free
     # space at edges, and an obstacle that moved on is seen through later.
-    ended = _counts(hits, raster)
-    passed = _passed(rays, raster)
-    share = ended / np.maximum(ended + passed, 1)
-    is_occupied = (ended >= HITS) & (share >= HIT_SHARE)
+    ending_beams = _counts(hit_points, raster)
+    passing_beams = _passed(rays, raster)
+    reaching_beams = ending_beams + passing_beams
+    hit_share = ending_beams / np.maximum(reaching_beams, 1)
+    is_occupied = (ending_beams >= HITS) & (hit_share >= HIT_SHARE)
     # The robot was there, so that nothing else was.
     is_occupied &= ~_driven_over(drive.odometry, robot, raster)
     cells = np.where(is_occupied, OCCUPIED, FREE).astype(np.int8)
@@ -86,8 +87,8 @@ def seen_grid(drive: Drive, robot: Robot) -> Grid:
 
 def seen_world(grid: Grid, name: str, start: Pose, goal: Pose) -> World:
     """Return a map that seen_grid() made as a world whose course ends when the planner says so."""
-    path = np.array([start[:2], goal[:2]])
-    course = Course(start, goal, None, NO_CIRCLE_M, path, planner_ends=True)
+    course_path = np.array([start[:2], goal[:2]])
+    course = Course(start, goal, None, NO_CIRCLE_M, course_path, planner_ends=True)
     return World(name, np.zeros((0, 3)), boxes(grid), course)
 
 
@@ -99,34 +100,34 @@ def write_map(grid: Grid, path: str) -> None:
     """
     from PIL import Image  # slow, and needed only here
 
-    image = Path(path).with_suffix(".pgm")
+    image_path = Path(path).with_suffix(".pgm")
     # An image begins at the top, a map at the bottom. map_saver writes black and near white.
     is_occupied = grid.cells[::-1] == OCCUPIED
     is_occupied[[0, -1]] = True
     is_occupied[:, [0, -1]] = True
     pixels = np.where(is_occupied, 0, 254).astype(np.uint8)
-    encoded = io.BytesIO()
-    Image.fromarray(pixels).save(encoded, "PPM")
-    write_bytes(str(image), encoded.getvalue())
-    fields = {
-        "image": image.name,
+    image_buffer = io.BytesIO()
+    Image.fromarray(pixels).save(image_buffer, "PPM")
+    write_bytes(str(image_path), image_buffer.getvalue())
+    map_fields = {
+        "image": image_path.name,
         "resolution": grid.resolution,
         "origin": list(grid.origin),
         "negate": 0,
         "occupied_thresh": 0.65,
         "free_thresh": 0.196,
     }
-    write_bytes(path, yaml.safe_dump(fields, sort_keys=False).encode())
+    write_bytes(path, yaml.safe_dump(map_fields, sort_keys=False).encode())
 
 
 def _rays(scans: Scans, odometry: Motion, laser_pose: Pose) -> Rays:
     """Return beams of scans that are evenly spread over a drive."""
-    chosen = np.linspace(0, len(scans) - 1, SCANS).astype(int)
-    parts = []
-    for row in np.unique(chosen):
-        parts.append(_rays_of(scans, int(row), odometry, laser_pose))
+    chosen_rows = np.linspace(0, len(scans) - 1, SCANS).astype(int)
+    rays_by_scan = []
+    for scan_row in np.unique(chosen_rows):
+        rays_by_scan.append(_rays_of(scans, int(scan_row), odometry, laser_pose))
     # The beams of all scans, one after the other
-    origins, directions, lengths, hits = map(np.concatenate, zip(*parts))
+    origins, directions, lengths, hits = map(np.concatenate, zip(*rays_by_scan))
     return Rays(origins, directions, lengths, hits)
 
 
@@ -134,8 +135,8 @@ def _rays_of(scans: Scans, row: int, odometry: Motion, laser_pose: Pose) -> Rays
     """Return beams of one scan."""
     first_angle, increment, range_min, range_max = scans.fan[row]
     # Neighbouring beams of a fine scan end in the same cells.
-    step = max(1, len(scans.ranges[row]) // BEAMS)
-    ranges = scans.ranges[row][::step].astype(float)
+    beam_step = max(1, len(scans.ranges[row]) // BEAMS)
+    ranges = scans.ranges[row][::beam_step].astype(float)
 
     # Some lasers report 0 for beams without a return, and some obstacles are too near to measure:
     # beams below the smallest range prove nothing.
@@ -146,7 +147,8 @@ def _rays_of(scans: Scans, row: int, odometry: Motion, laser_pose: Pose) -> Rays
     x, y, yaw = odometry.pose_at(scans.stamp[row])
     laser_x, laser_y, laser_yaw = laser_pose
     origin = transform_point((x, y, yaw), laser_x, laser_y)
-    angles = yaw + laser_yaw + first_angle + increment * step * np.arange(len(ranges))
+    first_direction = yaw + laser_yaw + first_angle
+    angles = first_direction + increment * beam_step * np.arange(len(ranges))
     directions = np.column_stack([np.cos(angles), np.sin(angles)])
     lengths = np.where(is_return, ranges, range_max)
     origins = np.broadcast_to(origin, directions.shape)
@@ -163,52 +165,55 @@ def _raster_around(points: np.ndarray) -> Raster:
 
     Corners lie on multiples of the resolution, so that maps of one place have the same cells.
     """
-    low = points.min(axis=0) - MARGIN_M
-    high = points.max(axis=0) + MARGIN_M
-    corner = np.floor(low / RESOLUTION_M) * RESOLUTION_M
-    columns, rows = np.ceil((high - corner) / RESOLUTION_M).astype(int).tolist()
+    lowest = points.min(axis=0) - MARGIN_M
+    highest = points.max(axis=0) + MARGIN_M
+    corner = np.floor(lowest / RESOLUTION_M) * RESOLUTION_M
+    size_in_cells = np.ceil((highest - corner) / RESOLUTION_M)
+    columns, rows = size_in_cells.astype(int).tolist()
     return Raster(corner, (rows, columns))
 
 
 def _passed(rays: Rays, raster: Raster) -> np.ndarray:
     """Return how many beams pass through each cell (ny, nx) before they end."""
-    total = np.zeros(raster.shape, int)
+    beam_counts = np.zeros(raster.shape, int)
     # The last cell belongs to the end of a beam.
-    reach = rays.lengths - RESOLUTION_M
-    farthest = float(reach.max(initial=0.0))
+    free_lengths = rays.lengths - RESOLUTION_M
+    farthest = float(free_lengths.max(initial=0.0))
     for distance in np.arange(0.0, farthest, RESOLUTION_M):
-        goes_on = reach > distance
+        goes_on = free_lengths > distance
         points = rays.origins[goes_on] + distance * rays.directions[goes_on]
-        total += _counts(points, raster)
-    return total
+        beam_counts += _counts(points, raster)
+    return beam_counts
 
 
 def _counts(points: np.ndarray, raster: Raster) -> np.ndarray:
     """Return the number of points (n, 2) [m] in each cell (ny, nx)."""
-    rows_count, columns_count = raster.shape
-    cells = np.floor((points - raster.corner) / RESOLUTION_M).astype(int)
-    columns, rows = cells.T
-    is_inside = (columns >= 0) & (columns < columns_count)
-    is_inside &= (rows >= 0) & (rows < rows_count)
+    row_count, column_count = raster.shape
+    distances_in_cells = (points - raster.corner) / RESOLUTION_M
+    columns, rows = np.floor(distances_in_cells).astype(int).T
+    is_inside = (columns >= 0) & (columns < column_count)
+    is_inside &= (rows >= 0) & (rows < row_count)
     # One number for each cell, row after row
-    numbers = rows[is_inside] * columns_count + columns[is_inside]
-    counts = np.bincount(numbers, minlength=rows_count * columns_count)
+    cell_numbers = rows[is_inside] * column_count + columns[is_inside]
+    counts = np.bincount(cell_numbers, minlength=row_count * column_count)
     return counts.reshape(raster.shape)
 
 
 def _driven_over(odometry: Motion, robot: Robot, raster: Raster) -> np.ndarray:
     """Return the cells (ny, nx) within the body of the robot at one of its poses."""
     # Points on the body at half of a cell's distance, so that no cell between them is missed
-    length, width = robot.body.size[:2]
+    body_length, body_width = robot.body.size[:2]
     centre_x, centre_y = robot.body.centre
     spacing = RESOLUTION_M / 2
-    along = np.arange(-length / 2, length / 2 + 1e-9, spacing) + centre_x
-    across = np.arange(-width / 2, width / 2 + 1e-9, spacing) + centre_y
-    grid_x, grid_y = np.meshgrid(along, across)
+    forward = np.arange(-body_length / 2, body_length / 2 + 1e-9, spacing) + centre_x
+    lateral = np.arange(-body_width / 2, body_width / 2 + 1e-9, spacing) + centre_y
+    grid_x, grid_y = np.meshgrid(forward, lateral)
 
-    over = np.zeros(raster.shape, bool)
+    is_driven_over = np.zeros(raster.shape, bool)
     # A robot that stands repeats its pose in every message.
-    for pose in np.unique(odometry.pose.round(2), axis=0).tolist():
+    distinct_poses = np.unique(odometry.pose.round(2), axis=0)
+    for pose in distinct_poses.tolist():
         x, y = transform_point(pose, grid_x.ravel(), grid_y.ravel())
-        over |= _counts(np.column_stack([x, y]), raster) > 0
-    return over
+        body_points = np.column_stack([x, y])
+        is_driven_over |= _counts(body_points, raster) > 0
+    return is_driven_over

@@ -78,11 +78,15 @@ class BagOptions(Options):
 
     def topics(self) -> TopicNames:
         """Return the robot's topics, replaced by those that are given as options."""
-        given = {}
-        for name, value in self:
-            if value and hasattr(TopicNames, name):
-                given[name] = value
-        return replace(TopicNames.of(self.robot), **given)
+        return replace(TopicNames.of(self.robot), **self.given_topics())
+
+    def given_topics(self) -> Dict[str, str]:
+        """Return the fields of TopicNames that are given as options."""
+        given_topics = {}
+        for option_name, option_value in self:
+            if option_value and hasattr(TopicNames, option_name):
+                given_topics[option_name] = option_value
+        return given_topics
 
 
 class Maker:
@@ -100,9 +104,9 @@ class Maker:
         return self.store.types[message_type](*fields)
 
     def _register_own(self) -> None:
-        for name in ("Parameters", "Movers", "Decision"):
-            definition = (MESSAGES / f"{name}.msg").read_text(encoding="utf-8")
-            self.store.register(get_types_from_msg(definition, f"applr_ros1/msg/{name}"))
+        for message_name in ("Parameters", "Movers", "Decision"):
+            definition = (MESSAGES / f"{message_name}.msg").read_text(encoding="utf-8")
+            self.store.register(get_types_from_msg(definition, f"applr_ros1/msg/{message_name}"))
 
     def time(self, seconds: float) -> Any:
         """Return a builtin time."""
@@ -159,8 +163,8 @@ class Channel(NamedTuple):
         Twists come with and without a stamp, and tf's messages had a package of their own in older
         versions of ROS 1 (tf/tfMessage).
         """
-        name = self.type.rpartition("/")[2].lower()
-        return message_type.rpartition("/")[2].lower() in (name, f"{name}stamped")
+        type_name = self.type.rpartition("/")[2].lower()
+        return message_type.rpartition("/")[2].lower() in (type_name, f"{type_name}stamped")
 
 
 def nanoseconds(seconds: float) -> int:
@@ -236,16 +240,16 @@ def _pack_odometry(
 
 def _unpack_transforms(message: Any) -> Tuple[Any, ...]:
     """Return a list of (stamp [ns], parent, child, place) of a tf2_msgs/TFMessage."""
-    places = []
+    placed_frames = []
     for link in message.transforms:
         position = link.transform.translation
         rotation = link.transform.rotation
         quaternion = rotation.x, rotation.y, rotation.z, rotation.w
-        place = (position.x, position.y, position.z, *quaternion)
+        frame_place = (position.x, position.y, position.z, *quaternion)
         stamp = nanoseconds_of(link.header.stamp)
         child = str(link.child_frame_id.lstrip("/"))
-        places.append((stamp, frame_of(link), child, place))
-    return (places,)
+        placed_frames.append((stamp, frame_of(link), child, frame_place))
+    return (placed_frames,)
 
 
 def _pack_transform(maker: Maker, time: float, parent: str, child: str, place: Any) -> Any:
@@ -297,14 +301,15 @@ def _pack_change(maker: Maker, time: float, values: Dict[str, Any]) -> Any:
     flags = []
     texts = []
     numbers = []
-    for name, value in values.items():
+    for parameter_name, parameter_value in values.items():
         # A bool is a number to Python, so that it is asked first.
-        if isinstance(value, bool):
-            flags.append(maker.make(f"{package}/BoolParameter", name, value))
-        elif isinstance(value, str):
-            texts.append(maker.make(f"{package}/StrParameter", name, value))
+        if isinstance(parameter_value, bool):
+            flags.append(maker.make(f"{package}/BoolParameter", parameter_name, parameter_value))
+        elif isinstance(parameter_value, str):
+            texts.append(maker.make(f"{package}/StrParameter", parameter_name, parameter_value))
         else:
-            numbers.append(maker.make(f"{package}/DoubleParameter", name, float(value)))
+            number = float(parameter_value)
+            numbers.append(maker.make(f"{package}/DoubleParameter", parameter_name, number))
     # Whole numbers and groups of parameters are left empty.
     return maker.make(f"{package}/Config", flags, [], texts, numbers, [])
 

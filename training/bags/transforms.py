@@ -69,11 +69,11 @@ class Link:
         self.parent = transforms.parent[rows[-1]]
         rows = [row for row in rows if transforms.parent[row] == self.parent]
         by_stamp = np.argsort(transforms.stamp[rows], kind="stable")
-        order = np.array(rows)[by_stamp]
-        self.is_static = transforms.is_static[order[-1]]
-        self.time = transforms.time[order]
-        self.stamp = transforms.stamp[order]
-        self._place = transforms.place[order].copy()
+        ordered_rows = np.array(rows)[by_stamp]
+        self.is_static = transforms.is_static[ordered_rows[-1]]
+        self.time = transforms.time[ordered_rows]
+        self.stamp = transforms.stamp[ordered_rows]
+        self._place = transforms.place[ordered_rows].copy()
 
         # A quaternion and its opposite are one rotation; neighbours get one sign for interpolation.
         quaternions = self._place[:, 3:]
@@ -88,23 +88,23 @@ class Link:
         Outside of the record, the nearest one holds.
         """
         if self.is_static:
-            place = np.repeat(self._place[-1:], len(stamps), axis=0)
+            places = np.repeat(self._place[-1:], len(stamps), axis=0)
         else:
             columns = [np.interp(stamps, self.stamp, column) for column in self._place.T]
-            place = np.column_stack(columns)
-        return Placement(place[:, :3], rotations(place[:, 3:]))
+            places = np.column_stack(columns)
+        return Placement(places[:, :3], rotations(places[:, 3:]))
 
 
 class Tree:
     """Frames and their links."""
 
     def __init__(self, transforms: Optional[Transforms]):
-        rows: Dict[str, List[int]] = {}
+        rows_by_child: Dict[str, List[int]] = {}
         if transforms is not None:
-            for index, child in enumerate(transforms.child):
-                rows.setdefault(child, []).append(index)
+            for row, child in enumerate(transforms.child):
+                rows_by_child.setdefault(child, []).append(row)
         self._links: Dict[str, Link] = {}
-        for child, indices in rows.items():
+        for child, indices in rows_by_child.items():
             assert transforms is not None
             self._links[child] = Link(transforms, indices)
 
@@ -113,24 +113,24 @@ class Tree:
 
         None if no links connect the frames.
         """
-        common = self._common(outer, inner)
-        if common is None:
+        common_frame = self._common(outer, inner)
+        if common_frame is None:
             return None
-        place_of_inner = self._below(common, inner, stamps)
-        if common == outer:
+        place_of_inner = self._below(common_frame, inner, stamps)
+        if common_frame == outer:
             return place_of_inner
-        return self._below(common, outer, stamps).inverse().compose(place_of_inner)
+        return self._below(common_frame, outer, stamps).inverse().compose(place_of_inner)
 
     def busiest(self, outer: str, inner: str) -> Optional[Link]:
         """Return the link with the most messages between two frames, or None if nothing moves."""
-        common = self._common(outer, inner)
-        if common is None:
+        common_frame = self._common(outer, inner)
+        if common_frame is None:
             return None
         moving_links = []
-        for end in (outer, inner):
-            for frame in self._upwards(end):
+        for end_frame in (outer, inner):
+            for frame in self._upwards(end_frame):
                 # Above the common frame, links place both frames alike.
-                if frame == common:
+                if frame == common_frame:
                     break
                 link = self._links[frame]
                 if not link.is_static:
@@ -157,13 +157,13 @@ class Tree:
 
     def _below(self, outer: str, inner: str, stamps: np.ndarray) -> Placement:
         """Return the places of a frame in one of those above it."""
-        count = len(stamps)
+        time_count = len(stamps)
         # From the inner frame itself upwards, one link after the other
-        no_rotations = rotations(np.tile(NO_TURN, (count, 1)))
-        place = Placement(np.zeros((count, 3)), no_rotations)
+        no_rotations = rotations(np.tile(NO_TURN, (time_count, 1)))
+        placement = Placement(np.zeros((time_count, 3)), no_rotations)
         frame = inner
         while frame != outer:
             link = self._links[frame]
-            place = link.at(stamps).compose(place)
+            placement = link.at(stamps).compose(placement)
             frame = link.parent
-        return place
+        return placement

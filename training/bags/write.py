@@ -73,8 +73,8 @@ class BagWriter:
         """Write a drive, PAUSE_S after the drive before it."""
         entries = sorted(_entries(drive, self.robot), key=itemgetter(0))
         offset = self._begin - entries[0][0]
-        for time, channel, fields, part in entries:
-            self.put(channel, offset + time, *fields, part=part)
+        for drive_time, channel, fields, part in entries:
+            self.put(channel, offset + drive_time, *fields, part=part)
         self._begin = offset + entries[-1][0] + PAUSE_S
 
     def put(self, channel: str, time: float, *fields: Any, part: str = "*") -> None:
@@ -89,8 +89,8 @@ class BagWriter:
             self._connections[topic] = self._writer.add_connection(
                 topic, message_type, typestore=self._maker.store
             )
-        raw = self._maker.store.serialize_ros1(message, message_type)
-        self._writer.write(self._connections[topic], nanoseconds(time), raw)
+        serialised = self._maker.store.serialize_ros1(message, message_type)
+        self._writer.write(self._connections[topic], nanoseconds(time), serialised)
 
 
 def write(
@@ -124,45 +124,45 @@ def _entries(drive: Drive, robot: Robot) -> List[Entry]:
         add("status", goal.begin, goal.id)
     if drive.odometry is not None:
         motion = drive.odometry
-        for time, pose, twist in zip(motion.time, motion.pose, motion.twist):
-            add("odometry", time, drive.frame, robot.frames.base, pose, twist)
+        for motion_time, pose, twist in zip(motion.time, motion.pose, motion.twist):
+            add("odometry", motion_time, drive.frame, robot.frames.base, pose, twist)
     if drive.transforms is not None:
         links = drive.transforms
-        for index, time in enumerate(links.time):
-            channel = "static_transforms" if links.is_static[index] else "transforms"
-            add(channel, time, links.parent[index], links.child[index], links.place[index])
+        for row, link_time in enumerate(links.time):
+            channel = "static_transforms" if links.is_static[row] else "transforms"
+            add(channel, link_time, links.parent[row], links.child[row], links.place[row])
     if drive.scans is not None:
-        for time, fan, ranges in zip(drive.scans.time, drive.scans.fan, drive.scans.ranges):
-            add("scans", time, robot.laser.frame, fan, ranges)
+        scans = drive.scans
+        for scan_time, fan, ranges in zip(scans.time, scans.fan, scans.ranges):
+            add("scans", scan_time, robot.laser.frame, fan, ranges)
     if drive.changes is not None:
-        for time, server, values in zip(
-            drive.changes.time, drive.changes.server, drive.changes.values
-        ):
-            add("changes", time, values, part=server)
+        changes = drive.changes
+        for change_time, server, values in zip(changes.time, changes.server, changes.values):
+            add("changes", change_time, values, part=server)
     for number, decision in enumerate(drive.decisions):
         add("decisions", decision.time, drive.frame, number, decision, robot.world_scale)
     if drive.plans is not None:
         planner = drive.planners[0] if drive.planners else robot.local_planner
-        for time, followed in zip(drive.plans.time, drive.plans.path):
-            add("plans", time, drive.frame, followed, part=planner)
+        for plan_time, followed_plan in zip(drive.plans.time, drive.plans.path):
+            add("plans", plan_time, drive.frame, followed_plan, part=planner)
     elif drive.routes is not None:
         # Beside the followed plans nobody reads them, and they are long.
-        for time, route in zip(drive.routes.time, drive.routes.path):
-            add("routes", time, drive.frame, route, part="NavfnROS")
+        for route_time, route in zip(drive.routes.time, drive.routes.path):
+            add("routes", route_time, drive.frame, route, part="NavfnROS")
     for column in ("planned", "commands"):
         commands = getattr(drive, column)
         if commands is not None:
-            for time, command in zip(commands.time, commands.twist):
-                add(column, time, command)
-    for time in drive.contacts:
-        add("contacts", time, True)
-    for time in drive.recoveries:
-        add("recoveries", time, drive.frame)
-    for end in drive.ends:
-        add("ends", end.time, drive.frame, 0, end, robot.world_scale)
+            for command_time, command in zip(commands.time, commands.twist):
+                add(column, command_time, command)
+    for contact_time in drive.contacts:
+        add("contacts", contact_time, True)
+    for recovery_time in drive.recoveries:
+        add("recoveries", recovery_time, drive.frame)
+    for course_end in drive.ends:
+        add("ends", course_end.time, drive.frame, 0, course_end, robot.world_scale)
     for goal in drive.goals:
         if math.isfinite(goal.end):
-            code = CODE_OF_END.get(goal.status, PREEMPTED)
-            add("results", goal.end, goal.id, code)
-            add("status", goal.end, goal.id, code)
+            end_code = CODE_OF_END.get(goal.status, PREEMPTED)
+            add("results", goal.end, goal.id, end_code)
+            add("status", goal.end, goal.id, end_code)
     return entries
