@@ -69,31 +69,31 @@ class WhyOptions(RecordedOptions):
 def run(options: WhyOptions) -> None:
     """Replay the bags and print the diagnosis."""
     replays = []
-    for path in bags_in(options.bag):
-        replays.append(_replayed(path, options))
-    first, *others = replays
+    for bag_path in bags_in(options.bag):
+        replays.append(_replayed(bag_path, options))
+    first_replay, *other_replays = replays
     if options.map:
-        write_map(seen_grid(first.drive, options.robot), options.map)
+        write_map(seen_grid(first_replay.drive, options.robot), options.map)
     if options.quick:
-        diagnosis = diagnose(first, options.at)
+        diagnosis = diagnose(first_replay, options.at)
     else:
         with Pool(options.workers) as pool:
-            diagnosis = diagnose(first, options.at, pool)
+            diagnosis = diagnose(first_replay, options.at, pool)
 
     lines = lines_of(diagnosis)
-    for other in others:
-        lines += compared(first, other)
-    values = {**values_of(diagnosis), "lines": lines}
-    print(json.dumps(values) if options.json_ else "\n".join(lines))
+    for other_replay in other_replays:
+        lines += compared(first_replay, other_replay)
+    answer_values = {**values_of(diagnosis), "lines": lines}
+    print(json.dumps(answer_values) if options.json_ else "\n".join(lines))
     if options.out:
-        driven = [DRIVEN] if diagnosis.trials is not None else []
+        driven_notes = [DRIVEN] if diagnosis.trials is not None else []
         page = Page(
-            kind=f"why · {first.drive.name}",
+            kind=f"why · {first_replay.drive.name}",
             title="Why did the robot stop or slow down?",
-            verdict=values["happened"],
+            verdict=answer_values["happened"],
             scripts=SCRIPTS,
-            data=values,
-            measured=[values["sure"], *first.drive.notes, REPLAYED, *driven],
+            data=answer_values,
+            measured=[answer_values["sure"], *first_replay.drive.notes, REPLAYED, *driven_notes],
         )
         write_bytes(options.out, page.html())
 

@@ -124,11 +124,11 @@ def changes_to_try(replay: Replay) -> List[Change]:
     changes = []
     for server in (replay.server, *layers):
         for parameter in replay.move_base.servers[server].parameters:
-            value = replay.settings[server].get(parameter.name, "")
-            if parameter.name in LEFT_OUT or isinstance(value, str):
+            in_force = replay.settings[server].get(parameter.name, "")
+            if parameter.name in LEFT_OUT or isinstance(in_force, str):
                 continue
-            for other in _other_values(parameter, value):
-                changes.append(Change(server, parameter.name, value, other))
+            for other_value in _other_values(parameter, in_force):
+                changes.append(Change(server, parameter.name, in_force, other_value))
     return changes
 
 
@@ -141,18 +141,18 @@ def _other_values(parameter: Parameter, value: Any) -> List[Any]:
     values = {default}
     if not isinstance(value, bool):
         for factor in FACTORS:
-            other = parameter.convert(value * factor)
-            if min(value, other) < default < max(value, other):
-                other = default
-            values.add(parameter.clamp(other))
+            other_value = parameter.convert(value * factor)
+            if min(value, other_value) < default < max(value, other_value):
+                other_value = default
+            values.add(parameter.clamp(other_value))
     least_change = 0.0
     if isinstance(value, float):
         least_change = LEAST_CHANGE * abs(value)
-    others = []
-    for other in sorted(values):
-        if other != value and abs(other - value) >= least_change:
-            others.append(other)
-    return others
+    other_values = []
+    for other_value in sorted(values):
+        if other_value != value and abs(other_value - value) >= least_change:
+            other_values.append(other_value)
+    return other_values
 
 
 def drive_on(
@@ -196,13 +196,13 @@ def _track(replay: Replay, cycle: Cycle) -> np.ndarray:
 def _speed_along(plan: np.ndarray, track: np.ndarray, replay: Replay) -> float:
     """Return the mean speed of a track along a plan (n, 3) [m/s]."""
     points = plan[:, :2]
-    way = travelled(points)
+    way_lengths = travelled(points)
 
     # Way between the poses of the plan that are nearest to both ends of the track
-    begin = distances(points, track[0]).argmin()
-    end = distances(points, track[-1]).argmin()
-    gained = float(way[end] - way[begin])
-    speed: float = gained / (AHEAD * replay.period)
+    first_point = distances(points, track[0]).argmin()
+    last_point = distances(points, track[-1]).argmin()
+    gained_way = float(way_lengths[last_point] - way_lengths[first_point])
+    speed: float = gained_way / (AHEAD * replay.period)
     return speed
 
 
@@ -212,10 +212,10 @@ def together(settings: Settings, change: Change) -> Tuple[Change, ...]:
         return (change,)
     values = settings[change.server]
     # DWAPlannerROS has a least turn rate of this name, which is positive.
-    low = values["min_vel_theta"]
-    if low != -values["max_vel_theta"]:
+    lowest_turn = values["min_vel_theta"]
+    if lowest_turn != -values["max_vel_theta"]:
         return (change,)
-    return change, Change(change.server, "min_vel_theta", low, -change.after)
+    return change, Change(change.server, "min_vel_theta", lowest_turn, -change.after)
 
 
 def best_changes(
@@ -236,43 +236,43 @@ def best_changes(
     """
     if not len(cycles):
         return []
-    before = drive_on(replay, cycles)
-    speeds_before, clearances_before = before.T
+    results_before = drive_on(replay, cycles)
+    speeds_before, clearances_before = results_before.T
     # No change may bring the robot nearer to obstacles than it was, or than it fits.
     nearest_before = clearances_before.min(initial=np.inf)
     nearest = min(nearest_before, replay.costmap.inscribed_radius - replay.costmap.resolution)
     settings = cycles[0].settings
     by_parameter: Dict[Tuple[str, str], List[Alternative]] = {}
-    for tried in changes_tried:
-        in_force = settings[tried.server][tried.name]
-        change = tried._replace(before=in_force)
+    for change_tried in changes_tried:
+        in_force = settings[change_tried.server][change_tried.name]
+        change = change_tried._replace(before=in_force)
         with suppress(ApplrError):  # The value may contradict that of another parameter.
             # Most changes do nothing, which some of the cycles show.
             speeds, _ = drive_on(replay, cycles[::FEW], change).T
             if (speeds - speeds_before[::FEW]).mean() <= LITTLE:
                 continue
-            after = drive_on(replay, cycles, change)
-            _, clearances = after.T
+            results_after = drive_on(replay, cycles, change)
+            _, clearances = results_after.T
             declared = replay.move_base.servers[change.server].declared(change.name)
             assert declared is not None
             alternative = Alternative(
                 together(settings, change),
                 declared.default,
-                before=Result(*before.mean(axis=0).tolist()),
-                after=Result(*after.mean(axis=0).tolist()),
+                before=Result(*results_before.mean(axis=0).tolist()),
+                after=Result(*results_after.mean(axis=0).tolist()),
             )
             if alternative.gain > LITTLE and clearances.min() >= nearest:
                 by_parameter.setdefault((change.server, change.name), []).append(alternative)
     best_of_each = [ranked(alternatives)[0] for alternatives in by_parameter.values()]
-    best = ranked(best_of_each)
+    best_alternatives = ranked(best_of_each)
 
     # What the best ones do outside the events
     if len(others):
         usual_speeds, _ = drive_on(replay, others).T
-        for alternative in best[:ELSEWHERE]:
+        for alternative in best_alternatives[:ELSEWHERE]:
             speeds, _ = drive_on(replay, others, alternative.change).T
             alternative.elsewhere = float((speeds - usual_speeds).mean())
-    return best
+    return best_alternatives
 
 
 def ranked(alternatives: Sequence[Alternative]) -> List[Alternative]:
@@ -282,14 +282,14 @@ def ranked(alternatives: Sequence[Alternative]) -> List[Alternative]:
     farthest from it, and small ones.
     """
     remaining = list(alternatives)
-    order: List[Alternative] = []
+    ranking: List[Alternative] = []
     while remaining:
-        largest = max(alternative.gain for alternative in remaining)
+        largest_gain = max(alternative.gain for alternative in remaining)
         nearly_equal = []
         for alternative in remaining:
-            if alternative.gain >= WITHIN * largest:
+            if alternative.gain >= WITHIN * largest_gain:
                 nearly_equal.append(alternative)
-        best = min(nearly_equal, key=lambda alternative: alternative.departure)
-        order.append(best)
-        remaining.remove(best)
-    return order
+        best_alternative = min(nearly_equal, key=lambda alternative: alternative.departure)
+        ranking.append(best_alternative)
+        remaining.remove(best_alternative)
+    return ranking

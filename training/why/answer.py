@@ -10,7 +10,7 @@ from applr_ros1.common.paths import distances
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.parameters.settings import Change
 from training.why.alternatives import Alternative
-from training.why.diagnosis import ASKED, Diagnosis, goal_of
+from training.why.diagnosis import ASKED, Diagnosis, goal_of, indented
 from training.why.events import Event
 from training.why.explanation import Explanation, beside
 from training.why.whole_drives import SAME_PLACE_M, Trials, Tried
@@ -28,12 +28,15 @@ STOPS_M = 0.05  # motion within it [m]
 def lines_of(diagnosis: Diagnosis) -> List[str]:
     """Return the answer for a terminal: what happened, what to change, how sure, then the rest."""
     lines = [what_happened(diagnosis), *advice(diagnosis), how_sure(diagnosis)]
-    longest = diagnosis.longest
-    others = [event for event in diagnosis.events if event is not longest]
-    others.sort(key=lambda event: -event.seconds)
-    if others:
+    longest_event = diagnosis.longest
+    other_events = []
+    for event in diagnosis.events:
+        if event is not longest_event:
+            other_events.append(event)
+    other_events.sort(key=lambda event: -event.seconds)
+    if other_events:
         lines.append("Other events:")
-        lines += [f"   {sentence(event)}" for event in others[:LISTED]]
+        lines += indented(map(sentence, other_events[:LISTED]))
     return lines + tried_rows(diagnosis)
 
 
@@ -58,8 +61,10 @@ def headline(diagnosis: Diagnosis) -> str:
     event = diagnosis.longest
     if event is None or diagnosis.part is not None:
         return what_happened(diagnosis)
-    reason = f", because {event.reason}" if event.reason else ""
-    return f"The robot {event.kind} from {event.begin:.1f} to {event.end:.1f} s{reason}."
+    happened = f"The robot {event.kind} from {event.begin:.1f} to {event.end:.1f} s"
+    if not event.reason:
+        return f"{happened}."
+    return f"{happened}, because {event.reason}."
 
 
 def sentence(event: Event) -> str:
@@ -74,8 +79,8 @@ def advice(diagnosis: Diagnosis) -> List[str]:
 
     There is none for a drive without events, and for a moment that somebody asks about.
     """
-    longest = diagnosis.longest
-    if longest is None or longest.kind == ASKED or diagnosis.part is not None:
+    longest_event = diagnosis.longest
+    if longest_event is None or longest_event.kind == ASKED or diagnosis.part is not None:
         return []
     trials = diagnosis.trials
     if trials is None and not diagnosis.wants_remedy:
@@ -85,44 +90,47 @@ def advice(diagnosis: Diagnosis) -> List[str]:
         return [f"Try {remedy.candidate}: {remedy}; with the recorded values {trials.recorded}."]
     sentences = []
     if trials is not None:
-        often = " with each seed" if trials.judged else ""
-        sentences.append(f"Nothing that was tried helped{often}.")
+        seeds_in_words = " with each seed" if trials.judged else ""
+        sentences.append(f"Nothing that was tried helped{seeds_in_words}.")
     guess = guess_of(diagnosis)
     if guess is not None:
         sentences.append(f"The replay's guess: {guess.change}.")
-    return [" ".join(sentences)] if sentences else []
+    if not sentences:
+        return []
+    return [" ".join(sentences)]
 
 
 def guess_of(diagnosis: Diagnosis) -> Optional[Alternative]:
     """Return what the replay ranks first, or None if it was driven in vain or gains too little."""
     if not diagnosis.guesses:
         return None
-    first = diagnosis.guesses[0]
+    first_guess = diagnosis.guesses[0]
     if diagnosis.trials is not None:
         for tried in diagnosis.trials.tried:
-            if tried.candidate is not None and tried.candidate.changes == first.changes:
+            if tried.candidate is not None and tried.candidate.changes == first_guess.changes:
                 return None
-    is_worth_a_try = first.gain >= GUESS_SHARE * diagnosis.replay.top_speed
-    return first if is_worth_a_try else None
+    if first_guess.gain < GUESS_SHARE * diagnosis.replay.top_speed:
+        return None
+    return first_guess
 
 
 def how_sure(diagnosis: Diagnosis) -> str:
     """Return how far replay and simulated drives agree with the recorded one."""
     replay = diagnosis.replay
-    words = str(replay)
+    certainty = str(replay)
     # Stops of move_base itself say nothing about the replay of the local planner.
     if replay.share_of_cycles < POOR:
-        words += (
+        certainty += (
             "; few, so the planner's reasons are not to be trusted: "
             "parameters of the folder differ, or topics or scans are missing"
         )
-    longest = diagnosis.longest
-    if diagnosis.trials is not None and longest is not None:
+    longest_event = diagnosis.longest
+    if diagnosis.trials is not None and longest_event is not None:
         reach = SAME_PLACE_M * replay.robot.world_scale
-        stops = stops_near(diagnosis.trials.recorded, longest, reach)
-        does = "stops there, too" if stops else "does not stop there"
-        words += f"; simulated with the recorded values, the robot {does}"
-    return words + "."
+        stops = stops_near(diagnosis.trials.recorded, longest_event, reach)
+        stops_in_words = "stops there, too" if stops else "does not stop there"
+        certainty += f"; simulated with the recorded values, the robot {stops_in_words}"
+    return certainty + "."
 
 
 def stops_near(tried: Tried, event: Event, reach: float) -> bool:
@@ -133,12 +141,12 @@ def stops_near(tried: Tried, event: Event, reach: float) -> bool:
         places = drive.path[:, 1:]
         later_rows = np.searchsorted(times, times + STOPS_S)
         has_later = later_rows < len(times)
-        begins = places[has_later]
-        ends = places[later_rows[has_later]]
+        begin_places = places[has_later]
+        end_places = places[later_rows[has_later]]
 
-        moved = distances(ends, begins)
-        stops = begins[moved < STOPS_M]
-        if (distances(stops, np.array(event.place)) <= reach).any():
+        moved_distances = distances(end_places, begin_places)
+        stop_places = begin_places[moved_distances < STOPS_M]
+        if (distances(stop_places, np.array(event.place)) <= reach).any():
             return True
     return False
 
@@ -151,13 +159,13 @@ def tried_rows(diagnosis: Diagnosis) -> List[str]:
         rows.append(f"Driven in simulation ({trials.recorded} with the recorded values):")
         judged = {entry.candidate: entry for entry in trials.judged}
         for tried in trials.tried[:LISTED]:
-            row = f"   {tried.candidate}: {tried}"
+            table_row = f"   {tried.candidate}: {tried}"
             if tried.candidate in judged:
-                row += f"; with other seeds {judged[tried.candidate]}"
-            rows.append(row)
+                table_row += f"; with other seeds {judged[tried.candidate]}"
+            rows.append(table_row)
     if diagnosis.guesses:
         rows.append("Guesses of the replay, two seconds ahead:")
-        rows += [f"   {alternative}" for alternative in diagnosis.guesses[:LISTED]]
+        rows += indented(diagnosis.guesses[:LISTED])
     return rows
 
 
@@ -167,8 +175,8 @@ def values_of(diagnosis: Diagnosis) -> Dict[str, Any]:
     scans = replay.drive.scans
     assert scans is not None
     # The map: points of some scans, one for each cell
-    chosen = np.linspace(0, len(scans) - 1, SCANS).astype(int)
-    clouds = [replay.cloud(index).points[:, :2] for index in chosen]
+    chosen_scans = np.linspace(0, len(scans) - 1, SCANS).astype(int)
+    clouds = [replay.cloud(index).points[:, :2] for index in chosen_scans]
     cells = np.unique(np.rint(np.concatenate(clouds) / CELL_M), axis=0)
 
     # The measured motion, not the commands: a robot that stands may be told to drive.
@@ -190,7 +198,7 @@ def values_of(diagnosis: Diagnosis) -> Dict[str, Any]:
         "reproduced": replay.share,
         "notes": replay.drive.notes,
         **_trials_values(diagnosis.trials),
-        "alternatives": [str(alternative) for alternative in diagnosis.guesses],
+        "alternatives": list(map(str, diagnosis.guesses)),
         "events": event_values,
         "map": (cells * CELL_M).round(2).tolist(),
         "track": _thinned(track),
@@ -205,9 +213,14 @@ def _trials_values(trials: Optional[Trials]) -> Dict[str, Any]:
     """Return remedies and all that was driven as JSON values."""
     if trials is None:
         return {"remedies": [], "tried": [], "recorded": None}
-    remedies = [str(trials.remedy.candidate)] if trials.remedy else []
-    tried = [_tried_values(driven) for driven in trials.tried]
-    return {"remedies": remedies, "tried": tried, "recorded": _tried_values(trials.recorded)}
+    remedies = []
+    if trials.remedy:
+        remedies.append(str(trials.remedy.candidate))
+    return {
+        "remedies": remedies,
+        "tried": list(map(_tried_values, trials.tried)),
+        "recorded": _tried_values(trials.recorded),
+    }
 
 
 def _tried_values(tried: Tried) -> Dict[str, Any]:
@@ -220,7 +233,7 @@ def _tried_values(tried: Tried) -> Dict[str, Any]:
     return {
         "words": words,
         "result": str(tried),
-        "changes": [list(change) for change in changes],
+        "changes": list(map(list, changes)),
         "arrivals": tried.arrivals,
         "drives": len(tried.drives),
         "seconds": round(tried.seconds, 2),
@@ -242,9 +255,9 @@ def _first_plan(drive: Drive) -> np.ndarray:
     """Return the first plan (n, 3) to the goal, or that was followed; (0, 3) without a plan."""
     for plans in (drive.routes, drive.plans):
         if plans is not None:
-            for path in plans.path:
-                if len(path):
-                    return path
+            for plan_path in plans.path:
+                if len(plan_path):
+                    return plan_path
     return np.empty((0, 3))
 
 

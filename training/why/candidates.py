@@ -129,7 +129,7 @@ def file_candidates(robot: Robot) -> List[Candidate]:
     Never less padding than C++'s default, nor a footprint smaller than the body.
     """
     tree = robot.all_parameters()
-    found = [
+    rated_candidates = [
         *_footprints(robot, tree),
         *_paddings(tree),
         *_ranges(tree),
@@ -138,9 +138,13 @@ def file_candidates(robot: Robot) -> List[Candidate]:
         *_scalings(tree),
         *_rates(tree),
     ]
-    found.sort(key=lambda rated: -rated.departure)
-    # Another value in place of a usual one may help by chance, and explains nothing.
-    return [rated.candidate for rated in found if rated.departure >= UNUSUAL]
+    rated_candidates.sort(key=lambda rated: -rated.departure)
+    unusual = []
+    for rated in rated_candidates:
+        # Another value in place of a usual one may help by chance, and explains nothing.
+        if rated.departure >= UNUSUAL:
+            unusual.append(rated.candidate)
+    return unusual
 
 
 def _footprints(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
@@ -162,8 +166,8 @@ def _footprints(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
             changes.append(Change(costmap, "footprint", str(footprint), str(_outline(box))))
     if changes:
         length, width = body.tolist()
-        words = f"footprint -> the outline of the body, {length:.2f} x {width:.2f} m"
-        yield _rated(largest_ratio, changes, words)
+        change_in_words = f"footprint -> the outline of the body, {length:.2f} x {width:.2f} m"
+        yield _rated(largest_ratio, changes, change_in_words)
 
 
 def _outline(box: Box) -> List[List[float]]:
@@ -195,15 +199,15 @@ def _ranges(tree: Dict[str, Any]) -> Iterator[Rated]:
         "obstacle_range": CPP_OBSTACLE_RANGE_M,
         "raytrace_range": CPP_RAYTRACE_RANGE_M,
     }
-    for name, usual in usual_ranges.items():
+    for parameter_name, usual_range in usual_ranges.items():
         changes = []
-        for path, section in _sections_with(tree, name):
-            if section[name] < usual:
-                changes.append(Change(path, name, section[name], usual))
+        for server, section in _sections_with(tree, parameter_name):
+            if section[parameter_name] < usual_range:
+                changes.append(Change(server, parameter_name, section[parameter_name], usual_range))
         if changes:
             # A range of 0 has no ratio.
             smallest = max(min(_values_before(changes)), 0.01)
-            yield _rated(usual / smallest, changes)
+            yield _rated(usual_range / smallest, changes)
 
 
 def _windows(tree: Dict[str, Any]) -> Iterator[Rated]:
@@ -214,17 +218,17 @@ def _windows(tree: Dict[str, Any]) -> Iterator[Rated]:
         size = local_costmap[side]
         changes.append(Change("local_costmap", side, size, type(size)(2 * size)))
     # A smaller window than this lacks obstacles that the laser layers would take up.
-    usual = 2.0 * CPP_OBSTACLE_RANGE_M
+    usual_size = 2.0 * CPP_OBSTACLE_RANGE_M
     smallest = max(min(_values_before(changes)), 0.1)
-    yield _rated(max(1.0, usual / smallest), changes)
+    yield _rated(max(1.0, usual_size / smallest), changes)
 
 
 def _inflations(tree: Dict[str, Any]) -> Iterator[Rated]:
     """Yield half of the inflation in both costmaps, for plans that keep too far from obstacles."""
     changes = []
-    for path, section in _sections_with(tree, "inflation_radius"):
+    for server, section in _sections_with(tree, "inflation_radius"):
         radius = section["inflation_radius"]
-        changes.append(Change(path, "inflation_radius", radius, radius / 2))
+        changes.append(Change(server, "inflation_radius", radius, radius / 2))
     # The inflation of one costmap alone is among the changes that the replay ranks.
     if len(changes) > 1:
         ratio = max(*_values_before(changes), 0.01) / CPP_INFLATION_M
@@ -238,10 +242,10 @@ def _scalings(tree: Dict[str, Any]) -> Iterator[Rated]:
     With a slow decline, costs are high all over narrow places, and plans prefer any other way.
     """
     changes = []
-    for path, section in _sections_with(tree, "cost_scaling_factor"):
+    for server, section in _sections_with(tree, "cost_scaling_factor"):
         factor = section["cost_scaling_factor"]
         if factor < CPP_SCALING:
-            changes.append(Change(path, "cost_scaling_factor", factor, CPP_SCALING))
+            changes.append(Change(server, "cost_scaling_factor", factor, CPP_SCALING))
     if len(changes) > 1:
         smallest = max(min(_values_before(changes)), 0.1)
         yield _rated(CPP_SCALING / smallest, changes)
@@ -253,9 +257,9 @@ def _sections_with(
     """Yield the sections of a tree that have a number of a name."""
     if isinstance(tree.get(name), (int, float)):
         yield path, tree
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            yield from _sections_with(value, name, f"{path}/{key}".lstrip("/"))
+    for section_name, section in tree.items():
+        if isinstance(section, dict):
+            yield from _sections_with(section, name, f"{path}/{section_name}".lstrip("/"))
 
 
 def escape_candidates(server: str, values: Mapping[str, Any]) -> List[Candidate]:
@@ -266,10 +270,13 @@ def escape_candidates(server: str, values: Mapping[str, Any]) -> List[Candidate]
         values: Its values in force.
     """
     changes = []
-    for name in ("escape_reset_dist", "escape_reset_theta"):
-        if name in values:
-            changes.append(Change(server, name, values[name], values[name] / 2))
-    return [Candidate(tuple(changes))] if changes else []
+    for parameter_name in ("escape_reset_dist", "escape_reset_theta"):
+        if parameter_name in values:
+            distance = values[parameter_name]
+            changes.append(Change(server, parameter_name, distance, distance / 2))
+    if not changes:
+        return []
+    return [Candidate(tuple(changes))]
 
 
 def _rates(tree: Dict[str, Any]) -> Iterator[Rated]:
@@ -287,18 +294,19 @@ def single_candidates(robot: Robot) -> Iterator[Candidate]:
     """
     tree = robot.all_parameters()
     space = {parameter.name: parameter for parameter in robot.space}
-    for name, factor in FACTORS:
-        parameter = space.get(name)
+    for parameter_name, factor in FACTORS:
+        parameter = space.get(parameter_name)
         if parameter is None:
             continue
         places = []
         for target in parameter.sets:
-            places += [(target.server, alias) for alias in target.names]
+            for alias in target.names:
+                places.append((target.server, alias))
         server, name_at_server = places[0]
         in_force = branch(tree, server)[name_at_server]
         short_value = float(f"{factor * in_force:.2g}")
-        value = min(max(short_value, parameter.low), parameter.high)
-        yield from _single(tree, places, value)
+        new_value = min(max(short_value, parameter.low), parameter.high)
+        yield from _single(tree, places, new_value)
 
     # The planner must know what the base can do, and a goal must be reachable.
     planner = robot.local_planner
@@ -317,10 +325,10 @@ def _single(
     server, name = places[0]
     in_force = branch(tree, server)[name]
     # A number of samples stays whole.
-    wanted = type(in_force)(value)
-    if wanted == in_force:
+    new_value = type(in_force)(value)
+    if new_value == in_force:
         return
     changes = []
     for server, name in places:
-        changes.append(Change(server, name, in_force, wanted))
+        changes.append(Change(server, name, in_force, new_value))
     yield Candidate(tuple(changes))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import List, Optional, Sequence, Set, Tuple
+from typing import Any, Iterable, List, Optional, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -102,17 +102,17 @@ class Diagnosis:
         pursued_rows = np.flatnonzero(events.pursued(self.drive, odometry))
         if len(pursued_rows) < 2:
             return False
-        first = pursued_rows[0]
-        last = pursued_rows[-1]
-        seconds = float(odometry.time[last] - odometry.time[first])
+        first_row = pursued_rows[0]
+        last_row = pursued_rows[-1]
+        seconds = float(odometry.time[last_row] - odometry.time[first_row])
 
         # Time that a straight drive at top speed would take
-        dx, dy, _ = odometry.pose[last] - odometry.pose[first]
+        dx, dy, _ = odometry.pose[last_row] - odometry.pose[first_row]
         top_speed = self.replay.limits().speed[pursued_rows].mean()
-        shortest = float(np.hypot(dx, dy) / top_speed)
+        shortest_time = float(np.hypot(dx, dy) / top_speed)
 
-        lost = sum(event.seconds for event in self.events)
-        return lost >= LOST_SHARE * seconds and seconds > FAST * shortest
+        lost_time = sum(event.seconds for event in self.events)
+        return lost_time >= LOST_SHARE * seconds and seconds > FAST * shortest_time
 
 
 def diagnose(replay: Replay, at: Optional[float] = None, pool: Optional[Pool] = None) -> Diagnosis:
@@ -125,23 +125,23 @@ def diagnose(replay: Replay, at: Optional[float] = None, pool: Optional[Pool] = 
     """
     # What happened
     if at is None:
-        found = events.find(replay.drive, replay.limits())
+        found_events = events.find(replay.drive, replay.limits())
     else:
-        found = [_moment(replay, at)]
-    diagnosis = Diagnosis(replay, found)
+        found_events = [_moment(replay, at)]
+    diagnosis = Diagnosis(replay, found_events)
 
     # Why it happened
-    for event in found:
+    for event in found_events:
         explained = _explanations(replay, event)
         event.reason = _reason(replay, event, explained)
         diagnosis.explained.append(explained)
-    if found:
+    if found_events:
         diagnosis.part = part_of_robot(replay)
 
     # What would help: no parameter, if the robot stops for a part of itself
-    if not found or diagnosis.part:
+    if not found_events or diagnosis.part:
         return diagnosis
-    diagnosis.guesses = _guesses(replay, found)
+    diagnosis.guesses = _guesses(replay, found_events)
     if pool is not None and at is None and diagnosis.wants_remedy:
         diagnosis.trials = _trials(diagnosis, pool)
     return diagnosis
@@ -150,10 +150,11 @@ def diagnose(replay: Replay, at: Optional[float] = None, pool: Optional[Pool] = 
 def _moment(replay: Replay, at: float) -> Event:
     """Return the time around a moment as an event."""
     odometry = replay.odometry
-    begin = float(odometry.time[0])
-    end = last_time(replay.drive)
-    if not begin <= at <= end:
-        raise ApplrError(f"--at {at:g}: outside the drive, give {begin:.1f} to {end:.1f} s")
+    drive_begin = float(odometry.time[0])
+    drive_end = last_time(replay.drive)
+    if not drive_begin <= at <= drive_end:
+        remedy = f"give {drive_begin:.1f} to {drive_end:.1f} s"
+        raise ApplrError(f"--at {at:g}: outside the drive, {remedy}")
     x, y, _ = odometry.pose[max(odometry.latest(at), 0)].tolist()
     return Event(ASKED, at - AROUND_S, at + AROUND_S, (x, y))
 
@@ -164,48 +165,55 @@ def _explanations(replay: Replay, event: Event) -> List[Explanation]:
     if not cycles:
         return []
     # The fast cycles of an event, as when a robot swings, do not show what slows it.
-    speeds = np.array([cycle.command[0] for cycle in cycles])
-    slow_rows = np.flatnonzero(speeds <= np.median(speeds))
-    slow_cycles = [cycles[row] for row in slow_rows]
+    median_speed = np.median([cycle.command[0] for cycle in cycles])
+    slow_cycles = []
+    for cycle in cycles:
+        if cycle.command[0] <= median_speed:
+            slow_cycles.append(cycle)
     return [explain(replay, cycle) for cycle in some(slow_cycles, EXPLAINED)]
 
 
 def _reason(replay: Replay, event: Event, explained: Sequence[Explanation]) -> str:
     """Return in words why an event happened, or ""."""
     stretch = Stretch(replay.drive, event.begin, event.end, EVENT_SHARE, replay.period)
-    words = first_of(OUTSIDE, stretch)
-    if words:
-        return words
+    outside_reason = first_of(OUTSIDE, stretch)
+    if outside_reason:
+        return outside_reason
     if not explained:
-        return late(stretch) if event.kind != AT_GOAL else ""
+        if event.kind == AT_GOAL:
+            return ""
+        return late(stretch)
     # The middle one of the explained cycles stands for the event.
-    middle = explained[len(explained) // 2]
-    if event.kind == AT_GOAL and not middle.is_blocked:
+    middle_explanation = explained[len(explained) // 2]
+    if event.kind == AT_GOAL and not middle_explanation.is_blocked:
         cycles = replay.between(event.begin, event.end)
         return at_goal(replay, cycles[-1])
-    return middle.words or late(stretch)
+    return middle_explanation.words or late(stretch)
 
 
 def _guesses(replay: Replay, found: Sequence[Event]) -> List[Alternative]:
     """Return alternatives, those with which the planner drives on fastest first."""
-    counts = []
+    cycle_counts = []
     cycles_of_events: Set[int] = set()
     for event in found:
         cycles = replay.between(event.begin, event.end)
-        counts.append(len(cycles))
+        cycle_counts.append(len(cycles))
         cycles_of_events.update(map(id, cycles))
-    total = sum(counts)
-    if not total:
+    cycle_total = sum(cycle_counts)
+    if not cycle_total:
         return []
-    others = [cycle for cycle in replay.cycles if id(cycle) not in cycles_of_events]
+    other_cycles = []
+    for cycle in replay.cycles:
+        if id(cycle) not in cycles_of_events:
+            other_cycles.append(cycle)
 
     # Longer events count more, but each of them a little.
     tried_from: List[Cycle] = []
-    for event, count in zip(found, counts):
-        share = count / total
-        lead = replay.between(event.begin - LEAD_S, event.end)
-        tried_from += some(lead, max(LEAST, round(CYCLES * share)), EARLY)
-    return best_changes(replay, changes_to_try(replay), tried_from, some(others, CYCLES))
+    for event, cycle_count in zip(found, cycle_counts):
+        time_share = cycle_count / cycle_total
+        cycles_with_lead = replay.between(event.begin - LEAD_S, event.end)
+        tried_from += some(cycles_with_lead, max(LEAST, round(CYCLES * time_share)), EARLY)
+    return best_changes(replay, changes_to_try(replay), tried_from, some(other_cycles, CYCLES))
 
 
 def some(cycles: Sequence[Cycle], count: int, power: float = 1.0) -> List[Cycle]:
@@ -228,24 +236,24 @@ def _trials(diagnosis: Diagnosis, pool: Pool) -> Optional[Trials]:
     """Drive with the recorded values and with candidates; None if the drive's goal is unknown."""
     replay = diagnosis.replay
     drive = replay.drive
-    longest = diagnosis.longest
-    assert longest is not None
+    longest_event = diagnosis.longest
+    assert longest_event is not None
     goal = goal_of(drive)
     if goal is None:
         return None
     # The settings at the longest event: if they change on the way, no drive can have all of them.
-    settings = replay.in_force(longest.begin)
+    settings = replay.in_force(longest_event.begin)
     robot = with_changes(replay.robot, recorded_changes(replay.robot, settings), replay.robot.name)
 
     # From where the robot was sent to its goal
     odometry = replay.odometry
     is_pursued = events.pursued(drive, odometry)
-    first = int(np.argmax(is_pursued))
-    last = int(np.flatnonzero(is_pursued)[-1])
-    x, y, yaw = odometry.pose[first].tolist()
-    seconds = float(odometry.time[last] - odometry.time[first])
+    first_row = int(np.argmax(is_pursued))
+    last_row = int(np.flatnonzero(is_pursued)[-1])
+    x, y, yaw = odometry.pose[first_row].tolist()
+    seconds = float(odometry.time[last_row] - odometry.time[first_row])
     # A drive that ended on its way does not tell how long the whole way takes.
-    dx, dy = odometry.pose[last, :2] - goal[:2]
+    dx, dy = odometry.pose[last_row, :2] - goal[:2]
     if np.hypot(dx, dy) > ARRIVED_M * replay.robot.world_scale:
         seconds = np.inf
     course = Course(
@@ -253,7 +261,7 @@ def _trials(diagnosis: Diagnosis, pool: Pool) -> Optional[Trials]:
         world=seen_world(seen_grid(drive, replay.robot), drive.name, (x, y, yaw), goal),
         has_monitor=drive.planned is not drive.commands,
         limit=limit_of(seconds),
-        ends_at_tolerance=longest.kind != AT_GOAL,
+        ends_at_tolerance=longest_event.kind != AT_GOAL,
     )
     return try_out(course, candidates(diagnosis, robot), pool)
 
@@ -261,16 +269,16 @@ def _trials(diagnosis: Diagnosis, pool: Pool) -> Optional[Trials]:
 def candidates(diagnosis: Diagnosis, robot: Robot) -> List[Candidate]:
     """Return the candidates that are driven: the replay's first ones, and values of files."""
     replay = diagnosis.replay
-    live: List[Candidate] = []
+    live_candidates: List[Candidate] = []
     for guess in diagnosis.guesses[:LIVE]:
-        live += milder(replay, guess)
-        live.append(Candidate(guess.changes))
-    live += escape_candidates(replay.server, replay.settings[replay.server])
+        live_candidates += milder(replay, guess)
+        live_candidates.append(Candidate(guess.changes))
+    live_candidates += escape_candidates(replay.server, replay.settings[replay.server])
 
     # The replay does not see what values of files would do: unusual ones come before guesses that
     # it ranks low.
-    every = live[:ROUND] + file_candidates(robot) + live[ROUND:]
-    return every[:CANDIDATES]
+    all_candidates = live_candidates[:ROUND] + file_candidates(robot) + live_candidates[ROUND:]
+    return all_candidates[:CANDIDATES]
 
 
 def milder(replay: Replay, guess: Alternative) -> List[Candidate]:
@@ -279,8 +287,8 @@ def milder(replay: Replay, guess: Alternative) -> List[Candidate]:
     if isinstance(change.before, bool) or change.departure <= MUCH:
         return []
     factor = 2.0 if abs(change.after) > abs(change.before) else 0.5
-    mild = change._replace(after=type(change.before)(change.before * factor))
-    return [Candidate(together(replay.settings, mild))]
+    milder_change = change._replace(after=type(change.before)(change.before * factor))
+    return [Candidate(together(replay.settings, milder_change))]
 
 
 def goal_of(drive: Drive) -> Optional[Pose]:
@@ -288,17 +296,17 @@ def goal_of(drive: Drive) -> Optional[Pose]:
     for plans in (drive.routes, drive.plans):
         if plans is None:
             continue
-        not_empty = [path for path in plans.path if len(path)]
+        not_empty = [plan_path for plan_path in plans.path if len(plan_path)]
         if not not_empty:
             continue
-        end = not_empty[-1][-1]
+        plan_end = not_empty[-1][-1]
         is_whole = plans is drive.routes
         if not is_whole and drive.odometry is not None:
             # The followed part of a plan ends at the goal only near it.
-            dx, dy = end[:2] - drive.odometry.pose[-1, :2]
+            dx, dy = plan_end[:2] - drive.odometry.pose[-1, :2]
             is_whole = bool(np.hypot(dx, dy) <= NEAR_GOAL_M)
         if is_whole:
-            x, y, yaw = end.tolist()
+            x, y, yaw = plan_end.tolist()
             return x, y, yaw
     # Goals are sent in any frame, often that of a map.
     for sent in reversed(drive.sent):
@@ -323,14 +331,19 @@ def compared(first: Replay, second: Replay) -> List[str]:
     slow_cycles: List[Cycle] = []
     for event in events.find(first.drive, first.limits()):
         slow_cycles += first.between(event.begin, event.end)
-    tried = best_changes(first, changes, some(slow_cycles or first.cycles, CYCLES), [])
+    alternatives = best_changes(first, changes, some(slow_cycles or first.cycles, CYCLES), [])
 
-    differing = ", ".join(map(str, changes)) or "none"
-    lines = [f"{second}; {_parting(first, second)}; differing parameters: {differing}"]
-    if tried:
+    names_of_changes = ", ".join(map(str, changes)) or "none"
+    lines = [f"{second}; {_parting(first, second)}; differing parameters: {names_of_changes}"]
+    if alternatives:
         lines.append("Changes of the first drive to a value of the second:")
-        lines += [f"   {alternative}" for alternative in tried]
+        lines += indented(alternatives)
     return lines
+
+
+def indented(items: Iterable[Any]) -> List[str]:
+    """Return a line for each item, to be printed below a heading."""
+    return [f"   {item}" for item in items]
 
 
 def _parting(first: Replay, second: Replay) -> str:

@@ -108,26 +108,26 @@ def find(drive: Drive, limits: Limits) -> List[Event]:
     is_pursued = pursued(drive, odometry)
     is_under_way = is_pursued & ~at_goal
 
-    taken = np.zeros(len(odometry), bool)
-    events: List[Event] = []
+    is_taken = np.zeros(len(odometry), bool)
+    found_events: List[Event] = []
     for kind in _kinds(odometry, limits):
-        for part in _runs(odometry.time, kind.happens & is_under_way):
-            event = _event(kind.words, odometry, part)
+        for event_rows in _runs(odometry.time, kind.happens & is_under_way):
+            event = _event(kind.words, odometry, event_rows)
             # An event that lies within one of a more special kind says nothing new.
-            is_known = taken[part].mean() >= 0.5
+            is_known = is_taken[event_rows].mean() >= 0.5
             if event.seconds >= kind.shortest and not is_known:
-                taken[part] = True
-                events.append(event)
+                is_taken[event_rows] = True
+                found_events.append(event)
 
     # At the goal the robot may stop and turn, if it does not take long.
-    for part in _runs(odometry.time, at_goal & is_pursued):
-        event = _event(AT_GOAL, odometry, part)
+    for event_rows in _runs(odometry.time, at_goal & is_pursued):
+        event = _event(AT_GOAL, odometry, event_rows)
         if event.seconds >= AT_GOAL_S:
-            events.append(event)
+            found_events.append(event)
 
-    events += _unheard(drive, odometry)
-    events.sort(key=lambda event: event.begin)
-    return list(_traps(events, TRAP_M * limits.scale))
+    found_events += _unheard(drive, odometry)
+    found_events.sort(key=lambda event: event.begin)
+    return list(_traps(found_events, TRAP_M * limits.scale))
 
 
 def _kinds(odometry: Motion, limits: Limits) -> Iterator[Kind]:
@@ -138,11 +138,11 @@ def _kinds(odometry: Motion, limits: Limits) -> Iterator[Kind]:
     standing_speed = np.minimum(STILL_SPEED, 0.5 * CREEPS * limits.speed)
     stands = speed < standing_speed
     turns = np.abs(w) >= STILL_TURN
-    backs = (v < 0.0) & ~stands
+    drives_back = (v < 0.0) & ~stands
     yield Kind("went to and fro", FRO_S / 2, _to_and_fro(odometry, limits))
     yield Kind("stood", STOOD_S, stands & ~turns)
     yield Kind("turned on the spot", TURNED_S, stands & turns)
-    yield Kind("drove backwards", TURNED_S, backs)
+    yield Kind("drove backwards", TURNED_S, drives_back)
     yield Kind("crept", STOOD_S, speed < CREEPS * limits.speed)
     yield Kind("swung from side to side", TURNED_S, _swings(odometry, limits))
     yield Kind("was slow", SLOW_S, speed < SLOW * limits.speed)
@@ -160,50 +160,50 @@ def _swings(odometry: Motion, limits: Limits) -> np.ndarray:
     count_until_begin = np.searchsorted(change_times, odometry.time - 1.0)
     count_until_end = np.searchsorted(change_times, odometry.time + 1.0)
     changes_per_second = (count_until_end - count_until_begin) / 2.0
-    often: np.ndarray = changes_per_second > SWINGS_HZ
-    return often
+    swings_often: np.ndarray = changes_per_second > SWINGS_HZ
+    return swings_often
 
 
 def _to_and_fro(odometry: Motion, limits: Limits) -> np.ndarray:
     """Return the rows (n,) around which the robot drives to and fro and gains little way."""
     times = odometry.time
-    first = np.searchsorted(times, times - FRO_S / 2)
-    last = np.searchsorted(times, times + FRO_S / 2) - 1
+    first_rows = np.searchsorted(times, times - FRO_S / 2)
+    last_rows = np.searchsorted(times, times + FRO_S / 2) - 1
 
     # Way along the path, and distance between its ends
-    places = odometry.pose[:, :2]
-    way = travelled(places)
-    driven = way[last] - way[first]
-    gained = distances(places[last], places[first])
+    positions = odometry.pose[:, :2]
+    way_lengths = travelled(positions)
+    driven_way = way_lengths[last_rows] - way_lengths[first_rows]
+    gained_distance = distances(positions[last_rows], positions[first_rows])
 
     # Numbers of rows until each one in which the robot drives backwards, and forwards
     v = odometry.twist[:, 0]
     backward_rows = np.concatenate([[0], np.cumsum(v < -STILL_SPEED)])
     forward_rows = np.concatenate([[0], np.cumsum(v > STILL_SPEED)])
-    drives_back = backward_rows[last] > backward_rows[first]
-    drives_on = forward_rows[last] > forward_rows[first]
+    drives_back = backward_rows[last_rows] > backward_rows[first_rows]
+    drives_on = forward_rows[last_rows] > forward_rows[first_rows]
 
-    is_long = driven > TRAP_M * limits.scale
-    is_in_vain = gained < FRO_SHARE * driven
-    rows: np.ndarray = drives_back & drives_on & is_long & is_in_vain
-    return rows
+    is_long = driven_way > TRAP_M * limits.scale
+    is_in_vain = gained_distance < FRO_SHARE * driven_way
+    goes_to_and_fro: np.ndarray = drives_back & drives_on & is_long & is_in_vain
+    return goes_to_and_fro
 
 
 def pursued(drive: Drive, odometry: Motion) -> np.ndarray:
     """Return the rows (n,) of the odometry at which the robot had a goal."""
-    spans = [(goal.begin, goal.end) for goal in drive.goals]
+    time_spans = [(goal.begin, goal.end) for goal in drive.goals]
     planned = drive.planned
-    if not spans and planned:
+    if not time_spans and planned:
         # Without move_base's status: the planner commands only while it has a goal.
         moving_rows = np.flatnonzero(planned.twist.any(axis=1))
         if len(moving_rows):
-            begin = float(planned.time[moving_rows[0]])
-            end = float(planned.time[-1])
-            spans = [(begin, end)]
-    rows = np.zeros(len(odometry), bool)
-    for begin, end in spans:
-        rows |= (odometry.time >= begin) & (odometry.time <= end)
-    return rows
+            begin_time = float(planned.time[moving_rows[0]])
+            end_time = float(planned.time[-1])
+            time_spans = [(begin_time, end_time)]
+    is_pursued = np.zeros(len(odometry), bool)
+    for begin_time, end_time in time_spans:
+        is_pursued |= (odometry.time >= begin_time) & (odometry.time <= end_time)
+    return is_pursued
 
 
 def distances_to_goal(drive: Drive, odometry: Motion) -> np.ndarray:
@@ -211,11 +211,11 @@ def distances_to_goal(drive: Drive, odometry: Motion) -> np.ndarray:
     to_goal = np.full(len(odometry), np.inf)
     if drive.plans is None:
         return to_goal
-    for row, time in enumerate(odometry.time):
-        index = drive.plans.latest(time)
-        if index < 0:
+    for row, stamp in enumerate(odometry.time):
+        latest_plan = drive.plans.latest(stamp)
+        if latest_plan < 0:
             continue
-        plan = drive.plans.path[index]
+        plan = drive.plans.path[latest_plan]
         if len(plan):
             dx, dy = plan[-1, :2] - odometry.pose[row, :2]
             to_goal[row] = np.hypot(dx, dy)
@@ -227,17 +227,17 @@ def _unheard(drive: Drive, odometry: Motion) -> List[Event]:
 
     The last gap may last from the last odometry message to the last message of the drive.
     """
-    events = []
+    silences = []
     times = np.append(odometry.time, last_time(drive))
     is_pursued = pursued(drive, odometry)
     for row in np.flatnonzero(np.diff(times) > SILENT_S):
         # Before its first goal and after its last one, nobody waits for the robot.
         if is_pursued[row]:
             x, y, _ = odometry.pose[row].tolist()
-            begin = float(times[row])
-            end = float(times[row + 1])
-            events.append(Event(UNHEARD, begin, end, (x, y)))
-    return events
+            begin_time = float(times[row])
+            end_time = float(times[row + 1])
+            silences.append(Event(UNHEARD, begin_time, end_time, (x, y)))
+    return silences
 
 
 def _runs(times: np.ndarray, happens: np.ndarray) -> List[slice]:
@@ -247,12 +247,12 @@ def _runs(times: np.ndarray, happens: np.ndarray) -> List[slice]:
         return []
     is_gap = np.diff(times[rows]) > GAP_S
     breaks = np.flatnonzero(is_gap) + 1
-    parts = []
-    for rows_of_part in np.split(rows, breaks):
-        first = int(rows_of_part[0])
-        last = int(rows_of_part[-1])
-        parts.append(slice(first, last + 1))
-    return parts
+    runs = []
+    for rows_of_run in np.split(rows, breaks):
+        first_row = int(rows_of_run[0])
+        last_row = int(rows_of_run[-1])
+        runs.append(slice(first_row, last_row + 1))
+    return runs
 
 
 def _event(kind: str, odometry: Motion, part: slice) -> Event:
@@ -265,13 +265,13 @@ def _event(kind: str, odometry: Motion, part: slice) -> Event:
 def _traps(events: List[Event], reach: float) -> Iterator[Event]:
     """Yield events. Those at one place are one, of the kind that lasts longest."""
     while events:
-        trap = [events.pop(0)]
-        while events and _is_same_place(trap[-1], events[0], reach):
-            trap.append(events.pop(0))
-        longest = max(trap, key=lambda event: event.seconds)
+        events_of_trap = [events.pop(0)]
+        while events and _is_same_place(events_of_trap[-1], events[0], reach):
+            events_of_trap.append(events.pop(0))
+        longest_event = max(events_of_trap, key=lambda event: event.seconds)
         # Events may overlap, so that the last one to begin need not be the last one to end.
-        end = max(event.end for event in trap)
-        yield Event(longest.kind, trap[0].begin, end, longest.place)
+        end_time = max(event.end for event in events_of_trap)
+        yield Event(longest_event.kind, events_of_trap[0].begin, end_time, longest_event.place)
 
 
 def _is_same_place(first: Event, second: Event, reach: float) -> bool:

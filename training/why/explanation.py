@@ -117,11 +117,11 @@ class Samples(NamedTuple):
     @property
     def best(self) -> Optional[int]:
         """Row of the cheapest legal sample that drives on, or None."""
-        legal = np.flatnonzero(self.drives_on & (self.costs >= 0))
-        if not len(legal):
+        legal_rows = np.flatnonzero(self.drives_on & (self.costs >= 0))
+        if not len(legal_rows):
             return None
-        cheapest = self.costs[legal].argmin()
-        return int(legal[cheapest])
+        cheapest_row = self.costs[legal_rows].argmin()
+        return int(legal_rows[cheapest_row])
 
     def in_words(self, row: int) -> str:
         """Return a velocity for people."""
@@ -163,23 +163,23 @@ def explain(replay: Replay, cycle: Cycle) -> Explanation:
 
 def samples_of(replay: Replay, cycle: Cycle, command: Sequence[float]) -> Samples:
     """Return what the planner compared in the cycle that it has just run."""
-    velocities, costs, parts = replay.local.planner.sample_costs(replay.costmap, command)
+    velocities, costs, cost_parts = replay.local.planner.sample_costs(replay.costmap, command)
     top_speed = cycle.settings[replay.server]["max_vel_x"]
-    fastest = velocities[:, 0].max()
-    drives_on = velocities[:, 0] >= min(SLOW * top_speed, FASTEST * fastest)
+    fastest_speed = velocities[:, 0].max()
+    drives_on = velocities[:, 0] >= min(SLOW * top_speed, FASTEST * fastest_speed)
     # The command is one of the samples, or was rounded a little.
     differences = np.abs(velocities - command).sum(axis=1)
     winner = int(differences.argmin())
-    return Samples(velocities, costs, parts, drives_on, winner)
+    return Samples(velocities, costs, cost_parts, drives_on, winner)
 
 
 def _nothing_faster(samples: Samples, values: Mapping[str, Any]) -> str:
     """Return that even the fastest sample is slow, or ""."""
-    fastest = float(samples.velocities[:, 0].max())
-    if fastest >= SLOW * values["max_vel_x"]:
+    fastest_speed = float(samples.velocities[:, 0].max())
+    if fastest_speed >= SLOW * values["max_vel_x"]:
         return ""
     limits = f"vx_samples {values['vx_samples']:g}, acc_lim_x {values['acc_lim_x']:g}"
-    return f"no faster way is sampled than {fastest:.2f} m/s ({limits})"
+    return f"no faster way is sampled than {fastest_speed:.2f} m/s ({limits})"
 
 
 def _explain_outbid(
@@ -198,18 +198,20 @@ def _explain_outbid(
         explanation.lines.append(f"{driving} was not sampled, because {explanation.words}.")
         return
     # The part of the costs that sets the two samples apart most is the reason.
-    gaps = {name: part[best] - part[winner] for name, part in samples.parts.items()}
-    name = max(gaps, key=lambda part: gaps[part])
-    parameter, objection = OBJECTIONS[name]
+    cost_gaps = {}
+    for cost_name, cost_part in samples.parts.items():
+        cost_gaps[cost_name] = cost_part[best] - cost_part[winner]
+    cost_name = max(cost_gaps, key=lambda part: cost_gaps[part])
+    parameter, objection = OBJECTIONS[cost_name]
     weight = parameter
     if parameter in values:
         weight = f"{parameter} {values[parameter]:g}"
     explanation.words = f"every faster way {objection.format(weight)}"
-    part = samples.parts[name]
+    cost_part = samples.parts[cost_name]
     explanation.lines.append(
         f"{driving} costs {costs[best]:.1f}, "
         f"the command {samples.in_words(winner)} {costs[winner]:.1f}: "
-        f"{weight} counts {part[best]:.1f} against {part[winner]:.1f}."
+        f"{weight} counts {cost_part[best]:.1f} against {cost_part[winner]:.1f}."
     )
 
 
@@ -219,15 +221,15 @@ def _explain_illegal(
     """Add what refused the faster samples that are illegal, from the straightest one."""
     illegal_rows = np.flatnonzero(samples.drives_on & (samples.costs < 0))
     turn_rates = np.abs(samples.velocities[illegal_rows, 1])
-    row = int(illegal_rows[turn_rates.argmin()])
-    objection = _refusal(explanation, replay, cycle, samples, row)
-    count = int(samples.drives_on.sum())
-    if len(illegal_rows) == count and not samples.drives_on[samples.winner]:
+    straightest_row = int(illegal_rows[turn_rates.argmin()])
+    objection = _refusal(explanation, replay, cycle, samples, straightest_row)
+    faster_count = int(samples.drives_on.sum())
+    if len(illegal_rows) == faster_count and not samples.drives_on[samples.winner]:
         explanation.words = f"every faster way {objection}"
         explanation.is_blocked = True
     explanation.lines.append(
-        f"{len(illegal_rows)} of {count} faster samples are illegal; "
-        f"{samples.in_words(row)} {objection}."
+        f"{len(illegal_rows)} of {faster_count} faster samples are illegal; "
+        f"{samples.in_words(straightest_row)} {objection}."
     )
 
 
@@ -240,47 +242,47 @@ def _refusal(
     explanation.obstacle = _obstacle(replay, cycle.pose, v, w, values["sim_time"])
     if explanation.obstacle:
         return f"meets {_place(replay, cycle, explanation.obstacle)}"
-    for critic, part in samples.parts.items():
-        if part[row] < 0:
+    for critic, critic_costs in samples.parts.items():
+        if critic_costs[row] < 0:
             return f"is refused by the critic {critic}"
     # DWAPlannerROS compares speeds that are below both of its least speeds with no others.
     if "min_vel_trans" in values:
-        slowest = values["min_vel_trans"]
+        slowest_speed = values["min_vel_trans"]
         slowest_turn = values["min_vel_theta"]
-        return f"is below min_vel_trans ({slowest:g}) and min_vel_theta ({slowest_turn:g})"
+        return f"is below min_vel_trans ({slowest_speed:g}) and min_vel_theta ({slowest_turn:g})"
     return "leaves the map or the reach of the plan"
 
 
 def _place(replay: Replay, cycle: Cycle, obstacle: Sequence[float]) -> str:
     """Return in words where an obstacle cell is, and which scan shows it."""
-    ahead, left = transform_point(inverse(cycle.pose), *obstacle)
+    distance_ahead, distance_left = transform_point(inverse(cycle.pose), *obstacle)
     points = replay.cloud(cycle.scan).points[:, :2]
-    gaps = distances(points, np.array(obstacle))
+    point_distances = distances(points, np.array(obstacle))
     # What the latest scan does not show stays in the map until a beam clears it.
-    is_in_scan = gaps.min(initial=np.inf) < NEAR_M
+    is_in_scan = point_distances.min(initial=np.inf) < NEAR_M
     source = "the latest scan" if is_in_scan else "earlier scans"
-    return f"the obstacle {beside(ahead, left)}, from {source}"
+    return f"the obstacle {beside(distance_ahead, distance_left)}, from {source}"
 
 
 def beside(ahead: float, left: float, digits: int = 2) -> str:
     """Return in words where a point (x ahead, y left) [m] of the robot's frame is."""
-    along = "ahead" if ahead >= 0.0 else "behind"
+    front_or_back = "ahead" if ahead >= 0.0 else "behind"
     side = "left" if left > 0.0 else "right"
-    return f"{abs(ahead):.{digits}f} m {along} and {abs(left):.{digits}f} m to the {side}"
+    return f"{abs(ahead):.{digits}f} m {front_or_back} and {abs(left):.{digits}f} m to the {side}"
 
 
 def _table(samples: Samples) -> List[List[Any]]:
     """Return names and rows of the command, the cheapest sample that drives on, and others."""
     columns = [samples.velocities, samples.costs, *samples.parts.values()]
     rows = np.column_stack(columns).round(2)
-    order = samples.costs.argsort()
-    cheapest = order[samples.costs[order] >= 0].tolist()
-    shown = [samples.winner]
+    rows_by_cost = samples.costs.argsort()
+    cheapest_rows = rows_by_cost[samples.costs[rows_by_cost] >= 0].tolist()
+    shown_rows = [samples.winner]
     if samples.best is not None:
-        shown.append(samples.best)
-    shown += cheapest[:SAMPLES]
-    distinct = list(dict.fromkeys(shown))
-    return [["v", "w", "cost", *samples.parts], *rows[distinct].tolist()]
+        shown_rows.append(samples.best)
+    shown_rows += cheapest_rows[:SAMPLES]
+    distinct_rows = list(dict.fromkeys(shown_rows))
+    return [["v", "w", "cost", *samples.parts], *rows[distinct_rows].tolist()]
 
 
 def leads_back(replay: Replay, cycle: Cycle) -> bool:
@@ -288,13 +290,13 @@ def leads_back(replay: Replay, cycle: Cycle) -> bool:
     x, y, yaw = cycle.pose
     points = cycle.plan[:, :2]
     from_robot = distances(points, np.array([x, y]))
-    reach = PLAN_AHEAD_M * replay.robot.world_scale
+    lookahead = PLAN_AHEAD_M * replay.robot.world_scale
     # The first point at some distance shows the way: those beside the robot lie anywhere.
-    begin = int(from_robot.argmin())
-    rows_beyond = np.flatnonzero(from_robot[begin:] >= reach)
+    first_point = int(from_robot.argmin())
+    rows_beyond = np.flatnonzero(from_robot[first_point:] >= lookahead)
     if not len(rows_beyond):
         return False
-    dx, dy = points[begin + rows_beyond[0]] - (x, y)
+    dx, dy = points[first_point + rows_beyond[0]] - (x, y)
     angle = float(normalize_angle_modulo(np.arctan2(dy, dx) - yaw))
     return abs(angle) > BACK
 
@@ -305,19 +307,19 @@ def at_goal(replay: Replay, cycle: Cycle) -> str:
     values = {**replay.move_base.parameters[replay.server], **cycle.settings[replay.server]}
     tolerance = values["yaw_goal_tolerance"]
     # The slowest turn on the spot has a parameter of its own in TrajectoryPlannerROS.
-    slowest = "min_in_place_vel_theta"
-    if slowest not in values:
-        slowest = "min_vel_theta"
-    turn = abs(values[slowest]) * replay.period
+    turn_parameter = "min_in_place_vel_theta"
+    if turn_parameter not in values:
+        turn_parameter = "min_vel_theta"
+    turn_of_cycle = abs(values[turn_parameter]) * replay.period
     # Each cycle then turns past the tolerance on both sides of the goal's heading.
-    if turn > 2.0 * tolerance:
+    if turn_of_cycle > 2.0 * tolerance:
         return (
             f"yaw_goal_tolerance {tolerance:g} is smaller than the turn of one cycle "
-            f"at {slowest} {abs(values[slowest]):g}"
+            f"at {turn_parameter} {abs(values[turn_parameter]):g}"
         )
-    heading = f"yaw_goal_tolerance {tolerance:g}"
-    place = f"xy_goal_tolerance {values['xy_goal_tolerance']:g}"
-    return f"it does not come within {place} and {heading} of the goal at once"
+    heading_tolerance = f"yaw_goal_tolerance {tolerance:g}"
+    place_tolerance = f"xy_goal_tolerance {values['xy_goal_tolerance']:g}"
+    return f"it does not come within {place_tolerance} and {heading_tolerance} of the goal at once"
 
 
 def part_of_robot(replay: Replay) -> Optional[Tuple[float, float]]:
@@ -327,37 +329,39 @@ def part_of_robot(replay: Replay) -> Optional[Tuple[float, float]]:
     """
     x, y = replay.costmap.footprint.T
     reach = float(np.hypot(x, y).max()) + BESIDE_M * replay.robot.world_scale
-    poses = _distinct_headings(replay.cycles)
-    if len(poses) < HEADINGS:
+    turned_cycles = _distinct_headings(replay.cycles)
+    if len(turned_cycles) < HEADINGS:
         return None
 
     # Scans with a point in each cell beside the robot
     counts: Counter[Tuple[float, float]] = Counter()
-    for cycle in poses:
+    for cycle in turned_cycles:
         x, y = replay.cloud(cycle.scan).points[:, :2].T
-        ahead, left = transform_point(inverse(cycle.pose), x, y)
-        is_beside = np.hypot(ahead, left) <= reach
-        points = np.column_stack([ahead, left])[is_beside]
+        ahead_of_robot, left_of_robot = transform_point(inverse(cycle.pose), x, y)
+        is_beside = np.hypot(ahead_of_robot, left_of_robot) <= reach
+        points = np.column_stack([ahead_of_robot, left_of_robot])[is_beside]
         cells = np.unique(np.rint(points / NEAR_M), axis=0) * NEAR_M
         for cell_x, cell_y in cells.tolist():
             counts[cell_x, cell_y] += 1
     if not counts:
         return None
-    place, count = counts.most_common(1)[0]
-    return place if count > CARRIED * len(poses) else None
+    most_seen_place, scan_count = counts.most_common(1)[0]
+    if scan_count <= CARRIED * len(turned_cycles):
+        return None
+    return most_seen_place
 
 
 def _distinct_headings(cycles: Sequence[Cycle]) -> List[Cycle]:
     """Return cycles whose headings are at least TURNED apart from each other."""
-    distinct: List[Cycle] = []
+    distinct_cycles: List[Cycle] = []
     headings = np.empty(0)
     for cycle in cycles:
         yaw = cycle.pose[2]
         turns = np.abs(normalize_angle_modulo(headings - yaw))
         if not (turns < TURNED).any():
-            distinct.append(cycle)
+            distinct_cycles.append(cycle)
             headings = np.append(headings, yaw)
-    return distinct
+    return distinct_cycles
 
 
 def arc(pose: Pose, v: float, w: float, seconds: float) -> Pose:
@@ -366,11 +370,11 @@ def arc(pose: Pose, v: float, w: float, seconds: float) -> Pose:
     The chord of a circular arc points into half of the turn.
     """
     turn = w * seconds
-    half = 0.5 * turn
+    half_turn = 0.5 * turn
     chord = v * seconds
-    if half != 0.0:
-        chord *= math.sin(half) / half
-    return compose(pose, (chord * math.cos(half), chord * math.sin(half), turn))
+    if half_turn != 0.0:
+        chord *= math.sin(half_turn) / half_turn
+    return compose(pose, (chord * math.cos(half_turn), chord * math.sin(half_turn), turn))
 
 
 def lethal_points(replay: Replay) -> np.ndarray:
@@ -384,14 +388,14 @@ def _obstacle(
     replay: Replay, start: Pose, v: float, w: float, seconds: float
 ) -> Optional[List[float]]:
     """Return the lethal cell (x, y) [m] that the footprint meets first on its way, or None."""
-    lethal = lethal_points(replay)
-    if not len(lethal):
+    lethal_cells = lethal_points(replay)
+    if not len(lethal_cells):
         return None
-    for time in np.arange(0.0, seconds, STEP_S):
-        pose = arc(start, v, w, time)
+    for drive_time in np.arange(0.0, seconds, STEP_S):
+        pose = arc(start, v, w, drive_time)
         if replay.costmap.footprint_cost(*pose) < 0:
-            nearest = _nearest_to_footprint(replay.costmap.footprint, pose, lethal)
-            cell: List[float] = lethal[nearest].round(3).tolist()
+            nearest = _nearest_to_footprint(replay.costmap.footprint, pose, lethal_cells)
+            cell: List[float] = lethal_cells[nearest].round(3).tolist()
             return cell
     return None
 
@@ -399,8 +403,8 @@ def _obstacle(
 def _nearest_to_footprint(outline: np.ndarray, pose: Pose, points: np.ndarray) -> int:
     """Return the index of the point (n, 2) [m] nearest to the box around a footprint at a pose."""
     x, y = points.T
-    ahead, left = transform_point(inverse(pose), x, y)
-    in_robot_frame = np.column_stack([ahead, left])
+    ahead_of_robot, left_of_robot = transform_point(inverse(pose), x, y)
+    in_robot_frame = np.column_stack([ahead_of_robot, left_of_robot])
     # The point of the box that is nearest to each point
-    in_box = np.clip(in_robot_frame, outline.min(axis=0), outline.max(axis=0))
-    return int(distances(in_robot_frame, in_box).argmin())
+    nearest_in_box = np.clip(in_robot_frame, outline.min(axis=0), outline.max(axis=0))
+    return int(distances(in_robot_frame, nearest_in_box).argmin())

@@ -69,8 +69,8 @@ class Stretch:
         """Return the rows of the stretch, or None if there are none."""
         if rows is None:
             return None
-        part = rows.between(self.begin, self.end)
-        return part if len(part) else None
+        rows_of_stretch = rows.between(self.begin, self.end)
+        return rows_of_stretch if len(rows_of_stretch) else None
 
     def is_reason(self, seconds: float) -> bool:
         """Return whether an observation that holds for this time [s] counts as the reason."""
@@ -96,15 +96,17 @@ def failure_of(drive: Drive) -> str:
         reason = "move_base ends with " + goal.reason.partition(": ")[2]
     if not reason:
         reason = f"{STANDS}, and has not arrived after {stretch.seconds:.0f} s"
-    return f"{touches}, and {reason}" if touches else reason
+    if touches:
+        return f"{touches}, and {reason}"
+    return reason
 
 
 def first_of(finders: Sequence[Finder], stretch: Stretch) -> str:
     """Return the words of the first finder that has some, or ""."""
     for find in finders:
-        words = find(stretch)
-        if words:
-            return words
+        reason_in_words = find(stretch)
+        if reason_in_words:
+            return reason_in_words
     return ""
 
 
@@ -112,19 +114,19 @@ def first_of(finders: Sequence[Finder], stretch: Stretch) -> str:
 def silent(stretch: Stretch) -> str:
     """Return the sensor that sent nothing, or ""."""
     drive = stretch.drive
-    for source, rows in (("scan", drive.scans), ("odometry", drive.odometry)):
-        gap = _longest_gap(rows, stretch)
-        if stretch.is_reason(gap):
-            return f"there was no {source} for {gap:.1f} s"
+    for source, messages in (("scan", drive.scans), ("odometry", drive.odometry)):
+        silent_s = _longest_gap(messages, stretch)
+        if stretch.is_reason(silent_s):
+            return f"there was no {source} for {silent_s:.1f} s"
     return ""
 
 
 def silent_planner(stretch: Stretch) -> str:
     """Return that move_base sent no command, or ""."""
-    gap = _longest_gap(stretch.drive.planned, stretch)
-    if not stretch.is_reason(gap):
+    silent_s = _longest_gap(stretch.drive.planned, stretch)
+    if not stretch.is_reason(silent_s):
         return ""
-    return f"move_base sent no command for {gap:.1f} s"
+    return f"move_base sent no command for {silent_s:.1f} s"
 
 
 def _longest_gap(rows: Optional[Rows], stretch: Stretch) -> float:
@@ -134,8 +136,8 @@ def _longest_gap(rows: Optional[Rows], stretch: Stretch) -> float:
     # A source that ends is silent until the end of the drive.
     times = np.append(rows.time, max(rows.time[-1], last_time(stretch.drive)))
     gaps = np.diff(times)
-    usual = float(np.median(gaps))
-    is_long = gaps > max(SILENT_S, SILENT_PERIODS * usual)
+    usual_gap = float(np.median(gaps))
+    is_long = gaps > max(SILENT_S, SILENT_PERIODS * usual_gap)
     begins_in_time = times[:-1] < stretch.end
     ends_in_time = times[1:] > stretch.begin - BEFORE_S
     return float(gaps[is_long & begins_in_time & ends_in_time].max(initial=0.0))
@@ -143,11 +145,11 @@ def _longest_gap(rows: Optional[Rows], stretch: Stretch) -> float:
 
 def last_time(drive: Drive) -> float:
     """Return the time of the last message of a drive [s]."""
-    last = 0.0
+    last_stamp = 0.0
     for rows in (drive.odometry, drive.scans, drive.planned, drive.commands):
         if rows is not None and len(rows):
-            last = max(last, float(rows.time[-1]))
-    return last
+            last_stamp = max(last_stamp, float(rows.time[-1]))
+    return last_stamp
 
 
 def jumping(stretch: Stretch) -> str:
@@ -160,11 +162,11 @@ def jumping(stretch: Stretch) -> str:
         return ""
     # What the pose changes by beyond the measured velocity
     seconds = np.diff(around.stamp)
-    moved = step_lengths(around.pose[:, :2])
-    turned = np.abs(normalize_angle_modulo(np.diff(around.pose[:, 2])))
+    moved_distances = step_lengths(around.pose[:, :2])
+    turned_angles = np.abs(normalize_angle_modulo(np.diff(around.pose[:, 2])))
     speeds, turn_rates = np.abs(around.twist[1:]).T
-    jumps = moved - speeds * seconds
-    turns = turned - turn_rates * seconds
+    jumps = moved_distances - speeds * seconds
+    turns = turned_angles - turn_rates * seconds
     if jumps.max() > JUMP_M:
         return f"the pose jumped by {jumps.max():.1f} m"
     if turns.max() > JUMP_TURN:
@@ -179,29 +181,33 @@ def no_plan(stretch: Stretch) -> str:
     if routes is None:
         return ""
     # Until the first plan comes, and from each empty plan to the next plan, there is none.
-    starts = np.append(-np.inf, routes.time)
-    ends = np.append(routes.time, np.inf)
+    span_starts = np.append(-np.inf, routes.time)
+    span_ends = np.append(routes.time, np.inf)
     pose_counts = [0, *map(len, routes.path)]
     is_missing = np.equal(pose_counts, 0)
-    overlaps = np.minimum(ends, stretch.end) - np.maximum(starts, stretch.begin)
-    without = float(np.maximum(overlaps, 0.0)[is_missing].sum())
-    return "the global planner finds no path" if stretch.is_reason(without) else ""
+    overlaps = np.minimum(span_ends, stretch.end) - np.maximum(span_starts, stretch.begin)
+    time_without_plan = float(np.maximum(overlaps, 0.0)[is_missing].sum())
+    if not stretch.is_reason(time_without_plan):
+        return ""
+    return "the global planner finds no path"
 
 
 def recovering(stretch: Stretch) -> str:
     """Return that recovery behaviours ran, or ""."""
     plans = stretch.drive.plans
-    ran = 0.0
-    for begin in stretch.drive.recoveries:
-        if stretch.begin - BEFORE_S <= begin < stretch.end:
+    recovery_s = 0.0
+    for begin_time in stretch.drive.recoveries:
+        if stretch.begin - BEFORE_S <= begin_time < stretch.end:
             # A recovery behaviour is over when the local planner follows a plan again.
-            end = stretch.end
+            end_time = stretch.end
             if plans is not None:
-                later_plans = plans.between(begin, stretch.end)
+                later_plans = plans.between(begin_time, stretch.end)
                 if len(later_plans):
-                    end = float(later_plans.time[0])
-            ran += end - max(begin, stretch.begin)
-    return "a recovery behaviour ran" if stretch.is_reason(ran) else ""
+                    end_time = float(later_plans.time[0])
+            recovery_s += end_time - max(begin_time, stretch.begin)
+    if not stretch.is_reason(recovery_s):
+        return ""
+    return "a recovery behaviour ran"
 
 
 def refused(stretch: Stretch) -> str:
@@ -247,11 +253,11 @@ def held(stretch: Stretch) -> str:
     for duration, reason, is_blocked in zip(seconds, verdicts.reason, verdicts.blocked):
         if is_blocked:
             blocked_s[reason] += duration
-    blocked = sum(blocked_s.values())
-    if not stretch.is_reason(blocked):
+    blocked_total = sum(blocked_s.values())
+    if not stretch.is_reason(blocked_total):
         return ""
     reason = blocked_s.most_common(1)[0][0]
-    share = f"{100 * blocked / stretch.seconds:.0f} %"
+    share = f"{100 * blocked_total / stretch.seconds:.0f} %"
     return f"the collision monitor intervenes {share} of the time: {reason}"
 
 
@@ -261,12 +267,12 @@ def stopped(stretch: Stretch) -> str:
     planned = stretch.part(drive.planned)
     if planned is None or drive.commands is None or drive.commands is drive.planned:
         return ""
-    asks = _asks_for_motion(planned.twist)
+    asks_for_motion = _asks_for_motion(planned.twist)
     # What reaches the base may come a little later than the planner's command.
-    rows = [drive.commands.latest(time + PASS_ON_S) for time in planned.time]
-    passed = np.abs(drive.commands.twist[np.maximum(rows, 0)])
-    is_little = passed <= PASSED * np.abs(planned.twist)
-    is_stopped = asks & is_little.all(axis=1)
+    command_rows = _latest_rows(drive.commands, planned.time + PASS_ON_S)
+    passed_commands = np.abs(drive.commands.twist[command_rows])
+    is_little = passed_commands <= PASSED * np.abs(planned.twist)
+    is_stopped = asks_for_motion & is_little.all(axis=1)
     seconds = _durations(planned, stretch.end)
     if not stretch.is_reason(float(seconds[is_stopped].sum())):
         return ""
@@ -283,11 +289,11 @@ def unmoved(stretch: Stretch) -> str:
     commands = stretch.part(drive.commands)
     if commands is None or drive.odometry is None:
         return ""
-    asks = _asks_for_motion(commands.twist)
+    asks_for_motion = _asks_for_motion(commands.twist)
     seconds = _durations(commands, stretch.end)
-    rows = [max(drive.odometry.latest(time), 0) for time in commands.time]
-    speed, turn = np.abs(drive.odometry.twist[rows]).T
-    stands = asks & (speed < STILL_SPEED) & (turn < STILL_TURN)
+    odometry_rows = _latest_rows(drive.odometry, commands.time)
+    speed, turn_rate = np.abs(drive.odometry.twist[odometry_rows]).T
+    stands = asks_for_motion & (speed < STILL_SPEED) & (turn_rate < STILL_TURN)
     if not stretch.is_reason(float(seconds[stands].sum())):
         return ""
     return f"the base did not follow its commands of {_in_words(commands.twist[stands])}"
@@ -317,23 +323,23 @@ def stuck(stretch: Stretch) -> str:
     if motion is None or scans is None:
         return ""
     # Not the length of its way: a robot that goes to and fro sees the same all the time.
-    places = motion.pose[:, :2]
-    moved = float(distances(places, places[0]).max())
-    if moved < HELD_M:
+    positions = motion.pose[:, :2]
+    moved_distance = float(distances(positions, positions[0]).max())
+    if moved_distance < HELD_M:
         return ""
-    first = scans.ranges[0]
-    changes: List[float] = []
+    first_ranges = scans.ranges[0]
+    range_changes: List[float] = []
     for ranges in scans.ranges[1:]:
         # Some lasers vary the number of their beams.
-        if len(ranges) != len(first):
+        if len(ranges) != len(first_ranges):
             continue
-        is_return = np.isfinite(ranges) & np.isfinite(first)
+        is_return = np.isfinite(ranges) & np.isfinite(first_ranges)
         if is_return.any():
-            differences = np.abs(ranges[is_return] - first[is_return])
-            changes.append(float(np.median(differences)))
-    if not changes or np.median(changes) >= SAME_SCAN_M:
+            differences = np.abs(ranges[is_return] - first_ranges[is_return])
+            range_changes.append(float(np.median(differences)))
+    if not range_changes or np.median(range_changes) >= SAME_SCAN_M:
         return ""
-    unseen = f"the scans stay the same while the odometry moves {moved:.1f} m"
+    unseen = f"the scans stay the same while the odometry moves {moved_distance:.1f} m"
     return f"{unseen}: the robot is held, or its wheels slip"
 
 
@@ -341,8 +347,8 @@ def _asks_for_motion(twist: np.ndarray) -> np.ndarray:
     """Return for commands (n, 2) whether they ask for motion."""
     drives = np.abs(twist[:, 0]) >= DRIVES_SPEED
     turns = np.abs(twist[:, 1]) >= DRIVES_TURN
-    asks: np.ndarray = drives | turns
-    return asks
+    asks_for_motion: np.ndarray = drives | turns
+    return asks_for_motion
 
 
 def _in_words(twist: np.ndarray) -> str:
@@ -351,6 +357,12 @@ def _in_words(twist: np.ndarray) -> str:
     if abs(v) >= DRIVES_SPEED:
         return f"{v:.2f} m/s"
     return f"{w:.2f} rad/s"
+
+
+def _latest_rows(rows: Rows, times: np.ndarray) -> np.ndarray:
+    """Return the indices of the latest rows at some times (n,) [s]; 0 before the first row."""
+    latest_rows = [rows.latest(time) for time in times]
+    return np.maximum(latest_rows, 0)
 
 
 def _durations(rows: Rows, end: float) -> np.ndarray:

@@ -109,16 +109,16 @@ def fitted(drive: Drive, options: RecordedOptions) -> Drive:
 
 def _names(types: Mapping[str, str], options: RecordedOptions) -> TopicNames:
     """Return the topics of the drive in a bag; those that are options are not looked for."""
-    given = [name for name, value in options if value and hasattr(TopicNames, name)]
-    return names_in(types, options.topics(), given)
+    return names_in(types, options.topics(), options.given_topics())
 
 
 def _check_planner(drive: Drive, options: RecordedOptions) -> None:
     """Raise ApplrError if another local planner drove."""
     robot = options.robot
     if drive.planners and robot.local_planner not in drive.planners:
-        has = f"{drive.planners[0]} drove, {robot.name} has {robot.local_planner}"
-        raise ApplrError(_other_robot(has, options, "its base_local_planner is another"))
+        planners_in_words = f"{drive.planners[0]} drove, {robot.name} has {robot.local_planner}"
+        remedy = "its base_local_planner is another"
+        raise ApplrError(_other_robot(planners_in_words, options, remedy))
 
 
 def _other_robot(differs: str, options: RecordedOptions, remedy: str) -> str:
@@ -143,21 +143,27 @@ def _without_prefix(drive: Drive) -> Drive:
     """Return a drive without the prefix of its frames, such as robot1/ (tf_prefix)."""
     # Plans may be in a map frame that several robots share, which has no prefix.
     prefixes: Set[str] = set()
-    for name in (*drive.frames["odometry"], *drive.frames["scans"]):
-        prefixes.add(name.rpartition("/")[0])
+    for frame_name in (*drive.frames["odometry"], *drive.frames["scans"]):
+        prefixes.add(frame_name.rpartition("/")[0])
     if len(prefixes) != 1 or "" in prefixes:
         return drive
     prefix = f"{prefixes.pop()}/"
 
     def shortened(names: List[str]) -> List[str]:
-        return [name.removeprefix(prefix) for name in names]
+        return [frame_name.removeprefix(prefix) for frame_name in names]
 
-    frames_of = {column: shortened(names) for column, names in drive.frames.items()}
-    links = drive.transforms
-    if links is not None:
-        links = replace(links, parent=shortened(links.parent), child=shortened(links.child))
+    frames_of = {}
+    for column, frame_names in drive.frames.items():
+        frames_of[column] = shortened(frame_names)
+    transforms = drive.transforms
+    if transforms is not None:
+        transforms = replace(
+            transforms,
+            parent=shortened(transforms.parent),
+            child=shortened(transforms.child),
+        )
     frame = drive.frame.removeprefix(prefix)
-    return replace(drive, frame=frame, frames=frames_of, transforms=links)
+    return replace(drive, frame=frame, frames=frames_of, transforms=transforms)
 
 
 # -- laser -----------------------------------------------------------------------------------------
@@ -170,18 +176,18 @@ def _place_laser(drive: Drive, tree: Tree, options: RecordedOptions) -> None:
     robot = options.robot
     (frame,) = drive.frames["scans"]
     assert drive.scans is not None
-    place = tree.place(robot.frames.base, frame, drive.scans.stamp[:1])
-    if place is None:
+    laser_place = tree.place(robot.frames.base, frame, drive.scans.stamp[:1])
+    if laser_place is None:
         if frame != robot.laser.frame:
             differs = f"scans in {frame}, {robot.name} has {robot.laser.frame}"
             remedy = "give --scan, or record /tf and /tf_static"
             raise ApplrError(_other_robot(differs, options, remedy))
         return
-    rotation = place.rotation.as_matrix()[0]
+    rotation = laser_place.rotation.as_matrix()[0]
     # The laser's x axis gives its heading, also upside down; its z axis shows how it is mounted.
-    yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+    laser_yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
     upright = float(rotation[2, 2])
-    x, y = place.position[0, :2].tolist()
+    laser_x, laser_y = laser_place.position[0, :2].tolist()
     if upright < 0.0:
         drive.scans = _mirrored(drive.scans)
         drive.notes.append("the laser is mounted upside down (tf): its beams are taken in reverse")
@@ -189,13 +195,14 @@ def _place_laser(drive: Drive, tree: Tree, options: RecordedOptions) -> None:
         degrees = np.degrees(np.arccos(min(abs(upright), 1.0)))
         drive.notes.append(f"tf tilts the laser by {degrees:.0f} degrees: it is taken as level")
     known_x, known_y, known_yaw = robot.laser.pose
-    moved = np.hypot(x - known_x, y - known_y)
-    turned = abs(normalize_angle_modulo(yaw - known_yaw))
-    if moved > LASER_OFF_M or turned > LASER_OFF_RAD:
-        drive.laser_pose = (x, y, yaw)
+    moved_distance = np.hypot(laser_x - known_x, laser_y - known_y)
+    turned_angle = abs(normalize_angle_modulo(laser_yaw - known_yaw))
+    if moved_distance > LASER_OFF_M or turned_angle > LASER_OFF_RAD:
+        drive.laser_pose = (laser_x, laser_y, laser_yaw)
         drive.notes.append(
-            f"tf has the laser at ({x:.2f}, {y:.2f}) m, {yaw:.2f} rad, robot.yaml at "
-            f"({known_x:.2f}, {known_y:.2f}) m, {known_yaw:.2f} rad: tf's place is taken"
+            f"tf has the laser at ({laser_x:.2f}, {laser_y:.2f}) m, {laser_yaw:.2f} rad, "
+            f"robot.yaml at ({known_x:.2f}, {known_y:.2f}) m, {known_yaw:.2f} rad: "
+            "tf's place is taken"
         )
 
 
@@ -204,14 +211,14 @@ def _mirrored(scans: Scans) -> Scans:
 
     Its beams turn from left to right, so that the last one becomes the first.
     """
-    fans = scans.fan.copy()
-    mirrored = []
-    for index, ranges in enumerate(scans.ranges):
-        first_angle, increment = fans[index, :2]
+    mirrored_fans = scans.fan.copy()
+    mirrored_ranges = []
+    for row, ranges in enumerate(scans.ranges):
+        first_angle, increment = mirrored_fans[row, :2]
         last_angle = first_angle + increment * (len(ranges) - 1)
-        fans[index, 0] = -last_angle
-        mirrored.append(ranges[::-1].copy())
-    return replace(scans, fan=fans, ranges=mirrored)
+        mirrored_fans[row, 0] = -last_angle
+        mirrored_ranges.append(ranges[::-1].copy())
+    return replace(scans, fan=mirrored_fans, ranges=mirrored_ranges)
 
 
 # -- poses -----------------------------------------------------------------------------------------
@@ -229,14 +236,14 @@ def _take_poses(drive: Drive, tree: Tree, robot: Robot) -> None:
     assert at_link is not None
     by_topic = drive.odometry.pose
     by_tf = at_topic.planar
-    apart = float(distances(by_topic[:, :2], by_tf[:, :2]).max())
-    turns = normalize_angle_modulo(by_topic[:, 2] - by_tf[:, 2])
-    turned = float(np.abs(turns).max())
+    largest_distance = float(distances(by_topic[:, :2], by_tf[:, :2]).max())
+    turned_angles = normalize_angle_modulo(by_topic[:, 2] - by_tf[:, 2])
+    largest_turn = float(np.abs(turned_angles).max())
     drive.odometry = _joined(drive.odometry, link.time, link.stamp, at_link.planar)
-    if apart > POSE_OFF_M or turned > POSE_OFF_RAD:
+    if largest_distance > POSE_OFF_M or largest_turn > POSE_OFF_RAD:
         drive.notes.append(
-            f"the odometry topic is not what tf shows: up to {apart:.2f} m and {turned:.2f} rad "
-            "apart; poses are tf's, velocities the topic's"
+            f"the odometry topic is not what tf shows: up to {largest_distance:.2f} m and "
+            f"{largest_turn:.2f} rad apart; poses are tf's, velocities the topic's"
         )
 
 
@@ -248,10 +255,10 @@ def _joined(motion: Motion, times: np.ndarray, stamps: np.ndarray, poses: np.nda
     """
     # Two of one rate may differ by some messages at the ends.
     if len(stamps) > 1.2 * len(motion):
-        nearest = nearest_rows(motion.stamp, stamps)
-        return Motion(np.maximum.accumulate(times), stamps, poses, motion.twist[nearest])
-    nearest = nearest_rows(stamps, motion.stamp)
-    return replace(motion, stamp=stamps[nearest], pose=poses[nearest])
+        nearest_messages = nearest_rows(motion.stamp, stamps)
+        return Motion(np.maximum.accumulate(times), stamps, poses, motion.twist[nearest_messages])
+    nearest_messages = nearest_rows(stamps, motion.stamp)
+    return replace(motion, stamp=stamps[nearest_messages], pose=poses[nearest_messages])
 
 
 # -- plans -----------------------------------------------------------------------------------------
@@ -282,43 +289,45 @@ def followed_plans(drive: Drive, tree: Tree, robot: Robot) -> Plans:
     assert drive.routes is not None
     assert drive.planned is not None
     assert drive.odometry is not None
-    (frame,) = drive.frames["routes"]
+    (plan_frame,) = drive.frames["routes"]
     times = drive.planned.time
     origins: Optional[np.ndarray] = None
-    if frame != drive.frame:
-        place = tree.place(frame, drive.frame, times)
-        if place is None:
-            raise _unconnected(frame, drive)
-        origins = place.planar
+    if plan_frame != drive.frame:
+        frame_places = tree.place(plan_frame, drive.frame, times)
+        if frame_places is None:
+            raise _unconnected(plan_frame, drive)
+        origins = frame_places.planar
     move_base = MoveBase(counting_cells(robot.parameters()))
-    limit = half_size(move_base.local_costmap)
+    half_window = half_size(move_base.local_costmap)
     prunes = bool(move_base.parameters[move_base.local_planner_name]["prune_plan"])
 
     followed_times: List[float] = []
     followed_paths: List[np.ndarray] = []
-    latest = -1
+    latest_route = -1
     # What is left of the latest plan, and what was left of the one before it
-    stored = np.zeros((0, 3))
-    previous = stored
-    for index, time in enumerate(times.tolist()):
-        if drive.routes.latest(time) != latest:
-            latest = drive.routes.latest(time)
-            previous = stored
-            stored = drive.routes.path[latest]
-        row = drive.odometry.latest(time)
-        if latest < 0 or row < 0 or not len(stored) or not _has_goal(drive, time):
+    stored_plan = np.zeros((0, 3))
+    previous_plan = stored_plan
+    for cycle_row, command_time in enumerate(times.tolist()):
+        if drive.routes.latest(command_time) != latest_route:
+            latest_route = drive.routes.latest(command_time)
+            previous_plan = stored_plan
+            stored_plan = drive.routes.path[latest_route]
+        odometry_row = drive.odometry.latest(command_time)
+        if latest_route < 0 or odometry_row < 0:
             continue
-        choices = [stored]
-        if len(previous) and time - drive.routes.time[latest] < CYCLE_S:
-            choices.insert(0, previous)
+        if not len(stored_plan) or not _has_goal(drive, command_time):
+            continue
+        choices = [stored_plan]
+        if len(previous_plan) and command_time - drive.routes.time[latest_route] < CYCLE_S:
+            choices.insert(0, previous_plan)
         # Frames move in each other, so that a stored plan is transformed anew in each cycle.
         if origins is not None:
-            choices = [_seen_from(origins[index], path) for path in choices]
-        followed_times += [time] * len(choices)
+            choices = [_seen_from(origins[cycle_row], choice) for choice in choices]
+        followed_times += [command_time] * len(choices)
         followed_paths += choices
-        x, y, _ = drive.odometry.pose[row].tolist()
-        _, dropped = cut_plan(choices[-1], x, y, limit, prunes)
-        stored = stored[dropped:]
+        x, y, _ = drive.odometry.pose[odometry_row].tolist()
+        _, dropped_count = cut_plan(choices[-1], x, y, half_window, prunes)
+        stored_plan = stored_plan[dropped_count:]
     return Plans(np.array(followed_times), followed_paths)
 
 
@@ -326,14 +335,14 @@ def _routes_by_odometry(drive: Drive, tree: Tree) -> Optional[Plans]:
     """Return the global planner's plans in the odometry frame, or None if tf lacks it."""
     if drive.routes is None or drive.frames["routes"] == [drive.frame]:
         return drive.routes
-    frame = drive.frames["routes"][0]
-    place = tree.place(frame, drive.frame, drive.routes.time)
-    if place is None:
+    plan_frame = drive.frames["routes"][0]
+    frame_places = tree.place(plan_frame, drive.frame, drive.routes.time)
+    if frame_places is None:
         return None
-    paths = []
-    for path, origin in zip(drive.routes.path, place.planar):
-        paths.append(_seen_from(origin, path))
-    return Plans(drive.routes.time, paths)
+    routes = []
+    for route, origin in zip(drive.routes.path, frame_places.planar):
+        routes.append(_seen_from(origin, route))
+    return Plans(drive.routes.time, routes)
 
 
 def _unconnected(frame: str, drive: Drive) -> ApplrError:

@@ -89,8 +89,13 @@ class Replay:
         self.server = self.move_base.local_planner_name
         rate = self.move_base.configuration("")["controller_frequency"]
         self.period = 1.0 / max(rate, 1.0)  # control period [s]
-        start = Settings.from_tree(self.move_base.parameters)
-        self.settings = Settings({server: start[server] for server in start if server})
+        start_settings = Settings.from_tree(self.move_base.parameters)
+        values_by_server = {}
+        for server in start_settings:
+            # The values of move_base itself (server "") stay as they are while it drives.
+            if server:
+                values_by_server[server] = start_settings[server]
+        self.settings = Settings(values_by_server)
         self.history = [(-math.inf, self.settings)]  # (time [s], settings in force from then on)
 
     @property
@@ -115,18 +120,18 @@ class Replay:
 
     @override
     def __str__(self) -> str:
-        words = (
+        summary = (
             f"{self.drive.name}: {self.cycles[-1].at:.1f} s, {self.reproduced:,} of "
             f"{self.commands:,} commands reproduced ({self.share:.1%})"
         )
         left_out = []
-        for reason, count in self.left_out.items():
-            left_out.append(f"{count:,} {reason}")
+        for reason, command_count in self.left_out.items():
+            left_out.append(f"{command_count:,} {reason}")
         if left_out:
-            words += f"; left out: {', '.join(left_out)}"
+            summary += f"; left out: {', '.join(left_out)}"
         if not self.drive.changes:
-            words += "; no parameter_updates: the folder's values are assumed"
-        return words
+            summary += "; no parameter_updates: the folder's values are assumed"
+        return summary
 
     def run(self, drive: Drive) -> None:
         """Replay all cycles of a drive.
@@ -139,28 +144,28 @@ class Replay:
         assert drive.planned is not None
 
         # Parameters in force from each change on
-        for at, server, values in changes_of(drive, self.robot):
+        for command_time, server, values in changes_of(drive, self.robot):
             changes = self.settings.differences({server: values})
             self.settings = self.settings.with_(*changes)
-            self.history.append((at, self.settings))
+            self.history.append((command_time, self.settings))
 
         # Cycles in order: each one continues from the map and the flags of the one before
         commands = list(zip(drive.planned.time.tolist(), drive.planned.twist.tolist()))
-        for at, (v, w) in tqdm(commands, drive.name, leave=False, disable=None):
-            settings = self.in_force(at)
+        for command_time, (v, w) in tqdm(commands, drive.name, leave=False, disable=None):
+            settings = self.in_force(command_time)
             self.put_in_force(settings)
-            odometry = self.odometry.latest(at)
-            scan = self._scans.latest(at)
-            plan = self._plan(at)
+            odometry_row = self.odometry.latest(command_time)
+            scan_row = self._scans.latest(command_time)
+            plan = self._plan(command_time)
             if plan is None:
                 self.left_out[WITHOUT_PLAN] += 1
                 continue
-            if odometry < 0 or scan < 0:
+            if odometry_row < 0 or scan_row < 0:
                 self.left_out[TOO_EARLY] += 1
                 continue
-            pose, twist = self._message(odometry)
+            pose, twist = self._message(odometry_row)
             cycle = Cycle(
-                at=at,
+                at=command_time,
                 command=(v, w),
                 pose=pose,
                 twist=twist,
@@ -169,9 +174,9 @@ class Replay:
                 memory=self.local.planner.state,
                 is_new=False,
                 settings=settings,
-                scan=scan,
+                scan=scan_row,
             )
-            self.cycles.append(self._replayed(cycle, odometry))
+            self.cycles.append(self._replayed(cycle, odometry_row))
 
     def in_force(self, at: float) -> Settings:
         """Return the parameters in force at a time [s]."""
@@ -186,8 +191,8 @@ class Replay:
         """Return what the drive is measured by."""
         speeds = []
         turn_rates = []
-        for at in self.odometry.time.tolist():
-            values = self.in_force(at)[self.server]
+        for stamp in self.odometry.time.tolist():
+            values = self.in_force(stamp)[self.server]
             speeds.append(values["max_vel_x"])
             turn_rates.append(values["max_vel_theta"])
         return Limits(
@@ -231,21 +236,21 @@ class Replay:
         """
         assert self.drive.plans is not None
         plans = self.drive.plans
-        last = plans.latest(at + SAME_CYCLE_S)
-        if last < 0 or plans.time[last] < at - SAME_CYCLE_S:
+        latest_plan = plans.latest(at + SAME_CYCLE_S)
+        if latest_plan < 0 or plans.time[latest_plan] < at - SAME_CYCLE_S:
             return None
-        for path in plans.path[last::-1]:
-            if len(path):
-                return path
+        for plan_path in plans.path[latest_plan::-1]:
+            if len(plan_path):
+                return plan_path
         return None
 
     def _paths(self, asked: Cycle) -> List[np.ndarray]:
         """Return the plan of a cycle, and the one before it if either may have been followed."""
         assert self.drive.plans is not None
         plans = self.drive.plans
-        last = plans.latest(asked.at)
-        if last > 0 and plans.time[last - 1] == plans.time[last] == asked.at:
-            return [asked.plan, plans.path[last - 1]]
+        latest_plan = plans.latest(asked.at)
+        if latest_plan > 0 and plans.time[latest_plan - 1] == plans.time[latest_plan] == asked.at:
+            return [asked.plan, plans.path[latest_plan - 1]]
         return [asked.plan]
 
     def _update(self, scan: int, odometry: int) -> None:
@@ -260,9 +265,10 @@ class Replay:
     def scan(self, index: int) -> LaserScan:
         """Return a scan at the laser's place in the odometry frame at the time of its stamp."""
         laser = self.robot.laser
-        stamp = self._scans.stamp[index]
+        scan_stamp = self._scans.stamp[index]
         first_angle, increment, range_min, range_max = self._scans.fan[index].tolist()
-        place = compose(self.odometry.pose_at(stamp), self.drive.laser_pose or laser.pose)
+        robot_pose = self.odometry.pose_at(scan_stamp)
+        laser_place = compose(robot_pose, self.drive.laser_pose or laser.pose)
         ranges = self._scans.ranges[index]
         return LaserScan(
             stamp=0.0,
@@ -271,7 +277,7 @@ class Replay:
             range_min=range_min,
             range_max=range_max,
             ranges=ranges,
-            sensor_pose=place,
+            sensor_pose=laser_place,
             sensor_height=laser.height,
         )
 
@@ -295,7 +301,7 @@ class Replay:
         The error is the least one of all choices. The planner keeps the flags after the recorded
         command, and the costmap shows the map of the choice.
         """
-        first: Optional[Cycle] = None
+        first_choice: Optional[Cycle] = None
         least_error = np.inf
         for cycle in self._choices(asked, odometry):
             v, w = self.command(cycle)
@@ -303,21 +309,21 @@ class Replay:
             cycle.error = abs(v - recorded_v) + abs(w - recorded_w)
             if cycle.reproduced:
                 return cycle
-            first = first or cycle
+            first_choice = first_choice or cycle
             least_error = min(least_error, cycle.error)
-        assert first is not None
-        self.costmap.restore(first.map)
+        assert first_choice is not None
+        self.costmap.restore(first_choice.map)
         # The robot did what was recorded, whatever the replay would have done.
-        self.local.planner.state = first.memory
-        self.local.planner.remember(first.pose, *first.command)
-        return replace(first, error=least_error)
+        self.local.planner.state = first_choice.memory
+        self.local.planner.remember(first_choice.pose, *first_choice.command)
+        return replace(first_choice, error=least_error)
 
     def _choices(self, asked: Cycle, odometry: int) -> Iterator[Cycle]:
         """Yield the choices of a cycle's messages and map, the likely ones first.
 
         The costmap shows the map of the yielded choice.
         """
-        news = self._choices_of_new(asked)
+        choices_of_new = self._choices_of_new(asked)
         paths = self._paths(asked)
         for scan_age, odometry_age in UPDATES:
             if asked.scan < (scan_age or 0) or odometry < odometry_age:
@@ -325,17 +331,25 @@ class Replay:
             self.costmap.restore(asked.map)
             if scan_age is not None:
                 self._update(asked.scan - scan_age, odometry - odometry_age)
-            shown = self.costmap.snapshot()
-            for lag, shift, is_new, path in product(LAGS, POSE_SHIFTS, news, paths):
-                twist_row = odometry - lag
-                pose_row = twist_row + shift
+            map_shown = self.costmap.snapshot()
+            choices = product(LAGS, POSE_SHIFTS, choices_of_new, paths)
+            for twist_lag, pose_shift, is_new, plan_path in choices:
+                twist_row = odometry - twist_lag
+                pose_row = twist_row + pose_shift
                 if min(twist_row, pose_row) < 0:
                     continue
                 if max(twist_row, pose_row) >= len(self.odometry):
                     continue
                 pose, _ = self._message(pose_row)
                 _, twist = self._message(twist_row)
-                yield replace(asked, pose=pose, twist=twist, map=shown, plan=path, is_new=is_new)
+                yield replace(
+                    asked,
+                    pose=pose,
+                    twist=twist,
+                    map=map_shown,
+                    plan=plan_path,
+                    is_new=is_new,
+                )
 
     def _choices_of_new(self, asked: Cycle) -> Tuple[bool, ...]:
         """Return whether the plan of a cycle may have been new, if that makes a difference."""

@@ -108,13 +108,13 @@ class Tried(NamedTuple):
     @override
     def __str__(self) -> str:
         arrived = [drive.seconds for drive in self.drives if drive.success]
-        slow = sum(drive.is_slow for drive in self.drives)
-        if slow:
-            return f"too slow in {slow} of {len(self.drives)}"
-        words = f"arrives {len(arrived)} of {len(self.drives)}"
+        slow_count = sum(drive.is_slow for drive in self.drives)
+        if slow_count:
+            return f"too slow in {slow_count} of {len(self.drives)}"
+        result_in_words = f"arrives {len(arrived)} of {len(self.drives)}"
         if arrived:
-            words += f" in {np.mean(arrived):.0f} s"
-        return words
+            result_in_words += f" in {np.mean(arrived):.0f} s"
+        return result_in_words
 
 
 class Trials(NamedTuple):
@@ -196,15 +196,15 @@ def try_out(course: Course, candidates: Sequence[Candidate], pool: Pool) -> Tria
     drives: Drives = {}
     first_seed = CHOOSING[0]
     fastest = to_beat[first_seed]
-    for begin in range(0, len(candidates), ROUND):
-        group = candidates[begin : begin + ROUND]
-        drives.update(_drive(course, group, [first_seed], pool, {first_seed: fastest}))
+    for group_begin in range(0, len(candidates), ROUND):
+        candidate_group = candidates[group_begin : group_begin + ROUND]
+        drives.update(_drive(course, candidate_group, [first_seed], pool, {first_seed: fastest}))
         for (arrival,) in drives.values():
             fastest = min(fastest, BEHIND * arrival.seconds)
 
     # The best ones drive with the other seeds.
-    best = _ranked(drives)[:CHOSEN]
-    for candidate, arrivals in _drive(course, best, CHOOSING[1:], pool, to_beat).items():
+    best_candidates = _ranked(drives)[:CHOSEN]
+    for candidate, arrivals in _drive(course, best_candidates, CHOOSING[1:], pool, to_beat).items():
         drives[candidate] += arrivals
     tried = [Tried(candidate, drives[candidate]) for candidate in _ranked(drives)]
     finalists = []
@@ -216,7 +216,10 @@ def try_out(course: Course, candidates: Sequence[Candidate], pool: Pool) -> Tria
     confirming: Drives = {}
     judged = []
     for candidate in _preferred(finalists, course.robot)[:JUDGED]:
-        undriven = [entry for entry in (candidate, None) if entry not in confirming]
+        undriven: List[Optional[Candidate]] = [candidate]
+        # The recorded values drive once, with the first candidate that is judged.
+        if None not in confirming:
+            undriven.append(None)
         confirming.update(_drive(course, undriven, CONFIRMING, pool))
         recorded = Tried(None, confirming[None])
         remedy = Tried(candidate, confirming[candidate])
@@ -246,16 +249,18 @@ def _drive(
         to_beat: Time [s] by seed after which a drive is broken off.
     """
     # All calls first, so that the workers are busy while the results are collected.
-    calls = []
+    drive_calls = []
     for candidate in candidates:
         changes = candidate.changes if candidate else ()
         for seed in seeds:
             limit = to_beat.get(seed, math.inf)
-            calls.append((candidate, pool.submit(drive_once, course, changes, seed, limit)))
-    drives: Drives = {candidate: [] for candidate in candidates}
-    for candidate, call in calls:
+            drive_calls.append((candidate, pool.submit(drive_once, course, changes, seed, limit)))
+    drives: Drives = {}
+    for candidate in candidates:
+        drives[candidate] = []
+    for candidate, drive_call in drive_calls:
         try:
-            arrival = call.result()
+            arrival = drive_call.result()
         except CallFailed:
             # Values may contradict each other, such as a footprint without an area.
             if candidate is None:
@@ -282,13 +287,13 @@ def _preferred(finalists: Sequence[Tried], robot: Robot) -> List[Candidate]:
     Among those that drive about as fast as the first one, changes towards the defaults of C++ come
     first, and small ones: the default of a value that hinders says more than what makes up for it.
     """
-    known = servers(robot.all_parameters())
+    known_servers = servers(robot.all_parameters())
 
     def key(tried: Tried) -> Tuple[bool, bool, float]:
         is_slower = tried.seconds > NEARLY * finalists[0].seconds
         candidate = tried.candidate
         assert candidate is not None
-        return is_slower, _leads_away(candidate, known), candidate.departure
+        return is_slower, _leads_away(candidate, known_servers), candidate.departure
 
     ordered = sorted(finalists, key=key)
     return [tried.candidate for tried in ordered if tried.candidate is not None]
@@ -299,7 +304,9 @@ def _leads_away(candidate: Candidate, known: Mapping[str, Server]) -> bool:
     change = candidate.changes[0]
     # Sources of obstacles have values, and no server.
     server = known.get(change.server)
-    declared = server.declared(change.name) if server else None
+    if server is None:
+        return False
+    declared = server.declared(change.name)
     return declared is not None and change.leads_away(declared.default)
 
 
@@ -313,5 +320,7 @@ def _is_never_slower(tried: Tried, recorded: Tried) -> bool:
 
     One lucky drive can make a mean of three better by a tenth.
     """
-    pairs = zip(tried.drives, recorded.drives)
-    return all(drive.seconds <= other.seconds for drive, other in pairs)
+    for drive, recorded_drive in zip(tried.drives, recorded.drives):
+        if drive.seconds > recorded_drive.seconds:
+            return False
+    return True
