@@ -48,11 +48,17 @@ def scan_of(points, pose, stamp=0.0, **changes):
     The discs are at points (n, 2) in the odometry frame, in which the robot is at `pose`.
     """
     x, y, yaw = pose
-    sensor_pose = x + LASER * math.cos(yaw), y + LASER * math.sin(yaw), yaw
+    sensor_pose = (x + LASER * math.cos(yaw), y + LASER * math.sin(yaw), yaw)
     discs = [(*point, 0.05) for point in points]
-    ranges = Lidar(JACKAL.laser, discs, np.zeros((0, 5))).scan(*sensor_pose)
-    increment = 2 * ANGLE / (BEAMS - 1)
-    scan = LaserScan(stamp, -ANGLE, increment, 0.1, 30.0, ranges, sensor_pose)
+    scan = LaserScan(
+        stamp=stamp,
+        angle_min=-ANGLE,
+        angle_increment=2 * ANGLE / (BEAMS - 1),
+        range_min=0.1,
+        range_max=30.0,
+        ranges=Lidar(JACKAL.laser, discs, np.zeros((0, 5))).scan(*sensor_pose),
+        sensor_pose=sensor_pose,
+    )
     return replace(scan, **changes)
 
 
@@ -72,7 +78,8 @@ CLOSE_BEHIND = across(-0.32, -0.2, 0.21, 0.05)
 
 def posts(seed):
     """Return random positions (n, 2) [m] of posts, none of them at the robot."""
-    places = np.random.default_rng(seed).uniform(-4.0, 4.0, (40, 2))
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-4.0, 4.0, (40, 2))
     return places[np.hypot(*places.T) > 0.8]
 
 
@@ -105,6 +112,13 @@ def safe_scale_of(
     seen=EVERYTHING,
 ):
     """Return the safe scale of a command of the Jackal for points (n, 2) [m] and one Motion."""
-    delay = Delay(pose_age, reaction)
-    safe = safe_scale(np.array(points), body, np.array([motion]), command, delay, braking, seen)
+    safe = safe_scale(
+        np.array(points),
+        body,
+        np.array([motion]),
+        command,
+        Delay(pose_age, reaction),
+        braking,
+        seen,
+    )
     return safe.scale

@@ -43,6 +43,7 @@ def test_creeping_and_stopping_follow_the_arc_of_the_command():
     monitor = CollisionMonitor()
     measured_w = SETTINGS.turn_gain * -1.457  # exactly as commanded
     assert monitor.braked(0.0, 1.67, (1.853, -1.457)) == (1.853, -1.457)
+    # 1.9 m/s^2 take 0.095 m/s off in 0.05 s, and the turn is as much faster as v is.
     v, w = monitor.braked(0.05, 1.67, (0.1, -0.078), measured_w)
     assert (v, w) == pytest.approx((1.575, -0.078 * 15.75))
     stopped = monitor.braked(0.1, 1.6)
@@ -56,14 +57,20 @@ def test_a_braking_base_turns_no_faster_than_commanded_now_or_before(command):
     monitor.braked(0.0, 2.0, (2.0, 0.4))
     v, w = monitor.braked(0.05, 2.0, command, SETTINGS.turn_gain * command_w)
     assert v == pytest.approx(2.0 - 1.9 * 0.05)
-    on_arc = abs(command_w) * v / command_v
-    assert abs(w) == pytest.approx(min(on_arc, max(abs(command_w), 0.4)))
+    w_on_arc = abs(command_w) * v / command_v
+    largest_w = max(abs(command_w), 0.4)
+    assert abs(w) == pytest.approx(min(w_on_arc, largest_w))
     assert w * command_w > 0.0
 
 
 @pytest.mark.parametrize(
     ("measured_w", "asked_w", "expected"),
-    [(0.0, 4.0, 0.33), (1.35, 4.0, 1.33), (-1.35, 4.0, 0.0), (2.7, 0.5, 1.67)],
+    [
+        (0.0, 4.0, 0.33),
+        (1.35, 4.0, 1.33),
+        (-1.35, 4.0, 0.0),
+        (2.7, 0.5, 1.67),
+    ],
 )
 def test_a_braking_base_gets_only_reachable_turn_rates(measured_w, asked_w, expected):
     """The turn rate changes by at most 3.3 rad/s^2 for a tenth of a second, and never reverses."""
@@ -86,19 +93,29 @@ def test_a_rare_command_is_judged_by_the_time_it_stays_in_force():
             monitor.add_scan(scan_of(wall(1.4), HERE, step * period))
             verdict = verdict_on(monitor, 2.0, step * period)
         assert monitor.silence == pytest.approx(silence)
-        allowed_speeds[period] = verdict.command[0]
+        allowed_speeds[period], _ = verdict.command
 
     # Both stop within the same distance: the command applies for .2 or .15 s, then the base brakes.
-    rare_distance = allowed_speeds[0.2] * 0.2 + allowed_speeds[0.2] ** 2 / 3.8
-    distance = allowed_speeds[0.05] * 0.15 + allowed_speeds[0.05] ** 2 / 3.8
+    rare_speed = allowed_speeds[0.2]
+    speed = allowed_speeds[0.05]
+    rare_distance = rare_speed * 0.2 + rare_speed**2 / 3.8
+    distance = speed * 0.15 + speed**2 / 3.8
     assert rare_distance == pytest.approx(distance, abs=0.06)
+
+    # A base that brakes is silent for a shorter time.
     monitor.braked(1.0, 2.0, (2.0, 0.0))
     assert monitor.silence == pytest.approx(0.15)
     monitor.braked(1.05, 2.0, (1.0, 0.0))
     assert monitor.silence == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(("y", "action"), [(-0.7, SLOW), (-2.0, PASS)])
+@pytest.mark.parametrize(
+    ("y", "action"),
+    [
+        (-0.7, SLOW),
+        (-2.0, PASS),
+    ],
+)
 def test_the_swept_area_of_a_turn_about_a_point_far_ahead_counts(y, action):
     """The base turns three times as fast as commanded about a point .5 m ahead.
 
@@ -114,17 +131,27 @@ def test_a_braking_base_may_leave_its_turn_outwards():
     """In a steady left turn, a post ahead is outside the path, and that of a faster turn."""
     motion = Motion(1.0, 1.5, commanded_w=1.5)
     braking = Braking(1.9, 3.3, turn_gain=1.35, turn_ahead=0.13)
+    command = (1.0, 1.5)
     # 10 cm decide: the nearer post is in the outer edge of the turn.
-    assert 0.0 < safe_scale_of([(0.65, -0.2)], motion, (1.0, 1.5), braking) < 1.0
-    assert safe_scale_of([(0.65, -0.3)], motion, (1.0, 1.5), braking) == 1.0
+    near_post = (0.65, -0.2)
+    far_post = (0.65, -0.3)
+    assert 0.0 < safe_scale_of([near_post], motion, command, braking) < 1.0
+    assert safe_scale_of([far_post], motion, command, braking) == 1.0
 
 
 def free_gap(speed, side):
     """Return the gap [m] to a rail beside the path at which a base stops freely from a speed."""
     braking = BRAKING._replace(turn_ahead=0.13)
+    # From just beyond the margin of 3 cm
     for gap in np.arange(0.032, 0.07, 0.002):
         rail = [(x, side * (SIDE + gap)) for x in np.arange(-0.3, 0.8, 0.01)]
-        scale = safe_scale_of(rail, Motion(speed, 0.0), (speed, 0.0), braking, reaction=0.1)
+        scale = safe_scale_of(
+            rail,
+            Motion(speed, 0.0),
+            (speed, 0.0),
+            braking,
+            reaction=0.1,
+        )
         if scale == 1.0:
             return gap
     return math.inf
@@ -145,7 +172,12 @@ def test_the_outline_may_swing_at_the_end_of_a_stop(side):
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize(
-    ("speed", "deceleration", "used"), [(0.5, 1.9, 1.9), (0.3, 1.9, 0.6), (0.3, 0.2, 0.2)]
+    ("speed", "deceleration", "used"),
+    [
+        (0.5, 1.9, 1.9),
+        (0.3, 1.9, 0.6),
+        (0.3, 0.2, 0.2),
+    ],
 )
 def test_a_slow_base_is_braked_gently(sign, speed, deceleration, used):
     """Slowed down at 1.9 m/s^2 from .3 m/s, wheels locked, and the body slid into posts."""
@@ -181,7 +213,13 @@ CONSTANT_ODOMETRY = [
 
 @examples(60)
 @example(CONSTANT_ODOMETRY)
-@given(st.lists(st.tuples(NUMBERS, NUMBERS, st.floats(0.3, 3.0)), min_size=2, max_size=6))
+@given(
+    st.lists(
+        st.tuples(NUMBERS, NUMBERS, st.floats(0.3, 3.0)),
+        min_size=2,
+        max_size=6,
+    )
+)
 def test_every_output_stays_on_the_arc_of_this_or_the_previous_command(commands):
     """A braking base may also turn less, or keep its turn rate."""
     monitor = CollisionMonitor()
@@ -204,10 +242,12 @@ def test_every_output_stays_on_the_arc_of_this_or_the_previous_command(commands)
 def assert_on_arc_of_previous(output_v, output_w, previous):
     """A stop turns as on the previous arc, or as near to that as the base can turn."""
     previous_v, previous_w = previous
-    on_arc = previous_w * output_v / previous_v if previous_v else 0.0
-    change = min(max(on_arc - previous_w, -TURN_CHANGE), TURN_CHANGE)
-    reachable = previous_w + change
-    assert min(abs(output_w - on_arc), abs(output_w - reachable)) < 1e-9, previous
+    w_on_arc = previous_w * output_v / previous_v if previous_v else 0.0
+    change = min(max(w_on_arc - previous_w, -TURN_CHANGE), TURN_CHANGE)
+    reachable_w = previous_w + change
+    from_arc = abs(output_w - w_on_arc)
+    from_reachable = abs(output_w - reachable_w)
+    assert min(from_arc, from_reachable) < 1e-9, previous
 
 
 def assert_between_arc_and_previous(on_arc, output_w, previous_w):
@@ -234,19 +274,22 @@ def test_forgotten_points_become_unknown_space(radius, reason, monkeypatch):
         monkeypatch.setattr("applr_ros1.monitor.known_space.CAPACITY_POINTS", 1500)
     monitor = CollisionMonitor()
     post = np.array([-0.65, 0.0])
+    # Points on the side of the post that the robot sees
     edge = []
     for angle in np.arange(-1.4, 1.41, 0.1):
-        edge.append(post + radius * np.array([math.cos(angle), math.sin(angle)]))
+        direction = np.array([math.cos(angle), math.sin(angle)])
+        edge.append(post + radius * direction)
     for stamp, pose in ((0.0, BEHIND), (0.1, HERE)):
         ranges = scan_of(edge, pose, stamp).ranges
         # The room differs from scan to scan: identical scans would count as frozen.
         ranges = np.minimum(ranges, np.float32(9.0 + stamp))
         monitor.add_scan(scan_of([], pose, stamp, ranges=ranges))
-    back = (-1.0, 0.0)
-    kept = monitor.filter(0.1, HERE, AT_REST, back)
-    assert "obstacle" in kept.reason
-    nearest = edge[len(edge) // 2]
-    cell = tuple(np.floor(nearest / CELL_M).astype(int) % len(monitor.seen.cells))
+    backwards = (-1.0, 0.0)
+    verdict = monitor.filter(0.1, HERE, AT_REST, backwards)
+    assert "obstacle" in verdict.reason
+    nearest_point = edge[len(edge) // 2]
+    indices = np.floor(nearest_point / CELL_M).astype(int)
+    cell = tuple(indices % len(monitor.seen.cells))
     assert monitor.seen.cells[cell] == 1
 
     stamp = 0.1
@@ -255,13 +298,19 @@ def test_forgotten_points_become_unknown_space(radius, reason, monkeypatch):
         stamp += 100.0 if reason == "time" else 0.1
         # Nearer points occlude old ones, so that the memory fills up.
         distance = 9.0 - 10.0 * stamp if reason == "capacity" else 8.0
-        ranges = (distance + noise.normal(0.0, 0.003, BEAMS)).astype(np.float32)
-        monitor.matcher.clear()  # The synthetic ranges fit no room.
-        assert monitor.add_scan(scan_of([], (float(x), 0.0, 0.0), stamp, ranges=ranges)) == ""
+        errors = noise.normal(0.0, 0.003, BEAMS)
+        ranges = (distance + errors).astype(np.float32)
+        # The synthetic ranges fit no room.
+        monitor.matcher.clear()
+        pose = (float(x), 0.0, 0.0)
+        assert monitor.add_scan(scan_of([], pose, stamp, ranges=ranges)) == ""
+
     assert not len(monitor.memory.around(HERE, 0.6)), "the post is still remembered"
     assert monitor.seen.cells[cell] == 0
-    assert monitor.filter(stamp, HERE, AT_REST, back).action == SLOW
-    assert "creeping" in monitor.filter(stamp, (-0.2, 0.0, 0.0), AT_REST, back).reason
+    assert monitor.filter(stamp, HERE, AT_REST, backwards).action == SLOW
+    nearer_pose = (-0.2, 0.0, 0.0)
+    verdict = monitor.filter(stamp, nearer_pose, AT_REST, backwards)
+    assert "creeping" in verdict.reason
 
 
 @pytest.mark.parametrize(
@@ -269,22 +318,33 @@ def test_forgotten_points_become_unknown_space(radius, reason, monkeypatch):
 )
 def test_points_are_cleared_only_from_a_distance_at_which_they_are_visible(beams, range_max):
     memory = ObstacleMemory()
-    geometry = dict(angle_increment=2 * ANGLE / (beams - 1), range_max=range_max)
-    counts = []
+    geometry = dict(
+        angle_increment=2 * ANGLE / (beams - 1),
+        range_max=range_max,
+    )
+    point_counts = []
     # The post is measured, then looked for from 4 m away, where a beam may miss it or not reach
     # it, and then from nearby.
     for stamp, x in enumerate((0.0, -4.0, 0.5)):
         ranges = np.full(beams, np.inf, np.float32)
         if stamp == 0:
             ranges[beams // 2 - 1 : beams // 2 + 1] = 0.9
-        memory.update(scan_of([], (x, 0.0, 0.0), float(stamp), ranges=ranges, **geometry))
-        counts.append(len(memory.points))
-    measured, from_afar, from_nearby = counts
+        scan = scan_of([], (x, 0.0, 0.0), float(stamp), ranges=ranges, **geometry)
+        memory.update(scan)
+        point_counts.append(len(memory.points))
+    measured, from_afar, from_nearby = point_counts
     assert measured == from_afar > 0
     assert from_nearby == 0
 
 
-@pytest.mark.parametrize(("range_max", "radius"), [(0.2, 8.0), (1.0, 8.0), (30.0, 1.0)])
+@pytest.mark.parametrize(
+    ("range_max", "radius"),
+    [
+        (0.2, 8.0),
+        (1.0, 8.0),
+        (30.0, 1.0),
+    ],
+)
 def test_space_is_observed_within_the_range_of_scanner_and_memory(range_max, radius):
     monitor = CollisionMonitor(replace(SETTINGS, memory_radius=radius))
     monitor.add_scan(scan_of(wall(1.6), HERE, range_max=range_max))
@@ -294,18 +354,22 @@ def test_space_is_observed_within_the_range_of_scanner_and_memory(range_max, rad
 def test_a_scan_without_returns_observes_the_space_within_its_reach_on_all_sides():
     """Farther than 1.14 m, beams one degree apart may have an obstacle of 2 cm between them."""
     seen = SeenSpace(8.0)
-    scan = scan_of([], (0.3, -0.2, 0.5), ranges=np.full(360, np.inf, np.float32), **TURN)
+    no_returns = np.full(360, np.inf, np.float32)
+    scan = scan_of([], (0.3, -0.2, 0.5), ranges=no_returns, **TURN)
     seen.update(scan)
-    laser_x, laser_y, _ = scan.sensor_pose
+
+    # Distances of the centres of all cells from the laser. The grid is stored modulo its size.
     side = len(seen.cells)
-    numbers = seen.corner[:, None] + np.arange(side)
-    x, y = (numbers + 0.5) * CELL_M
-    distance = np.hypot(x[:, None] - laser_x, y - laser_y)
-    rows, columns = numbers % side
-    observed = seen.cells[rows[:, None], columns] == 1
+    indices = seen.corner[:, None] + np.arange(side)
+    x, y = (indices + 0.5) * CELL_M
+    laser_x, laser_y, _ = scan.sensor_pose
+    distances = np.hypot(x[:, None] - laser_x, y - laser_y)
+    stored_x, stored_y = indices % side
+    is_observed = seen.cells[stored_x[:, None], stored_y] == 1
+
     reach = 0.02 / TURN["angle_increment"]
-    assert observed[distance <= reach - CELL_M].all()
-    assert not observed[distance > reach].any()
+    assert is_observed[distances <= reach - CELL_M].all()
+    assert not is_observed[distances > reach].any()
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
@@ -313,25 +377,37 @@ def test_a_post_in_the_path_of_lateral_slip_limits_the_command(side):
     """At 1 m/s forward and .6 m/s of slip the body touches a post that it would pass otherwise."""
     # 6 cm beside the body: more than the margin, less than it slips.
     post = [(0.5, side * (SIDE + 0.06))]
-    assert safe_scale_of(post, Motion(1.0, 0.0), (1.0, 0.0), BRAKING) == 1.0
-    assert safe_scale_of(post, Motion(1.0, 0.0, side * 0.6), (1.0, 0.0), BRAKING) < 1.0
-    assert safe_scale_of(post, Motion(1.0, 0.0, -side * 0.6), (1.0, 0.0), BRAKING) == 1.0
+    command = (1.0, 0.0)
+    without_slip = Motion(1.0, 0.0)
+    towards_post = Motion(1.0, 0.0, slip=side * 0.6)
+    away_from_post = Motion(1.0, 0.0, slip=-side * 0.6)
+    assert safe_scale_of(post, without_slip, command, BRAKING) == 1.0
+    assert safe_scale_of(post, towards_post, command, BRAKING) < 1.0
+    assert safe_scale_of(post, away_from_post, command, BRAKING) == 1.0
 
 
 def test_turn_ahead_and_turn_gain_change_the_swept_area():
     """In a left turn about a point ahead the body moves right, out of its circumscribed circle."""
     post_behind = [(-0.2, -0.33)]
     turning = Motion(0.0, 1.5)
+    about_point_ahead = BRAKING._replace(turn_ahead=0.3)
     assert safe_scale_of(post_behind, turning, (0.0, 1.5), BRAKING) == 1.0
-    assert safe_scale_of(post_behind, turning, (0.0, 1.5), BRAKING._replace(turn_ahead=0.3)) < 1.0
+    assert safe_scale_of(post_behind, turning, (0.0, 1.5), about_point_ahead) < 1.0
+
     post_at_the_corner = [(0.29, -0.17)]
-    braking = Braking(1.9, 12.0)
-    scale = safe_scale_of(post_at_the_corner, Motion(0.0, 0.0), (0.0, 1.0), braking, reaction=0.1)
-    faster = braking._replace(turn_gain=3.0)
-    assert (
-        safe_scale_of(post_at_the_corner, Motion(0.0, 0.0), (0.0, 1.0), faster, reaction=0.1)
-        <= scale
-    )
+    as_commanded = Braking(1.9, 12.0)
+    faster_than_commanded = as_commanded._replace(turn_gain=3.0)
+    scales = []
+    for braking in (as_commanded, faster_than_commanded):
+        scale = safe_scale_of(
+            post_at_the_corner,
+            Motion(0.0, 0.0),
+            (0.0, 1.0),
+            braking,
+            reaction=0.1,
+        )
+        scales.append(scale)
+    assert scales[1] <= scales[0]
 
 
 def test_the_swept_area_of_a_turn_about_a_point_ahead_is_exact():
@@ -341,21 +417,26 @@ def test_the_swept_area_of_a_turn_about_a_point_ahead_is_exact():
     """
     w = 1.5
     ahead = 0.3
-    angles = np.linspace(0.0, 0.15 * w + w**2 / (2 * 3.3), 200)
+    stopping_angle = 0.15 * w + w**2 / (2 * 3.3)
+    angles = np.linspace(0.0, stopping_angle, 200)
+    # With the margin of 3 cm
     front = FRONT + 0.03
     side = SIDE + 0.03
 
     def touches(x, y):
         """Return whether the turning body touches a post."""
+        # The post in the frame of the body, which has turned about the point ahead
         cos_angle = np.cos(angles)
         sin_angle = np.sin(angles)
         forward = ahead + cos_angle * (x - ahead) + sin_angle * y
         leftward = cos_angle * y - sin_angle * (x - ahead)
-        return bool(np.any((abs(forward) < front) & (abs(leftward) < side)))
+        is_inside = (abs(forward) < front) & (abs(leftward) < side)
+        return bool(np.any(is_inside))
 
     braking = BRAKING._replace(turn_ahead=ahead)
     for x in (-0.15, 0.0, 0.15):
         for y in np.arange(-0.6, -0.25, 0.04):
+            # Within 12 mm of the edge, the step between two poses decides.
             is_on_edge = touches(x, y - 0.012) != touches(x, y + 0.012)
             if not is_on_edge:
                 scale = safe_scale_of([(x, y)], Motion(0.0, w), (0.0, w), braking)
@@ -389,10 +470,12 @@ def test_a_measured_velocity_that_poses_contradict_does_not_hide_the_wall(report
     monitor = CollisionMonitor(replace(SETTINGS, deceleration=1.9))
     for step in range(12):
         pose = (0.1 * step, 0.0, 0.0)
-        monitor.add_scan(scan_of(wall(2.2, 2.0), pose, STEP_S * step))
-        verdict = monitor.filter(STEP_S * step, pose, (reported, 0.0), (2.0, 0.0))
+        time = STEP_S * step
+        monitor.add_scan(scan_of(wall(2.2, 2.0), pose, time))
+        verdict = monitor.filter(time, pose, (reported, 0.0), (2.0, 0.0))
     assert verdict.action == STOP
-    assert reported < 0.0 or verdict.command[0] > 1.0, "v falls from the speed of the poses"
+    v, _ = verdict.command
+    assert reported < 0.0 or v > 1.0, "v falls from the speed of the poses"
 
 
 def test_a_body_that_slides_ahead_of_its_wheels_stops_as_early_as_if_they_were_as_fast():
@@ -401,12 +484,15 @@ def test_a_body_that_slides_ahead_of_its_wheels_stops_as_early_as_if_they_were_a
     for reported in (0.62, 0.37):
         monitor = CollisionMonitor(replace(SETTINGS, deceleration=1.9))
         for step in range(12):
+            # 31 mm in 0.05 s are .62 m/s.
             pose = (0.031 * step, 0.0, 0.0)
-            monitor.add_scan(scan_of(wall(0.8), pose, STEP_S * step))
-            verdict = monitor.filter(STEP_S * step, pose, (reported, 0.0), (0.62, 0.0))
+            time = STEP_S * step
+            monitor.add_scan(scan_of(wall(0.8), pose, time))
+            verdict = monitor.filter(time, pose, (reported, 0.0), (0.62, 0.0))
         commands.append(verdict.command)
-    assert commands[1] == pytest.approx(commands[0])
-    assert commands[0][0] < 0.62
+    at_speed_of_body, at_speed_of_wheels = commands
+    assert at_speed_of_wheels == pytest.approx(at_speed_of_body)
+    assert at_speed_of_body[0] < 0.62
 
 
 def test_a_base_that_rolls_back_may_reverse_at_once():
@@ -415,12 +501,16 @@ def test_a_base_that_rolls_back_may_reverse_at_once():
     for v in (0.0, -0.33):
         monitor = CollisionMonitor()
         monitor.add_scan(scan_of(wall(0.7), HERE, 0.0))
+        # All space is observed.
         monitor.seen.cells[:] = 1
-        commands.append(monitor.filter(0.0, HERE, (v, 0.0), (2.0, 0.0)).command)
-    assert commands[1] == commands[0]
-    assert 0.1 < commands[0][0] < 1.0
+        verdict = monitor.filter(0.0, HERE, (v, 0.0), (2.0, 0.0))
+        commands.append(verdict.command)
+    at_rest, rolling_back = commands
+    assert rolling_back == at_rest
+    assert 0.1 < at_rest[0] < 1.0
 
 
+# Smallest and largest doubles, and what is no number
 EXTREMES = [5e-324, -5e-324, -0.0, 1e308, -1e308, math.nan, math.inf, 1e-300]
 FLOATS = st.one_of(st.floats(), st.sampled_from(EXTREMES))
 PAIRS = st.tuples(FLOATS, FLOATS)
@@ -458,12 +548,12 @@ def test_no_input_makes_a_scan_fail(numbers, ranges, field):
     one_wrong = list(good)
     one_wrong[field] = numbers[field]
     for values in (one_wrong, numbers, good):
-        stamp, first, increment, range_min, range_max, x, yaw = values
+        # In the order of LaserScan's fields, and x and yaw of its pose
+        *geometry, x, yaw = values
         monitor = seen_all_around(wall(3.0))
         with np.errstate(over="ignore"):
             numpy_ranges = np.array(ranges, np.float32)
-        pose = (x, 0.0, yaw)
-        scan = LaserScan(stamp, first, increment, range_min, range_max, numpy_ranges, pose)
+        scan = LaserScan(*geometry, numpy_ranges, (x, 0.0, yaw))
         assert isinstance(monitor.add_scan(scan), str)
         verdict = monitor.filter(0.05, HERE, AT_REST, (0.5, 0.5))
         assert all(math.isfinite(value) for value in verdict.command)

@@ -51,7 +51,8 @@ def test_without_obstacles_commands_pass_unchanged():
     monitor = CollisionMonitor()
     # 4 m is far beyond the way to stop from 2 m/s.
     assert monitor.add_scan(scan_of([(4.0, 0.0)] * 2, HERE)) == ""
-    assert monitor.filter(0.0, HERE, (1.9, 0.0), (2.0, 0.3)).command == (2.0, 0.3)
+    verdict = monitor.filter(0.0, HERE, (1.9, 0.0), (2.0, 0.3))
+    assert verdict.command == (2.0, 0.3)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -68,9 +69,10 @@ def test_braking_stays_within_the_friction_limit(sign, post_x, asked, expected):
     monitor = seen_all_around([(sign * post_x, 0.0)], settings)
     monitor.output = Output(0.0, 2.0 * sign, 0.0)
     speeds = []
-    for time, v in zip((0.1, 0.2, 0.25), asked):
-        verdict = monitor.filter(time, HERE, (2.0 * sign, 0.0), (sign * v, 0.0))
-        speeds.append(sign * verdict.command[0])
+    for time, asked_v in zip((0.1, 0.2, 0.25), asked):
+        command = (sign * asked_v, 0.0)
+        v, _ = monitor.filter(time, HERE, (2.0 * sign, 0.0), command).command
+        speeds.append(sign * v)
     assert speeds == pytest.approx(expected)
 
 
@@ -78,14 +80,21 @@ def test_braking_stays_within_the_friction_limit(sign, post_x, asked, expected):
 def test_a_base_slower_than_commanded_is_braked_from_its_measured_speed(sign):
     monitor = CollisionMonitor(replace(SETTINGS, deceleration=2.0))
     monitor.output = Output(0.25, 1.5 * sign, 0.0)
-    assert monitor.braked(0.35, 1.0 * sign)[0] == pytest.approx(0.8 * sign)
+    v, _ = monitor.braked(0.35, 1.0 * sign)
+    assert v == pytest.approx(0.8 * sign)
     # It rolls back already: a command ahead would drive it on. Nor does it gain speed again.
     assert monitor.braked(0.40, -0.5 * sign) == (0.0, 0.0)
     assert monitor.braked(0.41, 2.0 * sign) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize(("asked", "w"), [((0.0, 0.0), 0.9), ((0.0, 0.5), 0.5)])
+@pytest.mark.parametrize(
+    ("asked", "w"),
+    [
+        ((0.0, 0.0), 0.9),
+        ((0.0, 0.5), 0.5),
+    ],
+)
 def test_a_stop_follows_the_arc(sign, asked, w):
     """The robot stops on the arc of the previous command, which was free.
 
@@ -97,7 +106,13 @@ def test_a_stop_follows_the_arc(sign, asked, w):
     assert verdict.command == pytest.approx((1.8 * sign, w))
 
 
-@pytest.mark.parametrize(("twist", "command"), [((1.0, 0.0), (1.0, 2.5)), ((1.0, 2.5), (1.0, 0.0))])
+@pytest.mark.parametrize(
+    ("twist", "command"),
+    [
+        ((1.0, 0.0), (1.0, 2.5)),
+        ((1.0, 2.5), (1.0, 0.0)),
+    ],
+)
 @pytest.mark.parametrize("post", [(0.45, -0.18), (0.35, 0.35)])
 def test_a_new_turn_must_be_free_with_and_without_delay(twist, command, post):
     """A post stands straight ahead or inside the turn.
@@ -123,7 +138,8 @@ def test_the_robot_drives_up_to_a_wall_and_stops_before_it(speed):
         pose = (x, 0.0, 0.0)
         monitor.add_scan(scan_of(wall(2.0), pose, time))
         verdict = monitor.filter(time, pose, (v, 0.0), (speed, 0.0))
-        v = max(verdict.command[0], v - largest_drop)
+        commanded_v, _ = verdict.command
+        v = max(commanded_v, v - largest_drop)
         x += 0.05 * v
     # Discs of 5 cm radius at 2 m
     surface = 2.0 - 0.05
@@ -135,8 +151,10 @@ def test_the_robot_drives_up_to_a_wall_and_stops_before_it(speed):
 def test_a_tighter_turn_passes_if_straight_on_is_blocked():
     # A narrow wall 0.5 m ahead, out of reach of the corners of a turning body.
     monitor = seen_all_around(wall(0.55, 0.1), BRAKES_WELL)
-    assert monitor.filter(0.0, HERE, (1.0, 0.0), (1.0, 0.0)).action == SLOW
-    assert monitor.filter(0.0, HERE, AT_REST, (0.0, 2.0)).action == PASS
+    straight_on = monitor.filter(0.0, HERE, (1.0, 0.0), (1.0, 0.0))
+    assert straight_on.action == SLOW
+    turn_in_place = monitor.filter(0.0, HERE, AT_REST, (0.0, 2.0))
+    assert turn_in_place.action == PASS
 
 
 def test_backing_up_a_long_way_stops_before_remembered_obstacles():
@@ -144,7 +162,10 @@ def test_backing_up_a_long_way_stops_before_remembered_obstacles():
     monitor = CollisionMonitor()
     wall_behind = across(-0.6, -0.3, 0.31, 0.03)
     monitor.add_scan(scan_of(wall_behind, BEHIND))
-    there_and_back = [*np.arange(0.0, 3.0, 0.2), *np.arange(3.0, -0.3, -0.1)]
+    there_and_back = [
+        *np.arange(0.0, 3.0, 0.2),
+        *np.arange(3.0, -0.3, -0.1),
+    ]
     for step, x in enumerate(there_and_back):
         pose = (float(x), 0.0, 0.0)
         time = 0.1 * (step + 1)
@@ -160,28 +181,33 @@ def test_noisy_edges_do_not_fill_the_memory():
     rng = np.random.default_rng(0)
     monitor = CollisionMonitor()
     discs = across(0.8, -0.9, 0.9, 0.18)
-    clean = scan_of(discs + wall(1.6, 1.5), HERE)
-    counts = []
+    clean_ranges = scan_of(discs + wall(1.6, 1.5), HERE).ranges
+    point_counts = []
     for step in range(200):
-        noisy = clean.ranges + rng.normal(0.0, 0.002, BEAMS).astype(np.float32)
-        monitor.add_scan(scan_of([], HERE, 0.05 * step, ranges=noisy))
-        counts.append(len(monitor.memory.points))
+        noise = rng.normal(0.0, 0.002, BEAMS)
+        noisy_ranges = clean_ranges + noise.astype(np.float32)
+        monitor.add_scan(scan_of([], HERE, 0.05 * step, ranges=noisy_ranges))
+        point_counts.append(len(monitor.memory.points))
     # Each point of an edge that moved by more than the tolerance would be one more obstacle.
-    assert counts[-1] < 1.5 * counts[0]
+    assert point_counts[-1] < 1.5 * point_counts[0]
 
 
 @pytest.mark.parametrize(
-    ("geometry", "beams"), [({}, BEAMS), (TURN, 360)], ids=["270 degrees", "a full turn"]
+    ("geometry", "beams"),
+    [
+        pytest.param({}, BEAMS, id="270 degrees"),
+        pytest.param(TURN, 360, id="a full turn"),
+    ],
 )
 def test_the_ends_of_a_scan_do_not_fill_the_memory(geometry, beams):
     rng = np.random.default_rng(0)
     memory = ObstacleMemory()
-    counts = []
+    point_counts = []
     for step in range(100):
         ranges = rng.normal(2.0, 0.003, beams).astype(np.float32)
         memory.update(scan_of([], HERE, 0.1 * step, ranges=ranges, **geometry))
-        counts.append(len(memory.points))
-    assert counts[-1] < 1.1 * counts[0]
+        point_counts.append(len(memory.points))
+    assert point_counts[-1] < 1.1 * point_counts[0]
 
 
 def distances_from_laser(memory):
@@ -203,8 +229,10 @@ def test_obstacles_gone_at_the_ends_of_a_scan_are_cleared():
     without_post = np.full(360, 1.2, np.float32)
     with_post = without_post.copy()
     with_post[[-2, -1, 0, 1]] = 1.0
-    assert np.sum(distances_from_laser(updated_memory(with_post)) < 1.1) == 4
-    assert np.sum(distances_from_laser(updated_memory(with_post, without_post)) < 1.1) == 0
+    memory = updated_memory(with_post)
+    assert np.sum(distances_from_laser(memory) < 1.1) == 4
+    cleared_memory = updated_memory(with_post, without_post)
+    assert np.sum(distances_from_laser(cleared_memory) < 1.1) == 0
 
 
 def test_occluded_points_are_kept():
@@ -216,7 +244,14 @@ def test_occluded_points_are_kept():
     assert np.sum(distances < 0.95) == 180
 
 
-@pytest.mark.parametrize(("beside", "kept"), [(-1, 1), (1, 1), (2, 0)])
+@pytest.mark.parametrize(
+    ("beside", "kept"),
+    [
+        (-1, 1),
+        (1, 1),
+        (2, 0),
+    ],
+)
 def test_a_point_is_cleared_only_if_the_neighbouring_beams_pass_too(beside, kept):
     # A beam may pass beside a thin post, so both of its neighbours must pass, too.
     with_post = np.full(360, 1.4, np.float32)
@@ -224,20 +259,23 @@ def test_a_point_is_cleared_only_if_the_neighbouring_beams_pass_too(beside, kept
     with_post[180] = 1.0
     nearer_beside[180 + beside] = 0.5
     distances = distances_from_laser(updated_memory(with_post, nearer_beside))
-    assert np.sum(np.abs(distances - 1.0) < 0.01) == kept
+    is_at_post = np.abs(distances - 1.0) < 0.01
+    assert np.sum(is_at_post) == kept
 
 
 def test_a_full_memory_forgets_the_oldest_points(monkeypatch):
     monkeypatch.setattr("applr_ros1.monitor.known_space.CAPACITY_POINTS", 1000)
     memory = ObstacleMemory()
-    newest_alone = ObstacleMemory()
+    ranges = np.full(BEAMS, 0.9, np.float32)
     for x in (0.0, 2.0, 4.0, 6.0, 8.0):
         # Each pose is outside the space observed by the previous scan.
-        scan = scan_of([], (x, 0.0, 0.0), x, ranges=np.full(BEAMS, 0.9, np.float32))
+        scan = scan_of([], (x, 0.0, 0.0), x, ranges=ranges)
         memory.update(scan)
-    newest_alone.update(scan)
-    assert len(newest_alone.points) < len(memory.points) <= 1000
-    assert np.array_equal(memory.points[-len(newest_alone.points) :], newest_alone.points)
+    memory_of_last_scan = ObstacleMemory()
+    memory_of_last_scan.update(scan)
+    last_points = memory_of_last_scan.points
+    assert len(last_points) < len(memory.points) <= 1000
+    assert np.array_equal(memory.points[-len(last_points) :], last_points)
 
 
 def test_a_robot_in_contact_may_only_drive_away():
@@ -253,9 +291,12 @@ def test_a_blind_scanner_stops_the_robot_and_a_good_scan_frees_it():
     good_scan = scan_of(wall(5.0, 2.0), HERE)
     monitor.add_scan(good_scan)
     assert monitor.filter(0.0, HERE, straight_on, straight_on).action == PASS
-    blind_scan = scan_of([], HERE, 0.1, ranges=np.full(BEAMS, np.nan, np.float32))
+
+    invalid_ranges = np.full(BEAMS, np.nan, np.float32)
+    blind_scan = scan_of([], HERE, 0.1, ranges=invalid_ranges)
     assert "scanner" in monitor.add_scan(blind_scan)
     assert monitor.filter(0.1, HERE, straight_on, straight_on).action == STOP
+
     monitor.add_scan(replace(good_scan, stamp=0.2))
     assert monitor.filter(0.2, HERE, straight_on, straight_on).action == PASS
 
@@ -265,8 +306,10 @@ def test_a_frozen_image_with_new_stamps_stops_a_moving_robot():
     image = scan_of(wall(3.0), HERE).ranges
     faults = []
     for step in range(FROZEN_SCANS + 3):
-        pose = (0.05 * step, 0.0, 0.0)
-        faults.append(monitor.add_scan(scan_of([], pose, 0.05 * step, ranges=image)))
+        # The robot drives at 1 m/s.
+        time = 0.05 * step
+        pose = (time, 0.0, 0.0)
+        faults.append(monitor.add_scan(scan_of([], pose, time, ranges=image)))
     assert faults[0] == ""
     assert "frozen" in faults[-1]
 
@@ -293,13 +336,20 @@ def test_an_identical_image_is_a_repeat_if_the_robot_has_moved_by_5_mm_or_mrad(m
     first_scan = scan_of(wall(2.0), HERE)
     x, y, yaw = first_scan.sensor_pose
     dx, dy, turn = motion
-    second_scan = replace(first_scan, stamp=0.1, sensor_pose=(x + dx, y + dy, yaw + turn))
+    second_scan = replace(
+        first_scan,
+        stamp=0.1,
+        sensor_pose=(x + dx, y + dy, yaw + turn),
+    )
+
     check = ScannerCheck()
-    monitor = CollisionMonitor()
     assert not check.fault(first_scan)
     assert not check.repeats
     assert not check.fault(second_scan)
     assert check.repeats == is_repeat
+
+    # The age is that of the first scan if the second one is a repeat.
+    monitor = CollisionMonitor()
     monitor.add_scan(first_scan)
     monitor.add_scan(second_scan)
     verdict_on(monitor, 0.5, 0.2)
@@ -315,9 +365,10 @@ def test_a_scan_older_than_the_latest_is_ignored():
 
 def doubted_beams(check, scan, ranges):
     """Return the indices of the beams that are not believed in a scan of these ranges."""
-    changed = replace(scan, ranges=ranges)
-    check.fault(changed)
-    return np.flatnonzero(np.isnan(check.believed(changed).ranges)).tolist()
+    changed_scan = replace(scan, ranges=ranges)
+    check.fault(changed_scan)
+    is_doubted = np.isnan(check.believed(changed_scan).ranges)
+    return np.flatnonzero(is_doubted).tolist()
 
 
 def test_a_failed_sector_recovers_once_its_beams_return():
@@ -341,16 +392,21 @@ def test_missing_and_stale_inputs_and_invalid_commands_stop_the_robot():
     assert monitor.filter(0.0, HERE, AT_REST, command).action == STOP
     monitor.add_scan(scan_of([], HERE))
     assert monitor.filter(0.4, HERE, AT_REST, command).action == PASS
-    assert "scan is 0.60 s old" in monitor.filter(0.6, HERE, AT_REST, command).reason
+
+    # Old inputs, or a scan from the future
+    old_scan = monitor.filter(0.6, HERE, AT_REST, command)
+    assert "scan is 0.60 s old" in old_scan.reason
     old_pose = monitor.filter(0.1, HERE, AT_REST, command, (0.6, 0.0))
     assert "pose is 0.60 s old" in old_pose.reason
     old_twist = monitor.filter(0.1, HERE, AT_REST, command, (0.0, 0.6))
     assert "odometry is 0.60 s old" in old_twist.reason
     future_scan = monitor.filter(-0.45, HERE, AT_REST, command)
     assert "0.45 s ahead of the clock" in future_scan.reason
+
     assert verdict_on(monitor, math.nan, 0.1).command == (0.0, 0.0)
     # Numbers so small are zero, as a filter's remainders are.
-    assert monitor.filter(0.1, HERE, AT_REST, (1e-7, -1e-7)) == Verdict((0.0, 0.0))
+    tiny_command = (1e-7, -1e-7)
+    assert monitor.filter(0.1, HERE, AT_REST, tiny_command) == Verdict((0.0, 0.0))
 
 
 def stopping_distance(v, reaction):
@@ -392,16 +448,20 @@ def test_the_scale_is_the_largest_safe_one():
     motion = Motion(0.0, 0.0)
     scales = []
     for _ in range(60):
+        # Given: points around the robot, and a command
         points = rng.uniform(-1.2, 1.2, (30, 2))
-        outside = [penetration(BODY.planes, 0.05, x, y) < 0 for x, y in points]
-        points = points[outside]
+        is_outside = [penetration(BODY.planes, 0.05, x, y) < 0 for x, y in points]
+        points = points[is_outside]
         v = float(rng.uniform(-0.5, 2.0))
         w = float(rng.uniform(-2, 2))
+
+        # Then: the scaled command is safe, and one of 5 % more is not
         scale = safe_scale_of(points, motion, (v, w))
         scales.append(scale)
         assert safe_scale_of(points, motion, (scale * v, scale * w)) == 1.0
-        larger = min(1.0, scale + 0.05)
-        is_larger_safe = safe_scale_of(points, motion, (larger * v, larger * w)) == 1.0
+        larger_scale = min(1.0, scale + 0.05)
+        larger_command = (larger_scale * v, larger_scale * w)
+        is_larger_safe = safe_scale_of(points, motion, larger_command) == 1.0
         assert scale == 1.0 or not is_larger_safe
     # Among the 60 are both, or the comparison would be of one kind.
     assert 0 < sum(scale < 1.0 for scale in scales) < 60
@@ -435,22 +495,28 @@ def turned_away_from(behind):
 
 
 @pytest.mark.parametrize(
-    ("place", "scene"), [((0.0, 0.0, 0.0), 1), ((1.9, 0.3, 0.5), 0)], ids=["carried", "odometry"]
+    ("pose", "scene"),
+    [
+        pytest.param((0.0, 0.0, 0.0), 1, id="carried"),
+        pytest.param((1.9, 0.3, 0.5), 0, id="odometry"),
+    ],
 )
-def test_another_place_clears_the_memory(place, scene):
+def test_another_place_clears_the_memory(pose, scene):
     """Either the robot is carried to another place, or only its odometry jumps."""
     monitor = turned_away_from([*posts(0), *CLOSE_BEHIND])
-    around = posts(1) if scene else [*posts(0), *CLOSE_BEHIND]
-    sensor_pose = compose(place, (LASER, 0.0, 0.0))
-    scan = scan_of(around, (0.01, 0.0, 0.0), 4.0, sensor_pose=sensor_pose)
+    points_around = posts(1) if scene else [*posts(0), *CLOSE_BEHIND]
+    sensor_pose = compose(pose, (LASER, 0.0, 0.0))
+    scan = scan_of(points_around, (0.01, 0.0, 0.0), 4.0, sensor_pose=sensor_pose)
     monitor.add_scan(scan)
-    this_scan_alone = ObstacleMemory()
-    this_scan_alone.update(scan)
-    assert len(monitor.memory.points) == len(this_scan_alone.points)
-    assert "another place" in monitor.filter(4.0, place, AT_REST, (-0.5, 0.0)).reason
+    memory_of_this_scan = ObstacleMemory()
+    memory_of_this_scan.update(scan)
+    assert len(monitor.memory.points) == len(memory_of_this_scan.points)
+    verdict = monitor.filter(4.0, pose, AT_REST, (-0.5, 0.0))
+    assert "another place" in verdict.reason
+
     # A second scan from there makes it the place.
     monitor.add_scan(replace(scan, stamp=4.1))
-    creeping = monitor.filter(4.1, place, AT_REST, (-0.5, 0.0))
+    creeping = monitor.filter(4.1, pose, AT_REST, (-0.5, 0.0))
     assert creeping.command == pytest.approx((-0.1, 0.0)), "the space behind is unknown"
 
 
@@ -458,8 +524,9 @@ def test_alternating_scans_of_two_robots_stop_the_robot():
     monitor = CollisionMonitor()
     # Two robots publish on one topic: no robot can be at both places in turn.
     for step in range(10):
-        monitor.add_scan(scan_of(posts(step % 2), HERE, 0.05 * step))
-        verdict = verdict_on(monitor, 1.0, 0.05 * step)
+        time = 0.05 * step
+        monitor.add_scan(scan_of(posts(step % 2), HERE, time))
+        verdict = verdict_on(monitor, 1.0, time)
         assert (verdict.action == STOP) == (step > 0)
 
 
@@ -477,8 +544,9 @@ def test_a_constant_pose_with_nonzero_velocity_is_a_stop(twist, steps, action):
     monitor = seen_all_around([(9.0, 0.0)])
     # Odometry that repeats its pose, although the twist says that the robot drives.
     for step in range(steps):
-        monitor.add_scan(scan_of([(9.0, 0.0)], HERE, 0.05 * step))
-        verdict = monitor.filter(0.05 * step, HERE, twist, (0.5, 0.1))
+        time = 0.05 * step
+        monitor.add_scan(scan_of([(9.0, 0.0)], HERE, time))
+        verdict = monitor.filter(time, HERE, twist, (0.5, 0.1))
     assert verdict.action == action
     assert ("frozen" in verdict.reason) == (action == STOP)
 
@@ -495,14 +563,18 @@ def test_space_between_widely_spaced_beams_is_unknown():
 
 def test_a_scan_with_more_beams_than_the_memory_has_points_is_refused():
     # More than CAPACITY_POINTS: each scan would push the one before out of the memory.
-    huge_scan = scan_of([], HERE, 0.1, angle_increment=1e-4, ranges=np.full(20000, 3.0, np.float32))
+    ranges = np.full(20000, 3.0, np.float32)
+    huge_scan = scan_of([], HERE, 0.1, angle_increment=1e-4, ranges=ranges)
     assert "20000 beams" in CollisionMonitor().add_scan(huge_scan)
 
 
 @pytest.mark.parametrize(
     "change",
-    [{"angle_min": 1e7}, {"sensor_pose": (1e7, 0.0, 0.0)}, {"sensor_pose": (0.0, 0.0, -1e7)}],
-    ids=["first angle", "x", "yaw"],
+    [
+        pytest.param({"angle_min": 1e7}, id="first angle"),
+        pytest.param({"sensor_pose": (1e7, 0.0, 0.0)}, id="x"),
+        pytest.param({"sensor_pose": (0.0, 0.0, -1e7)}, id="yaw"),
+    ],
 )
 def test_a_scan_from_an_absurd_place_or_direction_is_refused(change):
     scan = replace(scan_of(posts(0), HERE), **change)
@@ -541,7 +613,8 @@ def test_the_robot_creeps_in_unobserved_space_and_drives_in_observed_space():
     monitor.add_scan(scan_of(posts(0), HERE, 0.0))
     creeping = verdict_on(monitor, -0.5)
     assert creeping.command == pytest.approx((-0.1, 0.0))
-    for step in range(30):  # The robot drives 1.45 m ahead.
+    # The robot drives 1.45 m ahead.
+    for step in range(30):
         time = 0.05 * step
         pose = (time, 0.0, 0.0)
         monitor.add_scan(scan_of(posts(0), pose, time))
@@ -551,11 +624,14 @@ def test_the_robot_creeps_in_unobserved_space_and_drives_in_observed_space():
 
 def test_the_robot_creeps_no_faster_than_a_remembered_obstacle_allows():
     gap = 0.015  # space between the margin and the posts [m]
-    monitor = seen_all_around(wall(FRONT + BODY.margin + gap + 0.05, 0.5))
+    # The posts have a radius of 5 cm.
+    wall_x = FRONT + BODY.margin + gap + 0.05
+    monitor = seen_all_around(wall(wall_x, 0.5))
     monitor.seen.clear()
     verdict = verdict_on(monitor, 1.0)
     assert "creeping" in verdict.reason
-    assert 0.0 < verdict.command[0] < 0.07
+    v, _ = verdict.command
+    assert 0.0 < v < 0.07
 
 
 def test_the_whole_way_to_the_stop_must_be_observed():
@@ -568,13 +644,22 @@ def test_the_whole_way_to_the_stop_must_be_observed():
 
 @pytest.mark.parametrize(
     ("x", "y", "is_seen"),
-    [(0.8, 0.0, 1), (1.15, 0.0, 0), (-0.6, 0.0, 0), (0.0, 1.5, 1), (7.0, 0.0, 0)],
+    [
+        (0.8, 0.0, 1),
+        (1.15, 0.0, 0),
+        (-0.6, 0.0, 0),
+        (0.0, 1.5, 1),
+        (7.0, 0.0, 0),
+    ],
 )
 def test_space_behind_an_obstacle_or_the_robot_is_unknown(x, y, is_seen):
     seen = SeenSpace(8.0)
     seen.update(scan_of(wall(1.0), HERE))
+    # The grid is stored modulo its size.
     side = len(seen.cells)
-    assert seen.cells[math.floor(x / CELL_M) % side, math.floor(y / CELL_M) % side] == is_seen
+    stored_x = math.floor(x / CELL_M) % side
+    stored_y = math.floor(y / CELL_M) % side
+    assert seen.cells[stored_x, stored_y] == is_seen
 
 
 AHEAD = slice(BEAMS * 3 // 8, BEAMS * 5 // 8)  # beams of a quarter turn ahead
@@ -601,43 +686,63 @@ def test_a_failed_sector_is_detected_even_if_less_than_half_had_an_obstacle():
     """
     monitor = CollisionMonitor()
     # range_max is 30 m; returns from nearly there may be lost without a fault.
-    clean = np.minimum(scan_of(wall(1.4, 0.35), HERE).ranges, np.float32(28.0))
-    failed = clean.copy()
-    failed[AHEAD] = math.inf
-    monitor.add_scan(scan_of([], HERE, 0.0, ranges=clean))
-    monitor.add_scan(scan_of([], HERE, 0.1, ranges=failed))
+    clean_ranges = np.minimum(scan_of(wall(1.4, 0.35), HERE).ranges, np.float32(28.0))
+    failed_ranges = clean_ranges.copy()
+    failed_ranges[AHEAD] = math.inf
+    monitor.add_scan(scan_of([], HERE, 0.0, ranges=clean_ranges))
+    monitor.add_scan(scan_of([], HERE, 0.1, ranges=failed_ranges))
     assert verdict_on(monitor, 2.0, 0.1).action == SLOW
 
 
 def test_a_failed_sector_may_lie_across_the_ends_of_a_full_turn():
     """The ends meet straight ahead. Each half of the sector is too narrow to count as failed."""
-    turn = {"angle_min": 0.0, "angle_increment": 2.0 * math.pi / (BEAMS - 1)}
-    clean = np.full(BEAMS, 0.9, np.float32)
-    failed = clean.copy()
-    failed[: BEAMS // 12] = math.inf
-    failed[-BEAMS // 12 :] = math.inf
+    full_turn = {
+        "angle_min": 0.0,
+        "angle_increment": 2.0 * math.pi / (BEAMS - 1),
+    }
+    clean_ranges = np.full(BEAMS, 0.9, np.float32)
+    failed_ranges = clean_ranges.copy()
+    failed_ranges[: BEAMS // 12] = math.inf
+    failed_ranges[-BEAMS // 12 :] = math.inf
+
     # A scanner that never saw anything there may have free space in the sector.
     open_ahead = CollisionMonitor()
-    open_ahead.add_scan(scan_of([], HERE, 0.0, ranges=failed, **turn))
-    assert open_ahead.filter(0.0, HERE, AT_REST, (1.5, 0.0)).action == PASS
+    open_ahead.add_scan(scan_of([], HERE, 0.0, ranges=failed_ranges, **full_turn))
+    assert verdict_on(open_ahead, 1.5).action == PASS
+
+    # A scanner that saw something there has failed.
     monitor = CollisionMonitor()
-    monitor.add_scan(scan_of([], HERE, 0.0, ranges=clean, **turn))
-    monitor.add_scan(scan_of([], HERE, 0.1, ranges=failed, **turn))
-    assert monitor.filter(0.1, HERE, AT_REST, (1.5, 0.0)).action == SLOW
+    monitor.add_scan(scan_of([], HERE, 0.0, ranges=clean_ranges, **full_turn))
+    monitor.add_scan(scan_of([], HERE, 0.1, ranges=failed_ranges, **full_turn))
+    assert verdict_on(monitor, 1.5, 0.1).action == SLOW
 
 
 @pytest.mark.parametrize(
     ("pose_age", "twist_age", "is_slower"),
-    [(0.3, 0.0, True), (0.0, 0.3, True), (0.0, 0.0, False)],
+    [
+        (0.3, 0.0, True),
+        (0.0, 0.3, True),
+        (0.0, 0.0, False),
+    ],
 )
 def test_stale_poses_shorten_the_free_distance(pose_age, twist_age, is_slower):
     """A wall is 1.1 m ahead of the body. With a pose or twist 300 ms old, v is limited more."""
-    v = 1.6
-    with_fresh_inputs = seen_all_around(wall(1.379)).filter(0.0, HERE, (v, 0.0), (2.0, 0.0))
+    speed = 1.6
+    # 0.229 m to the front, 1.1 m, and the discs' radius of 5 cm
+    wall_ahead = wall(1.379)
+    monitor = seen_all_around(wall_ahead)
+    with_fresh_inputs = monitor.filter(0.0, HERE, (speed, 0.0), (2.0, 0.0))
+
     # The robot has driven on since its pose was measured.
-    pose = (-v * pose_age, 0.0, 0.0)
-    monitor = seen_all_around(wall(1.379))
-    with_stale_inputs = monitor.filter(0.0, pose, (v, 0.0), (2.0, 0.0), (pose_age, twist_age))
+    pose = (-speed * pose_age, 0.0, 0.0)
+    monitor = seen_all_around(wall_ahead)
+    with_stale_inputs = monitor.filter(
+        0.0,
+        pose,
+        (speed, 0.0),
+        (2.0, 0.0),
+        (pose_age, twist_age),
+    )
     if is_slower:
         assert with_stale_inputs.command[0] < with_fresh_inputs.command[0] - 0.2
     else:

@@ -30,7 +30,15 @@ def scan(true, odometry, stamp, rng, discs=NO_DISCS, walls=NO_WALLS):
     laser = JACKAL.laser
     ranges = Lidar(laser, discs, walls).scan(*true)
     ranges += rng.normal(0.0, 0.003, laser.beams).astype(np.float32)
-    return LaserScan(stamp, laser.first_angle, laser.increment, 0.1, 30.0, ranges, odometry)
+    return LaserScan(
+        stamp=stamp,
+        angle_min=laser.first_angle,
+        angle_increment=laser.increment,
+        range_min=0.1,
+        range_max=30.0,
+        ranges=ranges,
+        sensor_pose=odometry,
+    )
 
 
 def pillars(rng, count=60):
@@ -66,7 +74,8 @@ def test_slip_and_heading_errors_are_corrected(seed):
         true = compose(true, (forward + slip, 0.0, turn))
         believed = compose(believed, (forward, 0.0, turn))
         x, y, yaw = believed
-        reported = (x, y, yaw + float(rng.normal(0.0, 0.003)))
+        heading_error = float(rng.normal(0.0, 0.003))
+        reported = (x, y, yaw + heading_error)
         matcher.add_scan(scan(true, reported, STEP_S * step, rng, discs))
         distance, angle = error_of(matcher, true, reported)
         # Five times the noise of a range
@@ -104,11 +113,15 @@ def test_a_scan_without_noise_is_matched_to_a_fraction_of_a_millimetre(yaw):
 def test_a_sliding_base_is_tracked_while_its_wheels_turn_backwards(seed):
     """The base brakes from 2 m/s at 4.8 m/s^2 between rows of posts that repeat every 15 cm."""
     rng = np.random.default_rng(seed)
-    discs = [(3.2, 0.3, 0.075), (4.0, -0.4, 0.075)]
-    for side in (-0.9, 0.9):
+    # Two posts ahead, and on each side a row that a fifth of the posts lacks
+    discs = [
+        (3.2, 0.3, 0.075),
+        (4.0, -0.4, 0.075),
+    ]
+    for y in (-0.9, 0.9):
         for number in range(-10, 50):
             if rng.random() < 0.8:
-                discs.append((0.15 * number, side, 0.075))
+                discs.append((0.15 * number, y, 0.075))
     matcher = ScanMatcher()
     true_x = 0.0
     believed_x = 0.0
@@ -132,7 +145,12 @@ def test_a_sliding_base_is_tracked_while_its_wheels_turn_backwards(seed):
 def test_along_a_bare_corridor_the_odometry_decides():
     rng = np.random.default_rng(0)
     matcher = ScanMatcher()
-    walls = np.array([(0.0, -1.0, 0.0, 80.0, 0.01), (0.0, 1.0, 0.0, 80.0, 0.01)])
+    walls = np.array(
+        [
+            (0.0, -1.0, 0.0, 80.0, 0.01),
+            (0.0, 1.0, 0.0, 80.0, 0.01),
+        ]
+    )
     for step in range(40):
         true_x = 0.05 * step
         true_y = 0.02 * math.sin(step)
@@ -162,7 +180,12 @@ def test_a_completely_changed_scene_does_not_change_the_pose():
     rng = np.random.default_rng(2)
     matcher = ScanMatcher()
     discs = pillars(rng)
-    walls = np.array([[0.0, -0.7, -0.1, 4.0, 0.01], [1.35, 0.5, 1.63, 5.0, 0.01]])
+    walls = np.array(
+        [
+            [0.0, -0.7, -0.1, 4.0, 0.01],
+            [1.35, 0.5, 1.63, 5.0, 0.01],
+        ]
+    )
     # A scan is matched (True) if it fits the one before.
     assert not matcher.add_scan(scan(ORIGIN, ORIGIN, 0.0, rng, discs))
     assert matcher.add_scan(scan(ORIGIN, ORIGIN, 0.1, rng, discs))
@@ -174,10 +197,12 @@ def test_a_completely_changed_scene_does_not_change_the_pose():
 def verdict_after_slide(slide):
     """Return the Verdict on backing up, after a slide backwards that the odometry misses [m]."""
     rng = np.random.default_rng(3)
-    discs = [(1.0, 0.7, 0.2), (0.9, -0.8, 0.2)]
-    for y in np.arange(-0.3, 0.31, 0.05):
-        discs.append((-0.72, y, 0.05))
-    discs = np.array(discs)
+    posts = [
+        (1.0, 0.7, 0.2),
+        (0.9, -0.8, 0.2),
+    ]
+    row_behind = [(-0.72, y, 0.05) for y in np.arange(-0.3, 0.31, 0.05)]
+    discs = np.array(posts + row_behind)
     monitor = CollisionMonitor(BRAKES_WELL)
     turned_round = (0.0, 0.0, math.pi)
     backed_up = (-0.20, 0.0, 0.0)
@@ -199,7 +224,12 @@ def test_backing_up_uses_the_corrected_pose():
 
 
 @pytest.mark.parametrize(
-    ("first", "increment", "count"), [(-2.356, 0.00654, 721), (2.0, -0.05, 60), (0.0, 0.0175, 359)]
+    ("first", "increment", "count"),
+    [
+        (-2.356, 0.00654, 721),
+        (2.0, -0.05, 60),
+        (0.0, 0.0175, 359),
+    ],
 )
 def test_the_beam_search_does_not_depend_on_its_start(first, increment, count):
     rng = np.random.default_rng(count)
@@ -212,6 +242,6 @@ def test_the_beam_search_does_not_depend_on_its_start(first, increment, count):
         nearby = int(expected) + rng.integers(-9, 10)
         x = distance * np.cos(bearing)
         y = distance * np.sin(bearing)
-        for start in (anywhere, nearby):
-            beam = _beam_near(surface, first, increment, x, y, float(start))
+        for first_beam in (anywhere, nearby):
+            beam = _beam_near(surface, first, increment, x, y, float(first_beam))
             assert beam == pytest.approx(expected, abs=1e-9)

@@ -92,8 +92,10 @@ def test_a_blocked_planner_gets_escape_motions_after_half_a_second():
             changes.append(motion)
     assert changes[:3] == list(MOTIONS[:3])
     assert 10 <= motions.count(MOTIONS[2]) <= 11, "for half a second"
-    end = len(motions) - motions[::-1].index(MOTIONS[2])
-    assert set(motions[end : end + 9]) == {None}, "then the planner's commands pass again"
+    # One past the last command of the motion
+    end_step = len(motions) - motions[::-1].index(MOTIONS[2])
+    motions_afterwards = motions[end_step : end_step + 9]
+    assert set(motions_afterwards) == {None}, "then the planner's commands pass again"
 
 
 def test_escape_motions_end_after_a_number_of_tries_until_the_planner_drives():
@@ -114,7 +116,9 @@ def test_escape_motions_never_creep_into_unobserved_space():
     planned = verdict_on(monitor, -0.1)
     assert planned.command == (-0.1, 0.0)
     assert not planned.blocked
-    escape = monitor.filter(0.0, HERE, AT_REST, (-0.1, 0.0), creeps=False)
-    assert abs(escape.command[0]) < 0.02
-    assert escape.blocked
-    assert monitor.filter(0.0, HERE, AT_REST, (0.1, 0.0), creeps=False).action == PASS
+    escape_back = monitor.filter(0.0, HERE, AT_REST, (-0.1, 0.0), creeps=False)
+    v, _ = escape_back.command
+    assert abs(v) < 0.02
+    assert escape_back.blocked
+    escape_ahead = monitor.filter(0.0, HERE, AT_REST, (0.1, 0.0), creeps=False)
+    assert escape_ahead.action == PASS

@@ -50,16 +50,16 @@ def braking_distance(speed, deceleration):
     return hard + gentle
 
 
-def smallest_passing(low, high, passes):
+def smallest_passing(lowest, highest, passes):
     """Return the smallest number for which the monotone predicate `passes` is true."""
     # Ten halvings: a thousandth of the interval.
     for _ in range(10):
-        middle = 0.5 * (low + high)
+        middle = 0.5 * (lowest + highest)
         if passes(middle):
-            high = middle
+            highest = middle
         else:
-            low = middle
-    return high
+            lowest = middle
+    return highest
 
 
 @pytest.mark.parametrize(
@@ -83,12 +83,19 @@ def test_the_stopping_distance(measured, commanded, age, expected, side):
         # Three points across the way: the body's front is straight.
         points = [(x, y) for y in (-0.2, 0.0, 0.2)]
         motion = Motion(side * measured, 0.0)
-        return safe_scale_of(points, motion, (side * commanded, 0.0), pose_age=age) == 1.0
+        command = (side * commanded, 0.0)
+        return safe_scale_of(points, motion, command, pose_age=age) == 1.0
 
     assert smallest_passing(0.0, 3.0, passes) == pytest.approx(expected, abs=TOLERANCE)
 
 
-@pytest.mark.parametrize(("deceleration", "braking"), [(1.9, 0.3**2 / 1.2), (0.5, 0.3**2 / 1.0)])
+@pytest.mark.parametrize(
+    ("deceleration", "braking"),
+    [
+        (1.9, 0.3**2 / 1.2),  # below .3 m/s with 0.6 m/s^2
+        (0.5, 0.3**2 / 1.0),  # weaker brakes are gentle anyway
+    ],
+)
 def test_the_last_part_of_braking_is_gentle(deceleration, braking):
     """Nearly stopped wheels may have less friction than fast ones.
 
@@ -96,9 +103,14 @@ def test_the_last_part_of_braking_is_gentle(deceleration, braking):
     """
 
     def passes(distance):
-        points = [(FRONT + MARGIN + distance, 0.0)]
-        brakes = Braking(deceleration, 3.3)
-        return safe_scale_of(points, Motion(0.3, 0.0), (0.3, 0.0), brakes, reaction=0.1) == 1.0
+        scale = safe_scale_of(
+            [(FRONT + MARGIN + distance, 0.0)],
+            Motion(0.3, 0.0),
+            (0.3, 0.0),
+            Braking(deceleration, 3.3),
+            reaction=0.1,
+        )
+        return scale == 1.0
 
     expected = 0.3 * 0.1 + braking
     assert smallest_passing(0.0, 1.0, passes) == pytest.approx(expected, abs=0.01)
@@ -120,9 +132,13 @@ def test_the_stopping_angle(gain):
 
     def passes(turn):
         angle = direction + turn
-        points = [(radius * math.cos(angle), radius * math.sin(angle))]
-        braking = Braking(1.9, 4.0, turn_gain=gain)
-        return safe_scale_of(points, Motion(0.0, command_w), (0.0, command_w), braking) == 1.0
+        scale = safe_scale_of(
+            [(radius * math.cos(angle), radius * math.sin(angle))],
+            Motion(0.0, command_w),
+            (0.0, command_w),
+            Braking(1.9, 4.0, turn_gain=gain),
+        )
+        return scale == 1.0
 
     expected = 2.0 * 0.15 + 2.0**2 / 8
     assert smallest_passing(0.0, 1.0, passes) == pytest.approx(expected, abs=TOLERANCE)
@@ -146,8 +162,10 @@ def test_lateral_slip_may_end_in_a_turn_faster_than_commanded():
     post = [(0.5, -0.3)]
     motion = Motion(1.0, 0.0, slip=0.6)
     command = (1.0, -0.5)
-    assert safe_scale_of(post, motion, command, Braking(1.9, 3.3)) == 1.0
-    assert safe_scale_of(post, motion, command, Braking(1.9, 3.3, turn_gain=2.0)) < 1.0
+    as_commanded = Braking(1.9, 3.3)
+    twice_as_fast = Braking(1.9, 3.3, turn_gain=2.0)
+    assert safe_scale_of(post, motion, command, as_commanded) == 1.0
+    assert safe_scale_of(post, motion, command, twice_as_fast) < 1.0
 
 
 def moving(velocity, **changes):
@@ -171,14 +189,19 @@ def test_slipping_wheels_are_braked_from_the_speed_of_the_poses(reported):
     """1 m/s was commanded a tenth of a second ago; the wheels nearly stand or turn backwards."""
     monitor = moving(Velocity(-1.0, 0.0, 0.0))
     monitor.output = Output(-0.1, -1.0, 0.0)
-    verdict = monitor.filter(0.0, HERE, (-reported, 0.0), (0.0, 0.0))
-    assert verdict.command[0] == pytest.approx(-1.0 + 1.9 * 0.1)
+    v, _ = monitor.filter(0.0, HERE, (-reported, 0.0), (0.0, 0.0)).command
+    # A tenth of a second of braking with 1.9 m/s^2
+    assert v == pytest.approx(-1.0 + 1.9 * 0.1)
 
 
 def test_the_velocity_of_the_poses_refers_to_their_stamps():
     """The robot drives at 1 m/s, and its last pose is .05 s old."""
     monitor = seen_all_around(wall(9.0), SETTINGS)
-    for time, age in ((0.0, 0.0), (0.1, 0.0), (0.25, 0.05)):
+    for time, age in (
+        (0.0, 0.0),
+        (0.1, 0.0),
+        (0.25, 0.05),
+    ):
         pose = (time - age, 0.0, 0.0)
         monitor.filter(time, pose, (1.0, 0.0), (1.0, 0.0), (age, 0.0))
     assert monitor.motion.velocity.v == pytest.approx(1.0)
@@ -196,12 +219,15 @@ def test_the_previous_turn_rate_limits_the_arc_of_a_slower_command():
     turned_less = motion._replace(commanded_w=1.0)
     braking = Braking(1.9, 3.3)
     # For some posts the turn before matters, for others it does not.
-    is_same = set()
+    outcomes = set()
+    command = (0.5, 1.0)
     for x in np.arange(0.2, 0.7, 0.05):
         for y in np.arange(0.2, 0.7, 0.05):
-            scale = safe_scale_of([(x, y)], motion, (0.5, 1.0), braking)
-            is_same.add(scale == safe_scale_of([(x, y)], turned_less, (0.5, 1.0), braking))
-    assert is_same == {True, False}
+            post = [(x, y)]
+            scale = safe_scale_of(post, motion, command, braking)
+            scale_if_turned_less = safe_scale_of(post, turned_less, command, braking)
+            outcomes.add(scale == scale_if_turned_less)
+    assert outcomes == {True, False}
 
 
 def test_poses_faster_than_any_command_stop_the_robot_at_once():
@@ -229,8 +255,10 @@ def test_poses_faster_than_any_command_stop_the_robot_at_once():
 )
 def test_the_stopping_distance_depends_on_the_ages_of_the_inputs(scan_age, ages, expected):
     def passes(distance):
-        monitor = seen_all_around(wall(FRONT + MARGIN + distance + 0.05), SETTINGS)
-        return monitor.filter(scan_age, HERE, (1.0, 0.0), (1.0, 0.0), ages).action == PASS
+        wall_x = FRONT + MARGIN + distance + 0.05
+        monitor = seen_all_around(wall(wall_x), SETTINGS)
+        verdict = monitor.filter(scan_age, HERE, (1.0, 0.0), (1.0, 0.0), ages)
+        return verdict.action == PASS
 
     stopping = expected + braking_distance(1.0, 1.9)
     assert smallest_passing(0.0, 2.0, passes) == pytest.approx(stopping, abs=TOLERANCE)
@@ -248,17 +276,30 @@ def test_a_fast_base_stops_for_an_obstacle_that_only_its_current_speed_reaches()
     ("changes", "command", "age", "post"),
     [
         # The robot turns up to three times as fast as commanded, for 2.6 s.
-        ({"turn_gain": 3.0, "yaw_deceleration": 0.3}, (1.0, 0.26), 0.0, (1.28, 0.82)),
+        pytest.param(
+            {"turn_gain": 3.0, "yaw_deceleration": 0.3},
+            (1.0, 0.26),
+            0.0,
+            (1.28, 0.82),
+            id="turn",
+        ),
         # The pose is 1.5 s old.
-        ({"scan_timeout": 2.0}, (0.3, 0.0), 1.5, (1.2, 0.0)),
+        pytest.param(
+            {"scan_timeout": 2.0},
+            (0.3, 0.0),
+            1.5,
+            (1.2, 0.0),
+            id="age",
+        ),
     ],
-    ids=["turn", "age"],
 )
 def test_obstacle_points_count_as_far_as_the_body_may_reach(changes, command, age, post):
     for points, action in (([post], SLOW), ([], PASS)):
         monitor = seen_all_around(points, replace(SETTINGS, **changes))
-        monitor.seen.cells[:] = 1  # The space was observed from other places.
-        assert monitor.filter(0.0, HERE, command, command, (age, 0.0)).action == action
+        # The space was observed from other places.
+        monitor.seen.cells[:] = 1
+        verdict = monitor.filter(0.0, HERE, command, command, (age, 0.0))
+        assert verdict.action == action
 
 
 def test_turning_into_unobserved_space_is_limited_to_creep_speed():
@@ -268,7 +309,9 @@ def test_turning_into_unobserved_space_is_limited_to_creep_speed():
     verdict = monitor.filter(0.0, HERE, AT_REST, (0.0, 1.5))
     assert verdict.action == SLOW
     assert "creeping" in verdict.reason
-    assert verdict.command == pytest.approx((0.0, SETTINGS.creep_speed / math.hypot(FRONT, SIDE)))
+    corner_radius = math.hypot(FRONT, SIDE)
+    largest_w = SETTINGS.creep_speed / corner_radius
+    assert verdict.command == pytest.approx((0.0, largest_w))
 
 
 def test_points_in_the_body_are_those_of_the_scalar_computation():
@@ -282,8 +325,11 @@ def test_points_in_the_body_are_those_of_the_scalar_computation():
         place = Placement(x, y, math.cos(yaw), math.sin(yaw))
         expected = False
         for (point_x, point_y), limit in zip(points, limits):
-            forward = place.cos_yaw * (point_x - x) + place.sin_yaw * (point_y - y)
-            leftward = place.cos_yaw * (point_y - y) - place.sin_yaw * (point_x - x)
+            # The point in the frame of the body
+            dx = point_x - x
+            dy = point_y - y
+            forward = place.cos_yaw * dx + place.sin_yaw * dy
+            leftward = place.cos_yaw * dy - place.sin_yaw * dx
             expected |= penetration(BODY.planes, MARGIN, forward, leftward) > limit
         obstacles = _obstacles(points, BODY)
         assert _is_deeper(obstacles, limits, BODY.planes, MARGIN, place) == expected
@@ -299,21 +345,28 @@ def test_the_body_is_seen_if_all_cells_under_its_edge_are():
     for _ in range(300):
         x, y, yaw = rng.uniform(-0.3, 0.3, 3)
         place = Placement(x, y, math.cos(yaw), math.sin(yaw))
+        # A few cells are unknown.
         cells = (rng.random((side, side)) > 0.002).astype(np.uint8)
-        corner = rng.integers(-200, 200, 2)
-        robot_x, robot_y = CELL_M * (corner + rng.uniform(8.0, side - 8.0, 2))
+        corner_x, corner_y = rng.integers(-200, 200, 2).tolist()
+        offset_x, offset_y = rng.uniform(8.0, side - 8.0, 2)
+        robot_x = CELL_M * (corner_x + offset_x)
+        robot_y = CELL_M * (corner_y + offset_y)
         robot_yaw = rng.uniform(-3.0, 3.0)
         cos_robot = math.cos(robot_yaw)
         sin_robot = math.sin(robot_yaw)
         expected = True
         for edge_x, edge_y in BODY.edge:
+            # From the body to the robot's current pose, then to the frame of the cells
             ahead = x + place.cos_yaw * edge_x - place.sin_yaw * edge_y
             aside = y + place.sin_yaw * edge_x + place.cos_yaw * edge_y
-            cell_x = math.floor((robot_x + cos_robot * ahead - sin_robot * aside) / CELL_M)
-            cell_y = math.floor((robot_y + sin_robot * ahead + cos_robot * aside) / CELL_M)
-            is_in_window = 0 <= cell_x - corner[0] < side and 0 <= cell_y - corner[1] < side
-            expected = expected and is_in_window and bool(cells[cell_x % side, cell_y % side])
-        seen = Seen(cells, int(corner[0]), int(corner[1]), robot_x, robot_y, robot_yaw)
+            map_x = robot_x + cos_robot * ahead - sin_robot * aside
+            map_y = robot_y + sin_robot * ahead + cos_robot * aside
+            cell_x = math.floor(map_x / CELL_M)
+            cell_y = math.floor(map_y / CELL_M)
+            is_in_window = 0 <= cell_x - corner_x < side and 0 <= cell_y - corner_y < side
+            is_known = bool(cells[cell_x % side, cell_y % side])
+            expected = expected and is_in_window and is_known
+        seen = Seen(cells, corner_x, corner_y, robot_x, robot_y, robot_yaw)
         assert _is_seen(seen, BODY.edge, place) == expected
         outcomes.add(expected)
     assert outcomes == {True, False}
