@@ -47,13 +47,16 @@ os.environ.pop("ROS_NAMESPACE", None)  # Tests name topics from the root.
 pytest.register_assert_rewrite("tests.support.nodes")
 if importlib.util.find_spec("torch") is None:  # Without torch, training and its tests are skipped.
     sys.modules["training"] = None
-OWN = {"applr_ros1", "sim_bridge", "worlds", "training", "tests"}
+OWN_PACKAGES = {"applr_ros1", "sim_bridge", "worlds", "training", "tests"}
 
 
 def group_of(path):
     """Return the file, or its folder if this has a conftest.py with shared fixtures."""
-    shared = path.parent / "conftest.py"
-    return path.parent if shared.exists() and path.parent != Path(__file__).parent else path
+    folder = path.parent
+    # This file's own folder has fixtures of no stack.
+    if folder != Path(__file__).parent and (folder / "conftest.py").exists():
+        return folder
+    return path
 
 
 def pytest_addoption(parser):
@@ -77,23 +80,23 @@ def pytest_configure(config):
 def pytest_make_collect_report(collector):
     """Skip a file that imports a package that is not installed."""
     report = yield
-    missing = re.search(
+    import_error = re.search(
         r"ModuleNotFoundError: (?:No module named '|import of )(\w+)", str(report.longrepr)
     )
-    if (
-        report.failed
-        and missing
-        and (missing.group(1) not in OWN or sys.modules.get(missing.group(1), 0) is None)
-    ):
-        report.outcome = "skipped"
-        report.longrepr = (str(collector.path), 1, "Skipped: no %s here" % missing.group(1))
+    if report.failed and import_error:
+        package = import_error.group(1)
+        # `training` is None without torch, see above.
+        is_switched_off = sys.modules.get(package, 0) is None
+        if package not in OWN_PACKAGES or is_switched_off:
+            report.outcome = "skipped"
+            report.longrepr = (str(collector.path), 1, "Skipped: no %s here" % package)
     return report
 
 
 def pytest_itemcollected(item):
-    item.user_properties += [
-        ("fault", number) for mark in item.iter_markers("fault") for number in mark.args
-    ]
+    for mark in item.iter_markers("fault"):
+        for fault_number in mark.args:
+            item.user_properties.append(("fault", fault_number))
     if item.get_closest_marker("long"):
         item.add_marker(pytest.mark.timeout(0))
     if item.get_closest_marker("ros"):
@@ -101,18 +104,26 @@ def pytest_itemcollected(item):
 
 
 def pytest_collection_modifyitems(config, items):
-    wanted = config.option.markexpr + " slow" * config.option.all
-    left_out = [mark for mark in ("slow", "long") if mark not in wanted]
-    items[:] = [item for item in items if not any(map(item.get_closest_marker, left_out))]
+    named_marks = config.option.markexpr + " slow" * config.option.all
+    chosen_items = items
+    for mark in ("slow", "long"):
+        if mark not in named_marks:
+            chosen_items = [item for item in chosen_items if not item.get_closest_marker(mark)]
+    # pytest takes its own list, changed in place.
+    items[:] = chosen_items
+
+
+def processor_s():
+    """Return the processor time [s] of this process and its finished children."""
+    # User and system time of this process, then those of its children; the fifth is wall time.
+    return sum(os.times()[:4])
 
 
 def spent(last=[0.0]):  # noqa: B006 - the list stores the last reading
-    """Return the processor time [s] of this process and its finished children since the last
-    call.
-    """
-    earlier = last[0]
-    last[0] = sum(os.times()[:4])
-    return last[0] - earlier
+    """Return the processor time [s] since the last call."""
+    last_reading = last[0]
+    last[0] = processor_s()
+    return last[0] - last_reading
 
 
 def pytest_runtest_logstart():
@@ -167,63 +178,68 @@ def write_figures(path, reports):
     """
     largest = {}  # number of the fault: {(what, unit): value}
     for report in reports:
-        figures = [value for name, value in report.user_properties if name == "figure"]
-        faults = [value for name, value in report.user_properties if name == "fault"]
-        for number in faults:
-            measurements = largest.setdefault(number, {})
-            for what, value, unit in figures:
+        properties = collections.defaultdict(list)
+        for property_name, content in report.user_properties:
+            properties[property_name].append(content)
+        for fault_number in properties["fault"]:
+            measurements = largest.setdefault(fault_number, {})
+            for what, value, unit in properties["figure"]:
                 # A table of faults promises what holds in the worst case.
                 measurements[what, unit] = max(value, measurements.get((what, unit), value))
 
-    with open(path, encoding="utf-8", newline="") as file:
-        table = list(csv.DictReader(file))
-    for fault_row in table:
+    with open(path, encoding="utf-8", newline="") as table_file:
+        fault_rows = list(csv.DictReader(table_file))
+    for fault_row in fault_rows:
         # Faults of tests that were left out in this run keep their figures.
         if fault_row["number"] not in largest:
             continue
-        texts = []
+        phrases = []
         for (what, unit), value in largest[fault_row["number"]].items():
-            texts.append(("%s: %.3g %s" % (what, value, unit)).rstrip())
-        fault_row["measured"] = "; ".join(texts) or "passes"
+            # Counts have no unit.
+            phrases.append(("%s: %.3g %s" % (what, value, unit)).rstrip())
+        fault_row["measured"] = "; ".join(phrases) or "passes"
 
-    with open(path, "w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, list(table[0]), lineterminator="\n")
+    with open(path, "w", encoding="utf-8", newline="") as table_file:
+        writer = csv.DictWriter(table_file, list(fault_rows[0]), lineterminator="\n")
         writer.writeheader()
-        writer.writerows(table)
+        writer.writerows(fault_rows)
 
 
 def pytest_terminal_summary(terminalreporter):
     """List the files and tests that took the most processor time [s]."""
-    processor_s = collections.Counter()  # by test
+    test_s = collections.Counter()  # processor time by test
     duration_s = collections.Counter()  # by test
     file_s = collections.Counter()  # processor time by file
     # A test has up to three reports: of its fixtures' beginning, of itself, and of their end.
     for reports in terminalreporter.stats.values():
         for report in reports:
             if hasattr(report, "processor_s"):
-                processor_s[report.nodeid] += report.processor_s
+                test_s[report.nodeid] += report.processor_s
                 duration_s[report.nodeid] += report.duration
                 file_s[report.nodeid.partition("::")[0]] += report.processor_s
 
-    expensive = [pair for pair in processor_s.most_common(20) if pair[1] >= 1.0]
-    if not expensive:
+    # A run of quick tests needs no list.
+    if not test_s or max(test_s.values()) < 1.0:
         return
-    whole_run = sum(os.times()[:4])
     terminalreporter.section(
-        "processor time: %.0f s, tests %.0f s" % (whole_run, sum(file_s.values()))
+        "processor time: %.0f s, tests %.0f s" % (processor_s(), sum(file_s.values()))
     )
-    terminalreporter.line(", ".join("%s %.0f s" % pair for pair in file_s.most_common(5)))
-    for name, seconds in expensive:
-        terminalreporter.line("%6.1f s in %5.1f s  %s" % (seconds, duration_s[name], name))
+    file_times = ["%s %.0f s" % file_time for file_time in file_s.most_common(5)]
+    terminalreporter.line(", ".join(file_times))
+    for test_name, seconds in test_s.most_common(20):
+        if seconds < 1.0:
+            break
+        duration = duration_s[test_name]
+        terminalreporter.line("%6.1f s in %5.1f s  %s" % (seconds, duration, test_name))
 
 
 def pytest_sessionfinish(session, exitstatus):
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
     if reporter is None:  # This process is a worker of pytest-xdist.
         return
-    passed = reporter.stats.get("passed", [])
+    passed_reports = reporter.stats.get("passed", [])
     if session.config.option.faults_table:
-        write_figures(session.config.option.faults_table, passed)
+        write_figures(session.config.option.faults_table, passed_reports)
     # Else a run that skipped all files, because a package is missing, would be green.
-    if exitstatus == 0 and not session.config.option.collectonly and not passed:
+    if exitstatus == 0 and not session.config.option.collectonly and not passed_reports:
         session.exitstatus = pytest.ExitCode.NO_TESTS_COLLECTED

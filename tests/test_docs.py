@@ -16,8 +16,8 @@ def test_the_site_builds(tmp_path):
     # -W: warnings are errors; --keep-going shows all of them.
     options = ["-q", "-W", "--keep-going", "-d", tmp_path / "trees"]
     command = [sys.executable, "-m", "sphinx", *options, "docs", tmp_path]
-    built = subprocess.run(
+    finished = subprocess.run(
         command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=HANGS
     )
-    assert built.returncode == 0, built.stderr
+    assert finished.returncode == 0, finished.stderr
     assert (tmp_path / "index.html").is_file()

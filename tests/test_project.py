@@ -19,8 +19,16 @@ LINTERS = {
     "mypy": ("mypy",),
     "import contracts": ("lint-imports", "--no-cache"),
 }
-# Modules of ROS that are imported here, besides *_msgs and *_srvs
-ROS = {"rospy", "rosgraph", "roslib", "rosbag", "actionlib", "dynamic_reconfigure", "tf2_ros"}
+# Modules of ROS that this repository imports, besides *_msgs and *_srvs
+ROS_MODULES = {
+    "rospy",
+    "rosgraph",
+    "roslib",
+    "rosbag",
+    "actionlib",
+    "dynamic_reconfigure",
+    "tf2_ros",
+}
 # Libraries whose import takes so long that a command without need for them must not wait for it
 HEAVY = (
     "torch tensorboard pandas matplotlib PIL scipy.stats scipy.signal cma ruptures ray pybullet "
@@ -79,52 +87,70 @@ def test_linters(name):
 
 
 def test_help_invalid_options_and_workers_import_no_heavy_library():
-    code = f"HEAVY = set({HEAVY.split()})\n{STARTS}"
+    program = f"HEAVY = set({HEAVY.split()})\n{STARTS}"
     finished = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=HANGS
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=HANGS
     )
     assert (finished.returncode, finished.stdout) == (0, ""), finished.stdout + finished.stderr
 
 
 def test_package_xml_declares_the_ros_packages_that_are_imported():
     package = xml.parse(ROOT / "package.xml").getroot()
-    declared = {node.text for node in package if node.tag.endswith("depend")}
+    declared = {element.text for element in package if element.tag.endswith("depend")}
     imported = set()
+    # `training` runs without ROS.
     for folder in ("applr_ros1", "sim_bridge", "worlds"):
-        for path in (ROOT / folder).rglob("*.py"):
-            imported |= imports_of(path)
+        for source_file in (ROOT / folder).rglob("*.py"):
+            imported |= imports_of(source_file)
     # From python3-rospkg, from std_msgs, in compat/
     elsewhere = {"rospkg", "genpy", "gazebo_msgs"}
     packages = set()
     for name in imported - elsewhere:
-        if name in ROS or name.endswith(("_msgs", "_srvs")):
+        if name in ROS_MODULES or name.endswith(("_msgs", "_srvs")):
             packages.add(name)
     assert packages <= declared, "package.xml lacks %s" % sorted(packages - declared)
 
 
 def imports_of(path):
     """Return the top-level packages that a Python file imports anywhere."""
-    names = set()
+    packages = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            names |= {alias.name.partition(".")[0] for alias in node.names}
+            for alias in node.names:
+                packages.add(alias.name.partition(".")[0])
+        # A relative import stays within the package.
         elif isinstance(node, ast.ImportFrom) and not node.level:
-            names.add(node.module.partition(".")[0])
-    return names
+            packages.add(node.module.partition(".")[0])
+    return packages
 
 
 def test_every_launch_argument_is_documented():
-    for path in files("*.launch"):
-        for argument in xml.parse(path).getroot().findall("arg"):
+    for launch_file in files("*.launch"):
+        for argument in xml.parse(launch_file).getroot().findall("arg"):
             # An argument with a value is a constant of the file, not for users.
             is_constant = argument.get("value") is not None
-            assert is_constant or argument.get("doc"), f"{path}: {argument.get('name')}"
+            assert is_constant or argument.get("doc"), f"{launch_file}: {argument.get('name')}"
 
 
-def headings(page):
-    """Return the headings of a Markdown file, and their anchors."""
-    titles = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
-    return titles, {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
+def titles_of(page):
+    """Return the headings of a Markdown file."""
+    return re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def anchors_of(page):
+    """Return the anchors of a Markdown file's headings, as GitHub makes them."""
+    anchors = set()
+    for title in titles_of(page):
+        anchors.add(re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-"))
+    return anchors
+
+
+def has_section(page, number):
+    """Return whether a Markdown file has a heading with a number, with or without a full stop."""
+    for title in titles_of(page):
+        if title.startswith((number + " ", number + ". ")):
+            return True
+    return False
 
 
 def test_cited_pages_and_sections_exist():
@@ -132,47 +158,53 @@ def test_cited_pages_and_sections_exist():
     citation = re.compile(
         r"\b(docs/[\w./]+\.md)(?:#([\w-]+)|,? sections? (%s)(?: to (%s))?)?" % (section, section)
     )
-    count = 0
-    for path in files("*.py", "*.cfg", "*.md", "*.launch", "*.yaml", "applr"):
-        if not path.is_file():
+    citation_count = 0
+    for citing_file in files("*.py", "*.cfg", "*.md", "*.launch", "*.yaml", "applr"):
+        if not citing_file.is_file():
             continue
         # A citation may go on in the next line, in a comment after "# ".
-        text = re.sub(r"\s*\n\s*(?:# )?", " ", path.read_text(encoding="utf-8"))
-        for page, anchor, *sections in citation.findall(text):
-            assert (ROOT / page).is_file(), "%s cites %s" % (path, page)
-            titles, anchors = headings(ROOT / page)
-            assert not anchor or anchor in anchors, "%s cites %s#%s" % (path, page, anchor)
-            for number in filter(None, sections):
-                is_there = any(title.startswith((number + " ", number + ". ")) for title in titles)
-                assert is_there, "%s cites %s, section %s" % (path, page, number)
-            count += 1
-    assert count > 20, "the pattern finds no citations any more"
+        text = re.sub(r"\s*\n\s*(?:# )?", " ", citing_file.read_text(encoding="utf-8"))
+        for page_name, anchor, *sections in citation.findall(text):
+            page = ROOT / page_name
+            assert page.is_file(), f"{citing_file} cites {page_name}"
+            if anchor:
+                assert anchor in anchors_of(page), f"{citing_file} cites {page_name}#{anchor}"
+            for section_number in filter(None, sections):
+                is_there = has_section(page, section_number)
+                assert is_there, f"{citing_file} cites {page_name}, section {section_number}"
+            citation_count += 1
+    assert citation_count > 20, "the pattern finds no citations any more"
 
 
 def test_links_between_pages_have_targets():
     link = re.compile(r"\]\(([^)#:\s]*)(?:#([^)\s]+))?\)")
-    for path in files("*.md"):
+    for linking_page in files("*.md"):
         # sphinx checks the links of the site, see test_docs.py.
-        if path.relative_to(ROOT).parts[0] == "docs":
+        if linking_page.relative_to(ROOT).parts[0] == "docs":
             continue
-        for target, anchor in link.findall(path.read_text(encoding="utf-8")):
-            page = path.parent / target if target else path
-            assert page.exists(), f"{path} links to {target}"
-            assert not anchor or anchor in headings(page)[1], f"{path} links to {target}#{anchor}"
+        for target, anchor in link.findall(linking_page.read_text(encoding="utf-8")):
+            # A link to an anchor alone leads within the page.
+            page = linking_page.parent / target if target else linking_page
+            assert page.exists(), f"{linking_page} links to {target}"
+            if anchor:
+                assert anchor in anchors_of(page), f"{linking_page} links to {target}#{anchor}"
 
 
 def test_every_fault_of_the_table_has_a_test():
-    with open(ROOT / "docs/results/faults.csv", encoding="utf-8", newline="") as file:
-        numbers = {row["number"] for row in csv.DictReader(file)}
-    tested = set()
-    for path in (ROOT / "tests").rglob("test_*.py"):
-        for marked in re.findall(r"pytest\.mark\.fault\((.+?)\)", path.read_text(encoding="utf-8")):
-            tested.update(re.findall(r'"(\w+)"', marked))
-    assert numbers == tested
+    with open(ROOT / "docs/results/faults.csv", encoding="utf-8", newline="") as table_file:
+        fault_numbers = {fault_row["number"] for fault_row in csv.DictReader(table_file)}
+    tested_numbers = set()
+    # In the text, because files whose packages are not installed cannot be imported.
+    for test_file in (ROOT / "tests").rglob("test_*.py"):
+        text = test_file.read_text(encoding="utf-8")
+        for mark_arguments in re.findall(r"pytest\.mark\.fault\((.+?)\)", text):
+            tested_numbers.update(re.findall(r'"(\w+)"', mark_arguments))
+    assert fault_numbers == tested_numbers
 
 
 def test_docstrings_and_comments_begin_with_a_noun_or_a_verb():
     clause = re.compile(r'"""(What|Whether|Who|Those|That|So many)\b|# (of|that|which|where) ')
-    for path in files("*.py"):
-        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1):
-            assert not clause.search(line), f"{path}:{number}: {line.strip()}"
+    for source_file in files("*.py"):
+        lines = source_file.read_text(encoding="utf-8").splitlines()
+        for line_number, line in enumerate(lines, 1):
+            assert not clause.search(line), f"{source_file}:{line_number}: {line.strip()}"
