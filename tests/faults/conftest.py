@@ -23,8 +23,8 @@ def running(tmp_path_factory):
     for child in stack.nodes.values():
         child.thaw()
         os.kill(child.pid, signal.SIGINT)
-    for name, child in stack.nodes.items():
-        assert child.process.wait(LONGEST) == 0, name + ":\n" + child.text
+    for node_name, child in stack.nodes.items():
+        assert child.process.wait(LONGEST) == 0, node_name + ":\n" + child.text
 
 
 @pytest.fixture
@@ -34,6 +34,7 @@ def stack(running):
     """
     relay = running.relay
     relay.clear_faults()
+    # The latest command of each stays: tests ask for it at any time.
     del relay.commands[:-1], relay.planned[:-1]
     yield running
     assert not relay.touched, "the robot touched an obstacle"

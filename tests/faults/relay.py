@@ -10,6 +10,7 @@ relay runs in the test's process, in wall time.
 import contextlib
 import time
 from collections import deque
+from typing import NamedTuple
 
 import rospy
 from geometry_msgs.msg import Twist
@@ -20,6 +21,7 @@ from std_msgs.msg import Bool
 from tf2_msgs.msg import TFMessage
 
 from applr_ros1.common.angles import yaw_of
+from tests.support.nodes import Command
 
 # Initial offset of the stack's clock from the simulator's, so that tests can set it back [s]
 BEGIN = 100.0
@@ -32,6 +34,14 @@ STREAMS = {  # (message type, source, destination) by name
 }
 
 
+class State(NamedTuple):
+    """State of the robot in the simulator: time [s], position down the alley [m], speed [m/s]."""
+
+    time: float
+    x: float
+    speed: float
+
+
 class Relay:
     """Relay of the five streams, and recorder of the robot's state.
 
@@ -42,10 +52,10 @@ class Relay:
         touched: Whether the robot has touched an obstacle.
         aside: Lateral position and yaw of the robot [m, rad]; both are 0 on the straight line to
             the goal.
-        commands: Commands to the base as (wall time, v, w).
-        planned: Commands of move_base as (wall time, v, w).
+        commands: Commands to the base.
+        planned: Commands of move_base.
         driven: Simulated time of the latest nonzero command [s].
-        truth: The latest 500 states (simulated time, x, speed).
+        truth: The latest 500 states.
     """
 
     def __init__(self):
@@ -61,20 +71,23 @@ class Relay:
         self.planned = []
         self.truth = deque(maxlen=500)
         # The relay must add little to the delay of messages, which tests measure.
-        fast = {"queue_size": 20, "tcp_nodelay": True}
+        without_delay = {"queue_size": 20, "tcp_nodelay": True}
         self._publishers = {}
         self._subscribers = []
-        for name, (kind, source, destination) in STREAMS.items():
-            self._publishers[name] = rospy.Publisher(destination, kind, **fast)
-            self._subscribers.append(
-                rospy.Subscriber(source, kind, self._pass, name, buff_size=2**22, **fast)
+        for stream, (message_kind, source, destination) in STREAMS.items():
+            self._publishers[stream] = rospy.Publisher(destination, message_kind, **without_delay)
+            # With the default buffer, scans would wait in the socket and arrive late.
+            relaying = rospy.Subscriber(
+                source, message_kind, self._pass, stream, buff_size=2**22, **without_delay
             )
-        for topic, kind, callback in (
+            self._subscribers.append(relaying)
+        for topic, message_kind, callback in (
             ("/sim_bridge/ground_truth", Odometry, self._on_truth),
             ("/sim_bridge/collision", Bool, self._on_contact),
             ("/move_base/cmd_vel", Twist, self._on_planned),
         ):
-            self._subscribers.append(rospy.Subscriber(topic, kind, callback, **fast))
+            recording = rospy.Subscriber(topic, message_kind, callback, **without_delay)
+            self._subscribers.append(recording)
 
     def close(self):
         """Stop relaying. A new stack has a new relay."""
@@ -107,10 +120,15 @@ class Relay:
     def _on_truth(self, message):
         pose = message.pose.pose
         self.aside = (pose.position.y, yaw_of(pose.orientation))
-        self.truth.append(
-            (message.header.stamp.to_sec(), pose.position.x, message.twist.twist.linear.x)
+        state = State(
+            time=message.header.stamp.to_sec(),
+            x=pose.position.x,
+            speed=message.twist.twist.linear.x,
         )
-        self.now, self.x, self.speed = self.truth[-1]
+        self.truth.append(state)
+        self.now = state.time
+        self.x = state.x
+        self.speed = state.speed
 
     def _on_contact(self, message):
         # A contact stays one, until a test takes it back.
@@ -121,4 +139,4 @@ class Relay:
 
 
 def _keep(command, where):
-    where.append((time.time(), command.linear.x, command.angular.z))
+    where.append(Command(time.time(), command.linear.x, command.angular.z))

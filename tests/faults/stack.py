@@ -51,12 +51,18 @@ def alley(path):
     Return its path.
     """
     posts = []
-    for x in np.arange(-1.0, LENGTH, 0.5):
-        posts += [(x, -2.2, 0.1), (x, 2.2, 0.1)]
-    for y in np.arange(-2.2, 2.25, 0.2):
-        posts.append((LENGTH, y, 0.1))
-    way = np.array([[0.0, 0.0], [GOAL, 0.0]])
-    course = Course((0.0, 0.0, 0.0), (GOAL, 0.0, 0.0), None, 0.5, way)
+    # Both sides, and the wall
+    for post_x in np.arange(-1.0, LENGTH, 0.5):
+        posts += [(post_x, -2.2, 0.1), (post_x, 2.2, 0.1)]
+    for post_y in np.arange(-2.2, 2.25, 0.2):
+        posts.append((LENGTH, post_y, 0.1))
+    course = Course(
+        start=(0.0, 0.0, 0.0),
+        goal=(GOAL, 0.0, 0.0),
+        finish_y=None,
+        goal_tolerance=0.5,
+        path=np.array([[0.0, 0.0], [GOAL, 0.0]]),
+    )
     write(World("alley", np.array(posts), np.empty((0, 5)), course), path)
     return path
 
@@ -79,10 +85,10 @@ class Stack:
         rospy.Subscriber("/collision_monitor/action", String, self._on_action)
         self.relay = Relay()
         # The nodes import for seconds, all of them at once.
-        for name in NODES:
-            self.start(name, wait=False)
-        for name in NODES:
-            self.wait_until_up(name)
+        for node_name in NODES:
+            self.start(node_name, wait=False)
+        for node_name in NODES:
+            self.wait_until_up(node_name)
         self.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
         assert self.client.wait_for_server(rospy.Duration(LONGEST))
         wait_for(lambda: self.relay.truth, "the robot")
@@ -167,7 +173,7 @@ class Stack:
         checked.
         """
         broken_at = self.relay.now
-        kept = Kept()
+        stopwatch = Kept()
         break_it()
         self.until(
             lambda: abs(self.relay.speed) < 0.01 and self.relay.now > broken_at, "standstill"
@@ -176,9 +182,10 @@ class Stack:
 
         def slower_than(speed):
             """Return the time from the fault until the robot was slower than a speed [m/s]."""
-            for stamp, _, v in list(self.relay.truth):
-                if broken_at < stamp <= stood_at and abs(v) < speed:
-                    return stamp - broken_at
+            # A copy, because the relay's thread goes on adding states.
+            for state in list(self.relay.truth):
+                if broken_at < state.time <= stood_at and abs(state.speed) < speed:
+                    return state.time - broken_at
             raise AssertionError("the robot was not seen at rest")
 
         creeps_after = slower_than(CREEP)
@@ -186,10 +193,10 @@ class Stack:
         # `driven` is when the latest command other than zero came.
         last_command_after = self.relay.driven - broken_at
         stopped_after = last_command_after if locks else max(creeps_after, last_command_after)
-        waited = kept.waiting()
-        assert max(0.0, stopped_after) < within + waited, (
+        waiting_s = stopwatch.waiting()
+        assert max(0.0, stopped_after) < within + waiting_s, (
             f"{stopped_after:.2f} s (slow {creeps_after:.2f} s, at rest {rests_after:.2f} s), "
-            f"kept waiting for {waited:.2f} s; {self.actions[-9:]}"
+            f"kept waiting for {waiting_s:.2f} s; {self.actions[-9:]}"
         )
         return rests_after
 
@@ -209,7 +216,7 @@ class Stack:
             goal_state = "no goal"
             if client.gh:
                 goal_state = f"goal: state {client.get_state()} {client.get_goal_status_text()}"
-            lines = [
+            report_lines = [
                 "%s; x %.2f, aside %s, %.2f m/s; planned %s"
                 % (late, relay.x, relay.aside, relay.speed, relay.planned[-3:]),
                 "%.2f, in simulated time %.2f; sent on %s"
@@ -217,4 +224,4 @@ class Stack:
                 "%s; %s" % (self.actions[-3:], goal_state),
                 *self.output("move_base").splitlines()[-10:],
             ]
-            raise AssertionError("\n".join(lines)) from None
+            raise AssertionError("\n".join(report_lines)) from None

@@ -7,6 +7,7 @@ commands full speed.
 
 import math
 from dataclasses import replace
+from typing import NamedTuple, Optional
 
 import numpy as np
 import pytest
@@ -19,11 +20,18 @@ from applr_ros1.robots import JACKAL
 from worlds import Course, World
 
 LASER = JACKAL.laser
-WALL = 6.0  # distance of the wall from the start [m]
+WALL_M = 6.0  # distance of the wall from the start [m]
 SPEED = 2.0  # the Jackal's largest speed [m/s]
 PERIOD = 0.05  # time between two commands [s]
-COURSE = Course((0.0, 0.0, 0.0), (5.0, 0.0, 0.0), None, 0.5, np.array([[0.0, 0.0], [5.0, 0.0]]))
-POSTS = np.array([(WALL, y, 0.1) for y in np.arange(-3, 3, 0.15)])
+# No drive follows the course's path: only its start counts.
+COURSE = Course(
+    start=(0.0, 0.0, 0.0),
+    goal=(5.0, 0.0, 0.0),
+    finish_y=None,
+    goal_tolerance=0.5,
+    path=np.array([[0.0, 0.0], [5.0, 0.0]]),
+)
+POSTS = np.array([(WALL_M, post_y, 0.1) for post_y in np.arange(-3, 3, 0.15)])
 BLOCKED = World("blocked", POSTS, np.empty((0, 5)), COURSE)
 
 
@@ -57,9 +65,15 @@ NEEDS_A_SCAN_BEFORE = (
 BLIND_FROM = (0.0, 1.0, 2.5, 4.0, 5.0)  # distances driven until the fault begins [m]
 
 
+class Driven(NamedTuple):
+    """Whether the robot touched the wall, and the time from the fault until it was at rest [s]."""
+
+    contact: bool
+    stood_after: Optional[float]
+
+
 def drive(fault, blind_from, monitor, late=0.0, late_twist=0.0):
-    """Drive at full speed towards the wall. Return (contact, time from the fault until rest [s] or
-    None).
+    """Drive at full speed towards the wall.
 
     Args:
         fault: Function (scan, ranges of the first scan) -> scan that makes the scanner blind.
@@ -72,7 +86,7 @@ def drive(fault, blind_from, monitor, late=0.0, late_twist=0.0):
     state = simulator.reset(BLOCKED, 0)
     frozen_ranges = None
     blind_since = None
-    stood = None
+    stood_after = None
     scans = []
     poses = []
     twists = []
@@ -107,11 +121,11 @@ def drive(fault, blind_from, monitor, late=0.0, late_twist=0.0):
 
         state = simulator.advance(PERIOD)
         if state.contact:
-            return True, None
+            return Driven(contact=True, stood_after=None)
         is_at_rest = abs(state.twist[0]) < 0.01
-        if blind_since is not None and is_at_rest and stood is None:
-            stood = state.time - blind_since
-    return False, stood
+        if blind_since is not None and is_at_rest and stood_after is None:
+            stood_after = state.time - blind_since
+    return Driven(contact=False, stood_after=stood_after)
 
 
 @pytest.mark.fault("11b")
@@ -119,21 +133,20 @@ def drive(fault, blind_from, monitor, late=0.0, late_twist=0.0):
 def test_a_robot_with_a_blind_scanner_stops_before_the_wall(kind, measured):
     # From 6 m to 1 m before the wall
     for blind_from in BLIND_FROM[kind in NEEDS_A_SCAN_BEFORE :]:
-        contact, stood = drive(BLIND[kind], blind_from, CollisionMonitor())
-        assert not contact, "contact, blind from x = %g" % blind_from
-        assert stood is not None, "it never came to rest"
-        measured("stands after", stood, "s")
+        driven = drive(BLIND[kind], blind_from, CollisionMonitor())
+        assert not driven.contact, "contact, blind from x = %g" % blind_from
+        assert driven.stood_after is not None, "it never came to rest"
+        measured("stands after", driven.stood_after, "s")
 
 
 @pytest.mark.fault("12b")
 @pytest.mark.parametrize(("late", "late_twist"), [(0.15, 0.0), (0.3, 0.0), (0.3, 0.3)])
 def test_late_transforms_and_odometry_cause_no_contact(late, late_twist):
     """Each of these drives would hit the wall if the monitor ignored the ages of its inputs."""
-    contact, _ = drive(None, math.inf, CollisionMonitor(), late, late_twist)
-    assert not contact
+    driven = drive(None, math.inf, CollisionMonitor(), late, late_twist)
+    assert not driven.contact
 
 
 @pytest.mark.fault("11b")
 def test_without_the_monitor_the_robot_hits_the_wall():
-    contact, _ = drive(BLIND["all NaN"], 2.5, None)
-    assert contact
+    assert drive(BLIND["all NaN"], 2.5, monitor=None).contact

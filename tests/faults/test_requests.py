@@ -33,11 +33,11 @@ def test_invalid_goals_are_aborted_with_the_reason(stack, measured, invalid, pro
     stack.cancel_goal()
     began = time.monotonic()
     stack.client.send_goal(goal(**invalid))
-    state, text = finish(stack.client)
+    finished = finish(stack.client)
     measured("aborted after", time.monotonic() - began, "s")
-    assert state == ABORTED
-    assert problem in text
-    assert "\n" not in text
+    assert finished.state == ABORTED
+    assert problem in finished.text
+    assert "\n" not in finished.text
 
 
 @pytest.fixture
@@ -47,27 +47,29 @@ def mad(stack):
     if stack.relay.x > 9.0:
         stack.back_to_the_start()
     publisher = rospy.Publisher("/move_base/cmd_vel", Twist, queue_size=1)
-    speed = {"v": 0.0}
-    over = threading.Event()
+    commanded = {"v": 0.0}
+    test_is_over = threading.Event()
     wait_for(publisher.get_num_connections, "connection")
 
     def publish():
-        while not over.wait(0.04):
+        # At 25 Hz, a little more often than move_base would
+        while not test_is_over.wait(0.04):
             # Steer back to the straight line: a little to one side, the robot would hit the posts
             # beside the alley instead of its end.
             y, yaw = stack.relay.aside
-            gain = max(1.0, abs(speed["v"]) / 2.0)
-            publisher.publish(twist(speed["v"], -(y + 2.0 * yaw) * gain))
+            v = commanded["v"]
+            steering_gain = max(1.0, abs(v) / 2.0)
+            publisher.publish(twist(v, -(y + 2.0 * yaw) * steering_gain))
 
-    thread = threading.Thread(target=publish)
-    thread.start()
+    publishing_thread = threading.Thread(target=publish)
+    publishing_thread.start()
 
     def command(v):
-        speed["v"] = v
+        commanded["v"] = v
 
     yield command
-    over.set()
-    thread.join()
+    test_is_over.set()
+    publishing_thread.join()
     publisher.unregister()
 
 
@@ -78,14 +80,17 @@ def test_a_frozen_image_stops_the_robot_at_full_speed(stack, mad, measured):
     """
     mad(2.0)
     stack.until(lambda: stack.relay.speed > 1.9, "speed")
-    image = []
+    images = []
 
     def freeze(scan):
-        image.append(scan.ranges)
-        scan.ranges = image[0]
+        images.append(scan.ranges)
+        scan.ranges = images[0]
         return scan
 
-    duration = stack.stands_after(lambda: stack.relay.faults.__setitem__("scan", freeze))
+    def break_it():
+        stack.relay.faults["scan"] = freeze
+
+    duration = stack.stands_after(break_it)
     assert any("frozen" in action for action in stack.actions)
     measured("stands after", duration, "s")
 
@@ -100,18 +105,23 @@ def test_a_faulty_planner_is_stopped_before_the_wall(stack, mad, measured):
         mad(v)
         time.sleep(0.15)
         assert stack.relay.speed == pytest.approx(0.0, abs=0.01)
+
+    # First as fast as the robot is, so that it drives when the absurd command comes.
     mad(2.0)
     stack.until(lambda: stack.relay.speed > 1.8, "speed")
     mad(1e9)
     # Where the robot's front touches the posts at the end of the alley [m]
-    wall = 19.0 - 0.1 - 0.229
+    contact_x = 19.0 - 0.1 - 0.229
     stack.until(
-        lambda: stack.relay.x > wall - 0.3 and stack.relay.speed < 0.01, "standstill at the wall"
+        lambda: stack.relay.x > contact_x - 0.3 and stack.relay.speed < 0.01,
+        "standstill at the wall",
     )
-    measured("stands before the wall by", wall - stack.relay.x, "m")
+    measured("stands before the wall by", contact_x - stack.relay.x, "m")
     # The promise holds for commands that reach the base within the reaction time.
-    delay = np.diff([stamp for stamp, _, _ in stack.relay.commands[-75:]]).max()
-    if delay > load("jackal").monitor.reaction_time:
+    longest_delay = np.diff([command.stamp for command in stack.relay.commands[-75:]]).max()
+    if longest_delay > load("jackal").monitor.reaction_time:
         stack.relay.touched = False
-        pytest.skip(f"the machine is too busy: a command reached the base after {delay:.2f} s")
-    assert stack.relay.x < wall
+        pytest.skip(
+            f"the machine is too busy: a command reached the base after {longest_delay:.2f} s"
+        )
+    assert stack.relay.x < contact_x
