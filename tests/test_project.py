@@ -147,10 +147,8 @@ def anchors_of(page):
 
 def has_section(page, number):
     """Return whether a Markdown file has a heading with a number, with or without a full stop."""
-    for title in titles_of(page):
-        if title.startswith((number + " ", number + ". ")):
-            return True
-    return False
+    beginnings = (number + " ", number + ". ")
+    return any(title.startswith(beginnings) for title in titles_of(page))
 
 
 def test_cited_pages_and_sections_exist():
