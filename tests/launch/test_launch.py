@@ -40,29 +40,26 @@ def inside(*command):
     )
 
 
+# The Jackal has no files for a map.
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "jackal"])
 def test_other_robots_bring_their_files_names_and_frames(name):
     """The launch file also applies a frame prefix, and a parameter value that overrides the
     files.
     """
     robot = load(name)
-    on_top = {"local_costmap": {"publish_frequency": 1.5}}
-    tree, _ = with_robot(dict(on_top, robot=name, map=True, tf_prefix="robot1"))
-    assert check(tree) == []
-    full = complete(tree)
-    global_costmap = full["global_costmap"]
-    local_costmap = full["local_costmap"]
-    assert (global_costmap["global_frame"], local_costmap["global_frame"]) == (
-        "map",
-        "robot1/" + robot.frames.odom,
-    )
-    assert (
-        global_costmap["robot_base_frame"]
-        == local_costmap["robot_base_frame"]
-        == "robot1/" + robot.frames.base
-    )
+    overriding_value = {"local_costmap": {"publish_frequency": 1.5}}
+    parameters, _ = with_robot(dict(overriding_value, robot=name, map=True, tf_prefix="robot1"))
+    assert check(parameters) == []
+    all_parameters = complete(parameters)
+    global_costmap = all_parameters["global_costmap"]
+    local_costmap = all_parameters["local_costmap"]
+    assert global_costmap["global_frame"] == "map"
+    assert local_costmap["global_frame"] == "robot1/" + robot.frames.odom
+    base_frame = "robot1/" + robot.frames.base
+    assert global_costmap["robot_base_frame"] == local_costmap["robot_base_frame"] == base_frame
     assert local_costmap["publish_frequency"] == 1.5
-    assert MoveBase(tree).missing_map.lstrip("/") == "map"
+    assert MoveBase(parameters).missing_map.lstrip("/") == "map"
+
     without_map, _ = with_robot({"robot": name})
     move_base = MoveBase(without_map)
     assert (move_base.missing_map, list(move_base.sources)) == ("", [robot.topics.scan])
@@ -77,21 +74,22 @@ def test_a_robot_without_files_for_a_map():
 
 def test_rviz_shows_topics_that_robots_and_local_planners_publish():
     published = {"/" + load(name).topics.scan for name in NAMES}
-    for surface in ("move_base_surface.json", "dwa_surface.json"):
-        published |= set(json.loads((DATA / surface).read_text())["publishes"])
-    tree = yaml.safe_load((ROOT / "applr_ros1" / "rviz" / "applr.rviz").read_text())
-    displays = tree["Visualization Manager"]["Displays"]
-    topics = [display["Topic"] for display in displays if "Topic" in display]
+    for surface_file in ("move_base_surface.json", "dwa_surface.json"):
+        published |= set(json.loads((DATA / surface_file).read_text())["publishes"])
+    rviz_settings = yaml.safe_load((ROOT / "applr_ros1" / "rviz" / "applr.rviz").read_text())
+    displays = rviz_settings["Visualization Manager"]["Displays"]
+    shown_topics = [display["Topic"] for display in displays if "Topic" in display]
     # The C++ planner, whose topics the files list, has no such topics.
     ours_alone = {"move_base/TrajectoryPlannerROS/trajectory_cloud", "applr/local_goal"}
-    assert {topic for topic in topics if "/" + topic not in published} == ours_alone
+    assert {topic for topic in shown_topics if "/" + topic not in published} == ours_alone
     # Each planner has four displays, of which one planner's stay empty.
-    assert sum("Trajectory" in topic for topic in topics) == 4
-    assert sum("DWA" in topic for topic in topics) == 4
+    assert sum("Trajectory" in topic for topic in shown_topics) == 4
+    assert sum("DWA" in topic for topic in shown_topics) == 4
     # Relative names follow the namespace.
     for display in displays:
-        for key, value in display.items():
-            assert not (key.endswith("Topic") and value.startswith("/")), value
+        for setting, setting_value in display.items():
+            is_absolute = setting.endswith("Topic") and setting_value.startswith("/")
+            assert not is_absolute, setting_value
 
 
 @pytest.mark.slow
@@ -99,7 +97,9 @@ def test_install_space(tmp_path):
     """Executables, Python packages, generated configurations and data work from an install space
     alone.
     """
-    build = """
+    # In an environment that knows no other workspace. Before the package is used, the sources and
+    # the devel space are deleted.
+    build_script = """
         set -e
         mkdir -p {ws}/src && ln -s {root}/.applr/catkin_ws/src/applr_ros1 {ws}/src/applr_ros1
         unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH PYTHONPATH
@@ -115,25 +115,25 @@ def test_install_space(tmp_path):
         python -c "import applr_ros1.msg, applr_ros1.srv"
         python -c "import worlds, training; print(worlds.__file__)"
     """.format(ws=tmp_path, root=ROOT)
-    built = inside("bash", "-c", build)
+    built = inside("bash", "-c", build_script)
     assert built.returncode == 0, built.stdout[-2000:] + built.stderr[-2000:]
 
     # What the last commands printed: the first line of all programs (the interpreter, whatever is
     # on PATH), the launch file, the names of its nodes, and the module `worlds`.
-    interpreter, launch_file, *nodes, module = built.stdout.splitlines()[-9:]
-    install = str(tmp_path / "install")
+    interpreter, launch_file, *node_names, module_file = built.stdout.splitlines()[-9:]
+    install_space = str(tmp_path / "install")
     assert interpreter == "#!" + os.path.join(ROOT, ".applr", "venv", "bin", "python")
-    assert launch_file.startswith(install)
-    assert {"/sim_bridge", "/move_base", "/collision_monitor"} <= set(nodes)
-    assert {"/movers", "/applr", "/send_goal"} <= set(nodes)
-    assert module.startswith(install)
+    assert launch_file.startswith(install_space)
+    assert {"/sim_bridge", "/move_base", "/collision_monitor"} <= set(node_names)
+    assert {"/movers", "/applr", "/send_goal"} <= set(node_names)
+    assert module_file.startswith(install_space)
 
 
 def demo(tmp_path, *arguments):
     """Start ./applr demo, with its page and its temporary files in a folder."""
-    page = "page:=%s" % (tmp_path / "drive.html")
+    page_argument = "page:=%s" % (tmp_path / "drive.html")
     return subprocess.Popen(
-        [APPLR, "demo", *arguments, page],
+        [APPLR, "demo", *arguments, page_argument],
         env=dict(os.environ, TMPDIR=str(tmp_path)),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -144,26 +144,30 @@ def demo(tmp_path, *arguments):
 
 def test_demo_reaches_the_goal(tmp_path):
     running = demo(tmp_path, "world:=generated:41", "real_time_factor:=0")
-    printed, errors = running.communicate(timeout=HANGS)
-    assert running.returncode == 0, printed + errors
-    result = json.loads(printed.splitlines()[-1])
+    output, errors = running.communicate(timeout=HANGS)
+    assert running.returncode == 0, output + errors
+
+    # The last line is for programs.
+    result = json.loads(output.splitlines()[-1])
     assert (result["world"], result["method"], result["success"]) == ("generated:41", "applr", True)
     assert isinstance(result["collided"], bool)
     assert 2.0 < result["time_s"] < 300.0
-    for pattern in ("simulator.*up after", "move_base.*up after", "applr.*up after", "m to go"):
-        assert re.search(pattern, printed), printed
-    assert "m to the finish line at y = 10 m" in printed
-    page = (tmp_path / "drive.html").read_text(encoding="utf-8")
+
+    # The lines before are for people.
+    for progress in ("simulator.*up after", "move_base.*up after", "applr.*up after", "m to go"):
+        assert re.search(progress, output), output
+    assert "m to the finish line at y = 10 m" in output
 
     # The page has this drive, at 5 Hz, up to the finish line at 10 m. Poses are changes in cm.
-    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page).group(1)
-    drawn = json.loads(data)
-    (world,) = drawn["worlds"]
+    page = (tmp_path / "drive.html").read_text(encoding="utf-8")
+    data_element = r'<script type="application/json" id="data">(.*?)</script>'
+    page_data = json.loads(re.search(data_element, page).group(1))
+    (world,) = page_data["worlds"]
     (drive,) = world["drives"]
     assert len(drive["p"]) == pytest.approx(result["time_s"] / 0.2, abs=2)
     assert np.cumsum(drive["p"], axis=0)[-1][1] >= 1000
     assert len(drive["theta"]) == len(drive["at"]) >= 2
-    assert len(drive["theta"][0]) == len(drawn["parameters"])
+    assert len(drive["theta"][0]) == len(page_data["parameters"])
     seconds = "{:.1f}&nbsp;s".format(result["time_s"])
     assert f'<p class="verdict">Reached the goal in {seconds}' in page
     assert result["page"] == str(tmp_path / "drive.html")
@@ -176,7 +180,13 @@ def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
     """A course's goal 20 m away, outside the map, is moved onto the map. A goal given by the user
     is sent unchanged.
     """
-    course = worlds.Course((11.0, 0.0, math.pi), (-9.0, 0.0, math.pi), None, 1.0, np.empty((0, 2)))
+    course = worlds.Course(
+        start=(11.0, 0.0, math.pi),
+        goal=(-9.0, 0.0, math.pi),
+        finish_y=None,
+        goal_tolerance=1.0,
+        path=np.empty((0, 2)),
+    )
     world = worlds.World("far", np.empty((0, 3)), np.empty((0, 5)), course)
     monkeypatch.setattr(demo_tool.worlds, "load", lambda _, radius: world)
     setup = demo_tool.prepare([f"goal:={goal}"])
@@ -208,16 +218,17 @@ def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, tim
 
     def check():
         """Move on by 0.1 s."""
-        latest = motions[-1]
-        x, y, yaw = latest.pose
-        pose = x + 0.1 * speed * math.cos(yaw), y + 0.1 * speed * math.sin(yaw), yaw
-        move_to(latest.time + 0.1, pose, latest.twist)
+        motion = motions[-1]
+        x, y, yaw = motion.pose
+        next_pose = x + 0.1 * speed * math.cos(yaw), y + 0.1 * speed * math.sin(yaw), yaw
+        move_to(motion.time + 0.1, next_pose, motion.twist)
 
     def state():
         if motions[-1].time - 1.0 < gives_up_at - 1e-6:
             return GoalStatus.ACTIVE
         return GoalStatus.ABORTED if goal == "auto" else GoalStatus.SUCCEEDED
 
+    # The clock stands at 1 s when the drive begins.
     move_to(1.0, setup.world.course.start, (speed, 0.0))
     client = Mock(get_state=state, get_goal_status_text=lambda: "no way")
     observer.client = client
@@ -233,8 +244,8 @@ def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, tim
 def test_a_failed_demo_says_how_to_ask_why():
     robot = load("husky")
     assert "record:=$PWD/drive.bag" in demo_tool.how_to_ask_why("none", robot)
-    hint = demo_tool.how_to_ask_why("/tmp/husky.bag", robot)
-    assert hint == f"for the reason: ./applr why /tmp/husky.bag --robot {robot.folder}"
+    command_line = demo_tool.how_to_ask_why("/tmp/husky.bag", robot)
+    assert command_line == f"for the reason: ./applr why /tmp/husky.bag --robot {robot.folder}"
 
 
 def test_a_demo_that_does_not_arrive_ends_with_1(monkeypatch, capsys):
@@ -254,25 +265,25 @@ def test_an_interrupted_demo_leaves_no_process(tmp_path, measured):
     processor.
     """
     running = demo(tmp_path, "world:=generated:1")
-    for line in running.stdout:
-        if "goal sent" in line:
+    for progress_line in running.stdout:
+        if "goal sent" in progress_line:
             break
-    started = [process.pid for process in psutil.Process(running.pid).children(recursive=True)]
-    assert len(started) >= 5
-    kept = Kept()
+    children = psutil.Process(running.pid).children(recursive=True)
+    assert len(children) >= 5
+    stopwatch = Kept()
     began = time.monotonic()
     running.send_signal(signal.SIGINT)
 
     def has_ended():
         # The waiting time of a process is known only while it lives.
-        kept.waiting()
+        stopwatch.waiting()
         return running.poll() is not None
 
     wait_for(has_ended, "the end")
     assert running.returncode == 130
     duration = time.monotonic() - began
     measured("everything has ended after", duration, "s")
-    assert duration < 5.0 + kept.waiting()
-    assert not [pid for pid in started if is_alive(pid)]
+    assert duration < 5.0 + stopwatch.waiting()
+    assert not [child for child in children if is_alive(child.pid)]
     assert not (tmp_path / "drive.html").exists()
     assert not list(tmp_path.glob("applr_demo_*"))  # the log is deleted, too

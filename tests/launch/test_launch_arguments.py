@@ -34,16 +34,16 @@ def each_command_once():
     it.
     """
     # It starts Python and reads the robot's folder each time.
-    original = roslaunch.loader.Loader.param_value
+    load_value = roslaunch.loader.Loader.param_value
     outputs = {}
 
     def param_value(self, verbose, name, kind, value, textfile, binfile, command):
         """Return the value of a parameter: that of `command`, if it is not None."""
         arguments = (verbose, name, kind, value, textfile, binfile, command)
         if command is None:
-            return original(self, *arguments)
+            return load_value(self, *arguments)
         if command not in outputs:
-            outputs[command] = original(self, *arguments)
+            outputs[command] = load_value(self, *arguments)
         return outputs[command]
 
     with pytest.MonkeyPatch.context() as patch:
@@ -57,21 +57,26 @@ def loaded(file, *words):
     roslaunch.xmlloader.XmlLoader().load(
         os.path.join(LAUNCH, file), config, argv=list(words), verbose=False
     )
+    environment = {}
+    node_words = {}
+    for node in config.nodes:
+        environment[node.name] = dict(node.env_args)
+        node_words[node.name] = shlex.split(node.args or "")
     return SimpleNamespace(
         config=config,
-        cleared=[entry.rstrip("/") + "/" for entry in config.clear_params],
-        parameters={name: param.value for name, param in config.params.items()},
-        environment={node.name: dict(node.env_args) for node in config.nodes},
-        words={node.name: shlex.split(node.args or "") for node in config.nodes},
+        cleared=[namespace.rstrip("/") + "/" for namespace in config.clear_params],
+        parameters={name: parameter.value for name, parameter in config.params.items()},
+        environment=environment,
+        words=node_words,
     )
 
 
 def test_parameter_files_are_the_jackals():
     # What the launch file sets itself: everything else comes from the robot's folder.
     of_move_base = {}
-    for name, value in loaded("jackal_applr.launch").parameters.items():
-        if name.startswith("/move_base/"):
-            of_move_base[name[len("/move_base/") :]] = value
+    for full_name, launched_value in loaded("jackal_applr.launch").parameters.items():
+        if full_name.startswith("/move_base/"):
+            of_move_base[full_name[len("/move_base/") :]] = launched_value
     common = {"robot": "jackal", "map": False, "tf_prefix": "none"}
     assert of_move_base == {
         **common,
@@ -81,13 +86,14 @@ def test_parameter_files_are_the_jackals():
     }
 
     # With these, the node takes the Jackal's files.
-    own = dict(common, TrajectoryPlannerROS={"meter_scoring": False}, applr={"max_speed": 0.0})
-    tree, robot = with_robot(own)
+    launched = dict(common, TrajectoryPlannerROS={"meter_scoring": False}, applr={"max_speed": 0.0})
+    parameters, robot = with_robot(launched)
     assert robot.name == "jackal"
-    assert check(tree) == []
-    del tree["applr"]  # the C++ move_base has no such parameters
-    files = dict(robot.parameters(), TrajectoryPlannerROS=tree["TrajectoryPlannerROS"])
-    assert complete(tree) == complete(files)
+    assert check(parameters) == []
+    del parameters["applr"]  # the C++ move_base has no such parameters
+    planner_parameters = parameters["TrajectoryPlannerROS"]
+    of_files = dict(robot.parameters(), TrajectoryPlannerROS=planner_parameters)
+    assert complete(parameters) == complete(of_files)
 
 
 @pytest.mark.parametrize(
@@ -117,10 +123,11 @@ def test_names_clock_and_cap_reach_the_nodes():
         "max_speed:=0.3",
     )
     launched = loaded("jackal_applr.launch", *words)
-    values = launched.parameters
-    assert values["/use_sim_time"] is True
-    assert values["/applr/max_speed"] == values["/move_base/applr/max_speed"] == 0.3
-    assert values["/collision_monitor/tf_prefix"] == values["/move_base/tf_prefix"] == "robot1"
+    parameters = launched.parameters
+    assert parameters["/use_sim_time"] is True
+    assert parameters["/applr/max_speed"] == parameters["/move_base/applr/max_speed"] == 0.3
+    assert parameters["/collision_monitor/tf_prefix"] == "robot1"
+    assert parameters["/move_base/tf_prefix"] == "robot1"
     assert all(["front/scan", "/lidar/scan"] in node.remap_args for node in launched.config.nodes)
     # On a robot without its own simulator, Gazebo sets it, or nobody.
     assert "/use_sim_time" not in loaded("jackal_applr.launch", "sim:=false").parameters
@@ -129,38 +136,38 @@ def test_names_clock_and_cap_reach_the_nodes():
 
 @pytest.mark.fault("23a")
 def test_paths_with_spaces_reach_the_nodes_as_they_are(tmp_path):
-    robot = str(tmp_path / "my robot")
-    bag = str(tmp_path / "a drive.bag")
-    shutil.copytree(JACKAL_FOLDER, robot)
+    robot_folder = str(tmp_path / "my robot")
+    bag_path = str(tmp_path / "a drive.bag")
+    shutil.copytree(JACKAL_FOLDER, robot_folder)
     launched = loaded(
         "jackal_applr.launch",
-        "robot:=" + robot,
-        "record:=" + bag,
+        "robot:=" + robot_folder,
+        "record:=" + bag_path,
         "rviz:=true",
         "world:=/a b.world",
     )
     for node in ("sim_bridge", "move_base", "collision_monitor", "movers", "applr", "send_goal"):
-        assert launched.parameters["/%s/robot" % node] == robot
+        assert launched.parameters["/%s/robot" % node] == robot_folder
     assert launched.parameters["/sim_bridge/world"] == "/a b.world"
     assert launched.parameters["/send_goal/world"] == "/a b.world"
-    assert launched.words["record"][2:4] == ["-O", bag]
+    assert launched.words["record"][2:4] == ["-O", bag_path]
     assert launched.words["rviz"][1].endswith("/applr_ros1/applr_ros1/rviz/applr.rviz")
-    launched = loaded("replay.launch", "bag:=" + bag, "robot:=" + robot)
-    assert launched.words["player"][-1] == bag
+    replayed = loaded("replay.launch", "bag:=" + bag_path, "robot:=" + robot_folder)
+    assert replayed.words["player"][-1] == bag_path
 
 
 def test_method_and_meter_scoring_reach_their_nodes():
-    values = loaded("jackal_applr.launch", "method:=/a.safetensors", "seed:=3").parameters
-    assert values["/applr/method"] == "/a.safetensors"
-    assert values["/applr/meter_scoring"] == "auto"
-    assert values["/move_base/TrajectoryPlannerROS/meter_scoring"] is False
-    assert values["/applr/seed"] == values["/sim_bridge/seed"] == 3
+    parameters = loaded("jackal_applr.launch", "method:=/a.safetensors", "seed:=3").parameters
+    assert parameters["/applr/method"] == "/a.safetensors"
+    assert parameters["/applr/meter_scoring"] == "auto"
+    assert parameters["/move_base/TrajectoryPlannerROS/meter_scoring"] is False
+    assert parameters["/applr/seed"] == parameters["/sim_bridge/seed"] == 3
 
     # Without a seed the simulator repeats its noise, but the node draws a seed of its own.
-    values = loaded("jackal_applr.launch").parameters
-    assert values["/applr/method"] == "auto"
-    assert values["/applr/seed"] == "auto"
-    assert values["/sim_bridge/seed"] == 0
+    parameters = loaded("jackal_applr.launch").parameters
+    assert parameters["/applr/method"] == "auto"
+    assert parameters["/applr/seed"] == "auto"
+    assert parameters["/sim_bridge/seed"] == 0
 
     # The code of a method comes in the environment, which no other user can write to.
     launched = loaded("jackal_applr.launch", "method:=/own.py:Own", "meter_scoring:=true")
@@ -180,24 +187,27 @@ def test_one_argument_switches_the_prediction_off():
 
 def test_the_monitor_makes_escape_motions_only_with_a_cpp_move_base():
     for words, is_on in (((), False), (("move_base:=cpp",), True)):
-        assert (
-            loaded("jackal_applr.launch", *words).parameters["/collision_monitor/escape"] is is_on
-        )
+        parameters = loaded("jackal_applr.launch", *words).parameters
+        assert parameters["/collision_monitor/escape"] is is_on
 
 
 def test_launch_files_clear_the_parameters_of_an_earlier_launch():
-    for name, words in (
+    for launch_file, words in (
         ("jackal_applr.launch", ("rviz:=true",)),
         ("barn_controller.launch", ()),
         ("../../compat/jackal_helper/launch/gazebo_launch.launch", ()),
         ("../../compat/jackal_helper/launch/move_base_DWA.launch", ()),
     ):
-        launched = loaded(name, *words)
-        ours = [entry for entry in launched.parameters if re.match(r"/(?!roslaunch)\w+/", entry)]
-        assert ours
-        for entry in ours:
-            assert entry.startswith(tuple(launched.cleared)), f"{name}: {entry}"
-        if name.startswith("barn"):  # Parameters outside of nodes are set after the clearing.
+        launched = loaded(launch_file, *words)
+        # Parameters of nodes: roslaunch sets some of its own.
+        of_nodes = [name for name in launched.parameters if re.match(r"/(?!roslaunch)\w+/", name)]
+        assert of_nodes
+        for parameter_name in of_nodes:
+            is_cleared = parameter_name.startswith(tuple(launched.cleared))
+            assert is_cleared, f"{launch_file}: {parameter_name}"
+        if launch_file.startswith(
+            "barn"
+        ):  # Parameters outside of nodes are set after the clearing.
             assert launched.parameters["/move_base/global_costmap/width"] == 60
 
 
@@ -248,7 +258,7 @@ def test_the_demo_passes_files_on_with_absolute_paths(tmp_path, monkeypatch):
 def test_files_of_a_method_get_absolute_paths(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "own.py").touch()
-    for spec, expected in (
+    for method_spec, absolute_spec in (
         ("applr", "applr"),
         ("mine.safetensors", "{0}/mine.safetensors"),
         ("set.json", "{0}/set.json"),
@@ -257,16 +267,17 @@ def test_files_of_a_method_get_absolute_paths(tmp_path, monkeypatch):
         ("json:Own", "json:Own"),
         ("package.own:Own", "package.own:Own"),
     ):
-        once = methods.absolute(spec)
-        assert once == expected.format(tmp_path)
-        assert methods.absolute(once) == once
+        absolute = methods.absolute(method_spec)
+        assert absolute == absolute_spec.format(tmp_path)
+        # An absolute one stays.
+        assert methods.absolute(absolute) == absolute
 
 
 def test_the_demos_master_listens_on_loopback_only(monkeypatch):
     from rosgraph.network import get_bind_address
 
-    for name in ("ROS_MASTER_URI", "ROS_HOSTNAME", "ROS_LOG_DIR", "ROS_NAMESPACE"):
-        monkeypatch.setenv(name, "")  # so that monkeypatch restores it
+    for variable in ("ROS_MASTER_URI", "ROS_HOSTNAME", "ROS_LOG_DIR", "ROS_NAMESPACE"):
+        monkeypatch.setenv(variable, "")  # so that monkeypatch restores it
     monkeypatch.setenv("ROS_IP", "192.0.2.1")
     stack = SimpleNamespace(wait=lambda *_: None, stop=lambda: None)
     monkeypatch.setattr(launcher, "LaunchedNodes", lambda *_: stack)
@@ -312,33 +323,39 @@ def test_play_takes_nothing_but_the_port_from_the_parameter_server(monkeypatch):
 
 def test_the_demo_ends_when_a_node_has_died(monkeypatch):
     # Lines of roslaunch, some of them in colour. A window that is closed ends nothing.
-    lines = [
+    applr_dies = [
         "[rviz-7] process has finished cleanly\n",
         "\x1b[31m[applr-5] process has died [pid 1, exit code 1, cmd\n",
     ]
-    for printed, line in (
-        (lines, "applr has died"),
-        (["REQUIRED process [move_base-3] has died!\n"], "move_base has"),
+    move_base_dies = ["REQUIRED process [move_base-3] has died!\n"]
+    for printed_lines, problem in (
+        (applr_dies, "applr has died"),
+        (move_base_dies, "move_base has"),
     ):
-        process = SimpleNamespace(stderr=printed, poll=lambda: None)
+        process = SimpleNamespace(stderr=printed_lines, poll=lambda: None)
         monkeypatch.setattr(launcher.subprocess, "Popen", lambda *_, process=process, **__: process)
         stack = launcher.LaunchedNodes({}, 11311, "/tmp")
-        refused(lambda stack=stack: stack.wait("applr", lambda: False), "^" + line)
+        refused(lambda stack=stack: stack.wait("applr", lambda: False), "^" + problem)
 
 
 def test_poses_and_switches_are_read_as_launch_files_write_them():
     assert arguments.pose("goal", "-3.0,1.2, 1.57") == (-3.0, 1.2, 1.57)
-    for text, value in (("true", True), ("False", False), ("1", True), ("0", False)):
-        assert arguments.boolean("map", text) is value
-    for read, text, named in (
+    for argument, is_on in (("true", True), ("False", False), ("1", True), ("0", False)):
+        assert arguments.boolean("map", argument) is is_on
+    for reader, argument, reported in (
         (arguments.pose, "1 nan 0", "1 nan 0"),
         (arguments.pose, "", "empty"),
         (arguments.boolean, "perhaps", "perhaps"),
     ):
-        with pytest.raises(ApplrError, match=f"^a is {named}: give"):
-            read("a", text)
-    for text, prefix in (("", ""), ("none", ""), ("robot1", "robot1/"), ("/robot1/", "robot1/")):
-        assert arguments.frame_prefix(text) == prefix
+        with pytest.raises(ApplrError, match=f"^a is {reported}: give"):
+            reader("a", argument)
+    for argument, prefix in (
+        ("", ""),
+        ("none", ""),
+        ("robot1", "robot1/"),
+        ("/robot1/", "robot1/"),
+    ):
+        assert arguments.frame_prefix(argument) == prefix
 
 
 def test_no_goal_is_sent_if_the_goal_is_none(monkeypatch):

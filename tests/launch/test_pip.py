@@ -5,6 +5,8 @@ import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
+from typing import Callable, NamedTuple
 
 import pytest
 
@@ -27,62 +29,83 @@ def run(*words, **options):
     return finished.stdout
 
 
+class Installed(NamedTuple):
+    """Folder of an installation by pip, its program, and a function that runs a command line with
+    it.
+    """
+
+    folder: Path
+    program: Path
+    run: Callable[..., str]
+
+
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory):
-    """Return (folder of an installation by pip, function that runs a program there)."""
+    """Install a wheel of the clone for all tests of this file."""
     source = tmp_path_factory.mktemp("source")
     target = tmp_path_factory.mktemp("target")
     # In the clone's folder, Python would import the clone.
     elsewhere = tmp_path_factory.mktemp("elsewhere")
-    for name in PACKAGES:
-        shutil.copytree(ROOT / name, source / name)
-    for name in ("setup.py", "pyproject.toml", "package.xml", "README.md"):
-        shutil.copy(ROOT / name, source)
+    # pip would leave its files of building in the clone.
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, source / package)
+    for file_name in ("setup.py", "pyproject.toml", "package.xml", "README.md"):
+        shutil.copy(ROOT / file_name, source)
     run(*PIP, target, source)
     environment = {**os.environ, "PYTHONPATH": str(target)}
-    return target, lambda *words: run(*words, cwd=elsewhere, env=environment)
+
+    def run_there(*words):
+        return run(*words, cwd=elsewhere, env=environment)
+
+    return Installed(target, target / "bin" / "applr-ros1", run_there)
 
 
 def test_a_wheel_has_the_packages_of_the_clone_with_their_data(installed):
-    folder, _ = installed
-    names = {path.name for path in folder.iterdir() if path.suffix != ".dist-info"}
-    assert names == {*PACKAGES, "bin"}
-    for data in (
+    installed_names = set()
+    for path in installed.folder.iterdir():
+        if path.suffix != ".dist-info":
+            installed_names.add(path.name)
+    assert installed_names == {*PACKAGES, "bin"}
+    for data_file in (
         "worlds/data/builtin.npz",
         "training/train/recipes/jackal.yaml",
         "training/why/why.js",
         "applr_ros1/common/pages/page.css",
     ):
-        assert (folder / data).is_file()
+        assert (installed.folder / data_file).is_file()
 
 
 def test_the_program_prints_names_and_version(installed):
-    folder, elsewhere = installed
     version = xml.parse(ROOT / "package.xml").findtext("version")
-    assert elsewhere(folder / "bin" / "applr-ros1", "--version") == f"applr_ros1 {version}\n"
-    code = "import applr_ros1; print(applr_ros1.__version__)"
-    assert elsewhere(sys.executable, "-c", code) == version + "\n"
+    assert installed.run(installed.program, "--version") == f"applr_ros1 {version}\n"
+    prints_version = "import applr_ros1; print(applr_ros1.__version__)"
+    assert installed.run(sys.executable, "-c", prints_version) == version + "\n"
     assert applr_ros1.__version__ == version
-    assert "evaluate" in elsewhere(folder / "bin" / "applr-ros1")
-    unknown = subprocess.run(
-        [folder / "bin" / "applr-ros1", "evalute"], capture_output=True, text=True, env=os.environ
+    assert "evaluate" in installed.run(installed.program)
+    misspelt = subprocess.run(
+        [installed.program, "evalute"], capture_output=True, text=True, env=os.environ
     )
-    assert unknown.returncode == 1
+    assert misspelt.returncode == 1
 
 
 @pytest.mark.slow
 def test_a_wheel_evaluates_and_trains_with_workers(installed, tmp_path):
-    folder, elsewhere = installed
-    drive = ("--worlds", "generated:7", "--simulator", "kinematic")
-    out = ("--workers", 1, "--methods", "dwa", "--trials", 1, "--out", tmp_path / "results")
-    elsewhere(folder / "bin" / "applr-ros1", "evaluate", *drive, *out)
-    assert "generated:7,dwa" in (tmp_path / "results" / "trials.csv").read_text()
-    steps = ("--total-timesteps", 12, "--learning-starts", 8, "--batch-size", 4)
-    steps += ("--actors", 0, "--eval-worlds", "none")
-    elsewhere(sys.executable, "-m", "training.train", *drive, *steps, "--out", tmp_path / "run")
-    assert (tmp_path / "run" / "actor.safetensors").is_file()
-    assert json.loads((tmp_path / "run" / "config.json").read_text())["simulator"] == "kinematic"
-    ask = (
+    world_options = ("--worlds", "generated:7", "--simulator", "kinematic")
+
+    results = tmp_path / "results"
+    one_trial = ("--workers", 1, "--methods", "dwa", "--trials", 1, "--out", results)
+    installed.run(installed.program, "evaluate", *world_options, *one_trial)
+    assert "generated:7,dwa" in (results / "trials.csv").read_text()
+
+    run_folder = tmp_path / "run"
+    training_options = ("--total-timesteps", 12, "--learning-starts", 8, "--batch-size", 4)
+    training_options += ("--actors", 0, "--eval-worlds", "none", "--out", run_folder)
+    installed.run(sys.executable, "-m", "training.train", *world_options, *training_options)
+    assert (run_folder / "actor.safetensors").is_file()
+    assert json.loads((run_folder / "config.json").read_text())["simulator"] == "kinematic"
+
+    prints_environment = (
         "import gymnasium; print(gymnasium.make('training.env:applr_ros1/Navigation-v0').unwrapped)"
     )
-    assert elsewhere(sys.executable, "-c", ask) == "<ApplrEnv<applr_ros1/Navigation-v0>>\n"
+    environment = installed.run(sys.executable, "-c", prints_environment)
+    assert environment == "<ApplrEnv<applr_ros1/Navigation-v0>>\n"

@@ -11,6 +11,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from typing import List, NamedTuple
 
 import pytest
 
@@ -18,50 +19,57 @@ from tests.support import HANGS, ROOT
 from tests.support.ros import wait_for
 
 
+class Ended(NamedTuple):
+    """Exit status of ./applr, and its lines on stderr."""
+
+    status: int
+    lines: List[str]
+
+
 class Clone:
-    """Clone with the files that set-up reads. A call runs ./applr and returns (exit status, error
-    lines).
-    """
+    """Clone with the files that set-up reads. A call runs ./applr to its end."""
 
     def __init__(self, folder):
         self.folder = folder
         self.programs = folder / "stand-ins"
         self.stdout = ""
         self.programs.mkdir()
-        for name in ("applr", "CMakeLists.txt", "package.xml", "setup.py"):
-            shutil.copy2(ROOT / name, folder / name)
-        package = ("applr_ros1/cfg", "applr_ros1/planner", "applr_ros1/scripts")
-        for name in ("requirements", "msg", "srv", "compat", *package):
-            shutil.copytree(
-                ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__")
-            )
+        for file_name in ("applr", "CMakeLists.txt", "package.xml", "setup.py"):
+            shutil.copy2(ROOT / file_name, folder / file_name)
+        package_folders = ("applr_ros1/cfg", "applr_ros1/planner", "applr_ros1/scripts")
+        without_caches = shutil.ignore_patterns("__pycache__")
+        for copied_folder in ("requirements", "msg", "srv", "compat", *package_folders):
+            shutil.copytree(ROOT / copied_folder, folder / copied_folder, ignore=without_caches)
 
     def start(self, *words, stand_ins=(), before=(), stderr=subprocess.PIPE, **environment):
         """Start ./applr with stand-ins {program: body of a shell script}, and `before` in front of
         the command.
         """
-        for name, body in dict(stand_ins).items():
-            (self.programs / name).write_text("#!/bin/sh\n" + body + "\n")
-            (self.programs / name).chmod(0o755)
+        for program_name, shell_body in dict(stand_ins).items():
+            stand_in = self.programs / program_name
+            stand_in.write_text("#!/bin/sh\n" + shell_body + "\n")
+            stand_in.chmod(0o755)
         environment = dict(os.environ, PATH="%s:/usr/bin:/bin" % self.programs, **environment)
-        pipes = {"stdout": subprocess.PIPE, "stderr": stderr, "text": True}
         return subprocess.Popen(
             [*before, self.folder / "applr", *words],
             env=environment,
             start_new_session=True,
-            **pipes,
+            stdout=subprocess.PIPE,
+            stderr=stderr,
+            text=True,
         )
 
     def __call__(self, *words, **options):
-        started = self.start(*words, **options)
-        self.stdout, errors = started.communicate(timeout=HANGS)
-        return started.returncode, errors.strip().splitlines()
+        running = self.start(*words, **options)
+        self.stdout, errors = running.communicate(timeout=HANGS)
+        return Ended(running.returncode, errors.strip().splitlines())
 
     def refusal(self, *words, **options):
         """Return the one-line error of a command."""
-        status, (line,) = self(*words, **options)
-        assert status == 1
-        return line
+        ended = self(*words, **options)
+        assert ended.status == 1
+        (error_line,) = ended.lines
+        return error_line
 
     def quick(self, *words, **environment):
         """Run ./applr with a set-up that takes no time."""
@@ -78,9 +86,10 @@ def clone(tmp_path):
     return Clone(tmp_path)
 
 
+# Stand-ins that report that no package of the system is installed, or every one
 NOTHING = {"dpkg-query": "exit 1"}
 ALL = {"dpkg-query": 'shift 3; for p in "$@"; do echo installed $p; done'}
-# instant set-up: an interpreter that copies itself into the venv, and an empty workspace
+# Instant set-up: an interpreter that copies itself into the venv, and an empty workspace
 PYTHON = """
 here=$(dirname "$0"); for last; do :; done
 case "$*" in
@@ -108,24 +117,24 @@ def test_a_path_in_which_catkin_cannot_build_is_refused_at_once(clone, tmp_path,
     (tmp_path / name).mkdir()
     shutil.move(tmp_path / "applr", tmp_path / name / "applr")
     os.symlink(tmp_path / name / "applr", tmp_path / "applr")
-    line = clone.refusal("setup", stand_ins=QUICK)
-    assert f"this clone lies in {tmp_path / name}: catkin" in line
+    error_line = clone.refusal("setup", stand_ins=QUICK)
+    assert f"this clone lies in {tmp_path / name}: catkin" in error_line
     assert os.listdir(tmp_path / name) == ["applr"]
 
 
 def test_missing_parts_of_a_set_up_are_made_again(clone, tmp_path):
-    state = tmp_path / ".applr"
+    set_up_folder = tmp_path / ".applr"
     assert clone.quick("exec", "true") == (0, [VENV, WORKSPACE])
     assert clone.quick("exec", "true") == (0, [])
-    shutil.rmtree(state / "venv")
+    shutil.rmtree(set_up_folder / "venv")
     assert clone.quick("exec", "true") == (0, [VENV])
-    shutil.rmtree(state / "catkin_ws")
+    shutil.rmtree(set_up_folder / "catkin_ws")
     assert clone.quick("exec", "true") == (0, [WORKSPACE])
     # As after a set-up that was stopped while making the venv
-    (state / "venv.stamp").unlink()
-    (state / "venv" / "bin" / "no-pip").touch()
+    (set_up_folder / "venv.stamp").unlink()
+    (set_up_folder / "venv" / "bin" / "no-pip").touch()
     assert clone.quick("exec", "true") == (0, [VENV])
-    assert not (state / "venv" / "bin" / "no-pip").exists()
+    assert not (set_up_folder / "venv" / "bin" / "no-pip").exists()
 
 
 def test_packages_of_another_workspace_do_not_count(clone, tmp_path):
@@ -133,41 +142,47 @@ def test_packages_of_another_workspace_do_not_count(clone, tmp_path):
     passes both on.
     """
     environment = {"PYTHONPATH": "/elsewhere", "PYTHONHOME": "/nowhere"}
-    assert clone.quick("exec", "sh", "-c", "echo $PYTHONPATH", **environment)[0] == 0
+    assert clone.quick("exec", "sh", "-c", "echo $PYTHONPATH", **environment).status == 0
     assert clone.stdout == "/elsewhere\n"
-    log = (tmp_path / ".applr" / "setup.log").read_text()
-    assert "pip sees nothing" in log
-    assert "/elsewhere" not in log
-    # A real interpreter.
-    python = {"APPLR_PYTHON": sys.executable, "PYTHONHOME": "/nowhere"}
-    _, lines = clone("setup", stand_ins=dict(NOTHING, id="echo 1000", sudo="exit 1"), **python)
-    assert "packages are missing" in lines[-1]
+    log_text = (tmp_path / ".applr" / "setup.log").read_text()
+    assert "pip sees nothing" in log_text
+    assert "/elsewhere" not in log_text
+
+    # A real interpreter, which PYTHONHOME would break.
+    real_python = {"APPLR_PYTHON": sys.executable, "PYTHONHOME": "/nowhere"}
+    without_root = dict(NOTHING, id="echo 1000", sudo="exit 1")
+    ended = clone("setup", stand_ins=without_root, **real_python)
+    assert "packages are missing" in ended.lines[-1]
 
 
 def test_a_read_only_clone_with_a_complete_set_up_is_used(clone, tmp_path):
     """A container image built by root contains such a clone."""
-    how = f'mount --bind {tmp_path} {tmp_path}; mount -o remount,ro,bind {tmp_path}; exec "$0" "$@"'
+    mount_read_only = f"mount --bind {tmp_path} {tmp_path}; mount -o remount,ro,bind {tmp_path}"
     as_root = [] if os.getuid() == 0 else ["--map-root-user"]
-    read_only = ["unshare", "--mount", *as_root, "sh", "-ec", how]
+    run_command = 'exec "$0" "$@"'
+    shell = ["sh", "-ec", f"{mount_read_only}; {run_command}"]
+    read_only = ["unshare", "--mount", *as_root, *shell]
     if subprocess.run([*read_only, "true"], capture_output=True).returncode:
         pytest.skip("no namespaces for mounts here")
+
+    # The stand-ins are written before the clone is read-only.
     clone.start("--help", stand_ins=QUICK).communicate(timeout=HANGS)
-    (line,) = clone.quick("exec", "true", before=read_only)[1]
-    assert line == f"applr: cannot write {tmp_path}/.applr: use a clone that you own"
-    assert clone.quick("exec", "true")[0] == 0
+    (error_line,) = clone.quick("exec", "true", before=read_only).lines
+    assert error_line == f"applr: cannot write {tmp_path}/.applr: use a clone that you own"
+    assert clone.quick("exec", "true").status == 0
     assert clone.quick("exec", "true", before=read_only) == (0, [])
 
 
 def test_a_stopped_set_up_continues_the_next_time(clone, tmp_path):
     # Short sleeps: an interrupt just before a sleep reaches only the shell, which ends after the
     # sleep.
-    waiting = {
+    endless_pip = {
         "PIP_STAND_IN": "while sleep .1; do :; done",
         "APPLR_PYTHON": str(clone.programs / "python"),
     }
-    stopped = clone.start("exec", "true", stand_ins=QUICK, **waiting)
-    log = tmp_path / ".applr" / "setup.log"
-    wait_for(lambda: log.exists() and "pip sees" in log.read_text(), "pip")
+    stopped = clone.start("exec", "true", stand_ins=QUICK, **endless_pip)
+    log_file = tmp_path / ".applr" / "setup.log"
+    wait_for(lambda: log_file.exists() and "pip sees" in log_file.read_text(), "pip")
     os.killpg(stopped.pid, signal.SIGINT)  # as Ctrl-C in a terminal
     _, errors = stopped.communicate(timeout=HANGS)
     assert stopped.returncode == 130
@@ -176,31 +191,34 @@ def test_a_stopped_set_up_continues_the_next_time(clone, tmp_path):
 
 
 def test_exec_starts_programs_and_has_no_options(clone):
-    assert clone.quick("exec", "--", "echo", "-c")[0] == 0
+    assert clone.quick("exec", "--", "echo", "-c").status == 0
     assert clone.stdout == "-c\n"
     # Not an option of the shell's exec, and not a function of the script
-    for word in ("-c", "usage"):
-        line = "applr: exec %s: there is no such program, or it is not executable" % word
-        assert clone.quick("exec", word) == (127, [line])
+    for no_program in ("-c", "usage"):
+        problem = "there is no such program, or it is not executable"
+        error_line = f"applr: exec {no_program}: {problem}"
+        assert clone.quick("exec", no_program) == (127, [error_line])
 
 
 def test_without_root_the_missing_packages_are_named(clone, tmp_path):
     stand_ins = dict(NOTHING, id="echo 1000", sudo="exit 1")
-    line = clone.refusal("setup", stand_ins=stand_ins)
-    assert re.search("apt-get install.* (python3|ros-noetic)-rospy", line)
-    script = tmp_path / "applr"  # Now python3 itself is missing, too.
+    error_line = clone.refusal("setup", stand_ins=stand_ins)
+    assert re.search("apt-get install.* (python3|ros-noetic)-rospy", error_line)
+
+    # Now python3 itself is missing, too.
+    script = tmp_path / "applr"
     script.write_text(script.read_text().replace("/usr/bin/python3", str(tmp_path / "python3")))
-    line = clone.refusal("setup", stand_ins=stand_ins)
-    assert line.endswith("apt-get install -y --no-install-recommends python3")
+    error_line = clone.refusal("setup", stand_ins=stand_ins)
+    assert error_line.endswith("apt-get install -y --no-install-recommends python3")
 
 
 def test_without_network_the_error_of_apt_is_shown(clone):
-    apt = {"apt-get": "echo 'E: Unable to fetch some archives' >&2; exit 100"}
-    code, lines = clone("setup", stand_ins=dict(NOTHING, id="echo 0", **apt))
-    assert code == 1
-    assert "network" in lines[-1]
-    assert "Unable to fetch" in lines[-1]
-    assert all(line.startswith("applr: ") for line in lines)
+    failing_apt = {"apt-get": "echo 'E: Unable to fetch some archives' >&2; exit 100"}
+    ended = clone("setup", stand_ins=dict(NOTHING, id="echo 0", **failing_apt))
+    assert ended.status == 1
+    assert "network" in ended.lines[-1]
+    assert "Unable to fetch" in ended.lines[-1]
+    assert all(line.startswith("applr: ") for line in ended.lines)
 
 
 def test_missing_or_changed_kernels_are_compiled_before_a_drive(clone, tmp_path):
@@ -216,8 +234,8 @@ def test_missing_or_changed_kernels_are_compiled_before_a_drive(clone, tmp_path)
     python = str(clone.programs / "python")
 
     def compiles(*words, **environment):
-        lines = clone(*words, stand_ins=stand_ins, APPLR_PYTHON=python, **environment)[1]
-        return "compiling" in lines
+        ended = clone(*words, stand_ins=stand_ins, APPLR_PYTHON=python, **environment)
+        return "compiling" in ended.lines
 
     # exec runs any command, most of which need no kernels.
     assert not compiles("exec", "true")
@@ -250,31 +268,35 @@ def test_a_missing_python_is_installed_like_the_rest(clone, tmp_path, is_root):
     on.
     """
     python = tmp_path / "python3"
-    calls = tmp_path / "calls"
+    # File to which the stand-ins write how they are called
+    calls_file = tmp_path / "calls"
     script = tmp_path / "applr"
     script.write_text(script.read_text().replace("/usr/bin/python3", str(python)))
     installs_python = f"*' python3') ln -s {sys.executable} {python} ;;"
-    fails = "*rospy*) echo E: full >&2; exit 100 ;;"
+    # The test ends here: the disk is full when the next packages are to be installed.
+    full_disk = "*rospy*) echo E: full >&2; exit 100 ;;"
+    user_number = 0 if is_root else 1000
+    becomes_root = f'echo as root >>{calls_file}; shift; exec "$@"'
     stand_ins = {
-        "id": "echo %d" % (0 if is_root else 1000),
-        "apt-get": f"echo $* >>{calls}; case $* in -s*) ;; {installs_python} {fails} esac",
-        "sudo": 'if [ "$2" = true ]; then exit 0; fi; echo as root >>%s; shift; exec "$@"' % calls,
+        "id": f"echo {user_number}",
+        "apt-get": f"echo $* >>{calls_file}; case $* in -s*) ;; {installs_python} {full_disk} esac",
+        "sudo": f'if [ "$2" = true ]; then exit 0; fi; {becomes_root}',
     }
-    code, lines = clone("setup", stand_ins=dict(NOTHING, **stand_ins))
-    called = calls.read_text().splitlines()
-    assert ("as root" in called) is not is_root
-    installations = [line for line in called if line.startswith("install")]
+    ended = clone("setup", stand_ins=dict(NOTHING, **stand_ins))
+    calls = calls_file.read_text().splitlines()
+    assert ("as root" in calls) is not is_root
+    installations = [call for call in calls if call.startswith("install")]
     assert installations[0].split()[-1] == "python3"
-    # The next packages.
     assert "python3-rospy" in installations[1] or "ros-noetic-rospy" in installations[1]
-    assert code == 1
-    assert lines[-1].startswith("applr: apt-get could not install")
+    assert ended.status == 1
+    assert ended.lines[-1].startswith("applr: apt-get could not install")
 
 
 def test_a_second_run_does_nothing():
     if not os.path.exists(os.path.join(ROOT, ".applr", "venv.stamp")):
         pytest.skip("set-up has not been done here")
-    setup = [os.path.join(ROOT, "applr"), "setup"]
-    subprocess.run(setup, capture_output=True, timeout=HANGS, check=True)
-    finished = subprocess.run(setup, capture_output=True, text=True, timeout=HANGS, check=False)
+    command = [os.path.join(ROOT, "applr"), "setup"]
+    # The first run may have something to do.
+    subprocess.run(command, capture_output=True, timeout=HANGS, check=True)
+    finished = subprocess.run(command, capture_output=True, text=True, timeout=HANGS, check=False)
     assert (finished.returncode, finished.stderr) == (0, "applr: ready\n")
