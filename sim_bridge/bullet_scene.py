@@ -48,20 +48,20 @@ def connect() -> Any:
     sys.stdout.flush()
     sys.stderr.flush()
     # Bullet's C code writes to the file descriptors, which Python's redirection does not reach.
-    null = os.open(os.devnull, os.O_WRONLY)
-    copies = {descriptor: os.dup(descriptor) for descriptor in (_STDOUT, _STDERR)}
+    null_device = os.open(os.devnull, os.O_WRONLY)
+    saved_descriptors = {descriptor: os.dup(descriptor) for descriptor in (_STDOUT, _STDERR)}
     try:
-        for descriptor in copies:
-            os.dup2(null, descriptor)
+        for descriptor in saved_descriptors:
+            os.dup2(null_device, descriptor)
         from pybullet_utils.bullet_client import BulletClient
 
         return BulletClient(sys.modules["pybullet"].DIRECT)
     finally:
         ctypes.CDLL(None).fflush(None)  # The lines may still be in C's buffer of stdout.
-        for descriptor, copy in copies.items():
-            os.dup2(copy, descriptor)
-            os.close(copy)
-        os.close(null)
+        for descriptor, saved_descriptor in saved_descriptors.items():
+            os.dup2(saved_descriptor, descriptor)
+            os.close(saved_descriptor)
+        os.close(null_device)
 
 
 def clear(client: Any, step: float) -> None:
@@ -87,11 +87,11 @@ def build_obstacles(client: Any, world: World) -> Tuple[List[int], Array]:
         (n, 4) around each obstacle: x, y, radius [m], and index of the obstacle's body in `ids`.
     """
     # All bodies share one visual shape, because Bullet makes a mesh for each body without one.
-    look = client.createVisualShape(client.GEOM_BOX, halfExtents=(0.1, 0.1, 0.1))
+    visual_shape = client.createVisualShape(client.GEOM_BOX, halfExtents=(0.1, 0.1, 0.1))
     bodies = []
     circles = []
     for number, group in enumerate(_groups(world)):
-        bodies.append(_compound(client, group, look))
+        bodies.append(_compound(client, group, visual_shape))
         for obstacle in group:
             radius = obstacle.radius or math.hypot(*obstacle.half_sizes[:2])
             circles.append((obstacle.x, obstacle.y, radius, number))
@@ -103,8 +103,8 @@ def add_mover(client: Any, mover: Mover) -> int:
     shape = client.createCollisionShape(
         client.GEOM_CYLINDER, radius=mover.radius, height=OBSTACLE_TOP_M
     )
-    place = (*mover.position(0.0), OBSTACLE_TOP_M / 2)
-    body: int = client.createMultiBody(0, shape, basePosition=place)
+    position = (*mover.position(0.0), OBSTACLE_TOP_M / 2)
+    body: int = client.createMultiBody(0, shape, basePosition=position)
     client.changeDynamics(body, _BASE, lateralFriction=1.0)
     return body
 
@@ -145,10 +145,10 @@ def build_robot(client: Any, robot: Robot, pose: Pose) -> int:
         collisionFrameOrientation=client.getQuaternionFromEuler([math.pi / 2, 0, 0]),
     )
     shapes = []
-    places = []
+    positions = []
     for x, y in geometry.wheel_places(base):
         shapes.append(wheel_shape)
-        places.append((x - com_x, y - com_y, base.axle_height - com_z))
+        positions.append((x - com_x, y - com_y, base.axle_height - com_z))
     if base.casters:
         # A caster fills the gap between the ground and the body, or is small under a low body.
         clearance = robot_mechanics.base_height + body.bottom
@@ -156,7 +156,7 @@ def build_robot(client: Any, robot: Robot, pose: Pose) -> int:
         caster_shape = client.createCollisionShape(client.GEOM_SPHERE, radius=radius)
         for x, y in base.casters:
             shapes.append(caster_shape)
-            places.append((x - com_x, y - com_y, radius - robot_mechanics.base_height - com_z))
+            positions.append((x - com_x, y - com_y, radius - robot_mechanics.base_height - com_z))
 
     wheels = base.wheels
     casters = len(base.casters)
@@ -171,7 +171,7 @@ def build_robot(client: Any, robot: Robot, pose: Pose) -> int:
         linkMasses=[base.wheel_mass] * wheels + [CASTER_MASS_KG] * casters,
         linkCollisionShapeIndices=shapes,
         linkVisualShapeIndices=[_NO_LOOK] * links,
-        linkPositions=places,
+        linkPositions=positions,
         linkOrientations=[_UPRIGHT] * links,
         linkInertialFramePositions=[(0, 0, 0)] * links,
         linkInertialFrameOrientations=[_UPRIGHT] * links,
@@ -246,17 +246,17 @@ def _groups(world: World) -> List[List[Obstacle]]:
 
 def _compound(client: Any, obstacles: List[Obstacle], look: int) -> int:
     """Create one static body of obstacles with the visual shape `look`, and return its id."""
-    kinds = []
-    places = []
+    shape_types = []
+    positions = []
     for obstacle in obstacles:
-        kinds.append(client.GEOM_CYLINDER if obstacle.radius else client.GEOM_BOX)
-        places.append((obstacle.x, obstacle.y, OBSTACLE_TOP_M / 2))
+        shape_types.append(client.GEOM_CYLINDER if obstacle.radius else client.GEOM_BOX)
+        positions.append((obstacle.x, obstacle.y, OBSTACLE_TOP_M / 2))
     shape = client.createCollisionShapeArray(
-        shapeTypes=kinds,
+        shapeTypes=shape_types,
         radii=[obstacle.radius for obstacle in obstacles],
         lengths=[OBSTACLE_TOP_M] * len(obstacles),
         halfExtents=[obstacle.half_sizes for obstacle in obstacles],
-        collisionFramePositions=places,
+        collisionFramePositions=positions,
         collisionFrameOrientations=[quaternion_of(obstacle.yaw) for obstacle in obstacles],
     )
     body: int = client.createMultiBody(0, shape, look)

@@ -224,10 +224,10 @@ def _box_contact(
             direction_x = -direction_x
             direction_y = -direction_y
             distance = -distance
-        along = abs(axis_x * direction_x + axis_y * direction_y)
-        across = abs(axis_x * direction_y - axis_y * direction_x)
+        along_share = abs(axis_x * direction_x + axis_y * direction_y)
+        across_share = abs(axis_x * direction_y - axis_y * direction_x)
         part_reach = half_length * abs(direction_x) + half_width * abs(direction_y)
-        reach = part_reach + half_x * along + half_y * across
+        reach = part_reach + half_x * along_share + half_y * across_share
         # Of equal overlaps the first counts, so that rounding does not choose the direction.
         if reach - distance < depth - 1e-9:
             depth = reach - distance
@@ -316,9 +316,9 @@ def _find_contacts(
         cos_box = cos(boxes[row, 2])
         sin_box = sin(boxes[row, 2])
         # Distance beyond the sides of the box, along its axes
-        along = abs(cos_box * offset_x + sin_box * offset_y) - half_x
-        across = abs(cos_box * offset_y - sin_box * offset_x) - half_y
-        if along > reach or across > reach:
+        gap_along = abs(cos_box * offset_x + sin_box * offset_y) - half_x
+        gap_across = abs(cos_box * offset_y - sin_box * offset_x) - half_y
+        if gap_along > reach or gap_across > reach:
             continue
         body_x = cos_yaw * offset_x + sin_yaw * offset_y
         body_y = cos_yaw * offset_y - sin_yaw * offset_x
@@ -364,10 +364,10 @@ def _press(velocity: Triple, contacts: Records, vehicle: Vehicle) -> Triple:
             slip_y = leftward + yaw_rate * x - contact.leftward
             speed = slip_x * normal_x + slip_y * normal_y
             if contact.depth < 0.0:
-                wanted = contact.depth / STEP
+                wanted_speed = contact.depth / STEP
             else:
-                wanted = min(constants.undo * contact.depth / STEP, _UNDONE_M_S)
-            push = max(0.0, contact.push + (wanted - speed) / softness)
+                wanted_speed = min(constants.undo * contact.depth / STEP, _UNDONE_M_S)
+            push = max(0.0, contact.push + (wanted_speed - speed) / softness)
             impulse = push - contact.push
             contact.push = push
             forward += impulse * normal_x / mass

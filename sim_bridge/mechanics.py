@@ -216,28 +216,29 @@ def _supports(
         loads: Loads (n,) of the supports at rest [N].
     """
     base = robot.base
-    places = geometry.supports(base)
-    driven = np.arange(len(places)) < base.wheels
-    sides = np.where(places[:, 1] > 0.0, LEFT_SIDE, RIGHT_SIDE)
+    contact_points = geometry.supports(base)
+    is_driven = np.arange(len(contact_points)) < base.wheels
+    sides = np.where(contact_points[:, 1] > 0.0, LEFT_SIDE, RIGHT_SIDE)
     if base.wheels == 4:
         # Wheels in a rectangle share the load transfer equally.
-        shifts = -np.sign(places)
+        shifts = -np.sign(contact_points)
         levers = [2.0 * base.wheelbase, 2.0 * base.track]
     else:
         # These are the smallest load changes that balance a moment.
-        centred = places - places.mean(axis=0)
-        shifts = -centred
-        levers = [float(lever) or 1.0 for lever in (centred**2).sum(axis=0)]
+        centred_points = contact_points - contact_points.mean(axis=0)
+        shifts = -centred_points
+        levers = [float(lever) or 1.0 for lever in (centred_points**2).sum(axis=0)]
 
     body_com = robot.body.centre_of_mass
-    supports = np.repeat(record(Support()), len(places))
-    supports["x"] = places[:, 0] - com[0]
-    supports["y"] = places[:, 1] - com[1]
+    supports = np.repeat(record(Support()), len(contact_points))
+    supports["x"] = contact_points[:, 0] - com[0]
+    supports["y"] = contact_points[:, 1] - com[1]
     supports["load"] = loads
-    supports["side"] = np.where(driven, sides, CASTER)
-    supports["friction_share"] = np.where(driven, 1.0, base.caster_friction / base.wheel_friction)
+    supports["side"] = np.where(is_driven, sides, CASTER)
+    caster_share = base.caster_friction / base.wheel_friction
+    supports["friction_share"] = np.where(is_driven, 1.0, caster_share)
     supports["shift_x"] = shifts[:, 0]
     supports["shift_y"] = shifts[:, 1]
-    supports["body_x"] = places[:, 0] - body_com[0]
-    supports["body_y"] = places[:, 1] - body_com[1]
+    supports["body_x"] = contact_points[:, 0] - body_com[0]
+    supports["body_y"] = contact_points[:, 1] - body_com[1]
     return supports, levers

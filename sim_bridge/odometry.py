@@ -72,19 +72,19 @@ class Odometry:
         seen_rate = yaw_rate
         if errors.lag > 0.0:
             keep = exp(-duration / errors.lag)
-            behind = keep * self._behind + (1.0 - keep) * errors.lag * wheel_speed
-            distance = distance + self._behind - behind
-            self._behind = behind
-            seen_speed = behind / errors.lag
+            lag_distance = keep * self._behind + (1.0 - keep) * errors.lag * wheel_speed
+            distance = distance + self._behind - lag_distance
+            self._behind = lag_distance
+            seen_speed = lag_distance / errors.lag
             self._rate = keep * self._rate + (1.0 - keep) * yaw_rate
             seen_rate = self._rate
 
         # The robot drives along an arc, whose chord has the mean of both headings.
-        middle = self._heading + 0.5 * turn
+        middle_heading = self._heading + 0.5 * turn
         self._heading = normalize_angle_modulo(self._heading + turn)
         seen_yaw = normalize_angle_modulo(self._heading + scale * errors.heading_noise * normal())
-        x = self.pose[0] + distance * cos(middle)
-        y = self.pose[1] + distance * sin(middle)
+        x = self.pose[0] + distance * cos(middle_heading)
+        y = self.pose[1] + distance * sin(middle_heading)
         self.pose = (x, y, seen_yaw)
         gyro_noise = scale * errors.gyro_noise * normal()
         speed_noise = scale * errors.speed_noise * normal()

@@ -94,7 +94,7 @@ class PybulletSimulator(Simulator):
         placement = placement_of(body)
         motion = motion_of(body)
         movers = self._place_movers(steps, placement[0])
-        touched = False
+        has_touched = False
         rolled = 0.0
         for step_noise in noise:
             force, torque, point, rims = _pull(
@@ -120,7 +120,7 @@ class PybulletSimulator(Simulator):
             step()
             placement = placement_of(body)
             motion = motion_of(body)
-            touched = touched or self._touching(placement[0], movers)
+            has_touched = has_touched or self._touching(placement[0], movers)
 
         # State of base_link at the end of the last step
         pose, speed, upright = _planar(self._vehicle, placement, motion)
@@ -135,7 +135,7 @@ class PybulletSimulator(Simulator):
             twist=(speed, yaw_rate),
             odom_pose=odometry.pose,
             odom_twist=odometry.twist,
-            contact=touched,
+            contact=has_touched,
             flipped=upright < 0.5,
             imu=odometry.imu,
         )
@@ -159,8 +159,8 @@ class PybulletSimulator(Simulator):
         """Return whether an obstacle, or a mover of _place_movers(), presses on the robot."""
         # Queries to Bullet are slow, so a kernel selects the bodies first.
         if _find_near(self._circles, position[0], position[1], self._reach, self._near):
-            for obstacle, near in zip(self._obstacles, self._near):
-                if near and self._pressing(obstacle):
+            for obstacle, is_near in zip(self._obstacles, self._near):
+                if is_near and self._pressing(obstacle):
                     return True
         return any(self._pressing(nearby.body) for nearby in movers)
 

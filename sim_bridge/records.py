@@ -31,8 +31,8 @@ def record(values: Any) -> Records:
 def record_type(dataclass: Any) -> np.dtype[np.void]:
     """Return the dtype of a dataclass's records, whose numbers are float64."""
     members: Any = []
-    for name, kind in get_type_hints(dataclass).items():
-        nested = is_dataclass(kind)
-        members.append((name, record_type(kind) if nested else np.float64))
+    for name, field_type in get_type_hints(dataclass).items():
+        is_nested = is_dataclass(field_type)
+        members.append((name, record_type(field_type) if is_nested else np.float64))
     dtype: np.dtype[np.void] = np.dtype(members, align=True)
     return dtype

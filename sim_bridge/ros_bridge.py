@@ -57,19 +57,20 @@ class Bridge:
 
     def __init__(self) -> None:
         # Parameters, robot and world. A mistake in them ends the node before it publishes anything.
-        factor = rospy.get_param("~real_time_factor", 1.0)
-        self.factor = number_within("real_time_factor", factor, 0, 1e6)  # 0: as fast as possible
+        time_factor = rospy.get_param("~real_time_factor", 1.0)
+        # A factor of 0 means as fast as possible.
+        self.factor = number_within("real_time_factor", time_factor, 0, 1e6)
         self.seed = int(number_within("seed", rospy.get_param("~seed", 0), 0, 2**31 - 1))
-        name = rospy.get_param("~simulator", "pybullet")
+        simulator_name = rospy.get_param("~simulator", "pybullet")
         self.base_time = BASE_TIME_S
         with_map = bool(rospy.get_param("~map", False))
         robot = load(str(rospy.get_param("~robot", "jackal")), with_map=with_map)
         self.scale = robot.world_scale
         self.radius = geometry.radius(robot)
         world = self._load(str(rospy.get_param("~world", "generated:0")))
-        self.simulator = make(name, robot)
-        start = str(rospy.get_param("~start", ""))
-        self.start = pose("start", start) if start else None
+        self.simulator = make(simulator_name, robot)
+        start_text = str(rospy.get_param("~start", ""))
+        self.start = pose("start", start_text) if start_text else None
         compiling = "compiling the simulator's kernels (half a minute, the first time on a machine)"
         with announced(compiling, rospy.loginfo):
             warm_up(self.simulator, world)
@@ -103,10 +104,11 @@ class Bridge:
                 "sim_bridge: /use_sim_time is not true: nodes on wall time reject scans and "
                 "transforms as too old; run `rosparam set /use_sim_time true`, then start them"
             )
-        fixed = f"{len(world.cylinders)} cylinders, {len(world.boxes)} boxes"
-        described = f"world {world.name} ({fixed}, {len(world.movers)} moving), simulator {name}"
-        rate = f"seed {self.seed}, real time factor {self.factor:g}"
-        rospy.loginfo(f"sim_bridge: ready: {described}, {rate}")
+        fixed_obstacles = f"{len(world.cylinders)} cylinders, {len(world.boxes)} boxes"
+        obstacles = f"{fixed_obstacles}, {len(world.movers)} moving"
+        scene = f"world {world.name} ({obstacles}), simulator {simulator_name}"
+        time_settings = f"seed {self.seed}, real time factor {self.factor:g}"
+        rospy.loginfo(f"sim_bridge: ready: {scene}, {time_settings}")
 
     def _connect(self) -> None:
         robot = self.simulator.robot
@@ -131,12 +133,12 @@ class Bridge:
         ticks_per_state = _ticks_of(robot.odometry.rate)
         ticks_per_scan = _ticks_of(robot.laser.rate)
         ticks_per_movers = _ticks_of(MOVERS_HZ)
-        pace = RealTimeRate()
+        rate = RealTimeRate()
         ticks = 0
         while not rospy.is_shutdown():
             if not self.running.is_set():
                 self.running.wait(0.02)
-                pace.begin()
+                rate.begin()
                 continue
             ticks += 1
             with self.lock:
@@ -156,11 +158,11 @@ class Bridge:
             if self.factor == 0.0:
                 self._lock_step()
                 if self.driven:
-                    pace.begin()
+                    rate.begin()
                 else:
-                    pace.wait(TICK_S, IDLE_FACTOR, report=False)
+                    rate.wait(TICK_S, IDLE_FACTOR, report=False)
             else:
-                pace.wait(TICK_S, self.factor)
+                rate.wait(TICK_S, self.factor)
 
     def _take_command(self) -> None:
         """Pass the latest command to the simulator, and compute when the next one is due."""
@@ -170,12 +172,12 @@ class Bridge:
         if command is None:
             return
         self.simulator.command(*command)
-        time = self.simulator.state.time
+        sim_time = self.simulator.state.time
         # A command may come a tick early. The planner's cycle stays the same, so its due time
         # counts.
-        is_early = time <= self.due <= time + 0.5 * self.period
-        cycle = self.due if is_early else time
-        self.due = self.period + cycle
+        is_early = sim_time <= self.due <= sim_time + 0.5 * self.period
+        cycle_time = self.due if is_early else sim_time
+        self.due = self.period + cycle_time
 
     def _lock_step(self) -> None:
         """Wait for the planner's next command once the command is due, but at most for PATIENCE_S.
@@ -302,10 +304,10 @@ class RealTimeRate:
 
 def _clear_costmaps() -> None:
     """Ask move_base to clear its costmaps if it runs."""
-    name = rospy.resolve_name("move_base/clear_costmaps")
+    service_name = rospy.resolve_name("move_base/clear_costmaps")
     try:
-        rospy.wait_for_service(name, 0.1)
-        rospy.ServiceProxy(name, Empty)()
+        rospy.wait_for_service(service_name, 0.1)
+        rospy.ServiceProxy(service_name, Empty)()
     except rospy.ROSException:
         pass  # Without move_base, there is nothing to clear.
     except rospy.ServiceException as error:

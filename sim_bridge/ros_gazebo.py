@@ -72,12 +72,12 @@ class GazeboInterface:
         with self.bridge.lock:
             state = self.bridge.simulator.state
             stamp = self.bridge.stamp()
-        frame = request.relative_entity_name
+        frame_name = request.relative_entity_name
         answer = GetModelStateResponse()
         answer.header.stamp = stamp
-        answer.header.frame_id = frame or "world"
-        if frame not in WORLD_FRAMES:
-            problem = f"reference relative_entity_name [{frame}] not found; give world"
+        answer.header.frame_id = frame_name or "world"
+        if frame_name not in WORLD_FRAMES:
+            problem = f"reference relative_entity_name [{frame_name}] not found; give world"
             answer.status_message = "GetModelState: " + problem
             return answer
         if request.model_name != self.robot:

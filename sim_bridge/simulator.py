@@ -65,22 +65,22 @@ class Randomisation:
 
     def __post_init__(self) -> None:
         for name, span in vars(self).items():
-            low, high = span if isinstance(span, (tuple, list)) else (span, span)
-            if not 0 <= low <= high:
+            lowest, highest = span if isinstance(span, (tuple, list)) else (span, span)
+            if not 0 <= lowest <= highest:
                 remedy = "give a number >= 0 or a range (low, high)"
                 raise ApplrError(f"randomisation {name} = {span!r}: {remedy}")
 
     def draw(self, rng: np.random.Generator) -> Randomisation:
         """Return a copy in which each range is replaced by a number drawn uniformly from it."""
-        drawn = {}
+        drawn_values = {}
         for name, span in vars(self).items():  # A seed's draws depend on the order of the fields.
             if name.startswith("start_"):
                 continue
             if isinstance(span, (tuple, list)):
-                drawn[name] = float(rng.uniform(*span))
+                drawn_values[name] = float(rng.uniform(*span))
             else:
-                drawn[name] = float(span)
-        return replace(self, **drawn)
+                drawn_values[name] = float(span)
+        return replace(self, **drawn_values)
 
 
 class _Pending(NamedTuple):
@@ -176,9 +176,9 @@ class Simulator(ABC):
             v = 0.0
         if abs(w) < smallest_w:
             w = 0.0
-        time = self.state.time + self.drawn.latency + self.robot.simulation.command_delay
+        start_time = self.state.time + self.drawn.latency + self.robot.simulation.command_delay
         # Latency and delay put the command off, but keep the order of commands.
-        self._command.pending.append(_Pending(time, v, w))
+        self._command.pending.append(_Pending(start_time, v, w))
 
     def advance(self, duration: float) -> RobotState:
         """Simulate `duration` [s]. The total time is rounded to whole physics steps."""

@@ -108,8 +108,10 @@ def window_of(
     columns = _cells_between(x - reach - origin_x, x + reach - origin_x, resolution, column_count)
     rows = _cells_between(y - reach - origin_y, y + reach - origin_y, resolution, row_count)
 
-    centres_x = origin_x + (np.arange(columns.start, columns.stop) + 0.5) * resolution
-    centres_y = origin_y + (np.arange(rows.start, rows.stop) + 0.5) * resolution
+    column_numbers = np.arange(columns.start, columns.stop, dtype=np.float64)
+    row_numbers = np.arange(rows.start, rows.stop, dtype=np.float64)
+    centres_x = origin_x + (column_numbers + 0.5) * resolution
+    centres_y = origin_y + (row_numbers + 0.5) * resolution
     dx = centres_x - x
     dy = centres_y - y
     # Slices make a view, in which the caller marks cells.
