@@ -103,27 +103,29 @@ def window_of(
         reach: Half the side of the window [m].
     """
     x, y = centre
-    origin_x, origin_y = origin
     row_count, column_count = cells.shape
-    columns = _cells_between(x - reach - origin_x, x + reach - origin_x, resolution, column_count)
-    rows = _cells_between(y - reach - origin_y, y + reach - origin_y, resolution, row_count)
-
-    column_numbers = np.arange(columns.start, columns.stop, dtype=np.float64)
-    row_numbers = np.arange(rows.start, rows.stop, dtype=np.float64)
-    centres_x = origin_x + (column_numbers + 0.5) * resolution
-    centres_y = origin_y + (row_numbers + 0.5) * resolution
-    dx = centres_x - x
-    dy = centres_y - y
+    columns, dx = _along_axis(origin[0], x, reach, resolution, column_count)
+    rows, dy = _along_axis(origin[1], y, reach, resolution, row_count)
     # Slices make a view, in which the caller marks cells.
     return Window(
-        cells=cells[rows.start : rows.stop, columns.start : columns.stop],
+        cells=cells[rows, columns],
         dx=dx[np.newaxis, :],
         dy=dy[:, np.newaxis],
     )
 
 
-def _cells_between(lowest: float, highest: float, resolution: float, cell_count: int) -> range:
-    """Return the cells of one axis between two distances [m] from the grid's edge."""
-    first_cell = int(lowest / resolution)
-    last_cell = int(highest / resolution)
-    return range(max(0, first_cell), min(cell_count, last_cell + 1))
+def _along_axis(
+    grid_edge: float, coordinate: float, reach: float, resolution: float, cell_count: int
+) -> Tuple[slice, Array]:
+    """Return the cells of one axis within `reach` [m] of a coordinate [m].
+
+    The second result has the distances of their centres from the coordinate [m], with their signs.
+    """
+    first_cell = int((coordinate - reach - grid_edge) / resolution)
+    last_cell = int((coordinate + reach - grid_edge) / resolution)
+    first_cell = max(0, first_cell)
+    end_cell = min(cell_count, last_cell + 1)
+
+    cell_numbers = np.arange(first_cell, end_cell, dtype=np.float64)
+    cell_centres = grid_edge + (cell_numbers + 0.5) * resolution
+    return slice(first_cell, end_cell), cell_centres - coordinate
