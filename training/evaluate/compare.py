@@ -114,7 +114,9 @@ def over_worlds(totals: ArrayLike, counts: Optional[ArrayLike] = None) -> Estima
     is_counted = denominators != 0.0
     numerators, denominators = numerators[is_counted], denominators[is_counted]
 
-    value = float(_ratio(numerators, denominators)) if len(numerators) else math.nan
+    value = math.nan
+    if len(numerators):
+        value = float(_ratio(numerators, denominators))
     if len(numerators) < 2:
         return Estimate(value, math.nan, math.nan)
     resampled = scipy.stats.bootstrap(

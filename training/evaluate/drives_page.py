@@ -41,7 +41,7 @@ def write(results: Results, out: Path, title: str, back: str = "index.html") -> 
             scenes.append(Scene(world, results.load(world), drives))
     if not scenes:
         return False
-    made = page(
+    page_bytes = page(
         title=title,
         verdict=_arrivals(results),
         methods=results.methods,
@@ -51,17 +51,17 @@ def write(results: Results, out: Path, title: str, back: str = "index.html") -> 
         marked=bool(results.settings.get("movers")),
         back=f'<p><a href="{html.escape(back)}">Report</a></p>',
     )
-    write_bytes(make_folder(out) / FILE, made)
+    write_bytes(make_folder(out) / FILE, page_bytes)
     return True
 
 
 def _arrivals(results: Results) -> str:
     """Return in a sentence in how many trials each method arrives."""
-    parts = []
+    sentence_parts = []
     for method in results.methods:
         success = results.of(method, results.worlds).success
-        parts.append(f"{method} arrives in {success.sum()} of {len(success)} trials")
-    return ", ".join(parts)
+        sentence_parts.append(f"{method} arrives in {success.sum()} of {len(success)} trials")
+    return ", ".join(sentence_parts)
 
 
 def shown_drives(results: Results, world: str) -> List[Shown]:

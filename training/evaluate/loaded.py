@@ -33,19 +33,21 @@ def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, A
     space = loadable_space(robot)
     numbers = space.as_dict(space.from_dict(dict(values)))
     for index, target in space.chosen.addresses:
-        name = space.chosen.names[index]
-        if name not in values:
+        parameter_name = space.chosen.names[index]
+        if parameter_name not in values:
             continue
         # A costmap without "plugins" has the parameters of its layers in its own namespace.
-        place = target.server
-        costmap = place.rpartition("/")[0]
+        server = target.server
+        costmap = server.rpartition("/")[0]
         if costmap and "plugins" not in branch(tree, costmap):
-            place = costmap
+            server = costmap
         # Under each name that the files use, so that none of them keeps the old value.
-        recorded = branch(tree, place)
-        names = [alias for alias in target.names if alias in recorded] or [target.name]
-        value = target.signed(numbers[name])
-        branch(start_up, place, create=True).update(dict.fromkeys(names, value))
+        recorded = branch(tree, server)
+        recorded_names = [alias for alias in target.names if alias in recorded]
+        if not recorded_names:
+            recorded_names = [target.name]
+        loaded_value = target.signed(numbers[parameter_name])
+        branch(start_up, server, create=True).update(dict.fromkeys(recorded_names, loaded_value))
     if TRAJECTORY in tree.get("base_local_planner", TRAJECTORY):
         # Searches drive with biases per costmap cell.
         branch(start_up, TRAJECTORY, create=True)["meter_scoring"] = False
@@ -58,9 +60,9 @@ def loadable_space(robot: Robot) -> Space:
     They act the same when loaded and when set by reconfigure.
     """
     space = space_of(robot)
-    fixed: Tuple[str, ...] = ()
-    for name, targets in space.targets.items():
+    fixed_names: Tuple[str, ...] = ()
+    for parameter_name, targets in space.targets.items():
         for target in targets:
             if shapes_at_start(robot.local_planner, target.server, target.name):
-                fixed = (*fixed, name)
-    return replace(space, fixed=fixed)
+                fixed_names = (*fixed_names, parameter_name)
+    return replace(space, fixed=fixed_names)

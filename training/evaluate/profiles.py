@@ -33,7 +33,7 @@ def profiles(results: Results) -> Dict[str, Any]:
         return {}
     return {
         "parameters": parameter_values(results.space),
-        "regions": [{"words": words, "color": color} for words, color in REGIONS],
+        "regions": [{"words": region_name, "color": color} for region_name, color in REGIONS],
         "body": list(results.robot["body"]),
         "drawn": [_profile(results, *profile) for profile in drawn],
     }
@@ -42,14 +42,14 @@ def profiles(results: Results) -> Dict[str, Any]:
 def _drawn(results: Results) -> Iterator[Tuple[str, Shown]]:
     """Yield the world and the drive of each profile."""
     # Worlds in which the first trial of each method was kept, with these drives
-    kept: Dict[str, List[Shown]] = {}
+    kept_drives: Dict[str, List[Shown]] = {}
     for world in results.worlds:
-        firsts = [shown for shown in shown_drives(results, world) if shown.trial == 0]
-        if len(firsts) == len(results.methods):
-            kept[world] = firsts
-    ordered = results.by_difficulty(list(kept.keys() - {"physical_course"}))
+        first_drives = [shown for shown in shown_drives(results, world) if shown.trial == 0]
+        if len(first_drives) == len(results.methods):
+            kept_drives[world] = first_drives
+    ordered = results.by_difficulty(list(kept_drives.keys() - {"physical_course"}))
     chosen = ordered[len(ordered) // 2 :][:1]
-    if "physical_course" in kept:
+    if "physical_course" in kept_drives:
         chosen.append("physical_course")
 
     # A constant parameter set has no profile.
@@ -59,7 +59,7 @@ def _drawn(results: Results) -> Iterator[Tuple[str, Shown]]:
             changing.append(number)
     for world in chosen:
         for number in changing[:PROFILES]:
-            yield world, kept[world][number]
+            yield world, kept_drives[world][number]
 
 
 def _profile(results: Results, world_name: str, shown: Shown) -> Dict[str, Any]:

@@ -48,7 +48,9 @@ def run(settings: TrialSettings, trial: Trial, weights: bytes = b"") -> Tuple[Re
     """
     runner = _runner(settings.model_dump_json())
     result = runner.run(trial, weights)
-    trace = runner.drive.pack() if trial.trace else b""
+    trace = b""
+    if trial.trace:
+        trace = runner.drive.pack()
     return result, trace
 
 

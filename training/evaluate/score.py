@@ -73,8 +73,9 @@ class Aim(NamedTuple):
         """Return the cost of a trial [s]."""
         optimal_s = result.route_m / robot.base.max_speed
         is_clean = result.success and not result.collided
-        cost = result.time_s / optimal_s if is_clean else self.failure
+        cost = self.failure
         if is_clean:
+            cost = result.time_s / optimal_s
             cost += self.slower * max(0.0, cost - baseline.pace)
         clearance_widths = result.mean_clearance_m / robot.body.size[1]
         cost += self.near * (CLEAR - clearance_widths)

@@ -134,6 +134,9 @@ def set_of(world: str) -> str:
     if world == "physical_course":
         return PHYSICAL_COURSE
     match = re.match(r"^(?:generated:|world_)(\d+)$", world)
-    if match is None or int(match.group(1)) >= 300:  # BARN has 300 worlds.
+    if match is None:
         return OTHER
-    return TEST if int(match.group(1)) in barn.TEST else TRAINING
+    number = int(match.group(1))
+    if number >= 300:  # BARN has 300 worlds.
+        return OTHER
+    return TEST if number in barn.TEST else TRAINING

@@ -48,8 +48,10 @@ def read_trials(path: os.PathLike[str] | str) -> pd.DataFrame:
     """
     import pandas as pd
 
-    data = read_bytes(path) if Path(path).exists() else b""
-    whole_lines = data[: data.rfind(b"\n") + 1] or _lines([tuple(COLUMNS)])
+    file_bytes = b""
+    if Path(path).exists():
+        file_bytes = read_bytes(path)
+    whole_lines = file_bytes[: file_bytes.rfind(b"\n") + 1] or _lines([tuple(COLUMNS)])
     columns = list(COLUMNS)
     trials = pd.read_csv(
         io.BytesIO(whole_lines),

@@ -54,12 +54,16 @@ Made = Callable[[Results], Table]  # makes the table of an evaluation
 
 def number(value: float, digits: int = 2) -> str:
     """Return a number with the given number of decimals, or NONE if it is not finite."""
-    return f"{value:.{digits}f}" if np.isfinite(value) else NONE
+    if not np.isfinite(value):
+        return NONE
+    return f"{value:.{digits}f}"
 
 
 def span(low: float, high: float, digits: int = 2) -> str:
     """Return an interval with the given number of decimals, or NONE if there is no interval."""
-    return f"{low:.{digits}f} to {high:.{digits}f}" if np.isfinite(low) else NONE
+    if not np.isfinite(low):
+        return NONE
+    return f"{low:.{digits}f} to {high:.{digits}f}"
 
 
 def share(n: int, total: int) -> str:

@@ -152,17 +152,19 @@ def sentence(name: str, other: str, is_better: bool, arrivals: Arrivals) -> str:
         is_better: Whether it is clearly better.
         arrivals: Arrivals of both.
     """
-    words = "is better than" if is_better else "is not clearly better than"
+    relation = "is better than" if is_better else "is not clearly better than"
     if arrivals.method == arrivals.other:
-        counts = f"as many drives arrive ({arrivals.method} of {arrivals.drives})"
+        arrivals_in_words = f"as many drives arrive ({arrivals.method} of {arrivals.drives})"
     else:
-        counts = f"{arrivals.method} of {arrivals.drives} drives arrive instead of {arrivals.other}"
-    line = f"{name} {words} {other}: {counts}"
+        arrivals_in_words = (
+            f"{arrivals.method} of {arrivals.drives} drives arrive instead of {arrivals.other}"
+        )
+    comparison_line = f"{name} {relation} {other}: {arrivals_in_words}"
     if arrivals.both:
         # Drives in which only one arrives have no times to compare.
-        times = f"{arrivals.method_s:.1f} s instead of {arrivals.other_s:.1f} s"
-        line += f"; where both arrive, {times}"
-    return line
+        times_in_words = f"{arrivals.method_s:.1f} s instead of {arrivals.other_s:.1f} s"
+        comparison_line += f"; where both arrive, {times_in_words}"
+    return comparison_line
 
 
 def compared(
@@ -188,23 +190,23 @@ def compared(
     """
     is_better = comparison.better(level) and not creeps
     arrivals = arrivals_of(trials, method, other)
-    parts = [
+    findings = [
         f"{method} better: {'yes' if is_better else 'no'}, "
         f"{arrivals.method} of {arrivals.drives} arrive ({other}: {arrivals.other})"
     ]
     if arrivals.both:
         change = f"{arrivals.method_s:.1f} s instead of {arrivals.other_s:.1f} s"
-        parts.append(f"{change} where both arrive ({arrivals.both} drives)")
+        findings.append(f"{change} where both arrive ({arrivals.both} drives)")
 
     if math.isnan(comparison.p):
-        parts.append("too few courses to tell")
+        findings.append("too few courses to tell")
     elif comparison.p < level:
-        parts.append(f"p = {comparison.p:.2g}")
+        findings.append(f"p = {comparison.p:.2g}")
     else:
-        parts.append(f"p = {comparison.p:.2g}: too few courses to tell")
+        findings.append(f"p = {comparison.p:.2g}: too few courses to tell")
     if creeps:
-        parts.append("its worst tenth is worse")
-    return "; ".join(parts)
+        findings.append("its worst tenth is worse")
+    return "; ".join(findings)
 
 
 def failures(trials: pd.DataFrame, method: str) -> str:
@@ -213,7 +215,8 @@ def failures(trials: pd.DataFrame, method: str) -> str:
     failed = driven[~driven.success]
     if failed.empty:
         return f"{method} fails on none of {len(driven)} courses"
-    parts = []
+    failures_by_reason = []
     for reason, of_reason in failed.groupby("reason", sort=False):
-        parts.append(f"{reason} ({', '.join(of_reason.world.unique())})")
-    return f"{method} fails on {len(failed)} of {len(driven)} courses: {'; '.join(parts)}"
+        failures_by_reason.append(f"{reason} ({', '.join(of_reason.world.unique())})")
+    failed_share = f"{len(failed)} of {len(driven)} courses"
+    return f"{method} fails on {failed_share}: {'; '.join(failures_by_reason)}"

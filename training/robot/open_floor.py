@@ -161,14 +161,16 @@ def remedy(robot: Robot, known_faults: Sequence[Remark], failed: Sequence[str]) 
             return f"{_lines(attempt)}; once this is corrected, all four courses succeed"
 
     # A single parameter, on top of all corrections
-    faults = f"{_lines(known_faults)}; once this is corrected, " if known_faults else ""
+    corrections_first = ""
+    if known_faults:
+        corrections_first = f"{_lines(known_faults)}; once this is corrected, "
     without_faults = corrected(robot, known_faults)
     for candidate in single_candidates(without_faults):
         name = f"{without_faults.name} with {candidate}"
         if succeeds(with_changes(without_faults, candidate.changes, name)):
             advice = candidate.changes[0].advice
-            return f"{faults}all four courses succeed if you {advice}"
-    return faults + NO_REMEDY
+            return f"{corrections_first}all four courses succeed if you {advice}"
+    return corrections_first + NO_REMEDY
 
 
 def corrected(robot: Robot, remarks: Sequence[Remark]) -> Robot:
