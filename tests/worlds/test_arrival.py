@@ -21,7 +21,14 @@ def course(length, finish_y=None, planner_ends=True):
     )
 
 
-@pytest.mark.parametrize(("length", "odometry_error"), [(4.0, 0.5), (10.0, 0.8), (20.0, 1.6)])
+@pytest.mark.parametrize(
+    ("length", "odometry_error"),
+    [
+        (4.0, 0.5),
+        (10.0, 0.8),
+        (20.0, 1.6),
+    ],
+)
 def test_the_planners_report_counts_within_the_error_of_odometry(length, odometry_error):
     """The allowed error is 0.5 m, or 8 % of a longer route, beyond the planner's tolerance."""
     straight_course = course(length)
@@ -50,6 +57,8 @@ def test_a_course_with_a_finish_of_its_own_ignores_the_planner():
     line = course(10.0, finish_y=9.0, planner_ends=False)
     assert line.arrived(3.0, 9.01)
     assert not line.arrived(0.5, 9.0, TOLERANCE_M)
+
+    # The challenge's circle has a radius of 1 m around (-2.25, 13).
     challenge = barn.challenge_course(np.array([(0.0, 5.0), (0.0, 9.0)]))
     assert challenge.arrived(-2.25, 12.01)
     assert not challenge.arrived(-2.25, 11.99, TOLERANCE_M)
@@ -57,7 +66,11 @@ def test_a_course_with_a_finish_of_its_own_ignores_the_planner():
 
 @pytest.mark.parametrize(
     ("name", "planner_ends"),
-    [("generated:7", False), ("physical_course", False), ("dynamic:406", True)],
+    [
+        ("generated:7", False),
+        ("physical_course", False),
+        ("dynamic:406", True),
+    ],
 )
 def test_only_courses_of_rooms_have_no_finish_of_their_own(name, planner_ends):
     assert worlds.load(name).course.planner_ends is planner_ends

@@ -35,7 +35,7 @@ WAFFLE_RADIUS_M = radius(robots.load("turtlebot3_waffle_pi"))
 JACKAL_RADIUS_M = radius(robots.load("jackal"))
 
 
-def row_of_rooms(count, first_x, step, y, width, depth):
+def row_of_rooms(count, first_x, step, y, *, width, depth):
     """Return regions (smallest x, y, largest x, y) [m] side by side, from a plan's lower left."""
     regions = []
     for room in range(count):
@@ -46,17 +46,19 @@ def row_of_rooms(count, first_x, step, y, width, depth):
 
 ROOMS = {  # regions of a plan in which there are courses
     "office": [
-        *row_of_rooms(6, 0.0, 6.0, 0.0, 6.0, 5.8),
-        *row_of_rooms(6, 0.0, 6.0, 8.2, 6.0, 5.8),
-        *row_of_rooms(3, 0.0, 12.0, 6.0, 12.0, 2.0),  # parts of the corridor
+        *row_of_rooms(6, 0.0, 6.0, 0.0, width=6.0, depth=5.8),
+        *row_of_rooms(6, 0.0, 6.0, 8.2, width=6.0, depth=5.8),
+        # Parts of the corridor
+        *row_of_rooms(3, 0.0, 12.0, 6.0, width=12.0, depth=2.0),
     ],
+    # The aisles
     "warehouse": [
-        *row_of_rooms(9, 3.6, 2.6, 2.5, 1.6, 8.0),
-        *row_of_rooms(9, 3.6, 2.6, 13.5, 1.6, 8.0),
+        *row_of_rooms(9, 3.6, 2.6, 2.5, width=1.6, depth=8.0),
+        *row_of_rooms(9, 3.6, 2.6, 13.5, width=1.6, depth=8.0),
     ],
     "house": [
-        *row_of_rooms(3, 0.0, 4.0, 0.0, 4.0, 4.2),
-        *row_of_rooms(3, 0.0, 4.0, 5.8, 4.0, 4.2),
+        *row_of_rooms(3, 0.0, 4.0, 0.0, width=4.0, depth=4.2),
+        *row_of_rooms(3, 0.0, 4.0, 5.8, width=4.0, depth=4.2),
     ],
 }
 
@@ -74,7 +76,8 @@ def points_of(path):
 @pytest.fixture(scope="module", params=list(scenes.PLANS))
 def plan(request, tmp_path_factory):
     """Provide the name of a plan and the path of its map."""
-    return request.param, scenes.write_plan(tmp_path_factory.mktemp("maps"), request.param)
+    folder = tmp_path_factory.mktemp("maps")
+    return request.param, scenes.write_plan(folder, request.param)
 
 
 @pytest.fixture(scope="module")
@@ -85,8 +88,9 @@ def office(tmp_path_factory):
 
 def cells(folder, pixels, **changes):
     """Return the cells of a map with some pixels, as lists with the lowest y first."""
-    path = scenes.write_plan(folder, "small", np.array(pixels, np.uint8), "png", **changes)
-    return map_reader.read_map(path).cells.tolist()
+    image = np.array(pixels, np.uint8)
+    map_path = scenes.write_plan(folder, "small", image, "png", **changes)
+    return map_reader.read_map(map_path).cells.tolist()
 
 
 # -- map_server's format
@@ -101,43 +105,66 @@ def test_modes_give_the_values_that_map_server_publishes(tmp_path):
     assert cells(tmp_path, grey) == [[100, 100, -1, -1, -1, -1, 0, 0]]
     assert cells(tmp_path, grey, negate=1) == [[0, -1, -1, -1, 100, 100, 100, 100]]
     assert cells(tmp_path, grey, mode="scale") == [[100, 100, 98, 66, 1, 1, 0, 0]]
+
     # 204 is a share of 0.2 exactly: neither above the one threshold nor below the other.
     equal_thresholds = {"free_thresh": 0.2, "occupied_thresh": 0.2}
     assert cells(tmp_path, [[204, 203, 205]], **equal_thresholds) == [[-1, 100, 0]]
+
     # Bytes are taken as signed ones.
     levels = [[0, 37, 100, 127, 128, 255]]
     assert cells(tmp_path, levels, mode="raw") == [[0, 37, 100, 127, -128, -1]]
-    raw = np.array([0, 99, 100, 127, -128, -1], np.int8)
-    assert map_reader.is_occupied(raw).tolist() == [False, False, True, True, True, False]
+    raw_cells = np.array([0, 99, 100, 127, -128, -1], np.int8)
+    is_occupied = map_reader.is_occupied(raw_cells)
+    assert is_occupied.tolist() == [False, False, True, True, True, False]
 
 
 def test_mode_trinary_averages_the_opacity_and_scale_takes_transparent_pixels_as_unknown(tmp_path):
-    pixels = [[[100, 100, 100, 0], [100, 100, 100, 255], [0, 0, 0, 0], [0, 0, 0, 255]]]
+    # Red, green, blue and opacity: grey and black, each transparent and opaque
+    pixels = [
+        [
+            [100, 100, 100, 0],
+            [100, 100, 100, 255],
+            [0, 0, 0, 0],
+            [0, 0, 0, 255],
+        ]
+    ]
     assert cells(tmp_path, pixels) == [[100, -1, 100, 100]]
     assert cells(tmp_path, pixels, mode="scale") == [[-1, 89, 100, 100]]
-    assert cells(tmp_path, [[[0, 0, 255]], [[255, 255, 255]]]) == [[0], [100]]
+    # Without opacity, blue above white; the lowest row comes first.
+    blue_and_white = [[[0, 0, 255]], [[255, 255, 255]]]
+    assert cells(tmp_path, blue_and_white) == [[0], [100]]
 
 
 def test_an_image_of_16_bits_is_read_by_its_upper_8(tmp_path):
     grey = np.array([[0, 40, 89, 90, 205, 206, 254, 255]], np.uint8)
     expected = cells(tmp_path, grey)
-    deep = grey.astype(np.uint16) * 256 + 7
+    # The lower 8 bits are 7.
+    deep_grey = grey.astype(np.uint16) * 256 + 7
     for suffix in ("png", "pgm"):
-        path = scenes.write_plan(tmp_path, "deep", deep, suffix)
+        map_path = scenes.write_plan(tmp_path, "deep", deep_grey, suffix)
         assert Image.open(tmp_path / f"deep.{suffix}").mode.startswith("I")
-        assert map_reader.read_map(path).cells.tolist() == expected
+        assert map_reader.read_map(map_path).cells.tolist() == expected
 
 
 def test_an_image_of_one_bit_is_black_and_white(tmp_path):
-    path = scenes.write_plan(tmp_path, "office", suffix="png")
-    bits = Image.fromarray(scenes.office()).point(lambda v: 255 * (v > 0)).convert("1")
-    bits.save(tmp_path / "office.png")
-    occupied = map_reader.is_occupied(map_reader.read_map(path).cells)
-    assert (occupied[::-1] == (scenes.office() == scenes.WALL)).all()
+    map_path = scenes.write_plan(tmp_path, "office", suffix="png")
+    black_and_white = Image.fromarray(scenes.office()).point(lambda grey: 255 * (grey > 0))
+    black_and_white.convert("1").save(tmp_path / "office.png")
+    cells = map_reader.read_map(map_path).cells
+    # The first row of cells is the lowest one of the image.
+    is_occupied = map_reader.is_occupied(cells)[::-1]
+    is_wall = scenes.office() == scenes.WALL
+    assert (is_occupied == is_wall).all()
 
 
 @pytest.mark.parametrize(
-    ("mode", "suffix"), [("P", "png"), ("P", "bmp"), ("1", "pbm"), ("1", "bmp")]
+    ("mode", "suffix"),
+    [
+        ("P", "png"),
+        ("P", "bmp"),
+        ("1", "pbm"),
+        ("1", "bmp"),
+    ],
 )
 def test_an_image_whose_indexes_map_server_would_take_as_grey_is_refused(tmp_path, mode, suffix):
     path = scenes.write_plan(tmp_path, "office", suffix=suffix)
@@ -189,7 +216,13 @@ def test_each_field_of_a_map_is_checked(tmp_path, field, value, line):
 
 def test_rows_go_up_and_the_origin_turns_the_map(tmp_path):
     # Given: an image whose lowest row has two occupied cells on the right
-    pixels = np.array([[254, 254, 254], [254, 0, 0]], np.uint8)
+    pixels = np.array(
+        [
+            [254, 254, 254],
+            [254, 0, 0],
+        ],
+        np.uint8,
+    )
     origin = (1.0, 2.0, 0.5)
     path = scenes.write_plan(tmp_path, "small", pixels, origin=list(origin))
 
@@ -197,29 +230,36 @@ def test_rows_go_up_and_the_origin_turns_the_map(tmp_path):
     grid = map_reader.read_map(path)
     assert grid.cells.tolist() == [[0, 100, 100], [0, 0, 0]]
     (box,) = map_reader.boxes(grid)
-    x, y = transform_point(origin, 0.1, 0.025)  # the box's centre in the map
+    # The box's centre in the map
+    x, y = transform_point(origin, 0.1, 0.025)
     assert box == pytest.approx([x, y, 0.5, 0.1, 0.05])
 
 
 # -- obstacles
 def test_boxes_cover_the_occupied_cells_and_nothing_else():
-    marked = np.random.default_rng(0).random((40, 50)) < 0.3
-    grid = worlds.world.Grid(np.where(marked, 100, -1).astype(np.int8), 1.0, (0.0, 0.0, 0.0))
-    covered = np.zeros(marked.shape, int)
+    # Given: random occupied cells of 1 m among unknown ones
+    rng = np.random.default_rng(0)
+    is_occupied = rng.random((40, 50)) < 0.3
+    cells = np.where(is_occupied, 100, -1).astype(np.int8)
+    grid = worlds.world.Grid(cells, 1.0, (0.0, 0.0, 0.0))
+
+    # When: the boxes are drawn into another grid
+    box_counts = np.zeros(is_occupied.shape, int)
     for x, y, _, size_x, size_y in map_reader.boxes(grid):
         rows = slice(round(y - size_y / 2), round(y + size_y / 2))
         columns = slice(round(x - size_x / 2), round(x + size_x / 2))
-        covered[rows, columns] += 1
-    # Each occupied cell once
-    assert (covered == marked).all()
+        box_counts[rows, columns] += 1
+
+    # Then: each occupied cell is covered once
+    assert (box_counts == is_occupied).all()
 
 
 def test_walls_are_few_boxes_and_a_course_keeps_those_within_12_m(plan):
     _, path = plan
-    everything = map_reader.boxes(map_reader.read_map(path))
-    assert len(everything) < 60
+    all_boxes = map_reader.boxes(map_reader.read_map(path))
+    assert len(all_boxes) < 60
     world = worlds.load(f"{path}:3", JACKAL_RADIUS_M)
-    for box in everything:
+    for box in all_boxes:
         only_box = replace(world, boxes=box[None], map=None)
         distance = clearance(only_box, world.course.path).min()
         is_kept = (box == world.boxes).all(axis=1).any()
@@ -230,23 +270,26 @@ def test_walls_are_few_boxes_and_a_course_keeps_those_within_12_m(plan):
 # -- courses
 def test_courses_keep_their_distances(plan):
     name, path = plan
-    every_world = list(worlds.Worlds(path, JACKAL_RADIUS_M))
-    for number, world in enumerate(every_world):
+    map_worlds = list(worlds.Worlds(path, JACKAL_RADIUS_M))
+    for number, world in enumerate(map_worlds):
         assert world.name == f"{name}.yaml:{number}"
-    starts = np.array([world.course.start[:2] for world in every_world])
+    starts = np.array([world.course.start[:2] for world in map_worlds])
     assert scipy.spatial.distance.pdist(starts).min() >= 1.0
 
-    floor = occupancy(every_world[0], 0.05)
-    for world in every_world:
+    floor = occupancy(map_worlds[0], 0.05)
+    lengths = []
+    for world in map_worlds:
         points = world.course.path
         steps = step_lengths(points)
         assert 5.0 <= steps.sum() <= 15.0
         assert steps.max() < 0.08
+        lengths.append(world.course.route_m)
+
         # Half a cell's diagonal less half its side.
         assert clearance(world, points).min() >= JACKAL_RADIUS_M + 0.05 - 0.0104
-        column, row = ((points - floor.origin[:2]) / 0.05).astype(int).T
-        assert (floor.cells[row, column] == 0).all()
-    lengths = [world.course.route_m for world in every_world]
+        indices = (points - floor.origin[:2]) / 0.05
+        columns, rows = indices.astype(int).T
+        assert (floor.cells[rows, columns] == 0).all()
     assert np.ptp(lengths) > 8.0
 
 
@@ -254,16 +297,20 @@ def test_start_and_goal_lie_on_the_path_and_point_along_it(plan):
     _, path = plan
     for course in courses_of(path):
         points = course.path
-        for pose, place, along in (
+        # The heading is that of the first or last ten steps.
+        for pose, end_point, along in (
             (course.start, points[0], points[10] - points[0]),
             (course.goal, points[-1], points[-1] - points[-11]),
         ):
-            assert pose[:2] == pytest.approx(place)
-            assert pose[2] == pytest.approx(np.arctan2(along[1], along[0]))
+            x, y, yaw = pose
+            dx, dy = along
+            assert (x, y) == pytest.approx(end_point)
+            assert yaw == pytest.approx(np.arctan2(dy, dx))
 
 
 def test_there_are_courses_in_all_rooms(plan):
     name, path = plan
+    # The map's origin is (-5, -3), and 10 unknown cells surround the plan.
     corner = np.array([5.0, 3.0]) - 10 * 0.05
     points = points_of(path) + corner
     for region in ROOMS[name]:
@@ -282,8 +329,9 @@ def test_courses_of_a_wide_robot_lead_through_no_door(office):
     """Doors of .9 m are too narrow for a robot with a radius of .6 m."""
     for course in courses_of(office, robot_radius=0.6):
         y = course.path[:, 1] + 3.0 - 10 * 0.05
-        side = (y > 5.5).astype(int) + (y > 7.5)  # below, in or above the corridor
-        assert len(set(side)) == 1
+        # 0, 1 or 2: below, in or above the corridor
+        sides = (y > 5.5).astype(int) + (y > 7.5)
+        assert len(set(sides)) == 1
 
 
 def test_no_course_runs_where_the_map_is_unknown(tmp_path):
@@ -309,14 +357,18 @@ def test_courses_lie_inside_where_unknown_cells_are_free(tmp_path):
     (tmp_path / "known").mkdir()
     known_path = scenes.write_plan(tmp_path / "known", "house")
     both_worlds = zip(
-        worlds.Worlds(path, JACKAL_RADIUS_M), worlds.Worlds(known_path, JACKAL_RADIUS_M)
+        worlds.Worlds(path, JACKAL_RADIUS_M),
+        worlds.Worlds(known_path, JACKAL_RADIUS_M),
     )
     margin_m = 100 * scenes.RESOLUTION
-    for inside, expected in both_worlds:
-        np.testing.assert_allclose(inside.course.path - margin_m, expected.course.path, atol=1e-9)
-    assert check_robot.doors(robots.load("jackal"), path).startswith(
-        f"narrowest passage of {path}: 0.80 m; "
-    )
+    for world, known_world in both_worlds:
+        np.testing.assert_allclose(
+            world.course.path - margin_m,
+            known_world.course.path,
+            atol=1e-9,
+        )
+    report = check_robot.doors(robots.load("jackal"), path)
+    assert report.startswith(f"narrowest passage of {path}: 0.80 m; ")
 
 
 def test_a_building_that_is_open_to_the_edge_of_the_image_has_no_courses(tmp_path):
@@ -328,26 +380,36 @@ def test_a_building_that_is_open_to_the_edge_of_the_image_has_no_courses(tmp_pat
     refused(lambda: worlds.load(f"{path}:0", JACKAL_RADIUS_M), *problems)
 
 
-@pytest.mark.parametrize("size", [(4.4, 4.4), (5.4, 4.4), (10.4, 2.4), (12.4, 6.4)])
+@pytest.mark.parametrize(
+    "size",
+    [
+        (4.4, 4.4),
+        (5.4, 4.4),
+        (10.4, 2.4),
+        (12.4, 6.4),
+    ],
+)
 def test_a_small_room_has_shorter_courses_and_enough_in_each_half(tmp_path, size):
-    path = scenes.write_plan(tmp_path, "room", scenes.blank(*size)[0])
+    pixels, _ = scenes.blank(*size)
+    path = scenes.write_plan(tmp_path, "room", pixels)
     building = map_courses.Building(path, JACKAL_RADIUS_M)
-    lower = building.numbers("choose")
-    upper = building.numbers("report")
-    assert min(len(lower), len(upper)) >= FEWEST_WORLDS
-    assert not set(lower) & set(upper)
+    lower_numbers = building.numbers("choose")
+    upper_numbers = building.numbers("report")
+    assert min(len(lower_numbers), len(upper_numbers)) >= FEWEST_WORLDS
+    assert not set(lower_numbers) & set(upper_numbers)
     lengths = []
-    for number in {*range(building.count), *lower, *upper}:
+    for number in {*range(building.count), *lower_numbers, *upper_numbers}:
         world = building.course(number)
         lengths.append(world.course.route_m)
         assert clearance(world, world.course.path).min() >= JACKAL_RADIUS_M
     assert 2.0 <= min(lengths) < 5.0
 
     # A worker loads a course by its number alone.
-    last = max(*lower, *upper)
-    reloaded = worlds.load(f"{path}:{last}", JACKAL_RADIUS_M)
-    assert np.array_equal(reloaded.course.path, building.course(last).course.path)
-    unknown_number = last + len(upper) + 1
+    last_number = max(*lower_numbers, *upper_numbers)
+    reloaded = worlds.load(f"{path}:{last_number}", JACKAL_RADIUS_M)
+    last_world = building.course(last_number)
+    assert np.array_equal(reloaded.course.path, last_world.course.path)
+    unknown_number = last_number + len(upper_numbers) + 1
     refused(lambda: worlds.load(f"{path}:{unknown_number}", JACKAL_RADIUS_M), "no worlds")
 
 
@@ -355,25 +417,35 @@ def test_paths_are_shortest(tmp_path):
     """In an empty hall, a shortest path has diagonal moves along the shorter side."""
     pixels, _ = scenes.blank(20.0, 6.0)
     for course in courses_of(scenes.write_plan(tmp_path, "hall", pixels)):
-        small, large = sorted(np.abs(course.path[-1] - course.path[0]))
-        assert course.route_m == pytest.approx(large + (np.sqrt(2.0) - 1.0) * small)
+        shorter_side, longer_side = sorted(np.abs(course.path[-1] - course.path[0]))
+        # A diagonal move of sqrt(2) replaces a straight one along the longer side.
+        expected_m = longer_side + (np.sqrt(2.0) - 1.0) * shorter_side
+        assert course.route_m == pytest.approx(expected_m)
 
 
 def test_the_graph_has_all_moves_that_pass_no_blocked_corner():
     # Given: random cells within a blocked border
-    free = np.pad(np.random.default_rng(1).random((30, 30)) < 0.7, 1)
-    side = len(free)
-    graph = search.grid_graph(free).toarray()
-    for row, column in np.argwhere(free):
+    rng = np.random.default_rng(1)
+    is_free = np.pad(rng.random((30, 30)) < 0.7, 1)
+    side = len(is_free)
+
+    graph = search.grid_graph(is_free).toarray()
+
+    # Then: the length of each move, 0 if it does not pass
+    for row, column in np.argwhere(is_free):
+        cell = side * row + column
         for row_step, column_step in itertools.product((-1, 0, 1), repeat=2):
             beside_row = row + row_step
             beside_column = column + column_step
-            passes_corner = free[row, beside_column] or free[beside_row, column]
-            passes = free[beside_row, beside_column] and passes_corner
-            length = np.hypot(row_step, column_step) if passes else 0.0
             neighbour = side * beside_row + beside_column
-            assert graph[side * row + column, neighbour] == pytest.approx(length)
-    between_free_cells = graph[free.ravel()][:, free.ravel()]
+            passes_corner = is_free[row, beside_column] or is_free[beside_row, column]
+            passes = is_free[beside_row, beside_column] and passes_corner
+            length = np.hypot(row_step, column_step) if passes else 0.0
+            assert graph[cell, neighbour] == pytest.approx(length)
+
+    # No move begins or ends elsewhere.
+    free_cells = is_free.ravel()
+    between_free_cells = graph[free_cells][:, free_cells]
     assert np.count_nonzero(graph) == np.count_nonzero(between_free_cells)
 
 
@@ -381,42 +453,54 @@ def test_maps_are_not_scaled_and_are_served_listed_and_drawn(office, tmp_path, m
     world = worlds.load(f"{office}:3", JACKAL_RADIUS_M)
     assert worlds.scaled(world, 0.5) is world
     assert occupancy(world, 0.2) is world.map
-    assert worlds.specs(f"{office}:2-4") == [f"{office}:{number}" for number in (2, 3, 4)]
-    monkeypatch.setattr("sys.argv", ["draw", f"{office}:3", str(tmp_path / "office.png")])
+    assert worlds.specs(f"{office}:2-4") == [f"{office}:2", f"{office}:3", f"{office}:4"]
+    picture = tmp_path / "office.png"
+    monkeypatch.setattr("sys.argv", ["draw", f"{office}:3", str(picture)])
     assert draw.main() == 0
-    assert (tmp_path / "office.png").stat().st_size > 10_000
+    assert picture.stat().st_size > 10_000
 
 
 @pytest.mark.parametrize(
-    ("robot", "name"), [("turtlebot3_burger", "office.yaml:7"), ("husky", "generated:7")]
+    ("robot", "name"),
+    [
+        ("turtlebot3_burger", "office.yaml:7"),
+        ("husky", "generated:7"),
+    ],
 )
 def test_a_course_is_drawn_and_written_as_the_robot_drives_it(
     office, tmp_path, monkeypatch, robot, name
 ):
     spec = name.replace("office.yaml", office)
-    driven = at_scale("paper", spec, robots.load(robot))
-    drawn = []
-    monkeypatch.setattr(draw, "draw", lambda axes, world: drawn.append(world))
+    driven_path = at_scale("paper", spec, robots.load(robot)).course.path
+
+    # When: it is drawn
+    drawn_worlds = []
+    monkeypatch.setattr(draw, "draw", lambda axes, world: drawn_worlds.append(world))
     # Nothing is drawn that needs a legend.
     monkeypatch.setattr(Axes, "legend", lambda *args, **options: None)
-    monkeypatch.setattr("sys.argv", ["draw", spec, str(tmp_path / "course.png"), "--robot", robot])
+    picture = str(tmp_path / "course.png")
+    monkeypatch.setattr("sys.argv", ["draw", spec, picture, "--robot", robot])
     assert draw.main() == 0
-    monkeypatch.setattr(
-        "sys.argv", ["sdf_writer", spec, str(tmp_path / "course.world"), "--robot", robot]
-    )
+
+    # When: it is written
+    world_file = str(tmp_path / "course.world")
+    monkeypatch.setattr("sys.argv", ["sdf_writer", spec, world_file, "--robot", robot])
     assert sdf_writer.main() == 0
-    for world in (*drawn, worlds.load(str(tmp_path / "course.world"))):
-        assert np.array_equal(world.course.path, driven.course.path)
-    assert not np.array_equal(worlds.load(spec, JACKAL_RADIUS_M).course.path, driven.course.path)
+
+    # Then: the path is the robot's, not the Jackal's
+    for world in (*drawn_worlds, worlds.load(world_file)):
+        assert np.array_equal(world.course.path, driven_path)
+    jackal_path = worlds.load(spec, JACKAL_RADIUS_M).course.path
+    assert not np.array_equal(jackal_path, driven_path)
 
 
 # -- search and verdict
 def test_halves_share_no_place(plan):
     _, path = plan
     longer_axis = np.argmax(np.ptp(points_of(path), axis=0))
-    lower = points_of(f"{path}:choose")[:, longer_axis]
-    upper = points_of(f"{path}:report")[:, longer_axis]
-    assert lower.max() < upper.min()
+    lower_half = points_of(f"{path}:choose")[:, longer_axis]
+    upper_half = points_of(f"{path}:report")[:, longer_axis]
+    assert lower_half.max() < upper_half.min()
     for half in map_courses.HALVES:
         assert len(courses_of(f"{path}:{half}")) >= 5
 
@@ -432,7 +516,8 @@ def test_tune_refuses_a_map_with_too_few_courses_before_it_drives(tmp_path, caps
         raise AssertionError("the robot drives before the arguments are checked")
 
     monkeypatch.setattr(tune_robot.open_floor, "try_out", refuse)
-    path = scenes.write_plan(tmp_path, "small", scenes.blank(3.4, 2.4)[0])
+    pixels, _ = scenes.blank(3.4, 2.4)
+    path = scenes.write_plan(tmp_path, "small", pixels)
     counts = "has 0 courses in the half of the floor for the search and 0 in the half for the"
     for specification, problem in (
         (path, f"small.yaml {counts} verdict"),
@@ -456,9 +541,9 @@ def test_tune_refuses_a_map_with_too_few_courses_before_it_drives(tmp_path, caps
 
 def test_six_courses_are_the_fewest_that_can_be_significant():
     # All differences have one sign: two of 64 sign patterns are so clear, with five courses of 32.
-    better = np.full(FEWEST_WORLDS, -1.0)
+    differences = np.full(FEWEST_WORLDS, -1.0)
     assert FEWEST_WORLDS == 6
-    assert exchanged(better) < LEVEL <= exchanged(better[1:])
+    assert exchanged(differences) < LEVEL <= exchanged(differences[1:])
 
 
 # -- drives
@@ -473,10 +558,11 @@ def test_the_simulated_robot_knows_the_map_and_its_place(tmp_path, yaw):
     outcome = episode.reset(world, 0)
 
     # The first plan avoids walls that no scan has shown.
-    free = map_reader.read_map(path).cells == map_reader.FREE
-    column, row = (episode.context().plan[:, :2] / 0.05).astype(int).T
-    assert free[row, column].all()
-    assert episode.context().plan[0, :2] == pytest.approx(episode.place[:2], abs=0.1)
+    is_free = map_reader.read_map(path).cells == map_reader.FREE
+    plan = episode.context().plan[:, :2]
+    columns, rows = (plan / 0.05).astype(int).T
+    assert is_free[rows, columns].all()
+    assert plan[0] == pytest.approx(episode.place[:2], abs=0.1)
 
     # On its way it knows its true place in the map, as localisation would tell it.
     while not outcome.over:
@@ -494,13 +580,18 @@ def test_the_simulated_robot_knows_the_map_and_its_place(tmp_path, yaw):
     # In a world without a map it drives by odometry again; another parameter set has the map, too.
     episode.reset(worlds.load("generated:3"), 0)
     assert episode.place == episode.simulator.state.odom_pose
-    changed = runner.starting_with(runner.space.theta0 * 0.9)
-    changed.reset(world, 5)
-    assert changed.move_base.map_topics == {"map": False}
+    changed_episode = runner.starting_with(runner.space.theta0 * 0.9)
+    changed_episode.reset(world, 5)
+    assert changed_episode.move_base.map_topics == {"map": False}
 
 
 def test_a_robot_without_simulated_sensors_for_its_map_explores():
-    camera = {"data_type": "PointCloud2", "topic": "camera", "marking": True, "clearing": True}
+    camera = {
+        "data_type": "PointCloud2",
+        "topic": "camera",
+        "marking": True,
+        "clearing": True,
+    }
     obstacles = {"observation_sources": "scan camera", "camera": camera}
     waffle = robots.load("turtlebot3_waffle_pi")
     settings = TrialSettings(period=2.0)
@@ -519,9 +610,8 @@ def test_a_robot_without_simulated_sensors_for_its_map_explores():
 
 
 def test_a_parameter_set_changes_both_setups():
-    waffle = robots.load("turtlebot3_waffle_pi").with_parameters(
-        {"DWAPlannerROS": {"sim_time": 2.7}}, "other"
-    )
+    changes = {"DWAPlannerROS": {"sim_time": 2.7}}
+    waffle = robots.load("turtlebot3_waffle_pi").with_parameters(changes, "other")
     for with_map in (False, True):
         assert waffle.parameters(with_map)["DWAPlannerROS"]["sim_time"] == 2.7
 
@@ -555,11 +645,11 @@ def test_check_robot_reports_the_narrowest_passage(tmp_path, capsys, monkeypatch
     line = f"narrowest passage of {path}: 0.90 m; the padded footprint of "
     assert check_robot.main(["jackal", "--map", path]) == 0
     assert f"\n{line}0.53 m passes with 0.18 m on each side" in capsys.readouterr().out
-    wide = robots.load("jackal").with_parameters(
-        {"local_costmap": {"footprint_padding": 0.35}}, "wide"
-    )
+
+    changes = {"local_costmap": {"footprint_padding": 0.35}}
+    wide_robot = robots.load("jackal").with_parameters(changes, "wide")
     expected = f"{line}1.03 m does not pass: reduce footprint_padding"
-    assert expected in check_robot.doors(wide, path)
+    assert expected in check_robot.doors(wide_robot, path)
 
 
 # -- mistakes
@@ -578,10 +668,15 @@ def test_mistakes_are_one_line(office, tmp_path):
     # Maps on which no robot finds a course
     no_room = "no closed room with a path of 2 m .* radius of 0.31 m"
     no_room += ": check resolution, thresholds and negate"
-    refusal(scenes.write_plan(tmp_path, "office", negate=1), no_room)
-    refusal(scenes.write_plan(tmp_path, "shut", np.zeros((50, 50), np.uint8)), no_room)
-    white = scenes.write_plan(tmp_path, "white", np.full((200, 200), 254, np.uint8))
-    refusal(white, "white.yaml has no occupied cell: check its thresholds and negate")
+    negative_map = scenes.write_plan(tmp_path, "office", negate=1)
+    refusal(negative_map, no_room)
+    black_pixels = np.zeros((50, 50), np.uint8)
+    refusal(scenes.write_plan(tmp_path, "shut", black_pixels), no_room)
+    white_pixels = np.full((200, 200), 254, np.uint8)
+    white_map = scenes.write_plan(tmp_path, "white", white_pixels)
+    refusal(white_map, "white.yaml has no occupied cell: check its thresholds and negate")
+
+    # Files that are no maps
     (tmp_path / "text.yaml").write_text("office")
     refusal(str(tmp_path / "text.yaml"), "text.yaml is no map")
     with pytest.raises(OSError, match="gone.pgm"):
@@ -589,9 +684,9 @@ def test_mistakes_are_one_line(office, tmp_path):
 
 
 def test_nothing_in_a_map_is_executed(tmp_path):
-    path = tmp_path / "office.yaml"
-    path.write_text(
-        "image: !!python/object/apply:os.mkdir [%s]\n" % json.dumps(str(tmp_path / "made"))
-    )
-    refused(lambda: worlds.load(str(path)), "not readable as YAML")
-    assert not (tmp_path / "made").exists()
+    map_file = tmp_path / "office.yaml"
+    made_folder = tmp_path / "made"
+    argument = json.dumps(str(made_folder))
+    map_file.write_text("image: !!python/object/apply:os.mkdir [%s]\n" % argument)
+    refused(lambda: worlds.load(str(map_file)), "not readable as YAML")
+    assert not made_folder.exists()

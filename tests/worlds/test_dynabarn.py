@@ -15,10 +15,10 @@ from worlds import dynabarn
 
 def table(folder, *rows):
     """Write the table of key frames with some rows, and return its path."""
-    path = folder / dynabarn.NAME
+    table_file = folder / dynabarn.NAME
     head = ",".join(dynabarn.COLUMNS)
-    path.write_text("\n".join([head, *rows]) + "\n")
-    return path
+    table_file.write_text("\n".join([head, *rows]) + "\n")
+    return table_file
 
 
 def world_of(folder, name, *contents, **options):
@@ -31,19 +31,29 @@ def test_positions_over_time_equal_gazebos(tmp_path):
     repeats every 10 s.
     """
     # Given: key frames time, x, y in a table with the byte order mark and line ends of Windows
-    key_frames = ("0,0,0", "2,4,0", "4,4,4", "8,0,8")
-    file = table(tmp_path, *(f"hardlibobs_7,10,1,{key_frame}" for key_frame in key_frames))
-    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes().replace(b"\n", b"\r\n"))
-    (mover,) = world_of(tmp_path, "world_0.world", moving("hardlibobs_7")).movers
+    table_file = table(
+        tmp_path,
+        "hardlibobs_7,10,1,0,0,0",
+        "hardlibobs_7,10,1,2,4,0",
+        "hardlibobs_7,10,1,4,4,4",
+        "hardlibobs_7,10,1,8,0,8",
+    )
+    rows = table_file.read_bytes().replace(b"\n", b"\r\n")
+    table_file.write_bytes(b"\xef\xbb\xbf" + rows)
+    world = world_of(tmp_path, "world_0.world", moving("hardlibobs_7"))
+    (mover,) = world.movers
 
     # At a key frame, the obstacle is there.
     assert mover.position(0.0) == (0.0, 0.0)
     assert mover.position(2.0) == (4.0, 0.0)
     # Halfway: mean of the ends + 1/8 of the difference of their tangents, (2, 0) at the first and
     # (2, 2) at the next
-    assert mover.position(1.0) == pytest.approx((2.0, 0.0 + (0.0 - 2.0) / 8))
-    assert mover.position(3.0) == pytest.approx((4.0 + (2.0 - -2.0) / 8, 2.0 + (2.0 - 4.0) / 8))
-    assert mover.position(6.0) == pytest.approx((2.0, 6.0 + (4.0 - 2.0) / 8))
+    first_middle = (2.0, 0.0 + (0.0 - 2.0) / 8)
+    second_middle = (4.0 + (2.0 - -2.0) / 8, 2.0 + (2.0 - 4.0) / 8)
+    third_middle = (2.0, 6.0 + (4.0 - 2.0) / 8)
+    assert mover.position(1.0) == pytest.approx(first_middle)
+    assert mover.position(3.0) == pytest.approx(second_middle)
+    assert mover.position(6.0) == pytest.approx(third_middle)
     # It stands after its last key frame, and begins again.
     assert mover.position(9.0) == (0.0, 8.0)
     assert mover.position(13.0) == pytest.approx(mover.position(3.0))
@@ -57,32 +67,53 @@ def test_a_plugin_without_rows_in_the_table_is_refused(tmp_path):
 
 
 def test_a_closed_path_has_no_corner_where_it_closes():
-    key_frames = (0.0, 0.0, 0.0), (1.0, 2.0, 0.0), (2.0, 2.0, 2.0), (3.0, 0.0, 0.0)
-    closed = worlds.Mover(0.5, key_frames)
+    # Time, x, y
+    key_frames = (
+        (0.0, 0.0, 0.0),
+        (1.0, 2.0, 0.0),
+        (2.0, 2.0, 2.0),
+        (3.0, 0.0, 0.0),
+    )
+    mover = worlds.Mover(0.5, key_frames)
     # The tangent at the first point is half the chord from the last point but one to the second
     # point.
-    assert closed.position(0.5) == pytest.approx((1.0 + (0.0 - 1.0) / 8, 0.0 + (-1.0 - 1.0) / 8))
+    first_middle = (1.0 + (0.0 - 1.0) / 8, 0.0 + (-1.0 - 1.0) / 8)
+    assert mover.position(0.5) == pytest.approx(first_middle)
 
 
 def test_two_key_frames_at_one_time_are_a_jump():
-    key_frames = (0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (1.0, 5.0, 5.0), (2.0, 6.0, 5.0)
-    jump = worlds.Mover(0.5, key_frames)
-    assert jump.position(1.0) == (1.0, 0.0)
-    assert jump.position(1.0 + 1e-9) == pytest.approx((5.0, 5.0))
+    key_frames = (
+        (0.0, 0.0, 0.0),
+        (1.0, 1.0, 0.0),
+        (1.0, 5.0, 5.0),
+        (2.0, 6.0, 5.0),
+    )
+    mover = worlds.Mover(0.5, key_frames)
+    assert mover.position(1.0) == (1.0, 0.0)
+    assert mover.position(1.0 + 1e-9) == pytest.approx((5.0, 5.0))
 
 
 def test_an_animation_that_does_not_repeat_stays_at_its_end():
-    once = worlds.Mover(0.5, ((1.0, 0.0, 1.0), (2.0, 4.0, 1.0)), length=3.0, repeat=False)
-    assert once.position(0.0) == (0.0, 1.0)
-    assert once.position(2.0) == (4.0, 1.0)
-    assert once.position(50.0) == (4.0, 1.0)
+    key_frames = (
+        (1.0, 0.0, 1.0),
+        (2.0, 4.0, 1.0),
+    )
+    mover = worlds.Mover(0.5, key_frames, length=3.0, repeat=False)
+    assert mover.position(0.0) == (0.0, 1.0)
+    assert mover.position(2.0) == (4.0, 1.0)
+    assert mover.position(50.0) == (4.0, 1.0)
 
 
 def test_the_course_is_the_challenges_even_beside_a_path_file(tmp_path):
     # Given: a world of DynaBARN beside the path of BARN's world with the same number
-    table(tmp_path, "easylibobs_1,4,1,0,0,0", "easylibobs_1,4,1,4,1,1")
+    table(
+        tmp_path,
+        "easylibobs_1,4,1,0,0,0",
+        "easylibobs_1,4,1,4,1,1",
+    )
     cells = np.column_stack([np.full(66, 15), np.arange(66)])
-    course = world_of(tmp_path, "world_7.world", moving("easylibobs_1"), "", cells=cells).course
+    world = world_of(tmp_path, "world_7.world", moving("easylibobs_1"), "", cells=cells)
+    course = world.course
 
     assert course.start == (11.0, 0.0, math.pi)
     assert course.goal == (-9.0, 0.0, math.pi)
@@ -112,6 +143,7 @@ def test_movers_cross_the_room_at_the_pace_of_their_kind(number):
         assert np.abs(points).max() <= dynabarn.HALF_SIDE_M
         # The shortest legs get a longer time than their length would need.
         legs = step_lengths(points)
-        speeds = (legs / np.diff(times))[legs > dynabarn.SHORTEST_LEG_M]
+        is_long = legs > dynabarn.SHORTEST_LEG_M
+        speeds = legs[is_long] / np.diff(times)[is_long]
         assert speeds.min() >= slowest - 1e-9
         assert speeds.max() <= fastest + 1e-9

@@ -30,13 +30,14 @@ def test_unknown_sets_of_worlds_are_one_line(spec):
 
 
 def test_splits_share_no_world():
-    train = set(worlds.specs("generated:train"))
-    test = set(worlds.specs("generated:test"))
-    validation = set(worlds.specs("generated:validation"))
-    learn = set(worlds.specs("generated:learn"))
-    assert validation | learn == train
-    assert validation.isdisjoint(learn)
-    assert train.isdisjoint(test)
+    training_worlds = set(worlds.specs("generated:train"))
+    test_worlds = set(worlds.specs("generated:test"))
+    # `train` in two parts
+    validation_worlds = set(worlds.specs("generated:validation"))
+    learning_worlds = set(worlds.specs("generated:learn"))
+    assert validation_worlds | learning_worlds == training_worlds
+    assert validation_worlds.isdisjoint(learning_worlds)
+    assert training_worlds.isdisjoint(test_worlds)
     assert set(dynabarn.SPLITS["test"]).isdisjoint(dynabarn.SPLITS["validation"])
 
 
@@ -52,9 +53,10 @@ def test_the_numbers_of_a_split_never_change():
 @pytest.mark.parametrize("name", robots.NAMES)
 def test_gaps_keep_their_ratio_to_the_padded_width(name):
     robot = robots.load(name)
-    local = robot.parameters()["local_costmap"]
-    corners = footprint.parse(str(local["footprint"]))
-    outline = footprint.pad(corners, local.get("footprint_padding", 0.01))
+    costmap = robot.parameters()["local_costmap"]
+    corners = footprint.parse(str(costmap["footprint"]))
+    # 0.01 m is costmap_2d's default.
+    outline = footprint.pad(corners, costmap.get("footprint_padding", 0.01))
     _, y = np.transpose(outline)
     gap = 0.75 * robot.world_scale
     assert gap / np.ptp(y) == pytest.approx(JACKAL_RATIO, rel=0.01)
@@ -66,7 +68,8 @@ def test_everything_of_a_world_scales(spec):
     half_size = worlds.scaled(world, 0.5)
     assert worlds.scaled(world, 1.0) is world
     assert np.allclose(half_size.cylinders, 0.5 * world.cylinders)
-    factors = (0.5, 0.5, 1.0, 0.5, 0.5)  # x, y, yaw, size_x, size_y
+    # x, y, yaw, size_x, size_y
+    factors = (0.5, 0.5, 1.0, 0.5, 0.5)
     assert np.allclose(half_size.boxes, world.boxes * factors)
     for half_mover, mover in zip(half_size.movers, world.movers):
         assert half_mover.radius == 0.5 * mover.radius
@@ -82,7 +85,11 @@ def test_everything_of_a_world_scales(spec):
 
 
 def test_a_room_with_moving_obstacles_is_never_enlarged():
-    for spec, is_enlarged in (("fresh:3", True), ("physical_course", True), ("dynamic:0", False)):
+    for spec, is_enlarged in (
+        ("fresh:3", True),
+        ("physical_course", True),
+        ("dynamic:0", False),
+    ):
         world = worlds.load(spec)
         assert (worlds.scaled(world, 1.3) is not world) == is_enlarged, spec
 
@@ -95,22 +102,30 @@ def test_the_path_of_the_physical_course_keeps_from_its_boxes():
 # -- commands
 def test_commands_write_a_picture_and_a_world(tmp_path, monkeypatch, capsys):
     picture = tmp_path / "out.png"
-    copy = tmp_path / "out.world"
-    for main, path, begin in ((draw.main, picture, b"\x89PNG"), (sdf_writer.main, copy, b"<?xml")):
-        monkeypatch.setattr("sys.argv", ["command", "generated:7", str(path)])
+    world_file = tmp_path / "out.world"
+    for main, written_file, first_bytes in (
+        (draw.main, picture, b"\x89PNG"),
+        (sdf_writer.main, world_file, b"<?xml"),
+    ):
+        monkeypatch.setattr("sys.argv", ["command", "generated:7", str(written_file)])
         assert main() == 0
-        assert path.read_bytes().startswith(begin)
-    written = worlds.load(str(copy))
-    assert len(written.cylinders) == len(worlds.load("generated:7").cylinders)
+        assert written_file.read_bytes().startswith(first_bytes)
+    world = worlds.load("generated:7")
+    read_world = worlds.load(str(world_file))
+    assert len(read_world.cylinders) == len(world.cylinders)
 
 
 @pytest.mark.parametrize(
     ("command", "out"),
-    [(draw, "/nowhere/out.png"), (draw, "x.nonsense"), (sdf_writer, "/nowhere/w.world")],
+    [
+        (draw, "/nowhere/out.png"),
+        (draw, "x.nonsense"),
+        (sdf_writer, "/nowhere/w.world"),
+    ],
 )
 def test_a_file_that_cannot_be_written_is_one_line(command, out, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["command", "generated:7", out])
     assert command.main() == 1
-    error = capsys.readouterr().err
-    assert error.startswith(("draw: ", "sdf_writer: "))
-    assert error.count("\n") == 1
+    error_message = capsys.readouterr().err
+    assert error_message.startswith(("draw: ", "sdf_writer: "))
+    assert error_message.count("\n") == 1

@@ -15,7 +15,8 @@ def fields_of(specification):
 
 
 def test_kinds_follow_barns_numbering():
-    expected = {  # number: (fill probability, smoothing rounds)
+    # number: (fill probability, smoothing rounds)
+    expected_kinds = {
         0: (0.15, 2),
         24: (0.15, 2),
         25: (0.15, 3),
@@ -23,7 +24,7 @@ def test_kinds_follow_barns_numbering():
         150: (0.25, 2),
         299: (0.30, 4),
     }
-    for number, kind in expected.items():
+    for number, kind in expected_kinds.items():
         assert barn.kind(number) == kind, number
 
 
@@ -38,6 +39,7 @@ def test_built_in_worlds_are_the_generators(number):
 def test_every_built_in_world_has_room_along_its_path():
     for number in barn.fields():
         world = barn.world(number)
+        # Half of the narrowest gap of 0.75 m
         assert clearance(world, world.course.path).min() >= 0.375 - 1e-9, number
 
 
@@ -48,15 +50,20 @@ def test_every_built_in_path_goes_from_side_to_side_by_barns_moves():
         steps = np.diff(path, axis=0)
         assert np.abs(steps).max() == 1
         assert steps.any(axis=1).all()
-        headings = np.unwrap(np.arctan2(steps[:, 0], steps[:, 1]))
-        assert np.abs(np.diff(headings)).max() <= np.pi / 4 + 1e-9
+        row_steps, column_steps = steps.T
+        headings = np.unwrap(np.arctan2(row_steps, column_steps))
+        turns = np.diff(headings)
+        assert np.abs(turns).max() <= np.pi / 4 + 1e-9
 
 
 def test_course_is_the_papers():
     course = worlds.load("generated:7").course
     first_x, first_y = course.path[0]
     last_x, _ = course.path[-1]
-    assert course.start == (pytest.approx(first_x), 4.075, pytest.approx(np.pi / 2))
+    start_x, start_y, start_yaw = course.start
+    assert start_x == pytest.approx(first_x)
+    assert start_y == 4.075
+    assert start_yaw == pytest.approx(np.pi / 2)
     assert first_y == pytest.approx(5.175)
     assert course.length_m == pytest.approx(5.925)
     assert course.goal[:2] == pytest.approx((last_x, 9.525 + 5.0))
@@ -67,15 +74,16 @@ def test_course_is_the_papers():
 
 def test_cylinders_are_barns():
     world = worlds.load("generated:7")
-    assert world.cylinders.shape[1] == 3
-    assert (world.cylinders[:, 2] == 0.075).all()
+    x, y, radius = world.cylinders.T
+    assert (radius == 0.075).all()
     assert world.boxes.shape == (0, 5)
     filled, _ = barn.fields()[7]
-    corridor = 30 + 2 * 33  # back wall and both sides
-    assert len(world.cylinders) == filled.sum() + corridor
+    # Back wall and both sides of the corridor before the field
+    corridor_count = 30 + 2 * 33
+    assert len(world.cylinders) == filled.sum() + corridor_count
     assert np.array_equal(barn.fill_of(world.cylinders), filled)
-    assert world.cylinders[:, 0].min() == pytest.approx(-4.425)
-    assert world.cylinders[:, 1].min() == pytest.approx(0.075)
+    assert x.min() == pytest.approx(-4.425)
+    assert y.min() == pytest.approx(0.075)
 
 
 def test_fill_agrees_with_barns_figures():
@@ -83,7 +91,8 @@ def test_fill_agrees_with_barns_figures():
     for number in range(300):
         filled = barn.fill_of(barn.world(number).cylinders)
         shares.append(filled.mean())
-    assert np.quantile(shares, (0.05, 0.5, 0.95)) == pytest.approx([0.11, 0.18, 0.28], abs=0.01)
+    quantiles = np.quantile(shares, (0.05, 0.5, 0.95))
+    assert quantiles == pytest.approx([0.11, 0.18, 0.28], abs=0.01)
 
 
 def test_barn_path_keeps_its_rule_on_turns_and_its_obstacle_penalty():
@@ -108,10 +117,10 @@ def test_barn_path_keeps_its_rule_on_turns_and_its_obstacle_penalty():
 
 
 def test_fresh_worlds_are_the_recipes_and_none_of_the_built_in_ones():
-    names = ["fresh:5", "fresh:6", "fresh:7"]
+    world_names = ["fresh:5", "fresh:6", "fresh:7"]
     fresh_worlds = worlds.Worlds("fresh:5-7")
-    assert worlds.specs("fresh:5-7") == names
-    assert [world.name for world in fresh_worlds] == names
+    assert worlds.specs("fresh:5-7") == world_names
+    assert [world.name for world in fresh_worlds] == world_names
     reloaded = worlds.load("fresh:6")
     np.testing.assert_array_equal(fresh_worlds[1].cylinders, reloaded.cylinders)
     np.testing.assert_array_equal(fresh_worlds[1].course.path, reloaded.course.path)
@@ -125,30 +134,31 @@ def test_final_worlds_are_a_hundred_of_all_kinds_and_stay_as_they_were_drawn():
     """
     assert len(worlds.specs("final:0-99")) == 100
     refused(lambda: worlds.load("final:100"), "final:100")
-    some = "final:0-5,final:99"
-    assert not fields_of(some) & fields_of("fresh:0-19,generated:test,generated:train")
+    some_worlds = "final:0-5,final:99"
+    other_worlds = "fresh:0-19,generated:test,generated:train"
+    assert not fields_of(some_worlds) & fields_of(other_worlds)
     final_kinds = {barn.kind(3 * number) for number in range(100)}
     assert final_kinds == {barn.kind(number) for number in range(300)}
-    cylinder_counts = [len(world.cylinders) for world in worlds.Worlds(some)]
+    cylinder_counts = [len(world.cylinders) for world in worlds.Worlds(some_worlds)]
     assert cylinder_counts == [205, 202, 192, 223, 188, 202, 325]
 
 
 def test_fresh_worlds_are_generated_when_asked_for(monkeypatch):
     from worlds import loading
 
-    generated = []
+    generated_numbers = []
     generate = barn.generate
 
     def note(number):
-        generated.append(number)
+        generated_numbers.append(number)
         return generate(number)
 
     monkeypatch.setattr(loading.barn, "generate", note)
     lazy_worlds = worlds.Worlds("generated:3, fresh:0-9999")
     assert len(lazy_worlds) == 10_001
-    assert generated == []
+    assert generated_numbers == []
     assert lazy_worlds[0].name == "generated:3"
     assert lazy_worlds[5].name == "fresh:4"
-    assert len(generated) == 1
+    assert len(generated_numbers) == 1
     with pytest.raises(IndexError):
         lazy_worlds[10_001]

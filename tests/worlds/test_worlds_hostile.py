@@ -46,11 +46,11 @@ def test_sealed_worlds_have_no_passage(tmp_path):
     world = worlds.load("generated:7")
     _, path = barn.fields()[7]
     # A row of 30 cylinders across the field
-    row = ""
+    seal = ""
     for column in range(30):
-        row += cylinder(-4.425 + 0.15 * column, 7.425, name=f"seal_{column}")
-    sealed = as_barn(world).replace("</world>", row + "</world>")
-    refused(write_world(tmp_path, sealed, cells=path), "no passage")
+        seal += cylinder(-4.425 + 0.15 * column, 7.425, name=f"seal_{column}")
+    sealed_world = as_barn(world).replace("</world>", seal + "</world>")
+    refused(write_world(tmp_path, sealed_world, cells=path), "no passage")
 
 
 class Evil:
@@ -64,16 +64,20 @@ def test_a_pickle_in_place_of_a_path_is_not_loaded(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     # numpy would unpickle an array of objects if it were allowed to.
     cells = np.array([Evil(), Evil()], dtype=object)
+    text = as_barn(worlds.load("generated:7"))
+    world_file = write_world(tmp_path, text, cells=cells)
     with pytest.raises(ValueError, match="Object arrays"):
-        worlds.load(write_world(tmp_path, as_barn(worlds.load("generated:7")), cells=cells))
+        worlds.load(world_file)
     assert not os.path.exists("evil-was-here")
 
 
 def test_an_invalid_course_in_a_file_is_one_line(tmp_path):
     text = sdf_writer.text(worlds.load("generated:7"))
-    for old, new, field in (
+    # A wrong number is added to each element.
+    for tag, wrong_element, field in (
         ("<applr:start>", "<applr:start>nan ", "start"),
         ("<applr:goal>", "<applr:goal>x ", "goal"),
         ("<applr:path>", "<applr:path>1 ", "path"),
     ):
-        refused(write_world(tmp_path, text.replace(old, new), "w.world"), field)
+        wrong_text = text.replace(tag, wrong_element)
+        refused(write_world(tmp_path, wrong_text, "w.world"), field)

@@ -21,7 +21,8 @@ def world_of(folder, body):
 def test_barn_file_with_its_path_file(tmp_path):
     world = worlds.load("generated:7")
     _, path = barn.fields()[7]
-    cells = np.concatenate([path[:1], path])  # The first point occurs twice.
+    # The first point occurs twice.
+    cells = np.concatenate([path[:1], path])
     read_world = worlds.load(write_world(tmp_path, as_barn(world), cells=cells))
     assert read_world.name == "world_7"
     assert np.allclose(read_world.cylinders, world.cylinders, atol=1e-6)
@@ -52,9 +53,13 @@ def test_poses_of_model_link_and_collision_are_composed(tmp_path):
 
 def test_a_slab_under_the_start_is_floor_and_the_foot_of_a_barrier_is_an_obstacle(tmp_path):
     barrier = box("barrier", 0, 0, 0.15, 4, 0.65, 0.3) + box("foot", 0, 0, 0.03, 4, 0.81, 0.06)
-    slab = box("slab", 0, 0, 0.0, 20, 20, 0.1)  # Its top is 5 cm above the ground.
+    # The slab's top is 5 cm above the ground.
+    slab = box("slab", 0, 0, 0.0, 20, 20, 0.1)
     world = world_of(tmp_path, barrier + slab)
-    assert world.boxes.tolist() == [[0.0, 0.0, 0.0, 4.0, 0.65], [0.0, 0.0, 0.0, 4.0, 0.81]]
+    assert world.boxes.tolist() == [
+        [0.0, 0.0, 0.0, 4.0, 0.65],
+        [0.0, 0.0, 0.0, 4.0, 0.81],
+    ]
 
 
 def test_a_saved_state_determines_the_poses_of_its_models(tmp_path, caplog):
@@ -88,10 +93,11 @@ def test_lying_shapes_are_read_and_shapes_overhead_are_not(tmp_path):
     assert len(world.boxes) == 2
     # The roller, 2 m long and 0.4 m thick, and the box, 0.5 m by 2 m on its side. A box may be
     # turned by a quarter, so that only its longer edge has a direction.
-    lying, side = world.boxes
-    assert sorted(lying[3:]) == pytest.approx([0.4, 2.0])
-    assert abs(math.sin(lying[2])) * lying[3] == pytest.approx(2.0)
-    assert sorted(side[3:]) == pytest.approx([0.5, 2.0])
+    lying_roller, box_on_its_side = world.boxes
+    _, _, yaw, size_x, size_y = lying_roller
+    assert sorted((size_x, size_y)) == pytest.approx([0.4, 2.0])
+    assert abs(math.sin(yaw)) * size_x == pytest.approx(2.0)
+    assert sorted(box_on_its_side[3:]) == pytest.approx([0.5, 2.0])
 
 
 def test_poses_in_degrees_empty_and_of_five_numbers_are_read(tmp_path):
@@ -104,23 +110,38 @@ def test_poses_in_degrees_empty_and_of_five_numbers_are_read(tmp_path):
     assert np.allclose(world.boxes, [[1, 1, math.pi / 2, 2, 1]])
 
 
-MOVER = worlds.Mover(0.5, ((0.0, 1.0, 2.0), (1.5, 2.0, 2.5), (3.25, 3.0, 1.0 / 3.0)))
+# Its last coordinate has no finite decimal fraction.
+MOVER = worlds.Mover(
+    0.5,
+    (
+        (0.0, 1.0, 2.0),
+        (1.5, 2.0, 2.5),
+        (3.25, 3.0, 1.0 / 3.0),
+    ),
+)
 
 
 @pytest.mark.parametrize("spec", ["generated:7", "physical_course"])
-@pytest.mark.parametrize("movers", [(), (MOVER, replace(MOVER, length=9.0, repeat=False))])
+@pytest.mark.parametrize(
+    "movers",
+    [
+        (),
+        (MOVER, replace(MOVER, length=9.0, repeat=False)),
+    ],
+)
 def test_written_and_read_back_is_the_same_world(tmp_path, spec, movers):
     world = replace(worlds.load(spec), movers=movers)
     world = replace(world, course=replace(world.course, planner_ends=bool(movers)))
-    path = str(tmp_path / "copy.world")
-    sdf_writer.write(world, path)
-    read_back = worlds.load(path)
+    world_file = str(tmp_path / "copy.world")
+    sdf_writer.write(world, world_file)
+    read_back = worlds.load(world_file)
     assert np.array_equal(world.cylinders, read_back.cylinders)
     assert np.allclose(world.boxes, read_back.boxes, rtol=0, atol=1e-12)
     assert world.movers == read_back.movers
     assert np.array_equal(world.course.path, read_back.course.path)
     assert {**vars(world.course), "path": None} == {**vars(read_back.course), "path": None}
-    assert worlds.scaled(read_back, 0.5) is read_back  # A world from a file keeps its size.
+    # A world from a file keeps its size.
+    assert worlds.scaled(read_back, 0.5) is read_back
 
 
 def test_folder_in_the_order_of_numbers(tmp_path):
@@ -141,7 +162,11 @@ DISC = named("collision", "c", inside="<geometry><sphere><radius>0.3</radius></s
 
 
 @pytest.mark.parametrize(
-    ("model", "link", "inner"), [("", "", ""), ("world", "__model__", "__model__")]
+    ("model", "link", "inner"),
+    [
+        ("", "", ""),
+        ("world", "__model__", "__model__"),
+    ],
 )
 def test_a_pose_may_name_the_frame_that_it_is_in(tmp_path, model, link, inner):
     nested = named("model", "inner", inner, named("link", "l", link, DISC, 1), 2)
@@ -158,7 +183,10 @@ OTHER = named("model", "other", "", LINK, 9)
 @pytest.mark.parametrize(
     ("body", "unread"),
     [
-        (named("model", "m", "other", LINK), "model 'm' (its pose is relative to 'other')"),
+        (
+            named("model", "m", "other", LINK),
+            "model 'm' (its pose is relative to 'other')",
+        ),
         (
             named("model", "m", "", named("link", "l", "joint", DISC)),
             "link 'l' of model 'm' (its pose",
@@ -191,11 +219,15 @@ def test_a_course_can_be_given_for_a_file(tmp_path, monkeypatch, capsys):
     hall = write_world(tmp_path, sdf(cylinder(0, 0) + cylinder(60, 0), ""), "hall.world")
     refused_world(hall, "has no course; give one: python -m worlds.sdf_writer .* --course X Y X Y")
     out = str(tmp_path / "out.world")
-    monkeypatch.setattr(
-        "sys.argv", ["sdf_writer", hall, out, "--course", "0", "2", "30", "3", "60", "2"]
-    )
+    points = ["0", "2", "30", "3", "60", "2"]
+    monkeypatch.setattr("sys.argv", ["sdf_writer", hall, out, "--course", *points])
     assert sdf_writer.main() == 0, capsys.readouterr()
-    assert worlds.load(out).course.path.tolist() == [[0.0, 2.0], [30.0, 3.0], [60.0, 2.0]]
+    course = worlds.load(out).course
+    assert course.path.tolist() == [
+        [0.0, 2.0],
+        [30.0, 3.0],
+        [60.0, 2.0],
+    ]
 
 
 def test_a_world_of_stage_is_refused(tmp_path):
