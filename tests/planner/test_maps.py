@@ -34,11 +34,10 @@ from tests.support.scenes import inflate, wall_with_a_door
 
 # Pose of the robot, or of a sensor, at the origin.
 HERE = (0.0, 0.0, 0.0)
-# Cells along each side of the costmaps.
-N = 40
-CELL_M = 0.1
+N = 40  # cells along each side of the costmaps
+CELL_M = 0.1  # edge of a cell [m]
 CORNER = (-2.0, -2.0)  # lower left corner of the costmaps [m]
-LETHAL = 254
+LETHAL = 254  # cost of an occupied cell, as in costmap_2d
 STATIC_LAYER = {"name": "static", "type": "costmap_2d::StaticLayer"}
 
 
@@ -47,14 +46,23 @@ def make_costmap(*layers, rolling=False, track_unknown=False):
     # Half a cell more, because the size is divided by the resolution and rounded down.
     side = (N + 0.5) * CELL_M
     return Costmap(
-        side, side, CELL_M, CORNER, rolling, JACKAL_FOOTPRINT, track_unknown, layers=layers
+        side,
+        side,
+        CELL_M,
+        CORNER,
+        rolling,
+        JACKAL_FOOTPRINT,
+        track_unknown,
+        layers=layers,
     )
 
 
 def grid(rng, share=0.03):
     """Return a map of random cells, a share of them occupied and some unknown."""
-    cells = np.where(rng.random((N, N)) < share, 100, 0)
-    cells[rng.random((N, N)) < 0.05] = -1
+    is_occupied = rng.random((N, N)) < share
+    is_unknown = rng.random((N, N)) < 0.05
+    cells = np.where(is_occupied, 100, 0)
+    cells[is_unknown] = -1
     return StaticMap(cells.astype(np.int8), CELL_M, CORNER, "map")
 
 
@@ -82,34 +90,50 @@ def free_map(rows, columns, resolution, corner, frame="map"):
 )
 def test_costs_of_occupancies(parameters, costs):
     table = interpretation(StaticParameters(**parameters))
-    assert tuple(table[np.array([0, 1, 50, 64, 65, 99, 100, 127, 255])].tolist()) == costs
+    # The byte 255 is -1.
+    occupancies = np.array([0, 1, 50, 64, 65, 99, 100, 127, 255])
+    assert tuple(table[occupancies].tolist()) == costs
 
 
 def test_a_fixed_costmap_takes_size_and_origin_of_the_map_and_a_rolling_costmap_does_not():
     fixed = make_costmap(LayerDescription("static", StaticParameters()))
     rolling = make_costmap(LayerDescription("static", StaticParameters()), rolling=True)
-    occupied = StaticMap(np.full((30, 70), 100, np.int8), float(np.float32(0.05)), (-1.0, 3.0))
+    # OccupancyGrid has its resolution as float32.
+    occupied_map = StaticMap(
+        np.full((30, 70), 100, np.int8),
+        float(np.float32(0.05)),
+        (-1.0, 3.0),
+    )
     for costmap in (fixed, rolling):
         # A map on a topic that no layer reads
-        costmap.set_map("elsewhere", occupied)
+        costmap.set_map("elsewhere", occupied_map)
         assert costmap.size == (N, N)
-        costmap.set_map("map", occupied)
+        costmap.set_map("map", occupied_map)
         costmap.update(HERE)
+
     assert fixed.size == (70, 30)
-    assert fixed.resolution == occupied.resolution
+    assert fixed.resolution == occupied_map.resolution
     assert fixed.origin.tolist() == [-1.0, 3.0]
     assert (fixed.cells == 254).all()
     assert rolling.size == (N, N)
     assert rolling.resolution == 0.1
-    fixed.resize(5.0, 5.0, 0.05, (0.0, 0.0))  # The map determines the size.
+    # The map determines the size.
+    fixed.resize(5.0, 5.0, 0.05, (0.0, 0.0))
     assert fixed.size == (70, 30)
 
 
-@pytest.mark.parametrize(("shape", "resolution"), [((0, 3), 0.1), ((3, 3), math.nan)])
+@pytest.mark.parametrize(
+    ("shape", "resolution"),
+    [
+        ((0, 3), 0.1),
+        ((3, 3), math.nan),
+    ],
+)
 def test_a_map_without_cells_or_resolution_is_refused(shape, resolution):
     costmap = make_costmap(LayerDescription("static", StaticParameters()))
+    invalid_map = StaticMap(np.zeros(shape), resolution, (0, 0))
     with pytest.raises(ApplrError, match="map has"):
-        costmap.set_map("map", StaticMap(np.zeros(shape), resolution, (0, 0)))
+        costmap.set_map("map", invalid_map)
     assert costmap.size == (N, N)
 
 
@@ -167,8 +191,8 @@ def test_updates_of_a_map_are_applied():
     costmap.update(HERE)
     assert costmap.cells[6, 6] == 255
     # Columns 38 to 40, of which the last is not on the map.
-    beyond = np.zeros((1, 3), np.int8)
-    refused(lambda: costmap.update_map("map", 38, 0, beyond), "not on the map")
+    row_beyond = np.zeros((1, 3), np.int8)
+    refused(lambda: costmap.update_map("map", 38, 0, row_beyond), "not on the map")
 
 
 def test_a_rolling_costmap_shows_the_part_of_the_map_below_it():
@@ -183,9 +207,11 @@ def test_a_rolling_costmap_shows_the_part_of_the_map_below_it():
     # Then: each cell has the cost of the map's cell at its centre, and 0 beyond the map
     costs = interpretation(StaticParameters())[static_map.cells.view(np.uint8)]
     count_on_map = 0
+    origin_x, origin_y = costmap.origin
     for row, column in itertools.product(range(N), range(N)):
-        centre = costmap.origin + (np.array((column, row)) + 0.5) * 0.1
-        x, y = transform_point(placement, *centre)
+        centre_x = origin_x + (column + 0.5) * 0.1
+        centre_y = origin_y + (row + 0.5) * 0.1
+        x, y = transform_point(placement, centre_x, centre_y)
         map_column = math.floor((x + 2.0) / 0.1)
         map_row = math.floor((y + 2.0) / 0.1)
         cost = 0
@@ -202,7 +228,17 @@ def test_layers_in_any_order_equal_the_plain_ones():
     updated twice.
     """
     # Layers twice, some alone, and none.
-    orders = [*itertools.permutations("som"), "ois", "sioi", "iso", "so", "s", "smoi", "oio", ""]
+    orders = [
+        *itertools.permutations("som"),
+        "ois",
+        "sioi",
+        "iso",
+        "so",
+        "s",
+        "smoi",
+        "oio",
+        "",
+    ]
     for order, track_unknown in itertools.product(orders, (False, True)):
         compare_layers(order, track_unknown)
 
@@ -229,7 +265,8 @@ def compare_layers(order, track_unknown):
     descriptions = [description_of(letter, number) for number, letter in enumerate(order)]
     costmap = make_costmap(*descriptions, track_unknown=track_unknown)
     is_occupied = rng.random((N, N)) < 0.02
-    cells = np.where(is_occupied, 100, rng.integers(-1, 60, (N, N))).astype(np.int8)
+    occupancies = rng.integers(-1, 60, (N, N))
+    cells = np.where(is_occupied, 100, occupancies).astype(np.int8)
     static_map = StaticMap(cells, 0.1, (-2, -2))
     costmap.set_map("map", static_map)
     costmap.update(HERE)
@@ -237,7 +274,8 @@ def compare_layers(order, track_unknown):
     for layer in costmap.obstacle_layers:
         layer.cloud = PointCloud((0.1, 0.0, 0.2), points)
     costmap.set_map("map", static_map)
-    costmap.set_footprint(costmap.footprint)  # forces an update of the whole map
+    # A new footprint forces an update of the whole map.
+    costmap.set_footprint(costmap.footprint)
     costmap.update(HERE)
 
     # Then: the master is what its layers make of each other's cells, one after the other
@@ -260,16 +298,23 @@ def compare_layers(order, track_unknown):
 
 
 def test_all_sources_clear_before_any_marks():
-    sources = Source(topic="a", clearing=False), Source(topic="b", marking=False, clearing=True)
+    sources = (
+        Source(topic="a", clearing=False),
+        Source(topic="b", marking=False, clearing=True),
+    )
     costmap = make_costmap(LayerDescription("seen", ObstacleParameters(), sources))
-    marking, clearing = costmap.obstacles.buffers
-    marking.take(PointCloud(HERE, np.array([[1.05, 0.05, 0.0]], np.float32)), 0.0)
-    clearing.take(PointCloud(HERE, np.array([[1.75, 0.05, 0.0]], np.float32)), 0.0)
+    marking_buffer, clearing_buffer = costmap.obstacles.buffers
+    near_point = np.array([[1.05, 0.05, 0.0]], np.float32)
+    far_point = np.array([[1.75, 0.05, 0.0]], np.float32)
+    marking_buffer.take(PointCloud(HERE, near_point), 0.0)
+    clearing_buffer.take(PointCloud(HERE, far_point), 0.0)
     costmap.update(HERE)
     assert costmap.cells[20, 30] == 254
-    assert costmap.cells[20, 37] == 0  # The second source does not mark.
+    # The second source does not mark.
+    assert costmap.cells[20, 37] == 0
+
     # Now only the ray to (1.75, 0.05) passes the marked cell.
-    marking.clouds = []
+    marking_buffer.clouds = []
     costmap.update(HERE)
     assert costmap.cells[20, 30] == 0
 
@@ -282,8 +327,9 @@ def stamps(buffer):
 def test_observation_persistence_and_silence_of_a_source():
     buffer = ObservationBuffer(Source(observation_persistence=1.0, expected_update_rate=0.5))
     assert not buffer.is_current(0.0)
+    no_points = np.zeros((0, 3), np.float32)
     for stamp in (0.0, 0.4, 0.8, 1.2, 1.6, 2.0):
-        buffer.take(PointCloud(HERE, np.zeros((0, 3), np.float32), stamp), stamp)
+        buffer.take(PointCloud(HERE, no_points, stamp), stamp)
     # Up to one second old; the latest first.
     assert stamps(buffer) == [2.0, 1.6, 1.2]
     assert buffer.is_current(2.5)
@@ -299,29 +345,48 @@ def router_of(*buffers):
     return ObservationRouter(local_costmap, global_costmap, 0.5)
 
 
+# One beam
+SCAN = LaserScan(
+    stamp=0.0,
+    angle_min=0.0,
+    angle_increment=0.2,
+    range_min=0.1,
+    range_max=10.0,
+    ranges=np.array([1.0], np.float32),
+    sensor_pose=HERE,
+)
+
+
 @pytest.mark.parametrize("step_back", [0.05, 0.45, 30.0])
 def test_a_clock_that_steps_back_neither_refuses_new_scans_nor_trusts_old_ones(step_back):
     buffer = ObservationBuffer(Source(expected_update_rate=0.5, observation_persistence=9.0))
     router = router_of(buffer)
-    scan = LaserScan(100.0, 0.0, 0.2, 0.1, 10.0, np.array([1.0], np.float32), HERE)
+    scan = replace(SCAN, stamp=100.0)
     router.take({"scan": scan}, 100.0, None)
     assert router.silent(100.4) is None
-    earlier = 100.4 - step_back
+
     # The source counts as silent for a step back of any size.
-    assert router.silent(earlier) == ("scan", 0.5)
-    router.take({"scan": replace(scan, stamp=earlier)}, earlier, None)
-    assert stamps(buffer) == [earlier]
-    assert router.silent(earlier) is None
+    earlier_time = 100.4 - step_back
+    assert router.silent(earlier_time) == ("scan", 0.5)
+
+    # Its next scan is taken.
+    router.take({"scan": replace(scan, stamp=earlier_time)}, earlier_time, None)
+    assert stamps(buffer) == [earlier_time]
+    assert router.silent(earlier_time) is None
 
 
 def test_an_observation_older_than_the_latest_on_its_topic_is_dropped():
     of_scan = ObservationBuffer(Source(topic="scan", observation_persistence=9.0))
     of_other = ObservationBuffer(Source(topic="other", observation_persistence=9.0))
     router = router_of(of_scan, of_other)
-    scan = LaserScan(100.0, 0.0, 0.2, 0.1, 10.0, np.array([1.0], np.float32), HERE)
-    older = replace(scan, stamp=99.9)
-    newer = replace(scan, stamp=100.1)
-    for sensed in ({"scan": scan}, {"scan": older, "other": older}, {"scan": newer}):
+    scan = replace(SCAN, stamp=100.0)
+    older_scan = replace(scan, stamp=99.9)
+    newer_scan = replace(scan, stamp=100.1)
+    for sensed in (
+        {"scan": scan},
+        {"scan": older_scan, "other": older_scan},
+        {"scan": newer_scan},
+    ):
         router.take(sensed, 100.1, None)
     assert stamps(of_scan) == [100.1, 100.0]
     assert stamps(of_other) == [99.9]
@@ -342,11 +407,21 @@ LEVEL = LaserScan(
     sensor_height=0.4,
 )
 # Rolled by pi, at the yaw of LEVEL
-HANGING = replace(LEVEL, sensor_pose=(1.0, 2.0, 0.0), rotation=(COSINE, SINE, 0.0, 0.0))
+HANGING = replace(
+    LEVEL,
+    sensor_pose=(1.0, 2.0, 0.0),
+    rotation=(COSINE, SINE, 0.0, 0.0),
+)
 # Pitched by 0.4 rad
 CAMERA = SensorCloud(
     0.0,
-    np.array([[1.0, 0.0, 0.5], [math.nan, 0.0, 0.0]], np.float32),
+    np.array(
+        [
+            [1.0, 0.0, 0.5],
+            [math.nan, 0.0, 0.0],
+        ],
+        np.float32,
+    ),
     (0.1, 0.2, 0.3),
     (0.0, math.sin(0.2), 0.0, math.cos(0.2)),
     (0.0, 0.0, 1.0),
@@ -355,16 +430,20 @@ CAMERA = SensorCloud(
 
 def test_points_of_tilted_sensors_are_exact():
     # A rotation by the yaw alone gives the same points as the pose of a level sensor.
-    flat = replace(LEVEL, sensor_pose=(1.0, 2.0, 9.9), rotation=(0.0, 0.0, SINE, COSINE))
-    np.testing.assert_allclose(project(flat).points, project(LEVEL).points, atol=1e-6)
+    flat_scan = replace(
+        LEVEL,
+        sensor_pose=(1.0, 2.0, 9.9),
+        rotation=(0.0, 0.0, SINE, COSINE),
+    )
+    np.testing.assert_allclose(project(flat_scan).points, project(LEVEL).points, atol=1e-6)
 
     # A sensor that hangs upside down sees its beams clockwise.
     distances = LEVEL.ranges[:2]
     angles = 0.3 - np.array([0.2, 0.7])
     x = 1.0 + distances * np.cos(angles)
     y = 2.0 + distances * np.sin(angles)
-    expected = np.column_stack([x, y, [0.4, 0.4]])
-    np.testing.assert_allclose(project(HANGING).points, expected, atol=1e-6)
+    expected_points = np.column_stack([x, y, [0.4, 0.4]])
+    np.testing.assert_allclose(project(HANGING).points, expected_points, atol=1e-6)
 
     # The camera's first point is 1 m ahead of it and 0.5 m above.
     x, _, z = observe(CAMERA).points[0] - CAMERA.position
@@ -372,7 +451,14 @@ def test_points_of_tilted_sensors_are_exact():
     assert z == pytest.approx(0.5 * math.cos(0.4) - math.sin(0.4), abs=1e-6)
 
 
-@pytest.mark.parametrize("sensed", [LEVEL, HANGING, CAMERA], ids=["level", "hanging", "camera"])
+@pytest.mark.parametrize(
+    "sensed",
+    [
+        pytest.param(LEVEL, id="level"),
+        pytest.param(HANGING, id="hanging"),
+        pytest.param(CAMERA, id="camera"),
+    ],
+)
 def test_observations_can_be_moved_to_another_frame(sensed):
     frame = (5.0, -1.0, 1.1)
     in_sensor_frame = observe(sensed)
@@ -382,9 +468,8 @@ def test_observations_can_be_moved_to_another_frame(sensed):
     moved_x, moved_y, _ = in_other_frame.points.T
     np.testing.assert_allclose((moved_x, moved_y), transform_point(frame, x, y), atol=1e-5)
     x, y, z = in_sensor_frame.origin
-    np.testing.assert_allclose(
-        in_other_frame.origin, (*transform_point(frame, x, y), z), atol=1e-12
-    )
+    expected_origin = (*transform_point(frame, x, y), z)
+    np.testing.assert_allclose(in_other_frame.origin, expected_origin, atol=1e-12)
 
 
 def test_obstacles_under_the_robot_are_also_cleared_with_a_map():
@@ -419,20 +504,25 @@ def test_a_goal_in_the_map_while_localisation_drifts(planner):
     goal = (4.0, 0.0, 0.0)
     posts = [(0.6, 0.3, 0.15)]
     for y in np.arange(-2.5, 3.0, 0.1):
-        if not 0.9 < y < 2.1:  # the door
+        is_door = 0.9 < y < 2.1
+        if not is_door:
             posts.append((2.1, y, 0.05))
     post_x, post_y, radius = np.transpose(posts)
     robot = ToyRobot(HERE, posts)
     move_base.set_map(wall_with_a_door())
     move_base.set_goal(goal, 0.0)
     # 80 s in cycles of 0.05 s; scans come in every second one.
-    for number in range(1600):
+    for step in range(1600):
         time = robot.time
-        odom_in_map = (1.0 + 0.01 * time, -2.0 - 0.006 * time, 0.7 + 0.004 * time)
+        odom_in_map = (
+            1.0 + 0.01 * time,
+            -2.0 - 0.006 * time,
+            0.7 + 0.004 * time,
+        )
         map_in_odom = inverse(odom_in_map)
         odom_pose = compose(map_in_odom, robot.pose)
         scan = None
-        if number % 2 == 0:
+        if step % 2 == 0:
             scan = moved(robot.scan(), map_in_odom)
         cycle = move_base.step(time, odom_pose, robot.twist, scan, odom_in_map)
         robot.drive(cycle.command, 0.05)
@@ -488,7 +578,8 @@ def test_a_rolling_costmap_refuses_a_map_in_a_third_frame():
     refusal = "frame cellar, which the rolling local_costmap cannot use: publish it in"
     with pytest.raises(ApplrError, match=refusal):
         move_base.set_map(free_map(5, 5, 0.1, (0.0, 0.0), "cellar"))
-    move_base.reset(1.0)  # The rejected map was not kept.
+    # The rejected map was not kept.
+    move_base.reset(1.0)
     # The name of the rolling costmap's own frame; C++ takes the leading slash off.
     tree["local_costmap"]["global_frame"] = "/odom"
     MoveBase(tree).set_map(free_map(5, 5, 0.1, (0.0, 0.0), "odom"))
@@ -498,7 +589,8 @@ def test_observations_of_a_robot_without_a_pose_do_not_enter_the_map():
     move_base = on_a_map("TrajectoryPlannerROS")
     robot = ToyRobot(HERE, [(1.0, 0.0, 0.15)])
     move_base.set_map(free_map(120, 240, 0.05, (-3.0, -3.0)))
-    origin = (5.0, 0.0, 0.0)  # pose of the odometry's frame in the map's
+    # Pose of the odometry's frame in the map's
+    origin = (5.0, 0.0, 0.0)
     # This scan has come before the place of the odometry in the map is known.
     move_base.step(0.0, None, (0.0, 0.0), robot.scan())
     move_base.step(0.1, HERE, (0.0, 0.0), local_origin=origin)
@@ -517,8 +609,13 @@ def test_an_unexpectedly_silent_source_stops_the_robot():
     tree = quick()
     layer = tree["local_costmap"]["obstacles_layer"]
     layer["observation_sources"] = "scan bump depth"
-    layer["bump"] = {"data_type": "PointCloud2"}  # The bumper reports only contacts.
-    layer["depth"] = {"data_type": "PointCloud2", "topic": "points", "expected_update_rate": 0.32}
+    # The bumper reports only contacts.
+    layer["bump"] = {"data_type": "PointCloud2"}
+    layer["depth"] = {
+        "data_type": "PointCloud2",
+        "topic": "points",
+        "expected_update_rate": 0.32,
+    }
     move_base = MoveBase(tree)
     robot = ToyRobot(HERE)
     assert move_base.sources == {
@@ -527,18 +624,21 @@ def test_an_unexpectedly_silent_source_stops_the_robot():
         "points": "PointCloud2",
     }
     move_base.set_goal((3.0, 0.0, 0.0), 0.0)
-    depth = SensorCloud(0.0, np.array([[1.0, 1.0, 0.3]], np.float32), HERE, (0.0, 0.0, 0.0, 1.0))
-    sensed = {"front/scan": robot.scan(), "points": depth}
+    point = np.array([[1.0, 1.0, 0.3]], np.float32)
+    depth_cloud = SensorCloud(0.0, point, HERE, (0.0, 0.0, 0.0, 1.0))
+    sensed = {"front/scan": robot.scan(), "points": depth_cloud}
     cycle = move_base.step(0.0, robot.pose, robot.twist, sensed)
     assert not cycle.stale
     column, row = move_base.local_costmap.world_to_map(1.0, 1.0)
     assert move_base.local_costmap.cells[row, column] == LETHAL
 
-    for number in range(1, 12):
-        robot.time = 0.05 * number
-        cycle = move_base.step(robot.time, robot.pose, robot.twist, {"front/scan": robot.scan()})
+    # The depth camera falls silent.
+    for step in range(1, 12):
+        robot.time = 0.05 * step
+        sensed = {"front/scan": robot.scan()}
+        cycle = move_base.step(robot.time, robot.pose, robot.twist, sensed)
         # Silent from 0.35 s on; the depth camera's expected_update_rate is 0.32 s.
-        assert cycle.stale is (number > 6)
+        assert cycle.stale is (step > 6)
     assert cycle.silent == ("points", 0.32)
     assert cycle.command == (0.0, 0.0)
 
@@ -583,16 +683,18 @@ def test_the_latest_observation_of_each_sensor_on_a_topic_counts_between_two_upd
     no_points = np.zeros((0, 3), np.float32)
     # Two sensors in turn, as drivers of two lasers publish on one topic
     for number in range(4):
-        for frame, stamp in (("front", 0.2 * number), ("rear", 0.2 * number + 0.1)):
-            buffer.take(PointCloud(HERE, no_points, stamp, frame=frame), stamp)
-    latest = [(cloud.frame, cloud.stamp) for cloud in buffer.clouds]
-    assert latest == [("rear", pytest.approx(0.7)), ("front", pytest.approx(0.6))]
+        stamp = 0.2 * number
+        buffer.take(PointCloud(HERE, no_points, stamp, frame="front"), stamp)
+        stamp += 0.1
+        buffer.take(PointCloud(HERE, no_points, stamp, frame="rear"), stamp)
+    assert [cloud.frame for cloud in buffer.clouds] == ["rear", "front"]
+    assert stamps(buffer) == pytest.approx([0.7, 0.6])
     buffer.take(PointCloud(HERE, no_points, 2.0, frame="rear"), 2.0)
     assert stamps(buffer) == [2.0], "the front sensor has fallen silent"
 
 
 def test_an_observation_keeps_its_sensors_frame():
-    scan = LaserScan(0.0, 0.0, 0.1, 0.1, 9.0, np.ones(3, np.float32), (0.0, 0.0, 0.0), frame="rear")
-    cloud = SensorCloud(0.0, np.ones((1, 3), np.float32), HERE, (0.0, 0.0, 0.0, 1.0), frame="depth")
+    scan = replace(SCAN, frame="rear")
+    cloud = replace(CAMERA, frame="depth")
     assert observe(moved(scan, (1.0, 0.0, 0.0))).frame == "rear"
     assert observe(moved(cloud, (1.0, 0.0, 0.0))).frame == "depth"

@@ -34,9 +34,14 @@ def local(**arguments):
 
 def fixed(n=80, **arguments):
     """Return a fixed costmap of n x n cells, centred at the origin."""
+    # Half a cell more, because the size is divided by the resolution and rounded down.
     size = (n + 0.5) * 0.05
-    usual = {"footprint": JACKAL_FOOTPRINT, "inflation": InflationParameters(0.3)}
-    return Costmap(size, size, 0.05, (-n * 0.025, -n * 0.025), **{**usual, **arguments})
+    origin = (-n * 0.025, -n * 0.025)
+    usual_arguments = {
+        "footprint": JACKAL_FOOTPRINT,
+        "inflation": InflationParameters(0.3),
+    }
+    return Costmap(size, size, 0.05, origin, **{**usual_arguments, **arguments})
 
 
 def hit(x, y):
@@ -56,21 +61,36 @@ def test_drives_equal_the_recorded_ones(drive):
         LayerDescription("seen", obstacles, (Source(**drive["source"]),)),
         LayerDescription("inflated", inflation),
     )
-    outline = np.array(drive["footprint"])
-    place = *drive["size"], drive["resolution"], drive["origin"], drive["rolling"]
-    costmap = Costmap(*place, outline, drive["track_unknown"], layers=layers)
+    costmap = Costmap(
+        *drive["size"],
+        drive["resolution"],
+        drive["origin"],
+        drive["rolling"],
+        np.array(drive["footprint"]),
+        drive["track_unknown"],
+        layers=layers,
+    )
     for step in drive["steps"]:
-        seen = None
+        cloud = None
         if "scan" in step:
-            number, sensor, height, infinite = step["scan"]
-            beams = -0.75 * math.pi, 1.5 * math.pi / 179, 0.1, 30.0
-            seen = project(LaserScan(0.0, *beams, ranges[number], sensor, height), infinite)
+            number, sensor_pose, sensor_height, inf_is_valid = step["scan"]
+            scan = LaserScan(
+                stamp=0.0,
+                angle_min=-0.75 * math.pi,
+                angle_increment=1.5 * math.pi / 179,
+                range_min=0.1,
+                range_max=30.0,
+                ranges=ranges[number],
+                sensor_pose=sensor_pose,
+                sensor_height=sensor_height,
+            )
+            cloud = project(scan, inf_is_valid)
         for call, arguments, values in step["events"]:
             getattr(costmap, call)(*arguments, **values)
         version = costmap.version
         cells = costmap.cells.copy()
         origin = costmap.origin.copy()
-        costmap.update(step["pose"], seen)
+        costmap.update(step["pose"], cloud)
         master_checksum = zlib.crc32(costmap.cells.tobytes())
         obstacle_checksum = zlib.crc32(costmap.obstacles.cells.tobytes())
         recorded = [master_checksum, obstacle_checksum, costmap.origin.tolist()]

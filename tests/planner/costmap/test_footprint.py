@@ -28,7 +28,8 @@ def test_the_padded_footprint_of_the_jackal_has_its_known_radii():
 
 def test_padding_moves_coordinates_away_from_0_and_leaves_0_alone():
     padded = footprints.pad([[0.0, 0.2], [-0.1, 0.0]], 0.05)
-    np.testing.assert_array_equal(padded, [[0.0, 0.25], [-0.1 - 0.05, 0.0]])
+    expected = [[0.0, 0.25], [-0.1 - 0.05, 0.0]]
+    np.testing.assert_array_equal(padded, expected)
 
 
 def test_parse_reads_values_as_the_cpp_node_does():
@@ -38,20 +39,36 @@ def test_parse_reads_values_as_the_cpp_node_does():
     of_list = footprints.parse([[0.1, 0.2], [0.3, 0.4], [0.5, 0.6]])
     assert of_list[2, 1] == float(np.float32(0.6))
     # Commas may be missing, and numbers short.
-    loose = footprints.parse("[[1 2] [3,-.5],\t[5e-1, 6]]")
-    assert loose.tolist() == [[1.0, 2.0], [3.0, -0.5], [0.5, 6.0]]
+    loosely_written = footprints.parse("[[1 2] [3,-.5],\t[5e-1, 6]]")
+    assert loosely_written.tolist() == [
+        [1.0, 2.0],
+        [3.0, -0.5],
+        [0.5, 6.0],
+    ]
     assert footprints.parse("[]").shape == (0, 2)
     assert footprints.parse("").shape == (0, 2)
 
 
 @pytest.mark.parametrize(
-    "text", ["[[0,0],[1,1]]", "[[0,0],[1,1],[2]]", "__import__('os')", "[[0,0],[1,1],[2,1e999]]"]
+    "text",
+    [
+        "[[0,0],[1,1]]",
+        "[[0,0],[1,1],[2]]",
+        "__import__('os')",
+        "[[0,0],[1,1],[2,1e999]]",
+    ],
 )
 def test_parse_rejects_in_one_line(text):
     refused(lambda: footprints.parse(text), "footprint")
 
 
-@pytest.mark.parametrize("points", [np.zeros((0, 2)), [[1.0, 1.0], [2.0, 2.0]]])
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.zeros((0, 2)),
+        [[1.0, 1.0], [2.0, 2.0]],
+    ],
+)
 def test_fewer_than_three_points_have_no_inside(points):
     huge = np.finfo(np.float64).max
     assert footprints.radii(points) == (huge, 0.0)
@@ -74,7 +91,8 @@ def test_a_circle_has_sixteen_vertices_at_its_radius():
 def test_transform_keeps_distances(vertices, x, y, yaw):
     placed = footprints.transform(vertices, x, y, yaw)
     distances = np.linalg.norm(placed - (x, y), axis=1)
-    np.testing.assert_allclose(distances, np.linalg.norm(vertices, axis=1), atol=1e-12)
+    expected = np.linalg.norm(vertices, axis=1)
+    np.testing.assert_allclose(distances, expected, atol=1e-12)
 
 
 @given(*[st.integers(0, 30)] * 4)
@@ -86,6 +104,8 @@ def test_line_is_connected_and_has_one_cell_per_major_step(x0, y0, x1, y1):
     line = np.column_stack([cells_x, cells_y])[:count]
     assert tuple(line[0]) == (x0, y0)
     assert tuple(line[-1]) == (x1, y1)
+    # Each step goes by one cell along the longer side, and by one or none along the other.
     assert len(line) == max(abs(x1 - x0), abs(y1 - y0)) + 1
-    longest_steps = np.abs(np.diff(line, axis=0)).max(axis=1)
+    steps = np.diff(line, axis=0)
+    longest_steps = np.abs(steps).max(axis=1)
     assert (longest_steps == 1).all()

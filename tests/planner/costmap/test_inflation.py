@@ -77,7 +77,15 @@ def assert_within(differs, window):
     assert rows.max() < top
 
 
-@pytest.mark.parametrize(("cells", "cost"), [(0, 254), (5, 253), (6, 152)])
+# The inscribed radius of 0.25 m is 5 cells.
+@pytest.mark.parametrize(
+    ("cells", "cost"),
+    [
+        (0, 254),
+        (5, 253),
+        (6, 152),
+    ],
+)
 def test_costs_decay_beyond_the_inscribed_radius(cells, cost):
     assert cost_at(cells, 0.05, 0.25, 10.0) == cost
 
@@ -97,13 +105,14 @@ def test_short_queues_are_survived():
     """If many obstacles change at once, the queue grows or the spread starts anew."""
     rng = np.random.default_rng(3)
     layer = make(150, 150, InflationParameters(0.3, 3.0))
-    spread_anew = blank(150, 150)
+    expected = blank(150, 150)
     # Too short for what comes, so that they must grow.
     layer._queue = np.empty((4, 75), np.int32)
     layer._lost = np.empty(250, np.int64)
     master = blank(150, 150)
     for fill in (0.02, 0.1, 0.0, 0.05):
-        spread_anew[:] = np.where(rng.random(spread_anew.shape) < fill, 254, 0)
-        layer.update(master, spread_anew.copy(), (0, 0, 150, 150))
-        inflate(spread_anew, (0, 0, 150, 150), 0.05, 0.265, layer.parameters)
-        np.testing.assert_array_equal(master, spread_anew)
+        is_obstacle = rng.random(expected.shape) < fill
+        expected[:] = np.where(is_obstacle, 254, 0)
+        layer.update(master, expected.copy(), (0, 0, 150, 150))
+        inflate(expected, (0, 0, 150, 150), 0.05, 0.265, layer.parameters)
+        np.testing.assert_array_equal(master, expected)

@@ -58,13 +58,14 @@ def observe_point(layer, x, y):
 
 
 def test_ranges_within_the_limits_are_kept():
-    kept = project(scan([0.05, 0.1, 29.99, 30.0, INF, -INF, math.nan, 5.0]))
-    np.testing.assert_allclose(distances(kept), [0.1, 29.99, 5.0], rtol=1e-6)
+    cloud = project(scan([0.05, 0.1, 29.99, 30.0, INF, -INF, math.nan, 5.0]))
+    np.testing.assert_allclose(distances(cloud), [0.1, 29.99, 5.0], rtol=1e-6)
 
 
 def test_infinite_ranges_are_used_if_they_are_declared_valid():
-    kept = project(scan([INF, -INF, math.nan, 5.0]), inf_is_valid=True)
-    assert distances(kept) == pytest.approx([30.0 - 0.0001, 5.0])
+    cloud = project(scan([INF, -INF, math.nan, 5.0]), inf_is_valid=True)
+    # As in C++, they lie a tenth of a millimetre within range_max.
+    assert distances(cloud) == pytest.approx([30.0 - 0.0001, 5.0])
 
 
 def test_a_scan_without_ranges_has_no_points():
@@ -92,9 +93,10 @@ def test_projection_rounds_like_the_cpp_code(ranges, x, y, yaw):
         angle = beam * float(f(0.0065))
         px = f(float(f(distance)) * math.cos(angle))
         py = f(float(f(distance)) * math.sin(angle))
-        assert cloud.points[beam, 0] == f(f(f(m00 * px) - f(m10 * py)) + f(x))
-        assert cloud.points[beam, 1] == f(f(f(m10 * px) + f(m00 * py)) + f(y))
-        assert cloud.points[beam, 2] == f(0.3)
+        point_x, point_y, point_z = cloud.points[beam]
+        assert point_x == f(f(f(m00 * px) - f(m10 * py)) + f(x))
+        assert point_y == f(f(f(m10 * px) + f(m00 * py)) + f(y))
+        assert point_z == f(0.3)
     assert cloud.origin == (x, y, 0.3)
 
 
@@ -107,7 +109,11 @@ def test_integer_parameters_do_not_compile_a_new_kernel():
 
 
 @pytest.mark.parametrize(
-    ("x", "is_marked"), [(2.5, False), (np.nextafter(np.float32(2.5), np.float32(0.0)), True)]
+    ("x", "is_marked"),
+    [
+        (2.5, False),
+        (np.nextafter(np.float32(2.5), np.float32(0.0)), True),
+    ],
 )
 def test_a_point_at_obstacle_range_does_not_mark(x, is_marked):
     """obstacle_layer.cpp skips points whose squared distance is at least the squared range."""

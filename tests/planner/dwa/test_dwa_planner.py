@@ -13,10 +13,16 @@ from applr_ros1.planner.dwa.planner import DWAPlanner
 from applr_ros1.planner.parameters.check import complete
 from tests.support.scenes import open_map
 
-BURGER_FOOT = np.array([[-0.115, -0.115], [-0.115, 0.115], [0.051, 0.115], [0.051, -0.115]])
-BURGER = dict(
-    complete(robots.load("turtlebot3_burger").parameters())["DWAPlannerROS"], vy_samples=1
+BURGER_FOOT = np.array(
+    [
+        [-0.115, -0.115],
+        [-0.115, 0.115],
+        [0.051, 0.115],
+        [0.051, -0.115],
+    ]
 )
+BURGER_TREE = complete(robots.load("turtlebot3_burger").parameters())
+BURGER = dict(BURGER_TREE["DWAPlannerROS"], vy_samples=1)
 ORIGIN = (0, 0, 0)
 AT_REST = (0, 0, 0)
 AHEAD = [(0, 0), (1, 0)]  # plan
@@ -43,11 +49,17 @@ def test_a_changed_footprint_counts_at_once():
 @pytest.mark.parametrize("yaw", [0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi])
 def test_the_best_sample_may_end_in_the_outermost_cells_of_the_map(yaw):
     """The robot looks at a border, .2 m away, and its plan ends in the cells at the border."""
-    planner = DWAPlanner({**BURGER, "occdist_scale": 0.0, "forward_point_distance": 0.0}, 0.1)
+    parameters = dict(BURGER, occdist_scale=0.0, forward_point_distance=0.0)
+    planner = DWAPlanner(parameters, 0.1)
     direction = np.array([math.cos(yaw), math.sin(yaw)])
     start = 1.3 * direction
     plan = [start, 1.48 * direction]
-    choice = planner.find_best_path(small_map(), plan, (*start, yaw), (0.15, 0.0, 0.0))
+    choice = planner.find_best_path(
+        small_map(),
+        plan,
+        (*start, yaw),
+        (0.15, 0.0, 0.0),
+    )
     costs = planner.score_all_samples().costs
     assert choice.cost == costs[costs >= 0.0].min()
     x, y, _ = choice.points[-1]
@@ -60,8 +72,8 @@ def counted(planner):
 
 
 def test_refusals_count_the_rejected_samples_by_critic():
-    forward = dict(BURGER, min_vel_x=0.15, vx_samples=2, vth_samples=3)
-    planner = DWAPlanner(forward, 0.1)
+    only_forward = dict(BURGER, min_vel_x=0.15, vx_samples=2, vth_samples=3)
+    planner = DWAPlanner(only_forward, 0.1)
     costmap = small_map()
     twist = (0.15, 0, 0)
 

@@ -17,16 +17,29 @@ from tests.support import scenes
 from tests.support.robots import JACKAL_FOOTPRINT
 from tests.support.seeds import examples
 
-# Edge of a cell [m].
-RES = 0.05
-EIGHT_NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
+RES = 0.05  # edge of a cell [m]
+EIGHT_NEIGHBOURS = (
+    (-1, -1),
+    (-1, 0),
+    (-1, 1),
+    (0, -1),
+    (0, 1),
+    (1, -1),
+    (1, 0),
+    (1, 1),
+)
 
 
 def costmap_of(cells, origin=(0.0, 0.0)):
     """Return a costmap with exactly these cells (ny, nx)."""
     rows, columns = cells.shape
+    # Half a cell more, because the size is divided by the resolution and rounded down.
     costmap = Costmap(
-        (columns + 0.5) * RES, (rows + 0.5) * RES, RES, origin, inflation=InflationParameters(0.0)
+        (columns + 0.5) * RES,
+        (rows + 0.5) * RES,
+        RES,
+        origin,
+        inflation=InflationParameters(0.0),
     )
     scenes.paint(costmap, cells)
     return costmap
@@ -72,23 +85,33 @@ def world(rng, ny, nx, kind):
 def inside(rng, nx, ny, border=0.0):
     """Return a point on the map, with probability `border` in a border cell."""
     sides = (nx * RES, ny * RES)
-    point = list(rng.uniform(0, sides))
+    point = rng.uniform(0, sides).tolist()
     if rng.random() < border:
         axis = int(rng.integers(2))
         point[axis] = rng.choice((0.01, sides[axis] - 0.01))
     return tuple(point)
 
 
-def compare(planner, costmap, start, goal, tolerance=0.0, allow_unknown=True, list_size=LIST_SIZE):
+def compare(
+    planner,
+    costmap,
+    start,
+    goal,
+    tolerance=0.0,
+    allow_unknown=True,
+    list_size=LIST_SIZE,
+):
     """Return the plan after asserting that plan, potential and costs equal those of a new
     planner.
     """
-    fresh = Navfn(list_size)
-    expected = fresh.plan(copy.deepcopy(costmap), start, goal, tolerance, allow_unknown)
+    new_planner = Navfn(list_size)
+    # A plan frees the robot's cell.
+    copied_map = copy.deepcopy(costmap)
+    expected_plan = new_planner.plan(copied_map, start, goal, tolerance, allow_unknown)
     plan = planner.plan(costmap, start, goal, tolerance, allow_unknown)
-    np.testing.assert_array_equal(plan, expected)
-    np.testing.assert_array_equal(planner.potential, fresh.potential)
-    np.testing.assert_array_equal(planner.costs, fresh.costs)
+    np.testing.assert_array_equal(plan, expected_plan)
+    np.testing.assert_array_equal(planner.potential, new_planner.potential)
+    np.testing.assert_array_equal(planner.costs, new_planner.costs)
     return plan
 
 
@@ -100,23 +123,34 @@ def test_one_planner_on_a_changing_map(seed, list_size):
     """
     rng = np.random.default_rng(seed)
     ny, nx = rng.integers(20, 45, 2).tolist()
-    cells = world(rng, ny, nx, rng.choice(("cellular", "arbitrary")))
+    kind = rng.choice(("cellular", "arbitrary"))
+    cells = world(rng, ny, nx, kind)
     costmap = costmap_of(cells)
     planner = Navfn(list_size)
     robot = inside(rng, nx, ny, 0.1)
     goal = (*inside(rng, nx, ny), 0.0)
     allow_unknown = True
     for _ in range(8):
-        compare(planner, costmap, robot, goal, 0.0, allow_unknown, list_size)
-        if rng.random() < 0.7:  # The map changes around one point, as around a robot.
-            x, y = rng.integers(0, (nx, ny)).tolist()
-            bottom = max(0, y - 4)
-            left = max(0, x - 4)
-            block = cells[bottom : y + 5, left : x + 5]
-            rows, columns = block.shape
-            block[:] = world(rng, 9, 9, "arbitrary")[:rows, :columns]
+        compare(
+            planner,
+            costmap,
+            robot,
+            goal,
+            allow_unknown=allow_unknown,
+            list_size=list_size,
+        )
+        # The map changes around one point, as around a robot.
+        if rng.random() < 0.7:
+            middle_column, middle_row = rng.integers(0, (nx, ny)).tolist()
+            first_row = max(0, middle_row - 4)
+            first_column = max(0, middle_column - 4)
+            block = cells[first_row : middle_row + 5, first_column : middle_column + 5]
+            row_count, column_count = block.shape
+            new_cells = world(rng, 9, 9, "arbitrary")
+            block[:] = new_cells[:row_count, :column_count]
             costmap.clear()
             scenes.paint(costmap, cells)
+        # Each of the other inputs changes sometimes.
         if rng.random() < 0.5:
             robot = inside(rng, nx, ny, 0.1)
         if rng.random() < 0.2:
@@ -159,15 +193,17 @@ def test_a_deep_copy_plans_by_itself():
     planner = Navfn()
     start = (0.5, 1.0)
     goal = (1.6, 1.0, 0.0)
-    straight = compare(planner, costmap, start, goal)
+    straight_plan = compare(planner, costmap, start, goal)
     copied_planner, copied_map = copy.deepcopy((planner, costmap))
     wall = np.zeros((40, 40), np.uint8)
     wall[8:, 20] = 254
     scenes.paint(copied_map, wall)
 
     # Then: only the copy goes round the wall
-    assert len(compare(copied_planner, copied_map, start, goal)) > len(straight)
-    np.testing.assert_array_equal(compare(planner, costmap, start, goal), straight)
+    plan_round_wall = compare(copied_planner, copied_map, start, goal)
+    assert len(plan_round_wall) > len(straight_plan)
+    repeated_plan = compare(planner, costmap, start, goal)
+    np.testing.assert_array_equal(repeated_plan, straight_plan)
 
 
 def test_no_plan_if_the_goal_cannot_be_reached():
@@ -177,9 +213,11 @@ def test_no_plan_if_the_goal_cannot_be_reached():
     planner = Navfn()
     start = (0.5, 1.0)
     off_the_map = (5.0, 5.0)
-    assert compare(planner, costmap, start, (1.5, 1.0, 0.0)).shape == (0, 3)
+    behind_the_wall = (1.5, 1.0, 0.0)
+    assert compare(planner, costmap, start, behind_the_wall).shape == (0, 3)
     # The goal is in the wall, but a free cell is within the tolerance.
-    assert len(compare(planner, costmap, start, (1.02, 1.0, 0.0), 0.11)) > 3
+    in_the_wall = (1.02, 1.0, 0.0)
+    assert len(compare(planner, costmap, start, in_the_wall, tolerance=0.11)) > 3
     assert planner.plan(costmap, off_the_map, (1.0, 1.0, 0.0)).shape == (0, 3)
     assert planner.plan(costmap, start, (*off_the_map, 0.0)).shape == (0, 3)
     assert planner.plan(costmap, start, (*off_the_map, 0.0), 0.2).shape == (0, 3)
@@ -198,7 +236,8 @@ def test_the_robots_cell_becomes_free():
 @pytest.mark.parametrize("shape", [(1, 1), (2, 5), (5, 2)])
 def test_a_map_too_small_to_have_an_inside(shape):
     costmap = costmap_of(np.zeros(shape, np.uint8))
-    assert len(Navfn().plan(costmap, (0.02, 0.02), (0.03, 0.03, 0.0))) <= 2
+    plan = Navfn().plan(costmap, (0.02, 0.02), (0.03, 0.03, 0.0))
+    assert len(plan) <= 2
 
 
 # -- fence of the flood ----------------------------------------------------------------------------
@@ -217,12 +256,14 @@ def test_a_fenced_flood_gives_the_plan_of_a_full_flood(monkeypatch):
         bottom = int(rng.integers(0, ny - height))
         cells = np.zeros((ny, nx), np.uint8)
         block = cells[bottom : bottom + height, left : left + width]
-        block[:] = world(rng, height, width, ("arbitrary", "cellular")[seed % 2])
+        kind = ("arbitrary", "cellular")[seed % 2]
+        block[:] = world(rng, height, width, kind)
         costmap = costmap_of(cells)
         robot_cell = np.array([left + width // 2, bottom + height // 2])
         if seed % 3 == 0:
             robot_cell = rng.integers(5, (nx - 5, ny - 5))
-        goal = (*(rng.uniform(5, (nx - 5, ny - 5)) * RES), 0.3)
+        goal_x, goal_y = rng.uniform(5, (nx - 5, ny - 5)) * RES
+        goal = (goal_x, goal_y, 0.3)
         fenced = Navfn()
         full = Navfn()
         for _ in range(4):
@@ -231,19 +272,23 @@ def test_a_fenced_flood_gives_the_plan_of_a_full_flood(monkeypatch):
             monkeypatch.setattr(window, "around", around)
             plan = fenced.plan(costmap, start, goal)
             monkeypatch.setattr(window, "around", lambda *_: None)
-            expected = full.plan(costmap, start, goal)
+            expected_plan = full.plan(costmap, start, goal)
 
             # Then: plans are equal, and so are the potentials inside the fence
-            np.testing.assert_array_equal(plan, expected)
+            np.testing.assert_array_equal(plan, expected_plan)
             if fenced._fence is not None:
                 fenced_count += 1
                 x0, y0, x1, y1 = fenced._fence
                 within = np.s_[y0 + 2 : y1 - 1, x0 + 2 : x1 - 1]
                 fenced_potential = fenced._potential[: nx * ny].reshape(ny, nx)
-                np.testing.assert_array_equal(fenced_potential[within], full.potential[within])
+                np.testing.assert_array_equal(
+                    fenced_potential[within],
+                    full.potential[within],
+                )
 
             # The robot moves, and a cell of the block changes.
-            robot_cell = np.clip(robot_cell + rng.integers(-3, 4, 2), 2, (nx - 3, ny - 3))
+            moved_cell = robot_cell + rng.integers(-3, 4, 2)
+            robot_cell = np.clip(moved_cell, 2, (nx - 3, ny - 3))
             column = rng.integers(width)
             row = rng.integers(height)
             block[row, column] = rng.choice([0, 100, 254])
@@ -261,10 +306,22 @@ def test_the_first_of_equally_near_points_is_the_target():
 
 
 @pytest.mark.parametrize(
-    ("x", "is_inside"), [(12.0, True), (11.9, False), (16.0, True), (16.1, False)]
+    ("x", "is_inside"),
+    [
+        (12.0, True),
+        (11.9, False),
+        (16.0, True),
+        (16.1, False),
+    ],
 )
 def test_a_plan_near_the_fence_is_not_accepted(x, is_inside):
     fence = (8, 8, 20, 20)
-    path = np.array([[14.0, 14.0], [x, 14.0], [14.0, x]])
+    path = np.array(
+        [
+            [14.0, 14.0],
+            [x, 14.0],
+            [14.0, x],
+        ]
+    )
     assert window.keeps_inside(path, len(path), 30, 30, fence) is is_inside
     assert window.keeps_inside(path, 1, 30, 30, fence)
