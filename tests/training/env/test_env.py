@@ -15,6 +15,7 @@ from applr_ros1.drives.drive import Drive, Goal
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.robots import JACKAL
 from training.env.episode import Episode
 from training.env.outcome import Leg, Outcome, nearest, outcome_of
 from training.env.reward import Reward, failed
@@ -75,17 +76,22 @@ class FakeMoveBase:
     def step(self, time, pose, twist, scan, local_origin):
         self.steps.append((time, pose, twist))
         self.scans.append(scan)
-        count = len(self.steps)
+        cycle_count = len(self.steps)
         command = None
         if self.goals:
-            second = (count - 2) // 20
+            second = (cycle_count - 2) // 20
             v, w = self.commands[min(second, len(self.commands) - 1)]
-            has_ended = self.end is not None and count > self.end
-            command = (0.0 if has_ended else v, w)
+            if self.end is not None and cycle_count > self.end:
+                v = 0.0
+            command = (v, w)
         result = None
-        if self.end is not None and count == self.end + 1:
+        if self.end is not None and cycle_count == self.end + 1:
             result = self.result
-        return SimpleNamespace(command=command, result=result, new_plan=count % 10 == 1)
+        return SimpleNamespace(
+            command=command,
+            result=result,
+            new_plan=cycle_count % 10 == 1,
+        )
 
 
 def straight(obstacle=None):
@@ -98,16 +104,32 @@ def straight(obstacle=None):
         goal_tolerance=0.4,
         path=np.array([(1.0, 2.0), (1.0, 6.0)]),
     )
-    return World("straight", cylinders, boxes=np.zeros((0, 5)), course=course)
+    return World(
+        "straight",
+        cylinders,
+        boxes=np.zeros((0, 5)),
+        course=course,
+    )
 
 
 def trial(
     obstacle=None, v=1.0, end=None, result=None, world=None, variant="ours", limit=50, **options
 ):
     """Return the episode of a robot that drives at v [m/s], with a limit on its decisions."""
-    planner = FakeMoveBase((v, 0.0), end=end, result=result, variant=variant)
+    planner = FakeMoveBase(
+        (v, 0.0),
+        end=end,
+        result=result,
+        variant=variant,
+    )
     simulator = sim_bridge.make("kinematic", slip=0.0)
-    episode = Episode(simulator, planner, period=PERIOD, time_limit=PERIOD * limit, **options)
+    episode = Episode(
+        simulator,
+        planner,
+        period=PERIOD,
+        time_limit=PERIOD * limit,
+        **options,
+    )
     episode.reset(world or straight(obstacle), 0)
     return episode
 
@@ -122,24 +144,29 @@ def drive(episode, theta=SPACE.theta0, most=60):
 
 def test_a_course_takes_the_time_it_takes_to_a_control_cycle():
     episode = trial()
-    first, second, last = drive(episode)
-    assert last.success
-    assert not failed(last)
-    assert not last.timeout
+
+    first_outcome, second_outcome, last_outcome = drive(episode)
+
+    assert last_outcome.success
+    assert not failed(last_outcome)
+    assert not last_outcome.timeout
+
     # 4 m at 1 m/s, and some acceleration at the start.
-    assert last.time_s == pytest.approx(4.1, abs=0.15)
-    cycles = last.time_s / CYCLE_S
-    assert cycles == pytest.approx(round(cycles), abs=1e-6)
-    assert last.decisions == 3
-    assert first.seconds == pytest.approx(PERIOD)
-    assert second.seconds == pytest.approx(PERIOD)
-    assert last.seconds == pytest.approx(last.time_s - 2 * PERIOD)
-    assert last.path_length_m == pytest.approx(4.0, abs=0.1)
-    progress = first.progress + second.progress + last.progress
-    progress_y = first.progress_y + second.progress_y + last.progress_y
+    assert last_outcome.time_s == pytest.approx(4.1, abs=0.15)
+    cycle_count = last_outcome.time_s / CYCLE_S
+    assert cycle_count == pytest.approx(round(cycle_count), abs=1e-6)
+    assert last_outcome.decisions == 3
+    assert first_outcome.seconds == pytest.approx(PERIOD)
+    assert second_outcome.seconds == pytest.approx(PERIOD)
+    assert last_outcome.seconds == pytest.approx(last_outcome.time_s - 2 * PERIOD)
+    assert last_outcome.path_length_m == pytest.approx(4.0, abs=0.1)
+    progress = first_outcome.progress + second_outcome.progress + last_outcome.progress
+    progress_y = first_outcome.progress_y + second_outcome.progress_y + last_outcome.progress_y
     assert progress == pytest.approx(4.0, abs=0.1)
     assert progress_y == pytest.approx(4.0, abs=0.1)
-    assert len(episode.drive.truth) == round(cycles) + 1
+
+    # The recording has the pose at the start, too.
+    assert len(episode.drive.truth) == round(cycle_count) + 1
     assert len(episode.drive.decisions) == 3
     with pytest.raises(RuntimeError, match="reset"):
         episode.decide(SPACE.theta0)
@@ -170,21 +197,24 @@ def test_the_goal_is_sent_once_in_odom_and_the_parameters_through_the_servers():
 
     requests = dict(move_base.requests)
     assert set(requests) == set(SPACE.servers)
-    planner = requests["TrajectoryPlannerROS"]
-    assert planner["max_vel_theta"] == 1.57
-    assert planner["min_vel_theta"] == -1.57
-    assert planner["vx_samples"] == 6
-    # The outcome has the value in force in the planner.
-    samples = SPACE.names.index("vx_samples")
-    theta = episode.outcome.theta
-    assert theta[samples] == 7
-    assert np.array_equal(np.delete(theta, samples), np.delete(SPACE.theta0, samples))
+    planner_values = requests["TrajectoryPlannerROS"]
+    assert planner_values["max_vel_theta"] == 1.57
+    assert planner_values["min_vel_theta"] == -1.57
+    assert planner_values["vx_samples"] == 6
 
-    _, pose, _ = move_base.steps[1]
-    assert pose == pytest.approx((0.0, 0.0, NORTH), abs=0.01)
+    # The outcome has the value in force in the planner, and else what was requested.
+    samples_index = SPACE.names.index("vx_samples")
+    expected_theta = SPACE.theta0.copy()
+    expected_theta[samples_index] = 7
+    assert np.array_equal(episode.outcome.theta, expected_theta)
+
+    # The laser is mounted 0.055 m ahead of the robot's centre.
+    _, robot_pose, _ = move_base.steps[1]
+    assert robot_pose == pytest.approx((0.0, 0.0, NORTH), abs=0.01)
     assert move_base.scans[1].sensor_pose == pytest.approx((0.0, 0.055, NORTH), abs=0.01)
+
     context = episode.context()
-    observation = PaperEncoding(robots.JACKAL).observe(context)
+    observation = PaperEncoding(JACKAL).observe(context)
     assert observation.shape == (729,)
     assert observation[720] == pytest.approx(context.phi / math.pi)
 
@@ -193,9 +223,10 @@ def test_the_local_goal_is_relative_to_the_robot():
     episode = trial()
     # Plan: north-east, robot: north.
     assert episode.context().phi == pytest.approx(-math.pi / 4, abs=0.02)
+
+    # Without a plan, the local goal is the goal.
     episode.move_base.global_plan = np.zeros((0, 3))
     episode.decide(SPACE.theta0)
-    # Without a plan, the local goal is the goal.
     assert episode.context().phi == pytest.approx(0.0, abs=0.05)
 
 
@@ -230,7 +261,12 @@ GIVEN_UP = {
         (
             {"v": 0.0, "limit": 5},
             False,
-            {"decisions": 5, "time_s": 10.0, "timeout": True, "aborted": False},
+            {
+                "decisions": 5,
+                "time_s": 10.0,
+                "timeout": True,
+                "aborted": False,
+            },
         ),
         # A stall is a failure if requested. The threshold of 0.85 m in 8 s is 0.106 m/s.
         ({"v": 0.0, "limit": 6}, False, {"decisions": 6}),
@@ -257,15 +293,15 @@ GIVEN_UP = {
 )
 def test_each_end_of_a_trial_is_recorded(options, fails, ends):
     outcomes = drive(trial(**options))
-    last = outcomes[-1]
-    for name, value in ends.items():
-        assert getattr(last, name) == value, name
-    assert failed(last) == fails
-    assert last.decisions == len(outcomes)
+    last_outcome = outcomes[-1]
+    for field_name, expected in ends.items():
+        assert getattr(last_outcome, field_name) == expected, field_name
+    assert failed(last_outcome) == fails
+    assert last_outcome.decisions == len(outcomes)
     if "obstacle" in options:
-        assert last.min_clearance_m < 0.2
+        assert last_outcome.min_clearance_m < 0.2
     if "end_on_collision" in options:
-        assert last.time_s < 4
+        assert last_outcome.time_s < 4
 
 
 @pytest.mark.parametrize(
@@ -297,10 +333,15 @@ def test_a_course_without_a_finish_line_ends_when_the_planner_has_arrived(
         goal_tolerance=tolerance,
         planner_ends=planner_ends,
     )
-    end = None
+    result_cycle = None
     if result:
-        end = round((4.0 - left) / speed / CYCLE_S)
-    episode = trial(v=speed, limit=6, end=end, result=result)
+        result_cycle = round((4.0 - left) / speed / CYCLE_S)
+    episode = trial(
+        v=speed,
+        limit=6,
+        end=result_cycle,
+        result=result,
+    )
     to_odom = episode.simulator.to_odom
 
     def to_odom_with_an_error(pose):
@@ -310,20 +351,25 @@ def test_a_course_without_a_finish_line_ends_when_the_planner_has_arrived(
     episode.simulator.to_odom = to_odom_with_an_error
     episode.reset(replace(world, course=course), 0)
 
-    *_, last = drive(episode)
+    *_, last_outcome = drive(episode)
 
-    assert last.reason == reason
-    assert last.success == (reason == "finished")
-    if last.success and off:  # The course ends as soon as the robot is within the tolerance.
-        assert last.time_s == pytest.approx((4.0 - tolerance) / speed, abs=0.4)
+    assert last_outcome.reason == reason
+    assert last_outcome.success == (reason == "finished")
+    # The course ends as soon as the robot is within the tolerance.
+    if last_outcome.success and off:
+        arrival_time = (4.0 - tolerance) / speed
+        assert last_outcome.time_s == pytest.approx(arrival_time, abs=0.4)
 
 
 def test_a_laser_of_5_hz_scans_in_every_fourth_cycle():
     robot = robots.load("turtlebot3_burger")
     planner = FakeMoveBase((0.1, 0.0))
-    episode = Episode(sim_bridge.make("kinematic", robot=robot), planner, robot, period=2.0)
+    simulator = sim_bridge.make("kinematic", robot=robot)
+    episode = Episode(simulator, planner, robot, period=2.0)
     episode.reset(straight(), 0)
+
     episode.decide(episode.space.theta0)
+
     # One at the reset, and 40 cycles in two seconds.
     assert len(planner.scans) == 41
     for cycle, scan in enumerate(planner.scans):
@@ -359,15 +405,16 @@ GOLDEN = (
 
 
 def test_the_pose_of_a_laser_that_is_mounted_aside_and_turned():
-    laser = robots.JACKAL.laser.model_copy(update={"pose": (0.1, 0.2, 0.5)})
+    laser = JACKAL.laser.model_copy(update={"pose": (0.1, 0.2, 0.5)})
     turned_left = 0.5 * math.pi
     expected = (1.0 - 0.2, 2.0 + 0.1, turned_left + 0.5)
     assert laser.pose_at((1.0, 2.0, turned_left)) == pytest.approx(expected)
 
 
 def test_the_first_beam_of_a_turned_laser_is_seen_in_its_direction_from_the_robot():
-    laser = robots.JACKAL.laser.model_copy(update={"pose": (0.1, 0.0, 0.5)})
-    episode = trial(robot=replace(robots.JACKAL, laser=laser))
+    laser = JACKAL.laser.model_copy(update={"pose": (0.1, 0.0, 0.5)})
+    robot = replace(JACKAL, laser=laser)
+    episode = trial(robot=robot)
     _, first_angle, _ = episode.seen().scan
     assert first_angle == pytest.approx(laser.first_angle + 0.5)
 
@@ -376,8 +423,21 @@ def test_the_first_beam_of_a_turned_laser_is_seen_in_its_direction_from_the_robo
 def test_a_contact_at_the_very_beginning_belongs_to_the_course_before(contact, counts):
     drive = Drive(contacts=np.array([contact]))
     goal = Goal("g", begin=2.0, end=4.0, status="reached")
-    leg = Leg(2.0, 4.0, (2.0, 0.0, 0.0), (0.0, 0.0), (2.0, 0.0))
-    outcome = outcome_of(drive, goal, leg, SPACE.theta0, 1, body_width=0.4)
+    leg = Leg(
+        begin=2.0,
+        end=4.0,
+        goal=(2.0, 0.0, 0.0),
+        start_place=(0.0, 0.0),
+        end_place=(2.0, 0.0),
+    )
+    outcome = outcome_of(
+        drive,
+        goal,
+        leg,
+        SPACE.theta0,
+        1,
+        body_width=0.4,
+    )
     assert outcome.collided is counts
     assert outcome.contact is counts
 
@@ -387,18 +447,28 @@ def test_outcome_of_each_decision_of_a_drive():
 
     The goal is to the left.
     """
-    posts = straight([(1.55, 2.6, 0.1), (1.1, 4.5, 0.2)])
-    world = replace(posts, course=replace(posts.course, goal=(-3.0, 10.0, NORTH)))
-    planner = FakeMoveBase((1.0, 0.0), (1.5, 0.0), (-0.8, 0.0), (-0.3, 0.8))
-    episode = Episode(sim_bridge.make("kinematic", slip=0.0), planner, period=1.0)
-    episode.reset(world, 0)
-    for row in GOLDEN:
+    world = straight([(1.55, 2.6, 0.1), (1.1, 4.5, 0.2)])
+    course = replace(world.course, goal=(-3.0, 10.0, NORTH))
+    planner = FakeMoveBase(
+        (1.0, 0.0),
+        (1.5, 0.0),
+        (-0.8, 0.0),
+        (-0.3, 0.8),
+    )
+    simulator = sim_bridge.make("kinematic", slip=0.0)
+    episode = Episode(simulator, planner, period=1.0)
+    episode.reset(replace(world, course=course), 0)
+    for golden_row in GOLDEN:
         outcome = episode.decide(SPACE.theta0)
         context = episode.context()
-        mean_range = np.minimum(context.ranges, 5.0).mean()
-        values = {**vars(outcome), "phi": context.phi, "mean_range": mean_range}
-        for name, expected in zip(FIELDS, row):
-            assert float(values[name]) == pytest.approx(expected, abs=6e-3), name
+        values = {
+            **vars(outcome),
+            "phi": context.phi,
+            "mean_range": np.minimum(context.ranges, 5.0).mean(),
+        }
+        for field_name, expected in zip(FIELDS, golden_row):
+            # GOLDEN has two places.
+            assert float(values[field_name]) == pytest.approx(expected, abs=6e-3), field_name
 
 
 def test_the_monitor_gets_the_scans_and_the_planner_is_informed_of_blocked_commands():
@@ -422,13 +492,19 @@ def test_the_monitor_moves_the_robot_if_a_cpp_like_planner_finds_no_command(
     variant, escapes, moves
 ):
     """The planner `ours` makes its escape motions itself."""
-    episode = trial(v=0.0, monitor=True, limit=2, variant=variant, escapes=escapes)
-    judge = episode.stack.monitor.filter
+    episode = trial(
+        v=0.0,
+        monitor=True,
+        limit=2,
+        variant=variant,
+        escapes=escapes,
+    )
+    original_filter = episode.stack.monitor.filter
 
     def checked_filter(time, pose, twist, command, *ages, creeps):
         is_planners = command == (0.0, 0.0)
         assert creeps == is_planners, "only the planner's commands may creep"
-        return judge(time, pose, twist, command, *ages, creeps=creeps)
+        return original_filter(time, pose, twist, command, *ages, creeps=creeps)
 
     episode.stack.monitor.filter = checked_filter
     drive(episode)
@@ -444,14 +520,23 @@ def test_nearest_is_bounded_and_finite_for_any_scan():
 
 
 # -- reward: the paper's section III-C -------------------------------------------------------------
-STEP = Outcome(np.zeros(8), progress=0.9, progress_y=0.8, last_scan_min=0.4, decision_min=0.2)
-STEP = replace(STEP, contact=True, seconds=2.0, decisions=3)
+STEP = Outcome(
+    np.zeros(8),
+    progress=0.9,
+    progress_y=0.8,
+    last_scan_min=0.4,
+    decision_min=0.2,
+    contact=True,
+    seconds=2.0,
+    decisions=3,
+)
 TERMS = ("time", "progress", "clearance", "collision")
 
 
 def terms_of(reward, outcome, scale=1.0, pace=1.0, limit=50):
     """Return the terms of a reward by name, for a robot of some size and pace."""
-    total, terms = reward(outcome, limit, PERIOD, SimpleNamespace(scale=scale, pace=pace))
+    robot = SimpleNamespace(scale=scale, pace=pace)
+    total, terms = reward(outcome, limit, PERIOD, robot)
     assert total == pytest.approx(sum(terms.values()))
     assert set(terms) == set(TERMS)
     return terms
@@ -466,7 +551,12 @@ def test_the_reward_has_the_papers_terms():
     terms = terms_of(Reward(c_f=1.0, c_p=2.0, c_c=0.1), STEP)
     assert terms == approx_terms(time=-1.0, progress=1.8, clearance=-0.25, collision=0.0)
 
-    everything = Reward(along_y=True, exact_time=True, lowest=True, c_collision=3.0)
+    everything = Reward(
+        along_y=True,
+        exact_time=True,
+        lowest=True,
+        c_collision=3.0,
+    )
     terms = terms_of(everything, replace(STEP, seconds=0.5, success=True))
     assert terms == approx_terms(time=-0.25, progress=0.8, clearance=-0.25, collision=-3.0)
 
@@ -499,9 +589,9 @@ def test_times_are_scaled_by_the_pace_of_the_robot():
     terms = terms_of(everything, STEP, pace=4.0)
     assert terms == approx_terms(time=-0.25, progress=0.9, clearance=-0.0625, collision=0.0)
 
-    small = terms_of(Reward(), STEP, scale=1.0)["progress"]
-    large = terms_of(Reward(), STEP, scale=2.0)["progress"]
-    assert small == 2.0 * large != 0.0
+    small_robots_progress = terms_of(Reward(), STEP, scale=1.0)["progress"]
+    large_robots_progress = terms_of(Reward(), STEP, scale=2.0)["progress"]
+    assert small_robots_progress == 2.0 * large_robots_progress != 0.0
 
     fallen = replace(STEP, flipped=True, decisions=3)
     assert terms_of(Reward(), STEP, pace=4.0)["time"] == -0.25
@@ -521,7 +611,10 @@ def env():
     import training.env.env
 
     environment = gymnasium.make(
-        training.env.ID, worlds="generated:0,generated:1", simulator="kinematic", time_limit=6.0
+        training.env.ID,
+        worlds="generated:0,generated:1",
+        simulator="kinematic",
+        time_limit=6.0,
     )
     yield environment
     environment.close()
@@ -530,8 +623,8 @@ def env():
 def test_the_environment_made_by_name_passes_gymnasiums_check():
     from gymnasium.utils.env_checker import check_env
 
-    name = "training.env:applr_ros1/Navigation-v0"
-    environment = gymnasium.make(name, worlds="generated:7", time_limit=4.0)
+    environment_id = "training.env:applr_ros1/Navigation-v0"
+    environment = gymnasium.make(environment_id, worlds="generated:7", time_limit=4.0)
     check_env(environment.unwrapped)
     environment.close()
 
@@ -542,7 +635,7 @@ def test_the_same_seed_gives_the_same_episode(env):
         rng = np.random.default_rng(0)
         observation, info = env.reset(seed=seed)
         numbers = [observation]
-        terminated = truncated = False
+        truncated = False
         while not truncated:
             action = rng.uniform(-1, 1, 8).astype(np.float32)
             observation, reward, terminated, truncated, info = env.step(action)
@@ -561,11 +654,12 @@ def test_the_same_seed_gives_the_same_episode(env):
 
 
 def test_the_seed_or_an_option_chooses_the_world(env):
-    drawn = set()
+    drawn_worlds = set()
     for seed in range(12):
         _, info = env.reset(seed=seed)
-        drawn.add(info["world"])
-    assert drawn == {"generated:0", "generated:1"}
+        drawn_worlds.add(info["world"])
+    assert drawn_worlds == {"generated:0", "generated:1"}
+
     for seed in range(6):
         _, info = env.reset(seed=seed, options={"world": 1})
         assert info["world"] == "generated:1"
@@ -574,11 +668,14 @@ def test_the_seed_or_an_option_chooses_the_world(env):
 def test_theta_in_the_observation_is_in_force_in_the_planner(env):
     env.reset(seed=0)
     action = np.array([0.3, -0.2, 0.13, 0.4, -0.9, 1.0, -1.0, 0.5], np.float32)
-    observation, _, _, _, info = env.step(action)
-    encoding = PaperEncoding(robots.JACKAL)
+
+    observation, *_, info = env.step(action)
+
+    encoding = PaperEncoding(JACKAL)
     theta = encoding.theta(action)
     assert np.allclose(info["theta"], theta)
     np.testing.assert_allclose(observation[721:], encoding.action(theta), atol=1e-6)
+
     configuration = env.unwrapped.episode.move_base.configuration("TrajectoryPlannerROS")
     max_vel_x, max_vel_theta, vx_samples, *_ = theta
     assert configuration["max_vel_x"] == pytest.approx(max_vel_x)
@@ -594,20 +691,22 @@ def test_the_decision_period_changes_the_steps_but_not_the_cost_of_a_second(peri
     env = ApplrEnv(worlds="generated:0", period=period, reward={"exact_time": True})
     env.reset(seed=1)
     action = env.encoding.action(env.space.theta0)
-    cost = 0.0
+    time_cost = 0.0
     time_s = 0.0
     terminated = False
     while not terminated:
-        earlier = time_s
+        last_decision_s = time_s
         _, _, terminated, truncated, info = env.step(action)
         assert not truncated
         time_s = info["time_s"]
-        cost += info["reward"]["time"]
-        assert terminated or time_s - earlier == pytest.approx(period)
+        time_cost += info["reward"]["time"]
+        # The last step ends with the course.
+        assert terminated or time_s - last_decision_s == pytest.approx(period)
     env.close()
     assert info["success"]
     assert env.episode.limit == limit
-    assert cost == pytest.approx(-time_s / 2.0)
+    # The paper's period is 2 s.
+    assert time_cost == pytest.approx(-time_s / 2.0)
     assert info["decisions"] - 1 < time_s / period <= info["decisions"] + 1e-6
 
 
@@ -622,35 +721,41 @@ def test_the_decision_period_is_a_multiple_of_the_control_cycle():
 def test_the_costmaps_get_predicted_obstacle_points_if_the_settings_request_them(movers):
     from training.env.env import ApplrEnv
 
-    def marked():
+    def predicted_points():
         """Return the number of points of all sources besides the laser."""
         (layer,) = env.episode.move_base.local_costmap.obstacle_layers
-        _, *others = layer.buffers
-        count = 0
-        for buffer in others:
+        _, *other_buffers = layer.buffers
+        point_count = 0
+        for buffer in other_buffers:
             for cloud in buffer.clouds:
-                count += len(cloud.points)
-        return count
+                point_count += len(cloud.points)
+        return point_count
 
     env = ApplrEnv("dynamic:401", period=1.0, movers=movers)
     for _ in range(2):
         env.reset(seed=0)
-        assert marked() == 0, "the tracker has no moving obstacle yet"
+        assert predicted_points() == 0, "the tracker has no moving obstacle yet"
         for _ in range(3):
             env.step(np.zeros(env.action_space.shape, np.float32))
-        assert (marked() > 20) == movers
+        assert (predicted_points() > 20) == movers
     env.close()
 
 
 def test_a_course_begins_without_a_scan_of_the_previous_course():
-    settings = {"simulator": "kinematic", "observation": "dimensionless", "period": 1.0}
-    env = gymnasium.make("training.env:applr_ros1/Navigation-v0", worlds="generated:7", **settings)
+    env = gymnasium.make(
+        "training.env:applr_ros1/Navigation-v0",
+        worlds="generated:7",
+        simulator="kinematic",
+        observation="dimensionless",
+        period=1.0,
+    )
     env.reset(seed=0)
-    during, *_ = env.step(np.zeros(env.action_space.shape, np.float32))
+    on_its_way, *_ = env.step(np.zeros(env.action_space.shape, np.float32))
     at_begin, _ = env.reset(seed=1)
-    count = env.unwrapped.encoding.scan
-    for observation, is_repeated in ((during, False), (at_begin, True)):
-        scan, earlier_scan = np.split(observation[:count], 2)
+    # This encoding has the scan of the decision before, too, which at first is the same.
+    beam_count = env.unwrapped.encoding.scan
+    for observation, is_repeated in ((on_its_way, False), (at_begin, True)):
+        scan, earlier_scan = np.split(observation[:beam_count], 2)
         assert np.array_equal(scan, earlier_scan) == is_repeated
     env.close()
 
@@ -658,32 +763,41 @@ def test_a_course_begins_without_a_scan_of_the_previous_course():
 def test_the_observation_has_moving_obstacles_relative_to_a_robot_that_turns():
     """The robot starts at (1, 2), the origin of its odometry, and turns by more than 2 rad."""
     # Across the course at 1.25 m/s
-    walker = Mover(radius=0.25, waypoints=((0.0, -1.5, 4.0), (4.0, 3.5, 4.0)))
+    walker = Mover(
+        radius=0.25,
+        waypoints=(
+            (0.0, -1.5, 4.0),
+            (4.0, 3.5, 4.0),
+        ),
+    )
     simulator = sim_bridge.make("kinematic", slip=0.0)
     planner = FakeMoveBase((0.0, 0.6))
     planner.parameters = {"applr": {"movers": True}}
     planner.sources = ("front/scan",)
     episode = Episode(simulator, planner, period=0.5)
-    encoding = DimensionlessEncoding(robots.JACKAL, 0.5)
+    encoding = DimensionlessEncoding(JACKAL, 0.5)
     episode.layout = encoding.layout
 
     def seen_after_three_decisions(*movers):
         """Return x, y, vx, vy of three moving obstacles, as the observation has them."""
         episode.reset(replace(straight(), movers=movers), 0)
         drive(episode, most=3)
-        return encoding.observe(episode.context())[-12:].reshape(3, 4)
+        observation = encoding.observe(episode.context())
+        return observation[-12:].reshape(3, 4)
 
     nobody = [1.0, 0.0, 0.0, 0.0]
     assert seen_after_three_decisions().tolist() == [nobody, nobody, nobody]
-    first, second, third = seen_after_three_decisions(walker)
-    assert second.tolist() == nobody
-    assert third.tolist() == nobody
+    seen_walker, *others = seen_after_three_decisions(walker)
+    for other in others:
+        assert other.tolist() == nobody
 
     state = simulator.state
     _, _, yaw = state.pose
     assert yaw > 2.0
     x, y = transform_point(inverse(state.pose), *walker.position(state.time))
     vx, vy = transform_point((0.0, 0.0, -yaw), 1.25, 0.0)
+    # The units of the encoding
     length = 15.0 * encoding.width
-    speed = robots.JACKAL.base.max_speed
-    np.testing.assert_allclose(first * (length, length, speed, speed), (x, y, vx, vy), atol=0.2)
+    speed = JACKAL.base.max_speed
+    in_metres = seen_walker * (length, length, speed, speed)
+    np.testing.assert_allclose(in_metres, (x, y, vx, vy), atol=0.2)

@@ -32,7 +32,14 @@ def scene(side=1.0, movers=True):
     """
     # World: post, course and a person who walks ahead and to one side, at 1 m/s along both axes
     post = np.array([[2.0 * WIDTH, side * 0.1 * WIDTH, 0.2 * WIDTH]])
-    corners = np.array([(0.0, 0.0), (1.0, side * 1.0), (3.0, side * 1.0), (5.0, 0.0)])
+    corners = np.array(
+        [
+            (0.0, 0.0),
+            (1.0, side * 1.0),
+            (3.0, side * 1.0),
+            (5.0, 0.0),
+        ]
+    )
     course = Course(
         start=(0.0, 0.0, 0.0),
         goal=(8.0 * WIDTH, 0.0, 0.0),
@@ -44,7 +51,13 @@ def scene(side=1.0, movers=True):
     for time in map(float, range(11)):
         key_frames.append((time, 1.0 + time, side * (2.0 + time)))
     walker = Mover(0.25, tuple(key_frames))
-    world = World("w", post, np.zeros((0, 5)), course, (walker,) if movers else ())
+    world = World(
+        "w",
+        post,
+        np.zeros((0, 5)),
+        course,
+        (walker,) if movers else (),
+    )
 
     # Planner: its plan leads ahead in the frame of a wrong odometry.
     believed_pose = (5.0, 3.0, side * 0.5 * math.pi)
@@ -53,9 +66,17 @@ def scene(side=1.0, movers=True):
     plan = np.column_stack([plan_x, plan_y])
 
     drawn = sim_bridge.simulator.Randomisation(
-        latency=0.05, ground=0.25, friction=1.2, slip=0.7, odometry=2.0
+        latency=0.05,
+        ground=0.25,
+        friction=1.2,
+        slip=0.7,
+        odometry=2.0,
     )
-    state = SimpleNamespace(pose=(0.0, 0.0, 0.0), odom_pose=believed_pose, time=5.0)
+    state = SimpleNamespace(
+        pose=(0.0, 0.0, 0.0),
+        odom_pose=believed_pose,
+        time=5.0,
+    )
     return SimpleNamespace(
         simulator=SimpleNamespace(state=state, drawn=drawn),
         world=world,
@@ -77,19 +98,20 @@ def test_critics_observe_the_true_course_and_the_randomised_robot():
 
     # The plan leads into the post, between 1.5 and 2 widths ahead.
     clearances = {}
-    for station, value in zip(STATIONS, observed[FIRST_CLEARANCE:]):
-        clearances[station] = privileged.CLEARANCE_CAP * share(value) ** 2
+    for station, clearance_input in zip(STATIONS, observed[FIRST_CLEARANCE:]):
+        clearances[station] = privileged.CLEARANCE_CAP * share(clearance_input) ** 2
     assert clearances[2.0] == 0.0
     assert clearances[0.5] == pytest.approx(math.hypot(1.5, 0.1) - 0.2, abs=0.12)
 
     # It is free up to the post, and the course goes round the post.
     after_clearances = observed[FIRST_CLEARANCE + 2 * len(STATIONS) :]
-    free, length, distance = after_clearances[:3]
+    free_input, length_input, distance_input = after_clearances[:3]
+    free_way = share(free_input) * STATIONS[-1]
     half_width = 0.5 * JACKAL.body.size[1] / WIDTH
-    assert share(free) * STATIONS[-1] == pytest.approx(2.0 - 0.2 - half_width, abs=0.25)
+    assert free_way == pytest.approx(2.0 - 0.2 - half_width, abs=0.25)
     course_length = math.sqrt(2.0) + 2.0 + math.sqrt(5.0) + 3.0
-    assert share(length) * privileged.LONG == pytest.approx(course_length, abs=1e-4)
-    assert distance == -1.0  # The robot is on the course.
+    assert share(length_input) * privileged.LONG == pytest.approx(course_length, abs=1e-4)
+    assert distance_input == -1.0  # The robot is on the course.
     # The course bends to the left.
     assert observed[0] == pytest.approx(math.sin(math.atan2(1.0, 1.6)), abs=0.06)
 
