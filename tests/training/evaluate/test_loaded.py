@@ -14,11 +14,20 @@ from training.evaluate.loaded import loadable_space
 from training.evaluate.runner import TrialRunner
 from training.evaluate.trial import Trial
 
-SET = {"max_vel_x": 0.9, "footprint_padding": 0.14, "min_in_place_vel_theta": 0.75, "vx_samples": 9}
+SET = {
+    "max_vel_x": 0.9,
+    "footprint_padding": 0.14,
+    "min_in_place_vel_theta": 0.75,
+    "vx_samples": 9,
+}
 
 
 @pytest.mark.parametrize(
-    ("loaded", "in_maps", "slowest"), [(True, 0.1, 0.75), (False, 0.14, 0.314)]
+    ("loaded", "in_maps", "slowest"),
+    [
+        (True, 0.1, 0.75),
+        (False, 0.14, 0.314),
+    ],
 )
 def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robots_files(
     loaded, in_maps, slowest, monkeypatch
@@ -45,7 +54,8 @@ def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robot
 
     # When: it drives a trial with a set
     theta = SPACE.from_dict(SET)
-    runner.run(Trial("generated:7", "m", 0, 1, "generated:7", "", theta=tuple(theta.tolist())))
+    task = Trial("generated:7", "m", 0, 1, "generated:7", "", theta=tuple(theta.tolist()))
+    runner.run(task)
 
     # Then: a loaded set needs no requests, and the stall rule does not change it
     (move_base,) = created
@@ -56,7 +66,7 @@ def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robot
     # The planner has the outline of the robot's files, and reads its slowest turn at the start.
     half_sides = np.abs(move_base.local_planner.planner._footprint).max(axis=0)
     assert half_sides.tolist() == pytest.approx([0.21 + 0.1, 0.165 + 0.1])
-    length = np.ptp(move_base.local_costmap.footprint, axis=0)[0]
+    length, _ = np.ptp(move_base.local_costmap.footprint, axis=0)
     assert length == pytest.approx(0.42 + 2 * in_maps)
     assert move_base.local_planner.slowest_turn == slowest
 
@@ -65,37 +75,49 @@ def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robot
 def test_a_set_that_is_set_by_reconfigure_gives_way_in_a_stall_and_a_loaded_one_stays(
     loaded, monkeypatch
 ):
-    slow = SPACE.from_dict({**SET, "max_vel_x": 0.2})
+    # Given: a stall rule that redraws in each decision, and is watched
+    slow_theta = SPACE.from_dict({**SET, "max_vel_x": 0.2})
     seeds = []
-    cleared = []
-    reset = StallRule.reset
+    cleared_move_bases = []
+    original_reset = StallRule.reset
 
     def instead(self, method, context, theta):
         self.clears_costmaps = method.redraws_stalled
-        return slow if method.redraws_stalled else None
+        return slow_theta if method.redraws_stalled else None
+
+    def reset(self, seed):
+        seeds.append(seed)
+        return original_reset(self, seed)
 
     monkeypatch.setattr(StallRule, "instead", instead)
-    monkeypatch.setattr(
-        StallRule, "reset", lambda self, seed: seeds.append(seed) or reset(self, seed)
-    )
-    monkeypatch.setattr(MoveBase, "clear_costmaps", lambda self: cleared.append(self))
+    monkeypatch.setattr(StallRule, "reset", reset)
+    monkeypatch.setattr(MoveBase, "clear_costmaps", lambda self: cleared_move_bases.append(self))
+
+    # When: a trial with the seed 5 is driven
     runner = TrialRunner(TrialSettings(loaded=loaded, time_limit=2.0))
     theta = tuple(SPACE.from_dict(SET).tolist())
     runner.run(Trial("generated:7", "m", 0, 5, "generated:7", "", theta=theta))
-    assert runner.drive.decisions[-1].after["max_vel_x"] == (0.9 if loaded else 0.2)
+
+    # Then: only a set by reconfigure gave way
+    speed_limit = 0.9 if loaded else 0.2
+    assert runner.drive.decisions[-1].after["max_vel_x"] == speed_limit
     assert seeds[-1] == 5
-    assert bool(cleared) != loaded
+    assert bool(cleared_move_bases) != loaded
 
 
 def test_a_search_leaves_out_parameters_that_act_differently_by_reconfigure():
     jackal = loadable_space(robots.JACKAL)
     assert jackal.fixed == ("footprint_padding",)
-    assert jackal.chosen.names == tuple(name for name in SPACE.names if name != "footprint_padding")
-    sets = np.array([SPACE.from_dict(SET), SPACE.theta0])
+    searched_names = list(SPACE.names)
+    searched_names.remove("footprint_padding")
+    assert jackal.chosen.names == tuple(searched_names)
+
     # A search knows the chosen parameters only; the others are filled in with their defaults.
-    of_set, of_defaults = [jackal.fill(theta) for theta in jackal.chosen_of(sets)]
-    assert jackal.as_dict(of_set)["footprint_padding"] == 0.1
-    assert of_defaults.tolist() == SPACE.theta0.tolist()
+    sets = np.array([SPACE.from_dict(SET), SPACE.theta0])
+    filled_set, filled_defaults = map(jackal.fill, jackal.chosen_of(sets))
+    assert jackal.as_dict(filled_set)["footprint_padding"] == 0.1
+    assert filled_defaults.tolist() == SPACE.theta0.tolist()
+
     waffle = robots.load("turtlebot3_waffle_pi")
     assert loadable_space(waffle).chosen.names == space_of(waffle).names
     burger = robots.load("turtlebot3_burger")

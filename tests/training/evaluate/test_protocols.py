@@ -28,8 +28,10 @@ WALL = (
 
 def drive(folder, *arguments):
     """Run an evaluation, and return the rows of its trials.csv as [{column: value}, ...]."""
-    assert evaluate.main(["--out", str(folder), "--trials", "1", "--workers", "0", *arguments]) == 0
-    return read_trials(folder / "trials.csv").to_dict("records")
+    options = ["--out", str(folder), "--trials", "1", "--workers", "0"]
+    assert evaluate.main([*options, *arguments]) == 0
+    table = read_trials(folder / "trials.csv")
+    return table.to_dict("records")
 
 
 def dynabarn(folder, crossing):
@@ -39,14 +41,16 @@ def dynabarn(folder, crossing):
     crossing: Key frames (t [s], x, y [m]) of the first cylinder. The second stays far from the
         course.
     """
-    tracks = {"easylibobs_1": crossing, "hardlibobs_2": ((0, -8, 7), (6, 8, 8), (12, -8, 7))}
-    with open(folder / NAME, "w", newline="") as file:
-        table = csv.writer(file)
+    far_away = ((0, -8, 7), (6, 8, 8), (12, -8, 7))
+    tracks = {"easylibobs_1": crossing, "hardlibobs_2": far_away}
+    with open(folder / NAME, "w", newline="") as table_file:
+        table = csv.writer(table_file)
         table.writerow(COLUMNS)
-        for name, key_frames in tracks.items():
-            duration, _, _ = key_frames[-1]
+        for cylinder_name, key_frames in tracks.items():
+            last_key_frame = key_frames[-1]
+            duration = last_key_frame[0]
             for key_frame in key_frames:
-                table.writerow((name, duration, 1, *key_frame))
+                table.writerow((cylinder_name, duration, 1, *key_frame))
     walls = WALL.format(-10.5) + WALL.format(10.5)
     body = walls + "".join(map(moving, tracks))
     return write_world(folder, sdf(body, ""), "world_3.world")
@@ -54,43 +58,51 @@ def dynabarn(folder, crossing):
 
 def rates(folder):
     """Return the rows of the report's rates.csv by group of worlds."""
-    with open(folder / "report" / "rates.csv") as file:
-        return {row["worlds"]: row for row in csv.DictReader(file)}
+    with open(folder / "report" / "rates.csv") as rates_file:
+        return {row["worlds"]: row for row in csv.DictReader(rates_file)}
 
 
 def gap_to(mover, motion):
     """Return the smallest distance [m] between base_link and the surface of a moving obstacle."""
-    gaps = []
-    for time, pose in zip(motion.time, motion.pose):
-        gaps.append(math.dist(pose[:2], mover.position(time)) - mover.radius)
-    return min(gaps)
+    distances = []
+    for time, robot_pose in zip(motion.time, motion.pose):
+        distances.append(math.dist(robot_pose[:2], mover.position(time)))
+    return min(distances) - mover.radius
 
 
 def test_dynabarn_is_driven(tmp_path):
     """The course of 20 m passes a cylinder that crosses it 7 m ahead of the start, back and
     forth.
     """
-    path = dynabarn(tmp_path, ((0, 4, -3), (8, 4, 3), (16, 4, -3)))
-    method = tmp_path / "fast.json"
-    method.write_text('{"max_vel_x": 1.0, "vx_samples": 12}')
-    arguments = ["--worlds", path, "--methods", str(method), "--simulator", "kinematic"]
-    out = tmp_path / "out"
+    world_path = dynabarn(tmp_path, ((0, 4, -3), (8, 4, 3), (16, 4, -3)))
+    method_file = tmp_path / "fast.json"
+    method_file.write_text('{"max_vel_x": 1.0, "vx_samples": 12}')
+    arguments = [
+        "--worlds",
+        world_path,
+        "--methods",
+        str(method_file),
+        "--simulator",
+        "kinematic",
+    ]
+    evaluation = tmp_path / "out"
 
-    (row,) = drive(out, *arguments, "--no-report")
-    assert row["world"] == "world_3"
-    assert row["success"], row
+    (table_row,) = drive(evaluation, *arguments, "--no-report")
+
+    assert table_row["world"] == "world_3"
+    assert table_row["success"], table_row
     # 20 m, less the goal tolerance, and a detour around the cylinder.
-    assert 18.0 < row["path_length_m"] < 26.0
-    assert row["time_s"] > 18.0
-    motion = read_trace(out, "world_3", "fast", 0).truth
+    assert 18.0 < table_row["path_length_m"] < 26.0
+    assert table_row["time_s"] > 18.0
+    motion = read_trace(evaluation, "world_3", "fast", 0).truth
     assert np.allclose(np.abs(motion.pose[0]), [11.0, 0.0, np.pi], atol=0.1)
-    crossing, _ = worlds.load(path).movers
     # The cylinder was where its table says: it came near, and was passed.
-    assert 0.1 < gap_to(crossing, motion) < 3.0
+    crossing_cylinder, _ = worlds.load(world_path).movers
+    assert 0.1 < gap_to(crossing_cylinder, motion) < 3.0
 
     # The report does not take it for BARN's world with the same number.
-    drive(out, *arguments)
-    assert list(rates(out)) == ["Other"]
+    drive(evaluation, *arguments)
+    assert list(rates(evaluation)) == ["Other"]
 
 
 def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):
@@ -105,9 +117,9 @@ def test_dynabarn_cylinder_that_runs_into_the_robot(tmp_path):
         "kinematic",
         "--no-report",
     ]
-    (row,) = drive(tmp_path / "out", *arguments)
-    assert row["collided"]
-    assert row["decisions"] > 3
+    (table_row,) = drive(tmp_path / "out", *arguments)
+    assert table_row["collided"]
+    assert table_row["decisions"] > 3
 
 
 def test_the_challenges_rules_apply_and_the_report_has_its_metric(tmp_path):
@@ -115,36 +127,51 @@ def test_the_challenges_rules_apply_and_the_report_has_its_metric(tmp_path):
     metric.
     """
     # Given: a world, and the same world with a cylinder that runs into the robot from behind
-    bully = worlds.Mover(0.4, ((0.0, -2.25, 0.5), (4.0, -2.25, 6.0), (60.0, -2.25, 6.5)))
+    key_frames = (
+        (0.0, -2.25, 0.5),
+        (4.0, -2.25, 6.0),
+        (60.0, -2.25, 6.5),
+    )
+    bully = worlds.Mover(0.4, key_frames)
     hit_world = replace(worlds.load("generated:2"), name="hit", movers=(bully,))
-    sdf_writer.write(hit_world, str(tmp_path / "hit.world"))
-    out = tmp_path / "out"
+    hit_world_file = str(tmp_path / "hit.world")
+    sdf_writer.write(hit_world, hit_world_file)
 
     # When: both are evaluated under the Challenge's rules
-    names = f"generated:2,{tmp_path / 'hit.world'}"
-    rules = ["--methods", "dwa", "--simulator", "kinematic", "--protocol", "barn-challenge"]
-    free, hit = drive(out, "--worlds", names, *rules)
+    evaluation = tmp_path / "out"
+    free_row, hit_row = drive(
+        evaluation,
+        "--worlds",
+        f"generated:2,{hit_world_file}",
+        "--methods",
+        "dwa",
+        "--simulator",
+        "kinematic",
+        "--protocol",
+        "barn-challenge",
+    )
 
     # Then: the robot drives from the Challenge's start into its goal circle
-    assert free["success"]
-    assert not free["collided"]
-    assert 18.0 < free["time_s"] < 100.0
-    motion = read_trace(out, "generated:2", "dwa", 0).truth
+    assert free_row["success"]
+    assert not free_row["collided"]
+    assert 18.0 < free_row["time_s"] < 100.0
+    motion = read_trace(evaluation, "generated:2", "dwa", 0).truth
     assert np.allclose(motion.pose[0], [-2.25, 3.0, np.pi / 2], atol=0.1)
-    assert math.dist(motion.pose[-1][:2], (-2.25, 13.0)) == pytest.approx(1.0, abs=0.1)
+    last_position = motion.pose[-1][:2]
+    assert math.dist(last_position, (-2.25, 13.0)) == pytest.approx(1.0, abs=0.1)
 
     # A collision ends the drive.
-    assert hit["collided"]
-    assert not hit["success"]
-    assert not hit["timeout"]
-    assert hit["reason"] == "contact"
-    assert hit["time_s"] < 10.0
+    assert hit_row["collided"]
+    assert not hit_row["success"]
+    assert not hit_row["timeout"]
+    assert hit_row["reason"] == "contact"
+    assert hit_row["time_s"] < 10.0
 
     # The report has the Challenge's metric: optimal time over time, which counts 2 to 8 of them.
-    optimal_s = free["route_m"] / 2
-    expected = optimal_s / np.clip(free["time_s"], 2 * optimal_s, 8 * optimal_s)
-    groups = rates(out)
-    assert float(groups["Training"]["metric"]) == pytest.approx(expected, abs=6e-4)
+    optimal_s = free_row["route_m"] / 2
+    counted_s = np.clip(free_row["time_s"], 2 * optimal_s, 8 * optimal_s)
+    groups = rates(evaluation)
+    assert float(groups["Training"]["metric"]) == pytest.approx(optimal_s / counted_s, abs=6e-4)
     assert float(groups["Other"]["metric"]) == 0.0
-    settings = json.loads((out / "evaluation.json").read_text())
+    settings = json.loads((evaluation / "evaluation.json").read_text())
     assert "barn-challenge" in json.dumps(settings)

@@ -36,15 +36,30 @@ WORLD = "generated:7"
 @pytest.fixture
 def folder(tmp_path):
     """Return the folder of an evaluation in a built-in world. The method "quiet" has no traces."""
-    methods = list(zip(METHODS, METHODS))
-    plan = plan_trials([(WORLD, WORLD)], methods, trials=2, seed=0, traces=2)
+    plan = plan_trials(
+        [(WORLD, WORLD)],
+        list(zip(METHODS, METHODS)),
+        trials=2,
+        seed=0,
+        traces=2,
+    )
     # An older version of this package did not write the radius.
     robot = dict(SETTINGS["robot"])
     del robot["radius"]
-    settings = dict(SETTINGS, worlds=[WORLD], world_specs=[WORLD], robot=robot)
+    settings = dict(
+        SETTINGS,
+        worlds=[WORLD],
+        world_specs=[WORLD],
+        robot=robot,
+    )
     store = Trials(tmp_path, settings)
     for trial in plan:
-        result = Result(time_s=6.1, decisions=3, path_length_m=6.0, route_m=7.0)
+        result = Result(
+            time_s=6.1,
+            decisions=3,
+            path_length_m=6.0,
+            route_m=7.0,
+        )
         if trial.method == "dwa":
             result = replace(result, success=True, reason="finished")
         else:
@@ -61,45 +76,54 @@ def data_of(text):
 
 
 def test_the_page_has_the_driven_paths(folder):
-    index = write(folder)
-    text = (folder / "report" / drives_page.FILE).read_text(encoding="utf-8")
-    assert 'href="drives.html"' in Path(index).read_text()
-    assert 'href="index.html"' in text  # link back to the report
-    assert not re.search(r'src=|@import|url\(|href="https?:', text)
-    page = data_of(text)
-    assert [method["name"] for method in page["methods"]] == list(METHODS)
-    (world,) = page["worlds"]
+    report_page = Path(write(folder)).read_text()
+    drives_file = folder / "report" / drives_page.FILE
+    page_text = drives_file.read_text(encoding="utf-8")
+    assert 'href="drives.html"' in report_page
+    assert 'href="index.html"' in page_text  # link back to the report
+    assert not re.search(r'src=|@import|url\(|href="https?:', page_text)
+    page_data = data_of(page_text)
+    method_names = [method["name"] for method in page_data["methods"]]
+    assert method_names == list(METHODS)
+    (world,) = page_data["worlds"]
     assert world["name"] == WORLD
 
     # Methods and trials by number
-    drives = world["drives"]
-    assert [(drive["m"], drive["k"]) for drive in drives] == [(0, 0), (0, 1), (1, 0), (1, 1)]
-    of_dwa, _, of_mine, _ = drives
-    assert (of_dwa["ok"], of_dwa["hit"], of_dwa["why"]) == (True, False, "finished")
-    assert (of_mine["ok"], of_mine["hit"], of_mine["why"]) == (False, True, "</script>")
+    numbers = [(drive["m"], drive["k"]) for drive in world["drives"]]
+    assert numbers == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    dwa_drive = world["drives"][0]
+    assert dwa_drive["ok"] is True
+    assert dwa_drive["hit"] is False
+    assert dwa_drive["why"] == "finished"
+    other_drive = world["drives"][2]
+    assert other_drive["ok"] is False
+    assert other_drive["hit"] is True
+    assert other_drive["why"] == "</script>"
 
     # The page has every fourth row, and the last one. Poses are changes in hundredths.
-    rows = [*range(0, 121, 4), 121]
-    poses = np.cumsum(of_dwa["p"], axis=0) / 100.0
-    np.testing.assert_allclose(poses, POSE[rows], atol=0.0051)
-    np.testing.assert_allclose(of_dwa["v"], 100 * SPEED[rows], atol=0.6)
-    assert of_dwa["at"] == [0, 100]
-    assert of_dwa["theta"][1] == SPACE.high.tolist()
+    shown_rows = [*range(0, 121, 4), 121]
+    shown_poses = np.cumsum(dwa_drive["p"], axis=0) / 100.0
+    np.testing.assert_allclose(shown_poses, POSE[shown_rows], atol=0.0051)
+    np.testing.assert_allclose(dwa_drive["v"], 100 * SPEED[shown_rows], atol=0.6)
+    assert dwa_drive["at"] == [0, 100]
+    assert dwa_drive["theta"][1] == SPACE.high.tolist()
 
-    left, bottom, right, top = np.array(world["view"]) / 100.0
-    x, y, _ = poses.T
-    assert left < x.min() < x.max() < right
-    assert bottom < y.min() < y.max() < top
+    # The view contains the drives.
+    min_x, min_y, max_x, max_y = np.array(world["view"]) / 100.0
+    x, y, _ = shown_poses.T
+    assert min_x < x.min() < x.max() < max_x
+    assert min_y < y.min() < y.max() < max_y
+
+    # Posts in millimetres
     circles = np.array(world["circles"]) / 1000.0
     assert len(circles) > 50
-    _, _, radius = circles.T
-    assert radius == pytest.approx(0.075, abs=0.001)
+    assert circles[:, 2] == pytest.approx(0.075, abs=0.001)
     assert world["finish"] == 1000
 
 
 def test_without_traces_there_is_no_page(folder):
-    for path in (folder / "traces").iterdir():
-        path.unlink()
+    for trace_file in (folder / "traces").iterdir():
+        trace_file.unlink()
     assert "drives.html" not in Path(write(folder)).read_text()
     assert not (folder / "report" / drives_page.FILE).exists()
 

@@ -56,17 +56,22 @@ def test_reports_verdicts_and_periodic_evaluations_have_the_same_score(tmp_path)
     results = [ARRIVED_WITH_A_CONTACT, FAILED_EARLY, FAILED_WITH_A_CONTACT]
     plan = plan_trials([("generated:1", "generated:1")], [("dwa", "dwa")], len(results), seed=0)
     driven = dict(zip(plan, results))
-    expected = 220.0 / 3.0
+    # Of 20 s, and twice 100 s for a failure
+    expected_score = pytest.approx(220.0 / 3.0)
 
-    settings = {**SETTINGS, "worlds": ["generated:1"], "world_specs": ["generated:1"]}
+    settings = {
+        **SETTINGS,
+        "worlds": ["generated:1"],
+        "world_specs": ["generated:1"],
+    }
     table = Trials(tmp_path, settings)
     for trial, result in driven.items():
         table.add(trial, result)
-    reported = score.mean_scores(Results(tmp_path).trials).loc["generated:1", "dwa"]
-    assert reported == pytest.approx(expected)
+    reported_scores = score.mean_scores(Results(tmp_path).trials)
 
-    assert paired_trials(driven, ["dwa"]).score.mean() == pytest.approx(expected)
-    assert score.summary(results)["score"] == pytest.approx(expected)
+    assert reported_scores.loc["generated:1", "dwa"] == expected_score
+    assert paired_trials(driven, ["dwa"]).score.mean() == expected_score
+    assert score.summary(results)["score"] == expected_score
 
 
 def test_barn_metric_by_hand():
@@ -75,7 +80,8 @@ def test_barn_metric_by_hand():
     seconds = np.array([6.0, 30.0, 20.0, 100.0])
     # 7 m take 3.5 s at the Jackal's largest speed of 2 m/s. Times count as at least 2 and at most
     # 8 of these.
-    metric = score.barn_metric(success, collided, seconds, np.full(4, 7.0))
+    route_lengths = np.full(4, 7.0)
+    metric = score.barn_metric(success, collided, seconds, route_lengths)
     assert metric == pytest.approx([0.5, 3.5 / 28.0, 0.0, 0.0])
 
 
@@ -84,40 +90,60 @@ def test_periodic_evaluation_drives_the_trials_of_evaluate(tmp_path):
     and evaluation.
     """
     worlds = [("generated:8", "generated:8")]
-    (trial,) = plan_trials(worlds, [("dwa", "dwa")], 1, CHOOSING + 3, traces=0)
+    methods = [("dwa", "dwa")]
+    (trial,) = plan_trials(worlds, methods, trials=1, seed=CHOOSING + 3, traces=0)
     for seed in range(200):
-        evaluated = plan_trials(worlds, [("dwa", "dwa")], 20, seed)
-        assert trial.seed not in {other.seed for other in evaluated}
+        for evaluated in plan_trials(worlds, methods, trials=20, seed=seed):
+            assert evaluated.seed != trial.seed
     result = runner.TrialRunner(TrialSettings()).run(trial)
+
     # The decision period of a training.
-    faster = runner.TrialRunner(TrialSettings(period=1.0)).run(trial)
-    assert faster.decisions == math.ceil(faster.time_s)
+    often_decided = runner.TrialRunner(TrialSettings(period=1.0)).run(trial)
+    assert often_decided.decisions == math.ceil(often_decided.time_s)
 
     def run(task, weights):
         assert task == trial
         return result, b""
 
     periodic = PeriodicEvaluation(tmp_path, worlds, 100, 3)
-    line = periodic.drive(THETA0, Pool(0), run, b"", step=0, version=0)
+    line = periodic.drive(
+        THETA0,
+        Pool(0),
+        run,
+        b"",
+        step=0,
+        version=0,
+    )
     assert line["score"] == pytest.approx(result.time_s, abs=1e-4)
     assert line["score"] < 100.0
+
+
+def random_policy():
+    """Return the weights of a policy that has learnt nothing yet."""
+    options = TD3Options(net_arch=[32])
+    return TD3(SIZE, len(OUTPUTS), options, seed=5).actor_weights()
 
 
 def test_a_policy_is_evaluated_as_its_file_drives(tmp_path):
     """The periodic evaluation gives the same result as evaluate.py with the file, to the last
     digit, on any robot.
     """
-    weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
-    save(tmp_path / "a.safetensors", weights, encoding=DimensionlessEncoding(JACKAL, 0.5))
-    spec = str(tmp_path / "a.safetensors")
-    options = {"observation": "dimensionless", "reward": {"exact_time": True}, "time_limit": 5.0}
+    policy_file = tmp_path / "a.safetensors"
+    save(policy_file, random_policy(), encoding=DimensionlessEncoding(JACKAL, 0.5))
+    options = {
+        "observation": "dimensionless",
+        "reward": {"exact_time": True},
+        "time_limit": 5.0,
+    }
     for robot, world in (("jackal", "generated:8"), ("husky", "generated:9")):
         settings = TrialSettings(robot=robot, period=0.5, **options)
         (task,) = plan_trials([(world, world)], [("policy", POLICY)], 1, 0)
-        measured, trace = runner.run(settings, task, (tmp_path / "a.safetensors").read_bytes())
-        driver = runner.TrialRunner(settings)
-        assert driver.run(replace(task, method_spec=spec)) == measured
-        assert measured.decisions == 10
+        result, _ = runner.run(settings, task, policy_file.read_bytes())
+        # As evaluate.py drives it
+        file_task = replace(task, method_spec=str(policy_file))
+        assert runner.TrialRunner(settings).run(file_task) == result
+        assert result.decisions == 10
+    # Without a period, the settings have the paper's 2 s.
     with pytest.raises(ValueError, match="decision period"):
         runner.TrialRunner(TrialSettings(**options))
 
@@ -126,22 +152,33 @@ def test_the_environments_rewards_add_up_to_the_evaluations_total(monkeypatch):
     """With the same decisions on the same course, the environment's rewards add up to the trial's
     total.
     """
-    options = {"observation": "dimensionless", "reward": {"exact_time": True}, "period": 1.0}
-    weights = TD3(SIZE, len(OUTPUTS), TD3Options(net_arch=[32]), seed=5).actor_weights()
-    learnt = safetensors.numpy.save(weights)
-    (task,) = plan_trials([("generated:8", "generated:8")], [("policy", POLICY)], 1, 0, traces=0)
-    driver = runner.TrialRunner(TrialSettings(robot="husky", time_limit=6.0, **options))
-    total = driver.run(task, learnt).total_reward
-    env = ApplrEnv(worlds="generated:8", robot="husky", time_limit=6.0, **options)
+    options = {
+        "robot": "husky",
+        "observation": "dimensionless",
+        "reward": {"exact_time": True},
+        "period": 1.0,
+        "time_limit": 6.0,
+    }
+    policy = safetensors.numpy.save(random_policy())
+
+    # As the evaluation drives it
+    world = "generated:8"
+    (task,) = plan_trials([(world, world)], [("policy", POLICY)], 1, 0, traces=0)
+    driver = runner.TrialRunner(TrialSettings(**options))
+    total_reward = driver.run(task, policy).total_reward
+
+    # In the environment, whose drawn seed is replaced by that of the trial
+    env = ApplrEnv(worlds=world, **options)
     reset = env.episode.reset
     monkeypatch.setattr(env.episode, "reset", lambda world, drawn: reset(world, task.seed))
     observation, _ = env.reset()
     rewards = []
     for _ in range(6):
-        observation, reward, *_ = env.step(np.tanh(forward(policy_layers(learnt), observation)))
+        action = np.tanh(forward(policy_layers(policy), observation))
+        observation, reward, *_ = env.step(action)
         rewards.append(reward)
     env.close()
-    assert sum(rewards) == pytest.approx(total, abs=1e-9)
+    assert sum(rewards) == pytest.approx(total_reward, abs=1e-9)
 
 
 def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
@@ -149,18 +186,18 @@ def test_a_trial_is_remembered_for_the_robot_as_its_files_describe_it(tmp_path):
     not.
     """
     hashes = []
-    for name, file, before, after in (
+    for copy_name, file_name, before, after in (
         ("same", "robot.yaml", "", ""),
         ("laser", "robot.yaml", "noise: 0.001", "noise: 0.002"),
         ("planner", "base_local_planner_params.yaml", "max_vel_x: 0.5", "max_vel_x: 0.6"),
     ):
-        folder = tmp_path / name / "jackal"
+        folder = tmp_path / copy_name / "jackal"
         shutil.copytree(JACKAL.folder, folder)
-        path = folder / file
-        text = path.read_text()
-        assert before in text
+        edited_file = folder / file_name
+        content = edited_file.read_text()
+        assert before in content
         if before:
-            path.write_text(text.replace(before, after))
+            edited_file.write_text(content.replace(before, after))
         hashes.append(runner.content(load(str(folder))))
     assert hashes[0] == runner.content(JACKAL)
     assert len(set(hashes)) == 3
@@ -170,17 +207,31 @@ def test_the_last_policy_of_a_run_is_evaluated(tmp_path):
     periodic = PeriodicEvaluation(tmp_path, [("w", "w")], 100, 0)
     # (step, whether it is the run's last one, number of the evaluation that is due): theta_0 at the
     # beginning, one every 100 steps, and one at the end
-    due = (0, False, THETA0), (0, True, None), (130, False, 1), (170, False, None), (170, True, 1)
-    for step, is_last, number in due:
+    due_evaluations = (
+        (0, False, THETA0),
+        (0, True, None),
+        (130, False, 1),
+        (170, False, None),
+        (170, True, 1),
+    )
+    for step, is_last, number in due_evaluations:
         assert periodic.due(step, is_last) == number
         if number is None:
             continue
         result = Result(True, time_s=1.0 + step), b""
-        run = partial(lambda result, trial, weights: result, result)
-        line = periodic.drive(number, Pool(0), run, b"%d" % step, step=step, version=0)
+        line = periodic.drive(
+            number,
+            Pool(0),
+            partial(lambda result, trial, weights: result, result),
+            b"%d" % step,
+            step=step,
+            version=0,
+        )
         assert line["score"] == 1.0 + step
     assert periodic.due(170, True) is None
 
     # Without an evaluation of theta_0
-    other = PeriodicEvaluation(tmp_path / "other", [("w", "w")], 100, 0)
-    assert [other.due(step, default=False) for step in (0, 99, 100)] == [None, None, 1]
+    without_default = PeriodicEvaluation(tmp_path / "other", [("w", "w")], 100, 0)
+    assert without_default.due(0, default=False) is None
+    assert without_default.due(99, default=False) is None
+    assert without_default.due(100, default=False) == 1

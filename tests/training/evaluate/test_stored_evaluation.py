@@ -18,12 +18,12 @@ STORED = ROOT / "tests" / "golden" / "evaluation"
 
 def report(folder):
     """Return the sentences above the tables, and the tables, as text."""
-    copy = Path(shutil.copytree(STORED, folder / "evaluation"))
-    write(copy)
-    parts = [*summary(Results(copy))]
-    for table in sorted((copy / "report").glob("*.csv")):
-        parts.append(f"\n{table.name}\n{table.read_text()}")
-    return "\n".join(parts)
+    evaluation = Path(shutil.copytree(STORED, folder / "evaluation"))
+    write(evaluation)
+    paragraphs = [*summary(Results(evaluation))]
+    for table_file in sorted((evaluation / "report").glob("*.csv")):
+        paragraphs.append(f"\n{table_file.name}\n{table_file.read_text()}")
+    return "\n".join(paragraphs)
 
 
 def test_the_report_of_a_stored_evaluation_is_the_stored_one(tmp_path):
@@ -31,5 +31,5 @@ def test_the_report_of_a_stored_evaluation_is_the_stored_one(tmp_path):
 
 
 if __name__ == "__main__":
-    with tempfile.TemporaryDirectory() as place:
-        (STORED / "report.txt").write_text(report(Path(place)))
+    with tempfile.TemporaryDirectory() as folder:
+        (STORED / "report.txt").write_text(report(Path(folder)))

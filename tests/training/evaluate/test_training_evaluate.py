@@ -41,7 +41,8 @@ HEADER = "world,method,trial,seed,success,collided,timeout,time_s,decisions,path
 def command(out, *more, worlds="generated:0,generated:7,generated:64", chosen="dwa,random"):
     """Return the arguments of an evaluation of four trials in each world, and more of them."""
     plan = ["--worlds", worlds, "--methods", chosen, "--trials", "4"]
-    return list(map(str, [*plan, "--out", out, "--no-report", *more]))
+    arguments = [*plan, "--out", out, "--no-report", *more]
+    return list(map(str, arguments))
 
 
 # evaluate.py in a process of its own, with the toy runner
@@ -79,28 +80,37 @@ def refused(run, capsys):
     def refused(arguments, *words):
         capsys.readouterr()
         assert run(arguments) == 1
-        text = capsys.readouterr().err
-        lines = lines_with(text, "evaluate.py: ")
-        assert len(lines) == 1, text
-        assert "Traceback" not in text, text
+        printed = capsys.readouterr().err
+        error_lines = lines_with(printed, "evaluate.py: ")
+        assert len(error_lines) == 1, printed
+        assert "Traceback" not in printed, printed
         for word in words:
-            assert word in lines[0], lines[0]
+            assert word in error_lines[0], error_lines[0]
 
     return refused
 
 
 # -- plan ------------------------------------------------------------------------------------------
 def test_every_method_gets_the_same_seeds_in_any_evaluation():
-    both = plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 3, seed=5)
-    alone = plan_trials([("b", "b")], [("y", "y")], 3, seed=5)
-    seeds = {(trial.world, trial.trial, trial.method): trial.seed for trial in both}
+    worlds = [("a", "a"), ("b", "b")]
+    two_methods = [("x", "x"), ("y", "y")]
+    whole_plan = plan_trials(worlds, two_methods, trials=3, seed=5)
+    small_plan = plan_trials(worlds[1:], two_methods[1:], trials=3, seed=5)
+
+    seeds = {}
+    for trial in whole_plan:
+        seeds[trial.world, trial.trial, trial.method] = trial.seed
     for world, number in itertools.product("ab", range(3)):
         assert seeds[world, number, "x"] == seeds[world, number, "y"]
-    assert [trial.seed for trial in alone] == [seeds["b", number, "y"] for number in range(3)]
+    for number, trial in enumerate(small_plan):
+        assert trial.seed == seeds["b", number, "y"]
+    assert len(small_plan) == 3
     assert len(set(seeds.values())) == 6
     assert seeds["a", 0, "x"] != seed_of(6, "a", 0)
+
     # A fourth trial only appends rows.
-    assert both == plan_trials([("a", "a"), ("b", "b")], [("x", "x"), ("y", "y")], 4, seed=5)[:12]
+    longer_plan = plan_trials(worlds, two_methods, trials=4, seed=5)
+    assert whole_plan == longer_plan[:12]
 
 
 # -- the folder ------------------------------------------------------------------------------------
@@ -109,14 +119,16 @@ def test_csv_begins_with_the_pinned_columns(tmp_path, run):
     lines = (tmp_path / "trials.csv").read_text().splitlines()
     assert lines[0].startswith(HEADER)
     assert len(lines) == 1 + 3 * 2 * 4
-    rows = list(csv.DictReader(lines))
+    table_rows = list(csv.DictReader(lines))
     # Trials, then worlds, then methods, so that a stopped run has all methods in some worlds.
-    assert [(row["trial"], row["world"], row["method"]) for row in rows[:3]] == [
+    first_trials = [(row["trial"], row["world"], row["method"]) for row in table_rows[:3]]
+    assert first_trials == [
         ("0", "generated:0", "dwa"),
         ("0", "generated:0", "random"),
         ("0", "generated:7", "dwa"),
     ]
-    assert {row["success"] for row in rows} <= {"True", "False"}
+    for table_row in table_rows:
+        assert table_row["success"] in ("True", "False")
 
     # What a reader of the table must know to repeat it
     settings = json.loads((tmp_path / "evaluation.json").read_text())
@@ -135,26 +147,29 @@ def test_csv_begins_with_the_pinned_columns(tmp_path, run):
 @pytest.mark.fault("19")
 def test_killed_and_started_again_gives_the_same_rows(tmp_path, run):
     """A run with workers is stopped by Ctrl-C, continued, killed, and finished without workers."""
-    whole = tmp_path / "whole"
-    killed = tmp_path / "killed"
-    assert run(command(whole)) == 0
+    whole_run = tmp_path / "whole"
+    killed_run = tmp_path / "killed"
+    assert run(command(whole_run)) == 0
     for signal_number, status in ((signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)):
         process = subprocess.Popen(
-            [sys.executable, "-c", TOY, *command(killed, "--workers", 1)],
+            [sys.executable, "-c", TOY, *command(killed_run, "--workers", 1)],
             cwd=ROOT,
             env=dict(os.environ, PYTHONPATH=str(ROOT), TOY_SECONDS="0.2"),
             stderr=subprocess.DEVNULL,
         )
         # Three trials, and then the signal
         deadline = time.monotonic() + HANGS
-        count = _rows(killed) + 3
-        while _rows(killed) < count and process.poll() is None and time.monotonic() < deadline:
+        row_count = _rows(killed_run) + 3
+        while (
+            _rows(killed_run) < row_count and process.poll() is None and time.monotonic() < deadline
+        ):
             time.sleep(0.05)
         process.send_signal(signal_number)
         assert process.wait(HANGS) == status
-    assert 0 < _rows(killed) < 24
-    assert run(command(killed)) == 0
-    assert (killed / "trials.csv").read_bytes() == (whole / "trials.csv").read_bytes()
+    assert 0 < _rows(killed_run) < 24
+    assert run(command(killed_run)) == 0
+    killed_table = (killed_run / "trials.csv").read_bytes()
+    assert killed_table == (whole_run / "trials.csv").read_bytes()
 
 
 def _rows(folder):
@@ -171,36 +186,42 @@ def test_tables_have_the_order_of_the_plan_for_any_order_of_trials(tmp_path):
                 table.add(task, Result(time_s=math.pi, path_length_m=1.0))
             table.order(plan)
             assert table.added == 3
-    rows = read_trials(tmp_path / "trials.csv").to_dict("records")
-    order = [(task.world, task.trial) for task in plan]
-    assert [(row["world"], row["trial"]) for row in rows] == order
+    table_rows = read_trials(tmp_path / "trials.csv").to_dict("records")
+    for table_row, task in zip(table_rows, plan, strict=True):
+        assert table_row["world"] == task.world
+        assert table_row["trial"] == task.trial
     # Numbers of a table have four places.
-    assert (rows[0]["time_s"], rows[0]["path_length_m"], rows[0]["success"]) == (3.1416, 1.0, False)
+    assert table_rows[0]["time_s"] == 3.1416
+    assert table_rows[0]["path_length_m"] == 1.0
+    assert table_rows[0]["success"] is False
 
 
 def test_a_trial_with_an_incomplete_row_is_driven_again_and_others_are_unchanged(tmp_path):
     plan = plan_trials([("w", "w")], [("m", "m")], 2, seed=0)
-    first, second = plan
+    first_task, second_task = plan
     # Text and numbers that a careless reader of the table would take for others
     driven_result = Result(
-        True, time_s=math.pi, reason='planner aborted: "no way", NA', min_clearance_m=math.inf
+        True,
+        time_s=math.pi,
+        reason='planner aborted: "no way", NA',
+        min_clearance_m=math.inf,
     )
-    stored = replace(driven_result, time_s=3.1416)
+    stored_result = replace(driven_result, time_s=3.1416)
     with Trials(tmp_path, {}) as table:
-        assert table.add(first, driven_result) == stored
-        assert table.add(second, driven_result) == stored
+        assert table.add(first_task, driven_result) == stored_result
+        assert table.add(second_task, driven_result) == stored_result
         table.note(looks=[0.1])
 
     # The end of the last row is missing, as after a loss of power.
-    path = tmp_path / "trials.csv"
-    path.write_bytes(path.read_bytes()[:-3])
+    table_file = tmp_path / "trials.csv"
+    table_file.write_bytes(table_file.read_bytes()[:-3])
     with Trials(tmp_path, {}) as table:
         assert table.notes == {"looks": [0.1]}
-        assert table.result(first) == stored
-        assert table.missing(plan) == [second]
-        assert table.add(second, driven_result) == table.result(second)
+        assert table.result(first_task) == stored_result
+        assert table.missing(plan) == [second_task]
+        assert table.add(second_task, driven_result) == table.result(second_task)
     with Trials(tmp_path, {}) as table:
-        assert table.result(second) == stored
+        assert table.result(second_task) == stored_result
 
 
 def test_more_trials_only_append(tmp_path, run, refused):
@@ -219,10 +240,10 @@ def test_a_table_is_read_as_pandas_reads_it(tmp_path):
     with Trials(tmp_path, {"seed": 0}) as table:
         for task in plan:
             table.add(task, Result(time_s=1.0))
-    as_pandas_reads = pd.read_csv(tmp_path / "trials.csv", keep_default_na=False)
-    pd.testing.assert_frame_equal(
-        as_pandas_reads, read_trials(tmp_path / "trials.csv"), check_dtype=False
-    )
+    table_file = tmp_path / "trials.csv"
+    as_pandas_reads = pd.read_csv(table_file, keep_default_na=False)
+    as_we_read = read_trials(table_file)
+    pd.testing.assert_frame_equal(as_pandas_reads, as_we_read, check_dtype=False)
 
 
 def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path, refused, monkeypatch):
@@ -248,8 +269,8 @@ def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path, refus
 )
 def test_mistakes_are_one_line(tmp_path, capsys, arguments, words):
     # Options that come twice count the second time.
-    usual = ["--out", str(tmp_path / "o"), "--worlds", "generated:0", "--methods", "dwa"]
-    assert evaluate.main([*usual, *arguments]) == 1
+    usual_options = ["--out", str(tmp_path / "o"), "--worlds", "generated:0", "--methods", "dwa"]
+    assert evaluate.main([*usual_options, *arguments]) == 1
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert error.startswith("evaluate.py: ")
@@ -265,7 +286,10 @@ def test_ros_arguments_are_ignored():
 
 # -- methods ---------------------------------------------------------------------------------------
 CONTEXT = methods.Context(
-    ranges=np.full(720, 2.0, np.float32), phi=0.0, theta=SPACE.theta0, time=0.0
+    ranges=np.full(720, 2.0, np.float32),
+    phi=0.0,
+    theta=SPACE.theta0,
+    time=0.0,
 )
 
 
@@ -306,23 +330,34 @@ def test_trial_depends_on_its_task_only():
     digit.
     """
     task = Trial("generated:19", "m", 0, 11, "generated:19", "static")
-    fresh = runner.TrialRunner(TrialSettings()).run(task)
+    first_result = runner.TrialRunner(TrialSettings()).run(task)
 
     # The other trial lasts 6 s only, to save time.
-    used = runner.TrialRunner(TrialSettings())
-    used.episode.time_limit = 6.0
-    other = "generated:64"
-    used.run(replace(task, world=other, world_spec=other, method_spec="random", seed=3))
-    used.episode.time_limit = TIME_LIMIT
-    assert used.run(task) == fresh
+    used_runner = runner.TrialRunner(TrialSettings())
+    used_runner.episode.time_limit = 6.0
+    other_task = replace(
+        task,
+        world="generated:64",
+        world_spec="generated:64",
+        method_spec="random",
+        seed=3,
+    )
+    used_runner.run(other_task)
+    used_runner.episode.time_limit = TIME_LIMIT
+    assert used_runner.run(task) == first_result
 
     # The same set as numbers, as from a search
     theta = tuple(methods.make("static").theta(CONTEXT))
-    assert used.run(replace(task, theta=theta)) == fresh
+    assert used_runner.run(replace(task, theta=theta)) == first_result
 
 
 def test_traces_are_stored_beside_the_table(tmp_path):
-    drive = driven([0.0, 0.05], [(0, 0, 0), (1, 0, 0)], theta=[np.zeros(11)], decided=[0.0])
+    drive = driven(
+        [0.0, 0.05],
+        [(0, 0, 0), (1, 0, 0)],
+        theta=[np.zeros(11)],
+        decided=[0.0],
+    )
     plan = plan_trials([("generated:0", "generated:0")], [("dwa", "dwa")], 1, seed=0)
     with Trials(tmp_path, {"worlds": ["generated:0"]}) as table:
         with pytest.raises(ApplrError, match="another"):

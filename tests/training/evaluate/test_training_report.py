@@ -91,18 +91,24 @@ def random_result(method, world, mean_s, rng):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """Return an evaluation of three methods, six trials in each of 40 worlds."""
-    out = tmp_path_factory.mktemp("evaluation")
+    evaluation_folder = tmp_path_factory.mktemp("evaluation")
     worlds = [f"generated:{number}" for number in range(39)]
     worlds.append("physical_course")
-    settings = dict(
-        SETTINGS, worlds=worlds, world_specs=worlds, simulator="kinematic", protocol="paper", seed=0
-    )
-    settings["methods"] = {
+    methods = {
         "dwa": {"parameters": {"max_vel_x": 0.5}},
         "applr": {"class": "Actor"},
         "other": {"class": "Actor"},
     }
-    store = Trials(out, settings)
+    settings = dict(
+        SETTINGS,
+        worlds=worlds,
+        world_specs=worlds,
+        simulator="kinematic",
+        protocol="paper",
+        seed=0,
+        methods=methods,
+    )
+    store = Trials(evaluation_folder, settings)
     rng = np.random.default_rng(1)
     for trial in plan_trials(named(*worlds), named(*METHODS), trials=6, seed=0):
         mean_s = RELATIVE_TIMES[trial.method] * (20.0 + 0.4 * worlds.index(trial.world))
@@ -110,7 +116,7 @@ def folder(tmp_path_factory):
         has_trace = trial.trace and trial.world == TRACED_WORLD
         store.add(trial, result, TRACE.pack() if has_trace else b"")
     store.note(wall_s=75.0, provenance=[SESSION], workers=2)
-    return out
+    return evaluation_folder
 
 
 @pytest.fixture(scope="module")
@@ -122,9 +128,9 @@ def results(folder):
 # -- statistics ------------------------------------------------------------------------------------
 def test_welch_is_scipys_with_nan_in_edge_cases():
     rng = np.random.default_rng(0)
-    fast = rng.normal(20, 3, 20)
-    slow = rng.normal(23, 5, 18)
-    single = fast[:1]
+    fast_times = rng.normal(20, 3, 20)
+    slow_times = rng.normal(23, 5, 18)
+    single_time = fast_times[:1]
     # The means of these differ in the last bit.
     two_equal = np.full(2, 5.05)
     twenty_equal = np.full(20, 5.05)
@@ -137,10 +143,13 @@ def test_welch_is_scipys_with_nan_in_edge_cases():
                 rows.append((world, number, time_s, True))
         return pd.DataFrame(rows, columns=["world", "trial", "time_s", "success"])
 
-    tests = tables.welch(trials(fast, single, two_equal), trials(slow, slow, twenty_equal, slow))
+    tests = tables.welch(
+        trials(fast_times, single_time, two_equal),
+        trials(slow_times, slow_times, twenty_equal, slow_times),
+    )
 
-    scipys = stats.ttest_ind(fast, slow, equal_var=False)
-    assert tests.p[0] == pytest.approx(scipys.pvalue)
+    scipys_test = stats.ttest_ind(fast_times, slow_times, equal_var=False)
+    assert tests.p[0] == pytest.approx(scipys_test.pvalue)
     assert np.isnan(tests.p).tolist() == [False, True, True]
     assert np.isnan(tests.holm).tolist() == [False, True, True]
     assert tables.significant(tests) == (1, 0)
@@ -149,9 +158,11 @@ def test_welch_is_scipys_with_nan_in_edge_cases():
 
 def test_holm_by_hand():
     p = np.array([0.01, 0.04, 0.03, 0.005])
-    below = tables.holm_adjusted(p) < 0.05  # .005 < .0125, .01 < .0167, .03 >= .025
-    assert below.tolist() == [True, False, False, True]
-    assert tables.holm_adjusted(p) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    adjusted_p = tables.holm_adjusted(p)
+    # .005 < .0125, .01 < .0167, .03 >= .025
+    is_significant = adjusted_p < 0.05
+    assert is_significant.tolist() == [True, False, False, True]
+    assert adjusted_p == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert tables.holm_adjusted(np.zeros(0)).tolist() == []
 
 
@@ -174,9 +185,10 @@ def test_equal_trials_of_a_world_count_as_one():
 def test_the_bootstrap_resamples_worlds_not_trials():
     """Ten worlds with 100 equal trials each have the interval of ten trials, 1.96 deviations."""
     means = np.linspace(10.0, 30.0, 10)
-    half = 1.96 * means.std() / math.sqrt(10)
+    half_width = 1.96 * means.std() / math.sqrt(10)
     estimate = over_worlds(means * 100, np.full(10, 100.0))
-    assert estimate == pytest.approx((20.0, 20.0 - half, 20.0 + half), abs=0.3)
+    expected = (20.0, 20.0 - half_width, 20.0 + half_width)
+    assert estimate == pytest.approx(expected, abs=0.3)
     assert over_worlds(means) == pytest.approx(estimate)
 
 
@@ -212,12 +224,14 @@ def test_a_line_of_the_report_names_arrivals_times_and_the_test(results):
     trials = results.trials[is_tested].set_index(["world", "trial"])
     dwa = trials[trials.method == "dwa"]
     applr = trials[trials.method == "applr"]
-    both = dwa.success & applr.success
-    dwa_s = dwa.time_s[both].mean()
-    applr_s = applr.time_s[both].mean()
-    arrive = f"{applr.success.sum()} of {len(both)} arrive (dwa: {dwa.success.sum()})"
-    change = f"{applr_s:.1f} s instead of {dwa_s:.1f} s where both arrive ({both.sum()} drives)"
-    assert line.startswith(f"applr better: yes, {arrive}; {change}; p = ")
+    both_arrive = dwa.success & applr.success
+    dwa_s = dwa.time_s[both_arrive].mean()
+    applr_s = applr.time_s[both_arrive].mean()
+    assert line.startswith(
+        f"applr better: yes, {applr.success.sum()} of {len(both_arrive)} arrive "
+        f"(dwa: {dwa.success.sum()}); {applr_s:.1f} s instead of {dwa_s:.1f} s "
+        f"where both arrive ({both_arrive.sum()} drives); p = "
+    )
 
 
 # -- tables ----------------------------------------------------------------------------------------
@@ -235,74 +249,88 @@ def test_table_4_names_failures(results):
 def test_a_failure_counts_as_the_time_limit_however_early_it_is(tmp_path):
     """A method that hits something after 3 s does not beat one that arrives after 20 s."""
     worlds = [f"generated:{number}" for number in range(1, 7)]
-    hard, *easy = worlds  # The baseline fails in the first world, too.
+    hard_world, *easy_worlds = worlds  # The baseline fails in the first world, too.
     methods = [("dwa", "dwa"), ("crash", "dwa")]
     store = Trials(tmp_path, dict(SETTINGS, worlds=worlds, protocol="barn-challenge"))
     for trial in plan_trials(named(*worlds), methods, trials=2, seed=0):
-        result = replace(NOT_MEASURED, collided=True, time_s=3.0, reason="contact")
-        if trial.method == "dwa" and trial.world in easy:
-            seconds = 20.0 + worlds.index(trial.world)
-            result = replace(NOT_MEASURED, success=True, time_s=seconds, reason="finished")
+        result = replace(
+            NOT_MEASURED,
+            collided=True,
+            time_s=3.0,
+            reason="contact",
+        )
+        if trial.method == "dwa" and trial.world in easy_worlds:
+            result = replace(
+                NOT_MEASURED,
+                success=True,
+                time_s=20.0 + worlds.index(trial.world),
+                reason="finished",
+            )
         store.add(trial, result)
     results = Results(tmp_path)
 
-    comparison = results.compare("crash", "dwa", easy)
+    comparison = results.compare("crash", "dwa", easy_worlds)
     assert comparison.difference.value == pytest.approx(TIME_LIMIT_S - 23.0)
     # Two of all sign patterns have such a large difference.
     assert comparison.p == 2 / 2**5
-    assert results.by_difficulty(worlds) == [*easy, hard]
-    rows = tables.table_3(results).rows.set_index("worlds")
+    assert results.by_difficulty(worlds) == [*easy_worlds, hard_world]
+    table = tables.table_3(results).rows.set_index("worlds")
     # Mean of 25 s and 100 s
-    assert rows["dwa mean time, all trials [s]"]["Difficult All"] == "62.50"
+    assert table["dwa mean time, all trials [s]"]["Difficult All"] == "62.50"
 
 
 def test_means_are_compared_over_the_same_worlds(folder):
     """One of the methods was driven in only some of the worlds."""
     results = Results(folder)
-    easy = results.of_set("Test")[:4]
+    easy_worlds = results.of_set("Test")[:4]
     trials = results.trials
-    results.trials = trials[(trials.method != "other") | trials.world.isin(easy)]
-    baseline = results.of("dwa", easy).score.mean()
-    other = results.of("other", easy).score.mean()
+    is_driven = (trials.method != "other") | trials.world.isin(easy_worlds)
+    results.trials = trials[is_driven]
+    baseline_score = results.of("dwa", easy_worlds).score.mean()
+    other_score = results.of("other", easy_worlds).score.mean()
 
-    rows = tables.table_1(results).rows.set_index(["worlds", "method"])
+    table = tables.table_1(results).rows.set_index(["worlds", "method"])
 
-    faster = float(rows["faster than dwa [s]"]["Test", "other"])
-    assert faster == pytest.approx(baseline - other, abs=0.006)
+    faster_by = float(table["faster than dwa [s]"]["Test", "other"])
+    assert faster_by == pytest.approx(baseline_score - other_score, abs=0.006)
 
 
 def test_text_is_escaped_in_html():
     rows = pd.DataFrame([{"x_1": "50 %", "y": "<b> | ±" * 20}])
-    text = Table("t", "a & b", rows, ["note: θ"]).html()
-    assert "&lt;b&gt; | ±" * 20 in text
-    assert "a &amp; b" in text
+    table_html = Table("t", "a & b", rows, ["note: θ"]).html()
+    assert "&lt;b&gt; | ±" * 20 in table_html
+    assert "a &amp; b" in table_html
 
 
 # -- whole reports ---------------------------------------------------------------------------------
 def test_the_report_is_complete(folder):
-    page = write(folder)
-    out = folder / "report"
-    text = Path(page).read_text(encoding="utf-8")
-    for name in ("table_1", "table_2", "table_3", "table_4", "pairs", "rates", "methods"):
-        assert (out / f"{name}.csv").stat().st_size > 0
-    assert "nan" not in text
-    assert text.count("<table") == 7
-    assert len(re.findall(r'<div class="wide[^>]*><table', text)) == 7
+    page_text = Path(write(folder)).read_text(encoding="utf-8")
+    for table_name in ("table_1", "table_2", "table_3", "table_4", "pairs", "rates", "methods"):
+        table_file = folder / "report" / f"{table_name}.csv"
+        assert table_file.stat().st_size > 0
+    assert "nan" not in page_text
+    assert page_text.count("<table") == 7
+    # A wide table scrolls by itself.
+    assert len(re.findall(r'<div class="wide[^>]*><table', page_text)) == 7
 
     # Order of the parts
-    parts = ['class="verdict"', *map(html.escape, summary(Results(folder)))]
-    parts += ['<div id="times">', '<div id="profiles">', "<table", '<a href="drives.html">']
-    places = list(map(text.index, parts))
-    assert places == sorted(places)
+    parts = [
+        'class="verdict"',
+        *map(html.escape, summary(Results(folder))),
+        '<div id="times">',
+        '<div id="profiles">',
+        "<table",
+        '<a href="drives.html">',
+    ]
+    positions = list(map(page_text.index, parts))
+    assert positions == sorted(positions)
 
+    # How it was measured
+    assert "Wall time 01:15; base seed 0" in page_text
+    assert "kinematic" in page_text
+    assert "Planner: ours." in page_text
     driven_on = "Driven on 2026-01-02 with commit abc on a processor (4 cores); numpy 2."
-    for sentence in (
-        "Wall time 01:15; base seed 0",
-        "kinematic",
-        "Planner: ours.",
-        f"{driven_on} Command: evaluate.py",
-    ):
-        assert sentence in text
+    assert f"{driven_on} Command: evaluate.py" in page_text
 
 
 @needs_browser
@@ -326,10 +354,12 @@ def test_a_profile_has_the_room_around_each_pose(folder):
     assert of_applr["world"]["name"] == "generated:20"
     poses = np.cumsum(drive["p"], axis=0) / 100.0
     clearances = clearance(load_world("generated:20"), poses[:, :2])
+    expected_regions = np.digitize(clearances, LIMITS)
     # Poses on the page have hundredths of a metre, which may change the region near its limits.
-    is_sure = np.abs(clearances[:, None] - np.array(LIMITS)).min(axis=1) > 0.01
+    to_limits = np.abs(clearances[:, None] - np.array(LIMITS))
+    is_sure = to_limits.min(axis=1) > 0.01
     regions = np.array(of_applr["regions"])
-    assert regions[is_sure].tolist() == np.digitize(clearances, LIMITS)[is_sure].tolist()
+    assert regions[is_sure].tolist() == expected_regions[is_sure].tolist()
     assert len(set(of_applr["regions"])) > 1
 
 
@@ -359,12 +389,16 @@ def test_report_of_one_method_and_one_world(tmp_path):
     (trial,) = plan_trials([("house", "generated:7")], [("mine", "dwa")], trials=1, seed=0)
     store = Trials(tmp_path, dict(SETTINGS, worlds=["house"], world_specs=["generated:7"]))
     result = replace(
-        NOT_MEASURED, collided=True, timeout=True, time_s=TIME_LIMIT_S, reason="time limit"
+        NOT_MEASURED,
+        collided=True,
+        timeout=True,
+        time_s=TIME_LIMIT_S,
+        reason="time limit",
     )
     store.add(trial, result, TRACE.pack())
-    text = Path(write(tmp_path)).read_text(encoding="utf-8")
-    assert "paper [" not in text
-    assert "paper&#x27;s numbers" not in text
+    page_text = Path(write(tmp_path)).read_text(encoding="utf-8")
+    assert "paper [" not in page_text
+    assert "paper&#x27;s numbers" not in page_text
 
 
 def test_nothing_to_report_is_one_line(tmp_path):
@@ -374,7 +408,8 @@ def test_nothing_to_report_is_one_line(tmp_path):
 
 def test_clearance_of_a_world():
     world = load_world("generated:7")
-    post_x, post_y, radius = world.cylinders[np.argmin(world.cylinders[:, 1])]  # the foremost post
+    foremost_post = np.argmin(world.cylinders[:, 1])
+    post_x, post_y, radius = world.cylinders[foremost_post]
     far_away = (-2.25, 12.0)
     near_the_post = (post_x, post_y - radius - 0.35)
     far_clearance, near_clearance = clearance(world, np.array([far_away, near_the_post]))

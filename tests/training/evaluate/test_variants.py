@@ -15,16 +15,18 @@ from tests.support.robots import Scripted, ToyRobot, quick, ring, run
 
 
 def test_the_random_planner_fidelity_depends_only_on_the_seed():
-    drawn = [draw("drawn", seed) for seed in range(200)]
-    assert drawn == [draw("drawn", [seed]) for seed in range(200)]
-    assert set(drawn) == {"ours", "cpp-like"}
-    assert 70 < drawn.count("ours") < 130
+    drawn_planners = [draw("drawn", seed) for seed in range(200)]
+    for seed, planner in enumerate(drawn_planners):
+        assert draw("drawn", [seed]) == planner
+    assert set(drawn_planners) == {"ours", "cpp-like"}
+    assert 70 < drawn_planners.count("ours") < 130
+
     move_base = MoveBase(quick(), "drawn")
-    for seed in range(8):
+    for seed, planner in enumerate(drawn_planners[:8]):
         move_base.reset(0.0, seed=seed)
-        assert move_base.variant == drawn[seed]
+        assert move_base.variant == planner
         move_base.reset(0.0)
-        assert move_base.variant == drawn[seed], "without a seed the planner stays"
+        assert move_base.variant == planner, "without a seed the planner stays"
     with pytest.raises(ApplrError, match=r"^planner 'cpp' is unknown: use .* or drawn$"):
         MoveBase(quick(), "cpp")
 
@@ -55,11 +57,11 @@ def test_a_due_recovery_is_skipped_while_plans_succeed():
     # oscillation_timeout is 1 s. In C++ each plan that succeeds restarts the state machine, so that
     # the recovery comes when a cycle happens to fall between two plans.
     assert first_recovery("ours", 0) == pytest.approx(1.0, abs=0.16)
-    late = [first_recovery("cpp-like", seed) for seed in range(3)]
-    assert len(set(late)) == 3
-    assert min(late) > 1.5
-    assert max(late) > 5.0
-    assert first_recovery("cpp-like", 0) == late[0], "the same seed, the same drive"
+    late_times = [first_recovery("cpp-like", seed) for seed in range(3)]
+    assert len(set(late_times)) == 3
+    assert min(late_times) > 1.5
+    assert max(late_times) > 5.0
+    assert first_recovery("cpp-like", 0) == late_times[0], "the same seed, the same drive"
     # C++ recovers in time as well if it plans only once.
     assert first_recovery("cpp-like", 0, planner_frequency=0.0) == pytest.approx(1.0, abs=0.16)
 
@@ -88,19 +90,22 @@ def test_clearing_recoveries_find_no_layer_of_their_name():
     assert commands_after_turns[0] is None
 
     # The layers of the Jackal's files are called otherwise than C++'s recoveries expect.
-    assert results == {"ours": ("succeeded", "Goal reached."), "cpp-like": ("aborted", NO_PATH)}
+    assert results == {
+        "ours": ("succeeded", "Goal reached."),
+        "cpp-like": ("aborted", NO_PATH),
+    }
 
 
 def test_success_waits_for_a_cycle_without_a_new_plan():
-    times = {}
+    arrival_times = {}
     for planner in ("ours", "cpp-like"):
         move_base = MoveBase(quick(), planner=planner, seed=4)
         robot = ToyRobot()
         move_base.set_goal((1.0, 0.0, 0.0), 0.0)
         assert run(move_base, robot, 120.0) == ("succeeded", "Goal reached.")
         assert abs(robot.pose[0] - 1.0) < 0.3
-        times[planner] = robot.time
-    assert times["cpp-like"] > times["ours"] + 2.0
+        arrival_times[planner] = robot.time
+    assert arrival_times["cpp-like"] > arrival_times["ours"] + 2.0
 
 
 # -- evaluation and training -----------------------------------------------------------------------
@@ -114,13 +119,21 @@ def test_the_planner_reaches_training_and_evaluation():
     from training.train.learner.config import TrainConfig
     from training.train.learner.prepare import prepare
 
-    changes = dict(end_on_collision=True, monitor=True, movers=True, ground=[0, 2])
+    # Given: the environment and the periodic evaluation of a run
     config = TrainConfig(
-        worlds="generated:0", eval_worlds="generated:1", planner="drawn", **changes
+        worlds="generated:0",
+        eval_worlds="generated:1",
+        planner="drawn",
+        end_on_collision=True,
+        monitor=True,
+        movers=True,
+        ground=[0, 2],
     )
     prepared = prepare(config)
     env = ApplrEnv(**json.loads(prepared.collect.args[1]))
-    held_out = TrialRunner(prepared.drive.args[0]).episode
+    evaluation = TrialRunner(prepared.drive.args[0]).episode
+
+    # Then: the environment draws a planner from the seed of each episode
     variants = []
     for seed in range(8):
         env.reset(seed=seed)
@@ -129,11 +142,13 @@ def test_the_planner_reaches_training_and_evaluation():
     env.reset(seed=0)
     assert env.episode.move_base.variant == variants[0]
     assert 0.0 < env.episode.simulator.drawn.ground < 2.0
-    held_out.reset(worlds.load("generated:1"), 0)
-    assert held_out.move_base.variant == "ours"
+
+    # The evaluation has a fixed one, and drives on after a contact.
+    evaluation.reset(worlds.load("generated:1"), 0)
+    assert evaluation.move_base.variant == "ours"
     assert TrainConfig(planner="cpp-like").judged["planner"] == "cpp-like"
     assert env.episode.end_on_collision
-    assert not held_out.end_on_collision
-    for episode in (env.episode, held_out):
+    assert not evaluation.end_on_collision
+    for episode in (env.episode, evaluation):
         assert episode.stack.monitor
         assert episode.stack.prediction

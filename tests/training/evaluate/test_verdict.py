@@ -15,11 +15,11 @@ THREE = ("dwa", "applr", "static")
 def trials_of(world, seconds, trial=0):
     """Return {Trial: Result} of one course from {method: time [s], or the reason of a failure}."""
     results = {}
-    for method, value in seconds.items():
-        if isinstance(value, str):
-            result = Result(timeout=True, time_s=100.0, reason=value)
+    for method, time_or_reason in seconds.items():
+        if isinstance(time_or_reason, str):
+            result = Result(timeout=True, time_s=100.0, reason=time_or_reason)
         else:
-            result = Result(success=True, time_s=value, reason="finished")
+            result = Result(success=True, time_s=time_or_reason, reason="finished")
         results[Trial(world, method, trial, 1, world, method)] = result
     return results
 
@@ -27,15 +27,27 @@ def trials_of(world, seconds, trial=0):
 def pairs_of(*courses, methods=BOTH):
     """Return the paired trials of courses, each a time [s] or reason per method."""
     results = {}
-    for number, values in enumerate(courses):
-        results.update(trials_of(f"world{number}", dict(zip(methods, values))))
+    for number, times_or_reasons in enumerate(courses):
+        seconds = dict(zip(methods, times_or_reasons))
+        results.update(trials_of(f"world{number}", seconds))
     return paired_trials(results, methods)
+
+
+def verdict_on(*courses):
+    """Return the verdict on applr against dwa on courses, each (time or reason of both)."""
+    return judging.verdict(pairs_of(*courses))
+
+
+def comparison_of(judgement):
+    """Return the line of a verdict that compares the first method with the baseline."""
+    return judgement.lines[1]
 
 
 def around(*means, count=12):
     """Return courses with random times [s] whose means are exactly these."""
-    draws = np.random.default_rng(1).normal(0.0, 1.0, (count, len(means)))
-    times = np.array(means) + (draws - draws.mean(axis=0))
+    noise = np.random.default_rng(1).normal(0.0, 1.0, (count, len(means)))
+    noise -= noise.mean(axis=0)
+    times = np.array(means) + noise
     return list(map(tuple, times.tolist()))
 
 
@@ -46,7 +58,16 @@ def rows_of(judged):
 
 
 # Courses with a difference of p = .1
-UNCLEAR = [(20.0 + slower, 20.0) for slower in (3.0, -1.0, 2.0, 1.0, 4.0, -1.0, 1.0, 1.5)]
+UNCLEAR = [
+    (23.0, 20.0),
+    (19.0, 20.0),
+    (22.0, 20.0),
+    (21.0, 20.0),
+    (24.0, 20.0),
+    (19.0, 20.0),
+    (21.0, 20.0),
+    (21.5, 20.0),
+]
 ALL_ARRIVE = "12 of 12 arrive (dwa: 12)"
 IN_BOTH = "where both arrive (12 drives)"
 
@@ -77,17 +98,18 @@ def test_a_verdict_has_a_method_a_table_and_a_line_per_comparison(courses, metho
     assert judgement.method == method
     _, *comparisons = judgement.lines[: len(methods)]
     assert len(comparisons) == len(lines)
-    for line, start in zip(comparisons, lines):
-        assert line.startswith(start)
-    count = str(len(courses))
-    for row, name in zip(rows_of(judgement), methods):
-        assert row[:4] == [name, count, count, "0"]
+    for line, beginning in zip(comparisons, lines):
+        assert line.startswith(beginning)
+    # All drives arrive, and none has a contact.
+    course_count = str(len(courses))
+    for row, method_name in zip(rows_of(judgement), methods):
+        assert row[:4] == [method_name, course_count, course_count, "0"]
 
 
 def test_a_difference_that_is_not_significant_says_that_the_courses_are_too_few():
-    _, line, *_ = judging.verdict(pairs_of(*UNCLEAR)).lines
+    line = comparison_of(verdict_on(*UNCLEAR))
     assert line.endswith("; p = 0.1: too few courses to tell")
-    _, line, *_ = judging.verdict(pairs_of((30.0, 20.0))).lines
+    line = comparison_of(verdict_on((30.0, 20.0)))
     assert line.endswith("; too few courses to tell")
 
 
@@ -95,69 +117,78 @@ def test_arrivals_come_first_and_times_are_of_the_drives_in_which_both_arrive():
     """It arrives on harder courses, which take longer: a mean over all drives is slower."""
     easy_courses = [(30.0 + index, 20.0 + index) for index in range(6)]
     hard_courses = [("time limit", 60.0 + index) for index in range(10)]
-    judgement = judging.verdict(pairs_of(*easy_courses, *hard_courses))
-    _, line, *_ = judgement.lines
+
+    judgement = verdict_on(*easy_courses, *hard_courses)
+
     assert judgement.method == "applr"
-    arrivals, times_of_both, p_value = line.split("; ")
+    arrivals, times_of_both, p_value = comparison_of(judgement).split("; ")
     assert arrivals == "applr better: yes, 16 of 16 arrive (dwa: 6)"
     assert times_of_both == "22.5 s instead of 32.5 s where both arrive (6 drives)"
     assert p_value.startswith("p = ")
-    dwa, applr = rows_of(judgement)
-    assert dwa[4] == "32.5"
-    assert applr[4] == "22.5"
+    dwa_row, applr_row = rows_of(judgement)
+    assert dwa_row[4] == "32.5"
+    assert applr_row[4] == "22.5"
 
 
 def test_without_a_course_on_which_both_arrive_no_times_are_compared():
     courses = [("time limit", 20.0 + index) for index in range(6)]
-    courses += [(20.0 + index, "contact") for index in range(2)]
-    _, line, *_ = judging.verdict(pairs_of(*courses)).lines
+    courses += [(20.0, "contact"), (21.0, "contact")]
+    line = comparison_of(verdict_on(*courses))
     assert line.startswith("applr better: no, 6 of 8 arrive (dwa: 2); p = ")
 
 
 def test_the_courses_that_still_fail_are_named_by_reason():
-    courses = [(30.0, 20.0), (30.0, "contact"), ("time limit", "time limit"), (30.0, "contact")]
-    *_, last_line = judging.verdict(pairs_of(*courses)).lines
-    assert (
-        last_line == "applr fails on 3 of 4 courses: contact (world1, world3); time limit (world2)"
+    judgement = verdict_on(
+        (30.0, 20.0),
+        (30.0, "contact"),
+        ("time limit", "time limit"),
+        (30.0, "contact"),
     )
-    *_, last_line = judging.verdict(pairs_of((30.0, 20.0), ("contact", 20.0))).lines
-    assert last_line == "applr fails on none of 2 courses"
+    failures = "applr fails on 3 of 4 courses: contact (world1, world3); time limit (world2)"
+    assert judgement.lines[-1] == failures
+
+    judgement = verdict_on((30.0, 20.0), ("contact", 20.0))
+    assert judgement.lines[-1] == "applr fails on none of 2 courses"
 
 
 def test_the_lines_say_what_the_test_counts():
-    _, _, rule, _ = judging.verdict(pairs_of(*around(30, 20)), "a failure costs a year").lines
-    assert "p: paired sign-flip permutation test of the cost; a failure costs a year" in rule
+    judgement = judging.verdict(pairs_of(*around(30, 20)), "a failure costs a year")
+    _, _, test_line, _ = judgement.lines
+    assert "p: paired sign-flip permutation test of the cost; a failure costs a year" in test_line
 
 
 def test_a_policy_that_is_better_on_average_and_creeps_in_the_worst_tenth_is_not_better():
     # 20 courses: the worst tenth is two, of which one takes 45 s.
-    courses = [*around(30, 20, count=19), (30.0, 45.0)]
-    judgement = judging.verdict(pairs_of(*courses))
-    _, line, *_ = judgement.lines
+    judgement = verdict_on(*around(30, 20, count=19), (30.0, 45.0))
+
     assert judgement.method == "dwa"
+    line = comparison_of(judgement)
     assert line.startswith("applr better: no, ")
     assert line.endswith("; its worst tenth is worse")
-    dwa, applr = rows_of(judgement)
-    assert float(applr[-1]) > float(dwa[-1])
+    dwa_row, applr_row = rows_of(judgement)
+    assert float(applr_row[-1]) > float(dwa_row[-1])
 
 
 def test_a_policy_that_is_faster_but_fails_more_often_is_not_better():
     # Five seconds faster on nine courses, and no arrival on seven.
-    courses = [*around(30, 25, count=9), *[(30.0 + index, "time limit") for index in range(7)]]
-    judgement = judging.verdict(pairs_of(*courses))
-    _, line, *_ = judgement.lines
+    failures = [(30.0 + index, "time limit") for index in range(7)]
+    judgement = verdict_on(*around(30, 25, count=9), *failures)
+
     assert judgement.method == "dwa"
-    dwa, applr = rows_of(judgement)
-    assert dwa[1:3] == ["16", "16"]
-    assert applr[1:3] == ["16", "9"]
+    dwa_row, applr_row = rows_of(judgement)
+    assert dwa_row[1:3] == ["16", "16"]
+    assert applr_row[1:3] == ["16", "9"]
+    line = comparison_of(judgement)
     assert line.startswith("applr better: no, 9 of 16 arrive (dwa: 16); ")
 
 
 def test_half_driven_courses_are_left_out_and_further_trials_of_a_world_are_averaged():
-    results = trials_of("a", {"dwa": 20.0, "applr": 10.0})
-    results.update(trials_of("a", {"dwa": 30.0, "applr": 20.0}, trial=1))
-    # World b lacks a drive of applr.
-    results.update(trials_of("b", {"dwa": 20.0}))
+    results = {
+        **trials_of("a", {"dwa": 20.0, "applr": 10.0}),
+        **trials_of("a", {"dwa": 30.0, "applr": 20.0}, trial=1),
+        # World b lacks a drive of applr.
+        **trials_of("b", {"dwa": 20.0}),
+    }
     trials = paired_trials(results, BOTH)
     scores = mean_scores(trials)
     assert len(trials) == 4
@@ -166,7 +197,14 @@ def test_half_driven_courses_are_left_out_and_further_trials_of_a_world_are_aver
 
 
 def test_equal_numbers_of_arrivals_are_said_once():
-    arrivals = judging.Arrivals(6, 5, 5, 4, 4.5, 18.8)
+    arrivals = judging.Arrivals(
+        drives=6,
+        method=5,
+        other=5,
+        both=4,
+        method_s=4.5,
+        other_s=18.8,
+    )
     sentence = judging.sentence("applr", "dwa", False, arrivals)
     counts = "as many drives arrive (5 of 6); where both arrive, 4.5 s instead of 18.8 s"
     assert sentence == f"applr is not clearly better than dwa: {counts}"
