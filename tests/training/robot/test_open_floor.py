@@ -22,29 +22,30 @@ PLANNER = "dwa_local_planner_params_burger.yaml"
 
 
 def test_the_door_is_wider_than_the_padded_footprint_by_30_cm():
-    *_, door = courses(BURGER)
+    *_, door_course = courses(BURGER)
     # Boxes are (x, y, yaw, length along x, length along y).
-    left, right = sorted(door.boxes, key=lambda box: box[0])
-    left_end = left[0] + left[3] / 2
-    right_begin = right[0] - right[3] / 2
+    left_box, right_box = sorted(door_course.boxes, key=lambda box: box[0])
+    left_end = left_box[0] + left_box[3] / 2
+    right_begin = right_box[0] - right_box[3] / 2
     # Width of the footprint, its padding on both sides, and the margin
     assert right_begin - left_end == pytest.approx(0.21 + 0.02 + 0.3, abs=1e-6)
-    assert door.name == "drive through a door of 0.53 m"
+    assert door_course.name == "drive through a door of 0.53 m"
 
 
 def test_goals_lie_within_a_global_costmap_that_rolls(tmp_path):
     folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
+    robot_yaml = folder / "robot.yaml"
+    content = robot_yaml.read_text()
     old = "rolling_window: false, width: 20, height: 20"
-    text = (folder / "robot.yaml").read_text()
-    assert old in text
+    assert old in content
     # 45 % of a small window; in a large one the distance that all robots of this size have
-    for size, expected in ((2, 0.9), (40, 5.0 * BURGER.world_scale)):
-        new = f"rolling_window: true, width: 40, height: {size}"
-        (folder / "robot.yaml").write_text(text.replace(old, new))
+    for height, expected in ((2, 0.9), (40, 5.0 * BURGER.world_scale)):
+        new = f"rolling_window: true, width: 40, height: {height}"
+        robot_yaml.write_text(content.replace(old, new))
         forget()  # Robots are cached by folder.
-        goals = [world.course.goal for world in courses(read(str(folder)))]
-        farthest = max(y for x, y, yaw in goals)
-        assert farthest == pytest.approx(expected)
+        robot = read(str(folder))
+        farthest_y = max(world.course.goal[1] for world in courses(robot))
+        assert farthest_y == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -65,17 +66,21 @@ def test_goals_lie_within_a_global_costmap_that_rolls(tmp_path):
 )
 def test_the_reason_of_a_failed_drive_is_reported(file, old, new, course, why, tmp_path):
     folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
-    text = (folder / file).read_text()
-    assert old in text
-    text = text.replace(old, new).replace("acc_lim_theta: 3.2", "acc_lim_theta: 0.5")
-    (folder / file).write_text(text)
+    edited_file = folder / file
+    content = edited_file.read_text()
+    assert old in content
+    content = content.replace(old, new)
+    content = content.replace("acc_lim_theta: 3.2", "acc_lim_theta: 0.5")
+    edited_file.write_text(content)
     robot = read(str(folder))
-    assert why in failure_of(Floor(robot).drive(courses(robot)[course]))
+    world = courses(robot)[course]
+    assert why in failure_of(Floor(robot).drive(world))
 
 
 def test_slipping_wheels_are_reported():
     """With hardly any friction the wheels turn, and the robot moves a small part of their way."""
-    drive = Floor(BURGER, friction=0.001).drive(courses(BURGER)[0])
+    straight, *_ = courses(BURGER)
+    drive = Floor(BURGER, friction=0.001).drive(straight)
     assert failure_of(drive).startswith("it moves ")
 
 
@@ -89,11 +94,11 @@ CANNOT_TURN = {
 def drives(robot, worlds):
     """Return for each course whether the robot drives it."""
     floor = Floor(robot)
-    succeeded = []
+    successes = []
     for world in worlds:
         failure = failure_of(floor.drive(world))
-        succeeded.append(failure == "")
-    return succeeded
+        successes.append(failure == "")
+    return successes
 
 
 def test_a_robot_without_faults_drives_all_courses():
@@ -103,8 +108,8 @@ def test_a_robot_without_faults_drives_all_courses():
 
 def test_the_turn_on_the_spot_takes_the_time_of_a_turn():
     """Position and goal are the same, so that only the heading is still to be reached."""
-    turn = courses(BURGER)[1]
-    drive = Floor(BURGER).drive(turn)
+    _, turn_course, *_ = courses(BURGER)
+    drive = Floor(BURGER).drive(turn_course)
     assert failure_of(drive) == ""
     assert drive.goals[-1].end > np.pi / BURGER.base.max_yaw_rate
 
@@ -112,38 +117,45 @@ def test_the_turn_on_the_spot_takes_the_time_of_a_turn():
 def test_a_planner_that_cannot_turn_fails_the_turn_and_the_box():
     robot = BURGER.with_parameters(CANNOT_TURN, "burger that cannot turn")
     # Straight on and through the door it need not turn.
-    _, turn, box, _ = courses(robot)
-    assert drives(robot, [turn, box]) == [False, False]
+    _, turn_course, box_course, _ = courses(robot)
+    assert drives(robot, [turn_course, box_course]) == [False, False]
 
 
 def test_a_goal_that_is_never_called_reached_fails_the_drive_straight_on():
     """The robot arrives in every other respect: only the planner's report is missing."""
-    changed = {"DWAPlannerROS": {"yaw_goal_tolerance": 0.0}}
-    robot = BURGER.with_parameters(changed, "burger that never arrives")
+    no_tolerance = {"DWAPlannerROS": {"yaw_goal_tolerance": 0.0}}
+    robot = BURGER.with_parameters(no_tolerance, "burger that never arrives")
     straight, *_ = courses(robot)
     assert failure_of(Floor(robot).drive(straight)).startswith(STANDS)
 
 
 def scaled_footprint(robot, factor):
     """Return the robot with the box around its parts as footprint, scaled and without padding."""
-    box = np.array(bounding_box(robot))
-    back, front, right, left = (factor * box).tolist()
-    outline = {"footprint": [[back, right], [back, left], [front, left], [front, right]]}
-    outline["footprint_padding"] = 0.0
-    changed = {"local_costmap": outline, "global_costmap": outline}
-    return robot.with_parameters(changed, f"{robot.name} with {factor} times its footprint")
+    body_box = np.array(bounding_box(robot))
+    min_x, max_x, min_y, max_y = (factor * body_box).tolist()
+    outline = {
+        "footprint": [
+            [min_x, min_y],
+            [min_x, max_y],
+            [max_x, max_y],
+            [max_x, min_y],
+        ],
+        "footprint_padding": 0.0,
+    }
+    costmaps = {"local_costmap": outline, "global_costmap": outline}
+    return robot.with_parameters(costmaps, f"{robot.name} with {factor} times its footprint")
 
 
 def test_a_footprint_twice_as_large_does_not_pass_the_door():
-    *_, door = courses(JACKAL)
-    assert drives(scaled_footprint(JACKAL, 2.0), [door]) == [False]
+    *_, door_course = courses(JACKAL)
+    assert drives(scaled_footprint(JACKAL, 2.0), [door_course]) == [False]
 
 
 def test_a_door_that_is_too_narrow_is_not_passed(monkeypatch):
     # The course itself must be able to fail: this door is 5 cm narrower than the footprint.
     monkeypatch.setattr(open_floor, "DOOR_MARGIN_M", -0.05)
-    *_, door = courses(BURGER)
-    assert drives(BURGER, [door]) == [False]
+    *_, door_course = courses(BURGER)
+    assert drives(BURGER, [door_course]) == [False]
 
 
 # -- remedies
@@ -154,50 +166,50 @@ def leave_out(monkeypatch, count):
 
 def test_a_change_counts_in_all_places_and_keeps_to_the_range():
     space = space_of(BURGER)
-    robots = {}
+    changed_robots = {}
     for candidate in single_candidates(BURGER):
         robot = with_changes(BURGER, candidate.changes, f"burger with {candidate}")
         change = candidate.changes[0]
-        robots[change.advice] = robot
+        changed_robots[change.advice] = robot
         theta = space_of(robot).theta0
-        changed_names = [space.names[index] for index in np.flatnonzero(theta != space.theta0)]
+        changed_entries = np.flatnonzero(theta != space.theta0)
+        changed_names = [space.names[index] for index in changed_entries]
         # A parameter outside the policy's space changes nothing of it.
         assert changed_names == [change.name] * (change.name in space.names)
         assert (space.low <= theta).all()
         assert (theta <= space.high).all()
+
     # DWAPlannerROS limits the speed in two places, of which the lower one counts.
-    slow = robots["set DWAPlannerROS/max_vel_x to 0.11 instead of 0.22"]
-    speed = slow.parameters()["DWAPlannerROS"]
-    assert speed["max_vel_x"] == 0.11
-    assert speed["max_vel_trans"] == 0.11
+    slow_robot = changed_robots["set DWAPlannerROS/max_vel_x to 0.11 instead of 0.22"]
+    planner_values = slow_robot.parameters()["DWAPlannerROS"]
+    assert planner_values["max_vel_x"] == 0.11
+    assert planner_values["max_vel_trans"] == 0.11
 
 
 def test_a_planner_that_only_stands_before_the_door_gets_a_remark_with_the_remedy(capsys):
     """By default, the Husky does not pass a door that is .3 m wider than its footprint."""
     # A remark leaves the check successful: an included robot must pass it.
     assert check_robot.main(["husky"]) == 0
-    *_, door, remark = capsys.readouterr().out.splitlines()
-    assert door.startswith("drive through a door of 0.98 m: it turns or stands")
-    arrive = (
+    *_, door_line, remark = capsys.readouterr().out.splitlines()
+    assert door_line.startswith("drive through a door of 0.98 m: it turns or stands")
+    assert remark == (
+        "remark: like the C++ planner, it does not drive through a door of 0.98 m: "
         "all four courses succeed if you set DWAPlannerROS/occdist_scale to 0.005 instead of 0.01"
-    )
-    assert (
-        remark
-        == f"remark: like the C++ planner, it does not drive through a door of 0.98 m: {arrive}"
     )
 
 
 def test_a_monitor_that_stops_it_before_the_door_is_an_error(tmp_path, monkeypatch):
     folder = shutil.copytree(BURGER.folder, tmp_path / "burger")
-    text = (folder / "robot.yaml").read_text()
-    (folder / "robot.yaml").write_text(text.replace("margin: 0.02", "margin: 0.2"))
+    robot_yaml = folder / "robot.yaml"
+    content = robot_yaml.read_text()
+    robot_yaml.write_text(content.replace("margin: 0.02", "margin: 0.2"))
     robot = read(str(folder))
     # Trying every parameter would take minutes, and finds none: the margin is none of the planner.
     monkeypatch.setattr(open_floor, "single_candidates", lambda robot: ())
     leave_out(monkeypatch, 2)
-    is_driving, (*_, door, error) = open_floor.try_out(robot)
+    is_driving, (*_, door_line, error) = open_floor.try_out(robot)
     assert not is_driving
-    assert "door of 0.53 m: the collision monitor intervenes" in door
+    assert "door of 0.53 m: the collision monitor intervenes" in door_line
     assert error.startswith("error: it does not drive through a door of 0.53 m: ")
     assert "no change of a single planner parameter helps" in error
 
@@ -214,8 +226,8 @@ def test_a_footprint_that_is_too_small_is_the_cause_and_no_parameter_is_proposed
     monkeypatch.setattr(open_floor, "courses", lambda robot: courses(robot)[2:3])
     is_driving, (*_, error) = open_floor.try_out(scaled_footprint(JACKAL, 0.2))
     assert not is_driving
-    start = "error: it does not drive around a box: local_costmap/footprint is too small: "
-    assert error.startswith(start)
+    cause = "error: it does not drive around a box: local_costmap/footprint is too small: "
+    assert error.startswith(cause)
     assert error.endswith("; once this is corrected, all four courses succeed")
     assert "wrong" not in error
 
@@ -230,16 +242,16 @@ def test_a_parameter_is_proposed_in_addition_to_a_known_fault_that_explains_only
     assert remark.startswith(
         "remark: it does not drive through a door of 0.71 m: local_costmap/footprint is too small"
     )
-    arrive = (
-        "all four courses succeed if you set DWAPlannerROS/occdist_scale to 0.005 instead of 0.01"
+    assert remark.endswith(
+        "; once this is corrected, all four courses succeed "
+        "if you set DWAPlannerROS/occdist_scale to 0.005 instead of 0.01"
     )
-    assert remark.endswith(f"; once this is corrected, {arrive}")
 
 
 def test_a_correction_outside_the_parameter_space_is_no_attempt(monkeypatch):
     """The correction sets a speed above the range that parameter_space gives it."""
-    outside = Remark("a fault", {"DWAPlannerROS": {"max_vel_x": 9.0}})
-    monkeypatch.setattr(open_floor.check, "remarks", lambda robot: [outside])
+    too_fast = Remark("a fault", {"DWAPlannerROS": {"max_vel_x": 9.0}})
+    monkeypatch.setattr(open_floor.check, "remarks", lambda robot: [too_fast])
     monkeypatch.setattr(open_floor, "single_candidates", lambda robot: ())
     robot = BURGER.with_parameters(CANNOT_TURN, "burger with a fault")
     is_driving, (*_, error) = open_floor.try_out(robot)

@@ -34,14 +34,16 @@ class RecordedRace:
         candidates = np.arange(len(worse_by))
         self.ranking = []
         self.results = [None] * len(worse_by)
-        for raced in race(self._drive, candidates, blocks, float, halve):
-            self.ranking.append(raced.place)
-            self.results[raced.place] = raced.results
+        for finisher in race(self._drive, candidates, blocks, float, halve):
+            self.ranking.append(finisher.place)
+            self.results[finisher.place] = finisher.results
 
     def _drive(self, candidates, block):
         self.racing.append(candidates.tolist())
-        times = self._world_times[block] + self._noise[candidates][:, block]
-        return (times + self._worse_by[candidates, np.newaxis]).tolist()
+        noise = self._noise[candidates][:, block]
+        worse_by = self._worse_by[candidates, np.newaxis]
+        times = self._world_times[block] + noise + worse_by
+        return times.tolist()
 
 
 def test_clearly_worse_candidates_drop_out_and_close_ones_stay():
@@ -53,19 +55,24 @@ def test_clearly_worse_candidates_drop_out_and_close_ones_stay():
         assert sorted(racing) == [0, 2]
     assert list(map(len, raced.results)) == [50, 10, 50, 10]
     # The faster of the two close ones leads, and those that dropped out follow.
-    mean_0 = np.mean(raced.results[0])
-    mean_2 = np.mean(raced.results[2])
-    assert raced.ranking[0] == (0 if mean_0 < mean_2 else 2)
-    assert raced.ranking[2:] == [3, 1]
+    first, second, *others = raced.ranking
+    assert {first, second} == {0, 2}
+    assert np.mean(raced.results[first]) < np.mean(raced.results[second])
+    assert others == [3, 1]
 
 
 def test_halving_keeps_the_better_half_after_each_block():
     blocks = [[0, 1], [2, 3], [4, 5]]
-    raced = RecordedRace([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0], blocks, halve=True, noise=0.0)
-    first, second, third = raced.racing
-    assert sorted(first) == [0, 1, 2, 3, 4, 5, 6]
-    assert sorted(second) == [0, 1, 2, 3]
-    assert sorted(third) == [0, 1]
+    raced = RecordedRace(
+        [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
+        blocks,
+        halve=True,
+        noise=0.0,
+    )
+    first_block, second_block, third_block = raced.racing
+    assert sorted(first_block) == [0, 1, 2, 3, 4, 5, 6]
+    assert sorted(second_block) == [0, 1, 2, 3]
+    assert sorted(third_block) == [0, 1]
     assert raced.ranking == [0, 1, 2, 3, 4, 5, 6]
 
 
@@ -99,7 +106,10 @@ def run_with(drive):
     def run(sets, block):
         plan = plan_sets(SPACE, WORLDS, sets, block, 0, "kinematic")
         results = drive(itertools.chain(*plan))
-        return [[results[trial] for trial in trials_of_set] for trials_of_set in plan]
+        results_of_sets = []
+        for trials_of_set in plan:
+            results_of_sets.append([results[trial] for trial in trials_of_set])
+        return results_of_sets
 
     return run
 
@@ -126,27 +136,39 @@ def test_parameters_without_a_saving_are_reverted_to_their_defaults():
         return results
 
     # Halfway from the defaults to the middle of each range: every parameter is changed.
-    theta = SPACE.to_theta(SPACE.to_action(SPACE.theta0) * 0.5)
-    pruned, effects = prune_parameters(SPACE, run_with(drive), theta, lambda: BLOCKS, time_of)
+    half_action = SPACE.to_action(SPACE.theta0) * 0.5
+    pruned, effects = prune_parameters(
+        SPACE,
+        run_with(drive),
+        SPACE.to_theta(half_action),
+        lambda: BLOCKS,
+        time_of,
+    )
     assert changed_names(pruned) == set(effects)
     assert {"max_vel_x", "sim_time"} <= set(effects)
     assert set(effects) <= {"max_vel_x", "sim_time", "occdist_scale", "inflation_radius"}
     assert effects["sim_time"].mean == pytest.approx(1.0)
     assert effects["sim_time"].median == pytest.approx(1.0)
-    assert 4.9 < effects["max_vel_x"].low <= effects["max_vel_x"].high < 5.1
+    effect_of_speed = effects["max_vel_x"]
+    assert 4.9 < effect_of_speed.low <= effect_of_speed.high < 5.1
 
 
 def changed_names(theta):
     """Return the names of the parameters of a set that are not the defaults."""
-    return {SPACE.names[index] for index in np.flatnonzero(theta != SPACE.theta0)}
+    is_changed = theta != SPACE.theta0
+    return set(itertools.compress(SPACE.names, is_changed))
 
 
 @pytest.mark.parametrize(
-    ("saving", "stays_changed"), [(1.0, True), (0.06, True), (0.04, False), (-1.0, False)]
+    ("saving", "names"),
+    [
+        (1.0, {"max_vel_x"}),
+        (0.06, {"max_vel_x"}),
+        (0.04, set()),
+        (-1.0, set()),
+    ],
 )
-def test_one_failure_does_not_revert_a_parameter_that_makes_most_drives_faster(
-    saving, stays_changed
-):
+def test_one_failure_does_not_revert_a_parameter_that_makes_most_drives_faster(saving, names):
     """The change costs 30 s in one of eight worlds, and saves `saving` [s] in each of the
     others.
     """
@@ -156,14 +178,23 @@ def test_one_failure_does_not_revert_a_parameter_that_makes_most_drives_faster(
         for trial in trials:
             seconds = 20.0
             if changed_names(trial.theta):
-                seconds += 30.0 if trial.world == "w0" else -saving
+                if trial.world == "w0":
+                    seconds += 30.0
+                else:
+                    seconds -= saving
             results[trial] = Result(True, time_s=seconds)
         return results
 
     theta = SPACE.theta0.copy()
     theta[SPACE.names.index("max_vel_x")] = 1.0
-    pruned, _ = prune_parameters(SPACE, run_with(drive), theta, lambda: BLOCKS, time_of)
-    assert changed_names(pruned) == ({"max_vel_x"} if stays_changed else set())
+    pruned, _ = prune_parameters(
+        SPACE,
+        run_with(drive),
+        theta,
+        lambda: BLOCKS,
+        time_of,
+    )
+    assert changed_names(pruned) == names
 
 
 def test_the_test_is_paired_one_sided_and_needs_some_trials():

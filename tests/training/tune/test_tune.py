@@ -20,6 +20,7 @@ import worlds
 from applr_ros1 import robots
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.robots import JACKAL
 from applr_ros1.robots import folder as robot_folder
 from applr_ros1.robots.geometry import radius
 from tests.support import scenes
@@ -34,7 +35,7 @@ from training.tune import clock as clocks
 
 # Best values of the only parameters with an effect
 PAY = {"max_vel_x": 1.4, "sim_time": 1.1}
-WIDTH = robots.JACKAL.body.size[1]
+WIDTH = JACKAL.body.size[1]
 FEW = ["--workers", "0", "--worlds", "generated:1-12"]
 
 
@@ -81,17 +82,26 @@ def toy(settings, task, gain=12.0):
         theta = space.theta0
     else:
         theta = task.theta or methods.make(task.method_spec, robot).theta(None)
+
+    # Distance from the best values, in shares of the ranges
     action = space.to_action(theta)
     best_action = space.to_action(space.from_dict(PAY))
     distance = 0.0
-    for name in PAY:
-        index = space.names.index(name)
+    for parameter_name in PAY:
+        index = space.names.index(parameter_name)
         distance += float(abs(action[index] - best_action[index]))
+
     # Courses differ by up to 2 s, and in how much the set gains on them, as real ones do.
-    of_course = 12.0 + task.seed % 3
+    course_time = 12.0 + task.seed % 3
     gain_on_course = gain * (1.0 + (task.seed % 7) / 40.0)
-    seconds = of_course + gain_on_course * distance
-    return Result(success=True, time_s=seconds, reason="finished", decisions=5, route_m=10.0), b""
+    result = Result(
+        success=True,
+        time_s=course_time + gain_on_course * distance,
+        reason="finished",
+        decisions=5,
+        route_m=10.0,
+    )
+    return result, b""
 
 
 def none_better(settings, task):
@@ -139,7 +149,7 @@ def few(monkeypatch):
 def jackal(tmp_path, few):
     """Return a robot folder with the Jackal's description only."""
     without_sets = shutil.ignore_patterns("static.json", "*.safetensors")
-    return shutil.copytree(robots.JACKAL.folder, tmp_path / "jackal", ignore=without_sets)
+    return shutil.copytree(JACKAL.folder, tmp_path / "jackal", ignore=without_sets)
 
 
 def tune(folder, runner, *more):
@@ -154,22 +164,29 @@ def test_the_verdicts_lie_in_the_half_of_a_building_that_the_search_did_not_use(
     office = scenes.write_plan(tmp_path, "office")
     arguments = f"{jackal} --out {tmp_path}/out --minutes 6 --workers 0 --worlds {office}"
     assert tune_robot.main(arguments.split()) == 0
+
+    searched_worlds = {task.world_spec for task in searched_tasks()}
     (drives,) = (tmp_path / "out").glob("fast_*")
-    searched = {task.world_spec for task in searched_tasks()}
-    judged = set()
+    judged_worlds = set()
     for monitor in ("with", "without"):
         evaluation_json = (drives / monitor / "evaluation.json").read_text()
-        judged.update(json.loads(evaluation_json)["world_specs"])
+        judged_worlds.update(json.loads(evaluation_json)["world_specs"])
 
     def x_of_paths(specifications):
         """Return the x [m] of all points of the paths through some worlds."""
-        places = []
+        path_x = []
         for specification in specifications:
-            course = worlds.load(specification, radius(robots.JACKAL)).course
-            places.extend(course.path[:, 0])
-        return places
+            course = worlds.load(specification, radius(JACKAL)).course
+            path_x.extend(course.path[:, 0])
+        return path_x
 
-    assert max(x_of_paths(searched)) < min(x_of_paths(judged))
+    assert max(x_of_paths(searched_worlds)) < min(x_of_paths(judged_worlds))
+
+
+def between(text, begin, end):
+    """Return the part of a text between two marks."""
+    _, _, after_begin = text.partition(begin)
+    return after_begin.partition(end)[0]
 
 
 def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, capsys):
@@ -183,9 +200,9 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
     # The verdict on each file
     for file_name, monitor in (("tuned.yaml", "without"), ("static.json", "with")):
         _, table = printed.split(f"\n{file_name}, {monitor} the collision monitor:\n")
-        _, baseline, tuned, line, _, failures, written = table.splitlines()[:7]
-        assert baseline.split()[:4] == ["dwa", "12", "12", "0"]
-        assert tuned.split()[:4] == ["static", "12", "12", "0"]
+        _, baseline_row, tuned_row, line, _, failures, written = table.splitlines()[:7]
+        assert baseline_row.split()[:4] == ["dwa", "12", "12", "0"]
+        assert tuned_row.split()[:4] == ["static", "12", "12", "0"]
         assert line.startswith("static better: yes, 12 of 12 arrive (dwa: 12); ")
         assert failures == "static fails on none of 12 courses"
         assert written == f"written: {jackal}/{file_name}"
@@ -201,28 +218,34 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
 
     # The page says the same.
     (drives,) = (tmp_path / "out").glob("fast_*")
-    page = (drives / "index.html").read_text()
-    searched = "searched on 12 courses of generated:1-12, "
-    assert printed.index(f"\n{searched}") < printed.index("\ntuned.yaml, without")
+    page_text = (drives / "index.html").read_text()
+    search_line = "searched on 12 courses of generated:1-12, "
+    assert printed.index(f"\n{search_line}") < printed.index("\ntuned.yaml, without")
     assert f"\nfor a building and its doors: ./applr tune {jackal} --worlds MAP.yaml\n" in printed
     assert f"page: {drives}/index.html\n" in printed
-    assert "tuned.yaml is better than the defaults: as many drives arrive (12 of 12); where" in page
-    data = json.loads(page.partition('id="data">')[2].partition("</script>")[0])
-    assert [row["parameter"] for row in data["changes"]] == list(tuned_set)
-    assert [verdict["file"] for verdict in data["verdicts"]] == ["tuned.yaml", "static.json"]
-    for verdict in data["verdicts"]:
-        assert len(verdict["courses"]) == 12
-    assert data["scope"].startswith(searched)
-    assert data["yaml"] == (jackal / "tuned.yaml").read_text()
-    changed = pd.read_csv(drives / "changes.csv", index_col="parameter")
-    assert changed["default"]["max_vel_x"] == "0.5 m/s"
-    assert (
-        changed["meaning"]["sim_time"] == "Duration for which each sampled velocity is simulated."
-    )
-    assert (changed["95 % low"] <= changed["without it [s]"]).all()
-    assert changed["effect"]["max_vel_x"] == "saves"
-    assert "cpp-like, started with the sets" in page
-    measured = page.partition("How it was measured")[2].partition("</details>")[0]
+    better = "tuned.yaml is better than the defaults: as many drives arrive (12 of 12); where"
+    assert better in page_text
+    page_data = json.loads(between(page_text, 'id="data">', "</script>"))
+    assert [row["parameter"] for row in page_data["changes"]] == list(tuned_set)
+    tuned_verdict, static_verdict = page_data["verdicts"]
+    assert tuned_verdict["file"] == "tuned.yaml"
+    assert static_verdict["file"] == "static.json"
+    assert len(tuned_verdict["courses"]) == 12
+    assert len(static_verdict["courses"]) == 12
+    assert page_data["scope"].startswith(search_line)
+    assert page_data["yaml"] == (jackal / "tuned.yaml").read_text()
+
+    # Why the parameters are changed
+    changes = pd.read_csv(drives / "changes.csv", index_col="parameter")
+    assert changes["default"]["max_vel_x"] == "0.5 m/s"
+    meaning = "Duration for which each sampled velocity is simulated."
+    assert changes["meaning"]["sim_time"] == meaning
+    assert (changes["95 % low"] <= changes["without it [s]"]).all()
+    assert changes["effect"]["max_vel_x"] == "saves"
+
+    # How it was measured
+    assert "cpp-like, started with the sets" in page_text
+    measured = between(page_text, "How it was measured", "</details>")
     without_monitor, _, with_monitor = measured.partition("<p>static.json:</p>")
     assert "the collision monitor" not in without_monitor
     assert "with the collision monitor" in with_monitor
@@ -243,15 +266,16 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
 def test_a_clock_yields_blocks_until_their_share_has_passed_and_continues_after_a_stop(
     tmp_path, monkeypatch
 ):
-    seconds = [7.0]
-    monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: seconds[0]))
+    # A list, so that the functions within can change the time [s].
+    computer_time = [7.0]
+    monkeypatch.setattr(clocks, "time", SimpleNamespace(monotonic=lambda: computer_time[0]))
 
     def driven_blocks(clock):
         """Return the blocks that begin within half of the 100 s. Each takes 20 s."""
         blocks = []
         for block in clock.until(0.5, range(10)):
             blocks.append(block)
-            seconds[0] += 20.0
+            computer_time[0] += 20.0
         return blocks
 
     # The third block begins at 40 s. Once the time is over, one block is driven all the same.
@@ -261,11 +285,11 @@ def test_a_clock_yields_blocks_until_their_share_has_passed_and_continues_after_
     assert driven_blocks(clock) == [0]
 
     # A run that was stopped goes on at the readings it wrote, whatever the computer's clock shows.
-    seconds[0] = 1000.0
+    computer_time[0] = 1000.0
     continued = clocks.Clock(table, "readings", 100.0)
     assert list(continued.until(0.5, range(10))) == [0, 1, 2]
     assert list(continued.until(0.5, range(10))) == [0]
-    seconds[0] += 3.0
+    computer_time[0] += 3.0
     assert continued.spent() == pytest.approx(0.83)
 
 
@@ -290,14 +314,18 @@ def test_if_nothing_is_better_the_robots_folder_is_unchanged(runner, jackal, cap
 def test_tuned_yaml_is_searched_and_judged_without_the_monitor_and_static_json_judged_with_it(
     runner, files, jackal
 ):
-    files_before = {path.name for path in jackal.iterdir()}
+    files_before = set(jackal.iterdir())
     assert tune(jackal, runner) == 0
-    assert {path.name for path in jackal.iterdir()} - files_before == files
-    searched = [driven.monitor for driven in DRIVEN if driven.is_searched]
-    judged = [driven.monitor for driven in DRIVEN if not driven.is_searched]
-    assert not any(searched)
+    new_files = set(jackal.iterdir()) - files_before
+    assert {file.name for file in new_files} == files
+    judged_with_monitor = []
+    for driven in DRIVEN:
+        if driven.is_searched:
+            assert not driven.monitor
+        else:
+            judged_with_monitor.append(driven.monitor)
     # Two methods on twelve courses, for tuned.yaml and then for static.json.
-    assert judged == [False] * 24 + [True] * 24
+    assert judged_with_monitor == [False] * 24 + [True] * 24
 
 
 def test_if_no_set_arrives_the_error_names_a_demo_that_shows_why(jackal, capsys):
@@ -351,20 +379,27 @@ def test_a_finished_run_searches_on_from_its_result(jackal, capsys):
 def test_an_included_robots_folder_is_not_written_to(tmp_path, few):
     assert tune("jackal", "toy", "--out", str(tmp_path), "--minutes", "5") == 0
     assert (tmp_path / "tuned.yaml").exists()
-    assert not (Path(robots.JACKAL.folder) / "tuned.yaml").exists()
+    assert not (Path(JACKAL.folder) / "tuned.yaml").exists()
 
 
 def result(**values):
     """Return the result of a usual drive with other values."""
-    usual = Result(success=True, time_s=12.0, route_m=10.0, mean_clearance_m=3.0 * WIDTH)
-    return replace(usual, **values)
+    usual_result = Result(
+        success=True,
+        time_s=12.0,
+        route_m=10.0,
+        mean_clearance_m=3.0 * WIDTH,
+    )
+    return replace(usual_result, **values)
 
 
 def test_each_objective_charges_the_quantity_in_its_name():
-    robot = robots.JACKAL  # its largest speed is 2 m/s, so the optimal time is 5 s
+    robot = JACKAL  # its largest speed is 2 m/s, so the optimal time is 5 s
+
+    baseline = Baseline(4.0, 8.0, 1.0)
 
     def cost(aim, **values):
-        return AIMS[aim].cost(result(**values), robot, Baseline(4.0, 8.0, 1.0))
+        return AIMS[aim].cost(result(**values), robot, baseline)
 
     # A usual drive costs its time with each objective.
     assert cost("fast") == 12.0
@@ -372,7 +407,14 @@ def test_each_objective_charges_the_quantity_in_its_name():
     assert cost("fast", collided=True) == cost("fast", success=False), (
         "a contact costs as much as a failure"
     )
-    assert cost("fast", time_s=40.0, mean_clearance_m=0.1, mean_jerk=9.0, mean_turn=2.0) == 40.0
+    slow_cost = cost(
+        "fast",
+        time_s=40.0,
+        mean_clearance_m=0.1,
+        mean_jerk=9.0,
+        mean_turn=2.0,
+    )
+    assert slow_cost == 40.0
     assert cost("careful") == pytest.approx(cost("smooth")) == pytest.approx(12.0)
     # Weights of score.AIMS times the optimal time times what is worse: a tenth of a width of
     # clearance below three widths, and jerk and turning relative to the baseline's 8 and 1.
@@ -392,13 +434,14 @@ def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_sp
         "the defaults, three sets of robots, and a set half-way to each"
     )
     own_set = methods.make("static", robot).theta(None)
-    assert np.abs(starts - own_set).max(axis=1).min() < 1e-6
+    differences = np.abs(starts - own_set).max(axis=1)
+    assert differences.min() < 1e-6
     assert (starts >= space.low).all()
     assert (starts <= space.high).all()
 
     # The Jackal's set drives at the same share of the largest speed, and looks ahead as long.
     jackals_speed = methods.make("static").theta(None)[0]
-    speed = jackals_speed / robots.JACKAL.base.max_speed * robot.base.max_speed
+    speed = jackals_speed / JACKAL.base.max_speed * robot.base.max_speed
     speeds = starts[:, space.names.index("max_vel_x")]
     (jackals_row,) = np.flatnonzero(np.isclose(speeds, speed, atol=1e-6))
     assert starts[jackals_row, space.names.index("sim_time")] == pytest.approx(1.113)
@@ -421,14 +464,19 @@ JACKALS_SEARCHED = [
     ],
 )
 def test_the_default_space_has_more_parameters_for_searches(name, searched, tmp_path):
+    # Given: a robot without a parameter_space in its robot.yaml
     folder = shutil.copytree(robots.load(name).folder, tmp_path / name)
-    described = yaml.safe_load((folder / "robot.yaml").read_text())
-    described.pop("parameter_space", None)
-    (folder / "robot.yaml").write_text(yaml.safe_dump(described, sort_keys=False))
-    space = space_of(robots.load(str(folder)))
+    robot_yaml = folder / "robot.yaml"
+    description = yaml.safe_load(robot_yaml.read_text())
+    description.pop("parameter_space", None)
+    robot_yaml.write_text(yaml.safe_dump(description, sort_keys=False))
+    robot = robots.load(str(folder))
+
+    # Then: a search has further parameters, and starting sets of other robots
+    space = space_of(robot)
     assert list(space.fixed) == searched
     assert {"max_vel_x", "sim_time", "inflation_radius"} <= set(space.chosen.names)
-    assert len(best_set.warm_starts(robots.load(str(folder)))) >= 5
+    assert len(best_set.warm_starts(robot)) >= 5
 
 
 @pytest.mark.parametrize("name", robots.NAMES)
@@ -443,31 +491,34 @@ def test_the_yaml_is_read_back_by_rosparam_and_by_this_package(name, tmp_path):
     values = space.as_dict(space.clip(0.7 * space.low + 0.3 * space.high))
     for left_out in ("sim_time", "vx_samples"):
         values.pop(left_out, None)
-    found_set.write_set(robot, values, folder / "static.json", folder / "tuned.yaml")
-    wanted = space.from_dict(values)
-    assert methods.make("static", robot).theta(None).tolist() == wanted.tolist()
+    tuned_yaml = folder / "tuned.yaml"
+    found_set.write_set(robot, values, folder / "static.json", tuned_yaml)
+    expected_theta = space.from_dict(values)
+    assert methods.make("static", robot).theta(None).tolist() == expected_theta.tolist()
     if name == "jackal":  # the padding would change the outline of the planner, too
-        wanted = space.from_dict({**values, "footprint_padding": 0.1})
+        expected_theta = space.from_dict({**values, "footprint_padding": 0.1})
 
     # rosparam reads it.
-    tuned_yaml = str(folder / "tuned.yaml")
-    ((loaded, namespace),) = rosparam.load_file(tuned_yaml, default_namespace="move_base")
+    ((loaded, namespace),) = rosparam.load_file(str(tuned_yaml), default_namespace="move_base")
     assert namespace.strip("/") == "move_base"
     assert loaded == move_base_parameters(robot, values)
+
     # The weights are in the unit of the robot's own files, which the file says.
     meter_scoring = loaded.get("TrajectoryPlannerROS", {}).get("meter_scoring")
-    text = (folder / "tuned.yaml").read_text()
+    content = tuned_yaml.read_text()
     if name == "jackal":
         assert meter_scoring is False
-        assert "# The distance biases below are per costmap cell, as in C++" in text
+        assert "# The distance biases below are per costmap cell, as in C++" in content
     else:
         assert meter_scoring is None
-        assert "# The distance biases below are per metre, as in C++" in text
-    assert "sim_time" not in text
+        assert "# The distance biases below are per metre, as in C++" in content
+    assert "sim_time" not in content
 
     # This package reads it, as one more file of robot.yaml.
-    described = yaml.safe_load((folder / "robot.yaml").read_text())
-    described["move_base"]["without_map"].setdefault("files", []).append({"file": "tuned.yaml"})
-    with_file = shutil.copytree(folder, tmp_path / "other" / name)
-    (with_file / "robot.yaml").write_text(yaml.safe_dump(described, sort_keys=False))
-    assert space_of(robots.folder.read(str(with_file))).theta0.tolist() == wanted.tolist()
+    description = yaml.safe_load((folder / "robot.yaml").read_text())
+    without_map = description["move_base"]["without_map"]
+    without_map.setdefault("files", []).append({"file": "tuned.yaml"})
+    other_folder = shutil.copytree(folder, tmp_path / "other" / name)
+    (other_folder / "robot.yaml").write_text(yaml.safe_dump(description, sort_keys=False))
+    other_robot = robots.folder.read(str(other_folder))
+    assert space_of(other_robot).theta0.tolist() == expected_theta.tolist()

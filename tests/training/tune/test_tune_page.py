@@ -1,6 +1,7 @@
 """Tests of the page of ./applr tune: its sentence, its courses, and its use without a mouse."""
 
 import json
+from dataclasses import replace
 
 import pandas as pd
 import pytest
@@ -44,15 +45,21 @@ def drives(tmp_path):
         with Trials(tmp_path / monitor, settings) as store:
             for trial in plan:
                 seconds = TIMES[trial.method][WORLDS.index(trial.world)]
-                success = seconds is not None
                 result = Result(
-                    success,
-                    time_s=seconds if success else 100.0,
+                    False,
+                    time_s=100.0,
                     decisions=3,
                     path_length_m=6.0,
-                    reason="finished" if success else "no way. Even after recovery",
+                    reason="no way. Even after recovery",
                     route_m=7.0,
                 )
+                if seconds is not None:
+                    result = replace(
+                        result,
+                        success=True,
+                        time_s=seconds,
+                        reason="finished",
+                    )
                 store.add(trial, result)
     return tmp_path
 
@@ -61,8 +68,15 @@ def page_of(drives, *are_better):
     """Write the page, with a judgement on each file, and return its path."""
     files = ("tuned.yaml", "static.json")
     judgements = []
-    for file, monitor, is_better in zip(files, ("without", "with"), are_better):
-        judgements.append(Judgement(file, monitor, ["table", "line"], is_better, drives / file))
+    for file_name, monitor, is_better in zip(files, ("without", "with"), are_better):
+        judgement = Judgement(
+            file_name,
+            monitor,
+            ["table", "line"],
+            is_better,
+            drives / file_name,
+        )
+        judgements.append(judgement)
     scope = "searched on 9 courses\nfor a building: MAP"
     return write(JACKAL, drives, CHANGED, judgements, scope, RULE)
 
@@ -73,23 +87,29 @@ def data_of(path):
 
 
 def test_the_sentence_has_arrivals_first_and_is_that_of_a_file_that_was_written(drives):
-    text = page_of(drives, False, True).read_text()
+    page_text = page_of(drives, False, True).read_text()
     # Of the course on which both arrive, the first one.
     times = "where both arrive, 12.0&nbsp;s instead of 20.0&nbsp;s"
     sentence = f"2 of 3 drives arrive instead of 1; {times}"
-    assert f'<p class="verdict">static.json is better than the defaults: {sentence}</p>' in text
-    text = page_of(drives, False, False).read_text()
-    assert f"tuned.yaml is not clearly better than the defaults: {sentence}" in text
+    verdict = f"static.json is better than the defaults: {sentence}"
+    assert f'<p class="verdict">{verdict}</p>' in page_text
+
+    page_text = page_of(drives, False, False).read_text()
+    assert f"tuned.yaml is not clearly better than the defaults: {sentence}" in page_text
 
 
 def test_each_course_has_both_drives_and_an_effect_of_one_course_no_interval(drives):
     of_one_course = CHANGED.assign(**{"95 % low": float("nan"), "95 % high": float("nan")})
     judgement = Judgement("tuned.yaml", "without", ["table"], True, drives / "tuned.yaml")
-    data = data_of(write(JACKAL, drives, of_one_course, [judgement], "searched", RULE))
-    assert [row["95 % low"] for row in data["changes"]] == [None, None]
-    (verdict,) = data["verdicts"]
-    ends = [(course["before"]["ok"], course["after"]["ok"]) for course in verdict["courses"]]
-    assert ends == [(True, True), (False, True), (False, False)]
+    page = write(JACKAL, drives, of_one_course, [judgement], "searched", RULE)
+    page_data = data_of(page)
+    first_change, second_change = page_data["changes"]
+    assert first_change["95 % low"] is None
+    assert second_change["95 % low"] is None
+
+    (verdict,) = page_data["verdicts"]
+    successes = [(course["before"]["ok"], course["after"]["ok"]) for course in verdict["courses"]]
+    assert successes == [(True, True), (False, True), (False, False)]
     assert verdict["courses"][2]["after"]["why"] == "no way. Even after recovery"
 
 

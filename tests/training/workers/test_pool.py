@@ -32,8 +32,8 @@ SMALL = ["--net-arch=16", "--batch-size=16", "--actors=2"]
 def weights_of_a_still_robot():
     """Return the weights of a network whose actions are all 0, as the bytes of a file."""
     weights = TD3(1, 1, TD3Options(net_arch=[8]), seed=0).actor_weights()
-    for name, array in weights.items():
-        weights[name] = np.zeros_like(array)
+    for layer_name, layer_weights in weights.items():
+        weights[layer_name] = np.zeros_like(layer_weights)
     return safetensors.numpy.save(weights)
 
 
@@ -42,7 +42,10 @@ def results(pool, numbers, seconds=0.0):
     answers = {}
     for number, future in pool.unordered(partial(answer, seconds=seconds), numbers):
         error = future.exception()
-        answers[number] = str(error) if error else future.result()
+        if error:
+            answers[number] = str(error)
+        else:
+            answers[number] = future.result()
     return answers
 
 
@@ -85,10 +88,12 @@ def test_every_call_has_one_answer(workers):
 
 
 def test_shutdown_ends_busy_processes():
+    futures = []
     with Pool(2) as pool:
         pids = [worker.process.pid for worker in pool.workers]
         # Two of these calls run after a second, the others wait.
-        futures = [pool.submit(time.sleep, 60) for _ in range(5)]
+        for _ in range(5):
+            futures.append(pool.submit(time.sleep, 60))
         time.sleep(1.0)
         began = time.monotonic()
     # Far less than the 60 s that the calls would sleep.
@@ -108,12 +113,14 @@ def test_a_worker_that_starts_slowly_gets_arguments_larger_than_the_socket_holds
     (tmp_path / "sitecustomize.py").write_text(SLOW_START)
     monkeypatch.syspath_prepend(tmp_path)  # Workers inherit this module search path.
     # A socket holds some hundred kB, so that sending waits until the worker reads.
-    large = bytes(3_000_000)
+    large_argument = bytes(3_000_000)
     with Pool(1) as pool:
-        assert pool.submit(len, large).result(30) == 3_000_000
+        assert pool.submit(len, large_argument).result(30) == 3_000_000
         assert pool.replaced == 0
-    with Pool(1) as pool:  # A message that is never read does not block the shutdown.
-        future = pool.submit(len, large)
+
+    # A message that is never read does not block the shutdown.
+    with Pool(1) as pool:
+        future = pool.submit(len, large_argument)
         began = time.monotonic()
     assert time.monotonic() - began < 50
     assert future.exception()
@@ -124,10 +131,10 @@ def test_a_killed_and_a_stopped_process_are_replaced():
     with Pool(2, seconds=10.0) as pool:
         # Calls 3 and 4 are the ones that fail. These here have answers, and show that both live.
         assert len(results(pool, range(5, 9))) == 4
-        killed, stopped = [worker.process for worker in pool.workers]
+        killed_worker, stopped_worker = pool.workers
         # While calls run. A stopped process keeps its socket open: only its time is up.
-        threading.Timer(0.5, killed.send_signal, [signal.SIGKILL]).start()
-        threading.Timer(0.5, stopped.send_signal, [signal.SIGSTOP]).start()
+        threading.Timer(0.5, killed_worker.process.send_signal, [signal.SIGKILL]).start()
+        threading.Timer(0.5, stopped_worker.process.send_signal, [signal.SIGSTOP]).start()
         answers = results(pool, range(5, 13), seconds=0.3)
         assert set(answers) == set(range(5, 13))
         for number, (answered_number, _) in answers.items():
@@ -142,30 +149,34 @@ def test_workers_end_when_the_process_that_started_them_is_killed():
         "pool = Pool(2); [pool.submit(time.sleep, 0.1).result() for _ in range(4)]\n"
         "print(*[worker.process.pid for worker in pool.workers], flush=True); time.sleep(60)"
     )
-    command = [sys.executable, "-c", code]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+    )
     pids = list(map(int, process.stdout.readline().split()))
     # No code of the parent runs after this signal, so that it cannot end its workers.
     process.kill()
     process.wait()
-    end = time.monotonic() + 50
-    while time.monotonic() < end and any(map(is_alive, pids)):
+    deadline = time.monotonic() + 50
+    while time.monotonic() < deadline and any(map(is_alive, pids)):
         time.sleep(0.05)
     assert len(pids) == 2
     assert not any(map(is_alive, pids))
 
 
 def test_training_with_processes_some_of_which_die(tmp_path, capsys):
-    out = tmp_path / "run"
+    run_folder = tmp_path / "run"
     options = ["--total-timesteps=200", "--eval-worlds=none"]
-    assert main([*SMALL, *options, "--out", str(out)], Dying) == 0
-    saved = Learner.saved(out)
+    assert main([*SMALL, *options, "--out", str(run_folder)], Dying) == 0
+    checkpoint = Learner.saved(run_folder)
     # Lost episodes are driven again: neither transitions nor updates are missing.
-    assert saved["transitions"] >= 200
-    assert saved["updates"] == saved["transitions"] // 10
+    assert checkpoint["transitions"] >= 200
+    assert checkpoint["updates"] == checkpoint["transitions"] // 10
     assert "died: replaced by a new one" in capsys.readouterr().err
-    assert main(["--resume", "--out", str(out), "--total-timesteps", "250"], Dying) == 0
-    assert Learner.saved(out)["transitions"] >= 250
+    assert main(["--resume", "--out", str(run_folder), "--total-timesteps", "250"], Dying) == 0
+    assert Learner.saved(run_folder)["transitions"] >= 250
 
 
 def test_an_unusable_ray_address_is_reported_soon_and_in_one_line():
@@ -203,8 +214,13 @@ ray.shutdown()
 @pytest.mark.fault("20b")
 def test_ray_on_this_machine_listens_on_loopback_only():
     pytest.importorskip("ray")
-    command = [sys.executable, "-c", LISTENS]
-    finished = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    finished = subprocess.run(
+        [sys.executable, "-c", LISTENS],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
     # /proc/net's notation of 127.0.0.1 in IPv4 and IPv6.
     addresses = finished.stdout.splitlines()[-1].split()
     assert addresses, finished.stderr
