@@ -74,24 +74,27 @@ class Beside:
 
     def place(self, parent, child, pose, stamp):
         """Publish a transform; without a stamp, it is static."""
-        link = transform(parent, child, pose, stamp)
+        parent_to_child = transform(parent, child, pose, stamp)
         if stamp.is_zero():
-            self.buffer.set_transform_static(link, "test")
+            self.buffer.set_transform_static(parent_to_child, "test")
         else:
-            self.buffer.set_transform(link, "test")
+            self.buffer.set_transform(parent_to_child, "test")
 
     def mount(self, roll, yaw):
         """Mount the laser with a roll, turned by a yaw [rad]."""
-        link = transform("base_link", "front_laser", (0.1, 0.0, 0.0), rospy.Time(0))
+        base_to_laser = transform("base_link", "front_laser", (0.1, 0.0, 0.0), rospy.Time(0))
         # Product of the quaternions of the rotation about z and of the one about x before it
         roll_x = math.sin(roll / 2)
         roll_w = math.cos(roll / 2)
         yaw_z = math.sin(yaw / 2)
         yaw_w = math.cos(yaw / 2)
-        link.transform.rotation = Quaternion(
-            roll_x * yaw_w, roll_x * yaw_z, roll_w * yaw_z, roll_w * yaw_w
+        base_to_laser.transform.rotation = Quaternion(
+            x=roll_x * yaw_w,
+            y=roll_x * yaw_z,
+            z=roll_w * yaw_z,
+            w=roll_w * yaw_w,
         )
-        self.buffer.set_transform_static(link, "test")
+        self.buffer.set_transform_static(base_to_laser, "test")
 
     def plan(self, end, frame="odom"):
         """Send a plan along x from 0 to `end` [m]."""
@@ -137,7 +140,11 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     beside.callbacks[PLAN](Path())  # Planning has failed, so the plan stays.
     beside.now += 0.6
     beside.status("one")  # The goal is still the same.
-    assert beside.snapshot().seen[1::3] == (3.0, (5.0, 0.0, 0.0))  # time and goal
+    inputs = beside.snapshot().seen
+    assert inputs.time == 3.0
+    assert inputs.goal == (5.0, 0.0, 0.0)
+
+    # Another goal
     beside.plan(5.0)
     beside.now += 0.02
     beside.goal("two", -3.0)
@@ -148,12 +155,14 @@ def test_a_decision_waits_for_the_plan_to_the_present_goal(beside):
     beside.plan(-2.8)  # The plan ends at the free cell nearest to the goal.
     assert beside.snapshot().seen.plan[-1, 0] == pytest.approx(-2.8)
     beside.now += 0.6
+
     # The plan is older than this goal, although it leads there.
     beside.goal("three", -3.0)
     refused(lambda: beside.snapshot(), "no global plan for this goal", kind=ObservationError)
+
+    # It is newer than the goal, so it is used, although it ends nearer to the previous goal.
     beside.goal("four", 6.0)
     beside.now += 0.6
-    # It is newer than the goal, so it is used, although it ends nearer to the previous goal.
     beside.plan(1.0)
     assert beside.snapshot().seen.plan[-1, 0] == 1.0
 
@@ -175,11 +184,12 @@ def test_the_pose_is_from_tf_at_the_scans_stamp_and_the_twist_from_the_odometry(
         beside.now += 0.2
     # Poses at 1 m and 2 m, 0.4 s and 0.2 s ago: a scan between them has the pose in between, and a
     # later one the latest.
-    for ago, x in ((0.3, 1.5), (0.2, 2.0), (0.0, 2.0)):
+    for scan_age, robot_x in ((0.3, 1.5), (0.2, 2.0), (0.0, 2.0)):
+        # tf2 accepts no frame with a slash in front, but ROS 1's messages may have it.
         for frame in ("world", "/world"):
             beside.plan(5.0, frame)
-            snapshot = beside.snapshot(rospy.Time.from_sec(beside.now - ago))
-            assert snapshot.seen.pose == pytest.approx((x, 0.0, 0.25))
+            snapshot = beside.snapshot(rospy.Time.from_sec(beside.now - scan_age))
+            assert snapshot.seen.pose == pytest.approx((robot_x, 0.0, 0.25))
             assert snapshot.seen.twist == (0.5, 0.0)
 
 
@@ -202,25 +212,27 @@ def test_a_silent_odometry_prevents_decisions(beside):
 
 def test_a_static_transform_has_no_age(beside):
     beside.place("map", "base_link", (0.0, 0.0, 0.0), rospy.Time(0))
-    latest = beside.inputs._transforms.latest("map", "base_link", beside.time, 1.0)
-    assert latest.transform.rotation.w == 1.0
+    map_to_base = beside.inputs._transforms.latest("map", "base_link", beside.time, 1.0)
+    assert map_to_base.transform.rotation.w == 1.0
 
 
 def test_moving_obstacles_are_in_the_plans_frame_and_dropped_when_stale(beside):
     """The odometry frame is rotated by 90 degrees in the map, and moved by half a metre along y."""
     beside.goal("one", 5.0)
-    for child, parent in (("odom", "map"), ("base_link", "odom")):
+    for parent, child in (("map", "odom"), ("odom", "base_link")):
         beside.place(parent, child, (0.0, 0.5, 0.5 * np.pi), rospy.Time(0))
     movers = Movers(x=[1.0, 3.0], y=[2.0, 0.0], vx=[0.5, 0.0], vy=[0.0, -1.0], radius=[0.3, 0.3])
     beside.callbacks["applr/tracked"](stamped(movers, beside.time, "odom"))
-    for frame, moving in (
+    for plan_frame, expected_movers in (
         ("odom", [(1.0, 2.0, 0.5, 0.0), (3.0, 0.0, 0.0, -1.0)]),
         ("map", [(-2.0, 1.5, 0.0, 0.5), (0.0, 3.5, 1.0, 0.0)]),
     ):
-        beside.plan(5.0, frame)
+        beside.plan(5.0, plan_frame)
         snapshot = beside.snapshot()
-        np.testing.assert_allclose(snapshot.seen.movers, moving, atol=1e-9)
+        np.testing.assert_allclose(snapshot.seen.movers, expected_movers, atol=1e-9)
         assert snapshot.movers_stamp == beside.time
+
+    # After a second they are stale.
     beside.now += 1.1
     beside.plan(5.0)
     snapshot = beside.snapshot()
@@ -240,8 +252,10 @@ def test_beams_are_ordered_as_seen_from_above_in_the_robots_frame(
     beside.goal("one", 5.0)
     beside.plan(5.0)
     beside.mount(*mounting)
-    ranges, start, step = beside.snapshot().seen.scan
-    assert (start, step, ranges[-1]) == (pytest.approx(first_angle), 0.01, last_range)
+    ranges, scan_angle, increment = beside.snapshot().seen.scan
+    assert scan_angle == pytest.approx(first_angle)
+    assert increment == 0.01
+    assert ranges[-1] == last_range
 
 
 def test_a_laser_that_is_mounted_at_a_tilt_is_refused(beside):

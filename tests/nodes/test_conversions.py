@@ -39,33 +39,34 @@ def costmap(rows=6, columns=9):
 
 
 def test_grid_equals_the_generated_message():
-    prepared = conversions.grid(costmap(), "odom", STAMP)
-    plain = prepared.message
-    plain.data = conversions.OCCUPANCY[costmap().cells.ravel()].tolist()
-    assert plain.data[:4] == [0, 99, 100, -1]
-    generated = written(plain)
-    plain.data = []  # `prepared` writes its payload instead.
-    assert written(prepared) == generated
-    grid = OccupancyGrid().deserialize(generated)
+    packed = conversions.grid(costmap(), "odom", STAMP)
+    message = packed.message
+    message.data = conversions.OCCUPANCY[costmap().cells.ravel()].tolist()
+    assert message.data[:4] == [0, 99, 100, -1]
+    generated_bytes = written(message)
+    message.data = []  # `packed` writes its payload instead.
+    assert written(packed) == generated_bytes
+    grid = OccupancyGrid().deserialize(generated_bytes)
     assert grid.info.width == 9
     assert grid.info.height == 6
     assert grid.info.origin.position.y == 2.0
 
 
 def test_update_is_the_window():
-    prepared = conversions.grid_update(costmap().cells[1:4, 2:5], (2, 1), "odom", STAMP)
-    message = prepared.message
+    window_cells = costmap().cells[1:4, 2:5]
+    packed = conversions.grid_update(window_cells, (2, 1), "odom", STAMP)
+    message = packed.message
     assert (message.x, message.y, message.width, message.height) == (2, 1, 3, 3)
-    assert prepared.payload == conversions.OCCUPANCY[costmap().cells[1:4, 2:5]].tobytes()
+    assert packed.payload == conversions.OCCUPANCY[window_cells].tobytes()
 
 
 @pytest.mark.parametrize("count", [0, 50])
 def test_path_equals_the_generated_message(count):
     frame = "a_longer/frame"
     poses = np.random.default_rng(1).normal(size=(count, 3))
-    plain = Path(header=Header(0, STAMP, frame))
-    plain.poses = [conversions.pose_stamped(pose, frame, STAMP) for pose in poses.tolist()]
-    assert written(conversions.path(poses, frame, STAMP)) == written(plain)
+    message = Path(header=Header(0, STAMP, frame))
+    message.poses = [conversions.pose_stamped(pose, frame, STAMP) for pose in poses.tolist()]
+    assert written(conversions.path(poses, frame, STAMP)) == written(message)
 
 
 @pytest.mark.parametrize(
@@ -95,8 +96,8 @@ def test_scans_that_cannot_be_used(change, problem):
     scan = LaserScan(angle_min=-1.0, angle_increment=0.5, range_min=0.1, range_max=30.0)
     scan.ranges = [1.0, 2.0, math.inf, math.nan]
     assert conversions.check_scan(scan).dtype == np.float32
-    for name, value in change.items():
-        setattr(scan, name, value)
+    for field, wrong_value in change.items():
+        setattr(scan, field, wrong_value)
     refused(lambda: conversions.check_scan(scan), problem, kind=MessageError)
 
 
@@ -111,21 +112,23 @@ def test_scans_of_a_laser_upside_down_or_tilted_have_the_true_points():
     ranges = np.array([1.0, 2.0, 3.0], np.float32)
 
     # Upside down, the beams are taken in reverse, and the sensor counts as level.
-    place = Transform(Vector3(1.0, 2.0, 0.5), Quaternion(math.cos(0.15), math.sin(0.15), 0.0, 0.0))
-    hanging = conversions.laser_scan(message, ranges, place)
-    assert hanging.rotation is None
-    assert hanging.sweep == 0.0
+    upside_down = Quaternion(math.cos(0.15), math.sin(0.15), 0.0, 0.0)
+    mounting = Transform(Vector3(1.0, 2.0, 0.5), upside_down)
+    hanging_scan = conversions.laser_scan(message, ranges, mounting)
+    assert hanging_scan.rotation is None
+    assert hanging_scan.sweep == 0.0
     message.time_increment = -0.01
-    assert conversions.laser_scan(message, ranges, place).sweep == pytest.approx(0.02)
-    points = sorted(project(hanging).points.tolist())
+    assert conversions.laser_scan(message, ranges, mounting).sweep == pytest.approx(0.02)
+    # Their order does not matter.
+    points = sorted(project(hanging_scan).points.tolist())
     x = 1.0 + ranges * np.cos(0.3 - angles)
     y = 2.0 + ranges * np.sin(0.3 - angles)
-    expected = np.column_stack([x, y, np.full(3, 0.5)])
-    np.testing.assert_allclose(points, sorted(expected.tolist()), atol=1e-5)
+    expected_points = np.column_stack([x, y, np.full(3, 0.5)])
+    np.testing.assert_allclose(points, sorted(expected_points.tolist()), atol=1e-5)
 
     # Pitched down, the points ahead are lower, and their lateral positions as before.
-    place.rotation = Quaternion(0.0, math.sin(0.1), 0.0, math.cos(0.1))
-    points = project(conversions.laser_scan(message, ranges, place)).points
+    mounting.rotation = Quaternion(0.0, math.sin(0.1), 0.0, math.cos(0.1))
+    points = project(conversions.laser_scan(message, ranges, mounting)).points
     heights = 0.5 - ranges * np.cos(angles) * math.sin(0.2)
     np.testing.assert_allclose(points[:, 2], heights, atol=1e-5)
     np.testing.assert_allclose(points[:, 1], 2.0 + ranges * np.sin(angles), atol=1e-5)
@@ -137,18 +140,18 @@ def test_points_of_clouds():
     """
     # Six points in two rows; each point has 24 bytes with gaps, and each row ends with 3 more.
     layout = {"names": list("izxy"), "formats": [">f4"] * 4, "offsets": [0, 4, 12, 20]}
-    table = np.zeros((2, 3), np.dtype({**layout, "itemsize": 24}))
-    table["x"] = np.arange(6).reshape(2, 3)
-    table["y"] = 10.0
-    table["z"] = -1.5
-    rows = b"".join(row.tobytes() + b"pad" for row in table)
+    cloud_rows = np.zeros((2, 3), np.dtype({**layout, "itemsize": 24}))
+    cloud_rows["x"] = np.arange(6).reshape(2, 3)
+    cloud_rows["y"] = 10.0
+    cloud_rows["z"] = -1.5
+    padded_bytes = b"".join(cloud_row.tobytes() + b"pad" for cloud_row in cloud_rows)
     message = PointCloud2(
-        height=2, width=3, point_step=24, row_step=75, is_bigendian=True, data=rows
+        height=2, width=3, point_step=24, row_step=75, is_bigendian=True, data=padded_bytes
     )
-    for name, offset in (("z", 4), ("x", 12), ("y", 20)):
-        message.fields.append(PointField(name, offset, PointField.FLOAT32, 1))
-    expected = np.column_stack([np.arange(6), np.full(6, 10.0), np.full(6, -1.5)])
-    np.testing.assert_array_equal(conversions.points_of(message), expected)
+    for field, offset in (("z", 4), ("x", 12), ("y", 20)):
+        message.fields.append(PointField(field, offset, PointField.FLOAT32, 1))
+    expected_points = np.column_stack([np.arange(6), np.full(6, 10.0), np.full(6, -1.5)])
+    np.testing.assert_array_equal(conversions.points_of(message), expected_points)
 
     older_cloud = PointCloud(points=[Point32(1.0, 2.0, 3.0)])
     np.testing.assert_array_equal(conversions.points_of(older_cloud), [(1.0, 2.0, 3.0)])

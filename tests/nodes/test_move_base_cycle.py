@@ -4,6 +4,7 @@ import math
 import threading
 import time
 from types import SimpleNamespace
+from typing import Dict, NamedTuple
 from unittest.mock import MagicMock
 
 import pytest
@@ -15,6 +16,14 @@ from applr_ros1.planner.state_machine import Cycle
 from tests.support.nodes import values_of
 
 NOW = rospy.Time(100)
+
+
+class Report(NamedTuple):
+    """Report on /diagnostics."""
+
+    level: int
+    message: str
+    values: Dict[str, str]
 
 
 @pytest.mark.parametrize(
@@ -34,11 +43,13 @@ def test_max_speed_bounds_commands_ahead_and_back_and_keeps_their_arcs(command, 
         published.append((message.linear.x, message.angular.z))
 
     publisher = SimpleNamespace(publish=publish)
-    MoveBaseNode._send(SimpleNamespace(_command=publisher, _max_speed=0.4), *command)
-    MoveBaseNode._send(SimpleNamespace(_command=publisher, _max_speed=math.inf), *command)
-    limited, unlimited = published
-    assert limited == pytest.approx(sent)
-    assert unlimited == command
+    slow_node = SimpleNamespace(_command=publisher, _max_speed=0.4)
+    unlimited_node = SimpleNamespace(_command=publisher, _max_speed=math.inf)
+    MoveBaseNode._send(slow_node, *command)
+    MoveBaseNode._send(unlimited_node, *command)
+    limited_command, unlimited_command = published
+    assert limited_command == pytest.approx(sent)
+    assert unlimited_command == command
 
 
 @pytest.mark.parametrize("pose", [None, (1.0, 2.0, 0.5)])
@@ -50,34 +61,34 @@ def test_feedback_has_the_pose_if_it_is_known(pose):
     node.watchdog.is_lost.return_value = False
     node.frame = "odom"
     MoveBaseNode._cycle(node, NOW)
-    places = []
-    for call in node.goals.publish_feedback.mock_calls:
-        place = call.args[0].base_position.pose.position
-        places.append((place.x, place.y))
-    assert places == ([] if pose is None else [(1.0, 2.0)])
+    feedback_positions = []
+    for feedback_call in node.goals.publish_feedback.mock_calls:
+        position = feedback_call.args[0].base_position.pose.position
+        feedback_positions.append((position.x, position.y))
+    assert feedback_positions == ([] if pose is None else [(1.0, 2.0)])
 
 
 def test_diagnostics_report_which_critics_refused_the_samples():
     node = MagicMock()
-    refused = {"samples": 3, "obstacle": 3}
+    refusals = {"samples": 3, "obstacle": 3}
     node._locate.return_value = (1.0, 2.0, 0.5), None
     node.move_base.step.return_value = Cycle(controlled=True)
     node.move_base.in_global_frame.side_effect = lambda pose: pose
-    node.move_base.local_planner.refusals.side_effect = [{}, refused]
+    node.move_base.local_planner.refusals.side_effect = [{}, refusals]
     node.watchdog.is_lost.return_value = False
     node.sensors.ages.return_value = {}
     node._refusals = {}
     node.loop.missed = 0
 
     def reported(cycles):
-        """Return level, message and values of the report after some cycles."""
+        """Return the Report after some cycles."""
         for _ in range(cycles):
             MoveBaseNode._cycle(node, NOW)
         node._report_from = 0.0  # A report is due.
         node._diagnostics.publish.reset_mock()
         MoveBaseNode._report(node, NOW)
         status = node._diagnostics.publish.mock_calls[1].args[0].status[0]
-        return status.level, status.message, values_of(status)
+        return Report(status.level, status.message, values_of(status))
 
     # The second of three cycles has refusals, which are kept until they are reported, and only so
     # long.
@@ -88,34 +99,36 @@ def test_diagnostics_report_which_critics_refused_the_samples():
 
 def test_cycles_that_were_missed_are_counted():
     loop = ControlLoop(*[MagicMock()] * 5)
-    due = rospy.Time.from_sec(100.0)
+    due_time = rospy.Time.from_sec(100.0)
     # A cycle that is later than its period of 0.05 s begins a new phase, and the others are lost.
-    for late, missed, next_due in (
+    for delay, missed_cycles, seconds_to_next in (
         (0.0, 0, 0.05),
         (0.04, 0, 0.05),
         (0.06, 1, 0.11),
         (0.46, 9, 0.51),
     ):
         loop.missed = 0
-        following = loop.next_due(due, due + rospy.Duration.from_sec(late), 0.05)
-        assert loop.missed == missed
-        assert (following - due).to_sec() == pytest.approx(next_due)
+        cycle_time = due_time + rospy.Duration.from_sec(delay)
+        next_due_time = loop.next_due(due_time, cycle_time, 0.05)
+        assert loop.missed == missed_cycles
+        assert (next_due_time - due_time).to_sec() == pytest.approx(seconds_to_next)
 
 
 def test_cycles_wait_for_the_lock_and_go_on_after_one_that_failed(monkeypatch):
     cycle = MagicMock(side_effect=KeyError("three"))
-    failed = MagicMock()
-    ended = threading.Event()
+    on_failure = MagicMock()
+    node_has_ended = threading.Event()
     rospy.rostime.set_rostime_initialized(True)
-    monkeypatch.setattr(rospy, "is_shutdown", ended.is_set)
-    loop = ControlLoop(cycle, lambda: 200.0, MagicMock(), MagicMock(), failed)
-    running = threading.Thread(target=loop.run, daemon=True)
+    monkeypatch.setattr(rospy, "is_shutdown", node_has_ended.is_set)
+    loop = ControlLoop(cycle, lambda: 200.0, MagicMock(), MagicMock(), on_failure)
+    loop_thread = threading.Thread(target=loop.run, daemon=True)
     with loop.lock:
-        running.start()
+        loop_thread.start()
         time.sleep(0.1)
         assert not cycle.called
-    while failed.call_count < 2:
+    # A second failure shows that the loop went on after the first.
+    while on_failure.call_count < 2:
         time.sleep(0.001)
-    ended.set()
-    running.join(5.0)
-    assert not running.is_alive()
+    node_has_ended.set()
+    loop_thread.join(5.0)
+    assert not loop_thread.is_alive()

@@ -48,8 +48,8 @@ def robot(monkeypatch):
 
     def tf(t):
         """Send the transform of a robot that drives at 1 m/s: its place tells the stamp."""
-        placed = transform("odom", "base", (t - 100.0, 0.0, 0.0), rospy.Time.from_sec(t))
-        sensors.transforms.buffer.set_transform(placed, "test")
+        odom_to_base = transform("odom", "base", (t - 100.0, 0.0, 0.0), rospy.Time.from_sec(t))
+        sensors.transforms.buffer.set_transform(odom_to_base, "test")
 
     def odometry(t):
         """Send the velocity."""
@@ -70,27 +70,28 @@ def test_no_scan_is_lost_while_tf_is_late(robot):
     """Scans come at 25 Hz, tf at 50 Hz and 30 ms late. With a poll every 10 ms, each scan is used
     once, in order.
     """
-    used = []
-    for poll in range(200):
-        seconds = 100.0 + 0.01 * poll
-        robot.time(seconds)
-        if poll % 2 == 0:
-            robot.tf(seconds - 0.03)
-        if poll % 4 == 0:
-            robot.scan(seconds)
-        used += stamps_of(robot)
+    used_stamps = []
+    for poll_number in range(200):
+        poll_time = 100.0 + 0.01 * poll_number
+        robot.time(poll_time)
+        if poll_number % 2 == 0:
+            robot.tf(poll_time - 0.03)
+        if poll_number % 4 == 0:
+            robot.scan(poll_time)
+        used_stamps += stamps_of(robot)
     # All of the 50 scans, but perhaps the last one, whose transform is under way.
-    assert used == pytest.approx(100.0 + 0.04 * np.arange(len(used)))
-    assert len(used) >= 49
+    assert used_stamps == pytest.approx(100.0 + 0.04 * np.arange(len(used_stamps)))
+    assert len(used_stamps) >= 49
 
 
 def test_a_publisher_ahead_of_the_clock_gives_the_pose_of_now(robot):
     # The latest transform is 0.45 s ahead of the clock. The pose is that of 101 s, one metre on.
-    for number in range(20):
-        robot.tf(100.5 + 0.05 * number)
-    pose = robot.sensors.pose(robot.time(101.0), 0.3)
-    assert pose is not None, robot.sensors.pose_trouble
-    assert pose[0] == pytest.approx(1.0)
+    for tf_number in range(20):
+        robot.tf(100.5 + 0.05 * tf_number)
+    robot_pose = robot.sensors.pose(robot.time(101.0), 0.3)
+    assert robot_pose is not None, robot.sensors.pose_trouble
+    assert robot_pose[0] == pytest.approx(1.0)
+    # A second later, the same transform is too old.
     assert robot.sensors.pose(robot.time(102.0), 0.3) is None
     assert "0.55 s old" in robot.sensors.pose_trouble
 
@@ -135,12 +136,14 @@ def test_a_line_about_a_scan_has_stamp_age_and_reason(robot):
     robot.tf(102.9)
     robot.scan(100.0)
     assert robot.sensors.observations() == {}
-    begin = "the latest message has stamp 100.000, 3.00 s ago; transform odom <- base at 100.000: "
-    assert robot.sensors.describe_latest("scan").startswith(begin)
+    stamp_and_age = "the latest message has stamp 100.000, 3.00 s ago; "
+    reason = "transform odom <- base at 100.000: "
+    assert robot.sensors.describe_latest("scan").startswith(stamp_and_age + reason)
 
 
 @pytest.mark.parametrize("jump", [0.05, 0.45, 30.0])
 def test_after_a_clock_jump_back_the_next_messages_are_used(robot, jump, monkeypatch):
+    # Given: messages of the time before, of which one scan waits for its transform
     monkeypatch.setattr(module, "is_wallclock", lambda: False)
     robot.time(100.5)
     clock = module.Clock()
@@ -150,21 +153,26 @@ def test_after_a_clock_jump_back_the_next_messages_are_used(robot, jump, monkeyp
     robot.scan(100.5)
     assert robot.sensors.observations()
     assert robot.sensors.pose(rospy.Time.from_sec(100.49), 0.3)[0] == pytest.approx(0.5)
-    robot.scan(100.51)  # This scan waits for its transform.
-    stamp = robot.time(100.5 - jump)
+    robot.scan(100.51)
+
+    # When: the clock jumps back
+    earlier_time = robot.time(100.5 - jump)
     assert clock.went_back()
     robot.sensors.forget()
-    # Messages of the old time would count as new for the whole step.
-    assert robot.sensors.pose(stamp, 0.3) is None
+
+    # Then: nothing is left of them. They would count as new for the whole step.
+    assert robot.sensors.pose(earlier_time, 0.3) is None
     assert robot.sensors.observations() == {}
-    assert robot.sensors.odometry_trouble(stamp, 0.5)
-    stamp = robot.time(100.52 - jump)
+    assert robot.sensors.odometry_trouble(earlier_time, 0.5)
+
+    # The next messages are used.
+    next_time = robot.time(100.52 - jump)
     robot.tf(100.52 - jump)
     robot.odometry(100.52 - jump)
     robot.scan(100.52 - jump)
-    assert robot.sensors.pose(stamp, 0.3)[0] == pytest.approx(0.52 - jump)
+    assert robot.sensors.pose(next_time, 0.3)[0] == pytest.approx(0.52 - jump)
     assert robot.sensors.observations()
-    assert not robot.sensors.odometry_trouble(stamp, 0.5)
+    assert not robot.sensors.odometry_trouble(next_time, 0.5)
 
 
 def test_ages_are_those_of_the_messages_in_use(robot):
@@ -172,14 +180,13 @@ def test_ages_are_those_of_the_messages_in_use(robot):
     robot.tf(100.4)
     robot.tf(100.48)
     robot.odometry(100.45)
-    for stamp in (100.42, 100.49):  # The second scan has no transform yet.
-        robot.scan(stamp)
-    clock = robot.time(100.5)
-    robot.sensors.pose(clock, 0.3)
+    robot.scan(100.42)
+    robot.scan(100.49)  # This scan has no transform yet.
+    cycle_time = robot.time(100.5)
+    robot.sensors.pose(cycle_time, 0.3)
     robot.sensors.observations()
-    assert robot.sensors.ages(clock) == pytest.approx(
-        {"scan_age_s": 0.08, "pose_age_s": 0.02, "twist_age_s": 0.05}
-    )
+    expected_ages = {"scan_age_s": 0.08, "pose_age_s": 0.02, "twist_age_s": 0.05}
+    assert robot.sensors.ages(cycle_time) == pytest.approx(expected_ages)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.02])
@@ -187,29 +194,32 @@ def test_lasers_that_share_a_topic_are_distinguished_by_their_frames(robot, dela
     """The rear laser has fewer beams and equal or later stamps, and is used as often as the front
     laser.
     """
-    used = []
-    for number in range(10):
-        front_stamp = 100.0 + 0.1 * number
-        robot.time(front_stamp + delay)
-        for frame, child in (("odom", "base"), ("base", "rear")):
-            link = transform(frame, child, (0.0, 0.0, 0.0), rospy.Time.from_sec(front_stamp))
-            for stamp in (front_stamp, front_stamp + delay):
-                link.header.stamp = rospy.Time.from_sec(stamp)
-                robot.sensors.transforms.buffer.set_transform(link, "test")
+    used_scans = []  # frame and number of beams
+    for scan_number in range(10):
+        front_stamp = 100.0 + 0.1 * scan_number
+        rear_stamp = front_stamp + delay
+        robot.time(rear_stamp)
+        for parent, child in (("odom", "base"), ("base", "rear")):
+            for stamp in (front_stamp, rear_stamp):
+                parent_to_child = transform(
+                    parent, child, (0.0, 0.0, 0.0), rospy.Time.from_sec(stamp)
+                )
+                robot.sensors.transforms.buffer.set_transform(parent_to_child, "test")
         robot.scan(front_stamp)
-        robot.scan(front_stamp + delay, "rear", (1.0, 2.0))
-        used += [(scan.frame, len(scan.ranges)) for scan in robot.sensors.observations().values()]
+        robot.scan(rear_stamp, "rear", (1.0, 2.0))
+        for scan in robot.sensors.observations().values():
+            used_scans.append((scan.frame, len(scan.ranges)))
         assert not robot.sensors._topics["scan"].trouble
-    assert len(used) == 10
-    assert used.count(("rear", 2)) == used.count(("base", 3)) == 5
+    # A poll has one scan of a topic: the lasers take turns.
+    assert len(used_scans) == 10
+    assert used_scans.count(("rear", 2)) == used_scans.count(("base", 3)) == 5
 
 
 def test_a_silent_laser_does_not_affect_the_other_on_its_topic(robot):
     robot.time(100.0)
     robot.tf(100.0)
-    robot.sensors.transforms.buffer.set_transform(
-        transform("base", "rear", (0.0, 0.0, 0.0), rospy.Time(100)), "test"
-    )
+    base_to_rear = transform("base", "rear", (0.0, 0.0, 0.0), rospy.Time(100))
+    robot.sensors.transforms.buffer.set_transform(base_to_rear, "test")
     robot.scan(100.0, "rear")
     assert robot.sensors.observations()
     for seconds in 100.0 + 0.1 * np.arange(1, 40):

@@ -21,14 +21,15 @@ pytest.importorskip("rospy")
 
 def start(*arguments):
     """Start Python without a ROS master at the address that it gets, and return the process."""
-    paths = [str(ros.ROOT), str(ros.GENERATED), os.environ.get("PYTHONPATH", "")]
+    python_paths = [str(ros.ROOT), str(ros.GENERATED), os.environ.get("PYTHONPATH", "")]
+    environment = dict(
+        os.environ,
+        ROS_MASTER_URI="http://localhost:%d" % ros.free_port(),
+        PYTHONPATH=os.pathsep.join(python_paths).rstrip(os.pathsep),
+    )
     return subprocess.Popen(
         [sys.executable, *arguments],
-        env=dict(
-            os.environ,
-            ROS_MASTER_URI="http://localhost:%d" % ros.free_port(),
-            PYTHONPATH=os.pathsep.join(paths).rstrip(os.pathsep),
-        ),
+        env=environment,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -41,17 +42,18 @@ def ended(process, status):
     """Return the output of a command, after checking that it ends with `status`, and in one line if
     it fails.
     """
-    output, text = process.communicate(timeout=HANGS)
-    assert process.returncode == status, text
-    assert len(text.splitlines()) == status, text
-    return output + text
+    output, errors = process.communicate(timeout=HANGS)
+    assert process.returncode == status, errors
+    # The exit status of an error is 1, and so is the number of its lines.
+    assert len(errors.splitlines()) == status, errors
+    return output + errors
 
 
 @pytest.mark.parametrize("name", ["move_base", "send_goal"])
 def test_a_node_without_a_master_ends_in_one_line(name):
-    text = ended(start("-m", "applr_ros1.scripts", name), 1)
-    assert text.startswith(name + ": no ROS master at http://localhost:")
-    assert "roscore" in text
+    error_line = ended(start("-m", "applr_ros1.scripts", name), 1)
+    assert error_line.startswith(name + ": no ROS master at http://localhost:")
+    assert "roscore" in error_line
 
 
 @pytest.mark.parametrize("name", ["move_base", "send_goal"])
@@ -62,11 +64,12 @@ def test_invalid_arguments_start_nothing(name):
     # Both at the same time, because each takes seconds to import its libraries.
     with_a_pose = start("-m", "applr_ros1.scripts", name, "1", "0", "0", "_a:=b")
     asked_for_help = start("-m", "applr_ros1.scripts", name, "-h")
-    line = name + ": unexpected arguments 1 0 0: give parameters as _NAME:=VALUE"
-    assert ended(with_a_pose, 1).startswith(line)
+    error_line = name + ": unexpected arguments 1 0 0: give parameters as _NAME:=VALUE"
+    assert ended(with_a_pose, 1).startswith(error_line)
     assert "~robot" in ended(asked_for_help, 0)
 
 
+# Program in which the import of numba fails, as if it were not installed
 WITHOUT_NUMBA = """
 import sys
 sys.modules['numba'] = None
@@ -77,9 +80,9 @@ run_script('applr_ros1.nodes.move_base.node')
 
 
 def test_a_missing_python_package_is_one_line_with_the_remedy():
-    text = ended(start("-c", WITHOUT_NUMBA), 1)
-    assert "numba" in text
-    assert "./applr packages" in text
+    error_line = ended(start("-c", WITHOUT_NUMBA), 1)
+    assert "numba" in error_line
+    assert "./applr packages" in error_line
 
 
 APPLR = "applr_ros1.nodes.applr.main"
@@ -108,10 +111,11 @@ BRIDGE = "sim_bridge.ros_bridge"
 )
 def test_invalid_parameters_are_one_line(module, own_parameters, line, tmp_path, monkeypatch):
     if own_parameters == "a robot with errors":
-        shutil.copytree(ros.ROOT / "applr_ros1/robots/husky", tmp_path / "mine")
-        with open(tmp_path / "mine" / "planner.yaml", "a") as file:
-            file.write("\ncontroller_frequency: 0\n")
-        own_parameters = {"robot": str(tmp_path / "mine")}
+        robot_folder = tmp_path / "mine"
+        shutil.copytree(ros.ROOT / "applr_ros1/robots/husky", robot_folder)
+        with open(robot_folder / "planner.yaml", "a") as planner_file:
+            planner_file.write("\ncontroller_frequency: 0\n")
+        own_parameters = {"robot": str(robot_folder)}
     node = importlib.import_module(module)
     monkeypatch.setattr(node, "init_node", lambda name: None)
     # "~" stands for all parameters of the node.
@@ -122,8 +126,8 @@ def test_invalid_parameters_are_one_line(module, own_parameters, line, tmp_path,
     monkeypatch.setattr("rospy.get_name", lambda: "/node")
     monkeypatch.setattr("rospy.resolve_name", lambda name: "/" + name)
     # A node that went on in spite of the error would come to its topics.
-    for name in ("Publisher", "Subscriber"):
-        monkeypatch.setattr("rospy." + name, lambda *_, **__: pytest.fail("the node goes on"))
+    for endpoint in ("Publisher", "Subscriber"):
+        monkeypatch.setattr("rospy." + endpoint, lambda *_, **__: pytest.fail("the node goes on"))
     refused(node.main, line)
 
 
@@ -131,30 +135,31 @@ def test_code_is_imported_only_for_the_method_given_at_the_start(tmp_path, monke
     """Any local user, and a website in a browser, can write to the parameter server."""
     node = importlib.import_module("applr_ros1.nodes.applr.main")
     robot = load("jackal")
-    spec = f"{tmp_path}/own.py:Own"
-    code = f"open('{tmp_path}/ran', 'w')\nfrom applr_ros1.policy.methods import Method as Own\n"
-    (tmp_path / "own.py").write_text(code)
-    ran = tmp_path / "ran"  # file that the code makes
+    own_method = f"{tmp_path}/own.py:Own"
+    makes_a_file = f"open('{tmp_path}/ran', 'w')"
+    imports_a_method = "from applr_ros1.policy.methods import Method as Own"
+    (tmp_path / "own.py").write_text(f"{makes_a_file}\n{imports_a_method}\n")
+    made_file = tmp_path / "ran"
 
     # The method comes from the parameter server alone.
     monkeypatch.setattr(sys, "argv", ["applr.py"])
     monkeypatch.setenv("APPLR_METHOD", "applr")
-    method, trouble = node.make_method(spec, robot, node.started_with(spec))
+    method, problem = node.make_method(own_method, robot, node.started_with(own_method))
     assert method.name == "dwa"
-    assert not ran.exists()
-    assert "start the node with _method:=" in trouble
+    assert not made_file.exists()
+    assert "start the node with _method:=" in problem
 
     # It is given on the command line.
-    sys.argv.append("_method:=" + spec)
-    method, _ = node.make_method(spec, robot, node.started_with(spec))
-    assert method.name == spec
-    assert ran.exists()
+    sys.argv.append("_method:=" + own_method)
+    method, _ = node.make_method(own_method, robot, node.started_with(own_method))
+    assert method.name == own_method
+    assert made_file.exists()
 
     # It is given by a launch file, in the environment.
     monkeypatch.setattr(sys, "argv", ["applr.py"])
-    monkeypatch.setenv("APPLR_METHOD", spec)
-    method, _ = node.make_method(spec, robot, node.started_with(spec))
-    assert method.name == spec
+    monkeypatch.setenv("APPLR_METHOD", own_method)
+    method, _ = node.make_method(own_method, robot, node.started_with(own_method))
+    assert method.name == own_method
 
 
 # Program that reports the beginning of the import of training.train
@@ -180,9 +185,9 @@ def test_ctrl_c_during_the_import(delay):
     # At once, or while the libraries of training are imported
     time.sleep(delay)
     process.send_signal(signal.SIGINT)
-    _, text = process.communicate(timeout=HANGS)
-    assert "Traceback" not in text, text
-    assert len(text.splitlines()) <= 1, text
+    _, errors = process.communicate(timeout=HANGS)
+    assert "Traceback" not in errors, errors
+    assert len(errors.splitlines()) <= 1, errors
 
 
 # Node whose main thread holds a lock that its shutdown needs

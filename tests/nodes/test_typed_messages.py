@@ -46,16 +46,23 @@ def snapshot(number):
     stamps = [rospy.Time(100 + number, nanoseconds) for nanoseconds in (1, 2, 3, 4)]
     ranges = rng.uniform(0.2, 9.0, 720).astype(np.float32)
     first_angle, increment = rng.uniform([-2.4, 0.0065], [-2.35, 0.0066])
-    pose = tuple(rng.uniform(-2.0, 2.0, 3))
+    robot_pose = tuple(rng.uniform(-2.0, 2.0, 3))
     twist = tuple(rng.uniform(-2.0, 2.0, 2))
-    goal = tuple(rng.uniform(-2.0, 2.0, 3))
+    goal_pose = tuple(rng.uniform(-2.0, 2.0, 3))
     movers = rng.uniform(-2.0, 2.0, (number, 4))
-    # 12 m long
-    along = 0.03 * np.arange(400)
-    plan = np.column_stack([pose[0] + along, pose[1] + np.sin(along)])
-    scan = (ranges, first_angle, increment)
-    seen = Seen(scan, 0.1 * number, pose, twist, goal, plan, movers)
-    return Snapshot(seen, "odom", *stamps)
+    # 12 m long along x, and winding, as a plan between obstacles
+    plan_dx = 0.03 * np.arange(400)
+    plan = np.column_stack([robot_pose[0] + plan_dx, robot_pose[1] + np.sin(plan_dx)])
+    inputs = Seen(
+        scan=(ranges, first_angle, increment),
+        time=0.1 * number,
+        pose=robot_pose,
+        twist=twist,
+        goal=goal_pose,
+        plan=plan,
+        movers=movers,
+    )
+    return Snapshot(inputs, "odom", *stamps)
 
 
 def decide(topics, number, theta, refused=""):
@@ -88,32 +95,35 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
     decide(topics, 1, theta)
     decide(topics, 2, None, "not finite")
     decisions = written(tmp_path / "a.bag", published).decisions
-    chosen = [SPACE.as_dict(theta), {}]
-    for number, (decision, after) in enumerate(zip(decisions, chosen, strict=True), 1):
+    decided_parameters = [SPACE.as_dict(theta), {}]
+    decisions_and_parameters = zip(decisions, decided_parameters, strict=True)
+    for number, (decision, parameters) in enumerate(decisions_and_parameters, 1):
         assert decision.goal == "goal 7"
         # Since the first message, of 100 s and 1 ns
         assert decision.time == pytest.approx(number + 4e-9, abs=1e-10)
         assert decision.scan_time == pytest.approx(number, abs=1e-10)
         assert decision.before == SPACE.as_dict(THETA_0)
-        assert decision.after == after
+        assert decision.after == parameters
 
-        seen = decision.seen
-        sent = snapshot(number).seen
-        assert seen.scan[1:] == sent.scan[1:]
-        assert seen.time == sent.time
-        assert seen.pose == sent.pose
-        assert seen.twist == sent.twist
-        assert seen.goal == sent.goal
-        np.testing.assert_array_equal(seen.scan[0], sent.scan[0])
-        np.testing.assert_array_equal(seen.movers, sent.movers)
+        read_inputs = decision.seen
+        sent_inputs = snapshot(number).seen
+        assert read_inputs.scan[1:] == sent_inputs.scan[1:]
+        assert read_inputs.time == sent_inputs.time
+        assert read_inputs.pose == sent_inputs.pose
+        assert read_inputs.twist == sent_inputs.twist
+        assert read_inputs.goal == sent_inputs.goal
+        np.testing.assert_array_equal(read_inputs.scan[0], sent_inputs.scan[0])
+        np.testing.assert_array_equal(read_inputs.movers, sent_inputs.movers)
 
         # A message has only the beginning of the plan, which is enough for each encoding.
-        assert len(seen.plan) < 200 < len(sent.plan)
+        assert len(read_inputs.plan) < 200 < len(sent_inputs.plan)
         for make_encoding in ENCODINGS.values():
             encoding = make_encoding(robots.JACKAL, 1.0)
-            observation = encoding.observe(Context.of(THETA_0, seen, SPACE, encoding.layout))
-            expected = encoding.observe(Context.of(THETA_0, sent, SPACE, encoding.layout))
-            np.testing.assert_array_equal(observation, expected)
+            read_context = Context.of(THETA_0, read_inputs, SPACE, encoding.layout)
+            sent_context = Context.of(THETA_0, sent_inputs, SPACE, encoding.layout)
+            np.testing.assert_array_equal(
+                encoding.observe(read_context), encoding.observe(sent_context)
+            )
 
 
 def test_a_decision_is_small_and_names_its_inputs(published):
@@ -122,18 +132,18 @@ def test_a_decision_is_small_and_names_its_inputs(published):
     stamps = message.scan, message.odometry, message.plan, message.movers.header.stamp
     assert [stamp.to_nsec() % 10**9 for stamp in stamps] == [1, 2, 3, 4]
     # 7 kB in each decision; the scan alone takes 2880 bytes.
-    packed = io.BytesIO()
-    message.serialize(packed)
-    assert len(packed.getvalue()) < 7000
+    buffer = io.BytesIO()
+    message.serialize(buffer)
+    assert len(buffer.getvalue()) < 7000
 
 
 @pytest.mark.parametrize("name", robots.NAMES)
 def test_no_encoding_needs_more_than_the_plan_of_a_decision(name):
     robot = robots.load(name)
-    width = DimensionlessEncoding(robot, 1.0).width
-    farthest = max(layout_of(robot).lookahead, FAR_POINT * width)
+    robot_width = DimensionlessEncoding(robot, 1.0).width
+    longest_lookahead = max(layout_of(robot).lookahead, FAR_POINT * robot_width)
     # 30 % more, because the length is measured along the plan, which winds.
-    assert 1.3 * farthest < FARTHEST_M * robot.world_scale
+    assert 1.3 * longest_lookahead < FARTHEST_M * robot.world_scale
 
 
 def test_fields_of_the_parameters_are_named_for_plotting():
@@ -146,6 +156,7 @@ def test_fields_of_the_parameters_are_named_for_plotting():
     assert message.goal_distance_bias == 6.0
     assert message.inflation_radius == 7.0
     assert message.header.stamp == rospy.Time(3)
-    empty = applr_topics.parameters_message(None, rospy.Time(3))
-    assert empty.names == []
-    assert math.isnan(empty.max_vel_x)
+    # Before the first values are known
+    empty_message = applr_topics.parameters_message(None, rospy.Time(3))
+    assert empty_message.names == []
+    assert math.isnan(empty_message.max_vel_x)
