@@ -78,7 +78,8 @@ obstacles_layer:
   scan: {data_type: LaserScan, topic: scan, sensor_frame: laser, marking: true, clearing: true}
 inflater_layer: {inflation_radius: 0.3, cost_scaling_factor: 8.0}   # metres
 """
-SMALL = ["--simulator", "kinematic", "--worlds", "generated:3"]
+# A sparse world and the fast simulator, in which a drive takes seconds
+ONE_WORLD = ["--simulator", "kinematic", "--worlds", "generated:3"]
 
 
 @pytest.fixture
@@ -88,13 +89,15 @@ def crate(tmp_path):
     folder.mkdir()
     (folder / "robot.yaml").write_text(CRATE)
     (folder / "costmap.yaml").write_text(COSTMAP)
+    # A robot takes no more than this to write by hand.
     assert len((CRATE + COSTMAP).splitlines()) <= 60 + 15
     return folder
 
 
-def rows(out):
+def trials_of(out):
     """Return the rows of an evaluation's table by method."""
-    return {row["method"]: row for row in read_trials(out / "trials.csv").to_dict("records")}
+    trials = read_trials(out / "trials.csv").to_dict("records")
+    return {trial["method"]: trial for trial in trials}
 
 
 def test_space_and_layout_follow_the_description(crate):
@@ -114,10 +117,11 @@ def test_space_and_layout_follow_the_description(crate):
     assert layout.angle_min == -2.0
     # The Jackal's cap of 2 m at 0.85 of its size
     assert layout.range_cap == pytest.approx(1.7)
+
+    # Highest values of all parameters reach their servers.
     planner = MoveBase(robot.parameters())
-    theta = space.high
-    in_force = send(space.settings(theta), planner)
-    assert space.read_back(in_force).tolist() == theta.tolist()
+    in_force = send(space.settings(space.high), planner)
+    assert space.read_back(in_force).tolist() == space.high.tolist()
     assert in_force["DWAPlannerROS"]["max_vel_trans"] == 0.8
     assert in_force[""]["planner_patience"] == 20.0
 
@@ -137,33 +141,36 @@ def test_obstacles_count_at_the_lasers_height_in_simulation_too(crate):
 
 def test_a_robot_is_trained_and_driven_from_its_folder(crate, tmp_path, capsys):
     # Given: a tuned set, and a policy that was trained a little
-    run = tmp_path / "run"
-    out = tmp_path / "out"
-    tuned = {"speed": 0.7, "sim_time": 1.0}
-    found_set.write_set(robots.load(str(crate)), tuned, crate / "static.json", crate / "tuned.yaml")
+    run_folder = tmp_path / "run"
+    results_folder = tmp_path / "out"
+    tuned_values = {"speed": 0.7, "sim_time": 1.0}
+    tuned_file = crate / "tuned.yaml"
+    robot = robots.load(str(crate))
+    found_set.write_set(robot, tuned_values, crate / "static.json", tuned_file)
+    # 12 decisions, the last of which is followed by the only evaluation
     training = ["--total-timesteps", "12", "--net-arch", "16", "16", "--batch-size", "8"]
-    training += ["--eval-worlds", "generated:3", "--eval-freq", "12", "--out", str(run)]
-    assert train.main(["--robot", str(crate), *SMALL, *training]) == 0
-    policy = run / "best.safetensors"
+    training += ["--eval-worlds", "generated:3", "--eval-freq", "12", "--out", str(run_folder)]
+    assert train.main(["--robot", str(crate), *ONE_WORLD, *training]) == 0
+    policy_file = run_folder / "best.safetensors"
 
     # Then: the robot drives with the defaults, with the set and with the policy
-    driving = ["--robot", str(crate), *SMALL, "--out", str(out)]
-    methods = ["--methods", f"dwa,static,{policy}"]
-    plan = ["--trials", "1", "--workers", "0", "--monitor"]
-    assert evaluate.main([*driving, *methods, *plan]) == 0
-    driven = rows(out)
-    assert driven["dwa"]["success"]
+    driving = ["--robot", str(crate), *ONE_WORLD, "--out", str(results_folder)]
+    methods = ["--methods", f"dwa,static,{policy_file}"]
+    one_trial = ["--trials", "1", "--workers", "0", "--monitor"]
+    assert evaluate.main([*driving, *methods, *one_trial]) == 0
+    trials = trials_of(results_folder)
+    assert trials["dwa"]["success"]
     # The course of 5.925 m at 0.85 of its size
-    assert driven["dwa"]["path_length_m"] == pytest.approx(0.85 * 5.925, rel=0.35)
-    assert driven["static"]["time_s"] != driven["dwa"]["time_s"]
+    assert trials["dwa"]["path_length_m"] == pytest.approx(0.85 * 5.925, rel=0.35)
+    assert trials["static"]["time_s"] != trials["dwa"]["time_s"]
 
     # The policy is for this robot alone.
     robot = robots.load(str(crate))
-    actor = load_policy(policy, robot)
-    assert actor.layout == layout_of(robot)
-    assert actor.metadata["robot"] == "crate"
+    policy = load_policy(policy_file, robot)
+    assert policy.layout == layout_of(robot)
+    assert policy.metadata["robot"] == "crate"
     with pytest.raises(ApplrError, match="for the robot crate: this robot is jackal"):
-        load_policy(policy)
+        load_policy(policy_file)
 
     # A method that the robot has no file for is refused.
     capsys.readouterr()
@@ -171,7 +178,7 @@ def test_a_robot_is_trained_and_driven_from_its_folder(crate, tmp_path, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
     # tuned.yaml has the set under move_base's names.
-    planner = yaml.safe_load((crate / "tuned.yaml").read_text())["DWAPlannerROS"]
-    assert planner["max_vel_x"] == 0.7
-    assert planner["max_vel_trans"] == 0.7
-    assert planner["sim_time"] == 1.0
+    planner_values = yaml.safe_load(tuned_file.read_text())["DWAPlannerROS"]
+    assert planner_values["max_vel_x"] == 0.7
+    assert planner_values["max_vel_trans"] == 0.7
+    assert planner_values["sim_time"] == 1.0

@@ -6,6 +6,7 @@ owners/ contains URDFs in the style of several makers, with the dimensions of th
 
 import re
 from pathlib import Path
+from typing import Any, Dict, NamedTuple
 
 import numpy as np
 import pytest
@@ -42,14 +43,14 @@ def link(name, shape="", mass=0.0, at="0 0 0"):
 def joint(child, at, parent="base_link", kind="fixed", axis="0 1 0", turn="0 0 0", more=""):
     """Return a joint between two links, with its place and axis."""
     links = f'<parent link="{parent}"/><child link="{child}"/>'
-    place = f'<origin xyz="{at}" rpy="{turn}"/><axis xyz="{axis}"/>'
-    return f'<joint name="{child}_joint" type="{kind}">{links}{place}{more}</joint>'
+    place_and_axis = f'<origin xyz="{at}" rpy="{turn}"/><axis xyz="{axis}"/>'
+    return f'<joint name="{child}_joint" type="{kind}">{links}{place_and_axis}{more}</joint>'
 
 
 def wheel(name, at, axis="0 0 1", turn="-1.5707963 0 0", radius=".05", kind="continuous", **more):
     """Return a wheel with its joint: width .02 m, mass .4 kg."""
-    shape = f'<cylinder radius="{radius}" length=".02"/>'
-    return link(name, shape, 0.4) + joint(name, at, kind=kind, axis=axis, turn=turn, **more)
+    cylinder = f'<cylinder radius="{radius}" length=".02"/>'
+    return link(name, cylinder, 0.4) + joint(name, at, kind=kind, axis=axis, turn=turn, **more)
 
 
 # Laser of 361 rays at a resolution of 2, which Gazebo's sensor interpolates to 722
@@ -104,6 +105,7 @@ seen:
   bumper: {data_type: PointCloud2, topic: bumps, marking: true, clearing: true}
 margin: {inflation_radius: 0.3}
 """
+# As most launch files do, it adds to the common parameters of both costmaps.
 LOCAL = "{global_frame: odom_comb, rolling_window: true, width: 5, height: 5}\n"
 # Angles in both notations of roslaunch's YAML
 PLANNER = """\
@@ -133,17 +135,26 @@ PLACES = [
     "local.yaml:local_costmap",
     "dwa.yaml",
 ]
+# Arguments of `make` for a cart whose wheels are in a controller's file
 CONTROLLED = {"files": {"control.yaml": CONTROLLER}, "places": [*PLACES, "control.yaml"]}
 
 
+class Written(NamedTuple):
+    """Exit status and output of the command, and the values of robot.yaml; {} if there is none."""
+
+    status: int
+    output: str
+    values: Dict[str, Any]
+
+
 def run(urdf, parameters, out, capsys, words=()):
-    """Write the robot's folder, and return (exit status, output, values of robot.yaml)."""
+    """Run the command, which writes the robot's folder."""
     files = list(map(str, parameters))
     status = new_robot.main([str(urdf), *words, "--out", str(out), "--parameters", *files])
-    output = capsys.readouterr()
+    printed = capsys.readouterr()
     robot_yaml = out / "robot.yaml"
     values = yaml.safe_load(robot_yaml.read_text()) if robot_yaml.exists() else {}
-    return status, output.out + output.err, values
+    return Written(status, printed.out + printed.err, values)
 
 
 @pytest.fixture
@@ -159,8 +170,8 @@ def make(tmp_path, capsys):
         whole="<robot name='crate'>{}</robot>",
     ):
         texts = {**FILES, **(files or {}), name: whole.format(urdf)}
-        for path, text in texts.items():
-            (tmp_path / path).write_text(text)
+        for file_name, text in texts.items():
+            (tmp_path / file_name).write_text(text)
         parameter_files = [tmp_path / place for place in places]
         return run(tmp_path / name, parameter_files, tmp_path / "my_robot", capsys, words)
 
@@ -169,13 +180,15 @@ def make(tmp_path, capsys):
 
 def fill(folder, **values):
     """Fill in values in robot.yaml, and accept the proposals for all other fields."""
-    path = folder / "robot.yaml"
-    text = path.read_text()
-    filled = {"mass": 6.0, "wheel_mass": 0.4, **values}
-    for name, value in filled.items():
-        text = re.sub(rf"^  # {name}: .*", f"  {name}: {value}", text, flags=re.MULTILINE)
+    robot_yaml = folder / "robot.yaml"
+    text = robot_yaml.read_text()
+    filled_values = {"mass": 6.0, "wheel_mass": 0.4, **values}
+    for field, filled_value in filled_values.items():
+        text = re.sub(rf"^  # {field}: .*", f"  {field}: {filled_value}", text, flags=re.MULTILINE)
+    # Proposals stand behind the names of their fields.
     text = re.sub(r"^  # (\w+: \S+)", r"  \1", text, flags=re.MULTILINE)
-    path.write_text(text)
+    robot_yaml.write_text(text)
+    # The folder may have been read before.
     robots.folder.forget()
 
 
@@ -247,51 +260,56 @@ FILLED = {
 
 @pytest.mark.parametrize("name", MAKERS)
 def test_robots_of_makers_are_read_to_the_number(name, tmp_path, capsys):
-    words, parameters, wanted = MAKERS[name]
+    words, parameters, fields_to_fill_in = MAKERS[name]
     (urdf,) = (OWNERS / f"{name}_description/urdf").iterdir()
     # An absolute path, such as that of the controller's file, replaces the folder.
-    files = [FOLDERS[name] / file for file in parameters]
-    status, output, values = run(urdf, files, tmp_path, capsys, words)
-    assert status == 0, output
-    assert asked(output) == wanted
-    included = yaml.safe_load((FOLDERS[name] / "robot.yaml").read_text())
+    parameter_files = [FOLDERS[name] / parameter_file for parameter_file in parameters]
+    written = run(urdf, parameter_files, tmp_path, capsys, words)
+    assert written.status == 0, written.output
+    assert asked(written.output) == fields_to_fill_in
+
+    included_values = yaml.safe_load((FOLDERS[name] / "robot.yaml").read_text())
     for section in ("base", "body", "laser"):
-        for key, value in values[section].items():
+        for field, written_value in written.values[section].items():
             # A URDF has the noise of its simulation. Not all included robots give the other two.
-            if key not in ("noise", "centre", "bottom"):
-                assert value == pytest.approx(included[section][key], abs=2e-3), key
-    assert values["world_scale"] == included["world_scale"]
+            if field not in ("noise", "centre", "bottom"):
+                included_value = included_values[section][field]
+                assert written_value == pytest.approx(included_value, abs=2e-3), field
+    assert written.values["world_scale"] == included_values["world_scale"]
+
     fill(tmp_path, **FILLED)
     assert check_robot.main([str(tmp_path)]) == 0, capsys.readouterr()
 
 
 def test_a_dump_of_roslaunch_is_one_parameter_file(make):
-    common = yaml.safe_load(COMMON)
-    local = {**common, **yaml.safe_load(LOCAL)}
-    flat = {
+    # Given: the parameters of all nodes of a stack in a namespace, each with its full name
+    global_values = yaml.safe_load(COMMON)
+    local_values = {**global_values, **yaml.safe_load(LOCAL)}
+    full_names = {
         "/rosdistro": "noetic",
         "/two/crate/left_wheel": "left_joint",
         "/two/crate/right_wheel": "right_joint",
         "/two/move_base/base_local_planner": "dwa_local_planner/DWAPlannerROS",
     }
-    for name, value in local.items():
-        flat[f"/two/move_base/local_costmap/{name}"] = value
-    for name, value in common.items():
-        flat[f"/two/move_base/global_costmap/{name}"] = value
-    dump = yaml.safe_dump(flat)
+    for parameter_name, local_value in local_values.items():
+        full_names[f"/two/move_base/local_costmap/{parameter_name}"] = local_value
+    for parameter_name, global_value in global_values.items():
+        full_names[f"/two/move_base/global_costmap/{parameter_name}"] = global_value
+    dump = yaml.safe_dump(full_names)
 
-    status, output, values = make(CART, files={"dump.yaml": dump}, places=["dump.yaml"])
+    written = make(CART, files={"dump.yaml": dump}, places=["dump.yaml"])
 
-    assert status == 0, output
-    assert "left_joint, right_joint, according to the controller's file" in output
-    assert values["move_base"]["files"] == [{"file": "dump.yaml"}]
-    assert values["frames"]["odom"] == "odom_comb"
-    assert values["topics"]["scan"] == "scan"
+    assert written.status == 0, written.output
+    assert "left_joint, right_joint, according to the controller's file" in written.output
+    assert written.values["move_base"]["files"] == [{"file": "dump.yaml"}]
+    assert written.values["frames"]["odom"] == "odom_comb"
+    assert written.values["topics"]["scan"] == "scan"
 
 
 def test_the_folder_of_a_cart_has_the_values_of_its_files(make, tmp_path, capsys):
-    status, output, values = make(CART)
-    assert status == 0, output
+    written = make(CART)
+    assert written.status == 0, written.output
+    values = written.values
     wheels = {"wheel_radius": 0.05, "wheel_width": 0.02, "track": 0.24, "axle_height": 0.05}
     assert values["base"] == {"drive": "two_wheel", **wheels}
     assert values["body"] == {"size": [0.3, 0.2, 0.16], "centre": [-0.05, 0.0], "bottom": 0.06}
@@ -308,31 +326,37 @@ def test_the_folder_of_a_cart_has_the_values_of_its_files(make, tmp_path, capsys
         "range_max": 8.0,
     }
     assert values["frames"] == {"base": "base_footprint", "odom": "odom_comb", "map": "map"}
-    assert asked(output) == [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING]
-    text = (tmp_path / "my_robot/robot.yaml").read_text()
+    to_fill_in = [*LIMITS, "base.wheel_mass", "base.casters", "body.mass", *BRAKING]
+    assert asked(written.output) == to_fill_in
+    assert "only the laser scan, without bumps: correct it before" in written.output
+    folder = tmp_path / "my_robot"
+    robot_yaml = (folder / "robot.yaml").read_text()
     proposal = r"\[m/s\] largest speed .*; proposal: the planner's max_vel_trans\n"
-    assert re.search(rf"  # max_speed: 0.45 +# {proposal}", text)
-    assert check_robot.main([str(tmp_path / "my_robot")]) == 1
+    assert re.search(rf"  # max_speed: 0.45 +# {proposal}", robot_yaml)
+
+    # It is usable once the missing values have been filled in.
+    assert check_robot.main([str(folder)]) == 1
     assert "base.max_speed is missing" in capsys.readouterr().err
-    fill(tmp_path / "my_robot", casters="[[-0.15, 0.0]]")
-    assert check_robot.main([str(tmp_path / "my_robot")]) == 0, capsys.readouterr()
-    robot = robots.load(str(tmp_path / "my_robot"))
+    fill(folder, casters="[[-0.15, 0.0]]")
+    assert check_robot.main([str(folder)]) == 0, capsys.readouterr()
+
+    # The parameters with a map, and without one
+    robot = robots.load(str(folder))
     assert robot.parameters()["DWAPlannerROS"]["max_vel_theta"] == pytest.approx(np.pi / 2)
-    for with_map, names, sources in (
+    for with_map, layer_names, sources in (
         (True, ["map", "seen", "margin"], "bumper scan"),
         (False, ["seen", "margin"], "scan"),
     ):
         parameters = robot.parameters(with_map)
         plugins = parameters["global_costmap"]["plugins"]
-        assert [layer["name"] for layer in plugins] == names
+        assert [layer["name"] for layer in plugins] == layer_names
         assert parameters["local_costmap"]["seen"]["observation_sources"] == sources
         assert parameters["NavfnROS"]["allow_unknown"] is not with_map
     # Without a map, the global costmap is a square around the start.
-    bare = robot.parameters()["global_costmap"]
-    assert bare["global_frame"] == "odom_comb"
-    assert bare["width"] == 23
-    assert bare["origin_x"] == -11.5
-    assert "only the laser scan, without bumps: correct it before" in output
+    global_costmap = robot.parameters()["global_costmap"]
+    assert global_costmap["global_frame"] == "odom_comb"
+    assert global_costmap["width"] == 23
+    assert global_costmap["origin_x"] == -11.5
 
 
 @pytest.mark.parametrize("frame", ["odom", "map"])
@@ -342,11 +366,14 @@ def test_both_costmaps_may_be_in_one_frame_of_any_name(make, frame):
     if frame == "odom":
         common = re.sub("  - {name: map.*\n", "", common)
     files = {"common.yaml": common, "local.yaml": LOCAL.replace("global_frame: odom_comb, ", "")}
-    assert make(CART, files=files)[2]["frames"] == {"base": "base_footprint", frame: "any"}
+    assert make(CART, files=files).values["frames"] == {"base": "base_footprint", frame: "any"}
 
 
+# A URDF requires it of revolute joints.
 LIMIT = '<limit lower="-.5" upper=".5" effort="1" velocity="1"/>'
+# A second pair of wheels, which nothing drives
 IDLE = wheel("idle_left", "-.15 .05 0") + wheel("idle_right", "-.15 -.05 0")
+# Suspension of the left wheel: it is no direct child of the body
 ROCKER = (
     BODY
     + link("rocker")
@@ -373,24 +400,28 @@ DRIVE = """
     ids=["pairs", "plugin", "controller", "below a rocker"],
 )
 def test_driven_wheels_are_identified_by_controller_plugin_or_pairs(make, urdf, more, by):
-    _, output, values = make(urdf, **more)
+    written = make(urdf, **more)
     wheels = "(left|right)_joint, (left|right)_joint"
-    assert re.search(f"the driven wheels are {wheels}, according to {by}", output)
-    base = values["base"]
+    assert re.search(f"the driven wheels are {wheels}, according to {by}", written.output)
+    base = written.values["base"]
     assert base["drive"] == "two_wheel"
     assert base["track"] == 0.24
     assert base["wheel_radius"] == 0.05
+    # A controller's file has limits, too.
     if more:
         assert base["max_speed"] == 0.6
         assert base["max_yaw_acceleration"] == 25.0
         assert base["command_timeout"] == 0.5
-        assert "base.max_yaw_rate" in asked(output)
-        for entry in values["move_base"]["files"]:
-            assert entry["file"] != "control.yaml"
-        assert values["monitor"] == {"deceleration": 1.5, "yaw_deceleration": 12.0}
+        assert "base.max_yaw_rate" in asked(written.output)
+        # It is no file of move_base.
+        for listed_file in written.values["move_base"]["files"]:
+            assert listed_file["file"] != "control.yaml"
+        assert written.values["monitor"] == {"deceleration": 1.5, "yaw_deceleration": 12.0}
 
 
+# Gazebo moves a body with this plugin in all directions, whatever wheels it has.
 PLANAR = "<gazebo><plugin name='p' filename='planar_move.so'/></gazebo>"
+# Steering of a car's wheel
 KNUCKLE = link("knuckle") + joint("knuckle", ".2 0 0", kind="revolute", axis="0 0 1", more=LIMIT)
 
 
@@ -422,10 +453,11 @@ KNUCKLE = link("knuckle") + joint("knuckle", ".2 0 0", kind="revolute", axis="0 
     ],
 )
 def test_wheels_in_other_arrangements_are_asked_for(make, urdf, more, why):
-    status, output, values = make(urdf, **more)
-    assert status == 0
-    assert re.search(f"remark: driven wheels not identified: .*{why}", output), output
-    missing = {
+    written = make(urdf, **more)
+    assert written.status == 0
+    problem = f"remark: driven wheels not identified: .*{why}"
+    assert re.search(problem, written.output), written.output
+    missing_fields = {
         "base.drive",
         "base.wheel_radius",
         "base.track",
@@ -433,34 +465,35 @@ def test_wheels_in_other_arrangements_are_asked_for(make, urdf, more, why):
         "body.size",
         "body.bottom",
     }
-    assert missing <= set(asked(output))
-    assert "drive" not in (values["base"] or {})
+    assert missing_fields <= set(asked(written.output))
+    # An empty section of YAML is None.
+    assert "drive" not in (written.values["base"] or {})
 
 
 def test_wheels_with_a_missing_mesh_have_a_track_and_no_size(make):
-    bare = CART.replace(
+    cart_with_meshes = CART.replace(
         '<cylinder radius=".05" length=".02"/>', '<mesh filename="package://far/w.stl"/>'
     )
-    _, output, values = make(bare)
-    base = values["base"]
+    written = make(cart_with_meshes)
+    base = written.values["base"]
     assert base["drive"] == "two_wheel"
     assert base["track"] == 0.24
     assert "wheel_radius" not in base
-    assert {"base.wheel_radius", "base.wheel_width"} <= set(asked(output))
+    assert {"base.wheel_radius", "base.wheel_width"} <= set(asked(written.output))
 
 
 def test_the_outline_is_that_of_fixed_shapes_above_the_axles(make):
     # A sticker on the ground and an arm, each one metre wide, are no part of the outline.
-    mark = link("mark", '<box size="1 1 .001"/>') + joint("mark", "0 0 -.05")
-    arm = link("arm", '<box size="1 .1 .1"/>') + joint(
-        "arm", "0 0 .2", kind="revolute", axis="0 0 1", more=LIMIT
-    )
-    _, output, values = make(CART + mark + arm)
-    assert values["body"]["size"] == [0.3, 0.2, 0.16]
-    assert values["body"]["bottom"] == 0.06
-    assert "the outline excludes moving links: roller, arm" in output
+    sticker = link("mark", '<box size="1 1 .001"/>') + joint("mark", "0 0 -.05")
+    arm_link = link("arm", '<box size="1 .1 .1"/>')
+    arm_joint = joint("arm", "0 0 .2", kind="revolute", axis="0 0 1", more=LIMIT)
+    written = make(CART + sticker + arm_link + arm_joint)
+    assert written.values["body"]["size"] == [0.3, 0.2, 0.16]
+    assert written.values["body"]["bottom"] == 0.06
+    assert "the outline excludes moving links: roller, arm" in written.output
 
 
+# With it, the laser alone has a shape.
 BARE = link("base_link")
 
 
@@ -479,19 +512,18 @@ BARE = link("base_link")
 def test_an_implausible_outline_is_asked_for_with_the_footprint_as_proposal(
     make, tmp_path, hull, why
 ):
-    _, output, values = make(CART.replace(HULL, hull))
-    assert re.search(f"outline not identified: .*{why}", output)
-    assert values["body"] == {"centre": [-0.05, 0.0]}
+    written = make(CART.replace(HULL, hull))
+    assert re.search(f"outline not identified: .*{why}", written.output)
+    assert written.values["body"] == {"centre": [-0.05, 0.0]}
     assert "  # size: [0.3, 0.26]" in (tmp_path / "my_robot/robot.yaml").read_text()
 
 
 def test_a_collada_mesh_has_its_own_unit(make, tmp_path):
-    mesh = trimesh.creation.box((300, 200, 100)).export(file_type="dae").decode()
-    (tmp_path / "hull.dae").write_text(
-        mesh.replace("</asset>", '<unit name="mm" meter="0.001"/></asset>')
-    )
-    _, _, values = make(CART.replace('<box size=".3 .2 .1"/>', '<mesh filename="hull.dae"/>'))
-    assert values["body"]["size"] == pytest.approx([0.3, 0.2, 0.16])
+    box_mesh = trimesh.creation.box((300, 200, 100)).export(file_type="dae").decode()
+    in_millimetres = '<unit name="mm" meter="0.001"/></asset>'
+    (tmp_path / "hull.dae").write_text(box_mesh.replace("</asset>", in_millimetres))
+    written = make(CART.replace('<box size=".3 .2 .1"/>', '<mesh filename="hull.dae"/>'))
+    assert written.values["body"]["size"] == pytest.approx([0.3, 0.2, 0.16])
 
 
 # Second laser, upside down and turned
@@ -500,34 +532,35 @@ REAR_LASER += RAYS.replace("scanner", "rear")
 
 
 def test_a_laser_that_no_file_names_is_asked_for(make):
-    _, output, values = make(CART + REAR_LASER)
-    assert (values["laser"] or {}) == {}
+    written = make(CART + REAR_LASER)
+    assert (written.values["laser"] or {}) == {}
     remedy = "no file names it; give it with --laser LINK; these links have ray"
-    assert f"laser not identified: {remedy}" in output
-    assert {"laser.frame", "laser.pose", "laser.beams"} <= set(asked(output))
+    assert f"laser not identified: {remedy}" in written.output
+    assert {"laser.frame", "laser.pose", "laser.beams"} <= set(asked(written.output))
 
 
 @pytest.mark.parametrize("by", ["option", "sensor_frame"])
 def test_a_laser_upside_down(make, by):
     if by == "option":
-        _, output, values = make(CART + REAR_LASER, "--laser", "rear")
+        written = make(CART + REAR_LASER, "--laser", "rear")
     else:
         common = COMMON.replace("topic: scan,", "topic: scan, sensor_frame: rear,")
-        _, output, values = make(CART + REAR_LASER, files={"common.yaml": common})
-    laser = values["laser"]
-    assert laser["pose"] == [-0.2, 0.0, 0.5], output
+        written = make(CART + REAR_LASER, files={"common.yaml": common})
+    laser = written.values["laser"]
+    assert laser["pose"] == [-0.2, 0.0, 0.5], written.output
     # Seen from above, its beams are in reverse.
     assert laser["first_angle"] == -1.4
     assert laser["last_angle"] == 1.5
 
 
 def test_a_frame_of_the_laser_that_the_urdf_lacks_is_asked_for(make):
-    named = {"common.yaml": COMMON.replace("topic: scan,", "topic: scan, sensor_frame: mast,")}
-    _, output, values = make(CART, files=named)
-    assert values["laser"] == {"frame": "mast"}
-    assert "has no link mast, the sensor_frame of the costmaps" in output
+    common = COMMON.replace("topic: scan,", "topic: scan, sensor_frame: mast,")
+    written = make(CART, files={"common.yaml": common})
+    assert written.values["laser"] == {"frame": "mast"}
+    assert "has no link mast, the sensor_frame of the costmaps" in written.output
 
 
+# A mistake puts another file in the place of the local planner's.
 NO_PLANNER = PLACES[:-1]
 
 
@@ -575,43 +608,44 @@ NO_PLANNER = PLACES[:-1]
     ],
 )
 def test_an_ordinary_mistake_is_one_line(make, tmp_path, urdf, more, line):
-    status, output, _ = make(urdf, **more)
-    assert status == 1
-    assert re.fullmatch(rf"\./applr robot: .*{line}.*\n", output), output
+    written = make(urdf, **more)
+    assert written.status == 1
+    assert re.fullmatch(rf"\./applr robot: .*{line}.*\n", written.output), written.output
     assert not (tmp_path / "my_robot").exists()
 
 
 def test_xacro_tags_count_in_a_urdf_but_not_in_comments(make):
     macro = "<link name='${part}'/>"
-    assert "has xacro tags" in make(CART + macro)[1]
-    assert make(f"{CART}<!-- {macro} -->", name="a.xacro")[0] == 0
+    assert "has xacro tags" in make(CART + macro).output
+    assert make(f"{CART}<!-- {macro} -->", name="a.xacro").status == 0
 
 
 def test_a_missing_link_and_an_existing_folder_are_refused(make):
-    status, output, _ = make(CART, "--laser", "scaner")
-    assert status == 1
-    assert "has no link scaner: did you mean scanner?\n" in output
+    misspelt = make(CART, "--laser", "scaner")
+    assert misspelt.status == 1
+    assert "has no link scaner: did you mean scanner?\n" in misspelt.output
 
-    status, _, _ = make(CART)
-    assert status == 0
-    status, output, _ = make(CART)
-    assert status == 1
-    assert output.count("\n") == 1
-    assert "robot.yaml already exists" in output
+    assert make(CART).status == 0
+    repeated = make(CART)
+    assert repeated.status == 1
+    assert repeated.output.count("\n") == 1
+    assert "robot.yaml already exists" in repeated.output
 
 
 def test_a_round_body_is_no_box(make, tmp_path):
     make(CART)
-    fill(tmp_path / "my_robot", casters="[[-0.15, 0.0]]")
-    file = tmp_path / "my_robot/robot.yaml"
-    file.write_text(re.sub("size: .*", "size: [0.3, 0.3, 0.16]\n  round: true", file.read_text()))
-    robot = robots.load(str(tmp_path / "my_robot"))
+    folder = tmp_path / "my_robot"
+    fill(folder, casters="[[-0.15, 0.0]]")
+    robot_yaml = folder / "robot.yaml"
+    round_size = "size: [0.3, 0.3, 0.16]\n  round: true"
+    robot_yaml.write_text(re.sub("size: .*", round_size, robot_yaml.read_text()))
+    robot = robots.load(str(folder))
 
     # Planner, monitor and RViz have a circle of 0.15 m radius instead of a square.
-    ends = robots.geometry.corners(robot) - robot.body.centre
+    outline = robots.geometry.corners(robot) - robot.body.centre
     parts = np.array(robots.geometry.parts(robot))
     assert parts[:4, 2:].max(axis=0).tolist() == pytest.approx([0.15, 0.15])
-    assert np.hypot(*ends[:16].T).max() == pytest.approx(0.15, rel=0.02)
-    assert ends[:, 0].max() == pytest.approx(0.15)
+    assert np.hypot(*outline[:16].T).max() == pytest.approx(0.15, rel=0.02)
+    assert outline[:, 0].max() == pytest.approx(0.15)
     assert len(MonitorSettings.of(robot).body) == 24
     assert 'cylinder radius="0.15"' in urdf_of(robot)

@@ -17,12 +17,14 @@ from training.evaluate import __main__ as evaluate
 from training.robot import check as check_robot
 from training.train import __main__ as train
 
+# Files of the Jackal's folder, then of the TurtleBot3 burger's
 ROBOT = "robot.yaml"
 COSTMAPS = "costmap_common_params.yaml"
 PLANNER = "base_local_planner_params.yaml"
 MOVE_BASE = "move_base_params.yaml"
 BURGER = "dwa_local_planner_params_burger.yaml"
 LOCAL = "local_costmap_params.yaml"
+# The footprints in these files
 OUTLINE = '"[[-0.21,-0.165],[-0.21,0.165],[0.21,0.165],[0.21,-0.165]]"'
 BURGER_OUTLINE = "footprint: [[-0.105, -0.105], [-0.105, 0.105], [0.041, 0.105], [0.041, -0.105]]"
 
@@ -260,10 +262,11 @@ def matching(pattern, lines):
 def changed(folder, robot, file, old, new):
     """Copy a robot's folder, put a mistake into one of its files, and return the path."""
     shutil.copytree(load(robot).folder, folder)
-    text = (folder / file).read_text()
+    changed_file = folder / file
+    text = changed_file.read_text()
     # Without the text the folder would stay right, and a test that expects no line would pass.
     assert old in text
-    (folder / file).write_text(text.replace(old, new))
+    changed_file.write_text(text.replace(old, new))
     return str(folder)
 
 
@@ -322,9 +325,9 @@ def test_a_remark_stops_nothing(tmp_path, robot, file, old, new, line):
 def test_a_dead_band_names_the_parameters_that_are_too_small(robot, dead_band, lines):
     described = load(robot)
     base = described.base.model_copy(update={"dead_band": dead_band})
-    remarked = [remark.line for remark in remarks(replace(described, base=base))]
-    assert len(remarked) == len(lines), remarked
-    for pattern, line in zip(lines, remarked):
+    remarked_lines = [remark.line for remark in remarks(replace(described, base=base))]
+    assert len(remarked_lines) == len(lines), remarked_lines
+    for pattern, line in zip(lines, remarked_lines):
         assert re.search(pattern, line), line
 
 
@@ -332,18 +335,18 @@ def test_a_dead_band_names_the_parameters_that_are_too_small(robot, dead_band, l
 def test_included_robots_have_no_errors_and_no_remarks(name):
     robot = load(name)
     # Some robots also come with the files for a drive on a map.
-    cases = [False]
+    map_choices = [False]
     if robot.move_base.with_map is not None:
-        cases.append(True)
-    for with_map in cases:
+        map_choices.append(True)
+    for with_map in map_choices:
         assert check(robot, with_map) == []
         assert remarks(robot, with_map) == []
 
 
 def test_all_errors_in_robot_yaml_are_reported_at_once_before_those_of_parameters(tmp_path, capsys):
     folder = changed(tmp_path / "mine", "jackal", ROBOT, "max_speed: 2.0", "max_speed: fast")
-    file = Path(folder, ROBOT)
-    file.write_text(file.read_text().replace("beams: 720", "beams: 1"))
+    robot_yaml = Path(folder, ROBOT)
+    robot_yaml.write_text(robot_yaml.read_text().replace("beams: 720", "beams: 1"))
     Path(folder, PLANNER).write_text(
         "TrajectoryPlannerROS: {sim_time: .nan, max_vel_x: .inf, max_vel_xx: 1.0}"
     )
@@ -362,8 +365,8 @@ def test_all_errors_in_robot_yaml_are_reported_at_once_before_those_of_parameter
 
     # Parameters are compared with robot.yaml, so this must be right first.
     assert_checked(["base.max_speed", "laser.beams"], [])
-    text = file.read_text().replace("max_speed: fast", "max_speed: 2.0")
-    file.write_text(text.replace("beams: 1", "beams: 720"))
+    text = robot_yaml.read_text().replace("max_speed: fast", "max_speed: 2.0")
+    robot_yaml.write_text(text.replace("beams: 1", "beams: 720"))
     unknown = "remark: TrajectoryPlannerROS/max_vel_xx: unknown, ignored"
     assert_checked(["sim_time", "max_vel_x"], [unknown])
 
@@ -376,6 +379,7 @@ def test_a_parameter_file_that_cannot_be_read_is_one_line(tmp_path):
         load(folder)
 
 
+# Robot, file, text and mistake, as in the rows above, and the line about it
 WRONG = ("turtlebot3_burger", BURGER, "max_vel_theta: 2.75", "max_vel_theta: .inf")
 LINE = "/mine: DWAPlannerROS/max_vel_theta is inf: give a finite number"
 

@@ -21,17 +21,21 @@ from training.evaluate.trial import plan_trials
 @pytest.mark.parametrize("name", robots.NAMES)
 def test_auto_drives_in_two_test_worlds(name):
     """Each robot arrives without a collision."""
-    driver = runner.TrialRunner(TrialSettings(robot=name, monitor=True))
-    names = [("generated:8", "generated:8"), ("generated:35", "generated:35")]
-    for task in plan_trials(names, [("auto", "auto")], 1, seed=0):
-        result = driver.run(task)
+    trial_runner = runner.TrialRunner(TrialSettings(robot=name, monitor=True))
+    # Pairs of name and specification
+    test_worlds = [("generated:8", "generated:8"), ("generated:35", "generated:35")]
+    for task in plan_trials(test_worlds, [("auto", "auto")], 1, seed=0):
+        result = trial_runner.run(task)
         assert result.success, result
         assert not result.collided, result
 
 
 def test_auto_is_a_robots_policy_else_its_set_else_its_parameters(tmp_path):
-    chosen = {name: methods.auto(robots.load(name)) for name in robots.NAMES}
-    assert list(chosen.values()) == ["static", "applr", "dwa", "static"], chosen
+    chosen_methods = {name: methods.auto(robots.load(name)) for name in robots.NAMES}
+    expected_methods = ["static", "applr", "dwa", "static"]
+    assert list(chosen_methods.values()) == expected_methods, chosen_methods
+
+    # A robot with both files. The Jackal's policy will do, because nothing drives here.
     folder = tmp_path / "mine"
     shutil.copytree(robots.load("husky").folder, folder)
     shutil.copy(methods.shipped(methods.POLICY, robots.JACKAL), folder / "applr.safetensors")
@@ -48,8 +52,8 @@ def test_auto_is_a_robots_policy_else_its_set_else_its_parameters(tmp_path):
     assert_auto("static")
     (folder / "static.json").unlink()
     assert_auto("dwa")
-    line = r"there is no .*applr.safetensors: .*`./applr tune .*/mine`, .*--robot .*/mine`$"
-    with pytest.raises(ApplrError, match=line):
+    remedies = r"`./applr tune .*/mine`, .*--robot .*/mine`$"
+    with pytest.raises(ApplrError, match=rf"there is no .*applr.safetensors: .*{remedies}"):
         methods.make("applr", robot)
 
 
@@ -57,7 +61,11 @@ def test_auto_is_a_robots_policy_else_its_set_else_its_parameters(tmp_path):
 def test_a_set_loaded_after_the_robots_own_files_is_in_force(name):
     robot = robots.load(name)
     space = loadable_space(robot)
-    theta = space.clip(space.fill(space.chosen_of(0.5 * (space.low + space.high))))
-    tree = arranged(merged(robot.parameters(), move_base_parameters(robot, space.as_dict(theta))))
+    middle_values = 0.5 * (space.low + space.high)
+    theta = space.clip(space.fill(space.chosen_of(middle_values)))
+    set_parameters = move_base_parameters(robot, space.as_dict(theta))
+    # roslaunch merges what is loaded later over what was loaded before.
+    parameters = arranged(merged(robot.parameters(), set_parameters))
     for index, target in space.addresses:
-        assert number_at(tree, target.server, target.names) == target.signed(theta[index])
+        served_value = number_at(parameters, target.server, target.names)
+        assert served_value == target.signed(theta[index])
