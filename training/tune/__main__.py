@@ -54,7 +54,7 @@ def run(options: TuneOptions) -> int:
     searched, unseen = split(options.worlds)
     worlds = world_list(searched, CHALLENGE, robot)
     unseen_worlds = world_list(unseen, CHALLENGE, robot)
-    out = make_folder(options.out or os.path.join("tune", robot.name))
+    run_folder = make_folder(options.out or os.path.join("tune", robot.name))
 
     # A search could only find out slowly that a robot's description is wrong.
     compiling = "driving on open floor (compiles kernels the first time, about a minute)"
@@ -74,23 +74,23 @@ def run(options: TuneOptions) -> int:
         "worlds": content_of_worlds(worlds),
         "starts": starts.tolist(),
     }
-    table_folder = out / f"search-{sha256(json.dumps(identity))[:8]}"
+    table_folder = run_folder / f"search-{sha256(json.dumps(identity))[:8]}"
     with continuable(), Trials(table_folder, identity) as table:
         clock = Clock(table, f"readings_{options.for_}", 60.0 * options.minutes)
         theta, effects = best_set(options, settings, worlds, starts, table, clock)
 
         # A set consists of the parameters that differ from the defaults.
         values = {}
-        for name, value in space_of(robot).as_dict(theta).items():
-            if name in effects:
-                values[name] = value
+        for parameter_name, parameter_value in space_of(robot).as_dict(theta).items():
+            if parameter_name in effects:
+                values[parameter_name] = parameter_value
         if not values:
             show("better: no, no changed parameter saves anything")
             return 1
 
         # The verdicts' drives belong to the set and to the worlds, as the search's table does.
         drives_name = sha256(repr((values, identity, unseen)).encode())[:8]
-        drives = make_folder(out / f"{options.for_}_{drives_name}")
+        drives = make_folder(run_folder / f"{options.for_}_{drives_name}")
         write_set(robot, values, drives / "static.json", drives / "tuned.yaml")
         changed = changes(robot, values, effects)
         write_bytes(drives / "changes.csv", changed.to_csv(index=False).encode())
@@ -105,8 +105,8 @@ def run(options: TuneOptions) -> int:
 
         # Each verdict drives its own courses, which takes minutes.
         judgements = []
-        for file, _ in JUDGED:
-            judgements.append(judge(options, unseen, drives, file))
+        for file_name, _ in JUDGED:
+            judgements.append(judge(options, unseen, drives, file_name))
         rule = AIMS[options.for_].rule
         show(f"page: {page.write(robot, drives, changed, judgements, context, rule)}")
         is_written = any(judgement.is_better for judgement in judgements)
@@ -130,15 +130,15 @@ def judge(options: TuneOptions, unseen: str, drives: Path, file: str) -> Judgeme
         folder = Path(robot.folder)
         if robot_name(robot) in NAMES:
             folder = drives.parent  # An included robot's folder is not written to.
-        path = folder / file
-        write_bytes(path, read_bytes(drives / file))
-        end = f"written: {path}"
+        set_file = folder / file
+        write_bytes(set_file, read_bytes(drives / file))
+        written_where = f"written: {set_file}"
     else:
-        path = drives / file
-        end = f"nothing written: the set is in {path}"
+        set_file = drives / file
+        written_where = f"nothing written: the set is in {set_file}"
     title = f"{file}, {monitor} the collision monitor:"
-    show("\n".join([title, *judged_set.lines, end]))
-    return Judgement(file, monitor, judged_set.lines, is_better, path)
+    show("\n".join([title, *judged_set.lines, written_where]))
+    return Judgement(file, monitor, judged_set.lines, is_better, set_file)
 
 
 if __name__ == "__main__":

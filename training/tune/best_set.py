@@ -197,26 +197,28 @@ def best_set(
         finalists = [space.theta0, *map(space.clip, starts), *means[-FINALISTS:]]
         distinct = np.array(list(dict.fromkeys(map(tuple, finalists))))
         race_blocks = clock.until(RACE_SHARE, blocks)
-        best, *_ = race(partial(fine, seed=seed), distinct, race_blocks, cost)
-        report(f"best of the last race: {best}")
-        if not any(result.success for result in best.results):
+        best_finalist, *_ = race(partial(fine, seed=seed), distinct, race_blocks, cost)
+        report(f"best of the last race: {best_finalist}")
+        if not any(result.success for result in best_finalist.results):
             specification = worlds[0].specification
             demo = f"./applr demo robot:={robot.folder} method:=dwa world:={specification}"
             raise ApplrError(
                 f"no set arrives on any course, so there is nothing to compare: {demo} shows why"
             )
         # The files get short values, so that these are also driven from here on.
-        short_values = [float(f"{value:.{DIGITS}g}") for value in best.theta]
+        short_values = []
+        for parameter_value in best_finalist.theta:
+            short_values.append(float(f"{parameter_value:.{DIGITS}g}"))
         theta = space.clip(short_values)
 
         # Each changed parameter gets an equal part of the time until the end of the pruning.
         changed = np.count_nonzero(theta != space.theta0)
-        ends = np.linspace(clock.spent(), PRUNE_SHARE, 1 + changed)[1:].tolist()
+        end_shares = np.linspace(clock.spent(), PRUNE_SHARE, 1 + changed)[1:].tolist()
         prune_blocks = blocks_of(len(worlds), seed + 1)[:PRUNE_BLOCKS]
 
         def next_turn() -> Iterator[Block]:
-            show(f"reverting parameters to the default, one by one: {len(ends)} left")
-            return clock.until(ends.pop(0), prune_blocks)
+            show(f"reverting parameters to the default, one by one: {len(end_shares)} left")
+            return clock.until(end_shares.pop(0), prune_blocks)
 
         theta, effects = prune_parameters(
             space, partial(fine, seed=seed + 1), theta, next_turn, cost
@@ -238,11 +240,11 @@ def warm_starts(robot: Robot) -> np.ndarray:
     for name in NAMES:
         if name != robot.name:
             robots.append(load(name))
-    for other in robots:
+    for other_robot in robots:
         # Some have no set, a set of other parameters, or a laser that does not face ahead.
         with suppress(ApplrError):
-            theta, _ = space_of(other).read(methods.shipped(methods.SET, other))
-            action = transferred(theta, other, robot)
+            theta, _ = space_of(other_robot).read(methods.shipped(methods.SET, other_robot))
+            action = transferred(theta, other_robot, robot)
             starts.append(space.to_theta(action))
             starts.append(space.to_theta(0.5 * (action + defaults)))
     return np.array(starts)

@@ -62,8 +62,8 @@ class Judgement(NamedTuple):
 
 def write_set(robot: Robot, values: Mapping[str, Any], as_json: Path, as_yaml: Path) -> None:
     """Write a parameter set {name: value} as JSON for this package and as YAML for move_base."""
-    head = HEAD.format(robot=robot.name, file=as_yaml.name, unit=UNITS[robot.local_planner])
-    write_bytes(as_yaml, (head + yaml.safe_dump(move_base_parameters(robot, values))).encode())
+    file_head = HEAD.format(robot=robot.name, file=as_yaml.name, unit=UNITS[robot.local_planner])
+    write_bytes(as_yaml, (file_head + yaml.safe_dump(move_base_parameters(robot, values))).encode())
     write_json(as_json, {"meter_scoring": False, "parameters": dict(values)})
 
 
@@ -114,17 +114,16 @@ def scope(
     """
     robot = options.robot
     footprint = MoveBase(robot.parameters()).local_costmap.footprint
-    _, width = np.ptp(footprint, axis=0)
-    line = (
+    _, footprint_width = np.ptp(footprint, axis=0)
+    world_widths = (
         f"searched on {len(searched)} courses of {options.worlds}, {_narrowest(searched)}; judged "
         f"on {len(unseen)} others, {_narrowest(unseen)}; "
-        f"the padded footprint is {width:.2f} m wide"
+        f"the padded footprint is {footprint_width:.2f} m wide"
     )
     if ".yaml" in options.worlds:
-        return line
-    return (
-        f"{line}\nfor a building and its doors: ./applr tune {robot_name(robot)} --worlds MAP.yaml"
-    )
+        return world_widths
+    command = f"./applr tune {robot_name(robot)} --worlds MAP.yaml"
+    return f"{world_widths}\nfor a building and its doors: {command}"
 
 
 def _narrowest(worlds: Sequence[TrialWorld]) -> str:
@@ -152,13 +151,13 @@ def changes(
     space = space_of(robot)
     defaults = space.as_dict(space.theta0)
     rows = []
-    for name, value in values.items():
-        declared = declaration(robot, name)
-        effect = effects[name]
+    for parameter_name, tuned_value in values.items():
+        declared = declaration(robot, parameter_name)
+        effect = effects[parameter_name]
         row = {
-            "parameter": name,
-            "default": f"{defaults[name]:.4g} {declared.unit}".rstrip(),
-            "tuned": f"{value:.4g} {declared.unit}".rstrip(),
+            "parameter": parameter_name,
+            "default": f"{defaults[parameter_name]:.4g} {declared.unit}".rstrip(),
+            "tuned": f"{tuned_value:.4g} {declared.unit}".rstrip(),
             "without it [s]": round(effect.mean, 1),
             "95 % low": round(effect.low, 1),
             "95 % high": round(effect.high, 1),

@@ -48,24 +48,24 @@ def split(worlds: str) -> Tuple[str, str]:
     """Return the worlds of the search and of the verdicts: of a whole map, one half each."""
     searched = []
     judged = []
-    for part in worlds.split(","):
-        name = part.strip()
-        if name.endswith(".yaml"):
-            searched.append(f"{name}:choose")
-            judged.append(f"{name}:report")
+    for listed_world in worlds.split(","):
+        world_name = listed_world.strip()
+        if world_name.endswith(".yaml"):
+            searched.append(f"{world_name}:choose")
+            judged.append(f"{world_name}:report")
         else:
-            searched.append(name)
+            searched.append(world_name)
     return ",".join(searched), ",".join(judged) or UNSEEN
 
 
 def check_maps(worlds: str, robot: Robot) -> None:
     """Raise ApplrError if a half of a map has too few courses for the test of a verdict."""
-    for part in worlds.split(","):
-        path = part.strip()
-        if not path.endswith(".yaml"):
+    for listed_world in worlds.split(","):
+        map_path = listed_world.strip()
+        if not map_path.endswith(".yaml"):
             continue
         # The search takes one half of the building, the verdicts the other.
-        halves = building(path, radius(robot)).halves
+        halves = building(map_path, radius(robot)).halves
         searched = len(halves[HALVES[0]])
         judged = len(halves[HALVES[1]])
         if min(searched, judged) < FEWEST_WORLDS:
@@ -74,5 +74,5 @@ def check_maps(worlds: str, robot: Robot) -> None:
             size = f"for a robot with a radius of {radius(robot):.2f} m"
             reason = "because no comparison of fewer courses is significant"
             remedy = f"give a map with more floor, or {WORLDS}"
-            problem = f"{path} has {halves_of_floor}, {size}"
+            problem = f"{map_path} has {halves_of_floor}, {size}"
             raise ApplrError(f"{problem}; each needs {FEWEST_WORLDS}, {reason}: {remedy}")

@@ -66,11 +66,11 @@ def write(
         measured += [f"{judgement.file}:", *judgement.lines[1:], *facts(results)]
     # The first file that is written, or the first one if none is
     headline = sentences[0]
-    for judgement, text in zip(judgements, sentences):
+    for judgement, verdict_sentence in zip(judgements, sentences):
         if judgement.is_better:
-            headline = text
+            headline = verdict_sentence
             break
-    values = {
+    page_values = {
         # Pandas writes null for an interval that a single course does not have.
         "changes": json.loads(changed.to_json(orient="records")),
         "verdicts": verdicts,
@@ -80,7 +80,7 @@ def write(
         "yaml": read_bytes(drives / "tuned.yaml").decode(),
         "robot": robot.folder,
     }
-    page = Page(f"tune · {robot.name}", title, headline, SCRIPTS, values, measured=measured)
+    page = Page(f"tune · {robot.name}", title, headline, SCRIPTS, page_values, measured=measured)
     write_bytes(drives / FILE, page.html())
     return drives / FILE
 
@@ -88,7 +88,11 @@ def write(
 def _course(results: Results, world: str) -> Dict[str, Any]:
     """Return how both methods drove a course, as JSON values."""
     course: Dict[str, Any] = {"world": world}
-    for key, method in (("before", BASELINE), ("after", SET)):
+    for before_or_after, method in (("before", BASELINE), ("after", SET)):
         trial = results.of(method, [world]).iloc[0]
-        course[key] = {"ok": bool(trial.success), "t": float(trial.time_s), "why": trial.reason}
+        course[before_or_after] = {
+            "ok": bool(trial.success),
+            "t": float(trial.time_s),
+            "why": trial.reason,
+        }
     return course

@@ -97,12 +97,12 @@ def plan_sets(
         theta = tuple(map(float, space.clip(values)))
         method = f"{simulator}-{sha256(repr(theta))[:16]}"
         trials = []
-        for index in block:
-            name, specification = worlds[index]
-            drawn_seed = seed_of(CHOOSING + seed, name, trial=0)
+        for world_index in block:
+            world_name, specification = worlds[world_index]
+            drawn_seed = seed_of(CHOOSING + seed, world_name, trial=0)
             trials.append(
                 Trial(
-                    world=name,
+                    world=world_name,
                     method=method,
                     trial=0,
                     seed=drawn_seed,
@@ -147,22 +147,26 @@ def search(
     import cma  # slow, because it imports scipy.stats and matplotlib
 
     # CMA-ES must not begin on the bounds.
-    middle = np.clip(space.to_action(starts[0]), -0.9, 0.9)
+    first_action = np.clip(space.to_action(starts[0]), -0.9, 0.9)
     options = {"bounds": [-1, 1], "popsize": population, "seed": seed + 1, "verbose": -9}
-    strategy = cma.CMAEvolutionStrategy(middle, sigma, options)
+    strategy = cma.CMAEvolutionStrategy(first_action, sigma, options)
     rng = np.random.default_rng(seed)
     for generation, run in enumerate(rounds):
-        drawn = rng.permutation(worlds)[:worlds_per_set].tolist()
+        drawn_worlds = rng.permutation(worlds)[:worlds_per_set].tolist()
         candidates = strategy.ask()
-        sets = np.array([space.to_theta(action) for action in candidates])
+        sets = np.array(list(map(space.to_theta, candidates)))
         if generation == 0:
-            for index, theta in enumerate(starts[: len(candidates)]):
-                candidates[index] = space.to_action(theta)
-                sets[index] = space.clip(theta)
+            for start_index, theta in enumerate(starts[: len(candidates)]):
+                candidates[start_index] = space.to_action(theta)
+                sets[start_index] = space.clip(theta)
 
-        quarter = math.ceil(len(drawn) / 4)
-        half = math.ceil(len(drawn) / 2)
-        rounds_of_race = [drawn[:quarter], drawn[quarter:half], drawn[half:]]
+        quarter_count = math.ceil(len(drawn_worlds) / 4)
+        half_count = math.ceil(len(drawn_worlds) / 2)
+        rounds_of_race = [
+            drawn_worlds[:quarter_count],
+            drawn_worlds[quarter_count:half_count],
+            drawn_worlds[half_count:],
+        ]
         # Few worlds leave a quarter empty.
         blocks = filter(None, rounds_of_race)
         drive = partial(run, seed=seed + SEEDS_APART + generation)
@@ -172,8 +176,8 @@ def search(
         places = [raced.place for raced in ranking]
         ranks = np.argsort(places).astype(float)  # The inverse of an order gives the ranks.
         strategy.tell(candidates, ranks.tolist())
-        mean = np.clip(strategy.result.xfavorite, -1.0, 1.0)
-        yield ranking[0], space.to_theta(mean)
+        mean_action = np.clip(strategy.result.xfavorite, -1.0, 1.0)
+        yield ranking[0], space.to_theta(mean_action)
 
 
 def prune_parameters(
@@ -209,14 +213,14 @@ def prune_parameters(
         reverted = theta.copy()
         reverted[index] = space.theta0[index]
         ranking = race(run, np.array([reverted, theta]), blocks(), cost)
-        without, changed = sorted(ranking, key=lambda raced: raced.place)
-        rises = without.costs - changed.costs
-        mean = over_worlds(rises)
-        median = float(np.median(rises))
-        if max(mean.value, median) < LEAST:
+        reverted_set, changed_set = sorted(ranking, key=lambda raced: raced.place)
+        rises = reverted_set.costs - changed_set.costs
+        mean_rise = over_worlds(rises)
+        median_rise = float(np.median(rises))
+        if max(mean_rise.value, median_rise) < LEAST:
             theta = reverted
         else:
-            effects[space.names[index]] = Effect(*mean, median)
+            effects[space.names[index]] = Effect(*mean_rise, median_rise)
     return theta, effects
 
 
@@ -256,7 +260,7 @@ def race(
         for position, new_results in enumerate(driven):
             raced = racing[position]
             results = [*raced.results, *new_results]
-            costs = np.array([cost(result) for result in results])
+            costs = np.array(list(map(cost, results)))
             racing[position] = raced._replace(results=results, costs=costs)
         racing.sort(key=lambda raced: float(raced.costs.mean()))
     return racing + dropped
@@ -268,11 +272,13 @@ def _divided(racing: Sequence[Raced], halve: bool) -> Tuple[List[Raced], List[Ra
     The leader always stays.
     """
     leader = racing[0]
-    most = math.ceil(len(racing) / 2) if halve else len(racing)
+    most_staying = len(racing)
+    if halve:
+        most_staying = math.ceil(len(racing) / 2)
     staying = [leader]
     leaving = []
     for raced in racing[1:]:
-        if len(staying) == most or clearly_worse(raced.costs, leader.costs):
+        if len(staying) == most_staying or clearly_worse(raced.costs, leader.costs):
             leaving.append(raced)
         else:
             staying.append(raced)
@@ -281,5 +287,8 @@ def _divided(racing: Sequence[Raced], halve: bool) -> Tuple[List[Raced], List[Ra
 
 def blocks_of(worlds: int, seed: int) -> List[Block]:
     """Return the indices of all worlds, shuffled with the seed, in blocks of BLOCK."""
-    order = np.random.default_rng(seed).permutation(worlds).tolist()
-    return [order[first : first + BLOCK] for first in range(0, len(order), BLOCK)]
+    world_order = np.random.default_rng(seed).permutation(worlds).tolist()
+    blocks = []
+    for first_world in range(0, len(world_order), BLOCK):
+        blocks.append(world_order[first_world : first_world + BLOCK])
+    return blocks
