@@ -167,11 +167,11 @@ def decision_period(drive: Drive) -> float:
 def check_motion(drive: Drive, goal: Goal) -> None:
     """Raise Skipped if the odometry jumped while the goal was pursued, as the clock may have."""
     motion = _odometry(drive)
-    during = (motion.stamp >= goal.begin) & (motion.stamp <= goal.end)
-    if during.sum() < 2:
+    is_pursued = (motion.stamp >= goal.begin) & (motion.stamp <= goal.end)
+    if is_pursued.sum() < 2:
         raise Skipped("no odometry while the goal was pursued")
-    lengths = step_lengths(motion.pose[during, :2])
-    if (lengths > JUMP_M + FASTEST_M_S * np.diff(motion.stamp[during])).any():
+    lengths = step_lengths(motion.pose[is_pursued, :2])
+    if (lengths > JUMP_M + FASTEST_M_S * np.diff(motion.stamp[is_pursued])).any():
         raise Skipped("the odometry jumped")
 
 
@@ -202,15 +202,16 @@ def _states(drive: Drive, encoding: Encoding, goal: Goal, finish: Optional[float
 
     states: List[State] = []
     encoding.reset()
-    for number, (decision, place, is_end) in enumerate(moments):
-        before = _theta(encoding, decision.before)
-        after = _theta(encoding, decision.after or decision.before)
-        context = Context.of(before, _seen(decision), encoding.space, encoding.layout)
-        outcome = Outcome(before, decisions=number)
-        states.append(State(decision, place, is_end, after, encoding.observe(context), outcome))
-        if number:
+    for decision_count, (decision, place, is_end) in enumerate(moments):
+        theta_before = _theta(encoding, decision.before)
+        theta_after = _theta(encoding, decision.after or decision.before)
+        context = Context.of(theta_before, _seen(decision), encoding.space, encoding.layout)
+        outcome = Outcome(theta_before, decisions=decision_count)
+        observation = encoding.observe(context)
+        states.append(State(decision, place, is_end, theta_after, observation, outcome))
+        if decision_count:
             # Only the last decision of a course leads to the goal's result.
-            is_last = number == len(moments) - 1 and is_end and goal.has_ended
+            is_last = decision_count == len(moments) - 1 and is_end and goal.has_ended
             result = goal if is_last else goal._replace(status="")
             states[-1].outcome = _outcome(drive, encoding.robot, result, *states[-2:])
         if is_end:
@@ -221,9 +222,11 @@ def _states(drive: Drive, encoding: Encoding, goal: Goal, finish: Optional[float
 
 def _of_goal(decisions: Sequence[Decision], goal: Goal, until: float) -> List[Decision]:
     """Return the decisions or ends of a goal until a time [s]."""
-    return [
-        decision for decision in decisions if decision.goal == goal.id and decision.time <= until
-    ]
+    decisions_of_goal = []
+    for decision in decisions:
+        if decision.goal == goal.id and decision.time <= until:
+            decisions_of_goal.append(decision)
+    return decisions_of_goal
 
 
 def _moments(
@@ -236,29 +239,30 @@ def _moments(
     a terminal state is not used.
     """
     moments = [Moment(decision, _seen(decision).pose[:2], False) for decision in decisions]
-    for end in ends:
-        in_time = end._replace(time=min(end.time, goal.end))
-        moments.append(Moment(in_time, _seen(end).pose[:2], True))
+    for end_decision in ends:
+        in_time = end_decision._replace(time=min(end_decision.time, goal.end))
+        moments.append(Moment(in_time, _seen(end_decision).pose[:2], True))
     moments.sort(key=lambda moment: moment.decision.time)
 
-    latest = moments[-1]
-    is_recorded = latest.is_end and latest.decision.time > goal.end - MAX_AGE_S
-    last = decisions[-1]
-    if goal.has_ended and last.time < goal.end and not is_recorded:
-        end = last._replace(time=goal.end, before=last.after or last.before)
-        _, places = _driven(drive, last, goal.end)
-        moments.append(Moment(end, tuple(places[-1]), True))
+    latest_moment = moments[-1]
+    is_recorded = latest_moment.is_end and latest_moment.decision.time > goal.end - MAX_AGE_S
+    last_decision = decisions[-1]
+    if goal.has_ended and last_decision.time < goal.end and not is_recorded:
+        theta_at_end = last_decision.after or last_decision.before
+        end_decision = last_decision._replace(time=goal.end, before=theta_at_end)
+        _, places = _driven(drive, last_decision, goal.end)
+        moments.append(Moment(end_decision, tuple(places[-1]), True))
     return moments
 
 
 def _finished(drive: Drive, goal: Goal, decisions: List[Decision], finish: float) -> Goal:
     """Return the goal, which ends as reached once the robot has driven `finish` [m] towards it."""
-    begin = np.array(_seen(decisions[0]).pose[:2])
-    ends = [*(decision.time for decision in decisions[1:]), goal.end]
-    for decision, until in zip(decisions, ends):
+    start_position = np.array(_seen(decisions[0]).pose[:2])
+    end_times = [*(decision.time for decision in decisions[1:]), goal.end]
+    for decision, until in zip(decisions, end_times):
         times, places = _driven(drive, decision, until)
-        towards = np.array(_seen(decision).goal[:2]) - begin
-        is_past = (places - begin) @ towards >= finish * np.hypot(*towards)
+        towards = np.array(_seen(decision).goal[:2]) - start_position
+        is_past = (places - start_position) @ towards >= finish * np.hypot(*towards)
         if is_past.any():
             return goal._replace(end=float(times[np.argmax(is_past)]), status=REACHED)
     return goal
@@ -271,11 +275,11 @@ def _driven(drive: Drive, decision: Decision, until: float) -> Tuple[np.ndarray,
     for the time of its scan, and continue by odometry.
     """
     motion = _odometry(drive)
-    first = int(np.argmin(np.abs(motion.stamp - decision.scan_time)))
-    later = np.flatnonzero((motion.stamp > motion.stamp[first]) & (motion.stamp <= until))
-    rows = np.append(first, later)
+    first_row = int(np.argmin(np.abs(motion.stamp - decision.scan_time)))
+    later_rows = np.flatnonzero((motion.stamp > motion.stamp[first_row]) & (motion.stamp <= until))
+    rows = np.append(first_row, later_rows)
     # Transform that brings the odometry's first pose to that in the decision
-    from_odometry = compose(_seen(decision).pose, inverse(tuple(motion.pose[first].tolist())))
+    from_odometry = compose(_seen(decision).pose, inverse(tuple(motion.pose[first_row].tolist())))
     x, y = transform_point(from_odometry, motion.pose[rows, 0], motion.pose[rows, 1])
     return motion.stamp[rows], np.column_stack([x, y])
 
@@ -350,8 +354,8 @@ def _trajectory(encoding: Encoding, run: List[State], reward: Reward) -> Traject
         outcome = after.outcome
         # A recorded drive may take longer than a trial: nothing is left of the limit then.
         limit = max(round(TIME_LIMIT / encoding.period), outcome.decisions)
-        total, _ = reward(outcome, limit, encoding.period, encoding)
-        rewards.append(total)
+        total_reward, _ = reward(outcome, limit, encoding.period, encoding)
+        rewards.append(total_reward)
     observations = [state.observation for state in run]
     terminated = outcome.success or failed(outcome)
     return Trajectory.of(TransitionLayout.of(encoding), observations, actions, rewards, terminated)

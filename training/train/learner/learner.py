@@ -132,16 +132,16 @@ class Learner:
         overwritten its rows.
         """
         # Networks and optimisers
-        number = self.checkpoints + 1
-        state = io.BytesIO()
-        torch.save(self.td3.state(), state)
-        learner_file = f"learner-{number:06d}.pt"
-        write_bytes(self.folder / learner_file, state.getvalue())
+        checkpoint_number = self.checkpoints + 1
+        state_bytes = io.BytesIO()
+        torch.save(self.td3.state(), state_bytes)
+        learner_file = f"learner-{checkpoint_number:06d}.pt"
+        write_bytes(self.folder / learner_file, state_bytes.getvalue())
 
         # New rows of the replay buffer
         written = self.replay.written
         if written > self._saved:
-            replay_file = f"replay-{number:06d}.safetensors"
+            replay_file = f"replay-{checkpoint_number:06d}.safetensors"
             rows = self.replay.rows(self._saved)
             write_bytes(self.folder / replay_file, safetensors.numpy.save(rows))
             self._kept.append([replay_file, written - self._saved])
@@ -152,7 +152,7 @@ class Learner:
         write_json(
             self.folder / "checkpoint.json",
             {
-                "number": number,
+                "number": checkpoint_number,
                 "learner": learner_file,
                 "replay": self._kept,
                 "layer_norm": self.options.layer_norm,
@@ -162,29 +162,29 @@ class Learner:
                 "extra": extra or {},
             },
         )
-        self.checkpoints = number
+        self.checkpoints = checkpoint_number
 
         # Only now, because the checkpoint before this one needs its own files.
         needed = {learner_file}
-        for file, _ in self._kept:
-            needed.add(file)
+        for kept_file, _ in self._kept:
+            needed.add(kept_file)
         for pattern in ("learner-*.pt", "replay-*.safetensors"):
-            for path in self.folder.glob(pattern):
-                if path.name not in needed:
-                    path.unlink(missing_ok=True)
+            for old_file in self.folder.glob(pattern):
+                if old_file.name not in needed:
+                    old_file.unlink(missing_ok=True)
 
     @staticmethod
     def saved(folder: os.PathLike[str] | str) -> Optional[Dict[str, Any]]:
         """Return the content of checkpoint.json in a run folder, or None without this file."""
-        path = Path(folder) / "checkpoint.json"
-        return read_json(path) if path.exists() else None
+        checkpoint_file = Path(folder) / "checkpoint.json"
+        return read_json(checkpoint_file) if checkpoint_file.exists() else None
 
     def _restore(self, checkpoint: Dict[str, Any]) -> None:
         """Continue from a checkpoint of this run."""
         self._take_networks(self.folder, checkpoint)
-        for name, _ in checkpoint["replay"]:
-            path = self.folder / name
-            rows, _ = unpack(read_bytes(path), str(path))
+        for file_name, _ in checkpoint["replay"]:
+            replay_file = self.folder / file_name
+            rows, _ = unpack(read_bytes(replay_file), str(replay_file))
             self.replay.restore(rows)
         self.replay.transitions = checkpoint["transitions"]
         self.rng.bit_generator.state = checkpoint["rng"]
@@ -203,9 +203,9 @@ class Learner:
             )
         # With another layer_norm, the same weights give other values.
         if checkpoint["layer_norm"] != self.options.layer_norm:
-            theirs = checkpoint["layer_norm"]
+            other_layer_norm = checkpoint["layer_norm"]
             raise ApplrError(
-                f"{folder}: its critics have layer_norm {theirs}: choose the same value"
+                f"{folder}: its critics have layer_norm {other_layer_norm}: choose the same value"
             )
         self._take_networks(folder, checkpoint)
         self.td3.updates = 0
@@ -213,8 +213,8 @@ class Learner:
 
     def _take_networks(self, folder: Path, checkpoint: Dict[str, Any]) -> None:
         """Load networks and optimisers of a checkpoint in `folder`."""
-        data = io.BytesIO(read_bytes(folder / checkpoint["learner"]))
-        self.td3.load(torch.load(data, self.td3.device, weights_only=True), str(folder))
+        state_bytes = io.BytesIO(read_bytes(folder / checkpoint["learner"]))
+        self.td3.load(torch.load(state_bytes, self.td3.device, weights_only=True), str(folder))
 
 
 def policy_network(path: str) -> Weights:
@@ -252,9 +252,9 @@ def draw_batch(
 
     def observation(places: np.ndarray) -> torch.Tensor:
         mirrored = size // 2 if options.mirror else 0
-        scan, rest = replay.observations(places, mirrored)
+        scan, other_entries = replay.observations(places, mirrored)
         beams = tensor(scan).mul_(replay.layout.step).sub_(1.0)
-        return torch.cat((beams, tensor(rest)), 1)
+        return torch.cat((beams, tensor(other_entries)), 1)
 
     return Batch(
         observation=observation(rows),

@@ -43,25 +43,25 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
     Raises:
         ApplrError: The folder already holds a run, or a run fails.
     """
-    out = config.folder()
-    write_json(out / "config.json", config.model_dump(exclude={"resume"}))
+    run_folder = config.folder()
+    write_json(run_folder / "config.json", config.model_dump(exclude={"resume"}))
     policies = []
     for seed in range(config.seed, config.seed + config.seeds):
-        folder = out / f"seed_{seed}"
+        folder = run_folder / f"seed_{seed}"
         changes = {
             "seed": seed,
             "out": str(folder),
             "minutes": config.minutes / config.seeds,
             "resume": (folder / "config.json").exists(),
         }
-        run = make_run(config.model_copy(update=changes))
-        status = int(run.run())
+        training_run = make_run(config.model_copy(update=changes))
+        status = int(training_run.run())
         if status:
             return status
         # Without evaluations, there is no best policy, only the latest one.
-        file = "best.safetensors" if run.evaluation.best else "actor.safetensors"
-        policies.append(folder / file)
-    print("\n".join(choose(config, out, policies)))
+        policy_file = "best.safetensors" if training_run.evaluation.best else "actor.safetensors"
+        policies.append(folder / policy_file)
+    print("\n".join(choose(config, run_folder, policies)))
     return 0
 
 
@@ -70,18 +70,19 @@ def choose(config: TrainConfig, out: Path, policies: Sequence[Path]) -> List[str
     # The policy is chosen on other courses than those of the verdict: the best of several is partly
     # the luckiest, and its mean score on the courses of the choice would be too good.
     by_run = {path.parent.name: path for path in policies}
-    means = mean_scores(_driven(config, out / "choice", CHOICE, [], by_run)).mean()
-    best = out / "best.safetensors"
-    shutil.copyfile(by_run[str(means.idxmin())], best)
-    others = [BASELINE]
+    mean_of_policy = mean_scores(_driven(config, out / "choice", CHOICE, [], by_run)).mean()
+    best_file = out / "best.safetensors"
+    shutil.copyfile(by_run[str(mean_of_policy.idxmin())], best_file)
+    other_methods = [BASELINE]
     if Path(methods.shipped(methods.SET, config.robot)).exists():
-        others.append(SET)
-    method, lines = verdict(_driven(config, out / "verdict", VERDICT, others, {POLICY: best}))
-    chosen = ", ".join(f"{name} {mean:.1f} s" for name, mean in means.items())
+        other_methods.append(SET)
+    trials = _driven(config, out / "verdict", VERDICT, other_methods, {POLICY: best_file})
+    method, lines = verdict(trials)
+    chosen = ", ".join(f"{name} {mean:.1f} s" for name, mean in mean_of_policy.items())
     return [
         f"mean scores of the policies: {chosen}",
         *lines,
-        f"drive with: {method}; best policy: {best}",
+        f"drive with: {method}; best policy: {best_file}",
     ]
 
 
@@ -102,10 +103,10 @@ def _driven(
     """
     shutil.rmtree(out, ignore_errors=True)  # results of earlier policies, before a --resume
     out.mkdir(parents=True)
-    files = {name: out / f"{name}.safetensors" for name in policies}
-    for name, file in files.items():
-        shutil.copyfile(policies[name], file)
-    chosen = ",".join(map(str, [*others, *files.values()]))
+    policy_files = {policy_name: out / f"{policy_name}.safetensors" for policy_name in policies}
+    for policy_name, policy_file in policy_files.items():
+        shutil.copyfile(policies[policy_name], policy_file)
+    chosen = ",".join(map(str, [*others, *policy_files.values()]))
     evaluation = EvaluationOptions(
         **config.judged,
         seed=config.seed,
@@ -115,4 +116,4 @@ def _driven(
         trials=1,
         out=str(out),
     )
-    return paired_trials(evaluate(evaluation), [*others, *files])
+    return paired_trials(evaluate(evaluation), [*others, *policy_files])

@@ -48,11 +48,11 @@ class Replay:
         """Add an episode, which must have fewer rows than the ring."""
         transitions = len(trajectory)
         rows = (self.written + np.arange(transitions + 1)) % self.capacity
-        with_action = rows[:-1]  # The last row holds only the last observation.
+        rows_with_action = rows[:-1]  # The last row holds only the last observation.
         self.scan[rows] = trajectory.scan
         self.rest[rows] = trajectory.rest
-        self.action[with_action] = trajectory.action
-        self.reward[with_action] = trajectory.reward
+        self.action[rows_with_action] = trajectory.action
+        self.reward[rows_with_action] = trajectory.reward
         self.end[rows] = GOES_ON
         self.end[rows[-2]] = TERMINATED if trajectory.terminated else TRUNCATED
         self.end[rows[-1]] = NO_ACTION
@@ -63,15 +63,15 @@ class Replay:
         """Return the rows from number `since` on that are still in the ring, for restore()."""
         oldest = self.written - self.capacity
         rows = np.arange(max(since, oldest), self.written) % self.capacity
-        return {name: getattr(self, name)[rows] for name in COLUMNS}
+        return {column: getattr(self, column)[rows] for column in COLUMNS}
 
     def restore(self, rows: Dict[str, np.ndarray]) -> None:
         """Append rows that rows() returned, without counting their transitions again."""
-        count = len(rows["end"])
-        places = (self.written + np.arange(count)) % self.capacity
-        for name in COLUMNS:
-            getattr(self, name)[places] = rows[name]
-        self.written += count
+        row_count = len(rows["end"])
+        free_rows = (self.written + np.arange(row_count)) % self.capacity
+        for column in COLUMNS:
+            getattr(self, column)[free_rows] = rows[column]
+        self.written += row_count
 
     # -- sampling ----------------------------------------------------------------------------------
     def draw(self, rng: np.random.Generator, size: int) -> np.ndarray:
@@ -93,23 +93,24 @@ class Replay:
         next value is gamma^steps, or 0 after a terminal state. A truncated episode is bootstrapped
         from its last observation.
         """
-        following = rows.copy()
+        next_rows = rows.copy()
         # Sums in float64, which the critics get rounded to float32
-        total = np.zeros(len(rows), np.float64)
-        discount = np.ones(len(rows), np.float64)
-        goes_on = np.ones(len(rows), bool)
-        terminal = np.zeros(len(rows), bool)
+        reward_sums = np.zeros(len(rows), np.float64)
+        discounts = np.ones(len(rows), np.float64)
+        is_going_on = np.ones(len(rows), bool)
+        is_terminal = np.zeros(len(rows), bool)
         for _ in range(n):
-            total[goes_on] += discount[goes_on] * self.reward[following[goes_on]]
-            discount[goes_on] *= gamma
+            step_rewards = self.reward[next_rows[is_going_on]]
+            reward_sums[is_going_on] += discounts[is_going_on] * step_rewards
+            discounts[is_going_on] *= gamma
             # The end of the row that has just been added decides whether the sum goes on.
-            end = self.end[following]
-            terminal |= goes_on & (end == TERMINATED)
-            following[goes_on] += 1
-            following %= self.capacity
-            goes_on &= end == GOES_ON
-        discount[terminal] = 0.0
-        return total.astype(np.float32), discount.astype(np.float32), following
+            row_ends = self.end[next_rows]
+            is_terminal |= is_going_on & (row_ends == TERMINATED)
+            next_rows[is_going_on] += 1
+            next_rows %= self.capacity
+            is_going_on &= row_ends == GOES_ON
+        discounts[is_terminal] = 0.0
+        return reward_sums.astype(np.float32), discounts.astype(np.float32), next_rows
 
     def observations(self, rows: np.ndarray, mirrored: int) -> Tuple[np.ndarray, np.ndarray]:
         """Return the stored observations of `rows`, the first `mirrored` of them mirrored.
