@@ -169,6 +169,12 @@ class Drive:
         self.thetas.append(self.theta)
 
 
+@pytest.fixture
+def bag_path(tmp_path):
+    """Return the path of the bag that a test writes."""
+    return tmp_path / "a.bag"
+
+
 def record(path, kind=Drive, **options):
     """Write a bag with one drive, and return the drive."""
     with Messages(path) as writer:
@@ -289,9 +295,9 @@ def assert_same_columns(read_back, written, columns):
                 )
 
 
-def test_a_drive_that_is_written_and_read_back_is_the_same(tmp_path):
+def test_a_drive_that_is_written_and_read_back_is_the_same(bag_path):
     drive = whole_drive(JACKAL)
-    read_back = read(write(tmp_path / "a.bag", drive))
+    read_back = read(write(bag_path, drive))
 
     # Measurements
     columns = ("odometry", "scans", "plans", "planned", "commands")
@@ -325,9 +331,9 @@ def test_a_drive_that_is_written_and_read_back_is_the_same(tmp_path):
             np.testing.assert_equal(our_input, expected_input)
 
 
-def test_a_written_bag_has_plans_of_the_planner_that_drove_and_twists_along_x_alone(tmp_path):
+def test_a_written_bag_has_plans_of_the_planner_that_drove_and_twists_along_x_alone(bag_path):
     drive = replace(whole_drive(JACKAL), planners=["DWAPlannerROS"])
-    bag_path = write(tmp_path / "a.bag", drive)
+    write(bag_path, drive)
     assert read(bag_path).planners == ["DWAPlannerROS"]
     twists = []
     with AnyReader([bag_path]) as reader:
@@ -340,14 +346,14 @@ def test_a_written_bag_has_plans_of_the_planner_that_drove_and_twists_along_x_al
         assert unused == (0.0, 0.0, 0.0, 0.0)
 
 
-def test_the_clearance_of_a_recorded_drive_is_the_smallest_range_of_each_scan(tmp_path):
-    read_back = read(write(tmp_path / "a.bag", whole_drive(JACKAL)))
+def test_the_clearance_of_a_recorded_drive_is_the_smallest_range_of_each_scan(bag_path):
+    read_back = read(write(bag_path, whole_drive(JACKAL)))
     assert read_back.clearances.nearest.tolist() == pytest.approx([1.0, 0.5, 0.7])
 
 
-def test_the_drives_of_a_bag_follow_each_other_with_a_pause(tmp_path):
+def test_the_drives_of_a_bag_follow_each_other_with_a_pause(bag_path):
     drive = whole_drive(JACKAL)
-    read_back = read(write(tmp_path / "a.bag", drive, drive))
+    read_back = read(write(bag_path, drive, drive))
     # The second drive begins 5 s after the end of the first, at 2.5 s.
     begin_times = [goal.begin for goal in read_back.goals]
     assert begin_times == pytest.approx([0.0, 2.0, 7.5, 9.5])
@@ -361,9 +367,9 @@ def test_a_bag_that_could_not_be_completed_is_removed(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_transitions_equal_the_nodes_observations_and_decisions(tmp_path):
-    drive = record(tmp_path / "a.bag")
-    (trajectory,), skipped = rebuild(tmp_path / "a.bag")
+def test_transitions_equal_the_nodes_observations_and_decisions(bag_path):
+    drive = record(bag_path)
+    (trajectory,), skipped = rebuild(bag_path)
     assert_equal(trajectory, drive)
     assert trajectory.terminated
     assert skipped == {}
@@ -378,7 +384,7 @@ def test_transitions_equal_the_nodes_observations_and_decisions(tmp_path):
     np.testing.assert_allclose(trajectory.reward, r_f + r_p + r_c, atol=0.02)
 
 
-def test_a_decision_was_made_at_its_recorded_pose(tmp_path):
+def test_a_decision_was_made_at_its_recorded_pose(bag_path):
     """At .5 m/s, the odometry of all decisions but the first is .1 s old."""
 
     def behind(number, seen):
@@ -386,8 +392,8 @@ def test_a_decision_was_made_at_its_recorded_pose(tmp_path):
         offset = 0.05 if number > 1 else 0.0
         return seen._replace(pose=(x - offset, y, yaw))
 
-    record(tmp_path / "a.bag", recorded=behind)
-    (trajectory,), _ = rebuild(tmp_path / "a.bag", reward=Reward(c_f=0.0, c_c=0.0))
+    record(bag_path, recorded=behind)
+    (trajectory,), _ = rebuild(bag_path, reward=Reward(c_f=0.0, c_c=0.0))
     assert trajectory.reward[:2].tolist() == pytest.approx([0.95, 1.0], abs=1e-3)
 
 
@@ -397,24 +403,24 @@ def test_the_period_is_the_median_interval_in_whole_cycles():
     assert decision_period(Recorded(decisions=decisions)) == 2.0
 
 
-def test_a_bag_with_fewer_scans_than_the_node_got_has_the_nodes_observations(tmp_path):
+def test_a_bag_with_fewer_scans_than_the_node_got_has_the_nodes_observations(bag_path):
     def every_other(ranges, k):
         # The first decision, in step 0, needs a scan.
         return ranges if k % 2 or not k else None
 
-    drive = record(tmp_path / "a.bag", scan=every_other)
-    (trajectory,), skipped = rebuild(tmp_path / "a.bag")
+    drive = record(bag_path, scan=every_other)
+    (trajectory,), skipped = rebuild(bag_path)
     assert_equal(trajectory, drive)
     assert skipped == {}
 
 
 @pytest.mark.parametrize("seconds", [0.8, 5.0])
-def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
+def test_the_period_is_that_of_the_recorded_decisions(bag_path, seconds):
     """Rewards scale with the period, as in training. A course of two decisions uses the period of
     the other course.
     """
     steps_per_decision = int(50 * seconds)
-    with Messages(tmp_path / "a.bag") as writer:
+    with Messages(bag_path) as writer:
         four_decisions = Drive(
             writer,
             begin=10.0,
@@ -431,7 +437,7 @@ def test_the_period_is_that_of_the_recorded_decisions(tmp_path, seconds):
         )
     time_cost_alone = Reward(c_p=0.0, c_c=0.0)
 
-    rebuilt, skipped = rebuild(tmp_path / "a.bag", reward=time_cost_alone)
+    rebuilt, skipped = rebuild(bag_path, reward=time_cost_alone)
 
     assert skipped == {}
     drives = (four_decisions, two_decisions)
@@ -474,14 +480,14 @@ INTERRUPTED = "a course was interrupted soon after a decision"
     ],
 )
 def test_each_end_of_a_course_gives_its_transitions(
-    tmp_path, kind, status, seconds, finish, count, terminated, skipped
+    bag_path, kind, status, seconds, finish, count, terminated, skipped
 ):
     """If the node does not publish its observation at the end, the observation of the last decision
     is used.
     """
     # Decisions come every 2 s: the fifth at 8 s, of which a course of 9 s has the half.
-    drive = record(tmp_path / "a.bag", kind, status=status, seconds=seconds)
-    (trajectory,), reasons = rebuild(tmp_path / "a.bag", finish=finish)
+    drive = record(bag_path, kind, status=status, seconds=seconds)
+    (trajectory,), reasons = rebuild(bag_path, finish=finish)
     assert trajectory.terminated == terminated
     assert reasons == skipped
     assert_equal(trajectory, drive, count, ends=terminated and kind is Drive)
@@ -502,12 +508,12 @@ def test_a_course_ends_with_its_result_or_with_its_status_whichever_is_earlier(t
         assert goal.end == end
 
 
-def test_a_goal_that_is_being_cancelled_is_still_pursued(tmp_path):
-    with Messages(tmp_path / "a.bag") as writer:
+def test_a_goal_that_is_being_cancelled_is_still_pursued(bag_path):
+    with Messages(bag_path) as writer:
         writer.status(10.0, "g", running=False, ended=ACTIVE)
         writer.status(11.0, "g", running=False, ended=PREEMPTING)
         writer.status(12.0, "g", running=False, ended=PREEMPTED)
-    (goal,) = read(tmp_path / "a.bag").goals
+    (goal,) = read(bag_path).goals
     assert goal.begin == 0.0
     assert goal.end == 2.0
 
@@ -524,7 +530,7 @@ def test_a_course_does_not_remember_the_one_before_it_that_never_ended(tmp_path)
     np.testing.assert_array_equal(after_another.rest, alone.rest)
 
 
-def test_a_node_that_is_switched_off_and_on_leaves_a_gap(tmp_path):
+def test_a_node_that_is_switched_off_and_on_leaves_a_gap(bag_path):
     """The node stops after 3.8 s and decides again from 6 s on."""
 
     class Switched(Drive):
@@ -536,8 +542,8 @@ def test_a_node_that_is_switched_off_and_on_leaves_a_gap(tmp_path):
             theta = SPACE.as_dict(self.theta)
             self.writer.decision(t - 0.2, self.number, self.goal, self.seen(), theta)
 
-    record(tmp_path / "a.bag", Switched)
-    (before_gap, after_gap), skipped = rebuild(tmp_path / "a.bag")
+    record(bag_path, Switched)
+    (before_gap, after_gap), skipped = rebuild(bag_path)
     assert len(before_gap) == 2
     assert len(after_gap) == 2
     assert not before_gap.terminated
@@ -652,13 +658,13 @@ def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, cap
     assert "already" in capsys.readouterr().err
 
 
-def test_only_the_courses_around_a_clock_jump_are_lost(tmp_path):
-    with Messages(tmp_path / "a.bag") as writer:
+def test_only_the_courses_around_a_clock_jump_are_lost(bag_path):
+    with Messages(bag_path) as writer:
         undamaged = Drive(writer, begin=10.0, goal="before", seed=1)
         Drive(writer, begin=40.0, goal="torn", seed=2, seconds=9.0)
         # The clock jumped back to 43 s.
         Drive(writer, begin=43.0, goal="again", seed=3, seconds=9.0)
-    (trajectory,), skipped = rebuild(tmp_path / "a.bag")
+    (trajectory,), skipped = rebuild(bag_path)
     assert_equal(trajectory, undamaged)
     assert "the odometry jumped" in skipped
 
@@ -701,9 +707,9 @@ class Misses(Drive):
     ],
     ids=["gap", "moved", "person", "missed"],
 )
-def test_gaps_jumps_and_changes_cut_an_episode(tmp_path, changes, lengths, reason):
-    record(tmp_path / "a.bag", **changes)
-    rebuilt, skipped = rebuild(tmp_path / "a.bag")
+def test_gaps_jumps_and_changes_cut_an_episode(bag_path, changes, lengths, reason):
+    record(bag_path, **changes)
+    rebuilt, skipped = rebuild(bag_path)
     assert list(map(len, rebuilt)) == lengths, skipped
     assert any(reason in text for text in skipped), skipped
     # Only the end of the course is an end of an episode; a cut is not.
@@ -733,26 +739,26 @@ def test_odometry_jumps_if_it_moves_more_than_thirty_centimetres_beyond_five_met
         check_motion(Recorded(odometry=odometry), Goal("g", 0.0, seconds))
 
 
-def test_a_contact_is_charged_in_its_decision(tmp_path):
+def test_a_contact_is_charged_in_its_decision(bag_path):
     def touch(drive, t, k):
         if k in (250, 260):
             drive.writer.contact(t)
 
-    record(tmp_path / "a.bag", after=touch)
-    (plain,), _ = rebuild(tmp_path / "a.bag")
-    (charged,), _ = rebuild(tmp_path / "a.bag", reward=Reward(c_collision=3.0))
+    record(bag_path, after=touch)
+    (plain,), _ = rebuild(bag_path)
+    (charged,), _ = rebuild(bag_path, reward=Reward(c_collision=3.0))
     # Two contacts in the third decision cost as much as one.
     np.testing.assert_allclose(charged.reward - plain.reward, [0, 0, -3, 0, 0], atol=1e-6)
 
 
-def test_rewards_have_the_scale_and_pace_of_the_encoding(tmp_path):
+def test_rewards_have_the_scale_and_pace_of_the_encoding(bag_path):
     """For a base of half the Jackal's speed, time costs half as much."""
-    record(tmp_path / "a.bag")
+    record(bag_path)
     slow_base = JACKAL.base.model_copy(update={"max_speed": 1.0})
     slow_robot = replace(JACKAL, base=slow_base)
     for robot, cost in ((JACKAL, -1.0), (slow_robot, -0.5)):
         (trajectory,), _ = rebuild(
-            tmp_path / "a.bag",
+            bag_path,
             robot,
             observation="dimensionless",
             reward=Reward(c_p=0.0, c_c=0.0),
@@ -760,16 +766,15 @@ def test_rewards_have_the_scale_and_pace_of_the_encoding(tmp_path):
         assert trajectory.reward.tolist() == pytest.approx([cost] * 4 + [0.0])
 
 
-def test_a_recipe_sets_encoding_and_reward_and_training_refuses_others(tmp_path, capsys):
+def test_a_recipe_sets_encoding_and_reward_and_training_refuses_others(tmp_path, bag_path):
     # Given: a dataset of a recipe that differs from the Jackal's in one value
-    bag_path = str(tmp_path / "a.bag")
     record(bag_path)
     dataset_folder = str(tmp_path / "data")
     recipe_file = tmp_path / "own.yaml"
     recipe = RECIPES["jackal"].read_text()
     recipe_file.write_text(recipe.replace("lowest: true", "lowest: false"))
     options = ["--out", dataset_folder, "--recipe", str(recipe_file)]
-    assert bags_to_dataset.main([bag_path, *options]) == 0
+    assert bags_to_dataset.main([str(bag_path), *options]) == 0
     source = Dataset(dataset_folder).about
     assert source["observation"] == "dimensionless"
     assert source["robot"] == "jackal"
@@ -814,13 +819,13 @@ def zeros(ranges, k):
         (lambda ranges, k: np.full(720, -np.inf), False, 0.4),
     ],
 )
-def test_the_clearance_term_uses_the_smallest_range(tmp_path, scan, lowest, nearest):
+def test_the_clearance_term_uses_the_smallest_range(bag_path, scan, lowest, nearest):
     """A range of -inf is too near to measure and counts as the laser's minimum range."""
-    record(tmp_path / "a.bag", scan=scan)
+    record(bag_path, scan=scan)
     laser = JACKAL.laser.model_copy(update={"range_min": 0.4})
     clearance_alone = Reward(c_f=0.0, c_p=0.0, lowest=lowest)
     (trajectory,), skipped = rebuild(
-        tmp_path / "a.bag",
+        bag_path,
         replace(JACKAL, laser=laser),
         reward=clearance_alone,
     )
@@ -906,11 +911,13 @@ def assert_same(rebuilt, expected):
 
 @pytest.mark.parametrize("observation", ["paper", "dimensionless"])
 @pytest.mark.parametrize(("world", "limit"), [("generated:2", 100.0), ("dynamic:406", 9.0)])
-def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observation, world, limit):
+def test_a_recorded_drive_equals_the_environments_transitions(
+    tmp_path, bag_path, observation, world, limit
+):
     """Covers the command, both encodings, moving obstacles, and ends at goal and time limit."""
     # Given: a drive in the environment, and its bag
     expected = driven(
-        tmp_path / "a.bag",
+        bag_path,
         observation,
         world,
         limit,
@@ -921,7 +928,7 @@ def test_a_recorded_drive_equals_the_environments_transitions(tmp_path, observat
     recipe_file = tmp_path / "own.yaml"
     recipe_file.write_text(f"observation: {observation}\nlowest: true\nexact_time: true\n")
     options = ["--recipe", str(recipe_file), "--out", str(tmp_path / "data")]
-    assert bags_to_dataset.main([str(tmp_path / "a.bag"), *options]) == 0
+    assert bags_to_dataset.main([str(bag_path), *options]) == 0
 
     # Then: the dataset has the transitions of the environment
     dataset = Dataset(tmp_path / "data")

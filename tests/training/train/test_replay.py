@@ -140,16 +140,16 @@ def test_mirror_exchanges_left_and_right_in_half_of_a_batch():
     scan = slice(0, SMALL.scan)
     goal_angle = SMALL.scan  # the entry that changes its sign
     parameters = slice(SMALL.scan + 1, None)
-    for name in ("observation", "next_observation"):
-        image = getattr(mirrored, name).numpy()
-        original = getattr(plain, name).numpy()
+    for field_name in ("observation", "next_observation"):
+        image = getattr(mirrored, field_name).numpy()
+        original = getattr(plain, field_name).numpy()
         # The first 32 of the 64 rows are mirrored.
         np.testing.assert_array_equal(image[:32, scan], original[:32, scan][:, ::-1])
         np.testing.assert_array_equal(image[:32, goal_angle], -original[:32, goal_angle])
         np.testing.assert_array_equal(image[:32, parameters], original[:32, parameters])
         np.testing.assert_array_equal(image[32:], original[32:])
-    for name in ("action", "reward", "discount", "noise"):
-        np.testing.assert_array_equal(getattr(mirrored, name), getattr(plain, name))
+    for field_name in ("action", "reward", "discount", "noise"):
+        np.testing.assert_array_equal(getattr(mirrored, field_name), getattr(plain, field_name))
 
 
 def test_observations_without_a_scan_are_not_mirrored():

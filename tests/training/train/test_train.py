@@ -33,7 +33,8 @@ from training.workers.pool import Pool
 def networks_of(folder):
     """Return the networks of a run's checkpoint as bytes."""
     state = torch.load(folder / Learner.saved(folder)["learner"], weights_only=True)
-    return {name: tensor.numpy().tobytes() for name, tensor in state["networks"].items()}
+    networks = state["networks"]
+    return {layer_name: tensor.numpy().tobytes() for layer_name, tensor in networks.items()}
 
 
 def rounds_of(run):
@@ -50,22 +51,22 @@ def numbers_of(rounds):
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """Uninterrupted run of 800 transitions."""
-    out = tmp_path_factory.mktemp("whole") / "run"
-    assert main(toy(out, "--total-timesteps", "800")) == 0
-    return out
+    run_folder = tmp_path_factory.mktemp("whole") / "run"
+    assert main(toy(run_folder, "--total-timesteps", "800")) == 0
+    return run_folder
 
 
 def test_a_run_learns_and_writes_all_its_files(whole):
     rounds = rounds_of(whole)
     assert numbers_of(rounds) == [-1, 1, 2, 3, 4]
-    first, *_, last = rounds
-    assert last["return"] > first["return"] + 1.0, "the first policy stands still"
-    for name in ("config.json", "checkpoint.json", "actor.safetensors", "best.safetensors"):
-        assert (whole / name).is_file(), name
-    best = (whole / "best.safetensors").read_bytes()
-    _, metadata = unpack(best, "best")
+    first_round, *_, last_round = rounds
+    assert last_round["return"] > first_round["return"] + 1.0, "the first policy stands still"
+    for file_name in ("config.json", "checkpoint.json", "actor.safetensors", "best.safetensors"):
+        assert (whole / file_name).is_file(), file_name
+    best_policy = (whole / "best.safetensors").read_bytes()
+    _, metadata = unpack(best_policy, "best")
     assert metadata["period_s"] == "0.5", "nodes and evaluations use the same period"
-    policy = network(best)
+    policy = network(best_policy)
     (towards_left,) = policy(np.array([0.9]))
     (towards_right,) = policy(np.array([-0.9]))
     assert towards_left < -0.2
@@ -86,7 +87,12 @@ def test_resume_continues(tmp_path):
 def test_an_overwritten_ring_is_restored_from_its_checkpoints(tmp_path):
     """A changed --utd-ratio applies from the resume on."""
     layout = TransitionLayout(4, 2, 2)
-    options = LearnerOptions(net_arch=[8], batch_size=8, utd_ratio=1.0, learning_starts=5)
+    options = LearnerOptions(
+        net_arch=[8],
+        batch_size=8,
+        utd_ratio=1.0,
+        learning_starts=5,
+    )
     learner = Learner(layout, options, tmp_path, 50)
     for number in range(12):
         learner.take(episode(layout, number, 10))
@@ -111,7 +117,13 @@ def actions_in(replay):
     return sorted(row.tobytes() for row in actions)
 
 
-@pytest.mark.parametrize(("seeds", "at_the_end"), [("1", [(-1, 250), (1, 250)]), ("2", [(1, 250)])])
+@pytest.mark.parametrize(
+    ("seeds", "at_the_end"),
+    [
+        ("1", [(-1, 250), (1, 250)]),
+        ("2", [(1, 250)]),
+    ],
+)
 def test_the_last_policy_within_the_minutes_is_compared_with_the_default(
     seeds, at_the_end, tmp_path, monkeypatch
 ):
@@ -155,64 +167,56 @@ def test_a_killed_run_continues_from_its_last_checkpoint(tmp_path):
         wait_for_a_checkpoint(run_folder, process)
         process.send_signal(signal.SIGKILL)
     saved_transitions = Learner.saved(run_folder)["transitions"]
-    assert (
-        main(
-            [
-                "--resume",
-                "--out",
-                str(run_folder),
-                "--total-timesteps",
-                str(saved_transitions + 100),
-            ]
-        )
-        == 0
-    )
-    assert Learner.saved(run_folder)["transitions"] == saved_transitions + 100
+    step_count = saved_transitions + 100
+    arguments = ["--resume", "--out", str(run_folder), "--total-timesteps", str(step_count)]
+    assert main(arguments) == 0
+    assert Learner.saved(run_folder)["transitions"] == step_count
 
 
 def left_at_each_write(command, folder, copies, monkeypatch):
     """Execute a command, copy its folder to copies/0, copies/1, ... before each write, and return
-    the files' names.
+    the name of the function of each write.
 
     A copy is made when the new content exists but does not have its final name yet.
     """
-    names = []
+    function_names = []
 
-    def copying(name):
-        original = getattr(os, name)
+    def copying(function_name):
+        original = getattr(os, function_name)
 
         def write(*arguments, **options):
             if folder.exists():
-                shutil.copytree(folder, copies / str(len(names)))
-            names.append(name)
+                shutil.copytree(folder, copies / str(len(function_names)))
+            function_names.append(function_name)
             return original(*arguments, **options)
 
         return write
 
     with monkeypatch.context() as patch:
-        for name in ("fsync", "replace"):
-            patch.setattr(os, name, copying(name))
+        for function_name in ("fsync", "replace"):
+            patch.setattr(os, function_name, copying(function_name))
         command()
-    return names
+    return function_names
 
 
 @pytest.mark.fault("19")
 def test_a_run_killed_at_any_write_continues(tmp_path, monkeypatch):
     monkeypatch.setattr("training.train.learner.run.provenance", lambda seed: {})
     monkeypatch.setattr("training.train.learner.run.CHECKPOINT_SECONDS", 0.0)
-    whole = tmp_path / "whole"
+    whole_run = tmp_path / "whole"
     options = ["--total-timesteps=20", "--eval-freq=20", "--net-arch=8"]
-    names = left_at_each_write(lambda: main(toy(whole, *options)), whole, tmp_path, monkeypatch)
-    for number, name in enumerate(names):
+    arguments = toy(whole_run, *options)
+    function_names = left_at_each_write(lambda: main(arguments), whole_run, tmp_path, monkeypatch)
+    for number, function_name in enumerate(function_names):
         run_folder = tmp_path / str(number)
         # Before its first file, a run is started again as it was.
         if (run_folder / "config.json").exists():
-            arguments = ["--resume", "--out", str(run_folder)]
+            again = ["--resume", "--out", str(run_folder)]
         else:
-            arguments = toy(run_folder, *options)
-        assert main(arguments) == 0
+            again = toy(run_folder, *options)
+        assert main(again) == 0
         saved = Learner.saved(run_folder)
-        assert saved["transitions"] == 20, f"killed at write {number}, {name}"
+        assert saved["transitions"] == 20, f"killed at write {number}, {function_name}"
 
 
 @pytest.mark.fault("23")
@@ -230,17 +234,17 @@ def test_ctrl_c_saves_and_stops(tmp_path):
 def test_a_run_starts_with_the_networks_of_another_run(whole, tmp_path, capsys):
     # Given: a run that takes over the networks of a copy, and learns nothing at first
     source = tmp_path / "source"
-    out = tmp_path / "run"
+    run_folder = tmp_path / "run"
     shutil.copytree(whole, source)
     options = ["--total-timesteps", "50", "--learning-starts", "40", "--gamma", "0.9"]
-    assert main([*toy(out, "--init-from", source, *options), "--utd-ratio", "0"]) == 0
+    assert main([*toy(run_folder, "--init-from", source, *options), "--utd-ratio", "0"]) == 0
 
     # Then: its networks are those of the other run, and so is its policy
-    assert networks_of(out) == networks_of(whole)
-    saved = Learner.saved(out)
+    assert networks_of(run_folder) == networks_of(whole)
+    saved = Learner.saved(run_folder)
     assert saved["updates"] == 0
     assert saved["transitions"] == 50
-    policy = network((out / "actor.safetensors").read_bytes())
+    policy = network((run_folder / "actor.safetensors").read_bytes())
     # The toy's robot is to drive towards 0 from either side.
     assert policy(np.array([0.9]))[0] < -0.2
     assert policy(np.array([-0.9]))[0] > 0.2
@@ -249,9 +253,9 @@ def test_a_run_starts_with_the_networks_of_another_run(whole, tmp_path, capsys):
     # has trained critics, so its policy is not frozen at first.
     shutil.rmtree(source)
     options = ["--total-timesteps", "100", "--utd-ratio", "1"]
-    assert main(["--resume", "--out", str(out), *options]) == 0
-    assert Learner.saved(out)["updates"] == 50
-    later_policy = network((out / "actor.safetensors").read_bytes())
+    assert main(["--resume", "--out", str(run_folder), *options]) == 0
+    assert Learner.saved(run_folder)["updates"] == 50
+    later_policy = network((run_folder / "actor.safetensors").read_bytes())
     assert later_policy(np.array([0.9])) != policy(np.array([0.9]))
 
     # Networks of another shape are refused, and names that are no run.
@@ -259,8 +263,8 @@ def test_a_run_starts_with_the_networks_of_another_run(whole, tmp_path, capsys):
     one_line(capsys, other_shape, "give the same --net-arch")
     other_critics = toy(tmp_path / "c", "--init-from", whole, "--layer-norm")
     one_line(capsys, other_critics, "its critics have layer_norm False")
-    for name in (tmp_path, "random"):
-        no_run = toy(tmp_path / "d", "--init-from", name)
+    for source_name in (tmp_path, "random"):
+        no_run = toy(tmp_path / "d", "--init-from", source_name)
         one_line(capsys, no_run, "--init-from is .*: give static, dwa, a JSON")
 
 
@@ -341,21 +345,21 @@ def test_rounds_are_continued_and_the_lowest_score_is_the_best(tmp_path):
         assert rounds.due(step) is None
         return summary
 
-    first = evaluation()
-    assert drive(first, 0, 20.0)["round"] == -1
-    summary = drive(first, 130, 10.0)
+    first_session = evaluation()
+    assert drive(first_session, 0, 20.0)["round"] == -1
+    summary = drive(first_session, 130, 10.0)
     assert summary["round"] == 1
     assert summary["score"] == 10.0
     assert summary["best"]
-    assert not drive(first, 210, 11.0)["best"]
+    assert not drive(first_session, 210, 11.0)["best"]
 
-    again = evaluation()
-    assert again.best["step"] == 130
-    assert again.default["time_s"] == 20.0
-    assert again.due(299) is None
-    again.every = 150  # A --resume has changed the interval since the earlier rounds.
-    assert again.due(299) is None
-    assert again.due(300) == 2
+    second_session = evaluation()
+    assert second_session.best["step"] == 130
+    assert second_session.default["time_s"] == 20.0
+    assert second_session.due(299) is None
+    second_session.every = 150  # A --resume has changed the interval since the earlier rounds.
+    assert second_session.due(299) is None
+    assert second_session.due(300) == 2
 
     summary = drive(evaluation(), 310, 100.0)
     assert summary["round"] == 3
@@ -391,17 +395,17 @@ def test_tensorboard_shows_terms_of_the_reward(tmp_path):
     run_folder = tmp_path / "run"
     assert main(toy(run_folder, *NO_EVALUATION, "--total-timesteps", "100"), TwoTerms) == 0
     assert main(["--resume", "--out", str(run_folder), "--total-timesteps", "140"], TwoTerms) == 0
-    near = []
-    far = []
-    total = []
-    for file in (run_folder / "tensorboard").iterdir():
-        session = EventAccumulator(str(file)).Reload()
-        near += session.Scalars("reward/near")
-        far += session.Scalars("reward/far")
-        total += session.Scalars("episode/return")
+    near_events = []
+    far_events = []
+    total_events = []
+    for events_file in (run_folder / "tensorboard").iterdir():
+        session = EventAccumulator(str(events_file)).Reload()
+        near_events += session.Scalars("reward/near")
+        far_events += session.Scalars("reward/far")
+        total_events += session.Scalars("episode/return")
     # Episodes of ten steps, of both sessions.
-    assert len(near) == len(total) == 14
-    for near_event, far_event, total_event in zip(near, far, total):
-        value = total_event.value
-        assert near_event.value == pytest.approx(0.25 * value, abs=1e-4)
-        assert near_event.value + far_event.value == pytest.approx(value, abs=1e-4)
+    assert len(near_events) == len(total_events) == 14
+    for near_event, far_event, total_event in zip(near_events, far_events, total_events):
+        episode_return = total_event.value
+        assert near_event.value == pytest.approx(0.25 * episode_return, abs=1e-4)
+        assert near_event.value + far_event.value == pytest.approx(episode_return, abs=1e-4)

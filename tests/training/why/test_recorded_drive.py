@@ -27,6 +27,12 @@ def driven():
     return replace(drive, frames={})
 
 
+@pytest.fixture
+def bag_path(tmp_path):
+    """Return the path of the bag that a test writes."""
+    return tmp_path / "a.bag"
+
+
 def read_back(path, **options):
     """Return the drive that the replay reads from a bag."""
     return drive_of(path, RecordedOptions(**options))
@@ -278,14 +284,14 @@ def test_move_base_is_found_by_its_plans(driven, tmp_path):
             assert len(read_back(bag_path).plans) > 10
 
 
-def test_topics_in_the_namespace_around_move_base_are_found(driven, tmp_path):
+def test_topics_in_the_namespace_around_move_base_are_found(driven, bag_path):
     topics = names(
         move_base="/robot1/move_base",
         scan="/robot1/front/scan",
         odometry="/robot1/odometry/filtered",
         command="/robot1/cmd_vel",
     )
-    bag_path = write(tmp_path / "a.bag", until(driven, 1.0), topics=topics)
+    write(bag_path, until(driven, 1.0), topics=topics)
     assert len(read_back(bag_path).scans) > 3
 
 
@@ -317,27 +323,27 @@ def test_of_several_move_base_one_is_asked_for(driven, tmp_path):
     ],
 )
 def test_a_missing_topic_is_named_with_its_option_and_the_bags_topics(
-    driven, tmp_path, topics, problem
+    driven, bag_path, topics, problem
 ):
     drive = replace(until(driven, 1.0), planned=None)
-    bag_path = write(tmp_path / "a.bag", drive, topics=names(**topics))
+    write(bag_path, drive, topics=names(**topics))
     with pytest.raises(BagError, match=f"no messages on {problem}"):
         read_back(bag_path)
     assert len(read_back(bag_path, **topics).plans) > 10
 
 
-def test_a_topic_of_another_type_is_not_read(driven, tmp_path):
+def test_a_topic_of_another_type_is_not_read(driven, bag_path):
     drive = replace(until(driven, 1.0), planned=None)
     # The topic of the commands has the name of the scan's; --command leads to the scan's Twists.
     topics = names(command="/front/scan", scan="/scan")
-    bag_path = write(tmp_path / "a.bag", drive, topics=topics)
+    write(bag_path, drive, topics=topics)
     with pytest.raises(BagError, match="/front/scan has messages of geometry_msgs/msg/Twist"):
         read_back(bag_path, command="/front/scan")
 
 
-def test_a_robot_that_was_given_is_not_asked_for(driven, tmp_path):
+def test_a_robot_that_was_given_is_not_asked_for(driven, bag_path):
     drive = replace(until(driven, 1.0), planners=["DWAPlannerROS"])
-    bag_path = write(tmp_path / "a.bag", drive)
+    write(bag_path, drive)
     with pytest.raises(BagError, match="give the robot as --robot"):
         read_back(bag_path)
     with pytest.raises(BagError, match="its base_local_planner is another"):
@@ -354,18 +360,18 @@ def in_frames(path, drive, **frames):
     return write(path, replace(drive, frame=frames.get("odom", "odom")), robot=robot)
 
 
-def test_a_plan_in_another_frame_than_the_odometry_is_refused(driven, tmp_path):
-    with BagWriter(tmp_path / "a.bag", JACKAL, names()) as writer:
+def test_a_plan_in_another_frame_than_the_odometry_is_refused(driven, bag_path):
+    with BagWriter(bag_path, JACKAL, names()) as writer:
         without_plans = replace(until(driven, 1.0), plans=None, routes=None)
         writer.write(without_plans)
         writer.put("plans", 1.5, "map", driven.plans.path[0], part="TrajectoryPlannerROS")
     with pytest.raises(BagError) as refusal:
-        read_back(tmp_path / "a.bag")
+        read_back(bag_path)
     problem = "the plan is in map, the odometry in odom: record /tf and /tf_static"
     assert str(refusal.value).endswith(problem)
 
 
-def test_a_local_costmap_in_another_frame_than_the_odometry_is_placed_by_tf(driven, tmp_path):
+def test_a_local_costmap_in_another_frame_than_the_odometry_is_placed_by_tf(driven, bag_path):
     """The map lies a whole number of cells away, so that the costmap has the same cells."""
     odom_in_map = (-3.2, 1.6, 0.0)
     three_seconds = replace(until(driven, 3.0), routes=None)
@@ -376,14 +382,14 @@ def test_a_local_costmap_in_another_frame_than_the_odometry_is_placed_by_tf(driv
         robots_links(odometry),
         links([(0.0, "map", "odom", odom_in_map)], is_static=True),
     )
-    with BagWriter(tmp_path / "a.bag", JACKAL, names()) as writer:
+    with BagWriter(bag_path, JACKAL, names()) as writer:
         writer.write(replace(three_seconds, plans=None, transforms=transforms))
         # The writer begins a bag at 1 s of ROS time.
         stamps = 1.0 + plans.time - odometry.time[0]
         for stamp, path in zip(stamps, plans_in_map, strict=True):
             writer.put("plans", stamp, "map", path, part="TrajectoryPlannerROS")
 
-    read_back_drive = read_back(tmp_path / "a.bag")
+    read_back_drive = read_back(bag_path)
 
     assert read_back_drive.frame == "map"
     assert np.allclose(read_back_drive.odometry.pose, odometry.pose + odom_in_map)
@@ -430,7 +436,7 @@ def test_tf_that_equals_the_topic_changes_nothing(driven, tmp_path):
     assert np.array_equal(with_tf.odometry.twist, without_tf.odometry.twist)
 
 
-def test_poses_are_composed_along_a_chain_of_links(driven, tmp_path):
+def test_poses_are_composed_along_a_chain_of_links(driven, bag_path):
     """odom -> base_footprint moves, base_footprint -> base_link is static."""
     base_in_footprint = (0.1, -0.2, 0.3)
     footprint_in_base = inverse(base_in_footprint)
@@ -442,7 +448,7 @@ def test_poses_are_composed_along_a_chain_of_links(driven, tmp_path):
         links([(0.0, "base_footprint", "base_link", base_in_footprint)], is_static=True),
         robots_links(footprint_motion, child="base_footprint"),
     )
-    read_back_drive = through_a_bag(tmp_path / "a.bag", replace(driven, transforms=chain))
+    read_back_drive = through_a_bag(bag_path, replace(driven, transforms=chain))
     assert np.allclose(read_back_drive.odometry.pose, driven.odometry.pose)
 
 
@@ -474,7 +480,7 @@ def test_a_frame_is_placed_in_one_of_another_branch():
     assert laser_in_base.planar[0] == pytest.approx(compose(inverse(base_pose), laser_pose))
 
 
-def test_more_frequent_poses_of_tf_are_all_taken(driven, tmp_path):
+def test_more_frequent_poses_of_tf_are_all_taken(driven, bag_path):
     two_seconds = until(driven, 2.0)
     odometry = two_seconds.odometry
     every_second = odometry.part(slice(0, None, 2))
@@ -483,7 +489,7 @@ def test_more_frequent_poses_of_tf_are_all_taken(driven, tmp_path):
         odometry=every_second,
         transforms=robots_links(odometry),
     )
-    read_back_drive = through_a_bag(tmp_path / "a.bag", drive)
+    read_back_drive = through_a_bag(bag_path, drive)
     assert np.allclose(read_back_drive.odometry.pose, odometry.pose)
     assert np.allclose(read_back_drive.odometry.twist[::2], every_second.twist)
 
@@ -530,7 +536,7 @@ def test_the_lasers_place_is_tfs(driven, tmp_path):
     assert replay.scan(0).sensor_pose == pytest.approx(expected_pose, abs=0.02)
 
 
-def test_a_laser_upside_down_has_its_beams_in_reverse(driven, tmp_path):
+def test_a_laser_upside_down_has_its_beams_in_reverse(driven, bag_path):
     """Rotated by pi about x, beam k of n points as beam n - 1 - k of an upright laser."""
     two_seconds = until(driven, 2.0)
     # A symmetric fan would be the same in reverse.
@@ -547,7 +553,7 @@ def test_a_laser_upside_down_has_its_beams_in_reverse(driven, tmp_path):
         scans=replace(upright_scans, fan=reversed_fan, ranges=reversed_ranges),
         transforms=laser_link(JACKAL.laser.pose, rotation=(1.0, 0.0, 0.0, 0.0)),
     )
-    read_back_drive = through_a_bag(tmp_path / "a.bag", drive)
+    read_back_drive = through_a_bag(bag_path, drive)
     assert read_back_drive.notes == [
         "the laser is mounted upside down (tf): its beams are taken in reverse"
     ]
@@ -555,12 +561,12 @@ def test_a_laser_upside_down_has_its_beams_in_reverse(driven, tmp_path):
     assert np.allclose(read_back_drive.scans.fan, upright_fan, atol=1e-6)
 
 
-def test_a_tilted_laser_is_said(driven, tmp_path):
+def test_a_tilted_laser_is_said(driven, bag_path):
     # A quaternion has half of the angle: 0.2 rad are 11 degrees.
     rotation = (0.0, np.sin(0.1), 0.0, np.cos(0.1))
     tilted_link = laser_link(JACKAL.laser.pose, rotation=rotation)
     drive = replace(until(driven, 1.0), transforms=tilted_link)
-    read_back_drive = through_a_bag(tmp_path / "a.bag", drive)
+    read_back_drive = through_a_bag(bag_path, drive)
     assert read_back_drive.notes == ["tf tilts the laser by 11 degrees: it is taken as level"]
 
 
