@@ -51,7 +51,10 @@ def make_planner(scenario):
     frequency = ros["controller_frequency"]
     period = 1.0 / frequency if frequency > 0 else 0.05
     return DWAPlanner(
-        {**DEFAULTS, **scenario.inputs["params"]}, period, ros["sum_scores"], ros["cheat_factor"]
+        {**DEFAULTS, **scenario.inputs["params"]},
+        period,
+        ros["sum_scores"],
+        ros["cheat_factor"],
     )
 
 
@@ -67,12 +70,18 @@ def dwa(scenario):
     costmap = make_costmap(scenario)
     planner = make_planner(scenario)
     planner.state = flags_in(scenario)
-    choice = planner.find_best_path(costmap, scenario.array("plan"), inputs["pose"], inputs["vel"])
+    choice = planner.find_best_path(
+        costmap,
+        scenario.array("plan"),
+        inputs["pose"],
+        inputs["vel"],
+    )
 
     # The trajectory that won, the command, and the flags for the next cycle
     best = expected["best"]
     winner = (choice.cost, choice.vx, choice.vy, choice.w, choice.count, choice.sample)
-    yield "best", winner, [best[key] for key in ("cost", "xv", "yv", "thetav", "points", "index")]
+    fields = ("cost", "xv", "yv", "thetav", "points", "index")
+    yield "best", winner, [best[field] for field in fields]
     yield "drive", choice.drive, best["drive"]
     yield "best_traj", choice.points, scenario.array("best_traj").reshape(-1, 3)
     yield "flags_after", planner.state, expected["flags_after"]
@@ -89,11 +98,20 @@ def dwa(scenario):
     yield "end", scores.ends, scenario.array("end")
     yield "critics", scores.critics[:, :6], scenario.array("critics")
     yield "cost", scores.costs, scenario.array("cost")
-    yield "cut", np.where(scores.ended == ALL, THROUGH, scores.ended), scenario.array("cut")
+    cuts = np.where(scores.ended == ALL, THROUGH, scores.ended)
+    yield "cut", cuts, scenario.array("cut")
     if "stored" in scenario:
         yield "stored", scores.stored, scenario.array("stored")
-    counts = [len(scores.counts), (scores.counts > 0).sum(), (scores.costs >= 0).sum()]
-    expected_counts = [expected["count"], expected["accepted"], expected["legal"]]
+    counts = [
+        len(scores.counts),
+        (scores.counts > 0).sum(),
+        (scores.costs >= 0).sum(),
+    ]
+    expected_counts = [
+        expected["count"],
+        expected["accepted"],
+        expected["legal"],
+    ]
     yield "count, accepted, legal", counts, expected_counts
 
 

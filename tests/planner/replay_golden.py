@@ -159,7 +159,10 @@ def make_planner(scenario, costmap):
     """Return a planner with the parameters of a scenario."""
     inputs = scenario.inputs
     return TrajectoryPlanner(
-        costmap.footprint, inputs["params"], inputs["sim_period"], bool(inputs["meter_scoring"])
+        costmap.footprint,
+        inputs["params"],
+        inputs["sim_period"],
+        bool(inputs["meter_scoring"]),
     )
 
 
@@ -222,9 +225,9 @@ def local_goal(inputs, goal_distance):
     if len(goal_cells) == 0:
         return []
     row, column = goal_cells[0]
-    x = inputs["origin"][0] + (column + 0.5) * inputs["resolution"]
-    y = inputs["origin"][1] + (row + 0.5) * inputs["resolution"]
-    return [x, y]
+    origin_x, origin_y = inputs["origin"]
+    resolution = inputs["resolution"]
+    return [origin_x + (column + 0.5) * resolution, origin_y + (row + 0.5) * resolution]
 
 
 def rollout(scenario):

@@ -29,10 +29,13 @@ def test_reconfigure_reaches_the_planner_and_no_other_server():
     move_base, robot = start((4.0, 0.0, 0.0), tree=dwa_parameters())
     assert move_base.local_planner_name == DWA
     assert "TrajectoryPlannerROS" not in move_base.servers
-    slow = {"max_vel_x": 0.2, "max_vel_trans": 0.2, "acc_lim_x": 99.0}
-    assert move_base.reconfigure(DWA, slow)["acc_lim_x"] == 20.0, "the largest allowed value"
+    slow_speeds = {"max_vel_x": 0.2, "max_vel_trans": 0.2, "acc_lim_x": 99.0}
+    in_force = move_base.reconfigure(DWA, slow_speeds)
+    assert in_force["acc_lim_x"] == 20.0, "the largest allowed value"
     run(move_base, robot, 1.0)
     assert 0.15 < robot.twist[0] <= 0.2 + 1e-6
+
+    # A refused request changes nothing.
     with pytest.raises(ParameterError, match="at most 1000000 together"):
         move_base.reconfigure(DWA, {"vth_samples": 2000000, "max_vel_x": 0.1})
     assert move_base.configuration(DWA)["max_vel_x"] == 0.2
@@ -53,7 +56,8 @@ def test_the_latch_is_read_from_the_namespace_of_move_base():
         while math.hypot(robot.pose[0] - 1.0, robot.pose[1]) > 0.25:
             assert run(move_base, robot, 0.05) is None
         run(move_base, robot, 0.1)
-        robot.pose = (0.7, 0.0, 0.0)  # The robot is pushed out of the tolerance.
+        # The robot is pushed out of the tolerance.
+        robot.pose = (0.7, 0.0, 0.0)
         robot.twist = (0.0, 0.0)
         run(move_base, robot, 0.1)
         assert (robot.twist[0] == 0.0) is of_move_base

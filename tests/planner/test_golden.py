@@ -14,7 +14,13 @@ DRAWN = str(ROOT / "tests" / "golden_drawn")
 COUNTS = {
     GOLDEN: {"dwa": 150, "dwa_edge": 54, "inflation": 30, "navfn": 30, "rollout": 15},
     GOLDEN_DWA: dict(
-        dwa=25, dwa_edge=44, rollout=4, drive=8, stop_rotate=44, local_plan=7, local_plan_tf=1
+        dwa=25,
+        dwa_edge=44,
+        rollout=4,
+        drive=8,
+        stop_rotate=44,
+        local_plan=7,
+        local_plan_tf=1,
     ),
     DRAWN: {"dwa": 200, "inflation": 60, "navfn": 106},
 }

@@ -48,7 +48,16 @@ def plan_along(*places):
         # The cut ends with the first point beyond the map.
         (straight(9.0, step=0.5), np.arange(0, 5.6, 0.5), 0),
         # A point on the limit is inside.
-        ([[0.0, 0, 0], [3.0, 4.0, 0], [9.0, 0, 0], [1.0, 0, 0]], [0.0, 3.0, 9.0], 0),
+        (
+            [
+                [0.0, 0, 0],
+                [3.0, 4.0, 0],
+                [9.0, 0, 0],
+                [1.0, 0, 0],
+            ],
+            [0.0, 3.0, 9.0],
+            0,
+        ),
         # The cut skips 9 and 8, and prunes 3: the stored plan loses one point
         # (docs/explanation/planner.md, 7.2).
         (plan_along(9.0, 8.0, 3.0, 0.5), [0.5], 1),
@@ -62,12 +71,13 @@ def test_the_cut_ends_beyond_the_map_and_skips_points_beyond_it(plan, cut, dropp
 
 def test_leading_points_1_m_away_or_more_are_dropped_for_good():
     plan = straight(3.0, step=0.5)
-    cut, dropped = cut_plan(plan, 2.0, 0.0, HALF_SIZE, True)
-    assert dropped == 3
-    assert cut[0, 0] == 1.5
+    cropped, dropped_count = cut_plan(plan, 2.0, 0.0, HALF_SIZE, True)
+    assert dropped_count == 3
+    assert cropped[0, 0] == 1.5
     unpruned, _ = cut_plan(plan, 2.0, 0.0, HALF_SIZE, False)
     assert unpruned[0, 0] == 0.0
 
+    # The local planner stores what is left.
     planner = local_planner(plan)
     command(planner, (2.0, 0.0, 0.0))
     # From x = 1.2 m the points at 0.5 and 1.0 m are near enough, but the first cycle has dropped
@@ -106,8 +116,13 @@ def test_stops_before_it_turns():
 def test_turning_obeys_max_rotational_vel_and_not_the_server():
     planner = local_planner(straight(1.0, yaw=3.0), max_rotational_vel=0.8)
     assert command(planner, AT_GOAL) == (True, (0.0, 0.8))
-    slower = dict(PARAMS, max_vel_theta=0.4, min_in_place_vel_theta=0.6, acc_lim_theta=0.1)
-    planner.reconfigure(slower)
+    slower_parameters = dict(
+        PARAMS,
+        max_vel_theta=0.4,
+        min_in_place_vel_theta=0.6,
+        acc_lim_theta=0.1,
+    )
+    planner.reconfigure(slower_parameters)
     assert command(planner, AT_GOAL) == (True, (0.0, 0.8))
 
 
@@ -116,17 +131,19 @@ def test_turns_no_faster_than_it_can_stop_and_never_too_slowly():
     assert command(planner, AT_GOAL) == (True, (0.0, 0.314))
 
     planner = local_planner(straight(1.0, yaw=-0.3), acc_lim_theta=0.5)
-    command(planner, AT_GOAL)  # The robot has stopped and turns.
+    # The robot has stopped and turns.
+    command(planner, AT_GOAL)
     _, (_, w) = command(planner, AT_GOAL, (0.0, -2.0))
+    # 0.5 rad/s^2 stop this turn rate within the 0.3 rad that are left.
     assert w == pytest.approx(-math.sqrt(2 * 0.5 * 0.3))
 
 
 def test_an_illegal_turn_is_refused():
-    wall = open_map()
+    map_with_wall = open_map()
     planner = local_planner(straight(1.0, yaw=1.5))
     # The corners would hit this wall 0.4 m to the left.
-    wall.cells[100 + 8, 100:140] = LETHAL
-    assert planner.compute_velocity(AT_GOAL, (0.0, 0.0), wall) == NO_COMMAND
+    map_with_wall.cells[100 + 8, 100:140] = LETHAL
+    assert planner.compute_velocity(AT_GOAL, (0.0, 0.0), map_with_wall) == NO_COMMAND
 
 
 @pytest.mark.parametrize(("columns", "rows"), [(80, 40), (40, 80)])
@@ -171,5 +188,7 @@ def test_flags_survive_plans_and_not_a_reset():
 
 
 def test_the_control_period_is_the_inverse_of_the_frequency():
-    assert local_planner(controller_frequency=10.0).planner.in_force["sim_period"] == 0.1
-    assert local_planner(controller_frequency=0.0).planner.in_force["sim_period"] == 0.05
+    # Without a frequency, C++ takes 20 Hz.
+    for frequency, period in ((10.0, 0.1), (0.0, 0.05)):
+        planner = local_planner(controller_frequency=frequency).planner
+        assert planner.in_force["sim_period"] == period

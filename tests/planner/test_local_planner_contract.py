@@ -16,6 +16,7 @@ from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from tests.support.robots import JACKAL_FOOTPRINT, JACKAL_PARAMETERS
 from tests.support.scenes import paint, straight
 
+ORIGIN = (0.0, 0.0, 0.0)
 STANDING = (0.0, 0.0)
 DWA = dict(
     min_vel_y=0.0,
@@ -32,19 +33,30 @@ def make(plugin, **changes):
     tree = copy.deepcopy(JACKAL_PARAMETERS)
     tree["base_local_planner"] = plugin
     tree["DWAPlannerROS"] = dict(DWA)
-    tree[namespace(plugin)].update(xy_goal_tolerance=0.2, yaw_goal_tolerance=0.15, **changes)
-    full = complete(tree)
-    return factory.make_local_planner(full, Configuration(full))
+    tree[namespace(plugin)].update(
+        xy_goal_tolerance=0.2,
+        yaw_goal_tolerance=0.15,
+        **changes,
+    )
+    full_tree = complete(tree)
+    return factory.make_local_planner(full_tree, Configuration(full_tree))
 
 
 def costmap(*lethal):
     """Return a map of 6 x 6 m around the origin with lethal cells at points [m]."""
     costmap = Costmap(
-        6.0, 6.0, 0.05, (-3.0, -3.0), footprint=JACKAL_FOOTPRINT, inflation=InflationParameters(0.3)
+        6.0,
+        6.0,
+        0.05,
+        (-3.0, -3.0),
+        footprint=JACKAL_FOOTPRINT,
+        inflation=InflationParameters(0.3),
     )
     cells = np.zeros((120, 120), np.uint8)
     for x, y in lethal:
-        cells[int((y + 3) / 0.05), int((x + 3) / 0.05)] = 254
+        row = int((y + 3) / 0.05)
+        column = int((x + 3) / 0.05)
+        cells[row, column] = 254
     paint(costmap, cells)
     return costmap
 
@@ -66,11 +78,13 @@ def planner(plugin):
 def test_drives_along_the_plan_and_shows_the_chosen_trajectory(planner):
     free_map = costmap()
     cells = free_map.cells.copy()
-    ok, (v, w) = planner.compute_velocity((0.0, 0.0, 0.0), STANDING, free_map)
+    ok, (v, w) = planner.compute_velocity(ORIGIN, STANDING, free_map)
     assert ok
     assert v > 0.1
     assert abs(w) < 1.5
     assert not planner.goal_reached
+
+    # What viewers show
     assert planner.local_plan[0].tolist() == [0.0, 0.0, 0.0]
     assert planner.local_plan.shape[1] == planner.cropped_plan.shape[1] == 3
     assert len(planner.cropped_plan) > 10
@@ -83,41 +97,44 @@ def test_drives_along_the_plan_and_shows_the_chosen_trajectory(planner):
     assert trajectory_cost.min() >= 0.0
     is_best = trajectory_cost == trajectory_cost.min()
     end_x, end_y, _ = planner.local_plan[-1]
-    assert np.hypot(x - end_x, y - end_y)[is_best].min() < 1e-5
+    end_distances = np.hypot(x - end_x, y - end_y)
+    assert end_distances[is_best].min() < 1e-5
+
+    # The search leaves the map as it was.
     assert np.array_equal(free_map.cells, cells)
 
 
-def drive(planner, local_costmap, pose=(0.0, 0.0, 0.0), seconds=20.0):
+def drive(planner, local_costmap, pose=ORIGIN, seconds=20.0):
     """Follow the commands exactly at 20 Hz, and return the final pose and whether the goal was
     reached.
     """
-    x, y, yaw = pose
     twist = STANDING
     for _ in range(int(20 * seconds)):
-        ok, (v, w) = planner.compute_velocity((x, y, yaw), twist, local_costmap)
+        ok, command = planner.compute_velocity(pose, twist, local_costmap)
         assert ok
         if planner.goal_reached:
-            assert (v, w) == STANDING
-            return (x, y, yaw), True
-        x, y, yaw = moved((x, y, yaw), v, w)
-        twist = (v, w)
-    return (x, y, yaw), False
+            assert command == STANDING
+            return pose, True
+        pose = moved(pose, *command)
+        twist = command
+    return pose, False
 
 
 def moved(pose, v, w):
     """Return the pose of an ideal robot after a command of .05 s."""
     x, y, yaw = pose
-    way = v / 20
-    return x + way * math.cos(yaw), y + way * math.sin(yaw), yaw + w / 20
+    distance = v / 20
+    return x + distance * math.cos(yaw), y + distance * math.sin(yaw), yaw + w / 20
 
 
 @pytest.mark.parametrize("yaw", [0.0, 1.5])
 def test_arrives_and_turns_to_the_heading(planner, yaw):
     planner.set_plan(straight(1.5, yaw))
-    (x, y, turned), reached = drive(planner, costmap())
-    assert reached
+    (x, y, last_yaw), has_reached = drive(planner, costmap())
+    assert has_reached
     assert math.hypot(x - 1.5, y) <= 0.25
-    assert abs(turned - yaw) <= 0.15
+    assert abs(last_yaw - yaw) <= 0.15
+    # The next plan is a new goal.
     planner.set_plan(straight(1.5, yaw))
     assert not planner.goal_reached
 
@@ -131,34 +148,39 @@ def test_no_command_for_inputs_that_are_not_finite(planner):
         answer = planner.compute_velocity(pose, twist, costmap())
         assert answer == (False, STANDING), (index, bad_value)
         # The next cycle is as usual.
-        ok, _ = planner.compute_velocity((0, 0, 0), STANDING, costmap())
+        ok, _ = planner.compute_velocity(ORIGIN, STANDING, costmap())
         assert ok
 
 
 def test_no_command_far_from_the_plan_or_without_one(planner):
     assert planner.compute_velocity((0, 40, 0), STANDING, costmap()) == (False, STANDING)
     planner.set_plan(np.zeros((0, 3)))
-    assert planner.compute_velocity((0, 0, 0), STANDING, costmap()) == (False, STANDING)
+    assert planner.compute_velocity(ORIGIN, STANDING, costmap()) == (False, STANDING)
     assert len(planner.local_plan) == 0
     assert not planner.goal_reached
 
 
 def test_no_forward_command_into_an_obstacle(planner):
     wall_ahead = [(0.36, y / 20) for y in range(-20, 21)]
-    ok, (v, _) = planner.compute_velocity((0, 0, 0), STANDING, costmap(*wall_ahead))
+    map_with_wall = costmap(*wall_ahead)
+    ok, (v, _) = planner.compute_velocity(ORIGIN, STANDING, map_with_wall)
     assert not (ok and v > 0)
 
 
 def test_a_reset_planner_equals_a_new_one(plugin, planner):
     slalom = costmap((1.0, 0.35), (1.4, -0.4))
     drive(planner, slalom, seconds=1.0)
+
+    # A reset planner has no plan.
     planner.reset()
-    assert planner.compute_velocity((0, 0, 0), STANDING, slalom) == (False, STANDING)
+    assert planner.compute_velocity(ORIGIN, STANDING, slalom) == (False, STANDING)
+
+    # With the same plan, both give the same commands.
     planner.reset()
     new_planner = make(plugin)
     planner.set_plan(straight(2.0))
     new_planner.set_plan(straight(2.0))
-    pose = (0.0, 0.0, 0.0)
+    pose = ORIGIN
     twist = STANDING
     for _ in range(30):
         answer = planner.compute_velocity(pose, twist, slalom)
@@ -169,6 +191,6 @@ def test_a_reset_planner_equals_a_new_one(plugin, planner):
 
 def test_a_reconfigure_of_some_values_keeps_the_others(planner):
     planner.reconfigure({"max_vel_x": 0.2})
-    ok, (v, _) = planner.compute_velocity((0.0, 0.0, 0.0), STANDING, costmap())
+    ok, (v, _) = planner.compute_velocity(ORIGIN, STANDING, costmap())
     assert ok
     assert 0.1 < v <= 0.2 + 1e-6

@@ -23,6 +23,12 @@ from tests.support.robots import (
     start,
 )
 
+STOP = (0.0, 0.0)
+GOAL = (4.0, 0.0, 0.0)  # goal straight ahead
+REACHED = ("succeeded", "Goal reached.")
+# Default recoveries of move_base.cpp, in its order.
+ALL_RECOVERIES = ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
+
 
 def sealed(tree=None):
     """Return MoveBase and a robot that has observed a closed ring of posts around itself; the goal
@@ -34,7 +40,7 @@ def sealed(tree=None):
     for yaw in (2.0, 4.0, 0.0):
         robot.pose = (0.0, 0.0, yaw)
         run(move_base, robot, 0.1)
-    move_base.set_goal((4.0, 0.0, 0.0), robot.time)
+    move_base.set_goal(GOAL, robot.time)
     return move_base, robot
 
 
@@ -63,19 +69,15 @@ def count(cycles, name):
     return sum(bool(getattr(cycle, name)) for _, cycle in cycles)
 
 
-STOP = (0.0, 0.0)
-# Default recoveries of move_base.cpp, in its order.
-ALL_RECOVERIES = ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_recovery"]
-
-
 # -- reaching a goal -------------------------------------------------------------------------------
 def test_reaches_a_goal_among_obstacles():
     move_base, robot = start((4.0, 0.0, 0.5), ToyRobot(circles=SLALOM))
     cycles = []
-    assert run(move_base, robot, 60.0, cycles=cycles) == ("succeeded", "Goal reached.")
+    assert run(move_base, robot, 60.0, cycles=cycles) == REACHED
     # The Jackal's tolerances of 0.25 m and 0.157 rad.
-    assert math.hypot(robot.pose[0] - 4.0, robot.pose[1]) <= 0.26
-    assert abs(robot.pose[2] - 0.5) <= 0.16
+    x, y, yaw = robot.pose
+    assert math.hypot(x - 4.0, y) <= 0.26
+    assert abs(yaw - 0.5) <= 0.16
     _, first_cycle = cycles[0]
     assert first_cycle.state == "controlling"
     assert first_cycle.new_plan
@@ -114,8 +116,8 @@ def test_sealed_goal_tries_every_recovery_in_order_and_aborts():
     move_base, robot = sealed()
     cycles = []
     result = run(move_base, robot, 60.0, cycles=cycles)
-    text = "Failed to find a valid plan. Even after executing recovery behaviors."
-    assert result == ("aborted", text)
+    reason = "Failed to find a valid plan. Even after executing recovery behaviors."
+    assert result == ("aborted", reason)
     begins = recoveries(cycles)
     assert [recovery for _, recovery in begins] == [
         (0, 4, "conservative_reset"),
@@ -158,20 +160,25 @@ def test_a_sealed_goal_is_aborted_if_recovery_rounds_are_limited():
 
     result, begun_count = to_an_enclosed_goal(recovery_rounds=2)
     assert result == ("aborted", module.NO_PATH)
-    assert 2 <= begun_count < 5  # One recovery made progress, two did not.
+    # One recovery made progress, two did not.
+    assert 2 <= begun_count < 5
 
 
 @pytest.mark.fault("17b")
 @pytest.mark.parametrize("planner", ["ours", "cpp-like"])
-@pytest.mark.parametrize("free", [(-0.1, 0.4), None], ids=["one way is free", "nothing moves"])
+@pytest.mark.parametrize(
+    "free",
+    [(-0.1, 0.4), None],
+    ids=["one way is free", "nothing moves"],
+)
 def test_a_blocked_robot_tries_escape_motions_and_then_recovers(planner, free):
     # Given: a planner that always backs out, and a monitor that lets pass `free` alone
-    back = (-0.5, 0.0)
+    backwards = (-0.5, 0.0)
     move_base = MoveBase(quick(clearing_rotation_allowed=False), planner=planner, seed=0)
     robot = ToyRobot()
     run(move_base, robot, 0.1)
-    move_base.set_goal((4.0, 0.0, 0.0), robot.time)
-    move_base.local_planner = Scripted(lambda n: (True, back))
+    move_base.set_goal(GOAL, robot.time)
+    move_base.local_planner = Scripted(lambda n: (True, backwards))
 
     # When: it drives until the goal ends
     commands = []
@@ -192,12 +199,13 @@ def test_a_blocked_robot_tries_escape_motions_and_then_recovers(planner, free):
 
     # Then: C++ has no such input, and this planner tries an escape motion after half a second
     if planner == "cpp-like":
-        assert commands_within(0.2, 20.0) == {back}
+        assert commands_within(0.2, 20.0) == {backwards}
         return
-    assert commands_within(0.2, 0.6) == {back}
+    assert commands_within(0.2, 0.6) == {backwards}
     assert (0.0, 0.4) in commands_within(0.6, 1.0)
     assert move_base.local_planner.escapes_ended
-    if free:  # The free motion lasts half a second, then the planner takes over again.
+    if free:
+        # The free motion lasts half a second, then the planner takes over again.
         free_count = sum(command == free for time, command in commands if time < 2.5)
         assert 9 <= free_count <= 12
     else:
@@ -208,7 +216,12 @@ def test_a_blocked_robot_tries_escape_motions_and_then_recovers(planner, free):
 
 @pytest.mark.fault("17b")
 @pytest.mark.parametrize(
-    ("watched", "planner"), [(True, "ours"), (False, "ours"), (True, "cpp-like")]
+    ("watched", "planner"),
+    [
+        (True, "ours"),
+        (False, "ours"),
+        (True, "cpp-like"),
+    ],
 )
 def test_a_robot_without_a_command_tries_escape_motions_only_with_a_monitor_and_never_in_cpp(
     watched, planner
@@ -217,16 +230,15 @@ def test_a_robot_without_a_command_tries_escape_motions_only_with_a_monitor_and_
     move_base = MoveBase(quick(controller_patience=15.0), planner=planner)
     robot = ToyRobot()
     run(move_base, robot, 0.1)
-    move_base.set_goal((4.0, 0.0, 0.0), robot.time)
-    move_base.local_planner = Scripted(lambda n: (False, (0.0, 0.0)))
-    driven = set()
+    move_base.set_goal(GOAL, robot.time)
+    move_base.local_planner = Scripted(lambda n: (False, STOP))
+    commands = set()
     while robot.time < 4.0:
-        command = step(move_base, robot).command
-        driven.add(command)
+        commands.add(step(move_base, robot).command)
         if watched:
             move_base.report_held(False)
         robot.time += 0.05
-    assert ((0.0, 0.4) in driven) == (watched and planner == "ours")
+    assert ((0.0, 0.4) in commands) == (watched and planner == "ours")
 
 
 def test_max_planning_retries_counts_and_recoveries_can_be_switched_off():
@@ -241,7 +253,9 @@ def test_max_planning_retries_counts_and_recoveries_can_be_switched_off():
 
 @pytest.mark.fault("17")
 @pytest.mark.parametrize(
-    "goal", [(50.0, 0.0, 0.0), (1.5, 0.0, 0.0)], ids=["off the map", "in an obstacle"]
+    "goal",
+    [(50.0, 0.0, 0.0), (1.5, 0.0, 0.0)],
+    ids=["off the map", "in an obstacle"],
 )
 def test_goals_that_cannot_be_reached_are_aborted(goal):
     move_base, robot = start(
@@ -316,14 +330,15 @@ def test_a_start_in_collision_is_left_or_ends_in_recoveries(kind):
     the other cannot.
     """
     robot = kind(circles=[(0.0, 0.46, 0.3), (0.0, -0.46, 0.3)])
-    lateral_offsets = robot.ranges() * np.sin(ANGLE_MIN + INCREMENT * np.arange(BEAMS))
-    # Half the width of the footprint.
-    assert np.abs(lateral_offsets[np.isfinite(lateral_offsets)]).min() < 0.165
+    angles = ANGLE_MIN + INCREMENT * np.arange(BEAMS)
+    lateral_offsets = np.abs(robot.ranges() * np.sin(angles))
+    # Half the width of the footprint. Beams without a return are infinite.
+    assert lateral_offsets.min() < 0.165
     move_base, robot = start((3.0, 0.0, 0.0), robot, quick(oscillation_timeout=1.0))
     cycles = []
     result = run(move_base, robot, 60.0, cycles=cycles)
     if kind is ToyRobot:
-        assert result == ("succeeded", "Goal reached.")
+        assert result == REACHED
         return
     assert result == ("aborted", module.OSCILLATING)
     assert recovery_names(cycles) == ALL_RECOVERIES
@@ -332,7 +347,7 @@ def test_a_start_in_collision_is_left_or_ends_in_recoveries(kind):
 
 # -- cancel, replace -------------------------------------------------------------------------------
 def test_cancel_stops_at_the_next_step():
-    move_base, robot = start((4.0, 0.0, 0.0))
+    move_base, robot = start(GOAL)
     run(move_base, robot, 1.0)
     move_base.cancel(robot.time)
     cycle = step(move_base, robot)
@@ -353,14 +368,15 @@ def test_cancel_during_a_rotation_takes_effect_at_once():
 
 
 def test_a_new_goal_replaces_the_old_one_without_driving_its_plan():
-    move_base, robot = start((4.0, 0.0, 0.0))
+    move_base, robot = start(GOAL)
     run(move_base, robot, 1.0)
     move_base.set_goal((0.0, 2.0, 0.0), robot.time)
     cycle = step(move_base, robot)
     assert cycle.new_plan
     assert tuple(move_base.global_plan[-1, :2]) == (0.0, 2.0)
-    assert run(move_base, robot, 30.0) == ("succeeded", "Goal reached.")
-    assert math.hypot(robot.pose[0], robot.pose[1] - 2.0) < 0.3
+    assert run(move_base, robot, 30.0) == REACHED
+    x, y, _ = robot.pose
+    assert math.hypot(x, y - 2.0) < 0.3
 
 
 def test_a_new_goal_begins_with_the_first_recovery():
@@ -373,7 +389,7 @@ def test_a_new_goal_begins_with_the_first_recovery():
         assert robot.time < 20.0
 
     # When: another goal comes
-    move_base.set_goal((4.0, 0.0, 0.0), robot.time)
+    move_base.set_goal(GOAL, robot.time)
     cycles = []
     while not recoveries(cycles):
         run(move_base, robot, 0.05, cycles=cycles)
@@ -384,16 +400,16 @@ def test_a_new_goal_begins_with_the_first_recovery():
 
 
 def test_a_cancelled_goal_does_not_cancel_the_next():
-    move_base, robot = start((4.0, 0.0, 0.0))
+    move_base, robot = start(GOAL)
     # The cancellation is noticed at the next step only, when another goal is there.
     move_base.cancel(robot.time)
     move_base.set_goal((1.0, 0.0, 0.0), robot.time)
-    assert run(move_base, robot, 20.0) == ("succeeded", "Goal reached.")
+    assert run(move_base, robot, 20.0) == REACHED
 
 
 # -- sensors ---------------------------------------------------------------------------------------
 def test_the_robot_stops_after_a_second_without_scans_and_resumes_with_them():
-    move_base, robot = start((4.0, 0.0, 0.0))
+    move_base, robot = start(GOAL)
     run(move_base, robot, 1.0)
     assert robot.twist[0] > 0.3
     cycles = []
@@ -405,37 +421,44 @@ def test_the_robot_stops_after_a_second_without_scans_and_resumes_with_them():
     assert stale_time - first_time == pytest.approx(0.95, abs=0.11)
     stale_commands = [cycle.command for time, cycle in cycles if time >= stale_time]
     assert set(stale_commands) == {STOP}
-    assert run(move_base, robot, 20.0) == ("succeeded", "Goal reached.")
+    assert run(move_base, robot, 20.0) == REACHED
 
 
 def test_the_robot_stops_without_a_pose():
-    move_base, robot = start((4.0, 0.0, 0.0))
+    move_base, robot = start(GOAL)
     run(move_base, robot, 1.0)
     cycle = move_base.step(robot.time, None, robot.twist, robot.scan())
     assert cycle.command == STOP
     assert cycle.updated == (False, False)
     robot.time += 0.05
-    assert run(move_base, robot, 20.0) == ("succeeded", "Goal reached.")
+    assert run(move_base, robot, 20.0) == REACHED
 
 
 # -- frequencies -----------------------------------------------------------------------------------
-@pytest.mark.parametrize(("planner", "expected"), [(20.0, 40), (4.0, 8), (0.0, 1)])
-def test_plans_are_made_at_planner_frequency(planner, expected):
-    move_base, robot = start((4.0, 0.0, 0.0), tree=quick(planner_frequency=planner))
-    # In two seconds; frequency 0 plans once for each goal.
+@pytest.mark.parametrize(
+    ("frequency", "plan_count"),
+    [
+        (20.0, 40),
+        (4.0, 8),
+        (0.0, 1),  # one plan for each goal
+    ],
+)
+def test_plans_are_made_at_planner_frequency(frequency, plan_count):
+    move_base, robot = start(GOAL, tree=quick(planner_frequency=frequency))
     cycles = []
     run(move_base, robot, 2.0, cycles=cycles)
-    assert abs(count(cycles, "planned") - expected) <= 1
+    assert abs(count(cycles, "planned") - plan_count) <= 1
 
 
 def test_cycles_and_costmap_updates_have_their_frequencies():
     hertz = 5.0
     tree = quick(controller_frequency=hertz)
     tree["local_costmap"]["update_frequency"] = hertz
-    move_base, robot = start((4.0, 0.0, 0.0), tree=tree)
+    move_base, robot = start(GOAL, tree=tree)
     cycles = []
     run(move_base, robot, 2.0, cycles=cycles)
-    local_updates, global_updates = np.sum([cycle.updated for _, cycle in cycles], axis=0)
+    updates = [cycle.updated for _, cycle in cycles]
+    local_updates, global_updates = np.sum(updates, axis=0)
     assert abs(count(cycles, "controlled") - 2 * hertz) <= 1
     assert abs(local_updates - 2 * hertz) <= 1
     assert global_updates == 40

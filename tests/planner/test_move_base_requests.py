@@ -20,17 +20,19 @@ PLANNER = "TrajectoryPlannerROS"
 
 def test_reset_equals_a_fresh_object():
     tree = quick()
-    used, robot = start((4.0, 0.0, 0.0), ToyRobot(circles=SLALOM), tree)
-    used.reconfigure(PLANNER, {"max_vel_x": 1.3, "vx_samples": 9})
-    used.reconfigure("local_costmap/inflater_layer", {"inflation_radius": 0.5})
-    run(used, robot, 3.0)
-    used.reset(0.0)
-    fresh = MoveBase(tree)
-    assert not used.global_costmap.cells.any()
-    assert len(used.global_plan) == 0
+    used_planner, robot = start((4.0, 0.0, 0.0), ToyRobot(circles=SLALOM), tree)
+    used_planner.reconfigure(PLANNER, {"max_vel_x": 1.3, "vx_samples": 9})
+    used_planner.reconfigure("local_costmap/inflater_layer", {"inflation_radius": 0.5})
+    run(used_planner, robot, 3.0)
+
+    used_planner.reset(0.0)
+
+    new_planner = MoveBase(tree)
+    assert not used_planner.global_costmap.cells.any()
+    assert len(used_planner.global_plan) == 0
     # Both drive the same course: every cycle and every cell must be the same.
     drives = []
-    for move_base in (used, fresh):
+    for move_base in (used_planner, new_planner):
         robot = ToyRobot(circles=SLALOM)
         cycles = []
         run(move_base, robot, 0.1)
@@ -38,8 +40,8 @@ def test_reset_equals_a_fresh_object():
         run(move_base, robot, 5.0, cycles=cycles)
         drives.append([cycle for _, cycle in cycles])
     assert drives[0] == drives[1]
-    assert (used.global_costmap.cells == fresh.global_costmap.cells).all()
-    assert (used.local_costmap.cells == fresh.local_costmap.cells).all()
+    for name, costmap in used_planner.costmaps.items():
+        assert (costmap.cells == new_planner.costmaps[name].cells).all(), name
 
 
 def test_a_reset_may_keep_reconfigured_values():
@@ -92,7 +94,8 @@ def test_only_calls_of_a_costmaps_own_server_clear_it(server, values, emptied):
     robot = ToyRobot(circles=[(1.5, 0.0, 0.2), (-1.5, 0.0, 0.2)])
     run(move_base, robot, 0.2)
     lethal = {name: costmap.cells == 254 for name, costmap in move_base.costmaps.items()}
-    robot.circles = robot.circles[:0]  # The next scans cannot clear the removed posts.
+    # The next scans cannot clear the removed posts.
+    robot.circles = robot.circles[:0]
     move_base.reconfigure(server, values)
     costmaps = move_base.costmaps.items()
     assert {name for name, costmap in costmaps if not costmap.cells.any()} == emptied
@@ -167,7 +170,12 @@ def test_maps_may_be_resized_while_driving():
 
 
 def test_footprint_follows_its_server_and_its_topic():
-    square = [(0.3, 0.3), (-0.3, 0.3), (-0.3, -0.3), (0.3, -0.3)]
+    square = [
+        (0.3, 0.3),
+        (-0.3, 0.3),
+        (-0.3, -0.3),
+        (0.3, -0.3),
+    ]
     move_base = MoveBase(quick())
     move_base.reconfigure("local_costmap", {"footprint_padding": 0.0})
     assert move_base.local_costmap.footprint[2] == pytest.approx((0.21, 0.165))
@@ -189,13 +197,19 @@ def test_footprint_follows_its_server_and_its_topic():
 
 def test_parameters_read_once_keep_their_start_up_values_after_a_reset():
     move_base = MoveBase(quick())
-    at_start = move_base.local_planner.accelerations, move_base.local_planner.slowest_turn
-    move_base.reconfigure(
-        PLANNER, {"acc_lim_theta": 1.0, "min_in_place_vel_theta": 0.05, "max_vel_x": 1.3}
-    )
+    start_accelerations = move_base.local_planner.accelerations
+    start_slowest_turn = move_base.local_planner.slowest_turn
+    changes = {
+        "acc_lim_theta": 1.0,
+        "min_in_place_vel_theta": 0.05,
+        "max_vel_x": 1.3,
+    }
+    move_base.reconfigure(PLANNER, changes)
     move_base.reset(0.0, restore=False)
-    assert (move_base.local_planner.accelerations, move_base.local_planner.slowest_turn) == at_start
-    assert move_base.local_planner.planner.in_force["max_vel_x"] == 1.3
+    local_planner = move_base.local_planner
+    assert local_planner.accelerations == start_accelerations
+    assert local_planner.slowest_turn == start_slowest_turn
+    assert local_planner.planner.in_force["max_vel_x"] == 1.3
 
 
 def test_make_plan_frees_the_robots_square_and_searches_near_the_goal():
@@ -207,8 +221,9 @@ def test_make_plan_frees_the_robots_square_and_searches_near_the_goal():
     near_plan = move_base.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)
     # The plan leads to the free place nearest the goal, and then, as
     # make_plan_add_unreachable_goal says, to the goal itself.
+    free_x, free_y, _ = near_plan[-2]
     assert tuple(near_plan[-1, :2]) == (2.0, 0.0)
-    assert 0.2 < math.hypot(*(near_plan[-2, :2] - (2.0, 0.0))) < 1.0
+    assert 0.2 < math.hypot(free_x - 2.0, free_y) < 1.0
     move_base.reconfigure("", {"make_plan_add_unreachable_goal": False})
     plan_without_the_goal = move_base.make_plan(robot.pose, (2.0, 0.0, 0.0), 1.0)
     assert plan_without_the_goal[-1, :2].tolist() == near_plan[-2, :2].tolist()
@@ -222,15 +237,18 @@ def test_make_plan_leaves_the_maps_unchanged_while_a_goal_is_active():
     robot = ToyRobot(circles=[(0.45, 0.0, 0.1)])
     run(move_base, robot, 0.2)
     move_base.set_goal((3.0, 0.0, 0.0), robot.time)
-    marked = move_base.global_costmap.cells == 254
-    assert marked.any()
+    was_lethal = move_base.global_costmap.cells == 254
+    assert was_lethal.any()
     move_base.make_plan(robot.pose, (3.0, 0.0, 0.0))
-    assert ((move_base.global_costmap.cells == 254) == marked).all()
+    is_lethal = move_base.global_costmap.cells == 254
+    assert (is_lethal == was_lethal).all()
+
+    # Without a goal, the call of make_plan frees the cells within clearing_radius.
     move_base.cancel(robot.time)
     run(move_base, robot, 0.1)
     move_base.make_plan(robot.pose, (3.0, 0.0, 0.0))
-    # The call of make_plan freed the cells within clearing_radius.
-    assert not (move_base.global_costmap.cells == 254)[marked].all()
+    is_lethal = move_base.global_costmap.cells == 254
+    assert not is_lethal[was_lethal].all()
 
 
 def test_clear_costmaps_clears_both_and_the_last_scan_marks_again():

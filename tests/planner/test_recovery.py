@@ -52,12 +52,13 @@ USUAL = ["conservative_reset", "rotate_recovery", "aggressive_reset", "rotate_re
 
 
 def test_default_recoveries_have_their_order_and_sizes():
-    built = recovery.build(complete(JACKAL_PARAMETERS))
-    assert [behaviour.name for behaviour in built] == USUAL
-    assert built[1] is built[3]
+    behaviours = recovery.build(complete(JACKAL_PARAMETERS))
+    assert [behaviour.name for behaviour in behaviours] == USUAL
+    conservative_reset, first_rotation, aggressive_reset, second_rotation = behaviours
+    assert first_rotation is second_rotation
     # 1.84 m is four times the circumscribed radius of the Jackal's footprint, as C++ sets it.
-    assert built[0].side == 3.0
-    assert built[2].side == 1.84
+    assert conservative_reset.side == 3.0
+    assert aggressive_reset.side == 1.84
 
 
 def test_listed_recoveries_replace_the_defaults():
@@ -86,8 +87,8 @@ def test_a_name_given_twice_leads_to_the_default_recoveries_as_in_cpp():
     assert check(tree) == []
     (line,) = remarks(tree)
     assert line.startswith("recovery_behaviors has {'name': 'own', ")
-    built = recovery.build(complete(tree))
-    assert [behaviour.name for behaviour in built] == USUAL
+    behaviours = recovery.build(complete(tree))
+    assert [behaviour.name for behaviour in behaviours] == USUAL
 
 
 def test_clearing_removes_obstacles_only_outside_the_square():
@@ -129,12 +130,15 @@ def test_rotation_is_one_full_turn_anticlockwise():
             break
         commands.append(command)
         robot.drive(command, 0.05)
-        turned += command[1] * 0.05
+        _, w = command
+        turned += w * 0.05
         assert turned < 7.0
     # It ends within yaw_goal_tolerance, which it may pass by one cycle at full speed.
     assert turned == pytest.approx(2 * math.pi, abs=0.157 + 1.57 * 0.05)
     # From min_in_place_vel_theta to max_rotational_vel of the Jackal.
-    assert all(v == 0.0 and 0.314 <= w <= 1.57 for v, w in commands)
+    for v, w in commands:
+        assert v == 0.0
+        assert 0.314 <= w <= 1.57
     assert commands[0][1] == 1.57
 
 
@@ -163,7 +167,12 @@ def test_rotation_is_refused_next_to_an_obstacle():
 
 def test_rotation_does_not_begin_if_its_second_half_is_blocked():
     """The long front of the robot would hit a post after three quarters of the turn."""
-    long_front = [(-0.2, -0.2), (-0.2, 0.2), (0.5, 0.2), (0.5, -0.2)]
+    long_front = [
+        (-0.2, -0.2),
+        (-0.2, 0.2),
+        (0.5, 0.2),
+        (0.5, -0.2),
+    ]
     costmap = Costmap(10, 10, 0.05, (-5.0, -5.0), footprint=long_front)
     for y, is_free in ((-0.4, False), (-0.8, True)):
         costmap.clear()

@@ -14,7 +14,14 @@ from tests.support.seeds import seeds
 NX = 23
 NY = 17
 RESOLUTION = 0.1
-FOOTPRINT = np.array([[-0.2, -0.1], [-0.2, 0.1], [0.2, 0.1], [0.2, -0.1]])
+FOOTPRINT = np.array(
+    [
+        [-0.2, -0.1],
+        [-0.2, 0.1],
+        [0.2, 0.1],
+        [0.2, -0.1],
+    ]
+)
 WALL = NX * NY  # value of an obstacle; larger ones are unreached
 POSE = (1.2, 0.8, 0.3)
 
@@ -53,7 +60,9 @@ def random_world(seed):
         (NY, NX),
         p=[0.5, 0.1, 0.05, 0.15, 0.15, 0.05],
     )
-    plan = rng.uniform((-0.3, -0.3), (2.6, 2.0), (rng.integers(1, 6), 2))
+    point_count = rng.integers(1, 6)
+    # The map is 2.3 m by 1.7 m.
+    plan = rng.uniform((-0.3, -0.3), (2.6, 2.0), (point_count, 2))
     return cells, plan
 
 
@@ -68,7 +77,8 @@ def test_settled_cells_are_final_and_all_others_exceed_the_limit(seed):
         x = int(rng.integers(NX))
         y = int(rng.integers(NY))
         limit = int(rng.integers(12))
-        value = distance_grid.settle(grid, distance_grid.place(grid, x, y), limit)
+        cell = distance_grid.place(grid, x, y)
+        value = distance_grid.settle(grid, cell, limit)
         final_value = final_values[y, x]
         has_cells_left = grid.ends[0] < grid.ends[1]
         if value < WALL:
@@ -90,4 +100,6 @@ def test_grids_can_be_used_again():
     completed(grids)
     # The memory still has all values of the first world.
     prepare(grids, scene(*second_world), *POSE)
-    assert np.array_equal(completed(grids), completed(prepared(*second_world)))
+    values = completed(grids)
+    expected = completed(prepared(*second_world))
+    assert np.array_equal(values, expected)
