@@ -32,6 +32,10 @@ from tests.monitor.scenes import (
     wall,
 )
 
+# Commands (v, w) [m/s, rad/s]
+STRAIGHT_ON = (1.0, 0.0)
+BACKWARDS = (-0.5, 0.0)
+
 
 @pytest.mark.parametrize(
     ("command", "action", "blocked"),
@@ -109,8 +113,8 @@ def test_a_stop_follows_the_arc(sign, asked, w):
 @pytest.mark.parametrize(
     ("twist", "command"),
     [
-        ((1.0, 0.0), (1.0, 2.5)),
-        ((1.0, 2.5), (1.0, 0.0)),
+        (STRAIGHT_ON, (1.0, 2.5)),
+        ((1.0, 2.5), STRAIGHT_ON),
     ],
 )
 @pytest.mark.parametrize("post", [(0.45, -0.18), (0.35, 0.35)])
@@ -123,7 +127,7 @@ def test_a_new_turn_must_be_free_with_and_without_delay(twist, command, post):
     turning = (1.0, 2.5)
     assert safe_scale_of([post], Motion(*turning), turning) < 1.0, "it may leave the turn"
     if post[1] > 0.0:
-        assert safe_scale_of([post], Motion(1.0, 0.0), (1.0, 0.0)) == 1.0
+        assert safe_scale_of([post], Motion(1.0, 0.0), STRAIGHT_ON) == 1.0
 
 
 @pytest.mark.parametrize("speed", [0.3, 1.0, 2.0])
@@ -151,10 +155,8 @@ def test_the_robot_drives_up_to_a_wall_and_stops_before_it(speed):
 def test_a_tighter_turn_passes_if_straight_on_is_blocked():
     # A narrow wall 0.5 m ahead, out of reach of the corners of a turning body.
     monitor = seen_all_around(wall(0.55, 0.1), BRAKES_WELL)
-    straight_on = monitor.filter(0.0, HERE, (1.0, 0.0), (1.0, 0.0))
-    assert straight_on.action == SLOW
-    turn_in_place = monitor.filter(0.0, HERE, AT_REST, (0.0, 2.0))
-    assert turn_in_place.action == PASS
+    assert monitor.filter(0.0, HERE, STRAIGHT_ON, STRAIGHT_ON).action == SLOW
+    assert monitor.filter(0.0, HERE, AT_REST, (0.0, 2.0)).action == PASS
 
 
 def test_backing_up_a_long_way_stops_before_remembered_obstacles():
@@ -172,7 +174,7 @@ def test_backing_up_a_long_way_stops_before_remembered_obstacles():
         # Each scan differs from the one before: identical scans would count as frozen.
         ranges = np.full(BEAMS, 20.0 + time, np.float32)
         monitor.add_scan(scan_of([], pose, time, ranges=ranges))
-        verdict = monitor.filter(time, pose, AT_REST, (-0.5, 0.0))
+        verdict = monitor.filter(time, pose, AT_REST, BACKWARDS)
         assert x < 0.0 or verdict.action == PASS
     assert verdict.action != PASS
 
@@ -287,18 +289,17 @@ def test_a_robot_in_contact_may_only_drive_away():
 
 def test_a_blind_scanner_stops_the_robot_and_a_good_scan_frees_it():
     monitor = CollisionMonitor()
-    straight_on = (1.0, 0.0)
     good_scan = scan_of(wall(5.0, 2.0), HERE)
     monitor.add_scan(good_scan)
-    assert monitor.filter(0.0, HERE, straight_on, straight_on).action == PASS
+    assert monitor.filter(0.0, HERE, STRAIGHT_ON, STRAIGHT_ON).action == PASS
 
     invalid_ranges = np.full(BEAMS, np.nan, np.float32)
     blind_scan = scan_of([], HERE, 0.1, ranges=invalid_ranges)
     assert "scanner" in monitor.add_scan(blind_scan)
-    assert monitor.filter(0.1, HERE, straight_on, straight_on).action == STOP
+    assert monitor.filter(0.1, HERE, STRAIGHT_ON, STRAIGHT_ON).action == STOP
 
     monitor.add_scan(replace(good_scan, stamp=0.2))
-    assert monitor.filter(0.2, HERE, straight_on, straight_on).action == PASS
+    assert monitor.filter(0.2, HERE, STRAIGHT_ON, STRAIGHT_ON).action == PASS
 
 
 def test_a_frozen_image_with_new_stamps_stops_a_moving_robot():
@@ -388,19 +389,18 @@ def test_a_failed_sector_recovers_once_its_beams_return():
 
 def test_missing_and_stale_inputs_and_invalid_commands_stop_the_robot():
     monitor = CollisionMonitor()
-    command = (1.0, 0.0)
-    assert monitor.filter(0.0, HERE, AT_REST, command).action == STOP
+    assert monitor.filter(0.0, HERE, AT_REST, STRAIGHT_ON).action == STOP
     monitor.add_scan(scan_of([], HERE))
-    assert monitor.filter(0.4, HERE, AT_REST, command).action == PASS
+    assert monitor.filter(0.4, HERE, AT_REST, STRAIGHT_ON).action == PASS
 
     # Old inputs, or a scan from the future
-    old_scan = monitor.filter(0.6, HERE, AT_REST, command)
+    old_scan = monitor.filter(0.6, HERE, AT_REST, STRAIGHT_ON)
     assert "scan is 0.60 s old" in old_scan.reason
-    old_pose = monitor.filter(0.1, HERE, AT_REST, command, (0.6, 0.0))
+    old_pose = monitor.filter(0.1, HERE, AT_REST, STRAIGHT_ON, (0.6, 0.0))
     assert "pose is 0.60 s old" in old_pose.reason
-    old_twist = monitor.filter(0.1, HERE, AT_REST, command, (0.0, 0.6))
+    old_twist = monitor.filter(0.1, HERE, AT_REST, STRAIGHT_ON, (0.0, 0.6))
     assert "odometry is 0.60 s old" in old_twist.reason
-    future_scan = monitor.filter(-0.45, HERE, AT_REST, command)
+    future_scan = monitor.filter(-0.45, HERE, AT_REST, STRAIGHT_ON)
     assert "0.45 s ahead of the clock" in future_scan.reason
 
     assert verdict_on(monitor, math.nan, 0.1).command == (0.0, 0.0)
@@ -511,12 +511,12 @@ def test_another_place_clears_the_memory(pose, scene):
     memory_of_this_scan = ObstacleMemory()
     memory_of_this_scan.update(scan)
     assert len(monitor.memory.points) == len(memory_of_this_scan.points)
-    verdict = monitor.filter(4.0, pose, AT_REST, (-0.5, 0.0))
+    verdict = monitor.filter(4.0, pose, AT_REST, BACKWARDS)
     assert "another place" in verdict.reason
 
     # A second scan from there makes it the place.
     monitor.add_scan(replace(scan, stamp=4.1))
-    creeping = monitor.filter(4.1, pose, AT_REST, (-0.5, 0.0))
+    creeping = monitor.filter(4.1, pose, AT_REST, BACKWARDS)
     assert creeping.command == pytest.approx((-0.1, 0.0)), "the space behind is unknown"
 
 
@@ -533,7 +533,7 @@ def test_alternating_scans_of_two_robots_stop_the_robot():
 @pytest.mark.parametrize(
     ("twist", "steps", "action"),
     [
-        ((1.0, 0.0), 8, STOP),
+        (STRAIGHT_ON, 8, STOP),
         ((0.0, 0.5), 8, STOP),
         ((0.0, 0.0), 8, PASS),
         ((0.002, 0.006), 400, PASS),
@@ -618,8 +618,8 @@ def test_the_robot_creeps_in_unobserved_space_and_drives_in_observed_space():
         time = 0.05 * step
         pose = (time, 0.0, 0.0)
         monitor.add_scan(scan_of(posts(0), pose, time))
-        assert monitor.filter(time, pose, (1.0, 0.0), (1.0, 0.0)).action == PASS
-    assert monitor.filter(time, pose, AT_REST, (-0.5, 0.0)).action == PASS
+        assert monitor.filter(time, pose, STRAIGHT_ON, STRAIGHT_ON).action == PASS
+    assert monitor.filter(time, pose, AT_REST, BACKWARDS).action == PASS
 
 
 def test_the_robot_creeps_no_faster_than_a_remembered_obstacle_allows():

@@ -38,8 +38,10 @@ from tests.monitor.scenes import (
 # Closed forms are simple for a base that turns as commanded, about its own centre.
 SETTINGS = replace(scenes.SETTINGS, turn_gain=1.0, turn_ahead=0.0)
 MARGIN = BODY.margin
+BRAKING = Braking(1.9, 3.3)  # the Jackal's limits [m/s^2, rad/s^2]
 # Tolerance of a stopping distance [m], from the step between poses at 2 m/s.
 TOLERANCE = 0.045
+STRAIGHT_ON = (1.0, 0.0)  # command (v, w) [m/s, rad/s]
 
 
 def braking_distance(speed, deceleration):
@@ -151,7 +153,7 @@ def test_lateral_slip_ends_with_the_forward_motion(side):
     def passes(distance):
         points = [(0.3, side * (SIDE + MARGIN + distance))]
         motion = Motion(1.0, 0.0, slip=side * 0.6)
-        return safe_scale_of(points, motion, (1.0, 0.0), Braking(1.9, 3.3)) == 1.0
+        return safe_scale_of(points, motion, STRAIGHT_ON, BRAKING) == 1.0
 
     expected = 0.6 * (0.15 + braking_distance(1.0, 1.9))
     assert smallest_passing(0.0, 1.0, passes) == pytest.approx(expected, abs=0.02)
@@ -162,9 +164,8 @@ def test_lateral_slip_may_end_in_a_turn_faster_than_commanded():
     post = [(0.5, -0.3)]
     motion = Motion(1.0, 0.0, slip=0.6)
     command = (1.0, -0.5)
-    as_commanded = Braking(1.9, 3.3)
-    twice_as_fast = Braking(1.9, 3.3, turn_gain=2.0)
-    assert safe_scale_of(post, motion, command, as_commanded) == 1.0
+    twice_as_fast = BRAKING._replace(turn_gain=2.0)
+    assert safe_scale_of(post, motion, command, BRAKING) == 1.0
     assert safe_scale_of(post, motion, command, twice_as_fast) < 1.0
 
 
@@ -203,7 +204,7 @@ def test_the_velocity_of_the_poses_refers_to_their_stamps():
         (0.25, 0.05),
     ):
         pose = (time - age, 0.0, 0.0)
-        monitor.filter(time, pose, (1.0, 0.0), (1.0, 0.0), (age, 0.0))
+        monitor.filter(time, pose, STRAIGHT_ON, STRAIGHT_ON, (age, 0.0))
     assert monitor.motion.velocity.v == pytest.approx(1.0)
 
 
@@ -214,18 +215,17 @@ def test_the_previous_turn_rate_limits_the_arc_of_a_slower_command():
     """
     monitor = CollisionMonitor(SETTINGS)
     monitor.output = Output(0.0, 1.0, 2.0)
-    motion, _ = monitor.motions((1.0, 0.0))
+    motion, _ = monitor.motions(STRAIGHT_ON)
     assert motion.commanded_w == 2.0
     turned_less = motion._replace(commanded_w=1.0)
-    braking = Braking(1.9, 3.3)
     # For some posts the turn before matters, for others it does not.
     outcomes = set()
     command = (0.5, 1.0)
     for x in np.arange(0.2, 0.7, 0.05):
         for y in np.arange(0.2, 0.7, 0.05):
             post = [(x, y)]
-            scale = safe_scale_of(post, motion, command, braking)
-            scale_if_turned_less = safe_scale_of(post, turned_less, command, braking)
+            scale = safe_scale_of(post, motion, command, BRAKING)
+            scale_if_turned_less = safe_scale_of(post, turned_less, command, BRAKING)
             outcomes.add(scale == scale_if_turned_less)
     assert outcomes == {True, False}
 
@@ -237,7 +237,7 @@ def test_poses_faster_than_any_command_stop_the_robot_at_once():
     """
     monitor = seen_all_around(wall(9.0), SETTINGS)
     verdict_on(monitor, 1.0, -0.1)
-    verdict = monitor.filter(0.0, (1000.0, 0.0, 0.0), AT_REST, (1.0, 0.0))
+    verdict = monitor.filter(0.0, (1000.0, 0.0, 0.0), AT_REST, STRAIGHT_ON)
     assert verdict.action == STOP
     problem = "the poses imply 10000 m/s and 0 rad/s, which is too fast: check the odometry"
     assert verdict.reason == problem
@@ -257,7 +257,7 @@ def test_the_stopping_distance_depends_on_the_ages_of_the_inputs(scan_age, ages,
     def passes(distance):
         wall_x = FRONT + MARGIN + distance + 0.05
         monitor = seen_all_around(wall(wall_x), SETTINGS)
-        verdict = monitor.filter(scan_age, HERE, (1.0, 0.0), (1.0, 0.0), ages)
+        verdict = monitor.filter(scan_age, HERE, STRAIGHT_ON, STRAIGHT_ON, ages)
         return verdict.action == PASS
 
     stopping = expected + braking_distance(1.0, 1.9)

@@ -25,6 +25,7 @@ from worlds import Mover
 
 NAMES = ["kinematic", "pybullet"]
 JACKAL = robots.load("jackal")
+OPEN = small_world()
 
 
 def both(**options):
@@ -69,7 +70,7 @@ def test_a_reset_stands_at_the_start_with_odometry_parallel_to_the_world(simulat
 
 def test_a_reset_to_another_start_drives_in_its_direction(simulator):
     start_pose = (1.0, 2.0, 0.5)
-    assert simulator.reset(small_world(), 0, start_pose).pose == start_pose
+    assert simulator.reset(OPEN, 0, start_pose).pose == start_pose
     x, y, _ = drive(simulator, 0.5, 0.0, 2.0).pose
     start_x, start_y, heading = start_pose
     dx = x - start_x
@@ -151,7 +152,7 @@ def driven(simulator, v, w, seconds=6.0, seeds=1):
     """Return the Driven of a command after one second of acceleration, averaged over seeds."""
     runs = []
     for seed in range(seeds):
-        simulator.reset(small_world(), seed)
+        simulator.reset(OPEN, seed)
         start_x, start_y, start_yaw = drive(simulator, v, w, 1.0).pose
         earlier_x = start_x
         earlier_y = start_y
@@ -220,7 +221,7 @@ def test_curves_beyond_the_friction_limit_slide_outwards(simulator):
 # -- commands --------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("v", "w"), [(2.0, 0.0), (0.5, 1.0)])
 def test_stops_a_quarter_second_after_the_last_command(simulator, v, w):
-    simulator.reset(small_world(), 1)
+    simulator.reset(OPEN, 1)
     drive(simulator, v, w, 1.0)
     # The last command is still in force.
     assert hypot(*simulator.advance(0.20).twist) > 0.1
@@ -243,7 +244,7 @@ def test_latency_delays_the_response():
 def speeds_with_latency(latency):
     """Return the speeds (12,) [m/s] of a robot that accelerates for 0.6 s."""
     simulator = sim_bridge.make("kinematic", latency=latency)
-    simulator.reset(small_world(), 0)
+    simulator.reset(OPEN, 0)
     speeds = []
     for _ in range(12):
         speed, _ = drive(simulator, 0.5, 0.0, STEP).twist
@@ -339,7 +340,7 @@ def test_random_commands_enter_no_obstacle(simulator):
 def test_odometry_errs_by_per_cents(simulator):
     errors = []
     for seed in range(5):
-        simulator.reset(small_world(), seed)
+        simulator.reset(OPEN, seed)
         state = drive(simulator, 1.0, 0.1, 10.0)
         x, y, yaw = state.pose
         odom_x, odom_y, odom_yaw = state.odom_pose
@@ -359,7 +360,7 @@ def test_odometry_can_be_set(simulator):
 
 def test_the_imu_measures_acceleration_and_turn_rate(on_plain_ground):
     simulator = on_plain_ground
-    simulator.reset(small_world(), 0)
+    simulator.reset(OPEN, 0)
     simulator.command(1.0, 0.0)
     simulator.advance(0.05)
     # The friction of 0.5 limits the acceleration to half of that of gravity.
@@ -430,7 +431,7 @@ def test_the_same_world_seed_and_commands_repeat_to_the_last_bit(name):
 def test_the_length_of_a_step_does_not_matter(simulator):
     poses = []
     for step in (0.05, 0.1, 0.025):
-        simulator.reset(small_world(), 0)
+        simulator.reset(OPEN, 0)
         poses.append(drive(simulator, 0.7, 0.5, 2.0, step).pose)
     assert np.allclose(poses[0], poses[1])
     assert np.allclose(poses[0], poses[2])
@@ -443,7 +444,7 @@ def test_randomised_values_stay_within_their_bounds():
     latencies = []
     frictions = []
     for seed in range(50):
-        simulator.reset(small_world(), seed)
+        simulator.reset(OPEN, seed)
         latencies.append(simulator.drawn.latency)
         frictions.append(simulator.drawn.friction)
     assert 0.0 <= min(latencies) < 0.03
@@ -465,7 +466,7 @@ def test_wrong_arguments_are_one_line(name, options, words):
 
 
 def test_commands_that_are_not_finite_are_one_line(simulator):
-    simulator.reset(small_world(), 0)
+    simulator.reset(OPEN, 0)
     for v, w in ((float("nan"), 0.0), (0.0, float("inf"))):
         refused(lambda: simulator.command(v, w), "command")  # noqa: B023
 
@@ -484,7 +485,7 @@ def test_kinematic_drives_like_pybullet():
 
 def twists(simulator, v, w):
     """Return the twists (26, 2) while a robot accelerates for a second, and then brakes."""
-    simulator.reset(small_world(), 3)
+    simulator.reset(OPEN, 3)
     commands = [(v, w)] * 20 + [(0.0, 0.0)] * 6
     return [drive(simulator, *command, STEP).twist for command in commands]
 
@@ -564,7 +565,7 @@ def test_other_robots_drive_and_meet_a_wall_alike_in_both(name):
         sim_bridge.make("kinematic", robot=robot),
         sim_bridge.make("pybullet", robot=name),
     ):
-        simulator.reset(small_world(), 3)
+        simulator.reset(OPEN, 3)
         end_poses.append(drive(simulator, v, w, 2.0).pose)
 
         simulator.reset(small_world(boxes=[wall]), 3)
@@ -618,7 +619,7 @@ def test_a_base_with_a_dead_band_takes_smaller_speeds_and_turn_rates_as_0(name):
         ((0.05, 0.8), False, True),
         ((0.2, -0.8), True, True),
     ):
-        simulator.reset(small_world(), 0)
+        simulator.reset(OPEN, 0)
         x, y, yaw = drive(simulator, *command, 1.0).pose
         assert (hypot(x, y) > 0.05) == moves, command
         assert (abs(yaw) > 0.1) == turns, command

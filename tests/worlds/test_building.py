@@ -31,8 +31,9 @@ from worlds import draw, loading, map_courses, map_reader, sdf_writer, search
 from worlds.occupancy import occupancy
 from worlds.world import clearance
 
-WAFFLE_RADIUS_M = radius(robots.load("turtlebot3_waffle_pi"))
-JACKAL_RADIUS_M = radius(robots.load("jackal"))
+WAFFLE = robots.load("turtlebot3_waffle_pi")
+WAFFLE_RADIUS_M = radius(WAFFLE)
+JACKAL_RADIUS_M = radius(robots.JACKAL)
 
 
 def row_of_rooms(count, first_x, step, y, *, width, depth):
@@ -367,7 +368,7 @@ def test_courses_lie_inside_where_unknown_cells_are_free(tmp_path):
             known_world.course.path,
             atol=1e-9,
         )
-    report = check_robot.doors(robots.load("jackal"), path)
+    report = check_robot.doors(robots.JACKAL, path)
     assert report.startswith(f"narrowest passage of {path}: 0.80 m; ")
 
 
@@ -533,7 +534,7 @@ def test_tune_refuses_a_map_with_too_few_courses_before_it_drives(tmp_path, caps
         assert ":choose" not in error.partition("; give")[0]
 
     needs = "a radius of 0.31 m; each needs 6, because"
-    line = refused(lambda: check_maps(path, robots.load("jackal")), needs)
+    line = refused(lambda: check_maps(path, robots.JACKAL), needs)
     assert "choose" not in line
     none_in_half = "small.yaml: none of its 15 courses stays in one half"
     refused(lambda: worlds.specs(f"{path}:report", JACKAL_RADIUS_M), none_in_half)
@@ -593,16 +594,15 @@ def test_a_robot_without_simulated_sensors_for_its_map_explores():
         "clearing": True,
     }
     obstacles = {"observation_sources": "scan camera", "camera": camera}
-    waffle = robots.load("turtlebot3_waffle_pi")
     settings = TrialSettings(period=2.0)
     with_camera = {"local_costmap": {"obstacle_layer": obstacles, **obstacles}}
-    files = merged(waffle.move_base.with_map, with_camera)
-    waffle_with_camera = replace(waffle, move_base=waffle.move_base._replace(with_map=files))
+    files = merged(WAFFLE.move_base.with_map, with_camera)
+    waffle_with_camera = replace(WAFFLE, move_base=WAFFLE.move_base._replace(with_map=files))
     # The simulation has no camera, and the Jackal no files for a map.
     for robot, knows_map in (
-        (waffle, True),
+        (WAFFLE, True),
         (waffle_with_camera, False),
-        (robots.load("jackal"), False),
+        (robots.JACKAL, False),
     ):
         without_map, with_map = settings.planners(robot)
         assert not without_map.map_topics
@@ -611,7 +611,7 @@ def test_a_robot_without_simulated_sensors_for_its_map_explores():
 
 def test_a_parameter_set_changes_both_setups():
     changes = {"DWAPlannerROS": {"sim_time": 2.7}}
-    waffle = robots.load("turtlebot3_waffle_pi").with_parameters(changes, "other")
+    waffle = WAFFLE.with_parameters(changes, "other")
     for with_map in (False, True):
         assert waffle.parameters(with_map)["DWAPlannerROS"]["sim_time"] == 2.7
 
@@ -647,7 +647,7 @@ def test_check_robot_reports_the_narrowest_passage(tmp_path, capsys, monkeypatch
     assert f"\n{line}0.53 m passes with 0.18 m on each side" in capsys.readouterr().out
 
     changes = {"local_costmap": {"footprint_padding": 0.35}}
-    wide_robot = robots.load("jackal").with_parameters(changes, "wide")
+    wide_robot = robots.JACKAL.with_parameters(changes, "wide")
     expected = f"{line}1.03 m does not pass: reduce footprint_padding"
     assert expected in check_robot.doors(wide_robot, path)
 

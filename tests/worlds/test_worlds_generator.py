@@ -74,6 +74,7 @@ def test_course_is_the_papers():
 
 def test_cylinders_are_barns():
     world = worlds.load("generated:7")
+    assert world.cylinders.shape[1] == 3
     x, y, radius = world.cylinders.T
     assert (radius == 0.075).all()
     assert world.boxes.shape == (0, 5)
