@@ -203,7 +203,12 @@ def test_driven_speeds_are_the_commanded_ones_within_five_percent(name, robot):
 
 
 def test_speeds_on_uneven_ground_are_the_commanded_ones_on_average(on_plain_ground):
-    for v, w in ((0.5, 0.0), (0.0, 1.57), (0.5, 0.6), (1.0, -1.0)):
+    for v, w in (
+        (0.5, 0.0),
+        (0.0, 1.57),
+        (0.5, 0.6),
+        (1.0, -1.0),
+    ):
         assert error(on_plain_ground, v, w, seeds=4) < 0.05, (v, w)
 
 
@@ -475,7 +480,12 @@ def test_commands_that_are_not_finite_are_one_line(simulator):
 def test_kinematic_drives_like_pybullet():
     pybullet = sim_bridge.make("pybullet")
     kinematic = sim_bridge.make("kinematic")
-    for v, w in ((1.0, 0.0), (0.0, 1.57), (0.5, 1.0), (-0.5, 0.0)):
+    for v, w in (
+        (1.0, 0.0),
+        (0.0, 1.57),
+        (0.5, 1.0),
+        (-0.5, 0.0),
+    ):
         pybullet_twists = twists(pybullet, v, w)
         kinematic_twists = twists(kinematic, v, w)
         differences = np.subtract(pybullet_twists, kinematic_twists)
