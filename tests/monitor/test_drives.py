@@ -40,12 +40,20 @@ class Drive(NamedTuple):
     fastest: float
 
 
-def drive(commands, seed, late=0.0, robot=JACKAL, cylinders=WALLS, seconds=7.0):
+def drive(
+    commands,
+    seed,
+    late=0.0,
+    robot=JACKAL,
+    cylinders=WALLS,
+    seconds=7.0,
+    simulator_name="kinematic",
+):
     """Return the Drive of a monitored robot.
 
     `commands` yields (time [s], (v, w)). `late` is the age of scan, pose and twist on arrival [s].
     """
-    simulator = sim_bridge.make("kinematic", robot=robot)
+    simulator = sim_bridge.make(simulator_name, robot=robot)
     monitor = CollisionMonitor()
     laser = robot.laser
     state = simulator.reset(small_world(cylinders), seed)
