@@ -23,13 +23,13 @@ from training.env.outcome import Outcome
 
 # Inputs of a decision that no test reads.
 NOTHING_SEEN = Seen(
-    (np.zeros(3, np.float32), 0.0, 1.0),
-    0.0,
-    (0.0, 0.0, 0.0),
-    (0.0, 0.0),
-    (0.0, 0.0, 0.0),
-    np.zeros((0, 2)),
-    np.zeros((0, 4)),
+    scan=(np.zeros(3, np.float32), 0.0, 1.0),
+    time=0.0,
+    pose=(0.0, 0.0, 0.0),
+    twist=(0.0, 0.0),
+    goal=(0.0, 0.0, 0.0),
+    plan=np.zeros((0, 2)),
+    movers=np.zeros((0, 4)),
 )
 
 
@@ -41,21 +41,22 @@ def driven(time, pose, twist=None, theta=(), decided=()):
     if twist is None:
         twist = np.zeros((len(time), 2))
     decisions = []
-    for stamp, values in zip(decided, theta):
-        decisions.append(Decision("goal", stamp, stamp, {}, dict(enumerate(values)), None))
+    for decision_time, values in zip(decided, theta):
+        after = dict(enumerate(values))
+        decisions.append(Decision("goal", decision_time, decision_time, {}, after, None))
     twist = np.asarray(twist, float)
     return Drive(truth=Motion(time, time, np.asarray(pose, float), twist), decisions=decisions)
 
 
 def changed(robot: Robot, change: Dict[str, Dict[str, Any]]) -> Robot:
     """Return the robot with {server: {name: value}} changed in its files."""
-    tree: Dict[str, Any] = {}
+    parameters: Dict[str, Any] = {}
     for server, values in change.items():
-        node = tree
-        for part in server.split("/"):
-            node = node.setdefault(part, {})
-        node.update(values)
-    return robot.with_parameters(tree, robot.name)
+        section = parameters
+        for section_name in server.split("/"):
+            section = section.setdefault(section_name, {})
+        section.update(values)
+    return robot.with_parameters(parameters, robot.name)
 
 
 def simulated(
@@ -85,11 +86,11 @@ def simulated(
 
 def until(drive: Drive, seconds: float) -> Drive:
     """Return the beginning of a drive."""
-    columns = {}
-    for name, rows in vars(drive).items():
-        if isinstance(rows, Rows):
-            columns[name] = rows.between(-np.inf, seconds)
-    return replace(drive, **columns)
+    shortened_rows = {}
+    for field, recorded in vars(drive).items():
+        if isinstance(recorded, Rows):
+            shortened_rows[field] = recorded.between(-np.inf, seconds)
+    return replace(drive, **shortened_rows)
 
 
 def before_a_monitor(drive: Drive) -> Drive:
@@ -113,8 +114,8 @@ class Messages(BagWriter):
 
     def scan(self, time, ranges):
         laser = self.robot.laser
-        fan = laser.first_angle, laser.increment, laser.range_min, laser.range_max
-        self.put("scans", time, laser.frame, fan, ranges)
+        beams = laser.first_angle, laser.increment, laser.range_min, laser.range_max
+        self.put("scans", time, laser.frame, beams, ranges)
 
     def odometry(self, time, pose, twist):
         self.put("odometry", time, self.robot.frames.odom, self.robot.frames.base, pose, twist)
@@ -136,6 +137,7 @@ class Messages(BagWriter):
 
     def decision(self, time, number, goal, seen, before, after=None):
         """Write a decision; without `after`, the end of a course."""
-        made = Decision(goal, time, time, before, after or {}, seen)
+        decision = Decision(goal, time, time, before, after or {}, seen)
         channel = "ends" if after is None else "decisions"
-        self.put(channel, time, self.robot.frames.odom, number, made, self.robot.world_scale)
+        frame = self.robot.frames.odom
+        self.put(channel, time, frame, number, decision, self.robot.world_scale)

@@ -86,74 +86,79 @@ def main():
     parser.add_argument("--gui", action="store_true")
     parser.add_argument("--out", default="out.txt")
     arguments = parser.parse_args()
-    number = arguments.world_idx
-    if number < 300:
-        name = "BARN/world_%d.world" % number
-        start = (-2.25, 3, 1.57)
+    world_number = arguments.world_idx
+    if world_number < 300:
+        world_file = "BARN/world_%d.world" % world_number
+        start_pose = (-2.25, 3, 1.57)
         target = (0, 10)
     else:
-        name = "DynaBARN/world_%d.world" % (number - 300)
-        start = (11, 0, 3.14)
+        world_file = "DynaBARN/world_%d.world" % (world_number - 300)
+        start_pose = (11, 0, 3.14)
         target = (-20, 0)
 
     # Start the simulation.
-    base = rospkg.RosPack().get_path("jackal_helper")
-    os.environ["GAZEBO_PLUGIN_PATH"] = os.path.join(base, "plugins")
-    launch_file = os.path.join(base, "launch", "gazebo_launch.launch")
-    world = "world_name:=" + os.path.join(base, "worlds", name)
-    gui = "gui:=" + ("true" if arguments.gui else "false")
-    gazebo = subprocess.Popen(["roslaunch", launch_file, world, gui])
+    package = rospkg.RosPack().get_path("jackal_helper")
+    os.environ["GAZEBO_PLUGIN_PATH"] = os.path.join(package, "plugins")
+    launch_file = os.path.join(package, "launch", "gazebo_launch.launch")
+    world_argument = "world_name:=" + os.path.join(package, "worlds", world_file)
+    gui_argument = "gui:=" + ("true" if arguments.gui else "false")
+    gazebo = subprocess.Popen(["roslaunch", launch_file, world_argument, gui_argument])
     time.sleep(5)
     rospy.init_node("gym", anonymous=True)
     rospy.set_param("/use_sim_time", True)
-    simulation = GazeboSimulation(start)
+    simulation = GazeboSimulation(start_pose)
+    # The target is relative to the start, in the world's directions.
+    start = start_pose[:2]
     end = (start[0] + target[0], start[1] + target[1])
 
     # Put the robot to the start until it stands there without a contact.
-    place = simulation.place()
+    position = simulation.place()
     collided = True
-    while math.dist(start[:2], place) > 0.1 or collided:
+    while math.dist(start, position) > 0.1 or collided:
         simulation.reset()
-        place = simulation.place()
+        position = simulation.place()
         collided = simulation.collided()
         time.sleep(1)
 
     # Start the stack, and send the goal. The time counts from the robot's first motion on.
-    launch_file = os.path.join(base, "..", "jackal_helper/launch/move_base_DWA.launch")
+    launch_file = os.path.join(package, "..", "jackal_helper/launch/move_base_DWA.launch")
     stack = subprocess.Popen(["roslaunch", launch_file])
     client = actionlib.SimpleActionClient("/move_base", MoveBaseAction)
     client.wait_for_server()
     client.send_goal(goal(*target))
-    now = rospy.get_time()
-    while math.dist(start[:2], place) < 0.1:
-        now = rospy.get_time()
-        place = simulation.place()
+    sim_time = rospy.get_time()
+    while math.dist(start, position) < 0.1:
+        sim_time = rospy.get_time()
+        position = simulation.place()
         time.sleep(0.01)
-    began = now
+    began = sim_time
+    elapsed = 0.0
     collided = False
-    while math.dist(end, place) > 1 and not collided and now - began < 100:
-        now = rospy.get_time()
-        place = simulation.place()
-        print("Time: %.2f (s), x: %.2f (m), y: %.2f (m)" % (now - began, *place), end="\r")
+    while math.dist(end, position) > 1 and not collided and elapsed < 100:
+        sim_time = rospy.get_time()
+        elapsed = sim_time - began
+        position = simulation.place()
+        print("Time: %.2f (s), x: %.2f (m), y: %.2f (m)" % (elapsed, *position), end="\r")
         collided = simulation.collided()
-        while rospy.get_time() - now < 0.1:
+        while rospy.get_time() - sim_time < 0.1:
             time.sleep(0.01)
 
     # Metric: the optimal time, at 2 m/s along the reference path, over 2 to 8 times this time
-    seconds = now - began
-    success = not collided and seconds < 100
-    if number < 300:
-        cells = np.load(os.path.join(base, "worlds/BARN/path_files", "path_%d.npy" % number))
+    success = not collided and elapsed < 100
+    if world_number < 300:
+        path_files = os.path.join(package, "worlds/BARN/path_files")
+        cells = np.load(os.path.join(path_files, "path_%d.npy" % world_number))
+        # From cells of 0.15 m to the world, as the Challenge's runner does
         points = [(0.15 * x - 0.075 - 4.5, 0.15 * y + 0.075 + 5.0) for x, y in cells]
-        points = [start[:2], *points, end]
-        length = sum(map(math.dist, points, points[1:]))
+        points = [start, *points, end]
+        path_length = sum(map(math.dist, points, points[1:]))
     else:
-        length = 20.0
-    optimal = length / 2
-    metric = success * optimal / np.clip(seconds, 2 * optimal, 8 * optimal)
-    row = (number, success, collided, seconds >= 100, seconds, metric)
-    with open(arguments.out, "a") as file:
-        file.write("%d %d %d %d %.4f %.4f\n" % row)
+        path_length = 20.0
+    optimal_time = path_length / 2
+    metric = success * optimal_time / np.clip(elapsed, 2 * optimal_time, 8 * optimal_time)
+    result = (world_number, success, collided, elapsed >= 100, elapsed, metric)
+    with open(arguments.out, "a") as results_file:
+        results_file.write("%d %d %d %d %.4f %.4f\n" % result)
     for process in (gazebo, stack):
         process.terminate()
         process.wait()

@@ -58,9 +58,9 @@ class Forked:
 
     def wait(self, timeout):
         """Wait for the end, at most `timeout` [s], and return the exit status."""
-        until = time.monotonic() + timeout
+        deadline = time.monotonic() + timeout
         while self.poll() is None:
-            if time.monotonic() > until:
+            if time.monotonic() > deadline:
                 raise subprocess.TimeoutExpired(str(self.pid), timeout)
             time.sleep(0.005)
         return self.returncode
@@ -75,14 +75,15 @@ class Nursery:
     """
 
     def __init__(self, env, log):
+        # Forked nodes, whose parents end at once, become children of this process.
         prctl(ADOPT, 1)
-        with open(log, "wb") as file:
+        with open(log, "wb") as log_file:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", __name__, str(os.getpid())],
                 env=env,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                stderr=file,
+                stderr=log_file,
                 start_new_session=True,
             )
 
@@ -116,26 +117,27 @@ def main():
     """
     from applr_ros1.nodes.tools import compile_kernels
 
-    parent = int(sys.argv[1])
-    parts = dict(compile_kernels.PARTS)
-    for name in IMPORTED:
-        importlib.import_module(NODES[name])
+    tests_pid = int(sys.argv[1])
+    unloaded_parts = dict(compile_kernels.PARTS)
+    for node_name in IMPORTED:
+        importlib.import_module(NODES[node_name])
     importlib.import_module("tests.support.nodes")
     for line in sys.stdin:
         order = json.loads(line)
-        part = parts.pop(PARTS.get(order["words"][0]), None)
-        if part:
-            part()
+        part_name = PARTS.get(order["words"][0])
+        load_part = unloaded_parts.pop(part_name, None)
+        if load_part:
+            load_part()
         # Objects that the collector does not touch stay shared with the forked processes.
         gc.freeze()
-        child = os.fork()
-        if child:
-            os.waitpid(child, 0)
+        child_pid = os.fork()
+        if child_pid:
+            os.waitpid(child_pid, 0)
             continue
         if os.fork():
             # The tests' process, a subreaper, becomes the parent of the grandchild.
             os._exit(0)
-        return become(order, parent)
+        return become(order, tests_pid)
     return None
 
 
@@ -150,10 +152,11 @@ def become(order, parent):
     os.setsid()
 
     # The process ID is the nursery's answer; from then on the output goes to the log.
-    log = os.open(order["log"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    log_descriptor = os.open(order["log"], os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
     os.write(1, b"%d\n" % os.getpid())
     for descriptor in (1, 2):
-        os.dup2(log, descriptor)
+        os.dup2(log_descriptor, descriptor)
+    # The nursery's orders on stdin are not for the node.
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.environ.clear()
     os.environ.update(order["env"])
@@ -161,12 +164,13 @@ def become(order, parent):
     # Rospy read the nursery's arguments at its import.
     rospy.names.reload_mappings(sys.argv)
     rospy.names._set_caller_id(rospy.names.get_ros_namespace() + "unnamed")
-    for constant, value in order["constants"].items():
-        module, _, name = constant.rpartition(".")
-        assert hasattr(importlib.import_module(module), name), constant
-        setattr(sys.modules[module], name, value)
-    name = sys.argv[0]
-    run_script({**NODES, **COMMANDS}.get(name, name), node=name in NODES)
+    for full_name, test_value in order["constants"].items():
+        module_name, constant = full_name.rsplit(".", 1)
+        # A constant that has been renamed in the product would be replaced without effect.
+        assert hasattr(importlib.import_module(module_name), constant), full_name
+        setattr(sys.modules[module_name], constant, test_value)
+    program = sys.argv[0]
+    run_script({**NODES, **COMMANDS}.get(program, program), node=program in NODES)
 
 
 if __name__ == "__main__":

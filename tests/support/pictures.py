@@ -46,21 +46,23 @@ def animate(page, path: Path) -> None:
     page.evaluate("clock.button.textContent = 'Pause'")
     top = edge(page, ".view", "top")
     bottom = edge(page, ".chart", "bottom")
-    end = page.evaluate("clock.end")
+    end_time = page.evaluate("clock.end")
     frames = []
-    for number in range(int(end / FRAME_S) + 2):
-        page.evaluate(f"clock.set({number * FRAME_S})")
+    # The first frame, and one at the end or after it, where the clock stands still
+    for frame_number in range(int(end_time / FRAME_S) + 2):
+        page.evaluate(f"clock.set({frame_number * FRAME_S})")
         frames.append(part(page, top, bottom))
     # A frame in the middle has all colours. One palette for all frames keeps the file small.
     palette = frames[len(frames) // 2].quantize(
         COLORS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
     )
-    first, *others = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    first.save(
+    images = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    first_image, *later_images = images
+    first_image.save(
         path,
         save_all=True,
-        append_images=others,
-        duration=[int(1000 * FRAME_S)] * len(others) + [PAUSE_MS],
+        append_images=later_images,
+        duration=[int(1000 * FRAME_S)] * len(later_images) + [PAUSE_MS],
         loop=0,
         optimize=True,
     )
@@ -76,9 +78,9 @@ def part(page, top: float, bottom: float) -> Image.Image:
     """Return the part of a page between two heights [px], with a margin."""
     top = max(top - MARGIN_PX, 0.0)
     height = bottom + MARGIN_PX - top
-    clip = {"x": 0, "y": top, "width": page.viewport_size["width"], "height": height}
-    shot = page.screenshot(clip=clip, full_page=True)
-    return Image.open(io.BytesIO(shot)).convert("RGB")
+    rectangle = {"x": 0, "y": top, "width": page.viewport_size["width"], "height": height}
+    png_bytes = page.screenshot(clip=rectangle, full_page=True)
+    return Image.open(io.BytesIO(png_bytes)).convert("RGB")
 
 
 if __name__ == "__main__":

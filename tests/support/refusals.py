@@ -13,7 +13,8 @@ def refused(call, *words, kind=ApplrError):
     """
     with pytest.raises(kind) as raised:
         call()
-    line = str(raised.value)
-    assert "\n" not in line, line
-    assert all(re.search(word, line) for word in words), line
-    return line
+    message = str(raised.value)
+    assert "\n" not in message, message
+    for pattern in words:
+        assert re.search(pattern, message), message
+    return message

@@ -43,13 +43,13 @@ DWA_PARAMETERS = dict(
 
 def dwa_parameters(**changes):
     """Return the Jackal's parameters with DWAPlannerROS as local planner."""
-    tree = copy.deepcopy(JACKAL_PARAMETERS)
-    tree.update(
+    parameters = copy.deepcopy(JACKAL_PARAMETERS)
+    parameters.update(
         changes,
         base_local_planner="dwa_local_planner/DWAPlannerROS",
         DWAPlannerROS=dict(DWA_PARAMETERS),
     )
-    return tree
+    return parameters
 
 
 LASER = JACKAL.laser
@@ -104,10 +104,10 @@ class ToyRobot:
 
 def ring(x, y, radius, posts=40, size=0.1):
     """Return posts (n, 3) of x, y, radius [m] on a circle around a point."""
-    circle = []
+    circles = []
     for angle in np.linspace(0, 2 * math.pi, posts, endpoint=False):
-        circle.append((x + radius * math.cos(angle), y + radius * math.sin(angle), size))
-    return circle
+        circles.append((x + radius * math.cos(angle), y + radius * math.sin(angle), size))
+    return circles
 
 
 def run(move_base, robot, seconds, period=0.05, scans=True, until_result=True, cycles=None):
@@ -150,12 +150,15 @@ class Scripted:
 # -- MoveBase with small maps ----------------------------------------------------------------------
 def quick(**changes):
     """Return the Jackal's parameters with small maps and short patience."""
-    tree = copy.deepcopy(JACKAL_PARAMETERS)
-    for name, size in (("global_costmap", 20), ("local_costmap", 6)):
-        tree[name].update(width=size, height=size, origin_x=-size / 2.0, origin_y=-size / 2.0)
-    tree.update(planner_patience=1.0, controller_patience=1.0)
-    tree.update(changes)
-    return tree
+    parameters = copy.deepcopy(JACKAL_PARAMETERS)
+    for costmap, map_size in (("global_costmap", 20), ("local_costmap", 6)):
+        origin = -map_size / 2.0
+        parameters[costmap].update(
+            width=map_size, height=map_size, origin_x=origin, origin_y=origin
+        )
+    parameters.update(planner_patience=1.0, controller_patience=1.0)
+    parameters.update(changes)
+    return parameters
 
 
 def start(goal, robot=None, tree=None, before=0.1):
@@ -172,9 +175,9 @@ def make_weights(seed=0, hidden=(32, 32), inputs=729, outputs=8):
     rng = np.random.default_rng(seed)
     widths = (inputs, *hidden, outputs)
     weights = {}
-    for index, (fan_in, fan_out) in enumerate(zip(widths, widths[1:])):
+    for layer, (fan_in, fan_out) in enumerate(zip(widths, widths[1:])):
         # Scaled so that the layers neither blow up nor die.
-        weight = rng.normal(size=(fan_out, fan_in)) / np.sqrt(fan_in)
-        weights[f"{index}.weight"] = weight.astype(np.float32)
-        weights[f"{index}.bias"] = rng.normal(size=fan_out).astype(np.float32)
+        layer_weights = rng.normal(size=(fan_out, fan_in)) / np.sqrt(fan_in)
+        weights[f"{layer}.weight"] = layer_weights.astype(np.float32)
+        weights[f"{layer}.bias"] = rng.normal(size=fan_out).astype(np.float32)
     return weights

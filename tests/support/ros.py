@@ -56,16 +56,16 @@ class Child:
         """
         if callable(condition):
             holds = condition
-            what = "it"
+            expected = "it"
         else:
             holds = lambda: condition in self.text  # noqa: E731
-            what = condition
+            expected = condition
         try:
-            value = wait_for(lambda: not self.alive() or holds(), what)
+            result = wait_for(lambda: not self.alive() or holds(), expected)
             assert self.alive(), "it has ended"
         except AssertionError as late:
             raise AssertionError("%s\n%s" % (late, self.text)) from None
-        return value
+        return result
 
     def freeze(self):
         """Stop the process with SIGSTOP: it lives, and answers nobody."""
@@ -96,12 +96,18 @@ class Child:
 
 def started(args, env, log):
     """Start a command and return its Child."""
-    with open(log, "wb") as file:
-        command = [*INTERRUPTED_WITH_US, *map(str, args)]
-        output = {"stdout": file, "stderr": subprocess.STDOUT}
-        return Child(
-            subprocess.Popen(command, env=env, cwd=ROOT, start_new_session=True, **output), log
+    command = [*INTERRUPTED_WITH_US, *map(str, args)]
+    # The process has the file open, too, after this block.
+    with open(log, "wb") as log_file:
+        process = subprocess.Popen(
+            command,
+            env=env,
+            cwd=ROOT,
+            start_new_session=True,
+            stdout=log_file,
+            stderr=subprocess.STDOUT,
         )
+    return Child(process, log)
 
 
 class RosMaster:
@@ -139,8 +145,8 @@ class RosMaster:
         return its Child.
         """
         # A program of `rosrun` or `roslaunch` is named by what follows it.
-        name = args[0] if len(args) == 1 else args[1]
-        return self._keep(started, args, env, str(name))
+        program_name = args[0] if len(args) == 1 else args[1]
+        return self._keep(started, args, env, str(program_name))
 
     def node(self, script, *args, constants=None, **env):
         """Fork a program of `rosrun applr_ros1`, named without ".py", or the main() of a module;
@@ -152,18 +158,20 @@ class RosMaster:
             functools.partial(forked, constants=constants or {}), (script, *args), env, script
         )
         # A remapping of __name renames the node.
-        name = script
+        node_name = script
         for argument in map(str, args):
             if argument.startswith("__name:="):
-                name = argument[len("__name:=") :]
-        self._nodes.append((name, child))
+                node_name = argument[len("__name:=") :]
+        self._nodes.append((node_name, child))
         return child
 
     def _keep(self, start, args, env, name):
         """Return start(args, environment, log file), a Child that close() will end."""
-        log = self.folder / f"{len(self._children)}_{Path(name).name}.log"
-        self._children.append(start(args, dict(self.env, **env), log))
-        return self._children[-1]
+        # Numbered, because a program may be started several times.
+        log_file = self.folder / f"{len(self._children)}_{Path(name).name}.log"
+        child = start(args, dict(self.env, **env), log_file)
+        self._children.append(child)
+        return child
 
     def forget_ended(self):
         """Delete the parameters of nodes that have ended, so that the next node of that name does
@@ -172,12 +180,12 @@ class RosMaster:
         import rospy
 
         # Two nodes may have had one name, one after the other.
-        living = [(name, child) for name, child in self._nodes if child.alive()]
-        ended_names = {name for name, _ in self._nodes} - {name for name, _ in living}
-        for name in ended_names:
-            if rospy.has_param("/" + name):
-                rospy.delete_param("/" + name)
-        self._nodes = living
+        living_nodes = [(name, child) for name, child in self._nodes if child.alive()]
+        ended_names = set(dict(self._nodes)) - set(dict(living_nodes))
+        for node_name in ended_names:
+            if rospy.has_param("/" + node_name):
+                rospy.delete_param("/" + node_name)
+        self._nodes = living_nodes
 
     def close(self):
         """End the programs, the latest first, and the master."""
@@ -218,8 +226,8 @@ def session():
 
         _session = RosMaster(_port)
         _port = _session.port
-        for key in VARIABLES:
-            os.environ[key] = _session.env[key]
+        for variable in VARIABLES:
+            os.environ[variable] = _session.env[variable]
         os.environ.pop("ROS_HOSTNAME", None)
         if not rospy.core.is_initialized():
             rospy.init_node("pytest", anonymous=True, disable_signals=True)
@@ -232,11 +240,11 @@ def session():
 
 def _remember(kind, end):
     """Remember the method `end` of each object of the class `kind` that is created from now on."""
-    make = kind.__init__
+    original_init = kind.__init__
 
-    @functools.wraps(make)
+    @functools.wraps(original_init)
     def init(self, *args, **kwargs):
-        make(self, *args, **kwargs)
+        original_init(self, *args, **kwargs)
         _joined.append(getattr(self, end))
 
     kind.__init__ = init
@@ -258,8 +266,8 @@ def close_session():
             _joined.pop()()
         _session.close()
         _session = None
-        for key in VARIABLES:
-            del os.environ[key]
+        for variable in VARIABLES:
+            del os.environ[variable]
 
 
 def use_generated():
@@ -299,10 +307,13 @@ class Kept:
     def _delays():
         """Return {(process, thread): time for which it was ready but did not run [ns]}."""
         delays = {}
-        for process in [psutil.Process(), *psutil.Process().children(recursive=True)]:
-            for file in Path("/proc/%d/task" % process.pid).glob("*/schedstat"):
+        this_process = psutil.Process()
+        for process in [this_process, *this_process.children(recursive=True)]:
+            for schedstat in Path("/proc/%d/task" % process.pid).glob("*/schedstat"):
+                thread = (process.pid, schedstat.parent.name)
                 with contextlib.suppress(OSError):  # the thread has ended
-                    delays[process.pid, file.parent.name] = int(file.read_text().split()[1])
+                    # Time on a processor, time of waiting for one, and number of turns
+                    delays[thread] = int(schedstat.read_text().split()[1])
         return delays
 
     def waiting(self):
@@ -310,8 +321,8 @@ class Kept:
         its last value.
         """
         self._latest = {**self._latest, **self._delays()}
-        waits = [delay - self._since.get(thread, 0) for thread, delay in self._latest.items()]
-        return 1e-9 * max(waits)
+        waits_ns = [delay - self._since.get(thread, 0) for thread, delay in self._latest.items()]
+        return 1e-9 * max(waits_ns)
 
 
 def wait_for(condition, what):
@@ -321,9 +332,9 @@ def wait_for(condition, what):
     """
     began = time.monotonic()
     while True:
-        value = condition()
-        if value:
-            return value
+        result = condition()
+        if result:
+            return result
         assert time.monotonic() - began < LONGEST, "%s: not within %g s" % (what, LONGEST)
         time.sleep(0.01)
 

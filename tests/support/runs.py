@@ -45,13 +45,22 @@ def drive_line(env, task, weights):
 
     policy = network(weights) if task.method_spec == POLICY else stands_still
     line = environment(env, "{}")
-    total = 0.0
-    terminated = truncated = False
+    total_reward = 0.0
+    is_over = False
     observation, _ = line.reset(seed=task.seed)
-    while not (terminated or truncated):
+    while not is_over:
         observation, reward, terminated, truncated, _ = line.step(policy(observation))
-        total += float(reward)
-    return Result(True, time_s=-total, decisions=10, route_m=1.0, total_reward=total), b""
+        total_reward += float(reward)
+        is_over = terminated or truncated
+    result = Result(
+        success=True,
+        # The better the policy, the shorter the time.
+        time_s=-total_reward,
+        decisions=10,
+        route_m=1.0,
+        total_reward=total_reward,
+    )
+    return result, b""
 
 
 def toy_run(config, env=Line):
@@ -87,9 +96,9 @@ def one_line(capsys, arguments, pattern, main=main):
     """Assert that train.py ends with one line on stderr that matches the pattern."""
     capsys.readouterr()
     assert main(list(map(str, arguments))) > 0
-    lines = lines_with(capsys.readouterr().err, "train.py: ")
-    assert len(lines) == 1, lines
-    assert re.search(pattern, lines[0]), lines[0]
+    error_lines = lines_with(capsys.readouterr().err, "train.py: ")
+    assert len(error_lines) == 1, error_lines
+    assert re.search(pattern, error_lines[0]), error_lines[0]
 
 
 # Trials of evaluate.py

@@ -21,13 +21,16 @@ def small_world(cylinders=(), boxes=(), movers=(), start=(0.0, 0.0, 0.0)):
     obstacles [m, rad].
     """
     # A course needs a path; no test of these worlds follows it.
-    path = np.array([start[:2], (start[0] + 1.0, start[1])])
+    start_x, start_y = start[:2]
+    reference_path = np.array([(start_x, start_y), (start_x + 1.0, start_y)])
     return World(
         name="scene",
         cylinders=np.array(cylinders, dtype=np.float64).reshape(-1, 3),
         boxes=np.array(boxes, dtype=np.float64).reshape(-1, 5),
         movers=tuple(movers),
-        course=Course(start=start, goal=start, finish_y=None, goal_tolerance=0.4, path=path),
+        course=Course(
+            start=start, goal=start, finish_y=None, goal_tolerance=0.4, path=reference_path
+        ),
     )
 
 
@@ -70,8 +73,10 @@ def wall_with_a_door():
     space far away.
     """
     cells = np.zeros((120, 200), np.int8)
-    cells[:, 100:103] = 100
-    cells[78:102, 100:103] = 0
+    wall_columns = slice(100, 103)
+    door_rows = slice(78, 102)
+    cells[:, wall_columns] = 100
+    cells[door_rows, wall_columns] = 0
     cells[:10] = -1
     return StaticMap(cells, 0.05, (-3.0, -3.0), "map")
 
@@ -145,12 +150,14 @@ def as_barn(world):
     """
     models = ""
     states = ""
-    for number, (x, y, _) in enumerate(world.cylinders):
-        name = "unit_cylinder_%d" % number
-        models += cylinder(x, y, name=name)
-        pose = "<pose frame=''>%f %f 0 0 0 0</pose>" % (x, y)
-        link = f"<link name='link'>{pose}</link>"
-        states += f"<model name='{name}'>{pose}<scale>1 1 1</scale>{link}</model>"
+    for number, (x, y) in enumerate(world.cylinders[:, :2]):
+        model_name = "unit_cylinder_%d" % number
+        models += cylinder(x, y, name=model_name)
+        saved_pose = "<pose frame=''>%f %f 0 0 0 0</pose>" % (x, y)
+        saved_link = f"<link name='link'>{saved_pose}</link>"
+        # Gazebo saves a scale with each model.
+        scale = "<scale>1 1 1</scale>"
+        states += f"<model name='{model_name}'>{saved_pose}{scale}{saved_link}</model>"
     return sdf(models + f"<state world_name='default'>{states}</state>", "")
 
 
@@ -158,13 +165,16 @@ def write_world(folder, text, name="world_7.world", cells=None):
     """Write a world file, and a path file beside it if cells are given. Return the path of the
     world file.
     """
-    path = os.path.join(str(folder), name)
-    with open(path, "wb" if isinstance(text, bytes) else "w") as file:
-        file.write(text)
+    world_path = os.path.join(str(folder), name)
+    with open(world_path, "wb" if isinstance(text, bytes) else "w") as world_file:
+        world_file.write(text)
     if cells is not None:
-        os.makedirs(os.path.join(str(folder), "path_files"), exist_ok=True)
-        np.save(os.path.join(str(folder), "path_files", "path_7.npy"), cells, allow_pickle=True)
-    return path
+        # BARN's path of world_7 is path_files/path_7.npy.
+        path_folder = os.path.join(str(folder), "path_files")
+        os.makedirs(path_folder, exist_ok=True)
+        # Pickled cells serve the tests of files that must be refused.
+        np.save(os.path.join(path_folder, "path_7.npy"), cells, allow_pickle=True)
+    return world_path
 
 
 # Floor plans of buildings, as maps in map_server's format
@@ -178,15 +188,15 @@ def blank(width, height):
     clear doors.
     """
     margin = 10  # unknown cells around the building, as in maps of gmapping
-    rows = round(height / RESOLUTION) + 2 * margin
-    columns = round(width / RESOLUTION) + 2 * margin
-    pixels = np.full((rows, columns), UNKNOWN, np.uint8)
+    row_count = round(height / RESOLUTION) + 2 * margin
+    column_count = round(width / RESOLUTION) + 2 * margin
+    pixels = np.full((row_count, column_count), UNKNOWN, np.uint8)
 
     def cells(begin, size):
         """Return the cells between two coordinates [m]."""
-        return slice(
-            margin + round(begin / RESOLUTION), margin + round((begin + size) / RESOLUTION)
-        )
+        first_cell = margin + round(begin / RESOLUTION)
+        end_cell = margin + round((begin + size) / RESOLUTION)
+        return slice(first_cell, end_cell)
 
     def fill(x, y, size_x, size_y, value=WALL):
         """Fill a rectangle with a corner at (x, y) [m]."""
@@ -203,19 +213,19 @@ def office():
     """
     pixels, fill = blank(36.0, 14.0)
     # Both walls of the corridor
-    for y in (6.0, 8.1):
-        fill(0.0, y - 0.1, 36.0, 0.1)
-    for room in range(6):
-        left = 6.0 * room
+    for corridor_y in (6.0, 8.1):
+        fill(0.0, corridor_y - 0.1, 36.0, 0.1)
+    for room_number in range(6):
+        room_x = 6.0 * room_number
         # On each side: the wall to the room before, and two desks
-        for y, desk in ((0.2, 1.0), (8.1, 11.6)):
-            if room:
-                fill(left, y, 0.1, 5.7)
-            fill(left + 1.2, desk, 1.6, 0.8)
-            fill(left + 4.0, desk + 0.6, 0.6, 0.6)
+        for room_y, desk_y in ((0.2, 1.0), (8.1, 11.6)):
+            if room_number:
+                fill(room_x, room_y, 0.1, 5.7)
+            fill(room_x + 1.2, desk_y, 1.6, 0.8)
+            fill(room_x + 4.0, desk_y + 0.6, 0.6, 0.6)
         # Doors to the corridor, not opposite each other
-        fill(left + 2.6, 5.9, 0.9, 0.1, FREE)
-        fill(left + 3.6, 8.0, 0.9, 0.1, FREE)
+        fill(room_x + 2.6, 5.9, 0.9, 0.1, FREE)
+        fill(room_x + 3.6, 8.0, 0.9, 0.1, FREE)
     # A door between two rooms, which makes a loop
     fill(12.0, 3.0, 0.1, 0.9, FREE)
     return pixels
@@ -225,8 +235,9 @@ def warehouse():
     """Return shelves of 1 x 8 m with aisles of 1.6 m, 30 x 24 m."""
     pixels, fill = blank(30.0, 24.0)
     for column in range(10):
-        for y in (2.5, 13.5):
-            fill(2.6 + 2.6 * column, y, 1.0, 8.0)
+        # Two shelves in a line, with a crossing aisle between them
+        for shelf_y in (2.5, 13.5):
+            fill(2.6 + 2.6 * column, shelf_y, 1.0, 8.0)
     return pixels
 
 
@@ -236,13 +247,13 @@ def house():
     # Walls of the hall, and between the rooms on both sides of it
     fill(0.0, 4.2, 12.0, 0.1)
     fill(0.0, 5.7, 12.0, 0.1)
-    for x in (4.0, 8.0):
-        fill(x, 0.2, 0.1, 4.0)
-        fill(x, 5.8, 0.1, 4.0)
+    for wall_x in (4.0, 8.0):
+        fill(wall_x, 0.2, 0.1, 4.0)
+        fill(wall_x, 5.8, 0.1, 4.0)
     # A door of each room
-    for x in (1.5, 5.5, 9.5):
-        fill(x, 4.2, 0.85, 0.1, FREE)
-        fill(x + 0.6, 5.7, 0.85, 0.1, FREE)
+    for door_x in (1.5, 5.5, 9.5):
+        fill(door_x, 4.2, 0.85, 0.1, FREE)
+        fill(door_x + 0.6, 5.7, 0.85, 0.1, FREE)
     # Furniture
     fill(0.2, 0.2, 1.6, 2.0)
     fill(5.2, 1.2, 1.2, 0.8)
@@ -258,11 +269,13 @@ def write_plan(folder, name, pixels=None, suffix="pgm", **changes):
     """Write a plan, or other pixels, as NAME.yaml with its image, and return the path of the file
     as text.
     """
-    image = f"{name}.{suffix}"
-    Image.fromarray(PLANS[name]() if pixels is None else pixels).save(folder / image)
+    if pixels is None:
+        pixels = PLANS[name]()
+    image_name = f"{name}.{suffix}"
+    Image.fromarray(pixels).save(folder / image_name)
     # map_server's default thresholds, as map_saver writes them
     values = {
-        "image": image,
+        "image": image_name,
         "resolution": RESOLUTION,
         "origin": [-5.0, -3.0, 0.0],
         "negate": 0,
@@ -270,7 +283,8 @@ def write_plan(folder, name, pixels=None, suffix="pgm", **changes):
         "free_thresh": 0.196,
         **changes,
     }
-    path = folder / f"{name}.yaml"
-    lines = [f"{key}: {value}\n" for key, value in values.items() if value is not None]
-    path.write_text("".join(lines))
-    return str(path)
+    map_file = folder / f"{name}.yaml"
+    # A change to None leaves a value out.
+    lines = [f"{field}: {value}\n" for field, value in values.items() if value is not None]
+    map_file.write_text("".join(lines))
+    return str(map_file)
