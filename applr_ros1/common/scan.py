@@ -226,7 +226,7 @@ def _place(
 @kernel
 def _project(
     ranges: Array32,
-    table: Array,
+    directions: Array,
     bounds: Bounds,
     inf_is_valid: bool,
     origin: Point,
@@ -237,7 +237,7 @@ def _project(
 
     Args:
         ranges: Ranges (n,) [m].
-        table: Cosine and sine (n, 2) of the beams.
+        directions: Cosine and sine (n, 2) of the beams.
         bounds: Smallest and largest range [m].
         inf_is_valid: Whether +inf becomes a hit just short of the largest range.
         origin: Position (x, y, z) of the laser [m].
@@ -272,8 +272,8 @@ def _project(
             distance = almost_max
         if distance >= range_min and distance < range_max:
             # laser_geometry multiplies in double and stores float32.
-            point_x = np.float32(np.float64(distance) * table[beam, 0])
-            point_y = np.float32(np.float64(distance) * table[beam, 1])
+            point_x = np.float32(np.float64(distance) * directions[beam, 0])
+            point_y = np.float32(np.float64(distance) * directions[beam, 1])
             points[point_count, 0] = (m00 * point_x + m01 * point_y) + tx
             points[point_count, 1] = (m10 * point_x + m00 * point_y) + ty
             points[point_count, 2] = tz

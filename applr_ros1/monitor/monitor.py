@@ -352,9 +352,10 @@ class CollisionMonitor:
 
     def _clamp_turn(self, w: float, measured_w: float) -> float:
         """Clamp w to the turn rates that are reachable within GRIPPING_S. Keep its sign."""
-        commanded_w = measured_w / self.settings.turn_gain
+        # Command at the measured turn rate, for a base that exceeds its commands by turn_gain
+        current_w = measured_w / self.settings.turn_gain
         largest_change = GRIPPING_S * self.settings.yaw_deceleration
-        reachable_w = min(max(w, commanded_w - largest_change), commanded_w + largest_change)
+        reachable_w = min(max(w, current_w - largest_change), current_w + largest_change)
         if reachable_w * w > 0.0:
             return reachable_w
         return 0.0
@@ -390,24 +391,26 @@ class CollisionMonitor:
             safe_limit = known_limit
         return self._verdict(command, stoppable_scale, safe_limit)
 
-    def _verdict(self, command: Twist, stoppable: float, safe: SafeScale) -> Verdict:
+    def _verdict(self, command: Twist, stoppable_scale: float, safe_limit: SafeScale) -> Verdict:
         """Return the Verdict on a command with the largest scale that is safe.
 
-        `stoppable` is the factor by which the command was limited before.
+        `stoppable_scale` is the factor by which the command was limited before.
         """
-        if safe.scale >= 1.0 and stoppable >= 1.0:
+        if safe_limit.scale >= 1.0 and stoppable_scale >= 1.0:
             return Verdict(command)
-        if safe.scale >= 1.0:
+        if safe_limit.scale >= 1.0:
             distance = min(STOP_WITHIN_M, self.settings.memory_radius)
             reason = f"limited to the speed that can be stopped within {distance:g} m"
-            return Verdict(command, SLOW, stoppable, reason)
-        if safe.scale <= 0.0:
+            return Verdict(command, SLOW, stoppable_scale, reason)
+        if safe_limit.scale <= 0.0:
             reason = "braking: an obstacle is too near to stop"
-            if safe.can_stop:
+            if safe_limit.can_stop:
                 reason = "an obstacle is within the stopping distance"
             return Verdict.stop((0.0, 0.0), reason)
         reason = "limited: an obstacle or unobserved space is within the stopping distance"
-        return Verdict(_scaled(command, safe.scale), SLOW, stoppable * safe.scale, reason)
+        return Verdict(
+            _scaled(command, safe_limit.scale), SLOW, stoppable_scale * safe_limit.scale, reason
+        )
 
     def _delay(self) -> Delay:
         """Return the times before the base brakes.

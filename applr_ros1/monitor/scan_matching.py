@@ -182,16 +182,16 @@ class ScanMatcher:
         Many points of each then lie in free space of the other.
         """
         assert self._last is not None
-        new_view = _seen_through(newest, self._last._replace(ranges=self._last_ranges))
-        if new_view.in_view < ENOUGH_POINTS:
+        new_point_counts = _seen_through(newest, self._last._replace(ranges=self._last_ranges))
+        if new_point_counts.in_view < ENOUGH_POINTS:
             return False
-        if not new_view.seen_through > ELSEWHERE_SHARE * new_view.in_view:
+        if not new_point_counts.seen_through > ELSEWHERE_SHARE * new_point_counts.in_view:
             return False
         # If few points of the last scan are in view, the scan cannot show that they are gone.
-        old_view = _seen_through(self._last, newest._replace(ranges=measured))
-        if old_view.in_view < ENOUGH_POINTS:
+        old_point_counts = _seen_through(self._last, newest._replace(ranges=measured))
+        if old_point_counts.in_view < ENOUGH_POINTS:
             return True
-        return old_view.seen_through > ELSEWHERE_SHARE * old_view.in_view
+        return old_point_counts.seen_through > ELSEWHERE_SHARE * old_point_counts.in_view
 
     def _guesses(self, pose: Pose, stamp: float) -> List[Pose]:
         """Return the odometry's pose, and the extrapolated pose if it differs."""

@@ -98,7 +98,7 @@ def depths(ranges: Array32, range_min: float, range_max: float) -> Array32:
 
 
 @kernel
-def sees_through(depth: Array32, fan: Fan, x: float, y: float, turned: float) -> bool:
+def sees_through(depth: Array32, fan: Fan, x: float, y: float, bearing_error: float) -> bool:
     """Return whether all beams of a scan that pass near the point (x, y) [m] continue beyond it.
 
     Args:
@@ -106,7 +106,7 @@ def sees_through(depth: Array32, fan: Fan, x: float, y: float, turned: float) ->
         fan: FAN of the scan.
         x: x of the point [m].
         y: y of the point [m].
-        turned: possible bearing error beyond TURNED_RAD [rad].
+        bearing_error: possible bearing error beyond TURNED_RAD [rad].
     """
     offset_x = x - fan.x
     offset_y = y - fan.y
@@ -122,7 +122,7 @@ def sees_through(depth: Array32, fan: Fan, x: float, y: float, turned: float) ->
     else:
         turn = -((-turn) % (2.0 * math.pi))
     nearest_beam = int(turn / fan.increment + 0.5)
-    tolerance = min(BESIDE_M / distance + TURNED_RAD + turned, LARGEST_RAD)
+    tolerance = min(BESIDE_M / distance + TURNED_RAD + bearing_error, LARGEST_RAD)
     around = int(tolerance / abs(fan.increment)) + 1
     first_beam = nearest_beam - around
     last_beam = nearest_beam + around

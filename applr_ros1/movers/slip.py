@@ -92,8 +92,8 @@ def slip(voters: Voters, clusters: Clusters, fan: Fan) -> Correction:
             b2 += weight * (x * error_y - y * error_x)
 
         # A has no entry for dx with dy, so both are eliminated from the last row.
-        turn_moment = b2 - a02 * b0 / a00 - a12 * b1 / a11
-        turn = turn_moment / (a22 - a02 * a02 / a00 - a12 * a12 / a11)
+        turn_numerator = b2 - a02 * b0 / a00 - a12 * b1 / a11
+        turn = turn_numerator / (a22 - a02 * a02 / a00 - a12 * a12 / a11)
         dx = (b0 - a02 * turn) / a00
         dy = (b1 - a12 * turn) / a11
     if fitting_sum < AGREE_SHARE * voter_count:

@@ -119,18 +119,18 @@ class MoverTracker:
         self._follow(scan, (x, y, yaw), interval)
         return self._movers()
 
-    def _has_jumped(self, interval: float, moved: float, turned: float) -> bool:
+    def _has_jumped(self, interval: float, distance: float, turn_angle: float) -> bool:
         """Return whether time has jumped, or the pose faster than the base can drive and turn."""
         farthest = FASTER_FACTOR * self.max_speed * interval + SHIFT_M
         largest_turn = FASTER_FACTOR * self.max_yaw_rate * interval + TURN_RAD
-        return abs(interval) > PAUSE_S or moved > farthest or abs(turned) > largest_turn
+        return abs(interval) > PAUSE_S or distance > farthest or abs(turn_angle) > largest_turn
 
-    def _filter_speeds(self, interval: float, moved: float, turned: float) -> None:
-        turn_rate = turned / interval
+    def _filter_speeds(self, interval: float, distance: float, turn_angle: float) -> None:
+        turn_rate = turn_angle / interval
         gain = 1.0 - math.exp(-interval / SMOOTH_S)
         self._rates = self._rates[1], abs(turn_rate)
         self._turn_rate += gain * (turn_rate - self._turn_rate)
-        self._speed += gain * (moved / interval - self._speed)
+        self._speed += gain * (distance / interval - self._speed)
 
     def _follow(self, scan: LaserScan, pose: Pose, interval: float) -> None:
         """Update the tracks with a scan after `interval` [s], and the correction of its pose."""
@@ -138,7 +138,7 @@ class MoverTracker:
         fans = self._fans(scan, pose)
         depth = depths(ranges, float(scan.range_min), float(scan.range_max))
         scan_clusters = self._find_clusters(scan, ranges, fans)
-        cluster_of, taken_clusters = tracks.follow(
+        cluster_of, is_taken = tracks.follow(
             self._tracks,
             self._history,
             scan_clusters,
@@ -152,7 +152,7 @@ class MoverTracker:
         corrected: Pose = (float(fan["x"]), float(fan["y"]), float(fan["yaw"]))
         self._correction = compose(corrected, inverse(pose))
         self._next_id = tracks.begin(
-            self._tracks, scan_clusters, taken_clusters, scan.stamp, self._next_id
+            self._tracks, scan_clusters, is_taken, scan.stamp, self._next_id
         )
         if self._free.due(scan.stamp):
             self._free.take(depth, fan)

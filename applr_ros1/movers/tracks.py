@@ -104,12 +104,12 @@ class Scans(NamedTuple):
 class Assignment(NamedTuple):
     """Assignment of clusters to tracks.
 
-    cluster_of: (MAX_TRACKS,) index of each track's cluster, -1 if there is none. taken: (n,)
+    cluster_of: (MAX_TRACKS,) index of each track's cluster, -1 if there is none. is_taken: (n,)
     whether each cluster has a track.
     """
 
     cluster_of: Ints
-    taken: np.ndarray
+    is_taken: np.ndarray
 
 
 @kernel
@@ -232,17 +232,17 @@ def has_moved(points: Array, history: Array, earlier: Scans, depth: Array32, fan
         swept_angle = max(fan.swept, old_fan.swept)
         if old_fan.stamp == -math.inf or swept_angle > BENT_RAD:
             continue
-        turn_angle = LATENCY_S * abs(fan.turn_rate - old_fan.turn_rate) + swept_angle
+        bearing_error = LATENCY_S * abs(fan.turn_rate - old_fan.turn_rate) + swept_angle
         came_points = 0
         left_points = 0
         for index in range(POINTS):
             x = points[index, 0]
             y = points[index, 1]
-            came_points += sees_through(earlier.ranges[number], old_fan, x, y, turn_angle)
+            came_points += sees_through(earlier.ranges[number], old_fan, x, y, bearing_error)
             old_x = history[number, index, 0]
             old_y = history[number, index, 1]
             if not math.isnan(old_x):
-                left_points += sees_through(depth, fan, old_x, old_y, turn_angle)
+                left_points += sees_through(depth, fan, old_x, old_y, bearing_error)
         if came_points >= FEWEST_FREE_POINTS or left_points >= FEWEST_FREE_POINTS:
             return True
     return False
@@ -383,14 +383,16 @@ def _drift(tracks: Tracks, cluster_of: Ints, speed: float) -> Tuple[float, float
 
 
 @kernel
-def begin(tracks: Tracks, clusters: Clusters, taken: np.ndarray, stamp: float, next_id: int) -> int:
+def begin(
+    tracks: Tracks, clusters: Clusters, is_taken: np.ndarray, stamp: float, next_id: int
+) -> int:
     """Start a track for each unassigned cluster, and return the next free ID.
 
     A cluster that overlaps a moving obstacle is a part of it, and gets no track.
     """
     track_index = 0
     for cluster_index in range(clusters.shape[0]):
-        if taken[cluster_index]:
+        if is_taken[cluster_index]:
             continue
         cluster = clusters[cluster_index]
         while track_index < tracks.shape[0] and tracks[track_index].id > 0:
