@@ -67,8 +67,8 @@ def sampled_window(planner):
     slowest, fastest, lowest_turn, highest_turn = velocity_window(
         planner.in_force, planner._plan, planner._scratch.start[0]
     )
-    speed_step = fill_evenly(slowest, fastest, planner._scratch.vs)
-    turn_step = fill_evenly(lowest_turn, highest_turn, planner._scratch.ws)
+    speed_step = fill_evenly(slowest, fastest, planner._scratch.speeds)
+    turn_step = fill_evenly(lowest_turn, highest_turn, planner._scratch.turn_rates)
     return {
         "min_vel_x": slowest,
         "max_vel_x": fastest,

@@ -338,10 +338,12 @@ def _apply(
         row_difference = np.uint8(0)
         for index in range(master_row.shape[0]):
             # Inflation raises known cells only, and unknown cells if it is meant to.
-            old_cost = base_row[index]
+            base_cost = base_row[index]
             spread_cost = cost_row[index]
             cost_over_unknown = spread_cost if spread_cost > threshold else unknown
-            inflated_cost = cost_over_unknown if old_cost == unknown else max(old_cost, spread_cost)
+            inflated_cost = (
+                cost_over_unknown if base_cost == unknown else max(base_cost, spread_cost)
+            )
             cell_difference = np.uint8(inflated_cost ^ master_row[index])
             row_difference |= cell_difference
             changed_columns[index] |= cell_difference
@@ -431,7 +433,7 @@ def _inflate(
                             first_entry,
                             last_entry,
                         )
-            # Read only now, because the loop above may have appended to the same distance.
+            # Read only now, because the loop above may have appended to the same rank.
             entry = entries[entry, 3]
 
     for entry in range(queued):

@@ -239,11 +239,11 @@ class ObstacleLayer:
 
     def _strictly_inside(self, count: int, centre: float, side: float, axis: int) -> np.ndarray:
         """Return (count,) bool: cells along an axis strictly between the sides of a square [m]."""
-        lower_side = centre - side / 2
-        first_cell = grid.truncated_cell(lower_side, self.origin[axis], self.resolution)
-        last_cell = grid.truncated_cell(lower_side + side, self.origin[axis], self.resolution)
+        square_start = centre - side / 2
+        lower_border = grid.truncated_cell(square_start, self.origin[axis], self.resolution)
+        upper_border = grid.truncated_cell(square_start + side, self.origin[axis], self.resolution)
         cell_indices = np.arange(count)
-        return (cell_indices > first_cell) & (cell_indices < last_cell)
+        return (cell_indices > lower_border) & (cell_indices < upper_border)
 
 
 @kernel

@@ -243,7 +243,7 @@ def fill_bounds(
     cells_per_metre = 1.0 / scene.resolution
     rows, columns = scene.cells.shape
     cell_count = rows * columns  # grid value of a wall; a distance is smaller
-    row_stride = columns + 2  # The grids have a border of walls.
+    row_step = columns + 2  # The grids have a border of walls.
 
     # Critics of weight 0 reject nothing.
     by_obstacle = p.occdist_scale != 0.0
@@ -325,7 +325,7 @@ def fill_bounds(
                     if by_end:
                         if not (0 <= cells.end_x < columns and 0 <= cells.end_y < rows):
                             continue
-                        end_index = (cells.end_y + 1) * row_stride + cells.end_x + 1
+                        end_index = (cells.end_y + 1) * row_step + cells.end_x + 1
                         if by_path:
                             path_distance = path_grid.distance[end_index]
                             if path_distance > cell_count:
@@ -341,7 +341,7 @@ def fill_bounds(
                     if by_nose:
                         if not (0 <= cells.nose_x < columns and 0 <= cells.nose_y < rows):
                             continue
-                        nose_index = (cells.nose_y + 1) * row_stride + cells.nose_x + 1
+                        nose_index = (cells.nose_y + 1) * row_step + cells.nose_x + 1
                         if by_goal:
                             front_distance = front_grid.distance[nose_index]
                             if front_distance > cell_count:

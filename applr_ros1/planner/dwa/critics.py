@@ -380,7 +380,7 @@ def score_all_samples(
     velocities = np.zeros((sample_count, 3))
     stored_velocities = np.zeros((sample_count, 3))
     point_counts = np.zeros(sample_count, np.int64)
-    end_points = np.zeros((sample_count, 3))
+    last_points = np.zeros((sample_count, 3))
     critic_values = np.zeros((sample_count, ALL))
     costs = np.full(sample_count, REFUSED)
     shown_costs = np.full(sample_count, REFUSED)
@@ -399,7 +399,7 @@ def score_all_samples(
         stored_velocities[i] = velocity
         points = np.empty((steps, 3))
         roll_out(p, start, sample, points)
-        end_points[i] = points[steps - 1]
+        last_points[i] = points[steps - 1]
         for critic in range(ALL):
             critic_values[i, critic] = critique(p, state, scene, grids, points, velocity, critic)
         costs[i], _ = total_cost(p, state, scene, grids, points, velocity, -1.0)
@@ -424,7 +424,7 @@ def score_all_samples(
         velocities,
         stored_velocities,
         point_counts,
-        end_points,
+        last_points,
         critic_values,
         costs,
         shown_costs,

@@ -302,8 +302,8 @@ class DWALocalPlanner(LocalPlanner):
         self.goal_reached = self.is_goal_reached(robot_pose, velocity, local_origin)
         if self.goal_reached:
             return True, STANDING[:2]
-        outcome = self.command(robot_pose, velocity, costmap, local_origin)
-        return outcome.ok, (outcome.command[0], outcome.command[2])
+        step = self.command(robot_pose, velocity, costmap, local_origin)
+        return step.ok, (step.command[0], step.command[2])
 
     def is_goal_reached(
         self, pose: Triple, velocity: Triple, local_origin: Optional[Triple] = None

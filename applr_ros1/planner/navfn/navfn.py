@@ -258,15 +258,15 @@ def _convert(
 
         # Most rows are unchanged. The test has no branches and compiles to vector instructions:
         # (205 v) >> 8 equals (4 v) // 5 for v < 253.
-        row_differs = np.uint16(0)
+        row_difference = np.uint16(0)
         for index in range(costmap_row.shape[0]):
             value = np.uint16(costmap_row[index])
             scaled_value = np.uint16(np.uint16(value * np.uint16(205)) >> np.uint16(8))
             scaled_cost = np.uint16(np.uint16(FREE_COST) + scaled_value)
             special_cost = unknown_cost if value == np.uint16(UNKNOWN) else np.uint16(OBSTACLE)
             new_cost = scaled_cost if value < np.uint16(INSCRIBED) else special_cost
-            row_differs |= np.uint16(new_cost ^ np.uint16(old_costs[index]))
-        if row_differs == 0:
+            row_difference |= np.uint16(new_cost ^ np.uint16(old_costs[index]))
+        if row_difference == 0:
             continue
 
         for index in range(costmap_row.shape[0]):

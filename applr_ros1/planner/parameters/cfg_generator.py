@@ -59,8 +59,8 @@ def generate(server: str, node: str, name: str) -> Optional[int]:
     return status
 
 
-def _bound(p: Parameter, bound: Any) -> Any:
+def _bound(parameter: Parameter, bound: Any) -> Any:
     """Return a bound of a parameter, or None if it is infinite: the generator knows no infinity."""
-    if p.type in ("double", "int") and math.isfinite(bound):
+    if parameter.type in ("double", "int") and math.isfinite(bound):
         return bound
     return None

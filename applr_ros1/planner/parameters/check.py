@@ -164,27 +164,26 @@ class _Inspection:
         prefix = _label(path, "")  # "" for the tree itself, otherwise with a slash at the end
         return [name[len(prefix) :] for name in self._sections if name.startswith(prefix)]
 
-    def _examine(self, p: Parameter, value: Any, label: str) -> None:
+    def _examine(self, parameter: Parameter, value: Any, label: str) -> None:
         """Report a value that is not used as it stands."""
-        if not p.reads(value):
-            if p.type != "list":  # _recoveries reports lists.
+        if not parameter.reads(value):
+            if parameter.type != "list":  # _recoveries reports lists.
                 problem = f"{label} is {value!r}"
-                self.warnings.append(
-                    f"{problem}: the default {p.default!r} is used, as in C++; {p.give}"
-                )
+                replacement = f"the default {parameter.default!r} is used, as in C++"
+                self.warnings.append(f"{problem}: {replacement}; {parameter.give}")
             return
         try:
-            converted = p.convert(value, label)
-            clamped = p.clamp(converted, label)
+            converted = parameter.convert(value, label)
+            clamped = parameter.clamp(converted, label)
         except ParameterError as problem:
             self.errors.append(str(problem))
             return
         if clamped == converted:
             return
-        advice = f"give a value from {p.min!r} to {p.max!r}"
-        if p.beyond == "error":
+        advice = f"give a value from {parameter.min!r} to {parameter.max!r}"
+        if parameter.beyond == "error":
             self.errors.append(f"{label} is {converted!r}: {advice}")
-        elif p.beyond:
+        elif parameter.beyond:
             self.warnings.append(f"{label} is {converted!r}: {clamped!r} is used, {advice}")
 
 
@@ -249,12 +248,16 @@ def _completed(tree: Dict[str, Any]) -> Dict[str, Any]:
     return full_tree
 
 
-def _given_values(tree: Dict[str, Any], path: str, p: Parameter) -> List[Any]:
+def _given_values(tree: Dict[str, Any], path: str, parameter: Parameter) -> List[Any]:
     """Return the values that the tree gives a parameter of a section, the one that counts first."""
     section = branch(tree, path)
-    values = [section[name] for name in p.names if p.reads(section.get(name))]
-    if not values and p.name == "controller_frequency" and p.reads(tree.get(p.name)):
-        return [tree[p.name]]  # C++ searches for it from the planner's name space upwards.
+    values = [section[name] for name in parameter.names if parameter.reads(section.get(name))]
+    if (
+        not values
+        and parameter.name == "controller_frequency"
+        and parameter.reads(tree.get(parameter.name))
+    ):
+        return [tree[parameter.name]]  # C++ searches for it from the planner's name space upwards.
     return values
 
 

@@ -104,8 +104,8 @@ def along_arc(from_: Ramp, length: float, turn: float, n: int) -> Tuple[float, f
     |turn| must not exceed LARGEST_TURN.
     """
     # The positions are corners of a regular polygon with the exterior angle `turn`. The chord over
-    # n sides has the direction of the middle side, and by the law of sines the length length *
-    # sin(n * half_turn) / sin(half_turn).
+    # n sides has the direction of the middle side, and by the law of sines it is as long as
+    # sin(n * half_turn) / sin(half_turn) sides.
     half_turn = 0.5 * turn
     half_cos, half_sin = small_turn(half_turn)
     middle_cos = math.cos((n - 1) * half_turn)
@@ -311,8 +311,8 @@ def _bound(
     heading = heading_of(start.theta)
     fastest_sample = max(abs(speeds[0]), abs(speeds[-1]))  # The speeds are in ascending order.
     speed = max(abs(start.vx), fastest_sample) + abs(start.vy)
-    travel = speed * p.sim_time / scene.resolution
-    reach = int(min(3.0 * travel, float(cell_count))) + 8
+    travel_cells = speed * p.sim_time / scene.resolution
+    reach = int(min(3.0 * travel_cells, float(cell_count))) + 8
     cell_x = int((start.x - scene.ox) / scene.resolution)
     cell_y = int((start.y - scene.oy) / scene.resolution)
     start_index = place(path_grid, cell_x, cell_y)

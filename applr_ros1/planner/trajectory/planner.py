@@ -115,8 +115,8 @@ class TrajectoryPlanner(SamplingPlanner):
             v, w (m, 2), costs (m,), and by the name of its weight each part of the costs (m,).
         """
         samples = []
-        for v in self._scratch.vs.tolist():
-            for w in (0.0, *self._scratch.ws.tolist()):
+        for v in self._scratch.speeds.tolist():
+            for w in (0.0, *self._scratch.turn_rates.tolist()):
                 samples.append((v, w))
         samples.append((float(command[0]), float(command[1])))
 
@@ -236,7 +236,7 @@ class TrajectoryPlanner(SamplingPlanner):
         scene = self._scene_of(costmap)
         _, refused = score_all_samples(self._params, scene, self._grids, self._scratch)
         return {
-            "samples": len(self._scratch.vs) * (len(self._scratch.ws) + 1),
+            "samples": len(self._scratch.speeds) * (len(self._scratch.turn_rates) + 1),
             "obstacle": int(refused[0]),
             "path or goal": int(refused[1]),
         }

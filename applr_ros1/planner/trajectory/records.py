@@ -51,8 +51,8 @@ class Grids(NamedTuple):
 class Scratch(NamedTuple):
     """Scratch memory of one cycle. Forward samples are numbered, see scoring.forward_sample."""
 
-    vs: Data  # sampled values of vx (vx_samples,) [m/s]
-    ws: Data  # sampled values of w (vtheta_samples,) [rad/s]
+    speeds: Data  # sampled values of vx (vx_samples,) [m/s]
+    turn_rates: Data  # sampled values of w (vtheta_samples,) [rad/s]
     base_costs: Data  # lower bounds of the path and goal terms of the samples' costs
     keys: Data  # lower bounds of the samples' costs
     heap: Data  # numbers of the samples, lowest key first
@@ -73,8 +73,8 @@ def allocate_scratch(vx_samples: int, vtheta_samples: int) -> Scratch:
     """Return scratch memory for these numbers of samples."""
     sample_count = vx_samples * vtheta_samples
     return Scratch(
-        vs=np.zeros(vx_samples),
-        ws=np.zeros(vtheta_samples),
+        speeds=np.zeros(vx_samples),
+        turn_rates=np.zeros(vtheta_samples),
         base_costs=np.zeros(sample_count),
         keys=np.zeros(sample_count),
         heap=np.zeros(sample_count, np.int64),

@@ -272,8 +272,8 @@ def find_best_path(
     take_start(start, pose, velocity)
     prepare(grids, scene, start.x, start.y, start.theta)
     window = velocity_window(p, scene.plan, start)
-    speeds = scratch.vs[: p.vx_samples]
-    turn_rates = scratch.ws[: p.vtheta_samples]
+    speeds = scratch.speeds[: p.vx_samples]
+    turn_rates = scratch.turn_rates[: p.vtheta_samples]
     fill_evenly(window.min_vx, window.max_vx, speeds)
     turn_rate_step = fill_evenly(window.min_w, window.max_w, turn_rates)
     if turn_rates.shape[0] == 1:

@@ -279,14 +279,17 @@ def score_all_samples(
     """
     p = params[0]
     start = scratch.start[0]
-    turn_count = scratch.ws.shape[0] + 1  # Each speed is also tried straight ahead.
-    sample_count = scratch.vs.shape[0] * turn_count
+    turn_count = scratch.turn_rates.shape[0] + 1  # Each speed is also tried straight ahead.
+    sample_count = scratch.speeds.shape[0] * turn_count
     cloud = np.empty((sample_count * POINTS, 4))
     refused_counts = np.zeros(2, np.int64)
     shown_count = 0
     for sample_number in range(sample_count):
         sample = forward_sample(
-            scratch.vs, scratch.ws, sample_number // turn_count, sample_number % turn_count
+            scratch.speeds,
+            scratch.turn_rates,
+            sample_number // turn_count,
+            sample_number % turn_count,
         )
         sample_score = score_below(p, scene, grids, start, sample, NO_CEILING, 0.0, np.inf)
         if sample_score.cost < 0:
