@@ -107,8 +107,8 @@ class Bridge:
         fixed_obstacles = f"{len(world.cylinders)} cylinders, {len(world.boxes)} boxes"
         obstacles = f"{fixed_obstacles}, {len(world.movers)} moving"
         scene = f"world {world.name} ({obstacles}), simulator {simulator_name}"
-        time_settings = f"seed {self.seed}, real time factor {self.factor:g}"
-        rospy.loginfo(f"sim_bridge: ready: {scene}, {time_settings}")
+        run_settings = f"seed {self.seed}, real time factor {self.factor:g}"
+        rospy.loginfo(f"sim_bridge: ready: {scene}, {run_settings}")
 
     def _connect(self) -> None:
         robot = self.simulator.robot
@@ -176,8 +176,8 @@ class Bridge:
         # A command may come a tick early. The planner's cycle stays the same, so its due time
         # counts.
         is_early = sim_time <= self.due <= sim_time + 0.5 * self.period
-        cycle_time = self.due if is_early else sim_time
-        self.due = self.period + cycle_time
+        cycle_start = self.due if is_early else sim_time
+        self.due = self.period + cycle_start
 
     def _lock_step(self) -> None:
         """Wait for the planner's next command once the command is due, but at most for PATIENCE_S.

@@ -124,7 +124,7 @@ MOVER_COUNTS = ((6, 12), (8, 18), (10, 24))
 RADII_M = (0.25, 0.5)  # radius range, from a person to DynaBARN's cylinders [m]
 HALF_SIDE_M = 10.0  # half the side length of the room [m]
 WALL_WIDTH_M = 0.5  # thickness of the room's walls [m]
-DETOUR_M = 2.0  # standard deviation of the waypoints from the straight line [m]
+DETOUR_M = 2.0  # standard deviation of a path's points from the straight line [m]
 SHORTEST_LEG_M = 0.05  # smallest length of a leg for its duration, which must not be 0 [m]
 # boxes x, y, yaw, size_x, size_y [m, rad]; the side of the start is open
 WALLS = np.array(
@@ -163,12 +163,12 @@ def _mover(rng: np.random.Generator, speeds: Tuple[float, float]) -> Mover:
     end_point = _at_a_wall(rng, last_wall)
     detour_count = int(rng.integers(1, 6))
     detour_shares = np.sort(rng.uniform(0.1, 0.9, detour_count))
-    waypoints = [start_point]
+    path_points = [start_point]
     for detour_share in detour_shares:
         detour = rng.normal(0.0, DETOUR_M, 2)
-        waypoints.append(start_point + detour_share * (end_point - start_point) + detour)
-    waypoints.append(end_point)
-    corners = np.clip(waypoints, -HALF_SIDE_M, HALF_SIDE_M)
+        path_points.append(start_point + detour_share * (end_point - start_point) + detour)
+    path_points.append(end_point)
+    corners = np.clip(path_points, -HALF_SIDE_M, HALF_SIDE_M)
 
     arrival_time = 0.0
     x, y = corners[0].tolist()

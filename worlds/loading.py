@@ -56,14 +56,14 @@ class _Recipe(NamedTuple):
         """Return the recipe of the numbers from 0 to end - 1."""
         return cls(make, splits.get, end, end.__gt__)
 
-    def numbers(self, part: str) -> Optional[Sequence[int]]:
+    def numbers(self, selection: str) -> Optional[Sequence[int]]:
         """Return the numbers of a split, of a number such as "7" or of a range such as "0-9".
 
         Return None if there is no such split or number.
         """
-        match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", part, re.ASCII)
+        match = re.match(r"^(\d{1,9})(?:-(\d{1,9}))?$", selection, re.ASCII)
         if match is None:
-            return self.split(part)
+            return self.split(selection)
         first_number = int(match.group(1))
         last_number = int(match.group(2) or first_number)
         # A range is refused as a whole: half of it would be evaluated as if it were complete.
@@ -119,13 +119,13 @@ def load(spec: str, radius: float = RADIUS_M) -> World:
     recipe_name, _, _ = spec_text.partition(":")
     recipe = _recipe(recipe_name, radius)
     if recipe:
-        world_names = specs(spec_text, radius)
-        if len(world_names) > 1:
+        world_specs = specs(spec_text, radius)
+        if len(world_specs) > 1:
             raise ApplrError(
-                f"{spec_text} names {len(world_names)} worlds, but one is needed; "
-                f"give one of them: {world_names[0]}"
+                f"{spec_text} names {len(world_specs)} worlds, but one is needed; "
+                f"give one of them: {world_specs[0]}"
             )
-        _, _, number = world_names[0].partition(":")
+        _, _, number = world_specs[0].partition(":")
         return recipe.make(int(number))
     if spec_text == physical_course.NAME:
         return physical_course.world()
@@ -151,12 +151,12 @@ class Worlds(Sequence[World]):
 
     def __init__(self, spec: str, radius: float = RADIUS_M) -> None:
         self.specs: List[str] = []
-        for single_spec in spec.split(","):
-            self.specs += specs(single_spec.strip(), radius)
+        for listed_spec in spec.split(","):
+            self.specs += specs(listed_spec.strip(), radius)
         self._loaded: Dict[str, World] = {}
-        for world_name in self.specs:
-            if not world_name.startswith(MADE):
-                self._loaded[world_name] = load(world_name, radius)
+        for world_spec in self.specs:
+            if not world_spec.startswith(MADE):
+                self._loaded[world_spec] = load(world_spec, radius)
         self._made = functools.lru_cache(maxsize=256)(load)
 
     def __len__(self) -> int:
@@ -166,10 +166,10 @@ class Worlds(Sequence[World]):
         """Return world number `index`, or a list of worlds for a slice."""
         if isinstance(index, slice):
             return [self[number] for number in range(*index.indices(len(self)))]
-        world_name = self.specs[index]
-        if world_name in self._loaded:
-            return self._loaded[world_name]
-        return self._made(world_name)
+        world_spec = self.specs[index]
+        if world_spec in self._loaded:
+            return self._loaded[world_spec]
+        return self._made(world_spec)
 
 
 def specs(spec: str, radius: float = RADIUS_M) -> List[str]:
@@ -179,25 +179,25 @@ def specs(spec: str, radius: float = RADIUS_M) -> List[str]:
         ApplrError: There are no such numbers, or a folder contains no .world files.
     """
     spec_text = str(spec)
-    recipe_name, _, numbers_text = spec_text.partition(":")
+    recipe_name, _, selection = spec_text.partition(":")
     recipe = _recipe(recipe_name, radius)
     if recipe:
-        numbers = recipe.numbers(numbers_text)
-        if numbers == [] and numbers_text in map_courses.HALVES:
+        numbers = recipe.numbers(selection)
+        if numbers == [] and selection in map_courses.HALVES:
             raise ApplrError(
                 f"{recipe_name}: none of its {recipe.end} courses stays in one half of the floor; "
                 f"give {recipe_name}:0-{recipe.end - 1}, or a map with more floor"
             )
         if not numbers:
-            last_name = f"{recipe_name}:{recipe.end - 1}"
-            known_worlds = f"{recipe_name}:0 to {last_name}"
+            last_world = f"{recipe_name}:{recipe.end - 1}"
+            known_worlds = f"{recipe_name}:0 to {last_world}"
             raise ApplrError(f"no worlds {spec_text!r} of {known_worlds}; give {SPECIFICATIONS}")
         return [f"{recipe_name}:{number}" for number in numbers]
     if not os.path.isdir(spec_text):
         return [spec_text]
     file_names = sorted(os.listdir(spec_text), key=_by_number)
-    world_names = [file_name for file_name in file_names if file_name.endswith(".world")]
-    world_files = [os.path.join(spec_text, world_name) for world_name in world_names]
+    world_file_names = [file_name for file_name in file_names if file_name.endswith(".world")]
+    world_files = [os.path.join(spec_text, file_name) for file_name in world_file_names]
     if not world_files:
         raise ApplrError(f"{spec_text} contains no .world files; give a folder with .world files")
     return world_files

@@ -56,26 +56,26 @@ def text(world: World) -> str:
     for number, (x, y, radius) in enumerate(world.cylinders.tolist()):
         model_texts.append(_model(f"cylinder_{number}", x, y, _cylinder(radius)))
     for number, (x, y, yaw, size_x, size_y) in enumerate(world.boxes.tolist()):
-        box_tag = f"<box><size>{size_x!r} {size_y!r} {HEIGHT_M!r}</size></box>"
-        model_texts.append(_model(f"box_{number}", x, y, box_tag, yaw))
+        box_xml = f"<box><size>{size_x!r} {size_y!r} {HEIGHT_M!r}</size></box>"
+        model_texts.append(_model(f"box_{number}", x, y, box_xml, yaw))
     for number, mover in enumerate(world.movers):
         _, x, y = mover.waypoints[0]
-        shape_tag = _cylinder(mover.radius)
-        model_texts.append(_model(f"mover_{number}", x, y, shape_tag, extra=_waypoints(mover)))
+        shape_xml = _cylinder(mover.radius)
+        model_texts.append(_model(f"mover_{number}", x, y, shape_xml, extra=_waypoints(mover)))
 
     course = world.course
-    finish_tag = ""
-    ends_tag = ""
+    finish_xml = ""
+    ends_xml = ""
     if course.finish_y is not None:
-        finish_tag = f"      <applr:finish_y>{float(course.finish_y)!r}</applr:finish_y>\n"
+        finish_xml = f"      <applr:finish_y>{float(course.finish_y)!r}</applr:finish_y>\n"
     if course.planner_ends:
-        ends_tag = "      <applr:planner_ends/>\n"
+        ends_xml = "      <applr:planner_ends/>\n"
     return _WORLD.format(
         models="".join(model_texts),
         start=_row(course.start),
         goal=_row(course.goal),
-        finish=finish_tag,
-        ends=ends_tag,
+        finish=finish_xml,
+        ends=ends_xml,
         tolerance=float(course.goal_tolerance),
         path=_row(course.path.ravel().tolist()),
     )
