@@ -156,7 +156,10 @@ class PybulletSimulator(Simulator):
         return nearby
 
     def _touching(self, position: Sequence[float], movers: List[NearbyMover]) -> bool:
-        """Return whether an obstacle, or a mover of _place_movers(), presses on the robot."""
+        """Return whether an obstacle, or a mover of _place_movers(), presses on the robot.
+
+        position: Position of the body in the world frame [m].
+        """
         # Queries to Bullet are slow, so a kernel selects the bodies first.
         if _find_near(self._circles, position[0], position[1], self._reach, self._near):
             for obstacle, is_near in zip(self._obstacles, self._near):

@@ -1,7 +1,7 @@
 """Driven wheels of both simulators: velocity controller, wheel speeds, friction on the ground.
 
 Bullet's own friction between wheels and ground is not used. It acts along the world's axes, so a
-yaw_rate in place runs at .9 to 1.3 of the commanded rate depending on the heading (.2 to 1.0 with
+turn in place runs at .9 to 1.3 of the commanded rate depending on the heading (.2 to 1.0 with
 Bullet's friction cone). There are two friction models instead, named grounds. On ground `plain`,
 Coulomb's force on each tyre opposes the slip in any direction. Ground `gazebo` reproduces the
 friction of the Jackal in Gazebo (`_pyramid`), which varies with the wheels' angles.
@@ -10,7 +10,7 @@ On plain ground, the wheels of a skid-steered robot that turns in place must run
 track / 2 by the factor 1 + (wheel base / track)^2. It is 1.49 for the Jackal (Clearpath's
 separation multiplier is 1.5) and smaller in a fast curve. `rim_table` has the factor of every (v,
 w). The Jackal's centre of mass lies ahead of the wheels' centre, so the front wheels slip less, and
-the robot turns about a point ahead of base_link: base_link drifts in a yaw_rate in place. Two
+the robot turns about a point ahead of base_link: base_link drifts in a turn in place. Two
 driven wheels need no factor, and casters slide with their own friction.
 
 Kernels share these arguments:
@@ -146,7 +146,7 @@ def turn_wheels(
 
 @kernel
 def _rims(v: float, w: float, table: Array, constants: Constants) -> Pair:
-    """Return the mean_speed and half the difference of the rim speeds [m/s] for (v, w).
+    """Return the mean and half the difference of the rim speeds [m/s] for (v, w).
 
     The addition to the speed and the multiplier of the track are a bilinear interpolation between
     four entries of the table. A command beyond the table takes its last entries.
@@ -390,7 +390,7 @@ def _settle(v: float, w: float, vehicles: Records, supports: Records) -> Pair:
         forward += change[0]
         leftward += change[1]
         yaw_rate += change[2]
-        # The axes of the body yaw_rate under its velocity.
+        # The axes of the body turn under its velocity.
         cos_turn = cos(yaw_rate * STEP)
         sin_turn = sin(yaw_rate * STEP)
         ahead = cos_turn * forward + sin_turn * leftward

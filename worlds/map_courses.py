@@ -206,7 +206,11 @@ class Building:
 
     @functools.cached_property
     def halves(self) -> Dict[str, List[int]]:
-        """Numbers of the courses that stay in one half of the floor, by the name of the half."""
+        """Numbers of the courses that stay in one half of the floor, by the name of the half.
+
+        A line across the longer side of the floor leaves equally many floor cells on both sides.
+        Courses that are not drawn yet are drawn for it.
+        """
         floor_cells = np.argwhere(self._floor.cells)
         long_axis = int(np.argmax(np.ptp(floor_cells, axis=0)))
         dividing_line = np.median(floor_cells[:, long_axis])  # crosses the longer side of the floor

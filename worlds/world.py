@@ -128,7 +128,8 @@ def hermite(a: float, b: float, tangent_a: float, tangent_b: float, u: float) ->
 # Seen: .55 m on 10 m (Gazebo), 1.3 m on 20 m.
 ODOMETRY_OFF_M = 0.5
 ODOMETRY_OFF_SHARE = 0.08
-# reach of a planner's 20 m global map from the start, without its blocked outermost cells [m]
+# Half the width of the planner's global map (40 m for the Jackal), which is centred on the start,
+# without its blocked outermost cells [m]
 MAP_REACH_M = 19.7
 
 # tolerance of a course without a circle around its goal [m]: no distance is within it

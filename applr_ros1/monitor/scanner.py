@@ -17,7 +17,8 @@ from applr_ros1.monitor.known_space import CAPACITY_POINTS
 from applr_ros1.monitor.rays import Rays, beam_at, covers_full_turn, end_point, rays_of
 
 FINEST_RAD = 1e-5  # smallest angle between two beams [rad]
-FARTHEST_M = 1e6  # largest coordinate and angle of a sensor's or robot's pose [m, rad]
+# Largest coordinate [m] and angle [rad] of a sensor's or robot's pose, far beyond any drive's.
+FARTHEST_M = 1e6
 FEWEST_BEAMS = 3  # smallest number of beams of a scan
 # Tolerance of the angle that a planar scan covers, beyond a full turn, because drivers round it
 # [rad].

@@ -481,9 +481,10 @@ def _is_seen(seen: Seen, edge: Array, place: Placement) -> bool:
 
 @kernel
 def _is_seen_beyond(seen: Seen, edge: Array, pose: Pose, v: float, w: float) -> bool:
-    """Return whether the space BEYOND_M past the stopping point is observed.
+    """Return whether the space BEYOND_M past the stopping pose is observed.
 
-    True if the command is a stop.
+    True if the command is a stop. The robot is assumed to go on as commanded, v [m/s] and w
+    [rad/s], without slip to the side: it is not about to brake there.
     """
     fastest = 0.0  # speed of the body's fastest point [m/s]
     for number in range(edge.shape[0]):

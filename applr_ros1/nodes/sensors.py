@@ -327,6 +327,8 @@ class _Topic:
     def forget(self) -> None:
         with self._lock:
             self._waiting.clear()
+            self.stamp = rospy.Time(0)
+        self.trouble = ""
         self.used = {}
 
     def used_of(self, message: Any) -> rospy.Time:

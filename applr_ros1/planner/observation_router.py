@@ -133,9 +133,11 @@ class ObservationRouter:
         for layer in self._local_costmap.obstacle_layers:
             for buffer in layer.buffers:
                 source = buffer.source
-                # The timeout of C++, which a disabled layer does not apply.
+                # The timeout of C++, in seconds in spite of its name, which a disabled layer does
+                # not apply.
                 if layer.parameters.enabled and not buffer.is_current(now):
                     return source.topic, source.expected_update_rate
+                # This package's own timeout: a laser that has died is one in a disabled layer, too.
                 if self._timeout > 0.0 and _must_speak(source):
                     stamp = self._stamps.get(source.topic, -math.inf)
                     if now - stamp > self._timeout:

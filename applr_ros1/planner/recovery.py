@@ -68,7 +68,8 @@ class RotateRecovery:
 
     Args:
         name: name of the behaviour.
-        planner: parameters of TrajectoryPlannerROS at start-up, for limits and tolerance.
+        planner: parameters of TrajectoryPlannerROS at start-up, for limits [rad/s, rad/s^2] and
+            tolerance [rad].
         sim_granularity: step between the yaws at which the footprint is tested [rad].
         like_cpp: whether an incomplete rotation goes on forever.
     """
@@ -94,11 +95,12 @@ class RotateRecovery:
         self._deadline = 0.0
 
     def start(self, now: float, pose: Pose) -> None:
-        """Record the yaw at which the rotation begins."""
+        """Record the yaw at which the rotation begins, and set its deadline."""
         self._start_yaw = pose[2]
         self._last_yaw = pose[2]
         self._turned = 0.0
         self._is_past_half = False
+        # A maximum of 0 gives a long time instead of an error.
         unhindered_time = 2.0 * math.pi / max(self.fastest_turn, 1e-3)
         self._deadline = now + self._patience * unhindered_time
 

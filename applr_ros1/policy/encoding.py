@@ -56,7 +56,8 @@ def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dic
     The mirror image is the same network on the mirrored observation.
 
     Args:
-        weights: One network, or an ensemble.
+        weights: Tensors of one network, such as 0.weight (outputs, inputs), or of an ensemble,
+            whose first axis counts the networks.
         mirror: Reflection of the networks' input.
     """
     is_ensemble = weights["0.weight"].ndim == 3
@@ -66,6 +67,7 @@ def with_mirror_images(weights: Mapping[str, np.ndarray], mirror: Mirror) -> Dic
             networks = networks[None]
         mirror_images = networks
         if tensor_name == "0.weight":  # Only the first layer takes the observation.
+            # The order is its own inverse: it swaps pairs of inputs.
             mirror_images = (networks * mirror.sign)[..., mirror.order]
         # Each network is followed by its image; policy files leave out every second one.
         network_pairs = np.stack([networks, mirror_images], axis=1)

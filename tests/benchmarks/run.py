@@ -201,7 +201,7 @@ def sim_speed_pybullet():
 
 
 def _speed(simulator):
-    """Return the highest of three speeds, and its unit."""
+    """Return the highest speed of several drives, and its unit."""
     warm_up()
     # At this frequency there is a new plan in every control cycle.
     episode = _episode(simulator, MoveBase(dict(JACKAL_PARAMETERS, planner_frequency=20.0)))

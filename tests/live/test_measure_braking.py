@@ -11,6 +11,7 @@ import rospy
 from applr_ros1.common.angles import normalize_angle
 from applr_ros1.nodes.conversions import Reading
 from applr_ros1.nodes.tools.measure_braking import Stop, dead_band, deceleration, reaction
+from tests.support.refusals import refused
 from tests.support.ros import Kept, session, wait_for
 from worlds import Course, World
 from worlds.sdf_writer import write
@@ -97,6 +98,12 @@ def test_the_dead_band_is_the_smallest_command_that_moves_the_base(band):
     # A smaller value would promise that the base moves at a command that it ignores.
     assert measured_speed >= speed_band
     assert measured_turn >= turn_band
+
+
+def test_a_base_that_does_not_move_has_no_dead_band():
+    stopped_base = Ignoring(band=(1.0, 2.0))
+    refused(lambda: dead_band(stopped_base, is_turn=False), "0.3 m/s", "emergency stop")
+    refused(lambda: dead_band(stopped_base, is_turn=True), "0.9 rad/s", "emergency stop")
 
 
 @pytest.fixture(scope="module")

@@ -164,6 +164,7 @@ def test_after_a_clock_jump_back_the_next_messages_are_used(robot, jump, monkeyp
     assert robot.sensors.pose(earlier_time, 0.3) is None
     assert robot.sensors.observations() == {}
     assert robot.sensors.odometry_trouble(earlier_time, 0.5)
+    assert robot.sensors.describe_latest("scan") == "no message has arrived"
 
     # The next messages are used.
     next_time = robot.time(100.52 - jump)

@@ -129,7 +129,10 @@ def run(arguments: List[str]) -> None:
 def _stretches_by_context(
     demonstrations: Sequence[Drive], split: segmentation.Contexts, robot: Robot
 ) -> List[List[Stretch]]:
-    """Return the stretches of each context, and print the segments."""
+    """Return the stretches of each context, and print the segments.
+
+    A stretch is what the fit replays of a segment.
+    """
     by_context: List[List[Stretch]] = [[] for _ in split.names]
     for demonstration_index, demonstration in enumerate(demonstrations):
         assert demonstration.commands is not None

@@ -28,11 +28,11 @@ def names_in(types: Mapping[str, str], wanted: TopicNames, given: Collection[str
     """
     move_base = wanted.move_base
     if "move_base" not in given:
-        namespaces = _namespaces_of_move_base(types)
-        if len(namespaces) > 1:
-            raise ApplrError(f"plans of {' and of '.join(namespaces)}: give --move-base")
-        if namespaces:
-            move_base = namespaces[0]
+        move_bases = _names_of_move_base(types)
+        if len(move_bases) > 1:
+            raise ApplrError(f"plans of {' and of '.join(move_bases)}: give --move-base")
+        if move_bases:
+            move_base = move_bases[0]
 
     # /robot1/move_base drives a robot whose scans are on /robot1/scan, if there is such a topic.
     robot_namespace = move_base.rpartition("/")[0]
@@ -46,19 +46,22 @@ def names_in(types: Mapping[str, str], wanted: TopicNames, given: Collection[str
     return replace(wanted, **topics)
 
 
-def _namespaces_of_move_base(types: Mapping[str, str]) -> List[str]:
-    """Return the namespaces of move_base: those of the followed plans, else of the global ones."""
+def _names_of_move_base(types: Mapping[str, str]) -> List[str]:
+    """Return the names of the move_base nodes whose plans were followed, else of the planning ones.
+
+    A name is resolved, such as /robot1/move_base.
+    """
     followed = set()
     planned = set()
     for topic, message_type in types.items():
         # A plan's topic is MOVE_BASE/PLANNER/NAME.
         if not CHANNELS["plans"].accepts(message_type) or topic.count("/") < 3:
             continue
-        namespace, planner, plan_name = topic.rsplit("/", 2)
+        node_name, planner, plan_name = topic.rsplit("/", 2)
         if plan_name == "global_plan":
-            followed.add(namespace)
+            followed.add(node_name)
         elif plan_name == "plan" and planner in GLOBAL_PLANNERS:
-            planned.add(namespace)
+            planned.add(node_name)
     # A move_base whose local planner publishes no plan still shows the plans of its global one.
     return sorted(followed or planned)
 

@@ -62,6 +62,10 @@ class Link:
         is_static: Whether the place does not change.
         time: (n,) times of recording [s].
         stamp: (n,) times for which the places hold, ascending [s].
+
+    Args:
+        transforms: Recorded transforms.
+        rows: Rows of the frame's transforms, in order of recording.
     """
 
     def __init__(self, transforms: Transforms, rows: List[int]):
@@ -73,7 +77,7 @@ class Link:
         self.is_static = transforms.is_static[ordered_rows[-1]]
         self.time = transforms.time[ordered_rows]
         self.stamp = transforms.stamp[ordered_rows]
-        self._place = transforms.place[ordered_rows].copy()
+        self._place = transforms.place[ordered_rows]  # (n, 7) x, y, z, and a quaternion x, y, z, w
 
         # A quaternion and its opposite are one rotation; neighbours get one sign for interpolation.
         quaternions = self._place[:, 3:]

@@ -347,7 +347,11 @@ def indented(items: Iterable[Any]) -> List[str]:
 
 
 def _parting(first: Replay, second: Replay) -> str:
-    """Return in words when the first drive leaves the route of the second one."""
+    """Return in words when the first drive leaves the route of the second one.
+
+    The cycles lie close enough on a route for distances between points. Both drives have the same
+    odometry frame only if they began at the same place.
+    """
     route = np.array([cycle.pose[:2] for cycle in second.cycles])
     for cycle in first.cycles:
         position = np.array(cycle.pose[:2])

@@ -303,7 +303,7 @@ class Replay:
         """
         first_choice: Optional[Cycle] = None
         least_error = np.inf
-        for cycle in self._choices(asked, odometry):
+        for cycle in self._choices(asked, odometry_row):
             v, w = self.command(cycle)
             recorded_v, recorded_w = asked.command
             cycle.error = abs(v - recorded_v) + abs(w - recorded_w)
@@ -318,23 +318,23 @@ class Replay:
         self.local.planner.remember(first_choice.pose, *first_choice.command)
         return replace(first_choice, error=least_error)
 
-    def _choices(self, asked: Cycle, odometry: int) -> Iterator[Cycle]:
+    def _choices(self, asked: Cycle, odometry_row: int) -> Iterator[Cycle]:
         """Yield the choices of a cycle's messages and map, the likely ones first.
 
         The costmap shows the map of the yielded choice.
         """
-        choices_of_new = self._choices_of_new(asked)
+        is_new_choices = self._choices_of_new(asked)
         paths = self._paths(asked)
         for scan_age, odometry_age in UPDATES:
-            if asked.scan < (scan_age or 0) or odometry < odometry_age:
+            if asked.scan < (scan_age or 0) or odometry_row < odometry_age:
                 continue
             self.costmap.restore(asked.map)
             if scan_age is not None:
-                self._update(asked.scan - scan_age, odometry - odometry_age)
+                self._update(asked.scan - scan_age, odometry_row - odometry_age)
             map_shown = self.costmap.snapshot()
-            choices = product(LAGS, POSE_SHIFTS, choices_of_new, paths)
+            choices = product(LAGS, POSE_SHIFTS, is_new_choices, paths)
             for twist_lag, pose_shift, is_new, plan_path in choices:
-                twist_row = odometry - twist_lag
+                twist_row = odometry_row - twist_lag
                 pose_row = twist_row + pose_shift
                 if min(twist_row, pose_row) < 0:
                     continue

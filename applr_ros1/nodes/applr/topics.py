@@ -128,7 +128,8 @@ def parameters_message(
 ) -> Parameters:
     """Return an applr_ros1/Parameters of theta (n,).
 
-    It has no names and values if theta is None. The multipliers are ones if they are None.
+    It has no names and values if theta is None. The multipliers (n,) by which the node scales the
+    parameters before it sends them are ones if they are None.
     """
     message = Parameters()
     message.header.stamp = stamp

@@ -250,18 +250,24 @@ def dead_band(base: Base, is_turn: bool) -> float:
     """Return the smallest command that moves the base [m/s, or rad/s in a turn].
 
     It is 0 if the first step already moves the base.
+
+    Raises:
+        ApplrError: The base does not move at the largest command either.
     """
     step = STEP_RAD_S if is_turn else STEP_M_S
     command = 0.0
     for step_number in range(1, MOST_STEPS + 1):
         command = step * step_number
+        v, w = (0.0, command) if is_turn else (command, 0.0)
         start_reading = base.readings[-1]
-        v = 0.0 if is_turn else command
-        base.drive(v, command - v, lambda: False, DRIVING_S)
+        base.drive(v, w, lambda: False, DRIVING_S)
         way = _distance(start_reading, base.readings[-1], is_turn)
         if way > MOVED_SHARE * command * DRIVING_S:
-            break
-    return command if command > step else 0.0
+            return command if step_number > 1 else 0.0
+    unit = "rad/s" if is_turn else "m/s"
+    raise ApplrError(
+        f"the base does not move at {command:g} {unit}: release its emergency stop and its brakes"
+    )
 
 
 def fastest(room: float) -> float:

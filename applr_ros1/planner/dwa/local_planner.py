@@ -218,7 +218,7 @@ class DWALocalPlanner(LocalPlanner):
         self.reset()
 
     def reset(self) -> None:
-        """Clear plan, latch and the planner's flags, as in a new object (for training episodes).
+        """Clear plan, latch, turning phase and the planner's flags, for a new training episode.
 
         Parameters stay.
         """

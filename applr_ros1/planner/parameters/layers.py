@@ -128,7 +128,10 @@ def _is_named_and_typed(entry: Any) -> bool:
 
 
 def replaced(tree: Dict[str, Any]) -> Iterator[str]:
-    """Yield a warning for each costmap layer whose type is not available, with its replacement."""
+    """Yield a warning for each costmap layer whose type is not available.
+
+    The warning says what replaces the layer, or that it is left out.
+    """
     for costmap_name in COSTMAPS:
         costmap = branch(tree, costmap_name)
         if costmap.get("map_type") == "voxel" and "plugins" not in costmap:

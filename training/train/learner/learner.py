@@ -209,7 +209,7 @@ class Learner:
             )
         self._take_networks(folder, checkpoint)
         self.td3.updates = 0
-        self.td3.policy_starts = 0
+        self.td3.policy_starts = 0  # The critics have learned already.
 
     def _take_networks(self, folder: Path, checkpoint: Dict[str, Any]) -> None:
         """Load networks and optimisers of a checkpoint in `folder`."""
