@@ -144,8 +144,8 @@ def local_goal(plan: Any, pose: Any, lookahead: float = LAYOUT.lookahead) -> Tup
     smooth_x, smooth_y = smooth(points).T
     dx = smooth_x - x
     dy = smooth_y - y
-    points_beyond = np.flatnonzero(np.hypot(dx, dy) > lookahead)
-    goal_index = points_beyond[0] if len(points_beyond) else -1
+    indices_beyond = np.flatnonzero(np.hypot(dx, dy) > lookahead)
+    goal_index = indices_beyond[0] if len(indices_beyond) else -1
     goal_x, goal_y = transform_point((0.0, 0.0, -yaw), dx[goal_index], dy[goal_index])
     return float(goal_x), float(goal_y)
 
@@ -161,10 +161,10 @@ def beginning(plan: Any, pose: Any, distance: float) -> Array:
     """
     points = np.asarray(plan, dtype=np.float64)[:, :2]
     dx, dy = (smooth(points) - pose[:2]).T
-    points_beyond = np.flatnonzero(np.hypot(dx, dy) > distance)
-    if not len(points_beyond):
+    indices_beyond = np.flatnonzero(np.hypot(dx, dy) > distance)
+    if not len(indices_beyond):
         return points
-    return points[: points_beyond[0] + WINDOW]  # The filter looks ahead by less than WINDOW.
+    return points[: indices_beyond[0] + WINDOW]  # The filter looks ahead by less than WINDOW.
 
 
 def goal_angle(goal: Tuple[float, float]) -> float:

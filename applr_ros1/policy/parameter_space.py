@@ -242,9 +242,9 @@ class Space:
                 f"{kind} vector has shape {vector.shape}: {len(self.names)} values are needed"
             )
         if not np.all(np.isfinite(vector)):
-            position = np.argwhere(~np.isfinite(vector))[0]
+            array_index = np.argwhere(~np.isfinite(vector))[0]
             raise ApplrError(
-                f"{kind} {self.names[position[-1]]} is {vector[tuple(position)]}, not finite"
+                f"{kind} {self.names[array_index[-1]]} is {vector[tuple(array_index)]}, not finite"
             )
         return vector
 

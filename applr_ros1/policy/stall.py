@@ -207,9 +207,9 @@ def _leads_back(context: Context) -> bool:
     plan = np.asarray(context.plan)[:, :2]
     x, y, yaw = context.pose
     distances = np.hypot(plan[:, 0] - x, plan[:, 1] - y)
-    reached_points = np.flatnonzero(distances >= PLAN_M)
-    if not len(reached_points):
+    reached_indices = np.flatnonzero(distances >= PLAN_M)
+    if not len(reached_indices):
         return True
-    ahead_x, ahead_y = plan[reached_points[0]]
+    ahead_x, ahead_y = plan[reached_indices[0]]
     forward = math.cos(yaw) * (ahead_x - x) + math.sin(yaw) * (ahead_y - y)
     return bool(forward < 0.0)

@@ -289,6 +289,6 @@ def blocks_of(worlds: int, seed: int) -> List[Block]:
     """Return the indices of all worlds, shuffled with the seed, in blocks of BLOCK."""
     world_order = np.random.default_rng(seed).permutation(worlds).tolist()
     blocks = []
-    for first_world in range(0, len(world_order), BLOCK):
-        blocks.append(world_order[first_world : first_world + BLOCK])
+    for block_begin in range(0, len(world_order), BLOCK):
+        blocks.append(world_order[block_begin : block_begin + BLOCK])
     return blocks

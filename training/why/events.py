@@ -211,11 +211,11 @@ def distances_to_goal(drive: Drive, odometry: Motion) -> np.ndarray:
     to_goal = np.full(len(odometry), np.inf)
     if drive.plans is None:
         return to_goal
-    for row, stamp in enumerate(odometry.time):
-        latest_plan = drive.plans.latest(stamp)
-        if latest_plan < 0:
+    for row, row_time in enumerate(odometry.time):
+        plan_row = drive.plans.latest(row_time)
+        if plan_row < 0:
             continue
-        plan = drive.plans.path[latest_plan]
+        plan = drive.plans.path[plan_row]
         if len(plan):
             dx, dy = plan[-1, :2] - odometry.pose[row, :2]
             to_goal[row] = np.hypot(dx, dy)

@@ -120,8 +120,8 @@ class Samples(NamedTuple):
         legal_rows = np.flatnonzero(self.drives_on & (self.costs >= 0))
         if not len(legal_rows):
             return None
-        cheapest_row = self.costs[legal_rows].argmin()
-        return int(legal_rows[cheapest_row])
+        cheapest_index = self.costs[legal_rows].argmin()
+        return int(legal_rows[cheapest_index])
 
     def in_words(self, row: int) -> str:
         """Return a velocity for people."""
@@ -388,14 +388,14 @@ def _obstacle(
     replay: Replay, start: Pose, v: float, w: float, seconds: float
 ) -> Optional[List[float]]:
     """Return the lethal cell (x, y) [m] that the footprint meets first on its way, or None."""
-    lethal_cells = lethal_points(replay)
-    if not len(lethal_cells):
+    lethal_centres = lethal_points(replay)
+    if not len(lethal_centres):
         return None
     for drive_time in np.arange(0.0, seconds, STEP_S):
         pose = arc(start, v, w, drive_time)
         if replay.costmap.footprint_cost(*pose) < 0:
-            nearest = _nearest_to_footprint(replay.costmap.footprint, pose, lethal_cells)
-            cell: List[float] = lethal_cells[nearest].round(3).tolist()
+            nearest = _nearest_to_footprint(replay.costmap.footprint, pose, lethal_centres)
+            cell: List[float] = lethal_centres[nearest].round(3).tolist()
             return cell
     return None
 

@@ -145,11 +145,11 @@ def _longest_gap(rows: Optional[Rows], stretch: Stretch) -> float:
 
 def last_time(drive: Drive) -> float:
     """Return the time of the last message of a drive [s]."""
-    last_stamp = 0.0
+    latest_time = 0.0
     for rows in (drive.odometry, drive.scans, drive.planned, drive.commands):
         if rows is not None and len(rows):
-            last_stamp = max(last_stamp, float(rows.time[-1]))
-    return last_stamp
+            latest_time = max(latest_time, float(rows.time[-1]))
+    return latest_time
 
 
 def jumping(stretch: Stretch) -> str:

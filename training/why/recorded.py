@@ -303,22 +303,22 @@ def followed_plans(drive: Drive, tree: Tree, robot: Robot) -> Plans:
 
     followed_times: List[float] = []
     followed_paths: List[np.ndarray] = []
-    latest_route = -1
+    route_row = -1
     # What is left of the latest plan, and what was left of the one before it
     stored_plan = np.zeros((0, 3))
     previous_plan = stored_plan
     for cycle_row, command_time in enumerate(times.tolist()):
-        if drive.routes.latest(command_time) != latest_route:
-            latest_route = drive.routes.latest(command_time)
+        if drive.routes.latest(command_time) != route_row:
+            route_row = drive.routes.latest(command_time)
             previous_plan = stored_plan
-            stored_plan = drive.routes.path[latest_route]
+            stored_plan = drive.routes.path[route_row]
         odometry_row = drive.odometry.latest(command_time)
-        if latest_route < 0 or odometry_row < 0:
+        if route_row < 0 or odometry_row < 0:
             continue
         if not len(stored_plan) or not _has_goal(drive, command_time):
             continue
         choices = [stored_plan]
-        if len(previous_plan) and command_time - drive.routes.time[latest_route] < CYCLE_S:
+        if len(previous_plan) and command_time - drive.routes.time[route_row] < CYCLE_S:
             choices.insert(0, previous_plan)
         # Frames move in each other, so that a stored plan is transformed anew in each cycle.
         if origins is not None:

@@ -144,10 +144,10 @@ class Replay:
         assert drive.planned is not None
 
         # Parameters in force from each change on
-        for command_time, server, values in changes_of(drive, self.robot):
+        for change_time, server, values in changes_of(drive, self.robot):
             changes = self.settings.differences({server: values})
             self.settings = self.settings.with_(*changes)
-            self.history.append((command_time, self.settings))
+            self.history.append((change_time, self.settings))
 
         # Cycles in order: each one continues from the map and the flags of the one before
         commands = list(zip(drive.planned.time.tolist(), drive.planned.twist.tolist()))
@@ -191,8 +191,8 @@ class Replay:
         """Return what the drive is measured by."""
         speeds = []
         turn_rates = []
-        for stamp in self.odometry.time.tolist():
-            values = self.in_force(stamp)[self.server]
+        for row_time in self.odometry.time.tolist():
+            values = self.in_force(row_time)[self.server]
             speeds.append(values["max_vel_x"])
             turn_rates.append(values["max_vel_theta"])
         return Limits(
@@ -236,10 +236,10 @@ class Replay:
         """
         assert self.drive.plans is not None
         plans = self.drive.plans
-        latest_plan = plans.latest(at + SAME_CYCLE_S)
-        if latest_plan < 0 or plans.time[latest_plan] < at - SAME_CYCLE_S:
+        plan_row = plans.latest(at + SAME_CYCLE_S)
+        if plan_row < 0 or plans.time[plan_row] < at - SAME_CYCLE_S:
             return None
-        for plan_path in plans.path[latest_plan::-1]:
+        for plan_path in plans.path[plan_row::-1]:
             if len(plan_path):
                 return plan_path
         return None
@@ -248,9 +248,9 @@ class Replay:
         """Return the plan of a cycle, and the one before it if either may have been followed."""
         assert self.drive.plans is not None
         plans = self.drive.plans
-        latest_plan = plans.latest(asked.at)
-        if latest_plan > 0 and plans.time[latest_plan - 1] == plans.time[latest_plan] == asked.at:
-            return [asked.plan, plans.path[latest_plan - 1]]
+        plan_row = plans.latest(asked.at)
+        if plan_row > 0 and plans.time[plan_row - 1] == plans.time[plan_row] == asked.at:
+            return [asked.plan, plans.path[plan_row - 1]]
         return [asked.plan]
 
     def _update(self, scan: int, odometry: int) -> None:

@@ -64,12 +64,12 @@ class Stop(NamedTuple):
     way: float
 
 
-def stop_of(readings: List[Reading], braked: float, command: float, is_turn: bool) -> Stop:
+def stop_of(readings: List[Reading], brake_time: float, command: float, is_turn: bool) -> Stop:
     """Return the Stop of a run.
 
     Args:
         readings: Odometry of the run.
-        braked: Time of the command to stop [s].
+        brake_time: Time of the command to stop [s].
         command: Speed that was commanded before [m/s, or rad/s in a turn].
         is_turn: Whether the base turned in place.
 
@@ -77,9 +77,9 @@ def stop_of(readings: List[Reading], braked: float, command: float, is_turn: boo
         ApplrError: There are too few readings.
     """
     speeds_before = []
-    readings_after = [reading for reading in readings if reading.time >= braked]
+    readings_after = [reading for reading in readings if reading.time >= brake_time]
     for reading in readings:
-        if braked - STANDING_S < reading.time <= braked:
+        if brake_time - STANDING_S < reading.time <= brake_time:
             speeds_before.append(_speed(reading, is_turn))
     if not speeds_before or len(readings_after) < 2:
         problem = "too few odometry messages during the run"
@@ -97,7 +97,7 @@ def stop_of(readings: List[Reading], braked: float, command: float, is_turn: boo
     distance = 0.0
     for previous, reading in zip(readings_after, readings_after[1:]):
         distance += _distance(previous, reading, is_turn)
-    return Stop(speed, speed / abs(command), slowed_time - braked, distance)
+    return Stop(speed, speed / abs(command), slowed_time - brake_time, distance)
 
 
 def _speed(reading: Reading, is_turn: bool) -> float:
@@ -216,7 +216,7 @@ class Base:
 
     def run(self, v: float, w: float) -> Stop:
         """Drive or turn, brake to rest, and print a line about the stop."""
-        first_reading = len(self.readings)
+        first_index = len(self.readings)
         end_time = rospy.get_time() + DRIVING_S
         farthest_ahead = self.free - ROOM_M - v * v / 2.0  # It brakes with at least 1 m/s^2.
         self.drive(v, w, lambda: rospy.get_time() > end_time or self.ahead() > farthest_ahead)
@@ -231,7 +231,7 @@ class Base:
         self.drive(0.0, 0.0, has_settled, BRAKING_S)
         command = w or v
         is_turn = bool(w)
-        stop = stop_of(self.readings[first_reading:], brake_time, command, is_turn)
+        stop = stop_of(self.readings[first_index:], brake_time, command, is_turn)
         _print_stop(stop, command, is_turn)
         return stop
 
