@@ -306,13 +306,13 @@ def _without_mirror_images(weights: Weights, mirror: Mirror) -> Optional[Dict[st
     """Return every second network if the others are their mirror images, else None."""
     if weights["0.weight"].ndim != 3:
         return None
-    first_networks = {
+    original_networks = {
         tensor_name: np.ascontiguousarray(tensor[::2]) for tensor_name, tensor in weights.items()
     }
-    for tensor_name, tensor in with_mirror_images(first_networks, mirror).items():
+    for tensor_name, tensor in with_mirror_images(original_networks, mirror).items():
         if not np.array_equal(tensor, weights[tensor_name]):
             return None
-    return first_networks
+    return original_networks
 
 
 def _write(
@@ -369,8 +369,8 @@ def forward(layers: Layers, x: Any) -> Array32:
     for layer_index, (weight, bias) in enumerate(layers):
         if layer_index:
             activations = np.maximum(activations, np.float32(0.0))
-        # In an ensemble, weight is (k, out, in) and bias (k, out), so that units become (k, n,
-        # out).
+        # In an ensemble, weight is (k, out, in) and bias (k, out), so that activations
+        # become (k, n, out).
         if is_ensemble:
             bias = bias[:, None, :]
         activations = activations @ weight.swapaxes(-1, -2) + bias

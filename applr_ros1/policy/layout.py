@@ -151,16 +151,16 @@ def _sectors(layout: Layout, count: int, first: float, step: float) -> Optional[
     angles = repeated_angles[order]
     source = np.tile(np.arange(count), len(TURNS))[order]
 
-    # The beam nearest to a sector's centre is the one on its right or on its left.
+    # The beam nearest to a sector's centre is the last one before it or the first one after it.
     centres = layout.angles
-    right_beam = np.searchsorted(angles, centres)
-    right_beam = np.clip(right_beam, 1, len(angles) - 1)
-    is_left_nearer = centres - angles[right_beam - 1] <= angles[right_beam] - centres
-    nearest_beam = right_beam - is_left_nearer
+    later_beams = np.searchsorted(angles, centres)
+    later_beams = np.clip(later_beams, 1, len(angles) - 1)
+    is_earlier_nearer = centres - angles[later_beams - 1] <= angles[later_beams] - centres
+    nearest_beams = later_beams - is_earlier_nearer
 
     # A sector is covered if this beam lies within half a beam of its centre, up to the tolerance.
     largest_offset = 0.5 * abs(step) + ANGLE_TOLERANCE_RAD
-    is_covered = np.abs(angles[nearest_beam] - centres) <= largest_offset
+    is_covered = np.abs(angles[nearest_beams] - centres) <= largest_offset
     if not is_covered.all():
         coverage = f"{min(first, last):.3f} to {max(first, last):.3f} rad"
         need = f"{layout.angle_min:.3f} to {layout.angle_max:.3f}"
@@ -170,8 +170,8 @@ def _sectors(layout: Layout, count: int, first: float, step: float) -> Optional[
     first_beams = np.searchsorted(angles, centres - half_sector)
     end_beams = np.searchsorted(angles, centres + half_sector)
     is_empty = first_beams == end_beams
-    first_beams = np.where(is_empty, nearest_beam, first_beams)
-    end_beams = np.where(is_empty, nearest_beam + 1, end_beams)
+    first_beams = np.where(is_empty, nearest_beams, first_beams)
+    end_beams = np.where(is_empty, nearest_beams + 1, end_beams)
 
     # A sector's ranges start where those of the sectors before it end.
     beam_counts = end_beams - first_beams
