@@ -37,17 +37,18 @@ def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, A
         if parameter_name not in values:
             continue
         # A costmap without "plugins" has the parameters of its layers in its own namespace.
-        server = target.server
-        costmap = server.rpartition("/")[0]
+        section_path = target.server
+        costmap = section_path.rpartition("/")[0]
         if costmap and "plugins" not in branch(tree, costmap):
-            server = costmap
+            section_path = costmap
         # Under each name that the files use, so that none of them keeps the old value.
-        recorded = branch(tree, server)
+        recorded = branch(tree, section_path)
         recorded_names = [alias for alias in target.names if alias in recorded]
         if not recorded_names:
             recorded_names = [target.name]
         loaded_value = target.signed(numbers[parameter_name])
-        branch(start_up, server, create=True).update(dict.fromkeys(recorded_names, loaded_value))
+        section = branch(start_up, section_path, create=True)
+        section.update(dict.fromkeys(recorded_names, loaded_value))
     if TRAJECTORY in tree.get("base_local_planner", TRAJECTORY):
         # Searches drive with biases per costmap cell.
         branch(start_up, TRAJECTORY, create=True)["meter_scoring"] = False

@@ -201,9 +201,10 @@ def _ranges(tree: Dict[str, Any]) -> Iterator[Rated]:
     }
     for parameter_name, usual_range in usual_ranges.items():
         changes = []
-        for server, section in _sections_with(tree, parameter_name):
-            if section[parameter_name] < usual_range:
-                changes.append(Change(server, parameter_name, section[parameter_name], usual_range))
+        for section_path, section in _sections_with(tree, parameter_name):
+            value = section[parameter_name]
+            if value < usual_range:
+                changes.append(Change(section_path, parameter_name, value, usual_range))
         if changes:
             # A range of 0 has no ratio.
             smallest = max(min(_values_before(changes)), 0.01)
@@ -226,9 +227,9 @@ def _windows(tree: Dict[str, Any]) -> Iterator[Rated]:
 def _inflations(tree: Dict[str, Any]) -> Iterator[Rated]:
     """Yield half of the inflation in both costmaps, for plans that keep too far from obstacles."""
     changes = []
-    for server, section in _sections_with(tree, "inflation_radius"):
+    for section_path, section in _sections_with(tree, "inflation_radius"):
         radius = section["inflation_radius"]
-        changes.append(Change(server, "inflation_radius", radius, radius / 2))
+        changes.append(Change(section_path, "inflation_radius", radius, radius / 2))
     # The inflation of one costmap alone is among the changes that the replay ranks.
     if len(changes) > 1:
         ratio = max(*_values_before(changes), 0.01) / CPP_INFLATION_M
@@ -242,10 +243,10 @@ def _scalings(tree: Dict[str, Any]) -> Iterator[Rated]:
     With a slow decline, costs are high all over narrow places, and plans prefer any other way.
     """
     changes = []
-    for server, section in _sections_with(tree, "cost_scaling_factor"):
+    for section_path, section in _sections_with(tree, "cost_scaling_factor"):
         factor = section["cost_scaling_factor"]
         if factor < CPP_SCALING:
-            changes.append(Change(server, "cost_scaling_factor", factor, CPP_SCALING))
+            changes.append(Change(section_path, "cost_scaling_factor", factor, CPP_SCALING))
     if len(changes) > 1:
         smallest = max(min(_values_before(changes)), 0.1)
         yield _rated(CPP_SCALING / smallest, changes)
@@ -272,8 +273,8 @@ def escape_candidates(server: str, values: Mapping[str, Any]) -> List[Candidate]
     changes = []
     for parameter_name in ("escape_reset_dist", "escape_reset_theta"):
         if parameter_name in values:
-            distance = values[parameter_name]
-            changes.append(Change(server, parameter_name, distance, distance / 2))
+            in_force = values[parameter_name]
+            changes.append(Change(server, parameter_name, in_force, in_force / 2))
     if not changes:
         return []
     return [Candidate(tuple(changes))]

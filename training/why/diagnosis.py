@@ -333,8 +333,8 @@ def compared(first: Replay, second: Replay) -> List[str]:
         slow_cycles += first.between(event.begin, event.end)
     alternatives = best_changes(first, changes, some(slow_cycles or first.cycles, CYCLES), [])
 
-    names_of_changes = ", ".join(map(str, changes)) or "none"
-    lines = [f"{second}; {_parting(first, second)}; differing parameters: {names_of_changes}"]
+    changes_in_words = ", ".join(map(str, changes)) or "none"
+    lines = [f"{second}; {_parting(first, second)}; differing parameters: {changes_in_words}"]
     if alternatives:
         lines.append("Changes of the first drive to a value of the second:")
         lines += indented(alternatives)
