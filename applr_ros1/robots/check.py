@@ -138,8 +138,8 @@ def refused(error: ValidationError) -> List[str]:
                 field_path += f".{key}"
         field_path = field_path[1:]
         if problem["type"] == "value_error":  # robot.py raised this error, which names its values.
-            rule = remedy_of(problem)
-            messages.append(f"{field_path}: {rule}" if field_path else rule)
+            message = remedy_of(problem)
+            messages.append(f"{field_path}: {message}" if field_path else message)
         elif problem["type"] == "missing":
             messages.append(f"{field_path} is missing: give it")
         else:

@@ -61,14 +61,14 @@ def read(name_or_folder: str) -> Robot:
 
     Raise the errors of `load`, but do not check consistency.
     """
-    robot_name = str(name_or_folder)
-    if robot_name in NAMES:
-        return _read(os.path.join(_HERE, robot_name))
-    folder = os.path.abspath(robot_name)
+    name_or_folder = str(name_or_folder)
+    if name_or_folder in NAMES:
+        return _read(os.path.join(_HERE, name_or_folder))
+    folder = os.path.abspath(name_or_folder)
     # Without a name, the path would be the current folder.
-    if not (robot_name and os.path.isdir(folder)):
+    if not (name_or_folder and os.path.isdir(folder)):
         choices = f"{', '.join(NAMES)}, or a folder with {FILE}"
-        raise ApplrError(f"robot {robot_name or repr(robot_name)}: give {choices}")
+        raise ApplrError(f"robot {name_or_folder or repr(name_or_folder)}: give {choices}")
     return _read(folder)
 
 

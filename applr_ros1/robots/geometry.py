@@ -152,9 +152,9 @@ def balance(robot: Robot) -> Balance:
         # Three equations of equilibrium do not determine four loads. This bilinear solution never
         # gives a wheel of the rectangle a negative load if the centre of mass is between the
         # wheels. The smallest loads, as below, may do so.
-        front_factor = 1.0 + 2.0 * x / base.wheelbase * np.sign(contact_points[:, 0])
-        left_factor = 1.0 + 2.0 * y / base.track * np.sign(contact_points[:, 1])
-        return Balance(mass, (x, y), 0.25 * mass * GRAVITY * front_factor * left_factor)
+        along_factor = 1.0 + 2.0 * x / base.wheelbase * np.sign(contact_points[:, 0])
+        across_factor = 1.0 + 2.0 * y / base.track * np.sign(contact_points[:, 1])
+        return Balance(mass, (x, y), 0.25 * mass * GRAVITY * along_factor * across_factor)
     # Equilibrium of forces and moments, with the smallest loads if there are more than three
     # supports
     contact_x, contact_y = contact_points.T

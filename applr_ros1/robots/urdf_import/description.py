@@ -296,9 +296,9 @@ def _note_excluded_links(urdf: UrdfFile, joints: List[Any], notes: List[str]) ->
     """Add a note about moving links with collision shapes that are no parts of wheels."""
     driven_names = {joint.name for joint in joints}
     excluded_links = []
-    for link_name, joints_above in urdf.moving.items():
-        is_wheel = any(joint.name in driven_names for joint in joints_above)
-        if joints_above and not is_wheel and urdf.links[link_name].collisions:
+    for link_name, moving_joints in urdf.moving.items():
+        is_wheel = any(joint.name in driven_names for joint in moving_joints)
+        if moving_joints and not is_wheel and urdf.links[link_name].collisions:
             excluded_links.append(link_name)
     if excluded_links:
         notes.append(f"the outline excludes moving links: {', '.join(excluded_links)}")

@@ -184,11 +184,11 @@ def move_base_section(
         values: Known values of the robot, by section and field.
         size: Width of a global costmap [m] that covers the robot's courses.
     """
-    copied_paths = copies_of(parameters)
+    copy_paths = copies_of(parameters)
     notes = []
     file_entries = []
     for file_path, namespace in parameters.files:
-        file_entry = {"file": copied_paths[file_path]}
+        file_entry = {"file": copy_paths[file_path]}
         if namespace:
             file_entry["namespace"] = namespace
         file_entries.append(file_entry)
@@ -219,13 +219,13 @@ def copies_of(parameters: Parameters) -> Dict[str, str]:
     """
     file_paths = dict(parameters.files)  # A file may be loaded into several namespaces.
     name_counts = Counter(map(os.path.basename, file_paths))
-    copied_paths = {}
+    copy_paths = {}
     for file_path in file_paths:
         file_name = os.path.basename(file_path)
-        copied_paths[file_path] = file_name
+        copy_paths[file_path] = file_name
         if name_counts[file_name] > 1:
-            copied_paths[file_path] = f"{Path(file_path).resolve().parent.name}/{file_name}"
-    return copied_paths
+            copy_paths[file_path] = f"{Path(file_path).resolve().parent.name}/{file_name}"
+    return copy_paths
 
 
 def limits(planner: Dict[str, Any]) -> Dict[Tuple[str, str], Tuple[Any, str]]:
