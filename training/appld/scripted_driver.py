@@ -190,10 +190,12 @@ def _pushes(world: World, points: np.ndarray, wanted: float) -> np.ndarray:
     offsets = list(points - centres)
     gaps = list(distances(points, centres) - radii)
     for centre_x, centre_y, box_yaw, size_x, size_y in world.boxes:
-        outside_x, outside_y = outside_box(x - centre_x, y - centre_y, box_yaw, size_x, size_y)
-        offset_x, offset_y = transform_point((0.0, 0.0, box_yaw), outside_x, outside_y)
+        dx = x - centre_x
+        dy = y - centre_y
+        outside_along, outside_across = outside_box(dx, dy, box_yaw, size_x, size_y)
+        offset_x, offset_y = transform_point((0.0, 0.0, box_yaw), outside_along, outside_across)
         offsets.append(np.column_stack([offset_x, offset_y]))
-        gaps.append(np.hypot(outside_x, outside_y))
+        gaps.append(np.hypot(outside_along, outside_across))
 
     # The nearest obstacle of each point
     nearest_obstacles = np.argmin(gaps, axis=0)

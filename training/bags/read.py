@@ -341,15 +341,15 @@ def _decisions(rows: Sequence[Row], seconds: Any) -> List[Decision]:
 def _goals(status_rows: Sequence[Row], result_rows: Sequence[Row]) -> List[Goal]:
     """Return the goals that move_base pursued, by the status of its action, with their results."""
     pursued: List[Goal] = []
-    previous_goal = ""
+    previous_id = ""
     for row in status_rows:
-        (running_goal,) = row.fields
+        (running_id,) = row.fields
         # The goal was pursued until this message.
-        if previous_goal:
+        if previous_id:
             pursued[-1] = pursued[-1]._replace(end=row.time)
-        if running_goal and running_goal != previous_goal:
-            pursued.append(Goal(running_goal, row.time, row.time))
-        previous_goal = running_goal
+        if running_id and running_id != previous_id:
+            pursued.append(Goal(running_id, row.time, row.time))
+        previous_id = running_id
     results_by_goal: Dict[str, Tuple[float, str]] = {}
     for row in result_rows:
         goal_id, end_status = row.fields

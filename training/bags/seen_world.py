@@ -189,8 +189,8 @@ def _passed(rays: Rays, raster: Raster) -> np.ndarray:
 def _counts(points: np.ndarray, raster: Raster) -> np.ndarray:
     """Return the number of points (n, 2) [m] in each cell (ny, nx)."""
     row_count, column_count = raster.shape
-    distances_in_cells = (points - raster.corner) / RESOLUTION_M
-    columns, rows = np.floor(distances_in_cells).astype(int).T
+    offsets_in_cells = (points - raster.corner) / RESOLUTION_M
+    columns, rows = np.floor(offsets_in_cells).astype(int).T
     is_inside = (columns >= 0) & (columns < column_count)
     is_inside &= (rows >= 0) & (rows < row_count)
     # One number for each cell, row after row

@@ -108,9 +108,9 @@ class Tree:
             for row, child in enumerate(transforms.child):
                 rows_by_child.setdefault(child, []).append(row)
         self._links: Dict[str, Link] = {}
-        for child, indices in rows_by_child.items():
+        for child, rows in rows_by_child.items():
             assert transforms is not None
-            self._links[child] = Link(transforms, indices)
+            self._links[child] = Link(transforms, rows)
 
     def place(self, outer: str, inner: str, stamps: np.ndarray) -> Optional[Placement]:
         """Return the places of the frame `inner` in `outer` at some times (n,) [s].

@@ -94,10 +94,10 @@ class Reward(RewardOptions):
         progress = outcome.progress
         if self.along_y:
             progress = outcome.progress_y
-        nearest_obstacle = outcome.last_scan_min
+        smallest_range = outcome.last_scan_min
         if self.lowest:
-            nearest_obstacle = outcome.decision_min
-        clearance = min(max(nearest_obstacle / encoding.scale, self.NEAREST), self.FARTHEST)
+            smallest_range = outcome.decision_min
+        clearance = min(max(smallest_range / encoding.scale, self.NEAREST), self.FARTHEST)
         terms = {
             "time": self.c_f * time_term,
             "progress": self.c_p * progress / encoding.scale,

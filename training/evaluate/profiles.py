@@ -33,7 +33,7 @@ def profiles(results: Results) -> Dict[str, Any]:
         return {}
     return {
         "parameters": parameter_values(results.space),
-        "regions": [{"words": region_name, "color": color} for region_name, color in REGIONS],
+        "regions": [{"words": region_words, "color": color} for region_words, color in REGIONS],
         "body": list(results.robot["body"]),
         "drawn": [_profile(results, *profile) for profile in drawn],
     }

@@ -248,8 +248,8 @@ def _moments(
     is_recorded = latest_moment.is_end and latest_moment.decision.time > goal.end - MAX_AGE_S
     last_decision = decisions[-1]
     if goal.has_ended and last_decision.time < goal.end and not is_recorded:
-        theta_at_end = last_decision.after or last_decision.before
-        end_decision = last_decision._replace(time=goal.end, before=theta_at_end)
+        values_at_end = last_decision.after or last_decision.before
+        end_decision = last_decision._replace(time=goal.end, before=values_at_end)
         _, places = _driven(drive, last_decision, goal.end)
         moments.append(Moment(end_decision, tuple(places[-1]), True))
     return moments

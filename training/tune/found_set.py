@@ -115,15 +115,15 @@ def scope(
     robot = options.robot
     footprint = MoveBase(robot.parameters()).local_costmap.footprint
     _, footprint_width = np.ptp(footprint, axis=0)
-    world_widths = (
+    scope_line = (
         f"searched on {len(searched)} courses of {options.worlds}, {_narrowest(searched)}; judged "
         f"on {len(unseen)} others, {_narrowest(unseen)}; "
         f"the padded footprint is {footprint_width:.2f} m wide"
     )
     if ".yaml" in options.worlds:
-        return world_widths
+        return scope_line
     command = f"./applr tune {robot_name(robot)} --worlds MAP.yaml"
-    return f"{world_widths}\nfor a building and its doors: {command}"
+    return f"{scope_line}\nfor a building and its doors: {command}"
 
 
 def _narrowest(worlds: Sequence[TrialWorld]) -> str:

@@ -133,10 +133,10 @@ class Learner:
         """
         # Networks and optimisers
         checkpoint_number = self.checkpoints + 1
-        state_bytes = io.BytesIO()
-        torch.save(self.td3.state(), state_bytes)
+        state_buffer = io.BytesIO()
+        torch.save(self.td3.state(), state_buffer)
         learner_file = f"learner-{checkpoint_number:06d}.pt"
-        write_bytes(self.folder / learner_file, state_bytes.getvalue())
+        write_bytes(self.folder / learner_file, state_buffer.getvalue())
 
         # New rows of the replay buffer
         written = self.replay.written
@@ -169,9 +169,9 @@ class Learner:
         for kept_file, _ in self._kept:
             needed.add(kept_file)
         for pattern in ("learner-*.pt", "replay-*.safetensors"):
-            for old_file in self.folder.glob(pattern):
-                if old_file.name not in needed:
-                    old_file.unlink(missing_ok=True)
+            for existing_file in self.folder.glob(pattern):
+                if existing_file.name not in needed:
+                    existing_file.unlink(missing_ok=True)
 
     @staticmethod
     def saved(folder: os.PathLike[str] | str) -> Optional[Dict[str, Any]]:
@@ -213,8 +213,8 @@ class Learner:
 
     def _take_networks(self, folder: Path, checkpoint: Dict[str, Any]) -> None:
         """Load networks and optimisers of a checkpoint in `folder`."""
-        state_bytes = io.BytesIO(read_bytes(folder / checkpoint["learner"]))
-        self.td3.load(torch.load(state_bytes, self.td3.device, weights_only=True), str(folder))
+        state_buffer = io.BytesIO(read_bytes(folder / checkpoint["learner"]))
+        self.td3.load(torch.load(state_buffer, self.td3.device, weights_only=True), str(folder))
 
 
 def policy_network(path: str) -> Weights:

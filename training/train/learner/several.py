@@ -43,16 +43,16 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
     Raises:
         ApplrError: The folder already holds a run, or a run fails.
     """
-    run_folder = config.folder()
-    write_json(run_folder / "config.json", config.model_dump(exclude={"resume"}))
+    out_folder = config.folder()
+    write_json(out_folder / "config.json", config.model_dump(exclude={"resume"}))
     policies = []
     for seed in range(config.seed, config.seed + config.seeds):
-        folder = run_folder / f"seed_{seed}"
+        run_folder = out_folder / f"seed_{seed}"
         changes = {
             "seed": seed,
-            "out": str(folder),
+            "out": str(run_folder),
             "minutes": config.minutes / config.seeds,
-            "resume": (folder / "config.json").exists(),
+            "resume": (run_folder / "config.json").exists(),
         }
         training_run = make_run(config.model_copy(update=changes))
         status = int(training_run.run())
@@ -60,8 +60,8 @@ def train(config: TrainConfig, make_run: Callable[[TrainConfig], Any]) -> int:
             return status
         # Without evaluations, there is no best policy, only the latest one.
         policy_file = "best.safetensors" if training_run.evaluation.best else "actor.safetensors"
-        policies.append(folder / policy_file)
-    print("\n".join(choose(config, run_folder, policies)))
+        policies.append(run_folder / policy_file)
+    print("\n".join(choose(config, out_folder, policies)))
     return 0
 
 

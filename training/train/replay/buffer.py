@@ -68,9 +68,9 @@ class Replay:
     def restore(self, rows: Dict[str, np.ndarray]) -> None:
         """Append rows that rows() returned, without counting their transitions again."""
         row_count = len(rows["end"])
-        free_rows = (self.written + np.arange(row_count)) % self.capacity
+        ring_rows = (self.written + np.arange(row_count)) % self.capacity
         for column in COLUMNS:
-            getattr(self, column)[free_rows] = rows[column]
+            getattr(self, column)[ring_rows] = rows[column]
         self.written += row_count
 
     # -- sampling ----------------------------------------------------------------------------------
