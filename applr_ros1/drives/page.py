@@ -267,8 +267,8 @@ def sampled(drive: Drive) -> Tuple[np.ndarray, np.ndarray]:
     motion = drive.truth
     begin_time = motion.time[0]
     end_time = motion.time[-1]
-    whole_periods = np.arange(begin_time, end_time, POSE_PERIOD_S)
-    times = np.unique(np.append(whole_periods, end_time))
+    regular_times = np.arange(begin_time, end_time, POSE_PERIOD_S)
+    times = np.unique(np.append(regular_times, end_time))
     x = np.interp(times, motion.time, motion.pose[:, 0])
     y = np.interp(times, motion.time, motion.pose[:, 1])
     yaw = np.interp(times, motion.time, np.unwrap(motion.pose[:, 2]))

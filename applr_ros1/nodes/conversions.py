@@ -140,9 +140,8 @@ def check_scan(message: Any, no_return: Optional[float] = None) -> np.ndarray:
 
     # laser_geometry accepts an infinite range_max, too.
     geometry = (message.angle_min, message.angle_increment, message.range_min, message.range_max)
-    has_finite_beams = all(map(math.isfinite, geometry[:3]))
-    is_usable = has_finite_beams and not math.isnan(message.range_max)
-    if not is_usable or message.angle_increment == 0.0:
+    are_numbers = all(map(math.isfinite, geometry[:3])) and not math.isnan(message.range_max)
+    if not are_numbers or message.angle_increment == 0.0:
         problem = f"has angle_min, angle_increment, range_min, range_max = {geometry}"
         raise MessageError(f"{problem}: give finite numbers and an increment")
 

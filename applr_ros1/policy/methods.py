@@ -107,8 +107,8 @@ class RandomParameters(Method):
 
     def reset(self, seed: int) -> None:
         """Seed the draws of a new course."""
-        first_seed = UNIFORM_SEED if self.around is None else AROUND_SEED
-        self._draws = np.random.default_rng([seed, first_seed])
+        distribution_seed = UNIFORM_SEED if self.around is None else AROUND_SEED
+        self._draws = np.random.default_rng([seed, distribution_seed])
 
     def theta(self, context: Optional[Context]) -> Array:
         """Return a new random parameter set."""

@@ -83,28 +83,30 @@ class ControlLoop:
                 except Exception as error:
                     self._failed(error)
 
-    def _wait(self, due: Optional[rospy.Time], now: rospy.Time) -> None:
+    def _wait(self, due_time: Optional[rospy.Time], now: rospy.Time) -> None:
         """Wait until the next cycle is due, until the clock advances, or for LOOK_S seconds."""
         seconds = LOOK_S
-        if is_wallclock() and due is not None:
-            seconds = min((due - now).to_sec(), LOOK_S)
+        if is_wallclock() and due_time is not None:
+            seconds = min((due_time - now).to_sec(), LOOK_S)
         # Every message on /clock notifies this condition variable.
         clock_condition = get_rostime_cond()
         with clock_condition:
             if is_wallclock() or rospy.get_rostime() == now:
                 clock_condition.wait(seconds)
 
-    def next_due(self, due: Optional[rospy.Time], now: rospy.Time, period: float) -> rospy.Time:
+    def next_due(
+        self, due_time: Optional[rospy.Time], now: rospy.Time, period: float
+    ) -> rospy.Time:
         """Return when the next cycle is due.
 
         This is a period [s] after this cycle was due, or a period from now if this cycle is late by
         more than a period, as in ros::Rate.
         """
-        whole_period = rospy.Duration.from_sec(period)
-        if due is None:
-            return now + whole_period
-        delay = (now - due).to_sec()
+        period_duration = rospy.Duration.from_sec(period)
+        if due_time is None:
+            return now + period_duration
+        delay = (now - due_time).to_sec()
         if delay <= period:
-            return due + whole_period
+            return due_time + period_duration
         self.missed += int(delay / period)
-        return now + whole_period
+        return now + period_duration

@@ -355,8 +355,8 @@ class Observer:
         if self.client is None:
             self.client = actionlib.SimpleActionClient("move_base", MoveBaseAction)
         action_client = self.client.action_client
-        connections = (action_client.pub_goal, action_client.pub_cancel, action_client.result_sub)
-        are_connected = all(connection.get_num_connections() > 0 for connection in connections)
+        endpoints = (action_client.pub_goal, action_client.pub_cancel, action_client.result_sub)
+        are_connected = all(endpoint.get_num_connections() > 0 for endpoint in endpoints)
         return STATUS in self._up and are_connected
 
     def moved(self, reading: Reading) -> None:

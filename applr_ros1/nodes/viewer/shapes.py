@@ -160,8 +160,8 @@ class Costmap:
         """Draw the costmap if it has changed, at most once per PICTURE_PERIOD_S."""
         if not self._changed or time.monotonic() - self._drawn < PICTURE_PERIOD_S:
             return
-        map_frame_pose = listener.frame_pose(self._frame)
-        if map_frame_pose is None:
+        frame_pose = listener.frame_pose(self._frame)
+        if frame_pose is None:
             return
         self._drawn = time.monotonic()
         self._changed = False
@@ -186,7 +186,7 @@ class Costmap:
         middle_row = (first_row + end_row) / 2.0
         middle_column = (first_column + end_column) / 2.0
         map_corner = self._info.origin.position
-        frame_x, frame_y, _ = map_frame_pose
+        frame_x, frame_y, _ = frame_pose
         image_x = frame_x + map_corner.x + middle_column * resolution
         image_y = frame_y + map_corner.y + middle_row * resolution
         self.handle.position = (image_x, image_y, self._z)
