@@ -221,7 +221,8 @@ class TrialRunner:
             end_on_collision=self.settings.protocol == CHALLENGE,
             monitor=self.settings.monitor,
             time_limit=self.settings.time_limit,
-            escapes=not self.settings.loaded,  # Loading stands for a C++ move_base, which has no escapes.
+            # Loading stands for a C++ move_base, which has no escape motions.
+            escapes=not self.settings.loaded,
         )
 
     def _method(self, task: Trial, weights: bytes) -> Method:

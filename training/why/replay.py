@@ -218,10 +218,10 @@ class Replay:
         assert self.drive.scans is not None
         return self.drive.scans
 
-    def _message(self, index: int) -> Tuple[Pose, Command]:
+    def _message(self, odometry_row: int) -> Tuple[Pose, Command]:
         """Return pose and twist of an odometry message."""
-        x, y, yaw = self.odometry.pose[index].tolist()
-        v, w = self.odometry.twist[index].tolist()
+        x, y, yaw = self.odometry.pose[odometry_row].tolist()
+        v, w = self.odometry.twist[odometry_row].tolist()
         return (x, y, yaw), (v, w)
 
     def put_in_force(self, settings: Settings) -> None:
@@ -253,23 +253,23 @@ class Replay:
             return [asked.plan, plans.path[plan_row - 1]]
         return [asked.plan]
 
-    def _update(self, scan: int, odometry: int) -> None:
+    def _update(self, scan_row: int, odometry_row: int) -> None:
         """Update the local costmap with a scan at the pose of an odometry message."""
-        pose, _ = self._message(odometry)
-        self.costmap.update(pose, self.cloud(scan))
+        pose, _ = self._message(odometry_row)
+        self.costmap.update(pose, self.cloud(scan_row))
 
-    def cloud(self, index: int) -> PointCloud:
+    def cloud(self, scan_row: int) -> PointCloud:
         """Return the points of a scan in the odometry frame, as the local costmap takes them."""
-        return observe(self.scan(index), self.costmap.obstacles.buffers[0].source.inf_is_valid)
+        return observe(self.scan(scan_row), self.costmap.obstacles.buffers[0].source.inf_is_valid)
 
-    def scan(self, index: int) -> LaserScan:
+    def scan(self, scan_row: int) -> LaserScan:
         """Return a scan at the laser's place in the odometry frame at the time of its stamp."""
         laser = self.robot.laser
-        scan_stamp = self._scans.stamp[index]
-        first_angle, increment, range_min, range_max = self._scans.fan[index].tolist()
+        scan_stamp = self._scans.stamp[scan_row]
+        first_angle, increment, range_min, range_max = self._scans.fan[scan_row].tolist()
         robot_pose = self.odometry.pose_at(scan_stamp)
         laser_place = compose(robot_pose, self.drive.laser_pose or laser.pose)
-        ranges = self._scans.ranges[index]
+        ranges = self._scans.ranges[scan_row]
         return LaserScan(
             stamp=0.0,
             angle_min=first_angle,
@@ -295,7 +295,7 @@ class Replay:
         if not cycle.is_new:
             self.local.planner.state = cycle.memory
 
-    def _replayed(self, asked: Cycle, odometry: int) -> Cycle:
+    def _replayed(self, asked: Cycle, odometry_row: int) -> Cycle:
         """Return a cycle with the first choice that reproduces it, else with the first choice.
 
         The error is the least one of all choices. The planner keeps the flags after the recorded

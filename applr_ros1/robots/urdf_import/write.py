@@ -117,7 +117,7 @@ def robot_yaml(
 
 
 def _asked(section: str, known: Mapping[str, Any]) -> Dict[str, Any]:
-    """Return the fields that the user must fill in, in a section of robot.yaml: {name: declaration}."""
+    """Return the fields of a section of robot.yaml that the user must fill in: {name: field}."""
     model: Any = RobotFile.model_fields[section].annotation
     also_asked = _ALSO_ASKED.get(section, ())
     asked_fields = {}
