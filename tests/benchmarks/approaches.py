@@ -18,7 +18,7 @@ COMMAND_PERIOD = 0.05  # [s]
 POSTS_Y = np.arange(-3.0, 3.0, 0.12)
 POST_RADIUS = 0.1
 LARGEST_ANGLE = math.radians(35.0)
-OLDEST = 0.28  # age of scans and poses of the late drives, of which the youngest is 0.1 [s]
+OLDEST_S = 0.28  # age of scans and poses of the late drives, of which the youngest is 0.1 [s]
 
 
 def askew_wall(rng):
@@ -36,7 +36,7 @@ def contact_speeds(is_late):
     for seed in range(DRIVES):
         rng = np.random.default_rng(seed)
         cylinders = askew_wall(rng)
-        late = rng.uniform(0.1, OLDEST) if is_late else 0.0
+        late = rng.uniform(0.1, OLDEST_S) if is_late else 0.0
         driven = test_drives.drive(
             test_drives.in_turn(COMMAND_PERIOD, FULL_SPEED),
             seed,

@@ -526,14 +526,14 @@ def _summary(name: str, rows: Sequence[Planted]) -> List[Any]:
     advised_ratios = []
     random_ratios = []
     named_count = 0
-    undone_helps = 0
+    helped_if_undone = 0
     for table_row in rows:
         parameters.update(table_row.parameters.split("+"))
         if table_row.advised:
             advised_ratios.append(table_row.ratio)
         random_ratios.append(float(table_row.random) / float(table_row.before))
         named_count += table_row.named
-        undone_helps += float(table_row.undone) <= HELPED * float(table_row.before)
+        helped_if_undone += float(table_row.undone) <= HELPED * float(table_row.before)
     # A sound drive has no spoilt parameter.
     parameters.discard("")
     return [
@@ -546,7 +546,7 @@ def _summary(name: str, rows: Sequence[Planted]) -> List[Any]:
         named_count,
         sum(ratio <= HELPED for ratio in random_ratios),
         sum(ratio >= HARMED for ratio in random_ratios),
-        undone_helps,
+        helped_if_undone,
     ]
 
 

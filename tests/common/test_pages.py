@@ -3,10 +3,10 @@ methods.
 """
 
 import json
-import re
 
 from applr_ros1.common.pages.colors import METHOD_COLORS, color_indices
 from applr_ros1.common.pages.page import Page
+from tests.support.pages import text_of_data
 
 
 def test_text_and_data_neither_end_a_script_nor_count_as_a_mark(tmp_path):
@@ -23,10 +23,9 @@ def test_text_and_data_neither_end_a_script_nor_count_as_a_mark(tmp_path):
         measured=["a < b"],
     )
     html = page.html().decode()
-    data_element = r'<script type="application/json" id="data">(.*?)</script>'
-    page_data = re.search(data_element, html).group(1)
-    assert json.loads(page_data) == {"words": hostile_text}
-    assert "<!--" not in page_data
+    data_text = text_of_data(html)
+    assert json.loads(data_text) == {"words": hostile_text}
+    assert "<!--" not in data_text
     # Those of the data and of the page's own script
     assert html.count("</script>") == 2
     assert "<b>title" not in html

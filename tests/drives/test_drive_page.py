@@ -2,9 +2,6 @@
 it.
 """
 
-import json
-import re
-
 import numpy as np
 import pytest
 
@@ -14,6 +11,7 @@ from applr_ros1.drives.page import Scene, Shown, nearest_obstacle, page, verdict
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.browser import focused, needs_browser, opened, shown_methods
 from tests.support.drives import driven
+from tests.support.pages import data_of
 
 BODY = (0.4, 0.2)  # length and width [m]
 COURSE = worlds.Course(
@@ -54,13 +52,6 @@ def written(path, drive, method="applr"):
     return path
 
 
-def data_on(path):
-    """Return the data of a page."""
-    html = path.read_text()
-    data_element = re.search(r'id="data">(.*?)</script>', html)
-    return json.loads(data_element.group(1))
-
-
 def drive_on(page_data):
     """Return the only drive in a page's data."""
     (world,) = page_data["worlds"]
@@ -92,7 +83,7 @@ def test_the_outline_is_compared_with_obstacles_that_move():
 
 
 def test_parameters_have_their_values_in_their_own_units(tmp_path):
-    page_data = data_on(written(tmp_path / "a.html", straight()))
+    page_data = data_of(written(tmp_path / "a.html", straight()).read_text())
     first_set, second_set = drive_on(page_data)["theta"]
     assert first_set == pytest.approx(SPACE.theta0, rel=1e-3)
     assert second_set == pytest.approx(SPACE.high, rel=1e-3)
@@ -128,7 +119,8 @@ def test_what_is_set_after_the_end_of_a_drive_is_left_out(tmp_path):
     late_decision = first_decision._replace(time=3.4)
     refused_decision = first_decision._replace(time=2.9, after={})
     drive.decisions += [late_decision, refused_decision]
-    shown_drive = drive_on(data_on(written(tmp_path / "a.html", drive)))
+    page_data = data_of(written(tmp_path / "a.html", drive).read_text())
+    shown_drive = drive_on(page_data)
     # Times of the others [0.01 s]
     assert shown_drive["at"] == [0, 100]
     assert len(shown_drive["theta"]) == 2

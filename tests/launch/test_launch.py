@@ -27,6 +27,7 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, complete
 from applr_ros1.robots import NAMES, load
 from tests.support import DATA, HANGS, ROOT, is_alive
+from tests.support.pages import data_of
 from tests.support.ros import Kept, wait_for
 
 APPLR = os.path.join(ROOT, "applr")
@@ -160,8 +161,7 @@ def test_demo_reaches_the_goal(tmp_path):
 
     # The page has this drive, at 5 Hz, up to the finish line at 10 m. Poses are changes in cm.
     page = (tmp_path / "drive.html").read_text(encoding="utf-8")
-    data_element = r'<script type="application/json" id="data">(.*?)</script>'
-    page_data = json.loads(re.search(data_element, page).group(1))
+    page_data = data_of(page)
     (world,) = page_data["worlds"]
     (drive,) = world["drives"]
     assert len(drive["p"]) == pytest.approx(result["time_s"] / 0.2, abs=2)

@@ -205,9 +205,8 @@ def test_launch_files_clear_the_parameters_of_an_earlier_launch():
         for parameter_name in of_nodes:
             is_cleared = parameter_name.startswith(tuple(launched.cleared))
             assert is_cleared, f"{launch_file}: {parameter_name}"
-        if launch_file.startswith(
-            "barn"
-        ):  # Parameters outside of nodes are set after the clearing.
+        # Parameters outside of nodes are set after the clearing.
+        if launch_file.startswith("barn"):
             assert launched.parameters["/move_base/global_costmap/width"] == 60
 
 

@@ -407,7 +407,8 @@ def test_turn_ahead_and_turn_gain_change_the_swept_area():
             reaction=0.1,
         )
         scales.append(scale)
-    assert scales[1] <= scales[0]
+    scale_as_commanded, scale_if_faster = scales
+    assert scale_if_faster <= scale_as_commanded
 
 
 def test_the_swept_area_of_a_turn_about_a_point_ahead_is_exact():

@@ -113,7 +113,7 @@ def test_a_scan_without_noise_is_matched_to_a_fraction_of_a_millimetre(yaw):
 def test_a_sliding_base_is_tracked_while_its_wheels_turn_backwards(seed):
     """The base brakes from 2 m/s at 4.8 m/s^2 between rows of posts that repeat every 15 cm."""
     rng = np.random.default_rng(seed)
-    # Two posts ahead, and on each side a row that a fifth of the posts lacks
+    # Two posts ahead, and on each side a row in which a fifth of the posts is missing
     discs = [
         (3.2, 0.3, 0.075),
         (4.0, -0.4, 0.075),

@@ -135,7 +135,7 @@ def reverse(scan):
 
 def vary(scan):
     """Return a scan of a spinning laser whose number of beams varies."""
-    # Five scans a second have all beams, one less, two less, and so on.
+    # The laser scans at 5 Hz: by turns, a scan has all beams, one less and two less.
     beam_count = len(scan.ranges) - int(scan.stamp * 5.0) % 3
     return replace(scan, ranges=scan.ranges[:beam_count])
 

@@ -20,19 +20,19 @@ PLANNER = "TrajectoryPlannerROS"
 
 def test_reset_equals_a_fresh_object():
     tree = quick()
-    used_planner, robot = start((4.0, 0.0, 0.0), ToyRobot(circles=SLALOM), tree)
-    used_planner.reconfigure(PLANNER, {"max_vel_x": 1.3, "vx_samples": 9})
-    used_planner.reconfigure("local_costmap/inflater_layer", {"inflation_radius": 0.5})
-    run(used_planner, robot, 3.0)
+    used_move_base, robot = start((4.0, 0.0, 0.0), ToyRobot(circles=SLALOM), tree)
+    used_move_base.reconfigure(PLANNER, {"max_vel_x": 1.3, "vx_samples": 9})
+    used_move_base.reconfigure("local_costmap/inflater_layer", {"inflation_radius": 0.5})
+    run(used_move_base, robot, 3.0)
 
-    used_planner.reset(0.0)
+    used_move_base.reset(0.0)
 
-    new_planner = MoveBase(tree)
-    assert not used_planner.global_costmap.cells.any()
-    assert len(used_planner.global_plan) == 0
+    new_move_base = MoveBase(tree)
+    assert not used_move_base.global_costmap.cells.any()
+    assert len(used_move_base.global_plan) == 0
     # Both drive the same course: every cycle and every cell must be the same.
     drives = []
-    for move_base in (used_planner, new_planner):
+    for move_base in (used_move_base, new_move_base):
         robot = ToyRobot(circles=SLALOM)
         cycles = []
         run(move_base, robot, 0.1)
@@ -40,8 +40,8 @@ def test_reset_equals_a_fresh_object():
         run(move_base, robot, 5.0, cycles=cycles)
         drives.append([cycle for _, cycle in cycles])
     assert drives[0] == drives[1]
-    for name, costmap in used_planner.costmaps.items():
-        assert (costmap.cells == new_planner.costmaps[name].cells).all(), name
+    for name, costmap in used_move_base.costmaps.items():
+        assert (costmap.cells == new_move_base.costmaps[name].cells).all(), name
 
 
 def test_a_reset_may_keep_reconfigured_values():

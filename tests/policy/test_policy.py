@@ -315,7 +315,7 @@ def _wrong_files():
     other_space["high"][0] = 1.0
     other_header = dict(header, space=json.dumps(other_space))
     of_other_space = _raw(weights, **other_header)
-    # With one of the eight parameters in the observation
+    # An observation of the 720 beams and the goal's angle, without the eight parameters
     of_other_shape = _raw(make_weights(inputs=721), **header)
     return {
         "truncated": (whole_file[: len(whole_file) // 2], "cut short"),

@@ -504,7 +504,7 @@ def obstacles_of(rng, seed):
     """Return a world of random posts, or in every third case of one long box ahead."""
     posts = []
     for x, y in rng.uniform(-1.1, 1.1, (16, 2)):
-        # A post must not begin within the robot: half its size and the post's radius.
+        # A post must not begin within the robot: half its size, the post's radius, some room.
         if abs(x) > 0.35 or abs(y) > 0.32:
             posts.append((x, y, 0.075))
     if seed % 3 != 0:

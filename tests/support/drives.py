@@ -114,8 +114,8 @@ class Messages(BagWriter):
 
     def scan(self, time, ranges):
         laser = self.robot.laser
-        beams = laser.first_angle, laser.increment, laser.range_min, laser.range_max
-        self.put("scans", time, laser.frame, beams, ranges)
+        fan = laser.first_angle, laser.increment, laser.range_min, laser.range_max
+        self.put("scans", time, laser.frame, fan, ranges)
 
     def odometry(self, time, pose, twist):
         self.put("odometry", time, self.robot.frames.odom, self.robot.frames.base, pose, twist)

@@ -151,9 +151,9 @@ def test_an_image_of_one_bit_is_black_and_white(tmp_path):
     map_path = scenes.write_plan(tmp_path, "office", suffix="png")
     black_and_white = Image.fromarray(scenes.office()).point(lambda grey: 255 * (grey > 0))
     black_and_white.convert("1").save(tmp_path / "office.png")
-    cells = map_reader.read_map(map_path).cells
+    map_cells = map_reader.read_map(map_path).cells
     # The first row of cells is the lowest one of the image.
-    is_occupied = map_reader.is_occupied(cells)[::-1]
+    is_occupied = map_reader.is_occupied(map_cells)[::-1]
     is_wall = scenes.office() == scenes.WALL
     assert (is_occupied == is_wall).all()
 
@@ -241,8 +241,8 @@ def test_boxes_cover_the_occupied_cells_and_nothing_else():
     # Given: random occupied cells of 1 m among unknown ones
     rng = np.random.default_rng(0)
     is_occupied = rng.random((40, 50)) < 0.3
-    cells = np.where(is_occupied, 100, -1).astype(np.int8)
-    grid = worlds.world.Grid(cells, 1.0, (0.0, 0.0, 0.0))
+    map_cells = np.where(is_occupied, 100, -1).astype(np.int8)
+    grid = worlds.world.Grid(map_cells, 1.0, (0.0, 0.0, 0.0))
 
     # When: the boxes are drawn into another grid
     box_counts = np.zeros(is_occupied.shape, int)

@@ -556,15 +556,15 @@ def test_a_bag_converted_by_rosbags_convert_gives_the_same_transitions(tmp_path,
     # Given: a bag, converted to ROS 2 and back
     original = tmp_path / "a.bag"
     ros2_bag = tmp_path / "ros2"
-    back = tmp_path / "back.bag"
+    ros1_bag = tmp_path / "back.bag"
     drive = record(original)
     command = Path(sys.executable).with_name("rosbags-convert")
-    for source, destination in ((original, ros2_bag), (ros2_bag, back)):
+    for source, destination in ((original, ros2_bag), (ros2_bag, ros1_bag)):
         paths = ["--src", source, "--dst", destination]
         subprocess.run([command, *paths, "--dst-storage", storage], check=True)
     # One bag, although the folder has several files.
     assert bags_in([ros2_bag]) == [ros2_bag]
-    assert bags_in([tmp_path]) == [original, back, ros2_bag]
+    assert bags_in([tmp_path]) == [original, ros1_bag, ros2_bag]
     # ROS 2's file of messages alone, without metadata.yaml, as people send it by mail
     (messages_alone,) = [file for file in ros2_bag.iterdir() if file.name != "metadata.yaml"]
     sent_by_mail = shutil.copy(messages_alone, tmp_path)
@@ -572,7 +572,7 @@ def test_a_bag_converted_by_rosbags_convert_gives_the_same_transitions(tmp_path,
     # Then: all of them have the transitions of the drive
     (expected,), _ = rebuild(original)
     assert_equal(expected, drive)
-    for number, bag_path in enumerate([ros2_bag, back, sent_by_mail]):
+    for number, bag_path in enumerate([ros2_bag, ros1_bag, sent_by_mail]):
         dataset_folder = tmp_path / f"out{number}"
         assert bags_to_dataset.main([str(bag_path), "--out", str(dataset_folder)]) == 0
         (stored,) = Dataset(dataset_folder).trajectories()

@@ -1,6 +1,5 @@
 """Tests of the page of drives: driven paths, no other file needed, all names escaped."""
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +10,7 @@ import pytest
 from applr_ros1.policy.parameter_space import SPACE
 from tests.support.browser import focused, needs_browser, opened, shown_methods
 from tests.support.drives import driven
+from tests.support.pages import data_of
 from tests.support.runs import SETTINGS
 from training.evaluate import drives_page
 from training.evaluate.report import write
@@ -67,12 +67,6 @@ def folder(tmp_path):
         trace = b"" if trial.method == "quiet" else TRACE.pack()
         store.add(trial, result, trace)
     return tmp_path
-
-
-def data_of(text):
-    """Return the data in a page of drives."""
-    pattern = r'<script type="application/json" id="data">(.*?)</script>'
-    return json.loads(re.search(pattern, text, re.DOTALL).group(1))
 
 
 def test_the_page_has_the_driven_paths(folder):

@@ -160,9 +160,8 @@ def test_killed_and_started_again_gives_the_same_rows(tmp_path, run):
         # Three trials, and then the signal
         deadline = time.monotonic() + HANGS
         row_count = _rows(killed_run) + 3
-        while (
-            _rows(killed_run) < row_count and process.poll() is None and time.monotonic() < deadline
-        ):
+        while _rows(killed_run) < row_count and process.poll() is None:
+            assert time.monotonic() < deadline, "no more rows"
             time.sleep(0.05)
         process.send_signal(signal_number)
         assert process.wait(HANGS) == status

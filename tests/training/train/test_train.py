@@ -207,14 +207,15 @@ def test_a_run_killed_at_any_write_continues(tmp_path, monkeypatch):
     options = ["--total-timesteps=20", "--eval-freq=20", "--net-arch=8"]
     arguments = toy(whole_run, *options)
     function_names = left_at_each_write(lambda: main(arguments), whole_run, tmp_path, monkeypatch)
+    assert set(function_names) == {"fsync", "replace"}
     for number, function_name in enumerate(function_names):
         run_folder = tmp_path / str(number)
         # Before its first file, a run is started again as it was.
         if (run_folder / "config.json").exists():
-            again = ["--resume", "--out", str(run_folder)]
+            next_arguments = ["--resume", "--out", str(run_folder)]
         else:
-            again = toy(run_folder, *options)
-        assert main(again) == 0
+            next_arguments = toy(run_folder, *options)
+        assert main(next_arguments) == 0
         saved = Learner.saved(run_folder)
         assert saved["transitions"] == 20, f"killed at write {number}, {function_name}"
 

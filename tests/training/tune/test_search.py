@@ -34,9 +34,9 @@ class RecordedRace:
         candidates = np.arange(len(worse_by))
         self.ranking = []
         self.results = [None] * len(worse_by)
-        for finisher in race(self._drive, candidates, blocks, float, halve):
-            self.ranking.append(finisher.place)
-            self.results[finisher.place] = finisher.results
+        for raced_set in race(self._drive, candidates, blocks, float, halve):
+            self.ranking.append(raced_set.place)
+            self.results[raced_set.place] = raced_set.results
 
     def _drive(self, candidates, block):
         self.racing.append(candidates.tolist())

@@ -24,6 +24,7 @@ from applr_ros1.robots import JACKAL
 from applr_ros1.robots import folder as robot_folder
 from applr_ros1.robots.geometry import radius
 from tests.support import scenes
+from tests.support.pages import data_of
 from training.evaluate import evaluation
 from training.evaluate.loaded import move_base_parameters
 from training.evaluate.score import AIMS, Baseline
@@ -183,12 +184,6 @@ def test_the_verdicts_lie_in_the_half_of_a_building_that_the_search_did_not_use(
     assert max(x_of_paths(searched_worlds)) < min(x_of_paths(judged_worlds))
 
 
-def between(text, begin, end):
-    """Return the part of a text between two marks."""
-    _, _, after_begin = text.partition(begin)
-    return after_begin.partition(end)[0]
-
-
 def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, capsys):
     assert tune(jackal, "toy", "--minutes", "12") == 0
     printed = capsys.readouterr().out
@@ -225,7 +220,7 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
     assert f"page: {drives}/index.html\n" in printed
     better = "tuned.yaml is better than the defaults: as many drives arrive (12 of 12); where"
     assert better in page_text
-    page_data = json.loads(between(page_text, 'id="data">', "</script>"))
+    page_data = data_of(page_text)
     assert [row["parameter"] for row in page_data["changes"]] == list(tuned_set)
     tuned_verdict, static_verdict = page_data["verdicts"]
     assert tuned_verdict["file"] == "tuned.yaml"
@@ -245,7 +240,8 @@ def test_a_better_set_is_found_judged_written_and_reported(jackal, tmp_path, cap
 
     # How it was measured
     assert "cpp-like, started with the sets" in page_text
-    measured = between(page_text, "How it was measured", "</details>")
+    _, _, from_heading_on = page_text.partition("How it was measured")
+    measured, _, _ = from_heading_on.partition("</details>")
     without_monitor, _, with_monitor = measured.partition("<p>static.json:</p>")
     assert "the collision monitor" not in without_monitor
     assert "with the collision monitor" in with_monitor

@@ -1,6 +1,5 @@
 """Tests of the page of ./applr tune: its sentence, its courses, and its use without a mouse."""
 
-import json
 from dataclasses import replace
 
 import pandas as pd
@@ -8,6 +7,7 @@ import pytest
 
 from applr_ros1.robots import JACKAL
 from tests.support.browser import needs_browser, opened
+from tests.support.pages import data_of
 from tests.support.runs import SETTINGS
 from training.evaluate.table import Trials
 from training.evaluate.trial import Result, plan_trials
@@ -81,11 +81,6 @@ def page_of(drives, *are_better):
     return write(JACKAL, drives, CHANGED, judgements, scope, RULE)
 
 
-def data_of(path):
-    """Return the data that a page's script draws."""
-    return json.loads(path.read_text().partition('id="data">')[2].partition("</script>")[0])
-
-
 def test_the_sentence_has_arrivals_first_and_is_that_of_a_file_that_was_written(drives):
     page_text = page_of(drives, False, True).read_text()
     # Of the course on which both arrive, the first one.
@@ -102,7 +97,7 @@ def test_each_course_has_both_drives_and_an_effect_of_one_course_no_interval(dri
     of_one_course = CHANGED.assign(**{"95 % low": float("nan"), "95 % high": float("nan")})
     judgement = Judgement("tuned.yaml", "without", ["table"], True, drives / "tuned.yaml")
     page = write(JACKAL, drives, of_one_course, [judgement], "searched", RULE)
-    page_data = data_of(page)
+    page_data = data_of(page.read_text())
     first_change, second_change = page_data["changes"]
     assert first_change["95 % low"] is None
     assert second_change["95 % low"] is None

@@ -470,14 +470,14 @@ def test_what_other_seeds_did_is_said_of_a_candidate_that_looked_better(replayed
 
 
 def test_a_drive_that_lost_little_time_says_why_nothing_was_tried(replayed):
-    short_event = diagnosed(replayed)
-    (event,) = short_event.events
+    short_diagnosis = diagnosed(replayed)
+    (event,) = short_diagnosis.events
     event.end = event.begin + 0.1
     line = "No change was tried: the robot lost little time."
-    assert answer.advice(short_event) == [line]
+    assert answer.advice(short_diagnosis) == [line]
     # A moment that somebody asks about is short, too.
     event.kind = diagnosis.ASKED
-    assert answer.advice(short_event) == []
+    assert answer.advice(short_diagnosis) == []
 
 
 def test_a_stop_of_the_simulated_drive_elsewhere_is_another_one(replayed):

@@ -16,6 +16,7 @@ from applr_ros1.planner.parameters.settings import Change
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.browser import focused, needs_browser, opened
 from tests.support.drives import before_a_monitor, changed, decided, simulated, until
+from tests.support.pages import data_of
 from training.bags.read import BagError
 from training.bags.write import write
 from training.why import __main__ as why
@@ -545,7 +546,9 @@ def test_reproduced_cycles_are_preferred(replay):
     reproduced = replay.cycles[0]
     not_reproduced = replace(replay.cycles[1], error=1.0)
     mixed_cycles = [reproduced] * 20 + [not_reproduced] * 10
-    for cycle in diagnosis.some(mixed_cycles, 30):
+    chosen_cycles = diagnosis.some(mixed_cycles, 30)
+    assert len(chosen_cycles) == 20
+    for cycle in chosen_cycles:
         assert cycle is reproduced
     # If no cycle is reproduced, others must do.
     assert diagnosis.some([not_reproduced], 3) == [not_reproduced]
@@ -672,8 +675,7 @@ def test_the_command_answers_in_its_first_line_and_writes_a_page(bag, folder, ca
     status, output, errors = ran(capsys, bag, *options)
     assert status == 0, errors
 
-    _, _, from_data_on = page_file.read_text().partition('id="data">')
-    page_data = json.loads(from_data_on.partition("</script>")[0])
+    page_data = data_of(page_file.read_text())
     first_event = page_data["events"][0]
     assert first_event["cycles"][0]["points"]
     assert page_data["lines"] == output.splitlines()
