@@ -193,6 +193,7 @@ def test_a_guard_begins_with_a_zero_before_any_node_lives():
         "collision_monitor", "cmd_vel:=orphan/cmd_vel", "__name:=orphan", "_robot:=/nowhere"
     )
     wait_for(lambda: not child.alive(), "the end, because the robot does not exist")
+    wait_for(lambda: commands, "the zero")
     assert commands == [(0.0, 0.0)]
     assert child.process.poll() == 1, child.text
     subscriber.unregister()

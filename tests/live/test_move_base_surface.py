@@ -111,6 +111,8 @@ def test_a_server_is_read_set_clamped_and_refuses_nan(
         wait_for(lambda: client.get_configuration()[name] == value, "update")
         wait_for(lambda: rospy.get_param(server + "/" + name) == value, "mirror")
         assert client.update_configuration({name: beyond})[name] == bound
+        # The client keeps what the topic of updates says, which may come after the answer.
+        wait_for(lambda: client.get_configuration()[name] == bound, "the bound")
         earlier_output = len(idle.node.text)
         with pytest.raises(DynamicReconfigureCallbackException):
             client.update_configuration(dict(others, **{name: math.nan}))

@@ -203,7 +203,9 @@ def test_the_monitor_makes_escape_motions_for_a_stuck_planner_until_it_commands(
     wait_for(warnings, "diagnostics")
     assert warnings()[0].level == DiagnosticStatus.WARN
     escape_action = "escape: move_base makes no progress"
-    assert any(action.startswith(escape_action) for action in watched.actions)
+    wait_for(
+        lambda: any(action.startswith(escape_action) for action in watched.actions), "the action"
+    )
 
     # The planner commands again.
     planner.command = (0.3, 0.0)

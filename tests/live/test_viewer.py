@@ -212,7 +212,7 @@ def test_robot_and_scan_are_drawn_while_a_page_is_open(ros):
         scan_x = viewer.scene.scan.points[:, 0]
         scan_y = viewer.scene.scan.points[:, 1]
         assert np.hypot(scan_x - 1.5, scan_y - 0.8).min() < 0.2
-        assert "no scan" not in state(viewer)
+        wait_for(lambda: "no scan" not in state(viewer), "the end of the warning")
         jackal.put((0.2, 0.0, 0.0))
         wait_for(lambda: state(viewer) and viewer.scene.pose[0] > 0.1, "the robot has moved")
     finally:
