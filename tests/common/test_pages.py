@@ -40,8 +40,8 @@ def test_a_number_is_not_parted_from_its_unit(tmp_path):
 
 
 def test_a_method_has_the_same_colour_on_each_page_and_no_two_share_one():
-    color_alone = color_indices(["applr"])
-    five_colors = color_indices(["mine", "dwa", "static", "other", "applr"])
-    assert color_alone["applr"] == five_colors["applr"]
-    assert len(set(five_colors.values())) == len(five_colors)
-    assert max(five_colors.values()) < len(METHOD_COLORS)
+    indices_alone = color_indices(["applr"])
+    indices_of_five = color_indices(["mine", "dwa", "static", "other", "applr"])
+    assert indices_alone["applr"] == indices_of_five["applr"]
+    assert len(set(indices_of_five.values())) == len(indices_of_five)
+    assert max(indices_of_five.values()) < len(METHOD_COLORS)

@@ -360,6 +360,7 @@ def test_courses_lie_inside_where_unknown_cells_are_free(tmp_path):
     both_worlds = zip(
         worlds.Worlds(path, JACKAL_RADIUS_M),
         worlds.Worlds(known_path, JACKAL_RADIUS_M),
+        strict=True,
     )
     margin_m = 100 * scenes.RESOLUTION
     for world, known_world in both_worlds:
@@ -489,7 +490,8 @@ def test_a_course_is_drawn_and_written_as_the_robot_drives_it(
     assert sdf_writer.main() == 0
 
     # Then: the path is the robot's, not the Jackal's
-    for world in (*drawn_worlds, worlds.load(world_file)):
+    (drawn_world,) = drawn_worlds
+    for world in (drawn_world, worlds.load(world_file)):
         assert np.array_equal(world.course.path, driven_path)
     jackal_path = worlds.load(spec, JACKAL_RADIUS_M).course.path
     assert not np.array_equal(jackal_path, driven_path)

@@ -94,7 +94,7 @@ def _pairs(td3, model):
     ]
     parameters = []
     for our_network, their_network in networks:
-        parameters += zip(our_network.parameters(), their_network.parameters())
+        parameters += zip(our_network.parameters(), their_network.parameters(), strict=True)
     return parameters
 
 
@@ -191,7 +191,7 @@ def test_the_policys_loss_has_the_terms_of_td3bc_and_of_the_preactivations(alpha
 
     td3.update_actor(batch)
 
-    for parameter, gradient in zip(td3.actor.parameters(), expected_gradients):
+    for parameter, gradient in zip(td3.actor.parameters(), expected_gradients, strict=True):
         torch.testing.assert_close(
             parameter.grad,
             gradient,

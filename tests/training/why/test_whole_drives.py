@@ -171,7 +171,9 @@ def test_a_value_of_a_file_that_departs_most_is_the_first_candidate(name):
 
 
 def test_no_footprint_below_the_body_and_no_padding_below_the_default_is_a_candidate():
-    for candidate in file_candidates(BURGER):
+    burgers_candidates = file_candidates(BURGER)
+    assert burgers_candidates
+    for candidate in burgers_candidates:
         assert "footprint" not in candidate.names
         assert "footprint_padding" not in candidate.names
     # The Jackal's files have a padding above the default of the C++ costmap.
