@@ -244,6 +244,7 @@ def test_fault_2_values_beyond_bounds_are_clipped_and_rounded(client):
     theta = THETA_0.copy()
     theta[:4] = -1e9, 0.5, 6.9, 20.4
     assert applied(client, theta)
+    # max_vel_x has a lower bound of 0.2 m/s; vx_samples and vtheta_samples are whole numbers.
     assert client.theta()[:4].tolist() == [0.2, 0.5, 7, 20]
 
     # If the space of parameters allows more than the servers, the servers' bounds apply.

@@ -65,8 +65,9 @@ def course(
 ):
     """Return the parameters in place of the method's at 0, 1, ... 31 s, None where they stay.
 
-    The robot measures a speed backwards at the times `backwards` [s]. Its plan leads ahead at the
-    times `ahead`, and else back.
+    The robot measures a speed backwards at the times `backwards` [s], whatever its place: wheels
+    that slip measure other speeds than the one at which it moves. Its plan leads ahead at the times
+    `ahead`, and else back.
     """
     rule = rule or StallRule(robot)
     rule.reset(seed)

@@ -25,6 +25,7 @@ def main(drives: str, why: str) -> None:
         browser = started.chromium.launch(executable_path=PROGRAM, args=OPTIONS)
         animate(opened(browser, drives, 800), IMAGES / "side_by_side.gif")
         page = opened(browser, why, 1000)
+        # `close` is the close-up of why.js, which has a scale once it is drawn.
         page.wait_for_function("close.scale > 0")
         picture = part(page, edge(page, "h1", "top"), edge(page, "section", "bottom"))
         picture.quantize(dither=Image.Dither.NONE).save(IMAGES / "why.png", optimize=True)

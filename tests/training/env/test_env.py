@@ -305,7 +305,7 @@ def test_each_end_of_a_trial_is_recorded(options, fails, ends):
 
 
 @pytest.mark.parametrize(
-    ("planner_ends", "off", "left", "result", "reason"),
+    ("planner_ends", "off", "remaining", "result", "reason"),
     [
         (True, 0.4, 0.0, None, "finished"),
         (False, 0.4, 0.0, None, "time limit"),  # Only the circle around the course's goal counts.
@@ -316,14 +316,14 @@ def test_each_end_of_a_trial_is_recorded(options, fails, ends):
     ],
 )
 def test_a_course_without_a_finish_line_ends_when_the_planner_has_arrived(
-    planner_ends, off, left, result, reason
+    planner_ends, off, remaining, result, reason
 ):
-    """The planner arrives by odometry with a lateral error `off` [m], or reports a result `left`
-    [m] before the goal.
+    """The planner arrives by odometry with a lateral error `off` [m], or reports a result at
+    `remaining` [m] before the goal.
 
-    The robot drives over its goal, 4 m ahead, at 0.5 m/s. The planner's tolerance is .25 m.
+    The robot drives at 0.5 m/s over its goal, 4 m ahead, and on beyond it.
     """
-    tolerance = 0.25
+    tolerance = 0.25  # as FakeMoveBase.goal_tolerance [m]
     speed = 0.5
     world = straight()
     course = replace(
@@ -335,7 +335,7 @@ def test_a_course_without_a_finish_line_ends_when_the_planner_has_arrived(
     )
     result_cycle = None
     if result:
-        result_cycle = round((4.0 - left) / speed / CYCLE_S)
+        result_cycle = round((4.0 - remaining) / speed / CYCLE_S)
     episode = trial(
         v=speed,
         limit=6,

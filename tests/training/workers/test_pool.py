@@ -122,6 +122,7 @@ def test_a_worker_that_starts_slowly_gets_arguments_larger_than_the_socket_holds
     with Pool(1) as pool:
         future = pool.submit(len, large_argument)
         began = time.monotonic()
+    # far below the 900 s after which a worker counts as hung
     assert time.monotonic() - began < 50
     assert future.exception()
 
