@@ -342,9 +342,9 @@ def test_a_map_is_restored_with_its_layers_and_inflated_anew(spoilt):
     replay = replayed(robot, driven)
     costmap = replay.costmap
     earlier_cycle = replay.cycles[10]
-    pose = driven.odometry.pose[12].tolist()
+    pose = tuple(driven.odometry.pose[12].tolist())
     assert tuple(costmap.origin) != tuple(earlier_cycle.map[0])
-    last_pose = driven.odometry.pose[-1].tolist()
+    last_pose = tuple(driven.odometry.pose[-1].tolist())
     updated_cells = []
     # Restored alone, the map stays at its old place. With a pose, it is inflated anew.
     for inflated_at in (None, pose):
