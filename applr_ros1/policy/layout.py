@@ -14,6 +14,7 @@ from typing import Any, Dict, Mapping, NamedTuple, Optional
 
 import numpy as np
 
+from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.arrays import Array, Array32, Ints
 from applr_ros1.common.errors import ApplrError
 
@@ -80,7 +81,7 @@ class Layout:
     def sector(self, bearing: float, width: float) -> Ints:
         """Return the indices of the beams within width / 2 of a bearing [rad]."""
         # Differences of directions, wrapped: behind the robot, -pi and pi are the same.
-        angle_offsets = (self.angles - bearing + math.pi) % TURN_RAD - math.pi
+        angle_offsets = normalize_angle_modulo(self.angles - bearing)
         return np.flatnonzero(np.abs(angle_offsets) <= 0.5 * width)
 
     def resample(self, ranges: Any, angle_min: float, angle_increment: float) -> Array32:

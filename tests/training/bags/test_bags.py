@@ -169,12 +169,6 @@ class Drive:
         self.thetas.append(self.theta)
 
 
-@pytest.fixture
-def bag_path(tmp_path):
-    """Return the path of the bag that a test writes."""
-    return tmp_path / "a.bag"
-
-
 def record(path, kind=Drive, **options):
     """Write a bag with one drive, and return the drive."""
     with Messages(path) as writer:

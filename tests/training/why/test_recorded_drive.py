@@ -27,12 +27,6 @@ def driven():
     return replace(drive, frames={})
 
 
-@pytest.fixture
-def bag_path(tmp_path):
-    """Return the path of the bag that a test writes."""
-    return tmp_path / "a.bag"
-
-
 def read_back(path, **options):
     """Return the drive that the replay reads from a bag."""
     return drive_of(path, RecordedOptions(**options))
