@@ -85,9 +85,11 @@ def run(options: DatasetOptions) -> None:
     all_skipped: Counter[str] = Counter()
     rows: List[Dict[str, Any]] = []
     periods = set()
+    driven_seconds = 0.0
     for bag in bags:
         episodes: List[Trajectory] = []
         skipped: Counter[str] = Counter()
+        period = 0.0
         try:
             with refused(bag):
                 recorded = read(bag, robot, topics, CHANNELS)
@@ -95,13 +97,15 @@ def run(options: DatasetOptions) -> None:
                     recorded, robot, learnt.observation, reward, options.finish, topics
                 )
                 if episodes:
-                    periods.add(decision_period(recorded))
+                    period = decision_period(recorded)
+                    periods.add(period)
         except BagError as error:
             # The message begins with the bag's name; bags with the same problem count together.
             skipped[str(error).partition(": ")[2]] += 1
         all_episodes += episodes
         all_skipped += skipped
         count = sum(map(len, episodes))
+        driven_seconds += count * period
         rows.append(
             {"name": bag.name, "episodes": len(episodes), "transitions": count, "skipped": skipped}
         )
@@ -119,7 +123,7 @@ def run(options: DatasetOptions) -> None:
         listed = ", ".join(f"{period:g}" for period in sorted(periods))
         print(f"the bags differ in decision period [s]: {listed}")
     dataset.write(make_folder(folder), layout, all_episodes, about)
-    print(f"{options.out}: {sum(map(len, all_episodes))} transitions")
+    print(f"{options.out}: {dataset.describe(sum(map(len, all_episodes)), driven_seconds)}")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Tests of offline learning: datasets that fit or are refused, Minari, resumed runs."""
 
+import csv
 import functools
 import json
 from pathlib import Path
@@ -13,7 +14,7 @@ import safetensors.numpy
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.policy import methods
-from tests.support.runs import main, one_line, toy
+from tests.support.runs import NO_EVALUATION, main, one_line, toy
 from tests.support.training import Broken, Line, episode
 from training.env.reward import Reward
 from training.env.trajectory import TransitionLayout
@@ -150,9 +151,43 @@ def test_a_dataset_driven_with_the_same_settings_is_taken(tmp_path):
         **Reward().model_dump(),
         "bags": ["a"],
     }
-    data = write(tmp_path / "data", source, episodes=1, layout=TransitionLayout())
+    data = write(tmp_path / "data", source, episodes=20, layout=TransitionLayout())
     config = TrainConfig(dataset=data)
-    assert dataset_of(config).transitions == 10
+    assert dataset_of(config).transitions == 200
+
+
+def test_a_dataset_from_which_nothing_can_be_learnt_is_refused_before_the_run(tmp_path, capsys):
+    data = write(tmp_path / "data", episodes=19)
+    arguments = toy(tmp_path / "run", "--dataset", data)
+    one_line(capsys, arguments, "has 190 transitions, from which no policy learns: record .* 200")
+    assert not (tmp_path / "run").exists()
+
+
+def test_an_offline_run_says_how_far_its_drives_lead_and_shows_no_empty_figures(
+    data, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr("training.train.learner.run.STATUS_SECONDS", 0.0)
+    arguments = toy(tmp_path / "run", "--dataset", data, "--gradient-steps", "40", *NO_EVALUATION)
+    assert main(arguments) == 0
+
+    printed = capsys.readouterr()
+    assert f"{data}: 400 transitions in 0.056 h of driving; policies from" in printed.out
+    assert "updates=40" in printed.err
+    # An offline run drives no episodes.
+    assert "nan" not in printed.err
+    assert "actors" not in printed.err
+
+
+def test_the_expectation_has_the_figures_of_the_published_table():
+    with open("docs/results/from_drives.csv") as file:
+        metrics = {row["parameters"]: row["BARN's metric"] for row in csv.DictReader(file)}
+    figures = [text[:4] for text in metrics.values()]
+    default, recorded, four_minutes, quarter, _, _, tuned = figures
+    for metric in (recorded, four_minutes, quarter, tuned):
+        assert f" {metric}" in dataset.EXPECTATION
+    three_seeds = metrics["from 1 hour (3,606), three seeds"].split(", ")
+    assert f"{np.mean([float(metric) for metric in three_seeds]):.3f}"[1:] in dataset.EXPECTATION
+    assert default not in dataset.EXPECTATION
 
 
 @pytest.mark.fault("18b")

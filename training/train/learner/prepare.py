@@ -17,7 +17,7 @@ from training.env.trajectory import Trajectory, TransitionLayout
 from training.evaluate.runner import run, world_list
 from training.evaluate.trial import Result, Trial
 from training.train.learner.config import TrainConfig
-from training.train.replay.dataset import Dataset
+from training.train.replay.dataset import FEWEST_TRANSITIONS, Dataset
 from training.workers.collect import Collect, collect
 from worlds.loading import Worlds
 
@@ -68,7 +68,7 @@ def dataset_of(config: TrainConfig) -> Optional[Dataset]:
 
     Raises:
         ApplrError: The dataset's period, robot, observation or reward differ from those of the
-            options.
+            options, or it is too small.
     """
     if not config.dataset:
         return None
@@ -87,4 +87,9 @@ def dataset_of(config: TrainConfig) -> Optional[Dataset]:
                 f"{name} is {value}, but the dataset {config.dataset} was driven with {recorded}: "
                 "give the same, or make a new dataset"
             )
+    if dataset.transitions < FEWEST_TRANSITIONS:
+        raise ApplrError(
+            f"the dataset {config.dataset} has {dataset.transitions} transitions, from which no "
+            f"policy learns: record at least {FEWEST_TRANSITIONS}, better an hour of drives"
+        )
     return dataset

@@ -29,6 +29,7 @@ from training.evaluate.periodic import THETA0, PeriodicEvaluation
 from training.evaluate.trial import Result, Trial
 from training.train.learner.config import PROVENANCE, TrainConfig
 from training.train.learner.prepare import dataset_of, prepare
+from training.train.replay.dataset import describe as describe_dataset
 from training.workers.calls import CallFailed
 from training.workers.collect import Collect
 from training.workers.pool import Pool
@@ -63,6 +64,8 @@ class TrainingRun:
         self.offline = dataset is not None
         if dataset:
             rows = dataset.rows
+            driven_seconds = dataset.transitions * config.decision_period
+            print(f"{config.dataset}: {describe_dataset(dataset.transitions, driven_seconds)}")
         else:
             # A row more per episode than transitions, with some to spare: an episode has 13.
             rows = int(1.1 * config.total_timesteps) + LONGEST_EPISODE
@@ -353,21 +356,31 @@ class TrainingRun:
                 continue
             latest = [info.get(name, np.nan) for info in learner.infos]
             values[name] = np.mean(latest or [np.nan])
-        values["sigma"] = self.config.noise(learner.transitions)
         values["updates"] = learner.td3.updates
-        values["actors"] = len(self.pool.workers)
-        values["replaced"] = self.pool.replaced
+        if not self.offline:
+            values["sigma"] = self.config.noise(learner.transitions)
+            values["actors"] = len(self.pool.workers)
+            values["replaced"] = self.pool.replaced
         values.update(learner.td3.report())
+        figures = _finite(values)
         self.bar.set_postfix(
-            {name: f"{value:.3g}" for name, value in values.items()}, refresh=False
+            {name: f"{value:.3g}" for name, value in figures.items()}, refresh=False
         )
         self._scalars("training", values)
 
     def _scalars(self, prefix: str, values: Dict[str, Any]) -> None:
         """Show the finite numbers among `values` in TensorBoard, as prefix/name."""
-        for name, value in values.items():
-            if value is not None and np.isfinite(value):
-                self.board.add_scalar(f"{prefix}/{name}", value, self.steps)
+        for name, value in _finite(values).items():
+            self.board.add_scalar(f"{prefix}/{name}", value, self.steps)
+
+
+def _finite(values: Dict[str, Any]) -> Dict[str, float]:
+    """Return the finite numbers among some values."""
+    numbers = {}
+    for name, value in values.items():
+        if value is not None and np.isfinite(value):
+            numbers[name] = value
+    return numbers
 
 
 def describe(summary: Dict[str, Any]) -> str:
