@@ -793,8 +793,10 @@ def test_a_recipe_sets_encoding_and_reward_and_training_refuses_others(tmp_path,
     with pytest.raises(ApplrError, match=line):
         dataset_of(config)
 
+    # Only its size is left to refuse.
     run_options.append("--no-lowest")
-    assert dataset_of(config_of(run_options)).transitions == 5
+    with pytest.raises(ApplrError, match="5 transitions, from which no policy learns"):
+        dataset_of(config_of(run_options))
 
 
 def zeros(ranges, k):

@@ -23,8 +23,8 @@ from training.env.trajectory import Trajectory, TransitionLayout
 FEWEST_TRANSITIONS = 200
 # What hours of drives have given (docs/results/from_drives.csv)
 EXPECTATION = (
-    "policies from .07, .25 and 1 h of a simulated Jackal's drives reached BARN's metric .367, .409 "
-    "and .445 (the drives .231, a set found by tune .456)"
+    "policies from .07, .25 and 1 h of a simulated Jackal's drives reached BARN's metric .367, "
+    ".409 and .445 (the drives .231, a set found by tune .456)"
 )
 # Names of files and folders in Minari's format
 DATA = "data"
