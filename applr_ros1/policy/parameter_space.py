@@ -3,6 +3,10 @@
 `space_of` makes it from a robot's description. Names, ranges and servers are in its robot.yaml,
 theta_0 in its parameter files, types and bounds in the planner's declarations. SPACE is the
 Jackal's space, and `SPACE.chosen` its subspace of the paper's eight parameters.
+
+A parameter may set several values, to which the robot's files may give different numbers. At its
+value in theta_0, the parameter leaves each of them as the files have it. At any other value, it
+sets all of them to the same number.
 """
 
 from dataclasses import dataclass, field, replace
@@ -17,10 +21,13 @@ from applr_ros1.common.arguments import number_within
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.parameters.parameter import Parameter
-from applr_ros1.planner.parameters.settings import Settings
+from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.robots import Robot
 from applr_ros1.robots.check import space_errors
 from applr_ros1.robots.robot import Target
+
+# Values of a local planner that limit its speed, and that max_speed of the nodes limits in turn
+SPEED_LIMITS = ("max_vel_x", "max_vel_trans")
 
 
 class ParameterSet(NamedTuple):
@@ -47,6 +54,7 @@ class Space:
         theta0: (n,) default parameters of the robot, with which its move_base starts.
         targets: {parameter: addresses of the values of move_base that it sets}. A parameter is read
             back from its first address.
+        defaults: Values at all addresses in the robot's files, which may lie outside the ranges.
         robot: Name of the robot.
         fixed: Names of the parameters that policies in the paper's encoding do not choose.
     """
@@ -57,6 +65,7 @@ class Space:
     integer: np.ndarray
     theta0: np.ndarray
     targets: Dict[str, Tuple[Target, ...]] = field(default_factory=dict)
+    defaults: Settings = field(default_factory=lambda: Settings({}))
     robot: str = "jackal"
     fixed: Tuple[str, ...] = ()
 
@@ -75,6 +84,7 @@ class Space:
             integer=self.integer[chosen_indices],
             theta0=self.theta0[chosen_indices],
             targets={name: self.targets.get(name, ()) for name in chosen_names},
+            defaults=self.defaults,
             robot=self.robot,
         )
 
@@ -96,13 +106,29 @@ class Space:
         theta[self._chosen_at] = values
         return theta
 
-    def below(self, name: str, highest: float) -> "Space":
-        """Return the space with one parameter limited to `highest`.
+    @cached_property
+    def sets_speed(self) -> Array:
+        """(n,) bool, True for parameters that set one of SPEED_LIMITS."""
+        sets_speed = np.zeros(len(self.names), dtype=bool)
+        for parameter_index, target in self.addresses:
+            if target.name in SPEED_LIMITS:
+                sets_speed[parameter_index] = True
+        return sets_speed
 
-        Unknown names change nothing.
-        """
-        is_limited = np.array(self.names) == name
-        return replace(self, high=np.where(is_limited, np.minimum(self.high, highest), self.high))
+    def below(self, max_speed: float) -> "Space":
+        """Return the space whose speeds, the robot's defaults included, are at most `max_speed`."""
+        highest = np.where(self.sets_speed, max_speed, np.inf)
+        changes = []
+        for parameter_index, target in self.addresses:
+            default = self.defaults[target.server][target.name]
+            limited = target.signed(min(target.signed(default), float(highest[parameter_index])))
+            changes.append(Change(target.server, target.name, default, limited))
+        return replace(
+            self,
+            high=np.minimum(self.high, highest),
+            theta0=np.minimum(self.theta0, highest),
+            defaults=self.defaults.with_(*changes),
+        )
 
     def clip(self, theta: Any) -> Array:
         """Return the nearest parameters (n,) float64 inside the ranges, with counts rounded.
@@ -173,7 +199,10 @@ class Space:
         return tuple(dict.fromkeys(target.server for _, target in self.addresses))
 
     def settings(self, theta: Any) -> Settings:
-        """Return the values that parameters (n,) set after clipping: a request per server."""
+        """Return the values that parameters (n,) set after clipping: a request per server.
+
+        Those of theta_0 are the robot's defaults, which are not clipped.
+        """
         return self.settings_of(self.as_dict(self.clip(theta)))
 
     def settings_of(self, values: Mapping[str, Any]) -> Settings:
@@ -181,8 +210,12 @@ class Space:
         settings: Dict[str, Dict[str, Any]] = {}
         for parameter_index, target in self.addresses:
             name = self.names[parameter_index]
-            if name in values:
-                settings.setdefault(target.server, {})[target.name] = target.signed(values[name])
+            if name not in values:
+                continue
+            value = target.signed(values[name])
+            if values[name] == self.theta0[parameter_index]:
+                value = self.defaults[target.server][target.name]
+            settings.setdefault(target.server, {})[target.name] = value
         return Settings(settings)
 
     def read_back(self, settings: Mapping[str, Mapping[str, Any]]) -> Array:
@@ -263,12 +296,15 @@ def space_of(robot: Robot) -> Space:
     integer = []
     theta0 = []
     targets: Dict[str, Tuple[Target, ...]] = {}
+    defaults: Dict[str, Dict[str, Any]] = {}
     fixed_names = []
     for parameter in robot.space:
         bounds.append((parameter.low, parameter.high))
         integer.append(parameter.integer)
         theta0.append(parameter.sets[0].value_in(tree))
         targets[parameter.name] = parameter.sets
+        for target in parameter.sets:
+            defaults.setdefault(target.server, {})[target.name] = target.value_in(tree)
         if not parameter.paper:
             fixed_names.append(parameter.name)
     # A robot without parameters for policies has an empty space.
@@ -280,6 +316,7 @@ def space_of(robot: Robot) -> Space:
         integer=np.array(integer),
         theta0=np.array(theta0, dtype=np.float64),
         targets=targets,
+        defaults=Settings(defaults),
         robot=robot.name,
         fixed=tuple(fixed_names),
     )

@@ -111,8 +111,8 @@ def main() -> int:
     robot, prefix = named_robot(parameters)
     space = space_of(robot)
 
-    # The methods choose max_vel_x within its range, whose begin a limit cannot undercut.
-    lowest_limit = space.as_dict(space.low).get("max_vel_x", 0.0)
+    # The methods choose speeds within their ranges, whose begin a limit cannot undercut.
+    lowest_limit = space.low[space.sets_speed].max(initial=0.0)
     if 0 < max_speed < lowest_limit:
         advice = f"give at least {lowest_limit:g} m/s, or 0 for no limit"
         raise ApplrError(f"max_speed is {max_speed:g}: {advice}")

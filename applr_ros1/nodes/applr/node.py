@@ -50,7 +50,7 @@ class ApplrNode:
         topics: Publishers (topics.ApplrTopics).
         period: ROS time between decisions [s], None for the method's period.
         namespace: Namespace of move_base.
-        max_speed: Upper limit of max_vel_x [m/s] for every method.
+        max_speed: Upper limit of the top speed [m/s] for every method and for the defaults.
         seed: Seed of the random numbers in the first course, of the method and in a stall; further
             courses use seed + 1, seed + 2 ...
         meter_scoring: Whether the planner's distance biases count per metre
@@ -94,7 +94,7 @@ class ApplrNode:
         self._is_redrawn = False  # whether the last decision was that of the stall rule
         self._base_set = False  # whether the parameters for the time between goals have been sent
         self._deciding = threading.Lock()  # guards method, enabled and the state of the course
-        space = self.space.below("max_vel_x", max_speed)
+        space = self.space.below(max_speed)
         self.client = ReconfigureClient(
             namespace, space, self._on_restart, self._on_report, self._note_trouble
         )

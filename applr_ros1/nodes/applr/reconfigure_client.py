@@ -20,7 +20,7 @@ from dynamic_reconfigure.client import Client
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, reason
 from applr_ros1.nodes.applr.distance_weights import multipliers_of
-from applr_ros1.planner.parameters.settings import are_in_force
+from applr_ros1.planner.parameters.settings import Settings, are_in_force
 from applr_ros1.policy.parameter_space import SPACE, Space
 from applr_ros1.robots.robot import Target
 
@@ -167,7 +167,8 @@ class ReconfigureClient:
 
     `apply` sets parameters and waits for the result. `request` leaves this to the client's thread,
     which retries until the parameters are in force. Both clip to the ranges of the space, round
-    integers, and refuse values that are not finite.
+    integers, and refuse values that are not finite. A parameter at its value in theta_0 gets the
+    robot's own values (Space.settings).
 
     Args:
         namespace: Namespace of move_base.
@@ -355,14 +356,11 @@ class ReconfigureClient:
         with self._applying:
             if not self.connected:
                 return f"no parameter servers below {self.namespace} yet"
-            values = theta * self.multipliers
-            self._sent = theta, values
-            accepted = np.clip(values, *self.bounds())
-            settings = self.space.settings_of(self.space.as_dict(accepted))
+            self._sent = theta, theta * self.multipliers
 
             # Calls of all servers at once, but none beside an earlier call of the same server.
             requests = []
-            for server_name, server_values in settings.items():
+            for server_name, server_values in self._scaled(self.space.settings(theta)).items():
                 server = self.servers[server_name]
                 request = server.request(server_values)
                 requests.append((server, request))
@@ -378,6 +376,17 @@ class ReconfigureClient:
                     busy_problem = f"{server.name} was busy with an earlier call"
                     errors.append(server.call.result() or busy_problem)
             return "; ".join(errors)
+
+    def _scaled(self, settings: Settings) -> Settings:
+        """Return settings times `multipliers`, within the bounds of each value's server."""
+        multipliers = self.multipliers
+        scaled: Dict[str, Dict[str, float]] = {}
+        for index, target in self.space.addresses:
+            value = target.signed(settings[target.server][target.name]) * multipliers[index]
+            smallest, largest = self.servers[target.server].bounds_of(target)
+            accepted = min(max(value, smallest), largest)
+            scaled.setdefault(target.server, {})[target.name] = target.signed(accepted)
+        return Settings(scaled)
 
     def start(self) -> None:
         """Start the thread that applies requests, including an earlier one."""

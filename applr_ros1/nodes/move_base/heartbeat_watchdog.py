@@ -10,11 +10,10 @@ import math
 from typing import Any, Dict, Optional
 
 from applr_ros1.planner.move_base import MoveBase
-from applr_ros1.policy.parameter_space import Space
+from applr_ros1.policy.parameter_space import SPEED_LIMITS, Space
 
 # Number of periods without a heartbeat after which the applr node counts as dead
 LOST_PERIODS = 2.5
-SPEED_LIMITS = {"max_vel_x", "max_vel_trans"}  # parameters that ~max_speed of the applr node limits
 
 
 class HeartbeatWatchdog:
@@ -64,6 +63,6 @@ def start_up_requests(
             continue  # The policy may also learn parameters of a planner that is not in use.
         start_values = move_base.start_up_configuration(server)
         requests[server] = {name: start_values[name] for name in names}
-        for name in SPEED_LIMITS & set(names):
+        for name in set(SPEED_LIMITS) & set(names):
             requests[server][name] = min(start_values[name], speed_limit)
     return requests

@@ -1,0 +1,170 @@
+"""Tests of parameters that set several values, to which the robot's files give different ones."""
+
+from concurrent.futures import Future
+
+import numpy as np
+import pytest
+
+import sim_bridge
+import worlds
+from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.settings import Settings, send
+from applr_ros1.policy import methods
+from applr_ros1.policy.parameter_space import SPACE, space_of
+from applr_ros1.robots import load
+from training.env.episode import Episode
+
+PLANNER = "DWAPlannerROS"
+INFLATION = ("local_costmap/inflation_layer", "global_costmap/inflation_layer")
+# Both values of inflation_radius lie outside the range that a policy may choose from.
+BURGER = load("turtlebot3_burger").with_parameters(
+    {
+        PLANNER: {"max_vel_x": 0.2, "max_vel_trans": 0.15},
+        "local_costmap": {"inflation_radius": 0.35},
+        "global_costmap": {"inflation_radius": 0.0},
+    },
+    "burger of two speeds",
+)
+
+
+def assert_owners(settings):
+    """Check that settings are those of the robot's files."""
+    assert settings[PLANNER]["max_vel_x"] == 0.2
+    assert settings[PLANNER]["max_vel_trans"] == 0.15
+    radii = [settings[server]["inflation_radius"] for server in INFLATION]
+    assert radii == [0.35, 0.0]
+
+
+def assert_together(settings, speed, radius):
+    """Check that linked values are equal."""
+    assert settings[PLANNER]["max_vel_x"] == settings[PLANNER]["max_vel_trans"] == speed
+    radii = [settings[server]["inflation_radius"] for server in INFLATION]
+    assert radii == [radius, radius]
+
+
+@pytest.fixture(scope="module")
+def space():
+    """Return the robot's parameter space."""
+    return space_of(BURGER)
+
+
+def test_theta_0_gives_each_value_back_to_the_robots_files(space):
+    move_base = MoveBase(BURGER.parameters())
+    start_up = Settings({server: move_base.configuration(server) for server in space.servers})
+    assert_owners(space.settings(space.theta0))
+
+    # A policy's set applies one number to all values of a parameter.
+    chosen = space.from_dict({"max_vel_x": 0.18, "inflation_radius": 0.5})
+    assert_together(send(space.settings(chosen), move_base), 0.18, 0.5)
+
+    in_force = send(space.settings(space.theta0), move_base)
+    assert_owners(in_force)
+    assert in_force == start_up
+    assert space.read_back(in_force).tolist() == space.theta0.tolist()
+
+
+def test_a_set_leaves_the_parameters_that_it_does_not_have_as_the_owner_has_them(space):
+    assert_owners(space.settings(space.from_dict({"sim_time": 2.0})))
+    # As a policy in the paper's encoding, which does not choose all parameters
+    assert space.chosen.settings(space.chosen.theta0)[PLANNER]["max_vel_trans"] == 0.15
+
+
+@pytest.mark.parametrize(
+    ("max_speed", "speeds"),
+    [(np.inf, (0.2, 0.15)), (0.18, (0.18, 0.15)), (0.1, (0.1, 0.1))],
+)
+def test_a_speed_limit_lowers_each_speed_and_raises_none(space, max_speed, speeds):
+    limited_space = space.below(max_speed)
+    in_planner = limited_space.settings(space.theta0)[PLANNER]
+    assert (in_planner["max_vel_x"], in_planner["max_vel_trans"]) == speeds
+    fastest = limited_space.settings(space.high)[PLANNER]
+    assert max(fastest["max_vel_x"], fastest["max_vel_trans"]) <= max_speed
+    assert_owners(space.settings(space.theta0))
+
+
+def test_a_speed_limit_finds_the_speed_under_any_name_of_the_parameter():
+    renamed = tuple(
+        parameter.model_copy(update={"name": parameter.name.replace("max_vel_x", "speed")})
+        for parameter in BURGER.space
+    )
+    described = BURGER.with_parameters({}, "burger with a speed")
+    object.__setattr__(described, "space", renamed)
+    limited_space = space_of(described).below(0.1)
+    assert limited_space.as_dict(limited_space.high)["speed"] == 0.1
+
+
+def test_the_default_method_and_a_course_in_simulation_begin_with_the_owners_values(space):
+    method = methods.make("dwa", BURGER)
+    assert_owners(space.settings(method.theta(None)))
+
+    simulator = sim_bridge.make("kinematic", robot=BURGER)
+    episode = Episode(simulator, MoveBase(BURGER.parameters()), BURGER, period=1.0)
+    outcome = episode.reset(worlds.load("generated:3"), seed=1)
+    in_force = Settings({server: episode.move_base.configuration(server) for server in space.servers})
+    assert_owners(in_force)
+    # A drive with the parameters that are in force changes none of them.
+    episode.decide(outcome.theta)
+    assert_owners({server: episode.move_base.configuration(server) for server in space.servers})
+    simulator.close()
+
+
+class RunningServer:
+    """A dynamic_reconfigure server as the reconfigure client sees it; it takes every request."""
+
+    def __init__(self, values):
+        self.name = "server"
+        self.values = dict(values)
+        self.call = Future()
+        self.call.set_result("")
+
+    def request(self, values):
+        return dict(values)
+
+    def has(self, request):
+        return all(self.values[name] == value for name, value in request.items())
+
+    def set(self, request):
+        self.values.update(request)
+
+    def value_of(self, target):
+        return self.values[target.name]
+
+    def bounds_of(self, target):
+        return -1e6, 1e6
+
+
+def test_the_client_restores_the_owners_values_and_keeps_them_below_a_speed_limit(space):
+    pytest.importorskip("rospy")
+    from applr_ros1.nodes.applr.reconfigure_client import ReconfigureClient
+
+    def started_client(space):
+        client = ReconfigureClient(space=space)
+        for server, values in Settings.from_tree(BURGER.all_parameters()).items():
+            if server in space.servers:
+                client.servers[server] = RunningServer(values)
+        return client
+
+    def in_force(client):
+        return {name: server.values for name, server in client.servers.items()}
+
+    client = started_client(space)
+    assert client.apply(space.from_dict({"max_vel_x": 0.18, "inflation_radius": 0.5})) == ""
+    assert_together(in_force(client), 0.18, 0.5)
+    assert client.apply(space.theta0) == ""
+    assert_owners(in_force(client))
+    assert client.theta().tolist() == space.theta0.tolist()
+
+    client = started_client(space.below(0.18))
+    assert client.apply(space.theta0) == ""
+    assert in_force(client)[PLANNER]["max_vel_x"] == 0.18
+    assert in_force(client)[PLANNER]["max_vel_trans"] == 0.15
+    # What is in force, applied again, changes nothing.
+    assert client.apply(client.theta()) == ""
+    assert in_force(client)[PLANNER]["max_vel_trans"] == 0.15
+
+
+def test_where_the_files_agree_theta_0_is_one_number_per_parameter():
+    values = SPACE.as_dict(SPACE.theta0)
+    for index, target in SPACE.addresses:
+        default = SPACE.defaults[target.server][target.name]
+        assert default == target.signed(values[SPACE.names[index]])
