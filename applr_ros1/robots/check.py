@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from math import copysign, pi
-from typing import Any, Dict, Iterator, List, NamedTuple, Sequence
+from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Sequence
 
 import numpy as np
 from pydantic import ValidationError
@@ -67,6 +67,51 @@ SLOWEST = {  # for speed and turn rate, by local planner
 }
 
 
+class Limits(NamedTuple):
+    """Two limits of one quantity of a local planner, of which `low` should not exceed `high`.
+
+    Attributes:
+        low: Parameter with the smallest value.
+        high: Parameter with the largest value.
+        unless_zero: Parameter that switches the smallest value off if it is 0, or "".
+        consequence: What the C++ planner then does if the robot cannot be driven, or "".
+    """
+
+    low: str
+    high: str
+    unless_zero: str = ""
+    consequence: str = ""
+
+
+# By local planner. DWAPlannerROS refuses samples that are slower than min_vel_trans and also turn
+# more slowly than min_vel_theta, and those that are faster than max_vel_trans
+# (simple_trajectory_generator.cpp, generateTrajectory).
+LIMITS = {
+    "TrajectoryPlannerROS": (
+        Limits("min_vel_x", "max_vel_x"),
+        # Turns in place are raised to the smallest one, beyond the largest.
+        Limits("min_in_place_vel_theta", "max_vel_theta"),
+    ),
+    "DWAPlannerROS": (
+        Limits("min_vel_x", "max_vel_x"),
+        Limits("min_vel_x", "max_vel_trans", consequence="no lasting speed is allowed"),
+        Limits(
+            "min_vel_trans",
+            "max_vel_trans",
+            unless_zero="min_vel_theta",
+            consequence="no straight command is allowed",
+        ),
+        Limits(
+            "min_vel_trans",
+            "max_vel_x",
+            unless_zero="min_vel_theta",
+            consequence="no straight command ahead is allowed",
+        ),
+        Limits("min_vel_theta", "max_vel_theta", unless_zero="min_vel_trans"),
+    ),
+}
+
+
 class _Setup(NamedTuple):
     """Parameters of a robot: `tree` from its files, `full` with all defaults."""
 
@@ -109,6 +154,7 @@ def check(robot: Robot, with_map: bool = False) -> List[str]:
     setup = _Setup(robot, with_map, tree, parameters.complete(tree))
     for costmap in COSTMAPS:
         errors += _costmap(setup, costmap)
+    errors += _limit_errors(setup)
     return [*errors, *_space_limits(setup), *space_errors(robot, setup.full)]
 
 
@@ -123,6 +169,21 @@ def remarks(robot: Robot, with_map: bool = False) -> List[Remark]:
         for costmap in COSTMAPS:
             found_remarks += _costmap_remarks(setup, costmap)
     return found_remarks
+
+
+def crossed_limits(planner: str, values: Mapping[str, Any]) -> List[Limits]:
+    """Return the limits of a local planner whose smallest value exceeds the largest one.
+
+    Args:
+        planner: Name of the local planner.
+        values: {name: value} of its parameters.
+    """
+    crossed = []
+    for limits in LIMITS[planner]:
+        is_off = bool(limits.unless_zero) and values[limits.unless_zero] == 0.0
+        if values[limits.low] > values[limits.high] and not is_off:
+            crossed.append(limits)
+    return crossed
 
 
 def refused(error: ValidationError) -> List[str]:
@@ -308,6 +369,18 @@ def _blind(path: str, source: Dict[str, Any], robot: Robot) -> str:
     return ""
 
 
+def _limit_errors(setup: _Setup) -> Iterator[str]:
+    """Yield an error for crossed limits of the local planner with which it cannot drive."""
+    planner = setup.planner
+    values = setup.full[planner]
+    for limits in crossed_limits(planner, values):
+        if limits.consequence:
+            problem = f"{planner}/{limits.high} is {values[limits.high]:g}"
+            comparison = f"below {limits.low} ({values[limits.low]:g})"
+            remedy = f"raise {limits.high} or lower {limits.low}"
+            yield f"{problem}, {comparison}: {limits.consequence}, {remedy}"
+
+
 def _space_limits(setup: _Setup) -> Iterator[str]:
     """Yield an error for each range of the space that exceeds a limit of the base."""
     for parameter in setup.robot.space:
@@ -389,14 +462,36 @@ def _planner_remarks(setup: _Setup) -> Iterator[Remark]:
                 correction = {planner: {parameter_name: copysign(base_limit, file_value)}}
                 yield Remark(f"{planner}/{parameter_name} is {file_value:g}: {problem}", correction)
     values = setup.full[planner]
-    for min_name, max_name in (("min_vel_x", "max_vel_x"), ("min_vel_theta", "max_vel_theta")):
-        if values[min_name] > values[max_name]:
-            comparison = f"larger than {max_name} ({values[max_name]:g})"
-            message = (
-                f"{planner}/{min_name} is {values[min_name]:g}, {comparison}: lower {min_name}"
-            )
-            yield Remark(message, {planner: {min_name: values[max_name]}})
+    for limits in crossed_limits(planner, values):
+        if limits.consequence:
+            continue  # check() returns this error.
+        largest = values[limits.high]
+        comparison = f"larger than {limits.high} ({largest:g})"
+        message = (
+            f"{planner}/{limits.low} is {values[limits.low]:g}, {comparison}: lower {limits.low}"
+        )
+        yield Remark(message, {planner: {limits.low: largest}})
+    yield from _linked_remarks(setup)
     yield from _dead_band_remarks(setup)
+
+
+def _linked_remarks(setup: _Setup) -> Iterator[Remark]:
+    """Yield parameters of the space that set values to which the files give different numbers."""
+    known_servers = servers(setup.full)
+    for parameter in setup.robot.space:
+        if _space_problem(parameter, known_servers, setup.full):
+            continue  # check() returns this error.
+        numbers = set()
+        values_in_words = []
+        for target in parameter.sets:
+            value = target.value_in(setup.full)
+            numbers.add(target.signed(value))
+            path = f"{target.server}/{target.name}".lstrip("/")
+            values_in_words.append(f"{path} is {value:g}")
+        if len(numbers) > 1:
+            problem = "the defaults keep these values, but a policy or tuned set gives all the same"
+            remedy = "make them equal if they belong together"
+            yield Remark(f"{', '.join(values_in_words)}: {problem}; {remedy}")
 
 
 def _dead_band_remarks(setup: _Setup) -> Iterator[Remark]:

@@ -4,6 +4,7 @@ robots, methods.
 
 import json
 import re
+import shutil
 import time
 from typing import NamedTuple, Optional
 
@@ -12,6 +13,7 @@ import pytest
 import rosgraph
 import rosnode
 import rospy
+import yaml
 from applr_ros1.msg import Movers, Parameters
 from applr_ros1.srv import SetMethod
 from sensor_msgs.msg import PointCloud2
@@ -562,6 +564,34 @@ def test_another_robots_restarted_servers_get_the_set_again_and_the_defaults_at_
     is_in_force(client, space.theta0)
     assert "Traceback" not in node.text
     client.close()
+
+
+def test_each_costmap_gets_its_own_default_back_when_the_method_is_switched_off(
+    robot, stack, tmp_path
+):
+    """The files of this robot inflate the global costmap less than the local one."""
+    folder = tmp_path / "jackal"
+    shutil.copytree(load("jackal").folder, folder)
+    robot_file = folder / "robot.yaml"
+    described = yaml.safe_load(robot_file.read_text())
+    own_radius = {"global_costmap": {"inflater_layer": {"inflation_radius": 0.1}}}
+    described["move_base"]["parameters"] = own_radius
+    robot_file.write_text(yaml.safe_dump(described))
+
+    def radii():
+        layers = ("local_costmap/inflater_layer", "global_costmap/inflater_layer")
+        return [client.servers[layer].values["inflation_radius"] for layer in layers]
+
+    node, client = stack("random", robot=str(folder))
+    wait_for(lambda: radii() == [0.3, 0.1], "the defaults at the start")
+    robot.goal = "one"
+    wait_for(lambda: radii()[0] == radii()[1], "one radius for both in a decision")
+    assert service("enable", SetBool, False).success
+    wait_for(lambda: radii() == [0.3, 0.1], "the defaults, switched off")
+    assert service("enable", SetBool, True).success
+    wait_for(lambda: radii()[0] == radii()[1], "a decision again")
+    assert node.end() == 0
+    wait_for(lambda: radii() == [0.3, 0.1], "the defaults at the end")
 
 
 def test_the_defaults_return_at_the_nodes_end_although_one_server_is_frozen(robot, stack):

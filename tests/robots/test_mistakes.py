@@ -10,9 +10,10 @@ from pathlib import Path
 import pytest
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.planner.parameters.dwa_planner_parameters import DWA_PLANNER
 from applr_ros1.robots import NAMES, load
 from applr_ros1.robots import folder as folders
-from applr_ros1.robots.check import check, remarks
+from applr_ros1.robots.check import check, crossed_limits, remarks
 from training.evaluate import __main__ as evaluate
 from training.robot import check as check_robot
 from training.train import __main__ as train
@@ -179,6 +180,18 @@ OF_BURGER = [
         "local_costmap/origin_y is 0: .* 3 m long.*give -1.5",
     ),
     (ROBOT, "static_map: false, ", "", "global_costmap/plugins has static_layer, but "),
+    (
+        BURGER,
+        "max_vel_trans: 0.22",
+        "max_vel_trans: 0.08",
+        r"ROS/max_vel_trans is 0.08, below min_vel_trans \(0.11\): no straight .*, raise max_vel_tr",
+    ),
+    (
+        BURGER,
+        "max_vel_x: 0.22",
+        "max_vel_x: 0.08",
+        r"ROS/max_vel_x is 0.08, below min_vel_trans \(0.11\): no straight command ahead .* raise",
+    ),
 ]
 # Remarks: move_base drives with these, but hardly as intended
 REMARKS_OF_JACKAL = [
@@ -226,6 +239,18 @@ REMARKS_OF_JACKAL = [
     ),
 ]
 REMARKS_OF_BURGER = [
+    (
+        BURGER,
+        "max_vel_trans: 0.22",
+        "max_vel_trans: 0.15",
+        "ROS/max_vel_x is 0.22, DWAPlannerROS/max_vel_trans is 0.15: .* make them equal if",
+    ),
+    (
+        BURGER,
+        "max_vel_theta: 2.75",
+        "max_vel_theta: 0.5",
+        r"min_vel_theta is 1.37, larger than max_vel_theta \(0.5\): lower min_vel_theta",
+    ),
     (BURGER, "sim_time: 1.5", "max_rot_vel: 1.0", "max_rot_vel is ignored: give max_vel_theta"),
     (BURGER, "min_vel_y: 0.0", "min_vel_y: -0.1", "min_vel_y, max_vel_y are .-0.1, 0.0.: .*give 0"),
     (
@@ -291,6 +316,35 @@ def test_a_remark_stops_nothing(tmp_path, robot, file, old, new, line):
     described = folders.read(changed(tmp_path / "mine", robot, file, old, new))
     lines = [remark.line for remark in remarks(described)]
     assert matching(line, lines), lines
+
+
+# As DWAPlannerROS accepts samples: it refuses those that are slower than min_vel_trans only if they
+# also turn more slowly than min_vel_theta.
+@pytest.mark.parametrize(
+    ("values", "crossed"),
+    [
+        ({}, []),
+        ({"max_vel_trans": 0.1}, []),
+        ({"max_vel_trans": 0.08, "max_vel_x": 0.3}, [("min_vel_trans", "max_vel_trans")]),
+        ({"max_vel_trans": 0.08, "min_vel_theta": 0.0}, []),
+        ({"min_vel_trans": 0.6, "max_vel_trans": 0.7}, [("min_vel_trans", "max_vel_x")]),
+        ({"min_vel_x": 0.4, "max_vel_trans": 0.3}, [("min_vel_x", "max_vel_trans")]),
+        ({"max_vel_theta": 0.3}, [("min_vel_theta", "max_vel_theta")]),
+        ({"max_vel_theta": 0.3, "min_vel_trans": 0.0}, []),
+    ],
+)
+def test_smallest_and_largest_values_of_dwa_are_compared(values, crossed):
+    defaults = {parameter.name: parameter.default for parameter in DWA_PLANNER}
+    limits = crossed_limits("DWAPlannerROS", {**defaults, **values})
+    assert [(pair.low, pair.high) for pair in limits] == crossed
+
+
+def test_turns_in_place_faster_than_the_fastest_turn_are_remarked(tmp_path):
+    mistake = ("min_in_place_vel_theta: 0.314", "min_in_place_vel_theta: 1.7")
+    described = folders.read(changed(tmp_path / "mine", "jackal", PLANNER, *mistake))
+    (remark,) = remarks(described)
+    assert "min_in_place_vel_theta is 1.7, larger than max_vel_theta (1.57)" in remark.line
+    assert remark.correction == {"TrajectoryPlannerROS": {"min_in_place_vel_theta": 1.57}}
 
 
 # A base ignores commands below its dead band (v [m/s], w [rad/s]). A planner's smallest velocity,
