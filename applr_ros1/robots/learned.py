@@ -125,12 +125,9 @@ def default_space(base: Base, body: Body, tree: Dict[str, Any]) -> Tuple[SpacePa
         MOVE_BASE: [MOVE_BASE],
         DWA if planner == DWA else TRAJECTORY: [planner],
     }
-    paddings = {number_at(tree, costmap, ("footprint_padding",)) for costmap in COSTMAPS}
     left_out = {
         # A policy must not reverse a robot whose default parameters never reverse it.
         "min_vel_x": (number_at(tree, planner, ("min_vel_x",)) or 0.0) >= 0.0,
-        # One parameter cannot keep two different paddings.
-        "footprint_padding": len(paddings) > 1,
         # The robot's owner has chosen a frequency.
         "planner_frequency": bool(number_at(tree, MOVE_BASE, ("planner_frequency",))),
     }

@@ -105,6 +105,13 @@ BRIDGE = "sim_bridge.ros_bridge"
         (MONITOR, {"margins": 1}, "unknown parameter margins"),
         (MONITOR, {"deceleration": 0}, "deceleration is 0"),
         (APPLR, {"max_speed": 0.05}, "max_speed is 0.05: give at least 0.2 m/s"),
+        # The burger's policies may choose a slower limit, but its planner does not drive straight
+        # below min_vel_trans.
+        (
+            APPLR,
+            {"robot": "turtlebot3_burger", "max_speed": 0.1},
+            "max_speed is 0.1: give at least 0.11 m/s",
+        ),
         (BRIDGE, {"world": "nowhere.world"}, "nowhere.world"),
         (BRIDGE, {"world": "physical_course", "simulator": "gazebo"}, "give pybullet or kinematic"),
     ],

@@ -1,6 +1,7 @@
 """Tests of parameters that set several values, to which the robot's files give different ones."""
 
 from concurrent.futures import Future
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,6 +43,11 @@ def assert_together(settings, speed, radius):
     assert radii == [radius, radius]
 
 
+def in_force(move_base):
+    """Return the present settings of a planner's servers."""
+    return Settings({name: move_base.configuration(name) for name in move_base.servers})
+
+
 @pytest.fixture(scope="module")
 def space():
     """Return the robot's parameter space."""
@@ -50,17 +56,16 @@ def space():
 
 def test_theta_0_gives_each_value_back_to_the_robots_files(space):
     move_base = MoveBase(BURGER.parameters())
-    start_up = Settings({server: move_base.configuration(server) for server in space.servers})
+    start_up = in_force(move_base)
     assert_owners(space.settings(space.theta0))
 
     # A policy's set applies one number to all values of a parameter.
     chosen = space.from_dict({"max_vel_x": 0.18, "inflation_radius": 0.5})
     assert_together(send(space.settings(chosen), move_base), 0.18, 0.5)
 
-    in_force = send(space.settings(space.theta0), move_base)
-    assert_owners(in_force)
-    assert in_force == start_up
-    assert space.read_back(in_force).tolist() == space.theta0.tolist()
+    send(space.settings(space.theta0), move_base)
+    assert in_force(move_base) == start_up
+    assert space.read_back(start_up).tolist() == space.theta0.tolist()
 
 
 def test_a_set_leaves_the_parameters_that_it_does_not_have_as_the_owner_has_them(space):
@@ -83,12 +88,9 @@ def test_a_speed_limit_lowers_each_speed_and_raises_none(space, max_speed, speed
 
 
 def test_a_speed_limit_finds_the_speed_under_any_name_of_the_parameter():
-    renamed = tuple(
-        parameter.model_copy(update={"name": parameter.name.replace("max_vel_x", "speed")})
-        for parameter in BURGER.space
-    )
-    described = BURGER.with_parameters({}, "burger with a speed")
-    object.__setattr__(described, "space", renamed)
+    speed = next(parameter for parameter in BURGER.space if parameter.name == "max_vel_x")
+    renamed = speed.model_copy(update={"name": "speed"})
+    described = replace(BURGER, name="burger with a speed", space=(renamed,))
     limited_space = space_of(described).below(0.1)
     assert limited_space.as_dict(limited_space.high)["speed"] == 0.1
 
@@ -100,11 +102,10 @@ def test_the_default_method_and_a_course_in_simulation_begin_with_the_owners_val
     simulator = sim_bridge.make("kinematic", robot=BURGER)
     episode = Episode(simulator, MoveBase(BURGER.parameters()), BURGER, period=1.0)
     outcome = episode.reset(worlds.load("generated:3"), seed=1)
-    in_force = Settings({server: episode.move_base.configuration(server) for server in space.servers})
-    assert_owners(in_force)
+    assert_owners(in_force(episode.move_base))
     # A drive with the parameters that are in force changes none of them.
     episode.decide(outcome.theta)
-    assert_owners({server: episode.move_base.configuration(server) for server in space.servers})
+    assert_owners(in_force(episode.move_base))
     simulator.close()
 
 
@@ -144,23 +145,23 @@ def test_the_client_restores_the_owners_values_and_keeps_them_below_a_speed_limi
                 client.servers[server] = RunningServer(values)
         return client
 
-    def in_force(client):
+    def values_of(client):
         return {name: server.values for name, server in client.servers.items()}
 
     client = started_client(space)
     assert client.apply(space.from_dict({"max_vel_x": 0.18, "inflation_radius": 0.5})) == ""
-    assert_together(in_force(client), 0.18, 0.5)
+    assert_together(values_of(client), 0.18, 0.5)
     assert client.apply(space.theta0) == ""
-    assert_owners(in_force(client))
+    assert_owners(values_of(client))
     assert client.theta().tolist() == space.theta0.tolist()
 
     client = started_client(space.below(0.18))
     assert client.apply(space.theta0) == ""
-    assert in_force(client)[PLANNER]["max_vel_x"] == 0.18
-    assert in_force(client)[PLANNER]["max_vel_trans"] == 0.15
+    assert values_of(client)[PLANNER]["max_vel_x"] == 0.18
+    assert values_of(client)[PLANNER]["max_vel_trans"] == 0.15
     # What is in force, applied again, changes nothing.
     assert client.apply(client.theta()) == ""
-    assert in_force(client)[PLANNER]["max_vel_trans"] == 0.15
+    assert values_of(client)[PLANNER]["max_vel_trans"] == 0.15
 
 
 def test_where_the_files_agree_theta_0_is_one_number_per_parameter():

@@ -184,7 +184,7 @@ OF_BURGER = [
         BURGER,
         "max_vel_trans: 0.22",
         "max_vel_trans: 0.08",
-        r"ROS/max_vel_trans is 0.08, below min_vel_trans \(0.11\): no straight .*, raise max_vel_tr",
+        r"ROS/max_vel_trans is 0.08, below min_vel_trans \(0.11\): no straight .*, raise max_ve",
     ),
     (
         BURGER,

@@ -11,6 +11,7 @@ from applr_ros1.common.files import yaml_value
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.robots import Robot
+from applr_ros1.robots.check import crossed_limits
 from applr_ros1.robots.geometry import Box, bounding_box
 
 COSTMAPS = ("local_costmap", "global_costmap")
@@ -137,6 +138,7 @@ def file_candidates(robot: Robot) -> List[Candidate]:
         *_inflations(tree),
         *_scalings(tree),
         *_rates(tree),
+        *_limits(robot.local_planner, tree),
     ]
     rated_candidates.sort(key=lambda rated: -rated.departure)
     unusual = []
@@ -288,6 +290,17 @@ def _rates(tree: Dict[str, Any]) -> Iterator[Rated]:
         yield _rated(CPP_RATE_HZ / max(rate, 0.1), [change])
 
 
+def _limits(planner: str, tree: Dict[str, Any]) -> Iterator[Rated]:
+    """Yield half of the largest value in place of a smallest value that exceeds it."""
+    for limits in crossed_limits(planner, tree[planner]):
+        if limits.consequence:
+            smallest = tree[planner][limits.low]
+            half = tree[planner][limits.high] / 2
+            # The owner's largest value stays.
+            change = Change(planner, limits.low, smallest, half)
+            yield _rated(smallest / max(half, 0.01), [change])
+
+
 def single_candidates(robot: Robot) -> Iterator[Candidate]:
     """Yield changes of a single parameter of the planner for a robot that does not drive at all.
 
@@ -331,5 +344,5 @@ def _single(
         return
     changes = []
     for server, name in places:
-        changes.append(Change(server, name, in_force, new_value))
+        changes.append(Change(server, name, branch(tree, server)[name], new_value))
     yield Candidate(tuple(changes))

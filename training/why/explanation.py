@@ -18,6 +18,8 @@ from applr_ros1.common.angles import (
 )
 from applr_ros1.common.paths import distances
 from applr_ros1.planner.costmap.grid import LETHAL
+from applr_ros1.planner.parameters.dwa_planner_parameters import SLACK
+from applr_ros1.robots.check import crossed_limits
 from training.why.events import SLOW
 from training.why.replay import Cycle, Replay
 
@@ -239,13 +241,21 @@ def _refusal(
     """Return why a sample is illegal, and set the obstacle that it meets."""
     v, w = samples.velocities[row].tolist()
     values = cycle.settings[replay.server]
+    # No place and no plan would make a difference.
+    for limits in crossed_limits(replay.server, values):
+        if limits.consequence:
+            largest = f"{limits.high} ({values[limits.high]:g})"
+            smallest = f"{limits.low} ({values[limits.low]:g})"
+            return f"is refused, as {largest} is below {smallest}: {limits.consequence}"
     explanation.obstacle = _obstacle(replay, cycle.pose, v, w, values["sim_time"])
     if explanation.obstacle:
         return f"meets {_place(replay, cycle, explanation.obstacle)}"
     for critic, critic_costs in samples.parts.items():
         if critic_costs[row] < 0:
             return f"is refused by the critic {critic}"
-    # DWAPlannerROS compares speeds that are below both of its least speeds with no others.
+    # DWAPlannerROS scores no samples beyond its limits of the speed.
+    if abs(v) > values.get("max_vel_trans", math.inf) + SLACK:
+        return f"is above max_vel_trans ({values['max_vel_trans']:g})"
     if "min_vel_trans" in values:
         slowest_speed = values["min_vel_trans"]
         slowest_turn = values["min_vel_theta"]

@@ -32,8 +32,9 @@ from applr_ros1.nodes.applr.node import ApplrNode
 from applr_ros1.nodes.applr.topics import ApplrTopics
 from applr_ros1.nodes.robot_parameters import named_robot
 from applr_ros1.policy import methods
-from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.parameter_space import SPEED_LIMITS, space_of
 from applr_ros1.robots import Robot
+from applr_ros1.robots.check import crossed_limits
 from applr_ros1.srv import SetMethod, SetMethodResponse
 
 
@@ -111,8 +112,15 @@ def main() -> int:
     robot, prefix = named_robot(parameters)
     space = space_of(robot)
 
-    # The methods choose speeds within their ranges, whose begin a limit cannot undercut.
+    # The methods choose speeds within their ranges, whose begin a limit cannot undercut, and the
+    # planner has slowest speeds.
     lowest_limit = space.low[space.sets_speed].max(initial=0.0)
+    planner = robot.local_planner
+    values = robot.all_parameters()[planner]
+    limited_values = {**values, **dict.fromkeys(SPEED_LIMITS, max_speed)}
+    for limits in crossed_limits(planner, limited_values):
+        if limits.high in SPEED_LIMITS:
+            lowest_limit = max(lowest_limit, values[limits.low])
     if 0 < max_speed < lowest_limit:
         advice = f"give at least {lowest_limit:g} m/s, or 0 for no limit"
         raise ApplrError(f"max_speed is {max_speed:g}: {advice}")

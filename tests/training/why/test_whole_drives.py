@@ -141,6 +141,13 @@ def test_files_get_the_settings_of_the_recorded_drive():
     assert change.after == 1
 
 
+def test_a_slowest_speed_above_the_fastest_one_is_lowered_below_it():
+    crossed = Change("DWAPlannerROS", "max_vel_trans", 0.22, 0.08)
+    lowered = Change("DWAPlannerROS", "min_vel_trans", 0.11, 0.04)
+    assert Candidate((lowered,)) in file_candidates(with_changes(BURGER, [crossed], "crossed"))
+    assert Candidate((lowered,)) not in file_candidates(BURGER)
+
+
 def in_both(servers, name, before, after):
     """Return the change of a parameter in the local and global costmap."""
     return [Change(server, name, before, after) for server in servers]

@@ -524,6 +524,20 @@ def test_samples_that_dwa_refuses_are_explained():
     last_line = explain(replay, backs_out).lines[-1]
     assert "0.00 rad/s) is below min_vel_trans (0.13) and min_vel_theta (0.9)" in last_line
 
+    # Nothing straight lies between both limits of the speed.
+    lowered = Change(replay.server, "max_vel_trans", 0.26, 0.08)
+    crossed = replace(backs_out, settings=backs_out.settings.with_(lowered))
+    assert explain(replay, crossed).words == (
+        "every faster way is refused, as max_vel_trans (0.08) is below min_vel_trans (0.13): "
+        "no straight command is allowed"
+    )
+
+    # At full speed, the planner would have to brake.
+    lowered = Change(replay.server, "max_vel_trans", 0.26, 0.15)
+    at_speed = replace(replay.cycles[10], twist=(0.26, 0.0))
+    too_fast = replace(at_speed, settings=at_speed.settings.with_(lowered))
+    assert "is above max_vel_trans (0.15)" in explain(replay, too_fast).lines[-1]
+
     # All flags of the oscillation critic set: no direction is left.
     last_cycle = replay.cycles[-1]
     all_flags_set = [1.0] * len(last_cycle.memory)
