@@ -166,6 +166,7 @@ def remarks(robot: Robot, with_map: bool = False) -> List[Remark]:
         found_remarks += map(Remark, parameters.remarks(tree))
         setup = _Setup(robot, with_map, tree, parameters.complete(tree))
         found_remarks += _planner_remarks(setup)
+        found_remarks += _linked_remarks(setup)
         for costmap in COSTMAPS:
             found_remarks += _costmap_remarks(setup, costmap)
     return found_remarks
@@ -471,7 +472,6 @@ def _planner_remarks(setup: _Setup) -> Iterator[Remark]:
             f"{planner}/{limits.low} is {values[limits.low]:g}, {comparison}: lower {limits.low}"
         )
         yield Remark(message, {planner: {limits.low: largest}})
-    yield from _linked_remarks(setup)
     yield from _dead_band_remarks(setup)
 
 
@@ -489,7 +489,7 @@ def _linked_remarks(setup: _Setup) -> Iterator[Remark]:
             path = f"{target.server}/{target.name}".lstrip("/")
             values_in_words.append(f"{path} is {value:g}")
         if len(numbers) > 1:
-            problem = "the defaults keep these values, but a policy or tuned set gives all the same"
+            problem = "the defaults keep these values, but a policy or tuned set gives them one"
             remedy = "make them equal if they belong together"
             yield Remark(f"{', '.join(values_in_words)}: {problem}; {remedy}")
 
