@@ -24,36 +24,43 @@ class Velocity(NamedTuple):
 
 
 class PoseMotion:
-    """Velocity of the base, estimated from the poses of the last SPAN_S seconds.
+    """Velocity of the base, estimated from its latest poses.
+
+    Args:
+        span: Time baseline of the estimate [s].
 
     Attributes:
         velocity: the Velocity; zeros until enough poses arrived.
+        baseline: Time between the poses of which it was estimated [s]; 0 if nothing is known.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, span: float = SPAN_S) -> None:
+        self._span = span
         self.clear()
 
     def clear(self) -> None:
         """Forget all poses."""
         self._poses: Deque[Tuple[float, Pose]] = deque()
         self.velocity = Velocity()
+        self.baseline = 0.0
 
     def take(self, stamp: float, pose: Pose) -> None:
         """Add the pose (x, y, yaw) [m, rad] of the base at `stamp` [s], and update the velocity."""
         # The clock was set, or poses were missing.
-        if self._poses and not 0.0 <= stamp - self._poses[-1][0] <= SPAN_S:
+        if self._poses and not 0.0 <= stamp - self._poses[-1][0] <= self._span:
             self.clear()
         if self._poses and stamp == self._poses[-1][0]:
             return
         self._poses.append((stamp, pose))
 
-        # Keep the latest pose that is at least SPAN_S old, as the start of the baseline.
-        while len(self._poses) > 1 and stamp - self._poses[1][0] >= SPAN_S:
+        # Keep the latest pose that is at least as old as the baseline is long, as its start.
+        while len(self._poses) > 1 and stamp - self._poses[1][0] >= self._span:
             self._poses.popleft()
         first_stamp, first_pose = self._poses[0]
         baseline = stamp - first_stamp
         if baseline < SHORTEST_S:
             return
+        self.baseline = baseline
 
         x, y, yaw = compose(inverse(first_pose), pose)
         turn_angle = math.remainder(yaw, 2.0 * math.pi)
