@@ -286,6 +286,8 @@ class Drive:
         planners: Names of the local planners whose plans were recorded.
         truth: True motion in the frame of the world.
         odometry: Motion by odometry.
+        planner_twist: (n, 2) velocities that the planner was given with each row of the odometry;
+            None if they are the odometry's.
         transforms: Places of frames in others.
         scans: Laser scans.
         clearances: Distances to the nearest obstacle.
@@ -317,6 +319,7 @@ class Drive:
     # Where the robot was, and what it measured
     truth: Optional[Motion] = None
     odometry: Optional[Motion] = None
+    planner_twist: Optional[np.ndarray] = None
     transforms: Optional[Transforms] = None
     scans: Optional[Scans] = None
     clearances: Optional[Clearances] = None

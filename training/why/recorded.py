@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import List, Mapping, Optional, Set
+from typing import Iterator, List, Mapping, Optional, Set, Tuple
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from applr_ros1.common.angles import inverse, normalize_angle_modulo
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.paths import distances
 from applr_ros1.drives.drive import Drive, Motion, Plans, Scans, nearest_rows
+from applr_ros1.monitor.motion import PoseMotion
+from applr_ros1.monitor.odometry_check import OdometryCheck
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.plan_cut import cut_plan, half_size, transformed
 from applr_ros1.robots import Robot
@@ -49,6 +51,7 @@ POSE_OFF_M = 0.02
 POSE_OFF_RAD = 0.02
 LASER_OFF_M = 0.01
 LASER_OFF_RAD = 0.01
+VELOCITY_SPAN_S = 0.5  # time over which a velocity is measured from poses [s]
 CYCLE_S = 0.1  # longest time from the beginning of a cycle to its command [s]
 STATUS_S = 0.3  # longest time between the sending of a goal and its first status (5 Hz) [s]
 TILTED = 0.996  # cosine of the tilt from which on a laser is not level (5 degrees)
@@ -102,6 +105,7 @@ def fitted(drive: Drive, options: RecordedOptions) -> Drive:
                 raise _unconnected(frame, drive)
             drive.frame = frame
     _take_poses(drive, tree, robot)
+    _compare_velocities(drive)
     drive.plans = plans_of(drive, tree, robot)
     drive.routes = _routes_by_odometry(drive, tree)
     return drive
@@ -259,6 +263,44 @@ def _joined(motion: Motion, times: np.ndarray, stamps: np.ndarray, poses: np.nda
         return Motion(np.maximum.accumulate(times), stamps, poses, motion.twist[nearest_messages])
     nearest_messages = nearest_rows(stamps, motion.stamp)
     return replace(motion, stamp=stamps[nearest_messages], pose=poses[nearest_messages])
+
+
+def _compare_velocities(drive: Drive) -> None:
+    """Compare velocities and poses of the odometry; of velocities left at 0, take the poses'."""
+    motion = drive.odometry
+    assert motion is not None
+    check = OdometryCheck()
+    for stamp, (x, y, yaw), (v, w) in _messages(motion):
+        # What is said first stands for the whole drive.
+        if check.take(stamp, (x, y, yaw), (v, w)):
+            break
+    if not check.problem:
+        return
+    drive.notes.append(check.problem)
+    if check.lacks_twist:
+        drive.planner_twist = motion.twist
+        drive.odometry = replace(motion, twist=_velocities_by_poses(motion))
+
+
+def _velocities_by_poses(motion: Motion) -> np.ndarray:
+    """Return the velocities (n, 2) v [m/s], w [rad/s] that the poses of a motion show."""
+    by_poses = PoseMotion(VELOCITY_SPAN_S)
+    middle_stamps = []
+    velocities = []
+    for stamp, (x, y, yaw), _ in _messages(motion):
+        by_poses.take(stamp, (x, y, yaw))
+        # A velocity holds for the middle of the time over which it is measured.
+        middle_stamps.append(stamp - by_poses.baseline / 2)
+        velocities.append((by_poses.velocity.v, by_poses.velocity.w))
+    measured_v, measured_w = np.array(velocities).T
+    v = np.interp(motion.stamp, middle_stamps, measured_v)
+    w = np.interp(motion.stamp, middle_stamps, measured_w)
+    return np.column_stack([v, w])
+
+
+def _messages(motion: Motion) -> Iterator[Tuple[float, List[float], List[float]]]:
+    """Yield stamp, pose and twist of each message, as plain numbers."""
+    return zip(motion.stamp.tolist(), motion.pose.tolist(), motion.twist.tolist())
 
 
 # -- plans -----------------------------------------------------------------------------------------

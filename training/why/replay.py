@@ -163,7 +163,7 @@ class Replay:
             if odometry_row < 0 or scan_row < 0:
                 self.left_out[TOO_EARLY] += 1
                 continue
-            pose, twist = self._message(odometry_row)
+            pose, twist = self.measured(odometry_row)
             cycle = Cycle(
                 at=command_time,
                 command=(v, w),
@@ -218,10 +218,13 @@ class Replay:
         assert self.drive.scans is not None
         return self.drive.scans
 
-    def _message(self, odometry_row: int) -> Tuple[Pose, Command]:
-        """Return pose and twist of an odometry message."""
+    def measured(self, odometry_row: int) -> Tuple[Pose, Command]:
+        """Return pose and velocity that the planner was given with an odometry message."""
+        twists = self.drive.planner_twist
+        if twists is None:
+            twists = self.odometry.twist
         x, y, yaw = self.odometry.pose[odometry_row].tolist()
-        v, w = self.odometry.twist[odometry_row].tolist()
+        v, w = twists[odometry_row].tolist()
         return (x, y, yaw), (v, w)
 
     def put_in_force(self, settings: Settings) -> None:
@@ -255,7 +258,7 @@ class Replay:
 
     def _update(self, scan_row: int, odometry_row: int) -> None:
         """Update the local costmap with a scan at the pose of an odometry message."""
-        pose, _ = self._message(odometry_row)
+        pose, _ = self.measured(odometry_row)
         self.costmap.update(pose, self.cloud(scan_row))
 
     def cloud(self, scan_row: int) -> PointCloud:
@@ -340,8 +343,8 @@ class Replay:
                     continue
                 if max(twist_row, pose_row) >= len(self.odometry):
                     continue
-                pose, _ = self._message(pose_row)
-                _, twist = self._message(twist_row)
+                pose, _ = self.measured(pose_row)
+                _, twist = self.measured(twist_row)
                 yield replace(
                     asked,
                     pose=pose,

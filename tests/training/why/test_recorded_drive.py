@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.angles import compose, inverse, quaternion_of
-from applr_ros1.drives.drive import Commands, Drive, Goal, Motion, Plans, Transforms
+from applr_ros1.drives.drive import Commands, Drive, Goal, Motion, Plans, Scans, Transforms
 from applr_ros1.robots import JACKAL
 from tests.support.drives import simulated, until
 from training.bags.paths import path_of
@@ -16,7 +16,7 @@ from training.bags.read import BagError, read
 from training.bags.topics import CHANNELS, Maker, TopicNames
 from training.bags.transforms import Tree
 from training.bags.write import BagWriter, write
-from training.why.recorded import RecordedOptions, drive_of, followed_plans, plans_of
+from training.why.recorded import RecordedOptions, drive_of, fitted, followed_plans, plans_of
 from training.why.replay import Replay
 
 
@@ -505,6 +505,47 @@ def test_frames_in_a_circle_and_rotations_of_no_length_are_no_pose(driven, tmp_p
     without_rotations = replace(one_second, transforms=no_rotations)
     read_back_drive = through_a_bag(tmp_path / "b.bag", without_rotations)
     assert np.allclose(read_back_drive.odometry.pose, topic_poses)
+
+
+# -- velocities ------------------------------------------------------------------------------------
+def sent_to_the_end(metres, twist):
+    """Return a drive of ten seconds along x with this velocity (v, w) in its odometry."""
+    drive = straight(10.0, metres)
+    times = np.arange(201) / 20.0
+    poses = np.zeros((201, 3))
+    poses[:, 0] = np.linspace(0.0, metres, 201)
+    drive.odometry = Motion(times, times, poses, np.tile(twist, (201, 1)))
+    drive.scans = Scans(times[:1], times[:1], np.array([[0.0, 0.1, 0.1, 5.0]]), [np.ones(3)])
+    drive.frames = {"odometry": ["odom"], "scans": [JACKAL.laser.frame], "routes": ["odom"]}
+    drive.goals = [Goal("g", 0.0, 10.0)]
+    return drive
+
+
+def test_of_odometry_without_twists_the_poses_are_believed():
+    drive = fitted(sent_to_the_end(1.7, (0.0, 0.0)), RecordedOptions())
+    assert drive.notes == [
+        "the odometry's velocity is 0 while its pose moves at 0.17 m/s: "
+        "the planner takes the robot to stand; fill twist"
+    ]
+    # Events are seen in the motion of the poses, and the planner is given what it was given.
+    assert drive.odometry.twist[20:-20, 0] == pytest.approx(0.17)
+    replay = Replay(JACKAL)
+    replay.drive = drive
+    assert replay.measured(100) == (tuple(drive.odometry.pose[100]), (0.0, 0.0))
+
+
+def test_of_odometry_without_poses_the_twists_are_believed():
+    drive = fitted(sent_to_the_end(0.0, (0.3, 0.0)), RecordedOptions())
+    (note,) = drive.notes
+    assert note.startswith("the odometry's pose stays while its velocity is 0.30 m/s")
+    assert np.array_equal(np.unique(drive.odometry.twist), [0.0, 0.3])
+
+
+def test_odometry_that_agrees_is_left_as_it_is():
+    original = sent_to_the_end(3.0, (0.3, 0.0))
+    drive = fitted(original, RecordedOptions())
+    assert drive.notes == []
+    assert drive.odometry is original.odometry
 
 
 # -- laser -----------------------------------------------------------------------------------------
