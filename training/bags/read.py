@@ -48,9 +48,11 @@ from applr_ros1.drives.drive import (
 )
 from applr_ros1.robots import JACKAL, Robot
 from training.bags import SECOND, paths
+from training.bags.robot_time import RobotTime, Stamped
 from training.bags.topics import CHANNELS, TopicNames, topic_of
 from training.env.outcome import nearest
 
+SENSORS = ("odometry", "scans")  # channels whose stamps may set the robot's time
 METADATA = "metadata.yaml"  # name of the file that marks the folder of a ROS 2 bag
 
 
@@ -62,7 +64,7 @@ class Row(NamedTuple):
     """Message of a bag.
 
     Attributes:
-        time: Time of recording, since the first message [s].
+        time: Robot's time at which it was recorded, since the first message [s].
         topic: Name of its topic.
         fields: What the channel's `unpack` took out of it.
     """
@@ -87,7 +89,7 @@ def read(
         channels: Channels to read (topics.CHANNELS). Times count from the first message on one of
             their topics.
     """
-    rows, begin_time = _rows(Path(path), topics, channels)
+    rows, begin_time, notes = _rows(Path(path), topics, channels)
 
     def seconds(nanoseconds: int) -> float:
         return (nanoseconds - begin_time) / SECOND
@@ -107,6 +109,7 @@ def read(
         goals=_goals(rows["status"], rows["results"]),
         contacts=_contacts(rows["contacts"]),
         recoveries=_times(rows["recoveries"]),
+        notes=notes,
     )
     # If several planners are recorded, the robot followed the plans of its own.
     by_planner = _by_planner(rows["plans"])
@@ -143,8 +146,11 @@ def topics_in(path: os.PathLike[str] | str) -> Dict[str, str]:
 
 def _rows(
     path: Path, topics: TopicNames, channels: Collection[str]
-) -> Tuple[DefaultDict[str, List[Row]], int]:
-    """Return the messages by channel in order of recording, and the time of the first one [ns]."""
+) -> Tuple[DefaultDict[str, List[Row]], int, List[str]]:
+    """Return the messages by channel in order of recording, the time of the first, and notes.
+
+    The time is that of the robot [ns].
+    """
     recorded_messages: List[Tuple[int, str, str, Any]] = []
     # A ROS 2 bag without message definitions has those of this release.
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
@@ -167,11 +173,25 @@ def _rows(
                 fields = CHANNELS[channel].unpack(message)
             recorded_messages.append((recording_time, channel, connection.topic, fields))
 
-    begin_time = min((recording_time for recording_time, *_ in recorded_messages), default=0)
+    robot_time = RobotTime([_stamped(recorded_messages, sensor) for sensor in SENSORS])
+    first_time = min((recording_time for recording_time, *_ in recorded_messages), default=0)
+    begin_time = robot_time.of(first_time)
     rows: DefaultDict[str, List[Row]] = defaultdict(list)
     for recording_time, channel, topic, fields in recorded_messages:
-        rows[channel].append(Row((recording_time - begin_time) / SECOND, topic, fields))
-    return rows, begin_time
+        elapsed = robot_time.of(recording_time) - begin_time
+        rows[channel].append(Row(elapsed / SECOND, topic, fields))
+    notes = [robot_time.note] if robot_time.note else []
+    return rows, begin_time, notes
+
+
+def _stamped(recorded_messages: Sequence[Tuple[int, str, str, Any]], channel: str) -> List[Stamped]:
+    """Return recording times and stamps [ns] of a channel's messages that have a stamp."""
+    stamped = []
+    for recording_time, message_channel, _, fields in recorded_messages:
+        # The stamp is the first of a sensor's fields.
+        if message_channel == channel and fields[0]:
+            stamped.append((recording_time, fields[0]))
+    return stamped
 
 
 def _channel_of_topic(
@@ -191,6 +211,15 @@ def _channel_of_topic(
 # -- columns ---------------------------------------------------------------------------------------
 def _times(rows: Sequence[Row]) -> np.ndarray:
     return np.array([row.time for row in rows], np.float64)
+
+
+def _stamps(rows: Sequence[Row], seconds: Any) -> np.ndarray:
+    """Return the stamps (n,) [s] of a sensor's messages; without a stamp, when they came."""
+    stamps = []
+    for row in rows:
+        stamp = row.fields[0]
+        stamps.append(seconds(stamp) if stamp else row.time)
+    return np.array(stamps, np.float64)
 
 
 def _columns(rows: Sequence[Row]) -> List[Tuple[Any, ...]]:
@@ -220,10 +249,10 @@ def _contacts(rows: Sequence[Row]) -> np.ndarray:
 def _motion(rows: Sequence[Row], seconds: Any) -> Optional[Motion]:
     if not rows:
         return None
-    stamps, _, poses, twists = _columns(rows)
+    _, _, poses, twists = _columns(rows)
     return Motion(
         time=_times(rows),
-        stamp=np.array(list(map(seconds, stamps))),
+        stamp=_stamps(rows, seconds),
         pose=np.array(poses, np.float64),
         twist=np.array(twists, np.float64),
     )
@@ -232,10 +261,10 @@ def _motion(rows: Sequence[Row], seconds: Any) -> Optional[Motion]:
 def _scans(rows: Sequence[Row], seconds: Any) -> Optional[Scans]:
     if not rows:
         return None
-    stamps, _, fans, ranges = _columns(rows)
+    _, _, fans, ranges = _columns(rows)
     return Scans(
         time=_times(rows),
-        stamp=np.array(list(map(seconds, stamps))),
+        stamp=_stamps(rows, seconds),
         fan=np.array(fans, np.float64),
         ranges=list(ranges),
     )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from applr_ros1.common.angles import compose, inverse, quaternion_of
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.drives.drive import Commands, Drive, Goal, Motion, Plans, Scans, Transforms
 from applr_ros1.robots import JACKAL
 from tests.support.drives import simulated, until
@@ -344,7 +345,68 @@ def test_a_robot_that_was_given_is_not_asked_for(driven, bag_path):
         read_back(bag_path, robot=JACKAL)
 
 
+@pytest.mark.parametrize("given", [{}, {"robot": JACKAL}])
+def test_a_planner_that_is_not_replayed_is_said_at_once_and_no_robot_asked_for(
+    driven, bag_path, given
+):
+    drive = replace(until(driven, 1.0), planners=["TebLocalPlannerROS"])
+    write(bag_path, drive)
+    with pytest.raises(BagError) as refusal:
+        read_back(bag_path, **given)
+    assert str(refusal.value) == (
+        f"{bag_path}: TebLocalPlannerROS drove: "
+        "only drives of TrajectoryPlannerROS and DWAPlannerROS are replayed"
+    )
+
+
+# -- clocks ----------------------------------------------------------------------------------------
+def with_later_stamps(drive, **seconds):
+    """Return a drive in which the messages of some columns are stamped so much later [s]."""
+    columns = {}
+    for column, later in seconds.items():
+        rows = getattr(drive, column)
+        columns[column] = replace(rows, stamp=rows.stamp + later)
+    return replace(drive, **columns)
+
+
+@pytest.mark.parametrize(("later", "words"), [(1234.0, "after"), (-1234.0, "before")])
+def test_scans_in_the_lasers_own_time_are_refused_as_tf_drops_them(driven, later, words):
+    drive = with_later_stamps(framed(driven), scans=later)
+    with pytest.raises(ApplrError) as refusal:
+        fitted(drive, RecordedOptions())
+    assert str(refusal.value) == (
+        f"scans are stamped 1,234.0 s {words} the odometry: the clocks differ, "
+        "so that tf drops the scans; set the driver of the laser to the computer's time"
+    )
+
+
+def test_scans_that_tf_places_late_are_named(driven):
+    drive = fitted(with_later_stamps(framed(driven), scans=-3.0), RecordedOptions())
+    (note,) = drive.notes
+    assert note.startswith("scans are stamped 3.0 s before the odometry: the clocks differ")
+    on_time = fitted(with_later_stamps(framed(driven), scans=-0.2), RecordedOptions())
+    assert on_time.notes == []
+
+
+def test_velocities_of_odometry_in_the_bases_own_time_are_those_that_came_with_the_poses(driven):
+    """The planner takes the latest of both, whatever their stamps."""
+    drive = framed(driven)
+    drive.transforms = robots_links(drive.odometry)
+    in_own_time = fitted(with_later_stamps(drive, odometry=500.0), RecordedOptions())
+    (note,) = in_own_time.notes
+    assert note.startswith("the odometry is stamped 500.0 s after tf: the clocks differ")
+    in_one_time = fitted(drive, RecordedOptions())
+    assert np.array_equal(in_own_time.odometry.twist, in_one_time.odometry.twist)
+    assert np.array_equal(in_own_time.odometry.stamp, in_one_time.odometry.stamp)
+
+
 # -- frames ----------------------------------------------------------------------------------------
+def framed(drive):
+    """Return a simulated drive with the frames of its columns, as a bag has them."""
+    frames = {"odometry": ["odom"], "scans": [JACKAL.laser.frame], "plans": ["odom"]}
+    return replace(drive, frames={**frames, "routes": ["odom"]})
+
+
 def in_frames(path, drive, **frames):
     """Write a drive whose messages have the frames of robot.yaml, or others."""
     robot = JACKAL
