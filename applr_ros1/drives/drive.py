@@ -231,6 +231,7 @@ class Decision(NamedTuple):
         before: Parameters {name: value} in force before the decision.
         after: Parameters after the decision; empty at the end of a course.
         seen: Inputs of the decision; None if they were not recorded.
+        cleared: Whether both costmaps were cleared before the decision took effect.
     """
 
     goal: str
@@ -239,6 +240,7 @@ class Decision(NamedTuple):
     before: Dict[str, float]
     after: Dict[str, float]
     seen: Optional[Seen]
+    cleared: bool = False
 
 
 class Goal(NamedTuple):

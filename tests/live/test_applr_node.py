@@ -625,6 +625,9 @@ def test_a_stalled_robot_leaves_its_constant_set_and_gets_it_back_when_it_has_co
     wait_for(lambda: robot.count("stalls") > 1, "two decisions in a stall")
     wait_for(lambda: not np.array_equal(client.theta(), tuned_set), "random parameters")
     node.until("costmaps not cleared: service [/move_base/clear_costmaps] unavailable")
+    # The decisions say when clearing was asked for.
+    assert not robot.messages[0].cleared
+    assert any(message.cleared for message in robot.messages)
     # Its odometry says that it drives at 0.5 m/s: the stall is over.
     monkeypatch.setattr(robot.robot, "twist", (0.5, 0.0))
     is_in_force(client, tuned_set)

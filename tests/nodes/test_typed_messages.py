@@ -65,12 +65,12 @@ def snapshot(number):
     return Snapshot(inputs, "odom", *stamps)
 
 
-def decide(topics, number, theta, refused=""):
+def decide(topics, number, theta, refused="", cleared=False):
     """Publish the decision of a number, theta None if it was refused."""
     stamp = rospy.Time(100 + number, 5)
     inputs = snapshot(number)
     context = Context.of(THETA_0, inputs.seen, SPACE, LAYOUT)
-    topics.decision(number, stamp, "goal 7", inputs, context, theta, refused)
+    topics.decision(number, stamp, "goal 7", inputs, context, theta, refused, cleared)
 
 
 def written(path, messages):
@@ -93,9 +93,10 @@ def test_decisions_in_a_bag_are_read_as_they_were_made(published, tmp_path):
     topics = applr_topics.ApplrTopics()
     theta = SPACE.clip(np.linspace(0.4, 1.9, len(SPACE)))
     decide(topics, 1, theta)
-    decide(topics, 2, None, "not finite")
+    decide(topics, 2, None, "not finite", cleared=True)
     decisions = written(tmp_path / "a.bag", published).decisions
     decided_parameters = [SPACE.as_dict(theta), {}]
+    assert [decision.cleared for decision in decisions] == [False, True]
     decisions_and_parameters = zip(decisions, decided_parameters, strict=True)
     for number, (decision, parameters) in enumerate(decisions_and_parameters, 1):
         assert decision.goal == "goal 7"

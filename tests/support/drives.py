@@ -5,7 +5,7 @@ message.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Dict, Tuple
+from typing import Any, Dict, Sequence, Tuple
 
 import numpy as np
 
@@ -65,9 +65,12 @@ def simulated(
     limit: float = 60.0,
     seed: int = 0,
     simulator: Any = KinematicSimulator,
+    clearings: Sequence[int] = (),
 ) -> Tuple[Drive, Outcome]:
     """Drive a robot through a world, or the world of a name in its scale, with the parameters of
     its files.
+
+    The costmaps are cleared after some seconds; only the decisions that do so are kept.
     """
     move_base = MoveBase(counting_cells(robot.parameters()), planner=CPP_LIKE, seed=seed)
     # The parameters of the files stay, even out of the ranges of robot.yaml.
@@ -79,9 +82,11 @@ def simulated(
         world = worlds.scaled(worlds.load(world), robot.world_scale)
     outcome = episode.reset(world, seed)
     while not outcome.over:
-        outcome = episode.decide(np.zeros(0))
+        clears_costmaps = round(episode.seconds) in clearings
+        outcome = episode.decide(np.zeros(0), clears_costmaps)
     # As a bag of move_base alone, without an applr node
-    return replace(episode.drive, decisions=[], ends=[], changes=None), outcome
+    decisions = [decision for decision in episode.drive.decisions if decision.cleared]
+    return replace(episode.drive, decisions=decisions, ends=[], changes=None), outcome
 
 
 def until(drive: Drive, seconds: float) -> Drive:

@@ -354,7 +354,7 @@ def _changes(rows: Sequence[Row], topics: TopicNames) -> Optional[Changes]:
 def _decisions(rows: Sequence[Row], seconds: Any) -> List[Decision]:
     decisions = []
     for row in rows:
-        goal_id, stamp, scan_stamp, values_before, values_after, inputs = row.fields
+        goal_id, stamp, scan_stamp, values_before, values_after, inputs, cleared = row.fields
         decision = Decision(
             goal=goal_id,
             time=seconds(stamp),
@@ -362,6 +362,7 @@ def _decisions(rows: Sequence[Row], seconds: Any) -> List[Decision]:
             before=values_before,
             after=values_after,
             seen=inputs,
+            cleared=cleared,
         )
         decisions.append(decision)
     return decisions

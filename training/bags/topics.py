@@ -363,17 +363,19 @@ def _pack_goal(maker: Maker, time: float, pose: Pose, frame: str) -> Any:
 
 # -- decisions and contacts ------------------------------------------------------------------------
 def _unpack_decision(message: Any) -> Tuple[Any, ...]:
-    """Return the fields of a Decision: goal, stamps [ns], parameters, inputs.
+    """Return the fields of a Decision: goal, stamps [ns], parameters, inputs, cleared.
 
     The stamps are those of the decision and of its scan. The parameters are those before and after.
     """
     before = dict(zip(message.before.names, message.before.values.tolist()))
     after = dict(zip(message.after.names, message.after.values.tolist()))
-    # Decisions of older versions had a finished observation instead of its inputs.
+    # Decisions of older versions had a finished observation instead of its inputs, and did not tell
+    # whether the costmaps were cleared.
     seen = _unpack_seen(message) if hasattr(message, "ranges") else None
     stamp = nanoseconds_of(message.header.stamp)
     scan_stamp = nanoseconds_of(message.scan)
-    return message.goal, stamp, scan_stamp, before, after, seen
+    cleared = bool(getattr(message, "cleared", False))
+    return message.goal, stamp, scan_stamp, before, after, seen, cleared
 
 
 def _unpack_seen(message: Any) -> Seen:
@@ -425,6 +427,7 @@ def _pack_decision(
         _pack_parameters(maker, header, decision.before),
         _pack_parameters(maker, header, decision.after),
         refused,
+        decision.cleared,
     )
 
 

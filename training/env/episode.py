@@ -229,13 +229,19 @@ class Episode:
         )
         return self.outcome
 
-    def decide(self, theta: np.ndarray) -> Outcome:
+    def decide(self, theta: np.ndarray, clears_costmaps: bool = False) -> Outcome:
         """Drive one decision period with parameters theta (n,), and return the outcome.
 
         The drive is shorter if the course ends.
+
+        Args:
+            theta: Parameters (n,).
+            clears_costmaps: Whether both costmaps are cleared before.
         """
         if self.outcome is None or self.outcome.over:
             raise RuntimeError("the trial is over: call reset() before decide()")
+        if clears_costmaps:
+            self.move_base.clear_costmaps()
         begin_time = self.seconds
         start_place = tuple(self.simulator.state.pose)
         inputs = self.seen()
@@ -243,9 +249,16 @@ class Episode:
         theta = self.apply(theta)
         values_before = self.space.as_dict(theta_before)
         values_after = self.space.as_dict(theta)
-        self._recorder.decisions.append(
-            Decision(self._goal.id, begin_time, begin_time, values_before, values_after, inputs)
+        decision = Decision(
+            goal=self._goal.id,
+            time=begin_time,
+            scan_time=begin_time,
+            before=values_before,
+            after=values_after,
+            seen=inputs,
+            cleared=clears_costmaps,
         )
+        self._recorder.decisions.append(decision)
         for _ in range(self.cycles):
             self._drive_one()
             if self._goal.status:

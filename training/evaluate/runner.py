@@ -182,9 +182,9 @@ class TrialRunner:
             action_before = self.space.to_action(outcome.theta)
             theta = method.theta(context)
             redrawn = self.stall_rule.instead(method, context, theta)
-            if self.stall_rule.clears_costmaps:
-                episode.move_base.clear_costmaps()
-            outcome = episode.decide(theta if redrawn is None else redrawn)
+            if redrawn is not None:
+                theta = redrawn
+            outcome = episode.decide(theta, self.stall_rule.clears_costmaps)
             change = self.space.to_action(outcome.theta) - action_before
             changes.append(float(np.abs(change).mean()))
             reward, _ = self.settings.reward(outcome, episode.limit, episode.period, self.encoding)

@@ -34,6 +34,7 @@ from training.why.events import Limits
 WITHOUT_PLAN = "without a plan (stops and recoveries of move_base)"
 TOO_EARLY = "before the first scan or odometry"
 EQUAL = 1e-6  # largest difference between equal commands [m/s + rad/s]
+CLEARED_S = 0.5  # longest time in which move_base clears its costmaps after a call [s]
 SAME_CYCLE_S = 0.01  # longest time between a command and the plan that its cycle published [s]
 # Ages of a velocity in messages, counted from the latest before the command, the likely ones first.
 LAGS = 0, 1, 2, -1, 3, 4
@@ -67,6 +68,7 @@ class Cycle:
     is_new: bool  # whether the plan was new, which may clear the flags
     settings: Settings  # parameters in force
     scan: int  # index of the latest scan
+    is_cleared: bool = False  # whether the costmap was cleared since the cycle before
     error: float = np.inf  # difference between the replayed and the recorded command [m/s + rad/s]
 
     @property
@@ -97,6 +99,7 @@ class Replay:
                 values_by_server[server] = start_settings[server]
         self.settings = Settings(values_by_server)
         self.history = [(-math.inf, self.settings)]  # (time [s], settings in force from then on)
+        self._clearings: List[float] = []  # calls to clear the costmaps, not yet replayed [s]
 
     @property
     def reproduced(self) -> int:
@@ -149,6 +152,10 @@ class Replay:
             self.settings = self.settings.with_(*changes)
             self.history.append((change_time, self.settings))
 
+        for decision in drive.decisions:
+            if decision.cleared:
+                self._clearings.append(decision.time)
+
         # Cycles in order: each one continues from the map and the flags of the one before
         commands = list(zip(drive.planned.time.tolist(), drive.planned.twist.tolist()))
         for command_time, (v, w) in tqdm(commands, drive.name, leave=False, disable=None):
@@ -176,7 +183,11 @@ class Replay:
                 settings=settings,
                 scan=scan_row,
             )
-            self.cycles.append(self._replayed(cycle, odometry_row))
+            cycle = self._replayed(cycle, odometry_row)
+            self.cycles.append(cycle)
+            # A call that no cycle shows within this time had failed.
+            if cycle.is_cleared or self._clears(command_time - CLEARED_S):
+                self._clearings.pop(0)
 
     def in_force(self, at: float) -> Settings:
         """Return the parameters in force at a time [s]."""
@@ -256,6 +267,21 @@ class Replay:
             return [asked.plan, plans.path[plan_row - 1]]
         return [asked.plan]
 
+    def _clears(self, time: float) -> bool:
+        """Return whether a call to clear the costmaps, made until `time` [s], is to be replayed."""
+        return bool(self._clearings) and self._clearings[0] <= time
+
+    def _maps(self, asked: Cycle) -> List[Tuple[Map, bool]]:
+        """Return the map before a cycle, and whether it is cleared.
+
+        If it may have been cleared since the cycle before, the cleared map comes first.
+        """
+        if not self._clears(asked.at):
+            return [(asked.map, False)]
+        self.costmap.restore(asked.map)
+        self.costmap.clear()
+        return [(self.costmap.snapshot(), True), (asked.map, False)]
+
     def _update(self, scan_row: int, odometry_row: int) -> None:
         """Update the local costmap with a scan at the pose of an odometry message."""
         pose, _ = self.measured(odometry_row)
@@ -328,10 +354,11 @@ class Replay:
         """
         is_new_choices = self._choices_of_new(asked)
         paths = self._paths(asked)
-        for scan_age, odometry_age in UPDATES:
+        maps = self._maps(asked)
+        for (map_before, is_cleared), (scan_age, odometry_age) in product(maps, UPDATES):
             if asked.scan < (scan_age or 0) or odometry_row < odometry_age:
                 continue
-            self.costmap.restore(asked.map)
+            self.costmap.restore(map_before)
             if scan_age is not None:
                 self._update(asked.scan - scan_age, odometry_row - odometry_age)
             map_shown = self.costmap.snapshot()
@@ -352,6 +379,7 @@ class Replay:
                     map=map_shown,
                     plan=plan_path,
                     is_new=is_new,
+                    is_cleared=is_cleared,
                 )
 
     def _choices_of_new(self, asked: Cycle) -> Tuple[bool, ...]:

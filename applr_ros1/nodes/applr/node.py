@@ -91,6 +91,7 @@ class ApplrNode:
         self._failures = 0  # number of successive periods without a decision
         self._stall_rule = StallRule(robot)
         self._costmaps = Costmaps(namespace)
+        self._has_cleared = False  # whether the last decision cleared the costmaps
         self._is_redrawn = False  # whether the last decision was that of the stall rule
         self._base_set = False  # whether the parameters for the time between goals have been sent
         self._deciding = threading.Lock()  # guards method, enabled and the state of the course
@@ -275,7 +276,9 @@ class ApplrNode:
         self._last = now
 
         theta, refused = self._choose(context)
-        self.topics.decision(self.counts["decisions"], now, goal, snapshot, context, theta, refused)
+        number = self.counts["decisions"]
+        cleared = self._has_cleared
+        self.topics.decision(number, now, goal, snapshot, context, theta, refused, cleared)
         if refused:
             self._fail("refused", f"decision refused, parameters unchanged: {refused}")
             return
@@ -309,6 +312,7 @@ class ApplrNode:
         During a course, the choice of a static method is requested only after a stall, because
         other parameters may have been set by hand since.
         """
+        self._has_cleared = False
         try:
             theta = self.method.theta(context)
             redrawn = None
@@ -316,6 +320,7 @@ class ApplrNode:
                 redrawn = self._stall_rule.instead(self.method, context, theta)
                 if self._stall_rule.clears_costmaps:
                     self._costmaps.clear()
+                    self._has_cleared = True
             is_in_force = self.method.static and context is not None and not self._is_redrawn
             self._note_redrawn(redrawn is not None)
             if redrawn is not None:

@@ -52,9 +52,15 @@ class ApplrTopics:
         context: Any,
         theta: Any,
         refused: str,
+        cleared: bool,
     ) -> None:
-        """Publish a decision: Context, stamps of its inputs, theta (n,) or why it was refused."""
-        self._decision.publish(self._message(number, now, goal, snapshot, context, theta, refused))
+        """Publish a decision: Context, stamps of its inputs, theta (n,) or why it was refused.
+
+        cleared: whether both costmaps are cleared before it takes effect.
+        """
+        message = self._message(number, now, goal, snapshot, context, theta, refused)
+        message.cleared = cleared
+        self._decision.publish(message)
 
         # Displays show the local goal as an arrow from the robot to it.
         goal_ahead, goal_left = local_goal(context.plan, context.pose, context.layout.lookahead)

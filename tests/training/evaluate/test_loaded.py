@@ -103,6 +103,7 @@ def test_a_set_that_is_set_by_reconfigure_gives_way_in_a_stall_and_a_loaded_one_
     assert runner.drive.decisions[-1].after["max_vel_x"] == speed_limit
     assert seeds[-1] == 5
     assert bool(cleared_move_bases) != loaded
+    assert {decision.cleared for decision in runner.drive.decisions} == {not loaded}
 
 
 def test_a_search_leaves_out_parameters_that_act_differently_by_reconfigure():

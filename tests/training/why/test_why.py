@@ -12,6 +12,7 @@ import pytest
 from applr_ros1 import robots
 from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.drives.drive import Changes, Plans
+from applr_ros1.planner.costmap.grid import LETHAL
 from applr_ros1.planner.parameters.settings import Change
 from sim_bridge.kinematic_simulator import KinematicSimulator
 from tests.support.browser import focused, needs_browser, opened
@@ -80,6 +81,12 @@ def values_in(cycles, server, name):
     return {cycle.settings[server][name] for cycle in cycles}
 
 
+def lethal_cells(cycle):
+    """Return the number of lethal cells in the local costmap of a cycle."""
+    _, cells, *_ = cycle.map
+    return np.count_nonzero(cells == LETHAL)
+
+
 def updates(*rows):
     """Return changes of parameters (time, server, values)."""
     times, servers, values = zip(*rows)
@@ -145,6 +152,27 @@ def test_the_replay_goes_on_after_messages_that_are_missing(spoilt):
     # Cycles with old messages differ, those right after a message do not.
     assert 0.2 < replay.share < 1.0
     assert all(cycle.error < np.inf for cycle in replay.cycles)
+
+
+def test_costmaps_are_cleared_where_a_decision_says_so(tmp_path):
+    driven, _ = simulated(JACKAL, "generated:40", limit=8, clearings=[2, 7])
+    bag_path = write(tmp_path / "cleared.bag", driven)
+    replay = replayed(JACKAL, read_back(bag_path))
+    assert replay.share == 1.0
+    clearing_times = [cycle.at for cycle in replay.cycles if cycle.is_cleared]
+    assert clearing_times == pytest.approx([2.0, 7.0], abs=0.11)
+
+    # Without the decisions, what the laser no longer sees stays in the costmap.
+    silent_replay = replayed(JACKAL, replace(driven, decisions=[]))
+    assert lethal_cells(replay.cycles[-1]) < lethal_cells(silent_replay.cycles[-1])
+
+
+def test_a_call_that_cleared_nothing_is_not_replayed():
+    """As with a move_base that does not answer."""
+    driven, _ = simulated(JACKAL, "generated:40", limit=8)
+    decision = decided({}, 3.0)._replace(cleared=True)
+    replay = replayed(JACKAL, replace(driven, decisions=[decision]))
+    assert replay.share == 1.0
 
 
 def test_a_bag_gives_the_drive_that_was_written(bag, sound):
