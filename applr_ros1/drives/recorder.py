@@ -78,12 +78,12 @@ class Recorder:
     """Collects the rows of one drive, with times in seconds since the drive's beginning.
 
     True motion, clearances, contacts, goals and decisions are always kept: an Outcome is made of
-    them.
+    them. So is odometry that the caller appends.
 
     Args:
         world: World of the drive.
-        everything: Whether `drive` has scans, odometry, plans, refusals, commands, verdicts and
-            changes of parameters, too. The caller appends them.
+        everything: Whether `drive` has scans, plans, refusals, commands, verdicts and changes of
+            parameters, too. The caller appends them.
     """
 
     def __init__(self, world: Optional[World] = None, everything: bool = False):
@@ -94,8 +94,8 @@ class Recorder:
         self._clearances = Table(2)  # time, smallest range
         self._observed = Table(2)  # time, smallest range
         self._contacts: List[float] = []
-        # Rows for a diagnosis or a bag
         self._odometry = Table(6)  # time, x, y, yaw, v, w
+        # Rows for a diagnosis or a bag
         self._scans = Log()
         self._routes = Log()
         self._plans = Log()
@@ -128,11 +128,11 @@ class Recorder:
         """Add a contact."""
         self._contacts.append(time)
 
-    # -- rows that are kept on request -------------------------------------------------------------
     def localised(self, time: float, pose: Pose, twist: Twist) -> None:
         """Add the robot's motion by odometry."""
         self._odometry.append(time, *pose, *twist)
 
+    # -- rows that are kept on request -------------------------------------------------------------
     def scanned(self, time: float, scan: LaserScan) -> None:
         """Add a laser scan."""
         self._scans.append(time, scan)
@@ -188,6 +188,8 @@ class Recorder:
         return Drive(
             name=self._world.name if self._world is not None else "",
             truth=_motion(self._truth.rows),
+            # A column without rows was not recorded.
+            odometry=_motion(self._odometry.rows) or None,
             clearances=_clearances(self._clearances.rows),
             observed=_clearances(self._observed.rows),
             decisions=self.decisions,
@@ -200,7 +202,6 @@ class Recorder:
 
     def _add_details(self, drive: Drive) -> None:
         """Add the columns that are kept on request."""
-        drive.odometry = _motion(self._odometry.rows)
         drive.planned = _commands(self._planned.rows)
         drive.commands = _commands(self._commands.rows)
         drive.routes = Plans(self._routes.times, self._routes.values)

@@ -20,6 +20,7 @@ from actionlib_msgs.msg import GoalStatus
 
 import worlds
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.drives.ending import ODOMETRY_ARRIVED, TOO_EARLY
 from applr_ros1.nodes.conversions import Reading
 from applr_ros1.nodes.robot_parameters import with_robot
 from applr_ros1.nodes.tools import demo as demo_tool
@@ -201,11 +202,16 @@ def test_demo_sends_the_same_goal_as_send_goal(monkeypatch, goal, sent):
         (8.0, 99.0, "auto", "goal reached", 0.9),
         # The planner reports success 0.6 m from the goal, and 0.86 m from another.
         (0.5, 1.0, "0.6 0.5 0", "goal reached", 1.0),
-        (0.5, 1.0, "1.2 0.5 0", "move_base gave up: no way", 1.0),
+        (0.5, 1.0, "1.2 0.5 0", TOO_EARLY, 1.0),
+        # By the odometry, the robot is at this goal, 1 m from its start.
+        (0.1, 1.0, "1 0 0", f"{ODOMETRY_ARRIVED}: its wheels slipped by 0.90 m over 1.0 m", 1.0),
     ],
 )
 def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, time, monkeypatch):
-    """The robot goes straight from the start of the course to its end at `speed` [m/s]."""
+    """The robot goes straight from the start of the course to its end at `speed` [m/s].
+
+    Its wheels turn at 1 m/s if it is slower than 0.5 m/s, and as fast as it goes else.
+    """
     monkeypatch.setattr(demo_tool.rospy, "init_node", lambda *_, **__: None)
     monkeypatch.setattr(demo_tool.rospy, "Subscriber", lambda *_, **__: None)
     setup = demo_tool.prepare(["world:=generated:0", f"goal:={goal}"])
@@ -215,6 +221,9 @@ def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, tim
     def move_to(*motion):
         motions.append(Reading(*motion))
         observer.moved(motions[-1])
+        wheel_speed = speed if speed >= 0.5 else 1.0
+        rolled = wheel_speed * (motions[-1].time - 1.0)
+        observer.localised(Reading(motions[-1].time, (rolled, 0.0, 0.0), (wheel_speed, 0.0)))
 
     def check():
         """Move on by 0.1 s."""

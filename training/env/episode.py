@@ -27,6 +27,7 @@ from applr_ros1.drives.drive import (
     Goal,
     SentGoal,
 )
+from applr_ros1.drives.ending import ended_early
 from applr_ros1.drives.recorder import Recorder
 from applr_ros1.planner.costmap.static_layer import StaticMap
 from applr_ros1.planner.move_base import MoveBase
@@ -408,8 +409,16 @@ class Episode:
         elif self.end_on_collision and state.contact:
             self._end(TOUCHED, "contact")
         elif cycle.result is not None:
-            status, message = cycle.result
-            self._end(ABORTED, f"planner {status}: {message}")
+            _, message = cycle.result
+            sent_x, sent_y, _ = self.world.course.sent_goal
+            reason = ended_early(
+                has_succeeded=is_reported,
+                text=message,
+                left_by_odometry=distance,
+                left_in_truth=math.hypot(sent_x - true_x, sent_y - true_y),
+                tolerance=self._tolerance,
+            )
+            self._end(ABORTED, reason)
 
     @property
     def _goal(self) -> Goal:

@@ -15,6 +15,7 @@ import numpy as np
 from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.paths import distances, step_lengths
 from applr_ros1.drives.drive import ABORTED, REACHED, Drive, Rows
+from applr_ros1.drives.ending import ODOMETRY_ARRIVED, in_full
 
 SomeRows = TypeVar("SomeRows", bound=Rows)
 STANDS = "it turns or stands"  # beginning of the reason if no column shows another one
@@ -91,9 +92,12 @@ def failure_of(drive: Drive) -> str:
     if goal.status == REACHED:
         return touches
     stretch = Stretch(drive, goal.begin, goal.end, DRIVE_SHARE)
-    reason = first_of((no_plan, refused, held, slipping), stretch)
+    reason = ""
+    # A planner that has arrived by its odometry was not kept from driving.
+    if goal.reason != ODOMETRY_ARRIVED:
+        reason = first_of((no_plan, refused, held, slipping), stretch)
     if not reason and goal.status == ABORTED:
-        reason = "move_base ends with " + goal.reason.partition(": ")[2]
+        reason = in_full(drive)
     if not reason:
         reason = f"{STANDS}, and has not arrived after {stretch.seconds:.0f} s"
     if touches:

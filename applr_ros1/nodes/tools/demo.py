@@ -33,6 +33,7 @@ from applr_ros1.common.files import write_bytes
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import LARGE_BUFFER
 from applr_ros1.drives.drive import ABORTED, REACHED, TIMED_OUT, Decision, Drive, Goal
+from applr_ros1.drives.ending import ODOMETRY_ARRIVED, ended_early, in_full
 from applr_ros1.drives.page import Scene, Shown, page, verdict_of
 from applr_ros1.drives.recorder import Recorder
 from applr_ros1.msg import Parameters
@@ -191,7 +192,8 @@ def _drive(nodes: LaunchedNodes, setup: Setup, result: Dict[str, Any]) -> None:
     has_touched = bool(len(drive.contacts))
     contact_note = ", with contact" if has_touched else ""
     report(f"{goal.reason} after {goal.end:.1f} s and {drive.truth.length:.2f} m{contact_note}")
-    if goal.status != REACHED:
+    # A bag has no true motion, so that it cannot say more of wheels that slipped.
+    if goal.status != REACHED and not goal.reason.startswith(ODOMETRY_ARRIVED):
         report(how_to_ask_why(values["record"], setup.robot))
     result.update(
         success=goal.status == REACHED,
@@ -245,7 +247,9 @@ class Observer:
         self._tolerance = robot.goal_tolerance
         self._frame = frame_prefix(values["tf_prefix"]) + robot.frames.odom  # frame of the goal
         self._names = space_of(robot).names
+        self._sent: Pose = (0.0, 0.0, 0.0)  # goal in odom
         self._latest: Optional[Reading] = None  # latest true motion
+        self._odometry: Optional[Reading] = None  # latest motion by odometry
         self._theta: Sequence[float] = ()  # latest parameters
         self._recorder: Optional[Recorder] = None  # from the sending of the goal on
         self._up: Set[str] = set()  # topics on which a message has arrived
@@ -265,6 +269,8 @@ class Observer:
             on_arrival = partial(self._on_message, topic)
             rospy.Subscriber(topic, message_type, on_arrival, queue_size=1, buff_size=LARGE_BUFFER)
         rospy.Subscriber("/sim_bridge/ground_truth", Odometry, self._on_pose, queue_size=50)
+        odometry_topic = "/" + robot.topics.odometry.lstrip("/")
+        rospy.Subscriber(odometry_topic, Odometry, self._on_odometry, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
         rospy.Subscriber("/applr/parameters", Parameters, self._on_parameters, queue_size=50)
 
@@ -286,6 +292,7 @@ class Observer:
         the drive.
         """
         recorder = self._begin()
+        self._sent = pose
         self.client.send_goal(MoveBaseGoal(pose_stamped(pose, self._frame, rospy.Time(0))))
         course = self.world.course
         goal_place = "ahead"
@@ -306,7 +313,9 @@ class Observer:
                 self._report_progress(seconds, recorder.drive)
         recorder.goals.append(Goal("demo", 0.0, seconds, status, reason))
         self.client.cancel_goal()
-        return recorder.drive
+        drive = recorder.drive
+        drive.goals[-1] = drive.goals[-1]._replace(reason=in_full(drive))
+        return drive
 
     def _begin(self) -> Recorder:
         """Start recording with the latest motion and parameters."""
@@ -315,6 +324,8 @@ class Observer:
         # From here on, callbacks record.
         self._recorder = Recorder(self.world)
         self._recorder.moved(0.0, self._latest.pose, self._latest.twist)
+        if self._odometry is not None:
+            self._recorder.localised(0.0, self._odometry.pose, self._odometry.twist)
         self._record_parameters(0.0)
         return self._recorder
 
@@ -331,8 +342,22 @@ class Observer:
             return TIMED_OUT, "timed out"
         if goal_state not in (GoalStatus.PENDING, GoalStatus.ACTIVE):
             status_text = self.client.get_goal_status_text() or GOAL_STATES[goal_state]
-            return ABORTED, f"move_base gave up: {status_text}"
+            sent_x, sent_y, _ = self.world.course.sent_goal
+            reason = ended_early(
+                has_succeeded=goal_state == GoalStatus.SUCCEEDED,
+                text=status_text,
+                left_by_odometry=self._left_by_odometry(),
+                left_in_truth=math.dist((sent_x, sent_y), (x, y)),
+                tolerance=self._tolerance,
+            )
+            return ABORTED, reason
         return "", ""
+
+    def _left_by_odometry(self) -> float:
+        """Return the distance from the sent goal by the odometry [m]; inf without odometry."""
+        if self._odometry is None:
+            return math.inf
+        return math.dist(self._odometry.pose[:2], self._sent[:2])
 
     def _report_progress(self, seconds: float, drive: Drive) -> None:
         """Print the distance to the goal, the speed, and contacts since the last line."""
@@ -365,8 +390,17 @@ class Observer:
         if self._recorder is not None:
             self._recorder.moved(reading.time - self.began, reading.pose, reading.twist)
 
+    def localised(self, reading: Reading) -> None:
+        """Take the robot's motion by odometry."""
+        self._odometry = reading
+        if self._recorder is not None:
+            self._recorder.localised(reading.time - self.began, reading.pose, reading.twist)
+
     def _on_pose(self, message: Odometry) -> None:
         self.moved(reading_of(message))
+
+    def _on_odometry(self, message: Odometry) -> None:
+        self.localised(reading_of(message))
 
     def _on_contact(self, message: Bool) -> None:
         if message.data and self._recorder is not None and self._latest is not None:

@@ -12,6 +12,7 @@ import sim_bridge
 from applr_ros1 import robots
 from applr_ros1.common.angles import inverse, transform_point
 from applr_ros1.drives.drive import Drive, Goal
+from applr_ros1.drives.ending import ODOMETRY_ARRIVED, TOO_EARLY
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
 from applr_ros1.policy.encoding import PaperEncoding
 from applr_ros1.policy.parameter_space import SPACE
@@ -250,12 +251,12 @@ GIVEN_UP = {
         (
             {"end": 50, "result": ("aborted", "why")},
             True,
-            {**GIVEN_UP, "reason": "planner aborted: why"},
+            {**GIVEN_UP, "reason": "move_base gave up: why"},
         ),
         (
             {"end": 50, "result": ("succeeded", "why")},
             True,
-            {**GIVEN_UP, "reason": "planner succeeded: why"},
+            {**GIVEN_UP, "reason": TOO_EARLY},
         ),
         # The time limit is not a final failure.
         (
@@ -276,7 +277,7 @@ GIVEN_UP = {
         (
             {**STALLS, "end": 160, "result": GIVES_UP},
             True,
-            {"decisions": 4, "reason": "planner aborted: why"},
+            {"decisions": 4, "reason": "move_base gave up: why"},
         ),
         # Contacts are recorded, and end a trial if the protocol requires it.
         (
@@ -311,8 +312,10 @@ def test_each_end_of_a_trial_is_recorded(options, fails, ends):
         (False, 0.4, 0.0, None, "time limit"),  # Only the circle around the course's goal counts.
         (True, 0.9, 0.0, None, "time limit"),  # The error of the odometry is too large.
         (True, 0.0, 0.6, REACHED, "finished"),
-        (True, 0.0, 0.9, REACHED, "planner succeeded: Goal reached."),
-        (True, 0.0, 0.6, GIVES_UP, "planner aborted: why"),
+        (True, 0.0, 0.9, REACHED, TOO_EARLY),
+        # By its odometry, the robot is at the goal.
+        (True, 0.9, 0.0, REACHED, ODOMETRY_ARRIVED),
+        (True, 0.0, 0.6, GIVES_UP, "move_base gave up: why"),
     ],
 )
 def test_a_course_without_a_finish_line_ends_when_the_planner_has_arrived(

@@ -18,6 +18,7 @@ from applr_ros1.drives.drive import (
     Scans,
     Verdicts,
 )
+from applr_ros1.drives.ending import ODOMETRY_ARRIVED
 from training.why import events, reasons
 from training.why.events import AT_GOAL, UNHEARD, Limits
 from training.why.reasons import Stretch, failure_of
@@ -336,8 +337,8 @@ def test_failures_are_worded_by_their_causes_first(stopped):
     times = stopped.planned.time
     late = failed(stopped)
     assert late.startswith(f"{reasons.STANDS}, and has not arrived after 9 s")
-    aborted = failed(stopped, ABORTED, "planner aborted: no way")
-    assert aborted == "move_base ends with no way"
+    aborted = failed(stopped, ABORTED, "move_base gave up: no way")
+    assert aborted == "move_base gave up: no way"
 
     # 30 of 180 cycles are 17 %. 10 of them are 6 %, less than the tenth that counts as a reason.
     rejecting_cycle = {
@@ -368,6 +369,11 @@ def test_failures_are_worded_by_their_causes_first(stopped):
     fast_commands = Commands(times, np.tile([2.0, 0.0], (180, 1)))
     slips = failed(stopped, commands=fast_commands)
     assert slips == "it moves 3.0 m although 18.0 m are commanded"
+
+    # A robot whose odometry arrived was not kept from driving. It begins 25 mm from the origin.
+    short_motion = replace(stopped.truth, pose=0.8 * stopped.truth.pose)
+    arrived = failed(stopped, ABORTED, ODOMETRY_ARRIVED, truth=short_motion, refusals=many_refusals)
+    assert arrived == f"{ODOMETRY_ARRIVED}: its wheels slipped by 0.59 m over 3.0 m"
 
     # A missing path and a contact are named before the planner's refusals.
     no_routes = Plans(np.empty(0), [])
