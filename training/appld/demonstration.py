@@ -13,6 +13,7 @@ import numpy as np
 from applr_ros1.drives.drive import Commands, Drive, Motion, Scans, SentGoal, nearest_rows
 from applr_ros1.policy.observation import layout_of
 from applr_ros1.robots import JACKAL, Robot
+from training.bags.clocks import APART_S, clocks_differ, one_clock, stamped_later
 from training.bags.read import BagError, read, refused
 from training.bags.topics import TopicNames, topic_of
 from training.env.episode import CONTROL_PERIOD
@@ -47,11 +48,19 @@ def read_demonstration(
 
 
 def instants(drive: Drive) -> Drive:
-    """Return a drive with rows at the same instants, as read_demonstration does."""
+    """Return a drive with rows at the same instants, as read_demonstration does.
+
+    Raises:
+        BagError: Scans and odometry have different clocks, or there is too little driving.
+    """
     assert drive.scans is not None
     assert drive.odometry is not None
     assert drive.commands is not None
     motion = drive.odometry
+    later = stamped_later(drive.scans, motion)
+    if abs(later) > APART_S:
+        problem = clocks_differ("scans are", later, "the odometry")
+        raise BagError(f"{problem}; {one_clock('laser')}")
     # The instants are those of scans: odometry and commands are more frequent.
     scan_rows = _beats(drive.scans.stamp)
     times = drive.scans.stamp[scan_rows]

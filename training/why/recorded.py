@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Iterator, List, Mapping, Optional, Set, Tuple, Union
+from typing import Iterator, List, Mapping, Optional, Set, Tuple
 
 import numpy as np
 
@@ -24,10 +24,11 @@ from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.planner.plan_cut import cut_plan, half_size, transformed
 from applr_ros1.robots import Robot
+from training.bags.clocks import APART_S, clocks_differ, one_clock, stamped_later
 from training.bags.names import missing, missing_plans, names_in
 from training.bags.read import read, refused, topics_in
 from training.bags.topics import BagOptions, TopicNames
-from training.bags.transforms import Link, Tree
+from training.bags.transforms import Tree
 from training.common.options import option
 from training.env.episode import counting_cells
 
@@ -52,15 +53,11 @@ POSE_OFF_M = 0.02
 POSE_OFF_RAD = 0.02
 LASER_OFF_M = 0.01
 LASER_OFF_RAD = 0.01
-CLOCKS_APART_S = 1.0  # difference of stamps from which on two clocks differ [s]
 TF_BUFFER_S = 10.0  # time for which tf keeps transforms [s]
-ONE_CLOCK = "set the driver of the {} to the computer's time"
 VELOCITY_SPAN_S = 0.5  # time over which a velocity is measured from poses [s]
 CYCLE_S = 0.1  # longest time from the beginning of a cycle to its command [s]
 STATUS_S = 0.3  # longest time between the sending of a goal and its first status (5 Hz) [s]
 TILTED = 0.996  # cosine of the tilt from which on a laser is not level (5 degrees)
-
-Stamped = Union[Motion, Scans, Link]  # Messages with times of recording and stamps
 
 
 class RecordedOptions(BagOptions):
@@ -248,12 +245,11 @@ def _take_poses(drive: Drive, tree: Tree, robot: Robot) -> None:
     link = tree.busiest(drive.frame, robot.frames.base)
     if link is None:
         return
-    stamped_later = _stamped_later(drive.odometry, link)
-    if abs(stamped_later) > CLOCKS_APART_S:
-        drive.odometry = replace(drive.odometry, stamp=drive.odometry.stamp - stamped_later)
-        difference = _difference(stamped_later)
-        remedy = ONE_CLOCK.format("base")
-        drive.notes.append(f"the odometry is stamped {difference} tf: the clocks differ; {remedy}")
+    later = stamped_later(drive.odometry, link)
+    if abs(later) > APART_S:
+        drive.odometry = replace(drive.odometry, stamp=drive.odometry.stamp - later)
+        problem = clocks_differ("the odometry is", later, "tf")
+        drive.notes.append(f"{problem}; {one_clock('base')}")
     # tf at the messages of the topic, to compare them, and at its own messages, to take them
     at_topic = tree.place(topic_frame, robot.frames.base, drive.odometry.stamp)
     at_link = tree.place(drive.frame, robot.frames.base, link.stamp)
@@ -294,26 +290,13 @@ def _compare_clocks(drive: Drive) -> None:
     """
     assert drive.scans is not None
     assert drive.odometry is not None
-    stamped_later = _stamped_later(drive.scans, drive.odometry)
-    if abs(stamped_later) <= CLOCKS_APART_S:
+    later = stamped_later(drive.scans, drive.odometry)
+    if abs(later) <= APART_S:
         return
-    difference = _difference(stamped_later)
-    problem = f"scans are stamped {difference} the odometry: the clocks differ"
-    remedy = ONE_CLOCK.format("laser")
-    if abs(stamped_later) > TF_BUFFER_S:
-        raise ApplrError(f"{problem}, so that tf drops the scans; {remedy}")
-    drive.notes.append(f"{problem}; {remedy}")
-
-
-def _stamped_later(messages: Stamped, others: Stamped) -> float:
-    """Return by how much later messages are usually stamped than others that came with them [s]."""
-    lead = float(np.median(messages.stamp - messages.time))
-    return lead - float(np.median(others.stamp - others.time))
-
-
-def _difference(stamped_later: float) -> str:
-    """Return a difference of clocks [s] in words."""
-    return f"{abs(stamped_later):,.1f} s {'after' if stamped_later > 0.0 else 'before'}"
+    problem = clocks_differ("scans are", later, "the odometry")
+    if abs(later) > TF_BUFFER_S:
+        raise ApplrError(f"{problem}, so that tf drops the scans; {one_clock('laser')}")
+    drive.notes.append(f"{problem}; {one_clock('laser')}")
 
 
 def _compare_velocities(drive: Drive) -> None:

@@ -4,6 +4,7 @@ policy file, which drives in this process and as the launch file's method.
 
 import copy
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from rosbags.highlevel import AnyReader
 
 import worlds
 from applr_ros1.common.paths import step_lengths
-from applr_ros1.drives.drive import Commands, Drive, Scans
+from applr_ros1.drives.drive import Commands, Drive, Motion, Scans
 from applr_ros1.planner.parameters.settings import send
 from applr_ros1.policy import actor, methods
 from applr_ros1.policy.parameter_space import SPACE
@@ -94,6 +95,25 @@ def test_the_demonstrators_route_keeps_away_from_obstacles(spec):
     assert clearance(world, points).min() > 0.3
     assert step_lengths(points).max() < 0.08
     assert np.allclose(points[0], world.course.start[:2])
+
+
+def test_scans_in_the_lasers_own_time_are_no_demonstration():
+    """Without their clock being looked at, too little driving would be blamed."""
+    times = np.arange(200) / 20.0
+    twists = np.tile([0.5, 0.0], (200, 1))
+    scans = Scans(times, times + 60.0, np.tile([-1.0, 0.1, 0.1, 5.0], (200, 1)), [np.ones(3)] * 200)
+    drive = Drive(
+        odometry=Motion(times, times, np.zeros((200, 3)), twists),
+        scans=scans,
+        commands=Commands(times, twists),
+    )
+    refused(
+        lambda: demonstration.instants(drive),
+        "scans are stamped 60.0 s after the odometry: the clocks differ; "
+        "set the driver of the laser to the computer's time",
+    )
+    in_one_time = replace(drive, scans=replace(scans, stamp=times))
+    assert len(demonstration.instants(in_one_time).scans) > 100
 
 
 @pytest.mark.parametrize(
