@@ -76,6 +76,19 @@ def test_a_jump_and_the_noise_of_a_standing_robot_are_none():
     assert problem_of(noise, [(0.0, 0.0)] * 600) == ""
 
 
+@pytest.mark.parametrize(
+    ("pose_speed", "twist_speed"),
+    [
+        (0.02, 0.3),  # Its wheels slip.
+        (0.3, 0.02),  # Its velocity has a wrong scale, but is filled.
+        (0.02, 0.0),  # A scan matcher drifts.
+    ],
+)
+def test_statements_that_differ_without_one_being_0_are_none(pose_speed, twist_speed):
+    poses = line(pose_speed)
+    assert problem_of(poses, [(twist_speed, 0.0)] * len(poses)) == ""
+
+
 def test_a_robot_that_starts_and_stops_is_none():
     # The pose shows a motion a little later than the twist.
     poses = [(0.0, 0.0, 0.0)] * 33
