@@ -12,16 +12,37 @@ from applr_ros1.common.errors import reason
 from applr_ros1.common.ros_node import SMALL_BUFFER
 from applr_ros1.policy.layout import ObservationError
 
+BUFFER_S = 20.0  # time for which tf keeps transforms [s]
+# Largest lead of a transform's stamp over the clock in the buffer [s], that of the largest
+# transform_tolerance. tf refuses transforms that are BUFFER_S older than the latest one.
+BUFFER_AHEAD_S = 10.0
 MAX_AGE_S = 1.0  # largest usable age of a message, and largest lead of its stamp over the clock [s]
 # Largest lead of a transform's stamp over the clock [s]; amcl adds its transform_tolerance.
 MAX_AHEAD_S = 3.0
+
+
+class _Buffer(tf2_ros.Buffer):  # type: ignore[misc]  # ROS packages have no type hints.
+    """Buffer of tf that ignores transforms stamped more than BUFFER_AHEAD_S ahead of the clock."""
+
+    def set_transform(self, transform: Any, authority: str) -> None:
+        """Add a geometry_msgs/TransformStamped of the node `authority`, unless it is far ahead."""
+        now = rospy.get_rostime()
+        lead = (transform.header.stamp - now).to_sec()
+        if lead <= BUFFER_AHEAD_S:
+            super().set_transform(transform, authority)
+        elif not now.is_zero():  # A simulated clock is 0 until the first message on /clock.
+            frames = f"{transform.header.frame_id} <- {transform.child_frame_id}"
+            problem = f"it is stamped {lead:.2f} s ahead of the clock"
+            rospy.logerr_throttle(
+                1.0, f"transform {frames} of {authority} ignored: {problem}: synchronise the clocks"
+            )
 
 
 class Transforms:
     """Buffer of tf, filled from the first lookup until `unsubscribe`."""
 
     def __init__(self) -> None:
-        self.buffer = tf2_ros.Buffer(rospy.Duration(10.0), debug=False)
+        self.buffer = _Buffer(rospy.Duration(BUFFER_S), debug=False)
         self._listener: Optional[tf2_ros.TransformListener] = None
 
     def listen(self) -> None:
@@ -73,8 +94,6 @@ class Transforms:
         if stamp.is_zero():
             return transform  # Static transforms have stamp 0.
         age = (now - stamp).to_sec()
-        if -age > max(MAX_AGE_S, most_ahead):
-            self.buffer.clear()  # Otherwise tf would reject all transforms older than this one.
         if -most_ahead <= age <= oldest:
             return transform
         limit_phrase = f"old; at most {oldest:g} s"

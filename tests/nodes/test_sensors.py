@@ -18,9 +18,10 @@ from tests.support.nodes import transform
 @pytest.fixture
 def robot(monkeypatch):
     """Provide Sensors; time(t) to set the clock [s]; scan(t), tf(t) and odometry(t) to send
-    messages with stamp t.
+    messages with stamp t; lines for the errors in the log.
     """
     callbacks = {}
+    lines = []
     clock = [rospy.Time(100)]
 
     def subscribe(topic, kind, callback, **options):
@@ -28,7 +29,7 @@ def robot(monkeypatch):
 
     monkeypatch.setattr(rospy, "Subscriber", subscribe)
     monkeypatch.setattr(rospy, "get_rostime", lambda: clock[0])
-    monkeypatch.setattr(rospy, "logerr_throttle", lambda *_: None)
+    monkeypatch.setattr(rospy, "logerr_throttle", lambda _, line: lines.append(line))
     monkeypatch.setattr(transforms.tf2_ros, "TransformListener", lambda *_, **__: "listens")
     sensors = module.Sensors(("odom", "odom", "base"), {"scan": "LaserScan"}, {}, "odom")
 
@@ -49,7 +50,7 @@ def robot(monkeypatch):
     def tf(t):
         """Send the transform of a robot that drives at 1 m/s: its place tells the stamp."""
         odom_to_base = transform("odom", "base", (t - 100.0, 0.0, 0.0), rospy.Time.from_sec(t))
-        sensors.transforms.buffer.set_transform(odom_to_base, "test")
+        sensors.transforms.buffer.set_transform(odom_to_base, "/driver")
 
     def odometry(t):
         """Send the velocity."""
@@ -58,7 +59,9 @@ def robot(monkeypatch):
         message.twist.twist.linear.x = 0.5
         callbacks["odom"](message)
 
-    return SimpleNamespace(sensors=sensors, time=time, scan=scan, tf=tf, odometry=odometry)
+    return SimpleNamespace(
+        sensors=sensors, time=time, scan=scan, tf=tf, odometry=odometry, lines=lines
+    )
 
 
 def stamps_of(robot):
@@ -94,6 +97,27 @@ def test_a_publisher_ahead_of_the_clock_gives_the_pose_of_now(robot):
     # A second later, the same transform is too old.
     assert robot.sensors.pose(robot.time(102.0), 0.3) is None
     assert "0.55 s old" in robot.sensors.pose_trouble
+
+
+@pytest.mark.parametrize("ahead", [9.0, 11.0, 1000.0])
+def test_a_transform_stamped_far_ahead_keeps_no_scan_and_no_pose_out(robot, ahead, capfd):
+    """tf's own buffer would refuse every transform that is 20 s older than the latest one."""
+    used_stamps = []
+    for tf_number in range(100):
+        seconds = 100.0 + 0.02 * tf_number
+        robot.time(seconds)
+        robot.tf(seconds)
+        if tf_number == 20:
+            robot.tf(seconds + ahead)
+        robot.scan(seconds)
+        used_stamps += stamps_of(robot)
+        x, _, _ = robot.sensors.pose(robot.time(seconds), 0.3)
+        assert x == pytest.approx(seconds - 100.0, abs=0.01), seconds
+    assert used_stamps == pytest.approx(100.0 + 0.02 * np.arange(100))
+    assert "TF_OLD_DATA" not in capfd.readouterr().err
+    # A transform_tolerance of up to 10 s is no error.
+    problem = f"transform odom <- base of /driver ignored: it is stamped {ahead:.2f} s ahead"
+    assert [problem in line for line in robot.lines] == ([] if ahead < 10.0 else [True])
 
 
 @pytest.mark.parametrize(("ahead", "is_used"), [(0.95, True), (1.05, False)])
