@@ -24,6 +24,7 @@ from tests.support import ROOT
 from tests.support.refusals import refused
 
 pytestmark = pytest.mark.ros
+REAL_ROBOT = ("sim:=false", "robot:=jackal", "max_speed:=0")
 LAUNCH = os.path.join(ROOT, "applr_ros1", "launch")
 JACKAL_FOLDER = os.path.join(ROOT, "applr_ros1", "robots", "jackal")
 
@@ -54,9 +55,9 @@ def each_command_once():
 def loaded(file, *words):
     """Load a launch file with roslaunch, without starting it."""
     config = roslaunch.config.ROSLaunchConfig()
-    roslaunch.xmlloader.XmlLoader().load(
-        os.path.join(LAUNCH, file), config, argv=list(words), verbose=False
-    )
+    loader = roslaunch.xmlloader.XmlLoader()
+    loader.ignore_unset_args = False
+    loader.load(os.path.join(LAUNCH, file), config, argv=list(words), verbose=False)
     environment = {}
     node_words = {}
     for node in config.nodes:
@@ -99,9 +100,9 @@ def test_parameter_files_are_the_jackals():
 @pytest.mark.parametrize(
     ("words", "nodes"),
     [
-        (("sim:=false", "monitor:=false", "movers:=false"), {"move_base", "applr"}),
+        ((*REAL_ROBOT, "monitor:=false", "movers:=false"), {"move_base", "applr"}),
         (
-            ("sim:=false", "move_base:=cpp", "goal:=4 0 0"),
+            (*REAL_ROBOT, "move_base:=cpp", "goal:=4 0 0"),
             {"collision_monitor", "movers", "applr", "send_goal"},
         ),
         (
@@ -117,10 +118,11 @@ def test_arguments_select_the_nodes_that_start(words, nodes):
 def test_names_clock_and_cap_reach_the_nodes():
     words = (
         "sim:=false",
+        "robot:=jackal",
+        "max_speed:=0.3",
         "use_sim_time:=true",
         "scan_topic:=/lidar/scan",
         "tf_prefix:=robot1",
-        "max_speed:=0.3",
     )
     launched = loaded("jackal_applr.launch", *words)
     parameters = launched.parameters
@@ -130,8 +132,23 @@ def test_names_clock_and_cap_reach_the_nodes():
     assert parameters["/move_base/tf_prefix"] == "robot1"
     assert all(["front/scan", "/lidar/scan"] in node.remap_args for node in launched.config.nodes)
     # On a robot without its own simulator, Gazebo sets it, or nobody.
-    assert "/use_sim_time" not in loaded("jackal_applr.launch", "sim:=false").parameters
+    assert "/use_sim_time" not in loaded("jackal_applr.launch", *REAL_ROBOT).parameters
     assert loaded("jackal_applr.launch").parameters["/use_sim_time"] is True
+
+
+@pytest.mark.parametrize(
+    ("words", "missing"),
+    [
+        (("sim:=false",), "robot"),
+        (("sim:=false", "robt:=husky", "max_speed:=0.4"), "robot"),
+        (("sim:=false", "robot:=jackal", "max_sped:=0.4"), "max_speed"),
+    ],
+)
+def test_a_real_robot_needs_its_name_and_a_speed_limit(words, missing):
+    """roslaunch ignores misspelt arguments: the robot would drive at full speed."""
+    with pytest.raises(roslaunch.core.RLException, match=f"requires the '{missing}' arg"):
+        loaded("jackal_applr.launch", *words)
+    assert loaded("jackal_applr.launch", "sim:=false", "robot:=jackal", "max_speed:=0.4")
 
 
 @pytest.mark.fault("23a")
@@ -217,7 +234,7 @@ def test_launch_files_clear_the_parameters_of_an_earlier_launch():
         (
             demo,
             ["wrold:=generated:7"],
-            "wrold:=generated:7 is not an argument: give ARG:=VALUE with one of robot, m",
+            "wrold:=generated:7 is not an argument: give ARG:=VALUE with one of sim, r",
         ),
         (demo, ["world:=generated:300"], "generated:300"),
         (demo, ["method:=faster"], "method 'faster' is unknown"),
