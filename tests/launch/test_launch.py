@@ -247,7 +247,8 @@ def test_each_end_of_a_demo_has_its_reason(speed, gives_up_at, goal, reason, tim
     assert last_goal.reason == reason
     assert drive.truth.length == pytest.approx(speed * last_goal.end)
     assert client.send_goal.call_args.args[0].target_pose.header.frame_id == "odom"
-    client.cancel_goal.assert_called_once_with()
+    # actionlib logs an error if a client cancels a goal that has ended.
+    assert client.cancel_goal.call_count == (state() == GoalStatus.ACTIVE)
 
 
 def test_a_failed_demo_says_how_to_ask_why():

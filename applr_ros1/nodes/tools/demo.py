@@ -49,6 +49,7 @@ from .send_goal import course_goal
 STATUS = "/move_base/status"
 VERDICTS = "/collision_monitor/action"  # latched; the first one comes when the monitor is ready
 MOVERS = "/applr/tracked"
+RUNNING = (GoalStatus.PENDING, GoalStatus.ACTIVE)  # states of a goal that has not ended
 PROGRESS_PERIOD_S = 2.0  # interval between progress lines, in simulated time [s]
 # Defaults of the arguments that the launch file does not have
 EXTRA = {"page": "applr_demo.html", "limit": "300"}
@@ -312,7 +313,9 @@ class Observer:
                 progress_time += PROGRESS_PERIOD_S
                 self._report_progress(seconds, recorder.drive)
         recorder.goals.append(Goal("demo", 0.0, seconds, status, reason))
-        self.client.cancel_goal()
+        # A goal that move_base has ended cannot be cancelled: actionlib would log an error.
+        if self.client.get_state() in RUNNING:
+            self.client.cancel_goal()
         drive = recorder.drive
         drive.goals[-1] = drive.goals[-1]._replace(reason=in_full(drive))
         return drive
@@ -340,7 +343,7 @@ class Observer:
             return REACHED, "goal reached"
         if seconds >= limit:
             return TIMED_OUT, "timed out"
-        if goal_state not in (GoalStatus.PENDING, GoalStatus.ACTIVE):
+        if goal_state not in RUNNING:
             status_text = self.client.get_goal_status_text() or GOAL_STATES[goal_state]
             sent_x, sent_y, _ = self.world.course.sent_goal
             reason = ended_early(
