@@ -21,11 +21,10 @@ from typing import Any, Callable, Dict, Iterator, List, Optional, Tuple
 
 import numpy as np
 import rospy
-from actionlib import SimpleActionServer
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Polygon, PoseStamped, Twist
 from map_msgs.msg import OccupancyGridUpdate
-from move_base_msgs.msg import MoveBaseAction, MoveBaseActionGoal, MoveBaseFeedback, RecoveryStatus
+from move_base_msgs.msg import MoveBaseActionGoal, MoveBaseFeedback, RecoveryStatus
 from nav_msgs.msg import OccupancyGrid, Path
 from nav_msgs.srv import GetPlan, GetPlanResponse
 from rospy.numpy_msg import numpy_msg
@@ -52,11 +51,10 @@ from applr_ros1.robots import Robot
 
 from .control_loop import ControlLoop
 from .displays import CostmapDisplay, PlanDisplay
+from .goal_server import GoalServer
 from .heartbeat_watchdog import HeartbeatWatchdog, start_up_requests
 from .reconfigure_server import ReconfigureServer
 
-# Interval between two messages of goal statuses, as in actionlib
-STATUS_PERIOD = rospy.Duration(0.2)
 WENT_BACK = "Aborting because the clock jumped back."
 
 
@@ -107,7 +105,7 @@ class MoveBaseNode:
         self._current_goal = rospy.Publisher("~current_goal", PoseStamped, queue_size=1)
         self._recovery = rospy.Publisher("~recovery_status", RecoveryStatus, queue_size=10)
         self._goal_relay = rospy.Publisher("move_base/goal", MoveBaseActionGoal, queue_size=10)
-        self.goals = SimpleActionServer("move_base", MoveBaseAction, auto_start=False)
+        self.goals = GoalServer()
         self._plans = PlanDisplay(self.move_base)
         self._maps = {}
         for costmap_name in COSTMAPS:
@@ -143,11 +141,7 @@ class MoveBaseNode:
         rospy.Service("~NavfnROS/make_plan", GetPlan, self._ask(self._navfn_plan))
         rospy.Service("~clear_costmaps", Empty, self._ask(self._clear_costmaps))
 
-        # actionlib's own timer of the statuses has no `reset` and ends when the clock jumps back.
         self.goals.start()
-        server = self.goals.action_server
-        server.status_timer.shutdown()
-        server.status_timer = rospy.Timer(STATUS_PERIOD, server.publish_status_async, reset=True)
         rospy.loginfo(
             "move_base is ready: goals on %s, scans from %s",
             rospy.resolve_name("move_base/goal"),
@@ -409,8 +403,7 @@ class MoveBaseNode:
         self._send(0.0, 0.0)
         self.sensors.forget()
         self._finish("aborted", WENT_BACK)
-        # actionlib cancels every goal that is older than the last cancellation.
-        self.goals.action_server.last_cancel = rospy.Time()
+        self.goals.forget_cancellations()
         self.move_base.reset(rospy.get_time(), restore=False)
 
     def _clock_stalled(self) -> None:

@@ -44,6 +44,9 @@ class ReconfigureServer(Server):  # type: ignore[misc]  # ROS packages have no t
             raise rospy.ServiceException(str(problem)) from None
         return dict(in_force, groups=config["groups"])
 
+    def _clamp(self, config: Dict[str, Any]) -> None:
+        """Leave the values alone: MoveBase clamps them, after a check of their types."""
+
     def _copy_from_parameter_server(self) -> None:
         # MoveBase has read and checked the values of the parameter server already.
         self.config.update(self._move_base.configuration(self._name))
