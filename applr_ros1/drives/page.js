@@ -4,7 +4,6 @@ let world =
 let trial = 0;
 const hidden = new Set(); // methods that are not shown
 const isSingle = D.worlds.length === 1 && world.drives.length === 1;
-const outline = outlineOf(D.body);
 
 for (const {drives, period} of D.worlds) drives.forEach(drive => unpack(drive, period));
 
@@ -61,7 +60,7 @@ function paint(view) {
     const speeds = [...drive.speeds.slice(0, last + 1), drive.speeds[last]];
     if (isAlone) view.trail(driven, speeds, top);
     else view.line(driven, color(colorOf(drive)), 3, dashOf(drive));
-    view.robot(outline, pose, isAlone ? color("brand") : color(colorOf(drive)), color("paper"));
+    view.robot(D.outline, pose, isAlone ? color("brand") : color(colorOf(drive)), color("paper"));
     if (!drive.ok) cross(view, drive.poses[drive.poses.length - 1]);
   }
   paintCourse(view, world);

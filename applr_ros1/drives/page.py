@@ -17,6 +17,7 @@ from applr_ros1.common.angles import transform_point
 from applr_ros1.common.pages.colors import color_indices
 from applr_ros1.common.pages.page import Page
 from applr_ros1.drives.drive import REACHED, Drive
+from applr_ros1.monitor.stopping import edge_points
 from applr_ros1.policy.parameter_space import Space
 from worlds.world import World, clearance
 
@@ -28,8 +29,6 @@ MARGIN_M = 1.2  # margin of the view before and behind the driven path [m]
 # Distance beside the driven path up to which obstacles are shown [m]; BARN's fields are 4.5 m wide
 ASIDE_M = 3.5
 SIDE_M = 0.3  # margin of the view beside the outermost obstacles [m]
-# Distance of the points of a robot's outline that are compared with obstacles [m]
-OUTLINE_M = 0.05
 DIGITS = 4  # significant digits of a parameter
 
 
@@ -62,7 +61,7 @@ def page(
     verdict: str,
     methods: Sequence[str],
     space: Space,
-    body: Sequence[float],
+    outline: np.ndarray,
     scenes: Sequence[Scene],
     marked: bool = False,
     back: str = "",
@@ -76,7 +75,7 @@ def page(
         verdict: How the drives went, in a sentence.
         methods: Names of the methods in the order of Shown.method.
         space: Space of the parameters.
-        body: Length and width of the robot [m].
+        outline: Corners (n, 2) of the robot's outline [m].
         scenes: One or more worlds with their drives.
         marked: Whether the planner used predicted obstacle points.
         back: HTML of a link above the drives.
@@ -87,7 +86,7 @@ def page(
     values = {
         "methods": [{"name": method_name, "color": colors[method_name]} for method_name in methods],
         "parameters": parameter_values(space, units),
-        "body": list(body),
+        "outline": np.round(outline, 3).tolist(),
         "worlds": [scene_values(scene, marked) for scene in scenes],
     }
     is_single = len(scenes) == 1 and len(scenes[0].drives) == 1
@@ -95,13 +94,13 @@ def page(
     return Page(page_kind, title, verdict, SCRIPTS, values, back, measured).html()
 
 
-def verdict_of(drive: Drive, world: World, body: Sequence[float], begins: float = 0.0) -> str:
+def verdict_of(drive: Drive, world: World, outline: np.ndarray, begins: float = 0.0) -> str:
     """Return in a sentence how a drive ended, its length, and the distance of the nearest obstacle.
 
     Args:
         drive: Drive with true motion and a goal.
         world: World in which the robot drove.
-        body: Length and width of the robot [m].
+        outline: Corners (n, 2) of the robot's outline [m].
         begins: Time of the world at which the drive begins [s].
     """
     drive.require("truth", "goals")
@@ -112,43 +111,23 @@ def verdict_of(drive: Drive, world: World, body: Sequence[float], begins: float 
         ending = f"Reached the goal in {duration}"
     else:
         ending = f"Did not reach the goal: {goal.reason} after {duration}"
-    nearest_distance = nearest_obstacle(drive, world, body, begins)
+    nearest_distance = nearest_obstacle(drive, world, outline, begins)
     contact_note = ", touched something" if len(drive.contacts) else ""
     distances = f"{drive.truth.length:.1f} m, nearest obstacle {nearest_distance:.2f} m"
     return f"{ending}, {distances}{contact_note}"
 
 
-def nearest_obstacle(drive: Drive, world: World, body: Sequence[float], begins: float) -> float:
+def nearest_obstacle(drive: Drive, world: World, outline: np.ndarray, begins: float) -> float:
     """Return the smallest distance [m] between the robot's outline and an obstacle, at least 0."""
     poses, _ = sampled(drive)
-    outline = _outline(body)
+    edges = edge_points(outline)
     nearest_distance = np.inf
     for index, (x, y, yaw) in enumerate(poses.tolist()):
-        outline_points = np.column_stack(transform_point((x, y, yaw), *outline.T))
+        outline_points = np.column_stack(transform_point((x, y, yaw), *edges.T))
         world_time = begins + POSE_PERIOD_S * index
         distances = clearance(world, outline_points, world_time)
         nearest_distance = min(nearest_distance, float(distances.min()))
     return max(nearest_distance, 0.0)
-
-
-def _outline(body: Sequence[float]) -> np.ndarray:
-    """Return points (n, 2) along the edges of a rectangle (length, width) [m] around the origin."""
-    length, width = body
-    side_x = _centred(length)
-    end_y = _centred(width)
-    edges = []
-    for sign in (-1.0, 1.0):
-        side_y = np.full(len(side_x), sign * width / 2.0)
-        end_x = np.full(len(end_y), sign * length / 2.0)
-        edges.append(np.column_stack([side_x, side_y]))
-        edges.append(np.column_stack([end_x, end_y]))
-    return np.concatenate(edges)
-
-
-def _centred(length: float) -> np.ndarray:
-    """Return coordinates (n,) [m] from -length / 2 to length / 2, at most OUTLINE_M apart."""
-    step_count = int(np.ceil(length / OUTLINE_M))
-    return np.linspace(-length / 2.0, length / 2.0, step_count + 1)
 
 
 def parameter_values(space: Space, units: Mapping[str, str] = {}) -> List[Dict[str, Any]]:

@@ -1,17 +1,6 @@
 // What the pages of drives and the report's profiles share: a world with its drives as page.py packs
 // them, drawn on a map, and parameters over time.
 
-// Corners of a robot's body [length, width] [m].
-function outlineOf([length, width]) {
-  const [x, y] = [length / 2, width / 2];
-  return [
-    [x, y],
-    [x, -y],
-    [-x, -y],
-    [-x, y],
-  ];
-}
-
 // Poses [m, m, rad], speeds [m/s] and times [s] from differences in centimetres and hundredths of a
 // radian.
 function unpack(drive, period) {

@@ -10,6 +10,7 @@ from math import cos, pi, sin
 from typing import List, NamedTuple, Tuple
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from applr_ros1.robots.robot import Base, Robot
 
@@ -115,6 +116,12 @@ def corners(robot: Robot) -> np.ndarray:
         for corner_x in (x + half_length, x - half_length):
             vertices += [(corner_x, y + half_width), (corner_x, y - half_width)]
     return np.array(vertices)
+
+
+def outline(robot: Robot) -> np.ndarray:
+    """Return the corners (n, 2) [m] of the convex outline of a robot, in order around it."""
+    points = corners(robot)
+    return points[ConvexHull(points).vertices]
 
 
 def bounding_box(robot: Robot) -> Box:

@@ -2,6 +2,8 @@
 it.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,11 +11,13 @@ import worlds
 from applr_ros1.drives.drive import REACHED, TIMED_OUT, Goal
 from applr_ros1.drives.page import Scene, Shown, nearest_obstacle, page, verdict_of
 from applr_ros1.policy.parameter_space import SPACE
+from applr_ros1.robots import JACKAL, geometry
 from tests.support.browser import focused, needs_browser, opened, shown_methods
 from tests.support.drives import driven
 from tests.support.pages import data_of
 
-BODY = (0.4, 0.2)  # length and width [m]
+# Corners of a robot of 0.4 x 0.2 m [m]
+OUTLINE = np.array([(0.2, 0.1), (-0.2, 0.1), (-0.2, -0.1), (0.2, -0.1)])
 COURSE = worlds.Course(
     start=(0.0, 0.0, 0.0),
     goal=(3.0, 0.0, 0.0),
@@ -43,11 +47,11 @@ def straight(status=REACHED, speed=1.0):
     return drive
 
 
-def written(path, drive, method="applr"):
+def written(path, drive, method="applr", outline=OUTLINE):
     """Write the page of a drive, and return its path."""
     shown_drive = Shown(0, 0, drive)
     scene = Scene("lane", WORLD, [shown_drive])
-    html = page("title", "verdict", [method], SPACE, BODY, [scene])
+    html = page("title", "verdict", [method], SPACE, outline, [scene])
     path.write_bytes(html)
     return path
 
@@ -61,11 +65,11 @@ def drive_on(page_data):
 
 def test_the_verdict_says_time_length_and_the_nearest_obstacle():
     # 0.5 m from the path, less half of the robot's width
-    verdict = verdict_of(straight(), WORLD, BODY)
+    verdict = verdict_of(straight(), WORLD, OUTLINE)
     assert verdict == "Reached the goal in 3.0 s, 3.0 m, nearest obstacle 0.40 m"
     failed_drive = straight(TIMED_OUT)
     failed_drive.contacts = np.array([1.0])
-    verdict = verdict_of(failed_drive, WORLD, BODY)
+    verdict = verdict_of(failed_drive, WORLD, OUTLINE)
     assert verdict.startswith("Did not reach the goal: timed out after 3.0 s")
     assert verdict.endswith("touched something")
 
@@ -77,9 +81,22 @@ def test_the_outline_is_compared_with_obstacles_that_move():
     no_cylinders = np.empty((0, 3))
     world = worlds.World("lane", no_cylinders, NO_BOXES, COURSE, (moving_cylinder,))
     # Its surface is 0.15 m from the path, and the robot's side 0.1 m.
-    assert nearest_obstacle(straight(), world, BODY, 0.0) == pytest.approx(0.05, abs=0.01)
+    assert nearest_obstacle(straight(), world, OUTLINE, 0.0) == pytest.approx(0.05, abs=0.01)
     # A second later, it is not there.
-    assert nearest_obstacle(straight(), world, BODY, 1.0) > 0.5
+    assert nearest_obstacle(straight(), world, OUTLINE, 1.0) > 0.5
+
+
+def test_a_round_robot_is_drawn_and_measured_as_round(tmp_path):
+    round_body = JACKAL.body.model_copy(update={"round": True, "size": (0.6, 0.6, 0.2)})
+    outline = geometry.outline(replace(JACKAL, body=round_body))
+    html_path = written(tmp_path / "a.html", straight(), outline=outline)
+    drawn_outline = np.array(data_of(html_path.read_text())["outline"])
+    # The corner of a box would be 0.42 m from its centre.
+    assert np.hypot(*drawn_outline.T) == pytest.approx(0.3, abs=0.015)
+    # The obstacle is at the side of the last pose, and 0.6 m away from the path.
+    corner_obstacle = worlds.World("lane", np.array([[3.35, 0.35, 0.05]]), NO_BOXES, COURSE)
+    distance = nearest_obstacle(straight(), corner_obstacle, outline, 0.0)
+    assert distance == pytest.approx(np.hypot(0.35, 0.35) - 0.05 - 0.3, abs=0.01)
 
 
 def test_parameters_have_their_values_in_their_own_units(tmp_path):

@@ -46,7 +46,7 @@ def write(results: Results, out: Path, title: str, back: str = "index.html") -> 
         verdict=_arrivals(results),
         methods=results.methods,
         space=results.space,
-        body=results.robot["body"],
+        outline=results.outline,
         scenes=scenes,
         marked=bool(results.settings.get("movers")),
         back=f'<p><a href="{html.escape(back)}">Report</a></p>',

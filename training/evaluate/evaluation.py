@@ -6,12 +6,13 @@ import time
 from functools import partial
 from typing import Any, Dict, Literal, Sequence, Tuple
 
+import numpy as np
 from pydantic import ConfigDict
 from tqdm import tqdm
 
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import space_of
-from applr_ros1.robots.geometry import radius
+from applr_ros1.robots.geometry import outline, radius
 from training.common.command_line import RayAddress, Seed, SimulatorName, Workers
 from training.common.options import option
 from training.common.provenance import provenance
@@ -132,7 +133,7 @@ def settings(
         "methods": described,
         "robot": {
             "name": robot.name,
-            "body": list(robot.body.size[:2]),  # length and width [m]
+            "outline": np.round(outline(robot), 3).tolist(),  # corners [m]
             "radius": radius(robot),
             "world_scale": robot.world_scale,
             "space": space_of(robot).to_dict(),

@@ -34,7 +34,7 @@ def profiles(results: Results) -> Dict[str, Any]:
     return {
         "parameters": parameter_values(results.space),
         "regions": [{"words": region_words, "color": color} for region_words, color in REGIONS],
-        "body": list(results.robot["body"]),
+        "outline": results.outline.tolist(),
         "drawn": [_profile(results, *profile) for profile in drawn],
     }
 

@@ -108,8 +108,7 @@ function stretchesOf(profile) {
 }
 
 function showProfiles() {
-  const {drawn, parameters, regions, body} = D.profiles;
-  const outline = outlineOf(body);
+  const {drawn, parameters, regions, outline} = D.profiles;
   for (const {world} of drawn) unpack(world.drives[0], world.period);
   let profile = drawn[0];
 

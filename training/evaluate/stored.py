@@ -48,7 +48,7 @@ class Results:
         trials: A row per trial with the columns of trials.csv, "set" (group of the world), and
             "score" [s] (seconds() in score.py).
         settings: Content of evaluation.json.
-        robot: Its part about the robot: name, body, world_scale and space (evaluation.settings).
+        robot: Its part about the robot: name, outline, world_scale, space (evaluation.settings).
         methods: Names of the methods.
         worlds: Names of the worlds.
         baseline: Method that the others are compared with.
@@ -78,6 +78,14 @@ class Results:
         has_movers = trials.world.isin(self.settings["worlds_with_movers"])
         groups = trials.world.map(set_of).mask(has_movers, OTHER)
         self.trials = trials.assign(set=groups, score=seconds(trials))
+
+    @property
+    def outline(self) -> np.ndarray:
+        """Corners (n, 2) of the robot's outline [m]."""
+        if "outline" in self.robot:
+            return np.array(self.robot["outline"])
+        # Older evaluations have length and width of the body.
+        return np.array(self.robot["body"]) * [(0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5)]
 
     def of(self, method: str, worlds: Sequence[str]) -> pd.DataFrame:
         """Return the trials of a method in some worlds."""

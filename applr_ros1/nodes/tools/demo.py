@@ -216,15 +216,15 @@ def _page(drive: Drive, robot: Robot, begins: float, result: Dict[str, Any]) -> 
     """Return the page of a drive that begins at the world's time `begins` [s]."""
     world = drive.world
     assert world is not None
-    body_size = robot.body.size[:2]
+    outline = geometry.outline(robot)
     space = space_of(robot)
-    distance_note = "distances are those of the robot's body in the simulated world"
+    distance_note = "distances are those of the robot's outline in the simulated world"
     return page(
         title="{robot} in {world}, method {method}".format(**result),
-        verdict=verdict_of(drive, world, body_size, begins),
+        verdict=verdict_of(drive, world, outline, begins),
         methods=[result["method"]],
         space=space,
-        body=body_size,
+        outline=outline,
         scenes=[Scene(world.name, world, [Shown(0, 0, drive)], begins)],
         units={name: declaration(robot, name).unit for name in space.names},
         measured=["Simulator {simulator}, seed {seed}; ".format(**result) + distance_note + "."],

@@ -84,9 +84,20 @@ class Model:
         self._height = base.wheel_radius - base.axle_height
 
         # viser places a box and a cylinder by their middle.
-        body_height = body.size[2]
+        length, width, body_height = body.size
         body_middle = (*body.centre, body.bottom + body_height / 2)
-        scene.add_box(f"{name}/body", color=colour, dimensions=body.size, position=body_middle)
+        body_name = f"{name}/body"
+        if body.round:
+            scene.add_cylinder(
+                body_name,
+                radius=0.5,
+                height=body_height,
+                scale=(length, width, 1.0),
+                color=colour,
+                position=body_middle,
+            )
+        else:
+            scene.add_box(body_name, color=colour, dimensions=body.size, position=body_middle)
 
         turn_to_y = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)  # turns a cylinder's axis from z to y
         for number, (x, y) in enumerate(wheel_places(base)):
