@@ -7,7 +7,7 @@ class directly.
 import math
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import Deque, Dict, Iterable, List, NamedTuple, Optional, Tuple
+from typing import Deque, Iterable, List, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -16,9 +16,10 @@ from applr_ros1.common.arrays import Array
 from applr_ros1.common.scan import LaserScan
 from applr_ros1.monitor import stopping
 from applr_ros1.monitor.known_space import ObstacleMemory, SeenSpace
+from applr_ros1.monitor.lasers import Laser, Lasers
 from applr_ros1.monitor.motion import SPAN_S, PoseMotion, Twist
 from applr_ros1.monitor.scan_matching import ScanMatcher
-from applr_ros1.monitor.scanner import FARTHEST_M, FROZEN_M, FROZEN_RAD, ScannerCheck
+from applr_ros1.monitor.scanner import FARTHEST_M, FROZEN_M, FROZEN_RAD
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stopping import Body, Braking, Delay, Motion, SafeScale, Seen
 from applr_ros1.robots import JACKAL
@@ -91,21 +92,6 @@ class Output(NamedTuple):
     w: float
 
 
-class _Laser:
-    """State of one laser: obstacle memory, fault check, stamp and fault of its latest scan."""
-
-    def __init__(self, settings: MonitorSettings):
-        self.memory = ObstacleMemory(settings.memory_radius, settings.memory_seconds)
-        self.check = ScannerCheck()
-        self.clear()
-
-    def clear(self) -> None:
-        self.memory.clear()
-        self.check.clear()
-        self.stamp: Optional[float] = None
-        self.fault = "no scan has arrived yet"
-
-
 class CollisionMonitor:
     """Filter that passes the fastest command after which the base can still stop.
 
@@ -121,7 +107,7 @@ class CollisionMonitor:
 
     Args:
         settings: settings of the base; None for the Jackal's.
-        more_scans: names of further lasers. Only the first laser corrects the pose (ScanMatcher).
+        more_scans: topics of further lasers. Only the first laser corrects the pose (ScanMatcher).
 
     Attributes:
         fastest: v [m/s] that stops within STOP_WITHIN_M, and w [rad/s] that stops in a full turn,
@@ -129,6 +115,7 @@ class CollisionMonitor:
         ages: Ages of the inputs at the last command.
         silence: time after a command at which the base must be braked() unless another command
             arrives [s].
+        strays: lasers that the latest scan has let go.
     """
 
     def __init__(self, settings: Optional[MonitorSettings] = None, more_scans: Iterable[str] = ()):
@@ -146,10 +133,7 @@ class CollisionMonitor:
         corner_x, corner_y = np.asarray(outline, dtype=np.float64).T
         self._radius = float(np.hypot(corner_x, corner_y).max())
         self.fastest = self._fastest(self.settings.reaction_time)
-        self._lasers: Dict[str, _Laser] = {}
-        for name in ("", *more_scans):
-            self._lasers[name] = _Laser(self.settings)
-        self.memory = self._lasers[""].memory
+        self._lasers = Lasers(self.settings, ("", *more_scans))
         self.seen = SeenSpace(self.settings.memory_radius)
         self.matcher = ScanMatcher()
         self.motion = PoseMotion()
@@ -164,8 +148,8 @@ class CollisionMonitor:
 
     def reset(self) -> None:
         """Discard all scans, obstacles and observed space. Call it when time or odometry jumps."""
-        for laser in self._lasers.values():
-            laser.clear()
+        self._lasers.clear()
+        self.strays: List[Laser] = []
         self.seen.clear()
         self.matcher.clear()
         self.motion.clear()
@@ -185,17 +169,24 @@ class CollisionMonitor:
             return min(reaction, BRAKING_S)
         return min(reaction, max(self._intervals, default=reaction) + LATE_S)
 
-    def add_scan(self, scan: LaserScan, name: str = "") -> str:
+    @property
+    def memory(self) -> ObstacleMemory:
+        """Obstacles that the first laser has seen."""
+        return self._lasers.first.memory
+
+    def add_scan(self, scan: LaserScan, topic: str = "") -> str:
         """Check a scan in the odometry frame, add it to the memory, and return its fault.
 
-        The fault is "" if there is none. `name` is the name of the scan's laser, "" for the first.
-        An unknown name registers a further laser.
+        The fault is "" if there is none. `topic` is the topic of the scan, "" for that of the first
+        laser. An unknown topic or frame adds a laser (Lasers).
         """
-        if name not in self._lasers:
-            self._lasers[name] = _Laser(self.settings)
-        laser = self._lasers[name]
+        laser = self._lasers.of(scan, topic)
+        self.strays = []
         if laser.stamp is not None and scan.stamp < laser.stamp:
             return ""  # The scan is out of order: a newer one was added before.
+        laser.latest = scan.stamp
+        laser.count += 1
+        self._let_go(laser)
         laser.fault = laser.check.fault(scan)
         # Repeated ranges are old data: the stamp stays unchanged.
         if laser.fault or laser.check.repeats:
@@ -204,7 +195,7 @@ class CollisionMonitor:
         scan = laser.check.believed(scan)
 
         # The first laser corrects the pose, before any point of the scan is stored.
-        if not name:
+        if laser is self._lasers.first:
             self.matcher.add_scan(scan)
             if self.matcher.lost:
                 self._forget_place()
@@ -219,9 +210,20 @@ class CollisionMonitor:
         self.seen.update(scan)
         return laser.fault
 
+    def _let_go(self, laser: Laser) -> None:
+        """Let go of strays on a laser's topic. What they have seen becomes unknown."""
+        first_laser = self._lasers.first
+        self.strays = self._lasers.let_go(laser)
+        for stray in self.strays:
+            self.seen.forget(stray.memory.points)
+        if self._lasers.first is not first_laser:
+            # The poses were corrected by the scans of the stray.
+            self.matcher.clear()
+            self._forget_place()
+
     def _forget_place(self) -> None:
         """Discard obstacles, observed space and motion, because the robot is elsewhere."""
-        for laser in self._lasers.values():
+        for laser in self._lasers:
             laser.memory.clear()
         self.seen.clear()
         self.motion.clear()
@@ -288,7 +290,7 @@ class CollisionMonitor:
         It is 0 if a laser has no scan yet, which is a fault of its own.
         """
         oldest_stamp = math.inf
-        for laser in self._lasers.values():
+        for laser in self._lasers:
             if laser.stamp is None:
                 return 0.0
             oldest_stamp = min(oldest_stamp, laser.stamp)
@@ -460,7 +462,7 @@ class CollisionMonitor:
         orbit = abs(settings.turn_ahead) * chord
         reach = self._radius + settings.margin + speed * longest_time + orbit + REACH_SLACK_M
         points = []
-        for laser in self._lasers.values():
+        for laser in self._lasers:
             points.append(laser.memory.around(pose, reach))
         return np.concatenate(points)
 
@@ -496,15 +498,18 @@ class CollisionMonitor:
         if self._is_impossible(v, w):
             speeds = f"{v:g} m/s and {w:g} rad/s"
             return f"the odometry reports {speeds}, which is too fast: check its source"
-        for topic_name, laser in self._lasers.items():
+        for laser in self._lasers:
             if laser.fault:
-                return f"{topic_name}: {laser.fault}" if topic_name else laser.fault
+                return f"{laser.label}: {laser.fault}" if laser.label else laser.fault
         return self._age_problem()
 
     def _age_problem(self) -> str:
         """Return which input is too old, or ahead of the clock, as one line, or "" if none is."""
-        oldest_laser = min(self._lasers, key=lambda name: self._lasers[name].stamp or 0.0)
-        scan = f"scan on {oldest_laser}" if oldest_laser else "scan"
+        oldest_laser = min(self._lasers, key=lambda laser: laser.stamp or 0.0)
+        scan = "scan"
+        if oldest_laser.label:
+            preposition = "on " if oldest_laser.topic else ""
+            scan = f"scan {preposition}{oldest_laser.label}"
         timeout = self.settings.scan_timeout
         for source, age in zip((scan, "pose", "odometry"), self.ages):
             if age > timeout:

@@ -157,6 +157,10 @@ class Sensors:
         description = f"the latest message has stamp {source.stamp.to_sec():.3f}, {age:.2f} s ago"
         return f"{description}; {source.trouble}" if source.trouble else description
 
+    def publisher_of(self, topic: str, frame: str) -> str:
+        """Return the name of the node that has published scans of `frame` on a source's topic."""
+        return self._topics[topic].publishers[frame]
+
     def clear_errors(self) -> None:
         """Clear the source errors."""
         for topic in self._topics.values():
@@ -292,6 +296,7 @@ class _Topic:
         origin: Frame at whose origin the rays start; "" for the frame of the messages.
         trouble: Reason why the latest message was not used, or "".
         used: Stamp of the last used message, by frame.
+        publishers: Name of the node that published the last message, by frame.
         name: Full name of the topic.
         stamp: Stamp of the last message; 0 before the first.
     """
@@ -301,6 +306,7 @@ class _Topic:
         self.origin = origin.lstrip("/")
         self.trouble = ""
         self.used: Dict[str, rospy.Time] = {}
+        self.publishers: Dict[str, str] = {}
         self.name = rospy.resolve_name(topic)
         self.stamp = rospy.Time(0)
         self._lock = threading.Lock()  # guards _waiting
@@ -322,6 +328,9 @@ class _Topic:
             rospy.logwarn_once(f"{problem}: their arrival times are used")
         with self._lock:
             self._waiting.append(message)
+            connection = getattr(message, "_connection_header", {})
+            publisher_name = connection.get("callerid", "an unknown node")
+            self.publishers[message.header.frame_id] = publisher_name
             self.stamp = message.header.stamp
 
     def forget(self) -> None:

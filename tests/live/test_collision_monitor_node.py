@@ -233,6 +233,32 @@ def test_diagnostics_have_the_ages_of_the_inputs(stack):
     assert scan_age < time.time() - silent_since + 0.2, "the latest scan is no older than a period"
 
 
+@pytest.mark.fault("10b")
+def test_one_scan_of_another_frame_stops_the_base_only_for_seconds(stack, measured):
+    """The line in the log names the frame and the node that has published the scan."""
+    jackal = stack.jackal
+    drive(stack, 0.3)
+
+    def renamed(scan):
+        """Give one scan the frame of the robot's centre."""
+        scan.header.frame_id = "base_link"
+        jackal.bend = lambda next_scan: next_scan
+        return scan
+
+    jackal.bend = renamed
+
+    def acts(words):
+        send(stack, 0.0)
+        return words in stack.actions[-1]
+
+    wait_for(lambda: acts("stop: the latest scan of frame base_link is"), "a stop that names it")
+    began = time.time()
+    wait_for(lambda: acts("pass"), "a command that passes")
+    measured("commands pass after", time.time() - began, "s")
+    scans = "scan of frame 'base_link' on /front/scan"
+    assert f"{rospy.get_name()} has sent no {scans} for 5 s (1 before)" in monitors[-1].text
+
+
 def test_a_silent_second_laser_stops_the_base_until_its_scans_arrive(stack):
     """The second laser repeats the fake Jackal's scans on another topic."""
     # If it jumped later, an equal scan would count as frozen.

@@ -121,11 +121,80 @@ def test_a_laser_may_be_added_later():
     """The second laser shares the topic of the first one, but has its own frame."""
     monitor = CollisionMonitor()
     monitor.add_scan(scan_of(wall(3.0), HERE))
-    monitor.add_scan(behind(WALL_BEHIND), "scan of rear")
+    monitor.add_scan(behind(WALL_BEHIND, frame="rear"))
     assert "obstacle" in monitor.filter(0.0, HERE, AT_REST, BACK).reason
     monitor.add_scan(scan_of(wall(3.0), HERE, 0.6))
     verdict = monitor.filter(0.6, HERE, AT_REST, AHEAD)
-    assert "scan on scan of rear is 0.60 s old" in verdict.reason
+    assert "scan of frame rear is 0.60 s old" in verdict.reason
+
+
+def went_on(monitor, since, until, name="", frame=""):
+    """Add scans of one laser at 10 Hz, and return the strays that they let go."""
+    strays = []
+    for stamp in np.arange(since, until, 0.1):
+        scan = laser_scan(name, stamp, frame=frame)
+        assert monitor.add_scan(scan) == ""
+        strays += monitor.strays
+    return strays
+
+
+@pytest.mark.parametrize("is_first", [False, True])
+@pytest.mark.parametrize("changes", [{}, {"ranges": np.full(BEAMS, np.nan, np.float32)}])
+def test_a_stray_scan_of_another_frame_stops_the_robot_only_for_seconds(is_first, changes):
+    """It may even be the first scan on the topic, or invalid."""
+    monitor = CollisionMonitor()
+    if not is_first:
+        assert went_on(monitor, 0.0, 9.95) == []
+    monitor.add_scan(scan_of(CLOSE_BEHIND, BEHIND, 10.0, frame="stray", **changes))
+
+    # Until it is let go, its silence counts as that of a laser.
+    assert went_on(monitor, 10.0, 14.95) == []
+    assert monitor.filter(14.9, HERE, AT_REST, AHEAD).action == STOP
+    (stray,) = went_on(monitor, 15.0, 15.35)
+    assert (stray.frame, stray.count) == ("stray", 1)
+    assert monitor.filter(15.3, HERE, AT_REST, AHEAD).action == PASS
+    # Nothing of it remains: neither obstacles nor observed space.
+    assert "not been observed" in monitor.filter(15.3, HERE, AT_REST, BACK).reason
+
+    # The remaining laser is the robot's first one: its silence stops the robot.
+    assert "the latest scan is 0.60 s old" in monitor.filter(15.9, HERE, AT_REST, AHEAD).reason
+
+
+def test_an_established_laser_that_falls_silent_stops_the_robot_for_good():
+    monitor = CollisionMonitor()
+    for stamp in np.arange(0.0, 9.95, 0.1):
+        monitor.add_scan(laser_scan("", stamp))
+        monitor.add_scan(laser_scan("rear", stamp, frame="rear"))
+    assert monitor.filter(9.9, HERE, AT_REST, AHEAD).action == PASS
+    assert went_on(monitor, 10.0, 99.95) == []
+    verdict = monitor.filter(99.9, HERE, AT_REST, AHEAD)
+    assert verdict.action == STOP
+    assert "the latest scan of frame rear is 90.00 s old" in verdict.reason
+
+
+def test_a_stray_does_not_replace_a_laser_that_pauses():
+    monitor = CollisionMonitor()
+    assert went_on(monitor, 0.0, 0.95) == []
+    # Only an established laser may let go of another one.
+    assert went_on(monitor, 9.0, 9.35, frame="stray") == []
+    verdict = monitor.filter(9.3, HERE, AT_REST, AHEAD)
+    assert "the latest scan is 8.40 s old" in verdict.reason
+
+
+def test_a_configured_laser_is_never_let_go():
+    monitor = CollisionMonitor(more_scans=["rear"])
+    monitor.add_scan(laser_scan("rear", 0.0), "rear")
+    assert went_on(monitor, 0.0, 99.95) == []
+    assert "scan on rear is 99.90 s old" in monitor.filter(99.9, HERE, AT_REST, AHEAD).reason
+
+
+def test_a_stray_does_not_survive_a_clock_jump():
+    monitor = CollisionMonitor()
+    assert went_on(monitor, 10.0, 19.95) == []
+    monitor.add_scan(laser_scan("", 19.9, frame="stray"))
+    monitor.reset()
+    assert went_on(monitor, 0.0, 0.35) == []
+    assert monitor.filter(0.3, HERE, AT_REST, AHEAD).action == PASS
 
 
 def test_an_infinite_range_max_is_valid():

@@ -28,6 +28,7 @@ from std_msgs.msg import Bool, String
 
 from applr_ros1.common.errors import ApplrError, run_script
 from applr_ros1.common.ros_node import init_node, until_shutdown
+from applr_ros1.monitor.lasers import LET_GO_S
 from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict, warm_up
 from applr_ros1.monitor.motion import Twist as Velocity
 from applr_ros1.monitor.settings import MonitorSettings
@@ -96,7 +97,6 @@ class CollisionMonitorNode:
 
         self._scan_topic = robot.topics.scan
         self._more_scans = more_scans
-        self._frames: Dict[str, str] = {}  # frame of the first laser by topic
         self.sensors = Sensors.of_lasers(robot, prefix, prefix + robot.frames.odom, more_scans)
         self._commands = rospy.Publisher(robot.topics.cmd_vel, Twist, queue_size=1, latch=True)
         self._action = rospy.Publisher("~action", String, queue_size=5, latch=True)
@@ -144,13 +144,16 @@ class CollisionMonitorNode:
             if self._planner is not None:
                 self._planner.forget()
         for topic, scan in self.sensors.observations().items():
-            # The monitor knows the robot's first laser as "". Lasers may share a topic.
-            laser = topic
-            if scan.frame != self._frames.setdefault(topic, scan.frame):
-                laser = f"{topic} of {scan.frame}"
-            elif topic == self._scan_topic:
-                laser = ""
-            self.monitor.add_scan(scan, laser)
+            # The monitor knows the topic of the robot's first laser as "".
+            self.monitor.add_scan(scan, "" if topic == self._scan_topic else topic)
+            for stray in self.monitor.strays:
+                publisher = self.sensors.publisher_of(topic, stray.frame)
+                scans = f"scan of frame {stray.frame!r} on {rospy.resolve_name(topic)}"
+                problem = (
+                    f"{publisher} has sent no {scans} for {LET_GO_S:g} s ({stray.count} before)"
+                )
+                remedy = "stop this publisher, or give its laser a topic of its own in more_scans"
+                rospy.logerr(f"collision monitor: {problem}: its scans no longer count; {remedy}")
 
     @property
     def _stalled(self) -> str:

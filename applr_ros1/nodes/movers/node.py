@@ -11,6 +11,7 @@ map) and ~tf_prefix.
 
 from __future__ import annotations
 
+import math
 import time
 from typing import List
 
@@ -33,9 +34,39 @@ from applr_ros1.planner.parameters.layers import PREDICTED
 from applr_ros1.robots import Robot
 
 LOOK_S = 0.01  # interval between polls for a new scan, in wall time [s]
+SILENT_S = 1.0  # time without scans after which another laser of the topic is tracked [s]
 SHOWN_S = 0.3  # lifetime of the display's markers [s]
 HEIGHT_M = 0.3  # height of the arrows above the ground [m]
 COLOUR = ColorRGBA(0.85, 0.1, 0.7, 1.0)  # magenta, which no other display uses
+
+
+class TrackedLaser:
+    """Choice of one laser if several share the topic: two views would seem to jump.
+
+    The first one is tracked until it is silent for SILENT_S while another one goes on.
+    """
+
+    def __init__(self) -> None:
+        self._frame = ""
+        self._stamp = -math.inf
+
+    def clear(self) -> None:
+        """Forget the laser after the clock jumped back."""
+        self._stamp = -math.inf
+
+    def has_changed(self, scan: LaserScan) -> bool:
+        """Return whether a scan is from another laser than the tracked one, which is silent."""
+        if scan.frame == self._frame or scan.stamp - self._stamp <= SILENT_S:
+            return False
+        self._frame = scan.frame
+        return True
+
+    def takes(self, scan: LaserScan) -> bool:
+        """Return whether a scan is from the tracked laser."""
+        if scan.frame != self._frame:
+            return False
+        self._stamp = scan.stamp
+        return True
 
 
 class MoversNode:
@@ -51,7 +82,7 @@ class MoversNode:
         self._frame = prefix + robot.frames.odom
         self._scan_topic = robot.topics.scan
         self._clock = Clock()
-        self._laser = ""  # frame of the first laser on the topic
+        self._laser = TrackedLaser()
         self._cloud = rospy.Publisher(PREDICTED, PointCloud2, queue_size=1, tcp_nodelay=True)
         self._tracked = rospy.Publisher("applr/tracked", Movers, queue_size=1, tcp_nodelay=True)
         self._display = rospy.Publisher("applr/movers", MarkerArray, queue_size=1)
@@ -65,12 +96,13 @@ class MoversNode:
             if self._clock.went_back():
                 self._sensors.forget()
                 self._prediction.reset()
+                self._laser.clear()
             scan = self._sensors.observations().get(self._scan_topic)
             if scan is None:
                 continue
-            # Only the first laser counts if several share the topic: two views would seem to jump.
-            self._laser = self._laser or scan.frame
-            if scan.frame == self._laser:
+            if self._laser.has_changed(scan):
+                self._prediction.reset()
+            if self._laser.takes(scan):
                 self._publish(scan)
 
     def _publish(self, scan: LaserScan) -> None:

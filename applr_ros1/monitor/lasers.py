@@ -1,0 +1,118 @@
+"""Lasers of a robot, by topic and frame: which of them must send scans.
+
+CollisionMonitor holds one Lasers. Lasers that share a topic are told apart by their frames.
+"""
+
+from typing import Iterable, Iterator, List, Optional
+
+from applr_ros1.common.scan import LaserScan
+from applr_ros1.monitor.known_space import ObstacleMemory
+from applr_ros1.monitor.scanner import ScannerCheck
+from applr_ros1.monitor.settings import MonitorSettings
+
+# Number of scans after which a laser belongs to the robot: if it falls silent, the robot stops.
+ESTABLISHED_SCANS = 50
+LET_GO_S = 5.0  # silence after which a laser that has sent fewer scans is let go [s]
+
+
+class Laser:
+    """State of one laser: obstacle memory, fault check, stamp and fault of its latest scan.
+
+    Attributes:
+        topic: name of its topic, "" for that of the robot's first laser.
+        frame: frame of its scans, None before the first one.
+        label: name in messages, "" for the robot's first laser.
+        stamp: stamp of the latest valid scan [s], None before the first one.
+        fault: fault of the latest scan, "" if there is none.
+        latest: stamp of the latest scan, valid or not [s].
+        count: number of scans since the start.
+    """
+
+    def __init__(self, settings: MonitorSettings, topic: str, frame: Optional[str] = None):
+        self.topic = topic
+        self.frame = frame
+        self.label = topic
+        self.memory = ObstacleMemory(settings.memory_radius, settings.memory_seconds)
+        self.check = ScannerCheck()
+        self.count = 0
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the scans."""
+        self.memory.clear()
+        self.check.clear()
+        self.stamp: Optional[float] = None
+        self.latest = 0.0
+        self.fault = "no scan has arrived yet"
+
+
+class Lasers:
+    """All lasers that must send scans, the first one first.
+
+    Each topic has a laser from the start. A scan of another frame on the topic adds a further one.
+    A laser that falls silent stops the robot. But one that has sent only a few scans may be
+    another program's, so that it is let go when a laser of the same topic goes on without it.
+
+    Args:
+        settings: settings of the monitor.
+        topics: names of the lasers' topics, with "" for that of the robot's first laser.
+    """
+
+    def __init__(self, settings: MonitorSettings, topics: Iterable[str]):
+        self._settings = settings
+        self._lasers: List[Laser] = []
+        for topic in topics:
+            self._lasers.append(Laser(settings, topic))
+
+    def __iter__(self) -> Iterator[Laser]:
+        return iter(self._lasers)
+
+    @property
+    def first(self) -> Laser:
+        """The robot's first laser, which corrects the pose."""
+        return self._lasers[0]
+
+    def clear(self) -> None:
+        """Forget all scans, and the further lasers that have sent only a few."""
+        for laser in list(self._lasers):
+            laser.clear()
+            is_further = laser is not self._of_topic(laser.topic)[0]
+            if is_further and laser.count < ESTABLISHED_SCANS:
+                self._lasers.remove(laser)
+
+    def of(self, scan: LaserScan, topic: str) -> Laser:
+        """Return the laser of a scan. An unknown topic or frame adds a laser."""
+        of_topic = self._of_topic(topic)
+        for laser in of_topic:
+            if laser.frame in (None, scan.frame):
+                laser.frame = scan.frame
+                return laser
+        laser = Laser(self._settings, topic, scan.frame)
+        if of_topic:
+            laser.label = f"{topic} of frame {scan.frame}".lstrip()
+        self._lasers.append(laser)
+        return laser
+
+    def let_go(self, laser: Laser) -> List[Laser]:
+        """Remove and return the strays on a laser's topic, after its latest scan.
+
+        A stray has sent fewer than ESTABLISHED_SCANS scans, and none for LET_GO_S.
+        """
+        if laser.count < ESTABLISHED_SCANS:
+            return []
+        strays = []
+        for other in self._of_topic(laser.topic):
+            is_silent = laser.latest - other.latest > LET_GO_S
+            if is_silent and other.count < ESTABLISHED_SCANS:
+                strays.append(other)
+        if strays and strays[0].label == laser.topic:
+            # The stray has sent the first scan on the topic: this laser takes its place.
+            laser.label = laser.topic
+            self._lasers.remove(laser)
+            self._lasers.insert(self._lasers.index(strays[0]), laser)
+        for stray in strays:
+            self._lasers.remove(stray)
+        return strays
+
+    def _of_topic(self, topic: str) -> List[Laser]:
+        return [laser for laser in self._lasers if laser.topic == topic]
