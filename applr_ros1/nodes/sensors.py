@@ -22,6 +22,7 @@ from sensor_msgs.msg import PointCloud2 as CloudMessage
 
 from applr_ros1.common.angles import Pose, compose
 from applr_ros1.common.ros_node import LARGE_BUFFER, SMALL_BUFFER
+from applr_ros1.monitor.odometry_check import OdometryCheck
 from applr_ros1.policy.layout import ObservationError
 from applr_ros1.robots import Robot
 
@@ -78,6 +79,7 @@ class Sensors:
     Attributes:
         twist: (v [m/s], w [rad/s]) of the latest odometry; zeros before the first.
         pose_trouble: Reason for the last localisation failure, or "".
+        odometry_problem: Contradiction between the twists and the poses of `pose`, or "".
     """
 
     def __init__(
@@ -97,6 +99,8 @@ class Sensors:
         self._pose_stamp = rospy.Time(0)
         self._twist_stamp = rospy.Time(0)
         self.pose_trouble = ""
+        self.odometry_problem = ""
+        self._odometry_check = OdometryCheck()
         self._topics = {}
         for topic, data_type in topics.items():
             self._topics[topic] = _Topic(topic, data_type, origins.get(topic, ""))
@@ -147,6 +151,8 @@ class Sensors:
         for topic in self._topics.values():
             topic.forget()
         self.twist = (0.0, 0.0)
+        self._odometry_check.clear()
+        self.odometry_problem = ""
 
     def describe_latest(self, topic: str) -> str:
         """Describe stamp, age and problem of the latest message on a source's topic."""
@@ -199,7 +205,20 @@ class Sensors:
 
         None if it is not within `tolerance` [s] of now.
         """
-        return self._latest_pose(self.local, self.base, now, tolerance, tolerance)
+        pose = self._latest_pose(self.local, self.base, now, tolerance, tolerance)
+        if pose is not None and not self.odometry_trouble(now, MAX_AGE_S):
+            self._compare_odometry(now, pose)
+        return pose
+
+    def _compare_odometry(self, now: rospy.Time, pose: Pose) -> None:
+        """Compare the latest twist with the robot's poses, and log a new contradiction."""
+        stamp = self._pose_stamp
+        if stamp.is_zero():  # that of a static transform
+            stamp = now
+        problem = self._odometry_check.take(stamp.to_sec(), pose, self.twist)
+        if problem and problem != self.odometry_problem:
+            rospy.logerr(f"{rospy.resolve_name(self._odometry)}: {problem}")
+        self.odometry_problem = problem
 
     def frame(self, now: rospy.Time, tolerance: float) -> Optional[Pose]:
         """Return the latest pose of the local frame in the global frame.

@@ -10,6 +10,8 @@ from unittest.mock import MagicMock
 import pytest
 import rospy
 
+from applr_ros1.monitor.monitor import Verdict
+from applr_ros1.nodes.monitor.node import CollisionMonitorNode
 from applr_ros1.nodes.move_base.control_loop import ControlLoop
 from applr_ros1.nodes.move_base.node import MoveBaseNode
 from applr_ros1.planner.state_machine import Cycle
@@ -95,6 +97,35 @@ def test_diagnostics_report_which_critics_refused_the_samples():
     assert reported(1) == (0, "", {})
     assert reported(2) == (1, "no legal command", {"samples": "3", "obstacle": "3"})
     assert reported(0) == (0, "", {})
+
+
+@pytest.mark.parametrize("problem", ["", "the odometry's velocity is 0"])
+def test_diagnostics_report_odometry_that_contradicts_the_pose(problem):
+    node = MagicMock(_report_from=0.0, _refusals={})
+    node.sensors.ages.return_value = {}
+    node.sensors.odometry_problem = problem
+    node.loop.missed = 0
+    MoveBaseNode._report(node, NOW)
+    status = node._diagnostics.publish.mock_calls[0].args[0].status[0]
+    assert (status.level, status.message) == (1 if problem else 0, problem)
+
+
+@pytest.mark.parametrize(
+    ("problem", "verdict", "level", "message"),
+    [
+        ("", Verdict((0.3, 0.0)), 0, "commands pass"),
+        ("the odometry's velocity is 0", Verdict((0.3, 0.0)), 1, "the odometry's velocity is 0"),
+        ("the odometry's velocity is 0", Verdict.stop((0.0, 0.0), "a wall"), 1, "a wall"),
+    ],
+)
+def test_the_monitors_diagnostics_report_it_as_well(problem, verdict, level, message, monkeypatch):
+    monkeypatch.setattr(rospy, "get_rostime", lambda: NOW)
+    node = MagicMock(_verdict=verdict, _counts={}, _commanded_wall=time.monotonic())
+    node.sensors.ages.return_value = {}
+    node.sensors.odometry_problem = problem
+    CollisionMonitorNode._report(node)
+    status = node._diagnostics.publish.mock_calls[0].args[0].status[0]
+    assert (status.level, status.message) == (level, message)
 
 
 def test_cycles_that_were_missed_are_counted():

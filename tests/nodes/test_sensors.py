@@ -30,6 +30,7 @@ def robot(monkeypatch):
     monkeypatch.setattr(rospy, "Subscriber", subscribe)
     monkeypatch.setattr(rospy, "get_rostime", lambda: clock[0])
     monkeypatch.setattr(rospy, "logerr_throttle", lambda _, line: lines.append(line))
+    monkeypatch.setattr(rospy, "logerr", lines.append)
     monkeypatch.setattr(transforms.tf2_ros, "TransformListener", lambda *_, **__: "listens")
     sensors = module.Sensors(("odom", "odom", "base"), {"scan": "LaserScan"}, {}, "odom")
 
@@ -52,11 +53,11 @@ def robot(monkeypatch):
         odom_to_base = transform("odom", "base", (t - 100.0, 0.0, 0.0), rospy.Time.from_sec(t))
         sensors.transforms.buffer.set_transform(odom_to_base, "/driver")
 
-    def odometry(t):
-        """Send the velocity."""
+    def odometry(t, speed=0.5):
+        """Send the velocity [m/s]."""
         message = Odometry()
         message.header.stamp = rospy.Time.from_sec(t)
-        message.twist.twist.linear.x = 0.5
+        message.twist.twist.linear.x = speed
         callbacks["odom"](message)
 
     return SimpleNamespace(
@@ -212,6 +213,31 @@ def test_ages_are_those_of_the_messages_in_use(robot):
     robot.sensors.observations()
     expected_ages = {"scan_age_s": 0.08, "pose_age_s": 0.02, "twist_age_s": 0.05}
     assert robot.sensors.ages(cycle_time) == pytest.approx(expected_ages)
+
+
+def test_odometry_without_a_velocity_is_reported_once(robot):
+    """The pose in tf moves at 1 m/s."""
+    for step in range(100):
+        seconds = 100.0 + 0.05 * step
+        robot.tf(seconds)
+        robot.odometry(seconds, speed=0.0)
+        robot.sensors.pose(robot.time(seconds), 0.3)
+    problem = "the odometry's velocity is 0 while its pose moves at 1.00 m/s"
+    assert problem in robot.sensors.odometry_problem
+    assert robot.lines == [f"/odom: {robot.sensors.odometry_problem}"]
+    robot.sensors.forget()
+    assert robot.sensors.odometry_problem == ""
+
+
+def test_odometry_that_has_ended_contradicts_no_pose(robot):
+    robot.odometry(100.0, speed=0.0)
+    for step in range(100):
+        seconds = 100.0 + 0.05 * step
+        robot.tf(seconds)
+        robot.sensors.pose(robot.time(seconds), 0.3)
+    assert robot.sensors.odometry_trouble(robot.time(105.0), 1.0)
+    assert robot.sensors.odometry_problem == ""
+    assert robot.lines == []
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.02])

@@ -310,6 +310,9 @@ class CollisionMonitorNode:
             message = "idle: no commands"
         if is_idle or verdict.action == PASS:
             level = DiagnosticStatus.OK
+            if self.sensors.odometry_problem:
+                level = DiagnosticStatus.WARN
+                message = self.sensors.odometry_problem
         now = rospy.get_rostime()
         values = {
             "action": verdict.action,

@@ -290,7 +290,7 @@ class MoveBaseNode:
         rospy.logwarn("%s: planner parameters are reverted to their start-up values", problem)
 
     def _report(self, stamp: rospy.Time) -> None:
-        """Report missed cycles, ages of inputs, and refusals by critics, once per second."""
+        """Report missed cycles, inputs, and refusals by critics, once per second."""
         if time.monotonic() <= self._report_from:
             return
         self._report_from = time.monotonic() + 1.0
@@ -303,8 +303,12 @@ class MoveBaseNode:
         if self._refusals:
             refusal_level = DiagnosticStatus.WARN
             refusal_text = "no legal command"
+        odometry_level = DiagnosticStatus.OK
+        odometry_problem = self.sensors.odometry_problem
+        if odometry_problem:
+            odometry_level = DiagnosticStatus.WARN
         statuses = (
-            ("ages of the inputs", DiagnosticStatus.OK, "", self.sensors.ages(stamp)),
+            ("ages of the inputs", odometry_level, odometry_problem, self.sensors.ages(stamp)),
             ("samples that critics refused", refusal_level, refusal_text, self._refusals),
         )
         self._refusals = {}
