@@ -5,6 +5,7 @@ import os
 import re
 import shlex
 import shutil
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -20,7 +21,7 @@ from applr_ros1.nodes.tools import demo, launcher, play, send_goal
 from applr_ros1.nodes.viewer import admission
 from applr_ros1.planner.parameters.check import check, complete
 from applr_ros1.policy import methods
-from tests.support import ROOT
+from tests.support import HANGS, ROOT
 from tests.support.refusals import refused
 
 pytestmark = pytest.mark.ros
@@ -295,7 +296,7 @@ def test_the_demos_master_listens_on_loopback_only(monkeypatch):
     for variable in ("ROS_MASTER_URI", "ROS_HOSTNAME", "ROS_LOG_DIR", "ROS_NAMESPACE"):
         monkeypatch.setenv(variable, "")  # so that monkeypatch restores it
     monkeypatch.setenv("ROS_IP", "192.0.2.1")
-    stack = SimpleNamespace(wait=lambda *_: None, stop=lambda: None)
+    stack = SimpleNamespace(wait=lambda *_: None, show_errors=lambda: None, stop=lambda: None)
     monkeypatch.setattr(launcher, "LaunchedNodes", lambda *_: stack)
     with launcher.private_nodes({}):
         assert get_bind_address() == "127.0.0.1"
@@ -352,6 +353,45 @@ def test_the_demo_ends_when_a_node_has_died(monkeypatch):
         monkeypatch.setattr(launcher.subprocess, "Popen", lambda *_, process=process, **__: process)
         stack = launcher.LaunchedNodes({}, 11311, "/tmp")
         refused(lambda stack=stack: stack.wait("applr", lambda: False), "^" + problem)
+
+
+def test_a_master_that_does_not_start_is_one_line(monkeypatch, capfd):
+    no_master = [
+        "--- Logging error ---\n",
+        "Traceback (most recent call last):\n",
+        "\x1b[31mRLException: ERROR: could not contact master [http://localhost:1/]\x1b[0m\n",
+    ]
+    wrong_value = ["\x1b[31mRLException: sim is perhaps\x1b[0m\n"]
+    for printed_lines, problem, shown in (
+        (no_master, "the ROS master did not start within 10 s", ""),
+        (wrong_value, "the stack has ended unexpectedly", "".join(wrong_value)),
+    ):
+        process = SimpleNamespace(stderr=printed_lines, poll=lambda: 1)
+        monkeypatch.setattr(launcher.subprocess, "Popen", lambda *_, process=process, **__: process)
+        stack = launcher.LaunchedNodes({}, 11311, "/tmp")
+        refused(lambda stack=stack: stack.wait("the ROS master", lambda: False), "^" + problem)
+        assert capfd.readouterr().err == shown
+
+
+def test_errors_of_the_nodes_are_shown_from_the_start_of_the_master_on(monkeypatch, capfd):
+    """Nothing that was printed before is lost."""
+    has_started = threading.Event()
+    is_shown = threading.Event()
+
+    def lines():
+        yield "first\n"
+        has_started.wait()
+        yield "second\n"
+        is_shown.set()
+
+    process = SimpleNamespace(stderr=lines(), poll=lambda: None)
+    monkeypatch.setattr(launcher.subprocess, "Popen", lambda *_, **__: process)
+    stack = launcher.LaunchedNodes({}, 11311, "/tmp")
+    assert capfd.readouterr().err == ""
+    stack.show_errors()
+    has_started.set()
+    assert is_shown.wait(HANGS)
+    assert capfd.readouterr().err == "first\nsecond\n"
 
 
 def test_poses_and_switches_are_read_as_launch_files_write_them():

@@ -80,6 +80,7 @@ def test_diagnostics_report_which_critics_refused_the_samples():
     node.watchdog.is_lost.return_value = False
     node.sensors.ages.return_value = {}
     node._refusals = {}
+    node._skipped_cycles = 0
     node.loop.missed = 0
 
     def reported(cycles):
@@ -99,9 +100,24 @@ def test_diagnostics_report_which_critics_refused_the_samples():
     assert reported(0) == (0, "", {})
 
 
+def test_diagnostics_count_the_skipped_cycles_since_the_start():
+    node = MagicMock(_refusals={}, _skipped_cycles=0)
+    node.sensors.ages.return_value = {}
+    node.move_base.frequency = 20.0
+    reports = []
+    for missed_cycles in (0, 26, 0, 3):
+        node.loop.missed = missed_cycles
+        node._report_from = 0.0
+        node._diagnostics.publish.reset_mock()
+        MoveBaseNode._report(node, NOW)
+        status = node._diagnostics.publish.mock_calls[2].args[0].status[0]
+        reports.append((status.level, int(values_of(status)["skipped_cycles"])))
+    assert reports == [(0, 0), (1, 26), (0, 26), (1, 29)]
+
+
 @pytest.mark.parametrize("problem", ["", "the odometry's velocity is 0"])
 def test_diagnostics_report_odometry_that_contradicts_the_pose(problem):
-    node = MagicMock(_report_from=0.0, _refusals={})
+    node = MagicMock(_report_from=0.0, _refusals={}, _skipped_cycles=0)
     node.sensors.ages.return_value = {}
     node.sensors.odometry_problem = problem
     node.loop.missed = 0

@@ -95,6 +95,7 @@ class MoveBaseNode:
             planner_values.get("odom_topic", odometry_topic),
             no_return,
         )
+        self._skipped_cycles = 0  # number of cycles skipped since the start
         self._report_from = 0.0  # time.monotonic() from which the next report is due
         # Samples refused by each critic in the first blocked cycle since the last report
         self._refusals: Dict[str, int] = {}
@@ -294,10 +295,16 @@ class MoveBaseNode:
         if time.monotonic() <= self._report_from:
             return
         self._report_from = time.monotonic() + 1.0
+        skipped_level = DiagnosticStatus.OK
+        skipped_text = ""
         if self.loop.missed:
             problem = f"control loop missed its rate of {self.move_base.frequency:g} Hz"
-            rospy.logwarn(f"{problem}: {self.loop.missed} cycles skipped")
+            skipped_level = DiagnosticStatus.WARN
+            skipped_text = f"{problem}: {self.loop.missed} cycles skipped"
+            rospy.logwarn(skipped_text)
+            self._skipped_cycles += self.loop.missed
             self.loop.missed = 0
+        skipped_cycles = {"skipped_cycles": self._skipped_cycles}
         refusal_level = DiagnosticStatus.OK
         refusal_text = ""
         if self._refusals:
@@ -310,6 +317,7 @@ class MoveBaseNode:
         statuses = (
             ("ages of the inputs", odometry_level, odometry_problem, self.sensors.ages(stamp)),
             ("samples that critics refused", refusal_level, refusal_text, self._refusals),
+            ("control loop", skipped_level, skipped_text, skipped_cycles),
         )
         self._refusals = {}
         node_name = rospy.get_name().lstrip("/")

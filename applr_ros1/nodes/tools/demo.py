@@ -21,6 +21,7 @@ import actionlib
 import numpy as np
 import rospy
 from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from diagnostic_msgs.msg import DiagnosticArray
 from move_base_msgs.msg import MoveBaseAction, MoveBaseGoal
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Bool
@@ -44,6 +45,7 @@ from applr_ros1.robots import Robot, geometry, load
 from sim_bridge.ros_bridge import BASE_TIME_S
 
 from .launcher import LaunchedNodes, given_arguments, launch_arguments, private_nodes, report
+from .machine_load import LATE, SKIPPED, MachineLoad
 from .send_goal import course_goal
 
 STATUS = "/move_base/status"
@@ -187,12 +189,21 @@ def _drive(nodes: LaunchedNodes, setup: Setup, result: Dict[str, Any]) -> None:
     for part_name, is_up in observer.parts():
         nodes.wait(part_name, is_up)
         report(f"{part_name:12} up after {time.monotonic() - start_time:.1f} s")
+    load = observer.load
+    load.expect_reports()
+    nodes.wait("the diagnostics", lambda: load.is_reported)
+    load.begin()
     drive = observer.drive(values["sent"], values["limit"], nodes.check)
+    load.expect_reports()
+    nodes.wait("the diagnostics", lambda: load.is_reported)
     assert drive.truth is not None
     goal = drive.goals[-1]
     has_touched = bool(len(drive.contacts))
     contact_note = ", with contact" if has_touched else ""
     report(f"{goal.reason} after {goal.end:.1f} s and {drive.truth.length:.2f} m{contact_note}")
+    spoiled = load.sentence(setup.robot.all_parameters()["controller_frequency"] * goal.end)
+    if spoiled:
+        report(spoiled)
     # A bag has no true motion, so that it cannot say more of wheels that slipped.
     if goal.status != REACHED and not goal.reason.startswith(ODOMETRY_ARRIVED):
         report(how_to_ask_why(values["record"], setup.robot))
@@ -203,25 +214,35 @@ def _drive(nodes: LaunchedNodes, setup: Setup, result: Dict[str, Any]) -> None:
         reason=goal.reason,
         timeout=goal.status == TIMED_OUT,
         path_length_m=round(drive.truth.length, 3),
+        skipped_cycles=load.count(SKIPPED),
+        late_decisions=load.count(LATE),
         page=None,
     )
     if values["page"] != "none":
         begins = observer.began - BASE_TIME_S
-        write_bytes(values["page"], _page(drive, setup.robot, begins, result))
+        write_bytes(values["page"], _page(drive, setup.robot, begins, result, spoiled))
         result["page"] = values["page"]
         report(result["page"])
 
 
-def _page(drive: Drive, robot: Robot, begins: float, result: Dict[str, Any]) -> bytes:
-    """Return the page of a drive that begins at the world's time `begins` [s]."""
+def _page(
+    drive: Drive, robot: Robot, begins: float, result: Dict[str, Any], spoiled: str
+) -> bytes:
+    """Return the page of a drive that begins at the world's time `begins` [s].
+
+    spoiled: What a busy machine has spoiled, or "".
+    """
     world = drive.world
     assert world is not None
     outline = geometry.outline(robot)
     space = space_of(robot)
     distance_note = "distances are those of the robot's outline in the simulated world"
+    verdict = verdict_of(drive, world, outline, begins)
+    if spoiled:
+        verdict += f"; {spoiled}"
     return page(
         title="{robot} in {world}, method {method}".format(**result),
-        verdict=verdict_of(drive, world, outline, begins),
+        verdict=verdict,
         methods=[result["method"]],
         space=space,
         outline=outline,
@@ -239,6 +260,7 @@ class Observer:
     Attributes:
         began: ROS time of sending the goal [s].
         client: Client of move_base's action, None until move_base is up.
+        load: What a busy machine has spoiled.
     """
 
     def __init__(self, setup: Setup):
@@ -256,6 +278,7 @@ class Observer:
         self._up: Set[str] = set()  # topics on which a message has arrived
         self.began = 0.0
         self.client: Any = None
+        self.load = MachineLoad()
         rospy.init_node("demo", anonymous=True, disable_signals=True)
         scan_topic = values["scan_topic"]
         if scan_topic == "auto":
@@ -274,6 +297,7 @@ class Observer:
         rospy.Subscriber(odometry_topic, Odometry, self._on_odometry, queue_size=50)
         rospy.Subscriber("/sim_bridge/collision", Bool, self._on_contact, queue_size=50)
         rospy.Subscriber("/applr/parameters", Parameters, self._on_parameters, queue_size=50)
+        rospy.Subscriber("/diagnostics", DiagnosticArray, self.load.take, queue_size=50)
 
     def parts(self) -> Iterator[Tuple[str, Callable[[], Any]]]:
         """Yield (name, function that returns whether the part is up) in the order of the start."""

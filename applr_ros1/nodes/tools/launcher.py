@@ -17,7 +17,7 @@ import sys
 import tempfile
 import threading
 import time
-from typing import Any, Callable, Collection, Dict, Iterator, Sequence
+from typing import Any, Callable, Collection, Dict, Iterator, List, Sequence
 
 import rosgraph
 import roslaunch.arg_dump
@@ -36,6 +36,7 @@ COMPILES = "waiting for {} (the first start compiles code, which takes about a m
 LAUNCH_FILE = ("applr_ros1", "jackal_applr.launch")
 # roslaunch's line about a node that has died
 DIED = re.compile(r"\[([\w/]+)-\d+\] (?:process )?has died")
+NO_MASTER = "could not contact master"  # roslaunch's line about a master that it has started
 
 
 def report(text: str) -> None:
@@ -116,6 +117,7 @@ def private_nodes(arguments: Dict[str, str]) -> Iterator[LaunchedNodes]:
         nodes = LaunchedNodes(arguments, port, folder)
         try:
             nodes.wait("the ROS master", rosgraph.is_master_online)
+            nodes.show_errors()
             yield nodes
         finally:
             nodes.stop()
@@ -138,7 +140,12 @@ class LaunchedNodes:
 
     def __init__(self, arguments: Dict[str, str], port: int, folder: str):
         self._died = ""  # message about the first node that has died
+        self._has_no_master = False
         self._is_ending = False
+        # Before the master has started, roslaunch prints tracebacks if the machine is slow.
+        self._lock = threading.Lock()  # guards the errors
+        self._are_errors_shown = False
+        self._errors: List[str] = []  # lines that are not shown yet
         assignments = [f"{argument_name}:={value}" for argument_name, value in arguments.items()]
         options = [f"--port={port}", "--sigint-timeout=2", "--sigterm-timeout=0.5"]
         with open(os.path.join(folder, "roslaunch.log"), "w", encoding="utf-8") as log_file:
@@ -150,7 +157,8 @@ class LaunchedNodes:
                 errors="replace",
                 start_new_session=True,  # After Ctrl-C, `stop` ends the process.
             )
-        threading.Thread(target=self._pass_errors_on, daemon=True).start()
+        self._error_thread = threading.Thread(target=self._pass_errors_on, daemon=True)
+        self._error_thread.start()
 
     def _pass_errors_on(self) -> None:
         """Print the stack's errors, and note a node that has died."""
@@ -158,13 +166,31 @@ class LaunchedNodes:
             match = DIED.search(line)
             if match and not self._died:
                 self._died = f"{match.group(1)} has died"
-            if not self._is_ending:  # At the end, roslaunch complains about nodes that end slowly.
-                print(line, end="", file=sys.stderr)
+            self._has_no_master = self._has_no_master or NO_MASTER in line
+            with self._lock:
+                if not self._are_errors_shown:
+                    self._errors.append(line)
+                elif not self._is_ending:  # roslaunch complains about nodes that end slowly.
+                    print(line, end="", file=sys.stderr)
+
+    def show_errors(self) -> None:
+        """Print the errors so far, and from now on those that come."""
+        with self._lock:
+            self._are_errors_shown = True
+            print(end="".join(self._errors), file=sys.stderr)
 
     def check(self) -> None:
         """Raise ApplrError if a node has died."""
-        if self._died or self._process.poll() is not None:
-            raise ApplrError(self._died or "the stack has ended unexpectedly")
+        if self._died:
+            raise ApplrError(self._died)
+        if self._process.poll() is None:
+            return
+        self._error_thread.join(1.0)  # The last lines have the reason.
+        if self._has_no_master:
+            problem = "the ROS master did not start within 10 s"
+            raise ApplrError(f"{problem}: end other programs, and try again")
+        self.show_errors()
+        raise ApplrError(self._died or "the stack has ended unexpectedly")
 
     def wait(self, part: str, condition: Callable[[], Any], pause: float = 0.02) -> None:
         """Wait until condition() is true because `part` is up.
