@@ -15,7 +15,7 @@ from typing import List, NamedTuple
 
 import pytest
 
-from tests.support import HANGS, ROOT
+from tests.support import HANGS, ROOT, is_alive
 from tests.support.ros import wait_for
 
 
@@ -188,6 +188,38 @@ def test_a_stopped_set_up_continues_the_next_time(clone, tmp_path):
     assert stopped.returncode == 130
     assert errors.splitlines()[1:] == ["applr: stopped; the same command continues from here"]
     assert clone.quick("exec", "true") == (0, [VENV, WORKSPACE])
+
+
+@pytest.mark.parametrize("stage", ["pip", "kernels", "lock"])
+def test_a_terminated_set_up_leaves_no_process(clone, tmp_path, stage):
+    """A service manager or a script sends SIGTERM to ./applr alone."""
+    pid_file = tmp_path / "pid"
+    endless = f"echo $$ >{pid_file}; while sleep .1; do :; done"
+    compiles = f'case "$*" in *compile_kernels) {endless} ;; esac'
+    environment = {
+        "PIP_STAND_IN": endless if stage == "pip" else "",
+        "APPLR_PYTHON": str(clone.programs / "python"),
+    }
+    stand_ins = dict(QUICK)
+    if stage == "kernels":
+        stand_ins["python"] = f"{PYTHON}\n{compiles}"
+    if stage == "lock":
+        stand_ins["flock"] = f'[ "$1" = -w ] || exit 1; {endless}'
+    stopped = clone.start("setup", stand_ins=stand_ins, **environment)
+    wait_for(lambda: pid_file.exists() and pid_file.read_text().strip(), "an endless program")
+    stopped.terminate()
+    _, errors = stopped.communicate(timeout=HANGS)
+    assert stopped.returncode == 128 + signal.SIGTERM
+    assert errors.splitlines()[-1] == "applr: stopped; the same command continues from here"
+    wait_for(lambda: not is_alive(int(pid_file.read_text())), "the end of the program")
+
+
+@pytest.mark.parametrize("command", ["play", "robot", "tune", "why"])
+def test_what_an_old_python_cannot_run_is_refused_before_anything_is_installed(clone, command):
+    stand_ins = dict(NOTHING, python=PYTHON.replace("echo 3.11", "echo 3.8"))
+    python = str(clone.programs / "python")
+    error_line = clone.refusal(command, stand_ins=stand_ins, APPLR_PYTHON=python)
+    assert error_line.startswith(f"applr: {command} needs Python 3.10 or later, this is 3.8: ")
 
 
 def test_exec_starts_programs_and_has_no_options(clone):

@@ -225,9 +225,7 @@ def _drive(nodes: LaunchedNodes, setup: Setup, result: Dict[str, Any]) -> None:
         report(result["page"])
 
 
-def _page(
-    drive: Drive, robot: Robot, begins: float, result: Dict[str, Any], spoiled: str
-) -> bytes:
+def _page(drive: Drive, robot: Robot, begins: float, result: Dict[str, Any], spoiled: str) -> bytes:
     """Return the page of a drive that begins at the world's time `begins` [s].
 
     spoiled: What a busy machine has spoiled, or "".
