@@ -62,4 +62,5 @@ class MachineLoad:
             problems.append(f"{late} of {decisions} decisions were late")
         if not problems:
             return ""
-        return f"this machine was too busy: {' and '.join(problems)}; end other programs, or give real_time_factor:=0.5"
+        remedy = "end other programs, or give real_time_factor:=0.5"
+        return f"this machine was too busy: {' and '.join(problems)}; {remedy}"
