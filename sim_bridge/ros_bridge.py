@@ -24,14 +24,16 @@ import gc
 import threading
 import time
 from math import isfinite
-from typing import Any, Optional, Tuple
+from typing import Any, Optional, Sequence, Tuple
 
+import rosgraph
 import rospy
 from geometry_msgs.msg import Twist
 from std_srvs.srv import Empty, EmptyResponse, Trigger, TriggerResponse
 
 import worlds
 from applr_ros1.common.arguments import frame_prefix, number_within, pose
+from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.robots import geometry, load
@@ -88,6 +90,12 @@ class Bridge:
         if not rospy.get_param("~paused", False):
             self.running.set()
 
+        own_topics = [
+            rospy.resolve_name(robot.topics.odometry),
+            rospy.resolve_name(robot.topics.scan),
+        ]
+        publishers, _, _ = rosgraph.Master(rospy.get_name()).getSystemState()
+        refuse_beside_a_robot(own_topics, publishers, rospy.get_name())
         # Publishers first, so that every state is published with its world.
         prefix = frame_prefix(str(rospy.get_param("~tf_prefix", "")))
         self.topics = BridgeTopics(robot, prefix, with_map)
@@ -263,6 +271,26 @@ class Bridge:
             self.topics.clock.publish(self.stamp())
         time.sleep(0.05)  # Scans from the old position must arrive before the maps are cleared.
         _clear_costmaps()
+
+
+def refuse_beside_a_robot(
+    topics: Sequence[str], publishers: Sequence[Tuple[str, Sequence[str]]], own_name: str
+) -> None:
+    """Refuse to start a simulated robot beside a real one, which it would move blindly.
+
+    Args:
+        topics: Full names of the topics on which only one robot may publish.
+        publishers: (topic, names of its nodes) of all publishers on the master.
+        own_name: Name of this node, which an earlier one may have had.
+
+    Raises:
+        ApplrError: Another node publishes one of the topics.
+    """
+    for topic_name, node_names in publishers:
+        others = set(node_names) - {own_name}
+        if topic_name in topics and others:
+            problem = f"{min(others)} publishes {topic_name} already"
+            raise ApplrError(f"{problem}: give sim:=false for a real robot, or end that node")
 
 
 def _ticks_of(rate: float) -> int:

@@ -121,7 +121,8 @@ def corners(robot: Robot) -> np.ndarray:
 def outline(robot: Robot) -> np.ndarray:
     """Return the corners (n, 2) [m] of the convex outline of a robot, in order around it."""
     points = corners(robot)
-    return points[ConvexHull(points).vertices]
+    hull_points: np.ndarray = points[ConvexHull(points).vertices]
+    return hull_points
 
 
 def bounding_box(robot: Robot) -> Box:

@@ -147,6 +147,7 @@ class CollisionMonitorNode:
             # The monitor knows the topic of the robot's first laser as "".
             self.monitor.add_scan(scan, "" if topic == self._scan_topic else topic)
             for stray in self.monitor.strays:
+                assert stray.frame is not None
                 publisher = self.sensors.publisher_of(topic, stray.frame)
                 scans = f"scan of frame {stray.frame!r} on {rospy.resolve_name(topic)}"
                 problem = (
