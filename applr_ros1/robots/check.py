@@ -10,7 +10,7 @@ on ROS's parameter server, outside a robot's folder, are only checked by planner
 from __future__ import annotations
 
 from contextlib import suppress
-from math import copysign, pi
+from math import copysign, floor, pi
 from typing import Any, Dict, Iterator, List, Mapping, NamedTuple, Sequence
 
 import numpy as np
@@ -41,6 +41,7 @@ DIRECTIONS = np.array([np.cos(EIGHT), np.sin(EIGHT)])
 LIMITED = {"max_speed": of_kind("speed"), "max_yaw_rate": of_kind("turn")}
 UNITS = 10.0  # ratio of two lengths above which one of them is not in metres
 OUTSIDE = 0.01  # largest distance of body and wheels beyond the padded footprint [m]
+MOST = 0.5  # share of the weight from which on the driven wheels carry most of it
 BALANCE_TOLERANCE = 1e-4  # share of the weight by which a support may pull, because of rounding
 
 
@@ -262,15 +263,55 @@ def _support_errors(robot: Robot) -> Iterator[str]:
         yield f"base.wheelbase is 0: {advice}"
     elif is_skid_steer and base.casters:
         yield "base.casters are given: a skid_steer base has no casters, remove them"
-    elif not is_skid_steer and not base.casters:
-        advice = "a two_wheel base has at least one, give their contact points with the ground"
-        yield f"base.casters are missing: {advice}"
+    elif not is_skid_steer and not any(caster_x for caster_x, _ in base.casters):
+        requirement = "a two_wheel base has at least one ahead of its axle or behind it"
+        yield f"base.casters are missing: {requirement}, give their contact points with the ground"
     else:
         balance = geometry.balance(robot)
         # A centre of mass exactly above the axle is allowed.
         if balance.loads.min() < -BALANCE_TOLERANCE * balance.mass * geometry.GRAVITY:
             problem = "it lies outside the wheels and casters; correct body.com or base.casters"
             yield f"body.com is {_list(body.centre_of_mass)}: {problem}"
+        else:
+            yield from _grip_errors(robot, balance)
+
+
+def _grip_errors(robot: Robot, balance: geometry.Balance) -> Iterator[str]:
+    """Yield an error for each acceleration that tyres and casters cannot give under their loads.
+
+    A controller may allow more acceleration than the tyres give, as those of all included robots
+    do: wheels that carry most of the weight slip only for a moment. If the casters carry most of
+    it, the wheels slip at every start, and the odometry arrives before the robot. The monitor
+    counts on its deceleration in any case.
+    """
+    base = robot.base
+    grip_limit = robot.simulation.grip_limit
+    tyres = (
+        f"with simulation.grip_limit {grip_limit:g} and base.wheel_friction {base.wheel_friction:g}"
+    )
+    caster_share = balance.loads[base.wheels :].sum() / (balance.mass * geometry.GRAVITY)
+    wheel_share = 1.0 - caster_share
+
+    # The friction limit is that of tyres under the whole weight.
+    wheel_friction = geometry.GRAVITY * base.wheel_friction * wheel_share
+    pulling = _rounded_down(min(grip_limit * wheel_share, wheel_friction))
+    if base.max_acceleration > pulling and wheel_share < MOST:
+        problem = (
+            f"{tyres}, driven wheels that carry {100 * wheel_share:.0f} % of the weight give at "
+            f"most {pulling:g} m/s^2, and would slip"
+        )
+        remedy = f"correct body.com or base.casters, or lower base.max_acceleration to {pulling:g}"
+        yield f"base.max_acceleration is {base.max_acceleration:g}: {problem}: {remedy}"
+
+    # Casters brake, too.
+    caster_friction = geometry.GRAVITY * base.caster_friction * caster_share
+    braking = _rounded_down(min(grip_limit, wheel_friction + caster_friction))
+    deceleration = robot.monitor.deceleration
+    # fields() reports a deceleration beyond the controller's limit.
+    if braking < deceleration <= base.max_acceleration:
+        problem = f"{tyres}, the base brakes with at most {braking:g} m/s^2"
+        remedy = "lower monitor.deceleration, or raise the other fields if more was measured"
+        yield f"monitor.deceleration is {deceleration:g}: {problem}: {remedy}"
 
 
 def _planner_section(tree: Dict[str, Any]) -> Iterator[str]:
@@ -585,6 +626,11 @@ def _has_no_footprint(setup: _Setup, costmap: str) -> bool:
     """
     parameter_names = {*branch(setup.tree, costmap), *setup.tree}
     return "footprint" not in parameter_names and "robot_radius" not in parameter_names
+
+
+def _rounded_down(acceleration: float) -> float:
+    """Return an acceleration rounded down to three decimals, which a user may enter [m/s^2]."""
+    return floor(1000.0 * acceleration) / 1000.0
 
 
 def _differ(name: str, expected: str) -> bool:

@@ -148,24 +148,40 @@ def supports(base: Base) -> np.ndarray:
 
 
 def balance(robot: Robot) -> Balance:
-    """Return mass, centre of mass and support loads of a robot."""
+    """Return mass, centre of mass and support loads of a robot.
+
+    Equilibrium of forces and moments determines three loads, and most robots have more supports.
+    Makers load the driven wheels, whose grip moves the robot, and spring the casters, or let them
+    clear the ground: casters carry only what the wheels cannot. Two wheels on one axle carry every
+    sideways moment, but not the moment of a centre of mass ahead of the axle or behind it. The
+    robot leans on the casters of that side, in proportion to their distance from the axle, and
+    those of the other side carry nothing.
+    """
     base = robot.base
     body = robot.body
     mass = body.mass + base.wheels * base.wheel_mass
     body_share = body.mass / mass  # The wheels' centre of mass is at the origin.
     x = body_share * body.centre_of_mass[0]
     y = body_share * body.centre_of_mass[1]
-    contact_points = supports(base)
+    weight = mass * GRAVITY
     if base.wheels == 4:
-        # Three equations of equilibrium do not determine four loads. This bilinear solution never
-        # gives a wheel of the rectangle a negative load if the centre of mass is between the
-        # wheels. The smallest loads, as below, may do so.
-        along_factor = 1.0 + 2.0 * x / base.wheelbase * np.sign(contact_points[:, 0])
-        across_factor = 1.0 + 2.0 * y / base.track * np.sign(contact_points[:, 1])
-        return Balance(mass, (x, y), 0.25 * mass * GRAVITY * along_factor * across_factor)
-    # Equilibrium of forces and moments, with the smallest loads if there are more than three
-    # supports
-    contact_x, contact_y = contact_points.T
-    equilibrium = np.array([np.ones(len(contact_points)), contact_x, contact_y])
-    weight = mass * GRAVITY * np.array([1.0, x, y])
-    return Balance(mass, (x, y), np.linalg.pinv(equilibrium) @ weight)
+        # Of the solutions of equilibrium, the bilinear one never gives a wheel of the rectangle a
+        # negative load if the centre of mass is between the wheels. The smallest loads may do so.
+        contact_x, contact_y = supports(base).T
+        along_factor = 1.0 + 2.0 * x / base.wheelbase * np.sign(contact_x)
+        across_factor = 1.0 + 2.0 * y / base.track * np.sign(contact_y)
+        return Balance(mass, (x, y), 0.25 * weight * along_factor * across_factor)
+
+    # Casters, by their distance from the axle on the side to which the robot leans. If this side
+    # has none, the others would have to pull.
+    caster_x, caster_y = np.array(base.casters).T
+    distances = np.copysign(1.0, x) * caster_x
+    if distances.max() > 0.0:
+        distances = np.maximum(distances, 0.0)
+    caster_loads = weight * abs(x) * distances / (distances @ distances)
+
+    # Wheels, left before right
+    half_load = (weight - caster_loads.sum()) / 2
+    sideways_moment = weight * y - caster_loads @ caster_y
+    shift = sideways_moment / base.track
+    return Balance(mass, (x, y), np.array([half_load + shift, half_load - shift, *caster_loads]))

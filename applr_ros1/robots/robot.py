@@ -104,7 +104,11 @@ class Base(Section):
         "", 0.01, 3.0, "Coulomb coefficient of a driven wheel on the ground", 0.5
     )
     casters: Tuple[Place2, ...] = value(
-        "m", "contact points [[x, y], ...] of casters with the ground", (), max_length=8
+        "m",
+        "contact points [[x, y], ...] of casters with the ground, which carry only what the driven "
+        "wheels cannot",
+        (),
+        max_length=8,
     )
     caster_friction: float = real(
         "", 0.0, 3.0, "Coulomb coefficient of a caster on the ground", 0.1

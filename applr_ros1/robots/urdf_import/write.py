@@ -21,6 +21,11 @@ from applr_ros1.robots.urdf_import.parameters import Parameters
 BRAKES = {"max_acceleration": "deceleration", "max_yaw_acceleration": "yaw_deceleration"}
 COMMENT_COLUMN = 34  # column at which comments of values to fill in begin
 GRIP = 2.0  # default friction limit, the lateral acceleration at which tyres slide [m/s^2]
+# Decelerations that most bases reach: the monitor's defaults, within the default friction limit
+USUAL_BRAKING = {
+    "deceleration": min(Monitoring().deceleration, GRIP),
+    "yaw_deceleration": Monitoring().yaw_deceleration,
+}
 
 # Sections in the order of the file
 _SECTIONS = (
@@ -165,11 +170,10 @@ def add_parameters(description: Description, parameters: Parameters) -> None:
         values["topics"]["odometry"] = odometry_topic
     # The monitor counts on no more than usual, even if the base's controller allows more.
     base_values = values["base"]
-    defaults = Monitoring()
     values["monitor"] = {}
     for limit_field, monitor_field in BRAKES.items():
         if limit_field in base_values:
-            usual_value = getattr(defaults, monitor_field)
+            usual_value = USUAL_BRAKING[monitor_field]
             values["monitor"][monitor_field] = min(usual_value, base_values[limit_field])
     values["simulation"] = {"grip_limit": GRIP}
 
@@ -248,7 +252,10 @@ def limits(planner: Dict[str, Any]) -> Dict[Tuple[str, str], Tuple[Any, str]]:
         largest_proposal = max(proposals)
         hints["base", limit_field] = largest_proposal
         if limit_field in BRAKES:
-            default_deceleration = getattr(Monitoring(), BRAKES[limit_field])
-            default_hint = (default_deceleration, "the default, which is below the planner's limit")
-            hints["monitor", BRAKES[limit_field]] = min(largest_proposal, default_hint)
+            monitor_field = BRAKES[limit_field]
+            usual_hint = (
+                USUAL_BRAKING[monitor_field],
+                "the usual value, which is below the planner's limit",
+            )
+            hints["monitor", monitor_field] = min(largest_proposal, usual_hint)
     return hints

@@ -342,6 +342,16 @@ def test_a_robot_that_fails_on_open_floor_is_tuned_only_with_anyway(jackal, caps
     assert tune(jackal, "toy", "--anyway") == 0
 
 
+def test_a_robot_that_cannot_do_what_its_description_states_is_refused_before_any_drive(
+    jackal, capsys
+):
+    robot_yaml = jackal / "robot.yaml"
+    robot_yaml.write_text(robot_yaml.read_text().replace("grip_limit: 3.7", "grip_limit: 1.5"))
+    assert tune(jackal, "toy") == 1
+    assert "monitor.deceleration is 1.9: with simulation.grip_limit 1.5" in capsys.readouterr().err
+    assert not DRIVEN
+
+
 @pytest.mark.fault("19")
 def test_a_stopped_run_continues_and_drives_nothing_twice(jackal, monkeypatch):
     # Ctrl-C after the sixth reading of the clock, in the middle of the search.
