@@ -153,6 +153,7 @@ def check(robot: Robot, with_map: bool = False) -> List[str]:
     if errors:
         return errors
     setup = _Setup(robot, with_map, tree, parameters.complete(tree))
+    errors += crossing_outlines(setup.full)
     for costmap in COSTMAPS:
         errors += _costmap(setup, costmap)
     errors += _limit_errors(setup)
@@ -341,6 +342,22 @@ def _costmap(setup: _Setup, costmap: str) -> Iterator[str]:
         yield problems[0]
     if costmap == "local_costmap" and not problems:
         yield "local_costmap has no observation source: the robot would not see obstacles, add one"
+
+
+def crossing_outlines(full: Dict[str, Any]) -> Iterator[str]:
+    """Yield an error for each costmap of a complete tree whose footprint is no simple polygon.
+
+    The C++ planner takes it and drives too close to obstacles: the inscribed radius is that of the
+    point where two sides cross.
+    """
+    from applr_ros1.planner.costmap import footprint  # The import is slow, because it needs numba.
+
+    for costmap in COSTMAPS:
+        corners = full[costmap]["footprint"]
+        if footprint.crosses_itself(footprint.parse(corners)):
+            problem = "two of its sides cross each other"
+            remedy = "give the corners in their order around the robot"
+            yield f"{costmap}/footprint is {corners!s:.60}: {problem}: {remedy}"
 
 
 def _start_errors(costmap: str, values: Dict[str, Any]) -> Iterator[str]:

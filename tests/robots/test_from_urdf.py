@@ -562,6 +562,7 @@ def test_a_frame_of_the_laser_that_the_urdf_lacks_is_asked_for(make):
 
 # A mistake puts another file in the place of the local planner's.
 NO_PLANNER = PLACES[:-1]
+HOURGLASS_END = "[0.1, -0.13], [0.1, 0.13]"  # the last two corners of the footprint, swapped
 
 
 @pytest.mark.parametrize(
@@ -593,6 +594,11 @@ NO_PLANNER = PLACES[:-1]
             CART,
             {"files": {"dwa.yaml": "me: {DWAPlannerROS: {sim_time: 1.5}}\n"}},
             "me/DWA.* is one level too deep",
+        ),
+        (
+            CART,
+            {"files": {"common.yaml": COMMON.replace("[0.1, 0.13], [0.1, -0.13]", HOURGLASS_END)}},
+            "costmap/footprint is .* cross each other: give the corners in their order around",
         ),
         (
             CART,

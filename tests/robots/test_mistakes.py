@@ -136,6 +136,13 @@ OF_JACKAL = [
     ),
     (
         COSTMAPS,
+        OUTLINE,
+        "[[0.21, 0.165], [-0.21, -0.165], [0.21, -0.165], [-0.21, 0.165]]",
+        r"local_costmap/footprint is \[\[0.21, 0.165\], .* its sides cross each other: give the "
+        "corners in their order around the robot",
+    ),
+    (
+        COSTMAPS,
         "footprint_padding: 0.1",
         "footprint_padding: 10",
         "footprint_padding.* 20.4 x 20.3 m",

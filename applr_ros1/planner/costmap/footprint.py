@@ -1,7 +1,7 @@
 """Footprint of the robot: parsing, padding, placing at a pose, radii, cost on a map, covered cells.
 
-Called by the costmap (radii, clearing under the robot), the trajectory planner (legality) and the
-recoveries.
+Called by the costmap (radii, clearing under the robot), the trajectory planner (legality), the
+recoveries and the check of a robot.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ ON_UNKNOWN = -2.0
 ON_LETHAL = -1.0
 HUGE = float(np.finfo(np.float64).max)
 CIRCLE_VERTICES = 16  # number of vertices that stand for a circle of robot_radius
+# Twice the area of a triangle below which its corners lie on one line, up to float32 [m^2]
+ON_ONE_LINE_M2 = 1e-6
 
 
 def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray:
@@ -80,6 +82,21 @@ def pad(vertices: np.ndarray, padding: float) -> np.ndarray:
     """Move vertices (n, 2) away from the axes by `padding` [m]; keep zeros. footprint.cpp:138."""
     vertices = np.asarray(vertices, dtype=np.float64).reshape(-1, 2)
     return vertices + np.sign(vertices) * padding
+
+
+def crosses_itself(vertices: np.ndarray) -> bool:
+    """Return whether two sides of a closed outline (n, 2) [m] cross each other.
+
+    Sides that touch do not cross: some outlines repeat their first vertex at the end.
+    """
+    sides = np.roll(vertices, -1, axis=0) - vertices
+    # Row i: on which side of the line along side i each vertex lies, positive on the left
+    offsets = vertices - vertices[:, np.newaxis]
+    leftward = sides[:, :1] * offsets[:, :, 1] - sides[:, 1:] * offsets[:, :, 0]
+    leftward[np.abs(leftward) < ON_ONE_LINE_M2] = 0.0
+    # Two sides cross if the ends of each lie on both sides of the other.
+    separates = leftward * np.roll(leftward, -1, axis=1) < 0.0
+    return bool((separates & separates.T).any())
 
 
 def padded(values: Mapping[str, Any]) -> np.ndarray:

@@ -19,6 +19,7 @@ from applr_ros1.planner.costmap import footprint
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, SERVERS, STATIC, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, FOUND_ABOVE, STATIC_LAYER, layers
+from applr_ros1.robots.check import crossing_outlines
 from applr_ros1.robots.parameter_files import (
     PLACES,
     nested,
@@ -202,8 +203,8 @@ def read_parameter_files(specifications: Sequence[str]) -> Parameters:
             is one FILE.
 
     Raises:
-        ApplrError: A file cannot be read or lacks its namespace, no file is for move_base, or the
-            planner refuses the values.
+        ApplrError: A file cannot be read or lacks its namespace, no file is for move_base, the
+            planner refuses the values, or a footprint crosses itself.
     """
     parameters = Parameters()
     controllers: List[Dict[str, Any]] = []
@@ -243,6 +244,8 @@ def read_parameter_files(specifications: Sequence[str]) -> Parameters:
         parameters.added["base_local_planner"] = present_planners[0]
     parameters.tree = merged(parameters.tree, parameters.added)
     parameters.full = complete(parameters.tree)
+    for error_message in crossing_outlines(parameters.full):
+        raise ApplrError(error_message)
     return parameters
 
 

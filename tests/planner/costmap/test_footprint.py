@@ -79,6 +79,31 @@ def test_an_edge_without_length_does_not_count():
     assert footprints.radii(square) == (1.0, math.sqrt(2))
 
 
+SQUARE = [(0.2, 0.2), (-0.2, 0.2), (-0.2, -0.2), (0.2, -0.2)]
+# A fork, whose prongs end on one line
+FORK = [(0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2), (0.3, -0.2), (0.3, -0.1), (0, 0), (0.3, 0.1)]
+
+
+@pytest.mark.parametrize(
+    ("outline", "crosses"),
+    [
+        (SQUARE, False),
+        ([*SQUARE, SQUARE[0]], False),
+        (FORK, False),
+        ([], False),
+        ([SQUARE[0], SQUARE[2], SQUARE[1], SQUARE[3]], True),
+        ([*FORK[:5], (-0.4, 0), FORK[6]], True),
+    ],
+    ids=["square", "first corner repeated", "fork", "none", "hourglass", "one corner too far"],
+)
+def test_an_outline_whose_corners_are_out_of_order_crosses_itself(outline, crosses):
+    vertices = footprints.parse(outline)
+    # Neither the direction, nor the first corner, nor the heading matters.
+    for order in (vertices, vertices[::-1], np.roll(vertices, 2, axis=0)):
+        for yaw in (0.0, 0.7):
+            assert footprints.crosses_itself(footprints.transform(order, 0.0, 0.0, yaw)) == crosses
+
+
 def test_a_circle_has_sixteen_vertices_at_its_radius():
     circle = footprints.circle(0.46)
     _, circumscribed = footprints.radii(circle)
