@@ -11,11 +11,13 @@ DWAPlannerROS does so with its default parameters.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any, Dict, List, Sequence, Tuple
 
 import numpy as np
 
 import sim_bridge
+from applr_ros1.common.progress import announced
 from applr_ros1.drives.drive import Drive
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.robots import Robot, check
@@ -36,6 +38,8 @@ NO_REMEDY = (
     "compare footprint, body, laser and base in robot.yaml"
 )
 SEED = 1
+SEARCH_S = 60.0  # interval between progress lines of the search for a remedy [s]
+_show = partial(print, flush=True)
 
 
 def courses(robot: Robot) -> List[World]:
@@ -109,15 +113,17 @@ class Floor:
 
 def try_out(robot: Robot) -> Tuple[bool, List[str]]:
     """Return whether the robot drives on open floor, and a line for each course and a remedy."""
-    floor = Floor(robot)
     failures: Dict[str, str] = {}  # reason by course
     lines: List[str] = []
-    for world in courses(robot):
-        drive = floor.drive(world)
-        failure = failure_of(drive)
-        lines.append(f"{world.name}: {failure or f'{drive.goals[-1].end:.0f} s'}")
-        if failure:
-            failures[world.name] = failure
+    driving = "driving on open floor (compiles kernels the first time, about a minute)"
+    with announced(driving, _show):
+        floor = Floor(robot)
+        for world in courses(robot):
+            drive = floor.drive(world)
+            failure = failure_of(drive)
+            lines.append(f"{world.name}: {failure or f'{drive.goals[-1].end:.0f} s'}")
+            if failure:
+                failures[world.name] = failure
     if not failures:
         return True, lines
 
@@ -126,8 +132,10 @@ def try_out(robot: Robot) -> Tuple[bool, List[str]]:
     for remark in check.remarks(robot):
         if remark.correction and _is_within_space(corrected(robot, [remark])):
             known_faults.append(remark)
-    advice = remedy(robot, known_faults, list(failures))
     course, reason = next(iter(failures.items()))
+    searching = f"searching for a remedy, because it does not {course} ({reason})"
+    with announced(searching, _show, every=SEARCH_S):
+        advice = remedy(robot, known_faults, list(failures))
     only_at_the_door = course.startswith("drive through a door")
     if only_at_the_door and reason.startswith(STANDS):
         as_in_cpp = "" if known_faults else "like the C++ planner, "

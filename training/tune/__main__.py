@@ -21,7 +21,6 @@ from typing import Optional, Sequence
 
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import read_bytes, sha256, write_bytes
-from applr_ros1.common.progress import announced
 from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES
 from training.common.command_line import continuable, parsed, robot_name
@@ -32,7 +31,7 @@ from training.evaluate.score import AIMS
 from training.evaluate.table import Trials
 from training.evaluate.verdict import SET
 from training.robot import open_floor
-from training.tune.best_set import LINES_S, best_set, drives_of, show, warm_starts
+from training.tune.best_set import best_set, drives_of, show, warm_starts
 from training.tune.clock import Clock
 from training.tune.found_set import Judgement, changes, judged, scope, write_set
 from training.tune.options import TuneOptions, check_maps, split
@@ -57,9 +56,7 @@ def run(options: TuneOptions) -> int:
     run_folder = make_folder(options.out or os.path.join("tune", robot.name))
 
     # A search could only find out slowly that a robot's description is wrong.
-    compiling = "driving on open floor (compiles kernels the first time, about a minute)"
-    with announced(compiling, show, *LINES_S):
-        drives_there, lines = open_floor.try_out(robot)
+    drives_there, lines = open_floor.try_out(robot)
     show("\n".join(lines))
     if not (drives_there or options.anyway):
         return 1

@@ -124,7 +124,7 @@ class Driver:
         trials: List[Trial] = []
         for trials_in_world in zip(*plan):
             trials += trials_in_world
-        message = f"driving {len(sets)} sets on {len(block)} courses, {simulator}"
+        message = f"driving {len(trials)} courses in {simulator} ({len(block)} with each set)"
         with announced(message, show, *LINES_S):
             results = drive(self._pool, partial(run, settings), self._table, trials)
         results_of_sets = []

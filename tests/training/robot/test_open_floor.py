@@ -1,6 +1,7 @@
 """Tests of open_floor.py: its courses, the reasons of failures, and the remedies."""
 
 import shutil
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -246,6 +247,24 @@ def test_a_parameter_is_proposed_in_addition_to_a_known_fault_that_explains_only
         "; once this is corrected, all four courses succeed "
         "if you set DWAPlannerROS/occdist_scale to 0.005 instead of 0.01"
     )
+
+
+def test_a_search_for_a_remedy_is_announced_with_the_course_that_failed(monkeypatch):
+    works = []
+
+    @contextmanager
+    def announced(work, report, **times):
+        works.append(work)
+        yield
+
+    monkeypatch.setattr(open_floor, "announced", announced)
+    monkeypatch.setattr(open_floor, "single_candidates", lambda robot: ())
+    assert open_floor.try_out(BURGER)[0]
+    assert works == ["driving on open floor (compiles kernels the first time, about a minute)"]
+
+    leave_out(monkeypatch, 1)
+    assert not open_floor.try_out(BURGER.with_parameters(CANNOT_TURN, "burger that turns not"))[0]
+    assert works[2].startswith("searching for a remedy, because it does not turn on the spot (")
 
 
 def test_a_correction_outside_the_parameter_space_is_no_attempt(monkeypatch):

@@ -5,6 +5,7 @@ drives.
 import json
 import re
 import shutil
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -372,6 +373,24 @@ def test_a_stopped_run_continues_and_drives_nothing_twice(jackal, monkeypatch):
     assert len(set(DRIVEN)) == len(DRIVEN)
     tuned_set = json.loads((jackal / "static.json").read_text())["parameters"]
     assert tuned_set["max_vel_x"] == pytest.approx(1.4, abs=0.3)
+
+
+def test_progress_lines_count_courses_however_many_sets_drive_them(jackal, monkeypatch):
+    works = []
+
+    @contextmanager
+    def announced(work, report, *times):
+        works.append(work)
+        yield
+
+    monkeypatch.setattr(best_set, "announced", announced)
+    assert tune(jackal, "toy") == 0
+    assert works
+    for work in works:
+        driven, with_each = re.fullmatch(
+            r"driving (\d+) courses in \w+ \((\d+) with each set\)", work
+        ).groups()
+        assert int(driven) % int(with_each) == 0
 
 
 def test_a_finished_run_searches_on_from_its_result(jackal, capsys):
