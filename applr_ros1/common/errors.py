@@ -13,6 +13,26 @@ from typing import Any, Callable, Iterable, Mapping, NoReturn, Optional
 from applr_ros1.common.extras import absent
 
 LEAST_LIKENESS = 0.75  # smallest similarity of a name that is suggested (difflib's ratio, 0 to 1)
+# What to give instead of a value, by pydantic's type of the error. The names are those of its ctx.
+_REMEDIES = {
+    **dict.fromkeys(("float_type", "float_parsing"), "give a number"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "give a whole number"),
+    **dict.fromkeys(("bool_type", "bool_parsing"), "give true or false"),
+    **dict.fromkeys(("tuple_type", "list_type"), "give a list"),
+    **dict.fromkeys(("dict_type", "model_type"), "give lines such as name: value"),
+    "finite_number": "give a finite number",
+    "string_type": "give a text",
+    "string_pattern_mismatch": "give a name without blanks and special characters",
+    "string_too_short": "give a longer text",
+    "literal_error": "give {expected}",
+    "greater_than": "give more than {gt}",
+    "greater_than_equal": "give at least {ge}",
+    "less_than": "give less than {lt}",
+    "less_than_equal": "give at most {le}",
+    "too_short": "give at least {min_length} values",
+    "too_long": "give at most {max_length} values",
+    "missing": "give it",
+}
 
 
 class ApplrError(ValueError):
@@ -33,11 +53,10 @@ def remedy_of(problem: Mapping[str, Any]) -> str:
     Args:
         problem: Entry of ValidationError.errors().
     """
-    message = str(problem["msg"])
-    for prefix, replacement in (("Value error, ", ""), ("Input should be ", "give ")):
-        if message.startswith(prefix):
-            return replacement + message[len(prefix) :]
-    return message
+    if problem["type"] == "value_error":
+        return str(problem["ctx"]["error"])
+    remedy = _REMEDIES.get(problem["type"], "give another value")
+    return remedy.format(**problem.get("ctx", {}))
 
 
 def reason(error: BaseException) -> str:

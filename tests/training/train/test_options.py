@@ -20,7 +20,7 @@ from training.train.td3.td3 import ACTOR_LR, TAU
         (["--learning-rate", "1"], "unrecognized arguments: --learning-rate 1; --help"),
         (
             ["--net-arch", "512", "0"],
-            "--net-arch is '0': give greater than or equal to 1",
+            "--net-arch is '0': give at least 1",
         ),
         (["--worlds", "generated:900"], "generated:900"),
         (["--latency", "0.2", "0.1"], r"latency = \[0.2, 0.1\]: give a number >= 0 or a range"),
@@ -44,8 +44,8 @@ def test_a_file_of_options_has_the_names_of_the_command_line(tmp_path):
     assert (config.batch_size, config.decision_period, config.slip) == (64, 0.5, [0.7, 1.4])
     for content, pattern in (
         ("batchsize: 64\n", "own.yaml: unknown option 'batchsize'"),
-        ("gamma: fast\n", "own.yaml: gamma is 'fast': give a valid number"),
-        ("- 3\n", "own.yaml: give a valid dictionary"),
+        ("gamma: fast\n", "own.yaml: gamma is 'fast': give a number"),
+        ("- 3\n", "own.yaml: give lines such as name: value"),
         ("a: [\n", "not readable as YAML"),
     ):
         recipe_file.write_text(content)
