@@ -78,15 +78,35 @@ def remarks(tree: Dict[str, Any]) -> List[str]:
 
 def _risks(tree: Dict[str, Any]) -> Iterator[str]:
     """Yield a warning if the local costmap has no sources or if the base frames differ."""
-    global_frame = branch(tree, "global_costmap").get("robot_base_frame", "base_link")
-    local_frame = branch(tree, "local_costmap").get("robot_base_frame", "base_link")
+    frames = _frames(tree)
+    global_frame = frames["global_costmap/robot_base_frame"].strip("/")
+    local_frame = frames["local_costmap/robot_base_frame"].strip("/")
     if global_frame != local_frame:
         problem = f"local_costmap/robot_base_frame is {local_frame}"
         yield f"{problem}: both costmaps use {global_frame} of global_costmap, give {global_frame}"
+    for label, frame in frames.items():
+        if frame.startswith("/"):
+            problem = f"{label} is {frame}: Noetic's tf2 refuses frames that begin with a slash"
+            yield f"{problem}, give {frame.strip('/')}"
     observing_layers = layers("local_costmap", branch(tree, "local_costmap"), OBSTACLE_LAYER)
     if not any(sources(branch(tree, layer.path)) for layer in observing_layers):
         problem = "local_costmap has no observation source"
         yield f"{problem}: the robot will not detect obstacles, give a source"
+
+
+def _frames(tree: Dict[str, Any]) -> Dict[str, str]:
+    """Return the names of frames in an arranged tree by their parameters."""
+    frames = {}
+    for costmap in COSTMAPS:
+        section = branch(tree, costmap)
+        frames[f"{costmap}/robot_base_frame"] = str(section.get("robot_base_frame", "base_link"))
+        frames[f"{costmap}/global_frame"] = str(section.get("global_frame", "map"))
+        for layer in layers(costmap, section, OBSTACLE_LAYER):
+            layer_section = branch(tree, layer.path)
+            for source in sources(layer_section):
+                sensor_frame = branch(layer_section, source).get("sensor_frame", "")
+                frames[f"{layer.path}/{source}/sensor_frame"] = str(sensor_frame)
+    return frames
 
 
 class _Inspection:
