@@ -17,9 +17,12 @@ from applr_ros1.common.files import read_bytes, yaml_value
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, OBSTACLE_LAYER, layers, sources
+from applr_ros1.robots.file_kinds import kind_of
 
 # Sections below move_base that have files of their own
 PLACES = (*COSTMAPS, *map(namespace, LOCAL_PLANNERS))
+# How to get the values that a launch file gives
+DUMP = "give the output of roslaunch --dump-params PACKAGE FILE.launch"
 # An angle such as "90", "pi/2", "deg(45)" or "0.5*pi"
 _ANGLE = re.compile(
     r"(?:deg|rad)?\(?(?P<number>[-+]?[\d.]*(?:e[-+]?\d+)?)\s*\*?\s*"
@@ -82,19 +85,43 @@ def read_yaml(path: Any) -> Dict[str, Any]:
 
 
 def nested(path: str) -> Dict[str, Any]:
-    """Read the nested parameters in a YAML file. As for rosparam, a/b: 1 means a: {b: 1}."""
+    """Read the nested parameters in a YAML file. As for rosparam, a/b: 1 means a: {b: 1}.
+
+    Raise ApplrError if the file is of another kind, such as a launch file.
+    """
+    kind = kind_of(read_bytes(path))
+    if kind:
+        raise ApplrError(f"{path} is {kind}: {DUMP}")
     return _levels(read_yaml(path))
 
 
-def of_move_base(tree: Dict[str, Any]) -> Dict[str, Any]:
-    """Return the level named move_base in nested parameters, or all if there is none."""
+def of_move_base(tree: Dict[str, Any], path: str) -> Dict[str, Any]:
+    """Return the level named move_base in the nested parameters of a file, or all without one.
+
+    Raise ApplrError if there are several, or if it has values that only roslaunch can resolve.
+    """
     # A dump of the parameter server has the parameters of all nodes.
     move_base_levels = list(_move_bases(tree))
     if len(move_base_levels) > 1:
-        raise ApplrError("the parameters contain more than one move_base: give those of one robot")
+        problem = "the parameters contain more than one move_base"
+        raise ApplrError(f"{path}: {problem}: give those of one robot")
     for level in move_base_levels:
-        return level
+        tree = level
+    check_resolved(tree, path)
     return tree
+
+
+def check_resolved(tree: Dict[str, Any], path: str) -> None:
+    """Raise ApplrError if names or values in nested parameters of a file have $(arg ...) or such.
+
+    roslaunch replaces these in files with subst_value="true".
+    """
+    for name, value in tree.items():
+        if isinstance(value, dict) and "$(" not in name:
+            check_resolved(value, path)
+        elif "$(" in f"{name} {value}":
+            text = f"{name} is {value}"
+            raise ApplrError(f"{path}: {text:.80}, which only roslaunch can resolve: {DUMP}")
 
 
 def observation_sources(

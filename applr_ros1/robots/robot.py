@@ -433,7 +433,8 @@ class ParameterFile(Section):
 
         Raise ApplrError if it cannot be read.
         """
-        file_parameters = of_move_base(nested(os.path.join(folder, self.file)))
+        path = os.path.join(folder, self.file)
+        file_parameters = of_move_base(nested(path), path)
         tree: Dict[str, Any] = {}
         branch(tree, self.namespace, create=True).update(file_parameters)
         return tree
@@ -490,10 +491,17 @@ class RobotFile(Section):
     def _named(cls, content: Any) -> Any:
         """Remove empty sections, and name parameters of the space and targets by their keys."""
         content = {name: value for name, value in content.items() if value is not None}
-        for name, parameter in content.get("parameter_space", {}).items():
+        space = content.get("parameter_space", {})
+        parameters = space.items() if isinstance(space, dict) else ()
+        for name, parameter in parameters:
+            if not isinstance(parameter, dict):
+                raise ValueError(
+                    f"parameter_space.{name} is {parameter!r:.60}: give range and sets"
+                )
             parameter["name"] = name
-            for target in parameter.get("sets", ()):
-                target.setdefault("name", name)
+            for target in parameter.get("sets") or ():
+                if isinstance(target, dict):
+                    target.setdefault("name", name)
         return content
 
 

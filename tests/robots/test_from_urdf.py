@@ -504,10 +504,9 @@ BARE = link("base_link")
             HULL.replace('<box size=".3 .2 .1"/>', '<mesh filename="package://far/hull.stl"/>'),
             "package://far/hull.stl",
         ),
-        (HULL.replace("-.05 0 .06", "-.05 0 0"), "reach down to the ground"),
         (BARE, "narrower than half the track"),
     ],
-    ids=["a lost mesh", "on the ground", "a laser alone"],
+    ids=["a lost mesh", "a laser alone"],
 )
 def test_an_implausible_outline_is_asked_for_with_the_footprint_as_proposal(
     make, tmp_path, hull, why
@@ -516,6 +515,58 @@ def test_an_implausible_outline_is_asked_for_with_the_footprint_as_proposal(
     assert re.search(f"outline not identified: .*{why}", written.output)
     assert written.values["body"] == {"centre": [-0.05, 0.0]}
     assert "  # size: [0.3, 0.26]" in (tmp_path / "my_robot/robot.yaml").read_text()
+
+
+def test_shapes_down_to_the_ground_are_proposed_as_the_outline(make, tmp_path):
+    # The hull stands on the ground (z = 0), and the scanner ends .22 m above it.
+    written = make(CART.replace(HULL, HULL.replace("-.05 0 .06", "-.05 0 0")))
+    assert "outline not identified: the fixed collision shapes reach down to the" in written.output
+    assert written.values["body"] == {"centre": [-0.05, 0.0]}
+    # The body's box ends 5 mm above the ground, on which it would rub.
+    text = (tmp_path / "my_robot/robot.yaml").read_text()
+    assert "  # size: [0.3, 0.2, 0.215] " in text
+    assert "  # bottom: 0.005 " in text
+
+
+def test_masses_of_the_urdf_are_proposed(make, tmp_path):
+    # Given: the body has 5 kg, the scanner .8 kg, the caster's roller .2 kg
+    written = make(CART)
+    assert "base.wheel_mass [kg] mass of one driven wheel; the wheel's mass in the URDF: 0.4\n" in (
+        written.output
+    )
+    assert "; the sum of the other masses in the URDF: 6.0\n" in written.output
+    text = (tmp_path / "my_robot/robot.yaml").read_text()
+    assert "  # wheel_mass: 0.4 " in text
+    assert "  # mass: 6.0 " in text
+
+
+MASSLESS_WHEELS = re.sub("<inertial>.*?</inertial>", "", WHEELS)
+MASSLESS_HULL = re.sub("<inertial>.*?</inertial>", "", HULL)
+
+
+@pytest.mark.parametrize(
+    ("urdf", "proposals"),
+    [
+        # The body's own mass is one, even if the wheels have none.
+        (CART.replace(WHEELS, MASSLESS_WHEELS), {"mass": "6.0"}),
+        # A mass of the laser and the caster alone is none.
+        (CART.replace(WHEELS, MASSLESS_WHEELS).replace(HULL, MASSLESS_HULL), {}),
+        # A link without a shape may have the body's mass, as that of a Husky.
+        (
+            CART.replace(HULL, MASSLESS_HULL)
+            + link("inertial_link", mass=46.0)
+            + joint("inertial_link", "0 0 0"),
+            {"wheel_mass": "0.4", "mass": "47.0"},
+        ),
+        # Placeholders
+        (CART.replace('"0.4"', '"1e-6"'), {"mass": "6.0"}),
+    ],
+    ids=["wheels without", "a laser alone", "a link for the mass", "placeholders"],
+)
+def test_masses_of_some_parts_alone_are_no_proposal(make, tmp_path, urdf, proposals):
+    make(urdf)
+    text = (tmp_path / "my_robot/robot.yaml").read_text()
+    assert dict(re.findall(r"^  # (mass|wheel_mass): (\S+) ", text, re.MULTILINE)) == proposals
 
 
 def test_a_collada_mesh_has_its_own_unit(make, tmp_path):
@@ -534,9 +585,16 @@ REAR_LASER += RAYS.replace("scanner", "rear")
 def test_a_laser_that_no_file_names_is_asked_for(make):
     written = make(CART + REAR_LASER)
     assert (written.values["laser"] or {}) == {}
-    remedy = "no file names it; give it with --laser LINK; these links have ray"
+    remedy = "no file names it; give it with --laser LINK (scanner, rear)\n"
     assert f"laser not identified: {remedy}" in written.output
     assert {"laser.frame", "laser.pose", "laser.beams"} <= set(asked(written.output))
+
+
+def test_links_with_names_of_lasers_are_choices_without_ray_sensors(make):
+    written = make(CART.replace(RAYS, ""))
+    assert "give it with --laser LINK (scanner)\n" in written.output
+    misspelt = make(CART, "--laser", "mast")
+    assert "has no link mast: give one of its links (scanner)\n" in misspelt.output
 
 
 @pytest.mark.parametrize("by", ["option", "sensor_frame"])
@@ -560,6 +618,8 @@ def test_a_frame_of_the_laser_that_the_urdf_lacks_is_asked_for(make):
     assert "has no link mast, the sensor_frame of the costmaps" in written.output
 
 
+# The remedy if a file is not what roslaunch loads
+DUMP = "give the output of roslaunch --dump-params PACKAGE FILE.launch"
 # A mistake puts another file in the place of the local planner's.
 NO_PLANNER = PLACES[:-1]
 HOURGLASS_END = "[0.1, -0.13], [0.1, 0.13]"  # the last two corners of the footprint, swapped
@@ -573,8 +633,17 @@ HOURGLASS_END = "[0.1, -0.13], [0.1, 0.13]"  # the last two corners of the footp
             {"name": "a.xacro"},
             "xacro fails: .*part.*; give arguments as NAME:=V",
         ),
-        ("<link", {}, "is no valid URDF: ParseError.*; run check_urdf"),
-        ('<link name="plate"><collision/></link>', {}, "is no valid URDF: .*; run check_urdf"),
+        ("<link", {}, r"is no valid URDF from line 1, column 26: check_urdf \(Debian: .*"),
+        (
+            CART.replace('size=".3 .2 .1"', 'size=".3 .2 wide"'),
+            {},
+            r"crate.urdf is no valid URDF: check_urdf \(Debian: liburdfdom-tools\) finds the error",
+        ),
+        (
+            '<link name="plate"><collision/></link>',
+            {},
+            "link plate has a <collision> without a shape: add its <geometry>, or remove it",
+        ),
         (
             CART.replace("base_footprint", "foot"),
             {},
@@ -611,6 +680,57 @@ HOURGLASS_END = "[0.1, -0.13], [0.1, 0.13]"  # the last two corners of the footp
             {"files": {"dwa.yaml": "base_local_planner: teb/Teb\n"}},
             "base_local_planner is teb/Teb",
         ),
+        (
+            CART,
+            {"files": {"local.yaml": "global_frame: $(arg prefix)odom\n"}},
+            rf"local.yaml: global_frame is \$\(arg prefix\)odom, which only roslaunch .*: {DUMP}",
+        ),
+        (
+            CART,
+            {
+                "files": {"control.yaml": CONTROLLER.replace("right_joint", "$(env SIDE)")},
+                "places": CONTROLLED["places"],
+            },
+            rf"control.yaml: right_wheel is \$\(env SIDE\), which only roslaunch .*: {DUMP}",
+        ),
+        (
+            CART,
+            {"files": {"dwa.yaml": "<!-- of -->\n<launch>\n</launch>"}},
+            f"dwa.yaml is a launch file: {DUMP}",
+        ),
+        (CART, {"files": {"dwa.yaml": "<robot/>"}}, f"dwa.yaml is a URDF: {DUMP}"),
+        (
+            CART,
+            {"files": {"dwa.yaml": "PARAMETERS\n * /move_base/footprint: [[0.2, 0.2...\n"}},
+            f"dwa.yaml is the list that roslaunch prints, which cuts off .*: {DUMP}",
+        ),
+        (
+            "",
+            {"whole": "<launch>{}</launch>"},
+            "crate.urdf is a launch file: give the URDF or xacro file of the whole robot",
+        ),
+        ("", {"whole": "plugins: []{}"}, "crate.urdf is no URDF: give the URDF or xacro"),
+        (
+            CART + link("pack") + link("lamp") + joint("lamp", "0 0 0", "pack"),
+            {},
+            r"no joint connects pack \(with lamp\) to base_footprint: correct the joints in .*",
+        ),
+        (
+            CART + joint("pack", "0 0 0"),
+            {},
+            "the child of joint pack_joint is no link of .*: pack: .*",
+        ),
+        (
+            CART + joint("left", "0 0 0", "swivel").replace("left_j", "j"),
+            {},
+            "left is the child of .*",
+        ),
+        (CART + CASTER, {}, "2 links have the name swivel: .*"),
+        (
+            CART + link("a") + link("b") + joint("a", "0 0 0", "b") + joint("b", "0 0 0", "a"),
+            {},
+            "the joints above link a form a ring: .*",
+        ),
     ],
 )
 def test_an_ordinary_mistake_is_one_line(make, tmp_path, urdf, more, line):
@@ -626,16 +746,117 @@ def test_xacro_tags_count_in_a_urdf_but_not_in_comments(make):
     assert make(f"{CART}<!-- {macro} -->", name="a.xacro").status == 0
 
 
-def test_a_missing_link_and_an_existing_folder_are_refused(make):
+# The pack with the scanner is mounted only if a variable is set, as on a robot of RoverRobotics.
+MOUNT = joint("scanner", ".05 0 .15")
+PACK = '<xacro:if value="$(optenv CRATE_PACK 0)">{}</xacro:if>'.format(MOUNT)
+WHOLE = "<robot name='crate' xmlns:xacro='http://www.ros.org/wiki/xacro'>{}</robot>"
+
+
+def test_a_variable_that_mounts_a_part_is_named_if_it_is_not_set(make, monkeypatch):
+    urdf = CART.replace(MOUNT, PACK)
+    assert urdf != CART
+    monkeypatch.delenv("CRATE_PACK", raising=False)
+    written = make(urdf, name="crate.xacro", whole=WHOLE)
+    problem = (
+        "crate.xacro: no joint connects scanner to base_footprint: set CRATE_PACK, which xacro"
+    )
+    assert problem in written.output
+    assert written.output.count("\n") == 1
+
+    monkeypatch.setenv("CRATE_PACK", "1")
+    assert make(urdf, name="crate.xacro", whole=WHOLE).status == 0
+
+
+def test_a_variable_that_adds_the_laser_is_named_if_it_is_not_set(make, monkeypatch):
+    laser = f'<xacro:if value="$(optenv CRATE_LASER 0)">{SCANNER}{RAYS}</xacro:if>'
+    urdf = CART.replace(RAYS, "").replace(SCANNER, laser)
+    monkeypatch.delenv("CRATE_LASER", raising=False)
+    written = make(urdf, name="crate.xacro", whole=WHOLE)
+    assert "give it with --laser LINK, or set CRATE_LASER as on the robot\n" in written.output
+
+
+def test_colours_of_a_urdf_are_not_read(make):
+    red = "<visual><geometry><box size='1 1 1'/></geometry>"
+    red += "<material name='red'><color rgba='300 0 0 1'/></material></visual></link>"
+    assert make(CART.replace("</link>", red, 1)).status == 0
+    assert make(CART.replace(HULL, HULL.replace("</link>", red))).status == 0
+
+
+# As on a Fetch: only the limits that differ from the controller's own
+BASE_CONTROLLER = """\
+arm_controller: {follow_joint_trajectory: {joints: [shoulder]}}
+base_controller:
+  type: robot_controllers/DiffDriveBaseController
+  l_wheel_joint: left_joint
+  r_wheel_joint: right_joint
+  max_velocity_x: 0.9
+  max_acceleration_x: 0.7
+"""
+
+
+def test_limits_of_a_controller_of_robot_controllers_are_used(make):
+    more = {"files": {"control.yaml": BASE_CONTROLLER}, "places": [*PLACES, "control.yaml"]}
+    written = make(CART, **more)
+    base = written.values["base"]
+    assert "left_joint, right_joint, according to the controller's file" in written.output
+    assert base["max_speed"] == 0.9
+    assert base["max_acceleration"] == 0.7
+    # The controller's defaults (diff_drive_base.cpp)
+    assert base["max_yaw_rate"] == 4.5
+    assert base["max_yaw_acceleration"] == 3.0
+    assert base["command_timeout"] == 0.25
+    assert written.values["monitor"] == {"deceleration": 0.7, "yaw_deceleration": 3.0}
+    assert "remark: not used: arm_controller in control.yaml\n" in written.output
+
+
+def test_what_a_file_has_for_other_nodes_is_named(make):
+    dump = {
+        "/rosdistro": "noetic",
+        "/two/amcl/min_particles": 500,
+        "/two/move_base/local_costmap": {**yaml.safe_load(COMMON), **yaml.safe_load(LOCAL)},
+        "/two/move_base/global_costmap": yaml.safe_load(COMMON),
+        "/two/move_base/GlobalPlanner/use_dijkstra": True,
+    }
+    files = {"dump.yaml": yaml.safe_dump(dump), "more.yaml": "gripper: {effort: 3}\nspeed: 2\n"}
+    written = make(CART, files=files, places=["dump.yaml", "more.yaml", "dwa.yaml"])
+    unused = "rosdistro, two/amcl, GlobalPlanner in dump.yaml; gripper, speed in more.yaml"
+    assert f"remark: not used: {unused}\n" in written.output
+
+
+def test_a_missing_link_is_refused(make):
     misspelt = make(CART, "--laser", "scaner")
     assert misspelt.status == 1
     assert "has no link scaner: did you mean scanner?\n" in misspelt.output
 
+
+def test_the_command_may_be_repeated_until_something_is_filled_in(make, tmp_path):
+    folder = tmp_path / "my_robot"
+    # Two lasers: the first run asks which of them it is. The second run also has a controller.
+    assert make(CART + REAR_LASER).status == 0
+    repeated = make(CART + REAR_LASER, "--laser", "rear", **CONTROLLED)
+    assert repeated.status == 0, repeated.output
+    assert repeated.values["laser"]["frame"] == "rear"
+    assert repeated.values["base"]["max_speed"] == 0.6
+
+    # When: a value is filled in
+    fill(folder, casters="[[-0.15, 0.0]]")
+    filled_text = (folder / "robot.yaml").read_text()
+    refused = make(CART + REAR_LASER, "--laser", "rear", **CONTROLLED)
+    assert refused.status == 1
+    assert refused.output.count("\n") == 1
+    filled_in = "base.max_yaw_rate, base.wheel_mass, base.casters, body.mass, which this command"
+    assert f"{folder}/robot.yaml has {filled_in} would not write: move" in refused.output
+    assert (folder / "robot.yaml").read_text() == filled_text
+
+
+def test_a_copy_that_its_owner_has_changed_is_not_overwritten(make, tmp_path):
     assert make(CART).status == 0
-    repeated = make(CART)
-    assert repeated.status == 1
-    assert repeated.output.count("\n") == 1
-    assert "robot.yaml already exists" in repeated.output
+    copy = tmp_path / "my_robot/dwa.yaml"
+    copy.write_text(copy.read_text() + "# slower\n")
+    refused = make(CART)
+    assert refused.status == 1
+    assert f"{copy} differs from the file that was given: move it away" in refused.output
+    assert copy.read_text().endswith("# slower\n")
 
 
 def test_a_round_body_is_no_box(make, tmp_path):

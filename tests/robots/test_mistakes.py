@@ -36,6 +36,21 @@ IN_ROBOT_YAML = [
     ("wheel_radius:", "wheel_raduis:", "base: wheel_raduis is unknown: did you mean wheel_radius"),
     ("laser:\n", "lasre:\n", "^lasre is unknown: did you mean laser"),
     ("  beams: 720\n", "", "laser.beams is missing: give it"),
+    ("  beams: 720\n", "  beams: 1\n", "laser.beams is 1: give at least 2$"),
+    ("  beams: 720\n", "  beams: many\n", "laser.beams is 'many': give a whole number$"),
+    ("wheel_radius: 0.098", "wheel_radius: round", "wheel_radius is 'round': give a number$"),
+    ("pose: [0.055, 0.0, 0.0]", "pose: [1, 2, 3, 4]", "laser.pose is .*: give at most 3 values$"),
+    ("pose: [0.055, 0.0, 0.0]", "pose: front", "laser.pose is 'front': give a list$"),
+    (
+        "frame: front_laser",
+        "frame: front laser",
+        "laser.frame is 'front laser': give a name without blanks and special characters$",
+    ),
+    (
+        "vx_samples: {range: [4, 20], integer: true, sets: [{server: TrajectoryPlannerROS}]}",
+        "vx_samples: 12",
+        "parameter_space.vx_samples is 12: give range and sets$",
+    ),
     ("drive: skid_steer", "drive: omni", "base.drive is 'omni': give 'skid_steer' or 'two_wheel'"),
     (
         "size: [0.420, 0.310, 0.184]",
@@ -278,6 +293,19 @@ REMARKS_OF_BURGER = [
         "robot_base_frame: base_link",
         "robot_base_frame is base_link: both costmaps use base_footprint of global_costmap",
     ),
+    (
+        LOCAL,
+        "robot_base_frame: base_footprint",
+        "robot_base_frame: /base_footprint",
+        "^local_costmap/robot_base_frame is /base_footprint: Noetic's tf2 refuses frames that "
+        "begin with a slash, give base_footprint$",
+    ),
+    (
+        LOCAL,
+        "global_frame: odom",
+        "global_frame: /odom",
+        "^local_costmap/global_frame is /odom: Noetic's tf2 refuses .*, give odom$",
+    ),
 ]
 
 
@@ -352,6 +380,23 @@ def test_turns_in_place_faster_than_the_fastest_turn_are_remarked(tmp_path):
     (remark,) = remarks(described)
     assert "min_in_place_vel_theta is 1.7, larger than max_vel_theta (1.57)" in remark.line
     assert remark.correction == {"TrajectoryPlannerROS": {"min_in_place_vel_theta": 1.57}}
+
+
+def test_a_slash_alone_makes_no_other_frame(tmp_path):
+    old = "robot_base_frame: base_footprint"
+    new = "robot_base_frame: /base_footprint"
+    described = folders.read(changed(tmp_path / "mine", "turtlebot3_burger", LOCAL, old, new))
+    (remark,) = remarks(described)
+    assert remark.line.startswith(
+        "local_costmap/robot_base_frame is /base_footprint: Noetic's tf2 refuses"
+    )
+
+
+def test_a_sensor_frame_with_a_slash_is_remarked(tmp_path):
+    old, new = "sensor_frame: front_laser", "sensor_frame: /front_laser"
+    described = folders.read(changed(tmp_path / "mine", "jackal", COSTMAPS, old, new))
+    lines = [remark.line for remark in remarks(described)]
+    assert matching("scan/sensor_frame is /front_laser: .*, give front_laser$", lines), lines
 
 
 # A base ignores commands below its dead band (v [m/s], w [rad/s]). A planner's smallest velocity,
@@ -430,6 +475,25 @@ def test_all_errors_in_robot_yaml_are_reported_at_once_before_those_of_parameter
     robot_yaml.write_text(text.replace("beams: 1", "beams: 720"))
     unknown = "remark: TrajectoryPlannerROS/max_vel_xx: unknown, ignored"
     assert_checked(["sim_time", "max_vel_x"], [unknown])
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ("<launch/>", "planner.yaml is a launch file: "),
+        (
+            "controller_frequency: $(arg rate)",
+            r"controller_frequency is \$\(arg rate\), which only",
+        ),
+    ],
+)
+def test_a_parameter_file_that_only_roslaunch_reads_is_one_line(tmp_path, content, problem):
+    old = "file: base_local_planner_params.yaml"
+    folder = changed(tmp_path / "mine", "jackal", ROBOT, old, "file: planner.yaml")
+    Path(folder, "planner.yaml").write_text(content)
+    remedy = "give the output of roslaunch --dump-params PACKAGE FILE.launch$"
+    with pytest.raises(ApplrError, match=f"{problem}.*{remedy}"):
+        load(folder)
 
 
 def test_a_parameter_file_that_cannot_be_read_is_one_line(tmp_path):

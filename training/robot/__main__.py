@@ -14,15 +14,15 @@ continues from here.
 
 from __future__ import annotations
 
-import shutil
 import sys
 from math import ceil
 from pathlib import Path
-from typing import Dict, List, Optional, Sequence
+from typing import Any, Dict, Iterator, List, Optional, Sequence
 
 from applr_ros1.common.errors import ApplrError, run_main
-from applr_ros1.common.files import write_bytes
+from applr_ros1.common.files import read_bytes, write_bytes, yaml_value
 from applr_ros1.robots.check import WIDTH
+from applr_ros1.robots.parameter_files import read_yaml
 from applr_ros1.robots.robot import FILE
 from applr_ros1.robots.urdf_import.description import describe
 from applr_ros1.robots.urdf_import.parameters import read_parameter_files
@@ -38,6 +38,7 @@ from training.common.command_line import parsed
 from training.common.options import Options, argument, option
 
 COURSE = 42.0  # width of a costmap that contains every course at world_scale 1 (the Jackal) [m]
+OTHER_FOLDER = "move it away, or give another folder with --out"
 
 
 class NewRobotOptions(Options):
@@ -64,12 +65,8 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
         arguments: Arguments of the xacro file by name.
 
     Raises:
-        ApplrError: The folder has a robot.yaml, or a file cannot be used.
+        ApplrError: The folder has values that would be lost, or a file cannot be used.
     """
-    file = options.out / FILE
-    if file.exists():
-        raise ApplrError(f"{file} already exists: remove it, or give another folder with --out")
-
     # What the files say. The first scan source of the costmaps names the laser's frame.
     parameters = read_parameter_files(list(map(str, options.parameters)))
     scan = next(iter(parameters.scans()), {})
@@ -84,11 +81,19 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
     hints = {**described.hints, **limits(parameters.planner)}
     text, missing = robot_yaml(options.urdf.name, described.values, scale, move_base, hints)
 
-    # robot.yaml is written last: a command that fails before it can be repeated.
-    for path, name in copies_of(parameters).items():
-        copy = options.out / name
+    # What has been filled in or changed in the folder stays.
+    file = options.out / FILE
+    lost_values = list(_lost(read_yaml(file), yaml_value(text, file))) if file.exists() else []
+    if lost_values:
+        problem = f"{file} has {', '.join(lost_values)}, which this command would not write"
+        raise ApplrError(f"{problem}: {OTHER_FOLDER}")
+    copies = {options.out / name: read_bytes(path) for path, name in copies_of(parameters).items()}
+    for copy, content in copies.items():
+        if copy.exists() and read_bytes(copy) != content:
+            raise ApplrError(f"{copy} differs from the file that was given: {OTHER_FOLDER}")
+    for copy, content in copies.items():
         copy.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(path, copy)
+        write_bytes(copy, content)
     write_bytes(file, text.encode())
 
     lines = [f"wrote {file} from {options.urdf} and {len(options.parameters)} parameter files"]
@@ -106,6 +111,20 @@ def write(options: NewRobotOptions, arguments: Dict[str, str]) -> List[str]:
         f"  ./applr demo robot:=$(realpath {options.out}) method:=dwa",
         f"  ./applr tune {options.out}",
     ]
+
+
+def _lost(old: Dict[str, Any], new: Dict[str, Any], path: str = "") -> Iterator[str]:
+    """Yield the values of a robot.yaml that new content lacks, such as body.mass.
+
+    A file in which nothing has been filled in has none: the command may be repeated, for example
+    with --laser.
+    """
+    for name, value in old.items():
+        new_value = new.get(name)
+        if isinstance(value, dict) and isinstance(new_value, dict):
+            yield from _lost(value, new_value, f"{path}{name}.")
+        elif value is not None and value != new_value:
+            yield f"{path}{name}"
 
 
 def main(arguments: Optional[Sequence[str]] = None) -> int:

@@ -21,11 +21,14 @@ from applr_ros1.robots.urdf_import.urdf import UrdfFile
 _SIDEWAYS = re.compile(r"mecanum|omni|planar_move|force_based_move", re.IGNORECASE)
 _DRIVEN_TAG = re.compile("(left|right).*joint", re.IGNORECASE)  # tags of such a plugin
 _DRIVE_PLUGIN = re.compile(r"diff_drive|skid_steer_drive")  # files of Gazebo's drive plugins
+# Names of links to choose from if none has a ray sensor
+_LASER_NAME = re.compile(r"laser|lidar|scan|hokuyo|sick", re.IGNORECASE)
 _RAYS = ("ray", "gpu_ray", "lidar", "gpu_lidar")  # types of laser scanners in Gazebo
 LEAST_LEVEL_COS = 0.95  # cosine of the tilt up to which a laser counts as level
 LEAST_ACROSS_COS = 0.95  # cosine of the angle to the lateral up to which an axis counts as lateral
 LEAST_UPRIGHT_COS = 0.7  # cosine of the tilt up to which an axis counts as vertical
 SAME_M = 0.01  # tolerance of positions and sizes that should agree [m]
+LEAST_MASS_KG = 0.01  # smaller masses are placeholders, as in a URDF for RViz alone [kg]
 CLEARANCE_M = 0.005  # smallest ground clearance of a body; lower shapes are supports [m]
 _TAGS = {  # tags of a ray sensor by field of robot.yaml
     "beams": ".//horizontal/samples",
@@ -72,6 +75,7 @@ def describe(
     joints = _wheels(urdf, list(driven), description.notes)
     _base(urdf, joints, description)
     _body(urdf, joints, footprint, description)
+    _masses(urdf, joints, description.hints)
     _laser(urdf, laser, sensor_frame, description)
     return description
 
@@ -253,8 +257,8 @@ def _body(
 ) -> None:
     """Fill the section body with the bounds of the fixed collision shapes above the axles.
 
-    If they are unusable, propose the footprint's size. Shapes below the axles, such as casters, are
-    ignored.
+    If they reach down to the ground, propose these bounds; if they are unusable, the footprint's
+    size. Shapes below the axles, such as casters, are ignored.
     """
     base = description.values["base"]
     body = description.values["body"]
@@ -268,17 +272,19 @@ def _body(
             if shape[:, 2].max() > axle_height:
                 shapes.append(shape)
     lowest, highest = _extent(shapes)
-    ground_height = axle_height - base.get("wheel_radius", inf)
+    lowest_bottom = axle_height - base.get("wheel_radius", inf) + CLEARANCE_M
+    reaches_ground = False
     # A box that is too large stops the robot at doors, one that is too small lets it touch.
     if urdf.lost:
         mesh_names = ", ".join(sorted(urdf.lost))
         problem = f"{mesh_names} is missing (put its package beside the package of the URDF)"
     elif not shapes:
         problem = "no fixed collision shapes above the axles are known"
-    elif lowest[2] < ground_height + CLEARANCE_M:
-        problem = "the fixed collision shapes reach down to the ground, as casters do"
     elif highest[1] - lowest[1] < base["track"] / 2:
         problem = "the fixed collision shapes are narrower than half the track"
+    elif lowest[2] < lowest_bottom:
+        problem = "the fixed collision shapes reach down to the ground, as casters do"
+        reaches_ground = True
     else:
         body["size"] = (highest - lowest).tolist()
         body["centre"] = ((lowest + highest) / 2)[:2].tolist()
@@ -286,7 +292,15 @@ def _body(
         _note_excluded_links(urdf, joints, description.notes)
         return
     description.notes.append(f"outline not identified: {problem}; fill it in")
-    if len(footprint):
+    if reaches_ground:
+        # One mesh of the whole base may include casters.
+        origin = "bounds of the fixed collision shapes, which may include casters"
+        bottom = round(float(lowest_bottom), 3)
+        length, width, _ = (highest - lowest).tolist()
+        body["centre"] = ((lowest + highest) / 2)[:2].tolist()
+        description.hints["body", "size"] = [length, width, float(highest[2]) - bottom], origin
+        description.hints["body", "bottom"] = bottom, origin
+    elif len(footprint):
         body["centre"] = ((footprint.min(axis=0) + footprint.max(axis=0)) / 2).tolist()
         origin = "length and width of the footprint in the parameter files"
         description.hints["body", "size"] = np.ptp(footprint, axis=0).tolist(), origin
@@ -304,17 +318,53 @@ def _note_excluded_links(urdf: UrdfFile, joints: List[Any], notes: List[str]) ->
         notes.append(f"the outline excludes moving links: {', '.join(excluded_links)}")
 
 
+def _masses(
+    urdf: UrdfFile, joints: List[Any], hints: Dict[Tuple[str, str], Tuple[Any, str]]
+) -> None:
+    """Propose the masses in the URDF for a driven wheel and for everything else."""
+    body_links = set(urdf.links)
+    wheel_masses = []
+    for joint in joints:
+        wheel_links = urdf.parts(joint)
+        wheel_masses.append(urdf.mass(wheel_links))
+        body_links -= set(wheel_links)
+    if not joints:
+        return
+    wheels_have_mass = min(wheel_masses) >= LEAST_MASS_KG
+    if wheels_have_mass:
+        hints["base", "wheel_mass"] = float(np.mean(wheel_masses)), "the wheel's mass in the URDF"
+
+    volumes = {}
+    for link_name in sorted(body_links):
+        lowest, highest = _extent(urdf.shapes(link_name))
+        volumes[link_name] = float(np.prod(highest - lowest))
+    largest_link = max(volumes, key=lambda link_name: volumes[link_name])
+    body_mass = urdf.mass(body_links)
+    # The mass of a part such as the laser alone is not that of the body. A link without a shape may
+    # have it, but then the wheels have theirs, because Gazebo drops links without a mass.
+    is_complete = wheels_have_mass or urdf.mass([largest_link]) > 0.0
+    if body_mass < LEAST_MASS_KG or not is_complete:
+        return
+    origin = "the sum of the other masses in the URDF"
+    missing_links = [name for name in volumes if volumes[name] and not urdf.mass([name])]
+    if missing_links:
+        origin += f", which has none for {', '.join(missing_links)}"
+    hints["body", "mass"] = body_mass, origin
+
+
 def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Description) -> None:
     """Fill the section laser with its pose, and with the settings of Gazebo's ray sensor.
 
     By default, the laser is the link `sensor_frame` of the costmap's source, or the link of the
     only ray sensor.
     """
+    sensors = _ray_sensors(urdf)
     if laser and laser not in urdf.links:
-        advice = did_you_mean(laser, urdf.links) or "give one of its links"
+        advice = (
+            did_you_mean(laser, urdf.links) or f"give one of its links{_choices(urdf, sensors)}"
+        )
         raise ApplrError(f"{urdf.path} has no link {laser}: {advice}")
     # The user's word comes first, then the costmaps', which drive with this laser.
-    sensors = _ray_sensors(urdf)
     link = laser or sensor_frame
     if not link and len(sensors) == 1:
         (link,) = sensors
@@ -324,10 +374,10 @@ def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Descripti
         if link:
             problem = f"{urdf.path} has no link {link}, the sensor_frame of the costmaps"
             values["frame"] = link
-        note = f"laser not identified: {problem}; give it with --laser LINK"
-        if sensors:
-            note += f"; these links have ray sensors: {', '.join(sensors)}"
-        description.notes.append(note)
+        remedy = f"give it with --laser LINK{_choices(urdf, sensors)}"
+        if urdf.unset_variables:
+            remedy += f", or set {', '.join(urdf.unset_variables)} as on the robot"
+        description.notes.append(f"laser not identified: {problem}; {remedy}")
         return
     pose = urdf.pose(link)
     rotation = pose[:3, :3]
@@ -335,13 +385,20 @@ def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Descripti
     cos_tilt = rotation[2, 2]
     if abs(cos_tilt) < LEAST_LEVEL_COS:
         problem = f"{link} is tilted, but scans must be level"
-        raise ApplrError(f"{urdf.path}: {problem}; give another link with --laser")
+        remedy = f"give another link with --laser{_choices(urdf, sensors)}"
+        raise ApplrError(f"{urdf.path}: {problem}; {remedy}")
     values["frame"] = link
     values["pose"] = [x, y, atan2(rotation[1, 0], rotation[0, 0])]
     values["height"] = z
     # With several sensors at one link, it is unknown which of them publishes the scans.
     if len(sensors.get(link, [])) == 1:
         values.update(_sensor_values(sensors[link][0], is_upside_down=cos_tilt < 0.0))
+
+
+def _choices(urdf: UrdfFile, sensors: Iterable[str]) -> str:
+    """Return the links with ray sensors, or with names of lasers, in brackets; "" without any."""
+    links = list(sensors) or list(filter(_LASER_NAME.search, urdf.links))
+    return f" ({', '.join(links)})" if links else ""
 
 
 def _ray_sensors(urdf: UrdfFile) -> Dict[str, List[Any]]:

@@ -7,9 +7,10 @@ training/robot.py calls `read_parameter_files`, and parameter_files.py reads eac
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass, field
-from typing import Any, Dict, Iterator, List, Sequence, Set, Tuple
+from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Set, Tuple
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from applr_ros1.planner.parameters.layers import COSTMAPS, FOUND_ABOVE, STATIC_L
 from applr_ros1.robots.check import crossing_outlines
 from applr_ros1.robots.parameter_files import (
     PLACES,
+    check_resolved,
     nested,
     observation_sources,
     of_move_base,
@@ -46,6 +48,15 @@ def _names_below(namespace: str) -> Set[str]:
 _NAMES = {place: _names_below(place) for place in NAMESPACES}
 _NAMES[""].update(FOUND_ABOVE)
 CONTROLLER_TIMEOUT_S = 0.5  # default cmd_vel_timeout of a diff_drive_controller [s]
+# Parameters of robot_controllers/DiffDriveBaseController with their defaults
+# (diff_drive_base.cpp, init), by field of robot.yaml's section base
+DIFF_DRIVE_BASE = {
+    "max_speed": ("max_velocity_x", 1.0),
+    "max_acceleration": ("max_acceleration_x", 0.75),
+    "max_yaw_rate": ("max_velocity_r", 4.5),
+    "max_yaw_acceleration": ("max_acceleration_r", 3.0),
+    "command_timeout": ("timeout", 0.25),
+}
 
 
 @dataclass
@@ -208,16 +219,21 @@ def read_parameter_files(specifications: Sequence[str]) -> Parameters:
     """
     parameters = Parameters()
     controllers: List[Dict[str, Any]] = []
+    contents: List[_Content] = []
     for specification in specifications:
         file_path, _, namespace_below = specification.partition(":")
         # A namespace may be given as it stands in a launch file or on the parameter server.
         namespace_below = re.sub("^/?(move_base(/|$))?", "", namespace_below.rstrip("/"))
         content = nested(file_path)
-        file_controllers = list(_controllers(content))
+        file_controllers = list(_controllers({"": content}))
         controllers += file_controllers
-        values = of_move_base(content)
+        for controller in file_controllers:
+            check_resolved(controller, file_path)
+        values = of_move_base(content, file_path)
+        if not namespace_below:
+            contents.append(_Content(file_path, content, [values, *file_controllers]))
         has_move_base = bool(set(values) & {*_NAMES[""], *NAMESPACES})
-        if file_controllers and not namespace_below and not has_move_base:
+        if file_controllers and not has_move_base:
             continue  # The file has a controller alone.
         _check_namespace(file_path, namespace_below, values)
         parameters.files.append((file_path, namespace_below))
@@ -246,7 +262,55 @@ def read_parameter_files(specifications: Sequence[str]) -> Parameters:
     parameters.full = complete(parameters.tree)
     for error_message in crossing_outlines(parameters.full):
         raise ApplrError(error_message)
+    unused_parts = []
+    for file_content in contents:
+        unused_names = list(file_content.unused({*_NAMES[""], *parameters.full}))
+        if unused_names:
+            file_name = os.path.basename(file_content.path)
+            unused_parts.append(f"{', '.join(unused_names)} in {file_name}")
+    if unused_parts:
+        parameters.notes.append(f"not used: {'; '.join(unused_parts)}")
     return parameters
+
+
+class _Content(NamedTuple):
+    """Content of one file: its path, all nested values, and the sections that are read."""
+
+    path: str
+    tree: Dict[str, Any]
+    read_sections: List[Dict[str, Any]]
+
+    def unused(self, known_names: Set[str]) -> Iterator[str]:
+        """Yield the paths of the largest parts from which nothing is taken.
+
+        known_names: Names that move_base reads in its namespace.
+        """
+        values, *controllers = self.read_sections
+        if values is not self.tree:
+            yield from _parts_without(self.tree, self.read_sections)
+        for name in _parts_without(values, controllers):
+            if name not in known_names:
+                yield name
+
+
+def _parts_without(tree: Dict[str, Any], sections: List[Dict[str, Any]]) -> Iterator[str]:
+    """Yield the paths of the largest parts of a tree that have none of some sections."""
+    if any(tree is section for section in sections):
+        return
+    for name, value in tree.items():
+        is_section = isinstance(value, dict)
+        if is_section and _has(value, sections):
+            for inner_name in _parts_without(value, sections):
+                yield f"{name}/{inner_name}"
+        else:
+            yield name
+
+
+def _has(tree: Dict[str, Any], sections: List[Dict[str, Any]]) -> bool:
+    """Return whether a tree is one of some sections, or has one of them below it."""
+    subsections = [value for value in tree.values() if isinstance(value, dict)]
+    is_section = any(tree is section for section in sections)
+    return is_section or any(_has(subsection, sections) for subsection in subsections)
 
 
 def _check_namespace(path: str, namespace_below: str, values: Dict[str, Any]) -> None:
@@ -266,18 +330,27 @@ def _check_namespace(path: str, namespace_below: str, values: Dict[str, Any]) ->
 
 
 def _controllers(tree: Dict[str, Any]) -> Iterator[Dict[str, Any]]:
-    """Yield the sections that belong to a diff_drive_controller or have its limits."""
+    """Yield the sections that belong to a controller of a base, or have its limits."""
     for value in tree.values():
         if not isinstance(value, dict):
             continue
-        if "left_wheel" in value or branch(value, "linear/x") or branch(value, "angular/z"):
+        has_limits = branch(value, "linear/x") or branch(value, "angular/z")
+        if "left_wheel" in value or has_limits or _is_diff_drive_base(value):
             yield value
         else:
             yield from _controllers(value)
 
 
+def _is_diff_drive_base(controller: Dict[str, Any]) -> bool:
+    """Return whether a section belongs to a robot_controllers/DiffDriveBaseController."""
+    return "DiffDriveBaseController" in str(controller.get("type"))
+
+
 def _driven(controller: Dict[str, Any]) -> List[str]:
     """Return the joints driven by a controller."""
+    if _is_diff_drive_base(controller):
+        parameter_names = ("l_wheel_joint", "r_wheel_joint")  # Their defaults are the same.
+        return [str(controller.get(name, name)) for name in parameter_names]
     joints: List[str] = []
     for side in ("left_wheel", "right_wheel"):
         side_joints = controller.get(side, [])
@@ -291,6 +364,11 @@ def _driven(controller: Dict[str, Any]) -> List[str]:
 def _limits(controller: Dict[str, Any]) -> Dict[str, float]:
     """Return the limits of a controller, by field of robot.yaml's section base."""
     limits: Dict[str, float] = {}
+    if _is_diff_drive_base(controller):
+        for field_name, (parameter_name, default) in DIFF_DRIVE_BASE.items():
+            limit = number_at(controller, "", (parameter_name,))
+            limits[field_name] = default if limit is None else limit
+        return limits
     for axis_path, limit_kind, field_name in (
         ("linear/x", "velocity", "max_speed"),
         ("linear/x", "acceleration", "max_acceleration"),

@@ -8,9 +8,10 @@ from __future__ import annotations
 import io
 import logging
 import os
+import re
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Dict, Iterator, List, Mapping, Set
+from typing import Any, Dict, Iterable, Iterator, List, Mapping, Set
 
 import numpy as np
 from defusedxml import ElementTree
@@ -18,8 +19,13 @@ from defusedxml import ElementTree
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.files import plain_xml, read_bytes
+from applr_ros1.robots.file_kinds import URDF, kind_of
+from applr_ros1.robots.urdf_import.xml_checks import shape_problem, tree_problem
 
 BASES = ("base_link", "base_footprint")  # usual names of a base frame
+# How to get the URDF that a running robot uses
+OF_RUNNING_ROBOT = "rosparam get -p /robot_description > robot.urdf"
+_OPTENV = re.compile(r"\$\(optenv\s+(\w+)")  # a variable that xacro reads if it is set
 
 
 def _find_packages(path: str) -> None:
@@ -50,22 +56,35 @@ def _expanded(path: str, arguments: Mapping[str, str]) -> str:
         problem = " ".join(str(error).split())
         raise ApplrError(
             f"{path}: xacro fails: {problem}; give arguments as NAME:=VALUE and put packages "
-            "beside this file's package, or give the expanded URDF: "
-            "rosparam get -p /robot_description > robot.urdf"
+            f"beside this file's package, or give the expanded URDF: {OF_RUNNING_ROBOT}"
         ) from error
+
+
+def _unset_variables(path: str) -> List[str]:
+    """Return the unset environment variables that the last expanded xacro file may read."""
+    import xacro
+
+    variables: Set[str] = set()
+    for xacro_file in (path, *filter(os.path.isfile, xacro.all_includes)):
+        variables.update(_OPTENV.findall(read_bytes(xacro_file).decode("utf-8", "replace")))
+    return sorted(variables - set(os.environ))
 
 
 @contextmanager
 def _named(path: str) -> Iterator[None]:
-    """Add the path to any error of a parser.
+    """Replace any error of a parser by one with the path.
 
-    The parsers raise various exceptions for invalid files.
+    The parsers raise various exceptions for invalid files, whose texts are about their own code.
     """
     try:
         yield
     except Exception as error:
+        place = ""
+        if isinstance(error, ElementTree.ParseError):
+            line, column = error.position
+            place = f" from line {line}, column {column + 1}"
         raise ApplrError(
-            f"{path} is no valid URDF: {error!r}; run check_urdf to find the error"
+            f"{path} is no valid URDF{place}: check_urdf (Debian: liburdfdom-tools) finds the error"
         ) from error
 
 
@@ -81,6 +100,8 @@ class UrdfFile:
         moving: For each link, the movable joints between it and the base frame, nearest to the link
             first.
         lost: Missing collision meshes.
+        unset_variables: Environment variables that the xacro file reads if they are set, and that
+            are not.
     """
 
     def __init__(self, path: str, arguments: Mapping[str, str], base_frame: str) -> None:
@@ -92,17 +113,26 @@ class UrdfFile:
             base_frame: Base frame of the robot.
 
         Raises:
-            ApplrError: The file is no valid URDF, has no links, xacro fails, or there is no link
-                base_frame.
+            ApplrError: The file is no valid URDF, has no links, or several that no joint connects,
+                xacro fails, or there is no link base_frame.
         """
         import yourdfpy
 
         self.path = path
         self.lost: Set[str] = set()
+        self.unset_variables: List[str] = []
         content = read_bytes(path)
+        kind = kind_of(content)
+        if kind != URDF and b"<robot" not in content:
+            remedy = "give the URDF or xacro file of the whole robot"
+            raise ApplrError(f"{path} is {kind or 'no URDF'}: {remedy}")
         _find_packages(path)
         is_xacro = path.endswith(".xacro")
-        urdf_text = _expanded(path, arguments) if is_xacro else plain_xml(content)
+        if is_xacro:
+            urdf_text = _expanded(path, arguments)
+            self.unset_variables = _unset_variables(path)
+        else:
+            urdf_text = plain_xml(content)
         with _named(path):
             self.xml = ElementTree.fromstring(urdf_text)
         if not is_xacro:
@@ -113,6 +143,11 @@ class UrdfFile:
         if self.xml.find("link") is None:
             remedy = "give a URDF, or if it only defines macros, the file that uses them"
             raise ApplrError(f"{path} has no links: {remedy}")
+        self._check_xml(base_frame)
+        # yourdfpy also reads what nothing here needs: colours, which may be out of its range.
+        for link in self.xml.findall("link"):
+            for visual in link.findall("visual"):
+                link.remove(visual)
         # yourdfpy warns about joints that mimic others.
         logging.getLogger("yourdfpy").setLevel(logging.ERROR)
         with _named(path):
@@ -140,6 +175,24 @@ class UrdfFile:
                 if joint.type != "fixed" and joint.name not in above_base:
                     self.moving[link_name].append(joint)
 
+    def _check_xml(self, base_frame: str) -> None:
+        """Raise ApplrError if a collision has no shape, or if the links do not form one tree."""
+        problem = shape_problem(self.xml)
+        if problem:
+            raise ApplrError(f"{self.path}: {problem}: add its <geometry>, or remove it")
+        problem = tree_problem(self.xml, base_frame)
+        if not problem:
+            return
+        remedy = "correct the joints in a copy of the file"
+        if self.path.endswith(".xacro"):
+            remedy = "give arguments as NAME:=VALUE, as the robot's launch file does"
+        if self.unset_variables:
+            variables = ", ".join(self.unset_variables)
+            remedy = f"set {variables}, which xacro reads from the environment, as on the robot"
+        if self.path.endswith(".xacro"):
+            remedy += f", or give the URDF of the running robot: {OF_RUNNING_ROBOT}"
+        raise ApplrError(f"{self.path}: {problem}: {remedy}")
+
     def _above(self, link: str) -> Iterator[Any]:
         """Yield the joints from a link to the root."""
         while link in self._joint_to:
@@ -159,6 +212,11 @@ class UrdfFile:
     def parts(self, joint: Any) -> List[str]:
         """Return the links that turn with a joint and do not move relative to its child."""
         return [link_name for link_name, joints in self.moving.items() if joints[:1] == [joint]]
+
+    def mass(self, links: Iterable[str]) -> float:
+        """Return the sum of the masses of some links [kg]. A link without inertia has none."""
+        inertias = [self.links[link_name].inertial for link_name in links]
+        return float(sum(inertia.mass or 0.0 for inertia in inertias if inertia is not None))
 
     def shapes(self, link: str) -> List[Array]:
         """Return the vertices (n, 3) [m] of each collision shape of a link in the base frame.
