@@ -752,27 +752,31 @@ PACK = '<xacro:if value="$(optenv CRATE_PACK 0)">{}</xacro:if>'.format(MOUNT)
 WHOLE = "<robot name='crate' xmlns:xacro='http://www.ros.org/wiki/xacro'>{}</robot>"
 
 
-def test_a_variable_that_mounts_a_part_is_named_if_it_is_not_set(make, monkeypatch):
+@pytest.mark.parametrize("value", [None, "0"])
+def test_a_variable_that_mounts_a_part_is_named_with_its_value(make, monkeypatch, value):
     urdf = CART.replace(MOUNT, PACK)
     assert urdf != CART
     monkeypatch.delenv("CRATE_PACK", raising=False)
+    if value is not None:
+        monkeypatch.setenv("CRATE_PACK", value)
     written = make(urdf, name="crate.xacro", whole=WHOLE)
-    problem = (
-        "crate.xacro: no joint connects scanner to base_footprint: set CRATE_PACK, which xacro"
-    )
-    assert problem in written.output
+    problem = "crate.xacro: no joint connects scanner to base_footprint: set the environment"
+    assert f"{problem} variable CRATE_PACK (now {value or 'not set'}) as on" in written.output
     assert written.output.count("\n") == 1
 
     monkeypatch.setenv("CRATE_PACK", "1")
     assert make(urdf, name="crate.xacro", whole=WHOLE).status == 0
 
 
-def test_a_variable_that_adds_the_laser_is_named_if_it_is_not_set(make, monkeypatch):
+def test_a_variable_that_adds_the_laser_is_named_with_its_value(make, monkeypatch):
     laser = f'<xacro:if value="$(optenv CRATE_LASER 0)">{SCANNER}{RAYS}</xacro:if>'
     urdf = CART.replace(RAYS, "").replace(SCANNER, laser)
     monkeypatch.delenv("CRATE_LASER", raising=False)
     written = make(urdf, name="crate.xacro", whole=WHOLE)
-    assert "give it with --laser LINK, or set CRATE_LASER as on the robot\n" in written.output
+    assert (
+        "give it with --laser LINK, or set CRATE_LASER (now not set) as on the robot\n"
+        in written.output
+    )
 
 
 def test_colours_of_a_urdf_are_not_read(make):

@@ -375,8 +375,8 @@ def _laser(urdf: UrdfFile, laser: str, sensor_frame: str, description: Descripti
             problem = f"{urdf.path} has no link {link}, the sensor_frame of the costmaps"
             values["frame"] = link
         remedy = f"give it with --laser LINK{_choices(urdf, sensors)}"
-        if urdf.unset_variables:
-            remedy += f", or set {', '.join(urdf.unset_variables)} as on the robot"
+        if urdf.variables:
+            remedy += f", or set {' or '.join(urdf.variables)} as on the robot"
         description.notes.append(f"laser not identified: {problem}; {remedy}")
         return
     pose = urdf.pose(link)

@@ -60,14 +60,14 @@ def _expanded(path: str, arguments: Mapping[str, str]) -> str:
         ) from error
 
 
-def _unset_variables(path: str) -> List[str]:
-    """Return the unset environment variables that the last expanded xacro file may read."""
+def _variables(path: str) -> List[str]:
+    """Return the optional environment variables of the last expanded xacro file, with values."""
     import xacro
 
-    variables: Set[str] = set()
+    names: Set[str] = set()
     for xacro_file in (path, *filter(os.path.isfile, xacro.all_includes)):
-        variables.update(_OPTENV.findall(read_bytes(xacro_file).decode("utf-8", "replace")))
-    return sorted(variables - set(os.environ))
+        names.update(_OPTENV.findall(read_bytes(xacro_file).decode("utf-8", "replace")))
+    return [f"{name} (now {os.environ.get(name, 'not set')})" for name in sorted(names)]
 
 
 @contextmanager
@@ -100,8 +100,8 @@ class UrdfFile:
         moving: For each link, the movable joints between it and the base frame, nearest to the link
             first.
         lost: Missing collision meshes.
-        unset_variables: Environment variables that the xacro file reads if they are set, and that
-            are not.
+        variables: Environment variables that the xacro file reads if they are set, with their
+            values in brackets.
     """
 
     def __init__(self, path: str, arguments: Mapping[str, str], base_frame: str) -> None:
@@ -120,7 +120,7 @@ class UrdfFile:
 
         self.path = path
         self.lost: Set[str] = set()
-        self.unset_variables: List[str] = []
+        self.variables: List[str] = []
         content = read_bytes(path)
         kind = kind_of(content)
         if kind != URDF and b"<robot" not in content:
@@ -130,7 +130,7 @@ class UrdfFile:
         is_xacro = path.endswith(".xacro")
         if is_xacro:
             urdf_text = _expanded(path, arguments)
-            self.unset_variables = _unset_variables(path)
+            self.variables = _variables(path)
         else:
             urdf_text = plain_xml(content)
         with _named(path):
@@ -186,9 +186,8 @@ class UrdfFile:
         remedy = "correct the joints in a copy of the file"
         if self.path.endswith(".xacro"):
             remedy = "give arguments as NAME:=VALUE, as the robot's launch file does"
-        if self.unset_variables:
-            variables = ", ".join(self.unset_variables)
-            remedy = f"set {variables}, which xacro reads from the environment, as on the robot"
+        if self.variables:
+            remedy = f"set the environment variable {' or '.join(self.variables)} as on the robot"
         if self.path.endswith(".xacro"):
             remedy += f", or give the URDF of the running robot: {OF_RUNNING_ROBOT}"
         raise ApplrError(f"{self.path}: {problem}: {remedy}")
