@@ -521,6 +521,7 @@ def test_shapes_down_to_the_ground_are_proposed_as_the_outline(make, tmp_path):
     # The hull stands on the ground (z = 0), and the scanner ends .22 m above it.
     written = make(CART.replace(HULL, HULL.replace("-.05 0 .06", "-.05 0 0")))
     assert "outline not identified: the fixed collision shapes reach down to the" in written.output
+    assert "the outline excludes moving links: roller\n" in written.output
     assert written.values["body"] == {"centre": [-0.05, 0.0]}
     # The body's box ends 5 mm above the ground, on which it would rub.
     text = (tmp_path / "my_robot/robot.yaml").read_text()

@@ -300,6 +300,7 @@ def _body(
         body["centre"] = ((lowest + highest) / 2)[:2].tolist()
         description.hints["body", "size"] = [length, width, float(highest[2]) - bottom], origin
         description.hints["body", "bottom"] = bottom, origin
+        _note_excluded_links(urdf, joints, description.notes)
     elif len(footprint):
         body["centre"] = ((footprint.min(axis=0) + footprint.max(axis=0)) / 2).tolist()
         origin = "length and width of the footprint in the parameter files"
