@@ -591,6 +591,12 @@ def test_a_laser_that_no_file_names_is_asked_for(make):
     assert {"laser.frame", "laser.pose", "laser.beams"} <= set(asked(written.output))
 
 
+def test_a_word_in_the_place_of_a_sensor_value_is_asked_for(make):
+    written = make(CART.replace("<samples>361</samples>", "<samples>many</samples>"))
+    assert "laser.beams" in asked(written.output), written.output
+    assert written.values["laser"]["rate"] == 20.0
+
+
 def test_links_with_names_of_lasers_are_choices_without_ray_sensors(make):
     written = make(CART.replace(RAYS, ""))
     assert "give it with --laser LINK (scanner)\n" in written.output

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, field
-from math import atan2, inf, isfinite
+from math import atan2, inf, isfinite, nan
 from typing import Any, Dict, Iterable, List, NamedTuple, Tuple
 
 import numpy as np
@@ -431,5 +431,8 @@ def _sensor_values(sensor: Any, is_upside_down: bool) -> Dict[str, Any]:
 
 
 def _number(sensor: Any, tag: str) -> float:
-    """Return the number in a tag of a sensor, or nan if the tag is missing."""
-    return float(sensor.findtext(tag) or "nan")
+    """Return the number in a tag of a sensor, or nan if the tag has none."""
+    try:
+        return float(sensor.findtext(tag) or "nan")
+    except ValueError:
+        return nan
