@@ -722,6 +722,7 @@ HOURGLASS_END = "[0.1, -0.13], [0.1, 0.13]"  # the last two corners of the footp
             {},
             r"no joint connects pack \(with lamp\) to base_footprint: correct the joints in .*",
         ),
+        (link("pack") + CART, {}, "no joint connects pack to base_footprint: correct .*"),
         (
             CART + joint("pack", "0 0 0"),
             {},
