@@ -241,7 +241,7 @@ class Bridge:
         """Handle the service ~load_world: change to the world named by the parameter ~world."""
         try:
             world = self._load(str(rospy.get_param("~world", "")))
-        except (ValueError, OSError) as error:
+        except ApplrError as error:
             rospy.logerr(
                 "sim_bridge: no new world, keeping %s: %s", self.simulator.world.name, error
             )

@@ -5,6 +5,7 @@ A course is stored in the world file, or taken from BARN's path file beside the 
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import re
@@ -13,8 +14,9 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from applr_ros1.common.arrays import Array
+from applr_ros1.common.arrays import Array, Ints
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import read_bytes, reading
 
 from . import barn, dynabarn, search
 from .sdf import NAMESPACE, numbers
@@ -27,12 +29,12 @@ COURSE_REMEDY = (
 )
 
 
-def from_element(element: Element, path: str) -> Course:
+def from_element(element: Element) -> Course:
     """Return the course that `sdf_writer` stored in a world file."""
 
     def get(tag: str, count: int) -> Any:
         tag_text = element.findtext(f"{{{NAMESPACE}}}{tag}")
-        return tuple(numbers(tag_text, count, f"{tag} of the course in {path}"))
+        return tuple(numbers(tag_text, count, f"{tag} of the course"))
 
     def has(tag: str) -> bool:
         return element.find(f"{{{NAMESPACE}}}{tag}") is not None
@@ -62,19 +64,20 @@ def beside(path: str, cylinders: Array, movers: Sequence[Mover]) -> Course:
     if number_match and len(cylinders):
         path_file = os.path.join(folder, PATH_FOLDER, f"path_{number_match.group(1)}.npy")
         if os.path.exists(path_file):
-            return _on_barns_grid(path_file, cylinders)
+            with reading(path_file):
+                # A pickle in the file of a stranger would execute code.
+                cells = np.load(io.BytesIO(read_bytes(path_file)), allow_pickle=False)
+                return _on_barns_grid(cells.astype(np.int64), cylinders)
     if movers:
         return dynabarn.arena_course()
-    raise ApplrError(f"{path} has no course; {COURSE_REMEDY.format(path)}")
+    raise ApplrError(f"the world has no course; {COURSE_REMEDY.format(path)}")
 
 
-def _on_barns_grid(file: str, cylinders: Array) -> Course:
+def _on_barns_grid(cells: Ints, cylinders: Array) -> Course:
     """Return the paper's course along the cells (k, 2) of a path_N.npy.
 
     The first cell may occur twice in the file.
     """
-    # A pickle in the file of a stranger would execute code.
-    cells = np.load(file, allow_pickle=False).astype(np.int64)
     if len(cells) > 2 and np.array_equal(cells[0], cells[1]):
         cells = cells[1:]
     rows, columns = cells.T
@@ -83,14 +86,14 @@ def _on_barns_grid(file: str, cylinders: Array) -> Course:
     blocked_cells = cells[~free_cells[rows, columns]]
     if len(blocked_cells):
         raise ApplrError(
-            f"{file} runs into an obstacle at cell {tuple(blocked_cells[0].tolist())}: there is no "
-            "passage; copy the path file of this world there, or remove the obstacle"
+            f"the path runs into an obstacle at cell {tuple(blocked_cells[0].tolist())}: there is "
+            "no passage; copy the path file of this world there, or remove the obstacle"
         )
     return barn.paper_course(barn.to_xy(cells))
 
 
-def along(path: str, points: Array) -> Course:
-    """Return a course along points (n, 2) [m] for a world file.
+def along(points: Array) -> Course:
+    """Return a course along points (n, 2) [m].
 
     Start and goal have the direction of the first leg.
     """
@@ -99,9 +102,7 @@ def along(path: str, points: Array) -> Course:
         distance = math.dist(points[0], points[-1])
     # A robot at the start of such a course would be at its goal.
     if distance <= barn.GOAL_TOLERANCE_M:
-        raise ApplrError(
-            f"the course for {path} has no length; give X Y of at least two points in metres"
-        )
+        raise ApplrError("the course has no length; give X Y of at least two points in metres")
     dx, dy = points[1] - points[0]
     yaw = math.atan2(dy, dx)
     start_x, start_y = points[0].tolist()

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import csv
 import functools
+import io
 import math
 import os
 from typing import Callable, Dict, List, Optional, Tuple
@@ -19,7 +20,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from applr_ros1.common.arrays import Array
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, shown
+from applr_ros1.common.files import read_bytes, reading
 
 from .sdf import NAMESPACE, numbers
 from .world import Course, KeyFrame, Mover, World
@@ -40,9 +42,10 @@ def read_table(path: str) -> Dict[str, Animation]:
     lengths: Dict[str, float] = {}
     repeats: Dict[str, bool] = {}
     frames_by_plugin: Dict[str, List[KeyFrame]] = {}
-    # Spreadsheets write a byte order mark, which utf-8-sig skips.
-    with open(path, newline="", encoding="utf-8-sig") as table_file:
-        for table_row in csv.DictReader(table_file):
+    with reading(path):
+        # Spreadsheets write a byte order mark, which utf-8-sig skips.
+        table_text = read_bytes(path).decode("utf-8-sig")
+        for table_row in csv.DictReader(io.StringIO(table_text, newline="")):
             plugin = table_row["plugin"]
             lengths[plugin] = float(table_row["length"])
             repeats[plugin] = table_row["repeat"] == "1"
@@ -68,7 +71,7 @@ def animation_of(model: Element, path: str) -> Optional[Animation]:
     Raises:
         ApplrError: The table beside the file has no rows of the plugin.
     """
-    title = f"model {model.get('name')!r} in {path}"
+    title = f"model {shown(model.get('name'))}"
     stored_frames = model.find(f"{{{NAMESPACE}}}waypoints")
     if stored_frames is not None:
         # Words that do not fill a key frame are left over, which `numbers` reports.
@@ -95,9 +98,9 @@ def animation_of(model: Element, path: str) -> Optional[Animation]:
         animations = read_table(table_path)
     if plugin_name not in animations:
         raise ApplrError(
-            f"{title} has the Gazebo plugin {plugin_file!r}, which has no rows in {NAME} beside "
-            "the world: if the plugin moves nothing, remove it from a copy of the world; otherwise "
-            "make that table once, as docs/reference/worlds.md describes"
+            f"{title} has the Gazebo plugin {shown(plugin_file)}, which has no rows in {NAME} "
+            "beside the world: if the plugin moves nothing, remove it from a copy of the world; "
+            "otherwise make that table once, as docs/reference/worlds.md describes"
         )
     return animations[plugin_name]
 

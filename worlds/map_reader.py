@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from typing import Any, Tuple
 
@@ -12,8 +13,8 @@ from typing_extensions import Literal
 
 from applr_ros1.common.angles import transform_point
 from applr_ros1.common.arrays import Array
-from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import read_yaml
+from applr_ros1.common.errors import ApplrError, shown
+from applr_ros1.common.files import read_bytes, read_yaml, reading
 
 from .world import Grid
 
@@ -23,6 +24,8 @@ OCCUPIED = 100
 UNKNOWN = -1
 WHITE = 255.0  # brightest value of a pixel
 TWO_BYTES = 0xFFFF  # brightest value of a pixel in an image of 16 bits
+# Largest number of cells of a map. Drawing the courses of such a map takes about a minute and 6 GB.
+MOST_CELLS = 20_000_000
 
 
 class MapFile(BaseModel):
@@ -54,7 +57,12 @@ def read_map(path: str) -> Grid:
 
 def read_fields(path: str) -> MapFile:
     """Return the fields of a map.yaml. Raise ApplrError with the first field that is invalid."""
-    content: Any = read_yaml(path)
+    with reading(path):
+        return _fields(read_yaml(path))
+
+
+def _fields(content: Any) -> MapFile:
+    """Return the fields in the content of a map.yaml, or raise ApplrError."""
     try:
         return MapFile.model_validate(content)
     except ValidationError as refusal:
@@ -64,10 +72,10 @@ def read_fields(path: str) -> MapFile:
     has_fields = isinstance(content, dict) and content.keys() >= set(required_names)
     if not has_fields:
         field_list = ", ".join(required_names)
-        raise ApplrError(f"{path} is no map: give a file with {field_list}, as map_saver writes it")
+        raise ApplrError(f"the file is no map: give one with {field_list}, as map_saver writes it")
     field_name = str(problem["loc"][0])
     description = MapFile.model_fields[field_name].description
-    raise ApplrError(f"{path}: {field_name} is {content[field_name]!r:.60}: give {description}")
+    raise ApplrError(f"{field_name} is {shown(content[field_name])}: give {description}")
 
 
 def read_pixels(path: str) -> NDArray[np.uint8]:
@@ -77,22 +85,30 @@ def read_pixels(path: str) -> NDArray[np.uint8]:
     opacity if the image has one.
 
     Raises:
-        ApplrError: The image stores no brightness of up to 16 bits.
+        ApplrError: The image stores no brightness of up to 16 bits, or has too many cells.
     """
     from PIL import Image  # The import is slow, and most commands need no map.
 
-    with Image.open(path) as image:
+    Image.MAX_IMAGE_PIXELS = None  # MOST_CELLS is the limit; Pillow would warn of its own.
+    with reading(path), Image.open(io.BytesIO(read_bytes(path))) as image:
+        columns, rows = image.size
+        if columns * rows > MOST_CELLS:
+            raise ApplrError(
+                f"the map has {1e-6 * columns * rows:.1f} million cells, and at most "
+                f"{1e-6 * MOST_CELLS:.0f} million are read: cut it to the building, or save it "
+                "with a coarser resolution"
+            )
         # SDL_image expands single bits to black and white for PNG only.
         is_indexed = image.mode == "1" and image.format != "PNG"
         if is_indexed or image.mode in ("P", "PA"):
             raise ApplrError(
-                f"{path} has indexed colours, and map_server takes the indexes as grey values: "
+                "the image has indexed colours, and map_server takes the indexes as grey values: "
                 "save it as a grey image"
             )
         if image.mode.startswith(("I", "F")):
             grey_values = np.asarray(image)
             if image.mode == "F" or grey_values.max() > TWO_BYTES:
-                raise ApplrError(f"{path} has more than 16 bits per pixel: save it with 8 bits")
+                raise ApplrError("the image has more than 16 bits per pixel: save it with 8 bits")
             # SDL_image keeps the upper 8 bits (png_set_strip_16). Pillow would clip at 255.
             upper_bits = (grey_values >> 8).astype(np.uint8)
             return upper_bits[:, :, np.newaxis]

@@ -10,16 +10,15 @@ import itertools
 import math
 import re
 from typing import Callable, List, NamedTuple, Optional, Sequence, Tuple
-from xml.etree.ElementTree import Element, ParseError
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import scipy
-from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import fromstring
 
 from applr_ros1.common import files
 from applr_ros1.common.arrays import Array
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, shown
 
 NAMESPACE = "applr"  # XML namespace of this package's elements {applr}course and {applr}waypoints
 ROBOT_HEIGHTS_M = (0.02, 0.50)  # range of heights in which an obstacle blocks a Jackal [m]
@@ -28,16 +27,12 @@ Shape = Tuple[float, ...]  # circle (x, y, radius) or rectangle (x, y, yaw, size
 
 
 def parse(path: str) -> Element:
-    """Return the root element of an SDF file. Raise ApplrError if the file is malformed."""
-    # DynaBARN's worlds contain <pose frame=>, which Gazebo's parser accepts.
-    xml_text = re.sub(r"<(\w+) frame=>", r"<\1>", files.plain_xml(files.read_bytes(path)))
-    try:
+    """Return the root element of an SDF file. Raise FileError if the file is malformed."""
+    with files.reading(path, "give a Gazebo world file without DOCTYPE"):
+        # DynaBARN's worlds contain <pose frame=>, which Gazebo's parser accepts.
+        xml_text = re.sub(r"<(\w+) frame=>", r"<\1>", files.plain_xml(files.read_bytes(path)))
         root: Element = fromstring(xml_text, forbid_dtd=True)
-    except (DefusedXmlException, ParseError) as error:
-        raise ApplrError(
-            f"{path} is not read ({error}): give a Gazebo world file without DOCTYPE"
-        ) from None
-    return root
+        return root
 
 
 def numbers(text: Optional[str], count: int, element: str) -> List[float]:
@@ -51,8 +46,8 @@ def numbers(text: Optional[str], count: int, element: str) -> List[float]:
     except ValueError:
         parsed_numbers = []
     if len(parsed_numbers) != count or not all(map(math.isfinite, parsed_numbers)):
-        given_text = " ".join(words)[:60]
-        raise ApplrError(f"{element} is {given_text!r}: give {count} finite numbers")
+        given_text = shown(" ".join(words))
+        raise ApplrError(f"{element} is {given_text}: give {count} finite numbers")
     return parsed_numbers
 
 

@@ -17,7 +17,8 @@ import numpy as np
 
 from applr_ros1.common.angles import outside_box
 from applr_ros1.common.arrays import Array
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, shown
+from applr_ros1.common.files import reading
 
 from . import course, dynabarn
 from .dynabarn import Animation
@@ -39,15 +40,21 @@ def read_world(path: str, points: Optional[Array] = None) -> World:
             file, or that of path_files/path_N.npy beside the file.
 
     Raises:
-        ApplrError: The file cannot be read or has no course.
+        FileError: The file cannot be read or has no course.
     """
+    with reading(path):
+        return _world(path, points)
+
+
+def _world(path: str, points: Optional[Array]) -> World:
+    """Return the world of a file. The arguments and errors are those of `read_world`."""
     world_name, _ = os.path.splitext(os.path.basename(path))
     root = parse(path)
     element: Optional[Element] = root
     if root.tag != "world":
         element = root.find("world")
     if element is None:
-        raise ApplrError(f"{path} contains no <world>; give a Gazebo world file")
+        raise ApplrError("the file contains no <world>; give a Gazebo world file")
     reader = _Reader(path)
     reader.read(element)
 
@@ -55,9 +62,9 @@ def read_world(path: str, points: Optional[Array] = None) -> World:
     movers = tuple(reader.movers)
     stored_course = element.find(f"{{{NAMESPACE}}}course")
     if points is not None:
-        world_course = course.along(path, points)
+        world_course = course.along(points)
     elif stored_course is not None:
-        world_course = course.from_element(stored_course, path)
+        world_course = course.from_element(stored_course)
     else:
         world_course = course.beside(path, cylinders, movers)
 
@@ -107,7 +114,7 @@ class _Reader:
             uri_text = include.findtext("uri") or ""
             include_uri = uri_text.strip().rstrip("/")
             if include_uri not in IGNORED_INCLUDES:
-                self.unread.append(f"the include {include_uri!r}")
+                self.unread.append(f"the include {shown(include_uri)}")
         saved_models = {model.get("name"): model for model in world.findall("state/model")}
         for model in world.findall("model"):
             saved_state = saved_models.get(model.get("name"))
@@ -131,7 +138,7 @@ class _Reader:
         if frame_name in frames:
             return True
         # Resolving other frames would need the whole frame graph of SDF.
-        self.unread.append(f"{what} (its pose is relative to {frame_name!r})")
+        self.unread.append(f"{what} (its pose is relative to {shown(frame_name)})")
         return False
 
     def _model(
@@ -145,23 +152,22 @@ class _Reader:
             saved: Element of the model in a <state>, or None.
             frames: Names by which a <pose> may refer to the parent.
         """
-        model_name = f"model {model.get('name')!r}"
-        title = f"{model_name} in {self.path}"
+        model_name = f"model {shown(model.get('name'))}"
         if not self._is_relative_to(model, frames, model_name):
             return
-        model_pose = parent @ pose_of(model, title)
+        model_pose = parent @ pose_of(model, model_name)
         if saved is not None:
             if saved.find("pose") is not None:
-                model_pose = pose_of(saved, f"state of {title}")  # It is in the world frame.
-            scale = numbers(saved.findtext("scale", "1 1 1"), 3, f"scale, state of {title}")
+                model_pose = pose_of(saved, f"state of {model_name}")  # It is in the world frame.
+            scale = numbers(saved.findtext("scale", "1 1 1"), 3, f"scale, state of {model_name}")
             if scale != [1.0, 1.0, 1.0]:
                 self.unread.append(f"the scale of {model_name}")
 
         animation = dynabarn.animation_of(model, self.path)
         for link in model.findall("link"):
-            link_name = f"link {link.get('name')!r}"
+            link_name = f"link {shown(link.get('name'))}"
             if self._is_relative_to(link, ("", "__model__"), f"{link_name} of {model_name}"):
-                link_pose = model_pose @ pose_of(link, f"{link_name} of {title}")
+                link_pose = model_pose @ pose_of(link, f"{link_name} of {model_name}")
                 self._link(link, link_pose, model_name, animation)
         # The saved state of a model inside another model is not read.
         for inner_model in model.findall("model"):
@@ -170,14 +176,14 @@ class _Reader:
     def _link(self, link: Element, pose: Array, model: str, animation: Optional[Animation]) -> None:
         """Read the collisions of a link at a pose (4, 4). `model` names its model in messages."""
         for collision in link.findall("collision"):
-            collision_name = f"collision {collision.get('name')!r}"
+            collision_name = f"collision {shown(collision.get('name'))}"
             if not self._is_relative_to(collision, ("", link.get("name", "")), collision_name):
                 continue
             title = f"{collision_name} of {model}"
-            collision_pose = pose @ pose_of(collision, f"{title} in {self.path}")
+            collision_pose = pose @ pose_of(collision, title)
             for element in collision.iterfind("geometry/*"):
                 if element.tag in SHAPES:
-                    self._shape(element, collision_pose, f"{title} in {self.path}", animation)
+                    self._shape(element, collision_pose, title, animation)
                 elif element.tag not in NOTHING_THERE:
                     self.unread.append(f"{title} (a {element.tag})")
 

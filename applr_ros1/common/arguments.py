@@ -7,7 +7,7 @@ import sys
 from typing import Any, List, Optional, Sequence
 
 from applr_ros1.common.angles import Pose
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, shown
 
 
 def without_remappings(arguments: Optional[Sequence[str]] = None) -> List[str]:
@@ -28,7 +28,7 @@ def number_within(name: str, value: Any, low: float = -math.inf, high: float = m
     requirement = "a number"
     if math.isfinite(low) or math.isfinite(high):
         requirement += f" from {low:g} to {high:g}"
-    raise ApplrError(f"{name} is {value!r}: give {requirement}")
+    raise ApplrError(f"{name} is {shown(value)}: give {requirement}")
 
 
 def boolean(name: str, text: str) -> bool:

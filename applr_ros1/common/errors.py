@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import importlib
 import os
+import reprlib
 import signal
 import sys
 import traceback
@@ -33,6 +34,11 @@ _REMEDIES = {
     "too_long": "give at most {max_length} values",
     "missing": "give it",
 }
+LONGEST_VALUE = 80  # largest number of characters of a value in a message
+_SHORT = reprlib.Repr()
+_SHORT.maxlevel = 3
+_SHORT.maxstring = 60
+_SHORT.maxother = 60
 
 
 class ApplrError(ValueError):
@@ -43,6 +49,17 @@ def did_you_mean(name: Any, known: Iterable[str]) -> str:
     """Return "did you mean NAME?" with the known name closest to `name`, or "" if none is close."""
     close_names = difflib.get_close_matches(str(name), list(known), 1, LEAST_LIKENESS)
     return f"did you mean {close_names[0]}?" if close_names else ""
+
+
+def shown(value: Any) -> str:
+    """Return a user's value for a message, shortened to LONGEST_VALUE characters.
+
+    The text of a huge value is never made as a whole, which could take all memory.
+    """
+    value_text = _SHORT.repr(value)
+    if len(value_text) <= LONGEST_VALUE:
+        return value_text
+    return value_text[:LONGEST_VALUE] + "..."
 
 
 def remedy_of(problem: Mapping[str, Any]) -> str:

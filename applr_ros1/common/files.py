@@ -6,14 +6,19 @@ import hashlib
 import json
 import os
 import re
+import traceback
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Dict, Iterator
+from xml.etree.ElementTree import ParseError
 
 import yaml
 
 from applr_ros1.common.errors import ApplrError, reason
 
-LONGEST_PROBLEM = 200  # number of characters of a parser's message that are shown
+DAMAGED = "the file is damaged or of another kind"
+DEEPEST_LEVEL = 50  # largest number of levels of a YAML file; parameter files have about five
+MOST_VALUES = 100_000  # largest number of values of a YAML file, with those of each alias
 
 # what TinyXML accepts although it is not XML
 NAMESPACE = re.compile(r"""\sxmlns\s*=\s*("[^"<>]*"|'[^'<>]*')""")  # a default namespace
@@ -21,6 +26,51 @@ BARE_AMPERSAND = re.compile(r"&(?!#?\w+;)")  # & that begins no entity
 BOUND_PREFIX = re.compile(r"\bxmlns:([\w.-]+)")  # declaration of a prefix
 PREFIXED_TAG = re.compile(r"(</?)([\w.-]+):(?=\w)")  # beginning of a tag with a prefix
 DECLARATION = re.compile(r"<\?xml\b[^<>]*>")
+
+
+class FileError(ApplrError):
+    """Error of a file. Its message begins with the path of the file."""
+
+
+@contextmanager
+def reading(path: Any, remedy: str = DAMAGED) -> Iterator[None]:
+    """Convert every error of the block that reads a file to a FileError of one line.
+
+    Whatever a reader raises for a damaged file is an error of the file. APPLR_DEBUG shows the
+    traceback, in case it is an error of the reader. Blocks may be nested: the innermost file is
+    named.
+
+    Args:
+        path: Path of the file.
+        remedy: What to do about a file that its reader does not understand.
+    """
+    try:
+        yield
+    except (FileError, MemoryError, ImportError):  # A missing package is no error of the file.
+        raise
+    except ApplrError as error:
+        raise FileError(f"{path}: {error}") from error
+    except Exception as error:
+        if getattr(error, "strerror", None):  # from the operating system
+            failure = f"cannot be read ({reason(error)}); give an existing file"
+        else:
+            # The words of other libraries do not help a user, but a place in a text does.
+            failure = f"cannot be read ({_place(error) or type(error).__name__}); {remedy}"
+            if os.environ.get("APPLR_DEBUG"):  # The caller may go on without the file.
+                traceback.print_exc()
+        raise FileError(f"{path}: {failure}") from error
+
+
+def _place(error: Exception) -> str:
+    """Return the place at which a parser of texts failed, or "" for any other error."""
+    if isinstance(error, json.JSONDecodeError):
+        return f"line {error.lineno}, column {error.colno}"
+    if isinstance(error, ParseError):
+        line, column = error.position
+        return f"line {line}, column {column + 1}"
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark:
+        return f"line {error.problem_mark.line + 1}, column {error.problem_mark.column + 1}"
+    return ""
 
 
 def write_bytes(path: Any, data: bytes) -> None:
@@ -48,22 +98,55 @@ def write_json(path: Any, value: Any) -> None:
     write_bytes(path, json_text.encode())
 
 
+def check_regular(path: Any) -> None:
+    """Raise FileError if a path is that of a pipe or device, whose reading might never end."""
+    if os.path.exists(path) and not os.path.isfile(path) and not os.path.isdir(path):
+        raise FileError(f"{path}: a pipe or device; give the path of a regular file")
+
+
 def read_bytes(path: Any) -> bytes:
-    """Return the content of a file."""
-    try:
+    """Return the content of a regular file."""
+    check_regular(path)
+    with reading(path):
         return Path(path).read_bytes()
-    except OSError as problem:
-        failure = f"cannot be read ({reason(problem)}); give an existing file"
-        raise ApplrError(f"{path}: {failure}") from None
 
 
 def read_json(path: Any) -> Any:
     """Return the value in a JSON file."""
-    try:
+    with reading(path):
         return json.loads(read_bytes(path))
-    except (json.JSONDecodeError, UnicodeDecodeError) as problem:
-        failure = f"not JSON ({reason(problem)}); the file is damaged or of another kind"
-        raise ApplrError(f"{path}: {failure}") from None
+
+
+class Loader(yaml.SafeLoader):
+    """YAML loader of plain values that refuses files with too many values or levels.
+
+    Aliases of aliases can stand for more values than fit into memory, and the time of PyYAML
+    increases with the square of the number of levels.
+    """
+
+    def __init__(self, stream: Any) -> None:
+        super().__init__(stream)
+        self._level = 0
+        self._value_count = 0
+        self._counts: Dict[yaml.Node, int] = {}  # number of values in each node
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Compose the next node, and count its values."""
+        is_alias = self.check_event(yaml.AliasEvent)
+        count_before = self._value_count
+        self._level += 1
+        if self._level > DEEPEST_LEVEL:
+            raise ApplrError(f"the file has more than {DEEPEST_LEVEL} levels; remove brackets")
+        node = super().compose_node(parent, index)
+        self._level -= 1
+
+        if is_alias and node not in self._counts:
+            raise ApplrError("the file has an alias inside its own anchor; write the value out")
+        self._value_count += self._counts[node] if is_alias else 1
+        if self._value_count > MOST_VALUES:
+            raise ApplrError(f"the file has more than {MOST_VALUES} values; give a shorter one")
+        self._counts.setdefault(node, self._value_count - count_before)
+        return node
 
 
 def read_yaml(path: Any) -> Any:
@@ -71,16 +154,13 @@ def read_yaml(path: Any) -> Any:
     return yaml_value(read_bytes(path), path)
 
 
-def yaml_value(text: Any, name: Any, loader: Any = yaml.SafeLoader) -> Any:
+def yaml_value(text: Any, name: Any, loader: Any = Loader) -> Any:
     """Return the value of a YAML text.
 
-    Raises ApplrError if it is invalid; the line begins with `name`.
+    Raises FileError if it is invalid; the line begins with `name`.
     """
-    try:
+    with reading(name):
         return yaml.load(text, loader)
-    except (yaml.YAMLError, ValueError) as error:  # An impossible date or angle is a ValueError.
-        problem = " ".join(str(error).split())[:LONGEST_PROBLEM]
-        raise ApplrError(f"{name}: not readable as YAML: {problem}") from None
 
 
 def plain_xml(data: bytes) -> str:

@@ -9,7 +9,8 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
-from applr_ros1.common.errors import ApplrError, reason
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import DAMAGED, reading
 
 LENGTH_BYTES = 8  # size of the header's length at the beginning of a file, little-endian
 
@@ -17,14 +18,14 @@ LENGTH_BYTES = 8  # size of the header's length at the beginning of a file, litt
 def unpack(data: bytes, name: str) -> Tuple[Dict[str, np.ndarray], Dict[str, str]]:
     """Return (tensors, metadata) of safetensors bytes from the file `name`.
 
-    Raises ApplrError if the bytes are invalid.
+    Raises FileError if the bytes are invalid, or a number is not finite.
     """
-    try:
+    with reading(name):
         tensors = safetensors.numpy.load(data)
-    except safetensors.SafetensorError as problem:
-        failure = f"cut short, or no safetensors file ({reason(problem)}); copy it again"
-        raise ApplrError(f"{name}: {failure}") from None
-    # load() has checked the header but returns no metadata.
-    length = int.from_bytes(data[:LENGTH_BYTES], "little")
-    header = json.loads(data[LENGTH_BYTES : LENGTH_BYTES + length])
-    return tensors, header.get("__metadata__") or {}
+        # load() has checked the header but returns no metadata.
+        length = int.from_bytes(data[:LENGTH_BYTES], "little")
+        header = json.loads(data[LENGTH_BYTES : LENGTH_BYTES + length])
+        for tensor_name, tensor in tensors.items():
+            if not np.isfinite(tensor).all():
+                raise ApplrError(f"tensor {tensor_name} has NaN or infinite numbers; {DAMAGED}")
+        return tensors, header.get("__metadata__") or {}

@@ -17,7 +17,7 @@ import safetensors.numpy
 
 from applr_ros1.common import files
 from applr_ros1.common.arrays import Array, Array32
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, shown
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.decision import Context, Method
 from applr_ros1.policy.dimensionless import DIMENSIONLESS, ENCODINGS
@@ -191,7 +191,9 @@ class ContextPolicy(_FromFile):
         check_robot(metadata, robot)
         if metadata["names"] != list(space.chosen.names):
             needed_names = ", ".join(space.chosen.names)
-            raise ApplrError(f"its parameters are {metadata['names']}: {needed_names} are needed")
+            raise ApplrError(
+                f"its parameters are {shown(metadata['names'])}: {needed_names} are needed"
+            )
         contexts = {str(entry["name"]): entry["theta"] for entry in metadata["contexts"]}
         return cls(contexts, weights, space, Layout.from_dict(metadata["layout"]))
 
@@ -221,17 +223,17 @@ def load(
         ApplrError: The file is missing, or made for another robot or parameter space.
     """
     path = os.fspath(path)
-    weights, header = unpack(files.read_bytes(path), path)
-    file_format = header.get("format")
-    if file_format not in (FORMAT, CONTEXTS_FORMAT):
-        problem = f"unknown policy format {file_format!r}"
-        raise ApplrError(f"{path}: {problem}: give a file written by train.py or appld.py")
-    metadata = {}
-    for entry_name, json_text in header.items():
-        if entry_name not in PLAIN_ENTRIES:
-            metadata[entry_name] = json.loads(json_text)
     policy: Union[Policy, ContextPolicy]
-    try:
+    with files.reading(path):
+        weights, header = unpack(files.read_bytes(path), path)
+        file_format = header.get("format")
+        if file_format not in (FORMAT, CONTEXTS_FORMAT):
+            problem = f"unknown policy format {shown(file_format)}"
+            raise ApplrError(f"{problem}: give a file written by train.py or appld.py")
+        metadata = {}
+        for entry_name, json_text in header.items():
+            if entry_name not in PLAIN_ENTRIES:
+                metadata[entry_name] = json.loads(json_text)
         if file_format == CONTEXTS_FORMAT:
             policy = ContextPolicy.of(weights, metadata, robot)
         else:
@@ -239,8 +241,6 @@ def load(
             encoding_name = DIMENSIONLESS if "observation" in metadata else PAPER
             encoding = ENCODINGS[encoding_name].of(metadata, robot)
             policy = Policy.of(weights, encoding, metadata)
-    except ValueError as error:
-        raise ApplrError(f"{path}: {error}") from None
     policy.metadata = metadata
     policy.path = path
     return policy
@@ -343,8 +343,11 @@ def layers_of(weights: Weights) -> Layers:
 def _fitting(weights: Weights, inputs: int, outputs: int) -> Layers:
     """Return the layers of a network.
 
-    Raises ApplrError if its number of inputs or outputs is wrong.
+    Raises ApplrError if its number of inputs or outputs, or the type of its numbers, is wrong.
     """
+    for tensor_name, tensor in weights.items():
+        if tensor.dtype != np.float32:
+            raise ApplrError(f"its tensor {tensor_name} is {tensor.dtype}: float32 is needed")
     layers = layers_of(weights)
     first_weight, _ = layers[0]
     last_weight, _ = layers[-1]
@@ -353,6 +356,7 @@ def _fitting(weights: Weights, inputs: int, outputs: int) -> Layers:
         raise ApplrError(
             f"its network has {actual_sizes} inputs and outputs: {(inputs, outputs)} are needed"
         )
+    forward(layers, np.zeros(inputs))  # Raises ValueError unless each layer fits the previous one.
     return layers
 
 

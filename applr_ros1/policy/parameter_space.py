@@ -19,7 +19,7 @@ from applr_ros1 import robots
 from applr_ros1.common import files
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.arrays import Array
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, shown
 from applr_ros1.planner.parameters.parameter import Parameter
 from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.robots import Robot
@@ -174,7 +174,7 @@ class Space:
         theta = self.theta0.copy()
         for name, value in values.items():
             if name not in self.names:
-                raise ApplrError(f"unknown parameter {name!r}: use {', '.join(self.names)}")
+                raise ApplrError(f"unknown parameter {shown(name)}: use {', '.join(self.names)}")
             index = self.names.index(name)
             theta[index] = number_within(
                 f"parameter {name}",
@@ -235,12 +235,10 @@ class Space:
         Missing names have their values in theta_0. A file with `"meter_scoring": false` states that
         its distance biases are per costmap cell.
         """
-        content = files.read_json(path)
-        try:
+        with files.reading(path):
+            content = files.read_json(path)
             theta = self.from_dict(content.get("parameters", content))
-        except ApplrError as error:
-            raise ApplrError(f"{path}: {error}") from None
-        return ParameterSet(theta, per_cell=content.get("meter_scoring") is False)
+            return ParameterSet(theta, per_cell=content.get("meter_scoring") is False)
 
     def to_dict(self) -> Dict[str, Any]:
         """Return the space as JSON values for a policy's file and an evaluation's settings."""

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from applr_ros1.common.arrays import Array
-from applr_ros1.common.errors import did_you_mean, remedy_of
+from applr_ros1.common.errors import did_you_mean, remedy_of, shown
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters import check as parameters
 from applr_ros1.planner.parameters.declarations import (
@@ -207,7 +207,7 @@ def refused(error: ValidationError) -> List[str]:
         elif problem["type"] == "missing":
             messages.append(f"{field_path} is missing: give it")
         else:
-            messages.append(f"{field_path} is {problem['input']!r:.60}: {remedy_of(problem)}")
+            messages.append(f"{field_path} is {shown(problem['input'])}: {remedy_of(problem)}")
     return messages
 
 

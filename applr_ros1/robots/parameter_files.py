@@ -10,10 +10,8 @@ import math
 import re
 from typing import Any, Callable, Dict, Iterator, Tuple
 
-import yaml
-
-from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import read_bytes, yaml_value
+from applr_ros1.common import files
+from applr_ros1.common.errors import ApplrError, shown
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, namespace
 from applr_ros1.planner.parameters.layers import COSTMAPS, OBSTACLE_LAYER, layers, sources
@@ -32,7 +30,7 @@ _ANGLE = re.compile(
 _SAVED = "tag:yaml.org,2002:python/object/new:dynamic_reconfigure.encoding.Config"
 
 
-class Loader(yaml.SafeLoader):
+class Loader(files.Loader):
     """YAML loader with rosparam's angles and rqt_reconfigure's tag.
 
     Angles are !degrees 90, !radians pi/2, deg(90) and rad(pi/2).
@@ -53,7 +51,7 @@ def _angle(unit: float) -> Callable[[Any, Any], float]:
         """Return the angle [rad] in a node such as "pi/2" or "-90"."""
         match = _ANGLE.fullmatch(loader.construct_scalar(node).strip())
         if not match or not (match["number"] or match["pi"]):
-            raise ValueError(f"{node.value[:40]} is no angle: give a number or a fraction of pi")
+            raise ApplrError(f"{shown(node.value)} is no angle: give a number or a fraction of pi")
         number_text = match["number"]
         if number_text in ("", "-", "+"):  # "pi" and "-pi" have no digits.
             number_text += "1"
@@ -76,12 +74,13 @@ def read_yaml(path: Any) -> Dict[str, Any]:
 
     Raise ApplrError if it holds anything else.
     """
-    # Comments may have another encoding.
-    yaml_text = read_bytes(path).decode("utf-8-sig", "replace")
-    content = yaml_value(yaml_text, path, Loader)
-    if not isinstance(content or {}, dict):
-        raise ApplrError(f"{path}: contains no mapping; give lines such as name: value")
-    return content or {}
+    with files.reading(path):
+        # Comments may have another encoding.
+        yaml_text = files.read_bytes(path).decode("utf-8-sig", "replace")
+        content = files.yaml_value(yaml_text, path, Loader)
+        if not isinstance(content or {}, dict):
+            raise ApplrError("contains no mapping; give lines such as name: value")
+        return content or {}
 
 
 def nested(path: str) -> Dict[str, Any]:
@@ -92,7 +91,8 @@ def nested(path: str) -> Dict[str, Any]:
     kind = kind_of(read_bytes(path))
     if kind:
         raise ApplrError(f"{path} is {kind}: {DUMP}")
-    return _levels(read_yaml(path))
+    with files.reading(path):
+        return _levels(read_yaml(path))
 
 
 def of_move_base(tree: Dict[str, Any], path: str) -> Dict[str, Any]:

@@ -76,16 +76,16 @@ def test_only_regular_files_are_written_and_mistakes_are_one_line(tmp_path):
     # A file renamed to its name would have replaced the pipe.
     assert (tmp_path / "pipe").is_fifo()
     (tmp_path / "text").write_text("{")
-    refused(lambda: files.read_json(tmp_path / "text"), "not JSON")
+    refused(lambda: files.read_json(tmp_path / "text"), "text: cannot be read .*line 1")
     refused(lambda: files.read_json(tmp_path / "none"), "none: .*No such file")
 
 
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
-        ("a: [", "not readable as YAML"),
-        ("a: 2001-99-99", "not readable as YAML"),
-        ("a: !!python/object/apply:os.getcwd []", "could not determine a constructor"),
+        ("a: [", "cannot be read .line 1, column 5"),
+        ("a: 2001-99-99", "cannot be read"),
+        ("a: !!python/object/apply:os.getcwd []", "cannot be read .line 1, column 4"),
     ],
 )
 def test_yaml_is_plain_values(tmp_path, content, problem):

@@ -318,8 +318,8 @@ def _wrong_files():
     # An observation of the 720 beams and the goal's angle, without the eight parameters
     of_other_shape = _raw(make_weights(inputs=721), **header)
     return {
-        "truncated": (whole_file[: len(whole_file) // 2], "cut short"),
-        "pickle": (pickle.dumps(Bomb()), "no safetensors file"),
+        "truncated": (whole_file[: len(whole_file) // 2], "damaged or of another kind"),
+        "pickle": (pickle.dumps(Bomb()), "damaged or of another kind"),
         "space": (of_other_space, "another parameter space: high"),
         "shapes": (of_other_shape, "721, 8.* inputs and outputs: .*729, 8"),
     }

@@ -77,7 +77,7 @@ def test_values_that_rqt_reconfigure_saved_are_read(tmp_path):
     assert robots.load(folder).parameters()["TrajectoryPlannerROS"]["max_vel_x"] == 0.7
     # Only this one tag of Python's is read.
     evil_folder = with_files(tmp_path / "evil", evil=("x: !!python/name:os.system\n", ""))
-    with pytest.raises(ApplrError, match="could not determine a constructor"):
+    with pytest.raises(ApplrError, match="evil.yaml: cannot be read .line 1, column 4"):
         robots.load(evil_folder)
 
 

@@ -173,7 +173,7 @@ def test_an_image_whose_indexes_map_server_would_take_as_grey_is_refused(tmp_pat
     picture = colours if mode == "P" else colours.convert("1")
     picture.save(tmp_path / f"office.{suffix}")
     problems = (
-        f"office.{suffix} has indexed colours",
+        f"office.{suffix}: the image has indexed colours",
         "map_server takes the indexes as grey",
         "save it as a grey",
     )
@@ -186,7 +186,7 @@ def test_an_image_of_more_than_16_bits_is_refused(tmp_path):
         ("real", np.ones((4, 4), np.float32)),
     ):
         path = scenes.write_plan(tmp_path, name, pixels, "tiff")
-        line = f"{name}.tiff has more than 16 bits per pixel: save it with 8"
+        line = f"{name}.tiff: the image has more than 16 bits per pixel: save it with 8"
         refused(lambda path=path: map_reader.read_map(path), line)
 
 
@@ -665,7 +665,7 @@ def test_mistakes_are_one_line(office, tmp_path):
         refused(lambda part=part: worlds.specs(f"{office}:{part}"), "no worlds", known)
     refusal(office, "names 100 worlds, but one is needed; give one of them: .*office.yaml:0")
     no_resolution = scenes.write_plan(tmp_path, "office", resolution=None)
-    refusal(no_resolution, "office.yaml is no map: give a file with .*resolution")
+    refusal(no_resolution, "office.yaml: the file is no map: give one with .*resolution")
 
     # Maps on which no robot finds a course
     no_room = "no closed room with a path of 2 m .* radius of 0.31 m"
@@ -680,9 +680,9 @@ def test_mistakes_are_one_line(office, tmp_path):
 
     # Files that are no maps
     (tmp_path / "text.yaml").write_text("office")
-    refusal(str(tmp_path / "text.yaml"), "text.yaml is no map")
-    with pytest.raises(OSError, match="gone.pgm"):
-        worlds.load(scenes.write_plan(tmp_path, "office", image="gone.pgm"))
+    refusal(str(tmp_path / "text.yaml"), "text.yaml: the file is no map")
+    no_image = scenes.write_plan(tmp_path, "office", image="gone.pgm")
+    refusal(no_image, "gone.pgm: .*give an existing file")
 
 
 def test_nothing_in_a_map_is_executed(tmp_path):
@@ -690,5 +690,5 @@ def test_nothing_in_a_map_is_executed(tmp_path):
     made_folder = tmp_path / "made"
     argument = json.dumps(str(made_folder))
     map_file.write_text("image: !!python/object/apply:os.mkdir [%s]\n" % argument)
-    refused(lambda: worlds.load(str(map_file)), "not readable as YAML")
+    refused(lambda: worlds.load(str(map_file)), "office.yaml: cannot be read")
     assert not made_folder.exists()

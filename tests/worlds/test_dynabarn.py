@@ -63,7 +63,7 @@ def test_a_plugin_without_rows_in_the_table_is_refused(tmp_path):
     table(tmp_path, "hardlibobs_7,10,1,0,0,0")
     models = moving("hardlibobs_7") + moving("lamp")
     world = write_world(tmp_path, sdf(models), "world_1.world")
-    refused_world(world, "'lamp' in .* the Gazebo plugin '.*lamp.so', which has no rows in")
+    refused_world(world, "'lamp' has the Gazebo plugin '.*lamp.so', which has no rows in")
 
 
 def test_a_closed_path_has_no_corner_where_it_closes():

@@ -29,10 +29,10 @@ from typing import (
 
 import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.highlevel.anyreader import ReaderErrors
 from rosbags.typesys import Stores, get_typestore
 
-from applr_ros1.common.errors import ApplrError, reason
+from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.files import FileError, check_regular, reading
 from applr_ros1.drives.drive import (
     Changes,
     Clearances,
@@ -394,14 +394,19 @@ def _goals(status_rows: Sequence[Row], result_rows: Sequence[Row]) -> List[Goal]
 # -- files -----------------------------------------------------------------------------------------
 @contextmanager
 def refused(path: os.PathLike[str] | str) -> Iterator[None]:
-    """Convert errors of rosbags, and ApplrErrors, to a BagError that names the bag."""
+    """Convert every error of the block that reads a bag to a BagError that names the bag."""
     try:
-        yield
-    except (ApplrError, AnyReaderError, *ReaderErrors) as error:
-        message = f"{path}: {reason(error)}"
-        if "index" in str(error):
+        # A bag of ROS 2 is a folder of files.
+        for bag_file in (Path(path), *Path(path).glob("*")):
+            check_regular(bag_file)
+        with reading(path):
+            yield
+    except FileError as error:
+        message = str(error)
+        cause = error.__cause__
+        if isinstance(cause, AnyReaderError) and "index" in str(cause):
             message += ": if its recording was cut short, run rosbag reindex"
-        raise BagError(message) from None
+        raise BagError(message) from error
 
 
 def bags_in(paths: Sequence[os.PathLike[str] | str]) -> List[Path]:

@@ -13,7 +13,7 @@ from typing import Any, Dict, Literal, Mapping, Set, Type, TypeVar, get_args, ge
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
-from applr_ros1.common.errors import ApplrError, remedy_of
+from applr_ros1.common.errors import ApplrError, remedy_of, shown
 
 PLACE: Dict[str, Any] = {"place": True}  # marks a positional argument in a field's JSON schema
 
@@ -130,7 +130,7 @@ def _refusal(model: Type[O], problem: Mapping[str, Any], where: str) -> str:
         return remedy_of(problem)
     option_name = str(problem["loc"][0])
     if problem["type"] == "extra_forbidden":
-        return f"unknown option {option_name!r}"
+        return f"unknown option {shown(option_name)}"
     if not where and model.model_fields[option_name].json_schema_extra != PLACE:
         option_name = dashed(option_name)
-    return f"{option_name} is {problem['input']!r:.80}: {remedy_of(problem)}"
+    return f"{option_name} is {shown(problem['input'])}: {remedy_of(problem)}"

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Callable, Dict, List, Optional, Sequence, Tuple
 
-from applr_ros1.common.files import read_bytes, sha256, write_bytes
+from applr_ros1.common.files import read_bytes, reading, sha256, write_bytes
 from training.evaluate.drive import drive
 from training.evaluate.score import summary
 from training.evaluate.table import Trials
@@ -45,7 +45,8 @@ class PeriodicEvaluation:
         self.seed = seed
         self.history: List[Dict[str, Any]] = []
         if self.path.exists():
-            self.history.extend(map(json.loads, read_bytes(self.path).splitlines()))
+            with reading(self.path):
+                self.history.extend(map(json.loads, read_bytes(self.path).splitlines()))
 
     def due(self, step: int, last: bool = False, default: bool = True) -> Optional[int]:
         """Return the number of the round to drive now, or None.

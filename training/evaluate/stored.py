@@ -12,7 +12,7 @@ import pandas as pd
 
 import worlds as worlds_package
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import read_json
+from applr_ros1.common.files import read_json, reading
 from applr_ros1.policy.parameter_space import Space
 from training.env.settings import under
 from training.evaluate.compare import Comparison, compare
@@ -63,10 +63,12 @@ class Results:
         trials = read_trials(self.folder / TRIALS)
         if trials.empty:
             raise ApplrError(f"{self.folder} holds no trials: give a folder that evaluate.py wrote")
-        self.settings = dict(read_json(self.folder / SETTINGS))
-        self.robot: Dict[str, Any] = self.settings["robot"]
-        self.space = Space.from_metadata(self.robot["space"], self.robot["name"])
-        self._specifications = dict(zip(self.settings["worlds"], self.settings["world_specs"]))
+        settings_file = self.folder / SETTINGS
+        with reading(settings_file):
+            self.settings = dict(read_json(settings_file))
+            self.robot: Dict[str, Any] = self.settings["robot"]
+            self.space = Space.from_metadata(self.robot["space"], self.robot["name"])
+            self._specifications = dict(zip(self.settings["worlds"], self.settings["world_specs"]))
 
         self.methods: List[str] = trials.method.unique().tolist()
         self.worlds: List[str] = trials.world.unique().tolist()

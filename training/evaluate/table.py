@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Dict, Iterable, List, Optional, Sequence
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import read_bytes, read_json, write_bytes, write_json
+from applr_ros1.common.files import read_bytes, read_json, reading, write_bytes, write_json
 from applr_ros1.drives.drive import Drive
 from training.common.folders import Lock, make_folder
 from training.evaluate.trial import Result, Trial
@@ -53,14 +53,15 @@ def read_trials(path: os.PathLike[str] | str) -> pd.DataFrame:
         file_bytes = read_bytes(path)
     whole_lines = file_bytes[: file_bytes.rfind(b"\n") + 1] or _lines([tuple(COLUMNS)])
     columns = list(COLUMNS)
-    trials = pd.read_csv(
-        io.BytesIO(whole_lines),
-        usecols=columns,
-        dtype=COLUMNS,
-        keep_default_na=False,
-        na_values=NAN,
-    )
-    return trials[columns].round(DECIMALS)  # usecols keeps the order of the file.
+    with reading(path):
+        trials = pd.read_csv(
+            io.BytesIO(whole_lines),
+            usecols=columns,
+            dtype=COLUMNS,
+            keep_default_na=False,
+            na_values=NAN,
+        )
+        return trials[columns].round(DECIMALS)  # usecols keeps the order of the file.
 
 
 class Trials:
@@ -86,7 +87,8 @@ class Trials:
         settings_file = self.folder / SETTINGS
         if not settings_file.exists():
             write_json(settings_file, settings)
-        self.notes: Dict[str, Any] = read_json(settings_file)
+        with reading(settings_file):
+            self.notes: Dict[str, Any] = dict(read_json(settings_file))
         # As JSON, because a tuple would differ from the list that was read.
         for setting, value in json.loads(json.dumps(settings)).items():
             if value != self.notes.get(setting):
@@ -159,7 +161,8 @@ def read_trace(
     path = Path(folder) / TRACES / trace_name(world, method, trial)
     if not path.exists():
         return None
-    return Drive.unpack(read_bytes(path))
+    with reading(path):
+        return Drive.unpack(read_bytes(path))
 
 
 def _key(trial: Trial) -> Any:

@@ -56,7 +56,7 @@ def make_method(spec: str, robot: Robot, started_spec: str) -> Tuple[Any, str]:
     """
     try:
         return methods.make(spec, robot, user_code=spec == started_spec), ""
-    except (ApplrError, OSError) as problem:
+    except ApplrError as problem:
         return methods.make("dwa", robot), str(problem)
 
 
@@ -85,7 +85,7 @@ def set_method(node: ApplrNode, started_spec: str, request: Any) -> SetMethodRes
     spec = request.method or node.method.name
     try:
         method = methods.make(spec, node.robot, user_code=spec == started_spec)
-    except (ValueError, OSError) as problem:
+    except ApplrError as problem:
         rospy.logerr("applr: method remains %s: %s", node.method.name, problem)
         return SetMethodResponse(False, str(problem))
     node.change_method(method)

@@ -16,7 +16,7 @@ from typing import Any, Dict, Optional, Tuple
 import numpy as np
 import rospy
 
-from applr_ros1.common.errors import ApplrError, one_line
+from applr_ros1.common.errors import ApplrError, one_line, shown
 from applr_ros1.nodes.applr.costmaps import Costmaps
 from applr_ros1.nodes.applr.inputs import RobotInputs, Snapshot
 from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
@@ -208,7 +208,7 @@ class ApplrNode:
             unknown = sorted(set(values) - set(self.space.names))
             if unknown:
                 advice = f"use {', '.join(self.space.names)}"
-                raise ApplrError(f"unknown parameter {unknown[0]!r}: {advice}")
+                raise ApplrError(f"unknown parameter {shown(unknown[0])}: {advice}")
             changed = {**self.space.as_dict(theta), **values}
             self._by_hand = self.client.request(np.array(list(changed.values())))
             if self.enabled:

@@ -26,7 +26,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Twist
 from std_msgs.msg import Bool, String
 
-from applr_ros1.common.errors import ApplrError, run_script
+from applr_ros1.common.errors import ApplrError, run_script, shown
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.monitor.lasers import LET_GO_S
 from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict, warm_up
@@ -353,7 +353,7 @@ def main() -> int:
     robot, prefix = named_robot(parameters)
     more_scans = parameters.get("more_scans", list(robot.topics.more_scans))
     if not isinstance(more_scans, list):
-        raise ApplrError(f"more_scans is {more_scans!r}: give a list of topics")
+        raise ApplrError(f"more_scans is {shown(more_scans)}: give a list of topics")
     if robot.topics.scan in more_scans:
         raise ApplrError(f"more_scans has {robot.topics.scan}, the first laser's topic: remove it")
     settings = settings_from(parameters, robot)

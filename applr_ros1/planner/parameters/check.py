@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any, Dict, Iterator, List, Set, Tuple
 
-from applr_ros1.common.errors import did_you_mean
+from applr_ros1.common.errors import did_you_mean, shown
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import COSTMAP, DATA_TYPES, STATIC_COSTMAP
 from applr_ros1.planner.parameters.declarations import (
@@ -140,7 +140,7 @@ class _Inspection:
             elif value is None:
                 continue  # A section without entries is None in YAML.
             elif not path and label in self._declared:
-                self.errors.append(f"{label} is {value!r}: give a mapping of names and values")
+                self.errors.append(f"{label} is {shown(value)}: give a mapping of names and values")
             else:
                 self._report_unread(section, path, key)
 
@@ -188,7 +188,7 @@ class _Inspection:
         """Report a value that is not used as it stands."""
         if not parameter.reads(value):
             if parameter.type != "list":  # _recoveries reports lists.
-                problem = f"{label} is {value!r}"
+                problem = f"{label} is {shown(value)}"
                 replacement = f"the default {parameter.default!r} is used, as in C++"
                 self.warnings.append(f"{problem}: {replacement}; {parameter.give}")
             return
@@ -351,7 +351,7 @@ def _recoveries(tree: Dict[str, Any]) -> Tuple[List[Dict[str, str]], List[str]]:
     for entry, behaviour_name in zip(entries, behaviour_names):
         is_repeated = behaviour_names.count(behaviour_name) > 1 and given_list != DEFAULT_RECOVERIES
         if is_repeated or not isinstance(behaviour_name, str):
-            problem = f"recovery_behaviors has {entry!r}"
+            problem = f"recovery_behaviors has {shown(entry)}"
             advice = "give each behaviour a unique name and a type"
             line = f"{problem}: the default behaviours are used, as in C++; {advice}"
             return DEFAULT_RECOVERIES, [line]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any, Dict, Iterator, List, NamedTuple, Sequence, Tuple
 
+from applr_ros1.common.errors import shown
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.costmap_parameters import (
     INFLATION,
@@ -108,7 +109,7 @@ def layers(name: str, costmap: Dict[str, Any], kind: str = "") -> List[Layer]:
         # C++ stops with an exception of XmlRpc here.
         if not isinstance(plugins, list) or not _is_named_and_typed(entry):
             advice = f"give a name and a type of {', '.join(sorted(TYPES))}"
-            raise ParameterError(f"{name}/plugins has {entry!r}: {advice}")
+            raise ParameterError(f"{name}/plugins has {shown(entry)}: {advice}")
         layer_name = entry["name"]
         if any(layer.name == layer_name for layer in available_layers):
             problem = f"{name}/plugins has two layers named {layer_name}"

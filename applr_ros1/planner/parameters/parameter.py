@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Dict, Iterable, Iterator, Optional, Tuple
 
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, shown
 
 INF = math.inf
 INT_MAX = 2147483647  # bound of dynamic_reconfigure's type int, which has 32 bits
@@ -121,7 +121,7 @@ class Parameter:
         label = label or self.name
         # NaN would pass the comparisons with the bounds.
         if not self.reads(value) or (self._is_number and not math.isfinite(value)):
-            raise ParameterError(f"{label} is {value!r}: {self.give}")
+            raise ParameterError(f"{label} is {shown(value)}: {self.give}")
         if self.not_zero and value == 0:
             raise ParameterError(f"{label} is 0: give a number above 0")
         if self.type == "double":
@@ -151,7 +151,7 @@ class Parameter:
         # The node divides by these values. A bound of 0 could make a negative value 0.
         clamped = min(max(value, self.min), self.max)
         if self.not_zero and clamped == 0:
-            raise ParameterError(f"{label or self.name} is {value!r}: give a number above 0")
+            raise ParameterError(f"{label or self.name} is {shown(value)}: give a number above 0")
         return clamped
 
 

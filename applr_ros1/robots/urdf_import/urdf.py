@@ -18,7 +18,7 @@ from defusedxml import ElementTree
 
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import plain_xml, read_bytes
+from applr_ros1.common.files import plain_xml, read_bytes, reading
 from applr_ros1.robots.file_kinds import URDF, kind_of
 from applr_ros1.robots.urdf_import.xml_checks import shape_problem, tree_problem
 
@@ -41,7 +41,9 @@ def _find_packages(path: str) -> None:
     for parent in (package.parent.parent, package.parent):
         packages = {}
         for manifest in (*parent.glob("*/package.xml"), *parent.glob("*/*/package.xml")):
-            package_name = str(ElementTree.parse(manifest).findtext("name")).strip()
+            with reading(manifest):
+                manifest_root = ElementTree.fromstring(read_bytes(manifest))
+            package_name = str(manifest_root.findtext("name")).strip()
             packages[package_name] = manifest.parent
         xacrodoc.packages.update_package_cache(packages)
 
@@ -251,8 +253,9 @@ class UrdfFile:
         if not os.path.isfile(mesh_file):
             self.lost.add(shape.mesh.filename)
             return np.zeros((0, 3))
-        mesh: Any = trimesh.load(mesh_file, force="mesh", skip_materials=True)
-        vertices = mesh.vertices
+        with reading(mesh_file):
+            mesh: Any = trimesh.load(mesh_file, force="mesh", skip_materials=True)
+            vertices = mesh.vertices
         # RViz and Gazebo read Collada files in the file's own unit.
         if mesh.units:
             vertices = vertices * trimesh.units.unit_conversion(mesh.units, "meters")

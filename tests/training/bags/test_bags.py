@@ -2,6 +2,7 @@
 damaged data.
 """
 
+import os
 import shutil
 import subprocess
 import sys
@@ -628,9 +629,32 @@ def test_a_stopped_demonstration_leaves_no_bag(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
+# First bytes of a chunk by compression
+MAGIC = {"BZ2": b"BZh", "LZ4": b"\x04\x22\x4d\x18"}
+
+
+def write_damaged_chunk(bag_path, whole_bag, compression):
+    """Write the messages of a bag in a compressed chunk with wrong bytes."""
+    writer = Writer(bag_path)
+    writer.set_compression(compression)
+    with writer, AnyReader([whole_bag]) as reader:
+        written_connections = {}
+        for connection in reader.connections:
+            definition = connection.msgdef.data
+            written_connections[connection.id] = writer.add_connection(
+                connection.topic, connection.msgtype, msgdef=definition, md5sum=connection.digest
+            )
+        for connection, recording_time, raw_message in reader.messages():
+            writer.write(written_connections[connection.id], recording_time, raw_message)
+    content = bytearray(bag_path.read_bytes())
+    chunk_begin = content.index(MAGIC[compression.name])
+    content[chunk_begin : chunk_begin + 100] = bytes(100)
+    bag_path.write_bytes(content)
+
+
 @pytest.mark.fault("18")
 def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, capsys):
-    # Given: a folder with a whole bag and seven damaged ones
+    # Given: a folder with a whole bag and ten damaged ones
     whole_bag = tmp_path / "whole.bag"
     record(whole_bag)
     (tmp_path / "cut_short.bag").write_bytes(whole_bag.read_bytes()[:5000])
@@ -638,10 +662,16 @@ def test_fault_18_bags_that_lack_something_are_skipped_and_counted(tmp_path, cap
     with Messages(tmp_path / "nothing.bag"):
         pass
     reasons = {
-        "cut_short.bag": "index looks damaged",
-        "text.bag": "magic is invalid",
+        "cut_short.bag": "damaged or of another kind: if its recording was cut short",
+        "text.bag": "damaged or of another kind",
         "nothing.bag": "no decisions",
     }
+    os.mkfifo(tmp_path / "pipe.bag")
+    reasons["pipe.bag"] = "a pipe or device"
+    for compression in Writer.CompressionFormat:
+        bag_name = f"{compression.name}.bag"
+        write_damaged_chunk(tmp_path / bag_name, whole_bag, compression)
+        reasons[bag_name] = "cannot be read"
     for missing, reason in (
         ("scan", "no scans"),
         ("odometry", "no odometry"),

@@ -46,7 +46,7 @@ def test_a_file_of_options_has_the_names_of_the_command_line(tmp_path):
         ("batchsize: 64\n", "own.yaml: unknown option 'batchsize'"),
         ("gamma: fast\n", "own.yaml: gamma is 'fast': give a number"),
         ("- 3\n", "own.yaml: give lines such as name: value"),
-        ("a: [\n", "not readable as YAML"),
+        ("a: [\n", "cannot be read"),
     ):
         recipe_file.write_text(content)
         with pytest.raises(ApplrError, match=pattern):

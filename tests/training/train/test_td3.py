@@ -316,7 +316,7 @@ def test_a_policy_that_is_taken_over_is_frozen_during_the_critic_warm_up(monkeyp
     options = TD3Options(net_arch=[8])
     source = TD3(5, 2, options, seed=1)
     td3 = TD3(5, 2, options, seed=2)
-    td3.begin_with(source.actor_weights(), "it")
+    td3.begin_with(source.actor_weights())
     has_moved = []
     for _ in range(3):
         state = td3.state()

@@ -15,7 +15,7 @@ from pydantic import ConfigDict
 
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import read_json, read_yaml
+from applr_ros1.common.files import read_json, read_yaml, reading
 from applr_ros1.planner.variant import OURS
 from applr_ros1.policy import methods
 from applr_ros1.policy.decision import PERIOD
@@ -352,9 +352,10 @@ def _resumed(explicit: Dict[str, Any]) -> TrainConfig:
         remedy = "check --out, or leave --resume out"
         raise ApplrError(f"--resume: {out} holds no run (no config.json): {remedy}")
     stored = {}
-    for name, value in read_json(path).items():
-        if name in TrainConfig.model_fields:  # Not the provenance
-            stored[name] = value
+    with reading(path):
+        for name, value in read_json(path).items():
+            if name in TrainConfig.model_fields:  # Not the provenance
+                stored[name] = value
     original = checked(TrainConfig, stored, str(path))
     config = checked(TrainConfig, {**stored, **explicit, "out": out})
     for name in FIXED:

@@ -17,7 +17,7 @@ import torch
 
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import read_bytes, read_json, write_bytes, write_json
+from applr_ros1.common.files import read_bytes, read_json, reading, write_bytes, write_json
 from applr_ros1.common.tensors import unpack
 from applr_ros1.policy.actor import load
 from training.common.folders import make_folder
@@ -26,6 +26,8 @@ from training.train.learner.config import LearnerOptions
 from training.train.replay.buffer import Replay
 from training.train.replay.dataset import Dataset
 from training.train.td3.td3 import TD3, Batch, Weights
+
+CHECKPOINT = "checkpoint.json"  # name of the file that names all other files of a checkpoint
 
 
 class Learner:
@@ -87,11 +89,13 @@ class Learner:
         self._due = 0.0  # number of gradient steps still due for the transitions
         # A checkpoint of this run counts more than any other start.
         if checkpoint := self.saved(folder):
-            self._restore(checkpoint)
+            with reading(self.folder / CHECKPOINT):
+                self._restore(checkpoint)
         elif action is not None:
             self.td3.begin_at(action)
         elif init_from.endswith(".safetensors"):
-            self.td3.begin_with(policy_network(init_from), init_from)
+            with reading(init_from):
+                self.td3.begin_with(policy_network(init_from))
         elif init_from:
             self._begin_with(Path(init_from))
         # Value of replay.written up to which rows are saved in files
@@ -150,7 +154,7 @@ class Learner:
         while sum(count for _, count in self._kept[1:]) >= self.replay.capacity:
             self._kept.pop(0)
         write_json(
-            self.folder / "checkpoint.json",
+            self.folder / CHECKPOINT,
             {
                 "number": checkpoint_number,
                 "learner": learner_file,
@@ -176,7 +180,7 @@ class Learner:
     @staticmethod
     def saved(folder: os.PathLike[str] | str) -> Optional[Dict[str, Any]]:
         """Return the content of checkpoint.json in a run folder, or None without this file."""
-        checkpoint_file = Path(folder) / "checkpoint.json"
+        checkpoint_file = Path(folder) / CHECKPOINT
         return read_json(checkpoint_file) if checkpoint_file.exists() else None
 
     def _restore(self, checkpoint: Dict[str, Any]) -> None:
@@ -184,8 +188,9 @@ class Learner:
         self._take_networks(self.folder, checkpoint)
         for file_name, _ in checkpoint["replay"]:
             replay_file = self.folder / file_name
-            rows, _ = unpack(read_bytes(replay_file), str(replay_file))
-            self.replay.restore(rows)
+            with reading(replay_file):
+                rows, _ = unpack(read_bytes(replay_file), str(replay_file))
+                self.replay.restore(rows)
         self.replay.transitions = checkpoint["transitions"]
         self.rng.bit_generator.state = checkpoint["rng"]
         self._kept = checkpoint["replay"]
@@ -201,20 +206,23 @@ class Learner:
                 "set, the file of a policy, or the folder of a training run that has saved a "
                 "checkpoint"
             )
-        # With another layer_norm, the same weights give other values.
-        if checkpoint["layer_norm"] != self.options.layer_norm:
-            other_layer_norm = checkpoint["layer_norm"]
-            raise ApplrError(
-                f"{folder}: its critics have layer_norm {other_layer_norm}: choose the same value"
-            )
-        self._take_networks(folder, checkpoint)
+        with reading(folder / CHECKPOINT):
+            # With another layer_norm, the same weights give other values.
+            if checkpoint["layer_norm"] != self.options.layer_norm:
+                other_layer_norm = checkpoint["layer_norm"]
+                raise ApplrError(
+                    f"its critics have layer_norm {other_layer_norm}: choose the same value"
+                )
+            self._take_networks(folder, checkpoint)
         self.td3.updates = 0
         self.td3.policy_starts = 0  # The critics have learned already.
 
     def _take_networks(self, folder: Path, checkpoint: Dict[str, Any]) -> None:
         """Load networks and optimisers of a checkpoint in `folder`."""
-        state_buffer = io.BytesIO(read_bytes(folder / checkpoint["learner"]))
-        self.td3.load(torch.load(state_buffer, self.td3.device, weights_only=True), str(folder))
+        state_file = folder / checkpoint["learner"]
+        with reading(state_file):
+            state_buffer = io.BytesIO(read_bytes(state_file))
+            self.td3.load(torch.load(state_buffer, self.td3.device, weights_only=True))
 
 
 def policy_network(path: str) -> Weights:

@@ -15,7 +15,7 @@ from typing import Any, Dict, Iterator, Sequence
 
 import numpy as np
 
-from applr_ros1.common.files import read_json
+from applr_ros1.common.files import check_regular, read_json, reading
 from training.env.trajectory import Trajectory, TransitionLayout
 
 # Fewest transitions from which a policy can be expected to learn. The smallest dataset that was
@@ -101,16 +101,19 @@ class Dataset:
 
     def __init__(self, folder: os.PathLike[str] | str):
         self._folder = Path(folder) / DATA
-        self.about = read_json(self._folder / METADATA)
-        self.layout = TransitionLayout(**self.about["layout"])
-        self.transitions = self.about["total_steps"]
-        self.rows = self.transitions + self.about["total_episodes"]
+        with reading(self._folder / METADATA):
+            self.about = read_json(self._folder / METADATA)
+            self.layout = TransitionLayout(**self.about["layout"])
+            self.transitions = self.about["total_steps"]
+            self.rows = self.transitions + self.about["total_episodes"]
 
     def trajectories(self) -> Iterator[Trajectory]:
         """Yield the episodes."""
         import h5py
 
-        with h5py.File(self._folder / EPISODES) as file:
+        episodes_file = self._folder / EPISODES
+        check_regular(episodes_file)
+        with reading(episodes_file), h5py.File(episodes_file) as file:
             for number in range(self.about["total_episodes"]):
                 episode = file[f"episode_{number}"]
                 yield Trajectory.of(

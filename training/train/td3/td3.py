@@ -182,19 +182,18 @@ class TD3:
             last_layer.weight.mul_(SMALL_START)
             last_layer.bias.copy_(bias)
 
-    def begin_with(self, weights: Weights, source: str) -> None:
+    def begin_with(self, weights: Weights) -> None:
         """Take over a policy's weights, and freeze the policy for the critic warm-up.
 
         Args:
             weights: Weights of the policy, named as by actor_weights().
-            source: Source of the weights, for the error message.
 
         Raises:
             ApplrError: The layers differ.
         """
         tensors = {name: torch.from_numpy(array) for name, array in weights.items()}
         for network in {self.actor, self.actor_target, self.policy}:
-            _fill(network, tensors, source)
+            _fill(network, tensors)
         self.policy_starts = CRITIC_WARM_UP
 
     # -- learning ----------------------------------------------------------------------------------
@@ -295,8 +294,8 @@ class TD3:
             "policy_starts": self.policy_starts,
         }
 
-    def load(self, state: Dict[str, Any], source: str = "checkpoint") -> None:
-        """Restore the state of a checkpoint from `source`, but keep this run's learning rates.
+    def load(self, state: Dict[str, Any]) -> None:
+        """Restore the state of a checkpoint, but keep this run's learning rates.
 
         Raises:
             ApplrError: The layers differ.
@@ -311,7 +310,7 @@ class TD3:
                 tensors[name] = saved[name]
             elif policy_name in saved:
                 tensors[name] = saved[policy_name]
-        _fill(self.networks, tensors, source)
+        _fill(self.networks, tensors)
         for name, optimizer in self.optimizers.items():
             restored = {**optimizer.state_dict(), "state": state["optimizers"][name]}
             optimizer.load_state_dict(restored)
@@ -319,16 +318,13 @@ class TD3:
         self.policy_starts = state["policy_starts"]
 
 
-def _fill(network: nn.Module, tensors: Dict[str, torch.Tensor], source: str) -> None:
-    """Load tensors into a network.
-
-    Errors name their `source`.
-    """
+def _fill(network: nn.Module, tensors: Dict[str, torch.Tensor]) -> None:
+    """Load tensors into a network. Raise ApplrError if the layers differ."""
     try:
         network.load_state_dict(tensors)
     except RuntimeError:
         remedy = "give the same --net-arch and --observation"
-        raise ApplrError(f"{source}: its networks differ: {remedy}") from None
+        raise ApplrError(f"its networks differ: {remedy}") from None
 
 
 def _mix(target: nn.Module, source: nn.Module, share: float) -> None:
