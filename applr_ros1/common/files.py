@@ -137,7 +137,7 @@ class Loader(yaml.SafeLoader):
         self._level += 1
         if self._level > DEEPEST_LEVEL:
             raise ApplrError(f"the file has more than {DEEPEST_LEVEL} levels; remove brackets")
-        node = super().compose_node(parent, index)
+        node: Any = super().compose_node(parent, index)
         self._level -= 1
 
         if is_alias and node not in self._counts:
