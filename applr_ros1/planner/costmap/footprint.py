@@ -14,7 +14,7 @@ import numpy as np
 
 from applr_ros1.common.angles import Pose
 from applr_ros1.common.arrays import Data
-from applr_ros1.common.errors import ApplrError
+from applr_ros1.common.errors import ApplrError, shown
 from applr_ros1.common.kernels import kernel
 from applr_ros1.planner.costmap.grid import (
     INSCRIBED,
@@ -46,7 +46,7 @@ def parse(text: Union[str, Sequence[Sequence[float]], np.ndarray]) -> np.ndarray
         ApplrError: The text is neither empty nor a list of at least three finite points.
     """
     problem = ApplrError(
-        f"footprint is {text!r:.60}: give at least three points in metres, [[x, y], [x, y], ...]"
+        f"footprint is {shown(text)}: give at least three points in metres, [[x, y], [x, y], ...]"
     )
     # A string is split by its form alone. Nothing in a parameter file is evaluated.
     point_list = text
