@@ -10,7 +10,7 @@ import safetensors
 import safetensors.numpy
 
 from applr_ros1.common.errors import ApplrError
-from applr_ros1.common.files import DAMAGED, reading
+from applr_ros1.common.files import reading
 
 LENGTH_BYTES = 8  # size of the header's length at the beginning of a file, little-endian
 
@@ -27,5 +27,6 @@ def unpack(data: bytes, name: str) -> Tuple[Dict[str, np.ndarray], Dict[str, str
         header = json.loads(data[LENGTH_BYTES : LENGTH_BYTES + length])
         for tensor_name, tensor in tensors.items():
             if not np.isfinite(tensor).all():
-                raise ApplrError(f"tensor {tensor_name} has NaN or infinite numbers; {DAMAGED}")
+                problem = f"tensor {tensor_name} has NaN or infinite numbers"
+                raise ApplrError(f"{problem}: give a file with finite numbers alone")
         return tensors, header.get("__metadata__") or {}

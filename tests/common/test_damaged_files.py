@@ -3,7 +3,6 @@ with the name of the file.
 """
 
 import json
-import os
 import re
 import time
 import warnings
@@ -21,6 +20,7 @@ from applr_ros1.policy import actor, methods
 from applr_ros1.policy.parameter_space import THETA_0
 from applr_ros1.robots import parameter_files
 from tests.support import scenes
+from tests.support.damages import named_pipe, written
 from tests.support.refusals import refused
 from tests.support.robots import make_weights
 
@@ -76,21 +76,10 @@ READERS = {
 
 
 # -- damages: functions of a path
-def written(text):
-    """Return the damage of a file that has another content."""
-    return lambda path: path.write_bytes(text.encode())
-
-
 def cut(path):
     """Keep the first half of a file."""
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
-
-
-def named_pipe(path):
-    """Put a pipe in the place of a file."""
-    path.unlink(missing_ok=True)
-    os.mkfifo(path)
 
 
 def other_byte(text, damaged_text):

@@ -2,7 +2,6 @@
 begins with the name of the file.
 """
 
-import os
 import shutil
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 import safetensors.numpy
 
 from tests.support import ROOT
+from tests.support.damages import named_pipe, written
 from tests.support.refusals import refused
 from tests.support.training import episode
 from training.env.trajectory import TransitionLayout
@@ -75,22 +75,11 @@ READERS = {
 }
 
 
-def written(text):
-    """Return the damage of a file that has another content."""
-    return lambda path: path.write_text(text)
-
-
 def infinite_reward(path):
     """Put an infinite reward into the rows of a replay buffer."""
     rows = safetensors.numpy.load_file(path)
     rows["reward"][0] = np.inf
     safetensors.numpy.save_file(rows, path)
-
-
-def named_pipe(path):
-    """Put a pipe in the place of a file."""
-    path.unlink(missing_ok=True)
-    os.mkfifo(path)
 
 
 @pytest.mark.parametrize(
