@@ -88,7 +88,7 @@ def nested(path: str) -> Dict[str, Any]:
 
     Raise ApplrError if the file is of another kind, such as a launch file.
     """
-    kind = kind_of(read_bytes(path))
+    kind = kind_of(files.read_bytes(path))
     if kind:
         raise ApplrError(f"{path} is {kind}: {DUMP}")
     with files.reading(path):
