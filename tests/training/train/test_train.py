@@ -292,7 +292,9 @@ def test_a_pickle_in_a_checkpoint_is_not_executed(whole, tmp_path, capsys, monke
     monkeypatch.chdir(tmp_path)
     shutil.copytree(whole, tmp_path / "copy")
     torch.save(Bomb(), tmp_path / "copy" / Learner.saved(whole)["learner"])
-    one_line(capsys, ["--resume", "--out", "copy"], r"learner-.*: cannot be read \(UnpicklingError\)")
+    one_line(
+        capsys, ["--resume", "--out", "copy"], r"learner-.*: cannot be read \(UnpicklingError\)"
+    )
     assert not (tmp_path / "executed").exists()
 
 
