@@ -26,6 +26,9 @@ WHITE = 255.0  # brightest value of a pixel
 TWO_BYTES = 0xFFFF  # brightest value of a pixel in an image of 16 bits
 # Largest number of cells of a map. Drawing the courses of such a map takes about a minute and 6 GB.
 MOST_CELLS = 20_000_000
+# Kinds of images that SDL_image reads, by Pillow's names; PPM includes PGM. Pillow would start a
+# program for some others, such as PostScript.
+FORMATS = {"BMP", "GIF", "JPEG", "PNG", "PPM", "TGA", "TIFF", "WEBP"}
 
 
 class MapFile(BaseModel):
@@ -85,12 +88,15 @@ def read_pixels(path: str) -> NDArray[np.uint8]:
     opacity if the image has one.
 
     Raises:
-        ApplrError: The image stores no brightness of up to 16 bits, or has too many cells.
+        ApplrError: The image stores no brightness of up to 16 bits, has too many cells, or is of a
+            kind that SDL_image does not read.
     """
     from PIL import Image  # The import is slow, and most commands need no map.
 
     Image.MAX_IMAGE_PIXELS = None  # MOST_CELLS is the limit; Pillow would warn of its own.
     with reading(path), Image.open(io.BytesIO(read_bytes(path))) as image:
+        if image.format not in FORMATS:
+            raise ApplrError(f"the image is of the kind {image.format}: save it as PGM or PNG")
         columns, rows = image.size
         if columns * rows > MOST_CELLS:
             raise ApplrError(

@@ -29,6 +29,7 @@ CLASSIFIER = "contexts.safetensors"
 SET = "set.json"
 MAP = "office.yaml"
 IMAGE = "office.pgm"
+POSTSCRIPT = "%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 60 60\n%%EndComments\nshowpage\n%%EOF\n"
 WORLD = "world_7.world"
 CELLS = "path_files/path_7.npy"
 MOVERS = "movers.csv"
@@ -161,6 +162,8 @@ DAMAGES = [
         "90.0 million cells, and at most 20 million",
     ),
     (IMAGE, written("P5 20768 13612 255\n"), "the map has 282.7 million cells.*: cut it to the"),
+    # Pillow would have Ghostscript run it.
+    (IMAGE, written(POSTSCRIPT), "the image is of the kind EPS: save it as PGM or PNG"),
     (IMAGE, written("P5 5000 4000 255\n"), "damaged"),
     (WORLD, written("<sdf><world>"), "give a Gazebo world file"),
     (CELLS, object_array, "damaged"),
