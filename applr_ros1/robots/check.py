@@ -255,7 +255,7 @@ def fields(robot: Robot) -> Iterator[str]:
 
 
 def _support_errors(robot: Robot) -> Iterator[str]:
-    """Yield an error if the robot does not stand on its wheels and casters."""
+    """Yield an error if the robot does not stand on its wheels and casters, or slips with them."""
     base = robot.base
     body = robot.body
     is_skid_steer = base.drive == "skid_steer"

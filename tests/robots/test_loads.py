@@ -79,14 +79,14 @@ def test_loads_of_robots_with_three_supports_and_of_the_waffle_follow_from_equil
     )
 
 
-def test_loads_balance_the_weight_and_are_not_negative_while_the_wheels_hold_it_sideways():
+def test_loads_balance_the_weight_and_nothing_pulls_if_the_mass_is_near_the_middle():
     random = np.random.default_rng(1)
     for _ in range(200):
-        x, y = random.uniform((-0.1, -0.04), (0.1, 0.04))
+        x, y = random.uniform((-0.04, -0.04), (0.04, 0.04))
         casters = []
         for side in (1.0, -1.0):
             for _ in range(random.integers(1, 4)):
-                caster_x, caster_y = random.uniform((0.12, -0.15), (0.25, 0.15))
+                caster_x, caster_y = random.uniform((0.15, -0.15), (0.25, 0.15))
                 casters.append((float(side * caster_x), float(caster_y)))
         robot = round_robot((float(x), float(y)), tuple(casters))
         mass, com, loads = balance(robot)
@@ -94,10 +94,7 @@ def test_loads_balance_the_weight_and_are_not_negative_while_the_wheels_hold_it_
         assert loads.sum() == pytest.approx(mass * GRAVITY)
         assert loads @ contact_x == pytest.approx(mass * GRAVITY * com[0])
         assert loads @ contact_y == pytest.approx(mass * GRAVITY * com[1])
-        assert loads[2:].min() >= 0.0
-        # Casters off the middle move the load from one wheel to the other.
-        if loads[:2].min() < 0.0:
-            assert abs(y) + abs(contact_y[2:]).max() > 0.1
+        assert loads.min() >= 0.0
 
 
 def test_a_small_lean_to_the_side_lifts_no_caster():
