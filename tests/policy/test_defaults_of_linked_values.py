@@ -13,6 +13,7 @@ from applr_ros1.planner.parameters.settings import Settings, send
 from applr_ros1.policy import methods
 from applr_ros1.policy.parameter_space import SPACE, space_of
 from applr_ros1.robots import load
+from applr_ros1.robots.learned import default_space
 from training.env.episode import Episode
 
 PLANNER = "DWAPlannerROS"
@@ -162,6 +163,16 @@ def test_the_client_restores_the_owners_values_and_keeps_them_below_a_speed_limi
     # What is in force, applied again, changes nothing.
     assert client.apply(client.theta()) == ""
     assert values_of(client)[PLANNER]["max_vel_trans"] == 0.15
+
+
+def test_two_paddings_are_one_parameter_that_keeps_both():
+    two_paddings = {"global_costmap": {"footprint_padding": 0.02}}
+    described = BURGER.with_parameters(two_paddings, "burger of two paddings")
+    default_parameters = default_space(described.base, described.body, described.parameters())
+    space = space_of(replace(described, space=default_parameters))
+    settings = space.settings(space.theta0)
+    assert settings["local_costmap"]["footprint_padding"] == 0.01
+    assert settings["global_costmap"]["footprint_padding"] == 0.02
 
 
 def test_where_the_files_agree_theta_0_is_one_number_per_parameter():
