@@ -82,7 +82,9 @@ def test_slipping_wheels_are_reported():
     """With hardly any friction the wheels turn, and the robot moves a small part of their way."""
     straight, *_ = courses(BURGER)
     drive = Floor(BURGER, friction=0.001).drive(straight)
-    assert failure_of(drive).startswith("it moves ")
+    failure = failure_of(drive)
+    assert failure.startswith("the odometry arrived, the robot did not: its wheels slipped by 2.")
+    assert failure.endswith("over 2.1 m")
 
 
 # -- each course notices a fault
