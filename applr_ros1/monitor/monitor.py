@@ -211,11 +211,11 @@ class CollisionMonitor:
         return laser.fault
 
     def _let_go(self, laser: Laser) -> None:
-        """Let go of strays on a laser's topic. What they have seen becomes unknown."""
+        """Let go of strays on a laser's topic. Space that they alone may have seen is unknown."""
         first_laser = self._lasers.first
         self.strays = self._lasers.let_go(laser)
-        for stray in self.strays:
-            self.seen.forget(stray.memory.points)
+        if self.strays:
+            self.seen.clear()
         if self._lasers.first is not first_laser:
             # The poses were corrected by the scans of the stray.
             self.matcher.clear()

@@ -139,13 +139,21 @@ def went_on(monitor, since, until, name="", frame=""):
 
 
 @pytest.mark.parametrize("is_first", [False, True])
-@pytest.mark.parametrize("changes", [{}, {"ranges": np.full(BEAMS, np.nan, np.float32)}])
-def test_a_stray_scan_of_another_frame_stops_the_robot_only_for_seconds(is_first, changes):
+@pytest.mark.parametrize(
+    ("points", "changes"),
+    [
+        (CLOSE_BEHIND, {}),
+        (wall(-3.0), {}),
+        (CLOSE_BEHIND, {"ranges": np.full(BEAMS, np.nan, np.float32)}),
+    ],
+    ids=["obstacles", "free space", "blind"],
+)
+def test_a_stray_scan_of_another_frame_stops_the_robot_only_for_seconds(is_first, points, changes):
     """It may even be the first scan on the topic, or invalid."""
     monitor = CollisionMonitor()
     if not is_first:
         assert went_on(monitor, 0.0, 9.95) == []
-    monitor.add_scan(scan_of(CLOSE_BEHIND, BEHIND, 10.0, frame="stray", **changes))
+    monitor.add_scan(scan_of(points, BEHIND, 10.0, frame="stray", **changes))
 
     # Until it is let go, its silence counts as that of a laser.
     assert went_on(monitor, 10.0, 14.95) == []
@@ -158,6 +166,15 @@ def test_a_stray_scan_of_another_frame_stops_the_robot_only_for_seconds(is_first
 
     # The remaining laser is the robot's first one: its silence stops the robot.
     assert "the latest scan is 0.60 s old" in monitor.filter(15.9, HERE, AT_REST, AHEAD).reason
+
+
+def test_the_pose_is_not_corrected_by_a_stray_that_came_first():
+    """The stray's pose has an error of 3 cm. Both lasers see the same wall."""
+    monitor = CollisionMonitor()
+    stray_scan = scan_of(wall(3.0), HERE, 9.9, sensor_pose=(0.15, 0.0, 0.0), frame="stray")
+    monitor.add_scan(stray_scan)
+    went_on(monitor, 10.0, 15.35)
+    assert monitor.matcher.correction == (0.0, 0.0, 0.0)
 
 
 def test_an_established_laser_that_falls_silent_stops_the_robot_for_good():
