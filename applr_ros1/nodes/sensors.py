@@ -213,7 +213,7 @@ class Sensors:
     def _compare_odometry(self, now: rospy.Time, pose: Pose) -> None:
         """Compare the latest twist with the robot's poses, and log a new contradiction."""
         stamp = self._pose_stamp
-        if stamp.is_zero():  # that of a static transform
+        if stamp.is_zero():  # Static transforms have stamp 0.
             stamp = now
         problem = self._odometry_check.take(stamp.to_sec(), pose, self.twist)
         if problem and problem != self.odometry_problem:
