@@ -21,7 +21,7 @@ class Laser:
     Attributes:
         topic: name of its topic, "" for that of the robot's first laser.
         frame: frame of its scans, None before the first one.
-        label: name in messages, "" for the robot's first laser.
+        words: its scan in messages, such as "scan", "scan on rear" or "scan of frame laser_2".
         stamp: stamp of the latest valid scan [s], None before the first one.
         fault: fault of the latest scan, "" if there is none.
         latest: stamp of the latest scan, valid or not [s].
@@ -31,7 +31,7 @@ class Laser:
     def __init__(self, settings: MonitorSettings, topic: str, frame: Optional[str] = None):
         self.topic = topic
         self.frame = frame
-        self.label = topic
+        self.words = f"scan on {topic}" if topic else "scan"
         self.memory = ObstacleMemory(settings.memory_radius, settings.memory_seconds)
         self.check = ScannerCheck()
         self.count = 0
@@ -89,7 +89,7 @@ class Lasers:
                 return laser
         laser = Laser(self._settings, topic, scan.frame)
         if of_topic:
-            laser.label = f"{topic} of frame {scan.frame}".lstrip()
+            laser.words += f" of frame {scan.frame}"
         self._lasers.append(laser)
         return laser
 
@@ -101,15 +101,17 @@ class Lasers:
         if laser.count < ESTABLISHED_SCANS:
             return []
         strays = []
-        for other in self._of_topic(laser.topic):
+        of_topic = self._of_topic(laser.topic)
+        for other in of_topic:
             is_silent = laser.latest - other.latest > LET_GO_S
             if is_silent and other.count < ESTABLISHED_SCANS:
                 strays.append(other)
-        if strays and strays[0].label == laser.topic:
+        first_laser = of_topic[0]
+        if first_laser in strays:
             # The stray has sent the first scan on the topic: this laser takes its place.
-            laser.label = laser.topic
+            laser.words = first_laser.words
             self._lasers.remove(laser)
-            self._lasers.insert(self._lasers.index(strays[0]), laser)
+            self._lasers.insert(self._lasers.index(first_laser), laser)
         for stray in strays:
             self._lasers.remove(stray)
         return strays

@@ -499,19 +499,17 @@ class CollisionMonitor:
             speeds = f"{v:g} m/s and {w:g} rad/s"
             return f"the odometry reports {speeds}, which is too fast: check its source"
         for laser in self._lasers:
+            if laser.fault and laser is self._lasers.first:
+                return laser.fault
             if laser.fault:
-                return f"{laser.label}: {laser.fault}" if laser.label else laser.fault
+                return f"{laser.words}: {laser.fault}"
         return self._age_problem()
 
     def _age_problem(self) -> str:
         """Return which input is too old, or ahead of the clock, as one line, or "" if none is."""
         oldest_laser = min(self._lasers, key=lambda laser: laser.stamp or 0.0)
-        scan = "scan"
-        if oldest_laser.label:
-            preposition = "on " if oldest_laser.topic else ""
-            scan = f"scan {preposition}{oldest_laser.label}"
         timeout = self.settings.scan_timeout
-        for source, age in zip((scan, "pose", "odometry"), self.ages):
+        for source, age in zip((oldest_laser.words, "pose", "odometry"), self.ages):
             if age > timeout:
                 return f"the latest {source} is {age:.2f} s old; the limit is {timeout:g} s"
             if not age >= -AHEAD_OF_CLOCK_S:

@@ -67,7 +67,7 @@ def laser_scan(name, stamp, **changes):
     ("name", "other", "old", "blind"),
     [
         ("", "rear", "latest scan is 0.60 s old", "the scanner is blind"),
-        ("rear", "", "latest scan on rear is 0.60 s old", "rear: the scanner is blind"),
+        ("rear", "", "latest scan on rear is 0.60 s old", "scan on rear: the scanner"),
     ],
 )
 def test_each_silent_or_blind_laser_stops_the_robot(name, other, old, blind):
