@@ -124,6 +124,14 @@ def imports_of(path):
     return packages
 
 
+def test_the_robots_side_takes_generic_types_from_typing():
+    """Python 3.8 cannot subscript those of collections.abc, for instance as a base class."""
+    for source_file in files("*.py"):
+        if source_file.relative_to(ROOT).parts[0] in ("applr_ros1", "sim_bridge", "worlds"):
+            source = source_file.read_text(encoding="utf-8")
+            assert "collections.abc" not in source, f"{source_file}: import from typing"
+
+
 def test_every_launch_argument_is_documented():
     for launch_file in files("*.launch"):
         for argument in xml.parse(launch_file).getroot().findall("arg"):
