@@ -148,8 +148,9 @@ def explain(replay: Replay, cycle: Cycle) -> Explanation:
         _explain_outbid(explanation, samples, samples.best, values)
     if (samples.drives_on & (samples.costs < 0)).any():
         _explain_illegal(explanation, replay, cycle, samples)
-    # Nothing ahead is wanted then, so that what outbids or refuses it does not matter.
-    if leads_back(replay, cycle):
+    # Nothing ahead is wanted then, so that what outbids or refuses it does not matter, unless the
+    # planner can drive straight nowhere.
+    if leads_back(replay, cycle) and not _crossing(replay.server, values):
         explanation.words = "the plan leads back, behind the robot"
 
     # What the page shows
@@ -242,11 +243,9 @@ def _refusal(
     v, w = samples.velocities[row].tolist()
     values = cycle.settings[replay.server]
     # No place and no plan would make a difference.
-    for limits in crossed_limits(replay.server, values):
-        if limits.consequence:
-            largest = f"{limits.high} ({values[limits.high]:g})"
-            smallest = f"{limits.low} ({values[limits.low]:g})"
-            return f"is refused, as {largest} is below {smallest}: {limits.consequence}"
+    crossing = _crossing(replay.server, values)
+    if crossing:
+        return f"is refused, as {crossing}"
     explanation.obstacle = _obstacle(replay, cycle.pose, v, w, values["sim_time"])
     if explanation.obstacle:
         return f"meets {_place(replay, cycle, explanation.obstacle)}"
@@ -261,6 +260,16 @@ def _refusal(
         slowest_turn = values["min_vel_theta"]
         return f"is below min_vel_trans ({slowest_speed:g}) and min_vel_theta ({slowest_turn:g})"
     return "leaves the map or the reach of the plan"
+
+
+def _crossing(planner: str, values: Mapping[str, Any]) -> str:
+    """Return which limits of the planner leave no velocity to drive with, or ""."""
+    for limits in crossed_limits(planner, values):
+        if limits.consequence:
+            largest = f"{limits.high} ({values[limits.high]:g})"
+            smallest = f"{limits.low} ({values[limits.low]:g})"
+            return f"{largest} is below {smallest}: {limits.consequence}"
+    return ""
 
 
 def _place(replay: Replay, cycle: Cycle, obstacle: Sequence[float]) -> str:

@@ -560,6 +560,11 @@ def test_samples_that_dwa_refuses_are_explained():
         "no straight command is allowed"
     )
 
+    # So it is when the plan leads back, too.
+    x, y, yaw = crossed.pose
+    turned_round = replace(crossed, pose=(x, y, yaw + np.pi))
+    assert "max_vel_trans (0.08) is below" in explain(replay, turned_round).words
+
     # At full speed, the planner would have to brake.
     lowered = Change(replay.server, "max_vel_trans", 0.26, 0.15)
     at_speed = replace(replay.cycles[10], twist=(0.26, 0.0))
