@@ -148,9 +148,12 @@ def explain(replay: Replay, cycle: Cycle) -> Explanation:
         _explain_outbid(explanation, samples, samples.best, values)
     if (samples.drives_on & (samples.costs < 0)).any():
         _explain_illegal(explanation, replay, cycle, samples)
-    # Nothing ahead is wanted then, so that what outbids or refuses it does not matter, unless the
-    # planner can drive straight nowhere.
-    if leads_back(replay, cycle) and not _crossing(replay.server, values):
+    # Without straight commands, turns are all that is compared.
+    crossing = _crossing(replay.server, values)
+    if crossing and not samples.drives_on[samples.winner]:
+        explanation.words = f"every straight way is refused, as {crossing}"
+    # Nothing ahead is wanted then, so that what outbids or refuses it does not matter.
+    elif leads_back(replay, cycle):
         explanation.words = "the plan leads back, behind the robot"
 
     # What the page shows

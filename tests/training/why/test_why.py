@@ -556,7 +556,7 @@ def test_samples_that_dwa_refuses_are_explained():
     lowered = Change(replay.server, "max_vel_trans", 0.26, 0.08)
     crossed = replace(backs_out, settings=backs_out.settings.with_(lowered))
     assert explain(replay, crossed).words == (
-        "every faster way is refused, as max_vel_trans (0.08) is below min_vel_trans (0.13): "
+        "every straight way is refused, as max_vel_trans (0.08) is below min_vel_trans (0.13): "
         "no straight command is allowed"
     )
 
