@@ -198,8 +198,8 @@ class Verdicts(Rows):
     """Verdicts of the collision monitor.
 
     Attributes:
-        action: PASS, SLOW or STOP of each (monitor/monitor.py).
-        reason: One line that explains each limit; "" if the command passed.
+        action: PASS, BRAKE, SLOW or STOP of each (monitor/monitor.py).
+        reason: One line that explains each change; "" if the command passed.
         blocked: Whether the command was limited to almost zero.
     """
 

@@ -21,12 +21,23 @@ from applr_ros1.monitor.motion import SPAN_S, PoseMotion, Twist
 from applr_ros1.monitor.scan_matching import ScanMatcher
 from applr_ros1.monitor.scanner import FARTHEST_M, FROZEN_M, FROZEN_RAD
 from applr_ros1.monitor.settings import MonitorSettings
-from applr_ros1.monitor.stopping import Body, Braking, Delay, Motion, SafeScale, Seen
+from applr_ros1.monitor.stopping import (
+    LAST_SPEED_M_S,
+    Body,
+    Braking,
+    Delay,
+    Motion,
+    SafeScale,
+    Seen,
+)
 from applr_ros1.robots import JACKAL
 
 PASS = "pass"
+BRAKE = "brake"
 SLOW = "slow"
 STOP = "stop"
+BRAKING = "braking within the friction limit"
+REVERSING = "braking within the friction limit before the change of direction"
 # Multiple of the fastest command above which a measured speed is rejected.
 IMPOSSIBLE_FACTOR = 2.0
 # Longest stopping distance that is allowed [m]. Faster commands are limited.
@@ -34,6 +45,10 @@ STOP_WITHIN_M = 2.0
 # Velocities below which a limited command counts as blocked, and a measured one as rest.
 BLOCKED_M_S = 0.05
 BLOCKED_RAD_S = 0.15
+# Body speed that the odometry misses, from which on wheels count as sliding [m/s], and turn rate
+# from which on they count as turning [rad/s].
+SLIDES_M_S = 0.05
+TURNS_RAD_S = 0.15
 TINY_SPEED = 1e-6  # speed below which a command counts as zero [m/s, rad/s]
 INTERVALS_KEPT = 10  # number of latest command intervals that are kept
 # Tolerated delay of a command, and largest delay of a stop on its way to the wheels [s].
@@ -54,9 +69,10 @@ class Verdict:
 
     Attributes:
         command: (v [m/s], w [rad/s]) for the base.
-        action: PASS (unchanged), SLOW (limited) or STOP.
-        scale: factor by which the command was scaled, 0 to 1.
-        reason: one line that explains the limit; "" if the command passes unchanged.
+        action: PASS (unchanged), BRAKE (free, but reached only within the friction limit), SLOW
+            (limited) or STOP.
+        scale: factor by which the command was limited, 0 to 1.
+        reason: one line that explains the change; "" if the command passes unchanged.
     """
 
     command: Twist
@@ -73,7 +89,16 @@ class Verdict:
     def blocked(self) -> bool:
         """True if the command was limited to almost zero."""
         v, w = self.command
-        return self.action != PASS and abs(v) < BLOCKED_M_S and abs(w) < BLOCKED_RAD_S
+        is_limited = self.action in (SLOW, STOP)
+        return is_limited and abs(v) < BLOCKED_M_S and abs(w) < BLOCKED_RAD_S
+
+    def braked(self, command: Twist) -> "Verdict":
+        """Return the verdict with the command (v, w) that brakes the base, if that differs."""
+        if self.action != PASS or command == self.command:
+            return replace(self, command=command)
+        v, _ = command
+        reason = REVERSING if v * self.command[0] < 0.0 else BRAKING
+        return Verdict(command, BRAKE, reason=reason)
 
 
 class Ages(NamedTuple):
@@ -269,7 +294,7 @@ class CollisionMonitor:
         if problem:
             return Verdict.stop(self.braked(time, v), problem)
         pose = self.matcher.corrected(pose)
-        self.motion.take(time - pose_age, pose)
+        self.motion.take(time - pose_age, pose, v)
         pose_velocity = self.motion.velocity
         if self._is_impossible(pose_velocity.v, pose_velocity.w):
             speeds = f"{pose_velocity.v:g} m/s and {pose_velocity.w:g} rad/s"
@@ -282,7 +307,8 @@ class CollisionMonitor:
         measured_v = v
         if pose_velocity.v * self.output.v > v * self.output.v:
             measured_v = pose_velocity.v
-        return replace(verdict, command=self.braked(time, measured_v, verdict.command, w))
+        may_reverse = verdict.action == PASS and self._grips(w, verdict.command)
+        return verdict.braked(self.braked(time, measured_v, verdict.command, w, may_reverse))
 
     def _scan_age(self, time: float) -> float:
         """Return the age of the oldest laser's latest scan [s].
@@ -300,17 +326,21 @@ class CollisionMonitor:
         """Return the motion from the odometry, and that from the poses.
 
         Wheels show a change of speed at once. Poses show it later, but also when the body slides.
-
-        The lateral slip is the leftward speed that a turn about the point at turn_ahead does not
-        explain. Both terms of the slip come from the poses, so that they have the same age.
         """
         pose_velocity = self.motion.velocity
-        slip = pose_velocity.leftward + self.settings.turn_ahead * pose_velocity.w
+        slip = self._lateral_slip()
         v, w = twist
         return [
             Motion(v, w, slip, self.output.w),
             Motion(pose_velocity.v, pose_velocity.w, slip, self.output.w),
         ]
+
+    def _lateral_slip(self) -> float:
+        """Return the leftward speed [m/s] that a turn about the point at turn_ahead leaves open.
+
+        Both terms come from the poses, so that they have the same age.
+        """
+        return self.motion.velocity.leftward + self.settings.turn_ahead * self.motion.velocity.w
 
     def braked(
         self,
@@ -318,6 +348,7 @@ class CollisionMonitor:
         measured_v: float,
         command: Twist = (0.0, 0.0),
         measured_w: Optional[float] = None,
+        may_reverse: bool = False,
     ) -> Twist:
         """Return the command (v, w) within the base's friction limit, and record it as output.
 
@@ -331,12 +362,15 @@ class CollisionMonitor:
             measured_v: measured forward speed [m/s].
             command: requested (v, w) [m/s, rad/s].
             measured_w: measured turn rate [rad/s], None if it is unknown.
+            may_reverse: whether the command passes at once if it reverses a slow base.
         """
         v, w = command
         previous = self.output
+        speed = min(abs(previous.v), abs(measured_v))
+        reverses_at_once = may_reverse and v * previous.v < 0.0 and speed <= LAST_SPEED_M_S
         # Otherwise the base stands still or already moves the other way.
-        if previous.v * measured_v > 0.0 and time >= previous.time:
-            speed = min(abs(previous.v), abs(measured_v))
+        is_moving_on = previous.v * measured_v > 0.0 and time >= previous.time
+        if is_moving_on and not reverses_at_once:
             # Wheels that are slowed down faster lock, and the body slides farther than was checked.
             deceleration = stopping.deceleration_at(speed, self.settings.deceleration)
             slowest_speed = speed - deceleration * (time - previous.time)
@@ -351,6 +385,18 @@ class CollisionMonitor:
         self._is_braking = v != command[0]
         self.output = Output(time, v, w)
         return v, w
+
+    def _grips(self, measured_w: float, command: Twist) -> bool:
+        """Return whether the wheels drive straight on and do not slide.
+
+        Such wheels reverse a slow body at once: 0.15 s from rest to -0.5 m/s in Gazebo. In turns
+        and at the ends of hard stops they locked instead, and the body slid on.
+        """
+        _, command_w = command
+        turn_rates = (self.output.w, measured_w, self.motion.velocity.w, command_w)
+        slides = (self.motion.slide, self._lateral_slip())
+        is_straight = max(map(abs, turn_rates)) < TURNS_RAD_S
+        return is_straight and max(map(abs, slides)) < SLIDES_M_S
 
     def _clamp_turn(self, w: float, measured_w: float) -> float:
         """Clamp w to the turn rates that are reachable within GRIPPING_S. Keep its sign."""

@@ -32,6 +32,7 @@ class PoseMotion:
     Attributes:
         velocity: the Velocity; zeros until enough poses arrived.
         baseline: Time between the poses of which it was estimated [s]; 0 if nothing is known.
+        slide: forward speed of the poses less that of the odometry in the same time [m/s].
     """
 
     def __init__(self, span: float = SPAN_S) -> None:
@@ -40,23 +41,37 @@ class PoseMotion:
 
     def clear(self) -> None:
         """Forget all poses."""
-        self._poses: Deque[Tuple[float, Pose]] = deque()
+        # Stamp [s], pose, and distance driven ahead by the odometry [m]
+        self._poses: Deque[Tuple[float, Pose, float]] = deque()
+        self._latest_v = 0.0  # speed of the odometry with the latest pose [m/s]
         self.velocity = Velocity()
         self.baseline = 0.0
+        self.slide = 0.0
 
-    def take(self, stamp: float, pose: Pose) -> None:
-        """Add the pose (x, y, yaw) [m, rad] of the base at `stamp` [s], and update the velocity."""
+    def take(self, stamp: float, pose: Pose, v: float) -> None:
+        """Add a pose, and update the velocity.
+
+        Args:
+            stamp: time of the pose [s].
+            pose: (x, y, yaw) of the base [m, rad].
+            v: forward speed that the odometry measures [m/s].
+        """
         # The clock was set, or poses were missing.
         if self._poses and not 0.0 <= stamp - self._poses[-1][0] <= self._span:
             self.clear()
         if self._poses and stamp == self._poses[-1][0]:
             return
-        self._poses.append((stamp, pose))
+        driven = 0.0
+        if self._poses:
+            latest_stamp, _, latest_driven = self._poses[-1]
+            driven = latest_driven + 0.5 * (self._latest_v + v) * (stamp - latest_stamp)
+        self._poses.append((stamp, pose, driven))
+        self._latest_v = v
 
         # Keep the latest pose that is at least as old as the baseline is long, as its start.
         while len(self._poses) > 1 and stamp - self._poses[1][0] >= self._span:
             self._poses.popleft()
-        first_stamp, first_pose = self._poses[0]
+        first_stamp, first_pose, first_driven = self._poses[0]
         baseline = stamp - first_stamp
         if baseline < SHORTEST_S:
             return
@@ -70,3 +85,4 @@ class PoseMotion:
         forward = cos_half * x + sin_half * y
         leftward = cos_half * y - sin_half * x
         self.velocity = Velocity(forward / baseline, turn_angle / baseline, leftward / baseline)
+        self.slide = (forward - (driven - first_driven)) / baseline

@@ -58,7 +58,8 @@ class OdometryCheck:
             pose: Pose (x, y, yaw) [m, m, rad] of the base.
             twist: Velocity (v, w) [m/s, rad/s] of the base.
         """
-        self._motion.take(stamp, pose)
+        v, _ = twist
+        self._motion.take(stamp, pose, v)
         is_known = self._motion.baseline >= SPAN_S
         by_pose = self._motion.velocity
         for comparison, pose_value, twist_value in zip(self._comparisons, by_pose, twist):

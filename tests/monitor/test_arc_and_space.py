@@ -449,19 +449,21 @@ def test_poses_give_forward_lateral_and_turn_velocity():
     for step in range(10):
         stamp = STEP_S * step
         yaw = math.pi / 2 + 0.3 * stamp
-        motion.take(stamp, (-0.2 * stamp, 1.5 * stamp, yaw))
+        motion.take(stamp, (-0.2 * stamp, 1.5 * stamp, yaw), 1.0)
     velocity = motion.velocity
     assert (velocity.v, velocity.w) == pytest.approx((1.5, 0.3), abs=0.06)
     # The base heads along +y, so its left is -x, until the heading has turned by .1 rad.
     assert velocity.leftward == pytest.approx(0.2 - 1.5 * 0.3 * 0.325, abs=0.06)
+    # The odometry measures 1 m/s.
+    assert motion.slide == pytest.approx(velocity.v - 1.0)
 
     # The base stops at once, and stands for a quarter of a second.
     for step in range(1, 6):
-        motion.take(stamp + 0.0501 * step, (-0.2 * stamp, 1.5 * stamp, yaw))
+        motion.take(stamp + 0.0501 * step, (-0.2 * stamp, 1.5 * stamp, yaw), 0.0)
     assert motion.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
     # The clock is set back.
-    motion.take(0.1, HERE)
+    motion.take(0.1, HERE, 0.0)
     assert motion.velocity == (0.0, 0.0, 0.0)
 
 

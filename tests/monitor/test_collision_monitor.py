@@ -8,7 +8,15 @@ import pytest
 
 from applr_ros1.common.angles import compose
 from applr_ros1.monitor.known_space import CELL_M, ObstacleMemory, SeenSpace
-from applr_ros1.monitor.monitor import PASS, SLOW, STOP, CollisionMonitor, Output, Verdict
+from applr_ros1.monitor.monitor import (
+    BRAKE,
+    PASS,
+    SLOW,
+    STOP,
+    CollisionMonitor,
+    Output,
+    Verdict,
+)
 from applr_ros1.monitor.scanner import FROZEN_SCANS, ScannerCheck
 from applr_ros1.monitor.stopping import Motion, penetration
 from tests.monitor.scenes import (
@@ -619,7 +627,8 @@ def test_the_robot_creeps_in_unobserved_space_and_drives_in_observed_space():
         pose = (time, 0.0, 0.0)
         monitor.add_scan(scan_of(posts(0), pose, time))
         assert monitor.filter(time, pose, STRAIGHT_ON, STRAIGHT_ON).action == PASS
-    assert monitor.filter(time, pose, AT_REST, BACKWARDS).action == PASS
+    # The poses still move ahead, but nothing limits the way back.
+    assert monitor.filter(time, pose, AT_REST, BACKWARDS).action == BRAKE
 
 
 def test_the_robot_creeps_no_faster_than_a_remembered_obstacle_allows():

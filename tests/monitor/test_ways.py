@@ -172,7 +172,7 @@ def test_lateral_slip_may_end_in_a_turn_faster_than_commanded():
 def moving(velocity, **changes):
     """Return a monitor in an empty room whose poses imply a Velocity."""
     monitor = seen_all_around(wall(9.0), replace(SETTINGS, **changes))
-    monitor.motion.take = lambda stamp, pose: None
+    monitor.motion.take = lambda stamp, pose, v: None
     monitor.motion.velocity = velocity
     return monitor
 

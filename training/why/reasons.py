@@ -16,6 +16,7 @@ from applr_ros1.common.angles import normalize_angle_modulo
 from applr_ros1.common.paths import distances, step_lengths
 from applr_ros1.drives.drive import ABORTED, REACHED, Drive, Rows
 from applr_ros1.drives.ending import ODOMETRY_ARRIVED, in_full
+from applr_ros1.monitor.monitor import REVERSING
 
 SomeRows = TypeVar("SomeRows", bound=Rows)
 STANDS = "it turns or stands"  # beginning of the reason if no column shows another one
@@ -255,7 +256,8 @@ def held(stretch: Stretch) -> str:
     seconds = _durations(verdicts, stretch.end)
     blocked_s: Counter[str] = Counter()
     for duration, reason, is_blocked in zip(seconds, verdicts.reason, verdicts.blocked):
-        if is_blocked:
+        # A reversal that the monitor delays does not move the robot either.
+        if is_blocked or reason == REVERSING:
             blocked_s[reason] += duration
     blocked_total = sum(blocked_s.values())
     if not stretch.is_reason(blocked_total):
@@ -274,8 +276,10 @@ def stopped(stretch: Stretch) -> str:
     asks_for_motion = _asks_for_motion(planned.twist)
     # What reaches the base may come a little later than the planner's command.
     command_rows = _latest_rows(drive.commands, planned.time + PASS_ON_S)
-    passed_commands = np.abs(drive.commands.twist[command_rows])
-    is_little = passed_commands <= PASSED * np.abs(planned.twist)
+    passed_commands = drive.commands.twist[command_rows]
+    is_little = np.abs(passed_commands) <= PASSED * np.abs(planned.twist)
+    # The base may still brake before a change of direction.
+    is_little |= passed_commands * planned.twist < 0.0
     is_stopped = asks_for_motion & is_little.all(axis=1)
     seconds = _durations(planned, stretch.end)
     if not stretch.is_reason(float(seconds[is_stopped].sum())):

@@ -29,7 +29,15 @@ from std_msgs.msg import Bool, String
 from applr_ros1.common.errors import ApplrError, run_script, shown
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.monitor.lasers import LET_GO_S
-from applr_ros1.monitor.monitor import PASS, STOP, CollisionMonitor, Verdict, warm_up
+from applr_ros1.monitor.monitor import (
+    BRAKE,
+    PASS,
+    SLOW,
+    STOP,
+    CollisionMonitor,
+    Verdict,
+    warm_up,
+)
 from applr_ros1.monitor.motion import Twist as Velocity
 from applr_ros1.monitor.settings import MonitorSettings
 from applr_ros1.monitor.stalled_planner import StalledPlanner
@@ -78,7 +86,7 @@ class CollisionMonitorNode:
         self._lock = threading.Lock()
         self._clock = Clock()
         self._verdict = Verdict.stop((0.0, 0.0), "no command has arrived yet")
-        self._counts = dict.fromkeys(("pass", "slow", "stop"), 0)
+        self._counts = dict.fromkeys((PASS, BRAKE, SLOW, STOP), 0)
         # ROS time of the latest command; 0 if there is none since the start or a clock jump.
         self._commanded = rospy.Time(0)
         # time.monotonic() of the latest command, and of the next zero.
@@ -309,7 +317,8 @@ class CollisionMonitorNode:
         message = verdict.reason or "commands pass"
         if is_idle:
             message = "idle: no commands"
-        if is_idle or verdict.action == PASS:
+        # A base that brakes as its planner asks is no problem.
+        if is_idle or verdict.action in (PASS, BRAKE):
             level = DiagnosticStatus.OK
             if self.sensors.odometry_problem:
                 level = DiagnosticStatus.WARN

@@ -19,6 +19,7 @@ from applr_ros1.drives.drive import (
     Verdicts,
 )
 from applr_ros1.drives.ending import ODOMETRY_ARRIVED
+from applr_ros1.monitor.monitor import REVERSING
 from training.why import events, reasons
 from training.why.events import AT_GOAL, UNHEARD, Limits
 from training.why.reasons import Stretch, failure_of
@@ -265,6 +266,8 @@ def test_commands_that_do_not_reach_the_base_are_a_reason(stopped):
     assert reasons.stopped(stretch_of(stopped)) == ""  # There is no monitor.
     nothing = "move_base commanded 0.50 m/s, but nothing of it reached the base"
     assert reason(0.0).startswith(nothing)
+    # The monitor still brakes a base that is to change its direction.
+    assert reason(-0.5).startswith(nothing)
     # A monitor that slows the robot down is no reason why it stands.
     assert reason(0.5) == ""
 
@@ -361,6 +364,10 @@ def test_failures_are_worded_by_their_causes_first(stopped):
     )
     intervenes = "the collision monitor intervenes 33 % of the time: a wall"
     assert failed(stopped, verdicts=verdicts) == intervenes
+    # A reversal that the monitor delays counts, too.
+    delays = replace(verdicts, reason=[REVERSING] * 180, blocked=[False] * 180)
+    delayed = failed(stopped, verdicts=delays)
+    assert delayed == f"the collision monitor intervenes 100 % of the time: {REVERSING}"
     # What the planner rejects never reaches the monitor.
     both = failed(stopped, verdicts=verdicts, refusals=many_refusals)
     assert both.startswith("the planner rejects")

@@ -1,0 +1,128 @@
+"""Tests of changes of direction: which commands of a slow base pass at once, and what is said."""
+
+import math
+
+import pytest
+
+from applr_ros1.monitor.monitor import (
+    BRAKE,
+    BRAKING,
+    PASS,
+    REVERSING,
+    SLOW,
+    STOP,
+    CollisionMonitor,
+    Verdict,
+)
+from tests.monitor.scenes import BEHIND, across, scan_of, wall
+
+CYCLE_S = 0.05  # time between two commands [s]
+DRIVEN_CYCLES = 12  # cycles before the change of direction: 0.6 s
+SPEED = 0.3  # m/s: at most so fast, wheels lock when they are slowed down hard
+BACK = (-0.5, 0.0)
+# Posts of 5 cm radius, 0.2 m behind the outline where the robot changes its direction
+POSTS_BEHIND = across(-0.3, -0.3, 0.31, 0.05)
+
+
+def reversal(
+    speed=SPEED,
+    turn=0.0,
+    wheel_speed=None,
+    command=BACK,
+    posts=(),
+    sideways=0.0,
+):
+    """Return the verdicts on a command that follows 0.6 s of driving.
+
+    Args:
+        speed: Speed of the poses [m/s].
+        turn: Commanded and measured turn rate [rad/s].
+        wheel_speed: Speed of the odometry [m/s]; None for that of the poses.
+        command: Command (v, w) of the cycles from then on.
+        posts: Posts (n, 2) [m].
+        sideways: Speed of the poses to the left [m/s].
+    """
+    if wheel_speed is None:
+        wheel_speed = speed
+    monitor = CollisionMonitor()
+    monitor.add_scan(scan_of(posts, BEHIND, -0.1))
+    # All space is observed.
+    monitor.seen.cells[:] = 1
+    x, y, yaw = 0.0, 0.0, 0.0
+    for cycle in range(DRIVEN_CYCLES):
+        time = cycle * CYCLE_S
+        monitor.add_scan(scan_of(posts, (x, y, yaw), time))
+        monitor.filter(time, (x, y, yaw), (wheel_speed, turn), (speed, turn))
+        x += (speed * math.cos(yaw) - sideways * math.sin(yaw)) * CYCLE_S
+        y += (speed * math.sin(yaw) + sideways * math.cos(yaw)) * CYCLE_S
+        yaw += turn * CYCLE_S
+
+    # The base does at once what it is told, from the wheels' speed on.
+    verdicts = []
+    for cycle in range(DRIVEN_CYCLES, DRIVEN_CYCLES + 20):
+        time = cycle * CYCLE_S
+        monitor.add_scan(scan_of(posts, (x, y, yaw), time))
+        verdict = monitor.filter(time, (x, y, yaw), (wheel_speed, turn), command)
+        verdicts.append(verdict)
+        wheel_speed, turn = verdict.command
+        x += wheel_speed * CYCLE_S
+    return verdicts
+
+
+def test_a_free_slow_base_that_drives_straight_on_reverses_at_once():
+    for speed in (0.1, SPEED):
+        verdicts = reversal(speed)
+        assert verdicts[0] == Verdict(BACK), speed
+        assert verdicts[0].action == PASS
+    # Back and ahead are alike.
+    ahead = reversal(-SPEED, command=(0.5, 0.0))
+    assert ahead[0] == Verdict((0.5, 0.0))
+
+
+def test_a_faster_base_brakes_down_to_the_slow_speed_first():
+    """1.9 m/s^2 take 0.095 m/s off in each cycle."""
+    verdicts = reversal(0.65)
+    speeds = [verdict.command[0] for verdict in verdicts[:5]]
+    assert speeds == pytest.approx([0.555, 0.46, 0.365, 0.27, -0.5])
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        # The wheels turn, or are to turn.
+        {"turn": 0.3},
+        {"command": (-0.5, 0.3)},
+        # The body slides ahead of its wheels, or to the side.
+        {"wheel_speed": 0.2},
+        {"sideways": 0.1},
+        # An obstacle limits the command.
+        {"posts": POSTS_BEHIND},
+        # The base stops, or only slows down.
+        {"command": (0.0, 0.0)},
+        {"command": (0.1, 0.0)},
+    ],
+    ids=["turns", "is to turn", "slides", "slides aside", "behind", "stops", "slows down"],
+)
+def test_every_other_slow_base_is_braked_gently(scene):
+    verdict = reversal(**scene)[0]
+    assert verdict.command[0] == pytest.approx(SPEED - 0.6 * CYCLE_S)
+
+
+def test_an_action_that_changes_a_command_is_not_pass():
+    reversing = reversal(turn=0.3, command=(-0.5, 0.3))[0]
+    assert (reversing.action, reversing.reason, reversing.scale) == (BRAKE, REVERSING, 1.0)
+    stopping = reversal(command=(0.0, 0.0))[0]
+    assert (stopping.action, stopping.reason) == (BRAKE, BRAKING)
+    for verdict in reversal(0.65):
+        is_changed = verdict.command != BACK
+        assert verdict.action == (BRAKE if is_changed else PASS)
+
+    # A limited command keeps its reason.
+    limited = reversal(posts=wall(1.2), speed=1.0, command=(2.0, 0.0))[0]
+    assert limited.action in (SLOW, STOP)
+    assert "obstacle" in limited.reason
+
+
+def test_a_base_that_brakes_because_the_planner_stops_is_not_blocked():
+    for verdict in reversal(command=(0.0, 0.0)):
+        assert not verdict.blocked
