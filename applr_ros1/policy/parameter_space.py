@@ -26,8 +26,9 @@ from applr_ros1.robots import Robot
 from applr_ros1.robots.check import space_errors
 from applr_ros1.robots.robot import Target
 
-# Values of a local planner that limit its speed, and that max_speed of the nodes limits in turn
-SPEED_LIMITS = ("max_vel_x", "max_vel_trans")
+# Values of a local planner that limit its speed, and that max_speed of the nodes limits in turn.
+# TrajectoryPlannerROS drives at min_vel_x even if max_vel_x is lower.
+SPEED_LIMITS = ("max_vel_x", "max_vel_trans", "min_vel_x")
 
 
 class ParameterSet(NamedTuple):

@@ -17,7 +17,6 @@ from applr_ros1.policy.dimensionless import SIZE, DimensionlessEncoding
 from applr_ros1.policy.encoding import with_mirror_images
 from applr_ros1.robots import JACKAL, NAMES, load
 from applr_ros1.robots.learned import OUTPUTS, default_space
-from applr_ros1.robots.robot import SpaceParameter, Target
 from tests.policy import golden_encoding
 from tests.support.refusals import refused
 
@@ -213,14 +212,11 @@ def test_a_parameter_with_a_range_out_of_reach_is_not_chosen():
     """min_vel_x is a backward speed for DWAPlannerROS, but the smallest forward speed for
     TrajectoryPlannerROS.
     """
-    targets = (Target(server="TrajectoryPlannerROS", name="min_vel_x"),)
-    ahead = SpaceParameter(name="min_vel_x", range=(0.02, 0.4), sets=targets)
-    robot = replace(JACKAL, space=(*JACKAL.space, ahead))
-    encoding = DimensionlessEncoding(robot, PERIOD)
+    encoding = DimensionlessEncoding(JACKAL, PERIOD)
     assert set(encoding.chosen) == {*JACKAL_CHOSEN, "sim_time"}
     # The lowest action leaves it at the value of the Jackal's file.
     theta = encoding.theta(np.full(len(OUTPUTS), -1.0))
-    assert theta[-1] == 0.1
+    assert encoding.space.as_dict(theta)["min_vel_x"] == 0.1
 
 
 def test_one_file_drives_every_robot(tmp_path):

@@ -53,13 +53,22 @@ def test_a_robot_without_parameters_for_policies_has_an_empty_space():
 
 
 def test_theta_0_is_clearpaths_and_survives_a_round_trip():
-    assert THETA_0.tolist() == [0.5, 1.57, 6, 20, 0.1, 0.75, 1.0, 0.30, 2.0, 0.314, 0.1, 0.1, 0.1]
+    of_paper = [0.5, 1.57, 6, 20, 0.1, 0.75, 1.0, 0.30]
+    assert THETA_0.tolist() == [*of_paper, 2.0, 0.314, 0.1, 0.1, 0.1, 0.1]
     action = SPACE.to_action(THETA_0)
     np.testing.assert_allclose(SPACE.to_theta(action), THETA_0)
     with pytest.raises(ValueError, match="read-only"):
         THETA_0[0] = 1.0
     assert SPACE.as_dict(THETA_0)["vx_samples"] == 6
     assert isinstance(SPACE.as_dict(THETA_0)["vx_samples"], int)
+
+
+def test_a_largest_speed_limits_the_smallest_speed_of_the_planner_too():
+    slow_space = SPACE.below(0.3)
+    fastest = slow_space.as_dict(slow_space.clip(SPACE.high))
+    for name, value in SPACE.as_dict(SPACE.high).items():
+        is_speed = name in ("max_vel_x", "min_vel_x")
+        assert fastest[name] == (0.3 if is_speed else value), name
 
 
 def test_actions_reach_the_ranges_and_never_leave_them_and_counts_are_rounded():
@@ -115,7 +124,7 @@ def test_the_sets_of_contexts_are_clipped_and_their_counts_rounded():
     [
         (
             lambda: SPACE.to_theta(np.zeros(7)),
-            r"action vector has shape \(7,\): 13 values are needed",
+            r"action vector has shape \(7,\): 14 values are needed",
         ),
         (
             lambda: SPACE.from_dict({"speed": 1.0}),

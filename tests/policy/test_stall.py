@@ -246,7 +246,10 @@ def test_each_stall_begins_with_backing_out():
 
 
 def test_the_costmaps_are_cleared_at_the_beginning_of_each_stall_and_every_8_seconds():
-    """The first stall is from 8 to 25 s, and the next one begins at 30 s."""
+    """The first stall is from 8 to 25 s, and the next one begins at 30 s.
+
+    The robot creeps, so that only its displacement in 8 s tells.
+    """
     for method, clearing_times in (
         (SET, [8, 16, 24, 30]),
         (methods.make("dwa"), []),
@@ -255,7 +258,8 @@ def test_the_costmaps_are_cleared_at_the_beginning_of_each_stall_and_every_8_sec
         times = []
         for time in range(32):
             v = 0.5 if 26 <= time < 30 else 0.0
-            rule.instead(method, scene(float(time), v=v), SPACE.theta0)
+            context = scene(float(time), place(time, SLOW), v)
+            rule.instead(method, context, SPACE.theta0)
             if rule.clears_costmaps:
                 times.append(time)
         assert times == clearing_times
@@ -271,8 +275,8 @@ def test_a_robot_that_has_just_come_out_has_not_stalled():
     ):
         rule = StallRule(JACKAL)
         for time in range(8):
-            rule.instead(SET, scene(float(time)), SPACE.theta0)
-        rule.instead(SET, scene(8.0, v=v), SPACE.theta0)
+            rule.instead(SET, scene(float(time), place(time, SLOW)), SPACE.theta0)
+        rule.instead(SET, scene(8.0, place(8, SLOW), v), SPACE.theta0)
         assert rule.count == count
 
 
@@ -283,7 +287,7 @@ def test_times_that_are_sums_of_periods_count_as_reached():
     replaced = []
     clearing_decisions = []
     for decision in range(200):
-        replaced.append(rule.instead(SET, scene(time), SPACE.theta0))
+        replaced.append(rule.instead(SET, scene(time, place(time, SLOW)), SPACE.theta0))
         if rule.clears_costmaps:
             clearing_decisions.append(decision)
         time += 0.1
@@ -331,3 +335,119 @@ def test_every_method_gets_them_that_does_not_refuse():
         is_refusing = method_name in refusing
         assert all(theta is None for theta in replaced) == is_refusing, method_name
         assert rule.count == (0 if is_refusing else 24)
+
+
+# -- dead ends that are clear before 8 s
+def first_change(poses, ways, period=1.0, robot=JACKAL):
+    """Return the time of the first changed decision [s], None if there is none.
+
+    Args:
+        poses: (x, y, yaw) at each decision.
+        ways: Direction of the plan at each decision: BACK or AHEAD.
+        period: Decision period [s].
+        robot: Description of the robot.
+    """
+    rule = StallRule(robot)
+    theta = space_of(robot).theta0
+    for decision, (pose, way) in enumerate(zip(poses, ways)):
+        context = scene(decision * period, robot=robot)
+        forward = np.linspace(0.0, 3.0, 60)
+        plan = transform_point(pose, way * forward, np.zeros(60))
+        context = replace(context, pose=pose, plan=np.column_stack(plan))
+        if rule.instead(SET, context, theta) is not None:
+            return decision * period
+    return None
+
+
+def creeping(speed, count=8):
+    """Return the poses of a robot that drives ahead at a speed [m] per decision."""
+    return [(speed * decision, 0.0, 0.0) for decision in range(count)]
+
+
+def turning(angle, count=8):
+    """Return the poses of a robot that turns by an angle [rad] per decision."""
+    return [(0.0, 0.0, angle * decision) for decision in range(count)]
+
+
+def test_a_robot_that_gets_nowhere_with_a_plan_that_leads_back_is_in_a_dead_end():
+    """It is so if it moves by less than 0.2 m and turns by less than 0.5 rad in 2 decisions."""
+    back = [BACK] * 8
+    assert first_change(creeping(0.09), back) == 2.0
+    assert first_change(creeping(0.11), back) is None
+    assert first_change(turning(0.24), back) == 2.0
+    assert first_change(turning(0.26), back) is None
+    assert first_change(turning(-0.26), back) is None
+    # A plan that leads ahead in between, and a robot of twice the size or half of it
+    assert first_change(creeping(0.09), [BACK, BACK, AHEAD] + [BACK] * 5) == 5.0
+    burger = load("turtlebot3_burger")
+    assert first_change(creeping(0.06), back, robot=burger) is None
+    assert first_change(creeping(0.06), back) == 2.0
+
+
+def test_a_dead_end_is_clear_after_two_seconds_whatever_the_period():
+    for period in (0.1, 0.5, 1.0, 2.0):
+        poses = creeping(0.0, count=40)
+        for way in (BACK, AHEAD):
+            assert first_change(poses, [way] * 40, period) == pytest.approx(2.0)
+
+
+def test_a_robot_that_stands_for_two_seconds_is_in_a_dead_end_whatever_its_plan():
+    ahead = [AHEAD] * 8
+    assert first_change(creeping(0.02), ahead) == 2.0
+    assert first_change(creeping(0.03), ahead) is None
+    assert first_change(turning(0.04), ahead) == 2.0
+    assert first_change(turning(0.06), ahead) is None
+    # The yaw passes pi.
+    yaws = (3.13, -3.13, 3.13, -3.13)
+    assert first_change([(0.0, 0.0, yaw) for yaw in yaws], ahead) == 2.0
+
+
+def test_without_a_plan_or_near_its_end_no_dead_end_is_clear():
+    for plan_length in (0, 5, 6):
+        rule = StallRule(JACKAL)
+        thetas = []
+        for time in range(9):
+            # The points are 5 cm apart.
+            context = scene(float(time))
+            context = replace(context, plan=context.plan[: plan_length + 1])
+            if not plan_length:
+                context = replace(context, plan=np.zeros((0, 2)))
+            thetas.append(rule.instead(SET, context, SPACE.theta0))
+        is_long_enough = plan_length == 6
+        assert (thetas[7] is not None) == is_long_enough
+        assert thetas[8] is not None
+
+
+def test_a_stall_in_a_dead_end_lasts_until_the_robot_has_left_the_place():
+    for x, v, is_changed in (
+        (-0.8, -0.5, True),
+        (-0.9, -0.5, False),
+        (0.0, 0.45, False),
+    ):
+        rule = StallRule(JACKAL)
+        for time in range(3):
+            rule.instead(SET, scene(float(time)), SPACE.theta0)
+        theta = rule.instead(SET, scene(3.0, x, v), SPACE.theta0)
+        assert (theta is not None) == is_changed, (x, v)
+
+
+def test_a_robot_that_backs_out_has_no_slow_way_ahead():
+    """At 0.1 m/s a way ahead is nearly always free. The smallest speed is below the largest."""
+    min_vel_x = SPACE.names.index("min_vel_x")
+    for seed in range(20):
+        replaced = course(seed)
+        for theta in replaced[8:]:
+            smallest_speed = SPACE.theta0[min_vel_x]
+            if is_backing_out(theta):
+                smallest_speed = min(0.5, theta[MAX_VEL_X])
+            assert theta[min_vel_x] == smallest_speed
+
+
+def test_a_robot_that_is_held_while_it_backs_out_drives_instead():
+    rule = StallRule(JACKAL)
+    backing_out = []
+    for time in range(9):
+        theta = rule.instead(SET, scene(float(time)), SPACE.theta0)
+        backing_out.append(is_backing_out(theta))
+    # The dead end is known at 2 s, and at 4 s the robot has not backed out.
+    assert backing_out == [None, None, True, True, False, False, False, True, True]

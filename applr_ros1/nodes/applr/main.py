@@ -117,7 +117,7 @@ def main() -> int:
     lowest_limit = space.low[space.sets_speed].max(initial=0.0)
     planner = robot.local_planner
     values = robot.all_parameters()[planner]
-    limited_values = {**values, **dict.fromkeys(SPEED_LIMITS, max_speed)}
+    limited_values = {**values, **space.below(max_speed).defaults.get(planner, {})}
     for limits in crossed_limits(planner, limited_values):
         if limits.high in SPEED_LIMITS:
             lowest_limit = max(lowest_limit, values[limits.low])
