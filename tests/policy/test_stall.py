@@ -395,6 +395,7 @@ def test_a_robot_that_stands_for_two_seconds_is_in_a_dead_end_whatever_its_plan(
     ahead = [AHEAD] * 8
     assert first_change(creeping(0.02), ahead) == 2.0
     assert first_change(creeping(0.03), ahead) is None
+    assert first_change(creeping(0.02), ahead, robot=load("turtlebot3_burger")) is None
     assert first_change(turning(0.04), ahead) == 2.0
     assert first_change(turning(0.06), ahead) is None
     # The yaw passes pi.

@@ -98,6 +98,7 @@ def test_a_run_starts_at_a_parameter_set(tmp_path):
         "footprint_padding": 0.1,
         "escape_reset_dist": 0.1,
         "escape_reset_theta": 0.1,
+        "min_vel_x": 0.1,
     }
 
 
