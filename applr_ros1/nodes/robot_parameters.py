@@ -1,4 +1,4 @@
-"""The nodes' private parameters ~robot, ~map and ~tf_prefix.
+"""The nodes' private parameters ~robot, ~map and ~tf_prefix, and ~method of move_base.
 
 Also the parameters of move_base from the robot's files.
 """
@@ -9,9 +9,12 @@ from typing import Any, Dict, Optional, Tuple
 
 from applr_ros1.common.arguments import frame_prefix
 from applr_ros1.common.trees import merged
+from applr_ros1.policy import methods
 from applr_ros1.robots import JACKAL, Robot, load
 
 NAMING = ("robot", "map", "tf_prefix")
+# Parameters of the node move_base that are not parameters of the planner
+STARTING = (*NAMING, "method")
 # Parameters of move_base whose value is a frame
 FRAMES = ("robot_base_frame", "sensor_frame", "global_frame", "global_frame_id")
 
@@ -40,16 +43,19 @@ def with_robot(parameters: Dict[str, Any]) -> Tuple[Dict[str, Any], Optional[Rob
     Errors are those of `named_robot`.
 
     Args:
-        parameters: The private parameters. All except NAMING override the robot's files.
+        parameters: The private parameters. All except STARTING override the robot's files. With
+            `method`, the costmaps mark obstacles up to the range for which this method was made.
 
     Returns:
-        The nested tree without NAMING, and the Robot, or None if no robot is named.
+        The nested tree without STARTING, and the Robot, or None if no robot is named.
     """
-    overrides = {name: value for name, value in parameters.items() if name not in NAMING}
+    overrides = {name: value for name, value in parameters.items() if name not in STARTING}
     if not parameters.get("robot"):
         return overrides, None
     robot, prefix = named_robot(parameters)
-    file_parameters = robot.parameters(_drives_on_map(parameters))
+    needed_range = methods.obstacle_range(str(parameters.get("method", "dwa")), robot)
+    started_robot = robot.seeing(needed_range)
+    file_parameters = started_robot.parameters(_drives_on_map(parameters))
     if prefix:
         _prefix_frames(file_parameters, prefix)
     return merged(file_parameters, overrides), robot

@@ -31,7 +31,7 @@ from applr_ros1.policy.encoding import (
 )
 from applr_ros1.policy.layout import Layout
 from applr_ros1.policy.observation import LAYOUT
-from applr_ros1.policy.parameter_space import SPACE, Space, space_of
+from applr_ros1.policy.parameter_space import SPACE, Space, obstacle_range_of, space_of
 from applr_ros1.robots import JACKAL, Robot
 
 # Format names in the files of both policies
@@ -121,6 +121,7 @@ class Policy(_FromFile):
             "observation": self.encoding.name,
             "period": self.period,
             "base": self.encoding.base,
+            "obstacle_range": self.obstacle_range,
         }
 
     def reset(self, seed: int) -> None:
@@ -241,6 +242,7 @@ def load(
             encoding_name = DIMENSIONLESS if "observation" in metadata else PAPER
             encoding = ENCODINGS[encoding_name].of(metadata, robot)
             policy = Policy.of(weights, encoding, metadata)
+            policy.obstacle_range = obstacle_range_of(metadata)
     policy.metadata = metadata
     policy.path = path
     return policy
@@ -258,8 +260,8 @@ def save(
         path: Path of the file.
         weights: Tensors as for Policy.of. If every second network of an ensemble is the mirror
             image of the previous one, the mirror images are not stored.
-        metadata: {str: JSON value}: "period_s" for the paper's encoding, "training", "result", or
-            others.
+        metadata: {str: JSON value}: "period_s" for the paper's encoding, "training", "result",
+            "obstacle_range" (Method.obstacle_range), or others.
         encoding: Encoding of observations and actions; None for the paper's encoding for the
             Jackal.
     """

@@ -129,6 +129,9 @@ class Method:
             needs biases per metre (nodes/applr/meter_scoring.py).
         redraws_stalled: Whether parameters are drawn at random while the robot has stalled
             (policy/stall.py).
+        obstacle_range: Range [m] up to which lasers must mark obstacles in the costmaps, because
+            the method was made for it. move_base reads it once, at its start. None for the range
+            in the robot's files.
     """
 
     name = ""
@@ -138,6 +141,7 @@ class Method:
     layout: Layout = LAYOUT
     per_cell: bool = False
     redraws_stalled: bool = True
+    obstacle_range: Optional[float] = None
 
     def reset(self, seed: int) -> None:
         """Prepare for a new course, and seed all random draws."""

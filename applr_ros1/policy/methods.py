@@ -62,6 +62,7 @@ class FixedParameters(Method):
         space: Parameter space.
         per_cell: Whether the distance biases are per costmap cell (Method.per_cell).
         redraws_stalled: Whether other parameters are drawn in a stall (Method.redraws_stalled).
+        obstacle_range: Range [m] for which the set was made (Method.obstacle_range).
     """
 
     static = True
@@ -72,8 +73,10 @@ class FixedParameters(Method):
         space: Space = SPACE,
         per_cell: bool = False,
         redraws_stalled: bool = True,
+        obstacle_range: Optional[float] = None,
     ):
         self.redraws_stalled = redraws_stalled
+        self.obstacle_range = obstacle_range
         self.values = np.array(values, dtype=np.float64)
         self.space = space
         self.per_cell = per_cell
@@ -83,8 +86,11 @@ class FixedParameters(Method):
         return self.values.copy()
 
     def describe(self) -> Dict[str, Any]:
-        """Return the parameter set as {name: value}."""
-        return {"parameters": self.space.as_dict(self.values)}
+        """Return the parameter set as {name: value}, and its obstacle range if it has one."""
+        description: Dict[str, Any] = {"parameters": self.space.as_dict(self.values)}
+        if self.obstacle_range is not None:
+            description["obstacle_range"] = self.obstacle_range
+        return description
 
 
 class RandomParameters(Method):
@@ -103,6 +109,7 @@ class RandomParameters(Method):
         if around is not None:
             self.period = 1.0
             self.per_cell = around.per_cell
+            self.obstacle_range = around.obstacle_range
         self.reset(0)
 
     def reset(self, seed: int) -> None:
@@ -141,7 +148,12 @@ def auto(robot: Robot) -> str:
 def _fixed(path: str, robot: Robot) -> FixedParameters:
     space = space_of(robot)
     parameter_set = space.read(path)
-    return FixedParameters(parameter_set.theta, space, parameter_set.per_cell)
+    return FixedParameters(
+        parameter_set.theta,
+        space,
+        parameter_set.per_cell,
+        obstacle_range=parameter_set.obstacle_range,
+    )
 
 
 def _trained(robot: Robot) -> Method:
@@ -245,6 +257,18 @@ def make(spec: str, robot: Robot = JACKAL, user_code: bool = True) -> Method:
     if spec == "auto":
         method.name = auto(robot)  # What drives, for tables and messages
     return method
+
+
+def obstacle_range(spec: str, robot: Robot) -> Optional[float]:
+    """Return the range [m] with which move_base must start for a method (Method.obstacle_range).
+
+    It is None for user code, which is not imported, and for a method that cannot be made: the applr
+    node then says so, and drives with the default parameters.
+    """
+    try:
+        return make(spec, robot, user_code=False).obstacle_range
+    except (ApplrError, OSError):
+        return None
 
 
 def for_robot(method: Method, robot: Robot) -> Method:

@@ -11,7 +11,7 @@ sets all of them to the same number.
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from typing import Any, Dict, List, Mapping, NamedTuple, Tuple
+from typing import Any, Dict, List, Mapping, NamedTuple, Optional, Tuple
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from applr_ros1.common import files
 from applr_ros1.common.arguments import number_within
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError, shown
+from applr_ros1.planner.parameters import obstacle_range
 from applr_ros1.planner.parameters.parameter import Parameter
 from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.robots import Robot
@@ -37,10 +38,23 @@ class ParameterSet(NamedTuple):
     Attributes:
         theta: Parameters (n,).
         per_cell: Whether the distance biases are per costmap cell instead of per metre.
+        obstacle_range: Range [m] up to which lasers mark obstacles, None for the range in the
+            robot's files (decision.Method).
     """
 
     theta: np.ndarray
     per_cell: bool
+    obstacle_range: Optional[float] = None
+
+
+def obstacle_range_of(metadata: Mapping[str, Any]) -> Optional[float]:
+    """Return the obstacle range [m] that a parameter set or a policy file asks for, or None.
+
+    Raise ApplrError if it is no range.
+    """
+    if metadata.get(obstacle_range.NAME) is None:
+        return None
+    return float(number_within(obstacle_range.NAME, metadata[obstacle_range.NAME], 0.1, 200.0))
 
 
 @dataclass(frozen=True)
@@ -234,12 +248,15 @@ class Space:
         It holds {name: value}, or {"parameters": {name: value}, ...}.
 
         Missing names have their values in theta_0. A file with `"meter_scoring": false` states that
-        its distance biases are per costmap cell.
+        its distance biases are per costmap cell. `"obstacle_range"` beside the parameters is the
+        range with which it drives.
         """
         with files.reading(path):
             content = files.read_json(path)
             theta = self.from_dict(content.get("parameters", content))
-            return ParameterSet(theta, per_cell=content.get("meter_scoring") is False)
+            needed_range = obstacle_range_of(content)
+            per_cell = content.get("meter_scoring") is False
+            return ParameterSet(theta, per_cell, needed_range)
 
     def to_dict(self) -> Dict[str, Any]:
         """Return the space as JSON values for a policy's file and an evaluation's settings."""

@@ -28,6 +28,7 @@ from applr_ros1.planner.parameters.declarations import (
     servers,
 )
 from applr_ros1.planner.parameters.layers import COSTMAPS, STATIC_LAYER, layers
+from applr_ros1.planner.parameters.obstacle_range import laser_sources, ranges, seeing
 from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.robots import geometry
 from applr_ros1.robots.parameter_files import observation_sources, too_deep
@@ -39,6 +40,7 @@ EIGHT = np.arange(8) * pi / 4
 DIRECTIONS = np.array([np.cos(EIGHT), np.sin(EIGHT)])
 # Names of the planners' parameters that a field of `base` limits
 LIMITED = {"max_speed": of_kind("speed"), "max_yaw_rate": of_kind("turn")}
+SIGHT_S = 2.0  # time at top speed for which obstacles ahead should be marked [s]
 UNITS = 10.0  # ratio of two lengths above which one of them is not in metres
 OUTSIDE = 0.01  # largest distance of body and wheels beyond the padded footprint [m]
 MOST = 0.5  # share of the weight from which on the driven wheels carry most of it
@@ -169,6 +171,7 @@ def remarks(robot: Robot, with_map: bool = False) -> List[Remark]:
         setup = _Setup(robot, with_map, tree, parameters.complete(tree))
         found_remarks += _planner_remarks(setup)
         found_remarks += _linked_remarks(setup)
+        found_remarks += _range_remarks(setup)
         for costmap in COSTMAPS:
             found_remarks += _costmap_remarks(setup, costmap)
     return found_remarks
@@ -574,6 +577,23 @@ def _dead_band_remarks(setup: _Setup) -> Iterator[Remark]:
                     f"{label} is {limit:g}: {consequence}, but {cause}; raise it to {enough:g}"
                 )
                 yield Remark(message, {planner: {slowest.first_limit: enough}})
+
+
+def _range_remarks(setup: _Setup) -> Iterator[Remark]:
+    """Yield lasers whose points mark obstacles for less than SIGHT_S at the planner's top speed.
+
+    A parameter set or a policy that drives faster has a range of its own (Method.obstacle_range).
+    """
+    top_speed = setup.full[setup.planner]["max_vel_x"]
+    needed = min(SIGHT_S * top_speed, setup.robot.laser.range_max)
+    for source in laser_sources(setup.tree):
+        if source.obstacle_range >= needed:
+            continue
+        sight_s = source.obstacle_range / top_speed
+        problem = f"obstacles are marked {sight_s:.2g} s ahead at max_vel_x ({top_speed:g})"
+        remedy = f"give {needed:g} and raytrace_range {ranges(needed)['raytrace_range']:g}"
+        line = f"{source.path}/obstacle_range is {source.obstacle_range:g}: {problem}; {remedy}"
+        yield Remark(line, seeing(setup.tree, needed))
 
 
 def _costmap_remarks(setup: _Setup, costmap: str) -> Iterator[Remark]:

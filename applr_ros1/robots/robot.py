@@ -21,6 +21,7 @@ from applr_ros1.common.errors import ApplrError, did_you_mean
 from applr_ros1.common.trees import branch, merged
 from applr_ros1.planner.parameters.check import complete
 from applr_ros1.planner.parameters.declarations import LOCAL_PLANNERS, Server, namespace, servers
+from applr_ros1.planner.parameters.obstacle_range import seeing
 from applr_ros1.robots.parameter_files import nested, of_move_base
 
 FILE = "robot.yaml"
@@ -561,6 +562,16 @@ class Robot:
             with_map = merged(with_map, tree)
         move_base = MoveBaseSetup(merged(without_map, tree), with_map)
         return replace(self, name=name, move_base=move_base)
+
+    def seeing(self, obstacle_range: Optional[float]) -> Robot:
+        """Return the robot whose costmaps mark obstacles up to a range [m], itself for None."""
+        if obstacle_range is None:
+            return self
+        without_map, with_map = self.move_base
+        without_map = merged(without_map, seeing(without_map, obstacle_range))
+        if with_map is not None:
+            with_map = merged(with_map, seeing(with_map, obstacle_range))
+        return replace(self, move_base=MoveBaseSetup(without_map, with_map))
 
     @property
     def servers(self) -> Dict[str, Server]:

@@ -7,6 +7,7 @@ import json
 import math
 import os
 import re
+import shutil
 import signal
 import subprocess
 import time
@@ -26,6 +27,7 @@ from applr_ros1.nodes.robot_parameters import with_robot
 from applr_ros1.nodes.tools import demo as demo_tool
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.planner.parameters.check import check, complete
+from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.robots import NAMES, load
 from tests.support import DATA, HANGS, ROOT, is_alive
 from tests.support.pages import data_of
@@ -66,6 +68,27 @@ def test_other_robots_bring_their_files_names_and_frames(name):
     move_base = MoveBase(without_map)
     assert (move_base.missing_map, list(move_base.sources)) == ("", [robot.topics.scan])
     assert complete(without_map)["global_costmap"]["global_frame"] == robot.frames.odom
+
+
+def test_move_base_starts_with_the_range_for_which_its_method_was_made(tmp_path):
+    folder = shutil.copytree(load("jackal").folder, tmp_path / "mine")
+    (folder / "applr.safetensors").unlink()
+    (folder / "static.json").write_text('{"obstacle_range": 5.0, "parameters": {}}')
+
+    def range_with(**method):
+        """Return the obstacle range with which the node starts its costmaps [m]."""
+        parameters, _ = with_robot({"robot": str(folder), **method})
+        (global_range, local_range) = (
+            source.obstacle_range for source in laser_sources(parameters)
+        )
+        assert global_range == local_range
+        return global_range
+
+    assert range_with(method="static") == 5.0
+    assert range_with(method="auto") == 5.0, "the robot's best method is its tuned set"
+    # The baseline, a user's code, and a robot alone keep the files of the maker.
+    for method in ({"method": "dwa"}, {"method": "mine.py:Mine"}, {}):
+        assert range_with(**method) == 2.5
 
 
 def test_a_robot_without_files_for_a_map():

@@ -82,6 +82,7 @@ def test_parameter_files_are_the_jackals():
     common = {"robot": "jackal", "map": False, "tf_prefix": "none"}
     assert of_move_base == {
         **common,
+        "method": "auto",
         "TrajectoryPlannerROS/meter_scoring": False,
         "applr/max_speed": 0.0,
         "applr/movers": True,

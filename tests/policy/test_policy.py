@@ -404,7 +404,37 @@ def test_named_methods_and_files_give_their_parameters(tmp_path):
     assert fixed.theta(context)[:3].tolist() == [1.5, 1.57, 12]
 
 
-@pytest.mark.parametrize("text", ["", "{", '{"speed": 1}', '{"max_vel_x": 9}'])
+def test_a_set_and_a_policy_say_up_to_which_range_obstacles_must_be_marked(tmp_path):
+    # Given: a parameter set and a policy that were made for 5 m
+    set_file = tmp_path / "set.json"
+    set_file.write_text('{"obstacle_range": 5.0, "parameters": {"max_vel_x": 1.5}}')
+    policy_file = tmp_path / "a.safetensors"
+    save(policy_file, make_weights(), {"obstacle_range": 5.0})
+
+    # Then: their methods say so, also to a node that imports no user's code
+    for spec in (set_file, policy_file):
+        assert methods.make(str(spec)).obstacle_range == 5.0
+        assert methods.obstacle_range(str(spec), robots.JACKAL) == 5.0
+    described = methods.make(str(set_file)).describe()
+    assert described["obstacle_range"] == 5.0
+
+    # The baseline drives with the files of the robot's maker, and so does what says nothing.
+    save(policy_file, make_weights())
+    for spec in ("dwa", "random", str(policy_file), "mine.py:Mine", "none.json"):
+        assert methods.obstacle_range(spec, robots.JACKAL) is None
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "{",
+        '{"speed": 1}',
+        '{"max_vel_x": 9}',
+        '{"obstacle_range": -1, "parameters": {}}',
+        '{"obstacle_range": "far", "parameters": {}}',
+    ],
+)
 def test_errors_of_parameter_files_are_one_line(text, tmp_path):
     parameter_file = tmp_path / "set.json"
     parameter_file.write_text(text)

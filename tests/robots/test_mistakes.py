@@ -218,6 +218,13 @@ OF_BURGER = [
 # Remarks: move_base drives with these, but hardly as intended
 REMARKS_OF_JACKAL = [
     (
+        PLANNER,
+        "max_vel_x: 0.5",
+        "max_vel_x: 2.0",
+        "scan/obstacle_range is 2.5: obstacles are marked 1.2 s ahead at max_vel_x .2.; "
+        "give 4 and raytrace_range 4.5",
+    ),
+    (
         COSTMAPS,
         "inflation_radius:",
         "inflation_radus:",

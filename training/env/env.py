@@ -66,7 +66,7 @@ class ApplrEnv(gymnasium.Env):
             self.worlds = worlds_package.Worlds(worlds, radius(robot))
         self.episode = Episode(
             sim_bridge.make(self.settings.simulator, robot=robot, **self.settings.randomisation),
-            self.settings.planners(robot),
+            self.settings.planners(robot.seeing(self.settings.obstacle_range)),
             robot,
             period=self.settings.period,
             time_limit=self.settings.time_limit,

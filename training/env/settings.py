@@ -65,6 +65,9 @@ class TrialSettings(DriveSettings):
             units the reward uses.
         base: Values of parameters that no action of the dimensionless encoding sets. Parameters
             missing here keep their defaults.
+        obstacle_range: Range [m] up to which lasers mark obstacles in training episodes and in
+            trials of their policy (policy.decision.Method); None for the range in the robot's
+            files.
         period: Decision period [s]. In trials, None means the period of each method.
         reward: Coefficients of the reward.
         randomisation: Fields of sim_bridge.Randomisation, drawn at each reset.
@@ -76,6 +79,7 @@ class TrialSettings(DriveSettings):
 
     observation: Literal["paper", "dimensionless"] = "paper"
     base: Dict[str, float] = {}
+    obstacle_range: Optional[float] = None
     period: Optional[float] = None
     reward: Reward = Reward()
     randomisation: Dict[str, Any] = {}

@@ -9,16 +9,20 @@ parameter sets. The method `static` applies its parameter set to a running move_
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Dict, Mapping, Tuple
+from typing import Any, Dict, Mapping, Optional, Tuple
 
 from applr_ros1.common.trees import branch
 from applr_ros1.planner.parameters.declarations import shapes_at_start
+from applr_ros1.planner.parameters.layers import section_in_files
+from applr_ros1.planner.parameters.obstacle_range import seeing
 from applr_ros1.policy.parameter_space import Space, space_of
 from applr_ros1.robots import Robot
 from applr_ros1.robots.learned import TRAJECTORY
 
 
-def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, Any]:
+def move_base_parameters(
+    robot: Robot, values: Mapping[str, Any], obstacle_range: Optional[float] = None
+) -> Dict[str, Any]:
     """Return a parameter set as nested parameters of move_base, for after the robot's own files.
 
     Names and places follow the robot's files, which may use older names (robots.robot.number_at).
@@ -27,20 +31,19 @@ def move_base_parameters(robot: Robot, values: Mapping[str, Any]) -> Dict[str, A
     Args:
         robot: Robot whose files are loaded first.
         values: Parameter set {name: value}, which may leave out parameters.
+        obstacle_range: Range [m] up to which lasers mark obstacles, None for that of the files.
     """
     start_up: Dict[str, Any] = {}
     tree = robot.parameters()
+    if obstacle_range is not None:
+        start_up = seeing(tree, obstacle_range)
     space = loadable_space(robot)
     numbers = space.as_dict(space.from_dict(dict(values)))
     for index, target in space.chosen.addresses:
         parameter_name = space.chosen.names[index]
         if parameter_name not in values:
             continue
-        # A costmap without "plugins" has the parameters of its layers in its own namespace.
-        section_path = target.server
-        costmap = section_path.rpartition("/")[0]
-        if costmap and "plugins" not in branch(tree, costmap):
-            section_path = costmap
+        section_path = section_in_files(tree, target.server)
         # Under each name that the files use, so that none of them keeps the old value.
         recorded = branch(tree, section_path)
         recorded_names = [alias for alias in target.names if alias in recorded]

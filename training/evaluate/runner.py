@@ -9,8 +9,8 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from functools import cached_property, lru_cache, partial
-from typing import Dict, List, NamedTuple, Sequence, Tuple
+from functools import lru_cache, partial
+from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -148,6 +148,7 @@ class TrialRunner:
         # Trials of an evaluation alternate between worlds and methods.
         self._world = lru_cache(maxsize=400)(partial(at_scale, settings.protocol, robot=self.robot))
         self._made = lru_cache(maxsize=None)(partial(methods.make, robot=self.robot))
+        self.episode = lru_cache(maxsize=None)(self._started)
 
     def run(self, task: Trial, weights: bytes = b"") -> Result:
         """Drive a trial and return its result.
@@ -166,11 +167,11 @@ class TrialRunner:
         if self.settings.loaded and method.static:
             # Parameters that act differently when loaded keep their defaults.
             loaded = self.loadable.fill(self.loadable.chosen_of(method.theta(None)))
+            episode = self.starting_with(loaded, method.obstacle_range)
             # A parameter file drives without the applr node, and so without its rule for stalls.
             method = self._fixed(loaded, redraws_stalled=False)
-            episode = self.starting_with(loaded)
         else:
-            episode = self.episode
+            episode = self.episode(method.obstacle_range)
         episode.set_period(method.period)
         episode.layout = method.layout
 
@@ -197,18 +198,23 @@ class TrialRunner:
             total_reward=total_reward,
         )
 
-    @cached_property
-    def episode(self) -> Episode:
-        """Episode loop whose planner starts with the robot's default parameters."""
-        return self._episode(self.robot)
+    def _started(self, obstacle_range: Optional[float]) -> Episode:
+        """Return an episode loop whose planner starts with the robot's default parameters.
 
-    def starting_with(self, theta: Array) -> Episode:
-        """Return an episode loop whose planner starts with a parameter set (n,)."""
+        obstacle_range: Range [m] for which the method was made (policy.decision.Method), or None.
+        """
+        return self._episode(self.robot.seeing(obstacle_range))
+
+    def starting_with(self, theta: Array, obstacle_range: Optional[float] = None) -> Episode:
+        """Return an episode loop whose planner starts with a parameter set (n,).
+
+        obstacle_range: Range [m] for which the set was made, or None.
+        """
         changed = {}
         for (name, value), default in zip(self.space.as_dict(theta).items(), self.space.theta0):
             if value != default:
                 changed[name] = value
-        parameters = move_base_parameters(self.robot, changed)
+        parameters = move_base_parameters(self.robot, changed, obstacle_range)
         return self._episode(self.robot.with_parameters(parameters, self.robot.name))
 
     def _episode(self, starts: Robot) -> Episode:
@@ -228,9 +234,13 @@ class TrialRunner:
     def _method(self, task: Trial, weights: bytes) -> Method:
         """Return the method of a trial."""
         if task.theta is not None:
-            return self._fixed(np.array(task.theta))
+            fixed_set = self._fixed(np.array(task.theta))
+            fixed_set.obstacle_range = task.obstacle_range
+            return fixed_set
         if task.method_spec == POLICY:
-            return Policy(self.encoding, policy_layers(weights))
+            policy = Policy(self.encoding, policy_layers(weights))
+            policy.obstacle_range = self.settings.obstacle_range
+            return policy
         return self._made(task.method_spec)
 
     def _fixed(self, theta: Array, redraws_stalled: bool = True) -> Method:

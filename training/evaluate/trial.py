@@ -28,6 +28,7 @@ class Trial:
         method_spec: Specification from which the method is made, or POLICY.
         trace: Whether the driven path is recorded.
         theta: Parameter set to drive instead of the method.
+        obstacle_range: Range [m] with which theta is driven (policy.decision.Method), or None.
     """
 
     world: str
@@ -38,6 +39,7 @@ class Trial:
     method_spec: str
     trace: bool = False
     theta: Optional[Tuple[float, ...]] = None
+    obstacle_range: Optional[float] = None
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 Run it as `./applr tune ROBOT` or `python -m training.tune ROBOT`. It begins on open floor: if the
 robot's default parameters do not drive there, it reports why and what to change. CMA-ES then
-searches in the kinematic simulator and in pybullet, the best parameter sets race, and each
+searches in the kinematic simulator and in pybullet, also for the obstacle range of the costmaps,
+which move_base reads at its start, the best parameter sets race, and each
 parameter of the winner is reverted to its default if nothing is lost. Each drive starts a planner
 with the parameter set and with the defects of the C++ move_base, without the collision monitor. The
 winner is judged twice on courses that the search did not use: without the monitor for
@@ -21,7 +22,6 @@ from typing import Optional, Sequence
 
 from applr_ros1.common.errors import run_main
 from applr_ros1.common.files import read_bytes, sha256, write_bytes
-from applr_ros1.policy.parameter_space import space_of
 from applr_ros1.robots import NAMES
 from training.common.command_line import continuable, parsed, robot_name
 from training.common.folders import make_folder
@@ -31,7 +31,13 @@ from training.evaluate.score import AIMS
 from training.evaluate.table import Trials
 from training.evaluate.verdict import SET
 from training.robot import open_floor
-from training.tune.best_set import best_set, drives_of, show, warm_starts
+from training.tune.best_set import (
+    best_set,
+    drives_of,
+    search_space,
+    show,
+    warm_starts,
+)
 from training.tune.clock import Clock
 from training.tune.found_set import Judgement, changes, judged, scope, write_set
 from training.tune.options import TuneOptions, check_maps, split
@@ -78,7 +84,7 @@ def run(options: TuneOptions) -> int:
 
         # A set consists of the parameters that differ from the defaults.
         values = {}
-        for parameter_name, parameter_value in space_of(robot).as_dict(theta).items():
+        for parameter_name, parameter_value in search_space(robot).as_dict(theta).items():
             if parameter_name in effects:
                 values[parameter_name] = parameter_value
         if not values:

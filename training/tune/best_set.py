@@ -8,6 +8,7 @@ The command (__main__.py) runs the search. Its algorithms are in search.py.
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import Any, Dict, Iterator, List, Sequence, Tuple
 
@@ -16,10 +17,11 @@ import numpy as np
 from applr_ros1.common.arrays import Array
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.common.progress import announced
+from applr_ros1.planner.parameters import obstacle_range
 from applr_ros1.planner.variant import CPP_LIKE
 from applr_ros1.policy import methods
 from applr_ros1.policy.dimensionless import DimensionlessEncoding
-from applr_ros1.policy.parameter_space import space_of
+from applr_ros1.policy.parameter_space import ParameterSet, Space, space_of
 from applr_ros1.robots import NAMES, Robot, load
 from training.env.episode import TIME_LIMIT
 from training.env.settings import CHALLENGE, TrialSettings
@@ -55,6 +57,7 @@ SEARCH: Dict[str, Any] = {
     "population": 12,
     "worlds_per_set": 20,
 }
+RANGES_M = 1.0, 8.0  # bounds of the obstacle range, for the Jackal's size [m]
 COARSE = "kinematic"  # simulator of the first part of the search
 FINE = "pybullet"  # simulator of everything after it
 # time limit of a drive of the search, in optimal times of the longest course
@@ -111,7 +114,7 @@ class Driver:
         self._worlds = worlds
         self._pool = pool
         self._table = table
-        self._space = loadable_space(settings.robot)
+        self._space = search_space(settings.robot)
 
     def evaluate(
         self, simulator: str, sets: np.ndarray, block: Block, seed: int
@@ -121,6 +124,7 @@ class Driver:
         whole_sets = np.array([self._space.fill(theta) for theta in sets])
         plan = plan_sets(self._space, self._worlds, whole_sets, block, seed, simulator)
         # All sets drive one world before the next.
+        plan = [list(map(self._started, trials_of_set)) for trials_of_set in plan]
         trials: List[Trial] = []
         for trials_in_world in zip(*plan):
             trials += trials_in_world
@@ -132,6 +136,39 @@ class Driver:
             results_of_sets.append([results[trial] for trial in trials_of_set])
         return results_of_sets
 
+    def _started(self, trial: Trial) -> Trial:
+        """Return a trial of a set of the search, whose obstacle range is no live parameter."""
+        if obstacle_range.NAME not in self._space.names or trial.theta is None:
+            return trial
+        *theta, searched_range = trial.theta
+        return replace(trial, theta=tuple(theta), obstacle_range=searched_range)
+
+
+def search_space(robot: Robot) -> Space:
+    """Return the space of a search.
+
+    `chosen` are the parameters that can be loaded (loadable_space) and, as the last one, the
+    obstacle range, which move_base reads only at its start. The range is left out if the robot's
+    files have none for a laser, or several.
+    """
+    space = loadable_space(robot)
+    sources = obstacle_range.laser_sources(robot.parameters())
+    ranges_in_files = {source.obstacle_range for source in sources}
+    if len(ranges_in_files) != 1:
+        return space
+    (range_in_files,) = ranges_in_files
+    nearest, farthest = (robot.world_scale * bound for bound in RANGES_M)
+    farthest = min(farthest, robot.laser.range_max)
+    return replace(
+        space,
+        names=(*space.names, obstacle_range.NAME),
+        low=np.append(space.low, min(nearest, range_in_files)),
+        high=np.append(space.high, max(farthest, range_in_files)),
+        integer=np.append(space.integer, False),
+        theta0=np.append(space.theta0, range_in_files),
+        targets={**space.targets, obstacle_range.NAME: ()},
+    )
+
 
 def best_set(
     options: TuneOptions,
@@ -141,13 +178,14 @@ def best_set(
     table: Trials,
     clock: Clock,
 ) -> Tuple[np.ndarray, Dict[str, Effect]]:
-    """Return the best parameter set (n,) in these worlds, and the effect of each changed parameter.
+    """Return the best set (n,) of search_space(), and the effect of each changed parameter.
 
     Args:
         options: Options of the command.
         settings: Trial settings from drives_of().
         worlds: Worlds of the search, from world_list().
-        first: Parameter sets (k, n) with which the search begins, from warm_starts().
+        first: Parameter sets (k, n) of search_space() with which the search begins, from
+            warm_starts().
         table: Table that keeps the trials.
         clock: Clock that ends each stage.
 
@@ -156,7 +194,7 @@ def best_set(
     """
     robot = settings.robot
     seed = options.seed
-    whole = loadable_space(robot)
+    whole = search_space(robot)
     space = whole.chosen
     names = [(listed.name, listed.specification) for listed in worlds]
     blocks = blocks_of(len(worlds), seed)
@@ -227,12 +265,12 @@ def best_set(
 
 
 def warm_starts(robot: Robot) -> np.ndarray:
-    """Return initial parameter sets (k, n).
+    """Return initial parameter sets (k, n) of search_space().
 
     They are the defaults, the robot's static.json, and the sets of included robots. Each set is
     also tried half-way to the robot's defaults.
     """
-    space = space_of(robot)
+    space = search_space(robot)
     defaults = space.to_action(space.theta0)
     starts = [space.theta0]
     # The robot's own set lets a finished search go on from its result.
@@ -243,11 +281,27 @@ def warm_starts(robot: Robot) -> np.ndarray:
     for other_robot in robots:
         # Some have no set, a set of other parameters, or a laser that does not face ahead.
         with suppress(ApplrError):
-            theta, _ = space_of(other_robot).read(methods.shipped(methods.SET, other_robot))
-            action = transferred(theta, other_robot, robot)
+            shipped_set = space_of(other_robot).read(methods.shipped(methods.SET, other_robot))
+            action = transferred(shipped_set.theta, other_robot, robot)
+            if obstacle_range.NAME in space.names:
+                action = np.append(action, _range_action(shipped_set, other_robot, space, robot))
             starts.append(space.to_theta(action))
             starts.append(space.to_theta(0.5 * (action + defaults)))
     return np.array(starts)
+
+
+def _range_action(
+    parameter_set: ParameterSet, from_robot: Robot, space: Space, to_robot: Robot
+) -> float:
+    """Return the action of the obstacle range, the last parameter of `space`, in a robot's set.
+
+    It is scaled by size. A set without a range has the one in the files.
+    """
+    theta = space.theta0.copy()
+    if parameter_set.obstacle_range is not None:
+        scale = to_robot.world_scale / from_robot.world_scale
+        theta[-1] = scale * parameter_set.obstacle_range
+    return float(space.to_action(theta)[-1])
 
 
 def transferred(theta: np.ndarray, from_robot: Robot, to_robot: Robot) -> np.ndarray:

@@ -11,8 +11,9 @@ import yaml
 
 from applr_ros1.common.files import write_bytes, write_json
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.obstacle_range import DECLARED, NAME
 from applr_ros1.planner.variant import CPP_LIKE
-from applr_ros1.policy.parameter_space import declaration, space_of
+from applr_ros1.policy.parameter_space import declaration
 from applr_ros1.robots import Robot
 from applr_ros1.robots.learned import TRAJECTORY
 from training.common.command_line import robot_name
@@ -23,6 +24,7 @@ from training.evaluate.runner import TrialWorld
 from training.evaluate.score import AIMS, Baseline
 from training.evaluate.trial import BASELINE
 from training.evaluate.verdict import SET, Verdict, paired_trials, verdict
+from training.tune.best_set import search_space
 from training.tune.options import TuneOptions
 from training.tune.search import Effect
 from worlds.world import clearance
@@ -61,10 +63,19 @@ class Judgement(NamedTuple):
 
 
 def write_set(robot: Robot, values: Mapping[str, Any], as_json: Path, as_yaml: Path) -> None:
-    """Write a parameter set {name: value} as JSON for this package and as YAML for move_base."""
+    """Write a parameter set {name: value} as JSON for this package and as YAML for move_base.
+
+    An obstacle range among the values is no live parameter: it stands beside them in the JSON file.
+    """
+    parameters = dict(values)
+    as_read: Dict[str, Any] = {"meter_scoring": False}
+    needed_range = parameters.pop(NAME, None)
+    if needed_range is not None:
+        as_read[NAME] = needed_range
+    write_json(as_json, {**as_read, "parameters": parameters})
     file_head = HEAD.format(robot=robot.name, file=as_yaml.name, unit=UNITS[robot.local_planner])
-    write_bytes(as_yaml, (file_head + yaml.safe_dump(move_base_parameters(robot, values))).encode())
-    write_json(as_json, {"meter_scoring": False, "parameters": dict(values)})
+    start_up = move_base_parameters(robot, parameters, needed_range)
+    write_bytes(as_yaml, (file_head + yaml.safe_dump(start_up)).encode())
 
 
 def judged(options: TuneOptions, worlds: str, drives: Path, monitor: str) -> Verdict:
@@ -148,11 +159,13 @@ def changes(
     """
     import pandas as pd
 
-    space = space_of(robot)
+    space = search_space(robot)
     defaults = space.as_dict(space.theta0)
     rows = []
     for parameter_name, tuned_value in values.items():
-        declared = declaration(robot, parameter_name)
+        declared = DECLARED
+        if parameter_name != NAME:
+            declared = declaration(robot, parameter_name)
         effect = effects[parameter_name]
         row = {
             "parameter": parameter_name,

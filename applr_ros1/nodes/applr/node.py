@@ -23,6 +23,8 @@ from applr_ros1.nodes.applr.meter_scoring import AUTO, MeterScoring
 from applr_ros1.nodes.applr.reconfigure_client import RESTORE_S, ReconfigureClient, Server
 from applr_ros1.nodes.applr.topics import ApplrTopics
 from applr_ros1.nodes.sensors import Clock
+from applr_ros1.planner.parameters.obstacle_range import mismatch
+from applr_ros1.planner.parameters.parameter import ParameterError
 from applr_ros1.policy.decision import PERIOD, Context, Method
 from applr_ros1.policy.layout import ObservationError
 from applr_ros1.policy.parameter_space import space_of
@@ -94,6 +96,8 @@ class ApplrNode:
         self._has_cleared = False  # whether the last decision cleared the costmaps
         self._is_redrawn = False  # whether the last decision was that of the stall rule
         self._base_set = False  # whether the parameters for the time between goals have been sent
+        # Lasers with another range than the method's, in one line; None if it is to be checked
+        self._range_line: Optional[str] = None
         self._deciding = threading.Lock()  # guards method, enabled and the state of the course
         space = self.space.below(max_speed)
         self.client = ReconfigureClient(
@@ -220,6 +224,7 @@ class ApplrNode:
         with self._deciding:
             self.method = method
             self.degraded = ""
+            self._range_line = None
             self.client.per_cell = method.per_cell
             if self._goal is None or method.static:
                 self._base_set = False
@@ -231,6 +236,10 @@ class ApplrNode:
         if not self._base_set and self.client.connected:
             self._base_set = True
             self._base()
+        if self._range_line is None and self.client.connected:
+            self._range_line = self._range_mismatch()
+            if self._range_line:
+                rospy.logwarn("applr: %s", self._range_line)
         goal = self.inputs.goal(now) if self.enabled else None
         if goal != self._goal:
             if goal is None:
@@ -249,6 +258,21 @@ class ApplrNode:
             self._publish_parameters()
         if goal is not None and now >= self._due:
             self._decide(now, goal)
+
+    def _range_mismatch(self) -> str:
+        """Return in one line which lasers mark obstacles up to another range than the method's.
+
+        move_base reads these ranges only at its start, so that the node cannot set them.
+        """
+        needed = self.method.obstacle_range
+        if needed is None:
+            return ""
+        parameters = rospy.get_param(self.client.namespace, {})
+        reason = f"method {self.method.name} was made for {needed:g}"
+        try:
+            return mismatch(parameters, needed, reason)
+        except ParameterError:  # A C++ move_base may have layers that are described otherwise.
+            return ""
 
     def _decide(self, now: rospy.Time, goal: str) -> None:
         """Make the decision that is due, unless its inputs are missing."""
@@ -380,6 +404,7 @@ class ApplrNode:
     def _on_restart(self, server: Server) -> None:
         """Set the parameters again after a server's restart, which lost them."""
         self.counts["restarts"] += 1
+        self._range_line = None
         rospy.logwarn_throttle(1.0, f"applr: {server.name} came back; its parameters are set again")
         self.meter_scoring.forget()  # The new process may count in the other unit.
         self.client.reapply()
@@ -409,7 +434,7 @@ class ApplrNode:
             self._note_trouble("")
 
         # At the start it is normal that the servers are not there yet.
-        trouble = self.trouble or self.degraded
+        trouble = self.trouble or self.degraded or self._range_line or ""
         is_lost = bool(self.degraded) or self._failures >= LOST_PERIODS
         if theta is None:
             is_lost = is_lost or bool(trouble)

@@ -3,7 +3,8 @@
 Started as `rosrun applr_ros1 move_base.py`. One thread (control_loop.py) steps the planner and
 publishes. Subscribers and services use the planner between two cycles, under ControlLoop.lock.
 Parameters: ~robot (name or folder of a robot description), ~map and ~tf_prefix (options of this
-robot), and the parameters in docs/reference/parameters.md.
+robot), ~method (the method that will set the parameters, which may need farther obstacles than the
+robot's files mark), and the parameters in docs/reference/parameters.md.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from applr_ros1.common.progress import announced
 from applr_ros1.common.ros_node import init_node, until_shutdown
 from applr_ros1.nodes import conversions
 from applr_ros1.nodes.conversions import MessageError
-from applr_ros1.nodes.robot_parameters import NAMING, with_robot
+from applr_ros1.nodes.robot_parameters import STARTING, with_robot
 from applr_ros1.nodes.sensors import Sensors
 from applr_ros1.planner.move_base import INVALID_GOAL, MoveBase
 from applr_ros1.planner.parameters.check import check, remarks
@@ -485,7 +486,7 @@ def main() -> int:
         warm_up(tree.get("base_local_planner", LOCAL_PLANNERS[0]))
     # Other programs, such as rqt and the applr node, read the parameters of the robot's files here.
     if robot is not None:
-        naming = {name: parameters[name] for name in NAMING if name in parameters}
+        naming = {name: parameters[name] for name in STARTING if name in parameters}
         rospy.set_param("~", {**tree, **naming})
     node = MoveBaseNode(tree, robot)
 

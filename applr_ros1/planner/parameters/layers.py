@@ -170,6 +170,33 @@ def sources(layer: Dict[str, Any]) -> List[str]:
     return listed.split() if isinstance(listed, str) else []
 
 
+def marking_lasers(layer: Dict[str, Any]) -> List[str]:
+    """Return the names of an obstacle layer's sources in which a laser marks and clears."""
+    names = []
+    for source_name in sources(layer):
+        source = branch(layer, source_name)
+        is_laser = source.get("data_type") == "LaserScan"
+        if is_laser and source.get("clearing") and source.get("marking", True):
+            names.append(source_name)
+    return names
+
+
+def section_in_files(tree: Dict[str, Any], path: str) -> str:
+    """Return the section of parameter files that holds the values of a section as C++ reads it.
+
+    A costmap without `plugins` has its layers' values, and their sources, in its own section.
+
+    Args:
+        tree: Parameters of the files.
+        path: Section of a layer or a source, or any other section: "local_costmap/obstacle_layer".
+    """
+    costmap, _, layer_path = path.partition("/")
+    if not layer_path or "plugins" in branch(tree, costmap):
+        return path
+    _, _, source = layer_path.partition("/")
+    return f"{costmap}/{source}".rstrip("/")
+
+
 def arranged(tree: Dict[str, Any]) -> Dict[str, Any]:
     """Return a tree with the layers' parameters in the sections where C++ reads them.
 
@@ -244,13 +271,10 @@ def _add_predicted(layer: Dict[str, Any], base: str) -> None:
 
     The source has the parameters of the first such laser. base: frame of the robot.
     """
-    lasers = []
+    lasers = marking_lasers(layer)
     is_given = False
     for source_name in sources(layer):
         source = branch(layer, source_name)
-        is_laser = source.get("data_type") == "LaserScan"
-        if is_laser and source.get("clearing") and source.get("marking", True):
-            lasers.append(source)
         # Files that also configure the C++ node list the source themselves.
         if str(source.get("topic")).lstrip("/") == PREDICTED:
             source["topic"] = PREDICTED
@@ -258,7 +282,7 @@ def _add_predicted(layer: Dict[str, Any], base: str) -> None:
     if lasers and not is_given:
         layer["applr_predicted"] = {
             "sensor_frame": base,
-            **lasers[0],
+            **layer[lasers[0]],
             "topic": PREDICTED,
             "data_type": "PointCloud2",
             "observation_persistence": 0.0,

@@ -744,6 +744,18 @@ def test_the_costmaps_get_predicted_obstacle_points_if_the_settings_request_them
     env.close()
 
 
+@pytest.mark.parametrize(("obstacle_range", "in_force"), [(None, 2.5), (5.0, 5.0)])
+def test_an_environment_marks_obstacles_as_far_as_its_settings_say(obstacle_range, in_force):
+    from training.env.env import ApplrEnv
+
+    env = ApplrEnv("generated:7", period=1.0, obstacle_range=obstacle_range)
+    move_base = env.episode.move_base
+    for costmap in (move_base.global_costmap, move_base.local_costmap):
+        (buffer,) = costmap.obstacles.buffers
+        assert buffer.source.obstacle_range == in_force
+    env.close()
+
+
 def test_a_course_begins_without_a_scan_of_the_previous_course():
     env = gymnasium.make(
         "training.env:applr_ros1/Navigation-v0",

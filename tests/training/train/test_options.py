@@ -7,6 +7,8 @@ import json
 import pytest
 
 from applr_ros1.common.errors import ApplrError
+from applr_ros1.policy.actor import save
+from tests.support.robots import make_weights
 from tests.support.runs import one_line, toy
 from training.train import __main__ as train
 from training.train.learner.config import TrainConfig, parse
@@ -100,6 +102,17 @@ def test_a_run_starts_at_a_parameter_set(tmp_path):
         "escape_reset_theta": 0.1,
         "min_vel_x": 0.1,
     }
+
+
+def test_a_run_learns_with_the_obstacle_range_of_the_set_or_policy_at_its_start(tmp_path):
+    set_file = tmp_path / "set.json"
+    set_file.write_text('{"obstacle_range": 5.0, "parameters": {}}')
+    run_folder = tmp_path / "run"
+    run_folder.mkdir()
+    save(run_folder / "actor.safetensors", make_weights(), {"obstacle_range": 4.0})
+    for start, expected in ((set_file, 5.0), (run_folder, 4.0), ("dwa", None), ("", None)):
+        config = parse(["--init-from", str(start)])
+        assert config.environment()["obstacle_range"] == expected
 
 
 def test_a_resumed_run_has_its_stored_options(tmp_path):

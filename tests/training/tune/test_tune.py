@@ -106,6 +106,15 @@ def toy(settings, task, gain=12.0):
     return result, b""
 
 
+def farther_is_better(settings, task):
+    """Return results of drives that only the obstacle range changes, in the search and after it."""
+    result, trace = toy(settings, task, 0.0)
+    obstacle_range = task.obstacle_range or 2.5
+    if not task.theta:
+        obstacle_range = methods.make(task.method_spec, settings.robot).obstacle_range or 2.5
+    return replace(result, time_s=result.time_s + 2.0 * abs(5.0 - obstacle_range)), trace
+
+
 def none_better(settings, task):
     """Return results of drives that no parameter changes."""
     return toy(settings, task, 0.0)
@@ -452,14 +461,14 @@ def test_each_objective_charges_the_quantity_in_its_name():
 
 def test_the_search_begins_with_the_other_robots_sets_at_this_robots_size_and_speed():
     robot = robots.load("turtlebot3_waffle_pi")
-    space = space_of(robot)
+    space = best_set.search_space(robot)
     starts = best_set.warm_starts(robot)
     assert starts[0].tolist() == space.theta0.tolist()
     assert len(starts) == 1 + 2 * 3, (
         "the defaults, three sets of robots, and a set half-way to each"
     )
     own_set = methods.make("static", robot).theta(None)
-    differences = np.abs(starts - own_set).max(axis=1)
+    differences = np.abs(starts[:, :-1] - own_set).max(axis=1)
     assert differences.min() < 1e-6
     assert (starts >= space.low).all()
     assert (starts <= space.high).all()
@@ -502,6 +511,43 @@ def test_the_default_space_has_more_parameters_for_searches(name, searched, tmp_
     assert list(space.fixed) == searched
     assert {"max_vel_x", "sim_time", "inflation_radius"} <= set(space.chosen.names)
     assert len(best_set.warm_starts(robot)) >= 5
+
+
+def test_the_obstacle_range_is_searched_judged_and_written_for_the_start_of_move_base(
+    jackal, tmp_path
+):
+    assert tune(jackal, "farther_is_better") == 0
+
+    # It is no live parameter: the set's method says it, and the YAML file loads it.
+    written = json.loads((jackal / "static.json").read_text())
+    assert written["obstacle_range"] == pytest.approx(5.0, abs=0.5)
+    assert "obstacle_range" not in written["parameters"]
+    robot = robots.load(str(jackal))
+    assert methods.make("static", robot).obstacle_range == written["obstacle_range"]
+    for searched in searched_tasks():
+        assert len(searched.theta) == len(space_of(robot))
+    loaded = yaml.safe_load((jackal / "tuned.yaml").read_text())
+    for costmap in ("global_costmap", "local_costmap"):
+        source = loaded[costmap]["obstacles_layer"]["scan"]
+        assert source["obstacle_range"] == written["obstacle_range"]
+        assert source["raytrace_range"] == pytest.approx(written["obstacle_range"] + 0.5)
+
+    # The table of changes has it, like any other parameter.
+    (drives,) = (tmp_path / "out").glob("fast_*")
+    changes = pd.read_csv(drives / "changes.csv", index_col="parameter")
+    assert changes["default"]["obstacle_range"] == "2.5 m"
+    assert changes["effect"]["obstacle_range"] == "saves"
+
+
+def test_a_search_tries_ranges_that_the_laser_has_and_none_for_a_robot_with_two(tmp_path):
+    for name, farthest in (("jackal", 8.0), ("turtlebot3_burger", 3.47)):
+        space = best_set.search_space(robots.load(name))
+        assert space.names[-1] == "obstacle_range"
+        assert space.high[-1] == pytest.approx(farthest, abs=0.01)
+        assert space.low[-1] < space.theta0[-1]
+    local = {"local_costmap": {"obstacles_layer": {"scan": {"obstacle_range": 2.0}}}}
+    space = best_set.search_space(JACKAL.with_parameters(local, "jackal"))
+    assert space.names == space_of(JACKAL).names
 
 
 @pytest.mark.parametrize("name", robots.NAMES)

@@ -250,6 +250,17 @@ class TrainConfig(
                     base[name] = value
         return encoding.action(method.values), base
 
+    @cached_property
+    def obstacle_range(self) -> Optional[float]:
+        """Range [m] for which --init-from was made (Method.obstacle_range), or None.
+
+        The policy learns with the same range, and its file asks for it.
+        """
+        run_policy = Path(self.init_from) / "actor.safetensors"
+        if self.init_from and run_policy.exists():
+            return methods.obstacle_range(str(run_policy), self.robot)
+        return methods.obstacle_range(self.init_from, self.robot)
+
     def folder(self) -> Path:
         """Return the folder of the run, made if it is missing.
 
@@ -276,6 +287,7 @@ class TrainConfig(
             "reward": Reward.of(self).model_dump(),
             "period": self.decision_period,
             "base": base,
+            "obstacle_range": self.obstacle_range,
         }
 
     @property

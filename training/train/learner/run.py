@@ -339,6 +339,8 @@ class TrainingRun:
         """Write the file of a policy in the encoding of the run."""
         config = self.config
         encoding = ENCODINGS[config.observation](config.robot, config.decision_period, self.base)
+        if config.obstacle_range is not None:
+            metadata["obstacle_range"] = config.obstacle_range
         actor.save(path, weights, metadata, encoding)
 
     # -- progress ----------------------------------------------------------------------------------
