@@ -29,7 +29,7 @@ from applr_ros1.policy.parameter_space import SPACE, THETA_0, space_of
 from applr_ros1.robots import load
 from tests.support import lines_with
 from tests.support.nodes import Standing, decided, observed
-from tests.support.robots import make_weights
+from tests.support.robots import JACKAL_PARAMETERS, make_weights
 from tests.support.ros import LONGEST, Child, session, wait_for
 
 pytestmark = pytest.mark.ros
@@ -457,6 +457,25 @@ def test_max_speed_caps_the_parameter_set(robot, stack, tmp_path):
 
 
 @pytest.mark.fault("14c")
+def test_costmaps_that_mark_obstacles_less_far_than_the_method_needs_are_said_in_one_line(
+    robot, stack, tmp_path
+):
+    # Given: a move_base with the maker's files, and a set that was made for 5 m
+    for costmap in ("global_costmap", "local_costmap"):
+        rospy.set_param(f"/move_base/{costmap}", JACKAL_PARAMETERS[costmap])
+    (tmp_path / "far.json").write_text('{"obstacle_range": 5.0, "parameters": {}}')
+    node, _ = stack(str(tmp_path / "far.json"))
+
+    # Then: its start and the diagnostics say what to write into the file
+    node.until("up to 2.5 m, but method ")
+    line = r".*scan/obstacle_range: .* was made for 5; give obstacle_range: 5, raytrace_range: 5.5"
+    wait_for(lambda: re.fullmatch(line, robot.values["message"]), "diagnostics")
+
+    # A method that needs nothing ends the warning.
+    service("set_method", SetMethod, "dwa")
+    reports(robot, "idle: no goal")
+
+
 def test_a_dead_move_base_is_noticed_while_idle(robot, stack):
     stack("dwa")
     reports(robot, "idle: no goal")
