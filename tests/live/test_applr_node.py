@@ -468,7 +468,9 @@ def test_costmaps_that_mark_obstacles_less_far_than_the_method_needs_are_said_in
 
     # Then: its start and the diagnostics say what to write into the file
     node.until("up to 2.5 m, but method ")
-    line = r".*scan/obstacle_range: .* was made for 5; give obstacle_range: 5, raytrace_range: 5.5"
+    line = (
+        r".*scan/obstacle_range: .* was made for 5 m; give obstacle_range: 5, raytrace_range: 5.5"
+    )
     wait_for(lambda: re.fullmatch(line, robot.values["message"]), "diagnostics")
 
     # A method that needs nothing ends the warning.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import Dict, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
@@ -148,7 +148,7 @@ class TrialRunner:
         # Trials of an evaluation alternate between worlds and methods.
         self._world = lru_cache(maxsize=400)(partial(at_scale, settings.protocol, robot=self.robot))
         self._made = lru_cache(maxsize=None)(partial(methods.make, robot=self.robot))
-        self.episode = lru_cache(maxsize=None)(self._started)
+        self._seeing = lru_cache(maxsize=None)(self._episode_seeing)
 
     def run(self, task: Trial, weights: bytes = b"") -> Result:
         """Drive a trial and return its result.
@@ -171,7 +171,7 @@ class TrialRunner:
             # A parameter file drives without the applr node, and so without its rule for stalls.
             method = self._fixed(loaded, redraws_stalled=False)
         else:
-            episode = self.episode(method.obstacle_range)
+            episode = self._seeing(method.obstacle_range)
         episode.set_period(method.period)
         episode.layout = method.layout
 
@@ -198,11 +198,18 @@ class TrialRunner:
             total_reward=total_reward,
         )
 
-    def _started(self, obstacle_range: Optional[float]) -> Episode:
+    @cached_property
+    def episode(self) -> Episode:
+        """Episode loop whose planner starts with the robot's default parameters."""
+        return self._episode(self.robot)
+
+    def _episode_seeing(self, obstacle_range: Optional[float]) -> Episode:
         """Return an episode loop whose planner starts with the robot's default parameters.
 
         obstacle_range: Range [m] for which the method was made (policy.decision.Method), or None.
         """
+        if obstacle_range is None:
+            return self.episode
         return self._episode(self.robot.seeing(obstacle_range))
 
     def starting_with(self, theta: Array, obstacle_range: Optional[float] = None) -> Episode:

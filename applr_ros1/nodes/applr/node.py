@@ -268,7 +268,7 @@ class ApplrNode:
         if needed is None:
             return ""
         parameters = rospy.get_param(self.client.namespace, {})
-        reason = f"method {self.method.name} was made for {needed:g}"
+        reason = f"method {self.method.name} was made for {needed:g} m"
         try:
             return mismatch(parameters, needed, reason)
         except ParameterError:  # A C++ move_base may have layers that are described otherwise.

@@ -53,15 +53,15 @@ def test_only_lasers_that_mark_and_clear_get_a_range():
 
 
 def test_a_range_that_differs_from_the_needed_one_is_one_line_with_both_lines_for_the_file():
-    assert mismatch(JACKAL_FILES, 2.5, "the set was made for 2.5") == ""
-    line = mismatch(JACKAL_FILES, 5.0, "method applr was made for 5")
+    assert mismatch(JACKAL_FILES, 2.5, "the set was made for 2.5 m") == ""
+    line = mismatch(JACKAL_FILES, 5.0, "method applr was made for 5 m")
     assert "\n" not in line
     for source_path in JACKAL_SOURCES:
         assert f"{source_path}/obstacle_range" in line
-    assert "up to 2.5 m, but method applr was made for 5;" in line
+    assert "up to 2.5 m, but method applr was made for 5 m;" in line
     assert line.endswith("give obstacle_range: 5, raytrace_range: 5.5")
 
     # Only the costmap that differs is named. Values of 5.0000001 come from a parameter server.
     local = seeing(JACKAL_FILES, 5.0000001)["local_costmap"]
-    line = mismatch(merged(JACKAL_FILES, {"local_costmap": local}), 5.0, "method x needs 5")
+    line = mismatch(merged(JACKAL_FILES, {"local_costmap": local}), 5.0, "method x needs 5 m")
     assert line.startswith("global_costmap/obstacles_layer/scan/obstacle_range: ")

@@ -4,11 +4,13 @@ reconfigure.
 
 import numpy as np
 import pytest
+import safetensors.numpy
 
 from applr_ros1 import robots
 from applr_ros1.planner.move_base import MoveBase
 from applr_ros1.policy.parameter_space import SPACE, space_of
 from applr_ros1.policy.stall import StallRule
+from tests.support.robots import make_weights
 from training.env.settings import TrialSettings
 from training.evaluate.loaded import loadable_space
 from training.evaluate.runner import TrialRunner
@@ -62,7 +64,7 @@ def test_parameters_read_at_start_come_from_a_loaded_set_and_else_from_the_robot
     in_force = {**SPACE.as_dict(theta), "footprint_padding": in_maps}
     assert runner.drive.decisions[-1].after == in_force
     assert bool(requested_servers) != loaded
-    assert runner.episode(None).stack.escapes != loaded
+    assert runner.episode.stack.escapes != loaded
     # The planner has the outline of the robot's files, and reads its slowest turn at the start.
     half_sides = np.abs(move_base.local_planner.planner._footprint).max(axis=0)
     assert half_sides.tolist() == pytest.approx([0.21 + 0.1, 0.165 + 0.1])
@@ -127,11 +129,9 @@ def test_a_search_leaves_out_parameters_that_act_differently_by_reconfigure():
     )
 
 
-@pytest.mark.parametrize("loaded", [True, False])
-def test_a_sets_obstacle_range_is_that_of_its_costmaps_and_never_of_the_baselines(
-    loaded, monkeypatch, tmp_path
-):
-    # Given: a runner whose MoveBase are watched
+@pytest.fixture
+def started(monkeypatch):
+    """Return the obstacle and raytrace ranges [m] with which each MoveBase of a runner starts."""
     ranges = []
 
     def create(*arguments, **keywords):
@@ -141,27 +141,27 @@ def test_a_sets_obstacle_range_is_that_of_its_costmaps_and_never_of_the_baseline
         return move_base
 
     monkeypatch.setattr("training.env.settings.MoveBase", create)
-    runner = TrialRunner(TrialSettings(planner="cpp-like", loaded=loaded, time_limit=2.0))
+    return ranges
 
-    # When: a set that was made for 5 m, the baseline and a trial of a search drive
+
+@pytest.mark.parametrize("loaded", [True, False])
+def test_a_sets_obstacle_range_is_that_of_its_costmaps_and_never_of_the_baselines(
+    loaded, started, tmp_path
+):
+    runner = TrialRunner(TrialSettings(planner="cpp-like", loaded=loaded, time_limit=1.0))
     set_file = tmp_path / "far.json"
     set_file.write_text('{"obstacle_range": 5.0, "parameters": {"max_vel_x": 0.9}}')
     for method in (str(set_file), "dwa"):
         runner.run(Trial("generated:7", "m", 0, 1, "generated:7", method))
+    # A trial of a search
     theta = tuple(SPACE.theta0.tolist())
-    searched = Trial("generated:7", "m", 0, 1, "generated:7", "", theta=theta, obstacle_range=4.0)
-    runner.run(searched)
-
-    # Then: each has its own range
-    assert ranges == [(5.0, 5.5), (2.5, 3.0), (4.0, 4.5)]
+    runner.run(Trial("generated:7", "m", 0, 1, "generated:7", "", theta=theta, obstacle_range=4.0))
+    assert started == [(5.0, 5.5), (2.5, 3.0), (4.0, 4.5)]
 
 
-def test_the_policy_of_a_training_is_tried_with_the_range_with_which_it_learns(monkeypatch):
-    used = []
-    settings = TrialSettings(obstacle_range=4.0, observation="dimensionless", period=1.0)
-    runner = TrialRunner(settings)
-    monkeypatch.setattr(runner, "episode", used.append)
-    monkeypatch.setattr("training.evaluate.runner.policy_layers", lambda weights: [])
-    with pytest.raises(AttributeError):  # There is no episode to drive.
-        runner.run(Trial("generated:7", "m", 0, 1, "generated:7", POLICY))
-    assert used == [4.0]
+def test_the_policy_of_a_training_is_tried_with_the_range_with_which_it_learns(started):
+    runner = TrialRunner(TrialSettings(obstacle_range=4.0, time_limit=1.0))
+    weights = safetensors.numpy.save(make_weights(hidden=(8,)))
+    for method in (POLICY, "dwa"):
+        runner.run(Trial("generated:7", "m", 0, 1, "generated:7", method), weights)
+    assert started == [(4.0, 4.5), (2.5, 3.0)]
