@@ -17,6 +17,7 @@ from applr_ros1.common.errors import ApplrError, run_main
 from applr_ros1.common.extras import extra
 from applr_ros1.common.files import write_bytes
 from applr_ros1.common.pages.page import Page
+from applr_ros1.policy import methods
 from training.common.command_line import parsed
 from training.common.options import argument, option
 
@@ -112,7 +113,25 @@ def _replayed(path: Path, options: WhyOptions) -> Replay:
             f"{path}: no command has a plan, a scan and odometry: "
             "record the drive from its beginning"
         )
-    return replay
+    return with_range_of_method(replay)
+
+
+def with_range_of_method(replay: Replay) -> Replay:
+    """Return the replay that reproduces most: this one, or one with the range of a method.
+
+    No bag says up to which range obstacles were marked. A move_base that was started for the
+    robot's policy or tuned set marks them up to the one for which this was made.
+    """
+    best_replay = replay
+    needed_ranges = {methods.obstacle_range(name, replay.robot) for name in ("static", "applr")}
+    for needed_range in needed_ranges - {None}:
+        if best_replay.reproduced == len(best_replay.cycles):
+            break
+        other_replay = Replay(replay.robot.seeing(needed_range))
+        other_replay.run(replay.drive)
+        if other_replay.reproduced > best_replay.reproduced:
+            best_replay = other_replay
+    return best_replay
 
 
 def main(arguments: Optional[List[str]] = None) -> int:

@@ -4,6 +4,7 @@ comparison, mistakes.
 
 import json
 import re
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -117,6 +118,21 @@ def test_every_command_is_reproduced_with_the_parameters_that_drove_and_few_with
     _, driven = spoilt
     sound_replay = replayed(JACKAL, until(driven, 2.0))
     assert sound_replay.share < 0.5
+
+
+def test_a_drive_with_the_range_of_the_robots_set_is_reproduced_with_this_range(tmp_path):
+    # Given: a robot with a set for 1 m, and drives with this range and with that of its files
+    folder = shutil.copytree(JACKAL.folder, tmp_path / "mine")
+    (folder / "applr.safetensors").unlink()
+    (folder / "static.json").write_text('{"obstacle_range": 1.0, "parameters": {}}')
+    robot = robots.load(str(folder))
+    for driven_range, expected_range in ((1.0, 1.0), (None, 2.5)):
+        drive, _ = simulated(robot.seeing(driven_range), "generated:40", limit=8)
+        # Then: the replay finds out which one it was
+        replay = why.with_range_of_method(replayed(robot, drive))
+        assert replay.reproduced == len(replay.cycles)
+        (buffer,) = replay.costmap.obstacles.buffers
+        assert buffer.source.obstacle_range == expected_range
 
 
 def test_a_dwa_drive_is_reproduced_and_a_new_plan_clears_its_flags():
