@@ -9,9 +9,11 @@ from typing_extensions import override
 
 from applr_ros1.common.files import yaml_value
 from applr_ros1.common.trees import branch
+from applr_ros1.planner.parameters.layers import section_in_files
+from applr_ros1.planner.parameters.obstacle_range import ranges
 from applr_ros1.planner.parameters.settings import Change, Settings
 from applr_ros1.robots import Robot
-from applr_ros1.robots.check import crossed_limits
+from applr_ros1.robots.check import SIGHT_S, crossed_limits
 from applr_ros1.robots.geometry import Box, bounding_box
 
 COSTMAPS = ("local_costmap", "global_costmap")
@@ -75,24 +77,12 @@ class Candidate(NamedTuple):
 def with_changes(robot: Robot, changes: Sequence[Change], name: str) -> Robot:
     """Return the robot under another name, with changed values in its files."""
     tree: Dict[str, Any] = {}
+    # Not all_parameters(): it gives every costmap a list of layers, whatever the files have.
+    in_files = robot.parameters()
     for change in changes:
-        section = branch(tree, _section(robot, change.server), create=True)
+        section = branch(tree, section_in_files(in_files, change.server), create=True)
         section[change.name] = change.after
     return robot.with_parameters(tree, name)
-
-
-def _section(robot: Robot, server: str) -> str:
-    """Return the section of the robot's files that has the values of a server.
-
-    A costmap whose files do not list layers makes the usual ones. They read their values from the
-    costmap's own section, and a section of their own would have no effect.
-    """
-    costmap, _, layer = server.partition("/")
-    # Not all_parameters(): it gives every costmap a list of layers, whatever the files have.
-    in_files = branch(robot.parameters(), costmap)
-    if layer and "plugins" not in in_files:
-        return costmap
-    return server
 
 
 def recorded_changes(robot: Robot, settings: Settings) -> List[Change]:
@@ -133,7 +123,7 @@ def file_candidates(robot: Robot) -> List[Candidate]:
     rated_candidates = [
         *_footprints(robot, tree),
         *_paddings(tree),
-        *_ranges(tree),
+        *_ranges(robot, tree),
         *_windows(tree),
         *_inflations(tree),
         *_scalings(tree),
@@ -195,22 +185,30 @@ def _paddings(tree: Dict[str, Any]) -> Iterator[Rated]:
         yield _rated(ratio, changes)
 
 
-def _ranges(tree: Dict[str, Any]) -> Iterator[Rated]:
-    """Yield C++'s ranges of obstacles and of clearing in place of shorter ones."""
+def _ranges(robot: Robot, tree: Dict[str, Any]) -> Iterator[Rated]:
+    """Yield the usual ranges of obstacles and of clearing in place of shorter ones.
+
+    They are C++'s. Obstacles are marked for at least SIGHT_S at the base's top speed, because a
+    dead end that is marked late is entered, and rays clear what is marked.
+    """
+    sight = min(SIGHT_S * robot.base.max_speed, robot.laser.range_max)
+    usual_range = max(CPP_OBSTACLE_RANGE_M, sight)
     usual_ranges = {
-        "obstacle_range": CPP_OBSTACLE_RANGE_M,
-        "raytrace_range": CPP_RAYTRACE_RANGE_M,
+        "obstacle_range": ranges(usual_range),
+        "raytrace_range": {"raytrace_range": CPP_RAYTRACE_RANGE_M},
     }
-    for parameter_name, usual_range in usual_ranges.items():
+    for parameter_name, usual_values in usual_ranges.items():
         changes = []
         for section_path, section in _sections_with(tree, parameter_name):
-            value = section[parameter_name]
-            if value < usual_range:
-                changes.append(Change(section_path, parameter_name, value, usual_range))
+            if section[parameter_name] >= usual_values[parameter_name]:
+                continue
+            for name, usual_value in usual_values.items():
+                if section[name] < usual_value:
+                    changes.append(Change(section_path, name, section[name], usual_value))
         if changes:
             # A range of 0 has no ratio.
-            smallest = max(min(_values_before(changes)), 0.01)
-            yield _rated(usual_range / smallest, changes)
+            departures = [change.after / max(change.before, 0.01) for change in changes]
+            yield _rated(max(departures), changes)
 
 
 def _windows(tree: Dict[str, Any]) -> Iterator[Rated]:

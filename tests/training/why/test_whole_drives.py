@@ -12,6 +12,7 @@ import pytest
 from applr_ros1 import robots
 from applr_ros1.common.errors import ApplrError
 from applr_ros1.planner.move_base import MoveBase
+from applr_ros1.planner.parameters.obstacle_range import laser_sources
 from applr_ros1.planner.parameters.settings import Change, Settings
 from tests.support.drives import simulated
 from training.bags.seen_world import seen_grid, seen_world, write_map
@@ -185,6 +186,16 @@ def test_a_value_of_a_file_that_departs_most_is_the_first_candidate(name):
     assert candidate.names == [name]
     # The candidate must be valid, too: move_base starts with it.
     MoveBase(with_changes(robot, candidate.changes, "mended").parameters())
+
+
+def test_a_fast_robot_is_tried_with_obstacles_marked_two_seconds_ahead_and_cleared_beyond():
+    words = "obstacle_range 2.5 -> 4, raytrace_range 3 -> 4.5 in both costmaps"
+    (farther,) = (candidate for candidate in file_candidates(JACKAL) if str(candidate) == words)
+    tree = with_changes(JACKAL, farther.changes, "jackal that sees farther").parameters()
+    assert [source.obstacle_range for source in laser_sources(tree)] == [4.0, 4.0]
+    # The Burger, which drives 0.22 m/s, sees far enough.
+    for candidate in file_candidates(BURGER):
+        assert "obstacle_range" not in candidate.names
 
 
 def test_no_footprint_below_the_body_and_no_padding_below_the_default_is_a_candidate():
