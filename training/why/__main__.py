@@ -39,6 +39,7 @@ DRIVEN = (
     "the world that the laser saw: a change is advised only if it is a tenth faster with seeds "
     "that did not choose it, and slower with none of them."
 )
+ENOUGH = 0.98  # share of reproduced cycles from which on no other obstacle range is tried
 SCRIPTS = (Path(__file__).with_name("why.js"),)
 
 
@@ -125,7 +126,7 @@ def with_range_of_method(replay: Replay) -> Replay:
     best_replay = replay
     needed_ranges = {methods.obstacle_range(name, replay.robot) for name in ("static", "applr")}
     for needed_range in needed_ranges - {None}:
-        if best_replay.reproduced == len(best_replay.cycles):
+        if best_replay.share_of_cycles >= ENOUGH:
             break
         other_replay = Replay(replay.robot.seeing(needed_range))
         other_replay.run(replay.drive)
