@@ -148,7 +148,7 @@ class TrialRunner:
         # Trials of an evaluation alternate between worlds and methods.
         self._world = lru_cache(maxsize=400)(partial(at_scale, settings.protocol, robot=self.robot))
         self._made = lru_cache(maxsize=None)(partial(methods.make, robot=self.robot))
-        self._seeing = lru_cache(maxsize=None)(self._episode_seeing)
+        self._seeing = lru_cache(maxsize=8)(self._episode_seeing)
 
     def run(self, task: Trial, weights: bytes = b"") -> Result:
         """Drive a trial and return its result.

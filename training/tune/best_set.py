@@ -10,7 +10,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any, Dict, Iterator, List, Sequence, Tuple
+from typing import Any, Dict, Iterator, List, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -141,7 +141,11 @@ class Driver:
         if obstacle_range.NAME not in self._space.names or trial.theta is None:
             return trial
         *theta, searched_range = trial.theta
-        return replace(trial, theta=tuple(theta), obstacle_range=searched_range)
+        needed_range: Optional[float] = searched_range
+        # The files may clear farther than `seeing` does.
+        if searched_range == self._space.theta0[-1]:
+            needed_range = None
+        return replace(trial, theta=tuple(theta), obstacle_range=needed_range)
 
 
 def search_space(robot: Robot) -> Space:

@@ -526,6 +526,8 @@ def test_the_obstacle_range_is_searched_judged_and_written_for_the_start_of_move
     assert methods.make("static", robot).obstacle_range == written["obstacle_range"]
     for searched in searched_tasks():
         assert len(searched.theta) == len(space_of(robot))
+    # The defaults drive with the files as they are.
+    assert searched_tasks()[0].obstacle_range is None
     loaded = yaml.safe_load((jackal / "tuned.yaml").read_text())
     for costmap in ("global_costmap", "local_costmap"):
         source = loaded[costmap]["obstacles_layer"]["scan"]
