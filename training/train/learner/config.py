@@ -197,7 +197,8 @@ class OfflineOptions(Options):
         "set of the robot), dwa (its default parameters) or a JSON file of parameters: the first "
         "output of the policy, and the values of the parameters that a dimensionless policy does "
         "not choose. File of a policy: this policy, frozen for a critic warm-up of 2,000 "
-        "gradient steps. Default: a first output near the middle of the ranges.")
+        "gradient steps. The run drives with the obstacle range for which the start was made. "
+        "Default: a first output near the middle of the ranges.")
     # fmt: on
 
 
