@@ -267,7 +267,7 @@ def obstacle_range(spec: str, robot: Robot) -> Optional[float]:
     """
     try:
         return make(spec, robot, user_code=False).obstacle_range
-    except (ApplrError, OSError):
+    except ApplrError:
         return None
 
 
