@@ -321,8 +321,8 @@ def _velocities_by_poses(motion: Motion) -> np.ndarray:
     by_poses = PoseMotion(VELOCITY_SPAN_S)
     middle_stamps = []
     velocities = []
-    for stamp, (x, y, yaw), _ in _messages(motion):
-        by_poses.take(stamp, (x, y, yaw))
+    for stamp, (x, y, yaw), (recorded_v, _) in _messages(motion):
+        by_poses.take(stamp, (x, y, yaw), recorded_v)
         # A velocity holds for the middle of the time over which it is measured.
         middle_stamps.append(stamp - by_poses.baseline / 2)
         velocities.append((by_poses.velocity.v, by_poses.velocity.w))
