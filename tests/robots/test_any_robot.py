@@ -143,13 +143,14 @@ def test_a_robot_is_trained_and_driven_from_its_folder(crate, tmp_path, capsys):
     # Given: a tuned set, and a policy that was trained a little
     run_folder = tmp_path / "run"
     results_folder = tmp_path / "out"
-    tuned_values = {"speed": 0.7, "sim_time": 1.0}
+    tuned_values = {"speed": 0.7, "sim_time": 1.0, "obstacle_range": 2.0}
     tuned_file = crate / "tuned.yaml"
     robot = robots.load(str(crate))
     found_set.write_set(robot, tuned_values, crate / "static.json", tuned_file)
     # 12 decisions, the last of which is followed by the only evaluation
     training = ["--total-timesteps", "12", "--net-arch", "16", "16", "--batch-size", "8"]
     training += ["--eval-worlds", "generated:3", "--eval-freq", "12", "--out", str(run_folder)]
+    training += ["--init-from", "static"]
     assert train.main(["--robot", str(crate), *ONE_WORLD, *training]) == 0
     policy_file = run_folder / "best.safetensors"
 
@@ -169,6 +170,8 @@ def test_a_robot_is_trained_and_driven_from_its_folder(crate, tmp_path, capsys):
     policy = load_policy(policy_file, robot)
     assert policy.layout == layout_of(robot)
     assert policy.metadata["robot"] == "crate"
+    # It learnt with the obstacle range of the set from which it started.
+    assert policy.obstacle_range == 2.0
     with pytest.raises(ApplrError, match="for the robot crate: this robot is jackal"):
         load_policy(policy_file)
 
