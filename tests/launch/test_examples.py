@@ -5,12 +5,19 @@ files.
 import csv
 import re
 import runpy
+import shutil
 import sys
 
+import numpy as np
+import pytest
 import stable_baselines3
 import torch
+from safetensors.numpy import save_file
 
+from applr_ros1.policy import methods
 from applr_ros1.policy.actor import load
+from applr_ros1.policy.decision import Context
+from applr_ros1.policy.parameter_space import SPACE
 from tests.support import ROOT
 from training.evaluate import __main__ as evaluate
 
@@ -36,9 +43,26 @@ def test_foreign_learner(tmp_path, monkeypatch, capsys):
 
 
 def test_own_method(tmp_path):
-    methods = f"dwa,{ROOT}/examples/02_own_method/cautious.py:Cautious"
-    options = ["--worlds=generated:7", "--trials=1", "--methods", methods, "--out", str(tmp_path)]
+    names = f"dwa,{ROOT}/examples/02_own_method/cautious.py:Cautious"
+    options = ["--worlds=generated:7", "--trials=1", "--methods", names, "--out", str(tmp_path)]
     assert evaluate.main(options) == 0
     dwa_trial, own_trial = csv.DictReader((tmp_path / "trials.csv").read_text().splitlines())
     assert (dwa_trial["success"], own_trial["success"]) == ("True", "True")
     assert float(own_trial["time_s"]) < float(dwa_trial["time_s"])
+
+
+def test_a_network_of_another_project_sets_its_parameters(tmp_path):
+    shutil.copy(ROOT / "examples" / "02_own_method" / "network.py", tmp_path)
+    # Given: a layer for 720 ranges and an angle, whose outputs are the middle and the upper end
+    layer = {
+        "0.weight": np.zeros((2, 721), np.float32),
+        "0.bias": np.array([0.0, 20.0], np.float32),
+    }
+    save_file(layer, tmp_path / "actor.safetensors")
+    method = methods.make(f"{tmp_path}/network.py:Theirs")
+    scan = np.full(720, 5.0, np.float32)
+    theta = method.theta(Context(ranges=scan, phi=0.0, theta=SPACE.theta0, time=0.0))
+    parameters = SPACE.as_dict(theta)
+    assert parameters["max_vel_x"] == pytest.approx(1.1)
+    assert parameters["inflation_radius"] == pytest.approx(0.6)
+    assert parameters["vx_samples"] == SPACE.as_dict(SPACE.theta0)["vx_samples"]
