@@ -256,7 +256,7 @@ def test_trial_that_fails_and_simulator_that_breaks_are_one_line(tmp_path, refus
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--trials", "0"], ["--trials is '0'", "equal to 1"]),
+        (["--trials", "0"], ["--trials is '0'", "at least 1"]),
         (["--simulator", "gazebo"], ["pybullet"]),
         (["--worlds", "generated:1,generated:1"], ["two worlds"]),
         (["--methods", "dwa,dwa"], ["two methods"]),
