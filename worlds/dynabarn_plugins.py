@@ -79,13 +79,14 @@ def main() -> int:
     arguments = parser.parse_args()
 
     def print_table() -> None:
-        table = csv.writer(sys.stdout, lineterminator="\n")
-        table.writerow(COLUMNS)
+        rows: List[Tuple[object, ...]] = [COLUMNS]
         for path in arguments.plugins:
             with reading(path):
                 length, frames = key_frames_of(read_bytes(path))
             for frame_time, x, y in frames:
-                table.writerow([Path(path).stem, length, 1, frame_time, x, y])
+                rows.append((Path(path).stem, length, 1, frame_time, x, y))
+        # Only now, so that an unreadable plugin leaves no partial table
+        csv.writer(sys.stdout, lineterminator="\n").writerows(rows)
 
     return run_main(print_table, "dynabarn_plugins")
 
