@@ -31,6 +31,9 @@ STILL_TURN = 0.1
 DRIVES_SPEED = 0.05
 DRIVES_TURN = 0.2
 PASS_ON_S = 0.1  # time in which a command of the planner reaches the base [s]
+# Share of the time in which the monitor delays reversals from which on it holds the robot. A planner
+# that keeps changing its direction is delayed for less.
+DELAYED_SHARE = 0.3
 PASSED = 0.2  # share of the planner's command above which it counts as passed on to the base
 # Wheels slip if the commanded distance exceeds this ratio of the driven one by this much [m].
 SLIP_RATIO = 2.0
@@ -255,10 +258,15 @@ def held(stretch: Stretch) -> str:
         return ""
     seconds = _durations(verdicts, stretch.end)
     blocked_s: Counter[str] = Counter()
+    delayed_s = 0.0
     for duration, reason, is_blocked in zip(seconds, verdicts.reason, verdicts.blocked):
-        # A reversal that the monitor delays does not move the robot either.
-        if is_blocked or reason == REVERSING:
+        if is_blocked:
             blocked_s[reason] += duration
+        elif reason == REVERSING:
+            delayed_s += duration
+    # A reversal that the monitor delays does not move the robot either.
+    if delayed_s > DELAYED_SHARE * stretch.seconds:
+        blocked_s[REVERSING] += delayed_s
     blocked_total = sum(blocked_s.values())
     if not stretch.is_reason(blocked_total):
         return ""

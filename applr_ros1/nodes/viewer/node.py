@@ -165,6 +165,9 @@ class Viewer:
         if self._is_ready and self._clock.stands(panel.SILENT_S):
             silence.insert(0, "the clock has stopped")
         self._is_ready = self._is_ready or (self.scene.pose is not None and not silence)
+        problems = silence
+        if not silence and self.panel.trouble:
+            problems = [self.panel.trouble]
 
         if abs(speed) < panel.STANDING_M_S:
             speed = 0.0  # The noise of the odometry would make the line flicker.
@@ -175,7 +178,7 @@ class Viewer:
         if not self._is_ready:
             notes.append(STARTS)
 
-        status_text = "\n".join([activity, *notes, *silence])
+        status_text = "\n".join([activity, *notes, *problems])
         if status_text == self.text:
             return
         self.text = status_text
@@ -183,7 +186,7 @@ class Viewer:
             '<div class="status">'
             + _paragraphs("verdict", [activity])
             + _paragraphs("note", notes)
-            + _paragraphs("bad", silence)
+            + _paragraphs("bad", problems)
             + "</div>"
         )
 

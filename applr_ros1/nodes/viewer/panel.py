@@ -193,8 +193,6 @@ class Panel:
         for source_name, topic in sources.items():
             if self._listener.age(topic) > SILENT_S:
                 lines.append(f"no {source_name}: nothing on {rospy.resolve_name(topic)}")
-            elif topic == STATUS and self.trouble:
-                lines.append(self.trouble)
         if not self.method:
             lines.append("no applr node: parameters cannot be set")
         return lines
