@@ -24,7 +24,7 @@ OCCUPIED = 100
 UNKNOWN = -1
 WHITE = 255.0  # brightest value of a pixel
 TWO_BYTES = 0xFFFF  # brightest value of a pixel in an image of 16 bits
-# Largest number of cells of a map. Drawing the courses of such a map takes about a minute and 6 GB.
+# Largest number of cells of a map. Drawing the courses of such a map takes minutes and 7 GB.
 MOST_CELLS = 20_000_000
 # Kinds of images that SDL_image reads, by Pillow's names; PPM includes PGM. Pillow would start a
 # program for some others, such as PostScript.
